@@ -1,0 +1,23 @@
+# Configure, compile, test. Sourced by ./run.
+
+preset=${NADIR_PRESET:-release}
+build_folder=build
+[[ $preset == release ]] || build_folder=build-$preset
+
+configure() {
+  local log
+  log=$(mktemp)
+  if ! cmake --preset "$preset" >"$log" 2>&1; then
+    cat "$log" >&2; rm -f "$log"
+    return 2
+  fi
+  rm -f "$log"
+}
+
+build() {
+  configure && cmake --build "$build_folder"
+}
+
+run_tests() {
+  ctest --test-dir "$build_folder" --output-on-failure -j "$(nproc)" "$@" </dev/null
+}

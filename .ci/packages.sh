@@ -1,0 +1,76 @@
+# Every Debian 12 package that is needed, and why. Sourced by ./run.
+
+packages_build=(
+  build-essential            # gcc 12, make, libc headers
+  cmake                      # the build system
+  ninja-build                # the build tool that cmake drives
+  ccache                     # a second build compiles only what changed
+  pkg-config                 # finds GeographicLib and WebP
+  libfmt-dev                 # text formatting (gcc 12 has no std::format)
+  libcli11-dev               # command line parsing
+  nlohmann-json3-dev         # JSON
+  libyaml-cpp-dev            # missions and cameras, with line numbers
+  libcsv-dev                 # telemetry and truth tables
+  libssl-dev                 # SHA-256, Ed25519
+  libsqlite3-dev             # MBTiles
+  libsqlitecpp-dev           # SQLite in C++
+  libjpeg-dev                # JPEG, decoded at the scale that is needed
+  libpng-dev                 # PNG
+  libwebp-dev                # WebP tiles
+  libtiff-dev                # COG without GDAL
+  libeigen3-dev              # linear algebra
+  libopencv-core-dev         # matrices, DFT; the module packages alone, because libopencv-dev
+  libopencv-imgproc-dev      #   drags in VTK and Qt
+  libopencv-features2d-dev   # odometry's features
+  libopencv-calib3d-dev      # robust geometry
+  libopencv-flann-dev        # needed by features2d
+  libgeographiclib-dev       # local east-north-up frames
+  libgdal-dev                # reads the planner's rasters; never linked by nadird
+  libproj-dev                # coordinate systems of those rasters, and the tests' oracle
+  libgtest-dev               # tests
+  libgmock-dev               # tests
+)
+packages_demo=(
+  gdal-bin                   # gdalinfo, gdal_translate: independent readers and the bench's baseline
+  openssl                    # the tests' oracle for digests and signatures
+  sqlite3                    # the tests' oracle for MBTiles
+  python3                    # the tests' oracles and the scoring of results
+  binutils                   # readelf: what nadird links
+)
+packages_lint=(
+  clang-format               # .clang-format
+  clang-tidy-19              # 14 cannot parse libstdc++ 12's range views
+)
+
+# need_packages GROUP…: installs what is missing, or names it and ends with 2.
+need_packages() {
+  local group missing=() package
+  command -v dpkg-query >/dev/null || {
+    echo "run: this is no Debian machine; see .ci/packages.sh for what is needed" >&2; return 0; }
+  for group in "$@"; do
+    local -n list="packages_$group"
+    for package in "${list[@]}"; do
+      [[ $(dpkg-query -W -f='${Status}' "$package" 2>/dev/null) == "install ok installed" ]] && continue
+      # A virtual package (libjpeg-dev) is there when something provides it.
+      dpkg-query -W -f='${Provides} ${Status}\n' 2>/dev/null | grep -E "(^|[ ,])$package( |,|$).*install ok installed" >/dev/null && continue
+      missing+=("$package")
+    done
+  done
+  [[ ${#missing[@]} -eq 0 ]] && return 0
+  if [[ ${NADIR_NO_INSTALL:-0} == 1 ]]; then
+    echo "run: these Debian packages are missing (NADIR_NO_INSTALL=1, so nothing is installed):" >&2
+    printf '  %s\n' "${missing[@]}" >&2
+    echo "  to do: apt-get install --no-install-recommends ${missing[*]}" >&2
+    exit 2
+  fi
+  local as_root=()
+  if [[ $(id -u) != 0 ]]; then
+    command -v sudo >/dev/null || { echo "run: missing packages and no sudo to install them: ${missing[*]}" >&2; exit 2; }
+    as_root=(sudo)
+  fi
+  echo "run: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get update -qq </dev/null >&2 ||
+    { echo "run: apt-get update failed" >&2; exit 2; }
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" </dev/null >&2 ||
+    { echo "run: apt-get install failed" >&2; exit 2; }
+}

@@ -1,0 +1,14 @@
+# Our own code compiles without a warning; the headers of others are included as SYSTEM.
+add_library(nadir_warnings INTERFACE)
+target_compile_options(nadir_warnings INTERFACE
+  -Wall -Wextra -Wpedantic -Werror
+  -Wshadow -Wconversion -Wsign-conversion -Wdouble-promotion
+  -Wold-style-cast -Wcast-align -Wnon-virtual-dtor -Woverloaded-virtual
+  -Wnull-dereference -Wformat=2 -Wimplicit-fallthrough)
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  target_compile_options(nadir_warnings INTERFACE -Wduplicated-cond -Wlogical-op)
+  # gcc 12 sees overlapping copies in `"text" + std::string` (its bug 105329).
+  target_compile_options(nadir_warnings INTERFACE -Wno-restrict)
+  # gcc 12 reports null dereferences and uninitialised members inside the inlined standard library and Eigen.
+  target_compile_options(nadir_warnings INTERFACE -Wno-null-dereference -Wno-maybe-uninitialized -Wno-array-bounds -Wno-stringop-overflow)
+endif()
