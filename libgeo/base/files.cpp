@@ -1,0 +1,218 @@
+#include "base/files.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <utility>
+
+#include "base/error.hpp"
+
+namespace nadir {
+namespace fs = std::filesystem;
+namespace {
+
+class FileDescriptor {
+ public:
+  explicit FileDescriptor(int fd) : fd_(fd) {}
+  ~FileDescriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  FileDescriptor(const FileDescriptor&) = delete;
+  FileDescriptor& operator=(const FileDescriptor&) = delete;
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+[[noreturn]] void fail(std::string what, const fs::path& where, int error_number) {
+  std::string fix;
+  if (error_number == ENOSPC || error_number == EDQUOT) {
+    fix = "free space on this disk, or write elsewhere";
+    throw OutOfSpace({.what = std::move(what), .where = where, .found = system_error_text(error_number), .fix = fix});
+  }
+  if (error_number == EACCES || error_number == EPERM) fix = "check the permissions of the file and of its folder";
+  if (error_number == EROFS) fix = "this medium is read-only: write elsewhere";
+  throw Error({.what = std::move(what), .where = where, .found = system_error_text(error_number), .fix = fix});
+}
+
+void sync_path(const fs::path& path, int flags) {
+  const FileDescriptor fd(::open(path.c_str(), flags | O_CLOEXEC));
+  if (fd.get() < 0 || ::fsync(fd.get()) != 0) fail("cannot bring to disk", path, errno);
+}
+
+fs::path parent_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+
+void write_all(int fd, ByteView bytes, const fs::path& path) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0) fail("cannot write", path, errno);
+    bytes = bytes.subspan(static_cast<std::size_t>(written));
+  }
+}
+
+int rename_without_replacing(const fs::path& from, const fs::path& to) {
+  return ::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE);
+}
+
+}  // namespace
+
+Bytes read_file(const fs::path& path, std::uint64_t max_size) {
+  const FileDescriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd.get() < 0) fail("cannot open", path, errno);
+  struct stat info {};
+  if (::fstat(fd.get(), &info) != 0) fail("cannot look at", path, errno);
+  if (!S_ISREG(info.st_mode)) {
+    throw Error({.what = "not a file", .where = path, .expected = "a regular file", .found = "a folder or device"});
+  }
+  const auto size = static_cast<std::uint64_t>(info.st_size);
+  if (size > max_size) {
+    throw Error({.what = "file is too large",
+                 .where = path,
+                 .expected = fmt::format("at most {} bytes", max_size),
+                 .found = fmt::format("{} bytes", size)});
+  }
+  Bytes bytes(size);
+  std::size_t have = 0;
+  while (have < bytes.size()) {
+    const ssize_t got = ::read(fd.get(), bytes.data() + have, bytes.size() - have);
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) fail("cannot read", path, errno);
+    if (got == 0) break;  // it shrank while we read
+    have += static_cast<std::size_t>(got);
+  }
+  bytes.resize(have);
+  return bytes;
+}
+
+std::string read_text_file(const fs::path& path, std::uint64_t max_size) {
+  return std::string(as_text(read_file(path, max_size)));
+}
+
+void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) {
+  fs::path temporary = path;
+  temporary += fmt::format(".tmp{}", ::getpid());
+  {
+    const FileDescriptor fd(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, mode));
+    if (fd.get() < 0) fail("cannot create", path, errno);
+    try {
+      write_all(fd.get(), bytes, path);
+      if (::fchmod(fd.get(), mode) != 0 || ::fsync(fd.get()) != 0) fail("cannot bring to disk", path, errno);
+    } catch (...) {
+      ::unlink(temporary.c_str());
+      throw;
+    }
+  }
+  if (::rename(temporary.c_str(), path.c_str()) != 0) {
+    const int error_number = errno;
+    ::unlink(temporary.c_str());
+    fail("cannot put into place", path, error_number);
+  }
+  sync_path(parent_of(path), O_RDONLY | O_DIRECTORY);
+}
+
+void write_file_atomic(const fs::path& path, std::string_view text, unsigned mode) {
+  write_file_atomic(path, as_bytes(text), mode);
+}
+
+StagingDirectory::StagingDirectory(fs::path final_path, Leftovers leftovers) : final_path_(std::move(final_path)) {
+  if (!final_path_.has_filename()) final_path_ = final_path_.parent_path();  // "out/" means "out"
+  const fs::path parent = parent_of(final_path_);
+  const std::string name = final_path_.filename();
+  staging_path_ = parent / ("." + name + ".staging");
+  lock_path_ = parent / ("." + name + ".lock");
+  if (fs::exists(fs::symlink_status(final_path_))) {
+    throw Error({.what = "the output exists already",
+                 .where = final_path_,
+                 .expected = "a name that is free: what was built is never changed",
+                 .fix = "choose another --out, or remove the old one"});
+  }
+  if (!fs::is_directory(parent)) {
+    throw Error({.what = "the folder of the output does not exist", .where = parent, .fix = "create it first"});
+  }
+  lock_ = ::open(lock_path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (lock_ < 0) fail("cannot create the output", final_path_, errno);
+  if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
+    ::close(std::exchange(lock_, -1));
+    throw Error({.what = "another process is writing this output", .where = final_path_, .fix = "wait for it to end"});
+  }
+  std::error_code error;
+  found_leftovers_ = fs::exists(fs::symlink_status(staging_path_));
+  if (leftovers == Leftovers::discard || !fs::is_directory(fs::symlink_status(staging_path_))) {
+    fs::remove_all(staging_path_, error);
+  }
+  if (!error) fs::create_directory(staging_path_, error);
+  if (error) {
+    ::unlink(lock_path_.c_str());
+    ::close(std::exchange(lock_, -1));
+    fail("cannot create the output", staging_path_, error.value());
+  }
+}
+
+StagingDirectory::~StagingDirectory() {
+  if (!committed_ && !keep_) {
+    std::error_code ignored;
+    fs::remove_all(staging_path_, ignored);
+  }
+  if (lock_ >= 0) {
+    ::unlink(lock_path_.c_str());
+    ::close(lock_);
+  }
+}
+
+void StagingDirectory::commit() {
+  for (const auto& entry : fs::recursive_directory_iterator(staging_path_)) {
+    if (entry.is_symlink()) continue;
+    sync_path(entry.path(), entry.is_directory() ? O_RDONLY | O_DIRECTORY : O_RDONLY);
+  }
+  sync_path(staging_path_, O_RDONLY | O_DIRECTORY);
+  if (rename_without_replacing(staging_path_, final_path_) != 0) fail("cannot put into place", final_path_, errno);
+  committed_ = true;
+  sync_path(parent_of(final_path_), O_RDONLY | O_DIRECTORY);
+}
+
+AppendFile::AppendFile(fs::path path) : path_(std::move(path)) {
+  fd_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
+  if (fd_ < 0) fail("cannot open", path_, errno);
+}
+
+AppendFile::~AppendFile() { ::close(fd_); }
+
+std::uint64_t AppendFile::size() const {
+  struct stat info {};
+  if (::fstat(fd_, &info) != 0) fail("cannot look at", path_, errno);
+  return static_cast<std::uint64_t>(info.st_size);
+}
+
+bool AppendFile::read(std::span<std::uint8_t> target) {
+  std::size_t have = 0;
+  while (have < target.size()) {
+    const ssize_t got = ::pread(fd_, target.data() + have, target.size() - have, static_cast<off_t>(position_ + have));
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) fail("cannot read", path_, errno);
+    if (got == 0) return false;
+    have += static_cast<std::size_t>(got);
+  }
+  position_ += target.size();
+  return true;
+}
+
+void AppendFile::cut(std::uint64_t position) {
+  if (::ftruncate(fd_, static_cast<off_t>(position)) != 0) fail("cannot shorten", path_, errno);
+  position_ = position;
+}
+
+void AppendFile::append(ByteView bytes) {
+  if (::lseek(fd_, static_cast<off_t>(position_), SEEK_SET) < 0) fail("cannot write", path_, errno);
+  write_all(fd_, bytes, path_);
+  position_ += bytes.size();
+}
+
+}  // namespace nadir

@@ -1,0 +1,74 @@
+// Reading and writing files so that a kill or a full disk never leaves half a result under its final name.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "base/bytes.hpp"
+
+namespace nadir {
+
+// The whole file. Throws Error when it is missing, unreadable, not a regular file, or larger than max_size bytes
+// (sizes are checked before anything is read).
+Bytes read_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 32);
+std::string read_text_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 26);
+
+// Writes beside the target, syncs, renames, syncs the folder. mode: permission bits, 0600 for private keys.
+void write_file_atomic(const std::filesystem::path& path, ByteView bytes, unsigned mode = 0644);
+void write_file_atomic(const std::filesystem::path& path, std::string_view text, unsigned mode = 0644);
+
+// A folder that is filled under a hidden name beside its final one (".NAME.staging") and appears under the final name
+// in one step. A process that dies leaves the staging folder, which the next one takes over; two processes at once are
+// kept apart by a lock. Without commit() or keep() the destructor removes everything.
+class StagingDirectory {
+ public:
+  enum class Leftovers { discard, keep };  // what a process that died left in the staging folder
+
+  // Throws Error when the final path exists already, its parent does not, or another process is building it.
+  explicit StagingDirectory(std::filesystem::path final_path, Leftovers leftovers = Leftovers::discard);
+  ~StagingDirectory();
+  StagingDirectory(const StagingDirectory&) = delete;
+  StagingDirectory& operator=(const StagingDirectory&) = delete;
+
+  const std::filesystem::path& path() const { return staging_path_; }
+  bool found_leftovers() const { return found_leftovers_; }
+
+  // Whether the folder stays for a later process when there is no commit.
+  void keep(bool stay) { keep_ = stay; }
+
+  // Syncs every file and folder and renames. Never replaces something that appeared in the meantime.
+  void commit();
+
+ private:
+  std::filesystem::path final_path_;
+  std::filesystem::path staging_path_;
+  std::filesystem::path lock_path_;
+  int lock_ = -1;
+  bool found_leftovers_ = false;
+  bool keep_ = false;
+  bool committed_ = false;
+};
+
+// A file that is read from its beginning and continued from the place that was reached.
+class AppendFile {
+ public:
+  explicit AppendFile(std::filesystem::path path);  // made when it is missing
+  ~AppendFile();
+  AppendFile(const AppendFile&) = delete;
+  AppendFile& operator=(const AppendFile&) = delete;
+
+  std::uint64_t size() const;
+  std::uint64_t position() const { return position_; }
+  bool read(std::span<std::uint8_t> target);  // false, and no move, when there is less left
+  void cut(std::uint64_t position);           // the file ends there from now on
+  void append(ByteView bytes);                // at the position, which is the end
+
+ private:
+  std::filesystem::path path_;
+  std::uint64_t position_ = 0;
+  int fd_ = -1;
+};
+
+}  // namespace nadir
