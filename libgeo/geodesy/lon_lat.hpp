@@ -1,0 +1,14 @@
+// A place on the WGS84 ellipsoid. Degrees, because that is what maps, files and GeographicLib speak; every other angle
+// in this code is in radians.
+#pragma once
+
+namespace nadir {
+
+struct LonLat {
+  double lon_deg = 0;
+  double lat_deg = 0;
+
+  bool operator==(const LonLat&) const = default;
+};
+
+}  // namespace nadir

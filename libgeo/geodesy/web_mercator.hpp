@@ -1,0 +1,46 @@
+// Web Mercator (EPSG:3857), the grid of all tiles: a sphere's Mercator of WGS84 longitudes and latitudes.
+//
+// Global pixels: at zoom z the world is 256·2^z pixels wide; (0, 0) is the north-west corner, y grows south. A pixel's
+// centre is at +0.5. On the ground a pixel is smaller by cos(latitude) than on the map (and by up to 0.7 % more
+// because the map takes the ellipsoid for a sphere): measure in a LocalFrame, not in Mercator metres.
+#pragma once
+
+#include "geodesy/lon_lat.hpp"
+#include "geodesy/tile_key.hpp"
+
+namespace nadir {
+
+inline constexpr double kMercatorRadius_m = 6378137.0;
+inline constexpr double kMercatorMaxLat_deg = 85.05112877980659;
+
+struct MercatorXY {
+  double x_m = 0;  // east
+  double y_m = 0;  // north
+};
+
+struct GlobalPixel {
+  double x = 0;
+  double y = 0;
+};
+
+MercatorXY mercator_from_lonlat(LonLat place);
+LonLat lonlat_from_mercator(MercatorXY point);
+
+GlobalPixel pixel_from_lonlat(LonLat place, int zoom);
+LonLat lonlat_from_pixel(GlobalPixel pixel, int zoom);
+
+// Side of a pixel in Mercator metres: 156543.03 m at zoom 0.
+double mercator_pixel_m(int zoom);
+
+// East-west size of a pixel on the ellipsoid's surface at this latitude.
+double ground_resolution_m(int zoom, double lat_deg);
+
+// The tile that holds the place; the edge of the world belongs to the last tile.
+TileKey tile_at(LonLat place, int zoom);
+
+struct LonLatBox {
+  double west_deg = 0, south_deg = 0, east_deg = 0, north_deg = 0;
+};
+LonLatBox bounds_of(const TileKey& key);
+
+}  // namespace nadir
