@@ -1,0 +1,52 @@
+// Encoded pictures to pixels and back: JPEG, PNG and WebP through their own libraries.
+//
+// Bytes from outside are not trusted: the declared size is checked before anything is allocated, and bytes that are
+// truncated or damaged are an Error, never a half-filled picture. A camera's JPEG that is needed small is decoded small
+// (scaled inverse DCT), which costs a fraction of the full picture.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <string_view>
+
+#include "base/bytes.hpp"
+#include "imagery/colour.hpp"
+
+namespace nadir {
+
+enum class ImageFormat { jpeg, png, webp };
+
+std::string_view name_of(ImageFormat format);  // "jpeg", "png", "webp"
+std::optional<ImageFormat> parse_image_format(std::string_view name);
+std::optional<ImageFormat> sniff_image_format(ByteView bytes);  // by the first bytes
+
+inline constexpr int kMaxImageSide = 20'000;
+inline constexpr std::int64_t kMaxImagePixels = 400'000'000;
+
+struct ImageInfo {
+  ImageFormat format = ImageFormat::jpeg;
+  int width = 0;
+  int height = 0;
+  bool colour = true;
+  bool alpha = false;
+};
+
+struct DecodedImage {
+  cv::Mat image;  // CV_8UC1 or CV_8UC3 (BGR), as asked
+  cv::Mat alpha;  // CV_8UC1, 255 = opaque; empty for pictures without transparency
+};
+
+// Header only. All of these throw Error naming `name` (a file, a tile) for what is no sound picture.
+ImageInfo read_image_info(ByteView bytes, std::string_view name);
+
+// shrink: 1, 2, 4 or 8; the result has ceil(side / shrink) pixels.
+DecodedImage decode_image(ByteView bytes, Colour colour, std::string_view name, int shrink = 1);
+cv::Mat read_image_file(const std::filesystem::path& path, Colour colour, int shrink = 1);
+
+// image: CV_8UC1, CV_8UC3 (BGR) or, but for JPEG, CV_8UC4 (BGRA). quality: 1 to 100, for JPEG (4:2:0) and WebP; PNG is
+// lossless. The same picture gives the same bytes.
+Bytes encode_image(const cv::Mat& image, ImageFormat format, int quality = 75);
+
+}  // namespace nadir

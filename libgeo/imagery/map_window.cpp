@@ -1,0 +1,212 @@
+#include "imagery/map_window.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
+#include "geodesy/web_mercator.hpp"
+#include "imagery/tile_cache.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr int kMaxSide = 20'000;
+constexpr int kBlock = 1024;  // output pixels that are cut at once: bounds memory whatever the window's size
+constexpr int kNode = 32;     // output pixels between exactly computed places; in between, the map is a plane
+
+struct Level {
+  int zoom = 0;
+  int tile_shrink = 1;  // tiles are averaged down by this before they are sampled
+  int samples = 1;      // samples per output pixel, each way
+};
+
+// What is left after tile_shrink is a factor below 2; above 1.25 one sample per pixel would alias.
+Level level_for(const ZoomRange& zooms, double gsd_m, double lat_deg) {
+  constexpr double kRounding = 1.001;
+  Level level{zooms.max, 1, 1};
+  while (level.zoom > zooms.min && ground_resolution_m(level.zoom - 1, lat_deg) <= gsd_m * kRounding) --level.zoom;
+  double factor = gsd_m / ground_resolution_m(level.zoom, lat_deg);
+  while (factor >= 2.0 && level.tile_shrink < kTileSize) {
+    level.tile_shrink *= 2;
+    factor /= 2.0;
+  }
+  if (factor > 1.25) level.samples = std::clamp(static_cast<int>(std::ceil(factor)), 2, 8);
+  return level;
+}
+
+// Positions in pixels of the (averaged) tiles, relative to `origin`, at every kNode samples.
+struct Nodes {
+  int columns = 0;
+  int rows = 0;
+  GlobalPixel origin;  // whole tiles
+  std::vector<cv::Point2d> places;
+
+  const cv::Point2d& at(int row, int column) const {
+    return places[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(column)];
+  }
+};
+
+class BlockCutter {
+ public:
+  BlockCutter(TileCache& cache, const LocalFrame& frame, const MapWindow& window, const Level& level, Colour colour)
+      : cache_(cache), frame_(frame), window_(window), level_(level), colour_(colour) {}
+
+  void cut(const cv::Rect& block, cv::Mat image, cv::Mat mask) const {
+    const cv::Size size(block.width * level_.samples, block.height * level_.samples);
+    const Nodes nodes = nodes_for(block, size);
+    double right = 0, bottom = 0, left = 1e9, top = 1e9;
+    for (const cv::Point2d& place : nodes.places) {
+      left = std::min(left, place.x), right = std::max(right, place.x);
+      top = std::min(top, place.y), bottom = std::max(bottom, place.y);
+    }
+    const int tile = kTileSize / level_.tile_shrink;
+    const auto first = [tile](double value) { return static_cast<int>(std::floor((value - 2) / tile)); };
+    const auto last = [tile](double value) { return static_cast<int>(std::floor((value + 2) / tile)); };
+    const cv::Rect tiles(first(left), first(top), last(right) - first(left) + 1, last(bottom) - first(top) + 1);
+
+    cv::Mat mosaic(tiles.height * tile, tiles.width * tile, colour_ == Colour::grey ? CV_8UC1 : CV_8UC3,
+                   cv::Scalar::all(0));
+    cv::Mat ground(mosaic.size(), CV_8UC1, cv::Scalar(0));
+    paste_tiles(nodes.origin, tiles, tile, mosaic, ground);
+
+    const cv::Mat map =
+        positions(nodes, size, {static_cast<float>(tiles.x * tile), static_cast<float>(tiles.y * tile)});
+    cv::Mat samples, sample_mask;
+    cv::remap(mosaic, samples, map, {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar::all(0));
+    cv::remap(ground, sample_mask, map, {}, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar(0));
+    if (level_.samples > 1) {
+      cv::resize(samples, image, block.size(), 0, 0, cv::INTER_AREA);
+      cv::resize(sample_mask, mask, block.size(), 0, 0, cv::INTER_AREA);
+    } else {
+      samples.copyTo(image);
+      sample_mask.copyTo(mask);
+    }
+    // A pixel is ground when all that it was interpolated from is.
+    cv::threshold(mask, mask, 254, 255, cv::THRESH_BINARY);
+  }
+
+ private:
+  Nodes nodes_for(const cv::Rect& block, const cv::Size& size) const {
+    Nodes nodes;
+    nodes.columns = (size.width + kNode - 1) / kNode + 1;
+    nodes.rows = (size.height + kNode - 1) / kNode + 1;
+    const double shrink = level_.tile_shrink;
+    const int tile = kTileSize / level_.tile_shrink;
+    for (int row = 0; row < nodes.rows; ++row) {
+      for (int column = 0; column < nodes.columns; ++column) {
+        const PlanePoint point = window_.plane_from_pixel(block.x + (column * kNode + 0.5) / level_.samples,
+                                                          block.y + (row * kNode + 0.5) / level_.samples);
+        const GlobalPixel pixel = pixel_from_lonlat(frame_.lonlat_from_enu(point.east_m, point.north_m), level_.zoom);
+        const GlobalPixel small{pixel.x / shrink, pixel.y / shrink};
+        if (nodes.places.empty()) nodes.origin = {std::floor(small.x / tile) * tile, std::floor(small.y / tile) * tile};
+        // cv::remap counts from pixel centres.
+        nodes.places.emplace_back(small.x - nodes.origin.x - 0.5, small.y - nodes.origin.y - 0.5);
+      }
+    }
+    return nodes;
+  }
+
+  void paste_tiles(const GlobalPixel& origin, const cv::Rect& tiles, int tile, cv::Mat& mosaic, cv::Mat& ground) const {
+    const auto first_x = static_cast<std::int64_t>(origin.x) / tile + tiles.x;
+    const auto first_y = static_cast<std::int64_t>(origin.y) / tile + tiles.y;
+    const std::int64_t across = std::int64_t{1} << level_.zoom;
+    for (int row = 0; row < tiles.height; ++row) {
+      for (int column = 0; column < tiles.width; ++column) {
+        const std::int64_t x = first_x + column, y = first_y + row;
+        if (x < 0 || y < 0 || x >= across || y >= across) continue;
+        const TileKey key{static_cast<std::uint8_t>(level_.zoom), static_cast<std::uint32_t>(x),
+                          static_cast<std::uint32_t>(y)};
+        const DecodedTile& decoded = cache_.get(key, colour_, level_.tile_shrink);
+        if (decoded.image.empty()) continue;
+        const cv::Rect place(column * tile, row * tile, tile, tile);
+        decoded.image.copyTo(mosaic(place));
+        if (decoded.mask.empty()) {
+          ground(place).setTo(255);
+        } else {
+          decoded.mask.copyTo(ground(place));
+        }
+      }
+    }
+  }
+
+  static cv::Mat positions(const Nodes& nodes, const cv::Size& size, cv::Point2f mosaic_origin) {
+    cv::Mat map(size, CV_32FC2);
+    for (int row = 0; row < size.height; ++row) {
+      const int node_row = row / kNode;
+      const double down = static_cast<double>(row % kNode) / kNode;
+      auto* out = map.ptr<cv::Point2f>(row);
+      for (int node = 0; node + 1 < nodes.columns; ++node) {
+        const cv::Point2d begin = nodes.at(node_row, node) * (1 - down) + nodes.at(node_row + 1, node) * down;
+        const cv::Point2d end = nodes.at(node_row, node + 1) * (1 - down) + nodes.at(node_row + 1, node + 1) * down;
+        const cv::Point2f start = cv::Point2f(begin) - mosaic_origin;
+        const cv::Point2f step = cv::Point2f((end - begin) / kNode);
+        const int columns = std::min(kNode, size.width - node * kNode);
+        for (int i = 0; i < columns; ++i) out[node * kNode + i] = start + step * static_cast<float>(i);
+      }
+    }
+    return map;
+  }
+
+  TileCache& cache_;
+  const LocalFrame& frame_;
+  const MapWindow& window_;
+  Level level_;
+  Colour colour_;
+};
+
+MapWindow empty_window(const PlaneBox& box, double gsd_m, Colour colour) {
+  const double columns = std::round((box.east_m - box.west_m) / gsd_m);
+  const double rows = std::round((box.north_m - box.south_m) / gsd_m);
+  const bool fits = gsd_m > 0 && columns >= 1 && rows >= 1 && columns <= kMaxSide && rows <= kMaxSide;
+  if (!fits) {  // NaN does not fit either
+    throw Error({.what = "a map window of this size cannot be cut",
+                 .expected = fmt::format("1 to {} pixels a side and a positive GSD", kMaxSide),
+                 .found = fmt::format("{} x {} m at {} m per pixel", box.east_m - box.west_m, box.north_m - box.south_m,
+                                      gsd_m)});
+  }
+  MapWindow window;
+  window.west_m = box.west_m;
+  window.north_m = box.north_m;
+  window.gsd_m = gsd_m;
+  const cv::Size size(static_cast<int>(columns), static_cast<int>(rows));
+  window.image.create(size, colour == Colour::grey ? CV_8UC1 : CV_8UC3);
+  window.mask.create(size, CV_8UC1);
+  return window;
+}
+
+}  // namespace
+
+struct MapWindowReader::Impl {
+  TileCache cache;
+};
+
+MapWindowReader::MapWindowReader(const TileSource& tiles, std::size_t max_cached_tiles)
+    : impl_(std::make_unique<Impl>(Impl{TileCache(tiles, max_cached_tiles)})) {}
+MapWindowReader::~MapWindowReader() = default;
+MapWindowReader::MapWindowReader(MapWindowReader&&) noexcept = default;
+MapWindowReader& MapWindowReader::operator=(MapWindowReader&&) noexcept = default;
+
+MapWindow MapWindowReader::read(const LocalFrame& frame, const PlaneBox& box, double gsd_m, Colour colour) {
+  MapWindow window = empty_window(box, gsd_m, colour);
+  const LonLat centre = frame.lonlat_from_enu((box.west_m + box.east_m) / 2, (box.south_m + box.north_m) / 2);
+  const Level level = level_for(impl_->cache.source().zooms(), gsd_m, centre.lat_deg);
+  const BlockCutter cutter(impl_->cache, frame, window, level, colour);
+  for (int row = 0; row < window.image.rows; row += kBlock) {
+    for (int column = 0; column < window.image.cols; column += kBlock) {
+      const cv::Rect block(column, row, std::min(kBlock, window.image.cols - column),
+                           std::min(kBlock, window.image.rows - row));
+      cutter.cut(block, window.image(block), window.mask(block));
+    }
+  }
+  return window;
+}
+
+MapWindow read_map_window(const TileSource& tiles, const LocalFrame& frame, const PlaneBox& box, double gsd_m,
+                          Colour colour) {
+  return MapWindowReader(tiles).read(frame, box, gsd_m, colour);
+}
+
+}  // namespace nadir

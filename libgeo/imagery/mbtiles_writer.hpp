@@ -1,0 +1,36 @@
+// Writes a tile set as an MBTiles file (1.3). The file is a plain function of the calls: the same tiles in the same
+// order give the same bytes (fixed page size, one transaction, no times, no names).
+//
+// There is no journal while it is written: a killed writer leaves rubbish, so it belongs into a StagingDirectory.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "geodesy/tile_key.hpp"
+#include "imagery/sqlite_database.hpp"
+
+namespace nadir {
+
+class MbtilesWriter {
+ public:
+  explicit MbtilesWriter(const std::filesystem::path& path);  // throws Error when the file exists
+
+  MbtilesWriter(const MbtilesWriter&) = delete;
+  MbtilesWriter& operator=(const MbtilesWriter&) = delete;
+
+  void add(const TileKey& key, ByteView encoded);  // any order; one after the other
+  void set_metadata(const std::map<std::string, std::string>& metadata);
+  const SqliteDatabase& database() const { return database_; }  // for tables beyond the specification
+
+  // Builds the index (throws Error when a tile was added twice), commits and closes. Without it the file is useless.
+  void finish();
+
+ private:
+  SqliteDatabase database_;
+  std::optional<SqliteStatement> insert_;
+};
+
+}  // namespace nadir

@@ -1,0 +1,77 @@
+// SQLite with values and exceptions: just what tile sets need. Files from outside are opened so that they can neither
+// be changed nor change anything (read-only, immutable, defensive, no functions from their schema).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "base/bytes.hpp"
+
+struct sqlite3;
+struct sqlite3_stmt;
+
+namespace nadir {
+
+class SqliteDatabase;
+
+// A prepared statement. Parameters count from 1, columns from 0. Texts and blobs handed out live until the next step.
+class SqliteStatement {
+ public:
+  SqliteStatement& bind(int parameter, std::int64_t value);
+  SqliteStatement& bind(int parameter, std::string_view text);
+  SqliteStatement& bind(int parameter, ByteView blob);  // must outlive the step
+  SqliteStatement& bind_null(int parameter);
+
+  bool step();  // true: a row is there. Throws Error when the file is damaged.
+  void reset();
+  void run() {  // for statements without rows; ready to be bound again
+    step();
+    reset();
+  }
+
+  bool is_null(int column) const;
+  std::int64_t integer(int column) const;
+  std::string_view text(int column) const;
+  ByteView blob(int column) const;
+
+ private:
+  friend class SqliteDatabase;
+  struct Finalize {
+    void operator()(sqlite3_stmt* statement) const;
+  };
+  SqliteStatement(sqlite3_stmt* statement, const SqliteDatabase& database)
+      : statement_(statement), database_(&database) {}
+
+  std::unique_ptr<sqlite3_stmt, Finalize> statement_;
+  const SqliteDatabase* database_;
+};
+
+class SqliteDatabase {
+ public:
+  // Throws Error when the file is missing, or is no SQLite database.
+  static SqliteDatabase open_immutable(const std::filesystem::path& path);
+  static SqliteDatabase create(const std::filesystem::path& path);  // Throws Error when the file exists.
+
+  SqliteStatement prepare(std::string_view sql) const;
+  void execute(const std::string& sql) const;
+  bool has_table(std::string_view name) const;  // or a view
+  void close();                                 // throws what the destructor would swallow
+
+  const std::filesystem::path& path() const { return path_; }
+  [[noreturn]] void fail(const char* doing) const;  // throws Error with SQLite's own words
+
+ private:
+  struct Close {
+    void operator()(sqlite3* handle) const;
+  };
+  SqliteDatabase(std::filesystem::path path, int flags, const std::string& uri);
+
+  std::filesystem::path path_;
+  std::unique_ptr<sqlite3, Close> handle_;
+};
+
+}  // namespace nadir

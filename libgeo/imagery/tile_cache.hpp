@@ -1,0 +1,49 @@
+// Decoded tiles, the most recently used ones kept: windows that overlap decode their common tiles once.
+#pragma once
+
+#include <compare>
+#include <cstddef>
+#include <list>
+#include <map>
+#include <opencv2/core/mat.hpp>
+
+#include "imagery/colour.hpp"
+#include "imagery/tile_source.hpp"
+
+namespace nadir {
+
+struct DecodedTile {
+  cv::Mat image;  // empty when the set does not hold the tile
+  cv::Mat mask;   // CV_8UC1, 255 = ground; empty when every pixel is
+};
+
+class TileCache {
+ public:
+  TileCache(const TileSource& tiles, std::size_t capacity) : tiles_(&tiles), capacity_(capacity) {}
+
+  // shrink: a power of two up to 256; the tile then has 256 / shrink pixels a side, averaged, and a pixel counts as
+  // ground when all that it averages are. Throws Error for tiles that do not decode to 256 x 256 pixels.
+  const DecodedTile& get(const TileKey& key, Colour colour, int shrink);
+
+  const TileSource& source() const { return *tiles_; }
+
+ private:
+  struct Key {
+    TileKey tile;
+    Colour colour;
+    int shrink;
+    auto operator<=>(const Key&) const = default;
+  };
+  struct Entry {
+    Key key;
+    DecodedTile tile;
+  };
+  DecodedTile decode(const Key& key) const;
+
+  const TileSource* tiles_;
+  std::size_t capacity_;
+  std::list<Entry> recent_;  // most recently used first
+  std::map<Key, std::list<Entry>::iterator> places_;
+};
+
+}  // namespace nadir
