@@ -1,0 +1,47 @@
+// What an aircraft remembers from one package to the next, so that neither an older package nor an older root nor a
+// clock that was set back gets past it. A small JSON file that is replaced in one step.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "base/finding.hpp"
+#include "base/time.hpp"
+
+namespace nadir {
+
+inline constexpr std::uint64_t kMaxStateSize = std::uint64_t{1} << 22;
+
+struct AircraftState {
+  std::map<std::string, std::int64_t> highest_sequence;  // accepted, by series
+  std::int64_t root_version = 0;                         // 0: none seen
+  std::optional<UtcTime> last_trusted_time;
+  // Documents of the roots that came with packages, by version. They are kept with their signatures, so that each is
+  // checked again from the installed root on and the state alone cannot appoint anybody.
+  std::map<std::int64_t, std::string> roots;
+
+  // Remembers an accepted package. Nothing ever goes down.
+  void accept(const std::string& series, std::int64_t sequence, std::int64_t root, UtcTime at,
+              const std::map<std::int64_t, std::string>& newer_roots = {});
+};
+
+// `state` is there exactly when nothing is wrong. Finding state.corrupt: a damaged memory must not pass for an empty
+// one.
+struct StateReading {
+  std::optional<AircraftState> state;
+  Findings findings;
+};
+StateReading parse_state(std::string_view json, std::string_view name);
+
+// A file that does not exist is a new aircraft: the empty state. Throws Error when the file cannot be read.
+StateReading check_state(const std::filesystem::path& path);
+
+// The same for those who need the state or nothing: throws Error with the finding.
+AircraftState read_state(const std::filesystem::path& path);
+void write_state(const std::filesystem::path& path, const AircraftState& state);
+
+}  // namespace nadir

@@ -1,0 +1,218 @@
+#include "trust/keys.hpp"
+
+#include <openssl/err.h>
+#include <openssl/evp.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cerrno>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/sha256.hpp"
+
+namespace nadir {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr std::uint64_t kMaxPemSize = 1 << 14;
+
+struct Free {
+  void operator()(EVP_PKEY* key) const { EVP_PKEY_free(key); }
+  void operator()(BIO* bio) const { BIO_free_all(bio); }
+  void operator()(EVP_MD_CTX* context) const { EVP_MD_CTX_free(context); }
+};
+using Key = std::unique_ptr<EVP_PKEY, Free>;
+using Bio = std::unique_ptr<BIO, Free>;
+using DigestContext = std::unique_ptr<EVP_MD_CTX, Free>;
+
+[[noreturn]] void openssl_failed(const char* what) {
+  char reason[256] = "unknown reason";
+  if (const unsigned long code = ERR_get_error()) ERR_error_string_n(code, reason, sizeof reason);
+  ERR_clear_error();
+  throw Error({.what = what, .found = reason});
+}
+
+Bio memory_bio(std::string_view text) {
+  Bio bio(BIO_new_mem_buf(text.data(), static_cast<int>(text.size())));
+  if (!bio) openssl_failed("out of memory for a key");
+  return bio;
+}
+
+std::string text_of(BIO* bio) {
+  char* data = nullptr;
+  const long length = BIO_get_mem_data(bio, &data);
+  return {data, static_cast<std::size_t>(length)};
+}
+
+// Encrypted keys would make OpenSSL ask on the terminal; we say that we do not take them.
+int no_passphrase(char*, int, int, void*) { return -1; }
+
+Key require_ed25519(Key key, std::string_view name, const char* kind) {
+  ERR_clear_error();
+  const std::string expected = std::string("an Ed25519 ") + kind + " key in PEM";
+  if (!key) {
+    throw UsageError({.what = "cannot read a key",
+                      .where = std::string(name),
+                      .expected = expected,
+                      .found = "something else (or an encrypted key)",
+                      .fix = "make one with `nadir keys create` or `openssl genpkey -algorithm ed25519`"});
+  }
+  if (EVP_PKEY_get_id(key.get()) != EVP_PKEY_ED25519) {
+    const char* type = EVP_PKEY_get0_type_name(key.get());
+    throw UsageError({.what = "this key has another algorithm",
+                      .where = std::string(name),
+                      .expected = expected,
+                      .found = type != nullptr ? type : "an unknown algorithm",
+                      .fix = "make one with `nadir keys create` or `openssl genpkey -algorithm ed25519`"});
+  }
+  return key;
+}
+
+Key public_from_raw(const std::array<std::uint8_t, 32>& raw) {
+  Key key(EVP_PKEY_new_raw_public_key(EVP_PKEY_ED25519, nullptr, raw.data(), raw.size()));
+  if (!key) openssl_failed("cannot make a public key");
+  return key;
+}
+
+// A world-readable private key is no secret: it must be fixed, not warned about.
+void require_private_mode(const fs::path& path) {
+  struct stat info {};
+  if (::stat(path.c_str(), &info) != 0) {
+    throw Error({.what = "cannot open a key", .where = path, .found = system_error_text(errno)});
+  }
+  if ((info.st_mode & 07177) != 0) {
+    char mode[8];
+    std::snprintf(mode, sizeof mode, "%04o", static_cast<unsigned>(info.st_mode & 07777));
+    throw UsageError({.what = "others than its owner may use this private key file",
+                      .where = path,
+                      .expected = "mode 0600 or narrower",
+                      .found = std::string("mode ") + mode,
+                      .fix = "chmod 600 " + path.string()});
+  }
+}
+
+}  // namespace
+
+PublicKey PublicKey::read(const fs::path& pem_file) {
+  return from_pem(read_text_file(pem_file, kMaxPemSize), pem_file.string());
+}
+
+PublicKey PublicKey::from_pem(std::string_view pem, std::string_view name) {
+  const Bio bio = memory_bio(pem);
+  const Key key = require_ed25519(Key(PEM_read_bio_PUBKEY(bio.get(), nullptr, no_passphrase, nullptr)), name, "public");
+  std::array<std::uint8_t, 32> raw{};
+  std::size_t length = raw.size();
+  if (EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length) != 1) openssl_failed("cannot read a public key");
+  return from_raw(raw);
+}
+
+PublicKey PublicKey::from_raw(ByteView raw) {
+  if (raw.size() != 32) throw UsageError({.what = "an Ed25519 public key has 32 bytes"});
+  PublicKey result;
+  std::copy(raw.begin(), raw.end(), result.raw_.begin());
+  const Key key = public_from_raw(result.raw_);
+  unsigned char* der = nullptr;
+  const int length = i2d_PUBKEY(key.get(), &der);
+  if (length <= 0) openssl_failed("cannot encode a public key");
+  result.id_ = sha256(ByteView(der, static_cast<std::size_t>(length))).hex();
+  OPENSSL_free(der);
+  return result;
+}
+
+std::string PublicKey::pem() const {
+  const Bio bio(BIO_new(BIO_s_mem()));
+  if (!bio || PEM_write_bio_PUBKEY(bio.get(), public_from_raw(raw_).get()) != 1) {
+    openssl_failed("cannot write a public key");
+  }
+  return text_of(bio.get());
+}
+
+bool PublicKey::verifies(ByteView message, ByteView signature) const {
+  const Key key = public_from_raw(raw_);
+  const DigestContext context(EVP_MD_CTX_new());
+  if (!context || EVP_DigestVerifyInit(context.get(), nullptr, nullptr, nullptr, key.get()) != 1) {
+    openssl_failed("cannot verify signatures");
+  }
+  const int result =
+      EVP_DigestVerify(context.get(), signature.data(), signature.size(), message.data(), message.size());
+  ERR_clear_error();
+  return result == 1;
+}
+
+struct PrivateKey::Impl {
+  Key key;
+};
+
+PrivateKey::PrivateKey(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PrivateKey::~PrivateKey() = default;
+PrivateKey::PrivateKey(PrivateKey&&) noexcept = default;
+PrivateKey& PrivateKey::operator=(PrivateKey&&) noexcept = default;
+
+PrivateKey PrivateKey::read(const fs::path& pem_file) {
+  require_private_mode(pem_file);
+  std::string pem = read_text_file(pem_file, kMaxPemSize);
+  const Bio bio = memory_bio(pem);
+  Key key(PEM_read_bio_PrivateKey(bio.get(), nullptr, no_passphrase, nullptr));
+  OPENSSL_cleanse(pem.data(), pem.size());
+  auto impl = std::make_unique<Impl>();
+  impl->key = require_ed25519(std::move(key), pem_file.string(), "private");
+  return PrivateKey(std::move(impl));
+}
+
+PrivateKey PrivateKey::generate() {
+  auto impl = std::make_unique<Impl>();
+  impl->key.reset(EVP_PKEY_Q_keygen(nullptr, nullptr, "ED25519"));
+  if (!impl->key) openssl_failed("cannot generate a key");
+  return PrivateKey(std::move(impl));
+}
+
+PublicKey PrivateKey::public_key() const {
+  std::array<std::uint8_t, 32> raw{};
+  std::size_t length = raw.size();
+  if (EVP_PKEY_get_raw_public_key(impl_->key.get(), raw.data(), &length) != 1) {
+    openssl_failed("cannot derive a public key");
+  }
+  return PublicKey::from_raw(raw);
+}
+
+Signature PrivateKey::sign(ByteView message) const {
+  const DigestContext context(EVP_MD_CTX_new());
+  Signature signature{};
+  std::size_t length = signature.size();
+  if (!context || EVP_DigestSignInit(context.get(), nullptr, nullptr, nullptr, impl_->key.get()) != 1 ||
+      EVP_DigestSign(context.get(), signature.data(), &length, message.data(), message.size()) != 1 ||
+      length != signature.size()) {
+    openssl_failed("cannot sign");
+  }
+  return signature;
+}
+
+std::string PrivateKey::pem() const {
+  const Bio bio(BIO_new(BIO_s_secmem()));
+  if (!bio || PEM_write_bio_PKCS8PrivateKey(bio.get(), impl_->key.get(), nullptr, nullptr, 0, nullptr, nullptr) != 1) {
+    openssl_failed("cannot write a private key");
+  }
+  return text_of(bio.get());
+}
+
+KeyFiles create_key_files(const fs::path& name) {
+  KeyFiles files{name, name};
+  files.private_key += ".key.pem";
+  files.public_key += ".pub.pem";
+  for (const fs::path& path : {files.private_key, files.public_key}) {
+    if (fs::exists(fs::symlink_status(path))) {
+      throw UsageError({.what = "a key of this name exists already",
+                        .where = path,
+                        .fix = "choose another --out; keys are never overwritten"});
+    }
+  }
+  const PrivateKey key = PrivateKey::generate();
+  write_file_atomic(files.private_key, key.pem(), 0600);
+  write_file_atomic(files.public_key, key.public_key().pem(), 0644);
+  return files;
+}
+
+}  // namespace nadir

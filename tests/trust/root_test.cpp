@@ -1,0 +1,138 @@
+#include "trust/root.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+class Root : public ::testing::Test {
+ protected:
+  static void give(TrustRoot& root, Role& role, const PrivateKey& key) {
+    root.add_key(key.public_key());
+    role.key_ids.insert(key.public_key().id());
+  }
+  TrustRoot version(std::int64_t number, const PrivateKey& root_key) const {
+    TrustRoot root;
+    root.version = number;
+    root.expires = {2'000'000'000};
+    give(root, root.root, root_key);
+    give(root, root.package_signer, packer_);
+    give(root, root.tile_signers["mini-07"], tiler_);
+    return root;
+  }
+  json document() const { return json::parse(sign_root(version(1, first_), {&first_}).json()); }
+
+  PrivateKey first_ = PrivateKey::generate(), second_ = PrivateKey::generate(), packer_ = PrivateKey::generate(),
+             tiler_ = PrivateKey::generate();
+};
+
+TEST_F(Root, RoundTrips) {
+  TrustRoot root = version(3, first_);
+  root.revoked.insert(second_.public_key().id());
+  root.keys.at(tiler_.public_key().id()).expires = UtcTime{1'900'000'000};
+  const SignedRoot back = parse_root(sign_root(root, {&first_}).json(), "test");
+  EXPECT_EQ(back.root.version, 3);
+  EXPECT_EQ(back.root.expires, root.expires);
+  EXPECT_EQ(back.root.revoked, root.revoked);
+  EXPECT_EQ(back.root.package_signer.key_ids, root.package_signer.key_ids);
+  EXPECT_EQ(back.root.tile_signers.at("mini-07").key_ids.count(tiler_.public_key().id()), 1U);
+  EXPECT_EQ(back.root.keys.at(tiler_.public_key().id()).expires, UtcTime{1'900'000'000});
+  EXPECT_TRUE(check_self(back).empty());
+}
+
+TEST_F(Root, ReadsWhatIsSignedAndNothingElse) {
+  const test::TemporaryFolder folder;
+  const auto good = folder.write("root.json", document().dump());
+  EXPECT_EQ(read_trusted_root(good).version, 1);
+  json edited = document();
+  edited["signed"]["expires"] = "2099-01-01T00:00:00Z";
+  EXPECT_THROW(read_trusted_root(folder.write("edited.json", edited.dump())), Error);
+  json stranger = document();
+  stranger["signatures"] = json::parse(sign_root(version(1, second_), {&second_}).json())["signatures"];
+  EXPECT_THROW(read_trusted_root(folder.write("stranger.json", stranger.dump())), Error);
+}
+
+// Layout of the file does not matter, its content does.
+TEST_F(Root, IsIndependentOfBlanks) {
+  const test::TemporaryFolder folder;
+  EXPECT_EQ(read_trusted_root(folder.write("root.json", document().dump(7))).version, 1);
+}
+
+TEST_F(Root, RefusesForms) {
+  const std::vector<std::function<void(json&)>> edits{
+      [](json& d) { d.erase("signatures"); },
+      [](json& d) { d["extra"] = 1; },
+      [](json& d) { d["signed"]["extra"] = 1; },
+      [](json& d) { d["signed"]["schema"] = "nadir.root/2"; },
+      [](json& d) { d["signed"]["version"] = 0; },
+      [](json& d) { d["signed"]["version"] = -1; },
+      [](json& d) { d["signed"]["version"] = 1.5; },
+      [](json& d) { d["signed"]["expires"] = "soon"; },
+      [](json& d) { d["signed"]["keys"].begin().value()["algorithm"] = "none"; },
+      [](json& d) { d["signed"]["keys"].begin().value()["public"] = "AAAA"; },
+      [](json& d) { d["signed"]["keys"].erase(d["signed"]["keys"].begin()); },
+      [](json& d) { d["signed"]["roles"]["root"]["threshold"] = 0; },
+      [](json& d) { d["signed"]["roles"]["root"]["threshold"] = 2; },  // more than there are keys
+      [](json& d) { d["signed"]["roles"].erase("root"); },
+      [](json& d) { d["signed"]["roles"]["admin"] = d["signed"]["roles"]["root"]; },
+      [](json& d) { d["signed"]["revoked"] = "none"; },
+      [](json& d) { d["signed"]["revoked"] = {"abc"}; },
+      [](json& d) {
+        auto& ids = d["signed"]["roles"]["root"]["keyids"];
+        ids.push_back(ids[0]);
+      },
+  };
+  for (std::size_t i = 0; i < edits.size(); ++i) {
+    json edited = document();
+    edits[i](edited);
+    EXPECT_THROW(parse_root(edited.dump(), "test"), Error) << "edit " << i;
+  }
+}
+
+// A key whose id does not follow from it could pass under a revoked key's name.
+TEST_F(Root, RefusesKeysUnderAnothersId) {
+  json edited = document();
+  json& keys = edited["signed"]["keys"];
+  const std::string own = first_.public_key().id(), other = packer_.public_key().id();
+  keys[own]["public"] = keys[other]["public"];
+  EXPECT_THROW(parse_root(edited.dump(), "test"), Error);
+}
+
+TEST_F(Root, SuccessorNeedsBothSides) {
+  const TrustRoot now = version(1, first_);
+  const TrustRoot next = version(2, second_);
+  EXPECT_TRUE(check_succession(now, sign_root(next, {&first_, &second_})).empty());
+  EXPECT_TRUE(check_succession(now, sign_root(next, {&second_})).contains("signature.missing"));
+  EXPECT_TRUE(check_succession(now, sign_root(next, {&first_})).contains("signature.missing"));
+}
+
+TEST_F(Root, SuccessorIsExactlyTheNext) {
+  const TrustRoot now = version(5, first_);
+  for (const std::int64_t number : {1, 4, 5, 7}) {
+    EXPECT_TRUE(check_succession(now, sign_root(version(number, first_), {&first_})).contains("root.rollback"))
+        << number;
+  }
+  EXPECT_FALSE(check_succession(now, sign_root(version(6, first_), {&first_})).refuses());
+}
+
+// A revoked root key has no voice in the succession.
+TEST_F(Root, RevokedRootKeyCannotAppoint) {
+  TrustRoot now = version(1, first_);
+  now.revoked.insert(first_.public_key().id());
+  EXPECT_TRUE(check_succession(now, sign_root(version(2, second_), {&first_, &second_})).refuses());
+}
+
+TEST_F(Root, NotSignedByItselfIsNotTrusted) {
+  EXPECT_TRUE(check_self(sign_root(version(1, first_), {&packer_})).refuses());
+}
+
+}  // namespace
+}  // namespace nadir

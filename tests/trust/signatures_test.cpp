@@ -1,0 +1,102 @@
+#include "trust/signatures.hpp"
+
+#include <gtest/gtest.h>
+
+namespace nadir {
+namespace {
+
+class Signatures : public ::testing::Test {
+ protected:
+  Signatures() {
+    for (const PrivateKey* key : {&a_, &b_, &root_key_}) root_.add_key(key->public_key());
+    root_.package_signer.key_ids = {a_.public_key().id(), b_.public_key().id()};
+    root_.root.key_ids = {root_key_.public_key().id()};
+  }
+
+  SignatureCheck check(const std::vector<EnvelopeSignature>& signatures, std::string_view body = "body",
+                       UtcTime at = {1000}) const {
+    return check_signatures(root_, root_.package_signer, signatures, "type", as_bytes(body), at, "test");
+  }
+  static EnvelopeSignature by(const PrivateKey& key) { return sign_payload(key, "type", as_bytes("body")); }
+
+  PrivateKey a_ = PrivateKey::generate(), b_ = PrivateKey::generate(), root_key_ = PrivateKey::generate(),
+             stranger_ = PrivateKey::generate();
+  TrustRoot root_;
+};
+
+TEST_F(Signatures, AcceptsATrustedKey) {
+  const SignatureCheck result = check({by(a_)});
+  EXPECT_TRUE(result.findings.empty());
+  EXPECT_EQ(result.signers, std::vector{a_.public_key().id()});
+}
+
+TEST_F(Signatures, RefusesOtherBytes) {
+  EXPECT_TRUE(check({by(a_)}, "bodY").findings.contains("signature.invalid"));
+  EXPECT_TRUE(check({sign_payload(a_, "another type", as_bytes("body"))}).findings.contains("signature.invalid"));
+}
+
+TEST_F(Signatures, RefusesStrangers) {
+  const SignatureCheck result = check({by(stranger_)});
+  EXPECT_TRUE(result.findings.refuses());
+  EXPECT_TRUE(result.findings.contains("key.unknown"));
+}
+
+// A known key may not do what its role does not say.
+TEST_F(Signatures, RefusesKeysOfAnotherRole) { EXPECT_TRUE(check({by(root_key_)}).findings.contains("key.unknown")); }
+
+TEST_F(Signatures, RefusesRevokedAndExpiredKeys) {
+  root_.revoked.insert(a_.public_key().id());
+  EXPECT_TRUE(check({by(a_)}).findings.contains("key.revoked"));
+  EXPECT_TRUE(check({by(a_)}).findings.refuses());
+  root_.keys.at(b_.public_key().id()).expires = UtcTime{1000};
+  EXPECT_TRUE(check({by(b_)}).findings.contains("key.expired"));
+  EXPECT_TRUE(check({by(b_)}, "body", {999}).findings.empty());
+}
+
+TEST_F(Signatures, ThresholdCountsKeysOnce) {
+  root_.package_signer.threshold = 2;
+  EXPECT_TRUE(check({by(a_)}).findings.contains("signature.missing"));
+  EXPECT_TRUE(check({by(a_), by(a_)}).findings.contains("signature.missing"));
+  EXPECT_FALSE(check({by(a_), by(b_)}).findings.refuses());
+  EXPECT_TRUE(check({by(a_), by(stranger_)}).findings.refuses());
+}
+
+TEST_F(Signatures, BeyondTheThresholdStrangersAreAWarning) {
+  const SignatureCheck result = check({by(a_), by(stranger_)});
+  EXPECT_FALSE(result.findings.refuses());
+  EXPECT_TRUE(result.findings.contains("key.unknown"));
+}
+
+TEST_F(Signatures, ADamagedSignatureRefusesAlways) {
+  EnvelopeSignature damaged = by(b_);
+  damaged.signature[10] ^= 1;
+  EXPECT_TRUE(check({by(a_), damaged}).findings.refuses());
+}
+
+TEST_F(Signatures, NoneAreNotEnough) { EXPECT_TRUE(check({}).findings.contains("signature.missing")); }
+
+// What one airframe signs with says nothing about the tiles of another, nor about packages.
+TEST_F(Signatures, TileSignersAreOfOneAirframe) {
+  const PrivateKey seven = PrivateKey::generate(), eight = PrivateKey::generate();
+  TrustRoot root = root_;
+  for (const auto& [airframe, key] : {std::pair{"mini-07", &seven}, std::pair{"mini-08", &eight}}) {
+    root.add_key(key->public_key());
+    root.tile_signers[airframe].key_ids.insert(key->public_key().id());
+  }
+  const Bytes body{1, 2, 3};
+  const auto tile = [&](const std::string& airframe, const PrivateKey& key) {
+    return check_tile_signatures(root, airframe, {sign_payload(key, "tile", body)}, "tile", body, std::nullopt, "tile")
+        .findings;
+  };
+  EXPECT_TRUE(tile("mini-07", seven).empty());
+  EXPECT_TRUE(tile("mini-08", seven).contains("key.unknown"));
+  EXPECT_TRUE(tile("mini-09", seven).contains("key.unknown"));
+  EXPECT_TRUE(check_signatures(root, root.package_signer, {sign_payload(seven, "tile", body)}, "tile", body,
+                               std::nullopt, "package")
+                  .findings.contains("key.unknown"));
+  root.revoked.insert(seven.public_key().id());
+  EXPECT_TRUE(tile("mini-07", seven).contains("key.revoked"));
+}
+
+}  // namespace
+}  // namespace nadir
