@@ -1,0 +1,85 @@
+// manifest.json: the exact bytes that are signed. It names every file of a package with size and SHA-256, for tile
+// sets also how many tiles there are and their Merkle root, and says for what mission, series and airframes it is.
+//
+// Integers and strings only, keys sorted; coordinates are whole 1e-7 degrees. schemas/manifest.schema.json is the
+// reference, docs/package.md the explanation.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/bytes.hpp"
+#include "base/finding.hpp"
+#include "base/sha256.hpp"
+#include "base/time.hpp"
+#include "geodesy/web_mercator.hpp"
+#include "package/mission.hpp"
+
+namespace nadir {
+
+inline constexpr std::string_view kManifestSchema = "nadir.manifest/1";
+inline constexpr std::string_view kManifestPayloadType = "application/vnd.nadir.manifest.v1+json";
+inline constexpr std::uint64_t kMaxManifestSize = std::uint64_t{1} << 20;
+
+// Names inside every package.
+inline constexpr std::string_view kManifestFile = "manifest.json";
+inline constexpr std::string_view kSignatureFile = "manifest.sig";
+inline constexpr std::string_view kMissionFile = "mission/mission.yaml";
+inline constexpr std::string_view kImageryFile = "imagery/base.mbtiles";
+inline constexpr std::string_view kTerrainFile = "terrain/dem.tif";
+
+// Roles of artifacts.
+inline constexpr std::string_view kRoleImagery = "imagery";
+inline constexpr std::string_view kRoleMission = "mission";
+inline constexpr std::string_view kRoleTerrain = "terrain";
+
+struct TileSetFacts {
+  std::uint64_t count = 0;
+  Sha256 merkle_root;      // over the tiles' stored digests in the order of TileKey (trust/merkle.hpp)
+  Sha256 sidecars_sha256;  // over the sidecar rows (SidecarDigest in sidecar.hpp)
+  ZoomRange zoom;
+  std::string format;  // "jpeg", "png", "webp"
+};
+
+struct Artifact {
+  std::string path;  // relative, '/' between the parts
+  std::string role;
+  std::uint64_t size = 0;
+  Sha256 sha256;
+  std::optional<TileSetFacts> tiles;
+};
+
+struct Manifest {
+  std::string mission_id;
+  std::string series;
+  std::int64_t sequence = 0;
+  UtcTime created;
+  UtcTime expires;
+  std::vector<std::string> airframes;
+  LonLatBox bounds;  // of what the mission requires, outwards to whole 1e-7 degrees
+  std::vector<Artifact> artifacts;
+
+  const Artifact* artifact(std::string_view role) const;  // the first of this role, or null
+};
+
+// The part of a manifest that follows from the mission alone; artifacts are the builder's to add.
+Manifest manifest_for(const Mission& mission);
+
+// Describes a file that lies in the package folder already: hashes it.
+Artifact describe_file(const std::filesystem::path& package, std::string_view relative_path, std::string_view role);
+
+// The bytes to sign. Artifacts are sorted by path; the same manifest gives the same bytes.
+std::string manifest_json(Manifest manifest);
+
+// Strict. Findings "manifest.schema" and "manifest.path"; `manifest` is there exactly when nothing is wrong.
+struct ManifestReading {
+  std::optional<Manifest> manifest;
+  Findings findings;
+};
+ManifestReading parse_manifest(ByteView bytes);
+
+}  // namespace nadir

@@ -1,0 +1,89 @@
+// What a mission needs from its map: where it flies, how fine and how fresh the imagery must be, and for whom the
+// package is made. Written by people as YAML (schema nadir.mission/1, schemas/mission.schema.json).
+//
+// Units as in the file: degrees (longitude, latitude, WGS84), metres, days, megabytes (10^6 bytes).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/finding.hpp"
+#include "base/time.hpp"
+#include "geodesy/lon_lat.hpp"
+#include "geodesy/region.hpp"
+#include "imagery/tile_source.hpp"
+
+namespace nadir {
+
+inline constexpr std::string_view kMissionSchema = "nadir.mission/1";
+inline constexpr std::string_view kAnyAirframe = "any";
+
+// How fast the ground changes; decides how old its imagery may be.
+enum class SectorClass { stable, active };
+std::string_view name_of(SectorClass cls);
+
+struct Sector {
+  std::string id;
+  SectorClass cls = SectorClass::active;
+  std::vector<LonLat> polygon;  // without the closing point that the file repeats
+};
+
+struct FreshnessDays {
+  int stable = 0;
+  int active = 0;
+
+  int of(SectorClass cls) const { return cls == SectorClass::stable ? stable : active; }
+};
+
+struct Route {
+  double corridor_half_width_m = 0;
+  double agl_m = 0;  // planned height above ground
+  std::vector<LonLat> points;
+};
+
+// Ground without an elevation model is flat at one height.
+struct Terrain {
+  bool flat = true;     // false: the package holds terrain/dem.tif
+  double height_m = 0;  // of the flat ground; with an elevation model of the plane alone in which positions are counted
+};
+
+struct Mission {
+  std::string id;
+  std::string series;         // packages of one series replace each other, by sequence
+  std::int64_t sequence = 0;  // at least 1
+  UtcTime created;
+  UtcTime expires;
+  LonLat takeoff;
+  Terrain terrain;
+  ZoomRange zoom;
+  double min_resolution_m = 0;  // the coarsest ground sample distance that will do
+  std::int64_t budget_mb = 0;
+  FreshnessDays freshness_days;
+  std::vector<std::string> airframes;  // kAnyAirframe: every airframe
+  std::vector<Sector> sectors;
+  Route route;
+
+  bool allows(std::string_view airframe) const;
+};
+
+// Everything that is wrong, as findings "mission.schema" with file, line and column. `mission` is there exactly when
+// nothing is wrong. A file that cannot be read throws Error.
+struct MissionReading {
+  std::optional<Mission> mission;
+  Findings findings;
+};
+MissionReading check_mission(const std::filesystem::path& path);
+MissionReading parse_mission(std::string_view yaml, std::string_view name);
+
+// The same for those who need the mission or nothing: throws UsageError with the first finding.
+Mission read_mission(const std::filesystem::path& path);
+
+// Sectors and corridor in the plane of `frame`, which is usually mission_frame().
+LocalFrame mission_frame(const Mission& mission);  // origin: the take-off point
+Region required_region(const Mission& mission, const LocalFrame& frame);
+
+}  // namespace nadir

@@ -1,0 +1,80 @@
+#include "package/open_package.hpp"
+
+#include <algorithm>
+
+#include "base/error.hpp"
+#include "package/judge_terrain.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::size_t kMaxFindings = 1000;  // a flight is long and a damaged medium gives many
+
+}  // namespace
+
+CheckedTiles::CheckedTiles(const std::filesystem::path& mbtiles, std::vector<Sidecar> sidecars)
+    : reader_(mbtiles), sidecars_(std::move(sidecars)) {}
+
+ZoomRange CheckedTiles::zooms() const {
+  return sidecars_.empty() ? ZoomRange{} : ZoomRange{sidecars_.front().key.z, sidecars_.back().key.z};
+}
+
+const Sidecar* CheckedTiles::sidecar(const TileKey& key) const {
+  const auto found = std::lower_bound(sidecars_.begin(), sidecars_.end(), key,
+                                      [](const Sidecar& tile, const TileKey& wanted) { return tile.key < wanted; });
+  return found != sidecars_.end() && found->key == key ? &*found : nullptr;
+}
+
+std::optional<Bytes> CheckedTiles::read(const TileKey& key) const {
+  const Sidecar* signed_tile = sidecar(key);
+  if (signed_tile == nullptr) return std::nullopt;
+  try {
+    auto bytes = reader_.read(key);
+    if (bytes && sha256(*bytes) == signed_tile->sha256) return bytes;
+    complain("artifact.hash", key, bytes ? "other bytes than those that were signed" : "no tile any more");
+  } catch (const Error& error) {
+    complain("sqlite.corrupt", key, error.text().found);
+  }
+  return std::nullopt;
+}
+
+std::optional<Bytes> CheckedTiles::read_mask(const TileKey& key) const {
+  const Sidecar* signed_tile = sidecar(key);
+  if (signed_tile == nullptr || signed_tile->mask.empty()) return std::nullopt;
+  return signed_tile->mask;
+}
+
+Findings CheckedTiles::findings() const {
+  const std::lock_guard lock(mutex_);
+  return findings_;
+}
+
+void CheckedTiles::complain(const char* code, const TileKey& key, std::string found) const {
+  const std::lock_guard lock(mutex_);
+  if (findings_.items().size() >= kMaxFindings) return;
+  findings_.add({.code = code,
+                 .where = "tile " + to_text(key),
+                 .expected = "the tile that was signed",
+                 .found = std::move(found),
+                 .fix = "after the flight: verify the package in full, and check the medium that it lies on"});
+}
+
+OpenPackage::OpenPackage(const std::filesystem::path& package, Verification accepted)
+    : manifest_(std::move(accepted.manifest.value())),
+      mission_(std::move(accepted.mission.value())),
+      imagery_(package / manifest_.artifact(kRoleImagery)->path, std::move(accepted.tiles)),
+      terrain_(std::move(accepted.terrain)) {}
+
+Opening open_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress) {
+  Verification verification = verify_package(package, options, progress);
+  if (verification.accepted() && !verification.terrain) {
+    TerrainReading reading = read_package_terrain(package, *verification.manifest, *verification.mission);
+    verification.findings.add(reading.findings);
+    verification.terrain = std::move(reading.terrain);
+  }
+  Opening opening{verification.findings, verification.root_version, verification.newer_roots, nullptr};
+  if (verification.accepted()) opening.package = std::make_unique<OpenPackage>(package, std::move(verification));
+  return opening;
+}
+
+}  // namespace nadir

@@ -1,0 +1,66 @@
+// A package in use: verified once, then read tile by tile, each tile's bytes being hashed and compared with the digest
+// that the signature covers. A tile that fails is treated as if it were not there and reported; a flight goes on.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include "imagery/mbtiles_reader.hpp"
+#include "package/verify.hpp"
+
+namespace nadir {
+
+class CheckedTiles final : public TileSource {
+ public:
+  // sidecars: verified, in the order of TileKey.
+  CheckedTiles(const std::filesystem::path& mbtiles, std::vector<Sidecar> sidecars);
+
+  ZoomRange zooms() const override;
+  std::optional<Bytes> read(const TileKey& key) const override;
+  std::optional<Bytes> read_mask(const TileKey& key) const override;
+
+  const Sidecar* sidecar(const TileKey& key) const;
+  const std::vector<Sidecar>& sidecars() const { return sidecars_; }
+
+  // What reading has met so far: artifact.hash, sqlite.corrupt.
+  Findings findings() const;
+
+ private:
+  void complain(const char* code, const TileKey& key, std::string found) const;
+
+  MbtilesReader reader_;
+  std::vector<Sidecar> sidecars_;
+  mutable std::mutex mutex_;
+  mutable Findings findings_;
+};
+
+class OpenPackage {
+ public:
+  OpenPackage(const std::filesystem::path& package, Verification accepted);
+
+  const Manifest& manifest() const { return manifest_; }
+  const Mission& mission() const { return mission_; }
+  const CheckedTiles& imagery() const { return imagery_; }
+  const TerrainRaster* terrain() const { return terrain_ ? &*terrain_ : nullptr; }  // null: flat ground
+
+ private:
+  Manifest manifest_;
+  Mission mission_;
+  CheckedTiles imagery_;
+  std::optional<TerrainRaster> terrain_;
+};
+
+// package is null when the findings refuse. Whatever the depth, the terrain is read whole and must have the bytes that
+// were signed.
+struct Opening {
+  Findings findings;
+  std::int64_t root_version = 0;
+  std::map<std::int64_t, std::string> newer_roots;  // for AircraftState::accept()
+  std::unique_ptr<OpenPackage> package;
+};
+Opening open_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress);
+
+}  // namespace nadir

@@ -1,0 +1,21 @@
+// What one tile's picture says about itself once it is decoded.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "base/bytes.hpp"
+#include "base/finding.hpp"
+#include "geodesy/tile_key.hpp"
+
+namespace nadir {
+
+struct TilePicture {
+  std::optional<Finding> problem;  // tile.undecodable, tile.size, tile.blank
+  std::int64_t valid_ppm = 0;      // share of pixels that are not transparent
+  Bytes mask;                      // kTileSize² bytes, 255 valid; empty when all are
+};
+
+TilePicture inspect_tile(ByteView tile, const TileKey& key);
+
+}  // namespace nadir

@@ -1,0 +1,193 @@
+#include "package/tile_set_check.hpp"
+
+#include <fmt/format.h>
+
+#include "base/error.hpp"
+#include "imagery/codecs.hpp"
+#include "imagery/mbtiles_reader.hpp"
+#include "package/sidecar_sql.hpp"
+#include "package/sidecar_table.hpp"
+#include "trust/merkle.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::size_t kNamed = 20;  // faults of one kind that are named one by one
+
+// Adds findings of one kind, but no more than a reader wants to see.
+class Limited {
+ public:
+  explicit Limited(Findings& findings) : findings_(findings) {}
+  void add(Finding finding) {
+    if (++count_ <= kNamed) findings_.add(std::move(finding));
+  }
+
+ private:
+  Findings& findings_;
+  std::size_t count_ = 0;
+};
+
+TileSetFacts facts_from(const std::vector<Sidecar>& sidecars) {
+  MerkleTree tree;
+  SidecarDigest digest;
+  TileSetFacts facts;
+  for (const Sidecar& sidecar : sidecars) {
+    tree.add(sidecar.key, sidecar.sha256);
+    digest.add(sidecar);
+  }
+  facts.count = sidecars.size();
+  facts.merkle_root = tree.root();
+  facts.sidecars_sha256 = digest.finish();
+  if (!sidecars.empty()) facts.zoom = {sidecars.front().key.z, sidecars.back().key.z};
+  return facts;
+}
+
+void compare(const TileSetFacts& expected, const TileSetFacts& found, Findings& findings) {
+  const auto differ = [&findings](const char* code, const char* what, std::string want, std::string got) {
+    findings.add({.code = code,
+                  .where = std::string(kImageryFile) + ", " + what,
+                  .expected = std::move(want),
+                  .found = std::move(got),
+                  .fix = "the imagery is not what was signed: get the package again from its makers"});
+  };
+  if (expected.count != found.count) {
+    differ("tiles.count", "tiles with sidecars", std::to_string(expected.count), std::to_string(found.count));
+  }
+  if (expected.merkle_root != found.merkle_root) {
+    differ("tiles.root", "Merkle root of the stored digests", expected.merkle_root.hex(), found.merkle_root.hex());
+  }
+  if (expected.sidecars_sha256 != found.sidecars_sha256) {
+    differ("tiles.root", "digest of the sidecars", expected.sidecars_sha256.hex(), found.sidecars_sha256.hex());
+  }
+  if (expected.zoom.min != found.zoom.min || expected.zoom.max != found.zoom.max) {
+    differ("tiles.count", "zooms", fmt::format("{} to {}", expected.zoom.min, expected.zoom.max),
+           fmt::format("{} to {}", found.zoom.min, found.zoom.max));
+  }
+}
+
+// Walks the tiles beside the sidecars, both in the order of TileKey, and names what only one of them has.
+class TileWalk {
+ public:
+  TileWalk(TileSetCheck& check, VerifyDepth depth, Progress& progress)
+      : check_(check), depth_(depth), progress_(progress), lone_(check.findings), wrong_(check.findings) {}
+
+  void run(const SqliteDatabase& database) {
+    auto rows = database.prepare(depth_ == VerifyDepth::full ? sql::kSelectTiles : sql::kSelectTileKeys);
+    while (rows.step()) {
+      const auto key = row_key(rows);
+      if (!key) {
+        wrong_.add({.code = "tile.misaddressed",
+                    .where = "tiles, " + row_address_text(rows),
+                    .expected = "an address inside the grid"});
+      } else if (last_ && !(*last_ < *key)) {
+        wrong_.add({.code = "tile.misaddressed",
+                    .where = "tile " + to_text(*key),
+                    .expected = "each tile once",
+                    .found = "a second tile of this address"});
+      } else {
+        last_ = key;
+        visit(*key, rows);
+      }
+    }
+    while (next_ < check_.sidecars.size()) without_tile(check_.sidecars[next_++].key);
+  }
+
+ private:
+  void visit(const TileKey& key, const SqliteStatement& row) {
+    while (next_ < check_.sidecars.size() && check_.sidecars[next_].key < key) {
+      without_tile(check_.sidecars[next_++].key);
+    }
+    if (next_ == check_.sidecars.size() || check_.sidecars[next_].key != key) {
+      lone_.add({.code = "tiles.count",
+                 .where = "tile " + to_text(key),
+                 .expected = "a sidecar for each tile",
+                 .found = "a tile that nobody signed"});
+      return;
+    }
+    const Sidecar& sidecar = check_.sidecars[next_++];
+    if (depth_ == VerifyDepth::full) check_bytes(row.blob(3), sidecar);
+    progress_.advance();
+  }
+
+  void check_bytes(ByteView bytes, const Sidecar& sidecar) {
+    if (const Sha256 digest = sha256(bytes); digest != sidecar.sha256) {
+      wrong_.add({.code = "artifact.hash",
+                  .where = fmt::format("{}, tile {}", kImageryFile, to_text(sidecar.key)),
+                  .expected = sidecar.sha256.hex(),
+                  .found = digest.hex(),
+                  .fix = "get the package again from its makers"});
+    }
+    if (auto problem = tile_header_problem(bytes, sidecar.key)) wrong_.add(std::move(*problem));
+  }
+
+  void without_tile(const TileKey& key) {
+    lone_.add({.code = "tiles.count",
+               .where = "tile " + to_text(key),
+               .expected = "a tile for each sidecar",
+               .found = "no tile"});
+  }
+
+  TileSetCheck& check_;
+  VerifyDepth depth_;
+  Progress& progress_;
+  Limited lone_, wrong_;
+  std::size_t next_ = 0;
+  std::optional<TileKey> last_;
+};
+
+}  // namespace
+
+std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key) {
+  const std::string where = "tile " + to_text(key);
+  try {
+    const ImageInfo info = read_image_info(tile, where);
+    if (info.width == kTileSize && info.height == kTileSize) return std::nullopt;
+    return Finding{.code = "tile.size",
+                   .where = where,
+                   .expected = fmt::format("{0} x {0} pixels", kTileSize),
+                   .found = fmt::format("{} x {}", info.width, info.height)};
+  } catch (const Error& error) {
+    return Finding{.code = "tile.undecodable",
+                   .where = where,
+                   .expected = "a JPEG, PNG or WebP picture",
+                   .found = error.text().found.empty() ? error.text().what : error.text().found};
+  }
+}
+
+TileSetCheck check_tile_set(const std::filesystem::path& mbtiles, const TileSetFacts& facts, VerifyDepth depth,
+                            Progress& progress) {
+  TileSetCheck check;
+  try {
+    const MbtilesReader reader(mbtiles);
+    SidecarRows rows = read_sidecars(reader.database());
+    check.sidecars = std::move(rows.sidecars);
+    check.findings.add(rows.findings);
+    compare(facts, facts_from(check.sidecars), check.findings);
+    progress.begin(depth == VerifyDepth::full ? "checking tiles" : "looking at tiles", check.sidecars.size(), "tiles");
+    TileWalk(check, depth, progress).run(reader.database());
+    progress.end();
+  } catch (const Error& error) {
+    check.findings.add({.code = "sqlite.corrupt",
+                        .where = mbtiles.filename().string(),
+                        .expected = "a sound MBTiles database with sidecars",
+                        .found = error.text().found.empty() ? error.text().what : error.text().found,
+                        .fix = "get the package again from its makers"});
+  }
+  return check;
+}
+
+TileSetFacts tile_set_facts(const std::filesystem::path& mbtiles) {
+  const MbtilesReader reader(mbtiles);
+  const SidecarRows rows = read_sidecars(reader.database());
+  if (!rows.findings.empty() || rows.sidecars.empty()) {
+    throw Error({.what = "this tile set cannot be signed: its sidecars are not sound", .where = mbtiles});
+  }
+  TileSetFacts facts = facts_from(rows.sidecars);
+  const auto tile = reader.read(rows.sidecars.front().key);
+  const auto format = tile ? sniff_image_format(*tile) : std::nullopt;
+  if (!format) throw Error({.what = "this tile set cannot be signed: a tile is missing", .where = mbtiles});
+  facts.format = name_of(*format);
+  return facts;
+}
+
+}  // namespace nadir

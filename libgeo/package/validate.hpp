@@ -1,0 +1,33 @@
+// Judges anybody's MBTiles against a mission: no signature, no sidecars needed. Every tile is decoded; what is missing
+// is said by place and area.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "base/finding.hpp"
+#include "base/progress.hpp"
+#include "base/time.hpp"
+#include "package/mission.hpp"
+#include "package/sidecar.hpp"
+
+namespace nadir {
+
+struct Validation {
+  // sqlite.corrupt tile.undecodable tile.size tile.blank tile.misaddressed coverage.gap budget.exceeded; for files with
+  // sidecars also artifact.hash freshness.stale resolution.coarse
+  Findings findings;
+  std::uint64_t tiles = 0;
+  std::uint64_t bytes = 0;  // of the file
+  bool has_sidecars = false;
+  // What the judgement went by, in the order of TileKey. Without sidecars in the file: address, valid share and mask as
+  // decoded, captured_at as if it were now.
+  std::vector<Sidecar> sidecars;
+};
+
+// Throws Error when the file is missing or is no MBTiles file.
+Validation validate_mbtiles(const std::filesystem::path& mbtiles, const Mission& mission, UtcTime at,
+                            Progress& progress);
+
+}  // namespace nadir

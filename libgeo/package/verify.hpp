@@ -1,0 +1,57 @@
+// Is this package what its makers signed, is it meant for us, and does it hold what its mission needs?
+//
+// The signature comes first; nothing else of the package is looked at before it passes. After that everything that is
+// wrong is collected. Codes: docs/findings.md.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/finding.hpp"
+#include "base/progress.hpp"
+#include "base/time.hpp"
+#include "imagery/terrain_raster.hpp"
+#include "package/manifest.hpp"
+#include "package/mission.hpp"
+#include "package/sidecar.hpp"
+#include "package/tile_set_check.hpp"
+#include "trust/aircraft_state.hpp"
+#include "trust/rollback_permit.hpp"
+#include "trust/root.hpp"
+
+namespace nadir {
+
+struct VerifyOptions {
+  const TrustRoot* root = nullptr;  // required; trusted by whoever calls. Newer ones may follow from it
+  VerifyDepth depth = VerifyDepth::quick;
+  UtcTime at;
+  std::optional<std::string> airframe;   // refuse packages that are not for it
+  const AircraftState* state = nullptr;  // refuse what is older than what it has seen
+  const SignedPermit* permit = nullptr;  // looked at when the package is older than what the state has seen
+};
+
+struct Verification {
+  Findings findings;
+  std::int64_t root_version = 0;                    // of the newest root that could be reached, which judged
+  std::map<std::int64_t, std::string> newer_roots;  // documents of those that the state or the package added
+  std::vector<std::string> signers;                 // ids of the keys whose signatures are good
+  std::optional<Manifest> manifest;                 // once the signature has passed
+  std::optional<Mission> mission;
+  std::vector<Sidecar> tiles;            // in the order of TileKey
+  std::optional<TerrainRaster> terrain;  // with terrain mode dem, at full depth
+  std::uint64_t bytes = 0;               // of all artifacts, as the manifest says
+
+  bool accepted() const { return manifest.has_value() && !findings.refuses(); }
+};
+
+// What the aircraft remembers of a package that it accepted.
+void remember(AircraftState& state, const Verification& accepted, UtcTime at);
+
+// Throws Error when the folder is no package at all or cannot be read.
+Verification verify_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress);
+
+}  // namespace nadir
