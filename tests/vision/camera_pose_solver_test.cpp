@@ -1,0 +1,279 @@
+#include "vision/camera_pose_solver.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <cmath>
+
+#include "base/random.hpp"
+#include "geodesy/angles.hpp"
+#include "vision/synthetic_ground.hpp"
+
+namespace nadir {
+namespace {
+
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Vector8 = Eigen::Matrix<double, 8, 1>;
+using Matrix8 = Eigen::Matrix<double, 8, 8>;
+
+// A camera whose pixels are its rays: the independent ray caster then answers for rays.
+CameraModel ray_camera() {
+  CameraModel camera;
+  camera.fx = camera.fy = 1;
+  return camera;
+}
+
+using Slope = Eigen::Vector2d;  // rise of the ground to the east and to the north
+
+// The ground at `height_m` above the camera's foot point, rising from there.
+PlanePoint hit_of(const CameraPose& pose, const Eigen::Vector3d& ray, const Slope& slope = Slope::Zero(),
+                  double height_m = 0) {
+  const PlanePoint flat = test::seen_by_pixel(ray_camera(), pose, ray.x(), ray.y());
+  const Eigen::Vector2d run((flat.east_m - pose.position.east_m) / pose.agl_m,
+                            (flat.north_m - pose.position.north_m) / pose.agl_m);
+  const Eigen::Vector2d out = (pose.agl_m - height_m) / (1 + slope.dot(run)) * run;
+  return {pose.position.east_m + out.x(), pose.position.north_m + out.y()};
+}
+
+// Rays over a picture of 64 x 48 degrees, and what they hit.
+std::vector<GroundSight> sights_from(const CameraPose& pose, double sigma_m, int columns = 9, int rows = 6,
+                                     const Slope& slope = Slope::Zero()) {
+  std::vector<GroundSight> sights;
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      const Eigen::Vector3d ray(0.625 * (2.0 * i / (columns - 1) - 1), 0.445 * (2.0 * j / (rows - 1) - 1), 1);
+      sights.push_back({ray, hit_of(pose, ray, slope), Eigen::Matrix2d::Identity() / (sigma_m * sigma_m)});
+    }
+  }
+  return sights;
+}
+
+const CameraPose kTruth{{120, -340}, 110, {radians(160), radians(6), radians(-9)}};
+
+double off_m(const CameraPose& a, const CameraPose& b) {
+  return std::hypot(a.position.east_m - b.position.east_m, a.position.north_m - b.position.north_m);
+}
+
+constexpr double kLevel = 1e-5;  // slope: known to be none
+
+PosePrior tight_prior() {
+  PosePrior prior;
+  prior.pose = kTruth;
+  prior.pose.position = {90, -360};
+  prior.pose.agl_m = 104;
+  prior.pose.attitude.heading_rad += radians(4);
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 1e-8;
+  prior.slope_sigma = kLevel;
+  return prior;
+}
+
+TEST(CameraPoseSolver, ExactSightsGiveThePose) {
+  const auto solved = solve_camera_pose(sights_from(kTruth, 0.3), tight_prior(), {2.0, 0.1});
+  ASSERT_TRUE(solved);
+  EXPECT_LT(off_m(solved->pose, kTruth), 0.01);
+  EXPECT_NEAR(solved->pose.agl_m, kTruth.agl_m, 0.02);
+  EXPECT_NEAR(solved->pose.attitude.heading_rad, kTruth.attitude.heading_rad, 1e-4);
+  EXPECT_EQ(solved->inliers, 54);
+  EXPECT_LT(solved->rms_m, 0.02);
+}
+
+// With an idle prior the perspective alone tells tilt and position apart.
+TEST(CameraPoseSolver, ExactSightsOvercomeAWrongTilt) {
+  PosePrior prior = tight_prior();
+  prior.pose.attitude.pitch_rad += radians(3);
+  prior.pose.attitude.roll_rad -= radians(2);
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 1.0;
+  prior.log_agl_sigma = 1;
+  prior.heading_sigma_rad = 1;
+  const auto solved = solve_camera_pose(sights_from(kTruth, 0.05), prior, {2.0, 0.01});
+  ASSERT_TRUE(solved);
+  EXPECT_LT(off_m(solved->pose, kTruth), 0.05);
+  EXPECT_NEAR(solved->pose.attitude.pitch_rad, kTruth.attitude.pitch_rad, radians(0.02));
+}
+
+TEST(CameraPoseSolver, IgnoresFortyPercentOutliers) {
+  Random random(4);
+  for (int trial = 0; trial < 20; ++trial) {
+    auto sights = sights_from(kTruth, 0.3);
+    std::vector<bool> good(sights.size(), true);
+    for (std::size_t i = 0; i < sights.size(); ++i) {
+      if (i % 5 < 2) {
+        good[i] = false;
+        const double far_m = random.uniform(9, 25), direction = random.uniform(0, 2 * kPi);
+        sights[i].ground.east_m += far_m * std::cos(direction);
+        sights[i].ground.north_m += far_m * std::sin(direction);
+      }
+    }
+    PosePrior prior = tight_prior();
+    prior.pose.position = {kTruth.position.east_m + 4, kTruth.position.north_m - 3};
+    prior.pose.agl_m = 109;
+    prior.pose.attitude.heading_rad = kTruth.attitude.heading_rad + radians(1);
+    const auto solved = solve_camera_pose(sights, prior, {2.0, 0.3});
+    ASSERT_TRUE(solved) << trial;
+    EXPECT_LT(off_m(solved->pose, kTruth), 0.15) << trial;
+    EXPECT_EQ(solved->inlier, good) << trial;
+  }
+}
+
+// Normalised error squared over draws of prior and noise: a sum of chi-square with 6 degrees of freedom each.
+TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
+  Random random(5);
+  constexpr int kTrials = 300;
+  const double sight_sigma = 0.8, floor_sigma = 0.6, agl_sigma = 0.03, heading_sigma = 0.05, slope_sigma = 0.02;
+  Eigen::Matrix2d tilt_covariance;
+  tilt_covariance << 4e-4, 1e-4, 1e-4, 6e-4;
+  const Eigen::Matrix2d tilt_root = tilt_covariance.llt().matrixL();
+  double all = 0, position = 0, tilt = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    PosePrior prior;
+    prior.pose = {{5, 5}, 100, {radians(-70), radians(3), radians(2)}};
+    prior.heading_sigma_rad = heading_sigma;
+    prior.log_agl_sigma = agl_sigma;
+    prior.tilt_covariance_rad2 = tilt_covariance;
+    const Eigen::Vector2d tilt_off = tilt_root * Eigen::Vector2d(random.normal(), random.normal());
+    CameraPose truth = prior.pose;
+    truth.position = {random.normal(0, 3), random.normal(0, 3)};
+    truth.agl_m *= std::exp(random.normal(0, agl_sigma));
+    truth.attitude.heading_rad += random.normal(0, heading_sigma);
+    truth.attitude.pitch_rad += tilt_off.x();
+    truth.attitude.roll_rad += tilt_off.y();
+    prior.slope_sigma = slope_sigma;
+    const Slope slope(random.normal(0, slope_sigma), random.normal(0, slope_sigma));
+    auto sights = sights_from(truth, sight_sigma, 5, 4, slope);
+    for (GroundSight& sight : sights) {
+      const double sigma = std::hypot(sight_sigma, floor_sigma);
+      sight.ground.east_m += random.normal(0, sigma);
+      sight.ground.north_m += random.normal(0, sigma);
+    }
+    const auto solved = solve_camera_pose(sights, prior, {60.0, floor_sigma});
+    ASSERT_TRUE(solved);
+    Vector6 error;
+    error << solved->pose.position.east_m - truth.position.east_m,
+        solved->pose.position.north_m - truth.position.north_m, std::log(solved->pose.agl_m / truth.agl_m),
+        solved->pose.attitude.heading_rad - truth.attitude.heading_rad,
+        solved->pose.attitude.pitch_rad - truth.attitude.pitch_rad,
+        solved->pose.attitude.roll_rad - truth.attitude.roll_rad;
+    all += error.dot(solved->covariance.inverse() * error) / kTrials;
+    const Eigen::Vector2d at = error.head<2>();
+    position += at.dot(solved->covariance.topLeftCorner<2, 2>().inverse() * at) / kTrials;
+    // What the sights alone say of the tilt must be honest as well.
+    const Eigen::Vector2d sighted =
+        solved->sighted_tilt_rad - Eigen::Vector2d(truth.attitude.pitch_rad, truth.attitude.roll_rad);
+    tilt += sighted.dot(solved->tilt_information_rad2 * sighted) / kTrials;
+  }
+  // Standard deviation of the mean of n chi-square of k degrees: sqrt(2k / n); bounds at 3.3 of it.
+  EXPECT_NEAR(all, 6, 3.3 * std::sqrt(12.0 / kTrials));
+  EXPECT_NEAR(position, 2, 3.3 * std::sqrt(4.0 / kTrials));
+  EXPECT_NEAR(tilt, 2, 3.3 * std::sqrt(4.0 / kTrials));
+}
+
+// Half the sum of squares of the sights and of the priors, but for the one on tilt.
+double cost(const std::vector<GroundSight>& sights, const PosePrior& prior, double floor_m, CameraPose pose,
+            const Vector8& step) {
+  pose.position.east_m += step[0];
+  pose.position.north_m += step[1];
+  pose.agl_m *= std::exp(step[2]);
+  pose.attitude.heading_rad += step[3];
+  pose.attitude.pitch_rad += step[4];
+  pose.attitude.roll_rad += step[5];
+  const Slope slope = step.tail<2>();
+  double sum = 0.5 * slope.squaredNorm() / (prior.slope_sigma * prior.slope_sigma);
+  for (const GroundSight& sight : sights) {
+    const PlanePoint at = hit_of(pose, sight.ray, slope);
+    const Eigen::Vector2d off(sight.ground.east_m - at.east_m, sight.ground.north_m - at.north_m);
+    const Eigen::Matrix2d covariance = sight.information_m2.inverse() + floor_m * floor_m * Eigen::Matrix2d::Identity();
+    sum += 0.5 * off.dot(covariance.inverse() * off);
+  }
+  const double height = std::log(pose.agl_m / prior.pose.agl_m) / prior.log_agl_sigma;
+  const double heading = (pose.attitude.heading_rad - prior.pose.attitude.heading_rad) / prior.heading_sigma_rad;
+  return sum + 0.5 * height * height + 0.5 * heading * heading;
+}
+
+TEST(CameraPoseSolver, TiltInformationIsTheSchurComplement) {
+  auto sights = sights_from(kTruth, 0.7, 6, 4);
+  for (std::size_t i = 0; i < sights.size(); i += 2) {  // uneven: ridges, and more on one side
+    sights[i].information_m2 << 3.0, 0.8, 0.8, 0.4;
+  }
+  PosePrior prior;
+  prior.pose = kTruth;
+  prior.log_agl_sigma = 0.04;
+  prior.heading_sigma_rad = 0.06;
+  prior.tilt_covariance_rad2 << 3e-4, -1e-4, -1e-4, 5e-4;
+  const double floor_m = 0.4;
+  const auto solved = solve_camera_pose(sights, prior, {5.0, floor_m});
+  ASSERT_TRUE(solved);
+  Vector8 scale;
+  scale << 1e-2, 1e-2, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4;
+  Matrix8 hessian;
+  for (int i = 0; i < 8; ++i) {
+    for (int j = 0; j < 8; ++j) {
+      const Vector8 a = scale[i] * Vector8::Unit(i), b = scale[j] * Vector8::Unit(j);
+      const auto at = [&](const Vector8& step) { return cost(sights, prior, floor_m, solved->pose, step); };
+      hessian(i, j) = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / (4 * scale[i] * scale[j]);
+    }
+  }
+  const int others[] = {0, 1, 2, 3, 6, 7};  // eliminated one after the other
+  Matrix8 left = hessian;
+  for (const int k : others) {
+    const Vector8 column = left.col(k);
+    left -= column * column.transpose() / column[k];
+  }
+  const Eigen::Matrix2d expected = left.block<2, 2>(4, 4);
+  EXPECT_LT((solved->tilt_information_rad2 - expected).norm(), 1e-3 * expected.norm())
+      << solved->tilt_information_rad2 << "\n\n"
+      << expected;
+  hessian.block<2, 2>(4, 4) += prior.tilt_covariance_rad2.inverse();
+  const Eigen::Matrix<double, 6, 6> covariance = hessian.inverse().topLeftCorner<6, 6>();
+  EXPECT_LT((solved->covariance - covariance).norm(), 1e-3 * covariance.norm());
+}
+
+TEST(CameraPoseSolver, TheSightedTiltForgetsThePrior) {
+  const auto sights = sights_from(kTruth, 0.2);
+  for (const double wrong : {-0.03, 0.0, 0.03}) {
+    PosePrior prior;
+    prior.pose = kTruth;
+    prior.pose.attitude.pitch_rad += wrong;
+    prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 4e-4;
+    prior.slope_sigma = kLevel;
+    const auto solved = solve_camera_pose(sights, prior, {20.0, 0.5});
+    ASSERT_TRUE(solved);
+    EXPECT_NEAR(solved->sighted_tilt_rad.x(), kTruth.attitude.pitch_rad, 0.001) << wrong;
+    EXPECT_NEAR(solved->sighted_tilt_rad.y(), kTruth.attitude.roll_rad, 0.001) << wrong;
+  }
+}
+
+// Roofs and hills: a sight knows how high its ground lies.
+TEST(CameraPoseSolver, UsesTheHeightsOfTheGround) {
+  auto sights = sights_from(kTruth, 0.3);
+  for (std::size_t i = 0; i < sights.size(); ++i) {
+    sights[i].height_m = i % 3 == 0 ? 12 : -4;
+    sights[i].ground = hit_of(kTruth, sights[i].ray, Slope::Zero(), sights[i].height_m);
+  }
+  const auto solved = solve_camera_pose(sights, tight_prior(), {2.0, 0.1});
+  ASSERT_TRUE(solved);
+  EXPECT_LT(off_m(solved->pose, kTruth), 0.01);
+}
+
+// An unknown slope looks like a tilt: with a lax prior on it the sights say less about tilt, but the fit stays exact.
+TEST(CameraPoseSolver, AnUnknownSlopeTakesInformationFromTheTilt) {
+  PosePrior prior = tight_prior();
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 4e-4;
+  const auto level = solve_camera_pose(sights_from(kTruth, 0.3), prior, {2.0, 0.1});
+  prior.slope_sigma = 0.05;
+  const auto sloping = solve_camera_pose(sights_from(kTruth, 0.3, 9, 6, {0.03, -0.02}), prior, {2.0, 0.1});
+  ASSERT_TRUE(level && sloping);
+  EXPECT_LT(sloping->tilt_information_rad2.trace(), 0.5 * level->tilt_information_rad2.trace());
+  EXPECT_LT(sloping->rms_m, 0.05);
+}
+
+TEST(CameraPoseSolver, RefusesWhatCannotBeSolved) {
+  auto sights = sights_from(kTruth, 0.3);
+  EXPECT_FALSE(solve_camera_pose({}, tight_prior(), {}));
+  EXPECT_FALSE(solve_camera_pose({sights[0], sights[1], sights[2]}, tight_prior(), {}));
+  sights[5].ray = {1, 0, 0};  // sees no ground
+  EXPECT_FALSE(solve_camera_pose(sights, tight_prior(), {}));
+}
+
+}  // namespace
+}  // namespace nadir
