@@ -1,0 +1,48 @@
+#include "estimation/anchor_gates.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+namespace nadir {
+
+double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior) {
+  const Attitude& found = solved.pose.attitude;
+  const Attitude& believed = prior.search.pose.attitude;
+  const Eigen::Vector2d tilt(found.pitch_rad - believed.pitch_rad, found.roll_rad - believed.roll_rad);
+  const double tilt_sigmas = std::sqrt(tilt.dot(prior.tilt_covariance_rad2.inverse() * tilt) / 2);
+  const double height_sigmas = std::abs(std::log(solved.pose.agl_m / prior.search.pose.agl_m)) / prior.log_agl_sigma;
+  return std::max(tilt_sigmas, height_sigmas);
+}
+
+namespace {
+
+double needed_inlier_share(double ratio, const GateLimits& limits) {
+  if (ratio <= limits.clear_ratio) return limits.clear_inlier_share;
+  if (ratio <= limits.alone_ratio) return limits.alone_inlier_share;
+  return limits.vote_inlier_share;
+}
+
+}  // namespace
+
+AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
+                           const GateLimits& limits) {
+  if (!match.on_map) return AnchorVerdict::no_map;
+  if (match.search.places.empty() || match.search.ratio > limits.vote_ratio) return AnchorVerdict::ambiguous;
+  if (match.search.places.front().score < limits.min_score) return AnchorVerdict::ambiguous;
+  if (!match.solved) return AnchorVerdict::few_inliers;
+  const SolvedPose& solved = *match.solved;
+  const double share = static_cast<double>(solved.inliers) / std::max(1, match.patches);
+  if (solved.inliers < limits.min_inliers || share < needed_inlier_share(match.search.ratio, limits)) {
+    return AnchorVerdict::few_inliers;
+  }
+  if (match.frame_share < limits.min_frame_share) return AnchorVerdict::bad_geometry;
+  if (solved.rms_m > limits.max_residual_px * match.fine_gsd_m) return AnchorVerdict::bad_geometry;
+  if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
+  const bool judged_by_prediction = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
+  if (judged_by_prediction && prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
+  if (match.search.ratio <= limits.alone_ratio || judged_by_prediction) return AnchorVerdict::accepted;
+  return AnchorVerdict::awaiting_votes;
+}
+
+}  // namespace nadir

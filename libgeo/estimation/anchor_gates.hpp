@@ -1,0 +1,43 @@
+// Whether an anchor is believed. Rejected means rejected: a refused match never touches the filter.
+//
+// All thresholds stand here and nowhere else. They come from the knock-out test (tests/bench, docs/localization.md):
+// search windows that do not hold the place, where every acceptance is false by definition.
+#pragma once
+
+#include "estimation/estimate.hpp"
+#include "vision/anchor_matcher.hpp"
+
+namespace nadir {
+
+struct GateLimits {
+  // What a frame shows must stand on two legs: no other place fits as well, and the patches agree on one pose. The
+  // weaker the one, the more is asked of the other. Wrong places reach ratio 0.63, score 0.20, 15 % agreeing patches,
+  // but never two of them at once.
+  double clear_ratio = 0.55;         // below: hardly any other place is thinkable
+  double clear_inlier_share = 0.10;  // of the patches tried
+  double alone_ratio = 0.80;         // below: the frame may anchor on its own …
+  double alone_inlier_share = 0.20;  // … when so many agree
+  double vote_ratio = 0.90;          // below: only where a healthy prediction says the same
+  double vote_inlier_share = 0.30;
+  int min_inliers = 8;
+  double min_score = 0.16;        // of all channels at the place
+  double min_frame_share = 0.25;  // of the frame that the agreeing patches span
+  double max_residual_px = 2.5;   // RMS, pixels of the matching GSD
+  double max_tilt_sigmas = 4;     // solved tilt and height against what was believed
+  double chi2_999 = 13.816;       // two degrees of freedom
+  double healthy_sigma_m = 60;    // a prediction worse than this is no evidence against an anchor
+};
+
+struct Prediction {
+  double chi2 = 0;  // of the matched position
+  double sigma_m = 0;
+  bool healthy = false;  // carried without a break from accepted anchors
+};
+
+// How far the solved attitude and height lie from the belief, in sigmas of the belief (the worst of them).
+double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior);
+
+AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
+                           const GateLimits& limits = {});
+
+}  // namespace nadir

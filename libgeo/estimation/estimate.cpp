@@ -1,0 +1,30 @@
+#include "estimation/estimate.hpp"
+
+namespace nadir {
+
+std::string_view name_of(SourceLabel label) {
+  switch (label) {
+    case SourceLabel::satellite_anchored: return "satellite_anchored";
+    case SourceLabel::vo_extrapolated: return "vo_extrapolated";
+    case SourceLabel::dead_reckoned: return "dead_reckoned";
+    case SourceLabel::no_fix: return "no_fix";
+  }
+  return "no_fix";
+}
+
+std::string_view name_of(AnchorVerdict verdict) {
+  switch (verdict) {
+    case AnchorVerdict::not_tried: return "not_tried";
+    case AnchorVerdict::accepted: return "accepted";
+    case AnchorVerdict::frame_unfit: return "frame_unfit";
+    case AnchorVerdict::no_map: return "no_map";
+    case AnchorVerdict::ambiguous: return "ambiguous";
+    case AnchorVerdict::few_inliers: return "few_inliers";
+    case AnchorVerdict::bad_geometry: return "bad_geometry";
+    case AnchorVerdict::off_prediction: return "off_prediction";
+    case AnchorVerdict::awaiting_votes: return "awaiting_votes";
+  }
+  return "not_tried";
+}
+
+}  // namespace nadir

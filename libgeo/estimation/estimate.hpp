@@ -1,0 +1,83 @@
+// What the localizer says about one frame: position, how sure it is, and why.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <opencv2/core/mat.hpp>
+
+#include "geodesy/lon_lat.hpp"
+#include "geodesy/region.hpp"
+
+namespace nadir {
+
+enum class SourceLabel {
+  satellite_anchored,  // this frame itself was matched with fresh, trusted map
+  vo_extrapolated,     // carried from the last anchor by visual odometry
+  dead_reckoned,       // carried by velocity or IMU alone
+  no_fix,              // not known well enough to be said
+};
+
+std::string_view name_of(SourceLabel label);
+
+// Why an anchor was accepted or not: the first gate that refused.
+enum class AnchorVerdict {
+  not_tried,  // not triggered for this frame
+  accepted,
+  frame_unfit,     // black, blown out, blurred, undecodable
+  no_map,          // the window lies off the map
+  ambiguous,       // another place fits nearly as well (ratio)
+  few_inliers,     // the patches do not agree on one pose
+  bad_geometry,    // residual, tilt, height or coverage of the frame beyond what is credible
+  off_prediction,  // contradicts a healthy filter (chi-square)
+  awaiting_votes,  // plausible, but must be confirmed by others
+};
+
+std::string_view name_of(AnchorVerdict verdict);
+
+struct AnchorReport {
+  AnchorVerdict verdict = AnchorVerdict::not_tried;
+  double score = -1;       // correlation of all channels at the best place, at most 1
+  double ratio = 1;        // best elsewhere / best peak, smaller is better
+  int inliers = 0;         // patches that agree with the pose
+  int patches = 0;         // patches tried
+  double residual_px = 0;  // RMS of the inliers, in pixels of the matching GSD
+  double matching_gsd_m = 0;
+  double chi2 = 0;                   // squared Mahalanobis distance to the prediction, 2 degrees of freedom
+  std::optional<PlanePoint> camera;  // matched camera position in the map's plane (also of refused ones)
+  double heading_rad = 0;            // matched heading of image-up
+  double window_radius_m = 0;        // half the side of the searched window
+  cv::Mat rectified;                 // BGR or grey: the frame as it was matched, north-up (for reports; may be empty)
+  cv::Mat matched_map;               // the same piece of the map
+};
+
+struct OdometryReport {
+  bool tracked = false;
+  int inliers = 0;
+  double step_m = 0;
+};
+
+struct Estimate {
+  std::string frame;
+  double time_s = 0;
+  std::optional<LonLat> position;  // nothing with no_fix
+  double sigma_m = 0;              // one axis of the equivalent circular error, map error included
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // east, north
+  SourceLabel source = SourceLabel::no_fix;
+  int segment = 0;  // grows each time tracking is lost
+  std::optional<double> anchor_age_s;
+  int anchor_inliers = 0;   // of the last accepted anchor
+  double anchor_ratio = 1;  // of the last accepted anchor
+  double latency_ms = 0;
+};
+
+struct FrameReport {
+  Estimate estimate;
+  AnchorReport anchor;
+  OdometryReport odometry;
+};
+
+}  // namespace nadir

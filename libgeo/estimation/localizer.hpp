@@ -1,0 +1,55 @@
+// The localizer: frames and telemetry in, estimates out. The same object flies in nadird, replays flights and stands
+// behind the API; it reads no clock and no files but the map's tiles.
+//
+// The path of one frame is Localizer::process(), which reads like the walk in docs/concepts.md.
+#pragma once
+
+#include <memory>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <vector>
+
+#include "estimation/anchor_gates.hpp"
+#include "estimation/estimate.hpp"
+#include "estimation/telemetry.hpp"
+#include "geodesy/local_frame.hpp"
+#include "imagery/tile_source.hpp"
+#include "vision/camera_model.hpp"
+#include "vision/ground_surface.hpp"
+
+namespace nadir {
+
+struct LocalizerConfig {
+  GateLimits gates;
+  double start_sigma_m = 50;        // of the start position, one axis
+  double min_search_radius_m = 60;  // half side of the searched square
+  double max_search_radius_m = 1200;
+  double no_fix_sigma_m = 500;             // beyond this no position is told
+  double map_sigma_m = 2.8;                // one axis of the map's own error, see map_sigma_from_ce90()
+  double assumed_agl_m = 120;              // only when telemetry never tells the height
+  const GroundSurface* surface = nullptr;  // terrain; null: flat ground. Must outlive the localizer.
+};
+
+// One axis' sigma of a circular error given as CE90.
+double map_sigma_from_ce90(double ce90_m);
+
+class Localizer {
+ public:
+  // frame: the plane in which everything is estimated; with a map the one of its mission. tiles: the map, or null for
+  // odometry alone; it must outlive the localizer. start: where the flight begins, if known.
+  Localizer(const CameraFile& camera, const LocalFrame& frame, const TileSource* tiles, std::optional<LonLat> start,
+            const LocalizerConfig& config = {});
+  ~Localizer();
+
+  // image: CV_8UC1 or CV_8UC3 of the camera's size; empty when the frame could not be decoded.
+  FrameReport process(const cv::Mat& image, const Telemetry& telemetry);
+
+  // All frames so far after smoothing with all anchors: same order, same fields.
+  std::vector<Estimate> refined() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace nadir

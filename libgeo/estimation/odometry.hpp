@@ -1,0 +1,51 @@
+// Frame-to-frame motion over flat ground.
+//
+// Backend-neutral: a front end receives a frame with what is believed of its attitude and height and returns how the
+// camera moved since the last one, in metres and in the world's directions as the telemetry's heading has them, or that
+// it cannot tell. A visual-inertial estimator can stand behind the same interface.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+
+#include "vision/rectify.hpp"
+
+namespace nadir {
+
+struct OdometryFrame {
+  cv::Mat grey;                     // CV_8UC1, full frame
+  CameraModel camera;               // of `grey`
+  Attitude attitude;                // as believed, boresight included
+  double agl_m = 0;                 // as believed
+  double heading_sigma_rad = 0.05;  // of this frame's heading against the last frame's
+  double tilt_sigma_rad = 0.03;     // that changes from frame to frame
+  Eigen::Matrix2d boresight_covariance_rad2 = Eigen::Matrix2d::Zero();  // of the tilt that all frames share
+  double relief_sigma_m = 1.5;                                          // of the ground's height beyond a plane
+  double relative_height_sigma = 0.02;  // of this frame's height against the last frame's
+};
+
+struct OdometryStep {
+  Eigen::Vector2d moved_m = Eigen::Vector2d::Zero();  // east, north, of the camera
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Identity();
+  double turn_rad = 0;  // change of image-up's heading, clockwise
+  double turn_sigma_rad = 0;
+  int inliers = 0;
+  double overlap = 0;  // share of the frame that both saw
+};
+
+class OdometryFrontEnd {
+ public:
+  virtual ~OdometryFrontEnd() = default;
+  // The motion since the last frame given; nothing for the first frame, without overlap or when unhealthy.
+  virtual std::optional<OdometryStep> track(const OdometryFrame& frame) = 0;
+  // Forgets the last frame.
+  virtual void reset() = 0;
+};
+
+// SIFT features, a robust homography to choose the matches, then both cameras' attitudes and the motion in metres from
+// the rays of the matches over a plane.
+std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
+
+}  // namespace nadir

@@ -1,0 +1,21 @@
+// What the autopilot knows at the moment of a picture. Everything but the time may be unknown.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "geodesy/lon_lat.hpp"
+
+namespace nadir {
+
+struct Telemetry {
+  std::string frame;  // file name of the picture
+  double time_s = 0;
+  std::optional<double> agl_m;        // height above ground
+  std::optional<double> heading_rad;  // of image-up, clockwise from true north
+  std::optional<double> pitch_rad;    // see vision/camera_model.hpp for the signs
+  std::optional<double> roll_rad;
+  std::optional<LonLat> place;  // if some other source knows it; never used by the localizer as truth
+};
+
+}  // namespace nadir

@@ -1,0 +1,137 @@
+#include "estimation/two_view_motion.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+namespace nadir {
+namespace {
+
+constexpr double kIndependentSights = 20;
+
+// Unknowns: east, north of the motion (m); log of the height ratio; change of heading; pitch and roll of the picture
+// before and of the one now (rad), the last six as corrections of the prior.
+using Unknowns = Eigen::Matrix<double, 8, 1>;
+using Information = Eigen::Matrix<double, 8, 8>;
+using Jacobian = Eigen::Matrix<double, 2, 8>;
+
+struct Poses {
+  CameraPose before, now;
+};
+
+Poses poses_at(const TwoViewPrior& prior, const Unknowns& u) {
+  Poses poses{prior.before, prior.now};
+  poses.before.position = {};
+  poses.before.attitude.pitch_rad += u[4];
+  poses.before.attitude.roll_rad += u[5];
+  poses.now.position = {u[0], u[1]};
+  poses.now.agl_m *= std::exp(u[2]);
+  poses.now.attitude.heading_rad += u[3];
+  poses.now.attitude.pitch_rad += u[6];
+  poses.now.attitude.roll_rad += u[7];
+  return poses;
+}
+
+// Difference of the two ground points that should be one.
+std::optional<Eigen::Vector2d> gap(const Poses& poses, const SharedSight& sight) {
+  const auto a = ground_from_ray(poses.before, sight.ray_before), b = ground_from_ray(poses.now, sight.ray_now);
+  if (!a || !b) return std::nullopt;
+  return Eigen::Vector2d(b->east_m - a->east_m, b->north_m - a->north_m);
+}
+
+std::optional<Jacobian> jacobian_of(const TwoViewPrior& prior, const Unknowns& u, const SharedSight& sight) {
+  Jacobian jacobian = Jacobian::Zero();
+  jacobian(0, 0) = jacobian(1, 1) = 1;
+  constexpr double step = 1e-5;
+  for (int k = 2; k < 8; ++k) {
+    Unknowns ahead = u, behind = u;
+    ahead[k] += step;
+    behind[k] -= step;
+    const auto a = gap(poses_at(prior, ahead), sight), b = gap(poses_at(prior, behind), sight);
+    if (!a || !b) return std::nullopt;
+    jacobian.col(k) = (*a - *b) / (2 * step);
+  }
+  return jacobian;
+}
+
+Eigen::Vector2d median_gap(const TwoViewPrior& prior, const std::vector<SharedSight>& sights) {
+  std::vector<double> east, north;
+  const Poses poses = poses_at(prior, Unknowns::Zero());
+  for (const SharedSight& sight : sights) {
+    if (const auto g = gap(poses, sight)) {
+      east.push_back(g->x());
+      north.push_back(g->y());
+    }
+  }
+  if (east.empty()) return Eigen::Vector2d::Zero();
+  const auto middle = [](std::vector<double>& v) {
+    std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
+    return v[v.size() / 2];
+  };
+  return {middle(east), middle(north)};
+}
+
+Information prior_information(const TwoViewPrior& prior) {
+  Information information = Information::Zero();
+  information(2, 2) = 1 / (prior.log_height_sigma * prior.log_height_sigma);
+  information(3, 3) = 1 / (prior.heading_sigma_rad * prior.heading_sigma_rad);
+  information.bottomRightCorner<4, 4>() = prior.tilt_covariance_rad2.inverse();
+  return information;
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight>& sights, const TwoViewPrior& prior) {
+  if (sights.size() < 6) return std::nullopt;
+  const double least_sigma_m = 0.0015 * prior.now.agl_m;  // about a pixel of the working size
+  const Information from_prior = prior_information(prior);
+  Unknowns u = Unknowns::Zero();
+  u.head<2>() = -median_gap(prior, sights);
+  TwoViewMotion motion;
+  Information information = Information::Zero();
+  double sigma_m = 30 * least_sigma_m;  // graduated: begin nearly convex, end at what the residuals show
+  // Neighbouring features err alike (relief, rolling shutter): all together they count as kIndependentSights at most.
+  const double crowd = std::max(1.0, static_cast<double>(sights.size()) / kIndependentSights);
+  for (int iteration = 0; iteration < 30; ++iteration) {
+    information = from_prior;
+    Unknowns gradient = -(from_prior * u);
+    motion.inliers = 0;
+    const double scale_m = 3 * sigma_m;
+    std::vector<double> residuals_m;
+    for (const SharedSight& sight : sights) {
+      const auto residual = gap(poses_at(prior, u), sight);
+      const auto jacobian = jacobian_of(prior, u, sight);
+      if (!residual || !jacobian) return std::nullopt;
+      const double squared = residual->squaredNorm();
+      residuals_m.push_back(std::sqrt(squared));
+      const double shrink = scale_m * scale_m / (scale_m * scale_m + squared);
+      const double weight = shrink * shrink / (sigma_m * sigma_m * crowd);
+      information += weight * jacobian->transpose() * *jacobian;
+      gradient -= weight * jacobian->transpose() * *residual;
+      if (squared < scale_m * scale_m) ++motion.inliers;
+    }
+    const Unknowns step = information.ldlt().solve(gradient);
+    if (!step.allFinite() || step.tail<6>().cwiseAbs().maxCoeff() > 1) return std::nullopt;
+    u += step;
+    const double parallax_m = prior.relief_sigma_m * u.head<2>().norm() / prior.now.agl_m;
+    const double seen_sigma_m = std::max({least_sigma_m, parallax_m, median(residuals_m) / 1.177});
+    const bool settled = step.head<2>().norm() < 1e-4 && step.tail<6>().norm() < 1e-6;
+    if (settled && sigma_m <= 1.01 * seen_sigma_m) break;
+    sigma_m = std::max(seen_sigma_m, 0.6 * sigma_m);
+  }
+  const Information covariance = information.inverse();
+  motion.moved_m = u.head<2>();
+  motion.covariance_m2 = covariance.topLeftCorner<2, 2>();
+  motion.turn_rad = prior.now.attitude.heading_rad + u[3] - prior.before.attitude.heading_rad;
+  motion.turn_sigma_rad = std::sqrt(covariance(3, 3));
+  return motion;
+}
+
+}  // namespace nadir

@@ -1,0 +1,40 @@
+// How a camera moved between two pictures of the same flat ground, from the rays to points that both saw.
+//
+// Both tilts, the change of heading and of height are unknowns with priors: at the edge of a picture one degree of tilt
+// moves the ground as much as metres of flight, and telemetry is rarely better than that.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "vision/rectify.hpp"
+
+namespace nadir {
+
+struct SharedSight {
+  Eigen::Vector3d ray_before;  // camera frames, z = 1
+  Eigen::Vector3d ray_now;
+};
+
+struct TwoViewPrior {
+  CameraPose before;  // positions are ignored
+  CameraPose now;
+  double heading_sigma_rad = 0.1;  // of the change of heading
+  // Of (pitch, roll) before and (pitch, roll) now. A tilt that both share (boresight) makes them correlate.
+  Eigen::Matrix4d tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-3;
+  double log_height_sigma = 0.03;  // of the change of height
+  double relief_sigma_m = 1.5;     // of the ground's height beyond the plane: it moves points by parallax
+};
+
+struct TwoViewMotion {
+  Eigen::Vector2d moved_m = Eigen::Vector2d::Zero();  // east, north
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
+  double turn_rad = 0;
+  double turn_sigma_rad = 0;
+  int inliers = 0;
+};
+
+std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight>& sights, const TwoViewPrior& prior);
+
+}  // namespace nadir

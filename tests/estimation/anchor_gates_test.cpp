@@ -1,0 +1,189 @@
+#include "estimation/anchor_gates.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+// An anchor that passes every gate with room to spare; each test takes one thing away.
+struct Attempt {
+  AnchorMatch match;
+  AnchorPrior prior;
+  Prediction prediction{1, 20, true};
+  GateLimits limits;
+
+  Attempt() {
+    match.search.places.resize(3);
+    match.search.places.front().score = 0.4;
+    match.search.ratio = 0.5;
+    match.solved.emplace();
+    match.solved->pose = prior.search.pose;
+    match.solved->inliers = 50;
+    match.solved->rms_m = 0.5;
+    match.patches = 90;
+    match.frame_share = 0.8;
+    match.fine_gsd_m = 0.5;
+    prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 4e-4;
+    prior.log_agl_sigma = 0.05;
+  }
+  AnchorVerdict verdict() const { return judge_anchor(match, prior, prediction, limits); }
+};
+
+TEST(AnchorGates, AcceptsWhatPassesAll) { EXPECT_EQ(Attempt().verdict(), AnchorVerdict::accepted); }
+
+TEST(AnchorGates, NoMap) {
+  Attempt attempt;
+  attempt.match.on_map = false;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::no_map);
+}
+
+TEST(AnchorGates, AmbiguousBeyondTheVoteRatio) {
+  Attempt attempt;
+  attempt.match.search.ratio = attempt.limits.vote_ratio;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a healthy prediction is the second voice";
+  attempt.match.search.ratio = attempt.limits.vote_ratio + 1e-6;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous);
+}
+
+TEST(AnchorGates, NothingFoundIsAmbiguous) {
+  Attempt attempt;
+  attempt.match.search.places.clear();
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous);
+}
+
+TEST(AnchorGates, FewInliers) {
+  Attempt attempt;
+  attempt.match.patches = 20;
+  attempt.match.solved->inliers = attempt.limits.min_inliers;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.match.solved->inliers = attempt.limits.min_inliers - 1;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers);
+}
+
+TEST(AnchorGates, FewInliersOfMany) {
+  Attempt attempt;
+  // The less clear the place, the more patches must agree.
+  const GateLimits& limits = attempt.limits;
+  for (const auto& [ratio, share] : {std::pair{limits.clear_ratio, limits.clear_inlier_share},
+                                     {limits.alone_ratio, limits.alone_inlier_share},
+                                     {limits.vote_ratio, limits.vote_inlier_share}}) {
+    attempt.match.search.ratio = ratio;
+    attempt.match.patches = 100;
+    attempt.match.solved->inliers = static_cast<int>(std::lround(100 * share));
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << ratio;
+    attempt.match.patches = 104;
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << ratio;
+  }
+}
+
+TEST(AnchorGates, FaintLikeness) {
+  Attempt attempt;
+  attempt.match.search.places.front().score = attempt.limits.min_score;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.match.search.places.front().score -= 1e-6;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous) << "nothing here looks like the frame";
+}
+
+TEST(AnchorGates, NotSolvedIsFewInliers) {
+  Attempt attempt;
+  attempt.match.solved.reset();
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers);
+}
+
+TEST(AnchorGates, PatchesInOneCorner) {
+  Attempt attempt;
+  attempt.match.frame_share = attempt.limits.min_frame_share;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.match.frame_share -= 1e-6;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::bad_geometry);
+}
+
+TEST(AnchorGates, LargeResidual) {
+  Attempt attempt;
+  attempt.match.solved->rms_m = attempt.limits.max_residual_px * attempt.match.fine_gsd_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.match.solved->rms_m += 1e-6;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::bad_geometry);
+}
+
+TEST(AnchorGates, IncredibleTilt) {
+  // Two axes: their root mean square counts, so that one axis alone may be off by √2 times the limit.
+  const double bound = std::sqrt(2.0) * GateLimits().max_tilt_sigmas * 0.02;
+  for (const double sign : {-1.0, 1.0}) {
+    Attempt attempt;
+    attempt.match.solved->pose.attitude.roll_rad += sign * 0.999 * bound;
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+    attempt.match.solved->pose.attitude.roll_rad += sign * 0.002 * bound;
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::bad_geometry);
+  }
+}
+
+TEST(AnchorGates, IncredibleHeight) {
+  for (const double sign : {-1.0, 1.0}) {
+    Attempt attempt;
+    attempt.match.solved->pose.agl_m *= std::exp(sign * 3.99 * 0.05);
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+    attempt.match.solved->pose.agl_m *= std::exp(sign * 0.02 * 0.05);
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::bad_geometry);
+  }
+}
+
+TEST(AnchorGates, SurpriseIsTheWorstOfTiltAndHeight) {
+  Attempt attempt;
+  EXPECT_EQ(attitude_surprise(*attempt.match.solved, attempt.prior), 0);
+  attempt.match.solved->pose.attitude.pitch_rad += 0.04;
+  attempt.match.solved->pose.attitude.roll_rad += 0.04;
+  EXPECT_NEAR(attitude_surprise(*attempt.match.solved, attempt.prior), 2, 1e-9);
+  attempt.match.solved->pose.agl_m *= std::exp(3 * 0.05);
+  EXPECT_NEAR(attitude_surprise(*attempt.match.solved, attempt.prior), 3, 1e-9);
+}
+
+TEST(AnchorGates, OffAHealthyPrediction) {
+  Attempt attempt;
+  attempt.prediction.chi2 = attempt.limits.chi2_999;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.prediction.chi2 = attempt.limits.chi2_999 + 1e-6;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::off_prediction);
+}
+
+// A prediction that is broken or vague does not outvote a clear match.
+TEST(AnchorGates, OffAnUnhealthyPredictionIsFine) {
+  Attempt attempt;
+  attempt.prediction = {1000, 20, false};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.prediction = {1000, attempt.limits.healthy_sigma_m + 1e-6, true};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.prediction.sigma_m = attempt.limits.healthy_sigma_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::off_prediction);
+}
+
+TEST(AnchorGates, AVoteNeedsASecondVoice) {
+  Attempt attempt;
+  attempt.prediction.healthy = false;
+  attempt.match.search.ratio = attempt.limits.alone_ratio;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "clear enough alone";
+  attempt.match.search.ratio = attempt.limits.alone_ratio + 1e-6;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "however many patches agree";
+  attempt.prediction.healthy = true;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "the prediction agrees";
+}
+
+TEST(Names, EveryLabelAndVerdictHasItsOwn) {
+  std::vector<std::string_view> names;
+  for (int i = 0; i <= static_cast<int>(SourceLabel::no_fix); ++i)
+    names.push_back(name_of(static_cast<SourceLabel>(i)));
+  EXPECT_THAT(names, testing::ElementsAre("satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"));
+  std::vector<std::string_view> verdicts;
+  for (int i = 0; i <= static_cast<int>(AnchorVerdict::awaiting_votes); ++i) {
+    verdicts.push_back(name_of(static_cast<AnchorVerdict>(i)));
+  }
+  EXPECT_THAT(verdicts, testing::ElementsAre("not_tried", "accepted", "frame_unfit", "no_map", "ambiguous",
+                                             "few_inliers", "bad_geometry", "off_prediction", "awaiting_votes"));
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,124 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <cmath>
+
+#include "estimation/odometry.hpp"
+#include "geodesy/angles.hpp"
+#include "vision/synthetic_ground.hpp"
+
+namespace nadir {
+namespace {
+
+using test::Landscape;
+
+CameraModel camera() {
+  CameraModel model;
+  model.width = 480;
+  model.height = 360;
+  model.fx = model.fy = 320;
+  model.cx = 241;
+  model.cy = 178.5;
+  model.distortion = {-0.08, 0.01, 0.0005, -0.0005, 0};
+  return model;
+}
+
+const Landscape& landscape() {
+  static const Landscape world(9, 220);
+  return world;
+}
+
+OdometryFrame frame_at(const CameraPose& pose) {
+  OdometryFrame frame;
+  frame.grey = test::photograph(landscape().ground(), camera(), pose);
+  frame.camera = camera();
+  frame.attitude = pose.attitude;
+  frame.agl_m = pose.agl_m;
+  frame.heading_sigma_rad = 0.05;
+  frame.tilt_sigma_rad = 0.002;
+  return frame;
+}
+
+std::optional<OdometryStep> step_between(const CameraPose& a, const CameraPose& b) {
+  const auto odometry = make_feature_odometry();
+  EXPECT_FALSE(odometry->track(frame_at(a))) << "the first frame has nothing to compare with";
+  return odometry->track(frame_at(b));
+}
+
+void expect_step(const CameraPose& a, const CameraPose& b) {
+  const auto step = step_between(a, b);
+  ASSERT_TRUE(step);
+  const Eigen::Vector2d truth(b.position.east_m - a.position.east_m, b.position.north_m - a.position.north_m);
+  EXPECT_LT((step->moved_m - truth).norm(), 0.01 * truth.norm()) << step->moved_m.transpose();
+  EXPECT_NEAR(step->turn_rad, b.attitude.heading_rad - a.attitude.heading_rad, radians(0.3));
+  EXPECT_GE(step->inliers, 15);
+  EXPECT_GT(step->covariance_m2.determinant(), 0);
+}
+
+// 120 m above ground the picture covers 180 m x 135 m.
+TEST(FeatureOdometry, StraightAhead) {
+  expect_step({{-20, -10}, 120, {radians(30), 0, 0}}, {{0, 25}, 120, {radians(30), 0, 0}});
+}
+
+TEST(FeatureOdometry, ThirtyPercentOverlap) {
+  const double heading = radians(60), step_m = 0.7 * 135;
+  expect_step({{-40, -20}, 120, {heading, 0, 0}},
+              {{-40 + step_m * std::sin(heading), -20 + step_m * std::cos(heading)}, 120, {heading, 0, 0}});
+}
+
+TEST(FeatureOdometry, ATurnOfTwentyFiveDegrees) {
+  expect_step({{-20, -10}, 120, {radians(-10), 0, 0}}, {{-12, 28}, 121, {radians(15), 0, 0}});
+}
+
+TEST(FeatureOdometry, Tilted) {
+  expect_step({{-20, -10}, 120, {radians(75), radians(6), radians(-4)}},
+              {{18, -2}, 118, {radians(82), radians(-3), radians(12)}});
+}
+
+// A tilt of the telemetry that is off by 2 degrees in one frame is found out, as far as its sigma lets it be.
+TEST(FeatureOdometry, SeesThroughAWrongTilt) {
+  const CameraPose a{{-20, -10}, 120, {radians(75), 0, 0}}, b{{18, -2}, 120, {radians(75), 0, 0}};
+  const auto odometry = make_feature_odometry();
+  OdometryFrame first = frame_at(a), second = frame_at(b);
+  second.attitude.roll_rad += radians(2);  // 4.2 m on the ground
+  first.tilt_sigma_rad = second.tilt_sigma_rad = radians(2);
+  EXPECT_FALSE(odometry->track(first));
+  const auto step = odometry->track(second);
+  ASSERT_TRUE(step);
+  EXPECT_LT((step->moved_m - Eigen::Vector2d(38, 8)).norm(), 1.5);
+}
+
+TEST(FeatureOdometry, NothingWithoutOverlap) {
+  EXPECT_FALSE(step_between({{-120, -100}, 120, {}}, {{110, 120}, 120, {}}));
+}
+
+TEST(FeatureOdometry, NothingInTheDark) {
+  const CameraPose pose{{0, 0}, 120, {}};
+  const auto odometry = make_feature_odometry();
+  OdometryFrame dark = frame_at(pose);
+  dark.grey.setTo(0);
+  EXPECT_FALSE(odometry->track(frame_at(pose)));
+  EXPECT_FALSE(odometry->track(dark));
+  EXPECT_FALSE(odometry->track(frame_at(pose))) << "the dark frame has nothing to compare with";
+  EXPECT_TRUE(odometry->track(frame_at(pose)));
+}
+
+TEST(FeatureOdometry, ARepeatedFrameHasNotMoved) {
+  const CameraPose pose{{10, 5}, 120, {radians(200), radians(3), 0}};
+  const auto step = step_between(pose, pose);
+  ASSERT_TRUE(step);
+  EXPECT_LT(step->moved_m.norm(), 0.05);
+  EXPECT_NEAR(step->turn_rad, 0, 1e-3);
+  EXPECT_NEAR(step->overlap, 1, 0.01);
+}
+
+TEST(FeatureOdometry, ForgetsWhenReset) {
+  const CameraPose pose{{10, 5}, 120, {}};
+  const auto odometry = make_feature_odometry();
+  EXPECT_FALSE(odometry->track(frame_at(pose)));
+  odometry->reset();
+  EXPECT_FALSE(odometry->track(frame_at(pose)));
+}
+
+}  // namespace
+}  // namespace nadir
