@@ -1,0 +1,29 @@
+// The rasters that a map is made of. Earlier ones lie on top of later ones.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <span>
+#include <vector>
+
+#include "geodesy/web_mercator.hpp"
+#include "ground/imagery_facts.hpp"
+#include "package/sidecar.hpp"
+
+namespace nadir {
+
+struct ImageryInput {
+  std::filesystem::path path;
+  ImageryFacts facts;
+  std::vector<MercatorXY> outline;  // RasterSource::outline()
+};
+
+// Which inputs contributed to a tile, and how many pixels of the finest zoom each.
+using InputShares = std::map<std::size_t, std::uint64_t>;
+
+// A tile of several inputs is as old as the oldest, as coarse as the coarsest, as badly placed as the worst. Its source
+// names them all, the one with the largest share first.
+void set_facts(Sidecar& sidecar, std::span<const ImageryInput> inputs, const InputShares& used);
+
+}  // namespace nadir

@@ -1,0 +1,56 @@
+// A square of many tiles, warped at once and averaged down to its overviews in memory: the unit of work of a build.
+#pragma once
+
+#include <map>
+#include <span>
+#include <vector>
+
+#include "ground/imagery_input.hpp"
+#include "ground/picture.hpp"
+#include "ground/raster_source.hpp"
+#include "ground/tile_plan.hpp"
+#include "imagery/codecs.hpp"
+
+namespace nadir {
+
+struct TileEncoding {
+  ImageFormat format = ImageFormat::jpeg;
+  int quality = 75;
+};
+
+struct EncodedTile {
+  Sidecar sidecar;
+  Bytes bytes;
+};
+
+// One tile's picture before it is encoded, with the inputs that it came from.
+struct TilePicture {
+  Picture picture;  // kTileSize x kTileSize
+  InputShares used;
+};
+
+// Encodes the tile. Fills what shows no ground; the mask goes into the sidecar.
+class TileEncoder {
+ public:
+  TileEncoder(const Mission& mission, std::span<const ImageryInput> inputs, TileEncoding encoding);
+
+  EncodedTile encode(const TileKey& key, const TilePicture& tile) const;  // of a tile that shows some ground
+
+ private:
+  const Mission& mission_;
+  LocalFrame frame_;
+  std::span<const ImageryInput> inputs_;
+  TileEncoding encoding_;
+};
+
+struct Metatile {
+  std::vector<EncodedTile> tiles;  // every zoom from the finest to that of the metatile, those that show ground
+  TilePicture top;                 // the one tile that covers it
+};
+
+// range: the tiles of the finest zoom that are wanted. sources: opened by this thread, in the order of the inputs.
+// feather_px: over how many pixels of the finest zoom seams fade; 0 is hard.
+Metatile render_metatile(const TileKey& key, const TileRange& range, std::vector<RasterSource>& sources,
+                         double feather_px, const TileEncoder& encoder);
+
+}  // namespace nadir

@@ -1,0 +1,38 @@
+// Imagery to an MBTiles file with overviews and sidecars.
+//
+// Metatiles are warped, averaged and encoded by several threads and written in one order; the file is the same for any
+// number of threads.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include "base/progress.hpp"
+#include "ground/build_journal.hpp"
+#include "ground/metatile.hpp"
+#include "ground/mosaic.hpp"
+#include "package/manifest.hpp"
+
+namespace nadir {
+
+struct TileSetOptions {
+  TileEncoding encoding;
+  MosaicOptions mosaic;
+  int threads = 1;
+};
+
+struct TileSet {
+  std::vector<Sidecar> sidecars;  // in the order of TileKey
+  TileSetFacts facts;
+  std::uint64_t tile_bytes = 0;
+  std::uint64_t resumed = 0;  // tiles of the finest zoom that the journal held
+  bool over_budget = false;   // given up: the tiles alone are larger than the mission's budget
+};
+
+// Metatiles that the journal holds are taken from there; the others go into it before anything else is done with them.
+TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
+                       const TileSetOptions& options, const std::filesystem::path& mbtiles, BuildJournal& journal,
+                       Progress& progress);
+
+}  // namespace nadir

@@ -1,0 +1,599 @@
+#include "ground/package_builder.hpp"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/random.hpp"
+#include "ground/test_raster.hpp"
+#include "imagery/codecs.hpp"
+#include "imagery/map_window.hpp"
+#include "imagery/mbtiles_reader.hpp"
+#include "support/process.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A field of 480 x 480 m with 8 m checks, seen at 0.3 m; the mission needs 200 x 200 m in its middle.
+class PackageBuilder : public testing::Test {
+ protected:
+  PackageBuilder() {
+    spec_.width = spec_.height = 1600;
+    const auto& t = *spec_.transform;
+    const auto corner = [&](double column, double row) {
+      const auto place = test::project(32651, "EPSG:4326", {t[0] + t[1] * column, t[3] + t[5] * row});
+      return fmt::format("[{:.7f}, {:.7f}]", place.x, place.y);
+    };
+    polygon_ = fmt::format("[{0}, {1}, {2}, {3}, {0}]", corner(467, 467), corner(1133, 467), corner(1133, 1133),
+                           corner(467, 1133));
+    const auto centre = test::project(32651, "EPSG:4326", {t[0] + 240, t[3] - 240});
+    takeoff_ = fmt::format("{{lon_deg: {:.7f}, lat_deg: {:.7f}}}", centre.x, centre.y);
+    route_ = fmt::format("[{}, {}]", corner(700, 700), corner(900, 850));
+    write_mission();
+    write_map("map.tif");
+  }
+
+  void write_mission(int active_days = 400, int budget_mb = 50) {
+    folder_.write("mission.yaml", fmt::format(R"(schema: nadir.mission/1
+id: field
+series: field
+sequence: 1
+created: 2024-10-30T00:00:00Z
+expires: 2024-11-30T00:00:00Z
+takeoff: {}
+terrain: {{mode: flat}}
+zoom: {{min: 14, max: 19}}
+min_resolution_m: 0.5
+budget_mb: {}
+freshness_days: {{stable: 730, active: {}}}
+airframes: [any]
+sectors:
+  - id: middle
+    class: active
+    polygon: {}
+route:
+  corridor_half_width_m: 20
+  agl_m: 120
+  points: {}
+)",
+                                              takeoff_, budget_mb, active_days, polygon_, route_));
+  }
+
+  void write_map(const std::string& name, std::array<int, 3> light = {210, 190, 150}) {
+    test::write_raster(folder_ / name, spec_, [&](int column, int row) -> std::array<int, 4> {
+      if (hole_ && hole_(column, row)) return {0, 0, 0, 0};
+      const bool bright = (column / 27 + row / 27) % 2 == 0;
+      if (bright) return {light[0], light[1], light[2], 255};
+      return {90, 120, 70, 255};
+    });
+    test::write_item(folder_ / name);
+  }
+
+  PackageRequest request(const std::string& out, int threads = 2) {
+    PackageRequest request;
+    request.mission = folder_ / "mission.yaml";
+    request.imagery = {folder_ / "map.tif"};
+    request.tiles.threads = threads;
+    request.key = &key_;
+    request.out = folder_ / out;
+    return request;
+  }
+
+  PackageReport build(const PackageRequest& request) {
+    NoProgress progress;
+    return build_package(request, progress);
+  }
+
+  // Everything in the folder but the inputs: what a refused or broken build must not leave.
+  std::vector<std::string> left_behind() const {
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(folder_.path())) {
+      const std::string name = entry.path().filename();
+      if (name.starts_with("map") || name.starts_with("old") || name == "mission.yaml") continue;
+      names.push_back(name);
+    }
+    return names;
+  }
+
+  void expect_refused(const PackageRequest& request, std::string_view code) {
+    const PackageReport report = build(request);
+    EXPECT_TRUE(report.findings.refuses());
+    EXPECT_TRUE(report.findings.contains(code)) << code;
+    EXPECT_THAT(left_behind(), testing::IsEmpty());
+  }
+
+  static void expect_same_files(const fs::path& a, const fs::path& b) {
+    const auto result = test::run_process({"diff", "-r", a.string(), b.string()});
+    EXPECT_EQ(result.code, 0) << result.out;
+  }
+
+  test::TemporaryFolder folder_;
+  test::RasterSpec spec_;
+  std::function<bool(int, int)> hole_;
+  PrivateKey key_ = PrivateKey::generate();
+  std::string polygon_, takeoff_, route_;
+};
+
+TEST_F(PackageBuilder, MakesAWholePackage) {
+  const PackageReport report = build(request("package"));
+  ASSERT_FALSE(report.findings.refuses());
+  const fs::path package = folder_ / "package";
+  for (const auto name : {kManifestFile, kSignatureFile, kMissionFile, kImageryFile}) {
+    EXPECT_TRUE(fs::is_regular_file(package / name)) << name;
+  }
+  EXPECT_EQ(read_file(package / kMissionFile), read_file(folder_ / "mission.yaml"));
+  EXPECT_THAT(left_behind(), testing::ElementsAre("package"));
+
+  const auto parsed = parse_manifest(read_file(package / kManifestFile));
+  ASSERT_TRUE(parsed.manifest);
+  const Artifact* imagery = parsed.manifest->artifact(kRoleImagery);
+  ASSERT_NE(imagery, nullptr);
+  EXPECT_EQ(imagery->sha256, sha256_file(package / kImageryFile));
+  ASSERT_TRUE(imagery->tiles);
+  EXPECT_EQ(imagery->tiles->count, report.tiles);
+  EXPECT_EQ(imagery->tiles->merkle_root, report.merkle_root);
+
+  const MbtilesReader reader(package / kImageryFile);
+  EXPECT_EQ(reader.zooms().min, 14);
+  EXPECT_EQ(reader.zooms().max, 19);
+  EXPECT_EQ(reader.metadata().at("format"), "jpg");
+  const auto sha = test::run_process({"sqlite3", (package / kImageryFile).string(),
+                                      "SELECT count(*) FROM tiles JOIN nadir_sidecars USING (zoom_level, tile_column, "
+                                      "tile_row); SELECT count(*) FROM tiles; PRAGMA integrity_check"});
+  EXPECT_EQ(sha.out, fmt::format("{0}\n{0}\nok\n", report.tiles));
+}
+
+TEST_F(PackageBuilder, TheMapShowsTheRastersColoursAtEveryZoom) {
+  ASSERT_FALSE(build(request("package")).findings.refuses());
+  const MbtilesReader reader(folder_ / "package" / kImageryFile);
+  const auto& t = *spec_.transform;
+  // The centres of a bright and a dark check.
+  for (const auto& [column, row, red] :
+       {std::array{13.5 + 27 * 30, 13.5 + 27 * 30, 210.0}, std::array{13.5 + 27 * 31, 13.5 + 27 * 30, 90.0}}) {
+    const auto place = test::project(32651, "EPSG:4326", {t[0] + t[1] * column, t[3] + t[5] * row});
+    const LocalFrame frame({place.x, place.y});
+    for (const double gsd_m : {0.27, 0.6, 1.2}) {  // zooms 19, 18, 17
+      const MapWindow window = read_map_window(reader, frame, {-2.4, -2.4, 2.4, 2.4}, gsd_m, Colour::bgr);
+      const int middle = window.image.rows / 2;
+      EXPECT_NEAR(window.image.at<cv::Vec3b>(middle, middle)[2], red, 14.0) << gsd_m;
+      EXPECT_EQ(cv::countNonZero(window.mask), window.mask.rows * window.mask.cols);
+    }
+  }
+}
+
+TEST_F(PackageBuilder, GdalOpensTheTiles) {
+  if (test::run_shell("command -v gdalinfo").code != 0) GTEST_SKIP() << "gdalinfo is not installed";
+  ASSERT_FALSE(build(request("package")).findings.refuses());
+  const auto result = test::run_process({"gdalinfo", "-checksum", (folder_ / "package" / kImageryFile).string()});
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_THAT(result.out, testing::HasSubstr("Driver: MBTiles"));
+  EXPECT_THAT(result.out, testing::HasSubstr("Overviews:"));
+  EXPECT_THAT(result.out, testing::HasSubstr("ZOOM_LEVEL=19"));
+}
+
+TEST_F(PackageBuilder, SameInputsSameBytesWithAnyNumberOfThreads) {
+  for (const int threads : {1, 2, 3}) build(request(fmt::format("package{}", threads), threads));
+  build(request("again", 2));
+  expect_same_files(folder_ / "package1", folder_ / "package2");
+  expect_same_files(folder_ / "package1", folder_ / "package3");
+  expect_same_files(folder_ / "package2", folder_ / "again");
+}
+
+TEST_F(PackageBuilder, EveryTileFormat) {
+  for (const ImageFormat format : {ImageFormat::png, ImageFormat::webp}) {
+    PackageRequest wanted = request(std::string(name_of(format)));
+    wanted.tiles.encoding = {format, 80};
+    ASSERT_FALSE(build(wanted).findings.refuses());
+    const MbtilesReader reader(wanted.out / kImageryFile);
+    auto tile = reader.database().prepare("SELECT tile_data FROM tiles");
+    while (tile.step()) EXPECT_EQ(sniff_image_format(tile.blob(0)), format);
+  }
+}
+
+// The frame of nodata around the picture is turned against the tiles, so rim tiles are partly empty.
+TEST_F(PackageBuilder, RimsAreMaskedAndNeverBlack) {
+  spec_.nodata = 0;
+  hole_ = [](int column, int row) { return column < 300 || row < 250 || column >= 1300; };
+  write_map("map.tif");
+  ASSERT_FALSE(build(request("package")).findings.refuses());
+  const MbtilesReader reader(folder_ / "package" / kImageryFile);
+  auto rows = reader.database().prepare(
+      "SELECT zoom_level, tile_column, tile_row, valid_ppm FROM nadir_sidecars WHERE valid_ppm < 1000000");
+  int rims = 0;
+  while (rows.step()) {
+    const TileKey key =
+        TileKey::from_tms(static_cast<std::uint8_t>(rows.integer(0)), static_cast<std::uint32_t>(rows.integer(1)),
+                          static_cast<std::uint32_t>(rows.integer(2)));
+    ++rims;
+    const auto bytes = reader.read_mask(key);
+    ASSERT_TRUE(bytes) << to_text(key);
+    const cv::Mat mask = decode_image(*bytes, Colour::grey, "mask").image;
+    EXPECT_NEAR(static_cast<double>(cv::countNonZero(mask)) / 65536.0 * 1e6, static_cast<double>(rows.integer(3)), 1.0);
+    const cv::Mat tile = decode_image(*reader.read(key), Colour::grey, "tile").image;
+    double darkest = 0;
+    cv::minMaxLoc(tile, &darkest);
+    EXPECT_GT(darkest, 60) << to_text(key);  // the field's darkest grey is 105
+  }
+  EXPECT_GT(rims, 5);
+}
+
+TEST_F(PackageBuilder, AHoleInTheRequiredAreaIsAGap) {
+  spec_.nodata = 0;
+  hole_ = [](int column, int row) { return std::hypot(column - 800, row - 700) < 20; };
+  write_map("map.tif");
+  expect_refused(request("package"), "coverage.gap");
+}
+
+TEST_F(PackageBuilder, ImageryThatEndsTooEarlyIsAGap) {
+  spec_.width = 1000;
+  write_map("map.tif");
+  expect_refused(request("package"), "coverage.gap");
+  (*spec_.transform)[0] += 50'000;  // somewhere else
+  write_map("map.tif");
+  expect_refused(request("package"), "coverage.gap");
+}
+
+TEST_F(PackageBuilder, RefusesStaleCoarseAndLargeOnes) {
+  write_mission(200);
+  expect_refused(request("package"), "freshness.stale");
+  write_mission(400);
+  PackageRequest late = request("package");
+  late.at = parse_utc("2024-11-29T00:00:00Z");
+  write_mission(260);
+  expect_refused(late, "freshness.stale");
+  late.at = parse_utc("2024-12-01T00:00:00Z");
+  write_mission(4000);
+  expect_refused(late, "package.expired");
+  write_mission(400, 1);
+  test::write_item(folder_ / "map.tif", "2024-03-01T00:00:00Z", 0.8);
+  expect_refused(request("package"), "resolution.coarse");
+  test::write_item(folder_ / "map.tif");
+  PackageRequest large = request("package");
+  large.tiles.encoding = {ImageFormat::png, 75};
+  hole_ = nullptr;
+  test::write_raster(folder_ / "map.tif", spec_, [](int column, int row) -> std::array<int, 4> {
+    const int noise = (column * 7919 + row * 104729 + column * row * 31) % 256;
+    return {noise, (noise * 7) % 256, (noise * 13) % 256, 255};
+  });
+  expect_refused(large, "budget.exceeded");
+}
+
+TEST_F(PackageBuilder, TheFirstRasterLiesOnTop) {
+  write_map("old.tif", {255, 0, 0});
+  test::write_item(folder_ / "old.tif", "2023-12-01T00:00:00Z", 0.4, "archive");
+  spec_.width = 800;  // the new one covers the western half
+  write_map("map.tif");
+  PackageRequest both = request("package");
+  both.imagery = {folder_ / "map.tif", folder_ / "old.tif"};
+  ASSERT_FALSE(build(both).findings.refuses());
+  const auto sources = test::run_process({"sqlite3", (both.out / kImageryFile).string(),
+                                          "SELECT DISTINCT source, substr(captured_at, 1, 10), gsd_mm FROM "
+                                          "nadir_sidecars WHERE zoom_level = 19 ORDER BY 1"});
+  EXPECT_EQ(sources.out, "archive|2023-12-01|400\narchive + survey|2023-12-01|400\nsurvey|2024-03-01|300\n");
+}
+
+TEST_F(PackageBuilder, TheNewestOrFinestLiesOnTopWhenAskedFor) {
+  write_map("old.tif");
+  test::write_item(folder_ / "old.tif", "2023-12-01T00:00:00Z", 0.28, "archive");
+  for (const auto& [order, source] :
+       {std::pair{MosaicOrder::priority, "archive\n"}, std::pair{MosaicOrder::newest, "survey\n"},
+        std::pair{MosaicOrder::finest, "archive\n"}}) {
+    PackageRequest both = request(fmt::format("map.{}", static_cast<int>(order)));
+    both.imagery = {folder_ / "old.tif", folder_ / "map.tif"};
+    both.tiles.mosaic.order = order;
+    ASSERT_FALSE(build(both).findings.refuses());
+    const auto sources = test::run_process(
+        {"sqlite3", (both.out / kImageryFile).string(), "SELECT DISTINCT source FROM nadir_sidecars"});
+    EXPECT_EQ(sources.out, source);
+  }
+}
+
+TEST_F(PackageBuilder, FeatheredSeamsAreTheSameForAnyNumberOfThreadsAndNotWithoutLimit) {
+  write_map("old.tif", {255, 0, 0});
+  spec_.width = 800;
+  write_map("map.tif");
+  PackageRequest both = request("map.1", 1);
+  both.imagery = {folder_ / "map.tif", folder_ / "old.tif"};
+  both.tiles.mosaic.feather_m = 8;
+  ASSERT_FALSE(build(both).findings.refuses());
+  both.out = folder_ / "map.3";
+  both.tiles.threads = 3;
+  ASSERT_FALSE(build(both).findings.refuses());
+  expect_same_files(folder_ / "map.1", folder_ / "map.3");
+  both.out = folder_ / "map.far";
+  both.tiles.mosaic.feather_m = 500;
+  EXPECT_THROW(build(both), UsageError);
+}
+
+TEST_F(PackageBuilder, WithoutAKeyThereIsNoSignature) {
+  PackageRequest unsigned_one = request("package");
+  unsigned_one.key = nullptr;
+  ASSERT_FALSE(build(unsigned_one).findings.refuses());
+  EXPECT_FALSE(fs::exists(unsigned_one.out / kSignatureFile));
+}
+
+TEST_F(PackageBuilder, ErrorsLeaveNothing) {
+  PackageRequest bad = request("package");
+  bad.imagery = {folder_ / "missing.tif"};
+  EXPECT_THROW(build(bad), Error);
+  bad = request("package");
+  bad.mission = folder_ / "missing.yaml";
+  EXPECT_THROW(build(bad), Error);
+  // Damage that shows only when the pixels are read.
+  spec_.tiled = true;
+  write_map("map.tif");
+  const Bytes whole = read_file(folder_ / "map.tif");
+  std::ofstream(folder_ / "map.tif", std::ios::binary)
+      .write(as_text(whole).data(), static_cast<std::streamsize>(whole.size() * 6 / 10));
+  EXPECT_THROW(build(request("package")), Error);
+  EXPECT_THAT(left_behind(), testing::IsEmpty());
+  fs::create_directory(folder_ / "package");
+  write_map("map.tif");
+  EXPECT_THROW(build(request("package")), Error);  // never replaces
+}
+
+TEST_F(PackageBuilder, ZoomsThatCannotBeCountedAreRefused) {
+  std::string text = read_text_file(folder_ / "mission.yaml");
+  text.replace(text.find("max: 19"), 7, "max: 23");
+  folder_.write("mission.yaml", text);
+  EXPECT_THROW(build(request("package")), UsageError);
+}
+
+class StopAtOnce final : public Progress {
+ public:
+  void begin(std::string_view, std::uint64_t, std::string_view) override {}
+  void advance(std::uint64_t) override { throw Interrupted(); }
+  void end() override {}
+};
+
+TEST_F(PackageBuilder, AnInterruptedBuildLeavesNothing) {
+  StopAtOnce progress;
+  EXPECT_THROW(build_package(request("package"), progress), Interrupted);
+  EXPECT_THAT(left_behind(), testing::IsEmpty());
+}
+
+class SayAndWait final : public Progress {
+ public:
+  explicit SayAndWait(int pipe) : pipe_(pipe) {}
+  void begin(std::string_view, std::uint64_t, std::string_view) override {}
+  void advance(std::uint64_t) override {
+    const char byte = 1;
+    if (::write(pipe_, &byte, 1) == 1) ::pause();
+  }
+  void end() override {}
+
+ private:
+  int pipe_;
+};
+
+TEST_F(PackageBuilder, AKilledBuildLeavesNoPackageAndTheNextOneWorks) {
+  int ends[2];
+  ASSERT_EQ(::pipe(ends), 0);
+  const pid_t child = ::fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    SayAndWait progress(ends[1]);
+    build_package(request("package"), progress);
+    ::_exit(0);
+  }
+  char byte = 0;
+  ASSERT_EQ(::read(ends[0], &byte, 1), 1);  // tiles are being written
+  ::kill(child, SIGKILL);
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  ::close(ends[0]);
+  ::close(ends[1]);
+  EXPECT_TRUE(WIFSIGNALED(status));
+  EXPECT_FALSE(fs::exists(folder_ / "package"));
+  EXPECT_FALSE(build(request("package")).findings.refuses());
+  EXPECT_THAT(left_behind(), testing::ElementsAre("package"));
+}
+
+// A build of many steps: tiles of the two finest zooms are single metatiles each with min = max - 3.
+class ResumedBuild : public PackageBuilder {
+ protected:
+  ResumedBuild() {
+    spec_.nodata = 0;
+    hole_ = [](int column, int row) { return column < 30 || row > 1580; };  // masks take part
+    write_map("map.tif");
+    std::string text = read_text_file(folder_ / "mission.yaml");
+    text.replace(text.find("max: 19"), 7, "max: 20");
+    folder_.write("mission.yaml", text);
+  }
+
+  // Builds in a process of its own, which is killed after so many microseconds.
+  void build_and_kill(const PackageRequest& wanted, useconds_t after_us) {
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      NoProgress progress;
+      build_package(wanted, progress);
+      ::_exit(0);
+    }
+    ::usleep(after_us);
+    ::kill(child, SIGKILL);
+    int status = 0;
+    ::waitpid(child, &status, 0);
+  }
+
+  // Stops when the first tiles have been written, and stays as if killed.
+  void begin_and_kill(const PackageRequest& wanted) {
+    int ends[2];
+    ASSERT_EQ(::pipe(ends), 0);
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      SayAndWait progress(ends[1]);
+      build_package(wanted, progress);
+      ::_exit(0);
+    }
+    char byte = 0;
+    ASSERT_EQ(::read(ends[0], &byte, 1), 1);
+    ::kill(child, SIGKILL);
+    int status = 0;
+    ::waitpid(child, &status, 0);
+    ::close(ends[0]);
+    ::close(ends[1]);
+  }
+
+  PackageRequest resuming(const std::string& out, int threads = 2) {
+    PackageRequest wanted = request(out, threads);
+    wanted.resume = true;
+    wanted.tell = [this](std::string_view remark) { remarks_.emplace_back(remark); };
+    return wanted;
+  }
+
+  std::vector<std::string> remarks_;
+};
+
+TEST_F(ResumedBuild, EndsIdenticalWhereverItWasKilled) {
+  const auto begun = std::chrono::steady_clock::now();
+  const PackageReport whole = build(request("whole"));
+  ASSERT_FALSE(whole.findings.refuses());
+  const auto took_us = std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begun);
+  Random random(7);
+  std::uint64_t resumed = 0;
+  for (int i = 0; i < 8; ++i) {
+    const int threads = 1 + i % 3;
+    // Twice: a resumed build may be killed as well.
+    for (int kill = 0; kill < 2 && !fs::exists(folder_ / "package"); ++kill) {
+      const double moment = random.uniform(0.0, 1.0) * static_cast<double>(took_us.count());
+      build_and_kill(kill == 0 ? request("package", threads) : resuming("package", threads),
+                     static_cast<useconds_t>(moment));
+    }
+    if (!fs::exists(folder_ / "package")) {
+      const PackageReport report = build(resuming("package"));
+      ASSERT_FALSE(report.findings.refuses());
+      resumed += report.resumed;
+    }
+    expect_same_files(folder_ / "whole", folder_ / "package");  // whole, whoever finished it
+    EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package"));
+    fs::remove_all(folder_ / "package");
+  }
+  EXPECT_GT(resumed, 0);
+}
+
+TEST_F(ResumedBuild, TakesMetatilesFromTheJournal) {
+  begin_and_kill(request("package"));
+  EXPECT_FALSE(fs::exists(folder_ / "package"));
+  const PackageReport report = build(resuming("package"));
+  EXPECT_GT(report.resumed, 0);
+  EXPECT_THAT(remarks_, testing::IsEmpty());
+  ASSERT_FALSE(build(request("whole")).findings.refuses());
+  expect_same_files(folder_ / "whole", folder_ / "package");
+}
+
+TEST_F(ResumedBuild, OtherInputsOrOptionsAreRefusedAndNothingIsLost) {
+  begin_and_kill(request("package"));
+  PackageRequest other = resuming("package");
+  other.tiles.encoding.quality = 60;
+  EXPECT_THROW(build(other), UsageError);
+  other = resuming("package");
+  other.overrides.gsd_m = 0.31;
+  EXPECT_THROW(build(other), UsageError);
+  other = resuming("package");
+  other.key = nullptr;
+  EXPECT_THROW(build(other), UsageError);
+  const Bytes map = read_file(folder_ / "map.tif");
+  write_map("map.tif", {209, 190, 150});
+  EXPECT_THROW(build(resuming("package")), UsageError);
+  std::ofstream(folder_ / "map.tif", std::ios::binary)
+      .write(as_text(map).data(), static_cast<std::streamsize>(map.size()));
+  EXPECT_GT(build(resuming("package")).resumed, 0);
+}
+
+TEST_F(ResumedBuild, WithoutResumeItBeginsAnewAndSaysSo) {
+  begin_and_kill(request("package"));
+  PackageRequest anew = resuming("package");
+  anew.resume = false;
+  EXPECT_EQ(build(anew).resumed, 0);
+  EXPECT_THAT(remarks_, testing::ElementsAre(testing::HasSubstr("--resume")));
+  remarks_.clear();
+  EXPECT_EQ(build(resuming("another")).resumed, 0);
+  EXPECT_THAT(remarks_, testing::ElementsAre(testing::HasSubstr("nothing to resume")));
+}
+
+// A file system that is too small for the package; growing it lets the same build end.
+TEST_F(ResumedBuild, AFullDiskLosesNothing) {
+  const fs::path small = folder_ / "map.small";
+  fs::create_directory(small);
+  if (::geteuid() != 0 ||
+      test::run_process({"mount", "-t", "tmpfs", "-o", "size=600k", "tmpfs", small.string()}).code != 0) {
+    GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
+  }
+  const struct Unmount {
+    ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
+    fs::path path;
+  } unmount{small};
+  ASSERT_FALSE(build(request("whole")).findings.refuses());
+  PackageRequest wanted = resuming("map.small/package");
+  try {
+    build(wanted);
+    FAIL() << "600 kB are enough";
+  } catch (const OutOfSpace& error) {
+    EXPECT_THAT(error.text().fix, testing::HasSubstr("--resume"));
+  }
+  EXPECT_FALSE(fs::exists(wanted.out));
+  ASSERT_EQ(test::run_process({"mount", "-o", "remount,size=64m", small.string()}).code, 0);
+  EXPECT_GT(build(wanted).resumed, 0);
+  expect_same_files(folder_ / "whole", wanted.out);
+}
+
+TEST_F(ResumedBuild, AReadOnlyMediumIsNamed) {
+  const fs::path fixed = folder_ / "map.fixed";
+  fs::create_directory(fixed);
+  if (::geteuid() != 0 ||
+      test::run_process({"mount", "-t", "tmpfs", "-o", "ro,size=64k", "tmpfs", fixed.string()}).code != 0) {
+    GTEST_SKIP() << "NOT TESTED: a read-only medium needs root and a tmpfs to mount";
+  }
+  try {
+    build(request("map.fixed/package"));
+    ADD_FAILURE() << "built on a read-only medium";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.text().found + error.text().fix, testing::HasSubstr("read-only"));
+  }
+  test::run_process({"umount", "-l", fixed.string()});
+}
+
+TEST_F(ResumedBuild, AFolderWithoutPermissionIsNamed) {
+  if (::geteuid() != 0) GTEST_SKIP() << "NOT TESTED: a folder of somebody else needs root to make";
+  fs::permissions(folder_.path(), static_cast<fs::perms>(0755));
+  const PackageRequest wanted = request("package");
+  const pid_t child = ::fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    constexpr uid_t kNobody = 65534;
+    int code = ::seteuid(kNobody) == 0 ? 1 : 2;
+    try {
+      NoProgress progress;
+      build_package(wanted, progress);
+    } catch (const Error& error) {
+      const bool named = error.text().fix.find("permissions") != std::string::npos &&
+                         error.text().where.find("package") != std::string::npos;
+      if (code == 1) code = named ? 0 : 3;
+    } catch (...) {
+      code = 4;
+    }
+    ::_exit(code);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  ASSERT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+  EXPECT_THAT(left_behind(), testing::IsEmpty());
+}
+
+}  // namespace
+}  // namespace nadir
