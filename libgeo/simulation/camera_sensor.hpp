@@ -1,0 +1,29 @@
+// What lens, shutter and sensor do to a picture: motion blur, vignetting, exposure, colour, noise.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <opencv2/core/mat.hpp>
+#include <vector>
+
+namespace nadir {
+
+struct Exposure {
+  Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // while the shutter was open
+  double gain = 1;                                      // against a well exposed picture
+  double warmth = 0;                                    // −1…1
+};
+
+class CameraSensor {
+ public:
+  CameraSensor(cv::Size size, double focal_px, std::uint64_t seed);
+
+  void expose(cv::Mat& bgr, const Exposure& exposure, std::uint64_t frame) const;
+
+ private:
+  cv::Mat_<float> vignette_;
+  std::vector<float> normal_;  // a table of normally distributed numbers
+  std::uint64_t seed_;
+};
+
+}  // namespace nadir

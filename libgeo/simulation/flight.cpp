@@ -1,0 +1,145 @@
+#include "simulation/flight.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "geodesy/angles.hpp"
+#include "imagery/codecs.hpp"
+#include "simulation/camera_sensor.hpp"
+#include "simulation/frame_renderer.hpp"
+#include "simulation/noise.hpp"
+#include "simulation/telemetry_noise.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kOverlap = 0.7;   // of consecutive frames, along the flight
+constexpr int kUsualFrames = 400;  // cap without --frames
+constexpr double kShutter_s = 1 / 800.0;
+
+PlaneBox box_around(const PlanePath& route, double reach_m) {
+  PlaneBox box{1e12, 1e12, -1e12, -1e12};
+  for (const PlanePoint& p : route) {
+    box.west_m = std::min(box.west_m, p.east_m - reach_m), box.east_m = std::max(box.east_m, p.east_m + reach_m);
+    box.south_m = std::min(box.south_m, p.north_m - reach_m), box.north_m = std::max(box.north_m, p.north_m + reach_m);
+  }
+  return box;
+}
+
+void check_route(const WorldRaster& world, const GroundShape& ground, const std::vector<FlightPose>& poses,
+                 const LocalFrame& frame, const FlightOptions& options) {
+  for (const FlightPose& pose : poses) {
+    if (!ground.covers(pose.position.x(), pose.position.y())) {
+      throw UsageError({.what = "the elevation model does not cover the flight",
+                        .where = options.dem->string(),
+                        .expected = "heights under the whole route",
+                        .fix = "use a larger model, or leave --dem out to fly over flat ground"});
+    }
+    if (world.covers(pose.position.x(), pose.position.y())) continue;
+    const LonLat at = frame.lonlat_from_enu(pose.position.x(), pose.position.y());
+    throw UsageError({.what = "the route leaves the world",
+                      .where = options.world.string(),
+                      .expected = "valid pixels under the whole route",
+                      .found = fmt::format("none at {:.6f}, {:.6f}", at.lon_deg, at.lat_deg),
+                      .fix = "use a larger raster or the mission that belongs to it"});
+  }
+}
+
+// Pixels that the ground moves over the picture while the shutter is open.
+Eigen::Vector2d motion_px(const CameraModel& camera, const FlightPose& pose, double shutter_s) {
+  const double c = std::cos(pose.attitude.heading_rad), s = std::sin(pose.attitude.heading_rad);
+  const double ahead = pose.velocity.y() * c + pose.velocity.x() * s,
+               right = pose.velocity.x() * c - pose.velocity.y() * s;
+  const double scale = shutter_s / pose.agl_m;
+  return {-right * scale * camera.fx, ahead * scale * camera.fy};
+}
+
+std::string telemetry_row(const std::string& name, const ToldPose& told, bool exact) {
+  double heading = std::fmod(degrees(told.attitude.heading_rad), 360.0);
+  if (heading < 0) heading += 360;
+  const double pitch = degrees(told.attitude.pitch_rad), roll = degrees(told.attitude.roll_rad);
+  if (exact)
+    return fmt::format("{},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f}\n", name, told.time_s, told.agl_m, heading, pitch, roll);
+  return fmt::format("{},{:.3f},{:.2f},{:.2f},{:.2f},{:.2f}\n", name, told.time_s, told.agl_m, heading, pitch, roll);
+}
+
+}  // namespace
+
+FlightReport simulate_flight(const Mission& mission, const FlightOptions& options, const std::filesystem::path& folder,
+                             Progress& progress) {
+  const CameraFile file = read_camera_file(options.camera);
+  const CameraModel& camera = file.camera;
+  const double agl = mission.route.agl_m;
+  if (mission.route.points.size() < 2 || !(agl > 0)) {
+    throw UsageError({.what = "the mission has no route to fly",
+                      .where = mission.id,
+                      .expected = "at least two route points and a height above ground"});
+  }
+  const LonLat start = mission.route.points.front();
+  const double base_m = options.dem ? GroundShape::height_at(*options.dem, start) : mission.terrain.height_m;
+  const LocalFrame frame(start, base_m);
+  const PlanePath route = to_plane(frame, mission.route.points);
+  // The farthest that a banked picture sees.
+  const double half_diagonal = std::hypot(camera.width / camera.fx, camera.height / camera.fy) / 2;
+  const double reach = agl * std::tan(std::min(std::atan(half_diagonal) + radians(34), radians(75))) + 50;
+  const PlaneBox box = box_around(route, reach);
+  const double gsd = agl / std::max(camera.fx, camera.fy);
+  const WorldRaster world(options.world, frame, box, gsd);
+  const GroundShape ground = options.dem ? GroundShape(*options.dem, frame, box) : GroundShape();
+
+  FlightPathOptions path;
+  path.agl_m = agl;
+  path.speed_mps = options.speed_mps;
+  const double spacing = (1 - kOverlap) * camera.height / camera.fy * agl;
+  path.interval_s = options.interval_s.value_or(std::max(0.04, std::round(spacing / options.speed_mps * 100) / 100));
+  path.max_frames = options.max_frames.value_or(kUsualFrames);
+  const std::vector<FlightPose> poses = fly_path(route, ground, path, options.seed);
+  check_route(world, ground, poses, frame, options);
+
+  const FrameRenderer renderer(camera, world, ground);
+  const CameraSensor sensor({camera.width, camera.height}, camera.fx, options.seed);
+  TelemetryNoise noise(file.uncertainty, options.seed);
+  const Noise light(hash_of(options.seed, 31), 45);
+  std::filesystem::create_directory(folder / "frames");
+  std::string telemetry = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg\n",
+              truth = "frame,lat_deg,lon_deg,alt_m\n";
+  FlightReport report;
+  report.interval_s = path.interval_s;
+  progress.begin("flying", poses.size(), "frames");
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const FlightPose& pose = poses[i];
+    RenderedFrame shot = renderer.render(pose.position, pose.attitude);
+    if (shot.seen_share < 0.999) ++report.frames_beyond_world;
+    if (options.noise == SensorNoise::real) {
+      Exposure exposure;
+      exposure.gain = 1.10 * (1 + 0.12 * light.at(pose.time_s, 0.5) +
+                              0.03 * (unit_hash(options.seed, 32, static_cast<std::int64_t>(i)) - 0.5));
+      exposure.warmth = light.at(pose.time_s, 400.5);
+      exposure.motion_px = motion_px(camera, pose, kShutter_s / exposure.gain);
+      sensor.expose(shot.image, exposure, i);
+    }
+    const std::string name = fmt::format("frame_{:04}.jpg", i + 1);
+    write_file_atomic(folder / "frames" / name, encode_image(shot.image, ImageFormat::jpeg, 92));
+    const bool exact = options.noise == SensorNoise::none;
+    const ToldPose told = exact ? ToldPose{pose.time_s, pose.agl_m, pose.attitude} : noise.tell(pose);
+    telemetry += telemetry_row(name, told, exact);
+    const Geodetic at = frame.geodetic_from_enu({pose.position.x(), pose.position.y(), pose.position.z()});
+    truth += fmt::format("{},{:.9f},{:.9f},{:.3f}\n", name, at.place.lat_deg, at.place.lon_deg, at.height_m);
+    if (i > 0) report.length_m += (pose.position - poses[i - 1].position).head<2>().norm();
+    progress.advance(1);
+  }
+  progress.end();
+  write_file_atomic(folder / "telemetry.csv", telemetry);
+  write_file_atomic(folder / "truth.csv", truth);
+  write_file_atomic(folder / "camera.yaml", read_text_file(options.camera));
+  report.frames = static_cast<int>(poses.size());
+  report.duration_s = poses.empty() ? 0 : poses.back().time_s;
+  return report;
+}
+
+}  // namespace nadir

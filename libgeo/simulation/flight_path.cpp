@@ -1,0 +1,137 @@
+#include "simulation/flight_path.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/random.hpp"
+#include "geodesy/angles.hpp"
+#include "simulation/noise.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kGravity = 9.80665;
+constexpr double kUsualBank_rad = 0.38;  // 22 degrees
+
+Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
+
+// The route as points about a metre apart, corners replaced by arcs.
+std::vector<Eigen::Vector2d> rounded(const PlanePath& route, double radius_m, double step_m) {
+  std::vector<Eigen::Vector2d> corners;
+  for (const PlanePoint& p : route) {
+    if (corners.empty() || (vec(p) - corners.back()).norm() > 0.01) corners.push_back(vec(p));
+  }
+  std::vector<Eigen::Vector2d> line;
+  const auto straight = [&](const Eigen::Vector2d& to) {
+    if (line.empty()) {
+      line.push_back(to);
+      return;
+    }
+    const Eigen::Vector2d from = line.back();
+    const int steps = std::max(1, static_cast<int>((to - from).norm() / step_m));
+    for (int i = 1; i <= steps; ++i) line.push_back(from + (to - from) * (static_cast<double>(i) / steps));
+  };
+  if (!corners.empty()) straight(corners.front());
+  for (std::size_t i = 1; i + 1 < corners.size(); ++i) {
+    const Eigen::Vector2d in = corners[i] - corners[i - 1], out = corners[i + 1] - corners[i];
+    const Eigen::Vector2d a = in.normalized(), b = out.normalized();
+    const double turn = std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b));
+    const double half = std::tan(std::min(std::abs(turn) / 2, 1.5));
+    if (half < 1e-6) {
+      straight(corners[i]);
+      continue;
+    }
+    const double room = 0.49 * std::min(in.norm(), out.norm());
+    const double tangent = std::min(radius_m * half, room), radius = tangent / half;
+    const Eigen::Vector2d start = corners[i] - a * tangent;
+    straight(start);
+    const double side = turn > 0 ? 1 : -1;
+    const Eigen::Vector2d centre = start + Eigen::Vector2d(-a.y(), a.x()) * (side * radius);
+    const int steps = std::max(2, static_cast<int>(std::abs(turn) * radius / step_m));
+    for (int k = 1; k <= steps; ++k) {
+      const double angle = turn * k / steps;
+      const Eigen::Vector2d arm = start - centre;
+      line.push_back(centre + Eigen::Vector2d(arm.x() * std::cos(angle) - arm.y() * std::sin(angle),
+                                              arm.x() * std::sin(angle) + arm.y() * std::cos(angle)));
+    }
+  }
+  if (corners.size() > 1) straight(corners.back());
+  return line;
+}
+
+// Mean of `values` over ± reach entries.
+std::vector<double> smoothed(const std::vector<double>& values, int reach) {
+  std::vector<double> sums(values.size() + 1, 0), result(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) sums[i + 1] = sums[i] + values[i];
+  const auto n = std::ssize(values);
+  for (std::ptrdiff_t i = 0; i < n; ++i) {
+    const auto low = static_cast<std::size_t>(std::max<std::ptrdiff_t>(0, i - reach));
+    const auto high = static_cast<std::size_t>(std::min<std::ptrdiff_t>(n, i + reach + 1));
+    result[static_cast<std::size_t>(i)] = (sums[high] - sums[low]) / static_cast<double>(high - low);
+  }
+  return result;
+}
+
+}  // namespace
+
+std::vector<FlightPose> fly_path(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
+                                 std::uint64_t seed) {
+  const double speed = options.speed_mps;
+  const double radius = speed * speed / (kGravity * std::tan(kUsualBank_rad));
+  const double step = std::max(0.5, speed / 40);
+  const std::vector<Eigen::Vector2d> line = rounded(route, radius, step);
+  if (line.size() < 2) return {};
+  const std::size_t n = line.size();
+  std::vector<double> arc(n, 0), course(n, 0), curvature(n, 0), terrain(n);
+  for (std::size_t i = 1; i < n; ++i) arc[i] = arc[i - 1] + (line[i] - line[i - 1]).norm();
+  for (std::size_t i = 0; i + 1 < n; ++i) {
+    const Eigen::Vector2d d = line[i + 1] - line[i];
+    const double raw = std::atan2(d.x(), d.y());
+    course[i] = i == 0 ? raw : course[i - 1] + wrap_pi(raw - course[i - 1]);
+  }
+  course[n - 1] = course[n - 2];
+  // Nobody rolls at once: curvature and course change over about two seconds.
+  course = smoothed(course, static_cast<int>(0.8 * speed / step));
+  for (std::size_t i = 1; i + 1 < n; ++i)
+    curvature[i] = (course[i + 1] - course[i - 1]) / std::max(1e-6, arc[i + 1] - arc[i - 1]);
+  curvature = smoothed(curvature, static_cast<int>(0.5 * speed / step));
+  for (std::size_t i = 0; i < n; ++i) terrain[i] = ground.up_m(line[i].x(), line[i].y());
+  const std::vector<double> smooth_terrain = smoothed(terrain, static_cast<int>(350 / step));
+
+  Random random = Random(seed).fork("path");
+  const double crab = options.calm ? 0 : random.uniform(-0.07, 0.07);
+  const Noise sway(hash_of(seed, 71), 5.0), quick(hash_of(seed, 72), 1.4), climb(hash_of(seed, 73), 40);
+  const auto wobble = [&](double t, int axis, double slow_deg, double quick_deg) {
+    if (options.calm) return 0.0;
+    return radians(2.2 * (slow_deg * sway.at(t, 13.7 * axis) + quick_deg * quick.at(t, 7.3 * axis)));
+  };
+  std::vector<FlightPose> poses;
+  std::size_t at = 0;
+  for (int k = 0; k < options.max_frames; ++k) {
+    const double time = k * options.interval_s, s = time * speed;
+    if (s > arc.back()) break;
+    while (at + 2 < n && arc[at + 1] < s) ++at;
+    const double t = std::clamp((s - arc[at]) / std::max(1e-9, arc[at + 1] - arc[at]), 0.0, 1.0);
+    const auto between = [&](const std::vector<double>& v) { return std::lerp(v[at], v[at + 1], t); };
+    FlightPose pose;
+    pose.time_s = time;
+    const Eigen::Vector2d plane = line[at] + (line[at + 1] - line[at]) * t;
+    const double heading = between(course), rate = between(curvature) * speed;
+    const double lift = options.calm ? 0 : 0.012 * options.agl_m * climb.at(time, 0.5);
+    const double up = between(smooth_terrain) + options.agl_m + lift;
+    pose.position = {plane.x(), plane.y(), up};
+    pose.agl_m = up - ground.up_m(plane.x(), plane.y());
+    pose.pressure_agl_m = options.agl_m + lift;
+    pose.velocity = Eigen::Vector2d(std::sin(heading), std::cos(heading)) * speed;
+    pose.turn_rate = rate;
+    // Coordinated turn: tan(bank) = v · rate / g, at most 30 degrees.
+    const double bank = std::clamp(std::atan(rate * speed / kGravity), -radians(30), radians(30));
+    pose.attitude.heading_rad = heading + crab + wobble(time, 1, 0.9, 0.3);
+    pose.attitude.pitch_rad = (options.calm ? 0 : radians(1.5)) + wobble(time, 2, 1.1, 0.4);
+    pose.attitude.roll_rad = bank + wobble(time, 3, 1.4, 0.5);
+    poses.push_back(pose);
+  }
+  return poses;
+}
+
+}  // namespace nadir

@@ -1,0 +1,35 @@
+// The picture that a camera takes of a world from a pose: a ray for every sixteenth pixel meets the ground, the rest is
+// interpolated, and the pyramid level that fits is resampled. Exact at the nodes, to a few thousandths of a pixel
+// between them over gentle ground.
+#pragma once
+
+#include "simulation/world_raster.hpp"
+#include "vision/camera_model.hpp"
+
+namespace nadir {
+
+struct RenderedFrame {
+  cv::Mat image;          // CV_8UC3
+  double seen_share = 1;  // of the picture that lies on the world's valid pixels
+};
+
+class FrameRenderer {
+ public:
+  // Both must outlive the renderer.
+  FrameRenderer(const CameraModel& camera, const WorldRaster& world, const GroundShape& ground);
+
+  RenderedFrame render(const Eigen::Vector3d& position, const Attitude& attitude) const;
+
+ private:
+  CameraModel camera_;
+  const WorldRaster& world_;
+  const GroundShape& ground_;
+  cv::Size nodes_;
+  std::vector<Eigen::Vector3d> rays_;  // of the nodes, in the camera frame
+};
+
+// Where a ray from `position` along `direction` first meets the ground; far away but finite when it misses.
+Eigen::Vector3d meet_ground(const GroundShape& ground, const Eigen::Vector3d& position,
+                            const Eigen::Vector3d& direction);
+
+}  // namespace nadir

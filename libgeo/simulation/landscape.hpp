@@ -1,0 +1,157 @@
+// What lies where in a made-up landscape: pure description, no pixels. The painter (painter.hpp) makes pictures of it
+// for any season and sun.
+//
+// Coordinates are metres east (x) and north (y) of the world's south-west corner; heights metres above the ellipsoid.
+// Everything follows from the seed. Fields are cells of a recursive subdivision in a gently warped plane (u, v):
+// straight there, curved on the ground, and their rows of crop curve with them.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <opencv2/core/types.hpp>
+#include <vector>
+
+#include "simulation/noise.hpp"
+
+namespace nadir {
+
+using Spot = cv::Point2d;
+
+enum class Crop : std::uint8_t {
+  wheat,
+  barley,
+  rapeseed,
+  maize,
+  beet,
+  sunflower,
+  alfalfa,
+  meadow,
+  pasture,
+  fallow,
+  vineyard,
+  orchard,
+  wood,
+  conifers
+};
+inline constexpr int kArableCrops = 7;  // the first ones, which are sown anew each year
+
+enum class Border : std::uint8_t { road, track, hedge, grass, furrow };
+
+// A cut through the plane: u·normal = offset.
+struct Cut {
+  Spot normal;
+  double offset = 0;
+  Border border = Border::furrow;
+  double half_width_m = 0.4;
+  std::array<int, 2> below{};  // child on the negative and the positive side: ≥ 0 a cut, < 0 parcel −1 − value
+};
+
+struct Parcel {
+  Crop crop = Crop::wheat;         // on the day
+  Crop crop_before = Crop::wheat;  // when the satellite came by
+  double row_angle_rad = 0;        // direction of the rows in (u, v)
+  double tone = 0;                 // −1…1: how this field differs from others of its crop
+  double half_done = 2;            // share along the rows that has been worked on the day already; > 1: none
+  Spot centre;                     // in (u, v)
+  double length_m = 0;             // along the rows
+  double area_m2 = 0;
+  std::uint64_t seed = 0;
+};
+
+struct FieldPattern {
+  Noise warp_x{0, 1}, warp_y{0, 1};
+  double warp_m = 0;
+  std::vector<Cut> cuts;  // cuts[0] is the root
+  std::vector<Parcel> parcels;
+
+  Spot uv_from_ground(Spot ground) const;
+  Spot ground_from_uv(Spot uv) const;
+
+  struct Hit {
+    int parcel = 0;
+    int nearest_cut = -1;
+    double border_m = 1e9;  // distance to the nearest cut, less its half width; negative on it
+    double road_m = 1e9;    // the same for the nearest cut that is a road
+    double track_m = 1e9;
+  };
+  Hit find(Spot uv) const;
+};
+
+// A line with a width that may vary: rivers, roads, streets.
+struct Way {
+  std::vector<Spot> points;
+  std::vector<double> half_widths_m;
+};
+double distance_m(const Way& way, Spot spot);  // to its middle
+
+struct Pond {
+  Spot centre;
+  double radius_m = 0;
+  std::uint64_t seed = 0;
+  double edge_m(Spot spot) const;  // negative inside
+};
+
+enum class Presence : std::uint8_t { both, before_only, day_only };
+
+enum class Roof : std::uint8_t { tiles, brown, slate, metal, flat, round };
+
+struct Building {
+  Spot centre;
+  double angle_rad = 0;  // of the ridge
+  double length_m = 0;   // along the ridge
+  double width_m = 0;
+  double eaves_m = 0;
+  double ridge_m = 0;  // equal to the eaves: flat
+  Roof roof = Roof::tiles;
+  Roof roof_before = Roof::tiles;
+  double tone = 0;
+  Presence presence = Presence::both;
+};
+
+enum class Cover : std::uint8_t { lawn, beds, gravel, paving, pitch, wild };
+
+struct Plot {  // a rectangle of garden, yard or pavement
+  Spot centre;
+  double angle_rad = 0;
+  double length_m = 0;
+  double width_m = 0;
+  Cover cover = Cover::lawn;
+  double tone = 0;
+};
+
+enum class Plant : std::uint8_t { broadleaf, conifer, bush, fruit, bale };
+
+struct Tree {
+  Spot centre;
+  double radius_m = 0;
+  double height_m = 0;
+  Plant plant = Plant::broadleaf;
+  double tone = 0;
+  std::uint32_t seed = 0;
+};
+
+struct Relief {
+  cv::Mat_<float> heights_m;  // row 0 in the north, like a picture; nodes at pixel centres
+  double step_m = 8;
+  double size_m = 0;
+  double at(Spot spot) const;  // bilinear; clamped at the rim
+};
+
+struct Landscape {
+  std::uint64_t seed = 0;
+  double size_m = 0;
+  Relief relief;
+  FieldPattern fields;
+  Way river;
+  std::vector<Pond> ponds;
+  std::vector<Way> roads;  // paved, over the fields' own pattern
+  std::vector<Way> lanes;  // gravel
+  std::vector<Building> buildings;
+  std::vector<Plot> plots;
+  std::vector<Tree> trees;
+  Spot village;
+};
+
+Landscape grow_landscape(std::uint64_t seed, double size_m);
+
+}  // namespace nadir

@@ -1,0 +1,30 @@
+// Makes a whole world on disk: ground.tif (the day of the flight), map.tif (the satellite's picture, months earlier),
+// dem.tif, their STAC items, and a mission and a camera that fit. docs/simulate-world.md.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+
+#include "base/progress.hpp"
+
+namespace nadir {
+
+struct WorldOptions {
+  std::uint64_t seed = 1;
+  double size_km = 2;
+  double gsd_m = 0.5;
+};
+
+struct WorldReport {
+  int side_px = 0;
+  std::size_t parcels = 0;
+  std::size_t buildings = 0;
+  std::size_t trees = 0;
+  double relief_m = 0;    // highest minus lowest ground
+  double map_ce90_m = 0;  // of the map's misplacement
+};
+
+// Fills `folder`, which must exist. The same options give the same bytes.
+WorldReport make_world(const WorldOptions& options, const std::filesystem::path& folder, Progress& progress);
+
+}  // namespace nadir

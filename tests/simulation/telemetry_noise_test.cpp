@@ -1,0 +1,51 @@
+#include "simulation/telemetry_noise.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+FlightPose pose_at(double time_s) {
+  FlightPose pose;
+  pose.time_s = time_s;
+  pose.agl_m = pose.pressure_agl_m = 250;
+  return pose;
+}
+
+// Over many flights each error has the camera file's sigma; within one flight the compass is off by a constant.
+TEST(TelemetryNoise, ErrorsAreAsLargeAsStated) {
+  const TelemetryUncertainty sigma{radians(3), 0.03, radians(0.8)};
+  double heading = 0, agl = 0, pitch = 0, roll = 0;
+  int count = 0;
+  for (std::uint64_t seed = 0; seed < 400; ++seed) {
+    TelemetryNoise noise(sigma, seed);
+    for (int i = 0; i < 20; ++i, ++count) {
+      const ToldPose told = noise.tell(pose_at(3.0 * i));
+      heading += std::pow(told.attitude.heading_rad / sigma.heading_rad, 2);
+      agl += std::pow((told.agl_m / 250 - 1) / sigma.agl_relative, 2);
+      pitch += std::pow(told.attitude.pitch_rad / sigma.tilt_rad, 2);
+      roll += std::pow(told.attitude.roll_rad / sigma.tilt_rad, 2);
+    }
+  }
+  for (const double sum : {heading, agl, pitch, roll}) EXPECT_NEAR(std::sqrt(sum / count), 1.0, 0.1);
+}
+
+TEST(TelemetryNoise, TheCompassKeepsItsBias) {
+  const TelemetryUncertainty sigma{radians(3), 0.03, radians(0.8)};
+  double spread_of_means = 0;
+  for (std::uint64_t seed = 0; seed < 60; ++seed) {
+    TelemetryNoise noise(sigma, seed);
+    double first = 0, second = 0;
+    for (int i = 0; i < 100; ++i) (i < 50 ? first : second) += noise.tell(pose_at(i)).attitude.heading_rad / 50;
+    EXPECT_NEAR(first, second, 0.55 * sigma.heading_rad);
+    spread_of_means += first * first / 60;
+  }
+  EXPECT_GT(std::sqrt(spread_of_means), 0.5 * sigma.heading_rad);
+}
+
+}  // namespace
+}  // namespace nadir
