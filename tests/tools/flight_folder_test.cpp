@@ -1,0 +1,134 @@
+// Inputs of a replay: what is read, and that everything wrong is refused with its place.
+#include "replay/flight_folder.hpp"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/core.hpp>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "geodesy/angles.hpp"
+#include "imagery/codecs.hpp"
+#include "replay/truth.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kHeader = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg\n";
+
+class FlightFolder : public ::testing::Test {
+ protected:
+  FlightFolder() {
+    fs::create_directory(folder_ / "frames");
+    picture("a.jpg", 64, 48);
+    picture("b.jpg", 64, 48);
+    folder_.write("camera.yaml",
+                  "model: pinhole\nwidth: 64\nheight: 48\nfx: 60.0\nfy: 60.0\ncx: 32.0\ncy: 24.0\ndistortion: []\n"
+                  "uncertainty: {heading_deg: 3.0, agl_relative: 0.05, tilt_deg: 1.0}\n");
+    telemetry("a.jpg,0.0,120,90,1.5,-2\nb.jpg,1.5,121,,,\n");
+  }
+
+  void picture(const std::string& name, int width, int height) {
+    const Bytes bytes = encode_image(cv::Mat(height, width, CV_8UC3, cv::Scalar(90, 120, 60)), ImageFormat::jpeg);
+    write_file_atomic(folder_ / "frames" / name, ByteView(bytes));
+  }
+  void telemetry(const std::string& rows) { folder_.write("telemetry.csv", kHeader + rows); }
+  Flight read() { return read_flight({folder_ / "frames", folder_ / "telemetry.csv", folder_ / "camera.yaml"}); }
+  std::string complaint() {
+    try {
+      read();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  }
+
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(FlightFolder, ReadsRowsWithUnknownCells) {
+  const Flight flight = read();
+  ASSERT_EQ(flight.frames.size(), 2U);
+  EXPECT_DOUBLE_EQ(*flight.frames[0].heading_rad, kPi / 2);
+  EXPECT_DOUBLE_EQ(*flight.frames[0].roll_rad, radians(-2));
+  EXPECT_EQ(flight.frames[1].time_s, 1.5);
+  EXPECT_EQ(flight.frames[1].pitch_rad, std::nullopt);
+  EXPECT_EQ(flight.camera.camera.width, 64);
+}
+
+TEST_F(FlightFolder, CountsPicturesWithoutARow) {
+  telemetry("a.jpg,0,120,90,,\n");
+  EXPECT_EQ(read().pictures_without_row, 1U);
+}
+
+TEST_F(FlightFolder, RefusesNan) {
+  telemetry("a.jpg,0,nan,90,,\nb.jpg,1,121,,,\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("telemetry.csv:2"));
+}
+
+TEST_F(FlightFolder, RefusesShuffledRows) {
+  telemetry("b.jpg,1.5,121,,,\na.jpg,0,120,90,,\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("order of time"));
+}
+
+TEST_F(FlightFolder, RefusesDuplicateTimesAndFrames) {
+  telemetry("a.jpg,0,120,90,,\nb.jpg,0,121,,,\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("order of time"));
+  telemetry("a.jpg,0,120,90,,\na.jpg,1,121,,,\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("two rows"));
+}
+
+TEST_F(FlightFolder, RefusesUnknownFrames) {
+  telemetry("a.jpg,0,120,90,,\nc.jpg,1,121,,,\n");
+  EXPECT_THAT(complaint(), ::testing::AllOf(::testing::HasSubstr("c.jpg"), ::testing::HasSubstr("not there")));
+  telemetry("../a.jpg,0,120,90,,\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("no usable name"));
+}
+
+TEST_F(FlightFolder, RefusesValuesThatCannotBe) {
+  for (const char* row :
+       {"a.jpg,0,-5,90,,", "a.jpg,0,120,900,,", "a.jpg,0,120,90,95,", "a.jpg,,120,90,,", "a.jpg,0,120,90,,,"}) {
+    telemetry(std::string(row) + "\n");
+    EXPECT_NE(complaint(), "") << row;
+  }
+}
+
+TEST_F(FlightFolder, RefusesEmptyInputs) {
+  telemetry("");
+  EXPECT_NE(complaint(), "");
+  telemetry("a.jpg,0,120,90,,\n");
+  fs::remove_all(folder_ / "frames");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("cannot be read"));
+  fs::create_directory(folder_ / "frames");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("no picture"));
+}
+
+TEST_F(FlightFolder, RefusesPicturesOfAnotherSize) {
+  picture("b.jpg", 48, 64);
+  EXPECT_THAT(complaint(), ::testing::AllOf(::testing::HasSubstr("64×48"), ::testing::HasSubstr("48×64"),
+                                            ::testing::HasSubstr("b.jpg")));
+}
+
+TEST_F(FlightFolder, RefusesFilesThatAreNoPictures) {
+  write_file_atomic(folder_ / "frames" / "b.jpg", std::string_view("not a picture"));
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("b.jpg"));
+  write_file_atomic(folder_ / "frames" / "b.jpg", std::string_view(""));
+  EXPECT_NE(complaint(), "");
+}
+
+TEST_F(FlightFolder, TruthMayBeShorterButNotForeign) {
+  const auto frames = read().frames;
+  const Truth truth =
+      read_truth(folder_.write("t.csv", "frame,lat_deg,lon_deg\nb.jpg,24.5,120.5\nz.jpg,1,1\n"), frames);
+  EXPECT_EQ(truth[0], std::nullopt);
+  EXPECT_EQ(truth[1], (LonLat{120.5, 24.5}));
+  EXPECT_THROW(read_truth(folder_.write("t.csv", "frame,lat_deg,lon_deg\nz.jpg,24.5,120.5\n"), frames), UsageError);
+  EXPECT_THROW(read_truth(folder_.write("t.csv", "frame,lat_deg,lon_deg\nb.jpg,99,120.5\n"), frames), UsageError);
+  EXPECT_THROW(read_truth(folder_.write("t.csv", "frame,lat_deg,lon_deg\nb.jpg,1,1\nb.jpg,1,1\n"), frames), UsageError);
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,76 @@
+#include "replay/report.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+
+#include "replay/pictures.hpp"
+
+namespace nadir {
+namespace {
+
+ReportInput small_input() {
+  ReportInput input{.title = "A <script>alert(1)</script> flight",
+                    .subtitle = "3 frames",
+                    .frame = LocalFrame({8.5, 47.4}),
+                    .frames = std::vector<FrameReport>(3),
+                    .refined = std::vector<Estimate>(3),
+                    .truth = Truth(3),
+                    .score = {},
+                    .figures = {{"frames", "3"}},
+                    .worst = {},
+                    .map = std::nullopt};
+  input.frames[0].estimate.frame = "</script><img src=x>.jpg";
+  input.frames[0].estimate.position = LonLat{8.5001, 47.4};
+  input.frames[0].estimate.covariance_m2 << 4, 0, 0, 9;
+  input.truth[0] = LonLat{8.5, 47.4};
+  input.frames[1].anchor.verdict = AnchorVerdict::ambiguous;
+  return input;
+}
+
+nlohmann::json data_of(const std::string& html) {
+  const std::string open = "<script type=\"application/json\" id=\"data\">";
+  const auto begin = html.find(open) + open.size();
+  return nlohmann::json::parse(html.substr(begin, html.find("</script>", begin) - begin));
+}
+
+TEST(Report, HoldsTheFrames) {
+  const auto data = data_of(report_html(small_input()));
+  ASSERT_EQ(data["frames"].size(), 3U);
+  EXPECT_NEAR(data["frames"][0]["east"].get<double>(), 7.55, 0.02);
+  EXPECT_NEAR(data["frames"][0]["error"].get<double>(), 7.55, 0.02);
+  EXPECT_EQ(data["frames"][1]["anchor"]["verdict"], "ambiguous");
+  EXPECT_FALSE(data["frames"][1].contains("east"));
+  EXPECT_TRUE(data["map"].is_null());
+}
+
+TEST(Report, NamesFromOutsideCannotBreakOut) {
+  const std::string html = report_html(small_input());
+  EXPECT_EQ(html.find("<img src=x>"), std::string::npos);
+  EXPECT_EQ(html.find("<script>alert"), std::string::npos);
+  EXPECT_EQ(data_of(html)["frames"][0]["name"], "</script><img src=x>.jpg");
+}
+
+TEST(Report, LoadsNothingFromANetwork) {
+  const std::string html = report_html(small_input());
+  for (const char* word : {"src=\"http", "href=\"http", "url(http", "@import", "fetch(", "XMLHttpRequest", "{{"}) {
+    EXPECT_EQ(html.find(word), std::string::npos) << word;
+  }
+}
+
+TEST(WorstFrames, KeepsTheWorstInBoundedMemory) {
+  WorstFrames worst(3);
+  AnchorReport anchor;
+  worst.offer(0, 1000, anchor);  // no pictures: nothing to show
+  anchor.rectified = cv::Mat(20, 30, CV_8UC1, cv::Scalar(100));
+  anchor.matched_map = cv::Mat(20, 30, CV_8UC3, cv::Scalar(100, 90, 80));
+  for (const std::size_t i : {1U, 5U, 3U, 2U, 4U}) worst.offer(i, static_cast<double>(i), anchor);
+  ASSERT_EQ(worst.worst_first().size(), 3U);
+  EXPECT_EQ(worst.worst_first()[0].index, 5U);
+  EXPECT_EQ(worst.worst_first()[2].index, 3U);
+  EXPECT_THAT(worst.worst_first()[0].frame_uri, ::testing::StartsWith("data:image/jpeg;base64,/9j/"));
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,37 @@
+// How commands print: findings for people and for programs, tables, figures.
+#pragma once
+
+#include <iosfwd>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/finding.hpp"
+#include "base/time.hpp"
+
+namespace nadir {
+
+// {"accepted": true, "findings": [{code, severity, where, expected, found, fix}]}
+nlohmann::json json_from(const Findings& findings);
+
+// Every finding as to_text() gives it, refusals first, and a last line that counts them.
+void print_findings(std::ostream& out, const Findings& findings);
+
+// `document` as indented UTF-8 with a line end.
+void print_json(std::ostream& out, const nlohmann::json& document);
+
+// Findings in the wanted form, and the exit code that follows from them. With JSON, members of `more` (an object or
+// null) join the document.
+int report_findings(std::ostream& out, bool as_json, const Findings& findings, const nlohmann::json& more);
+int report_findings(std::ostream& out, bool as_json, const Findings& findings);
+
+// Two columns: the left one padded to its longest entry.
+using Figures = std::vector<std::pair<std::string, std::string>>;
+void print_figures(std::ostream& out, const Figures& figures);
+
+// --at when given, else the clock's present time.
+UtcTime judging_time(const std::optional<UtcTime>& at, const Clock& clock);
+
+}  // namespace nadir

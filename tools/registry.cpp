@@ -1,0 +1,53 @@
+#include "registry.hpp"
+
+#include "cache_build.hpp"
+#include "cache_diff.hpp"
+#include "cache_gaps.hpp"
+#include "cache_inspect.hpp"
+#include "cache_sign.hpp"
+#include "cache_validate.hpp"
+#include "cache_verify.hpp"
+#include "keys_create.hpp"
+#include "keys_permit_rollback.hpp"
+#include "keys_revoke.hpp"
+#include "keys_root.hpp"
+#include "keys_sign.hpp"
+#include "mission_check.hpp"
+#include "mission_import.hpp"
+#include "mission_plan.hpp"
+#include "replay.hpp"
+#include "simulate_flight.hpp"
+#include "simulate_world.hpp"
+
+namespace nadir {
+
+ProgramText nadir_text() {
+  return {.name = "nadir",
+          .summary = "builds, signs and checks offline map packages, and replays flights against them",
+          .footer = "Exit codes: 0 done, 1 a check refused, 2 wrong usage or could not be done, 130 interrupted."};
+}
+
+std::vector<std::unique_ptr<Command>> all_commands() {
+  std::vector<std::unique_ptr<Command>> commands;
+  commands.push_back(std::make_unique<KeysCreateCommand>());
+  commands.push_back(std::make_unique<KeysRootCommand>());
+  commands.push_back(std::make_unique<KeysRevokeCommand>());
+  commands.push_back(std::make_unique<KeysSignCommand>());
+  commands.push_back(std::make_unique<KeysPermitRollbackCommand>());
+  commands.push_back(std::make_unique<MissionCheckCommand>());
+  commands.push_back(std::make_unique<MissionImportCommand>());
+  commands.push_back(std::make_unique<MissionPlanCommand>());
+  commands.push_back(std::make_unique<CacheBuildCommand>());
+  commands.push_back(std::make_unique<CacheSignCommand>());
+  commands.push_back(std::make_unique<CacheVerifyCommand>());
+  commands.push_back(std::make_unique<CacheInspectCommand>());
+  commands.push_back(std::make_unique<CacheValidateCommand>());
+  commands.push_back(std::make_unique<CacheGapsCommand>());
+  commands.push_back(std::make_unique<CacheDiffCommand>());
+  commands.push_back(std::make_unique<SimulateWorldCommand>());
+  commands.push_back(std::make_unique<SimulateFlightCommand>());
+  commands.push_back(std::make_unique<ReplayCommand>());
+  return commands;
+}
+
+}  // namespace nadir

@@ -1,0 +1,37 @@
+// `nadir replay`: flies recorded pictures and telemetry through the localizer and reports how it went.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "framework/command.hpp"
+#include "geodesy/lon_lat.hpp"
+#include "replay/flight_folder.hpp"
+
+namespace nadir {
+
+class ReplayCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "replay"; }
+  std::string_view summary() const override { return "fly recorded frames and telemetry through the localizer"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::optional<std::filesystem::path> package_;
+  std::optional<std::filesystem::path> trust_;
+  std::optional<std::string> airframe_;
+  std::optional<UtcTime> at_;
+  FlightPaths paths_;
+  std::optional<std::filesystem::path> truth_;
+  std::optional<LonLat> start_;
+  std::filesystem::path out_;
+};
+
+}  // namespace nadir

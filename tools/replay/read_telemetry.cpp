@@ -1,0 +1,109 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <optional>
+#include <string>
+#include <unordered_map>
+
+#include "base/csv.hpp"
+#include "base/error.hpp"
+#include "geodesy/angles.hpp"
+#include "replay/flight_folder.hpp"
+
+namespace nadir {
+namespace {
+
+struct Columns {
+  std::size_t frame, time, agl;
+  std::optional<std::size_t> heading, pitch, roll, lat, lon;
+};
+
+Columns find_columns(const CsvTable& table) {
+  Columns columns{};
+  columns.frame = table.required_column("frame");
+  columns.time = table.required_column("time_s");
+  columns.agl = table.required_column("agl_m");
+  columns.heading = table.required_column("heading_deg");
+  columns.pitch = table.required_column("pitch_deg");
+  columns.roll = table.required_column("roll_deg");
+  columns.lat = table.column("lat_deg");
+  columns.lon = table.column("lon_deg");
+  return columns;
+}
+
+std::string place_of(const CsvTable& table, std::size_t row) {
+  return fmt::format("{}:{}", table.path().string(), table.line_of(row));
+}
+
+std::optional<double> number_within(const CsvTable& table, std::size_t row, std::optional<std::size_t> column,
+                                    double low, double high) {
+  if (!column) return std::nullopt;
+  const auto value = table.number(row, *column);
+  if (value && (*value < low || *value > high)) {
+    throw UsageError({.what = fmt::format("{} cannot be", table.header()[*column]),
+                      .where = place_of(table, row),
+                      .expected = fmt::format("{} to {}, or an empty cell for unknown", low, high),
+                      .found = table.cell(row, *column)});
+  }
+  return value;
+}
+
+std::optional<double> angle_rad(const CsvTable& table, std::size_t row, std::optional<std::size_t> column,
+                                double limit_deg) {
+  const auto value = number_within(table, row, column, -limit_deg, limit_deg);
+  return value ? std::optional(radians(*value)) : std::nullopt;
+}
+
+void check_frame_name(const CsvTable& table, std::size_t row, const std::string& name) {
+  const bool plain = !name.empty() && name.find('/') == std::string::npos && name != "." && name != "..";
+  if (plain) return;
+  throw UsageError({.what = "a frame has no usable name",
+                    .where = place_of(table, row),
+                    .expected = "the name of a file in the folder of frames",
+                    .found = fmt::format("\"{}\"", name)});
+}
+
+}  // namespace
+
+std::vector<Telemetry> read_telemetry(const std::filesystem::path& path) {
+  const CsvTable table = CsvTable::read(path);
+  const Columns columns = find_columns(table);
+  std::vector<Telemetry> rows;
+  std::unordered_map<std::string, std::size_t> line_of_frame;
+  for (std::size_t row = 0; row < table.rows(); ++row) {
+    Telemetry telemetry;
+    telemetry.frame = table.cell(row, columns.frame);
+    check_frame_name(table, row, telemetry.frame);
+    telemetry.time_s = table.required_number(row, columns.time);
+    telemetry.agl_m = number_within(table, row, columns.agl, 1, 20000);
+    telemetry.heading_rad = angle_rad(table, row, columns.heading, 360);
+    telemetry.pitch_rad = angle_rad(table, row, columns.pitch, 90);
+    telemetry.roll_rad = angle_rad(table, row, columns.roll, 180);
+    const auto lat = number_within(table, row, columns.lat, -90, 90);
+    const auto lon = number_within(table, row, columns.lon, -180, 180);
+    if (lat && lon) telemetry.place = LonLat{*lon, *lat};
+
+    const auto [other, fresh] = line_of_frame.emplace(telemetry.frame, table.line_of(row));
+    if (!fresh) {
+      throw UsageError({.what = fmt::format("frame {} has two rows", telemetry.frame),
+                        .where = place_of(table, row),
+                        .expected = "one row per frame",
+                        .found = fmt::format("the other one in line {}", other->second),
+                        .fix = "remove the row that is wrong"});
+    }
+    if (!rows.empty() && telemetry.time_s <= rows.back().time_s) {
+      throw UsageError({.what = "the rows are not in the order of time",
+                        .where = place_of(table, row),
+                        .expected = fmt::format("time_s later than the row before ({:.3f})", rows.back().time_s),
+                        .found = fmt::format("{:.3f}", telemetry.time_s),
+                        .fix = "sort the rows by time_s; if two share one time, the clock or the log is wrong"});
+    }
+    rows.push_back(std::move(telemetry));
+  }
+  if (rows.empty()) {
+    throw UsageError({.what = "the telemetry has no rows", .where = path.string(), .expected = "one row per frame"});
+  }
+  return rows;
+}
+
+}  // namespace nadir

@@ -1,0 +1,38 @@
+// Flies a recorded flight through the localizer, frame by frame, and writes each estimate as soon as it is made.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "base/progress.hpp"
+#include "estimation/estimate.hpp"
+#include "geodesy/local_frame.hpp"
+#include "imagery/tile_source.hpp"
+#include "replay/estimates_csv.hpp"
+#include "replay/flight_folder.hpp"
+#include "replay/truth.hpp"
+#include "replay/worst_frames.hpp"
+#include "vision/ground_surface.hpp"
+
+namespace nadir {
+
+struct ReplayedFlight {
+  std::vector<FrameReport> frames;  // without their pictures
+  std::vector<Estimate> refined;
+  std::vector<FramePictures> worst;
+};
+
+// What the localizer starts from.
+struct ReplaySetup {
+  LocalFrame frame;                   // the plane of the estimates
+  const TileSource* tiles = nullptr;  // null: odometry alone
+  std::optional<double> map_sigma_m;  // of the tiles' placement, one axis
+  std::optional<LonLat> start;
+  const GroundSurface* surface = nullptr;  // null: flat ground
+};
+
+// The truth only chooses whose pictures are kept for the report.
+ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv& csv,
+                             Progress& progress);
+
+}  // namespace nadir

@@ -1,0 +1,35 @@
+#include "tile_set_subject.hpp"
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+
+namespace nadir {
+namespace fs = std::filesystem;
+
+TileSetSubject find_tile_set(const fs::path& path) {
+  if (!fs::exists(path)) {
+    throw UsageError(
+        {.what = "nothing of this name", .where = path.string(), .expected = "a package's folder or an MBTiles file"});
+  }
+  if (!fs::is_directory(path)) return {path, std::nullopt, {}};
+  ManifestReading reading = parse_manifest(read_file(path / kManifestFile, kMaxManifestSize));
+  if (!reading.manifest) {
+    const Finding& first = reading.findings.items().front();
+    throw Error({.what = "cannot read the manifest",
+                 .where = (path / kManifestFile).string() + ": " + first.where,
+                 .expected = first.expected,
+                 .found = first.found});
+  }
+  const Artifact* imagery = reading.manifest->artifact(kRoleImagery);
+  if (imagery == nullptr || !imagery->path.ends_with(".mbtiles")) {
+    throw Error({.what = "the package's imagery is no MBTiles file",
+                 .where = path.string(),
+                 .expected = std::string(kImageryFile),
+                 .found = imagery == nullptr ? "no imagery" : imagery->path});
+  }
+  const fs::path mbtiles = path / imagery->path;
+  const Artifact* mission = reading.manifest->artifact(kRoleMission);
+  return {mbtiles, std::move(reading.manifest), mission == nullptr ? fs::path() : path / kMissionFile};
+}
+
+}  // namespace nadir
