@@ -1,0 +1,91 @@
+#!/usr/bin/env python3
+"""Tries what the documentation says.
+
+usage: check_docs.py links|commands|examples|tests PROJECT_ROOT FOLDER_OF_PROGRAMS
+
+links     every relative link leads to a file
+commands  every command has a page, and the page names every option that --help lists
+examples  code blocks that begin with ```sh test run with exit code 0, those of one page one after the other
+tests     every test that docs/trust.md names is there
+"""
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+
+def pages(root):
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def check_links(root, _):
+    for page in pages(root):
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
+            if not target.startswith(("http://", "https://")) and not (page.parent / target).exists():
+                yield f"{page.relative_to(root)}: no such file: {target}"
+
+
+def output_of(*args):
+    return subprocess.run(args, capture_output=True, text=True, check=True).stdout
+
+
+def check_commands(root, programs):
+    nadir = str(programs / "nadir")
+    listed = output_of(nadir, "--help").split("Commands:\n")[1].split("\n\n")[0]
+    index = (root / "docs/commands/index.md").read_text()
+    for line in listed.splitlines():
+        words = re.split(r"\s{2,}", line.strip())[0].split()
+        name = "-".join(words)
+        page = root / "docs" / "commands" / f"{name}.md"
+        if f"({name}.md)" not in index:
+            yield f"docs/commands/index.md does not list {name}.md"
+        if not page.exists():
+            yield f"docs/commands/{name}.md is missing"
+            continue
+        text = page.read_text()
+        for option in re.findall(r"^\s+(--[a-z-]+)", output_of(nadir, *words, "--help"), re.M):
+            if option not in text and option != "--quiet":
+                yield f"docs/commands/{name}.md does not mention {option}"
+
+
+def check_examples(root, programs):
+    found = 0
+    for page in pages(root):
+        blocks = re.findall(r"^```sh test\n(.*?)^```", page.read_text(), re.M | re.S)
+        if not blocks:
+            continue
+        found += len(blocks)
+        with tempfile.TemporaryDirectory(prefix="nadir-docs.") as folder:
+            result = subprocess.run(["bash", "-euo", "pipefail", "-c", "".join(blocks)], cwd=folder, text=True,
+                                    stdin=subprocess.DEVNULL, capture_output=True,
+                                    env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"})
+            if result.returncode != 0:
+                yield f"{page.relative_to(root)}: the example ends with {result.returncode}\n{result.stdout}{result.stderr}"
+    if found == 0:
+        yield "no example is marked ```sh test"
+
+
+def check_tests(root, _):
+    sources = "\n".join(source.read_text() for source in (root / "tests").rglob("*_test.cpp"))
+    named = re.findall(r"`([A-Z]\w+)\.([A-Z]\w+)`", (root / "docs/trust.md").read_text())
+    if not named:
+        yield "docs/trust.md names no test"
+    for suite, name in named:
+        if not re.search(rf"TEST(_F|_P)?\({suite}, {name}\)", sources):
+            yield f"docs/trust.md: no such test: {suite}.{name}"
+
+
+def main():
+    checks = {"links": check_links, "commands": check_commands, "examples": check_examples, "tests": check_tests}
+    if len(sys.argv) != 4 or sys.argv[1] not in checks:
+        print(__doc__, file=sys.stderr)
+        return 2
+    problems = list(checks[sys.argv[1]](pathlib.Path(sys.argv[2]).resolve(), pathlib.Path(sys.argv[3]).resolve()))
+    print("\n".join(problems) if problems else f"{sys.argv[1]}: fine")
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

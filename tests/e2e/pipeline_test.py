@@ -1,0 +1,114 @@
+#!/usr/bin/env python3
+"""Keys, package, verification, replay, report: the small pipeline with the programs as a user calls them."""
+import csv
+import json
+import pathlib
+import subprocess
+import unittest
+
+from support import AT, NADIRD, EndToEnd, main, run
+
+
+class Pipeline(EndToEnd):
+    def test_from_imagery_to_a_report(self):
+        self.keys()
+        package = self.build()
+        verified = self.good("cache", "verify", package, "--trust", self.folder / "root.json", "--depth", "full", "--at", AT, "--json")
+        self.assertTrue(json.loads(verified.stdout)["accepted"])
+        subprocess.run(["gdalinfo", str(package / "imagery" / "base.mbtiles")], check=True, capture_output=True)
+
+        flight = self.flight()
+        out = self.folder / "out"
+        result = self.good(*self.replay_args(flight, out), "--package", package, "--trust", self.folder / "root.json", "--at", AT)
+        self.assertEqual("", result.stderr)
+        self.assertIn("report.html", result.stdout)
+        self.assertEqual({"estimates.csv", "refined.csv", "summary.json", "track.geojson", "report.html"},
+                         {p.name for p in out.iterdir()})
+        for name in ("estimates.csv", "refined.csv"):
+            rows = list(csv.DictReader(open(out / name)))
+            self.assertEqual(["0.jpg", "1.jpg", "2.jpg"], [row["frame"] for row in rows])
+            for row in rows:
+                self.assertIn(row["source"], ("satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"))
+                if row["lat_deg"]:
+                    self.assertGreater(float(row["sigma_m"]), 0)
+        self.assertEqual(3, json.loads((out / "summary.json").read_text())["frames"])
+        self.assertEqual("FeatureCollection", json.loads((out / "track.geojson").read_text())["type"])
+        self.assertIn("data:image/jpeg;base64,", (out / "report.html").read_text())
+
+        ready = self.good("--package", package, "--trust", self.folder / "root.json", "--airframe", "mini-07", "--state",
+                          self.folder / "state.json", "--at", AT, "--check", program=NADIRD)
+        self.assertIn("ready", ready.stdout)
+        self.assertIn("not built in yet", ready.stdout)
+
+    def test_replays_are_identical(self):
+        flight = self.flight()
+        texts = []
+        for name in ("one", "two"):
+            self.good(*self.replay_args(flight, self.folder / name))
+            rows = csv.reader(open(self.folder / name / "estimates.csv"))
+            texts.append([row[:10] for row in rows])
+        self.assertEqual(texts[0], texts[1])
+
+    def test_json_is_the_summary(self):
+        flight = self.flight()
+        result = self.good(*self.replay_args(flight, self.folder / "out"), "--json")
+        self.assertEqual(json.loads((self.folder / "out" / "summary.json").read_text()), json.loads(result.stdout))
+
+    def test_a_damaged_picture_in_the_middle_does_not_stop_the_flight(self):
+        flight = self.flight()
+        picture = flight / "frames" / "1.jpg"
+        picture.write_bytes(picture.read_bytes()[:1500])
+        self.good(*self.replay_args(flight, self.folder / "out"))
+        rows = list(csv.DictReader(open(self.folder / "out" / "estimates.csv")))
+        self.assertEqual(3, len(rows))
+        self.assertNotEqual("satellite_anchored", rows[1]["source"])
+
+    def test_a_refused_package_is_not_flown(self):
+        self.keys()
+        package = self.build()
+        flight = self.flight()
+        out = self.folder / "out"
+        trust = ["--package", package, "--trust", self.folder / "root.json"]
+        self.fails(1, *self.replay_args(flight, out), *trust, "--at", "2025-06-01", says=["package.expired"], leaves_nothing=out)
+        self.fails(1, *self.replay_args(flight, out), *trust, "--at", AT, "--airframe", "other", says=["airframe.mismatch"],
+                   leaves_nothing=out)
+        self.fails(1, "--package", package, "--trust", self.folder / "root.json", "--at", AT, "--airframe", "other", "--check",
+                   program=NADIRD, says=["airframe.mismatch"])
+
+    def test_the_aircraft_remembers(self):
+        self.keys()
+        old = self.build("old")
+        new = self.build("new", sequence=2, name="m2.yaml")
+        check = ["--trust", self.folder / "root.json", "--state", self.folder / "state.json", "--at", AT, "--check"]
+        self.good("--package", old, *check, program=NADIRD)
+        self.good("--package", new, *check, program=NADIRD)
+        self.fails(1, "--package", old, *check, program=NADIRD, says=["package.rollback"])
+
+
+class FirstImpressions(EndToEnd):
+    def test_every_command_has_a_page_with_an_example(self):
+        listed = [line.split("  ")[1].strip() for line in self.good("--help").stdout.splitlines() if line.startswith("  ")]
+        commands = [name.split() for name in listed if not name.startswith(("COMMAND", "--"))]
+        self.assertGreaterEqual(len(commands), 9)
+        for command in commands:
+            page = self.good(*command, "--help")
+            self.assertEqual("", page.stderr)
+            self.assertIn("Examples:", page.stdout, command)
+            self.assertIn("nadir " + " ".join(command), page.stdout)
+        self.assertIn("--check", self.good("--help", program=NADIRD).stdout)
+
+    def test_talk_goes_to_stderr_and_results_to_stdout(self):
+        result = run("replay", "--framse", "x")
+        self.assertEqual((2, ""), (result.returncode, result.stdout))
+        self.assertIn("--frames", result.stderr)
+        self.assertEqual(2, run("--package", "p", "--trust", "t", program=NADIRD).returncode)
+
+    def test_a_full_disk_is_said(self):
+        with open("/dev/full", "w") as full:
+            result = subprocess.run([pathlib.Path(run.__globals__["NADIR"]), "--help"], stdout=full, stderr=subprocess.PIPE, text=True)
+        self.assertEqual(2, result.returncode)
+        self.assertIn("standard output", result.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,26 @@
+// Readers of bytes that anybody may have written. Each target takes any bytes; it must neither crash nor hang nor leak
+// an exception other than the reader's own, and what it accepts must survive being written and read again.
+//
+// With clang and NADIR_FUZZ=ON each becomes a libFuzzer program, fuzz_NAME; the test `fuzz` replays the corpus with
+// every compiler.
+#pragma once
+
+#include <string_view>
+#include <vector>
+
+namespace nadir::fuzz {
+
+void root(std::string_view bytes);
+void envelope(std::string_view bytes);
+void manifest(std::string_view bytes);
+void mission(std::string_view bytes);
+void state(std::string_view bytes);
+void permit(std::string_view bytes);
+
+struct Target {
+  const char* name;  // also the folder of its corpus
+  void (*run)(std::string_view);
+};
+const std::vector<Target>& targets();
+
+}  // namespace nadir::fuzz
