@@ -3,11 +3,20 @@
 #include <algorithm>
 #include <opencv2/core.hpp>
 
-#include "ground/mosaic.hpp"
 #include "package/judge.hpp"
 
 namespace nadir {
 namespace {
+
+constexpr int kMetatileSteps = 3;  // 8 x 8 tiles: 2048 pixels a side, 16 MiB
+
+std::uint64_t along_curve(const TileKey& key) {  // Morton order
+  std::uint64_t code = 0;
+  for (unsigned bit = 0; bit < kMaxZoom; ++bit) {
+    code |= (std::uint64_t{(key.x >> bit) & 1U} << (2 * bit)) | (std::uint64_t{(key.y >> bit) & 1U} << (2 * bit + 1));
+  }
+  return code;
+}
 
 cv::Rect tile_rect(int column, int row) { return {column * kTileSize, row * kTileSize, kTileSize, kTileSize}; }
 
@@ -50,41 +59,67 @@ EncodedTile TileEncoder::encode(const TileKey& key, const TilePicture& tile) con
   return result;
 }
 
-Metatile render_metatile(const TileKey& key, const TileRange& range, std::vector<RasterSource>& sources,
-                         double feather_px, const TileEncoder& encoder) {
-  const int steps = range.zoom - key.z;
-  int across = 1 << steps;
+std::vector<TileKey> metatiles_of(const TileRange& range, int min_zoom) {
+  const TileRange tops = range.at_zoom(std::max(min_zoom, range.zoom - kMetatileSteps));
+  std::vector<TileKey> keys;
+  for (std::int64_t y = tops.first_y; y <= tops.last_y; ++y) {
+    for (std::int64_t x = tops.first_x; x <= tops.last_x; ++x) {
+      keys.push_back(
+          {static_cast<std::uint8_t>(tops.zoom), static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(y)});
+    }
+  }
+  std::sort(keys.begin(), keys.end(),
+            [](const TileKey& a, const TileKey& b) { return along_curve(a) < along_curve(b); });
+  return keys;
+}
+
+MetatileCanvas compose_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,
+                                double feather_px) {
+  const int steps = range.zoom - key.z, across = 1 << steps;
   const std::int64_t x = std::int64_t{key.x} << steps, y = std::int64_t{key.y} << steps;
   const std::int64_t first_x = std::max(x, range.first_x), last_x = std::min(x + across - 1, range.last_x);
   const std::int64_t first_y = std::max(y, range.first_y), last_y = std::min(y + across - 1, range.last_y);
 
-  Picture canvas{cv::Mat::zeros(across * kTileSize, across * kTileSize, CV_8UC3),
-                 cv::Mat::zeros(across * kTileSize, across * kTileSize, CV_8UC1)};
-  TileGrid used(across);
+  MetatileCanvas canvas{{cv::Mat::zeros(across * kTileSize, across * kTileSize, CV_8UC3),
+                         cv::Mat::zeros(across * kTileSize, across * kTileSize, CV_8UC1)},
+                        TileGrid(across)};
   if (first_x <= last_x && first_y <= last_y) {
     const auto pixels = [](std::int64_t tiles) { return static_cast<int>(tiles) * kTileSize; };
     const cv::Rect rect(pixels(first_x), pixels(first_y), pixels(last_x - first_x + 1), pixels(last_y - first_y + 1));
-    compose(range.zoom, rect, {pixels(first_x - x), pixels(first_y - y)}, feather_px, sources, canvas, used);
+    compose(range.zoom, rect, {pixels(first_x - x), pixels(first_y - y)}, feather_px, layers, canvas.picture,
+            canvas.used);
   }
+  return canvas;
+}
 
-  Metatile result;
-  for (int step = 0; step <= steps; ++step, across /= 2) {
-    const int zoom = range.zoom - step;
+TilePicture cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, const VisitTile& visit) {
+  auto& [picture, used] = canvas;
+  const int steps = finest - key.z;
+  for (int step = 0, across = 1 << steps; step <= steps; ++step, across /= 2) {
     for (int column = 0; column < across; ++column) {
       for (int row = 0; row < across; ++row) {
         const cv::Rect rect = tile_rect(column, row);
-        const TilePicture tile{{canvas.bgr(rect), canvas.mask(rect)}, used.at(column, row)};
+        const TilePicture tile{{picture.bgr(rect), picture.mask(rect)}, used.at(column, row)};
         if (cv::countNonZero(tile.picture.mask) == 0) continue;
-        const TileKey tile_key{static_cast<std::uint8_t>(zoom), static_cast<std::uint32_t>((x >> step) + column),
-                               static_cast<std::uint32_t>((y >> step) + row)};
-        result.tiles.push_back(encoder.encode(tile_key, tile));
+        visit({static_cast<std::uint8_t>(finest - step), (key.x << (steps - step)) + static_cast<std::uint32_t>(column),
+               (key.y << (steps - step)) + static_cast<std::uint32_t>(row)},
+              tile);
       }
     }
     if (step == steps) break;
-    canvas = halved(canvas);
+    picture = halved(picture);
     used = merged(used, across);
   }
-  result.top = {canvas, used.at(0, 0)};
+  return {picture, used.at(0, 0)};
+}
+
+Metatile render_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,
+                         double feather_px, const TileEncoder& encoder) {
+  Metatile result;
+  result.top = cut_metatile(key, range.zoom, compose_metatile(key, range, layers, feather_px),
+                            [&](const TileKey& tile_key, const TilePicture& tile) {
+                              result.tiles.push_back(encoder.encode(tile_key, tile));
+                            });
   return result;
 }
 

@@ -1,11 +1,13 @@
 // A square of many tiles, warped at once and averaged down to its overviews in memory: the unit of work of a build.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <span>
 #include <vector>
 
 #include "ground/imagery_input.hpp"
+#include "ground/mosaic.hpp"
 #include "ground/picture.hpp"
 #include "ground/raster_source.hpp"
 #include "ground/tile_plan.hpp"
@@ -48,9 +50,26 @@ struct Metatile {
   TilePicture top;                 // the one tile that covers it
 };
 
-// range: the tiles of the finest zoom that are wanted. sources: opened by this thread, in the order of the inputs.
+// Metatiles of the range in the order of a space-filling curve: what is near in the plane stays near in the sequence.
+std::vector<TileKey> metatiles_of(const TileRange& range, int min_zoom);
+
+// The metatile's ground at the finest zoom, before it is cut into tiles.
+struct MetatileCanvas {
+  Picture picture;
+  TileGrid used;
+};
+
+// range: the tiles of the finest zoom that are wanted. layers: the topmost first, read by this thread alone.
 // feather_px: over how many pixels of the finest zoom seams fade; 0 is hard.
-Metatile render_metatile(const TileKey& key, const TileRange& range, std::vector<RasterSource>& sources,
+MetatileCanvas compose_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,
+                                double feather_px);
+
+// Calls visit for every tile that shows ground, from the finest zoom to that of the metatile. Returns the last one.
+using VisitTile = std::function<void(const TileKey& key, const TilePicture& tile)>;
+TilePicture cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, const VisitTile& visit);
+
+// Both, every tile encoded. layers: in the order of the encoder's inputs.
+Metatile render_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,
                          double feather_px, const TileEncoder& encoder);
 
 }  // namespace nadir

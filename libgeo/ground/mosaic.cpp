@@ -1,8 +1,12 @@
 #include "ground/mosaic.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
 
 namespace nadir {
 namespace {
@@ -18,10 +22,10 @@ struct Target {
   TileGrid& used;
 };
 
-void compose_hard(int zoom, const cv::Rect& pixels, std::vector<RasterSource>& sources, Target& target) {
+void compose_hard(int zoom, const cv::Rect& pixels, std::span<const LayerReader> layers, Target& target) {
   Picture& picture = target.picture;
-  for (std::size_t i = 0; i < sources.size(); ++i) {
-    const Picture layer = sources[i].read(zoom, pixels);
+  for (std::size_t i = 0; i < layers.size(); ++i) {
+    const Picture layer = layers[i](zoom, pixels);
     cv::Mat fresh = layer.mask;
     if (i == 0) {
       layer.bgr.copyTo(picture.bgr);
@@ -105,15 +109,15 @@ cv::Mat alpha_of(const cv::Mat& mask, double feather_px) {
   return cv::min(distance, 1.0);
 }
 
-void compose_feathered(int zoom, const cv::Rect& pixels, double feather_px, std::vector<RasterSource>& sources,
+void compose_feathered(int zoom, const cv::Rect& pixels, double feather_px, std::span<const LayerReader> layers,
                        Target& target) {
   // Edges beyond the chunk fade what is inside it: neighbouring chunks must see the same distances.
   const int halo = static_cast<int>(std::ceil(feather_px)) + 1;
   const cv::Rect wide(pixels.x - halo, pixels.y - halo, pixels.width + 2 * halo, pixels.height + 2 * halo);
   const cv::Rect inner({halo, halo}, pixels.size());
   Blend blend(pixels.size());
-  for (std::size_t i = 0; i < sources.size() && !blend.opaque(); ++i) {
-    const Picture layer = sources[i].read(zoom, wide);
+  for (std::size_t i = 0; i < layers.size() && !blend.opaque(); ++i) {
+    const Picture layer = layers[i](zoom, wide);
     if (cv::countNonZero(layer.mask(inner)) == 0) continue;
     const cv::Mat weight = blend.add(layer.bgr(inner), alpha_of(layer.mask, feather_px)(inner));
     for (int row = 0; row < pixels.height / kTileSize; ++row) {
@@ -138,21 +142,39 @@ std::vector<ImageryInput> in_order(std::vector<ImageryInput> inputs, MosaicOrder
   return inputs;
 }
 
-void compose(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::vector<RasterSource>& sources,
+double feather_pixels(const Mission& mission, const MosaicOptions& mosaic) {
+  const double pixel_m = ground_resolution_m(mission.zoom.max, mission.takeoff.lat_deg);
+  const double pixels = mosaic.feather_m / pixel_m;
+  if (pixels <= kMaxFeather_px) return pixels;
+  throw UsageError({.what = "seams cannot fade over so far",
+                    .where = "--feather-m",
+                    .expected = fmt::format("at most {:.0f} m at zoom {}", kMaxFeather_px * pixel_m, mission.zoom.max),
+                    .found = fmt::format("{} m", mosaic.feather_m)});
+}
+
+std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources) {
+  std::vector<LayerReader> layers;
+  for (RasterSource& source : sources) {
+    layers.emplace_back([&source](int zoom, const cv::Rect& pixels) { return source.read(zoom, pixels); });
+  }
+  return layers;
+}
+
+void compose(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
              Picture& canvas, TileGrid& used) {
   const auto part_of = [&](const cv::Rect& place) {
     return Target{{canvas.bgr(place), canvas.mask(place)}, {place.x / kTileSize, place.y / kTileSize}, used};
   };
-  if (feather_px <= 0 || sources.size() < 2) {
+  if (feather_px <= 0 || layers.size() < 2) {
     Target target = part_of({at, pixels.size()});
-    compose_hard(zoom, pixels, sources, target);
+    compose_hard(zoom, pixels, layers, target);
     return;
   }
   for (int row = 0; row < pixels.height; row += kChunk) {
     for (int column = 0; column < pixels.width; column += kChunk) {
       const cv::Rect chunk(column, row, std::min(kChunk, pixels.width - column), std::min(kChunk, pixels.height - row));
       Target target = part_of(chunk + at);
-      compose_feathered(zoom, chunk + pixels.tl(), feather_px, sources, target);
+      compose_feathered(zoom, chunk + pixels.tl(), feather_px, layers, target);
     }
   }
 }

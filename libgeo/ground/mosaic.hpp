@@ -5,11 +5,14 @@
 // it shows nothing); where nothing lies below, nothing fades.
 #pragma once
 
+#include <functional>
+#include <span>
 #include <vector>
 
 #include "ground/imagery_input.hpp"
 #include "ground/picture.hpp"
 #include "ground/raster_source.hpp"
+#include "package/mission.hpp"
 
 namespace nadir {
 
@@ -26,6 +29,9 @@ std::vector<ImageryInput> in_order(std::vector<ImageryInput> inputs, MosaicOrder
 
 // Fading over more pixels than this would take more memory than a build may.
 inline constexpr double kMaxFeather_px = 256;
+
+// The feather in pixels of the mission's finest zoom. Throws UsageError beyond kMaxFeather_px.
+double feather_pixels(const Mission& mission, const MosaicOptions& mosaic);
 
 // Which inputs show in each tile of a square of tiles.
 class TileGrid {
@@ -44,9 +50,15 @@ class TileGrid {
   std::vector<InputShares> cells_;
 };
 
-// Fills the canvas from `at` on with the given pixels of the zoom, whole tiles, and notes who shows where. The canvas
-// begins without any ground.
-void compose(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::vector<RasterSource>& sources,
+// One layer of a mosaic: a rectangle of global pixels of a zoom; mask 0 where the layer shows nothing.
+using LayerReader = std::function<Picture(int zoom, const cv::Rect& pixels)>;
+
+// The rasters as layers; they must outlive the readers.
+std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources);
+
+// Fills the canvas from `at` on with the given pixels of the zoom, whole tiles, and notes which of the layers, the
+// topmost first, show where. The canvas begins without any ground.
+void compose(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
              Picture& canvas, TileGrid& used);
 
 }  // namespace nadir

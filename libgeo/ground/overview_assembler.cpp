@@ -5,9 +5,8 @@
 
 namespace nadir {
 
-OverviewAssembler::OverviewAssembler(const std::vector<TileKey>& tops, int min_zoom, const TileEncoder& encoder,
-                                     Emit emit)
-    : min_zoom_(min_zoom), encoder_(encoder), emit_(std::move(emit)) {
+OverviewAssembler::OverviewAssembler(const std::vector<TileKey>& tops, int min_zoom, Take take)
+    : min_zoom_(min_zoom), take_(std::move(take)) {
   std::set<TileKey> level(tops.begin(), tops.end());
   while (!level.empty() && level.begin()->z > min_zoom) {
     std::set<TileKey> parents;
@@ -36,7 +35,7 @@ void OverviewAssembler::add(const TileKey& key, const TilePicture& tile) {
   if (--parent.missing > 0) return;
   const TilePicture whole{halved(parent.picture), parent.used};
   parents_.erase(parent_key);
-  if (cv::countNonZero(whole.picture.mask) > 0) emit_(encoder_.encode(parent_key, whole));
+  if (cv::countNonZero(whole.picture.mask) > 0) take_(parent_key, whole);
   add(parent_key, whole);
 }
 

@@ -12,10 +12,11 @@ namespace nadir {
 
 class OverviewAssembler {
  public:
-  using Emit = std::function<void(EncodedTile)>;
+  // Gets every overview that shows ground.
+  using Take = std::function<void(const TileKey& key, const TilePicture& overview)>;
 
   // tops: every metatile that will be added. Parents down to min_zoom are made.
-  OverviewAssembler(const std::vector<TileKey>& tops, int min_zoom, const TileEncoder& encoder, Emit emit);
+  OverviewAssembler(const std::vector<TileKey>& tops, int min_zoom, Take take);
 
   void add(const TileKey& key, const TilePicture& tile);
 
@@ -26,8 +27,7 @@ class OverviewAssembler {
     int missing = 0;
   };
   int min_zoom_;
-  const TileEncoder& encoder_;
-  Emit emit_;
+  Take take_;
   std::map<TileKey, int> children_;  // how many children each parent gets
   std::map<TileKey, Parent> parents_;
 };

@@ -11,8 +11,7 @@
 #include "base/progress.hpp"
 #include "ground/build_journal.hpp"
 #include "ground/metatile.hpp"
-#include "ground/mosaic.hpp"
-#include "package/manifest.hpp"
+#include "ground/tile_set_writer.hpp"
 
 namespace nadir {
 
@@ -20,14 +19,6 @@ struct TileSetOptions {
   TileEncoding encoding;
   MosaicOptions mosaic;
   int threads = 1;
-};
-
-struct TileSet {
-  std::vector<Sidecar> sidecars;  // in the order of TileKey
-  TileSetFacts facts;
-  std::uint64_t tile_bytes = 0;
-  std::uint64_t resumed = 0;  // tiles of the finest zoom that the journal held
-  bool over_budget = false;   // given up: the tiles alone are larger than the mission's budget
 };
 
 // Metatiles that the journal holds are taken from there; the others go into it before anything else is done with them.

@@ -44,7 +44,7 @@ class Mosaic : public testing::Test {
     for (const fs::path& path : paths) sources.emplace_back(path);
     Result result;
     const cv::Point corner(static_cast<int>(kColumn) * kTileSize, static_cast<int>(kRow) * kTileSize);
-    compose(kZoom, part + corner, part.tl(), feather_px, sources, result.picture, result.used);
+    compose(kZoom, part + corner, part.tl(), feather_px, layers_of(sources), result.picture, result.used);
     return result;
   }
 
