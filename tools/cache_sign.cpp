@@ -44,7 +44,7 @@ int CacheSignCommand::run(Context& context) {
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.refuses()) return report_findings(context.out, context.json, findings);
 
-  for (const auto& root : roots_) carry_root(package_, root);
+  carry_roots(package_, read_root_chain(roots_, carried_roots(package_)));
   std::size_t signatures = 0;
   bool only = only_;
   for (const PrivateKey& key : keys) {

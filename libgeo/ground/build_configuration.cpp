@@ -34,6 +34,9 @@ std::string describe_build(const PackageRequest& request, std::string_view missi
   text +=
       fmt::format("tiles: {}, quality {}\n", name_of(request.tiles.encoding.format), request.tiles.encoding.quality);
   text += fmt::format("judged at: {}\n", request.at ? to_rfc3339(*request.at) : "the mission's created");
+  for (const auto& [version, root] : request.roots) {
+    text += fmt::format("root {}: sha256 {}\n", version, sha256(as_bytes(root)).hex());
+  }
   text += fmt::format("key: {}\n", request.key != nullptr ? request.key->public_key().id() : "none");
   return text;
 }

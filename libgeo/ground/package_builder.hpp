@@ -18,6 +18,7 @@
 #include "ground/imagery_facts.hpp"
 #include "ground/tile_set_builder.hpp"
 #include "imagery/terrain_raster.hpp"
+#include "package/root_folder.hpp"
 #include "trust/keys.hpp"
 
 namespace nadir {
@@ -29,6 +30,7 @@ struct PackageRequest {
   std::optional<std::filesystem::path> dem;  // with terrain mode dem, and only then
   TileSetOptions tiles;
   const PrivateKey* key = nullptr;  // null: unsigned
+  RootChain roots;                  // newer roots of trust that travel with the package
   std::optional<UtcTime> at;        // judged at; the mission's `created` by default
   std::filesystem::path out;
   std::string program;                                       // its version, which the result depends on

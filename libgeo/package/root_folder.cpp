@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <set>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -38,15 +39,46 @@ std::optional<RootDocument> read_carried(const fs::path& package, std::int64_t v
   return RootDocument{read_text_file(package / name, kMaxRootSize), name};
 }
 
-std::int64_t highest_carried(const fs::path& package) {
-  std::int64_t highest = 0;
-  if (!fs::is_directory(fs::symlink_status(package / kRootFolder))) return highest;
+// Of files in the package, whatever is in them.
+std::set<std::int64_t> carried_versions(const fs::path& package) {
+  std::set<std::int64_t> versions;
+  if (!fs::is_directory(fs::symlink_status(package / kRootFolder))) return versions;
   std::size_t entries = 0;
   for (const fs::directory_entry& entry : fs::directory_iterator(package / kRootFolder)) {
     if (++entries > kMaxEntries) break;
-    highest = std::max(highest, version_of(entry.path().filename().string()));
+    if (const std::int64_t version = version_of(entry.path().filename().string()); version > 0) {
+      versions.insert(version);
+    }
   }
-  return highest;
+  return versions;
+}
+
+[[noreturn]] void refuse_chain(std::int64_t version, std::string expected, std::string found) {
+  throw UsageError({.what = "aircraft could not follow these roots",
+                    .where = fmt::format("root version {}", version),
+                    .expected = std::move(expected),
+                    .found = std::move(found),
+                    .fix = "let the package carry every root from the one that aircraft have on, each signed by the "
+                           "root keys of the one before"});
+}
+
+void check_chain(const RootChain& chain, const TrustRoot* installed) {
+  std::optional<TrustRoot> before;
+  if (installed != nullptr) before = *installed;
+  for (const auto& [version, text] : chain) {
+    if (installed != nullptr && version <= installed->version) continue;
+    SignedRoot next = parse_root(text, fmt::format("root version {}", version));
+    if (next.root.version != version) {
+      refuse_chain(version, fmt::format("version {}", version), fmt::format("version {}", next.root.version));
+    }
+    if (before) {
+      const Findings findings = check_succession(*before, next);
+      if (findings.refuses()) {
+        refuse_chain(version, findings.items().front().expected, findings.items().front().found);
+      }
+    }
+    before = std::move(next.root);
+  }
 }
 
 }  // namespace
@@ -69,7 +101,8 @@ RootWalk walk_package_roots(const fs::path& package, const TrustRoot& trusted, c
     }
     return read_carried(package, version);
   });
-  const std::int64_t highest = highest_carried(package);
+  const std::set<std::int64_t> versions = carried_versions(package);
+  const std::int64_t highest = versions.empty() ? 0 : *versions.rbegin();
   if (!walk.findings.refuses() && highest > walk.root.version) {
     walk.findings.add({.code = "root.rollback",
                        .where = root_file_name(highest),
@@ -80,20 +113,36 @@ RootWalk walk_package_roots(const fs::path& package, const TrustRoot& trusted, c
   return walk;
 }
 
-void carry_root(const fs::path& package, const fs::path& root_file) {
-  const std::string text = read_text_file(root_file, kMaxRootSize);
-  const TrustRoot root = read_trusted_root(root_file);
-  const fs::path target = package / root_file_name(root.version);
-  if (fs::exists(fs::symlink_status(target))) {
-    if (read_text_file(target, kMaxRootSize) == text) return;
-    throw UsageError({.what = "the package carries another root of this version already",
-                      .where = target,
-                      .expected = "one root per version",
-                      .found = root_file.string() + " with other bytes",
+RootChain read_root_chain(std::span<const fs::path> files, RootChain already, const TrustRoot* installed) {
+  RootChain chain = std::move(already);
+  for (const fs::path& file : files) {
+    const std::string text = read_text_file(file, kMaxRootSize);
+    const std::int64_t version = read_trusted_root(file).version;
+    if (chain.emplace(version, text).second || chain.at(version) == text) continue;
+    throw UsageError({.what = "two roots of one version cannot travel together",
+                      .where = file,
+                      .expected = fmt::format("one root of version {}", version),
+                      .found = "another one with other bytes",
                       .fix = "find out which of the two is in use"});
   }
-  fs::create_directories(target.parent_path());
-  write_file_atomic(target, text);
+  check_chain(chain, installed);
+  return chain;
+}
+
+RootChain carried_roots(const fs::path& package) {
+  RootChain chain;
+  for (const std::int64_t version : carried_versions(package)) {
+    if (const auto document = read_carried(package, version)) chain.emplace(version, document->text);
+  }
+  return chain;
+}
+
+void carry_roots(const fs::path& package, const RootChain& roots) {
+  if (!roots.empty()) fs::create_directories(package / kRootFolder);
+  for (const auto& [version, text] : roots) {
+    const fs::path target = package / root_file_name(version);
+    if (!fs::exists(fs::symlink_status(target))) write_file_atomic(target, text);
+  }
 }
 
 }  // namespace nadir

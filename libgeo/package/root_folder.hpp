@@ -4,6 +4,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -23,8 +25,19 @@ bool is_root_file_name(std::string_view relative_path);
 // findings of walk_roots(): root.rollback for files beyond the newest root that can be reached.
 RootWalk walk_package_roots(const std::filesystem::path& package, const TrustRoot& trusted, const AircraftState* state);
 
-// Puts a root into the package. Throws UsageError for a file that is not signed by its own threshold or when another
-// root of this version is there already.
-void carry_root(const std::filesystem::path& package, const std::filesystem::path& root_file);
+// Documents of roots by version, each the successor of the one before.
+using RootChain = std::map<std::int64_t, std::string>;
+
+// Those of the files, joined to those that travel already. Throws UsageError for a file that is no root signed by its
+// own threshold, for two of one version, and where a root is missing or is not signed by the one before it. installed:
+// the root that aircraft have, when it is known; then the chain must lead on from it.
+RootChain read_root_chain(std::span<const std::filesystem::path> files, RootChain already = {},
+                          const TrustRoot* installed = nullptr);
+
+// Those of a package, unchecked.
+RootChain carried_roots(const std::filesystem::path& package);
+
+// Puts the roots into the package; those that it carries already stay.
+void carry_roots(const std::filesystem::path& package, const RootChain& roots);
 
 }  // namespace nadir
