@@ -2,18 +2,16 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <csignal>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
+#include <set>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/random.hpp"
 #include "ground/test_raster.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
@@ -114,6 +112,26 @@ route:
     EXPECT_THAT(left_behind(), testing::IsEmpty());
   }
 
+  // In a process of its own, as another user when a uid is given. event: of the progress, at which it kills itself; 0:
+  // never.
+  static constexpr int kFirstTiles = 2;  // after `begin`
+  test::ProcessResult run_build(const PackageRequest& wanted, int event, const std::string& uid = {}) {
+    std::vector<std::string> args{NADIR_KILLED_BUILD,
+                                  wanted.mission,
+                                  wanted.imagery.front(),
+                                  folder_ / "map.key.pem",
+                                  wanted.out,
+                                  std::to_string(wanted.tiles.threads),
+                                  wanted.resume ? "resume" : "fresh",
+                                  std::to_string(event)};
+    if (!uid.empty()) args.push_back(uid);
+    return test::run_process(args);
+  }
+  void build_and_kill(const PackageRequest& wanted, int event) {
+    const auto result = run_build(wanted, event);
+    ASSERT_EQ(result.code, 128 + SIGKILL) << result.err;
+  }
+
   static void expect_same_files(const fs::path& a, const fs::path& b) {
     const auto result = test::run_process({"diff", "-r", a.string(), b.string()});
     EXPECT_EQ(result.code, 0) << result.out;
@@ -122,7 +140,7 @@ route:
   test::TemporaryFolder folder_;
   test::RasterSpec spec_;
   std::function<bool(int, int)> hole_;
-  PrivateKey key_ = PrivateKey::generate();
+  PrivateKey key_ = PrivateKey::read(create_key_files(folder_ / "map").private_key);
   std::string polygon_, takeoff_, route_;
 };
 
@@ -364,38 +382,8 @@ TEST_F(PackageBuilder, AnInterruptedBuildLeavesNothing) {
   EXPECT_THAT(left_behind(), testing::IsEmpty());
 }
 
-class SayAndWait final : public Progress {
- public:
-  explicit SayAndWait(int pipe) : pipe_(pipe) {}
-  void begin(std::string_view, std::uint64_t, std::string_view) override {}
-  void advance(std::uint64_t) override {
-    const char byte = 1;
-    if (::write(pipe_, &byte, 1) == 1) ::pause();
-  }
-  void end() override {}
-
- private:
-  int pipe_;
-};
-
 TEST_F(PackageBuilder, AKilledBuildLeavesNoPackageAndTheNextOneWorks) {
-  int ends[2];
-  ASSERT_EQ(::pipe(ends), 0);
-  const pid_t child = ::fork();
-  ASSERT_GE(child, 0);
-  if (child == 0) {
-    SayAndWait progress(ends[1]);
-    build_package(request("package"), progress);
-    ::_exit(0);
-  }
-  char byte = 0;
-  ASSERT_EQ(::read(ends[0], &byte, 1), 1);  // tiles are being written
-  ::kill(child, SIGKILL);
-  int status = 0;
-  ::waitpid(child, &status, 0);
-  ::close(ends[0]);
-  ::close(ends[1]);
-  EXPECT_TRUE(WIFSIGNALED(status));
+  build_and_kill(request("package"), kFirstTiles);
   EXPECT_FALSE(fs::exists(folder_ / "package"));
   EXPECT_FALSE(build(request("package")).findings.refuses());
   EXPECT_THAT(left_behind(), testing::ElementsAre("package"));
@@ -405,47 +393,14 @@ TEST_F(PackageBuilder, AKilledBuildLeavesNoPackageAndTheNextOneWorks) {
 class ResumedBuild : public PackageBuilder {
  protected:
   ResumedBuild() {
+    spec_.width = spec_.height = 1000;  // less of the same field
+    (*spec_.transform)[0] += 90, (*spec_.transform)[3] -= 90;
     spec_.nodata = 0;
-    hole_ = [](int column, int row) { return column < 30 || row > 1580; };  // masks take part
+    hole_ = [](int column, int row) { return column < 30 || row > 980; };  // masks take part
     write_map("map.tif");
     std::string text = read_text_file(folder_ / "mission.yaml");
     text.replace(text.find("max: 19"), 7, "max: 20");
     folder_.write("mission.yaml", text);
-  }
-
-  // Builds in a process of its own, which is killed after so many microseconds.
-  void build_and_kill(const PackageRequest& wanted, useconds_t after_us) {
-    const pid_t child = ::fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      NoProgress progress;
-      build_package(wanted, progress);
-      ::_exit(0);
-    }
-    ::usleep(after_us);
-    ::kill(child, SIGKILL);
-    int status = 0;
-    ::waitpid(child, &status, 0);
-  }
-
-  // Stops when the first tiles have been written, and stays as if killed.
-  void begin_and_kill(const PackageRequest& wanted) {
-    int ends[2];
-    ASSERT_EQ(::pipe(ends), 0);
-    const pid_t child = ::fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      SayAndWait progress(ends[1]);
-      build_package(wanted, progress);
-      ::_exit(0);
-    }
-    char byte = 0;
-    ASSERT_EQ(::read(ends[0], &byte, 1), 1);
-    ::kill(child, SIGKILL);
-    int status = 0;
-    ::waitpid(child, &status, 0);
-    ::close(ends[0]);
-    ::close(ends[1]);
   }
 
   PackageRequest resuming(const std::string& out, int threads = 2) {
@@ -458,35 +413,34 @@ class ResumedBuild : public PackageBuilder {
   std::vector<std::string> remarks_;
 };
 
+// The progress is told after each metatile and around each later step.
 TEST_F(ResumedBuild, EndsIdenticalWhereverItWasKilled) {
-  const auto begun = std::chrono::steady_clock::now();
-  const PackageReport whole = build(request("whole"));
-  ASSERT_FALSE(whole.findings.refuses());
-  const auto took_us = std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begun);
-  Random random(7);
-  std::uint64_t resumed = 0;
-  for (int i = 0; i < 8; ++i) {
-    const int threads = 1 + i % 3;
-    // Twice: a resumed build may be killed as well.
-    for (int kill = 0; kill < 2 && !fs::exists(folder_ / "package"); ++kill) {
-      const double moment = random.uniform(0.0, 1.0) * static_cast<double>(took_us.count());
-      build_and_kill(kill == 0 ? request("package", threads) : resuming("package", threads),
-                     static_cast<useconds_t>(moment));
-    }
-    if (!fs::exists(folder_ / "package")) {
-      const PackageReport report = build(resuming("package"));
-      ASSERT_FALSE(report.findings.refuses());
-      resumed += report.resumed;
-    }
-    expect_same_files(folder_ / "whole", folder_ / "package");  // whole, whoever finished it
-    EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package"));
+  const auto whole = run_build(request("whole"), 0);
+  ASSERT_EQ(whole.code, 0) << whole.err;
+  const int events = std::stoi(whole.out), last_tiles = events - 6;
+  ASSERT_GT(last_tiles, kFirstTiles + 1);
+  std::set<int> moments{1, kFirstTiles, (kFirstTiles + last_tiles) / 2};
+  for (int event = last_tiles; event < events; ++event) moments.insert(event);
+  for (const int event : moments) {
+    const int threads = 1 + event % 3;
+    build_and_kill(request("package", threads), event);
+    EXPECT_FALSE(fs::exists(folder_ / "package")) << event;
+    if (event == last_tiles) build_and_kill(resuming("package", threads), kFirstTiles);  // may happen as well
+    const PackageReport report = build(resuming("package"));
+    ASSERT_FALSE(report.findings.refuses());
+    // From the first metatile until the journal is removed, right before the commit.
+    EXPECT_EQ(report.resumed > 0, event >= kFirstTiles && event < events - 1) << event;
+    expect_same_files(folder_ / "whole", folder_ / "package");
+    EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package")) << event;
     fs::remove_all(folder_ / "package");
   }
-  EXPECT_GT(resumed, 0);
+  build_and_kill(request("package"), events);  // right after the commit: the lock stays, and stops nobody
+  expect_same_files(folder_ / "whole", folder_ / "package");
+  EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package", ".package.lock"));
 }
 
 TEST_F(ResumedBuild, TakesMetatilesFromTheJournal) {
-  begin_and_kill(request("package"));
+  build_and_kill(request("package"), kFirstTiles);
   EXPECT_FALSE(fs::exists(folder_ / "package"));
   const PackageReport report = build(resuming("package"));
   EXPECT_GT(report.resumed, 0);
@@ -496,7 +450,7 @@ TEST_F(ResumedBuild, TakesMetatilesFromTheJournal) {
 }
 
 TEST_F(ResumedBuild, OtherInputsOrOptionsAreRefusedAndNothingIsLost) {
-  begin_and_kill(request("package"));
+  build_and_kill(request("package"), kFirstTiles);
   PackageRequest other = resuming("package");
   other.tiles.encoding.quality = 60;
   EXPECT_THROW(build(other), UsageError);
@@ -515,7 +469,7 @@ TEST_F(ResumedBuild, OtherInputsOrOptionsAreRefusedAndNothingIsLost) {
 }
 
 TEST_F(ResumedBuild, WithoutResumeItBeginsAnewAndSaysSo) {
-  begin_and_kill(request("package"));
+  build_and_kill(request("package"), kFirstTiles);
   PackageRequest anew = resuming("package");
   anew.resume = false;
   EXPECT_EQ(build(anew).resumed, 0);
@@ -570,28 +524,10 @@ TEST_F(ResumedBuild, AReadOnlyMediumIsNamed) {
 TEST_F(ResumedBuild, AFolderWithoutPermissionIsNamed) {
   if (::geteuid() != 0) GTEST_SKIP() << "NOT TESTED: a folder of somebody else needs root to make";
   fs::permissions(folder_.path(), static_cast<fs::perms>(0755));
-  const PackageRequest wanted = request("package");
-  const pid_t child = ::fork();
-  ASSERT_GE(child, 0);
-  if (child == 0) {
-    constexpr uid_t kNobody = 65534;
-    int code = ::seteuid(kNobody) == 0 ? 1 : 2;
-    try {
-      NoProgress progress;
-      build_package(wanted, progress);
-    } catch (const Error& error) {
-      const bool named = error.text().fix.find("permissions") != std::string::npos &&
-                         error.text().where.find("package") != std::string::npos;
-      if (code == 1) code = named ? 0 : 3;
-    } catch (...) {
-      code = 4;
-    }
-    ::_exit(code);
-  }
-  int status = 0;
-  ::waitpid(child, &status, 0);
-  ASSERT_TRUE(WIFEXITED(status));
-  EXPECT_EQ(WEXITSTATUS(status), 0);
+  const auto result = run_build(request("package"), 0, "65534");
+  EXPECT_EQ(result.code, 2);
+  EXPECT_THAT(result.err, testing::HasSubstr("package"));
+  EXPECT_THAT(result.err, testing::HasSubstr("check the permissions"));
   EXPECT_THAT(left_behind(), testing::IsEmpty());
 }
 
