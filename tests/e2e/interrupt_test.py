@@ -11,10 +11,10 @@ from support import NADIR, EndToEnd, main
 class Interrupt(EndToEnd):
     def start(self):
         flight = self.flight(frames=2, width=1024, height=768)
-        # The same two pictures over and over: a long flight that is quick to make.
+        # The same two pictures over and over: quick to make, and far too long to end before it is interrupted.
         rows = ["frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg"]
-        for i in range(400):
-            name = f"x{i:04}.jpg"
+        for i in range(4000):
+            name = f"x{i:05}.jpg"
             os.link(flight / "frames" / f"{i % 2}.jpg", flight / "frames" / name)
             rows.append(f"{name},{i}.0,100,90,0,0")
         (flight / "telemetry.csv").write_text("\n".join(rows) + "\n")
@@ -24,19 +24,17 @@ class Interrupt(EndToEnd):
 
     def wait_for_rows(self, process):
         rows = self.folder / ".out.staging" / "estimates.csv"
-        for _ in range(600):
-            if process.poll() is not None:
-                self.fail(process.communicate())
+        while process.poll() is None:  # without a limit of its own: ctest has one
             if rows.exists() and rows.read_text().count("\n") >= 3:
                 return
             time.sleep(0.05)
-        self.fail("no rows were streamed")
+        self.fail(process.communicate())
 
     def test_ctrl_c(self):
         process = self.start()
         self.wait_for_rows(process)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate()
         self.assertEqual(130, process.returncode, err)
         self.assertEqual("", out)
         self.assertIn("interrupted", err)
@@ -46,7 +44,7 @@ class Interrupt(EndToEnd):
         process = self.start()
         self.wait_for_rows(process)
         process.kill()
-        process.communicate(timeout=60)
+        process.communicate()
         self.assertFalse(self.out.exists())
 
 
