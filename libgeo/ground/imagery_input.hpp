@@ -17,13 +17,14 @@ struct ImageryInput {
   std::filesystem::path path;
   ImageryFacts facts;
   std::vector<MercatorXY> outline;  // RasterSource::outline()
+  TileTrust trust = TileTrust::service;
 };
 
 // Which inputs contributed to a tile, and how many pixels of the finest zoom each.
 using InputShares = std::map<std::size_t, std::uint64_t>;
 
-// A tile of several inputs is as old as the oldest, as coarse as the coarsest, as badly placed as the worst. Its source
-// names them all, the one with the largest share first.
+// A tile of several inputs is as old as the oldest, as coarse as the coarsest, as badly placed and as little trusted as
+// the worst. Its source names them all once, the one with the largest share first.
 void set_facts(Sidecar& sidecar, std::span<const ImageryInput> inputs, const InputShares& used);
 
 }  // namespace nadir

@@ -6,31 +6,15 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <csignal>
 #include <cstdio>
 #include <span>
 #include <string>
 
 #include "base/error.hpp"
+#include "ground/die_at.hpp"
 #include "ground/package_builder.hpp"
 
 namespace {
-
-class DieAt final : public nadir::Progress {
- public:
-  explicit DieAt(int event) : event_(event) {}
-  void begin(std::string_view, std::uint64_t, std::string_view) override { count(); }
-  void advance(std::uint64_t) override { count(); }
-  void end() override { count(); }
-  int seen() const { return seen_; }
-
- private:
-  void count() {
-    if (++seen_ == event_) ::raise(SIGKILL);
-  }
-  int event_;
-  int seen_ = 0;
-};
 
 int build(std::span<char*> args) {
   const nadir::PrivateKey key = nadir::PrivateKey::read(args[3]);
@@ -42,7 +26,7 @@ int build(std::span<char*> args) {
   request.out = args[4];
   request.tiles.threads = std::stoi(args[5]);
   request.resume = args[6] == std::string_view("resume");
-  DieAt progress(std::stoi(args[7]));
+  nadir::test::DieAt progress(std::stoi(args[7]));
   if (nadir::build_package(request, progress).findings.refuses()) return 1;
   fmt::print("{}\n", progress.seen());
   return 0;

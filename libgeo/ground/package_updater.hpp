@@ -1,0 +1,36 @@
+// Old package + newer imagery + mission = the next package of the series: the conductor of `nadir cache update`.
+//
+// The old package is verified, its tiles are copied byte for byte where new imagery does not show, and the result is
+// judged as a build's is. There is no journal: a killed update is begun again, most of it being copying.
+#pragma once
+
+#include "ground/package_builder.hpp"
+#include "ground/update_metatile.hpp"
+
+namespace nadir {
+
+struct UpdateRequest {
+  std::filesystem::path old_package;
+  const TrustRoot* trust = nullptr;  // required: what the old package is verified with
+  std::filesystem::path mission;
+  std::vector<std::filesystem::path> imagery;  // none: another area, other dates, from the old tiles alone
+  ImageryOverrides overrides;
+  std::optional<std::filesystem::path> dem;  // instead of the old package's terrain
+  TileSetOptions tiles;                      // the format is that of the old package
+  const PrivateKey* key = nullptr;           // null: unsigned
+  std::vector<std::filesystem::path> roots;  // newer roots of trust, besides those that the old package carries
+  std::optional<UtcTime> at;                 // judged at; the mission's `created` by default
+  std::filesystem::path out;
+  std::function<void(std::string_view)> tell = [](auto) {};  // remarks for the user while it runs
+};
+
+struct UpdateReport {
+  PackageReport package;
+  UpdateCounts counts;
+  std::int64_t old_sequence = 0;
+  std::int64_t sequence = 0;
+};
+
+UpdateReport update_package(const UpdateRequest& request, Progress& progress);
+
+}  // namespace nadir

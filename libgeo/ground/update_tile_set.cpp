@@ -1,0 +1,50 @@
+#include "ground/update_tile_set.hpp"
+
+#include <set>
+
+#include "ground/one_opencv_thread.hpp"
+#include "ground/ordered_work.hpp"
+#include "ground/overview_assembler.hpp"
+
+namespace nadir {
+
+UpdatedTileSet update_tile_set(const Mission& mission, const OldMap& old, const UpdateLayers& layers,
+                               const TileRange& range, const TileSetOptions& options,
+                               const std::filesystem::path& mbtiles, Progress& progress) {
+  const OneOpenCvThread one_thread;
+  const TileEncoder encoder(mission, layers.inputs(), options.encoding);
+  const UpdateWork work{old, layers, range, encoder, feather_pixels(mission, options.mosaic)};
+  const std::vector<TileKey> tops = metatiles_of(range, mission.zoom.min);
+  TileSetWriter writer(mbtiles, mission);
+  UpdateCounts counts;
+  std::set<TileKey> changed;  // overviews above the metatiles
+  OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TilePicture& overview) {
+    const bool stays = !changed.contains(key);
+    if (!stays) changed.insert(key.parent());
+    writer.add(copy_or_encode(work, key, overview, stays, counts));
+  });
+
+  progress.begin("updating tiles", static_cast<std::uint64_t>(range.count()), "tiles");
+  work_in_order<UpdatedMetatile>(
+      tops.size(), options.threads,
+      [&]() -> std::function<UpdatedMetatile(std::size_t)> {
+        return [&, readers = layers.readers()](std::size_t item) { return update_metatile(tops[item], work, readers); };
+      },
+      [&](std::size_t item, UpdatedMetatile updated) {
+        std::uint64_t finest = 0;
+        for (EncodedTile& tile : updated.metatile.tiles) {
+          finest += tile.sidecar.key.z == range.zoom ? 1U : 0U;
+          writer.add(std::move(tile));
+        }
+        counts += updated.counts;
+        if (updated.changed) changed.insert(tops[item].parent());
+        overviews.add(tops[item], updated.metatile.top);
+        progress.advance(finest);
+        return !writer.over_budget();
+      });
+  progress.end();
+  counts.dropped = old.sidecars().size() - counts.copied - counts.reencoded;
+  return {writer.finish(range, options.encoding.format), counts};
+}
+
+}  // namespace nadir
