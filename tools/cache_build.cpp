@@ -4,7 +4,6 @@
 
 #include <nlohmann/json.hpp>
 #include <ostream>
-#include <thread>
 
 #include "framework/options.hpp"
 #include "framework/output.hpp"
@@ -28,6 +27,8 @@ std::string_view CacheBuildCommand::details() const {
          "A mission with terrain: {mode: dem} needs an elevation model (--dem). It is cut out around the mission's "
          "area and\n"
          "becomes terrain/dem.tif of the package.\n\n"
+         "--carry-root puts newer roots of trust into the package, so that an aircraft which has the one before them\n"
+         "learns of new and of revoked keys; each must be signed by the one before, which --trust names.\n\n"
          "The same inputs and the same key give the same bytes, whatever the number of threads. A build that was "
          "killed, or\n"
          "that ran out of disk, goes on with --resume and gives these bytes as well.";
@@ -51,17 +52,12 @@ void CacheBuildCommand::setup(Options& options) {
   options.value("--format", format_, "FORMAT", "container of the tiles").one_of({"mbtiles"});
   options.value("--tile-format", tile_format_, "FORMAT", "how a tile is encoded").one_of({"jpeg", "webp", "png"});
   options.value("--quality", quality_, "N", "of JPEG and WebP tiles").between(1, 100);
-  options.value("--mosaic", mosaic_, "ORDER", "which raster lies on top: the first, the newest, the finest")
-      .one_of({"priority", "newest", "finest"});
-  options.value("--seam", seam_, "KIND", "how a raster ends where another continues").one_of({"hard", "feather"});
-  options.value("--feather-m", feather_m_, "METRES", "over how much a feathered seam fades").between(0.1, 1000);
+  imagery_options_.setup(options);
   options.value("--key", key_, "KEY.pem", "private key that signs; without it the package stays unsigned");
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust that travels with the package");
+  options.value("--trust", trust_, "ROOT.json", "root that aircraft have: those that travel must lead on from it")
+      .needs("--carry-root");
   options.value("--at", at_, "TIME", "judge dates at this time instead of the mission's `created`");
-  options.value("--threads", threads_, "N", "threads; all processors when not given").between(1, 256);
-  options.value("--captured", captured_, "TIME", "when the imagery was taken, instead of the STAC Item's datetime");
-  options.value("--gsd", gsd_m_, "METRES", "ground sample distance, instead of the item's").between(1e-4, 1e4);
-  options.value("--ce90", ce90_m_, "METRES", "90 % circular error, instead of the item's").between(1e-4, 1e5);
-  options.value("--provider", provider_, "NAME", "who made the imagery, instead of the item's");
   options.value("--out", out_, "PACKAGE", "folder that is made; must not exist").required();
   options.flag("--resume", resume_, "go on with a build that was killed, with the same inputs and options");
 }
@@ -72,15 +68,15 @@ int CacheBuildCommand::run(Context& context) {
   PackageRequest request;
   request.mission = mission_;
   request.imagery = imagery_;
-  request.overrides = {captured_, gsd_m_, ce90_m_, provider_};
+  request.overrides = imagery_options_.overrides();
   request.dem = dem_;
   request.tiles.encoding = {parse_image_format(tile_format_).value_or(ImageFormat::jpeg), quality_};
-  request.tiles.threads = threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
-  request.tiles.mosaic.order = mosaic_ == "newest"   ? MosaicOrder::newest
-                               : mosaic_ == "finest" ? MosaicOrder::finest
-                                                     : MosaicOrder::priority;
-  request.tiles.mosaic.feather_m = seam_ == "feather" ? feather_m_ : 0;
+  request.tiles.threads = imagery_options_.threads();
+  request.tiles.mosaic = imagery_options_.mosaic();
   request.key = key ? &*key : nullptr;
+  std::optional<TrustRoot> installed;
+  if (trust_) installed = read_trusted_root(*trust_);
+  request.roots = read_root_chain(roots_, {}, installed ? &*installed : nullptr);
   request.at = at_;
   request.out = out_;
   request.program = kVersion;

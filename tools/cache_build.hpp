@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "framework/command.hpp"
+#include "imagery_options.hpp"
 
 namespace nadir {
 
@@ -29,18 +30,13 @@ class CacheBuildCommand final : public Command {
   std::string format_ = "mbtiles";
   std::string tile_format_ = "jpeg";
   int quality_ = 75;
+  ImageryOptions imagery_options_{"priority"};
   std::optional<std::filesystem::path> key_;
+  std::vector<std::filesystem::path> roots_;
+  std::optional<std::filesystem::path> trust_;
   std::optional<UtcTime> at_;
-  std::optional<int> threads_;
-  std::optional<UtcTime> captured_;
-  std::optional<double> gsd_m_;
-  std::optional<double> ce90_m_;
-  std::optional<std::string> provider_;
   std::filesystem::path out_;
   bool resume_ = false;
-  std::string mosaic_ = "priority";
-  std::string seam_ = "hard";
-  double feather_m_ = 10;
 };
 
 }  // namespace nadir

@@ -5,6 +5,7 @@
 #include "cache_gaps.hpp"
 #include "cache_inspect.hpp"
 #include "cache_sign.hpp"
+#include "cache_update.hpp"
 #include "cache_validate.hpp"
 #include "cache_verify.hpp"
 #include "keys_create.hpp"
@@ -38,6 +39,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<MissionImportCommand>());
   commands.push_back(std::make_unique<MissionPlanCommand>());
   commands.push_back(std::make_unique<CacheBuildCommand>());
+  commands.push_back(std::make_unique<CacheUpdateCommand>());
   commands.push_back(std::make_unique<CacheSignCommand>());
   commands.push_back(std::make_unique<CacheVerifyCommand>());
   commands.push_back(std::make_unique<CacheInspectCommand>());
