@@ -83,7 +83,10 @@ bool SqliteStatement::step() {
   database_->fail("running a statement");
 }
 
-void SqliteStatement::reset() { sqlite3_reset(statement_.get()); }
+void SqliteStatement::reset() {
+  sqlite3_reset(statement_.get());
+  database_->begin_statement();
+}
 
 bool SqliteStatement::is_null(int column) const { return sqlite3_column_type(statement_.get(), column) == SQLITE_NULL; }
 
@@ -113,9 +116,21 @@ SqliteDatabase::SqliteDatabase(std::filesystem::path path, int flags, const std:
   sqlite3_limit(handle, SQLITE_LIMIT_LENGTH, 64 << 20);  // no tile is larger; bounds what a forged length allocates
 }
 
+int SqliteDatabase::spend(void* work) { return --static_cast<Work*>(work)->left < 0 ? 1 : 0; }
+
+void SqliteDatabase::begin_statement() const {
+  if (work_) work_->left = work_->limit;
+}
+
 SqliteDatabase SqliteDatabase::open_immutable(const std::filesystem::path& path) {
   check_magic(path);
-  return {path, SQLITE_OPEN_READONLY, uri_of(path, "?mode=ro&immutable=1")};
+  SqliteDatabase database(path, SQLITE_OPEN_READONLY, uri_of(path, "?mode=ro&immutable=1"));
+  // A row of the smallest kind takes some ten bytes and, sorted and checked, less than a hundred instructions.
+  database.work_ = std::make_unique<Work>();
+  database.work_->limit = 300 + static_cast<std::int64_t>(std::filesystem::file_size(path) / 100);
+  database.begin_statement();
+  sqlite3_progress_handler(database.handle_.get(), 1'000, &SqliteDatabase::spend, database.work_.get());
+  return database;
 }
 
 SqliteDatabase SqliteDatabase::create(const std::filesystem::path& path) {
@@ -126,6 +141,7 @@ SqliteDatabase SqliteDatabase::create(const std::filesystem::path& path) {
 }
 
 SqliteStatement SqliteDatabase::prepare(std::string_view sql) const {
+  begin_statement();
   sqlite3_stmt* statement = nullptr;
   if (sqlite3_prepare_v3(handle_.get(), sql.data(), static_cast<int>(sql.size()), SQLITE_PREPARE_PERSISTENT, &statement,
                          nullptr) != SQLITE_OK) {
@@ -155,6 +171,13 @@ void SqliteDatabase::fail(const char* doing) const {
                       .where = path_.string(),
                       .found = sqlite3_errmsg(handle_.get()),
                       .fix = "free space on this disk, or write elsewhere"});
+  }
+  if (code == SQLITE_INTERRUPT) {
+    throw Error({.what = fmt::format("SQLite was stopped while {}", doing),
+                 .where = path_.string(),
+                 .expected = "as much work as a file of this size can need",
+                 .found = "a view or trigger that asks for much more",
+                 .fix = "the file is not what it claims to be: get it from its makers"});
   }
   throw Error({.what = fmt::format("SQLite failed while {}", doing),
                .where = path_.string(),

@@ -1,7 +1,9 @@
 // SQLite with values and exceptions: just what tile sets need. Files from outside are opened so that they can neither
-// be changed nor change anything (read-only, immutable, defensive, no functions from their schema).
+// be changed nor change anything (read-only, immutable, defensive, no functions from their schema), and so that no view
+// in them can run for ever: a statement may do so much work as the file's size explains, then it is an Error.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -65,12 +67,21 @@ class SqliteDatabase {
   [[noreturn]] void fail(const char* doing) const;  // throws Error with SQLite's own words
 
  private:
+  friend class SqliteStatement;
   struct Close {
     void operator()(sqlite3* handle) const;
   };
+  // In thousands of SQLite's virtual machine instructions, for one run of a statement.
+  struct Work {
+    std::int64_t limit = 0;
+    std::atomic<std::int64_t> left = 0;
+  };
+  static int spend(void* work);
+  void begin_statement() const;
   SqliteDatabase(std::filesystem::path path, int flags, const std::string& uri);
 
   std::filesystem::path path_;
+  std::unique_ptr<Work> work_;  // outlives the handle, null: without limit
   std::unique_ptr<sqlite3, Close> handle_;
 };
 

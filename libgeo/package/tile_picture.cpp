@@ -1,10 +1,13 @@
 #include "package/tile_picture.hpp"
 
+#include <fmt/format.h>
+
 #include <opencv2/core.hpp>
 
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
 #include "package/sidecar.hpp"
+#include "package/tile_fill.hpp"
 #include "package/tile_set_check.hpp"
 
 namespace nadir {
@@ -34,6 +37,26 @@ Finding blank(const TileKey& key, Severity severity, std::string found) {
           .fix = "look at this tile: fill that was written as a tile is no coverage"};
 }
 
+void leave_out(const cv::Mat& fill, const TileKey& key, TilePicture& picture) {
+  const auto pixels = static_cast<std::size_t>(fill.total());
+  if (picture.mask.empty()) picture.mask.assign(pixels, 255);
+  std::int64_t valid = 0, filled = 0;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    filled += fill.data[i] != 0 && picture.mask[i] != 0 ? 1 : 0;
+    if (fill.data[i] != 0) picture.mask[i] = 0;
+    valid += picture.mask[i] != 0 ? 1 : 0;
+  }
+  picture.valid_ppm = valid * kWholeTile_ppm / static_cast<std::int64_t>(pixels);
+  if (filled == 0) return;  // transparent already
+  picture.problem = Finding{.code = "tile.fill",
+                            .severity = Severity::warning,
+                            .where = "tile " + to_text(key),
+                            .expected = "ground, or transparent where there is none",
+                            .found = fmt::format("{} % of it is black or white fill at its edge",
+                                                 100 * filled / static_cast<std::int64_t>(pixels)),
+                            .fix = "fill is no coverage: use a format with transparency, or imagery beyond the area"};
+}
+
 }  // namespace
 
 TilePicture inspect_tile(ByteView tile, const TileKey& key) {
@@ -61,6 +84,8 @@ TilePicture inspect_tile(ByteView tile, const TileKey& key) {
         result.valid_ppm = 0;
         result.mask.assign(static_cast<std::size_t>(pixels), 0);
       }
+    } else if (const cv::Mat fill = edge_fill(decoded.image); !fill.empty()) {
+      leave_out(fill, key, result);
     }
   } catch (const Error& error) {
     result.problem = Finding{.code = "tile.undecodable",

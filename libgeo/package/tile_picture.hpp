@@ -11,8 +11,8 @@
 namespace nadir {
 
 struct TilePicture {
-  std::optional<Finding> problem;  // tile.undecodable, tile.size, tile.blank
-  std::int64_t valid_ppm = 0;      // share of pixels that are not transparent
+  std::optional<Finding> problem;  // tile.undecodable, tile.size, tile.blank, tile.fill
+  std::int64_t valid_ppm = 0;      // share of pixels that are neither transparent nor fill
   Bytes mask;                      // kTileSize² bytes, 255 valid; empty when all are
 };
 
