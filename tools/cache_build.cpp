@@ -24,6 +24,9 @@ std::string_view CacheBuildCommand::details() const {
          "--seam "
          "feather\n"
          "it fades into the next one over --feather-m metres instead of ending at once.\n\n"
+         "8 bit imagery keeps its values. 16 bit and float imagery needs --stretch: one straight line from MIN, "
+         "black, to\n"
+         "MAX, white, for all bands; the values that were used become part of each tile's source.\n\n"
          "A mission with terrain: {mode: dem} needs an elevation model (--dem). It is cut out around the mission's "
          "area and\n"
          "becomes terrain/dem.tif of the package.\n\n"
@@ -46,8 +49,11 @@ std::string_view CacheBuildCommand::examples() const {
 
 void CacheBuildCommand::setup(Options& options) {
   options.value("--mission", mission_, "MISSION.yaml", "what the map is for").required();
-  options.values("--imagery", imagery_, "FILE", "8 bit rasters that GDAL reads, georeferenced; the first lies on top")
+  options.values("--imagery", imagery_, "FILE", "rasters that GDAL reads, georeferenced; the first lies on top")
       .required();
+  options.values("--stretch", stretches_, "MIN,MAX",
+                 "values of 16 bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
+                 "or one for each --imagery (none for an 8 bit one)");
   options.value("--dem", dem_, "FILE", "elevation model, metres, that GDAL reads; for terrain: {mode: dem}");
   options.value("--format", format_, "FORMAT", "container of the tiles").one_of({"mbtiles"});
   options.value("--tile-format", tile_format_, "FORMAT", "how a tile is encoded").one_of({"jpeg", "webp", "png"});
@@ -69,6 +75,7 @@ int CacheBuildCommand::run(Context& context) {
   request.mission = mission_;
   request.imagery = imagery_;
   request.overrides = imagery_options_.overrides();
+  for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
   request.dem = dem_;
   request.tiles.encoding = {parse_image_format(tile_format_).value_or(ImageFormat::jpeg), quality_};
   request.tiles.threads = imagery_options_.threads();

@@ -26,6 +26,7 @@ class CacheBuildCommand final : public Command {
  private:
   std::filesystem::path mission_;
   std::vector<std::filesystem::path> imagery_;
+  std::vector<std::string> stretches_;
   std::optional<std::filesystem::path> dem_;
   std::string format_ = "mbtiles";
   std::string tile_format_ = "jpeg";

@@ -25,9 +25,9 @@ std::string describe_build(const PackageRequest& request, std::string_view missi
       fmt::format("program: {}\nmission: sha256 {}\n", request.program, sha256(as_bytes(mission_text)).hex());
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     const ImageryFacts& facts = inputs[i].facts;
-    text += fmt::format("imagery {}: sha256 {}, captured {}, gsd {}, ce90 {}, provider {}\n", i + 1,
+    text += fmt::format("imagery {}: sha256 {}, captured {}, gsd {}, ce90 {}, provider {}, stretch {}\n", i + 1,
                         digest_of(inputs[i].path), to_rfc3339(facts.captured_at), facts.gsd_m, facts.ce90_m,
-                        facts.provider);
+                        facts.provider, inputs[i].stretch ? to_text(*inputs[i].stretch) : "none");
   }
   text += fmt::format("seams: feather {} m\n", request.tiles.mosaic.feather_m);
   text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(*request.dem) : "none");

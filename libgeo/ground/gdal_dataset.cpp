@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 #include <gdal_priv.h>
 
+#include <algorithm>
+#include <cmath>
 #include <mutex>
 #include <opencv2/core.hpp>
 #include <set>
@@ -58,6 +60,20 @@ std::vector<std::filesystem::path> list_files(const std::filesystem::path& path,
   return files;
 }
 
+// In double precision and without vector instructions of some machine: the same bytes everywhere.
+cv::Mat stretched(const cv::Mat& values, const Stretch& line) {
+  cv::Mat colours(values.size(), CV_MAKETYPE(CV_8U, values.channels()));
+  for (int row = 0; row < values.rows; ++row) {
+    const auto* in = values.ptr<float>(row);
+    auto* out = colours.ptr<std::uint8_t>(row);
+    for (int i = 0; i < values.cols * values.channels(); ++i) {
+      const double colour = 255.0 * (static_cast<double>(in[i]) - line.low) / (line.high - line.low);
+      out[i] = static_cast<std::uint8_t>(std::clamp(colour, 0.0, 255.0) + 0.5);
+    }
+  }
+  return colours;
+}
+
 }  // namespace
 
 QuietGdal::QuietGdal() {
@@ -107,55 +123,11 @@ std::vector<std::filesystem::path> files_of_raster(const std::filesystem::path& 
   return list_files(path, *dataset, kNestedVrts);
 }
 
-GdalDataset::GdalDataset(const std::filesystem::path& path) : path_(path), dataset_(open_gdal_raster(path)) {
+GdalDataset::GdalDataset(const std::filesystem::path& path, std::optional<Stretch> stretch)
+    : path_(path), dataset_(open_gdal_raster(path)), stretch_(stretch) {
   const QuietGdal quiet;
   size_ = {dataset_->GetRasterXSize(), dataset_->GetRasterYSize()};
-  find_layout();
-}
-
-void GdalDataset::find_layout() {
-  const int bands = dataset_->GetRasterCount();
-  for (int i = 1; i <= std::min(bands, 4); ++i) {
-    const GDALDataType type = dataset_->GetRasterBand(i)->GetRasterDataType();
-    if (type == GDT_Byte) continue;
-    throw UsageError({.what = "the raster is not 8 bit",
-                      .where = fmt::format("{} (band {})", path_.string(), i),
-                      .expected = "bands of type Byte",
-                      .found = GDALGetDataTypeName(type),
-                      .fix = "convert it: gdal_translate -ot Byte -scale IN.tif OUT.tif"});
-  }
-  if (bands < 1) throw UsageError({.what = "the raster has no bands", .where = path_.string()});
-
-  GDALRasterBand* first = dataset_->GetRasterBand(1);
-  const bool colour = bands >= 3;
-  if (colour) {
-    bgr_bands_ = {3, 2, 1};
-  } else {
-    bgr_bands_ = {1, 1, 1};
-  }
-  if (const GDALColorTable* table = first->GetColorTable(); table != nullptr && !colour) {
-    palette_ = cv::Mat::zeros(1, 256, CV_8UC3);
-    palette_mask_ = cv::Mat::zeros(1, 256, CV_8UC1);
-    for (int i = 0; i < std::min(256, table->GetColorEntryCount()); ++i) {
-      GDALColorEntry entry;
-      table->GetColorEntryAsRGB(i, &entry);
-      palette_.at<cv::Vec3b>(i) = {static_cast<std::uint8_t>(entry.c3), static_cast<std::uint8_t>(entry.c2),
-                                   static_cast<std::uint8_t>(entry.c1)};
-      palette_mask_.at<std::uint8_t>(i) = entry.c4 >= 128 ? 255 : 0;
-    }
-  }
-  const int flags = first->GetMaskFlags();
-  if ((flags & GMF_ALL_VALID) != 0) {
-    validity_ = Validity::all;
-  } else if ((flags & GMF_NODATA) != 0) {
-    validity_ = Validity::nodata;
-  } else {
-    validity_ = Validity::mask;
-  }
-  if (!palette_mask_.empty() && cv::countNonZero(palette_mask_) < 256 && validity_ == Validity::all) {
-    const int entries = std::min(256, first->GetColorTable()->GetColorEntryCount());
-    if (cv::countNonZero(palette_mask_.colRange(0, entries)) == entries) palette_mask_.release();
-  }
+  layout_ = find_band_layout(*dataset_, path_);
 }
 
 void GdalDataset::check(bool ok, const char* doing) const {
@@ -167,60 +139,110 @@ void GdalDataset::check(bool ok, const char* doing) const {
                .fix = "fetch the file again; `gdalinfo -checksum` shows whether it is whole"});
 }
 
-cv::Mat GdalDataset::read_mask(int band, const cv::Rect& window, cv::Size size) const {
-  cv::Mat mask(size, CV_8UC1);
+cv::Mat GdalDataset::read_band(GDALRasterBand& band, int type, const cv::Rect& window, cv::Size size,
+                               bool average) const {
+  cv::Mat values(size, type);
+  GDALRasterIOExtraArg extra;
+  INIT_RASTERIO_EXTRA_ARG(extra);
+  if (average) extra.eResampleAlg = GRIORA_Average;
+  check(band.RasterIO(GF_Read, window.x, window.y, window.width, window.height, values.data, size.width, size.height,
+                      type == CV_8UC1 ? GDT_Byte : GDT_UInt16, static_cast<GSpacing>(values.elemSize()),
+                      static_cast<GSpacing>(values.step), &extra) == CE_None,
+        "reading a band");
+  return values;
+}
+
+// One channel for grey, else three. depth: CV_8U or CV_32F.
+cv::Mat GdalDataset::read_colours(int depth, const cv::Rect& window, cv::Size size) const {
+  const int count = layout_.grey() ? 1 : 3;
+  cv::Mat values(size, CV_MAKETYPE(depth, count));
+  std::array<int, 3> bands = layout_.bgr;
   GDALRasterIOExtraArg extra;
   INIT_RASTERIO_EXTRA_ARG(extra);
   extra.eResampleAlg = GRIORA_Average;
-  const CPLErr code = dataset_->GetRasterBand(band)->GetMaskBand()->RasterIO(
-      GF_Read, window.x, window.y, window.width, window.height, mask.data, size.width, size.height, GDT_Byte, 1,
-      static_cast<GSpacing>(mask.step), &extra);
-  check(code == CE_None, "reading its mask");
-  return mask;
+  check(dataset_->RasterIO(GF_Read, window.x, window.y, window.width, window.height, values.data, size.width,
+                           size.height, depth == CV_8U ? GDT_Byte : GDT_Float32, count, bands.data(),
+                           static_cast<GSpacing>(values.elemSize()), static_cast<GSpacing>(values.step),
+                           static_cast<GSpacing>(values.elemSize1()), &extra) == CE_None,
+        "reading its pixels");
+  return values;
+}
+
+cv::Mat GdalDataset::read_validity(const cv::Rect& window, cv::Size size) const {
+  const auto mask_of = [&](int band) {
+    return read_band(*dataset_->GetRasterBand(band)->GetMaskBand(), CV_8UC1, window, size, true);
+  };
+  switch (layout_.validity) {
+    case BandLayout::Validity::all: break;
+    case BandLayout::Validity::alpha: {
+      const int type = layout_.alpha_half > 255 ? CV_16UC1 : CV_8UC1;
+      return read_band(*dataset_->GetRasterBand(layout_.alpha_band), type, window, size, true) >= layout_.alpha_half;
+    }
+    case BandLayout::Validity::mask: return mask_of(layout_.bgr[2]) >= 128;
+    case BandLayout::Validity::nodata: {
+      cv::Mat valid = mask_of(layout_.bgr[2]);
+      if (!layout_.grey()) {
+        for (const int band : {layout_.bgr[1], layout_.bgr[0]}) valid = cv::max(valid, mask_of(band));
+      }
+      return valid >= 128;
+    }
+  }
+  return {size, CV_8UC1, cv::Scalar(255)};
+}
+
+// Colours can be averaged, their numbers cannot.
+Picture GdalDataset::read_palette(const cv::Rect& window, cv::Size size) const {
+  const cv::Mat index = read_band(*dataset_->GetRasterBand(layout_.bgr[0]), CV_16UC1, window, size, false);
+  Picture picture{cv::Mat(size, CV_8UC3), read_validity(window, size)};
+  const cv::Mat& opaque = layout_.palette_mask;
+  for (int row = 0; row < size.height; ++row) {
+    const auto* in = index.ptr<std::uint16_t>(row);
+    auto* colour = picture.bgr.ptr<cv::Vec3b>(row);
+    auto* valid = picture.mask.ptr<std::uint8_t>(row);
+    for (int column = 0; column < size.width; ++column) {
+      const int entry = in[column];
+      const bool known = entry < layout_.palette.cols;
+      colour[column] = known ? layout_.palette.at<cv::Vec3b>(entry) : cv::Vec3b(0, 0, 0);
+      if (!opaque.empty() && (!known || opaque.at<std::uint8_t>(entry) == 0)) valid[column] = 0;
+    }
+  }
+  return picture;
+}
+
+Samples GdalDataset::read_samples(const cv::Rect& window, cv::Size size) const {
+  const QuietGdal quiet;
+  Samples samples{read_colours(CV_32F, window, size), read_validity(window, size)};
+  const int channels = samples.values.channels();
+  for (int row = 0; row < size.height; ++row) {
+    auto* value = samples.values.ptr<float>(row);
+    auto* valid = samples.mask.ptr<std::uint8_t>(row);
+    for (int i = 0; i < size.width * channels; ++i) {
+      if (std::isfinite(value[i])) continue;
+      valid[i / channels] = 0;
+      value[i] = 0;
+    }
+  }
+  return samples;
 }
 
 Picture GdalDataset::read(const cv::Rect& window, cv::Size size) const {
   const QuietGdal quiet;
+  if (!layout_.palette.empty()) return read_palette(window, size);
   Picture picture;
-  picture.bgr.create(size, CV_8UC3);
-  GDALRasterIOExtraArg extra;
-  INIT_RASTERIO_EXTRA_ARG(extra);
-  if (!palette_.empty()) {
-    // Colours can be averaged, their numbers cannot.
-    cv::Mat index(size, CV_8UC1);
-    check(dataset_->GetRasterBand(1)->RasterIO(GF_Read, window.x, window.y, window.width, window.height, index.data,
-                                               size.width, size.height, GDT_Byte, 1, static_cast<GSpacing>(index.step),
-                                               &extra) == CE_None,
-          "reading its pixels");
-    cv::Mat three;
-    cv::merge(std::vector<cv::Mat>{index, index, index}, three);
-    cv::LUT(three, palette_, picture.bgr);
-    if (!palette_mask_.empty()) cv::LUT(index, palette_mask_, picture.mask);
+  cv::Mat colours;
+  if (layout_.eight_bit) {
+    colours = read_colours(CV_8U, window, size);
+    picture.mask = read_validity(window, size);
   } else {
-    extra.eResampleAlg = GRIORA_Average;
-    const bool grey = bgr_bands_[0] == bgr_bands_[2];
-    cv::Mat one;
-    if (grey) one.create(size, CV_8UC1);
-    cv::Mat& target = grey ? one : picture.bgr;
-    const int count = grey ? 1 : 3;
-    std::vector<int> bands = grey ? std::vector<int>{1} : bgr_bands_;
-    check(dataset_->RasterIO(GF_Read, window.x, window.y, window.width, window.height, target.data, size.width,
-                             size.height, GDT_Byte, count, bands.data(), count, static_cast<GSpacing>(target.step), 1,
-                             &extra) == CE_None,
-          "reading its pixels");
-    if (grey) cv::merge(std::vector<cv::Mat>{one, one, one}, picture.bgr);
+    const Samples samples = read_samples(window, size);
+    colours = stretched(samples.values, stretch_.value());
+    picture.mask = samples.mask;
   }
-
-  if (validity_ == Validity::all) {
-    if (picture.mask.empty()) picture.mask = cv::Mat(size, CV_8UC1, cv::Scalar(255));
-    return picture;
+  if (layout_.grey()) {
+    cv::merge(std::vector<cv::Mat>{colours, colours, colours}, picture.bgr);
+  } else {
+    picture.bgr = colours;
   }
-  cv::Mat valid = read_mask(1, window, size);
-  if (validity_ == Validity::nodata && bgr_bands_[0] != bgr_bands_[2]) {
-    for (const int band : {2, 3}) valid = cv::max(valid, read_mask(band, window, size));
-  }
-  valid = valid >= 128;
-  picture.mask = picture.mask.empty() ? valid : cv::Mat(picture.mask & valid);
   return picture;
 }
 

@@ -1,15 +1,19 @@
-// An open GDAL dataset: opening, its band layout, reading pixels. GDAL's own headers stay in the .cpp files.
+// An open GDAL dataset: opening, reading pixels. GDAL's own headers stay in the .cpp files.
 #pragma once
 
 #include <filesystem>
 #include <memory>
 #include <opencv2/core/types.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "ground/band_layout.hpp"
 #include "ground/picture.hpp"
+#include "ground/stretch.hpp"
 
 class GDALDataset;
+class GDALRasterBand;
 
 namespace nadir {
 
@@ -35,34 +39,41 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path);
 // The files that the raster is read from, in GDAL's order: itself, its masks and overviews, the sources of a VRT.
 std::vector<std::filesystem::path> files_of_raster(const std::filesystem::path& path);
 
+// Values of some pixels, before they become colours.
+struct Samples {
+  cv::Mat values;  // CV_32FC1 for grey, else CV_32FC3 in the order of BandLayout::bgr
+  cv::Mat mask;    // CV_8UC1, 255 where they are valid: finite, and no nodata of any kind
+};
+
 class GdalDataset {
  public:
-  explicit GdalDataset(const std::filesystem::path& path);
+  // stretch: for a raster that is not 8 bit; others keep their values.
+  explicit GdalDataset(const std::filesystem::path& path, std::optional<Stretch> stretch = {});
   ~GdalDataset();
   GdalDataset(const GdalDataset&) = delete;
   GdalDataset& operator=(const GdalDataset&) = delete;
 
   cv::Size size() const { return size_; }
-  bool all_valid() const { return validity_ == Validity::all; }
+  const BandLayout& layout() const { return layout_; }
   const std::filesystem::path& path() const { return path_; }
   GDALDataset* handle() const { return dataset_.get(); }
 
-  // The window, averaged down to `size`.
+  // The window, averaged down to `size`: averages of the file's values, stretched afterwards.
   Picture read(const cv::Rect& window, cv::Size size) const;
+  Samples read_samples(const cv::Rect& window, cv::Size size) const;  // of a raster without palette
 
  private:
-  enum class Validity { all, nodata, mask };
-  void find_layout();
   void check(bool ok, const char* doing) const;  // throws Error with GDAL's words
-  cv::Mat read_mask(int band, const cv::Rect& window, cv::Size size) const;
+  cv::Mat read_band(GDALRasterBand& band, int type, const cv::Rect& window, cv::Size size, bool average) const;
+  cv::Mat read_colours(int depth, const cv::Rect& window, cv::Size size) const;
+  cv::Mat read_validity(const cv::Rect& window, cv::Size size) const;
+  Picture read_palette(const cv::Rect& window, cv::Size size) const;
 
   std::filesystem::path path_;
   GdalHandle dataset_;
   cv::Size size_;
-  std::vector<int> bgr_bands_;  // three band numbers, alike for grey
-  cv::Mat palette_;             // 1 x 256 CV_8UC3, empty without palette
-  cv::Mat palette_mask_;        // 1 x 256 CV_8UC1
-  Validity validity_ = Validity::all;
+  BandLayout layout_;
+  std::optional<Stretch> stretch_;
 };
 
 }  // namespace nadir

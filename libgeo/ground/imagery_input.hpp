@@ -9,6 +9,7 @@
 
 #include "geodesy/web_mercator.hpp"
 #include "ground/imagery_facts.hpp"
+#include "ground/stretch.hpp"
 #include "package/sidecar.hpp"
 
 namespace nadir {
@@ -18,6 +19,7 @@ struct ImageryInput {
   ImageryFacts facts;
   std::vector<MercatorXY> outline;  // RasterSource::outline()
   TileTrust trust = TileTrust::service;
+  std::optional<Stretch> stretch{};  // of a raster that is not 8 bit
 };
 
 // Which inputs contributed to a tile, and how many pixels of the finest zoom each.

@@ -6,6 +6,7 @@
 #include "base/files.hpp"
 #include "ground/build_configuration.hpp"
 #include "ground/build_journal.hpp"
+#include "ground/open_imagery.hpp"
 #include "ground/package_parts.hpp"
 #include "package/judge.hpp"
 
@@ -13,15 +14,6 @@ namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::vector<ImageryInput> open_inputs(const PackageRequest& request) {
-  std::vector<ImageryInput> inputs;
-  for (const fs::path& path : request.imagery) {
-    const RasterSource source(path);
-    inputs.push_back({path, read_imagery_facts(path, request.overrides), source.outline()});
-  }
-  return in_order(std::move(inputs), request.tiles.mosaic.order);
-}
 
 // Before the work: sound as long as every pixel of the imagery is.
 Findings judge_plan(const Mission& mission, const std::vector<ImageryInput>& inputs, const TileRange& range,
@@ -88,7 +80,8 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   const Mission mission = parse_mission_or_throw(mission_text, request.mission);
   check_zoom(mission, request.mission);
   check_terrain_wanted(mission, request.mission, request.dem);
-  const std::vector<ImageryInput> inputs = open_inputs(request);
+  const std::vector<ImageryInput> inputs =
+      in_order(open_imagery(request.imagery, request.overrides, request.stretches), request.tiles.mosaic.order);
   const UtcTime at = request.at.value_or(mission.created);
   const TileRange range = plan_range(mission, inputs);
 

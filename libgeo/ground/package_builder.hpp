@@ -27,6 +27,7 @@ struct PackageRequest {
   std::filesystem::path mission;
   std::vector<std::filesystem::path> imagery;  // which lies on top: tiles.mosaic
   ImageryOverrides overrides;
+  std::vector<StretchWish> stretches;        // none, one for all, or one for each
   std::optional<std::filesystem::path> dem;  // with terrain mode dem, and only then
   TileSetOptions tiles;
   const PrivateKey* key = nullptr;  // null: unsigned

@@ -7,6 +7,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
+#include "ground/open_imagery.hpp"
 #include "ground/package_parts.hpp"
 #include "ground/update_old_package.hpp"
 #include "ground/update_tile_set.hpp"
@@ -16,15 +17,6 @@ namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::vector<ImageryInput> open_rasters(const UpdateRequest& request) {
-  std::vector<ImageryInput> rasters;
-  for (const fs::path& path : request.imagery) {
-    const RasterSource source(path);
-    rasters.push_back({path, read_imagery_facts(path, request.overrides), source.outline()});
-  }
-  return rasters;
-}
 
 // The old tiles of the finest zoom as one more raster, for plan_range() alone. Half a pixel inside, so that rounding
 // does not reach for the next tile.
@@ -106,7 +98,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   const Artifact& imagery = *old.manifest->artifact(kRoleImagery);
   TileSetOptions options = request.tiles;
   options.encoding.format = format_of(request.old_package, imagery);
-  const std::vector<ImageryInput> rasters = open_rasters(request);
+  const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
   const RootChain roots = read_root_chain(request.roots, old.roots, request.trust);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, dem, findings);
   if (findings.refuses()) return report;

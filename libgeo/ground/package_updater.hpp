@@ -15,6 +15,7 @@ struct UpdateRequest {
   std::filesystem::path mission;
   std::vector<std::filesystem::path> imagery;  // none: another area, other dates, from the old tiles alone
   ImageryOverrides overrides;
+  std::vector<StretchWish> stretches;        // none, one for all, or one for each
   std::optional<std::filesystem::path> dem;  // instead of the old package's terrain
   TileSetOptions tiles;                      // the format is that of the old package
   const PrivateKey* key = nullptr;           // null: unsigned

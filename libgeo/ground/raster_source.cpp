@@ -42,8 +42,9 @@ struct Nodes {
 }  // namespace
 
 struct RasterSource::Impl {
-  explicit Impl(const std::filesystem::path& path) : dataset(path) {
+  Impl(const std::filesystem::path& path, std::optional<Stretch> stretch) : dataset(path, stretch) {
     const QuietGdal quiet;
+    check_depth(stretch.has_value());
     check_georeference();
     OGRSpatialReference mercator;
     mercator.importFromEPSG(3857);
@@ -55,6 +56,15 @@ struct RasterSource::Impl {
     CPLFree(wkt);
     if (!transformer) fail_transform();
     trace_outline();
+  }
+
+  void check_depth(bool stretched) const {
+    if (dataset.layout().eight_bit || stretched) return;
+    throw UsageError({.what = "the raster is not 8 bit",
+                      .where = dataset.path().string(),
+                      .expected = "8 bit, or a stated stretch",
+                      .found = dataset.layout().type,
+                      .fix = "state how its values become colours: --stretch"});
   }
 
   [[noreturn]] void fail_transform() const {
@@ -228,7 +238,8 @@ void RasterSource::Impl::read_block(int zoom, const cv::Rect& block, cv::Mat bgr
   }
 }
 
-RasterSource::RasterSource(const std::filesystem::path& path) : impl_(std::make_unique<Impl>(path)) {}
+RasterSource::RasterSource(const std::filesystem::path& path, std::optional<Stretch> stretch)
+    : impl_(std::make_unique<Impl>(path, stretch)) {}
 RasterSource::~RasterSource() = default;
 RasterSource::RasterSource(RasterSource&&) noexcept = default;
 RasterSource& RasterSource::operator=(RasterSource&&) noexcept = default;

@@ -1,24 +1,28 @@
 // Any raster that GDAL reads, as 8 bit colours with a mask of what is valid, addressed by Web Mercator pixels.
 //
-// Understood: 8 bit grey, grey with alpha, palette, RGB, RGB with alpha; further bands (near infrared) are left out.
-// Invalid are pixels under the dataset's mask, with alpha below one half, or with all colours equal to their nodata.
-// One object serves one thread; several may read the same file.
+// Understood: grey, grey with alpha, palette, RGB, RGB with alpha; further bands (near infrared) are left out. Numbers
+// other than 8 bit ones are stretched. Invalid are pixels under the dataset's mask, with alpha below one half, with all
+// colours equal to their nodata, or with a colour that is no finite number: as they stand in the file, before any
+// stretch. One object serves one thread; several may read the same file.
 #pragma once
 
 #include <filesystem>
 #include <memory>
 #include <opencv2/core/types.hpp>
+#include <optional>
 #include <vector>
 
 #include "geodesy/web_mercator.hpp"
 #include "ground/picture.hpp"
+#include "ground/stretch.hpp"
 
 namespace nadir {
 
 class RasterSource {
  public:
-  // Throws Error when the file is missing, of no known format, damaged, not georeferenced, or not 8 bit.
-  explicit RasterSource(const std::filesystem::path& path);
+  // Throws Error when the file is missing, of no known format, damaged, not georeferenced, or not 8 bit without a
+  // stretch. A raster that is 8 bit keeps its values.
+  explicit RasterSource(const std::filesystem::path& path, std::optional<Stretch> stretch = {});
   ~RasterSource();
   RasterSource(RasterSource&&) noexcept;
   RasterSource& operator=(RasterSource&&) noexcept;

@@ -27,7 +27,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
   progress.begin("making tiles", static_cast<std::uint64_t>(range.count()), "tiles");
   const auto make_worker = [&]() -> std::function<Metatile(std::size_t)> {
     auto sources = std::make_shared<std::vector<RasterSource>>();
-    for (const ImageryInput& input : inputs) sources->emplace_back(input.path);
+    for (const ImageryInput& input : inputs) sources->emplace_back(input.path, input.stretch);
     return [&, sources, layers = layers_of(*sources)](std::size_t item) {
       return render_metatile(tops[done + item], range, layers, feather_px, encoder);
     };

@@ -48,7 +48,8 @@ std::vector<LayerReader> UpdateLayers::readers() const {
       readers.emplace_back([this, layer](int zoom, const cv::Rect& pixels) { return read_old(layer, zoom, pixels); });
       continue;
     }
-    const auto source = std::make_shared<RasterSource>(inputs_[layers_[layer].first].path);
+    const ImageryInput& input = inputs_[layers_[layer].first];
+    const auto source = std::make_shared<RasterSource>(input.path, input.stretch);
     readers.emplace_back([source](int zoom, const cv::Rect& pixels) { return source->read(zoom, pixels); });
   }
   return readers;
