@@ -37,6 +37,11 @@ packages_demo=(
   python3                    # the tests' oracles and the scoring of results
   binutils                   # readelf: what nadird links
 )
+packages_fuzz=(
+  clang-19                   # libFuzzer
+  libclang-rt-19-dev         # its runtime, and the sanitizers'
+  libomp-19-dev              # OpenMP for what is built with clang
+)
 packages_lint=(
   clang-format               # .clang-format
   clang-tidy-19              # 14 cannot parse libstdc++ 12's range views
