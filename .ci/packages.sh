@@ -42,6 +42,11 @@ packages_fuzz=(
   libclang-rt-19-dev         # its runtime, and the sanitizers'
   libomp-19-dev              # OpenMP for what is built with clang
 )
+packages_test=(
+  libsqlite3-mod-spatialite  # sqlite3 judges the catalogue's geometries
+  postgresql-15              # a real server, which the tests of the catalogue start and stop
+  postgresql-15-postgis-3    # its geometries
+)
 packages_lint=(
   clang-format               # .clang-format
   clang-tidy-19              # 14 cannot parse libstdc++ 12's range views

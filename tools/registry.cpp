@@ -8,6 +8,10 @@
 #include "cache_update.hpp"
 #include "cache_validate.hpp"
 #include "cache_verify.hpp"
+#include "catalogue_add.hpp"
+#include "catalogue_gaps.hpp"
+#include "catalogue_list.hpp"
+#include "catalogue_remove.hpp"
 #include "keys_create.hpp"
 #include "keys_permit_rollback.hpp"
 #include "keys_revoke.hpp"
@@ -46,6 +50,10 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<CacheValidateCommand>());
   commands.push_back(std::make_unique<CacheGapsCommand>());
   commands.push_back(std::make_unique<CacheDiffCommand>());
+  commands.push_back(std::make_unique<CatalogueAddCommand>());
+  commands.push_back(std::make_unique<CatalogueListCommand>());
+  commands.push_back(std::make_unique<CatalogueGapsCommand>());
+  commands.push_back(std::make_unique<CatalogueRemoveCommand>());
   commands.push_back(std::make_unique<SimulateWorldCommand>());
   commands.push_back(std::make_unique<SimulateFlightCommand>());
   commands.push_back(std::make_unique<ReplayCommand>());

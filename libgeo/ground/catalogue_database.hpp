@@ -1,0 +1,101 @@
+// A catalogue's database through GDAL: a SpatiaLite file or a PostGIS server, with the same tables and columns.
+//
+// Values from outside reach the database as fields of features alone; statements are constants of this program, in
+// which at most whole numbers are inserted.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "base/time.hpp"
+#include "ground/catalogue_geometry.hpp"
+#include "ground/catalogue_location.hpp"
+
+class GDALDataset;
+class OGRFeature;
+class OGRLayer;
+
+namespace nadir {
+
+// A row that is read, or one that is being made.
+class CatalogueRow {
+ public:
+  explicit CatalogueRow(std::unique_ptr<OGRFeature> feature);
+  ~CatalogueRow();
+  CatalogueRow(CatalogueRow&&) noexcept;
+
+  CatalogueRow& set(const char* column, std::int64_t value);
+  CatalogueRow& set(const char* column, double value);
+  CatalogueRow& set(const char* column, std::string_view text);  // what cannot be shown becomes '?'
+  CatalogueRow& set(const char* column, UtcTime time);
+  CatalogueRow& set_null(const char* column);
+  CatalogueRow& shape(GeometryHandle geometry);
+
+  std::int64_t integer(const char* column) const;
+  bool is_null(const char* column) const;
+  std::string text(const char* column) const;
+  std::optional<UtcTime> time(const char* column) const;
+  GeoArea area() const;
+
+ private:
+  friend class CatalogueDatabase;
+  int index(const char* column) const;  // throws Error when there is no such column
+  std::unique_ptr<OGRFeature> feature_;
+};
+
+class CatalogueDatabase {
+ public:
+  enum class Access { read, write };
+
+  // write: makes an empty catalogue where there is none (a file that appears whole, or a schema in one transaction).
+  // Throws Error when it cannot be reached, is no catalogue, or is one of another version.
+  CatalogueDatabase(const CatalogueLocation& location, Access access);
+  ~CatalogueDatabase();
+  CatalogueDatabase(const CatalogueDatabase&) = delete;
+  CatalogueDatabase& operator=(const CatalogueDatabase&) = delete;
+
+  // A transaction that keeps other writers waiting (for a minute, then Error). Without commit() nothing has happened.
+  void begin();
+  void commit();
+  void roll_back();
+
+  CatalogueRow new_row(const char* table);
+  // The new row's id. Many rows of one table go in fastest with Insert::bulk, which tells no id.
+  enum class Insert { one, bulk };
+  std::int64_t insert(const char* table, CatalogueRow& row, Insert how);
+  void finish_bulk(const char* table);  // throws what the rows of a bulk met
+
+  // Visits the rows of a table, in the order of their ids.
+  void each(const char* table, const std::function<void(const CatalogueRow&)>& visit);
+  // Rows of this package.
+  std::int64_t count(const char* table, std::int64_t package_id);
+  void erase(const char* table, const char* column, std::int64_t value);
+
+  [[noreturn]] void fail(std::string what) const;  // throws Error with the database's own words
+
+ private:
+  class Messages;
+  void open(Access access);
+  bool has_catalogue();
+  void check_format();
+  void make_file() const;
+  void make_schema();
+  void execute(const std::string& sql, const char* doing);
+  std::optional<std::string> ask(const std::string& sql);
+  std::string table_name(const char* table) const;
+  OGRLayer& layer(const char* table);
+
+  CatalogueLocation location_;
+  std::unique_ptr<Messages> messages_;
+  struct CloseDataset {
+    void operator()(GDALDataset* dataset) const;
+  };
+  std::unique_ptr<GDALDataset, CloseDataset> dataset_;
+  bool in_transaction_ = false;
+};
+
+}  // namespace nadir
