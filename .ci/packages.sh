@@ -35,6 +35,7 @@ packages_demo=(
   openssl                    # the tests' oracle for digests and signatures
   sqlite3                    # the tests' oracle for MBTiles
   python3                    # the tests' oracles and the scoring of results
+  python3-jsonschema         # the tests' judge of what schemas/ says
   binutils                   # readelf: what nadird links
 )
 packages_fuzz=(

@@ -9,8 +9,6 @@
 #include "framework/options.hpp"
 #include "framework/output.hpp"
 #include "package/open_package.hpp"
-#include "trust/aircraft_state.hpp"
-#include "trust/root.hpp"
 
 namespace nadir {
 namespace {
@@ -31,7 +29,8 @@ Figures readiness(const OpenPackage& package) {
 
 std::string_view CheckCommand::details() const {
   return "Verifies the mission package as the aircraft does before take-off: signature, files, dates, airframe, "
-         "sequence. With --state the aircraft remembers what it accepted and refuses anything older from then on.\n\n"
+         "sequence. With --state the aircraft remembers what it accepted and refuses anything older from "
+         "then on,\nbut for a step back that --permit allows. A damaged state or permit refuses the package.\n\n"
          "Live service (camera in, position out) is not built in yet; only --check is.\n\n"
          "Exit codes: 0 ready, 1 the package was refused, 2 it could not be checked.";
 }
@@ -44,10 +43,7 @@ std::string_view CheckCommand::examples() const {
 
 void CheckCommand::setup(Options& options) {
   options.value("--package", package_, "PACKAGE", "the mission package").required();
-  options.value("--trust", trust_, "FILE.json", "root of trust").required();
-  options.value("--airframe", airframe_, "ID", "this aircraft; the package must be made for it");
-  options.value("--state", state_, "FILE.json", "what this aircraft remembers; made when it is not there");
-  options.value("--at", at_, "TIME", "check as if it were then; the present time by default");
+  request_.setup(options);
   options.flag("--check", check_, "check the package, tell and end");
 }
 
@@ -57,21 +53,15 @@ int CheckCommand::run(Context& context) {
                       .expected = "--check, which verifies the package and ends",
                       .fix = "fly recorded frames with `nadir replay`"});
   }
-  const TrustRoot root = read_trusted_root(trust_);
-  AircraftState state = state_ ? read_state(*state_) : AircraftState{};
-  VerifyOptions options;
-  options.root = &root;
-  options.at = judging_time(at_, context.clock);
-  options.airframe = airframe_;
-  options.state = state_ ? &state : nullptr;
-  const Opening opening = open_package(package_, options, context.progress);
-  if (!opening.package) return report_findings(context.out, context.json, opening.findings);
+  const VerifyOptions options = request_.open(context.clock);
+  Opening opening = open_package(package_, options, context.progress);
+  opening.findings.add(request_.findings());
+  if (!opening.package || opening.findings.refuses()) {
+    return report_findings(context.out, context.json, opening.findings);
+  }
 
   const Manifest& manifest = opening.package->manifest();
-  if (state_) {
-    state.accept(manifest.series, manifest.sequence, opening.root_version, options.at, opening.newer_roots);
-    write_state(*state_, state);
-  }
+  request_.remember(manifest, opening.root_version, opening.newer_roots);
   if (context.json) {
     return report_findings(context.out, true, opening.findings,
                            {{"ready", true},

@@ -3,10 +3,9 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
-#include <string>
 
 #include "framework/command.hpp"
+#include "verify_request.hpp"
 
 namespace nadir {
 
@@ -24,10 +23,7 @@ class CheckCommand final : public Command {
 
  private:
   std::filesystem::path package_;
-  std::filesystem::path trust_;
-  std::optional<std::string> airframe_;
-  std::optional<std::filesystem::path> state_;
-  std::optional<UtcTime> at_;
+  VerifyRequest request_;
   bool check_ = false;
 };
 

@@ -8,6 +8,7 @@
 #include "framework/output.hpp"
 #include "package/root_folder.hpp"
 #include "package/sign_package.hpp"
+#include "private_keys.hpp"
 
 namespace nadir {
 
@@ -39,8 +40,7 @@ int CacheSignCommand::run(Context& context) {
                       .found = "none",
                       .fix = "give the folder that `nadir cache build --out` made"});
   }
-  std::vector<PrivateKey> keys;
-  for (const auto& path : keys_) keys.push_back(PrivateKey::read(path));
+  const std::vector<PrivateKey> keys = read_private_keys(keys_);
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.refuses()) return report_findings(context.out, context.json, findings);
 

@@ -5,8 +5,6 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 
-#include "base/error.hpp"
-#include "base/files.hpp"
 #include "cache_report/cache_report.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
@@ -32,56 +30,18 @@ std::string_view CacheVerifyCommand::examples() const {
 
 void CacheVerifyCommand::setup(Options& options) {
   options.positional("PACKAGE", package_, "the package's folder").required();
-  options.value("--trust", trust_, "ROOT.json", "the trust root").required();
+  request_.setup(options);
   options.value("--depth", depth_, "DEPTH", "quick or full").one_of({"quick", "full"});
-  options.value("--airframe", airframe_, "ID", "refuse packages that are not for this airframe");
-  options.value("--state", state_, "STATE.json", "what this aircraft has accepted before; updated on acceptance");
   options.value("--report", report_folder_, "DIR", "write the findings and a page with a map into this folder as well");
-  options.value("--permit", permit_, "PERMIT.json", "signed permit to go back to this older package").needs("--state");
-  options.value("--at", at_, "TIME", "judge as if it were this time");
-}
-
-// A damaged memory refuses; it is neither taken for an empty one nor overwritten.
-std::optional<AircraftState> CacheVerifyCommand::open_state(Findings& findings) const {
-  if (!state_) return std::nullopt;
-  StateReading reading = check_state(*state_);
-  findings.add(reading.findings);
-  return std::move(reading.state);
-}
-
-std::optional<SignedPermit> CacheVerifyCommand::open_permit(Findings& findings) const {
-  if (!permit_) return std::nullopt;
-  const std::string text = read_text_file(*permit_, kMaxPermitSize);
-  try {
-    return parse_permit(text, permit_->string());
-  } catch (const Error& error) {
-    findings.add({.code = "permit.invalid",
-                  .where = permit_->string(),
-                  .expected = error.text().expected.empty() ? "a rollback permit" : error.text().expected,
-                  .found = error.text().found.empty() ? error.text().what : error.text().found,
-                  .fix = "get the permit again from the signers"});
-  }
-  return std::nullopt;
 }
 
 int CacheVerifyCommand::run(Context& context) {
-  const TrustRoot root = read_trusted_root(trust_);
-  VerifyOptions options;
-  options.root = &root;
+  VerifyOptions options = request_.open(context.clock);
   options.depth = depth_ == "full" ? VerifyDepth::full : VerifyDepth::quick;
-  options.at = judging_time(at_, context.clock);
-  options.airframe = airframe_;
-  Findings findings;
-  std::optional<AircraftState> state = open_state(findings);
-  if (state) options.state = &*state;
-  const std::optional<SignedPermit> permit = open_permit(findings);
-  if (permit) options.permit = &*permit;
-
   Verification verification = verify_package(package_, options, context.progress);
-  verification.findings.add(findings);
-  if (state && verification.accepted()) {
-    remember(*state, verification, options.at);
-    write_state(*state_, *state);
+  verification.findings.add(request_.findings());
+  if (verification.accepted()) {
+    request_.remember(*verification.manifest, verification.root_version, verification.newer_roots);
   }
   return report(context, verification, options.at);
 }

@@ -7,7 +7,7 @@
 
 #include "base/time.hpp"
 #include "framework/command.hpp"
-#include "package/verify.hpp"
+#include "verify_request.hpp"
 
 namespace nadir {
 
@@ -24,18 +24,12 @@ class CacheVerifyCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  std::optional<AircraftState> open_state(Findings& findings) const;
-  std::optional<SignedPermit> open_permit(Findings& findings) const;
   int report(Context& context, const Verification& verification, UtcTime at) const;
 
   std::filesystem::path package_;
-  std::filesystem::path trust_;
+  VerifyRequest request_;
   std::string depth_ = "quick";
-  std::optional<std::string> airframe_;
-  std::optional<std::filesystem::path> state_;
   std::optional<std::filesystem::path> report_folder_;
-  std::optional<std::filesystem::path> permit_;
-  std::optional<UtcTime> at_;
 };
 
 }  // namespace nadir

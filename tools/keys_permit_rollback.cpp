@@ -7,6 +7,7 @@
 #include "base/files.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "private_keys.hpp"
 #include "trust/rollback_permit.hpp"
 
 namespace nadir {
@@ -50,11 +51,8 @@ int KeysPermitRollbackCommand::run(Context& context) {
                       .expected = "a sequence from 0 to " + std::to_string(from_ - 1),
                       .found = std::to_string(to_)});
   }
-  std::vector<PrivateKey> keys;
-  for (const auto& path : keys_) keys.push_back(PrivateKey::read(path));
-  std::vector<const PrivateKey*> signers;
-  for (const PrivateKey& key : keys) signers.push_back(&key);
-  const SignedPermit permit = sign_permit({series_, from_, to_, airframe_, expires_}, signers);
+  const std::vector<PrivateKey> keys = read_private_keys(keys_);
+  const SignedPermit permit = sign_permit({series_, from_, to_, airframe_, expires_}, pointers_to(keys));
   write_file_atomic(out_, permit.document.json());
   if (context.json) {
     print_json(context.out, {{"permit", out_.string()},

@@ -5,6 +5,7 @@
 #include "base/error.hpp"
 #include "framework/options.hpp"
 #include "new_root.hpp"
+#include "private_keys.hpp"
 
 namespace nadir {
 
@@ -80,8 +81,7 @@ int KeysRootCommand::run(Context& context) {
   check_new_root(out_, expires_, context.clock);
   std::optional<TrustRoot> previous;
   if (previous_) previous = read_trusted_root(*previous_);
-  std::vector<PrivateKey> keys;
-  for (const auto& path : root_keys_) keys.push_back(PrivateKey::read(path));
+  std::vector<PrivateKey> keys = read_private_keys(root_keys_);
   TrustRoot root = describe(keys, previous);
   for (const auto& path : previous_root_keys_) keys.push_back(PrivateKey::read(path));
   return write_new_root(context, {std::move(root), std::move(previous), out_, incomplete_}, keys);

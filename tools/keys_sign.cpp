@@ -7,6 +7,7 @@
 #include "base/files.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "private_keys.hpp"
 #include "trust/rollback_permit.hpp"
 #include "trust/signatures.hpp"
 
@@ -84,8 +85,7 @@ Findings KeysSignCommand::sign_permit_file(const std::string& text, const std::v
 
 int KeysSignCommand::run(Context& context) {
   const std::string text = read_text_file(file_, kMaxRootSize);
-  std::vector<PrivateKey> keys;
-  for (const auto& path : keys_) keys.push_back(PrivateKey::read(path));
+  const std::vector<PrivateKey> keys = read_private_keys(keys_);
   const std::string schema = claimed_schema(text, file_.string());
   std::string result;
   Findings missing;

@@ -8,6 +8,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "framework/output.hpp"
+#include "private_keys.hpp"
 
 namespace nadir {
 
@@ -30,9 +31,7 @@ void give_role(TrustRoot& root, Role& role, const PublicKey& key) {
 }
 
 int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKey>& keys) {
-  std::vector<const PrivateKey*> signers;
-  for (const PrivateKey& key : keys) signers.push_back(&key);
-  const SignedRoot signed_root = sign_root(std::move(wanted.root), signers);
+  const SignedRoot signed_root = sign_root(std::move(wanted.root), pointers_to(keys));
   const Findings findings = wanted.previous ? check_succession(*wanted.previous, signed_root) : check_self(signed_root);
   // Only signatures that are still missing may come later; everything else stays wrong.
   bool only_missing = true;

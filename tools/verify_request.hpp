@@ -1,0 +1,48 @@
+// How a package is asked to be verified: the options of `nadir cache verify` and of `nadird --check`, and what both do
+// with them.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "base/time.hpp"
+#include "package/verify.hpp"
+
+namespace nadir {
+
+class Options;
+
+class VerifyRequest {
+ public:
+  void setup(Options& options);
+
+  // Reads root, state and permit; the result points into this. Throws Error when the root cannot be trusted or a file
+  // cannot be read.
+  VerifyOptions open(const Clock& clock);
+
+  // A damaged state or permit, to be joined to what verification finds. Such a state is neither taken for an empty one
+  // nor overwritten.
+  const Findings& findings() const { return findings_; }
+
+  // Remembers an accepted package when there is a state.
+  void remember(const Manifest& manifest, std::int64_t root_version,
+                const std::map<std::int64_t, std::string>& newer_roots);
+
+ private:
+  void read_permit(const std::filesystem::path& path);
+
+  std::filesystem::path trust_file_;
+  std::optional<std::string> airframe_;
+  std::optional<std::filesystem::path> state_file_;
+  std::optional<std::filesystem::path> permit_file_;
+  std::optional<UtcTime> at_;
+
+  TrustRoot root_;
+  std::optional<AircraftState> state_;
+  std::optional<SignedPermit> permit_;
+  UtcTime judged_at_;
+  Findings findings_;
+};
+
+}  // namespace nadir
