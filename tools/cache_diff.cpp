@@ -85,13 +85,13 @@ std::string_view CacheDiffCommand::examples() const {
 }
 
 void CacheDiffCommand::setup(Options& options) {
-  options.positional("A", before_, "a package or an MBTiles file").required();
+  options.positional("A", before_, "a package, an MBTiles file or a COG").required();
   options.positional("B", after_, "the one that it is compared with").required();
 }
 
 int CacheDiffCommand::run(Context& context) {
   const TileSetSubject before = find_tile_set(before_), after = find_tile_set(after_);
-  const TileSetDiff diff = diff_tile_sets(before.mbtiles, after.mbtiles, context.progress);
+  const TileSetDiff diff = diff_tile_sets(before.tiles, after.tiles, context.progress);
   std::vector<EntryChange> facts;
   if (before.manifest && after.manifest) facts = diff_entries(facts_of(*before.manifest), facts_of(*after.manifest));
   const bool same = diff.empty() && facts.empty();

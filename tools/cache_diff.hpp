@@ -1,4 +1,4 @@
-// nadir cache diff: what differs between two packages or two MBTiles files.
+// nadir cache diff: what differs between two packages or tile sets.
 #pragma once
 
 #include <filesystem>

@@ -29,7 +29,7 @@ std::string_view CacheGapsCommand::examples() const {
 }
 
 void CacheGapsCommand::setup(Options& options) {
-  options.positional("PACKAGE|FILE.mbtiles", subject_, "the tile set").required();
+  options.positional("PACKAGE|FILE", subject_, "the tile set: a package, MBTiles or COG").required();
   options.value("--mission", mission_, "MISSION.yaml", "what it is held against; a package has its own");
   options.value("--zoom", zoom_, "N", "the zoom that is looked at; the mission's finest when not given")
       .between(0, kMaxZoom);
@@ -52,7 +52,7 @@ int CacheGapsCommand::run(Context& context) {
                       .found = std::to_string(zoom)});
   }
   // Dates are nobody's business here: the mission's own will do.
-  const Validation validation = validate_mbtiles(subject.mbtiles, mission, mission.created, context.progress);
+  const Validation validation = validate_tile_set(subject.tiles, mission, mission.created, context.progress);
   const std::vector<Gap> gaps = find_gaps(mission, validation.sidecars, zoom);
   const nlohmann::json document = gaps_geojson(gaps, mission, validation.sidecars);
   if (out_) {

@@ -9,8 +9,8 @@
 #include "base/files.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
-#include "imagery/sqlite_database.hpp"
 #include "package/manifest.hpp"
+#include "package/tile_container.hpp"
 #include "trust/dsse.hpp"
 
 namespace nadir {
@@ -25,37 +25,28 @@ std::string text_of(const json& value) {
   return value.is_string() ? text.substr(1, text.size() - 2) : text;
 }
 
-json describe_mbtiles(const fs::path& path) {
-  const SqliteDatabase database = SqliteDatabase::open_immutable(path);
-  if (!database.has_table("tiles")) {
-    throw Error({.what = "no MBTiles file: the table \"tiles\" is missing", .where = path});
-  }
+json describe_tile_set(const fs::path& path) {
+  const auto container = open_tile_container(path);
   json zooms = json::array();
   std::int64_t count = 0, bytes = 0;
-  auto rows = database.prepare(
-      "SELECT zoom_level, count(*), sum(length(tile_data)), min(tile_column), max(tile_column), min(tile_row),"
-      " max(tile_row) FROM tiles GROUP BY zoom_level ORDER BY zoom_level");
-  while (rows.step()) {
-    count += rows.integer(1);
-    bytes += rows.integer(2);
-    zooms.push_back({{"zoom", rows.integer(0)},
-                     {"tiles", rows.integer(1)},
-                     {"bytes", rows.integer(2)},
-                     {"columns", {rows.integer(3), rows.integer(4)}},
-                     {"tms_rows", {rows.integer(5), rows.integer(6)}}});
+  for (const ZoomSummary& zoom : container->summary()) {
+    count += zoom.tiles;
+    bytes += zoom.bytes;
+    zooms.push_back({{"zoom", zoom.zoom},
+                     {"tiles", zoom.tiles},
+                     {"bytes", zoom.bytes},
+                     {"columns", {zoom.first_column, zoom.last_column}},
+                     {"tms_rows", {zoom.first_tms_row, zoom.last_tms_row}}});
   }
   json metadata = json::object();
-  if (database.has_table("metadata")) {
-    auto entries = database.prepare("SELECT name, value FROM metadata");
-    while (entries.step()) metadata[text_of(std::string(entries.text(0)))] = std::string(entries.text(1));
-  }
-  return {{"kind", "mbtiles"},
+  for (const auto& [name, value] : container->metadata()) metadata[text_of(name)] = value;
+  return {{"kind", container->kind()},
           {"tiles", count},
           {"tile_bytes", bytes},
           {"file_bytes", fs::file_size(path)},
           {"zooms", zooms},
           {"metadata", metadata},
-          {"sidecars", database.has_table("nadir_sidecars")}};
+          {"sidecars", container->sidecars() != nullptr}};
 }
 
 json describe_package(const fs::path& path) {
@@ -77,7 +68,7 @@ json describe_package(const fs::path& path) {
   }
   document["signatures"] = signers;
   if (const Artifact* imagery = manifest.artifact(kRoleImagery); imagery != nullptr) {
-    document["imagery"] = describe_mbtiles(path / imagery->path);
+    document["imagery"] = describe_tile_set(path / imagery->path);
   }
   return document;
 }
@@ -120,13 +111,13 @@ std::string_view CacheInspectCommand::examples() const {
 }
 
 void CacheInspectCommand::setup(Options& options) {
-  options.positional("PACKAGE|FILE.mbtiles", subject_, "what to look at").required();
+  options.positional("PACKAGE|FILE", subject_, "what to look at: a package, MBTiles or COG").required();
   options.value("--get", get_, "KEY", "print this entry alone");
 }
 
 int CacheInspectCommand::run(Context& context) {
   if (!fs::exists(subject_)) throw UsageError({.what = "nothing of this name", .where = subject_});
-  const json document = fs::is_directory(subject_) ? describe_package(subject_) : describe_mbtiles(subject_);
+  const json document = fs::is_directory(subject_) ? describe_package(subject_) : describe_tile_set(subject_);
   if (get_) {
     const json& value = pick(document, *get_);
     if (context.json) {

@@ -1,4 +1,4 @@
-// nadir cache inspect: what is in a package or an MBTiles file, without judging it.
+// nadir cache inspect: what is in a package, an MBTiles file or a COG, without judging it.
 #pragma once
 
 #include <filesystem>
@@ -14,7 +14,7 @@ class CacheInspectCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "inspect"; }
-  std::string_view summary() const override { return "show what is in a package or an MBTiles file"; }
+  std::string_view summary() const override { return "show what is in a package, an MBTiles file or a COG"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }

@@ -21,11 +21,12 @@ std::string_view CacheValidateCommand::details() const {
 }
 
 std::string_view CacheValidateCommand::examples() const {
-  return "nadir cache validate others.mbtiles --mission mission.yaml";
+  return "nadir cache validate others.mbtiles --mission mission.yaml\n"
+         "nadir cache validate others.tif --mission mission.yaml";
 }
 
 void CacheValidateCommand::setup(Options& options) {
-  options.positional("FILE.mbtiles", tiles_, "the tile set").required();
+  options.positional("FILE", tiles_, "the tile set: MBTiles, or a COG on the grid of web maps").required();
   options.value("--mission", mission_, "MISSION.yaml", "what it is held against").required();
   options.value("--report", report_folder_, "DIR", "write the findings and a page with a map into this folder as well");
   options.value("--at", at_, "TIME", "judge as if it were this time");
@@ -34,7 +35,7 @@ void CacheValidateCommand::setup(Options& options) {
 int CacheValidateCommand::run(Context& context) {
   const Mission mission = read_mission(mission_);
   const UtcTime at = judging_time(at_, context.clock);
-  const Validation validation = validate_mbtiles(tiles_, mission, at, context.progress);
+  const Validation validation = validate_tile_set(tiles_, mission, at, context.progress);
   const Figures figures{{"file", tiles_.string()},
                         {"tiles", std::to_string(validation.tiles)},
                         {"size", fmt::format("{:.1f} MB", static_cast<double>(validation.bytes) / 1e6)},

@@ -1,4 +1,4 @@
-// nadir cache validate: anybody's MBTiles against a mission, without signature.
+// nadir cache validate: anybody's MBTiles or COG against a mission, without signature.
 #pragma once
 
 #include <filesystem>
@@ -13,7 +13,7 @@ class CacheValidateCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "validate"; }
-  std::string_view summary() const override { return "judge any MBTiles file against a mission"; }
+  std::string_view summary() const override { return "judge any MBTiles file or COG against a mission"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }

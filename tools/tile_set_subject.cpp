@@ -1,5 +1,7 @@
 #include "tile_set_subject.hpp"
 
+#include <fmt/format.h>
+
 #include "base/error.hpp"
 #include "base/files.hpp"
 
@@ -8,8 +10,9 @@ namespace fs = std::filesystem;
 
 TileSetSubject find_tile_set(const fs::path& path) {
   if (!fs::exists(path)) {
-    throw UsageError(
-        {.what = "nothing of this name", .where = path.string(), .expected = "a package's folder or an MBTiles file"});
+    throw UsageError({.what = "nothing of this name",
+                      .where = path.string(),
+                      .expected = "a package's folder, an MBTiles file or a COG"});
   }
   if (!fs::is_directory(path)) return {path, std::nullopt, {}};
   ManifestReading reading = parse_manifest(read_file(path / kManifestFile, kMaxManifestSize));
@@ -21,15 +24,14 @@ TileSetSubject find_tile_set(const fs::path& path) {
                  .found = first.found});
   }
   const Artifact* imagery = reading.manifest->artifact(kRoleImagery);
-  if (imagery == nullptr || !imagery->path.ends_with(".mbtiles")) {
-    throw Error({.what = "the package's imagery is no MBTiles file",
+  if (imagery == nullptr) {
+    throw Error({.what = "the package has no imagery",
                  .where = path.string(),
-                 .expected = std::string(kImageryFile),
-                 .found = imagery == nullptr ? "no imagery" : imagery->path});
+                 .expected = fmt::format("{} or {}", kImageryFile, kCogFile)});
   }
-  const fs::path mbtiles = path / imagery->path;
+  const fs::path tiles = path / imagery->path;
   const Artifact* mission = reading.manifest->artifact(kRoleMission);
-  return {mbtiles, std::move(reading.manifest), mission == nullptr ? fs::path() : path / kMissionFile};
+  return {tiles, std::move(reading.manifest), mission == nullptr ? fs::path() : path / kMissionFile};
 }
 
 }  // namespace nadir

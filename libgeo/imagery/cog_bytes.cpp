@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cerrno>
 
-#include "base/error.hpp"
+#include "imagery/cog_error.hpp"
 
 namespace nadir {
 
@@ -37,10 +37,10 @@ bool FileBytes::read(std::uint64_t at, std::span<std::uint8_t> target) const {
     const ssize_t got = ::pread(fd_, target.data() + have, target.size() - have, static_cast<off_t>(at + have));
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) {
-      throw Error({.what = "cannot read the tile set",
-                   .where = path_.string(),
-                   .found = system_error_text(errno),
-                   .fix = "check the medium that it lies on"});
+      throw CogError("tiff.corrupt", {.what = "cannot read the tile set",
+                                      .where = path_.string(),
+                                      .found = system_error_text(errno),
+                                      .fix = "check the medium that it lies on"});
     }
     if (got == 0) return false;
     have += static_cast<std::size_t>(got);

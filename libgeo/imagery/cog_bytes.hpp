@@ -14,7 +14,7 @@ class RandomBytes {
  public:
   virtual ~RandomBytes() = default;
   virtual std::uint64_t size() const = 0;
-  // Fills the target. False when the bytes are not all there. Throws Error when the medium fails.
+  // Fills the target. False when the bytes are not all there. Throws CogError when the medium fails.
   virtual bool read(std::uint64_t at, std::span<std::uint8_t> target) const = 0;
 };
 

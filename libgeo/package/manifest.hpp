@@ -29,11 +29,14 @@ inline constexpr std::uint64_t kMaxManifestSize = std::uint64_t{1} << 20;
 inline constexpr std::string_view kManifestFile = "manifest.json";
 inline constexpr std::string_view kSignatureFile = "manifest.sig";
 inline constexpr std::string_view kMissionFile = "mission/mission.yaml";
-inline constexpr std::string_view kImageryFile = "imagery/base.mbtiles";
+inline constexpr std::string_view kImageryFile = "imagery/base.mbtiles";  // with its sidecars inside, or:
+inline constexpr std::string_view kCogFile = "imagery/base.tif";
+inline constexpr std::string_view kSidecarFile = "imagery/sidecars.sqlite";  // beside a COG
 inline constexpr std::string_view kTerrainFile = "terrain/dem.tif";
 
 // Roles of artifacts.
 inline constexpr std::string_view kRoleImagery = "imagery";
+inline constexpr std::string_view kRoleSidecars = "sidecars";  // with a COG
 inline constexpr std::string_view kRoleMission = "mission";
 inline constexpr std::string_view kRoleTerrain = "terrain";
 

@@ -4,6 +4,7 @@
 
 #include "base/error.hpp"
 #include "package/judge_terrain.hpp"
+#include "package/tile_container.hpp"
 
 namespace nadir {
 namespace {
@@ -12,8 +13,8 @@ constexpr std::size_t kMaxFindings = 1000;  // a flight is long and a damaged me
 
 }  // namespace
 
-CheckedTiles::CheckedTiles(const std::filesystem::path& mbtiles, std::vector<Sidecar> sidecars)
-    : reader_(mbtiles), sidecars_(std::move(sidecars)) {}
+CheckedTiles::CheckedTiles(const std::filesystem::path& tiles, std::vector<Sidecar> sidecars)
+    : reader_(open_tile_source(tiles)), sidecars_(std::move(sidecars)) {}
 
 ZoomRange CheckedTiles::zooms() const {
   return sidecars_.empty() ? ZoomRange{} : ZoomRange{sidecars_.front().key.z, sidecars_.back().key.z};
@@ -29,11 +30,12 @@ std::optional<Bytes> CheckedTiles::read(const TileKey& key) const {
   const Sidecar* signed_tile = sidecar(key);
   if (signed_tile == nullptr) return std::nullopt;
   try {
-    auto bytes = reader_.read(key);
+    auto bytes = reader_->read(key);
     if (bytes && sha256(*bytes) == signed_tile->sha256) return bytes;
     complain("artifact.hash", key, bytes ? "other bytes than those that were signed" : "no tile any more");
   } catch (const Error& error) {
-    complain("sqlite.corrupt", key, error.text().found);
+    const Finding fault = fault_of(error, {});
+    complain(fault.code.c_str(), key, fault.found);
   }
   return std::nullopt;
 }

@@ -8,15 +8,15 @@
 #include <optional>
 #include <vector>
 
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/tile_source.hpp"
 #include "package/verify.hpp"
 
 namespace nadir {
 
 class CheckedTiles final : public TileSource {
  public:
-  // sidecars: verified, in the order of TileKey.
-  CheckedTiles(const std::filesystem::path& mbtiles, std::vector<Sidecar> sidecars);
+  // An MBTiles file or a COG. sidecars: verified, in the order of TileKey.
+  CheckedTiles(const std::filesystem::path& tiles, std::vector<Sidecar> sidecars);
 
   ZoomRange zooms() const override;
   std::optional<Bytes> read(const TileKey& key) const override;
@@ -25,13 +25,13 @@ class CheckedTiles final : public TileSource {
   const Sidecar* sidecar(const TileKey& key) const;
   const std::vector<Sidecar>& sidecars() const { return sidecars_; }
 
-  // What reading has met so far: artifact.hash, sqlite.corrupt.
+  // What reading has met so far: artifact.hash, sqlite.corrupt, tiff.corrupt.
   Findings findings() const;
 
  private:
   void complain(const char* code, const TileKey& key, std::string found) const;
 
-  MbtilesReader reader_;
+  std::unique_ptr<TileSource> reader_;
   std::vector<Sidecar> sidecars_;
   mutable std::mutex mutex_;
   mutable Findings findings_;

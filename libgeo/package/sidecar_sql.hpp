@@ -23,6 +23,17 @@ CREATE TABLE nadir_sidecars (
 ) WITHOUT ROWID
 )sql";
 
+// A file without journal: it is written into a staging folder. As the MBTiles writer does it.
+inline constexpr const char* kBeginSidecarFile = R"sql(
+PRAGMA page_size = 4096;
+PRAGMA journal_mode = OFF;
+PRAGMA synchronous = OFF;
+PRAGMA locking_mode = EXCLUSIVE;
+PRAGMA encoding = 'UTF-8';
+BEGIN;
+CREATE TABLE metadata (name TEXT, value TEXT);
+)sql";
+
 inline constexpr const char* kInsertSidecar = R"sql(
 INSERT INTO nadir_sidecars (zoom_level, tile_column, tile_row, sha256, source, captured_at, gsd_mm, ce90_mm, trust,
                             sector, valid_ppm, mask)

@@ -59,6 +59,22 @@ void SidecarWriter::add(const Sidecar& sidecar) {
   insert_.run();
 }
 
+void write_sidecar_file(const std::filesystem::path& path, const std::vector<Sidecar>& sidecars,
+                        const std::map<std::string, std::string>& metadata) {
+  SqliteDatabase database = SqliteDatabase::create(path);
+  database.execute(sql::kBeginSidecarFile);
+  {
+    auto insert = database.prepare("INSERT INTO metadata VALUES (?, ?)");
+    for (const auto& [name, value] : metadata) {
+      insert.bind(1, std::string_view(name)).bind(2, std::string_view(value)).run();
+    }
+    SidecarWriter table(database);
+    for (const Sidecar& sidecar : sidecars) table.add(sidecar);
+  }
+  database.execute("COMMIT; PRAGMA journal_mode = DELETE;");
+  database.close();
+}
+
 bool has_sidecars(const SqliteDatabase& database) { return database.has_table("nadir_sidecars"); }
 
 std::optional<TileKey> row_key(const SqliteStatement& row) {

@@ -1,6 +1,10 @@
-// The table nadir_sidecars in an MBTiles file: written by whoever builds a tile set, read whole by whoever checks one.
+// The table nadir_sidecars in an MBTiles file, or in the file beside a COG: written by whoever builds a tile set, read
+// whole by whoever checks one.
 #pragma once
 
+#include <filesystem>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "base/finding.hpp"
@@ -18,6 +22,11 @@ class SidecarWriter {
  private:
   SqliteStatement insert_;
 };
+
+// A database of its own with metadata and sidecars (in the order of TileKey): what lies beside a COG. The same rows
+// give the same bytes. Throws Error when the file exists.
+void write_sidecar_file(const std::filesystem::path& path, const std::vector<Sidecar>& sidecars,
+                        const std::map<std::string, std::string>& metadata);
 
 bool has_sidecars(const SqliteDatabase& database);
 

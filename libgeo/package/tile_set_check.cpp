@@ -4,9 +4,8 @@
 
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
-#include "imagery/mbtiles_reader.hpp"
-#include "package/sidecar_sql.hpp"
 #include "package/sidecar_table.hpp"
+#include "package/tile_container.hpp"
 #include "trust/merkle.hpp"
 
 namespace nadir {
@@ -42,10 +41,10 @@ TileSetFacts facts_from(const std::vector<Sidecar>& sidecars) {
   return facts;
 }
 
-void compare(const TileSetFacts& expected, const TileSetFacts& found, Findings& findings) {
-  const auto differ = [&findings](const char* code, const char* what, std::string want, std::string got) {
+void compare(const TileSetFacts& expected, const TileSetFacts& found, const std::string& name, Findings& findings) {
+  const auto differ = [&](const char* code, const char* what, std::string want, std::string got) {
     findings.add({.code = code,
-                  .where = std::string(kImageryFile) + ", " + what,
+                  .where = name + ", " + what,
                   .expected = std::move(want),
                   .found = std::move(got),
                   .fix = "the imagery is not what was signed: get the package again from its makers"});
@@ -68,16 +67,21 @@ void compare(const TileSetFacts& expected, const TileSetFacts& found, Findings& 
 // Walks the tiles beside the sidecars, both in the order of TileKey, and names what only one of them has.
 class TileWalk {
  public:
-  TileWalk(TileSetCheck& check, VerifyDepth depth, Progress& progress)
-      : check_(check), depth_(depth), progress_(progress), lone_(check.findings), wrong_(check.findings) {}
+  TileWalk(TileSetCheck& check, std::string name, VerifyDepth depth, Progress& progress)
+      : check_(check),
+        name_(std::move(name)),
+        depth_(depth),
+        progress_(progress),
+        lone_(check.findings),
+        wrong_(check.findings) {}
 
-  void run(const SqliteDatabase& database) {
-    auto rows = database.prepare(depth_ == VerifyDepth::full ? sql::kSelectTiles : sql::kSelectTileKeys);
-    while (rows.step()) {
-      const auto key = row_key(rows);
+  void run(const TileContainer& container) {
+    const auto rows = container.tiles(depth_ == VerifyDepth::full);
+    while (rows->next()) {
+      const auto key = rows->key();
       if (!key) {
         wrong_.add({.code = "tile.misaddressed",
-                    .where = "tiles, " + row_address_text(rows),
+                    .where = "tiles, " + rows->address(),
                     .expected = "an address inside the grid"});
       } else if (last_ && !(*last_ < *key)) {
         wrong_.add({.code = "tile.misaddressed",
@@ -86,14 +90,14 @@ class TileWalk {
                     .found = "a second tile of this address"});
       } else {
         last_ = key;
-        visit(*key, rows);
+        visit(*key, *rows);
       }
     }
     while (next_ < check_.sidecars.size()) without_tile(check_.sidecars[next_++].key);
   }
 
  private:
-  void visit(const TileKey& key, const SqliteStatement& row) {
+  void visit(const TileKey& key, TileCursor& row) {
     while (next_ < check_.sidecars.size() && check_.sidecars[next_].key < key) {
       without_tile(check_.sidecars[next_++].key);
     }
@@ -105,14 +109,22 @@ class TileWalk {
       return;
     }
     const Sidecar& sidecar = check_.sidecars[next_++];
-    if (depth_ == VerifyDepth::full) check_bytes(row.blob(3), sidecar);
+    if (depth_ == VerifyDepth::full) check_bytes(row, sidecar);
     progress_.advance();
+  }
+
+  void check_bytes(TileCursor& row, const Sidecar& sidecar) {
+    try {
+      check_bytes(row.bytes(), sidecar);
+    } catch (const CogError& error) {  // this block alone; a database that is damaged ends the walk
+      wrong_.add(fault_of(error, fmt::format("{}, tile {}", name_, to_text(sidecar.key))));
+    }
   }
 
   void check_bytes(ByteView bytes, const Sidecar& sidecar) {
     if (const Sha256 digest = sha256(bytes); digest != sidecar.sha256) {
       wrong_.add({.code = "artifact.hash",
-                  .where = fmt::format("{}, tile {}", kImageryFile, to_text(sidecar.key)),
+                  .where = fmt::format("{}, tile {}", name_, to_text(sidecar.key)),
                   .expected = sidecar.sha256.hex(),
                   .found = digest.hex(),
                   .fix = "get the package again from its makers"});
@@ -128,6 +140,7 @@ class TileWalk {
   }
 
   TileSetCheck& check_;
+  std::string name_;
   VerifyDepth depth_;
   Progress& progress_;
   Limited lone_, wrong_;
@@ -154,38 +167,47 @@ std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key) {
   }
 }
 
-TileSetCheck check_tile_set(const std::filesystem::path& mbtiles, const TileSetFacts& facts, VerifyDepth depth,
+TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFacts& facts, VerifyDepth depth,
                             Progress& progress) {
   TileSetCheck check;
+  const std::string name = "imagery/" + tiles.filename().string();
   try {
-    const MbtilesReader reader(mbtiles);
-    SidecarRows rows = read_sidecars(reader.database());
+    const auto strict = open_tile_source(tiles);
+    const auto container = open_tile_container(tiles);
+    if (container->sidecars() == nullptr) {
+      check.findings.add({.code = "tiles.count",
+                          .where = name,
+                          .expected = "a sidecar for each tile",
+                          .found = "no table of sidecars",
+                          .fix = "get the package again from its makers"});
+      return check;
+    }
+    SidecarRows rows = read_sidecars(*container->sidecars());
     check.sidecars = std::move(rows.sidecars);
     check.findings.add(rows.findings);
-    compare(facts, facts_from(check.sidecars), check.findings);
+    compare(facts, facts_from(check.sidecars), name, check.findings);
     progress.begin(depth == VerifyDepth::full ? "checking tiles" : "looking at tiles", check.sidecars.size(), "tiles");
-    TileWalk(check, depth, progress).run(reader.database());
+    TileWalk(check, name, depth, progress).run(*container);
     progress.end();
   } catch (const Error& error) {
-    check.findings.add({.code = "sqlite.corrupt",
-                        .where = mbtiles.filename().string(),
-                        .expected = "a sound MBTiles database with sidecars",
-                        .found = error.text().found.empty() ? error.text().what : error.text().found,
-                        .fix = "get the package again from its makers"});
+    Finding fault = fault_of(error, tiles.filename().string());
+    fault.fix = "get the package again from its makers";
+    check.findings.add(std::move(fault));
   }
   return check;
 }
 
-TileSetFacts tile_set_facts(const std::filesystem::path& mbtiles) {
-  const MbtilesReader reader(mbtiles);
-  const SidecarRows rows = read_sidecars(reader.database());
+TileSetFacts tile_set_facts(const std::filesystem::path& tiles) {
+  const auto reader = open_tile_source(tiles);
+  const auto container = open_tile_container(tiles);
+  const SidecarRows rows = container->sidecars() == nullptr ? SidecarRows{} : read_sidecars(*container->sidecars());
   if (!rows.findings.empty() || rows.sidecars.empty()) {
-    throw Error({.what = "this tile set cannot be signed: its sidecars are not sound", .where = mbtiles});
+    throw Error({.what = "this tile set cannot be signed: its sidecars are not sound", .where = tiles});
   }
   TileSetFacts facts = facts_from(rows.sidecars);
-  const auto tile = reader.read(rows.sidecars.front().key);
+  const auto tile = reader->read(rows.sidecars.front().key);
   const auto format = tile ? sniff_image_format(*tile) : std::nullopt;
-  if (!format) throw Error({.what = "this tile set cannot be signed: a tile is missing", .where = mbtiles});
+  if (!format) throw Error({.what = "this tile set cannot be signed: a tile is missing", .where = tiles});
   facts.format = name_of(*format);
   return facts;
 }

@@ -1,4 +1,5 @@
-// Checks the imagery of a package: the rows of its MBTiles against each other and against the signed manifest.
+// Checks the imagery of a package, MBTiles or COG: its tiles and sidecars against each other and against the signed
+// manifest.
 #pragma once
 
 #include <filesystem>
@@ -16,16 +17,16 @@ enum class VerifyDepth { quick, full };
 
 struct TileSetCheck {
   std::vector<Sidecar> sidecars;  // in the order of TileKey
-  // sqlite.corrupt tiles.count tiles.root tile.misaddressed; full also artifact.hash (of a tile), tile.undecodable,
-  // tile.size
+  // sqlite.corrupt tiff.corrupt tiles.count tiles.root tile.misaddressed; full also artifact.hash (of a tile),
+  // tile.undecodable, tile.size
   Findings findings;
 };
 
-TileSetCheck check_tile_set(const std::filesystem::path& mbtiles, const TileSetFacts& facts, VerifyDepth depth,
+TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFacts& facts, VerifyDepth depth,
                             Progress& progress);
 
-// The facts for a manifest, from a finished MBTiles file. Throws Error when the file is not sound.
-TileSetFacts tile_set_facts(const std::filesystem::path& mbtiles);
+// The facts for a manifest, from a finished tile set. Throws Error when it is not sound.
+TileSetFacts tile_set_facts(const std::filesystem::path& tiles);
 
 // What can be said about one tile's bytes from their header: tile.undecodable, tile.size. nullopt: nothing is wrong.
 std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key);

@@ -3,33 +3,32 @@
 #include <algorithm>
 
 #include "base/error.hpp"
-#include "imagery/sqlite_database.hpp"
-#include "package/sidecar_sql.hpp"
 #include "package/sidecar_table.hpp"
+#include "package/tile_container.hpp"
 
 namespace nadir {
 namespace {
 
-// One of the two files, its rows one after the other.
+// One of the two files, its tiles one after the other.
 class Side {
  public:
   explicit Side(const std::filesystem::path& path)
-      : database_(SqliteDatabase::open_immutable(path)), rows_(prepare(database_)) {
-    for (Sidecar& sidecar : sidecars_of(database_)) sidecars_.emplace(sidecar.key, std::move(sidecar));
+      : path_(path), container_(open_tile_container(path)), rows_(container_->tiles(true)) {
+    for (Sidecar& sidecar : known_sidecars()) sidecars_.emplace(sidecar.key, std::move(sidecar));
     next();
   }
   Side(const Side&) = delete;
   Side& operator=(const Side&) = delete;
 
   const std::optional<TileKey>& key() const { return key_; }  // nullopt at the end
-  ByteView bytes() const { return rows_.blob(3); }
+  ByteView bytes() const { return rows_->bytes(); }
 
   void next() {
     const std::optional<TileKey> last = key_;
     key_.reset();
-    if (!rows_.step()) return;
-    key_ = row_key(rows_);
-    if (!key_) reject(row_address_text(rows_), "an address inside the grid of its zoom");
+    if (!rows_->next()) return;
+    key_ = rows_->key();
+    if (!key_) reject(rows_->address(), "an address inside the grid of its zoom");
     if (last && !(*last < *key_)) reject("tile " + to_text(*key_), "each tile once");
   }
 
@@ -43,34 +42,17 @@ class Side {
     return {hash.bytes.begin(), hash.bytes.end()};
   }
 
-  Entries metadata() const {
-    Entries entries;
-    if (!database_.has_table("metadata")) return entries;
-    auto rows = database_.prepare("SELECT name, value FROM metadata ORDER BY name, value");
-    while (rows.step()) entries[std::string(rows.text(0))] = std::string(rows.text(1));
-    return entries;
-  }
-
-  std::uint64_t count() const {
-    auto row = database_.prepare("SELECT count(*) FROM tiles");
-    return row.step() ? static_cast<std::uint64_t>(row.integer(0)) : 0;
-  }
+  Entries metadata() const { return container_->metadata(); }
+  std::uint64_t count() const { return container_->count(); }
 
  private:
-  static SqliteStatement prepare(const SqliteDatabase& database) {
-    if (!database.has_table("tiles")) {
-      throw Error({.what = "no MBTiles file: the table \"tiles\" is missing", .where = database.path()});
-    }
-    return database.prepare(sql::kSelectTiles);
-  }
-
-  static std::vector<Sidecar> sidecars_of(const SqliteDatabase& database) {
-    if (!has_sidecars(database)) return {};
-    SidecarRows rows = read_sidecars(database);
+  std::vector<Sidecar> known_sidecars() const {
+    if (container_->sidecars() == nullptr) return {};
+    SidecarRows rows = read_sidecars(*container_->sidecars());
     if (!rows.findings.empty()) {
       const Finding& first = rows.findings.items().front();
       throw Error({.what = "the sidecars cannot be compared",
-                   .where = database.path().string() + ": " + first.where,
+                   .where = path_.string() + ": " + first.where,
                    .expected = first.expected,
                    .found = first.found,
                    .fix = "`nadir cache validate` says all that is wrong with the file"});
@@ -80,13 +62,14 @@ class Side {
 
   [[noreturn]] void reject(const std::string& where, std::string expected) const {
     throw Error({.what = "the tiles cannot be compared",
-                 .where = database_.path().string() + ": " + where,
+                 .where = path_.string() + ": " + where,
                  .expected = std::move(expected),
                  .fix = "`nadir cache validate` says all that is wrong with the file"});
   }
 
-  SqliteDatabase database_;
-  SqliteStatement rows_;
+  std::filesystem::path path_;
+  std::unique_ptr<TileContainer> container_;
+  std::unique_ptr<TileCursor> rows_;
   std::map<TileKey, Sidecar> sidecars_;
   std::optional<TileKey> key_;
 };

@@ -1,4 +1,4 @@
-// What differs between two tile sets in MBTiles files: tiles by address and by the digest of their bytes, what is known
+// What differs between two tile sets, MBTiles or COG: tiles by address and by the digest of their bytes, what is known
 // about them (sidecars), and the metadata. Both files are walked once, side by side, in the order of TileKey.
 #pragma once
 
@@ -41,7 +41,7 @@ struct TileSetDiff {
   }
 };
 
-// Throws Error when one of them is no MBTiles file, cannot be read, or holds rows that are no tiles of the grid.
+// Throws Error when one of them is no tile set, cannot be read, or holds rows that are no tiles of the grid.
 TileSetDiff diff_tile_sets(const std::filesystem::path& before, const std::filesystem::path& after, Progress& progress);
 
 }  // namespace nadir

@@ -1,5 +1,5 @@
-// Judges anybody's MBTiles against a mission: no signature, no sidecars needed. Every tile is decoded; what is missing
-// is said by place and area.
+// Judges anybody's MBTiles or COG against a mission: no signature, no sidecars needed. Every tile is decoded; what is
+// missing is said by place and area.
 #pragma once
 
 #include <cstdint>
@@ -15,8 +15,8 @@
 namespace nadir {
 
 struct Validation {
-  // sqlite.corrupt tile.undecodable tile.size tile.blank tile.misaddressed coverage.gap budget.exceeded; for files with
-  // sidecars also artifact.hash freshness.stale resolution.coarse
+  // sqlite.corrupt tiff.corrupt tiff.grid tiff.layout tile.undecodable tile.size tile.blank tile.misaddressed
+  // coverage.gap budget.exceeded; for files with sidecars also artifact.hash freshness.stale resolution.coarse
   Findings findings;
   std::uint64_t tiles = 0;
   std::uint64_t bytes = 0;  // of the file
@@ -26,8 +26,9 @@ struct Validation {
   std::vector<Sidecar> sidecars;
 };
 
-// Throws Error when the file is missing or is no MBTiles file.
-Validation validate_mbtiles(const std::filesystem::path& mbtiles, const Mission& mission, UtcTime at,
-                            Progress& progress);
+// Throws Error when the file is missing or is neither a database with tiles nor a TIFF. A TIFF that is no tile set is a
+// finding.
+Validation validate_tile_set(const std::filesystem::path& tiles, const Mission& mission, UtcTime at,
+                             Progress& progress);
 
 }  // namespace nadir

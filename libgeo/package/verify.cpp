@@ -35,8 +35,11 @@ void verify_imagery(const fs::path& package, const VerifyOptions& options, const
     return;
   }
   if (!files.sound.contains(imagery->path)) return;  // its own finding is there
+  // The sidecars of a COG are an artifact of their own.
+  const Artifact* sidecars = result.manifest->artifact(kRoleSidecars);
+  if (sidecars != nullptr && !files.sound.contains(sidecars->path)) return;
   TileSetCheck check = check_tile_set(package / imagery->path, *imagery->tiles, options.depth, progress);
-  const bool readable = !check.findings.contains("sqlite.corrupt");
+  const bool readable = !check.findings.contains("sqlite.corrupt") && !check.findings.contains("tiff.corrupt");
   result.findings.add(check.findings);
   result.tiles = std::move(check.sidecars);
   if (readable && result.mission) {

@@ -9,6 +9,7 @@
 #include "base/files.hpp"
 #include "base/random.hpp"
 #include "imagery/codecs.hpp"
+#include "imagery/cog_writer.hpp"
 #include "imagery/mbtiles_writer.hpp"
 #include "package/judge.hpp"
 #include "package/sidecar_table.hpp"
@@ -47,6 +48,34 @@ route:
   return yaml;
 }
 
+namespace {
+
+void write_as_mbtiles(const std::filesystem::path& package, const std::map<TileKey, Bytes>& tiles,
+                      const std::vector<Sidecar>& sidecars, const std::map<std::string, std::string>& metadata) {
+  MbtilesWriter writer(package / kImageryFile);
+  for (const auto& [key, tile] : tiles) writer.add(key, tile);
+  {
+    SidecarWriter table(writer.database());
+    for (const Sidecar& sidecar : sidecars) table.add(sidecar);
+  }
+  writer.set_metadata(metadata);
+  writer.finish();
+}
+
+void write_as_cog(const std::filesystem::path& package, ZoomRange zooms, const std::map<TileKey, Bytes>& tiles) {
+  std::uint32_t west = ~0U, north = ~0U, east = 0, south = 0;
+  for (const auto& [key, tile] : tiles) {
+    const int steps = key.z - zooms.min;
+    west = std::min(west, key.x >> steps), east = std::max(east, key.x >> steps);
+    north = std::min(north, key.y >> steps), south = std::max(south, key.y >> steps);
+  }
+  CogWriter writer(package / kCogFile, {zooms, west, north, east - west + 1, south - north + 1}, ImageFormat::jpeg);
+  for (const auto& [key, tile] : tiles) writer.add(key, tile);
+  writer.finish();
+}
+
+}  // namespace
+
 Bytes noise_tile(std::uint64_t seed, int side) {
   Random random(seed);
   cv::Mat image(side, side, CV_8UC3);
@@ -69,37 +98,37 @@ std::filesystem::path PackageMaker::make(const TemporaryFolder& folder, const st
   std::filesystem::create_directories(package / "imagery");
   write_file_atomic(package / kMissionFile, mission);
   const Mission parsed = read_mission(package / kMissionFile);
+  std::map<TileKey, Bytes> tiles;
   std::vector<Sidecar> sidecars;
-  {
-    MbtilesWriter writer(package / kImageryFile);
-    for (int zoom = parsed.zoom.min; zoom <= parsed.zoom.max; ++zoom) {
-      for (const TileKey& key : required_tiles(parsed, zoom)) {
-        Bytes tile = noise_tile(key.x * 1000 + key.y);
-        Sidecar sidecar;
-        sidecar.key = key;
-        sidecar.source = "test";
-        sidecar.captured_at = parse_utc("2024-04-01").value();
-        sidecar.gsd_mm = 300;
-        sidecar.ce90_mm = 4000;
-        sidecar.sector = "village";
-        if (!edit_tile(sidecar, tile)) continue;
-        sidecar.sha256 = sha256(tile);
-        writer.add(key, tile);
-        sidecars.push_back(sidecar);
-      }
+  for (int zoom = parsed.zoom.min; zoom <= parsed.zoom.max; ++zoom) {
+    for (const TileKey& key : required_tiles(parsed, zoom)) {
+      Bytes tile = noise_tile(key.x * 1000 + key.y);
+      Sidecar sidecar;
+      sidecar.key = key;
+      sidecar.source = "test";
+      sidecar.captured_at = parse_utc("2024-04-01").value();
+      sidecar.gsd_mm = 300;
+      sidecar.ce90_mm = 4000;
+      sidecar.sector = "village";
+      if (!edit_tile(sidecar, tile)) continue;
+      sidecar.sha256 = sha256(tile);
+      sidecars.push_back(sidecar);
+      tiles[key] = std::move(tile);
     }
-    {
-      SidecarWriter table(writer.database());
-      for (const Sidecar& sidecar : sidecars) table.add(sidecar);
-    }
-    writer.set_metadata({{"name", "test"}, {"format", "jpg"}});
-    writer.finish();
+  }
+  const std::map<std::string, std::string> metadata{{"name", "test"}, {"format", "jpg"}};
+  if (cog) {
+    write_as_cog(package, parsed.zoom, tiles);
+    write_sidecar_file(package / kSidecarFile, sidecars, metadata);
+  } else {
+    write_as_mbtiles(package, tiles, sidecars, metadata);
   }
   Manifest manifest = manifest_for(parsed);
-  manifest.artifacts = {describe_file(package, kImageryFile, kRoleImagery),
+  manifest.artifacts = {describe_file(package, imagery_file(), kRoleImagery),
                         describe_file(package, kMissionFile, kRoleMission)};
+  if (cog) manifest.artifacts.push_back(describe_file(package, kSidecarFile, kRoleSidecars));
   try {
-    manifest.artifacts[0].tiles = tile_set_facts(package / kImageryFile);
+    manifest.artifacts[0].tiles = tile_set_facts(package / imagery_file());
   } catch (const Error&) {  // the test spoilt the tiles so that honest facts cannot be had
     TileSetFacts facts;
     facts.zoom = parsed.zoom;

@@ -27,6 +27,7 @@ class PackageMaker {
   PackageMaker();
 
   std::string mission = mission_yaml();
+  bool cog = false;  // base.tif and sidecars.sqlite instead of base.mbtiles
   // Called for each required tile before it is written; false leaves the tile out.
   std::function<bool(Sidecar&, Bytes&)> edit_tile = [](Sidecar&, Bytes&) { return true; };
   std::function<void(Manifest&)> edit_manifest = [](Manifest&) {};
@@ -38,6 +39,8 @@ class PackageMaker {
 
   VerifyOptions options(VerifyDepth depth = VerifyDepth::quick) const;
   Verification verify(const std::filesystem::path& package, VerifyDepth depth = VerifyDepth::quick) const;
+
+  std::string_view imagery_file() const { return cog ? kCogFile : kImageryFile; }
 
   PrivateKey signer = PrivateKey::generate();
   TrustRoot root;

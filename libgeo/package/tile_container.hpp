@@ -1,0 +1,62 @@
+// A tile set in a file, whatever its container: MBTiles or COG. What checks, compares and shows tile sets walks them
+// through this; what flies reads single tiles through TileSource.
+//
+// Sidecars and metadata lie in the MBTiles file itself; those of a COG in sidecars.sqlite in the same folder.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/finding.hpp"
+#include "imagery/cog_error.hpp"
+#include "imagery/sqlite_database.hpp"
+#include "imagery/tile_source.hpp"
+
+namespace nadir {
+
+// One tile after the other, in the order of TileKey as far as the file's rows allow it.
+class TileCursor {
+ public:
+  virtual ~TileCursor() = default;
+  virtual bool next() = 0;                         // before the first as well; false at the end
+  virtual std::optional<TileKey> key() const = 0;  // nullopt: an address outside of the grid
+  virtual std::string address() const = 0;         // as the file has it, for messages
+  virtual ByteView bytes() = 0;                    // until next(); throws Error when they cannot be had
+  virtual std::optional<Bytes> mask() = 0;         // what the container itself says about transparency
+};
+
+struct ZoomSummary {
+  std::int64_t zoom = 0, tiles = 0, bytes = 0;
+  std::int64_t first_column = 0, last_column = 0, first_tms_row = 0, last_tms_row = 0;
+};
+
+class TileContainer {
+ public:
+  virtual ~TileContainer() = default;
+  virtual std::string_view kind() const = 0;  // "mbtiles", "cog"
+  virtual std::unique_ptr<TileCursor> tiles(bool with_bytes) const = 0;
+  virtual std::uint64_t count() const = 0;  // how many the cursor will show, at most
+  virtual std::vector<ZoomSummary> summary() const = 0;
+  virtual std::map<std::string, std::string> metadata() const = 0;
+  virtual const SqliteDatabase* sidecars() const = 0;                 // null: there are none
+  virtual const SqliteDatabase* database() const { return nullptr; }  // of an MBTiles file: its rows
+  virtual Findings remarks() const { return {}; }                     // what the file holds that is not used
+};
+
+// By the file's first bytes. Throws CogError for a TIFF that is no tile set, Error for a file that is neither, that is
+// no database, or that has no table "tiles". A database that is damaged further inside shows when it is walked.
+std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& path);
+
+// For reading single tiles; stricter: an MBTiles file must have what the specification asks for.
+std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path);
+
+// What an error while reading a tile set means: "sqlite.corrupt", "tiff.corrupt", "tiff.grid", "tiff.layout".
+Finding fault_of(const Error& error, std::string where);
+
+}  // namespace nadir
