@@ -24,6 +24,7 @@ packages_build=(
   libopencv-features2d-dev   # odometry's features
   libopencv-calib3d-dev      # robust geometry
   libopencv-flann-dev        # needed by features2d
+  libfaiss-dev               # the place index's vectors
   libgeographiclib-dev       # local east-north-up frames
   libgdal-dev                # reads the planner's rasters; never linked by nadird
   libproj-dev                # coordinate systems of those rasters, and the tests' oracle

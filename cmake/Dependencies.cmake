@@ -23,3 +23,5 @@ set_target_properties(libcsv::csv PROPERTIES
   IMPORTED_LOCATION "${LIBCSV_LIBRARY}" INTERFACE_INCLUDE_DIRECTORIES "${LIBCSV_INCLUDE_DIR}")
 include(FindOpenCvModules)
 nadir_find_opencv(core imgproc features2d calib3d flann)
+find_package(OpenMP REQUIRED COMPONENTS CXX)  # before faiss, whose target names it
+find_package(faiss 1.7 CONFIG REQUIRED)

@@ -9,6 +9,7 @@
 #include "framework/options.hpp"
 #include "framework/output.hpp"
 #include "package/open_package.hpp"
+#include "vision/place_index_check.hpp"
 
 namespace nadir {
 namespace {
@@ -55,6 +56,7 @@ int CheckCommand::run(Context& context) {
   }
   const VerifyOptions options = request_.open(context.clock);
   Opening opening = open_package(package_, options, context.progress);
+  verify_place_index(package_, options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
   if (!opening.package || opening.findings.refuses()) {
     return report_findings(context.out, context.json, opening.findings);

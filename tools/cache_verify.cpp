@@ -8,6 +8,7 @@
 #include "cache_report/cache_report.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "vision/place_index_check.hpp"
 
 namespace nadir {
 
@@ -39,6 +40,7 @@ int CacheVerifyCommand::run(Context& context) {
   VerifyOptions options = request_.open(context.clock);
   options.depth = depth_ == "full" ? VerifyDepth::full : VerifyDepth::quick;
   Verification verification = verify_package(package_, options, context.progress);
+  verify_place_index(package_, options.depth, context.progress, verification);
   verification.findings.add(request_.findings());
   if (verification.accepted()) {
     request_.remember(*verification.manifest, verification.root_version, verification.newer_roots);

@@ -3,6 +3,7 @@
 #include "cache_build.hpp"
 #include "cache_diff.hpp"
 #include "cache_gaps.hpp"
+#include "cache_index.hpp"
 #include "cache_inspect.hpp"
 #include "cache_sign.hpp"
 #include "cache_update.hpp"
@@ -45,6 +46,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<CacheBuildCommand>());
   commands.push_back(std::make_unique<CacheUpdateCommand>());
   commands.push_back(std::make_unique<CacheSignCommand>());
+  commands.push_back(std::make_unique<CacheIndexCommand>());
   commands.push_back(std::make_unique<CacheVerifyCommand>());
   commands.push_back(std::make_unique<CacheInspectCommand>());
   commands.push_back(std::make_unique<CacheValidateCommand>());

@@ -4,6 +4,7 @@
 
 #include "estimation/localizer.hpp"
 #include "trust/root.hpp"
+#include "vision/place_index_check.hpp"
 
 namespace nadir {
 
@@ -13,7 +14,9 @@ Opening open_flight_map(const FlightMapPaths& paths, UtcTime now, Progress& prog
   options.root = &root;
   options.at = now;
   options.airframe = paths.airframe;
-  return open_package(paths.package, options, progress);
+  Opening opening = open_package(paths.package, options, progress);
+  verify_place_index(paths.package, options.depth, progress, opening);
+  return opening;
 }
 
 double map_sigma_m(const CheckedTiles& tiles) {

@@ -1,0 +1,203 @@
+#include "vision/place_index_builder.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <opencv2/core.hpp>
+
+#include "base/error.hpp"
+#include "base/random.hpp"
+#include "geodesy/web_mercator.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr int kSide_px = 96;
+constexpr int kMinSide_px = 32;
+constexpr double kMinValid = 0.5;  // share of a chunk that shows ground
+constexpr std::size_t kTrainingChunks = 6000;
+
+// How many views train the projection besides the chunks themselves.
+std::size_t training_views(std::size_t chunks) { return std::clamp<std::size_t>(8 * chunks, 500, 3000); }
+
+std::int64_t e7(double degrees) { return std::llround(degrees * 1e7); }
+
+PlaceLayer layer_of(double footprint_m, const IndexedMap& map, const PlaceIndexOptions& options) {
+  PlaceLayer layer;
+  layer.side_mm = std::llround(footprint_m * 1000);
+  const double map_gsd_m = ground_resolution_m(map.keys.front().z, map.origin.lat_deg);
+  const double wanted = footprint_m / options.gsd_m.value_or(std::max(map_gsd_m, footprint_m / kSide_px));
+  const double side_px = std::clamp(std::floor(wanted + 0.01), 1.0, 256.0);
+  if (side_px < kMinSide_px) {
+    throw UsageError({.what = "chunks of this size show too little of this map",
+                      .where = fmt::format("{:.0f} m", footprint_m),
+                      .expected = fmt::format("at least {} pixels a side", kMinSide_px),
+                      .found = fmt::format("{:.0f} at {:.2f} m per pixel", side_px, footprint_m / wanted),
+                      .fix = "index a larger footprint (--footprint-m), or a finer map"});
+  }
+  layer.side_px = static_cast<std::int64_t>(side_px);
+  return layer;
+}
+
+PlaneBox box_of(const IndexedMap& map, const LocalFrame& frame) {
+  PlaneBox box{1e9, 1e9, -1e9, -1e9};
+  for (const TileKey& key : map.keys) {
+    const LonLatBox tile = bounds_of(key);
+    for (const LonLat corner : {LonLat{tile.west_deg, tile.south_deg}, LonLat{tile.east_deg, tile.north_deg}}) {
+      const Enu at = frame.enu_from_lonlat(corner);
+      box.west_m = std::min(box.west_m, at.east_m), box.east_m = std::max(box.east_m, at.east_m);
+      box.south_m = std::min(box.south_m, at.north_m), box.north_m = std::max(box.north_m, at.north_m);
+    }
+  }
+  return box;
+}
+
+// Middles of a layer's chunks: a grid around the origin, so that neighbouring packages share it; those on tiles alone.
+std::vector<PlaceChunk> lay_out(const IndexedMap& map, const LocalFrame& frame, const PlaceLayer& layer, int overlap) {
+  const double stride_m = layer.side_m() * (100 - overlap) / 100;
+  const PlaneBox box = box_of(map, frame);
+  const auto first = [stride_m](double low) { return static_cast<std::int64_t>(std::ceil(low / stride_m)); };
+  const auto last = [stride_m](double high) { return static_cast<std::int64_t>(std::floor(high / stride_m)); };
+  std::vector<PlaceChunk> chunks;
+  for (std::int64_t row = first(box.south_m); row <= last(box.north_m); ++row) {
+    for (std::int64_t column = first(box.west_m); column <= last(box.east_m); ++column) {
+      const LonLat place =
+          frame.lonlat_from_enu(static_cast<double>(column) * stride_m, static_cast<double>(row) * stride_m);
+      PlaceChunk chunk{e7(place.lon_deg), e7(place.lat_deg), {}};
+      chunk.tile = tile_at(chunk.centre(), map.keys.front().z);
+      if (!std::binary_search(map.keys.begin(), map.keys.end(), chunk.tile)) continue;
+      chunks.push_back(chunk);
+      if (chunks.size() > kMaxPlaceChunks) {
+        throw UsageError({.what = "too many chunks for one index",
+                          .expected = fmt::format("at most {}", kMaxPlaceChunks),
+                          .found = fmt::format("more, {:.0f} m wide", layer.side_m()),
+                          .fix = "index a larger footprint (--footprint-m) or overlap less (--overlap)"});
+      }
+    }
+  }
+  return chunks;
+}
+
+double valid_share(const cv::Mat& mask) { return cv::countNonZero(mask) / static_cast<double>(mask.total()); }
+
+class Builder {
+ public:
+  Builder(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress)
+      : map_(map), options_(options), progress_(progress), reader_(*map.tiles, rounded(map.origin)) {
+    table_.imagery_root = map.merkle_root;
+    table_.origin_lon_e7 = e7(map.origin.lon_deg);
+    table_.origin_lat_e7 = e7(map.origin.lat_deg);
+    table_.overlap_percent = options.overlap_percent;
+    table_.zoom = map.keys.front().z;
+  }
+
+  PlaceIndex run() {
+    const LocalFrame frame(table_.origin());
+    for (const double footprint_m : options_.footprints_m) describe(layer_of(footprint_m, map_, options_), frame);
+    if (descriptors_.empty()) {
+      throw UsageError({.what = "the map has nothing to index",
+                        .expected = "ground with some structure",
+                        .found = "no chunk that is half covered and not bare"});
+    }
+    table_.projection = train_projection(training_set());
+    std::vector<PlaceVector> vectors;
+    vectors.reserve(descriptors_.size());
+    for (const RawPlaceDescriptor& descriptor : descriptors_) vectors.push_back(table_.projection.project(descriptor));
+    PlaceVectors index(vectors);
+    return {std::move(table_), std::move(index)};
+  }
+
+ private:
+  static LonLat rounded(LonLat place) {
+    return {static_cast<double>(e7(place.lon_deg)) / 1e7, static_cast<double>(e7(place.lat_deg)) / 1e7};
+  }
+
+  void describe(PlaceLayer layer, const LocalFrame& frame) {
+    const std::vector<PlaceChunk> chunks = lay_out(map_, frame, layer, options_.overlap_percent);
+    progress_.begin(fmt::format("describing places of {:.0f} m", layer.side_m()), chunks.size(), "places");
+    layer.first = table_.chunks.size();
+    for (const PlaceChunk& chunk : chunks) {
+      progress_.advance();
+      const PlacePatch patch = reader_.read(layer, chunk);
+      if (valid_share(patch.mask) < kMinValid) {
+        ++layer.invalid;
+        continue;
+      }
+      const auto descriptor =
+          texture_of(patch) < kMinPlaceTexture ? std::optional<RawPlaceDescriptor>() : describe_place(patch);
+      if (!descriptor) {
+        ++layer.textureless;
+        continue;
+      }
+      if (table_.chunks.size() == kMaxPlaceChunks) throw UsageError({.what = "too many chunks for one index"});
+      table_.chunks.push_back(chunk);
+      descriptors_.push_back(*descriptor);
+    }
+    layer.count = table_.chunks.size() - layer.first;
+    table_.layers.push_back(layer);
+    progress_.end();
+  }
+
+  // The chunks, and pictures of the map as a frame may show it: anywhere, turned, a little larger or smaller.
+  std::vector<RawPlaceDescriptor> training_set() {
+    std::vector<RawPlaceDescriptor> samples;
+    const std::size_t step = descriptors_.size() / kTrainingChunks + 1;
+    for (std::size_t i = 0; i < descriptors_.size(); i += step) samples.push_back(descriptors_[i]);
+    Random random = Random(1).fork("place index training");
+    const std::size_t views = training_views(table_.chunks.size());
+    progress_.begin("learning what tells them apart", views, "views");
+    for (std::size_t i = 0; i < views; ++i) {
+      progress_.advance();
+      const auto chunk = static_cast<std::size_t>(random.uniform() * static_cast<double>(table_.chunks.size()));
+      const PlaceLayer& layer = *std::find_if(table_.layers.begin(), table_.layers.end(),
+                                              [chunk](const auto& one) { return chunk < one.first + one.count; });
+      const MapWindow window = reader_.around(layer, table_.chunks[chunk], 2.1);
+      const double side_px = static_cast<double>(layer.side_px);
+      PatchPlacement placement;
+      placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
+      placement.shift_px = {random.uniform(-0.2, 0.2) * side_px, random.uniform(-0.2, 0.2) * side_px};
+      placement.turn_rad = random.uniform(0, 2 * std::numbers::pi);
+      placement.pixels_per_px = random.uniform(0.9, 1.1);
+      placement.side_px = static_cast<int>(layer.side_px);
+      const PlacePatch patch = PatchCutter(window.image, window.mask, 1).cut(placement);
+      if (valid_share(patch.mask) < kMinValid || texture_of(patch) < kMinPlaceTexture) continue;
+      if (const auto descriptor = describe_place(patch)) samples.push_back(*descriptor);
+    }
+    progress_.end();
+    return samples;
+  }
+
+  const IndexedMap& map_;
+  const PlaceIndexOptions& options_;
+  Progress& progress_;
+  ChunkReader reader_;
+  PlaceTable table_;
+  std::vector<RawPlaceDescriptor> descriptors_;
+};
+
+}  // namespace
+
+double place_footprint_m(double width_m, double height_m) { return std::sqrt(width_m * height_m); }
+
+ChunkReader::ChunkReader(const TileSource& tiles, LonLat origin) : frame_(origin), windows_(tiles) {}
+
+MapWindow ChunkReader::around(const PlaceLayer& layer, const PlaceChunk& chunk, double sides) {
+  const Enu middle = frame_.enu_from_lonlat(chunk.centre());
+  const double half_m = std::round(static_cast<double>(layer.side_px) * sides) * layer.gsd_m() / 2;
+  return windows_.read(
+      frame_, {middle.east_m - half_m, middle.north_m - half_m, middle.east_m + half_m, middle.north_m + half_m},
+      layer.gsd_m(), Colour::grey);
+}
+
+PlacePatch ChunkReader::read(const PlaceLayer& layer, const PlaceChunk& chunk) {
+  const MapWindow window = around(layer, chunk, 1);
+  return {window.image, window.mask};
+}
+
+PlaceIndex build_place_index(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress) {
+  return Builder(map, options, progress).run();
+}
+
+}  // namespace nadir

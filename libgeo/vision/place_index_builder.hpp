@@ -1,0 +1,48 @@
+// Makes a place index of a map: lays chunks over it, describes each, learns the projection from them.
+#pragma once
+
+#include <vector>
+
+#include "base/progress.hpp"
+#include "base/sha256.hpp"
+#include "geodesy/local_frame.hpp"
+#include "imagery/map_window.hpp"
+#include "vision/place_index.hpp"
+
+namespace nadir {
+
+struct PlaceIndexOptions {
+  std::vector<double> footprints_m;  // sides of the chunks, one layer each
+  std::optional<double> gsd_m;       // of the patches; by default 96 pixels a side, not finer than the map
+  int overlap_percent = 75;          // of neighbouring chunks, along a side
+};
+
+// The map that is indexed.
+struct IndexedMap {
+  const TileSource* tiles = nullptr;
+  std::vector<TileKey> keys;  // of the finest zoom
+  Sha256 merkle_root;
+  LonLat origin;  // of the mission's plane
+};
+
+// The same map and options give the same bytes. Throws UsageError when no chunk is left or there would be too many.
+PlaceIndex build_place_index(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress);
+
+// The patch of one chunk, as the builder saw it: whoever checks an index describes it again.
+class ChunkReader {
+ public:
+  ChunkReader(const TileSource& tiles, LonLat origin);
+
+  PlacePatch read(const PlaceLayer& layer, const PlaceChunk& chunk);
+  // A larger piece around the chunk's middle, at the layer's GSD.
+  MapWindow around(const PlaceLayer& layer, const PlaceChunk& chunk, double sides);
+
+ private:
+  LocalFrame frame_;
+  MapWindowReader windows_;
+};
+
+// One side of the square that has the picture's area.
+double place_footprint_m(double width_m, double height_m);
+
+}  // namespace nadir
