@@ -16,6 +16,13 @@ import sys
 import tempfile
 
 
+# Attacks on a package that must fail; each has a row of its own in docs/trust.md, which names its tests.
+ATTACKS = ["tampered file", "tiles swapped digests", "another mission airframe", "rollback of a package", "freeze",
+           "mix and match", "endless data", "partial write power cut", "revoked key", "rotated key",
+           "paths absolute links twins", "duplicate keys floats nesting unknown", "every byte manifest signature flipped",
+           "one byte every page"]
+
+
 def pages(root):
     return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
@@ -72,6 +79,15 @@ def check_tests(root, _):
     named = re.findall(r"`([A-Z]\w+)\.([A-Z]\w+)`", (root / "docs/trust.md").read_text())
     if not named:
         yield "docs/trust.md names no test"
+    table = (root / "docs/trust.md").read_text().split("| attack | tests |\n|---|---|\n")[1].split("\n\n")[0]
+    for row in table.splitlines():
+        attack, tests = row.strip("| ").split(" | ")
+        if not re.search(r"`[A-Z]\w+\.[A-Z]\w+`", tests):
+            yield f"docs/trust.md: no test shows that this attack fails: {attack}"
+    attacks = [row.strip("| ").split(" | ")[0] for row in table.splitlines()]
+    for words in ATTACKS:
+        if not any(all(word in attack for word in words.split()) for attack in attacks):
+            yield f"docs/trust.md: no row for the attack: {words}"
     for suite, name in named:
         if not re.search(rf"TEST(_F|_P)?\({suite}, {name}\)", sources):
             yield f"docs/trust.md: no such test: {suite}.{name}"
