@@ -55,7 +55,7 @@ void CacheBuildCommand::setup(Options& options) {
                  "values of 16 bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
                  "or one for each --imagery (none for an 8 bit one)");
   options.value("--dem", dem_, "FILE", "elevation model, metres, that GDAL reads; for terrain: {mode: dem}");
-  options.value("--format", format_, "FORMAT", "container of the tiles").one_of({"mbtiles"});
+  options.value("--format", format_, "FORMAT", "container of the tiles").one_of({"mbtiles", "cog"});
   options.value("--tile-format", tile_format_, "FORMAT", "how a tile is encoded").one_of({"jpeg", "webp", "png"});
   options.value("--quality", quality_, "N", "of JPEG and WebP tiles").between(1, 100);
   imagery_options_.setup(options);
@@ -78,6 +78,11 @@ int CacheBuildCommand::run(Context& context) {
   for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
   request.dem = dem_;
   request.tiles.encoding = {parse_image_format(tile_format_).value_or(ImageFormat::jpeg), quality_};
+  if (format_ == "cog") {
+    request.tiles.container = TileSetKind::cog;
+    // TIFF knows no PNG: the tiles are as lossless as WebP.
+    if (tile_format_ == "png") request.tiles.encoding = {ImageFormat::webp, quality_, true};
+  }
   request.tiles.threads = imagery_options_.threads();
   request.tiles.mosaic = imagery_options_.mosaic();
   request.key = key ? &*key : nullptr;

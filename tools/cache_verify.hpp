@@ -7,6 +7,7 @@
 
 #include "base/time.hpp"
 #include "framework/command.hpp"
+#include "matchability_request.hpp"
 #include "verify_request.hpp"
 
 namespace nadir {
@@ -30,6 +31,8 @@ class CacheVerifyCommand final : public Command {
   VerifyRequest request_;
   std::string depth_ = "quick";
   std::optional<std::filesystem::path> report_folder_;
+  bool matchability_ = false;
+  MatchabilityRequest matchability_request_;
 };
 
 }  // namespace nadir

@@ -31,8 +31,9 @@ std::string describe_build(const PackageRequest& request, std::string_view missi
   }
   text += fmt::format("seams: feather {} m\n", request.tiles.mosaic.feather_m);
   text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(*request.dem) : "none");
-  text +=
-      fmt::format("tiles: {}, quality {}\n", name_of(request.tiles.encoding.format), request.tiles.encoding.quality);
+  text += fmt::format("tiles: {}, quality {}{}, in {}\n", name_of(request.tiles.encoding.format),
+                      request.tiles.encoding.quality, request.tiles.encoding.lossless ? ", lossless" : "",
+                      file_of(request.tiles.container));
   text += fmt::format("judged at: {}\n", request.at ? to_rfc3339(*request.at) : "the mission's created");
   for (const auto& [version, root] : request.roots) {
     text += fmt::format("root {}: sha256 {}\n", version, sha256(as_bytes(root)).hex());

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <opencv2/core.hpp>
 
+#include "imagery/lossless_webp.hpp"
 #include "package/judge.hpp"
 
 namespace nadir {
@@ -38,6 +39,10 @@ TileGrid merged(const TileGrid& used, int across) {
 TileEncoder::TileEncoder(const Mission& mission, std::span<const ImageryInput> inputs, TileEncoding encoding)
     : mission_(mission), frame_(mission_frame(mission)), inputs_(inputs), encoding_(encoding) {}
 
+Bytes TileEncoder::encoded(const cv::Mat& bgr) const {
+  return encoding_.lossless ? encode_lossless_webp(bgr) : encode_image(bgr, encoding_.format, encoding_.quality);
+}
+
 EncodedTile TileEncoder::encode(const TileKey& key, const TilePicture& tile) const {
   EncodedTile result;
   result.sidecar.key = key;
@@ -47,11 +52,11 @@ EncodedTile TileEncoder::encode(const TileKey& key, const TilePicture& tile) con
   }
   const int valid = cv::countNonZero(tile.picture.mask);
   if (valid == kTilePixels) {
-    result.bytes = encode_image(tile.picture.bgr, encoding_.format, encoding_.quality);
+    result.bytes = encoded(tile.picture.bgr);
   } else {
     Picture filled{tile.picture.bgr.clone(), tile.picture.mask.clone()};
     fill_unknown(filled);
-    result.bytes = encode_image(filled.bgr, encoding_.format, encoding_.quality);
+    result.bytes = encoded(filled.bgr);
     result.sidecar.valid_ppm = kWholeTile_ppm * valid / kTilePixels;
     result.sidecar.mask = encode_image(tile.picture.mask, ImageFormat::png);
   }

@@ -18,6 +18,7 @@ namespace nadir {
 struct TileEncoding {
   ImageFormat format = ImageFormat::jpeg;
   int quality = 75;
+  bool lossless = false;  // of WebP: what stands for PNG in a COG
 };
 
 struct EncodedTile {
@@ -39,6 +40,8 @@ class TileEncoder {
   EncodedTile encode(const TileKey& key, const TilePicture& tile) const;  // of a tile that shows some ground
 
  private:
+  Bytes encoded(const cv::Mat& bgr) const;
+
   const Mission& mission_;
   LocalFrame frame_;
   std::span<const ImageryInput> inputs_;

@@ -56,8 +56,9 @@ void tell_about_leftovers(const StagingDirectory& staging, const PackageRequest&
 void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journal, Progress& progress,
                   PackageReport& report) {
   const auto& [request, mission, mission_text, inputs, range, terrain, at] = plan;
-  fs::create_directories(folder / fs::path(kImageryFile).parent_path());
-  const TileSet set = build_tile_set(mission, inputs, range, request.tiles, folder / kImageryFile, journal, progress);
+  const fs::path tiles = folder / file_of(request.tiles.container);
+  fs::create_directories(tiles.parent_path());
+  const TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
   if (set.over_budget) {
     report.findings = judge_budget(mission, set.tile_bytes);
     return;

@@ -80,8 +80,10 @@ void complete_package(const fs::path& folder, const PackageParts& parts, Progres
   progress.advance();
 
   Manifest manifest = manifest_for(parts.mission);
-  manifest.artifacts.push_back(describe_file(folder, kImageryFile, kRoleImagery));
+  const bool cog = fs::exists(folder / kCogFile);
+  manifest.artifacts.push_back(describe_file(folder, cog ? kCogFile : kImageryFile, kRoleImagery));
   manifest.artifacts.back().tiles = parts.tiles;
+  if (cog) manifest.artifacts.push_back(describe_file(folder, kSidecarFile, kRoleSidecars));
   manifest.artifacts.push_back(describe_file(folder, kMissionFile, kRoleMission));
   if (parts.terrain) manifest.artifacts.push_back(describe_file(folder, kTerrainFile, kRoleTerrain));
   write_manifest(folder, manifest);

@@ -11,13 +11,13 @@
 namespace nadir {
 
 TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
-                       const TileSetOptions& options, const std::filesystem::path& mbtiles, BuildJournal& journal,
+                       const TileSetOptions& options, const std::filesystem::path& file, BuildJournal& journal,
                        Progress& progress) {
   const OneOpenCvThread one_thread;
   const TileEncoder encoder(mission, inputs, options.encoding);
   const std::vector<TileKey> tops = metatiles_of(range, mission.zoom.min);
   const double feather_px = feather_pixels(mission, options.mosaic);
-  TileSetWriter writer(mbtiles, mission);
+  TileSetWriter writer(options.container, file, mission, range, options.encoding.format);
   OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TilePicture& overview) {
     writer.add(encoder.encode(key, overview));
   });
@@ -46,7 +46,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
     std::optional<Metatile> metatile = metatile_from(*record);
     if (!metatile || done == tops.size()) {
       throw Error({.what = "the journal of the build that was begun is of no use",
-                   .where = mbtiles.string(),
+                   .where = file.string(),
                    .fix = "build from the start, without --resume"});
     }
     resumed += take(done++, std::move(*metatile));

@@ -1,4 +1,4 @@
-// Imagery to an MBTiles file with overviews and sidecars.
+// Imagery to an MBTiles file or a COG with overviews and sidecars.
 //
 // Metatiles are warped, averaged and encoded by several threads and written in one order; the file is the same for any
 // number of threads.
@@ -16,6 +16,7 @@
 namespace nadir {
 
 struct TileSetOptions {
+  TileSetKind container = TileSetKind::mbtiles;
   TileEncoding encoding;
   MosaicOptions mosaic;
   int threads = 1;
@@ -23,7 +24,7 @@ struct TileSetOptions {
 
 // Metatiles that the journal holds are taken from there; the others go into it before anything else is done with them.
 TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
-                       const TileSetOptions& options, const std::filesystem::path& mbtiles, BuildJournal& journal,
+                       const TileSetOptions& options, const std::filesystem::path& file, BuildJournal& journal,
                        Progress& progress);
 
 }  // namespace nadir

@@ -36,6 +36,14 @@ std::map<std::string, std::string> metadata_of(const Mission& mission, const Til
   };
 }
 
+// Widened to whole tiles of the coarsest zoom, so that each zoom's picture begins with a tile.
+CogShape shape_of(const Mission& mission, const TileRange& range) {
+  const TileRange tops = range.at_zoom(mission.zoom.min);
+  return {mission.zoom, static_cast<std::uint32_t>(tops.first_x), static_cast<std::uint32_t>(tops.first_y),
+          static_cast<std::uint32_t>(tops.last_x - tops.first_x + 1),
+          static_cast<std::uint32_t>(tops.last_y - tops.first_y + 1)};
+}
+
 TileSetFacts facts_of(const Mission& mission, const std::vector<Sidecar>& sidecars, ImageFormat format) {
   MerkleTree tree;
   SidecarDigest digest;
@@ -48,11 +56,27 @@ TileSetFacts facts_of(const Mission& mission, const std::vector<Sidecar>& sideca
 
 }  // namespace
 
+std::string_view file_of(TileSetKind kind) { return kind == TileSetKind::cog ? kCogFile : kImageryFile; }
+
 TileSetWriter::TileSetWriter(const std::filesystem::path& mbtiles, const Mission& mission)
-    : mission_(mission), writer_(mbtiles) {}
+    : mission_(mission), file_(mbtiles), mbtiles_(std::in_place, mbtiles) {}
+
+TileSetWriter::TileSetWriter(TileSetKind kind, std::filesystem::path file, const Mission& mission,
+                             const TileRange& range, ImageFormat format)
+    : mission_(mission), file_(std::move(file)) {
+  if (kind == TileSetKind::cog) {
+    cog_.emplace(file_, shape_of(mission, range), format);
+  } else {
+    mbtiles_.emplace(file_);
+  }
+}
 
 void TileSetWriter::add(EncodedTile tile) {
-  writer_.add(tile.sidecar.key, tile.bytes);
+  if (cog_) {
+    cog_->add(tile.sidecar.key, tile.bytes);
+  } else {
+    mbtiles_->add(tile.sidecar.key, tile.bytes);
+  }
   set_.tile_bytes += tile.bytes.size();
   set_.over_budget = set_.tile_bytes > static_cast<std::uint64_t>(mission_.budget_mb) * 1'000'000;
   set_.sidecars.push_back(std::move(tile.sidecar));
@@ -62,12 +86,18 @@ TileSet TileSetWriter::finish(const TileRange& range, ImageFormat format) {
   if (set_.over_budget) return std::move(set_);
   std::sort(set_.sidecars.begin(), set_.sidecars.end(),
             [](const Sidecar& a, const Sidecar& b) { return a.key < b.key; });
-  {
-    SidecarWriter sidecars(writer_.database());
-    for (const Sidecar& sidecar : set_.sidecars) sidecars.add(sidecar);
+  const auto metadata = metadata_of(mission_, range, set_, format);
+  if (cog_) {
+    cog_->finish();
+    write_sidecar_file(file_.parent_path() / std::filesystem::path(kSidecarFile).filename(), set_.sidecars, metadata);
+  } else {
+    {
+      SidecarWriter sidecars(mbtiles_->database());
+      for (const Sidecar& sidecar : set_.sidecars) sidecars.add(sidecar);
+    }
+    mbtiles_->set_metadata(metadata);
+    mbtiles_->finish();
   }
-  writer_.set_metadata(metadata_of(mission_, range, set_, format));
-  writer_.finish();
   set_.facts = facts_of(mission_, set_.sidecars, format);
   return std::move(set_);
 }

@@ -1,15 +1,23 @@
-// Where the tiles of a new package go, in whatever order they are made: an MBTiles file with sidecars. Counts the bytes
-// against the mission's budget.
+// Where the tiles of a new package go, in whatever order they are made: an MBTiles file with sidecars inside, or a COG
+// with sidecars.sqlite beside it. Counts the bytes against the mission's budget.
 #pragma once
 
 #include <filesystem>
+#include <optional>
+#include <string_view>
 #include <vector>
 
 #include "ground/metatile.hpp"
+#include "ground/tile_plan.hpp"
+#include "imagery/cog_writer.hpp"
 #include "imagery/mbtiles_writer.hpp"
 #include "package/manifest.hpp"
 
 namespace nadir {
+
+enum class TileSetKind { mbtiles, cog };
+
+std::string_view file_of(TileSetKind kind);  // its name inside a package
 
 struct TileSet {
   std::vector<Sidecar> sidecars;  // in the order of TileKey
@@ -22,6 +30,10 @@ struct TileSet {
 class TileSetWriter {
  public:
   TileSetWriter(const std::filesystem::path& mbtiles, const Mission& mission);
+  // format, range: as for finish(), which a COG has to know at once. Throws UsageError when a COG cannot hold the
+  // zooms.
+  TileSetWriter(TileSetKind kind, std::filesystem::path file, const Mission& mission, const TileRange& range,
+                ImageFormat format);
 
   void add(EncodedTile tile);
   bool over_budget() const { return set_.over_budget; }
@@ -31,7 +43,9 @@ class TileSetWriter {
 
  private:
   const Mission& mission_;
-  MbtilesWriter writer_;
+  std::filesystem::path file_;
+  std::optional<MbtilesWriter> mbtiles_;  // one of the two
+  std::optional<CogWriter> cog_;
   TileSet set_;
 };
 

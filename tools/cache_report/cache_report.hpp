@@ -10,6 +10,7 @@
 #include "base/finding.hpp"
 #include "base/time.hpp"
 #include "framework/output.hpp"
+#include "matchability_request.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"
 
@@ -24,6 +25,7 @@ struct CacheReport {
   std::optional<Mission> mission;  // without it there is no map
   std::vector<Sidecar> tiles;      // in the order of TileKey
   bool dated = true;               // false: captured_at of the tiles says nothing
+  std::optional<MatchabilityResult> matchability = std::nullopt;
 };
 
 // findings.txt, findings.json, findings.csv, findings.md and report.html in `folder`, which is made when it is not

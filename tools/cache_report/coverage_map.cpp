@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "cache_report/matchability_layer.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/gaps.hpp"
 #include "package/judge.hpp"
@@ -68,6 +69,7 @@ class Map {
     for (const Gap& gap : gaps_) gap_m2 += gap.area_m2;
     data["gap_m2"] = rounded(gap_m2, 1);
     data["needed_m2"] = rounded(needed_m2(), 1);
+    if (report_.matchability) data["matchability"] = matchability_layer(*report_.matchability, mission_, origin_);
     return data;
   }
 

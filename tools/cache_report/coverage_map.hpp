@@ -8,7 +8,7 @@
 
 namespace nadir {
 
-// {cells, cell_size, zoom, metres_per_pixel, sectors, route, half_width, gaps, summary}. A set with very many tiles is
+// {cells, cell_size, zoom, metres_per_pixel, sectors, route, half_width, gaps, summary, matchability where it was asked for}. A set with very many tiles is
 // shown at a coarser zoom, each cell as bad as the worst tile in it.
 nlohmann::json coverage_map(const CacheReport& report);
 

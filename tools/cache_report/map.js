@@ -36,7 +36,7 @@ const drawMap = (host, onHover) => {
   defs.append(hatch);
   svg.append(defs);
   const layer = {};
-  for (const name of ["tiles", "corridor", "gaps", "sectors", "route"]) svg.append(layer[name] = svgElement("g"));
+  for (const name of ["tiles", "matchability", "corridor", "gaps", "sectors", "route"]) svg.append(layer[name] = svgElement("g"));
 
   const path = (list, closed) => list.map((p, i) => (i ? "L" : "M") + p[0] + " " + p[1]).join("") + (closed ? "Z" : "");
   for (const cell of map.cells) {
@@ -51,6 +51,7 @@ const drawMap = (host, onHover) => {
     if (cell.state === "gap" && map.gaps.length === 0) layer.gaps.append(svgElement("path", { d: `M${cell.x} ${cell.y}h${size}v${size}h${-size}Z`, class: "gap-area" }));
   }
   for (const rings of map.gaps) layer.gaps.append(svgElement("path", { d: rings.map((ring) => path(ring, true)).join(""), class: "gap-area" }));
+  drawMatchability(layer, path, onHover);
   layer.corridor.append(svgElement("path", { d: path(map.route), class: "corridor", "stroke-width": 2 * map.half_width }));
   for (const sector of map.sectors) {
     layer.sectors.append(svgElement("path", { d: path(sector.points, true), class: "casing" }), svgElement("path", { d: path(sector.points, true), class: "sector " + sector.class }));
@@ -111,7 +112,7 @@ const drawMap = (host, onHover) => {
   });
   addEventListener("resize", fit);
 
-  const shown = [["tiles", "tiles", "var(--mid)"], ["gaps", "gaps", "var(--gap)"], ["sectors", "sectors", "var(--sector)"],
+  const shown = [["tiles", "tiles", "var(--mid)"], ...(map.matchability ? [["matchability", "matchability", "var(--match-poor)"]] : []), ["gaps", "gaps", "var(--gap)"], ["sectors", "sectors", "var(--sector)"],
                  ["corridor", "corridor", "var(--route)"], ["route", "route", "var(--route)"]];
   for (const [name, label, colour] of shown) {
     const box = element("input", { type: "checkbox", checked: "" });

@@ -24,6 +24,7 @@ if (map) {
 }
 
 const showCell = (cell) => {
+  if (Array.isArray(cell)) return showPlace(cell);
   const rows = [["state", stateWords[cell.state]], ["captured", cell.captured], ["age", cell.age == null ? null : plural(cell.age, "day")],
     ["allowed", cell.limit == null ? null : plural(cell.limit, "day")], ["resolution", cell.gsd_mm == null ? null : (cell.gsd_mm / 1000).toFixed(2) + " m"],
     ["placed within", cell.ce90_mm == null ? null : (cell.ce90_mm / 1000).toFixed(1) + " m (CE90)"], ["source", cell.source],
@@ -54,6 +55,7 @@ if (map) {
     byId("sectors").append(element("tr", {}, element("td", {}, sector.id), element("td", {}, sector.class), element("td", { class: "n" }, sector.km2 + " km²"),
       element("td", { class: "n" }, sector.limit + " days old")));
 }
+tellMatchability(headline);
 if (!map || map.sectors.length === 0) byId("sectors-card").remove();
 if (!map) byId("map-part").remove();
 
