@@ -8,6 +8,7 @@
 #include "cache_report/cache_report.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "tile_set_subject.hpp"
 #include "vision/place_index_check.hpp"
 
 namespace nadir {
@@ -34,6 +35,15 @@ void CacheVerifyCommand::setup(Options& options) {
   request_.setup(options);
   options.value("--depth", depth_, "DEPTH", "quick or full").one_of({"quick", "full"});
   options.value("--report", report_folder_, "DIR", "write the findings and a page with a map into this folder as well");
+  options.flag("--matchability", matchability_, "with --report: show where frames will find their place")
+      .needs("--report");
+  options.value("--camera", matchability_request_.camera, "FILE.yaml", "with --matchability: the camera that flies")
+      .needs("--matchability");
+  options
+      .value("--cruise-mps", matchability_request_.cruise_mps, "V",
+             "with --matchability: speed, to tell stretches in seconds")
+      .between(1, 300)
+      .needs("--matchability");
 }
 
 int CacheVerifyCommand::run(Context& context) {
@@ -70,6 +80,14 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
     figures.emplace_back("trust root", fmt::format("version {}", verification.root_version));
     for (const std::string& signer : verification.signers) figures.emplace_back("signed by", signer);
   }
+  // The tiles of a refused package are not worth the minutes, or not to be read at all.
+  std::optional<MatchabilityResult> matchability;
+  if (matchability_ && verification.accepted() && verification.mission) {
+    const auto [tiles, manifest, mission] = find_tile_set(package_);
+    matchability = make_matchability(tiles, *verification.mission, matchability_request_, context.progress);
+    for (const auto& figure : figures_of(*matchability)) figures.push_back(figure);
+    more["matchability"] = json_of(*matchability);
+  }
   if (report_folder_) {
     write_cache_report(*report_folder_, {.title = "Package " + package_.lexically_normal().string(),
                                          .subtitle = fmt::format("Verified ({}) as of {}", depth_, to_rfc3339(at)),
@@ -77,7 +95,8 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
                                          .findings = verification.findings,
                                          .figures = figures,
                                          .mission = verification.mission,
-                                         .tiles = verification.tiles});
+                                         .tiles = verification.tiles,
+                                         .matchability = std::move(matchability)});
   }
   if (!context.json) print_figures(context.out, figures);
   return report_findings(context.out, context.json, verification.findings, more);

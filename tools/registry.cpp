@@ -5,6 +5,7 @@
 #include "cache_gaps.hpp"
 #include "cache_index.hpp"
 #include "cache_inspect.hpp"
+#include "cache_matchability.hpp"
 #include "cache_sign.hpp"
 #include "cache_update.hpp"
 #include "cache_validate.hpp"
@@ -51,6 +52,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<CacheInspectCommand>());
   commands.push_back(std::make_unique<CacheValidateCommand>());
   commands.push_back(std::make_unique<CacheGapsCommand>());
+  commands.push_back(std::make_unique<CacheMatchabilityCommand>());
   commands.push_back(std::make_unique<CacheDiffCommand>());
   commands.push_back(std::make_unique<CatalogueAddCommand>());
   commands.push_back(std::make_unique<CatalogueListCommand>());
