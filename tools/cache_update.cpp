@@ -35,6 +35,8 @@ void CacheUpdateCommand::setup(Options& options) {
   options.value("--trust", trust_, "ROOT.json", "the trust root that the old package is verified with").required();
   options.value("--mission", mission_, "MISSION.yaml", "what the new map is for").required();
   options.values("--imagery", imagery_, "FILE", "newer rasters that GDAL reads; none when only the mission changes");
+  options.values("--stretch", stretches_, "MIN,MAX",
+                 "values of 16 bit or float imagery that become black and white, as for `cache build`");
   options.value("--dem", dem_, "FILE", "elevation model instead of the old package's terrain");
   options.value("--quality", quality_, "N", "of JPEG and WebP tiles that are made anew").between(1, 100);
   options_.setup(options);
@@ -54,6 +56,7 @@ int CacheUpdateCommand::run(Context& context) {
   request.mission = mission_;
   request.imagery = imagery_;
   request.overrides = options_.overrides();
+  for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
   request.dem = dem_;
   request.tiles.encoding.quality = quality_;
   request.tiles.mosaic = options_.mosaic();

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "framework/command.hpp"
@@ -27,6 +28,7 @@ class CacheUpdateCommand final : public Command {
   std::filesystem::path trust_;
   std::filesystem::path mission_;
   std::vector<std::filesystem::path> imagery_;
+  std::vector<std::string> stretches_;
   std::optional<std::filesystem::path> dem_;
   int quality_ = 75;
   ImageryOptions options_{"newest"};
