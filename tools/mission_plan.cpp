@@ -38,6 +38,7 @@ json json_from(const PlanEstimate& plan) {
   for (const ZoomPlan& level : plan.zooms) {
     zooms.push_back({{"zoom", level.zoom},
                      {"tiles", level.tiles},
+                     {"required_tiles", level.required},
                      {"bounding_box_tiles", level.box_tiles},
                      {"megabytes", level.bytes / 1e6}});
   }
@@ -50,6 +51,7 @@ json json_from(const PlanEstimate& plan) {
           {"corridor_km2", plan.corridor_km2},
           {"needed_km2", plan.needed_km2},
           {"tiles", plan.tiles},
+          {"required_tiles", plan.required},
           {"megabytes", plan.bytes / 1e6}};
 }
 
@@ -63,9 +65,9 @@ void print(std::ostream& out, const Mission& mission, const PlanEstimate& plan, 
   }
   lines.emplace_back("needed", fmt::format("{:.2f} km² of ground, what they share counted once", plan.needed_km2));
   for (const ZoomPlan& level : plan.zooms) {
-    lines.emplace_back(
-        fmt::format("zoom {}", level.zoom),
-        fmt::format("{} tiles, {:.1f} MB (the bounding box has {})", level.tiles, level.bytes / 1e6, level.box_tiles));
+    lines.emplace_back(fmt::format("zoom {}", level.zoom),
+                       fmt::format("{} tiles, {:.1f} MB; {} of them required (their bounding box has {})", level.tiles,
+                                   level.bytes / 1e6, level.required, level.box_tiles));
   }
   lines.emplace_back("package", fmt::format("{} tiles, about {:.1f} MB of {} MB allowed", plan.tiles, plan.bytes / 1e6,
                                             mission.budget_mb));
@@ -79,7 +81,9 @@ void print(std::ostream& out, const Mission& mission, const PlanEstimate& plan, 
 }  // namespace
 
 std::string_view MissionPlanCommand::details() const {
-  return "Counts the tiles that the sectors and the corridor require, zoom by zoom, and estimates the package from\n"
+  return "Counts the tiles that a build makes for the sectors and the corridor, with the margin around them, and "
+         "those\n"
+         "of them that the mission requires, zoom by zoom, and estimates the package from\n"
          "measured bytes and milliseconds per tile, which are printed as well. Real imagery differs by its content:\n"
          "expect half to one and a half times the megabytes. An estimate above the budget is a warning. Exit code 0:\n"
          "estimated; 2: the mission is not valid.";

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "ground/build_plan.hpp"
 #include "package/judge.hpp"
 #include "package/tile_need.hpp"
 
@@ -47,11 +48,15 @@ PlanEstimate estimate_plan(const Mission& mission, const FormatFigures& figures)
     plan.sectors.push_back({sector.id, sector.cls, std::abs(area_m2(to_plane(frame, sector.polygon))) / 1e6});
   }
   for (const Corridor& corridor : region.corridors) plan.route_km += length_m(corridor.path) / 1000;
+  const std::vector<ZoomCount> build = count_whole_build(mission);
   for (int zoom = mission.zoom.min; zoom <= mission.zoom.max; ++zoom) {
     const std::vector<TileKey> tiles = required_tiles(mission, zoom);
-    ZoomPlan level{zoom, tiles.size(), box_tiles(tiles), 0};
-    level.bytes = static_cast<double>(tiles.size()) * (figures.bytes_per_tile + kContainerBytesPerTile);
+    const auto built =
+        std::find_if(build.begin(), build.end(), [zoom](const ZoomCount& of) { return of.zoom == zoom; });
+    ZoomPlan level{zoom, built == build.end() ? 0 : built->tiles, tiles.size(), box_tiles(tiles), 0};
+    level.bytes = static_cast<double>(level.tiles) * (figures.bytes_per_tile + kContainerBytesPerTile);
     plan.tiles += level.tiles;
+    plan.required += level.required;
     plan.bytes += level.bytes;
     plan.zooms.push_back(level);
     if (zoom == mission.zoom.max) {

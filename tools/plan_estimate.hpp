@@ -27,8 +27,9 @@ inline constexpr double kContainerBytesPerTile = 1300;  // sidecar, mask, index,
 
 struct ZoomPlan {
   int zoom = 0;
-  std::uint64_t tiles = 0;      // that the mission requires
-  std::uint64_t box_tiles = 0;  // of its bounding box
+  std::uint64_t tiles = 0;      // that a build makes where imagery covers everything: with its margin
+  std::uint64_t required = 0;   // of them, those that the mission requires
+  std::uint64_t box_tiles = 0;  // of the bounding box of these
   double bytes = 0;
 };
 
@@ -44,7 +45,8 @@ struct PlanEstimate {
   double route_km = 0;
   double corridor_km2 = 0;  // route and round ends widened; where it crosses itself counted once
   double needed_km2 = 0;    // sectors and corridor together, what they share counted once
-  std::uint64_t tiles = 0;
+  std::uint64_t tiles = 0;  // of all zooms
+  std::uint64_t required = 0;
   double bytes = 0;
   double cpu_seconds = 0;
 };

@@ -9,16 +9,6 @@
 namespace nadir {
 namespace {
 
-constexpr int kMetatileSteps = 3;  // 8 x 8 tiles: 2048 pixels a side, 16 MiB
-
-std::uint64_t along_curve(const TileKey& key) {  // Morton order
-  std::uint64_t code = 0;
-  for (unsigned bit = 0; bit < kMaxZoom; ++bit) {
-    code |= (std::uint64_t{(key.x >> bit) & 1U} << (2 * bit)) | (std::uint64_t{(key.y >> bit) & 1U} << (2 * bit + 1));
-  }
-  return code;
-}
-
 cv::Rect tile_rect(int column, int row) { return {column * kTileSize, row * kTileSize, kTileSize, kTileSize}; }
 
 TileGrid merged(const TileGrid& used, int across) {
@@ -62,20 +52,6 @@ EncodedTile TileEncoder::encode(const TileKey& key, const TilePicture& tile) con
   }
   result.sidecar.sha256 = sha256(result.bytes);
   return result;
-}
-
-std::vector<TileKey> metatiles_of(const TileRange& range, int min_zoom) {
-  const TileRange tops = range.at_zoom(std::max(min_zoom, range.zoom - kMetatileSteps));
-  std::vector<TileKey> keys;
-  for (std::int64_t y = tops.first_y; y <= tops.last_y; ++y) {
-    for (std::int64_t x = tops.first_x; x <= tops.last_x; ++x) {
-      keys.push_back(
-          {static_cast<std::uint8_t>(tops.zoom), static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(y)});
-    }
-  }
-  std::sort(keys.begin(), keys.end(),
-            [](const TileKey& a, const TileKey& b) { return along_curve(a) < along_curve(b); });
-  return keys;
 }
 
 MetatileCanvas compose_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,

@@ -53,9 +53,6 @@ struct Metatile {
   TilePicture top;                 // the one tile that covers it
 };
 
-// Metatiles of the range in the order of a space-filling curve: what is near in the plane stays near in the sequence.
-std::vector<TileKey> metatiles_of(const TileRange& range, int min_zoom);
-
 // The metatile's ground at the finest zoom, before it is cut into tiles.
 struct MetatileCanvas {
   Picture picture;

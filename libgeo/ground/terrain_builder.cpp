@@ -227,6 +227,17 @@ std::vector<float> heights_of(const Source& source, GDALDataset& warped, const T
   return heights;
 }
 
+void throw_if_out_of_space(const fs::path& path, std::uintmax_t needed) {
+  std::error_code unknown;
+  const fs::space_info space = fs::space(path.parent_path(), unknown);
+  if (unknown || space.available >= needed) return;
+  throw OutOfSpace({.what = "the terrain file cannot be written",
+                    .where = path.string(),
+                    .expected = fmt::format("about {} bytes free", needed),
+                    .found = fmt::format("{} bytes", space.available),
+                    .fix = "free space on this disk, or write elsewhere"});
+}
+
 }  // namespace
 
 TerrainRaster cut_terrain(const fs::path& dem, const Mission& mission) {
@@ -245,6 +256,8 @@ void write_terrain(const TerrainRaster& terrain, const fs::path& path) {
   const TerrainGrid& grid = terrain.grid();
   const auto need = [&](bool ok) {
     if (!ok) {
+      // GDAL says neither errno nor that the disk is full in so many words.
+      throw_if_out_of_space(path, static_cast<std::uintmax_t>(grid.posts()) * sizeof(float));
       throw Error(
           {.what = "the terrain file cannot be written", .where = path.string(), .found = QuietGdal::last_error()});
     }

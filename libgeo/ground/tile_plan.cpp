@@ -55,15 +55,7 @@ cv::Mat inside_of(const std::vector<MercatorXY>& outline, const TileKey& key) {
   return inside;
 }
 
-}  // namespace
-
-TileRange TileRange::at_zoom(int coarser) const {
-  const int steps = zoom - coarser;
-  if (empty()) return {coarser, 0, 0, -1, -1};
-  return {coarser, first_x >> steps, first_y >> steps, last_x >> steps, last_y >> steps};
-}
-
-TileRange plan_range(const Mission& mission, std::span<const ImageryInput> inputs) {
+PixelBox wanted_box(const Mission& mission) {
   const int zoom = mission.zoom.max;
   const LocalFrame frame = mission_frame(mission);
   const PlaneBox bounds = required_region(mission, frame).bounds();
@@ -73,13 +65,11 @@ TileRange plan_range(const Mission& mission, std::span<const ImageryInput> input
       wanted.add(pixel_from_lonlat(frame.lonlat_from_enu(east, north), zoom));
     }
   }
-  PixelBox imagery;
-  for (const ImageryInput& input : inputs) {
-    const PixelBox box = box_of(input.outline, zoom);
-    if (!box.meets(wanted)) continue;
-    imagery.add({box.left, box.top});
-    imagery.add({box.right, box.bottom});
-  }
+  return wanted;
+}
+
+// The tiles that both boxes touch.
+TileRange common_range(const PixelBox& wanted, const PixelBox& imagery, int zoom) {
   const double last = std::exp2(zoom) - 1;
   const auto first_tile = [&](double a, double b) {
     return static_cast<std::int64_t>(std::clamp(std::floor(std::max(a, b) / kTileSize), 0.0, last));
@@ -90,6 +80,32 @@ TileRange plan_range(const Mission& mission, std::span<const ImageryInput> input
   if (!imagery.meets(wanted)) return {zoom, 0, 0, -1, -1};
   return {zoom, first_tile(imagery.left, wanted.left), first_tile(imagery.top, wanted.top),
           last_tile(imagery.right, wanted.right), last_tile(imagery.bottom, wanted.bottom)};
+}
+
+}  // namespace
+
+TileRange TileRange::at_zoom(int coarser) const {
+  const int steps = zoom - coarser;
+  if (empty()) return {coarser, 0, 0, -1, -1};
+  return {coarser, first_x >> steps, first_y >> steps, last_x >> steps, last_y >> steps};
+}
+
+TileRange wanted_range(const Mission& mission) {
+  const PixelBox wanted = wanted_box(mission);
+  return common_range(wanted, wanted, mission.zoom.max);
+}
+
+TileRange plan_range(const Mission& mission, std::span<const ImageryInput> inputs) {
+  const int zoom = mission.zoom.max;
+  const PixelBox wanted = wanted_box(mission);
+  PixelBox imagery;
+  for (const ImageryInput& input : inputs) {
+    const PixelBox box = box_of(input.outline, zoom);
+    if (!box.meets(wanted)) continue;
+    imagery.add({box.left, box.top});
+    imagery.add({box.right, box.bottom});
+  }
+  return common_range(wanted, imagery, zoom);
 }
 
 std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const ImageryInput> inputs,

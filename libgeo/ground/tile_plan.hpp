@@ -27,6 +27,7 @@ struct TileRange {
 // At the mission's finest zoom: tiles that both the imagery and the mission's bounds, widened by a margin, touch. The
 // margin lets an aircraft at the rim of its corridor match with what lies beyond.
 inline constexpr double kMargin_m = 250.0;
+TileRange wanted_range(const Mission& mission);  // with imagery everywhere
 TileRange plan_range(const Mission& mission, std::span<const ImageryInput> inputs);
 
 // The sidecars of the tiles that the mission requires, as they would be if every pixel inside the outlines were valid:

@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "base/error.hpp"
+#include "ground/build_plan.hpp"
 #include "ground/metatile_record.hpp"
 #include "ground/one_opencv_thread.hpp"
 #include "ground/ordered_work.hpp"
@@ -15,7 +16,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
                        Progress& progress) {
   const OneOpenCvThread one_thread;
   const TileEncoder encoder(mission, inputs, options.encoding);
-  const std::vector<TileKey> tops = metatiles_of(range, mission.zoom.min);
+  const std::vector<TileKey> tops = metatiles_of(mission, range);
   const double feather_px = feather_pixels(mission, options.mosaic);
   TileSetWriter writer(options.container, file, mission, range, options.encoding.format);
   OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TilePicture& overview) {
@@ -24,7 +25,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
 
   std::size_t done = 0;       // metatiles from the journal
   std::uint64_t resumed = 0;  // tiles of the finest zoom in them
-  progress.begin("making tiles", static_cast<std::uint64_t>(range.count()), "tiles");
+  progress.begin("making tiles", tops.empty() ? 0 : count_tiles(tops, range, range.zoom).back().tiles, "tiles");
   const auto make_worker = [&]() -> std::function<Metatile(std::size_t)> {
     auto sources = std::make_shared<std::vector<RasterSource>>();
     for (const ImageryInput& input : inputs) sources->emplace_back(input.path, input.stretch);

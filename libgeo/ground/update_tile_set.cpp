@@ -2,6 +2,7 @@
 
 #include <set>
 
+#include "ground/build_plan.hpp"
 #include "ground/one_opencv_thread.hpp"
 #include "ground/ordered_work.hpp"
 #include "ground/overview_assembler.hpp"
@@ -14,7 +15,7 @@ UpdatedTileSet update_tile_set(const Mission& mission, const OldMap& old, const 
   const OneOpenCvThread one_thread;
   const TileEncoder encoder(mission, layers.inputs(), options.encoding);
   const UpdateWork work{old, layers, range, encoder, feather_pixels(mission, options.mosaic)};
-  const std::vector<TileKey> tops = metatiles_of(range, mission.zoom.min);
+  const std::vector<TileKey> tops = metatiles_of(mission, range);
   TileSetWriter writer(mbtiles, mission);
   UpdateCounts counts;
   std::set<TileKey> changed;  // overviews above the metatiles
@@ -24,7 +25,7 @@ UpdatedTileSet update_tile_set(const Mission& mission, const OldMap& old, const 
     writer.add(copy_or_encode(work, key, overview, stays, counts));
   });
 
-  progress.begin("updating tiles", static_cast<std::uint64_t>(range.count()), "tiles");
+  progress.begin("updating tiles", tops.empty() ? 0 : count_tiles(tops, range, range.zoom).back().tiles, "tiles");
   work_in_order<UpdatedMetatile>(
       tops.size(), options.threads,
       [&]() -> std::function<UpdatedMetatile(std::size_t)> {

@@ -44,24 +44,7 @@ void report_gaps(const std::vector<Gap>& gaps, int zoom, Findings& findings) {
 
 std::vector<TileKey> required_tiles(const Mission& mission, int zoom) {
   const LocalFrame frame = mission_frame(mission);
-  const TileNeed need(required_region(mission, frame));
-  const PlaneBox box = need.region().bounds();
-  TileKey low{static_cast<std::uint8_t>(zoom), UINT32_MAX, UINT32_MAX}, high{static_cast<std::uint8_t>(zoom), 0, 0};
-  for (const double east_m : {box.west_m, (box.west_m + box.east_m) / 2, box.east_m}) {
-    for (const double north_m : {box.south_m, (box.south_m + box.north_m) / 2, box.north_m}) {
-      const TileKey key = tile_at(frame.lonlat_from_enu(east_m, north_m), zoom);
-      low.x = std::min(low.x, key.x), low.y = std::min(low.y, key.y);
-      high.x = std::max(high.x, key.x), high.y = std::max(high.y, key.y);
-    }
-  }
-  std::vector<TileKey> keys;
-  for (std::uint32_t x = low.x; x <= high.x; ++x) {
-    for (std::uint32_t y = low.y; y <= high.y; ++y) {
-      const TileKey key{static_cast<std::uint8_t>(zoom), x, y};
-      if (need.needs(TileFootprint(frame, key))) keys.push_back(key);
-    }
-  }
-  return keys;
+  return tiles_needed(TileNeed(required_region(mission, frame)), frame, zoom);
 }
 
 Findings judge_coverage(const Mission& mission, std::span<const Sidecar> tiles) {

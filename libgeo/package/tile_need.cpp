@@ -1,5 +1,6 @@
 #include "package/tile_need.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "geodesy/web_mercator.hpp"
@@ -110,6 +111,67 @@ std::uint64_t TileNeed::missing_pixels(const TileFootprint& tile, std::span<cons
     return true;
   });
   return missing;
+}
+
+namespace {
+
+// Where nothing is pruned yet: tiles of some 150 km, of which a mission touches few.
+constexpr int kFirstZoom = 8;
+
+struct Disc {
+  PlanePoint centre;
+  double radius_m = 0;
+};
+
+// Around the whole tile. Its sides are curves in the plane: a tenth more than its corners need.
+Disc disc_around(const LocalFrame& frame, const TileKey& key) {
+  const LonLatBox box = bounds_of(key);
+  const auto place = [&](double lon_deg, double lat_deg) {
+    const Enu enu = frame.enu_from_lonlat({lon_deg, lat_deg});
+    return PlanePoint{enu.east_m, enu.north_m};
+  };
+  Disc disc{place((box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2)};
+  for (const double lon_deg : {box.west_deg, box.east_deg}) {
+    for (const double lat_deg : {box.south_deg, box.north_deg}) {
+      disc.radius_m = std::max(disc.radius_m, 1.1 * distance_m(disc.centre, place(lon_deg, lat_deg)));
+    }
+  }
+  return disc;
+}
+
+void descend(const TileNeed& need, const LocalFrame& frame, const TileKey& key, int zoom, std::vector<TileKey>& keys) {
+  if (key.z == zoom) {
+    if (need.needs(TileFootprint(frame, key))) keys.push_back(key);
+    return;
+  }
+  const Disc disc = disc_around(frame, key);
+  if (!need.may_meet(disc.centre, disc.radius_m)) return;
+  for (const std::uint32_t x : {2 * key.x, 2 * key.x + 1}) {
+    for (const std::uint32_t y : {2 * key.y, 2 * key.y + 1}) {
+      descend(need, frame, {static_cast<std::uint8_t>(key.z + 1), x, y}, zoom, keys);
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<TileKey> tiles_needed(const TileNeed& need, const LocalFrame& frame, int zoom) {
+  const PlaneBox box = need.region().bounds();
+  const auto first = static_cast<std::uint8_t>(std::min(zoom, kFirstZoom));
+  TileKey low{first, UINT32_MAX, UINT32_MAX}, high{first, 0, 0};
+  for (const double east_m : {box.west_m, (box.west_m + box.east_m) / 2, box.east_m}) {
+    for (const double north_m : {box.south_m, (box.south_m + box.north_m) / 2, box.north_m}) {
+      const TileKey key = tile_at(frame.lonlat_from_enu(east_m, north_m), first);
+      low.x = std::min(low.x, key.x), low.y = std::min(low.y, key.y);
+      high.x = std::max(high.x, key.x), high.y = std::max(high.y, key.y);
+    }
+  }
+  std::vector<TileKey> keys;
+  for (std::uint32_t x = low.x; x <= high.x; ++x) {
+    for (std::uint32_t y = low.y; y <= high.y; ++y) descend(need, frame, {first, x, y}, zoom, keys);
+  }
+  std::sort(keys.begin(), keys.end());
+  return keys;
 }
 
 }  // namespace nadir

@@ -42,6 +42,9 @@ class TileNeed {
   // The same pixels one by one: kTileSize² bytes in rows, 255 where a pixel is needed and not valid.
   Bytes missing_mask(const TileFootprint& tile, std::span<const std::uint8_t> mask) const;
 
+  // Whether a disc reaches into the region; may be true where it only nearly does.
+  bool may_meet(PlanePoint centre, double radius_m) const { return classify(centre, radius_m) != Place::outside; }
+
   const Region& region() const { return region_; }
 
  private:
@@ -57,5 +60,9 @@ class TileNeed {
   Region region_;
   std::vector<PlanePath> outlines_;  // the rings, closed
 };
+
+// The tiles of a zoom with a pixel that is needed, in the order of TileKey. From coarse tiles down, so that it takes as
+// long as the region is large, not as its bounding box.
+std::vector<TileKey> tiles_needed(const TileNeed& need, const LocalFrame& frame, int zoom);
 
 }  // namespace nadir

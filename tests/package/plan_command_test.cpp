@@ -44,20 +44,20 @@ TEST_F(MissionPlan, MeasuresTheGround) {
   EXPECT_EQ(found["zooms"].size(), 2U);
 }
 
-TEST_F(MissionPlan, CountsTheTilesThatAPackageHolds) {
+TEST_F(MissionPlan, CountsTheTilesThatAMissionRequires) {
   ASSERT_EQ(plan(test::mission_yaml(), {"--json"}), 0);
   const auto package = test::PackageMaker().make(folder_);
   std::ostringstream out;
   ASSERT_EQ(
       run_program(nadir_text(), all_commands(), {"cache", "inspect", package.string(), "--json"}, {out, err_, clock_}),
       0);
-  EXPECT_EQ(document()["tiles"], json::parse(out.str())["imagery"]["tiles"]);
+  EXPECT_EQ(document()["required_tiles"], json::parse(out.str())["imagery"]["tiles"]);
 }
 
 TEST_F(MissionPlan, ADiagonalCorridorNeedsFarLessThanItsBox) {
   ASSERT_EQ(plan(test::mission_yaml({{"[11.0040, 48.0005]", "[11.1000, 48.0700]"}}), {"--json"}), 0) << err_.str();
   const json level = document()["zooms"].back();
-  EXPECT_LT(level["tiles"].get<double>(), 0.1 * level["bounding_box_tiles"].get<double>());
+  EXPECT_LT(level["required_tiles"].get<double>(), 0.1 * level["bounding_box_tiles"].get<double>());
 }
 
 TEST_F(MissionPlan, WarnsOfTheBudgetAndNamesItsFigures) {
