@@ -127,7 +127,7 @@ TEST_F(CacheIndex, RefusesDamagedPackagesAndBudgetsThatDoNotHold) {
   maker_.mission = test::mission_yaml({{"budget_mb: 20", "budget_mb: 1"}});
   const fs::path tight = maker_.make(folder_, "tight");
   const auto before = contents(tight);
-  EXPECT_EQ(index({tight.string(), "--key", key().string()}), 1);
+  EXPECT_EQ(index({tight.string(), "--key", key().string(), "--footprint-m", "16", "--footprint-m", "18"}), 1);
   EXPECT_NE(out_.str().find("budget.exceeded"), std::string::npos) << out_.str();
   EXPECT_EQ(contents(tight), before);
 }
