@@ -1,5 +1,6 @@
 // The corpus with every compiler: as it is, cut short everywhere, and with a bit flipped everywhere. Whatever fuzzing
-// finds is added to the corpus and so stays found.
+// finds is added to the corpus and so stays found. What lies in a folder TARGET/reached was found by libFuzzer to cover
+// the reader's code: replayed as it is.
 #include <gtest/gtest.h>
 
 #include "base/files.hpp"
@@ -12,18 +13,26 @@ namespace fs = std::filesystem;
 
 class Fuzz : public ::testing::TestWithParam<fuzz::Target> {
  protected:
-  static std::vector<fs::path> corpus() {
+  static std::vector<fs::path> files_in(const fs::path& folder) {
     std::vector<fs::path> files;
-    for (const auto& entry : fs::directory_iterator(fs::path(NADIR_FUZZ_CORPUS) / GetParam().name)) {
-      files.push_back(entry.path());
+    if (!fs::is_directory(folder)) return files;
+    for (const auto& entry : fs::directory_iterator(folder)) {
+      if (entry.is_regular_file()) files.push_back(entry.path());
     }
     return files;
   }
+  static fs::path folder() { return fs::path(NADIR_FUZZ_CORPUS) / GetParam().name; }
+  static std::vector<fs::path> corpus() { return files_in(folder()); }
+  static std::vector<fs::path> reached() { return files_in(folder() / "reached"); }
 };
 
 TEST_P(Fuzz, ReplaysTheCorpus) {
   ASSERT_GE(corpus().size(), 3U);
   for (const fs::path& file : corpus()) {
+    SCOPED_TRACE(file);
+    GetParam().run(read_text_file(file));
+  }
+  for (const fs::path& file : reached()) {
     SCOPED_TRACE(file);
     GetParam().run(read_text_file(file));
   }

@@ -1,88 +1,13 @@
 #include "fuzz/targets.hpp"
 
-#include <cstdio>
-#include <cstdlib>
-
-#include "base/error.hpp"
-#include "package/manifest.hpp"
-#include "package/mission.hpp"
-#include "trust/aircraft_state.hpp"
-#include "trust/dsse.hpp"
-#include "trust/rollback_permit.hpp"
-#include "trust/root.hpp"
-
 namespace nadir::fuzz {
-namespace {
-
-void require(bool holds, const char* what) {
-  if (holds) return;
-  std::fprintf(stderr, "broken: %s\n", what);
-  std::abort();
-}
-
-// The reader's own refusal; everything else ends the program.
-template <typename Work>
-void refusing(const Work& work) {
-  try {
-    work();
-  } catch (const Error&) {
-  }
-}
-
-}  // namespace
-
-void root(std::string_view bytes) {
-  refusing([&] {
-    const SignedRoot first = parse_root(bytes, "fuzz");
-    const SignedRoot again = parse_root(first.json(), "again");
-    require(again.signed_bytes == first.signed_bytes, "a root changes when it is written");
-    require(again.root.version == first.root.version, "a root's version changes");
-    check_self(first);
-    check_succession(first.root, again);
-  });
-}
-
-void envelope(std::string_view bytes) {
-  refusing([&] {
-    const Envelope first = parse_envelope(bytes, "fuzz");
-    const Envelope again = parse_envelope(envelope_json(first), "again");
-    require(again.payload_type == first.payload_type, "a payload type changes");
-    require(again.signatures.size() == first.signatures.size(), "signatures get lost");
-  });
-}
-
-void manifest(std::string_view bytes) {
-  const ManifestReading first = parse_manifest(as_bytes(bytes));
-  require(first.manifest.has_value() == first.findings.empty(), "a manifest with findings, or neither");
-  if (!first.manifest) return;
-  const std::string written = manifest_json(*first.manifest);
-  const ManifestReading again = parse_manifest(as_bytes(written));
-  require(again.manifest.has_value(), "what was accepted is refused when it is written again");
-  require(manifest_json(*again.manifest) == written, "a manifest changes when it is written");
-}
-
-void mission(std::string_view bytes) {
-  const MissionReading reading = parse_mission(bytes, "fuzz");
-  require(reading.mission.has_value() == !reading.findings.refuses(), "a mission with refusals, or neither");
-}
-
-void state(std::string_view bytes) {
-  const StateReading reading = parse_state(bytes, "fuzz");
-  require(reading.state.has_value() == reading.findings.empty(), "a state with findings, or neither");
-}
-
-void permit(std::string_view bytes) {
-  refusing([&] {
-    const SignedPermit first = parse_permit(bytes, "fuzz");
-    require(first.permit.to < first.permit.from, "a permit that is no step back");
-    const SignedPermit again = parse_permit(first.document.json(), "again");
-    require(again.document.signed_bytes == first.document.signed_bytes, "a permit changes when it is written");
-  });
-}
 
 const std::vector<Target>& targets() {
-  static const std::vector<Target> all{{"root", root},       {"envelope", envelope}, {"manifest", manifest},
-                                       {"mission", mission}, {"state", state},       {"permit", permit}};
+  static const std::vector<Target> all{
+      {"root", root},       {"envelope", envelope}, {"manifest", manifest},   {"mission", mission},
+      {"state", state},     {"permit", permit},     {"terrain", terrain},     {"stac_item", stac_item},
+      {"kml", kml},         {"geojson", geojson},   {"camera", camera},       {"telemetry", telemetry},
+      {"picture", picture}, {"mbtiles", mbtiles},   {"tile_rows", tile_rows}, {"place_table", place_table}};
   return all;
 }
 

@@ -17,6 +17,19 @@ void mission(std::string_view bytes);
 void state(std::string_view bytes);
 void permit(std::string_view bytes);
 
+void stac_item(std::string_view bytes);
+void kml(std::string_view bytes);
+void geojson(std::string_view bytes);
+void camera(std::string_view bytes);
+void telemetry(std::string_view bytes);
+void terrain(std::string_view bytes);
+void picture(std::string_view bytes);  // JPEG, PNG, WebP
+
+void mbtiles(std::string_view bytes);    // a file's bytes
+void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types
+
+void place_table(std::string_view bytes);
+
 struct Target {
   const char* name;  // also the folder of its corpus
   void (*run)(std::string_view);

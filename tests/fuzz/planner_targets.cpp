@@ -1,0 +1,87 @@
+// What the planner and the replay read: items beside imagery, drawings, cameras, telemetry, terrain, pictures.
+#include <array>
+#include <cmath>
+
+#include "fuzz/scratch.hpp"
+#include "fuzz/targets.hpp"
+#include "ground/drawn_plan.hpp"
+#include "ground/imagery_facts.hpp"
+#include "imagery/codecs.hpp"
+#include "imagery/terrain_raster.hpp"
+#include "replay/flight_folder.hpp"
+#include "vision/camera_model.hpp"
+
+namespace nadir::fuzz {
+
+void stac_item(std::string_view bytes) {
+  const std::filesystem::path item = scratch_file("map.json", bytes);
+  refusing([&] {
+    const ImageryFacts facts = read_imagery_facts(scratch_folder() / "map.tif", {});
+    require(facts.gsd_m > 0 && std::isfinite(facts.gsd_m), "a resolution that is none");
+    require(facts.ce90_m > 0 && std::isfinite(facts.ce90_m), "an accuracy that is none");
+    require(parse_utc(to_rfc3339(facts.captured_at)) == facts.captured_at, "a date changes when it is written");
+  });
+}
+
+namespace {
+
+void drawing(std::string_view name, std::string_view bytes) {
+  refusing([&] { read_drawn_plan(scratch_file(name, bytes)); });
+}
+
+}  // namespace
+
+void kml(std::string_view bytes) { drawing("plan.kml", bytes); }
+void geojson(std::string_view bytes) { drawing("plan.geojson", bytes); }
+
+void camera(std::string_view bytes) {
+  refusing([&] {
+    const CameraModel model = read_camera_file(scratch_file("camera.yaml", bytes)).camera;
+    require(model.width > 0 && model.height > 0 && model.fx > 0 && model.fy > 0, "a camera that sees nothing");
+    const Eigen::Vector3d ray = model.ray_from_pixel({model.cx, model.cy});
+    require(ray.allFinite(), "a ray that is none");
+  });
+}
+
+void telemetry(std::string_view bytes) {
+  refusing([&] {
+    const auto rows = read_telemetry(scratch_file("telemetry.csv", bytes));
+    require(!rows.empty(), "a table without rows is accepted");
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      require(std::isfinite(rows[i].time_s), "a time that is none");
+      require(i == 0 || rows[i].time_s > rows[i - 1].time_s, "rows out of the order of time");
+    }
+  });
+}
+
+void terrain(std::string_view bytes) {
+  refusing([&] {
+    const TerrainRaster raster = parse_terrain_raster(as_bytes(bytes), "fuzz");
+    const TerrainGrid& grid = raster.grid();
+    require(raster.heights_m().size() == grid.posts(), "another number of heights than posts");
+    for (const double at : {-1.0, 0.0, 0.5, grid.columns - 1.0, grid.columns + 1.0}) {
+      const auto height_m = raster.height_m(grid.place(at, at));
+      require(!height_m || std::isfinite(*height_m), "a height that is none");
+    }
+  });
+}
+
+void picture(std::string_view bytes) {
+  refusing([&] {
+    const ImageInfo info = read_image_info(as_bytes(bytes), "fuzz");
+    require(info.width > 0 && info.height > 0, "a picture without pixels");
+    if (std::int64_t{info.width} * info.height > 1'000'000) return;  // allowed, but slow
+    for (const int shrink : {1, 2, 8}) {
+      for (const Colour colour : {Colour::bgr, Colour::grey}) {
+        refusing([&] {
+          const DecodedImage image = decode_image(as_bytes(bytes), colour, "fuzz", shrink);
+          require(image.image.cols == (info.width + shrink - 1) / shrink, "another width than the header's");
+          require(image.image.rows == (info.height + shrink - 1) / shrink, "another height than the header's");
+          require(image.alpha.empty() || image.alpha.size() == image.image.size(), "a mask of another size");
+        });
+      }
+    }
+  });
+}
+
+}  // namespace nadir::fuzz
