@@ -43,6 +43,7 @@ void expect_gdal_sees_the_same(const fs::path& path) {
   int tiles = 0;
   for (std::size_t i = 0; i < reader.levels().size(); ++i) {
     const CogLevel& level = reader.levels()[i];
+    if (level.picture.width < kTileSize) continue;  // a part of a tile
     for (const TileKey& key : reader.keys()) {
       if (key.z != level.zoom || (i == 0 && (key.x + key.y) % 13 != 0)) continue;
       const cv::Mat ours = decode_image(reader.read(key).value(), Colour::bgr, to_text(key)).image;
@@ -124,11 +125,19 @@ TEST_F(CogPackages, AKilledBuildGoesOnAndEndsIdentical) {
 TEST_F(CogPackages, CogsThatGdalMakesAreRead) {
   if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: gdal_translate is missing";
   ASSERT_FALSE(build(cog("cog")).findings.refuses());
+  // 8 x 8 tiles in the middle are enough, and save seconds.
+  const CogReader whole(folder_ / "cog" / kCogFile);
+  std::vector<TileKey> keys = whole.keys();
+  std::erase_if(keys, [](const TileKey& key) { return key.z != 19; });
+  const TileKey middle = keys[keys.size() / 2];
+  const std::int64_t left = middle.x / 8 * 2048 - whole.levels()[0].west;
+  const std::int64_t top = middle.y / 8 * 2048 - whole.levels()[0].north;
+  const std::string window = fmt::format("-srcwin {} {} 2048 2048", left, top);
   for (const char* options :
        {"-co COMPRESS=JPEG -co ADD_ALPHA=NO", "-co COMPRESS=DEFLATE -co LEVEL=1 -co PREDICTOR=YES",
         "-co COMPRESS=NONE -co BLOCKSIZE=512"}) {
     const fs::path path = folder_ / "theirs.tif";
-    const auto made = test::run_shell(fmt::format("gdal_translate -q -of COG {} '{}' '{}'", options,
+    const auto made = test::run_shell(fmt::format("gdal_translate -q -of COG {} {} '{}' '{}'", window, options,
                                                   (folder_ / "cog" / kCogFile).string(), path.string()));
     ASSERT_EQ(made.code, 0) << made.err;
     expect_gdal_sees_the_same(path);
