@@ -8,8 +8,8 @@
 
 namespace nadir {
 
-// {cells, cell_size, zoom, metres_per_pixel, sectors, route, half_width, gaps, summary, matchability where it was asked for}. A set with very many tiles is
-// shown at a coarser zoom, each cell as bad as the worst tile in it.
+// {cells, cell_size, zoom, metres_per_pixel, sectors, route, half_width, gaps, summary, matchability where it was asked
+// for}. A set with very many tiles is shown at a coarser zoom, each cell as bad as the worst tile in it.
 nlohmann::json coverage_map(const CacheReport& report);
 
 }  // namespace nadir
