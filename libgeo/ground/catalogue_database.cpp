@@ -7,7 +7,9 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
+#include <thread>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
@@ -118,8 +120,10 @@ void CatalogueDatabase::open(Access access) {
   }
   const Setting patience("SQLITE_BUSY_TIMEOUT", "60000");
   const char* const drivers[] = {file ? "SQLite" : "PostgreSQL", nullptr};
-  const unsigned flags =
-      GDAL_OF_VECTOR | GDAL_OF_VERBOSE_ERROR | (access == Access::write ? GDAL_OF_UPDATE : GDAL_OF_READONLY);
+  // What a killed writer left half done is taken back by the next who may write, also if it comes to read.
+  const bool left_over = file && fs::exists(location_.name + "-journal") && ::access(location_.name.c_str(), W_OK) == 0;
+  const unsigned flags = GDAL_OF_VECTOR | GDAL_OF_VERBOSE_ERROR |
+                         (access == Access::write || left_over ? GDAL_OF_UPDATE : GDAL_OF_READONLY);
   messages_->clear();
   dataset_.reset(GDALDataset::Open(location_.name.c_str(), flags, drivers));
   if (!dataset_) fail(file ? "the catalogue cannot be opened" : "the database cannot be reached");
@@ -239,13 +243,27 @@ OGRLayer& CatalogueDatabase::layer(const char* table) {
 }
 
 void CatalogueDatabase::begin() {
-  messages_->clear();
-  if (dataset_->StartTransaction() != OGRERR_NONE) fail("no transaction could be begun");
-  in_transaction_ = true;
-  // The first statement takes the lock, before anything is read: what is read then stays true.
-  execute(location_.kind == CatalogueLocation::Kind::postgres ? "LOCK TABLE nadir.catalogue IN EXCLUSIVE MODE"
-                                                              : "UPDATE catalogue SET format = format",
-          "asking to write");
+  const bool postgres = location_.kind == CatalogueLocation::Kind::postgres;
+  // PostgreSQL waits by itself. SQLite does not where waiting could make two writers wait for each other: those begin
+  // again, for a minute.
+  constexpr int kAttempts = 600;
+  constexpr auto kPause = std::chrono::milliseconds(100);
+  for (int attempt = 1;; ++attempt) {
+    messages_->clear();
+    if (dataset_->StartTransaction() != OGRERR_NONE) fail("no transaction could be begun");
+    in_transaction_ = true;
+    try {
+      // The first statement takes the lock, before anything is read: what is read then stays true.
+      execute(postgres ? "LOCK TABLE nadir.catalogue IN EXCLUSIVE MODE" : "UPDATE catalogue SET format = format",
+              "asking to write");
+      return;
+    } catch (const Error&) {
+      const bool locked = !postgres && messages_->first().find("locked") != std::string::npos;
+      roll_back();
+      if (!locked || attempt == kAttempts) throw;
+    }
+    std::this_thread::sleep_for(kPause);
+  }
 }
 
 void CatalogueDatabase::commit() {

@@ -27,6 +27,8 @@ constexpr std::array kAdvice{
     Advice{"permission denied",
            "ask for the rights: USAGE on the schema nadir, and on its tables SELECT to read, also INSERT, UPDATE and "
            "DELETE to write"},
+    Advice{"Permission denied",
+           "ask for the rights to write to the file and to its folder, or copy it to where you have them"},
     Advice{"read-only transaction", "the database is read-only: name one that can be written, not a replica"},
     Advice{"readonly database", "the file is read-only: copy it to where you may write"},
     Advice{"lock timeout", "another process is writing into this catalogue; run the command again when it is done"},
