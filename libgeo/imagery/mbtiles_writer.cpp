@@ -1,5 +1,9 @@
 #include "imagery/mbtiles_writer.hpp"
 
+#include <fmt/format.h>
+
+#include "base/md5.hpp"
+
 namespace nadir {
 
 MbtilesWriter::MbtilesWriter(const std::filesystem::path& path) : database_(SqliteDatabase::create(path)) {
@@ -23,11 +27,23 @@ void MbtilesWriter::set_metadata(const std::map<std::string, std::string>& metad
   for (const auto& [name, value] : metadata) insert.bind(1, name).bind(2, value).run();
 }
 
+std::string MbtilesWriter::aggregate_hash() const {
+  Md5Stream hash;
+  SqliteStatement tiles = database_.prepare(
+      "SELECT zoom_level, tile_column, tile_row, tile_data FROM tiles INDEXED BY tile_index "
+      "ORDER BY zoom_level, tile_column, tile_row");
+  while (tiles.step()) {
+    hash.update(as_bytes(fmt::format("{}{}{}", tiles.integer(0), tiles.integer(1), tiles.integer(2))));
+    hash.update(tiles.blob(3));
+  }
+  return hash.finish();
+}
+
 void MbtilesWriter::finish() {
   insert_.reset();
-  database_.execute(
-      "CREATE UNIQUE INDEX tile_index ON tiles (zoom_level, tile_column, tile_row);"
-      "COMMIT; PRAGMA journal_mode = DELETE;");
+  database_.execute("CREATE UNIQUE INDEX tile_index ON tiles (zoom_level, tile_column, tile_row);");
+  set_metadata({{"agg_tiles_hash", aggregate_hash()}});
+  database_.execute("COMMIT; PRAGMA journal_mode = DELETE;");
   database_.close();
 }
 

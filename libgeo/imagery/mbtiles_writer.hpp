@@ -25,10 +25,15 @@ class MbtilesWriter {
   void set_metadata(const std::map<std::string, std::string>& metadata);
   const SqliteDatabase& database() const { return database_; }  // for tables beyond the specification
 
-  // Builds the index (throws Error when a tile was added twice), commits and closes. Without it the file is useless.
+  // Builds the index (throws Error when a tile was added twice), reads all tiles once more for agg_tiles_hash, commits
+  // and closes. Without it the file is useless.
   void finish();
 
  private:
+  // What `mbtiles validate` of the MapLibre project asks for: MD5 over zoom, column and row as decimal text and the
+  // tile's bytes, in this order.
+  std::string aggregate_hash() const;
+
   SqliteDatabase database_;
   std::optional<SqliteStatement> insert_;
 };

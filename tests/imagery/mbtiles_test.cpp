@@ -50,6 +50,28 @@ TEST(Mbtiles, RowsCountFromTheSouthAsTheSpecificationSays) {
   EXPECT_EQ(reader.metadata().at("name"), "test");
 }
 
+// Python's word on the digest that `mbtiles validate` computes.
+TEST(Mbtiles, HoldsTheDigestThatMbtilesValidateAsksFor) {
+  const test::TemporaryFolder folder;
+  const auto file = folder / "set.mbtiles";
+  MbtilesWriter writer(file);
+  for (std::uint32_t i = 0; i < 40; ++i) writer.add({12, 100 + 37 * i % 40, 9 + i / 3}, as_bytes(std::string(i, 'x')));
+  writer.add({3, 4, 0}, as_bytes("top"));
+  writer.finish();
+  const auto oracle =
+      test::run_process({"python3", "-c",
+                         "import hashlib, sqlite3, sys\n"
+                         "digest = hashlib.md5()\n"
+                         "rows = sqlite3.connect(sys.argv[1]).execute('SELECT * FROM tiles').fetchall()\n"
+                         "for z, x, y, data in sorted(rows): digest.update(f'{z}{x}{y}'.encode() + data)\n"
+                         "print(digest.hexdigest().upper())",
+                         file.string()});
+  ASSERT_EQ(oracle.code, 0) << oracle.err;
+  EXPECT_EQ(sql(file, "SELECT value FROM metadata WHERE name = 'agg_tiles_hash'"), oracle.out);
+  MbtilesWriter(folder / "empty.mbtiles").finish();
+  EXPECT_EQ(sql(folder / "empty.mbtiles", "SELECT value FROM metadata"), "D41D8CD98F00B204E9800998ECF8427E\n");
+}
+
 TEST(Mbtiles, MasksComeFromTheSidecars) {
   const test::TemporaryFolder folder;
   const auto file = folder / "set.mbtiles";
