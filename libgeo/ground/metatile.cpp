@@ -33,7 +33,7 @@ Bytes TileEncoder::encoded(const cv::Mat& bgr) const {
   return encoding_.lossless ? encode_lossless_webp(bgr) : encode_image(bgr, encoding_.format, encoding_.quality);
 }
 
-EncodedTile TileEncoder::encode(const TileKey& key, const TilePicture& tile) const {
+EncodedTile TileEncoder::encode(const TileKey& key, const TileCanvas& tile) const {
   EncodedTile result;
   result.sidecar.key = key;
   set_facts(result.sidecar, inputs_, tile.used);
@@ -73,14 +73,14 @@ MetatileCanvas compose_metatile(const TileKey& key, const TileRange& range, std:
   return canvas;
 }
 
-TilePicture cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, const VisitTile& visit) {
+TileCanvas cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, const VisitTile& visit) {
   auto& [picture, used] = canvas;
   const int steps = finest - key.z;
   for (int step = 0, across = 1 << steps; step <= steps; ++step, across /= 2) {
     for (int column = 0; column < across; ++column) {
       for (int row = 0; row < across; ++row) {
         const cv::Rect rect = tile_rect(column, row);
-        const TilePicture tile{{picture.bgr(rect), picture.mask(rect)}, used.at(column, row)};
+        const TileCanvas tile{{picture.bgr(rect), picture.mask(rect)}, used.at(column, row)};
         if (cv::countNonZero(tile.picture.mask) == 0) continue;
         visit({static_cast<std::uint8_t>(finest - step), (key.x << (steps - step)) + static_cast<std::uint32_t>(column),
                (key.y << (steps - step)) + static_cast<std::uint32_t>(row)},
@@ -97,10 +97,9 @@ TilePicture cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, 
 Metatile render_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,
                          double feather_px, const TileEncoder& encoder) {
   Metatile result;
-  result.top = cut_metatile(key, range.zoom, compose_metatile(key, range, layers, feather_px),
-                            [&](const TileKey& tile_key, const TilePicture& tile) {
-                              result.tiles.push_back(encoder.encode(tile_key, tile));
-                            });
+  result.top = cut_metatile(
+      key, range.zoom, compose_metatile(key, range, layers, feather_px),
+      [&](const TileKey& tile_key, const TileCanvas& tile) { result.tiles.push_back(encoder.encode(tile_key, tile)); });
   return result;
 }
 

@@ -26,8 +26,8 @@ struct EncodedTile {
   Bytes bytes;
 };
 
-// One tile's picture before it is encoded, with the inputs that it came from.
-struct TilePicture {
+// One tile before it is encoded, with the inputs that it came from.
+struct TileCanvas {
   Picture picture;  // kTileSize x kTileSize
   InputShares used;
 };
@@ -37,7 +37,7 @@ class TileEncoder {
  public:
   TileEncoder(const Mission& mission, std::span<const ImageryInput> inputs, TileEncoding encoding);
 
-  EncodedTile encode(const TileKey& key, const TilePicture& tile) const;  // of a tile that shows some ground
+  EncodedTile encode(const TileKey& key, const TileCanvas& tile) const;  // of a tile that shows some ground
 
  private:
   Bytes encoded(const cv::Mat& bgr) const;
@@ -50,7 +50,7 @@ class TileEncoder {
 
 struct Metatile {
   std::vector<EncodedTile> tiles;  // every zoom from the finest to that of the metatile, those that show ground
-  TilePicture top;                 // the one tile that covers it
+  TileCanvas top;                  // the one tile that covers it
 };
 
 // The metatile's ground at the finest zoom, before it is cut into tiles.
@@ -65,8 +65,8 @@ MetatileCanvas compose_metatile(const TileKey& key, const TileRange& range, std:
                                 double feather_px);
 
 // Calls visit for every tile that shows ground, from the finest zoom to that of the metatile. Returns the last one.
-using VisitTile = std::function<void(const TileKey& key, const TilePicture& tile)>;
-TilePicture cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, const VisitTile& visit);
+using VisitTile = std::function<void(const TileKey& key, const TileCanvas& tile)>;
+TileCanvas cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, const VisitTile& visit);
 
 // Both, every tile encoded. layers: in the order of the encoder's inputs.
 Metatile render_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,

@@ -18,7 +18,7 @@ OverviewAssembler::OverviewAssembler(const std::vector<TileKey>& tops, int min_z
   }
 }
 
-void OverviewAssembler::add(const TileKey& key, const TilePicture& tile) {
+void OverviewAssembler::add(const TileKey& key, const TileCanvas& tile) {
   if (key.z <= min_zoom_) return;
   const TileKey parent_key = key.parent();
   Parent& parent = parents_[parent_key];
@@ -33,7 +33,7 @@ void OverviewAssembler::add(const TileKey& key, const TilePicture& tile) {
   tile.picture.mask.copyTo(parent.picture.mask(place));
   for (const auto& [input, pixels] : tile.used) parent.used[input] += pixels;
   if (--parent.missing > 0) return;
-  const TilePicture whole{halved(parent.picture), parent.used};
+  const TileCanvas whole{halved(parent.picture), parent.used};
   parents_.erase(parent_key);
   if (cv::countNonZero(whole.picture.mask) > 0) take_(parent_key, whole);
   add(parent_key, whole);

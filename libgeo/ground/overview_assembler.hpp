@@ -13,12 +13,12 @@ namespace nadir {
 class OverviewAssembler {
  public:
   // Gets every overview that shows ground.
-  using Take = std::function<void(const TileKey& key, const TilePicture& overview)>;
+  using Take = std::function<void(const TileKey& key, const TileCanvas& overview)>;
 
   // tops: every metatile that will be added. Parents down to min_zoom are made.
   OverviewAssembler(const std::vector<TileKey>& tops, int min_zoom, Take take);
 
-  void add(const TileKey& key, const TilePicture& tile);
+  void add(const TileKey& key, const TileCanvas& tile);
 
  private:
   struct Parent {

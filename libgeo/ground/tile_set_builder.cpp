@@ -19,7 +19,7 @@ TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inp
   const std::vector<TileKey> tops = metatiles_of(mission, range);
   const double feather_px = feather_pixels(mission, options.mosaic);
   TileSetWriter writer(options.container, file, mission, range, options.encoding.format);
-  OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TilePicture& overview) {
+  OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TileCanvas& overview) {
     writer.add(encoder.encode(key, overview));
   });
 

@@ -46,7 +46,7 @@ UpdateCounts& UpdateCounts::operator+=(const UpdateCounts& other) {
   return *this;
 }
 
-EncodedTile copy_or_encode(const UpdateWork& work, const TileKey& key, const TilePicture& tile, bool stays,
+EncodedTile copy_or_encode(const UpdateWork& work, const TileKey& key, const TileCanvas& tile, bool stays,
                            UpdateCounts& counts) {
   if (stays) {
     if (std::optional<EncodedTile> copied = work.old.copy(key)) {
@@ -76,7 +76,7 @@ UpdatedMetatile update_metatile(const TileKey& key, const UpdateWork& work, std:
   UpdatedMetatile result;
   result.changed = true;
   result.metatile.top =
-      cut_metatile(key, finest, std::move(canvas), [&](const TileKey& tile_key, const TilePicture& tile) {
+      cut_metatile(key, finest, std::move(canvas), [&](const TileKey& tile_key, const TileCanvas& tile) {
         const bool stays = !changed.contains(tile_key);
         if (!stays) changed.insert(tile_key.parent());
         result.metatile.tiles.push_back(copy_or_encode(work, tile_key, tile, stays, result.counts));

@@ -33,7 +33,7 @@ struct UpdatedMetatile {
 UpdatedMetatile update_metatile(const TileKey& key, const UpdateWork& work, std::span<const LayerReader> readers);
 
 // The old tile when it is to stay and there is one, else the tile anew; counts which of both it was.
-EncodedTile copy_or_encode(const UpdateWork& work, const TileKey& key, const TilePicture& tile, bool stays,
+EncodedTile copy_or_encode(const UpdateWork& work, const TileKey& key, const TileCanvas& tile, bool stays,
                            UpdateCounts& counts);
 
 }  // namespace nadir

@@ -19,7 +19,7 @@ UpdatedTileSet update_tile_set(const Mission& mission, const OldMap& old, const 
   TileSetWriter writer(mbtiles, mission);
   UpdateCounts counts;
   std::set<TileKey> changed;  // overviews above the metatiles
-  OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TilePicture& overview) {
+  OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TileCanvas& overview) {
     const bool stays = !changed.contains(key);
     if (!stays) changed.insert(key.parent());
     writer.add(copy_or_encode(work, key, overview, stays, counts));
