@@ -6,6 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <ostream>
+#include <thread>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -124,6 +125,8 @@ void CacheIndexCommand::setup(Options& options) {
   options.value("--gsd", gsd_m_, "METRES", "resolution of a square; 96 pixels a side when not given")
       .between(0.01, 500);
   options.value("--overlap", overlap_percent_, "PERCENT", "of neighbouring squares").between(0, 90);
+  options.value("--threads", threads_, "N", "all processors when not given; the result does not depend on it")
+      .between(1, 256);
   options.value("--evaluate", evaluate_, "DIR|simulated", "ask the index that is there, and change nothing");
   options.value("--views", views_, "N", "with --evaluate simulated: how many").between(1, 100000);
   options.value("--seed", seed_, "N", "with --evaluate: which views and which errors of heading");
@@ -166,7 +169,11 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
   const std::unique_ptr<TileSource> tiles = open_tile_source(package_ / imagery.path);
   IndexedMap map{tiles.get(), finest_keys(package_ / imagery.path, imagery.tiles->zoom.max), imagery.tiles->merkle_root,
                  mission.takeoff};
-  const PlaceIndexOptions options{footprints_m(mission), gsd_m_, overlap_percent_};
+  const PlaceIndexOptions options{
+      .footprints_m = footprints_m(mission),
+      .gsd_m = gsd_m_,
+      .overlap_percent = overlap_percent_,
+      .threads = threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())))};
   const PlaceIndex index = build_place_index(map, options, context.progress);
   const IndexedPackage indexed = put_index(package_, manifest, mission, index, key ? &*key : nullptr);
   if (indexed.findings.refuses()) {

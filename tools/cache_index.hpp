@@ -35,6 +35,7 @@ class CacheIndexCommand final : public Command {
   std::vector<double> footprints_m_;
   std::optional<double> gsd_m_;
   int overlap_percent_ = 75;
+  std::optional<int> threads_;
   std::optional<std::string> evaluate_;
   std::uint64_t views_ = 200;
   std::uint64_t seed_ = 1;

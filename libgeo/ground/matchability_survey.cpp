@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "base/error.hpp"
-#include "ground/ordered_work.hpp"
+#include "base/ordered_work.hpp"
 #include "imagery/map_window.hpp"
 
 namespace nadir {

@@ -3,10 +3,10 @@
 #include <optional>
 
 #include "base/error.hpp"
+#include "base/ordered_work.hpp"
 #include "ground/build_plan.hpp"
 #include "ground/metatile_record.hpp"
 #include "ground/one_opencv_thread.hpp"
-#include "ground/ordered_work.hpp"
 #include "ground/overview_assembler.hpp"
 
 namespace nadir {

@@ -4,10 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <memory>
 #include <numbers>
 #include <opencv2/core.hpp>
 
 #include "base/error.hpp"
+#include "base/ordered_work.hpp"
 #include "base/random.hpp"
 #include "geodesy/web_mercator.hpp"
 
@@ -24,9 +27,14 @@ std::size_t training_views(std::size_t chunks) { return std::clamp<std::size_t>(
 
 std::int64_t e7(double degrees) { return std::llround(degrees * 1e7); }
 
-PlaceLayer layer_of(double footprint_m, const IndexedMap& map, const PlaceIndexOptions& options) {
+PlaceLayer layer_of(std::size_t number, const IndexedMap& map, const PlaceIndexOptions& options) {
+  const double footprint_m = options.footprints_m[number];
   PlaceLayer layer;
   layer.side_mm = std::llround(footprint_m * 1000);
+  if (number < options.sides_px.size()) {
+    layer.side_px = options.sides_px[number];
+    return layer;
+  }
   const double map_gsd_m = ground_resolution_m(map.keys.front().z, map.origin.lat_deg);
   const double wanted = footprint_m / options.gsd_m.value_or(std::max(map_gsd_m, footprint_m / kSide_px));
   const double side_px = std::clamp(std::floor(wanted + 0.01), 1.0, 256.0);
@@ -82,10 +90,25 @@ std::vector<PlaceChunk> lay_out(const IndexedMap& map, const LocalFrame& frame, 
 
 double valid_share(const cv::Mat& mask) { return cv::countNonZero(mask) / static_cast<double>(mask.total()); }
 
+struct Described {
+  bool valid = false;  // enough of the patch shows ground
+  std::optional<RawPlaceDescriptor> descriptor = std::nullopt;
+};
+
+using Run = std::vector<Described>;
+constexpr std::size_t kRun = 64;
+
+// A picture of the map as a frame may show it.
+struct View {
+  std::size_t chunk = 0;
+  const PlaceLayer* layer = nullptr;
+  PatchPlacement placement;
+};
+
 class Builder {
  public:
   Builder(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress)
-      : map_(map), options_(options), progress_(progress), reader_(*map.tiles, rounded(map.origin)) {
+      : map_(map), options_(options), progress_(progress) {
     table_.imagery_root = map.merkle_root;
     table_.origin_lon_e7 = e7(map.origin.lon_deg);
     table_.origin_lat_e7 = e7(map.origin.lat_deg);
@@ -95,7 +118,7 @@ class Builder {
 
   PlaceIndex run() {
     const LocalFrame frame(table_.origin());
-    for (const double footprint_m : options_.footprints_m) describe(layer_of(footprint_m, map_, options_), frame);
+    for (std::size_t i = 0; i < options_.footprints_m.size(); ++i) describe(layer_of(i, map_, options_), frame);
     if (descriptors_.empty()) {
       throw UsageError({.what = "the map has nothing to index",
                         .expected = "ground with some structure",
@@ -118,26 +141,43 @@ class Builder {
     const std::vector<PlaceChunk> chunks = lay_out(map_, frame, layer, options_.overlap_percent);
     progress_.begin(fmt::format("describing places of {:.0f} m", layer.side_m()), chunks.size(), "places");
     layer.first = table_.chunks.size();
-    for (const PlaceChunk& chunk : chunks) {
-      progress_.advance();
-      const PlacePatch patch = reader_.read(layer, chunk);
-      if (valid_share(patch.mask) < kMinValid) {
-        ++layer.invalid;
-        continue;
-      }
-      const auto descriptor =
-          texture_of(patch) < kMinPlaceTexture ? std::optional<RawPlaceDescriptor>() : describe_place(patch);
-      if (!descriptor) {
-        ++layer.textureless;
-        continue;
-      }
-      if (table_.chunks.size() == kMaxPlaceChunks) throw UsageError({.what = "too many chunks for one index"});
-      table_.chunks.push_back(chunk);
-      descriptors_.push_back(*descriptor);
-    }
+    // Runs of neighbours, because they share decoded tiles.
+    work_in_order<Run>((chunks.size() + kRun - 1) / kRun, options_.threads,
+                       [&]() -> std::function<Run(std::size_t)> {
+                         const auto reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin());
+                         return [&, reader](std::size_t run) {
+                           Run described;
+                           for (std::size_t i = run * kRun; i < std::min(chunks.size(), (run + 1) * kRun); ++i) {
+                             described.push_back(describe(reader->read(layer, chunks[i])));
+                           }
+                           return described;
+                         };
+                       },
+                       [&](std::size_t run, const Run& described) {
+                         for (std::size_t i = 0; i < described.size(); ++i)
+                           add(layer, chunks[run * kRun + i], described[i]);
+                         progress_.advance(described.size());
+                         return true;
+                       });
     layer.count = table_.chunks.size() - layer.first;
     table_.layers.push_back(layer);
     progress_.end();
+  }
+
+  static Described describe(const PlacePatch& patch) {
+    if (valid_share(patch.mask) < kMinValid) return {};
+    if (texture_of(patch) < kMinPlaceTexture) return {.valid = true};
+    return {.valid = true, .descriptor = describe_place(patch)};
+  }
+
+  void add(PlaceLayer& layer, const PlaceChunk& chunk, const Described& described) {
+    if (!described.descriptor) {
+      ++(described.valid ? layer.textureless : layer.invalid);
+      return;
+    }
+    if (table_.chunks.size() == kMaxPlaceChunks) throw UsageError({.what = "too many chunks for one index"});
+    table_.chunks.push_back(chunk);
+    descriptors_.push_back(*described.descriptor);
   }
 
   // The chunks, and pictures of the map as a frame may show it: anywhere, turned, a little larger or smaller.
@@ -145,34 +185,48 @@ class Builder {
     std::vector<RawPlaceDescriptor> samples;
     const std::size_t step = descriptors_.size() / kTrainingChunks + 1;
     for (std::size_t i = 0; i < descriptors_.size(); i += step) samples.push_back(descriptors_[i]);
-    Random random = Random(1).fork("place index training");
-    const std::size_t views = training_views(table_.chunks.size());
-    progress_.begin("learning what tells them apart", views, "views");
-    for (std::size_t i = 0; i < views; ++i) {
-      progress_.advance();
-      const auto chunk = static_cast<std::size_t>(random.uniform() * static_cast<double>(table_.chunks.size()));
-      const PlaceLayer& layer = *std::find_if(table_.layers.begin(), table_.layers.end(),
-                                              [chunk](const auto& one) { return chunk < one.first + one.count; });
-      const MapWindow window = reader_.around(layer, table_.chunks[chunk], 2.1);
-      const double side_px = static_cast<double>(layer.side_px);
-      PatchPlacement placement;
-      placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
-      placement.shift_px = {random.uniform(-0.2, 0.2) * side_px, random.uniform(-0.2, 0.2) * side_px};
-      placement.turn_rad = random.uniform(0, 2 * std::numbers::pi);
-      placement.pixels_per_px = random.uniform(0.9, 1.1);
-      placement.side_px = static_cast<int>(layer.side_px);
-      const PlacePatch patch = PatchCutter(window.image, window.mask, 1).cut(placement);
-      if (valid_share(patch.mask) < kMinValid || texture_of(patch) < kMinPlaceTexture) continue;
-      if (const auto descriptor = describe_place(patch)) samples.push_back(*descriptor);
-    }
+    const std::vector<View> views = draw_views();
+    progress_.begin("learning what tells them apart", views.size(), "views");
+    work_in_order<Described>(
+        views.size(), options_.threads,
+        [&]() -> std::function<Described(std::size_t)> {
+          const auto reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin());
+          return [&, reader](std::size_t view) { return describe(cut(*reader, views[view])); };
+        },
+        [&](std::size_t, const Described& described) {
+          if (described.descriptor) samples.push_back(*described.descriptor);
+          progress_.advance();
+          return true;
+        });
     progress_.end();
     return samples;
+  }
+
+  std::vector<View> draw_views() const {
+    Random random = Random(1).fork("place index training");
+    std::vector<View> views(training_views(table_.chunks.size()));
+    for (View& view : views) {
+      view.chunk = static_cast<std::size_t>(random.uniform() * static_cast<double>(table_.chunks.size()));
+      view.layer = &*std::find_if(table_.layers.begin(), table_.layers.end(),
+                                  [&](const auto& one) { return view.chunk < one.first + one.count; });
+      const double side_px = static_cast<double>(view.layer->side_px);
+      view.placement.shift_px = {random.uniform(-0.2, 0.2) * side_px, random.uniform(-0.2, 0.2) * side_px};
+      view.placement.turn_rad = random.uniform(0, 2 * std::numbers::pi);
+      view.placement.pixels_per_px = random.uniform(0.9, 1.1);
+      view.placement.side_px = static_cast<int>(view.layer->side_px);
+    }
+    return views;
+  }
+
+  PlacePatch cut(ChunkReader& reader, View view) const {
+    const MapWindow window = reader.around(*view.layer, table_.chunks[view.chunk], 2.1);
+    view.placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
+    return PatchCutter(window.image, window.mask, 1).cut(view.placement);
   }
 
   const IndexedMap& map_;
   const PlaceIndexOptions& options_;
   Progress& progress_;
-  ChunkReader reader_;
   PlaceTable table_;
   std::vector<RawPlaceDescriptor> descriptors_;
 };

@@ -12,9 +12,11 @@
 namespace nadir {
 
 struct PlaceIndexOptions {
-  std::vector<double> footprints_m;  // sides of the chunks, one layer each
-  std::optional<double> gsd_m;       // of the patches; by default 96 pixels a side, not finer than the map
-  int overlap_percent = 75;          // of neighbouring chunks, along a side
+  std::vector<double> footprints_m;         // sides of the chunks, one layer each
+  std::optional<double> gsd_m;              // of the patches; by default 96 pixels a side, not finer than the map
+  int overlap_percent = 75;                 // of neighbouring chunks, along a side
+  std::vector<std::int64_t> sides_px = {};  // of the patches, one for each footprint, instead of gsd_m
+  int threads = 1;                          // the result does not depend on it
 };
 
 // The map that is indexed.

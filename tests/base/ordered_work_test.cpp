@@ -1,4 +1,4 @@
-#include "ground/ordered_work.hpp"
+#include "base/ordered_work.hpp"
 
 #include <gtest/gtest.h>
 
