@@ -21,7 +21,8 @@ std::string_view CacheUpdateCommand::details() const {
          "The result is judged as a build's is: gaps, age, resolution, budget. The findings are printed, the exit\n"
          "code is 1 and nothing is left behind. The same inputs and the same key give the same bytes.\n\n"
          "The terrain is that of the old package unless --dem gives another, and newer roots of trust that it carries\n"
-         "travel on. A place index does not: make it anew for the new tiles.";
+         "travel on. A place index belongs to the old tiles: --index makes it anew, with squares of the same sizes.\n"
+         "The container is that of the old package unless --format gives the other one; tiles are copied either way.";
 }
 
 std::string_view CacheUpdateCommand::examples() const {
@@ -39,6 +40,9 @@ void CacheUpdateCommand::setup(Options& options) {
                  "values of 16 bit or float imagery that become black and white, as for `cache build`");
   options.value("--dem", dem_, "FILE", "elevation model instead of the old package's terrain");
   options.value("--quality", quality_, "N", "of JPEG and WebP tiles that are made anew").between(1, 100);
+  options.value("--format", format_, "FORMAT", "container of the tiles, instead of the old package's")
+      .one_of({"mbtiles", "cog"});
+  options.flag("--index", index_, "make the old package's place index anew, for the new tiles");
   options_.setup(options);
   options.value("--key", key_, "KEY.pem", "private key that signs; without it the package stays unsigned");
   options.values("--carry-root", roots_, "N.root.json", "newer root of trust that travels with the package");
@@ -61,6 +65,8 @@ int CacheUpdateCommand::run(Context& context) {
   request.tiles.encoding.quality = quality_;
   request.tiles.mosaic = options_.mosaic();
   request.tiles.threads = options_.threads();
+  if (format_) request.container = *format_ == "cog" ? TileSetKind::cog : TileSetKind::mbtiles;
+  request.index = index_;
   request.key = key ? &*key : nullptr;
   request.roots = roots_;
   request.at = at_;

@@ -31,6 +31,8 @@ class CacheUpdateCommand final : public Command {
   std::vector<std::string> stretches_;
   std::optional<std::filesystem::path> dem_;
   int quality_ = 75;
+  std::optional<std::string> format_;
+  bool index_ = false;
   ImageryOptions options_{"newest"};
   std::optional<std::filesystem::path> key_;
   std::vector<std::filesystem::path> roots_;

@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "ground/package_parts.hpp"
 #include "package/judge.hpp"
 #include "package/sign_package.hpp"
 
@@ -72,16 +73,11 @@ IndexedPackage put_index(const fs::path& package, const Manifest& manifest, cons
   StagingDirectory staging(made);
   const fs::path& folder = staging.path();
   carry_over(whole, manifest, folder);
-  fs::create_directories((folder / kPlaceIndexFile).parent_path());
-  write_file_atomic(folder / kPlaceIndexFile, index.vectors().file());
-  write_file_atomic(folder / kPlaceTableFile, place_table_json(index.table()));
-
   Manifest with = manifest;
   std::erase_if(with.artifacts, [](const Artifact& artifact) {
     return artifact.role == kRolePlaceIndex || artifact.role == kRolePlaceTable;
   });
-  with.artifacts.push_back(describe_file(folder, kPlaceIndexFile, kRolePlaceIndex));
-  with.artifacts.push_back(describe_file(folder, kPlaceTableFile, kRolePlaceTable));
+  for (Artifact& artifact : write_place_index(folder, index)) with.artifacts.push_back(std::move(artifact));
   IndexedPackage result;
   for (const Artifact& artifact : with.artifacts) result.bytes += artifact.size;
   result.index_bytes = with.artifacts[with.artifacts.size() - 2].size + with.artifacts.back().size;

@@ -8,6 +8,7 @@
 #include "ground/terrain_builder.hpp"
 #include "package/judge_terrain.hpp"
 #include "package/sign_package.hpp"
+#include "vision/place_index.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -86,9 +87,21 @@ void complete_package(const fs::path& folder, const PackageParts& parts, Progres
   if (cog) manifest.artifacts.push_back(describe_file(folder, kSidecarFile, kRoleSidecars));
   manifest.artifacts.push_back(describe_file(folder, kMissionFile, kRoleMission));
   if (parts.terrain) manifest.artifacts.push_back(describe_file(folder, kTerrainFile, kRoleTerrain));
+  if (parts.index != nullptr) {
+    for (Artifact& artifact : write_place_index(folder, *parts.index))
+      manifest.artifacts.push_back(std::move(artifact));
+  }
   write_manifest(folder, manifest);
   if (parts.key != nullptr) sign_package(folder, *parts.key);
   progress.advance();
+}
+
+std::vector<Artifact> write_place_index(const fs::path& folder, const PlaceIndex& index) {
+  fs::create_directories((folder / kPlaceIndexFile).parent_path());
+  write_file_atomic(folder / kPlaceIndexFile, index.vectors().file());
+  write_file_atomic(folder / kPlaceTableFile, place_table_json(index.table()));
+  return {describe_file(folder, kPlaceIndexFile, kRolePlaceIndex),
+          describe_file(folder, kPlaceTableFile, kRolePlaceTable)};
 }
 
 std::uint64_t package_size(const fs::path& folder) {

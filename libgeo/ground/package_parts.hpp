@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/finding.hpp"
 #include "base/progress.hpp"
@@ -33,6 +34,8 @@ void check_terrain_wanted(const Mission& mission, const std::filesystem::path& m
 std::optional<TerrainRaster> prepare_terrain(const Mission& mission, const std::filesystem::path& mission_file,
                                              const std::optional<std::filesystem::path>& dem, Findings& findings);
 
+class PlaceIndex;
+
 struct PackageParts {
   const Mission& mission;
   const std::string& mission_text;
@@ -40,10 +43,14 @@ struct PackageParts {
   const std::optional<TerrainRaster>& terrain;
   const RootChain& roots;
   const PrivateKey* key = nullptr;  // null: unsigned
+  const PlaceIndex* index = nullptr;
 };
 
-// Writes mission, terrain, roots, manifest and, last, the signature: two steps of progress.
+// Writes mission, terrain, place index, roots, manifest and, last, the signature: two steps of progress.
 void complete_package(const std::filesystem::path& folder, const PackageParts& parts, Progress& progress);
+
+// Writes the two files of a place index; the artifacts that the manifest has to name.
+std::vector<Artifact> write_place_index(const std::filesystem::path& folder, const PlaceIndex& index);
 
 std::uint64_t package_size(const std::filesystem::path& folder);  // of its files, without a build's journal
 

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "base/error.hpp"
@@ -10,8 +12,11 @@
 #include "ground/open_imagery.hpp"
 #include "ground/package_parts.hpp"
 #include "ground/update_old_package.hpp"
+#include "ground/update_place_index.hpp"
 #include "ground/update_tile_set.hpp"
+#include "imagery/lossless_webp.hpp"
 #include "package/judge.hpp"
+#include "package/tile_container.hpp"
 
 namespace nadir {
 namespace {
@@ -43,22 +48,16 @@ TileRange range_of(const Mission& mission, std::vector<ImageryInput> rasters, co
   return plan_range(mission, rasters);
 }
 
-ImageFormat format_of(const fs::path& package, const Artifact& imagery) {
-  if (!imagery.path.ends_with(".mbtiles")) {
-    throw UsageError({.what = "only packages with tiles in MBTiles are updated",
-                      .where = package,
-                      .expected = std::string(kImageryFile),
-                      .found = imagery.path,
-                      .fix = "build the package anew with `nadir cache build --format cog`"});
-  }
-  const auto format = parse_image_format(imagery.tiles->format);
-  if (!format) throw Error({.what = "unknown tile format", .where = package, .found = imagery.tiles->format});
-  return *format;
-}
-
 void tell_what_stays_behind(const UpdateRequest& request, const OldPackage& old, const TrustRoot& newest) {
+  if (!request.index && old.manifest->artifact(kRolePlaceTable) != nullptr) {
+    request.tell(
+        "the place index is not carried over, because it belongs to the old tiles: give --index, or make it "
+        "afterwards with `nadir cache index`");
+  }
   for (const Artifact& artifact : old.manifest->artifacts) {
-    if (artifact.role == kRoleImagery || artifact.role == kRoleMission || artifact.role == kRoleTerrain) continue;
+    constexpr std::array kKnown{kRoleImagery, kRoleSidecars,   kRoleMission,
+                                kRoleTerrain, kRolePlaceIndex, kRolePlaceTable};
+    if (std::find(kKnown.begin(), kKnown.end(), artifact.role) != kKnown.end()) continue;
     request.tell(fmt::format("{} is not carried over: it has to be made anew for the new tiles", artifact.path));
   }
   if (request.key == nullptr) return;
@@ -66,6 +65,29 @@ void tell_what_stays_behind(const UpdateRequest& request, const OldPackage& old,
   if (newest.package_signer.key_ids.contains(id) && !newest.revoked.contains(id)) return;
   request.tell(fmt::format("root version {} does not let key {} sign packages: aircraft will refuse this one",
                            newest.version, id));
+}
+
+// Tiles are copied, so what is encoded anew has to be like them.
+TileSetOptions options_after(const UpdateRequest& request, const Artifact& imagery, const std::vector<Sidecar>& tiles) {
+  const auto format = parse_image_format(imagery.tiles->format);
+  if (!format) {
+    throw Error({.what = "unknown tile format", .where = request.old_package, .found = imagery.tiles->format});
+  }
+  TileSetOptions options = request.tiles;
+  options.container = request.container.value_or(imagery.path == kCogFile ? TileSetKind::cog : TileSetKind::mbtiles);
+  options.encoding.format = *format;
+  if (*format == ImageFormat::webp && !tiles.empty()) {
+    const std::unique_ptr<TileSource> source = open_tile_source(request.old_package / imagery.path);
+    options.encoding.lossless = is_lossless_webp(source->read(tiles.back().key).value_or(Bytes{}));
+  }
+  if (*format == ImageFormat::png && options.container == TileSetKind::cog) {
+    throw UsageError({.what = "PNG tiles cannot be put into a COG as they are",
+                      .where = request.old_package,
+                      .expected = "JPEG or WebP tiles, because TIFF knows no PNG",
+                      .found = "png",
+                      .fix = "leave --format away, or build anew: nadir cache build --format cog --tile-format png"});
+  }
+  return options;
 }
 
 TrustRoot newest_of(const RootChain& roots, const TrustRoot& known) {
@@ -96,8 +118,9 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   if (!dem && !mission.terrain.flat) dem = old_terrain(request.old_package, *old.manifest, findings);
   if (findings.refuses()) return report;
   const Artifact& imagery = *old.manifest->artifact(kRoleImagery);
-  TileSetOptions options = request.tiles;
-  options.encoding.format = format_of(request.old_package, imagery);
+  const TileSetOptions options = options_after(request, imagery, old.tiles);
+  std::optional<PlaceTable> old_index;
+  if (request.index) old_index = old_place_table(request.old_package, *old.manifest);
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
   const RootChain roots = read_root_chain(request.roots, old.roots, request.trust);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, dem, findings);
@@ -109,14 +132,21 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   const UpdateLayers layers(rasters, map, options.mosaic.order);
   StagingDirectory staging(request.out);
   const fs::path& folder = staging.path();
-  fs::create_directories(folder / fs::path(kImageryFile).parent_path());
-  const UpdatedTileSet updated = update_tile_set(mission, map, layers, range, options, folder / kImageryFile, progress);
+  const fs::path file = folder / file_of(options.container);
+  fs::create_directories(file.parent_path());
+  const UpdatedTileSet updated = update_tile_set(mission, map, layers, range, options, file, progress);
   findings.add(map.findings());
   if (updated.set.over_budget) findings.add(judge_budget(mission, updated.set.tile_bytes));
   if (findings.refuses()) return report;
 
+  std::optional<PlaceIndex> index;
+  if (old_index) {
+    index = remake_place_index(*old_index, file, updated.set, mission.takeoff, options.threads, progress);
+  }
   progress.begin("completing the package", 3, "steps");
-  complete_package(folder, {mission, mission_text, updated.set.facts, terrain, roots, request.key}, progress);
+  complete_package(folder,
+                   {mission, mission_text, updated.set.facts, terrain, roots, request.key, index ? &*index : nullptr},
+                   progress);
   report.counts = updated.counts;
   report.package.tiles = updated.set.facts.count;
   report.package.merkle_root = updated.set.facts.merkle_root;

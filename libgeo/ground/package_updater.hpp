@@ -17,7 +17,9 @@ struct UpdateRequest {
   ImageryOverrides overrides;
   std::vector<StretchWish> stretches;        // none, one for all, or one for each
   std::optional<std::filesystem::path> dem;  // instead of the old package's terrain
-  TileSetOptions tiles;                      // the format is that of the old package
+  TileSetOptions tiles;                      // container and format are taken from the old package
+  std::optional<TileSetKind> container;      // instead of the old package's
+  bool index = false;                        // the old package's place index is made anew for the new tiles
   const PrivateKey* key = nullptr;           // null: unsigned
   std::vector<std::filesystem::path> roots;  // newer roots of trust, besides those that the old package carries
   std::optional<UtcTime> at;                 // judged at; the mission's `created` by default

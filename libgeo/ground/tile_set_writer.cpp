@@ -58,9 +58,6 @@ TileSetFacts facts_of(const Mission& mission, const std::vector<Sidecar>& sideca
 
 std::string_view file_of(TileSetKind kind) { return kind == TileSetKind::cog ? kCogFile : kImageryFile; }
 
-TileSetWriter::TileSetWriter(const std::filesystem::path& mbtiles, const Mission& mission)
-    : mission_(mission), file_(mbtiles), mbtiles_(std::in_place, mbtiles) {}
-
 TileSetWriter::TileSetWriter(TileSetKind kind, std::filesystem::path file, const Mission& mission,
                              const TileRange& range, ImageFormat format)
     : mission_(mission), file_(std::move(file)) {

@@ -29,7 +29,6 @@ struct TileSet {
 
 class TileSetWriter {
  public:
-  TileSetWriter(const std::filesystem::path& mbtiles, const Mission& mission);
   // format, range: as for finish(), which a COG has to know at once. Throws UsageError when a COG cannot hold the
   // zooms.
   TileSetWriter(TileSetKind kind, std::filesystem::path file, const Mission& mission, const TileRange& range,

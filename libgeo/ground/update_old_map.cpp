@@ -18,8 +18,8 @@ Picture nothing() {
 
 }  // namespace
 
-OldMap::OldMap(const std::filesystem::path& mbtiles, std::vector<Sidecar> sidecars, const Mission& mission)
-    : tiles_(mbtiles, std::move(sidecars)), mission_(mission), frame_(mission_frame(mission)) {}
+OldMap::OldMap(const std::filesystem::path& tiles, std::vector<Sidecar> sidecars, const Mission& mission)
+    : tiles_(tiles, std::move(sidecars)), mission_(mission), frame_(mission_frame(mission)) {}
 
 std::optional<EncodedTile> OldMap::copy(const TileKey& key) const {
   const Sidecar* sidecar = tiles_.sidecar(key);

@@ -16,8 +16,9 @@ namespace nadir {
 
 class OldMap {
  public:
-  // sidecars: verified, in the order of TileKey. mission: the new one, which names the sectors anew.
-  OldMap(const std::filesystem::path& mbtiles, std::vector<Sidecar> sidecars, const Mission& mission);
+  // tiles: an MBTiles file or a COG. sidecars: verified, in the order of TileKey. mission: the new one, which names the
+  // sectors anew.
+  OldMap(const std::filesystem::path& tiles, std::vector<Sidecar> sidecars, const Mission& mission);
 
   const std::vector<Sidecar>& sidecars() const { return tiles_.sidecars(); }
   const Sidecar* sidecar(const TileKey& key) const { return tiles_.sidecar(key); }

@@ -2,21 +2,21 @@
 
 #include <set>
 
+#include "base/ordered_work.hpp"
 #include "ground/build_plan.hpp"
 #include "ground/one_opencv_thread.hpp"
-#include "ground/ordered_work.hpp"
 #include "ground/overview_assembler.hpp"
 
 namespace nadir {
 
 UpdatedTileSet update_tile_set(const Mission& mission, const OldMap& old, const UpdateLayers& layers,
-                               const TileRange& range, const TileSetOptions& options,
-                               const std::filesystem::path& mbtiles, Progress& progress) {
+                               const TileRange& range, const TileSetOptions& options, const std::filesystem::path& file,
+                               Progress& progress) {
   const OneOpenCvThread one_thread;
   const TileEncoder encoder(mission, layers.inputs(), options.encoding);
   const UpdateWork work{old, layers, range, encoder, feather_pixels(mission, options.mosaic)};
   const std::vector<TileKey> tops = metatiles_of(mission, range);
-  TileSetWriter writer(mbtiles, mission);
+  TileSetWriter writer(options.container, file, mission, range, options.encoding.format);
   UpdateCounts counts;
   std::set<TileKey> changed;  // overviews above the metatiles
   OverviewAssembler overviews(tops, mission.zoom.min, [&](const TileKey& key, const TileCanvas& overview) {

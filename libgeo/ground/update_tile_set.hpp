@@ -1,5 +1,5 @@
-// The tiles of an old package and new imagery to a new MBTiles file. The same inputs give the same bytes for any number
-// of threads; an update whose imagery covers everything gives the bytes of a build.
+// The tiles of an old package and new imagery to a new MBTiles file or COG. The same inputs give the same bytes for any
+// number of threads; an update whose imagery covers everything gives the bytes of a build.
 #pragma once
 
 #include <filesystem>
@@ -15,9 +15,9 @@ struct UpdatedTileSet {
   UpdateCounts counts;
 };
 
-// What reading the old tiles met is in old.findings() afterwards. options.encoding.format: the old one's.
+// What reading the old tiles met is in old.findings() afterwards. options.encoding: as the old tiles are.
 UpdatedTileSet update_tile_set(const Mission& mission, const OldMap& old, const UpdateLayers& layers,
-                               const TileRange& range, const TileSetOptions& options,
-                               const std::filesystem::path& mbtiles, Progress& progress);
+                               const TileRange& range, const TileSetOptions& options, const std::filesystem::path& file,
+                               Progress& progress);
 
 }  // namespace nadir

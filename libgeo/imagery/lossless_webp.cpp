@@ -1,10 +1,17 @@
 #include "imagery/lossless_webp.hpp"
 
+#include <webp/decode.h>
 #include <webp/encode.h>
 
 #include "base/error.hpp"
 
 namespace nadir {
+
+bool is_lossless_webp(ByteView bytes) {
+  WebPBitstreamFeatures features;
+  constexpr int kLossless = 2;
+  return WebPGetFeatures(bytes.data(), bytes.size(), &features) == VP8_STATUS_OK && features.format == kLossless;
+}
 
 Bytes encode_lossless_webp(const cv::Mat& image) {
   if (image.type() != CV_8UC3) throw Error({.what = "only BGR pictures become lossless WebP"});

@@ -10,4 +10,7 @@ namespace nadir {
 // image: CV_8UC3 (BGR). The same picture gives the same bytes.
 Bytes encode_lossless_webp(const cv::Mat& image);
 
+// Whether the bytes are such a picture; false for anything else.
+bool is_lossless_webp(ByteView bytes);
+
 }  // namespace nadir

@@ -139,6 +139,16 @@ Disc disc_around(const LocalFrame& frame, const TileKey& key) {
   return disc;
 }
 
+void add_all_below(const TileKey& key, int zoom, std::vector<TileKey>& keys) {
+  const int steps = zoom - key.z;
+  const std::uint32_t across = std::uint32_t{1} << steps;
+  for (std::uint32_t x = key.x << steps, column = 0; column < across; ++x, ++column) {
+    for (std::uint32_t y = key.y << steps, row = 0; row < across; ++y, ++row) {
+      keys.push_back({static_cast<std::uint8_t>(zoom), x, y});
+    }
+  }
+}
+
 void descend(const TileNeed& need, const LocalFrame& frame, const TileKey& key, int zoom, std::vector<TileKey>& keys) {
   if (key.z == zoom) {
     if (need.needs(TileFootprint(frame, key))) keys.push_back(key);
@@ -146,6 +156,7 @@ void descend(const TileNeed& need, const LocalFrame& frame, const TileKey& key, 
   }
   const Disc disc = disc_around(frame, key);
   if (!need.may_meet(disc.centre, disc.radius_m)) return;
+  if (need.holds(disc.centre, disc.radius_m)) return add_all_below(key, zoom, keys);
   for (const std::uint32_t x : {2 * key.x, 2 * key.x + 1}) {
     for (const std::uint32_t y : {2 * key.y, 2 * key.y + 1}) {
       descend(need, frame, {static_cast<std::uint8_t>(key.z + 1), x, y}, zoom, keys);

@@ -45,6 +45,9 @@ class TileNeed {
   // Whether a disc reaches into the region; may be true where it only nearly does.
   bool may_meet(PlanePoint centre, double radius_m) const { return classify(centre, radius_m) != Place::outside; }
 
+  // Whether a disc lies wholly in one part of the region.
+  bool holds(PlanePoint centre, double radius_m) const { return classify(centre, radius_m) == Place::inside; }
+
   const Region& region() const { return region_; }
 
  private:
