@@ -17,6 +17,7 @@ namespace {
 constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 31;
 constexpr std::uint64_t kMaxBlockSide = 4096;
 constexpr std::uint64_t kMaxBlocks = std::uint64_t{1} << 24;
+constexpr std::int64_t kMaxTiles = std::int64_t{1} << 26;  // that large blocks are cut into: a list of 800 MB
 constexpr double kPixelTolerance = 0.02;  // how far a pixel may lie from its place on the grid, in pixels
 
 class Reader {
@@ -200,6 +201,8 @@ class Reader {
     blocks.down = (blocks.height + blocks.form.height - 1) / blocks.form.height;
     const auto count = static_cast<std::uint64_t>(blocks.across) * static_cast<std::uint64_t>(blocks.down);
     if (count > kMaxBlocks) refuse_layout(fmt::format("at most {} blocks", kMaxBlocks), std::to_string(count));
+    const std::int64_t tiles = (blocks.width / kTileSize + 1) * (blocks.height / kTileSize + 1);
+    if (tiles > kMaxTiles) refuse_layout(fmt::format("at most {} tiles", kMaxTiles), std::to_string(tiles));
     blocks.places = file_.numbers(directory, tiff::kTileOffsets, count);
     blocks.sizes = file_.numbers(directory, tiff::kTileSizes, count);
     if (blocks.places.size() != count || blocks.sizes.size() != count) {

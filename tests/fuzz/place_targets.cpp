@@ -4,10 +4,26 @@
 #include "vision/place_table.hpp"
 
 namespace nadir::fuzz {
+namespace {
+
+// A sound table holds 264 kB of coefficients, which no fuzzer gets right by chance, and no corpus should have to keep:
+// "basis":"*" and "mean":"*" stand for as many zeros as there have to be.
+std::string filled_in(std::string text) {
+  const auto fill = [&](std::string_view mark, std::size_t numbers) {
+    const std::size_t at = text.find(mark);
+    if (at != std::string::npos)
+      text.replace(at + mark.size() - 2, 1, std::string(numbers * sizeof(float) / 3 * 4, 'A'));
+  };
+  fill(R"("basis":"*")", kRawPlaceSize * kPlaceSize);
+  fill(R"("mean":"*")", kRawPlaceSize);
+  return text;
+}
+
+}  // namespace
 
 void place_table(std::string_view bytes) {
   refusing([&] {
-    const PlaceTable first = parse_place_table(bytes, "fuzz");
+    const PlaceTable first = parse_place_table(filled_in(std::string(bytes)), "fuzz");
     std::size_t chunks = 0;
     for (const PlaceLayer& layer : first.layers) chunks += layer.count;
     require(chunks == first.chunks.size(), "layers that do not hold the chunks");

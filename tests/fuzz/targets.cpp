@@ -3,11 +3,23 @@
 namespace nadir::fuzz {
 
 const std::vector<Target>& targets() {
-  static const std::vector<Target> all{
-      {"root", root},       {"envelope", envelope}, {"manifest", manifest},   {"mission", mission},
-      {"state", state},     {"permit", permit},     {"terrain", terrain},     {"stac_item", stac_item},
-      {"kml", kml},         {"geojson", geojson},   {"camera", camera},       {"telemetry", telemetry},
-      {"picture", picture}, {"mbtiles", mbtiles},   {"tile_rows", tile_rows}, {"place_table", place_table}};
+  static const std::vector<Target> all{{"root", root},
+                                       {"envelope", envelope},
+                                       {"manifest", manifest},
+                                       {"mission", mission},
+                                       {"state", state},
+                                       {"permit", permit},
+                                       {"terrain", terrain},
+                                       {"stac_item", stac_item},
+                                       {"kml", kml},
+                                       {"geojson", geojson},
+                                       {"camera", camera},
+                                       {"telemetry", telemetry},
+                                       {"picture", picture},
+                                       {"mbtiles", mbtiles},
+                                       {"tile_rows", tile_rows},
+                                       {"cog", cog},
+                                       {"place_table", place_table}};
   return all;
 }
 

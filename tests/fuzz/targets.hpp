@@ -27,6 +27,7 @@ void picture(std::string_view bytes);  // JPEG, PNG, WebP
 
 void mbtiles(std::string_view bytes);    // a file's bytes
 void tile_rows(std::string_view bytes);  // rows of a sound SQLite file, in any types
+void cog(std::string_view bytes);
 
 void place_table(std::string_view bytes);
 

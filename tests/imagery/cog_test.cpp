@@ -5,7 +5,10 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "geodesy/angles.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "imagery/cog_reader.hpp"
+#include "imagery/cog_tags.hpp"
 #include "imagery/cog_tiles.hpp"
 #include "imagery/lossless_webp.hpp"
 #include "support/process.hpp"
@@ -156,6 +159,34 @@ TEST(CogReading, HugeCountsAndPlacesAllocateNothing) {
       }
     }
   }
+}
+
+// Blocks of 4096 pixels are 256 tiles each: a file of some megabytes could make a list of gigabytes.
+TEST(CogReading, MoreTilesThanAListOfThemMayHoldAreRefused) {
+  const auto file_of = [](std::uint32_t blocks) {
+    const std::uint32_t side = blocks * 4096;
+    const double half_m = kPi * kMercatorRadius_m, pixel_m = half_m / (1 << 21);  // zoom 14 has 2²² pixels a side
+    const std::vector<std::uint32_t> nothing(std::size_t{blocks} * blocks);
+    TiffTags tags(false);
+    tags.long_(tiff::kWidth, side);
+    tags.long_(tiff::kHeight, side);
+    tags.shorts(tiff::kBitsPerSample, {8});
+    tags.shorts(tiff::kCompression, {tiff::kDeflate});
+    tags.shorts(tiff::kPhotometric, {tiff::kGrey});
+    tags.shorts(tiff::kTileWidth, {4096});
+    tags.shorts(tiff::kTileHeight, {4096});
+    tags.longs(tiff::kTileOffsets, nothing);
+    tags.longs(tiff::kTileSizes, nothing);
+    tags.doubles(tiff::kPixelScale, {pixel_m, pixel_m, 0});
+    tags.doubles(tiff::kTiepoint, {0, 0, 0, -half_m, half_m, 0});
+    tags.shorts(tiff::kGeoKeys, {1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 3857});
+    Bytes file = tiff_header(false, 8);
+    const Bytes directory = tags.write(8, 0);
+    file.insert(file.end(), directory.begin(), directory.end());
+    return file;
+  };
+  EXPECT_STREQ(code_of(file_of(16)), "");
+  EXPECT_STREQ(code_of(file_of(1024)), "tiff.layout");
 }
 
 TEST(CogReading, CutsAndFlipsAreErrorsOrOtherTiles) {
