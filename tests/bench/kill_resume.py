@@ -1,78 +1,90 @@
 #!/usr/bin/env python3
-"""Kills `nadir cache build` at random moments: never a package under the final name, and --resume ends identical.
+"""Kills `nadir cache build` (SIGKILL) at random moments: never another package under the final name, and --resume always
+ends identical to a build that nobody disturbed. Every third resume is killed as well, and resumed once more.
 
-Every third run the resume is killed as well, and resumed once more. Whatever lies under the final name must be the whole
-package. More options of the build come after "--":
-
-  kill_resume.py NADIR MISSION.yaml MAP.tif [TIMES] [SEED] [-- --dem dem.tif --format cog]
-"""
+  tests/bench/kill_resume.py [--times 50] [--seed N] [--containers mbtiles cog]
+  tests/bench/kill_resume.py --mission mission.yaml --imagery map.tif [-- --dem dem.tif --threads 1]"""
+import argparse
 import filecmp
-import os
 import pathlib
 import random
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 
-
-def files_of(folder):
-    return sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+from measured import BUILD, make_keys, make_world, must
 
 
 def same(a, b):
-    return files_of(a) == files_of(b) and all(filecmp.cmp(a / f, b / f, shallow=False) for f in files_of(a))
+    files = [sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file()) for folder in (a, b)]
+    return files[0] == files[1] and all(filecmp.cmp(a / f, b / f, shallow=False) for f in files[0])
+
+
+class Killer:
+    def __init__(self, work, command, generator):
+        self.whole, self.out = work / "whole", work / "package"
+        self.command, self.generator = command, generator
+        self.took_s = must([*command, "--out", self.whole]).wall_s
+
+    def killed(self, *options):
+        """Whether the kill came before the package was there; what is there must be whole."""
+        process = subprocess.Popen([str(c) for c in [*self.command, "--out", self.out, *options]],
+                                   stdout=subprocess.DEVNULL)
+        time.sleep(self.generator.uniform(0, self.took_s))
+        process.kill()
+        process.wait()
+        if process.returncode == 0 and not self.out.exists():
+            raise SystemExit("the build ended well without a package")
+        self.check("a killed build")
+        return not self.out.exists()
+
+    def check(self, what):
+        if self.out.exists() and not same(self.out, self.whole):
+            raise SystemExit(f"{what} left another package under the final name")
+
+    def round(self, also_the_resume):
+        """How many builds and how many resumes were killed before their end."""
+        first = self.killed()
+        second = first and also_the_resume and self.killed("--resume")
+        if not self.out.exists():
+            must([*self.command, "--out", self.out, "--resume"])
+            self.check("a resumed build")
+        shutil.rmtree(self.out)
+        return first, second
 
 
 def main():
-    own, more = sys.argv[1:], []
-    if "--" in own:
-        own, more = own[:own.index("--")], own[own.index("--") + 1:]
-    if len(own) < 3:
-        sys.exit(__doc__)
-    nadir, mission, imagery = own[:3]
-    times = int(own[3]) if len(own) > 3 else 50
-    generator = random.Random(int(own[4]) if len(own) > 4 else 1)
-    with tempfile.TemporaryDirectory() as name:
-        folder = pathlib.Path(name)
-        key = folder / "key.pem"
-        subprocess.run(["openssl", "genpkey", "-algorithm", "ed25519", "-out", key], check=True)
-        os.chmod(key, 0o600)
-        whole, out = folder / "whole", folder / "package"
-
-        def command(to, *options):
-            return [nadir, "cache", "build", "--mission", mission, "--imagery", imagery, "--key", key, "--out", to,
-                    "--quiet", *more, *options]
-
-        def killed(run, *options):
-            """Whether the kill came before the package was there; what is there must be whole."""
-            process = subprocess.Popen(command(out, *options), stdout=subprocess.DEVNULL)
-            time.sleep(generator.uniform(0, took_s))
-            process.kill()
-            process.wait()
-            if process.returncode == 0 and not out.exists():
-                sys.exit(f"run {run}: the build ended well without a package")
-            if out.exists() and not same(out, whole):
-                sys.exit(f"run {run}: another package under the final name")
-            return not out.exists()
-
-        begun = time.monotonic()
-        subprocess.run(command(whole), check=True, stdout=subprocess.DEVNULL)
-        took_s = time.monotonic() - begun
-        first = second = 0
-        for run in range(times):
-            if killed(run):
-                first += 1
-                if run % 3 == 0 and killed(run, "--resume"):
-                    second += 1
-            if not out.exists():
-                subprocess.run(command(out, "--resume"), check=True, stdout=subprocess.DEVNULL)
-                if not same(out, whole):
-                    sys.exit(f"run {run}: the resumed package differs")
-            shutil.rmtree(out)
-        print(f"{times} runs of {took_s:.1f} s, {first} killed before their end, {second} of them killed again while they "
-              "resumed: never another package under the final name, every resumed one identical")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--nadir", type=pathlib.Path, default=BUILD / "nadir")
+    parser.add_argument("--times", type=int, default=50, help="builds killed before their end, per container")
+    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6))
+    parser.add_argument("--containers", nargs="+", default=["mbtiles", "cog"])
+    parser.add_argument("--mission", type=pathlib.Path)
+    parser.add_argument("--imagery", type=pathlib.Path)
+    parser.add_argument("more", nargs="*", help="options of the build, after --")
+    options = parser.parse_args()
+    print(f"seed {options.seed}", flush=True)
+    with tempfile.TemporaryDirectory(prefix="nadir-bench.") as folder:
+        work = pathlib.Path(folder)
+        make_keys(options.nadir, work)
+        world = work / "world"
+        if not options.imagery:
+            make_world(options.nadir, world, 1)
+            options.more += ["--dem", world / "dem.tif"]
+        for container in options.containers:
+            command = [options.nadir, "cache", "build", "--mission", options.mission or world / "mission.yaml",
+                       "--imagery", options.imagery or world / "map.tif", "--key", work / "signer.key.pem", "--format",
+                       container, "--quiet", *options.more]
+            killer = Killer(work, command, random.Random(f"{options.seed} {container}"))
+            begun, runs, killed, resumes_killed = time.monotonic(), 0, 0, 0
+            while killed < options.times and runs < 3 * options.times:
+                first, second = killer.round(runs % 3 == 0)
+                runs, killed, resumes_killed = runs + 1, killed + first, resumes_killed + second
+            print(f"{container}: {runs} builds of {killer.took_s:.1f} s, {killed} killed before their end, "
+                  f"{resumes_killed} of them killed again while they resumed: never another package under the final "
+                  f"name, every resumed one identical ({time.monotonic() - begun:.0f} s)", flush=True)
+            shutil.rmtree(killer.whole)
 
 
 if __name__ == "__main__":

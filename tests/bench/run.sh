@@ -1,39 +1,56 @@
 #!/usr/bin/env bash
-# Figures against the tools that a user would pick instead, run side by side on a landscape that the bench makes itself.
-# Ratios count, not seconds: machines differ.   usage: ./run bench
+# Figures against the tools that a user would pick instead, run side by side. docs/benchmarks.md says what each part
+# compares and what it said last. Ratios count, not seconds: machines differ.
+#
+# usage: ./run bench [PART [OPTIONS]]
 set -euo pipefail
-nadir=$PWD/build/bin/nadir
-work=$(mktemp -d "${TMPDIR:-/tmp}/nadir-bench.XXXXXX")
-trap 'rm -rf "$work"' EXIT
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+cd "$here/../.."
+[[ -z ${NADIR_BENCH_VENV:-} ]] || PATH=$PATH:$NADIR_BENCH_VENV/bin
 
-cpu_seconds() { # user + system seconds of a command and its children
-  local TIMEFORMAT='%U %S'
-  { time "$@" >"$work/out" 2>"$work/err"; } 2>&1 | tail -n 1 | awk '{ print $1 + $2 }'
+usage() {
+  cat <<'TEXT'
+usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
+
+  package       tile sets from one picture: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
+  validators    what validators say about damaged tile sets and about Nadir's own
+  kill          builds and resumes killed at random moments
+  area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
+  large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
+  localization  a flight of sixty frames over a landscape of another day
+
+Without PART: package, validators, kill and localization with small inputs (5 minutes).
+NADIR_BENCH_VENV=DIR: a Python virtual environment with rio-mbtiles and rio-cogeo. mbtiles and pmtiles are taken from
+PATH. What is missing says NOT RUN.
+TEXT
 }
-tiles_in() { sqlite3 "$1" 'select count(*), sum(length(tile_data)) from tiles' | tr '|' ' '; }
 
-echo "== package: JPEG tiles and overviews, against gdal_translate -of MBTILES + gdaladdo"
-"$nadir" simulate world --seed 1 --size-km 2 --gsd-m 0.4 --out "$work/world" --quiet >/dev/null
-"$nadir" keys create --out "$work/signer" >/dev/null
-ours=$(cpu_seconds "$nadir" cache build --mission "$work/world/mission.yaml" --imagery "$work/world/map.tif" \
-  --dem "$work/world/dem.tif" --quality 75 --key "$work/signer.key.pem" --out "$work/package")
-theirs=$(cpu_seconds bash -c "gdal_translate -q -of MBTILES -co TILE_FORMAT=JPEG -co QUALITY=75 '$work/world/map.tif' '$work/gdal.mbtiles' &&
-  gdaladdo -q -r average '$work/gdal.mbtiles' 2 4 8 16")
-read -r our_tiles our_bytes < <(tiles_in "file:$work/package/imagery/base.mbtiles?immutable=1")
-read -r their_tiles their_bytes < <(tiles_in "$work/gdal.mbtiles")
-awk -v a="$ours" -v n="$our_tiles" -v s="$our_bytes" -v b="$theirs" -v m="$their_tiles" -v t="$their_bytes" 'BEGIN {
-  printf "nadir (checks, hashes and signs too)  %5d tiles  %6.1f CPU s  %6.0f bytes a tile\n", n, a, s / n
-  printf "gdal_translate + gdaladdo             %5d tiles  %6.1f CPU s  %6.0f bytes a tile\n", m, b, t / m
-  printf "tiles per CPU second, ratio %.2f; bytes a tile, ratio %.2f\n", n / a / (m / b), s / n / (t / m) }'
+programs() { # the ones that nothing but a bench needs
+  cmake --build build --target bench_programs -- --quiet
+}
 
-echo "== localization: a flight of sixty frames over the day's landscape, against the satellite's"
-"$nadir" keys create --out "$work/root" >/dev/null
-"$nadir" keys root --root-key "$work/root.key.pem" --package-signer "$work/signer.pub.pem" --expires 2035-01-01 \
-  --out "$work/root.json" >/dev/null
-"$nadir" simulate flight --world "$work/world/ground.tif" --dem "$work/world/dem.tif" --mission "$work/world/mission.yaml" \
-  --camera "$work/world/camera.yaml" --seed 2 --noise real --out "$work/flight" --quiet >/dev/null
-start=$(awk -F, 'NR == 1 { for (i = 1; i <= NF; ++i) column[$i] = i }
-  NR == 2 { print $column["lon_deg"] "," $column["lat_deg"]; exit }' "$work/flight/truth.csv")
-"$nadir" replay --package "$work/package" --trust "$work/root.json" --at "$(sed -n 's/^created: *//p' "$work/world/mission.yaml")" \
-  --frames "$work/flight/frames" --telemetry "$work/flight/telemetry.csv" --camera "$work/world/camera.yaml" \
-  --truth "$work/flight/truth.csv" --start="$start" --out "$work/report" --quiet
+part() {
+  local name=$1
+  shift
+  echo "== $name"
+  case $name in
+    package)      programs && python3 "$here/package.py" "$@" ;;
+    validators)   python3 "$here/validators.py" "$@" ;;
+    kill)         python3 "$here/kill_resume.py" "$@" ;;
+    area)         programs && python3 "$here/area.py" "$@" ;;
+    large)        programs && python3 "$here/large.py" "$@" ;;
+    localization) "$here/localization.sh" "$@" ;;
+  esac
+}
+
+case ${1:-all} in
+  all)
+    part package --size-km 1 --tries 2
+    part validators
+    part kill --times 5
+    part localization
+    echo "NOT RUN unless asked for: area, large; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization) part "$@" ;;
+  -h | --help) usage ;;
+  *) usage >&2; exit 2 ;;
+esac

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """What validators say about damaged tile sets, side by side: nadir cache validate, mbtiles validate (martin), pmtiles
-convert + verify, rio cogeo validate --strict, gdalinfo, SQLite's integrity_check. Prints a Markdown table; what is not
-installed says "not run". Then holds a package that Nadir made against them.
+convert + verify, rio cogeo validate --strict, GDAL's validate_cloud_optimized_geotiff.py, gdalinfo, SQLite's
+integrity_check. Prints Markdown tables; what is not installed says "not run". Packages that Nadir made are in them too.
 
-  tests/bench/validators.py [NADIR]        tools from PATH: mbtiles, pmtiles, rio"""
+  tests/bench/validators.py [NADIR]        tools from PATH: mbtiles, pmtiles, rio; python3 of Debian with GDAL"""
 import json
 import pathlib
 import shutil
@@ -17,6 +17,7 @@ from damages import DAMAGES  # noqa: E402
 from tile_sets import TileSets  # noqa: E402
 
 NADIR = sys.argv[1] if len(sys.argv) > 1 else str(HERE.parent.parent / "build/bin/nadir")
+DEBIAN_PYTHON = "/usr/bin/python3"
 SILENT, NOT_RUN = "says nothing", "not run"
 
 
@@ -63,6 +64,14 @@ def rio_cogeo(path, work):
     return verdict(result)
 
 
+def validate_cog(path, work):
+    # Debian's own Python, because that is where gdal-bin brings GDAL's modules.
+    module = "osgeo_utils.samples.validate_cloud_optimized_geotiff"
+    if run(DEBIAN_PYTHON, "-c", f"import {module}").returncode != 0:
+        return NOT_RUN
+    return verdict(run(DEBIAN_PYTHON, "-m", module, "-q", "--full-check=yes", path))
+
+
 def gdalinfo(path, work):
     result = run("gdalinfo", "-checksum", path)
     if result and result.returncode == 0 and "ERROR" in result.stderr:
@@ -84,7 +93,7 @@ def nadir(path, mission):
     return ("refuses: " if result.returncode else "warns: " if codes else "accepts") + ", ".join(codes)
 
 
-OTHERS = {"mbtiles": [mbtiles, pmtiles, integrity, gdalinfo], "cog": [rio_cogeo, gdalinfo]}
+OTHERS = {"mbtiles": [mbtiles, pmtiles, integrity, gdalinfo], "cog": [rio_cogeo, validate_cog, gdalinfo]}
 
 
 def table(title, container, rows, mission, work):
