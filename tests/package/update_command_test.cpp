@@ -165,6 +165,19 @@ TEST_F(BuildWithRoots, AnOfflineAircraftFollowsThem) {
   EXPECT_EQ(result()["root_version"], 2);
 }
 
+// TIFF knows no PNG, and re-encoding is not what --format promises.
+TEST_F(BuildWithRoots, PngTilesAreNotPutIntoACog) {
+  folder_.write("next.yaml", test::mission_yaml());
+  ASSERT_EQ(build({"--tile-format", "png"}), 0) << out_.str() << err_.str();
+  fs::rename(folder_ / "new", folder_ / "png");
+  folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}}));
+  EXPECT_EQ(run({"cache", "update", "@png", "--trust", "@root.json", "--mission", "@next.yaml", "--key", "@p.key.pem",
+                 "--out", "@cog", "--format", "cog"}),
+            2);
+  EXPECT_NE(err_.str().find("nadir cache build --format cog --tile-format png"), std::string::npos) << err_.str();
+  EXPECT_FALSE(fs::exists(folder_ / "cog"));
+}
+
 TEST_F(BuildWithRoots, RootsThatNobodyCouldFollowAreRefused) {
   root_after(second_, "3.json", maker_.signer);
   const PrivateKey thief = PrivateKey::generate();

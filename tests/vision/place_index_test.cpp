@@ -184,6 +184,15 @@ TEST(PlaceIndex, IsTheSameWhenItIsMadeAgain) {
   EXPECT_EQ(again.vectors().file(), index().vectors().file());
 }
 
+TEST(PlaceIndex, IsTheSameForAnyNumberOfThreads) {
+  NoProgress progress;
+  const PlaceIndex by_three = build_place_index(
+      {&tiles(), tiles().keys, sha256({}), kOrigin},
+      {.footprints_m = {120, 180}, .gsd_m = std::nullopt, .overlap_percent = 50, .threads = 3}, progress);
+  EXPECT_EQ(place_table_json(by_three.table()), place_table_json(index().table()));
+  EXPECT_EQ(by_three.vectors().file(), index().vectors().file());
+}
+
 TEST(PlaceIndex, RefusesWhatCannotBeIndexed) {
   EXPECT_THROW(build({20}), UsageError) << "too few pixels";
   NoProgress progress;
