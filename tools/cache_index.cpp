@@ -9,11 +9,11 @@
 #include <thread>
 
 #include "base/error.hpp"
-#include "base/files.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
 #include "geodesy/angles.hpp"
-#include "index_package.hpp"
+#include "ground/package_parts.hpp"
+#include "package/amend_package.hpp"
 #include "package/sign_package.hpp"
 #include "package/tile_container.hpp"
 #include "place_evaluation.hpp"
@@ -26,23 +26,6 @@ namespace {
 constexpr double kLayerRatio = 1.5;        // between neighbouring sizes of chunks
 constexpr double kNominalFootprint = 1.0;  // of the height, when no camera is named: a lens of some 55 degrees
 constexpr std::string_view kSimulated = "simulated";
-
-Manifest manifest_of(const std::filesystem::path& package) {
-  if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(package / kManifestFile))) {
-    throw UsageError({.what = "this is no mission package",
-                      .where = package,
-                      .expected = "a folder with manifest.json",
-                      .found = "none",
-                      .fix = "give the folder that `nadir cache build --out` made"});
-  }
-  ManifestReading reading = parse_manifest(read_file(package / kManifestFile, kMaxManifestSize));
-  if (reading.manifest) return *std::move(reading.manifest);
-  const Finding& first = reading.findings.items().front();
-  throw Error({.what = "cannot read the manifest",
-               .where = (package / kManifestFile).string() + ": " + first.where,
-               .expected = first.expected,
-               .found = first.found});
-}
 
 const Artifact& imagery_of(const Manifest& manifest) {
   const Artifact* imagery = manifest.artifact(kRoleImagery);
@@ -154,7 +137,7 @@ std::vector<double> CacheIndexCommand::footprints_m(const Mission& mission) cons
 }
 
 int CacheIndexCommand::run(Context& context) {
-  const Manifest manifest = manifest_of(package_);
+  const Manifest manifest = read_package_manifest(package_);
   if (!evaluate_) require_key_when_signed(package_, key_.has_value());
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.refuses()) return report_findings(context.out, context.json, findings);
@@ -175,13 +158,16 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
       .overlap_percent = overlap_percent_,
       .threads = threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())))};
   const PlaceIndex index = build_place_index(map, options, context.progress);
-  const IndexedPackage indexed = put_index(package_, manifest, mission, index, key ? &*key : nullptr);
+  const Amendment amendment{{kRolePlaceIndex, kRolePlaceTable},
+                            [&](const std::filesystem::path& folder) { return write_place_index(folder, index); }};
+  const AmendedPackage indexed =
+      amend_package(package_, manifest, mission, amendment, key ? &*key : nullptr, context.progress);
   if (indexed.findings.refuses()) {
     if (!context.quiet) context.err << "refused: the package stays as it was\n";
     return report_findings(context.out, context.json, indexed.findings);
   }
   nlohmann::json more{{"package", package_.string()},       {"chunks", index.table().chunks.size()},
-                      {"index_bytes", indexed.index_bytes}, {"variance_kept", index.table().projection.kept},
+                      {"index_bytes", indexed.added_bytes}, {"variance_kept", index.table().projection.kept},
                       {"signed", indexed.is_signed},        {"layers", nlohmann::json::array()}};
   Figures figures{{"package", package_.string()}};
   for (const PlaceLayer& layer : index.table().layers) {
@@ -195,7 +181,7 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
                                      layer.count, layer.gsd_m(), layer.textureless, layer.invalid));
   }
   figures.emplace_back(
-      "index", fmt::format("{:.2f} MB, {:.1f} % of the variance kept", static_cast<double>(indexed.index_bytes) / 1e6,
+      "index", fmt::format("{:.2f} MB, {:.1f} % of the variance kept", static_cast<double>(indexed.added_bytes) / 1e6,
                            100 * index.table().projection.kept));
   figures.emplace_back("signed by", key ? key->public_key().id() : "nobody");
   if (context.json) return report_findings(context.out, true, indexed.findings, more);

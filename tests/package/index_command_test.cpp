@@ -111,11 +111,11 @@ TEST_F(CacheIndex, WhatLiesInThePackageBesidesStaysAndLeftoversGo) {
   const fs::path package = maker_.make(folder_);
   fs::create_directories(package / kRootFolder);
   folder_.write("package/root/1.root.json", "{}");
-  fs::create_directories(folder_ / ".package.indexed");  // of a process that was killed
-  folder_.write(".package.indexed/rest", "x");
+  fs::create_directories(folder_ / ".package.amended");  // of a process that was killed
+  folder_.write(".package.amended/rest", "x");
   ASSERT_EQ(index({package.string(), "--key", key().string()}), 0) << err_.str();
   EXPECT_EQ(read_text_file(package / "root/1.root.json"), "{}");
-  EXPECT_FALSE(fs::exists(folder_ / ".package.indexed"));
+  EXPECT_FALSE(fs::exists(folder_ / ".package.amended"));
 }
 
 TEST_F(CacheIndex, RefusesDamagedPackagesAndBudgetsThatDoNotHold) {

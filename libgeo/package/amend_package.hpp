@@ -1,0 +1,45 @@
+// Adds artifacts to a package that lies there already, a place index for example: the package appears with them, its
+// manifest and its signature in one step, or stays as it was.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <set>
+#include <string_view>
+#include <vector>
+
+#include "base/finding.hpp"
+#include "base/progress.hpp"
+#include "package/manifest.hpp"
+#include "package/mission.hpp"
+#include "trust/keys.hpp"
+
+namespace nadir {
+
+struct Amendment {
+  std::set<std::string_view> roles;  // of the artifacts that are added; older ones of these roles go
+  // Writes the files into the folder of the new package; returns what the manifest has to name.
+  std::function<std::vector<Artifact>(const std::filesystem::path& folder)> write;
+};
+
+struct AmendedPackage {
+  Findings findings;  // refuse: nothing was written
+  std::uint64_t bytes = 0;
+  std::uint64_t added_bytes = 0;
+  bool is_signed = false;
+};
+
+// Before the work: a signed package needs a key, because what was signed changes. Throws UsageError.
+void require_key_when_signed(const std::filesystem::path& package, bool have_key);
+
+// The manifest of a package that is to be amended. Throws UsageError when there is none, Error when it does not read.
+Manifest read_package_manifest(const std::filesystem::path& package);
+
+// Makes the new package beside the old one (hard links where the disk has them) and exchanges the two names. A process
+// that is killed leaves the old or the new one, and the next one clears up. manifest, mission: of the package, whose
+// files were checked (check_before_signing()). key: null leaves it unsigned. Throws UsageError for a signed package
+// without a key.
+AmendedPackage amend_package(const std::filesystem::path& package, const Manifest& manifest, const Mission& mission,
+                             const Amendment& amendment, const PrivateKey* key, Progress& progress);
+
+}  // namespace nadir
