@@ -1,6 +1,6 @@
 // Builds a package in a process of its own and kills itself at a given moment: at its Nth word about its progress.
 //
-// Usage: killed_build MISSION MAP.tif KEY.pem OUT THREADS fresh|resume EVENT [UID]
+// Usage: killed_build MISSION MAP.tif KEY.pem OUT THREADS fresh|resume mbtiles|cog EVENT [UID]
 // EVENT 0: never; the number of events is printed. UID: the user that it builds as. Exit codes: 0 built; 1 refused;
 // 2 error, its text on stderr; else the signal.
 #include <fmt/format.h>
@@ -18,7 +18,7 @@ namespace {
 
 int build(std::span<char*> args) {
   const nadir::PrivateKey key = nadir::PrivateKey::read(args[3]);
-  if (args.size() > 8 && ::seteuid(static_cast<uid_t>(std::stoul(args[8]))) != 0) return 3;
+  if (args.size() > 9 && ::seteuid(static_cast<uid_t>(std::stoul(args[9]))) != 0) return 3;
   nadir::PackageRequest request;
   request.mission = args[1];
   request.imagery = {args[2]};
@@ -26,7 +26,8 @@ int build(std::span<char*> args) {
   request.out = args[4];
   request.tiles.threads = std::stoi(args[5]);
   request.resume = args[6] == std::string_view("resume");
-  nadir::test::DieAt progress(std::stoi(args[7]));
+  if (args[7] == std::string_view("cog")) request.tiles.container = nadir::TileSetKind::cog;
+  nadir::test::DieAt progress(std::stoi(args[8]));
   if (nadir::build_package(request, progress).findings.refuses()) return 1;
   fmt::print("{}\n", progress.seen());
   return 0;
@@ -35,7 +36,7 @@ int build(std::span<char*> args) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 8) return 64;
+  if (argc < 9) return 64;
   try {
     return build({argv, static_cast<std::size_t>(argc)});
   } catch (const nadir::Error& error) {

@@ -105,6 +105,7 @@ ProcessResult PackageBuilder::run_build(const PackageRequest& wanted, int event,
                                 wanted.out,
                                 std::to_string(wanted.tiles.threads),
                                 wanted.resume ? "resume" : "fresh",
+                                wanted.tiles.container == TileSetKind::cog ? "cog" : "mbtiles",
                                 std::to_string(event)};
   if (!uid.empty()) args.push_back(uid);
   return run_process(args);

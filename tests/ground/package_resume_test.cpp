@@ -21,9 +21,21 @@ TEST_F(PackageBuilder, AKilledBuildLeavesNoPackageAndTheNextOneWorks) {
   EXPECT_THAT(left_behind(), testing::ElementsAre("package"));
 }
 
+class ResumedBuildOf : public ResumedBuild, public testing::WithParamInterface<TileSetKind> {
+ protected:
+  PackageRequest in_container(PackageRequest wanted) const {
+    wanted.tiles.container = GetParam();
+    return wanted;
+  }
+  PackageRequest fresh(const std::string& out, int threads = 2) { return in_container(request(out, threads)); }
+  PackageRequest resumed(const std::string& out, int threads = 2) { return in_container(resuming(out, threads)); }
+};
+INSTANTIATE_TEST_SUITE_P(Containers, ResumedBuildOf, testing::Values(TileSetKind::mbtiles, TileSetKind::cog),
+                         [](const auto& kind) { return kind.param == TileSetKind::cog ? "Cog" : "Mbtiles"; });
+
 // The progress is told after each metatile and around each later step.
-TEST_F(ResumedBuild, EndsIdenticalWhereverItWasKilled) {
-  const auto whole = run_build(request("whole"), 0);
+TEST_P(ResumedBuildOf, EndsIdenticalWhereverItWasKilled) {
+  const auto whole = run_build(fresh("whole"), 0);
   ASSERT_EQ(whole.code, 0) << whole.err;
   const int events = std::stoi(whole.out), last_tiles = events - 6;
   ASSERT_GT(last_tiles, kFirstTiles + 1);
@@ -31,10 +43,10 @@ TEST_F(ResumedBuild, EndsIdenticalWhereverItWasKilled) {
   for (int event = last_tiles; event < events; ++event) moments.insert(event);
   for (const int event : moments) {
     const int threads = 1 + event % 3;
-    build_and_kill(request("package", threads), event);
+    build_and_kill(fresh("package", threads), event);
     EXPECT_FALSE(fs::exists(folder_ / "package")) << event;
-    if (event == last_tiles) build_and_kill(resuming("package", threads), kFirstTiles);  // may happen as well
-    const PackageReport report = build(resuming("package"));
+    if (event == last_tiles) build_and_kill(resumed("package", threads), kFirstTiles);  // may happen as well
+    const PackageReport report = build(resumed("package"));
     ASSERT_FALSE(report.findings.refuses());
     // From the first metatile until the journal is removed, right before the commit.
     EXPECT_EQ(report.resumed > 0, event >= kFirstTiles && event < events - 1) << event;
@@ -42,7 +54,7 @@ TEST_F(ResumedBuild, EndsIdenticalWhereverItWasKilled) {
     EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package")) << event;
     fs::remove_all(folder_ / "package");
   }
-  build_and_kill(request("package"), events);  // right after the commit: the lock stays, and stops nobody
+  build_and_kill(fresh("package"), events);  // right after the commit: the lock stays, and stops nobody
   expect_same_files(folder_ / "whole", folder_ / "package");
   EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package", ".package.lock"));
 }
