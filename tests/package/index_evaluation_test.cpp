@@ -131,27 +131,24 @@ TEST_F(IndexEvaluation, CountsFramesWhosePlaceIsAmongTheFirst) {
 }
 
 // With a truth somewhere else no answer is right, and chance knows it as well.
-TEST_F(IndexEvaluation, TruthDecidesAndFramesWithoutOneAreLeftOut) {
+TEST_F(IndexEvaluation, TruthDecidesAndFramesWithoutItOrAPictureAreLeftOut) {
   const CsvTable truth = CsvTable::read(folder_ / "flight/truth.csv");
   std::string elsewhere = "frame,lat_deg,lon_deg\n";
   for (std::size_t row = 0; row + 2 < truth.rows(); ++row) {
     elsewhere += truth.cell(row, truth.required_column("frame")) + ",48.1,11.2\n";
   }
   folder_.write("flight/truth.csv", elsewhere);
+  // A damaged picture is no hindrance either; what is left of it may still be a picture.
+  const fs::path picture = folder_ / "flight/frames/frame_0003.jpg";
+  fs::resize_file(picture, fs::file_size(picture) / 3);
   const json report = evaluate();
-  EXPECT_EQ(report["left_out"], 2);
-  EXPECT_EQ(report["heading_known"]["queries"], truth.rows() - 2);
+  const std::size_t left_out = report["left_out"];
+  EXPECT_TRUE(left_out == 2 || left_out == 3) << left_out;
+  EXPECT_EQ(report["heading_known"]["queries"], truth.rows() - left_out);
   for (const char* heading : {"heading_known", "heading_unknown"}) {
     EXPECT_EQ(report[heading]["recall_at_20"], 0);
     EXPECT_EQ(report[heading]["chance_at_5"], 0);
   }
-}
-
-TEST_F(IndexEvaluation, ADamagedPictureIsNoHindrance) {
-  const fs::path picture = folder_ / "flight/frames/frame_0003.jpg";
-  ASSERT_TRUE(fs::exists(picture));
-  fs::resize_file(picture, fs::file_size(picture) / 3);
-  EXPECT_LE(evaluate()["left_out"], 1) << "what is left of it may still be a picture";
 }
 
 TEST_F(IndexEvaluation, FoldersThatAreNoFlightAreNamed) {
