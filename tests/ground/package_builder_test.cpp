@@ -127,5 +127,41 @@ TEST_F(PackageBuilder, WithoutAKeyThereIsNoSignature) {
   EXPECT_FALSE(fs::exists(unsigned_one.out / kSignatureFile));
 }
 
+// Imagery as others hand it out: the same map, by the pixel, as from the GeoTIFF that GDAL made it of.
+class BuildFrom : public PackageBuilder, public testing::WithParamInterface<std::string> {};
+INSTANTIATE_TEST_SUITE_P(WhatGdalWrites, BuildFrom, testing::Values("GPKG", "MBTILES"));
+
+TEST_P(BuildFrom, ShowsTheSameMap) {
+  if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: no gdal_translate";
+  const fs::path other = folder_ / ("map." + GetParam());
+  std::vector<std::string> convert{"gdal_translate", "-q", "-of", GetParam(), "-co", "TILE_FORMAT=PNG"};
+  if (GetParam() == "MBTILES") convert.insert(convert.end(), {"-co", "ZOOM_LEVEL_STRATEGY=UPPER", "-r", "bilinear"});
+  convert.insert(convert.end(), {folder_ / "map.tif", other});
+  const auto made = test::run_process(convert);
+  ASSERT_EQ(made.code, 0) << made.err;
+  test::write_item(other);
+  PackageRequest wanted = request("package");
+  wanted.imagery = {other};
+  const PackageReport from_other = build(wanted), from_tif = build(request("whole"));
+  ASSERT_FALSE(from_other.findings.refuses());
+  EXPECT_EQ(from_other.tiles, from_tif.tiles);
+  const MbtilesReader ours(folder_ / "package" / kImageryFile), theirs(folder_ / "whole" / kImageryFile);
+  int compared = 0;
+  for (const std::uint8_t zoom : {std::uint8_t{19}, std::uint8_t{17}}) {
+    const auto place =
+        test::project(32651, "EPSG:4326", {(*spec_.transform)[0] + 240, (*spec_.transform)[3] - 240});  // its middle
+    const TileKey middle = tile_at({place.x, place.y}, zoom);
+    for (std::uint32_t x = middle.x - 1; x <= middle.x + 1; ++x) {
+      const auto a = ours.read({zoom, x, middle.y}), b = theirs.read({zoom, x, middle.y});
+      ASSERT_TRUE(a && b);
+      const cv::Mat mine = decode_image(*a, Colour::bgr, "a").image,
+                    other_one = decode_image(*b, Colour::bgr, "b").image;
+      EXPECT_LT(cv::norm(mine, other_one, cv::NORM_L1) / static_cast<double>(mine.total() * 3), 4.0) << int{zoom};
+      ++compared;
+    }
+  }
+  EXPECT_EQ(compared, 6);
+}
+
 }  // namespace
 }  // namespace nadir

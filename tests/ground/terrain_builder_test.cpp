@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <fstream>
@@ -292,6 +293,55 @@ TEST_F(TerrainBuilder, GapsMissingModelsAndFlatMissionsAreRefusedWithNothingLeft
   write_mission("flat");
   EXPECT_THROW(build_package(request("package"), progress), UsageError);
   EXPECT_FALSE(fs::exists(folder_ / "package"));
+}
+
+// The disk has room for the tiles, and for the terrain no more: a file takes what is left right before it is written.
+TEST_F(TerrainBuilder, ADiskThatIsFullAtTheTerrainLosesNothing) {
+  write_dem(folder_ / "dem.tif", {}, [](double east, double north) {
+    return 500 + std::fmod(std::abs(std::sin(east * 12.9898 + north * 78.233)) * 43'758.5453, 40);  // hardly packs
+  });
+  write_map();
+  const fs::path small = folder_ / "small", filler = small / "filler";
+  fs::create_directory(small);
+  if (::geteuid() != 0 ||
+      test::run_process({"mount", "-t", "tmpfs", "-o", "size=16m", "tmpfs", small.string()}).code != 0) {
+    GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
+  }
+  const struct Unmount {
+    ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
+    fs::path path;
+  } unmount{small};
+  class FillDisk final : public Progress {
+   public:
+    explicit FillDisk(fs::path filler) : filler_(std::move(filler)) {}
+    void begin(std::string_view label, std::uint64_t, std::string_view) override {
+      if (label != "completing the package") return;
+      std::ofstream(filler_, std::ios::binary) << std::string(16 << 20, 'x');  // as much as there is room for
+      fs::resize_file(filler_, fs::file_size(filler_) - std::uintmax_t{8} * 4096);
+    }
+    void advance(std::uint64_t) override {}
+    void end() override {}
+
+   private:
+    fs::path filler_;
+  } fill(filler);
+  NoProgress progress;
+  ASSERT_FALSE(build_package(request("whole"), progress).findings.refuses());
+  ASSERT_GT(fs::file_size(folder_ / "whole" / kTerrainFile), 50'000U);
+
+  PackageRequest wanted = request("small/package");
+  wanted.resume = true;
+  try {
+    build_package(wanted, fill);
+    ADD_FAILURE() << "written to a full disk";
+  } catch (const OutOfSpace& error) {
+    EXPECT_NE(error.text().where.find("dem.tif"), std::string::npos) << error.what();
+    EXPECT_NE(error.text().fix.find("--resume"), std::string::npos) << error.what();
+  }
+  EXPECT_FALSE(fs::exists(wanted.out));
+  fs::remove(filler);
+  EXPECT_GT(build_package(wanted, progress).resumed, 0);
+  EXPECT_EQ(test::run_process({"diff", "-r", (folder_ / "whole").string(), wanted.out.string()}).code, 0);
 }
 
 }  // namespace
