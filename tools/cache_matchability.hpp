@@ -22,9 +22,14 @@ class CacheMatchabilityCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  void check_options() const;
+  int put_into_package(Context& context);
+
   std::filesystem::path subject_;
   std::optional<std::filesystem::path> mission_;
   std::optional<std::filesystem::path> out_;
+  bool into_package_ = false;
+  std::optional<std::filesystem::path> key_;
   MatchabilityRequest request_;
 };
 

@@ -2,12 +2,17 @@
 #pragma once
 
 #include <filesystem>
+#include <string_view>
 
 #include "ground/matchability_survey.hpp"
 
 namespace nadir {
 
 inline constexpr float kMatchabilityNodata = -1;
+
+// Name inside a package that has one, and the artifact's role in its manifest.
+inline constexpr std::string_view kMatchabilityFile = "matchability/matchability.tif";
+inline constexpr std::string_view kRoleMatchability = "matchability";
 
 // Bands, float32: ratio, entropy, texture, class (1 good, 2 weak, 3 poor), score, valid; kMatchabilityNodata outside of
 // the sectors and the corridor. Replaces the file in one step. The same map gives the same bytes.

@@ -6,6 +6,8 @@
 
 #include "base/files.hpp"
 #include "framework/program.hpp"
+#include "ground/matchability_tiff.hpp"
+#include "package/open_package.hpp"
 #include "package/package_maker.hpp"
 #include "registry.hpp"
 #include "support/process.hpp"
@@ -73,6 +75,89 @@ TEST_F(CacheMatchability, TheReportOfVerifyShowsIt) {
 
   ASSERT_EQ(run({"cache", "verify", package, "--trust", path("root.json"), "--report", path("plain")}), 0);
   EXPECT_EQ(read_text_file(folder_ / "plain" / "report.html").find("\"matchability\":{"), std::string::npos);
+}
+
+class MatchabilityInPackage : public CacheMatchability {
+ protected:
+  MatchabilityInPackage() : package_(maker_.make(folder_)) {
+    write_file_atomic(folder_ / "p.key.pem", maker_.signer.pem(), 0600);
+    write_file_atomic(folder_ / "root.json", sign_root(maker_.root, {&maker_.signer}).json());
+  }
+  int put(std::vector<std::string> more) {
+    std::vector<std::string> args{
+        "cache",    "matchability", package_.string(), "--footprint-m", "60", "--search-m", "60",
+        "--step-m", "80",           "--into-package"};
+    args.insert(args.end(), more.begin(), more.end());
+    return run(args);
+  }
+  fs::path map() const { return package_ / kMatchabilityFile; }
+  Findings verify(VerifyDepth depth = VerifyDepth::quick) const { return maker_.verify(package_, depth).findings; }
+
+  fs::path package_;
+};
+
+TEST_F(MatchabilityInPackage, IsSignedVerifiedAndTheFileThatOutWrites) {
+  ASSERT_EQ(put({"--key", path("p.key.pem"), "--out", path("m.tif"), "--json"}), 0) << out_.str() << err_.str();
+  EXPECT_EQ(read_file(map()), read_file(folder_ / "m.tif"));
+  const json result = json::parse(out_.str());
+  EXPECT_EQ(result["bytes"], fs::file_size(map()));
+  EXPECT_EQ(result["signed"], true);
+  EXPECT_TRUE(verify(VerifyDepth::full).empty()) << test::codes(verify(VerifyDepth::full));
+  NoProgress progress;
+  EXPECT_NE(open_package(package_, maker_.options(), progress).package, nullptr) << "as aircraft open it";
+  const auto info = test::run_process({"gdalinfo", "-json", map().string()});
+  ASSERT_EQ(info.code, 0) << info.err;
+  EXPECT_EQ(json::parse(info.out)["bands"][3]["description"], "class");
+
+  // Again: the same bytes. With an index beside it: both are there.
+  const Bytes manifest = read_file(package_ / kManifestFile);
+  ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
+  EXPECT_NE(out_.str().find("matchability/matchability.tif"), std::string::npos) << out_.str();
+  EXPECT_EQ(read_file(package_ / kManifestFile), manifest);
+  ASSERT_EQ(run({"cache", "index", package_.string(), "--overlap", "10", "--key", path("p.key.pem")}), 0) << err_.str();
+  EXPECT_TRUE(fs::exists(map()));
+  EXPECT_TRUE(verify(VerifyDepth::full).empty());
+}
+
+TEST_F(MatchabilityInPackage, EveryFlippedByteAndItsLossAreFound) {
+  ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
+  const Bytes sound = read_file(map());
+  for (std::size_t at = 0; at < sound.size(); at += 1 + sound.size() / 7) {
+    Bytes bytes = sound;
+    bytes[at] ^= 1;
+    write_file_atomic(map(), bytes);
+    EXPECT_EQ(test::codes(verify()), "artifact.hash") << at;
+  }
+  fs::remove(map());
+  EXPECT_TRUE(verify().contains("artifact.missing"));
+}
+
+// The map is of the old tiles.
+TEST_F(MatchabilityInPackage, StaysBehindInAnUpdate) {
+  ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
+  folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}}));
+  ASSERT_EQ(run({"cache", "update", package_.string(), "--trust", path("root.json"), "--mission", path("next.yaml"),
+                 "--key", path("p.key.pem"), "--out", path("new")}),
+            0)
+      << out_.str() << err_.str();
+  EXPECT_NE(err_.str().find("matchability/matchability.tif is not carried over"), std::string::npos) << err_.str();
+  EXPECT_FALSE(fs::exists(folder_ / "new/matchability"));
+}
+
+TEST_F(MatchabilityInPackage, AsksForWhatItNeedsAndChangesNothing) {
+  const Bytes manifest = read_file(package_ / kManifestFile);
+  EXPECT_EQ(put({}), 2);
+  EXPECT_NE(err_.str().find("--key"), std::string::npos) << err_.str();
+  folder_.write("mission.yaml", test::mission_yaml());
+  EXPECT_EQ(put({"--key", path("p.key.pem"), "--mission", path("mission.yaml")}), 2);
+  EXPECT_EQ(put({"--key", path("none.pem")}), 2);
+  EXPECT_EQ(run({"cache", "matchability", package_.string(), "--key", path("p.key.pem")}), 2) << "--key alone";
+  EXPECT_EQ(run({"cache", "matchability", (package_ / kImageryFile).string(), "--into-package"}), 2);
+  EXPECT_EQ(read_file(package_ / kManifestFile), manifest);
+  EXPECT_TRUE(verify(VerifyDepth::full).empty());
+  test::sqlite(package_ / kImageryFile, "UPDATE tiles SET tile_data = x'00'");
+  EXPECT_EQ(put({"--key", path("p.key.pem")}), 1) << "not what was signed";
+  EXPECT_FALSE(fs::exists(map()));
 }
 
 TEST_F(CacheMatchability, AsksForWhatItNeeds) {
