@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Kills `nadir cache build` (SIGKILL) at random moments: never another package under the final name, and --resume always
-ends identical to a build that nobody disturbed. Every third resume is killed as well, and resumed once more.
+"""Kills `nadir cache build` (SIGKILL) at random moments: never another package under the final name, and --resume
+always ends identical to a build that nobody disturbed. Every third resume is killed as well, and resumed once more.
 
   tests/bench/kill_resume.py [--times 50] [--seed N] [--containers mbtiles cog]
   tests/bench/kill_resume.py --mission mission.yaml --imagery map.tif [-- --dem dem.tif --threads 1]"""

@@ -8,6 +8,8 @@ that gdalwarp makes on the same grid. Then memory for one and for four times the
 
 What is not installed says NOT RUN. NADIR_BENCH_VENV=DIR: a virtual environment with rio-mbtiles and rio-cogeo."""
 import argparse
+import json
+import math
 import os
 import pathlib
 import re
@@ -17,6 +19,7 @@ import tempfile
 from measured import BUILD, best, build_command, make_keys, make_world, must, run, tiles_in, tool
 
 QUALITY = 75
+HALF_WORLD_M = 20037508.342789244
 
 
 class Bench:
@@ -35,7 +38,7 @@ class Bench:
 
     def warp(self):
         """Aligned with the pixels of the finest zoom, lossless, alpha where there is no picture."""
-        pixel_m = 2 * 20037508.342789244 / (256 << self.finest)
+        pixel_m = 2 * HALF_WORLD_M / (256 << self.finest)
         out = self.work / "reference.tif"
         must(["gdalwarp", "-q", "-t_srs", "EPSG:3857", "-tr", repr(pixel_m), repr(pixel_m), "-tap", "-r", "bilinear",
               "-dstalpha", "-co", "COMPRESS=LZW", "-co", "TILED=YES", "-co", "BIGTIFF=IF_SAFER", self.map, out])
@@ -72,12 +75,19 @@ class Bench:
                          self.psnr(file))
         return walls
 
+    def strategy(self):
+        """Of the two zooms around the picture's own resolution the one that makes GDAL's finest tiles the mission's."""
+        warped = self.work / "warped.vrt"
+        must(["gdalwarp", "-q", "-of", "VRT", "-t_srs", "EPSG:3857", self.map, warped])
+        pixel_m = json.loads(must(["gdalinfo", "-json", warped]).output)["geoTransform"][1]
+        return "UPPER" if self.finest > math.log2(2 * HALF_WORLD_M / (256 * pixel_m)) else "LOWER"
+
     def gdal(self):
         out = self.work / "gdal.mbtiles"
         levels = " ".join(str(2 << i) for i in range(self.finest - self.coarsest))
         taken = best(self.options.tries, lambda: out.unlink(missing_ok=True), [
             "bash", "-c", f"gdal_translate -q -of MBTILES -co TILE_FORMAT=JPEG -co QUALITY={QUALITY} "
-            f"-co ZOOM_LEVEL_STRATEGY=UPPER '{self.map}' '{out}' && gdaladdo -q -r average '{out}' {levels}"])
+            f"-co ZOOM_LEVEL_STRATEGY={self.strategy()} '{self.map}' '{out}' && gdaladdo -q -r average '{out}' {levels}"])
         self.row("gdal_translate + gdaladdo", taken, *tiles_in(out), self.psnr(out))
 
     def gdal2tiles(self):
