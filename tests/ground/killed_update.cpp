@@ -1,6 +1,6 @@
 // Updates a package in a process of its own and kills itself at a given moment: at its Nth word about its progress.
 //
-// Usage: killed_update OLD ROOT.json MISSION MAP.tif KEY.pem OUT EVENT [cog|mbtiles]
+// Usage: killed_update OLD ROOT.json MISSION MAP.tif KEY.pem OUT EVENT [cog|mbtiles [index]]
 // EVENT 0: never; the number of events is printed. The container is the old one's unless it is named. Exit codes: 0
 // updated; 1 refused; 2 error; else the signal.
 #include <fmt/format.h>
@@ -30,6 +30,7 @@ int update(std::span<char*> args) {
   if (args.size() > 8) {
     request.container = args[8] == std::string_view("cog") ? nadir::TileSetKind::cog : nadir::TileSetKind::mbtiles;
   }
+  request.index = args.size() > 9;
   nadir::test::DieAt progress(std::stoi(args[7]));
   if (nadir::update_package(request, progress).package.findings.refuses()) return 1;
   fmt::print("{}\n", progress.seen());

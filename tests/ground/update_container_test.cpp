@@ -3,11 +3,14 @@
 #include <fstream>
 
 #include "base/error.hpp"
+#include "ground/package_parts.hpp"
 #include "ground/update_fixture.hpp"
 #include "imagery/cog_reader.hpp"
 #include "imagery/lossless_webp.hpp"
+#include "package/amend_package.hpp"
 #include "package/tile_container.hpp"
 #include "package/verify.hpp"
+#include "vision/place_index_builder.hpp"
 
 namespace nadir {
 namespace {
@@ -28,6 +31,23 @@ class UpdateOfCogs : public PackageUpdate {
     wanted.tiles.encoding = encoding;
     NoProgress progress;
     ASSERT_FALSE(build_package(wanted, progress).findings.refuses());
+  }
+  void add_index(const std::string& name) {
+    const fs::path package = folder_ / name;
+    const Manifest manifest = read_package_manifest(package);
+    const Mission mission = read_mission(package / kMissionFile);
+    const auto source = open_tile_source(tiles_of(name));
+    IndexedMap map{source.get(), {}, manifest.artifact(kRoleImagery)->tiles->merkle_root, mission.takeoff};
+    for (const Sidecar& tile : sidecars(name)) {
+      if (tile.key.z == kZoom) map.keys.push_back(tile.key);
+    }
+    PlaceIndexOptions options;
+    options.footprints_m = {150};
+    options.overlap_percent = 25;
+    NoProgress progress;
+    const PlaceIndex index = build_place_index(map, options, progress);
+    const Amendment amendment{{}, [&](const fs::path& folder) { return write_place_index(folder, index); }};
+    ASSERT_TRUE(amend_package(package, manifest, mission, amendment, &key_, progress).findings.empty());
   }
   fs::path tiles_of(const std::string& package) const {
     const fs::path cog = folder_ / package / kCogFile;
@@ -160,25 +180,29 @@ TEST_F(UpdateOfCogs, ADamagedTileIsNotTakenOver) {
   }
 }
 
+// While tiles are copied, while the index is made anew, while everything is put together.
 TEST_F(UpdateOfCogs, AKilledUpdateLeavesNothingAndTheNextOneWorks) {
   make("old", "old.yaml", {"old.tif"}, TileSetKind::mbtiles, kJpeg);
+  add_index("old");
   folder_.write("root.json", sign_root(root_, {&key_}).json());
   write_file_atomic(folder_ / "k.pem", key_.pem(), 0600);
   const auto run = [&](const std::string& out, int event) {
     return test::run_process({NADIR_KILLED_UPDATE, folder_ / "old", folder_ / "root.json", folder_ / "new.yaml",
-                              folder_ / "patch.tif", folder_ / "k.pem", folder_ / out, std::to_string(event), "cog"});
+                              folder_ / "patch.tif", folder_ / "k.pem", folder_ / out, std::to_string(event), "cog",
+                              "index"});
   };
   const auto whole = run("whole", 0);
   ASSERT_EQ(whole.code, 0) << whole.err;
+  EXPECT_TRUE(fs::exists(folder_ / "whole" / kCogFile));
+  EXPECT_TRUE(fs::exists(folder_ / "whole" / kPlaceIndexFile));
   const int events = std::stoi(whole.out);
-  ASSERT_GT(events, 8);
-  for (const int event : {1, events / 2, events - 3, events - 1}) {
+  ASSERT_GT(events, 12);
+  for (const int event : {1, events / 2, events - 8, events - 3, events - 1}) {
     EXPECT_EQ(run("new", event).code, 128 + SIGKILL) << event;
     EXPECT_FALSE(fs::exists(folder_ / "new")) << event;
   }
   ASSERT_EQ(run("new", 0).code, 0);
   expect_same_files(folder_ / "whole", folder_ / "new");
-  EXPECT_TRUE(fs::exists(folder_ / "new" / kCogFile));
 }
 
 }  // namespace
