@@ -5,6 +5,7 @@
 // every compiler.
 #pragma once
 
+#include <ostream>
 #include <string_view>
 #include <vector>
 
@@ -35,6 +36,7 @@ struct Target {
   const char* name;  // also the folder of its corpus
   void (*run)(std::string_view);
 };
+inline void PrintTo(const Target& target, std::ostream* out) { *out << target.name; }  // in the names of tests
 const std::vector<Target>& targets();
 
 }  // namespace nadir::fuzz
