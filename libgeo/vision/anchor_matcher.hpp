@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "geodesy/local_frame.hpp"
+#include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/camera_pose_solver.hpp"
 #include "vision/place_search.hpp"
@@ -34,6 +35,12 @@ struct AnchorMatch {
 AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
                          const LocalFrame& frame, const AnchorPrior& prior,
                          const GroundSurface& surface = FlatGround());
+
+// The same when nothing is known of the position: all of `area` (camera positions, in the map's plane) is searched, and
+// the ratio compares the best place with the best one anywhere else in it. The position in `prior` is not used.
+AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
+                                  const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
+                                  const GroundSurface& surface = FlatGround());
 
 // The ground sample distances to match at: fine enough for a template of some 400 pixels, never much finer than frame
 // or map.

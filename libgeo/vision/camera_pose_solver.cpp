@@ -110,18 +110,17 @@ Normal prior_terms(const Scene& scene, const PosePrior& prior) {
   return normal;
 }
 
-// What the sights say about tilt once its prior is taken away and everything else is free.
-void tell_sighted_tilt(SolvedPose& solved, const Matrix& information, const PosePrior& prior) {
-  const Eigen::Matrix2d tilt_prior = prior.tilt_covariance_rad2.inverse();
-  Matrix without_prior = information + 1e-9 * Matrix::Identity();
-  without_prior.block<2, 2>(4, 4) -= tilt_prior;
-  const Matrix covariance = without_prior.inverse();
-  solved.tilt_information_rad2 = covariance.block<2, 2>(4, 4).inverse();
-  const Eigen::Vector2d posterior(solved.pose.attitude.pitch_rad, solved.pose.attitude.roll_rad);
-  const Eigen::Vector2d before(prior.pose.attitude.pitch_rad, prior.pose.attitude.roll_rad);
-  const Eigen::Matrix2d regular = solved.tilt_information_rad2 + 1e-6 * Eigen::Matrix2d::Identity();
-  solved.sighted_tilt_rad =
-      regular.ldlt().solve((solved.tilt_information_rad2 + tilt_prior) * posterior - tilt_prior * before);
+// What the sights say once the priors on the pose are taken away; the one on the slope stays.
+void tell_sighted(SolvedPose& solved, const Scene& scene, const Matrix& information, const PosePrior& prior) {
+  const Normal from_prior = prior_terms(scene, prior);
+  // Where the whole is settled, the sights pull exactly against the priors.
+  Matrix sights = information;
+  sights.topLeftCorner<6, 6>() -= from_prior.information.topLeftCorner<6, 6>();
+  const Vector pull = -from_prior.gradient;
+  const Eigen::Matrix<double, 6, 2> with_slope = sights.topRightCorner<6, 2>();
+  const Eigen::Matrix2d slope = sights.bottomRightCorner<2, 2>().inverse();
+  solved.sighted_information = sights.topLeftCorner<6, 6>() - with_slope * slope * with_slope.transpose();
+  solved.sighted_pull = pull.head<6>();
 }
 
 }  // namespace
@@ -137,6 +136,7 @@ std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundSight>& sigh
     total = prior_terms(scene, prior);
     const Linearised here(scene);
     solved.inlier.assign(sights.size(), false);
+    solved.residual_m.resize(sights.size());
     solved.inliers = 0;
     double squares = 0;
     for (std::size_t i = 0; i < sights.size(); ++i) {
@@ -144,6 +144,7 @@ std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundSight>& sigh
       const auto jacobian = here.jacobian_of(sights[i]);
       if (!at || !jacobian) return std::nullopt;
       const Eigen::Vector2d residual = Eigen::Vector2d(sights[i].ground.east_m, sights[i].ground.north_m) - *at;
+      solved.residual_m[i] = residual;
       const double squared = residual.squaredNorm();
       const double shrink = scale_m * scale_m / (scale_m * scale_m + squared);
       const Eigen::Matrix2d weight = shrink * shrink * information_of(sights[i], options);
@@ -165,7 +166,7 @@ std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundSight>& sigh
   }
   solved.pose = scene.pose;
   solved.covariance = total.information.inverse().topLeftCorner<6, 6>();
-  tell_sighted_tilt(solved, total.information, prior);
+  tell_sighted(solved, scene, total.information, prior);
   return solved;
 }
 

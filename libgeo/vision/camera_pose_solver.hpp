@@ -33,10 +33,12 @@ struct SolvedPose {
   CameraPose pose;
   // Of (east m, north m, log height, heading, pitch, roll), in this order.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
-  // What the sights alone say about pitch and roll, with the prior on tilt taken away.
-  Eigen::Matrix2d tilt_information_rad2 = Eigen::Matrix2d::Zero();
-  Eigen::Vector2d sighted_tilt_rad = Eigen::Vector2d::Zero();
-  std::vector<bool> inlier;  // per sight
+  // What the sights alone say, with the priors on height, heading and tilt taken away, in the same order: their
+  // information (singular where they say nothing) and how far from `pose` they would go.
+  Eigen::Matrix<double, 6, 6> sighted_information = Eigen::Matrix<double, 6, 6>::Zero();
+  Eigen::Matrix<double, 6, 1> sighted_pull = Eigen::Matrix<double, 6, 1>::Zero();  // information times the step
+  std::vector<bool> inlier;                                                        // per sight
+  std::vector<Eigen::Vector2d> residual_m;  // per sight, east and north on the ground
   int inliers = 0;
   double rms_m = 0;  // of the inliers, on the ground
 };

@@ -205,7 +205,12 @@ SearchResult search_place(const cv::Mat& grey, const CameraModel& camera, const 
                               options.scale_step / 2, options.scale_step / 2);
     confirm(place, frame, confirm_map, close, slack_m);
   }
-  result.places = distinct(std::move(result.places), options.distinct_m, &Place::score, options.candidates);
+  return best_of(std::move(result.places), options);
+}
+
+SearchResult best_of(std::vector<Place> places, const SearchOptions& options) {
+  SearchResult result;
+  result.places = distinct(std::move(places), options.distinct_m, &Place::score, options.candidates);
   if (result.places.size() >= 2 && result.places[0].score > 0) {
     result.ratio = std::max(0.0, result.places[1].score) / result.places[0].score;
   }

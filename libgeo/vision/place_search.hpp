@@ -43,4 +43,7 @@ struct SearchResult {
 SearchResult search_place(const cv::Mat& grey, const CameraModel& camera, const MapWindow& map,
                           const SearchPrior& prior, const SearchOptions& options);
 
+// The result of several windows' places: the best one, distinct others, and the ratio over all of them.
+SearchResult best_of(std::vector<Place> places, const SearchOptions& options);
+
 }  // namespace nadir

@@ -124,7 +124,7 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
   Eigen::Matrix2d tilt_covariance;
   tilt_covariance << 4e-4, 1e-4, 1e-4, 6e-4;
   const Eigen::Matrix2d tilt_root = tilt_covariance.llt().matrixL();
-  double all = 0, position = 0, tilt = 0;
+  double all = 0, position = 0, sighted = 0;
   for (int trial = 0; trial < kTrials; ++trial) {
     PosePrior prior;
     prior.pose = {{5, 5}, 100, {radians(-70), radians(3), radians(2)}};
@@ -157,18 +157,17 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
     all += error.dot(solved->covariance.inverse() * error) / kTrials;
     const Eigen::Vector2d at = error.head<2>();
     position += at.dot(solved->covariance.topLeftCorner<2, 2>().inverse() * at) / kTrials;
-    // What the sights alone say of the tilt must be honest as well.
-    const Eigen::Vector2d sighted =
-        solved->sighted_tilt_rad - Eigen::Vector2d(truth.attitude.pitch_rad, truth.attitude.roll_rad);
-    tilt += sighted.dot(solved->tilt_information_rad2 * sighted) / kTrials;
+    // What the sights alone say must be honest as well.
+    const Vector6 alone = error + solved->sighted_information.inverse() * solved->sighted_pull;
+    sighted += alone.dot(solved->sighted_information * alone) / kTrials;
   }
   // Standard deviation of the mean of n chi-square of k degrees: sqrt(2k / n); bounds at 3.3 of it.
   EXPECT_NEAR(all, 6, 3.3 * std::sqrt(12.0 / kTrials));
   EXPECT_NEAR(position, 2, 3.3 * std::sqrt(4.0 / kTrials));
-  EXPECT_NEAR(tilt, 2, 3.3 * std::sqrt(4.0 / kTrials));
+  EXPECT_NEAR(sighted, 6, 3.3 * std::sqrt(12.0 / kTrials));
 }
 
-// Half the sum of squares of the sights and of the priors, but for the one on tilt.
+// Half the sum of squares of the sights and of the prior on the slope.
 double cost(const std::vector<GroundSight>& sights, const PosePrior& prior, double floor_m, CameraPose pose,
             const Vector8& step) {
   pose.position.east_m += step[0];
@@ -185,12 +184,10 @@ double cost(const std::vector<GroundSight>& sights, const PosePrior& prior, doub
     const Eigen::Matrix2d covariance = sight.information_m2.inverse() + floor_m * floor_m * Eigen::Matrix2d::Identity();
     sum += 0.5 * off.dot(covariance.inverse() * off);
   }
-  const double height = std::log(pose.agl_m / prior.pose.agl_m) / prior.log_agl_sigma;
-  const double heading = (pose.attitude.heading_rad - prior.pose.attitude.heading_rad) / prior.heading_sigma_rad;
-  return sum + 0.5 * height * height + 0.5 * heading * heading;
+  return sum;
 }
 
-TEST(CameraPoseSolver, TiltInformationIsTheSchurComplement) {
+TEST(CameraPoseSolver, SightedInformationIsTheHessianWithoutPriors) {
   auto sights = sights_from(kTruth, 0.7, 6, 4);
   for (std::size_t i = 0; i < sights.size(); i += 2) {  // uneven: ridges, and more on one side
     sights[i].information_m2 << 3.0, 0.8, 0.8, 0.4;
@@ -213,22 +210,20 @@ TEST(CameraPoseSolver, TiltInformationIsTheSchurComplement) {
       hessian(i, j) = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / (4 * scale[i] * scale[j]);
     }
   }
-  const int others[] = {0, 1, 2, 3, 6, 7};  // eliminated one after the other
-  Matrix8 left = hessian;
-  for (const int k : others) {
-    const Vector8 column = left.col(k);
-    left -= column * column.transpose() / column[k];
-  }
-  const Eigen::Matrix2d expected = left.block<2, 2>(4, 4);
-  EXPECT_LT((solved->tilt_information_rad2 - expected).norm(), 1e-3 * expected.norm())
-      << solved->tilt_information_rad2 << "\n\n"
+  const Eigen::Matrix<double, 6, 2> with_slope = hessian.topRightCorner<6, 2>();
+  const Eigen::Matrix<double, 6, 6> expected =
+      hessian.topLeftCorner<6, 6>() - with_slope * hessian.bottomRightCorner<2, 2>().inverse() * with_slope.transpose();
+  EXPECT_LT((solved->sighted_information - expected).norm(), 1e-3 * expected.norm())
+      << solved->sighted_information << "\n\n"
       << expected;
+  hessian(2, 2) += 1 / (prior.log_agl_sigma * prior.log_agl_sigma);
+  hessian(3, 3) += 1 / (prior.heading_sigma_rad * prior.heading_sigma_rad);
   hessian.block<2, 2>(4, 4) += prior.tilt_covariance_rad2.inverse();
   const Eigen::Matrix<double, 6, 6> covariance = hessian.inverse().topLeftCorner<6, 6>();
   EXPECT_LT((solved->covariance - covariance).norm(), 1e-3 * covariance.norm());
 }
 
-TEST(CameraPoseSolver, TheSightedTiltForgetsThePrior) {
+TEST(CameraPoseSolver, TheSightedPoseForgetsThePrior) {
   const auto sights = sights_from(kTruth, 0.2);
   for (const double wrong : {-0.03, 0.0, 0.03}) {
     PosePrior prior;
@@ -238,8 +233,11 @@ TEST(CameraPoseSolver, TheSightedTiltForgetsThePrior) {
     prior.slope_sigma = kLevel;
     const auto solved = solve_camera_pose(sights, prior, {20.0, 0.5});
     ASSERT_TRUE(solved);
-    EXPECT_NEAR(solved->sighted_tilt_rad.x(), kTruth.attitude.pitch_rad, 0.001) << wrong;
-    EXPECT_NEAR(solved->sighted_tilt_rad.y(), kTruth.attitude.roll_rad, 0.001) << wrong;
+    const Vector6 step = solved->sighted_information.inverse() * solved->sighted_pull;
+    EXPECT_NEAR(solved->pose.attitude.pitch_rad + step[4], kTruth.attitude.pitch_rad, 0.001) << wrong;
+    EXPECT_NEAR(solved->pose.attitude.roll_rad + step[5], kTruth.attitude.roll_rad, 0.001) << wrong;
+    EXPECT_NEAR(solved->pose.position.east_m + step[0], kTruth.position.east_m, 0.1) << wrong;
+    EXPECT_NEAR(solved->pose.position.north_m + step[1], kTruth.position.north_m, 0.1) << wrong;
   }
 }
 
@@ -263,7 +261,11 @@ TEST(CameraPoseSolver, AnUnknownSlopeTakesInformationFromTheTilt) {
   prior.slope_sigma = 0.05;
   const auto sloping = solve_camera_pose(sights_from(kTruth, 0.3, 9, 6, {0.03, -0.02}), prior, {2.0, 0.1});
   ASSERT_TRUE(level && sloping);
-  EXPECT_LT(sloping->tilt_information_rad2.trace(), 0.5 * level->tilt_information_rad2.trace());
+  const auto tilt_information = [](const SolvedPose& solved) {
+    const Eigen::Matrix<double, 6, 6> spread = solved.sighted_information.inverse();
+    return Eigen::Matrix2d(spread.block<2, 2>(4, 4).inverse()).trace();  // nothing else being known
+  };
+  EXPECT_LT(tilt_information(*sloping), 0.5 * tilt_information(*level));
   EXPECT_LT(sloping->rms_m, 0.05);
 }
 
