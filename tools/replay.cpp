@@ -80,7 +80,8 @@ void ReplayCommand::setup(Options& options) {
       .needs("--package");
   options.value("--airframe", airframe_, "ID", "the package must be made for this airframe").needs("--package");
   options.value("--at", at_, "TIME", "judge the package as if it were then; the present time by default");
-  options.value("--start", start_, "LON,LAT", "where the first frame was taken");
+  options.value("--start", start_, "LON,LAT",
+                "where the first frame was taken; without it all of the mission's area is searched");
   options.value("--truth", truth_, "FILE.csv", "real positions, for scoring only");
 }
 
@@ -91,22 +92,27 @@ int ReplayCommand::run(Context& context) {
     context.err << fmt::format("note: {} pictures have no row in {} and are left out\n", flight.pictures_without_row,
                                paths_.telemetry.string());
   }
-  if (!start_) {
-    throw UsageError({.what = "nadir replay needs --start LON,LAT",
-                      .expected = "the position of the first frame, good to some 100 m",
-                      .fix = "searching the whole map for the first position is not built in yet"});
+  if (!start_ && !package_) {
+    throw UsageError({.what = "nadir replay without --package needs --start LON,LAT",
+                      .expected = "the position of the first frame: odometry alone cannot find it",
+                      .fix = "give --start, or a map with --package and --trust"});
   }
 
   std::unique_ptr<OpenPackage> package;
   std::optional<TerrainSurface> surface;
-  ReplaySetup setup{
-      .frame = LocalFrame(*start_), .tiles = nullptr, .map_sigma_m = std::nullopt, .start = start_, .surface = nullptr};
+  ReplaySetup setup{.frame = LocalFrame(start_.value_or(LonLat{})),
+                    .tiles = nullptr,
+                    .map_sigma_m = std::nullopt,
+                    .start = start_,
+                    .area = std::nullopt,
+                    .surface = nullptr};
   if (package_) {
     Opening opening =
         open_flight_map({*package_, *trust_, airframe_}, judging_time(at_, context.clock), context.progress);
     if (!opening.package) return report_findings(context.out, context.json, opening.findings);
     package = std::move(opening.package);
     setup.frame = mission_frame(package->mission());
+    setup.area = required_region(package->mission(), setup.frame).bounds();
     setup.tiles = &package->imagery();
     setup.map_sigma_m = map_sigma_m(package->imagery());
     if (package->terrain() != nullptr) {

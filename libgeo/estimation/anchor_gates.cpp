@@ -5,13 +5,23 @@
 #include <cmath>
 
 namespace nadir {
+namespace {
+
+// What roofs and rolling ground within a footprint feign, however well tilt and height are known.
+constexpr double kTiltModelError_rad = 0.015;
+constexpr double kHeightModelError = 0.015;
+
+}  // namespace
 
 double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior) {
   const Attitude& found = solved.pose.attitude;
   const Attitude& believed = prior.search.pose.attitude;
   const Eigen::Vector2d tilt(found.pitch_rad - believed.pitch_rad, found.roll_rad - believed.roll_rad);
-  const double tilt_sigmas = std::sqrt(tilt.dot(prior.tilt_covariance_rad2.inverse() * tilt) / 2);
-  const double height_sigmas = std::abs(std::log(solved.pose.agl_m / prior.search.pose.agl_m)) / prior.log_agl_sigma;
+  const Eigen::Matrix2d tilt_spread =
+      prior.tilt_covariance_rad2 + kTiltModelError_rad * kTiltModelError_rad * Eigen::Matrix2d::Identity();
+  const double tilt_sigmas = std::sqrt(tilt.dot(tilt_spread.inverse() * tilt) / 2);
+  const double height_sigmas = std::abs(std::log(solved.pose.agl_m / prior.search.pose.agl_m)) /
+                               std::hypot(prior.log_agl_sigma, kHeightModelError);
   return std::max(tilt_sigmas, height_sigmas);
 }
 

@@ -1,3 +1,4 @@
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
@@ -15,6 +16,7 @@ constexpr int kMaxFeatures = 2500;
 constexpr float kMatchRatio = 0.85F;
 constexpr int kMinInliers = 12;
 constexpr double kHomographyThreshold_px = 3.0;
+constexpr double kModelErrorShare = 0.01;  // of the motion
 
 struct Seen {
   OdometryFrame frame;  // without its picture
@@ -75,9 +77,28 @@ TwoViewPrior prior_of(const Seen& before, const Seen& now) {
   const Eigen::Matrix2d& shared = now.frame.boresight_covariance_rad2;
   prior.tilt_covariance_rad2 << shared, shared, shared, shared;
   prior.tilt_covariance_rad2.diagonal().array() += now.frame.tilt_sigma_rad * now.frame.tilt_sigma_rad;
+  prior.ground_slope = (before.frame.ground_slope + now.frame.ground_slope) / 2;
   prior.relief_sigma_m = now.frame.relief_sigma_m;
   prior.log_height_sigma = now.frame.relative_height_sigma;
   return prior;
+}
+
+// Directions of which the sights say nothing get a variance that is as good as infinite.
+MotionSight sight_of(const TwoViewMotion& motion, const Believed& before, const Believed& now) {
+  Eigen::Matrix<double, 8, 1> vague;
+  const double far_m = 100 * (1 + motion.moved_m.norm());
+  vague << far_m, far_m, 1, 1, 1, 1, 1, 1;
+  const Eigen::Matrix<double, 8, 8> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
+  MotionSight sight;
+  sight.covariance = (motion.sighted_information + weak).inverse();
+  sight.seen = motion.solved + sight.covariance * motion.sighted_pull;
+  // What the model does not know: rolling shutter, the moment of the telemetry.
+  sight.covariance.topLeftCorner<2, 2>().diagonal().array() +=
+      kModelErrorShare * kModelErrorShare * motion.moved_m.squaredNorm();
+  sight.covariance(3, 3) += kModelErrorShare * kModelErrorShare;
+  sight.before = before;
+  sight.now = now;
+  return sight;
 }
 
 class FeatureOdometry final : public OdometryFrontEnd {
@@ -101,8 +122,7 @@ class FeatureOdometry final : public OdometryFrontEnd {
     OdometryStep step;
     step.moved_m = motion->moved_m;
     step.covariance_m2 = motion->covariance_m2;
-    step.turn_rad = motion->turn_rad;
-    step.turn_sigma_rad = motion->turn_sigma_rad;
+    step.sight = sight_of(*motion, before.frame.believed, now.frame.believed);
     step.inliers = motion->inliers;
     const auto box = footprint_of(now.frame.camera, {{}, now.frame.agl_m, now.frame.attitude});
     if (box) {

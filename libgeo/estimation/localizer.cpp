@@ -1,13 +1,12 @@
 #include "estimation/localizer.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "estimation/attitude_belief.hpp"
-#include "estimation/motion_filter.hpp"
+#include "estimation/flight_filter.hpp"
 #include "estimation/odometry.hpp"
-#include "estimation/smoother.hpp"
 #include "geodesy/angles.hpp"
 #include "vision/frame_quality.hpp"
 
@@ -16,14 +15,15 @@ namespace {
 
 // What the pose solver does not model (trees, roofs, shutter, the moment of the telemetry), as a factor on its
 // variance; from the normalised errors of simulated flights.
-constexpr double kAnchorModelError = 2.4;
+constexpr double kAnchorModelError = 4;
 constexpr double kSharedErrorFootprints = 1.5;
 constexpr double kMostSharedAnchors = 5;
 constexpr double kLowest_m = 1, kHighest_m = 30'000;  // heights that telemetry may tell
 constexpr double kLargestAngle_rad = 100;             // beyond it is no angle but rubbish
-constexpr double kAnchorHeadingSigma_rad = 0.01;
-constexpr double kOdometryScaleFloor = 0.01;        // odometry is never trusted better than 1 % in scale …
-constexpr double kOdometryHeadingFloor_rad = 0.01;  // … and this in direction
+constexpr double kLeastTiltVariance_rad2 = 1e-6;
+constexpr double kLeastLostSigma_m = 1000;
+constexpr double kUntoldHeightSigma = 0.3;   // of its logarithm
+constexpr double kLeastHeightSigma = 0.012;  // roofs, trees and rolling ground
 
 // What cannot be is unknown: an autopilot's NaN must not reach the beliefs, which would never get rid of it.
 Telemetry plausible(Telemetry telemetry, double last_time_s) {
@@ -38,70 +38,86 @@ Telemetry plausible(Telemetry telemetry, double last_time_s) {
   return telemetry;
 }
 
+// Rise over run to the east and the north, over a stretch to both sides.
+Eigen::Vector2d ground_slope(const GroundSurface& surface, PlanePoint at, double stretch_m) {
+  const auto rise = [&](double east, double north) {
+    return surface.height_m({at.east_m + east * stretch_m, at.north_m + north * stretch_m}) -
+           surface.height_m({at.east_m - east * stretch_m, at.north_m - north * stretch_m});
+  };
+  return Eigen::Vector2d(rise(1, 0), rise(0, 1)) / (2 * stretch_m);
+}
+
+// Sights over a plane take its slope for a tilt, of both pictures alike: turned with the aircraft.
+void add_unknown_slope(MotionSight& sight, double slope_sigma) {
+  const double turn = sight.now.heading_rad - sight.before.heading_rad + sight.seen[3];
+  Eigen::Matrix<double, 4, 2> tilt_from_slope;
+  tilt_from_slope << 1, 0, 0, 1, std::cos(turn), -std::sin(turn), std::sin(turn), std::cos(turn);
+  sight.covariance.bottomRightCorner<4, 4>() +=
+      slope_sigma * slope_sigma * tilt_from_slope * tilt_from_slope.transpose();
+}
+
 }  // namespace
 
 double map_sigma_from_ce90(double ce90_m) { return ce90_m / 2.146; }  // sqrt(-2 ln(1 - 0.9))
 
 struct Localizer::State {
   State(const CameraFile& camera_file, const LocalFrame& local_frame, const TileSource* map_tiles,
-        std::optional<LonLat> start, const LocalizerConfig& localizer_config)
+        std::optional<LonLat> known_start, const LocalizerConfig& localizer_config)
       : camera(camera_file.camera),
         uncertainty(camera_file.uncertainty),
         frame(local_frame),
         tiles(map_tiles),
+        start(known_start),
         config(localizer_config),
+        placed(known_start.has_value()),
         surface(config.surface != nullptr ? config.surface : &flat),
-        heading(uncertainty.heading_rad),
-        height(uncertainty.agl_relative),
-        odometry(make_feature_odometry()) {
-    if (!start) return;
-    const Enu enu = frame.enu_from_lonlat(*start);
-    motion.emplace(Eigen::Vector2d(enu.east_m, enu.north_m), config.start_sigma_m);
-  }
+        odometry(make_feature_odometry()) {}
 
   // The walk, in order.
-  void believe_attitude(const Telemetry& telemetry, double seconds);
-  std::optional<OdometryStep> follow(const cv::Mat& grey, const Telemetry& telemetry);
-  void advance(double seconds, const std::optional<OdometryStep>& step);
+  void begin_frame(const Telemetry& telemetry, double seconds);
+  bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
+  std::pair<Eigen::Vector2d, double> start_position() const;
   AnchorPrior anchor_prior() const;
+  AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) const;
   AnchorReport try_anchor(const cv::Mat& grey);
   double shared_error_factor(const Eigen::Vector2d& position) const;
-  void take_anchor(const AnchorMatch& match, const AnchorPrior& prior);
+  void take_anchor(const AnchorMatch& match);
   Estimate tell(const Telemetry& telemetry, bool anchored, bool tracked);
 
-  void remember(const Estimate& estimate);
+  Believed believed() const;
   CameraPose believed_pose() const;
-  Eigen::Matrix2d lasting_error_m2() const;
-  Eigen::Vector2d telemetry_tilt_rad(const Telemetry& telemetry) const {
-    return {telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
+  Eigen::Matrix2d map_error_m2() const {
+    return Eigen::Matrix2d::Identity() * (tiles == nullptr ? 0 : config.map_sigma_m * config.map_sigma_m);
   }
 
   CameraModel camera;
   TelemetryUncertainty uncertainty;
   LocalFrame frame;
   const TileSource* tiles;
+  std::optional<LonLat> start;
   LocalizerConfig config;
+  bool placed;  // the start is known, or an anchor has been found since
   FlatGround flat;
   const GroundSurface* surface;
 
-  HeadingBelief heading;
-  HeightBelief height;
-  std::optional<BoresightBelief> boresight;  // made with the first telemetry, which shows whether tilt is logged
-  std::optional<MotionFilter> motion;
+  std::optional<FlightFilter> flight;  // made with the first telemetry, which shows whether tilt is logged
   std::unique_ptr<OdometryFrontEnd> odometry;
 
-  double telemetry_agl_m = 0;
-  Eigen::Vector2d tilt_now_rad = Eigen::Vector2d::Zero();  // telemetry's, without the boresight
-  std::optional<double> last_telemetry_heading_rad;
+  double told_agl_m = 0;
+  bool height_told = false;    // in this frame; else the last one told, or a guess, stands for it
+  bool height_steady = false;  // in this frame and in the one before
+  Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();  // pitch, roll
+  std::optional<double> told_heading_rad;
   std::optional<double> last_time_s;
   std::optional<double> last_anchor_s;
   std::optional<Eigen::Vector2d> last_anchor_at;
   int last_anchor_inliers = 0;
   double last_anchor_ratio = 1;
+  // What steps since have taught of earlier ones. Between anchors it is not told: a track that odometry carries has no
+  // jumps but those of anchors, and refined() has it all.
+  Eigen::Vector2d held_back_m = Eigen::Vector2d::Zero();
   bool unbroken = false;  // odometry has tracked every frame since the last anchor or the start
   int segment = 0;
-  TrackPoint point;  // of the frame in work
-  std::vector<TrackPoint> track;
   std::vector<Estimate> told;
 };
 
@@ -120,16 +136,18 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
 
   const bool usable = judge_frame(grey).usable;
   const double seconds = s.last_time_s ? telemetry.time_s - *s.last_time_s : 0;
-  s.believe_attitude(telemetry, seconds);
-  const auto step = usable ? s.follow(grey, telemetry) : std::nullopt;
-  if (!usable) s.odometry->reset();
-  s.advance(seconds, step);
-  s.last_time_s = telemetry.time_s;
-  report.odometry.tracked = step.has_value();
-  if (step) {
-    report.odometry.inliers = step->inliers;
-    report.odometry.step_m = step->moved_m.norm();
+  s.begin_frame(telemetry, seconds);
+  if (usable) {
+    report.odometry.tracked = s.follow(grey, telemetry, report.odometry);
+  } else {
+    s.odometry->reset();
   }
+  if (!report.odometry.tracked) {
+    s.unbroken = false;
+    s.held_back_m.setZero();
+    if (!s.told.empty()) ++s.segment;
+  }
+  s.last_time_s = telemetry.time_s;
   if (usable) {
     report.anchor = s.try_anchor(grey);
   } else {
@@ -141,100 +159,105 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
     s.last_anchor_inliers = report.anchor.inliers;
     s.last_anchor_ratio = report.anchor.ratio;
   }
-  report.estimate = s.tell(telemetry, anchored, step.has_value());
+  report.estimate = s.tell(telemetry, anchored, report.odometry.tracked);
+  s.told.push_back(report.estimate);
   return report;
 }
 
-void Localizer::State::believe_attitude(const Telemetry& telemetry, double seconds) {
-  if (!boresight) boresight.emplace(uncertainty.tilt_rad, telemetry.pitch_rad.has_value());
-  if (telemetry.agl_m) telemetry_agl_m = *telemetry.agl_m;
-  if (telemetry_agl_m <= 0) telemetry_agl_m = config.assumed_agl_m;
-  tilt_now_rad = telemetry_tilt_rad(telemetry);
-  height.advance();
-  boresight->advance(seconds);
+void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
+  const bool height_was_told = height_told;
+  height_told = telemetry.agl_m.has_value();
+  height_steady = height_told && height_was_told;
+  if (height_told) told_agl_m = *telemetry.agl_m;
+  if (told_agl_m <= 0) told_agl_m = config.assumed_agl_m;
+  told_tilt_rad = {telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
+  told_heading_rad = telemetry.heading_rad;
+  if (!flight) {
+    const auto [position, sigma_m] = start_position();
+    flight.emplace(uncertainty, telemetry.pitch_rad.has_value(), position, sigma_m);
+  }
+  flight->advance(seconds, telemetry.heading_rad);
+  if (!height_steady) flight->doubt_height(height_told ? uncertainty.agl_relative : kUntoldHeightSigma);
+}
+
+// Without a start: anywhere in the area.
+std::pair<Eigen::Vector2d, double> Localizer::State::start_position() const {
+  if (start) {
+    const Enu at = frame.enu_from_lonlat(*start);
+    return {{at.east_m, at.north_m}, config.start_sigma_m};
+  }
+  const PlaneBox box = config.area.value_or(PlaneBox{});
+  return {{(box.west_m + box.east_m) / 2, (box.south_m + box.north_m) / 2},
+          std::max({kLeastLostSigma_m, box.east_m - box.west_m, box.north_m - box.south_m})};
+}
+
+Believed Localizer::State::believed() const {
+  const auto& x = flight->state();
+  return {x[FlightFilter::log_height], x[FlightFilter::heading], x[FlightFilter::pitch], x[FlightFilter::roll]};
 }
 
 CameraPose Localizer::State::believed_pose() const {
+  const Believed belief = believed();
   CameraPose pose;
-  pose.agl_m = telemetry_agl_m * height.scale();
-  pose.attitude = {heading.heading_rad(), tilt_now_rad.x() + boresight->tilt_rad().x(),
-                   tilt_now_rad.y() + boresight->tilt_rad().y()};
-  if (motion) pose.position = {motion->position_m().x(), motion->position_m().y()};
+  pose.agl_m = told_agl_m * std::exp(belief.log_height);
+  pose.attitude = {belief.heading_rad, told_tilt_rad.x() + belief.pitch_rad, told_tilt_rad.y() + belief.roll_rad};
+  pose.position = {flight->position_m().x(), flight->position_m().y()};
   return pose;
 }
 
-// Odometry works with the telemetry's heading (or the last one known) and tells the turn itself.
-std::optional<OdometryStep> Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry) {
+bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report) {
   OdometryFrame seen;
   seen.grey = grey;
   seen.camera = camera;
+  seen.believed = believed();
   const CameraPose pose = believed_pose();
   seen.agl_m = pose.agl_m;
   seen.attitude = pose.attitude;
-  const double heading_now = telemetry.heading_rad.value_or(heading.heading_rad() - heading.bias_rad());
-  seen.attitude.heading_rad = heading_now + heading.bias_rad();
   seen.heading_sigma_rad = telemetry.heading_rad ? std::max(0.02, 1.5 * uncertainty.heading_rad) : 1.0;
-  seen.tilt_sigma_rad = boresight->changing_sigma_rad();
+  seen.tilt_sigma_rad = flight->changing_tilt_sigma_rad();
   // An unknown slope of the ground tilts both pictures alike, as an unknown boresight does.
   const double slope = surface->relief_sigma_m() / footprint_side_m(camera, pose.agl_m);
-  seen.boresight_covariance_rad2 = boresight->constant_covariance_rad2() + slope * slope * Eigen::Matrix2d::Identity();
+  seen.boresight_covariance_rad2 =
+      flight->covariance().block<2, 2>(FlightFilter::pitch_bias, FlightFilter::pitch_bias) +
+      slope * slope * Eigen::Matrix2d::Identity();
+  seen.ground_slope = ground_slope(*surface, pose.position, footprint_side_m(camera, pose.agl_m) / 3);
   seen.relief_sigma_m = surface->relief_sigma_m();
-  seen.relative_height_sigma = 0.5 * uncertainty.agl_relative;
-  auto step = odometry->track(seen);
-  std::optional<HeadingBelief::Turn> turn;
-  const double heading_before = heading.heading_rad();
-  if (step && last_telemetry_heading_rad) {
-    turn = HeadingBelief::Turn{wrap_pi(step->turn_rad), step->turn_sigma_rad};
-    // The step came in directions of the previous frame's assumed heading; turn it to the believed one.
-    const double correction = heading_before - *last_telemetry_heading_rad;
-    const double c = std::cos(correction), n = std::sin(correction);
-    Eigen::Matrix2d clockwise;
-    clockwise << c, n, -n, c;
-    step->moved_m = clockwise * step->moved_m;
-    step->covariance_m2 = clockwise * step->covariance_m2 * clockwise.transpose();
-  }
-  heading.advance(telemetry.heading_rad, turn);
-  last_telemetry_heading_rad = seen.attitude.heading_rad;
-  return step;
-}
-
-void Localizer::State::advance(double seconds, const std::optional<OdometryStep>& step) {
-  if (!step) {
-    unbroken = false;
-    if (!told.empty()) ++segment;
-  }
-  if (!motion) return;
-  if (step) {
-    MotionFilter::Step moved;
-    moved.moved_m = step->moved_m;
-    moved.covariance_m2 = step->covariance_m2;
-    moved.heading_sigma_rad = std::hypot(heading.sigma_rad(), kOdometryHeadingFloor_rad);
-    moved.scale_sigma = std::hypot(height.sigma(), kOdometryScaleFloor);
-    motion->advance(seconds, moved);
-  } else {
-    motion->advance(std::max(0.0, seconds));
-  }
-  point.predicted_m = motion->position_m();
-  point.predicted_m2 = motion->covariance_m2();
+  seen.relative_height_sigma = height_steady ? 0.5 * uncertainty.agl_relative : kUntoldHeightSigma;
+  const auto step = odometry->track(seen);
+  if (!step) return false;
+  report.inliers = step->inliers;
+  report.step_m = step->moved_m.norm();
+  MotionSight sight = step->sight;
+  add_unknown_slope(sight, slope);
+  held_back_m += flight->moved(sight);
+  return true;
 }
 
 AnchorPrior Localizer::State::anchor_prior() const {
   AnchorPrior prior;
+  const double height_sigma = std::max(kLeastHeightSigma, flight->sigma(FlightFilter::log_height));
   prior.search.pose = believed_pose();
-  prior.search.radius_m = std::clamp(3 * motion->sigma_m(), config.min_search_radius_m, config.max_search_radius_m);
-  prior.search.heading_range_rad = std::min(kPi, 3 * heading.sigma_rad());
-  prior.search.scale_range = 2.5 * height.sigma();
-  prior.heading_sigma_rad = heading.sigma_rad();
-  prior.log_agl_sigma = height.sigma();
-  prior.tilt_covariance_rad2 = boresight->frame_covariance_rad2();
+  prior.search.radius_m =
+      std::clamp(3 * flight->position_sigma_m(), config.min_search_radius_m, config.max_search_radius_m);
+  prior.heading_sigma_rad = flight->sigma(FlightFilter::heading);
+  prior.search.heading_range_rad = std::min(kPi, 3 * prior.heading_sigma_rad);
+  prior.search.scale_range = 2.5 * height_sigma;
+  prior.log_agl_sigma = height_sigma;
+  prior.tilt_covariance_rad2 = flight->covariance().block<2, 2>(FlightFilter::pitch, FlightFilter::pitch) +
+                               kLeastTiltVariance_rad2 * Eigen::Matrix2d::Identity();
   return prior;
+}
+
+AnchorMatch Localizer::State::match(const cv::Mat& grey, const AnchorPrior& prior) const {
+  if (placed) return match_anchor(grey, camera, *tiles, frame, prior, *surface);
+  return match_anchor_anywhere(grey, camera, *tiles, frame, prior, *config.area, *surface);
 }
 
 AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
   AnchorReport report;
-  if (tiles == nullptr || !motion) return report;
+  if (tiles == nullptr || (!placed && !config.area)) return report;
   const AnchorPrior prior = anchor_prior();
-  const AnchorMatch match = match_anchor(grey, camera, *tiles, frame, prior, *surface);
+  const AnchorMatch match = this->match(grey, prior);
   report.window_radius_m = prior.search.radius_m;
   report.ratio = match.search.ratio;
   if (!match.search.places.empty()) report.score = match.search.places.front().score;
@@ -242,59 +265,52 @@ AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
   report.matching_gsd_m = match.fine_gsd_m;
   report.rectified = match.rectified;
   report.matched_map = match.matched_map;
-  Prediction prediction{0, motion->sigma_m(), unbroken};
+  Prediction prediction{0, flight->position_sigma_m(), unbroken};
   if (match.solved) {
     const SolvedPose& solved = *match.solved;
     report.camera = solved.pose.position;
     report.heading_rad = solved.pose.attitude.heading_rad;
     report.inliers = solved.inliers;
     report.residual_px = solved.rms_m / match.fine_gsd_m;
-    const Eigen::Matrix2d covariance = solved.covariance.topLeftCorner<2, 2>();
-    prediction.chi2 = motion->chi2({solved.pose.position.east_m, solved.pose.position.north_m}, covariance);
+    const Eigen::Vector2d off =
+        Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - flight->position_m();
+    const Eigen::Matrix2d spread =
+        kAnchorModelError * solved.covariance.topLeftCorner<2, 2>() + flight->position_covariance_m2();
+    prediction.chi2 = off.dot(spread.inverse() * off);
     report.chi2 = prediction.chi2;
   }
   report.verdict = judge_anchor(match, prior, prediction, config.gates);
-  if (report.verdict == AnchorVerdict::accepted) take_anchor(match, prior);
+  if (report.verdict == AnchorVerdict::accepted) take_anchor(match);
   return report;
 }
 
-// Anchors over the same ground err alike (its slope and roofs, the attitude's slow error): those within a stretch count
-// as one, however many frames there were.
+// Anchors over the same ground err alike (its slope and roofs, the map's own warps): those within a stretch count as
+// one, however many frames there were.
 double Localizer::State::shared_error_factor(const Eigen::Vector2d& position) const {
   if (!last_anchor_at) return 1;
-  const double stretch_m = kSharedErrorFootprints * footprint_side_m(camera, telemetry_agl_m);
+  const double stretch_m = kSharedErrorFootprints * footprint_side_m(camera, told_agl_m);
   return std::clamp(stretch_m / std::max(1.0, (position - *last_anchor_at).norm()), 1.0, kMostSharedAnchors);
 }
 
-void Localizer::State::take_anchor(const AnchorMatch& match, const AnchorPrior& prior) {
+void Localizer::State::take_anchor(const AnchorMatch& match) {
   const SolvedPose& solved = *match.solved;
   const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
-  const double shared = shared_error_factor(position);
-  motion->anchor(position, kAnchorModelError * shared * solved.covariance.topLeftCorner<2, 2>());
+  PoseSight sight;
+  Eigen::Matrix<double, 6, 1> vague;
+  const double far_m = 10 * told_agl_m;
+  vague << far_m, far_m, 1, 1, 1, 1;
+  const Eigen::Matrix<double, 6, 6> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
+  sight.covariance = (solved.sighted_information + weak).inverse();
+  sight.seen << position, std::log(solved.pose.agl_m / told_agl_m), solved.pose.attitude.heading_rad,
+      solved.pose.attitude.pitch_rad - told_tilt_rad.x(), solved.pose.attitude.roll_rad - told_tilt_rad.y();
+  sight.seen += sight.covariance * solved.sighted_pull;
+  sight.covariance *= kAnchorModelError * shared_error_factor(position);
+  sight.covariance(2, 2) += kLeastHeightSigma * kLeastHeightSigma;
+  flight->anchored(sight);
   last_anchor_at = position;
-  heading.observe(solved.pose.attitude.heading_rad, kAnchorHeadingSigma_rad);
-  // The solver started from the height belief: give the belief only what the sights added.
-  const double posterior = solved.covariance(2, 2), before = prior.log_agl_sigma * prior.log_agl_sigma;
-  if (posterior < 0.9 * before) {
-    const double gain = 1 - posterior / before;
-    const double seen = std::log(solved.pose.agl_m / prior.search.pose.agl_m) / gain;
-    height.observe(std::log(height.scale()) + seen, std::sqrt(posterior / gain));
-  }
-  boresight->observe(solved, tilt_now_rad, shared);
+  held_back_m.setZero();
+  placed = true;
   unbroken = true;
-}
-
-// Errors that all anchors share, so that no number of anchors averages them out: the map's own, and what is not yet
-// known of the boresight.
-Eigen::Matrix2d Localizer::State::lasting_error_m2() const {
-  if (tiles == nullptr) return Eigen::Matrix2d::Zero();
-  const double c = std::cos(heading.heading_rad()), n = std::sin(heading.heading_rad());
-  Eigen::Matrix2d ground_from_tilt;  // pitch moves the sight ahead, roll moves it to the left
-  ground_from_tilt << n, -c, c, n;
-  ground_from_tilt *= telemetry_agl_m * height.scale();
-  const double map = config.map_sigma_m * config.map_sigma_m;
-  return map * Eigen::Matrix2d::Identity() +
-         ground_from_tilt * boresight->constant_covariance_rad2() * ground_from_tilt.transpose();
 }
 
 Estimate Localizer::State::tell(const Telemetry& telemetry, bool anchored, bool tracked) {
@@ -305,41 +321,31 @@ Estimate Localizer::State::tell(const Telemetry& telemetry, bool anchored, bool 
   if (last_anchor_s) estimate.anchor_age_s = telemetry.time_s - *last_anchor_s;
   estimate.anchor_inliers = last_anchor_inliers;
   estimate.anchor_ratio = last_anchor_ratio;
-  if (motion) {
-    estimate.covariance_m2 = motion->covariance_m2() + (last_anchor_s ? lasting_error_m2() : Eigen::Matrix2d::Zero());
-    estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
-    estimate.source = anchored                                    ? SourceLabel::satellite_anchored
-                      : tracked && (unbroken || tiles == nullptr) ? SourceLabel::vo_extrapolated
-                                                                  : SourceLabel::dead_reckoned;
-    if (told.empty() && !anchored) estimate.source = SourceLabel::dead_reckoned;
-    if (estimate.sigma_m > config.no_fix_sigma_m) estimate.source = SourceLabel::no_fix;
-    if (estimate.source != SourceLabel::no_fix) {
-      const Eigen::Vector2d at = motion->position_m();
-      estimate.position = frame.lonlat_from_enu(at.x(), at.y());
-    }
+  if (!placed) return estimate;
+  estimate.covariance_m2 = flight->position_covariance_m2() + held_back_m * held_back_m.transpose() +
+                           (last_anchor_s ? map_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
+  estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
+  estimate.source = anchored                                    ? SourceLabel::satellite_anchored
+                    : tracked && (unbroken || tiles == nullptr) ? SourceLabel::vo_extrapolated
+                                                                : SourceLabel::dead_reckoned;
+  if (told.empty() && !anchored) estimate.source = SourceLabel::dead_reckoned;
+  if (estimate.sigma_m > config.no_fix_sigma_m) estimate.source = SourceLabel::no_fix;
+  if (estimate.source != SourceLabel::no_fix) {
+    const Eigen::Vector2d at = flight->position_m() - held_back_m;
+    estimate.position = frame.lonlat_from_enu(at.x(), at.y());
   }
-  remember(estimate);
   return estimate;
-}
-
-void Localizer::State::remember(const Estimate& estimate) {
-  if (motion) {
-    point.position_m = motion->position_m();
-    point.covariance_m2 = motion->covariance_m2();
-    track.push_back(point);
-  }
-  told.push_back(estimate);
 }
 
 std::vector<Estimate> Localizer::refined() const {
   const State& s = *state_;
   std::vector<Estimate> estimates = s.told;
-  if (!s.motion) return estimates;
-  const std::vector<SmoothedPoint> smoothed = smooth(s.track);
-  const Eigen::Matrix2d lasting = s.last_anchor_s ? s.lasting_error_m2() : Eigen::Matrix2d::Zero();
+  if (!s.placed || !s.flight) return estimates;
+  const auto smoothed = s.flight->smoothed();
+  const Eigen::Matrix2d map_error = s.last_anchor_s ? s.map_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero());
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     Estimate& estimate = estimates[i];
-    estimate.covariance_m2 = smoothed[i].covariance_m2 + lasting;
+    estimate.covariance_m2 = smoothed[i].covariance_m2 + map_error;
     estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
     const bool known = estimate.sigma_m <= s.config.no_fix_sigma_m;
     if (!known) estimate.source = SourceLabel::no_fix;

@@ -10,6 +10,7 @@
 #include <opencv2/core/mat.hpp>
 #include <optional>
 
+#include "estimation/pose_sights.hpp"
 #include "vision/rectify.hpp"
 
 namespace nadir {
@@ -19,18 +20,20 @@ struct OdometryFrame {
   CameraModel camera;               // of `grey`
   Attitude attitude;                // as believed, boresight included
   double agl_m = 0;                 // as believed
+  Believed believed;                // the same, as the flight filter has it; handed back with the step
   double heading_sigma_rad = 0.05;  // of this frame's heading against the last frame's
   double tilt_sigma_rad = 0.03;     // that changes from frame to frame
   Eigen::Matrix2d boresight_covariance_rad2 = Eigen::Matrix2d::Zero();  // of the tilt that all frames share
-  double relief_sigma_m = 1.5;                                          // of the ground's height beyond a plane
-  double relative_height_sigma = 0.02;  // of this frame's height against the last frame's
+  Eigen::Vector2d ground_slope = Eigen::Vector2d::Zero();  // known rise of the ground to the east and north
+  double relief_sigma_m = 1.5;                             // of the ground's height beyond a plane
+  double relative_height_sigma = 0.02;                     // of this frame's height against the last frame's
 };
 
 struct OdometryStep {
   Eigen::Vector2d moved_m = Eigen::Vector2d::Zero();  // east, north, of the camera
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Identity();
-  double turn_rad = 0;  // change of image-up's heading, clockwise
-  double turn_sigma_rad = 0;
+  // The same and what it says of both frames' attitudes and heights, without any prior in it.
+  MotionSight sight;
   int inliers = 0;
   double overlap = 0;  // share of the frame that both saw
 };

@@ -5,10 +5,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "vision/independent_count.hpp"
+
 namespace nadir {
 namespace {
 
-constexpr double kIndependentSights = 20;
+constexpr double kMinDownComponent = 0.2;  // of a ray: flatter ones see the horizon
+
+constexpr double kMostIndependentSights = 100;  // whatever their residuals say
 
 // Unknowns: east, north of the motion (m); log of the height ratio; change of heading; pitch and roll of the picture
 // before and of the one now (rad), the last six as corrections of the prior.
@@ -33,11 +37,21 @@ Poses poses_at(const TwoViewPrior& prior, const Unknowns& u) {
   return poses;
 }
 
+// Where a ray meets the sloping plane.
+std::optional<Eigen::Vector2d> hit(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
+                                   const Eigen::Vector3d& ray, const Eigen::Vector2d& slope) {
+  const Eigen::Vector3d direction = enu_from_camera * ray;
+  const double down = -direction.z() + slope.dot(direction.head<2>());
+  if (down < kMinDownComponent * direction.norm()) return std::nullopt;
+  return Eigen::Vector2d(pose.position.east_m, pose.position.north_m) + pose.agl_m / down * direction.head<2>();
+}
+
 // Difference of the two ground points that should be one.
-std::optional<Eigen::Vector2d> gap(const Poses& poses, const SharedSight& sight) {
-  const auto a = ground_from_ray(poses.before, sight.ray_before), b = ground_from_ray(poses.now, sight.ray_now);
+std::optional<Eigen::Vector2d> gap(const Poses& poses, const SharedSight& sight, const Eigen::Vector2d& slope) {
+  const auto a = hit(poses.before, enu_from_camera(poses.before.attitude), sight.ray_before, slope);
+  const auto b = hit(poses.now, enu_from_camera(poses.now.attitude), sight.ray_now, slope);
   if (!a || !b) return std::nullopt;
-  return Eigen::Vector2d(b->east_m - a->east_m, b->north_m - a->north_m);
+  return *b - *a;
 }
 
 std::optional<Jacobian> jacobian_of(const TwoViewPrior& prior, const Unknowns& u, const SharedSight& sight) {
@@ -48,7 +62,8 @@ std::optional<Jacobian> jacobian_of(const TwoViewPrior& prior, const Unknowns& u
     Unknowns ahead = u, behind = u;
     ahead[k] += step;
     behind[k] -= step;
-    const auto a = gap(poses_at(prior, ahead), sight), b = gap(poses_at(prior, behind), sight);
+    const auto a = gap(poses_at(prior, ahead), sight, prior.ground_slope),
+               b = gap(poses_at(prior, behind), sight, prior.ground_slope);
     if (!a || !b) return std::nullopt;
     jacobian.col(k) = (*a - *b) / (2 * step);
   }
@@ -59,7 +74,7 @@ Eigen::Vector2d median_gap(const TwoViewPrior& prior, const std::vector<SharedSi
   std::vector<double> east, north;
   const Poses poses = poses_at(prior, Unknowns::Zero());
   for (const SharedSight& sight : sights) {
-    if (const auto g = gap(poses, sight)) {
+    if (const auto g = gap(poses, sight, prior.ground_slope)) {
       east.push_back(g->x());
       north.push_back(g->y());
     }
@@ -97,16 +112,18 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
   TwoViewMotion motion;
   Information information = Information::Zero();
   double sigma_m = 30 * least_sigma_m;  // graduated: begin nearly convex, end at what the residuals show
-  // Neighbouring features err alike (relief, rolling shutter): all together they count as kIndependentSights at most.
-  const double crowd = std::max(1.0, static_cast<double>(sights.size()) / kIndependentSights);
+  // Neighbouring features err alike (relief, rolling shutter): how many count as one is seen when the rest is settled.
+  double crowd = std::max(1.0, static_cast<double>(sights.size()) / kMostIndependentSights);
+  bool crowd_known = false;
   for (int iteration = 0; iteration < 30; ++iteration) {
     information = from_prior;
     Unknowns gradient = -(from_prior * u);
     motion.inliers = 0;
     const double scale_m = 3 * sigma_m;
     std::vector<double> residuals_m;
+    std::vector<Eigen::Vector2d> places, residuals;
     for (const SharedSight& sight : sights) {
-      const auto residual = gap(poses_at(prior, u), sight);
+      const auto residual = gap(poses_at(prior, u), sight, prior.ground_slope);
       const auto jacobian = jacobian_of(prior, u, sight);
       if (!residual || !jacobian) return std::nullopt;
       const double squared = residual->squaredNorm();
@@ -115,7 +132,11 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
       const double weight = shrink * shrink / (sigma_m * sigma_m * crowd);
       information += weight * jacobian->transpose() * *jacobian;
       gradient -= weight * jacobian->transpose() * *residual;
-      if (squared < scale_m * scale_m) ++motion.inliers;
+      if (squared < scale_m * scale_m) {
+        ++motion.inliers;
+        places.emplace_back(sight.ray_now.x(), sight.ray_now.y());
+        residuals.push_back(*residual);
+      }
     }
     const Unknowns step = information.ldlt().solve(gradient);
     if (!step.allFinite() || step.tail<6>().cwiseAbs().maxCoeff() > 1) return std::nullopt;
@@ -123,10 +144,18 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
     const double parallax_m = prior.relief_sigma_m * u.head<2>().norm() / prior.now.agl_m;
     const double seen_sigma_m = std::max({least_sigma_m, parallax_m, median(residuals_m) / 1.177});
     const bool settled = step.head<2>().norm() < 1e-4 && step.tail<6>().norm() < 1e-6;
-    if (settled && sigma_m <= 1.01 * seen_sigma_m) break;
+    if (settled && sigma_m <= 1.01 * seen_sigma_m) {
+      if (crowd_known) break;
+      const double independent = std::min(kMostIndependentSights, independent_count(places, residuals));
+      crowd = std::max(1.0, static_cast<double>(motion.inliers) / independent);
+      crowd_known = true;
+    }
     sigma_m = std::max(seen_sigma_m, 0.6 * sigma_m);
   }
   const Information covariance = information.inverse();
+  motion.solved = u;
+  motion.sighted_information = information - from_prior;
+  motion.sighted_pull = from_prior * u;
   motion.moved_m = u.head<2>();
   motion.covariance_m2 = covariance.topLeftCorner<2, 2>();
   motion.turn_rad = prior.now.attitude.heading_rad + u[3] - prior.before.attitude.heading_rad;

@@ -23,6 +23,8 @@ struct TwoViewPrior {
   double heading_sigma_rad = 0.1;  // of the change of heading
   // Of (pitch, roll) before and (pitch, roll) now. A tilt that both share (boresight) makes them correlate.
   Eigen::Matrix4d tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-3;
+  // Of the plane that both pictures show: rise over run to the east and to the north. Heights are above it.
+  Eigen::Vector2d ground_slope = Eigen::Vector2d::Zero();
   double log_height_sigma = 0.03;  // of the change of height
   double relief_sigma_m = 1.5;     // of the ground's height beyond the plane: it moves points by parallax
 };
@@ -33,6 +35,12 @@ struct TwoViewMotion {
   double turn_rad = 0;
   double turn_sigma_rad = 0;
   int inliers = 0;
+  // What the sights alone say, with the priors taken away, about (motion; changes of the priors' log height ratio,
+  // change of heading, pitch and roll before, pitch and roll now): information, and where they pull to. See
+  // MotionSight in pose_sights.hpp.
+  Eigen::Matrix<double, 8, 1> solved = Eigen::Matrix<double, 8, 1>::Zero();
+  Eigen::Matrix<double, 8, 8> sighted_information = Eigen::Matrix<double, 8, 8>::Zero();
+  Eigen::Matrix<double, 8, 1> sighted_pull = Eigen::Matrix<double, 8, 1>::Zero();
 };
 
 std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight>& sights, const TwoViewPrior& prior);

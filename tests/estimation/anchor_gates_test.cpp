@@ -110,9 +110,10 @@ TEST(AnchorGates, LargeResidual) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::bad_geometry);
 }
 
+// Beside the belief's own sigma, roofs and rolling ground feign 0.015 rad and 1.5 %.
 TEST(AnchorGates, IncredibleTilt) {
   // Two axes: their root mean square counts, so that one axis alone may be off by √2 times the limit.
-  const double bound = std::sqrt(2.0) * GateLimits().max_tilt_sigmas * 0.02;
+  const double bound = std::sqrt(2.0) * GateLimits().max_tilt_sigmas * std::hypot(0.02, 0.015);
   for (const double sign : {-1.0, 1.0}) {
     Attempt attempt;
     attempt.match.solved->pose.attitude.roll_rad += sign * 0.999 * bound;
@@ -125,9 +126,9 @@ TEST(AnchorGates, IncredibleTilt) {
 TEST(AnchorGates, IncredibleHeight) {
   for (const double sign : {-1.0, 1.0}) {
     Attempt attempt;
-    attempt.match.solved->pose.agl_m *= std::exp(sign * 3.99 * 0.05);
+    attempt.match.solved->pose.agl_m *= std::exp(sign * 3.99 * std::hypot(0.05, 0.015));
     EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-    attempt.match.solved->pose.agl_m *= std::exp(sign * 0.02 * 0.05);
+    attempt.match.solved->pose.agl_m *= std::exp(sign * 0.02 * std::hypot(0.05, 0.015));
     EXPECT_EQ(attempt.verdict(), AnchorVerdict::bad_geometry);
   }
 }
@@ -135,10 +136,10 @@ TEST(AnchorGates, IncredibleHeight) {
 TEST(AnchorGates, SurpriseIsTheWorstOfTiltAndHeight) {
   Attempt attempt;
   EXPECT_EQ(attitude_surprise(*attempt.match.solved, attempt.prior), 0);
-  attempt.match.solved->pose.attitude.pitch_rad += 0.04;
-  attempt.match.solved->pose.attitude.roll_rad += 0.04;
+  attempt.match.solved->pose.attitude.pitch_rad += 2 * std::hypot(0.02, 0.015);
+  attempt.match.solved->pose.attitude.roll_rad += 2 * std::hypot(0.02, 0.015);
   EXPECT_NEAR(attitude_surprise(*attempt.match.solved, attempt.prior), 2, 1e-9);
-  attempt.match.solved->pose.agl_m *= std::exp(3 * 0.05);
+  attempt.match.solved->pose.agl_m *= std::exp(3 * std::hypot(0.05, 0.015));
   EXPECT_NEAR(attitude_surprise(*attempt.match.solved, attempt.prior), 3, 1e-9);
 }
 

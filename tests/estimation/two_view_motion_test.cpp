@@ -14,6 +14,7 @@ namespace {
 struct Scene {
   CameraPose before{{0, 0}, 100, {radians(80), radians(4), radians(-3)}};
   CameraPose now{{38, 11}, 103, {radians(98), radians(-2), radians(7)}};
+  Eigen::Vector2d slope = Eigen::Vector2d::Zero();  // of the ground; heights are above it, under each camera
 };
 
 // Rays by rotation and projection of random ground points between the two cameras; `noise` on the ray of the second.
@@ -22,8 +23,8 @@ std::vector<SharedSight> sights_of(const Scene& scene, int count, Random& random
   while (static_cast<int>(sights.size()) < count) {
     const PlanePoint ground{random.uniform(-20, 60), random.uniform(-50, 60)};
     const auto ray = [&](const CameraPose& pose) {
-      const Eigen::Vector3d to(ground.east_m - pose.position.east_m, ground.north_m - pose.position.north_m,
-                               -pose.agl_m);
+      const Eigen::Vector2d away(ground.east_m - pose.position.east_m, ground.north_m - pose.position.north_m);
+      const Eigen::Vector3d to(away.x(), away.y(), scene.slope.dot(away) - pose.agl_m);
       const Eigen::Vector3d point = enu_from_camera(pose.attitude).transpose() * to;
       return Eigen::Vector3d(point / point.z());
     };
@@ -129,6 +130,44 @@ TEST(TwoViewMotion, CovarianceIsHonest) {
   }
   EXPECT_LT(nees, 2 + 3.3 * std::sqrt(4.0 / kTrials));
   EXPECT_GT(nees, 0.3) << "careful, but not useless";
+}
+
+// A hillside is no tilt, when it is known to be one.
+TEST(TwoViewMotion, KnowsTheSlopeOfTheGround) {
+  Scene scene;
+  scene.slope = {0.15, -0.1};
+  Random random(7);
+  const auto sights = sights_of(scene, 80, random);
+  TwoViewPrior prior = prior_of(scene);
+  prior.ground_slope = scene.slope;
+  const auto motion = solve_two_view_motion(sights, prior);
+  ASSERT_TRUE(motion);
+  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 1e-3);
+  prior.ground_slope.setZero();
+  const auto level = solve_two_view_motion(sights, prior);
+  ASSERT_TRUE(level);
+  EXPECT_GT((level->moved_m - moved(scene)).norm(), 0.5);
+}
+
+// With the priors taken away, however wrong they were, the sights say what they always said.
+TEST(TwoViewMotion, WhatTheSightsSayForgetsThePriors) {
+  const Scene scene;
+  Random random(8);
+  const auto sights = sights_of(scene, 200, random, 0.0005);
+  TwoViewPrior prior = prior_of(scene);
+  prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-4;
+  prior.now.attitude.heading_rad += radians(2);
+  prior.before.attitude.pitch_rad += radians(1);
+  const auto motion = solve_two_view_motion(sights, prior);
+  ASSERT_TRUE(motion);
+  // Strong opinions of the truth, as the flight filter would have them, instead of the wrong priors.
+  Eigen::Matrix<double, 8, 8> information = motion->sighted_information;
+  Eigen::Matrix<double, 8, 1> right = motion->sighted_information * motion->solved + motion->sighted_pull;
+  information.bottomRightCorner<4, 4>() += Eigen::Matrix4d::Identity() * 1e8;
+  right[4] += 1e8 * radians(-1);
+  const Eigen::Matrix<double, 8, 1> combined = information.inverse() * right;
+  EXPECT_LT((combined.head<2>() - moved(scene)).norm(), 0.1);
+  EXPECT_NEAR(combined[3], radians(-2), radians(0.1));
 }
 
 TEST(TwoViewMotion, NeedsEnough) {

@@ -22,6 +22,7 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
   LocalizerConfig config;
   if (setup.map_sigma_m) config.map_sigma_m = *setup.map_sigma_m;
   config.surface = setup.surface;
+  config.area = setup.area;
   Localizer localizer(flight.camera, setup.frame, setup.tiles, setup.start, config);
   ReplayedFlight result;
   WorstFrames worst(kPicturedFrames);

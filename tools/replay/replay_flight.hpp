@@ -7,6 +7,7 @@
 #include "base/progress.hpp"
 #include "estimation/estimate.hpp"
 #include "geodesy/local_frame.hpp"
+#include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
 #include "replay/estimates_csv.hpp"
 #include "replay/flight_folder.hpp"
@@ -28,6 +29,7 @@ struct ReplaySetup {
   const TileSource* tiles = nullptr;  // null: odometry alone
   std::optional<double> map_sigma_m;  // of the tiles' placement, one axis
   std::optional<LonLat> start;
+  std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
   const GroundSurface* surface = nullptr;  // null: flat ground
 };
 

@@ -1,0 +1,262 @@
+#include "estimation/flight_filter.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kUnknownHeadingVariance = 4.0;  // rad²: about 115 degrees, any heading
+constexpr double kChangingHeadingShare = 0.5;    // of the telemetry's sigma that changes from frame to frame
+constexpr double kHeightWanderShare = 0.25;      // of the sigma, per frame: barometer noise, ground that rolls by
+constexpr double kChangingTiltShareLogged = 0.7;
+constexpr double kChangingTiltShareUnlogged = 0.3;
+constexpr double kTiltDriftTimeLogged_s = 240;  // in which the constant part is forgotten: attitude from an AHRS …
+constexpr double kTiltDriftTimeUnlogged_s = 12000;  // … or a mount or a gimbal
+constexpr double kTiltScatterPriorFrames = 3;       // how many frames the prior of the changing part is worth
+constexpr double kVaguestSight = 16;                // variance over the changing part's, to learn from it
+constexpr double kLeastChangingTilt_rad = 0.004;    // a quarter of a degree: no mount is stiffer
+
+using Index = FlightFilter::Index;
+
+// A first-order Gauss-Markov process: what is kept of the old value, and the variance that comes anew.
+struct Wander {
+  double keep, variance;
+};
+Wander wander(double stationary_variance, double keep) { return {keep, stationary_variance * (1 - keep * keep)}; }
+
+}  // namespace
+
+FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, const Eigen::Vector2d& position_m,
+                           double sigma_m, const Options& options)
+    : uncertainty_(uncertainty), tilt_logged_(tilt_logged), options_(options) {
+  const double changing = (tilt_logged ? kChangingTiltShareLogged : kChangingTiltShareUnlogged) * uncertainty.tilt_rad;
+  tilt_scatter_weight_ = kTiltScatterPriorFrames;
+  tilt_scatter_sum_ = tilt_scatter_weight_ * changing * changing;
+  mean_.segment<2>(east) = position_m;
+  const auto squared = [](double x) { return x * x; };
+  covariance_.diagonal() << squared(sigma_m), squared(sigma_m), squared(options.start_velocity_sigma_mps),
+      squared(options.start_velocity_sigma_mps), squared(uncertainty.agl_relative), kUnknownHeadingVariance, 0, 0,
+      squared(uncertainty.heading_rad), squared(uncertainty.tilt_rad), squared(uncertainty.tilt_rad);
+}
+
+double FlightFilter::sigma(Index index) const { return std::sqrt(covariance_(index, index)); }
+double FlightFilter::position_sigma_m() const { return std::sqrt(0.5 * position_covariance_m2().trace()); }
+// A logged tilt scatters as its camera file says, or worse; of an unlogged one only the frames can tell.
+double FlightFilter::changing_tilt_sigma_rad() const {
+  const double least = tilt_logged_ ? kChangingTiltShareLogged * uncertainty_.tilt_rad : kLeastChangingTilt_rad;
+  return std::sqrt(std::max(least * least, tilt_scatter_sum_ / tilt_scatter_weight_));
+}
+
+void FlightFilter::advance(double seconds, std::optional<double> told_heading_rad) {
+  settle();
+  const double dt = first_ ? 0 : std::max(0.0, seconds);
+  Covariance transition = Covariance::Identity();
+  Covariance noise = Covariance::Zero();
+  State now = mean_;
+
+  const double agl_variance = uncertainty_.agl_relative * uncertainty_.agl_relative;
+  const Wander height = wander(agl_variance, first_ ? 1 : std::sqrt(1 - kHeightWanderShare * kHeightWanderShare));
+  transition(log_height, log_height) = height.keep;
+  noise(log_height, log_height) = height.variance;
+
+  const double tilt_variance = uncertainty_.tilt_rad * uncertainty_.tilt_rad;
+  const double drift_s = tilt_logged_ ? kTiltDriftTimeLogged_s : kTiltDriftTimeUnlogged_s;
+  const Wander bias = wander(tilt_variance, std::exp(-dt / drift_s));
+  const double changing = changing_tilt_sigma_rad() * changing_tilt_sigma_rad();
+  for (int axis = 0; axis < 2; ++axis) {
+    const int tilt = pitch + axis, constant = pitch_bias + axis;
+    transition(tilt, tilt) = 0;
+    transition(tilt, constant) = transition(constant, constant) = bias.keep;
+    noise(constant, constant) = noise(constant, tilt) = noise(tilt, constant) = bias.variance;
+    noise(tilt, tilt) = bias.variance + changing;
+  }
+
+  transition(heading, heading) = told_heading_rad ? 0 : 1;
+  if (told_heading_rad) {
+    const double share = kChangingHeadingShare * uncertainty_.heading_rad;
+    transition(heading, heading_bias) = 1;
+    noise(heading, heading) = share * share;
+  } else {
+    noise(heading, heading) = first_ ? 0 : kUnknownHeadingVariance;
+  }
+
+  now = (transition * mean_).eval();
+  if (told_heading_rad) now[heading] += *told_heading_rad;
+
+  // The velocity turns with the aircraft, but for the wind; the position moves by the mean of both velocities.
+  const bool turn_known = told_heading_rad && told_heading_rad_;
+  const double turn = turn_known ? wrap_pi(now[heading] - mean_[heading]) : 0.0;
+  Eigen::Matrix2d turned;
+  turned << std::cos(turn), std::sin(turn), -std::sin(turn), std::cos(turn);
+  now.segment<2>(velocity_east) = turned * mean_.segment<2>(velocity_east);
+  now.segment<2>(east) = mean_.segment<2>(east) + 0.5 * dt * (mean_ + now).segment<2>(velocity_east);
+  transition.block<2, 2>(velocity_east, velocity_east) = turned;
+  Eigen::Matrix<double, 2, 1> across = Eigen::Vector2d::Zero();  // how an error of the turn turns the velocity
+  if (turn_known) across << now[velocity_north], -now[velocity_east];
+  transition.middleRows<2>(velocity_east) += across * transition.row(heading);
+  transition.block<2, 1>(velocity_east, heading) -= across;
+  transition.middleRows<2>(east) += 0.5 * dt * transition.middleRows<2>(velocity_east);
+  transition.block<2, 2>(east, velocity_east) += 0.5 * dt * Eigen::Matrix2d::Identity();
+  Eigen::Matrix<double, 4, 1> turning;
+  turning << 0.5 * dt * across, across;
+  noise.topLeftCorner<4, 4>() += noise(heading, heading) * turning * turning.transpose();
+  noise.block<4, 1>(0, heading) += noise(heading, heading) * turning;
+  noise.block<1, 4>(heading, 0) += noise(heading, heading) * turning.transpose();
+  const double acceleration = turn_known ? options_.steady_acceleration_mps2 : options_.acceleration_mps2;
+  const double q = acceleration * acceleration, gust = options_.wind_sigma_mps * turn;
+  for (int axis = 0; axis < 2 && dt > 0; ++axis) {
+    const int p = east + axis, v = velocity_east + axis;
+    noise(p, p) += q * dt * dt * dt / 3 + gust * gust * dt * dt / 4;
+    noise(p, v) += q * dt * dt / 2 + gust * gust * dt / 2;
+    noise(v, p) += q * dt * dt / 2 + gust * gust * dt / 2;
+    noise(v, v) += q * dt + gust * gust;
+  }
+
+  const Covariance cross = transition * covariance_;
+  Covariance next = cross * transition.transpose() + noise;
+  // An aircraft cannot become arbitrarily fast, however long nothing was seen.
+  JointCovariance joint;
+  joint << covariance_, cross.transpose(), cross, next;
+  const double ceiling = 4 * options_.start_velocity_sigma_mps * options_.start_velocity_sigma_mps;
+  for (const int v : {states + velocity_east, states + velocity_north}) {
+    if (joint(v, v) <= ceiling) continue;
+    const double shrink = std::sqrt(ceiling / joint(v, v));
+    joint.row(v) *= shrink;
+    joint.col(v) *= shrink;
+  }
+  told_heading_rad_ = told_heading_rad;
+  if (first_) {
+    mean_ = now;
+    covariance_ = joint.bottomRightCorner<states, states>();
+    first_ = false;
+    return;
+  }
+  JointState both;
+  both << mean_, now;
+  joint_.emplace(both, joint);
+  mean_ = now;
+  covariance_ = joint.bottomRightCorner<states, states>();
+}
+
+template <int Rows>
+void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
+                                const Eigen::Matrix<double, Rows, 1>& innovation,
+                                const Eigen::Matrix<double, Rows, Rows>& noise) {
+  auto& [both, joint] = *joint_;
+  const Eigen::Matrix<double, Rows, Rows> spread = row * joint * row.transpose() + noise;
+  const Eigen::Matrix<double, kJoint, Rows> gain = spread.ldlt().solve(row * joint).transpose();
+  both += gain * innovation;
+  const JointCovariance left = JointCovariance::Identity() - gain * row;
+  joint = (left * joint * left.transpose() + gain * noise * gain.transpose()).eval();
+  joint = (0.5 * (joint + joint.transpose())).eval();
+  mean_ = both.template tail<states>();
+  covariance_ = joint.template bottomRightCorner<states, states>();
+}
+
+Eigen::Vector2d FlightFilter::moved(const MotionSight& sight) {
+  if (!joint_) return Eigen::Vector2d::Zero();
+  const Eigen::Vector2d foretold = joint_->first.segment<2>(east);
+  constexpr int b = 0, n = states;  // the frame before, and now
+  const Eigen::Vector2d step = sight.seen.head<2>();
+  // seen = row · (before, now) + offset, linear about the beliefs that the front end worked with.
+  Eigen::Matrix<double, 8, kJoint> row = Eigen::Matrix<double, 8, kJoint>::Zero();
+  Eigen::Matrix<double, 8, 1> offset = Eigen::Matrix<double, 8, 1>::Zero();
+  for (int axis = 0; axis < 2; ++axis) {
+    row(axis, n + east + axis) = 1;
+    row(axis, b + east + axis) = -1;
+    row(axis, b + log_height) = -step[axis];
+  }
+  row(0, b + heading) = -step.y();  // clockwise: north turns into east
+  row(1, b + heading) = step.x();
+  offset.head<2>() = step * sight.before.log_height + Eigen::Vector2d(step.y(), -step.x()) * sight.before.heading_rad;
+  row(2, n + log_height) = row(3, n + heading) = 1;
+  row(2, b + log_height) = row(3, b + heading) = -1;
+  offset[2] = -(sight.now.log_height - sight.before.log_height);
+  offset[3] = -(sight.now.heading_rad - sight.before.heading_rad);
+  row(4, b + pitch) = row(5, b + roll) = row(6, n + pitch) = row(7, n + roll) = 1;
+  offset.tail<4>() << -sight.before.pitch_rad, -sight.before.roll_rad, -sight.now.pitch_rad, -sight.now.roll_rad;
+  Eigen::Matrix<double, 8, 1> innovation = sight.seen - row * joint_->first - offset;
+  innovation[3] = wrap_pi(innovation[3]);
+  update_joint<8>(row, innovation, sight.covariance);
+  return joint_->first.segment<2>(east) - foretold;
+}
+
+void FlightFilter::doubt_height(double log_sigma) {
+  const auto unlearn = [log_sigma](auto& mean, auto& covariance, int index) {
+    mean[index] = 0;
+    covariance.row(index).setZero();
+    covariance.col(index).setZero();
+    covariance(index, index) = log_sigma * log_sigma;
+  };
+  unlearn(mean_, covariance_, log_height);
+  if (joint_) unlearn(joint_->first, joint_->second, states + log_height);
+}
+
+// What the tilts seen on the map scatter beyond what is known to scatter is the changing part.
+void FlightFilter::learn_tilt_scatter(const PoseSight& sight) {
+  const Eigen::Vector2d innovation = sight.seen.segment<2>(4) - mean_.segment<2>(pitch_bias);
+  const double known =
+      0.5 * (covariance_.block<2, 2>(pitch_bias, pitch_bias).trace() + sight.covariance.block<2, 2>(4, 4).trace());
+  const double changing = changing_tilt_sigma_rad() * changing_tilt_sigma_rad();
+  // Much vaguer sights say nothing, and would only wear the sum away.
+  if (known < kVaguestSight * changing) {
+    const double weight = changing / (changing + known);
+    tilt_scatter_sum_ += weight * (0.5 * innovation.squaredNorm() - known);
+    tilt_scatter_weight_ += weight;
+  }
+  tilt_scatter_sum_ = std::max(tilt_scatter_sum_, 0.0);
+}
+
+void FlightFilter::anchored(const PoseSight& sight) {
+  settle();
+  learn_tilt_scatter(sight);
+  constexpr int order[] = {east, north, log_height, heading, pitch, roll};
+  Eigen::Matrix<double, 6, states> row = Eigen::Matrix<double, 6, states>::Zero();
+  for (int i = 0; i < 6; ++i) row(i, order[i]) = 1;
+  Eigen::Matrix<double, 6, 1> innovation = sight.seen - row * mean_;
+  innovation[3] = wrap_pi(innovation[3]);
+  const Eigen::Matrix<double, 6, 6> spread = row * covariance_ * row.transpose() + sight.covariance;
+  const Eigen::Matrix<double, states, 6> gain = spread.ldlt().solve(row * covariance_).transpose();
+  mean_ += gain * innovation;
+  const Covariance left = Covariance::Identity() - gain * row;
+  covariance_ = (left * covariance_ * left.transpose() + gain * sight.covariance * gain.transpose()).eval();
+  covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
+}
+
+// Keeps how the last frame hangs on the one in work, for smoothed().
+void FlightFilter::settle() {
+  if (!joint_) return;
+  const auto& [both, joint] = *joint_;
+  Link link;
+  link.before = both.head<states>();
+  link.now = both.tail<states>();
+  link.before_covariance = joint.topLeftCorner<states, states>();
+  link.now_covariance = joint.bottomRightCorner<states, states>();
+  const Covariance cross = joint.bottomLeftCorner<states, states>();
+  link.gain = link.now_covariance.ldlt().solve(cross).transpose();
+  links_.push_back(link);
+  joint_.reset();
+}
+
+std::vector<FlightFilter::Smoothed> FlightFilter::smoothed() const {
+  FlightFilter whole = *this;
+  whole.settle();
+  std::vector<Smoothed> result(whole.links_.size() + 1);
+  State mean = whole.mean_;
+  Covariance covariance = whole.covariance_;
+  for (std::size_t i = result.size(); i-- > 0;) {
+    result[i] = {mean.segment<2>(east), covariance.block<2, 2>(east, east)};
+    if (i == 0) break;
+    const Link& link = whole.links_[i - 1];
+    mean = (link.before + link.gain * (mean - link.now)).eval();
+    covariance =
+        (link.before_covariance + link.gain * (covariance - link.now_covariance) * link.gain.transpose()).eval();
+  }
+  return result;
+}
+
+}  // namespace nadir

@@ -1,0 +1,243 @@
+#include "estimation/flight_filter.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <cmath>
+
+#include "base/random.hpp"
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+using Eigen::Matrix2d;
+using Eigen::Vector2d;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using F = FlightFilter;
+
+constexpr std::nullopt_t kNoHeading = std::nullopt;
+
+TelemetryUncertainty sensors() {
+  TelemetryUncertainty uncertainty;
+  uncertainty.heading_rad = radians(3);
+  uncertainty.tilt_rad = radians(5);
+  uncertainty.agl_relative = 0.05;
+  return uncertainty;
+}
+
+// An anchor at a place, with (sigma of) position m, log height, heading, tilt.
+PoseSight anchor(const Vector2d& at, double heading_rad, const Vector2d& tilt_rad, const Vector6d& sigma) {
+  PoseSight sight;
+  sight.seen << at, 0, heading_rad, tilt_rad;
+  sight.covariance = sigma.cwiseProduct(sigma).asDiagonal();
+  return sight;
+}
+
+Vector6d vague_but(int index, double sigma) {
+  Vector6d sigmas;
+  sigmas << 1e5, 1e5, 1e3, 1e3, 1e3, 1e3;
+  sigmas[index] = sigma;
+  return sigmas;
+}
+
+PoseSight place_only(const Vector2d& at, double sigma_m) {
+  Vector6d sigma = vague_but(0, sigma_m);
+  sigma[1] = sigma_m;
+  return anchor(at, 0, Vector2d::Zero(), sigma);
+}
+
+Believed believed(const F& filter) {
+  const auto& x = filter.state();
+  return {x[F::log_height], x[F::heading], x[F::pitch], x[F::roll]};
+}
+
+// Odometry that says this motion, and of attitude and height only that they stayed as they are believed to be.
+MotionSight step_of(const F& filter, const Believed& before, const Vector2d& moved, double sigma_m,
+                    double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
+  MotionSight sight;
+  sight.before = before;
+  sight.now = believed(filter);
+  sight.seen.setZero();
+  sight.seen.head<2>() = moved;
+  Eigen::Matrix<double, 8, 1> sigma;
+  sigma << sigma_m, sigma_m, height_sigma, turn_sigma_rad, 100, 100, 100, 100;
+  sight.covariance = sigma.cwiseProduct(sigma).asDiagonal();
+  return sight;
+}
+
+void fly(F& filter, int frames, const Vector2d& step, double sigma_m, double heading_rad = 0) {
+  for (int i = 0; i < frames; ++i) {
+    const Believed before = believed(filter);
+    filter.advance(1, heading_rad);
+    filter.moved(step_of(filter, before, step, sigma_m));
+  }
+}
+
+double smallest_growth(const Matrix2d& before, const Matrix2d& after) {
+  return Eigen::SelfAdjointEigenSolver<Matrix2d>(after - before).eigenvalues()[0];
+}
+
+double off_deg(double a_rad, double b_rad) { return std::abs(degrees(wrap_pi(a_rad - b_rad))); }
+
+TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
+  F filter(sensors(), true, {3, 4}, 10);
+  filter.advance(0, radians(20));
+  fly(filter, 3, {20, 5}, 0.3, radians(20));
+  filter.anchored(place_only({63, 19}, 1));
+  for (int i = 0; i < 400; ++i) {
+    const Matrix2d before = filter.position_covariance_m2();
+    filter.advance(i % 3 == 0 ? 0.1 : 2.0, i % 2 == 0 ? std::optional(radians(20 + i)) : kNoHeading);
+    ASSERT_GE(smallest_growth(before, filter.position_covariance_m2()), -1e-9 * before.norm()) << i;
+  }
+  EXPECT_TRUE(filter.covariance().allFinite());
+  EXPECT_LT(filter.sigma(F::velocity_east), 40) << "no aircraft becomes arbitrarily fast";
+}
+
+TEST(FlightFilter, TimeThatDoesNotAdvanceMovesNothing) {
+  F filter(sensors(), true, {3, 4}, 10);
+  filter.advance(0, radians(20));
+  fly(filter, 3, {20, 5}, 0.3, radians(20));
+  const Matrix2d before = filter.position_covariance_m2();
+  const Vector2d at = filter.position_m();
+  filter.advance(0, radians(20));
+  filter.advance(-5, kNoHeading);
+  EXPECT_LT((filter.position_covariance_m2() - before).norm(), 1e-9);
+  EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
+}
+
+TEST(FlightFilter, CarriesOnWithItsVelocityWhichTurnsWithTheAircraft) {
+  F straight(sensors(), true, {0, 0}, 1);
+  straight.advance(0, radians(90));
+  fly(straight, 5, {20, 0}, 0.3, radians(90));
+  F turning = straight;
+  straight.advance(3, radians(90));
+  EXPECT_LT((straight.position_m() - Vector2d(160, 0)).norm(), 2);
+  for (int i = 1; i <= 18; ++i) turning.advance(1, radians(90 + 10 * i));  // half a circle to the right
+  EXPECT_GT(turning.position_m().x(), 60);
+  EXPECT_LT(turning.position_m().x(), 140) << "back abeam of where the turn began";
+  EXPECT_NEAR(turning.position_m().y(), -2 * 20 / radians(10), 15) << "a diameter to the south";
+}
+
+// What all steps share grows with the distance.
+TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
+  const auto after = [](int frames, double heading_deg, double agl_relative) {
+    TelemetryUncertainty uncertainty = sensors();
+    uncertainty.heading_rad = radians(heading_deg);
+    uncertainty.agl_relative = agl_relative;
+    F filter(uncertainty, true, {0, 0}, 0.01);
+    filter.advance(0, radians(90));
+    fly(filter, frames, {30, 0}, 0.01, radians(90));
+    return filter.position_covariance_m2();
+  };
+  const double heading = std::hypot(radians(2), radians(1) / std::sqrt(15));  // bias, and noise that averages out
+  EXPECT_NEAR(std::sqrt(after(10, 2, 0.0001)(1, 1)), 300 * heading, 0.15 * 300 * heading);
+  EXPECT_NEAR(std::sqrt(after(40, 2, 0.0001)(1, 1)), 1200 * heading, 0.15 * 1200 * heading);
+  EXPECT_GT(std::sqrt(after(10, 0.01, 0.03)(0, 0)), 0.7 * 300 * 0.03);
+  EXPECT_LT(std::sqrt(after(10, 0.01, 0.03)(0, 0)), 1.1 * 300 * 0.03);
+  EXPECT_LT(std::sqrt(after(10, 0.01, 0.03)(1, 1)), 0.5) << "not across";
+}
+
+TEST(FlightFilter, TwoOpinionsOfAPlaceAreCombinedAsTheTextbookSays) {
+  F filter(sensors(), true, {300, 0}, 20);
+  filter.advance(0, kNoHeading);
+  const Matrix2d before = filter.position_covariance_m2();
+  Matrix2d measured;
+  measured << 4, 1, 1, 9;
+  PoseSight sight = place_only({310, 5}, 1);
+  sight.covariance.topLeftCorner<2, 2>() = measured;
+  filter.anchored(sight);
+  const Matrix2d expected = (before.inverse() + measured.inverse()).inverse();
+  EXPECT_LT((filter.position_covariance_m2() - expected).norm(), 1e-6);
+  const Vector2d position = expected * (before.inverse() * Vector2d(300, 0) + measured.inverse() * Vector2d(310, 5));
+  EXPECT_LT((filter.position_m() - position).norm(), 1e-6);
+}
+
+TEST(FlightFilter, UnknownHeadingIsUnsureUntilAnAnchorTellsIt) {
+  F filter(sensors(), true, {0, 0}, 5);
+  filter.advance(0, kNoHeading);
+  EXPECT_GT(filter.sigma(F::heading), radians(90));
+  filter.anchored(anchor({0, 0}, radians(-100), {0, 0}, vague_but(3, radians(1))));
+  EXPECT_LT(off_deg(filter.state()[F::heading], radians(-100)), 0.1);
+  EXPECT_LT(filter.sigma(F::heading), radians(1.1));
+}
+
+// Anchors show the compass' bias; afterwards the telemetry alone is right.
+TEST(FlightFilter, LearnsAConstantHeadingBias) {
+  Random random(1);
+  F filter(sensors(), true, {0, 0}, 5);
+  double truth = radians(30);
+  for (int i = 0; i < 60; ++i) {
+    truth += radians(2);
+    filter.advance(1, truth - radians(5) + random.normal(0, radians(0.5)));
+    const double seen = truth + random.normal(0, radians(0.6));
+    if (i % 3 == 0) filter.anchored(anchor({0, 0}, seen, {0, 0}, vague_but(3, radians(0.6))));
+  }
+  EXPECT_NEAR(degrees(filter.state()[F::heading_bias]), 5, 1.0);
+  filter.advance(1, wrap_pi(radians(-77) - radians(5)));
+  EXPECT_LT(off_deg(filter.state()[F::heading], radians(-77)), 1.0);
+  EXPECT_LT(filter.sigma(F::heading), radians(3));
+}
+
+// A circle flown twice, told in (−180°, 180°]: no jump where the telemetry jumps.
+TEST(FlightFilter, CrossesSouthWithoutAJump) {
+  F filter(sensors(), true, {0, 0}, 5);
+  double truth = radians(150);
+  for (int i = 0; i < 72; ++i) {
+    truth += radians(10);
+    filter.advance(1, wrap_pi(truth));
+    if (i % 5 == 0) filter.anchored(anchor({0, 0}, wrap_pi(truth), {0, 0}, vague_but(3, radians(0.5))));
+    ASSERT_LT(off_deg(filter.state()[F::heading], truth), 0.01) << i;
+    ASSERT_LT(off_deg(filter.state()[F::heading_bias], 0), 0.01) << i;
+  }
+}
+
+TEST(FlightFilter, LearnsTheMounting) {
+  Random random(2);
+  F filter(sensors(), true, {0, 0}, 5);
+  for (int i = 0; i < 80; ++i) {
+    filter.advance(0.1, kNoHeading);
+    const double n = radians(0.8);
+    PoseSight sight =
+        anchor({0, 0}, 0, {radians(6) + random.normal(0, radians(3.5)), radians(-2) + random.normal(0, radians(3.5))},
+               vague_but(4, n));
+    sight.covariance(5, 5) = n * n;
+    filter.anchored(sight);
+  }
+  EXPECT_NEAR(degrees(filter.state()[F::pitch_bias]), 6, 1.2);
+  EXPECT_NEAR(degrees(filter.state()[F::roll_bias]), -2, 1.2);
+  EXPECT_LT(filter.sigma(F::pitch_bias), radians(1));
+}
+
+// A bare airframe without logged attitude tilts anew in every frame; a gimbal does not. The frames tell which it is.
+TEST(FlightFilter, LearnsHowMuchTiltChangesWhenNobodyLoggedIt) {
+  const auto learnt_deg = [](double wobble_rad) {
+    Random random(3);
+    F filter(sensors(), false, {0, 0}, 5);
+    for (int i = 0; i < 200; ++i) {
+      const double n = radians(0.3);
+      filter.advance(1, kNoHeading);
+      const auto wobble = [&] { return random.normal(0, std::hypot(wobble_rad, n)); };
+      PoseSight sight = anchor({0, 0}, 0, {radians(3) + wobble(), wobble()}, vague_but(4, n));
+      sight.covariance(5, 5) = n * n;
+      filter.anchored(sight);
+    }
+    return degrees(filter.changing_tilt_sigma_rad());
+  };
+  EXPECT_NEAR(learnt_deg(radians(4)), 4, 0.8);
+  EXPECT_LT(learnt_deg(radians(0.05)), 0.5);
+}
+
+TEST(FlightFilter, VagueSightsTeachNothing) {
+  F filter(sensors(), false, {0, 0}, 5);
+  filter.advance(0, radians(10));
+  const F before = filter;
+  for (int i = 0; i < 50; ++i) filter.anchored(anchor({900, 0}, 2, {1, -1}, vague_but(0, 1e5)));
+  EXPECT_LT((filter.position_m() - before.position_m()).norm(), 0.5);
+  EXPECT_LT(std::abs(filter.state()[F::pitch]), radians(0.3));
+  EXPECT_DOUBLE_EQ(filter.changing_tilt_sigma_rad(), before.changing_tilt_sigma_rad());
+}
+
+}  // namespace
+}  // namespace nadir
