@@ -49,6 +49,10 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (match.frame_share < limits.min_frame_share) return AnchorVerdict::bad_geometry;
   if (solved.rms_m > limits.max_residual_px * match.fine_gsd_m) return AnchorVerdict::bad_geometry;
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
+  if (prediction.lost) {
+    const bool stands_out = match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share;
+    return stands_out ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
+  }
   const bool judged_by_prediction = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
   if (judged_by_prediction && prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
   if (match.search.ratio <= limits.alone_ratio || judged_by_prediction) return AnchorVerdict::accepted;

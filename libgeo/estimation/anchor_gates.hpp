@@ -26,12 +26,17 @@ struct GateLimits {
   double max_tilt_sigmas = 4;     // solved tilt and height against what was believed
   double chi2_999 = 13.816;       // two degrees of freedom
   double healthy_sigma_m = 60;    // a prediction worse than this is no evidence against an anchor
+  // Lost, thousands of places compete and nothing else speaks for the best one: it must stand out further, or be
+  // confirmed by others (anchor_votes.hpp).
+  double lost_ratio = 0.70;
+  double lost_inlier_share = 0.20;
 };
 
 struct Prediction {
   double chi2 = 0;  // of the matched position
   double sigma_m = 0;
   bool healthy = false;  // carried without a break from accepted anchors
+  bool lost = false;     // there is none: all of the area, or much of it, was searched
 };
 
 // How far the solved attitude and height lie from the belief, in sigmas of the belief (the worst of them).

@@ -5,8 +5,11 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "estimation/anchor_votes.hpp"
 #include "estimation/flight_filter.hpp"
 #include "estimation/odometry.hpp"
+#include "estimation/plausible_telemetry.hpp"
+#include "estimation/sloping_ground.hpp"
 #include "geodesy/angles.hpp"
 #include "vision/frame_quality.hpp"
 
@@ -18,43 +21,10 @@ namespace {
 constexpr double kAnchorModelError = 4;
 constexpr double kSharedErrorFootprints = 1.5;
 constexpr double kMostSharedAnchors = 5;
-constexpr double kLowest_m = 1, kHighest_m = 30'000;  // heights that telemetry may tell
-constexpr double kLargestAngle_rad = 100;             // beyond it is no angle but rubbish
 constexpr double kLeastTiltVariance_rad2 = 1e-6;
 constexpr double kLeastLostSigma_m = 1000;
 constexpr double kUntoldHeightSigma = 0.3;   // of its logarithm
 constexpr double kLeastHeightSigma = 0.012;  // roofs, trees and rolling ground
-
-// What cannot be is unknown: an autopilot's NaN must not reach the beliefs, which would never get rid of it.
-Telemetry plausible(Telemetry telemetry, double last_time_s) {
-  const auto keep = [](std::optional<double>& value, double low, double high) {
-    if (value && !(*value >= low && *value <= high)) value.reset();
-  };
-  keep(telemetry.agl_m, kLowest_m, kHighest_m);
-  keep(telemetry.heading_rad, -kLargestAngle_rad, kLargestAngle_rad);
-  keep(telemetry.pitch_rad, -kLargestAngle_rad, kLargestAngle_rad);
-  keep(telemetry.roll_rad, -kLargestAngle_rad, kLargestAngle_rad);
-  if (!std::isfinite(telemetry.time_s)) telemetry.time_s = last_time_s;
-  return telemetry;
-}
-
-// Rise over run to the east and the north, over a stretch to both sides.
-Eigen::Vector2d ground_slope(const GroundSurface& surface, PlanePoint at, double stretch_m) {
-  const auto rise = [&](double east, double north) {
-    return surface.height_m({at.east_m + east * stretch_m, at.north_m + north * stretch_m}) -
-           surface.height_m({at.east_m - east * stretch_m, at.north_m - north * stretch_m});
-  };
-  return Eigen::Vector2d(rise(1, 0), rise(0, 1)) / (2 * stretch_m);
-}
-
-// Sights over a plane take its slope for a tilt, of both pictures alike: turned with the aircraft.
-void add_unknown_slope(MotionSight& sight, double slope_sigma) {
-  const double turn = sight.now.heading_rad - sight.before.heading_rad + sight.seen[3];
-  Eigen::Matrix<double, 4, 2> tilt_from_slope;
-  tilt_from_slope << 1, 0, 0, 1, std::cos(turn), -std::sin(turn), std::sin(turn), std::cos(turn);
-  sight.covariance.bottomRightCorner<4, 4>() +=
-      slope_sigma * slope_sigma * tilt_from_slope * tilt_from_slope.transpose();
-}
 
 }  // namespace
 
@@ -78,6 +48,8 @@ struct Localizer::State {
   bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
   std::pair<Eigen::Vector2d, double> start_position() const;
   AnchorPrior anchor_prior() const;
+  bool lost() const;
+  PlaneBox area_left() const;
   AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) const;
   AnchorReport try_anchor(const cv::Mat& grey);
   double shared_error_factor(const Eigen::Vector2d& position) const;
@@ -116,6 +88,7 @@ struct Localizer::State {
   // What steps since have taught of earlier ones. Between anchors it is not told: a track that odometry carries has no
   // jumps but those of anchors, and refined() has it all.
   Eigen::Vector2d held_back_m = Eigen::Vector2d::Zero();
+  AnchorVotes votes;
   bool unbroken = false;  // odometry has tracked every frame since the last anchor or the start
   int segment = 0;
   std::vector<Estimate> told;
@@ -129,7 +102,7 @@ Localizer::~Localizer() = default;
 
 FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
   State& s = *state_;
-  const Telemetry telemetry = plausible(told, s.last_time_s.value_or(0));
+  const Telemetry telemetry = plausible_telemetry(told, s.last_time_s.value_or(0));
   FrameReport report;
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
@@ -145,6 +118,7 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
   if (!report.odometry.tracked) {
     s.unbroken = false;
     s.held_back_m.setZero();
+    s.votes.forget();
     if (!s.told.empty()) ++s.segment;
   }
   s.last_time_s = telemetry.time_s;
@@ -248,9 +222,26 @@ AnchorPrior Localizer::State::anchor_prior() const {
   return prior;
 }
 
+// No window of a search with a prior would surely hold the place.
+bool Localizer::State::lost() const {
+  return !placed || (config.area && 3 * flight->position_sigma_m() > config.max_search_radius_m);
+}
+
+// What of the area the aircraft can be in.
+PlaneBox Localizer::State::area_left() const {
+  PlaneBox box = *config.area;
+  if (!placed) return box;
+  const double reach_m = 3 * flight->position_sigma_m();
+  const Eigen::Vector2d at = flight->position_m();
+  const PlaneBox near{at.x() - reach_m, at.y() - reach_m, at.x() + reach_m, at.y() + reach_m};
+  const PlaneBox both{std::max(box.west_m, near.west_m), std::max(box.south_m, near.south_m),
+                      std::min(box.east_m, near.east_m), std::min(box.north_m, near.north_m)};
+  return both.west_m < both.east_m && both.south_m < both.north_m ? both : box;
+}
+
 AnchorMatch Localizer::State::match(const cv::Mat& grey, const AnchorPrior& prior) const {
-  if (placed) return match_anchor(grey, camera, *tiles, frame, prior, *surface);
-  return match_anchor_anywhere(grey, camera, *tiles, frame, prior, *config.area, *surface);
+  if (!lost()) return match_anchor(grey, camera, *tiles, frame, prior, *surface);
+  return match_anchor_anywhere(grey, camera, *tiles, frame, prior, area_left(), *surface);
 }
 
 AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
@@ -265,21 +256,26 @@ AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
   report.matching_gsd_m = match.fine_gsd_m;
   report.rectified = match.rectified;
   report.matched_map = match.matched_map;
-  Prediction prediction{0, flight->position_sigma_m(), unbroken};
+  Prediction prediction{0, flight->position_sigma_m(), unbroken, lost()};
+  std::optional<Eigen::Vector2d> off;
   if (match.solved) {
     const SolvedPose& solved = *match.solved;
     report.camera = solved.pose.position;
     report.heading_rad = solved.pose.attitude.heading_rad;
     report.inliers = solved.inliers;
     report.residual_px = solved.rms_m / match.fine_gsd_m;
-    const Eigen::Vector2d off =
-        Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - flight->position_m();
+    off = Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - flight->position_m();
     const Eigen::Matrix2d spread =
         kAnchorModelError * solved.covariance.topLeftCorner<2, 2>() + flight->position_covariance_m2();
-    prediction.chi2 = off.dot(spread.inverse() * off);
+    prediction.chi2 = off->dot(spread.inverse() * *off);
     report.chi2 = prediction.chi2;
   }
   report.verdict = judge_anchor(match, prior, prediction, config.gates);
+  if (report.verdict == AnchorVerdict::awaiting_votes) {
+    if (votes.vote(*off)) report.verdict = AnchorVerdict::accepted;
+  } else {
+    votes.abstain();
+  }
   if (report.verdict == AnchorVerdict::accepted) take_anchor(match);
   return report;
 }
@@ -309,6 +305,7 @@ void Localizer::State::take_anchor(const AnchorMatch& match) {
   flight->anchored(sight);
   last_anchor_at = position;
   held_back_m.setZero();
+  votes.forget();
   placed = true;
   unbroken = true;
 }

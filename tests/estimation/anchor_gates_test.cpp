@@ -143,6 +143,20 @@ TEST(AnchorGates, SurpriseIsTheWorstOfTiltAndHeight) {
   EXPECT_NEAR(attitude_surprise(*attempt.match.solved, attempt.prior), 3, 1e-9);
 }
 
+TEST(AnchorGates, LostItMustStandOutFurther) {
+  Attempt attempt;
+  attempt.prediction = {0, 1000, false, true};
+  attempt.match.search.ratio = attempt.limits.lost_ratio;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.match.search.ratio += 1e-6;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  attempt.match.search.ratio = 0.3;
+  attempt.match.solved->inliers = 17;  // of 90: enough with a position, not without one
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  attempt.prediction.lost = false;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+}
+
 TEST(AnchorGates, OffAHealthyPrediction) {
   Attempt attempt;
   attempt.prediction.chi2 = attempt.limits.chi2_999;

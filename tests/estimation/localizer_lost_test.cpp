@@ -1,0 +1,57 @@
+// Without a position to begin with, and after one was lost.
+#include <gtest/gtest.h>
+
+#include "estimation/localizer_fixture.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace test;
+
+// Nothing is known but the area: nothing is told before the first anchor, and then the truth.
+TEST(Localizer, ColdStartFindsItselfInTheArea) {
+  LocalizerConfig anywhere = config();
+  anywhere.area = PlaneBox{-200, -200, 200, 200};
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
+  const cv::Mat black(240, 320, CV_8UC1, cv::Scalar(0));
+  Telemetry before = short_flight()[0].telemetry;
+  before.time_s -= 2;
+  const Estimate nothing = localizer.process(black, before).estimate;
+  EXPECT_EQ(nothing.source, SourceLabel::no_fix);
+  EXPECT_FALSE(nothing.position);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const FrameReport report = localizer.process(short_flight()[i].image, short_flight()[i].telemetry);
+    expect_sound(report.estimate);
+    EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted)
+        << name_of(report.anchor.verdict) << " " << report.anchor.ratio << " " << report.anchor.inliers;
+    EXPECT_LT(off_m(report.estimate, short_flight()[i]), 3.0);
+  }
+}
+
+TEST(Localizer, ColdStartOverAnotherLandscapeTellsNothing) {
+  const test::Landscape other(78, 160);
+  LocalizerConfig anywhere = config();
+  anywhere.area = PlaneBox{-200, -200, 200, 200};
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const cv::Mat image = test::photograph(other.ground(), flight_camera().camera, short_flight()[i].truth);
+    const FrameReport report = localizer.process(image, short_flight()[i].telemetry);
+    EXPECT_NE(report.anchor.verdict, AnchorVerdict::accepted) << report.anchor.ratio << " " << report.anchor.inliers;
+    EXPECT_EQ(report.estimate.source, SourceLabel::no_fix);
+  }
+}
+
+// A start that is wrong by more than its sigma admits, and then a long time blind: the whole area is searched again.
+TEST(Localizer, LostItSearchesTheArea) {
+  LocalizerConfig vague = config();
+  vague.start_sigma_m = 450;
+  vague.max_search_radius_m = 300;
+  vague.area = PlaneBox{-200, -200, 200, 200};
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), place_of({150, 180}), vague);
+  const FrameReport report = localizer.process(short_flight()[0].image, short_flight()[0].telemetry);
+  EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted) << name_of(report.anchor.verdict);
+  EXPECT_LT(off_m(report.estimate, short_flight()[0]), 3.0);
+}
+
+}  // namespace
+}  // namespace nadir
