@@ -18,6 +18,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
   localization  a flight of sixty frames over a landscape of another day
+  safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
 NADIR_BENCH_VENV=DIR: a Python virtual environment with rio-mbtiles and rio-cogeo. mbtiles and pmtiles are taken from
@@ -27,6 +28,10 @@ TEXT
 
 programs() { # the ones that nothing but a bench needs
   cmake --build build --target bench_programs -- --quiet
+}
+
+one_program() {
+  cmake --build build --target "$1" -- --quiet
 }
 
 part() {
@@ -40,6 +45,7 @@ part() {
     area)         programs && python3 "$here/area.py" "$@" ;;
     large)        programs && python3 "$here/large.py" "$@" ;;
     localization) "$here/localization.sh" "$@" ;;
+    safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
   esac
 }
 
@@ -49,8 +55,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, safety; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | safety) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -1,0 +1,28 @@
+// The bench's camera over a world in memory, and what may go wrong with its pictures.
+#pragma once
+
+#include "base/random.hpp"
+#include "safety_world.hpp"
+#include "vision/rectify.hpp"
+
+namespace nadir::bench {
+
+// Small, so that an attempt is cheap: 320 x 240 pixels, 65 degrees across, a mild barrel; telemetry as of a light
+// drone.
+CameraFile camera_file();
+
+class Photographer {
+ public:
+  explicit Photographer(const CameraModel& camera);
+  // Every pixel's ray, met with the terrain; BGR, without a sensor's faults.
+  cv::Mat photograph(const World& world, const CameraPose& pose) const;
+
+ private:
+  CameraModel camera_;
+  std::vector<Eigen::Vector3d> rays_;  // of every pixel, in the camera frame
+};
+
+void add_clouds(cv::Mat& bgr, double share, Random& random);
+void make_night(cv::Mat& bgr, Random& random);
+
+}  // namespace nadir::bench

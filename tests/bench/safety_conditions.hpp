@@ -1,0 +1,42 @@
+// Under what a segment is flown: one thing that is wrong, or nothing.
+#pragma once
+
+#include <span>
+#include <string_view>
+
+#include "base/random.hpp"
+
+namespace nadir::bench {
+
+enum class Fault {
+  none,
+  old_map,
+  heading_bias,  // 8 degrees
+  height_scale,  // 15 %
+  map_shift,     // from the start
+  map_shift_later,
+  mirrored_map,
+  other_region,
+  frozen,    // the same picture from some frame on
+  repeated,  // one picture twice
+  black,
+  clouds,
+  blur,
+  night,
+  blackout,  // a fifth of the frames
+  outlier,   // one frame from 350 m away
+  time_jump,
+  no_attitude,  // NaN
+};
+
+struct Condition {
+  std::string_view name;
+  Fault fault;
+  double amount = 0;  // of map_shift: metres
+  double weight = 1;  // how often it is drawn
+};
+
+std::span<const Condition> conditions();
+const Condition& draw_condition(Random& random);
+
+}  // namespace nadir::bench

@@ -1,0 +1,35 @@
+// One simulated piece of flight: where the aircraft really was, what its sensors told, what its camera saw.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "estimation/telemetry.hpp"
+#include "safety_camera.hpp"
+#include "safety_conditions.hpp"
+
+namespace nadir::bench {
+
+struct Shot {
+  CameraPose truth;
+  Telemetry told;
+  cv::Mat picture;       // BGR; empty: could not be decoded
+  bool shifted = false;  // the map under it is out of place
+};
+
+struct Flight {
+  const Condition* condition = nullptr;
+  std::uint64_t seed = 0;
+  std::size_t world = 0;
+  std::vector<Shot> shots;
+  std::optional<LonLat> start;
+  double start_sigma_m = 0;
+  PlaneBox area;     // that holds the start, for those who do not know it
+  PlanePoint shift;  // of the map, where there is one
+};
+
+Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>& worlds,
+                   const Photographer& photographer);
+
+}  // namespace nadir::bench

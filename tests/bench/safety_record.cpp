@@ -1,0 +1,102 @@
+#include "safety_record.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <sstream>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "safety_conditions.hpp"
+
+namespace nadir::bench {
+namespace {
+
+constexpr std::string_view kColumns =
+    "index,condition,frames,attempts,accepted,wrong,anchored,misleading,unknowable,told,overconfident,in_50,in_95,nees,"
+    "worst_sigmas,"
+    "worst_m\n";
+
+std::string share(int part, int whole) { return whole == 0 ? "-" : fmt::format("{:.1f}", 100.0 * part / whole); }
+
+void add(Record& sum, const Record& r) {
+  ++sum.index;  // of a sum: how many segments
+  sum.frames += r.frames, sum.attempts += r.attempts, sum.accepted += r.accepted, sum.wrong += r.wrong;
+  sum.anchored += r.anchored, sum.misleading += r.misleading, sum.unknowable += r.unknowable, sum.told += r.told,
+      sum.overconfident += r.overconfident;
+  sum.in_50 += r.in_50, sum.in_95 += r.in_95, sum.nees += r.nees;
+  sum.worst_sigmas = std::max(sum.worst_sigmas, r.worst_sigmas), sum.worst_m = std::max(sum.worst_m, r.worst_m);
+}
+
+std::string row(const Record& s) {
+  return fmt::format("| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {:.1f} | {:.0f} |\n", s.condition,
+                     s.index, s.attempts, share(s.accepted, s.attempts), s.wrong, s.misleading, s.unknowable,
+                     s.overconfident, share(s.in_50, s.told), share(s.in_95, s.told),
+                     s.anchored == 0 ? "-" : fmt::format("{:.2f}", s.nees / s.anchored), s.worst_sigmas, s.worst_m);
+}
+
+}  // namespace
+
+std::string header(std::uint64_t base_seed) {
+  return fmt::format("# nadir bench safety, base seed {}\n{}", base_seed, kColumns);
+}
+
+std::string line(const Record& r) {
+  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.4f},{:.3f},{:.2f}\n", r.index, r.condition, r.frames,
+                     r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.told, r.overconfident,
+                     r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m);
+}
+
+std::map<std::uint64_t, Record> read_records(const std::filesystem::path& path, std::uint64_t base_seed) {
+  std::map<std::uint64_t, Record> records;
+  const std::string text = read_text_file(path), expected = header(base_seed);
+  if (!text.starts_with(expected)) {
+    throw UsageError({.what = "the file holds no results of these segments",
+                      .where = path.string(),
+                      .expected = fmt::format("results of base seed {}", base_seed),
+                      .found = text.substr(0, text.find('\n')),
+                      .fix = "name another file or give --seed"});
+  }
+  std::size_t at = expected.size();
+  for (std::size_t end; (end = text.find('\n', at)) != std::string::npos; at = end + 1) {
+    std::istringstream in(text.substr(at, end - at));
+    Record r;
+    char comma = 0;
+    in >> r.index >> comma;
+    std::getline(in, r.condition, ',');
+    for (int* value : {&r.frames, &r.attempts, &r.accepted, &r.wrong, &r.anchored, &r.misleading, &r.unknowable,
+                       &r.told, &r.overconfident, &r.in_50, &r.in_95}) {
+      in >> *value >> comma;
+    }
+    in >> r.nees >> comma >> r.worst_sigmas >> comma >> r.worst_m;
+    if (!in) throw UsageError({.what = "a line of results cannot be read", .where = path.string()});
+    records[r.index] = r;
+  }
+  return records;
+}
+
+std::string summary(const std::map<std::uint64_t, Record>& records, std::uint64_t base_seed) {
+  std::string text =
+      "| condition | segments | attempts | anchored % | wrong | misleading | unknowable | overconfident | in 50 % | in "
+      "95 % | NEES | "
+      "worst sigmas | worst m |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+  Record all;
+  all.condition = "all";
+  for (const Condition& condition : conditions()) {
+    Record sum;
+    sum.condition = condition.name;
+    for (const auto& [index, record] : records) {
+      if (record.condition == condition.name) add(sum, record), add(all, record);
+    }
+    if (sum.index > 0) text += row(sum);
+  }
+  text += row(all);
+  for (const auto& [index, r] : records) {
+    if (!r.violates()) continue;
+    text += fmt::format("VIOLATION --seed {} --only {}: {}, {} wrong, {} misleading, {:.1f} sigmas, {:.0f} m\n",
+                        base_seed, index, r.condition, r.wrong, r.misleading, r.worst_sigmas, r.worst_m);
+  }
+  return text;
+}
+
+}  // namespace nadir::bench

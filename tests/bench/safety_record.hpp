@@ -1,0 +1,43 @@
+// What one segment said, as a line of CSV, and all of them as a table.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+
+namespace nadir::bench {
+
+struct Record {
+  std::uint64_t index = 0;
+  std::string condition;
+  int frames = 0;
+  int attempts = 0;         // frames that were matched
+  int accepted = 0;         // anchors
+  int wrong = 0;            // of these more than 50 m from the truth
+  int anchored = 0;         // frames labelled satellite_anchored
+  int misleading = 0;       // of these more than 3 sigma from the truth
+  int unknowable = 0;       // wrong or misleading because the map is out of place by less than the start is unsure
+  int told = 0;             // frames with a position
+  int overconfident = 0;    // of these, under another label, more than 3 sigma from the truth
+  int in_50 = 0;            // of these within the 50 % ellipse …
+  int in_95 = 0;            // … and the 95 % one
+  double nees = 0;          // sum over the anchored frames
+  double worst_sigmas = 0;  // largest error of an anchored frame
+  double worst_m = 0;
+
+  bool violates() const { return wrong > 0 || misleading > 0; }
+};
+
+std::string header(std::uint64_t base_seed);  // two lines: what it is, and the columns
+std::string line(const Record& record);
+
+// The records of a file, by index. A last line that was cut off is dropped. Throws Error when it is another bench's or
+// another base seed's.
+std::map<std::uint64_t, Record> read_records(const std::filesystem::path& path, std::uint64_t base_seed);
+
+// A table by condition, and beneath it every violation with its index.
+std::string summary(const std::map<std::uint64_t, Record>& records, std::uint64_t base_seed);
+
+}  // namespace nadir::bench

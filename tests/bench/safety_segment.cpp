@@ -1,0 +1,135 @@
+#include "safety_segment.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/LU>
+#include <cmath>
+
+#include "estimation/localizer.hpp"
+#include "simulation/noise.hpp"
+
+namespace nadir::bench {
+namespace {
+
+constexpr double kWrong_m = 50;
+constexpr double kFarSigmas = 3;
+constexpr double kChi2_50 = 1.386, kChi2_95 = 5.991;  // two degrees of freedom
+constexpr double kUnsureSigmas = 3;
+
+// A map that is exchanged for another in flight.
+class ExchangedTiles final : public TileSource {
+ public:
+  explicit ExchangedTiles(const TileSource* tiles) : tiles_(tiles) {}
+  void exchange(const TileSource* tiles) { tiles_ = tiles; }
+  ZoomRange zooms() const override { return tiles_->zooms(); }
+  std::optional<Bytes> read(const TileKey& key) const override { return tiles_->read(key); }
+
+ private:
+  const TileSource* tiles_;
+};
+
+Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
+
+void judge(const FrameReport& report, const Shot& shot, bool unknowable, Record& record) {
+  const AnchorVerdict verdict = report.anchor.verdict;
+  ++record.frames;
+  if (verdict != AnchorVerdict::not_tried && verdict != AnchorVerdict::frame_unfit) ++record.attempts;
+  bool bad = false;
+  if (verdict == AnchorVerdict::accepted) {
+    ++record.accepted;
+    bad = !report.anchor.camera || (vec(*report.anchor.camera) - vec(shot.truth.position)).norm() > kWrong_m;
+    if (bad && !unknowable) ++record.wrong;
+  }
+  const Estimate& estimate = report.estimate;
+  if (estimate.position) {
+    const Enu at = frame().enu_from_lonlat(*estimate.position);
+    const Eigen::Vector2d error = Eigen::Vector2d(at.east_m, at.north_m) - vec(shot.truth.position);
+    const double nees = error.dot(estimate.covariance_m2.inverse() * error), sigmas = error.norm() / estimate.sigma_m;
+    const bool anchored = estimate.source == SourceLabel::satellite_anchored, far = sigmas > kFarSigmas;
+    bad = bad || (anchored && far);
+    if (!unknowable) {
+      ++record.told;
+      if (nees <= kChi2_50) ++record.in_50;
+      if (nees <= kChi2_95) ++record.in_95;
+      if (far) ++(anchored ? record.misleading : record.overconfident);
+    }
+    if (!unknowable && anchored) {
+      ++record.anchored;
+      record.nees += nees;
+      record.worst_sigmas = std::max(record.worst_sigmas, sigmas);
+      record.worst_m = std::max(record.worst_m, error.norm());
+    }
+  }
+  if (bad && unknowable) ++record.unknowable;
+}
+
+std::string told(std::size_t i, const FrameReport& report, const Shot& shot) {
+  const AnchorReport& a = report.anchor;
+  const double anchor_m = a.camera ? (vec(*a.camera) - vec(shot.truth.position)).norm() : -1;
+  double error_m = -1;
+  if (report.estimate.position) {
+    const Enu at = frame().enu_from_lonlat(*report.estimate.position);
+    error_m = (Eigen::Vector2d(at.east_m, at.north_m) - vec(shot.truth.position)).norm();
+  }
+  return fmt::format(
+      "frame {}: {}, ratio {:.2f}, score {:.2f}, {} of {} patches, {:.1f} px, chi2 {:.1f}, window {:.0f} m, anchor "
+      "{:.1f} m "
+      "off; {}, {:.1f} m off, sigma {:.1f} m; odometry {} {} inliers {:.1f} m\n",
+      i, name_of(a.verdict), a.ratio, a.score, a.inliers, a.patches, a.residual_px, a.chi2, a.window_radius_m, anchor_m,
+      name_of(report.estimate.source), error_m, report.estimate.sigma_m, report.odometry.tracked ? "tracked" : "lost",
+      report.odometry.inliers, report.odometry.step_m);
+}
+
+}  // namespace
+
+Segments::Segments(int worlds) : photographer_(camera_file().camera) {
+  for (int i = 0; i < worlds; ++i) worlds_.push_back(std::make_unique<World>(static_cast<std::uint64_t>(i) + 1));
+  for (std::size_t i = 0; i < worlds_.size(); ++i) {
+    old_pictures_.push_back(outdated(*worlds_[i], *worlds_[(i + 1) % worlds_.size()], i));
+  }
+  for (const cv::Mat& picture : old_pictures_) old_maps_.push_back(std::make_unique<PictureTiles>(picture));
+}
+
+const TileSource& Segments::tiles_of(const Flight& flight) const {
+  switch (flight.condition->fault) {
+    case Fault::old_map: return *old_maps_[flight.world];
+    case Fault::mirrored_map: return worlds_[flight.world]->mirrored_map;
+    case Fault::other_region: return worlds_[(flight.world + 1) % worlds_.size()]->map;
+    default: return worlds_[flight.world]->map;
+  }
+}
+
+Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
+                     const std::function<void(const std::string&)>& talk) const {
+  const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_, photographer_);
+  const World& world = *worlds_[flight.world];
+  LocalizerConfig config;
+  config.start_sigma_m = flight.start_sigma_m;
+  config.map_sigma_m = world.map_sigma_m;
+  config.surface = &world.terrain;
+  if (!flight.start) config.area = flight.area;
+  const TileSource& right = tiles_of(flight);
+  const PictureTiles shifted(world.satellite, flight.shift);
+  ExchangedTiles tiles(&right);
+  Localizer localizer(camera_file(), frame(), &tiles, flight.start, config);
+
+  Record record;
+  record.index = index;
+  record.condition = flight.condition->name;
+  const bool unsure = !flight.start || flight.condition->amount < kUnsureSigmas * flight.start_sigma_m;
+  const bool unknowable = unsure && flight.condition->fault == Fault::map_shift;
+  if (talk) {
+    talk(fmt::format("segment {}: {}, seed {}, world {}, start {}\n", index, record.condition, flight.seed,
+                     flight.world, flight.start ? fmt::format("within {:.0f} m", flight.start_sigma_m) : "unknown"));
+  }
+  for (std::size_t i = 0; i < flight.shots.size(); ++i) {
+    const Shot& shot = flight.shots[i];
+    tiles.exchange(shot.shifted ? static_cast<const TileSource*>(&shifted) : &right);
+    const FrameReport report = localizer.process(shot.picture, shot.told);
+    judge(report, shot, unknowable, record);
+    if (talk) talk(told(i, report, shot));
+  }
+  return record;
+}
+
+}  // namespace nadir::bench

@@ -1,0 +1,69 @@
+// Made-up worlds in memory: what the camera sees on the day, the satellite's picture of another season, the same years
+// older, and each of them as map tiles. Positions are metres in the plane of frame(), (0, 0) in the world's middle.
+#pragma once
+
+#include <map>
+#include <mutex>
+#include <opencv2/core/mat.hpp>
+
+#include "geodesy/local_frame.hpp"
+#include "imagery/tile_source.hpp"
+#include "simulation/landscape.hpp"
+#include "vision/ground_surface.hpp"
+
+namespace nadir::bench {
+
+inline constexpr double kWorldSide_m = 1800;
+inline constexpr double kWorldGsd_m = 0.6;
+
+const LocalFrame& frame();
+
+// A picture of the whole world, 8 bit BGR, north up.
+cv::Point2d pixel_of(PlanePoint place);  // pixel centres at +0.0, as OpenCV resamples
+
+class Terrain final : public GroundSurface {
+ public:
+  explicit Terrain(const Relief& relief);
+  double height_m(PlanePoint point) const override;
+  double relief_sigma_m() const override { return 1.5; }  // roofs and trees, which the elevation model does not have
+
+ private:
+  const Relief& relief_;
+  double level_m_;
+};
+
+// A picture as tiles, encoded when first asked for. Safe for several threads.
+class PictureTiles final : public TileSource {
+ public:
+  // shift: what lies at p appears at p + shift. mirrored: east is west. The picture must outlive the tiles.
+  PictureTiles(const cv::Mat& picture, PlanePoint shift = {}, bool mirrored = false)
+      : picture_(picture), shift_(shift), mirrored_(mirrored) {}
+
+  ZoomRange zooms() const override { return {17, 17}; }  // 0.79 m
+  std::optional<Bytes> read(const TileKey& key) const override;
+
+ private:
+  std::optional<Bytes> cut(const TileKey& key) const;
+
+  const cv::Mat& picture_;
+  PlanePoint shift_;
+  bool mirrored_;
+  mutable std::mutex mutex_;
+  mutable std::map<TileKey, std::optional<Bytes>> known_;
+};
+
+// The pictures of one seed. Not to be moved: its parts point at each other.
+struct World {
+  explicit World(std::uint64_t seed);
+
+  Landscape land;
+  cv::Mat day, satellite;
+  Terrain terrain;
+  double map_sigma_m;
+  PictureTiles map, mirrored_map;
+};
+
+// The satellite's picture with half of it as it was before everything was built anew: pieces of another world.
+cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed);
+
+}  // namespace nadir::bench
