@@ -6,10 +6,9 @@
 namespace nadir {
 namespace {
 
-class Rows final : public TileCursor {
+class Rows : public TileCursor {
  public:
-  Rows(const SqliteDatabase& database, bool with_bytes)
-      : rows_(database.prepare(with_bytes ? sql::kSelectTiles : sql::kSelectTileKeys)) {}
+  Rows(const SqliteDatabase& database, const char* select) : rows_(database.prepare(select)) {}
 
   bool next() override { return rows_.step(); }
   std::optional<TileKey> key() const override { return row_key(rows_); }
@@ -17,8 +16,33 @@ class Rows final : public TileCursor {
   ByteView bytes() override { return rows_.blob(3); }
   std::optional<Bytes> mask() override { return std::nullopt; }
 
- private:
+ protected:
   SqliteStatement rows_;
+};
+
+// Addresses first, each tile when it is asked for.
+class RowsByNumber final : public Rows {
+ public:
+  explicit RowsByNumber(const SqliteDatabase& database)
+      : Rows(database, sql::kSelectTileRows), tile_(database.prepare(sql::kSelectTileOfRow)) {}
+
+  bool next() override {
+    fetched_ = false;
+    return Rows::next();
+  }
+  ByteView bytes() override {
+    if (!fetched_) {
+      tile_.reset();
+      tile_.bind(1, rows_.integer(3));
+      there_ = tile_.step();
+      fetched_ = true;
+    }
+    return there_ ? tile_.blob(0) : ByteView{};
+  }
+
+ private:
+  SqliteStatement tile_;
+  bool fetched_ = false, there_ = false;
 };
 
 class MbtilesContainer final : public TileContainer {
@@ -28,7 +52,9 @@ class MbtilesContainer final : public TileContainer {
   std::string_view kind() const override { return "mbtiles"; }
 
   std::unique_ptr<TileCursor> tiles(bool with_bytes) const override {
-    return std::make_unique<Rows>(database_, with_bytes);
+    if (!with_bytes) return std::make_unique<Rows>(database_, sql::kSelectTileKeys);
+    if (database_.prepare(sql::kTilesHaveRows).step()) return std::make_unique<RowsByNumber>(database_);
+    return std::make_unique<Rows>(database_, sql::kSelectTiles);
   }
 
   std::uint64_t count() const override {

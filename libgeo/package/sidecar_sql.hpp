@@ -55,4 +55,13 @@ SELECT zoom_level, tile_column, tile_row, tile_data FROM tiles
 ORDER BY zoom_level, tile_column, tile_row DESC
 )sql";
 
+// The same in two steps: the order is not that of the usual index, and SQLite would write all tiles to a temporary file
+// to sort them.
+inline constexpr const char* kSelectTileRows = R"sql(
+SELECT zoom_level, tile_column, tile_row, rowid FROM tiles ORDER BY zoom_level, tile_column, tile_row DESC
+)sql";
+inline constexpr const char* kSelectTileOfRow = "SELECT tile_data FROM tiles WHERE rowid = ?";
+inline constexpr const char* kTilesHaveRows =
+    "SELECT 1 FROM sqlite_schema WHERE name = 'tiles' AND type = 'table' AND sql NOT LIKE '%WITHOUT%ROWID%'";
+
 }  // namespace nadir::sql

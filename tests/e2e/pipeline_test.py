@@ -49,6 +49,16 @@ class Pipeline(EndToEnd):
             texts.append([row[:10] for row in rows])
         self.assertEqual(texts[0], texts[1])
 
+    def test_without_a_start_nothing_is_told_until_a_frame_is_found(self):
+        self.keys()
+        package = self.build()
+        args = [a for a in self.replay_args(self.flight(), self.folder / "out") if a not in ("--start", "8.499,47.4")]
+        self.good(*args, "--package", package, "--trust", self.folder / "root.json", "--at", AT)
+        rows = list(csv.DictReader(open(self.folder / "out" / "estimates.csv")))
+        self.assertEqual(3, len(rows))
+        for row in rows:  # pictures of noise, which are nowhere on the map
+            self.assertEqual(("no_fix", "", ""), (row["source"], row["lat_deg"], row["lon_deg"]))
+
     def test_json_is_the_summary(self):
         flight = self.flight()
         result = self.good(*self.replay_args(flight, self.folder / "out"), "--json")
