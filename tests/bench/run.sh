@@ -19,6 +19,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
   localization  a flight of sixty frames over a landscape of another day
   safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
+  roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
 NADIR_BENCH_VENV=DIR: a Python virtual environment with rio-mbtiles and rio-cogeo. mbtiles and pmtiles are taken from
@@ -46,6 +47,7 @@ part() {
     large)        programs && python3 "$here/large.py" "$@" ;;
     localization) "$here/localization.sh" "$@" ;;
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
+    roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
 }
 
@@ -55,8 +57,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, safety; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | safety) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, safety, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | safety | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -6,7 +6,6 @@
 #include <sstream>
 
 #include "base/error.hpp"
-#include "base/files.hpp"
 #include "safety_conditions.hpp"
 
 namespace nadir::bench {
@@ -47,32 +46,19 @@ std::string line(const Record& r) {
                      r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m);
 }
 
-std::map<std::uint64_t, Record> read_records(const std::filesystem::path& path, std::uint64_t base_seed) {
-  std::map<std::uint64_t, Record> records;
-  const std::string text = read_text_file(path), expected = header(base_seed);
-  if (!text.starts_with(expected)) {
-    throw UsageError({.what = "the file holds no results of these segments",
-                      .where = path.string(),
-                      .expected = fmt::format("results of base seed {}", base_seed),
-                      .found = text.substr(0, text.find('\n')),
-                      .fix = "name another file or give --seed"});
+Record record_of(const std::string& text) {
+  std::istringstream in(text);
+  Record r;
+  char comma = 0;
+  in >> r.index >> comma;
+  std::getline(in, r.condition, ',');
+  for (int* value : {&r.frames, &r.attempts, &r.accepted, &r.wrong, &r.anchored, &r.misleading, &r.unknowable, &r.told,
+                     &r.overconfident, &r.in_50, &r.in_95}) {
+    in >> *value >> comma;
   }
-  std::size_t at = expected.size();
-  for (std::size_t end; (end = text.find('\n', at)) != std::string::npos; at = end + 1) {
-    std::istringstream in(text.substr(at, end - at));
-    Record r;
-    char comma = 0;
-    in >> r.index >> comma;
-    std::getline(in, r.condition, ',');
-    for (int* value : {&r.frames, &r.attempts, &r.accepted, &r.wrong, &r.anchored, &r.misleading, &r.unknowable,
-                       &r.told, &r.overconfident, &r.in_50, &r.in_95}) {
-      in >> *value >> comma;
-    }
-    in >> r.nees >> comma >> r.worst_sigmas >> comma >> r.worst_m;
-    if (!in) throw UsageError({.what = "a line of results cannot be read", .where = path.string()});
-    records[r.index] = r;
-  }
-  return records;
+  in >> r.nees >> comma >> r.worst_sigmas >> comma >> r.worst_m;
+  if (!in) throw Error({.what = "a line of results cannot be read", .found = text});
+  return r;
 }
 
 std::string summary(const std::map<std::uint64_t, Record>& records, std::uint64_t base_seed) {

@@ -2,9 +2,7 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <map>
-#include <optional>
 #include <string>
 
 namespace nadir::bench {
@@ -33,9 +31,7 @@ struct Record {
 std::string header(std::uint64_t base_seed);  // two lines: what it is, and the columns
 std::string line(const Record& record);
 
-// The records of a file, by index. A last line that was cut off is dropped. Throws Error when it is another bench's or
-// another base seed's.
-std::map<std::uint64_t, Record> read_records(const std::filesystem::path& path, std::uint64_t base_seed);
+Record record_of(const std::string& line);  // throws Error when it is none
 
 // A table by condition, and beneath it every violation with its index.
 std::string summary(const std::map<std::uint64_t, Record>& records, std::uint64_t base_seed);

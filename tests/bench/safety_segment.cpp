@@ -82,27 +82,21 @@ std::string told(std::size_t i, const FrameReport& report, const Shot& shot) {
 
 }  // namespace
 
-Segments::Segments(int worlds) : photographer_(camera_file().camera) {
-  for (int i = 0; i < worlds; ++i) worlds_.push_back(std::make_unique<World>(static_cast<std::uint64_t>(i) + 1));
-  for (std::size_t i = 0; i < worlds_.size(); ++i) {
-    old_pictures_.push_back(outdated(*worlds_[i], *worlds_[(i + 1) % worlds_.size()], i));
-  }
-  for (const cv::Mat& picture : old_pictures_) old_maps_.push_back(std::make_unique<PictureTiles>(picture));
-}
+Segments::Segments(int worlds) : photographer_(camera_file().camera), worlds_(worlds) {}
 
 const TileSource& Segments::tiles_of(const Flight& flight) const {
   switch (flight.condition->fault) {
-    case Fault::old_map: return *old_maps_[flight.world];
-    case Fault::mirrored_map: return worlds_[flight.world]->mirrored_map;
-    case Fault::other_region: return worlds_[(flight.world + 1) % worlds_.size()]->map;
-    default: return worlds_[flight.world]->map;
+    case Fault::old_map: return *worlds_.old_maps[flight.world];
+    case Fault::mirrored_map: return worlds_.all[flight.world]->mirrored_map;
+    case Fault::other_region: return worlds_.neighbour(flight.world).map;
+    default: return worlds_.all[flight.world]->map;
   }
 }
 
 Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
                      const std::function<void(const std::string&)>& talk) const {
-  const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_, photographer_);
-  const World& world = *worlds_[flight.world];
+  const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_.all, photographer_);
+  const World& world = *worlds_.all[flight.world];
   LocalizerConfig config;
   config.start_sigma_m = flight.start_sigma_m;
   config.map_sigma_m = world.map_sigma_m;

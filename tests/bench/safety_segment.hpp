@@ -18,16 +18,11 @@ class Segments {
   // for every frame.
   Record run(std::uint64_t base_seed, std::uint64_t index, const std::function<void(const std::string&)>& talk) const;
 
-  const std::vector<std::unique_ptr<World>>& worlds() const { return worlds_; }
-  const Photographer& photographer() const { return photographer_; }
-
  private:
   const TileSource& tiles_of(const Flight& flight) const;
 
   Photographer photographer_;
-  std::vector<std::unique_ptr<World>> worlds_;
-  std::vector<cv::Mat> old_pictures_;
-  std::vector<std::unique_ptr<PictureTiles>> old_maps_;
+  Worlds worlds_;
 };
 
 }  // namespace nadir::bench

@@ -99,4 +99,10 @@ cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed) {
   return result;
 }
 
+Worlds::Worlds(int count) {
+  for (int i = 0; i < count; ++i) all.push_back(std::make_unique<World>(static_cast<std::uint64_t>(i) + 1));
+  for (std::size_t i = 0; i < all.size(); ++i) old_pictures.push_back(outdated(*all[i], neighbour(i), i));
+  for (const cv::Mat& picture : old_pictures) old_maps.push_back(std::make_unique<PictureTiles>(picture));
+}
+
 }  // namespace nadir::bench

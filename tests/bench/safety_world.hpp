@@ -3,6 +3,7 @@
 #pragma once
 
 #include <map>
+#include <memory>
 #include <mutex>
 #include <opencv2/core/mat.hpp>
 
@@ -65,5 +66,15 @@ struct World {
 
 // The satellite's picture with half of it as it was before everything was built anew: pieces of another world.
 cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed);
+
+// As many as asked for, and an outdated map of each.
+struct Worlds {
+  explicit Worlds(int count);
+  const World& neighbour(std::size_t i) const { return *all[(i + 1) % all.size()]; }
+
+  std::vector<std::unique_ptr<World>> all;
+  std::vector<cv::Mat> old_pictures;
+  std::vector<std::unique_ptr<PictureTiles>> old_maps;
+};
 
 }  // namespace nadir::bench

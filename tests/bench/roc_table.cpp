@@ -1,0 +1,98 @@
+#include "roc_table.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace nadir::bench {
+namespace {
+
+std::string row(const std::string& name, const Shares& shares) {
+  return fmt::format("| {} | {:.1f} | {:.2f} | {} |\n", name, 100 * shares.right, 100 * shares.wrong,
+                     shares.wrong_count);
+}
+
+// How far wrong places get in one measure while they are as good as this in another: what the gates must exclude.
+std::string reach_of_wrong(const Trials& trials) {
+  std::string text =
+      "| wrong places with a ratio of | number | highest score | highest share of agreeing patches | highest patches | "
+      "score >= 0.16 and share >= 20 % |\n|---|---|---|---|---|---|\n";
+  for (const auto& [low, high] : {std::pair{0.0, 0.55}, {0.55, 0.7}, {0.7, 0.8}, {0.8, 0.9}, {0.9, 1.01}}) {
+    int count = 0, both = 0, patches = 0;
+    double score = 0, share = 0;
+    for (const auto& [index, t] : trials) {
+      if (t.holds_place() || t.ratio < low || t.ratio >= high) continue;
+      ++count;
+      score = std::max(score, t.score), share = std::max(share, t.inlier_share());
+      patches = std::max(patches, t.inliers);
+      if (t.score >= 0.16 && t.inlier_share() >= 0.2) ++both;
+    }
+    text += fmt::format("| {:.2f} to {:.2f} | {} | {:.2f} | {:.0f} % | {} | {} |\n", low, std::min(high, 1.0), count,
+                        score, 100 * share, patches, both);
+  }
+  return text;
+}
+
+std::string verdicts(const Trials& trials) {
+  std::map<std::string, std::map<std::string, int>> counts;  // by window, then verdict
+  for (const auto& [index, t] : trials) ++counts[t.window + (t.holds_place() ? ", " + t.picture : "")][t.verdict];
+  std::string text = "| window | verdicts |\n|---|---|\n";
+  for (const auto& [window, of] : counts) {
+    std::string list;
+    for (const auto& [verdict, count] : of) list += fmt::format("{}{} {}", list.empty() ? "" : ", ", count, verdict);
+    text += fmt::format("| {} | {} |\n", window, list);
+  }
+  return text;
+}
+
+}  // namespace
+
+const std::vector<Measure>& measures() {
+  static const std::vector<Measure> all = {
+      {"ratio", [](const Trial& t) { return -t.ratio; }, {.4, .5, .55, .6, .65, .7, .75, .8, .85, .9, .95}, -1},
+      {"score", [](const Trial& t) { return t.score; }, {.10, .12, .14, .16, .18, .20, .22, .25, .30}},
+      {"agreeing share", [](const Trial& t) { return t.inlier_share(); }, {.05, .1, .15, .2, .25, .3, .4, .5}},
+  };
+  return all;
+}
+
+Shares shares_if(const Trials& trials, const std::function<bool(const Trial&)>& accepts) {
+  Shares shares;
+  int holding = 0, not_holding = 0;
+  for (const auto& [index, t] : trials) {
+    ++(t.holds_place() ? holding : not_holding);
+    if (t.error_m < 0 || !accepts(t)) continue;
+    ++(t.right() ? shares.right_count : shares.wrong_count);
+  }
+  shares.right = holding == 0 ? 0 : static_cast<double>(shares.right_count) / holding;
+  shares.wrong = not_holding == 0 ? 0 : static_cast<double>(shares.wrong_count) / not_holding;
+  return shares;
+}
+
+std::string tables(const Trials& trials) {
+  std::string text = "| accepted if | right % | wrong % | wrong |\n|---|---|---|---|\n";
+  for (const Measure& measure : measures()) {
+    for (const double threshold : measure.thresholds) {
+      const auto accepts = [&](const Trial& t) { return measure.value(t) >= measure.sign * threshold; };
+      text += row(fmt::format("{} {} {:.2f}", measure.name, measure.sign < 0 ? "<=" : ">=", threshold),
+                  shares_if(trials, accepts));
+    }
+  }
+  const Shares gates = shares_if(trials, [](const Trial& t) { return t.accepted(); });
+  text += row("**all gates** (judge_anchor)", gates);
+  const auto knocked_out =
+      std::count_if(trials.begin(), trials.end(), [](const auto& entry) { return !entry.second.holds_place(); });
+  text += fmt::format("\n{} windows hold the place, {} do not; the gates accepted {} wrong places",
+                      trials.size() - static_cast<std::size_t>(knocked_out), knocked_out, gates.wrong_count);
+  // With none among n, the rate lies below 3/n with 95 % confidence.
+  if (gates.wrong_count == 0 && knocked_out > 0) {
+    text += fmt::format(" (95 % confidence: fewer than {:.2f} % are)", 300.0 / static_cast<double>(knocked_out));
+  }
+  text += "\n\n" + reach_of_wrong(trials) + "\n" + verdicts(trials);
+  for (const auto& [index, t] : trials) {
+    if (t.accepted() && !t.right()) text += "WRONG " + line(t);
+  }
+  return text;
+}
+
+}  // namespace nadir::bench
