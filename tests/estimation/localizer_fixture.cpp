@@ -62,6 +62,8 @@ class LandscapeTiles final : public TileSource {
 
 }  // namespace
 
+Ground landscape_ground() { return landscape().ground(); }
+
 const TileSource& landscape_tiles() {
   static const LandscapeTiles set(ImageFormat::jpeg);
   return set;

@@ -11,6 +11,7 @@ namespace nadir::test {
 
 inline const LonLat kOrigin{11.2, 48.1};
 
+Ground landscape_ground();
 const TileSource& landscape_tiles();  // the landscape in another light than the camera's
 CameraFile flight_camera();
 
