@@ -196,6 +196,11 @@ void FlightFilter::doubt_height(double log_sigma) {
   if (joint_) unlearn(joint_->first, joint_->second, states + log_height);
 }
 
+void FlightFilter::doubt_position(double sigma_m) {
+  settle();
+  covariance_.block<2, 2>(east, east) += sigma_m * sigma_m * Eigen::Matrix2d::Identity();
+}
+
 // What the tilts seen on the map scatter beyond what is known to scatter is the changing part.
 void FlightFilter::learn_tilt_scatter(const PoseSight& sight) {
   const Eigen::Vector2d innovation = sight.seen.segment<2>(4) - mean_.segment<2>(pitch_bias);

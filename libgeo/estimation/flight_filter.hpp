@@ -59,6 +59,8 @@ class FlightFilter {
   // After advance(): this frame's told height is not the last one's (another source, or a guess), so that nothing
   // learnt of the old one's error is true of it.
   void doubt_height(double log_sigma);
+  // The place may be so much farther off than believed (one axis): what it was learnt from is contradicted.
+  void doubt_position(double sigma_m);
   // Returns how far what was learnt moved the place of the frame before (east, north; m): a step also tells of heading,
   // tilt and height, and so of the steps before it.
   Eigen::Vector2d moved(const MotionSight& sight);
@@ -75,7 +77,7 @@ class FlightFilter {
   // airframe without logged attitude does a lot.
   double changing_tilt_sigma_rad() const;
 
-  // Every frame so far with all that was learnt later (Rauch-Tung-Striebel): mean and covariance of the position.
+  // Every frame so far with all that was learnt later (Rauch-Tung-Striebel).
   struct Smoothed {
     Eigen::Vector2d position_m;
     Eigen::Matrix2d covariance_m2;

@@ -6,7 +6,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "estimation/anchor_votes.hpp"
+#include "estimation/anchor_window.hpp"
 #include "estimation/flight_filter.hpp"
+#include "estimation/flight_log.hpp"
 #include "estimation/odometry.hpp"
 #include "estimation/plausible_telemetry.hpp"
 #include "estimation/sloping_ground.hpp"
@@ -41,15 +43,16 @@ struct Localizer::State {
         config(localizer_config),
         placed(known_start.has_value()),
         surface(config.surface != nullptr ? config.surface : &flat),
-        odometry(make_feature_odometry()) {}
+        odometry(make_feature_odometry()),
+        window(localizer_config),
+        unbroken(known_start.has_value()) {}
 
   // The walk, in order.
   void begin_frame(const Telemetry& telemetry, double seconds);
   bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
   std::pair<Eigen::Vector2d, double> start_position() const;
   AnchorPrior anchor_prior() const;
-  bool lost() const;
-  PlaneBox area_left() const;
+  bool lost() const { return window.lost(placed, flight->position_sigma_m()); }
   AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) const;
   AnchorReport try_anchor(const cv::Mat& grey);
   double shared_error_factor(const Eigen::Vector2d& position) const;
@@ -73,6 +76,8 @@ struct Localizer::State {
   const GroundSurface* surface;
 
   std::optional<FlightFilter> flight;  // made with the first telemetry, which shows whether tilt is logged
+  std::optional<FlightFilter> fresh;   // the same before the first frame
+  std::vector<FlightStep> log;
   std::unique_ptr<OdometryFrontEnd> odometry;
 
   double told_agl_m = 0;
@@ -89,7 +94,8 @@ struct Localizer::State {
   // jumps but those of anchors, and refined() has it all.
   Eigen::Vector2d held_back_m = Eigen::Vector2d::Zero();
   AnchorVotes votes;
-  bool unbroken = false;  // odometry has tracked every frame since the last anchor or the start
+  AnchorWindow window;
+  bool unbroken;  // odometry has tracked every frame since the last anchor or the start
   int segment = 0;
   std::vector<Estimate> told;
 };
@@ -116,10 +122,12 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
     s.odometry->reset();
   }
   if (!report.odometry.tracked) {
-    s.unbroken = false;
     s.held_back_m.setZero();
     s.votes.forget();
-    if (!s.told.empty()) ++s.segment;
+    if (!s.told.empty()) {
+      s.unbroken = false;
+      ++s.segment;
+    }
   }
   s.last_time_s = telemetry.time_s;
   if (usable) {
@@ -149,9 +157,15 @@ void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
   if (!flight) {
     const auto [position, sigma_m] = start_position();
     flight.emplace(uncertainty, telemetry.pitch_rad.has_value(), position, sigma_m);
+    fresh = flight;
   }
   flight->advance(seconds, telemetry.heading_rad);
-  if (!height_steady) flight->doubt_height(height_told ? uncertainty.agl_relative : kUntoldHeightSigma);
+  FlightStep& step = log.emplace_back();
+  step.seconds = seconds;
+  step.told_heading_rad = telemetry.heading_rad;
+  if (height_steady) return;
+  step.height_doubt = height_told ? uncertainty.agl_relative : kUntoldHeightSigma;
+  flight->doubt_height(*step.height_doubt);
 }
 
 // Without a start: anywhere in the area.
@@ -204,6 +218,7 @@ bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, O
   MotionSight sight = step->sight;
   add_unknown_slope(sight, slope);
   held_back_m += flight->moved(sight);
+  log.back().moved = sight;
   return true;
 }
 
@@ -211,8 +226,7 @@ AnchorPrior Localizer::State::anchor_prior() const {
   AnchorPrior prior;
   const double height_sigma = std::max(kLeastHeightSigma, flight->sigma(FlightFilter::log_height));
   prior.search.pose = believed_pose();
-  prior.search.radius_m =
-      std::clamp(3 * flight->position_sigma_m(), config.min_search_radius_m, config.max_search_radius_m);
+  prior.search.radius_m = window.radius_m(flight->position_sigma_m());
   prior.heading_sigma_rad = flight->sigma(FlightFilter::heading);
   prior.search.heading_range_rad = std::min(kPi, 3 * prior.heading_sigma_rad);
   prior.search.scale_range = 2.5 * height_sigma;
@@ -222,26 +236,10 @@ AnchorPrior Localizer::State::anchor_prior() const {
   return prior;
 }
 
-// No window of a search with a prior would surely hold the place.
-bool Localizer::State::lost() const {
-  return !placed || (config.area && 3 * flight->position_sigma_m() > config.max_search_radius_m);
-}
-
-// What of the area the aircraft can be in.
-PlaneBox Localizer::State::area_left() const {
-  PlaneBox box = *config.area;
-  if (!placed) return box;
-  const double reach_m = 3 * flight->position_sigma_m();
-  const Eigen::Vector2d at = flight->position_m();
-  const PlaneBox near{at.x() - reach_m, at.y() - reach_m, at.x() + reach_m, at.y() + reach_m};
-  const PlaneBox both{std::max(box.west_m, near.west_m), std::max(box.south_m, near.south_m),
-                      std::min(box.east_m, near.east_m), std::min(box.north_m, near.north_m)};
-  return both.west_m < both.east_m && both.south_m < both.north_m ? both : box;
-}
-
 AnchorMatch Localizer::State::match(const cv::Mat& grey, const AnchorPrior& prior) const {
   if (!lost()) return match_anchor(grey, camera, *tiles, frame, prior, *surface);
-  return match_anchor_anywhere(grey, camera, *tiles, frame, prior, area_left(), *surface);
+  return match_anchor_anywhere(grey, camera, *tiles, frame, prior,
+                               window.area_left(placed, flight->position_m(), flight->position_sigma_m()), *surface);
 }
 
 AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
@@ -271,11 +269,18 @@ AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
     report.chi2 = prediction.chi2;
   }
   report.verdict = judge_anchor(match, prior, prediction, config.gates);
-  if (report.verdict == AnchorVerdict::awaiting_votes) {
+  // Against a prediction that several frames contradict alike, it is the prediction that is wrong.
+  const bool off_prediction = report.verdict == AnchorVerdict::off_prediction;
+  if (report.verdict == AnchorVerdict::awaiting_votes || off_prediction) {
     if (votes.vote(*off)) report.verdict = AnchorVerdict::accepted;
+    if (off_prediction && report.verdict == AnchorVerdict::accepted) {
+      log.back().position_doubt_m = off->norm();
+      flight->doubt_position(off->norm());
+    }
   } else {
     votes.abstain();
   }
+  window.attempted(report.verdict);
   if (report.verdict == AnchorVerdict::accepted) take_anchor(match);
   return report;
 }
@@ -291,18 +296,11 @@ double Localizer::State::shared_error_factor(const Eigen::Vector2d& position) co
 void Localizer::State::take_anchor(const AnchorMatch& match) {
   const SolvedPose& solved = *match.solved;
   const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
-  PoseSight sight;
-  Eigen::Matrix<double, 6, 1> vague;
-  const double far_m = 10 * told_agl_m;
-  vague << far_m, far_m, 1, 1, 1, 1;
-  const Eigen::Matrix<double, 6, 6> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
-  sight.covariance = (solved.sighted_information + weak).inverse();
-  sight.seen << position, std::log(solved.pose.agl_m / told_agl_m), solved.pose.attitude.heading_rad,
-      solved.pose.attitude.pitch_rad - told_tilt_rad.x(), solved.pose.attitude.roll_rad - told_tilt_rad.y();
-  sight.seen += sight.covariance * solved.sighted_pull;
+  PoseSight sight = pose_sight(solved, told_agl_m, told_tilt_rad);
   sight.covariance *= kAnchorModelError * shared_error_factor(position);
   sight.covariance(2, 2) += kLeastHeightSigma * kLeastHeightSigma;
   flight->anchored(sight);
+  log.back().anchored = sight;
   last_anchor_at = position;
   held_back_m.setZero();
   votes.forget();
@@ -338,7 +336,7 @@ std::vector<Estimate> Localizer::refined() const {
   const State& s = *state_;
   std::vector<Estimate> estimates = s.told;
   if (!s.placed || !s.flight) return estimates;
-  const auto smoothed = s.flight->smoothed();
+  const auto smoothed = smooth_flight(*s.fresh, s.log).frames;
   const Eigen::Matrix2d map_error = s.last_anchor_s ? s.map_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero());
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     Estimate& estimate = estimates[i];

@@ -3,7 +3,7 @@
 
 #include <Eigen/Core>
 
-#include "vision/camera_model.hpp"
+#include "vision/camera_pose_solver.hpp"
 
 namespace nadir {
 
@@ -13,6 +13,10 @@ struct PoseSight {
   Eigen::Matrix<double, 6, 1> seen;
   Eigen::Matrix<double, 6, 6> covariance;
 };
+
+// told_tilt_rad: pitch and roll of the telemetry, which the sight counts from, as height from told_agl_m. What the
+// sights do not say at all gets a covariance so large that it says nothing either.
+PoseSight pose_sight(const SolvedPose& solved, double told_agl_m, const Eigen::Vector2d& told_tilt_rad);
 
 // What a frame's attitude and height were believed to be when it was looked at.
 struct Believed {

@@ -1,0 +1,32 @@
+// What the flight filter was told, frame by frame, so that the whole flight can be thought over once it is known.
+//
+// Online, an anchor that passed the gates is believed. Afterwards all others are witnesses: an anchor that contradicts
+// them is switched off, wholly, and the flight is smoothed without it (as switchable constraints do, Sunderhauf and
+// Protzel 2012; a robust loss would still pull).
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "estimation/flight_filter.hpp"
+
+namespace nadir {
+
+struct FlightStep {
+  double seconds = 0;
+  std::optional<double> told_heading_rad;
+  std::optional<double> height_doubt;  // log sigma
+  std::optional<MotionSight> moved;
+  std::optional<double> position_doubt_m;  // before the anchor
+  std::optional<PoseSight> anchored;
+};
+
+struct SmoothedFlight {
+  std::vector<FlightFilter::Smoothed> frames;
+  std::vector<std::size_t> switched_off;  // frames whose anchors the others contradict, in the order they were found
+};
+
+// fresh: the filter before the first step.
+SmoothedFlight smooth_flight(const FlightFilter& fresh, const std::vector<FlightStep>& steps);
+
+}  // namespace nadir

@@ -1,0 +1,69 @@
+#include "estimation/anchor_window.hpp"
+
+#include <gtest/gtest.h>
+
+namespace nadir {
+namespace {
+
+LocalizerConfig config() {
+  LocalizerConfig c;
+  c.min_search_radius_m = 60;
+  c.max_search_radius_m = 600;
+  c.area = PlaneBox{-1000, -500, 1000, 500};
+  return c;
+}
+
+void expect_box(const PlaneBox& box, double west, double south, double east, double north) {
+  EXPECT_DOUBLE_EQ(box.west_m, west);
+  EXPECT_DOUBLE_EQ(box.south_m, south);
+  EXPECT_DOUBLE_EQ(box.east_m, east);
+  EXPECT_DOUBLE_EQ(box.north_m, north);
+}
+
+TEST(AnchorWindow, ThreeSigmasWithinLimits) {
+  const AnchorWindow window(config());
+  EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
+  EXPECT_DOUBLE_EQ(window.radius_m(50), 150);
+  EXPECT_DOUBLE_EQ(window.radius_m(5000), 600);
+}
+
+TEST(AnchorWindow, GrowsWithFramesThatFitNowhere) {
+  AnchorWindow window(config());
+  double last = window.radius_m(5);
+  for (int i = 0; i < 40; ++i) {
+    window.attempted(i % 2 == 0 ? AnchorVerdict::few_inliers : AnchorVerdict::ambiguous);
+    EXPECT_GE(window.radius_m(5), last);
+    last = window.radius_m(5);
+  }
+  EXPECT_DOUBLE_EQ(last, 300);
+  window.attempted(AnchorVerdict::no_map);
+  EXPECT_DOUBLE_EQ(window.radius_m(5), 300);
+  window.attempted(AnchorVerdict::accepted);
+  EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
+}
+
+TEST(AnchorWindow, WhereThereIsNoMapNothingSpeaksAgainstThePrediction) {
+  AnchorWindow window(config());
+  for (int i = 0; i < 40; ++i) window.attempted(AnchorVerdict::no_map);
+  EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
+}
+
+TEST(AnchorWindow, LostWhenNoWindowSurelyHoldsThePlace) {
+  const AnchorWindow window(config());
+  EXPECT_TRUE(window.lost(false, 1));
+  EXPECT_FALSE(window.lost(true, 199));
+  EXPECT_TRUE(window.lost(true, 201));
+  LocalizerConfig nowhere = config();
+  nowhere.area.reset();
+  EXPECT_FALSE(AnchorWindow(nowhere).lost(true, 5000)) << "there is no area to search";
+}
+
+TEST(AnchorWindow, WhatOfTheAreaIsLeft) {
+  const AnchorWindow window(config());
+  expect_box(window.area_left(false, {0, 0}, 1), -1000, -500, 1000, 500);
+  expect_box(window.area_left(true, {900, 0}, 100), 600, -300, 1000, 300);
+  expect_box(window.area_left(true, {9000, 0}, 100), -1000, -500, 1000, 500);
+}
+
+}  // namespace
+}  // namespace nadir
