@@ -22,9 +22,9 @@ int main(int argc, char** argv) {
     cv::setNumThreads(1);
     const Worlds worlds(options.worlds);
     const Photographer photographer(camera_file().camera);
-    const Trials trials = run_all<Trial>(options, trial_header(options.seed), trial_of, [&](std::uint64_t i) {
-      return try_match(worlds, photographer, options.seed, i);
-    });
+    const Trials trials =
+        run_all<Trial>(options, trial_header(options.seed, options.worlds), trial_of,
+                       [&](std::uint64_t i) { return try_match(worlds, photographer, options.seed, i); });
     std::cout << tables(trials);
     if (!plot.empty()) write_file_atomic(plot, roc_svg(trials));
     const Shares gates = shares_if(trials, [](const Trial& t) { return t.accepted(); });

@@ -10,7 +10,7 @@ namespace nadir::bench {
 namespace {
 
 constexpr double kLeft = 70, kTop = 30, kWidth = 520, kHeight = 360;
-constexpr std::array kColours = {"#1b6ca8", "#c0562f", "#4b8b3b"};
+constexpr std::array kColours = {"#1b6ca8", "#c0562f", "#4b8b3b", "#7a4b9e"};
 
 // Logarithmic in the wrong ones; all below `least` lies on the left edge.
 double x_of(double wrong, double least) {
@@ -65,7 +65,7 @@ std::string roc_svg(const Trials& trials) {
   for (std::size_t i = 0; i < measures().size(); ++i) {
     svg += fmt::format("<polyline fill='none' stroke='{}' stroke-width='2' points='{}'/>\n", kColours[i],
                        curve(trials, measures()[i], least));
-    svg += text(kLeft + kWidth - 12, kTop + kHeight - 70 + 18 * static_cast<double>(i), measures()[i].name + " alone",
+    svg += text(kLeft + kWidth - 12, kTop + kHeight - 88 + 18 * static_cast<double>(i), measures()[i].name + " alone",
                 "end", fmt::format("fill='{}'", kColours[i]).c_str());
   }
   const Shares gates = shares_if(trials, [](const Trial& t) { return t.accepted(); });

@@ -33,6 +33,26 @@ std::string reach_of_wrong(const Trials& trials) {
   return text;
 }
 
+// Patches that agree by chance scatter evenly within what counts as agreeing; those of the right place do not.
+std::string reach_by_share(const Trials& trials) {
+  std::string text =
+      "| share of agreeing patches | right places | their median and largest residual, px | wrong places | their "
+      "smallest and median residual, px |\n|---|---|---|---|---|\n";
+  for (const auto& [low, high] : {std::pair{0.10, 0.15}, {0.15, 0.2}, {0.2, 0.25}, {0.25, 0.35}, {0.35, 1.01}}) {
+    std::vector<double> right, wrong;
+    for (const auto& [index, t] : trials) {
+      if (t.error_m < 0 || t.inlier_share() < low || t.inlier_share() >= high) continue;
+      if (t.holds_place() == t.right()) (t.right() ? right : wrong).push_back(t.residual_px);
+    }
+    std::sort(right.begin(), right.end()), std::sort(wrong.begin(), wrong.end());
+    const auto median = [](const std::vector<double>& sorted) { return sorted[sorted.size() / 2]; };
+    text += fmt::format("| {:.0f} to {:.0f} % | {} | {} | {} | {} |\n", 100 * low, 100 * std::min(high, 1.0),
+                        right.size(), right.empty() ? "" : fmt::format("{:.2f}, {:.2f}", median(right), right.back()),
+                        wrong.size(), wrong.empty() ? "" : fmt::format("{:.2f}, {:.2f}", wrong.front(), median(wrong)));
+  }
+  return text;
+}
+
 std::string verdicts(const Trials& trials) {
   std::map<std::string, std::map<std::string, int>> counts;  // by window, then verdict
   for (const auto& [index, t] : trials) ++counts[t.window + (t.holds_place() ? ", " + t.picture : "")][t.verdict];
@@ -51,6 +71,7 @@ const std::vector<Measure>& measures() {
   static const std::vector<Measure> all = {
       {"ratio", [](const Trial& t) { return -t.ratio; }, {.4, .5, .55, .6, .65, .7, .75, .8, .85, .9, .95}, -1},
       {"score", [](const Trial& t) { return t.score; }, {.10, .12, .14, .16, .18, .20, .22, .25, .30}},
+      {"residual", [](const Trial& t) { return -t.residual_px; }, {1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5}, -1},
       {"agreeing share", [](const Trial& t) { return t.inlier_share(); }, {.05, .1, .15, .2, .25, .3, .4, .5}},
   };
   return all;
@@ -88,7 +109,7 @@ std::string tables(const Trials& trials) {
   if (gates.wrong_count == 0 && knocked_out > 0) {
     text += fmt::format(" (95 % confidence: fewer than {:.2f} % are)", 300.0 / static_cast<double>(knocked_out));
   }
-  text += "\n\n" + reach_of_wrong(trials) + "\n" + verdicts(trials);
+  text += "\n\n" + reach_of_wrong(trials) + "\n" + reach_by_share(trials) + "\n" + verdicts(trials);
   for (const auto& [index, t] : trials) {
     if (t.accepted() && !t.right()) text += "WRONG " + line(t);
   }

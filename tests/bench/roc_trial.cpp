@@ -101,11 +101,12 @@ Trial try_match(const Worlds& worlds, const Photographer& photographer, std::uin
   return trial;
 }
 
-std::string trial_header(std::uint64_t base_seed) {
+std::string trial_header(std::uint64_t base_seed, int worlds) {
   return fmt::format(
-      "# nadir bench roc, base seed {}\nindex,window,picture,verdict,radius_m,ratio,score,inliers,patches,frame_share,"
+      "# nadir bench roc, base seed {}, {} "
+      "worlds\nindex,window,picture,verdict,radius_m,ratio,score,inliers,patches,frame_share,"
       "residual_px,surprise,error_m\n",
-      base_seed);
+      base_seed, worlds);
 }
 
 std::string line(const Trial& t) {

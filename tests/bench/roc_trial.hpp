@@ -27,7 +27,7 @@ struct Trial {
   double inlier_share() const { return patches == 0 ? 0 : static_cast<double>(inliers) / patches; }
 };
 
-std::string trial_header(std::uint64_t base_seed);
+std::string trial_header(std::uint64_t base_seed, int worlds);
 std::string line(const Trial& trial);
 Trial trial_of(const std::string& line);
 

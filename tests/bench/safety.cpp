@@ -14,24 +14,22 @@ using namespace nadir::bench;
 
 namespace {
 
-int run(const RunOptions& options, std::optional<std::uint64_t> only, bool verbose) {
+int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool verbose) {
   cv::setNumThreads(1);
   const Segments segments(options.worlds);
   std::function<void(const std::string&)> talk;
   if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };
   std::map<std::uint64_t, Record> records;
-  if (only) {
-    records[*only] = segments.run(options.seed, *only, talk);
-  } else {
-    records = run_all<Record>(options, header(options.seed), record_of, [&](std::uint64_t i) {
+  for (const std::uint64_t index : only) records[index] = segments.run(options.seed, index, talk);
+  if (only.empty()) {
+    records = run_all<Record>(options, header(options.seed, options.worlds), record_of, [&](std::uint64_t i) {
       const Record record = segments.run(options.seed, i, talk);
       if (record.violates()) std::cout << fmt::format("VIOLATION {}", line(record)) << std::flush;
       return record;
     });
   }
   std::cout << summary(records, options.seed)
-            << fmt::format("{} of {} segments, base seed {}, {} worlds\n", records.size(), options.count, options.seed,
-                           options.worlds);
+            << fmt::format("{} segments, base seed {}, {} worlds\n", records.size(), options.seed, options.worlds);
   return std::any_of(records.begin(), records.end(), [](const auto& r) { return r.second.violates(); }) ? 1 : 0;
 }
 
@@ -42,8 +40,8 @@ int main(int argc, char** argv) {
   RunOptions options;
   options.count = 10'000;
   options.add_to(app, "segments");
-  std::optional<std::uint64_t> only;
-  app.add_option("--only", only, "run the segment of this index alone");
+  std::vector<std::uint64_t> only;
+  app.add_option("--only", only, "run the segments of these indices alone");
   bool verbose = false;
   app.add_flag("--verbose", verbose, "a line for every frame");
   CLI11_PARSE(app, argc, argv);

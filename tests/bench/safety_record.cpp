@@ -36,8 +36,8 @@ std::string row(const Record& s) {
 
 }  // namespace
 
-std::string header(std::uint64_t base_seed) {
-  return fmt::format("# nadir bench safety, base seed {}\n{}", base_seed, kColumns);
+std::string header(std::uint64_t base_seed, int worlds) {
+  return fmt::format("# nadir bench safety, base seed {}, {} worlds\n{}", base_seed, worlds, kColumns);
 }
 
 std::string line(const Record& r) {
