@@ -46,35 +46,64 @@ std::optional<Eigen::Vector2d> hit(const CameraPose& pose, const Eigen::Matrix3d
   return Eigen::Vector2d(pose.position.east_m, pose.position.north_m) + pose.agl_m / down * direction.head<2>();
 }
 
-// Difference of the two ground points that should be one.
-std::optional<Eigen::Vector2d> gap(const Poses& poses, const SharedSight& sight, const Eigen::Vector2d& slope) {
-  const auto a = hit(poses.before, enu_from_camera(poses.before.attitude), sight.ray_before, slope);
-  const auto b = hit(poses.now, enu_from_camera(poses.now.attitude), sight.ray_now, slope);
-  if (!a || !b) return std::nullopt;
-  return *b - *a;
-}
+// Both poses with their rotations, which all sights share.
+class Views {
+ public:
+  Views(const TwoViewPrior& prior, const Unknowns& u)
+      : poses_(poses_at(prior, u)),
+        before_(enu_from_camera(poses_.before.attitude)),
+        now_(enu_from_camera(poses_.now.attitude)),
+        slope_(prior.ground_slope) {}
 
-std::optional<Jacobian> jacobian_of(const TwoViewPrior& prior, const Unknowns& u, const SharedSight& sight) {
-  Jacobian jacobian = Jacobian::Zero();
-  jacobian(0, 0) = jacobian(1, 1) = 1;
-  constexpr double step = 1e-5;
-  for (int k = 2; k < 8; ++k) {
-    Unknowns ahead = u, behind = u;
-    ahead[k] += step;
-    behind[k] -= step;
-    const auto a = gap(poses_at(prior, ahead), sight, prior.ground_slope),
-               b = gap(poses_at(prior, behind), sight, prior.ground_slope);
+  // Difference of the two ground points that should be one.
+  std::optional<Eigen::Vector2d> gap(const SharedSight& sight) const {
+    const auto a = hit(poses_.before, before_, sight.ray_before, slope_);
+    const auto b = hit(poses_.now, now_, sight.ray_now, slope_);
     if (!a || !b) return std::nullopt;
-    jacobian.col(k) = (*a - *b) / (2 * step);
+    return *b - *a;
   }
-  return jacobian;
-}
+
+ private:
+  Poses poses_;
+  Eigen::Matrix3d before_, now_;
+  Eigen::Vector2d slope_;
+};
+
+// The views a small step to both sides of every unknown but the motion, whose derivative is one.
+class Neighbours {
+ public:
+  Neighbours(const TwoViewPrior& prior, const Unknowns& u) {
+    for (int k = 2; k < 8; ++k) {
+      for (const double step : {kStep, -kStep}) {
+        Unknowns near = u;
+        near[k] += step;
+        views_.emplace_back(prior, near);
+      }
+    }
+  }
+
+  std::optional<Jacobian> jacobian_of(const SharedSight& sight) const {
+    Jacobian jacobian = Jacobian::Zero();
+    jacobian(0, 0) = jacobian(1, 1) = 1;
+    for (int k = 2; k < 8; ++k) {
+      const auto ahead = static_cast<std::size_t>(2 * (k - 2));
+      const auto a = views_[ahead].gap(sight), b = views_[ahead + 1].gap(sight);
+      if (!a || !b) return std::nullopt;
+      jacobian.col(k) = (*a - *b) / (2 * kStep);
+    }
+    return jacobian;
+  }
+
+ private:
+  static constexpr double kStep = 1e-5;
+  std::vector<Views> views_;
+};
 
 Eigen::Vector2d median_gap(const TwoViewPrior& prior, const std::vector<SharedSight>& sights) {
   std::vector<double> east, north;
-  const Poses poses = poses_at(prior, Unknowns::Zero());
+  const Views views(prior, Unknowns::Zero());
   for (const SharedSight& sight : sights) {
-    if (const auto g = gap(poses, sight, prior.ground_slope)) {
+    if (const auto g = views.gap(sight)) {
       east.push_back(g->x());
       north.push_back(g->y());
     }
@@ -122,9 +151,11 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
     const double scale_m = 3 * sigma_m;
     std::vector<double> residuals_m;
     std::vector<Eigen::Vector2d> places, residuals;
+    const Views here(prior, u);
+    const Neighbours neighbours(prior, u);
     for (const SharedSight& sight : sights) {
-      const auto residual = gap(poses_at(prior, u), sight, prior.ground_slope);
-      const auto jacobian = jacobian_of(prior, u, sight);
+      const auto residual = here.gap(sight);
+      const auto jacobian = neighbours.jacobian_of(sight);
       if (!residual || !jacobian) return std::nullopt;
       const double squared = residual->squaredNorm();
       residuals_m.push_back(std::sqrt(squared));

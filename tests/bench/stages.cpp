@@ -1,0 +1,172 @@
+// Where the CPU time of a replayed frame goes. Each stage is run on its own over the frames of a flight, with its own
+// clock: the CPU time of the whole process, so that threads of libraries count. The attempt's stages start from the true
+// position, with the window and the headings and heights that a flight between two anchors has.
+//
+//   stages PACKAGE ROOT.json AT FRAMES TELEMETRY CAMERA TRUTH
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <ctime>
+#include <map>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <string>
+
+#include "estimation/localizer.hpp"
+#include "estimation/odometry.hpp"
+#include "imagery/map_window.hpp"
+#include "package/open_package.hpp"
+#include "replay/flight_folder.hpp"
+#include "replay/flight_map.hpp"
+#include "replay/pictures.hpp"
+#include "replay/truth.hpp"
+#include "vision/anchor_matcher.hpp"
+#include "vision/oriented_channels.hpp"
+#include "vision/patch_match.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kHeadingRange_rad = 0.12, kScaleRange = 0.06, kRadius_m = 60;
+
+double cpu_ms() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
+}
+
+class Stages {
+ public:
+  auto run(const std::string& name, auto&& work) {
+    const double before = cpu_ms();
+    auto result = work();
+    times_[name].push_back(cpu_ms() - before);
+    return result;
+  }
+  void print(const std::string& name, double whole_ms = 0) {
+    std::vector<double>& ms = times_[name];
+    if (ms.empty()) return;
+    std::sort(ms.begin(), ms.end());
+    const double mean = mean_of(name);
+    const auto at = [&](double share) { return ms[static_cast<std::size_t>(share * static_cast<double>(ms.size() - 1))]; };
+    fmt::print("{:<44} {:>8.1f} {:>8.1f} {:>8.1f}", name, mean, at(0.5), at(0.95));
+    fmt::print("{}\n", whole_ms > 0 ? fmt::format(" {:>6.0f} %", 100 * mean / whole_ms) : "");
+  }
+  double mean_of(const std::string& name) {
+    double sum = 0;
+    for (const double ms : times_[name]) sum += ms;
+    return times_[name].empty() ? 0 : sum / static_cast<double>(times_[name].size());
+  }
+
+ private:
+  std::map<std::string, std::vector<double>> times_;
+};
+
+PlaneBox around(PlanePoint at, double half_m) {
+  return {at.east_m - half_m, at.north_m - half_m, at.east_m + half_m, at.north_m + half_m};
+}
+
+// The stages of one attempt, from where the camera really was.
+void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
+             const LocalFrame& frame, const CameraPose& pose) {
+  AnchorPrior prior;
+  prior.search = {pose, kRadius_m, kHeadingRange_rad, kScaleRange};
+  const AnchorMatch match =
+      stages.run("one attempt", [&] { return match_anchor(grey, camera, tiles, frame, prior); });
+  if (match.fine_gsd_m <= 0 || match.search.places.empty()) return;
+  const double reach_m = 0.75 * footprint_side_m(camera, pose.agl_m);
+  const MapWindow map = stages.run("map window", [&] {
+    return read_map_window(tiles, frame, around(pose.position, kRadius_m + reach_m), match.fine_gsd_m, Colour::grey);
+  });
+  SearchOptions options;
+  options.gsd_m = match.coarse_gsd_m;
+  options.distinct_m = std::max(25.0, 12 * options.gsd_m);
+  stages.run("search", [&] { return search_place(grey, camera, map, prior.search, options); });
+  options.candidates = 0;
+  stages.run("sweep", [&] { return search_place(grey, camera, map, prior.search, options); });
+
+  const CameraPose& found = match.search.places.front().pose;
+  const auto box = footprint_of(camera, found);
+  if (!box) return;
+  GroundGrid grid{map.west_m, map.north_m, map.gsd_m, 0, 0};
+  const int left = static_cast<int>((box->west_m - map.west_m) / map.gsd_m);
+  const int top = static_cast<int>((map.north_m - box->north_m) / map.gsd_m);
+  grid.west_m += left * map.gsd_m;
+  grid.north_m -= top * map.gsd_m;
+  grid.columns = static_cast<int>((box->east_m - box->west_m) / map.gsd_m) + 1;
+  grid.rows = static_cast<int>((box->north_m - box->south_m) / map.gsd_m) + 1;
+  const ReducedFrame reduced =
+      stages.run("reduce", [&] { return reduce_frame(grey, camera, found.agl_m, map.gsd_m); });
+  const RectifiedFrame rectified = stages.run("rectify, fine, once", [&] { return rectify(reduced, found, grid); });
+  stages.run("channels, fine, once",
+             [&] { return oriented_channels(rectified.image, rectified.mask, ChannelSet::six_orientations); });
+  stages.run("patches, last round",
+             [&] { return match_patches(rectified, reduced.camera, found, map, {48, 12, 8, 6, 0.2}); });
+}
+
+void follow(Stages& stages, OdometryFrontEnd& odometry, const cv::Mat& grey, const CameraModel& camera,
+            const CameraPose& pose) {
+  OdometryFrame seen;
+  seen.grey = grey;
+  seen.camera = camera;
+  seen.attitude = pose.attitude;
+  seen.agl_m = pose.agl_m;
+  stages.run("odometry", [&] { return odometry.track(seen); });
+}
+
+}  // namespace
+
+int run(const std::vector<std::string>& arguments) {
+  const Flight flight = read_flight({arguments[3], arguments[4], arguments[5]});
+  const Truth truth = read_truth(arguments[6], flight.frames);
+  NoProgress progress;
+  const Opening opening =
+      open_flight_map({arguments[0], arguments[1], std::nullopt}, parse_utc(arguments[2]).value(), progress);
+  if (!opening.package) return std::fputs("stages: the package is refused\n", stderr), 1;
+  const TileSource& tiles = opening.package->imagery();
+  const LocalFrame frame = mission_frame(opening.package->mission());
+  LocalizerConfig config;
+  Localizer localizer(flight.camera, frame, &tiles, truth.front(), config);
+  const auto odometry = make_feature_odometry();
+  Stages stages;
+  int anchored = 0;
+  for (std::size_t i = 0; i < flight.frames.size(); ++i) {
+    const Telemetry& told = flight.frames[i];
+    const cv::Mat picture =
+        stages.run("decode", [&] { return read_picture(flight.frames_folder / told.frame); });
+    const FrameReport report = stages.run("localizer, whole frame", [&] { return localizer.process(picture, told); });
+    if (report.anchor.verdict == AnchorVerdict::accepted) ++anchored;
+    if (picture.empty() || !truth[i]) continue;
+    cv::Mat grey = picture;
+    if (picture.channels() == 3) cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
+    const Enu at = frame.enu_from_lonlat(*truth[i]);
+    const CameraPose pose{{at.east_m, at.north_m},
+                          told.agl_m.value_or(120),
+                          {told.heading_rad.value_or(0), told.pitch_rad.value_or(0), told.roll_rad.value_or(0)}};
+    follow(stages, *odometry, grey, flight.camera.camera, pose);
+    attempt(stages, grey, flight.camera.camera, tiles, frame, pose);
+  }
+  fmt::print("{} frames of {} x {}, {} anchors; CPU ms\n", flight.frames.size(), flight.camera.camera.width,
+             flight.camera.camera.height, anchored);
+  fmt::print("{:<44} {:>8} {:>8} {:>8}\n", "", "mean", "p50", "p95");
+  const double frame_ms = stages.mean_of("decode") + stages.mean_of("localizer, whole frame");
+  for (const char* name : {"decode", "odometry", "localizer, whole frame"}) stages.print(name, frame_ms);
+  const double attempt_ms = stages.mean_of("one attempt");
+  for (const char* name : {"one attempt", "map window", "search", "sweep", "reduce", "rectify, fine, once",
+                           "channels, fine, once", "patches, last round"}) {
+    stages.print(name, attempt_ms);
+  }
+  return 0;
+}
+
+}  // namespace nadir
+
+int main(int argc, char** argv) {
+  if (argc != 8) return std::fputs("usage: stages PACKAGE ROOT.json AT FRAMES TELEMETRY CAMERA TRUTH\n", stderr), 2;
+  try {
+    return nadir::run({argv + 1, argv + argc});
+  } catch (const std::exception& error) {
+    return std::fprintf(stderr, "stages: %s\n", error.what()), 2;
+  }
+}
