@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "vision/correlation.hpp"
+#include "vision/near_correlation.hpp"
 
 namespace nadir {
 namespace {
@@ -69,15 +70,32 @@ Eigen::Matrix2d information_of(const cv::Mat& scores, const Peak& peak, double g
   return covariance_px.inverse() / (gsd_m * gsd_m);
 }
 
-std::optional<PatchMatch> match_one(const Channels& frame, const Channels& map, const cv::Rect& place,
-                                    cv::Point map_offset, const GroundGrid& grid, const PatchOptions& options) {
+// Both pictures' channels, in both forms: transforms serve only where the map has gaps.
+struct Sides {
+  Channels frame, map;
+  WholeChannels whole_frame, whole_map;
+};
+
+std::optional<cv::Mat> scores_of(const Sides& sides, const cv::Rect& place, const cv::Rect& wide) {
+  const cv::Size placements(wide.width - place.width + 1, wide.height - place.height + 1);
+  const NearPattern pattern(sides.whole_frame, place);
+  if (pattern.can_place(sides.whole_map, wide.tl(), placements)) {
+    return pattern.scores(sides.whole_map, wide.tl(), placements);
+  }
+  if ((wide & cv::Rect(0, 0, sides.map.mask.cols, sides.map.mask.rows)) != wide) return std::nullopt;
+  const Channels cut_pattern = cut(sides.frame, place);
+  const WindowSpectra window(cut(sides.map, wide));
+  return correlate(cut_pattern, window, TemplateNorm(cut_pattern, window, 0.8));
+}
+
+std::optional<PatchMatch> match_one(const Sides& sides, const cv::Rect& place, cv::Point map_offset,
+                                    const GroundGrid& grid, const PatchOptions& options) {
   const int search = static_cast<int>(std::ceil(options.search_px));
   const cv::Rect wide(place.x + map_offset.x - search, place.y + map_offset.y - search, place.width + 2 * search,
                       place.height + 2 * search);
-  if ((wide & cv::Rect(0, 0, map.mask.cols, map.mask.rows)) != wide) return std::nullopt;
-  const Channels pattern = cut(frame, place);
-  const WindowSpectra window(cut(map, wide));
-  const cv::Mat scores = correlate(pattern, window, TemplateNorm(pattern, window, 0.8));
+  const auto found = scores_of(sides, place, wide);
+  if (!found) return std::nullopt;
+  const cv::Mat& scores = *found;
   const Peak peak = best_peak(scores);
   const bool at_rim = peak.x < 0.5 || peak.y < 0.5 || peak.x > 2 * search - 0.5 || peak.y > 2 * search - 0.5;
   if (peak.score < options.min_score || at_rim) return std::nullopt;
@@ -105,10 +123,11 @@ PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camer
   if (used.empty()) return matches;
   const Channels on_frame = oriented_channels(frame.image, frame.mask, ChannelSet::six_orientations);
   const Channels on_map = oriented_channels(map.image(used), map.mask(used), ChannelSet::six_orientations);
+  const Sides sides{on_frame, on_map, WholeChannels(on_frame), WholeChannels(on_map)};
   const auto places = patch_places(frame, camera, pose, options, surface);
   matches.tried = static_cast<int>(places.size());
   for (const cv::Rect& place : places) {
-    if (const auto match = match_one(on_frame, on_map, place, map_offset - used.tl(), frame.grid, options)) {
+    if (const auto match = match_one(sides, place, map_offset - used.tl(), frame.grid, options)) {
       matches.found.push_back(*match);
     }
   }

@@ -1,0 +1,144 @@
+#include "vision/near_correlation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+
+#include "base/processor.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr float kScale = 256;
+constexpr float kMost = 511;
+constexpr int kMaxRun = 1300;  // pixels of six channels whose products fit into 32 bits: 6 · 1300 · 511² < 2³¹
+
+// products[i] += Σ pattern[k] · window[i · step + k]
+NADIR_FOR_WIDE_REGISTERS void add_products(const std::int16_t* pattern, const std::int16_t* window, std::size_t length,
+                                           std::size_t step, std::size_t count, std::int64_t* products) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::int16_t* at = window + i * step;
+    std::int32_t sum = 0;
+    for (std::size_t k = 0; k < length; ++k) sum += pattern[k] * at[k];
+    products[i] += sum;
+  }
+}
+
+template <typename Whole>
+void add_differences(const Whole* end, const Whole* begin, std::size_t count, Whole* sums) {
+  for (std::size_t i = 0; i < count; ++i) sums[i] += end[i] - begin[i];
+}
+
+}  // namespace
+
+WholeChannels::WholeChannels(const Channels& channels) : mask_(channels.mask), channels_(2 * channels.pairs.size()) {
+  const auto rows = static_cast<std::size_t>(mask_.rows), columns = static_cast<std::size_t>(mask_.cols);
+  values_.resize(rows * columns * channels_);
+  sums_.resize(rows * (columns + 1) * channels_);
+  squares_.resize(rows * (columns + 1));
+  for (std::size_t r = 0; r < rows; ++r) {
+    const auto* valid = mask_.ptr<std::uint8_t>(static_cast<int>(r));
+    std::int16_t* value = values_.data() + r * columns * channels_;
+    for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
+      const auto* pair = channels.pairs[p].ptr<float>(static_cast<int>(r));
+      for (std::size_t c = 0; c < columns; ++c) {
+        for (std::size_t k = 0; k < 2; ++k) {
+          const float scaled = std::clamp(pair[2 * c + k] * kScale, -kMost, kMost);
+          const float rounded = scaled + (scaled < 0 ? -0.5F : 0.5F);
+          value[c * channels_ + 2 * p + k] = valid[c] != 0 ? static_cast<std::int16_t>(rounded) : std::int16_t{0};
+        }
+      }
+    }
+    std::int32_t* sum = sums_.data() + r * (columns + 1) * channels_;
+    std::int64_t* square = squares_.data() + r * (columns + 1);
+    for (std::size_t c = 0; c < columns; ++c) {
+      std::int32_t here = 0;
+      for (std::size_t k = 0; k < channels_; ++k) {
+        const std::int32_t v = value[c * channels_ + k];
+        sum[(c + 1) * channels_ + k] = sum[c * channels_ + k] + v;
+        here += v * v;
+      }
+      square[c + 1] = square[c] + here;
+    }
+  }
+}
+
+NearPattern::NearPattern(const WholeChannels& of, const cv::Rect& part) : of_(&of), part_(part), sums_(of.channels_) {
+  CV_Assert((part & cv::Rect(cv::Point(), of.size())) == part && part.width <= kMaxRun && of.channels_ <= 6);
+  const auto columns = static_cast<std::size_t>(of.mask_.cols);
+  double squares = 0;
+  for (int row = 0; row < part.height; ++row) {
+    const auto* valid = of.mask_.ptr<std::uint8_t>(part.y + row) + part.x;
+    for (int begin = 0; begin < part.width;) {
+      if (valid[begin] == 0) {
+        ++begin;
+        continue;
+      }
+      int end = begin + 1;
+      while (end < part.width && valid[end] != 0) ++end;
+      runs_.push_back({row, begin, end});
+      const std::size_t line = static_cast<std::size_t>(part.y + row) * (columns + 1);
+      const std::size_t from = line + static_cast<std::size_t>(part.x + begin);
+      const std::size_t to = line + static_cast<std::size_t>(part.x + end);
+      for (std::size_t k = 0; k < of.channels_; ++k) {
+        sums_[k] += of.sums_[to * of.channels_ + k] - of.sums_[from * of.channels_ + k];
+      }
+      squares += static_cast<double>(of.squares_[to] - of.squares_[from]);
+      pixels_ += end - begin;
+      begin = end;
+    }
+  }
+  energy_ = squares;
+  for (const double sum : sums_) energy_ -= sum * sum / std::max(1.0, pixels_);
+}
+
+bool NearPattern::can_place(const WholeChannels& window, cv::Point first, cv::Size placements) const {
+  const cv::Rect used(first.x, first.y, part_.width + placements.width - 1, part_.height + placements.height - 1);
+  if ((used & cv::Rect(cv::Point(), window.size())) != used) return false;
+  return cv::countNonZero(window.mask_(used)) == used.area();
+}
+
+cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Size placements) const {
+  CV_Assert(window.channels_ == of_->channels_);
+  const std::size_t channels = of_->channels_, count = static_cast<std::size_t>(placements.width);
+  const auto columns = static_cast<std::size_t>(window.mask_.cols);
+  const auto own_columns = static_cast<std::size_t>(of_->mask_.cols);
+  cv::Mat result(placements, CV_32FC1, cv::Scalar(-1));
+  std::vector<std::int64_t> products(count), squares(count);
+  std::vector<std::int32_t> sums(count * channels);
+  for (int v = 0; v < placements.height; ++v) {
+    std::fill(products.begin(), products.end(), 0);
+    std::fill(squares.begin(), squares.end(), 0);
+    std::fill(sums.begin(), sums.end(), 0);
+    for (const Run& run : runs_) {
+      const auto row = static_cast<std::size_t>(first.y + v + run.row);
+      const auto begin = static_cast<std::size_t>(first.x + run.begin),
+                 end = static_cast<std::size_t>(first.x + run.end);
+      const std::size_t own =
+          static_cast<std::size_t>(part_.y + run.row) * own_columns + static_cast<std::size_t>(part_.x + run.begin);
+      add_products(of_->values_.data() + own * channels, window.values_.data() + (row * columns + begin) * channels,
+                   (end - begin) * channels, channels, count, products.data());
+      const std::size_t line = row * (columns + 1);
+      add_differences(window.sums_.data() + (line + end) * channels, window.sums_.data() + (line + begin) * channels,
+                      count * channels, sums.data());
+      add_differences(window.squares_.data() + line + end, window.squares_.data() + line + begin, count,
+                      squares.data());
+    }
+    auto* out = result.ptr<float>(v);
+    for (std::size_t i = 0; i < count; ++i) {
+      double product = static_cast<double>(products[i]), energy = static_cast<double>(squares[i]);
+      for (std::size_t k = 0; k < channels; ++k) {
+        const double mean = sums[i * channels + k] / std::max(1.0, pixels_);
+        product -= sums_[k] * mean;
+        energy -= sums[i * channels + k] * mean;
+      }
+      // As in correlation.cpp: what has no texture matches nothing.
+      constexpr double kLeastVariance = 1e-6 * double{kScale} * double{kScale};
+      if (energy < kLeastVariance * pixels_ || pixels_ == 0) continue;
+      out[i] = energy_ > 0 ? static_cast<float>(product / std::sqrt(energy * energy_)) : 0.0F;
+    }
+  }
+  return result;
+}
+
+}  // namespace nadir

@@ -1,0 +1,57 @@
+// The same correlation as in correlation.hpp, for few placements: a patch within some pixels of where it should be.
+// There a direct sum over whole numbers is far cheaper than transforms, and the same on every processor.
+//
+// Channels are kept as whole numbers (1/256 steps, at most ±511), all channels of a pixel side by side.
+#pragma once
+
+#include <cstdint>
+#include <opencv2/core/mat.hpp>
+#include <vector>
+
+#include "vision/oriented_channels.hpp"
+
+namespace nadir {
+
+class WholeChannels {
+ public:
+  explicit WholeChannels(const Channels& channels);
+
+  cv::Size size() const { return mask_.size(); }
+  const cv::Mat& mask() const { return mask_; }
+
+ private:
+  friend class NearPattern;
+
+  cv::Mat mask_;
+  std::size_t channels_ = 0;
+  std::vector<std::int16_t> values_;   // row by row, pixel by pixel, 0 where the mask is
+  std::vector<std::int32_t> sums_;     // of each channel from the row's begin to before the pixel; one more than pixels
+  std::vector<std::int64_t> squares_;  // of all channels, likewise
+};
+
+// A part of a picture, to be looked for in another one.
+class NearPattern {
+ public:
+  // `of` must outlive it; `part` lies inside.
+  NearPattern(const WholeChannels& of, const cv::Rect& part);
+
+  // Scores (CV_32FC1) with the pattern's top-left corner at `first` of `window` and the next placements.width - 1
+  // pixels to the right and placements.height - 1 down. The window must be valid wherever it is used: see can_place().
+  cv::Mat scores(const WholeChannels& window, cv::Point first, cv::Size placements) const;
+
+  // All pixels that scores() would use are inside the window and valid.
+  bool can_place(const WholeChannels& window, cv::Point first, cv::Size placements) const;
+
+ private:
+  struct Run {  // of valid pixels in a row of the pattern
+    int row = 0, begin = 0, end = 0;
+  };
+  const WholeChannels* of_;
+  cv::Rect part_;
+  std::vector<Run> runs_;
+  double pixels_ = 0;
+  double energy_ = 0;         // sum of squares, the channels' means removed
+  std::vector<double> sums_;  // of each channel
+};
+
+}  // namespace nadir
