@@ -43,48 +43,68 @@ cv::Mat levelling(const cv::Mat& strength, const cv::Mat& mask, const ChannelOpt
   return factor;
 }
 
-cv::Mat double_angle_pair(const Gradient& g, const cv::Mat& factor) {
+cv::Mat double_angle_pair(const Gradient& g, const cv::Mat& strength, const cv::Mat& factor) {
   cv::Mat pair(g.x.size(), CV_32FC2);
   for (int r = 0; r < pair.rows; ++r) {
-    const auto *gx = g.x.ptr<float>(r), *gy = g.y.ptr<float>(r), *f = factor.ptr<float>(r);
-    auto* out = pair.ptr<cv::Vec2f>(r);
-    for (int c = 0; c < pair.cols; ++c) {
-      const float x2 = gx[c] * gx[c], y2 = gy[c] * gy[c];
-      const float strength = std::sqrt(x2 + y2) + 1e-6F;  // (x² − y², 2xy) / |g| is |g| at twice the angle
-      out[c] = {(x2 - y2) / strength * f[c], 2 * gx[c] * gy[c] / strength * f[c]};
+    const auto *gx = g.x.ptr<float>(r), *gy = g.y.ptr<float>(r), *s = strength.ptr<float>(r), *f = factor.ptr<float>(r);
+    auto* out = pair.ptr<float>(r);
+    for (std::size_t c = 0; c < static_cast<std::size_t>(pair.cols); ++c) {
+      const float weight = f[c] / (s[c] + 1e-6F);  // (x² − y², 2xy) / |g| is |g| at twice the angle
+      out[2 * c] = (gx[c] * gx[c] - gy[c] * gy[c]) * weight;
+      out[2 * c + 1] = 2 * gx[c] * gy[c] * weight;
     }
   }
   return pair;
 }
 
 // Strength times the squared half-wave rectified cosine of twice the angle to each orientation: wide, overlapping bins.
-std::vector<cv::Mat> orientation_pairs(const Gradient& g, const cv::Mat& factor) {
-  std::vector<cv::Mat> pairs;
-  std::array<float, kOrientations> cosine{}, sine{};
-  for (int k = 0; k < kOrientations; ++k) {
-    const double twice = 2.0 * std::numbers::pi * k / kOrientations;
-    cosine[static_cast<std::size_t>(k)] = static_cast<float>(std::cos(twice));
-    sine[static_cast<std::size_t>(k)] = static_cast<float>(std::sin(twice));
+std::vector<cv::Mat> orientation_pairs(const Gradient& g, const cv::Mat& strength, const cv::Mat& factor) {
+  constexpr std::size_t kPairs = kOrientations / 2;
+  std::array<float, kPairs> cosine{}, sine{};
+  for (std::size_t p = 0; p < kPairs; ++p) {
+    const double twice = 2.0 * std::numbers::pi * static_cast<double>(p) / kOrientations;
+    cosine[p] = static_cast<float>(std::cos(twice));
+    sine[p] = static_cast<float>(std::sin(twice));
   }
-  for (std::size_t p = 0; p < kOrientations / 2; ++p) {
-    const std::size_t first = p, second = p + kOrientations / 2;  // perpendicular ones share a pair
-    cv::Mat pair(g.x.size(), CV_32FC2);
-    for (int r = 0; r < pair.rows; ++r) {
-      const auto *gx = g.x.ptr<float>(r), *gy = g.y.ptr<float>(r), *f = factor.ptr<float>(r);
-      auto* out = pair.ptr<cv::Vec2f>(r);
-      for (int c = 0; c < pair.cols; ++c) {
-        const float x2 = gx[c] * gx[c], y2 = gy[c] * gy[c];
-        const float squared = x2 + y2 + 1e-12F;
-        const float strength = std::sqrt(squared) * f[c];
-        const float c2 = (x2 - y2) / squared, s2 = 2 * gx[c] * gy[c] / squared;
-        const float a = std::max(0.0F, c2 * cosine[first] + s2 * sine[first]);
-        const float b = std::max(0.0F, c2 * cosine[second] + s2 * sine[second]);
-        out[c] = {strength * a * a, strength * b * b};
+  std::vector<cv::Mat> pairs(kPairs);
+  for (cv::Mat& pair : pairs) pair.create(g.x.size(), CV_32FC2);
+  const auto columns = static_cast<std::size_t>(g.x.cols);
+  std::vector<float> weight(columns), c2(columns), s2(columns);
+  for (int r = 0; r < g.x.rows; ++r) {
+    const auto *gx = g.x.ptr<float>(r), *gy = g.y.ptr<float>(r), *s = strength.ptr<float>(r), *f = factor.ptr<float>(r);
+    for (std::size_t c = 0; c < columns; ++c) {
+      const float x2 = gx[c] * gx[c], y2 = gy[c] * gy[c];
+      const float inverse = 1.0F / (x2 + y2 + 1e-12F);
+      weight[c] = s[c] * f[c];
+      c2[c] = (x2 - y2) * inverse;
+      s2[c] = 2 * gx[c] * gy[c] * inverse;
+    }
+    for (std::size_t p = 0; p < kPairs; ++p) {
+      auto* out = pairs[p].ptr<float>(r);
+      for (std::size_t c = 0; c < columns; ++c) {
+        // Perpendicular orientations share a pair: the cosine of the one is the other's, negated.
+        const float along = c2[c] * cosine[p] + s2[c] * sine[p];
+        const float a = std::max(0.0F, along), b = std::max(0.0F, -along);
+        out[2 * c] = weight[c] * a * a;
+        out[2 * c + 1] = weight[c] * b * b;
       }
     }
-    pairs.push_back(pair);
   }
   return pairs;
+}
+
+// Clears what the mask leaves out. Nothing to do is the usual case in the map.
+void clear_outside(cv::Mat& values, const cv::Mat& mask, bool whole) {
+  if (whole) return;
+  const auto channels = static_cast<std::size_t>(values.channels());
+  for (int r = 0; r < values.rows; ++r) {
+    auto* value = values.ptr<float>(r);
+    const auto* valid = mask.ptr<std::uint8_t>(r);
+    for (std::size_t c = 0; c < static_cast<std::size_t>(values.cols); ++c) {
+      for (std::size_t k = 0; k < channels; ++k)
+        value[c * channels + k] = valid[c] != 0 ? value[c * channels + k] : 0.0F;
+    }
+  }
 }
 
 }  // namespace
@@ -92,20 +112,21 @@ std::vector<cv::Mat> orientation_pairs(const Gradient& g, const cv::Mat& factor)
 Channels oriented_channels(const cv::Mat& grey, const cv::Mat& mask, ChannelSet set, const ChannelOptions& options) {
   Channels channels;
   channels.mask = usable_part(mask, grey.size(), 2 * options.sigma_px + 1);
+  const bool whole = cv::countNonZero(channels.mask) == static_cast<int>(channels.mask.total());
   const Gradient gradient = gradient_of(grey, options.sigma_px);
   cv::Mat strength;
   cv::magnitude(gradient.x, gradient.y, strength);
-  strength.setTo(0, channels.mask == 0);
+  clear_outside(strength, channels.mask, whole);
   const cv::Mat factor = levelling(strength, channels.mask, options);
   if (set == ChannelSet::double_angle) {
-    channels.pairs.push_back(double_angle_pair(gradient, factor));
+    channels.pairs.push_back(double_angle_pair(gradient, strength, factor));
   } else {
-    channels.pairs = orientation_pairs(gradient, factor);
+    channels.pairs = orientation_pairs(gradient, strength, factor);
   }
   for (cv::Mat& pair : channels.pairs) {
-    pair.setTo(cv::Scalar::all(0), channels.mask == 0);  // else the border of the valid area is smoothed inwards
+    clear_outside(pair, channels.mask, whole);  // else the border of the valid area is smoothed inwards
     cv::GaussianBlur(pair, pair, cv::Size(), options.sigma_px, options.sigma_px, cv::BORDER_REFLECT_101);
-    pair.setTo(cv::Scalar::all(0), channels.mask == 0);
+    clear_outside(pair, channels.mask, whole);
   }
   return channels;
 }
