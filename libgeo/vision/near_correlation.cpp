@@ -24,9 +24,19 @@ NADIR_FOR_WIDE_REGISTERS void add_products(const std::int16_t* pattern, const st
   }
 }
 
+// sums[i · group + k] += end[i · step · group + k] - begin[…]
 template <typename Whole>
-void add_differences(const Whole* end, const Whole* begin, std::size_t count, Whole* sums) {
-  for (std::size_t i = 0; i < count; ++i) sums[i] += end[i] - begin[i];
+void add_differences(const Whole* end, const Whole* begin, std::size_t group, std::size_t step, std::size_t count,
+                     Whole* sums) {
+  if (step == 1) {
+    for (std::size_t i = 0; i < count * group; ++i) sums[i] += end[i] - begin[i];
+    return;
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t k = 0; k < group; ++k) {
+      sums[i * group + k] += end[i * step * group + k] - begin[i * step * group + k];
+    }
+  }
 }
 
 }  // namespace
@@ -98,7 +108,8 @@ bool NearPattern::can_place(const WholeChannels& window, cv::Point first, cv::Si
   return cv::countNonZero(window.mask_(used)) == used.area();
 }
 
-cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Size placements) const {
+cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Size placements, int step) const {
+  const auto apart = static_cast<std::size_t>(step);
   CV_Assert(window.channels_ == of_->channels_);
   const std::size_t channels = of_->channels_, count = static_cast<std::size_t>(placements.width);
   const auto columns = static_cast<std::size_t>(window.mask_.cols);
@@ -111,17 +122,17 @@ cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Si
     std::fill(squares.begin(), squares.end(), 0);
     std::fill(sums.begin(), sums.end(), 0);
     for (const Run& run : runs_) {
-      const auto row = static_cast<std::size_t>(first.y + v + run.row);
+      const auto row = static_cast<std::size_t>(first.y + v * step + run.row);
       const auto begin = static_cast<std::size_t>(first.x + run.begin),
                  end = static_cast<std::size_t>(first.x + run.end);
       const std::size_t own =
           static_cast<std::size_t>(part_.y + run.row) * own_columns + static_cast<std::size_t>(part_.x + run.begin);
       add_products(of_->values_.data() + own * channels, window.values_.data() + (row * columns + begin) * channels,
-                   (end - begin) * channels, channels, count, products.data());
+                   (end - begin) * channels, apart * channels, count, products.data());
       const std::size_t line = row * (columns + 1);
       add_differences(window.sums_.data() + (line + end) * channels, window.sums_.data() + (line + begin) * channels,
-                      count * channels, sums.data());
-      add_differences(window.squares_.data() + line + end, window.squares_.data() + line + begin, count,
+                      channels, apart, count, sums.data());
+      add_differences(window.squares_.data() + line + end, window.squares_.data() + line + begin, 1, apart, count,
                       squares.data());
     }
     auto* out = result.ptr<float>(v);

@@ -35,11 +35,12 @@ class NearPattern {
   // `of` must outlive it; `part` lies inside.
   NearPattern(const WholeChannels& of, const cv::Rect& part);
 
-  // Scores (CV_32FC1) with the pattern's top-left corner at `first` of `window` and the next placements.width - 1
-  // pixels to the right and placements.height - 1 down. The window must be valid wherever it is used: see can_place().
-  cv::Mat scores(const WholeChannels& window, cv::Point first, cv::Size placements) const;
+  // Scores (CV_32FC1) with the pattern's top-left corner at `first` of `window` and at placements.width - 1 further
+  // ones to the right and placements.height - 1 down, `step` pixels apart. The window must be valid wherever it is
+  // used: see can_place().
+  cv::Mat scores(const WholeChannels& window, cv::Point first, cv::Size placements, int step = 1) const;
 
-  // All pixels that scores() would use are inside the window and valid.
+  // All pixels that scores() would use with a step of 1 are inside the window and valid.
   bool can_place(const WholeChannels& window, cv::Point first, cv::Size placements) const;
 
  private:

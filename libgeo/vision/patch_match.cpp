@@ -76,16 +76,33 @@ struct Sides {
   WholeChannels whole_frame, whole_map;
 };
 
-std::optional<cv::Mat> scores_of(const Sides& sides, const cv::Rect& place, const cv::Rect& wide) {
-  const cv::Size placements(wide.width - place.width + 1, wide.height - place.height + 1);
+// Scores of placements next to one another, of which the first has the pattern's corner at `first` of the map.
+struct Scored {
+  cv::Mat scores;
+  cv::Point first;
+};
+
+// Every other placement, then all around the best of those: the channels are smooth enough not to hide a peak between.
+Scored near_scores(const NearPattern& pattern, const WholeChannels& map, cv::Point first, int side) {
+  constexpr int kStep = 2, kAround = 2;
+  const int coarse_side = (side + kStep - 1) / kStep;
+  cv::Point best;
+  cv::minMaxLoc(pattern.scores(map, first, {coarse_side, coarse_side}, kStep), nullptr, nullptr, nullptr, &best);
+  const cv::Rect fine = cv::Rect(kStep * best.x - kAround, kStep * best.y - kAround, 2 * kAround + 1, 2 * kAround + 1) &
+                        cv::Rect(0, 0, side, side);
+  return {pattern.scores(map, first + fine.tl(), fine.size()), first + fine.tl()};
+}
+
+std::optional<Scored> scores_of(const Sides& sides, const cv::Rect& place, const cv::Rect& wide) {
+  const int side = wide.width - place.width + 1;
   const NearPattern pattern(sides.whole_frame, place);
-  if (pattern.can_place(sides.whole_map, wide.tl(), placements)) {
-    return pattern.scores(sides.whole_map, wide.tl(), placements);
+  if (pattern.can_place(sides.whole_map, wide.tl(), {side, side})) {
+    return near_scores(pattern, sides.whole_map, wide.tl(), side);
   }
   if ((wide & cv::Rect(0, 0, sides.map.mask.cols, sides.map.mask.rows)) != wide) return std::nullopt;
   const Channels cut_pattern = cut(sides.frame, place);
   const WindowSpectra window(cut(sides.map, wide));
-  return correlate(cut_pattern, window, TemplateNorm(cut_pattern, window, 0.8));
+  return Scored{correlate(cut_pattern, window, TemplateNorm(cut_pattern, window, 0.8)), wide.tl()};
 }
 
 std::optional<PatchMatch> match_one(const Sides& sides, const cv::Rect& place, cv::Point map_offset,
@@ -95,8 +112,10 @@ std::optional<PatchMatch> match_one(const Sides& sides, const cv::Rect& place, c
                       place.height + 2 * search);
   const auto found = scores_of(sides, place, wide);
   if (!found) return std::nullopt;
-  const cv::Mat& scores = *found;
-  const Peak peak = best_peak(scores);
+  Peak peak = best_peak(found->scores);
+  const Eigen::Matrix2d information_m2 = information_of(found->scores, peak, grid.gsd_m);
+  peak.x += found->first.x - wide.x;
+  peak.y += found->first.y - wide.y;
   const bool at_rim = peak.x < 0.5 || peak.y < 0.5 || peak.x > 2 * search - 0.5 || peak.y > 2 * search - 0.5;
   if (peak.score < options.min_score || at_rim) return std::nullopt;
   PatchMatch match;
@@ -104,7 +123,7 @@ std::optional<PatchMatch> match_one(const Sides& sides, const cv::Rect& place, c
   match.in_frame = grid.plane_from_pixel(place.x + place.width / 2.0, place.y + place.height / 2.0);
   match.on_map = {match.in_frame.east_m + (peak.x - search) * grid.gsd_m,
                   match.in_frame.north_m - (peak.y - search) * grid.gsd_m};
-  match.information_m2 = information_of(scores, peak, grid.gsd_m);
+  match.information_m2 = information_m2;
   if (!match.information_m2.allFinite()) return std::nullopt;
   return match;
 }

@@ -11,7 +11,7 @@
 namespace nadir {
 namespace {
 
-constexpr int kWideWindow_px = 600;
+constexpr int kWideWindow_px = 600;  // has more places that look alike
 
 struct Hypothesis {
   double heading_rad = 0;
@@ -209,9 +209,9 @@ SearchResult search_place(const cv::Mat& grey, const CameraModel& camera, const 
       around(middle, prior.heading_range_rad, options.heading_step_rad, prior.scale_range, options.scale_step);
   const ScaledMap confirm_map = shrink(map, options.gsd_m);
   const ReducedFrame frame = reduce_frame(grey, camera, prior.pose.agl_m, confirm_map.gsd_m);
-  // A wide window is swept at half the resolution: four times fewer pixels, and the confirmation sorts it out.
+  // Swept at half the resolution: four times fewer pixels, and the confirmation sorts it out.
+  const ScaledMap sweep_map = shrink(map, options.gsd_m * 2);
   const bool wide_window = std::max(confirm_map.image.cols, confirm_map.image.rows) > kWideWindow_px;
-  const ScaledMap sweep_map = shrink(map, options.gsd_m * (wide_window ? 2 : 1));
 
   SearchResult result;
   result.places = sweep(reduce_frame(frame.image, frame.camera, prior.pose.agl_m, sweep_map.gsd_m), sweep_map, prior,
@@ -223,9 +223,9 @@ SearchResult search_place(const cv::Mat& grey, const CameraModel& camera, const 
                    [](const Place& one, const Place& other) { return one.score > other.score; });
   for (std::size_t i = 0; i < std::min<std::size_t>(2, result.places.size()); ++i) {
     Place& place = result.places[i];
-    const auto close = around(hypothesis_of(place), options.heading_step_rad / 2, options.heading_step_rad / 2,
-                              options.scale_step / 2, options.scale_step / 2);
-    confirm(place, frame, confirm_map, close, slack_m);
+    const double turn = options.heading_step_rad / 2, scale = options.scale_step / 2, near_m = 2 * confirm_map.gsd_m;
+    confirm(place, frame, confirm_map, around(hypothesis_of(place), turn, turn, 0, 1), near_m);
+    confirm(place, frame, confirm_map, around(hypothesis_of(place), 0, 1, scale, scale), near_m);
   }
   return best_of(std::move(result.places), options);
 }
