@@ -18,7 +18,10 @@ constexpr double kTiltDriftTimeLogged_s = 240;  // in which the constant part is
 constexpr double kTiltDriftTimeUnlogged_s = 12000;  // … or a mount or a gimbal
 constexpr double kTiltScatterPriorFrames = 3;       // how many frames the prior of the changing part is worth
 constexpr double kVaguestSight = 16;                // variance over the changing part's, to learn from it
-constexpr double kLeastChangingTilt_rad = 0.004;    // a quarter of a degree: no mount is stiffer
+constexpr double kMissingTilt_rad = 0.35;           // of an aircraft that tells it otherwise: a banked turn
+constexpr double kUsualSpeed_mps = 20;              // at least assumed, when the clock stands
+constexpr double kLongestUsual_s = 5;
+constexpr double kLeastChangingTilt_rad = 0.004;  // a quarter of a degree: no mount is stiffer
 
 using Index = FlightFilter::Index;
 
@@ -48,11 +51,15 @@ double FlightFilter::position_sigma_m() const { return std::sqrt(0.5 * position_
 // A logged tilt scatters as its camera file says, or worse; of an unlogged one only the frames can tell.
 double FlightFilter::changing_tilt_sigma_rad() const {
   const double least = tilt_logged_ ? kChangingTiltShareLogged * uncertainty_.tilt_rad : kLeastChangingTilt_rad;
-  return std::sqrt(std::max(least * least, tilt_scatter_sum_ / tilt_scatter_weight_));
+  const double missing = tilt_missing_ ? kMissingTilt_rad : 0;
+  return std::sqrt(std::max(least * least, tilt_scatter_sum_ / tilt_scatter_weight_) + missing * missing);
 }
 
-void FlightFilter::advance(double seconds, std::optional<double> told_heading_rad) {
+void FlightFilter::advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told) {
   settle();
+  tilt_missing_ = tilt_logged_ && !tilt_told;
+  const bool clock_stands = !first_ && !(seconds > 0);
+  if (!first_ && seconds > 0) usual_seconds_ = std::min(seconds, kLongestUsual_s);
   const double dt = first_ ? 0 : std::max(0.0, seconds);
   Covariance transition = Covariance::Identity();
   Covariance noise = Covariance::Zero();
@@ -114,6 +121,11 @@ void FlightFilter::advance(double seconds, std::optional<double> told_heading_ra
     noise(p, v) += q * dt * dt / 2 + gust * gust * dt / 2;
     noise(v, p) += q * dt * dt / 2 + gust * gust * dt / 2;
     noise(v, v) += q * dt + gust * gust;
+  }
+  if (clock_stands) {
+    const double step_m = usual_seconds_ * std::max(kUsualSpeed_mps, now.segment<2>(velocity_east).norm());
+    noise(east, east) += step_m * step_m;
+    noise(north, north) += step_m * step_m;
   }
 
   const Covariance cross = transition * covariance_;

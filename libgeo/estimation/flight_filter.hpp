@@ -54,8 +54,9 @@ class FlightFilter {
                double sigma_m)
       : FlightFilter(uncertainty, tilt_logged, position_m, sigma_m, Options{}) {}
 
-  // A new frame, so many seconds after the last one.
-  void advance(double seconds, std::optional<double> told_heading_rad);
+  // A new frame, so many seconds after the last one. When the clock stands or runs backwards, the time is unknown:
+  // about what passed between the frames before, or none. tilt_told: the telemetry has pitch and roll for this frame.
+  void advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told = true);
   // After advance(): this frame's told height is not the last one's (another source, or a guess), so that nothing
   // learnt of the old one's error is true of it.
   void doubt_height(double log_sigma);
@@ -102,6 +103,8 @@ class FlightFilter {
   Covariance covariance_ = Covariance::Zero();
   std::optional<double> told_heading_rad_;  // of the frame in work
   bool first_ = true;
+  bool tilt_missing_ = false;  // in the frame in work, though others had it
+  double usual_seconds_ = 1;   // between frames
   double tilt_scatter_sum_;  // of the changing part's variance, weighted by how well it was seen; begins with the prior
   double tilt_scatter_weight_;
 

@@ -14,7 +14,7 @@ std::vector<FlightFilter::Smoothed> smoothed_without(const FlightFilter& fresh, 
   FlightFilter filter = fresh;
   for (std::size_t i = 0; i < steps.size(); ++i) {
     const FlightStep& step = steps[i];
-    filter.advance(step.seconds, step.told_heading_rad);
+    filter.advance(step.seconds, step.told_heading_rad, step.tilt_told);
     if (step.height_doubt) filter.doubt_height(*step.height_doubt);
     if (step.moved) filter.moved(*step.moved);
     if (step.position_doubt_m) filter.doubt_position(*step.position_doubt_m);

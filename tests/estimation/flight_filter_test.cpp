@@ -95,16 +95,30 @@ TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
   EXPECT_LT(filter.sigma(F::velocity_east), 40) << "no aircraft becomes arbitrarily fast";
 }
 
-TEST(FlightFilter, TimeThatDoesNotAdvanceMovesNothing) {
+// Frames with the same time were not taken at the same time: somebody's clock stands.
+TEST(FlightFilter, AClockThatStandsMovesNothingButDoubtsThePlace) {
   F filter(sensors(), true, {3, 4}, 10);
   filter.advance(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
   const Matrix2d before = filter.position_covariance_m2();
   const Vector2d at = filter.position_m();
   filter.advance(0, radians(20));
-  filter.advance(-5, kNoHeading);
-  EXPECT_LT((filter.position_covariance_m2() - before).norm(), 1e-9);
   EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
+  EXPECT_NEAR(std::sqrt(filter.position_covariance_m2()(0, 0) - before(0, 0)), std::hypot(20, 5), 1.5);
+  filter.advance(-5, kNoHeading);
+  EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
+  EXPECT_TRUE(filter.covariance().allFinite());
+}
+
+TEST(FlightFilter, TiltThatIsToldNoMoreIsDoubted) {
+  F filter(sensors(), true, {0, 0}, 10);
+  filter.advance(0, radians(20), true);
+  const double told = filter.sigma(F::roll);
+  filter.advance(1, radians(20), false);
+  EXPECT_GT(filter.sigma(F::roll), radians(20));
+  EXPECT_GT(filter.changing_tilt_sigma_rad(), radians(20));
+  filter.advance(1, radians(20), true);
+  EXPECT_NEAR(filter.sigma(F::roll), told, 1e-3);
 }
 
 TEST(FlightFilter, CarriesOnWithItsVelocityWhichTurnsWithTheAircraft) {

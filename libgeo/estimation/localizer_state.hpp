@@ -1,0 +1,85 @@
+// What the localizer knows, and the steps of its walk. localizer.cpp walks; localizer_anchor.cpp looks at the map.
+#pragma once
+
+#include "estimation/anchor_votes.hpp"
+#include "estimation/anchor_window.hpp"
+#include "estimation/flight_filter.hpp"
+#include "estimation/flight_log.hpp"
+#include "estimation/localizer.hpp"
+#include "estimation/odometry.hpp"
+#include "vision/frozen_frame.hpp"
+
+namespace nadir {
+
+struct Localizer::State {
+  State(const CameraFile& camera_file, const LocalFrame& local_frame, const TileSource* map_tiles,
+        std::optional<LonLat> known_start, const LocalizerConfig& localizer_config)
+      : camera(camera_file.camera),
+        uncertainty(camera_file.uncertainty),
+        frame(local_frame),
+        tiles(map_tiles),
+        start(known_start),
+        config(localizer_config),
+        placed(known_start.has_value()),
+        surface(config.surface != nullptr ? config.surface : &flat),
+        odometry(make_feature_odometry()),
+        window(localizer_config),
+        unbroken(known_start.has_value()) {}
+
+  // The walk, in order.
+  void begin_frame(const Telemetry& telemetry, double seconds);
+  bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
+  std::pair<Eigen::Vector2d, double> start_position() const;
+  AnchorPrior anchor_prior() const;
+  bool lost() const { return window.lost(placed, flight->position_sigma_m()); }
+  AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) const;
+  AnchorReport try_anchor(const cv::Mat& grey);
+  void confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m);
+  double shared_error_factor(const Eigen::Vector2d& position) const;
+  void take_anchor(const AnchorMatch& match);
+  Estimate tell(const Telemetry& telemetry, bool anchored, bool tracked);
+
+  Believed believed() const;
+  CameraPose believed_pose() const;
+  Eigen::Matrix2d map_error_m2() const {
+    return Eigen::Matrix2d::Identity() * (tiles == nullptr ? 0 : config.map_sigma_m * config.map_sigma_m);
+  }
+
+  CameraModel camera;
+  TelemetryUncertainty uncertainty;
+  LocalFrame frame;
+  const TileSource* tiles;
+  std::optional<LonLat> start;
+  LocalizerConfig config;
+  bool placed;  // the start is known, or an anchor has been found since
+  FlatGround flat;
+  const GroundSurface* surface;
+
+  std::optional<FlightFilter> flight;  // made with the first telemetry, which shows whether tilt is logged
+  std::optional<FlightFilter> fresh;   // the same before the first frame
+  std::vector<FlightStep> log;
+  std::unique_ptr<OdometryFrontEnd> odometry;
+
+  FrozenFrame frozen;
+  double told_agl_m = 0;
+  bool height_told = false;    // in this frame; else the last one told, or a guess, stands for it
+  bool height_steady = false;  // in this frame and in the one before
+  Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();  // pitch, roll
+  std::optional<double> told_heading_rad;
+  std::optional<double> last_time_s;
+  std::optional<double> last_anchor_s;
+  std::optional<Eigen::Vector2d> last_anchor_at;
+  int last_anchor_inliers = 0;
+  double last_anchor_ratio = 1;
+  // What steps since have taught of earlier ones. Between anchors it is not told: a track that odometry carries has no
+  // jumps but those of anchors, and refined() has it all.
+  Eigen::Vector2d held_back_m = Eigen::Vector2d::Zero();
+  Eigen::Vector2d contradicted_m = Eigen::Vector2d::Zero();  // where the map says that the start was, against it
+  AnchorVotes votes;
+  AnchorWindow window;
+  bool unbroken;  // odometry has tracked every frame since the last anchor or the start
+  int segment = 0;
+  std::vector<Estimate> told;
+};
+
+}  // namespace nadir
