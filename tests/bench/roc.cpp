@@ -20,7 +20,7 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   try {
     cv::setNumThreads(1);
-    const Worlds worlds(options.worlds);
+    const Worlds worlds(options.count == 0 ? 0 : options.worlds);  // none only to print the tables
     const Photographer photographer(camera_file().camera);
     const Trials trials =
         run_all<Trial>(options, trial_header(options.seed, options.worlds), trial_of,

@@ -16,7 +16,7 @@ namespace {
 
 int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool verbose) {
   cv::setNumThreads(1);
-  const Segments segments(options.worlds);
+  const Segments segments(only.empty() && options.count == 0 ? 0 : options.worlds);  // none only to print a table
   std::function<void(const std::string&)> talk;
   if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };
   std::map<std::uint64_t, Record> records;
