@@ -147,13 +147,11 @@ PlaceEvaluation evaluate_frames(const PlaceIndex& index, const Mission& mission,
     const Telemetry& row = flight.frames[i];
     const double error_rad = random.uniform(-options.heading_range_rad, options.heading_range_rad);
     const double any_rad = random.uniform(0, 2 * std::numbers::pi);
-    const cv::Mat picture = read_picture(flight.frames_folder / row.frame);
-    if (!truth[i] || picture.empty() || !row.heading_rad) {
+    const cv::Mat grey = read_picture(flight.frames_folder / row.frame);
+    if (!truth[i] || grey.empty() || !row.heading_rad) {
       ++evaluation.left_out;
       continue;
     }
-    cv::Mat grey;
-    cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
     CameraPose pose;
     pose.agl_m = row.agl_m.value_or(mission.route.agl_m);
     pose.attitude = {*row.heading_rad + error_rad, row.pitch_rad.value_or(0), row.roll_rad.value_or(0)};

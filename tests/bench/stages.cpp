@@ -1,6 +1,6 @@
 // Where the CPU time of a replayed frame goes. Each stage is run on its own over the frames of a flight, with its own
-// clock: the CPU time of the whole process, so that threads of libraries count. The attempt's stages start from the true
-// position, with the window and the headings and heights that a flight between two anchors has.
+// clock: the CPU time of the whole process, so that threads of libraries count. The attempt's stages start from the
+// true position, with the window and the headings and heights that a flight between two anchors has.
 //
 //   stages PACKAGE ROOT.json AT FRAMES TELEMETRY CAMERA TRUTH
 #include <fmt/format.h>
@@ -10,7 +10,6 @@
 #include <ctime>
 #include <map>
 #include <opencv2/core.hpp>
-#include <opencv2/imgproc.hpp>
 #include <string>
 
 #include "estimation/localizer.hpp"
@@ -49,7 +48,9 @@ class Stages {
     if (ms.empty()) return;
     std::sort(ms.begin(), ms.end());
     const double mean = mean_of(name);
-    const auto at = [&](double share) { return ms[static_cast<std::size_t>(share * static_cast<double>(ms.size() - 1))]; };
+    const auto at = [&](double share) {
+      return ms[static_cast<std::size_t>(share * static_cast<double>(ms.size() - 1))];
+    };
     fmt::print("{:<44} {:>8.1f} {:>8.1f} {:>8.1f}", name, mean, at(0.5), at(0.95));
     fmt::print("{}\n", whole_ms > 0 ? fmt::format(" {:>6.0f} %", 100 * mean / whole_ms) : "");
   }
@@ -72,8 +73,7 @@ void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, con
              const LocalFrame& frame, const CameraPose& pose) {
   AnchorPrior prior;
   prior.search = {pose, kRadius_m, kHeadingRange_rad, kScaleRange};
-  const AnchorMatch match =
-      stages.run("one attempt", [&] { return match_anchor(grey, camera, tiles, frame, prior); });
+  const AnchorMatch match = stages.run("one attempt", [&] { return match_anchor(grey, camera, tiles, frame, prior); });
   if (match.fine_gsd_m <= 0 || match.search.places.empty()) return;
   const double reach_m = 0.75 * footprint_side_m(camera, pose.agl_m);
   const MapWindow map = stages.run("map window", [&] {
@@ -96,13 +96,13 @@ void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, con
   grid.north_m -= top * map.gsd_m;
   grid.columns = static_cast<int>((box->east_m - box->west_m) / map.gsd_m) + 1;
   grid.rows = static_cast<int>((box->north_m - box->south_m) / map.gsd_m) + 1;
-  const ReducedFrame reduced =
-      stages.run("reduce", [&] { return reduce_frame(grey, camera, found.agl_m, map.gsd_m); });
+  const ReducedFrame reduced = stages.run("reduce", [&] { return reduce_frame(grey, camera, found.agl_m, map.gsd_m); });
   const RectifiedFrame rectified = stages.run("rectify, fine, once", [&] { return rectify(reduced, found, grid); });
   stages.run("channels, fine, once",
              [&] { return oriented_channels(rectified.image, rectified.mask, ChannelSet::six_orientations); });
-  stages.run("patches, last round",
-             [&] { return match_patches(rectified, reduced.camera, found, map, {48, 12, 8, 6, 0.2}); });
+  stages.run("patches, last round", [&] {
+    return match_patches(rectified, reduced.camera, found, map, {48, 12, 8, 6, 0.2});
+  });
 }
 
 void follow(Stages& stages, OdometryFrontEnd& odometry, const cv::Mat& grey, const CameraModel& camera,
@@ -127,25 +127,26 @@ int run(const std::vector<std::string>& arguments) {
   const TileSource& tiles = opening.package->imagery();
   const LocalFrame frame = mission_frame(opening.package->mission());
   LocalizerConfig config;
-  Localizer localizer(flight.camera, frame, &tiles, truth.front(), config);
+  const int shrink = harmless_shrink({flight.camera.camera.width, flight.camera.camera.height});
+  CameraFile camera = flight.camera;
+  camera.camera = camera.camera.scaled(1.0 / shrink);
+  Localizer localizer(camera, frame, &tiles, truth.front(), config);
   const auto odometry = make_feature_odometry();
   Stages stages;
   int anchored = 0;
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     const Telemetry& told = flight.frames[i];
     const cv::Mat picture =
-        stages.run("decode", [&] { return read_picture(flight.frames_folder / told.frame); });
+        stages.run("decode", [&] { return read_picture(flight.frames_folder / told.frame, shrink); });
     const FrameReport report = stages.run("localizer, whole frame", [&] { return localizer.process(picture, told); });
     if (report.anchor.verdict == AnchorVerdict::accepted) ++anchored;
     if (picture.empty() || !truth[i]) continue;
-    cv::Mat grey = picture;
-    if (picture.channels() == 3) cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
     const Enu at = frame.enu_from_lonlat(*truth[i]);
     const CameraPose pose{{at.east_m, at.north_m},
                           told.agl_m.value_or(120),
                           {told.heading_rad.value_or(0), told.pitch_rad.value_or(0), told.roll_rad.value_or(0)}};
-    follow(stages, *odometry, grey, flight.camera.camera, pose);
-    attempt(stages, grey, flight.camera.camera, tiles, frame, pose);
+    follow(stages, *odometry, picture, camera.camera, pose);
+    attempt(stages, picture, camera.camera, tiles, frame, pose);
   }
   fmt::print("{} frames of {} x {}, {} anchors; CPU ms\n", flight.frames.size(), flight.camera.camera.width,
              flight.camera.camera.height, anchored);

@@ -23,13 +23,16 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
   if (setup.map_sigma_m) config.map_sigma_m = *setup.map_sigma_m;
   config.surface = setup.surface;
   config.area = setup.area;
-  Localizer localizer(flight.camera, setup.frame, setup.tiles, setup.start, config);
+  const int shrink = harmless_shrink({flight.camera.camera.width, flight.camera.camera.height});
+  CameraFile camera = flight.camera;
+  camera.camera = camera.camera.scaled(1.0 / shrink);
+  Localizer localizer(camera, setup.frame, setup.tiles, setup.start, config);
   ReplayedFlight result;
   WorstFrames worst(kPicturedFrames);
   progress.begin("replay", flight.frames.size(), "frames");
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     const auto before = std::chrono::steady_clock::now();
-    const cv::Mat picture = read_picture(flight.frames_folder / flight.frames[i].frame);
+    const cv::Mat picture = read_picture(flight.frames_folder / flight.frames[i].frame, shrink);
     FrameReport report = localizer.process(picture, flight.frames[i]);
     const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - before;
     report.estimate.latency_ms = spent.count();  // decoding included: that is what a frame costs
