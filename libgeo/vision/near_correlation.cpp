@@ -46,6 +46,13 @@ WholeChannels::WholeChannels(const Channels& channels) : mask_(channels.mask), c
   values_.resize(rows * columns * channels_);
   sums_.resize(rows * (columns + 1) * channels_);
   squares_.resize(rows * (columns + 1));
+  valid_.resize(rows * (columns + 1));
+  // What is not valid counts as the mean, which is then 0.
+  std::vector<float> mean;
+  for (const cv::Mat& pair : channels.pairs) {
+    const cv::Scalar both = cv::mean(pair, mask_);
+    for (const int k : {0, 1}) mean.push_back(std::round(static_cast<float>(both[k]) * kScale));
+  }
   for (std::size_t r = 0; r < rows; ++r) {
     const auto* valid = mask_.ptr<std::uint8_t>(static_cast<int>(r));
     std::int16_t* value = values_.data() + r * columns * channels_;
@@ -53,7 +60,7 @@ WholeChannels::WholeChannels(const Channels& channels) : mask_(channels.mask), c
       const auto* pair = channels.pairs[p].ptr<float>(static_cast<int>(r));
       for (std::size_t c = 0; c < columns; ++c) {
         for (std::size_t k = 0; k < 2; ++k) {
-          const float scaled = std::clamp(pair[2 * c + k] * kScale, -kMost, kMost);
+          const float scaled = std::clamp(pair[2 * c + k] * kScale - mean[2 * p + k], -kMost, kMost);
           const float rounded = scaled + (scaled < 0 ? -0.5F : 0.5F);
           value[c * channels_ + 2 * p + k] = valid[c] != 0 ? static_cast<std::int16_t>(rounded) : std::int16_t{0};
         }
@@ -69,6 +76,7 @@ WholeChannels::WholeChannels(const Channels& channels) : mask_(channels.mask), c
         here += v * v;
       }
       square[c + 1] = square[c] + here;
+      valid_[r * (columns + 1) + c + 1] = valid_[r * (columns + 1) + c] + (valid[c] != 0 ? 1 : 0);
     }
   }
 }
@@ -102,13 +110,11 @@ NearPattern::NearPattern(const WholeChannels& of, const cv::Rect& part) : of_(&o
   for (const double sum : sums_) energy_ -= sum * sum / std::max(1.0, pixels_);
 }
 
-bool NearPattern::can_place(const WholeChannels& window, cv::Point first, cv::Size placements) const {
-  const cv::Rect used(first.x, first.y, part_.width + placements.width - 1, part_.height + placements.height - 1);
-  if ((used & cv::Rect(cv::Point(), window.size())) != used) return false;
-  return cv::countNonZero(window.mask_(used)) == used.area();
-}
-
-cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Size placements, int step) const {
+cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Size placements, double min_valid,
+                            int step) const {
+  const cv::Rect used(first.x, first.y, part_.width + (placements.width - 1) * step,
+                      part_.height + (placements.height - 1) * step);
+  CV_Assert((used & cv::Rect(cv::Point(), window.size())) == used);
   const auto apart = static_cast<std::size_t>(step);
   CV_Assert(window.channels_ == of_->channels_);
   const std::size_t channels = of_->channels_, count = static_cast<std::size_t>(placements.width);
@@ -116,11 +122,12 @@ cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Si
   const auto own_columns = static_cast<std::size_t>(of_->mask_.cols);
   cv::Mat result(placements, CV_32FC1, cv::Scalar(-1));
   std::vector<std::int64_t> products(count), squares(count);
-  std::vector<std::int32_t> sums(count * channels);
+  std::vector<std::int32_t> sums(count * channels), valid(count);
   for (int v = 0; v < placements.height; ++v) {
     std::fill(products.begin(), products.end(), 0);
     std::fill(squares.begin(), squares.end(), 0);
     std::fill(sums.begin(), sums.end(), 0);
+    std::fill(valid.begin(), valid.end(), 0);
     for (const Run& run : runs_) {
       const auto row = static_cast<std::size_t>(first.y + v * step + run.row);
       const auto begin = static_cast<std::size_t>(first.x + run.begin),
@@ -134,19 +141,24 @@ cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Si
                       channels, apart, count, sums.data());
       add_differences(window.squares_.data() + line + end, window.squares_.data() + line + begin, 1, apart, count,
                       squares.data());
+      add_differences(window.valid_.data() + line + end, window.valid_.data() + line + begin, 1, apart, count,
+                      valid.data());
     }
     auto* out = result.ptr<float>(v);
     for (std::size_t i = 0; i < count; ++i) {
+      const double seen = valid[i];
+      if (seen < min_valid * pixels_ || seen == 0) continue;
       double product = static_cast<double>(products[i]), energy = static_cast<double>(squares[i]);
       for (std::size_t k = 0; k < channels; ++k) {
-        const double mean = sums[i * channels + k] / std::max(1.0, pixels_);
-        product -= sums_[k] * mean;
-        energy -= sums[i * channels + k] * mean;
+        const double sum = sums[i * channels + k];
+        product -= sums_[k] * sum / pixels_;
+        energy -= sum * sum / seen;
       }
-      // As in correlation.cpp: what has no texture matches nothing.
+      // As in correlation.cpp: what has no texture matches nothing, and what is half off the map is not favoured.
       constexpr double kLeastVariance = 1e-6 * double{kScale} * double{kScale};
-      if (energy < kLeastVariance * pixels_ || pixels_ == 0) continue;
-      out[i] = energy_ > 0 ? static_cast<float>(product / std::sqrt(energy * energy_)) : 0.0F;
+      if (energy < kLeastVariance * pixels_) continue;
+      out[i] =
+          energy_ > 0 ? static_cast<float>(product / std::sqrt(energy * energy_) * std::sqrt(seen / pixels_)) : 0.0F;
     }
   }
   return result;

@@ -24,9 +24,10 @@ class WholeChannels {
 
   cv::Mat mask_;
   std::size_t channels_ = 0;
-  std::vector<std::int16_t> values_;   // row by row, pixel by pixel, 0 where the mask is
+  std::vector<std::int16_t> values_;   // row by row, pixel by pixel, less the mean, 0 where the mask is
   std::vector<std::int32_t> sums_;     // of each channel from the row's begin to before the pixel; one more than pixels
   std::vector<std::int64_t> squares_;  // of all channels, likewise
+  std::vector<std::int32_t> valid_;    // pixels, likewise
 };
 
 // A part of a picture, to be looked for in another one.
@@ -36,12 +37,10 @@ class NearPattern {
   NearPattern(const WholeChannels& of, const cv::Rect& part);
 
   // Scores (CV_32FC1) with the pattern's top-left corner at `first` of `window` and at placements.width - 1 further
-  // ones to the right and placements.height - 1 down, `step` pixels apart. The window must be valid wherever it is
-  // used: see can_place().
-  cv::Mat scores(const WholeChannels& window, cv::Point first, cv::Size placements, int step = 1) const;
-
-  // All pixels that scores() would use with a step of 1 are inside the window and valid.
-  bool can_place(const WholeChannels& window, cv::Point first, cv::Size placements) const;
+  // ones to the right and placements.height - 1 down, `step` pixels apart, all inside the window. -1 where less than
+  // `min_valid` of the pattern lies on what is valid there.
+  cv::Mat scores(const WholeChannels& window, cv::Point first, cv::Size placements, double min_valid = 0.6,
+                 int step = 1) const;
 
  private:
   struct Run {  // of valid pixels in a row of the pattern

@@ -17,13 +17,7 @@ namespace {
 // noise of the score is what the best wrong placements reach. Floor: no patch is better than a fifth of a pixel.
 constexpr double kScoreNoise = 0.04;
 constexpr double kFloor_px = 0.3;
-
-Channels cut(const Channels& channels, const cv::Rect& part) {
-  Channels result;
-  for (const cv::Mat& pair : channels.pairs) result.pairs.push_back(pair(part));
-  result.mask = channels.mask(part);
-  return result;
-}
+constexpr double kMinValid = 0.8;  // share of a patch that must lie on valid map
 
 // Corners of the patches in the rectified picture that the frame really covers.
 std::vector<cv::Rect> patch_places(const RectifiedFrame& frame, const CameraModel& camera, const CameraPose& pose,
@@ -70,12 +64,6 @@ Eigen::Matrix2d information_of(const cv::Mat& scores, const Peak& peak, double g
   return covariance_px.inverse() / (gsd_m * gsd_m);
 }
 
-// Both pictures' channels, in both forms: transforms serve only where the map has gaps.
-struct Sides {
-  Channels frame, map;
-  WholeChannels whole_frame, whole_map;
-};
-
 // Scores of placements next to one another, of which the first has the pattern's corner at `first` of the map.
 struct Scored {
   cv::Mat scores;
@@ -87,35 +75,24 @@ Scored near_scores(const NearPattern& pattern, const WholeChannels& map, cv::Poi
   constexpr int kStep = 2, kAround = 2;
   const int coarse_side = (side + kStep - 1) / kStep;
   cv::Point best;
-  cv::minMaxLoc(pattern.scores(map, first, {coarse_side, coarse_side}, kStep), nullptr, nullptr, nullptr, &best);
+  cv::minMaxLoc(pattern.scores(map, first, {coarse_side, coarse_side}, kMinValid, kStep), nullptr, nullptr, nullptr,
+                &best);
   const cv::Rect fine = cv::Rect(kStep * best.x - kAround, kStep * best.y - kAround, 2 * kAround + 1, 2 * kAround + 1) &
                         cv::Rect(0, 0, side, side);
-  return {pattern.scores(map, first + fine.tl(), fine.size()), first + fine.tl()};
+  return {pattern.scores(map, first + fine.tl(), fine.size(), kMinValid), first + fine.tl()};
 }
 
-std::optional<Scored> scores_of(const Sides& sides, const cv::Rect& place, const cv::Rect& wide) {
-  const int side = wide.width - place.width + 1;
-  const NearPattern pattern(sides.whole_frame, place);
-  if (pattern.can_place(sides.whole_map, wide.tl(), {side, side})) {
-    return near_scores(pattern, sides.whole_map, wide.tl(), side);
-  }
-  if ((wide & cv::Rect(0, 0, sides.map.mask.cols, sides.map.mask.rows)) != wide) return std::nullopt;
-  const Channels cut_pattern = cut(sides.frame, place);
-  const WindowSpectra window(cut(sides.map, wide));
-  return Scored{correlate(cut_pattern, window, TemplateNorm(cut_pattern, window, 0.8)), wide.tl()};
-}
-
-std::optional<PatchMatch> match_one(const Sides& sides, const cv::Rect& place, cv::Point map_offset,
-                                    const GroundGrid& grid, const PatchOptions& options) {
+std::optional<PatchMatch> match_one(const WholeChannels& frame, const WholeChannels& map, const cv::Rect& place,
+                                    cv::Point map_offset, const GroundGrid& grid, const PatchOptions& options) {
   const int search = static_cast<int>(std::ceil(options.search_px));
   const cv::Rect wide(place.x + map_offset.x - search, place.y + map_offset.y - search, place.width + 2 * search,
                       place.height + 2 * search);
-  const auto found = scores_of(sides, place, wide);
-  if (!found) return std::nullopt;
-  Peak peak = best_peak(found->scores);
-  const Eigen::Matrix2d information_m2 = information_of(found->scores, peak, grid.gsd_m);
-  peak.x += found->first.x - wide.x;
-  peak.y += found->first.y - wide.y;
+  if ((wide & cv::Rect(cv::Point(), map.size())) != wide) return std::nullopt;
+  const Scored found = near_scores(NearPattern(frame, place), map, wide.tl(), 2 * search + 1);
+  Peak peak = best_peak(found.scores);
+  const Eigen::Matrix2d information_m2 = information_of(found.scores, peak, grid.gsd_m);
+  peak.x += found.first.x - wide.x;
+  peak.y += found.first.y - wide.y;
   const bool at_rim = peak.x < 0.5 || peak.y < 0.5 || peak.x > 2 * search - 0.5 || peak.y > 2 * search - 0.5;
   if (peak.score < options.min_score || at_rim) return std::nullopt;
   PatchMatch match;
@@ -140,13 +117,12 @@ PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camer
                         cv::Rect(0, 0, map.image.cols, map.image.rows);
   PatchMatches matches;
   if (used.empty()) return matches;
-  const Channels on_frame = oriented_channels(frame.image, frame.mask, ChannelSet::six_orientations);
-  const Channels on_map = oriented_channels(map.image(used), map.mask(used), ChannelSet::six_orientations);
-  const Sides sides{on_frame, on_map, WholeChannels(on_frame), WholeChannels(on_map)};
+  const WholeChannels on_frame(oriented_channels(frame.image, frame.mask, ChannelSet::six_orientations));
+  const WholeChannels on_map(oriented_channels(map.image(used), map.mask(used), ChannelSet::six_orientations));
   const auto places = patch_places(frame, camera, pose, options, surface);
   matches.tried = static_cast<int>(places.size());
   for (const cv::Rect& place : places) {
-    if (const auto match = match_one(sides, place, map_offset - used.tl(), frame.grid, options)) {
+    if (const auto match = match_one(on_frame, on_map, place, map_offset - used.tl(), frame.grid, options)) {
       matches.found.push_back(*match);
     }
   }

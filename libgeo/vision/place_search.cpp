@@ -134,29 +134,6 @@ std::vector<Place> sweep(const ReducedFrame& frame, const ScaledMap& map, const 
   return distinct(std::move(places), options.distinct_m, &Place::coarse_score, count);
 }
 
-// A small window around a candidate: direct sums where the map is whole, transforms where it has gaps.
-class ConfirmWindow {
- public:
-  ConfirmWindow(const Channels& channels, cv::Size placements) : placements_(placements) {
-    if (cv::countNonZero(channels.mask) == static_cast<int>(channels.mask.total())) {
-      whole_.emplace(channels);
-    } else {
-      spectra_.emplace(channels);
-    }
-  }
-
-  Peak best(const Channels& pattern) const {
-    if (spectra_) return best_peak(correlate(pattern, *spectra_, TemplateNorm(pattern, *spectra_)));
-    const WholeChannels whole(pattern);
-    return best_peak(NearPattern(whole, cv::Rect(cv::Point(), whole.size())).scores(*whole_, {0, 0}, placements_));
-  }
-
- private:
-  cv::Size placements_;
-  std::optional<WholeChannels> whole_;
-  std::optional<WindowSpectra> spectra_;
-};
-
 // The best pose near a candidate, with all channels.
 void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, const std::vector<Hypothesis>& hypotheses,
              double slack_m) {
@@ -173,12 +150,13 @@ void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, cons
   cv::Mat image(part.size(), CV_8UC1, cv::Scalar(0)), mask(part.size(), CV_8UC1, cv::Scalar(0));
   map.image(available).copyTo(image(available - part.tl()));
   map.mask(available).copyTo(mask(available - part.tl()));
-  const ConfirmWindow window(oriented_channels(image, mask, ChannelSet::six_orientations),
-                             {2 * slack + 1, 2 * slack + 1});
+  const WholeChannels window(oriented_channels(image, mask, ChannelSet::six_orientations));
   const CameraPose begin = place.pose;
   for (const Hypothesis& hypothesis : hypotheses) {
-    const Peak peak =
-        window.best(channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), ChannelSet::six_orientations));
+    const WholeChannels whole(
+        channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), ChannelSet::six_orientations));
+    const NearPattern pattern(whole, cv::Rect(cv::Point(), whole.size()));
+    const Peak peak = best_peak(pattern.scores(window, {0, 0}, {2 * slack + 1, 2 * slack + 1}));
     if (peak.score <= place.score) continue;
     place.score = peak.score;
     place.pose = with(begin, hypothesis,

@@ -15,7 +15,7 @@ cv::Mat random_descriptors(int count, std::uint64_t seed) {
   return rows;
 }
 
-TEST(FeatureMatching, agrees_with_opencv_brute_force) {
+TEST(FeatureMatching, AgreesWithOpencvBruteForce) {
   const cv::Mat now = random_descriptors(90, 1);
   cv::Mat before = random_descriptors(70, 2);
   for (int i = 0; i < 40; ++i) before.row(i) = 0.9 * now.row(2 * i) + 0.1 * before.row(i);  // alike, at other places
@@ -36,7 +36,7 @@ TEST(FeatureMatching, agrees_with_opencv_brute_force) {
   EXPECT_GE(found.size(), 40U);
 }
 
-TEST(FeatureMatching, largest_distance_there_can_be) {
+TEST(FeatureMatching, LargestDistanceThereCanBe) {
   cv::Mat before(2, 128, CV_32FC1, cv::Scalar(255));
   before.row(1).setTo(254);
   const FeatureDescriptors dark(cv::Mat(1, 128, CV_32FC1, cv::Scalar(0)));
@@ -45,7 +45,7 @@ TEST(FeatureMatching, largest_distance_there_can_be) {
   EXPECT_EQ(found[0].second, 1U);
 }
 
-TEST(FeatureMatching, nothing_without_a_second_nearest) {
+TEST(FeatureMatching, NothingWithoutASecondNearest) {
   const FeatureDescriptors some(random_descriptors(5, 3)), one(random_descriptors(1, 4)), none{cv::Mat()};
   EXPECT_TRUE(unambiguous_matches(some, one, 0.85).empty());
   EXPECT_TRUE(unambiguous_matches(some, none, 0.85).empty());
