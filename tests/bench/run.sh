@@ -18,6 +18,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
   localization  a flight of sixty frames over a landscape of another day
+  latency       the CPU time of a frame, stage by stage, over a simulated flight
   safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
@@ -46,6 +47,7 @@ part() {
     area)         programs && python3 "$here/area.py" "$@" ;;
     large)        programs && python3 "$here/large.py" "$@" ;;
     localization) "$here/localization.sh" "$@" ;;
+    latency)      one_program bench_stages && "$here/latency.sh" "$@" ;;
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
@@ -57,8 +59,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, safety, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | safety | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, latency, safety, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | latency | safety | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac
