@@ -33,13 +33,20 @@ double needed_inlier_share(double ratio, const GateLimits& limits) {
   return limits.vote_inlier_share;
 }
 
+bool by_chance(double ratio, double share, double residual_px, const GateLimits& limits) {
+  return ratio > limits.clear_ratio && share < limits.sure_inlier_share && residual_px > limits.max_chance_residual_px;
+}
+
 }  // namespace
 
 AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
                            const GateLimits& limits) {
   if (!match.on_map) return AnchorVerdict::no_map;
   if (match.search.places.empty() || match.search.ratio > limits.vote_ratio) return AnchorVerdict::ambiguous;
-  if (match.search.places.front().score < limits.min_score) return AnchorVerdict::ambiguous;
+  const bool sharp = prediction.healthy && prediction.sigma_m <= limits.sharp_sigma_m;
+  if (match.search.places.front().score < (sharp ? limits.min_sharp_score : limits.min_score)) {
+    return AnchorVerdict::ambiguous;
+  }
   if (!match.solved) return AnchorVerdict::few_inliers;
   const SolvedPose& solved = *match.solved;
   const double share = static_cast<double>(solved.inliers) / std::max(1, match.patches);
@@ -50,12 +57,16 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (solved.rms_m > limits.max_residual_px * match.fine_gsd_m) return AnchorVerdict::bad_geometry;
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
   if (prediction.lost) {
-    const bool stands_out = match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share;
+    const bool stands_out = match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share &&
+                            !by_chance(match.search.ratio, share, solved.rms_m / match.fine_gsd_m, limits);
     return stands_out ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
   }
-  const bool judged_by_prediction = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
-  if (judged_by_prediction && prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
-  if (match.search.ratio <= limits.alone_ratio || judged_by_prediction) return AnchorVerdict::accepted;
+  if (prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
+  const bool seconded = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
+  if (!sharp && by_chance(match.search.ratio, share, solved.rms_m / match.fine_gsd_m, limits)) {
+    return AnchorVerdict::awaiting_votes;
+  }
+  if (match.search.ratio <= limits.alone_ratio || seconded) return AnchorVerdict::accepted;
   return AnchorVerdict::awaiting_votes;
 }
 

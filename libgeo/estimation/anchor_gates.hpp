@@ -13,19 +13,25 @@ struct GateLimits {
   // What a frame shows must stand on two legs: no other place fits as well, and the patches agree on one pose. The
   // weaker the one, the more is asked of the other. Wrong places reach ratio 0.63, score 0.20, 15 % agreeing patches,
   // but never two of them at once.
-  double clear_ratio = 0.55;         // below: hardly any other place is thinkable
+  double clear_ratio = 0.45;         // below: hardly any other place is thinkable
   double clear_inlier_share = 0.10;  // of the patches tried
   double alone_ratio = 0.80;         // below: the frame may anchor on its own …
   double alone_inlier_share = 0.20;  // … when so many agree
   double vote_ratio = 0.90;          // below: only where a healthy prediction says the same
   double vote_inlier_share = 0.30;
+  // Patches that agree by chance scatter evenly within the solver's bound: few of them must fit closer than that,
+  // unless a sharp prediction says the same.
+  double sure_inlier_share = 0.35;
+  double max_chance_residual_px = 1.7;
+  double sharp_sigma_m = 20;
   int min_inliers = 8;
   double min_score = 0.16;        // of all channels at the place
+  double min_sharp_score = 0.12;  // where a sharp prediction says the same
   double min_frame_share = 0.25;  // of the frame that the agreeing patches span
   double max_residual_px = 2.5;   // RMS, pixels of the matching GSD
   double max_tilt_sigmas = 4;     // solved tilt and height against what was believed
   double chi2_999 = 13.816;       // two degrees of freedom
-  double healthy_sigma_m = 60;    // a prediction worse than this is no evidence against an anchor
+  double healthy_sigma_m = 60;    // a prediction worse than this is no second voice
   // Lost, thousands of places compete and nothing else speaks for the best one: it must stand out further, or be
   // confirmed by others (anchor_votes.hpp).
   double lost_ratio = 0.70;
@@ -35,7 +41,7 @@ struct GateLimits {
 struct Prediction {
   double chi2 = 0;  // of the matched position
   double sigma_m = 0;
-  bool healthy = false;  // carried without a break from accepted anchors
+  bool healthy = false;  // carried without a break from an accepted anchor
   bool lost = false;     // there is none: all of the area, or much of it, was searched
 };
 

@@ -77,6 +77,7 @@ class FlightFilter {
   // How much tilt changes from frame to frame beyond its constant part: learnt, because a gimbal hardly does and a bare
   // airframe without logged attitude does a lot.
   double changing_tilt_sigma_rad() const;
+  bool tilt_missing() const { return tilt_missing_; }  // of the frame in work, though the telemetry has it otherwise
 
   // Every frame so far with all that was learnt later (Rauch-Tung-Striebel).
   struct Smoothed {

@@ -35,7 +35,8 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
   const bool usable = judge_frame(grey).usable && !s.frozen.again(grey);
   const double seconds = s.last_time_s ? telemetry.time_s - *s.last_time_s : 0;
   s.begin_frame(telemetry, seconds);
-  if (usable) {
+  // Two pictures tell little of a motion when one may be tilted by 20 degrees.
+  if (usable && !s.flight->tilt_missing()) {
     report.odometry.tracked = s.follow(grey, telemetry, report.odometry);
   } else {
     s.odometry->reset();

@@ -51,7 +51,7 @@ AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
   report.matching_gsd_m = match.fine_gsd_m;
   report.rectified = match.rectified;
   report.matched_map = match.matched_map;
-  Prediction prediction{0, flight->position_sigma_m(), unbroken, lost()};
+  Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost()};
   std::optional<Eigen::Vector2d> off;
   if (match.solved) {
     const SolvedPose& solved = *match.solved;

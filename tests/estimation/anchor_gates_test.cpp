@@ -81,11 +81,15 @@ TEST(AnchorGates, FewInliersOfMany) {
 }
 
 TEST(AnchorGates, FaintLikeness) {
-  Attempt attempt;
-  attempt.match.search.places.front().score = attempt.limits.min_score;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-  attempt.match.search.places.front().score -= 1e-6;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous) << "nothing here looks like the frame";
+  for (const bool sharp : {false, true}) {
+    Attempt attempt;
+    attempt.prediction.sigma_m = attempt.limits.sharp_sigma_m + (sharp ? 0 : 1e-6);
+    double& score = attempt.match.search.places.front().score;
+    score = sharp ? attempt.limits.min_sharp_score : attempt.limits.min_score;
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+    score -= 1e-6;
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous) << "nothing here looks like the frame";
+  }
 }
 
 TEST(AnchorGates, NotSolvedIsFewInliers) {
@@ -165,15 +169,38 @@ TEST(AnchorGates, OffAHealthyPrediction) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::off_prediction);
 }
 
-// A prediction that is broken or vague does not outvote a clear match.
-TEST(AnchorGates, OffAnUnhealthyPredictionIsFine) {
+// The filter owns up to a broken track with a larger sigma: what lies beyond that is off, too. Lost, there is nothing
+// to be off.
+TEST(AnchorGates, OffABrokenPrediction) {
   Attempt attempt;
-  attempt.prediction = {1000, 20, false};
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-  attempt.prediction = {1000, attempt.limits.healthy_sigma_m + 1e-6, true};
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-  attempt.prediction.sigma_m = attempt.limits.healthy_sigma_m;
+  attempt.prediction = {1000, 200, false};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::off_prediction);
+  attempt.prediction.lost = true;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+}
+
+// Few patches that scatter over all of the solver's bound agree by chance.
+TEST(AnchorGates, AgreementByChanceAwaitsVotes) {
+  Attempt attempt;
+  const GateLimits& limits = attempt.limits;
+  attempt.match.search.ratio = limits.clear_ratio + 0.01;
+  attempt.match.patches = 100;
+  attempt.match.solved->inliers = 34;
+  attempt.match.solved->rms_m = (limits.max_chance_residual_px + 0.01) * attempt.match.fine_gsd_m;
+  attempt.prediction = {1, 50, true};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  const Attempt by_chance = attempt;
+  attempt.prediction.sigma_m = limits.sharp_sigma_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction says the same";
+  attempt = by_chance;
+  attempt.match.solved->inliers = 35;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
+  attempt = by_chance;
+  attempt.match.solved->rms_m = limits.max_chance_residual_px * attempt.match.fine_gsd_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "they agree closely";
+  attempt = by_chance;
+  attempt.match.search.ratio = limits.clear_ratio;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "no other place is thinkable";
 }
 
 TEST(AnchorGates, AVoteNeedsASecondVoice) {
