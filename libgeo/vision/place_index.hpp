@@ -1,8 +1,9 @@
 // Where on the whole map could this picture have been taken? The place index of a package answers within a fraction of
 // a second, for a cold start or after tracking was lost; the correlator (place_search.hpp) then decides.
 //
-// One vector per chunk of the map. A picture is described at nine small shifts (chunks lie a quarter or a half of a side
-// apart, and the descriptor forgives a sixth) for every heading that is possible; a chunk's score is the best of them.
+// One vector per chunk of the map. A picture is described at nine small shifts (chunks lie a quarter or a half of a
+// side apart, and the descriptor forgives a sixth) for every heading that is possible; a chunk's score is the best of
+// them.
 //
 // Everything is deterministic. Memory: the file's 512 bytes per chunk, the table's 32, and per query some megabytes.
 #pragma once
