@@ -15,7 +15,7 @@ bool AnchorVotes::vote(const Eigen::Vector2d& offset_m) {
 void AnchorVotes::abstain() { remember(std::nullopt); }
 void AnchorVotes::forget() { offsets_m_.clear(); }
 
-void AnchorVotes::remember(std::optional<Eigen::Vector2d> offset_m) {
+void AnchorVotes::remember(const std::optional<Eigen::Vector2d>& offset_m) {
   offsets_m_.push_back(offset_m);
   if (offsets_m_.size() > kAsked) offsets_m_.pop_front();
 }

@@ -21,7 +21,7 @@ class AnchorVotes {
   void forget();
 
  private:
-  void remember(std::optional<Eigen::Vector2d> offset_m);
+  void remember(const std::optional<Eigen::Vector2d>& offset_m);
 
   std::deque<std::optional<Eigen::Vector2d>> offsets_m_;
 };

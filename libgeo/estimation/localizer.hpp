@@ -43,7 +43,7 @@ class Localizer {
   ~Localizer();
 
   // image: CV_8UC1 or CV_8UC3 of the camera's size; empty when the frame could not be decoded.
-  FrameReport process(const cv::Mat& image, const Telemetry& telemetry);
+  FrameReport process(const cv::Mat& image, const Telemetry& told);
 
   // All frames so far after smoothing with all anchors: same order, same fields.
   std::vector<Estimate> refined() const;

@@ -76,7 +76,10 @@ AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
 // are right; against the start they are not: a map may lie, and then nothing is known for sure.
 void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m) {
   const bool contradicts = report.verdict == AnchorVerdict::off_prediction;
-  if (!contradicts && report.verdict != AnchorVerdict::awaiting_votes) return votes.abstain();
+  if (!contradicts && report.verdict != AnchorVerdict::awaiting_votes) {
+    votes.abstain();
+    return;
+  }
   if (!votes.vote(*off_m)) return;
   if (contradicts && !last_anchor_s) {
     contradicted_m = *off_m;

@@ -11,7 +11,7 @@ std::uint64_t fingerprint(const cv::Mat& picture) {
   std::uint64_t hash = 0xcbf29ce484222325 ^ static_cast<std::uint64_t>(picture.cols);
   const std::size_t bytes = static_cast<std::size_t>(picture.cols) * picture.elemSize();
   for (int row = 0; row < picture.rows; ++row) {
-    const std::uint8_t* at = picture.ptr<std::uint8_t>(row);
+    const auto* at = picture.ptr<std::uint8_t>(row);
     std::size_t i = 0;
     for (; i + 8 <= bytes; i += 8) {
       std::uint64_t word = 0;
