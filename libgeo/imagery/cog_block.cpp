@@ -7,67 +7,15 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdarg>
-#include <cstdio>
-#include <cstring>
-#include <memory>
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
-#include "base/printable.hpp"
 #include "imagery/cog_tags.hpp"
 #include "imagery/cog_tiff.hpp"
+#include "imagery/tiff_memory.hpp"
 
 namespace nadir {
 namespace {
-
-struct Memory {
-  ByteView bytes;
-  std::uint64_t at = 0;
-  std::string complaint{};
-};
-
-Memory& memory_of(thandle_t handle) { return *static_cast<Memory*>(handle); }
-
-tmsize_t read_memory(thandle_t handle, void* into, tmsize_t size) {
-  Memory& memory = memory_of(handle);
-  if (size <= 0 || memory.at >= memory.bytes.size()) return 0;
-  const auto count =
-      std::min(static_cast<std::size_t>(size), memory.bytes.size() - static_cast<std::size_t>(memory.at));
-  std::memcpy(into, memory.bytes.data() + memory.at, count);
-  memory.at += count;
-  return static_cast<tmsize_t>(count);
-}
-
-tmsize_t write_nothing(thandle_t, void*, tmsize_t) { return 0; }
-
-toff_t seek_memory(thandle_t handle, toff_t offset, int whence) {
-  Memory& memory = memory_of(handle);
-  const std::uint64_t base = whence == SEEK_SET ? 0 : whence == SEEK_CUR ? memory.at : memory.bytes.size();
-  memory.at = base + offset;
-  return memory.at;
-}
-
-int close_memory(thandle_t) { return 0; }
-toff_t size_of_memory(thandle_t handle) { return memory_of(handle).bytes.size(); }
-
-__attribute__((format(printf, 4, 0))) int keep_complaint(TIFF*, void* user, const char*, const char* format,
-                                                         va_list arguments) {
-  Memory& memory = *static_cast<Memory*>(user);
-  std::array<char, 256> text{};
-  std::vsnprintf(text.data(), text.size(), format, arguments);
-  if (memory.complaint.empty()) memory.complaint = printable(text.data());
-  return 1;
-}
-
-__attribute__((format(printf, 4, 0))) int ignore_warning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
-
-struct CloseTiff {
-  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
-};
-struct FreeOptions {
-  void operator()(TIFFOpenOptions* options) const { TIFFOpenOptionsFree(options); }
-};
 
 Bytes tiff_of_one_block(const CogBlockForm& form, ByteView block) {
   TiffTags tags(false);
@@ -100,13 +48,8 @@ Bytes tiff_of_one_block(const CogBlockForm& form, ByteView block) {
 
 Bytes decode_by_libtiff(const CogBlockForm& form, ByteView block, std::string_view name) {
   const Bytes file = tiff_of_one_block(form, block);
-  Memory memory{file};
-  const std::unique_ptr<TIFFOpenOptions, FreeOptions> options(TIFFOpenOptionsAlloc());
-  TIFFOpenOptionsSetErrorHandlerExtR(options.get(), keep_complaint, &memory);
-  TIFFOpenOptionsSetWarningHandlerExtR(options.get(), ignore_warning, &memory);
-  const std::unique_ptr<TIFF, CloseTiff> tiff(TIFFClientOpenExt("block", "rm", &memory, read_memory, write_nothing,
-                                                                seek_memory, close_memory, size_of_memory, nullptr,
-                                                                nullptr, options.get()));
+  TiffMemory memory{file};
+  const TiffHandle tiff = open_tiff(memory, "block", 0);
   const std::size_t row =
       (static_cast<std::size_t>(form.width) * static_cast<std::size_t>(form.samples * form.bits) + 7) / 8;
   Bytes pixels(row * static_cast<std::size_t>(form.height));

@@ -8,16 +8,14 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
 #include <cstring>
 #include <limits>
-#include <memory>
 #include <string>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "imagery/terrain_raster.hpp"
+#include "imagery/tiff_memory.hpp"
 
 namespace nadir {
 namespace {
@@ -27,64 +25,10 @@ constexpr std::uint32_t kTagPixelScale = 33550, kTagTiepoint = 33922, kTagTransf
 constexpr std::uint32_t kMaxTileSide = 2048;
 constexpr tmsize_t kMaxAllocation = tmsize_t{64} << 20;  // no single block of a sound file needs more
 
-// A file in memory, as libtiff wants to see it, and libtiff's first complaint.
-struct Memory {
-  ByteView bytes;
-  std::uint64_t at = 0;
-  std::string complaint{};
-};
-
-Memory& memory_of(thandle_t handle) { return *static_cast<Memory*>(handle); }
-
-tmsize_t read_memory(thandle_t handle, void* into, tmsize_t size) {
-  Memory& memory = memory_of(handle);
-  if (size <= 0 || memory.at >= memory.bytes.size()) return 0;
-  const auto count =
-      std::min(static_cast<std::size_t>(size), memory.bytes.size() - static_cast<std::size_t>(memory.at));
-  std::memcpy(into, memory.bytes.data() + memory.at, count);
-  memory.at += count;
-  return static_cast<tmsize_t>(count);
-}
-
-tmsize_t write_nothing(thandle_t, void*, tmsize_t) { return 0; }
-
-toff_t seek_memory(thandle_t handle, toff_t offset, int whence) {
-  Memory& memory = memory_of(handle);
-  const std::uint64_t base = whence == SEEK_SET ? 0 : whence == SEEK_CUR ? memory.at : memory.bytes.size();
-  memory.at = base + offset;  // wraps like libtiff's own negative offsets do; reading checks the place
-  return memory.at;
-}
-
-int close_memory(thandle_t) { return 0; }
-toff_t size_of_memory(thandle_t handle) { return memory_of(handle).bytes.size(); }
-
-__attribute__((format(printf, 4, 0))) int keep_complaint(TIFF*, void* user, const char*, const char* format,
-                                                         va_list arguments) {
-  Memory& memory = *static_cast<Memory*>(user);
-  std::array<char, 256> text{};
-  std::vsnprintf(text.data(), text.size(), format, arguments);
-  if (memory.complaint.empty()) memory.complaint = printable(text.data());
-  return 1;
-}
-
-__attribute__((format(printf, 4, 0))) int ignore_warning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
-
-struct CloseTiff {
-  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
-};
-struct FreeOptions {
-  void operator()(TIFFOpenOptions* options) const { TIFFOpenOptionsFree(options); }
-};
-
 class TerrainTiff {
  public:
   TerrainTiff(ByteView file, std::string_view name) : name_(name), memory_{file} {
-    const std::unique_ptr<TIFFOpenOptions, FreeOptions> options(TIFFOpenOptionsAlloc());
-    TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), kMaxAllocation);
-    TIFFOpenOptionsSetErrorHandlerExtR(options.get(), keep_complaint, &memory_);
-    TIFFOpenOptionsSetWarningHandlerExtR(options.get(), ignore_warning, &memory_);
-    tiff_.reset(TIFFClientOpenExt("terrain", "rm", &memory_, read_memory, write_nothing, seek_memory, close_memory,
-                                  size_of_memory, nullptr, nullptr, options.get()));
+    tiff_ = open_tiff(memory_, "terrain", kMaxAllocation);
     if (!tiff_) refuse("a whole TIFF file", memory_.complaint);
   }
 
@@ -239,8 +183,8 @@ class TerrainTiff {
   }
 
   std::string name_;
-  Memory memory_;
-  std::unique_ptr<TIFF, CloseTiff> tiff_;
+  TiffMemory memory_;
+  TiffHandle tiff_;
   TerrainGrid grid_;
   std::uint32_t tile_columns_ = 0, tile_rows_ = 0;
 };
