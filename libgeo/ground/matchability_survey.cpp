@@ -10,6 +10,7 @@
 
 #include "base/error.hpp"
 #include "base/ordered_work.hpp"
+#include "ground/one_opencv_thread.hpp"
 #include "imagery/map_window.hpp"
 
 namespace nadir {
@@ -124,18 +125,6 @@ MatchabilityOptions against_typical_texture(const TileSource& tiles, const Local
   options.typical_texture = *median;
   return options;
 }
-
-// Our threads share the work out already.
-class OneOpenCvThread {
- public:
-  OneOpenCvThread() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }
-  ~OneOpenCvThread() { cv::setNumThreads(before_); }
-  OneOpenCvThread(const OneOpenCvThread&) = delete;
-  OneOpenCvThread& operator=(const OneOpenCvThread&) = delete;
-
- private:
-  int before_;
-};
 
 }  // namespace
 
