@@ -73,7 +73,6 @@ void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
   if (height_told) told_agl_m = *telemetry.agl_m;
   if (told_agl_m <= 0) told_agl_m = config.assumed_agl_m;
   told_tilt_rad = {telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
-  told_heading_rad = telemetry.heading_rad;
   if (!flight) {
     const auto [position, sigma_m] = start_position();
     flight.emplace(uncertainty, telemetry.pitch_rad.has_value(), position, sigma_m);

@@ -65,7 +65,6 @@ struct Localizer::State {
   bool height_told = false;    // in this frame; else the last one told, or a guess, stands for it
   bool height_steady = false;  // in this frame and in the one before
   Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();  // pitch, roll
-  std::optional<double> told_heading_rad;
   std::optional<double> last_time_s;
   std::optional<double> last_anchor_s;
   std::optional<Eigen::Vector2d> last_anchor_at;

@@ -190,7 +190,6 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
   motion.moved_m = u.head<2>();
   motion.covariance_m2 = covariance.topLeftCorner<2, 2>();
   motion.turn_rad = prior.now.attitude.heading_rad + u[3] - prior.before.attitude.heading_rad;
-  motion.turn_sigma_rad = std::sqrt(covariance(3, 3));
   return motion;
 }
 

@@ -33,7 +33,6 @@ struct TwoViewMotion {
   Eigen::Vector2d moved_m = Eigen::Vector2d::Zero();  // east, north
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
   double turn_rad = 0;
-  double turn_sigma_rad = 0;
   int inliers = 0;
   // What the sights alone say, with the priors taken away, about (motion; changes of the priors' log height ratio,
   // change of heading, pitch and roll before, pitch and roll now): information, and where they pull to. See
