@@ -1,17 +1,6 @@
 #!/usr/bin/env bash
 # Where the CPU time of a frame goes, stage by stage, over a flight above the day's landscape.
 set -euo pipefail
-nadir=$PWD/build/bin/nadir
-work=$(mktemp -d "${TMPDIR:-/tmp}/nadir-bench.XXXXXX")
-trap 'rm -rf "$work"' EXIT
-
-"$nadir" simulate world --seed 1 --size-km 2 --gsd-m 0.4 --out "$work/world" --quiet >/dev/null
-for name in signer root; do "$nadir" keys create --out "$work/$name" >/dev/null; done
-"$nadir" keys root --root-key "$work/root.key.pem" --package-signer "$work/signer.pub.pem" --expires 2035-01-01 \
-  --out "$work/root.json" >/dev/null
-"$nadir" cache build --mission "$work/world/mission.yaml" --imagery "$work/world/map.tif" --dem "$work/world/dem.tif" \
-  --key "$work/signer.key.pem" --out "$work/package" --quiet >/dev/null
-"$nadir" simulate flight --world "$work/world/ground.tif" --dem "$work/world/dem.tif" --mission "$work/world/mission.yaml" \
-  --camera "$work/world/camera.yaml" --seed 2 --noise real --out "$work/flight" --quiet >/dev/null
+. tests/bench/flight.sh
 build/bin/bench_stages "$work/package" "$work/root.json" "$(sed -n 's/^created: *//p' "$work/world/mission.yaml")" \
   "$work/flight/frames" "$work/flight/telemetry.csv" "$work/world/camera.yaml" "$work/flight/truth.csv"
