@@ -9,19 +9,11 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"
 
 namespace nadir {
-
-enum class SourceLabel {
-  satellite_anchored,  // this frame itself was matched with fresh, trusted map
-  vo_extrapolated,     // carried from the last anchor by visual odometry
-  dead_reckoned,       // carried by velocity or IMU alone
-  no_fix,              // not known well enough to be said
-};
-
-std::string_view name_of(SourceLabel label);
 
 // Why an anchor was accepted or not: the first gate that refused.
 enum class AnchorVerdict {
