@@ -33,8 +33,8 @@ double needed_inlier_share(double ratio, const GateLimits& limits) {
   return limits.vote_inlier_share;
 }
 
-bool by_chance(double ratio, double share, double residual_px, const GateLimits& limits) {
-  return ratio > limits.clear_ratio && share < limits.sure_inlier_share && residual_px > limits.max_chance_residual_px;
+bool by_chance(double share, double residual_px, const GateLimits& limits) {
+  return share < limits.sure_inlier_share && residual_px > limits.max_chance_residual_px;
 }
 
 }  // namespace
@@ -58,12 +58,12 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
   if (prediction.lost) {
     const bool stands_out = match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share &&
-                            !by_chance(match.search.ratio, share, solved.rms_m / match.fine_gsd_m, limits);
+                            !by_chance(share, solved.rms_m / match.fine_gsd_m, limits);
     return stands_out ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
   }
   if (prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
   const bool seconded = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
-  if (!sharp && by_chance(match.search.ratio, share, solved.rms_m / match.fine_gsd_m, limits)) {
+  if (!sharp && by_chance(share, solved.rms_m / match.fine_gsd_m, limits)) {
     return AnchorVerdict::awaiting_votes;
   }
   if (match.search.ratio <= limits.alone_ratio || seconded) return AnchorVerdict::accepted;

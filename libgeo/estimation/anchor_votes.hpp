@@ -1,5 +1,8 @@
 // Anchors that no healthy prediction can judge judge each other: where several frames, each for itself, would put the
 // track to the same place, they are believed. Wrong places scatter over the whole window.
+//
+// Against a track that an anchor carries without a break more are needed: odometry cannot have leapt, so that either the
+// anchor was wrong or the map is, here or there.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,12 +13,12 @@ namespace nadir {
 
 class AnchorVotes {
  public:
-  // The last so many attempts are asked, and so many of them must agree within this distance.
-  static constexpr std::size_t kAsked = 5, kNeeded = 3;
+  // So many must agree within this distance, of the attempts that are asked: two more than are needed.
+  static constexpr int kNeeded = 3, kNeededAgainstAnchors = 6;
   static constexpr double kAgree_m = 25;
 
   // offset_m: matched position minus the one that odometry carried (east, north). True: enough agree with this one.
-  bool vote(const Eigen::Vector2d& offset_m);
+  bool vote(const Eigen::Vector2d& offset_m, int needed = kNeeded);
   void abstain();  // an attempt without a plausible match
   // Odometry broke, or an anchor was taken: what was voted before is about another track.
   void forget();

@@ -34,6 +34,7 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
 
   const bool usable = judge_frame(grey).usable && !s.frozen.again(grey);
   const double seconds = s.last_time_s ? telemetry.time_s - *s.last_time_s : 0;
+  s.tilt_logged = s.tilt_logged || told.pitch_rad.has_value();  // a NaN as well: of a source that tells it otherwise
   s.begin_frame(telemetry, seconds);
   // Two pictures tell little of a motion when one may be tilted by 20 degrees.
   if (usable && !s.flight->tilt_missing()) {
@@ -75,7 +76,7 @@ void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
   told_tilt_rad = {telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
   if (!flight) {
     const auto [position, sigma_m] = start_position();
-    flight.emplace(uncertainty, telemetry.pitch_rad.has_value(), position, sigma_m);
+    flight.emplace(uncertainty, tilt_logged, position, sigma_m);
     fresh = flight;
   }
   FlightStep& step = log.emplace_back();

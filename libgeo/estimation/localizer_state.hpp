@@ -61,6 +61,7 @@ struct Localizer::State {
   std::unique_ptr<OdometryFrontEnd> odometry;
 
   FrozenFrame frozen;
+  bool tilt_logged = false;  // the telemetry has pitch and roll, if not in each frame
   double told_agl_m = 0;
   bool height_told = false;    // in this frame; else the last one told, or a guess, stands for it
   bool height_steady = false;  // in this frame and in the one before

@@ -14,7 +14,7 @@ namespace {
 constexpr double kWrong_m = 50;
 constexpr double kFarSigmas = 3;
 constexpr double kChi2_50 = 1.386, kChi2_95 = 5.991;  // two degrees of freedom
-constexpr double kUnsureSigmas = 3;
+constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, and the anchor itself errs
 
 // A map that is exchanged for another in flight.
 class ExchangedTiles final : public TileSource {
@@ -80,6 +80,15 @@ std::string told(std::size_t i, const FrameReport& report, const Shot& shot) {
       report.odometry.inliers, report.odometry.step_m);
 }
 
+// On a map that is out of place from the start the flight looks like one that began elsewhere. Only a start that says
+// otherwise could tell.
+bool start_tells(const Flight& flight) {
+  if (!flight.start) return false;
+  const Enu told = frame().enu_from_lonlat(*flight.start);
+  const Eigen::Vector2d mapped = vec(flight.shots.front().truth.position) + vec(flight.shift);
+  return (mapped - Eigen::Vector2d(told.east_m, told.north_m)).norm() > kTellableSigmas * flight.start_sigma_m;
+}
+
 }  // namespace
 
 Segments::Segments(int worlds) : photographer_(camera_file().camera), worlds_(worlds) {}
@@ -110,8 +119,7 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   Record record;
   record.index = index;
   record.condition = flight.condition->name;
-  const bool unsure = !flight.start || flight.condition->amount < kUnsureSigmas * flight.start_sigma_m;
-  const bool unknowable = unsure && flight.condition->fault == Fault::map_shift;
+  const bool unknowable = flight.condition->fault == Fault::map_shift && !start_tells(flight);
   if (talk) {
     talk(fmt::format("segment {}: {}, seed {}, world {}, start {}\n", index, record.condition, flight.seed,
                      flight.world, flight.start ? fmt::format("within {:.0f} m", flight.start_sigma_m) : "unknown"));

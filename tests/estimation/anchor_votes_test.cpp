@@ -26,6 +26,20 @@ TEST(AnchorVotes, OthersInBetweenDoNotMatterButTime) {
   EXPECT_FALSE(late.vote({100, 50})) << "too long ago";
 }
 
+TEST(AnchorVotes, AgainstAnAnchorItTakesSixOfEight) {
+  AnchorVotes votes;
+  const int needed = AnchorVotes::kNeededAgainstAnchors;
+  for (int i = 0; i < 3; ++i) EXPECT_FALSE(votes.vote({200, 0}, needed)) << i;
+  votes.abstain();
+  votes.abstain();
+  for (int i = 0; i < 2; ++i) EXPECT_FALSE(votes.vote({205, 3}, needed)) << i;
+  EXPECT_TRUE(votes.vote({201, 1}, needed));
+  AnchorVotes late;
+  for (int i = 0; i < 5; ++i) EXPECT_FALSE(late.vote({200, 0}, needed)) << i;
+  for (int i = 0; i < 3; ++i) late.abstain();
+  EXPECT_FALSE(late.vote({200, 0}, needed)) << "five of the last eight";
+}
+
 TEST(AnchorVotes, DisagreementIsNoVote) {
   AnchorVotes votes;
   for (int i = 0; i < 20; ++i) EXPECT_FALSE(votes.vote({26.0 * i, 0})) << i;
