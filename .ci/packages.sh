@@ -28,6 +28,8 @@ packages_build=(
   libgeographiclib-dev       # local east-north-up frames
   libgdal-dev                # reads the planner's rasters; never linked by nadird
   libproj-dev                # coordinate systems of those rasters, and the tests' oracle
+  python3                    # generates the MAVLink headers
+  python3-venv               # the environment that the generator lives in (.ci/python.sh)
   libgtest-dev               # tests
   libgmock-dev               # tests
 )

@@ -1,0 +1,74 @@
+#include "mavlink/commands.hpp"
+
+#include <ardupilotmega/mavlink.h>
+
+#include <cmath>
+#include <limits>
+
+namespace nadir {
+namespace {
+
+constexpr float kNotUsed = std::numeric_limits<float>::quiet_NaN();
+
+// The sender's time wraps, so that a single float holds it to about 20 µs.
+constexpr double kTimeWrapS = 250.0;
+
+}  // namespace
+
+std::uint32_t message_id(StreamedMessage message) {
+  switch (message) {
+    case StreamedMessage::heartbeat: return MAVLINK_MSG_ID_HEARTBEAT;
+    case StreamedMessage::system_time: return MAVLINK_MSG_ID_SYSTEM_TIME;
+    case StreamedMessage::attitude: return MAVLINK_MSG_ID_ATTITUDE;
+    case StreamedMessage::global_position: return MAVLINK_MSG_ID_GLOBAL_POSITION_INT;
+    case StreamedMessage::gps_raw: return MAVLINK_MSG_ID_GPS_RAW_INT;
+    case StreamedMessage::gps2_raw: return MAVLINK_MSG_ID_GPS2_RAW;
+    case StreamedMessage::raw_imu: return MAVLINK_MSG_ID_RAW_IMU;
+    case StreamedMessage::scaled_pressure: return MAVLINK_MSG_ID_SCALED_PRESSURE;
+    case StreamedMessage::flight_figures: return MAVLINK_MSG_ID_VFR_HUD;
+    case StreamedMessage::wind: return MAVLINK_MSG_ID_WIND;
+    case StreamedMessage::terrain_report: return MAVLINK_MSG_ID_TERRAIN_REPORT;
+    case StreamedMessage::distance_sensor: return MAVLINK_MSG_ID_DISTANCE_SENSOR;
+    case StreamedMessage::ekf_status: return MAVLINK_MSG_ID_EKF_STATUS_REPORT;
+    case StreamedMessage::system_status: return MAVLINK_MSG_ID_SYS_STATUS;
+    case StreamedMessage::autopilot_version: return MAVLINK_MSG_ID_AUTOPILOT_VERSION;
+    case StreamedMessage::sim_state: return MAVLINK_MSG_ID_SIM_STATE;
+  }
+  return MAVLINK_MSG_ID_HEARTBEAT;
+}
+
+CommandLong set_message_interval(MavlinkAddress target, StreamedMessage message, double rate_hz) {
+  return {.target = target,
+          .command = MAV_CMD_SET_MESSAGE_INTERVAL,
+          .confirmation = 0,
+          .parameters = {static_cast<float>(message_id(message)), static_cast<float>(1e6 / rate_hz)}};
+}
+
+CommandLong request_message(MavlinkAddress target, StreamedMessage message) {
+  return {.target = target,
+          .command = MAV_CMD_REQUEST_MESSAGE,
+          .confirmation = 0,
+          .parameters = {static_cast<float>(message_id(message))}};
+}
+
+CommandInt external_position_estimate(MavlinkAddress target, const PositionForDeadReckoning& position) {
+  return {.target = target,
+          .command = MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
+          .frame = MAV_FRAME_GLOBAL,
+          .parameters = {static_cast<float>(std::fmod(position.sent_s, kTimeWrapS)),
+                         static_cast<float>(position.processing_s), static_cast<float>(position.sigma_m), 0.0F},
+          .place = position.place,
+          .z = kNotUsed};
+}
+
+std::optional<PositionHint> position_hint(const CommandInt& command) {
+  if (command.command != MAV_CMD_EXTERNAL_POSITION_ESTIMATE) return std::nullopt;
+  const double radius_m = static_cast<double>(command.parameters[2]);
+  const LonLat place = command.place;
+  if (!(radius_m > 0) || !std::isfinite(radius_m) || std::abs(place.lat_deg) > 90 || std::abs(place.lon_deg) > 180) {
+    return std::nullopt;
+  }
+  return PositionHint{place, radius_m};
+}
+
+}  // namespace nadir

@@ -1,0 +1,291 @@
+// What the link to the autopilot carries, as plain values in SI units, radians and degrees of longitude and latitude.
+// codec.hpp makes them from frames and frames from them; the protocol's own types never leave its sources.
+//
+// An optional field is one that the sender marked as unknown. Times: boot_ms counts from the autopilot's start;
+// unix_us is UTC, microseconds since 1970. Nothing that arrives is checked for plausibility here, but floating point
+// fields may hold NaN and infinities only where a comment says so: messages with such numbers are malformed.
+#pragma once
+
+#include <array>
+#include <compare>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "geodesy/lon_lat.hpp"
+
+namespace nadir {
+
+// Who sent a message, or whom it is for; system 0 and component 0 mean everybody.
+struct MavlinkAddress {
+  std::uint8_t system = 0;
+  std::uint8_t component = 0;
+
+  auto operator<=>(const MavlinkAddress&) const = default;
+};
+
+struct Vector3 {
+  double x = 0;
+  double y = 0;
+  double z = 0;
+
+  bool operator==(const Vector3&) const = default;
+};
+
+struct NedVelocity {
+  double north_m_s = 0;
+  double east_m_s = 0;
+  double down_m_s = 0;
+
+  bool operator==(const NedVelocity&) const = default;
+};
+
+enum class GpsFix : std::uint8_t { no_gps, none, two_d, three_d, dgps, rtk_float, rtk_fixed };
+enum class TextSeverity : std::uint8_t { emergency, alert, critical, error, warning, notice, info, debug };
+enum class SystemState : std::uint8_t { uninitialized, boot, calibrating, standby, active, critical, emergency };
+enum class CommandResult : std::uint8_t { accepted, temporarily_rejected, denied, unsupported, failed, in_progress };
+
+// ---- both ways
+
+struct Timesync {
+  std::int64_t answered_ns = 0;  // 0: a request
+  std::int64_t sent_ns = 0;
+};
+
+struct StatusText {
+  TextSeverity severity = TextSeverity::info;
+  std::string text{};  // at most 50 bytes in each message
+  std::uint16_t id = 0;
+  std::uint8_t chunk = 0;
+};
+
+// The seven parameters may be NaN ("not used").
+struct CommandLong {
+  MavlinkAddress target{};
+  std::uint16_t command = 0;
+  std::uint8_t confirmation = 0;
+  std::array<float, 7> parameters{};
+};
+
+struct CommandInt {
+  MavlinkAddress target{};
+  std::uint16_t command = 0;
+  std::uint8_t frame = 0;
+  std::array<float, 4> parameters{};
+  LonLat place{};
+  float z = 0;
+};
+
+struct CommandAck {
+  std::uint16_t command = 0;
+  CommandResult result = CommandResult::accepted;
+  MavlinkAddress target{};  // whose command it was
+};
+
+// ---- from the autopilot
+
+struct Heartbeat {
+  std::uint8_t vehicle_type = 0;
+  bool is_autopilot = false;  // not a ground station, a camera or a companion computer
+  bool is_ardupilot = false;
+  bool armed = false;
+  std::uint32_t custom_mode = 0;  // the flight mode, numbered per vehicle type
+  SystemState state = SystemState::uninitialized;
+};
+
+struct SystemTime {
+  std::optional<std::int64_t> unix_us{};
+  std::uint32_t boot_ms = 0;
+};
+
+// Aerospace angles: roll right wing down, pitch nose up, yaw clockwise from north.
+struct Attitude {
+  std::uint32_t boot_ms = 0;
+  double roll_rad = 0;
+  double pitch_rad = 0;
+  double yaw_rad = 0;
+  Vector3 rate_rad_s{};
+};
+
+// The autopilot's own fused position: what we said comes back in it, so that nothing may be built from it.
+struct GlobalPosition {
+  std::uint32_t boot_ms = 0;
+  LonLat place{};
+  double msl_m = 0;
+  double above_home_m = 0;
+  NedVelocity velocity{};
+  std::optional<double> heading_rad{};
+};
+
+struct GpsRaw {
+  int receiver = 1;           // 1 or 2, as ArduPilot counts them
+  std::uint64_t time_us = 0;  // since 1970 or since boot
+  GpsFix fix = GpsFix::no_gps;
+  LonLat place{};
+  double msl_m = 0;
+  std::optional<double> hdop{};
+  std::optional<double> vdop{};
+  std::optional<double> ground_speed_m_s{};
+  std::optional<double> course_rad{};
+  std::optional<int> satellites{};
+  std::optional<double> horizontal_accuracy_m{};
+  std::optional<double> vertical_accuracy_m{};
+  std::optional<double> speed_accuracy_m_s{};
+  std::optional<double> yaw_rad{};
+};
+
+// Of RAW_IMU and SCALED_IMU, 2 and 3; ArduPilot sends both in milli-g and milliradians per second.
+struct ImuSample {
+  int instance = 1;
+  std::uint64_t time_us = 0;
+  Vector3 acceleration_m_s2{};
+  Vector3 rate_rad_s{};
+};
+
+struct AirPressure {
+  std::uint32_t boot_ms = 0;
+  double absolute_hpa = 0;
+  double differential_hpa = 0;
+};
+
+struct FlightFigures {  // VFR_HUD
+  double airspeed_m_s = 0;
+  double ground_speed_m_s = 0;
+  double heading_rad = 0;
+  double msl_m = 0;
+  double climb_m_s = 0;
+};
+
+struct WindEstimate {
+  double from_rad = 0;
+  double speed_m_s = 0;
+};
+
+struct GroundHeight {  // TERRAIN_REPORT
+  LonLat place{};
+  double terrain_msl_m = 0;
+  double above_terrain_m = 0;
+};
+
+struct GroundDistance {  // DISTANCE_SENSOR that looks down
+  std::uint32_t boot_ms = 0;
+  double distance_m = 0;
+  double min_m = 0;
+  double max_m = 0;
+};
+
+// Variances are ArduPilot's normalized innovations: above 1 the filter rejects what it measures.
+struct EkfStatus {
+  bool attitude = false;
+  bool horizontal_velocity = false;
+  bool horizontal_position_relative = false;
+  bool horizontal_position_absolute = false;
+  bool vertical_position = false;
+  bool constant_position = false;  // it does not know where it is
+  bool uninitialized = false;
+  bool gps_glitching = false;
+  double velocity_variance = 0;
+  double horizontal_position_variance = 0;
+  double vertical_position_variance = 0;
+  double compass_variance = 0;
+};
+
+struct SystemStatus {  // SYS_STATUS
+  bool gps_present = false;
+  bool gps_enabled = false;
+  bool gps_healthy = false;
+};
+
+struct ParameterValue {
+  std::string name{};
+  double value = 0;  // may be NaN
+  std::uint8_t type = 0;
+  int count = 0;
+  int index = -1;  // -1: not said
+};
+
+struct AutopilotVersion {
+  std::uint64_t capabilities = 0;
+  std::uint32_t flight_software = 0;  // major, minor, patch, kind: a byte each from the top
+  std::uint32_t board = 0;
+  std::uint16_t vendor_id = 0;
+  std::uint16_t product_id = 0;
+  std::uint64_t uid = 0;
+  std::array<std::uint8_t, 18> uid2{};
+};
+
+// A simulator's truth.
+struct SimState {
+  double roll_rad = 0;
+  double pitch_rad = 0;
+  double yaw_rad = 0;
+  Vector3 acceleration_m_s2{};
+  Vector3 rate_rad_s{};
+  LonLat place{};
+  double msl_m = 0;
+  NedVelocity velocity{};
+};
+
+// Sound, but nothing that we use.
+struct OtherMessage {
+  std::uint32_t id = 0;
+};
+
+using IncomingMessage =
+    std::variant<OtherMessage, Heartbeat, SystemTime, Timesync, Attitude, GlobalPosition, GpsRaw, ImuSample,
+                 AirPressure, FlightFigures, WindEstimate, GroundHeight, GroundDistance, EkfStatus, SystemStatus,
+                 StatusText, ParameterValue, CommandLong, CommandInt, CommandAck, AutopilotVersion, SimState>;
+
+// ---- from us
+
+struct OwnHeartbeat {  // as an onboard computer
+  SystemState state = SystemState::boot;
+};
+
+// A GPS fix for the autopilot; gps_input.hpp fills it by the autopilot's rules.
+struct GpsInput {
+  std::int64_t unix_us = 0;
+  std::uint16_t gps_week = 0;
+  std::uint32_t gps_week_ms = 0;
+  std::uint8_t gps_id = 0;
+  GpsFix fix = GpsFix::no_gps;
+  LonLat place{};
+  std::optional<double> msl_m{};
+  std::optional<double> hdop{};
+  std::optional<double> vdop{};
+  std::optional<NedVelocity> velocity{};
+  std::optional<double> horizontal_accuracy_m{};
+  std::optional<double> vertical_accuracy_m{};
+  std::optional<double> speed_accuracy_m_s{};
+  int satellites = 0;
+  std::optional<double> yaw_rad{};
+};
+
+struct ParameterRequest {
+  MavlinkAddress target{};
+  std::string name{};  // at most 16 bytes
+};
+
+struct ParameterListRequest {
+  MavlinkAddress target{};
+};
+
+struct ParameterSet {
+  MavlinkAddress target{};
+  std::string name{};  // at most 16 bytes
+  float value = 0;
+  std::uint8_t type = 9;  // that of the ParameterValue; ArduPilot takes any
+};
+
+// Carries the secret: only over a link that nobody overhears, never into a log.
+struct SigningSetup {
+  MavlinkAddress target{};
+  std::array<std::uint8_t, 32> key{};
+  std::uint64_t timestamp_10us = 0;
+};
+
+using OutgoingMessage = std::variant<OwnHeartbeat, GpsInput, Timesync, StatusText, CommandLong, CommandInt, CommandAck,
+                                     ParameterRequest, ParameterListRequest, ParameterSet, SigningSetup>;
+
+}  // namespace nadir
