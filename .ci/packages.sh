@@ -25,6 +25,11 @@ packages_build=(
   libopencv-calib3d-dev      # robust geometry
   libopencv-flann-dev        # needed by features2d
   libfaiss-dev               # the place index's vectors
+  libflatbuffers-dev         # the flight recorder's payloads
+  flatbuffers-compiler       # its schemas, at build time
+  libzstd-dev                # its chunks
+  liblz4-dev                 # chunks of other people's MCAP files
+  zlib1g-dev                 # CRC-32
   libgeographiclib-dev       # local east-north-up frames
   libgdal-dev                # reads the planner's rasters; never linked by nadird
   libproj-dev                # coordinate systems of those rasters, and the tests' oracle

@@ -1,0 +1,114 @@
+// What the flight recorder records. schemas/recorder/*.fbs is the same as it lies on disk; docs/formats/recorder.md
+// says what each is for. `index` counts the frames of a session from 0.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "base/bytes.hpp"
+#include "base/sha256.hpp"
+#include "estimation/estimate.hpp"
+#include "estimation/localizer.hpp"
+#include "estimation/telemetry.hpp"
+#include "geodesy/tile_key.hpp"
+#include "vision/camera_model.hpp"
+
+namespace nadir {
+
+// What the flight ran with: all that the localizer started from.
+struct SessionRecord {
+  std::string id;
+  std::uint32_t segment = 0;     // filled in by the recorder
+  std::uint64_t started_ns = 0;  // since 1970, UTC
+  std::string program, version, airframe;
+  std::optional<Sha256> package;  // of manifest.json; none: no map
+  std::string mission;
+  CameraFile camera;
+  LonLat origin;                // of the plane in which everything is estimated
+  std::optional<LonLat> start;  // where the flight began, if it was known
+  int picture_shrink = 1;       // pictures were decoded at 1 / this of their size
+  std::uint64_t seed = 0;
+  LocalizerConfig localizer;                                  // its surface is not recorded, only whether there was one
+  bool terrain = false;                                       // the package's terrain was the surface; else flat ground
+  std::vector<std::pair<std::string, std::string>> settings;  // whatever else was chosen
+};
+
+// One frame as the localizer got it.
+struct InputRecord {
+  std::uint64_t index = 0;
+  Telemetry told;
+  Sha256 picture;  // of the encoded bytes
+  std::uint64_t picture_bytes = 0;
+};
+
+struct PictureRecord {
+  std::uint64_t index = 0;
+  std::string frame;
+  Bytes encoded;  // JPEG, PNG or WebP, as it came
+};
+
+struct EstimateRecord {
+  std::uint64_t index = 0;
+  Estimate estimate;
+  OdometryReport odometry;
+};
+
+struct AnchorRecord {
+  std::uint64_t index = 0;
+  std::string frame;
+  double time_s = 0;
+  AnchorReport anchor;  // without its pictures
+};
+
+struct StateRecord {
+  std::string from, to, reason;
+};
+
+struct TileRecord {
+  TileKey key;
+  std::string code;  // of the finding
+  std::string text;
+};
+
+struct HealthRecord {
+  bool healthy = true;
+  std::vector<std::pair<std::string, double>> measures;  // units are in the names: "memory_mb"
+  std::vector<std::string> notes;
+};
+
+struct ThumbnailRecord {
+  std::uint64_t index = 0;
+  std::string frame;
+  AnchorVerdict verdict = AnchorVerdict::not_tried;
+  Bytes seen, map;  // JPEG
+};
+
+enum class RecorderTrouble { dropped_by_queue, dropped_by_disk, stopped, resumed, segment_deleted };
+
+std::string_view name_of(RecorderTrouble trouble);
+
+// The recorder about itself: what is not in the recording, and why.
+struct RecorderRecord {
+  RecorderTrouble trouble = RecorderTrouble::stopped;
+  std::string topic;
+  std::uint64_t count = 0;  // records; bytes of a deleted segment
+  std::string text;
+};
+
+struct EndRecord {
+  bool clean_shutdown = false;
+  std::uint64_t records = 0;  // written before this one
+  std::uint64_t dropped = 0;
+  std::string reason;
+};
+
+// In the order of Topic (topics.hpp).
+using Record = std::variant<SessionRecord, InputRecord, PictureRecord, EstimateRecord, AnchorRecord, StateRecord,
+                            TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord>;
+
+}  // namespace nadir

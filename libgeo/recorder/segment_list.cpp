@@ -1,0 +1,63 @@
+#include "recorder/segment_list.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+
+#include "base/error.hpp"
+
+namespace nadir {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr std::array kExpendable{Stream::thumbnails, Stream::pictures, Stream::flight};  // in this order
+
+std::optional<Segment> parse(const fs::path& path) {
+  const std::string name = path.filename().string();
+  Segment segment{.path = path};
+  const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), segment.number);
+  if (error != std::errc() || segment.number == 0) return std::nullopt;
+  const std::string_view rest(end, static_cast<std::size_t>(name.data() + name.size() - end));
+  if (!rest.starts_with('.') || !rest.ends_with(".mcap") || rest.size() < 6) return std::nullopt;
+  const auto stream = parse_stream(rest.substr(1, rest.size() - 6));
+  if (!stream) return std::nullopt;
+  segment.stream = *stream;
+  return segment;
+}
+
+}  // namespace
+
+fs::path segment_path(const fs::path& folder, std::uint32_t number, Stream stream) {
+  return folder / fmt::format("{:06}.{}.mcap", number, name_of(stream));
+}
+
+std::vector<Segment> segments_in(const fs::path& folder) {
+  std::vector<Segment> segments;
+  std::error_code error;
+  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+    std::optional<Segment> segment = parse(at->path());
+    if (!segment || !at->is_regular_file()) continue;
+    std::error_code gone;
+    segment->bytes = at->file_size(gone);
+    if (!gone) segments.push_back(std::move(*segment));
+  }
+  if (error) throw Error({.what = "a folder cannot be read", .where = folder, .found = error.message()});
+  std::sort(segments.begin(), segments.end(), [](const Segment& a, const Segment& b) {
+    return std::tie(a.number, a.stream) < std::tie(b.number, b.stream);
+  });
+  return segments;
+}
+
+std::vector<Segment>::const_iterator most_expendable(const std::vector<Segment>& segments, Stream up_to) {
+  for (const Stream stream : kExpendable) {
+    const auto found = std::find_if(segments.begin(), segments.end(),
+                                    [&](const Segment& segment) { return segment.stream == stream; });
+    if (found != segments.end()) return found;
+    if (stream == up_to) break;
+  }
+  return segments.end();
+}
+
+}  // namespace nadir

@@ -1,0 +1,261 @@
+#include "recorder/segment_store.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+
+#include "base/error.hpp"
+#include "recorder/record_codec.hpp"
+
+namespace nadir {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr std::uint64_t kSegmentsPerBudget = 8;  // so that there is something to delete
+constexpr std::uint64_t kLeastBudget = std::uint64_t{1} << 20;
+constexpr std::size_t kMostUntold = 1000;
+
+bool means_no_room(int error) { return error == ENOSPC || error == EDQUOT || error == EFBIG; }
+
+int lock_folder(const fs::path& folder) {
+  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (fd < 0)
+    throw Error({.what = "cannot open the folder of recordings", .where = folder, .found = system_error_text(errno)});
+  if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return fd;
+  ::close(fd);
+  throw Error({.what = "another recorder writes into this folder",
+               .where = folder,
+               .fix = "give each recorder a folder of its own"});
+}
+
+Topic topic_of_channel(std::uint16_t channel) { return static_cast<Topic>(channel - 1); }
+
+}  // namespace
+
+SegmentStore::SegmentStore(StoreOptions options, SessionRecord session)
+    : options_(std::move(options)), session_(std::move(session)) {
+  if (options_.budget_bytes < kLeastBudget) {
+    throw UsageError({.what = "the budget of recordings is too small",
+                      .where = options_.folder,
+                      .expected = fmt::format("at least {} bytes", kLeastBudget),
+                      .found = fmt::format("{} bytes", options_.budget_bytes)});
+  }
+  options_.segment_bytes = std::min(options_.segment_bytes, options_.budget_bytes / kSegmentsPerBudget);
+  std::error_code error;
+  fs::create_directories(options_.folder, error);
+  if (error) {
+    throw Error({.what = "cannot make the folder of recordings", .where = options_.folder, .found = error.message()});
+  }
+  folder_lock_ = lock_folder(options_.folder);
+  closed_ = segments_in(options_.folder);
+  if (!closed_.empty()) next_number_ = closed_.back().number + 1;
+  status_.bytes = folder_bytes();
+}
+
+SegmentStore::~SegmentStore() {
+  for (const Stream stream : kStreams) finish(stream);
+  ::close(folder_lock_);
+}
+
+void SegmentStore::put(const Record& record, std::uint64_t at_ns) {
+  tell_events(at_ns);
+  write(record, at_ns);
+  tick(at_ns);
+}
+
+void SegmentStore::tick(std::uint64_t now_ns) {
+  for (const Stream stream : kStreams) {
+    const auto open = open_.find(stream);
+    if (open == open_.end() || open->second.writer->empty()) continue;
+    const bool due = open->second.writer->chunk_bytes() >= options_.chunk_bytes ||
+                     now_ns - open->second.chunk_since_ns >= options_.chunk_ns;
+    if (due && now_ns >= open->second.next_try_ns) write_chunk(stream, now_ns);
+  }
+}
+
+void SegmentStore::flush(std::uint64_t now_ns) {
+  tell_events(now_ns);
+  for (const Stream stream : kStreams) write_chunk(stream, now_ns);
+}
+
+void SegmentStore::close(const std::string& reason, std::uint64_t now_ns) {
+  flush(now_ns);
+  tell_events(now_ns);  // what flushing had to say
+  std::uint64_t dropped = 0;
+  for (const auto& [topic, count] : status_.dropped) dropped += count;
+  write(EndRecord{.clean_shutdown = true, .records = status_.records, .dropped = dropped, .reason = reason}, now_ns);
+  for (const Stream stream : {Stream::thumbnails, Stream::pictures, Stream::flight}) finish(stream);
+}
+
+void SegmentStore::note_dropped(RecorderTrouble trouble, Topic topic, std::uint64_t count) {
+  status_.dropped[topic] += count;
+  untold_drops_[{trouble, topic}] += count;
+}
+
+// While recording stands still they are only counted.
+void SegmentStore::tell_events(std::uint64_t now_ns) {
+  if (status_.stopped || (untold_.empty() && untold_drops_.empty())) return;
+  const std::vector<RecorderRecord> events = std::exchange(untold_, {});
+  const auto drops = std::exchange(untold_drops_, {});
+  for (const RecorderRecord& event : events) write(event, now_ns);
+  for (const auto& [what, count] : drops) {
+    write(RecorderRecord{what.first, std::string(name_of(what.second)), count, {}}, now_ns);
+  }
+}
+
+void SegmentStore::write(const Record& record, std::uint64_t at_ns) {
+  const Topic topic = topic_of(record);
+  const Stream stream = stream_of(topic);
+  if (!open_.contains(stream) && !open(stream, at_ns)) {
+    note_dropped(RecorderTrouble::dropped_by_disk, topic, 1);
+    return;
+  }
+  Open& segment = open_.at(stream);
+  if (segment.writer->chunk_bytes() >= options_.waiting_bytes) drop_chunk(segment);
+  if (segment.writer->empty()) segment.chunk_since_ns = at_ns;
+  const Bytes payload = encode(record);
+  segment.writer->write({mcap_channel(topic).id, sequence_[topic]++, at_ns, at_ns, payload});
+  ++status_.records;
+}
+
+// A segment begins with a chunk of its own that holds the session and what every later chunk refers to.
+bool SegmentStore::open(Stream stream, std::uint64_t now_ns) {
+  if (now_ns < next_open_ns_[stream]) return false;
+  next_open_ns_[stream] = now_ns + options_.chunk_ns;
+  Open made;
+  made.number = next_number_;
+  made.file = std::make_unique<SegmentFile>(segment_path(options_.folder, made.number, stream), options_.sync);
+  if (!made.file->ok()) {
+    failed(*made.file);
+    return false;
+  }
+  ++next_number_;
+  made.writer = std::make_unique<McapWriter>(
+      *made.file,
+      McapWriterOptions{.profile = "nadir", .library = session_.program, .zstd_level = options_.zstd_level});
+  for (std::size_t i = 0; i < kTopics; ++i) {
+    const auto topic = static_cast<Topic>(i);
+    if (stream_of(topic) != stream && topic != Topic::session) continue;
+    made.writer->add(mcap_schema(topic));
+    made.writer->add(mcap_channel(topic));
+  }
+  session_.segment = made.number;
+  const Bytes payload = encode(Record(session_));
+  made.writer->write({mcap_channel(Topic::session).id, sequence_[Topic::session]++, now_ns, now_ns, payload});
+  made.since_ns = made.chunk_since_ns = now_ns;
+  open_.insert_or_assign(stream, std::move(made));
+  write_chunk(stream, now_ns);
+  if (open_.contains(stream) && open_.at(stream).file->size() != 0) {
+    next_open_ns_[stream] = 0;
+    return true;
+  }
+  leave(stream, false);  // not even that: no empty file stays
+  return false;
+}
+
+void SegmentStore::write_chunk(Stream stream, std::uint64_t now_ns) {
+  const auto found = open_.find(stream);
+  if (found == open_.end()) return;
+  Open& segment = found->second;
+  while (!segment.writer->flush()) {
+    failed(*segment.file);
+    if (means_no_room(segment.file->error()) && make_room(stream)) continue;
+    segment.next_try_ns = now_ns + options_.chunk_ns;
+    return;
+  }
+  if (status_.stopped) {
+    status_.stopped = false;
+    status_.trouble.clear();
+    if (untold_.size() < kMostUntold) untold_.push_back({RecorderTrouble::resumed, {}, 0, {}});
+  }
+  if (segment.file->size() >= options_.segment_bytes || now_ns - segment.since_ns >= options_.segment_ns)
+    finish(stream);
+  keep_budget();
+  status_.bytes = folder_bytes();
+}
+
+void SegmentStore::finish(Stream stream) {
+  const auto found = open_.find(stream);
+  if (found == open_.end()) return;
+  if (!found->second.writer->finish()) drop_chunk(found->second);
+  leave(stream, found->second.file->size() != 0);
+}
+
+void SegmentStore::leave(Stream stream, bool keep) {
+  const auto found = open_.find(stream);
+  if (found == open_.end()) return;
+  const Open& segment = found->second;
+  if (keep) {
+    closed_.push_back({segment.file->path(), segment.number, stream, segment.file->size()});
+    ++status_.segments;
+  } else {
+    std::error_code ignored;
+    fs::remove(segment.file->path(), ignored);
+  }
+  open_.erase(found);
+}
+
+// For a stream only what is more expendable than it goes.
+bool SegmentStore::make_room(Stream stream) {
+  if (stream == Stream::thumbnails) return false;
+  const Stream up_to = stream == Stream::flight ? Stream::pictures : Stream::thumbnails;
+  auto segment = most_expendable(closed_, up_to);
+  if (segment == closed_.end()) {
+    for (const Stream other : {Stream::thumbnails, Stream::pictures}) {
+      const auto open = open_.find(other);
+      if (other <= stream || open == open_.end()) continue;
+      drop_chunk(open->second);
+      leave(other, true);
+      segment = most_expendable(closed_, up_to);
+      break;
+    }
+  }
+  if (segment == closed_.end()) return false;
+  remove(segment);
+  return true;
+}
+
+void SegmentStore::keep_budget() {
+  while (folder_bytes() > options_.budget_bytes) {
+    const auto segment = most_expendable(closed_, Stream::flight);
+    if (segment == closed_.end()) return;
+    remove(segment);
+  }
+}
+
+void SegmentStore::remove(std::vector<Segment>::const_iterator segment) {
+  std::error_code ignored;
+  fs::remove(segment->path, ignored);  // one that cannot be deleted is not counted any more either: no endless loop
+  ++status_.deleted_segments;
+  if (untold_.size() < kMostUntold) {
+    untold_.push_back({RecorderTrouble::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
+  }
+  closed_.erase(segment);
+}
+
+void SegmentStore::failed(const SegmentFile& file) {
+  status_.trouble = fmt::format("{}: {}", file.path().filename().string(), system_error_text(file.error()));
+  if (status_.stopped) return;
+  status_.stopped = true;
+  if (untold_.size() < kMostUntold) untold_.push_back({RecorderTrouble::stopped, {}, 0, status_.trouble});
+}
+
+void SegmentStore::drop_chunk(Open& open) {
+  for (const auto& [channel, count] : open.writer->drop_chunk()) {
+    note_dropped(RecorderTrouble::dropped_by_disk, topic_of_channel(channel), count);
+    status_.records -= count;
+  }
+}
+
+std::uint64_t SegmentStore::folder_bytes() const {
+  std::uint64_t bytes = 0;
+  for (const Segment& segment : closed_) bytes += segment.bytes;
+  for (const auto& [stream, open] : open_) bytes += open.file->size();
+  return bytes;
+}
+
+}  // namespace nadir

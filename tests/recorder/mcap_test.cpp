@@ -1,0 +1,193 @@
+// Our writer and our reader against each other and against damage. Other people's readers: independent_test.py.
+#include <gtest/gtest.h>
+
+#include "recorder/chunk_compression.hpp"
+#include "recorder/mcap_writer.hpp"
+#include "recorder/sample_records.hpp"
+
+namespace nadir {
+namespace {
+
+class MemorySink final : public McapSink {
+ public:
+  bool append(ByteView piece) override {
+    if (full) return false;
+    bytes.insert(bytes.end(), piece.begin(), piece.end());
+    ends.push_back(bytes.size());
+    return true;
+  }
+  Bytes bytes;
+  std::vector<std::size_t> ends;  // after each piece
+  bool full = false;
+};
+
+void add_topics(McapWriter& writer) {
+  for (std::size_t i = 0; i < kTopics; ++i) {
+    writer.add(mcap_schema(static_cast<Topic>(i)));
+    writer.add(mcap_channel(static_cast<Topic>(i)));
+  }
+}
+
+void write(McapWriter& writer, const Record& record, std::uint32_t sequence) {
+  const Bytes payload = encode(record);
+  const std::uint64_t at_ns = 1'000'000'000ULL + sequence;
+  writer.write({mcap_channel(topic_of(record)).id, sequence, at_ns, at_ns, payload});
+}
+
+// Three chunks with a few records each, finished.
+MemorySink small_file(int zstd_level) {
+  MemorySink sink;
+  McapWriter writer(sink, {.profile = "nadir", .library = "test", .zstd_level = zstd_level});
+  writer.add(mcap_schema(Topic::estimate));
+  writer.add(mcap_channel(Topic::estimate));
+  for (std::uint32_t i = 0; i < 9; ++i) {
+    write(writer, test::sample_estimate(i), i);
+    if (i % 3 == 2) {
+      EXPECT_TRUE(writer.flush());
+    }
+  }
+  EXPECT_TRUE(writer.finish());
+  return sink;
+}
+
+TEST(Mcap, WhatIsWrittenIsRead) {
+  for (const int level : {0, 1}) {
+    Random random(3);
+    const std::vector<Record> records = test::sample_records(random);
+    MemorySink sink;
+    McapWriter writer(sink, {.profile = "nadir", .library = "test", .zstd_level = level});
+    add_topics(writer);
+    for (std::uint32_t i = 0; i < 100; ++i) {
+      write(writer, records[i % records.size()], i);
+      if (i % 30 == 0) {
+        ASSERT_TRUE(writer.flush());
+      }
+    }
+    ASSERT_TRUE(writer.finish());
+    const test::ReadBack back = test::read_back(MemorySource(sink.bytes));
+    EXPECT_TRUE(back.contents.findings.empty());
+    EXPECT_TRUE(back.contents.finished);
+    EXPECT_EQ(back.contents.whole_size, sink.bytes.size());
+    EXPECT_EQ(back.contents.profile, "nadir");
+    EXPECT_EQ(back.contents.channels.size(), kTopics);
+    ASSERT_EQ(back.records.size(), 100U);
+    for (std::size_t i = 0; i < 100; ++i) {
+      EXPECT_TRUE(test::same(back.records[i].second, records[i % records.size()]));
+    }
+  }
+}
+
+TEST(Mcap, CutAnywhereItIsReadToItsLastWholeChunk) {
+  const MemorySink sink = small_file(1);
+  for (std::size_t cut = 0; cut < sink.bytes.size(); ++cut) {
+    const auto back = test::read_back(MemorySource(ByteView(sink.bytes).first(cut)));
+    // A chunk counts as soon as its own record is whole; its indexes may be missing.
+    std::size_t whole = 0;
+    for (std::size_t i = 0; i < 3; ++i) whole += cut >= sink.ends[i] ? 3U : 0U;
+    ASSERT_GE(back.records.size(), whole) << "cut at " << cut;
+    ASSERT_LE(back.records.size(), whole + 3) << "cut at " << cut;
+    ASSERT_FALSE(back.contents.finished);
+    ASSERT_EQ(back.contents.findings.refuses(), cut < kMcapMagic.size()) << "cut at " << cut;
+    ASSERT_LE(back.contents.whole_size, cut);
+  }
+}
+
+TEST(Mcap, EveryFlippedByteIsNoticed) {
+  const MemorySink sink = small_file(0);
+  for (std::size_t at = 0; at < sink.bytes.size(); ++at) {
+    Bytes bad = sink.bytes;
+    bad[at] ^= 0x11;
+    const auto back = test::read_back(MemorySource(bad));
+    EXPECT_FALSE(back.contents.findings.empty()) << "byte " << at;
+  }
+}
+
+TEST(Mcap, ADamagedChunkCostsOnlyItself) {
+  MemorySink sink = small_file(0);
+  sink.bytes[sink.ends[0] + 60] ^= 1;  // in the second chunk
+  const auto back = test::read_back(MemorySource(sink.bytes));
+  EXPECT_EQ(back.contents.damaged_chunks, 1U);
+  EXPECT_TRUE(back.contents.findings.contains("recorder.chunk"));
+  ASSERT_EQ(back.records.size(), 6U);
+  EXPECT_TRUE(test::same(back.records[3].second, test::sample_estimate(6)));
+}
+
+TEST(Mcap, RandomDamageNeverCrashes) {
+  Random random(17);
+  for (const int level : {0, 1}) {
+    const MemorySink sink = small_file(level);
+    for (int round = 0; round < 1000; ++round) {
+      Bytes bad = sink.bytes;
+      const int flips = random.integer(1, 8);
+      for (int i = 0; i < flips; ++i) {
+        const auto at = static_cast<std::size_t>(random.integer(0, static_cast<int>(bad.size()) - 1));
+        bad[at] = static_cast<std::uint8_t>(random.integer(0, 255));
+      }
+      static_cast<void>(test::read_back(MemorySource(bad)));
+    }
+  }
+}
+
+TEST(Mcap, MessagesWithoutChunksAreRead) {
+  McapBytes out;
+  out.raw(kMcapMagic);
+  McapBytes header;
+  header.text("");
+  header.text("somebody");
+  out.record(mcap_op::header, header.bytes());
+  append(out, mcap_schema(Topic::state));
+  append(out, mcap_channel(Topic::state));
+  const Bytes payload = encode(Record(StateRecord{"a", "b", "c"}));
+  append(out, McapMessage{mcap_channel(Topic::state).id, 0, 5, 5, payload});
+  McapBytes zero;
+  zero.number(std::uint32_t{0});
+  out.record(mcap_op::data_end, zero.bytes());
+  McapBytes footer;
+  footer.number(std::uint64_t{0});
+  footer.number(std::uint64_t{0});
+  footer.number(std::uint32_t{0});
+  out.record(mcap_op::footer, footer.bytes());
+  out.raw(kMcapMagic);
+  const auto back = test::read_back(MemorySource(out.bytes()));
+  EXPECT_TRUE(back.contents.findings.empty());
+  ASSERT_EQ(back.records.size(), 1U);
+  EXPECT_EQ(std::get<StateRecord>(back.records[0].second).to, "b");
+}
+
+TEST(Mcap, OtherBytesAreNoMcap) {
+  for (const std::string_view text : {"", "MCAP", "\x89PNG\r\n\x1a\n and more"}) {
+    const auto back = test::read_back(MemorySource(as_bytes(text)));
+    EXPECT_TRUE(back.contents.findings.contains("recorder.format"));
+    EXPECT_TRUE(back.contents.findings.refuses());
+  }
+}
+
+TEST(Mcap, AFullSinkKeepsTheChunkForAnotherTry) {
+  MemorySink sink;
+  McapWriter writer(sink, {.profile = "nadir", .library = "test", .zstd_level = 1});
+  add_topics(writer);
+  write(writer, test::sample_estimate(0), 0);
+  ASSERT_TRUE(writer.flush());
+  write(writer, test::sample_estimate(1), 1);
+  sink.full = true;
+  EXPECT_FALSE(writer.flush());
+  EXPECT_FALSE(writer.empty());
+  sink.full = false;
+  ASSERT_TRUE(writer.flush());
+  write(writer, StateRecord{"a", "b", ""}, 0);
+  write(writer, test::sample_estimate(2), 2);
+  sink.full = true;
+  EXPECT_FALSE(writer.flush());
+  const auto dropped = writer.drop_chunk();
+  EXPECT_EQ(dropped.at(mcap_channel(Topic::estimate).id), 1U);
+  sink.full = false;
+  write(writer, StateRecord{"b", "c", ""}, 1);
+  ASSERT_TRUE(writer.finish());
+  const auto back = test::read_back(MemorySource(sink.bytes));
+  EXPECT_TRUE(back.contents.findings.empty());
+  EXPECT_EQ(back.of(Topic::estimate).size(), 2U);
+  EXPECT_EQ(back.of(Topic::state).size(), 1U);
+}
+
+}  // namespace
+}  // namespace nadir
