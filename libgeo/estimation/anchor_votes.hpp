@@ -1,8 +1,8 @@
 // Anchors that no healthy prediction can judge judge each other: where several frames, each for itself, would put the
 // track to the same place, they are believed. Wrong places scatter over the whole window.
 //
-// Against a track that an anchor carries without a break more are needed: odometry cannot have leapt, so that either the
-// anchor was wrong or the map is, here or there.
+// Against a track that an anchor carries without a break more are needed: odometry cannot have leapt, so that either
+// the anchor was wrong or the map is, here or there.
 #pragma once
 
 #include <Eigen/Core>

@@ -73,8 +73,8 @@ AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
 }
 
 // Frames that no prediction confirms confirm each other. Against an earlier anchor, several that contradict it alike
-// are right in the end; against the start they are not: a map may lie, and then nothing is known for sure. Until that is
-// settled the estimate owns up to both places.
+// are right in the end; against the start they are not: a map may lie, and then nothing is known for sure. Until that
+// is settled the estimate owns up to both places.
 void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m) {
   const bool contradicts = report.verdict == AnchorVerdict::off_prediction;
   if (!contradicts && report.verdict != AnchorVerdict::awaiting_votes) {
@@ -82,8 +82,8 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
     return;
   }
   const bool track_has_anchor = unbroken && last_anchor_s;
-  const bool agreed = votes.vote(
-      *off_m, contradicts && track_has_anchor ? AnchorVotes::kNeededAgainstAnchors : AnchorVotes::kNeeded);
+  const bool agreed =
+      votes.vote(*off_m, contradicts && track_has_anchor ? AnchorVotes::kNeededAgainstAnchors : AnchorVotes::kNeeded);
   if (contradicts) contradicted_m = *off_m;
   if (!agreed || (contradicts && !last_anchor_s)) return;
   report.verdict = AnchorVerdict::accepted;

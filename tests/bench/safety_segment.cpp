@@ -14,7 +14,7 @@ namespace {
 constexpr double kWrong_m = 50;
 constexpr double kFarSigmas = 3;
 constexpr double kChi2_50 = 1.386, kChi2_95 = 5.991;  // two degrees of freedom
-constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, and the anchor itself errs
+constexpr double kTellableSigmas = 4;                 // the gate of the first anchor is 3.7, and the anchor itself errs
 
 // A map that is exchanged for another in flight.
 class ExchangedTiles final : public TileSource {
