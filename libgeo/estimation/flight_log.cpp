@@ -12,14 +12,7 @@ constexpr std::size_t kMostSwitched = 40;  // passes over the flight
 std::vector<FlightFilter::Smoothed> smoothed_without(const FlightFilter& fresh, const std::vector<FlightStep>& steps,
                                                      const std::vector<bool>& off) {
   FlightFilter filter = fresh;
-  for (std::size_t i = 0; i < steps.size(); ++i) {
-    const FlightStep& step = steps[i];
-    filter.advance(step.seconds, step.told_heading_rad, step.tilt_told);
-    if (step.height_doubt) filter.doubt_height(*step.height_doubt);
-    if (step.moved) filter.moved(*step.moved);
-    if (step.position_doubt_m) filter.doubt_position(*step.position_doubt_m);
-    if (step.anchored && !off[i]) filter.anchored(*step.anchored);
-  }
+  for (std::size_t i = 0; i < steps.size(); ++i) take_step(filter, steps[i], !off[i]);
   return filter.smoothed();
 }
 
@@ -35,6 +28,16 @@ double contradiction(const PoseSight& anchor, const FlightFilter::Smoothed& fram
 }
 
 }  // namespace
+
+Eigen::Vector2d take_step(FlightFilter& filter, const FlightStep& step, bool with_anchor) {
+  Eigen::Vector2d taught_m = Eigen::Vector2d::Zero();
+  filter.advance(step.seconds, step.told_heading_rad, step.tilt_told);
+  if (step.height_doubt) filter.doubt_height(*step.height_doubt);
+  if (step.moved) taught_m = filter.moved(*step.moved);
+  if (step.position_doubt_m) filter.doubt_position(*step.position_doubt_m);
+  if (step.anchored && with_anchor) filter.anchored(*step.anchored);
+  return taught_m;
+}
 
 SmoothedFlight smooth_flight(const FlightFilter& fresh, const std::vector<FlightStep>& steps) {
   SmoothedFlight flight;

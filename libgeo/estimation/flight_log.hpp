@@ -22,6 +22,10 @@ struct FlightStep {
   std::optional<PoseSight> anchored;
 };
 
+// Takes a step with the filter as it was taken in flight, with its anchor or without. Returns what it taught of the
+// frame before (FlightFilter::moved).
+Eigen::Vector2d take_step(FlightFilter& filter, const FlightStep& step, bool with_anchor);
+
 struct SmoothedFlight {
   std::vector<FlightFilter::Smoothed> frames;
   std::vector<std::size_t> switched_off;  // frames whose anchors the others contradict, in the order they were found

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "estimation/anchor_job.hpp"
 #include "estimation/localizer_state.hpp"
 #include "estimation/plausible_telemetry.hpp"
 #include "estimation/sloping_ground.hpp"
@@ -26,9 +27,19 @@ Localizer::Localizer(const CameraFile& camera, const LocalFrame& frame, const Ti
 Localizer::~Localizer() = default;
 
 FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
+  Followed followed = follow(image, told);
+  if (!followed.job) return followed.report;
+  followed.job->run();
+  FrameReport report = finish(std::move(followed.job));
+  report.odometry = followed.report.odometry;
+  return report;
+}
+
+Localizer::Followed Localizer::follow(const cv::Mat& image, const Telemetry& told) {
   State& s = *state_;
   const Telemetry telemetry = plausible_telemetry(told, s.last_time_s.value_or(0));
-  FrameReport report;
+  Followed followed;
+  FrameReport& report = followed.report;
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
 
@@ -42,29 +53,40 @@ FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
   } else {
     s.odometry->reset();
   }
-  if (!report.odometry.tracked) {
-    s.held_back_m.setZero();
-    s.votes.forget();
-    if (!s.told.empty()) {
-      s.unbroken = false;
-      ++s.segment;
-    }
-  }
+  if (!report.odometry.tracked) s.break_track();
   s.last_time_s = telemetry.time_s;
+  s.last_telemetry = telemetry;
+  s.last_tracked = report.odometry.tracked;
   if (usable) {
-    report.anchor = s.try_anchor(grey);
+    followed.job = s.anchor_job(grey, telemetry.time_s);
   } else {
     report.anchor.verdict = AnchorVerdict::frame_unfit;
   }
-  const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
-  if (anchored) {
-    s.last_anchor_s = telemetry.time_s;
-    s.last_anchor_inliers = report.anchor.inliers;
-    s.last_anchor_ratio = report.anchor.ratio;
-  }
-  report.estimate = s.tell(telemetry, anchored, report.odometry.tracked);
+  report.estimate = s.tell(telemetry, false, report.odometry.tracked);
   s.told.push_back(report.estimate);
+  return followed;
+}
+
+FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
+  State& s = *state_;
+  FrameReport report;
+  if (job->match) report.anchor = s.judge(*job);
+  const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
+  if (anchored) s.take_anchor(*job);
+  s.job_out = false;
+  const bool last_frame = job->step + 1 == s.log.size();
+  report.estimate = s.tell(s.last_telemetry, anchored && last_frame, s.last_tracked);
+  s.told.back() = report.estimate;
   return report;
+}
+
+void Localizer::State::break_track() {
+  held_back_m.setZero();
+  votes.forget();
+  broken_since_job = true;
+  if (log.size() == 1) return;
+  unbroken = false;
+  ++segment;
 }
 
 void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
@@ -159,7 +181,7 @@ Estimate Localizer::State::tell(const Telemetry& telemetry, bool anchored, bool 
   estimate.source = anchored                                    ? SourceLabel::satellite_anchored
                     : tracked && (unbroken || tiles == nullptr) ? SourceLabel::vo_extrapolated
                                                                 : SourceLabel::dead_reckoned;
-  if (told.empty() && !anchored) estimate.source = SourceLabel::dead_reckoned;
+  if (log.size() == 1 && !anchored) estimate.source = SourceLabel::dead_reckoned;
   if (estimate.sigma_m > config.no_fix_sigma_m) estimate.source = SourceLabel::no_fix;
   if (estimate.source != SourceLabel::no_fix) {
     const Eigen::Vector2d at = flight->position_m() - held_back_m;

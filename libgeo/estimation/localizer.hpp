@@ -1,7 +1,9 @@
 // The localizer: frames and telemetry in, estimates out. The same object flies in nadird, replays flights and stands
 // behind the API; it reads no clock and no files but the map's tiles.
 //
-// The path of one frame is Localizer::process(), which reads like the walk in docs/concepts.md.
+// The path of one frame is Localizer::process(), which reads like the walk in docs/concepts.md. Looking at the map
+// takes longer than a frame may wait in flight: follow() and finish() are the same walk in two parts, and what lies
+// between them may run elsewhere while other frames are followed.
 #pragma once
 
 #include <memory>
@@ -34,6 +36,8 @@ struct LocalizerConfig {
 // One axis' sigma of a circular error given as CE90.
 double map_sigma_from_ce90(double ce90_m);
 
+class AnchorJob;
+
 class Localizer {
  public:
   // frame: the plane in which everything is estimated; with a map the one of its mission. tiles: the map, or null for
@@ -44,6 +48,17 @@ class Localizer {
 
   // image: CV_8UC1 or CV_8UC3 of the camera's size; empty when the frame could not be decoded.
   FrameReport process(const cv::Mat& image, const Telemetry& told);
+
+  // The frame without the map. `job`: to be run and handed to finish(); none when there is nothing to look for, or
+  // while another one is out.
+  struct Followed {
+    FrameReport report;
+    std::unique_ptr<AnchorJob> job;
+  };
+  Followed follow(const cv::Mat& image, const Telemetry& told);
+  // What the map said of the job's frame, however many were followed since. The anchor report is of that frame, the
+  // estimate of the last one followed: it has been thought over from the job's frame on.
+  FrameReport finish(std::unique_ptr<AnchorJob> job);
 
   // All frames so far after smoothing with all anchors: same order, same fields.
   std::vector<Estimate> refined() const;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/anchor_job.hpp"
 #include "estimation/localizer_state.hpp"
 #include "geodesy/angles.hpp"
 
@@ -33,25 +34,35 @@ AnchorPrior Localizer::State::anchor_prior() const {
   return prior;
 }
 
-AnchorMatch Localizer::State::match(const cv::Mat& grey, const AnchorPrior& prior) const {
-  if (!lost()) return match_anchor(grey, camera, *tiles, frame, prior, *surface);
-  return match_anchor_anywhere(grey, camera, *tiles, frame, prior,
-                               window.area_left(placed, flight->position_m(), flight->position_sigma_m()), *surface);
+std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, double time_s) {
+  if (job_out || tiles == nullptr || (!placed && !config.area)) return nullptr;
+  const AnchorPrior prior = anchor_prior();
+  const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost()};
+  std::function<AnchorMatch()> look = [this, grey, prior] {
+    return match_anchor(grey, camera, *tiles, frame, prior, *surface);
+  };
+  if (prediction.lost) {
+    look = [this, grey, prior, area = window.area_left(placed, flight->position_m(), flight->position_sigma_m())] {
+      return match_anchor_anywhere(grey, camera, *tiles, frame, prior, area, *surface);
+    };
+  }
+  job_out = true;
+  broken_since_job = false;
+  return std::make_unique<AnchorJob>(AnchorJob{std::move(look), std::nullopt, log.size() - 1, time_s, told_agl_m,
+                                               told_tilt_rad, *flight, prior, prediction});
 }
 
-AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
+AnchorReport Localizer::State::judge(const AnchorJob& job) {
   AnchorReport report;
-  if (tiles == nullptr || (!placed && !config.area)) return report;
-  const AnchorPrior prior = anchor_prior();
-  const AnchorMatch match = this->match(grey, prior);
-  report.window_radius_m = prior.search.radius_m;
+  const AnchorMatch& match = *job.match;
+  report.window_radius_m = job.prior.search.radius_m;
   report.ratio = match.search.ratio;
   if (!match.search.places.empty()) report.score = match.search.places.front().score;
   report.patches = match.patches;
   report.matching_gsd_m = match.fine_gsd_m;
   report.rectified = match.rectified;
   report.matched_map = match.matched_map;
-  Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost()};
+  Prediction prediction = job.prediction;
   std::optional<Eigen::Vector2d> off;
   if (match.solved) {
     const SolvedPose& solved = *match.solved;
@@ -59,61 +70,74 @@ AnchorReport Localizer::State::try_anchor(const cv::Mat& grey) {
     report.heading_rad = solved.pose.attitude.heading_rad;
     report.inliers = solved.inliers;
     report.residual_px = solved.rms_m / match.fine_gsd_m;
-    off = Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - flight->position_m();
+    off = Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - job.flight.position_m();
     const Eigen::Matrix2d spread =
-        kAnchorModelError * solved.covariance.topLeftCorner<2, 2>() + flight->position_covariance_m2();
+        kAnchorModelError * solved.covariance.topLeftCorner<2, 2>() + job.flight.position_covariance_m2();
     prediction.chi2 = off->dot(spread.inverse() * *off);
     report.chi2 = prediction.chi2;
   }
-  report.verdict = judge_anchor(match, prior, prediction, config.gates);
-  confirm(report, off);
+  report.verdict = judge_anchor(match, job.prior, prediction, config.gates);
+  confirm(report, off, job);
   window.attempted(report.verdict);
-  if (report.verdict == AnchorVerdict::accepted) take_anchor(match);
   return report;
 }
 
 // Frames that no prediction confirms confirm each other. Against an earlier anchor, several that contradict it alike
 // are right in the end; against the start they are not: a map may lie, and then nothing is known for sure. Until that
 // is settled the estimate owns up to both places.
-void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m) {
+void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m,
+                               const AnchorJob& job) {
   const bool contradicts = report.verdict == AnchorVerdict::off_prediction;
+  if (contradicts) contradicted_m = *off_m;
+  if (broken_since_job) return;  // a voice about a track that has ended since
   if (!contradicts && report.verdict != AnchorVerdict::awaiting_votes) {
     votes.abstain();
     return;
   }
-  const bool track_has_anchor = unbroken && last_anchor_s;
-  const bool agreed =
-      votes.vote(*off_m, contradicts && track_has_anchor ? AnchorVotes::kNeededAgainstAnchors : AnchorVotes::kNeeded);
-  if (contradicts) contradicted_m = *off_m;
+  const bool against_anchor = contradicts && job.prediction.healthy;
+  const bool agreed = votes.vote(*off_m, against_anchor ? AnchorVotes::kNeededAgainstAnchors : AnchorVotes::kNeeded);
   if (!agreed || (contradicts && !last_anchor_s)) return;
   report.verdict = AnchorVerdict::accepted;
-  if (!contradicts) return;
-  log.back().position_doubt_m = off_m->norm();
-  flight->doubt_position(off_m->norm());
+  if (contradicts) log[job.step].position_doubt_m = off_m->norm();
 }
 
 // Anchors over the same ground err alike (its slope and roofs, the map's own warps): those within a stretch count as
 // one, however many frames there were.
-double Localizer::State::shared_error_factor(const Eigen::Vector2d& position) const {
+double Localizer::State::shared_error_factor(const Eigen::Vector2d& position, double agl_m) const {
   if (!last_anchor_at) return 1;
-  const double stretch_m = kSharedErrorFootprints * footprint_side_m(camera, told_agl_m);
+  const double stretch_m = kSharedErrorFootprints * footprint_side_m(camera, agl_m);
   return std::clamp(stretch_m / std::max(1.0, (position - *last_anchor_at).norm()), 1.0, kMostSharedAnchors);
 }
 
-void Localizer::State::take_anchor(const AnchorMatch& match) {
-  const SolvedPose& solved = *match.solved;
+void Localizer::State::take_anchor(const AnchorJob& job) {
+  const SolvedPose& solved = *job.match->solved;
   const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
-  PoseSight sight = pose_sight(solved, told_agl_m, told_tilt_rad);
-  sight.covariance *= kAnchorModelError * shared_error_factor(position);
+  PoseSight sight = pose_sight(solved, job.told_agl_m, job.told_tilt_rad);
+  sight.covariance *= kAnchorModelError * shared_error_factor(position, job.told_agl_m);
   sight.covariance(2, 2) += kLeastHeightSigma * kLeastHeightSigma;
+  FlightStep& step = log[job.step];
+  step.anchored = sight;
+  flight = job.flight;
+  if (step.position_doubt_m) flight->doubt_position(*step.position_doubt_m);
   flight->anchored(sight);
-  log.back().anchored = sight;
+  last_anchor_s = job.time_s;
   last_anchor_at = position;
+  last_anchor_inliers = solved.inliers;
+  last_anchor_ratio = job.match->search.ratio;
   held_back_m.setZero();
   contradicted_m.setZero();
   votes.forget();
   placed = true;
-  unbroken = true;
+  unbroken = !broken_since_job;
+  follow_again(job.step + 1);
+}
+
+// The frames that were followed while the map was looked at, with what it said.
+void Localizer::State::follow_again(std::size_t from) {
+  for (; from < log.size(); ++from) {
+    held_back_m += take_step(*flight, log[from], true);
+    if (!log[from].moved) held_back_m.setZero();
+  }
 }
 
 }  // namespace nadir

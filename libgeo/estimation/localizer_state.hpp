@@ -1,4 +1,5 @@
-// What the localizer knows, and the steps of its walk. localizer.cpp walks; localizer_anchor.cpp looks at the map.
+// What the localizer knows, and the steps of its walk. localizer.cpp walks; localizer_anchor.cpp looks at the map. A
+// job that is out reads camera, frame, tiles and surface, which never change, and what it was given.
 #pragma once
 
 #include "estimation/anchor_votes.hpp"
@@ -29,14 +30,16 @@ struct Localizer::State {
   // The walk, in order.
   void begin_frame(const Telemetry& telemetry, double seconds);
   bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
+  void break_track();
   std::pair<Eigen::Vector2d, double> start_position() const;
   AnchorPrior anchor_prior() const;
   bool lost() const { return window.lost(placed, flight->position_sigma_m()); }
-  AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) const;
-  AnchorReport try_anchor(const cv::Mat& grey);
-  void confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m);
-  double shared_error_factor(const Eigen::Vector2d& position) const;
-  void take_anchor(const AnchorMatch& match);
+  std::unique_ptr<AnchorJob> anchor_job(const cv::Mat& grey, double time_s);
+  AnchorReport judge(const AnchorJob& job);
+  void confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m, const AnchorJob& job);
+  double shared_error_factor(const Eigen::Vector2d& position, double agl_m) const;
+  void take_anchor(const AnchorJob& job);
+  void follow_again(std::size_t from);
   Estimate tell(const Telemetry& telemetry, bool anchored, bool tracked);
 
   Believed believed() const;
@@ -80,6 +83,10 @@ struct Localizer::State {
   bool unbroken;  // odometry has tracked every frame since the last anchor or the start
   int segment = 0;
   std::vector<Estimate> told;
+  Telemetry last_telemetry;  // of the frame followed last
+  bool last_tracked = false;
+  bool job_out = false;  // a frame is being matched with the map
+  bool broken_since_job = false;
 };
 
 }  // namespace nadir

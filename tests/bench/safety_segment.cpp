@@ -119,7 +119,7 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   Record record;
   record.index = index;
   record.condition = flight.condition->name;
-  const bool unknowable = flight.condition->fault == Fault::map_shift && !start_tells(flight);
+  bool unknowable = false;
   if (talk) {
     talk(fmt::format("segment {}: {}, seed {}, world {}, start {}\n", index, record.condition, flight.seed,
                      flight.world, flight.start ? fmt::format("within {:.0f} m", flight.start_sigma_m) : "unknown"));
@@ -127,6 +127,8 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   for (std::size_t i = 0; i < flight.shots.size(); ++i) {
     const Shot& shot = flight.shots[i];
     tiles.exchange(shot.shifted ? static_cast<const TileSource*>(&shifted) : &right);
+    const bool unanchored = record.accepted == 0;
+    if (shot.shifted && unanchored && !start_tells(flight)) unknowable = true;  // exchanged before anything was known
     const FrameReport report = localizer.process(shot.picture, shot.told);
     judge(report, shot, unknowable, record);
     if (talk) talk(told(i, report, shot));

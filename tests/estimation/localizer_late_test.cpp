@@ -1,0 +1,98 @@
+// In flight a frame is matched with the map while others are followed: what comes late must count as if it had come at
+// once.
+#include <gtest/gtest.h>
+
+#include <thread>
+
+#include "estimation/anchor_job.hpp"
+#include "estimation/localizer_fixture.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace test;
+
+Localizer fresh() { return {flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config()}; }
+
+TEST(LateAnchor, CountsForTheFrameThatItWasTakenFrom) {
+  Localizer late = fresh();
+  std::unique_ptr<AnchorJob> job;
+  FrameReport last;
+  for (const Moment& moment : short_flight()) {
+    auto followed = late.follow(moment.image, moment.telemetry);
+    EXPECT_EQ(followed.report.anchor.verdict, AnchorVerdict::not_tried);
+    EXPECT_EQ(followed.job == nullptr, job != nullptr) << "one at a time";
+    if (!job) job = std::move(followed.job);
+    last = followed.report;
+  }
+  ASSERT_TRUE(job);
+  const Moment& now = short_flight().back();
+  const double before_m = off_m(last.estimate, now), before_sigma_m = last.estimate.sigma_m;
+  job->run();
+  const FrameReport report = late.finish(std::move(job));
+  ASSERT_EQ(report.anchor.verdict, AnchorVerdict::accepted);
+  EXPECT_EQ(report.estimate.frame, now.telemetry.frame) << "the estimate is of the last frame";
+  EXPECT_EQ(report.estimate.source, SourceLabel::vo_extrapolated);
+  EXPECT_DOUBLE_EQ(*report.estimate.anchor_age_s, now.telemetry.time_s - short_flight().front().telemetry.time_s);
+  EXPECT_GT(before_m, 10) << "the start is 19 m off";
+  EXPECT_LT(off_m(report.estimate, now), 4);
+  EXPECT_LT(report.estimate.sigma_m, before_sigma_m);
+  EXPECT_LT(off_m(report.estimate, now), 3 * report.estimate.sigma_m);
+  expect_sound(report.estimate);
+  const auto refined = late.refined();
+  ASSERT_EQ(refined.size(), short_flight().size());
+  for (std::size_t i = 0; i < refined.size(); ++i) EXPECT_LT(off_m(refined[i], short_flight()[i]), 4) << i;
+}
+
+TEST(LateAnchor, AtOnceItIsProcess) {
+  Localizer whole = fresh(), parts = fresh();
+  for (const Moment& moment : short_flight()) {
+    const FrameReport expected = whole.process(moment.image, moment.telemetry);
+    auto followed = parts.follow(moment.image, moment.telemetry);
+    ASSERT_TRUE(followed.job);
+    std::thread([&] { followed.job->run(); }).join();
+    const FrameReport found = parts.finish(std::move(followed.job));
+    EXPECT_EQ(found.anchor.verdict, expected.anchor.verdict);
+    EXPECT_EQ(found.estimate.position->lon_deg, expected.estimate.position->lon_deg) << "bit for bit";
+    EXPECT_EQ(found.estimate.position->lat_deg, expected.estimate.position->lat_deg);
+    EXPECT_EQ(found.estimate.sigma_m, expected.estimate.sigma_m);
+    EXPECT_EQ(found.estimate.source, expected.estimate.source);
+  }
+}
+
+TEST(LateAnchor, FramesAreFollowedWhileItRuns) {
+  Localizer localizer = fresh();
+  auto first = localizer.follow(short_flight()[0].image, short_flight()[0].telemetry);
+  ASSERT_TRUE(first.job);
+  std::thread looking([&] { first.job->run(); });
+  for (std::size_t i = 1; i < short_flight().size(); ++i) {
+    EXPECT_TRUE(localizer.follow(short_flight()[i].image, short_flight()[i].telemetry).report.odometry.tracked);
+  }
+  looking.join();
+  EXPECT_EQ(localizer.finish(std::move(first.job)).anchor.verdict, AnchorVerdict::accepted);
+}
+
+TEST(LateAnchor, ATrackThatBrokeMeanwhileIsStillPlacedButNotWhole) {
+  Localizer localizer = fresh();
+  auto first = localizer.follow(short_flight()[0].image, short_flight()[0].telemetry);
+  first.job->run();
+  const Moment& dark = short_flight()[1];
+  EXPECT_FALSE(localizer.follow(cv::Mat::zeros(dark.image.size(), CV_8UC1), dark.telemetry).report.odometry.tracked);
+  const FrameReport report = localizer.finish(std::move(first.job));
+  EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted);
+  EXPECT_EQ(report.estimate.source, SourceLabel::dead_reckoned);
+  EXPECT_LT(off_m(report.estimate, dark), 3 * report.estimate.sigma_m);
+  EXPECT_EQ(report.estimate.segment, 1);
+}
+
+TEST(LateAnchor, OneThatNeverRanSaysNothing) {
+  Localizer localizer = fresh();
+  auto first = localizer.follow(short_flight()[0].image, short_flight()[0].telemetry);
+  const FrameReport report = localizer.finish(std::move(first.job));
+  EXPECT_EQ(report.anchor.verdict, AnchorVerdict::not_tried);
+  EXPECT_EQ(report.estimate.sigma_m, first.report.estimate.sigma_m);
+  EXPECT_TRUE(localizer.follow(short_flight()[1].image, short_flight()[1].telemetry).job) << "the next one may";
+}
+
+}  // namespace
+}  // namespace nadir
