@@ -73,7 +73,7 @@ Decoded from_wire(const mavlink_timesync_t& w) { return Timesync{.answered_ns = 
 Decoded from_wire(const mavlink_attitude_t& w) {
   const Vector3 rate{w.rollspeed, w.pitchspeed, w.yawspeed};
   if (!finite(w.roll, w.pitch, w.yaw) || !finite(rate)) return std::nullopt;
-  return Attitude{w.time_boot_ms, w.roll, w.pitch, w.yaw, rate};
+  return AircraftAttitude{w.time_boot_ms, w.roll, w.pitch, w.yaw, rate};
 }
 
 Decoded from_wire(const mavlink_global_position_int_t& w) {

@@ -100,7 +100,7 @@ struct SystemTime {
 };
 
 // Aerospace angles: roll right wing down, pitch nose up, yaw clockwise from north.
-struct Attitude {
+struct AircraftAttitude {
   std::uint32_t boot_ms = 0;
   double roll_rad = 0;
   double pitch_rad = 0;
@@ -233,7 +233,7 @@ struct OtherMessage {
 };
 
 using IncomingMessage =
-    std::variant<OtherMessage, Heartbeat, SystemTime, Timesync, Attitude, GlobalPosition, GpsRaw, ImuSample,
+    std::variant<OtherMessage, Heartbeat, SystemTime, Timesync, AircraftAttitude, GlobalPosition, GpsRaw, ImuSample,
                  AirPressure, FlightFigures, WindEstimate, GroundHeight, GroundDistance, EkfStatus, SystemStatus,
                  StatusText, ParameterValue, CommandLong, CommandInt, CommandAck, AutopilotVersion, SimState>;
 
