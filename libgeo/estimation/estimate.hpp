@@ -66,8 +66,19 @@ struct Estimate {
   double latency_ms = 0;
 };
 
+// What is believed beside the position, at the estimate's frame.
+struct Belief {
+  Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // east, north
+  double velocity_sigma_mps = 0;                           // one axis
+  double heading_rad = 0;                                  // of image-up
+  double heading_sigma_rad = 0;
+  double agl_m = 0;
+  double agl_sigma_m = 0;
+};
+
 struct FrameReport {
   Estimate estimate;
+  Belief belief;
   AnchorReport anchor;
   OdometryReport odometry;
 };

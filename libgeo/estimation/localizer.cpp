@@ -63,6 +63,7 @@ Localizer::Followed Localizer::follow(const cv::Mat& image, const Telemetry& tol
     report.anchor.verdict = AnchorVerdict::frame_unfit;
   }
   report.estimate = s.tell(telemetry, false, report.odometry.tracked);
+  report.belief = s.belief();
   s.told.push_back(report.estimate);
   return followed;
 }
@@ -76,6 +77,7 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   s.job_out = false;
   const bool last_frame = job->step + 1 == s.log.size();
   report.estimate = s.tell(s.last_telemetry, anchored && last_frame, s.last_tracked);
+  report.belief = s.belief();
   s.told.back() = report.estimate;
   return report;
 }
@@ -163,6 +165,20 @@ bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, O
   held_back_m += flight->moved(sight);
   log.back().moved = sight;
   return true;
+}
+
+Belief Localizer::State::belief() const {
+  const auto& x = flight->state();
+  const auto& p = flight->covariance();
+  Belief belief;
+  belief.velocity_mps = x.segment<2>(FlightFilter::velocity_east);
+  belief.velocity_sigma_mps =
+      std::sqrt(0.5 * p.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace());
+  belief.heading_rad = x[FlightFilter::heading];
+  belief.heading_sigma_rad = flight->sigma(FlightFilter::heading);
+  belief.agl_m = told_agl_m * std::exp(x[FlightFilter::log_height]);
+  belief.agl_sigma_m = belief.agl_m * flight->sigma(FlightFilter::log_height);
+  return belief;
 }
 
 Estimate Localizer::State::tell(const Telemetry& telemetry, bool anchored, bool tracked) {

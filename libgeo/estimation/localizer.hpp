@@ -29,6 +29,10 @@ struct LocalizerConfig {
   double no_fix_sigma_m = 500;             // beyond this no position is told
   double map_sigma_m = 2.8;                // one axis of the map's own error, see map_sigma_from_ce90()
   double assumed_agl_m = 120;              // only when telemetry never tells the height
+  // A healthy flight need not look at the map for every frame: after so much way, or when less sure than this (one
+  // axis). 0 m: every frame.
+  double anchor_every_m = 0;
+  double anchor_above_sigma_m = 5;
   std::optional<PlaneBox> area;            // where the flight can be at all: searched when the start is not known
   const GroundSurface* surface = nullptr;  // terrain; null: flat ground. Must outlive the localizer.
 };

@@ -34,8 +34,14 @@ AnchorPrior Localizer::State::anchor_prior() const {
   return prior;
 }
 
+bool Localizer::State::anchor_due() const {
+  if (config.anchor_every_m <= 0 || !last_anchor_at || !unbroken || last_look_failed) return true;
+  return flight->position_sigma_m() > config.anchor_above_sigma_m ||
+         (flight->position_m() - *last_anchor_at).norm() >= config.anchor_every_m;
+}
+
 std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, double time_s) {
-  if (job_out || tiles == nullptr || (!placed && !config.area)) return nullptr;
+  if (job_out || tiles == nullptr || (!placed && !config.area) || !anchor_due()) return nullptr;
   const AnchorPrior prior = anchor_prior();
   const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost()};
   std::function<AnchorMatch()> look = [this, grey, prior] {
@@ -79,6 +85,7 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
   report.verdict = judge_anchor(match, job.prior, prediction, config.gates);
   confirm(report, off, job);
   window.attempted(report.verdict);
+  last_look_failed = report.verdict != AnchorVerdict::accepted;
   return report;
 }
 

@@ -34,6 +34,7 @@ struct Localizer::State {
   std::pair<Eigen::Vector2d, double> start_position() const;
   AnchorPrior anchor_prior() const;
   bool lost() const { return window.lost(placed, flight->position_sigma_m()); }
+  bool anchor_due() const;
   std::unique_ptr<AnchorJob> anchor_job(const cv::Mat& grey, double time_s);
   AnchorReport judge(const AnchorJob& job);
   void confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m, const AnchorJob& job);
@@ -41,6 +42,7 @@ struct Localizer::State {
   void take_anchor(const AnchorJob& job);
   void follow_again(std::size_t from);
   Estimate tell(const Telemetry& telemetry, bool anchored, bool tracked);
+  Belief belief() const;
 
   Believed believed() const;
   CameraPose believed_pose() const;
@@ -86,6 +88,7 @@ struct Localizer::State {
   Telemetry last_telemetry;  // of the frame followed last
   bool last_tracked = false;
   bool job_out = false;  // a frame is being matched with the map
+  bool last_look_failed = false;
   bool broken_since_job = false;
 };
 

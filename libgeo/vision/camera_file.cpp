@@ -3,7 +3,7 @@
 #include "base/error.hpp"
 #include "base/yaml.hpp"
 #include "geodesy/angles.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera_file.hpp"
 
 namespace nadir {
 namespace {
@@ -53,8 +53,9 @@ TelemetryUncertainty read_uncertainty(const YamlNode& node) {
 
 }  // namespace
 
-CameraFile read_camera_file(const std::filesystem::path& path) {
-  const YamlNode root = YamlNode::read(path);
+CameraFile read_camera_file(const std::filesystem::path& path) { return read_camera(YamlNode::read(path)); }
+
+CameraFile read_camera(const YamlNode& root) {
   root.allow_only({"model", "width", "height", "fx", "fy", "cx", "cy", "distortion", "uncertainty"});
   if (root.required("model").text() != "pinhole") root.required("model").reject("the model \"pinhole\"");
   CameraFile file;

@@ -85,6 +85,31 @@ TEST(LateAnchor, ATrackThatBrokeMeanwhileIsStillPlacedButNotWhole) {
   EXPECT_EQ(report.estimate.segment, 1);
 }
 
+TEST(LateAnchor, AHealthyFlightLooksAtTheMapWhenItHasFlownSomeWay) {
+  LocalizerConfig sparing = config();
+  sparing.anchor_every_m = 1000;
+  sparing.anchor_above_sigma_m = 100;
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), sparing);
+  std::vector<AnchorVerdict> verdicts;
+  for (const Moment& moment : short_flight()) {
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    verdicts.push_back(report.anchor.verdict);
+    EXPECT_LT(off_m(report.estimate, moment), 4);
+  }
+  EXPECT_EQ(verdicts, (std::vector{AnchorVerdict::accepted, AnchorVerdict::not_tried, AnchorVerdict::not_tried,
+                                   AnchorVerdict::not_tried}));
+}
+
+TEST(LateAnchor, WhatIsBelievedComesAlong) {
+  Localizer localizer = fresh();
+  FrameReport report;
+  for (const Moment& moment : short_flight()) report = localizer.process(moment.image, moment.telemetry);
+  EXPECT_NEAR(report.belief.velocity_mps.norm(), 17, 2);
+  EXPECT_LT(report.belief.velocity_sigma_mps, 3);
+  EXPECT_NEAR(report.belief.agl_m, short_flight().back().truth.agl_m, 4 * report.belief.agl_sigma_m);
+  EXPECT_NEAR(report.belief.heading_rad, short_flight().back().truth.attitude.heading_rad, 0.05);
+}
+
 TEST(LateAnchor, OneThatNeverRanSaysNothing) {
   Localizer localizer = fresh();
   auto first = localizer.follow(short_flight()[0].image, short_flight()[0].telemetry);
