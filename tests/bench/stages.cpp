@@ -21,6 +21,7 @@
 #include "replay/pictures.hpp"
 #include "replay/truth.hpp"
 #include "vision/anchor_matcher.hpp"
+#include "vision/flight_picture.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/patch_match.hpp"
 
@@ -127,7 +128,7 @@ int run(const std::vector<std::string>& arguments) {
   const TileSource& tiles = opening.package->imagery();
   const LocalFrame frame = mission_frame(opening.package->mission());
   LocalizerConfig config;
-  const int shrink = harmless_shrink({flight.camera.camera.width, flight.camera.camera.height});
+  const int shrink = harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
   Localizer localizer(camera, frame, &tiles, truth.front(), config);

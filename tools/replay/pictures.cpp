@@ -52,16 +52,6 @@ cv::Mat read_picture(const std::filesystem::path& path, int shrink) {
   }
 }
 
-int harmless_shrink(const PictureSize& size) {
-  constexpr int kLeastSide = 1280, kLargest = 8;
-  int shrink = 1;
-  while (shrink < kLargest && std::max(size.width, size.height) / (2 * shrink) >= kLeastSide &&
-         size.width % (2 * shrink) == 0 && size.height % (2 * shrink) == 0) {
-    shrink *= 2;
-  }
-  return shrink;
-}
-
 std::string jpeg_data_uri(const cv::Mat& picture, int max_side, int quality) {
   cv::Mat small = picture;
   const int side = std::max(picture.cols, picture.rows);

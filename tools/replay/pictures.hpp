@@ -21,10 +21,6 @@ PictureSize read_picture_size(const std::filesystem::path& path);
 // the frame unfit.
 cv::Mat read_picture(const std::filesystem::path& path, int shrink = 1);
 
-// How much smaller pictures of a size may be decoded without loss for the localizer, which looks at some 500 pixels
-// across: a large JPEG costs a fraction then. 1 where halves would not be whole.
-int harmless_shrink(const PictureSize& size);
-
 // "data:image/jpeg;base64,…" of a CV_8UC1 or CV_8UC3 picture, shrunk so that no side exceeds `max_side` pixels.
 std::string jpeg_data_uri(const cv::Mat& picture, int max_side, int quality);
 

@@ -5,6 +5,7 @@
 #include "estimation/localizer.hpp"
 #include "replay/pictures.hpp"
 #include "replay/score.hpp"
+#include "vision/flight_picture.hpp"
 
 namespace nadir {
 namespace {
@@ -23,7 +24,7 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
   if (setup.map_sigma_m) config.map_sigma_m = *setup.map_sigma_m;
   config.surface = setup.surface;
   config.area = setup.area;
-  const int shrink = harmless_shrink({flight.camera.camera.width, flight.camera.camera.height});
+  const int shrink = harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
   Localizer localizer(camera, setup.frame, setup.tiles, setup.start, config);
