@@ -11,6 +11,7 @@
 #include "estimation/terrain_surface.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "replay/backends.hpp"
 #include "replay/flight_map.hpp"
 #include "replay/replay_flight.hpp"
 #include "replay/report.hpp"
@@ -82,6 +83,15 @@ void ReplayCommand::setup(Options& options) {
   options.value("--at", at_, "TIME", "judge the package as if it were then; the present time by default");
   options.value("--start", start_, "LON,LAT",
                 "where the first frame was taken; without it all of the mission's area is searched");
+  options
+      .value("--odometry", odometry_, "NAME",
+             "how motion is seen: features (SIFT), or flow (whole pictures and patches)")
+      .one_of({"features", "flow"});
+  options
+      .value("--matcher", matcher_, "NAME",
+             "how frames are matched with the map: channels (oriented gradients), or sift")
+      .one_of({"channels", "sift"})
+      .needs("--package");
   options.value("--truth", truth_, "FILE.csv", "real positions, for scoring only");
 }
 
@@ -105,7 +115,9 @@ int ReplayCommand::run(Context& context) {
                     .map_sigma_m = std::nullopt,
                     .start = start_,
                     .area = std::nullopt,
-                    .surface = nullptr};
+                    .surface = nullptr,
+                    .odometry = odometry_named(odometry_),
+                    .matcher = matcher_named(matcher_)};
   if (package_) {
     Opening opening =
         open_flight_map({*package_, *trust_, airframe_}, judging_time(at_, context.clock), context.progress);

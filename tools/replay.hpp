@@ -31,6 +31,8 @@ class ReplayCommand final : public Command {
   FlightPaths paths_;
   std::optional<std::filesystem::path> truth_;
   std::optional<LonLat> start_;
+  std::string odometry_ = "features";
+  std::string matcher_ = "channels";
   std::filesystem::path out_;
 };
 

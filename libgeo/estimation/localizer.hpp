@@ -13,11 +13,13 @@
 
 #include "estimation/anchor_gates.hpp"
 #include "estimation/estimate.hpp"
+#include "estimation/odometry.hpp"
 #include "estimation/telemetry.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/camera_model.hpp"
 #include "vision/ground_surface.hpp"
+#include "vision/place_matcher.hpp"
 
 namespace nadir {
 
@@ -26,15 +28,17 @@ struct LocalizerConfig {
   double start_sigma_m = 50;        // of the start position, one axis
   double min_search_radius_m = 60;  // half side of the searched square
   double max_search_radius_m = 1200;
-  double no_fix_sigma_m = 500;             // beyond this no position is told
-  double map_sigma_m = 2.8;                // one axis of the map's own error, see map_sigma_from_ce90()
-  double assumed_agl_m = 120;              // only when telemetry never tells the height
+  double no_fix_sigma_m = 500;  // beyond this no position is told
+  double map_sigma_m = 2.8;     // one axis of the map's own error, see map_sigma_from_ce90()
+  double assumed_agl_m = 120;   // only when telemetry never tells the height
   // A healthy flight need not look at the map for every frame: after so much way, or when less sure than this (one
   // axis). 0 m: every frame.
   double anchor_every_m = 0;
   double anchor_above_sigma_m = 5;
   std::optional<PlaneBox> area;            // where the flight can be at all: searched when the start is not known
   const GroundSurface* surface = nullptr;  // terrain; null: flat ground. Must outlive the localizer.
+  OdometryFactory odometry = make_feature_odometry;
+  PlaceMatcherFactory matcher = make_channel_matcher;
 };
 
 // One axis' sigma of a circular error given as CE90.

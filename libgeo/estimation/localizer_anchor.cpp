@@ -44,12 +44,10 @@ std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, dou
   if (job_out || tiles == nullptr || (!placed && !config.area) || !anchor_due()) return nullptr;
   const AnchorPrior prior = anchor_prior();
   const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost()};
-  std::function<AnchorMatch()> look = [this, grey, prior] {
-    return match_anchor(grey, camera, *tiles, frame, prior, *surface);
-  };
+  std::function<AnchorMatch()> look = [this, grey, prior] { return matcher->match(grey, prior); };
   if (prediction.lost) {
     look = [this, grey, prior, area = window.area_left(placed, flight->position_m(), flight->position_sigma_m())] {
-      return match_anchor_anywhere(grey, camera, *tiles, frame, prior, area, *surface);
+      return matcher->match_anywhere(grey, prior, area);
     };
   }
   job_out = true;

@@ -23,7 +23,8 @@ struct Localizer::State {
         config(localizer_config),
         placed(known_start.has_value()),
         surface(config.surface != nullptr ? config.surface : &flat),
-        odometry(make_feature_odometry()),
+        odometry(config.odometry()),
+        matcher(tiles != nullptr ? config.matcher({camera, *tiles, frame, *surface}) : nullptr),
         window(localizer_config),
         unbroken(known_start.has_value()) {}
 
@@ -64,6 +65,7 @@ struct Localizer::State {
   std::optional<FlightFilter> fresh;   // the same before the first frame
   std::vector<FlightStep> log;
   std::unique_ptr<OdometryFrontEnd> odometry;
+  std::unique_ptr<PlaceMatcher> matcher;  // none without a map
 
   FrozenFrame frozen;
   bool tilt_logged = false;  // the telemetry has pitch and roll, if not in each frame

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
@@ -47,8 +48,14 @@ class OdometryFrontEnd {
   virtual void reset() = 0;
 };
 
+using OdometryFactory = std::function<std::unique_ptr<OdometryFrontEnd>()>;
+
 // SIFT features, a robust homography to choose the matches, then both cameras' attitudes and the motion in metres from
 // the rays of the matches over a plane.
 std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
+
+// No features: both pictures are resampled to the ground's north-up grid, correlated as wholes, and then patch by patch.
+// Attitudes must be known to some degrees and a quarter of the picture be shared.
+std::unique_ptr<OdometryFrontEnd> make_flow_odometry();
 
 }  // namespace nadir

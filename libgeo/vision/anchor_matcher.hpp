@@ -33,14 +33,14 @@ struct AnchorMatch {
 };
 
 AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
-                         const LocalFrame& frame, const AnchorPrior& prior,
-                         const GroundSurface& surface = FlatGround());
+                         const LocalFrame& frame, const AnchorPrior& prior, const GroundSurface& surface = FlatGround(),
+                         const Likeness& likeness = {});
 
 // The same when nothing is known of the position: all of `area` (camera positions, in the map's plane) is searched, and
 // the ratio compares the best place with the best one anywhere else in it. The position in `prior` is not used.
 AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
                                   const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
-                                  const GroundSurface& surface = FlatGround());
+                                  const GroundSurface& surface = FlatGround(), const Likeness& likeness = {});
 
 // The ground sample distances to match at: fine enough for a template of some 400 pixels, never much finer than frame
 // or map.

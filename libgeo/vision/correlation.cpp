@@ -44,8 +44,8 @@ cv::Size placements_of(cv::Size window, cv::Size pattern) {
 }
 
 // Subtracts the mean under the mask and clears the rest.
-cv::Mat centred(const cv::Mat& pair, const cv::Mat& mask) {
-  cv::Mat result = pair - cv::mean(pair, mask);
+cv::Mat centred(const cv::Mat& pair, const cv::Mat& mask, bool means_removed) {
+  cv::Mat result = pair - (means_removed ? cv::mean(pair, mask) : cv::Scalar());
   result.setTo(cv::Scalar::all(0), mask == 0);
   return result;
 }
@@ -78,10 +78,11 @@ Peak refined_peak(const cv::Mat& scores, cv::Point at) {
 
 WindowSpectra::WindowSpectra(const Channels& window)
     : window_size_(window.mask.size()),
-      fft_size_(cv::getOptimalDFTSize(window.mask.cols), cv::getOptimalDFTSize(window.mask.rows)) {
+      fft_size_(cv::getOptimalDFTSize(window.mask.cols), cv::getOptimalDFTSize(window.mask.rows)),
+      means_removed_(window.means_removed) {
   cv::Mat energy = cv::Mat::zeros(window_size_, CV_32FC1);
   for (const cv::Mat& pair : window.pairs) {
-    const cv::Mat levelled = centred(pair, window.mask);
+    const cv::Mat levelled = centred(pair, window.mask, means_removed_);
     cv::Mat parts[2];
     cv::split(levelled, parts);
     energy += parts[0].mul(parts[0]) + parts[1].mul(parts[1]);
@@ -100,6 +101,7 @@ TemplateNorm::TemplateNorm(const Channels& shape, const WindowSpectra& window, d
   const cv::Mat sums = inverse(product_with_conjugate(window.energy_and_valid_, mask), placements);
   cv::Mat means_squared = cv::Mat::zeros(placements, CV_32FC1);
   for (const cv::Mat& pair : window.pairs_) {
+    if (!window.means_removed_) break;
     const cv::Mat sum = inverse(product_with_conjugate(pair, mask), placements);
     for (int r = 0; r < placements.height; ++r) {
       const auto* from = sum.ptr<cv::Vec2f>(r);
@@ -129,7 +131,7 @@ cv::Mat correlate(const Channels& pattern, const WindowSpectra& window, const Te
   cv::Mat sum = cv::Mat::zeros(window.fft_size_, CV_32FC2);
   double energy = 0;
   for (std::size_t i = 0; i < pattern.pairs.size(); ++i) {
-    const cv::Mat levelled = centred(pattern.pairs[i], pattern.mask);
+    const cv::Mat levelled = centred(pattern.pairs[i], pattern.mask, window.means_removed_);
     energy += levelled.dot(levelled);
     sum += product_with_conjugate(window.pairs_[i], spectrum_of(levelled, window.fft_size_));
   }

@@ -26,6 +26,7 @@ class WindowSpectra {
 
   cv::Size window_size_;
   cv::Size fft_size_;
+  bool means_removed_;
   std::vector<cv::Mat> pairs_;  // spectra of the channel pairs, each channel's global mean removed
   cv::Mat energy_and_valid_;    // spectrum of (sum of squares, 1 where valid) as one complex image
 };

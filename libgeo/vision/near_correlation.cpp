@@ -41,7 +41,8 @@ void add_differences(const Whole* end, const Whole* begin, std::size_t group, st
 
 }  // namespace
 
-WholeChannels::WholeChannels(const Channels& channels) : mask_(channels.mask), channels_(2 * channels.pairs.size()) {
+WholeChannels::WholeChannels(const Channels& channels)
+    : mask_(channels.mask), channels_(2 * channels.pairs.size()), means_removed_(channels.means_removed) {
   const auto rows = static_cast<std::size_t>(mask_.rows), columns = static_cast<std::size_t>(mask_.cols);
   values_.resize(rows * columns * channels_);
   sums_.resize(rows * (columns + 1) * channels_);
@@ -50,7 +51,7 @@ WholeChannels::WholeChannels(const Channels& channels) : mask_(channels.mask), c
   // What is not valid counts as the mean, which is then 0.
   std::vector<float> mean;
   for (const cv::Mat& pair : channels.pairs) {
-    const cv::Scalar both = cv::mean(pair, mask_);
+    const cv::Scalar both = means_removed_ ? cv::mean(pair, mask_) : cv::Scalar();
     for (const int k : {0, 1}) mean.push_back(std::round(static_cast<float>(both[k]) * kScale));
   }
   for (std::size_t r = 0; r < rows; ++r) {
@@ -107,6 +108,7 @@ NearPattern::NearPattern(const WholeChannels& of, const cv::Rect& part) : of_(&o
     }
   }
   energy_ = squares;
+  if (!of.means_removed_) std::fill(sums_.begin(), sums_.end(), 0.0);
   for (const double sum : sums_) energy_ -= sum * sum / std::max(1.0, pixels_);
 }
 
@@ -152,7 +154,7 @@ cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Si
       for (std::size_t k = 0; k < channels; ++k) {
         const double sum = sums[i * channels + k];
         product -= sums_[k] * sum / pixels_;
-        energy -= sum * sum / seen;
+        if (of_->means_removed_) energy -= sum * sum / seen;
       }
       // As in correlation.cpp: what has no texture matches nothing, and what is half off the map is not favoured.
       constexpr double kLeastVariance = 1e-6 * double{kScale} * double{kScale};

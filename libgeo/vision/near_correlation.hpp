@@ -24,6 +24,7 @@ class WholeChannels {
 
   cv::Mat mask_;
   std::size_t channels_ = 0;
+  bool means_removed_ = true;
   std::vector<std::int16_t> values_;   // row by row, pixel by pixel, less the mean, 0 where the mask is
   std::vector<std::int32_t> sums_;     // of each channel from the row's begin to before the pixel; one more than pixels
   std::vector<std::int64_t> squares_;  // of all channels, likewise

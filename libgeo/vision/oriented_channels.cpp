@@ -93,6 +93,12 @@ std::vector<cv::Mat> orientation_pairs(const Gradient& g, const cv::Mat& strengt
   return pairs;
 }
 
+cv::Mat alone(const cv::Mat& channel) {
+  cv::Mat pair;
+  cv::merge(std::vector<cv::Mat>{channel, cv::Mat::zeros(channel.size(), CV_32FC1)}, pair);
+  return pair;
+}
+
 // Clears what the mask leaves out. Nothing to do is the usual case in the map.
 void clear_outside(cv::Mat& values, const cv::Mat& mask, bool whole) {
   if (whole) return;
@@ -112,6 +118,14 @@ void clear_outside(cv::Mat& values, const cv::Mat& mask, bool whole) {
 Channels oriented_channels(const cv::Mat& grey, const cv::Mat& mask, ChannelSet set, const ChannelOptions& options) {
   Channels channels;
   channels.mask = usable_part(mask, grey.size(), 2 * options.sigma_px + 1);
+  channels.means_removed = options.means_removed;
+  if (set == ChannelSet::grey) {
+    cv::Mat level;
+    grey.convertTo(level, CV_32F, 1.0 / 128);
+    cv::GaussianBlur(level, level, cv::Size(), options.sigma_px, options.sigma_px, cv::BORDER_REFLECT_101);
+    channels.pairs.push_back(alone(level));
+    return channels;
+  }
   const bool whole = cv::countNonZero(channels.mask) == static_cast<int>(channels.mask.total());
   const Gradient gradient = gradient_of(grey, options.sigma_px);
   cv::Mat strength;
@@ -120,6 +134,8 @@ Channels oriented_channels(const cv::Mat& grey, const cv::Mat& mask, ChannelSet 
   const cv::Mat factor = levelling(strength, channels.mask, options);
   if (set == ChannelSet::double_angle) {
     channels.pairs.push_back(double_angle_pair(gradient, strength, factor));
+  } else if (set == ChannelSet::strength) {
+    channels.pairs.push_back(alone(strength.mul(factor)));
   } else {
     channels.pairs = orientation_pairs(gradient, strength, factor);
   }

@@ -117,8 +117,9 @@ PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camer
                         cv::Rect(0, 0, map.image.cols, map.image.rows);
   PatchMatches matches;
   if (used.empty()) return matches;
-  const WholeChannels on_frame(oriented_channels(frame.image, frame.mask, ChannelSet::six_orientations));
-  const WholeChannels on_map(oriented_channels(map.image(used), map.mask(used), ChannelSet::six_orientations));
+  const Likeness& like = options.likeness;
+  const WholeChannels on_frame(oriented_channels(frame.image, frame.mask, like.fine, like.channels));
+  const WholeChannels on_map(oriented_channels(map.image(used), map.mask(used), like.fine, like.channels));
   const auto places = patch_places(frame, camera, pose, options, surface);
   matches.tried = static_cast<int>(places.size());
   for (const cv::Rect& place : places) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "imagery/map_window.hpp"
+#include "vision/oriented_channels.hpp"
 #include "vision/rectify.hpp"
 
 namespace nadir {
@@ -19,6 +20,7 @@ struct PatchOptions {
   int rows = 8;
   double search_px = 10;   // a patch may lie this far off
   double min_score = 0.2;  // correlation below this is no match
+  Likeness likeness;       // its fine channels
 };
 
 struct PatchMatch {

@@ -57,8 +57,8 @@ std::optional<GroundGrid> template_grid(const CameraModel& camera, const CameraP
   return grid;
 }
 
-Channels channels_of(const RectifiedFrame& frame, ChannelSet set) {
-  return oriented_channels(frame.image, frame.mask, set);
+Channels channels_of(const RectifiedFrame& frame, ChannelSet set, const SearchOptions& options) {
+  return oriented_channels(frame.image, frame.mask, set, options.likeness.channels);
 }
 
 struct ScaledMap {
@@ -111,17 +111,17 @@ std::vector<Place> distinct(std::vector<Place> places, double distinct_m, double
 
 std::vector<Place> sweep(const ReducedFrame& frame, const ScaledMap& map, const SearchPrior& prior,
                          const std::vector<Hypothesis>& hypotheses, const SearchOptions& options, std::size_t count) {
+  const ChannelSet set = options.likeness.sweep;
   const auto grid = template_grid(frame.camera, prior.pose, hypotheses, map.gsd_m);
   if (!grid || grid->columns > map.image.cols || grid->rows > map.image.rows) return {};
-  const WindowSpectra window(oriented_channels(map.image, map.mask, ChannelSet::double_angle));
+  const WindowSpectra window(oriented_channels(map.image, map.mask, set, options.likeness.channels));
   // The denominator varies little over the sweep: one, from the middle hypothesis, serves all.
   const Hypothesis middle = hypotheses[hypotheses.size() / 2];
-  const TemplateNorm norm(channels_of(rectify(frame, with(prior.pose, middle, {}), *grid), ChannelSet::double_angle),
-                          window);
+  const TemplateNorm norm(channels_of(rectify(frame, with(prior.pose, middle, {}), *grid), set, options), window);
   std::vector<Place> places;
   for (const Hypothesis& hypothesis : hypotheses) {
     const RectifiedFrame rectified = rectify(frame, with(prior.pose, hypothesis, {}), *grid);
-    const cv::Mat scores = correlate(channels_of(rectified, ChannelSet::double_angle), window, norm);
+    const cv::Mat scores = correlate(channels_of(rectified, set, options), window, norm);
     const cv::Rect part = searched_part(map, *grid, prior, scores.size());
     if (part.empty()) continue;
     for (const Peak& peak : distinct_peaks(scores(part), count, options.distinct_m / map.gsd_m)) {
@@ -136,7 +136,8 @@ std::vector<Place> sweep(const ReducedFrame& frame, const ScaledMap& map, const 
 
 // The best pose near a candidate, with all channels.
 void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, const std::vector<Hypothesis>& hypotheses,
-             double slack_m) {
+             double slack_m, const SearchOptions& options) {
+  const ChannelSet set = options.likeness.fine;
   const auto grid = template_grid(frame.camera, place.pose, hypotheses, map.gsd_m);
   if (!grid) return;
   const int slack = static_cast<int>(std::ceil(slack_m / map.gsd_m));
@@ -150,11 +151,10 @@ void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, cons
   cv::Mat image(part.size(), CV_8UC1, cv::Scalar(0)), mask(part.size(), CV_8UC1, cv::Scalar(0));
   map.image(available).copyTo(image(available - part.tl()));
   map.mask(available).copyTo(mask(available - part.tl()));
-  const WholeChannels window(oriented_channels(image, mask, ChannelSet::six_orientations));
+  const WholeChannels window(oriented_channels(image, mask, set, options.likeness.channels));
   const CameraPose begin = place.pose;
   for (const Hypothesis& hypothesis : hypotheses) {
-    const WholeChannels whole(
-        channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), ChannelSet::six_orientations));
+    const WholeChannels whole(channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), set, options));
     const NearPattern pattern(whole, cv::Rect(cv::Point(), whole.size()));
     const Peak peak = best_peak(pattern.scores(window, {0, 0}, {2 * slack + 1, 2 * slack + 1}));
     if (peak.score <= place.score) continue;
@@ -195,15 +195,15 @@ SearchResult search_place(const cv::Mat& grey, const CameraModel& camera, const 
   result.places = sweep(reduce_frame(frame.image, frame.camera, prior.pose.agl_m, sweep_map.gsd_m), sweep_map, prior,
                         wide, options, options.candidates * (wide_window ? 2 : 1));
   const double slack_m = 2 * sweep_map.gsd_m;
-  for (Place& place : result.places) confirm(place, frame, confirm_map, {hypothesis_of(place)}, slack_m);
+  for (Place& place : result.places) confirm(place, frame, confirm_map, {hypothesis_of(place)}, slack_m, options);
   // The two best fight it out over the headings and scales between the sweep's steps.
   std::stable_sort(result.places.begin(), result.places.end(),
                    [](const Place& one, const Place& other) { return one.score > other.score; });
   for (std::size_t i = 0; i < std::min<std::size_t>(2, result.places.size()); ++i) {
     Place& place = result.places[i];
     const double turn = options.heading_step_rad / 2, scale = options.scale_step / 2, near_m = 2 * confirm_map.gsd_m;
-    confirm(place, frame, confirm_map, around(hypothesis_of(place), turn, turn, 0, 1), near_m);
-    confirm(place, frame, confirm_map, around(hypothesis_of(place), 0, 1, scale, scale), near_m);
+    confirm(place, frame, confirm_map, around(hypothesis_of(place), turn, turn, 0, 1), near_m, options);
+    confirm(place, frame, confirm_map, around(hypothesis_of(place), 0, 1, scale, scale), near_m, options);
   }
   return best_of(std::move(result.places), options);
 }

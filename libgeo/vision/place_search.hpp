@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "imagery/map_window.hpp"
+#include "vision/oriented_channels.hpp"
 #include "vision/rectify.hpp"
 
 namespace nadir {
@@ -25,6 +26,7 @@ struct SearchOptions {
   std::size_t candidates = 5;       // places that are confirmed
   double heading_step_rad = 0.052;  // 3 degrees
   double scale_step = 0.04;
+  Likeness likeness;
 };
 
 struct Place {

@@ -1,12 +1,7 @@
 # Sourced: $nadir, and in $work a world, its signed package, and a flight of sixty frames over it on another day.
-nadir=$PWD/build/bin/nadir
-work=$(mktemp -d "${TMPDIR:-/tmp}/nadir-bench.XXXXXX")
-trap 'rm -rf "$work"' EXIT
+. tests/bench/keys.sh
 
 "$nadir" simulate world --seed 1 --size-km 2 --gsd-m 0.4 --out "$work/world" --quiet >/dev/null
-for name in signer root; do "$nadir" keys create --out "$work/$name" >/dev/null; done
-"$nadir" keys root --root-key "$work/root.key.pem" --package-signer "$work/signer.pub.pem" --expires 2035-01-01 \
-  --out "$work/root.json" >/dev/null
 "$nadir" cache build --mission "$work/world/mission.yaml" --imagery "$work/world/map.tif" --dem "$work/world/dem.tif" \
   --key "$work/signer.key.pem" --out "$work/package" --quiet >/dev/null
 "$nadir" simulate flight --world "$work/world/ground.tif" --dem "$work/world/dem.tif" --mission "$work/world/mission.yaml" \

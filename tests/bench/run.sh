@@ -19,6 +19,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
   localization  a flight of sixty frames over a landscape of another day
   latency       the CPU time of a frame, stage by stage, over a simulated flight
+  ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)
   safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
@@ -48,6 +49,7 @@ part() {
     large)        programs && python3 "$here/large.py" "$@" ;;
     localization) "$here/localization.sh" "$@" ;;
     latency)      one_program bench_stages && "$here/latency.sh" "$@" ;;
+    ablations)    one_program bench_ablations && "$here/ablations.sh" "$@" ;;
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
@@ -59,8 +61,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, latency, safety, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | latency | safety | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, latency, ablations, safety, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | latency | ablations | safety | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -7,11 +7,11 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <ctime>
 #include <map>
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/odometry.hpp"
 #include "imagery/map_window.hpp"
@@ -28,13 +28,9 @@
 namespace nadir {
 namespace {
 
-constexpr double kHeadingRange_rad = 0.12, kScaleRange = 0.06, kRadius_m = 60;
+using bench::cpu_ms;
 
-double cpu_ms() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
+constexpr double kHeadingRange_rad = 0.12, kScaleRange = 0.06, kRadius_m = 60;
 
 class Stages {
  public:
@@ -102,7 +98,7 @@ void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, con
   stages.run("channels, fine, once",
              [&] { return oriented_channels(rectified.image, rectified.mask, ChannelSet::six_orientations); });
   stages.run("patches, last round", [&] {
-    return match_patches(rectified, reduced.camera, found, map, {48, 12, 8, 6, 0.2});
+    return match_patches(rectified, reduced.camera, found, map, {48, 12, 8, 6, 0.2, {}});
   });
 }
 

@@ -6,6 +6,7 @@
 
 #include "base/progress.hpp"
 #include "estimation/estimate.hpp"
+#include "estimation/odometry.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
@@ -14,6 +15,7 @@
 #include "replay/truth.hpp"
 #include "replay/worst_frames.hpp"
 #include "vision/ground_surface.hpp"
+#include "vision/place_matcher.hpp"
 
 namespace nadir {
 
@@ -31,6 +33,8 @@ struct ReplaySetup {
   std::optional<LonLat> start;
   std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
   const GroundSurface* surface = nullptr;  // null: flat ground
+  OdometryFactory odometry = make_feature_odometry;
+  PlaceMatcherFactory matcher = make_channel_matcher;
 };
 
 // The truth only chooses whose pictures are kept for the report.

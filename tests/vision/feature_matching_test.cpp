@@ -1,4 +1,4 @@
-#include "estimation/feature_matching.hpp"
+#include "vision/feature_matching.hpp"
 
 #include <gtest/gtest.h>
 

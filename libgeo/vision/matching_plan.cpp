@@ -1,0 +1,88 @@
+#include "vision/matching_plan.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "geodesy/web_mercator.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kAreaWindow_m = 1600;      // side of the squares in which an area is searched
+constexpr double kFineTemplate_px = 400;    // longer side of the fine template
+constexpr double kCoarseTemplate_px = 170;  // still enough structure to find a place among thousands
+
+}  // namespace
+
+PlaneBox square_around(PlanePoint middle, double half_side_m) {
+  return {middle.east_m - half_side_m, middle.north_m - half_side_m, middle.east_m + half_side_m,
+          middle.north_m + half_side_m};
+}
+
+MapWindow cropped_to_map(const MapWindow& map, double rim_m) {
+  const int rim = static_cast<int>(std::ceil(rim_m / map.gsd_m));
+  const cv::Rect box = cv::boundingRect(map.mask);
+  const cv::Rect kept = cv::Rect(box.x - rim, box.y - rim, box.width + 2 * rim, box.height + 2 * rim) &
+                        cv::Rect(0, 0, map.image.cols, map.image.rows);
+  MapWindow result = map;
+  result.image = map.image(kept);
+  result.mask = map.mask(kept);
+  result.west_m += kept.x * map.gsd_m;
+  result.north_m -= kept.y * map.gsd_m;
+  return result;
+}
+
+std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const TileSource& tiles, const LocalFrame& frame,
+                                          const SearchPrior& prior) {
+  const LonLat middle = frame.lonlat_from_enu(prior.pose.position.east_m, prior.pose.position.north_m);
+  MatchingPlan plan;
+  plan.scale = matching_scale(camera, prior.pose.agl_m, ground_resolution_m(tiles.zooms().max, middle.lat_deg));
+  plan.options.gsd_m = plan.scale.coarse_gsd_m;
+  plan.options.distinct_m = std::max(25.0, 12 * plan.scale.coarse_gsd_m);
+  CameraPose highest = prior.pose;
+  highest.agl_m *= 1 + prior.scale_range;
+  highest.position = {};
+  const auto footprint = footprint_of(camera, highest);
+  if (!footprint) return std::nullopt;
+  plan.reach_m =
+      1.05 *
+      std::max({std::hypot(footprint->west_m, footprint->north_m), std::hypot(footprint->east_m, footprint->north_m),
+                std::hypot(footprint->west_m, footprint->south_m), std::hypot(footprint->east_m, footprint->south_m)});
+  return plan;
+}
+
+AnchorMatch begun(const MatchingPlan& plan) {
+  AnchorMatch match;
+  match.fine_gsd_m = plan.scale.fine_gsd_m;
+  match.coarse_gsd_m = plan.scale.coarse_gsd_m;
+  return match;
+}
+
+std::vector<SearchPrior> windows_over(const PlaneBox& area, const SearchPrior& prior) {
+  const double east_m = area.east_m - area.west_m, north_m = area.north_m - area.south_m;
+  const auto columns = static_cast<int>(std::max(1.0, std::ceil(east_m / kAreaWindow_m)));
+  const auto rows = static_cast<int>(std::max(1.0, std::ceil(north_m / kAreaWindow_m)));
+  std::vector<SearchPrior> windows;
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      SearchPrior window = prior;
+      window.pose.position = {area.west_m + (column + 0.5) * east_m / columns,
+                              area.south_m + (row + 0.5) * north_m / rows};
+      window.radius_m = std::max(east_m / columns, north_m / rows) / 2;
+      windows.push_back(window);
+    }
+  }
+  return windows;
+}
+
+MatchingScale matching_scale(const CameraModel& camera, double agl_m, double map_gsd_m) {
+  const double frame_gsd_m = gsd_at(camera, agl_m);
+  const double side_m = frame_gsd_m * std::max(camera.width, camera.height);
+  MatchingScale scale;
+  scale.fine_gsd_m = std::max({frame_gsd_m, map_gsd_m, side_m / kFineTemplate_px});
+  scale.coarse_gsd_m = std::max(scale.fine_gsd_m, side_m / kCoarseTemplate_px);
+  return scale;
+}
+
+}  // namespace nadir

@@ -1,0 +1,111 @@
+#include "vision/pose_refinement.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+
+#include "vision/independent_count.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kMostIndependentPatches = 30;  // they overlap: no more fit into a frame side by side
+
+std::vector<GroundSight> sights_of(const std::vector<PatchMatch>& matches, const CameraPose& pose,
+                                   const GroundSurface& surface) {
+  const double foot_m = surface.height_m(pose.position);
+  std::vector<GroundSight> sights;
+  for (const PatchMatch& match : matches) {
+    const Eigen::Vector3d point = camera_from_ground(pose, match.in_frame, surface);
+    sights.push_back({point / point.z(), match.on_map, match.information_m2, surface.height_m(match.on_map) - foot_m});
+  }
+  return sights;
+}
+
+// Area of the hull around the agreeing patches over the footprint's area.
+double spanned_share(const std::vector<PatchMatch>& matches, const SolvedPose& solved, const cv::Mat& mask,
+                     double gsd_m, double patch_m) {
+  std::vector<cv::Point2f> corners;
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (!solved.inlier[i]) continue;
+    for (const double east : {-patch_m / 2, patch_m / 2}) {
+      for (const double north : {-patch_m / 2, patch_m / 2}) {
+        corners.emplace_back(static_cast<float>(matches[i].in_frame.east_m + east),
+                             static_cast<float>(matches[i].in_frame.north_m + north));
+      }
+    }
+  }
+  if (corners.empty()) return 0;
+  std::vector<cv::Point2f> hull;
+  cv::convexHull(corners, hull);
+  return std::min(1.0, cv::contourArea(hull) / (cv::countNonZero(mask) * gsd_m * gsd_m));
+}
+
+cv::Mat map_under(const MapWindow& map, const GroundGrid& grid) {
+  const cv::Rect part(static_cast<int>(std::lround((grid.west_m - map.west_m) / map.gsd_m)),
+                      static_cast<int>(std::lround((map.north_m - grid.north_m) / map.gsd_m)), grid.columns, grid.rows);
+  const cv::Rect available = part & cv::Rect(0, 0, map.image.cols, map.image.rows);
+  cv::Mat result(part.size(), map.image.type(), cv::Scalar::all(0));
+  if (!available.empty()) map.image(available).copyTo(result(available - part.tl()));
+  return result;
+}
+
+// What the agreeing patches scatter on one axis, made larger by how many of them count as one.
+double crowd_sigma_m(const std::vector<PatchMatch>& matches, const SolvedPose& solved) {
+  std::vector<Eigen::Vector2d> places, residuals;
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (!solved.inlier[i]) continue;
+    places.emplace_back(matches[i].in_frame.east_m, matches[i].in_frame.north_m);
+    residuals.push_back(solved.residual_m[i]);
+  }
+  const double independent = std::min(kMostIndependentPatches, independent_count(places, residuals));
+  return solved.rms_m / std::numbers::sqrt2 * std::sqrt(std::max(1.0, solved.inliers / independent));
+}
+
+}  // namespace
+
+PoseRefinement::PoseRefinement(const CameraModel& camera, const AnchorPrior& prior, const CameraPose& begin,
+                               const MapWindow& map, const GroundSurface& surface)
+    : camera_(camera), map_(map), surface_(surface), pose_(begin) {
+  prior_.pose = prior.search.pose;
+  prior_.pose.attitude.heading_rad = begin.attitude.heading_rad;
+  prior_.heading_sigma_rad = std::max(prior.heading_sigma_rad, 0.05);  // the search has just measured it
+  prior_.log_agl_sigma = prior.log_agl_sigma;
+  prior_.tilt_covariance_rad2 = prior.tilt_covariance_rad2;
+  prior_.slope_sigma = surface.relief_sigma_m() / footprint_side_m(camera, begin.agl_m);
+}
+
+std::optional<GroundGrid> PoseRefinement::grid() const {
+  const auto box = footprint_of(camera_, pose_);
+  if (!box) return std::nullopt;
+  const double left = std::floor((box->west_m - map_.west_m) / map_.gsd_m);
+  const double top = std::floor((map_.north_m - box->north_m) / map_.gsd_m);
+  GroundGrid grid;
+  grid.gsd_m = map_.gsd_m;
+  grid.west_m = map_.west_m + left * map_.gsd_m;
+  grid.north_m = map_.north_m - top * map_.gsd_m;
+  grid.columns = static_cast<int>(std::ceil((box->east_m - grid.west_m) / grid.gsd_m));
+  grid.rows = static_cast<int>(std::ceil((grid.north_m - box->south_m) / grid.gsd_m));
+  return grid;
+}
+
+bool PoseRefinement::solve(AnchorMatch& match, const PatchMatches& found, const RectifiedFrame& rectified,
+                           const CameraPose& rectified_with, double inlier_px, double found_px) {
+  prior_.pose.position = pose_.position;
+  SolverOptions options;
+  options.inlier_m = inlier_px * map_.gsd_m;
+  options.min_sigma_m = std::max(map_.gsd_m, scatter_m_);
+  match.solved = solve_camera_pose(sights_of(found.found, rectified_with, surface_), prior_, options);
+  match.patches = found.tried;
+  match.rectified = rectified.image.clone();
+  match.rectified.setTo(0, rectified.mask == 0);
+  match.matched_map = map_under(map_, rectified.grid);
+  if (!match.solved) return false;
+  scatter_m_ = crowd_sigma_m(found.found, *match.solved);
+  match.frame_share = spanned_share(found.found, *match.solved, rectified.mask, map_.gsd_m, found_px * map_.gsd_m);
+  pose_ = match.solved->pose;
+  return true;
+}
+
+}  // namespace nadir

@@ -1,0 +1,25 @@
+// The localizer with one step of its method left out, or another backend in its place.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "estimation/odometry.hpp"
+#include "vision/place_matcher.hpp"
+
+namespace nadir::bench {
+
+struct Variant {
+  std::string name;
+  PlaceMatcherFactory matcher;
+};
+
+// full; no means removed; one channel; grey; SIFT; the picture's centre.
+std::vector<Variant> matcher_variants();
+
+// The same matcher or front end; each call's CPU time in ms is added to the list, which must outlive what is made.
+PlaceMatcherFactory timed(PlaceMatcherFactory made, std::vector<double>& spent_ms);
+OdometryFactory timed(OdometryFactory made, std::vector<double>& spent_ms);
+
+}  // namespace nadir::bench
