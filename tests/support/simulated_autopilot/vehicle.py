@@ -1,0 +1,192 @@
+"""The whole aircraft: body, receivers, filter, guidance, links. step() is one fiftieth of a second; nothing here looks at
+the clock."""
+import dataclasses
+import math
+import random
+
+from .flight_log import FlightLog
+from .geo import LocalPlane
+from .guidance import Guidance
+from .navigation import Navigation
+from .plan import Plan
+from .plane import Plane
+from .protocol import Protocol
+from .scenario import Scenario
+from .telemetry import Telemetry
+from .terrain import Flat
+from .wander import Wander
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+STEP_S = 0.02
+TRUTH_PERIOD_S = 0.04
+LOG_PERIOD_S = 0.1
+BOOTED_BEFORE_S = 30.0
+
+
+@dataclasses.dataclass
+class Options:
+    corners: list  # (lat_deg, lon_deg) of the circuit
+    altitude: float  # above the sea
+    seed: int = 1
+    airspeed: float = 22.0
+    wind: tuple = (0.0, 0.0)  # blowing to north, east
+    turn_radius: float = 130.0
+    terrain: object = dataclasses.field(default_factory=lambda: Flat(0.0))
+    unix_us: int = 1_750_000_000_000_000
+    events: list = dataclasses.field(default_factory=list)
+    gps_input_instance: int = 0
+    faults: tuple = ()
+
+
+class Vehicle:
+    def __init__(self, options, link, truth_link=None, log=None):
+        """link: to the companion. truth_link: where SIM_STATE goes, unsigned."""
+        self.options, self.link, self.truth_link = options, link, truth_link
+        self.log = log or FlightLog()
+        self.local = LocalPlane(*options.corners[0])
+        self.plan = Plan([self.local.to_plane(*corner) for corner in options.corners], options.turn_radius)
+        start = self.plan.point(0)
+        self.plane = Plane(self._random("plane"), *start, options.altitude, self.plan.direction(0), options.airspeed,
+                           options.wind)
+        self.navigation = Navigation(self._random("navigation"), self.plane, self.local, options.gps_input_instance)
+        self.guidance = Guidance(self.plan)
+        self.telemetry = Telemetry(self)
+        self.protocol = Protocol(self, link, options.faults)
+        if options.gps_input_instance == 1:
+            self.protocol.parameters.update(GPS1_TYPE=1, GPS2_TYPE=14, GPS_PRIMARY=1)
+        self.scenario = Scenario(options.events)
+        self.terrain, self.home_altitude = options.terrain, options.terrain.height(*options.corners[0])
+        self.armed = True
+        self.uid = self._random("uid").randbytes(12)
+        attitude = self._random("attitude")
+        self._attitude_error = [Wander(attitude, math.radians(degrees), 60) for degrees in (0.35, 0.35, 1.2)]
+        self._imu_bias = tuple(attitude.gauss(0, 0.03) for _ in range(3))
+        self.now_s, self.steps = 0.0, 0
+        self.clock_offset_s, self.booted_s = 0.0, -BOOTED_BEFORE_S
+        self.camera_cut = False
+        self.deviations, self.filter_errors, self.given_errors = [], [], []
+        self._resets_told = 0
+        self._source = None
+        self._nearest = None
+
+    def step(self):
+        self.steps += 1
+        self.now_s = self.steps * STEP_S
+        for event in self.scenario.due(self.now_s):
+            self._happen(event)
+        for message in self.link.receive():
+            self.protocol.handle(message)
+        turn = self.guidance.lateral_acceleration(*self.navigation.filter.position, *self.navigation.filter.velocity)
+        self.plane.step(STEP_S, turn, self.options.altitude)
+        for error in self._attitude_error:
+            error.step(STEP_S)
+        self.navigation.step(self.now_s, STEP_S)
+        self._tell_changes()
+        for message in self.telemetry.due(self.now_s):
+            self.link.send(message)
+        if self.truth_link is not None and not self.camera_cut and self._every(TRUTH_PERIOD_S):
+            self.truth_link.send(self.telemetry.system_time())
+            self.truth_link.send(self.telemetry.sim_state())
+        if self._every(LOG_PERIOD_S):
+            self._write_row()
+
+    def unix_us(self):
+        return self.options.unix_us + round((self.now_s + self.clock_offset_s) * 1e6)
+
+    def boot_ms(self):
+        return round((self.now_s - self.booted_s) * 1000)
+
+    def told_attitude(self):
+        p = self.plane
+        return tuple(angle + error.value for angle, error in zip((p.roll, p.pitch, p.yaw), self._attitude_error))
+
+    def imu_bias(self):
+        return self._imu_bias
+
+    def height_above_ground(self):
+        return self.plane.altitude - self.terrain.height(*self.local.to_degrees(self.plane.north, self.plane.east))
+
+    def hear_gps_input(self, message):
+        word = self.navigation.hear_gps_input(self.now_s, message)
+        self.log.verdict(word)
+        if message.fix_type >= 3 and word != "gps_id":
+            sample = self.navigation.given.sample
+            self.given_errors.append(math.dist((sample.north, sample.east), (self.plane.north, self.plane.east)))
+
+    def summary(self):
+        given = self.navigation.given
+        return {"duration_s": self.now_s, "seed": self.options.seed, "plan_m": self.plan.length(),
+                "deviation_m": figures(self.deviations), "filter_error_m": figures(self.filter_errors),
+                "fix_error_m": figures(self.given_errors),
+                "gps_input_spacing_max_s": given.longest_s, "gps_input_late": given.late,
+                "resets": [dict(zip(("time_s", "source", "reason", "metres"), reset))
+                           for reset in self.navigation.filter.resets],
+                "resets_by_gps_input": sum(reset[1] == "gps_input" for reset in self.navigation.filter.resets),
+                "link": {"received": self.link.received, "refused": self.link.refused, "sent": self.link.sent},
+                "heard": self.protocol.heard}
+
+    def _random(self, name):
+        return random.Random(f"{self.options.seed}/{name}")
+
+    def _every(self, period):
+        return self.steps % round(period / STEP_S) == 0
+
+    def _happen(self, event):
+        own = self.navigation.own
+        if event.action == "gps-denied":
+            own.deny()
+        elif event.action == "gps-step":
+            own.shift(event.value, event.bearing)
+        elif event.action == "gps-drag":
+            own.drag_off(event.value, event.bearing)
+        elif event.action == "gps-recover":
+            own.recover()
+        elif event.action in ("link-cut", "link-restore"):
+            self.link.cut = event.action == "link-cut"
+        elif event.action in ("camera-cut", "camera-restore"):
+            self.camera_cut = event.action == "camera-cut"
+        elif event.action == "clock-step":
+            self.clock_offset_s += event.value
+        elif event.action == "reboot":
+            self.booted_s = self.now_s
+        self.log.event(self.now_s, "scenario", what=str(event))
+
+    def _tell_changes(self):
+        resets = self.navigation.filter.resets
+        for time_s, source, reason, metres in resets[self._resets_told:]:
+            self.log.event(time_s, "reset", source=source, reason=reason, metres=round(metres, 1))
+            self._say(dialect.MAV_SEVERITY_WARNING, f"EKF3 position reset to {source} by {metres:.0f} m")
+        self._resets_told = len(resets)
+        if self.navigation.source != self._source:
+            self._source = self.navigation.source
+            self.log.event(self.now_s, "source", now=self._source)
+
+    def _say(self, severity, text):
+        self.link.send(dialect.MAVLink_statustext_message(severity, text.encode()[:50]))
+
+    def _write_row(self):
+        p, nav = self.plane, self.navigation
+        deviation, self._nearest = self.plan.deviation(p.north, p.east, self._nearest)
+        error = math.dist(nav.filter.position, (p.north, p.east))
+        self.deviations.append(deviation)
+        self.filter_errors.append(error)
+        lat, lon = self.local.to_degrees(p.north, p.east)
+        believed_lat, believed_lon = self.local.to_degrees(*nav.filter.position)
+        sample = nav.given.sample if nav.given.status >= 3 else None
+        self.log.row({
+            "time_s": self.now_s, "unix_us": self.unix_us(), "lat_deg": lat, "lon_deg": lon, "altitude_m": p.altitude,
+            "believed_lat_deg": believed_lat, "believed_lon_deg": believed_lon, "deviation_m": deviation,
+            "filter_error_m": error, "filter_sigma_m": nav.filter.sigma(), "source": nav.source,
+            "given_fix_type": nav.given.status,
+            "given_error_m": "" if sample is None else math.dist((sample.north, sample.east), (p.north, p.east)),
+            "given_accuracy_m": "" if sample is None or sample.h_acc is None else sample.h_acc})
+
+
+def figures(values):
+    """Median, 95th percentile and maximum; None without values."""
+    if not values:
+        return None
+    ordered = sorted(values)
+    return {"median": round(ordered[len(ordered) // 2], 2), "p95": round(ordered[int(len(ordered) * 0.95)], 2),
+            "max": round(ordered[-1], 2), "count": len(ordered)}
