@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/flight_motion.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -55,15 +56,15 @@ double FlightFilter::changing_tilt_sigma_rad() const {
   return std::sqrt(std::max(least * least, tilt_scatter_sum_ / tilt_scatter_weight_) + missing * missing);
 }
 
-void FlightFilter::advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told) {
+void FlightFilter::advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told,
+                           const std::optional<Eigen::Vector2d>& imu_dv_mps) {
   settle();
   tilt_missing_ = tilt_logged_ && !tilt_told;
   const bool clock_stands = !first_ && !(seconds > 0);
   if (!first_ && seconds > 0) usual_seconds_ = std::min(seconds, kLongestUsual_s);
   const double dt = first_ ? 0 : std::max(0.0, seconds);
-  Covariance transition = Covariance::Identity();
-  Covariance noise = Covariance::Zero();
-  State now = mean_;
+  FlightPrediction prediction;
+  auto& [now, transition, noise] = prediction;
 
   const double agl_variance = uncertainty_.agl_relative * uncertainty_.agl_relative;
   const Wander height = wander(agl_variance, first_ ? 1 : std::sqrt(1 - kHeightWanderShare * kHeightWanderShare));
@@ -94,39 +95,18 @@ void FlightFilter::advance(double seconds, std::optional<double> told_heading_ra
   now = (transition * mean_).eval();
   if (told_heading_rad) now[heading] += *told_heading_rad;
 
-  // The velocity turns with the aircraft, but for the wind; the position moves by the mean of both velocities.
   const bool turn_known = told_heading_rad && told_heading_rad_;
-  const double turn = turn_known ? wrap_pi(now[heading] - mean_[heading]) : 0.0;
-  Eigen::Matrix2d turned;
-  turned << std::cos(turn), std::sin(turn), -std::sin(turn), std::cos(turn);
-  now.segment<2>(velocity_east) = turned * mean_.segment<2>(velocity_east);
-  now.segment<2>(east) = mean_.segment<2>(east) + 0.5 * dt * (mean_ + now).segment<2>(velocity_east);
-  transition.block<2, 2>(velocity_east, velocity_east) = turned;
-  Eigen::Matrix<double, 2, 1> across = Eigen::Vector2d::Zero();  // how an error of the turn turns the velocity
-  if (turn_known) across << now[velocity_north], -now[velocity_east];
-  transition.middleRows<2>(velocity_east) += across * transition.row(heading);
-  transition.block<2, 1>(velocity_east, heading) -= across;
-  transition.middleRows<2>(east) += 0.5 * dt * transition.middleRows<2>(velocity_east);
-  transition.block<2, 2>(east, velocity_east) += 0.5 * dt * Eigen::Matrix2d::Identity();
-  Eigen::Matrix<double, 4, 1> turning;
-  turning << 0.5 * dt * across, across;
-  noise.topLeftCorner<4, 4>() += noise(heading, heading) * turning * turning.transpose();
-  noise.block<4, 1>(0, heading) += noise(heading, heading) * turning;
-  noise.block<1, 4>(heading, 0) += noise(heading, heading) * turning.transpose();
-  const double acceleration = turn_known ? options_.steady_acceleration_mps2 : options_.acceleration_mps2;
-  const double q = acceleration * acceleration, gust = options_.wind_sigma_mps * turn;
-  for (int axis = 0; axis < 2 && dt > 0; ++axis) {
-    const int p = east + axis, v = velocity_east + axis;
-    noise(p, p) += q * dt * dt * dt / 3 + gust * gust * dt * dt / 4;
-    noise(p, v) += q * dt * dt / 2 + gust * gust * dt / 2;
-    noise(v, p) += q * dt * dt / 2 + gust * gust * dt / 2;
-    noise(v, v) += q * dt + gust * gust;
+  if (imu_dv_mps && !first_) {
+    carry_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, uncertainty_.imu_dv_mps);
+  } else {
+    carry_by_velocity(prediction, mean_, dt, turn_known, options_);
   }
   if (clock_stands) {
     const double step_m = usual_seconds_ * std::max(kUsualSpeed_mps, now.segment<2>(velocity_east).norm());
     noise(east, east) += step_m * step_m;
     noise(north, north) += step_m * step_m;
   }
+  if (imu_dv_mps && !first_) forbid_learning_blind(prediction, covariance_);
 
   const Covariance cross = transition * covariance_;
   Covariance next = cross * transition.transpose() + noise;
@@ -169,11 +149,22 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
   covariance_ = joint.template bottomRightCorner<states, states>();
 }
 
+// The sight alone is metres off, as far as tilt is unknown, and errs with the very tilt that it measures. What scale
+// and heading do to the motion is therefore taken from the motion after a first update, not from the sight.
 Eigen::Vector2d FlightFilter::moved(const MotionSight& sight) {
   if (!joint_) return Eigen::Vector2d::Zero();
-  const Eigen::Vector2d foretold = joint_->first.segment<2>(east);
+  const auto prior = *joint_;
+  const Eigen::Vector2d foretold = prior.first.segment<2>(east);
+  take_motion(sight, sight.seen.head<2>());
+  const Eigen::Vector2d step = joint_->first.segment<2>(states + east) - joint_->first.segment<2>(east);
+  joint_ = prior;
+  take_motion(sight, step);
+  return joint_->first.segment<2>(east) - foretold;
+}
+
+// step: about how far it went (east, north; m).
+void FlightFilter::take_motion(const MotionSight& sight, const Eigen::Vector2d& step) {
   constexpr int b = 0, n = states;  // the frame before, and now
-  const Eigen::Vector2d step = sight.seen.head<2>();
   // seen = row · (before, now) + offset, linear about the beliefs that the front end worked with.
   Eigen::Matrix<double, 8, kJoint> row = Eigen::Matrix<double, 8, kJoint>::Zero();
   Eigen::Matrix<double, 8, 1> offset = Eigen::Matrix<double, 8, 1>::Zero();
@@ -194,7 +185,6 @@ Eigen::Vector2d FlightFilter::moved(const MotionSight& sight) {
   Eigen::Matrix<double, 8, 1> innovation = sight.seen - row * joint_->first - offset;
   innovation[3] = wrap_pi(innovation[3]);
   update_joint<8>(row, innovation, sight.covariance);
-  return joint_->first.segment<2>(east) - foretold;
 }
 
 void FlightFilter::doubt_height(double log_sigma) {
@@ -246,7 +236,11 @@ void FlightFilter::anchored(const PoseSight& sight) {
 
 // Keeps how the last frame hangs on the one in work, for smoothed().
 void FlightFilter::settle() {
-  if (!joint_) return;
+  if (joint_ && links_) links_->push_back(link());
+  joint_.reset();
+}
+
+FlightFilter::Link FlightFilter::link() const {
   const auto& [both, joint] = *joint_;
   Link link;
   link.before = both.head<states>();
@@ -255,20 +249,19 @@ void FlightFilter::settle() {
   link.now_covariance = joint.bottomRightCorner<states, states>();
   const Covariance cross = joint.bottomLeftCorner<states, states>();
   link.gain = link.now_covariance.ldlt().solve(cross).transpose();
-  links_.push_back(link);
-  joint_.reset();
+  return link;
 }
 
 std::vector<FlightFilter::Smoothed> FlightFilter::smoothed() const {
-  FlightFilter whole = *this;
-  whole.settle();
-  std::vector<Smoothed> result(whole.links_.size() + 1);
-  State mean = whole.mean_;
-  Covariance covariance = whole.covariance_;
+  std::vector<Link> links = links_.value_or(std::vector<Link>());
+  if (joint_ && links_) links.push_back(link());
+  std::vector<Smoothed> result(links.size() + 1);
+  State mean = mean_;
+  Covariance covariance = covariance_;
   for (std::size_t i = result.size(); i-- > 0;) {
     result[i] = {mean.segment<2>(east), covariance.block<2, 2>(east, east)};
     if (i == 0) break;
-    const Link& link = whole.links_[i - 1];
+    const Link& link = links[i - 1];
     mean = (link.before + link.gain * (mean - link.now)).eval();
     covariance =
         (link.before_covariance + link.gain * (covariance - link.now_covariance) * link.gain.transpose()).eval();

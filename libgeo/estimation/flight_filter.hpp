@@ -56,7 +56,9 @@ class FlightFilter {
 
   // A new frame, so many seconds after the last one. When the clock stands or runs backwards, the time is unknown:
   // about what passed between the frames before, or none. tilt_told: the telemetry has pitch and roll for this frame.
-  void advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told = true);
+  // imu_dv_mps: Telemetry's; with it the velocity does not drift but by what the camera file says of the sensor.
+  void advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told = true,
+               const std::optional<Eigen::Vector2d>& imu_dv_mps = std::nullopt);
   // After advance(): this frame's told height is not the last one's (another source, or a guess), so that nothing
   // learnt of the old one's error is true of it.
   void doubt_height(double log_sigma);
@@ -79,7 +81,10 @@ class FlightFilter {
   double changing_tilt_sigma_rad() const;
   bool tilt_missing() const { return tilt_missing_; }  // of the frame in work, though the telemetry has it otherwise
 
-  // Every frame so far with all that was learnt later (Rauch-Tung-Striebel).
+  // From now on every frame is kept for smoothed(): 4 kB each.
+  void remember() { links_.emplace(); }
+
+  // Every frame remembered with all that was learnt later (Rauch-Tung-Striebel); the last one alone without remember().
   struct Smoothed {
     Eigen::Vector2d position_m;
     Eigen::Matrix2d covariance_m2;
@@ -91,7 +96,10 @@ class FlightFilter {
   using JointState = Eigen::Matrix<double, kJoint, 1>;
   using JointCovariance = Eigen::Matrix<double, kJoint, kJoint>;
 
+  struct Link;
   void settle();
+  Link link() const;
+  void take_motion(const MotionSight& sight, const Eigen::Vector2d& step);
   void learn_tilt_scatter(const PoseSight& sight);
   template <int Rows>
   void update_joint(const Eigen::Matrix<double, Rows, kJoint>& row, const Eigen::Matrix<double, Rows, 1>& innovation,
@@ -115,7 +123,7 @@ class FlightFilter {
     State before, now;
     Covariance before_covariance, now_covariance, gain;
   };
-  std::vector<Link> links_;
+  std::optional<std::vector<Link>> links_;
 };
 
 }  // namespace nadir

@@ -12,6 +12,7 @@ constexpr std::size_t kMostSwitched = 40;  // passes over the flight
 std::vector<FlightFilter::Smoothed> smoothed_without(const FlightFilter& fresh, const std::vector<FlightStep>& steps,
                                                      const std::vector<bool>& off) {
   FlightFilter filter = fresh;
+  filter.remember();
   for (std::size_t i = 0; i < steps.size(); ++i) take_step(filter, steps[i], !off[i]);
   return filter.smoothed();
 }
@@ -31,7 +32,7 @@ double contradiction(const PoseSight& anchor, const FlightFilter::Smoothed& fram
 
 Eigen::Vector2d take_step(FlightFilter& filter, const FlightStep& step, bool with_anchor) {
   Eigen::Vector2d taught_m = Eigen::Vector2d::Zero();
-  filter.advance(step.seconds, step.told_heading_rad, step.tilt_told);
+  filter.advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
   if (step.height_doubt) filter.doubt_height(*step.height_doubt);
   if (step.moved) taught_m = filter.moved(*step.moved);
   if (step.position_doubt_m) filter.doubt_position(*step.position_doubt_m);

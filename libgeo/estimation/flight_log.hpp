@@ -16,6 +16,7 @@ struct FlightStep {
   double seconds = 0;
   std::optional<double> told_heading_rad;
   bool tilt_told = true;
+  std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<double> height_doubt;  // log sigma
   std::optional<MotionSight> moved;
   std::optional<double> position_doubt_m;  // before the anchor

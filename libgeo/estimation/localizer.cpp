@@ -107,7 +107,8 @@ void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
   step.seconds = seconds;
   step.told_heading_rad = telemetry.heading_rad;
   step.tilt_told = telemetry.pitch_rad && telemetry.roll_rad;
-  flight->advance(step.seconds, step.told_heading_rad, step.tilt_told);
+  step.imu_dv_mps = telemetry.imu_dv_mps;
+  flight->advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
   if (height_steady) return;
   step.height_doubt = height_told ? uncertainty.agl_relative : kUntoldHeightSigma;
   flight->doubt_height(*step.height_doubt);

@@ -1,6 +1,7 @@
 // What the autopilot knows at the moment of a picture. Everything but the time may be unknown.
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
 #include <string>
 
@@ -15,6 +16,9 @@ struct Telemetry {
   std::optional<double> heading_rad;  // of image-up, clockwise from true north
   std::optional<double> pitch_rad;    // see vision/camera_model.hpp for the signs
   std::optional<double> roll_rad;
+  // Change of velocity since the last telemetry, east and north (m/s): the accelerometer's, gravity removed, turned by
+  // the autopilot's attitude. Who leaves frames out adds theirs up.
+  std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<LonLat> place;  // if some other source knows it; never used by the localizer as truth
 };
 

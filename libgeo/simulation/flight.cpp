@@ -63,9 +63,16 @@ std::string telemetry_row(const std::string& name, const ToldPose& told, bool ex
   double heading = std::fmod(degrees(told.attitude.heading_rad), 360.0);
   if (heading < 0) heading += 360;
   const double pitch = degrees(told.attitude.pitch_rad), roll = degrees(told.attitude.roll_rad);
-  if (exact)
-    return fmt::format("{},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f}\n", name, told.time_s, told.agl_m, heading, pitch, roll);
-  return fmt::format("{},{:.3f},{:.2f},{:.2f},{:.2f},{:.2f}\n", name, told.time_s, told.agl_m, heading, pitch, roll);
+  std::string imu = ",";
+  if (told.imu_dv_mps) {
+    imu = fmt::format("{:.{}f},{:.{}f}", told.imu_dv_mps->x(), exact ? 6 : 3, told.imu_dv_mps->y(), exact ? 6 : 3);
+  }
+  if (exact) {
+    return fmt::format("{},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f},{}\n", name, told.time_s, told.agl_m, heading, pitch,
+                       roll, imu);
+  }
+  return fmt::format("{},{:.3f},{:.2f},{:.2f},{:.2f},{:.2f},{}\n", name, told.time_s, told.agl_m, heading, pitch, roll,
+                     imu);
 }
 
 }  // namespace
@@ -106,7 +113,7 @@ FlightReport simulate_flight(const Mission& mission, const FlightOptions& option
   TelemetryNoise noise(file.uncertainty, options.seed);
   const Noise light(hash_of(options.seed, 31), 45);
   std::filesystem::create_directory(folder / "frames");
-  std::string telemetry = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg\n",
+  std::string telemetry = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_east_mps,imu_dv_north_mps\n",
               truth = "frame,lat_deg,lon_deg,alt_m\n";
   FlightReport report;
   report.interval_s = path.interval_s;
@@ -126,7 +133,9 @@ FlightReport simulate_flight(const Mission& mission, const FlightOptions& option
     const std::string name = fmt::format("frame_{:04}.jpg", i + 1);
     write_file_atomic(folder / "frames" / name, encode_image(shot.image, ImageFormat::jpeg, 92));
     const bool exact = options.noise == SensorNoise::none;
-    const ToldPose told = exact ? ToldPose{pose.time_s, pose.agl_m, pose.attitude} : noise.tell(pose);
+    const auto before = i > 0 ? std::optional(poses[i - 1]) : std::nullopt;
+    const ToldPose told =
+        exact ? ToldPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)} : noise.tell(pose);
     telemetry += telemetry_row(name, told, exact);
     const Geodetic at = frame.geodetic_from_enu({pose.position.x(), pose.position.y(), pose.position.z()});
     truth += fmt::format("{},{:.9f},{:.9f},{:.3f}\n", name, at.place.lat_deg, at.place.lon_deg, at.height_m);

@@ -4,6 +4,11 @@
 #include <cmath>
 
 namespace nadir {
+namespace {
+
+constexpr double kBiasTime_s = 60;  // of blindness, for which the stated sigma of the accelerometer is meant
+
+}  // namespace
 
 void TelemetryNoise::Drift::advance(double seconds, Random& random) {
   const double keep = std::exp(-seconds / correlation_s);
@@ -11,11 +16,33 @@ void TelemetryNoise::Drift::advance(double seconds, Random& random) {
 }
 
 TelemetryNoise::TelemetryNoise(const TelemetryUncertainty& uncertainty, std::uint64_t seed)
-    : sigma_(uncertainty), random_(Random(seed).fork("telemetry")) {
+    : sigma_(uncertainty), random_(Random(seed).fork("telemetry")), imu_random_(Random(seed).fork("imu")) {
   heading_bias_ = 0.85 * sigma_.heading_rad * std::clamp(random_.normal(), -2.0, 2.0);
   height_ = {std::clamp(random_.normal(), -2.0, 2.0), 240};
   pitch_ = {std::clamp(random_.normal(), -2.0, 2.0), 90};
   roll_ = {std::clamp(random_.normal(), -2.0, 2.0), 90};
+  imu_east_ = {std::clamp(imu_random_.normal(), -2.0, 2.0), 300};
+  imu_north_ = {std::clamp(imu_random_.normal(), -2.0, 2.0), 300};
+}
+
+std::optional<Eigen::Vector2d> velocity_change(const std::optional<FlightPose>& before, const FlightPose& pose) {
+  if (!before) return std::nullopt;
+  return pose.velocity - before->velocity;
+}
+
+// White noise and a bias that after a minute is 0.8 of what the stated sigma allows: 0.6² + 0.8² = 1.
+std::optional<Eigen::Vector2d> TelemetryNoise::tell_velocity_change(const FlightPose& pose) {
+  const auto exact = velocity_change(last_pose_, pose);
+  const double dt = last_pose_ ? pose.time_s - last_pose_->time_s : 0;
+  last_pose_ = pose;
+  if (!exact) return std::nullopt;
+  for (Drift* drift : {&imu_east_, &imu_north_}) drift->advance(dt, imu_random_);
+  const double bias_mps2 = 0.8 * sigma_.imu_dv_mps / std::sqrt(kBiasTime_s);
+  const double c = std::cos(heading_bias_), s = std::sin(heading_bias_);
+  Eigen::Vector2d told(c * exact->x() + s * exact->y(), -s * exact->x() + c * exact->y());
+  told += dt * bias_mps2 * Eigen::Vector2d(imu_east_.value, imu_north_.value);
+  for (double& axis : told) axis += 0.6 * sigma_.imu_dv_mps * std::sqrt(dt) * imu_random_.normal();
+  return told;
 }
 
 ToldPose TelemetryNoise::tell(const FlightPose& pose) {
@@ -30,6 +57,7 @@ ToldPose TelemetryNoise::tell(const FlightPose& pose) {
   told.agl_m = pose.pressure_agl_m * (1 + sigma_.agl_relative * (0.95 * height_.value + 0.31 * random_.normal()));
   told.attitude.pitch_rad = pose.attitude.pitch_rad + sigma_.tilt_rad * (0.75 * pitch_.value + 0.66 * random_.normal());
   told.attitude.roll_rad = pose.attitude.roll_rad + sigma_.tilt_rad * (0.75 * roll_.value + 0.66 * random_.normal());
+  told.imu_dv_mps = tell_velocity_change(pose);
   return told;
 }
 

@@ -1,8 +1,10 @@
 // What the autopilot's sensors tell instead of the truth: a compass that is off by a constant, a barometer that drifts,
-// an attitude with a slowly changing bias. One sigma of each in all is what the camera file states.
+// an attitude with a slowly changing bias, an accelerometer that is turned by that compass. One sigma of each in all is
+// what the camera file states.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "base/random.hpp"
 #include "simulation/flight_path.hpp"
@@ -13,7 +15,11 @@ struct ToldPose {
   double time_s = 0;
   double agl_m = 0;
   Attitude attitude;
+  std::optional<Eigen::Vector2d> imu_dv_mps;  // since the pose told before
 };
+
+// What an accelerometer without any error would tell of the way from one pose to the next.
+std::optional<Eigen::Vector2d> velocity_change(const std::optional<FlightPose>& before, const FlightPose& pose);
 
 class TelemetryNoise {
  public:
@@ -35,6 +41,12 @@ class TelemetryNoise {
   double heading_bias_;
   Drift height_, pitch_, roll_;
   double last_s_ = -1;
+
+  // The accelerometer, from a stream of its own.
+  std::optional<Eigen::Vector2d> tell_velocity_change(const FlightPose& pose);
+  Random imu_random_;
+  Drift imu_east_, imu_north_;
+  std::optional<FlightPose> last_pose_;
 };
 
 }  // namespace nadir

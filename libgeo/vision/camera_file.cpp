@@ -43,11 +43,12 @@ void check_invertible(const CameraModel& camera, const YamlNode& node) {
 }
 
 TelemetryUncertainty read_uncertainty(const YamlNode& node) {
-  node.allow_only({"heading_deg", "agl_relative", "tilt_deg"});
+  node.allow_only({"heading_deg", "agl_relative", "tilt_deg", "imu_dv_mps"});
   TelemetryUncertainty uncertainty;
   uncertainty.heading_rad = radians(positive(node.required("heading_deg")));
   uncertainty.agl_relative = positive(node.required("agl_relative"));
   uncertainty.tilt_rad = radians(positive(node.required("tilt_deg")));
+  if (const auto imu = node.optional("imu_dv_mps")) uncertainty.imu_dv_mps = positive(*imu);
   return uncertainty;
 }
 

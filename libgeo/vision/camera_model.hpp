@@ -37,6 +37,7 @@ struct TelemetryUncertainty {
   double heading_rad = 0.05;
   double agl_relative = 0.05;
   double tilt_rad = 0.05;
+  double imu_dv_mps = 0.3;  // of the change of velocity, per root second, biases of up to a minute included
 };
 
 struct CameraFile {

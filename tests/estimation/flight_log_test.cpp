@@ -50,6 +50,7 @@ struct Flight {
 TEST(FlightLog, AGoodFlightIsSmoothedAsTheFilterDoes) {
   const Flight flight(40);
   FlightFilter filter = flight.fresh;
+  filter.remember();
   for (const FlightStep& step : flight.steps) {
     filter.advance(step.seconds, step.told_heading_rad);
     if (step.anchored) filter.anchored(*step.anchored);

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 #include "base/csv.hpp"
@@ -68,6 +69,29 @@ TEST_F(Flight, WithoutNoiseTheTelemetryIsExact) {
     EXPECT_NEAR(*telemetry.number(i, telemetry.required_column("agl_m")),
                 *truth.number(i, truth.required_column("alt_m")), 2e-3);
   }
+}
+
+// Summed up twice, the exact changes of velocity lead from the start along the truth.
+TEST_F(Flight, TheAccelerometerLeadsAlongTheRoute) {
+  options_.noise = SensorNoise::none;
+  options_.interval_s = 0.2;
+  fly("imu");
+  const CsvTable telemetry = CsvTable::read(path("imu/telemetry.csv")), truth = CsvTable::read(path("imu/truth.csv"));
+  const auto east = telemetry.required_column("imu_dv_east_mps"), north = telemetry.required_column("imu_dv_north_mps");
+  const LocalFrame frame(mission_.takeoff);
+  const auto at = [&](std::size_t row) {
+    const Enu enu = frame.enu_from_lonlat(
+        {*truth.number(row, truth.required_column("lon_deg")), *truth.number(row, truth.required_column("lat_deg"))});
+    return Eigen::Vector2d(enu.east_m, enu.north_m);
+  };
+  EXPECT_FALSE(telemetry.number(0, east));
+  Eigen::Vector2d velocity = (at(1) - at(0)) / 0.2, place = at(0);
+  for (std::size_t i = 1; i < telemetry.rows(); ++i) {
+    const Eigen::Vector2d dv(*telemetry.number(i, east), *telemetry.number(i, north));
+    place += 0.2 * (velocity + 0.5 * dv);
+    velocity += dv;
+  }
+  EXPECT_LT((place - at(telemetry.rows() - 1)).norm(), 3);
 }
 
 TEST_F(Flight, FollowsTheRouteAtItsSpeedAndSpacing) {

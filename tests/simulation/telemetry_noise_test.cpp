@@ -47,5 +47,39 @@ TEST(TelemetryNoise, TheCompassKeepsItsBias) {
   EXPECT_GT(std::sqrt(spread_of_means), 0.5 * sigma.heading_rad);
 }
 
+// Blind for a minute from a known velocity, the sum of what is told errs as the camera file says.
+TEST(TelemetryNoise, TheAccelerometerErrsAsStatedAfterAMinute) {
+  const TelemetryUncertainty sigma{radians(0.01), 0.03, radians(0.8), 0.4};
+  double sum = 0;
+  for (std::uint64_t seed = 0; seed < 400; ++seed) {
+    TelemetryNoise noise(sigma, seed);
+    EXPECT_FALSE(noise.tell(pose_at(0)).imu_dv_mps) << "nothing to count from";
+    Eigen::Vector2d velocity = Eigen::Vector2d::Zero();
+    for (int i = 1; i <= 30; ++i) velocity += *noise.tell(pose_at(2.0 * i)).imu_dv_mps;
+    sum += velocity.squaredNorm() / 2;
+  }
+  EXPECT_NEAR(std::sqrt(sum / 400), 0.4 * std::sqrt(60), 0.15 * 0.4 * std::sqrt(60));
+}
+
+// Its east and north are those of the compass.
+TEST(TelemetryNoise, TheAccelerometerIsTurnedByTheCompass) {
+  const TelemetryUncertainty sigma{radians(10), 0.03, radians(0.8), 1e-9};
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    TelemetryNoise noise(sigma, seed);
+    FlightPose pose = pose_at(0);
+    noise.tell(pose);
+    double compass = 0;
+    for (int i = 1; i <= 400; ++i) {
+      pose.time_s = i;
+      pose.velocity = {i % 2 == 0 ? 0.0 : 30.0, 0};
+      compass += noise.tell(pose).attitude.heading_rad / 400;
+    }
+    pose.time_s = 401;
+    pose.velocity = {30, 0};
+    const Eigen::Vector2d told = *noise.tell(pose).imu_dv_mps;
+    EXPECT_NEAR(std::atan2(-told.y(), told.x()), compass, radians(1.5));
+  }
+}
+
 }  // namespace
 }  // namespace nadir

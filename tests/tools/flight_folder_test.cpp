@@ -59,6 +59,23 @@ TEST_F(FlightFolder, ReadsRowsWithUnknownCells) {
   EXPECT_EQ(flight.camera.camera.width, 64);
 }
 
+TEST_F(FlightFolder, ReadsTheChangeOfVelocityWhereItIs) {
+  const std::string header = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_east_mps,imu_dv_north_mps\n";
+  folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,,\nb.jpg,1.5,121,,,,-3.25,0.5\n");
+  const Flight flight = read();
+  EXPECT_EQ(flight.frames[0].imu_dv_mps, std::nullopt);
+  EXPECT_EQ(flight.frames[1].imu_dv_mps, Eigen::Vector2d(-3.25, 0.5));
+  folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,,\nb.jpg,1.5,121,,,,-3.25,\n");
+  EXPECT_EQ(read().frames[1].imu_dv_mps, std::nullopt) << "half of it is unknown";
+  folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,1e9,0\nb.jpg,1.5,121,,,,0,0\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("imu_dv_east_mps cannot be"));
+  folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,0,nan\nb.jpg,1.5,121,,,,0,0\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("telemetry.csv:2"));
+  folder_.write("telemetry.csv",
+                "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_north_mps\na.jpg,0,9,,,,0\n");
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("imu_dv_north_mps alone"));
+}
+
 TEST_F(FlightFolder, CountsPicturesWithoutARow) {
   telemetry("a.jpg,0,120,90,,\n");
   EXPECT_EQ(read().pictures_without_row, 1U);

@@ -50,6 +50,12 @@ TEST(CameraFile, ReadsAll) {
   EXPECT_DOUBLE_EQ(file.uncertainty.tilt_rad, radians(2));
 }
 
+TEST(CameraFile, TheAccelerometersSigmaMayBeLeftOut) {
+  EXPECT_EQ(read(kGood).uncertainty.imu_dv_mps, 0.3);
+  EXPECT_EQ(read(replaced(", tilt_deg: 2", ", tilt_deg: 2, imu_dv_mps: 0.05")).uncertainty.imu_dv_mps, 0.05);
+  EXPECT_THAT(complaint(replaced(", tilt_deg: 2", ", tilt_deg: 2, imu_dv_mps: 0")), HasSubstr("above 0"));
+}
+
 TEST(CameraFile, LensAndUncertaintyMayBeLeftOut) {
   const CameraFile file = read("model: pinhole\nwidth: 640\nheight: 480\nfx: 500\nfy: 500\ncx: 320\ncy: 240\n");
   EXPECT_FALSE(file.camera.distorted());

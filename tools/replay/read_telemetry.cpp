@@ -15,7 +15,7 @@ namespace {
 
 struct Columns {
   std::size_t frame, time, agl;
-  std::optional<std::size_t> heading, pitch, roll, lat, lon;
+  std::optional<std::size_t> heading, pitch, roll, imu_east, imu_north, lat, lon;
 };
 
 Columns find_columns(const CsvTable& table) {
@@ -26,6 +26,14 @@ Columns find_columns(const CsvTable& table) {
   columns.heading = table.required_column("heading_deg");
   columns.pitch = table.required_column("pitch_deg");
   columns.roll = table.required_column("roll_deg");
+  columns.imu_east = table.column("imu_dv_east_mps");
+  columns.imu_north = table.column("imu_dv_north_mps");
+  if (columns.imu_east.has_value() != columns.imu_north.has_value()) {
+    throw UsageError({.what = "the telemetry has one half of a change of velocity",
+                      .where = table.path().string(),
+                      .expected = "both imu_dv_east_mps and imu_dv_north_mps, or none",
+                      .found = columns.imu_east ? "imu_dv_east_mps alone" : "imu_dv_north_mps alone"});
+  }
   columns.lat = table.column("lat_deg");
   columns.lon = table.column("lon_deg");
   return columns;
@@ -79,6 +87,9 @@ std::vector<Telemetry> read_telemetry(const std::filesystem::path& path) {
     telemetry.heading_rad = angle_rad(table, row, columns.heading, 360);
     telemetry.pitch_rad = angle_rad(table, row, columns.pitch, 90);
     telemetry.roll_rad = angle_rad(table, row, columns.roll, 180);
+    const auto imu_east = number_within(table, row, columns.imu_east, -200, 200);
+    const auto imu_north = number_within(table, row, columns.imu_north, -200, 200);
+    if (imu_east && imu_north) telemetry.imu_dv_mps = {*imu_east, *imu_north};
     const auto lat = number_within(table, row, columns.lat, -90, 90);
     const auto lon = number_within(table, row, columns.lon, -180, 180);
     if (lat && lon) telemetry.place = LonLat{*lon, *lat};

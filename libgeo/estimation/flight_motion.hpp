@@ -1,0 +1,28 @@
+// How the flight filter carries position and velocity from one frame to the next: by the inertial sensors where the
+// telemetry carries their change of velocity, else at a velocity that turns with the aircraft and drifts.
+#pragma once
+
+#include "estimation/flight_filter.hpp"
+
+namespace nadir {
+
+struct FlightPrediction {
+  FlightFilter::State now;
+  FlightFilter::Covariance transition = FlightFilter::Covariance::Identity();
+  FlightFilter::Covariance noise = FlightFilter::Covariance::Zero();
+};
+
+// Both want the heading's rows of the prediction in place. before: the state of the last frame. dt: seconds.
+// turn_known: both frames' headings are told.
+void carry_by_velocity(FlightPrediction& prediction, const FlightFilter::State& before, double dt, bool turn_known,
+                       const FlightFilter::Options& options);
+
+// dv_mps: change of velocity since the last frame, east and north as the telemetry's heading has them.
+// sigma_mps: of it, per root second.
+void carry_by_imu(FlightPrediction& prediction, const FlightFilter::State& before, double dt, bool turn_known,
+                  const Eigen::Vector2d& dv_mps, double sigma_mps);
+
+// Adds to the noise of the position what keeps it from becoming surer in any direction by flying alone.
+void forbid_learning_blind(FlightPrediction& prediction, const FlightFilter::Covariance& before);
+
+}  // namespace nadir

@@ -1,0 +1,40 @@
+// Flights without pictures: a truth drawn at random, what telemetry, odometry and anchors would say of it, and what the
+// flight filter made of that. For tests and benches of its honesty.
+#pragma once
+
+#include "base/random.hpp"
+#include "estimation/flight_log.hpp"
+
+namespace nadir::test {
+
+struct DrawnOptions {
+  int frames = 120;
+  double interval_s = 1;
+  int anchor_every = 10;
+  double wrong_anchor_share = 0;  // 80 to 400 m off, as sure as the others
+  int blind_every = 0;            // after so many frames (0: never) no picture is usable …
+  int blind_frames = 20;          // … for so many
+  bool imu = false;
+  TelemetryUncertainty uncertainty = {0.05, 0.04, 0.015, 0.3};
+};
+
+struct DrawnFrame {
+  Eigen::Vector2d truth_m;
+  Eigen::Vector2d told_m;  // by the filter, online
+  Eigen::Matrix2d covariance_m2;
+  double nees = 0;                    // of what is told
+  std::optional<double> anchor_chi2;  // of a right anchor's place against the prediction, two degrees of freedom
+  bool blind = false;
+};
+
+struct DrawnFlight {
+  FlightFilter fresh;  // before the first step
+  std::vector<FlightStep> steps;
+  std::vector<DrawnFrame> frames;
+};
+
+DrawnFlight draw_flight(Random random, const DrawnOptions& options);
+
+double normalised_error(const Eigen::Vector2d& error_m, const Eigen::Matrix2d& covariance_m2);
+
+}  // namespace nadir::test

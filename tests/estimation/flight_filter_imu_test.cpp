@@ -1,0 +1,168 @@
+// Blind flight by the accelerometer, and without one: both must know how far off they are.
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <cmath>
+
+#include "base/random.hpp"
+#include "estimation/flight_log.hpp"
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+using Eigen::Matrix2d;
+using Eigen::Vector2d;
+using F = FlightFilter;
+
+constexpr double kStep_s = 0.5, kSpeed_mps = 22, kRate_rps = 0.17;  // a turn with a bank of 21 degrees
+
+TelemetryUncertainty sensors() {
+  TelemetryUncertainty uncertainty;
+  uncertainty.heading_rad = radians(3);
+  uncertainty.imu_dv_mps = 0.1;
+  return uncertainty;
+}
+
+PoseSight place(const Vector2d& at, double sigma_m) {
+  PoseSight sight;
+  sight.seen << at, 0, 0, 0, 0;
+  sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
+  sight.covariance.topLeftCorner<2, 2>() = Matrix2d::Identity() * sigma_m * sigma_m;
+  return sight;
+}
+
+struct Blackout {
+  std::vector<FlightStep> steps;
+  std::vector<Vector2d> truth;
+  std::size_t blind_from = 0;
+
+  // Ten seconds with anchors, then 20 s blind, with a turn of 100 degrees after a third of them.
+  Blackout(std::uint64_t seed, bool imu) {
+    Random random(seed);
+    const TelemetryUncertainty sigma = sensors();
+    const double bias = random.normal(0, sigma.heading_rad);
+    double heading = random.uniform(-kPi, kPi);
+    const Vector2d wind(random.normal(0, 2.5), random.normal(0, 2.5));
+    const auto over_ground = [&]() -> Vector2d {
+      return wind + kSpeed_mps * Vector2d(std::sin(heading), std::cos(heading));
+    };
+    Vector2d at(0, 0), velocity = over_ground();
+    for (int i = 0; i <= 60; ++i) {
+      const Vector2d before = velocity;
+      const bool turning = i > 33 && i * kStep_s < 27;
+      if (i > 0) {  // the arc in small steps, which the filter does not have
+        for (int k = 0; k < 50; ++k) {
+          if (turning) heading += kRate_rps * kStep_s / 50;
+          velocity = over_ground();
+          at += velocity * kStep_s / 50;
+        }
+      }
+      FlightStep step;
+      step.seconds = i > 0 ? kStep_s : 0;
+      step.told_heading_rad = wrap_pi(heading + bias + random.normal(0, radians(0.5)));
+      Vector2d dv = velocity - before;
+      dv = Vector2d(std::cos(bias) * dv.x() + std::sin(bias) * dv.y(),
+                    -std::sin(bias) * dv.x() + std::cos(bias) * dv.y());
+      for (double& axis : dv) axis += random.normal(0, sigma.imu_dv_mps * std::sqrt(kStep_s));
+      if (imu) step.imu_dv_mps = dv;
+      if (i <= 20) step.anchored = place(at + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
+      steps.push_back(step);
+      truth.push_back(at);
+    }
+    blind_from = 21;
+  }
+};
+
+struct End {
+  double error_m, sigma_m, nees;
+};
+
+// Flies, and demands that blind the position only becomes less sure, in whatever direction.
+End fly(const Blackout& flight) {
+  F filter(sensors(), true, {0, 0}, 20);
+  for (std::size_t i = 0; i < flight.steps.size(); ++i) {
+    const FlightStep& step = flight.steps[i];
+    const Matrix2d before = filter.position_covariance_m2();
+    filter.advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
+    const Matrix2d grown = filter.position_covariance_m2() - before;
+    if (i >= flight.blind_from) {
+      EXPECT_GE(Eigen::SelfAdjointEigenSolver<Matrix2d>(grown).eigenvalues()[0], -1e-9 * before.norm()) << i;
+    }
+    if (step.anchored) filter.anchored(*step.anchored);
+  }
+  const Vector2d error = filter.position_m() - flight.truth.back();
+  return {error.norm(), filter.position_sigma_m(), error.dot(filter.position_covariance_m2().inverse() * error)};
+}
+
+TEST(FlightFilterImu, CarriesThroughABlackoutWithATurn) {
+  double imu_error = 0, imu_nees = 0, velocity_error = 0, velocity_nees = 0;
+  int imu_inside = 0, velocity_inside = 0;
+  constexpr int kFlights = 200;
+  for (std::uint64_t seed = 0; seed < kFlights; ++seed) {
+    const End imu = fly(Blackout(seed, true)), velocity = fly(Blackout(seed, false));
+    EXPECT_LT(imu.sigma_m, velocity.sigma_m);
+    imu_error += imu.error_m / kFlights, velocity_error += velocity.error_m / kFlights;
+    imu_nees += imu.nees / kFlights, velocity_nees += velocity.nees / kFlights;
+    imu_inside += imu.nees < 5.991, velocity_inside += velocity.nees < 5.991;
+  }
+  EXPECT_LT(imu_error, 0.6 * velocity_error);
+  EXPECT_GE(imu_inside, 0.9 * kFlights) << "truth within the 95 % ellipse, mean NEES " << imu_nees;
+  EXPECT_GE(velocity_inside, 0.93 * kFlights) << "constant velocity, honestly, mean NEES " << velocity_nees;
+  EXPECT_NEAR(imu_nees, 2, 0.8);
+  RecordProperty("imu_error_m", std::to_string(imu_error));
+  RecordProperty("velocity_error_m", std::to_string(velocity_error));
+}
+
+// Two whole circles: a wrong heading's share of the error comes and goes, but nobody has seen it go.
+TEST(FlightFilterImu, FlyingCirclesTeachesNothing) {
+  F filter(sensors(), true, {0, 0}, 2);
+  filter.advance(0, 0.0);
+  for (int i = 0; i < 10; ++i) {
+    filter.advance(1, 0.0, true, Vector2d::Zero());
+    filter.anchored(place({0, 20.0 * (i + 1)}, 2));
+  }
+  for (int i = 1; i <= 72; ++i) {
+    const auto direction = [](int k) -> Vector2d {
+      return 20 * Vector2d(std::sin(radians(10 * k)), std::cos(radians(10 * k)));
+    };
+    const Matrix2d before = filter.position_covariance_m2();
+    filter.advance(1, wrap_pi(radians(10 * i)), true, direction(i) - direction(i - 1));
+    const Matrix2d grown = filter.position_covariance_m2() - before;
+    ASSERT_GE(Eigen::SelfAdjointEigenSolver<Matrix2d>(grown).eigenvalues()[0], -1e-9 * before.norm()) << i;
+  }
+  EXPECT_TRUE(filter.covariance().allFinite());
+}
+
+// The blind stretch between two anchors: smoothing replays the accelerometer as well.
+TEST(FlightFilterImu, SmoothingReplaysIt) {
+  Blackout flight(3, true);
+  flight.steps.back().anchored = place(flight.truth.back(), 3);
+  const F fresh(sensors(), true, {0, 0}, 20);
+  const auto with = smooth_flight(fresh, flight.steps).frames;
+  for (FlightStep& step : flight.steps) step.imu_dv_mps.reset();
+  const auto without = smooth_flight(fresh, flight.steps).frames;
+  const std::size_t middle = 40;
+  EXPECT_LT((with[middle].position_m - flight.truth[middle]).norm(),
+            3 * std::sqrt(with[middle].covariance_m2(0, 0)) + 3);
+  EXPECT_LT(with[middle].covariance_m2.trace(), 0.5 * without[middle].covariance_m2.trace());
+}
+
+// With a clock that stands the change of velocity is still true, but not how far it led.
+TEST(FlightFilterImu, AClockThatStandsDoubtsThePlaceButNotTheVelocity) {
+  F filter(sensors(), true, {0, 0}, 5);
+  filter.advance(0, 0.0);
+  for (int i = 0; i < 5; ++i) {
+    filter.advance(1, 0.0, true, Vector2d::Zero());
+    filter.anchored(place({0, 20.0 * (i + 1)}, 1));
+  }
+  const Vector2d at = filter.position_m();
+  filter.advance(0, 0.0, true, Vector2d(4, 0));
+  EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
+  EXPECT_NEAR(filter.state()[F::velocity_east], 4, 0.5);
+  EXPECT_GT(filter.position_sigma_m(), 15);
+}
+
+}  // namespace
+}  // namespace nadir
