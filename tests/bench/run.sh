@@ -21,6 +21,9 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   latency       the CPU time of a frame, stage by stage, over a simulated flight
   ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)
   safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
+  flights       long flights with turns, outliers, blackouts, wrong height and heading (--resume FILE; half an hour)
+  consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
+  smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -37,6 +40,15 @@ one_program() {
   cmake --build build --target "$1" -- --quiet
 }
 
+smoothing() {
+  if [[ ! -e /usr/include/ceres/ceres.h ]]; then
+    echo "NOT RUN: Ceres is not installed (libceres-dev)"
+    return
+  fi
+  cmake -B build >/dev/null
+  one_program bench_smoothing && build/bin/bench_smoothing "$@"
+}
+
 part() {
   local name=$1
   shift
@@ -51,6 +63,9 @@ part() {
     latency)      one_program bench_stages && "$here/latency.sh" "$@" ;;
     ablations)    one_program bench_ablations && "$here/ablations.sh" "$@" ;;
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
+    flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
+    consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
+    smoothing)    smoothing "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
 }
@@ -61,8 +76,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, latency, ablations, safety, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | latency | ablations | safety | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, latency, ablations, safety, flights, consistency, smoothing, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | latency | ablations | safety | flights | consistency | smoothing | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -6,15 +6,13 @@
 #include <cmath>
 
 #include "estimation/localizer.hpp"
+#include "safety_judge.hpp"
 #include "simulation/noise.hpp"
 
 namespace nadir::bench {
 namespace {
 
-constexpr double kWrong_m = 50;
-constexpr double kFarSigmas = 3;
-constexpr double kChi2_50 = 1.386, kChi2_95 = 5.991;  // two degrees of freedom
-constexpr double kTellableSigmas = 4;                 // the gate of the first anchor is 3.7, and the anchor itself errs
+constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, and the anchor itself errs
 
 // A map that is exchanged for another in flight.
 class ExchangedTiles final : public TileSource {
@@ -29,56 +27,6 @@ class ExchangedTiles final : public TileSource {
 };
 
 Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
-
-void judge(const FrameReport& report, const Shot& shot, bool unknowable, Record& record) {
-  const AnchorVerdict verdict = report.anchor.verdict;
-  ++record.frames;
-  if (verdict != AnchorVerdict::not_tried && verdict != AnchorVerdict::frame_unfit) ++record.attempts;
-  bool bad = false;
-  if (verdict == AnchorVerdict::accepted) {
-    ++record.accepted;
-    bad = !report.anchor.camera || (vec(*report.anchor.camera) - vec(shot.truth.position)).norm() > kWrong_m;
-    if (bad && !unknowable) ++record.wrong;
-  }
-  const Estimate& estimate = report.estimate;
-  if (estimate.position) {
-    const Enu at = frame().enu_from_lonlat(*estimate.position);
-    const Eigen::Vector2d error = Eigen::Vector2d(at.east_m, at.north_m) - vec(shot.truth.position);
-    const double nees = error.dot(estimate.covariance_m2.inverse() * error), sigmas = error.norm() / estimate.sigma_m;
-    const bool anchored = estimate.source == SourceLabel::satellite_anchored, far = sigmas > kFarSigmas;
-    bad = bad || (anchored && far);
-    if (!unknowable) {
-      ++record.told;
-      if (nees <= kChi2_50) ++record.in_50;
-      if (nees <= kChi2_95) ++record.in_95;
-      if (far) ++(anchored ? record.misleading : record.overconfident);
-    }
-    if (!unknowable && anchored) {
-      ++record.anchored;
-      record.nees += nees;
-      record.worst_sigmas = std::max(record.worst_sigmas, sigmas);
-      record.worst_m = std::max(record.worst_m, error.norm());
-    }
-  }
-  if (bad && unknowable) ++record.unknowable;
-}
-
-std::string told(std::size_t i, const FrameReport& report, const Shot& shot) {
-  const AnchorReport& a = report.anchor;
-  const double anchor_m = a.camera ? (vec(*a.camera) - vec(shot.truth.position)).norm() : -1;
-  double error_m = -1;
-  if (report.estimate.position) {
-    const Enu at = frame().enu_from_lonlat(*report.estimate.position);
-    error_m = (Eigen::Vector2d(at.east_m, at.north_m) - vec(shot.truth.position)).norm();
-  }
-  return fmt::format(
-      "frame {}: {}, ratio {:.2f}, score {:.2f}, {} of {} patches, {:.1f} px, chi2 {:.1f}, window {:.0f} m, anchor "
-      "{:.1f} m "
-      "off; {}, {:.1f} m off, sigma {:.1f} m; odometry {} {} inliers {:.1f} m\n",
-      i, name_of(a.verdict), a.ratio, a.score, a.inliers, a.patches, a.residual_px, a.chi2, a.window_radius_m, anchor_m,
-      name_of(report.estimate.source), error_m, report.estimate.sigma_m, report.odometry.tracked ? "tracked" : "lost",
-      report.odometry.inliers, report.odometry.step_m);
-}
 
 // On a map that is out of place from the start the flight looks like one that began elsewhere. Only a start that says
 // otherwise could tell.
@@ -130,8 +78,8 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
     const bool unanchored = record.accepted == 0;
     if (shot.shifted && unanchored && !start_tells(flight)) unknowable = true;  // exchanged before anything was known
     const FrameReport report = localizer.process(shot.picture, shot.told);
-    judge(report, shot, unknowable, record);
-    if (talk) talk(told(i, report, shot));
+    judge(report, shot.truth, unknowable, record);
+    if (talk) talk(told(i, report, shot.truth));
   }
   return record;
 }

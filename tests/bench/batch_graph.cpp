@@ -1,0 +1,232 @@
+#include "batch_graph.hpp"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <ctime>
+
+#include "geodesy/angles.hpp"
+
+namespace nadir::bench {
+namespace {
+
+// Of a frame: position and velocity east, north; log height; heading, pitch, roll; constant parts of pitch and roll.
+constexpr int kEast = 0, kVelocity = 2, kHeight = 4, kHeading = 5, kTilt = 6, kTiltBias = 8, kStates = 10;
+using State = Eigen::Matrix<double, kStates, 1>;
+template <typename T>
+using Vec2 = Eigen::Matrix<T, 2, 1>;
+
+template <typename T>
+T wrapped(const T& angle) {
+  return angle - T(2 * kPi) * ceres::floor((angle + T(kPi)) / T(2 * kPi));
+}
+
+template <typename T>
+Vec2<T> clockwise(const T& angle, const Vec2<T>& v) {
+  using std::cos, std::sin;
+  return {cos(angle) * v.x() + sin(angle) * v.y(), -sin(angle) * v.x() + cos(angle) * v.y()};
+}
+
+// What each frame's telemetry says: heading, tilt.
+struct Told {
+  double heading, heading_sigma, changing_tilt;
+  template <typename T>
+  bool operator()(const T* x, const T* heading_bias, T* r) const {
+    r[0] = wrapped(x[kHeading] - T(heading) - heading_bias[0]) / T(heading_sigma);
+    r[1] = (x[kTilt] - x[kTiltBias]) / T(changing_tilt);
+    r[2] = (x[kTilt + 1] - x[kTiltBias + 1]) / T(changing_tilt);
+    return true;
+  }
+};
+
+// From frame to frame: velocity that turns with the aircraft, heights and constant tilts that wander.
+struct Carry {
+  double dt, height_keep, height_sigma, bias_keep, bias_sigma;
+  Eigen::Matrix4d whiten;
+  template <typename T>
+  bool operator()(const T* a, const T* b, T* r) const {
+    const Vec2<T> va(a[kVelocity], a[kVelocity + 1]), vb(b[kVelocity], b[kVelocity + 1]);
+    const Vec2<T> foretold = clockwise(wrapped(b[kHeading] - a[kHeading]), va);
+    Eigen::Matrix<T, 4, 1> off;
+    off << b[0] - a[0] - T(dt / 2) * (va.x() + foretold.x()), b[1] - a[1] - T(dt / 2) * (va.y() + foretold.y()),
+        vb - foretold;
+    Eigen::Map<Eigen::Matrix<T, 4, 1>>(r, 4) = whiten.cast<T>() * off;
+    r[4] = (b[kHeight] - T(height_keep) * a[kHeight]) / T(height_sigma);
+    for (int i = 0; i < 2; ++i) r[5 + i] = (b[kTiltBias + i] - T(bias_keep) * a[kTiltBias + i]) / T(bias_sigma);
+    return true;
+  }
+};
+
+struct Begin {
+  State mean, sigma;
+  template <typename T>
+  bool operator()(const T* x, T* r) const {
+    constexpr int kOf[] = {0, 1, 2, 3, kHeight, kTiltBias, kTiltBias + 1};
+    for (int i = 0; i < 7; ++i) r[i] = (x[kOf[i]] - T(mean[kOf[i]])) / T(sigma[kOf[i]]);
+    return true;
+  }
+};
+
+struct Bias {
+  double sigma;
+  template <typename T>
+  bool operator()(const T* bias, T* r) const {
+    r[0] = bias[0] / T(sigma);
+    return true;
+  }
+};
+
+struct Moved {
+  MotionSight sight;
+  Eigen::Matrix<double, 8, 8> whiten;
+  template <typename T>
+  bool operator()(const T* a, const T* b, T* r) const {
+    using std::exp;
+    const Vec2<T> seen(T(sight.seen[0]), T(sight.seen[1]));
+    const Vec2<T> step =
+        exp(a[kHeight] - T(sight.before.log_height)) * clockwise(a[kHeading] - T(sight.before.heading_rad), seen);
+    Eigen::Matrix<T, 8, 1> off;
+    off << b[0] - a[0] - step.x(), b[1] - a[1] - step.y(),
+        (b[kHeight] - a[kHeight]) - T(sight.now.log_height - sight.before.log_height) - T(sight.seen[2]),
+        wrapped((b[kHeading] - a[kHeading]) - T(sight.now.heading_rad - sight.before.heading_rad) - T(sight.seen[3])),
+        a[kTilt] - T(sight.before.pitch_rad + sight.seen[4]), a[kTilt + 1] - T(sight.before.roll_rad + sight.seen[5]),
+        b[kTilt] - T(sight.now.pitch_rad + sight.seen[6]), b[kTilt + 1] - T(sight.now.roll_rad + sight.seen[7]);
+    Eigen::Map<Eigen::Matrix<T, 8, 1>>(r, 8) = whiten.cast<T>() * off;
+    return true;
+  }
+};
+
+struct Anchored {
+  PoseSight sight;
+  Eigen::Matrix<double, 6, 6> whiten;
+  template <typename T>
+  bool operator()(const T* x, T* r) const {
+    Eigen::Matrix<T, 6, 1> off;
+    off << x[0] - T(sight.seen[0]), x[1] - T(sight.seen[1]), x[kHeight] - T(sight.seen[2]),
+        wrapped(x[kHeading] - T(sight.seen[3])), x[kTilt] - T(sight.seen[4]), x[kTilt + 1] - T(sight.seen[5]);
+    Eigen::Map<Eigen::Matrix<T, 6, 1>>(r, 6) = whiten.cast<T>() * off;
+    return true;
+  }
+};
+
+class GemanMcClure final : public ceres::LossFunction {
+ public:
+  explicit GemanMcClure(const double& bound) : bound_(bound) {}
+  void Evaluate(double s, double out[3]) const override {
+    const double share = bound_ / (bound_ + s);
+    out[0] = s * share;
+    out[1] = share * share;
+    out[2] = -2 * share * share / (bound_ + s);
+  }
+
+ private:
+  const double& bound_;
+};
+
+template <int N>
+Eigen::Matrix<double, N, N> whitening(const Eigen::Matrix<double, N, N>& covariance) {
+  const Eigen::Matrix<double, N, N> lower = covariance.llt().matrixL();
+  return lower.template triangularView<Eigen::Lower>().solve(Eigen::Matrix<double, N, N>::Identity());
+}
+
+// The flight filter's, of white acceleration and of the wind, which does not turn.
+Eigen::Matrix4d carry_noise(double dt, double turn) {
+  const FlightFilter::Options options;
+  const double q = options.steady_acceleration_mps2 * options.steady_acceleration_mps2;
+  const double gust = options.wind_sigma_mps * options.wind_sigma_mps * turn * turn;
+  Eigen::Matrix4d noise;
+  const auto I = Eigen::Matrix2d::Identity();
+  noise << I * (q * dt * dt * dt / 3 + gust * dt * dt / 4), I * (q * dt * dt / 2 + gust * dt / 2),
+      I * (q * dt * dt / 2 + gust * dt / 2), I * (q * dt + gust);
+  return noise;
+}
+
+double cpu_s() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+
+template <typename Cost, int Rows, int... Blocks>
+auto cost_of(const Cost& cost) {
+  return new ceres::AutoDiffCostFunction<Cost, Rows, Blocks...>(new Cost(cost));
+}
+
+}  // namespace
+
+BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertainty& uncertainty, bool covariances) {
+  const double began = cpu_s();
+  const std::size_t n = flight.steps.size();
+  std::vector<State> x(n, State::Zero());
+  double heading_bias = 0, bound = 1;
+  ceres::Problem::Options problem_options;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ceres::Problem problem(problem_options);
+  GemanMcClure loss(bound);
+  const FlightFilter::Options filter;
+  State sigma = State::Ones();
+  sigma.head<4>() << 20, 20, filter.start_velocity_sigma_mps, filter.start_velocity_sigma_mps;
+  sigma[kHeight] = uncertainty.agl_relative;
+  sigma[kTiltBias] = sigma[kTiltBias + 1] = uncertainty.tilt_rad;
+  for (std::size_t i = 0; i < n; ++i) {
+    x[i].head<2>() = flight.frames[i].told_m;
+    x[i][kHeading] = *flight.steps[i].told_heading_rad;
+    if (i > 0) x[i].segment<2>(kVelocity) = (x[i] - x[i - 1]).head<2>() / flight.steps[i].seconds;
+  }
+  problem.AddResidualBlock(cost_of<Bias, 1, 1>({uncertainty.heading_rad}), nullptr, &heading_bias);
+  problem.AddResidualBlock(cost_of<Begin, 7, kStates>({State::Zero(), sigma}), nullptr, x[0].data());
+  for (std::size_t i = 0; i < n; ++i) {
+    const FlightStep& step = flight.steps[i];
+    const double heading = *step.told_heading_rad;
+    problem.AddResidualBlock(
+        cost_of<Told, 3, kStates, 1>({heading, 0.5 * uncertainty.heading_rad, 0.7 * uncertainty.tilt_rad}), nullptr,
+        x[i].data(), &heading_bias);
+    if (i > 0) {
+      const double keep = std::exp(-step.seconds / 240),
+                   turn = wrap_pi(heading - *flight.steps[i - 1].told_heading_rad);
+      problem.AddResidualBlock(
+          cost_of<Carry, 7, kStates, kStates>({step.seconds, std::sqrt(15.0 / 16), 0.25 * uncertainty.agl_relative,
+                                               keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep),
+                                               whitening<4>(carry_noise(step.seconds, turn))}),
+          nullptr, x[i - 1].data(), x[i].data());
+    }
+    if (step.moved) {
+      problem.AddResidualBlock(cost_of<Moved, 8, kStates, kStates>({*step.moved, whitening<8>(step.moved->covariance)}),
+                               nullptr, x[i - 1].data(), x[i].data());
+    }
+    if (step.anchored) {
+      problem.AddResidualBlock(cost_of<Anchored, 6, kStates>({*step.anchored, whitening<6>(step.anchored->covariance)}),
+                               &loss, x[i].data());
+    }
+  }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.max_num_iterations = 50;
+  options.num_threads = 1;
+  // From a loss that believes all to one that gives up those beyond 50 (six degrees of freedom).
+  for (bound = 50.0 * 4096; bound >= 50; bound /= 8) {
+    ceres::Solver::Summary summary;
+    ceres::Solve(options, &problem, &summary);
+  }
+  bound = 50;
+  BatchGraph graph;
+  graph.solve_s = cpu_s() - began;
+  const double solved = cpu_s();
+  std::vector<Eigen::Matrix2d> spread(n, Eigen::Matrix2d::Zero());
+  if (covariances) {
+    ceres::Covariance::Options how;
+    how.num_threads = 1;
+    ceres::Covariance covariance(how);
+    std::vector<std::pair<const double*, const double*>> blocks;
+    for (const State& state : x) blocks.emplace_back(state.data(), state.data());
+    if (covariance.Compute(blocks, &problem)) {
+      for (std::size_t i = 0; i < n; ++i) {
+        Eigen::Matrix<double, kStates, kStates, Eigen::RowMajor> block;
+        covariance.GetCovarianceBlock(x[i].data(), x[i].data(), block.data());
+        spread[i] = block.topLeftCorner<2, 2>();
+      }
+    }
+  }
+  graph.covariance_s = cpu_s() - solved;
+  for (std::size_t i = 0; i < n; ++i) graph.frames.push_back({x[i].head<2>(), spread[i]});
+  return graph;
+}
+
+}  // namespace nadir::bench

@@ -1,0 +1,17 @@
+// The flight log as one batch for Ceres: a pose graph with the same beliefs about sensors as the flight filter, solved
+// again from where it stands after every step, with Geman and McClure's loss on anchors instead of switching them off.
+#pragma once
+
+#include "estimation/drawn_flight.hpp"
+
+namespace nadir::bench {
+
+struct BatchGraph {
+  std::vector<FlightFilter::Smoothed> frames;
+  double solve_s = 0, covariance_s = 0;  // CPU time
+};
+
+// Begins at what the filter told online.
+BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertainty& uncertainty, bool covariances);
+
+}  // namespace nadir::bench

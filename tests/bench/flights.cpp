@@ -1,0 +1,56 @@
+// Long flights with turns, outliers, blackouts, wrong height and heading: how near, how honest, and whether every loss
+// is recovered. docs/benchmarks.md.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <iostream>
+#include <opencv2/core/utility.hpp>
+
+#include "long_flight.hpp"
+#include "seeded_runs.hpp"
+
+using namespace nadir;
+using namespace nadir::bench;
+
+namespace {
+
+int run(const RunOptions& options, int frames, const std::vector<std::uint64_t>& only, bool verbose) {
+  cv::setNumThreads(1);
+  const LongFlights flights(only.empty() && options.count == 0 ? 0 : options.worlds, frames);
+  std::function<void(const std::string&)> talk;
+  if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };
+  std::map<std::uint64_t, LongRecord> records;
+  for (const std::uint64_t index : only) records[index] = flights.run(options.seed, index, talk);
+  if (only.empty()) {
+    records = run_all<LongRecord>(options, long_header(options.seed, options.worlds, frames), long_record_of,
+                                  [&](std::uint64_t i) { return flights.run(options.seed, i, talk); });
+  }
+  std::cout << long_summary(records)
+            << fmt::format("{} flights of {} frames, base seed {}, {} worlds\n", records.size(), frames, options.seed,
+                           options.worlds);
+  return std::any_of(records.begin(), records.end(), [](const auto& r) { return r.second.violates(); }) ? 1 : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Long simulated flights with turns and faults: near, honest, and recovered after every loss?",
+               "flights");
+  RunOptions options;
+  options.count = 2 * long_conditions().size();
+  options.worlds = 2;
+  options.add_to(app, "flights");
+  int frames = 300;
+  app.add_option("--frames", frames, "of each flight")->check(CLI::Range(30, 300))->capture_default_str();
+  std::vector<std::uint64_t> only;
+  app.add_option("--only", only, "run the flights of these indices alone");
+  bool verbose = false;
+  app.add_flag("--verbose", verbose, "a line for every frame");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    return run(options, frames, only, verbose);
+  } catch (const std::exception& error) {
+    std::cerr << "flights: " << error.what() << "\n";
+    return 2;
+  }
+}

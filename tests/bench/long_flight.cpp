@@ -1,0 +1,175 @@
+#include "long_flight.hpp"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+
+#include "estimation/localizer.hpp"
+#include "geodesy/angles.hpp"
+#include "safety_judge.hpp"
+#include "simulation/camera_sensor.hpp"
+#include "simulation/noise.hpp"
+#include "simulation/telemetry_noise.hpp"
+
+namespace nadir::bench {
+namespace {
+
+constexpr double kLeg_m = 900, kRow_m = 150;  // so that a banked picture still sees the world
+constexpr double kStartSigma_m = 30;
+constexpr int kOutlierEvery = 50;
+
+constexpr std::array kConditions = {
+    LongCondition{"nominal"},
+    LongCondition{.name = "outliers 350 m off", .outliers = true},
+    LongCondition{.name = "20 % blackout", .blackout = true},
+    LongCondition{.name = "20 % blackout, IMU", .blackout = true, .imu = true},
+    LongCondition{.name = "height 15 % off", .height_factor = 1.15},
+    LongCondition{.name = "heading 8 deg off", .heading_off_deg = 8},
+    LongCondition{
+        .name = "all of these", .outliers = true, .blackout = true, .height_factor = 1.15, .heading_off_deg = 8},
+};
+
+// Rows to and fro over the world's middle, in a direction of the seed's choice: a turn of 90 degrees twice a row.
+std::vector<FlightPose> path_of(Random random, std::uint64_t seed, int frames) {
+  FlightPathOptions options;
+  options.agl_m = random.uniform(160, 240);
+  options.speed_mps = 20;
+  options.max_frames = frames;
+  options.interval_s = 1.2;
+  const double along = random.uniform(-kPi, kPi);
+  constexpr int kRows = 7;
+  PlanePath route;
+  for (int row = 0; row < kRows; ++row) {
+    for (const double end : {row % 2 == 0 ? -0.5 : 0.5, row % 2 == 0 ? 0.5 : -0.5}) {
+      const double x = end * kLeg_m, y = (row - (kRows - 1) / 2.0) * kRow_m;
+      route.push_back({x * std::sin(along) + y * std::cos(along), x * std::cos(along) - y * std::sin(along)});
+    }
+  }
+  return fly_path(route, GroundShape(), options, seed);
+}
+
+// Which frames nobody can decode.
+std::vector<bool> black_frames(Random random, std::size_t frames) {
+  std::vector<bool> black(frames, false);
+  std::size_t left = frames / 5;
+  while (left > 0) {
+    const auto from = static_cast<std::size_t>(random.integer(5, static_cast<int>(frames) - 25));
+    const auto to = from + static_cast<std::size_t>(random.integer(4, 20));
+    for (std::size_t i = from; i < to && left > 0; ++i) {
+      if (black[i]) continue;
+      black[i] = true;
+      --left;
+    }
+  }
+  return black;
+}
+
+// Counts a loss when the track breaks, and whether and when an anchor mends it.
+class Losses {
+ public:
+  void see(const FrameReport& report, bool first, LongRecord& record) {
+    const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
+    if (!first && !report.odometry.tracked && !lost_) {
+      ++record.losses;
+      lost_ = true;
+      usable_frames_ = 0;
+    }
+    if (!lost_) return;
+    if (report.anchor.verdict != AnchorVerdict::frame_unfit) ++usable_frames_;
+    if (!anchored) return;
+    ++record.recovered;
+    record.longest_recovery = std::max(record.longest_recovery, usable_frames_);
+    lost_ = false;
+  }
+
+ private:
+  bool lost_ = false;
+  int usable_frames_ = 0;
+};
+
+}  // namespace
+
+std::span<const LongCondition> long_conditions() { return kConditions; }
+
+LongFlights::LongFlights(int worlds, int frames) : frames_(frames), photographer_(camera_file().camera) {
+  for (int i = 0; i < worlds; ++i) worlds_.push_back(std::make_unique<World>(static_cast<std::uint64_t>(i) + 1));
+}
+
+LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
+                            const std::function<void(const std::string&)>& talk) const {
+  const LongCondition& condition = kConditions[index % kConditions.size()];
+  // Flights of one round differ by their condition alone.
+  const std::uint64_t round = index / kConditions.size(), seed = hash_of(base_seed, static_cast<std::int64_t>(round));
+  const World& world = *worlds_[round % worlds_.size()];
+  const Random base(seed);
+  Random light = base.fork("light"), faults = base.fork("faults"), start = base.fork("start");
+  const CameraFile file = camera_file();
+  const CameraSensor sensor({file.camera.width, file.camera.height}, file.camera.fx, seed);
+  TelemetryNoise noise(file.uncertainty, seed);
+  const std::vector<FlightPose> path = path_of(base.fork("path"), seed, frames_);
+  const std::vector<bool> black = black_frames(base.fork("black"), path.size());
+
+  LocalizerConfig config;
+  config.start_sigma_m = kStartSigma_m;
+  config.map_sigma_m = world.map_sigma_m;
+  config.surface = &world.terrain;
+  const LonLat told_start = frame().lonlat_from_enu(path.front().position.x() + start.normal(0, kStartSigma_m),
+                                                    path.front().position.y() + start.normal(0, kStartSigma_m));
+  Localizer localizer(file, frame(), &world.map, told_start, config);
+
+  LongRecord record;
+  record.index = index;
+  record.condition = condition.name;
+  Losses losses;
+  std::vector<CameraPose> truths;
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const CameraPose truth{{path[i].position.x(), path[i].position.y()}, path[i].agl_m, path[i].attitude};
+    truths.push_back(truth);
+    CameraPose seen = truth;
+    const double direction = faults.uniform(-kPi, kPi);
+    if (condition.outliers && i % kOutlierEvery == kOutlierEvery / 2) {
+      seen.position = {seen.position.east_m + 350 * std::sin(direction),
+                       seen.position.north_m + 350 * std::cos(direction)};
+    }
+    Exposure exposure;
+    exposure.gain = light.uniform(0.85, 1.25);
+    exposure.warmth = light.uniform(-1, 1);
+    exposure.motion_px = {light.normal(0, 0.3), light.normal(0, 0.5)};
+    cv::Mat picture;
+    if (!condition.blackout || !black[i]) {
+      picture = photographer_.photograph(world, seen);
+      sensor.expose(picture, exposure, i);
+    }
+    const ToldPose told_pose = noise.tell(path[i]);
+    Telemetry telemetry;
+    telemetry.time_s = 100 + told_pose.time_s;
+    telemetry.agl_m = told_pose.agl_m * condition.height_factor;
+    telemetry.heading_rad = told_pose.attitude.heading_rad + radians(condition.heading_off_deg);
+    telemetry.pitch_rad = told_pose.attitude.pitch_rad;
+    telemetry.roll_rad = told_pose.attitude.roll_rad;
+    if (condition.imu) telemetry.imu_dv_mps = told_pose.imu_dv_mps;
+    const FrameReport report = localizer.process(picture, telemetry);
+    judge(report, truth, false, record);
+    losses.see(report, i == 0, record);
+    const auto off = error_m(report.estimate, truth);
+    if (off) record.error_sum_m += *off;
+    record.within_20 += off && *off < 20;
+    record.within_50 += off && *off < 50;
+    if (talk) talk(told(i, report, truth));
+  }
+  const std::vector<Estimate> refined = localizer.refined();
+  for (std::size_t i = 0; i < refined.size(); ++i) {
+    FrameReport after;
+    after.estimate = refined[i];
+    Record judged;
+    judge(after, truths[i], false, judged);
+    record.refined_in_95 += judged.in_95;
+    const auto off = error_m(refined[i], truths[i]);
+    record.refined_within_20 += off && *off < 20;
+    record.refined_within_50 += off && *off < 50;
+  }
+  return record;
+}
+
+}  // namespace nadir::bench
