@@ -43,11 +43,12 @@ class Pipeline(EndToEnd):
     def test_replays_are_identical(self):
         flight = self.flight()
         texts = []
-        for name in ("one", "two"):
-            self.good(*self.replay_args(flight, self.folder / name))
+        for name, more in (("one", []), ("two", ["--odometry", "features"])):
+            self.good(*self.replay_args(flight, self.folder / name), *more)
             rows = csv.reader(open(self.folder / name / "estimates.csv"))
             texts.append([row[:10] for row in rows])
         self.assertEqual(texts[0], texts[1])
+        self.good(*self.replay_args(flight, self.folder / "flow"), "--odometry", "flow")
 
     def test_without_a_start_nothing_is_told_until_a_frame_is_found(self):
         self.keys()
