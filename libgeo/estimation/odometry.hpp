@@ -54,8 +54,8 @@ using OdometryFactory = std::function<std::unique_ptr<OdometryFrontEnd>()>;
 // the rays of the matches over a plane.
 std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
 
-// No features: both pictures are resampled to the ground's north-up grid, correlated as wholes, and then patch by patch.
-// Attitudes must be known to some degrees and a quarter of the picture be shared.
+// No features: both pictures are resampled to the ground's north-up grid, correlated as wholes, and then patch by
+// patch. Attitudes must be known to some degrees and a quarter of the picture be shared.
 std::unique_ptr<OdometryFrontEnd> make_flow_odometry();
 
 }  // namespace nadir
