@@ -11,22 +11,36 @@
 
 namespace nadir {
 
+// What it takes.
+struct Quorum {
+  int voices = 3;       // of the attempts that are asked: two more than that
+  double agree_m = 25;  // how near to each other
+  double apart_m = 0;   // how far the first and the last of them were taken from each other: pictures of the same
+                        // ground err alike
+};
+
 class AnchorVotes {
  public:
-  // So many must agree within this distance, of the attempts that are asked: two more than are needed.
-  static constexpr int kNeeded = 3, kNeededAgainstAnchors = 6;
+  static constexpr int kVoices = 3, kVoicesAgainstAnchors = 6;
   static constexpr double kAgree_m = 25;
 
-  // offset_m: matched position minus the one that odometry carried (east, north). True: enough agree with this one.
-  bool vote(const Eigen::Vector2d& offset_m, int needed = kNeeded);
+  // In a small window places agree by chance: so near that less than one pair in a hundred does.
+  static double agree_in_window_m(double radius_m);
+
+  // offset_m: matched position minus the one that odometry carried; at_m: where odometry was (east, north). True:
+  // enough agree with this one.
+  bool vote(const Eigen::Vector2d& offset_m, const Eigen::Vector2d& at_m, const Quorum& quorum);
   void abstain();  // an attempt without a plausible match
   // Odometry broke, or an anchor was taken: what was voted before is about another track.
   void forget();
 
  private:
-  void remember(const std::optional<Eigen::Vector2d>& offset_m);
+  struct Voice {
+    Eigen::Vector2d offset_m, at_m;
+  };
+  void remember(const std::optional<Voice>& voice);
 
-  std::deque<std::optional<Eigen::Vector2d>> offsets_m_;
+  std::deque<std::optional<Voice>> voices_;
 };
 
 }  // namespace nadir

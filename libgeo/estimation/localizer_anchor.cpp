@@ -15,6 +15,7 @@ namespace {
 constexpr double kAnchorModelError = 4;
 constexpr double kSharedErrorFootprints = 1.5;
 constexpr double kMostSharedAnchors = 5;
+constexpr double kVotesApartFootprints = 0.8;  // by then a picture shows little of the first one's ground
 constexpr double kLeastTiltVariance_rad2 = 1e-6;
 constexpr double kLeastHeightSigma = 0.012;  // roofs, trees and rolling ground
 
@@ -99,8 +100,11 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
     votes.abstain();
     return;
   }
-  const bool against_anchor = contradicts && job.prediction.healthy;
-  const bool agreed = votes.vote(*off_m, against_anchor ? AnchorVotes::kNeededAgainstAnchors : AnchorVotes::kNeeded);
+  Quorum quorum;
+  quorum.voices = contradicts && job.prediction.healthy ? AnchorVotes::kVoicesAgainstAnchors : AnchorVotes::kVoices;
+  if (!job.prediction.lost) quorum.agree_m = AnchorVotes::agree_in_window_m(job.prior.search.radius_m);
+  quorum.apart_m = kVotesApartFootprints * footprint_side_m(camera, job.told_agl_m);
+  const bool agreed = votes.vote(*off_m, job.flight.position_m(), quorum);
   if (!agreed || (contradicts && !last_anchor_s)) return;
   report.verdict = AnchorVerdict::accepted;
   if (contradicts) log[job.step].position_doubt_m = off_m->norm();

@@ -5,54 +5,77 @@
 namespace nadir {
 namespace {
 
+const Eigen::Vector2d kHere = Eigen::Vector2d::Zero();
+
+bool vote(AnchorVotes& votes, double east_m, double north_m, const Quorum& quorum = {}) {
+  return votes.vote({east_m, north_m}, kHere, quorum);
+}
+
 TEST(AnchorVotes, ThreeThatAgreeAreEnough) {
   AnchorVotes votes;
-  EXPECT_FALSE(votes.vote({100, 50}));
-  EXPECT_FALSE(votes.vote({110, 60}));
-  EXPECT_TRUE(votes.vote({95, 45}));
+  EXPECT_FALSE(vote(votes, 100, 50));
+  EXPECT_FALSE(vote(votes, 110, 60));
+  EXPECT_TRUE(vote(votes, 95, 45));
 }
 
 TEST(AnchorVotes, OthersInBetweenDoNotMatterButTime) {
   AnchorVotes votes;
-  EXPECT_FALSE(votes.vote({100, 50}));
-  EXPECT_FALSE(votes.vote({-700, 3}));
-  EXPECT_FALSE(votes.vote({101, 50}));
+  EXPECT_FALSE(vote(votes, 100, 50));
+  EXPECT_FALSE(vote(votes, -700, 3));
+  EXPECT_FALSE(vote(votes, 101, 50));
   votes.abstain();
-  EXPECT_TRUE(votes.vote({99, 52})) << "the first of five still counts";
+  EXPECT_TRUE(vote(votes, 99, 52)) << "the first of five still counts";
   AnchorVotes late;
-  EXPECT_FALSE(late.vote({100, 50}));
-  EXPECT_FALSE(late.vote({101, 50}));
+  EXPECT_FALSE(vote(late, 100, 50));
+  EXPECT_FALSE(vote(late, 101, 50));
   for (int i = 0; i < 4; ++i) late.abstain();
-  EXPECT_FALSE(late.vote({100, 50})) << "too long ago";
+  EXPECT_FALSE(vote(late, 100, 50)) << "too long ago";
 }
 
 TEST(AnchorVotes, AgainstAnAnchorItTakesSixOfEight) {
+  const Quorum quorum{.voices = AnchorVotes::kVoicesAgainstAnchors};
   AnchorVotes votes;
-  const int needed = AnchorVotes::kNeededAgainstAnchors;
-  for (int i = 0; i < 3; ++i) EXPECT_FALSE(votes.vote({200, 0}, needed)) << i;
+  for (int i = 0; i < 3; ++i) EXPECT_FALSE(vote(votes, 200, 0, quorum)) << i;
   votes.abstain();
   votes.abstain();
-  for (int i = 0; i < 2; ++i) EXPECT_FALSE(votes.vote({205, 3}, needed)) << i;
-  EXPECT_TRUE(votes.vote({201, 1}, needed));
+  for (int i = 0; i < 2; ++i) EXPECT_FALSE(vote(votes, 205, 3, quorum)) << i;
+  EXPECT_TRUE(vote(votes, 201, 1, quorum));
   AnchorVotes late;
-  for (int i = 0; i < 5; ++i) EXPECT_FALSE(late.vote({200, 0}, needed)) << i;
+  for (int i = 0; i < 5; ++i) EXPECT_FALSE(vote(late, 200, 0, quorum)) << i;
   for (int i = 0; i < 3; ++i) late.abstain();
-  EXPECT_FALSE(late.vote({200, 0}, needed)) << "five of the last eight";
+  EXPECT_FALSE(vote(late, 200, 0, quorum)) << "five of the last eight";
 }
 
 TEST(AnchorVotes, DisagreementIsNoVote) {
   AnchorVotes votes;
-  for (int i = 0; i < 20; ++i) EXPECT_FALSE(votes.vote({26.0 * i, 0})) << i;
+  for (int i = 0; i < 20; ++i) EXPECT_FALSE(vote(votes, 26.0 * i, 0)) << i;
+}
+
+TEST(AnchorVotes, PicturesOfTheSameGroundAreOneVoice) {
+  const Quorum quorum{.apart_m = 150};
+  AnchorVotes votes;
+  for (int i = 0; i < 3; ++i) EXPECT_FALSE(votes.vote({40, 0}, {60.0 * i, 0}, quorum)) << i;
+  EXPECT_TRUE(votes.vote({40, 0}, {180, 0}, quorum));
+}
+
+TEST(AnchorVotes, InASmallWindowTheyMustAgreeCloser) {
+  EXPECT_EQ(AnchorVotes::agree_in_window_m(1200), AnchorVotes::kAgree_m);
+  EXPECT_NEAR(AnchorVotes::agree_in_window_m(60), 6.8, 0.1);
+  const Quorum quorum{.agree_m = AnchorVotes::agree_in_window_m(60)};
+  AnchorVotes votes;
+  EXPECT_FALSE(vote(votes, 40, 0, quorum));
+  EXPECT_FALSE(vote(votes, 44, 0, quorum));
+  EXPECT_FALSE(vote(votes, 48, 0, quorum)) << "the first is 8 m off";
 }
 
 TEST(AnchorVotes, ABreakForgets) {
   AnchorVotes votes;
-  votes.vote({1, 1});
-  votes.vote({1, 1});
+  vote(votes, 1, 1);
+  vote(votes, 1, 1);
   votes.forget();
-  EXPECT_FALSE(votes.vote({1, 1}));
-  EXPECT_FALSE(votes.vote({1, 1}));
-  EXPECT_TRUE(votes.vote({1, 1}));
+  EXPECT_FALSE(vote(votes, 1, 1));
+  EXPECT_FALSE(vote(votes, 1, 1));
+  EXPECT_TRUE(vote(votes, 1, 1));
 }
 
 }  // namespace
