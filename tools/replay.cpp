@@ -17,6 +17,7 @@
 #include "replay/report.hpp"
 #include "replay/summary.hpp"
 #include "replay/track_geojson.hpp"
+#include "vision/place_index.hpp"
 
 namespace nadir {
 namespace {
@@ -110,12 +111,14 @@ int ReplayCommand::run(Context& context) {
 
   std::unique_ptr<OpenPackage> package;
   std::optional<TerrainSurface> surface;
+  std::optional<PlaceIndex> places;
   ReplaySetup setup{.frame = LocalFrame(start_.value_or(LonLat{})),
                     .tiles = nullptr,
                     .map_sigma_m = std::nullopt,
                     .start = start_,
                     .area = std::nullopt,
                     .surface = nullptr,
+                    .places = nullptr,
                     .odometry = odometry_named(odometry_),
                     .matcher = matcher_named(matcher_)};
   if (package_) {
@@ -126,6 +129,8 @@ int ReplayCommand::run(Context& context) {
     setup.frame = mission_frame(package->mission());
     setup.area = required_region(package->mission(), setup.frame).bounds();
     setup.tiles = &package->imagery();
+    places = PlaceIndex::open(*package_, package->manifest());
+    if (places) setup.places = &*places;
     setup.map_sigma_m = map_sigma_m(package->imagery());
     if (package->terrain() != nullptr) {
       setup.surface = &surface.emplace(*package->terrain(), setup.frame, package->mission().terrain.height_m);

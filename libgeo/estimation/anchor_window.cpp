@@ -1,18 +1,23 @@
 #include "estimation/anchor_window.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
 
 namespace nadir {
 namespace {
 
 constexpr int kFailuresPerRing = 3, kMostRings = 4;
 constexpr double kReachSigmas = 3;
+constexpr double kPart_m = 1600;  // what one frame may cost
 
 }  // namespace
 
 void AnchorWindow::attempted(AnchorVerdict verdict) {
   if (verdict == AnchorVerdict::accepted) {
     failures_ = 0;
+    parts_ = 0;
   } else if (verdict != AnchorVerdict::no_map) {
     ++failures_;
   }
@@ -25,6 +30,23 @@ double AnchorWindow::radius_m(double position_sigma_m) const {
 
 bool AnchorWindow::lost(bool placed, double position_sigma_m) const {
   return !placed || (area_ && kReachSigmas * position_sigma_m > max_radius_m_);
+}
+
+PlaneBox AnchorWindow::next_part(const PlaneBox& area, const Eigen::Vector2d& position_m) {
+  const auto count = [](double side_m) { return std::max(1, static_cast<int>(std::ceil(side_m / kPart_m))); };
+  const double east_m = area.east_m - area.west_m, north_m = area.north_m - area.south_m;
+  const int columns = count(east_m), rows = count(north_m);
+  std::vector<std::pair<double, PlaneBox>> parts;
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      const PlaneBox part{area.west_m + column * east_m / columns, area.south_m + row * north_m / rows,
+                          area.west_m + (column + 1) * east_m / columns, area.south_m + (row + 1) * north_m / rows};
+      const Eigen::Vector2d middle((part.west_m + part.east_m) / 2, (part.south_m + part.north_m) / 2);
+      parts.emplace_back((middle - position_m).norm(), part);
+    }
+  }
+  std::stable_sort(parts.begin(), parts.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  return parts[parts_++ % parts.size()].second;
 }
 
 PlaneBox AnchorWindow::area_left(bool placed, const Eigen::Vector2d& position_m, double position_sigma_m) const {

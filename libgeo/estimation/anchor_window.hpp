@@ -20,13 +20,17 @@ class AnchorWindow {
   // position_sigma_m: one axis. placed: a position is known at all.
   double radius_m(double position_sigma_m) const;
   bool lost(bool placed, double position_sigma_m) const;  // no window of a search with a prior surely holds the place
+  // The squares of an area that is too large to be searched for every frame, one each time it is asked, nearest to the
+  // prediction first.
+  PlaneBox next_part(const PlaneBox& area, const Eigen::Vector2d& position_m);
   // What of the area the aircraft can be in. The area must be known.
   PlaneBox area_left(bool placed, const Eigen::Vector2d& position_m, double position_sigma_m) const;
 
  private:
   double min_radius_m_, max_radius_m_;
   std::optional<PlaneBox> area_;
-  int failures_ = 0;  // over the map, since the last anchor
+  int failures_ = 0;       // over the map, since the last anchor
+  std::size_t parts_ = 0;  // asked for since the last anchor
 };
 
 }  // namespace nadir

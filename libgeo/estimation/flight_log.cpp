@@ -35,6 +35,7 @@ Eigen::Vector2d take_step(FlightFilter& filter, const FlightStep& step, bool wit
   filter.advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
   if (step.height_doubt) filter.doubt_height(*step.height_doubt);
   if (step.moved) taught_m = filter.moved(*step.moved);
+  if (step.hint_doubt_m) filter.doubt_position(*step.hint_doubt_m);
   if (step.position_doubt_m) filter.doubt_position(*step.position_doubt_m);
   if (step.anchored && with_anchor) filter.anchored(*step.anchored);
   return taught_m;

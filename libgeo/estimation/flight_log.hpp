@@ -19,6 +19,7 @@ struct FlightStep {
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<double> height_doubt;  // log sigma
   std::optional<MotionSight> moved;
+  std::optional<double> hint_doubt_m;      // before the frame was looked up
   std::optional<double> position_doubt_m;  // before the anchor
   std::optional<PoseSight> anchored;
 };

@@ -37,6 +37,9 @@ struct LocalizerConfig {
   double anchor_above_sigma_m = 5;
   std::optional<PlaneBox> area;            // where the flight can be at all: searched when the start is not known
   const GroundSurface* surface = nullptr;  // terrain; null: flat ground. Must outlive the localizer.
+  // Names places that look alike (a package's place index), so that one who is lost need not search all of the area at
+  // once; null: it does. Must outlive the localizer.
+  const PlaceMemory* places = nullptr;
   OdometryFactory odometry = make_feature_odometry;
   PlaceMatcherFactory matcher = make_channel_matcher;
 };
@@ -67,6 +70,11 @@ class Localizer {
   // What the map said of the job's frame, however many were followed since. The anchor report is of that frame, the
   // estimate of the last one followed: it has been thought over from the job's frame on.
   FrameReport finish(std::unique_ptr<AnchorJob> job);
+
+  // An operator says where the aircraft is, within radius_m. Looked at first while no healthy prediction is there, and
+  // forgotten with the next anchor. It moves no position: one that it contradicts, and that no anchor has confirmed
+  // without a break, is doubted by as much as the two lie apart. Throws UsageError for what is no place or no radius.
+  void hint(const LonLat& at, double radius_m);
 
   // All frames so far after smoothing with all anchors: same order, same fields.
   std::vector<Estimate> refined() const;

@@ -43,13 +43,12 @@ bool Localizer::State::anchor_due() const {
 
 std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, double time_s) {
   if (job_out || tiles == nullptr || (!placed && !config.area) || !anchor_due()) return nullptr;
+  heed_hint();
   const AnchorPrior prior = anchor_prior();
   const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost()};
   std::function<AnchorMatch()> look = [this, grey, prior] { return matcher->match(grey, prior); };
   if (prediction.lost) {
-    look = [this, grey, prior, area = window.area_left(placed, flight->position_m(), flight->position_sigma_m())] {
-      return matcher->match_anywhere(grey, prior, area);
-    };
+    look = [this, grey, prior, where = lost_search()] { return match_lost(grey, prior, where); };
   }
   job_out = true;
   broken_since_job = false;
@@ -136,6 +135,7 @@ void Localizer::State::take_anchor(const AnchorJob& job) {
   held_back_m.setZero();
   contradicted_m.setZero();
   votes.forget();
+  hinted.reset();
   placed = true;
   unbroken = !broken_since_job;
   follow_again(job.step + 1);

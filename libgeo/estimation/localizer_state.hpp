@@ -8,6 +8,7 @@
 #include "estimation/flight_log.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/odometry.hpp"
+#include "estimation/operator_hint.hpp"
 #include "vision/frozen_frame.hpp"
 
 namespace nadir {
@@ -36,6 +37,15 @@ struct Localizer::State {
   AnchorPrior anchor_prior() const;
   bool lost() const { return window.lost(placed, flight->position_sigma_m()); }
   bool anchor_due() const;
+  // Where one who is lost looks: chosen with the frame, searched by its job.
+  struct LostSearch {
+    PlaneBox area;
+    std::optional<PlaneBox> hint;
+    PlaneBox part;  // of the area, to be searched when suggestions fail
+  };
+  LostSearch lost_search();
+  AnchorMatch match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where);
+  void heed_hint();
   std::unique_ptr<AnchorJob> anchor_job(const cv::Mat& grey, double time_s);
   AnchorReport judge(const AnchorJob& job);
   void confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m, const AnchorJob& job);
@@ -84,6 +94,7 @@ struct Localizer::State {
   Eigen::Vector2d contradicted_m = Eigen::Vector2d::Zero();  // where the map says that the start was, against it
   AnchorVotes votes;
   AnchorWindow window;
+  std::optional<OperatorHint> hinted;
   bool unbroken;  // odometry has tracked every frame since the last anchor or the start
   int segment = 0;
   std::vector<Estimate> told;

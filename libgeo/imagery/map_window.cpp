@@ -189,10 +189,12 @@ MapWindowReader::~MapWindowReader() = default;
 MapWindowReader::MapWindowReader(MapWindowReader&&) noexcept = default;
 MapWindowReader& MapWindowReader::operator=(MapWindowReader&&) noexcept = default;
 
+ZoomRange MapWindowReader::zooms() const { return impl_->cache.source().zooms(); }
+
 MapWindow MapWindowReader::read(const LocalFrame& frame, const PlaneBox& box, double gsd_m, Colour colour) {
   MapWindow window = empty_window(box, gsd_m, colour);
   const LonLat centre = frame.lonlat_from_enu((box.west_m + box.east_m) / 2, (box.south_m + box.north_m) / 2);
-  const Level level = level_for(impl_->cache.source().zooms(), gsd_m, centre.lat_deg);
+  const Level level = level_for(zooms(), gsd_m, centre.lat_deg);
   const BlockCutter cutter(impl_->cache, frame, window, level, colour);
   for (int row = 0; row < window.image.rows; row += kBlock) {
     for (int column = 0; column < window.image.cols; column += kBlock) {

@@ -42,6 +42,7 @@ class MapWindowReader {
   MapWindowReader(MapWindowReader&&) noexcept;
   MapWindowReader& operator=(MapWindowReader&&) noexcept;
 
+  ZoomRange zooms() const;
   // As read_map_window().
   MapWindow read(const LocalFrame& frame, const PlaneBox& box, double gsd_m, Colour colour);
 

@@ -1,8 +1,10 @@
 #include "vision/anchor_matcher.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <opencv2/core.hpp>
 
+#include "vision/area_search.hpp"
 #include "vision/matching_plan.hpp"
 #include "vision/pose_refinement.hpp"
 
@@ -11,6 +13,8 @@ namespace {
 
 constexpr int kRounds = 3;
 constexpr double kRefineSlack_m = 30;
+constexpr double kHopelessRatio = 0.90;        // no gate believes more, and rivals only raise it
+constexpr std::size_t kRememberedPlaces = 10;  // that are looked at
 
 void refine(AnchorMatch& match, const cv::Mat& grey, const CameraModel& camera, const MapWindow& map,
             const AnchorPrior& prior, const GroundSurface& surface, const Likeness& likeness) {
@@ -32,57 +36,81 @@ void refine(AnchorMatch& match, const cv::Mat& grey, const CameraModel& camera, 
   }
 }
 
+// The best of the places, and what the patches say of it.
+AnchorMatch settled(const AreaQuestion& question, const MatchingPlan& plan, AreaAnswer answer, const AnchorPrior& prior,
+                    const GroundSurface& surface) {
+  AnchorMatch match = begun(plan);
+  match.on_map = answer.on_map;
+  match.search = best_of(std::move(answer.places), plan.options);
+  if (match.search.places.empty()) return match;
+  AnchorPrior there = prior;
+  there.search.pose.position = match.search.places.front().pose.position;
+  const MapWindow window =
+      question.map.read(question.frame, square_around(there.search.pose.position, kRefineSlack_m + plan.reach_m),
+                        plan.scale.fine_gsd_m, Colour::grey);
+  refine(match, question.grey, question.camera, window, there, surface, plan.options.likeness);
+  return match;
+}
+
 }  // namespace
 
-AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
-                         const LocalFrame& frame, const AnchorPrior& prior, const GroundSurface& surface,
-                         const Likeness& likeness) {
-  auto plan = matching_plan(camera, tiles, frame, prior.search);
+AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map, const LocalFrame& frame,
+                         const AnchorPrior& prior, const GroundSurface& surface, const Likeness& likeness) {
+  auto plan = matching_plan(camera, map.zooms(), frame, prior.search);
   if (!plan) return {};
   plan->options.likeness = likeness;
   AnchorMatch match = begun(*plan);
   SearchPrior search = prior.search;
   // Without room for other places there is nothing to compare the best one with.
   search.radius_m = std::max(search.radius_m, 2.2 * plan->options.distinct_m);
-  const MapWindow window =
-      read_map_window(tiles, frame, square_around(search.pose.position, search.radius_m + plan->reach_m),
-                      plan->scale.fine_gsd_m, Colour::grey);
+  const MapWindow window = map.read(frame, square_around(search.pose.position, search.radius_m + plan->reach_m),
+                                    plan->scale.fine_gsd_m, Colour::grey);
   match.on_map = cv::countNonZero(window.mask) > 0;
   if (!match.on_map) return match;
-  const MapWindow map = cropped_to_map(window, plan->reach_m / 2);
+  const MapWindow cropped = cropped_to_map(window, plan->reach_m / 2);
 
-  match.search = search_place(grey, camera, map, search, plan->options);
-  if (!match.search.places.empty()) refine(match, grey, camera, map, prior, surface, likeness);
+  match.search = search_place(grey, camera, cropped, search, plan->options);
+  if (!match.search.places.empty()) refine(match, grey, camera, cropped, prior, surface, likeness);
   return match;
 }
 
-AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
+AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map,
                                   const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
                                   const GroundSurface& surface, const Likeness& likeness) {
-  auto plan = matching_plan(camera, tiles, frame, prior.search);
+  auto plan = matching_plan(camera, map.zooms(), frame, prior.search);
   if (!plan) return {};
   plan->options.likeness = likeness;
-  AnchorMatch match = begun(*plan);
-  match.on_map = false;
-  std::vector<Place> places;
-  for (const SearchPrior& search : windows_over(area, prior.search)) {
-    const MapWindow window =
-        read_map_window(tiles, frame, square_around(search.pose.position, search.radius_m + plan->reach_m),
-                        plan->scale.coarse_gsd_m, Colour::grey);
-    if (cv::countNonZero(window.mask) == 0) continue;
-    match.on_map = true;
-    const SearchResult found =
-        search_place(grey, camera, cropped_to_map(window, plan->reach_m / 2), search, plan->options);
-    places.insert(places.end(), found.places.begin(), found.places.end());
+  const AreaQuestion question{grey, camera, map, frame, prior.search, plan->options, plan->reach_m};
+  return settled(question, *plan, search_windows(question, windows_over(area, prior.search)), prior, surface);
+}
+
+AnchorMatch match_anchor_among(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map,
+                               const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
+                               const PlaceSuggestions& suggested, const GroundSurface& surface,
+                               const Likeness& likeness) {
+  auto plan = matching_plan(camera, map.zooms(), frame, prior.search);
+  if (!plan) return {};
+  plan->options.likeness = likeness;
+  const AreaQuestion question{grey, camera, map, frame, prior.search, plan->options, plan->reach_m};
+  AreaAnswer answer;
+  if (suggested.hint) answer = search_windows(question, windows_over(*suggested.hint, prior.search));
+  if (suggested.memory != nullptr) {
+    const AreaAnswer more = search_remembered(question, *suggested.memory, area, kRememberedPlaces);
+    answer.on_map = answer.on_map || more.on_map;
+    answer.places.insert(answer.places.end(), more.places.begin(), more.places.end());
   }
-  match.search = best_of(std::move(places), plan->options);
-  if (match.search.places.empty()) return match;
-  AnchorPrior there = prior;
-  there.search.pose.position = match.search.places.front().pose.position;
-  const MapWindow map =
-      read_map_window(tiles, frame, square_around(there.search.pose.position, kRefineSlack_m + plan->reach_m),
-                      plan->scale.fine_gsd_m, Colour::grey);
-  refine(match, grey, camera, map, there, surface, likeness);
+  AnchorMatch match = settled(question, *plan, answer, prior, surface);
+  if (!match.solved || match.search.ratio > kHopelessRatio) return match;
+  // It may only be believed if nothing else in all of the area is like it.
+  const std::vector<Place> others = rivals(question, area, match.search.places.front());
+  const PlanePoint found = match.search.places.front().pose.position;
+  answer.places.insert(answer.places.end(), others.begin(), others.end());
+  SearchResult all = best_of(answer.places, plan->options);
+  const PlanePoint best = all.places.front().pose.position;
+  if (std::hypot(best.east_m - found.east_m, best.north_m - found.north_m) >= plan->options.distinct_m) {
+    return settled(question, *plan, std::move(answer), prior, surface);
+  }
+  match.search = std::move(all);
   return match;
 }
 

@@ -7,8 +7,9 @@
 
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
-#include "imagery/tile_source.hpp"
+#include "imagery/map_window.hpp"
 #include "vision/camera_pose_solver.hpp"
+#include "vision/place_memory.hpp"
 #include "vision/place_search.hpp"
 
 namespace nadir {
@@ -32,15 +33,29 @@ struct AnchorMatch {
   cv::Mat matched_map;
 };
 
-AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
-                         const LocalFrame& frame, const AnchorPrior& prior, const GroundSurface& surface = FlatGround(),
+// map: keeps the tiles that it decoded, so that attempts over the same ground are cheap; what it keeps changes nothing.
+AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map, const LocalFrame& frame,
+                         const AnchorPrior& prior, const GroundSurface& surface = FlatGround(),
                          const Likeness& likeness = {});
 
 // The same when nothing is known of the position: all of `area` (camera positions, in the map's plane) is searched, and
 // the ratio compares the best place with the best one anywhere else in it. The position in `prior` is not used.
-AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
+AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map,
                                   const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
                                   const GroundSurface& surface = FlatGround(), const Likeness& likeness = {});
+
+// Where to look first, without a word on whether it is true.
+struct PlaceSuggestions {
+  std::optional<PlaneBox> hint;         // camera positions that somebody names
+  const PlaceMemory* memory = nullptr;  // names places that look alike
+};
+
+// As match_anchor_anywhere(), but looks only where it is suggested. What is found there is compared with the whole
+// area, under its own heading and height: the ratio means the same, and suggestions cannot make a place look unique.
+AnchorMatch match_anchor_among(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map,
+                               const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
+                               const PlaceSuggestions& suggested, const GroundSurface& surface = FlatGround(),
+                               const Likeness& likeness = {});
 
 // The ground sample distances to match at: fine enough for a template of some 400 pixels, never much finer than frame
 // or map.

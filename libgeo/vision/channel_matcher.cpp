@@ -3,20 +3,29 @@
 namespace nadir {
 namespace {
 
+constexpr std::size_t kCachedTiles = 1024;  // 64 MiB in grey, twice that where all have masks
+
 class ChannelMatcher final : public PlaceMatcher {
  public:
-  ChannelMatcher(const MatcherMap& map, const Likeness& likeness) : map_(map), likeness_(likeness) {}
+  ChannelMatcher(const MatcherMap& map, const Likeness& likeness)
+      : map_(map), reader_(map.tiles, kCachedTiles), likeness_(likeness) {}
 
   AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
-    return match_anchor(grey, map_.camera, map_.tiles, map_.frame, prior, map_.surface, likeness_);
+    return match_anchor(grey, map_.camera, reader_, map_.frame, prior, map_.surface, likeness_);
   }
 
   AnchorMatch match_anywhere(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area) override {
-    return match_anchor_anywhere(grey, map_.camera, map_.tiles, map_.frame, prior, area, map_.surface, likeness_);
+    return match_anchor_anywhere(grey, map_.camera, reader_, map_.frame, prior, area, map_.surface, likeness_);
+  }
+
+  AnchorMatch match_among(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area,
+                          const PlaceSuggestions& suggested) override {
+    return match_anchor_among(grey, map_.camera, reader_, map_.frame, prior, area, suggested, map_.surface, likeness_);
   }
 
  private:
   MatcherMap map_;
+  MapWindowReader reader_;  // its tiles serve the next attempt as well
   Likeness likeness_;
 };
 

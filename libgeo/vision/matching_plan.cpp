@@ -33,11 +33,11 @@ MapWindow cropped_to_map(const MapWindow& map, double rim_m) {
   return result;
 }
 
-std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const TileSource& tiles, const LocalFrame& frame,
+std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomRange& zooms, const LocalFrame& frame,
                                           const SearchPrior& prior) {
   const LonLat middle = frame.lonlat_from_enu(prior.pose.position.east_m, prior.pose.position.north_m);
   MatchingPlan plan;
-  plan.scale = matching_scale(camera, prior.pose.agl_m, ground_resolution_m(tiles.zooms().max, middle.lat_deg));
+  plan.scale = matching_scale(camera, prior.pose.agl_m, ground_resolution_m(zooms.max, middle.lat_deg));
   plan.options.gsd_m = plan.scale.coarse_gsd_m;
   plan.options.distinct_m = std::max(25.0, 12 * plan.scale.coarse_gsd_m);
   CameraPose highest = prior.pose;

@@ -19,7 +19,7 @@ struct MatchingPlan {
 };
 
 // Nothing when the camera sees the horizon.
-std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const TileSource& tiles, const LocalFrame& frame,
+std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomRange& zooms, const LocalFrame& frame,
                                           const SearchPrior& prior);
 
 AnchorMatch begun(const MatchingPlan& plan);

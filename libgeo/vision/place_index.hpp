@@ -13,32 +13,13 @@
 #include <vector>
 
 #include "package/manifest.hpp"
+#include "vision/place_memory.hpp"
 #include "vision/place_table.hpp"
 #include "vision/place_vectors.hpp"
 
 namespace nadir {
 
-// A picture as rectify() makes it, north-up under an assumed heading.
-struct PlaceQuery {
-  cv::Mat grey;  // CV_8UC1
-  cv::Mat mask;  // CV_8UC1, 255 where the frame saw the ground
-  double gsd_m = 1;
-  // The true heading lies within ± this of the assumed one, three sigma or more. Nothing: unknown; 24 are tried.
-  std::optional<double> heading_range_rad;
-};
-
-struct PlaceCandidate {
-  std::size_t chunk = 0;  // of PlaceTable::chunks
-  LonLat centre;          // of the chunk
-  double side_m = 0;      // of the chunk, whose sides run north and east
-  double score = -1;      // cosine, at most 1
-  double turn_rad = 0;    // to be added to the assumed heading
-  // The middle of the query's picture from the chunk's centre, good to a sixth of a side.
-  double east_m = 0;
-  double north_m = 0;
-};
-
-class PlaceIndex {
+class PlaceIndex final : public PlaceMemory {
  public:
   PlaceIndex(PlaceTable table, PlaceVectors vectors);
 
@@ -48,7 +29,7 @@ class PlaceIndex {
 
   // The `count` best chunks, best first; none when the picture shows too little. The layer whose chunks are nearest in
   // size to what the mask shows is searched.
-  std::vector<PlaceCandidate> query(const PlaceQuery& query, std::size_t count) const;
+  std::vector<PlaceCandidate> query(const PlaceQuery& query, std::size_t count) const override;
 
   const PlaceTable& table() const { return table_; }
   const PlaceVectors& vectors() const { return vectors_; }

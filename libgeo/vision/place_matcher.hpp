@@ -32,6 +32,12 @@ class PlaceMatcher {
   virtual AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) = 0;
   // The same when nothing is known of the position: all of `area` (camera positions, in the map's plane) is searched.
   virtual AnchorMatch match_anywhere(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area) = 0;
+  // The same where somebody says where to look first; the ratio is still that of all the area. Who cannot make use of
+  // suggestions searches all of it.
+  virtual AnchorMatch match_among(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area,
+                                  const PlaceSuggestions& /*suggested*/) {
+    return match_anywhere(grey, prior, area);
+  }
 };
 
 using PlaceMatcherFactory = std::function<std::unique_ptr<PlaceMatcher>(const MatcherMap&)>;

@@ -30,7 +30,7 @@ class SiftMatcher final : public PlaceMatcher {
 
  private:
   AnchorMatch match_in(const cv::Mat& grey, const AnchorPrior& prior, const std::vector<SearchPrior>& windows) const {
-    const auto plan = matching_plan(map_.camera, map_.tiles, map_.frame, prior.search);
+    const auto plan = matching_plan(map_.camera, map_.tiles.zooms(), map_.frame, prior.search);
     if (!plan) return {};
     AnchorMatch match = begun(*plan);
     match.on_map = false;

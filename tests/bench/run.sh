@@ -60,7 +60,7 @@ part() {
     area)         programs && python3 "$here/area.py" "$@" ;;
     large)        programs && python3 "$here/large.py" "$@" ;;
     localization) "$here/localization.sh" "$@" ;;
-    latency)      one_program bench_stages && "$here/latency.sh" "$@" ;;
+    latency)      one_program bench_stages && one_program bench_cold_start && "$here/latency.sh" "$@" ;;
     ablations)    one_program bench_ablations && "$here/ablations.sh" "$@" ;;
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;

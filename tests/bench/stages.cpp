@@ -11,6 +11,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/odometry.hpp"
@@ -40,22 +41,14 @@ class Stages {
     times_[name].push_back(cpu_ms() - before);
     return result;
   }
-  void print(const std::string& name, double whole_ms = 0) {
-    std::vector<double>& ms = times_[name];
-    if (ms.empty()) return;
-    std::sort(ms.begin(), ms.end());
-    const double mean = mean_of(name);
-    const auto at = [&](double share) {
-      return ms[static_cast<std::size_t>(share * static_cast<double>(ms.size() - 1))];
-    };
-    fmt::print("{:<44} {:>8.1f} {:>8.1f} {:>8.1f}", name, mean, at(0.5), at(0.95));
-    fmt::print("{}\n", whole_ms > 0 ? fmt::format(" {:>6.0f} %", 100 * mean / whole_ms) : "");
+  void print(const std::string& name, double whole_ms = 0) const {
+    const auto times = times_.find(name);
+    if (times == times_.end()) return;
+    const Spread s = spread_of(times->second);
+    fmt::print("{:<44} {:>8.1f} {:>8.1f} {:>8.1f} {:>8.1f}", name, s.mean, s.p50, s.p95, s.largest);
+    fmt::print("{}\n", whole_ms > 0 ? fmt::format(" {:>6.0f} %", 100 * s.mean / whole_ms) : "");
   }
-  double mean_of(const std::string& name) {
-    double sum = 0;
-    for (const double ms : times_[name]) sum += ms;
-    return times_[name].empty() ? 0 : sum / static_cast<double>(times_[name].size());
-  }
+  double mean_of(const std::string& name) { return spread_of(times_[name]).mean; }
 
  private:
   std::map<std::string, std::vector<double>> times_;
@@ -66,15 +59,15 @@ PlaneBox around(PlanePoint at, double half_m) {
 }
 
 // The stages of one attempt, from where the camera really was.
-void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, const TileSource& tiles,
+void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, MapWindowReader& reader,
              const LocalFrame& frame, const CameraPose& pose) {
   AnchorPrior prior;
   prior.search = {pose, kRadius_m, kHeadingRange_rad, kScaleRange};
-  const AnchorMatch match = stages.run("one attempt", [&] { return match_anchor(grey, camera, tiles, frame, prior); });
+  const AnchorMatch match = stages.run("one attempt", [&] { return match_anchor(grey, camera, reader, frame, prior); });
   if (match.fine_gsd_m <= 0 || match.search.places.empty()) return;
   const double reach_m = 0.75 * footprint_side_m(camera, pose.agl_m);
   const MapWindow map = stages.run("map window", [&] {
-    return read_map_window(tiles, frame, around(pose.position, kRadius_m + reach_m), match.fine_gsd_m, Colour::grey);
+    return reader.read(frame, around(pose.position, kRadius_m + reach_m), match.fine_gsd_m, Colour::grey);
   });
   SearchOptions options;
   options.gsd_m = match.coarse_gsd_m;
@@ -129,13 +122,16 @@ int run(const std::vector<std::string>& arguments) {
   camera.camera = camera.camera.scaled(1.0 / shrink);
   Localizer localizer(camera, frame, &tiles, truth.front(), config);
   const auto odometry = make_feature_odometry();
+  MapWindowReader reader(tiles, 1024);
   Stages stages;
   int anchored = 0;
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     const Telemetry& told = flight.frames[i];
-    const cv::Mat picture =
-        stages.run("decode", [&] { return read_picture(flight.frames_folder / told.frame, shrink); });
-    const FrameReport report = stages.run("localizer, whole frame", [&] { return localizer.process(picture, told); });
+    cv::Mat picture;
+    const FrameReport report = stages.run("whole frame", [&] {
+      picture = stages.run("decode", [&] { return read_picture(flight.frames_folder / told.frame, shrink); });
+      return localizer.process(picture, told);
+    });
     if (report.anchor.verdict == AnchorVerdict::accepted) ++anchored;
     if (picture.empty() || !truth[i]) continue;
     const Enu at = frame.enu_from_lonlat(*truth[i]);
@@ -143,18 +139,18 @@ int run(const std::vector<std::string>& arguments) {
                           told.agl_m.value_or(120),
                           {told.heading_rad.value_or(0), told.pitch_rad.value_or(0), told.roll_rad.value_or(0)}};
     follow(stages, *odometry, picture, camera.camera, pose);
-    attempt(stages, picture, camera.camera, tiles, frame, pose);
+    attempt(stages, picture, camera.camera, reader, frame, pose);
   }
-  fmt::print("{} frames of {} x {}, {} anchors; CPU ms\n", flight.frames.size(), flight.camera.camera.width,
-             flight.camera.camera.height, anchored);
-  fmt::print("{:<44} {:>8} {:>8} {:>8}\n", "", "mean", "p50", "p95");
-  const double frame_ms = stages.mean_of("decode") + stages.mean_of("localizer, whole frame");
-  for (const char* name : {"decode", "odometry", "localizer, whole frame"}) stages.print(name, frame_ms);
+  fmt::print("{} frames of {} x {}, {} anchors, decoded at 1/{}; CPU ms\n", flight.frames.size(),
+             flight.camera.camera.width, flight.camera.camera.height, anchored, shrink);
+  fmt::print("{:<44} {:>8} {:>8} {:>8} {:>8}\n", "", "mean", "p50", "p95", "largest");
+  for (const char* name : {"whole frame", "decode", "odometry"}) stages.print(name, stages.mean_of("whole frame"));
   const double attempt_ms = stages.mean_of("one attempt");
   for (const char* name : {"one attempt", "map window", "search", "sweep", "reduce", "rectify, fine, once",
                            "channels, fine, once", "patches, last round"}) {
     stages.print(name, attempt_ms);
   }
+  fmt::print("{}\n\n", circumstances());
   return 0;
 }
 

@@ -65,5 +65,25 @@ TEST(AnchorWindow, WhatOfTheAreaIsLeft) {
   expect_box(window.area_left(true, {9000, 0}, 100), -1000, -500, 1000, 500);
 }
 
+// 2000 x 1000 m: two squares. 5000 x 1500: four.
+TEST(AnchorWindow, SearchesLargeAreasInParts) {
+  AnchorWindow window(config());
+  const PlaneBox area{-1000, -500, 1000, 500};
+  expect_box(window.next_part(area, {300, 0}), 0, -500, 1000, 500);
+  expect_box(window.next_part(area, {300, 0}), -1000, -500, 0, 500);
+  expect_box(window.next_part(area, {300, 0}), 0, -500, 1000, 500);
+  window.attempted(AnchorVerdict::accepted);
+  expect_box(window.next_part(area, {-300, 0}), -1000, -500, 0, 500);
+
+  AnchorWindow other(config());
+  double searched_m2 = 0;
+  for (int i = 0; i < 4; ++i) {
+    const PlaneBox part = other.next_part({0, 0, 5000, 1500}, {5000, 700});
+    EXPECT_DOUBLE_EQ(part.east_m, 5000 - 1250 * i);
+    searched_m2 += (part.east_m - part.west_m) * (part.north_m - part.south_m);
+  }
+  EXPECT_DOUBLE_EQ(searched_m2, 5000.0 * 1500);
+}
+
 }  // namespace
 }  // namespace nadir

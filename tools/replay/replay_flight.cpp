@@ -24,6 +24,7 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
   if (setup.map_sigma_m) config.map_sigma_m = *setup.map_sigma_m;
   config.surface = setup.surface;
   config.area = setup.area;
+  config.places = setup.places;
   config.odometry = setup.odometry;
   config.matcher = setup.matcher;
   const int shrink = harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);

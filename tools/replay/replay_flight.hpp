@@ -33,6 +33,7 @@ struct ReplaySetup {
   std::optional<LonLat> start;
   std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
   const GroundSurface* surface = nullptr;  // null: flat ground
+  const PlaceMemory* places = nullptr;     // null: when lost, all of the area is searched
   OdometryFactory odometry = make_feature_odometry;
   PlaceMatcherFactory matcher = make_channel_matcher;
 };
