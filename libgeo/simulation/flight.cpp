@@ -12,7 +12,6 @@
 #include "imagery/codecs.hpp"
 #include "simulation/camera_sensor.hpp"
 #include "simulation/frame_renderer.hpp"
-#include "simulation/noise.hpp"
 #include "simulation/telemetry_noise.hpp"
 
 namespace nadir {
@@ -20,7 +19,6 @@ namespace {
 
 constexpr double kOverlap = 0.7;   // of consecutive frames, along the flight
 constexpr int kUsualFrames = 400;  // cap without --frames
-constexpr double kShutter_s = 1 / 800.0;
 
 PlaneBox box_around(const PlanePath& route, double reach_m) {
   PlaneBox box{1e12, 1e12, -1e12, -1e12};
@@ -48,15 +46,6 @@ void check_route(const WorldRaster& world, const GroundShape& ground, const std:
                       .found = fmt::format("none at {:.6f}, {:.6f}", at.lon_deg, at.lat_deg),
                       .fix = "use a larger raster or the mission that belongs to it"});
   }
-}
-
-// Pixels that the ground moves over the picture while the shutter is open.
-Eigen::Vector2d motion_px(const CameraModel& camera, const FlightPose& pose, double shutter_s) {
-  const double c = std::cos(pose.attitude.heading_rad), s = std::sin(pose.attitude.heading_rad);
-  const double ahead = pose.velocity.y() * c + pose.velocity.x() * s,
-               right = pose.velocity.x() * c - pose.velocity.y() * s;
-  const double scale = shutter_s / pose.agl_m;
-  return {-right * scale * camera.fx, ahead * scale * camera.fy};
 }
 
 std::string telemetry_row(const std::string& name, const ToldPose& told, bool exact) {
@@ -111,7 +100,7 @@ FlightReport simulate_flight(const Mission& mission, const FlightOptions& option
   const FrameRenderer renderer(camera, world, ground);
   const CameraSensor sensor({camera.width, camera.height}, camera.fx, options.seed);
   TelemetryNoise noise(file.uncertainty, options.seed);
-  const Noise light(hash_of(options.seed, 31), 45);
+  const ExposureControl exposure(camera, options.seed);
   std::filesystem::create_directory(folder / "frames");
   std::string telemetry = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_east_mps,imu_dv_north_mps\n",
               truth = "frame,lat_deg,lon_deg,alt_m\n";
@@ -123,12 +112,7 @@ FlightReport simulate_flight(const Mission& mission, const FlightOptions& option
     RenderedFrame shot = renderer.render(pose.position, pose.attitude);
     if (shot.seen_share < 0.999) ++report.frames_beyond_world;
     if (options.noise == SensorNoise::real) {
-      Exposure exposure;
-      exposure.gain = 1.10 * (1 + 0.12 * light.at(pose.time_s, 0.5) +
-                              0.03 * (unit_hash(options.seed, 32, static_cast<std::int64_t>(i)) - 0.5));
-      exposure.warmth = light.at(pose.time_s, 400.5);
-      exposure.motion_px = motion_px(camera, pose, kShutter_s / exposure.gain);
-      sensor.expose(shot.image, exposure, i);
+      sensor.expose(shot.image, exposure.of(pose, i), i);
     }
     const std::string name = fmt::format("frame_{:04}.jpg", i + 1);
     write_file_atomic(folder / "frames" / name, encode_image(shot.image, ImageFormat::jpeg, 92));

@@ -8,10 +8,9 @@
 
 #include "base/progress.hpp"
 #include "package/mission.hpp"
+#include "simulation/exposure_control.hpp"
 
 namespace nadir {
-
-enum class SensorNoise { none, real };
 
 struct FlightOptions {
   std::filesystem::path world;

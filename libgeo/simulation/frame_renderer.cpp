@@ -8,6 +8,7 @@ namespace nadir {
 namespace {
 
 constexpr int kStep = 16;  // pixels between nodes
+const cv::Vec2f kNowhere(-1e6F, -1e6F);
 
 // Bilinear between nodes, for one row of pixels.
 void interpolate(const cv::Mat_<cv::Vec2f>& nodes, double scale, cv::Point origin, cv::Mat_<cv::Vec2f>& map) {
@@ -29,12 +30,27 @@ void interpolate(const cv::Mat_<cv::Vec2f>& nodes, double scale, cv::Point origi
   }
 }
 
-cv::Rect seen_part(const cv::Mat_<cv::Vec2f>& nodes, double scale, cv::Size size) {
+struct Reach {
   double left = 1e12, right = -1e12, top = 1e12, bottom = -1e12;
+
+  // Nothing between the nodes lies outside what they enclose; a pixel on every side is for what resampling rounds.
+  bool inside(const cv::Rect& part) const {
+    return left >= part.x + 1 && top >= part.y + 1 && right <= part.br().x - 2 && bottom <= part.br().y - 2;
+  }
+};
+
+Reach reach_of(const cv::Mat_<cv::Vec2f>& nodes, double scale) {
+  Reach reach;
   for (const cv::Vec2f& node : nodes) {
     const double x = static_cast<double>(node[0]) * scale, y = static_cast<double>(node[1]) * scale;
-    left = std::min(left, x), right = std::max(right, x), top = std::min(top, y), bottom = std::max(bottom, y);
+    reach.left = std::min(reach.left, x), reach.right = std::max(reach.right, x);
+    reach.top = std::min(reach.top, y), reach.bottom = std::max(reach.bottom, y);
   }
+  return reach;
+}
+
+cv::Rect seen_part(const Reach& reach, cv::Size size) {
+  const auto& [left, right, top, bottom] = reach;
   const int x0 = static_cast<int>(std::clamp(left - 4, 0.0, size.width - 1.0));
   const int y0 = static_cast<int>(std::clamp(top - 4, 0.0, size.height - 1.0));
   const int x1 = static_cast<int>(std::clamp(right + 4, x0 + 1.0, static_cast<double>(size.width)));
@@ -86,7 +102,8 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   for (int r = 0; r < nodes.rows; ++r) {
     for (int c = 0; c < nodes.cols; ++c) {
       const Eigen::Vector3d& p = points[static_cast<std::size_t>(r * nodes.cols + c)];
-      nodes(r, c) = {static_cast<float>(p.x()), static_cast<float>(p.y())};
+      // Where no projection reaches, there is nothing to see.
+      nodes(r, c) = p.allFinite() ? cv::Vec2f(static_cast<float>(p.x()), static_cast<float>(p.y())) : kNowhere;
     }
   }
   // Raster pixels per picture pixel in the middle of the frame decide the pyramid level.
@@ -101,13 +118,15 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   cv::Mat_<cv::Vec2f> map(camera_.height, camera_.width);
   // Only the part that is seen: OpenCV resamples pictures of up to 32767 pixels a side.
   const double scale = std::ldexp(1.0, -static_cast<int>(level));
-  const cv::Rect part = seen_part(nodes, scale, source.image.size());
+  const Reach reach = reach_of(nodes, scale);
+  const cv::Rect part = seen_part(reach, source.image.size());
   interpolate(nodes, scale, part.tl(), map);
   cv::Mat fixed, fraction;
   cv::convertMaps(map, cv::noArray(), fixed, fraction, CV_16SC2);
   RenderedFrame frame;
   const int how = ratio < 0.9 ? cv::INTER_CUBIC : cv::INTER_LINEAR;
   cv::remap(source.image(part), frame.image, fixed, fraction, how, cv::BORDER_CONSTANT, cv::Scalar(96, 104, 100));
+  if (source.whole && reach.inside(part)) return frame;
   cv::Mat seen;
   cv::remap(source.mask(part), seen, fixed, cv::Mat(), cv::INTER_NEAREST, cv::BORDER_CONSTANT, cv::Scalar(0));
   frame.seen_share = cv::countNonZero(seen >= 128) / static_cast<double>(seen.total());

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <gdal_priv.h>
-#include <ogr_spatialref.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,59 +9,10 @@
 
 #include "base/error.hpp"
 #include "ground/gdal_dataset.hpp"
+#include "simulation/georeference.hpp"
 
 namespace nadir {
 namespace {
-
-struct Delete {
-  void operator()(OGRCoordinateTransformation* transform) const { OCTDestroyCoordinateTransformation(transform); }
-};
-using Transform = std::unique_ptr<OGRCoordinateTransformation, Delete>;
-
-struct Georeference {
-  Transform crs_from_lonlat;
-  double forward[6] = {};   // crs from pixel
-  double backward[6] = {};  // pixel from crs
-};
-
-Georeference georeference_of(GDALDataset& dataset, const std::filesystem::path& path) {
-  Georeference result;
-  const OGRSpatialReference* crs = dataset.GetSpatialRef();
-  if (crs == nullptr || dataset.GetGeoTransform(result.forward) != CE_None ||
-      !GDALInvGeoTransform(result.forward, result.backward)) {
-    throw UsageError({.what = "the raster is not georeferenced",
-                      .where = path.string(),
-                      .expected = "a coordinate system and a geotransform",
-                      .found = crs == nullptr ? "no coordinate system" : "no geotransform",
-                      .fix = "use a GeoTIFF; gdal_translate -a_srs EPSG:… -a_ullr … adds what is missing"});
-  }
-  OGRSpatialReference wgs84;
-  wgs84.SetFromUserInput("EPSG:4326");
-  wgs84.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-  OGRSpatialReference own(*crs);
-  own.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-  result.crs_from_lonlat.reset(OGRCreateCoordinateTransformation(&wgs84, &own));
-  if (!result.crs_from_lonlat) {
-    throw UsageError({.what = "PROJ cannot reach the raster's coordinate system",
-                      .where = path.string(),
-                      .fix = "reproject it: gdalwarp -t_srs EPSG:…"});
-  }
-  return result;
-}
-
-// Longitudes and latitudes in, pixels out.
-bool to_pixels(const Georeference& geo, std::vector<double>& x, std::vector<double>& y) {
-  std::vector<int> ok(x.size(), 1);
-  geo.crs_from_lonlat->Transform(static_cast<int>(x.size()), x.data(), y.data(), nullptr, ok.data());
-  bool all = true;
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    all = all && ok[i] != 0;
-    const double cx = x[i], cy = y[i];
-    x[i] = geo.backward[0] + cx * geo.backward[1] + cy * geo.backward[2];
-    y[i] = geo.backward[3] + cx * geo.backward[4] + cy * geo.backward[5];
-  }
-  return all;
-}
 
 // The raster window that holds a box of the plane, cut to the raster; empty when they do not meet.
 cv::Rect window_of(const Georeference& geo, cv::Size size, const LocalFrame& frame, const PlaneBox& box,
@@ -75,7 +25,7 @@ cv::Rect window_of(const Georeference& geo, cv::Size size, const LocalFrame& fra
       x.push_back(p.lon_deg), y.push_back(p.lat_deg);
     }
   }
-  if (!to_pixels(geo, x, y)) return {};
+  if (!geo.pixels_from_lonlat(x, y)) return {};
   const auto [x0, x1] = std::minmax_element(x.begin(), x.end());
   const auto [y0, y1] = std::minmax_element(y.begin(), y.end());
   const auto low = [&](double v, int limit) {
@@ -134,8 +84,7 @@ struct Heights {
 Heights read_heights(const std::filesystem::path& path, const LocalFrame& frame, const PlaneBox& box) {
   const HeightFile dataset = open_heights(path);
   const QuietGdal quiet;
-  Heights heights;
-  heights.geo = georeference_of(*dataset, path);
+  Heights heights{.values = {}, .window = {}, .geo = Georeference(*dataset, path)};
   heights.window = window_of(heights.geo, {dataset->GetRasterXSize(), dataset->GetRasterYSize()}, frame, box, 3);
   const cv::Rect& w = heights.window;
   if (w.width < 1 || w.height < 1) not_covered(path);
@@ -181,7 +130,7 @@ GroundShape::GroundShape(const std::filesystem::path& dem, const LocalFrame& fra
       places[i] = frame.lonlat_from_enu(west_m_ + column * step_m_, south_m_ + row * step_m_);
       x[i] = places[i].lon_deg, y[i] = places[i].lat_deg;
     }
-    if (!to_pixels(heights.geo, x, y)) not_covered(dem);
+    if (!heights.geo.pixels_from_lonlat(x, y)) not_covered(dem);
     for (int column = 0; column < up_.cols; ++column) {
       const auto i = static_cast<std::size_t>(column);
       const double c = x[i] - 0.5 - heights.window.x, r = y[i] - 0.5 - heights.window.y;
@@ -211,7 +160,7 @@ double GroundShape::height_at(const std::filesystem::path& dem, LonLat place) {
   const LocalFrame frame(place);
   const Heights heights = read_heights(dem, frame, {-1, -1, 1, 1});
   std::vector<double> x = {place.lon_deg}, y = {place.lat_deg};
-  if (!to_pixels(heights.geo, x, y)) not_covered(dem);
+  if (!heights.geo.pixels_from_lonlat(x, y)) not_covered(dem);
   return sample(heights.values, x[0] - 0.5 - heights.window.x, y[0] - 0.5 - heights.window.y);
 }
 
@@ -227,7 +176,7 @@ WorldRaster::~WorldRaster() = default;
 WorldRaster::WorldRaster(const std::filesystem::path& path, const LocalFrame& frame, const PlaneBox& box,
                          double needed_gsd_m) {
   const GdalDataset dataset(path);
-  impl_ = std::make_unique<Impl>(Impl{frame, georeference_of(*dataset.handle(), path), {}, 1, 1});
+  impl_ = std::make_unique<Impl>(Impl{frame, Georeference(*dataset.handle(), path), {}, 1, 1});
   impl_->window = window_of(impl_->geo, dataset.size(), frame, box, 4);
   const cv::Rect& w = impl_->window;
   if (w.width < 2 || w.height < 2) {
@@ -253,12 +202,13 @@ WorldRaster::WorldRaster(const std::filesystem::path& path, const LocalFrame& fr
   impl_->shrink_x = static_cast<double>(w.width) / size.width;
   impl_->shrink_y = static_cast<double>(w.height) / size.height;
   Picture picture = dataset.read(w, size);
-  levels_.push_back({picture.bgr, picture.mask});
+  const bool whole = cv::countNonZero(picture.mask == 255) == picture.mask.rows * picture.mask.cols;
+  levels_.push_back({picture.bgr, picture.mask, whole});
   while (levels_.size() < 8 && std::min(levels_.back().image.cols, levels_.back().image.rows) >= 64) {
     const Level& fine = levels_.back();
     // Even sizes keep (x + 0.5) / 2 − 0.5 exact from level to level.
     const cv::Rect even(0, 0, fine.image.cols & ~1, fine.image.rows & ~1);
-    Level half;
+    Level half{.image = {}, .mask = {}, .whole = fine.whole};
     cv::resize(fine.image(even), half.image, {even.width / 2, even.height / 2}, 0, 0, cv::INTER_AREA);
     cv::resize(fine.mask(even), half.mask, {even.width / 2, even.height / 2}, 0, 0, cv::INTER_AREA);
     levels_.push_back(std::move(half));
@@ -272,7 +222,7 @@ void WorldRaster::raster_from_enu(std::span<Eigen::Vector3d> points) const {
     const Geodetic g = impl_->frame.geodetic_from_enu({p.x(), p.y(), p.z()});
     x.push_back(g.place.lon_deg), y.push_back(g.place.lat_deg);
   }
-  to_pixels(impl_->geo, x, y);
+  impl_->geo.pixels_from_lonlat(x, y);
   for (std::size_t i = 0; i < points.size(); ++i) {
     points[i] = {(x[i] - impl_->window.x) / impl_->shrink_x, (y[i] - impl_->window.y) / impl_->shrink_y, 0};
   }

@@ -50,8 +50,9 @@ class WorldRaster {
 
   // level 0 is the finest; each further one has pixels twice as large. BGR with validity in a mask.
   struct Level {
-    cv::Mat image;  // CV_8UC3
-    cv::Mat mask;   // CV_8UC1
+    cv::Mat image;      // CV_8UC3
+    cv::Mat mask;       // CV_8UC1
+    bool whole = true;  // every pixel is valid
   };
   const std::vector<Level>& levels() const { return levels_; }
 

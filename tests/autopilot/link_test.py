@@ -41,7 +41,7 @@ class LinkTest(unittest.TestCase):
     def test_the_truth_goes_its_own_way(self):
         aircraft, _ = support.vehicle()
         wire = support.Wire()
-        aircraft.truth_link = support.Link(wire)
+        aircraft.truth_links = [support.Link(wire)]
         support.fly(aircraft, 2)
         messages = support.Companion(wire).read()
         self.assertEqual(kinds(messages), {"SIM_STATE": 50, "SYSTEM_TIME": 50})

@@ -95,6 +95,8 @@ class Program(unittest.TestCase):
         self.assertEqual(60, grid.height(48.25, 15.25))
         self.assertEqual(30, grid.height(48.5, 14.5))
         self.assertEqual(10, grid.height(60, 0))
+        path.write_text(path.read_text().replace("60", "-9999"))
+        self.assertEqual(30, Grid(path).height(48.25, 15.25))  # the mean of what is known
         path.write_text(path.read_text() + "1\n")
         with self.assertRaises(ValueError):
             Grid(path)

@@ -25,7 +25,7 @@ FALLS_BEHIND_S = 1.0
 def arguments(argv=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--link", required=True, metavar="URL", help="udpout:HOST:PORT or file:PATH of a terminal")
-    parser.add_argument("--truth", metavar="URL", help="where SIM_STATE goes, unsigned")
+    parser.add_argument("--truth", action="append", default=[], metavar="URL", help="where SIM_STATE goes, unsigned")
     parser.add_argument("--waypoints", required=True, metavar="FILE.csv", help="lat_deg,lon_deg of the circuit's corners")
     parser.add_argument("--altitude-m", type=float, required=True, help="above the sea")
     parser.add_argument("--terrain", metavar="M|FILE.asc", default="0", help="height of the ground, or a grid in degrees")
@@ -63,7 +63,7 @@ def build(args):
         unix_us=args.epoch_us if args.epoch_us is not None else time.time_ns() // 1000)
     key = bytes.fromhex(pathlib.Path(args.key_file).read_text(encoding="ascii").strip()) if args.key_file else None
     echo = None if args.quiet else lambda line: print(line, flush=True)
-    truth = Link(open_transport(args.truth)) if args.truth else None
+    truth = [Link(open_transport(url)) for url in args.truth]
     return Vehicle(options, Link(open_transport(args.link), key), truth, FlightLog(args.log, echo))
 
 

@@ -29,6 +29,12 @@ class Grid:
         self.values = [float(word) for word in words[at:]]
         if len(self.values) != self.rows * self.columns:
             raise ValueError(f"{path}: {len(self.values)} heights, expected {self.rows} x {self.columns}")
+        nothing = head.get("nodata_value")
+        known = [value for value in self.values if value != nothing]
+        if not known:
+            raise ValueError(f"{path}: no heights")
+        mean = sum(known) / len(known)  # a warped grid has empty corners
+        self.values = [mean if value == nothing else value for value in self.values]
 
     def height(self, lat_deg, lon_deg):
         x = min(max((lon_deg - self.west) / self.dx - 0.5, 0), self.columns - 1)

@@ -40,9 +40,9 @@ class Options:
 
 
 class Vehicle:
-    def __init__(self, options, link, truth_link=None, log=None):
-        """link: to the companion. truth_link: where SIM_STATE goes, unsigned."""
-        self.options, self.link, self.truth_link = options, link, truth_link
+    def __init__(self, options, link, truth_links=(), log=None):
+        """link: to the companion. truth_links: where SIM_STATE goes, unsigned."""
+        self.options, self.link, self.truth_links = options, link, truth_links
         self.log = log or FlightLog()
         self.local = LocalPlane(*options.corners[0])
         self.plan = Plan([self.local.to_plane(*corner) for corner in options.corners], options.turn_radius)
@@ -85,9 +85,10 @@ class Vehicle:
         self._tell_changes()
         for message in self.telemetry.due(self.now_s):
             self.link.send(message)
-        if self.truth_link is not None and not self.camera_cut and self._every(TRUTH_PERIOD_S):
-            self.truth_link.send(self.telemetry.system_time())
-            self.truth_link.send(self.telemetry.sim_state())
+        if not self.camera_cut and self._every(TRUTH_PERIOD_S):
+            for link in self.truth_links:
+                link.send(self.telemetry.system_time())
+                link.send(self.telemetry.sim_state())
         if self._every(LOG_PERIOD_S):
             self._write_row()
 
