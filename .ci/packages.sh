@@ -31,6 +31,7 @@ packages_build=(
   liblz4-dev                 # chunks of other people's MCAP files
   zlib1g-dev                 # CRC-32
   libgeographiclib-dev       # local east-north-up frames
+  libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
   libgdal-dev                # reads the planner's rasters; never linked by nadird
   libproj-dev                # coordinate systems of those rasters, and the tests' oracle
   python3                    # generates the MAVLink headers

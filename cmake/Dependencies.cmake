@@ -11,6 +11,7 @@ find_package(SQLiteCpp REQUIRED)
 find_package(JPEG REQUIRED)
 find_package(PNG REQUIRED)
 find_package(TIFF REQUIRED)
+find_package(Boost 1.74 REQUIRED)  # headers alone: Beast, Asio
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(PROJ 9 CONFIG REQUIRED)
 find_package(GDAL 3.6 CONFIG REQUIRED)

@@ -25,6 +25,7 @@
 #include "replay.hpp"
 #include "simulate_flight.hpp"
 #include "simulate_world.hpp"
+#include "watch.hpp"
 
 namespace nadir {
 
@@ -61,6 +62,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<SimulateWorldCommand>());
   commands.push_back(std::make_unique<SimulateFlightCommand>());
   commands.push_back(std::make_unique<ReplayCommand>());
+  commands.push_back(std::make_unique<WatchCommand>());
   return commands;
 }
 

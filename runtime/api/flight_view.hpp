@@ -19,7 +19,7 @@
 
 namespace nadir {
 
-enum class FlightState { boot, relocalizing, normal, degraded, no_fix, failsafe };
+enum class FlightState { boot, no_package, awaiting_autopilot, relocalizing, normal, degraded, no_fix, failsafe };
 enum class GpsJudgement { unknown, good, denied, spoofed };
 enum class RecorderState { off, recording, limited, failed };  // limited: the disk budget leaves things out
 enum class EventSeverity { info, warning, critical };          // critical: the operator must know now

@@ -19,7 +19,10 @@ const std::vector<Target>& targets() {
                                        {"mbtiles", mbtiles},
                                        {"tile_rows", tile_rows},
                                        {"cog", cog},
-                                       {"place_table", place_table}};
+                                       {"place_table", place_table},
+                                       {"api_hint", api_hint},
+                                       {"api_object", api_object},
+                                       {"api_request", api_request}};
   return all;
 }
 

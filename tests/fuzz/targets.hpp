@@ -32,6 +32,10 @@ void cog(std::string_view bytes);
 
 void place_table(std::string_view bytes);
 
+void api_hint(std::string_view bytes);
+void api_object(std::string_view bytes);
+void api_request(std::string_view bytes);
+
 struct Target {
   const char* name;  // also the folder of its corpus
   void (*run)(std::string_view);

@@ -1,0 +1,40 @@
+#include "trust/bearer_token.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+
+namespace nadir {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kShortestToken = 16;
+constexpr std::uint64_t kLongestFile = 4096;
+
+}  // namespace
+
+std::string read_bearer_token(const fs::path& path) {
+  std::string token = read_text_file(path, kLongestFile);
+  const fs::perms of_others = fs::perms::group_all | fs::perms::others_all;
+  if ((fs::status(path).permissions() & of_others) != fs::perms::none) {
+    throw Error({.what = "others can read the token",
+                 .where = path.string(),
+                 .expected = "a file for its owner alone",
+                 .fix = fmt::format("chmod 600 {}", path.string())});
+  }
+  while (!token.empty() && (token.back() == '\n' || token.back() == '\r')) token.pop_back();
+  const bool printable = std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < 0x7f; });
+  if (token.size() < kShortestToken || !printable) {
+    throw Error({.what = "no token is in the file",
+                 .where = path.string(),
+                 .expected = fmt::format("one line of at least {} printable characters without spaces", kShortestToken),
+                 .fix = fmt::format("(umask 077; openssl rand -hex 24 > {})", path.string())});
+  }
+  return token;
+}
+
+}  // namespace nadir

@@ -1,0 +1,13 @@
+// The secret by which a caller of the service's API shows that it may call. Kept in a file, never on a command line.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace nadir {
+
+// The file holds one line of at least 16 printable characters without spaces, and only its owner may read it. Throws
+// Error otherwise.
+std::string read_bearer_token(const std::filesystem::path& path);
+
+}  // namespace nadir

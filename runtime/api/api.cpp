@@ -1,0 +1,203 @@
+#include "api/api.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <exception>
+#include <nlohmann/json.hpp>
+
+#include "api/object_request.hpp"
+#include "api/page.hpp"
+#include "api/problem.hpp"
+#include "api/state_json.hpp"
+#include "imagery/codecs.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::string_view kTiles = "/v1/tiles/";
+constexpr std::array kReadPaths{std::string_view("/v1/health"),  std::string_view("/v1/state"),
+                                std::string_view("/v1/package"), std::string_view("/v1/metrics"),
+                                std::string_view("/v1/events"),  std::string_view("/"),
+                                std::string_view("/page.css"),   std::string_view("/page.js")};
+constexpr std::array kWritePaths{std::string_view("/v1/hint"), std::string_view("/v1/object-location")};
+
+template <typename List>
+bool holds(const List& list, std::string_view path) {
+  return std::find(list.begin(), list.end(), path) != list.end();
+}
+
+std::string lower_case(std::string_view text) {
+  std::string lower(text);
+  std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
+  return lower;
+}
+
+// "LOCALHOST:8750" as "localhost"; "[::1]:8750" likewise.
+std::string host_name(std::string_view host) {
+  return lower_case(host.substr(0, host.starts_with('[') ? host.find(']') + 1 : host.find(':')));
+}
+
+ApiResponse json_answer(int status, const nlohmann::json& document) {
+  return {.status = status, .body = document.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+}
+
+// The page loads nothing from anywhere else, runs no script but its own, and is shown in nobody's frame.
+ApiResponse page_answer(std::string_view text, std::string type) {
+  return {.content_type = std::move(type),
+          .body = std::string(text),
+          .headers = {{"Content-Security-Policy",
+                       "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+                       "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
+                      {"Cache-Control", "no-cache"}}};
+}
+
+}  // namespace
+
+Api::Api(const FlightBoard& board, Mailbox<Hint>& hints, ApiOptions options)
+    : board_(board), hints_(hints), options_(std::move(options)) {}
+
+void Api::use_package(ApiPackage package) {
+  auto shared = std::make_shared<const ApiPackage>(std::move(package));
+  const std::lock_guard lock(package_mutex_);
+  package_ = std::move(shared);
+}
+
+std::shared_ptr<const ApiPackage> Api::package() const {
+  const std::lock_guard lock(package_mutex_);
+  return package_;
+}
+
+double Api::age_s(const FlightView& view) const { return std::max(0.0, options_.now_s() - view.time_s); }
+
+std::string Api::next_of_stream(StreamCursor& cursor) const {
+  const auto view = board_.snapshot();
+  return stream_text(*view, age_s(*view), cursor);
+}
+
+ApiResponse Api::handle(const ApiRequest& request, const ServerCounts& server) const {
+  try {
+    ApiResponse response = route(request, server);
+    response.headers.emplace_back("X-Content-Type-Options", "nosniff");
+    return response;
+  } catch (const std::exception& error) {
+    return answer({.status = 500, .type = "internal", .detail = error.what()});
+  }
+}
+
+std::optional<Problem> Api::access(const ApiRequest& request, std::string_view path) const {
+  if (options_.loopback) {
+    const std::string name = host_name(request.host);
+    if (name != "localhost" && name != "127.0.0.1" && name != "[::1]") {
+      return Problem{
+          .status = 421, .type = "host", .detail = "this service is called by localhost, 127.0.0.1 or [::1]"};
+    }
+  }
+  // The page itself holds no secret, and must be there to ask for the token.
+  if (!options_.token || !path.starts_with("/v1/")) return std::nullopt;
+  constexpr std::string_view kScheme = "bearer ";
+  const bool bearer = lower_case(request.authorization.substr(0, kScheme.size())) == kScheme;
+  // Digests are compared, so that the time it takes tells nothing about the token.
+  if (bearer && sha256(as_bytes(std::string_view(request.authorization).substr(kScheme.size()))) == *options_.token) {
+    return std::nullopt;
+  }
+  return Problem{.status = 401, .type = "token", .detail = "send Authorization: Bearer TOKEN"};
+}
+
+ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) const {
+  const std::string_view path = std::string_view(request.target).substr(0, request.target.find('?'));
+  if (auto problem = access(request, path)) {
+    ApiResponse refusal = answer(*problem);
+    if (problem->status == 401) refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
+    return refusal;
+  }
+  const bool reads = holds(kReadPaths, path) || path.starts_with(kTiles), writes = holds(kWritePaths, path);
+  if (!reads && !writes)
+    return answer({.status = 404, .type = "path", .detail = "there is no such path; see docs/api.md"});
+  if (reads && request.method != "GET" && request.method != "HEAD") {
+    ApiResponse refusal = answer({.status = 405, .type = "method", .detail = "this path is read with GET"});
+    refusal.headers.emplace_back("Allow", "GET, HEAD");
+    return refusal;
+  }
+  if (writes && request.method != "POST") {
+    ApiResponse refusal = answer({.status = 405, .type = "method", .detail = "this path takes POST"});
+    refusal.headers.emplace_back("Allow", "POST");
+    return refusal;
+  }
+
+  if (path == "/v1/health") return health();
+  if (path == "/v1/state") return state();
+  if (path == "/v1/package") return json_answer(200, package_json(board_.snapshot()->package));
+  if (path == "/v1/events") {
+    return {.content_type = "text/event-stream", .headers = {{"Cache-Control", "no-store"}}, .stream = true};
+  }
+  if (path == "/v1/metrics") {
+    const auto view = board_.snapshot();
+    return {.content_type = "text/plain; version=0.0.4; charset=utf-8",
+            .body = metrics_text(*view, age_s(*view), server)};
+  }
+  if (path == "/v1/hint") return take_hint(request);
+  if (path == "/v1/object-location") return object_location(request);
+  if (path == "/page.css") return page_answer(page::style, "text/css; charset=utf-8");
+  if (path == "/page.js") return page_answer(page::script, "text/javascript; charset=utf-8");
+  if (path == "/") return page_answer(page::html, "text/html; charset=utf-8");
+  return tile(path.substr(kTiles.size()));
+}
+
+ApiResponse Api::health() const {
+  const auto view = board_.snapshot();
+  const double age = age_s(*view);
+  const bool stalled = view->version == 0 || age > options_.stalled_after_s;
+  const FlightState state = view->state.state;
+  const bool fit = state == FlightState::normal && view->recorder.state != RecorderState::failed;
+  ApiResponse response =
+      json_answer(stalled ? 503 : 200, {{"status", stalled ? "fail"
+                                                   : fit   ? "pass"
+                                                           : "warn"},
+                                        {"state", name_of(state)},
+                                        {"reason", stalled ? "the flight's thread is silent" : view->state.reason},
+                                        {"age_s", age}});
+  response.headers.emplace_back("Cache-Control", "no-store");
+  return response;
+}
+
+ApiResponse Api::state() const {
+  const auto view = board_.snapshot();
+  nlohmann::json document = state_json(*view, age_s(*view));
+  document["events"] = nlohmann::json::array();
+  for (const FlightEvent& event : view->events) document["events"].push_back(event_json(event, *view));
+  document["track"] = track_json(*view);
+  ApiResponse response = json_answer(200, document);
+  response.headers.emplace_back("Cache-Control", "no-store");
+  return response;
+}
+
+ApiResponse Api::tile(std::string_view address) const {
+  const std::optional<TileKey> key = parse_tile_key(address);
+  if (!key)
+    return answer(
+        {.status = 404, .type = "tile", .detail = "a tile's path is /v1/tiles/ZOOM/COLUMN/ROW, rows from the north"});
+  const auto package = this->package();
+  const std::optional<Bytes> bytes = package->tiles ? package->tiles->read(*key) : std::nullopt;
+  const std::optional<ImageFormat> format = bytes ? sniff_image_format(*bytes) : std::nullopt;
+  if (!format) return answer({.status = 404, .type = "tile", .detail = "the package holds no such tile"});
+  return {.content_type = fmt::format("image/{}", name_of(*format)),
+          .body = std::string(as_text(*bytes)),
+          .headers = {{"Cache-Control", "private, max-age=60"}}};
+}
+
+ApiResponse Api::take_hint(const ApiRequest& request) const {
+  const auto parsed = parse_hint(request);
+  if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
+  hints_.put(std::get<Hint>(parsed));
+  return json_answer(202, {{"accepted", true}});
+}
+
+ApiResponse Api::object_location(const ApiRequest& request) const {
+  const auto package = this->package();
+  return answer_object_location(request, *board_.snapshot(), {package->frame.get(), package->surface.get()});
+}
+
+}  // namespace nadir

@@ -1,0 +1,69 @@
+// The local API of the service as a function from request to answer: routes, access, what each path says. Reads the
+// FlightBoard and never touches the flight. The contract is schemas/nadird.openapi.yaml, the prose docs/api.md.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include "api/event_stream.hpp"
+#include "api/flight_board.hpp"
+#include "api/hint.hpp"
+#include "api/message.hpp"
+#include "api/metrics.hpp"
+#include "base/sha256.hpp"
+#include "geodesy/local_frame.hpp"
+#include "imagery/tile_source.hpp"
+#include "vision/ground_surface.hpp"
+
+namespace nadir {
+
+// The package as the API uses it. tiles: a reader of its own, so that the flight's never waits for a page's.
+struct ApiPackage {
+  std::shared_ptr<const TileSource> tiles;
+  std::shared_ptr<const LocalFrame> frame;       // the plane in which `surface` gives heights
+  std::shared_ptr<const GroundSurface> surface;  // null: flat
+};
+
+struct ApiOptions {
+  std::function<double()> now_s;  // the clock of FlightView::time_s
+  std::optional<Sha256> token;    // digest of the bearer token that every call under /v1/ must bring
+  bool loopback = true;           // then the Host must be a loopback name: no web page of others gets in by a trick
+  double stalled_after_s = 2;     // the flight's thread is silent for so long: /v1/health says so
+};
+
+class Api {
+ public:
+  // board, hints: must outlive this.
+  Api(const FlightBoard& board, Mailbox<Hint>& hints, ApiOptions options);
+
+  // Once it is open, from any thread; before, paths that need it say so.
+  void use_package(ApiPackage package);
+
+  // From any thread. Never throws.
+  ApiResponse handle(const ApiRequest& request, const ServerCounts& server = {}) const;
+
+  // What an event stream sends next (event_stream.hpp).
+  std::string next_of_stream(StreamCursor& cursor) const;
+
+ private:
+  ApiResponse route(const ApiRequest& request, const ServerCounts& server) const;
+  std::optional<Problem> access(const ApiRequest& request, std::string_view path) const;
+  std::shared_ptr<const ApiPackage> package() const;
+  double age_s(const FlightView& view) const;
+
+  ApiResponse health() const;
+  ApiResponse state() const;
+  ApiResponse tile(std::string_view address) const;
+  ApiResponse take_hint(const ApiRequest& request) const;
+  ApiResponse object_location(const ApiRequest& request) const;
+
+  const FlightBoard& board_;
+  Mailbox<Hint>& hints_;
+  ApiOptions options_;
+  mutable std::mutex package_mutex_;
+  std::shared_ptr<const ApiPackage> package_ = std::make_shared<const ApiPackage>();
+};
+
+}  // namespace nadir

@@ -1,0 +1,12 @@
+// The web page, embedded by cmake/EmbedText.cmake from page/.
+#pragma once
+
+#include <string_view>
+
+namespace nadir::page {
+
+extern const std::string_view html;
+extern const std::string_view style;
+extern const std::string_view script;
+
+}  // namespace nadir::page

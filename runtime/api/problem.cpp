@@ -1,0 +1,40 @@
+#include "api/problem.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "base/printable.hpp"
+
+namespace nadir {
+namespace {
+
+const char* title_of(int status) {
+  switch (status) {
+    case 400: return "Bad request";
+    case 401: return "Token wanted";
+    case 404: return "Not found";
+    case 405: return "Method not allowed";
+    case 409: return "Not possible in this state";
+    case 413: return "Body too large";
+    case 415: return "Wrong media type";
+    case 421: return "Wrong host";
+    case 422: return "Refused";
+    case 431: return "Header too large";
+    case 503: return "Not available";
+    default: return "Failed";
+  }
+}
+
+}  // namespace
+
+ApiResponse answer(const Problem& problem) {
+  nlohmann::json document{{"type", "urn:nadir:problem:" + problem.type},
+                          {"title", title_of(problem.status)},
+                          {"status", problem.status},
+                          {"detail", printable(problem.detail)}};
+  for (const FieldError& error : problem.errors) {
+    document["errors"].push_back({{"pointer", printable(error.pointer)}, {"detail", printable(error.detail)}});
+  }
+  return {.status = problem.status, .content_type = "application/problem+json", .body = document.dump()};
+}
+
+}  // namespace nadir

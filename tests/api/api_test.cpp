@@ -1,0 +1,210 @@
+#include "api/api.hpp"
+
+#include <gmock/gmock.h>
+
+#include <limits>
+
+#include "api/api_fixture.hpp"
+#include "base/error.hpp"
+
+namespace nadir {
+namespace {
+
+using test::expect_problem;
+using ::testing::HasSubstr;
+
+class ApiTest : public test::ApiFixture {};
+
+std::string header(const ApiResponse& response, const std::string& name) {
+  for (const auto& [key, value] : response.headers) {
+    if (key == name) return value;
+  }
+  return {};
+}
+
+TEST_F(ApiTest, TellsTheState) {
+  const auto state = json(api.handle(get("/v1/state")));
+  EXPECT_EQ(state["state"], "normal");
+  EXPECT_EQ(state["version"], 1);
+  EXPECT_EQ(state["position"]["sigma_m"], 2.8);
+  EXPECT_EQ(state["events"].back()["severity"], "critical");
+  EXPECT_EQ(state["track"].size(), 1U);
+  EXPECT_EQ(state["track"][0]["source"], "satellite_anchored");
+}
+
+TEST_F(ApiTest, WithoutAPositionThereIsNone) {
+  publish(FlightState::no_fix);
+  const auto state = json(api.handle(get("/v1/state")));
+  EXPECT_TRUE(state["position"].is_null());
+  EXPECT_EQ(state["source"], "no_fix");
+}
+
+// The longer axis of the ellipse, by hand: variances 9 along north-east, 1 across.
+TEST_F(ApiTest, DrawsTheCovarianceAsAnEllipse) {
+  FlightView view = flight.at(now_s, FlightState::normal);
+  view.position = PositionView{{8.5, 47.4}, 2, 5, 5, 4};
+  board.publish(view);
+  const auto ellipse = json(api.handle(get("/v1/state")))["position"]["ellipse"];
+  EXPECT_NEAR(ellipse["major_m"].get<double>(), 3, 1e-9);
+  EXPECT_NEAR(ellipse["minor_m"].get<double>(), 1, 1e-9);
+  EXPECT_NEAR(ellipse["bearing_deg"].get<double>(), 45, 1e-9);
+}
+
+TEST_F(ApiTest, HostileNumbersAndTextStayReadable) {
+  FlightView view = flight.at(now_s, FlightState::normal);
+  view.position->sigma_m = std::numeric_limits<double>::quiet_NaN();
+  view.anchor_age_s = std::numeric_limits<double>::infinity();
+  view.state.reason = "\x1b[2J\xff\xfe\"quoted\"";
+  view.events.back().text = std::string("\x00\x01", 2);
+  board.publish(view);
+  const auto state = json(api.handle(get("/v1/state")));
+  EXPECT_TRUE(state["position"]["sigma_m"].is_null());
+  EXPECT_TRUE(state["anchor_age_s"].is_null());
+  EXPECT_EQ(state["reason"].get<std::string>().find('\x1b'), std::string::npos);
+}
+
+TEST_F(ApiTest, HealthFollowsTheFlightsThread) {
+  EXPECT_EQ(json(api.handle(get("/v1/health")))["status"], "pass");
+  publish(FlightState::degraded);
+  EXPECT_EQ(json(api.handle(get("/v1/health")))["status"], "warn");
+  now_s += 2.5;
+  const ApiResponse silent = api.handle(get("/v1/health"));
+  EXPECT_EQ(silent.status, 503);
+  EXPECT_EQ(json(silent)["status"], "fail");
+}
+
+TEST_F(ApiTest, BeforeTheFirstViewItIsNotHealthy) {
+  const FlightBoard empty;
+  const Api starting(empty, hints, options());
+  EXPECT_EQ(starting.handle(get("/v1/health")).status, 503);
+  EXPECT_EQ(json(starting.handle(get("/v1/state")))["state"], "boot");
+}
+
+TEST_F(ApiTest, TilesComeFromThePackage) {
+  expect_problem(api.handle(get("/v1/tiles/16/34315/22950")), 404, "tile");
+  api.use_package({.tiles = std::make_shared<test::PaintedTiles>(), .frame = nullptr, .surface = nullptr});
+  const ApiResponse tile = api.handle(get("/v1/tiles/16/34315/22950?x=y"));
+  EXPECT_EQ(tile.status, 200);
+  EXPECT_EQ(tile.content_type, "image/jpeg");
+  EXPECT_EQ(tile.body.substr(0, 3), "\xff\xd8\xff");
+  for (const char* none :
+       {"2/0/0", "25/0/0", "16/99999999/0", "16/-1/0", "16/1", "16/1/2/3", "016/1/2", "../../etc/passwd", ""}) {
+    expect_problem(api.handle(get(std::string("/v1/tiles/") + none)), 404, "tile");
+  }
+}
+
+class BrokenTiles final : public TileSource {
+ public:
+  ZoomRange zooms() const override { return {0, 20}; }
+  std::optional<Bytes> read(const TileKey& key) const override {
+    if (key.z == 1) return Bytes{1, 2, 3};
+    throw Error({.what = "disk gone"});
+  }
+};
+
+TEST_F(ApiTest, ABrokenTileSetIsAProblemNotACrash) {
+  api.use_package({.tiles = std::make_shared<BrokenTiles>(), .frame = nullptr, .surface = nullptr});
+  expect_problem(api.handle(get("/v1/tiles/2/0/0")), 500, "internal");
+  expect_problem(api.handle(get("/v1/tiles/1/0/0")), 404, "tile");
+}
+
+TEST_F(ApiTest, AHintIsHandedOn) {
+  const ApiResponse taken = api.handle(post("/v1/hint", R"({"lat": 47.5, "lon": 8.6, "radius_m": 800})"));
+  EXPECT_EQ(taken.status, 202);
+  const auto hint = hints.take();
+  ASSERT_NE(hint, nullptr);
+  EXPECT_EQ(hint->place, (LonLat{8.6, 47.5}));
+  EXPECT_EQ(hint->radius_m, 800);
+}
+
+TEST_F(ApiTest, ABadHintIsRefusedWithEverythingThatIsWrong) {
+  const ApiResponse refused = api.handle(post("/v1/hint", R"({"lat": 91, "lon": "x", "radius": 5})"));
+  expect_problem(refused, 400, "invalid");
+  const std::string errors = json(refused)["errors"].dump();
+  for (const char* pointer : {"/lat", "/lon", "/radius_m", "\"/radius\""}) EXPECT_THAT(errors, HasSubstr(pointer));
+  for (const char* body : {R"({"lat": 1, "lon": 1, "radius_m": 0})", R"({"lat": 1, "lon": 1, "radius_m": -5})",
+                           R"({"lat": null, "lon": 1, "radius_m": 5})", "[]", "7"}) {
+    expect_problem(api.handle(post("/v1/hint", body)), 400, "invalid");
+  }
+  for (const char* body : {"", "{", R"({"lat": NaN})", R"({"lat": 1, "lat": 2, "lon": 1, "radius_m": 5})", "\xff",
+                           "[[[[[[[[[]]]]]]]]]", R"({"lat": 1e999, "lon": 1, "radius_m": 5})"}) {
+    expect_problem(api.handle(post("/v1/hint", body)), 400, "malformed");
+  }
+  EXPECT_EQ(hints.take(), nullptr);
+}
+
+// What another site's page can make a browser send is no JSON by its media type.
+TEST_F(ApiTest, OnlyJsonIsTaken) {
+  ApiRequest request = post("/v1/hint", R"({"lat": 1, "lon": 1, "radius_m": 5})");
+  for (const char* type : {"", "text/plain", "application/x-www-form-urlencoded", "application/jsonp"}) {
+    request.content_type = type;
+    expect_problem(api.handle(request), 415, "media-type");
+  }
+  request.content_type = "Application/JSON ; charset=utf-8";
+  EXPECT_EQ(api.handle(request).status, 202);
+}
+
+TEST_F(ApiTest, OtherMethodsAndPathsAreRefused) {
+  for (const char* method : {"POST", "PUT", "DELETE", "OPTIONS", "TRACE", "", "get"}) {
+    ApiRequest request = get("/v1/state");
+    request.method = method;
+    const ApiResponse refused = api.handle(request);
+    expect_problem(refused, 405, "method");
+    EXPECT_EQ(header(refused, "Allow"), "GET, HEAD");
+  }
+  EXPECT_EQ(header(api.handle(get("/v1/hint")), "Allow"), "POST");
+  for (const char* path : {"/v1", "/v1/", "/v2/state", "/v1/states", "", "*", "//", "/index.html"}) {
+    expect_problem(api.handle(get(path)), 404, "path");
+  }
+}
+
+TEST_F(ApiTest, OnLoopbackOnlyLoopbackNamesAreServed) {
+  for (const char* host : {"localhost", "LOCALHOST:1", "127.0.0.1:8750", "[::1]:8750"}) {
+    ApiRequest request = get("/v1/state");
+    request.host = host;
+    EXPECT_EQ(api.handle(request).status, 200) << host;
+  }
+  for (const char* host : {"", "evil.example", "localhost.evil.example", "[::2]", "127.0.0.1.evil"}) {
+    ApiRequest request = get("/v1/state");
+    request.host = host;
+    expect_problem(api.handle(request), 421, "host");
+  }
+}
+
+TEST_F(ApiTest, WithATokenEveryCallNeedsIt) {
+  ApiOptions guarded = options();
+  guarded.token = sha256(as_bytes("0123456789abcdef"));
+  guarded.loopback = false;
+  const Api served(board, hints, guarded);
+  ApiRequest request = get("/v1/state");
+  request.host = "10.0.0.5:8750";
+  for (const char* sent : {"", "Bearer ", "Bearer 0123456789abcde", "Bearer 0123456789abcdefg",
+                           "Basic 0123456789abcdef", "0123456789abcdef"}) {
+    request.authorization = sent;
+    const ApiResponse refused = served.handle(request);
+    expect_problem(refused, 401, "token");
+    EXPECT_EQ(header(refused, "WWW-Authenticate"), "Bearer");
+  }
+  for (const char* sent : {"Bearer 0123456789abcdef", "bearer 0123456789abcdef"}) {
+    request.authorization = sent;
+    EXPECT_EQ(served.handle(request).status, 200);
+  }
+  // Even what does not exist is not told without it; the page alone is, because it asks for the token.
+  EXPECT_EQ(served.handle(get("/v1/none")).status, 401);
+  EXPECT_EQ(served.handle(get("/")).status, 200);
+}
+
+TEST_F(ApiTest, ThePageLoadsNothingFromElsewhere) {
+  const ApiResponse page = api.handle(get("/"));
+  EXPECT_THAT(page.content_type, HasSubstr("text/html"));
+  EXPECT_THAT(header(page, "Content-Security-Policy"), HasSubstr("default-src 'none'"));
+  for (const char* path : {"/", "/page.css", "/page.js"}) {
+    std::string text = api.handle(get(path)).body;
+    EXPECT_GT(text.size(), 500U) << path;
+    for (std::size_t at; (at = text.find("http://www.w3.org/")) != std::string::npos;) text.erase(at, 18);
+    EXPECT_EQ(text.find("://"), std::string::npos) << path;
+  }
+}
+
+}  // namespace
+}  // namespace nadir

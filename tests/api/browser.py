@@ -1,0 +1,113 @@
+"""A headless chromium over its debugging pipe: no port, no web socket, no package beyond the standard library."""
+import base64
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+
+PATIENCE_S = 90  # a loaded machine starts a browser slowly; every wait ends as soon as it can
+
+
+def find_chromium():
+    return next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
+
+
+class Browser:
+    def __init__(self, width, height, mobile=False):
+        self._profile = tempfile.mkdtemp(prefix="nadir-browser.")
+        to_browser, self._out = os.pipe()
+        self._in, from_browser = os.pipe()
+        command = [find_chromium(), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+                   "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-extensions",
+                   "--hide-scrollbars", "--disable-dev-shm-usage", f"--user-data-dir={self._profile}", "--remote-debugging-pipe", "about:blank"]
+        # The browser reads from handle 3 and writes to handle 4.
+        self._process = subprocess.Popen(["bash", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "browser", *command],
+                                         pass_fds=(to_browser, from_browser), stdin=subprocess.DEVNULL,
+                                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        os.close(to_browser)
+        os.close(from_browser)
+        os.set_blocking(self._in, False)
+        self._rest, self._last_id, self.messages = b"", 0, []
+        target = self._ask("Target.createTarget", {"url": "about:blank"}, session=None)["targetId"]
+        self._session = self._ask("Target.attachToTarget", {"targetId": target, "flatten": True}, session=None)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self._ask(f"{domain}.enable", {})
+        self._ask("Emulation.setDeviceMetricsOverride",
+                  {"width": width, "height": height, "deviceScaleFactor": 2 if mobile else 1, "mobile": mobile})
+
+    _session = None
+
+    def _ask(self, method, params, session=True):
+        self._last_id += 1
+        message = {"id": self._last_id, "method": method, "params": params}
+        if session and self._session:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            for answer in self._read():
+                if answer.get("id") == self._last_id:
+                    if "error" in answer:
+                        raise RuntimeError(f"{method}: {answer['error']}")
+                    return answer["result"]
+                self.messages.append(answer)
+        raise TimeoutError(method)
+
+    def _read(self):
+        try:
+            piece = os.read(self._in, 1 << 20)
+            if not piece:
+                raise RuntimeError("the browser has ended")
+            self._rest += piece
+        except BlockingIOError:
+            time.sleep(0.02)
+        *whole, self._rest = self._rest.split(b"\0")
+        return [json.loads(text) for text in whole]
+
+    def open(self, url):
+        self._ask("Page.navigate", {"url": url})
+
+    def evaluate(self, expression):
+        result = self._ask("Runtime.evaluate", {"expression": expression, "returnByValue": True, "awaitPromise": True})
+        if "exceptionDetails" in result:
+            raise RuntimeError(result["exceptionDetails"])
+        return result["result"].get("value")
+
+    def wait_for(self, expression):
+        """Until the expression is true; its value."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            value = self.evaluate(f"(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()")
+            if value:
+                return value
+            time.sleep(0.1)
+        text = self.evaluate("document.body.innerText")
+        raise TimeoutError(f"never true: {expression}\nThe page shows:\n{text}\nIts console: {self.complaints()}")
+
+    def complaints(self):
+        """What the page's console and the browser's log hold against it."""
+        found = []
+        for message in self.messages:
+            if message.get("method") == "Runtime.exceptionThrown":
+                details = message["params"]["exceptionDetails"]
+                found.append(details.get("exception", {}).get("description") or details["text"])
+            if message.get("method") == "Log.entryAdded" and message["params"]["entry"]["level"] == "error":
+                found.append(message["params"]["entry"]["text"] + " " + message["params"]["entry"].get("url", ""))
+        return found
+
+    def requested(self):
+        return [message["params"]["request"]["url"] for message in self.messages
+                if message.get("method") == "Network.requestWillBeSent"]
+
+    def screenshot(self, path, whole=False):
+        shot = self._ask("Page.captureScreenshot", {"format": "png", "captureBeyondViewport": whole})
+        path.write_bytes(base64.b64decode(shot["data"]))
+
+    def close(self):
+        self._process.terminate()
+        self._process.wait()
+        os.close(self._in)
+        os.close(self._out)
+        shutil.rmtree(self._profile, ignore_errors=True)

@@ -1,0 +1,237 @@
+#include "api/http_server.hpp"
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <thread>
+#include <vector>
+
+#include "api/api_fixture.hpp"
+#include "api/raw_client.hpp"
+#include "base/error.hpp"
+
+namespace nadir {
+namespace {
+
+using test::RawClient;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+constexpr const char* kGetHealth = "GET /v1/health HTTP/1.1\r\nHost: localhost\r\n\r\n";
+constexpr const char* kGetEvents = "GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n";
+
+class HttpServerTest : public test::ApiFixture {
+ protected:
+  void serve(HttpLimits limits = {}) {
+    ListenAddress any;
+    any.port = 0;
+    server.emplace(api, any, limits);
+  }
+  RawClient connect(int receive_buffer_bytes = 0) { return RawClient(server->port(), receive_buffer_bytes); }
+  // Waits for the server's counts, which its own thread moves.
+  template <typename Condition>
+  bool eventually(Condition condition) {
+    for (int i = 0; i < 6000; ++i) {
+      if (condition(server->counts())) return true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return false;
+  }
+
+  std::optional<HttpServer> server;
+};
+
+TEST_F(HttpServerTest, AnswersOneRequestAfterTheOtherOnAConnection) {
+  serve();
+  RawClient client = connect();
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(client.send(kGetHealth));
+    EXPECT_THAT(client.read_until("}"), StartsWith("HTTP/1.1 200 OK\r\n"));
+  }
+  EXPECT_EQ(server->counts().connections_total, 1U);
+  EXPECT_EQ(server->counts().requests_total, 3U);
+}
+
+TEST_F(HttpServerTest, HeadHasNoBody) {
+  serve();
+  RawClient client = connect();
+  client.send("HEAD /v1/state HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  const std::string text = client.read_to_the_end();
+  EXPECT_THAT(text, HasSubstr("Content-Length: "));
+  EXPECT_THAT(text, EndsWith("\r\n\r\n"));
+}
+
+TEST_F(HttpServerTest, WhatIsNoHttpIsAnsweredAndClosed) {
+  serve();
+  for (const char* nonsense :
+       {"\r\n\r\n\r\n\r\nx\r\n\r\n", "GET\r\n\r\n", "\x16\x03\x01\x02 hello\r\n\r\n", "GET / HTTP/9.9\r\n\r\n",
+        "POST /v1/hint HTTP/1.1\r\nHost: localhost\r\nContent-Length: -1\r\n\r\n",
+        "POST /v1/hint HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n"}) {
+    RawClient client = connect();
+    client.send(nonsense);
+    EXPECT_THAT(client.read_to_the_end(), HasSubstr("HTTP/1.1 400 Bad Request")) << nonsense;
+  }
+}
+
+TEST_F(HttpServerTest, TooLargeIsRefused) {
+  serve();
+  RawClient header = connect();
+  header.send("GET / HTTP/1.1\r\nHost: localhost\r\nX: " + std::string(20'000, 'x') + "\r\n\r\n");
+  EXPECT_THAT(header.read_to_the_end(), HasSubstr("HTTP/1.1 431 "));
+  RawClient body = connect();
+  body.send(
+      "POST /v1/hint HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 100000\r\n\r\n" +
+      std::string(100'000, ' '));
+  EXPECT_THAT(body.read_to_the_end(), HasSubstr("HTTP/1.1 413 "));
+  RawClient chunks = connect();
+  chunks.send("POST /v1/hint HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nffffffffffffff\r\n");
+  EXPECT_THAT(chunks.read_to_the_end(), HasSubstr("HTTP/1.1 4"));
+}
+
+// A client that dribbles its request, or sends none, does not keep its connection.
+TEST_F(HttpServerTest, AnUnfinishedRequestEndsWithItsTime) {
+  HttpLimits limits;
+  limits.request_time = std::chrono::milliseconds(50);
+  serve(limits);
+  RawClient silent = connect(), half = connect();
+  half.send("GET /v1/health HTT");
+  EXPECT_EQ(silent.read_to_the_end(), "");
+  EXPECT_EQ(half.read_to_the_end(), "");
+  EXPECT_TRUE(eventually([](const ServerCounts& counts) { return counts.connections_open == 0; }));
+}
+
+TEST_F(HttpServerTest, ConnectionsBeyondTheLimitAreClosed) {
+  HttpLimits limits;
+  limits.connections = 3;
+  serve(limits);
+  std::vector<RawClient> clients;
+  for (int i = 0; i < 3; ++i) {
+    clients.push_back(connect());
+    clients.back().send(kGetHealth);
+    EXPECT_THAT(clients.back().read_until("}"), HasSubstr("200 OK"));
+  }
+  EXPECT_EQ(connect().read_to_the_end(), "");
+  EXPECT_EQ(server->counts().connections_refused, 1U);
+  clients.pop_back();
+  ASSERT_TRUE(eventually([](const ServerCounts& counts) { return counts.connections_open == 2; }));
+  RawClient next = connect();
+  next.send(kGetHealth);
+  EXPECT_THAT(next.read_until("}"), HasSubstr("200 OK"));
+}
+
+TEST_F(HttpServerTest, StreamsWhatHappens) {
+  HttpLimits limits;
+  limits.stream_interval = std::chrono::milliseconds(1);
+  limits.heartbeat = std::chrono::milliseconds(20);
+  serve(limits);
+  RawClient client = connect();
+  client.send(kGetEvents);
+  const std::string first = client.read_until("event: state");
+  EXPECT_THAT(first, StartsWith("HTTP/1.1 200 OK\r\n"));
+  EXPECT_THAT(first, HasSubstr("Content-Type: text/event-stream\r\n"));
+  EXPECT_THAT(first, HasSubstr("id: script-1\nevent: log\n"));
+  publish(FlightState::degraded);
+  EXPECT_THAT(client.read_until("\"degraded\""), HasSubstr("event: log"));
+  EXPECT_THAT(client.read_until(kStreamHeartbeat), HasSubstr(std::string(kStreamHeartbeat)));
+  RawClient resumed = connect();
+  resumed.send("GET /v1/events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: script-2\r\n\r\n");
+  const std::string rest = resumed.read_until("event: state");
+  EXPECT_THAT(rest, HasSubstr("id: script-3\n"));
+  EXPECT_EQ(rest.find("id: script-2\n"), std::string::npos);
+}
+
+TEST_F(HttpServerTest, StreamsBeyondTheLimitAreRefused) {
+  HttpLimits limits;
+  limits.streams = 2;
+  serve(limits);
+  RawClient one = connect(), two = connect(), three = connect();
+  for (RawClient* client : {&one, &two}) {
+    client->send(kGetEvents);
+    client->read_until("event: state");
+  }
+  three.send(kGetEvents);
+  EXPECT_THAT(three.read_to_the_end(), HasSubstr("HTTP/1.1 503 "));
+  EXPECT_EQ(server->counts().streams_refused, 1U);
+}
+
+TEST_F(HttpServerTest, AReaderThatLeavesIsForgotten) {
+  serve();
+  {
+    RawClient client = connect();
+    client.send(kGetEvents);
+    client.read_until("event: state");
+    EXPECT_EQ(server->counts().streams_open, 1U);
+  }
+  EXPECT_TRUE(
+      eventually([](const ServerCounts& counts) { return counts.streams_open == 0 && counts.connections_open == 0; }));
+}
+
+// 50 readers that never read and 20 connections that never ask: the flight publishes all that it has, and somebody who
+// asks gets the latest. Nothing is queued for the dead: once one of them reads, it finds fewer states than its share.
+TEST_F(HttpServerTest, DeadClientsCostTheFlightNothing) {
+  HttpLimits limits;
+  limits.stream_interval = std::chrono::milliseconds(1);
+  serve(limits);
+  std::vector<RawClient> dead, silent;
+  for (int i = 0; i < 50; ++i) {
+    dead.push_back(connect(2048));
+    dead.back().send(kGetEvents);
+  }
+  for (int i = 0; i < 20; ++i) silent.push_back(connect());
+  ASSERT_TRUE(eventually([](const ServerCounts& counts) { return counts.streams_open == 50; }));
+
+  constexpr int kViews = 20'000;
+  const FlightView view = flight.at(now_s, FlightState::normal);
+  for (int i = 0; i < kViews; ++i) board.publish(view);
+  const std::uint64_t last = board.snapshot()->version;
+  EXPECT_EQ(last, static_cast<std::uint64_t>(kViews) + 1);
+
+  RawClient asking = connect();
+  asking.send("GET /v1/state HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  EXPECT_THAT(asking.read_to_the_end(), HasSubstr(fmt::format("\"version\":{}}}", last)));
+
+  const std::string backlog = dead.front().read_until(fmt::format("\"version\":{}}}", last));
+  std::size_t states = 0;
+  for (std::size_t at = backlog.find("event: state"); at != std::string::npos;
+       at = backlog.find("event: state", at + 1))
+    ++states;
+  EXPECT_LT(states, 1000U) << "states pile up for a reader that does not read";
+}
+
+TEST_F(HttpServerTest, AReaderThatTakesNothingIsDropped) {
+  HttpLimits limits;
+  limits.stream_interval = std::chrono::milliseconds(1);
+  limits.answer_time = std::chrono::milliseconds(100);
+  limits.stream_buffer_bytes = 4096;
+  serve(limits);
+  RawClient dead = connect(2048);
+  dead.send(kGetEvents);
+  const FlightView view = flight.at(now_s, FlightState::normal);
+  EXPECT_TRUE(eventually([&](const ServerCounts& counts) {
+    board.publish(view);
+    return counts.streams_dropped == 1 && counts.streams_open == 0;
+  }));
+}
+
+TEST_F(HttpServerTest, StopsWithClientsOfEveryKind) {
+  serve();
+  RawClient streaming = connect(), silent = connect(), half = connect();
+  streaming.send(kGetEvents);
+  streaming.read_until("event: state");
+  half.send("GET /v1/he");
+  server.reset();
+  streaming.read_to_the_end();
+  EXPECT_EQ(silent.read_to_the_end(), "");
+}
+
+TEST_F(HttpServerTest, AnAddressThatIsTakenIsAnError) {
+  serve();
+  ListenAddress taken;
+  taken.port = server->port();
+  EXPECT_THROW(HttpServer(api, taken), Error);
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,124 @@
+#!/usr/bin/env python3
+"""The web page in a real browser, against a real server that flies a script.
+
+usage: page_test.py TEST_API_SERVER [FOLDER_FOR_SCREENSHOTS]
+Exit code 77: there is no chromium here.
+"""
+import pathlib
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+from browser import Browser, find_chromium  # noqa: E402
+from scripted_service import ScriptedService  # noqa: E402
+
+SERVER = sys.argv[1]
+SCREENSHOTS = pathlib.Path(sys.argv[2]) if len(sys.argv) > 2 else None
+TEXT = "document.getElementById('{}').textContent"
+IS = TEXT + " === '{}'"
+# Colours at a grid of points of the map's canvas: a map is many, an empty canvas is one.
+COLOURS = """(() => {
+  const canvas = document.getElementById('canvas'), pixels = canvas.getContext('2d');
+  const seen = new Set();
+  for (let i = 1; i < 40; ++i) for (let j = 1; j < 40; ++j)
+    seen.add([...pixels.getImageData(canvas.width * i / 40, canvas.height * j / 40, 1, 1).data].join());
+  return seen.size;
+})()"""
+
+
+class Page(unittest.TestCase):
+    sizes = {"phone": (390, 844, True), "laptop": (1280, 800, False)}
+
+    def serve(self, *options):
+        service = ScriptedService(SERVER, *options)
+        self.addCleanup(service.stop)
+        return service
+
+    def browse(self, url, size="laptop"):
+        browser = Browser(*self.sizes[size])
+        self.addCleanup(browser.close)
+        browser.open(url)
+        return browser
+
+    def keep(self, browser, name):
+        if SCREENSHOTS:
+            browser.screenshot(SCREENSHOTS / f"{name}.png")
+
+    def test_shows_the_flight_live(self):
+        service = self.serve()
+        browser = self.browse(service.url)
+        browser.wait_for(IS.format("state", "normal"))
+        browser.wait_for(TEXT.format("sigma") + " === '2.8m'")
+        self.assertEqual("anchored to the map", browser.evaluate(TEXT.format("reason")))
+        self.assertIn("signed", browser.evaluate(TEXT.format("link")))
+        self.assertIn("spoofed", browser.evaluate(TEXT.format("gps")))
+        self.assertIn("valley", browser.evaluate(TEXT.format("package")))
+        self.assertIn("GPS judged spoofed", browser.evaluate(TEXT.format("events")))
+        browser.wait_for(COLOURS + " > 100")
+        before = browser.evaluate(TEXT.format("coordinates"))
+        browser.wait_for(TEXT.format("coordinates") + f" !== '{before}'")  # it moves without anybody's doing
+        self.keep(browser, "normal")
+
+        service.say("degraded")
+        browser.wait_for(IS.format("state", "degraded"))
+        browser.wait_for("document.querySelector('#events li').textContent.includes('camera sees cloud')")
+        self.keep(browser, "degraded")
+        service.say("no_fix")
+        browser.wait_for(IS.format("state", "no fix"))
+        browser.wait_for(IS.format("coordinates", "no position"))
+        self.assertEqual("–", browser.evaluate(TEXT.format("sigma")))
+
+        self.assertEqual([], browser.complaints())
+        foreign = [url for url in browser.requested() if not url.startswith((service.url, "data:", "blob:", "about:"))]
+        self.assertEqual([], foreign, "the page asks others")
+
+    def test_what_is_old_does_not_look_alive(self):
+        service = self.serve()
+        browser = self.browse(service.url)
+        browser.wait_for(IS.format("state", "normal"))
+        self.assertFalse(browser.evaluate("document.body.classList.contains('stale')"))
+        service.say("stall")
+        browser.wait_for("document.body.classList.contains('stale')")
+        browser.wait_for("!document.getElementById('lost').hidden")
+        browser.wait_for(IS.format("state", "no news"))
+        self.keep(browser, "stale")
+        service.say("go")
+        browser.wait_for("!document.body.classList.contains('stale')")
+        browser.wait_for(IS.format("state", "normal"))
+        service.stop()
+        browser.wait_for(TEXT.format("lost") + ".startsWith('No contact')")
+
+    def test_fits_its_window(self):
+        service = self.serve()
+        for size, (width, _, _) in self.sizes.items():
+            with self.subTest(size):
+                browser = self.browse(service.url, size)
+                browser.wait_for(IS.format("state", "normal"))
+                browser.wait_for(COLOURS + " > 100")
+                self.assertEqual(width, browser.evaluate("document.documentElement.scrollWidth"), "it scrolls sideways")
+                cut = browser.evaluate("[...document.querySelectorAll('main *')].filter((e) => e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 0).map((e) => e.id || e.tagName)")
+                self.assertEqual([], cut, "text that does not fit")
+                self.keep(browser, size)
+
+    def test_asks_for_the_token(self):
+        with tempfile.TemporaryDirectory() as folder:
+            token = pathlib.Path(folder) / "token"
+            token.touch(0o600)
+            token.write_text("a-secret-of-the-crew\n")
+            service = self.serve("--token-file", token)
+            browser = self.browse(service.url)
+            browser.wait_for("document.getElementById('ask').open")
+            self.keep(browser, "token")
+            browser.evaluate("document.getElementById('token').value = 'wrong', document.getElementById('give').click()")
+            browser.wait_for("document.getElementById('ask').open")
+            browser.evaluate("document.getElementById('token').value = 'a-secret-of-the-crew', document.getElementById('give').click()")
+            browser.wait_for(IS.format("state", "normal"))
+            browser.wait_for(COLOURS + " > 100")
+
+
+if __name__ == "__main__":
+    if not find_chromium():
+        print("SKIPPED: no chromium here; `apt-get install chromium` tests the page", file=sys.stderr)
+        sys.exit(77)
+    unittest.main(argv=[sys.argv[0]], verbosity=2)

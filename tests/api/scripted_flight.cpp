@@ -1,0 +1,106 @@
+#include "api/scripted_flight.hpp"
+
+#include <cmath>
+
+#include "geodesy/angles.hpp"
+#include "geodesy/local_frame.hpp"
+
+namespace nadir::test {
+namespace {
+
+constexpr double kSpeed_m_s = 22;
+constexpr double kLastAnchorStep_s = 3;
+
+struct Phase {
+  SourceLabel source;
+  double sigma_m;
+  const char* reason;
+  EventSeverity severity;
+  GpsJudgement gps;
+};
+
+Phase phase_of(FlightState state) {
+  switch (state) {
+    case FlightState::boot:
+      return {SourceLabel::no_fix, 0, "package is being verified", EventSeverity::info, GpsJudgement::unknown};
+    case FlightState::no_package:
+      return {SourceLabel::no_fix, 0, "signature does not hold", EventSeverity::critical, GpsJudgement::unknown};
+    case FlightState::awaiting_autopilot:
+      return {SourceLabel::no_fix, 0, "no signed heartbeat yet", EventSeverity::warning, GpsJudgement::unknown};
+    case FlightState::relocalizing:
+      return {SourceLabel::no_fix, 0, "searching the mission's area", EventSeverity::info, GpsJudgement::denied};
+    case FlightState::normal:
+      return {SourceLabel::satellite_anchored, 2.8, "anchored to the map", EventSeverity::info, GpsJudgement::spoofed};
+    case FlightState::degraded:
+      return {SourceLabel::dead_reckoned, 38, "camera sees cloud, carried by velocity", EventSeverity::warning,
+              GpsJudgement::denied};
+    case FlightState::no_fix:
+      return {SourceLabel::no_fix, 0, "blind for more than 30 s", EventSeverity::critical, GpsJudgement::denied};
+    case FlightState::failsafe:
+      return {SourceLabel::no_fix, 0, "no position for more than 3 s", EventSeverity::critical, GpsJudgement::denied};
+  }
+  return {};
+}
+
+}  // namespace
+
+void ScriptedFlight::note_change(double time_s, FlightState state) {
+  const Phase phase = phase_of(state);
+  events_.add(time_s, phase.severity, "state", std::string(name_of(state)) + ": " + phase.reason);
+  if (phase.gps == GpsJudgement::spoofed) {
+    events_.add(time_s, EventSeverity::critical, "gps", "GPS judged spoofed: 312 m from vision; our position promoted");
+  }
+  state_ = state;
+  since_s_ = time_s;
+}
+
+FlightView ScriptedFlight::at(double time_s, FlightState state) {
+  if (state != state_ || events_.events().empty()) note_change(time_s, state);
+  const Phase phase = phase_of(state);
+  const double turn_rad = time_s * kSpeed_m_s / radius_m_;
+  const LocalFrame frame(centre_);
+
+  FlightView view;
+  view.boot_id = "script";
+  view.time_s = time_s;
+  view.utc = UtcTime{1'730'764'800 + static_cast<std::int64_t>(time_s)};
+  view.state = {state, phase.reason, since_s_};
+  view.source = phase.source;
+  view.gps = {phase.gps, phase.gps == GpsJudgement::spoofed ? "312 m from vision" : ""};
+  view.heading_rad = wrap_pi(turn_rad + kPi / 2);
+  view.pitch_rad = radians(2);
+  view.roll_rad = radians(4);
+  view.velocity = VelocityView{kSpeed_m_s * std::cos(turn_rad), -kSpeed_m_s * std::sin(turn_rad)};
+  view.agl_m = 118 + 4 * std::sin(time_s / 7);
+  if (phase.source != SourceLabel::no_fix) {
+    const double sigma_m = phase.sigma_m;
+    view.position = PositionView{frame.lonlat_from_enu(radius_m_ * std::sin(turn_rad), radius_m_ * std::cos(turn_rad)),
+                                 sigma_m, 1.6 * sigma_m * sigma_m, 0.6 * sigma_m * sigma_m, 0.3 * sigma_m * sigma_m};
+    view.anchor_age_s =
+        phase.source == SourceLabel::satellite_anchored ? std::fmod(time_s, kLastAnchorStep_s) : 14 + time_s - since_s_;
+    const bool fresh = phase.source == SourceLabel::satellite_anchored && std::fmod(time_s, 20) < 13;
+    const SourceLabel carried =
+        phase.source == SourceLabel::satellite_anchored && !fresh ? SourceLabel::vo_extrapolated : phase.source;
+    view.source = carried;
+    trail_.add({time_s, view.position->place, sigma_m, carried});
+  }
+  const auto frames = static_cast<std::uint64_t>(time_s * 3);
+  view.frames = {frames, frames / 60, 3};
+  view.anchors = {frames / 9, frames / 40, {{"ambiguous", frames / 60}, {"few_inliers", frames / 120}}};
+  view.link = {true, true, static_cast<std::uint64_t>(time_s * 10), {{"replay", 2}}};
+  view.recorder = {RecorderState::recording, "", static_cast<std::uint64_t>(time_s * 41'000), 28'400'000'000, 0};
+  view.package = {true, "", "valley", "valley", 7, UtcTime{1'733'000'000}, 14, 18, 5120, true, std::nullopt, {}};
+  const double half_m = 2.5 * radius_m_;
+  const LonLat south_west = frame.lonlat_from_enu(-half_m, -half_m), north_east = frame.lonlat_from_enu(half_m, half_m);
+  view.package.bounds = LonLatBox{south_west.lon_deg, south_west.lat_deg, north_east.lon_deg, north_east.lat_deg};
+  for (int corner = 0; corner <= 32; ++corner) {
+    const double angle = corner * 2 * kPi / 32;
+    view.package.route.push_back(
+        frame.lonlat_from_enu(1.04 * radius_m_ * std::sin(angle), 1.04 * radius_m_ * std::cos(angle)));
+  }
+  view.events = events_.events();
+  view.track = trail_.points();
+  return view;
+}
+
+}  // namespace nadir::test

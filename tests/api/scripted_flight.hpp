@@ -1,0 +1,28 @@
+// A flight that was never flown: circles around a place, in whatever state the test wants. What the service would
+// publish, for the tests of those who read it.
+#pragma once
+
+#include "api/flight_history.hpp"
+#include "api/flight_view.hpp"
+
+namespace nadir::test {
+
+class ScriptedFlight {
+ public:
+  explicit ScriptedFlight(LonLat centre = {8.5, 47.4}, double radius_m = 400) : centre_(centre), radius_m_(radius_m) {}
+
+  // Seconds of the script's clock, not decreasing.
+  FlightView at(double time_s, FlightState state);
+
+ private:
+  void note_change(double time_s, FlightState state);
+
+  LonLat centre_;
+  double radius_m_;
+  FlightState state_ = FlightState::boot;
+  double since_s_ = 0;
+  EventRing events_;
+  FlightTrail trail_;
+};
+
+}  // namespace nadir::test
