@@ -2,16 +2,6 @@
 
 namespace nadir {
 
-std::string_view name_of(SourceLabel label) {
-  switch (label) {
-    case SourceLabel::satellite_anchored: return "satellite_anchored";
-    case SourceLabel::vo_extrapolated: return "vo_extrapolated";
-    case SourceLabel::dead_reckoned: return "dead_reckoned";
-    case SourceLabel::no_fix: return "no_fix";
-  }
-  return "no_fix";
-}
-
 std::string_view name_of(AnchorVerdict verdict) {
   switch (verdict) {
     case AnchorVerdict::not_tried: return "not_tried";

@@ -12,6 +12,14 @@ enum class SourceLabel {
   no_fix,              // not known well enough to be said
 };
 
-std::string_view name_of(SourceLabel label);
+constexpr std::string_view name_of(SourceLabel label) {
+  switch (label) {
+    case SourceLabel::satellite_anchored: return "satellite_anchored";
+    case SourceLabel::vo_extrapolated: return "vo_extrapolated";
+    case SourceLabel::dead_reckoned: return "dead_reckoned";
+    case SourceLabel::no_fix: return "no_fix";
+  }
+  return "no_fix";
+}
 
 }  // namespace nadir

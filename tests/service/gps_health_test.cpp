@@ -1,0 +1,246 @@
+#include "service/gps_health.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "geodesy/local_frame.hpp"
+
+namespace nadir {
+namespace {
+
+using enum GpsVerdict;
+
+constexpr LonLat kHome{8.55, 47.37};
+
+// An aircraft that flies east at 25 m/s, its receiver at 5 Hz and its eyes at 5 Hz, each where the test wants them.
+class Flight {
+ public:
+  struct Seen {
+    double gps_off_m = 0;     // north of the truth
+    double vision_off_m = 0;  // the same
+    bool gps_fix = true;
+    bool gps_speaks = true;
+    bool vision_speaks = true;
+    bool glitch = false;
+    bool ekf_knows = true;
+    std::optional<double> speed_m_s = 25;
+    std::optional<double> accuracy_m = 2;
+    double vision_sigma_m = 8;
+  };
+
+  GpsVerdict step(const Seen& seen) {
+    now_s += 0.2;
+    const double east_m = 25 * (now_s - 1000);
+    if (seen.vision_speaks)
+      health.hear(VisionPosition{now_s - 0.1, at(east_m - 2.5, seen.vision_off_m), seen.vision_sigma_m});
+    if (seen.gps_speaks) {
+      health.hear(GpsFix3d{now_s, seen.gps_fix, at(east_m, seen.gps_off_m), seen.speed_m_s, seen.accuracy_m});
+    }
+    health.hear(EkfReport{now_s, seen.ekf_knows, seen.glitch});
+    return (judged = health.judge(now_s)).verdict;
+  }
+
+  GpsVerdict fly(double seconds, const Seen& seen) {
+    for (const double end_s = now_s + seconds - 0.1; now_s < end_s;) step(seen);
+    return judged.verdict;
+  }
+
+  double now_s = 1000;
+  GpsHealth health{now_s};
+  GpsJudged judged;
+
+ private:
+  LonLat at(double east_m, double north_m) const { return frame_.lonlat_from_enu(east_m, north_m); }
+  LocalFrame frame_{kHome};
+};
+
+TEST(GpsHealth, TrustsTheFirstFixAndGoesOnTrusting) {
+  Flight flight;
+  EXPECT_EQ(flight.health.judge(flight.now_s).verdict, unknown);
+  EXPECT_EQ(flight.step({}), trusted);
+  EXPECT_EQ(flight.fly(600, {}), trusted);
+}
+
+TEST(GpsHealth, OrdinaryNoiseIsNoSpoofing) {
+  Flight flight;
+  for (int i = 0; i < 3000; ++i) {
+    ASSERT_EQ(flight.step({.gps_off_m = 6 * std::sin(i * 0.7), .vision_off_m = 15 * std::cos(i * 0.3)}), trusted)
+        << i << flight.judged.why;
+  }
+}
+
+TEST(GpsHealth, SilenceIsDenialAfterOneAndAHalfSeconds) {
+  Flight flight;
+  flight.fly(5, {});
+  flight.now_s += 1.49;
+  EXPECT_EQ(flight.health.judge(flight.now_s).verdict, trusted);
+  flight.now_s += 0.02;
+  EXPECT_EQ(flight.health.judge(flight.now_s).verdict, denied);
+}
+
+TEST(GpsHealth, AReceiverThatNeverSpeaksIsDenied) {
+  GpsHealth health(50);
+  EXPECT_EQ(health.judge(51.4).verdict, unknown);
+  EXPECT_EQ(health.judge(51.6).verdict, denied);
+}
+
+TEST(GpsHealth, ALostLinkSaysNothingAboutGps) {
+  Flight flight;
+  flight.fly(5, {});
+  for (int i = 0; i < 100; ++i) EXPECT_EQ(flight.health.judge(flight.now_s += 0.2, false).verdict, trusted);
+  EXPECT_EQ(flight.health.judge(flight.now_s += 1.4).verdict, trusted);
+  EXPECT_EQ(flight.health.judge(flight.now_s += 0.2).verdict, denied);
+}
+
+TEST(GpsHealth, ALostFixIsDenialWellWithinThreeSeconds) {
+  Flight flight;
+  flight.fly(5, {});
+  const double lost_s = flight.now_s;
+  while (flight.step({.gps_fix = false}) != denied) ASSERT_LT(flight.now_s - lost_s, 1.0);
+  EXPECT_EQ(flight.judged.why, "the receiver has no fix");
+}
+
+TEST(GpsHealth, OneMessageWithoutAFixIsForgiven) {
+  Flight flight;
+  flight.fly(5, {});
+  EXPECT_EQ(flight.step({.gps_fix = false}), trusted);
+  EXPECT_EQ(flight.fly(20, {}), trusted);
+}
+
+TEST(GpsHealth, AStepOf300MetresIsSpoofingAtOnceWithAndWithoutPictures) {
+  for (const bool vision : {true, false}) {
+    Flight flight;
+    flight.fly(20, {.vision_speaks = vision});
+    EXPECT_EQ(flight.step({.gps_off_m = 300, .vision_speaks = vision}), spoofed) << vision;
+    EXPECT_NE(flight.judged.why.find("a step of 300 m"), std::string::npos) << flight.judged.why;
+    EXPECT_EQ(flight.fly(300, {.gps_off_m = 300, .vision_speaks = vision}), spoofed) << "it never becomes true";
+  }
+}
+
+TEST(GpsHealth, AClaimOfBadAccuracyDoesNotHideTheStep) {
+  Flight flight;
+  flight.fly(20, {});
+  EXPECT_EQ(flight.step({.gps_off_m = 300, .accuracy_m = 5000}), spoofed);
+}
+
+TEST(GpsHealth, SlowDragOffIsCaughtBeforeSixtyMetres) {
+  for (const double m_per_s : {0.5, 1.0, 2.0, 5.0}) {
+    Flight flight;
+    flight.fly(20, {});
+    double off_m = 0;
+    while (flight.step({.gps_off_m = off_m}) == trusted) {
+      off_m += m_per_s * 0.2;
+      ASSERT_LT(off_m, 60) << m_per_s;
+    }
+    EXPECT_EQ(flight.judged.verdict, spoofed);
+    EXPECT_NE(flight.judged.why.find("where pictures say"), std::string::npos);
+  }
+}
+
+TEST(GpsHealth, DisagreementMustLast) {
+  Flight flight;
+  flight.fly(20, {});
+  EXPECT_EQ(flight.fly(0.8, {.vision_off_m = 150}), trusted) << "one bad anchor accuses nobody";
+  EXPECT_EQ(flight.fly(20, {}), trusted);
+  EXPECT_EQ(flight.fly(1.6, {.vision_off_m = 150}), spoofed);
+}
+
+TEST(GpsHealth, VaguePicturesAccuseNobody) {
+  Flight flight;
+  flight.fly(20, {.vision_sigma_m = 100});
+  EXPECT_EQ(flight.fly(30, {.vision_off_m = 400, .vision_sigma_m = 100}), trusted);
+  EXPECT_EQ(flight.fly(30, {.vision_off_m = 150, .vision_sigma_m = 50}), trusted) << "within both sigmas";
+}
+
+TEST(GpsHealth, ImpossibleSpeedIsSpoofing) {
+  Flight flight;
+  flight.fly(5, {});
+  EXPECT_EQ(flight.step({.speed_m_s = 99}), trusted);
+  EXPECT_EQ(flight.step({.speed_m_s = 101}), spoofed);
+}
+
+TEST(GpsHealth, TheAutopilotsAlarmCountsAfterASecond) {
+  Flight flight;
+  flight.fly(5, {});
+  EXPECT_EQ(flight.fly(0.8, {.glitch = true}), trusted);
+  EXPECT_EQ(flight.fly(0.8, {.glitch = true}), spoofed);
+  Flight lost;
+  lost.fly(5, {});
+  EXPECT_EQ(lost.fly(0.8, {.ekf_knows = false}), trusted);
+  EXPECT_EQ(lost.fly(0.8, {.ekf_knows = false}), denied);
+}
+
+TEST(GpsHealth, AFilterThatHasNotStartedAccusesNobody) {
+  Flight flight;
+  EXPECT_EQ(flight.fly(30, {.ekf_knows = false}), trusted);
+}
+
+TEST(GpsHealth, AfterSpoofingItMustBeStableAndAgreeForTenSeconds) {
+  Flight flight;
+  flight.fly(20, {});
+  flight.fly(20, {.gps_off_m = 300});
+  ASSERT_EQ(flight.judged.verdict, spoofed);
+  flight.step({});  // the step back is one more step
+  EXPECT_EQ(flight.fly(9.8, {}), spoofed);
+  EXPECT_EQ(flight.fly(0.6, {}), trusted);
+}
+
+TEST(GpsHealth, AfterSpoofingStabilityAloneIsNeverEnough) {
+  Flight flight;
+  flight.fly(20, {});
+  flight.fly(20, {.gps_off_m = 300});
+  EXPECT_EQ(flight.fly(300, {.vision_speaks = false}), spoofed);
+  EXPECT_EQ(flight.fly(9.8, {}), spoofed);
+  EXPECT_EQ(flight.fly(0.6, {}), trusted);
+}
+
+TEST(GpsHealth, ADisturbanceBeginsTheIntervalAnew) {
+  Flight flight;
+  flight.fly(20, {});
+  flight.fly(20, {.gps_off_m = 300});
+  flight.fly(8, {});
+  flight.step({.gps_fix = false});
+  EXPECT_EQ(flight.fly(9.8, {}), spoofed);
+  EXPECT_EQ(flight.fly(0.6, {}), trusted);
+}
+
+TEST(GpsHealth, AfterDenialWithoutPicturesAMinuteOfStabilityIsEnough) {
+  Flight flight;
+  flight.fly(20, {.vision_speaks = false});
+  flight.fly(5, {.gps_fix = false, .vision_speaks = false});
+  ASSERT_EQ(flight.judged.verdict, denied);
+  EXPECT_EQ(flight.fly(59, {.vision_speaks = false}), denied);
+  EXPECT_EQ(flight.fly(2, {.vision_speaks = false}), trusted);
+}
+
+TEST(GpsHealth, JammedFirstAndSpoofedThenIsCaughtByThePictures) {
+  Flight flight;
+  flight.fly(20, {});
+  flight.fly(20, {.gps_fix = false});
+  EXPECT_EQ(flight.fly(120, {.gps_off_m = 300}), spoofed);
+  EXPECT_EQ(flight.fly(20, {.gps_speaks = false}), spoofed) << "a liar that falls silent";
+}
+
+TEST(GpsHealth, NumbersThatAreNoneAreNoFix) {
+  for (const LonLat place : {LonLat{std::nan(""), 47}, LonLat{8, 91}, LonLat{181, 0}, LonLat{8, -INFINITY}}) {
+    GpsHealth health(0);
+    for (double t = 0.2; t < 1.2; t += 0.2) health.hear(GpsFix3d{t, true, place, 20, 2});
+    EXPECT_EQ(health.judge(1.2).verdict, denied);
+  }
+  Flight flight;
+  EXPECT_EQ(flight.fly(5, {.speed_m_s = NAN, .accuracy_m = NAN, .vision_sigma_m = NAN}), trusted);
+}
+
+TEST(GpsHealth, RepeatedAndLateMessagesChangeNothing) {
+  GpsHealth health(0);
+  for (double t = 0.2; t < 5; t += 0.2) {
+    health.hear(GpsFix3d{t, true, kHome, 0, 2});
+    health.hear(GpsFix3d{t, true, {kHome.lon_deg + 1, kHome.lat_deg}, 0, 2});
+    health.hear(GpsFix3d{t - 0.1, true, {kHome.lon_deg + 1, kHome.lat_deg}, 0, 2});
+  }
+  EXPECT_EQ(health.judge(5).verdict, trusted);
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,323 @@
+// Each rule of docs/onboard.md, just before and just after its bound. The figures are typed in from the design, not
+// taken from service_rules.hpp.
+#include "service/service_machine.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "service/machine_driver.hpp"
+
+namespace nadir {
+namespace {
+
+using test::MachineDriver;
+using enum ServiceState;
+using Why = ServiceReason;
+using SourceLabel::dead_reckoned;
+using SourceLabel::satellite_anchored;
+using SourceLabel::vo_extrapolated;
+
+TEST(ServiceMachine, ComesUpStepByStep) {
+  MachineDriver flight;
+  EXPECT_EQ(flight.state(), boot);
+  EXPECT_FALSE(flight.status().serves_fixes);
+  flight.fact(PackageJudged{true});
+  EXPECT_EQ(flight.state(), awaiting_autopilot);
+  flight.fact(AutopilotHeard{true, false});
+  EXPECT_EQ(flight.state(), relocalizing);
+  EXPECT_TRUE(flight.status().serves_fixes);
+  EXPECT_FALSE(flight.status().fix);
+  EXPECT_EQ(flight.status().sigma_m, 999);
+  flight.picture(satellite_anchored, 4);
+  EXPECT_EQ(flight.state(), normal);
+  EXPECT_TRUE(flight.status().fix);
+  EXPECT_EQ(flight.status().source, satellite_anchored);
+  EXPECT_EQ(flight.status().sigma_m, 4);
+  ASSERT_EQ(flight.events.size(), 3);
+  EXPECT_EQ(flight.events[2].from, relocalizing);
+  EXPECT_EQ(flight.events[2].to, normal);
+  EXPECT_EQ(flight.events[2].reason, Why::first_anchor);
+}
+
+TEST(ServiceMachine, OrderOfTheBootDoesNotMatter) {
+  MachineDriver flight;
+  flight.picture(satellite_anchored);
+  flight.fact(AutopilotHeard{true, false});
+  EXPECT_EQ(flight.state(), boot);
+  flight.fact(PackageJudged{true});
+  EXPECT_EQ(flight.state(), relocalizing);
+  flight.picture(vo_extrapolated);  // found before; the next good picture confirms it
+  EXPECT_EQ(flight.state(), normal);
+}
+
+TEST(ServiceMachine, ARefusedPackageServesAndTellsNoPosition) {
+  MachineDriver flight;
+  flight.fact(PackageJudged{false, "manifest.signature: no key that we trust"});
+  flight.heard();
+  flight.fly(10, satellite_anchored);
+  EXPECT_EQ(flight.count(Why::package_refused), 1);
+  EXPECT_NE(flight.events[0].text.find("no key that we trust"), std::string::npos);
+  EXPECT_FALSE(flight.status().serves_fixes);
+  EXPECT_FALSE(flight.status().fix);
+  EXPECT_FALSE(flight.saw(Why::first_anchor));
+}
+
+TEST(ServiceMachine, AnUnsignedLinkIsNoLink) {
+  MachineDriver flight;
+  flight.fact(PackageJudged{true});
+  for (int i = 0; i < 20; ++i) flight.fact(AutopilotHeard{false, true});
+  flight.picture(satellite_anchored);
+  EXPECT_EQ(flight.state(), awaiting_autopilot);
+  EXPECT_EQ(flight.count(Why::link_unsigned), 1);
+  flight.fact(AutopilotHeard{true, true});
+  EXPECT_EQ(flight.state(), relocalizing);
+}
+
+TEST(ServiceMachine, OnlyAnAnchorEndsTheSearch) {
+  MachineDriver flight;
+  flight.boot_to_search();
+  flight.fly(5, vo_extrapolated);
+  flight.picture(dead_reckoned);
+  EXPECT_EQ(flight.state(), relocalizing);
+  EXPECT_FALSE(flight.status().fix);
+}
+
+TEST(ServiceMachine, AnUnfitPictureIsDeadReckoningWithThatPicture) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.now_s += 0.3;
+  flight.picture(dead_reckoned, 6);
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_EQ(flight.status().source, dead_reckoned);
+  EXPECT_TRUE(flight.status().fix);
+  EXPECT_TRUE(flight.saw(Why::frame_unfit));
+}
+
+TEST(ServiceMachine, ASilentCameraIsDeadReckoningAfter400Milliseconds) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.now_s += 0.399;
+  flight.tick();
+  EXPECT_EQ(flight.state(), normal);
+  flight.now_s += 0.002;
+  flight.tick();
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_EQ(flight.status().source, dead_reckoned);
+  EXPECT_TRUE(flight.saw(Why::camera_silent));
+}
+
+TEST(ServiceMachine, ASlowCameraIsSilentWhenOnePictureIsMissing) {
+  MachineDriver flight(2.0);
+  flight.boot_to_normal();
+  flight.now_s += 2.3;
+  flight.tick();
+  EXPECT_EQ(flight.state(), normal);
+  flight.now_s += 0.2;
+  flight.tick();
+  EXPECT_EQ(flight.state(), degraded);
+}
+
+TEST(ServiceMachine, PicturesWithoutEstimatesAreDeadReckoningAfterASecond) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.now_s += 0.2;
+  flight.fact(FrameArrived{});
+  const double first_s = flight.now_s;
+  while (flight.now_s + 0.2 < first_s + 1) {
+    flight.now_s += 0.2;
+    flight.fact(FrameArrived{});
+  }
+  flight.now_s = first_s + 0.999;
+  flight.tick();
+  EXPECT_EQ(flight.state(), normal);
+  flight.now_s = first_s + 1.001;
+  flight.tick();
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_TRUE(flight.saw(Why::localizer_late));
+}
+
+TEST(ServiceMachine, DeadReckoningEndsAfterASteadySecond) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.wait(5);
+  ASSERT_EQ(flight.state(), degraded);
+  flight.picture(vo_extrapolated);
+  flight.fly(0.9);
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_EQ(flight.status().source, dead_reckoned) << "the better label waits as well";
+  flight.fly(0.2);
+  EXPECT_EQ(flight.state(), normal);
+  EXPECT_EQ(flight.status().source, vo_extrapolated);
+  EXPECT_TRUE(flight.saw(Why::vision_back));
+}
+
+TEST(ServiceMachine, ABreakBeginsTheSteadySecondAnew) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.picture(dead_reckoned);
+  flight.fly(0.9);
+  flight.now_s += 0.1;
+  flight.picture(dead_reckoned);
+  flight.fly(0.8);
+  EXPECT_EQ(flight.state(), degraded);
+  flight.wait(0.45);  // the camera pauses
+  flight.fly(0.9);
+  EXPECT_EQ(flight.state(), degraded);
+  flight.fly(0.4);
+  EXPECT_EQ(flight.state(), normal);
+}
+
+TEST(ServiceMachine, EveryOtherPictureUnfitDoesNotFlutter) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  for (int i = 0; i < 50; ++i) {
+    flight.now_s += 0.3;
+    flight.picture(i % 2 == 0 ? dead_reckoned : vo_extrapolated);
+  }
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_EQ(flight.count(Why::frame_unfit), 1);
+  EXPECT_FALSE(flight.saw(Why::vision_back));
+}
+
+TEST(ServiceMachine, BlindForThirtySecondsIsNoFix) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.wait(29.95);
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_TRUE(flight.status().fix);
+  flight.wait(0.1);
+  EXPECT_EQ(flight.state(), no_fix);
+  EXPECT_FALSE(flight.status().fix);
+  EXPECT_TRUE(flight.status().serves_fixes) << "as fix_type 0";
+  EXPECT_EQ(flight.status().sigma_m, 999);
+  EXPECT_EQ(flight.status().source, SourceLabel::no_fix);
+  EXPECT_TRUE(flight.saw(Why::blind_too_long));
+}
+
+TEST(ServiceMachine, UnfitPicturesForThirtySecondsAreNoFixToo) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.fly(29.9, dead_reckoned, 40);
+  EXPECT_EQ(flight.state(), degraded);
+  flight.fly(0.3, dead_reckoned, 40);
+  EXPECT_EQ(flight.state(), no_fix);
+}
+
+TEST(ServiceMachine, SigmaBeyond500MetresIsNoFix) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.picture(vo_extrapolated, 500);
+  EXPECT_EQ(flight.state(), normal);
+  flight.picture(vo_extrapolated, 500.1);
+  EXPECT_EQ(flight.state(), no_fix);
+  EXPECT_EQ(flight.status().sigma_m, 999);
+  EXPECT_TRUE(flight.saw(Why::sigma_too_large));
+}
+
+TEST(ServiceMachine, SigmaGrowsMonotonicallyWhileBlind) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.wait(0.5);
+  double last_m = flight.status().sigma_m;
+  for (int i = 0; i < 250; ++i) {
+    flight.now_s += 0.1;
+    if (i % 7 == 3) flight.picture(dead_reckoned, 5 + i * 0.01);  // the localizer is more confident than the machine
+    flight.tick();
+    ASSERT_EQ(flight.state(), degraded);
+    ASSERT_GE(flight.status().sigma_m, last_m) << i;
+    last_m = flight.status().sigma_m;
+  }
+  EXPECT_GT(last_m, 5);
+}
+
+TEST(ServiceMachine, SigmaThatGrowsBlindlyEndsTheFixAt500Metres) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.picture(dead_reckoned, 450);
+  flight.wait(9.9);
+  EXPECT_EQ(flight.state(), degraded);
+  EXPECT_GT(flight.status().sigma_m, 480);
+  flight.wait(0.3);
+  EXPECT_EQ(flight.state(), no_fix);
+}
+
+TEST(ServiceMachine, NumbersThatAreNoneAreNoPosition) {
+  for (const double sigma_m : {std::nan(""), -1.0, std::numeric_limits<double>::infinity()}) {
+    MachineDriver flight;
+    flight.boot_to_normal();
+    flight.picture(satellite_anchored, sigma_m);
+    EXPECT_EQ(flight.state(), no_fix) << sigma_m;
+    EXPECT_TRUE(flight.saw(Why::localizer_lost));
+  }
+}
+
+TEST(ServiceMachine, FromNoFixOnlyAnAnchorAndASteadySecondLeadBack) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.fact(GpsJudged{GpsVerdict::trusted});  // or failsafe would come first
+  flight.picture(SourceLabel::no_fix);
+  flight.fly(5);
+  EXPECT_EQ(flight.state(), no_fix) << "odometry alone knows no place";
+  flight.fly(5, satellite_anchored, 401);
+  EXPECT_EQ(flight.state(), no_fix) << "hysteresis of sigma";
+  flight.picture(satellite_anchored, 399);
+  flight.fly(0.9, vo_extrapolated, 399);
+  EXPECT_EQ(flight.state(), no_fix);
+  EXPECT_FALSE(flight.status().fix);
+  flight.fly(0.2, vo_extrapolated, 399);
+  EXPECT_EQ(flight.state(), normal);
+  EXPECT_TRUE(flight.saw(Why::anchored_again));
+}
+
+TEST(ServiceMachine, TimeNeverRunsBackwards) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.now_s += 0.3;
+  flight.picture(vo_extrapolated);
+  const double latest_s = flight.now_s;
+  flight.now_s = 3;
+  flight.picture(dead_reckoned);
+  EXPECT_EQ(flight.events.back().time_s, latest_s);
+  flight.now_s = std::nan("");
+  flight.picture(vo_extrapolated);
+  EXPECT_EQ(flight.state(), degraded);
+}
+
+TEST(ServiceMachine, AStallOfTheServiceItselfIsSeen) {
+  MachineDriver flight;
+  flight.boot_to_normal();
+  flight.now_s += 40;  // nobody called for so long: every rule still holds, one after the other
+  flight.tick();
+  EXPECT_TRUE(flight.saw(Why::camera_silent));
+  EXPECT_TRUE(flight.saw(Why::blind_too_long));
+  EXPECT_EQ(flight.state(), failsafe);
+}
+
+TEST(ServiceMachine, AnAnchorFromBeforeALossCountsNoMore) {
+  MachineDriver flight;
+  flight.picture(satellite_anchored);
+  flight.picture(SourceLabel::no_fix);
+  flight.boot_to_search();
+  flight.fly(2);
+  EXPECT_EQ(flight.state(), relocalizing);
+}
+
+TEST(ServiceMachine, SameFactsSameEvents) {
+  const auto fly = [] {
+    MachineDriver flight;
+    flight.boot_to_normal();
+    flight.fly(3);
+    flight.wait(50);
+    flight.picture(satellite_anchored);
+    flight.fly(5);
+    std::string told;
+    for (const ServiceEvent& event : flight.events) told += std::to_string(event.time_s) + event.text + "\n";
+    return told;
+  };
+  EXPECT_EQ(fly(), fly());
+}
+
+}  // namespace
+}  // namespace nadir
