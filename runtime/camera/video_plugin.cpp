@@ -1,0 +1,100 @@
+// The plug-in nadir_camera_video: recordings, cameras of this computer and of the network through OpenCV's videoio. The
+// only place of the runtime that links it.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
+#include <string>
+#include <string_view>
+
+#include "camera/plugin_abi.h"
+
+namespace {
+
+constexpr int kNetworkPatience_ms = 3000;  // then a silent network camera is trouble
+
+struct Video {
+  cv::VideoCapture capture;
+  cv::Mat frame;
+  bool recording = false;
+  double media_time_s = -1;  // of the last frame
+};
+
+void say(std::string_view what, char* error, size_t size) {
+  if (size == 0) return;
+  const size_t length = std::min(what.size(), size - 1);
+  std::memcpy(error, what.data(), length);
+  error[length] = '\0';
+}
+
+std::unique_ptr<Video> open_video(std::string_view source) {
+  auto video = std::make_unique<Video>();
+  if (source.starts_with("rtsp:")) {
+    video->capture.open(
+        std::string(source), cv::CAP_FFMPEG,
+        {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, kNetworkPatience_ms, cv::CAP_PROP_READ_TIMEOUT_MSEC, kNetworkPatience_ms});
+  } else if (source.starts_with("v4l2:")) {
+    video->capture.open(std::string(source.substr(5)), cv::CAP_V4L2);
+    video->capture.set(cv::CAP_PROP_BUFFERSIZE, 1);  // the newest picture, not the oldest that waits
+  } else if (source.starts_with("video:")) {
+    video->capture.open(std::string(source.substr(6)));
+    video->recording = true;
+  }
+  return video->capture.isOpened() ? std::move(video) : nullptr;
+}
+
+// Of the frame that was just read. Some containers tell no times: then the frame rate does.
+double media_time_s(Video& video) {
+  const double told_s = video.capture.get(cv::CAP_PROP_POS_MSEC) / 1000;
+  if (std::isfinite(told_s) && told_s > video.media_time_s && told_s >= 0) return told_s;
+  if (video.media_time_s < 0) return 0;
+  const double fps = video.capture.get(cv::CAP_PROP_FPS);
+  return video.media_time_s + 1 / (fps > 0 ? fps : 25);
+}
+
+void* open_camera(const char* source, char* error, size_t error_size) {
+  try {
+    auto video = open_video(source);
+    if (!video) say("OpenCV cannot open it", error, error_size);
+    return video.release();
+  } catch (const std::exception& caught) {
+    say(caught.what(), error, error_size);
+    return nullptr;
+  }
+}
+
+int32_t read_camera(void* camera, int32_t, NadirPluginFrame* frame, char* error, size_t error_size) {
+  Video& video = *static_cast<Video*>(camera);
+  try {
+    if (!video.capture.read(video.frame) || video.frame.empty()) {
+      if (video.recording) return NADIR_CAMERA_ENDED;
+      say("no more pictures", error, error_size);
+      return NADIR_CAMERA_TROUBLE;
+    }
+    const int channels = video.frame.channels();
+    if (video.frame.depth() != CV_8U || (channels != 1 && channels != 3)) {
+      say("pixels of an unknown kind", error, error_size);
+      return NADIR_CAMERA_TROUBLE;
+    }
+    if (!video.frame.isContinuous()) video.frame = video.frame.clone();
+    if (video.recording) video.media_time_s = media_time_s(video);
+    *frame = {video.frame.data, video.frame.total() * video.frame.elemSize(),
+              video.frame.cols, video.frame.rows,
+              channels,         video.media_time_s};
+    return NADIR_CAMERA_FRAME;
+  } catch (const std::exception& caught) {
+    say(caught.what(), error, error_size);
+    return NADIR_CAMERA_TROUBLE;
+  }
+}
+
+void close_camera(void* camera) { delete static_cast<Video*>(camera); }
+
+constexpr NadirCameraPlugin kPlugin{NADIR_CAMERA_PLUGIN_VERSION, "video", open_camera, read_camera, close_camera};
+
+}  // namespace
+
+extern "C" const NadirCameraPlugin* nadir_camera_plugin() { return &kPlugin; }

@@ -1,0 +1,128 @@
+#include "camera/plugin_camera.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <thread>
+
+#include "base/error.hpp"
+#include "camera/open_camera.hpp"
+#include "service/manual_clock.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+
+class PluginCameraTest : public testing::Test {
+ protected:
+  PluginCamera camera(const std::string& source) { return {FAKE_PLUGIN, source, clock_}; }
+  ManualClock clock_;
+};
+
+TEST_F(PluginCameraTest, GivesPixelsWithTheTimeOfTheirArrival) {
+  PluginCamera live = camera("rtsp:live");
+  EXPECT_EQ(live.describe(), "rtsp:live (plug-in fake)");
+  for (const char* name : {"000000", "000001"}) {
+    clock_.advance(0.3);
+    const CameraReading reading = live.next(0ms, {});
+    ASSERT_EQ(reading.news, CameraNews::frame);
+    EXPECT_EQ(reading.frame.name, name);
+    EXPECT_EQ(reading.frame.time_s, clock_.monotonic_s());
+    EXPECT_EQ(reading.frame.bytes, Bytes(18, 7));
+    ASSERT_TRUE(reading.frame.raw);
+    EXPECT_EQ(reading.frame.raw->width, 3);
+    EXPECT_EQ(reading.frame.raw->height, 2);
+  }
+}
+
+TEST_F(PluginCameraTest, PlaysARecordingAtItsSpeed) {
+  PluginCamera video = camera("video:recording");
+  const double start_s = clock_.monotonic_s();
+  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::frame);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::nothing) << "its time has not come";
+  clock_.advance(0.49);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::nothing);
+  clock_.advance(0.02);
+  const CameraReading second = video.next(0ms, {});
+  ASSERT_EQ(second.news, CameraNews::frame);
+  EXPECT_NEAR(second.frame.time_s - start_s, 0.51, 1e-9);
+  clock_.advance(0.5);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::frame);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::ended);
+}
+
+TEST_F(PluginCameraTest, StopEndsTheWaitForARecordedFrame) {
+  PluginCamera video = camera("video:recording");
+  ASSERT_EQ(video.next(0ms, {}).news, CameraNews::frame);
+  CameraNews news = CameraNews::frame;
+  std::jthread reader([&](std::stop_token stop) { news = video.next(1h, stop).news; });
+  reader.request_stop();
+  reader.join();
+  EXPECT_EQ(news, CameraNews::nothing);
+}
+
+TEST_F(PluginCameraTest, ACameraThatDropsOutIsOpenedAgain) {
+  PluginCamera drops = camera("rtsp:drops");
+  EXPECT_EQ(drops.next(0ms, {}).news, CameraNews::frame);
+  const CameraReading gone = drops.next(0ms, {});
+  EXPECT_EQ(gone.news, CameraNews::trouble);
+  EXPECT_EQ(gone.detail, "the network is gone");
+  const CameraReading again = drops.next(0ms, {});
+  EXPECT_EQ(again.news, CameraNews::frame);
+  EXPECT_EQ(again.frame.name, "000001");
+}
+
+TEST_F(PluginCameraTest, ACameraThatCannotBeOpenedIsTrouble) {
+  PluginCamera none = camera("rtsp:nowhere");
+  for (int i = 0; i < 2; ++i) {
+    const CameraReading reading = none.next(0ms, {});
+    EXPECT_EQ(reading.news, CameraNews::trouble);
+    EXPECT_THAT(reading.detail, HasSubstr("no such camera"));
+  }
+}
+
+TEST_F(PluginCameraTest, FramesThatCannotBeAreNotRead) {
+  for (const char* source : {"rtsp:lies", "rtsp:huge"}) {
+    PluginCamera camera_of_lies = camera(source);
+    EXPECT_EQ(camera_of_lies.next(0ms, {}).news, CameraNews::trouble) << source;
+  }
+  EXPECT_EQ(camera("rtsp:none").next(0ms, {}).news, CameraNews::nothing);
+}
+
+TEST_F(PluginCameraTest, WhatIsNoPluginOfThisVersionIsRefused) {
+  const test::TemporaryFolder folder;
+  EXPECT_THROW((PluginCamera{folder / "missing.so", "x", clock_}), Error);
+  EXPECT_THROW((PluginCamera{folder.write("text.so", "not a library"), "x", clock_}), Error);
+  EXPECT_THROW((PluginCamera{"libc.so.6", "x", clock_}), Error) << "a library without the symbol";
+  try {
+    const PluginCamera old(OLD_PLUGIN, "x", clock_);
+    ADD_FAILURE() << "another version was loaded";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("version 999"));
+  }
+}
+
+TEST_F(PluginCameraTest, OpenCameraFindsWhatTheSourceNames) {
+  const test::TemporaryFolder folder;
+  std::filesystem::create_directory(folder / "a:b");
+  EXPECT_EQ(open_camera("folder:/x/y", clock_)->describe(), "folder /x/y");
+  EXPECT_EQ(open_camera("/x/y", clock_)->describe(), "folder /x/y");
+  EXPECT_EQ(open_camera((folder / "a:b").string(), clock_)->describe(), "folder " + (folder / "a:b").string());
+  std::filesystem::copy(FAKE_PLUGIN, folder / "nadir_camera_video.so");
+  EXPECT_THAT(open_camera("rtsp:live", clock_, {"/nowhere", folder.path()})->describe(), HasSubstr("fake"));
+  EXPECT_THROW(open_camera("", clock_), UsageError);
+  EXPECT_THROW(open_camera("gopher://camera", clock_), UsageError);
+  try {
+    open_camera("video:flight.mp4", clock_, {"/nowhere"});
+    ADD_FAILURE() << "found a plug-in nowhere";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("/nowhere"));
+    EXPECT_THAT(error.what(), HasSubstr("libopencv-videoio-dev"));
+  }
+}
+
+}  // namespace
+}  // namespace nadir
