@@ -4,13 +4,12 @@
 #include <openssl/evp.h>
 #include <openssl/pem.h>
 #include <openssl/x509.h>
-#include <sys/stat.h>
 
 #include <algorithm>
-#include <cerrno>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/private_file.hpp"
 #include "base/sha256.hpp"
 
 namespace nadir {
@@ -75,23 +74,6 @@ Key public_from_raw(const std::array<std::uint8_t, 32>& raw) {
   Key key(EVP_PKEY_new_raw_public_key(EVP_PKEY_ED25519, nullptr, raw.data(), raw.size()));
   if (!key) openssl_failed("cannot make a public key");
   return key;
-}
-
-// A world-readable private key is no secret: it must be fixed, not warned about.
-void require_private_mode(const fs::path& path) {
-  struct stat info {};
-  if (::stat(path.c_str(), &info) != 0) {
-    throw Error({.what = "cannot open a key", .where = path, .found = system_error_text(errno)});
-  }
-  if ((info.st_mode & 07177) != 0) {
-    char mode[8];
-    std::snprintf(mode, sizeof mode, "%04o", static_cast<unsigned>(info.st_mode & 07777));
-    throw UsageError({.what = "others than its owner may use this private key file",
-                      .where = path,
-                      .expected = "mode 0600 or narrower",
-                      .found = std::string("mode ") + mode,
-                      .fix = "chmod 600 " + path.string()});
-  }
 }
 
 }  // namespace

@@ -22,7 +22,8 @@ const std::vector<Target>& targets() {
                                        {"place_table", place_table},
                                        {"api_hint", api_hint},
                                        {"api_object", api_object},
-                                       {"api_request", api_request}};
+                                       {"api_request", api_request},
+                                       {"mavlink", mavlink}};
   return all;
 }
 

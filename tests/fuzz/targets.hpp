@@ -36,6 +36,8 @@ void api_hint(std::string_view bytes);
 void api_object(std::string_view bytes);
 void api_request(std::string_view bytes);
 
+void mavlink(std::string_view bytes);  // a stream from the autopilot
+
 struct Target {
   const char* name;  // also the folder of its corpus
   void (*run)(std::string_view);

@@ -1,0 +1,93 @@
+#include "mavlink/fix_predictor.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "geodesy/local_frame.hpp"
+
+namespace nadir {
+namespace {
+
+double seconds(std::int64_t us) { return static_cast<double>(us) * 1e-6; }
+
+bool sound(const VisionEstimate& e) {
+  return std::abs(e.place.lat_deg) <= 90 && std::abs(e.place.lon_deg) <= 180 && e.sigma_m >= 0 &&
+         std::isfinite(e.sigma_m) && std::isfinite(e.north_m_s) && std::isfinite(e.east_m_s) &&
+         e.speed_sigma_m_s >= 0 && std::isfinite(e.speed_sigma_m_s);
+}
+
+}  // namespace
+
+bool FixPredictor::lost(std::int64_t now_us) const {
+  return !last_seen_us_ || now_us - *last_seen_us_ > options_.blackout_us || sigma_m(now_us) > kMaxFixSigmaM;
+}
+
+double FixPredictor::sigma_m(std::int64_t now_us) const {
+  const double dt_s = seconds(now_us - last_->time_us);
+  const double acceleration_m = 0.5 * options_.acceleration_sigma_m_s2 * dt_s * dt_s;
+  return std::hypot(last_->sigma_m, last_->speed_sigma_m_s * dt_s, acceleration_m);
+}
+
+FixPredictor::Offset FixPredictor::ramp_at(std::int64_t now_us) const {
+  const double size_m = std::hypot(offset_.east_m, offset_.north_m);
+  const double left_m = size_m - options_.ramp_m_s * seconds(now_us - offset_us_);
+  if (left_m <= 0) return {};
+  return {offset_.east_m * left_m / size_m, offset_.north_m * left_m / size_m};
+}
+
+LonLat FixPredictor::place_at(std::int64_t now_us, const Offset& offset) const {
+  const double dt_s = seconds(now_us - last_->time_us);
+  return LocalFrame(last_->place)
+      .lonlat_from_enu(last_->east_m_s * dt_s + offset.east_m, last_->north_m_s * dt_s + offset.north_m);
+}
+
+bool FixPredictor::observe(const VisionEstimate& estimate, std::int64_t now_us) {
+  if (!sound(estimate) || estimate.time_us > now_us || (last_ && estimate.time_us <= last_->time_us)) return false;
+  std::optional<LonLat> said;
+  if (said_a_fix_ && !lost(now_us)) said = place_at(now_us, ramp_at(now_us));
+  last_ = estimate;
+  if (estimate.seen) last_seen_us_ = estimate.time_us;
+  offset_ = {};
+  offset_us_ = now_us;
+  if (!said) return true;
+
+  const Enu difference = LocalFrame(place_at(now_us, {})).enu_from_lonlat(*said);
+  const double size_m = std::hypot(difference.east_m, difference.north_m);
+  if (size_m > options_.jump_beyond_m) {
+    jumped_m_ = std::max(size_m, jumped_m_.value_or(0));
+  } else {
+    offset_ = {difference.east_m, difference.north_m};
+  }
+  return true;
+}
+
+std::optional<PredictedFix> FixPredictor::poll(std::int64_t now_us, std::int64_t unix_us) {
+  if (now_us < next_due_us_) return std::nullopt;
+  // The grid is kept while we keep up with it; after a stall it starts anew, so that nothing comes in bursts.
+  const bool on_grid = next_due_us_ != 0 && now_us - next_due_us_ < options_.period_us;
+  next_due_us_ = (on_grid ? next_due_us_ : now_us) + options_.period_us;
+
+  PredictedFix result;
+  result.jumped_m = std::exchange(jumped_m_, std::nullopt);
+  const bool fixed = !lost(now_us);
+  said_a_fix_ = fixed;
+  if (!fixed) return result;
+
+  const Offset ramp = ramp_at(now_us);
+  result.ramp_left_m = std::hypot(ramp.east_m, ramp.north_m);
+  const double dt_s = seconds(now_us - last_->time_us);
+  Fix fix{.unix_us = unix_us,
+          .place = place_at(now_us, ramp),
+          .sigma_m = std::hypot(sigma_m(now_us), result.ramp_left_m),
+          .msl_m = last_->msl_m,
+          .vertical_sigma_m = last_->vertical_sigma_m,
+          .velocity = NedVelocity{last_->north_m_s, last_->east_m_s, last_->down_m_s.value_or(0)},
+          .speed_sigma_m_s = std::hypot(last_->speed_sigma_m_s, options_.acceleration_sigma_m_s2 * dt_s),
+          .yaw_rad = last_->yaw_rad};
+  if (fix.msl_m && last_->down_m_s) *fix.msl_m -= *last_->down_m_s * dt_s;
+  result.fix = fix;
+  return result;
+}
+
+}  // namespace nadir

@@ -1,0 +1,49 @@
+#include "mavlink/link.hpp"
+
+#include <utility>
+
+namespace nadir {
+
+MavlinkLink::MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing)
+    : transport_(std::move(transport)), own_(own), signing_(std::move(signing)) {}
+
+void MavlinkLink::advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle) {
+  transport_->advance(monotonic_us, [&](const Transport::Arrival& arrival) {
+    reader_.add(arrival.bytes);
+    if (arrival.whole || arrival.lost) reader_.finish();
+    drain(monotonic_us, handle);
+  });
+}
+
+void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle) {
+  while (const auto frame = reader_.next()) {
+    if (frame->source == own_) continue;
+    if (signing_ && signing_->check(*frame, monotonic_us) != SignatureVerdict::accepted) continue;
+    transport_->trust_sender();
+    auto message = decode(*frame);
+    if (!message) {
+      ++counts_.malformed;
+      continue;
+    }
+    ++counts_.messages;
+    handle({frame->source, signing_.has_value(), monotonic_us, std::move(*message)});
+  }
+}
+
+bool MavlinkLink::send(const OutgoingMessage& message, std::int64_t monotonic_us) {
+  Bytes frame = encode(message, own_, sequence_++);
+  if (signing_) frame = signing_->sign(std::move(frame), monotonic_us);
+  const bool sent = transport_->send(frame);
+  counts_.sent += sent ? 1 : 0;
+  return sent;
+}
+
+LinkCounts MavlinkLink::counts() const {
+  LinkCounts counts = counts_;
+  counts.frames = reader_.counts();
+  counts.transport = transport_->counts();
+  if (signing_) counts.signatures = signing_->counts();
+  return counts;
+}
+
+}  // namespace nadir

@@ -1,0 +1,222 @@
+#include "mavlink/signing.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/sha256.hpp"
+#include "mavlink/codec.hpp"
+#include "mavlink/judge.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr MavlinkAddress kUs{1, 191};
+constexpr std::int64_t kUnixUs = 1'730'291'696'000'000;  // 2024-10-30T12:34:56Z
+const std::string kKeyHex = "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff";
+constexpr const char* kAttitude = R"({"message":"ATTITUDE","roll":0.25})";
+
+SigningKey key() { return SigningKey(Sha256::from_hex(kKeyHex)->bytes); }
+
+class SignedLink : public ::testing::Test {
+ protected:
+  static std::string options(std::uint64_t timestamp, int link = 0, int system = 1) {
+    return "--key " + kKeyHex + " --timestamp " + std::to_string(timestamp) + " --link " + std::to_string(link) +
+           " --system " + std::to_string(system);
+  }
+  // A frame of pymavlink's, signed at that time.
+  static Bytes theirs(std::uint64_t timestamp, int link = 0, int system = 1) {
+    return test::frames_by_pymavlink(kAttitude, options(timestamp, link, system)).at(0);
+  }
+  SignatureVerdict judged(const Bytes& bytes, std::int64_t monotonic_us = 0) {
+    FrameReader reader;
+    reader.add(bytes);
+    const auto frame = reader.next();
+    if (!frame) throw std::runtime_error("no sound frame");
+    return signing_.check(*frame, monotonic_us);
+  }
+
+  test::TemporaryFolder folder_;
+  SigningTime time_{folder_ / "time", kUnixUs, 0};
+  Signing signing_{key(), time_, 3};
+  const std::uint64_t now_ = signing_time_of(kUnixUs);
+};
+
+TEST_F(SignedLink, PymavlinkAcceptsEveryFrameThatWeSign) {
+  std::vector<Bytes> frames;
+  for (int i = 0; i < 600; ++i) {  // over the sequence number's end, faster than the clock ticks
+    frames.push_back(
+        signing_.sign(encode(StatusText{TextSeverity::info, std::string(static_cast<std::size_t>(i % 50), 'x'), 0, 0},
+                             kUs, static_cast<std::uint8_t>(i)),
+                      i));
+  }
+  frames.push_back(signing_.sign(encode(GpsInput{.unix_us = kUnixUs}, kUs, 1), 700));
+  const auto read = test::read_by_pymavlink(frames, options(now_));
+  ASSERT_EQ(read.size(), frames.size());
+  for (const auto& message : read) {
+    ASSERT_FALSE(message.contains("refused")) << message;
+    EXPECT_EQ(message["signed"], true);
+  }
+  const auto foreign = test::read_by_pymavlink({frames[0]}, "--key " + std::string(64, '0'));
+  EXPECT_TRUE(foreign.at(0).contains("refused")) << "the judge must be able to refuse";
+}
+
+TEST_F(SignedLink, WeAcceptPymavlinks) {
+  EXPECT_EQ(judged(theirs(now_)), SignatureVerdict::accepted);
+  EXPECT_EQ(judged(theirs(now_ + 1)), SignatureVerdict::accepted);
+  EXPECT_EQ(signing_.counts().accepted, 2U);
+}
+
+TEST_F(SignedLink, EveryFlippedBitIsRefused) {
+  const Bytes frame = theirs(now_);
+  std::uint64_t reached = 0;
+  for (std::size_t bit = 0; bit < frame.size() * 8; ++bit) {
+    Bytes damaged = frame;
+    damaged[bit / 8] = static_cast<std::uint8_t>(damaged[bit / 8] ^ (1U << (bit % 8)));
+    FrameReader reader;
+    reader.add(damaged);
+    reader.finish();
+    while (const auto read = reader.next()) {
+      EXPECT_NE(signing_.check(*read, 0), SignatureVerdict::accepted) << "bit " << bit;
+      ++reached;
+    }
+  }
+  EXPECT_EQ(reached, kSignatureSize * 8) << "the checksum covers everything but the signature";
+  EXPECT_EQ(signing_.counts().wrong, kSignatureSize * 8);
+  EXPECT_EQ(judged(frame), SignatureVerdict::accepted);
+}
+
+TEST_F(SignedLink, ForeignKeysAreRefused) {
+  const auto frame =
+      test::frames_by_pymavlink(kAttitude, "--timestamp " + std::to_string(now_) + " --key " + std::string(64, 'a'));
+  EXPECT_EQ(judged(frame.at(0)), SignatureVerdict::wrong);
+}
+
+TEST_F(SignedLink, FramesWithoutASignatureAreRefused) {
+  EXPECT_EQ(judged(test::frames_by_pymavlink(kAttitude).at(0)), SignatureVerdict::without);
+  EXPECT_EQ(judged(test::frames_by_pymavlink(kAttitude, "--version 1").at(0)), SignatureVerdict::without);
+  EXPECT_EQ(signing_.counts().without, 2U);
+}
+
+TEST_F(SignedLink, ReplaysAreRefusedForEachStreamByItself) {
+  EXPECT_EQ(judged(theirs(now_ + 5)), SignatureVerdict::accepted);
+  EXPECT_EQ(judged(theirs(now_ + 5)), SignatureVerdict::replayed);
+  EXPECT_EQ(judged(theirs(now_ + 4)), SignatureVerdict::replayed);
+  EXPECT_EQ(judged(theirs(now_ + 4, 1)), SignatureVerdict::accepted) << "another link";
+  EXPECT_EQ(judged(theirs(now_ + 4, 0, 2)), SignatureVerdict::accepted) << "another system";
+  EXPECT_EQ(signing_.counts().replayed, 2U);
+}
+
+TEST_F(SignedLink, LateClocksAreRefused) {
+  const std::uint64_t minute = 60 * kSigningTicksPerSecond;
+  EXPECT_EQ(judged(theirs(now_ - minute - 1)), SignatureVerdict::too_old);
+  EXPECT_EQ(judged(theirs(now_ - minute)), SignatureVerdict::accepted);
+  EXPECT_EQ(judged(theirs(now_ - minute + 1), 1'000'000), SignatureVerdict::too_old) << "our clock goes on";
+  EXPECT_EQ(signing_.counts().too_old, 2U);
+}
+
+TEST_F(SignedLink, TheAutopilotsTimeIsAdoptedWhenItIsAhead) {
+  const std::uint64_t ahead = now_ + 3600 * kSigningTicksPerSecond;
+  EXPECT_EQ(judged(theirs(ahead)), SignatureVerdict::accepted);
+  EXPECT_GE(time_.take(0), ahead);
+  EXPECT_GE(time_.take(1'000'000), ahead + kSigningTicksPerSecond) << "and goes on from there";
+  EXPECT_EQ(judged(theirs(now_, 1)), SignatureVerdict::too_old);
+}
+
+TEST_F(SignedLink, AWrongSignatureAdoptsNothing) {
+  Bytes frame = theirs(now_ + 3600 * kSigningTicksPerSecond);
+  frame.back() ^= 1U;
+  EXPECT_EQ(judged(frame), SignatureVerdict::wrong);
+  EXPECT_EQ(time_.now(0), now_);
+}
+
+TEST(SigningTimestamp, CountsFrom2015) {
+  EXPECT_EQ(signing_time_of(1'420'070'400'000'000), 0U);
+  EXPECT_EQ(signing_time_of(1'420'070'400'000'010), 1U);
+  EXPECT_EQ(signing_time_of(0), 0U);
+  EXPECT_EQ(signing_time_of(kUnixUs), 31'022'129'600'000U);  // date -d 2024-10-30T12:34:56Z +%s, less 2015's, by 10^5
+}
+
+TEST(SigningTimestamp, NoneIsEverUsedTwiceWhateverTheClocksDo) {
+  const test::TemporaryFolder folder;
+  const std::int64_t clocks[] = {kUnixUs, kUnixUs, kUnixUs - 86'400'000'000, 0, kUnixUs + 5};
+  std::uint64_t last = 0;
+  for (const std::int64_t unix_us : clocks) {  // each is a run that is killed
+    SigningTime time(folder / "time", unix_us, 1000);
+    for (const std::int64_t monotonic_us : {1000, 1000, 500, 25'000'000, 24'000'000, 60'000'000}) {
+      const std::uint64_t taken = time.take(monotonic_us);
+      EXPECT_GT(taken, last);
+      last = taken;
+    }
+  }
+}
+
+TEST(SigningTimestamp, IsReservedBeforeItIsUsed) {
+  const test::TemporaryFolder folder;
+  SigningTime time(folder / "time", kUnixUs, 0);
+  for (std::int64_t s = 0; s < 100; ++s) {
+    const std::uint64_t taken = time.take(s * 1'000'000);
+    EXPECT_GT(std::stoull(read_text_file(folder / "time")), taken);
+  }
+}
+
+TEST(SigningTimestamp, AFullDiskIsCountedAndTheLinkGoesOn) {
+  SigningTime time("/proc/no-such-folder/time", kUnixUs, 0);
+  const std::uint64_t first = time.take(0);
+  EXPECT_GT(time.take(0), first);
+  EXPECT_EQ(time.failed_reservations(), 1U) << "one try, not one for each frame";
+}
+
+TEST(SigningTimestamp, DamagedMemoryIsNoEmptyOne) {
+  const test::TemporaryFolder folder;
+  for (const char* text : {"", "\n", "12", "12\n\n", "-1\n", "x\n", "99999999999999999\n", "1 2\n"}) {
+    const auto path = folder.write("time", text);
+    EXPECT_THROW(SigningTime(path, kUnixUs, 0), Error) << text;
+  }
+}
+
+class KeyFile : public ::testing::Test {
+ protected:
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(KeyFile, IsWrittenForItsOwnerAlone) {
+  const SigningKey made = SigningKey::generate();
+  made.write(folder_ / "link.key");
+  struct stat info {};
+  ASSERT_EQ(::stat((folder_ / "link.key").c_str(), &info), 0);
+  EXPECT_EQ(info.st_mode & 07777, 0600U);
+  EXPECT_EQ(SigningKey::read(folder_ / "link.key").bytes(), made.bytes());
+  EXPECT_NE(SigningKey::generate().bytes(), made.bytes());
+  EXPECT_THROW(made.write(folder_ / "link.key"), UsageError) << "an autopilot may still ask for it";
+}
+
+TEST_F(KeyFile, OfOthersIsRefused) {
+  const auto path = folder_.write("link.key", kKeyHex + "\n");
+  for (const mode_t mode : {0644U, 0640U, 0604U, 0602U}) {
+    ::chmod(path.c_str(), mode);
+    EXPECT_THROW(SigningKey::read(path), UsageError) << mode;
+  }
+  ::chmod(path.c_str(), 0400);
+  EXPECT_EQ(SigningKey::read(path).bytes(), key().bytes());
+}
+
+TEST_F(KeyFile, ThatIsDamagedIsRefusedWithoutShowingIt) {
+  for (const std::string& text : {std::string(), kKeyHex.substr(1), kKeyHex + "0", std::string(64, 'g'),
+                                  kKeyHex + "\n" + kKeyHex, "  " + kKeyHex}) {
+    const auto path = folder_.write("link.key", text);
+    ::chmod(path.c_str(), 0600);
+    try {
+      SigningKey::read(path);
+      ADD_FAILURE() << text;
+    } catch (const UsageError& error) {
+      EXPECT_EQ(std::string(error.what()).find("0011"), std::string::npos);
+    }
+  }
+  EXPECT_THROW(SigningKey::read(folder_ / "missing"), Error);
+}
+
+}  // namespace
+}  // namespace nadir
