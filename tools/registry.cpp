@@ -22,6 +22,10 @@
 #include "mission_check.hpp"
 #include "mission_import.hpp"
 #include "mission_plan.hpp"
+#include "recorder_export.hpp"
+#include "recorder_info.hpp"
+#include "recorder_recover.hpp"
+#include "recorder_verify.hpp"
 #include "replay.hpp"
 #include "simulate_flight.hpp"
 #include "simulate_world.hpp"
@@ -63,6 +67,10 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<SimulateFlightCommand>());
   commands.push_back(std::make_unique<ReplayCommand>());
   commands.push_back(std::make_unique<WatchCommand>());
+  commands.push_back(std::make_unique<RecorderInfoCommand>());
+  commands.push_back(std::make_unique<RecorderVerifyCommand>());
+  commands.push_back(std::make_unique<RecorderRecoverCommand>());
+  commands.push_back(std::make_unique<RecorderExportCommand>());
   return commands;
 }
 

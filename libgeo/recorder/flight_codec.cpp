@@ -13,9 +13,12 @@ Bytes encode(const InputRecord& input) {
   const auto frame = builder.CreateString(told.frame);
   const auto picture = builder.CreateString(input.picture.hex());
   const fbs::LonLat at = place(told.place.value_or(LonLat{}));
+  const Eigen::Vector2d change = told.imu_dv_mps.value_or(Eigen::Vector2d::Zero());
+  const fbs::VelocityChange dv(change.x(), change.y());
   return finish(builder, fbs::CreateInput(builder, input.index, frame, told.time_s, optional(told.agl_m),
                                           optional(told.heading_rad), optional(told.pitch_rad), optional(told.roll_rad),
-                                          told.place ? &at : nullptr, picture, input.picture_bytes));
+                                          told.place ? &at : nullptr, picture, input.picture_bytes,
+                                          told.imu_dv_mps ? &dv : nullptr));
 }
 
 bool decode(ByteView bytes, InputRecord& input) {
@@ -31,6 +34,7 @@ bool decode(ByteView bytes, InputRecord& input) {
   input.told.pitch_rad = optional(told->pitch_rad());
   input.told.roll_rad = optional(told->roll_rad());
   input.told.place = place(told->place());
+  if (const auto* dv = told->imu_dv(); dv != nullptr) input.told.imu_dv_mps = {dv->east_mps(), dv->north_mps()};
   input.picture = *digest;
   input.picture_bytes = told->picture_bytes();
   return true;
@@ -59,11 +63,14 @@ Bytes encode(const EstimateRecord& record) {
   const fbs::LonLat at = place(e.position.value_or(LonLat{}));
   const fbs::Covariance covariance(e.covariance_m2(0, 0), e.covariance_m2(0, 1), e.covariance_m2(1, 0),
                                    e.covariance_m2(1, 1));
+  const Belief& b = record.belief;
+  const fbs::Belief belief(b.velocity_mps.x(), b.velocity_mps.y(), b.velocity_sigma_mps, b.heading_rad,
+                           b.heading_sigma_rad, b.agl_m, b.agl_sigma_m);
   return finish(builder,
                 fbs::CreateEstimate(builder, record.index, frame, e.time_s, e.position ? &at : nullptr, e.sigma_m,
                                     &covariance, static_cast<fbs::Source>(static_cast<std::uint8_t>(e.source)),
                                     e.segment, optional(e.anchor_age_s), e.anchor_inliers, e.anchor_ratio, e.latency_ms,
-                                    record.odometry.tracked, record.odometry.inliers, record.odometry.step_m));
+                                    record.odometry.tracked, record.odometry.inliers, record.odometry.step_m, &belief));
 }
 
 bool decode(ByteView bytes, EstimateRecord& record) {
@@ -84,6 +91,14 @@ bool decode(ByteView bytes, EstimateRecord& record) {
   e.anchor_inliers = told->anchor_inliers();
   e.anchor_ratio = told->anchor_ratio();
   e.latency_ms = told->latency_ms();
+  if (const auto* b = told->belief(); b != nullptr) {
+    record.belief = {{b->east_mps(), b->north_mps()},
+                     b->velocity_sigma_mps(),
+                     b->heading_rad(),
+                     b->heading_sigma_rad(),
+                     b->agl_m(),
+                     b->agl_sigma_m()};
+  }
   record.odometry = {told->tracked(), told->odometry_inliers(), told->odometry_step_m()};
   return true;
 }
@@ -94,9 +109,10 @@ Bytes encode(const AnchorRecord& record) {
   const auto frame = builder.CreateString(record.frame);
   std::optional<fbs::PlanePoint> camera;
   if (a.camera) camera.emplace(a.camera->east_m, a.camera->north_m);
-  return finish(builder, fbs::CreateAnchor(builder, record.index, frame, record.time_s, verdict(a.verdict), a.score,
-                                           a.ratio, a.inliers, a.patches, a.residual_px, a.matching_gsd_m, a.chi2,
-                                           camera ? &*camera : nullptr, a.heading_rad, a.window_radius_m));
+  return finish(builder,
+                fbs::CreateAnchor(builder, record.index, frame, record.time_s, verdict(a.verdict), a.score, a.ratio,
+                                  a.inliers, a.patches, a.residual_px, a.matching_gsd_m, a.chi2,
+                                  camera ? &*camera : nullptr, a.heading_rad, a.window_radius_m, record.taken_after));
 }
 
 bool decode(ByteView bytes, AnchorRecord& record) {
@@ -117,6 +133,7 @@ bool decode(ByteView bytes, AnchorRecord& record) {
   if (told->camera() != nullptr) a.camera = PlanePoint{told->camera()->east_m(), told->camera()->north_m()};
   a.heading_rad = told->heading_rad();
   a.window_radius_m = told->window_radius_m();
+  record.taken_after = told->taken_after();
   return true;
 }
 

@@ -11,9 +11,13 @@ bool failed(AnchorVerdict verdict) {
 }  // namespace
 
 void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& report) {
-  recorder.record(EstimateRecord{index, report.estimate, report.odometry});
+  recorder.record(EstimateRecord{index, report.estimate, report.odometry, report.belief});
+  record_anchor(recorder, index, index, report);
+}
+
+void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report) {
   if (report.anchor.verdict == AnchorVerdict::not_tried) return;
-  AnchorRecord anchor{index, report.estimate.frame, report.estimate.time_s, report.anchor};
+  AnchorRecord anchor{index, report.estimate.frame, report.estimate.time_s, report.anchor, taken_after};
   anchor.anchor.rectified.release();
   anchor.anchor.matched_map.release();
   recorder.record(std::move(anchor));

@@ -102,6 +102,10 @@ class Recorder {
 // What a frame gave: its estimate, its anchor attempt if there was one, and a thumbnail of an attempt that failed.
 void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& report);
 
+// An attempt that was looked up while further frames were followed: of the frame `index`, taken in after the frame
+// `taken_after`. The estimate that it led to is another EstimateRecord of that frame.
+void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report);
+
 // What the localizer is about to get. encoded: the picture's bytes, kept when the recorder keeps pictures.
 void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& told, ByteView encoded);
 

@@ -36,6 +36,7 @@ struct SessionRecord {
   LocalizerConfig localizer;                                  // its surface is not recorded, only whether there was one
   bool terrain = false;                                       // the package's terrain was the surface; else flat ground
   std::vector<std::pair<std::string, std::string>> settings;  // whatever else was chosen
+  bool looked_up_later = false;                               // Localizer::follow() and finish(); else process()
 };
 
 // One frame as the localizer got it.
@@ -56,13 +57,15 @@ struct EstimateRecord {
   std::uint64_t index = 0;
   Estimate estimate;
   OdometryReport odometry;
+  Belief belief;
 };
 
 struct AnchorRecord {
   std::uint64_t index = 0;
   std::string frame;
   double time_s = 0;
-  AnchorReport anchor;  // without its pictures
+  AnchorReport anchor;            // without its pictures
+  std::uint64_t taken_after = 0;  // the last frame that had been followed then: `index`, unless it was looked up later
 };
 
 struct StateRecord {

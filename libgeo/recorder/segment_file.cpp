@@ -16,6 +16,12 @@ SegmentFile::~SegmentFile() {
   if (fd_ >= 0) ::close(fd_);
 }
 
+bool SegmentFile::sync() {
+  if (::fsync(fd_) == 0) return true;
+  error_ = errno;
+  return false;
+}
+
 bool SegmentFile::append(ByteView bytes) {
   if (fd_ < 0) return false;
   std::uint64_t at = size_;

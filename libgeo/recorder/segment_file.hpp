@@ -26,6 +26,7 @@ class SegmentFile final : public McapSink {
 
   bool ok() const { return fd_ >= 0; }
   bool append(ByteView bytes) override;
+  bool sync();  // everything to the disk, now
 
   const std::filesystem::path& path() const { return path_; }
   std::uint64_t size() const { return size_; }

@@ -44,7 +44,8 @@ flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const 
   if (config.area) area.emplace(config.area->west_m, config.area->south_m, config.area->east_m, config.area->north_m);
   return fbs::CreateLocalizer(builder, gate_list, config.start_sigma_m, config.min_search_radius_m,
                               config.max_search_radius_m, config.no_fix_sigma_m, config.map_sigma_m,
-                              config.assumed_agl_m, area ? &*area : nullptr, session.terrain);
+                              config.assumed_agl_m, area ? &*area : nullptr, session.terrain, config.anchor_every_m,
+                              config.anchor_above_sigma_m);
 }
 
 void localizer(const fbs::Localizer& told, SessionRecord& session) {
@@ -61,6 +62,8 @@ void localizer(const fbs::Localizer& told, SessionRecord& session) {
   if (const auto* area = told.area(); area != nullptr) {
     config.area = PlaneBox{area->west_m(), area->south_m(), area->east_m(), area->north_m()};
   }
+  config.anchor_every_m = told.anchor_every_m();
+  config.anchor_above_sigma_m = told.anchor_above_sigma_m();
   session.terrain = told.terrain();
 }
 
@@ -82,10 +85,10 @@ Bytes encode(const SessionRecord& session) {
   const auto localizer_table = localizer(builder, session);
   const fbs::LonLat origin = place(session.origin), start = place(session.start.value_or(LonLat{}));
   return finish(
-      builder,
-      fbs::CreateSession(builder, kFormat, id, session.segment, session.started_ns, program, version, airframe, package,
-                         mission, camera_table, &origin, session.start ? &start : nullptr,
-                         static_cast<std::uint32_t>(session.picture_shrink), session.seed, localizer_table, settings));
+      builder, fbs::CreateSession(builder, kFormat, id, session.segment, session.started_ns, program, version, airframe,
+                                  package, mission, camera_table, &origin, session.start ? &start : nullptr,
+                                  static_cast<std::uint32_t>(session.picture_shrink), session.seed, localizer_table,
+                                  settings, session.looked_up_later));
 }
 
 bool decode(ByteView bytes, SessionRecord& session) {
@@ -108,6 +111,7 @@ bool decode(ByteView bytes, SessionRecord& session) {
   if (told->picture_shrink() == 0 || told->picture_shrink() > 8) return false;
   session.picture_shrink = static_cast<int>(told->picture_shrink());
   session.seed = told->seed();
+  session.looked_up_later = told->looked_up_later();
   if (told->localizer() != nullptr) localizer(*told->localizer(), session);
   if (told->settings() != nullptr) {
     for (const auto* setting : *told->settings()) {

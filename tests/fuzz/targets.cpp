@@ -23,7 +23,8 @@ const std::vector<Target>& targets() {
                                        {"api_hint", api_hint},
                                        {"api_object", api_object},
                                        {"api_request", api_request},
-                                       {"mavlink", mavlink}};
+                                       {"mavlink", mavlink},
+                                       {"mcap", mcap}};
   return all;
 }
 

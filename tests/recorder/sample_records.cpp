@@ -11,6 +11,7 @@ Telemetry telemetry(Random& random) {
   if (random.chance(0.7)) told.heading_rad = random.normal();
   if (random.chance(0.7)) told.pitch_rad = random.normal();
   if (random.chance(0.7)) told.roll_rad = random.normal();
+  if (random.chance(0.5)) told.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
   if (random.chance(0.5)) told.place = LonLat{random.uniform(-180, 180), random.uniform(-90, 90)};
   return told;
 }
@@ -86,15 +87,18 @@ InputRecord sample_input(std::uint64_t index) {
 
 EstimateRecord sample_estimate(std::uint64_t index) {
   Random random = Random(7).fork("estimate", index);
-  return {index, estimate(random), {random.chance(0.5), random.integer(0, 99), random.uniform(0, 10)}};
+  return {index,
+          estimate(random),
+          {random.chance(0.5), random.integer(0, 99), random.uniform(0, 10)},
+          {{1.5, -2.5}, 0.5, random.normal(), 0.01, 120.5, 1.5}};
 }
 
 std::vector<Record> sample_records(Random& random) {
   return {sample_session(),
           InputRecord{1, telemetry(random), sha256(as_bytes("picture")), 1234},
           PictureRecord{1, "frame.jpg", noise(random, 500)},
-          EstimateRecord{1, estimate(random), {true, 55, 4.5}},
-          AnchorRecord{1, "frame.jpg", 12.5, anchor(random)},
+          EstimateRecord{1, estimate(random), {true, 55, 4.5}, {}},
+          AnchorRecord{1, "frame.jpg", 12.5, anchor(random), 3},
           StateRecord{"normal", "degraded", "no anchor for 30 s"},
           TileRecord{{17, 70000, 45000}, "artifact.hash", "taken as missing"},
           HealthRecord{false, {{"memory_mb", 312.5}, {"frames_dropped", 3}}, {"camera is slow"}},

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "estimation/telemetry.hpp"
@@ -17,6 +18,11 @@ struct Flight {
   std::filesystem::path frames_folder;
   std::vector<Telemetry> frames;         // in time
   std::size_t pictures_without_row = 0;  // left out: they have no telemetry
+  std::vector<std::string> files;        // of the frames, where they are not called as the frames are
+
+  std::filesystem::path picture(std::size_t frame) const {
+    return frames_folder / (files.empty() ? frames[frame].frame : files[frame]);
+  }
 };
 
 struct FlightPaths {

@@ -12,6 +12,7 @@
 #include "imagery/tile_source.hpp"
 #include "replay/estimates_csv.hpp"
 #include "replay/flight_folder.hpp"
+#include "replay/flight_recording.hpp"
 #include "replay/truth.hpp"
 #include "replay/worst_frames.hpp"
 #include "vision/ground_surface.hpp"
@@ -20,7 +21,8 @@
 namespace nadir {
 
 struct ReplayedFlight {
-  std::vector<FrameReport> frames;  // without their pictures
+  std::vector<FrameReport> frames;   // without their pictures
+  std::vector<EstimateRecord> told;  // every estimate, those of late anchors as well
   std::vector<Estimate> refined;
   std::vector<FramePictures> worst;
 };
@@ -36,7 +38,13 @@ struct ReplaySetup {
   const PlaceMemory* places = nullptr;     // null: when lost, all of the area is searched
   OdometryFactory odometry = make_feature_odometry;
   PlaceMatcherFactory matcher = make_channel_matcher;
+  ReplayRecording* recording = nullptr;      // where it is recorded, if anywhere
+  const RecordedFlight* recorded = nullptr;  // flown as it was then: its configuration, its late anchors
 };
+
+// What the localizer is to be, and at what part of their size pictures are decoded.
+LocalizerConfig localizer_config(const ReplaySetup& setup);
+int picture_shrink(const Flight& flight, const ReplaySetup& setup);
 
 // The truth only chooses whose pictures are kept for the report.
 ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv& csv,

@@ -1,0 +1,90 @@
+#!/usr/bin/env python3
+"""A replay is recorded, and the recording flown again, bit for bit."""
+import json
+import shutil
+import unittest
+
+from support import EndToEnd, main, run
+
+
+class Recorder(EndToEnd):
+    def setUp(self):
+        super().setUp()
+        self.flown = self.flight()
+        self.frames = self.flown / "frames"
+
+    def record(self, name, *more):
+        self.good(*self.replay_args(self.flown, self.folder / f"{name}.out"), "--record", self.folder / name, *more)
+        return self.folder / name
+
+    def again(self, recording, *more):
+        return run("replay", "--recorder", recording, "--out", self.folder / "again", "--json", *more)
+
+    def test_bit_for_bit_with_the_frames_beside_it(self):
+        recording = self.record("r")
+        self.assertTrue(json.loads(self.good("recorder", "verify", recording, "--json").stdout)["accepted"])
+        info = json.loads(self.good("recorder", "info", recording, "--json").stdout)["sessions"][0]
+        self.assertTrue(info["clean_shutdown"])
+        self.assertEqual(3, info["records"]["/input"])
+        result = self.again(recording, "--frames", self.frames)
+        self.assertEqual(0, result.returncode, result.stderr)
+        self.assertEqual({"compared": 3, "same": 3}, json.loads(result.stdout)["reproduced"])
+
+    def test_the_same_replay_gives_the_same_recording_but_for_its_latencies(self):
+        for name in ("one", "two"):
+            self.record(name)
+            self.good("recorder", "export", self.folder / name, "--format", "csv", "--out", self.folder / f"{name}.csv")
+        self.assertEqual(*[(self.folder / f"{name}.csv" / "anchors.csv").read_text() for name in ("one", "two")])
+
+    def test_bit_for_bit_with_the_frames_in_it(self):
+        recording = self.record("r", "--keep-frames")
+        shutil.rmtree(self.flown)
+        result = self.again(recording)
+        self.assertEqual(0, result.returncode, result.stderr)
+        self.assertEqual(3, json.loads(result.stdout)["reproduced"]["same"])
+        self.assertFalse((self.folder / "again" / "unpacked").exists())
+
+    def test_other_pictures_are_refused(self):
+        recording = self.record("r")
+        picture = self.frames / "1.jpg"
+        picture.write_bytes(picture.read_bytes() + b"\0")
+        result = self.again(recording, "--frames", self.frames)
+        self.assertEqual(2, result.returncode)
+        self.assertIn("1.jpg", result.stderr)
+        picture.unlink()
+        self.assertEqual(2, self.again(recording, "--frames", self.frames).returncode)
+        result = self.again(recording)
+        self.assertEqual(2, result.returncode)
+        self.assertIn("--frames", result.stderr)
+        self.assertFalse((self.folder / "again").exists())
+
+    def test_a_damaged_recording_is_found_and_recovered(self):
+        recording = self.record("r")
+        segment = next(recording.glob("*.flight.mcap"))
+        whole = segment.read_bytes()
+        segment.write_bytes(whole[: len(whole) - 20])
+        self.assertEqual(0, run("recorder", "verify", recording).returncode)
+        spoilt = bytearray(whole)
+        spoilt[len(whole) // 2] ^= 0xFF
+        segment.write_bytes(bytes(spoilt))
+        self.assertEqual(1, run("recorder", "verify", recording).returncode)
+        run("recorder", "recover", recording, "--out", self.folder / "left")
+        self.assertEqual(0, run("recorder", "verify", self.folder / "left").returncode)
+
+    def test_nothing_of_the_kind_is_said(self):
+        for path in (self.folder / "nothing", self.frames, self.flown / "telemetry.csv"):
+            for command in ("info", "verify"):
+                result = run("recorder", command, path)
+                self.assertIn(result.returncode, (0, 1, 2))
+                self.assertNotEqual("", result.stdout + result.stderr)
+        self.assertEqual(1, run("recorder", "verify", self.flown / "telemetry.csv").returncode)
+
+    def test_options_that_do_not_go_together(self):
+        recording = self.record("r")
+        self.assertEqual(2, self.again(recording, "--frames", self.frames, "--start", "1,2").returncode)
+        self.assertEqual(2, self.again(recording, "--frames", self.frames, "--session", "other").returncode)
+        self.assertEqual(2, run("replay", "--out", self.folder / "x").returncode)
+
+
+if __name__ == "__main__":
+    main()
