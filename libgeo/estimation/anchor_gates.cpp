@@ -27,14 +27,18 @@ double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior) {
 
 namespace {
 
-double needed_inlier_share(double ratio, const GateLimits& limits) {
+// seconded: a sharp prediction says the same, and the patches agree closer than chance does.
+double needed_inlier_share(double ratio, bool seconded, const GateLimits& limits) {
   if (ratio <= limits.clear_ratio) return limits.clear_inlier_share;
-  if (ratio <= limits.alone_ratio) return limits.alone_inlier_share;
+  if (ratio <= limits.alone_ratio || seconded) return limits.alone_inlier_share;
   return limits.vote_inlier_share;
 }
 
-bool by_chance(double share, double residual_px, const GateLimits& limits) {
-  return share < limits.sure_inlier_share && residual_px > limits.max_chance_residual_px;
+// Few that fit badly; but where many places competed and hardly any came near, the ratio speaks for them.
+bool by_chance(const AnchorMatch& match, const AnchorPrior& prior, double share, const GateLimits& limits) {
+  const bool told_apart = match.search.ratio <= limits.clear_ratio && prior.search.radius_m >= limits.telling_window_m;
+  return !told_apart && share < limits.sure_inlier_share &&
+         match.solved->rms_m > limits.max_chance_residual_px * match.fine_gsd_m;
 }
 
 }  // namespace
@@ -50,7 +54,10 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (!match.solved) return AnchorVerdict::few_inliers;
   const SolvedPose& solved = *match.solved;
   const double share = static_cast<double>(solved.inliers) / std::max(1, match.patches);
-  if (solved.inliers < limits.min_inliers || share < needed_inlier_share(match.search.ratio, limits)) {
+  const bool seconded_closely =
+      sharp && prediction.chi2 <= limits.chi2_999 && solved.rms_m <= limits.max_chance_residual_px * match.fine_gsd_m;
+  if (solved.inliers < limits.min_inliers ||
+      share < needed_inlier_share(match.search.ratio, seconded_closely, limits)) {
     return AnchorVerdict::few_inliers;
   }
   if (match.frame_share < limits.min_frame_share) return AnchorVerdict::bad_geometry;
@@ -58,12 +65,12 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
   if (prediction.lost) {
     const bool stands_out = match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share &&
-                            !by_chance(share, solved.rms_m / match.fine_gsd_m, limits);
+                            !by_chance(match, prior, share, limits);
     return stands_out ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
   }
   if (prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
   const bool seconded = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
-  if (!sharp && by_chance(share, solved.rms_m / match.fine_gsd_m, limits)) {
+  if (!sharp && by_chance(match, prior, share, limits)) {
     return AnchorVerdict::awaiting_votes;
   }
   if (match.search.ratio <= limits.alone_ratio || seconded) return AnchorVerdict::accepted;

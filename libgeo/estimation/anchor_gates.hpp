@@ -20,9 +20,10 @@ struct GateLimits {
   double vote_ratio = 0.90;          // below: only where a healthy prediction says the same
   double vote_inlier_share = 0.30;
   // Patches that agree by chance scatter evenly within the solver's bound: few of them must fit closer than that,
-  // unless a sharp prediction says the same.
+  // unless a sharp prediction says the same, or the ratio is clear in a window where many places compete.
   double sure_inlier_share = 0.35;
   double max_chance_residual_px = 1.7;
+  double telling_window_m = 200;  // half the side of such a window
   double sharp_sigma_m = 20;
   int min_inliers = 8;
   double min_score = 0.16;        // of all channels at the place

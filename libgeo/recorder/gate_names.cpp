@@ -12,7 +12,7 @@ struct Name {
   double GateLimits::*value;
 };
 
-constexpr std::array<Name, 18> kNames{{
+constexpr std::array<Name, 19> kNames{{
     {"clear_ratio", &GateLimits::clear_ratio},
     {"clear_inlier_share", &GateLimits::clear_inlier_share},
     {"alone_ratio", &GateLimits::alone_ratio},
@@ -21,6 +21,7 @@ constexpr std::array<Name, 18> kNames{{
     {"vote_inlier_share", &GateLimits::vote_inlier_share},
     {"sure_inlier_share", &GateLimits::sure_inlier_share},
     {"max_chance_residual_px", &GateLimits::max_chance_residual_px},
+    {"telling_window_m", &GateLimits::telling_window_m},
     {"sharp_sigma_m", &GateLimits::sharp_sigma_m},
     {"min_score", &GateLimits::min_score},
     {"min_sharp_score", &GateLimits::min_sharp_score},

@@ -66,6 +66,7 @@ TEST(AnchorGates, FewInliers) {
 
 TEST(AnchorGates, FewInliersOfMany) {
   Attempt attempt;
+  attempt.prediction.sigma_m = attempt.limits.sharp_sigma_m + 1;
   // The less clear the place, the more patches must agree.
   const GateLimits& limits = attempt.limits;
   for (const auto& [ratio, share] : {std::pair{limits.clear_ratio, limits.clear_inlier_share},
@@ -78,6 +79,25 @@ TEST(AnchorGates, FewInliersOfMany) {
     attempt.match.patches = 104;
     EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << ratio;
   }
+}
+
+TEST(AnchorGates, ASharpPredictionAndACloseFitNeedFewer) {
+  Attempt attempt;
+  const GateLimits& limits = attempt.limits;
+  attempt.match.search.ratio = limits.vote_ratio;
+  attempt.match.patches = 100;
+  attempt.match.solved->inliers = static_cast<int>(std::lround(100 * limits.alone_inlier_share));
+  attempt.match.solved->rms_m = limits.max_chance_residual_px * attempt.match.fine_gsd_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  const Attempt seconded = attempt;
+  attempt.match.solved->rms_m *= 1.01;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "they fit as chance does";
+  attempt = seconded;
+  attempt.prediction.sigma_m = limits.sharp_sigma_m + 1;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "a vague prediction is no second voice";
+  attempt = seconded;
+  attempt.prediction.chi2 = limits.chi2_999 + 1;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "it says something else";
 }
 
 TEST(AnchorGates, FaintLikeness) {
@@ -200,7 +220,10 @@ TEST(AnchorGates, AgreementByChanceAwaitsVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "they agree closely";
   attempt = by_chance;
   attempt.match.search.ratio = limits.clear_ratio - 0.1;
+  attempt.prior.search.radius_m = limits.telling_window_m - 1;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "in a small window few places compete";
+  attempt.prior.search.radius_m = limits.telling_window_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "of many places none came near";
 }
 
 TEST(AnchorGates, AVoteNeedsASecondVoice) {

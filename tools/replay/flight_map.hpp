@@ -8,6 +8,7 @@
 
 #include "base/progress.hpp"
 #include "base/time.hpp"
+#include "estimation/map_sigma.hpp"
 #include "geodesy/local_frame.hpp"
 #include "package/open_package.hpp"
 #include "replay/report.hpp"
@@ -22,9 +23,6 @@ struct FlightMapPaths {
 
 // No package when the findings refuse.
 Opening open_flight_map(const FlightMapPaths& paths, UtcTime now, Progress& progress);
-
-// One axis' sigma of the map's own error: from the worst accuracy (CE90) that the package's tiles state.
-double map_sigma_m(const CheckedTiles& tiles);
 
 // The imagery around the track for the report; nothing where the map has no pixels there.
 std::optional<ReportMap> report_map(const TileSource& tiles, const LocalFrame& frame, PlaneBox track);
