@@ -94,6 +94,7 @@ std::vector<double> BodyFields::numbers(std::string_view name, std::size_t count
     return {};
   }
   std::vector<double> numbers;
+  numbers.reserve(count);
   for (std::size_t i = 0; i < count; ++i) {
     numbers.push_back(checked(fmt::format("{}/{}", name, i), (*value)[i], range));
   }

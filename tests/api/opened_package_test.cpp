@@ -1,0 +1,67 @@
+#include "api/opened_package.hpp"
+
+#include <gmock/gmock.h>
+
+#include "api/api_fixture.hpp"
+#include "base/progress.hpp"
+#include "package/package_maker.hpp"
+
+namespace nadir {
+namespace {
+
+class OpenedForTheApi : public test::ApiFixture {
+ protected:
+  Opening open(const std::filesystem::path& package) {
+    NoProgress progress;
+    return open_package(package, maker_.options(), progress);
+  }
+  test::TemporaryFolder folder_;
+  test::PackageMaker maker_;
+};
+
+TEST_F(OpenedForTheApi, ShowsItsFactsAndServesItsTiles) {
+  const auto folder = maker_.make(folder_);
+  Opening opening = open(folder);
+  ASSERT_TRUE(opening.package) << test::codes(opening.findings);
+  const std::shared_ptr<const OpenPackage> package = std::move(opening.package);
+  const PackageView view = package_view(*package);
+  EXPECT_TRUE(view.accepted);
+  EXPECT_EQ(view.series, "village");
+  EXPECT_EQ(view.tiles, package->imagery().sidecars().size());
+  EXPECT_EQ(view.route.size(), package->mission().route.points.size());
+  ASSERT_TRUE(view.bounds);
+  const TileKey first = package->imagery().sidecars().front().key;
+  const LonLatBox tile = bounds_of(first);
+  EXPECT_TRUE(view.bounds->west_deg < tile.east_deg && view.bounds->east_deg > tile.west_deg);
+
+  api.use_package(package_for_api(folder, package));
+  const ApiResponse served = api.handle(get("/v1/tiles/" + to_text(first)));
+  EXPECT_EQ(served.status, 200);
+  EXPECT_EQ(sha256(as_bytes(served.body)), package->imagery().sidecars().front().sha256);
+}
+
+// What is shown to people has the digest that was signed, or is not shown.
+TEST_F(OpenedForTheApi, ATamperedTileIsNotShown) {
+  const auto folder = maker_.make(folder_);
+  test::sqlite(folder / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data)) WHERE rowid = 1");
+  Opening opening = open(folder);
+  ASSERT_TRUE(opening.package) << test::codes(opening.findings);
+  const std::shared_ptr<const OpenPackage> package = std::move(opening.package);
+  api.use_package(package_for_api(folder, package));
+  int shown = 0;
+  for (const Sidecar& sidecar : package->imagery().sidecars()) {
+    if (api.handle(get("/v1/tiles/" + to_text(sidecar.key))).status == 200) ++shown;
+  }
+  EXPECT_EQ(shown + 1, static_cast<int>(package->imagery().sidecars().size()));
+}
+
+TEST_F(OpenedForTheApi, ARefusedOneSaysWhy) {
+  const auto folder = maker_.make(folder_);
+  std::filesystem::remove(folder / kSignatureFile);
+  const PackageView view = refused_package(open(folder).findings);
+  EXPECT_FALSE(view.accepted);
+  EXPECT_THAT(view.reason, ::testing::HasSubstr("signature.missing"));
+}
+
+}  // namespace
+}  // namespace nadir
