@@ -234,14 +234,14 @@ TEST_F(FolderCameraTest, StopEndsTheWaitAndAPictureToo) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   CameraNews news = CameraNews::frame;
-  std::jthread reader([&](std::stop_token stop) { news = camera.next(1h, stop).news; });
+  std::jthread reader([&](const std::stop_token& stop) { news = camera.next(1h, stop).news; });
   reader.request_stop();
   reader.join();
   EXPECT_EQ(news, CameraNews::nothing);
   EXPECT_EQ(name(camera), "nothing");
 
   std::string got;
-  std::jthread waiting([&](std::stop_token stop) {
+  std::jthread waiting([&](const std::stop_token& stop) {
     while (got.empty() && !stop.stop_requested()) got = camera.next(1h, stop).frame.name;
   });
   write("a.jpg", picture(10));
