@@ -27,6 +27,7 @@
 #include "recorder_recover.hpp"
 #include "recorder_verify.hpp"
 #include "replay.hpp"
+#include "simulate_camera.hpp"
 #include "simulate_flight.hpp"
 #include "simulate_world.hpp"
 #include "watch.hpp"
@@ -65,6 +66,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<CatalogueRemoveCommand>());
   commands.push_back(std::make_unique<SimulateWorldCommand>());
   commands.push_back(std::make_unique<SimulateFlightCommand>());
+  commands.push_back(std::make_unique<SimulateCameraCommand>());
   commands.push_back(std::make_unique<ReplayCommand>());
   commands.push_back(std::make_unique<WatchCommand>());
   commands.push_back(std::make_unique<RecorderInfoCommand>());

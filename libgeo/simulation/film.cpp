@@ -51,7 +51,7 @@ FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, co
   std::int64_t first_us = 0;
   auto heard = std::chrono::steady_clock::now();
   while (!stop()) {
-    const std::optional<CameraPose> pose = poses.newest(kGlance);
+    const std::optional<LivePose> pose = poses.newest(kGlance);
     const auto now = std::chrono::steady_clock::now();
     if (!pose) {
       if (!options.patience || now - heard < *options.patience) continue;

@@ -21,7 +21,7 @@ double ground_height_m(const LiveCameraOptions& options, const WorldExtent& exte
   return options.dem ? GroundShape::height_at(*options.dem, extent.centre) : options.ground_m;
 }
 
-bool finite(const CameraPose& pose) {
+bool finite(const LivePose& pose) {
   return std::isfinite(pose.place.lon_deg) && std::abs(pose.place.lat_deg) <= 90 && std::isfinite(pose.height_m) &&
          std::isfinite(pose.attitude.heading_rad) && std::isfinite(pose.attitude.pitch_rad) &&
          std::isfinite(pose.attitude.roll_rad) && pose.velocity_enu_m_s.allFinite();
@@ -42,7 +42,7 @@ LiveCamera::LiveCamera(const LiveCameraOptions& options, const WorldExtent& exte
       sensor_({camera_.width, camera_.height}, camera_.fx, options.seed),
       exposure_(camera_, options.seed) {}
 
-RenderedFrame LiveCamera::shoot(const CameraPose& pose, std::uint64_t number) const {
+RenderedFrame LiveCamera::shoot(const LivePose& pose, std::uint64_t number) const {
   const RenderedFrame nothing{cv::Mat(camera_.height, camera_.width, CV_8UC3, kGrey), 0};
   if (!finite(pose)) return nothing;
   const Enu at = frame_.enu_from_geodetic({pose.place, pose.height_m});

@@ -31,7 +31,7 @@ class LiveCamera {
 
   // The same pose and number give the same picture. A camera in the ground is lifted one metre over it; from farther
   // away than twenty kilometres above or beside the world, and beyond its edges, everything is grey.
-  RenderedFrame shoot(const CameraPose& pose, std::uint64_t number) const;
+  RenderedFrame shoot(const LivePose& pose, std::uint64_t number) const;
 
  private:
   LiveCamera(const LiveCameraOptions& options, const WorldExtent& extent);

@@ -11,7 +11,7 @@
 
 namespace nadir {
 
-struct CameraPose {
+struct LivePose {
   std::int64_t unix_us = 0;  // when it was there: UTC, microseconds since 1970
   LonLat place{};
   double height_m = 0;  // as the elevation model counts heights
@@ -24,7 +24,7 @@ class PoseSource {
   virtual ~PoseSource() = default;
 
   // The newest pose, if it was not given before; older ones are dropped. Waits at most so long for one to come.
-  virtual std::optional<CameraPose> newest(std::chrono::milliseconds patience) = 0;
+  virtual std::optional<LivePose> newest(std::chrono::milliseconds patience) = 0;
 };
 
 }  // namespace nadir

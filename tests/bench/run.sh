@@ -24,6 +24,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   flights       long flights with turns, outliers, blackouts, wrong height and heading (--resume FILE; half an hour)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
+  closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -66,6 +67,7 @@ part() {
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
     smoothing)    smoothing "$@" ;;
+    closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
 }
@@ -76,8 +78,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, latency, ablations, safety, flights, consistency, smoothing, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | latency | ablations | safety | flights | consistency | smoothing | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, closed-loop, latency, ablations, safety, flights, consistency, smoothing, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

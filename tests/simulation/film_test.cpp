@@ -23,14 +23,14 @@ constexpr std::int64_t kStart_us = 1'750'000'000'000'000;
 // Gives one pose after the other, and then none.
 class Script final : public PoseSource {
  public:
-  explicit Script(std::vector<CameraPose> poses) : poses_(std::move(poses)) {}
-  std::optional<CameraPose> newest(std::chrono::milliseconds) override {
+  explicit Script(std::vector<LivePose> poses) : poses_(std::move(poses)) {}
+  std::optional<LivePose> newest(std::chrono::milliseconds) override {
     if (next_ == poses_.size()) return {};
     return poses_[next_++];
   }
 
  private:
-  std::vector<CameraPose> poses_;
+  std::vector<LivePose> poses_;
   std::size_t next_ = 0;
 };
 
@@ -63,15 +63,15 @@ class Film : public ::testing::Test {
   static Placement placement() { return test::test_placement(5); }
 
   // Poses every 20 ms.
-  static std::vector<CameraPose> flight(int count, std::int64_t from_us = kStart_us) {
-    std::vector<CameraPose> poses;
+  static std::vector<LivePose> flight(int count, std::int64_t from_us = kStart_us) {
+    std::vector<LivePose> poses;
     for (int i = 0; i < count; ++i) {
       poses.push_back(
           {.unix_us = from_us + i * 20'000, .place = test::lonlat_at(placement(), 50, 50), .height_m = 100});
     }
     return poses;
   }
-  FilmReport shoot(std::vector<CameraPose> poses) {
+  FilmReport shoot(std::vector<LivePose> poses) {
     Script script(std::move(poses));
     return film(*camera_, script, kept_, options_, [] { return false; });
   }
@@ -95,8 +95,8 @@ TEST_F(Film, TakesFramesAtTheRateOfThePosesTime) {
 }
 
 TEST_F(Film, WhatWasMissedIsCountedAndNotMadeUpFor) {
-  std::vector<CameraPose> poses = flight(11);
-  const std::vector<CameraPose> later = flight(6, kStart_us + 1'050'000);
+  std::vector<LivePose> poses = flight(11);
+  const std::vector<LivePose> later = flight(6, kStart_us + 1'050'000);
   poses.insert(poses.end(), later.begin(), later.end());
   const FilmReport report = shoot(poses);
   const std::vector<std::int64_t> expected = {kStart_us, kStart_us + 200'000, kStart_us + 1'050'000};
@@ -105,8 +105,8 @@ TEST_F(Film, WhatWasMissedIsCountedAndNotMadeUpFor) {
 }
 
 TEST_F(Film, AfterALateFrameTheNextKeepsItsDistance) {
-  std::vector<CameraPose> poses = flight(1);
-  const std::vector<CameraPose> later = flight(10, kStart_us + 390'000);  // due at 0.2
+  std::vector<LivePose> poses = flight(1);
+  const std::vector<LivePose> later = flight(10, kStart_us + 390'000);  // due at 0.2
   poses.insert(poses.end(), later.begin(), later.end());
   shoot(poses);
   const std::vector<std::int64_t> expected = {kStart_us, kStart_us + 390'000, kStart_us + 490'000};
@@ -128,9 +128,9 @@ TEST_F(Film, EndsWithTheNumberTheTimeOrTheWord) {
 }
 
 TEST_F(Film, GoesOnWhenTheClockIsSet) {
-  std::vector<CameraPose> poses = flight(11);
+  std::vector<LivePose> poses = flight(11);
   for (const std::int64_t step_us : {3'600'000'000LL, -7'200'000'000LL}) {
-    const std::vector<CameraPose> more = flight(11, kStart_us + step_us);
+    const std::vector<LivePose> more = flight(11, kStart_us + step_us);
     poses.insert(poses.end(), more.begin(), more.end());
   }
   const FilmReport report = shoot(poses);
@@ -139,8 +139,8 @@ TEST_F(Film, GoesOnWhenTheClockIsSet) {
 }
 
 TEST_F(Film, CountsFramesThatLookBeyondTheWorld) {
-  std::vector<CameraPose> poses = flight(21);
-  for (CameraPose& pose : poses) pose.place = test::lonlat_at(placement(), 1, 50);
+  std::vector<LivePose> poses = flight(21);
+  for (LivePose& pose : poses) pose.place = test::lonlat_at(placement(), 1, 50);
   EXPECT_EQ(shoot(poses).frames_beyond_world, 3);
 }
 

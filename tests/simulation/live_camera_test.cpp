@@ -39,7 +39,7 @@ class LiveCameraTest : public ::testing::Test {
     options_.noise = SensorNoise::none;
   }
   std::filesystem::path path(const char* name) const { return folder_.path() / name; }
-  CameraPose over(double column, double row, double height_m) const {
+  LivePose over(double column, double row, double height_m) const {
     return {.unix_us = 1, .place = test::lonlat_at(placement_, column, row), .height_m = height_m};
   }
 
@@ -66,7 +66,7 @@ TEST_F(LiveCameraTest, SeesWhatASimulatedFlightSeesFromTheSamePlaces) {
     const auto number = [&](const CsvTable& table, const char* name) {
       return *table.number(i, table.required_column(name));
     };
-    CameraPose pose;
+    LivePose pose;
     pose.place = {number(truth, "lon_deg"), number(truth, "lat_deg")};
     pose.height_m = number(truth, "alt_m");
     pose.attitude = {radians(number(told, "heading_deg")), radians(number(told, "pitch_deg")),
@@ -82,7 +82,7 @@ TEST_F(LiveCameraTest, SeesWhatASimulatedFlightSeesFromTheSamePlaces) {
 
 TEST_F(LiveCameraTest, IsRepeatableAndItsNoiseIsSeeded) {
   options_.noise = SensorNoise::real;
-  const CameraPose pose = over(300, 300, 420);
+  const LivePose pose = over(300, 300, 420);
   const cv::Mat first = LiveCamera(options_).shoot(pose, 7).image;
   EXPECT_EQ(cv::norm(first, LiveCamera(options_).shoot(pose, 7).image, cv::NORM_INF), 0);
   EXPECT_GT(cv::norm(first, LiveCamera(options_).shoot(pose, 8).image, cv::NORM_INF), 0);
@@ -107,13 +107,13 @@ TEST_F(LiveCameraTest, FlatGroundLiesWhereItIsToldTo) {
 TEST_F(LiveCameraTest, AnyPoseGivesAPicture) {
   const LiveCamera camera(options_);
   const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
-  std::vector<CameraPose> poses = {over(300, 300, nan),   over(300, 300, infinity), over(300, 300, 1e9),
-                                   over(90000, 300, 400), {.place = {nan, 47}},     {.place = {8, 400}},
-                                   {.place = {-170, -80}}};
-  CameraPose wild = over(300, 300, 400);
+  std::vector<LivePose> poses = {over(300, 300, nan),   over(300, 300, infinity), over(300, 300, 1e9),
+                                 over(90000, 300, 400), {.place = {nan, 47}},     {.place = {8, 400}},
+                                 {.place = {-170, -80}}};
+  LivePose wild = over(300, 300, 400);
   wild.attitude.roll_rad = nan;
   poses.push_back(wild);
-  for (const CameraPose& pose : poses) {
+  for (const LivePose& pose : poses) {
     const RenderedFrame shot = camera.shoot(pose, 0);
     EXPECT_EQ(shot.image.size(), cv::Size(160, 120));
     EXPECT_EQ(shot.seen_share, 0);

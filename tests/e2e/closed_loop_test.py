@@ -1,0 +1,78 @@
+#!/usr/bin/env python3
+"""The harness of the closed loop, with a stand-in for the service: the loop closes, and the verdict is right."""
+import csv
+import json
+import pathlib
+import subprocess
+import sys
+import unittest
+
+import support
+from loop.verdict import Verdict, timeline
+from loop.watch import Watch
+
+HARNESS = pathlib.Path(__file__).resolve().parent / "closed_loop.py"
+
+
+class Loop(support.EndToEnd):
+    def test_closes_with_pictures_and_fixes(self):
+        result = subprocess.run(
+            [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--stand-in", "0", "--minutes", "0.12", "--event",
+             "3:gps-denied", "--size-km", "0.8", "--width", "320", "--signed", "--json", "--out", self.folder / "loop"],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=400, check=False)
+        self.assertEqual((0, ""), (result.returncode, result.stderr))
+        summary = json.loads(result.stdout)["summary"]
+        self.assertAlmostEqual(7.2, summary["duration_s"], delta=0.1)
+        self.assertGreater(summary["gps_input"]["accepted"], 0)
+        self.assertEqual(0, summary["link"]["refused"])
+        self.assertTrue(list((self.folder / "loop/run/frames").glob("frame_*.jpg")))
+
+
+class Judging(support.EndToEnd):
+    def verdict(self, rows=(), **changes):
+        path = self.folder / "track.csv"
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerows([("time_s", "source"), *rows])
+        figures = {"median": 3, "p95": 5, "max": 9, "count": 100}
+        summary = {"duration_s": 10, "plan_m": 1000, "deviation_m": figures, "fix_error_m": figures,
+                   "gps_input_spacing_max_s": 0.12, "gps_input_late": 0, "resets": [], "resets_by_gps_input": 0,
+                   "gps_input": {"accepted": 3}, "events": []}
+        return Verdict({**summary, **changes}, path, after_s=2)
+
+    def test_finds_what_falls_short(self):
+        self.assertEqual([], self.verdict().shortfalls())
+        bad = {"median": 11, "p95": 90, "max": 120, "count": 9}
+        for changes, word in (({"deviation_m": {**bad, "median": 1}}, "leaves the plan"),
+                              ({"deviation_m": {**bad, "max": 12}}, "median"), ({"resets_by_gps_input": 1}, "reset"),
+                              ({"fix_error_m": bad}, "off"), ({"fix_error_m": None}, "no fix"),
+                              ({"gps_input_spacing_max_s": 0.5}, "paused")):
+            found = self.verdict(**changes).shortfalls()
+            self.assertEqual(1, len(found), found)
+            self.assertIn(word, found[0])
+
+    def test_counts_from_the_trouble_on(self):
+        rows = [(0, "own"), (2, "none"), (4, "gps_input"), (6, "gps_input"), (8, "none")]
+        verdict = self.verdict(rows)
+        self.assertEqual(2, verdict.promotion_s())
+        self.assertEqual(0.5, verdict.share_given())
+        self.assertIsNone(self.verdict().promotion_s())
+
+    def test_the_timeline_is_in_order(self):
+        events = [{"time_s": 5.0, "kind": "scenario", "what": "gps-denied"}, {"time_s": 1.0, "kind": "parameter", "name": "X"}]
+        changes = [(103.0, "state", "boot", "normal", "because"), (100.0, "gps", None, "good", "")]
+        lines = timeline({"events": events}, changes, 100.0)
+        self.assertEqual(2, len(lines))
+        self.assertIn("boot -> normal (because)", lines[0])
+        self.assertIn("gps-denied", lines[1])
+
+    def test_memory_is_judged_after_the_first_minute(self):
+        watch = Watch("http://127.0.0.1:1")
+        watch.memory = [(t, 50 if t < 60 else 100 + (t == 90)) for t in range(100)]
+        self.assertAlmostEqual(1, watch.memory_growth())
+        watch.memory = watch.memory[:40]
+        self.assertIsNone(watch.memory_growth())
+
+
+if __name__ == "__main__":
+    support.main()

@@ -1,0 +1,78 @@
+"""Programs that run beside each other, each with its own log, ended in order."""
+import resource
+import signal
+import subprocess
+import time
+
+
+class Program:
+    def __init__(self, name, command, log_folder):
+        self.name = name
+        self.log = log_folder / f"{name}.log"
+        self.file = open(self.log, "w", encoding="utf-8")
+        self.process = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=self.file,
+                                        stderr=subprocess.STDOUT)
+        self.pid = self.process.pid
+
+    def running(self):
+        return self.process.poll() is None
+
+    def end(self, number=signal.SIGTERM, patience_s=20):
+        """Its exit code. Killed when it does not end by itself."""
+        if self.running():
+            self.process.send_signal(number)
+        try:
+            code = self.process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            code = self.process.wait()
+        self.file.close()
+        return code
+
+    def tail(self, lines=8):
+        return "\n".join(self.log.read_text(encoding="utf-8", errors="replace").splitlines()[-lines:])
+
+    def memory_mb(self):
+        try:
+            with open(f"/proc/{self.pid}/statm", encoding="ascii") as file:
+                return int(file.read().split()[1]) * resource.getpagesize() / 1e6
+        except (OSError, IndexError, ValueError):
+            return None
+
+
+class Programs:
+    """A context: what was started is ended, the latest first, whatever happens."""
+
+    def __init__(self, log_folder):
+        self.log_folder, self.started = log_folder, []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for program in reversed(self.started):
+            if not program.file.closed:
+                program.end()
+
+    def start(self, name, command):
+        self.started.append(Program(name, command, self.log_folder))
+        return self.started[-1]
+
+    def wait_until_says(self, program, text, seconds=300):
+        """Until its log holds `text`."""
+        until = time.monotonic() + seconds
+        while text not in program.log.read_text(encoding="utf-8", errors="replace"):
+            if not program.running() or time.monotonic() > until:
+                raise SystemExit(f"{program.name} did not begin:\n{program.tail()}")
+            time.sleep(0.05)
+
+    def wait_for(self, program, seconds):
+        """Until `program` ends. SystemExit when another one ends before it, or it takes too long."""
+        until = time.monotonic() + seconds
+        while program.running():
+            for other in self.started:
+                if other is not program and not other.running():
+                    raise SystemExit(f"{other.name} ended with {other.process.returncode} in flight:\n{other.tail()}")
+            if time.monotonic() > until:
+                raise SystemExit(f"{program.name} did not end in {seconds} s:\n{program.tail()}")
+            time.sleep(0.2)

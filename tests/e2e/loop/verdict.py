@@ -1,0 +1,76 @@
+"""The figures of a closed loop, its timeline, and whether they are what they should be."""
+import csv
+
+MAX_DEVIATION_M = 50
+MEDIAN_DEVIATION_M = 10
+MAX_SPACING_S = 0.2
+FOLLOWS_SPOOF_M = 100  # a fix that is so far off follows a spoofer of 300 m
+
+
+class Verdict:
+    def __init__(self, summary, track_csv, after_s=0.0):
+        """summary: the autopilot's. after_s: from when on the given position is asked for (the denial)."""
+        self.summary = summary
+        with open(track_csv, newline="", encoding="utf-8") as file:
+            self.rows = list(csv.DictReader(file))
+        self.after_s = after_s
+
+    def share_given(self):
+        """Of the time after the denial, flown by what was given."""
+        later = [row["source"] for row in self.rows if float(row["time_s"]) > self.after_s + 3]
+        return sum(source == "gps_input" for source in later) / len(later) if later else 0.0
+
+    def promotion_s(self):
+        """From the denial until the autopilot flew by what it was given."""
+        for row in self.rows:
+            if float(row["time_s"]) >= self.after_s and row["source"] == "gps_input":
+                return float(row["time_s"]) - self.after_s
+        return None
+
+    def shortfalls(self):
+        """What is not as it should be, in words."""
+        found = []
+        deviation, fix = self.summary["deviation_m"], self.summary["fix_error_m"]
+        if deviation["max"] > MAX_DEVIATION_M:
+            found.append(f"the true track leaves the plan by {deviation['max']} m, allowed are {MAX_DEVIATION_M}")
+        if deviation["median"] > MEDIAN_DEVIATION_M:
+            found.append(f"the median deviation is {deviation['median']} m, allowed are {MEDIAN_DEVIATION_M}")
+        if self.summary["resets_by_gps_input"] > 0:
+            found.append(f"the autopilot's filter was reset {self.summary['resets_by_gps_input']} times by GPS_INPUT")
+        if fix is None:
+            found.append("no fix was given")
+        elif fix["max"] > FOLLOWS_SPOOF_M:
+            found.append(f"a given fix was {fix['max']} m off, allowed are {FOLLOWS_SPOOF_M}")
+        if self.summary["gps_input_spacing_max_s"] > MAX_SPACING_S + 0.02:  # the autopilot looks fifty times a second
+            found.append(f"GPS_INPUT paused for {self.summary['gps_input_spacing_max_s']:.2f} s, allowed are "
+                         f"{MAX_SPACING_S}")
+        return found
+
+    def figures(self):
+        deviation, fix = self.summary["deviation_m"], self.summary["fix_error_m"]
+        promotion = self.promotion_s()
+        return [
+            ("flown", f"{self.summary['duration_s']:.0f} s, laps of {self.summary['plan_m']:.0f} m"),
+            ("true track from plan", f"median {deviation['median']:.1f}, p95 {deviation['p95']:.1f}, max "
+                                     f"{deviation['max']:.1f} m"),
+            ("given fix from truth", "none was given" if fix is None else
+             f"median {fix['median']:.1f}, p95 {fix['p95']:.1f}, max {fix['max']:.1f} m over {fix['count']} fixes"),
+            ("flown by given fixes", f"{100 * self.share_given():.1f} % after the first trouble"
+                                     + ("" if promotion is None else f", from {promotion:.1f} s after it on")),
+            ("GPS_INPUT", ", ".join(f"{n} {word}" for word, n in sorted(self.summary["gps_input"].items())) or "none"),
+            ("longest pause", f"{self.summary['gps_input_spacing_max_s']:.2f} s, {self.summary['gps_input_late']} later than "
+                              "0.245 s"),
+            ("filter resets", ", ".join(f"{r['time_s']:.0f} s by {r['source']} ({r['reason']}, {r['metres']:.0f} m)"
+                                        for r in self.summary["resets"]) or "none"),
+        ]
+
+
+def timeline(summary, changes, begun):
+    """Lines in order of time: what was done to the aircraft, and what the service made of it. begun: monotonic seconds
+    of the autopilot's start."""
+    lines = [(event["time_s"], "aircraft", " ".join(f"{value}" for key, value in event.items()
+                                                   if key not in ("time_s", "kind") and value != "") or event["kind"])
+             for event in summary["events"] if event["kind"] in ("scenario", "source", "reset", "statustext", "late")]
+    lines += [(at - begun, "service", f"{what}: {before} -> {now}" + (f" ({reason})" if reason and what == "state" else ""))
+              for at, what, before, now, reason in changes if before is not None]
+    return [f"{time:8.1f} s  {who:9}{text}" for time, who, text in sorted(lines, key=lambda line: line[0])]

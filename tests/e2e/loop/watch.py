@@ -1,0 +1,52 @@
+"""Asks the service's API how it is, a few times a second, and keeps what changes."""
+import json
+import threading
+import time
+import urllib.error
+import urllib.request
+
+PERIOD_S = 0.25
+
+
+class Watch(threading.Thread):
+    def __init__(self, url, program=None):
+        """url: of the service, "http://127.0.0.1:8480". program: whose memory is watched."""
+        super().__init__(daemon=True)
+        self.url, self.program = url, program
+        self.changes = []  # (monotonic seconds, what, from, to, reason)
+        self.memory = []  # (monotonic seconds, MB)
+        self.answers, self.failures = 0, 0
+        self.last = {}
+        self.events = {}
+        self.stopped = threading.Event()
+
+    def run(self):
+        while not self.stopped.wait(PERIOD_S):
+            now = time.monotonic()
+            if self.program is not None and (memory := self.program.memory_mb()) is not None:
+                self.memory.append((now, memory))
+            try:
+                with urllib.request.urlopen(self.url + "/v1/state", timeout=2) as answer:
+                    self._look(now, json.load(answer))
+                    self.answers += 1
+            except (OSError, ValueError, urllib.error.URLError):
+                self.failures += 1
+
+    def stop(self):
+        self.stopped.set()
+        self.join()
+
+    def _look(self, now, state):
+        values = {"state": state.get("state"), "source": state.get("source"),
+                  "gps": (state.get("gps") or {}).get("judgement")}
+        for what, value in values.items():
+            if self.last.get(what) != value:
+                self.changes.append((now, what, self.last.get(what), value, state.get("reason") or ""))
+        self.last = values
+        for event in state.get("events") or []:
+            self.events.setdefault((state.get("boot"), event.get("id")), event)
+
+    def memory_growth(self, after_s=60):
+        """Largest over smallest after the first minute, in percent; None when it was not watched for long enough."""
+        later = [mb for t, mb in self.memory if t - self.memory[0][0] > after_s]
+        return None if len(later) < 10 else 100 * (max(later) / min(later) - 1)
