@@ -43,7 +43,7 @@ LiveCamera::LiveCamera(const LiveCameraOptions& options, const WorldExtent& exte
       exposure_(camera_, options.seed) {}
 
 RenderedFrame LiveCamera::shoot(const LivePose& pose, std::uint64_t number) const {
-  const RenderedFrame nothing{cv::Mat(camera_.height, camera_.width, CV_8UC3, kGrey), 0};
+  RenderedFrame nothing{cv::Mat(camera_.height, camera_.width, CV_8UC3, kGrey), 0};
   if (!finite(pose)) return nothing;
   const Enu at = frame_.enu_from_geodetic({pose.place, pose.height_m});
   const double ground = ground_.up_m(at.east_m, at.north_m);
