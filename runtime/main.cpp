@@ -1,12 +1,12 @@
 #include <iostream>
 
-#include "check_command.hpp"
 #include "framework/interrupt.hpp"
 #include "framework/program.hpp"
+#include "nadird_command.hpp"
 
 int main(int argc, char** argv) {
   nadir::install_signal_handlers();
   const nadir::SystemClock clock;
-  nadir::CheckCommand command;
+  nadir::NadirdCommand command;
   return nadir::run_single_command("nadird", command, {argv + 1, argv + argc}, {std::cout, std::cerr, clock});
 }

@@ -7,8 +7,9 @@
 
 namespace nadir {
 
-void VerifyRequest::setup(Options& options) {
-  options.value("--trust", trust_file_, "ROOT.json", "the trust root").required();
+void VerifyRequest::setup(Options& options, Trust trust) {
+  Option trust_option = options.value("--trust", trust_file_, "ROOT.json", "the trust root");
+  if (trust == Trust::required) trust_option.required();
   options.value("--airframe", airframe_, "ID", "refuse packages that are not for this airframe");
   options.value("--state", state_file_, "STATE.json", "what this aircraft has accepted before; updated on acceptance");
   options.value("--permit", permit_file_, "PERMIT.json", "signed permit to go back to this older package")
@@ -17,6 +18,7 @@ void VerifyRequest::setup(Options& options) {
 }
 
 VerifyOptions VerifyRequest::open(const Clock& clock) {
+  if (trust_file_.empty()) throw UsageError({.what = "--trust is missing", .expected = "--trust ROOT.json"});
   root_ = read_trusted_root(trust_file_);
   judged_at_ = judging_time(at_, clock);
   if (state_file_) {

@@ -15,7 +15,16 @@ class Options;
 
 class VerifyRequest {
  public:
-  void setup(Options& options);
+  // A program that also does things without a package asks for its trust root only when it opens one.
+  enum class Trust { required, optional };
+  void setup(Options& options, Trust trust = Trust::required);
+
+  // As asked for on the command line.
+  const std::optional<std::string>& airframe() const { return airframe_; }
+  const std::optional<std::filesystem::path>& state() const { return state_file_; }
+  // What nadird reads from its files instead.
+  void set_airframe(const std::string& id) { airframe_ = id; }
+  void set_state_file(const std::filesystem::path& file) { state_file_ = file; }
 
   // Reads root, state and permit; the result points into this. Throws Error when the root cannot be trusted or a file
   // cannot be read.

@@ -1,5 +1,5 @@
 // nadird --check as it is called before take-off: what the aircraft remembers, permits to go back, damage.
-#include "check_command.hpp"
+#include "nadird_command.hpp"
 
 #include <gtest/gtest.h>
 
@@ -29,7 +29,7 @@ class NadirdCheck : public ::testing::Test {
     args.insert(args.end(), more);
     out_.str("");
     err_.str("");
-    CheckCommand command;
+    NadirdCommand command;
     return run_single_command("nadird", command, args, {out_, err_, clock_});
   }
   void permit(const std::string& name, std::int64_t from, std::int64_t to) {

@@ -1,15 +1,18 @@
-// `nadird --check`: is this package fit to fly with? Verifies it as the service does at start, remembers it in the
-// aircraft's state when one is given, and says what is ready.
+// `nadird`: flies with a package. Before take-off `nadird --check` says whether it is fit to fly with; beside a running
+// service `nadird --status` says how that is.
 #pragma once
 
 #include <filesystem>
 
+#include "flight/flight_options.hpp"
 #include "framework/command.hpp"
 #include "verify_request.hpp"
 
 namespace nadir {
 
-class CheckCommand final : public Command {
+struct Opening;
+
+class NadirdCommand final : public Command {
  public:
   std::string_view group() const override { return {}; }
   std::string_view name() const override { return {}; }  // nadird has one job
@@ -22,9 +25,15 @@ class CheckCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  void complete_request();
+  Opening open_it(Context& context);
+  int check(Context& context);
+  int serve(Context& context);
+
+  FlightOptions flight_;
   std::filesystem::path package_;
   VerifyRequest request_;
-  bool check_ = false;
+  bool check_ = false, status_ = false;
 };
 
 }  // namespace nadir

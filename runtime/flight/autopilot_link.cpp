@@ -1,0 +1,144 @@
+#include "flight/autopilot_link.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "mavlink/commands.hpp"
+#include "service/cadence.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kHeartbeatPeriod_s = 1, kAskAgain_s = 10, kThreadLimit_s = 2;
+constexpr int kLongestWait_ms = 20;
+
+constexpr std::pair<StreamedMessage, double> kStreams[] = {
+    {StreamedMessage::attitude, 25},      {StreamedMessage::global_position, 5}, {StreamedMessage::gps_raw, 5},
+    {StreamedMessage::gps2_raw, 5},       {StreamedMessage::raw_imu, 50},        {StreamedMessage::ekf_status, 4},
+    {StreamedMessage::terrain_report, 2}, {StreamedMessage::distance_sensor, 5}, {StreamedMessage::system_time, 1},
+};
+
+std::int64_t us(double seconds) { return std::llround(seconds * 1e6); }
+
+std::optional<Signing> signing_of(const AutopilotLinkSetup& setup, std::optional<SigningTime>& time) {
+  if (!setup.key || !time) return std::nullopt;
+  return Signing(*setup.key, *time, setup.airframe.link);
+}
+
+std::optional<SigningTime> time_of(const AutopilotLinkSetup& setup, const FlightClock& clock) {
+  if (!setup.key || !setup.signing_time) return std::nullopt;
+  return SigningTime(*setup.signing_time, clock.unix_us(), us(clock.monotonic_s()));
+}
+
+SystemState system_state(ServiceState state) {
+  switch (state) {
+    case ServiceState::boot: return SystemState::boot;
+    case ServiceState::normal: return SystemState::active;
+    case ServiceState::degraded:
+    case ServiceState::no_fix:
+    case ServiceState::no_package: return SystemState::critical;
+    case ServiceState::failsafe: return SystemState::emergency;
+    default: return SystemState::standby;
+  }
+}
+
+}  // namespace
+
+AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener)
+    : airframe_(setup.airframe),
+      clock_(clock),
+      listener_(std::move(listener)),
+      signing_time_(time_of(setup, clock)),
+      link_(std::move(setup.transport), {airframe_.system, airframe_.component}, signing_of(setup, signing_time_)),
+      beat_(watch.watch("link", kThreadLimit_s)),
+      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+
+AutopilotLink::~AutopilotLink() { stop(); }
+
+void AutopilotLink::stop() {
+  thread_.request_stop();
+  wake_up_.call();
+  if (thread_.joinable()) thread_.join();
+}
+
+void AutopilotLink::observe(const VisionEstimate& estimate) {
+  estimates_.put(estimate);
+  wake_up_.call();
+}
+
+void AutopilotLink::permit(const ServiceStatus& status) {
+  const std::scoped_lock lock(mutex_);
+  permitted_ = status;
+}
+
+void AutopilotLink::tell(TextSeverity severity, std::string text) { send(StatusText{severity, std::move(text)}); }
+
+void AutopilotLink::send(OutgoingMessage message) {
+  outgoing_.put(std::move(message));
+  wake_up_.call();
+}
+
+AutopilotLink::State AutopilotLink::state() const {
+  const std::scoped_lock lock(mutex_);
+  return state_;
+}
+
+void AutopilotLink::run(const std::stop_token& stop) {
+  Cadence heartbeats(kHeartbeatPeriod_s, clock_.monotonic_s());
+  while (!stop.stop_requested()) {
+    beat_();
+    const double now_s = clock_.monotonic_s();
+    link_.advance(us(now_s), [&](const ReceivedMessage& message) {
+      ask_for_streams(now_s, message);
+      listener_.message(now_s, message);
+    });
+    while (const auto estimate = estimates_.try_take()) predictor_.observe(*estimate, us(now_s));
+    const ServiceStatus permitted = this->permitted();
+    send_fix(now_s, permitted);
+    if (heartbeats.due(now_s)) link_.send(OwnHeartbeat{system_state(permitted.state)}, us(now_s));
+    while (const auto message = outgoing_.try_take()) link_.send(*message, us(now_s));
+    publish();
+    const double until_due_ms = static_cast<double>(predictor_.next_due_us() - us(clock_.monotonic_s())) / 1000;
+    const int wait_ms = static_cast<int>(std::clamp(until_due_ms, 0.0, static_cast<double>(kLongestWait_ms)));
+    wake_up_.wait(link_.transport().descriptor(), link_.transport().events(), wait_ms);
+  }
+}
+
+ServiceStatus AutopilotLink::permitted() const {
+  const std::scoped_lock lock(mutex_);
+  return permitted_;
+}
+
+void AutopilotLink::send_fix(double now_s, const ServiceStatus& permitted) {
+  const auto predicted = predictor_.poll(us(now_s), clock_.unix_us());
+  if (!predicted || !permitted.serves_fixes) return;
+  if (predicted->jumped_m && permitted.fix) listener_.jumped(*predicted->jumped_m);
+  GpsInput input = gps_input_without_fix(clock_.unix_us(), airframe_.gps_id);
+  if (permitted.fix && predicted->fix) {
+    Fix fix = *predicted->fix;
+    fix.sigma_m = std::max(fix.sigma_m, permitted.sigma_m);  // while blind it only grows
+    input = gps_input(fix, airframe_.gps_id);
+  }
+  if (!link_.send(input, us(now_s))) return;
+  const std::scoped_lock lock(mutex_);
+  ++state_.fixes_sent;
+  if (last_fix_s_) state_.longest_gap_s = std::max(state_.longest_gap_s, now_s - *last_fix_s_);
+  last_fix_s_ = now_s;
+}
+
+// Once the autopilot is heard, and again now and then: it may have been started anew.
+void AutopilotLink::ask_for_streams(double now_s, const ReceivedMessage& message) {
+  const auto* heartbeat = std::get_if<Heartbeat>(&message.message);
+  if (heartbeat == nullptr || !heartbeat->is_autopilot || (asked_s_ && now_s - *asked_s_ < kAskAgain_s)) return;
+  asked_s_ = now_s;
+  for (const auto& [stream, rate_hz] : kStreams) outgoing_.put(set_message_interval(message.source, stream, rate_hz));
+}
+
+void AutopilotLink::publish() {
+  const std::scoped_lock lock(mutex_);
+  state_.open = link_.transport().is_open();
+  state_.trouble = state_.open ? std::string() : link_.transport().last_error();
+  state_.counts = link_.counts();
+}
+
+}  // namespace nadir

@@ -1,0 +1,53 @@
+// What the threads tell the conductor. Each puts its news into a mailbox of this; none waits for an answer.
+#pragma once
+
+#include <string>
+#include <variant>
+
+#include "estimation/estimate.hpp"
+#include "estimation/telemetry.hpp"
+#include "geodesy/lon_lat.hpp"
+#include "service/gps_health.hpp"
+
+namespace nadir {
+
+struct AutopilotSpoke {
+  bool is_autopilot = false;  // its heartbeat, not another message
+  bool authentic = false;
+  bool armed = false;
+};
+
+struct CameraSpoke {
+  bool frame = false;
+  std::string trouble{};
+};
+
+struct LocalizerSpoke {
+  double taken_s = 0;  // the picture
+  bool late = false;   // a look at the map came back
+  std::uint64_t index = 0;
+  Estimate estimate;
+  Belief belief;
+  AnchorVerdict verdict = AnchorVerdict::not_tried;
+  std::optional<double> pitch_rad{}, roll_rad{};
+};
+
+struct FixJumped {
+  double metres = 0;
+};
+
+struct PlaceHinted {
+  LonLat place;
+  double radius_m = 0;
+  std::string by;
+};
+
+using FlightNews =
+    std::variant<AutopilotSpoke, CameraSpoke, LocalizerSpoke, FixJumped, PlaceHinted, GpsFix3d, EkfReport>;
+
+struct TimedNews {
+  double time_s = 0;
+  FlightNews news;
+};
+
+}  // namespace nadir

@@ -1,0 +1,28 @@
+#include "flight/flight_ground.hpp"
+
+#include "estimation/map_sigma.hpp"
+
+namespace nadir {
+
+FlightGround::FlightGround(std::unique_ptr<OpenPackage> package, const std::filesystem::path& folder)
+    : package_(std::move(package)),
+      folder_(folder),
+      frame_(std::make_shared<const LocalFrame>(mission_frame(package_->mission()))),
+      places_(PlaceIndex::open(folder, package_->manifest())) {
+  if (package_->terrain() != nullptr) {
+    surface_ = std::make_shared<const TerrainSurface>(*package_->terrain(), *frame_, plane_msl_m());
+  }
+}
+
+double FlightGround::plane_msl_m() const { return package_->mission().terrain.height_m; }
+
+LocalizerConfig FlightGround::config() const {
+  LocalizerConfig config;
+  config.map_sigma_m = map_sigma_m(package_->imagery());
+  config.area = required_region(package_->mission(), *frame_).bounds();
+  config.surface = surface_.get();
+  config.places = places_ ? &*places_ : nullptr;
+  return config;
+}
+
+}  // namespace nadir

@@ -1,0 +1,28 @@
+// What nadird is started with.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "geodesy/lon_lat.hpp"
+
+namespace nadir {
+
+struct FlightOptions {
+  std::filesystem::path package;
+  std::filesystem::path airframe;                 // airframe.json
+  std::filesystem::path state;                    // folder
+  std::string camera;                             // open_camera()
+  std::string autopilot;                          // parse_endpoint()
+  std::optional<std::filesystem::path> link_key;  // none: the link is not signed
+  std::optional<std::filesystem::path> record;    // folder; none: nothing is recorded
+  bool keep_pictures = false;                     // in the recording
+  std::string listen = "127.0.0.1:8750";
+  std::optional<std::filesystem::path> token;  // file with the API's bearer token
+  std::optional<LonLat> start;
+  double anchor_every_m = 0;
+  bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
+};
+
+}  // namespace nadir

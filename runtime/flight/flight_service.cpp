@@ -1,0 +1,361 @@
+#include "flight/flight_service.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "base/error.hpp"
+#include "camera/open_camera.hpp"
+#include "mavlink/commands.hpp"
+#include "nadir_version.hpp"
+#include "service/cadence.hpp"
+#include "service/service_rules.hpp"
+#include "trust/bearer_token.hpp"
+#include "vision/flight_picture.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kTurn_s = 0.05, kPublishPeriod_s = 0.2, kGpsHintRadius_m = 150;
+constexpr std::chrono::milliseconds kHouseWait{500};
+
+std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
+  if (!file) return std::nullopt;
+  return sha256(as_bytes(read_bearer_token(*file)));
+}
+
+VisionEstimate vision_estimate(const LocalizedFrame& frame, double taken_s, std::optional<double> ground_msl_m) {
+  const Estimate& estimate = frame.report.estimate;
+  const Belief& belief = frame.report.belief;
+  VisionEstimate vision;
+  vision.time_us = std::llround(taken_s * 1e6);
+  vision.place = *estimate.position;
+  vision.sigma_m = estimate.sigma_m;
+  vision.east_m_s = belief.velocity_mps.x();
+  vision.north_m_s = belief.velocity_mps.y();
+  vision.speed_sigma_m_s = belief.velocity_sigma_mps;
+  if (ground_msl_m) vision.msl_m = *ground_msl_m + belief.agl_m;
+  if (ground_msl_m) vision.vertical_sigma_m = belief.agl_sigma_m;
+  vision.seen = estimate.source == SourceLabel::satellite_anchored || estimate.source == SourceLabel::vo_extrapolated;
+  return vision;
+}
+
+TextSeverity text_severity(OperatorSeverity severity) { return static_cast<TextSeverity>(severity); }
+
+}  // namespace
+
+FlightService::FlightService(const FlightOptions& options, JudgedPackage judged, const FlightClock& clock,
+                             StopSignals& stop)
+    : options_(options),
+      clock_(clock),
+      stop_(stop),
+      airframe_(read_airframe(options.airframe)),
+      state_(options.state),
+      restart_(restart_from(state_.load(), clock)),
+      machine_(clock.monotonic_s()),
+      gps_(clock.monotonic_s()),
+      views_(fmt::format("{:x}", clock.unix_us())),
+      manager_(read_service_environment().notify_socket),
+      watch_(clock) {
+  if (judged.package) ground_ = std::make_unique<FlightGround>(std::move(judged.package), options.package);
+  const PackageView shown = ground_ ? package_view(ground_->package()) : refused_package(judged.findings);
+  views_.package(shown);
+  refusal_ = shown.reason;
+  start_recorder();
+  journal_ = std::make_unique<FlightJournal>(recorder_.get());
+
+  const ListenAddress address = parse_listen_address(options.listen);
+  ApiOptions api;
+  api.now_s = [this] { return clock_.monotonic_s(); };
+  api.token = token_digest(options.token);
+  api.loopback = address.loopback();
+  require_token_beyond_loopback(address, api.token);
+  api_ = std::make_unique<Api>(board_, hints_, api);
+  if (ground_) api_->use_package(ground_->for_api());
+  server_ = std::make_unique<HttpServer>(*api_, address);
+  start_flight();
+  house_ = std::jthread([this](const std::stop_token& token) { keep_house(token); });
+}
+
+FlightService::~FlightService() {
+  camera_.reset();
+  link_->stop();  // the localizer still speaks to it, and it to the localizer
+  localizing_.reset();
+  link_.reset();
+  house_ = {};
+  server_.reset();
+  if (recorder_) recorder_->close("stopped");
+}
+
+// A recorder that cannot record costs the evidence, not the flight.
+void FlightService::start_recorder() {
+  if (!options_.record) return;
+  SessionRecord session;
+  session.program = "nadird";
+  session.version = kVersion;
+  session.airframe = airframe_.id;
+  session.started_ns = static_cast<std::uint64_t>(clock_.unix_us()) * 1000;
+  session.id = fmt::format("{}-{:x}", airframe_.id, clock_.unix_us());
+  session.camera = airframe_.camera;
+  session.picture_shrink = harmless_shrink(airframe_.camera.camera.width, airframe_.camera.camera.height);
+  if (ground_) {
+    session.mission = ground_->package().manifest().mission_id;
+    session.localizer = ground_->config();
+    session.terrain = ground_->package().terrain() != nullptr;
+    session.origin = ground_->frame().origin();
+  }
+  RecorderOptions recorder;
+  recorder.store.folder = *options_.record;
+  recorder.keep_pictures = options_.keep_pictures;
+  try {
+    recorder_ = std::make_unique<Recorder>(recorder, session,
+                                           [this] { return static_cast<std::uint64_t>(clock_.unix_us()) * 1000; });
+  } catch (const Error& error) {
+    recorder_trouble_ = error.what();
+  }
+}
+
+// The camera comes last: before there is a picture nobody speaks to the link.
+void FlightService::start_flight() {
+  if (ground_) start_localizing();
+  AutopilotLinkSetup link{airframe_, make_transport(parse_endpoint(options_.autopilot)), std::nullopt, std::nullopt};
+  if (options_.link_key) {
+    link.key = SigningKey::read(*options_.link_key);
+    link.signing_time = state_.folder() / "signing-time";
+  }
+  link_ = std::make_unique<AutopilotLink>(
+      std::move(link), clock_, watch_,
+      AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) { heard(now_s, message); },
+                              [this](double metres) { tell(FixJumped{metres}); }});
+  if (!ground_) return;
+  camera_ = std::make_unique<CameraFeed>(open_camera(options_.camera, clock_), airframe_.capture_delay_s, pictures_,
+                                         watch_, [this](const std::string& trouble) {
+                                           tell(CameraSpoke{trouble.empty(), trouble});
+                                         });
+}
+
+void FlightService::start_localizing() {
+  LocalizingSetup setup{airframe_.camera, airframe_.mount,   ground_->frame(),      &ground_->package().imagery(),
+                        options_.start,   ground_->config(), ground_->plane_msl_m()};
+  setup.config.anchor_every_m = options_.anchor_every_m;
+  if (restart_.position) {
+    setup.start = restart_.position->place;
+    setup.config.start_sigma_m = restart_.position->sigma_m;
+  }
+  localizing_ = std::make_unique<Localizing>(
+      setup, pictures_, watch_,
+      Localizing::Listener{[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
+                             if (recorder_) record_input(*recorder_, index, told, encoded);
+                           },
+                           [this](const LocalizedFrame& frame) { localized(frame); }});
+  if (restart_.hint) localizing_->hint(restart_.hint->place, restart_.hint->radius_m);
+}
+
+void FlightService::tell(FlightNews news) { news_.put({clock_.monotonic_s(), std::move(news)}); }
+
+// On the localizer's thread.
+void FlightService::localized(const LocalizedFrame& frame) {
+  const Estimate& estimate = frame.report.estimate;
+  const double taken_s = frame.told.time_s;
+  if (estimate.position) {
+    const Enu at = ground_->frame().enu_from_lonlat(*estimate.position);
+    const auto* surface = ground_->config().surface;
+    std::optional<double> ground_msl_m;
+    if (surface != nullptr) ground_msl_m = ground_->plane_msl_m() + surface->height_m({at.east_m, at.north_m});
+    link_->observe(vision_estimate(frame, taken_s, ground_msl_m));
+    if (options_.send_external_position && frame.report.anchor.verdict == AnchorVerdict::accepted) {
+      const double now_s = clock_.monotonic_s();
+      link_->send(external_position_estimate({airframe_.system, airframe_.autopilot},
+                                             {*estimate.position, estimate.sigma_m, now_s, now_s - taken_s}));
+    }
+  }
+  if (recorder_) record(frame);
+  tell(LocalizerSpoke{taken_s, frame.late, frame.index, estimate, frame.report.belief, frame.report.anchor.verdict,
+                      frame.told.pitch_rad, frame.told.roll_rad});
+}
+
+void FlightService::record(const LocalizedFrame& frame) {
+  if (frame.late) {
+    record_anchor(*recorder_, frame.anchor_index, frame.index, frame.report);
+  } else {
+    record_frame(*recorder_, frame.index, frame.report);
+  }
+}
+
+// On the link's thread.
+void FlightService::heard(double now_s, const ReceivedMessage& received) {
+  const bool ours = received.source.system == airframe_.system && received.source.component == airframe_.autopilot;
+  const auto telemetry = [&](const auto& message) {
+    if (ours && localizing_) localizing_->hear(now_s, message);
+  };
+  if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
+    if (heartbeat->is_autopilot) {
+      tell(AutopilotSpoke{true, received.is_signed || !options_.link_key, heartbeat->armed});
+    }
+  } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
+    telemetry(*attitude);
+  } else if (const auto* position = std::get_if<GlobalPosition>(&received.message)) {
+    telemetry(*position);
+  } else if (const auto* distance = std::get_if<GroundDistance>(&received.message)) {
+    telemetry(*distance);
+  } else if (const auto* height = std::get_if<GroundHeight>(&received.message)) {
+    telemetry(*height);
+  } else if (const auto* imu = std::get_if<ImuSample>(&received.message)) {
+    telemetry(*imu);
+  } else if (const auto* gps = std::get_if<GpsRaw>(&received.message)) {
+    // Our own GPS_INPUT comes back as the receiver of that number.
+    if (ours && gps->receiver != airframe_.gps_id + 1) {
+      tell(GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_m_s, gps->horizontal_accuracy_m});
+    }
+  } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
+    if (ours) tell(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
+  } else if (const auto* command = std::get_if<CommandInt>(&received.message)) {
+    if (const auto hint = position_hint(*command)) {
+      tell(PlaceHinted{hint->place, hint->radius_m, "operator"});
+      link_->send(CommandAck{command->command, CommandResult::accepted, received.source});
+    }
+  }
+}
+
+void FlightService::run() {
+  const auto restored = restart_.position;
+  journal_->note(clock_.monotonic_s(), EventSeverity::info, "state", restart_.reason);
+  if (!recorder_trouble_.empty()) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::critical, "recorder", recorder_trouble_);
+  }
+  update(clock_.monotonic_s(), std::array<ServiceFact, 1>{PackageJudged{ground_ != nullptr, refusal_}});
+  if (restored && restored->sigma_m <= kNoFixSigma_m) {
+    update(clock_.monotonic_s(), std::array<ServiceFact, 1>{EstimateRestored{restored->sigma_m, restored->speed_m_s}});
+  }
+  manager_.ready(ground_ ? "flying" : "the package was refused: " + refusal_);
+  Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());
+  Cadence publishing(kPublishPeriod_s, clock_.monotonic_s()), saving(kSavePeriod_s, clock_.monotonic_s());
+  double next_s = clock_.monotonic_s();
+  while (clock_.wait_until(next_s, stop_.token())) {
+    const double now_s = clock_.monotonic_s();
+    next_s = now_s + kTurn_s;
+    while (const auto news = news_.try_take()) take(*news);
+    if (const auto hint = hints_.take()) learn(now_s, PlaceHinted{hint->place, hint->radius_m, "API"});
+    judge_gps(now_s);
+    update(now_s, {});
+    if (publishing.due(now_s)) publish(now_s);
+    if (saving.due(now_s)) save(now_s);
+    if (const auto late = watchdog.tick(now_s)) {
+      journal_->note(now_s, late->empty() ? EventSeverity::info : EventSeverity::critical, "thread",
+                     late->empty() ? "all threads are alive again" : *late);
+    }
+  }
+  manager_.stopping("stopping");
+}
+
+void FlightService::take(const TimedNews& timed) {
+  std::visit([&](const auto& news) { learn(timed.time_s, news); }, timed.news);
+}
+
+void FlightService::learn(double time_s, const AutopilotSpoke& spoke) {
+  update(time_s, std::array<ServiceFact, 1>{AutopilotHeard{spoke.authentic, spoke.armed}});
+}
+
+void FlightService::learn(double time_s, const CameraSpoke& spoke) {
+  if (spoke.frame) {
+    update(time_s, std::array<ServiceFact, 1>{FrameArrived{}});
+  } else {
+    journal_->note(time_s, EventSeverity::warning, "camera", spoke.trouble);
+  }
+}
+
+void FlightService::learn(double time_s, const LocalizerSpoke& spoke) {
+  last_spoke_ = spoke;
+  views_.localizer(spoke);
+  const Estimate& estimate = spoke.estimate;
+  if (estimate.position &&
+      (estimate.source == SourceLabel::satellite_anchored || estimate.source == SourceLabel::vo_extrapolated)) {
+    gps_.hear(VisionPosition{spoke.taken_s, *estimate.position, estimate.sigma_m});
+  }
+  update(time_s, std::array<ServiceFact, 1>{EstimateMade{estimate.source, estimate.sigma_m}});
+}
+
+void FlightService::learn(double time_s, const FixJumped& jumped) {
+  const std::string text = fmt::format("position jumps by {:.0f} m", jumped.metres);
+  journal_->note(time_s, EventSeverity::warning, "fix", text);
+  link_->tell(TextSeverity::warning, text);
+}
+
+void FlightService::learn(double time_s, const PlaceHinted& hinted) {
+  if (localizing_) localizing_->hint(hinted.place, hinted.radius_m);
+  journal_->note(time_s, EventSeverity::info, "hint",
+                 fmt::format("{}: within {:.0f} m of {:.5f}, {:.5f}", hinted.by, hinted.radius_m, hinted.place.lat_deg,
+                             hinted.place.lon_deg));
+}
+
+void FlightService::learn(double time_s, const GpsFix3d& fix) {
+  gps_.hear(fix);
+  // While it is trusted it says where to look first; never where we are.
+  if (gps_hinted_ || gps_judged_.verdict != GpsVerdict::trusted || !fix.has_fix) return;
+  gps_hinted_ = true;
+  learn(time_s, PlaceHinted{fix.place, kGpsHintRadius_m, "GPS"});
+}
+
+void FlightService::learn(double, const EkfReport& report) { gps_.hear(report); }
+
+void FlightService::judge_gps(double now_s) {
+  const GpsJudged judged = gps_.judge(now_s, machine_.status().link_up);
+  if (judged.verdict == gps_judged_.verdict) return;
+  gps_judged_ = judged;
+  views_.gps(judged);
+  update(now_s, std::array<ServiceFact, 1>{judged});
+}
+
+void FlightService::update(double now_s, std::span<const ServiceFact> facts) {
+  for (const ServiceEvent& event : machine_.update(now_s, facts)) {
+    journal_->state(event);
+    if (event.from != event.to) last_reason_ = event.text;
+    const ReasonText& text = text_of(event.reason);
+    if (!text.operator_text.empty()) link_->tell(text_severity(text.severity), std::string(text.operator_text));
+    manager_.status(event.text);
+  }
+  link_->permit(machine_.status());
+}
+
+void FlightService::publish(double now_s) {
+  const ServiceStatus status = machine_.status();
+  views_.status(status, last_reason_);
+  views_.frames(pictures_.counts(), now_s);
+  views_.link(link_->state(), status.link_up, options_.link_key.has_value());
+  views_.recorder(recorder_.get(), recorder_trouble_);
+  board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events().events()));
+}
+
+void FlightService::save(double now_s) {
+  SavedFlight flight;
+  flight.boot_id = clock_.boot_id();
+  flight.saved_monotonic_s = now_s;
+  flight.saved_unix_us = clock_.unix_us();
+  flight.state = machine_.status().state;
+  if (last_spoke_ && last_spoke_->estimate.position) {
+    const Estimate& estimate = last_spoke_->estimate;
+    flight.estimate = SavedEstimate{last_spoke_->taken_s,
+                                    clock_.unix_us() - std::llround((now_s - last_spoke_->taken_s) * 1e6),
+                                    *estimate.position,
+                                    estimate.sigma_m,
+                                    last_spoke_->belief.velocity_mps.norm(),
+                                    estimate.source,
+                                    estimate.segment};
+  }
+  if (options_.start) flight.hint = SavedHint{*options_.start, kGpsHintRadius_m};
+  to_save_.put(std::move(flight));
+}
+
+// Disks may be slow: nobody else touches them in flight but the recorder.
+void FlightService::keep_house(const std::stop_token& stop) {
+  std::string last_trouble;
+  while (!stop.stop_requested()) {
+    const auto flight = to_save_.take_within(kHouseWait, stop);
+    if (!flight) continue;
+    const std::string trouble = state_.save(*flight).value_or("");
+    if (trouble != last_trouble && !trouble.empty()) tell(CameraSpoke{false, "state directory: " + trouble});
+    last_trouble = trouble;
+  }
+}
+
+}  // namespace nadir

@@ -1,0 +1,101 @@
+#include "flight/localizing.hpp"
+
+#include "base/error.hpp"
+#include "estimation/anchor_job.hpp"
+#include "vision/flight_picture.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::chrono::milliseconds kLookForFinished{20};  // how long a finished look at the map may lie about
+constexpr double kFollowerLimit_s = 3, kLookerLimit_s = 30;
+constexpr double kLeastHeight_m = 1;
+
+CameraFile decoded_small(CameraFile file, int shrink) {
+  file.camera = file.camera.scaled(1.0 / shrink);
+  return file;
+}
+
+}  // namespace
+
+Localizing::Localizing(const LocalizingSetup& setup, LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
+                       Listener listener)
+    : setup_(setup),
+      shrink_(harmless_shrink(setup.camera.camera.width, setup.camera.camera.height)),
+      decoded_(setup.camera.camera.scaled(1.0 / shrink_)),
+      pictures_(pictures),
+      listener_(std::move(listener)),
+      telemetry_(setup.mount),
+      localizer_(decoded_small(setup.camera, shrink_), setup.frame, setup.tiles, setup.start, setup.config),
+      follower_beat_(watch.watch("localizer", kFollowerLimit_s)),
+      looker_beat_(watch.watch("map", kLookerLimit_s)),
+      looker_([this](const std::stop_token& stop) { look_at_map(stop); }),
+      follower_([this](const std::stop_token& stop) { follow_pictures(stop); }) {}
+
+Localizing::~Localizing() = default;  // both threads are asked to stop, and waited for
+
+void Localizing::hint(const LonLat& at, double radius_m) { hints_.put({at, radius_m}); }
+
+void Localizing::follow_pictures(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    follower_beat_();
+    take_finished();
+    if (const auto hinted = hints_.try_take()) localizer_.hint(hinted->at, hinted->radius_m);
+    if (const auto picture = pictures_.take_within(kLookForFinished, stop)) follow(*picture);
+  }
+}
+
+void Localizing::look_at_map(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    looker_beat_();
+    auto job = jobs_.take_within(std::chrono::milliseconds(500), stop);
+    if (!job) continue;
+    try {
+      (*job)->run();
+    } catch (const Error&) {
+      // A look that fails (a tile that cannot be read) says nothing: the job goes back as one that never ran.
+    }
+    finished_.put(std::move(*job));
+  }
+}
+
+void Localizing::follow(const FlightPicture& picture) {
+  const Telemetry told = telemetry_at(picture);
+  listener_.input(next_index_, told, picture.encoded);
+  auto followed = localizer_.follow(decode_flight_picture(picture.encoded, decoded_, shrink_), told);
+  if (followed.job) {
+    job_index_ = next_index_;
+    jobs_.put(std::move(followed.job));
+  }
+  const Estimate& estimate = followed.report.estimate;
+  if (estimate.position) {
+    const Enu at = setup_.frame.enu_from_lonlat(*estimate.position);
+    believed_at_ = {at.east_m, at.north_m};
+  }
+  last_told_ = told;
+  listener_.output({next_index_, next_index_, false, told, std::move(followed.report)});
+  ++next_index_;
+}
+
+void Localizing::take_finished() {
+  auto job = finished_.try_take();
+  if (!job) return;
+  FrameReport report = localizer_.finish(std::move(*job));
+  listener_.output({next_index_ - 1, job_index_, true, last_told_, std::move(report)});
+}
+
+// Over terrain the height above ground follows from the height above the sea; a range finder knows better.
+Telemetry Localizing::telemetry_at(const FlightPicture& picture) {
+  const std::scoped_lock lock(telemetry_mutex_);
+  Telemetry told = telemetry_.at(picture.taken_s);
+  told.frame = picture.name;
+  if (told.agl_m) return told;
+  std::optional<double> agl_m = telemetry_.above_home_m(picture.taken_s);
+  const auto msl_m = telemetry_.msl_m(picture.taken_s);
+  const GroundSurface* ground = setup_.config.surface;
+  if (ground != nullptr && msl_m) agl_m = *msl_m - setup_.plane_msl_m - ground->height_m(believed_at_);
+  if (agl_m && *agl_m > kLeastHeight_m) told.agl_m = agl_m;
+  return told;
+}
+
+}  // namespace nadir

@@ -1,0 +1,109 @@
+// The localizer's two threads. One follows every picture at once: decode, telemetry, odometry, estimate. The other
+// looks at the map, which takes longer; what it finds counts for the picture that it was taken from. So the path of a
+// picture waits for no anchor, no disk and no reader.
+//
+//   camera ─► LatestMailbox ─► follow ─► estimate at once
+//                               │  ▲
+//                           job ▼  │ anchor
+//                              look at the map
+//
+// Given the order of follow() and finish(), which the recorder keeps, everything here is the same to the last bit.
+#pragma once
+
+#include <functional>
+#include <mutex>
+#include <thread>
+
+#include "base/bytes.hpp"
+#include "estimation/localizer.hpp"
+#include "flight/telemetry_buffer.hpp"
+#include "service/latest_mailbox.hpp"
+#include "service/thread_watch.hpp"
+
+namespace nadir {
+
+struct FlightPicture {
+  std::string name;
+  Bytes encoded;
+  double taken_s = 0;  // monotonic
+};
+
+// What came out of one frame, or of one look at the map.
+struct LocalizedFrame {
+  std::uint64_t index = 0;         // of the last frame followed
+  std::uint64_t anchor_index = 0;  // of the frame that report.anchor is about
+  bool late = false;               // a look at the map came back; the frame itself was told before
+  Telemetry told;                  // of the last frame followed
+  FrameReport report;
+};
+
+struct LocalizingSetup {
+  CameraFile camera;
+  Attitude mount;
+  LocalFrame frame;
+  const TileSource* tiles = nullptr;
+  std::optional<LonLat> start;
+  LocalizerConfig config;
+  double plane_msl_m = 0;  // of the plane from which the surface's heights count
+};
+
+class Localizing {
+ public:
+  // Called on the localizer's thread: must be quick.
+  struct Listener {
+    std::function<void(std::uint64_t index, const Telemetry&, ByteView encoded)> input;  // before it is followed
+    std::function<void(const LocalizedFrame&)> output;
+  };
+
+  // Everything that setup points at, the watch and the pictures must outlive this.
+  Localizing(const LocalizingSetup& setup, LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
+             Listener listener);
+  ~Localizing();
+  Localizing(const Localizing&) = delete;
+  Localizing& operator=(const Localizing&) = delete;
+
+  // What the autopilot says, from the link's thread.
+  template <typename Message>
+  void hear(double time_s, const Message& message) {
+    const std::scoped_lock lock(telemetry_mutex_);
+    telemetry_.hear(time_s, message);
+  }
+
+  // An operator's, or that of a GPS that is trusted: where to look first (Localizer::hint).
+  void hint(const LonLat& at, double radius_m);
+
+  int picture_shrink() const { return shrink_; }
+
+ private:
+  void follow_pictures(const std::stop_token& stop);
+  void look_at_map(const std::stop_token& stop);
+  void follow(const FlightPicture& picture);
+  void take_finished();
+  Telemetry telemetry_at(const FlightPicture& picture);
+
+  LocalizingSetup setup_;
+  int shrink_;
+  CameraModel decoded_;  // as pictures are decoded
+  LatestMailbox<FlightPicture>& pictures_;
+  Listener listener_;
+
+  std::mutex telemetry_mutex_;
+  TelemetryBuffer telemetry_;
+
+  // The follower's own.
+  Localizer localizer_;
+  std::uint64_t next_index_ = 0, job_index_ = 0;
+  PlanePoint believed_at_{};
+  Telemetry last_told_;
+
+  struct HintedPlace {
+    LonLat at;
+    double radius_m;
+  };
+  LatestMailbox<HintedPlace> hints_;
+  LatestMailbox<std::unique_ptr<AnchorJob>> jobs_, finished_;  // one is out at most: nothing is ever dropped
+  ThreadWatch::Beat follower_beat_, looker_beat_;
+  std::jthread looker_, follower_;  // last: they use everything above
+};
+
+}  // namespace nadir

@@ -1,0 +1,66 @@
+// What the autopilot said lately, so that a picture gets what was true when it was taken.
+//
+// Times are our monotonic seconds of arrival: the autopilot's clock is not ours, and on a link that is fit to fly with
+// the delay is some milliseconds. The autopilot's own idea of where it is has no way in, only attitude, heights and
+// accelerations.
+#pragma once
+
+#include <deque>
+#include <optional>
+
+#include "estimation/telemetry.hpp"
+#include "mavlink/messages.hpp"
+#include "vision/airframe.hpp"
+
+namespace nadir {
+
+inline constexpr double kTelemetryKept_s = 10;
+inline constexpr double kAttitudeGap_s = 0.5;  // between the messages around a picture, or from the last one to it
+inline constexpr double kHeightGap_s = 2;
+inline constexpr double kImuGap_s = 0.15;
+
+class TelemetryBuffer {
+ public:
+  explicit TelemetryBuffer(const Attitude& mount) : mount_(mount) {}
+
+  void hear(double time_s, const AircraftAttitude& attitude);
+  void hear(double time_s, const GlobalPosition& position);  // its heights alone
+  void hear(double time_s, const GroundDistance& distance);
+  void hear(double time_s, const GroundHeight& height);
+  void hear(double time_s, const ImuSample& sample);
+
+  // The latest message is so old; nullopt: none yet.
+  std::optional<double> attitude_age_s(double now_s) const;
+  // By the barometer, mostly.
+  std::optional<double> above_home_m(double time_s) const;
+  std::optional<double> msl_m(double time_s) const;
+
+  // What was true at time_s; what is not known is left out. Height above ground: a range finder's, else the autopilot's
+  // terrain, else nothing (who has a map can do better: msl_m). Successive calls: the change of velocity is the one
+  // since the call before.
+  Telemetry at(double time_s);
+
+ private:
+  struct HeldAttitude {
+    double time_s;
+    Attitude aircraft;
+  };
+  struct Height {
+    double time_s, value_m;
+  };
+  struct Push {  // change of velocity per second, in the horizontal plane
+    double time_s;
+    Eigen::Vector2d east_north_mps2;
+  };
+
+  std::optional<Attitude> aircraft_at(double time_s) const;
+  std::optional<Eigen::Vector2d> velocity_change(double from_s, double to_s) const;
+
+  Attitude mount_;
+  std::deque<HeldAttitude> attitudes_;
+  std::deque<Height> home_heights_, msl_heights_, ranges_, terrain_heights_;
+  std::deque<Push> pushes_;
+  std::optional<double> last_asked_s_;
+};
+
+}  // namespace nadir

@@ -1,0 +1,151 @@
+#include "nadird_command.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <opencv2/core/utility.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "flight/flight_service.hpp"
+#include "framework/options.hpp"
+#include "framework/output.hpp"
+#include "package/open_package.hpp"
+#include "trust/bearer_token.hpp"
+#include "vision/airframe.hpp"
+#include "vision/place_index_check.hpp"
+#include "watch/watching.hpp"
+
+namespace nadir {
+namespace {
+
+Figures readiness(const OpenPackage& package) {
+  const Manifest& manifest = package.manifest();
+  const ZoomRange zooms = package.imagery().zooms();
+  return {
+      {"ready", "yes"},
+      {"mission", fmt::format("{} (series {}, sequence {})", manifest.mission_id, manifest.series, manifest.sequence)},
+      {"valid until", to_rfc3339(manifest.expires)},
+      {"map tiles", fmt::format("{}, zoom {} to {}", package.imagery().sidecars().size(), zooms.min, zooms.max)},
+      {"terrain", package.terrain() != nullptr ? "elevation model" : "flat ground"},
+      {"camera and autopilot", "not looked at"}};
+}
+
+}  // namespace
+
+std::string_view NadirdCommand::details() const {
+  return "Verifies the mission package as the aircraft does before take-off (signature, files, dates, airframe, "
+         "sequence), then flies with it: pictures from the camera and telemetry from the autopilot become GPS_INPUT, "
+         "until SIGTERM. A package that is refused is told, and no position is.\n\n"
+         "--state is a folder for what survives a restart; with --check it may be a file that holds only what the "
+         "aircraft remembers of packages. A damaged memory or permit refuses the package.\n\n"
+         "Exit codes: 0 stopped in order, or ready (--check), 1 the package was refused (--check), or there is no "
+         "position (--status), 2 it could not be done.";
+}
+
+std::string_view NadirdCommand::examples() const {
+  return "nadird --package /data/valley --trust /etc/nadir/root.json --airframe mini-07 --state "
+         "/var/lib/nadir/state.json --check\n"
+         "nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state "
+         "/var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --link-key "
+         "/etc/nadir/link.key --record /data/flights\n"
+         "nadird --status";
+}
+
+void NadirdCommand::setup(Options& options) {
+  options.value("--package", package_, "PACKAGE", "the mission package");
+  request_.setup(options, VerifyRequest::Trust::optional);
+  options.flag("--check", check_, "check the package, tell and end");
+  options.flag("--status", status_, "tell how the running service is, and end");
+  options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0 or rtsp://…");
+  options.value("--autopilot", flight_.autopilot, "URL",
+                "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
+  options.value("--link-key", flight_.link_key, "FILE", "64 hexadecimal digits that the link is signed with");
+  options.value("--record", flight_.record, "DIR", "record the flight there");
+  options.flag("--keep-pictures", flight_.keep_pictures, "record the pictures as well");
+  options.value("--listen", flight_.listen, "ADDRESS", "where the API and the web page are served");
+  options.value("--token", flight_.token, "FILE", "bearer token for callers; needed to listen beyond loopback");
+  options.value("--start", flight_.start, "LON,LAT",
+                "where the flight begins; without it the mission's area is searched");
+  options
+      .value("--anchor-every", flight_.anchor_every_m, "M",
+             "look at the map after so many metres while sure of the position; 0: always")
+      .between(0, 10'000);
+  options.flag("--external-position", flight_.send_external_position,
+               "send MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor as well");
+}
+
+int NadirdCommand::run(Context& context) {
+  if (status_) {
+    const ServiceClient service("http://" + flight_.listen,
+                                flight_.token ? read_bearer_token(*flight_.token) : std::string());
+    return show_once(service, context.out, context.json);
+  }
+  if (package_.empty()) throw UsageError({.what = "--package is missing", .expected = "--package PACKAGE"});
+  return check_ ? check(context) : serve(context);
+}
+
+// The airframe's file says its id; the folder holds what it remembers.
+void NadirdCommand::complete_request() {
+  if (request_.airframe() && std::filesystem::path(*request_.airframe()).extension() == ".json") {
+    flight_.airframe = *request_.airframe();
+    request_.set_airframe(read_airframe(flight_.airframe).id);
+  }
+  if (request_.state() && request_.state()->extension() != ".json") {
+    flight_.state = *request_.state();
+    std::filesystem::create_directories(flight_.state);
+    request_.set_state_file(flight_.state / "aircraft.json");
+  }
+}
+
+Opening NadirdCommand::open_it(Context& context) {
+  const VerifyOptions options = request_.open(context.clock);
+  Opening opening = open_package(package_, options, context.progress);
+  verify_place_index(package_, options.depth, context.progress, opening);
+  opening.findings.add(request_.findings());
+  if (opening.findings.refuses()) opening.package.reset();
+  if (opening.package) request_.remember(opening.package->manifest(), opening.root_version, opening.newer_roots);
+  return opening;
+}
+
+int NadirdCommand::check(Context& context) {
+  complete_request();
+  const Opening opening = open_it(context);
+  if (!opening.package) return report_findings(context.out, context.json, opening.findings);
+  const Manifest& manifest = opening.package->manifest();
+  if (context.json) {
+    return report_findings(context.out, true, opening.findings,
+                           {{"ready", true},
+                            {"mission", manifest.mission_id},
+                            {"series", manifest.series},
+                            {"sequence", manifest.sequence},
+                            {"expires", to_rfc3339(manifest.expires)},
+                            {"tiles", opening.package->imagery().sidecars().size()}});
+  }
+  if (!opening.findings.empty()) print_findings(context.err, opening.findings);
+  print_figures(context.out, readiness(*opening.package));
+  return kAccepted;
+}
+
+int NadirdCommand::serve(Context& context) {
+  complete_request();
+  const auto require = [](bool there, const char* option) {
+    if (!there) throw UsageError({.what = std::string("nadird needs ") + option, .fix = "see nadird --help"});
+  };
+  require(!flight_.airframe.empty(), "--airframe FILE.json");
+  require(!flight_.state.empty(), "--state DIR");
+  require(!flight_.camera.empty(), "--camera SOURCE");
+  require(!flight_.autopilot.empty(), "--autopilot URL");
+  flight_.package = package_;
+  // Before there are other threads: they inherit that the signals are not theirs.
+  StopSignals stop;
+  cv::setNumThreads(1);  // the threads are ours: pictures are followed by one, the map is looked at by another
+  const SystemFlightClock clock;
+  Opening opening = open_it(context);
+  if (!opening.findings.empty()) print_findings(context.err, opening.findings);
+  FlightService service(flight_, {std::move(opening.package), opening.findings}, clock, stop);
+  service.run();
+  return kAccepted;
+}
+
+}  // namespace nadir

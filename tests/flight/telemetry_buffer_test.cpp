@@ -1,0 +1,95 @@
+#include "flight/telemetry_buffer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kGravity = 9.80665;
+
+AircraftAttitude attitude(double roll_deg, double pitch_deg, double yaw_deg) {
+  return {0, radians(roll_deg), radians(pitch_deg), radians(yaw_deg), {}};
+}
+
+TEST(TelemetryBuffer, APictureGetsTheAttitudeOfItsMoment) {
+  TelemetryBuffer buffer({});
+  buffer.hear(10.0, attitude(0, 4, 350));
+  buffer.hear(10.2, attitude(20, 0, 10));
+  const Telemetry told = buffer.at(10.05);
+  EXPECT_NEAR(degrees(*told.heading_rad), -5, 1e-9) << "the short way round";
+  EXPECT_NEAR(degrees(*told.roll_rad), 5, 1e-9);
+  EXPECT_NEAR(degrees(*told.pitch_rad), 3, 1e-9);
+  EXPECT_NEAR(degrees(*buffer.at(10.2).roll_rad), 20, 1e-9);
+  EXPECT_FALSE(buffer.at(9.9).heading_rad) << "before all that is known";
+}
+
+TEST(TelemetryBuffer, TheMountTurnsTheCamera) {
+  TelemetryBuffer buffer({radians(180), radians(0), 0});
+  buffer.hear(1, attitude(0, 10, 30));
+  const Telemetry told = buffer.at(1);
+  EXPECT_NEAR(degrees(wrap_pi(*told.heading_rad - radians(210))), 0, 1e-9);
+  EXPECT_NEAR(degrees(*told.pitch_rad), -10, 1e-9) << "image-up is the tail, which is down";
+}
+
+TEST(TelemetryBuffer, OldAttitudeIsNone) {
+  TelemetryBuffer buffer({});
+  buffer.hear(10, attitude(0, 0, 90));
+  EXPECT_TRUE(buffer.at(10 + kAttitudeGap_s).heading_rad) << "the next message is on its way";
+  EXPECT_FALSE(buffer.at(10.01 + kAttitudeGap_s).heading_rad);
+  buffer.hear(12, attitude(0, 0, 90));
+  EXPECT_FALSE(buffer.at(11).heading_rad) << "what happened in between nobody knows";
+  EXPECT_EQ(buffer.attitude_age_s(12.5), 0.5);
+}
+
+TEST(TelemetryBuffer, ARangeFinderKnowsTheHeightBest) {
+  TelemetryBuffer buffer({});
+  EXPECT_FALSE(buffer.at(1).agl_m);
+  buffer.hear(1, GlobalPosition{0, {8, 47}, 500, 120, {}, {}});
+  EXPECT_FALSE(buffer.at(1).agl_m) << "above home is not above ground";
+  EXPECT_EQ(buffer.above_home_m(1.5), 120);
+  EXPECT_EQ(buffer.msl_m(1.5), 500);
+  EXPECT_FALSE(buffer.above_home_m(1.1 + kHeightGap_s));
+  buffer.hear(1, GroundHeight{{8, 47}, 400, 115});
+  EXPECT_EQ(buffer.at(1).agl_m, 115);
+  buffer.hear(1, GroundDistance{0, 100, 0.2, 50});
+  EXPECT_EQ(buffer.at(1).agl_m, 115) << "beyond its range";
+  buffer.hear(1.1, attitude(20, 0, 0));
+  buffer.hear(1.1, GroundDistance{0, 100, 0.2, 150});
+  EXPECT_NEAR(*buffer.at(1.1).agl_m, 100 * std::cos(radians(20)), 1e-9) << "it looks along the aircraft's own axis";
+}
+
+// A coordinated turn: the specific force is along the aircraft's own axis, and tilted with it.
+TEST(TelemetryBuffer, AccelerationsAddUpToAChangeOfVelocity) {
+  TelemetryBuffer buffer({});
+  const double bank = radians(30), inwards = kGravity * std::tan(bank), along_axis = kGravity / std::cos(bank);
+  EXPECT_FALSE(buffer.at(0).imu_dv_mps) << "no picture before";
+  for (double t = 0; t <= 1.001; t += 0.02) {
+    buffer.hear(t, attitude(30, 0, 0));
+    buffer.hear(t, ImuSample{1, 0, {0, 0, -along_axis}, {}});
+    buffer.hear(t, ImuSample{2, 0, {50, 0, 0}, {}});
+  }
+  const auto change = buffer.at(1.0).imu_dv_mps;
+  ASSERT_TRUE(change);
+  EXPECT_NEAR(change->x(), inwards, 1e-6) << "right wing down, heading north: it turns east";
+  EXPECT_NEAR(change->y(), 0, 1e-6);
+  EXPECT_FALSE(buffer.at(2.0).imu_dv_mps) << "a stretch without samples";
+}
+
+TEST(TelemetryBuffer, NonsenseIsLeftOut) {
+  TelemetryBuffer buffer({});
+  buffer.hear(std::numeric_limits<double>::quiet_NaN(), attitude(0, 0, 90));
+  EXPECT_FALSE(buffer.attitude_age_s(0));
+  buffer.hear(10, attitude(0, 0, 90));
+  buffer.hear(9, attitude(0, 0, 0));
+  EXPECT_NEAR(degrees(*buffer.at(10).heading_rad), 90, 1e-9) << "older than the last one";
+  for (int i = 0; i < 100'000; ++i) buffer.hear(10 + i * 0.01, attitude(0, 0, 90));
+  EXPECT_FALSE(buffer.at(10).heading_rad) << "what is kept is bounded";
+}
+
+}  // namespace
+}  // namespace nadir
