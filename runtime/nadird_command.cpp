@@ -47,7 +47,7 @@ std::string_view NadirdCommand::examples() const {
   return "nadird --package /data/valley --trust /etc/nadir/root.json --airframe mini-07 --state "
          "/var/lib/nadir/state.json --check\n"
          "nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state "
-         "/var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --link-key "
+         "/var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key "
          "/etc/nadir/link.key --record /data/flights\n"
          "nadird --status";
 }
@@ -60,7 +60,7 @@ void NadirdCommand::setup(Options& options) {
   options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0 or rtsp://…");
   options.value("--autopilot", flight_.autopilot, "URL",
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
-  options.value("--link-key", flight_.link_key, "FILE", "64 hexadecimal digits that the link is signed with");
+  options.value("--signing-key", flight_.link_key, "FILE", "64 hexadecimal digits that the link is signed with");
   options.value("--record", flight_.record, "DIR", "record the flight there");
   options.flag("--keep-pictures", flight_.keep_pictures, "record the pictures as well");
   options.value("--listen", flight_.listen, "ADDRESS", "where the API and the web page are served");

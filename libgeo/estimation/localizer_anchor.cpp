@@ -14,7 +14,6 @@ namespace {
 // variance; from the normalised errors of simulated flights.
 constexpr double kAnchorModelError = 4;
 constexpr double kSharedErrorFootprints = 1.5;
-constexpr double kMostSharedAnchors = 5;
 constexpr double kVotesApartFootprints = 0.8;  // by then a picture shows little of the first one's ground
 constexpr double kLeastTiltVariance_rad2 = 1e-6;
 constexpr double kLeastHeightSigma = 0.012;  // roofs, trees and rolling ground
@@ -114,7 +113,7 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
 double Localizer::State::shared_error_factor(const Eigen::Vector2d& position, double agl_m) const {
   if (!last_anchor_at) return 1;
   const double stretch_m = kSharedErrorFootprints * footprint_side_m(camera, agl_m);
-  return std::clamp(stretch_m / std::max(1.0, (position - *last_anchor_at).norm()), 1.0, kMostSharedAnchors);
+  return std::max(1.0, stretch_m / std::max(1.0, (position - *last_anchor_at).norm()));
 }
 
 void Localizer::State::take_anchor(const AnchorJob& job) {
