@@ -28,6 +28,27 @@ class Loop(support.EndToEnd):
         self.assertTrue(list((self.folder / "loop/run/frames").glob("frame_*.jpg")))
 
 
+class Flight(support.EndToEnd):
+    """nadird itself, in real time, over a signed link. What depends on how busy the machine is, is not judged."""
+
+    def test_nadird_carries_an_aircraft_that_loses_gps(self):
+        out = self.folder / "flight"
+        result = subprocess.run(
+            [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.9",
+             "--event", "25:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--out", out],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=500, check=False)
+        self.assertEqual(0, result.returncode, result.stderr)
+        summary = json.loads(result.stdout)["summary"]
+        self.assertGreater(summary["gps_input"].get("accepted", 0), 100, summary["gps_input"])
+        self.assertLess(summary["fix_error_m"]["max"], 50)
+        self.assertLess(summary["deviation_m"]["max"], 60)
+        self.assertEqual(0, summary["resets_by_gps_input"])
+        self.assertEqual(0, summary["link"]["refused"])
+        recorded = subprocess.run([support.NADIR, "recorder", "verify", out / "run/record"], capture_output=True,
+                                  text=True, timeout=60, check=False)
+        self.assertEqual(0, recorded.returncode, recorded.stdout + recorded.stderr)
+
+
 class Judging(support.EndToEnd):
     def verdict(self, rows=(), **changes):
         path = self.folder / "track.csv"
