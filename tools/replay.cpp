@@ -242,6 +242,7 @@ int ReplayCommand::run(Context& context) {
                           .picture_shrink = picture_shrink(flight, setup),
                           .localizer = localizer_config(setup),
                           .terrain = setup.surface != nullptr,
+                          .places = setup.places != nullptr,
                           .settings = {{"odometry", odometry_}, {"matcher", matcher_}}};
     recording.emplace(record_folder->path(), std::move(session), keep_frames_);
     setup.recording = &*recording;

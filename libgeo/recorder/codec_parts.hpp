@@ -72,6 +72,7 @@ Bytes encode(const HealthRecord& record);
 Bytes encode(const ThumbnailRecord& record);
 Bytes encode(const RecorderRecord& record);
 Bytes encode(const EndRecord& record);
+Bytes encode(const HintRecord& record);
 
 bool decode(ByteView bytes, SessionRecord& record);
 bool decode(ByteView bytes, InputRecord& record);
@@ -84,5 +85,6 @@ bool decode(ByteView bytes, HealthRecord& record);
 bool decode(ByteView bytes, ThumbnailRecord& record);
 bool decode(ByteView bytes, RecorderRecord& record);
 bool decode(ByteView bytes, EndRecord& record);
+bool decode(ByteView bytes, HintRecord& record);
 
 }  // namespace nadir::codec

@@ -1,6 +1,7 @@
 // What happens beside the frames.
 #include "fbs/end_generated.h"
 #include "fbs/health_generated.h"
+#include "fbs/hint_generated.h"
 #include "fbs/recorder_event_generated.h"
 #include "fbs/state_change_generated.h"
 #include "fbs/thumbnail_generated.h"
@@ -105,6 +106,19 @@ bool decode(ByteView bytes, EndRecord& record) {
   const auto* told = verified<fbs::End>(bytes);
   if (told == nullptr) return false;
   record = {told->clean_shutdown(), told->records(), told->dropped(), text(told->reason())};
+  return true;
+}
+
+Bytes encode(const HintRecord& record) {
+  FlatBufferBuilder builder;
+  const fbs::LonLat at = place(record.place);
+  return finish(builder, fbs::CreateHintDirect(builder, record.before, &at, record.radius_m, record.by.c_str()));
+}
+
+bool decode(ByteView bytes, HintRecord& record) {
+  const auto* told = verified<fbs::Hint>(bytes);
+  if (told == nullptr || told->place() == nullptr) return false;
+  record = {told->before(), *place(told->place()), told->radius_m(), text(told->by())};
   return true;
 }
 

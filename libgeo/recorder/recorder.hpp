@@ -103,7 +103,8 @@ class Recorder {
 void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& report);
 
 // An attempt that was looked up while further frames were followed: of the frame `index`, taken in after the frame
-// `taken_after`. The estimate that it led to is another EstimateRecord of that frame.
+// `taken_after`, and the estimate that it led to, another one of that frame. A look that failed (not_tried) is recorded
+// as well: the localizer may look again only when it is back.
 void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report);
 
 // What the localizer is about to get. encoded: the picture's bytes, kept when the recorder keeps pictures.

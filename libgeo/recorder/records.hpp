@@ -33,8 +33,9 @@ struct SessionRecord {
   std::optional<LonLat> start;  // where the flight began, if it was known
   int picture_shrink = 1;       // pictures were decoded at 1 / this of their size
   std::uint64_t seed = 0;
-  LocalizerConfig localizer;                                  // its surface is not recorded, only whether there was one
+  LocalizerConfig localizer;                                  // of its surface and places only whether there were any
   bool terrain = false;                                       // the package's terrain was the surface; else flat ground
+  bool places = true;                                         // the package's place index was asked, if it has one
   std::vector<std::pair<std::string, std::string>> settings;  // whatever else was chosen
   bool looked_up_later = false;                               // Localizer::follow() and finish(); else process()
 };
@@ -66,6 +67,14 @@ struct AnchorRecord {
   double time_s = 0;
   AnchorReport anchor;            // without its pictures
   std::uint64_t taken_after = 0;  // the last frame that had been followed then: `index`, unless it was looked up later
+};
+
+// What Localizer::hint() was given.
+struct HintRecord {
+  std::uint64_t before = 0;  // the frame that was followed next
+  LonLat place;
+  double radius_m = 0;
+  std::string by;  // "operator", "API", "GPS", "restart"
 };
 
 struct StateRecord {
@@ -112,6 +121,6 @@ struct EndRecord {
 
 // In the order of Topic (topics.hpp).
 using Record = std::variant<SessionRecord, InputRecord, PictureRecord, EstimateRecord, AnchorRecord, StateRecord,
-                            TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord>;
+                            TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord>;
 
 }  // namespace nadir

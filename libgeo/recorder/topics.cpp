@@ -4,6 +4,7 @@
 #include "fbs/end_bfbs_generated.h"
 #include "fbs/estimate_bfbs_generated.h"
 #include "fbs/health_bfbs_generated.h"
+#include "fbs/hint_bfbs_generated.h"
 #include "fbs/input_bfbs_generated.h"
 #include "fbs/picture_bfbs_generated.h"
 #include "fbs/recorder_event_bfbs_generated.h"
@@ -41,6 +42,7 @@ const TopicFacts& facts_of(Topic topic) {
       {"/thumbnail", "nadir.recorder.Thumbnail", Stream::thumbnails, schema_bytes<fbs::ThumbnailBinarySchema>()},
       {"/recorder", "nadir.recorder.RecorderEvent", Stream::flight, schema_bytes<fbs::RecorderEventBinarySchema>()},
       {"/end", "nadir.recorder.End", Stream::flight, schema_bytes<fbs::EndBinarySchema>()},
+      {"/hint", "nadir.recorder.Hint", Stream::flight, schema_bytes<fbs::HintBinarySchema>()},
   }};
   return all.at(static_cast<std::size_t>(topic));
 }

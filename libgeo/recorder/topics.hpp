@@ -11,8 +11,8 @@
 namespace nadir {
 
 // In the order of Record's alternatives.
-enum class Topic { session, input, picture, estimate, anchor, state, tile, health, thumbnail, recorder, end };
-inline constexpr std::size_t kTopics = 11;
+enum class Topic { session, input, picture, estimate, anchor, state, tile, health, thumbnail, recorder, end, hint };
+inline constexpr std::size_t kTopics = 12;
 
 inline Topic topic_of(const Record& record) { return static_cast<Topic>(record.index()); }
 

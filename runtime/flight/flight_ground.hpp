@@ -20,6 +20,7 @@ class FlightGround {
   FlightGround& operator=(const FlightGround&) = delete;
 
   const OpenPackage& package() const { return *package_; }
+  const std::filesystem::path& folder() const { return folder_; }
   const LocalFrame& frame() const { return *frame_; }
   LocalizerConfig config() const;  // points into this
   double plane_msl_m() const;      // from which the surface's heights count

@@ -6,12 +6,11 @@
 
 #include "base/error.hpp"
 #include "camera/open_camera.hpp"
+#include "flight/flight_session.hpp"
 #include "mavlink/commands.hpp"
-#include "nadir_version.hpp"
 #include "service/cadence.hpp"
 #include "service/service_rules.hpp"
 #include "trust/bearer_token.hpp"
-#include "vision/flight_picture.hpp"
 
 namespace nadir {
 namespace {
@@ -87,28 +86,28 @@ FlightService::~FlightService() {
   if (recorder_) recorder_->close("stopped");
 }
 
+// What the localizer starts from, and what the recorder says that it started from.
+LocalizingSetup FlightService::localizing_setup() const {
+  LocalizingSetup setup{airframe_.camera, airframe_.mount,   ground_->frame(),      &ground_->package().imagery(),
+                        options_.start,   ground_->config(), ground_->plane_msl_m()};
+  setup.config.anchor_every_m = options_.anchor_every_m;
+  if (restart_.position) {
+    setup.start = restart_.position->place;
+    setup.config.start_sigma_m = restart_.position->sigma_m;
+  }
+  return setup;
+}
+
 // A recorder that cannot record costs the evidence, not the flight.
 void FlightService::start_recorder() {
   if (!options_.record) return;
-  SessionRecord session;
-  session.program = "nadird";
-  session.version = kVersion;
-  session.airframe = airframe_.id;
-  session.started_ns = static_cast<std::uint64_t>(clock_.unix_us()) * 1000;
-  session.id = fmt::format("{}-{:x}", airframe_.id, clock_.unix_us());
-  session.camera = airframe_.camera;
-  session.picture_shrink = harmless_shrink(airframe_.camera.camera.width, airframe_.camera.camera.height);
-  if (ground_) {
-    session.mission = ground_->package().manifest().mission_id;
-    session.localizer = ground_->config();
-    session.terrain = ground_->package().terrain() != nullptr;
-    session.origin = ground_->frame().origin();
-  }
   RecorderOptions recorder;
   recorder.store.folder = *options_.record;
   recorder.keep_pictures = options_.keep_pictures;
   try {
-    recorder_ = std::make_unique<Recorder>(recorder, session,
+    SessionRecord session = flight_session(airframe_, clock_);
+    if (ground_) add_start(session, localizing_setup(), *ground_);
+    recorder_ = std::make_unique<Recorder>(recorder, std::move(session),
                                            [this] { return static_cast<std::uint64_t>(clock_.unix_us()) * 1000; });
   } catch (const Error& error) {
     recorder_trouble_ = error.what();
@@ -135,20 +134,16 @@ void FlightService::start_flight() {
 }
 
 void FlightService::start_localizing() {
-  LocalizingSetup setup{airframe_.camera, airframe_.mount,   ground_->frame(),      &ground_->package().imagery(),
-                        options_.start,   ground_->config(), ground_->plane_msl_m()};
-  setup.config.anchor_every_m = options_.anchor_every_m;
-  if (restart_.position) {
-    setup.start = restart_.position->place;
-    setup.config.start_sigma_m = restart_.position->sigma_m;
-  }
   localizing_ = std::make_unique<Localizing>(
-      setup, pictures_, watch_,
+      localizing_setup(), pictures_, watch_,
       Localizing::Listener{[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
                              if (recorder_) record_input(*recorder_, index, told, encoded);
                            },
-                           [this](const LocalizedFrame& frame) { localized(frame); }});
-  if (restart_.hint) localizing_->hint(restart_.hint->place, restart_.hint->radius_m);
+                           [this](const LocalizedFrame& frame) { localized(frame); },
+                           [this](const HintRecord& hint) {
+                             if (recorder_) recorder_->record(hint);
+                           }});
+  if (restart_.hint) localizing_->hint(restart_.hint->place, restart_.hint->radius_m, "restart");
 }
 
 void FlightService::tell(FlightNews news) { news_.put({clock_.monotonic_s(), std::move(news)}); }
@@ -282,7 +277,7 @@ void FlightService::learn(double time_s, const FixJumped& jumped) {
 }
 
 void FlightService::learn(double time_s, const PlaceHinted& hinted) {
-  if (localizing_) localizing_->hint(hinted.place, hinted.radius_m);
+  if (localizing_) localizing_->hint(hinted.place, hinted.radius_m, hinted.by);
   journal_->note(time_s, EventSeverity::info, "hint",
                  fmt::format("{}: within {:.0f} m of {:.5f}, {:.5f}", hinted.by, hinted.radius_m, hinted.place.lat_deg,
                              hinted.place.lon_deg));

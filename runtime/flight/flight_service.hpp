@@ -49,6 +49,7 @@ class FlightService {
   void run();
 
  private:
+  LocalizingSetup localizing_setup() const;
   void start_recorder();
   void start_flight();
   void start_localizing();

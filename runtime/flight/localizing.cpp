@@ -34,13 +34,13 @@ Localizing::Localizing(const LocalizingSetup& setup, LatestMailbox<FlightPicture
 
 Localizing::~Localizing() = default;  // both threads are asked to stop, and waited for
 
-void Localizing::hint(const LonLat& at, double radius_m) { hints_.put({at, radius_m}); }
+void Localizing::hint(const LonLat& at, double radius_m, const std::string& by) { hints_.put({0, at, radius_m, by}); }
 
 void Localizing::follow_pictures(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     follower_beat_();
     take_finished();
-    if (const auto hinted = hints_.try_take()) localizer_.hint(hinted->at, hinted->radius_m);
+    take_hint();
     if (const auto picture = pictures_.take_within(kLookForFinished, stop)) follow(*picture);
   }
 }
@@ -73,6 +73,7 @@ void Localizing::follow(const FlightPicture& picture) {
     believed_at_ = {at.east_m, at.north_m};
   }
   last_told_ = told;
+  last_odometry_ = followed.report.odometry;
   listener_.output({next_index_, next_index_, false, told, std::move(followed.report)});
   ++next_index_;
 }
@@ -81,7 +82,20 @@ void Localizing::take_finished() {
   auto job = finished_.try_take();
   if (!job) return;
   FrameReport report = localizer_.finish(std::move(*job));
+  report.odometry = last_odometry_;
   listener_.output({next_index_ - 1, job_index_, true, last_told_, std::move(report)});
+}
+
+void Localizing::take_hint() {
+  auto hint = hints_.try_take();
+  if (!hint) return;
+  try {
+    localizer_.hint(hint->place, hint->radius_m);
+  } catch (const UsageError&) {
+    return;
+  }
+  hint->before = next_index_;
+  listener_.hinted(*hint);
 }
 
 // Over terrain the height above ground follows from the height above the sea; a range finder knows better.

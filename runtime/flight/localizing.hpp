@@ -7,7 +7,8 @@
 //                           job ▼  │ anchor
 //                              look at the map
 //
-// Given the order of follow() and finish(), which the recorder keeps, everything here is the same to the last bit.
+// Given the order of follow(), finish() and hint(), which the recorder keeps, everything here is the same to the last
+// bit.
 #pragma once
 
 #include <functional>
@@ -17,6 +18,7 @@
 #include "base/bytes.hpp"
 #include "estimation/localizer.hpp"
 #include "flight/telemetry_buffer.hpp"
+#include "recorder/records.hpp"
 #include "service/latest_mailbox.hpp"
 #include "service/thread_watch.hpp"
 
@@ -53,6 +55,7 @@ class Localizing {
   struct Listener {
     std::function<void(std::uint64_t index, const Telemetry&, ByteView encoded)> input;  // before it is followed
     std::function<void(const LocalizedFrame&)> output;
+    std::function<void(const HintRecord&)> hinted;  // once the localizer has it
   };
 
   // Everything that setup points at, the watch and the pictures must outlive this.
@@ -69,8 +72,9 @@ class Localizing {
     telemetry_.hear(time_s, message);
   }
 
-  // An operator's, or that of a GPS that is trusted: where to look first (Localizer::hint).
-  void hint(const LonLat& at, double radius_m);
+  // An operator's, or that of a GPS that is trusted: where to look first (Localizer::hint). `by` is for the record.
+  // What is no place is passed over. When several come between two pictures the last one counts.
+  void hint(const LonLat& at, double radius_m, const std::string& by);
 
   int picture_shrink() const { return shrink_; }
 
@@ -79,6 +83,7 @@ class Localizing {
   void look_at_map(const std::stop_token& stop);
   void follow(const FlightPicture& picture);
   void take_finished();
+  void take_hint();
   Telemetry telemetry_at(const FlightPicture& picture);
 
   LocalizingSetup setup_;
@@ -95,12 +100,9 @@ class Localizing {
   std::uint64_t next_index_ = 0, job_index_ = 0;
   PlanePoint believed_at_{};
   Telemetry last_told_;
+  OdometryReport last_odometry_;
 
-  struct HintedPlace {
-    LonLat at;
-    double radius_m;
-  };
-  LatestMailbox<HintedPlace> hints_;
+  LatestMailbox<HintRecord> hints_;
   LatestMailbox<std::unique_ptr<AnchorJob>> jobs_, finished_;  // one is out at most: nothing is ever dropped
   ThreadWatch::Beat follower_beat_, looker_beat_;
   std::jthread looker_, follower_;  // last: they use everything above

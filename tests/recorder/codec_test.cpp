@@ -36,6 +36,7 @@ TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
   EXPECT_EQ(read.package, session.package);
   EXPECT_EQ(read.picture_shrink, 2);
   EXPECT_TRUE(read.terrain);
+  EXPECT_FALSE(read.places);
 }
 
 TEST(RecordCodec, WhatIsUnknownStaysUnknownAndOddNumbersStayWhatTheyAre) {

@@ -61,7 +61,7 @@ class Independent(unittest.TestCase):
             for schema, channel, message in self.messages(file):
                 self.assertEqual(("flatbuffer", "flatbuffer"), (schema.encoding, channel.message_encoding))
                 seen[channel.topic] = (schema, message.data)
-        self.assertEqual(11, len(seen))
+        self.assertEqual(12, len(seen))
         documents = {}
         for topic, (schema, data) in seen.items():
             name = topic[1:]
@@ -77,6 +77,7 @@ class Independent(unittest.TestCase):
         self.assertIn({"name": "alone_ratio", "value": 0.77}, session["localizer"]["gates"])
         self.assertEqual("normal", documents["/state"]["from"])
         self.assertEqual((17, 70000, 45000), tuple(documents["/tile"][k] for k in ("zoom", "x", "y")))
+        self.assertEqual((7, "operator"), (documents["/hint"]["before"], documents["/hint"]["by"]))
         self.assertTrue(documents["/end"]["clean_shutdown"])
         self.assertEqual("dropped_by_disk", documents["/recorder"]["kind"])
         self.assertEqual("ambiguous", documents["/thumbnail"]["verdict"])

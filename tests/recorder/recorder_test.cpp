@@ -129,6 +129,23 @@ TEST_F(RecorderThread, AFrameGivesItsEstimateItsAnchorAndSometimesAThumbnail) {
   EXPECT_EQ(info.height, 240);
 }
 
+TEST_F(RecorderThread, ALateAnchorGivesItsFrameASecondEstimateEvenWhenTheLookFailed) {
+  {
+    Recorder recorder(options(), test::sample_session(), clock());
+    record_anchor(recorder, 3, 5, refused(3));
+    record_anchor(recorder, 6, 8, FrameReport{});
+    recorder.close("");
+  }
+  const auto anchors = all(Topic::anchor), estimates = all(Topic::estimate);
+  ASSERT_EQ(anchors.size(), 2U);
+  ASSERT_EQ(estimates.size(), 2U);
+  EXPECT_EQ(std::get<AnchorRecord>(anchors[0]).index, 3U);
+  EXPECT_EQ(std::get<AnchorRecord>(anchors[0]).taken_after, 5U);
+  EXPECT_EQ(std::get<EstimateRecord>(estimates[0]).index, 5U);
+  EXPECT_EQ(std::get<AnchorRecord>(anchors[1]).anchor.verdict, AnchorVerdict::not_tried);
+  EXPECT_EQ(std::get<EstimateRecord>(estimates[1]).index, 8U);
+}
+
 TEST_F(RecorderThread, PicturesAreKeptWhenAsked) {
   for (const bool keep : {false, true}) {
     const test::TemporaryFolder other;

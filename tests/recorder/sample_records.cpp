@@ -76,6 +76,7 @@ SessionRecord sample_session() {
   session.localizer.area = PlaneBox{-100, -200, 300, 400};
   session.localizer.map_sigma_m = 1.7;
   session.terrain = true;
+  session.places = false;
   session.settings = {{"matcher", "channels"}, {"camera source", "folder"}};
   return session;
 }
@@ -104,7 +105,8 @@ std::vector<Record> sample_records(Random& random) {
           HealthRecord{false, {{"memory_mb", 312.5}, {"frames_dropped", 3}}, {"camera is slow"}},
           ThumbnailRecord{1, "frame.jpg", AnchorVerdict::ambiguous, noise(random, 300), {}},
           RecorderRecord{RecorderTrouble::dropped_by_disk, "/thumbnail", 17, "no room"},
-          EndRecord{true, 100, 3, "landed"}};
+          EndRecord{true, 100, 3, "landed"},
+          HintRecord{7, {random.uniform(-180, 180), random.uniform(-90, 90)}, random.uniform(1, 900), "operator"}};
 }
 
 bool same(const Record& a, const Record& b) { return a.index() == b.index() && encode(a) == encode(b); }

@@ -95,6 +95,10 @@ EventText event_of(const HealthRecord& r) {
 EventText event_of(const RecorderRecord& r) {
   return {std::string(name_of(r.trouble)), fmt::format("{} {} {}", r.topic, r.count, r.text)};
 }
+EventText event_of(const HintRecord& r) {
+  return {r.by, fmt::format("within {:.0f} m of {:.6f},{:.6f} before frame {}", r.radius_m, r.place.lon_deg,
+                            r.place.lat_deg, r.before)};
+}
 EventText event_of(const EndRecord& r) { return {r.clean_shutdown ? "clean_shutdown" : "end", r.reason}; }
 template <typename Other>
 std::optional<EventText> event_of(const Other&) {

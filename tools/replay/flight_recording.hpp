@@ -4,6 +4,7 @@
 #include <atomic>
 #include <filesystem>
 #include <optional>
+#include <variant>
 #include <vector>
 
 #include "recorder/recorder.hpp"
@@ -33,15 +34,19 @@ class ReplayRecording {
 struct LateAnchor {
   std::uint64_t index = 0;
   std::uint64_t taken_after = 0;
+  bool looked = true;  // false: the look itself failed
 };
+
+// What the localizer was told between two frames.
+using BetweenFrames = std::variant<LateAnchor, HintRecord>;
 
 // A flight as it was recorded.
 struct RecordedFlight {
   Flight flight;  // its pictures are looked for in frames_folder
   SessionRecord session;
   std::vector<EstimateRecord> estimates;
-  std::vector<LateAnchor> late_anchors;  // in the order in which they were taken
-  std::size_t unusable_inputs = 0;       // after one that is missing
+  std::vector<BetweenFrames> between;  // in the order in which it was told
+  std::size_t unusable_inputs = 0;     // after one that is missing
 };
 
 struct RecordedFlightSource {

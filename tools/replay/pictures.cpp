@@ -11,6 +11,7 @@
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
 #include "trust/base64.hpp"
+#include "vision/flight_picture.hpp"
 
 namespace nadir {
 namespace {
@@ -47,6 +48,14 @@ PictureSize read_picture_size(const std::filesystem::path& path) {
 cv::Mat read_picture(const std::filesystem::path& path, int shrink) {
   try {
     return read_image_file(path, Colour::grey, shrink);
+  } catch (const Error&) {
+    return {};
+  }
+}
+
+cv::Mat read_flight_picture(const std::filesystem::path& path, const CameraModel& camera, int shrink) {
+  try {
+    return decode_flight_picture(read_file(path), camera, shrink);
   } catch (const Error&) {
     return {};
   }

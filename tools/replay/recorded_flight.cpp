@@ -57,8 +57,10 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
     if (const auto* input = std::get_if<InputRecord>(&one.record)) inputs.emplace(input->index, *input);
     if (const auto* estimate = std::get_if<EstimateRecord>(&one.record)) recorded.estimates.push_back(*estimate);
     if (const auto* anchor = std::get_if<AnchorRecord>(&one.record)) {
-      recorded.late_anchors.push_back({anchor->index, anchor->taken_after});
+      recorded.between.emplace_back(
+          LateAnchor{anchor->index, anchor->taken_after, anchor->anchor.verdict != AnchorVerdict::not_tried});
     }
+    if (const auto* hint = std::get_if<HintRecord>(&one.record)) recorded.between.emplace_back(*hint);
     const auto* picture = std::get_if<PictureRecord>(&one.record);
     if (picture == nullptr || source.frames) return;
     std::string name = fmt::format("{:08}", picture->index);

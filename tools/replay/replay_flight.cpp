@@ -2,9 +2,9 @@
 
 #include <chrono>
 
-#include "estimation/anchor_job.hpp"
 #include "estimation/localizer.hpp"
 #include "replay/pictures.hpp"
+#include "replay/recorded_walk.hpp"
 #include "replay/score.hpp"
 #include "vision/flight_picture.hpp"
 
@@ -17,41 +17,6 @@ std::optional<double> error_of(const Estimate& estimate, const std::optional<Lon
   return errors_m({estimate}, {truth}, frame).front();
 }
 
-// Anchors that were taken in later are looked up when they were taken in: by then as much had been followed.
-class Walk {
- public:
-  Walk(Localizer& localizer, const ReplaySetup& setup) : localizer_(localizer) {
-    if (setup.recorded != nullptr && setup.recorded->session.looked_up_later) late_ = &setup.recorded->late_anchors;
-  }
-
-  FrameReport frame(std::uint64_t index, const cv::Mat& picture, const Telemetry& told,
-                    std::vector<EstimateRecord>& estimates) {
-    if (late_ == nullptr) {
-      FrameReport report = localizer_.process(picture, told);
-      estimates.push_back({index, report.estimate, report.odometry, report.belief});
-      return report;
-    }
-    Localizer::Followed followed = localizer_.follow(picture, told);
-    estimates.push_back({index, followed.report.estimate, followed.report.odometry, followed.report.belief});
-    if (followed.job) job_ = std::move(followed.job);
-    while (next_ < late_->size() && (*late_)[next_].taken_after <= index) {
-      if ((*late_)[next_++].taken_after < index || !job_) continue;
-      job_->run();
-      const OdometryReport odometry = followed.report.odometry;
-      followed.report = localizer_.finish(std::move(job_));
-      followed.report.odometry = odometry;
-      estimates.push_back({index, followed.report.estimate, odometry, followed.report.belief});
-    }
-    return std::move(followed.report);
-  }
-
- private:
-  Localizer& localizer_;
-  const std::vector<LateAnchor>* late_ = nullptr;
-  std::size_t next_ = 0;
-  std::unique_ptr<AnchorJob> job_;
-};
-
 }  // namespace
 
 LocalizerConfig localizer_config(const ReplaySetup& setup) {
@@ -60,7 +25,8 @@ LocalizerConfig localizer_config(const ReplaySetup& setup) {
   config.area = setup.area;
   if (setup.recorded != nullptr) config = setup.recorded->session.localizer;
   config.surface = setup.surface;
-  config.places = setup.places;
+  const bool asked = setup.recorded == nullptr || setup.recorded->session.places;
+  config.places = asked ? setup.places : nullptr;
   config.odometry = setup.odometry;
   config.matcher = setup.matcher;
   return config;
@@ -77,15 +43,15 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
   Localizer localizer(camera, setup.frame, setup.tiles, setup.start, localizer_config(setup));
-  Walk walk(localizer, setup);
+  RecordedWalk walk(localizer, setup.recorded);
   ReplayedFlight result;
   WorstFrames worst(kPicturedFrames);
   progress.begin("replay", flight.frames.size(), "frames");
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     if (setup.recording != nullptr) setup.recording->before(i, flight.frames[i], flight.picture(i));
     const auto before = std::chrono::steady_clock::now();
-    const cv::Mat picture = read_picture(flight.picture(i), shrink);
-    FrameReport report = walk.frame(i, picture, flight.frames[i], result.told);
+    const cv::Mat picture = read_flight_picture(flight.picture(i), camera.camera, shrink);
+    FrameReport report = walk.frame(picture, flight.frames[i], result.told);
     const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - before;
     report.estimate.latency_ms = spent.count();  // decoding included: that is what a frame costs
     csv.write(report.estimate);

@@ -1,0 +1,226 @@
+// The two threads of the localizer, recorded and flown again: whatever came between the pictures in the air comes
+// between the same pictures in the replay, and every estimate has the same bits.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+
+#include "base/error.hpp"
+#include "estimation/localizer_fixture.hpp"
+#include "flight/localizing.hpp"
+#include "imagery/codecs.hpp"
+#include "recorder/recorder.hpp"
+#include "replay/replay_flight.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace test;
+
+// Only so that what hangs fails; nothing waits for so long.
+constexpr std::chrono::seconds kFarTooLong{120};
+
+// The map, behind a gate: a look at it ends when the test says so.
+class GatedTiles final : public TileSource {
+ public:
+  ZoomRange zooms() const override { return landscape_tiles().zooms(); }
+  std::optional<Bytes> read(const TileKey& key) const override {
+    std::unique_lock lock(mutex_);
+    changed_.wait_for(lock, kFarTooLong, [&] { return open_; });
+    if (broken_) throw Error({.what = "the disk is gone"});
+    return landscape_tiles().read(key);
+  }
+
+  void open(bool broken = false) { set(true, broken); }
+  void shut() { set(false, false); }
+
+ private:
+  void set(bool open, bool broken) {
+    const std::scoped_lock lock(mutex_);
+    open_ = open;
+    broken_ = broken;
+    changed_.notify_all();
+  }
+
+  mutable std::mutex mutex_;
+  mutable std::condition_variable changed_;
+  bool open_ = false, broken_ = false;
+};
+
+// Counts what the localizer's thread says, so that the test can wait for the next of it.
+class Heard {
+ public:
+  void say(int& counted) {
+    const std::scoped_lock lock(mutex_);
+    ++counted;
+    changed_.notify_all();
+  }
+  void wait(const int& counted, int wanted) {
+    std::unique_lock lock(mutex_);
+    ASSERT_TRUE(changed_.wait_for(lock, kFarTooLong, [&] { return counted >= wanted; }));
+  }
+  int frames = 0, looks = 0, hints = 0;
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+};
+
+class LocalizingReplay : public ::testing::Test {
+ protected:
+  LocalizingReplay() : recorder_(recorder_options(), session(), [] { return std::uint64_t{1}; }) {}
+
+  // A start that claims 5 m and is 190 m off: without the hint the localizer stays there.
+  static LocalizingSetup setup(const TileSource& tiles) {
+    LocalizerConfig stubborn = config();
+    stubborn.area = PlaneBox{-200, -200, 200, 200};
+    stubborn.start_sigma_m = 5;
+    return {flight_camera(), {}, LocalFrame(kOrigin), &tiles, place_of({70, 90}), stubborn, 0};
+  }
+
+  RecorderOptions recorder_options() const {
+    RecorderOptions options;
+    options.store.folder = folder_ / "recording";
+    options.store.sync = false;
+    options.when_full = WhenFull::wait;
+    options.keep_pictures = true;
+    return options;
+  }
+
+  static SessionRecord session() {
+    const LocalizingSetup flown = setup(landscape_tiles());
+    SessionRecord session;
+    session.id = "test";
+    session.camera = flown.camera;
+    session.origin = kOrigin;
+    session.start = flown.start;
+    session.localizer = flown.config;
+    session.places = false;
+    session.looked_up_later = true;
+    return session;
+  }
+
+  Localizing::Listener listener() {
+    return {[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
+              record_input(recorder_, index, told, encoded);
+            },
+            [this](const LocalizedFrame& frame) {
+              if (frame.late) {
+                record_anchor(recorder_, frame.anchor_index, frame.index, frame.report);
+                last_verdict_ = frame.report.anchor.verdict;
+              } else {
+                record_frame(recorder_, frame.index, frame.report);
+              }
+              heard_.say(frame.late ? heard_.looks : heard_.frames);
+            },
+            [this](const HintRecord& hint) {
+              recorder_.record(hint);
+              heard_.say(heard_.hints);
+            }};
+  }
+
+  // One picture, followed before this returns.
+  void fly(Localizing& localizing, const Moment& moment) {
+    const Telemetry& told = moment.telemetry;
+    localizing.hear(told.time_s, AircraftAttitude{0, *told.roll_rad, *told.pitch_rad, *told.heading_rad, {}});
+    localizing.hear(told.time_s, GroundHeight{{}, 0, *told.agl_m});
+    pictures_.put({told.frame, encode_image(moment.image, ImageFormat::png), told.time_s});
+    heard_.wait(heard_.frames, ++flown_);
+  }
+
+  RecordedFlight recorded() {
+    recorder_.close("test");
+    std::filesystem::create_directories(folder_ / "unpacked");
+    return read_recorded_flight({folder_ / "recording", std::nullopt, std::nullopt, folder_ / "unpacked"});
+  }
+
+  Reproduction replay(const RecordedFlight& flight) {
+    ReplaySetup again{.frame = LocalFrame(flight.session.origin),
+                      .tiles = &landscape_tiles(),
+                      .map_sigma_m = std::nullopt,
+                      .start = flight.session.start,
+                      .area = std::nullopt,
+                      .recorded = &flight};
+    EstimatesCsv csv(folder_ / "estimates.csv");
+    NoProgress progress;
+    const auto flown = replay_flight(flight.flight, again, Truth(flight.flight.frames.size()), csv, progress);
+    return compare_estimates(flight.estimates, flown.told);
+  }
+
+  const TemporaryFolder folder_;
+  const SystemFlightClock clock_;
+  ThreadWatch watch_{clock_};
+  LatestMailbox<FlightPicture> pictures_;
+  Heard heard_;
+  int flown_ = 0;
+  AnchorVerdict last_verdict_ = AnchorVerdict::not_tried;
+  Recorder recorder_;
+};
+
+TEST_F(LocalizingReplay, HintsAndLateAnchorsComeBackBitForBit) {
+  const std::vector<Moment> moments = flight(7);
+  {
+    GatedTiles tiles;
+    Localizing localizing(setup(tiles), pictures_, watch_, listener());
+    fly(localizing, moments[0]);  // its look at the map lasts
+    localizing.hint(place_of({1e9, 1e9}), -1, "nobody");
+    const PlanePoint there = moments[1].truth.position;
+    localizing.hint(place_of({there.east_m + 30, there.north_m}), 60, "operator");
+    heard_.wait(heard_.hints, 1);
+    fly(localizing, moments[1]);
+    tiles.open();
+    heard_.wait(heard_.looks, 1);
+    EXPECT_NE(last_verdict_, AnchorVerdict::accepted) << "the start is wrong, and nobody had said so";
+    tiles.shut();
+    fly(localizing, moments[2]);  // the hint is heeded
+    fly(localizing, moments[3]);
+    tiles.open();
+    heard_.wait(heard_.looks, 2);
+    EXPECT_EQ(last_verdict_, AnchorVerdict::accepted);
+    for (std::size_t i = 4; i < 7; ++i) {
+      fly(localizing, moments[i]);
+      if (i < 6) heard_.wait(heard_.looks, static_cast<int>(i) - 1);
+    }
+  }
+  RecordedFlight flight = recorded();
+  const auto hint = std::ranges::find_if(flight.between, [](const BetweenFrames& one) { return one.index() == 1; });
+  ASSERT_NE(hint, flight.between.end());
+  EXPECT_EQ(std::get<HintRecord>(*hint).before, 1U);
+  EXPECT_EQ(std::get<HintRecord>(*hint).by, "operator");
+
+  const Reproduction same = replay(flight);
+  EXPECT_GE(same.compared, 11U) << "seven frames, and four looks at the map";
+  EXPECT_EQ(same.same, same.compared) << same.first_other.value_or("");
+
+  flight.between.erase(hint);
+  const Reproduction other = replay(flight);
+  EXPECT_EQ(other.first_other, moments[2].telemetry.frame) << "or the hint was of no account";
+}
+
+TEST_F(LocalizingReplay, ALookThatFailedIsNotMadeUpFor) {
+  const std::vector<Moment> moments = flight(3);
+  {
+    GatedTiles tiles;
+    LocalizingSetup sound = setup(tiles);
+    Localizing localizing(sound, pictures_, watch_, listener());
+    fly(localizing, moments[0]);
+    tiles.open(true);
+    heard_.wait(heard_.looks, 1);
+    EXPECT_EQ(last_verdict_, AnchorVerdict::not_tried);
+    tiles.open();
+    fly(localizing, moments[1]);
+    heard_.wait(heard_.looks, 2);
+    fly(localizing, moments[2]);
+  }
+  const RecordedFlight flight = recorded();
+  ASSERT_FALSE(flight.between.empty());
+  EXPECT_FALSE(std::get<LateAnchor>(flight.between.front()).looked);
+  const Reproduction same = replay(flight);
+  EXPECT_GE(same.compared, 5U);
+  EXPECT_EQ(same.same, same.compared) << same.first_other.value_or("");
+}
+
+}  // namespace
+}  // namespace nadir
