@@ -145,6 +145,7 @@ int NadirdCommand::serve(Context& context) {
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
   FlightService service(flight_, {std::move(opening.package), opening.findings}, clock, stop);
   service.run();
+  if (!context.quiet) context.err << service.summary() << '\n';
   return kAccepted;
 }
 

@@ -14,7 +14,8 @@ namespace nadir {
 namespace {
 
 constexpr double kLeastLostSigma_m = 1000;
-constexpr double kUntoldHeightSigma = 0.3;  // of its logarithm
+constexpr double kUntoldHeightSigma = 0.3;       // of its logarithm
+constexpr double kSharedModelError_rad = 0.008;  // half a degree
 
 }  // namespace
 
@@ -168,6 +169,14 @@ bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, O
   return true;
 }
 
+// What no number of anchors averages out: the map's own error, and what grows with height because no model has it
+// (lens, relief, the moment of the telemetry).
+Eigen::Matrix2d Localizer::State::shared_error_m2() const {
+  if (tiles == nullptr) return Eigen::Matrix2d::Zero();
+  const double model_m = kSharedModelError_rad * told_agl_m;
+  return Eigen::Matrix2d::Identity() * (config.map_sigma_m * config.map_sigma_m + model_m * model_m);
+}
+
 Belief Localizer::State::belief() const {
   const auto& x = flight->state();
   const auto& p = flight->covariance();
@@ -193,7 +202,7 @@ Estimate Localizer::State::tell(const Telemetry& telemetry, bool anchored, bool 
   if (!placed) return estimate;
   estimate.covariance_m2 = flight->position_covariance_m2() + held_back_m * held_back_m.transpose() +
                            contradicted_m * contradicted_m.transpose() +
-                           (last_anchor_s ? map_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
+                           (last_anchor_s ? shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
   estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
   estimate.source = anchored                                    ? SourceLabel::satellite_anchored
                     : tracked && (unbroken || tiles == nullptr) ? SourceLabel::vo_extrapolated
@@ -212,7 +221,7 @@ std::vector<Estimate> Localizer::refined() const {
   std::vector<Estimate> estimates = s.told;
   if (!s.placed || !s.flight) return estimates;
   const auto smoothed = smooth_flight(*s.fresh, s.log).frames;
-  const Eigen::Matrix2d map_error = s.last_anchor_s ? s.map_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero());
+  const Eigen::Matrix2d map_error = s.last_anchor_s ? s.shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero());
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     Estimate& estimate = estimates[i];
     estimate.covariance_m2 = smoothed[i].covariance_m2 + map_error;

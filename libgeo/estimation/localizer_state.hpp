@@ -57,9 +57,7 @@ struct Localizer::State {
 
   Believed believed() const;
   CameraPose believed_pose() const;
-  Eigen::Matrix2d map_error_m2() const {
-    return Eigen::Matrix2d::Identity() * (tiles == nullptr ? 0 : config.map_sigma_m * config.map_sigma_m);
-  }
+  Eigen::Matrix2d shared_error_m2() const;
 
   CameraModel camera;
   TelemetryUncertainty uncertainty;

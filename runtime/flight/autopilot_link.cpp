@@ -61,8 +61,8 @@ void AutopilotLink::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-void AutopilotLink::observe(const VisionEstimate& estimate) {
-  estimates_.put(estimate);
+void AutopilotLink::observe(const VisionEstimate& estimate, std::optional<double> arrived_s) {
+  estimates_.put({estimate, arrived_s});
   wake_up_.call();
 }
 
@@ -92,7 +92,10 @@ void AutopilotLink::run(const std::stop_token& stop) {
       ask_for_streams(now_s, message);
       listener_.message(now_s, message);
     });
-    while (const auto estimate = estimates_.try_take()) predictor_.observe(*estimate, us(now_s));
+    while (const auto observed = estimates_.try_take()) {
+      const bool taken = predictor_.observe(observed->estimate, us(now_s));
+      if (taken && observed->arrived_s) untold_since_s_ = observed->arrived_s;
+    }
     const ServiceStatus permitted = this->permitted();
     send_fix(now_s, permitted);
     if (heartbeats.due(now_s)) link_.send(OwnHeartbeat{system_state(permitted.state)}, us(now_s));
@@ -122,6 +125,8 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& permitted) {
   if (!link_.send(input, us(now_s))) return;
   const std::scoped_lock lock(mutex_);
   ++state_.fixes_sent;
+  if (untold_since_s_) state_.latency.add(clock_.monotonic_s() - *untold_since_s_);
+  untold_since_s_.reset();
   if (last_fix_s_) state_.longest_gap_s = std::max(state_.longest_gap_s, now_s - *last_fix_s_);
   last_fix_s_ = now_s;
 }

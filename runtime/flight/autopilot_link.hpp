@@ -13,6 +13,7 @@
 #include "mavlink/fix_predictor.hpp"
 #include "mavlink/link.hpp"
 #include "service/clock.hpp"
+#include "service/latency_histogram.hpp"
 #include "service/latest_mailbox.hpp"
 #include "service/service_machine.hpp"
 #include "service/thread_watch.hpp"
@@ -43,7 +44,8 @@ class AutopilotLink {
   void stop();  // its thread has ended then; what is sent later is lost
 
   // From any thread.
-  void observe(const VisionEstimate& estimate);
+  // arrived_s: when its picture was there, to know how long it takes until a fix tells of it.
+  void observe(const VisionEstimate& estimate, std::optional<double> arrived_s);
   void permit(const ServiceStatus& status);  // whether, and how surely, fixes may be told
   void tell(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
@@ -54,6 +56,7 @@ class AutopilotLink {
     LinkCounts counts;
     std::uint64_t fixes_sent = 0;
     double longest_gap_s = 0;  // between two GPS_INPUT, since they began
+    LatencyHistogram latency;  // from a picture to the first fix that tells of it
   };
   State state() const;
 
@@ -71,14 +74,18 @@ class AutopilotLink {
   MavlinkLink link_;
   FixPredictor predictor_;
 
-  LatestMailbox<VisionEstimate> estimates_{8};
+  struct Observed {
+    VisionEstimate estimate;
+    std::optional<double> arrived_s;
+  };
+  LatestMailbox<Observed> estimates_{8};
   LatestMailbox<OutgoingMessage> outgoing_{32};
   WakeUp wake_up_;
   mutable std::mutex mutex_;
   ServiceStatus permitted_;
   State state_;
 
-  std::optional<double> last_fix_s_, asked_s_;
+  std::optional<double> last_fix_s_, asked_s_, untold_since_s_;
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above
 };

@@ -157,7 +157,9 @@ void FlightService::localized(const LocalizedFrame& frame) {
     const auto* surface = ground_->config().surface;
     std::optional<double> ground_msl_m;
     if (surface != nullptr) ground_msl_m = ground_->plane_msl_m() + surface->height_m({at.east_m, at.north_m});
-    link_->observe(vision_estimate(frame, taken_s, ground_msl_m));
+    const std::optional<double> arrived_s =
+        frame.late ? std::nullopt : std::optional(taken_s + airframe_.capture_delay_s);
+    link_->observe(vision_estimate(frame, taken_s, ground_msl_m), arrived_s);
     if (options_.send_external_position && frame.report.anchor.verdict == AnchorVerdict::accepted) {
       const double now_s = clock_.monotonic_s();
       link_->send(external_position_estimate({airframe_.system, airframe_.autopilot},
@@ -241,7 +243,21 @@ void FlightService::run() {
     }
   }
   manager_.stopping("stopping");
+  sum_up();
 }
+
+void FlightService::sum_up() {
+  const AutopilotLink::State link = link_->state();
+  const MailboxCounts pictures = pictures_.counts();
+  journal_->note(clock_.monotonic_s(), EventSeverity::info, "summary",
+                 fmt::format("{} pictures, {} dropped; picture to fix p50 {:.0f}, p95 {:.0f}, max {:.0f} ms; {} fixes, "
+                             "longest pause {:.0f} ms",
+                             pictures.put, pictures.dropped, 1000 * link.latency.quantile_s(0.5),
+                             1000 * link.latency.quantile_s(0.95), 1000 * link.latency.largest_s(), link.fixes_sent,
+                             1000 * link.longest_gap_s));
+}
+
+std::string FlightService::summary() const { return journal_->events().events().back().text; }
 
 void FlightService::take(const TimedNews& timed) {
   std::visit([&](const auto& news) { learn(timed.time_s, news); }, timed.news);

@@ -47,6 +47,7 @@ class FlightService {
 
   // Until stop is asked for.
   void run();
+  std::string summary() const;  // after run(): how it went
 
  private:
   LocalizingSetup localizing_setup() const;
@@ -58,6 +59,7 @@ class FlightService {
   void record(const LocalizedFrame& frame);
   void tell(FlightNews news);
 
+  void sum_up();
   void take(const TimedNews& timed);
   void learn(double time_s, const AutopilotSpoke& spoke);
   void learn(double time_s, const CameraSpoke& spoke);

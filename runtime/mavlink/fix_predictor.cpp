@@ -43,10 +43,11 @@ LonLat FixPredictor::place_at(std::int64_t now_us, const Offset& offset) const {
 }
 
 bool FixPredictor::observe(const VisionEstimate& estimate, std::int64_t now_us) {
-  if (!sound(estimate) || estimate.time_us > now_us || (last_ && estimate.time_us <= last_->time_us)) return false;
+  if (!sound(estimate) || estimate.time_us > now_us || (last_ && estimate.time_us < last_->time_us)) return false;
   std::optional<LonLat> said;
   if (said_a_fix_ && !lost(now_us)) said = place_at(now_us, ramp_at(now_us));
   last_ = estimate;
+  fresh_ = true;
   if (estimate.seen) last_seen_us_ = estimate.time_us;
   offset_ = {};
   offset_us_ = now_us;
@@ -62,11 +63,20 @@ bool FixPredictor::observe(const VisionEstimate& estimate, std::int64_t now_us) 
   return true;
 }
 
+std::int64_t FixPredictor::next_due_us() const {
+  if (!fresh_ || !last_sent_us_) return grid_due_us_;
+  return std::min(grid_due_us_, *last_sent_us_ + options_.least_gap_us);
+}
+
 std::optional<PredictedFix> FixPredictor::poll(std::int64_t now_us, std::int64_t unix_us) {
-  if (now_us < next_due_us_) return std::nullopt;
-  // The grid is kept while we keep up with it; after a stall it starts anew, so that nothing comes in bursts.
-  const bool on_grid = next_due_us_ != 0 && now_us - next_due_us_ < options_.period_us;
-  next_due_us_ = (on_grid ? next_due_us_ : now_us) + options_.period_us;
+  if (now_us < next_due_us()) return std::nullopt;
+  // The grid is kept while we keep up with it; after a stall, or when news went out before its time, it starts anew, so
+  // that nothing comes in bursts.
+  const std::int64_t late_us = now_us - grid_due_us_;
+  const bool on_grid = grid_due_us_ != 0 && late_us >= 0 && late_us < options_.period_us;
+  grid_due_us_ = (on_grid ? grid_due_us_ : now_us) + options_.period_us;
+  last_sent_us_ = now_us;
+  fresh_ = false;
 
   PredictedFix result;
   result.jumped_m = std::exchange(jumped_m_, std::nullopt);

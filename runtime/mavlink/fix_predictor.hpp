@@ -33,6 +33,7 @@ struct VisionEstimate {
 
 struct PredictorOptions {
   std::int64_t period_us = 100'000;
+  std::int64_t least_gap_us = 40'000;  // a new estimate goes out at once, but not sooner after the last fix
   double ramp_m_s = 5.0;
   double jump_beyond_m = 50.0;
   double acceleration_sigma_m_s2 = 0.5;  // unforeseen, between estimates
@@ -49,14 +50,16 @@ class FixPredictor {
  public:
   explicit FixPredictor(const PredictorOptions& options = {}) : options_(options) {}
 
-  // False, and nothing changes: it is older than what is known, from the future, or its numbers are none.
+  // False, and nothing changes: it is older than what is known, from the future, or its numbers are none. One of the
+  // same moment is that moment thought over, with what the map said since.
   bool observe(const VisionEstimate& estimate, std::int64_t now_us);
 
-  // A fix when one is due: every period_us, never two for one period. unix_us is now in UTC, for the message.
+  // A fix when one is due: every period_us at least, and soon after a new estimate. unix_us is now in UTC, for the
+  // message.
   std::optional<PredictedFix> poll(std::int64_t now_us, std::int64_t unix_us);
 
   // When the next is due; 0 before the first.
-  std::int64_t next_due_us() const { return next_due_us_; }
+  std::int64_t next_due_us() const;
 
  private:
   struct Offset {
@@ -76,7 +79,9 @@ class FixPredictor {
   std::int64_t offset_us_ = 0;
   bool said_a_fix_ = false;  // the last message held one
   std::optional<double> jumped_m_;
-  std::int64_t next_due_us_ = 0;
+  std::int64_t grid_due_us_ = 0;
+  std::optional<std::int64_t> last_sent_us_;
+  bool fresh_ = false;  // an estimate has come since
 };
 
 }  // namespace nadir

@@ -58,6 +58,24 @@ TEST_F(Prediction, AfterAStallNothingComesInBursts) {
   EXPECT_TRUE(predictor_.poll(5 * kSecond + 100'000, 0));
 }
 
+TEST_F(Prediction, NewsDoNotWaitForTheGrid) {
+  predictor_.poll(kSecond, 0);
+  ASSERT_TRUE(predictor_.observe(on_track(1), kSecond + 10'000));
+  EXPECT_FALSE(predictor_.poll(kSecond + 39'999, 0)) << "too soon after the last one";
+  EXPECT_EQ(predictor_.next_due_us(), kSecond + 40'000);
+  EXPECT_TRUE(predictor_.poll(kSecond + 40'000, 0));
+  EXPECT_FALSE(predictor_.poll(kSecond + 139'999, 0));
+  EXPECT_TRUE(predictor_.poll(kSecond + 140'000, 0)) << "never longer without";
+}
+
+TEST_F(Prediction, AMomentMayBeThoughtOver) {
+  ASSERT_TRUE(predictor_.observe(on_track(1, 0, 20), kSecond));
+  at(1.1);
+  ASSERT_TRUE(predictor_.observe(on_track(1, 8, 2), kSecond + 200'000)) << "the map has spoken about that picture";
+  at(1.2);
+  EXPECT_NEAR(enu(at(4)).north_m, 8, 0.01);
+}
+
 TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
   VisionEstimate estimate = on_track(1);
   estimate.msl_m = 600;
@@ -152,7 +170,6 @@ TEST_F(Prediction, NoFixBeyondTheLargestSigma) {
 TEST_F(Prediction, WhatIsOldOrFromTheFutureOrNoNumberChangesNothing) {
   ASSERT_TRUE(predictor_.observe(on_track(2), 2 * kSecond));
   EXPECT_FALSE(predictor_.observe(on_track(1.9, 40), 2 * kSecond));
-  EXPECT_FALSE(predictor_.observe(on_track(2, 40), 2 * kSecond));
   EXPECT_FALSE(predictor_.observe(on_track(3, 40), 2 * kSecond));
   for (int i = 0; i < 6; ++i) {
     VisionEstimate estimate = on_track(2.1, 40);
