@@ -76,9 +76,10 @@ class Source {
     return value;
   }
   std::string_view text() {
-    const std::size_t length = std::min<std::size_t>(byte() + 256U * byte(), bytes_.size());
-    const std::string_view value = bytes_.substr(0, length);
-    bytes_.remove_prefix(length);
+    const std::size_t low = byte(),
+                      wanted = low + std::size_t{256} * byte();  // both bytes, before what is left is asked
+    const std::string_view value = bytes_.substr(0, wanted);
+    bytes_.remove_prefix(value.size());
     return value;
   }
 
