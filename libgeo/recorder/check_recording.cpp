@@ -60,6 +60,10 @@ void check_session(const std::string& id, const std::vector<const SegmentContent
 Findings check_recording(const std::vector<SegmentContents>& segments) {
   Findings findings;
   for (const SegmentContents& segment : segments) check_segment(segment, findings);
+  if (sessions_of(segments).empty() && !findings.refuses() && !segments.empty()) {
+    findings.add({"recorder.session", Severity::refuse, segments.front().segment.path.string(), "a session record",
+                  "none: nothing was recorded"});
+  }
   for (const std::string& id : sessions_of(segments)) {
     std::vector<const SegmentContents*> session;
     for (const SegmentContents& segment : segments) {

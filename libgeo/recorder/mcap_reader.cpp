@@ -30,8 +30,15 @@ class Reader {
   McapContents read() {
     contents_.size = source_.size();
     Bytes magic;
-    if (!source_.read(0, kMcapMagic.size(), magic) || !std::equal(magic.begin(), magic.end(), kMcapMagic.begin())) {
+    // A recorder that was killed while it began a file leaves less than that.
+    const bool begun = contents_.size < kMcapMagic.size();
+    if (!source_.read(0, begun ? static_cast<std::size_t>(contents_.size) : kMcapMagic.size(), magic) ||
+        !std::equal(magic.begin(), magic.end(), kMcapMagic.begin())) {
       find("recorder.format", Severity::refuse, "an MCAP file", "other bytes at its beginning");
+      return std::move(contents_);
+    }
+    if (begun) {
+      say_truncated();
       return std::move(contents_);
     }
     indexes_.data_crc = crc32_of(magic);
@@ -40,14 +47,18 @@ class Reader {
     if (contents_.finished) {
       compare();
     } else if (!broken_) {
-      find("recorder.truncated", Severity::warning, "a footer at the end",
-           fmt::format("whole records up to byte {} of {}", contents_.whole_size, contents_.size),
-           "nadir recorder recover writes a finished file of what is there");
+      say_truncated();
     }
     return std::move(contents_);
   }
 
  private:
+  void say_truncated() {
+    find("recorder.truncated", Severity::warning, "a footer at the end",
+         fmt::format("whole records up to byte {} of {}", contents_.whole_size, contents_.size),
+         "nadir recorder recover writes a finished file of what is there");
+  }
+
   void find(const char* code, Severity severity, std::string expected, std::string found, std::string fix = {}) {
     if (contents_.findings.items().size() >= kMostFindings) return;
     contents_.findings.add({code, severity, where_, std::move(expected), std::move(found), std::move(fix)});

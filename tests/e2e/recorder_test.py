@@ -71,6 +71,18 @@ class Recorder(EndToEnd):
         run("recorder", "recover", recording, "--out", self.folder / "left")
         self.assertEqual(0, run("recorder", "verify", self.folder / "left").returncode)
 
+    def test_killed_while_a_file_was_begun(self):
+        recording = self.record("r")
+        magic = next(recording.glob("*.flight.mcap")).read_bytes()[:5]
+        (recording / "000009.flight.mcap").write_bytes(magic)
+        (recording / "000010.flight.mcap").touch()
+        result = run("recorder", "verify", recording, "--json")
+        self.assertEqual(0, result.returncode, result.stdout)
+        self.assertIn("recorder.truncated", result.stdout)
+        self.good("recorder", "recover", recording, "--out", self.folder / "left")
+        self.assertEqual(0, run("recorder", "verify", self.folder / "left").returncode)
+        self.assertEqual(1, run("recorder", "verify", recording / "000010.flight.mcap").returncode)
+
     def test_nothing_of_the_kind_is_said(self):
         for path in (self.folder / "nothing", self.frames, self.flown / "telemetry.csv"):
             for command in ("info", "verify"):
