@@ -8,6 +8,7 @@ import sys
 import unittest
 
 import support
+from loop.inputs import Inputs
 from loop.verdict import Verdict, timeline
 from loop.watch import Watch
 
@@ -35,7 +36,8 @@ class Flight(support.EndToEnd):
         out = self.folder / "flight"
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.9",
-             "--event", "25:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--out", out],
+             "--event", "25:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--nadird-option=--keep-pictures",
+             "--out", out],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=500, check=False)
         self.assertEqual(0, result.returncode, result.stderr)
         summary = json.loads(result.stdout)["summary"]
@@ -47,6 +49,16 @@ class Flight(support.EndToEnd):
         recorded = subprocess.run([support.NADIR, "recorder", "verify", out / "run/record"], capture_output=True,
                                   text=True, timeout=60, check=False)
         self.assertEqual(0, recorded.returncode, recorded.stdout + recorded.stderr)
+        self.flies_again(out)
+
+    def flies_again(self, out):
+        """What was recorded in the air gives the same estimates on the ground, to the last bit."""
+        created = Inputs(out / "inputs", support.NADIR, width=640).created
+        again = self.good("replay", "--recorder", out / "run/record", "--package", out / "inputs/package", "--trust",
+                          out / "inputs/root.json", "--at", created, "--out", out / "again", "--json", "--quiet")
+        reproduced = json.loads(again.stdout)["reproduced"]
+        self.assertGreater(reproduced["compared"], 60)
+        self.assertEqual(reproduced["compared"], reproduced["same"], reproduced)
 
 
 class Judging(support.EndToEnd):
