@@ -1,0 +1,253 @@
+// The link's thread over a real socket, with a clock that stands still until the test moves it. A heartbeat a second
+// says that a turn of the thread is over: what was due at that time has been sent before it.
+#include "flight/autopilot_link.hpp"
+
+#include <atomic>
+#include <map>
+#include <mutex>
+
+#include "flight/link_peer.hpp"
+#include "geodesy/local_frame.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr LonLat kPlace{8.5, 47.4};
+
+class HeldClock final : public FlightClock {
+ public:
+  double monotonic_s() const override { return now_s_; }
+  std::int64_t unix_us() const override { return 1'760'000'000'000'000 + static_cast<std::int64_t>(now_s_ * 1e6); }
+  const std::string& boot_id() const override { return boot_id_; }
+  bool wait_until(double, std::stop_token) const override { return false; }
+  void go_on(double seconds) { now_s_ = now_s_ + seconds; }
+
+ private:
+  std::atomic<double> now_s_{100};
+  std::string boot_id_ = "boot";
+};
+
+class AutopilotLinkTest : public ::testing::Test {
+ protected:
+  AutopilotLinkTest() {
+    Airframe airframe;
+    airframe.system = 7;
+    airframe.gps_id = 1;
+    link_ = std::make_unique<AutopilotLink>(
+        AutopilotLinkSetup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt, std::nullopt},
+        clock_, watch_,
+        AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
+                                  const std::scoped_lock lock(mutex_);
+                                  told_.emplace_back(now_s, message);
+                                },
+                                [this](double metres) {
+                                  const std::scoped_lock lock(mutex_);
+                                  jumps_m_.push_back(metres);
+                                }});
+    peer_.listen_until([&] { return heartbeats() == 1; });
+  }
+
+  std::size_t heartbeats() const { return peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).size(); }
+
+  // A second goes by, and everything that was due in it has been heard: one fix, if fixes are sent at all.
+  void second() {
+    const std::size_t before = heartbeats();
+    clock_.go_on(1);
+    peer_.listen_until([&] { return heartbeats() > before; });
+  }
+
+  void see(LonLat place, double sigma_m) {
+    link_->observe({.time_us = static_cast<std::int64_t>(clock_.monotonic_s() * 1e6),
+                    .place = place,
+                    .sigma_m = sigma_m,
+                    .speed_sigma_m_s = 0.1,
+                    .msl_m = 600,
+                    .vertical_sigma_m = 3});
+  }
+
+  void permit(bool serves, bool fix, double sigma_m) {
+    ServiceStatus status;
+    status.state = ServiceState::normal;
+    status.serves_fixes = serves;
+    status.fix = fix;
+    status.sigma_m = sigma_m;
+    link_->permit(status);
+  }
+
+  void autopilot_beats(std::uint8_t autopilot) {
+    mavlink_message_t message;
+    mavlink_msg_heartbeat_pack(7, 1, &message, MAV_TYPE_FIXED_WING, autopilot, 0, 0, MAV_STATE_ACTIVE);
+    peer_.send(message);
+  }
+
+  // Message ids and intervals that were asked for.
+  std::multimap<int, float> asked() const {
+    std::multimap<int, float> streams;
+    for (const mavlink_message_t& message : peer_.heard(MAVLINK_MSG_ID_COMMAND_LONG)) {
+      mavlink_command_long_t command;
+      mavlink_msg_command_long_decode(&message, &command);
+      EXPECT_EQ(command.command, MAV_CMD_SET_MESSAGE_INTERVAL);
+      EXPECT_EQ(command.target_system, 7);
+      EXPECT_EQ(command.target_component, 1);
+      streams.emplace(static_cast<int>(command.param1), command.param2);
+    }
+    return streams;
+  }
+
+  HeldClock clock_;
+  ThreadWatch watch_{clock_};
+  test::LinkPeer peer_;
+  std::mutex mutex_;
+  std::vector<std::pair<double, ReceivedMessage>> told_;
+  std::vector<double> jumps_m_;
+  std::unique_ptr<AutopilotLink> link_;
+};
+
+TEST_F(AutopilotLinkTest, AsksForStreamsOnceAnAutopilotIsHeardAndAgainLater) {
+  autopilot_beats(MAV_AUTOPILOT_INVALID);  // a ground station
+  second();
+  EXPECT_TRUE(asked().empty());
+  autopilot_beats(MAV_AUTOPILOT_ARDUPILOTMEGA);
+  second();
+  second();  // what was asked for has gone out
+  const auto streams = asked();
+  EXPECT_EQ(streams.size(), 9U);
+  ASSERT_EQ(streams.count(MAVLINK_MSG_ID_ATTITUDE), 1U);
+  EXPECT_EQ(streams.find(MAVLINK_MSG_ID_ATTITUDE)->second, 40'000);
+  ASSERT_EQ(streams.count(MAVLINK_MSG_ID_RAW_IMU), 1U);
+  EXPECT_EQ(streams.find(MAVLINK_MSG_ID_RAW_IMU)->second, 20'000);
+  autopilot_beats(MAV_AUTOPILOT_ARDUPILOTMEGA);
+  second();
+  second();
+  EXPECT_EQ(asked().size(), 9U) << "not with every heartbeat";
+  for (int i = 0; i < 10; ++i) second();
+  autopilot_beats(MAV_AUTOPILOT_ARDUPILOTMEGA);
+  second();
+  second();
+  EXPECT_EQ(asked().size(), 18U) << "it may have been started anew";
+}
+
+TEST_F(AutopilotLinkTest, WhatIsHeardIsHandedOn) {
+  mavlink_message_t message;
+  mavlink_msg_attitude_pack(7, 1, &message, 5, 0.1F, 0.2F, 0.3F, 0, 0, 0);
+  peer_.send(message);
+  second();
+  const std::scoped_lock lock(mutex_);
+  ASSERT_EQ(told_.size(), 1U);
+  EXPECT_LE(told_.front().first, clock_.monotonic_s());
+  EXPECT_EQ(told_.front().second.source, (MavlinkAddress{7, 1}));
+  const auto* attitude = std::get_if<AircraftAttitude>(&told_.front().second.message);
+  ASSERT_NE(attitude, nullptr);
+  EXPECT_NEAR(attitude->yaw_rad, 0.3, 1e-6);
+}
+
+TEST_F(AutopilotLinkTest, SaysNothingUntilFixesAreServed) {
+  permit(false, true, 5);
+  see(kPlace, 5);
+  second();
+  second();
+  EXPECT_TRUE(peer_.fixes().empty());
+}
+
+TEST_F(AutopilotLinkTest, WithoutPermissionItSaysThatThereIsNoFix) {
+  permit(true, false, 5);
+  see(kPlace, 5);
+  second();
+  second();
+  const auto fixes = peer_.fixes();
+  ASSERT_EQ(fixes.size(), 2U);
+  for (const auto& fix : fixes) {
+    EXPECT_EQ(fix.fix_type, 0);
+    EXPECT_EQ(fix.lat, 0);
+    EXPECT_EQ(fix.lon, 0);
+    EXPECT_GE(fix.horiz_accuracy, 999);
+    EXPECT_EQ(fix.gps_id, 1);
+  }
+}
+
+TEST_F(AutopilotLinkTest, WithPermissionItTellsThePlace) {
+  permit(true, true, 5);
+  see(kPlace, 5);
+  second();
+  ASSERT_EQ(peer_.fixes().size(), 1U);
+  const mavlink_gps_input_t fix = peer_.fixes().front();
+  EXPECT_EQ(fix.fix_type, 3);
+  EXPECT_NEAR(fix.lat, 474'000'000, 2);
+  EXPECT_NEAR(fix.lon, 85'000'000, 2);
+  EXPECT_NEAR(static_cast<double>(fix.alt), 600, 0.1);
+  EXPECT_GE(fix.horiz_accuracy, 5);
+  EXPECT_LT(fix.horiz_accuracy, 10);
+  EXPECT_EQ(fix.gps_id, 1);
+  permit(true, false, 5);
+  second();
+  ASSERT_EQ(peer_.fixes().size(), 2U);
+  EXPECT_EQ(peer_.fixes().back().fix_type, 0) << "it was taken back";
+}
+
+TEST_F(AutopilotLinkTest, NoEstimateIsNoFixWhateverIsPermitted) {
+  permit(true, true, 5);
+  second();
+  ASSERT_EQ(peer_.fixes().size(), 1U);
+  EXPECT_EQ(peer_.fixes().front().fix_type, 0);
+}
+
+TEST_F(AutopilotLinkTest, SigmaIsNeverBelowThePermittedOne) {
+  for (const double permitted_m : {1.0, 40.0, 80.0}) {
+    permit(true, true, permitted_m);
+    see(kPlace, 5);
+    second();
+    EXPECT_GE(static_cast<double>(peer_.fixes().back().horiz_accuracy), std::max(5.0, permitted_m));
+    EXPECT_LT(static_cast<double>(peer_.fixes().back().horiz_accuracy), std::max(5.0, permitted_m) + 5);
+  }
+}
+
+TEST_F(AutopilotLinkTest, AJumpIsToldOnceAndOnlyOfFixesThatAreTold) {
+  const LonLat far = LocalFrame(kPlace).lonlat_from_enu(200, 0);
+  const auto jumps = [&] {
+    const std::scoped_lock lock(mutex_);
+    return jumps_m_;
+  };
+  permit(true, true, 5);
+  see(kPlace, 5);
+  second();
+  EXPECT_TRUE(jumps().empty());
+  see(far, 5);
+  second();
+  second();
+  ASSERT_EQ(jumps().size(), 1U);
+  EXPECT_NEAR(jumps().front(), 200, 5);
+  permit(true, false, 5);
+  see(kPlace, 5);
+  second();
+  EXPECT_EQ(jumps().size(), 1U);
+}
+
+TEST_F(AutopilotLinkTest, TextsReachTheOperatorWithTheirSeverity) {
+  link_->tell(TextSeverity::warning, "position jumps by 200 m");
+  peer_.listen_until([&] { return !peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty(); });
+  mavlink_statustext_t text;
+  const mavlink_message_t message = peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).front();
+  mavlink_msg_statustext_decode(&message, &text);
+  EXPECT_EQ(text.severity, MAV_SEVERITY_WARNING);
+  EXPECT_EQ(std::string(text.text, ::strnlen(text.text, sizeof text.text)), "position jumps by 200 m");
+  EXPECT_EQ(message.sysid, 7);
+  EXPECT_EQ(message.compid, 197);
+}
+
+TEST_F(AutopilotLinkTest, ItsStateSaysWhatWasSentAndAfterStopNothingIs) {
+  permit(true, true, 5);
+  see(kPlace, 5);
+  for (int i = 0; i < 3; ++i) second();
+  link_->stop();
+  const AutopilotLink::State state = link_->state();
+  EXPECT_TRUE(state.open);
+  EXPECT_EQ(state.trouble, "");
+  EXPECT_EQ(state.fixes_sent, 3U);
+  EXPECT_EQ(state.longest_gap_s, 1);
+  link_->tell(TextSeverity::info, "too late");
+  link_->stop();  // twice is once
+  EXPECT_TRUE(peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty());
+}
+
+}  // namespace
+}  // namespace nadir

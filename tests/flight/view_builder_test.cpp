@@ -1,0 +1,139 @@
+#include "flight/view_builder.hpp"
+
+#include <gtest/gtest.h>
+
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+LocalizerSpoke spoke(double taken_s, AnchorVerdict verdict) {
+  LocalizerSpoke spoke;
+  spoke.taken_s = taken_s;
+  spoke.verdict = verdict;
+  spoke.estimate.position = LonLat{8.5, 47.4};
+  spoke.estimate.sigma_m = 4;
+  spoke.estimate.covariance_m2 << 9, 2, 2, 23;
+  spoke.estimate.source = SourceLabel::satellite_anchored;
+  spoke.estimate.anchor_age_s = 0.5;
+  spoke.belief.velocity_mps = {3, -4};
+  spoke.belief.agl_m = 120;
+  return spoke;
+}
+
+FlightView view_of(const ViewBuilder& views) { return views.view(20, 1'760'000'000'500'000, {}); }
+
+TEST(ViewBuilder, BeforeAnythingIsKnownNothingIsSaid) {
+  const FlightView view = view_of(ViewBuilder("b00"));
+  EXPECT_EQ(view.boot_id, "b00");
+  EXPECT_EQ(view.time_s, 20);
+  EXPECT_EQ(view.utc->unix_s, 1'760'000'000);
+  EXPECT_FALSE(view.position);
+  EXPECT_TRUE(view.track.empty());
+  EXPECT_EQ(view.gps.judgement, GpsJudgement::unknown);
+}
+
+TEST(ViewBuilder, ThePlaceComesWithItsUncertaintyAndGoesWithTheFix) {
+  ViewBuilder views("b");
+  views.localizer(spoke(10, AnchorVerdict::accepted));
+  FlightView view = view_of(views);
+  ASSERT_TRUE(view.position);
+  EXPECT_EQ(view.position->place, (LonLat{8.5, 47.4}));
+  EXPECT_EQ(view.position->sigma_m, 4);
+  ASSERT_TRUE(view.velocity);
+  EXPECT_EQ(view.velocity->east_m_s, 3);
+  EXPECT_EQ(view.velocity->north_m_s, -4);
+  EXPECT_EQ(view.track.size(), 1U);
+  LocalizerSpoke lost = spoke(11, AnchorVerdict::not_tried);
+  lost.estimate.position.reset();
+  lost.estimate.source = SourceLabel::no_fix;
+  views.localizer(lost);
+  view = view_of(views);
+  EXPECT_FALSE(view.position);
+  EXPECT_EQ(view.source, SourceLabel::no_fix);
+  EXPECT_EQ(view.track.size(), 1U) << "where it was stays known";
+}
+
+TEST(ViewBuilder, LooksAtTheMapAreCountedByWhatBecameOfThem) {
+  ViewBuilder views("b");
+  for (const AnchorVerdict verdict : {AnchorVerdict::accepted, AnchorVerdict::ambiguous, AnchorVerdict::not_tried,
+                                      AnchorVerdict::ambiguous, AnchorVerdict::few_inliers}) {
+    views.localizer(spoke(10, verdict));
+  }
+  const FlightView view = view_of(views);
+  EXPECT_EQ(view.anchors.accepted, 1U);
+  EXPECT_EQ(view.anchors.rejected, 3U);
+  EXPECT_EQ(view.anchors.rejected_by.at("ambiguous"), 2U);
+  EXPECT_EQ(view.anchors.rejected_by.at("few_inliers"), 1U);
+}
+
+TEST(ViewBuilder, FramesAreCountedAndTheirRateIsOfTheLastSeconds) {
+  ViewBuilder views("b");
+  views.frames({.put = 0, .taken = 0, .dropped = 0}, 100);
+  views.frames({.put = 6, .taken = 5, .dropped = 1}, 101);
+  EXPECT_EQ(view_of(views).frames.received, 6U);
+  EXPECT_EQ(view_of(views).frames.dropped, 1U);
+  EXPECT_EQ(view_of(views).frames.per_s, 0) << "one second is too short to tell";
+  views.frames({.put = 12, .taken = 11, .dropped = 1}, 102);
+  EXPECT_EQ(view_of(views).frames.per_s, 6);
+}
+
+TEST(ViewBuilder, ARecorderThatFailedSaysWhyAndOneThatWorksHowMuch) {
+  ViewBuilder views("b");
+  views.recorder(nullptr, "");
+  EXPECT_EQ(view_of(views).recorder.state, RecorderState::off);
+  views.recorder(nullptr, "no such folder");
+  EXPECT_EQ(view_of(views).recorder.state, RecorderState::failed);
+  EXPECT_EQ(view_of(views).recorder.reason, "no such folder");
+  const test::TemporaryFolder folder;
+  RecorderOptions options;
+  options.store.folder = folder / "r";
+  options.store.sync = false;
+  Recorder recorder(options, {}, [] { return std::uint64_t{1}; });
+  recorder.flush();
+  views.recorder(&recorder, "");
+  EXPECT_EQ(view_of(views).recorder.state, RecorderState::recording);
+  EXPECT_EQ(view_of(views).recorder.lost_records, 0U);
+}
+
+TEST(ViewBuilder, TheLinkCountsWhatItRefused) {
+  AutopilotLink::State state;
+  state.fixes_sent = 12;
+  state.counts.malformed = 2;
+  state.counts.signatures.wrong = 3;
+  ViewBuilder views("b");
+  views.link(state, true, true);
+  const FlightView view = view_of(views);
+  EXPECT_TRUE(view.link.connected);
+  EXPECT_TRUE(view.link.signed_frames);
+  EXPECT_EQ(view.link.fixes_sent, 12U);
+  EXPECT_EQ(view.link.rejected_by.at("malformed"), 2U);
+  EXPECT_EQ(view.link.rejected_by.at("wrong_signature"), 3U);
+  EXPECT_EQ(view.link.rejected_by.at("replayed"), 0U);
+}
+
+TEST(ViewBuilder, StateAndGpsGoThroughByTheirNames) {
+  ViewBuilder views("b");
+  for (const auto& [state, shown] : {std::pair{ServiceState::normal, FlightState::normal},
+                                     {ServiceState::no_fix, FlightState::no_fix},
+                                     {ServiceState::failsafe, FlightState::failsafe}}) {
+    ServiceStatus status;
+    status.state = state;
+    status.since_s = 7;
+    views.status(status, "because");
+    EXPECT_EQ(view_of(views).state.state, shown);
+    EXPECT_EQ(view_of(views).state.reason, "because");
+  }
+  for (const auto& [verdict, shown] : {std::pair{GpsVerdict::trusted, GpsJudgement::good},
+                                       {GpsVerdict::denied, GpsJudgement::denied},
+                                       {GpsVerdict::spoofed, GpsJudgement::spoofed},
+                                       {GpsVerdict::unknown, GpsJudgement::unknown}}) {
+    GpsJudged judged;
+    judged.verdict = verdict;
+    views.gps(judged);
+    EXPECT_EQ(view_of(views).gps.judgement, shown);
+  }
+}
+
+}  // namespace
+}  // namespace nadir
