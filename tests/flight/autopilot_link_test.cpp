@@ -62,7 +62,8 @@ class AutopilotLinkTest : public ::testing::Test {
                     .sigma_m = sigma_m,
                     .speed_sigma_m_s = 0.1,
                     .msl_m = 600,
-                    .vertical_sigma_m = 3});
+                    .vertical_sigma_m = 3},
+                   clock_.monotonic_s());
   }
 
   void permit(bool serves, bool fix, double sigma_m) {
@@ -244,6 +245,8 @@ TEST_F(AutopilotLinkTest, ItsStateSaysWhatWasSentAndAfterStopNothingIs) {
   EXPECT_EQ(state.trouble, "");
   EXPECT_EQ(state.fixes_sent, 3U);
   EXPECT_EQ(state.longest_gap_s, 1);
+  EXPECT_EQ(state.latency.count(), 1U) << "one picture, and two fixes that carry it on";
+  EXPECT_EQ(state.latency.largest_s(), 1);
   link_->tell(TextSeverity::info, "too late");
   link_->stop();  // twice is once
   EXPECT_TRUE(peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty());
