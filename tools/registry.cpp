@@ -22,6 +22,7 @@
 #include "mission_check.hpp"
 #include "mission_import.hpp"
 #include "mission_plan.hpp"
+#include "provision_autopilot.hpp"
 #include "provision_camera.hpp"
 #include "recorder_export.hpp"
 #include "recorder_info.hpp"
@@ -66,6 +67,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<CatalogueGapsCommand>());
   commands.push_back(std::make_unique<CatalogueRemoveCommand>());
   commands.push_back(std::make_unique<ProvisionCameraCommand>());
+  commands.push_back(std::make_unique<ProvisionAutopilotCommand>());
   commands.push_back(std::make_unique<SimulateWorldCommand>());
   commands.push_back(std::make_unique<SimulateFlightCommand>());
   commands.push_back(std::make_unique<SimulateCameraCommand>());

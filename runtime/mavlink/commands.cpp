@@ -51,6 +51,10 @@ CommandLong request_message(MavlinkAddress target, StreamedMessage message) {
           .parameters = {static_cast<float>(message_id(message))}};
 }
 
+CommandLong restart_command(MavlinkAddress target) {
+  return {.target = target, .command = MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, .confirmation = 0, .parameters = {1.0F}};
+}
+
 CommandInt external_position_estimate(MavlinkAddress target, const PositionForDeadReckoning& position) {
   return {.target = target,
           .command = MAV_CMD_EXTERNAL_POSITION_ESTIMATE,

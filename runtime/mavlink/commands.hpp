@@ -36,6 +36,9 @@ CommandLong set_message_interval(MavlinkAddress target, StreamedMessage message,
 // "Send this one once."
 CommandLong request_message(MavlinkAddress target, StreamedMessage message);
 
+// "Start anew": only for an aircraft on the ground.
+CommandLong restart_command(MavlinkAddress target);
+
 // A position for an autopilot that flies by dead reckoning: the second output mode, one command per anchor.
 struct PositionForDeadReckoning {
   LonLat place{};

@@ -67,6 +67,10 @@ class LinkTest(unittest.TestCase):
         aircraft, companion = support.vehicle()
         companion.send(dialect.MAVLink_setup_signing_message(1, 1, KEY, 5))
         support.fly(aircraft, 0.1)
+        self.assertFalse(aircraft.link.signed)  # armed
+        aircraft.armed = False
+        companion.send(dialect.MAVLink_setup_signing_message(1, 1, KEY, 5))
+        support.fly(aircraft, 0.1)
         self.assertTrue(aircraft.link.signed)
         companion.send(support.gps_input())
         support.fly(aircraft, 0.1)

@@ -40,6 +40,8 @@ def arguments(argv=None):
     parser.add_argument("--own-receiver", choices=("first", "second"), default="second",
                         help="which of the two GPS instances is real; GPS_INPUT plays the other")
     parser.add_argument("--fault", action="append", default=[], help="misbehave: see simulated_autopilot/protocol.py")
+    parser.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help="as it is at the start")
+    parser.add_argument("--disarmed", action="store_true", help="say so: as on the ground, for provisioning")
     parser.add_argument("--epoch-us", type=int, help="UTC at the start; now without")
     parser.add_argument("--log", metavar="DIR", help="for track.csv and summary.json")
     parser.add_argument("--quiet", action="store_true")
@@ -64,7 +66,12 @@ def build(args):
     key = bytes.fromhex(pathlib.Path(args.key_file).read_text(encoding="ascii").strip()) if args.key_file else None
     echo = None if args.quiet else lambda line: print(line, flush=True)
     truth = [Link(open_transport(url)) for url in args.truth]
-    return Vehicle(options, Link(open_transport(args.link), key), truth, FlightLog(args.log, echo))
+    vehicle = Vehicle(options, Link(open_transport(args.link), key), truth, FlightLog(args.log, echo))
+    vehicle.armed = not args.disarmed
+    for text in args.parameter:
+        name, value = text.split("=")
+        vehicle.protocol.parameters[name] = float(value)
+    return vehicle
 
 
 def fly(vehicle, duration, speed, stopped):

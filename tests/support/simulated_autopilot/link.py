@@ -89,6 +89,9 @@ class Link:
         signing.timestamp = max(timestamp, int((self.unix_s() - SIGNING_EPOCH) * 1e5))
         signing.allow_unsigned_callback = None
 
+    def stop_signing(self):
+        self.mav.signing.secret_key, self.mav.signing.sign_outgoing = None, False
+
     @property
     def signed(self):
         return self.mav.signing.secret_key is not None

@@ -11,7 +11,8 @@ PARAMETERS = {"GPS1_TYPE": 14, "GPS2_TYPE": 1, "GPS_AUTO_SWITCH": 4, "GPS_PRIMAR
 
 class Protocol:
     def __init__(self, vehicle, link, faults=()):
-        """faults, for the tests of provisioning: "param-silent", "param-refuses", "command-silent", "no-version"."""
+        """faults, for the tests of provisioning: "param-silent", "param-refuses", "param-refuses=NAME", "command-silent",
+        "no-version", "imu-slow" (5 Hz whatever is asked), "gps-input-deaf", "signing-deaf"."""
         self.vehicle, self.link, self.faults = vehicle, link, set(faults)
         self.parameters = dict(PARAMETERS)
         self.heard = {}
@@ -27,7 +28,8 @@ class Protocol:
             handler(message)
 
     def _gps_input(self, message):
-        self.vehicle.hear_gps_input(message)
+        if "gps-input-deaf" not in self.faults:
+            self.vehicle.hear_gps_input(message)
 
     def _statustext(self, message):
         self.vehicle.log.event(self.vehicle.now_s, "statustext", text=message.text.rstrip("\0"),
@@ -57,7 +59,7 @@ class Protocol:
         name = message.param_id.rstrip("\0")
         if "param-silent" in self.faults or name not in self.parameters:
             return
-        if "param-refuses" not in self.faults:
+        if not {"param-refuses", f"param-refuses={name}"} & self.faults:
             self.parameters[name] = message.param_value
             self.vehicle.log.event(self.vehicle.now_s, "parameter", name=name, value=message.param_value)
         self._send_parameter(name)
@@ -67,11 +69,14 @@ class Protocol:
             name.encode(), self.parameters[name], FLOAT, len(self.parameters), list(self.parameters).index(name)))
 
     def _setup_signing(self, message):
-        key = bytes(message.secret_key)
-        if not any(key):
+        if "signing-deaf" in self.faults or self.vehicle.armed:  # as ArduPilot: no key while it is armed
             return
-        self.link.sign(key, message.initial_timestamp)
-        self.vehicle.log.event(self.vehicle.now_s, "signing", text="a key was installed")
+        key = bytes(message.secret_key)
+        if any(key):
+            self.link.sign(key, message.initial_timestamp)
+        else:
+            self.link.stop_signing()
+        self.vehicle.log.event(self.vehicle.now_s, "signing", text="installed" if any(key) else "removed")
 
     def _command_long(self, message):
         self._command(message, [getattr(message, f"param{i}") for i in range(1, 8)])
@@ -90,7 +95,8 @@ class Protocol:
     def _carry_out(self, command, parameters):
         accepted, denied = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED
         if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-            known = self.vehicle.telemetry.set_interval(_name(parameters[0]), parameters[1])
+            slow = "imu-slow" in self.faults and _name(parameters[0]) == "RAW_IMU"
+            known = self.vehicle.telemetry.set_interval(_name(parameters[0]), 200_000 if slow else parameters[1])
             return accepted if known else denied
         if command == dialect.MAV_CMD_REQUEST_MESSAGE:
             name = _name(parameters[0])
@@ -103,6 +109,12 @@ class Protocol:
             return accepted
         if command == dialect.MAV_CMD_COMPONENT_ARM_DISARM:
             self.vehicle.armed = parameters[0] == 1
+            return accepted
+        if command == dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
+            if self.vehicle.armed:
+                return denied
+            self.vehicle.booted_s = self.vehicle.now_s
+            self.vehicle.log.event(self.vehicle.now_s, "restart")
             return accepted
         if command == dialect.MAV_CMD_EXTERNAL_POSITION_ESTIMATE:
             self.vehicle.log.event(self.vehicle.now_s, "external_position", lat=parameters[4] * 1e-7,

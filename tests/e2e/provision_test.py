@@ -1,0 +1,203 @@
+#!/usr/bin/env python3
+"""`nadir provision autopilot` as a user calls it, against the simulated autopilot over UDP and a pseudo-terminal."""
+import base64
+import concurrent.futures
+import json
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+import tty
+
+import support
+
+AUTOPILOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support", "autopilot.py")
+WRONG = {"GPS1_TYPE": 1, "EK3_SRC1_POSXY": 0, "EK3_SRC1_YAW": 8}
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(("127.0.0.1", 0))
+        return end.getsockname()[1]
+
+
+class Provision(support.EndToEnd):
+    def setUp(self):
+        super().setUp()
+        self.port = free_port()
+        self.url = f"udpin:127.0.0.1:{self.port}"
+        self.log = self.folder / "autopilot.log"
+        self.process = None
+        self.key = self.folder / "link.key"
+        self.out = self.folder / "falcon-7"
+        (self.folder / "camera.yaml").write_text(support.CAMERA.format(width=320, height=240))
+        (self.folder / "waypoints.csv").write_text("lat_deg,lon_deg\n47.3995,8.4985\n47.3995,8.5015\n47.4005,8.5015\n")
+        self.good("keys", "create", "--out", self.folder / "planner")
+
+    def start(self, *more, link=None, parameters=WRONG, disarmed=True):
+        args = [sys.executable, "-B", AUTOPILOT, "--link", link or f"udpout:127.0.0.1:{self.port}", "--waypoints",
+                self.folder / "waypoints.csv", "--altitude-m", "100", "--duration", "100000", *more]
+        args += [f"--parameter={name}={value}" for name, value in parameters.items()]
+        with open(self.log, "w", encoding="utf-8") as log:
+            self.process = subprocess.Popen([*map(str, args + ["--disarmed"] * disarmed)], stdout=log,
+                                            stdin=subprocess.DEVNULL)
+        self.addCleanup(self.process.wait)
+        self.addCleanup(self.process.kill)
+        while not self.log.stat().st_size:  # it says at once who steers
+            self.assertIsNone(self.process.poll())
+            time.sleep(0.01)
+
+    def events(self):
+        """What the autopilot says that happened to its parameters, its key, and itself. Ends it."""
+        self.process.send_signal(signal.SIGTERM)
+        self.process.wait()
+        lines = [line.split() for line in self.log.read_text().splitlines()]
+        return [line[2:] for line in lines if len(line) > 2 and line[2] in ("parameter", "signing", "restart")]
+
+    def args(self, *more, patience=60):
+        return ["provision", "autopilot", "--autopilot", self.url, "--patience-s", patience, *more]
+
+    def all_of_it(self):
+        return ["--apply", "--signing-key", self.key, "--airframe", "falcon-7", "--camera", self.folder / "camera.yaml",
+                "--key", self.folder / "planner.key.pem", "--out", self.out, "--mount-yaw-deg", "180",
+                "--capture-delay-s", "0.08"]
+
+    def parameters_now(self, events):
+        now = dict(WRONG)
+        for kind, *words in events:
+            if kind == "parameter":
+                now[words[0].removeprefix("name=")] = float(words[1].removeprefix("value="))
+        return now
+
+    def assert_untouched(self, key="removed"):
+        """As it was before: every parameter put back, no key, no airframe file."""
+        events = self.events()
+        self.assertEqual(WRONG, self.parameters_now(events))
+        keys = [line[1] for line in events if line[0] == "signing"]
+        self.assertIn(keys[-1:], ([], ["text=" + key]))
+        self.assertEqual([], [name for name in os.listdir(self.folder) if "falcon-7" in name])
+
+    def test_shows_and_changes_nothing_without_apply(self):
+        self.start()
+        told = json.loads(self.good(*self.args("--signing-key", self.key, "--json")).stdout)
+        self.assertFalse(told["applied"])
+        self.assertEqual("4.6.1", told["version"])
+        self.assertRegex(told["uid"], "^[0-9a-f]{36}$")
+        found = {one["name"]: (one["found"], one["wanted"]) for one in told["parameters"]}
+        self.assertEqual({"GPS1_TYPE": (1, 14), "EK3_SRC1_POSXY": (0, 3), "EK3_SRC1_VELXY": (3, 3),
+                          "EK3_SRC1_POSZ": (1, 1), "EK3_SRC1_YAW": (8, 1)}, found)
+        self.assertFalse(self.key.exists())
+        self.assertEqual([], self.events())
+
+    def test_provisions_and_then_again_over_the_signed_link(self):
+        self.start()
+        self.good(*self.args(*self.all_of_it()))
+        self.assertEqual(0o600, stat.S_IMODE(self.key.stat().st_mode))
+        self.assertEqual({"airframe.json", "airframe.json.sig"}, set(os.listdir(self.out)))
+        text = (self.out / "airframe.json").read_bytes()
+        airframe = json.loads(text)
+        self.assertEqual(("falcon-7", 0.08, 250.0), (airframe["airframe"], airframe["capture_delay_s"],
+                                                     airframe["camera"]["fx"]))
+        self.check_signature(text)
+        # Nobody without the key is heard from now on; whoever has it is.
+        self.fails(2, *self.args(patience=1), says=("autopilot",))
+        told = json.loads(self.good(*self.args("--apply", "--signing-key", self.key, "--json")).stdout)
+        self.assertFalse(told["key_installed"])
+        self.assertGreaterEqual(told["imu_rate_hz"], 40)
+        events = self.events()
+        self.assertEqual({"GPS1_TYPE": 14, "EK3_SRC1_POSXY": 3, "EK3_SRC1_YAW": 1}, self.parameters_now(events))
+        self.assertEqual(["restart", "signing"], [line[0] for line in events if line[0] != "parameter"])
+        self.assertNotIn(self.key.read_text().strip(), self.log.read_text())
+
+    def check_signature(self, text):
+        """openssl is the judge; the encoding is DSSE's."""
+        envelope = json.loads((self.out / "airframe.json.sig").read_text())
+        kind = envelope["payloadType"].encode()
+        (self.folder / "signed").write_bytes(b"DSSEv1 %d %s %d %s" % (len(kind), kind, len(text), text))
+        (self.folder / "sig").write_bytes(base64.b64decode(envelope["signatures"][0]["sig"]))
+        subprocess.run(["openssl", "pkeyutl", "-verify", "-pubin", "-inkey", self.folder / "planner.pub.pem", "-rawin", "-in",
+                        self.folder / "signed", "-sigfile", self.folder / "sig"], check=True, capture_output=True)
+
+    def test_works_over_a_terminal(self):
+        (our_cable, our_end), (their_cable, their_end) = os.openpty(), os.openpty()
+        for end in (our_cable, our_end, their_cable, their_end):
+            self.addCleanup(os.close, end)
+            tty.setraw(end)
+        relay = subprocess.Popen([sys.executable, "-c", RELAY, str(our_cable), str(their_cable)],
+                                 pass_fds=(our_cable, their_cable))
+        self.addCleanup(relay.wait)
+        self.addCleanup(relay.kill)
+        self.start(link="file:" + os.ttyname(their_end))
+        self.url = f"serial:{os.ttyname(our_end)}:115200"
+        told = json.loads(self.good(*self.args("--json")).stdout)
+        self.assertEqual(1, told["system"])
+
+    def test_nobody_is_there(self):
+        self.fails(2, *self.args(*self.all_of_it(), patience=0.3), says=("no autopilot", self.url), leaves_nothing=self.out)
+
+    def test_a_step_that_fails_says_why_and_leaves_everything_as_it_was(self):
+        """All at once: each does little but wait until patience ends."""
+        faults = {"no-version": "AUTOPILOT_VERSION", "command-silent": "AUTOPILOT_VERSION", "param-silent": "GPS1_TYPE",
+                  "param-refuses=EK3_SRC1_YAW": "EK3_SRC1_YAW", "signing-deaf": "does not sign", "imu-slow": "RAW_IMU",
+                  "gps-input-deaf": "GPS_INPUT"}
+
+        def one(fault):
+            case = Provision(self._testMethodName)  # a folder, a port and an autopilot of its own
+            self.addCleanup(case.doCleanups)
+            case.setUp()
+            case.start("--fault", fault)
+            result = case.fails(2, *case.args(*case.all_of_it(), patience=8), says=(faults[fault], "expected", "found"))
+            self.assertNotIn("still changed", result.stderr)
+            case.assert_untouched()
+
+        with concurrent.futures.ThreadPoolExecutor(len(faults)) as pool:
+            list(pool.map(one, faults))
+
+    def test_an_armed_aircraft_is_left_alone(self):
+        self.start(disarmed=False)
+        self.fails(2, *self.args(*self.all_of_it()), says=("armed",))
+        self.assert_untouched()
+
+    def test_a_file_that_cannot_be_written_leaves_everything_as_it_was(self):
+        self.start()
+        args = self.all_of_it()
+        args[args.index(self.out)] = self.folder / "missing" / "falcon-7"
+        self.fails(2, *self.args(*args), says=("missing", "as it was before"))
+        self.assert_untouched()
+
+    def test_an_autopilot_with_another_key_is_left_alone(self):
+        other = self.folder / "other.key"
+        other.write_text("ab" * 32 + "\n")
+        self.start("--key-file", other)
+        self.fails(2, *self.args(*self.all_of_it()), says=("another key",))
+        self.assert_untouched()
+
+    def test_refuses_wrong_input_before_it_speaks(self):
+        apply = self.all_of_it()
+        self.fails(2, *self.args(*apply[1:]), says=("--apply",))
+        self.out.mkdir()
+        self.fails(2, *self.args(*apply), says=("there already",))
+        self.out.rmdir()
+        self.key.write_text("not a key\n")
+        self.key.chmod(0o600)
+        self.fails(2, *self.args(*apply), says=("no signing key",), leaves_nothing=self.out)
+        self.key.chmod(0o644)
+        self.fails(2, *self.args(*apply), says=("link.key",), leaves_nothing=self.out)
+        (self.folder / "camera.yaml").write_text("model: fisheye\n")
+        self.fails(2, *self.args(*apply), says=("camera.yaml",), leaves_nothing=self.out)
+
+
+# Between two terminals, as a cable.
+RELAY = """
+import os, select, sys
+ends = [int(word) for word in sys.argv[1:]]
+while True:
+    for end in select.select(ends, [], [])[0]:
+        os.write(ends[1 - ends.index(end)], os.read(end, 65536))
+"""
+
+if __name__ == "__main__":
+    support.main()

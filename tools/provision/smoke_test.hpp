@@ -1,0 +1,18 @@
+// What only a try shows: that the autopilot sends its accelerometer often enough, and hears our GPS_INPUT.
+#pragma once
+
+#include "provision/autopilot_session.hpp"
+
+namespace nadir {
+
+inline constexpr double kWantedImuRate_hz = 50;
+inline constexpr double kLeastImuRate_hz = 40;
+
+// Asks for RAW_IMU and measures its rate by the autopilot's own clock. Throws Error below kLeastImuRate_hz.
+double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot);
+
+// Sends a place where nobody flies, with an accuracy that no check of the autopilot passes, until its receiver tells
+// that place, and then "no fix". Throws Error when it does not. receiver: 1 or 2, the one that GPS_INPUT plays.
+void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int receiver);
+
+}  // namespace nadir
