@@ -168,6 +168,20 @@ class Provision(support.EndToEnd):
         self.fails(2, *self.args(*args), says=("missing", "as it was before"))
         self.assert_untouched()
 
+    def test_an_interrupt_leaves_everything_as_it_was(self):
+        self.start("--fault", "gps-input-deaf")
+        process = subprocess.Popen([support.NADIR, *map(str, self.args(*self.all_of_it()))], stdin=subprocess.DEVNULL,
+                                   stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(process.stderr.close)
+        self.addCleanup(process.kill)
+        for line in process.stderr:
+            if line == "the link is signed\n":  # and the smoke test cannot succeed
+                process.send_signal(signal.SIGINT)
+                break
+        process.stderr.read()
+        self.assertEqual(130, process.wait())
+        self.assert_untouched()
+
     def test_an_autopilot_with_another_key_is_left_alone(self):
         other = self.folder / "other.key"
         other.write_text("ab" * 32 + "\n")
