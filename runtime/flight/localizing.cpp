@@ -1,5 +1,7 @@
 #include "flight/localizing.hpp"
 
+#include <exception>
+
 #include "base/error.hpp"
 #include "estimation/anchor_job.hpp"
 #include "vision/flight_picture.hpp"
@@ -52,8 +54,9 @@ void Localizing::look_at_map(const std::stop_token& stop) {
     if (!job) continue;
     try {
       (*job)->run();
-    } catch (const Error&) {
-      // A look that fails (a tile that cannot be read) says nothing: the job goes back as one that never ran.
+    } catch (const std::exception&) {
+      // A look that fails (a tile that cannot be read, OpenCV at its wits' end) says nothing, whatever it threw: the
+      // job goes back as one that never ran.
     }
     finished_.put(std::move(*job));
   }
