@@ -12,7 +12,6 @@
 namespace nadir {
 
 struct AutopilotSpoke {
-  bool is_autopilot = false;  // its heartbeat, not another message
   bool authentic = false;
   bool armed = false;
 };
@@ -32,6 +31,10 @@ struct LocalizerSpoke {
   std::optional<double> pitch_rad{}, roll_rad{};
 };
 
+struct StateNotSaved {
+  std::string trouble;
+};
+
 struct FixJumped {
   double metres = 0;
 };
@@ -42,8 +45,8 @@ struct PlaceHinted {
   std::string by;
 };
 
-using FlightNews =
-    std::variant<AutopilotSpoke, CameraSpoke, LocalizerSpoke, FixJumped, PlaceHinted, GpsFix3d, EkfReport>;
+using FlightNews = std::variant<AutopilotSpoke, CameraSpoke, LocalizerSpoke, StateNotSaved, FixJumped, PlaceHinted,
+                                GpsFix3d, EkfReport>;
 
 struct TimedNews {
   double time_s = 0;

@@ -16,6 +16,12 @@ FlightGround::FlightGround(std::unique_ptr<OpenPackage> package, const std::file
 
 double FlightGround::plane_msl_m() const { return package_->mission().terrain.height_m; }
 
+std::optional<double> FlightGround::ground_msl_m(const LonLat& place) const {
+  if (!surface_) return std::nullopt;
+  const Enu at = frame_->enu_from_lonlat(place);
+  return plane_msl_m() + surface_->height_m({at.east_m, at.north_m});
+}
+
 LocalizerConfig FlightGround::config() const {
   LocalizerConfig config;
   config.map_sigma_m = map_sigma_m(package_->imagery());

@@ -22,8 +22,9 @@ class FlightGround {
   const OpenPackage& package() const { return *package_; }
   const std::filesystem::path& folder() const { return folder_; }
   const LocalFrame& frame() const { return *frame_; }
-  LocalizerConfig config() const;  // points into this
-  double plane_msl_m() const;      // from which the surface's heights count
+  LocalizerConfig config() const;                                 // points into this
+  double plane_msl_m() const;                                     // from which the surface's heights count
+  std::optional<double> ground_msl_m(const LonLat& place) const;  // nothing where the ground is taken for flat
 
   ApiPackage for_api() const { return package_for_api(folder_, package_); }
 

@@ -64,6 +64,7 @@ class FlightService {
   void learn(double time_s, const AutopilotSpoke& spoke);
   void learn(double time_s, const CameraSpoke& spoke);
   void learn(double time_s, const LocalizerSpoke& spoke);
+  void learn(double time_s, const StateNotSaved& state);
   void learn(double time_s, const FixJumped& jumped);
   void learn(double time_s, const PlaceHinted& hinted);
   void learn(double time_s, const GpsFix3d& fix);
