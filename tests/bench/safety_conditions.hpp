@@ -13,8 +13,8 @@ enum class Fault {
   old_map,
   heading_bias,  // 8 degrees
   height_scale,  // 15 %
-  map_shift,     // from the start
-  map_shift_later,
+  map_shift,     // the whole map
+  map_part,      // what lies beyond a border across the flight path, as a scene of a mosaic
   mirrored_map,
   other_region,
   frozen,    // the same picture from some frame on
@@ -32,7 +32,7 @@ enum class Fault {
 struct Condition {
   std::string_view name;
   Fault fault;
-  double amount = 0;  // of map_shift: metres
+  double amount = 0;  // of map_shift and map_part: metres
   double weight = 1;  // how often it is drawn
 };
 

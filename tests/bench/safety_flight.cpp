@@ -38,6 +38,23 @@ void expose(const CameraSensor& sensor, cv::Mat& picture, std::size_t index, Ran
   sensor.expose(picture, exposure, index);
 }
 
+// Flown over from the right part into the misplaced one, or the other way round.
+Border border_at(const CameraPose& pose, const CameraPose& before, bool forwards) {
+  const PlanePoint step{pose.position.east_m - before.position.east_m, pose.position.north_m - before.position.north_m};
+  return {pose.position, forwards ? step : PlanePoint{-step.east_m, -step.north_m}};
+}
+
+bool sees_beyond(const Border& border, const CameraPose& pose) {
+  const double reach_m = 0.6 * pose.agl_m;  // to the picture's sides
+  for (const double east : {-reach_m, 0.0, reach_m}) {
+    for (const double north : {-reach_m, 0.0, reach_m}) {
+      const PlanePoint seen{pose.position.east_m + east, pose.position.north_m + north};
+      if (border.beyond(tile_under(seen))) return true;
+    }
+  }
+  return false;
+}
+
 // What may happen to a single frame. `hit`: the first one that the fault is about.
 void damage(Flight& flight, const World& world, const Photographer& photographer, const CameraSensor& sensor,
             Random& random) {
@@ -48,9 +65,10 @@ void damage(Flight& flight, const World& world, const Photographer& photographer
   const double sign = random.chance(0.5) ? 1 : -1, direction = random.uniform(-kPi, kPi);
   const double jump_s = random.chance(0.5) ? -60 : 300;
   const bool lasting = random.chance(0.5);
-  if (fault == Fault::map_shift || fault == Fault::map_shift_later) {
+  if (fault == Fault::map_shift || fault == Fault::map_part) {
     flight.shift = offset({}, flight.condition->amount, direction);
   }
+  if (fault == Fault::map_part) flight.border = border_at(shots[hit].truth, shots[hit - 1].truth, lasting);
   for (std::size_t i = 0; i < shots.size(); ++i) {
     Shot& shot = shots[i];
     const bool from_hit = i >= hit;
@@ -58,7 +76,7 @@ void damage(Flight& flight, const World& world, const Photographer& photographer
       case Fault::heading_bias: *shot.told.heading_rad += radians(8); break;
       case Fault::height_scale: *shot.told.agl_m *= 1 + 0.15 * sign; break;
       case Fault::map_shift: shot.shifted = true; break;
-      case Fault::map_shift_later: shot.shifted = from_hit; break;
+      case Fault::map_part: shot.shifted = sees_beyond(*flight.border, shot.truth); break;
       case Fault::frozen:
         if (i > hit) shot.picture = shots[hit].picture;
         break;

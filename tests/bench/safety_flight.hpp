@@ -15,7 +15,7 @@ struct Shot {
   CameraPose truth;
   Telemetry told;
   cv::Mat picture;       // BGR; empty: could not be decoded
-  bool shifted = false;  // the map under it is out of place
+  bool shifted = false;  // some of the map under it is out of place
 };
 
 struct Flight {
@@ -25,8 +25,9 @@ struct Flight {
   std::vector<Shot> shots;
   std::optional<LonLat> start;
   double start_sigma_m = 0;
-  PlaneBox area;     // that holds the start, for those who do not know it
-  PlanePoint shift;  // of the map, where there is one
+  PlaneBox area;                 // that holds the start, for those who do not know it
+  PlanePoint shift;              // of the map, where there is one
+  std::optional<Border> border;  // beyond which the map is shifted; none: everywhere
 };
 
 Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>& worlds,

@@ -14,18 +14,6 @@ namespace {
 
 constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, and the anchor itself errs
 
-// A map that is exchanged for another in flight.
-class ExchangedTiles final : public TileSource {
- public:
-  explicit ExchangedTiles(const TileSource* tiles) : tiles_(tiles) {}
-  void exchange(const TileSource* tiles) { tiles_ = tiles; }
-  ZoomRange zooms() const override { return tiles_->zooms(); }
-  std::optional<Bytes> read(const TileKey& key) const override { return tiles_->read(key); }
-
- private:
-  const TileSource* tiles_;
-};
-
 Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
 
 // On a map that is out of place from the start the flight looks like one that began elsewhere. Only a start that says
@@ -61,8 +49,10 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   if (!flight.start) config.area = flight.area;
   const TileSource& right = tiles_of(flight);
   const PictureTiles shifted(world.satellite, flight.shift);
-  ExchangedTiles tiles(&right);
-  Localizer localizer(camera_file(), frame(), &tiles, flight.start, config);
+  const JoinedTiles joined(right, shifted, flight.border.value_or(Border{}));
+  const bool whole = flight.condition->fault == Fault::map_shift, part = flight.border.has_value();
+  const TileSource* map = whole ? static_cast<const TileSource*>(&shifted) : part ? &joined : &right;
+  Localizer localizer(camera_file(), frame(), map, flight.start, config);
 
   Record record;
   record.index = index;
@@ -74,9 +64,8 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
   }
   for (std::size_t i = 0; i < flight.shots.size(); ++i) {
     const Shot& shot = flight.shots[i];
-    tiles.exchange(shot.shifted ? static_cast<const TileSource*>(&shifted) : &right);
     const bool unanchored = record.accepted == 0;
-    if (shot.shifted && unanchored && !start_tells(flight)) unknowable = true;  // exchanged before anything was known
+    if (shot.shifted && unanchored && !start_tells(flight)) unknowable = true;  // before anything was known
     const FrameReport report = localizer.process(shot.picture, shot.told);
     judge(report, shot.truth, unknowable, record);
     if (talk) talk(told(i, report, shot.truth));

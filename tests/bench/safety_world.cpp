@@ -40,6 +40,15 @@ Terrain::Terrain(const Relief& relief) : relief_(relief), level_m_(relief.at(spo
 
 double Terrain::height_m(PlanePoint point) const { return relief_.at(spot_of(point)) - level_m_; }
 
+TileKey tile_under(PlanePoint place) { return tile_at(frame().lonlat_from_enu(place.east_m, place.north_m), kMapZoom); }
+
+bool Border::beyond(const TileKey& key) const {
+  const LonLat middle = lonlat_from_pixel(
+      {(static_cast<double>(key.x) + 0.5) * kTileSize, (static_cast<double>(key.y) + 0.5) * kTileSize}, key.z);
+  const Enu place = frame().enu_from_lonlat(middle);
+  return beyond(PlanePoint{place.east_m, place.north_m});
+}
+
 std::optional<Bytes> PictureTiles::read(const TileKey& key) const {
   {
     const std::lock_guard lock(mutex_);

@@ -16,6 +16,7 @@ namespace nadir::bench {
 
 inline constexpr double kWorldSide_m = 1800;
 inline constexpr double kWorldGsd_m = 0.6;
+inline constexpr int kMapZoom = 17;  // 0.79 m
 
 const LocalFrame& frame();
 
@@ -33,6 +34,8 @@ class Terrain final : public GroundSurface {
   double level_m_;
 };
 
+TileKey tile_under(PlanePoint place);
+
 // A picture as tiles, encoded when first asked for. Safe for several threads.
 class PictureTiles final : public TileSource {
  public:
@@ -40,7 +43,7 @@ class PictureTiles final : public TileSource {
   PictureTiles(const cv::Mat& picture, PlanePoint shift = {}, bool mirrored = false)
       : picture_(picture), shift_(shift), mirrored_(mirrored) {}
 
-  ZoomRange zooms() const override { return {17, 17}; }  // 0.79 m
+  ZoomRange zooms() const override { return {kMapZoom, kMapZoom}; }
   std::optional<Bytes> read(const TileKey& key) const override;
 
  private:
@@ -51,6 +54,31 @@ class PictureTiles final : public TileSource {
   bool mirrored_;
   mutable std::mutex mutex_;
   mutable std::map<TileKey, std::optional<Bytes>> known_;
+};
+
+// A line across the world; what lies beyond it, whole tiles, belongs to another picture.
+struct Border {
+  PlanePoint at, towards;  // towards: any length
+
+  bool beyond(PlanePoint place) const {
+    return (place.east_m - at.east_m) * towards.east_m + (place.north_m - at.north_m) * towards.north_m > 0;
+  }
+  bool beyond(const TileKey& key) const;  // by its middle
+};
+
+// Two maps as one. Both must outlive it.
+class JoinedTiles final : public TileSource {
+ public:
+  JoinedTiles(const TileSource& near, const TileSource& far, const Border& border)
+      : near_(near), far_(far), border_(border) {}
+  ZoomRange zooms() const override { return near_.zooms(); }
+  std::optional<Bytes> read(const TileKey& key) const override {
+    return (border_.beyond(key) ? far_ : near_).read(key);
+  }
+
+ private:
+  const TileSource &near_, &far_;
+  Border border_;
 };
 
 // The pictures of one seed. Not to be moved: its parts point at each other.
