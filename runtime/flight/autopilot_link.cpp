@@ -20,14 +20,14 @@ constexpr std::pair<StreamedMessage, double> kStreams[] = {
 
 std::int64_t us(double seconds) { return std::llround(seconds * 1e6); }
 
-std::optional<Signing> signing_of(const AutopilotLinkSetup& setup, std::optional<SigningTime>& time) {
+std::optional<Signing> signing_of(const AutopilotLinkSetup& setup, const std::unique_ptr<SigningTime>& time) {
   if (!setup.key || !time) return std::nullopt;
   return Signing(*setup.key, *time, setup.airframe.link);
 }
 
-std::optional<SigningTime> time_of(const AutopilotLinkSetup& setup, const FlightClock& clock) {
-  if (!setup.key || !setup.signing_time) return std::nullopt;
-  return SigningTime(*setup.signing_time, clock.unix_us(), us(clock.monotonic_s()));
+std::unique_ptr<SigningTime> time_of(const AutopilotLinkSetup& setup, const FlightClock& clock) {
+  if (!setup.key || !setup.signing_time) return nullptr;
+  return std::make_unique<SigningTime>(*setup.signing_time, clock.unix_us(), us(clock.monotonic_s()));
 }
 
 SystemState system_state(ServiceState state) {
@@ -76,6 +76,10 @@ void AutopilotLink::tell(TextSeverity severity, std::string text) { send(StatusT
 void AutopilotLink::send(OutgoingMessage message) {
   outgoing_.put(std::move(message));
   wake_up_.call();
+}
+
+void AutopilotLink::keep_signing_time() {
+  if (signing_time_) signing_time_->keep(us(clock_.monotonic_s()));
 }
 
 AutopilotLink::State AutopilotLink::state() const {

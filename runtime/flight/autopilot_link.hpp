@@ -49,6 +49,7 @@ class AutopilotLink {
   void permit(const ServiceStatus& status);  // whether, and how surely, fixes may be told
   void tell(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
+  void keep_signing_time();  // once a second, from a thread that has time for disks
 
   struct State {
     bool open = false;
@@ -70,7 +71,7 @@ class AutopilotLink {
   Airframe airframe_;
   const FlightClock& clock_;
   Listener listener_;
-  std::optional<SigningTime> signing_time_;
+  std::unique_ptr<SigningTime> signing_time_;  // null: the link is not signed
   MavlinkLink link_;
   FixPredictor predictor_;
 

@@ -62,8 +62,8 @@ FlightService::~FlightService() {
   camera_.reset();
   link_->stop();  // the localizer still speaks to it, and it to the localizer
   localizing_.reset();
-  link_.reset();
   house_ = {};
+  link_.reset();
   server_.reset();
   if (recorder_) recorder_->close("stopped");
 }

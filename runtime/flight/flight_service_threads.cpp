@@ -4,6 +4,8 @@
 
 #include "flight/flight_service.hpp"
 #include "mavlink/commands.hpp"
+#include "service/cadence.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
 namespace {
@@ -95,7 +97,9 @@ void FlightService::heard(double now_s, const ReceivedMessage& received) {
 // Disks may be slow: nobody else touches them in flight but the recorder.
 void FlightService::keep_house(const std::stop_token& stop) {
   std::string last_trouble;
+  Cadence keeping(kSavePeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
+    if (keeping.due(clock_.monotonic_s())) link_->keep_signing_time();
     const auto flight = to_save_.take_within(kHouseWait, stop);
     if (!flight) continue;
     const std::string trouble = state_.save(*flight).value_or("");

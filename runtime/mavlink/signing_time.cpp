@@ -12,8 +12,11 @@ namespace {
 constexpr std::int64_t kEpochUnixUs = 1'420'070'400'000'000;  // 2015-01-01T00:00:00Z
 constexpr std::uint64_t kLast = (std::uint64_t{1} << 48) - 1;
 
-// Written this far ahead, and again when half of it is used: a restart jumps ahead by no more.
-constexpr std::uint64_t kMargin = 20 * kSigningTicksPerSecond;
+// So many may be given out until the file is written again. It is also how far a restart runs ahead at most.
+constexpr std::uint64_t kAtOnce = kSigningTicksPerSecond / 10;
+
+// Without anybody who calls keep(). What is given out falls behind by so much meanwhile, and a minute is too late.
+constexpr std::uint64_t kLongestBehind = 10 * kSigningTicksPerSecond;
 
 std::uint64_t read_reservation(const std::filesystem::path& path) {
   if (!std::filesystem::exists(path)) return 0;
@@ -38,36 +41,60 @@ std::uint64_t signing_time_of(std::int64_t unix_us) {
 }
 
 SigningTime::SigningTime(std::filesystem::path path, std::int64_t unix_us, std::int64_t monotonic_us)
-    : path_(std::move(path)), base_us_(monotonic_us), reserved_(read_reservation(path_)) {
-  base_ = std::max(signing_time_of(unix_us), reserved_);
+    : path_(std::move(path)), base_us_(monotonic_us), last_(read_reservation(path_)), allowed_(last_) {
+  base_ = std::max(signing_time_of(unix_us), last_);
+}
+
+std::uint64_t SigningTime::now_locked(std::int64_t monotonic_us) const {
+  const std::int64_t elapsed_us = std::max<std::int64_t>(monotonic_us - base_us_, 0);
+  return std::min(base_ + static_cast<std::uint64_t>(elapsed_us) / 10, kLast);
 }
 
 std::uint64_t SigningTime::now(std::int64_t monotonic_us) const {
-  const std::int64_t elapsed_us = std::max<std::int64_t>(monotonic_us - base_us_, 0);
-  return std::min(std::max(base_ + static_cast<std::uint64_t>(elapsed_us) / 10, last_), kLast);
+  const std::scoped_lock lock(mutex_);
+  return now_locked(monotonic_us);
 }
 
 std::uint64_t SigningTime::take(std::int64_t monotonic_us) {
-  const std::uint64_t timestamp = std::min(std::max(now(monotonic_us), last_ + 1), kLast);
-  if (timestamp + kMargin / 2 >= reserved_) reserve(timestamp);
-  last_ = timestamp;
-  return timestamp;
+  {
+    const std::scoped_lock lock(mutex_);
+    if (last_ < allowed_ && now_locked(monotonic_us) < allowed_ + kLongestBehind) return ++last_;
+  }
+  if (const std::unique_lock writing(writing_, std::try_to_lock); writing) write(monotonic_us);
+  const std::scoped_lock lock(mutex_);
+  if (last_ >= allowed_ && last_ < kLast) ++failed_;  // another write hangs
+  last_ = std::min(last_ + 1, kLast);
+  return last_;
 }
 
 void SigningTime::adopt(std::uint64_t timestamp, std::int64_t monotonic_us) {
-  if (timestamp <= now(monotonic_us)) return;
+  const std::scoped_lock lock(mutex_);
+  if (timestamp <= now_locked(monotonic_us)) return;
   base_ = timestamp;
   base_us_ = monotonic_us;
 }
 
-void SigningTime::reserve(std::uint64_t timestamp) {
-  const std::uint64_t until = timestamp + kMargin;
+void SigningTime::keep(std::int64_t monotonic_us) {
+  const std::scoped_lock writing(writing_);
+  write(monotonic_us);
+}
+
+void SigningTime::write(std::int64_t monotonic_us) {
+  std::uint64_t from = 0;
+  {
+    const std::scoped_lock lock(mutex_);
+    from = std::max(now_locked(monotonic_us), allowed_);
+  }
+  const std::uint64_t until = std::min(from + kAtOnce, kLast);
   try {
     write_file_atomic(path_, std::to_string(until) + "\n");
   } catch (const Error&) {
     ++failed_;
   }
-  reserved_ = until;  // also when it failed: the next try comes when half of it is used, not with every frame
+  // Also when it failed: the next try comes when this is used up or old, not with every frame.
+  const std::scoped_lock lock(mutex_);
+  last_ = std::max(last_, from);
+  allowed_ = until;
 }
 
 }  // namespace nadir

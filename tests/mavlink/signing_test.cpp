@@ -121,7 +121,7 @@ TEST_F(SignedLink, TheAutopilotsTimeIsAdoptedWhenItIsAhead) {
   const std::uint64_t ahead = now_ + 3600 * kSigningTicksPerSecond;
   EXPECT_EQ(judged(theirs(ahead)), SignatureVerdict::accepted);
   EXPECT_GE(time_.take(0), ahead);
-  EXPECT_GE(time_.take(1'000'000), ahead + kSigningTicksPerSecond) << "and goes on from there";
+  EXPECT_GE(time_.now(1'000'000), ahead + kSigningTicksPerSecond) << "and goes on from there";
   EXPECT_EQ(judged(theirs(now_, 1)), SignatureVerdict::too_old);
 }
 
@@ -158,7 +158,74 @@ TEST(SigningTimestamp, IsReservedBeforeItIsUsed) {
   SigningTime time(folder / "time", kUnixUs, 0);
   for (std::int64_t s = 0; s < 100; ++s) {
     const std::uint64_t taken = time.take(s * 1'000'000);
-    EXPECT_GT(std::stoull(read_text_file(folder / "time")), taken);
+    EXPECT_GE(std::stoull(read_text_file(folder / "time")), taken);
+  }
+}
+
+// Others refuse what is a minute late, and what has been used.
+TEST(SigningTimestamp, StaysNearTheClockAndStrictlyIncreasingWithAndWithoutKeep) {
+  const test::TemporaryFolder folder;
+  for (const bool kept : {false, true}) {
+    SigningTime time(folder / (kept ? "kept" : "alone"), kUnixUs, 0);
+    std::uint64_t last = 0;
+    for (std::int64_t us = 0; us < 120'000'000; us += 50'000) {
+      if (kept && us % 1'000'000 == 0) time.keep(us);
+      const std::uint64_t taken = time.take(us);
+      ASSERT_GT(taken, last);
+      ASSERT_LE(taken, time.now(us) + kSigningTicksPerSecond / 10);
+      ASSERT_GE(taken + (kept ? 2 : 11) * kSigningTicksPerSecond, time.now(us));
+      last = taken;
+    }
+  }
+}
+
+TEST(SigningTimestamp, MoreFramesThanWereAllowedForAreReservedAnew) {
+  const test::TemporaryFolder folder;
+  SigningTime time(folder / "time", kUnixUs, 0);
+  std::uint64_t last = 0;
+  for (int i = 0; i < 25'000; ++i) {
+    const std::uint64_t taken = time.take(0);
+    ASSERT_GT(taken, last);
+    last = taken;
+  }
+  EXPECT_GE(std::stoull(read_text_file(folder / "time")), last);
+}
+
+// A service that crashes again and again must still believe an autopilot whose clock is right.
+TEST(SigningTimestamp, ManyQuickRestartsRunAheadOfNobody) {
+  const test::TemporaryFolder folder;
+  std::uint64_t last = 0;
+  for (std::int64_t start = 0; start < 20; ++start) {
+    const std::int64_t unix_us = kUnixUs + start * 200'000;
+    SigningTime time(folder / "time", unix_us, 77);
+    Signing signing(key(), time, 3);
+    for (std::int64_t i = 0; i < 5; ++i) {
+      const std::uint64_t taken = time.take(77 + i * 10'000);
+      EXPECT_GT(taken, last);
+      last = taken;
+    }
+    EXPECT_LE(time.now(77), signing_time_of(unix_us) + 3 * kSigningTicksPerSecond);
+    // An autopilot half a minute behind is still believed.
+    const std::uint64_t theirs = signing_time_of(unix_us) - 30 * kSigningTicksPerSecond;
+    FrameReader reader;
+    reader.add(test::frames_by_pymavlink(kAttitude, "--key " + kKeyHex + " --timestamp " + std::to_string(theirs))[0]);
+    EXPECT_EQ(signing.check(*reader.next(), 77), SignatureVerdict::accepted);
+  }
+}
+
+// The same when the autopilot takes over whatever time it hears from us, and we take it back from there.
+TEST(SigningTimestamp, AnAutopilotThatAdoptsOurTimeCarriesNobodyAway) {
+  const test::TemporaryFolder folder;
+  std::uint64_t theirs = 0;
+  std::int64_t unix_us = kUnixUs;
+  for (int start = 0; start < 20; ++start, unix_us += 30'000'000) {  // killed twice a minute
+    SigningTime time(folder / "time", unix_us, 0);
+    for (std::int64_t us = 0; us < 30'000'000; us += 100'000) {
+      if (us % 1'000'000 == 0) time.keep(us);
+      theirs = std::max(theirs + 10'000, time.take(us));
+      time.adopt(theirs, us);
+    }
+    EXPECT_LE(time.now(30'000'000), signing_time_of(unix_us + 30'000'000) + 4 * kSigningTicksPerSecond);
   }
 }
 

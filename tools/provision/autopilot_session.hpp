@@ -21,8 +21,7 @@ class AutopilotSession {
   ~AutopilotSession();
 
   // The link anew, signed with a key or not. Each begins at the system's clock, which has moved on by more than was
-  // signed: what SigningTime reserves in time_file is removed, because a few tries in a row would run a minute ahead of
-  // the autopilot.
+  // signed; time_file (SigningTime) is there only meanwhile.
   void open();
   void open_signed(const SigningKey& key, const std::filesystem::path& time_file);
 
