@@ -4,6 +4,7 @@
 #include <chrono>
 #include <exception>
 
+#include "base/thread_rank.hpp"
 #include "recorder/thumbnail.hpp"
 
 namespace nadir {
@@ -131,6 +132,7 @@ StoreStatus Recorder::status() const {
 }
 
 void Recorder::run() {
+  begin_thread("recorder", ThreadRank::behind);
   std::unique_lock lock(mutex_);
   while (true) {
     work_.wait_for(lock, kLongestSleep, [&] { return stopping_ || !queue_.empty() || flushed_ < flush_wanted_; });

@@ -17,6 +17,7 @@
 
 #include "api/problem.hpp"
 #include "base/error.hpp"
+#include "base/thread_rank.hpp"
 
 namespace nadir {
 namespace {
@@ -230,7 +231,10 @@ struct HttpServer::Impl {
                    .fix = "choose another address or port, or end what listens there"});
     }
     accept();
-    thread = std::thread([this] { io.run(); });
+    thread = std::thread([this] {
+      begin_thread("api", ThreadRank::behind);
+      io.run();
+    });
   }
 
   ~Impl() {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/thread_rank.hpp"
 #include "mavlink/commands.hpp"
 #include "service/cadence.hpp"
 
@@ -88,6 +89,7 @@ AutopilotLink::State AutopilotLink::state() const {
 }
 
 void AutopilotLink::run(const std::stop_token& stop) {
+  begin_thread("link", ThreadRank::ahead);
   Cadence heartbeats(kHeartbeatPeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
     beat_();

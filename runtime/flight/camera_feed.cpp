@@ -1,5 +1,6 @@
 #include "flight/camera_feed.hpp"
 
+#include "base/thread_rank.hpp"
 #include "imagery/codecs.hpp"
 
 namespace nadir {
@@ -29,6 +30,7 @@ CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_dela
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
 void CameraFeed::run(const std::stop_token& stop) {
+  begin_thread("camera", ThreadRank::beside);
   std::string last_trouble;
   while (!stop.stop_requested()) {
     beat_();

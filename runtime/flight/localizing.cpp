@@ -3,6 +3,7 @@
 #include <exception>
 
 #include "base/error.hpp"
+#include "base/thread_rank.hpp"
 #include "estimation/anchor_job.hpp"
 #include "vision/flight_picture.hpp"
 
@@ -39,6 +40,7 @@ Localizing::~Localizing() = default;  // both threads are asked to stop, and wai
 void Localizing::hint(const LonLat& at, double radius_m, const std::string& by) { hints_.put({0, at, radius_m, by}); }
 
 void Localizing::follow_pictures(const std::stop_token& stop) {
+  begin_thread("localizer", ThreadRank::beside);
   while (!stop.stop_requested()) {
     follower_beat_();
     take_finished();
@@ -48,6 +50,7 @@ void Localizing::follow_pictures(const std::stop_token& stop) {
 }
 
 void Localizing::look_at_map(const std::stop_token& stop) {
+  begin_thread("map", ThreadRank::behind);
   while (!stop.stop_requested()) {
     looker_beat_();
     auto job = jobs_.take_within(std::chrono::milliseconds(500), stop);

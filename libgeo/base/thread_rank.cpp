@@ -1,0 +1,38 @@
+#include "base/thread_rank.hpp"
+
+#include <pthread.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <string>
+
+namespace nadir {
+namespace {
+
+constexpr int kAhead = -10, kBehind = 5, kMostNice = 19, kLeastNice = -20;
+constexpr std::size_t kLongestName = 15;
+
+int step(ThreadRank rank) {
+  switch (rank) {
+    case ThreadRank::ahead: return kAhead;
+    case ThreadRank::behind: return kBehind;
+    case ThreadRank::beside: break;
+  }
+  return 0;
+}
+
+}  // namespace
+
+void begin_thread(const char* name, ThreadRank rank) {
+  ::pthread_setname_np(::pthread_self(), std::string(name).substr(0, kLongestName).c_str());
+  errno = 0;
+  const int program = ::getpriority(PRIO_PROCESS, static_cast<id_t>(::getpid()));  // its main thread's
+  if (program == -1 && errno != 0) return;
+  const int wanted = std::clamp(program + step(rank), kLeastNice, kMostNice);
+  const auto thread = static_cast<id_t>(::gettid());
+  [[maybe_unused]] const int refused = ::setpriority(PRIO_PROCESS, thread, wanted);  // then it stays as it is
+}
+
+}  // namespace nadir
