@@ -8,6 +8,7 @@ is not as it should be. docs/closed-loop.md.
 """
 import argparse
 import json
+import os
 import pathlib
 import shutil
 import socket
@@ -19,6 +20,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 from loop.inputs import Inputs
 from loop.processes import Programs
+from loop.run_summary import run_summary
 from loop.verdict import Verdict, timeline
 from loop.watch import Watch
 
@@ -48,6 +50,8 @@ def arguments():
     parser.add_argument("--own-receiver", choices=("first", "second"), default="second",
                         help="which GPS instance is real; GPS_INPUT plays the other")
     parser.add_argument("--signed", action="store_true", help="sign the link")
+    parser.add_argument("--unfavoured", action="store_true",
+                        help="no more weight than any other program has; else that of a service, where the kernel lets us")
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--nadir", default=HERE.parent.parent / "build/bin/nadir")
@@ -76,12 +80,12 @@ def service(args, inputs, run, link_port, truth_port, api_port):
 
 
 def fly(args, inputs, run):
-    """(summary of the autopilot, watch, begun, camera's report)"""
+    """(summary of the autopilot, watch, begun, what nadird says at the end, camera's report)"""
     link_port, truth_port, other_port, api_port = free_port(), free_port(), free_port(), free_port(socket.SOCK_STREAM)
     for name in ("frames", "state", "record"):
         (run / name).mkdir()
     events = args.event if args.event is not None else SCENARIOS[args.scenario]
-    with Programs(run) as programs:
+    with Programs(run, favoured=not args.unfavoured) as programs:
         camera = programs.start("camera", [
             args.nadir, "simulate", "camera", "--world", inputs.world / "ground.tif", "--dem", inputs.world / "dem.tif",
             "--camera", inputs.camera, "--pose-from", f"udpin:127.0.0.1:{truth_port}", "--out", run / "frames", "--fps",
@@ -109,21 +113,23 @@ def fly(args, inputs, run):
         if code != 0:
             raise SystemExit(f"service ended with {code}:\n{companion.tail()}")
         summary = json.loads((run / "flight" / "summary.json").read_text(encoding="utf-8"))
-        return summary, watch, begun, camera.tail(7)
+        return summary, watch, begun, run_summary(companion.text()), camera.tail(7)
 
 
 def report(args, verdict, watch, begun, camera):
-    found = verdict.shortfalls()
     growth = watch.memory_growth()
+    verdict.memory_growth_percent = growth
+    found = verdict.shortfalls()
     if args.json:
         print(json.dumps({"figures": dict(verdict.figures()), "shortfalls": found, "summary": verdict.summary,
-                          "memory_growth_percent": growth}, indent=1))
+                          "service": verdict.service, "memory_growth_percent": growth}, indent=1))
         return found
     print("\n".join(timeline(verdict.summary, watch.changes, begun)) + "\n")
     for name, text in verdict.figures():
         print(f"{name:22}{text}")
     if growth is not None:
         print(f"{'memory of nadird':22}{max(mb for _, mb in watch.memory):.0f} MB, {growth:.1f} % growth after a minute")
+    print(f"{'load of the machine':22}{', '.join(f'{load:.1f}' for load in os.getloadavg())} (1, 5, 15 minutes)")
     print("\n".join(f"{'camera: ' + line.strip()}" for line in camera.splitlines()))
     print("\n".join(f"FALLS SHORT  {text}" for text in found) if found else "all as it should be")
     return found
@@ -139,10 +145,10 @@ def main():
                     gps_id=0 if args.own_receiver == "second" else 1, with_package=args.stand_in is None)
     run.mkdir()
     try:
-        summary, watch, begun, camera = fly(args, inputs, run)
+        summary, watch, begun, service_summary, camera = fly(args, inputs, run)
         events = args.event if args.event is not None else SCENARIOS[args.scenario]
         first = min((float(event.partition(":")[0]) for event in events), default=0.0)
-        verdict = Verdict(summary, run / "flight" / "track.csv", first)
+        verdict = Verdict(summary, run / "flight" / "track.csv", first, service_summary)
         found = report(args, verdict, watch, begun, camera)
     finally:
         if args.out is None:

@@ -9,6 +9,7 @@ import unittest
 
 import support
 from loop.inputs import Inputs
+from loop.run_summary import run_summary
 from loop.verdict import Verdict, timeline
 from loop.watch import Watch
 
@@ -62,7 +63,7 @@ class Flight(support.EndToEnd):
 
 
 class Judging(support.EndToEnd):
-    def verdict(self, rows=(), **changes):
+    def verdict(self, rows=(), service=None, **changes):
         path = self.folder / "track.csv"
         with open(path, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -71,7 +72,7 @@ class Judging(support.EndToEnd):
         summary = {"duration_s": 10, "plan_m": 1000, "deviation_m": figures, "fix_error_m": figures,
                    "gps_input_spacing_max_s": 0.12, "gps_input_late": 0, "resets": [], "resets_by_gps_input": 0,
                    "gps_input": {"accepted": 3}, "events": []}
-        return Verdict({**summary, **changes}, path, after_s=2)
+        return Verdict({**summary, **changes}, path, 2, service)
 
     def test_finds_what_falls_short(self):
         self.assertEqual([], self.verdict().shortfalls())
@@ -83,6 +84,16 @@ class Judging(support.EndToEnd):
             found = self.verdict(**changes).shortfalls()
             self.assertEqual(1, len(found), found)
             self.assertIn(word, found[0])
+
+    def test_reads_what_nadird_says_of_itself(self):
+        log = ("710 pictures, 3 dropped; picture to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest pause 320 ms\n")
+        service = run_summary("something else\n" + log)
+        self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("pictures", "dropped", "p95_ms",
+                                                                               "longest_pause_ms")))
+        self.assertIsNone(run_summary("it ended before"))
+        self.assertIn("392 ms", self.verdict(service=service).shortfalls()[0])
+        self.assertEqual([], self.verdict(service={**service, "p95_ms": 100}).shortfalls())
+        self.assertIn("dropped", self.verdict(service={**service, "p95_ms": 100, "dropped": 200}).shortfalls()[0])
 
     def test_counts_from_the_trouble_on(self):
         rows = [(0, "own"), (2, "none"), (4, "gps_input"), (6, "gps_input"), (8, "none")]

@@ -1,18 +1,32 @@
 """Programs that run beside each other, each with its own log, ended in order."""
+import pathlib
 import resource
 import signal
 import subprocess
 import time
 
+SERVICE_GROUP = -10  # of a kernel's autogroup: as heavy as CPUWeight=1000, which nadird.service asks for
+
+
+def favour(pid):
+    """The session of this process weighs as a service does: what else the machine has to do is not the aircraft's matter,
+    and what stands for its hardware must not be late. False where the kernel or our rights do not allow it."""
+    try:
+        pathlib.Path(f"/proc/{pid}/autogroup").write_text(f"{SERVICE_GROUP}\n", encoding="ascii")
+        return True
+    except OSError:
+        return False
+
 
 class Program:
-    def __init__(self, name, command, log_folder):
+    def __init__(self, name, command, log_folder, favoured=False):
         self.name = name
         self.log = log_folder / f"{name}.log"
         self.file = open(self.log, "w", encoding="utf-8")
         self.process = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=self.file,
-                                        stderr=subprocess.STDOUT)
+                                        stderr=subprocess.STDOUT, start_new_session=favoured)
         self.pid = self.process.pid
+        self.favoured = favoured and favour(self.pid)
 
     def running(self):
         return self.process.poll() is None
@@ -29,8 +43,11 @@ class Program:
         self.file.close()
         return code
 
+    def text(self):
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
     def tail(self, lines=8):
-        return "\n".join(self.log.read_text(encoding="utf-8", errors="replace").splitlines()[-lines:])
+        return "\n".join(self.text().splitlines()[-lines:])
 
     def memory_mb(self):
         try:
@@ -43,8 +60,8 @@ class Program:
 class Programs:
     """A context: what was started is ended, the latest first, whatever happens."""
 
-    def __init__(self, log_folder):
-        self.log_folder, self.started = log_folder, []
+    def __init__(self, log_folder, favoured=False):
+        self.log_folder, self.favoured, self.started = log_folder, favoured, []
 
     def __enter__(self):
         return self
@@ -55,13 +72,13 @@ class Programs:
                 program.end()
 
     def start(self, name, command):
-        self.started.append(Program(name, command, self.log_folder))
+        self.started.append(Program(name, command, self.log_folder, self.favoured))
         return self.started[-1]
 
     def wait_until_says(self, program, text, seconds=300):
         """Until its log holds `text`."""
         until = time.monotonic() + seconds
-        while text not in program.log.read_text(encoding="utf-8", errors="replace"):
+        while text not in program.text():
             if not program.running() or time.monotonic() > until:
                 raise SystemExit(f"{program.name} did not begin:\n{program.tail()}")
             time.sleep(0.05)

@@ -5,12 +5,17 @@ MAX_DEVIATION_M = 50
 MEDIAN_DEVIATION_M = 10
 MAX_SPACING_S = 0.2
 FOLLOWS_SPOOF_M = 100  # a fix that is so far off follows a spoofer of 300 m
+LATENCY_P95_MS = 120
+DROPPED_SHARE = 0.1
+MEMORY_GROWTH_PERCENT = 10  # ± 5 %, after the first minute
 
 
 class Verdict:
-    def __init__(self, summary, track_csv, after_s=0.0):
-        """summary: the autopilot's. after_s: from when on the given position is asked for (the denial)."""
-        self.summary = summary
+    def __init__(self, summary, track_csv, after_s=0.0, service=None):
+        """summary: the autopilot's. after_s: from when on the given position is asked for (the denial). service: what nadird
+        said at its end (run_summary), None for the stand-in."""
+        self.summary, self.service = summary, service
+        self.memory_growth_percent = None
         with open(track_csv, newline="", encoding="utf-8") as file:
             self.rows = list(csv.DictReader(file))
         self.after_s = after_s
@@ -44,11 +49,24 @@ class Verdict:
         if self.summary["gps_input_spacing_max_s"] > MAX_SPACING_S + 0.02:  # the autopilot looks fifty times a second
             found.append(f"GPS_INPUT paused for {self.summary['gps_input_spacing_max_s']:.2f} s, allowed are "
                          f"{MAX_SPACING_S}")
+        return found + self._shortfalls_of_service()
+
+    def _shortfalls_of_service(self):
+        found = []
+        if self.service is not None and self.service["p95_ms"] > LATENCY_P95_MS:
+            found.append(f"from picture to fix {self.service['p95_ms']} ms (p95), allowed are {LATENCY_P95_MS}")
+        if self.service is not None and self.service["dropped"] > DROPPED_SHARE * self.service["pictures"]:
+            found.append(f"{self.service['dropped']} of {self.service['pictures']} pictures were dropped")
+        if (self.memory_growth_percent or 0) > MEMORY_GROWTH_PERCENT:
+            found.append(f"memory grew by {self.memory_growth_percent:.0f} % after the first minute")
         return found
 
     def figures(self):
         deviation, fix = self.summary["deviation_m"], self.summary["fix_error_m"]
         promotion = self.promotion_s()
+        service = [] if self.service is None else [
+            ("picture to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} pictures dropped; longest "
+                               "pause of fixes {longest_pause_ms} ms".format(**self.service))]
         return [
             ("flown", f"{self.summary['duration_s']:.0f} s, laps of {self.summary['plan_m']:.0f} m"),
             ("true track from plan", f"median {deviation['median']:.1f}, p95 {deviation['p95']:.1f}, max "
@@ -62,6 +80,7 @@ class Verdict:
                               "0.245 s"),
             ("filter resets", ", ".join(f"{r['time_s']:.0f} s by {r['source']} ({r['reason']}, {r['metres']:.0f} m)"
                                         for r in self.summary["resets"]) or "none"),
+            *service,
         ]
 
 

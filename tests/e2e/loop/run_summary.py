@@ -1,0 +1,12 @@
+"""What nadird says of a flight when it ends, in figures."""
+import re
+
+LINE = re.compile(r"(\d+) pictures, (\d+) dropped; picture to fix p50 (\d+), p95 (\d+), max (\d+) ms; (\d+) fixes, longest "
+                  r"pause (\d+) ms")
+NAMES = ("pictures", "dropped", "p50_ms", "p95_ms", "max_ms", "fixes", "longest_pause_ms")
+
+
+def run_summary(log):
+    """The figures of the last such line of its log; None when there is none."""
+    found = LINE.findall(log)
+    return dict(zip(NAMES, map(int, found[-1]))) if found else None
