@@ -4,14 +4,14 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <exception>
 #include <nlohmann/json.hpp>
 
 #include "api/object_request.hpp"
 #include "api/page.hpp"
-#include "api/problem.hpp"
 #include "api/state_json.hpp"
+#include "http/access.hpp"
+#include "http/problem.hpp"
 #include "imagery/codecs.hpp"
 
 namespace nadir {
@@ -27,17 +27,6 @@ constexpr std::array kWritePaths{std::string_view("/v1/hint"), std::string_view(
 template <typename List>
 bool holds(const List& list, std::string_view path) {
   return std::find(list.begin(), list.end(), path) != list.end();
-}
-
-std::string lower_case(std::string_view text) {
-  std::string lower(text);
-  std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
-  return lower;
-}
-
-// "LOCALHOST:8750" as "localhost"; "[::1]:8750" likewise.
-std::string host_name(std::string_view host) {
-  return lower_case(host.substr(0, host.starts_with('[') ? host.find(']') + 1 : host.find(':')));
 }
 
 ApiResponse json_answer(int status, const nlohmann::json& document) {
@@ -89,20 +78,14 @@ ApiResponse Api::handle(const ApiRequest& request, const ServerCounts& server) c
 
 std::optional<Problem> Api::access(const ApiRequest& request, std::string_view path) const {
   if (options_.loopback) {
-    const std::string name = host_name(request.host);
-    if (name != "localhost" && name != "127.0.0.1" && name != "[::1]") {
+    if (!names_loopback(request.host)) {
       return Problem{
           .status = 421, .type = "host", .detail = "this service is called by localhost, 127.0.0.1 or [::1]"};
     }
   }
   // The page itself holds no secret, and must be there to ask for the token.
   if (!options_.token || !path.starts_with("/v1/")) return std::nullopt;
-  constexpr std::string_view kScheme = "bearer ";
-  const bool bearer = lower_case(request.authorization.substr(0, kScheme.size())) == kScheme;
-  // Digests are compared, so that the time it takes tells nothing about the token.
-  if (bearer && sha256(as_bytes(std::string_view(request.authorization).substr(kScheme.size()))) == *options_.token) {
-    return std::nullopt;
-  }
+  if (bearer_digest(request.authorization) == options_.token) return std::nullopt;
   return Problem{.status = 401, .type = "token", .detail = "send Authorization: Bearer TOKEN"};
 }
 

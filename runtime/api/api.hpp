@@ -10,10 +10,10 @@
 #include "api/event_stream.hpp"
 #include "api/flight_board.hpp"
 #include "api/hint.hpp"
-#include "api/message.hpp"
 #include "api/metrics.hpp"
 #include "base/sha256.hpp"
 #include "geodesy/local_frame.hpp"
+#include "http/message.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/ground_surface.hpp"
 

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "api/problem.hpp"
+#include "http/problem.hpp"
 
 namespace nadir {
 

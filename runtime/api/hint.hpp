@@ -5,8 +5,8 @@
 #include <optional>
 #include <variant>
 
-#include "api/problem.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "http/problem.hpp"
 
 namespace nadir {
 

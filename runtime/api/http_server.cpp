@@ -1,7 +1,5 @@
 #include "api/http_server.hpp"
 
-#include <fmt/format.h>
-
 #include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
@@ -15,9 +13,9 @@
 #include <sstream>
 #include <thread>
 
-#include "api/problem.hpp"
-#include "base/error.hpp"
 #include "base/thread_rank.hpp"
+#include "http/acceptor.hpp"
+#include "http/problem.hpp"
 
 namespace nadir {
 namespace {
@@ -216,32 +214,18 @@ class Connection : public std::enable_shared_from_this<Connection> {
 }  // namespace
 
 struct HttpServer::Impl {
-  Impl(const Api& served, const ListenAddress& address, const HttpLimits& bounds) : api(served), limits(bounds) {
-    try {
-      const tcp::endpoint endpoint(asio::ip::make_address(address.ip), address.port);
-      acceptor.open(endpoint.protocol());
-      acceptor.set_option(tcp::acceptor::reuse_address(true));
-      acceptor.bind(endpoint);
-      acceptor.listen();
-      port = acceptor.local_endpoint().port();
-    } catch (const boost::system::system_error& error) {
-      throw Error({.what = "the API cannot listen",
-                   .where = fmt::format("{}:{}", address.ip, address.port),
-                   .found = error.code().message(),
-                   .fix = "choose another address or port, or end what listens there"});
-    }
-    accept();
-    thread = std::thread([this] {
-      begin_thread("api", ThreadRank::behind);
-      io.run();
-    });
-  }
+  Impl(const Api& served, const ListenAddress& address, const HttpLimits& bounds)
+      : api(served),
+        limits(bounds),
+        acceptor(io, address, [this](tcp::socket socket) { take(std::move(socket)); }),
+        thread([this] {
+          begin_thread("api", ThreadRank::behind);
+          io.run();
+        }) {}
 
   ~Impl() {
     asio::post(io, [this] {
-      beast::error_code ignored;
-      acceptor.close(ignored);
-      retry.cancel();
+      acceptor.close();
       for (const auto& weak : connections) {
         if (const auto connection = weak.lock()) connection->close();
       }
@@ -249,28 +233,16 @@ struct HttpServer::Impl {
     thread.join();
   }
 
-  void accept() {
-    acceptor.async_accept([this](beast::error_code error, tcp::socket socket) {
-      if (!acceptor.is_open()) return;
-      if (error) return accept_later();  // out of file handles, perhaps: not in a busy loop
-      ++counts.connections_total;
-      if (counts.connections_open >= limits.connections) {
-        ++counts.connections_refused;  // the socket closes here
-      } else {
-        const auto connection = std::make_shared<Connection>(std::move(socket), api, limits, counts);
-        forget_the_gone();
-        connections.insert(connection);
-        connection->read_request();
-      }
-      accept();
-    });
-  }
-
-  void accept_later() {
-    retry.expires_after(std::chrono::milliseconds(100));
-    retry.async_wait([this](beast::error_code error) {
-      if (!error && acceptor.is_open()) accept();
-    });
+  void take(tcp::socket socket) {
+    ++counts.connections_total;
+    if (counts.connections_open >= limits.connections) {
+      ++counts.connections_refused;  // the socket closes here
+      return;
+    }
+    const auto connection = std::make_shared<Connection>(std::move(socket), api, limits, counts);
+    forget_the_gone();
+    connections.insert(connection);
+    connection->read_request();
   }
 
   void forget_the_gone() {
@@ -281,11 +253,9 @@ struct HttpServer::Impl {
   const HttpLimits limits;
   Counts counts;
   asio::io_context io{1};
-  tcp::acceptor acceptor{io};
-  asio::steady_timer retry{io};
   std::set<std::weak_ptr<Connection>, std::owner_less<>> connections;
-  std::uint16_t port = 0;
-  std::thread thread;
+  Acceptor acceptor;
+  std::thread thread;  // last: it uses all of the above
 };
 
 HttpServer::HttpServer(const Api& api, const ListenAddress& address, const HttpLimits& limits)
@@ -293,7 +263,7 @@ HttpServer::HttpServer(const Api& api, const ListenAddress& address, const HttpL
 
 HttpServer::~HttpServer() = default;
 
-std::uint16_t HttpServer::port() const { return impl_->port; }
+std::uint16_t HttpServer::port() const { return impl_->acceptor.port(); }
 ServerCounts HttpServer::counts() const { return impl_->counts.now(); }
 
 }  // namespace nadir

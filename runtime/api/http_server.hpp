@@ -10,7 +10,7 @@
 #include <memory>
 
 #include "api/api.hpp"
-#include "api/listen.hpp"
+#include "http/listen.hpp"
 
 namespace nadir {
 

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "api/flight_view.hpp"
-#include "api/message.hpp"
 #include "geodesy/local_frame.hpp"
+#include "http/message.hpp"
 #include "vision/ground_surface.hpp"
 
 namespace nadir {

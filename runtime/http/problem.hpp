@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-#include "api/message.hpp"
+#include "http/message.hpp"
 
 namespace nadir {
 

@@ -1,4 +1,4 @@
-#include "api/listen.hpp"
+#include "http/listen.hpp"
 
 #include <arpa/inet.h>
 #include <charconv>
