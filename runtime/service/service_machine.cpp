@@ -29,7 +29,7 @@ std::string_view name_of(GpsVerdict verdict) {
 std::string_view name_of(PositionLeader leader) { return leader == PositionLeader::gps ? "gps" : "vision"; }
 
 ServiceMachine::ServiceMachine(double now_s, const ServiceConfig& config)
-    : config_(config), now_s_(now_s), since_s_(now_s) {}
+    : pace_(config.camera_interval_s), now_s_(now_s), since_s_(now_s) {}
 
 std::vector<ServiceEvent> ServiceMachine::update(double now_s, std::span<const ServiceFact> facts) {
   events_.clear();
@@ -113,6 +113,7 @@ void ServiceMachine::learn(const AutopilotHeard& heard) {
 
 void ServiceMachine::learn(const FrameArrived&) {
   frame_s_ = now_s_;
+  pace_.picture(now_s_);
   if (!unanswered_s_) unanswered_s_ = now_s_;
 }
 

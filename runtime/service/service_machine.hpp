@@ -10,13 +10,14 @@
 #include <string>
 #include <vector>
 
+#include "service/camera_pace.hpp"
 #include "service/service_facts.hpp"
 #include "service/service_state.hpp"
 
 namespace nadir {
 
 struct ServiceConfig {
-  double camera_interval_s = 1.0 / 3;  // between two pictures when all is well
+  double camera_interval_s = 1.0 / 3;  // between two pictures, until it has been measured
 };
 
 struct ServiceEvent {
@@ -89,7 +90,7 @@ class ServiceMachine {
   bool steady_for(double seconds) const { return steady_since_s_ && now_s_ - *steady_since_s_ >= seconds; }
   double sigma_now_m() const;  // with its growth since the estimate
 
-  ServiceConfig config_;
+  CameraPace pace_;
   double now_s_;
   std::vector<ServiceEvent> events_;  // of the update that is going on
 

@@ -4,8 +4,9 @@
 namespace nadir {
 
 // Blindness: no picture that odometry or a match can use.
-inline constexpr double kBlackout_s = 0.4;    // without a new picture: the camera is silent
-inline constexpr double kMissedFrames = 1.2;  // the same for slow cameras, in frame intervals: one frame is missing
+inline constexpr double kBlackout_s = 0.4;       // without a new picture: the camera is silent
+inline constexpr double kMissedFrames = 1.2;     // the same for slow cameras, in frame intervals: one frame is missing
+inline constexpr double kLatestInIntervals = 2;  // however unevenly they come, in their usual intervals
 inline constexpr double kEstimateOverdue_s = 1.0;    // pictures come, but nothing is said about them
 inline constexpr double kBlindNoFix_s = 30;          // blind for longer: no fix
 inline constexpr double kBlindGrowth_m_per_s = 5.0;  // of σ while blind, between estimates: the filter's own growth

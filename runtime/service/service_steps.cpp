@@ -1,8 +1,6 @@
 // Which state follows: the rules of docs/onboard.md, one after the other. Nothing is changed here.
 #include <fmt/format.h>
 
-#include <algorithm>
-
 #include "service/service_machine.hpp"
 #include "service/service_rules.hpp"
 
@@ -68,8 +66,7 @@ std::optional<ServiceMachine::Step> ServiceMachine::step_from_failsafe() const {
 }
 
 std::optional<ServiceMachine::Step> ServiceMachine::blindness() const {
-  const double silence_limit_s = std::max(kBlackout_s, kMissedFrames * config_.camera_interval_s);
-  if (frame_s_ && now_s_ - *frame_s_ > silence_limit_s) {
+  if (frame_s_ && now_s_ - *frame_s_ > pace_.silence_limit_s()) {
     return Step{degraded, camera_silent, fmt::format("no picture for {:.2f} s", now_s_ - *frame_s_)};
   }
   if (unanswered_s_ && now_s_ - *unanswered_s_ > kEstimateOverdue_s) {
