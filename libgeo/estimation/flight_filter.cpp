@@ -99,8 +99,9 @@ void FlightFilter::advance(double seconds, std::optional<double> told_heading_ra
   if (imu_dv_mps && !first_) {
     carry_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, uncertainty_.imu_dv_mps);
   } else {
-    carry_by_velocity(prediction, mean_, dt, turn_known, options_);
+    carry_by_velocity(prediction, mean_, dt, turn_known, blind_turn_rad_, options_);
   }
+  if (turn_known) blind_turn_rad_ += wrap_pi(now[heading] - mean_[heading]);
   if (clock_stands) {
     const double step_m = usual_seconds_ * std::max(kUsualSpeed_mps, now.segment<2>(velocity_east).norm());
     noise(east, east) += step_m * step_m;
@@ -153,6 +154,7 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
 // and heading do to the motion is therefore taken from the motion after a first update, not from the sight.
 Eigen::Vector2d FlightFilter::moved(const MotionSight& sight) {
   if (!joint_) return Eigen::Vector2d::Zero();
+  blind_turn_rad_ = 0;
   const auto prior = *joint_;
   const Eigen::Vector2d foretold = prior.first.segment<2>(east);
   take_motion(sight, sight.seen.head<2>());
@@ -220,6 +222,7 @@ void FlightFilter::learn_tilt_scatter(const PoseSight& sight) {
 
 void FlightFilter::anchored(const PoseSight& sight) {
   settle();
+  blind_turn_rad_ = 0;
   learn_tilt_scatter(sight);
   constexpr int order[] = {east, north, log_height, heading, pitch, roll};
   Eigen::Matrix<double, 6, states> row = Eigen::Matrix<double, 6, states>::Zero();

@@ -112,6 +112,7 @@ class FlightFilter {
   Covariance covariance_ = Covariance::Zero();
   std::optional<double> told_heading_rad_;  // of the frame in work
   bool first_ = true;
+  double blind_turn_rad_ = 0;  // turned since odometry or an anchor last told of the velocity
   bool tilt_missing_ = false;  // in the frame in work, though others had it
   double usual_seconds_ = 1;   // between frames
   double tilt_scatter_sum_;  // of the changing part's variance, weighted by how well it was seen; begins with the prior

@@ -36,11 +36,17 @@ void add_white_acceleration(F::Covariance& noise, double sigma_mps, double dt) {
   }
 }
 
+// It is one wind all the time: over a turn of many frames what does not turn adds up, it does not average out.
+double turn_spread_rad2(double turned, double turn) {
+  const double before = std::min(std::abs(turned), kPi), now = std::min(std::abs(turned + turn), kPi);
+  return std::max(turn * turn, now * now - before * before);
+}
+
 }  // namespace
 
 // The velocity turns with the aircraft, but for the wind; the position moves by the mean of both velocities.
 void carry_by_velocity(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
-                       const F::Options& options) {
+                       double blind_turn_rad, const F::Options& options) {
   auto& [now, transition, noise] = prediction;
   const double turn = turn_of(prediction, before, turn_known);
   const Eigen::Matrix2d turned = clockwise(turn);
@@ -60,13 +66,13 @@ void carry_by_velocity(FlightPrediction& prediction, const F::State& before, dou
   noise.block<1, 4>(F::heading, 0) += noise(F::heading, F::heading) * turning.transpose();
   if (dt <= 0) return;
   add_white_acceleration(noise, turn_known ? options.steady_acceleration_mps2 : options.acceleration_mps2, dt);
-  const double gust = options.wind_sigma_mps * turn;
+  const double q = options.wind_sigma_mps * options.wind_sigma_mps * turn_spread_rad2(blind_turn_rad, turn);
   for (int axis = 0; axis < 2; ++axis) {
     const int p = F::east + axis, v = F::velocity_east + axis;
-    noise(p, p) += gust * gust * dt * dt / 4;
-    noise(p, v) += gust * gust * dt / 2;
-    noise(v, p) += gust * gust * dt / 2;
-    noise(v, v) += gust * gust;
+    noise(p, p) += q * dt * dt / 4;
+    noise(p, v) += q * dt / 2;
+    noise(v, p) += q * dt / 2;
+    noise(v, v) += q;
   }
 }
 

@@ -13,9 +13,9 @@ struct FlightPrediction {
 };
 
 // Both want the heading's rows of the prediction in place. before: the state of the last frame. dt: seconds.
-// turn_known: both frames' headings are told.
+// turn_known: both frames' headings are told. blind_turn_rad: turned already since the velocity was last seen.
 void carry_by_velocity(FlightPrediction& prediction, const FlightFilter::State& before, double dt, bool turn_known,
-                       const FlightFilter::Options& options);
+                       double blind_turn_rad, const FlightFilter::Options& options);
 
 // dv_mps: change of velocity since the last frame, east and north as the telemetry's heading has them.
 // sigma_mps: of it, per root second.

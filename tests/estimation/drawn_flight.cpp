@@ -35,7 +35,7 @@ struct Truth {
         log_height(random.normal(0, sigma.agl_relative)),
         tilt_bias(sigma.tilt_rad * normals<2>(random)),
         place(kStartSigma_m * normals<2>(random)),
-        wind(3 * normals<2>(random)),
+        wind(5 * normals<2>(random)),
         heading(random.uniform(-kPi, kPi)),
         velocity(wind + 20 * Vector2d(std::sin(heading), std::cos(heading))) {}
 
