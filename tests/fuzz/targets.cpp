@@ -23,6 +23,7 @@ const std::vector<Target>& targets() {
                                        {"api_hint", api_hint},
                                        {"api_object", api_object},
                                        {"api_request", api_request},
+                                       {"pack", pack},
                                        {"mavlink", mavlink},
                                        {"mcap", mcap}};
   return all;

@@ -1,0 +1,45 @@
+// Many small tiles as one body that is sent in parts and resumed at any byte:
+//
+//   "NADIRPK1" | count: u32 | count times (sha256: 32 bytes, size: u32) | the tiles' bytes in this order
+//
+// Numbers are big-endian. Nothing is compressed: tiles are compressed pictures, and what does not unfold cannot be a
+// bomb. A pack is named by the SHA-256 of all its bytes.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "base/bytes.hpp"
+#include "base/sha256.hpp"
+
+namespace nadir {
+
+inline constexpr std::string_view kPackMagic = "NADIRPK1";
+inline constexpr std::uint64_t kMaxPackSize = std::uint64_t{8} << 20;   // bytes
+inline constexpr std::uint64_t kGoodPackSize = std::uint64_t{4} << 20;  // below it packs are worth filling up
+inline constexpr std::uint32_t kMaxPackTiles = 2000;
+inline constexpr std::uint64_t kMaxPackTileSize = std::uint64_t{1} << 20;
+inline constexpr std::uint64_t kPackHeadSize = 12;   // magic and count
+inline constexpr std::uint64_t kPackEntrySize = 36;  // digest and size
+
+struct PackEntry {
+  Sha256 sha256;
+  std::uint32_t size = 0;  // bytes, 1 to kMaxPackTileSize
+
+  bool operator==(const PackEntry&) const = default;
+};
+
+// The size of the pack that holds these. Throws Error when no pack may: none or too many, one twice, a size that no
+// tile has, all together too large.
+std::uint64_t pack_size(std::span<const PackEntry> entries);
+
+// How many of the first entries fill one pack: until it is full, or the limit on tiles is met. The rest goes into
+// further packs. At least 1 when there is any.
+std::size_t entries_of_next_pack(std::span<const PackEntry> entries);
+
+// Magic, count and entries: what stands before the tiles. Throws as pack_size().
+Bytes pack_head(std::span<const PackEntry> entries);
+
+}  // namespace nadir

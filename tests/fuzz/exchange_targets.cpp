@@ -1,0 +1,29 @@
+// What a stranger may upload: packs of tiles.
+#include "base/sha256.hpp"
+#include "exchange/pack_reader.hpp"
+#include "fuzz/scratch.hpp"
+#include "fuzz/targets.hpp"
+
+namespace nadir::fuzz {
+
+void pack(std::string_view bytes) {
+  refusing([&] {
+    Bytes tiles;
+    PackReader reader(
+        bytes.size(), [](const PackEntry& entry) { return entry.size != 77; },
+        [&](const PackEntry& entry, ByteView tile) {
+          require(sha256(tile) == entry.sha256, "a tile of another digest");
+          tiles.insert(tiles.end(), tile.begin(), tile.end());
+        });
+    // Pieces of growing sizes: every boundary is crossed somewhere.
+    for (std::size_t at = 0, piece = 1; at < bytes.size(); at += piece, ++piece) {
+      reader.feed(as_bytes(bytes.substr(at, piece)));
+    }
+    reader.finish();
+    Bytes whole = pack_head(reader.entries());
+    whole.insert(whole.end(), tiles.begin(), tiles.end());
+    require(as_text(whole) == bytes, "a pack changes when it is written");
+  });
+}
+
+}  // namespace nadir::fuzz
