@@ -140,6 +140,12 @@ SqliteDatabase SqliteDatabase::create(const std::filesystem::path& path) {
   return {path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, uri_of(path, "?mode=rwc")};
 }
 
+SqliteDatabase SqliteDatabase::open_writable(const std::filesystem::path& path) {
+  std::error_code code;
+  if (std::filesystem::exists(path, code) && std::filesystem::file_size(path, code) > 0) check_magic(path);
+  return {path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, uri_of(path, "?mode=rwc")};
+}
+
 SqliteStatement SqliteDatabase::prepare(std::string_view sql) const {
   begin_statement();
   sqlite3_stmt* statement = nullptr;

@@ -57,6 +57,9 @@ class SqliteDatabase {
   // Throws Error when the file is missing, or is no SQLite database.
   static SqliteDatabase open_immutable(const std::filesystem::path& path);
   static SqliteDatabase create(const std::filesystem::path& path);  // Throws Error when the file exists.
+  // A database that this program goes on with: made when it is missing, and what a killed writer left unfinished is
+  // rolled back. Throws Error when it is no SQLite database.
+  static SqliteDatabase open_writable(const std::filesystem::path& path);
 
   SqliteStatement prepare(std::string_view sql) const;
   void execute(const std::string& sql) const;

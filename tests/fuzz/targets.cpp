@@ -9,6 +9,7 @@ const std::vector<Target>& targets() {
                                        {"mission", mission},
                                        {"state", state},
                                        {"permit", permit},
+                                       {"candidate", candidate},
                                        {"terrain", terrain},
                                        {"stac_item", stac_item},
                                        {"kml", kml},

@@ -17,6 +17,7 @@ void manifest(std::string_view bytes);
 void mission(std::string_view bytes);
 void state(std::string_view bytes);
 void permit(std::string_view bytes);
+void candidate(std::string_view bytes);  // a candidate tile's sidecar
 
 void stac_item(std::string_view bytes);
 void kml(std::string_view bytes);

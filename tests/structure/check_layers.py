@@ -8,7 +8,7 @@ import re
 import sys
 
 # Bottom to top: a layer may include itself and those before it.
-LAYERS = ["base", "geodesy", "imagery", "trust", "package", "vision", "estimation", "recorder", "exchange", "ground", "simulation"]
+LAYERS = ["base", "geodesy", "imagery", "trust", "package", "vision", "estimation", "ortho", "recorder", "exchange", "ground", "simulation"]
 # The aircraft's program may not use these at all.
 PLANNER_ONLY = {"ground", "simulation"}
 # Libraries that no header may include, and those that only the named layers may include at all.

@@ -1,0 +1,91 @@
+// What is known of a candidate tile: a tile that a flight made of the ground it saw. Somebody on the ground decides
+// whether maps are made of it; all that he needs for that stands here and is signed by the airframe's tile key.
+//
+// The signed bytes are canonical JSON (sorted keys, no blanks, whole numbers and texts only): a sidecar has exactly one
+// spelling, and parse_candidate() takes no other. Units stand in the names. docs/formats/candidates.md.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "base/sha256.hpp"
+#include "base/time.hpp"
+#include "base/utc_millis.hpp"
+#include "estimation/source_label.hpp"
+#include "geodesy/tile_key.hpp"
+#include "imagery/codecs.hpp"
+#include "trust/signatures.hpp"
+
+namespace nadir {
+
+inline constexpr std::string_view kCandidateSchema = "nadir.candidate/1";
+inline constexpr std::string_view kCandidatePayloadType = "application/vnd.nadir.candidate-tile.v1+json";
+inline constexpr std::size_t kMaxCandidateSidecar = 4096;  // bytes
+inline constexpr std::uint64_t kMaxCandidateTile = 1U << 20;
+
+enum class CandidateTrust { candidate, soft };
+std::string_view name_of(CandidateTrust trust);
+
+// The camera's when the frame was taken, and how well it is known.
+struct CandidatePose {
+  std::int64_t lat_e7 = 0, lon_e7 = 0;
+  std::int64_t agl_mm = 0;
+  std::int64_t heading_mdeg = 0;               // 0 to 359999, of image-up, clockwise from north
+  std::int64_t pitch_mdeg = 0, roll_mdeg = 0;  // as vision/camera_model.hpp has them
+  std::int64_t sigma_mm = 0;                   // one axis of the equivalent circular error
+  std::int64_t cov_ee_mm2 = 0, cov_en_mm2 = 0, cov_nn_mm2 = 0;
+  bool refined = false;  // smoothed with what came after the frame
+
+  bool operator==(const CandidatePose&) const = default;
+};
+
+struct CandidateQuality {
+  std::int64_t sharpness_ppm = 0;    // mean gradient over contrast, of the frame
+  std::int64_t contrast_ppm = 0;     // standard deviation of the tile's grey levels, of 255
+  std::int64_t clipped_ppm = 0;      // of the tile's pixels: black or blown out
+  std::int64_t view_angle_mdeg = 0;  // off nadir, of the tile's worst corner
+  std::int64_t overlap_ppm = 0;      // of the tile's pixels that the frame saw; whole tiles have 1 000 000
+
+  bool operator==(const CandidateQuality&) const = default;
+};
+
+struct CandidateSidecar {
+  std::string airframe;
+  std::string flight;   // 1 to 64 of A-Z a-z 0-9 _ -
+  Sha256 base_package;  // of the manifest of the package that the flight was anchored to
+  std::string frame;    // see frame_label()
+  TileKey key;
+  Sha256 sha256;                           // of the encoded tile
+  std::uint64_t size = 0;                  // bytes
+  ImageFormat format = ImageFormat::jpeg;  // JPEG or WebP
+  UtcMillis captured_at;
+  std::int64_t gsd_mm = 0;  // the frame's own on the ground
+  CandidatePose pose;
+  SourceLabel source = SourceLabel::satellite_anchored;
+  std::int64_t anchor_age_ms = 0;
+  CandidateTrust trust = CandidateTrust::candidate;
+  CandidateQuality quality;
+  Sha256 camera;  // of the canonical camera
+
+  bool operator==(const CandidateSidecar&) const = default;
+};
+
+// A picture's name as sidecars hold it: 1 to 128 of A-Z a-z 0-9 . _ -, not beginning with a dot; the rest becomes '_'.
+std::string frame_label(std::string_view name);
+
+// The canonical bytes. Throws Error for values that parse_candidate() would refuse.
+std::string candidate_json(const CandidateSidecar& sidecar);
+
+// Throws Error, naming the member, for anything but the canonical bytes of a sidecar of this version.
+CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name);
+
+EnvelopeSignature sign_candidate(const PrivateKey& key, std::string_view sidecar_bytes);
+
+// Signed by a key that the root gives to the sidecar's airframe? at: nullopt skips the expiry of keys.
+SignatureCheck check_candidate_signature(const TrustRoot& root, const CandidateSidecar& sidecar,
+                                         std::string_view sidecar_bytes, const EnvelopeSignature& signature,
+                                         std::optional<UtcTime> at);
+
+}  // namespace nadir

@@ -1,0 +1,178 @@
+#include "ortho/candidate_sidecar_parse.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "base/error.hpp"
+#include "base/json.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::int64_t kMillion = 1'000'000;
+constexpr std::int64_t kMostSquare_mm2 = 1'000'000'000'000'000;  // (31 km)²
+constexpr std::size_t kMaxName = 64, kMaxFrame = 128;
+
+class MemberReader {
+ public:
+  MemberReader(const json& object, std::string_view name, std::size_t members) : object_(object), name_(name) {
+    if (!object.is_object()) refuse("", "an object", object);
+    if (object.size() != members) {
+      refuse("", fmt::format("exactly the {} members of {}", members, kCandidateSchema), object.size());
+    }
+  }
+
+  [[noreturn]] void refuse(std::string_view member, std::string expected, const json& found) const {
+    // Hostile text: replace what is no UTF-8 rather than throw about it.
+    throw Error({.what = "cannot accept this candidate's sidecar",
+                 .where = fmt::format("{}{}{}", name_, member.empty() ? "" : ": ", member),
+                 .expected = std::move(expected),
+                 .found = found.dump(-1, ' ', true, json::error_handler_t::replace).substr(0, 80)});
+  }
+
+  const json& member(const char* key) const {
+    const auto found = object_.find(key);
+    if (found == object_.end()) refuse(key, "this member", nullptr);
+    return *found;
+  }
+
+  const std::string& text(const char* key) const {
+    const json& value = member(key);
+    if (!value.is_string()) refuse(key, "text", value);
+    return value.get_ref<const std::string&>();
+  }
+
+  std::string id(const char* key, std::size_t longest, std::string_view also) const {
+    const std::string& value = text(key);
+    const bool good = !value.empty() && value.size() <= longest && value.front() != '.' &&
+                      std::all_of(value.begin(), value.end(), [also](char c) {
+                        return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+                               also.find(c) != std::string_view::npos;
+                      });
+    if (!good) refuse(key, fmt::format("1 to {} letters, digits and {}", longest, also), value);
+    return value;
+  }
+
+  std::int64_t whole(const char* key, std::int64_t least, std::int64_t most) const {
+    const json& value = member(key);
+    const bool fits = value.is_number_integer() &&
+                      !(value.is_number_unsigned() && value.get<std::uint64_t>() > std::uint64_t{1} << 62) &&
+                      value.get<std::int64_t>() >= least && value.get<std::int64_t>() <= most;
+    if (!fits) refuse(key, fmt::format("a whole number from {} to {}", least, most), value);
+    return value.get<std::int64_t>();
+  }
+
+  Sha256 digest(const char* key) const {
+    const auto value = Sha256::from_hex(text(key));
+    if (!value) refuse(key, "64 lower-case hexadecimal digits", text(key));
+    return *value;
+  }
+
+ private:
+  const json& object_;
+  std::string_view name_;
+};
+
+CandidatePose read_pose(const json& object, std::string_view name) {
+  const MemberReader in(object, name, 11);
+  CandidatePose pose;
+  pose.lat_e7 = in.whole("lat_e7", -900'000'000, 900'000'000);
+  pose.lon_e7 = in.whole("lon_e7", -1'800'000'000, 1'800'000'000);
+  pose.agl_mm = in.whole("agl_mm", 1, 100 * kMillion);
+  pose.heading_mdeg = in.whole("heading_mdeg", 0, 359'999);
+  pose.pitch_mdeg = in.whole("pitch_mdeg", -90'000, 90'000);
+  pose.roll_mdeg = in.whole("roll_mdeg", -180'000, 180'000);
+  pose.sigma_mm = in.whole("sigma_mm", 1, 10 * kMillion);
+  pose.cov_ee_mm2 = in.whole("cov_ee_mm2", 0, kMostSquare_mm2);
+  pose.cov_en_mm2 = in.whole("cov_en_mm2", -kMostSquare_mm2, kMostSquare_mm2);
+  pose.cov_nn_mm2 = in.whole("cov_nn_mm2", 0, kMostSquare_mm2);
+  const double en = static_cast<double>(pose.cov_en_mm2);
+  // Rounded to whole mm² each, so a covariance of one line may be off by that.
+  if (en * en > (static_cast<double>(pose.cov_ee_mm2) + 1) * (static_cast<double>(pose.cov_nn_mm2) + 1)) {
+    in.refuse("cov_en_mm2", "a covariance: at most what the variances allow", pose.cov_en_mm2);
+  }
+  pose.refined = in.whole("refined", 0, 1) == 1;
+  return pose;
+}
+
+CandidateQuality read_quality(const json& object, std::string_view name) {
+  const MemberReader in(object, name, 5);
+  return {.sharpness_ppm = in.whole("sharpness_ppm", 0, kMillion),
+          .contrast_ppm = in.whole("contrast_ppm", 0, kMillion),
+          .clipped_ppm = in.whole("clipped_ppm", 0, kMillion),
+          .view_angle_mdeg = in.whole("view_angle_mdeg", 0, 90'000),
+          .overlap_ppm = in.whole("overlap_ppm", 0, kMillion)};
+}
+
+TileKey read_key(const MemberReader& in) {
+  const std::int64_t z = in.whole("z", 0, kMaxZoom);
+  const std::int64_t last = (std::int64_t{1} << z) - 1;
+  return {static_cast<std::uint8_t>(z), static_cast<std::uint32_t>(in.whole("x", 0, last)),
+          static_cast<std::uint32_t>(in.whole("y", 0, last))};
+}
+
+SourceLabel read_source(const MemberReader& in) {
+  for (const auto label : {SourceLabel::satellite_anchored, SourceLabel::vo_extrapolated, SourceLabel::dead_reckoned,
+                           SourceLabel::no_fix}) {
+    if (in.text("source") == name_of(label)) return label;
+  }
+  in.refuse("source", "a source label", in.text("source"));
+}
+
+}  // namespace
+
+CandidateSidecar read_candidate(const json& document, std::string_view name) {
+  const MemberReader in(document, name, 19);
+  if (in.text("schema") != kCandidateSchema) in.refuse("schema", std::string(kCandidateSchema), in.text("schema"));
+  CandidateSidecar sidecar;
+  sidecar.airframe = in.id("airframe", kMaxName, "_.-");
+  sidecar.flight = in.id("flight", kMaxName, "_-");
+  sidecar.base_package = in.digest("base_package");
+  sidecar.frame = in.id("frame", kMaxFrame, "_.-");
+  sidecar.key = read_key(in);
+  sidecar.sha256 = in.digest("sha256");
+  sidecar.size = static_cast<std::uint64_t>(in.whole("size", 1, kMaxCandidateTile));
+  const auto format = parse_image_format(in.text("format"));
+  if (!format || *format == ImageFormat::png || name_of(*format) != in.text("format")) {  // "jpg" is no name of ours
+    in.refuse("format", "jpeg or webp", in.text("format"));
+  }
+  sidecar.format = *format;
+  const auto captured_at = parse_utc_millis(in.text("captured_at"));
+  if (!captured_at) in.refuse("captured_at", "a time like 2026-05-01T12:00:00.250Z", in.text("captured_at"));
+  sidecar.captured_at = *captured_at;
+  sidecar.gsd_mm = in.whole("gsd_mm", 1, 100'000);
+  sidecar.pose = read_pose(in.member("pose"), fmt::format("{}: pose", name));
+  sidecar.source = read_source(in);
+  sidecar.anchor_age_ms = in.whole("anchor_age_ms", 0, 1'000 * kMillion);
+  const std::string& trust = in.text("trust");
+  if (trust != "candidate" && trust != "soft") in.refuse("trust", "candidate or soft", trust);
+  sidecar.trust = trust == "soft" ? CandidateTrust::soft : CandidateTrust::candidate;
+  sidecar.quality = read_quality(in.member("quality"), fmt::format("{}: quality", name));
+  sidecar.camera = in.digest("camera");
+  return sidecar;
+}
+
+CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name) {
+  if (bytes.size() > kMaxCandidateSidecar) {
+    throw Error({.what = "cannot accept this candidate's sidecar",
+                 .where = std::string(name),
+                 .expected = fmt::format("at most {} bytes", kMaxCandidateSidecar),
+                 .found = std::to_string(bytes.size())});
+  }
+  const json document = parse_json(bytes, name, {.max_depth = 2, .allow_floats = false});
+  CandidateSidecar sidecar = read_candidate(document, name);
+  if (document.dump() != bytes) {
+    throw Error({.what = "cannot accept this candidate's sidecar",
+                 .where = std::string(name),
+                 .expected = "canonical JSON: sorted keys, no blanks, numbers and texts in their shortest spelling",
+                 .found = "the same values in another spelling"});
+  }
+  return sidecar;
+}
+
+}  // namespace nadir

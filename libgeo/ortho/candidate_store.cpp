@@ -1,0 +1,223 @@
+#include "ortho/candidate_store.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "base/error.hpp"
+#include "geodesy/web_mercator.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kUnknownRelief_mm = 1'500;  // moves what is seen aslant
+constexpr double kSharp_ppm = 100'000;       // sharper than this is as good
+constexpr double kSoft_mm = 1e6;             // beyond all that is not soft
+
+std::string folder_made(const std::filesystem::path& folder) {
+  std::error_code code;
+  std::filesystem::create_directories(folder, code);
+  if (!std::filesystem::is_directory(folder)) {
+    throw UsageError({.what = "cannot use this folder for candidate tiles",
+                      .where = folder.string(),
+                      .expected = "a folder, or a place where one can be made",
+                      .found = code ? code.message() : "something else"});
+  }
+  return (folder / kCandidateFile).string();
+}
+
+std::string_view mbtiles_name_of(ImageFormat format) { return format == ImageFormat::jpeg ? "jpg" : name_of(format); }
+
+}  // namespace
+
+double badness_mm(const CandidateSidecar& sidecar) {
+  const double view_rad = static_cast<double>(sidecar.quality.view_angle_mdeg) / 1000 * std::numbers::pi / 180;
+  const double aslant_mm = kUnknownRelief_mm * std::tan(std::min(view_rad, 1.5));
+  const double misplaced_mm = std::hypot(static_cast<double>(sidecar.pose.sigma_mm), aslant_mm);
+  const double sharp = std::min(1.0, static_cast<double>(sidecar.quality.sharpness_ppm) / kSharp_ppm);
+  return misplaced_mm / (0.5 + 0.5 * sharp) + (sidecar.trust == CandidateTrust::soft ? kSoft_mm : 0);
+}
+
+std::string_view name_of(CandidateFate fate) {
+  switch (fate) {
+    case CandidateFate::added: return "added";
+    case CandidateFate::replaced: return "replaced";
+    case CandidateFate::worse: return "worse";
+    case CandidateFate::no_room: return "no_room";
+  }
+  return "no_room";
+}
+
+CandidateStore::CandidateStore(const std::filesystem::path& folder, const CandidateStoreOptions& options)
+    : options_(options), database_(SqliteDatabase::open_writable(folder_made(folder))) {
+  if (options_.format == ImageFormat::png) {
+    throw UsageError({.what = "candidate tiles are photographs", .expected = "jpeg or webp", .found = "png"});
+  }
+  // One writer. The journal is emptied with each commit, and that is synced: what was committed survives a power loss.
+  database_->execute(
+      "PRAGMA locking_mode = EXCLUSIVE; PRAGMA journal_mode = TRUNCATE; PRAGMA synchronous = FULL;"
+      "PRAGMA cache_size = -4096; PRAGMA encoding = 'UTF-8';");
+  database_->execute("BEGIN EXCLUSIVE");
+  try {
+    lay_out();
+    count();
+    set_metadata("nadir_clean_shutdown", "0");
+    database_->execute("COMMIT");
+  } catch (...) {
+    database_.reset();  // rolls back
+    throw;
+  }
+}
+
+CandidateStore::~CandidateStore() = default;
+
+void CandidateStore::lay_out() {
+  auto count = database_->prepare("SELECT count(*) FROM sqlite_master");
+  count.step();
+  if (count.integer(0) == 0) {
+    count.reset();
+    database_->execute(
+        "PRAGMA application_id = 0x4d504258;"  // "MPBX", as the specification asks
+        "CREATE TABLE metadata (name TEXT, value TEXT);"
+        "CREATE TABLE tiles (zoom_level INTEGER, tile_column INTEGER, tile_row INTEGER, tile_data BLOB);"
+        "CREATE UNIQUE INDEX tile_index ON tiles (zoom_level, tile_column, tile_row);"
+        "CREATE TABLE nadir_candidates (zoom_level INTEGER, tile_column INTEGER, tile_row INTEGER, sidecar TEXT,"
+        " keyid TEXT, signature BLOB, PRIMARY KEY (zoom_level, tile_column, tile_row)) WITHOUT ROWID;");
+    for (const auto& [name, value] : {std::pair<std::string_view, std::string_view>{"name", "candidate tiles"},
+                                      {"format", mbtiles_name_of(options_.format)},
+                                      {"type", "overlay"},
+                                      {"version", "1.3"},
+                                      {"description", "made in flight; nobody has judged them"}}) {
+      set_metadata(name, value);
+    }
+    return;
+  }
+  count.reset();
+  if (!database_->has_table("nadir_candidates")) {
+    throw UsageError({.what = "this is no store of candidate tiles",
+                      .where = database_->path().string(),
+                      .expected = "a folder of its own, or the one of an earlier flight's candidates",
+                      .found = "a tile set of another kind",
+                      .fix = "choose another folder; packages are never written to"});
+  }
+  auto format = database_->prepare("SELECT value FROM metadata WHERE name = 'format'");
+  if (!format.step() || format.text(0) != mbtiles_name_of(options_.format)) {
+    throw UsageError({.what = "these candidate tiles are of another format",
+                      .where = database_->path().string(),
+                      .expected = std::string(mbtiles_name_of(options_.format)),
+                      .fix = "choose another folder, or the format that is there"});
+  }
+}
+
+void CandidateStore::count() {
+  auto sums = database_->prepare(
+      "SELECT count(*), coalesce(sum(length(t.tile_data) + length(CAST(c.sidecar AS BLOB))), 0) "
+      "FROM nadir_candidates c JOIN tiles t USING (zoom_level, tile_column, tile_row)");
+  sums.step();
+  tiles_ = static_cast<std::uint64_t>(sums.integer(0));
+  bytes_ = static_cast<std::uint64_t>(sums.integer(1));
+}
+
+std::optional<CandidateStore::Kept> CandidateStore::kept(const TileKey& key) {
+  auto row = database_->prepare(
+      "SELECT c.sidecar, length(t.tile_data) FROM nadir_candidates c JOIN tiles t USING (zoom_level, tile_column, "
+      "tile_row) WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?");
+  row.bind(1, std::int64_t{key.z}).bind(2, std::int64_t{key.x}).bind(3, std::int64_t{key.tms_row()});
+  if (!row.step()) return std::nullopt;
+  const std::string_view sidecar = row.text(0);
+  Kept kept{std::numeric_limits<double>::infinity(), sidecar.size() + static_cast<std::uint64_t>(row.integer(1))};
+  try {
+    kept.badness_mm = badness_mm(parse_candidate(sidecar, database_->path().string()));
+  } catch (const Error&) {
+    // Whatever damaged it, anything is better.
+  }
+  return kept;
+}
+
+bool CandidateStore::wants(const CandidateSidecar& sidecar) {
+  const auto there = kept(sidecar.key);
+  return there ? badness_mm(sidecar) < there->badness_mm : bytes_ < options_.budget_bytes;
+}
+
+CandidateFate CandidateStore::put_one(const Candidate& candidate) {
+  const CandidateSidecar& sidecar = candidate.sidecar;
+  const auto there = kept(sidecar.key);
+  if (there && badness_mm(sidecar) >= there->badness_mm) return CandidateFate::worse;
+  const std::uint64_t freed = there ? there->bytes : 0;
+  const std::uint64_t needed = candidate.tile.size() + candidate.sidecar_bytes.size();
+  if (bytes_ - freed + needed > options_.budget_bytes) return CandidateFate::no_room;
+  auto tile = database_->prepare("INSERT OR REPLACE INTO tiles VALUES (?, ?, ?, ?)");
+  auto row = database_->prepare("INSERT OR REPLACE INTO nadir_candidates VALUES (?, ?, ?, ?, ?, ?)");
+  for (auto* statement : {&tile, &row}) {
+    statement->bind(1, std::int64_t{sidecar.key.z}).bind(2, std::int64_t{sidecar.key.x});
+    statement->bind(3, std::int64_t{sidecar.key.tms_row()});
+  }
+  tile.bind(4, ByteView(candidate.tile)).run();
+  row.bind(4, std::string_view(candidate.sidecar_bytes)).bind(5, std::string_view(candidate.signature.keyid));
+  row.bind(6, ByteView(candidate.signature.signature)).run();
+  bytes_ = bytes_ - freed + needed;
+  if (!there) ++tiles_;
+  return there ? CandidateFate::replaced : CandidateFate::added;
+}
+
+std::vector<CandidateFate> CandidateStore::put(std::span<const Candidate> candidates) {
+  std::vector<CandidateFate> fates;
+  const std::uint64_t tiles_before = tiles_, bytes_before = bytes_;
+  database_->execute("BEGIN IMMEDIATE");
+  try {
+    for (const Candidate& candidate : candidates) {
+      if (sha256(candidate.tile) != candidate.sidecar.sha256 || candidate.tile.size() != candidate.sidecar.size ||
+          candidate.sidecar.format != options_.format) {
+        throw Error(
+            {.what = "a candidate tile is not the one of its sidecar", .where = to_text(candidate.sidecar.key)});
+      }
+      fates.push_back(put_one(candidate));
+    }
+    database_->execute("COMMIT");
+  } catch (...) {
+    tiles_ = tiles_before, bytes_ = bytes_before;
+    try {
+      database_->execute("ROLLBACK");
+    } catch (const Error&) {
+      // SQLite has rolled back by itself, as it does when the disk is full.
+    }
+    throw;
+  }
+  return fates;
+}
+
+void CandidateStore::set_metadata(std::string_view name, std::string_view value) {
+  database_->prepare("DELETE FROM metadata WHERE name = ?").bind(1, name).run();
+  database_->prepare("INSERT INTO metadata VALUES (?, ?)").bind(1, name).bind(2, value).run();
+}
+
+void CandidateStore::set_bounds() {
+  auto range = database_->prepare(
+      "SELECT min(zoom_level), max(zoom_level), min(tile_column), max(tile_column), min(tile_row), max(tile_row) "
+      "FROM tiles WHERE zoom_level = (SELECT max(zoom_level) FROM tiles)");
+  if (!range.step() || range.is_null(0)) return;
+  const auto z = static_cast<std::uint8_t>(range.integer(1));
+  const auto place = [&](int column, int row) {
+    return bounds_of(TileKey::from_tms(z, static_cast<std::uint32_t>(range.integer(column)),
+                                       static_cast<std::uint32_t>(range.integer(row))));
+  };
+  const LonLatBox south_west = place(2, 4), north_east = place(3, 5);
+  range.reset();
+  set_metadata("bounds", fmt::format("{:.7f},{:.7f},{:.7f},{:.7f}", south_west.west_deg, south_west.south_deg,
+                                     north_east.east_deg, north_east.north_deg));
+  set_metadata("minzoom", std::to_string(z));
+  set_metadata("maxzoom", std::to_string(z));
+}
+
+void CandidateStore::close() {
+  database_->execute("BEGIN IMMEDIATE");
+  set_bounds();
+  set_metadata("nadir_clean_shutdown", "1");
+  database_->execute("COMMIT; PRAGMA journal_mode = DELETE;");
+  database_->close();
+}
+
+}  // namespace nadir

@@ -1,0 +1,83 @@
+// Where a flight keeps its candidate tiles: FOLDER/tiles.mbtiles, an MBTiles file with one more table for the sidecars
+// (docs/formats/candidates.md). It is never the package: a file that is not of this kind is refused, so that no trusted
+// tile can be overwritten.
+//
+// Each put() is one transaction, on the disk when it returns: a process that is killed, or loses its power, leaves
+// every tile that it put, each with its sidecar, and no half one. Failures throw and change nothing; the store may be
+// used on.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "imagery/sqlite_database.hpp"
+#include "ortho/candidate_sidecar.hpp"
+
+namespace nadir {
+
+inline constexpr std::string_view kCandidateFile = "tiles.mbtiles";
+
+struct Candidate {
+  CandidateSidecar sidecar;
+  std::string sidecar_bytes;  // canonical
+  EnvelopeSignature signature;
+  Bytes tile;
+};
+
+// How far from the truth its pixels may lie and how blurred they are, as one length: the smaller the better. Soft ones
+// come after all others.
+double badness_mm(const CandidateSidecar& sidecar);
+
+struct CandidateStoreOptions {
+  ImageFormat format = ImageFormat::jpeg;               // of all tiles: MBTiles files hold one format
+  std::uint64_t budget_bytes = std::uint64_t{4} << 30;  // tiles and sidecars together
+};
+
+// What became of a candidate that was put.
+enum class CandidateFate { added, replaced, worse, no_room };
+std::string_view name_of(CandidateFate fate);
+
+class CandidateStore {
+ public:
+  // Makes the folder, or goes on with what lies there. Throws UsageError when that is something else, and Error when
+  // another process writes to it.
+  explicit CandidateStore(const std::filesystem::path& folder, const CandidateStoreOptions& options = {});
+  ~CandidateStore();
+  CandidateStore(const CandidateStore&) = delete;
+  CandidateStore& operator=(const CandidateStore&) = delete;
+
+  // All in one transaction. Of two for one address the better one stays; what the budget has no room for is left out.
+  // Throws Error (OutOfSpace when the disk is full): then none of them was stored.
+  std::vector<CandidateFate> put(std::span<const Candidate> candidates);
+
+  // Would a tile like this be kept? So that nobody encodes and signs for nothing.
+  bool wants(const CandidateSidecar& sidecar);
+
+  std::uint64_t tiles() const { return tiles_; }
+  std::uint64_t bytes() const { return bytes_; }
+
+  // The orderly end: metadata gets the tiles' bounds and nadir_clean_shutdown. Without it the mark is missing.
+  void close();
+
+ private:
+  struct Kept {
+    double badness_mm = 0;
+    std::uint64_t bytes = 0;
+  };
+  void lay_out();
+  void count();
+  std::optional<Kept> kept(const TileKey& key);
+  CandidateFate put_one(const Candidate& candidate);
+  void set_metadata(std::string_view name, std::string_view value);
+  void set_bounds();
+
+  CandidateStoreOptions options_;
+  std::optional<SqliteDatabase> database_;
+  std::uint64_t tiles_ = 0, bytes_ = 0;
+};
+
+}  // namespace nadir
