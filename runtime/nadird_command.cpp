@@ -7,10 +7,12 @@
 #include <ostream>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "flight/flight_service.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
 #include "package/open_package.hpp"
+#include "trust/airframe_signature.hpp"
 #include "trust/bearer_token.hpp"
 #include "vision/airframe.hpp"
 #include "vision/place_index_check.hpp"
@@ -18,6 +20,19 @@
 
 namespace nadir {
 namespace {
+
+constexpr std::uint64_t kMostAirframeBytes = std::uint64_t{1} << 20;
+
+// What cannot be read is no signature, but it is not none either.
+std::optional<Bytes> envelope_beside(const std::filesystem::path& airframe) {
+  const std::filesystem::path file = airframe.string() + ".sig";
+  if (!std::filesystem::exists(std::filesystem::symlink_status(file))) return std::nullopt;
+  try {
+    return read_file(file, kMaxEnvelopeSize);
+  } catch (const Error&) {
+    return Bytes();
+  }
+}
 
 Figures readiness(const OpenPackage& package) {
   const Manifest& manifest = package.manifest();
@@ -57,6 +72,8 @@ void NadirdCommand::setup(Options& options) {
   request_.setup(options, VerifyRequest::Trust::optional);
   options.flag("--check", check_, "check the package, tell and end");
   options.flag("--status", status_, "tell how the running service is, and end");
+  options.flag("--unsigned-airframe", unsigned_airframe_,
+               "on the bench: fly although nobody has signed the airframe's file");
   options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0 or rtsp://…");
   options.value("--autopilot", flight_.autopilot, "URL",
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
@@ -88,8 +105,10 @@ int NadirdCommand::run(Context& context) {
 // The airframe's file says its id; the folder holds what it remembers.
 void NadirdCommand::complete_request() {
   if (request_.airframe() && std::filesystem::path(*request_.airframe()).extension() == ".json") {
-    flight_.airframe = *request_.airframe();
-    request_.set_airframe(read_airframe(flight_.airframe).id);
+    airframe_file_ = *request_.airframe();
+    airframe_text_ = read_text_file(airframe_file_, kMostAirframeBytes);
+    flight_.airframe = parse_airframe(airframe_text_, airframe_file_.string());
+    request_.set_airframe(flight_.airframe.id);
   }
   if (request_.state() && request_.state()->extension() != ".json") {
     flight_.state = *request_.state();
@@ -98,11 +117,21 @@ void NadirdCommand::complete_request() {
   }
 }
 
+// By the newest root that the package or the state lead to: it may have revoked the signer.
+Findings NadirdCommand::judge_airframe(const Opening& opening, UtcTime at) const {
+  if (airframe_file_.empty()) return {};
+  return check_airframe(
+      opening.newest_root, as_bytes(airframe_text_), envelope_beside(airframe_file_), at,
+      unsigned_airframe_ ? UnsignedAirframe::allowed : UnsignedAirframe::refused_when_signers_are_known,
+      airframe_file_.string() + ".sig");
+}
+
 Opening NadirdCommand::open_it(Context& context) {
   const VerifyOptions options = request_.open(context.clock);
   Opening opening = open_package(package_, options, context.progress);
   verify_place_index(package_, options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
+  opening.findings.add(judge_airframe(opening, options.at));
   if (opening.findings.refuses()) opening.package.reset();
   if (opening.package) request_.remember(opening.package->manifest(), opening.root_version, opening.newer_roots);
   return opening;
@@ -132,7 +161,7 @@ int NadirdCommand::serve(Context& context) {
   const auto require = [](bool there, const char* option) {
     if (!there) throw UsageError({.what = std::string("nadird needs ") + option, .fix = "see nadird --help"});
   };
-  require(!flight_.airframe.empty(), "--airframe FILE.json");
+  require(!airframe_file_.empty(), "--airframe FILE.json");
   require(!flight_.state.empty(), "--state DIR");
   require(!flight_.camera.empty(), "--camera SOURCE");
   require(!flight_.autopilot.empty(), "--autopilot URL");

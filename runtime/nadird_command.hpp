@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "flight/flight_options.hpp"
 #include "framework/command.hpp"
@@ -10,6 +11,7 @@
 
 namespace nadir {
 
+class Findings;
 struct Opening;
 
 class NadirdCommand final : public Command {
@@ -26,14 +28,16 @@ class NadirdCommand final : public Command {
 
  private:
   void complete_request();
+  Findings judge_airframe(const Opening& opening, UtcTime at) const;
   Opening open_it(Context& context);
   int check(Context& context);
   int serve(Context& context);
 
   FlightOptions flight_;
-  std::filesystem::path package_;
+  std::filesystem::path package_, airframe_file_;  // the latter empty: only its id is known
+  std::string airframe_text_;
   VerifyRequest request_;
-  bool check_ = false, status_ = false;
+  bool check_ = false, status_ = false, unsigned_airframe_ = false;
 };
 
 }  // namespace nadir

@@ -34,6 +34,7 @@ void revoke(TrustRoot& root, const std::string& id) {
   root.revoked.insert(id);
   root.root.key_ids.erase(id);
   root.package_signer.key_ids.erase(id);
+  if (root.airframe_signer) root.airframe_signer->key_ids.erase(id);
   for (auto signer = root.tile_signers.begin(); signer != root.tile_signers.end();) {
     signer->second.key_ids.erase(id);
     signer = signer->second.key_ids.empty() ? root.tile_signers.erase(signer) : std::next(signer);
@@ -46,7 +47,8 @@ std::string_view KeysRevokeCommand::details() const {
   return "Everything else stays as the previous root has it. The new root has to be signed by enough root keys of "
          "both\n"
          "(--root-key), and a revoked key that is the last of its role needs one in its place (--new-root-key,\n"
-         "--new-package-signer). Aircraft learn of it with their next package: nadir cache sign --carry-root.";
+         "--new-package-signer, --new-airframe-signer). Aircraft learn of it with their next package: nadir cache sign "
+         "--carry-root.";
 }
 
 std::string_view KeysRevokeCommand::examples() const {
@@ -63,6 +65,8 @@ void KeysRevokeCommand::setup(Options& options) {
       .required();
   options.values("--new-root-key", new_root_keys_, "KEY.pem", "private key that joins the root keys, and signs");
   options.values("--new-package-signer", new_package_signers_, "PUB.pem", "public key that joins the package signers");
+  options.values("--new-airframe-signer", new_airframe_signers_, "PUB.pem",
+                 "public key that joins the airframe signers");
   options.value("--expires", expires_, "DATE", "until when the new root is good; as the previous one by default");
   options.flag("--incomplete", incomplete_, "write the root although more root keys have to sign it");
   options.value("--out", out_, "ROOT.json", "file that is written").required();
@@ -82,12 +86,19 @@ int KeysRevokeCommand::run(Context& context) {
     give_role(root, root.root, keys.back().public_key());
   }
   for (const auto& path : new_package_signers_) give_role(root, root.package_signer, PublicKey::read(path));
+  for (const auto& path : new_airframe_signers_) {
+    if (!root.airframe_signer) root.airframe_signer.emplace();
+    give_role(root, *root.airframe_signer, PublicKey::read(path));
+  }
   for (const auto& [id, key] : root.keys) {
     if (!root.revoked.contains(id)) continue;
     throw UsageError({.what = "a revoked key cannot come back", .found = "key " + id, .fix = "make a new key"});
   }
   require_threshold(root.root, "root", "name one in its place with --new-root-key");
   require_threshold(root.package_signer, "package-signer", "name one in its place with --new-package-signer");
+  if (root.airframe_signer) {  // without the role unsigned airframes would be accepted again
+    require_threshold(*root.airframe_signer, "airframe-signer", "name one in its place with --new-airframe-signer");
+  }
   for (const auto& [airframe, role] : root.tile_signers) {
     require_threshold(role, "tile-signer of " + airframe, "make the root anew: nadir keys root --previous");
   }

@@ -29,6 +29,7 @@ class KeysRevokeCommand final : public Command {
   std::vector<std::filesystem::path> root_keys_;
   std::vector<std::filesystem::path> new_root_keys_;
   std::vector<std::filesystem::path> new_package_signers_;
+  std::vector<std::filesystem::path> new_airframe_signers_;
   std::optional<UtcTime> expires_;
   bool incomplete_ = false;
   std::filesystem::path out_;

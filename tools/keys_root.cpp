@@ -34,6 +34,8 @@ void KeysRootCommand::setup(Options& options) {
   options.values("--package-signer", package_signers_, "PUB.pem", "public key that may sign packages").required();
   options.values("--tile-signer", tile_signers_, "AIRFRAME=PUB.pem",
                  "public key with which an airframe signs tiles that it made");
+  options.values("--airframe-signer", airframe_signers_, "PUB.pem",
+                 "public key that may sign airframes; with one, aircraft refuse airframe files that nobody signed");
   options.value("--threshold", threshold_, "N", "how many package signers must sign a package").between(1, 32);
   options.value("--root-threshold", root_threshold_, "N", "how many root keys must sign the next root").between(1, 32);
   options.value("--expires", expires_, "DATE", "until when the root is good").required();
@@ -67,6 +69,8 @@ TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
   for (const auto& path : package_signers_) give_role(root, root.package_signer, PublicKey::read(path));
   root.package_signer.threshold = static_cast<std::uint32_t>(threshold_);
   check_threshold(root.package_signer, "--threshold", "--package-signer");
+  if (!airframe_signers_.empty()) root.airframe_signer.emplace();
+  for (const auto& path : airframe_signers_) give_role(root, *root.airframe_signer, PublicKey::read(path));
   for (const std::string& signer : tile_signers_) {
     const std::size_t equals = signer.find('=');
     if (equals == std::string::npos || equals == 0 || equals + 1 == signer.size()) {

@@ -31,6 +31,7 @@ class KeysRootCommand final : public Command {
   std::vector<std::filesystem::path> previous_root_keys_;
   std::vector<std::filesystem::path> root_public_keys_;
   std::vector<std::filesystem::path> package_signers_;
+  std::vector<std::filesystem::path> airframe_signers_;
   std::vector<std::string> tile_signers_;
   int threshold_ = 1;
   int root_threshold_ = 1;

@@ -74,7 +74,8 @@ Opening open_package(const std::filesystem::path& package, const VerifyOptions& 
     verification.findings.add(reading.findings);
     verification.terrain = std::move(reading.terrain);
   }
-  Opening opening{verification.findings, verification.root_version, verification.newer_roots, nullptr};
+  Opening opening{verification.findings, verification.newest_root, verification.root_version, verification.newer_roots,
+                  nullptr};
   if (verification.accepted()) opening.package = std::make_unique<OpenPackage>(package, std::move(verification));
   return opening;
 }

@@ -57,6 +57,7 @@ class OpenPackage {
 // were signed.
 struct Opening {
   Findings findings;
+  TrustRoot newest_root;  // that could be reached from the one that is trusted
   std::int64_t root_version = 0;
   std::map<std::int64_t, std::string> newer_roots;  // for AircraftState::accept()
   std::unique_ptr<OpenPackage> package;

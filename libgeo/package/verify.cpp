@@ -71,6 +71,7 @@ Verification verify_package(const fs::path& package, const VerifyOptions& option
   Verification result;
   RootWalk walk = walk_package_roots(package, *options.root, options.state);
   result.findings.add(walk.findings);
+  result.newest_root = walk.root;
   result.root_version = walk.root.version;
   result.newer_roots = std::move(walk.newer);
   verify_signature(package, walk.root, options, result);

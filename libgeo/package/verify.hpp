@@ -36,7 +36,8 @@ struct VerifyOptions {
 
 struct Verification {
   Findings findings;
-  std::int64_t root_version = 0;                    // of the newest root that could be reached, which judged
+  TrustRoot newest_root;                            // that could be reached, and judged
+  std::int64_t root_version = 0;                    // its version
   std::map<std::int64_t, std::string> newer_roots;  // documents of those that the state or the package added
   std::vector<std::string> signers;                 // ids of the keys whose signatures are good
   std::optional<Manifest> manifest;                 // once the signature has passed

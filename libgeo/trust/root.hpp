@@ -45,6 +45,7 @@ struct TrustRoot {
   Role root;
   Role package_signer;
   std::map<std::string, Role> tile_signers;  // by airframe
+  std::optional<Role> airframe_signer;       // who provisions aircraft; without it airframes need no signature
   std::set<std::string> revoked;             // key ids, of keys above or of earlier roots
 
   void add_key(const PublicKey& key);

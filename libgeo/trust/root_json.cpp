@@ -121,7 +121,7 @@ class RootReader {
     if (!value["keys"].is_object()) refuse("keys", "an object", value["keys"].type_name());
     for (const auto& [id, item] : value["keys"].items()) root.keys.emplace(id, key(id, item));
     const json& roles = value["roles"];
-    require_members(roles, "roles", {"root", "package-signer"}, {"tile-signer"});
+    require_members(roles, "roles", {"root", "package-signer"}, {"tile-signer", "airframe-signer"});
     root.root = role(roles["root"], "role root", root);
     root.package_signer = role(roles["package-signer"], "role package-signer", root);
     if (roles.contains("tile-signer")) {
@@ -129,6 +129,9 @@ class RootReader {
       for (const auto& [airframe, item] : roles["tile-signer"].items()) {
         root.tile_signers.emplace(airframe, role(item, "role tile-signer " + airframe, root));
       }
+    }
+    if (roles.contains("airframe-signer")) {
+      root.airframe_signer = role(roles["airframe-signer"], "role airframe-signer", root);
     }
     root.revoked = key_ids(value["revoked"], "revoked");
     return root;
@@ -147,6 +150,7 @@ json to_json(const TrustRoot& root) {
   }
   json roles{{"root", to_json(root.root)}, {"package-signer", to_json(root.package_signer)}};
   for (const auto& [airframe, role] : root.tile_signers) roles["tile-signer"][airframe] = to_json(role);
+  if (root.airframe_signer) roles["airframe-signer"] = to_json(*root.airframe_signer);
   return {{"schema", kRootSchema}, {"version", root.version}, {"expires", to_rfc3339(root.expires)},
           {"keys", keys},          {"roles", roles},          {"revoked", root.revoked}};
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string_view>
 
+#include "base/files.hpp"
 #include "geodesy/angles.hpp"
 #include "vision/camera_file.hpp"
 
@@ -12,6 +13,7 @@ namespace {
 
 constexpr std::string_view kFormat = "nadir.airframe/1";
 constexpr double kLongestDelay_s = 5;
+constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 20;
 
 std::uint8_t number_of(const YamlNode& node, std::int64_t least) {
   const auto value = node.integer();
@@ -47,7 +49,11 @@ std::string read_id(const YamlNode& node) {
 }  // namespace
 
 Airframe read_airframe(const std::filesystem::path& path) {
-  const YamlNode root = YamlNode::read(path);  // JSON is YAML
+  return parse_airframe(read_text_file(path, kMostBytes), path.string());
+}
+
+Airframe parse_airframe(std::string_view text, std::string_view name) {
+  const YamlNode root = YamlNode::parse(text, name);  // JSON is YAML
   root.allow_only({"format", "airframe", "camera", "mount", "capture_delay_s", "mavlink"});
   if (root.required("format").text() != kFormat) root.required("format").reject("\"nadir.airframe/1\"");
   Airframe airframe;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <string_view>
 
 #include "vision/camera_model.hpp"
 
@@ -24,8 +25,9 @@ struct Airframe {
   std::uint8_t gps_id = 0;       // of GPS_INPUT
 };
 
-// Throws UsageError with file, line and column.
+// Throw UsageError with file, line and column.
 Airframe read_airframe(const std::filesystem::path& path);
+Airframe parse_airframe(std::string_view text, std::string_view name);
 
 // Where the camera looks when the aircraft has this attitude.
 Attitude camera_attitude(const Attitude& aircraft, const Attitude& mount);

@@ -6,12 +6,13 @@
 #include <string>
 
 #include "geodesy/lon_lat.hpp"
+#include "vision/airframe.hpp"
 
 namespace nadir {
 
 struct FlightOptions {
   std::filesystem::path package;
-  std::filesystem::path airframe;                 // airframe.json
+  Airframe airframe;
   std::filesystem::path state;                    // folder
   std::string camera;                             // open_camera()
   std::string autopilot;                          // parse_endpoint()

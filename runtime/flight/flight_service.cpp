@@ -30,7 +30,7 @@ FlightService::FlightService(const FlightOptions& options, JudgedPackage judged,
     : options_(options),
       clock_(clock),
       stop_(stop),
-      airframe_(read_airframe(options.airframe)),
+      airframe_(options.airframe),
       state_(options.state),
       restart_(restart_from(state_.load(), clock)),
       machine_(clock.monotonic_s()),
@@ -42,6 +42,7 @@ FlightService::FlightService(const FlightOptions& options, JudgedPackage judged,
   const PackageView shown = ground_ ? package_view(ground_->package()) : refused_package(judged.findings);
   views_.package(shown);
   refusal_ = shown.reason;
+  cautions_ = std::move(judged.findings);
   start_recorder();
   journal_ = std::make_unique<FlightJournal>(recorder_.get());
 
@@ -134,6 +135,7 @@ void FlightService::run() {
   if (!recorder_trouble_.empty()) {
     journal_->note(clock_.monotonic_s(), EventSeverity::critical, "recorder", recorder_trouble_);
   }
+  note_cautions();
   update(clock_.monotonic_s(), std::array<ServiceFact, 1>{PackageJudged{ground_ != nullptr, refusal_}});
   if (restored && restored->sigma_m <= kNoFixSigma_m) {
     update(clock_.monotonic_s(), std::array<ServiceFact, 1>{EstimateRestored{restored->sigma_m, restored->speed_m_s}});
@@ -160,6 +162,22 @@ void FlightService::run() {
   sum_up();
 }
 
+void FlightService::note_cautions() {
+  for (const Finding& finding : cautions_.items()) {
+    if (finding.severity != Severity::warning) continue;
+    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
+                   finding.code + ": " + finding.where + ": " + finding.found);
+  }
+  cautious_ = cautions_.contains("airframe.unsigned");
+}
+
+// As soon as there is somebody who hears it.
+void FlightService::tell_cautions() {
+  if (!cautious_ || !machine_.status().link_up) return;
+  link_->tell(TextSeverity::warning, "Nadir: airframe file is not signed");
+  cautious_ = false;
+}
+
 void FlightService::sum_up() {
   const AutopilotLink::State link = link_->state();
   const MailboxCounts pictures = pictures_.counts();
@@ -179,6 +197,7 @@ void FlightService::take(const TimedNews& timed) {
 
 void FlightService::learn(double time_s, const AutopilotSpoke& spoke) {
   update(time_s, std::array<ServiceFact, 1>{AutopilotHeard{spoke.authentic, spoke.armed}});
+  tell_cautions();
 }
 
 void FlightService::learn(double time_s, const CameraSpoke& spoke) {

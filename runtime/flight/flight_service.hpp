@@ -51,6 +51,8 @@ class FlightService {
 
  private:
   LocalizingSetup localizing_setup() const;
+  void note_cautions();
+  void tell_cautions();
   void start_recorder();
   void start_flight();
   void start_localizing();
@@ -80,6 +82,8 @@ class FlightService {
   StopSignals& stop_;
   Airframe airframe_;
   std::string refusal_;
+  Findings cautions_;                     // that refused nothing
+  bool cautious_ = false;                 // the operator has yet to hear of them
   std::unique_ptr<FlightGround> ground_;  // null: the package was refused
   StateDirectory state_;
   Restart restart_;

@@ -9,6 +9,7 @@
 #include "base/files.hpp"
 #include "framework/program.hpp"
 #include "package/package_maker.hpp"
+#include "trust/airframe_signature.hpp"
 
 namespace nadir {
 namespace {
@@ -35,6 +36,24 @@ class NadirdCheck : public ::testing::Test {
   void permit(const std::string& name, std::int64_t from, std::int64_t to) {
     const UtcTime expires{test::kJudged.unix_s + 86'400};
     folder_.write(name, sign_permit({"village", from, to, std::nullopt, expires}, {&maker_.signer}).document.json());
+  }
+  // mini-07 as the package names it, with a camera that nobody looks through.
+  void airframe(const std::string& name, const PrivateKey* key) {
+    const std::string text =
+        R"({"format": "nadir.airframe/1", "airframe": "mini-07", "camera": {"model": "pinhole", "width": 640,)"
+        R"( "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5}})";
+    folder_.write(name, text);
+    if (key == nullptr) return;
+    const Envelope envelope{std::string(kAirframePayloadType),
+                            {sign_payload(*key, kAirframePayloadType, as_bytes(text))}};
+    folder_.write(name + ".sig", envelope_json(envelope));
+  }
+  // A root that says who provisions aircraft.
+  void name_airframe_signer(const PrivateKey& key) {
+    TrustRoot root = maker_.root;
+    root.add_key(key.public_key());
+    root.airframe_signer = Role{{key.public_key().id()}, 1};
+    folder_.write("root.json", sign_root(root, {&maker_.signer}).json());
   }
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   std::string first_code() const { return json::parse(out_.str())["findings"][0]["code"]; }
@@ -78,6 +97,36 @@ TEST_F(NadirdCheck, ADamagedStateIsAFindingAndStaysAsItIs) {
     EXPECT_EQ(first_code(), "state.corrupt");
     EXPECT_EQ(read_text_file(folder_ / "state.json"), state);
   }
+}
+
+TEST_F(NadirdCheck, AnAirframeThatNobodySignedIsToldAndRefusedOnceTheRootKnowsItsSigners) {
+  airframe("bare.json", nullptr);
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 0) << out_.str() << err_.str();
+  EXPECT_EQ(first_code(), "airframe.unsigned");
+  name_airframe_signer(PrivateKey::generate());
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 1) << out_.str();
+  EXPECT_EQ(first_code(), "airframe.unsigned");
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json"), "--unsigned-airframe"}), 0) << out_.str();
+  EXPECT_EQ(first_code(), "airframe.unsigned") << "the bench hears of it";
+  EXPECT_EQ(check(newer_, {"--airframe", "mini-07"}), 0) << "the id alone is no file";
+}
+
+TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
+  const PrivateKey hangar = PrivateKey::generate(), stranger = PrivateKey::generate();
+  name_airframe_signer(hangar);
+  airframe("good.json", &hangar);
+  EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 0) << out_.str() << err_.str();
+  EXPECT_TRUE(json::parse(out_.str())["findings"].empty());
+  airframe("foreign.json", &stranger);
+  EXPECT_EQ(check(newer_, {"--airframe", path("foreign.json"), "--unsigned-airframe"}), 1);
+  EXPECT_EQ(first_code(), "key.unknown");
+  folder_.write("good.json", read_text_file(folder_ / "good.json") + " ");
+  EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 1);
+  EXPECT_EQ(first_code(), "signature.invalid");
+  airframe("good.json", &hangar);
+  folder_.write("good.json.sig", std::string(100'000, ' '));
+  EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 1);
+  EXPECT_EQ(first_code(), "signature.invalid");
 }
 
 }  // namespace

@@ -28,6 +28,7 @@ class Schemas : public ::testing::Test {
     TrustRoot second = first;
     second.version = 2;
     second.tile_signers["mini-07"] = second.package_signer;
+    second.airframe_signer = second.package_signer;
     second.revoked = {std::string(64, 'a')};
     second.keys.begin()->second.expires = second.expires;
     folder_.write("2.json", sign_root(second, {&maker_.signer}).json());

@@ -98,6 +98,24 @@ TEST_F(TrustCommands, RevokingNeedsTheRootKeysOfBothSides) {
       << err_.str();
 }
 
+// The role must not vanish with its last key: unsigned airframes would be accepted again.
+TEST_F(TrustCommands, AnAirframeSignerIsNamedAndRevokedOnlyForAnother) {
+  keys({"r", "p", "hangar", "hangar2"});
+  ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@p.pub.pem", "--airframe-signer",
+                 "@hangar.pub.pem", "--expires", "2030-01-01", "--out", "@root.json"}),
+            0)
+      << err_.str();
+  std::vector<std::string> revoke{"keys",       "revoke",     "--previous", "@root.json", "--revoke", "@hangar.pub.pem",
+                                  "--root-key", "@r.key.pem", "--out",      "@2.json"};
+  EXPECT_EQ(run(revoke), 2);
+  EXPECT_NE(err_.str().find("--new-airframe-signer"), std::string::npos) << err_.str();
+  revoke.insert(revoke.end(), {"--new-airframe-signer", "@hangar2.pub.pem"});
+  ASSERT_EQ(run(revoke), 0) << err_.str();
+  const TrustRoot root = read_trusted_root(folder_ / "2.json");
+  ASSERT_TRUE(root.airframe_signer);
+  EXPECT_EQ(root.airframe_signer->key_ids.size(), 1U);
+}
+
 TEST_F(TrustCommands, SeveralPeopleSignOneRoot) {
   keys({"anna", "ben", "p", "stranger"});
   const std::vector<std::string> root{

@@ -44,6 +44,10 @@ TEST_F(Root, RoundTrips) {
   EXPECT_EQ(back.root.revoked, root.revoked);
   EXPECT_EQ(back.root.package_signer.key_ids, root.package_signer.key_ids);
   EXPECT_EQ(back.root.tile_signers.at("mini-07").key_ids.count(tiler_.public_key().id()), 1U);
+  EXPECT_FALSE(back.root.airframe_signer);
+  root.airframe_signer = root.package_signer;
+  EXPECT_EQ(parse_root(sign_root(root, {&first_}).json(), "test").root.airframe_signer->key_ids,
+            root.package_signer.key_ids);
   EXPECT_EQ(back.root.keys.at(tiler_.public_key().id()).expires, UtcTime{1'900'000'000});
   EXPECT_TRUE(check_self(back).empty());
 }

@@ -4,6 +4,7 @@
 
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
+#include "trust/airframe_signature.hpp"
 #include "trust/dsse.hpp"
 
 namespace nadir {

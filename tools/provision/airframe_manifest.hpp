@@ -1,17 +1,16 @@
 // airframe.json and its signature, as a folder that appears whole or not at all.
 //
-// airframe.json.sig is a DSSE envelope with a detached payload, as a package's manifest.sig.
+// airframe.json.sig is a DSSE envelope with a detached payload (trust/airframe_signature.hpp), as a package's
+// manifest.sig.
 #pragma once
 
 #include <filesystem>
-#include <string_view>
+#include <string>
 
 #include "trust/keys.hpp"
 #include "vision/airframe.hpp"
 
 namespace nadir {
-
-inline constexpr std::string_view kAirframePayloadType = "application/vnd.nadir.airframe.v1+json";
 
 // The document that read_airframe() reads.
 std::string airframe_json(const Airframe& airframe);
