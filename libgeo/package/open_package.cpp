@@ -53,7 +53,7 @@ Findings CheckedTiles::findings() const {
 
 void CheckedTiles::complain(const char* code, const TileKey& key, std::string found) const {
   const std::lock_guard lock(mutex_);
-  if (findings_.items().size() >= kMaxFindings) return;
+  if (findings_.items().size() >= kMaxFindings || !blamed_.insert(key).second) return;
   findings_.add({.code = code,
                  .where = "tile " + to_text(key),
                  .expected = "the tile that was signed",

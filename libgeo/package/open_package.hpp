@@ -6,6 +6,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "imagery/tile_source.hpp"
@@ -25,7 +26,7 @@ class CheckedTiles final : public TileSource {
   const Sidecar* sidecar(const TileKey& key) const;
   const std::vector<Sidecar>& sidecars() const { return sidecars_; }
 
-  // What reading has met so far: artifact.hash, sqlite.corrupt, tiff.corrupt.
+  // What reading has met so far: artifact.hash, sqlite.corrupt, tiff.corrupt. Each tile once, however often it is read.
   Findings findings() const;
 
  private:
@@ -35,6 +36,7 @@ class CheckedTiles final : public TileSource {
   std::vector<Sidecar> sidecars_;
   mutable std::mutex mutex_;
   mutable Findings findings_;
+  mutable std::set<TileKey> blamed_;
 };
 
 class OpenPackage {

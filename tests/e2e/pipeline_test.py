@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
 """Keys, package, verification, replay, report: the small pipeline with the programs as a user calls them."""
+import contextlib
 import csv
 import json
 import pathlib
+import re
+import sqlite3
 import subprocess
 import unittest
 
@@ -25,7 +28,7 @@ class Pipeline(EndToEnd):
         self.assertEqual({"estimates.csv", "refined.csv", "summary.json", "track.geojson", "report.html"},
                          {p.name for p in out.iterdir()})
         for name in ("estimates.csv", "refined.csv"):
-            rows = list(csv.DictReader(open(out / name)))
+            rows = list(csv.DictReader((out / name).read_text().splitlines()))
             self.assertEqual(["0.jpg", "1.jpg", "2.jpg"], [row["frame"] for row in rows])
             for row in rows:
                 self.assertIn(row["source"], ("satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"))
@@ -45,7 +48,7 @@ class Pipeline(EndToEnd):
         texts = []
         for name, more in (("one", []), ("two", ["--odometry", "features"])):
             self.good(*self.replay_args(flight, self.folder / name), *more)
-            rows = csv.reader(open(self.folder / name / "estimates.csv"))
+            rows = csv.reader((self.folder / name / "estimates.csv").read_text().splitlines())
             texts.append([row[:10] for row in rows])
         self.assertEqual(texts[0], texts[1])
         self.good(*self.replay_args(flight, self.folder / "flow"), "--odometry", "flow")
@@ -55,7 +58,7 @@ class Pipeline(EndToEnd):
         package = self.build()
         args = [a for a in self.replay_args(self.flight(), self.folder / "out") if a not in ("--start", "8.499,47.4")]
         self.good(*args, "--package", package, "--trust", self.folder / "root.json", "--at", AT)
-        rows = list(csv.DictReader(open(self.folder / "out" / "estimates.csv")))
+        rows = list(csv.DictReader((self.folder / "out" / "estimates.csv").read_text().splitlines()))
         self.assertEqual(3, len(rows))
         for row in rows:  # pictures of noise, which are nowhere on the map
             self.assertEqual(("no_fix", "", ""), (row["source"], row["lat_deg"], row["lon_deg"]))
@@ -70,7 +73,7 @@ class Pipeline(EndToEnd):
         picture = flight / "frames" / "1.jpg"
         picture.write_bytes(picture.read_bytes()[:1500])
         self.good(*self.replay_args(flight, self.folder / "out"))
-        rows = list(csv.DictReader(open(self.folder / "out" / "estimates.csv")))
+        rows = list(csv.DictReader((self.folder / "out" / "estimates.csv").read_text().splitlines()))
         self.assertEqual(3, len(rows))
         self.assertNotEqual("satellite_anchored", rows[1]["source"])
 
@@ -85,6 +88,26 @@ class Pipeline(EndToEnd):
                    leaves_nothing=out)
         self.fails(1, "--package", package, "--trust", self.folder / "root.json", "--at", AT, "--airframe", "other", "--check",
                    program=NADIRD, says=["airframe.mismatch"])
+
+    def test_tiles_that_were_changed_are_missed_and_told(self):
+        self.keys()
+        package = self.build()
+        file = package / "imagery" / "base.mbtiles"
+        bytes_of_file = bytearray(file.read_bytes())
+        with contextlib.closing(sqlite3.connect(f"file:{file}?mode=ro&immutable=1", uri=True)) as database:
+            tiles = [bytes(row[0]) for row in database.execute("SELECT tile_data FROM tiles")]
+        for tile in tiles:  # a byte of each one's picture, wherever it lies in one piece
+            at = bytes_of_file.find(tile[300:364])
+            if at >= 0:
+                bytes_of_file[at + 32] ^= 1
+        file.write_bytes(bytes_of_file)
+        out = self.folder / "out"
+        result = run(*self.replay_args(self.flight(), out), "--package", package, "--trust", self.folder / "root.json", "--at", AT)
+        self.assertEqual(1, result.returncode, result.stderr)
+        blamed = re.findall(r"where: +tile (\S+)", result.stderr)
+        self.assertGreater(len(blamed), 0)
+        self.assertEqual(sorted(set(blamed)), sorted(blamed), "each of them once")
+        self.assertEqual(3, json.loads((out / "summary.json").read_text())["frames"], "the flight goes on without them")
 
     def test_the_aircraft_remembers(self):
         self.keys()
