@@ -1,10 +1,23 @@
-// What a stranger may upload: packs of tiles.
+// What a stranger may upload: announcements and packs of tiles.
 #include "base/sha256.hpp"
+#include "exchange/batch.hpp"
 #include "exchange/pack_reader.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 
 namespace nadir::fuzz {
+
+void batch(std::string_view bytes) {
+  refusing([&] {
+    const SignedBatch read = parse_batch(bytes, "fuzz");
+    require(is_uuid(read.batch.id), "an id that is none");
+    const SignedBatch again = parse_batch(read.json(), "fuzz");
+    require(again.json() == read.json(), "a batch changes when it is written");
+    for (const BatchTile& tile : read.batch.tiles) {
+      require(candidate_json(tile.sidecar) == tile.sidecar_bytes, "a sidecar changes when it is written");
+    }
+  });
+}
 
 void pack(std::string_view bytes) {
   refusing([&] {

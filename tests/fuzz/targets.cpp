@@ -24,6 +24,7 @@ const std::vector<Target>& targets() {
                                        {"api_hint", api_hint},
                                        {"api_object", api_object},
                                        {"api_request", api_request},
+                                       {"batch", batch},
                                        {"pack", pack},
                                        {"mavlink", mavlink},
                                        {"mcap", mcap}};

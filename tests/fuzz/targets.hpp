@@ -38,7 +38,8 @@ void api_object(std::string_view bytes);
 void api_request(std::string_view bytes);
 void mcap(std::string_view bytes);  // with the flight recorder's payloads
 
-void pack(std::string_view bytes);  // of uploaded tiles
+void batch(std::string_view bytes);  // of uploaded tiles, and the packs that they come in
+void pack(std::string_view bytes);
 
 void mavlink(std::string_view bytes);  // a stream from the autopilot
 
