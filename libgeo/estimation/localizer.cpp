@@ -196,7 +196,8 @@ Estimate Localizer::State::tell(const Telemetry& telemetry, bool anchored, bool 
   estimate.frame = telemetry.frame;
   estimate.time_s = telemetry.time_s;
   estimate.segment = segment;
-  if (last_anchor_s) estimate.anchor_age_s = telemetry.time_s - *last_anchor_s;
+  if (last_anchor_s)
+    estimate.anchor_age_s = std::max(telemetry.time_s - *last_anchor_s, 0.0);  // clocks may be set back
   estimate.anchor_inliers = last_anchor_inliers;
   estimate.anchor_ratio = last_anchor_ratio;
   if (!placed) return estimate;

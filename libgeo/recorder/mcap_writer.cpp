@@ -13,19 +13,28 @@ void McapWriter::add(const McapSchema& schema) { schemas_.emplace(schema.id, sch
 void McapWriter::add(const McapChannel& channel) { channels_.emplace(channel.id, channel); }
 
 void McapWriter::define(std::uint16_t id) {
+  if (written_channels_.contains(id) || !chunk_channels_.insert(id).second) return;
   const McapChannel& channel = channels_.at(id);
   const auto schema = schemas_.find(channel.schema_id);
-  if (schema != schemas_.end() && !written_schemas_.contains(schema->first) &&
-      chunk_schemas_.insert(schema->first).second) {
-    append(chunk_, schema->second);
+  if (schema != schemas_.end() && chunk_schemas_.insert(schema->first).second) append(chunk_, schema->second);
+  append(chunk_, channel);
+}
+
+// At the beginning of a chunk: what stands in one other alone.
+void McapWriter::define_again() {
+  for (const auto& [id, chunks] : written_schemas_) {
+    if (chunks == 1 && chunk_schemas_.insert(id).second) append(chunk_, schemas_.at(id));
   }
-  if (!written_channels_.contains(id) && chunk_channels_.insert(id).second) append(chunk_, channel);
+  for (const auto& [id, chunks] : written_channels_) {
+    if (chunks == 1 && chunk_channels_.insert(id).second) append(chunk_, channels_.at(id));
+  }
 }
 
 void McapWriter::write(const McapMessage& message) {
   if (position_ == 0 && empty()) {
     for (const auto& [id, channel] : channels_) define(id);
   }
+  if (empty()) define_again();
   define(message.channel_id);
   chunk_index_[message.channel_id].emplace_back(message.log_time_ns, chunk_.size());
   append(chunk_, message);
@@ -42,8 +51,8 @@ bool McapWriter::flush() {
   statistics_.first_ns = chunks_.empty() ? first_ns_ : std::min(statistics_.first_ns, first_ns_);
   statistics_.last_ns = chunks_.empty() ? last_ns_ : std::max(statistics_.last_ns, last_ns_);
   statistics_.messages += chunk_messages_;
-  written_schemas_.merge(chunk_schemas_);
-  written_channels_.merge(chunk_channels_);
+  for (const std::uint16_t id : chunk_schemas_) ++written_schemas_[id];
+  for (const std::uint16_t id : chunk_channels_) ++written_channels_[id];
   chunks_.push_back(std::move(index));
   static_cast<void>(drop_chunk());
   return true;
@@ -133,8 +142,8 @@ bool McapWriter::finish() {
 
 Bytes McapWriter::summary() const {
   McapBytes out;
-  for (const std::uint16_t id : written_schemas_) append(out, schemas_.at(id));
-  for (const std::uint16_t id : written_channels_) append(out, channels_.at(id));
+  for (const auto& [id, chunks] : written_schemas_) append(out, schemas_.at(id));
+  for (const auto& [id, chunks] : written_channels_) append(out, channels_.at(id));
   McapStatistics statistics = statistics_;
   statistics.schemas = static_cast<std::uint16_t>(written_schemas_.size());
   statistics.channels = static_cast<std::uint32_t>(written_channels_.size());

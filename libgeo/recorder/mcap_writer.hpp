@@ -26,7 +26,8 @@ class McapWriter {
   McapWriter(McapSink& sink, McapWriterOptions options);
 
   // What is added before the first message stands in the first chunk; else in the one in which a channel is used first.
-  // Adding one again changes nothing.
+  // It stands in the next chunk as well, so that a damaged chunk takes no other with it. Adding one again changes
+  // nothing.
   void add(const McapSchema& schema);
   void add(const McapChannel& channel);
 
@@ -47,6 +48,7 @@ class McapWriter {
 
  private:
   void define(std::uint16_t channel);
+  void define_again();
   Bytes chunk_record(McapChunkIndex& index) const;
   Bytes summary() const;
   bool to_sink(ByteView bytes);
@@ -55,7 +57,7 @@ class McapWriter {
   McapWriterOptions options_;
   std::map<std::uint16_t, McapSchema> schemas_;
   std::map<std::uint16_t, McapChannel> channels_;
-  std::set<std::uint16_t> written_schemas_, written_channels_;  // they stand in chunks on the sink
+  std::map<std::uint16_t, int> written_schemas_, written_channels_;  // in how many chunks on the sink they stand
 
   McapBytes chunk_;
   std::set<std::uint16_t> chunk_schemas_, chunk_channels_;                                     // defined in this chunk

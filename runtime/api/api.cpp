@@ -133,8 +133,8 @@ ApiResponse Api::health() const {
   const auto view = board_.snapshot();
   const double age = age_s(*view);
   const bool stalled = view->version == 0 || age > options_.stalled_after_s;
-  const FlightState state = view->state.state;
-  const bool fit = state == FlightState::normal && view->recorder.state != RecorderState::failed;
+  const ServiceState state = view->state.state;
+  const bool fit = state == ServiceState::normal && view->recorder.state != RecorderState::failed;
   ApiResponse response =
       json_answer(stalled ? 503 : 200, {{"status", stalled ? "fail"
                                                    : fit   ? "pass"

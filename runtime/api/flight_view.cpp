@@ -2,20 +2,6 @@
 
 namespace nadir {
 
-std::string_view name_of(FlightState state) {
-  switch (state) {
-    case FlightState::boot: return "boot";
-    case FlightState::no_package: return "no_package";
-    case FlightState::awaiting_autopilot: return "awaiting_autopilot";
-    case FlightState::relocalizing: return "relocalizing";
-    case FlightState::normal: return "normal";
-    case FlightState::degraded: return "degraded";
-    case FlightState::no_fix: return "no_fix";
-    case FlightState::failsafe: return "failsafe";
-  }
-  return "failsafe";
-}
-
 std::string_view name_of(GpsJudgement judgement) {
   switch (judgement) {
     case GpsJudgement::unknown: return "unknown";

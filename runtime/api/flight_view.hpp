@@ -16,15 +16,14 @@
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "service/service_state.hpp"
 
 namespace nadir {
 
-enum class FlightState { boot, no_package, awaiting_autopilot, relocalizing, normal, degraded, no_fix, failsafe };
 enum class GpsJudgement { unknown, good, denied, spoofed };
 enum class RecorderState { off, recording, limited, failed };  // limited: the disk budget leaves things out
 enum class EventSeverity { info, warning, critical };          // critical: the operator must know now
 
-std::string_view name_of(FlightState state);
 std::string_view name_of(GpsJudgement judgement);
 std::string_view name_of(RecorderState state);
 std::string_view name_of(EventSeverity severity);
@@ -32,7 +31,7 @@ std::string_view name_of(EventSeverity severity);
 using CountsByReason = std::map<std::string, std::uint64_t>;
 
 struct StateView {
-  FlightState state = FlightState::boot;
+  ServiceState state = ServiceState::boot;
   std::string reason;  // why it is so, for people
   double since_s = 0;
 };

@@ -6,8 +6,8 @@
 namespace nadir {
 namespace {
 
-constexpr std::chrono::milliseconds kLongestWait{200}, kAfterTrouble{200};
-constexpr double kThreadLimit_s = 5;
+constexpr std::chrono::milliseconds kLongestWait{200};
+constexpr double kAfterTrouble_s = 0.2, kThreadLimit_s = 5;
 
 // The recorder and the localizer know encoded pictures. Lossless, because the recording must give the same bits again.
 Bytes encoded(CameraFrame& frame) {
@@ -19,11 +19,12 @@ Bytes encoded(CameraFrame& frame) {
 
 }  // namespace
 
-CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_delay_s,
+CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_delay_s, const FlightClock& clock,
                        LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
                        std::function<void(const std::string&)> told)
     : source_(std::move(source)),
       capture_delay_s_(capture_delay_s),
+      clock_(clock),
       pictures_(pictures),
       told_(std::move(told)),
       beat_(watch.watch("camera", kThreadLimit_s)),
@@ -45,7 +46,7 @@ void CameraFeed::run(const std::stop_token& stop) {
     }
     if (reading.detail != last_trouble) told_(reading.detail);
     last_trouble = reading.detail;
-    std::this_thread::sleep_for(kAfterTrouble);
+    clock_.wait_until(clock_.monotonic_s() + kAfterTrouble_s, stop);
   }
 }
 

@@ -14,8 +14,9 @@ namespace nadir {
 class CameraFeed {
  public:
   // told: on the feed's thread; empty text: a picture came.
-  CameraFeed(std::unique_ptr<CameraSource> source, double capture_delay_s, LatestMailbox<FlightPicture>& pictures,
-             ThreadWatch& watch, std::function<void(const std::string& trouble)> told);
+  CameraFeed(std::unique_ptr<CameraSource> source, double capture_delay_s, const FlightClock& clock,
+             LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
+             std::function<void(const std::string& trouble)> told);
 
   std::string describe() const { return source_->describe(); }
 
@@ -24,6 +25,7 @@ class CameraFeed {
 
   std::unique_ptr<CameraSource> source_;
   double capture_delay_s_;
+  const FlightClock& clock_;
   LatestMailbox<FlightPicture>& pictures_;
   std::function<void(const std::string&)> told_;
   ThreadWatch::Beat beat_;

@@ -110,8 +110,8 @@ void FlightService::start_flight() {
       AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) { heard(now_s, message); },
                               [this](double metres) { tell(FixJumped{metres}); }});
   if (!ground_) return;
-  camera_ = std::make_unique<CameraFeed>(open_camera(options_.camera, clock_), airframe_.capture_delay_s, pictures_,
-                                         watch_, [this](const std::string& trouble) {
+  camera_ = std::make_unique<CameraFeed>(open_camera(options_.camera, clock_), airframe_.capture_delay_s, clock_,
+                                         pictures_, watch_, [this](const std::string& trouble) {
                                            tell(CameraSpoke{trouble.empty(), trouble});
                                          });
 }

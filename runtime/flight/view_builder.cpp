@@ -5,20 +5,6 @@ namespace {
 
 constexpr double kRateWindow_s = 2;
 
-FlightState shown(ServiceState state) {
-  switch (state) {
-    case ServiceState::boot: return FlightState::boot;
-    case ServiceState::no_package: return FlightState::no_package;
-    case ServiceState::awaiting_autopilot: return FlightState::awaiting_autopilot;
-    case ServiceState::relocalizing: return FlightState::relocalizing;
-    case ServiceState::normal: return FlightState::normal;
-    case ServiceState::degraded: return FlightState::degraded;
-    case ServiceState::no_fix: return FlightState::no_fix;
-    case ServiceState::failsafe: return FlightState::failsafe;
-  }
-  return FlightState::no_fix;
-}
-
 GpsJudgement shown(GpsVerdict verdict) {
   switch (verdict) {
     case GpsVerdict::trusted: return GpsJudgement::good;
@@ -56,7 +42,7 @@ void ViewBuilder::localizer(const LocalizerSpoke& spoke) {
 void ViewBuilder::gps(const GpsJudged& judged) { view_.gps = {shown(judged.verdict), judged.why}; }
 
 void ViewBuilder::status(const ServiceStatus& status, const std::string& reason) {
-  view_.state = {shown(status.state), reason, status.since_s};
+  view_.state = {status.state, reason, status.since_s};
 }
 
 void ViewBuilder::frames(const MailboxCounts& counts, double now_s) {

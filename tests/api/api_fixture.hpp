@@ -14,9 +14,9 @@ namespace nadir::test {
 
 class ApiFixture : public ::testing::Test {
  protected:
-  ApiFixture() { publish(FlightState::normal); }
+  ApiFixture() { publish(ServiceState::normal); }
 
-  void publish(FlightState state) { board.publish(flight.at(now_s, state)); }
+  void publish(ServiceState state) { board.publish(flight.at(now_s, state)); }
   ApiOptions options() {
     ApiOptions chosen;
     chosen.now_s = [this] { return now_s; };

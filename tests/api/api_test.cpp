@@ -33,7 +33,7 @@ TEST_F(ApiTest, TellsTheState) {
 }
 
 TEST_F(ApiTest, WithoutAPositionThereIsNone) {
-  publish(FlightState::no_fix);
+  publish(ServiceState::no_fix);
   const auto state = json(api.handle(get("/v1/state")));
   EXPECT_TRUE(state["position"].is_null());
   EXPECT_EQ(state["source"], "no_fix");
@@ -41,7 +41,7 @@ TEST_F(ApiTest, WithoutAPositionThereIsNone) {
 
 // The longer axis of the ellipse, by hand: variances 9 along north-east, 1 across.
 TEST_F(ApiTest, DrawsTheCovarianceAsAnEllipse) {
-  FlightView view = flight.at(now_s, FlightState::normal);
+  FlightView view = flight.at(now_s, ServiceState::normal);
   view.position = PositionView{{8.5, 47.4}, 2, 5, 5, 4};
   board.publish(view);
   const auto ellipse = json(api.handle(get("/v1/state")))["position"]["ellipse"];
@@ -51,7 +51,7 @@ TEST_F(ApiTest, DrawsTheCovarianceAsAnEllipse) {
 }
 
 TEST_F(ApiTest, HostileNumbersAndTextStayReadable) {
-  FlightView view = flight.at(now_s, FlightState::normal);
+  FlightView view = flight.at(now_s, ServiceState::normal);
   view.position->sigma_m = std::numeric_limits<double>::quiet_NaN();
   view.anchor_age_s = std::numeric_limits<double>::infinity();
   view.state.reason = "\x1b[2J\xff\xfe\"quoted\"";
@@ -65,7 +65,7 @@ TEST_F(ApiTest, HostileNumbersAndTextStayReadable) {
 
 TEST_F(ApiTest, HealthFollowsTheFlightsThread) {
   EXPECT_EQ(json(api.handle(get("/v1/health")))["status"], "pass");
-  publish(FlightState::degraded);
+  publish(ServiceState::degraded);
   EXPECT_EQ(json(api.handle(get("/v1/health")))["status"], "warn");
   now_s += 2.5;
   const ApiResponse silent = api.handle(get("/v1/health"));

@@ -19,7 +19,7 @@ FlightView view_at(double time_s) {
 TEST(FlightBoard, ShowsABootingServiceBeforeTheFirstPublish) {
   const FlightBoard board;
   EXPECT_EQ(board.snapshot()->version, 0U);
-  EXPECT_EQ(board.snapshot()->state.state, FlightState::boot);
+  EXPECT_EQ(board.snapshot()->state.state, ServiceState::boot);
 }
 
 TEST(FlightBoard, ShowsTheLatestAndNumbersIt) {

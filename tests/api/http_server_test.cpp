@@ -132,7 +132,7 @@ TEST_F(HttpServerTest, StreamsWhatHappens) {
   EXPECT_THAT(first, StartsWith("HTTP/1.1 200 OK\r\n"));
   EXPECT_THAT(first, HasSubstr("Content-Type: text/event-stream\r\n"));
   EXPECT_THAT(first, HasSubstr("id: script-1\nevent: log\n"));
-  publish(FlightState::degraded);
+  publish(ServiceState::degraded);
   EXPECT_THAT(client.read_until("\"degraded\""), HasSubstr("event: log"));
   EXPECT_THAT(client.read_until(kStreamHeartbeat), HasSubstr(std::string(kStreamHeartbeat)));
   RawClient resumed = connect();
@@ -183,7 +183,7 @@ TEST_F(HttpServerTest, DeadClientsCostTheFlightNothing) {
   ASSERT_TRUE(eventually([](const ServerCounts& counts) { return counts.streams_open == 50; }));
 
   constexpr int kViews = 20'000;
-  const FlightView view = flight.at(now_s, FlightState::normal);
+  const FlightView view = flight.at(now_s, ServiceState::normal);
   for (int i = 0; i < kViews; ++i) board.publish(view);
   const std::uint64_t last = board.snapshot()->version;
   EXPECT_EQ(last, static_cast<std::uint64_t>(kViews) + 1);
@@ -208,7 +208,7 @@ TEST_F(HttpServerTest, AReaderThatTakesNothingIsDropped) {
   serve(limits);
   RawClient dead = connect(2048);
   dead.send(kGetEvents);
-  const FlightView view = flight.at(now_s, FlightState::normal);
+  const FlightView view = flight.at(now_s, ServiceState::normal);
   EXPECT_TRUE(eventually([&](const ServerCounts& counts) {
     board.publish(view);
     return counts.streams_dropped == 1 && counts.streams_open == 0;

@@ -19,7 +19,7 @@ using ::testing::Not;
 // The grammar of the text format, line by line: HELP, TYPE, then samples of that name.
 TEST(Metrics, FollowTheTextFormat) {
   test::ScriptedFlight flight;
-  const std::string text = metrics_text(flight.at(100, FlightState::normal), 0.1, {});
+  const std::string text = metrics_text(flight.at(100, ServiceState::normal), 0.1, {});
   const std::regex help("# HELP (nadir_[a-z_]+) .+"), type("# TYPE (nadir_[a-z_]+) (gauge|counter)");
   const std::regex sample(R"re((nadir_[a-z_]+)(\{[a-z]+="[^"\\]*"\})? [0-9.e+-]+)re");
   std::istringstream lines(text);

@@ -191,12 +191,12 @@ TEST_F(ObjectRequests, RefusesWithoutGimbalZoomOrPose) {
   expect_problem(ask(body), 422, "zoom-missing");
   body = question();
   body.erase("pose");
-  publish(FlightState::no_fix);
+  publish(ServiceState::no_fix);
   expect_problem(ask(body), 422, "pose-missing");
-  publish(FlightState::normal);
+  publish(ServiceState::normal);
   for (const auto& forget :
        {+[](FlightView& view) { view.agl_m.reset(); }, +[](FlightView& view) { view.roll_rad.reset(); }}) {
-    FlightView view = flight.at(now_s, FlightState::normal);
+    FlightView view = flight.at(now_s, ServiceState::normal);
     forget(view);
     board.publish(view);
     expect_problem(ask(body), 422, "pose-missing");

@@ -19,24 +19,24 @@ struct Phase {
   GpsJudgement gps;
 };
 
-Phase phase_of(FlightState state) {
+Phase phase_of(ServiceState state) {
   switch (state) {
-    case FlightState::boot:
+    case ServiceState::boot:
       return {SourceLabel::no_fix, 0, "package is being verified", EventSeverity::info, GpsJudgement::unknown};
-    case FlightState::no_package:
+    case ServiceState::no_package:
       return {SourceLabel::no_fix, 0, "signature does not hold", EventSeverity::critical, GpsJudgement::unknown};
-    case FlightState::awaiting_autopilot:
+    case ServiceState::awaiting_autopilot:
       return {SourceLabel::no_fix, 0, "no signed heartbeat yet", EventSeverity::warning, GpsJudgement::unknown};
-    case FlightState::relocalizing:
+    case ServiceState::relocalizing:
       return {SourceLabel::no_fix, 0, "searching the mission's area", EventSeverity::info, GpsJudgement::denied};
-    case FlightState::normal:
+    case ServiceState::normal:
       return {SourceLabel::satellite_anchored, 2.8, "anchored to the map", EventSeverity::info, GpsJudgement::spoofed};
-    case FlightState::degraded:
+    case ServiceState::degraded:
       return {SourceLabel::dead_reckoned, 38, "camera sees cloud, carried by velocity", EventSeverity::warning,
               GpsJudgement::denied};
-    case FlightState::no_fix:
+    case ServiceState::no_fix:
       return {SourceLabel::no_fix, 0, "blind for more than 30 s", EventSeverity::critical, GpsJudgement::denied};
-    case FlightState::failsafe:
+    case ServiceState::failsafe:
       return {SourceLabel::no_fix, 0, "no position for more than 3 s", EventSeverity::critical, GpsJudgement::denied};
   }
   return {};
@@ -44,7 +44,7 @@ Phase phase_of(FlightState state) {
 
 }  // namespace
 
-void ScriptedFlight::note_change(double time_s, FlightState state) {
+void ScriptedFlight::note_change(double time_s, ServiceState state) {
   const Phase phase = phase_of(state);
   events_.add(time_s, phase.severity, "state", std::string(name_of(state)) + ": " + phase.reason);
   if (phase.gps == GpsJudgement::spoofed) {
@@ -54,7 +54,7 @@ void ScriptedFlight::note_change(double time_s, FlightState state) {
   since_s_ = time_s;
 }
 
-FlightView ScriptedFlight::at(double time_s, FlightState state) {
+FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   if (state != state_ || events_.events().empty()) note_change(time_s, state);
   const Phase phase = phase_of(state);
   const double turn_rad = time_s * kSpeed_m_s / radius_m_;

@@ -12,14 +12,14 @@ class ScriptedFlight {
   explicit ScriptedFlight(LonLat centre = {8.5, 47.4}, double radius_m = 400) : centre_(centre), radius_m_(radius_m) {}
 
   // Seconds of the script's clock, not decreasing.
-  FlightView at(double time_s, FlightState state);
+  FlightView at(double time_s, ServiceState state);
 
  private:
-  void note_change(double time_s, FlightState state);
+  void note_change(double time_s, ServiceState state);
 
   LonLat centre_;
   double radius_m_;
-  FlightState state_ = FlightState::boot;
+  ServiceState state_ = ServiceState::boot;
   double since_s_ = 0;
   EventRing events_;
   FlightTrail trail_;

@@ -28,10 +28,10 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-std::optional<FlightState> state_named(const std::string& name) {
-  for (const FlightState state :
-       {FlightState::boot, FlightState::no_package, FlightState::relocalizing, FlightState::normal,
-        FlightState::degraded, FlightState::no_fix, FlightState::failsafe}) {
+std::optional<ServiceState> state_named(const std::string& name) {
+  for (const ServiceState state :
+       {ServiceState::boot, ServiceState::no_package, ServiceState::relocalizing, ServiceState::normal,
+        ServiceState::degraded, ServiceState::no_fix, ServiceState::failsafe}) {
     if (name == name_of(state)) return state;
   }
   return std::nullopt;
@@ -50,10 +50,10 @@ int serve(std::map<std::string, std::string> options) {
   if (options.contains("--centre"))
     std::sscanf(options["--centre"].c_str(), "%lf,%lf", &centre.lon_deg, &centre.lat_deg);
   test::ScriptedFlight flight(centre, options.contains("--radius") ? std::stod(options["--radius"]) : 400);
-  FlightState state = FlightState::normal;
+  ServiceState state = ServiceState::normal;
   for (double time_s = 0; time_s < kStart_s; time_s += 1) {
-    flight.at(time_s, time_s < 8                    ? FlightState::relocalizing
-                      : time_s > 90 && time_s < 120 ? FlightState::degraded
+    flight.at(time_s, time_s < 8                    ? ServiceState::relocalizing
+                      : time_s > 90 && time_s < 120 ? ServiceState::degraded
                                                     : state);
   }
 

@@ -8,6 +8,7 @@
 #include <deque>
 
 #include "imagery/codecs.hpp"
+#include "service/manual_clock.hpp"
 
 namespace nadir {
 namespace {
@@ -44,7 +45,7 @@ class CameraFeedTest : public ::testing::Test {
  protected:
   // Feeds the script, until `told` has been called so many times.
   void feed(std::deque<CameraReading> script, std::size_t calls) {
-    CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0.25, pictures_, watch_,
+    CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0.25, clock_, pictures_, watch_,
                     [this](const std::string& text) {
                       const std::scoped_lock lock(mutex_);
                       told_.push_back(text);
@@ -93,6 +94,21 @@ TEST_F(CameraFeedTest, TroubleIsToldOnceUntilItIsOverOrAnother) {
   feed({trouble("unplugged"), trouble("unplugged"), trouble("no room"), picture("1", 1, {1}), trouble("no room")}, 4);
   EXPECT_EQ(told_, (std::vector<std::string>{"unplugged", "no room", "", "no room"}));
   EXPECT_EQ(pictures_.counts().put, 1U);
+}
+
+// The clock stands still: only the wish to stop can end the pause after a trouble.
+TEST_F(CameraFeedTest, StopsAtOnceAfterTrouble) {
+  const ManualClock clock;
+  std::condition_variable told;
+  bool in_trouble = false;
+  CameraFeed feed(std::make_unique<ScriptedCamera>(std::deque{trouble("unplugged")}), 0, clock, pictures_, watch_,
+                  [&](const std::string&) {
+                    const std::scoped_lock lock(mutex_);
+                    in_trouble = true;
+                    told.notify_all();
+                  });
+  std::unique_lock lock(mutex_);
+  ASSERT_TRUE(told.wait_for(lock, kFarTooLong, [&] { return in_trouble; }));
 }
 
 }  // namespace

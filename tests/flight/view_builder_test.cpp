@@ -114,14 +114,12 @@ TEST(ViewBuilder, TheLinkCountsWhatItRefused) {
 
 TEST(ViewBuilder, StateAndGpsGoThroughByTheirNames) {
   ViewBuilder views("b");
-  for (const auto& [state, shown] : {std::pair{ServiceState::normal, FlightState::normal},
-                                     {ServiceState::no_fix, FlightState::no_fix},
-                                     {ServiceState::failsafe, FlightState::failsafe}}) {
+  for (const ServiceState state : {ServiceState::normal, ServiceState::no_fix, ServiceState::failsafe}) {
     ServiceStatus status;
     status.state = state;
     status.since_s = 7;
     views.status(status, "because");
-    EXPECT_EQ(view_of(views).state.state, shown);
+    EXPECT_EQ(view_of(views).state.state, state);
     EXPECT_EQ(view_of(views).state.reason, "because");
   }
   for (const auto& [verdict, shown] : {std::pair{GpsVerdict::trusted, GpsJudgement::good},

@@ -113,6 +113,19 @@ TEST(Mcap, ADamagedChunkCostsOnlyItself) {
   EXPECT_TRUE(test::same(back.records[3].second, test::sample_estimate(6)));
 }
 
+// Where the schemas and channels stand.
+TEST(Mcap, ADamagedFirstChunkCostsOnlyItself) {
+  MemorySink sink = small_file(0);
+  sink.bytes[sink.ends[0] / 2] ^= 1;
+  const auto back = test::read_back(MemorySource(sink.bytes));
+  EXPECT_EQ(back.contents.damaged_chunks, 1U);
+  ASSERT_EQ(back.records.size(), 6U);
+  EXPECT_TRUE(test::same(back.records[0].second, test::sample_estimate(3)));
+  // Also of a file that was cut off: without its summary.
+  sink.bytes.resize(sink.ends[2]);
+  EXPECT_EQ(test::read_back(MemorySource(sink.bytes)).records.size(), 6U);
+}
+
 TEST(Mcap, RandomDamageNeverCrashes) {
   Random random(17);
   for (const int level : {0, 1}) {
