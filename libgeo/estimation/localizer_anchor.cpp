@@ -77,6 +77,7 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
     const Eigen::Matrix2d spread =
         kAnchorModelError * solved.covariance.topLeftCorner<2, 2>() + job.flight.position_covariance_m2();
     prediction.chi2 = off->dot(spread.inverse() * *off);
+    if (!last_anchor_s) prediction.chi2 = against_start.weighed(*off, prediction.chi2, prediction.sigma_m);
     report.chi2 = prediction.chi2;
   }
   report.verdict = judge_anchor(match, job.prior, prediction, config.gates);
@@ -93,6 +94,7 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
                                const AnchorJob& job) {
   const bool contradicts = report.verdict == AnchorVerdict::off_prediction;
   if (contradicts) contradicted_m = *off_m;
+  if (contradicts && !last_anchor_s) against_start.remember(*off_m, report.chi2, job.prediction.sigma_m);
   if (broken_since_job) return;  // a voice about a track that has ended since
   if (!contradicts && report.verdict != AnchorVerdict::awaiting_votes) {
     votes.abstain();
@@ -133,6 +135,7 @@ void Localizer::State::take_anchor(const AnchorJob& job) {
   last_anchor_ratio = job.match->search.ratio;
   held_back_m.setZero();
   contradicted_m.setZero();
+  against_start.forget();
   votes.forget();
   hinted.reset();
   placed = true;

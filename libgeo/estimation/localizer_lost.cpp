@@ -21,6 +21,7 @@ void Localizer::hint(const LonLat& at, double radius_m) {
 // A start that was told once is worth no more than a hint that is told now.
 void Localizer::State::heed_hint() {
   if (!hinted || hinted->carried()) return;
+  against_start.forget();
   const double off_m = (hinted->at_m() - flight->position_m()).norm();
   const bool confirmed = unbroken && last_anchor_s;
   if (placed && !confirmed && off_m > hinted->radius_m() + 3 * flight->position_sigma_m()) {

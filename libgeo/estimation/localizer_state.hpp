@@ -9,6 +9,7 @@
 #include "estimation/localizer.hpp"
 #include "estimation/odometry.hpp"
 #include "estimation/operator_hint.hpp"
+#include "estimation/start_contradictions.hpp"
 #include "vision/frozen_frame.hpp"
 
 namespace nadir {
@@ -90,6 +91,7 @@ struct Localizer::State {
   // jumps but those of anchors, and refined() has it all.
   Eigen::Vector2d held_back_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d contradicted_m = Eigen::Vector2d::Zero();  // where the map says that the start was, against it
+  StartContradictions against_start;
   AnchorVotes votes;
   AnchorWindow window;
   std::optional<OperatorHint> hinted;
