@@ -32,6 +32,7 @@ packages_build=(
   zlib1g-dev                 # CRC-32
   libgeographiclib-dev       # local east-north-up frames
   libboost-dev               # Beast, Asio: the HTTP of nadird; headers alone, libgdal-dev brings them anyway
+  libcurl4-openssl-dev       # `nadir sync`; libgdal-dev takes it in the place of the one with GnuTLS
   libgdal-dev                # reads the planner's rasters; never linked by nadird
   libproj-dev                # coordinate systems of those rasters, and the tests' oracle
   python3                    # generates the MAVLink headers

@@ -32,6 +32,11 @@
 #include "simulate_camera.hpp"
 #include "simulate_flight.hpp"
 #include "simulate_world.hpp"
+#include "sync_prune.hpp"
+#include "sync_push.hpp"
+#include "sync_retry.hpp"
+#include "sync_stage.hpp"
+#include "sync_status.hpp"
 #include "watch.hpp"
 
 namespace nadir {
@@ -77,6 +82,11 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<RecorderVerifyCommand>());
   commands.push_back(std::make_unique<RecorderRecoverCommand>());
   commands.push_back(std::make_unique<RecorderExportCommand>());
+  commands.push_back(std::make_unique<SyncStageCommand>());
+  commands.push_back(std::make_unique<SyncPushCommand>());
+  commands.push_back(std::make_unique<SyncStatusCommand>());
+  commands.push_back(std::make_unique<SyncRetryCommand>());
+  commands.push_back(std::make_unique<SyncPruneCommand>());
   return commands;
 }
 

@@ -26,13 +26,17 @@ std::string read_bearer_token(const fs::path& path) {
                  .expected = "a file for its owner alone",
                  .fix = fmt::format("chmod 600 {}", path.string())});
   }
+  return checked_bearer_token(std::move(token), path.string());
+}
+
+std::string checked_bearer_token(std::string token, std::string_view where) {
   while (!token.empty() && (token.back() == '\n' || token.back() == '\r')) token.pop_back();
   const bool printable = std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < 0x7f; });
   if (token.size() < kShortestToken || !printable) {
-    throw Error({.what = "no token is in the file",
-                 .where = path.string(),
+    throw Error({.what = "this is no token",
+                 .where = std::string(where),
                  .expected = fmt::format("one line of at least {} printable characters without spaces", kShortestToken),
-                 .fix = fmt::format("(umask 077; openssl rand -hex 24 > {})", path.string())});
+                 .fix = "(umask 077; openssl rand -hex 24 > FILE)"});
   }
   return token;
 }

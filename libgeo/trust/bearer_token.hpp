@@ -3,11 +3,15 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 
 namespace nadir {
 
 // The file holds one line of at least 16 printable characters without spaces, and only its owner may read it. Throws
 // Error otherwise.
 std::string read_bearer_token(const std::filesystem::path& path);
+
+// The same for a token that comes from elsewhere, with the name of the place for messages. The token is never in them.
+std::string checked_bearer_token(std::string token, std::string_view where);
 
 }  // namespace nadir

@@ -36,6 +36,9 @@ class Rules(unittest.TestCase):
         self.assertEqual(1, len(self.violations("libgeo/imagery/a.cpp", "#include <gdal_priv.h>\n")))
         self.assertEqual([], self.violations("libgeo/ground/a.cpp", "#include <gdal_priv.h>\n"))
 
+    def test_curl_outside_of_sync_is_caught(self):
+        self.assertEqual(1, len(self.violations("libgeo/ground/a.cpp", "#include <curl/curl.h>\n")))
+
     def test_heavy_headers_are_caught(self):
         for name in ("ceres/ceres.h", "gdal.h", "faiss/Index.h", "CLI/CLI.hpp", "nlohmann/json.hpp"):
             self.assertEqual(1, len(self.violations("tools/a.hpp", f"#include <{name}>\n")), name)

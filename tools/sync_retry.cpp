@@ -1,0 +1,62 @@
+#include "sync_retry.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "exchange/reason_code.hpp"
+#include "framework/options.hpp"
+#include "framework/output.hpp"
+#include "sync/outbox_upkeep.hpp"
+#include "sync/staging.hpp"
+
+namespace nadir {
+
+std::string_view SyncRetryCommand::details() const {
+  return "Parked batches will be announced again by the next push, and those that wait will not wait any longer. With\n"
+         "--code, tiles that were rejected or refused for this reason go into new batches, as far as their pictures "
+         "are\n"
+         "still there: for reasons that can pass, such as quota or base_package_unknown.\n\n"
+         "Exit codes: 0 done, 2 could not be done.";
+}
+
+std::string_view SyncRetryCommand::examples() const {
+  return "nadir sync retry outbox\n"
+         "nadir sync retry outbox --code quota --key mini-07.key.pem";
+}
+
+void SyncRetryCommand::setup(Options& options) {
+  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
+  options.values("--code", codes_, "REASON", "try tiles again that failed for this reason; may be given several times")
+      .needs("--key");
+  options.value("--key", key_, "KEY.pem", "the airframe's tile key, which signs the new batches");
+}
+
+int SyncRetryCommand::run(Context& context) {
+  for (const std::string& code : codes_) {
+    if (parse_reason_code(code)) continue;
+    throw UsageError({.what = "there is no such reason",
+                      .found = code,
+                      .fix = "nadir sync status shows the reasons of this outbox's tiles"});
+  }
+  std::optional<PrivateKey> key;
+  if (key_) key = PrivateKey::read(*key_);
+  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
+  const std::int64_t now_ms = surroundings_.pace()->now_ms();
+  const std::int64_t batches = retry_parked(outbox, now_ms);
+  std::int64_t tiles = 0;
+  for (const std::string& code : codes_) tiles += restage(outbox, code, now_ms);
+  SealedSum sealed;
+  if (key) sealed = seal_batches(outbox, *key, now_ms, surroundings_.random_bytes);
+  if (context.json) {
+    print_json(context.out, {{"batches", batches}, {"restaged", tiles}, {"new_batches", sealed.batches}});
+  } else {
+    context.out << fmt::format("{} batches may be tried at once; {} tiles go into {} new batches\n", batches, tiles,
+                               sealed.batches);
+  }
+  return kAccepted;
+}
+
+}  // namespace nadir
