@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <exception>
 
 #include "base/error.hpp"
@@ -34,7 +33,6 @@ struct FreeList {
 
 // One request under way.
 struct Exchange {
-  ByteView body;
   ByteView unsent;
   std::uint64_t largest_reply = 0;
   std::size_t head_size = 0;
@@ -50,16 +48,6 @@ std::size_t send_body(char* target, std::size_t size, std::size_t count, void* u
   std::copy_n(exchange.unsent.begin(), bytes, target);
   exchange.unsent = exchange.unsent.subspan(bytes);
   return bytes;
-}
-
-// libcurl begins again on a new connection when an old one has been closed meanwhile.
-int rewind_body(void* user, curl_off_t offset, int origin) {
-  auto& exchange = *static_cast<Exchange*>(user);
-  if (origin != SEEK_SET || offset < 0 || static_cast<std::size_t>(offset) > exchange.body.size()) {
-    return CURL_SEEKFUNC_FAIL;
-  }
-  exchange.unsent = exchange.body.subspan(static_cast<std::size_t>(offset));
-  return CURL_SEEKFUNC_OK;
 }
 
 std::size_t take_body(char* data, std::size_t size, std::size_t count, void* user) {
@@ -152,7 +140,7 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   CURL* easy = handle_->easy;
   curl_easy_reset(easy);  // keeps the connection
   Exchange exchange;
-  exchange.body = exchange.unsent = request.body;
+  exchange.unsent = request.body;
   exchange.largest_reply = settings_.largest_reply;
   exchange.check = &check_;
   set(easy, CURLOPT_URL, (settings_.address + request.path).c_str());
@@ -180,12 +168,12 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   if (request.method == "HEAD") {
     set(easy, CURLOPT_NOBODY, 1L);
   } else if (request.method != "GET") {
+    // Without a way to rewind: when a line breaks, libcurl must not send the body again by itself. What follows is the
+    // uploader's to decide.
     set(easy, CURLOPT_UPLOAD, 1L);
     set(easy, CURLOPT_INFILESIZE_LARGE, static_cast<curl_off_t>(request.body.size()));
     set(easy, CURLOPT_READFUNCTION, &send_body);
     set(easy, CURLOPT_READDATA, &exchange);
-    set(easy, CURLOPT_SEEKFUNCTION, &rewind_body);
-    set(easy, CURLOPT_SEEKDATA, &exchange);
     set(easy, CURLOPT_CUSTOMREQUEST, request.method.c_str());
   }
   curl_slist* lines = curl_slist_append(nullptr, "Expect:");  // no round trip before a body

@@ -41,7 +41,7 @@ class TileMover {
       : update_(outbox.prepare("UPDATE tile SET state = ?, code = ?, detail = ?, changed_ms = ? WHERE id = ?")),
         now_ms_(now_ms) {}
 
-  void move(std::int64_t tile, TileState after, std::string_view code = {}, std::string_view detail = {}) {
+  void move(std::int64_t tile, TileState after, std::string_view code = "", std::string_view detail = "") {
     update_.bind(1, name_of(after)).bind(2, code).bind(3, detail).bind(4, now_ms_).bind(5, tile).run();
   }
 
@@ -92,8 +92,8 @@ void Transfer::announced(const OpenBatch& batch, const Announcement& answer, std
       const TileRow& row = partition.take(digest);
       if (row.state == TileState::sealed) mover.move(row.id, after, code, detail);
     };
-    for (const Sha256& digest : answer.missing) move(digest, TileState::announced, {}, {});
-    for (const Sha256& digest : answer.known) move(digest, TileState::sent, {}, {});
+    for (const Sha256& digest : answer.missing) move(digest, TileState::announced, "", "");
+    for (const Sha256& digest : answer.known) move(digest, TileState::sent, "", "");
     for (const Refusal& refusal : answer.refused)
       move(refusal.sha256, TileState::refused, refusal.code, refusal.detail);
     partition.check_whole();

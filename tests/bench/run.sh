@@ -25,6 +25,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
+  sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
+  contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -68,6 +70,8 @@ part() {
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
     smoothing)    smoothing "$@" ;;
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
+    sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
+    contract)     one_program test_make_candidates && one_program nadir && python3 -B "$here/contract_client.py" "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
 }

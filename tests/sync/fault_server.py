@@ -7,6 +7,7 @@ or counted twice shows. It checks no signatures: nadir-candidates does.
 usage: fault_server.py [--seed N] [--rate SHARE]: serves until it is killed; prints its address.
 """
 import argparse
+import base64
 import collections
 import hashlib
 import http.server
@@ -55,9 +56,10 @@ def read_pack(data):
 class Service:
     """What a service remembers, and the calls of the contract on it."""
 
-    def __init__(self, part_max=MAX_PACK, keep_partial=False, judge=None, refuse=None):
+    def __init__(self, part_max=MAX_PACK, keep_partial=False, at_once=False, judge=None, refuse=None):
         self.lock = threading.RLock()
         self.part_max, self.keep_partial = part_max, keep_partial
+        self.at_once = at_once  # all verdicts with the first question
         self.judge = judge or (lambda sidecar: None)    # a reason code, or None
         self.refuse = refuse or (lambda sidecar: None)
         self.uploads, self.by_key, self.packs, self.blobs = {}, {}, {}, {}
@@ -161,9 +163,10 @@ class Service:
         if upload["state"] == "judging":
             upload["polls"] += 1
             pending = [t for t in upload["tiles"].values() if t["verdict"] == "pending"]
-            for tile in pending[:len(pending) // 2] if upload["polls"] == 1 else pending:
+            half = upload["polls"] == 1 and not self.at_once
+            for tile in pending[:len(pending) // 2] if half else pending:
                 self.decide(tile)
-            if upload["polls"] > 1:
+            if not half:
                 upload["state"] = "judged"
         return {"upload_id": upload_id, "batch": upload["key"], "state": upload["state"], "expires_at": "2099-01-01T00:00:00Z",
                 "tiles": [{"sha256": s, "verdict": t["verdict"], "code": t["code"], "detail": "", "retryable": False}
@@ -253,6 +256,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 service.requests[self.command] += 1
                 fault = faults.next()
             body, whole = self.read_body(fault)
+            self.request_body = body
             if not whole:
                 self.call(body, whole)
                 raise Broken
@@ -309,11 +313,15 @@ class Handler(http.server.BaseHTTPRequestHandler):
             return self.problem(Problem(400, "bad-request", repr(error)[:200]))
 
     def route(self, service, body, whole):
+        if (self.command, self.path) == ("GET", "/v1/health"):
+            return self.json(200, {"status": "pass", "reason": ""})
         if self.headers.get("Authorization") != "Bearer " + TOKEN:
             raise Problem(401, "unauthorized", "no token or a wrong one", {"WWW-Authenticate": "Bearer"})
         if (self.command, self.path) == ("POST", "/v1/uploads"):
             status, document = service.announce(self.headers.get("Idempotency-Key"), body)
             return self.json(status, document)
+        if (self.command, self.path) == ("GET", "/v1/reason-codes"):
+            return self.json(200, {"version": 1, "codes": []})
         match = re.fullmatch(r"/v1/uploads/([A-Za-z0-9_-]{8,64})(/complete|/packs/([0-9a-f]{64}))?", self.path)
         if not match:
             raise Problem(404, "not-found", "no such path")
@@ -326,7 +334,6 @@ class Handler(http.server.BaseHTTPRequestHandler):
             offset, length = service.offset(upload, sha)
             return 200, {"Upload-Offset": str(offset), "Upload-Length": str(length)}, b""
         if self.command == "PATCH" and sha:
-            import base64
             digest = re.fullmatch(r"sha-256=:([A-Za-z0-9+/]{43}=):", self.headers.get("Content-Digest", ""))
             if not digest:
                 raise Problem(400, "bad-request", "no Content-Digest")
@@ -349,6 +356,8 @@ class Handler(http.server.BaseHTTPRequestHandler):
         self.answer(*self.problem(problem))
 
     def answer(self, status, headers, reply):
+        if self.server.watch:
+            self.server.watch(self.command, self.path, self.headers, self.request_body, status, headers, reply)
         self.send_response(status)
         for name, value in headers.items():
             self.send_header(name, value)
@@ -359,11 +368,18 @@ class Handler(http.server.BaseHTTPRequestHandler):
             self.wfile.write(reply)
 
 
+class QuietServer(http.server.ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request, client_address):
+        """A client that was killed resets its connection: no news."""
+
+
 class FaultServer:
-    def __init__(self, service=None, faults=None, port=0):
-        self.http = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
-        self.http.daemon_threads = True
-        self.http.service, self.http.faults = service or Service(), faults or Faults()
+    # watch: called with every request and its answer.
+    def __init__(self, service=None, faults=None, port=0, watch=None):
+        self.http = QuietServer(("127.0.0.1", port), Handler)
+        self.http.service, self.http.faults, self.http.watch = service or Service(), faults or Faults(), watch
         self.url = f"http://127.0.0.1:{self.http.server_address[1]}"
         threading.Thread(target=self.http.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
 

@@ -14,7 +14,7 @@ import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
 from fault_server import FaultServer, Faults, Service  # noqa: E402
-from support import Flight, discrepancies, push, sync, tiles  # noqa: E402
+from support import TEMPORARY, Flight, discrepancies, push, sync, tiles  # noqa: E402
 
 KILLED, MAKE = sys.argv[1], sys.argv[2]
 KILL = -9
@@ -28,7 +28,7 @@ class Killed(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory()
+        cls.folder = tempfile.TemporaryDirectory(dir=TEMPORARY)
         cls.addClassCleanup(cls.folder.cleanup)
         cls.flight = Flight(cls.folder.name, MAKE, cls.COUNT, 30_000)
         cls.staged = pathlib.Path(cls.folder.name) / "staged"
@@ -48,8 +48,8 @@ class Killed(unittest.TestCase):
             with self.subTest(point):
                 outbox = self.outbox(point.replace(":", "-"))
                 # One cut makes it wait and ask for the offset; one loss of memory makes it announce again.
-                forget = {"rate": 1.0, "kinds": ("forget",), "most": 2} if point.startswith("forgotten") else {}
-                server = self.server(cuts=[300_000], **forget)
+                forgets = point.startswith("forgotten")
+                server = self.server(**({"rate": 1.0, "kinds": ("forget",), "most": 2} if forgets else {"cuts": [300_000]}))
                 if point.startswith("recover"):
                     self.assertEqual(KILL, push(KILLED, outbox, server.url, kill_at="pack-begins:after").returncode)
                 result = push(KILLED, outbox, server.url, kill_at=point)
@@ -86,7 +86,7 @@ class Killed(unittest.TestCase):
 
 class Faulty(unittest.TestCase):
     def flight(self, count, mean_bytes):
-        folder = tempfile.TemporaryDirectory()
+        folder = tempfile.TemporaryDirectory(dir=TEMPORARY)
         self.addCleanup(folder.cleanup)
         flight, outbox = Flight(folder.name, MAKE, count, mean_bytes), pathlib.Path(folder.name) / "outbox"
         result = sync(KILLED, "stage", flight.candidates, "--outbox", outbox, "--key", flight.key, "--json")
@@ -118,9 +118,9 @@ class Faulty(unittest.TestCase):
         """Also verdicts of every kind; the service's books and the outbox agree in the end."""
         count = 300
         outbox = self.flight(count, 30_000)
-        service = Service(judge=lambda s: "blurred" if s["x"] % 7 == 0 else None,
+        service = Service(part_max=1 << 16, judge=lambda s: "blurred" if s["x"] % 7 == 0 else None,
                           refuse=lambda s: "too_old" if s["x"] % 11 == 0 else None)
-        server = self.serve(service, seed=3, rate=0.3, most=150, retry_after=1)
+        server = self.serve(service, seed=3, rate=0.3, most=100)
         counts = self.until_done(outbox, server, random.Random(3), kills=20)
         self.assertEqual([], discrepancies(outbox, service, count))
         states = {state for state, _ in tiles(outbox).values()}
@@ -178,7 +178,7 @@ class Faulty(unittest.TestCase):
         server = self.serve()
         self.assertEqual(0, push(KILLED, outbox, server.url).returncode)
         patches = server.service.requests["PATCH"]
-        with tempfile.TemporaryDirectory() as folder:  # the outbox was lost; the flight is staged afresh
+        with tempfile.TemporaryDirectory(dir=TEMPORARY) as folder:  # the outbox was lost; the flight is staged afresh
             flight = Flight(folder, MAKE, 20, 20_000)
             again = pathlib.Path(folder) / "outbox"
             sync(KILLED, "stage", flight.candidates, "--outbox", again, "--key", flight.key, seed=9)
