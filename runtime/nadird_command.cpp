@@ -88,6 +88,10 @@ void NadirdCommand::setup(Options& options) {
       .value("--anchor-every", flight_.anchor_every_m, "M",
              "look at the map after so many metres while sure of the position; 0: always")
       .between(0, 10'000);
+  options
+      .value("--memory-mb", memory_mb_, "MB",
+             "memory that is taken at the start and kept, so that the flight finds it; 0: as it comes")
+      .between(0, 4096);
   options.flag("--external-position", flight_.send_external_position,
                "send MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor as well");
 }
@@ -166,6 +170,7 @@ int NadirdCommand::serve(Context& context) {
   require(!flight_.camera.empty(), "--camera SOURCE");
   require(!flight_.autopilot.empty(), "--autopilot URL");
   flight_.package = package_;
+  hold_memory(static_cast<std::size_t>(memory_mb_));
   // Before there are other threads: they inherit that the signals are not theirs.
   StopSignals stop;
   cv::setNumThreads(1);  // the threads are ours: pictures are followed by one, the map is looked at by another

@@ -7,6 +7,7 @@
 
 #include "flight/flight_options.hpp"
 #include "framework/command.hpp"
+#include "service/held_memory.hpp"
 #include "verify_request.hpp"
 
 namespace nadir {
@@ -37,6 +38,7 @@ class NadirdCommand final : public Command {
   std::filesystem::path package_, airframe_file_;  // the latter empty: only its id is known
   std::string airframe_text_;
   VerifyRequest request_;
+  int memory_mb_ = kUsualMemory_mb;
   bool check_ = false, status_ = false, unsigned_airframe_ = false;
 };
 

@@ -1,0 +1,41 @@
+#include "service/held_memory.hpp"
+
+#include <fmt/format.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
+
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+#include "base/error.hpp"
+
+namespace nadir {
+
+void hold_memory([[maybe_unused]] std::size_t megabytes) {
+#ifdef __GLIBC__
+  if (megabytes == 0) return;
+  constexpr std::size_t kPiece = std::size_t{8} << 20;  // below the largest that the heap serves
+  ::mallopt(M_ARENA_MAX, 1);
+  ::mallopt(M_MMAP_THRESHOLD, 32 << 20);  // as large as glibc takes it
+  ::mallopt(M_TRIM_THRESHOLD, std::numeric_limits<int>::max());
+  std::vector<void*> pieces((megabytes * (std::size_t{1} << 20) + kPiece - 1) / kPiece);
+  bool enough = true;
+  for (void*& piece : pieces) {
+    piece = std::malloc(kPiece);
+    enough = enough && piece != nullptr;
+    // Not zeros: the compiler may not make a calloc() of it, which would leave the pages to be found later.
+    if (piece != nullptr) std::memset(piece, 0x5a, kPiece);
+  }
+  for (void* piece : pieces) std::free(piece);
+  if (enough) return;
+  throw Error({.what = "there is not enough memory for a flight",
+               .expected = fmt::format("{} MB", megabytes),
+               .found = "the system refused to give so much",
+               .fix = "end other programs, or give --memory-mb less"});
+#endif
+}
+
+}  // namespace nadir
