@@ -23,6 +23,7 @@
 #include "mission_import.hpp"
 #include "mission_plan.hpp"
 #include "provision_autopilot.hpp"
+#include "provision_boresight.hpp"
 #include "provision_camera.hpp"
 #include "recorder_export.hpp"
 #include "recorder_info.hpp"
@@ -71,6 +72,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<CatalogueListCommand>());
   commands.push_back(std::make_unique<CatalogueGapsCommand>());
   commands.push_back(std::make_unique<CatalogueRemoveCommand>());
+  commands.push_back(std::make_unique<ProvisionBoresightCommand>());
   commands.push_back(std::make_unique<ProvisionCameraCommand>());
   commands.push_back(std::make_unique<ProvisionAutopilotCommand>());
   commands.push_back(std::make_unique<SimulateWorldCommand>());

@@ -46,6 +46,14 @@ std::string read_id(const YamlNode& node) {
   return id;
 }
 
+// Of turned * enu_from_camera({}): in north-east-down axes it is yaw, pitch, roll.
+Attitude attitude_of(const Eigen::Matrix3d& turned) {
+  Eigen::Matrix3d enu_from_ned;
+  enu_from_ned << 0, 1, 0, 1, 0, 0, 0, 0, -1;
+  const Eigen::Matrix3d r = enu_from_ned.transpose() * turned * enu_from_ned;
+  return {std::atan2(r(1, 0), r(0, 0)), std::asin(std::clamp(-r(2, 0), -1.0, 1.0)), std::atan2(r(2, 1), r(2, 2))};
+}
+
 }  // namespace
 
 Airframe read_airframe(const std::filesystem::path& path) {
@@ -79,11 +87,12 @@ Attitude camera_attitude(const Attitude& aircraft, const Attitude& mount) {
   const Eigen::Matrix3d north_laid = enu_from_camera({});
   const Eigen::Matrix3d turned =
       enu_from_camera(aircraft) * north_laid.transpose() * enu_from_camera(mount) * north_laid.transpose();
-  // turned * north_laid = enu_from_camera(result); in north-east-down axes it is yaw, pitch, roll.
-  Eigen::Matrix3d enu_from_ned;
-  enu_from_ned << 0, 1, 0, 1, 0, 0, 0, 0, -1;
-  const Eigen::Matrix3d r = enu_from_ned.transpose() * turned * enu_from_ned;
-  return {std::atan2(r(1, 0), r(0, 0)), std::asin(std::clamp(-r(2, 0), -1.0, 1.0)), std::atan2(r(2, 1), r(2, 2))};
+  return attitude_of(turned);
+}
+
+Attitude aircraft_attitude(const Attitude& camera, const Attitude& mount) {
+  if (mount.heading_rad == 0 && mount.pitch_rad == 0 && mount.roll_rad == 0) return camera;
+  return attitude_of(enu_from_camera(camera) * enu_from_camera(mount).transpose());
 }
 
 }  // namespace nadir

@@ -31,5 +31,7 @@ Airframe parse_airframe(std::string_view text, std::string_view name);
 
 // Where the camera looks when the aircraft has this attitude.
 Attitude camera_attitude(const Attitude& aircraft, const Attitude& mount);
+// The other way round: the attitude of the aircraft whose camera looks so.
+Attitude aircraft_attitude(const Attitude& camera, const Attitude& mount);
 
 }  // namespace nadir

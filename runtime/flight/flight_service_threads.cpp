@@ -83,6 +83,7 @@ void FlightService::heard(double now_s, const ReceivedMessage& received) {
   } else if (const auto* gps = std::get_if<GpsRaw>(&received.message)) {
     // Our own GPS_INPUT comes back as the receiver of that number.
     if (ours && gps->receiver != airframe_.gps_id + 1) {
+      telemetry(*gps);
       tell(GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_m_s, gps->horizontal_accuracy_m});
     }
   } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {

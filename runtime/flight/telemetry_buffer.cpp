@@ -74,6 +74,10 @@ void TelemetryBuffer::hear(double time_s, const ImuSample& sample) {
   if (ned.allFinite()) keep(pushes_, Push{time_s, {ned.y(), ned.x()}});
 }
 
+void TelemetryBuffer::hear(double time_s, const GpsRaw& fix) {
+  if (fix.fix >= GpsFix::three_d) keep(places_, Place{time_s, fix.place});
+}
+
 std::optional<double> TelemetryBuffer::attitude_age_s(double now_s) const {
   if (attitudes_.empty()) return std::nullopt;
   return now_s - attitudes_.back().time_s;
@@ -97,6 +101,20 @@ std::optional<Attitude> TelemetryBuffer::aircraft_at(double time_s) const {
   return Attitude{between_angles(before.aircraft.heading_rad, after->aircraft.heading_rad, share),
                   between(before.aircraft.pitch_rad, after->aircraft.pitch_rad, share),
                   between_angles(before.aircraft.roll_rad, after->aircraft.roll_rad, share)};
+}
+
+// On the line between two fixes; nothing before the first and after the last.
+std::optional<LonLat> TelemetryBuffer::place_at(double time_s) const {
+  const auto after = at_or_after(places_, time_s);
+  if (after == places_.end()) return std::nullopt;
+  if (after->time_s == time_s) return after->at;
+  if (after == places_.begin()) return std::nullopt;
+  const Place& before = *std::prev(after);
+  if (after->time_s - before.time_s > kPlaceGap_s) return std::nullopt;
+  const double share = (time_s - before.time_s) / (after->time_s - before.time_s);
+  const double lon_change_deg = std::remainder(after->at.lon_deg - before.at.lon_deg, 360.0);
+  return LonLat{std::remainder(before.at.lon_deg + share * lon_change_deg, 360.0),
+                between(before.at.lat_deg, after->at.lat_deg, share)};
 }
 
 // Each sample stands for the time since the one before. Nothing when any stretch has none.
@@ -129,6 +147,7 @@ Telemetry TelemetryBuffer::at(double time_s) {
   if (!told.agl_m) told.agl_m = nearest(terrain_heights_, time_s);
   if (last_asked_s_ && *last_asked_s_ < time_s) told.imu_dv_mps = velocity_change(*last_asked_s_, time_s);
   last_asked_s_ = time_s;
+  told.place = place_at(time_s);
   return told;
 }
 

@@ -36,6 +36,32 @@ TEST(TelemetryBuffer, TheMountTurnsTheCamera) {
   EXPECT_NEAR(degrees(*told.pitch_rad), -10, 1e-9) << "image-up is the tail, which is down";
 }
 
+TEST(TelemetryBuffer, TheReceiversPlaceGoesAlongForTheRecord) {
+  TelemetryBuffer buffer({});
+  const auto fix = [](double lon_deg, double lat_deg, GpsFix kind = GpsFix::three_d) {
+    GpsRaw raw;
+    raw.fix = kind;
+    raw.place = {lon_deg, lat_deg};
+    return raw;
+  };
+  EXPECT_FALSE(buffer.at(9).place);
+  buffer.hear(10.0, fix(8.0, 47.0));
+  EXPECT_FALSE(buffer.at(10.1).place) << "nothing is carried on";
+  buffer.hear(10.2, fix(8.1, 47.2));
+  buffer.hear(10.3, fix(50, 50, GpsFix::two_d));
+  const Telemetry told = buffer.at(10.05);
+  ASSERT_TRUE(told.place);
+  EXPECT_NEAR(told.place->lon_deg, 8.025, 1e-9);
+  EXPECT_NEAR(told.place->lat_deg, 47.05, 1e-9);
+  EXPECT_EQ(buffer.at(10.2).place->lat_deg, 47.2);
+  buffer.hear(12, fix(8.1, 47.2));
+  EXPECT_FALSE(buffer.at(11).place) << "what was in between nobody knows";
+  // Over the date line.
+  buffer.hear(13, fix(179.9, 0));
+  buffer.hear(13.5, fix(-179.9, 0));
+  EXPECT_NEAR(std::abs(buffer.at(13.25).place->lon_deg), 180, 1e-9);
+}
+
 TEST(TelemetryBuffer, OldAttitudeIsNone) {
   TelemetryBuffer buffer({});
   buffer.hear(10, attitude(0, 0, 90));
