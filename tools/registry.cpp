@@ -22,6 +22,7 @@
 #include "mission_check.hpp"
 #include "mission_import.hpp"
 #include "mission_plan.hpp"
+#include "ortho.hpp"
 #include "provision_autopilot.hpp"
 #include "provision_boresight.hpp"
 #include "provision_camera.hpp"
@@ -79,6 +80,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(std::make_unique<SimulateFlightCommand>());
   commands.push_back(std::make_unique<SimulateCameraCommand>());
   commands.push_back(std::make_unique<ReplayCommand>());
+  commands.push_back(std::make_unique<OrthoCommand>());
   commands.push_back(std::make_unique<WatchCommand>());
   commands.push_back(std::make_unique<RecorderInfoCommand>());
   commands.push_back(std::make_unique<RecorderVerifyCommand>());

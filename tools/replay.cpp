@@ -10,18 +10,14 @@
 #include "base/files.hpp"
 #include "base/printable.hpp"
 #include "base/sha256.hpp"
-#include "estimation/terrain_surface.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
 #include "nadir_version.hpp"
-#include "recorder/record_codec.hpp"
-#include "replay/backends.hpp"
 #include "replay/flight_map.hpp"
 #include "replay/replay_flight.hpp"
 #include "replay/report.hpp"
 #include "replay/summary.hpp"
 #include "replay/track_geojson.hpp"
-#include "vision/place_index.hpp"
 
 namespace nadir {
 namespace {
@@ -51,13 +47,6 @@ std::optional<PlaneBox> box_of(const std::vector<Estimate>& estimates, const Tru
 std::string name_of_flight(const std::filesystem::path& frames) {
   const auto folder = std::filesystem::weakly_canonical(frames);
   return folder.filename() == "frames" ? folder.parent_path().filename().string() : folder.filename().string();
-}
-
-// The same flight has the same id.
-std::string id_of(const Flight& flight) {
-  Sha256Stream digest;
-  for (const Telemetry& told : flight.frames) digest.update(encode(Record(InputRecord{0, told, {}, 0})));
-  return digest.finish().hex().substr(0, 12);
 }
 
 void print_reproduction(Context& context, const Reproduction& result) {
@@ -102,129 +91,26 @@ std::string_view ReplayCommand::examples() const {
 }
 
 void ReplayCommand::setup(Options& options) {
-  options.value("--frames", frames_, "DIR", "folder with the pictures");
-  options.value("--telemetry", telemetry_, "FILE.csv", "one row per picture, in the order of time");
-  options.value("--camera", camera_, "FILE.yaml", "camera model and uncertainty of the telemetry");
+  request_.declare(options, FlightRequest::Map::optional);
   options.value("--out", out_, "OUT", "folder that is made").required();
-  options.value("--package", package_, "PACKAGE", "the mission package to localize against").needs("--trust");
-  options.value("--trust", trust_, "FILE.json", "root of trust that the package must be signed under")
-      .needs("--package");
-  options.value("--airframe", airframe_, "ID", "the package must be made for this airframe").needs("--package");
-  options.value("--at", at_, "TIME", "judge the package as if it were then; the present time by default");
-  options.value("--start", start_, "LON,LAT",
-                "where the first frame was taken; without it all of the mission's area is searched");
-  options
-      .value("--odometry", odometry_, "NAME",
-             "how motion is seen: features (SIFT), or flow (whole pictures and patches)")
-      .one_of({"features", "flow"});
-  options
-      .value("--matcher", matcher_, "NAME",
-             "how frames are matched with the map: channels (oriented gradients), or sift")
-      .one_of({"channels", "sift"})
-      .needs("--package");
   options.value("--truth", truth_, "FILE.csv", "real positions, for scoring only");
   options.value("--record", record_, "DIR", "folder that is made: the replay as the flight recorder records it");
   options.flag("--keep-frames", keep_frames_, "the recording holds the pictures themselves").needs("--record");
-  options.value("--recorder", recorder_, "DIR",
-                "fly what the flight recorder holds instead of --telemetry and --camera, and compare bit for bit");
-  options.value("--session", session_, "ID", "of the recording, when it holds several").needs("--recorder");
-}
-
-void ReplayCommand::check_options() const {
-  if (recorder_) {
-    if (telemetry_ || camera_ || start_) {
-      throw UsageError({.what = "nadir replay --recorder takes telemetry, camera and start from the recording",
-                        .fix = "leave out --telemetry, --camera and --start"});
-    }
-    return;
-  }
-  if (!frames_ || !telemetry_ || !camera_) {
-    throw UsageError({.what = "nadir replay needs a flight",
-                      .expected = "--frames, --telemetry and --camera, or --recorder",
-                      .fix = "nadir replay --help shows examples"});
-  }
-  if (!start_ && !package_) {
-    throw UsageError({.what = "nadir replay without --package needs --start LON,LAT",
-                      .expected = "the position of the first frame: odometry alone cannot find it",
-                      .fix = "give --start, or a map with --package and --trust"});
-  }
-}
-
-Flight ReplayCommand::flight_to_fly(Context& context, const std::filesystem::path& unpacked,
-                                    std::optional<RecordedFlight>& recorded) {
-  if (recorder_) {
-    recorded = read_recorded_flight({*recorder_, session_, frames_, unpacked});
-    if (recorded->unusable_inputs != 0 && !context.quiet) {
-      context.err << fmt::format("note: {} inputs after a missing one are left out\n", recorded->unusable_inputs);
-    }
-    const bool mapped = recorded->session.package.has_value();
-    const std::optional<Sha256> package =
-        package_ ? std::optional(sha256_file(*package_ / "manifest.json")) : std::nullopt;
-    if (package != recorded->session.package) {
-      throw UsageError({.what = "the flight was flown with another map",
-                        .where = package_ ? package_->string() : std::string(),
-                        .expected = mapped ? fmt::format("--package with a manifest of SHA-256 {} (mission {})",
-                                                         recorded->session.package->hex(), recorded->session.mission)
-                                           : "no --package: there was none",
-                        .found = package ? package->hex() : "no package"});
-    }
-    return recorded->flight;
-  }
-  const FlightPaths paths{*frames_, *telemetry_, *camera_};
-  Flight flight = read_flight(paths);
-  if (flight.pictures_without_row != 0 && !context.quiet) {
-    context.err << fmt::format("note: {} pictures have no row in {} and are left out\n", flight.pictures_without_row,
-                               paths.telemetry.string());
-  }
-  return flight;
 }
 
 int ReplayCommand::run(Context& context) {
-  check_options();
+  request_.check();
   StagingDirectory staging(out_);
   const std::filesystem::path unpacked = staging.path() / "unpacked";
   std::filesystem::create_directory(unpacked);
-  std::optional<RecordedFlight> recorded;
-  const Flight flight = flight_to_fly(context, unpacked, recorded);
-  if (recorded) {
-    start_ = recorded->session.start;
-    for (const auto& [name, value] : recorded->session.settings) {
-      if (name == "odometry") odometry_ = value;
-      if (name == "matcher") matcher_ = value;
-    }
-  }
-  const Truth truth = truth_ ? read_truth(*truth_, flight.frames) : Truth(flight.frames.size());
-
-  std::unique_ptr<OpenPackage> package;
-  std::optional<TerrainSurface> surface;
-  std::optional<PlaceIndex> places;
-  ReplaySetup setup{.frame = LocalFrame(recorded ? recorded->session.origin : start_.value_or(LonLat{})),
-                    .tiles = nullptr,
-                    .map_sigma_m = std::nullopt,
-                    .start = start_,
-                    .area = std::nullopt,
-                    .surface = nullptr,
-                    .places = nullptr,
-                    .odometry = odometry_named(odometry_),
-                    .matcher = matcher_named(matcher_),
-                    .recording = nullptr,
-                    .recorded = recorded ? &*recorded : nullptr};
-  if (package_) {
-    Opening opening =
-        open_flight_map({*package_, *trust_, airframe_}, judging_time(at_, context.clock), context.progress);
-    if (!opening.package) return report_findings(context.out, context.json, opening.findings);
-    package = std::move(opening.package);
-    setup.frame = mission_frame(package->mission());
-    setup.area = required_region(package->mission(), setup.frame).bounds();
-    setup.tiles = &package->imagery();
-    places = PlaceIndex::open(*package_, package->manifest());
-    if (places) setup.places = &*places;
-    setup.map_sigma_m = map_sigma_m(package->imagery());
-    if (package->terrain() != nullptr) {
-      setup.surface = &surface.emplace(*package->terrain(), setup.frame, package->mission().terrain.height_m);
-    }
-  }
+  const auto ready = request_.open(context, unpacked);
+  if (!ready->setup) return report_findings(context.out, context.json, ready->findings);
+  const Flight& flight = ready->flight;
+  const std::optional<RecordedFlight>& recorded = ready->recorded;
+  const OpenPackage* package = ready->package.get();
+  ReplaySetup& setup = *ready->setup;
   const LocalFrame& frame = setup.frame;
+  const Truth truth = truth_ ? read_truth(*truth_, flight.frames) : Truth(flight.frames.size());
 
   std::optional<StagingDirectory> record_folder;
   std::optional<ReplayRecording> recording;
@@ -233,23 +119,25 @@ int ReplayCommand::run(Context& context) {
     SessionRecord session{.id = id_of(flight),
                           .program = "nadir replay",
                           .version = kVersion,
-                          .airframe = airframe_.value_or(""),
-                          .package = package ? std::optional(sha256_file(*package_ / "manifest.json")) : std::nullopt,
-                          .mission = package ? package->manifest().mission_id : "",
+                          .airframe = request_.airframe().value_or(""),
+                          .package = package != nullptr
+                                         ? std::optional(sha256_file(*request_.package() / "manifest.json"))
+                                         : std::nullopt,
+                          .mission = package != nullptr ? package->manifest().mission_id : "",
                           .camera = flight.camera,
                           .origin = frame.origin(),
-                          .start = start_,
+                          .start = request_.start(),
                           .picture_shrink = picture_shrink(flight, setup),
                           .localizer = localizer_config(setup),
                           .terrain = setup.surface != nullptr,
                           .places = setup.places != nullptr,
-                          .settings = {{"odometry", odometry_}, {"matcher", matcher_}}};
+                          .settings = {{"odometry", request_.odometry()}, {"matcher", request_.matcher()}}};
     recording.emplace(record_folder->path(), std::move(session), keep_frames_);
     setup.recording = &*recording;
   }
 
   EstimatesCsv csv(staging.path() / "estimates.csv");
-  ReplayedFlight flown = replay_flight(flight, setup, truth, csv, context.progress);
+  ReplayedFlight flown = replay_flight(flight, setup, truth, &csv, context.progress);
   if (recording) {
     recording->close();
     record_folder->commit();
@@ -264,9 +152,10 @@ int ReplayCommand::run(Context& context) {
   write_file_atomic(staging.path() / "track.geojson", track_geojson(estimates, flown.refined, truth));
 
   ReportInput report{
-      .title = "Replay of " + (recorder_ ? "session " + recorded->session.id : name_of_flight(*frames_)),
-      .subtitle = fmt::format("{} frames · {}", flight.frames.size(),
-                              package ? "map package " + package->manifest().mission_id : "odometry alone, no map"),
+      .title = "Replay of " + (recorded ? "session " + recorded->session.id : name_of_flight(*request_.frames())),
+      .subtitle =
+          fmt::format("{} frames · {}", flight.frames.size(),
+                      package != nullptr ? "map package " + package->manifest().mission_id : "odometry alone, no map"),
       .frame = frame,
       .frames = std::move(flown.frames),
       .refined = std::move(flown.refined),
@@ -276,7 +165,7 @@ int ReplayCommand::run(Context& context) {
       .worst = std::move(flown.worst),
       .map = std::nullopt};
   const auto box = box_of(estimates, truth, frame);
-  if (package && box) report.map = report_map(package->imagery(), frame, *box);
+  if (package != nullptr && box) report.map = report_map(package->imagery(), frame, *box);
   write_file_atomic(staging.path() / "report.html", report_html(report));
   staging.commit();
 
@@ -291,7 +180,7 @@ int ReplayCommand::run(Context& context) {
     if (reproduction) print_reproduction(context, *reproduction);
   }
   // Tiles that failed their digest in flight were treated as missing; whoever flies this package must know.
-  if (package && !package->imagery().findings().empty()) {
+  if (package != nullptr && !package->imagery().findings().empty()) {
     print_findings(context.err, package->imagery().findings());
     return kRefused;
   }

@@ -3,12 +3,9 @@
 
 #include <filesystem>
 #include <optional>
-#include <string>
 
 #include "framework/command.hpp"
-#include "geodesy/lon_lat.hpp"
-#include "replay/flight_folder.hpp"
-#include "replay/flight_recording.hpp"
+#include "replay/flight_request.hpp"
 
 namespace nadir {
 
@@ -25,24 +22,11 @@ class ReplayCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  Flight flight_to_fly(Context& context, const std::filesystem::path& unpacked,
-                       std::optional<RecordedFlight>& recorded);
-  void check_options() const;
-
-  std::optional<std::filesystem::path> package_;
-  std::optional<std::filesystem::path> trust_;
-  std::optional<std::string> airframe_;
-  std::optional<UtcTime> at_;
-  std::optional<std::filesystem::path> frames_, telemetry_, camera_;
+  FlightRequest request_{"nadir replay"};
   std::optional<std::filesystem::path> truth_;
-  std::optional<LonLat> start_;
-  std::string odometry_ = "features";
-  std::string matcher_ = "channels";
   std::filesystem::path out_;
   std::optional<std::filesystem::path> record_;
   bool keep_frames_ = false;
-  std::optional<std::filesystem::path> recorder_;
-  std::optional<std::string> session_;
 };
 
 }  // namespace nadir

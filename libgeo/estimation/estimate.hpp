@@ -12,6 +12,7 @@
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"
+#include "vision/rectify.hpp"
 
 namespace nadir {
 
@@ -76,11 +77,25 @@ struct Belief {
   double agl_sigma_m = 0;
 };
 
+// Where the camera was when a frame was taken, for whoever makes something of the frame itself.
+struct FramePose {
+  CameraPose pose;                                          // in the map's plane
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // of the position, east and north, map error included
+  double sigma_m = 0;                                       // one axis of the equivalent circular error
+  SourceLabel source = SourceLabel::no_fix;
+  double anchor_age_s = 0;
+  // Another anchor says the same: it led here without a break, or (refined) stands beside it. Or this one is so clear
+  // in ratio and agreement at once that no wrong place ever came near (docs/safety.md).
+  bool confirmed = false;
+  bool refined = false;  // thought over with what came after
+};
+
 struct FrameReport {
   Estimate estimate;
   Belief belief;
   AnchorReport anchor;
   OdometryReport odometry;
+  std::optional<FramePose> anchored;  // of the frame that the anchor report is about, when it was accepted
 };
 
 }  // namespace nadir

@@ -88,6 +88,7 @@ class FlightFilter {
   struct Smoothed {
     Eigen::Vector2d position_m;
     Eigen::Matrix2d covariance_m2;
+    State state;  // all of it
   };
   std::vector<Smoothed> smoothed() const;
 

@@ -22,6 +22,9 @@ struct FlightStep {
   std::optional<double> hint_doubt_m;      // before the frame was looked up
   std::optional<double> position_doubt_m;  // before the anchor
   std::optional<PoseSight> anchored;
+  bool anchored_clearly = false;  // such that no wrong place ever was: it needs no second one beside it
+  double told_agl_m = 0;          // what the filter's height and tilt are beyond: for poses alone
+  Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();
 };
 
 // Takes a step with the filter as it was taken in flight, with its anchor or without. Returns what it taught of the

@@ -74,7 +74,10 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   FrameReport report;
   if (job->match) report.anchor = s.judge(*job);
   const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
-  if (anchored) s.take_anchor(*job);
+  if (anchored) {
+    s.take_anchor(*job);
+    report.anchored = s.taken_pose;
+  }
   s.job_out = false;
   const bool last_frame = job->step + 1 == s.log.size();
   report.estimate = s.tell(s.last_telemetry, anchored && last_frame, s.last_tracked);
@@ -109,6 +112,8 @@ void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
   step.told_heading_rad = telemetry.heading_rad;
   step.tilt_told = telemetry.pitch_rad && telemetry.roll_rad;
   step.imu_dv_mps = telemetry.imu_dv_mps;
+  step.told_agl_m = told_agl_m;
+  step.told_tilt_rad = told_tilt_rad;
   flight->advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
   if (height_steady) return;
   step.height_doubt = height_told ? uncertainty.agl_relative : kUntoldHeightSigma;

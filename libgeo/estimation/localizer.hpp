@@ -78,6 +78,9 @@ class Localizer {
 
   // All frames so far after smoothing with all anchors: same order, same fields.
   std::vector<Estimate> refined() const;
+  // The camera's poses of the same frames, after smoothing: of those whose own anchor was accepted and contradicts no
+  // other.
+  std::vector<std::optional<FramePose>> refined_poses() const;
 
  private:
   struct State;

@@ -126,9 +126,12 @@ void Localizer::State::take_anchor(const AnchorJob& job) {
   sight.covariance(2, 2) += kLeastHeightSigma * kLeastHeightSigma;
   FlightStep& step = log[job.step];
   step.anchored = sight;
+  step.anchored_clearly = job.match->search.ratio < config.gates.clear_ratio &&
+                          solved.inliers >= config.gates.sure_inlier_share * job.match->patches;
   flight = job.flight;
   if (step.position_doubt_m) flight->doubt_position(*step.position_doubt_m);
   flight->anchored(sight);
+  taken_pose = anchored_pose(job);
   last_anchor_s = job.time_s;
   last_anchor_at = position;
   last_anchor_inliers = solved.inliers;

@@ -58,6 +58,7 @@ struct Localizer::State {
 
   Believed believed() const;
   CameraPose believed_pose() const;
+  FramePose anchored_pose(const AnchorJob& job) const;  // with the filter at the job's frame
   Eigen::Matrix2d shared_error_m2() const;
 
   CameraModel camera;
@@ -78,6 +79,7 @@ struct Localizer::State {
 
   FrozenFrame frozen;
   bool tilt_logged = false;  // the telemetry has pitch and roll, if not in each frame
+  std::optional<FramePose> taken_pose;  // of the anchor taken last
   double told_agl_m = 0;
   bool height_told = false;    // in this frame; else the last one told, or a guess, stands for it
   bool height_steady = false;  // in this frame and in the one before

@@ -5,6 +5,8 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "vision/node_grid.hpp"
+
 namespace nadir {
 namespace {
 
@@ -15,8 +17,7 @@ constexpr double kMinDownComponent = 0.3;  // rays more than about 72 degrees of
 cv::Mat frame_pixels_of(const ReducedFrame& frame, const CameraPose& pose, const GroundGrid& grid,
                         const GroundSurface& surface) {
   const double foot_m = surface.height_m(pose.position);
-  const int node_columns = (grid.columns + kNodeStep - 1) / kNodeStep + 1;
-  const int node_rows = (grid.rows + kNodeStep - 1) / kNodeStep + 1;
+  const int node_columns = nodes_along(grid.columns, kNodeStep), node_rows = nodes_along(grid.rows, kNodeStep);
   const Eigen::Matrix3d camera_from_enu = enu_from_camera(pose.attitude).transpose();
   cv::Mat nodes(node_rows, node_columns, CV_32FC2);
   for (int r = 0; r < node_rows; ++r) {
@@ -31,18 +32,7 @@ cv::Mat frame_pixels_of(const ReducedFrame& frame, const CameraPose& pose, const
     }
   }
   cv::Mat pixels(grid.rows, grid.columns, CV_32FC2);
-  for (int r = 0; r < grid.rows; ++r) {
-    const int node_row = r / kNodeStep;
-    const float v = static_cast<float>(r % kNodeStep) / kNodeStep;
-    const auto* above = nodes.ptr<cv::Vec2f>(node_row);
-    const auto* below = nodes.ptr<cv::Vec2f>(node_row + 1);
-    auto* row = pixels.ptr<cv::Vec2f>(r);
-    for (int c = 0; c < grid.columns; ++c) {
-      const int n = c / kNodeStep;
-      const float u = static_cast<float>(c % kNodeStep) / kNodeStep;
-      row[c] = (1 - v) * ((1 - u) * above[n] + u * above[n + 1]) + v * ((1 - u) * below[n] + u * below[n + 1]);
-    }
-  }
+  fill_between_nodes(nodes, kNodeStep, pixels);
   return pixels;
 }
 

@@ -27,6 +27,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
+  tiles         where the tiles lie that simulated flights make (--resume FILE; half an hour)
+  ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -52,6 +54,12 @@ smoothing() {
   one_program bench_smoothing && build/bin/bench_smoothing "$@"
 }
 
+ortho() {
+  local python=python3
+  [[ -z ${NADIR_BENCH_VENV:-} ]] || python=$NADIR_BENCH_VENV/bin/python
+  "$python" -B "$here/ortho.py" "$@"
+}
+
 part() {
   local name=$1
   shift
@@ -72,6 +80,8 @@ part() {
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
     contract)     one_program test_make_candidates && one_program nadir && python3 -B "$here/contract_client.py" "$@" ;;
+    tiles)        one_program bench_tiles && build/bin/bench_tiles "$@" ;;
+    ortho)        one_program bench_ortho_frame && ortho "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
 }
@@ -82,8 +92,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, closed-loop, latency, ablations, safety, flights, consistency, smoothing, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, closed-loop, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -145,7 +145,7 @@ class LocalizingReplay : public ::testing::Test {
                       .recorded = &flight};
     EstimatesCsv csv(folder_ / "estimates.csv");
     NoProgress progress;
-    const auto flown = replay_flight(flight.flight, again, Truth(flight.flight.frames.size()), csv, progress);
+    const auto flown = replay_flight(flight.flight, again, Truth(flight.flight.frames.size()), &csv, progress);
     return compare_estimates(flight.estimates, flown.told);
   }
 

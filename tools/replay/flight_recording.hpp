@@ -47,6 +47,7 @@ struct RecordedFlight {
   std::vector<EstimateRecord> estimates;
   std::vector<BetweenFrames> between;  // in the order in which it was told
   std::size_t unusable_inputs = 0;     // after one that is missing
+  std::uint64_t first_input_ns = 0;    // since 1970, UTC: when its first frame was recorded
 };
 
 struct RecordedFlightSource {

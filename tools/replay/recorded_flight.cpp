@@ -54,7 +54,10 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
   read_recording(source.recording, [&](const Recorded& one) {
     if (!one.segment.session || one.segment.session->id != id) return;
     if (const auto* session = std::get_if<SessionRecord>(&one.record)) recorded.session = *session;
-    if (const auto* input = std::get_if<InputRecord>(&one.record)) inputs.emplace(input->index, *input);
+    if (const auto* input = std::get_if<InputRecord>(&one.record)) {
+      if (input->index == 0) recorded.first_input_ns = one.at_ns;
+      inputs.emplace(input->index, *input);
+    }
     if (const auto* estimate = std::get_if<EstimateRecord>(&one.record)) recorded.estimates.push_back(*estimate);
     if (const auto* anchor = std::get_if<AnchorRecord>(&one.record)) {
       recorded.between.emplace_back(

@@ -37,7 +37,7 @@ int picture_shrink(const Flight& flight, const ReplaySetup& setup) {
   return harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
 }
 
-ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv& csv,
+ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
                              Progress& progress) {
   const int shrink = picture_shrink(flight, setup);
   CameraFile camera = flight.camera;
@@ -54,7 +54,7 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
     FrameReport report = walk.frame(picture, flight.frames[i], result.told);
     const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - before;
     report.estimate.latency_ms = spent.count();  // decoding included: that is what a frame costs
-    csv.write(report.estimate);
+    if (csv != nullptr) csv->write(report.estimate);
     if (setup.recording != nullptr) setup.recording->after(i, report);
 
     worst.offer(i, badness_of(report, error_of(report.estimate, truth[i], setup.frame)), report.anchor);
@@ -65,6 +65,7 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
   }
   progress.end();
   result.refined = localizer.refined();
+  result.poses = localizer.refined_poses();
   result.worst = worst.worst_first();
   return result;
 }

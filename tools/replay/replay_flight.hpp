@@ -24,6 +24,7 @@ struct ReplayedFlight {
   std::vector<FrameReport> frames;   // without their pictures
   std::vector<EstimateRecord> told;  // every estimate, those of late anchors as well
   std::vector<Estimate> refined;
+  std::vector<std::optional<FramePose>> poses;  // Localizer::refined_poses()
   std::vector<FramePictures> worst;
 };
 
@@ -46,8 +47,9 @@ struct ReplaySetup {
 LocalizerConfig localizer_config(const ReplaySetup& setup);
 int picture_shrink(const Flight& flight, const ReplaySetup& setup);
 
-// The truth only chooses whose pictures are kept for the report.
-ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv& csv,
+// The truth only chooses whose pictures are kept for the report. csv: where estimates are written as they are made, or
+// null.
+ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
                              Progress& progress);
 
 }  // namespace nadir

@@ -1,0 +1,151 @@
+#include "ortho/candidate_maker.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
+#include "geodesy/angles.hpp"
+#include "geodesy/web_mercator.hpp"
+#include "ortho/camera_digest.hpp"
+
+namespace nadir {
+namespace {
+
+std::int64_t rounded(double value, double unit) { return std::llround(value / unit); }
+std::int64_t ppm(double share) { return std::clamp<std::int64_t>(rounded(share, 1e-6), 0, 1'000'000); }
+std::int64_t mdeg(double rad) { return rounded(degrees(rad), 1e-3); }
+
+constexpr std::int64_t kFullTurn_mdeg = 360'000;
+
+// The picture in colour, decoded no larger than needed; empty when it is damaged or of another size.
+cv::Mat decoded(ByteView encoded, const CameraModel& camera, int shrink, const std::string& name) {
+  try {
+    cv::Mat image = decode_image(encoded, Colour::bgr, name, shrink).image;
+    if (image.cols == camera.width / shrink && image.rows == camera.height / shrink) return image;
+  } catch (const Error&) {
+    // Frames are damaged on their way now and then; this one makes no tiles.
+  }
+  return {};
+}
+
+}  // namespace
+
+CandidateMaker::CandidateMaker(const CandidateFlight& flight) : flight_(flight), camera_(camera_digest(flight.camera)) {
+  if (flight.zoom < 0 || flight.zoom > kMaxZoom) {
+    throw UsageError({.what = "no such zoom", .expected = "0 to 24", .found = std::to_string(flight.zoom)});
+  }
+  // A name that no sidecar can hold is found out before the flight, not with its first tile.
+  CandidateSidecar probe = sidecar_of({"frame", {}, {}}, CandidateTrust::candidate);
+  probe.size = 1;
+  probe.gsd_mm = probe.pose.agl_mm = probe.pose.sigma_mm = 1;
+  try {
+    static_cast<void>(candidate_json(probe));
+  } catch (const Error& error) {
+    throw UsageError({.what = "candidate tiles cannot be made under these names",
+                      .where = error.text().where,
+                      .expected = error.text().expected,
+                      .found = error.text().found});
+  }
+}
+
+CandidateSidecar CandidateMaker::sidecar_of(const SeenFrame& seen, CandidateTrust trust) const {
+  CandidateSidecar sidecar;
+  sidecar.airframe = flight_.airframe;
+  sidecar.flight = flight_.flight;
+  sidecar.base_package = flight_.base_package;
+  sidecar.frame = frame_label(seen.name);
+  sidecar.format = flight_.format;
+  sidecar.captured_at = seen.captured_at;
+  sidecar.source = seen.pose.source;
+  sidecar.anchor_age_ms = rounded(seen.pose.anchor_age_s, 1e-3);
+  sidecar.trust = trust;
+  sidecar.camera = camera_;
+  const CameraPose& pose = seen.pose.pose;
+  const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
+  sidecar.gsd_mm = rounded(gsd_at(flight_.camera, pose.agl_m), 1e-3);
+  sidecar.pose = {.lat_e7 = rounded(place.lat_deg, 1e-7),
+                  .lon_e7 = rounded(place.lon_deg, 1e-7),
+                  .agl_mm = rounded(pose.agl_m, 1e-3),
+                  .heading_mdeg = (mdeg(pose.attitude.heading_rad) % kFullTurn_mdeg + kFullTurn_mdeg) % kFullTurn_mdeg,
+                  .pitch_mdeg = mdeg(pose.attitude.pitch_rad),
+                  .roll_mdeg = mdeg(pose.attitude.roll_rad),
+                  .sigma_mm = rounded(seen.pose.sigma_m, 1e-3),
+                  .cov_ee_mm2 = rounded(seen.pose.covariance_m2(0, 0), 1e-6),
+                  .cov_en_mm2 = rounded(seen.pose.covariance_m2(0, 1), 1e-6),
+                  .cov_nn_mm2 = rounded(seen.pose.covariance_m2(1, 1), 1e-6),
+                  .refined = seen.pose.refined};
+  return sidecar;
+}
+
+std::vector<CandidateMaker::RawTile> CandidateMaker::raw_tiles(const SeenFrame& seen, ByteView encoded,
+                                                               FrameTiles& report) const {
+  const CameraPose& pose = seen.pose.pose;
+  const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
+  const double tile_gsd_m = ground_resolution_m(flight_.zoom, place.lat_deg);
+  const double frame_gsd_m = gsd_at(flight_.camera, pose.agl_m);
+  const FrameJudgement judged = judge_pose(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);
+  report.refusal = judged.refusal;
+  if (report.refusal) return {};
+  const int shrink = decoding_shrink(flight_.camera, pose.agl_m, tile_gsd_m);
+  const cv::Mat picture = decoded(encoded, flight_.camera, shrink, seen.name);
+  report.refusal = OrthoRefusal::frame_unfit;
+  if (picture.empty()) return {};
+  cv::Mat grey;
+  cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
+  const FrameQuality quality = judge_frame(grey);
+  report.refusal = judge_picture(quality, flight_.limits);
+  if (report.refusal) return {};
+
+  const ReducedFrame reduced = reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m);
+  std::vector<ProjectedTile> wanted = whole_tiles(flight_.zoom, flight_.frame, reduced.camera, pose, *flight_.surface);
+  const auto count = [&](OrthoRefusal refusal) { ++report.refused[static_cast<std::size_t>(refusal)]; };
+  std::erase_if(wanted, [&](const ProjectedTile& tile) {
+    const auto refusal = judge_view(tile.projection, flight_.limits);
+    if (refusal) count(*refusal);
+    return refusal.has_value();
+  });
+  const std::vector<OrthoTile> made = orthorectify(reduced, wanted);
+  std::vector<RawTile> tiles;
+  for (std::size_t i = 0; i < made.size(); ++i) {
+    const TilePixels pixels = measure_tile(made[i].image);
+    if (const auto refusal = judge_tile(pixels, flight_.limits)) {
+      count(*refusal);
+      continue;
+    }
+    RawTile& tile = tiles.emplace_back(RawTile{sidecar_of(seen, judged.trust), made[i].image});
+    tile.sidecar.key = made[i].key;
+    tile.sidecar.quality = {.sharpness_ppm = ppm(quality.sharpness),
+                            .contrast_ppm = ppm(pixels.contrast),
+                            .clipped_ppm = ppm(pixels.clipped_share),
+                            .view_angle_mdeg = mdeg(wanted[i].projection.view_angle_rad),
+                            .overlap_ppm = ppm(1)};
+  }
+  return tiles;
+}
+
+FrameTiles CandidateMaker::make(const SeenFrame& seen, ByteView encoded, CandidateStore& store) const {
+  FrameTiles report;
+  std::vector<Candidate> candidates;
+  for (const RawTile& tile : raw_tiles(seen, encoded, report)) {
+    if (!store.wants(tile.sidecar)) {
+      report.stored.emplace_back(tile.sidecar.key, CandidateFate::worse);
+      continue;
+    }
+    Candidate& candidate = candidates.emplace_back();
+    candidate.tile = encode_image(tile.image, flight_.format, flight_.quality);
+    candidate.sidecar = tile.sidecar;
+    candidate.sidecar.sha256 = sha256(candidate.tile);
+    candidate.sidecar.size = candidate.tile.size();
+    candidate.sidecar_bytes = candidate_json(candidate.sidecar);
+    candidate.signature = sign_candidate(*flight_.key, candidate.sidecar_bytes);
+  }
+  if (candidates.empty()) return report;
+  const auto fates = store.put(candidates);
+  for (std::size_t i = 0; i < fates.size(); ++i) report.stored.emplace_back(candidates[i].sidecar.key, fates[i]);
+  return report;
+}
+
+}  // namespace nadir

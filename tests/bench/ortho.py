@@ -1,0 +1,168 @@
+#!/usr/bin/env python3
+"""The same frames with the same poses through Nadir and through Orthority: do they put the ground in the same place, and
+what does it cost?
+
+usage: ./run bench ortho [--frames N] [--zoom Z]
+
+Orthority (PyPI: orthority, opencv-python-headless) is taken from NADIR_BENCH_VENV. Each frame of a simulated flight is
+orthorectified by both over flat ground with the same camera and pose: Orthority onto a transverse Mercator plane at half
+the tile's pixel, from there by GDAL onto each tile. The displacement between the two tiles is measured by correlation to
+a fraction of a pixel; times are CPU times, the least of several.
+"""
+import argparse
+import csv
+import json
+import math
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+try:
+    import cv2
+    import numpy as np
+    import rasterio
+    from orthority.camera import create_camera
+    from orthority.ortho import Ortho
+    from rasterio.transform import from_origin
+    from rasterio.warp import Resampling, reproject
+except ImportError as missing:
+    print(f"NOT RUN: {missing}; pip install orthority opencv-python-headless into NADIR_BENCH_VENV")
+    sys.exit(0)
+
+cv2.setNumThreads(1)
+CIRCUMFERENCE = 2 * math.pi * 6378137.0
+BIN = pathlib.Path("build/bin")
+
+
+def rotation(heading, pitch, roll):
+    """East-north-up from the camera (x right, y down, z forwards): yaw, pitch, roll as in aviation."""
+    ch, sh, cp, sp, cr, sr = (f(a) for a in (heading, pitch, roll) for f in (math.cos, math.sin))
+    yaw = np.array([[ch, -sh, 0], [sh, ch, 0], [0, 0, 1]])
+    nose = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    wing = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    enu_from_ned = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    body_from_camera = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    return enu_from_ned @ yaw @ nose @ wing @ body_from_camera
+
+
+def omega_phi_kappa(enu_from_camera):
+    r = enu_from_camera @ np.diag([1, -1, -1])  # PATB's camera: y up, z backwards
+    return math.atan2(-r[1, 2], r[2, 2]), math.asin(r[0, 2]), math.atan2(-r[0, 1], r[0, 0])
+
+
+def camera_of(path):
+    values = {}
+    for text in path.read_text().splitlines():
+        key, _, value = text.split("#")[0].partition(":")
+        if value.strip():
+            values[key.strip()] = value.strip()
+    distortion = json.loads(values.get("distortion", "[]")) or [0, 0, 0, 0, 0]
+    return {k: float(values[k]) for k in ("width", "height", "fx", "fy", "cx", "cy")} | {"distortion": distortion}
+
+
+def flight(folder, frames):
+    """A world and a flight over it; nothing of them matters but that the pictures have texture."""
+    world, out = folder / "world", folder / "flight"
+    for args in (["simulate", "world", "--seed", "5", "--size-km", "1", "--gsd-m", "0.3", "--out", world],
+                 ["simulate", "flight", "--world", world / "ground.tif", "--dem", world / "dem.tif", "--mission",
+                  world / "mission.yaml", "--camera", world / "camera.yaml", "--frames", str(frames), "--out", out]):
+        subprocess.run([BIN / "nadir", *args], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    truth = {row["frame"]: row for row in csv.DictReader(open(out / "truth.csv"))}
+    for row in csv.DictReader(open(out / "telemetry.csv")):
+        yield out / "frames" / row["frame"], row, truth[row["frame"]]
+
+
+def ours(folder, camera, frame, told, truth, zoom):
+    out = folder / "ours"
+    out.mkdir(exist_ok=True)
+    for old in out.glob("*.png"):
+        old.unlink()
+    answer = subprocess.run(
+        [BIN / "bench_ortho_frame", "--camera", camera, "--frame", frame, "--out", out, "--lon=" + truth["lon_deg"],
+         "--lat=" + truth["lat_deg"], "--agl-m", told["agl_m"], "--heading-deg=" + told["heading_deg"],
+         "--pitch-deg=" + told["pitch_deg"], "--roll-deg=" + told["roll_deg"], "--zoom", str(zoom)],
+        check=True, capture_output=True, text=True).stdout
+    return out, json.loads(answer)
+
+
+def theirs(folder, model, frame, told, truth, gsd):
+    crs = f"+proj=tmerc +lat_0={truth['lat_deg']} +lon_0={truth['lon_deg']} +k=1 +ellps=WGS84 +units=m +no_defs"
+    dem = folder / "dem.tif"
+    with rasterio.open(dem, "w", driver="GTiff", width=200, height=200, count=1, dtype="float32", crs=crs,
+                       transform=from_origin(-1000, 1000, 10, 10)) as target:
+        target.write(np.zeros((200, 200), "float32"), 1)
+    w, h = int(model["width"]), int(model["height"])
+    k1, k2, p1, p2, k3 = model["distortion"]
+    angles = [math.radians(float(told[k])) for k in ("heading_deg", "pitch_deg", "roll_deg")]
+    camera = create_camera("opencv", (w, h), (model["fx"], model["fy"]), sensor_size=(w, h),
+                           cx=(model["cx"] - (w - 1) / 2) / max(w, h), cy=(model["cy"] - (h - 1) / 2) / max(w, h),
+                           k1=k1, k2=k2, p1=p1, p2=p2, k3=k3, xyz=(0, 0, float(told["agl_m"])),
+                           opk=omega_phi_kappa(rotation(*angles)))
+    out, least = folder / "ortho.tif", 1e9
+    for _ in range(3):
+        before = time.process_time()
+        Ortho(frame, dem, camera, crs=crs).process(out, resolution=(gsd, gsd), interp="bilinear", build_ovw=False,
+                                                   compress="deflate", overwrite=True, write_mask=True)
+        least = min(least, time.process_time() - before)
+    return out, least * 1000
+
+
+def on_tile(ortho, x, y, zoom):
+    side = CIRCUMFERENCE / 2**zoom
+    tile = np.zeros((3, 256, 256), "uint8")
+    valid = np.zeros((256, 256), "uint8")
+    place = from_origin(x * side - CIRCUMFERENCE / 2, CIRCUMFERENCE / 2 - y * side, side / 256, side / 256)
+    with rasterio.open(ortho) as source:
+        reproject(source.read([1, 2, 3]), tile, src_transform=source.transform, src_crs=source.crs, dst_transform=place,
+                  dst_crs="EPSG:3857", resampling=Resampling.average)
+        reproject(source.dataset_mask(), valid, src_transform=source.transform, src_crs=source.crs, dst_transform=place,
+                  dst_crs="EPSG:3857", resampling=Resampling.nearest)
+    return cv2.cvtColor(np.moveaxis(tile, 0, 2), cv2.COLOR_RGB2GRAY), valid
+
+
+def displacement(one, other):
+    """By correlation, in pixels, and how alike the two are."""
+    window = cv2.createHanningWindow((256, 256), cv2.CV_32F)
+    (dx, dy), _ = cv2.phaseCorrelate(one.astype("float32"), other.astype("float32"), window)
+    return math.hypot(dx, dy), float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
+
+
+def main():
+    options = argparse.ArgumentParser(prog="ortho", description=__doc__.split("\n\n")[0])
+    options.add_argument("--frames", type=int, default=6)
+    options.add_argument("--zoom", type=int, default=19)
+    asked = options.parse_args()
+    moved, alike, our_ms, decode_ms, their_ms, tiles = [], [], [], [], [], 0
+    with tempfile.TemporaryDirectory(prefix="nadir-ortho.") as name:
+        folder = pathlib.Path(name)
+        for frame, told, truth in flight(folder, asked.frames):
+            camera = folder / "world/camera.yaml"
+            gsd = CIRCUMFERENCE / 2**asked.zoom / 256 * math.cos(math.radians(float(truth["lat_deg"])))
+            out, answer = ours(folder, camera, frame, told, truth, asked.zoom)
+            ortho, spent = theirs(folder, camera_of(camera), frame, told, truth, gsd / 2)
+            _, whole = theirs(folder, camera_of(camera), frame, told, truth, gsd)
+            our_ms.append(answer["ortho_ms"] + answer["decode_ms"]), decode_ms.append(answer["decode_ms"])
+            their_ms.append(whole)
+            for tile in answer["tiles"]:
+                other, valid = on_tile(ortho, tile["x"], tile["y"], asked.zoom)
+                if not valid.all():
+                    continue
+                px, like = displacement(cv2.imread(str(out / tile["file"]), cv2.IMREAD_GRAYSCALE), other)
+                moved.append(px), alike.append(like)
+                tiles += 1
+    if not tiles:
+        print("no tile to compare")
+        return 2
+    print(f"frames {asked.frames}, tiles {tiles} at zoom {asked.zoom}")
+    print(f"displacement, pixels of the tile: median {np.median(moved):.3f}, worst {max(moved):.3f}  (bar: 1)")
+    print(f"correlation of the two: median {np.median(alike):.4f}, worst {min(alike):.4f}")
+    print(f"CPU ms a frame, decoding included: Nadir {np.median(our_ms):.1f} (decoding {np.median(decode_ms):.1f}), "
+          f"Orthority {np.median(their_ms):.1f}: {np.median(their_ms) / np.median(our_ms):.1f} times")
+    return 0 if max(moved) <= 1 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

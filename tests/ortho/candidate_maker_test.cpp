@@ -1,0 +1,194 @@
+#include "ortho/candidate_maker.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
+#include "geodesy/angles.hpp"
+#include "geodesy/web_mercator.hpp"
+#include "ortho/camera_digest.hpp"
+#include "ortho/candidate_reader.hpp"
+#include "support/temporary_folder.hpp"
+#include "vision/synthetic_ground.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr int kZoom = 20;  // 0.1 m: many tiles, though the frame is coarser
+
+class Making : public ::testing::Test {
+ protected:
+  CandidateFlight flight() const {
+    CandidateFlight flight{.airframe = "mini-07",
+                           .flight = "first",
+                           .base_package = sha256(as_bytes("manifest")),
+                           .camera = camera_,
+                           .frame = LocalFrame({11.2, 48.1}),
+                           .surface = &ground_,
+                           .key = &key_,
+                           .zoom = kZoom};
+    flight.limits.max_coarseness = 3;
+    return flight;
+  }
+  SeenFrame seen(double east_m = 0) const {
+    SeenFrame frame{"frame 1.jpg", {1'777'636'800'250}, {}};
+    frame.pose.pose = {{east_m, 0}, 100, {radians(-20), radians(3), radians(-4)}};
+    frame.pose.covariance_m2 << 3, 0.5, 0.5, 5;
+    frame.pose.sigma_m = 2;
+    frame.pose.source = SourceLabel::satellite_anchored;
+    frame.pose.confirmed = true;
+    return frame;
+  }
+  Bytes photograph(const SeenFrame& frame) const {
+    cv::Mat colour;
+    cv::cvtColor(test::photograph(test::waves, camera_, frame.pose.pose), colour, cv::COLOR_GRAY2BGR);
+    return encode_image(colour, ImageFormat::jpeg, 95);
+  }
+  std::vector<Candidate> read() const {
+    CandidateReader reader(folder_ / "candidates");
+    Findings findings;
+    std::vector<Candidate> all;
+    while (auto candidate = reader.next(findings)) all.push_back(std::move(*candidate));
+    EXPECT_TRUE(findings.empty());
+    return all;
+  }
+
+  test::TemporaryFolder folder_;
+  FlatGround ground_;
+  PrivateKey key_ = PrivateKey::generate();
+  CameraModel camera_ = test::small_camera().scaled(2);  // 640 x 480, 0.26 m at 100 m
+};
+
+TEST_F(Making, MakesTilesThatShowTheGroundWhereItIs) {
+  CandidateStore store(folder_ / "candidates");
+  const CandidateMaker maker(flight());
+  const FrameTiles report = maker.make(seen(), photograph(seen()), store);
+  EXPECT_FALSE(report.refusal);
+  store.close();
+  const auto all = read();
+  ASSERT_GE(all.size(), 6U);
+  EXPECT_EQ(report.stored.size(), all.size());
+  for (const Candidate& candidate : all) {
+    const CandidateSidecar& s = candidate.sidecar;
+    EXPECT_EQ(s.frame, "frame_1.jpg");
+    EXPECT_EQ(to_rfc3339(s.captured_at), "2026-05-01T12:00:00.250Z");
+    EXPECT_EQ(s.pose.heading_mdeg, 340'000);
+    EXPECT_EQ(s.pose.pitch_mdeg, 3'000);
+    EXPECT_EQ(s.pose.roll_mdeg, -4'000);
+    EXPECT_EQ(s.pose.agl_mm, 100'000);
+    EXPECT_EQ(s.pose.sigma_mm, 2'000);
+    EXPECT_EQ(s.pose.cov_nn_mm2, 5'000'000);
+    EXPECT_EQ(s.pose.lat_e7, 481'000'000);
+    EXPECT_FALSE(s.pose.refined);
+    EXPECT_NEAR(static_cast<double>(s.gsd_mm), 262, 2);
+    EXPECT_EQ(s.camera, camera_digest(camera_));
+    const cv::Mat tile = decode_image(candidate.tile, Colour::grey, "tile").image;
+    double squares = 0;
+    for (int r = 0; r < kTileSize; ++r) {
+      for (int c = 0; c < kTileSize; ++c) {
+        const LonLat place = lonlat_from_pixel({s.key.x * 256.0 + c + 0.5, s.key.y * 256.0 + r + 0.5}, s.key.z);
+        const Enu enu = flight().frame.enu_from_lonlat(place);
+        const double off = tile.at<std::uint8_t>(r, c) - test::waves({enu.east_m, enu.north_m});
+        squares += off * off;
+      }
+    }
+    // 1 m off would be 10 grey levels; JPEG twice is 2.
+    EXPECT_LT(std::sqrt(squares / (kTileSize * kTileSize)), 3.5) << to_text(s.key);
+  }
+}
+
+TEST_F(Making, OfTwoFramesKeepsTheBetterTiles) {
+  CandidateStore store(folder_ / "candidates");
+  const CandidateMaker maker(flight());
+  const std::size_t first = maker.make(seen(), photograph(seen()), store).stored.size();
+  const FrameTiles again = maker.make(seen(), photograph(seen()), store);
+  for (const auto& [key, fate] : again.stored) EXPECT_EQ(fate, CandidateFate::worse);
+  EXPECT_EQ(again.stored.size(), first);
+  SeenFrame surer = seen();
+  surer.pose.sigma_m = 1;
+  for (const auto& [key, fate] : maker.make(surer, photograph(surer), store).stored) {
+    EXPECT_EQ(fate, CandidateFate::replaced);
+  }
+  EXPECT_EQ(store.tiles(), first);
+}
+
+TEST_F(Making, MakesNothingOfDoubtfulFrames) {
+  CandidateStore store(folder_ / "candidates");
+  const CandidateMaker maker(flight());
+  const Bytes picture = photograph(seen());
+  const auto refusal = [&](const SeenFrame& frame, ByteView encoded) {
+    return maker.make(frame, encoded, store).refusal;
+  };
+  SeenFrame frame = seen();
+  frame.pose.source = SourceLabel::vo_extrapolated;
+  EXPECT_EQ(refusal(frame, picture), OrthoRefusal::not_anchored);
+  frame = seen();
+  frame.pose.anchor_age_s = 5;
+  EXPECT_EQ(refusal(frame, picture), OrthoRefusal::not_anchored);
+  frame = seen();
+  frame.pose.confirmed = false;
+  EXPECT_EQ(refusal(frame, picture), OrthoRefusal::unconfirmed);
+  frame = seen();
+  frame.pose.sigma_m = 6;
+  EXPECT_EQ(refusal(frame, picture), OrthoRefusal::unsure);
+  frame = seen();
+  frame.pose.pose.agl_m = 400;
+  EXPECT_EQ(refusal(frame, picture), OrthoRefusal::too_coarse);
+  EXPECT_EQ(refusal(seen(), {}), OrthoRefusal::frame_unfit);
+  EXPECT_EQ(refusal(seen(), ByteView(picture).first(picture.size() / 2)), OrthoRefusal::frame_unfit);
+  EXPECT_EQ(refusal(seen(), as_bytes("no picture at all")), OrthoRefusal::frame_unfit);
+  EXPECT_EQ(refusal(seen(), encode_image(cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(9)), ImageFormat::jpeg)),
+            OrthoRefusal::frame_unfit)
+      << "another camera's";
+  EXPECT_EQ(refusal(seen(), encode_image(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(9)), ImageFormat::jpeg)),
+            OrthoRefusal::frame_unfit);
+  EXPECT_EQ(store.tiles(), 0U);
+  EXPECT_FALSE(refusal(seen(), picture)) << "the same without any doubt";
+}
+
+TEST_F(Making, CountsTheTilesThatItLeavesOut) {
+  CandidateStore store(folder_ / "candidates");
+  CandidateFlight strict = flight();
+  strict.limits.max_view_angle_rad = 0.1;
+  const FrameTiles report = CandidateMaker(strict).make(seen(), photograph(seen()), store);
+  EXPECT_FALSE(report.refusal);
+  EXPECT_GE(report.refused[static_cast<std::size_t>(OrthoRefusal::oblique)], 2);
+  EXPECT_TRUE(report.stored.empty());
+}
+
+TEST_F(Making, IsDeterministic) {
+  for (const char* name : {"a", "b"}) {
+    CandidateStore store(folder_ / name);
+    const CandidateMaker maker(flight());
+    for (const double east_m : {0.0, 12.0, 25.0}) maker.make(seen(east_m), photograph(seen(east_m)), store);
+    store.close();
+  }
+  EXPECT_EQ(sha256_file(folder_ / "a" / kCandidateFile), sha256_file(folder_ / "b" / kCandidateFile));
+}
+
+TEST_F(Making, FindsNamesThatNoSidecarHoldsBeforeTheFlight) {
+  CandidateFlight wrong = flight();
+  wrong.airframe = "mini 07";
+  EXPECT_THROW(CandidateMaker{wrong}, UsageError);
+  wrong = flight();
+  wrong.flight = "a/b";
+  EXPECT_THROW(CandidateMaker{wrong}, UsageError);
+  wrong = flight();
+  wrong.zoom = 25;
+  EXPECT_THROW(CandidateMaker{wrong}, UsageError);
+}
+
+TEST(CameraDigest, IsOfTheCanonicalForm) {
+  CameraModel camera{1280, 720, 1002.5, 1001.8, 643.2, 356.9, {-0.085, 0.032, 0.0004, -0.0003, 0}};
+  EXPECT_EQ(canonical_camera(camera),
+            R"({"cx_e6":643200000,"cy_e6":356900000,"distortion_e9":[-85000000,32000000,400000,-300000,0],)"
+            R"("fx_e6":1002500000,"fy_e6":1001800000,"height":720,"schema":"nadir.camera/1","width":1280})");
+  const Sha256 one = camera_digest(camera);
+  camera.fx += 0.001;
+  EXPECT_NE(camera_digest(camera), one);
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,103 @@
+#include "ortho/flight_tiles.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+
+namespace nadir {
+namespace {
+
+Bytes picture_bytes(const std::filesystem::path& path) {
+  try {
+    return read_file(path);
+  } catch (const Error&) {
+    return {};  // a picture that was lost in flight; the maker calls the frame unfit
+  }
+}
+
+void count(const FrameTiles& made, TilesSummary& summary) {
+  if (made.refusal) {
+    ++summary.frames_refused[static_cast<std::size_t>(*made.refusal)];
+    return;
+  }
+  ++summary.used;
+  for (std::size_t i = 0; i < made.refused.size(); ++i) {
+    summary.tiles_refused[i] += static_cast<std::uint64_t>(made.refused[i]);
+  }
+  for (const auto& [key, fate] : made.stored) {
+    switch (fate) {
+      case CandidateFate::added: ++summary.added; break;
+      case CandidateFate::replaced: ++summary.replaced; break;
+      case CandidateFate::worse: ++summary.worse; break;
+      case CandidateFate::no_room: ++summary.no_room; break;
+    }
+  }
+}
+
+std::string text_of(const std::array<std::uint64_t, kOrthoRefusals>& refused) {
+  std::string text;
+  for (std::size_t i = 0; i < refused.size(); ++i) {
+    if (refused[i] == 0) continue;
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", refused[i], name_of(static_cast<OrthoRefusal>(i)));
+  }
+  return text.empty() ? "none" : text;
+}
+
+nlohmann::json json_of(const std::array<std::uint64_t, kOrthoRefusals>& refused) {
+  nlohmann::json counts = nlohmann::json::object();
+  for (std::size_t i = 0; i < refused.size(); ++i) {
+    if (refused[i] != 0) counts[std::string(name_of(static_cast<OrthoRefusal>(i)))] = refused[i];
+  }
+  return counts;
+}
+
+}  // namespace
+
+TilesSummary make_flight_tiles(const CandidateMaker& maker, CandidateStore& store, const Flight& flight,
+                               const std::vector<std::optional<FramePose>>& poses, UtcMillis first,
+                               Progress& progress) {
+  TilesSummary summary;
+  summary.frames = flight.frames.size();
+  progress.begin("tiles", flight.frames.size(), "frames");
+  for (std::size_t i = 0; i < flight.frames.size(); ++i) {
+    const Telemetry& told = flight.frames[i];
+    const double since_s = told.time_s - flight.frames.front().time_s;
+    SeenFrame seen{told.frame, {first.unix_ms + std::llround(since_s * 1000)}, {}};
+    if (poses[i]) seen.pose = *poses[i];
+    count(maker.make(seen, poses[i] ? picture_bytes(flight.picture(i)) : Bytes(), store), summary);
+    progress.advance(1);
+  }
+  progress.end();
+  summary.tiles = store.tiles();
+  summary.bytes = store.bytes();
+  return summary;
+}
+
+nlohmann::json json_from(const TilesSummary& s) {
+  return {{"schema", "nadir.ortho-summary/1"},
+          {"frames", s.frames},
+          {"frames_used", s.used},
+          {"frames_refused", json_of(s.frames_refused)},
+          {"tiles", s.tiles},
+          {"tiles_refused", json_of(s.tiles_refused)},
+          {"replaced", s.replaced},
+          {"worse", s.worse},
+          {"no_room", s.no_room},
+          {"bytes", s.bytes}};
+}
+
+Figures figures_from(const TilesSummary& s) {
+  return {{"frames", std::to_string(s.frames)},
+          {"frames used", std::to_string(s.used)},
+          {"frames left out", text_of(s.frames_refused)},
+          {"candidate tiles", fmt::format("{}, {:.1f} MB", s.tiles, static_cast<double>(s.bytes) / 1e6)},
+          {"tiles left out", text_of(s.tiles_refused)},
+          {"of two the better", fmt::format("{} replaced, {} not taken", s.replaced, s.worse)},
+          {"no room", std::to_string(s.no_room)}};
+}
+
+}  // namespace nadir
