@@ -80,6 +80,10 @@ void NadirdCommand::setup(Options& options) {
   options.value("--signing-key", flight_.link_key, "FILE", "64 hexadecimal digits that the link is signed with");
   options.value("--record", flight_.record, "DIR", "record the flight there");
   options.flag("--keep-pictures", flight_.keep_pictures, "record the pictures as well");
+  options
+      .value("--candidates", flight_.candidates, "DIR", "make signed tiles of what the flight sees, into this folder")
+      .needs("--tile-key");
+  options.value("--tile-key", flight_.tile_key, "KEY.pem", "the airframe's tile key").needs("--candidates");
   options.value("--listen", flight_.listen, "ADDRESS", "where the API and the web page are served");
   options.value("--token", flight_.token, "FILE", "bearer token for callers; needed to listen beyond loopback");
   options.value("--start", flight_.start, "LON,LAT",

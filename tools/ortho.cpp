@@ -84,6 +84,7 @@ void OrthoCommand::setup(Options& options) {
   options.value("--out", out_, "OUT", "folder that is made").required();
   options.value("--flight", flight_, "ID", "name of the flight; without it one is made from its telemetry");
   options.value("--captured-at", captured_at_, "TIME", "when the first frame was taken, if the flight does not say");
+  options.value("--zoom", zoom_, "Z", "of the tiles; the mission's finest without it").between(0, kMaxZoom);
   options.value("--format", format_, "FORMAT", "of the tiles").one_of({"jpeg", "webp"});
   options.value("--quality", quality_, "N", "of the tiles").between(1, 100);
   options.value("--budget-mb", budget_mb_, "MB", "most that the tiles may take").between(1, 1'000'000);
@@ -114,7 +115,7 @@ int OrthoCommand::run(Context& context) {
                               .frame = ready->setup->frame,
                               .surface = surface,
                               .key = &key,
-                              .zoom = ready->package->mission().zoom.max,
+                              .zoom = zoom_.value_or(ready->package->mission().zoom.max),
                               .format = format,
                               .quality = quality_});
   const Truth no_truth(flight.frames.size());

@@ -30,6 +30,7 @@ class OrthoCommand final : public Command {
   std::optional<std::filesystem::path> mosaic_;
   std::string format_ = "jpeg";
   int quality_ = 82;
+  std::optional<int> zoom_;
   std::int64_t budget_mb_ = 4096;
 };
 

@@ -35,6 +35,10 @@ struct StateNotSaved {
   std::string trouble;
 };
 
+struct TilesNotMade {
+  std::string trouble;
+};
+
 struct FixJumped {
   double metres = 0;
 };
@@ -45,8 +49,8 @@ struct PlaceHinted {
   std::string by;
 };
 
-using FlightNews = std::variant<AutopilotSpoke, CameraSpoke, LocalizerSpoke, StateNotSaved, FixJumped, PlaceHinted,
-                                GpsFix3d, EkfReport>;
+using FlightNews = std::variant<AutopilotSpoke, CameraSpoke, LocalizerSpoke, StateNotSaved, TilesNotMade, FixJumped,
+                                PlaceHinted, GpsFix3d, EkfReport>;
 
 struct TimedNews {
   double time_s = 0;

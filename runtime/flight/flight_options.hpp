@@ -13,12 +13,14 @@ namespace nadir {
 struct FlightOptions {
   std::filesystem::path package;
   Airframe airframe;
-  std::filesystem::path state;                    // folder
-  std::string camera;                             // open_camera()
-  std::string autopilot;                          // parse_endpoint()
-  std::optional<std::filesystem::path> link_key;  // none: the link is not signed
-  std::optional<std::filesystem::path> record;    // folder; none: nothing is recorded
-  bool keep_pictures = false;                     // in the recording
+  std::filesystem::path state;                      // folder
+  std::string camera;                               // open_camera()
+  std::string autopilot;                            // parse_endpoint()
+  std::optional<std::filesystem::path> link_key;    // none: the link is not signed
+  std::optional<std::filesystem::path> record;      // folder; none: nothing is recorded
+  bool keep_pictures = false;                       // in the recording
+  std::optional<std::filesystem::path> candidates;  // folder for candidate tiles; none: none are made
+  std::optional<std::filesystem::path> tile_key;    // what they are signed with
   std::string listen = "127.0.0.1:8750";
   std::optional<std::filesystem::path> token;  // file with the API's bearer token
   std::optional<LonLat> start;

@@ -63,6 +63,7 @@ FlightService::~FlightService() {
   camera_.reset();
   link_->stop();  // the localizer still speaks to it, and it to the localizer
   localizing_.reset();
+  tiles_.reset();
   house_ = {};
   link_.reset();
   server_.reset();
@@ -116,11 +117,34 @@ void FlightService::start_flight() {
                                          });
 }
 
+// Wrong names, keys and folders are found out before take-off; what goes wrong later costs tiles alone.
+void FlightService::start_tiles() {
+  if (!options_.candidates) return;
+  const LocalizerConfig config = ground_->config();
+  TileMakingSetup setup{*options_.candidates, options_.tile_key.value_or(""),
+                        CandidateFlight{.airframe = airframe_.id,
+                                        .flight = fmt::format("{:x}", clock_.unix_us()),
+                                        .base_package = sha256_file(ground_->folder() / kManifestFile),
+                                        .camera = airframe_.camera.camera,
+                                        .frame = ground_->frame(),
+                                        .surface = config.surface,
+                                        .zoom = ground_->package().mission().zoom.max}};
+  tiles_ = std::make_unique<TileMaking>(
+      setup, clock_,
+      TileMaking::Listener{[this](const TileKey& key, CandidateFate fate) {
+                             if (recorder_)
+                               recorder_->record(TileRecord{key, fmt::format("candidate.{}", name_of(fate)), {}});
+                           },
+                           [this](const std::string& trouble) { tell(TilesNotMade{trouble}); }});
+}
+
 void FlightService::start_localizing() {
+  start_tiles();
   localizing_ = std::make_unique<Localizing>(
       localizing_setup(), pictures_, watch_,
       Localizing::Listener{[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
                              if (recorder_) record_input(*recorder_, index, told, encoded);
+                             if (tiles_) tiles_->seen(index, told, encoded);
                            },
                            [this](const LocalizedFrame& frame) { localized(frame); },
                            [this](const HintRecord& hint) {
@@ -221,6 +245,10 @@ void FlightService::learn(double time_s, const LocalizerSpoke& spoke) {
 
 void FlightService::learn(double time_s, const StateNotSaved& state) {
   journal_->note(time_s, EventSeverity::warning, "state directory", state.trouble);
+}
+
+void FlightService::learn(double time_s, const TilesNotMade& tiles) {
+  journal_->note(time_s, EventSeverity::warning, "candidate tiles", tiles.trouble);
 }
 
 void FlightService::learn(double time_s, const FixJumped& jumped) {

@@ -25,6 +25,7 @@
 #include "flight/flight_journal.hpp"
 #include "flight/flight_options.hpp"
 #include "flight/localizing.hpp"
+#include "flight/tile_making.hpp"
 #include "flight/view_builder.hpp"
 #include "service/restart.hpp"
 #include "service/state_directory.hpp"
@@ -56,6 +57,7 @@ class FlightService {
   void start_recorder();
   void start_flight();
   void start_localizing();
+  void start_tiles();
   void localized(const LocalizedFrame& frame);
   void heard(double now_s, const ReceivedMessage& message);
   void record(const LocalizedFrame& frame);
@@ -67,6 +69,7 @@ class FlightService {
   void learn(double time_s, const CameraSpoke& spoke);
   void learn(double time_s, const LocalizerSpoke& spoke);
   void learn(double time_s, const StateNotSaved& state);
+  void learn(double time_s, const TilesNotMade& tiles);
   void learn(double time_s, const FixJumped& jumped);
   void learn(double time_s, const PlaceHinted& hinted);
   void learn(double time_s, const GpsFix3d& fix);
@@ -109,6 +112,7 @@ class FlightService {
   std::unique_ptr<HttpServer> server_;
   LatestMailbox<FlightPicture> pictures_;
   std::unique_ptr<AutopilotLink> link_;
+  std::unique_ptr<TileMaking> tiles_;  // null: none are made
   std::unique_ptr<Localizing> localizing_;
   std::unique_ptr<CameraFeed> camera_;
   std::jthread house_;  // last: it uses everything above

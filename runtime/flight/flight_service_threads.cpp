@@ -48,6 +48,7 @@ void FlightService::localized(const LocalizedFrame& frame) {
     }
   }
   if (recorder_) record(frame);
+  if (tiles_ && frame.report.anchored) tiles_->anchored(frame.anchor_index, *frame.report.anchored);
   tell(LocalizerSpoke{taken_s, frame.late, frame.index, estimate, frame.report.belief, frame.report.anchor.verdict,
                       frame.told.pitch_rad, frame.told.roll_rad});
 }

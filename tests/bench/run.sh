@@ -92,8 +92,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, closed-loop, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, closed-loop, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -19,7 +19,7 @@ namespace {
 
 constexpr TileKey kFirst{19, 278'000, 182'000};
 
-class Mosaic : public ::testing::Test {
+class CandidateMosaicFile : public ::testing::Test {
  protected:
   // Three of four tiles of a square.
   std::filesystem::path candidates() const {
@@ -35,7 +35,7 @@ class Mosaic : public ::testing::Test {
   NoProgress progress_;
 };
 
-TEST_F(Mosaic, IsACogOfTheTilesWhereTheyAre) {
+TEST_F(CandidateMosaicFile, IsACogOfTheTilesWhereTheyAre) {
   const CandidateMosaic mosaic = write_candidate_mosaic(candidates(), folder_ / "mosaic.tif", progress_);
   EXPECT_EQ(mosaic.zoom, 19);
   EXPECT_EQ(mosaic.tiles, 3U);
@@ -60,7 +60,7 @@ TEST_F(Mosaic, IsACogOfTheTilesWhereTheyAre) {
       << "JPEG twice";
 }
 
-TEST_F(Mosaic, ALargeFlightIsWrittenCoarser) {
+TEST_F(CandidateMosaicFile, ALargeFlightIsWrittenCoarser) {
   const CandidateMosaic mosaic = write_candidate_mosaic(candidates(), folder_ / "mosaic.tif", progress_, 128 * 128);
   EXPECT_EQ(mosaic.zoom, 17);
   EXPECT_EQ(mosaic.width, 128);
@@ -68,7 +68,7 @@ TEST_F(Mosaic, ALargeFlightIsWrittenCoarser) {
   EXPECT_FALSE(std::filesystem::exists(folder_ / "none.tif"));
 }
 
-TEST_F(Mosaic, IsAFunctionOfTheTilesAndReplacesInOneStep) {
+TEST_F(CandidateMosaicFile, IsAFunctionOfTheTilesAndReplacesInOneStep) {
   folder_.write("mosaic.tif", "an older one");
   write_candidate_mosaic(candidates(), folder_ / "mosaic.tif", progress_);
   write_candidate_mosaic(folder_ / "candidates", folder_ / "again.tif", progress_);
@@ -78,7 +78,7 @@ TEST_F(Mosaic, IsAFunctionOfTheTilesAndReplacesInOneStep) {
   EXPECT_EQ(files, 3U) << "nothing is left beside them";
 }
 
-TEST_F(Mosaic, WithoutTilesThereIsNone) {
+TEST_F(CandidateMosaicFile, WithoutTilesThereIsNone) {
   CandidateStore(folder_ / "empty").close();
   EXPECT_THROW(write_candidate_mosaic(folder_ / "empty", folder_ / "mosaic.tif", progress_), Error);
   EXPECT_THROW(write_candidate_mosaic(folder_ / "missing", folder_ / "mosaic.tif", progress_), Error);

@@ -25,6 +25,9 @@ void count(const FrameTiles& made, TilesSummary& summary) {
     return;
   }
   ++summary.used;
+  int left_out = 0;
+  for (const int refused : made.refused) left_out += refused;
+  if (made.stored.empty() && left_out == 0) ++summary.narrow;
   for (std::size_t i = 0; i < made.refused.size(); ++i) {
     summary.tiles_refused[i] += static_cast<std::uint64_t>(made.refused[i]);
   }
@@ -81,6 +84,7 @@ nlohmann::json json_from(const TilesSummary& s) {
   return {{"schema", "nadir.ortho-summary/1"},
           {"frames", s.frames},
           {"frames_used", s.used},
+          {"frames_without_whole_tile", s.narrow},
           {"frames_refused", json_of(s.frames_refused)},
           {"tiles", s.tiles},
           {"tiles_refused", json_of(s.tiles_refused)},
@@ -94,6 +98,7 @@ Figures figures_from(const TilesSummary& s) {
   return {{"frames", std::to_string(s.frames)},
           {"frames used", std::to_string(s.used)},
           {"frames left out", text_of(s.frames_refused)},
+          {"without a whole tile", std::to_string(s.narrow)},
           {"candidate tiles", fmt::format("{}, {:.1f} MB", s.tiles, static_cast<double>(s.bytes) / 1e6)},
           {"tiles left out", text_of(s.tiles_refused)},
           {"of two the better", fmt::format("{} replaced, {} not taken", s.replaced, s.worse)},

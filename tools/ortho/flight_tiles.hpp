@@ -13,7 +13,8 @@
 namespace nadir {
 
 struct TilesSummary {
-  std::uint64_t frames = 0, used = 0;  // used: frames that tiles could be made of
+  std::uint64_t frames = 0, used = 0;  // used: frames that tiles could be made of …
+  std::uint64_t narrow = 0;            // … and those of them that show no tile wholly
   std::array<std::uint64_t, kOrthoRefusals> frames_refused{}, tiles_refused{};
   std::uint64_t added = 0, replaced = 0, worse = 0, no_room = 0;
   std::uint64_t tiles = 0, bytes = 0;  // in the store at the end

@@ -1,0 +1,88 @@
+#include "flight/tile_making.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+#include "base/error.hpp"
+#include "base/thread_rank.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::size_t kMostPictureBytes = 48 << 20;  // that wait for the map's word
+constexpr std::size_t kMostPictures = 100;
+constexpr double kRest = 3;  // times the work
+constexpr std::chrono::milliseconds kWait{500};
+
+CandidateFlight completed(CandidateFlight flight, const GroundSurface& flat, const PrivateKey& key) {
+  flight.key = &key;
+  if (flight.surface == nullptr) flight.surface = &flat;
+  return flight;
+}
+
+}  // namespace
+
+TileMaking::TileMaking(const TileMakingSetup& setup, const FlightClock& clock, Listener listener)
+    : clock_(clock),
+      listener_(std::move(listener)),
+      key_(PrivateKey::read(setup.key)),
+      maker_(completed(setup.flight, flat_, key_)),
+      store_(setup.folder, {.budget_bytes = setup.budget_bytes}),
+      maker_thread_([this](const std::stop_token& stop) { make_tiles(stop); }) {}
+
+TileMaking::~TileMaking() {
+  maker_thread_.request_stop();
+  work_.close();
+  maker_thread_.join();
+  try {
+    store_.close();
+  } catch (const std::exception&) {
+    // A full disk: what was put is there, and the missing mark says that the end was not in order.
+  }
+}
+
+void TileMaking::seen(std::uint64_t index, const Telemetry& told, ByteView encoded) {
+  pictures_.push_back({index, told.frame, told.time_s, Bytes(encoded.begin(), encoded.end())});
+  picture_bytes_ += encoded.size();
+  while (picture_bytes_ > kMostPictureBytes || pictures_.size() > kMostPictures) {
+    picture_bytes_ -= pictures_.front().encoded.size();
+    pictures_.pop_front();
+  }
+}
+
+void TileMaking::anchored(std::uint64_t index, const FramePose& pose) {
+  while (!pictures_.empty() && pictures_.front().index <= index) {
+    Picture picture = std::move(pictures_.front());
+    pictures_.pop_front();
+    picture_bytes_ -= picture.encoded.size();
+    if (picture.index != index) continue;
+    const double ago_s = clock_.monotonic_s() - picture.taken_s;
+    const std::int64_t captured_ms = clock_.unix_us() / 1000 - std::llround(ago_s * 1000);
+    work_.put({{picture.name, {captured_ms}, pose}, std::move(picture.encoded)});
+  }
+}
+
+void TileMaking::make_tiles(const std::stop_token& stop) {
+  begin_thread("tiles", ThreadRank::behind);
+  while (!stop.stop_requested()) {
+    const auto work = work_.take_within(kWait, stop);
+    if (!work) continue;
+    const double before_s = clock_.monotonic_s();
+    make(*work);
+    const double now_s = clock_.monotonic_s();
+    clock_.wait_until(now_s + kRest * (now_s - before_s), stop);
+  }
+}
+
+void TileMaking::make(const Work& work) {
+  try {
+    for (const auto& [key, fate] : maker_.make(work.frame, work.encoded, store_).stored) listener_.tile(key, fate);
+    last_trouble_.clear();
+  } catch (const std::exception& error) {
+    if (last_trouble_ != error.what()) listener_.trouble(error.what());
+    last_trouble_ = error.what();
+  }
+}
+
+}  // namespace nadir

@@ -1,0 +1,92 @@
+#!/usr/bin/env python3
+"""nadir ortho as a user calls it: a flight over a small world becomes signed tiles, twice the same; or it says why not."""
+import hashlib
+import json
+import shutil
+import sqlite3
+import subprocess
+import unittest
+
+from support import EndToEnd, main, run
+
+PAYLOAD = b"application/vnd.nadir.candidate-tile.v1+json"
+
+
+class Ortho(EndToEnd):
+    def setUp(self):
+        super().setUp()
+        f = self.folder
+        self.good("simulate", "world", "--seed", 3, "--size-km", 1, "--gsd-m", 0.6, "--out", f / "world")
+        for key in ("root", "signer", "tile", "other"):
+            self.good("keys", "create", "--out", f / key)
+        self.good("keys", "root", "--root-key", f / "root.key.pem", "--package-signer", f / "signer.pub.pem",
+                  "--tile-signer", f"mini-07={f}/tile.pub.pem", "--expires", "2035-01-01", "--out", f / "root.json")
+        self.good("cache", "build", "--mission", f / "world/mission.yaml", "--imagery", f / "world/map.tif", "--dem",
+                  f / "world/dem.tif", "--key", f / "signer.key.pem", "--out", f / "package")
+        self.good("simulate", "flight", "--world", f / "world/ground.tif", "--dem", f / "world/dem.tif", "--mission",
+                  f / "world/mission.yaml", "--camera", f / "world/camera.yaml", "--frames", 5, "--out", f / "flight")
+        first = (f / "flight/truth.csv").read_text().splitlines()[1].split(",")
+        self.start = f"--start={first[2]},{first[1]}"
+
+    def ask(self, out, **changed):
+        f = self.folder
+        options = {"package": f / "package", "trust": f / "root.json", "at": "2025-09-20", "frames": f / "flight/frames",
+                   "telemetry": f / "flight/telemetry.csv", "camera": f / "world/camera.yaml", "key": f / "tile.key.pem",
+                   "airframe": "mini-07", "captured-at": "2025-09-20T10:00:00.500Z", "out": out} | changed
+        return ["ortho", self.start] + [text for name, value in options.items() if value is not None
+                                        for text in (f"--{name}", value)]
+
+    def test_a_flight_becomes_signed_tiles_twice_the_same(self):
+        f = self.folder
+        summary = json.loads(self.good(*self.ask(f / "a", mosaic=f / "a.tif"), "--json").stdout)
+        self.assertEqual(5, summary["frames"])
+        self.assertGreaterEqual(summary["tiles"], 1)
+        self.good(*self.ask(f / "b", mosaic=f / "b.tif"))
+        for one, other in (("a/tiles.mbtiles", "b/tiles.mbtiles"), ("a.tif", "b.tif")):
+            self.assertEqual((f / one).read_bytes(), (f / other).read_bytes(), one)
+        page = (f / "a.html").read_text()
+        self.assertIn("data:image/webp;base64,", page)
+        self.assertNotIn("src=\"http", page)
+
+        database = sqlite3.connect(f"file:{f}/a/tiles.mbtiles?mode=ro", uri=True)
+        rows = database.execute("SELECT c.sidecar, c.signature, t.tile_data, c.zoom_level, c.tile_column, c.tile_row "
+                                "FROM nadir_candidates c JOIN tiles t USING (zoom_level, tile_column, tile_row)").fetchall()
+        self.assertEqual(summary["tiles"], len(rows))
+        manifest = hashlib.sha256((f / "package/manifest.json").read_bytes()).hexdigest()
+        for text, signature, tile, z, x, row in rows:
+            sidecar = json.loads(text)
+            self.assertEqual(text, json.dumps(sidecar, sort_keys=True, separators=(",", ":")))
+            self.assertEqual(hashlib.sha256(tile).hexdigest(), sidecar["sha256"])
+            self.assertEqual((z, x, 2**z - 1 - row), (sidecar["z"], sidecar["x"], sidecar["y"]))
+            self.assertEqual(manifest, sidecar["base_package"])
+            self.assertEqual(1, sidecar["pose"]["refined"])
+            self.assertTrue(sidecar["captured_at"].startswith("2025-09-20T10:00:"))
+            body = text.encode()
+            (f / "message").write_bytes(b"DSSEv1 %d %s %d %s" % (len(PAYLOAD), PAYLOAD, len(body), body))
+            (f / "signature").write_bytes(signature)
+            check = subprocess.run(["openssl", "pkeyutl", "-verify", "-pubin", "-inkey", f / "tile.pub.pem", "-rawin",
+                                    "-in", f / "message", "-sigfile", f / "signature"], capture_output=True, text=True)
+            self.assertEqual(0, check.returncode, check.stderr)
+
+    def test_it_says_why_it_makes_none(self):
+        f = self.folder
+        for says, changed in ((["tile key", "tile-signer"], {"key": f / "other.key.pem"}),
+                              (["--airframe"], {"airframe": None}),
+                              (["--captured-at"], {"captured-at": None}),
+                              (["--captured-at"], {"captured-at": "yesterday"}),
+                              (["names"], {"flight": "a/b"}),
+                              (["none.csv"], {"telemetry": f / "none.csv"})):
+            self.fails(2, *self.ask(f / "out", **changed), says=says, leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", mosaic=f / "no-such-folder/m.tif"), leaves_nothing=f / "out")
+        (f / "there").mkdir()
+        self.fails(2, *self.ask(f / "there"), says=["there"])
+        shutil.copytree(f / "package", f / "tampered")
+        manifest = f / "tampered/manifest.json"
+        manifest.write_bytes(manifest.read_bytes().replace(b"1", b"2", 1))
+        refused = run(*self.ask(f / "out", package=f / "tampered"))
+        self.assertEqual(1, refused.returncode, refused.stderr)
+        self.assertFalse((f / "out").exists())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,166 @@
+// Tiles in flight: made beside it, told of, and never in its way.
+#include "flight/tile_making.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <csignal>
+#include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
+#include "imagery/codecs.hpp"
+#include "ortho/candidate_reader.hpp"
+#include "service/manual_clock.hpp"
+#include "support/temporary_folder.hpp"
+#include "vision/synthetic_ground.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::chrono::seconds kFarTooLong{120};  // only so that what hangs fails
+
+class TilesInFlight : public ::testing::Test {
+ protected:
+  TilesInFlight() { key_file_ = create_key_files(folder_ / "tile").private_key; }
+
+  TileMakingSetup setup() const {
+    TileMakingSetup setup{folder_ / "candidates", key_file_,
+                          CandidateFlight{.airframe = "mini-07",
+                                          .flight = "test",
+                                          .base_package = {},
+                                          .camera = camera_,
+                                          .frame = LocalFrame({11.2, 48.1}),
+                                          .zoom = 20}};
+    setup.flight.limits.max_coarseness = 3;
+    return setup;
+  }
+  TileMaking::Listener listener() {
+    return {[this](const TileKey&, CandidateFate fate) {
+              const std::scoped_lock lock(mutex_);
+              ++fates_[fate];
+              changed_.notify_all();
+            },
+            [this](const std::string&) {
+              const std::scoped_lock lock(mutex_);
+              ++troubles_;
+              changed_.notify_all();
+            }};
+  }
+  template <typename Condition>
+  void wait_until(Condition condition) {
+    std::unique_lock lock(mutex_);
+    ASSERT_TRUE(changed_.wait_for(lock, kFarTooLong, condition));
+  }
+  FramePose pose(double east_m) const {
+    FramePose pose;
+    pose.pose = {{east_m, 0}, 100, {}};
+    pose.covariance_m2 = 4 * Eigen::Matrix2d::Identity();
+    pose.sigma_m = 2;
+    pose.source = SourceLabel::satellite_anchored;
+    pose.confirmed = true;
+    return pose;
+  }
+  void see(TileMaking& tiles, std::uint64_t index, double east_m) const {
+    Telemetry told;
+    told.frame = "frame";
+    told.time_s = clock_.monotonic_s() - 2;
+    cv::Mat colour;
+    cv::cvtColor(test::photograph(test::waves, camera_, pose(east_m).pose), colour, cv::COLOR_GRAY2BGR);
+    tiles.seen(index, told, encode_image(colour, ImageFormat::jpeg, 92));
+  }
+  std::size_t stored(bool clean = true) const {
+    CandidateReader reader(folder_ / "candidates");
+    EXPECT_EQ(reader.clean_shutdown(), clean);
+    Findings findings;
+    std::size_t count = 0;
+    while (const auto candidate = reader.next(findings)) {
+      EXPECT_EQ(candidate->sidecar.captured_at.unix_ms, clock_.unix_us() / 1000 - 2000);
+      ++count;
+    }
+    EXPECT_TRUE(findings.empty());
+    return count;
+  }
+
+  test::TemporaryFolder folder_;
+  std::filesystem::path key_file_;
+  CameraModel camera_ = test::small_camera().scaled(2);
+  ManualClock clock_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::map<CandidateFate, std::size_t> fates_;
+  int troubles_ = 0;
+};
+
+TEST_F(TilesInFlight, AreMadeOfTheFrameThatWasAnchored) {
+  {
+    TileMaking tiles(setup(), clock_, listener());
+    for (std::uint64_t i = 0; i < 4; ++i) see(tiles, i, 10.0 * static_cast<double>(i));
+    tiles.anchored(1, pose(10));
+    wait_until([&] { return fates_[CandidateFate::added] >= 6; });
+    tiles.anchored(1, pose(10));   // it is gone by now
+    tiles.anchored(77, pose(10));  // never seen
+    EXPECT_EQ(troubles_, 0);
+  }
+  EXPECT_EQ(stored(), fates_[CandidateFate::added]);
+}
+
+TEST_F(TilesInFlight, DoubtfulFramesMakeNone) {
+  {
+    TileMaking tiles(setup(), clock_, listener());
+    see(tiles, 0, 0);
+    FramePose doubtful = pose(0);
+    doubtful.confirmed = false;
+    tiles.anchored(0, doubtful);
+  }
+  EXPECT_EQ(stored(), 0U);
+}
+
+// The file may not grow any more, as on a full disk.
+TEST_F(TilesInFlight, AFullDiskIsToldOnceAndCostsTilesAlone) {
+  {
+    TileMaking tiles(setup(), clock_, listener());
+    see(tiles, 0, 0);
+    see(tiles, 1, 0);
+    auto* const old_handler = std::signal(SIGXFSZ, SIG_IGN);
+    rlimit old{};
+    getrlimit(RLIMIT_FSIZE, &old);
+    const rlimit limit{1000, old.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+    tiles.anchored(0, pose(0));
+    wait_until([&] { return troubles_ == 1; });
+    EXPECT_EQ(fates_[CandidateFate::added], 0U);
+    setrlimit(RLIMIT_FSIZE, &old);
+    std::signal(SIGXFSZ, old_handler);
+    tiles.anchored(1, pose(0));
+    wait_until([&] { return fates_[CandidateFate::added] >= 6; });
+    EXPECT_EQ(troubles_, 1);
+  }
+  EXPECT_EQ(stored(), fates_[CandidateFate::added]);
+}
+
+TEST_F(TilesInFlight, WhatIsWrongIsFoundOutBeforeTakeOff) {
+  TileMakingSetup wrong = setup();
+  wrong.key = folder_ / "none.pem";
+  EXPECT_THROW(TileMaking(wrong, clock_, listener()), Error);
+  wrong = setup();
+  wrong.folder = folder_.write("file", "text");
+  EXPECT_THROW(TileMaking(wrong, clock_, listener()), Error);
+  wrong = setup();
+  wrong.flight.airframe = "no name";
+  EXPECT_THROW(TileMaking(wrong, clock_, listener()), Error);
+}
+
+// Pictures that the map never spoke of do not pile up.
+TEST_F(TilesInFlight, KeepOnlySoManyPictures) {
+  TileMaking tiles(setup(), clock_, listener());
+  Telemetry told;
+  const Bytes large(1 << 20);
+  for (std::uint64_t i = 0; i < 200; ++i) tiles.seen(i, told, large);
+  tiles.anchored(3, pose(0));  // long gone
+  tiles.anchored(199, pose(0));
+}
+
+}  // namespace
+}  // namespace nadir
