@@ -8,6 +8,7 @@ import argparse
 import collections
 import http.server
 import json
+import os
 import pathlib
 import random
 import shutil
@@ -23,7 +24,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "sync"))
 from fault_server import FaultServer, Faults, Service  # noqa: E402
-from support import Flight, discrepancies, push, sync, tiles  # noqa: E402
+from support import TEMPORARY, Flight, discrepancies, push, sync, tiles  # noqa: E402
 
 KILLED, MAKE = ROOT / "build/bin/test_killed_sync", ROOT / "build/bin/test_make_candidates"
 
@@ -121,10 +122,10 @@ def payload_of(outbox):
 
 def faults_and_kills(arguments, seed):
     """Every fault, and kills at random transitions and requests, until all is done: lost and counted twice."""
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(dir=TEMPORARY) as name:
         folder, dice = pathlib.Path(name), random.Random(seed)
         outbox, stage_s = staged(folder, arguments, seed)
-        service = Service(judge=lambda s: "blurred" if s["x"] % 17 == 0 else None)
+        service = Service(part_max=1 << 17, judge=lambda s: "blurred" if s["x"] % 17 == 0 else None)
         server = FaultServer(service, Faults(seed, rate=0.2, most=20 * arguments.kills))
         kills, calls = collections.Counter(), 0
         begin = time.monotonic()
@@ -220,7 +221,7 @@ def rsync_partial(folder, pictures, cuts):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     (folder / "rsyncd.conf").write_text(f"[tiles]\npath = {target}\nread only = false\nuse chroot = false\n"
-                                        f"lock file = {folder}/rsync.lock\n")
+                                        f"lock file = {folder}/rsync.lock\nuid = {os.getuid()}\ngid = {os.getgid()}\n")
     daemon = subprocess.Popen(["rsync", "--daemon", "--no-detach", "--address=127.0.0.1", f"--port={port}",
                                f"--config={folder}/rsyncd.conf"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while True:
@@ -230,7 +231,7 @@ def rsync_partial(folder, pictures, cuts):
         except OSError:
             time.sleep(0.05)
     relay, calls, code = Relay(port, cuts), 0, 1
-    while code != 0:
+    while code != 0 and calls < 10 * len(cuts) + 10:
         calls += 1
         code = subprocess.run(["rsync", "-a", "--partial", f"{pictures}/", relay.url.replace("http:", "rsync:") + "/tiles/"],
                               capture_output=True).returncode
