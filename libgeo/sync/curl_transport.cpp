@@ -185,6 +185,7 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   const CURLcode code = curl_easy_perform(easy);
   if (exchange.stopped) std::rethrow_exception(exchange.stopped);
   if (exchange.too_large) return NoReply{fmt::format("an answer of more than {} bytes", settings_.largest_reply)};
+  if (code == CURLE_SEND_FAIL_REWIND) return NoReply{"the connection was lost"};
   if (code != CURLE_OK) return NoReply{curl_easy_strerror(code)};
   long status = 0;
   curl_easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &status);

@@ -29,8 +29,9 @@ void Uploader::send(const OpenBatch& batch, const OpenPack& pack) {
     came_forward(batch);
   }
   around_.progress.advance(static_cast<std::uint64_t>(transfer_.pack_sent(pack, around_.pace.now_ms())));
-  strikes_.erase({batch.id, Trouble::Kind::conflict});
-  strikes_.erase({batch.id, Trouble::Kind::mangled});
+  // What has arrived is there, even when the service forgets the upload.
+  strikes_.erase({batch.id, Trouble::Kind::refused});
+  strikes_.erase({batch.id, Trouble::Kind::forgotten});
   came_forward(batch);
 }
 

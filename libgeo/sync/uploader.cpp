@@ -92,7 +92,10 @@ void Uploader::came_forward(const OpenBatch& batch) {
   last_progress_ms_ = around_.pace.now_ms();
   service_not_before_ms_ = 0;
   outcome_.waits_for.clear();
-  strikes_.erase({batch.id, Trouble::Kind::nonsense});
+  // These count in a row.
+  for (const auto kind : {Trouble::Kind::nonsense, Trouble::Kind::conflict, Trouble::Kind::mangled}) {
+    strikes_.erase({batch.id, kind});
+  }
 }
 
 void Uploader::handle(const OpenBatch& batch, const Trouble& trouble, int most_refusals) {

@@ -23,7 +23,8 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "sync"))
-from fault_server import FaultServer, Faults, Service  # noqa: E402
+from fault_server import FaultServer, Faults  # noqa: E402
+from fault_service import Service  # noqa: E402
 from support import TEMPORARY, Flight, discrepancies, push, sync, tiles  # noqa: E402
 
 KILLED, MAKE = ROOT / "build/bin/test_killed_sync", ROOT / "build/bin/test_make_candidates"
@@ -126,7 +127,7 @@ def faults_and_kills(arguments, seed):
         folder, dice = pathlib.Path(name), random.Random(seed)
         outbox, stage_s = staged(folder, arguments, seed)
         service = Service(part_max=1 << 17, judge=lambda s: "blurred" if s["x"] % 17 == 0 else None)
-        server = FaultServer(service, Faults(seed, rate=0.2, most=20 * arguments.kills))
+        server = FaultServer(service, Faults(seed, rate=0.2, most=6 * arguments.kills))
         kills, calls = collections.Counter(), 0
         begin = time.monotonic()
         while True:

@@ -17,7 +17,8 @@ import threading
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from fault_server import TOKEN, FaultServer, Faults, Handler, QuietServer, Service  # noqa: E402
+from fault_server import TOKEN, FaultServer, Faults, Handler, QuietServer  # noqa: E402
+from fault_service import Service  # noqa: E402
 from support import TEMPORARY, Flight, discrepancies, sync, tiles  # noqa: E402
 
 KILLED, MAKE, NADIR = sys.argv[1:4]

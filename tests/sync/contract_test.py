@@ -15,7 +15,8 @@ import jsonschema_rs
 import yaml
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from fault_server import FaultServer, Faults, Service  # noqa: E402
+from fault_server import FaultServer, Faults  # noqa: E402
+from fault_service import Service  # noqa: E402
 from support import TEMPORARY, Flight, push, sync  # noqa: E402
 
 KILLED, MAKE, ROOT = sys.argv[1], sys.argv[2], pathlib.Path(sys.argv[3])
