@@ -20,8 +20,6 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr const char* kFormat = "nadir.catalogue/1";
-
 // A setting of GDAL for this thread, for as long as it lives.
 class Setting {
  public:
@@ -76,8 +74,16 @@ class CatalogueDatabase::Messages {
 
 void CatalogueDatabase::CloseDataset::operator()(GDALDataset* dataset) const { GDALClose(dataset); }
 
-CatalogueDatabase::CatalogueDatabase(const CatalogueLocation& location, Access access)
-    : location_(location), messages_(std::make_unique<Messages>()) {
+CatalogueLayout fleet_catalogue() {
+  return {.format = "nadir.catalogue/1",
+          .schema = "nadir",
+          .spatialite = catalogue_sql::spatialite,
+          .postgis = catalogue_sql::postgis,
+          .maker = "nadir catalogue add"};
+}
+
+CatalogueDatabase::CatalogueDatabase(const CatalogueLocation& location, Access access, CatalogueLayout layout)
+    : location_(location), layout_(std::move(layout)), messages_(std::make_unique<Messages>()) {
   GDALAllRegister();
   open(access);
   if (location_.kind == CatalogueLocation::Kind::postgres) {
@@ -110,7 +116,7 @@ void CatalogueDatabase::open(Access access) {
       if (access == Access::read) {
         throw UsageError({.what = "no such catalogue",
                           .where = location_.shown,
-                          .expected = "a file that `nadir catalogue add` made, or \"PG:dbname=… host=…\""});
+                          .expected = fmt::format("a file that `{}` made, or \"PG:dbname=… host=…\"", layout_.maker)});
       }
       make_file();
     } else if (!fs::is_regular_file(status)) {
@@ -139,8 +145,9 @@ void CatalogueDatabase::fail(std::string what) const {
 
 bool CatalogueDatabase::has_catalogue() {
   if (location_.kind == CatalogueLocation::Kind::postgres) {
-    return ask("SELECT 1 FROM information_schema.schemata WHERE schema_name = 'nadir'").has_value() &&
-           ask("SELECT 1 FROM pg_tables WHERE schemaname = 'nadir' AND tablename = 'catalogue'").has_value();
+    return ask(fmt::format("SELECT 1 FROM information_schema.schemata WHERE schema_name = '{}'", layout_.schema)) &&
+           ask(fmt::format("SELECT 1 FROM pg_tables WHERE schemaname = '{}' AND tablename = 'catalogue'",
+                           layout_.schema));
   }
   return ask("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'catalogue'").has_value();
 }
@@ -148,14 +155,15 @@ bool CatalogueDatabase::has_catalogue() {
 void CatalogueDatabase::check_format() {
   const bool there = has_catalogue();
   if (!there && !messages_->first().empty()) fail("the catalogue cannot be read");
-  const auto format = there ? ask("SELECT format FROM " + table_name("catalogue")) : std::nullopt;
+  const auto format = there ? ask("SELECT format FROM " + of("catalogue")) : std::nullopt;
   if (there && !format && !messages_->first().empty()) fail("the catalogue cannot be read");
-  if (format == kFormat) return;
-  throw UsageError({.what = "this is no catalogue of this version",
-                    .where = location_.shown,
-                    .expected = kFormat,
-                    .found = printable(format.value_or(there ? "a table without a format" : "no catalogue at all")),
-                    .fix = "`nadir catalogue add` makes one; it changes no database that holds something else"});
+  if (format == layout_.format) return;
+  throw UsageError(
+      {.what = "this is no catalogue of this version",
+       .where = location_.shown,
+       .expected = layout_.format,
+       .found = printable(format.value_or(there ? "a table without a format" : "no catalogue at all")),
+       .fix = fmt::format("`{}` makes one; it changes no database that holds something else", layout_.maker)});
 }
 
 // Filled under a hidden name and linked into place: two processes at once make one catalogue, whichever is first.
@@ -173,7 +181,7 @@ void CatalogueDatabase::make_file() const {
         driver == nullptr ? nullptr
                           : driver->Create(staging.c_str(), 0, 0, 0, GDT_Unknown, const_cast<char**>(options)));
     if (!made || made->StartTransaction() != OGRERR_NONE) fail("the catalogue cannot be made");
-    for (const std::string& statement : statements_of(catalogue_sql::spatialite)) {
+    for (const std::string& statement : statements_of(layout_.spatialite)) {
       if (OGRLayer* result = made->ExecuteSQL(statement.c_str(), nullptr, nullptr); result != nullptr) {
         const std::unique_ptr<OGRFeature> row(result->GetNextFeature());
         const bool done = row && row->GetFieldCount() > 0 && row->GetFieldAsInteger(0) == 1;
@@ -205,7 +213,7 @@ void CatalogueDatabase::make_schema() {
   ask(fmt::format("SELECT pg_advisory_xact_lock({})", kLock));
   if (!messages_->first().empty()) fail("the catalogue cannot be made");
   if (!has_catalogue()) {
-    for (const std::string& statement : statements_of(catalogue_sql::postgis)) {
+    for (const std::string& statement : statements_of(layout_.postgis)) {
       execute(statement, "making the catalogue's tables");
     }
   }
@@ -232,12 +240,12 @@ std::optional<std::string> CatalogueDatabase::ask(const std::string& sql) {
   return answer;
 }
 
-std::string CatalogueDatabase::table_name(const char* table) const {
-  return (location_.kind == CatalogueLocation::Kind::postgres ? "nadir." : "") + std::string(table);
+std::string CatalogueDatabase::of(const char* table) const {
+  return (location_.kind == CatalogueLocation::Kind::postgres ? layout_.schema + "." : "") + std::string(table);
 }
 
 OGRLayer& CatalogueDatabase::layer(const char* table) {
-  OGRLayer* found = dataset_->GetLayerByName(table_name(table).c_str());
+  OGRLayer* found = dataset_->GetLayerByName(of(table).c_str());
   if (found == nullptr) fail(fmt::format("the catalogue's table {} cannot be opened", table));
   return *found;
 }
@@ -254,8 +262,9 @@ void CatalogueDatabase::begin() {
     in_transaction_ = true;
     try {
       // The first statement takes the lock, before anything is read: what is read then stays true.
-      execute(postgres ? "LOCK TABLE nadir.catalogue IN EXCLUSIVE MODE" : "UPDATE catalogue SET format = format",
-              "asking to write");
+      execute(
+          postgres ? "LOCK TABLE " + of("catalogue") + " IN EXCLUSIVE MODE" : "UPDATE catalogue SET format = format",
+          "asking to write");
       return;
     } catch (const Error&) {
       const bool locked = !postgres && messages_->first().find("locked") != std::string::npos;
@@ -298,24 +307,30 @@ void CatalogueDatabase::finish_bulk(const char* table) {
 }
 
 void CatalogueDatabase::each(const char* table, const std::function<void(const CatalogueRow&)>& visit) {
+  select(fmt::format("SELECT * FROM {} ORDER BY id", of(table)), visit);
+}
+
+void CatalogueDatabase::select(const std::string& sql, const std::function<void(const CatalogueRow&)>& visit) {
   messages_->clear();
-  OGRLayer* rows =
-      dataset_->ExecuteSQL(fmt::format("SELECT * FROM {} ORDER BY id", table_name(table)).c_str(), nullptr, nullptr);
-  if (rows == nullptr) fail(fmt::format("the rows of {} cannot be read", table));
+  OGRLayer* rows = dataset_->ExecuteSQL(sql.c_str(), nullptr, nullptr);
+  if (rows == nullptr && !messages_->first().empty()) fail("the catalogue's rows cannot be read");
+  if (rows == nullptr) return;  // GDAL's way to say that there are none
   const auto release = [this](OGRLayer* result) { dataset_->ReleaseResultSet(result); };
   const std::unique_ptr<OGRLayer, decltype(release)> guard(rows, release);
   while (auto* feature = rows->GetNextFeature()) visit(CatalogueRow(std::unique_ptr<OGRFeature>(feature)));
-  if (!messages_->first().empty()) fail(fmt::format("the rows of {} cannot be read", table));
+  if (!messages_->first().empty()) fail("the catalogue's rows cannot be read");
 }
 
+void CatalogueDatabase::change(const std::string& sql, const char* doing) { execute(sql, doing); }
+
 std::int64_t CatalogueDatabase::count(const char* table, std::int64_t package_id) {
-  const auto answer = ask(fmt::format("SELECT count(*) FROM {} WHERE package_id = {}", table_name(table), package_id));
+  const auto answer = ask(fmt::format("SELECT count(*) FROM {} WHERE package_id = {}", of(table), package_id));
   if (!answer) fail(fmt::format("the rows of {} cannot be counted", table));
   return std::stoll(*answer);
 }
 
 void CatalogueDatabase::erase(const char* table, const char* column, std::int64_t value) {
-  execute(fmt::format("DELETE FROM {} WHERE {} = {}", table_name(table), column, value), "removing rows");
+  execute(fmt::format("DELETE FROM {} WHERE {} = {}", of(table), column, value), "removing rows");
 }
 
 }  // namespace nadir

@@ -47,13 +47,25 @@ class CatalogueRow {
   std::unique_ptr<OGRFeature> feature_;
 };
 
+// A kind of catalogue: its tables, and how it is told from others. Each has a table `catalogue` with its format.
+struct CatalogueLayout {
+  std::string format;           // "nadir.catalogue/1"
+  std::string schema;           // of the tables in PostgreSQL: letters, digits and _
+  std::string_view spatialite;  // the statements that make the tables
+  std::string_view postgis;
+  std::string maker;  // the command that makes one, for messages: "nadir catalogue add"
+};
+
+// Packages of a fleet: docs/formats/catalogue.md.
+CatalogueLayout fleet_catalogue();
+
 class CatalogueDatabase {
  public:
   enum class Access { read, write };
 
   // write: makes an empty catalogue where there is none (a file that appears whole, or a schema in one transaction).
-  // Throws Error when it cannot be reached, is no catalogue, or is one of another version.
-  CatalogueDatabase(const CatalogueLocation& location, Access access);
+  // Throws Error when it cannot be reached, is no catalogue, or is one of another kind or version.
+  CatalogueDatabase(const CatalogueLocation& location, Access access, CatalogueLayout layout = fleet_catalogue());
   ~CatalogueDatabase();
   CatalogueDatabase(const CatalogueDatabase&) = delete;
   CatalogueDatabase& operator=(const CatalogueDatabase&) = delete;
@@ -71,6 +83,12 @@ class CatalogueDatabase {
 
   // Visits the rows of a table, in the order of their ids.
   void each(const char* table, const std::function<void(const CatalogueRow&)>& visit);
+
+  // A statement in SQL that both databases speak, with each table's name as `of(TABLE)`. Nothing goes into it but
+  // constants of this program, whole numbers and digests in hexadecimal.
+  void change(const std::string& sql, const char* doing);
+  void select(const std::string& sql, const std::function<void(const CatalogueRow&)>& visit);
+  std::string of(const char* table) const;
   // Rows of this package.
   std::int64_t count(const char* table, std::int64_t package_id);
   void erase(const char* table, const char* column, std::int64_t value);
@@ -86,10 +104,10 @@ class CatalogueDatabase {
   void make_schema();
   void execute(const std::string& sql, const char* doing);
   std::optional<std::string> ask(const std::string& sql);
-  std::string table_name(const char* table) const;
   OGRLayer& layer(const char* table);
 
   CatalogueLocation location_;
+  CatalogueLayout layout_;
   std::unique_ptr<Messages> messages_;
   struct CloseDataset {
     void operator()(GDALDataset* dataset) const;
