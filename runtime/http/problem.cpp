@@ -11,15 +11,20 @@ const char* title_of(int status) {
   switch (status) {
     case 400: return "Bad request";
     case 401: return "Token wanted";
+    case 403: return "Not allowed";
     case 404: return "Not found";
     case 405: return "Method not allowed";
     case 409: return "Not possible in this state";
+    case 411: return "Length wanted";
     case 413: return "Body too large";
     case 415: return "Wrong media type";
     case 421: return "Wrong host";
     case 422: return "Refused";
+    case 429: return "Too many requests";
     case 431: return "Header too large";
+    case 460: return "Checksum mismatch";
     case 503: return "Not available";
+    case 507: return "Storage full";
     default: return "Failed";
   }
 }

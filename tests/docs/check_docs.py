@@ -38,23 +38,27 @@ def output_of(*args):
     return subprocess.run(args, capture_output=True, text=True, check=True).stdout
 
 
+# Programs with commands, and how the names of their commands' pages begin.
+PROGRAMS = {"nadir": "", "nadir-candidates": "candidates-"}
+
+
 def check_commands(root, programs):
-    nadir = str(programs / "nadir")
-    listed = output_of(nadir, "--help").split("Commands:\n")[1].split("\n\n")[0]
     index = (root / "docs/commands/index.md").read_text()
-    for line in listed.splitlines():
-        words = re.split(r"\s{2,}", line.strip())[0].split()
-        name = "-".join(words)
-        page = root / "docs" / "commands" / f"{name}.md"
-        if f"({name}.md)" not in index:
-            yield f"docs/commands/index.md does not list {name}.md"
-        if not page.exists():
-            yield f"docs/commands/{name}.md is missing"
-            continue
-        text = page.read_text()
-        for option in re.findall(r"^\s+(--[a-z-]+)", output_of(nadir, *words, "--help"), re.M):
-            if option not in text and option != "--quiet":
-                yield f"docs/commands/{name}.md does not mention {option}"
+    for program, prefix in PROGRAMS.items():
+        listed = output_of(programs / program, "--help").split("Commands:\n")[1].split("\n\n")[0]
+        for line in listed.splitlines():
+            words = re.split(r"\s{2,}", line.strip())[0].split()
+            name = prefix + "-".join(words)
+            page = root / "docs" / "commands" / f"{name}.md"
+            if f"({name}.md)" not in index:
+                yield f"docs/commands/index.md does not list {name}.md"
+            if not page.exists():
+                yield f"docs/commands/{name}.md is missing"
+                continue
+            text = page.read_text()
+            for option in re.findall(r"^\s+(--[a-z-]+)", output_of(programs / program, *words, "--help"), re.M):
+                if option not in text and option != "--quiet":
+                    yield f"docs/commands/{name}.md does not mention {option}"
 
 
 def check_examples(root, programs):

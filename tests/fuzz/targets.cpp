@@ -26,6 +26,7 @@ const std::vector<Target>& targets() {
                                        {"api_request", api_request},
                                        {"batch", batch},
                                        {"pack", pack},
+                                       {"upload_request", upload_request},
                                        {"mavlink", mavlink},
                                        {"mcap", mcap}};
   return all;

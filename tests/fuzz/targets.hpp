@@ -41,6 +41,8 @@ void mcap(std::string_view bytes);  // with the flight recorder's payloads
 void batch(std::string_view bytes);  // of uploaded tiles, and the packs that they come in
 void pack(std::string_view bytes);
 
+void upload_request(std::string_view bytes);  // to the candidate service
+
 void mavlink(std::string_view bytes);  // a stream from the autopilot
 
 struct Target {

@@ -8,12 +8,13 @@ import re
 import sys
 
 # Bottom to top: a layer may include itself and those before it.
-LAYERS = ["base", "geodesy", "imagery", "trust", "package", "vision", "estimation", "ortho", "recorder", "exchange", "sync", "ground", "simulation"]
+LAYERS = ["base", "geodesy", "imagery", "trust", "package", "vision", "estimation", "ortho", "recorder", "exchange", "sync", "ground", "candidates",
+          "simulation"]
 # The aircraft's program may not use these at all.
-PLANNER_ONLY = {"ground", "simulation", "sync"}
+PLANNER_ONLY = {"ground", "candidates", "simulation", "sync"}
 # Libraries that no header may include, and those that only the named layers may include at all.
 HEAVY_IN_HEADERS = re.compile(r"^(ceres/|gdal|ogr|cpl_|faiss/|CLI/|nlohmann/json\.hpp$|proj\.h$)")
-ONLY_IN = [(re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"ground", "simulation"}), (re.compile(r"^curl/"), {"sync"})]
+ONLY_IN = [(re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"ground", "candidates", "simulation"}), (re.compile(r"^curl/"), {"sync"})]
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]')
 
 

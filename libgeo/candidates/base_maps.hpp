@@ -1,0 +1,42 @@
+// The packages that flights may have flown with, for comparing their tiles with: folders that the operator names. Tiles
+// are read with the digests of the package's own sidecars; the package's signature is the operator's to have verified.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <span>
+
+#include "base/sha256.hpp"
+#include "geodesy/tile_key.hpp"
+
+namespace nadir {
+
+struct BaseTile {
+  cv::Mat grey;              // CV_8UC1, kTileSize square
+  std::int64_t ce90_mm = 0;  // of its placement
+};
+
+class BaseMaps {
+ public:
+  BaseMaps();
+  ~BaseMaps();
+  // Throws Error for a folder that is no package with imagery.
+  explicit BaseMaps(std::span<const std::filesystem::path> packages);
+  BaseMaps(BaseMaps&&) noexcept;
+
+  // Whether flights over this package may send candidates: any may where the operator names no packages.
+  bool takes(const Sha256& manifest) const { return packages_.empty() || packages_.contains(manifest); }
+  std::size_t count() const { return packages_.size(); }
+
+  // Whole tiles only. nullopt where the package is not known, or has no such tile. For any thread.
+  std::optional<BaseTile> tile(const Sha256& manifest, const TileKey& key) const;
+
+ private:
+  struct Package;
+  std::map<Sha256, std::unique_ptr<Package>> packages_;
+};
+
+}  // namespace nadir

@@ -1,0 +1,88 @@
+// The candidate service's memory: uploads, tiles, verdicts, votes and promotions, in a SpatiaLite file or in PostGIS
+// (CatalogueDatabase). Every change is one transaction and on the disk when the call returns.
+//
+// For one thread: the one that made it (catalogue_thread.hpp).
+#pragma once
+
+#include <functional>
+#include <set>
+#include <span>
+
+#include "candidates/catalogue_rows.hpp"
+#include "ground/catalogue_database.hpp"
+
+namespace nadir {
+
+class CandidateCatalogue {
+ public:
+  using Access = CatalogueDatabase::Access;
+
+  // write: makes an empty one where there is none. Throws Error.
+  CandidateCatalogue(const CatalogueLocation& location, Access access);
+
+  std::optional<UploadRow> upload_of_batch(const Sha256& batch_key);
+  std::optional<UploadRow> upload(std::int64_t id);
+  std::optional<UploadRow> upload_named(const std::string& name);  // name: hexadecimal digits, nothing else
+  std::vector<UploadRow> uploads_in(UploadState state);
+
+  // Opens an upload; refusals has one entry for each of the batch's tiles. Returns its id. Where the same batch was
+  // announced a moment ago by another call, that one's.
+  std::int64_t open_upload(const UploadRow& upload, const Batch& batch,
+                           std::span<const std::optional<Refusal>> refusals, std::int64_t now_ms);
+  void set_state(std::int64_t upload, UploadState state);
+  void set_expiry(std::int64_t upload, std::int64_t expires_ms);
+  // With its tiles and their verdicts. Returns the packs that nobody needs any more.
+  std::vector<Sha256> forget_upload(std::int64_t upload);
+
+  // In the batch's order.
+  enum class Detail { verdicts, sidecars };
+  std::vector<TileRow> tiles_of(std::int64_t upload, Detail detail);
+  // Those whose bytes are there and that have no verdict, with their sidecars.
+  std::vector<TileRow> tiles_to_judge(std::int64_t upload, std::size_t limit);
+
+  // A pack that is stored: from now on its tiles are there.
+  struct PackedTile {
+    Sha256 sha256;
+    std::uint64_t start = 0, bytes = 0;
+  };
+  void add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes, std::span<const PackedTile> tiles);
+  std::optional<std::uint64_t> pack_size(std::int64_t upload, const Sha256& pack);
+  // Packs of the upload in which no tile is accepted or waits. Their tiles are forgotten; the files are the caller's.
+  std::vector<Sha256> forget_dead_packs(std::int64_t upload);
+  std::set<Sha256> packs();
+
+  // Asks decide() about one tile after the other, in one transaction: it changes the verdict, knowing what was accepted
+  // before, also of those in front of it.
+  struct Question {
+    TileVerdict verdict;  // as far as the tile alone tells
+    CandidateSidecar sidecar;
+  };
+  struct Rivals {
+    bool same_bytes = false;                     // this very digest was accepted
+    std::optional<std::int64_t> of_flight_mm{};  // badness of the flight's best tile at this address
+  };
+  using Decide = std::function<void(TileVerdict& verdict, const CandidateSidecar& sidecar, const Rivals& rivals)>;
+  void judge(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide);
+
+  Usage usage_of(const std::string& airframe, std::int64_t since_ms);
+
+  // Addresses with accepted tiles that have not been voted on; what is needed to vote, and what came of it.
+  std::vector<Ballot> ballots(std::size_t limit);
+  void close(std::span<const Ballot> ballots, std::span<const Outcome> outcomes);
+
+  void each_promoted(const std::function<void(const PromotedTile&)>& visit);  // in the order of TileKey
+  CatalogueCounts counts();
+  void probe();  // throws Error when the database does not answer
+
+ private:
+  std::optional<UploadRow> find_upload(const std::string& where);
+  void add_verdicts(std::span<const TileVerdict> verdicts, std::int64_t now_ms);
+  std::vector<TileRow> select_tiles(const std::string& where_and_order, Detail detail);
+  std::vector<Sha256> drop_dead_packs(std::int64_t upload);
+  void promote(const Promotion& promotion);
+  std::int64_t number(const std::string& sql);
+
+  CatalogueDatabase database_;
+};
+
+}  // namespace nadir

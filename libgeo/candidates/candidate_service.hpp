@@ -1,0 +1,87 @@
+// The candidate service without its HTTP: takes batches and packs, judges tiles, lets flights vote, and remembers all
+// of it. For any number of threads.
+//
+// What a caller was told is on the disk. A process that is killed goes on where it was: recover() takes up what was
+// begun, and every call may be repeated.
+#pragma once
+
+#include <filesystem>
+#include <mutex>
+#include <set>
+
+#include "base/time.hpp"
+#include "candidates/base_maps.hpp"
+#include "candidates/candidate_rules.hpp"
+#include "candidates/catalogue_thread.hpp"
+#include "candidates/incoming_packs.hpp"
+#include "candidates/pack_store.hpp"
+#include "candidates/service_result.hpp"
+#include "candidates/trust_file.hpp"
+
+namespace nadir {
+
+struct CandidateServiceOptions {
+  std::filesystem::path data;  // packs/ and incoming/
+  CatalogueLocation catalogue;
+  std::filesystem::path trust;
+  std::vector<std::filesystem::path> packages;
+  CandidateRules rules{};
+  std::uint64_t part_max = std::uint64_t{1} << 20;
+  std::uint64_t keep_free_bytes = std::uint64_t{1} << 30;  // of the disk; below it nothing is taken
+  std::size_t packs_at_once = 4;                           // unfinished ones of an upload
+  std::int64_t upload_life_ms =
+      std::int64_t{7} * 24 * 3600 * 1000;  // until an upload that is not complete is forgotten
+};
+
+class CandidateService {
+ public:
+  // clock: must outlive this. Throws Error.
+  CandidateService(CandidateServiceOptions options, const Clock& clock);
+
+  // After a start, before anything else: packs that have come whole are taken in, what nobody refers to is removed.
+  void recover();
+
+  Answer<Announcement> announce(const ServiceClient& client, const std::string& key, const std::string& body);
+  Answer<PackOffset> offset(const ServiceClient& client, const std::string& upload, const Sha256& pack);
+  // The offset after it.
+  Answer<PackOffset> append(const ServiceClient& client, const std::string& upload, const Sha256& pack,
+                            const PartHeader& header, ByteView part);
+  // judge: set to the upload that must be judged now, by judge_some().
+  Answer<Completion> complete(const ServiceClient& client, const std::string& upload,
+                              std::optional<std::int64_t>& judge);
+  Answer<UploadStatus> status(const ServiceClient& client, const std::string& upload);
+
+  // Uploads that wait for verdicts, with their clients' names.
+  std::vector<std::pair<std::string, std::int64_t>> to_judge();
+
+  // A bounded piece of work each; true: there is more.
+  bool judge_some(std::int64_t upload);
+  bool vote_some();
+  void forget_expired();
+
+  CatalogueCounts counts();
+  ServiceTrouble trouble();
+  const CandidateServiceOptions& options() const { return options_; }
+
+ private:
+  friend class BusyPack;
+  std::variant<UploadRow, Denial> find(const ServiceClient& client, const std::string& upload);
+  Announcement announcement_of(const UploadRow& upload, bool opened);
+  std::vector<std::optional<Refusal>> refusals_of(const SignedBatch& batch, UtcTime now);
+  std::optional<Denial> take_in(const UploadRow& upload, const IncomingPack& pack);
+  std::optional<Denial> no_room(std::uint64_t bytes) const;
+  TileVerdict look_at(const TileRow& tile, const CandidateSidecar& sidecar);
+  Vote compare(const Voter& one, const Voter& other);
+
+  CandidateServiceOptions options_;
+  const Clock& clock_;
+  PackStore packs_;
+  IncomingPacks incoming_;
+  TrustFile trust_;
+  BaseMaps maps_;
+  std::mutex mutex_;
+  std::set<std::pair<std::string, Sha256>> busy_;  // packs that a call writes now
+  CatalogueThread catalogue_;
+};
+
+}  // namespace nadir

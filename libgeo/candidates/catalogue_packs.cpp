@@ -1,0 +1,80 @@
+// The catalogue's packs and blobs: which bytes are there, and where.
+#include <fmt/format.h>
+
+#include "base/error.hpp"
+#include "candidates/candidate_catalogue.hpp"
+#include "candidates/catalogue_transaction.hpp"
+
+namespace nadir {
+
+using Insert = CatalogueDatabase::Insert;
+
+void CandidateCatalogue::add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes,
+                                  std::span<const PackedTile> tiles) {
+  CatalogueTransaction transaction(database_);
+  if (pack_size(upload, pack)) return;
+  std::string digests;
+  for (const PackedTile& tile : tiles) digests += fmt::format("{}'{}'", digests.empty() ? "" : ",", tile.sha256.hex());
+  std::set<std::string> there;  // another upload has brought the same tile
+  database_.select(fmt::format("SELECT sha256 FROM {} WHERE sha256 IN ({})", database_.of("blobs"), digests),
+                   [&there](const CatalogueRow& row) { there.insert(row.text("sha256")); });
+  CatalogueRow row = database_.new_row("packs");
+  row.set("upload", upload).set("sha256", pack.hex()).set("bytes", static_cast<std::int64_t>(bytes));
+  database_.insert("packs", row, Insert::one);
+  for (const PackedTile& tile : tiles) {
+    if (!there.insert(tile.sha256.hex()).second) continue;
+    CatalogueRow blob = database_.new_row("blobs");
+    blob.set("sha256", tile.sha256.hex())
+        .set("pack", pack.hex())
+        .set("start", static_cast<std::int64_t>(tile.start))
+        .set("bytes", static_cast<std::int64_t>(tile.bytes));
+    database_.insert("blobs", blob, Insert::bulk);
+  }
+  database_.finish_bulk("blobs");
+  transaction.commit();
+}
+
+std::optional<std::uint64_t> CandidateCatalogue::pack_size(std::int64_t upload, const Sha256& pack) {
+  std::optional<std::uint64_t> size;
+  database_.select(fmt::format("SELECT bytes FROM {} WHERE upload = {} AND sha256 = '{}'", database_.of("packs"),
+                               upload, pack.hex()),
+                   [&size](const CatalogueRow& row) { size = static_cast<std::uint64_t>(row.integer("bytes")); });
+  return size;
+}
+
+std::vector<Sha256> CandidateCatalogue::forget_dead_packs(std::int64_t upload) {
+  CatalogueTransaction transaction(database_);
+  std::vector<Sha256> packs = drop_dead_packs(upload);
+  transaction.commit();
+  return packs;
+}
+
+std::vector<Sha256> CandidateCatalogue::drop_dead_packs(std::int64_t upload) {
+  // A pack lives while a tile with one of its digests is accepted or waits for its verdict.
+  const std::string dead = fmt::format(
+      "SELECT DISTINCT p.sha256 AS sha256 FROM {0} p JOIN {1} any_b ON any_b.pack = p.sha256 WHERE p.upload = {2} AND "
+      "NOT "
+      "EXISTS (SELECT 1 FROM {1} b JOIN {3} t ON t.sha256 = b.sha256 LEFT JOIN {4} v ON v.tile = t.id "
+      "WHERE b.pack = p.sha256 AND (v.verdict IS NULL OR v.verdict = 0))",
+      database_.of("packs"), database_.of("blobs"), upload, database_.of("tiles"), database_.of("verdicts"));
+  std::vector<Sha256> packs;
+  database_.select(dead, [&packs](const CatalogueRow& row) {
+    if (const auto pack = Sha256::from_hex(row.text("sha256"))) packs.push_back(*pack);
+  });
+  for (const Sha256& pack : packs) {
+    database_.change(fmt::format("DELETE FROM {} WHERE pack = '{}'", database_.of("blobs"), pack.hex()),
+                     "forgetting a pack");
+  }
+  return packs;
+}
+
+std::set<Sha256> CandidateCatalogue::packs() {
+  std::set<Sha256> packs;
+  database_.select(fmt::format("SELECT DISTINCT pack FROM {}", database_.of("blobs")),
+                   [&packs](const CatalogueRow& row) {
+                     if (const auto pack = Sha256::from_hex(row.text("pack"))) packs.insert(*pack);
+                   });
+  return packs;
+}
+
+}  // namespace nadir

@@ -1,0 +1,133 @@
+// What the candidate service's catalogue holds, as values. docs/formats/candidate-service.md describes the tables.
+// Times are milliseconds since 1970 (UTC); lengths are in the units of their names.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/sha256.hpp"
+#include "exchange/batch.hpp"
+#include "exchange/reason_code.hpp"
+#include "ortho/candidate_store.hpp"
+
+namespace nadir {
+
+// open: packs may come; judging: its tiles wait for verdicts; judged: all have one.
+enum class UploadState { open = 0, judging = 1, judged = 2 };
+
+struct UploadRow {
+  std::int64_t id = 0;
+  std::string name;  // the upload_id of the contract
+  Sha256 batch_key;  // of client and batch: what makes announcing idempotent
+  std::string batch;
+  Sha256 body_sha256;
+  std::string client;
+  std::string airframe;
+  std::string flight;
+  Sha256 base_package;
+  std::int64_t opened_ms = 0;
+  std::int64_t expires_ms = 0;
+  UploadState state = UploadState::open;
+  std::int64_t tiles = 0, bytes = 0;  // that were not refused at once
+};
+
+enum class Verdict { accepted = 0, rejected = 1, duplicate = 2 };
+
+struct Refusal {
+  ReasonCode code = ReasonCode::policy;
+  std::string detail;
+};
+
+// What the service itself saw in a tile's picture.
+struct OwnMeasures {
+  std::int64_t contrast_ppm = 0;
+  std::int64_t sharpness_ppm = 0;
+  std::optional<std::int64_t> base_shift_mm{};  // against the base package, where the two can be compared
+  std::optional<std::int64_t> correlation_ppm{};
+};
+
+struct TileVerdict {
+  std::int64_t tile = 0;
+  Verdict verdict = Verdict::accepted;
+  std::optional<Refusal> refusal{};
+  std::string detail{};
+  std::optional<OwnMeasures> measures{};
+};
+
+// Where the bytes of a digest lie.
+struct BlobPlace {
+  Sha256 pack;
+  std::uint64_t start = 0;
+  std::uint64_t bytes = 0;
+};
+
+struct TileRow {
+  std::int64_t id = 0;
+  std::int64_t place = 0;  // in its batch
+  std::uint64_t size = 0;  // as announced, bytes
+  Sha256 sha256;
+  std::string sidecar;              // canonical; left empty where only the verdict is asked for
+  std::optional<BlobPlace> blob{};  // none: the bytes have not come
+  std::optional<Verdict> verdict{};
+  std::optional<ReasonCode> code{};
+  std::string detail{};
+};
+
+// A tile that was accepted, as votes look at it.
+struct Voter {
+  std::int64_t tile = 0;
+  CandidateSidecar sidecar;
+  BlobPlace blob;
+};
+
+struct Vote {
+  std::int64_t tile = 0, other = 0;  // the smaller id first
+  std::int64_t shift_mm = 0;
+  std::int64_t allowed_mm = 0;
+  std::int64_t correlation_ppm = 0;
+  bool agrees = false;
+};
+
+struct Promotion {
+  std::int64_t tile = 0;
+  TileKey key;
+  std::int64_t decided_ms = 0;
+  std::int64_t flights = 0;
+  std::string evidence;  // JSON: which tiles of which flights agreed, and how well
+};
+
+// The accepted tiles of one address, how those compared that were compared before, and which is promoted.
+struct Ballot {
+  TileKey key;
+  std::vector<Voter> voters{};
+  std::vector<Vote> votes{};
+  std::optional<std::int64_t> promoted{};
+};
+
+struct Outcome {
+  std::vector<Vote> new_votes;
+  std::optional<Promotion> promotion;  // of another tile than before
+};
+
+struct PromotedTile {
+  Promotion promotion;
+  CandidateSidecar sidecar;
+  BlobPlace blob;
+};
+
+struct CatalogueCounts {
+  std::int64_t uploads = 0, open = 0, judging = 0;
+  std::int64_t tiles = 0, accepted = 0, rejected = 0, duplicate = 0;
+  std::int64_t to_vote = 0, promoted = 0;
+  std::vector<std::pair<std::string, std::int64_t>> rejected_by;  // code, tiles
+};
+
+// What an airframe has announced since some time.
+struct Usage {
+  std::int64_t tiles = 0;
+  std::int64_t bytes = 0;
+};
+
+}  // namespace nadir

@@ -1,0 +1,39 @@
+// Where the service keeps the bytes of tiles: whole packs, named by their SHA-256, in folders by its first two digits.
+// What has a name is complete, has that digest and is on the disk; nothing is ever changed, only removed. Which tile
+// lies where in which pack is the catalogue's to know.
+//
+// One file for hundreds of tiles, because a file that must survive a power cut costs milliseconds, whatever its size.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "base/bytes.hpp"
+#include "base/sha256.hpp"
+#include "candidates/catalogue_rows.hpp"
+
+namespace nadir {
+
+class PackStore {
+ public:
+  // Makes the folder where it is missing. Throws Error.
+  explicit PackStore(std::filesystem::path folder);
+
+  // Takes over a file that has this digest and is on the disk already; the file keeps its own name as well. On the disk
+  // when it returns. The same pack twice is no error.
+  void adopt(const std::filesystem::path& file, const Sha256& pack);
+
+  // Throws Error when the bytes are not there or do not have this digest.
+  Bytes read(const BlobPlace& place, const Sha256& sha256) const;
+
+  void remove(const Sha256& pack);
+  std::vector<Sha256> packs() const;
+  std::uint64_t free_bytes() const;
+
+ private:
+  std::filesystem::path path_of(const Sha256& pack) const;
+
+  std::filesystem::path folder_;
+};
+
+}  // namespace nadir

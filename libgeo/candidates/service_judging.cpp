@@ -1,0 +1,161 @@
+// The candidate service's judgement: verdicts on tiles, votes between flights.
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "base/error.hpp"
+#include "candidates/agreement.hpp"
+#include "candidates/candidate_service.hpp"
+#include "candidates/tile_picture_check.hpp"
+#include "candidates/vote.hpp"
+#include "geodesy/web_mercator.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::size_t kTilesAtOnce = 128;  // other callers come in between
+constexpr double kCe90OfSigma = 2.146;
+
+double pixel_mm(const TileKey& key) {
+  const LonLatBox box = bounds_of(key);
+  return ground_resolution_m(key.z, (box.south_deg + box.north_deg) / 2) * 1000;
+}
+
+}  // namespace
+
+Answer<Completion> CandidateService::complete(const ServiceClient& client, const std::string& name,
+                                              std::optional<std::int64_t>& judge) {
+  auto found = find(client, name);
+  if (auto* denial = std::get_if<Denial>(&found)) return *denial;
+  const auto& upload = std::get<UploadRow>(found);
+  for (const IncomingPack& pack : incoming_.of(name)) {
+    if (pack.whole()) offset(client, name, pack.sha256);  // takes it in
+  }
+  const std::vector<TileRow> tiles = catalogue_.call([&upload](CandidateCatalogue& catalogue) {
+    return catalogue.tiles_of(upload.id, CandidateCatalogue::Detail::verdicts);
+  });
+  Completion completion{.upload = name};
+  Denial missing{.kind = Denial::Kind::incomplete, .detail = {}};
+  for (const TileRow& tile : tiles) {
+    if (tile.verdict) continue;
+    ++completion.pending;
+    if (!tile.blob) missing.missing.push_back(tile.sha256);
+  }
+  if (!missing.missing.empty()) {
+    missing.detail = fmt::format("tiles are missing: {}", missing.missing.size());
+    return missing;
+  }
+  if (upload.state == UploadState::open) {
+    catalogue_.call([&upload](CandidateCatalogue& catalogue) { catalogue.set_state(upload.id, UploadState::judging); });
+    incoming_.remove_all_of(name);
+    judge = upload.id;
+  }
+  return completion;
+}
+
+// By the tile alone: its bytes, its picture, and the map that its flight was anchored to.
+TileVerdict CandidateService::look_at(const TileRow& tile, const CandidateSidecar& sidecar) {
+  TileVerdict verdict{.tile = tile.id};
+  const auto rejected = [&verdict](Refusal refusal) {
+    verdict.verdict = Verdict::rejected;
+    verdict.refusal = std::move(refusal);
+    return verdict;
+  };
+  if (tile.blob->bytes != sidecar.size) {
+    return rejected({.code = ReasonCode::hash_mismatch, .detail = "the bytes that are there have another size"});
+  }
+  const auto read = read_candidate_picture(packs_.read(*tile.blob, sidecar.sha256), sidecar);
+  if (const auto* refusal = std::get_if<Refusal>(&read)) return rejected(*refusal);
+  const auto& picture = std::get<cv::Mat>(read);
+  const PictureFigures figures = picture_figures(picture);
+  verdict.measures = OwnMeasures{.contrast_ppm = figures.contrast_ppm, .sharpness_ppm = figures.sharpness_ppm};
+  if (const auto refusal = judge_figures(figures, options_.rules)) return rejected(*refusal);
+
+  const auto base = maps_.tile(sidecar.base_package, sidecar.key);
+  if (!base) return verdict;
+  const Agreement agreement = compare_pictures(picture, base->grey);
+  const auto shift_mm = std::llround(agreement.shift_px * pixel_mm(sidecar.key));
+  verdict.measures->base_shift_mm = shift_mm;
+  verdict.measures->correlation_ppm = std::llround(agreement.correlation * 1e6);
+  if (*verdict.measures->correlation_ppm < options_.rules.min_correlation_ppm)
+    return verdict;  // the ground may have changed
+  const std::int64_t allowed_mm = allowed_shift_mm(static_cast<double>(sidecar.pose.sigma_mm),
+                                                   static_cast<double>(base->ce90_mm) / kCe90OfSigma, options_.rules);
+  if (shift_mm > allowed_mm) {
+    return rejected({.code = ReasonCode::misaligned,
+                     .detail = fmt::format("{} mm beside the base package's map; at most {}", shift_mm, allowed_mm)});
+  }
+  return verdict;
+}
+
+std::vector<std::pair<std::string, std::int64_t>> CandidateService::to_judge() {
+  std::vector<std::pair<std::string, std::int64_t>> list;
+  for (const UploadRow& upload :
+       catalogue_.call([](CandidateCatalogue& catalogue) { return catalogue.uploads_in(UploadState::judging); })) {
+    list.emplace_back(upload.client, upload.id);
+  }
+  return list;
+}
+
+bool CandidateService::judge_some(std::int64_t id) {
+  const std::vector<TileRow> tiles =
+      catalogue_.call([id](CandidateCatalogue& catalogue) { return catalogue.tiles_to_judge(id, kTilesAtOnce); });
+  std::vector<CandidateCatalogue::Question> questions;
+  for (const TileRow& tile : tiles) {
+    const CandidateSidecar sidecar = parse_candidate(tile.sidecar, "the catalogue's sidecar");
+    questions.push_back({.verdict = look_at(tile, sidecar), .sidecar = sidecar});
+  }
+  const bool done = tiles.size() < kTilesAtOnce;
+  const std::int64_t now_ms = clock_.now().unix_s * 1000;
+  const auto dead = catalogue_.call([&](CandidateCatalogue& catalogue) {
+    catalogue.judge(
+        std::move(questions), now_ms,
+        [](TileVerdict& verdict, const CandidateSidecar& sidecar, const CandidateCatalogue::Rivals& rivals) {
+          if (verdict.verdict != Verdict::accepted) return;
+          if (rivals.same_bytes) {
+            verdict.verdict = Verdict::duplicate;
+            verdict.detail = "this very tile was accepted before";
+          } else if (rivals.of_flight_mm && static_cast<double>(*rivals.of_flight_mm) <= badness_mm(sidecar)) {
+            verdict.verdict = Verdict::rejected;
+            verdict.refusal = Refusal{.code = ReasonCode::better_tile_exists,
+                                      .detail = "this flight has sent a better one of this place"};
+          }
+        });
+    if (!done) return std::vector<Sha256>();
+    catalogue.set_state(id, UploadState::judged);
+    return catalogue.forget_dead_packs(id);
+  });
+  for (const Sha256& pack : dead) packs_.remove(pack);
+  return !done;
+}
+
+Vote CandidateService::compare(const Voter& one, const Voter& other) {
+  const auto picture = [this](const Voter& voter) {
+    return read_candidate_picture(packs_.read(voter.blob, voter.sidecar.sha256), voter.sidecar);
+  };
+  Vote vote{.allowed_mm = allowed_shift_mm(static_cast<double>(one.sidecar.pose.sigma_mm),
+                                           static_cast<double>(other.sidecar.pose.sigma_mm), options_.rules)};
+  const auto first = picture(one), second = picture(other);
+  if (!std::holds_alternative<cv::Mat>(first) || !std::holds_alternative<cv::Mat>(second)) return vote;
+  const Agreement agreement = compare_pictures(std::get<cv::Mat>(first), std::get<cv::Mat>(second));
+  vote.shift_mm = std::llround(agreement.shift_px * pixel_mm(one.sidecar.key));
+  vote.correlation_ppm = std::llround(agreement.correlation * 1e6);
+  vote.agrees = vote.correlation_ppm >= options_.rules.min_correlation_ppm && vote.shift_mm <= vote.allowed_mm;
+  return vote;
+}
+
+bool CandidateService::vote_some() {
+  const std::vector<Ballot> ballots =
+      catalogue_.call([](CandidateCatalogue& catalogue) { return catalogue.ballots(kTilesAtOnce); });
+  if (ballots.empty()) return false;
+  const std::int64_t now_ms = clock_.now().unix_s * 1000;
+  std::vector<Outcome> outcomes;
+  for (const Ballot& ballot : ballots) {
+    outcomes.push_back(decide(
+        ballot, [this](const Voter& one, const Voter& other) { return compare(one, other); }, now_ms, options_.rules));
+  }
+  catalogue_.call([&](CandidateCatalogue& catalogue) { catalogue.close(ballots, outcomes); });
+  return true;
+}
+
+}  // namespace nadir

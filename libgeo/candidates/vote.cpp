@@ -1,0 +1,125 @@
+#include "candidates/vote.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace nadir {
+namespace {
+
+std::int64_t day_of(const CandidateSidecar& sidecar) {
+  constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
+  return sidecar.captured_at.unix_ms / kDay_ms;
+}
+
+// The best tile of each flight, newest first.
+std::vector<const Voter*> voices_of(const Ballot& ballot) {
+  std::vector<const Voter*> voices;
+  for (const Voter& voter : ballot.voters) {
+    const auto same = std::find_if(voices.begin(), voices.end(), [&voter](const Voter* other) {
+      return other->sidecar.airframe == voter.sidecar.airframe && other->sidecar.flight == voter.sidecar.flight;
+    });
+    if (same == voices.end()) {
+      voices.push_back(&voter);
+    } else if (badness_mm(voter.sidecar) < badness_mm((*same)->sidecar)) {
+      *same = &voter;
+    }
+  }
+  std::sort(voices.begin(), voices.end(), [](const Voter* a, const Voter* b) {
+    if (a->sidecar.captured_at != b->sidecar.captured_at) return a->sidecar.captured_at > b->sidecar.captured_at;
+    return a->tile < b->tile;
+  });
+  if (voices.size() > kMaxVoices) voices.resize(kMaxVoices);
+  return voices;
+}
+
+// Votes that were taken before, and those that are taken now.
+class Votes {
+ public:
+  Votes(const Ballot& ballot, const ComparePictures& compare, std::vector<Vote>& taken)
+      : known_(ballot.votes), compare_(compare), taken_(taken) {}
+
+  const Vote& between(const Voter& a, const Voter& b) {
+    const Voter &one = a.tile < b.tile ? a : b, &other = a.tile < b.tile ? b : a;
+    const auto found = std::find_if(known_.begin(), known_.end(), [&](const Vote& vote) {
+      return vote.tile == one.tile && vote.other == other.tile;
+    });
+    if (found != known_.end()) return *found;
+    Vote vote = compare_(one, other);
+    vote.tile = one.tile, vote.other = other.tile;
+    taken_.push_back(vote);
+    return known_.emplace_back(vote);
+  }
+
+ private:
+  std::vector<Vote> known_;
+  const ComparePictures& compare_;
+  std::vector<Vote>& taken_;
+};
+
+// A flight that agrees with all others of the group, each independent of each; the first is the newest.
+std::vector<const Voter*> group_around(std::size_t first, std::span<const Voter* const> voices, Votes& votes,
+                                       const CandidateRules& rules) {
+  std::vector<const Voter*> group{voices[first]};
+  for (std::size_t i = first + 1; i < voices.size(); ++i) {
+    const bool fits = std::all_of(group.begin(), group.end(), [&](const Voter* member) {
+      return independent(member->sidecar, voices[i]->sidecar, rules) && votes.between(*member, *voices[i]).agrees;
+    });
+    if (fits) group.push_back(voices[i]);
+  }
+  return group;
+}
+
+std::string evidence_of(const Voter& promoted, std::span<const Voter* const> group, Votes& votes,
+                        const CandidateRules& rules) {
+  nlohmann::json evidence{{"needed", rules.flights_to_promote}, {"flights", nlohmann::json::array()}};
+  for (const Voter* voter : group) {
+    nlohmann::json flight{{"airframe", voter->sidecar.airframe},
+                          {"flight", voter->sidecar.flight},
+                          {"sha256", voter->sidecar.sha256.hex()},
+                          {"captured_at", to_rfc3339(voter->sidecar.captured_at)}};
+    if (voter != &promoted) {
+      const Vote& vote = votes.between(promoted, *voter);
+      flight["shift_mm"] = vote.shift_mm;
+      flight["allowed_mm"] = vote.allowed_mm;
+      flight["correlation_ppm"] = vote.correlation_ppm;
+    }
+    evidence["flights"].push_back(std::move(flight));
+  }
+  return evidence.dump();
+}
+
+}  // namespace
+
+bool independent(const CandidateSidecar& one, const CandidateSidecar& other, const CandidateRules& rules) {
+  if (one.airframe != other.airframe) return true;
+  return !rules.airframes_differ && one.flight != other.flight && day_of(one) != day_of(other);
+}
+
+std::int64_t allowed_shift_mm(double sigma_one_mm, double sigma_other_mm, const CandidateRules& rules) {
+  return std::max(rules.floor_mm, static_cast<std::int64_t>(rules.sigmas * std::hypot(sigma_one_mm, sigma_other_mm)));
+}
+
+Outcome decide(const Ballot& ballot, const ComparePictures& compare, std::int64_t now_ms, const CandidateRules& rules) {
+  Outcome outcome;
+  const std::vector<const Voter*> voices = voices_of(ballot);
+  Votes votes(ballot, compare, outcome.new_votes);
+  for (std::size_t first = 0; first < voices.size(); ++first) {
+    const std::vector<const Voter*> group = group_around(first, voices, votes, rules);
+    if (std::ssize(group) < rules.flights_to_promote) continue;
+    const Voter& best = **std::min_element(group.begin(), group.end(), [](const Voter* a, const Voter* b) {
+      return badness_mm(a->sidecar) < badness_mm(b->sidecar);
+    });
+    if (ballot.promoted != best.tile) {
+      outcome.promotion = {.tile = best.tile,
+                           .key = ballot.key,
+                           .decided_ms = now_ms,
+                           .flights = std::ssize(group),
+                           .evidence = evidence_of(best, group, votes, rules)};
+    }
+    break;
+  }
+  return outcome;
+}
+
+}  // namespace nadir

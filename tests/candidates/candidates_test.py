@@ -1,0 +1,217 @@
+#!/usr/bin/env python3
+"""nadir-candidates from outside: killed at any moment, in both catalogues, and what it promotes becomes the next map.
+
+usage: candidates_test.py NADIR NADIR_CANDIDATES MAKE_FLIGHTS [postgis]
+With postgis everything goes into a real server, which this test starts; exit code 77 where there is none.
+"""
+import http.client
+import json
+import os
+import pathlib
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "support")]
+from ground_station import Service, Station, flights_in, settled  # noqa: E402
+
+NADIR, PROGRAM, MAKE = sys.argv[1:4]
+POSTGIS = "postgis" in sys.argv[4:]
+if POSTGIS:
+    from postgres import Server
+
+TILES = 60
+# In memory where there is such a place: the service syncs with every answer, and kills do not need a disk.
+TEMPORARY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+MISSION = """schema: nadir.mission/1
+id: circle
+series: circle
+sequence: 1
+created: {created}
+expires: 2035-01-01T00:00:00Z
+takeoff: {{lon_deg: {lon}, lat_deg: {lat}}}
+terrain: {{mode: flat}}
+zoom: {{min: 17, max: 18}}
+min_resolution_m: 1.0
+budget_mb: 50
+freshness_days: {{stable: 730, active: 400}}
+airframes: [mini-01]
+sectors:
+  - {{id: field, class: stable, polygon: [[{w}, {s}], [{e}, {s}], [{e}, {n}], [{w}, {n}], [{w}, {s}]]}}
+route: {{corridor_half_width_m: 20, agl_m: 100, points: [[{lon}, {lat}], [{e2}, {lat}]]}}
+"""
+
+
+class Candidates(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.made = pathlib.Path(tempfile.mkdtemp(prefix="nadir-flights.", dir=TEMPORARY))
+        cls.addClassCleanup(shutil.rmtree, cls.made, True)
+        subprocess.run([MAKE, cls.made, "2", str(TILES)], check=True)
+        if POSTGIS:
+            cls.server = Server()
+            cls.addClassCleanup(cls.server.remove)
+            cls.server.start()
+
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="nadir-candidates.", dir=TEMPORARY))
+        self.addCleanup(shutil.rmtree, self.folder, True)
+        self.data = self.folder / "data"
+        self.where, self.env = [], None
+        if POSTGIS:
+            name = "db" + self.id().rsplit(".", 1)[-1].lower()
+            self.server.psql("postgres", f"CREATE DATABASE {name}")
+            self.server.psql(name, "CREATE EXTENSION postgis")
+            self.database = name
+            self.where, self.env = ["--catalogue", f"PG:dbname={name}"], self.server.env
+        self.service = Service(PROGRAM, self.made, self.data, *self.where, env=self.env)
+        self.addCleanup(self.service.stop)
+        self.station = Station(self.service, self.made)
+        self.addCleanup(lambda: self.station.close())
+
+    def settled(self):
+        return settled(PROGRAM, self.data, *self.where, env=self.env)
+
+    def test_flights_become_the_next_map(self):
+        self.service.start()
+        for flight in flights_in(self.made):
+            status = self.station.judged(self.station.upload(flight))
+            self.assertEqual({"accepted"}, {tile["verdict"] for tile in status["tiles"]}, status)
+        found = self.settled()
+        self.assertEqual(TILES, found["tiles"]["promoted"], found)
+        self.assertEqual(0, self.service.stop())
+        # The circle: promoted tiles are imagery for the next package as they are.
+        out = self.folder / "promoted"
+        result = subprocess.run([PROGRAM, "export", "--data", self.data, "--out", out, "--json", *self.where], env=self.env,
+                                capture_output=True, text=True)
+        self.assertEqual(0, result.returncode, result.stderr)
+        images = json.loads(result.stdout)["images"]
+        self.assertEqual(TILES, sum(image["tiles"] for image in images))
+        for image in images:
+            info = json.loads(subprocess.run(["gdalinfo", "-json", image["file"]], capture_output=True, check=True).stdout)
+            self.assertEqual("COG", info["metadata"]["IMAGE_STRUCTURE"]["LAYOUT"])
+            item = json.loads(pathlib.Path(image["file"]).with_suffix(".json").read_text())
+            self.assertEqual("Feature", item["type"])
+            self.assertAlmostEqual(0.31, item["properties"]["gsd"])
+            west, south, east, north = item["bbox"]
+            self.assertTrue(west < east and south < north)
+        west, south, east, north = self.middle(images)
+        created = json.loads(pathlib.Path(images[0]["file"]).with_suffix(".json").read_text())["properties"]["datetime"]
+        mission = self.folder / "mission.yaml"
+        mission.write_text(MISSION.format(created=created[:10] + "T23:59:59Z", lon=(west + east) / 2, lat=(south + north) / 2,
+                                          e2=(west + east) / 2 + (east - west) / 8, w=west, s=south, e=east, n=north))
+        result = subprocess.run([NADIR, "cache", "build", "--mission", mission, "--imagery", *[image["file"] for image in images],
+                                 "--out", self.folder / "package"], capture_output=True, text=True)
+        self.assertEqual(0, result.returncode, result.stdout + result.stderr)
+
+    def middle(self, images):
+        """A small area in the middle of the largest image, well within it."""
+        largest = max(images, key=lambda image: image["tiles"])
+        west, south, east, north = json.loads(pathlib.Path(largest["file"]).with_suffix(".json").read_text())["bbox"]
+        x, y = (west + east) / 2, (south + north) / 2
+        return x - (east - west) / 8, y - (north - south) / 8, x + (east - west) / 8, y + (north - south) / 8
+
+    def test_the_ground_stations_own_uploader(self):
+        """nadir sync at this end: two flights as they leave their aircraft come home, vote, and coming again adds nothing."""
+        self.service.start()
+        token = ["--token-file", self.made / "ground-1.token"]
+        for flight in flights_in(self.made):
+            outbox = self.folder / flight.name
+            for command in (["stage", flight / "candidates", "--outbox", outbox, "--key", flight / "tile.key.pem", "--trust",
+                             self.made / "root.json"],
+                            ["push", outbox, "--to", f"http://localhost:{self.service.port}", *token],
+                            ["push", outbox, "--to", f"http://localhost:{self.service.port}", *token]):
+                result = subprocess.run([NADIR, "sync", *command], capture_output=True, text=True)
+                self.assertEqual(0, result.returncode, f"{command} {result.stdout} {result.stderr}")
+        found = self.settled()
+        self.assertEqual(2, found["uploads"]["all"], found)
+        self.assertEqual(2 * TILES, found["tiles"]["accepted"], found)
+        self.assertEqual(TILES, found["tiles"]["promoted"], found)
+
+    def test_nothing_promoted_is_told(self):
+        self.service.start()
+        self.station.judged(self.station.upload(flights_in(self.made)[0]))
+        self.service.stop()
+        result = subprocess.run([PROGRAM, "export", "--data", self.data, "--out", self.folder / "promoted", *self.where],
+                                env=self.env, capture_output=True, text=True)
+        self.assertEqual(1, result.returncode, result.stderr)
+        self.assertFalse((self.folder / "promoted").exists())
+
+    def test_killed_at_any_moment(self):
+        """kill -9 while it works on calls, by a seed: what was acknowledged is there after each, and nothing comes twice."""
+        for seed in (1, 2, 3):
+            with self.subTest(seed=seed):
+                self.kill_and_go_on(random.Random(seed))
+                self.service.stop()
+                shutil.rmtree(self.data)
+                if POSTGIS:
+                    return  # its own crash safety is PostgreSQL's
+
+    def kill_and_go_on(self, dice):
+        kills, acknowledged = 0, {}
+
+        def maybe_kill():
+            nonlocal kills
+            if kills < 10 and dice.random() < 0.4:
+                kills += 1
+                time.sleep(dice.random() * 0.03)
+                self.service.kill()
+
+        def surely(work):
+            """Until it is done, each time on a new service when the old one was killed."""
+            while True:
+                try:
+                    return work()
+                except (OSError, http.client.HTTPException):
+                    self.service.kill()
+                    self.service.start()
+                    for path, offset in acknowledged.items():
+                        status, headers, _ = self.unharmed.ask("HEAD", path)
+                        self.assertEqual(200, status, path)
+                        self.assertGreaterEqual(int(headers["Upload-Offset"]), offset)
+
+        self.service.start()
+        self.unharmed = Station(self.service, self.made)
+        self.station = Station(self.service, self.made, before_answer=maybe_kill)
+        self.addCleanup(self.unharmed.close)
+        self.addCleanup(self.station.close)
+        for flight in flights_in(self.made):
+            upload = surely(lambda: self.station.announce(flight / "batch-0.json"))["upload_id"]
+            for pack in sorted(flight.glob("0-*.pack")):
+                surely(lambda: self.station.send(upload, pack, part=300_000, acknowledged=acknowledged))
+            surely(lambda: self.station.complete(upload))
+            status = surely(lambda: self.station.judged(upload))
+            self.assertEqual({"accepted"}, {tile["verdict"] for tile in status["tiles"]})
+            self.assertEqual(TILES, len(status["tiles"]))
+        found = self.settled()
+        self.assertGreater(kills, 5)
+        self.assertEqual(2, found["uploads"]["all"], found)
+        self.assertEqual(2 * TILES, found["tiles"]["accepted"], found)
+        self.assertEqual(0, found["tiles"]["duplicate"] + found["tiles"]["rejected"], found)
+        self.assertEqual(TILES, found["tiles"]["promoted"], found)
+        self.assertEqual([], [path for path in (self.data / "incoming").rglob("*") if path.is_file()])
+
+    def test_two_services_do_not_share_a_folder(self):
+        self.service.start()
+        second = Service(PROGRAM, self.made, self.data, *self.where, env=self.env)
+        with self.assertRaisesRegex(RuntimeError, "another service"):
+            second.start()
+        second.kill()
+
+    def test_bad_options_are_told(self):
+        for options, word in ((["--votes", "1"], "votes"), (["--max-age-days", "x"], "max-age-days"),
+                              (["--package", str(self.folder)], "manifest.json"), (["--catalogue", "/vsimem/x"], "catalogue")):
+            service = Service(PROGRAM, self.made, self.data, *options, env=self.env)
+            with self.assertRaisesRegex(RuntimeError, word):
+                service.start()
+            self.assertEqual(2, service.process.returncode)
+            service.kill()
+
+
+if __name__ == "__main__":
+    unittest.main(argv=[sys.argv[0]], verbosity=2)

@@ -1,0 +1,100 @@
+// Writes flights as their ground stations would send them, for tests and figures that talk to a running service:
+//   OUT/root.json, OUT/ground-1.token, and for each flight OUT/flight-N/: batch-M.json, M-K.pack
+// and, of its first thousand tiles, as it leaves the aircraft: candidates/, with tile.key.pem
+// usage: make_flights OUT FLIGHTS TILES [UNIX_TIME]
+#include <fmt/format.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <iostream>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "candidates/flight_maker.hpp"
+
+namespace nadir::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kTilesOfBatch = 1000;
+
+// All tiles as a square.
+TileKey place(std::size_t number, std::size_t tiles) {
+  const auto n = static_cast<std::uint32_t>(number);
+  const auto columns = static_cast<std::uint32_t>(std::ceil(std::sqrt(static_cast<double>(tiles))));
+  return {18, 137'000 + n % columns, 91'000 + n / columns};
+}
+
+void write_batch(const FlightMaker& flight, const fs::path& folder, std::size_t number, std::size_t first,
+                 std::size_t end, std::size_t tiles, int batch) {
+  std::vector<Candidate> candidates;
+  for (std::size_t i = first; i < end; ++i) candidates.push_back(flight.candidate(place(i, tiles)));
+  write_file_atomic(folder / fmt::format("batch-{}.json", number), flight.batch(candidates, batch).json());
+  std::size_t packed = 0;
+  for (int pack = 0; packed < candidates.size(); ++pack) {
+    std::vector<PackEntry> entries;
+    for (std::size_t i = packed; i < candidates.size(); ++i) {
+      entries.push_back({candidates[i].sidecar.sha256, static_cast<std::uint32_t>(candidates[i].tile.size())});
+    }
+    const std::size_t taken = entries_of_next_pack(entries);
+    const auto begin = candidates.begin() + static_cast<std::ptrdiff_t>(packed);
+    const Bytes bytes = pack_of({begin, begin + static_cast<std::ptrdiff_t>(taken)});
+    write_file_atomic(folder / fmt::format("{}-{}.pack", number, pack), ByteView(bytes));
+    packed += taken;
+  }
+}
+
+void write_store(const FlightMaker& flight, const fs::path& folder, std::size_t tiles) {
+  std::vector<Candidate> candidates;
+  for (std::size_t i = 0; i < std::min(tiles, kTilesOfBatch); ++i)
+    candidates.push_back(flight.candidate(place(i, tiles)));
+  CandidateStore store(folder / "candidates");
+  store.put(candidates);
+  store.close();
+  write_file_atomic(folder / "tile.key.pem", flight.key().pem(), 0600);
+}
+
+void make(const fs::path& out, int flights, std::size_t tiles, UtcTime at) {
+  std::vector<FlightMaker> makers;
+  for (int number = 1; number <= flights; ++number) {
+    makers.emplace_back(FlightOptions{.airframe = fmt::format("mini-{:02}", number),
+                                      .flight = fmt::format("flight-{}", number),
+                                      .captured_at = {at.unix_s - 3600},
+                                      .noise = static_cast<std::uint64_t>(number)});
+  }
+  std::vector<const FlightMaker*> all;
+  for (const FlightMaker& maker : makers) all.push_back(&maker);
+  fs::create_directories(out);
+  write_file_atomic(out / "root.json", root_text(all, PrivateKey::generate(), 1, {}, {at.unix_s + 365 * kDay_s}));
+  write_file_atomic(out / "ground-1.token", std::string_view("0123456789abcdef0123456789abcdef\n"), 0600);
+  int batches = 0;
+  for (int number = 1; number <= flights; ++number) {
+    const fs::path folder = out / fmt::format("flight-{}", number);
+    fs::create_directories(folder);
+    write_store(makers[static_cast<std::size_t>(number - 1)], folder, tiles);
+    for (std::size_t first = 0; first < tiles; first += kTilesOfBatch) {
+      write_batch(makers[static_cast<std::size_t>(number - 1)], folder, first / kTilesOfBatch, first,
+                  std::min(first + kTilesOfBatch, tiles), tiles, ++batches);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace nadir::test
+
+int main(int argc, char** argv) {
+  if (argc < 4) {
+    std::cerr << "usage: make_flights OUT FLIGHTS TILES [UNIX_TIME]\n";
+    return 2;
+  }
+  try {
+    const nadir::UtcTime at =
+        argc > 4 ? nadir::UtcTime{std::strtoll(argv[4], nullptr, 10)} : nadir::SystemClock().now();
+    nadir::test::make(argv[1], std::atoi(argv[2]), static_cast<std::size_t>(std::atoll(argv[3])), at);
+    return 0;
+  } catch (const std::exception& error) {
+    std::cerr << error.what() << '\n';
+    return 2;
+  }
+}

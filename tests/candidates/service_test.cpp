@@ -1,0 +1,189 @@
+// The candidate service without HTTP: the way of a tile from announcement to promotion, repeated and interrupted.
+#include <fstream>
+
+#include "base/error.hpp"
+#include "candidates/service_fixture.hpp"
+
+namespace nadir {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Service : public test::ServiceFixture {};
+
+TEST_F(Service, ATileGoesFromAnnouncementToVerdict) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(3));
+  const Announcement announcement = announced(first_.batch(tiles));
+  EXPECT_TRUE(announcement.opened);
+  EXPECT_EQ(announcement.missing.size(), 3U);
+  EXPECT_TRUE(announcement.refused.empty());
+  for (const TileRow& tile : verdicts(announcement.upload)) EXPECT_FALSE(tile.verdict);
+  for (const TileRow& tile : upload(first_, tiles)) EXPECT_EQ(tile.verdict, Verdict::accepted) << tile.detail;
+  const CatalogueCounts counts = service().counts();
+  EXPECT_EQ(counts.accepted, 3);
+  EXPECT_EQ(counts.to_vote, 0);
+  EXPECT_EQ(counts.promoted, 0) << "one flight promotes nothing";
+}
+
+TEST_F(Service, FlightsThatAgreePromote) {
+  const auto keys = test::keys_in_a_row(4);
+  upload(first_, candidates(first_, keys), 1);
+  second_.options().sigma_mm = 900;  // the better one
+  upload(second_, candidates(second_, keys), 2);
+  EXPECT_EQ(service().counts().promoted, 4);
+  test::FlightMaker third{{.airframe = "mini-09", .flight = "flight-3", .ground = 5, .noise = 3}};
+  write_file_atomic(folder_ / "root.json", test::root_text({&first_, &second_, &third}, signer_, 2));
+  upload(third, candidates(third, keys), 3);
+  EXPECT_EQ(service().counts().promoted, 4) << "one that saw other ground changes nothing";
+  service_.reset();
+  CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::read);
+  catalogue.each_promoted([](const PromotedTile& tile) { EXPECT_EQ(tile.sidecar.airframe, "mini-08"); });
+}
+
+TEST_F(Service, FlightsThatLieApartFurtherThanTheyMayDoNotPromote) {
+  second_.options().off_px = 25;  // 10 m; 6.4 are allowed
+  const auto keys = test::keys_in_a_row(2);
+  upload(first_, candidates(first_, keys), 1);
+  upload(second_, candidates(second_, keys), 2);
+  EXPECT_EQ(service().counts().accepted, 4);
+  EXPECT_EQ(service().counts().promoted, 0);
+}
+
+TEST_F(Service, TheSameBatchIsTheSameUpload) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const SignedBatch batch = first_.batch(tiles);
+  const Announcement one = announced(batch), again = announced(batch);
+  EXPECT_TRUE(one.opened);
+  EXPECT_FALSE(again.opened);
+  EXPECT_EQ(one.upload, again.upload);
+  EXPECT_EQ(again.missing.size(), 2U);
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(one.upload, test::pack_of(tiles))));
+  EXPECT_EQ(announced(batch).known.size(), 2U);
+  const SignedBatch other = first_.batch({tiles[0]});  // the same id, other contents
+  const auto answer = announce(other);
+  ASSERT_TRUE(std::holds_alternative<Denial>(answer));
+  EXPECT_EQ(std::get<Denial>(answer).kind, Denial::Kind::key_reused);
+}
+
+TEST_F(Service, APackGoesOnAtAnyByteAfterAnyRestart) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const Bytes pack = test::pack_of(tiles);
+  const std::string name = announced(first_.batch(tiles)).upload;
+  std::uint64_t at = 0;
+  for (const std::uint64_t bytes : {std::uint64_t{1}, std::uint64_t{47}, std::uint64_t{5'000}, ~std::uint64_t{0}}) {
+    const auto sent = send(name, pack, at, bytes);
+    ASSERT_TRUE(std::holds_alternative<PackOffset>(sent)) << std::get<Denial>(sent).detail;
+    at = std::get<PackOffset>(sent).offset;
+    const auto offset = restarted().offset(client_, name, sha256(pack));
+    ASSERT_TRUE(std::holds_alternative<PackOffset>(offset));
+    EXPECT_EQ(std::get<PackOffset>(offset).offset, at);
+  }
+  EXPECT_EQ(at, pack.size());
+  const auto again = send(name, pack, 0, 10);
+  ASSERT_TRUE(std::holds_alternative<Denial>(again)) << "it is there already";
+  EXPECT_EQ(std::get<Denial>(again).kind, Denial::Kind::offset_mismatch);
+  EXPECT_EQ(std::get<Denial>(again).offset, pack.size());
+}
+
+TEST_F(Service, APackThatCameWholeBeforeAKillIsTakenIn) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const Bytes pack = test::pack_of(tiles);
+  const std::string name = announced(first_.batch(tiles)).upload;
+  // As if the process had died between the last byte and the catalogue.
+  fs::create_directories(options_.data / "incoming" / name);
+  write_file_atomic(options_.data / "incoming" / name / (sha256(pack).hex() + "." + std::to_string(pack.size())),
+                    ByteView(pack));
+  std::optional<std::int64_t> judge;
+  const auto completed = restarted().complete(client_, name, judge);
+  EXPECT_TRUE(std::holds_alternative<Completion>(completed));
+  EXPECT_TRUE(judge);
+  EXPECT_TRUE(fs::is_empty(options_.data / "incoming"));
+}
+
+TEST_F(Service, JudgingGoesOnAfterARestart) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(3));
+  const std::string name = announced(first_.batch(tiles)).upload;
+  send(name, test::pack_of(tiles));
+  std::optional<std::int64_t> judge;
+  ASSERT_TRUE(std::holds_alternative<Completion>(service().complete(client_, name, judge)));
+  restarted();
+  ASSERT_EQ(service().to_judge().size(), 1U);
+  judge_all();
+  for (const TileRow& tile : verdicts(name)) EXPECT_EQ(tile.verdict, Verdict::accepted);
+}
+
+TEST_F(Service, PacksThatNobodyKnowsAreRemoved) {
+  service();
+  PackStore packs(options_.data / "packs");
+  write_file_atomic(folder_ / "orphan", "orphan");
+  packs.adopt(folder_ / "orphan", sha256(as_bytes("orphan")));
+  restarted();
+  EXPECT_TRUE(packs.packs().empty());
+}
+
+TEST_F(Service, CompleteNamesWhatIsMissing) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(3));
+  const std::string name = announced(first_.batch(tiles)).upload;
+  send(name, test::pack_of({tiles[1]}));
+  std::optional<std::int64_t> judge;
+  const auto answer = service().complete(client_, name, judge);
+  ASSERT_TRUE(std::holds_alternative<Denial>(answer));
+  EXPECT_EQ(std::get<Denial>(answer).kind, Denial::Kind::incomplete);
+  EXPECT_EQ(std::get<Denial>(answer).missing.size(), 2U);
+  EXPECT_FALSE(judge);
+}
+
+TEST_F(Service, ABetterTileOfTheSameFlightStays) {
+  const TileKey key = test::keys_in_a_row(1)[0];
+  upload(first_, {first_.candidate(key)}, 1);
+  first_.options().noise = 7;  // another frame
+  first_.options().sigma_mm = 3'000;
+  EXPECT_EQ(test::code_of(upload(first_, {first_.candidate(key)}, 2)[0]), "better_tile_exists");
+  first_.options().sigma_mm = 500;
+  first_.options().noise = 8;
+  EXPECT_EQ(upload(first_, {first_.candidate(key)}, 3)[0].verdict, Verdict::accepted);
+}
+
+TEST_F(Service, ABadPictureIsRejectedAndItsPackForgotten) {
+  const cv::Mat grey(256, 256, CV_8UC3, cv::Scalar(90, 91, 92));
+  const auto rows = upload(first_, {first_.candidate(test::keys_in_a_row(1)[0], grey)});
+  EXPECT_EQ(test::code_of(rows[0]), "low_texture") << "whatever its sidecar says";
+  EXPECT_TRUE(PackStore(options_.data / "packs").packs().empty());
+}
+
+TEST_F(Service, AnUploadThatIsNotCompleteExpires) {
+  options_.upload_life_ms = -1;
+  const auto tiles = candidates(first_, test::keys_in_a_row(1));
+  const Announcement one = announced(first_.batch(tiles));
+  EXPECT_TRUE(std::holds_alternative<Denial>(service().status(client_, one.upload)));
+  const Announcement next = announced(first_.batch(tiles));
+  EXPECT_TRUE(next.opened);
+  EXPECT_NE(next.upload, one.upload);
+}
+
+TEST_F(Service, AFullDiskTakesNothing) {
+  options_.keep_free_bytes = ~std::uint64_t{0} / 2;
+  const auto answer = announce(first_.batch(candidates(first_, test::keys_in_a_row(1))));
+  ASSERT_TRUE(std::holds_alternative<Denial>(answer));
+  EXPECT_EQ(std::get<Denial>(answer).kind, Denial::Kind::storage_full);
+  EXPECT_TRUE(service().trouble().fails);
+}
+
+TEST_F(Service, ACatalogueThatGoesAwayIsToldAndFoundAgain) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(1));
+  const std::string name = announced(first_.batch(tiles)).upload;
+  const fs::path file = options_.data / "catalogue.sqlite", aside = options_.data / "aside.sqlite";
+  service_.reset();
+  service();
+  fs::rename(file, aside);
+  std::ofstream(file)
+      << "this is no database, but it is longer than a header of one hundred bytes would be, to be sure of it";
+  service_.reset();
+  EXPECT_THROW(service(), Error);
+  fs::rename(aside, file);
+  EXPECT_EQ(std::get<UploadStatus>(service().status(client_, name)).tiles.size(), 1U);
+  EXPECT_FALSE(service().trouble().fails);
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,133 @@
+#include "candidates/vote.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "candidates/flight_maker.hpp"
+
+namespace nadir {
+namespace {
+
+const TileKey kPlace = test::keys_in_a_row(1)[0];
+
+class VoteTest : public ::testing::Test {
+ protected:
+  // day: of the capture; ground: which pictures agree.
+  void add(const char* airframe, const char* flight, int day, int ground = 1, std::int64_t sigma_mm = 1'500) {
+    Voter voter;
+    voter.tile = static_cast<std::int64_t>(ballot_.voters.size()) + 1;
+    voter.sidecar = template_;
+    voter.sidecar.airframe = airframe;
+    voter.sidecar.flight = flight;
+    voter.sidecar.captured_at = {(test::kNoon.unix_s + day * test::kDay_s) * 1000};
+    voter.sidecar.pose.sigma_mm = sigma_mm;
+    ballot_.voters.push_back(voter);
+    ground_[voter.tile] = ground;
+  }
+  Outcome outcome() {
+    return decide(
+        ballot_,
+        [this](const Voter& one, const Voter& other) {
+          ++compared_;
+          return Vote{.correlation_ppm = 700'000, .agrees = ground_.at(one.tile) == ground_.at(other.tile)};
+        },
+        0, rules_);
+  }
+  std::int64_t promoted() {
+    const Outcome result = outcome();
+    return result.promotion ? result.promotion->tile : 0;
+  }
+
+  CandidateSidecar template_ = test::FlightMaker().candidate(kPlace).sidecar;
+  CandidateRules rules_;
+  Ballot ballot_{.key = kPlace};
+  std::map<std::int64_t, int> ground_;
+  int compared_ = 0;
+};
+
+TEST_F(VoteTest, OneFlightPromotesNothing) {
+  EXPECT_EQ(promoted(), 0);
+  add("a", "f1", 0);
+  EXPECT_EQ(promoted(), 0);
+  add("a", "f1", 0);
+  add("a", "f1", 1);
+  EXPECT_EQ(promoted(), 0) << "one voice, however many tiles";
+  add("a", "f2", 0);
+  EXPECT_EQ(promoted(), 0) << "the same airframe on the same day";
+}
+
+TEST_F(VoteTest, TwoIndependentFlightsThatAgreePromoteTheBest) {
+  add("a", "f1", 0, 1, 900);
+  add("b", "f2", 0, 1, 1'500);
+  const Outcome result = outcome();
+  ASSERT_TRUE(result.promotion);
+  EXPECT_EQ(result.promotion->tile, 1);
+  EXPECT_EQ(result.promotion->flights, 2);
+  const auto evidence = nlohmann::json::parse(result.promotion->evidence);
+  EXPECT_EQ(evidence["needed"], 2);
+  EXPECT_EQ(evidence["flights"].size(), 2U);
+  EXPECT_EQ(evidence["flights"][0]["airframe"], "a") << "the newest first, ties by their order";
+}
+
+TEST_F(VoteTest, AnotherDayIsIndependentUnlessAirframesAreAskedFor) {
+  add("a", "f1", 0);
+  add("a", "f2", 1);
+  EXPECT_NE(promoted(), 0);
+  rules_.airframes_differ = true;
+  EXPECT_EQ(promoted(), 0);
+}
+
+TEST_F(VoteTest, DisagreementPromotesNothing) {
+  add("a", "f1", 0, 1);
+  add("b", "f2", 0, 2);
+  add("c", "f3", 0, 3);
+  EXPECT_EQ(promoted(), 0);
+}
+
+TEST_F(VoteTest, AsManyAsAreAskedForMustAllAgree) {
+  rules_.flights_to_promote = 3;
+  add("a", "f1", 0, 1);
+  add("b", "f2", 0, 1);
+  add("c", "f3", 0, 2);
+  EXPECT_EQ(promoted(), 0);
+  add("d", "f4", 0, 1);
+  EXPECT_NE(promoted(), 0);
+}
+
+TEST_F(VoteTest, ChangedGroundWinsOnceEnoughHaveSeenIt) {
+  add("a", "f1", 0, 1, 500);
+  add("b", "f2", 0, 1, 500);
+  add("a", "f3", 5, 2);
+  EXPECT_LE(promoted(), 2) << "one flight that saw something new does not overrule";
+  add("b", "f4", 6, 2);
+  EXPECT_GE(promoted(), 3);
+}
+
+TEST_F(VoteTest, WhatIsPromotedAlreadyStays) {
+  add("a", "f1", 0, 1, 900);
+  add("b", "f2", 0, 1);
+  ballot_.promoted = 1;
+  EXPECT_FALSE(outcome().promotion);
+}
+
+TEST_F(VoteTest, KnownVotesAreNotTakenAgainAndTheWorkIsBounded) {
+  add("a", "f1", 0);
+  add("b", "f2", 0);
+  ballot_.votes = outcome().new_votes;
+  ASSERT_EQ(ballot_.votes.size(), 1U);
+  compared_ = 0;
+  EXPECT_TRUE(outcome().promotion);
+  EXPECT_EQ(compared_, 0);
+  for (int i = 0; i < 100; ++i) add(("x" + std::to_string(i)).c_str(), "f", 1, 100 + i);
+  outcome();
+  EXPECT_LE(compared_, static_cast<int>(kMaxVoices * (kMaxVoices - 1) / 2));
+}
+
+TEST_F(VoteTest, PlacesMayLieApartAsTheirUncertaintySays) {
+  EXPECT_EQ(allowed_shift_mm(3'000, 4'000, rules_), 15'000);
+  EXPECT_EQ(allowed_shift_mm(100, 100, rules_), rules_.floor_mm);
+}
+
+}  // namespace
+}  // namespace nadir
