@@ -17,6 +17,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   kill          builds and resumes killed at random moments
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
+  candidates    the candidate service: 100 000 tiles of two flights, in both catalogues (half an hour; --tiles N)
   localization  a flight of sixty frames over a landscape of another day
   latency       the CPU time of a frame, stage by stage, over a simulated flight
   ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)
@@ -70,6 +71,7 @@ part() {
     kill)         python3 "$here/kill_resume.py" "$@" ;;
     area)         programs && python3 "$here/area.py" "$@" ;;
     large)        programs && python3 "$here/large.py" "$@" ;;
+    candidates)   one_program make_flights && one_program nadir-candidates && python3 -B "$here/candidates.py" "$@" ;;
     localization) "$here/localization.sh" "$@" ;;
     latency)      one_program bench_stages && one_program bench_cold_start && "$here/latency.sh" "$@" ;;
     ablations)    one_program bench_ablations && "$here/ablations.sh" "$@" ;;
@@ -92,8 +94,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, closed-loop, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | candidates | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac
