@@ -5,7 +5,6 @@ CREATE TABLE batch (
   uuid TEXT NOT NULL UNIQUE,
   airframe TEXT NOT NULL,
   flight TEXT NOT NULL,
-  document TEXT NOT NULL,                  -- the signed batch, byte by byte as it is announced
   stage TEXT NOT NULL CHECK (stage IN ('sealed', 'announced', 'complete', 'done', 'parked')),
   upload TEXT,                             -- the service's name for it
   part_max INTEGER,                        -- bytes
@@ -13,6 +12,11 @@ CREATE TABLE batch (
   not_before_ms INTEGER NOT NULL DEFAULT 0,  -- the next attempt, since 1970
   trouble TEXT NOT NULL DEFAULT '',        -- what the last attempt met
   sealed_ms INTEGER NOT NULL
+);
+-- Beside its batch, because SQLite writes a row as a whole, however little of it changes.
+CREATE TABLE document (
+  batch INTEGER PRIMARY KEY REFERENCES batch,
+  text TEXT NOT NULL                       -- the signed batch, byte by byte as it is announced
 );
 CREATE TABLE pack (
   id INTEGER PRIMARY KEY,

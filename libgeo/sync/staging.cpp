@@ -45,13 +45,12 @@ std::optional<StagedBatch> next_batch(const OutboxDatabase& outbox) {
 void put_batch(OutboxDatabase& outbox, const SignedBatch& batch, const std::vector<std::int64_t>& tiles,
                std::int64_t now_ms) {
   auto insert = outbox.prepare(
-      "INSERT INTO batch (uuid, airframe, flight, document, stage, sealed_ms) VALUES (?, ?, ?, ?, 'sealed', ?) "
-      "RETURNING id");
-  insert.bind(1, batch.batch.id).bind(2, batch.batch.airframe).bind(3, batch.batch.flight);
-  insert.bind(4, batch.json()).bind(5, now_ms);
+      "INSERT INTO batch (uuid, airframe, flight, stage, sealed_ms) VALUES (?, ?, ?, 'sealed', ?) RETURNING id");
+  insert.bind(1, batch.batch.id).bind(2, batch.batch.airframe).bind(3, batch.batch.flight).bind(4, now_ms);
   insert.step();
   const std::int64_t id = insert.integer(0);
   insert.reset();
+  outbox.prepare("INSERT INTO document VALUES (?, ?)").bind(1, id).bind(2, batch.json()).run();
   auto update = outbox.prepare("UPDATE tile SET state = 'SEALED', batch = ?, changed_ms = ? WHERE id = ?");
   for (const std::int64_t tile : tiles) update.bind(1, id).bind(2, now_ms).bind(3, tile).run();
 }

@@ -60,7 +60,7 @@ std::optional<OpenBatch> Transfer::next_batch(std::int64_t now_ms) const {
 }
 
 std::string Transfer::document(const OpenBatch& batch) const {
-  auto row = outbox_.prepare("SELECT document FROM batch WHERE id = ?");
+  auto row = outbox_.prepare("SELECT text FROM document WHERE batch = ?");
   row.bind(1, batch.id).step();
   return std::string(row.text(0));
 }

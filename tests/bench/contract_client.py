@@ -96,7 +96,8 @@ def main():
             candidates, key = flight.candidates, flight.key
         subprocess.run([NADIR, "sync", "stage", candidates, "--outbox", folder / "outbox", "--key", key], check=True)
         with sqlite3.connect(folder / "outbox/outbox.sqlite") as database:
-            uuid, text = database.execute("SELECT uuid, document FROM batch ORDER BY id LIMIT 1").fetchone()
+            uuid, text = database.execute(
+                "SELECT uuid, text FROM batch JOIN document ON document.batch = batch.id ORDER BY batch.id LIMIT 1").fetchone()
             pictures = {sha.hex(): data for sha, data in database.execute(
                 "SELECT sha256, bytes FROM tile JOIN blob ON blob.tile = tile.id JOIN batch ON batch.id = tile.batch"
                 " WHERE uuid = ?", (uuid,))}
