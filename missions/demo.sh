@@ -1,11 +1,17 @@
 #!/usr/bin/env bash
-# The whole way from imagery to a position, on a made-up landscape, with the programs as a user calls them.
+# The whole way from imagery to a position, and from what flights saw to the next map, on a made-up landscape, with the
+# programs as a user calls them.
 set -euo pipefail
 out=demo
 nadir=build/bin/nadir
+service=build/bin/nadir-candidates
 started=$SECONDS
 
 say()  { printf '\n\033[1m%s\033[0m\n' "$*"; }
+start_of() { # where a simulated flight begins: LON,LAT
+  awk -F, 'NR == 1 { for (i = 1; i <= NF; ++i) column[$i] = i }
+           NR == 2 { printf "%s,%s", $column["lon_deg"], $column["lat_deg"]; exit }' "$1/truth.csv"
+}
 echo_and_run() { printf '  $ %s\n' "$*"; "$@"; }
 
 rm -rf "$out"
@@ -14,25 +20,62 @@ mkdir -p "$out"
 say "1  A landscape: as a satellite saw it (map.tif), and as it looks on the day of the flight (ground.tif)"
 echo_and_run $nadir simulate world --seed 7 --size-km 2 --gsd-m 0.4 --out $out/world
 
-say "2  Keys, and the root of trust that the aircraft knows"
-echo_and_run $nadir keys create --out $out/root
-echo_and_run $nadir keys create --out $out/signer
-echo_and_run $nadir keys root --root-key $out/root.key.pem --package-signer $out/signer.pub.pem --expires 2035-01-01 --out $out/root.json
+say "2  Keys, and the root of trust that the aircraft know: who signs maps, and who signs each aircraft's own tiles"
+for key in root signer mini-07 mini-08; do echo_and_run $nadir keys create --out $out/$key; done
+echo_and_run $nadir keys root --root-key $out/root.key.pem --package-signer $out/signer.pub.pem \
+  --tile-signer mini-07=$out/mini-07.pub.pem --tile-signer mini-08=$out/mini-08.pub.pem --expires 2035-01-01 --out $out/root.json
 
 say "3  The mission's map package: cut, checked, hashed, signed"
 created=$(sed -n 's/^created: *//p' $out/world/mission.yaml)
-echo_and_run $nadir cache build --mission $out/world/mission.yaml --imagery $out/world/map.tif --dem $out/world/dem.tif --key $out/signer.key.pem --out $out/package
+sed 's/^airframes: .*/airframes: [mini-07, mini-08]/' $out/world/mission.yaml > $out/mission.yaml
+echo_and_run $nadir cache build --mission $out/mission.yaml --imagery $out/world/map.tif --dem $out/world/dem.tif --key $out/signer.key.pem --out $out/package
 
 say "4  Verified as the aircraft does before take-off"
 echo_and_run $nadir cache verify $out/package --trust $out/root.json --depth full --at "$created"
 
 say "5  A flight over the landscape of the day, with sensors as bad as real ones"
-echo_and_run $nadir simulate flight --world $out/world/ground.tif --dem $out/world/dem.tif --mission $out/world/mission.yaml \
+echo_and_run $nadir simulate flight --world $out/world/ground.tif --dem $out/world/dem.tif --mission $out/mission.yaml \
   --camera $out/world/camera.yaml --seed 11 --noise real --out $out/flight
 
 say "6  Localized without GPS: frames and telemetry against the package"
-start=$(awk -F, 'NR == 1 { for (i = 1; i <= NF; ++i) column[$i] = i } NR == 2 { printf "%s,%s", $column["lon_deg"], $column["lat_deg"]; exit }' $out/flight/truth.csv)
 echo_and_run $nadir replay --package $out/package --trust $out/root.json --at "$created" --frames $out/flight/frames \
-  --telemetry $out/flight/telemetry.csv --camera $out/world/camera.yaml --start="$start" --truth $out/flight/truth.csv --out $out/report
+  --telemetry $out/flight/telemetry.csv --camera $out/world/camera.yaml --start="$(start_of $out/flight)" --truth $out/flight/truth.csv --out $out/report
+
+say "7  A second aircraft flies the same route on another day; what both saw becomes signed candidate tiles"
+echo_and_run $nadir simulate flight --world $out/world/ground.tif --dem $out/world/dem.tif --mission $out/mission.yaml \
+  --camera $out/world/camera.yaml --seed 12 --noise real --out $out/flight2
+day=0
+for airframe in mini-07 mini-08; do
+  day=$((day + 1))
+  flight=$out/flight; [[ $airframe == mini-08 ]] && flight=$out/flight2
+  echo_and_run $nadir ortho --package $out/package --trust $out/root.json --at "$created" --frames $flight/frames \
+    --telemetry $flight/telemetry.csv --camera $out/world/camera.yaml --start="$(start_of $flight)" \
+    --key $out/$airframe.key.pem --airframe $airframe --captured-at "$(date -u -d "$created + $day day" +%FT%TZ)" \
+    --out $out/candidates-$airframe
+done
+
+say "8  Home: the candidate service judges the tiles, the two flights vote, what they agree on is promoted"
+(umask 077; openssl rand -hex 24 > $out/ground-1.token)
+$service serve --data $out/service --trust $out/root.json --token-file $out/ground-1.token \
+  --package $out/package --listen 127.0.0.1:0 --port-file $out/port --max-age-days 3650 --quiet &
+service_id=$!
+trap 'kill $service_id 2>/dev/null || true' EXIT
+while [[ ! -s $out/port ]]; do kill -0 $service_id; sleep 0.1; done
+for airframe in mini-07 mini-08; do
+  echo_and_run $nadir sync stage $out/candidates-$airframe --outbox $out/outbox --key $out/$airframe.key.pem --trust $out/root.json
+done
+echo_and_run $nadir sync push $out/outbox --to "http://localhost:$(< $out/port)" --token-file $out/ground-1.token
+while $service status --data $out/service | grep -qE '^waiting for a vote +[1-9]|^ +being judged +[1-9]'; do sleep 0.2; done
+echo_and_run $service status --data $out/service
+echo_and_run $service export --data $out/service --out $out/promoted
+kill $service_id && wait $service_id
+
+say "9  The next package: what was promoted lies on top of the satellite's picture"
+sed -e "s/^sequence: .*/sequence: 2/" -e "s/^created: .*/created: $(date -u -d "$created + 3 day" +%FT%TZ)/" $out/mission.yaml > $out/next.yaml
+echo_and_run $nadir cache build --mission $out/next.yaml --imagery $out/promoted/*.tif --imagery $out/world/map.tif --dem $out/world/dem.tif \
+  --key $out/signer.key.pem --out $out/next
+echo_and_run $nadir cache verify $out/next --trust $out/root.json --depth full --at "$(date -u -d "$created + 3 day" +%FT%TZ)"
+printf '  $ %s\n' "$nadir cache diff $out/package $out/next | tail -n 1"
+{ $nadir cache diff $out/package $out/next || [[ $? == 1 ]]; } | tail -n 1
 
 say "Done in $((SECONDS - started)) s. Open $out/report/report.html"
