@@ -86,7 +86,7 @@ double distance_m(PlanePoint a, PlanePoint b) { return std::hypot(a.east_m - b.e
 }  // namespace
 
 std::string tile_trial_header(std::uint64_t seed, int worlds) {
-  return fmt::format("index,condition,frames,anchored,tiles  # seed {} worlds {}", seed, worlds);
+  return fmt::format("index,condition,frames,anchored,tiles  # seed {} worlds {}\n", seed, worlds);
 }
 
 std::string line(const TileTrial& trial) {
@@ -95,7 +95,7 @@ std::string line(const TileTrial& trial) {
     tiles += fmt::format("{}{}:{:.3f}:{:.3f}:{:.3f}:{:.3f}", tiles.empty() ? "" : ";", t.refined ? 1 : 0, t.geometric_m,
                          t.raster_m, t.pose_error_m, t.sigma_m);
   }
-  return fmt::format("{},{},{},{},{}", trial.index, trial.condition, trial.frames, trial.anchored, tiles);
+  return fmt::format("{},{},{},{},{}\n", trial.index, trial.condition, trial.frames, trial.anchored, tiles);
 }
 
 TileTrial tile_trial_of(const std::string& text) {

@@ -44,7 +44,7 @@ TEST_F(CandidateMosaicFile, IsACogOfTheTilesWhereTheyAre) {
   ASSERT_EQ(info.code, 0) << info.err;
   const auto document = nlohmann::json::parse(info.out);
   EXPECT_EQ(document["metadata"]["IMAGE_STRUCTURE"]["LAYOUT"], "COG");
-  EXPECT_NE(info.out.find("\"EPSG\",3857"), std::string::npos);
+  EXPECT_NE(document["coordinateSystem"]["wkt"].get<std::string>().find("\"EPSG\",3857"), std::string::npos);
   const LonLatBox box = bounds_of(kFirst);
   const MercatorXY corner = mercator_from_lonlat({box.west_deg, box.north_deg});
   EXPECT_NEAR(document["geoTransform"][0].get<double>(), corner.x_m, 1e-3);
