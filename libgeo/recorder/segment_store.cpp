@@ -53,7 +53,7 @@ SegmentStore::SegmentStore(StoreOptions options, SessionRecord session)
   folder_lock_ = lock_folder(options_.folder);
   closed_ = segments_in(options_.folder);
   if (!closed_.empty()) next_number_ = closed_.back().number + 1;
-  status_.bytes = folder_bytes();
+  measure();
 }
 
 SegmentStore::~SegmentStore() {
@@ -175,7 +175,14 @@ void SegmentStore::write_chunk(Stream stream, std::uint64_t now_ns) {
   if (segment.file->size() >= options_.segment_bytes || now_ns - segment.since_ns >= options_.segment_ns)
     finish(stream);
   keep_budget();
+  measure();
+}
+
+void SegmentStore::measure() {
   status_.bytes = folder_bytes();
+  std::error_code unknown;
+  const std::filesystem::space_info disk = std::filesystem::space(options_.folder, unknown);
+  status_.free_bytes = unknown ? 0 : disk.available;
 }
 
 void SegmentStore::finish(Stream stream) {

@@ -32,8 +32,9 @@ struct StoreOptions {
 };
 
 struct StoreStatus {
-  std::uint64_t records = 0;  // accepted, written or still in a chunk
-  std::uint64_t bytes = 0;    // of the folder
+  std::uint64_t records = 0;     // accepted, written or still in a chunk
+  std::uint64_t bytes = 0;       // of the folder
+  std::uint64_t free_bytes = 0;  // of its disk
   std::map<Topic, std::uint64_t> dropped;
   std::uint64_t segments = 0, deleted_segments = 0;
   bool stopped = false;  // nothing can be written at present
@@ -79,6 +80,7 @@ class SegmentStore {
   void failed(const SegmentFile& file);
   void drop_chunk(Open& open);
   std::uint64_t folder_bytes() const;
+  void measure();
 
   StoreOptions options_;
   SessionRecord session_;

@@ -96,6 +96,7 @@ void AutopilotLink::run(const std::stop_token& stop) {
     const double now_s = clock_.monotonic_s();
     link_.advance(us(now_s), [&](const ReceivedMessage& message) {
       ask_for_streams(now_s, message);
+      feel(now_s, message);
       listener_.message(now_s, message);
     });
     while (const auto observed = estimates_.try_take()) {
@@ -122,15 +123,17 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& permitted) {
   const auto predicted = predictor_.poll(us(now_s), clock_.unix_us());
   if (!predicted || !permitted.serves_fixes) return;
   if (predicted->jumped_m && permitted.fix) listener_.jumped(*predicted->jumped_m);
-  GpsInput input = gps_input_without_fix(clock_.unix_us(), airframe_.gps_id);
+  std::optional<Fix> told;
   if (permitted.fix && predicted->fix) {
-    Fix fix = *predicted->fix;
-    fix.sigma_m = std::max(fix.sigma_m, permitted.sigma_m);  // while blind it only grows
-    input = gps_input(fix, airframe_.gps_id);
+    told = predicted->fix;
+    told->sigma_m = std::max(told->sigma_m, permitted.sigma_m);  // while blind it only grows
   }
+  const GpsInput input =
+      told ? gps_input(*told, airframe_.gps_id) : gps_input_without_fix(clock_.unix_us(), airframe_.gps_id);
   if (!link_.send(input, us(now_s))) return;
   const std::scoped_lock lock(mutex_);
   ++state_.fixes_sent;
+  state_.told = told;
   if (untold_since_s_) state_.latency.add(clock_.monotonic_s() - *untold_since_s_);
   untold_since_s_.reset();
   if (last_fix_s_) state_.longest_gap_s = std::max(state_.longest_gap_s, now_s - *last_fix_s_);
@@ -143,6 +146,13 @@ void AutopilotLink::ask_for_streams(double now_s, const ReceivedMessage& message
   if (heartbeat == nullptr || !heartbeat->is_autopilot || (asked_s_ && now_s - *asked_s_ < kAskAgain_s)) return;
   asked_s_ = now_s;
   for (const auto& [stream, rate_hz] : kStreams) outgoing_.put(set_message_interval(message.source, stream, rate_hz));
+}
+
+// Between pictures, and above all without them, the fix follows what the aircraft does.
+void AutopilotLink::feel(double now_s, const ReceivedMessage& received) {
+  if (received.source.system != airframe_.system || received.source.component != airframe_.autopilot) return;
+  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) predictor_.hear(us(now_s), *attitude);
+  if (const auto* imu = std::get_if<ImuSample>(&received.message)) predictor_.hear(us(now_s), *imu);
 }
 
 void AutopilotLink::publish() {

@@ -57,6 +57,7 @@ class AutopilotLink {
     LinkCounts counts;
     std::uint64_t fixes_sent = 0;
     double longest_gap_s = 0;  // between two GPS_INPUT, since they began
+    std::optional<Fix> told;   // in the last of them; none: "no fix"
     LatencyHistogram latency;  // from a picture to the first fix that tells of it
   };
   State state() const;
@@ -66,6 +67,7 @@ class AutopilotLink {
   ServiceStatus permitted() const;
   void send_fix(double now_s, const ServiceStatus& permitted);
   void ask_for_streams(double now_s, const ReceivedMessage& message);
+  void feel(double now_s, const ReceivedMessage& received);
   void publish();
 
   Airframe airframe_;

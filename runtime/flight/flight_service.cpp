@@ -240,7 +240,8 @@ void FlightService::learn(double time_s, const LocalizerSpoke& spoke) {
       (estimate.source == SourceLabel::satellite_anchored || estimate.source == SourceLabel::vo_extrapolated)) {
     gps_.hear(VisionPosition{spoke.taken_s, *estimate.position, estimate.sigma_m});
   }
-  update(time_s, std::array<ServiceFact, 1>{EstimateMade{estimate.source, estimate.sigma_m}});
+  update(time_s, std::array<ServiceFact, 1>{
+                     EstimateMade{estimate.source, estimate.sigma_m, spoke.verdict == AnchorVerdict::accepted}});
 }
 
 void FlightService::learn(double time_s, const StateNotSaved& state) {
@@ -297,8 +298,10 @@ void FlightService::publish(double now_s) {
   const ServiceStatus status = machine_.status();
   views_.status(status, last_reason_);
   views_.frames(pictures_.counts(), now_s);
-  views_.link(link_->state(), status.link_up, options_.link_key.has_value());
+  const AutopilotLink::State link = link_->state();
+  views_.link(link, status.link_up, options_.link_key.has_value());
   views_.recorder(recorder_.get(), recorder_trouble_);
+  views_.permit(status, link.told, now_s);
   board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events().events()));
 }
 

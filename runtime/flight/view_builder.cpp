@@ -45,6 +45,20 @@ void ViewBuilder::status(const ServiceStatus& status, const std::string& reason)
   view_.state = {status.state, reason, status.since_s};
 }
 
+void ViewBuilder::permit(const ServiceStatus& status, const std::optional<Fix>& told, double now_s) {
+  if (status.state == ServiceState::normal) return;
+  view_.position.reset();
+  view_.velocity.reset();
+  view_.heading_rad = view_.pitch_rad = view_.roll_rad = std::nullopt;  // the last picture's
+  view_.source = SourceLabel::no_fix;
+  if (status.state != ServiceState::degraded || !told) return;
+  const double variance_m2 = told->sigma_m * told->sigma_m;
+  view_.position = PositionView{told->place, told->sigma_m, variance_m2, variance_m2, 0};
+  view_.source = SourceLabel::dead_reckoned;
+  if (told->velocity) view_.velocity = VelocityView{told->velocity->east_m_s, told->velocity->north_m_s};
+  trail_.add({now_s, told->place, told->sigma_m, view_.source});
+}
+
 void ViewBuilder::frames(const MailboxCounts& counts, double now_s) {
   view_.frames.received = counts.put;
   view_.frames.dropped = counts.dropped;
@@ -79,6 +93,7 @@ void ViewBuilder::recorder(const Recorder* recorder, const std::string& trouble)
   view_.recorder.state = status.stopped ? RecorderState::failed : RecorderState::recording;
   view_.recorder.reason = status.trouble;
   view_.recorder.written_bytes = status.bytes;
+  view_.recorder.free_bytes = status.free_bytes;
   for (const auto& [topic, count] : status.dropped) view_.recorder.lost_records += count;
 }
 

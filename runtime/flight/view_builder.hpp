@@ -18,6 +18,9 @@ class ViewBuilder {
   void localizer(const LocalizerSpoke& spoke);
   void gps(const GpsJudged& judged);
   void status(const ServiceStatus& status, const std::string& reason);
+  // What may be told is what is shown: while blind the fix that the autopilot gets, and nothing when it gets none.
+  // Comes last, when all others have said what they know.
+  void permit(const ServiceStatus& status, const std::optional<Fix>& told, double now_s);
   void frames(const MailboxCounts& counts, double now_s);
   void link(const AutopilotLink::State& state, bool connected, bool is_signed);
   void recorder(const Recorder* recorder, const std::string& trouble);

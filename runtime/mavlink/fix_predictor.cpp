@@ -26,7 +26,16 @@ bool FixPredictor::lost(std::int64_t now_us) const {
 double FixPredictor::sigma_m(std::int64_t now_us) const {
   const double dt_s = seconds(now_us - last_->time_us);
   const double acceleration_m = 0.5 * options_.acceleration_sigma_m_s2 * dt_s * dt_s;
-  return std::hypot(last_->sigma_m, last_->speed_sigma_m_s * dt_s, acceleration_m);
+  const InertialMotion::Gain gained = gain(now_us);
+  const double unheard_m = unheard_m_s(gained) * (dt_s - gained.unknown_s / 2);
+  return std::hypot(std::hypot(last_->sigma_m, unheard_m), last_->speed_sigma_m_s * dt_s, acceleration_m);
+}
+
+InertialMotion::Gain FixPredictor::gain(std::int64_t now_us) const { return motion_.gain(from_, seconds(now_us)); }
+
+// One sigma of the velocity that nobody heard of. More than a turn on the spot it cannot be.
+double FixPredictor::unheard_m_s(const InertialMotion::Gain& gain) const {
+  return std::min(options_.unheard_sigma_m_s2 * gain.unknown_s, 2 * std::hypot(last_->east_m_s, last_->north_m_s));
 }
 
 FixPredictor::Offset FixPredictor::ramp_at(std::int64_t now_us) const {
@@ -38,8 +47,10 @@ FixPredictor::Offset FixPredictor::ramp_at(std::int64_t now_us) const {
 
 LonLat FixPredictor::place_at(std::int64_t now_us, const Offset& offset) const {
   const double dt_s = seconds(now_us - last_->time_us);
+  const InertialMotion::Plane way_m = gain(now_us).way_m;
   return LocalFrame(last_->place)
-      .lonlat_from_enu(last_->east_m_s * dt_s + offset.east_m, last_->north_m_s * dt_s + offset.north_m);
+      .lonlat_from_enu(last_->east_m_s * dt_s + way_m.east + offset.east_m,
+                       last_->north_m_s * dt_s + way_m.north + offset.north_m);
 }
 
 bool FixPredictor::observe(const VisionEstimate& estimate, std::int64_t now_us) {
@@ -47,6 +58,7 @@ bool FixPredictor::observe(const VisionEstimate& estimate, std::int64_t now_us) 
   std::optional<LonLat> said;
   if (said_a_fix_ && !lost(now_us)) said = place_at(now_us, ramp_at(now_us));
   last_ = estimate;
+  from_ = motion_.moment(seconds(estimate.time_us));
   fresh_ = true;
   if (estimate.seen) last_seen_us_ = estimate.time_us;
   offset_ = {};
@@ -87,13 +99,16 @@ std::optional<PredictedFix> FixPredictor::poll(std::int64_t now_us, std::int64_t
   const Offset ramp = ramp_at(now_us);
   result.ramp_left_m = std::hypot(ramp.east_m, ramp.north_m);
   const double dt_s = seconds(now_us - last_->time_us);
+  const InertialMotion::Gain gained = gain(now_us);
   Fix fix{.unix_us = unix_us,
           .place = place_at(now_us, ramp),
           .sigma_m = std::hypot(sigma_m(now_us), result.ramp_left_m),
           .msl_m = last_->msl_m,
           .vertical_sigma_m = last_->vertical_sigma_m,
-          .velocity = NedVelocity{last_->north_m_s, last_->east_m_s, last_->down_m_s.value_or(0)},
-          .speed_sigma_m_s = std::hypot(last_->speed_sigma_m_s, options_.acceleration_sigma_m_s2 * dt_s),
+          .velocity = NedVelocity{last_->north_m_s + gained.velocity_m_s.north,
+                                  last_->east_m_s + gained.velocity_m_s.east, last_->down_m_s.value_or(0)},
+          .speed_sigma_m_s =
+              std::hypot(last_->speed_sigma_m_s, options_.acceleration_sigma_m_s2 * dt_s, unheard_m_s(gained)),
           .yaw_rad = last_->yaw_rad};
   if (fix.msl_m && last_->down_m_s) *fix.msl_m -= *last_->down_m_s * dt_s;
   result.fix = fix;

@@ -1,9 +1,10 @@
 // Fixes at a steady rate from estimates that come when pictures do.
 //
-// Between estimates the last one is carried by its velocity, and σ grows with the velocity's own σ and with what an
-// aircraft may do meanwhile. A new estimate that disagrees with what was said last is not jumped to: the difference
-// shrinks at a rate that the autopilot's filter follows, and until it is gone σ covers it. Differences too large for
-// that are jumped once, and told.
+// Between estimates the last one is carried by its velocity and by what the accelerometers say since, and σ grows with
+// the velocity's own σ and with what an aircraft may do meanwhile: little where they were heard, a turn where they were
+// not. A new estimate that disagrees with what was said last is not jumped to: the difference shrinks at a rate that
+// the autopilot's filter follows, and until it is gone σ covers it. Differences too large for that are jumped once, and
+// told.
 //
 // Everything here comes from our own estimates. The autopilot's fused position has no way in: it would come back as its
 // own witness. Time is a steady clock's, in microseconds.
@@ -13,6 +14,7 @@
 #include <optional>
 
 #include "mavlink/gps_input.hpp"
+#include "mavlink/inertial_motion.hpp"
 
 namespace nadir {
 
@@ -36,7 +38,8 @@ struct PredictorOptions {
   std::int64_t least_gap_us = 40'000;  // a new estimate goes out at once, but not sooner after the last fix
   double ramp_m_s = 5.0;
   double jump_beyond_m = 50.0;
-  double acceleration_sigma_m_s2 = 0.5;  // unforeseen, between estimates
+  double acceleration_sigma_m_s2 = 0.5;  // of accelerometers turned level by attitudes that are some degrees off
+  double unheard_sigma_m_s2 = 2.5;       // where none were heard: a turn
   std::int64_t blackout_us = 30'000'000;
 };
 
@@ -49,6 +52,12 @@ struct PredictedFix {
 class FixPredictor {
  public:
   explicit FixPredictor(const PredictorOptions& options = {}) : options_(options) {}
+
+  // Attitude and accelerometers of the aircraft, as they come.
+  template <typename Message>
+  void hear(std::int64_t now_us, const Message& message) {
+    motion_.hear(static_cast<double>(now_us) * 1e-6, message);
+  }
 
   // False, and nothing changes: it is older than what is known, from the future, or its numbers are none. One of the
   // same moment is that moment thought over, with what the map said since.
@@ -68,11 +77,15 @@ class FixPredictor {
   };
 
   bool lost(std::int64_t now_us) const;
+  InertialMotion::Gain gain(std::int64_t now_us) const;  // since the last estimate's picture
+  double unheard_m_s(const InertialMotion::Gain& gain) const;
   double sigma_m(std::int64_t now_us) const;  // without the ramp's share
   Offset ramp_at(std::int64_t now_us) const;
   LonLat place_at(std::int64_t now_us, const Offset& offset) const;
 
   PredictorOptions options_;
+  InertialMotion motion_;
+  InertialMotion::Moment from_;  // of last_
   std::optional<VisionEstimate> last_;
   std::optional<std::int64_t> last_seen_us_;
   Offset offset_;  // what was said less what is estimated, at offset_us_

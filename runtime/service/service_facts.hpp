@@ -33,10 +33,13 @@ struct AutopilotHeard {
 // The camera gave a picture; nothing is known about it yet.
 struct FrameArrived {};
 
-// The localizer spoke about a picture. sigma_m: one axis; NaN, infinite and negative ones are no position.
+// The localizer spoke about a picture. sigma_m: one axis; NaN, infinite and negative ones are no position. anchored: it
+// is from a place on the map, found just now, if not in this very picture: where a look at the map takes longer than
+// from one picture to the next, no estimate is ever labelled satellite_anchored.
 struct EstimateMade {
   SourceLabel source = SourceLabel::no_fix;
   double sigma_m = 0;
+  bool anchored = false;
 };
 
 // The service was started again in flight, and what it had saved is good for a position (restart.hpp). It stands still

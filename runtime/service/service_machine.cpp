@@ -134,7 +134,7 @@ void ServiceMachine::learn(const EstimateMade& estimate) {
     return;
   }
   if (!steady_since_s_) steady_since_s_ = now_s_;
-  if (source_ == SourceLabel::satellite_anchored) anchored_ = true;
+  if (source_ == SourceLabel::satellite_anchored || estimate.anchored) anchored_ = true;
 }
 
 void ServiceMachine::learn(const EstimateRestored& restored) {

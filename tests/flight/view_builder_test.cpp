@@ -54,6 +54,34 @@ TEST(ViewBuilder, ThePlaceComesWithItsUncertaintyAndGoesWithTheFix) {
   EXPECT_EQ(view.track.size(), 1U) << "where it was stays known";
 }
 
+TEST(ViewBuilder, WhileBlindTheFixThatIsToldIsShownAndWithoutOneNothing) {
+  ViewBuilder views("b");
+  views.localizer(spoke(10, AnchorVerdict::accepted));
+  ServiceStatus status;
+  status.state = ServiceState::normal;
+  const Fix told{.unix_us = 0, .place = {8.6, 47.5}, .sigma_m = 30, .velocity = NedVelocity{1, 2, 0}};
+  views.permit(status, told, 19);
+  EXPECT_EQ(view_of(views).position->place, (LonLat{8.5, 47.4})) << "pictures know better";
+  status.state = ServiceState::degraded;
+  views.permit(status, told, 20);
+  FlightView view = view_of(views);
+  ASSERT_TRUE(view.position);
+  EXPECT_EQ(view.position->place, (LonLat{8.6, 47.5}));
+  EXPECT_EQ(view.position->sigma_m, 30);
+  EXPECT_EQ(view.position->east_var_m2, 900);
+  EXPECT_EQ(view.velocity->east_m_s, 2);
+  EXPECT_EQ(view.source, SourceLabel::dead_reckoned);
+  EXPECT_FALSE(view.heading_rad) << "the last picture's is old";
+  EXPECT_EQ(view.track.size(), 2U);
+  for (const ServiceState state : {ServiceState::no_fix, ServiceState::failsafe, ServiceState::relocalizing}) {
+    status.state = state;
+    views.localizer(spoke(21, AnchorVerdict::accepted));
+    views.permit(status, told, 21);
+    EXPECT_FALSE(view_of(views).position);
+    EXPECT_EQ(view_of(views).source, SourceLabel::no_fix);
+  }
+}
+
 TEST(ViewBuilder, LooksAtTheMapAreCountedByWhatBecameOfThem) {
   ViewBuilder views("b");
   for (const AnchorVerdict verdict : {AnchorVerdict::accepted, AnchorVerdict::ambiguous, AnchorVerdict::not_tried,
@@ -94,6 +122,7 @@ TEST(ViewBuilder, ARecorderThatFailedSaysWhyAndOneThatWorksHowMuch) {
   views.recorder(&recorder, "");
   EXPECT_EQ(view_of(views).recorder.state, RecorderState::recording);
   EXPECT_EQ(view_of(views).recorder.lost_records, 0U);
+  EXPECT_GT(view_of(views).recorder.free_bytes, 0U);
 }
 
 TEST(ViewBuilder, TheLinkCountsWhatItRefused) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "base/random.hpp"
 #include "geodesy/local_frame.hpp"
@@ -24,7 +25,15 @@ class Prediction : public ::testing::Test {
             .speed_sigma_m_s = 0.5};
   }
   Enu enu(const PredictedFix& predicted) const { return frame_.enu_from_lonlat(predicted.fix->place); }
+  // Level flight straight on, or pushed to the left, until then.
+  void feel(double until_s) {
+    for (; felt_s_ < until_s; felt_s_ += 0.05) {
+      predictor_.hear(std::llround(felt_s_ * 1e6), AircraftAttitude{.yaw_rad = std::numbers::pi / 2});
+      predictor_.hear(std::llround(felt_s_ * 1e6), ImuSample{.acceleration_m_s2 = {0, -left_m_s2_, -9.8}});
+    }
+  }
   PredictedFix at(double time_s) {
+    if (feels_) feel(time_s);
     auto predicted = predictor_.poll(std::llround(time_s * 1e6), 0);
     EXPECT_TRUE(predicted) << time_s;
     return predicted.value_or(PredictedFix{});
@@ -32,6 +41,8 @@ class Prediction : public ::testing::Test {
 
   LocalFrame frame_{kOrigin};
   FixPredictor predictor_;
+  bool feels_ = true;
+  double felt_s_ = 0, left_m_s2_ = 0;
 };
 
 TEST_F(Prediction, ThereIsNoFixBeforeTheFirstEstimate) {
@@ -94,6 +105,27 @@ TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
   }
   // After 4 s: 3 m, 0.5 m/s and 0.5 m/s² of which none is known better.
   EXPECT_NEAR(sigma_m, std::hypot(3, 0.5 * 4.0, 0.25 * 4.0 * 4.0), 0.1);
+}
+
+TEST_F(Prediction, InABlackoutTheFixTurnsWithTheAircraft) {
+  feel(1);
+  predictor_.observe(on_track(1), kSecond + 200'000);
+  left_m_s2_ = 3;
+  const PredictedFix predicted = at(6);
+  ASSERT_TRUE(predicted.fix);
+  EXPECT_NEAR(enu(predicted).north_m, 0.5 * 3 * 5 * 5, 1);
+  EXPECT_NEAR(enu(predicted).east_m, 20 * 6, 1);
+  EXPECT_NEAR(predicted.fix->velocity->north_m_s, 15, 0.2);
+}
+
+TEST_F(Prediction, WhoFeelsNothingAllowsForATurn) {
+  feels_ = false;
+  predictor_.observe(on_track(1), kSecond);
+  at(1.1);
+  const Fix fix = *at(5).fix;
+  EXPECT_NEAR(fix.sigma_m, std::hypot(std::hypot(3, 0.5 * 4), 0.25 * 4 * 4, 0.5 * 2.5 * 4 * 4), 0.01);
+  EXPECT_NEAR(*fix.speed_sigma_m_s, std::hypot(0.5, 0.5 * 4, 2.5 * 4), 0.01);
+  EXPECT_FALSE(at(25).fix) << "five hundred metres are none";
 }
 
 TEST_F(Prediction, CorrectionsRampAndSigmaCoversWhatIsLeft) {

@@ -21,7 +21,7 @@ class MachineDriver {
   // One picture and at once its estimate.
   void picture(SourceLabel source, double sigma_m = 5) {
     fact(FrameArrived{});
-    fact(EstimateMade{source, sigma_m});
+    fact(EstimateMade{source, sigma_m, false});
   }
 
   // Time goes by at ten ticks a second; nothing else happens.

@@ -84,6 +84,17 @@ TEST(ServiceMachine, OnlyAnAnchorEndsTheSearch) {
   EXPECT_FALSE(flight.status().fix);
 }
 
+TEST(ServiceMachine, AnAnchorThatComesAfterTheNextPictureEndsTheSearchToo) {
+  MachineDriver flight;
+  flight.boot_to_search();
+  flight.fly(3);
+  EXPECT_EQ(flight.state(), ServiceState::relocalizing);
+  flight.fact(EstimateMade{SourceLabel::dead_reckoned, 8, true});
+  EXPECT_EQ(flight.state(), ServiceState::relocalizing) << "pictures must carry it";
+  flight.fact(EstimateMade{SourceLabel::vo_extrapolated, 8, true});
+  EXPECT_EQ(flight.state(), ServiceState::normal);
+}
+
 TEST(ServiceMachine, AnUnfitPictureIsDeadReckoningWithThatPicture) {
   MachineDriver flight;
   flight.boot_to_normal();
