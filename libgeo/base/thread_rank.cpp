@@ -11,7 +11,9 @@
 namespace nadir {
 namespace {
 
-constexpr int kAhead = -10, kBehind = 5, kMostNice = 19, kLeastNice = -20;
+// Threads that work hard may not be far apart: the kernel shares a group's weight out to the processors by what runs
+// there, and one that is much nicer than its brothers starves on a processor that it has to share with other groups.
+constexpr int kAhead = -10, kBehind = 4, kMostNice = 19, kLeastNice = -20;
 constexpr std::size_t kLongestName = 15;
 
 int step(ThreadRank rank) {

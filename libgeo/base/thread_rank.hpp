@@ -8,7 +8,7 @@
 namespace nadir {
 
 enum class ThreadRank {
-  ahead,   // little work, and somebody counts the milliseconds: fixes to the autopilot
+  ahead,   // next to no work, and somebody counts the milliseconds: fixes to the autopilot
   beside,  // as the program was started
   behind,  // may take longer while others have to do: looks at the map, the recorder, readers of the API
 };

@@ -33,7 +33,7 @@ int programs_niceness() { return ::getpriority(PRIO_PROCESS, static_cast<id_t>(:
 
 TEST(ThreadRanks, BehindIsNicerThanTheProgram) {
   const int before = programs_niceness();
-  EXPECT_EQ(begun("behind", ThreadRank::behind).niceness, std::min(before + 5, 19));
+  EXPECT_EQ(begun("behind", ThreadRank::behind).niceness, std::min(before + 4, 19));
   EXPECT_EQ(begun("beside", ThreadRank::beside).niceness, before);
   EXPECT_EQ(programs_niceness(), before) << "the others stay as they were";
 }
