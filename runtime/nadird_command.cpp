@@ -178,7 +178,8 @@ int NadirdCommand::serve(Context& context) {
   // Before there are other threads: they inherit that the signals are not theirs.
   StopSignals stop;
   cv::setNumThreads(1);  // the threads are ours: pictures are followed by one, the map is looked at by another
-  const SystemFlightClock clock;
+  const SystemFlightClock system_clock;
+  const FlightClock& clock = clock_ != nullptr ? *clock_ : system_clock;
   Opening opening = open_it(context);
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
   FlightService service(flight_, {std::move(opening.package), opening.findings}, clock, stop);

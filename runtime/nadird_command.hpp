@@ -13,10 +13,14 @@
 namespace nadir {
 
 class Findings;
+class FlightClock;
 struct Opening;
 
 class NadirdCommand final : public Command {
  public:
+  // clock: must outlive this; null: the computer's own.
+  explicit NadirdCommand(const FlightClock* clock = nullptr) : clock_(clock) {}
+
   std::string_view group() const override { return {}; }
   std::string_view name() const override { return {}; }  // nadird has one job
   std::string_view summary() const override { return "position for the aircraft when GPS is denied"; }
@@ -34,6 +38,7 @@ class NadirdCommand final : public Command {
   int check(Context& context);
   int serve(Context& context);
 
+  const FlightClock* clock_;
   FlightOptions flight_;
   std::filesystem::path package_, airframe_file_;  // the latter empty: only its id is known
   std::string airframe_text_;

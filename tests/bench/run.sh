@@ -30,6 +30,8 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
   tiles         where the tiles lie that simulated flights make (--resume FILE; half an hour)
   ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
+  chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt (15 minutes)
+  soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
@@ -84,6 +86,8 @@ part() {
     contract)     one_program test_make_candidates && one_program nadir && python3 -B "$here/contract_client.py" "$@" ;;
     tiles)        one_program bench_tiles && build/bin/bench_tiles "$@" ;;
     ortho)        one_program bench_ortho_frame && ortho "$@" ;;
+    chaos)        build-venv/bin/python -B "$here/../e2e/chaos.py" "$@" ;;
+    soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
 }
@@ -94,8 +98,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | candidates | localization | closed-loop | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, chaos, soak, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | candidates | localization | closed-loop | chaos | soak | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -11,18 +11,17 @@ import json
 import os
 import pathlib
 import shutil
-import socket
 import sys
 import tempfile
-import time
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
+from loop.bad_readers import BadReaders
+from loop.flight import Flight, Setup
 from loop.inputs import Inputs
-from loop.processes import Programs
-from loop.run_summary import run_summary
+from loop.page import write_page
+from loop.rules import judge, lines_of
 from loop.verdict import Verdict, timeline
-from loop.watch import Watch
 
 SCENARIOS = {
     "denied": ["60:gps-denied"],
@@ -32,6 +31,7 @@ SCENARIOS = {
     "recovery": ["60:gps-step=300@70", "150:gps-recover"],
     "link": ["60:gps-denied", "120:link-cut", "128:link-restore"],
     "clock": ["60:gps-denied", "120:clock-step=3600", "180:clock-step=-7200"],
+    "demo": ["60:gps-step=300@70", "80:camera-cut", "92:camera-restore", "105:gps-recover"],
 }
 
 
@@ -47,12 +47,17 @@ def arguments():
     parser.add_argument("--world-seed", type=int, default=7)
     parser.add_argument("--size-km", type=float, default=2)
     parser.add_argument("--out", help="folder for inputs, logs and results; a temporary one without")
+    parser.add_argument("--inputs", help="folder of world, package and the rest, where they are made already")
+    parser.add_argument("--report", metavar="FILE.html", help="a page with map, timeline and rules")
+    parser.add_argument("--readers", type=int, default=0, help="slow and dead readers of the API's events meanwhile")
     parser.add_argument("--own-receiver", choices=("first", "second"), default="second",
                         help="which GPS instance is real; GPS_INPUT plays the other")
     parser.add_argument("--signed", action="store_true", help="sign the link")
     parser.add_argument("--unfavoured", action="store_true",
                         help="no more weight than any other program has; else that of a service, where the kernel lets us")
-    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--check", nargs="?", const="all", choices=("rules", "all"),
+                        help="exit code 1 when something falls short; rules: of docs/onboard.md and of the track, whatever else "
+                             "keeps the machine busy; all: how quick it was and how much memory it took as well")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--nadir", default=HERE.parent.parent / "build/bin/nadir")
     parser.add_argument("--nadird", default=HERE.parent.parent / "build/bin/nadird")
@@ -61,76 +66,27 @@ def arguments():
     return parser.parse_args()
 
 
-def free_port(kind=socket.SOCK_DGRAM):
-    with socket.socket(socket.AF_INET, kind) as end:
-        end.bind(("127.0.0.1", 0))
-        return end.getsockname()[1]
-
-
-def service(args, inputs, run, link_port, truth_port, api_port):
-    """nadird's command line, or the stand-in's."""
-    key = ["--key-file", inputs.key] if args.signed else []
-    if args.stand_in is not None:
-        return [sys.executable, "-B", HERE / "loop" / "stand_in.py", link_port, truth_port, "--offset-m", args.stand_in,
-                *key]
-    return [args.nadird, "--package", inputs.package, "--airframe", inputs.airframe, "--trust", inputs.root, "--at",
-            inputs.created, "--state", run / "state", "--camera", f"folder:{run / 'frames'}", "--autopilot",
-            f"udpin:127.0.0.1:{link_port}", "--record", run / "record", "--listen", f"127.0.0.1:{api_port}",
-            *(["--signing-key", inputs.key] if args.signed else []), *args.nadird_option]
-
-
-def fly(args, inputs, run):
-    """(summary of the autopilot, watch, begun, what nadird says at the end, camera's report)"""
-    link_port, truth_port, other_port, api_port = free_port(), free_port(), free_port(), free_port(socket.SOCK_STREAM)
-    for name in ("frames", "state", "record"):
-        (run / name).mkdir()
-    events = args.event if args.event is not None else SCENARIOS[args.scenario]
-    with Programs(run, favoured=not args.unfavoured) as programs:
-        camera = programs.start("camera", [
-            args.nadir, "simulate", "camera", "--world", inputs.world / "ground.tif", "--dem", inputs.world / "dem.tif",
-            "--camera", inputs.camera, "--pose-from", f"udpin:127.0.0.1:{truth_port}", "--out", run / "frames", "--fps",
-            args.fps, "--keep", 30, "--delay-s", args.delay_s])
-        programs.wait_until_says(camera, "waiting for poses")
-        companion = programs.start("service", service(args, inputs, run, link_port, other_port, api_port))
-        if args.stand_in is not None:
-            programs.wait_until_says(companion, "listening")
-        watch = Watch(f"http://127.0.0.1:{api_port}", companion)
-        begun = time.monotonic()
-        autopilot = programs.start("autopilot", [
-            sys.executable, "-B", HERE.parent / "support" / "autopilot.py", "--link", f"udpout:127.0.0.1:{link_port}",
-            "--truth", f"udpout:127.0.0.1:{truth_port}", "--truth", f"udpout:127.0.0.1:{other_port}", "--waypoints",
-            inputs.waypoints, "--altitude-m", inputs.altitude_m, "--terrain", inputs.terrain, "--duration",
-            args.minutes * 60, "--seed", args.seed, "--own-receiver", args.own_receiver, "--log", run / "flight",
-            *(["--key-file", inputs.key] if args.signed else []),
-            *(word for event in events for word in ("--event", event))])
-        if args.stand_in is None:
-            watch.start()
-        programs.wait_for(autopilot, args.minutes * 60 * 2 + 60)
-        if watch.is_alive():
-            watch.stop()
-        code = companion.end()
-        camera.end()
-        if code != 0:
-            raise SystemExit(f"service ended with {code}:\n{companion.tail()}")
-        summary = json.loads((run / "flight" / "summary.json").read_text(encoding="utf-8"))
-        return summary, watch, begun, run_summary(companion.text()), camera.tail(7)
-
-
-def report(args, verdict, watch, begun, camera):
-    growth = watch.memory_growth()
-    verdict.memory_growth_percent = growth
-    found = verdict.shortfalls()
+def report(args, flight, verdict, rules, readers, camera):
+    watch = flight.watch
+    found = verdict.shortfalls(everything=args.check != "rules") + [f"{rule.name}: {rule.found}, allowed: {rule.allowed}" for rule in rules
+                                    if rule.met is False]
     if args.json:
         print(json.dumps({"figures": dict(verdict.figures()), "shortfalls": found, "summary": verdict.summary,
-                          "service": verdict.service, "memory_growth_percent": growth}, indent=1))
+                          "service": verdict.service, "rules": [vars(rule) for rule in rules],
+                          "memory_growth_percent": verdict.memory_growth_percent}, indent=1))
         return found
-    print("\n".join(timeline(verdict.summary, watch.changes, begun)) + "\n")
+    print("\n".join(timeline(verdict.summary, watch.changes if watch else [], flight.begun_flying)) + "\n")
     for name, text in verdict.figures():
         print(f"{name:22}{text}")
-    if growth is not None:
-        print(f"{'memory of nadird':22}{max(mb for _, mb in watch.memory):.0f} MB, {growth:.1f} % growth after a minute")
+    if verdict.memory_growth_percent is not None:
+        print(f"{'memory of nadird':22}{max(mb for _, mb in watch.memory):.0f} MB, {verdict.memory_growth_percent:.1f} % "
+              "growth after a minute")
+    if args.readers:
+        print(f"{'bad readers':22}{args.readers} at a time, {readers.opened} in all")
     print(f"{'load of the machine':22}{', '.join(f'{load:.1f}' for load in os.getloadavg())} (1, 5, 15 minutes)")
     print("\n".join(f"{'camera: ' + line.strip()}" for line in camera.splitlines()))
+    if rules:
+        print("\n" + "\n".join(lines_of(rules)) + "\n")
     print("\n".join(f"FALLS SHORT  {text}" for text in found) if found else "all as it should be")
     return found
 
@@ -141,15 +97,26 @@ def main():
     run = out / "run"
     if run.exists():
         shutil.rmtree(run)
-    inputs = Inputs(out / "inputs", args.nadir, args.world_seed, args.size_km, width=args.width, delay_s=args.delay_s,
-                    gps_id=0 if args.own_receiver == "second" else 1, with_package=args.stand_in is None)
-    run.mkdir()
+    run.mkdir(parents=True)
     try:
-        summary, watch, begun, service_summary, camera = fly(args, inputs, run)
+        inputs = Inputs(args.inputs or out / "inputs", args.nadir, args.world_seed, args.size_km, width=args.width,
+                        delay_s=args.delay_s, gps_id=0 if args.own_receiver == "second" else 1,
+                        with_package=args.stand_in is None)
         events = args.event if args.event is not None else SCENARIOS[args.scenario]
+        setup = Setup(inputs, run, args.nadir, args.nadird, events, args.minutes, args.fps, args.delay_s, args.seed,
+                      args.own_receiver, args.signed, args.stand_in, not args.unfavoured, args.nadird_option)
+        with Flight(setup) as flight, BadReaders(args.readers) as readers:
+            flight.start()
+            readers.begin(flight.api_port)
+            flight.wait()
+            summary, service = flight.finish()
         first = min((float(event.partition(":")[0]) for event in events), default=0.0)
-        verdict = Verdict(summary, run / "flight" / "track.csv", first, service_summary)
-        found = report(args, verdict, watch, begun, camera)
+        verdict = Verdict(summary, run / "flight" / "track.csv", first, service)
+        verdict.memory_growth_percent = flight.watch.memory_growth() if flight.watch else None
+        rules = judge(summary, verdict.rows, service, flight.watch.changes) if service else []
+        found = report(args, flight, verdict, rules, readers, flight.camera.tail(7))
+        if args.report:
+            write_page(args.report, inputs, verdict, rules)
     finally:
         if args.out is None:
             shutil.rmtree(out, ignore_errors=True)

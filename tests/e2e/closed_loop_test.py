@@ -8,6 +8,7 @@ import sys
 import unittest
 
 import support
+from loop import evidence, kills, rules
 from loop.inputs import Inputs
 from loop.run_summary import run_summary
 from loop.verdict import Verdict, timeline
@@ -38,7 +39,7 @@ class Flight(support.EndToEnd):
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.9",
              "--event", "25:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--nadird-option=--keep-pictures",
-             "--out", out],
+             "--out", out, "--report", out / "live.html"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=500, check=False)
         self.assertEqual(0, result.returncode, result.stderr)
         summary = json.loads(result.stdout)["summary"]
@@ -47,6 +48,10 @@ class Flight(support.EndToEnd):
         self.assertLess(summary["deviation_m"]["max"], 60)
         self.assertEqual(0, summary["resets_by_gps_input"])
         self.assertEqual(0, summary["link"]["refused"])
+        page = (out / "live.html").read_text(encoding="utf-8")
+        for part in ('class="track given"', 'class="curve sigma"', "GPS denied to flying by our fix", "data:image/jpeg"):
+            self.assertIn(part, page)
+        self.assertNotIn("{{", page)
         recorded = subprocess.run([support.NADIR, "recorder", "verify", out / "run/record"], capture_output=True,
                                   text=True, timeout=60, check=False)
         self.assertEqual(0, recorded.returncode, recorded.stdout + recorded.stderr)
@@ -60,6 +65,82 @@ class Flight(support.EndToEnd):
         reproduced = json.loads(again.stdout)["reproduced"]
         self.assertGreater(reproduced["compared"], 60)
         self.assertEqual(reproduced["compared"], reproduced["same"], reproduced)
+
+
+class Rules(unittest.TestCase):
+    """A flight as it should be, and what becomes of each rule when it is not."""
+
+    SERVICE = {"pictures": 100, "dropped": 2}
+
+    def flight(self, told=(), rows=None, error=4.0, **summary):
+        events = [(60, "scenario", "gps-step=300@70"), (80, "scenario", "camera-cut"), (92, "scenario", "camera-restore"),
+                  (100, "scenario", "gps-recover"), *((at, "statustext", text) for at, text in told)]
+        words = {"scenario": "what", "statustext": "text"}
+        return {"events": [{"time_s": at, "kind": kind, words[kind]: text} for at, kind, text in sorted(events)],
+                "duration_s": 130, "fix_error_m": {"max": error}, "gps_input": {"accepted": 900},
+                "gps_input_spacing_max_s": 0.1, "heard": {"HEARTBEAT": 130}, **summary}
+
+    TOLD = ((60.5, rules.SPOOFED), (60.6, rules.MAP_LEADS), (80.7, rules.NO_PICTURES), (93.5, rules.SEES_AGAIN),
+            (112, rules.TRUSTED), (112.1, rules.GPS_LEADS))
+    CHANGES = ((1.0, "state", "normal", "degraded", "the camera gives no pictures: no picture for 0.42 s"),)
+
+    def rows(self, sigma=lambda t: 3.0 if t < 80 else 3.0 + t - 80, first=5, source="gps_input"):
+        return [{"time_s": str(t), "given_fix_type": "3" if t >= first else "0", "given_accuracy_m": str(sigma(t)),
+                 "source": source} for t in range(131)]
+
+    def missed(self, summary=None, rows=None, service=None, changes=CHANGES):
+        judged = rules.judge(summary or self.flight(self.TOLD), rows or self.rows(), service or self.SERVICE, changes)
+        self.assertEqual(len(judged) + 1, len(rules.lines_of(judged)))
+        return [rule.name for rule in judged if not rule.met]
+
+    def test_are_met_by_a_good_flight(self):
+        self.assertEqual([], self.missed())
+
+    def test_each_is_missed_by_a_flight_that_breaks_it(self):
+        without = lambda *texts: self.flight([pair for pair in self.TOLD if pair[1] not in texts])
+        for name, broken in (
+                ("cold start to the first fix", {"rows": self.rows(first=40)}),
+                ("GPS spoofed to flying by our fix", {"summary": without(rules.MAP_LEADS)}),
+                ("GPS spoofed to flying by our fix", {"rows": self.rows(source="own")}),
+                ("no picture to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no picture for 0.91 s")]}),
+                ("σ while blind", {"rows": self.rows(sigma=lambda t: 9.0 if t < 85 else 8.0)}),
+                ("pictures again: flying by them", {"summary": without(rules.SEES_AGAIN)}),
+                ("GPS well again to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
+                ("a fix follows nobody", {"summary": self.flight(self.TOLD, error=280.0)}),
+                ("our GPS in the autopilot's eyes", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
+                ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
+                ("pictures dropped", {"service": {"pictures": 100, "dropped": 11}})):
+            self.assertIn(name, self.missed(**broken), broken)
+
+
+class Evidence(unittest.TestCase):
+    def row(self, error, accuracy, age=0.1, fix=3):
+        return {"given_fix_type": str(fix), "given_error_m": str(error), "given_accuracy_m": str(accuracy),
+                "given_age_s": str(age)}
+
+    def test_wrong_is_far_off_and_sure(self):
+        right = [self.row(40, 3), self.row(200, 100), self.row(300, 3, age=2), self.row(300, 3, fix=0)]
+        self.assertEqual([], evidence.wrong_and_sure(right))
+        self.assertTrue(evidence.judged_right("x", right).met)
+        self.assertFalse(evidence.judged_right("x", [*right, self.row(60, 15)]).met)
+        self.assertFalse(evidence.judged_right("x", []).met, "no fix is no evidence")
+
+    def test_states_are_those_that_held_meanwhile(self):
+        changes = [(100.0, "state", None, "normal", ""), (105.0, "gps", "good", "denied", ""),
+                   (110.0, "state", "normal", "degraded", ""), (112.0, "state", "degraded", "normal", "")]
+        states = evidence.States(changes, 100.0)
+        self.assertEqual(["normal"], states.during(2, 9))
+        self.assertEqual(["normal", "degraded"], states.during(5, 11))
+        self.assertEqual(["normal"], states.during(13, 20))
+        self.assertEqual([], evidence.States([], 0.0).during(0, 1))
+
+    def test_the_first_fix_after_a_kill_is_not_one_that_is_remembered(self):
+        row = lambda t, age, fix=3: {**self.row(2, 3, age, fix), "unix_us": str(int(t * 1e6))}
+        rows = [row(99.9, 0.1), row(100.1, 0.2), row(100.4, 0.5), row(101, 1.1), row(101.2, 0.05, 0), row(101.4, 0.05)]
+        seconds, fix = kills.back_after_s(rows, 100.0)
+        self.assertAlmostEqual(1.4, seconds)
+        self.assertIs(rows[-1], fix)
+        self.assertEqual((None, None), kills.back_after_s(rows[:4], 100.0))
 
 
 class Judging(support.EndToEnd):

@@ -1,4 +1,5 @@
 """Programs that run beside each other, each with its own log, ended in order."""
+import os
 import pathlib
 import resource
 import signal
@@ -19,12 +20,13 @@ def favour(pid):
 
 
 class Program:
-    def __init__(self, name, command, log_folder, favoured=False):
+    def __init__(self, name, command, log_folder, favoured=False, environment=None):
         self.name = name
         self.log = log_folder / f"{name}.log"
         self.file = open(self.log, "w", encoding="utf-8")
         self.process = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=self.file,
-                                        stderr=subprocess.STDOUT, start_new_session=favoured)
+                                        stderr=subprocess.STDOUT, start_new_session=favoured,
+                                        env={**os.environ, **(environment or {})})
         self.pid = self.process.pid
         self.favoured = favoured and favour(self.pid)
 
@@ -71,8 +73,8 @@ class Programs:
             if not program.file.closed:
                 program.end()
 
-    def start(self, name, command):
-        self.started.append(Program(name, command, self.log_folder, self.favoured))
+    def start(self, name, command, environment=None):
+        self.started.append(Program(name, command, self.log_folder, self.favoured, environment))
         return self.started[-1]
 
     def wait_until_says(self, program, text, seconds=300):

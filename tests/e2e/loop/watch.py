@@ -17,6 +17,7 @@ class Watch(threading.Thread):
         self.memory = []  # (monotonic seconds, MB)
         self.answers, self.failures = 0, 0
         self.last = {}
+        self.state = {}  # the latest answer
         self.events = {}
         self.stopped = threading.Event()
 
@@ -43,6 +44,7 @@ class Watch(threading.Thread):
             if self.last.get(what) != value:
                 self.changes.append((now, what, self.last.get(what), value, state.get("reason") or ""))
         self.last = values
+        self.state = state
         for event in state.get("events") or []:
             self.events.setdefault((state.get("boot"), event.get("id")), event)
 

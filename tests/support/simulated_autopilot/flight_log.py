@@ -4,7 +4,8 @@ import json
 import os
 
 FIELDS = ["time_s", "unix_us", "lat_deg", "lon_deg", "altitude_m", "believed_lat_deg", "believed_lon_deg", "deviation_m",
-          "filter_error_m", "filter_sigma_m", "source", "given_fix_type", "given_error_m", "given_accuracy_m"]
+          "filter_error_m", "filter_sigma_m", "source", "given_fix_type", "given_error_m", "given_accuracy_m", "given_age_s", "given_lat_deg", "given_lon_deg",
+          "own_lat_deg", "own_lon_deg"]
 
 
 class FlightLog:
@@ -31,8 +32,8 @@ class FlightLog:
     def row(self, values):
         self.rows += 1
         if self.file is not None:
-            self.writer.writerow({key: f"{value:.9f}" if key.endswith("_deg") else f"{value:.3f}" if isinstance(
-                value, float) else value for key, value in values.items()})
+            self.writer.writerow({key: f"{value:.9f}" if key.endswith("_deg") and value != "" else f"{value:.3f}"
+                                  if isinstance(value, float) else value for key, value in values.items()})
 
     def close(self, summary):
         """Writes summary.json under its final name when it is whole."""

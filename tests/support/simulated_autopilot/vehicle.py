@@ -175,13 +175,20 @@ class Vehicle:
         lat, lon = self.local.to_degrees(p.north, p.east)
         believed_lat, believed_lon = self.local.to_degrees(*nav.filter.position)
         sample = nav.given.sample if nav.given.status >= 3 else None
+        own = nav.own_sample if nav.own_sample is not None and nav.own_sample.fix_type >= 3 else None
         self.log.row({
             "time_s": self.now_s, "unix_us": self.unix_us(), "lat_deg": lat, "lon_deg": lon, "altitude_m": p.altitude,
             "believed_lat_deg": believed_lat, "believed_lon_deg": believed_lon, "deviation_m": deviation,
             "filter_error_m": error, "filter_sigma_m": nav.filter.sigma(), "source": nav.source,
             "given_fix_type": nav.given.status,
             "given_error_m": "" if sample is None else math.dist((sample.north, sample.east), (p.north, p.east)),
-            "given_accuracy_m": "" if sample is None or sample.h_acc is None else sample.h_acc})
+            "given_accuracy_m": "" if sample is None or sample.h_acc is None else sample.h_acc,
+            "given_age_s": "" if nav.given.last_s is None else self.now_s - nav.given.last_s,
+            **self._place("given", sample), **self._place("own", own)})
+
+    def _place(self, whose, sample):
+        lat, lon = ("", "") if sample is None else self.local.to_degrees(sample.north, sample.east)
+        return {f"{whose}_lat_deg": lat, f"{whose}_lon_deg": lon}
 
 
 def figures(values):

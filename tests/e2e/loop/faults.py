@@ -1,0 +1,137 @@
+"""One flight in which much goes wrong, one thing after the other, and what nadird must make of each."""
+import shutil
+import signal
+import time
+
+from .evidence import Finding, States, judged_right, longest_pause_s, readable, within
+from .flight import Flight, Setup
+from .hands import HostClock, spoil_tiles
+from .small_disk import SmallDisk
+
+DISK_MB = 6
+MINUTES = 4.9
+BURST_TIMES = 10
+# Seconds of flight.
+STALL, LINK, AUTOPILOT_CLOCK, HOST_FORTH, HOST_BACK, BURST, TILES, DARK = (40, 46), (65, 73), 90, 100, 112, (130, 140), (
+    155, 195), (215, 252)
+EVENTS = ["20:gps-denied", f"{LINK[0]}:link-cut", f"{LINK[1]}:link-restore", f"{AUTOPILOT_CLOCK}:clock-step=3600",
+          f"{AUTOPILOT_CLOCK + 5}:clock-step=-7200", f"{DARK[0]}:camera-cut", f"{DARK[1]}:camera-restore"]
+
+
+def fly(args, inputs, run):
+    """The findings."""
+    package = run / "package"
+    shutil.copytree(inputs.package, package)
+    clock = HostClock(run)
+    with SmallDisk(run / "disk", DISK_MB) as disk:
+        setup = Setup(inputs, run, args.nadir, args.nadird, EVENTS, MINUTES, signed=True, package=package,
+                      record=disk.folder and disk.folder / "record", environment=clock.environment(),
+                      nadird_options=["--keep-pictures"])
+        with Flight(setup) as flight:
+            flight.start()
+            seen = Hands(flight, clock, package, disk).work()
+            summary, _ = flight.finish()
+        kept = run / "kept"
+        shutil.copytree(flight.record, kept)
+    return judge(summary, setup.rows(), States(flight.watch.changes, flight.begun_flying), seen, args.nadir, kept, clock, disk)
+
+
+class Hands:
+    """Does to the flight what is not the autopilot's to do, at its time, and notes what nadird said then."""
+
+    def __init__(self, flight, clock, package, disk):
+        self.flight, self.seen = flight, {}
+        self.plan = [
+            (STALL[0], lambda: flight.camera.process.send_signal(signal.SIGSTOP)),
+            (STALL[1], lambda: flight.camera.process.send_signal(signal.SIGCONT)),
+            (HOST_FORTH, lambda: clock.set(7200)), (HOST_BACK, lambda: clock.set(-86400)), (BURST[0] - 1, self.note("before")),
+            (BURST[0], self.begin_burst), (BURST[1], self.end_burst), (BURST[1] + 1, self.note("after")),
+            (TILES[0], lambda: spoil_tiles(package)), (TILES[1] - 1, self.note("spoilt")),
+            (TILES[1], lambda: spoil_tiles(package)), (DARK[0] - 1, self.note("mended"))]
+        if disk.folder:
+            self.plan.append((DARK[0] - 2, lambda: self.seen.update(used=disk.share_used())))
+
+    def work(self):
+        for at, act in sorted(self.plan, key=lambda step: step[0]):
+            while self.flight.elapsed_s() < at:
+                self._alive()
+                time.sleep(0.02)
+            act()
+        while self.flight.autopilot.running():
+            self._alive()
+            time.sleep(0.2)
+        return self.seen
+
+    def note(self, name):
+        def act():
+            self.seen[name] = dict(self.flight.watch.state, memory_mb=self.flight.service.memory_mb())
+        return act
+
+    def begin_burst(self):
+        self.burst = self.flight.painter("burst", self.flight.other_port, self.flight.setup.fps * (BURST_TIMES - 1))
+
+    def end_burst(self):
+        self.burst.end()
+        self.flight.programs.started.remove(self.burst)
+
+    def _alive(self):
+        if not self.flight.service.running():
+            raise SystemExit(f"nadird ended with {self.flight.service.process.returncode}:\n{self.flight.service.tail()}")
+
+
+def judge(summary, rows, states, seen, nadir, record, clock, disk):
+    def state(fault, expected, window, allowed, ends_with):
+        values = states.during(*window)
+        found = " → ".join(dict.fromkeys(map(str, values)))
+        return Finding(fault, expected, found, set(values) <= set(allowed) and values[-1:] == [ends_with])
+
+    def flies_on(fault, window, pause_s=0.3):
+        pause = longest_pause_s(within(rows, *window))
+        return Finding(fault, "fixes go on", f"longest pause {pause:.2f} s", pause <= pause_s)
+
+    def told(fault, text, window):
+        at = next((event["time_s"] for event in summary["events"] if event["kind"] == "statustext" and event["text"] == text
+                   and window[0] <= event["time_s"] <= window[1]), None)
+        return Finding(fault, f"operator: {text.removeprefix('Nadir: ')}", "not told" if at is None else
+                       f"told {at - window[0]:.1f} s after", at is not None)
+
+    steady = ["normal"]
+    findings = [
+        told("camera stalls for 6 s", "Nadir: no pictures, dead reckoning", STALL),
+        state("camera stalls for 6 s", "dead reckoning, then normal", (STALL[0], STALL[1] + 5), ["normal", "degraded"], "normal"),
+        flies_on("camera stalls for 6 s", (STALL[0], STALL[1] + 5)),
+        state("link cut for 8 s", "the state stays what pictures make it", (LINK[0], LINK[1] + 5), steady, "normal"),
+        told("link restored", "Nadir: autopilot link is back", (LINK[1], LINK[1] + 5)),
+        flies_on("link restored", (LINK[1] + 1, LINK[1] + 10)),
+        state("autopilot's clock steps", "no rule notices", (AUTOPILOT_CLOCK, HOST_FORTH - 1), steady, "normal"),
+        flies_on("autopilot's clock steps", (AUTOPILOT_CLOCK, HOST_FORTH - 1))]
+    if clock.works:
+        findings += [state("our clock steps", "no rule notices", (HOST_FORTH, BURST[0]), steady, "normal"),
+                     flies_on("our clock steps", (HOST_FORTH, BURST[0]))]
+    dropped = seen["after"]["frames"]["dropped"] - seen["before"]["frames"]["dropped"]
+    came = seen["after"]["frames"]["received"] - seen["before"]["frames"]["received"]
+    grown = 100 * (seen["after"]["memory_mb"] / seen["before"]["memory_mb"] - 1)
+    burst = f"{BURST_TIMES} times the pictures"
+    findings += [
+        state(burst, "normal", (BURST[0], BURST[1] + 5), steady, "normal"),
+        flies_on(burst, (BURST[0], BURST[1] + 5)),
+        Finding(burst, "the latest wins, nothing piles up", f"{came} came, {dropped} dropped; memory {grown:+.0f} %",
+                came > 5 * 3 * (BURST[1] - BURST[0]) / 2 and grown < 25),
+        state("tiles spoilt", "flies on; anchored again afterwards", (TILES[0], DARK[0]), ["normal", "degraded"], "normal"),
+        flies_on("tiles spoilt", (TILES[0], DARK[0])),
+        Finding("tiles whole again", "anchors again", f"{seen['mended']['anchors']['accepted'] - seen['spoilt']['anchors']['accepted']}"
+                " anchors", seen["mended"]["anchors"]["accepted"] > seen["spoilt"]["anchors"]["accepted"]),
+        told("no pictures for 37 s", "Nadir: NO FIX, blind for too long", (DARK[0] + 30, DARK[0] + 33)),
+        told("no pictures for 37 s", "Nadir: FAILSAFE, no position at all", (DARK[0] + 33, DARK[0] + 36)),
+        state("no pictures for 37 s", "degraded, no fix, failsafe, and found again", (DARK[0], MINUTES * 60),
+              ["normal", "degraded", "no_fix", "failsafe"], "normal")]
+    if disk.folder:
+        recorder = seen["mended"]["recorder"]
+        findings.append(Finding(f"disk of {DISK_MB} MB full", "the recorder says so, the flight goes on",
+                                f"{100 * seen['used']:.0f} % full; recorder {recorder['state']}, {recorder['lost_records']} "
+                                "records lost", seen["used"] > 0.8 and (recorder["lost_records"] > 0
+                                                                       or recorder["state"] != "recording")))
+    findings.append(readable(f"disk of {DISK_MB} MB full" if disk.folder else "all of these", nadir, record))
+    findings.append(Finding("all of these", "no frame of ours refused by the autopilot", str(summary["link"]["refused"]),
+                            summary["link"]["refused"] == 0))
+    return findings + [judged_right("all of these", rows)]

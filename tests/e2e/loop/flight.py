@@ -1,0 +1,144 @@
+"""One flight of the closed loop: camera, service and autopilot, started in order and ended whatever happens."""
+import csv
+import dataclasses
+import json
+import pathlib
+import socket
+import sys
+import time
+
+from .processes import Programs
+from .run_summary import run_summary
+from .watch import Watch
+
+HERE = pathlib.Path(__file__).resolve().parent
+AUTOPILOT = HERE.parent.parent / "support" / "autopilot.py"
+
+
+@dataclasses.dataclass
+class Setup:
+    """What is flown, with what, and what happens on the way."""
+    inputs: object  # Inputs
+    run: pathlib.Path  # for frames, state, record, logs and results; is there and empty
+    nadir: object
+    nadird: object
+    events: list
+    minutes: float
+    fps: float = 3
+    delay_s: float = 0.25
+    seed: int = 1
+    own_receiver: str = "second"
+    signed: bool = False
+    stand_in: float = None  # no nadird: the truth, so many metres off
+    favoured: bool = True
+    nadird_options: list = dataclasses.field(default_factory=list)
+    package: pathlib.Path = None  # another one than the inputs'
+    record: pathlib.Path = None  # another folder than run/record
+    speed: float = 1  # times real time; nadird must have a clock that goes as fast
+    environment: dict = dataclasses.field(default_factory=dict)  # of nadird, besides ours
+
+    def rows(self):
+        """What the autopilot wrote down, ten rows a second."""
+        with open(self.run / "flight" / "track.csv", newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+
+
+def free_port(kind=socket.SOCK_DGRAM):
+    with socket.socket(socket.AF_INET, kind) as end:
+        end.bind(("127.0.0.1", 0))
+        return end.getsockname()[1]
+
+
+class Flight:
+    """A context. start() starts all three programs; `camera`, `service` and `autopilot` are the latest of each."""
+
+    def __init__(self, setup):
+        self.setup, self.inputs, self.run = setup, setup.inputs, setup.run
+        self.record = setup.record or self.run / "record"
+        self.link_port, self.truth_port, self.other_port = free_port(), free_port(), free_port()
+        self.api_port = free_port(socket.SOCK_STREAM)
+        self.url = f"http://127.0.0.1:{self.api_port}"
+        self.programs = Programs(self.run, setup.favoured)
+        self.camera = self.service = self.autopilot = self.watch = None
+        self.begun = self.begun_flying = None  # monotonic seconds: the autopilot was started; it flew
+
+    def __enter__(self):
+        self.programs.__enter__()
+        for folder in (self.run / "frames", self.run / "state", self.record):
+            folder.mkdir(exist_ok=True)
+        return self
+
+    def __exit__(self, *error):
+        if self.watch is not None and self.watch.is_alive():
+            self.watch.stop()
+        self.programs.__exit__(*error)
+
+    def start(self):
+        self.start_camera()
+        self.start_service()
+        self.start_autopilot()
+        if self.setup.stand_in is None:
+            self.watch = Watch(self.url, self.service)
+            self.watch.start()
+
+    def start_camera(self):
+        self.camera = self.painter("camera", self.truth_port, self.setup.fps)
+        self.programs.wait_until_says(self.camera, "waiting for poses")
+
+    def painter(self, name, port, fps):
+        """A renderer that writes into the folder of pictures, at the poses that come to that port."""
+        setup, inputs = self.setup, self.inputs
+        return self.programs.start(name, [
+            setup.nadir, "simulate", "camera", "--world", inputs.world / "ground.tif", "--dem", inputs.world / "dem.tif",
+            "--camera", inputs.camera, "--pose-from", f"udpin:127.0.0.1:{port}", "--out", self.run / "frames", "--fps",
+            fps, "--keep", 30, "--delay-s", setup.delay_s / setup.speed])
+
+    def start_service(self, name="service"):
+        """nadird, or the stand-in. Another name is another log."""
+        self.service = self.programs.start(name, self._service_command(), self.setup.environment)
+        if self.setup.stand_in is not None:
+            self.programs.wait_until_says(self.service, "listening")
+
+    def start_autopilot(self):
+        setup, inputs = self.setup, self.inputs
+        self.begun = time.monotonic()
+        self.autopilot = self.programs.start("autopilot", [
+            sys.executable, "-B", AUTOPILOT, "--link", f"udpout:127.0.0.1:{self.link_port}", "--truth",
+            f"udpout:127.0.0.1:{self.truth_port}", "--truth", f"udpout:127.0.0.1:{self.other_port}", "--waypoints",
+            inputs.waypoints, "--altitude-m", inputs.altitude_m, "--terrain", inputs.terrain, "--duration",
+            setup.minutes * 60, "--speed", setup.speed, "--seed", setup.seed, "--own-receiver", setup.own_receiver, "--log", self.run / "flight",
+            *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
+        self.programs.wait_until_says(self.autopilot, " s  ")
+        self.begun_flying = time.monotonic()
+
+    def elapsed_s(self):
+        """Seconds of the autopilot's flight, nearly: it says when it begins."""
+        return time.monotonic() - self.begun_flying
+
+    def wait(self):
+        """Until the autopilot has flown its minutes. SystemExit when a program ends before."""
+        self.programs.wait_for(self.autopilot, self.setup.minutes * 60 * 2 + 60)
+
+    def finish(self):
+        """Ends service and camera in order. (the autopilot's summary, what nadird says of itself or None)"""
+        if self.watch is not None:
+            self.watch.stop()
+        code = self.service.end()
+        self.camera.end()
+        if code != 0:
+            raise SystemExit(f"service ended with {code}:\n{self.service.tail()}")
+        summary = json.loads((self.run / "flight" / "summary.json").read_text(encoding="utf-8"))
+        return summary, run_summary(self.service.text())
+
+    def _key(self, option):
+        return [option, self.inputs.key] if self.setup.signed else []
+
+    def _service_command(self):
+        setup, inputs, run = self.setup, self.inputs, self.run
+        if setup.stand_in is not None:
+            return [sys.executable, "-B", HERE / "stand_in.py", self.link_port, self.other_port, "--offset-m",
+                    setup.stand_in, *self._key("--key-file")]
+        return [setup.nadird, "--package", setup.package or inputs.package, "--airframe", inputs.airframe, "--trust",
+                inputs.root, "--at", inputs.created, "--state", run / "state", "--camera", f"folder:{run / 'frames'}",
+                "--autopilot", f"udpin:127.0.0.1:{self.link_port}", "--record", self.record, "--listen",
+                f"127.0.0.1:{self.api_port}", *self._key("--signing-key"), *setup.nadird_options]

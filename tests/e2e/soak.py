@@ -1,0 +1,101 @@
+#!/usr/bin/env python3
+"""Hours of simulated flight at many times real time: nadird with a clock that goes as fast (tests/bench/fast_nadird.cpp),
+small pictures, the API polled and its events read. Memory, file handles and threads must not grow; the exit code is 1 when
+they do. docs/closed-loop.md.
+"""
+import argparse
+import os
+import pathlib
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+from loop.bad_readers import BadReaders
+from loop.flight import Flight, Setup
+from loop.inputs import Inputs
+
+SAMPLE_S = 2
+SETTLED = 0.15  # of the flight: until then all ground has been flown over, and is remembered up to a bound
+GROWTH_PERCENT = 5
+DENIED_S, READERS = 120, 4
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", type=float, default=2)
+    parser.add_argument("--speed", type=float, default=8, help="times real time")
+    parser.add_argument("--width", type=int, default=480, help="of the pictures")
+    parser.add_argument("--inputs", help="folder of world, package and the rest, where they are made already")
+    parser.add_argument("--out", help="folder for inputs, logs and recordings; a temporary one without")
+    parser.add_argument("--nadir", default=HERE.parent.parent / "build/bin/nadir")
+    parser.add_argument("--nadird", default=HERE.parent.parent / "build/bin/bench_fast_nadird")
+    return parser.parse_args()
+
+
+def sample(pid):
+    """(MB, file handles, threads)"""
+    fields = pathlib.Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
+    return (int(fields[1]) * os.sysconf("SC_PAGESIZE") / 1e6, len(os.listdir(f"/proc/{pid}/fd")),
+            len(os.listdir(f"/proc/{pid}/task")))
+
+
+def fly(args, inputs, run):
+    """(summary, what nadird says of itself, samples)"""
+    setup = Setup(inputs, run, args.nadir, args.nadird, [f"{DENIED_S}:gps-denied"], args.hours * 60, speed=args.speed,
+                  environment={"NADIR_SOAK_SPEED": f"{args.speed:g}"})
+    samples = []
+    with Flight(setup) as flight, BadReaders(READERS) as readers:
+        flight.start()
+        readers.begin(flight.api_port)
+        while flight.autopilot.running():
+            if not flight.service.running() or not flight.camera.running():
+                raise SystemExit(f"ended by itself:\n{flight.service.tail()}\n{flight.camera.tail()}")
+            samples.append(sample(flight.service.pid))
+            time.sleep(SAMPLE_S)
+        summary, service = flight.finish()
+    return summary, service, samples
+
+
+def growth(samples, column):
+    """From the first tenth of the settled samples to the last one, by their medians."""
+    settled = [row[column] for row in samples[int(len(samples) * SETTLED):]]
+    tenth = max(1, len(settled) // 10)
+    return statistics.median(settled[:tenth]), statistics.median(settled[-tenth:])
+
+
+def main():
+    args = arguments()
+    out = pathlib.Path(args.out or tempfile.mkdtemp(prefix="nadir-soak."))
+    run = out / "soak"
+    if run.exists():
+        shutil.rmtree(run)
+    run.mkdir(parents=True)
+    try:
+        inputs = Inputs(args.inputs or out / "inputs", args.nadir, width=args.width)
+        begun = time.monotonic()
+        summary, service, samples = fly(args, inputs, run)
+        took = time.monotonic() - begun
+    finally:
+        if args.out is None:
+            shutil.rmtree(out, ignore_errors=True)
+    (mb, mb_end), (files, files_end), (threads, threads_end) = (growth(samples, column) for column in range(3))
+    good = mb_end <= mb * (1 + GROWTH_PERCENT / 100) and files_end <= files and threads_end <= threads
+    print(f"flown          {summary['duration_s'] / 3600:.2f} h in {took / 60:.1f} minutes, {service['pictures']} pictures, "
+          f"{service['dropped']} dropped")
+    print(f"memory         {mb:.1f} MB → {mb_end:.1f} MB ({100 * (mb_end / mb - 1):+.1f} %), at most "
+          f"{max(row[0] for row in samples):.1f} MB")
+    print(f"file handles   {files:.0f} → {files_end:.0f}")
+    print(f"threads        {threads:.0f} → {threads_end:.0f}")
+    deviation, fix = summary["deviation_m"], summary["fix_error_m"]
+    print(f"true track     median {deviation['median']:.1f}, max {deviation['max']:.1f} m from the plan; fixes at most "
+          f"{fix['max']:.1f} m off")
+    print("as it should be" if good else "GROWS")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
