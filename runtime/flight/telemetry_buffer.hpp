@@ -15,7 +15,7 @@
 
 namespace nadir {
 
-inline constexpr double kTelemetryKept_s = 10;
+inline constexpr double kTelemetryKept_s = 40;  // longer than a blackout after which a fix is still told
 inline constexpr double kAttitudeGap_s = 0.5;  // between the messages around a picture, or from the last one to it
 inline constexpr double kHeightGap_s = 2;
 inline constexpr double kImuGap_s = 0.15;
