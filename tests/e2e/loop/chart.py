@@ -2,7 +2,7 @@
 import html
 import math
 
-WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1200, 330, 44, 12, 40, 26
+WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1200, 330, 56, 12, 40, 26
 BANDS = {"gps-step": "spoofed", "gps-drag": "spoofed", "gps-denied": "spoofed", "camera-cut": "blind", "link-cut": "blind"}
 ENDS = {"gps-recover": "spoofed", "camera-restore": "blind", "link-restore": "blind"}
 WORDS = {"gps-step": "GPS spoofed", "gps-drag": "GPS dragged off", "gps-denied": "GPS denied", "camera-cut": "no pictures",
@@ -17,7 +17,7 @@ def frame(rows):
 
 def largest(rows):
     values = [float(row[name]) for row in rows for name, _ in CURVES if row[name] != ""]
-    return max(10.0, 5 * math.ceil(max(values, default=0) / 5))
+    return max(8.0, 4 * math.ceil(max(values, default=0) / 4))
 
 
 def svg(rows, events):

@@ -71,8 +71,22 @@ def table(rules):
     return f"<table><thead><tr><th>rule<th>allowed<th>found<th></tr></thead><tbody>{cells}</tbody></table>"
 
 
+DONE = {"gps-denied": "GPS is denied", "gps-step": "GPS is spoofed: {} m aside", "gps-drag": "GPS is dragged off: {} m/s",
+        "gps-recover": "GPS is well again", "link-cut": "the link is cut", "link-restore": "the link is back",
+        "clock-step": "the autopilot's clock jumps by {} s", "camera-cut": "the camera goes dark",
+        "camera-restore": "the camera sees again", "reboot": "the autopilot begins anew"}
+FLOWN_BY = {"own": "flies by its own GPS", "gps_input": "flies by our fixes", "none": "flies without a position"}
+
+
 def event_text(event):
-    return event.get("what") or event.get("text") or event.get("now") and f"flies by {event['now']}" or event["kind"]
+    if event["kind"] == "scenario":
+        action, _, value = event["what"].partition("=")
+        return DONE[action].format(value.partition("@")[0])
+    if event["kind"] == "source":
+        return FLOWN_BY[event["now"]]
+    if event["kind"] == "reset":
+        return f"the filter is reset by {FLOWN_BY[event['source']].removeprefix('flies by ')}: {event['metres']:.0f} m"
+    return event["text"]
 
 
 def events(summary):

@@ -6,17 +6,17 @@ import signal
 import subprocess
 import time
 
-SERVICE_GROUP = -10  # of a kernel's autogroup: as heavy as CPUWeight=1000, which nadird.service asks for
+SERVICE_NICENESS = -10  # of a process or of a kernel's autogroup: as heavy as CPUWeight=1000, which nadird.service asks for
 
 
-def favour(pid):
-    """The session of this process weighs as a service does: what else the machine has to do is not the aircraft's matter,
-    and what stands for its hardware must not be late. False where the kernel or our rights do not allow it."""
+def favour():
+    """This process and its session weigh as a service does: what else the machine has to do is not the aircraft's matter,
+    and what stands for its hardware must not be late. Nothing where the kernel or our rights do not allow it."""
     try:
-        pathlib.Path(f"/proc/{pid}/autogroup").write_text(f"{SERVICE_GROUP}\n", encoding="ascii")
-        return True
+        os.nice(SERVICE_NICENESS)
+        pathlib.Path("/proc/self/autogroup").write_text(f"{SERVICE_NICENESS}\n", encoding="ascii")
     except OSError:
-        return False
+        pass
 
 
 class Program:
@@ -26,14 +26,14 @@ class Program:
         self.file = open(self.log, "w", encoding="utf-8")
         self.process = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=self.file,
                                         stderr=subprocess.STDOUT, start_new_session=favoured,
+                                        preexec_fn=favour if favoured else None,
                                         env={**os.environ, **(environment or {})})
         self.pid = self.process.pid
-        self.favoured = favoured and favour(self.pid)
 
     def running(self):
         return self.process.poll() is None
 
-    def end(self, number=signal.SIGTERM, patience_s=20):
+    def end(self, number=signal.SIGTERM, patience_s=40):
         """Its exit code. Killed when it does not end by itself."""
         if self.running():
             self.process.send_signal(number)
