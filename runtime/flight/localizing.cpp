@@ -11,7 +11,9 @@ namespace nadir {
 namespace {
 
 constexpr std::chrono::milliseconds kLookForFinished{20};  // how long a finished look at the map may lie about
-constexpr double kFollowerLimit_s = 3, kLookerLimit_s = 30;
+constexpr double kFollowerLimit_s = 3;
+// A search of all the area by a computer that is slow and has much else to do. Whoever ends it sooner begins it anew.
+constexpr double kLookerLimit_s = 120;
 constexpr double kLeastHeight_m = 1;
 
 CameraFile decoded_small(CameraFile file, int shrink) {
