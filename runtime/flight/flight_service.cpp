@@ -313,13 +313,15 @@ void FlightService::save(double now_s) {
   flight.state = machine_.status().state;
   if (last_spoke_ && last_spoke_->estimate.position) {
     const Estimate& estimate = last_spoke_->estimate;
-    flight.estimate = SavedEstimate{last_spoke_->taken_s,
-                                    clock_.unix_us() - std::llround((now_s - last_spoke_->taken_s) * 1e6),
-                                    *estimate.position,
-                                    estimate.sigma_m,
-                                    last_spoke_->belief.velocity_mps.norm(),
-                                    estimate.source,
-                                    estimate.segment};
+    flight.estimate =
+        SavedEstimate{last_spoke_->taken_s,
+                      clock_.unix_us() - std::llround((now_s - last_spoke_->taken_s) * 1e6),
+                      *estimate.position,
+                      estimate.sigma_m,
+                      last_spoke_->belief.velocity_mps.norm(),
+                      estimate.source,
+                      estimate.segment,
+                      SavedVelocity{last_spoke_->belief.velocity_mps.x(), last_spoke_->belief.velocity_mps.y()}};
   }
   if (options_.start) flight.hint = SavedHint{*options_.start, kGpsHintRadius_m};
   to_save_.put(std::move(flight));

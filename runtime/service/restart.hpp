@@ -1,5 +1,5 @@
 // What a saved flight is still worth: the position that it held, with σ grown by the way that the aircraft may have
-// flown since.
+// flown since. For some seconds it is better carried on by the velocity that it had, and σ allows for a turn.
 //
 // Within one boot of the computer the age is exact, whatever was done to the time of day. After a reboot only UTC can
 // tell, and a computer without a battery for its clock starts with an old one: then the age is at least the time since
@@ -17,6 +17,9 @@ namespace nadir {
 inline constexpr double kMaxRestartAge_s = 1800;    // older: another flight
 inline constexpr double kRebootAllowance_s = 60;    // of unseen time
 inline constexpr double kMinRestartSpeed_m_s = 15;  // of any aircraft in flight, whatever was measured last
+inline constexpr double kRestartTurn_m_s2 = 2.5;    // one sigma of what it may have done meanwhile
+inline constexpr double kRestartVelocitySigma_m_s = 1;
+inline constexpr double kFirstPicture_s = 0.5;  // from the restart to the first picture, or before it
 
 struct RestartPosition {
   LonLat place;

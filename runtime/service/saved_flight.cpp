@@ -62,6 +62,13 @@ LonLat read_place(const json& object) {
   return {number(object, "lon_deg", -180, 180), number(object, "lat_deg", -90, 90)};
 }
 
+std::optional<SavedVelocity> read_velocity(const json& object) {
+  if (!object.contains("velocity")) return std::nullopt;
+  const json& velocity = object["velocity"];
+  return SavedVelocity{number(velocity, "east_m_s", -kMaxSpeed_m_s, kMaxSpeed_m_s),
+                       number(velocity, "north_m_s", -kMaxSpeed_m_s, kMaxSpeed_m_s)};
+}
+
 SavedEstimate read_estimate(const json& object) {
   return {.monotonic_s = number(object, "monotonic_s", 0, kMaxMonotonic_s),
           .unix_us = whole(object, "unix_us", kMaxUnix_us),
@@ -69,7 +76,8 @@ SavedEstimate read_estimate(const json& object) {
           .sigma_m = number(object, "sigma_m", 0, kMaxLength_m),
           .ground_speed_m_s = number(object, "ground_speed_m_s", 0, kMaxSpeed_m_s),
           .source = named(member(object, "source"), kSources, "source"),
-          .segment = static_cast<int>(whole(object, "segment", 1 << 30))};
+          .segment = static_cast<int>(whole(object, "segment", 1 << 30)),
+          .velocity = read_velocity(object)};
 }
 
 SavedFlight read_flight(const json& document) {
@@ -101,6 +109,10 @@ json written(const SavedFlight& flight) {
                             {"lon_deg", estimate->place.lon_deg},   {"lat_deg", estimate->place.lat_deg},
                             {"sigma_m", estimate->sigma_m},         {"ground_speed_m_s", estimate->ground_speed_m_s},
                             {"source", name_of(estimate->source)},  {"segment", estimate->segment}};
+  }
+  if (flight.estimate && flight.estimate->velocity) {
+    const SavedVelocity& velocity = *flight.estimate->velocity;
+    document["estimate"]["velocity"] = {{"east_m_s", velocity.east_m_s}, {"north_m_s", velocity.north_m_s}};
   }
   if (const auto& hint = flight.hint) {
     document["hint"] = {

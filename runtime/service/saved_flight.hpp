@@ -14,6 +14,11 @@
 
 namespace nadir {
 
+struct SavedVelocity {
+  double east_m_s = 0;
+  double north_m_s = 0;
+};
+
 struct SavedEstimate {
   double monotonic_s = 0;  // when it was true
   std::int64_t unix_us = 0;
@@ -22,6 +27,7 @@ struct SavedEstimate {
   double ground_speed_m_s = 0;
   SourceLabel source = SourceLabel::no_fix;
   int segment = 0;
+  std::optional<SavedVelocity> velocity{};  // none: only its amount is known
 };
 
 struct SavedHint {

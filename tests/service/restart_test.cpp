@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
+#include "geodesy/local_frame.hpp"
 #include "service/manual_clock.hpp"
 #include "service/service_machine.hpp"
 #include "service/state_directory.hpp"
@@ -39,6 +42,23 @@ TEST(Restart, SigmaGrowsByAgeTimesSpeed) {
   EXPECT_EQ(restart.position->speed_m_s, 25);
   EXPECT_EQ(restart.position->segment, 2);
   ASSERT_TRUE(restart.hint);
+}
+
+TEST(Restart, ForSomeSecondsTheAircraftFlewOnAsItDid) {
+  ManualClock clock;
+  SavedFlight flight = saved_at(clock);
+  flight.estimate->velocity = SavedVelocity{15, -20};
+  clock.advance(2);
+  const Restart soon = after(flight, clock);
+  const Enu way = LocalFrame({8.5, 47.3}).enu_from_lonlat(soon.position->place);
+  EXPECT_NEAR(way.east_m, 30, 1e-3);
+  EXPECT_NEAR(way.north_m, -40, 1e-3);
+  EXPECT_NEAR(soon.position->sigma_m, 10 + std::sqrt(5.0 * 5 + 2 * 2 + 12.5 * 12.5), 1e-6);
+  EXPECT_EQ(soon.position->speed_m_s, 25);
+  clock.advance(30);
+  const Restart late = after(flight, clock);
+  EXPECT_EQ(late.position->place, (LonLat{8.5, 47.3})) << "who knows where it turned";
+  EXPECT_NEAR(late.position->sigma_m, 10 + 32 * 25, 1e-6);
 }
 
 TEST(Restart, AnAircraftNeverStandsStill) {

@@ -27,7 +27,8 @@ SavedFlight some_flight() {
                                     .sigma_m = 6.25,
                                     .ground_speed_m_s = 24.5,
                                     .source = SourceLabel::vo_extrapolated,
-                                    .segment = 3},
+                                    .segment = 3,
+                                    .velocity = SavedVelocity{-3.25, 24.1}},
           .hint = SavedHint{{8.5, -47.3}, 500}};
 }
 
@@ -45,6 +46,11 @@ void expect_same(const SavedFlight& a, const SavedFlight& b) {
     EXPECT_EQ(a.estimate->ground_speed_m_s, b.estimate->ground_speed_m_s);
     EXPECT_EQ(a.estimate->source, b.estimate->source);
     EXPECT_EQ(a.estimate->segment, b.estimate->segment);
+    ASSERT_EQ(a.estimate->velocity.has_value(), b.estimate->velocity.has_value());
+    if (a.estimate->velocity) {
+      EXPECT_EQ(a.estimate->velocity->east_m_s, b.estimate->velocity->east_m_s);
+      EXPECT_EQ(a.estimate->velocity->north_m_s, b.estimate->velocity->north_m_s);
+    }
   }
   ASSERT_EQ(a.hint.has_value(), b.hint.has_value());
   if (a.hint) {
@@ -62,6 +68,9 @@ TEST(StateDirectory, GivesBackWhatWasSaved) {
   SavedFlight flight = some_flight();
   EXPECT_EQ(state.save(flight), std::nullopt);
   expect_same(*StateDirectory(folder / "state").load().flight, flight);
+  flight.estimate->velocity.reset();
+  EXPECT_EQ(state.save(flight), std::nullopt);
+  expect_same(*state.load().flight, flight);
   flight.estimate.reset();
   flight.hint.reset();
   flight.state = ServiceState::failsafe;
