@@ -55,6 +55,8 @@ LonLat FixPredictor::place_at(std::int64_t now_us, const Offset& offset) const {
 
 bool FixPredictor::observe(const VisionEstimate& estimate, std::int64_t now_us) {
   if (!sound(estimate) || estimate.time_us > now_us || (last_ && estimate.time_us < last_->time_us)) return false;
+  // Dead reckoning that is less sure than what the accelerometers make of the last sight has nothing to add.
+  if (!estimate.seen && last_ && !lost(now_us) && estimate.sigma_m > sigma_m(estimate.time_us)) return true;
   std::optional<LonLat> said;
   if (said_a_fix_ && !lost(now_us)) said = place_at(now_us, ramp_at(now_us));
   last_ = estimate;

@@ -59,8 +59,9 @@ class FixPredictor {
     motion_.hear(static_cast<double>(now_us) * 1e-6, message);
   }
 
-  // False, and nothing changes: it is older than what is known, from the future, or its numbers are none. One of the
-  // same moment is that moment thought over, with what the map said since.
+  // Dead reckoning that is less sure than the fix already is, is taken and changes nothing. False, and nothing changes:
+  // it is older than what is known, from the future, or its numbers are none. One of the same moment is that moment
+  // thought over, with what the map said since.
   bool observe(const VisionEstimate& estimate, std::int64_t now_us);
 
   // A fix when one is due: every period_us at least, and soon after a new estimate. unix_us is now in UTC, for the

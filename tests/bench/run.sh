@@ -26,12 +26,12 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
+  chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt (15 minutes)
+  soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
   tiles         where the tiles lie that simulated flights make (--resume FILE; half an hour)
   ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
-  chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt (15 minutes)
-  soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).

@@ -192,6 +192,22 @@ TEST_F(Prediction, DeadReckoningDoesNotEndABlackout) {
   EXPECT_FALSE(at(40).fix);
 }
 
+TEST_F(Prediction, DeadReckoningThatIsLessSureThanTheAccelerometersChangesNothing) {
+  feel(1);
+  predictor_.observe(on_track(1), kSecond);
+  feel(5);
+  VisionEstimate estimate = on_track(5, 80, 60);
+  estimate.seen = false;
+  EXPECT_TRUE(predictor_.observe(estimate, 5 * kSecond));
+  const PredictedFix kept = at(5.1);
+  EXPECT_NEAR(enu(kept).north_m, 0, 0.5);
+  EXPECT_FALSE(kept.jumped_m);
+  estimate.time_us += 100'000;
+  estimate.sigma_m = 2;
+  EXPECT_TRUE(predictor_.observe(estimate, 5 * kSecond + 100'000));
+  EXPECT_TRUE(at(5.2).jumped_m) << "surer it counts";
+}
+
 TEST_F(Prediction, NoFixBeyondTheLargestSigma) {
   predictor_.observe(on_track(1, 0, 501), kSecond);
   EXPECT_FALSE(at(1.1).fix);
