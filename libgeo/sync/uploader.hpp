@@ -18,7 +18,7 @@ namespace nadir {
 
 struct UploadOptions {
   std::int64_t patience_ms = 15 * 60 * 1'000;               // gives up for now when nothing comes forward for so long
-  std::uint64_t part_bytes = std::uint64_t{1} << 20;        // of one request: what a cut can cost
+  std::uint64_t part_bytes = std::uint64_t{1} << 19;        // of one request: what a cut can cost
   std::uint64_t least_part_bytes = std::uint64_t{1} << 16;  // a line that breaks often gets smaller parts
   int most_nonsense = 8;   // answers that the contract does not know, before a batch is parked
   int most_refusals = 3;   // of one pack's bytes
