@@ -81,7 +81,7 @@ printf '  $ %s\n' "$nadir cache diff $out/package $out/next | tail -n 1"
 
 say "10  Live, in real time: an aircraft that steers by nadird's positions. GPS is spoofed after a minute, then the camera goes dark"
 judged=0
-echo_and_run build-venv/bin/python -B tests/e2e/closed_loop.py --scenario demo --minutes 2.2 --signed --inputs $out --width 1280 \
+echo_and_run build-venv/bin/python -B tests/e2e/closed_loop.py --scenario demo --minutes 2.2 --signed --inputs $out --airframe mini-07 --width 1280 \
   --out $out/live --report $out/live.html --nadird-option=--unsigned-airframe --check rules || judged=$?
 
 say "Done in $((SECONDS - started)) s. Open $out/report/report.html and $out/live.html"

@@ -48,6 +48,7 @@ def arguments():
     parser.add_argument("--size-km", type=float, default=2)
     parser.add_argument("--out", help="folder for inputs, logs and results; a temporary one without")
     parser.add_argument("--inputs", help="folder of world, package and the rest, where they are made already")
+    parser.add_argument("--airframe", default="any", help="its id; the package must be made for it")
     parser.add_argument("--report", metavar="FILE.html", help="a page with map, timeline and rules")
     parser.add_argument("--readers", type=int, default=0, help="slow and dead readers of the API's events meanwhile")
     parser.add_argument("--own-receiver", choices=("first", "second"), default="second",
@@ -101,7 +102,7 @@ def main():
     try:
         inputs = Inputs(args.inputs or out / "inputs", args.nadir, args.world_seed, args.size_km, width=args.width,
                         delay_s=args.delay_s, gps_id=0 if args.own_receiver == "second" else 1,
-                        with_package=args.stand_in is None)
+                        with_package=args.stand_in is None, airframe=args.airframe)
         events = args.event if args.event is not None else SCENARIOS[args.scenario]
         setup = Setup(inputs, run, args.nadir, args.nadird, events, args.minutes, args.fps, args.delay_s, args.seed,
                       args.own_receiver, args.signed, args.stand_in, not args.unfavoured, args.nadird_option)
