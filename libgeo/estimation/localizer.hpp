@@ -26,6 +26,9 @@ namespace nadir {
 struct LocalizerConfig {
   GateLimits gates;
   double start_sigma_m = 50;        // of the start position, one axis
+  // The start is what this flight knew before its program was restarted. The map has agreed with the flight before, so
+  // that frames which agree with each other overrule such a start; one told by others they do not, for maps may lie.
+  bool resumed = false;
   double min_search_radius_m = 60;  // half side of the searched square
   double max_search_radius_m = 1200;
   double no_fix_sigma_m = 500;  // beyond this no position is told

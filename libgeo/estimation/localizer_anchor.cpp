@@ -77,7 +77,8 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
     const Eigen::Matrix2d spread =
         kAnchorModelError * solved.covariance.topLeftCorner<2, 2>() + job.flight.position_covariance_m2();
     prediction.chi2 = off->dot(spread.inverse() * *off);
-    if (!last_anchor_s) prediction.chi2 = against_start.weighed(*off, prediction.chi2, prediction.sigma_m);
+    if (!last_anchor_s && !config.resumed)
+      prediction.chi2 = against_start.weighed(*off, prediction.chi2, prediction.sigma_m);
     report.chi2 = prediction.chi2;
   }
   report.verdict = judge_anchor(match, job.prior, prediction, config.gates);
@@ -105,7 +106,7 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
   if (!job.prediction.lost) quorum.agree_m = AnchorVotes::agree_in_window_m(job.prior.search.radius_m);
   quorum.apart_m = kVotesApartFootprints * footprint_side_m(camera, job.told_agl_m);
   const bool agreed = votes.vote(*off_m, job.flight.position_m(), quorum);
-  if (!agreed || (contradicts && !last_anchor_s)) return;
+  if (!agreed || (contradicts && !last_anchor_s && !config.resumed)) return;
   report.verdict = AnchorVerdict::accepted;
   if (contradicts) log[job.step].position_doubt_m = off_m->norm();
 }

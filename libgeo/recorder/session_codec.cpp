@@ -45,7 +45,7 @@ flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const 
   return fbs::CreateLocalizer(builder, gate_list, config.start_sigma_m, config.min_search_radius_m,
                               config.max_search_radius_m, config.no_fix_sigma_m, config.map_sigma_m,
                               config.assumed_agl_m, area ? &*area : nullptr, session.terrain, config.anchor_every_m,
-                              config.anchor_above_sigma_m, session.places);
+                              config.anchor_above_sigma_m, session.places, config.resumed);
 }
 
 void localizer(const fbs::Localizer& told, SessionRecord& session) {
@@ -64,6 +64,7 @@ void localizer(const fbs::Localizer& told, SessionRecord& session) {
   }
   config.anchor_every_m = told.anchor_every_m();
   config.anchor_above_sigma_m = told.anchor_above_sigma_m();
+  config.resumed = told.resumed();
   session.terrain = told.terrain();
   session.places = told.places();
 }

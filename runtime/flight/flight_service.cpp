@@ -78,6 +78,7 @@ LocalizingSetup FlightService::localizing_setup() const {
   if (restart_.position) {
     setup.start = restart_.position->place;
     setup.config.start_sigma_m = restart_.position->sigma_m;
+    setup.config.resumed = true;
   }
   return setup;
 }

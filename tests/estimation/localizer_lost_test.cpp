@@ -1,6 +1,8 @@
 // Without a position to begin with, and after one was lost.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "estimation/localizer_fixture.hpp"
 
 namespace nadir {
@@ -55,6 +57,29 @@ TEST(Localizer, AStartThatFramesContradictIsDoubted) {
       EXPECT_LT(off_m(report.estimate, short_flight()[i]), 2 * report.estimate.sigma_m) << i;
     }
   }
+}
+
+// The same after a restart in flight: the map has agreed with this flight before, so that several frames overrule what
+// was saved.
+TEST(Localizer, APlaceFromBeforeARestartIsOverruled) {
+  LocalizerConfig resumed = config();
+  resumed.start_sigma_m = 5;
+  resumed.resumed = true;
+  const std::vector<Moment> moments = flight(11);  // every second: voices must come from different ground
+  const PlanePoint truth = moments[0].truth.position;
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(),
+                      place_of({truth.east_m + 30, truth.north_m + 33}), resumed);
+  std::vector<AnchorVerdict> verdicts;
+  for (std::size_t i = 0; i < moments.size(); i += 2) {
+    const Moment& moment = moments[i];
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    verdicts.push_back(report.anchor.verdict);
+    if (verdicts.back() == AnchorVerdict::accepted) {
+      EXPECT_LT(off_m(report.estimate, moment), 5.0);
+    }
+  }
+  EXPECT_EQ(verdicts[0], AnchorVerdict::off_prediction) << "one frame alone overrules nothing";
+  EXPECT_NE(std::find(verdicts.begin(), verdicts.end(), AnchorVerdict::accepted), verdicts.end());
 }
 
 // A start that is wrong by more than its sigma admits, and then a long time blind: the whole area is searched again.
