@@ -55,7 +55,7 @@ void FairQueue::run(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   for (;;) {
     if (!news_.wait(lock, stop, [this] { return next_lane() != lanes_.end(); })) return;
-    if (stop.stop_requested()) return;
+    if (stopped_ || stop.stop_requested()) return;  // stop() asks the threads a moment after it says so
     const auto lane = next_lane();
     const Job job = std::move(lane->waiting.front());
     lane->waiting.pop_front();
