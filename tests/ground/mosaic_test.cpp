@@ -129,7 +129,8 @@ class Containers : public Mosaic, public testing::WithParamInterface<std::string
 INSTANTIATE_TEST_SUITE_P(ThatGdalWrites, Containers, testing::Values("VRT", "COG", "MBTILES", "GPKG"));
 
 TEST_P(Containers, ShowTheSamePixels) {
-  if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "gdal_translate is not installed";
+  if (test::run_shell("command -v gdal_translate").code != 0)
+    GTEST_SKIP() << "NOT TESTED: gdal_translate is not installed";
   const fs::path map = write("map.tif", 0, kSide, {200, 100, 40, 255});
   const fs::path other = folder_ / ("other." + (GetParam() == "VRT" ? std::string("vrt") : GetParam()));
   const auto made = test::run_process({"gdal_translate", "-q", "-of", GetParam(), map.string(), other.string()});

@@ -150,7 +150,8 @@ TEST(Codecs, ReadsFiles) {
 }
 
 TEST(Codecs, GdalSeesTheSamePixels) {
-  if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "gdal_translate is not installed";
+  if (test::run_shell("command -v gdal_translate").code != 0)
+    GTEST_SKIP() << "NOT TESTED: gdal_translate is not installed";
   const test::TemporaryFolder folder;
   for (const ImageFormat format : {ImageFormat::jpeg, ImageFormat::png}) {
     const Bytes bytes = encode_image(picture(), format, 80);
