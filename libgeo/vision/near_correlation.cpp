@@ -1,6 +1,7 @@
 #include "vision/near_correlation.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <opencv2/core.hpp>
 
@@ -10,7 +11,7 @@ namespace nadir {
 namespace {
 
 constexpr float kScale = 256;
-constexpr float kMost = 511;
+constexpr std::int32_t kMost = 511;
 constexpr int kMaxRun = 1300;  // pixels of six channels whose products fit into 32 bits: 6 · 1300 · 511² < 2³¹
 
 // products[i] += Σ pattern[k] · window[i · step + k]
@@ -39,46 +40,66 @@ void add_differences(const Whole* end, const Whole* begin, std::size_t group, st
   }
 }
 
+// A row of a pair of channels in whole steps, less the mean that stands at each place.
+void whole_numbers(const float* values, const float* mean, std::size_t count, std::int16_t* whole) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const float scaled = values[i] * kScale - mean[i];
+    const auto rounded = static_cast<std::int32_t>(scaled + std::copysign(0.5F, scaled));
+    whole[i] = static_cast<std::int16_t>(std::min(std::max(rounded, -kMost), kMost));
+  }
+}
+
+// Running sums of a row: of each channel, and of the squares of all.
+template <std::size_t kChannels>
+void add_up(const std::int16_t* value, std::size_t columns, std::int32_t* sums, std::int64_t* squares) {
+  std::array<std::int32_t, kChannels> sum{};
+  std::int64_t square = 0;
+  for (std::size_t c = 0; c < columns; ++c, value += kChannels) {
+    std::int32_t here = 0;
+    for (std::size_t k = 0; k < kChannels; ++k) {
+      sum[k] += value[k];
+      here += value[k] * value[k];
+      sums[(c + 1) * kChannels + k] = sum[k];
+    }
+    squares[c + 1] = square += here;
+  }
+}
+
 }  // namespace
 
 WholeChannels::WholeChannels(const Channels& channels)
     : mask_(channels.mask), channels_(2 * channels.pairs.size()), means_removed_(channels.means_removed) {
+  CV_Assert(channels_ == 2 || channels_ == 6);
   const auto rows = static_cast<std::size_t>(mask_.rows), columns = static_cast<std::size_t>(mask_.cols);
   values_.resize(rows * columns * channels_);
   sums_.resize(rows * (columns + 1) * channels_);
   squares_.resize(rows * (columns + 1));
   valid_.resize(rows * (columns + 1));
   // What is not valid counts as the mean, which is then 0.
-  std::vector<float> mean;
-  for (const cv::Mat& pair : channels.pairs) {
-    const cv::Scalar both = means_removed_ ? cv::mean(pair, mask_) : cv::Scalar();
-    for (const int k : {0, 1}) mean.push_back(std::round(static_cast<float>(both[k]) * kScale));
+  std::vector<float> mean(columns * channels_);
+  for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
+    const cv::Scalar both = means_removed_ ? cv::mean(channels.pairs[p], mask_) : cv::Scalar();
+    for (std::size_t i = 0; i < 2 * columns; ++i) {
+      mean[2 * columns * p + i] = std::round(static_cast<float>(both[static_cast<int>(i % 2)]) * kScale);
+    }
   }
+  std::vector<std::int16_t> pair_values(2 * columns);
   for (std::size_t r = 0; r < rows; ++r) {
     const auto* valid = mask_.ptr<std::uint8_t>(static_cast<int>(r));
     std::int16_t* value = values_.data() + r * columns * channels_;
     for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
-      const auto* pair = channels.pairs[p].ptr<float>(static_cast<int>(r));
+      whole_numbers(channels.pairs[p].ptr<float>(static_cast<int>(r)), mean.data() + 2 * columns * p, 2 * columns,
+                    pair_values.data());
       for (std::size_t c = 0; c < columns; ++c) {
-        for (std::size_t k = 0; k < 2; ++k) {
-          const float scaled = std::clamp(pair[2 * c + k] * kScale - mean[2 * p + k], -kMost, kMost);
-          const float rounded = scaled + (scaled < 0 ? -0.5F : 0.5F);
-          value[c * channels_ + 2 * p + k] = valid[c] != 0 ? static_cast<std::int16_t>(rounded) : std::int16_t{0};
-        }
+        const bool keep = valid[c] != 0;
+        value[c * channels_ + 2 * p] = keep ? pair_values[2 * c] : std::int16_t{0};
+        value[c * channels_ + 2 * p + 1] = keep ? pair_values[2 * c + 1] : std::int16_t{0};
       }
     }
-    std::int32_t* sum = sums_.data() + r * (columns + 1) * channels_;
-    std::int64_t* square = squares_.data() + r * (columns + 1);
-    for (std::size_t c = 0; c < columns; ++c) {
-      std::int32_t here = 0;
-      for (std::size_t k = 0; k < channels_; ++k) {
-        const std::int32_t v = value[c * channels_ + k];
-        sum[(c + 1) * channels_ + k] = sum[c * channels_ + k] + v;
-        here += v * v;
-      }
-      square[c + 1] = square[c] + here;
-      valid_[r * (columns + 1) + c + 1] = valid_[r * (columns + 1) + c] + (valid[c] != 0 ? 1 : 0);
-    }
+    const std::size_t line = r * (columns + 1);
+    const auto sum_up = channels_ == 6 ? add_up<6> : add_up<2>;
+    sum_up(value, columns, sums_.data() + line * channels_, squares_.data() + line);
+    for (std::size_t c = 0; c < columns; ++c) valid_[line + c + 1] = valid_[line + c] + (valid[c] != 0 ? 1 : 0);
   }
 }
 

@@ -99,17 +99,21 @@ cv::Mat alone(const cv::Mat& channel) {
   return pair;
 }
 
+template <std::size_t kChannels>
+void clear_row(float* value, const std::uint8_t* valid, std::size_t columns) {
+  for (std::size_t c = 0; c < columns; ++c) {
+    for (std::size_t k = 0; k < kChannels; ++k) {
+      value[c * kChannels + k] = valid[c] != 0 ? value[c * kChannels + k] : 0.0F;
+    }
+  }
+}
+
 // Clears what the mask leaves out. Nothing to do is the usual case in the map.
 void clear_outside(cv::Mat& values, const cv::Mat& mask, bool whole) {
   if (whole) return;
-  const auto channels = static_cast<std::size_t>(values.channels());
+  const auto clear = values.channels() == 1 ? clear_row<1> : clear_row<2>;
   for (int r = 0; r < values.rows; ++r) {
-    auto* value = values.ptr<float>(r);
-    const auto* valid = mask.ptr<std::uint8_t>(r);
-    for (std::size_t c = 0; c < static_cast<std::size_t>(values.cols); ++c) {
-      for (std::size_t k = 0; k < channels; ++k)
-        value[c * channels + k] = valid[c] != 0 ? value[c * channels + k] : 0.0F;
-    }
+    clear(values.ptr<float>(r), mask.ptr<std::uint8_t>(r), static_cast<std::size_t>(values.cols));
   }
 }
 
