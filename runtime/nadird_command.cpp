@@ -9,6 +9,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "flight/flight_service.hpp"
+#include "framework/interrupt.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
 #include "package/open_package.hpp"
@@ -145,6 +146,18 @@ Opening NadirdCommand::open_it(Context& context) {
   return opening;
 }
 
+// A large package takes a while to verify. Nothing: it was given up, for somebody wants the service to end.
+std::optional<Opening> NadirdCommand::open_unless_stopped(Context& context, const std::stop_token& stop) {
+  const std::stop_callback heard(stop, [] { request_interrupt(true); });
+  try {
+    return open_it(context);
+  } catch (const Interrupted&) {
+    request_interrupt(false);
+    if (!context.quiet) context.err << "stopped before the package was verified\n";
+    return std::nullopt;
+  }
+}
+
 int NadirdCommand::check(Context& context) {
   complete_request();
   const Opening opening = open_it(context);
@@ -180,7 +193,9 @@ int NadirdCommand::serve(Context& context) {
   cv::setNumThreads(1);  // the threads are ours: pictures are followed by one, the map is looked at by another
   const SystemFlightClock system_clock;
   const FlightClock& clock = clock_ != nullptr ? *clock_ : system_clock;
-  Opening opening = open_it(context);
+  std::optional<Opening> opened = open_unless_stopped(context, stop.token());
+  if (!opened) return kAccepted;
+  Opening& opening = *opened;
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
   FlightService service(flight_, {std::move(opening.package), opening.findings}, clock, stop);
   service.run();

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
+#include <stop_token>
 #include <string>
 
 #include "flight/flight_options.hpp"
@@ -35,6 +37,7 @@ class NadirdCommand final : public Command {
   void complete_request();
   Findings judge_airframe(const Opening& opening, UtcTime at) const;
   Opening open_it(Context& context);
+  std::optional<Opening> open_unless_stopped(Context& context, const std::stop_token& stop);
   int check(Context& context);
   int serve(Context& context);
 

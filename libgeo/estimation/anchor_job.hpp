@@ -13,10 +13,11 @@ namespace nadir {
 class AnchorJob {
  public:
   // The heavy part, 0.1 s to some seconds. On any thread; the localizer hands out one job at a time.
-  void run() { match = look(); }
+  // Where `cancel` ends it, or the look fails, it throws and the job is one that never ran.
+  void run(const Cancel& cancel = {}) { match = look(cancel); }
 
   // The rest is the localizer's own.
-  std::function<AnchorMatch()> look;
+  std::function<AnchorMatch(const Cancel&)> look;
   std::optional<AnchorMatch> match;  // once it has run
 
   std::size_t step = 0;  // of the flight's log

@@ -45,10 +45,13 @@ std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, dou
   heed_hint();
   const AnchorPrior prior = anchor_prior();
   const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost()};
-  std::function<AnchorMatch()> look = [this, grey, prior] { return matcher->match(grey, prior); };
-  if (prediction.lost) {
-    look = [this, grey, prior, where = lost_search()] { return match_lost(grey, prior, where); };
-  }
+  std::optional<LostSearch> where;
+  if (prediction.lost) where = lost_search();
+  auto look = [this, grey, where, begin = prior](const Cancel& cancel) {
+    AnchorPrior from = begin;
+    from.cancel = cancel;
+    return where ? match_lost(grey, from, *where) : matcher->match(grey, from);
+  };
   job_out = true;
   broken_since_job = false;
   return std::make_unique<AnchorJob>(AnchorJob{std::move(look), std::nullopt, log.size() - 1, time_s, told_agl_m,

@@ -24,6 +24,7 @@ void refine(AnchorMatch& match, const cv::Mat& grey, const CameraModel& camera, 
   PatchOptions patches;
   patches.likeness = likeness;
   for (int round = 0; round < kRounds; ++round) {
+    prior.cancel.check();
     patches.columns = round == 0 ? 8 : 12;
     patches.rows = round == 0 ? 6 : 8;
     patches.search_px = round == 0 ? 12 : round == 1 ? 8 : 6;
@@ -34,6 +35,15 @@ void refine(AnchorMatch& match, const cv::Mat& grey, const CameraModel& camera, 
     const PatchMatches found = match_patches(rectified, frame.camera, pose, map, patches, surface);
     if (!refinement.solve(match, found, rectified, pose, round == 0 ? 7.0 : 3.5, patches.patch_px)) return;
   }
+}
+
+std::optional<MatchingPlan> planned(const CameraModel& camera, const MapWindowReader& map, const LocalFrame& frame,
+                                    const AnchorPrior& prior, const Likeness& likeness) {
+  auto plan = matching_plan(camera, map.zooms(), frame, prior.search);
+  if (!plan) return plan;
+  plan->options.likeness = likeness;
+  plan->options.cancel = prior.cancel;
+  return plan;
 }
 
 // The best of the places, and what the patches say of it.
@@ -56,9 +66,8 @@ AnchorMatch settled(const AreaQuestion& question, const MatchingPlan& plan, Area
 
 AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map, const LocalFrame& frame,
                          const AnchorPrior& prior, const GroundSurface& surface, const Likeness& likeness) {
-  auto plan = matching_plan(camera, map.zooms(), frame, prior.search);
+  const auto plan = planned(camera, map, frame, prior, likeness);
   if (!plan) return {};
-  plan->options.likeness = likeness;
   AnchorMatch match = begun(*plan);
   SearchPrior search = prior.search;
   // Without room for other places there is nothing to compare the best one with.
@@ -77,9 +86,8 @@ AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, MapWind
 AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera, MapWindowReader& map,
                                   const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
                                   const GroundSurface& surface, const Likeness& likeness) {
-  auto plan = matching_plan(camera, map.zooms(), frame, prior.search);
+  const auto plan = planned(camera, map, frame, prior, likeness);
   if (!plan) return {};
-  plan->options.likeness = likeness;
   const AreaQuestion question{grey, camera, map, frame, prior.search, plan->options, plan->reach_m};
   return settled(question, *plan, search_windows(question, windows_over(area, prior.search)), prior, surface);
 }
@@ -88,9 +96,8 @@ AnchorMatch match_anchor_among(const cv::Mat& grey, const CameraModel& camera, M
                                const LocalFrame& frame, const AnchorPrior& prior, const PlaneBox& area,
                                const PlaceSuggestions& suggested, const GroundSurface& surface,
                                const Likeness& likeness) {
-  auto plan = matching_plan(camera, map.zooms(), frame, prior.search);
+  const auto plan = planned(camera, map, frame, prior, likeness);
   if (!plan) return {};
-  plan->options.likeness = likeness;
   const AreaQuestion question{grey, camera, map, frame, prior.search, plan->options, plan->reach_m};
   AreaAnswer answer;
   if (suggested.hint) answer = search_windows(question, windows_over(*suggested.hint, prior.search));

@@ -19,6 +19,7 @@ struct AnchorPrior {
   double heading_sigma_rad = 0.05;
   double log_agl_sigma = 0.05;
   Eigen::Matrix2d tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 0.003;
+  Cancel cancel;  // nothing that is believed: ends the attempt by Interrupted, for a search may last half a minute
 };
 
 struct AnchorMatch {

@@ -52,7 +52,7 @@ std::vector<SearchPrior> remembered_windows(const AreaQuestion& question, const 
   if (!picture) return {};
   const SearchPrior& prior = question.prior;
   const bool any_heading = prior.heading_range_rad >= kPi;
-  PlaceQuery query{picture->image, picture->mask, picture->grid.gsd_m, std::nullopt};
+  PlaceQuery query{picture->image, picture->mask, picture->grid.gsd_m, std::nullopt, question.options.cancel};
   if (!any_heading) query.heading_range_rad = prior.heading_range_rad;
   const PlanePoint middle = picture->grid.plane_from_pixel(picture->grid.columns / 2.0, picture->grid.rows / 2.0);
 
@@ -82,6 +82,7 @@ std::vector<SearchPrior> remembered_windows(const AreaQuestion& question, const 
 AreaAnswer search_windows(const AreaQuestion& question, const std::vector<SearchPrior>& windows) {
   AreaAnswer answer;
   for (const SearchPrior& search : windows) {
+    question.options.cancel.check();
     const PlanePoint middle = search.pose.position;
     const double half_m = search.radius_m + question.reach_m;
     const MapWindow window = question.map.read(

@@ -110,6 +110,7 @@ std::vector<PlaceCandidate> PlaceIndex::query(const PlaceQuery& query, std::size
   std::vector<Variant> variants;
   std::vector<PlaceVector> vectors;
   for (const double turn : turns(query.heading_range_rad)) {
+    query.cancel.check();
     for (int i = -1; i <= 1; ++i) {
       for (int j = -1; j <= 1; ++j) {
         const Variant variant{turn, {i * kShift, j * kShift}};
@@ -127,7 +128,7 @@ std::vector<PlaceCandidate> PlaceIndex::query(const PlaceQuery& query, std::size
       }
     }
   }
-  const auto hits = vectors_.search(vectors, layer->first, layer->count, std::max(count, kPerQuery));
+  const auto hits = vectors_.search(vectors, layer->first, layer->count, std::max(count, kPerQuery), query.cancel);
   std::vector<PlaceCandidate> best;
   for (std::size_t v = 0; v < hits.size(); ++v) {
     for (const PlaceVectors::Hit& hit : hits[v]) {

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/cancel.hpp"
 #include "geodesy/lon_lat.hpp"
 
 namespace nadir {
@@ -18,6 +19,7 @@ struct PlaceQuery {
   double gsd_m = 1;
   // The true heading lies within ± this of the assumed one, three sigma or more. Nothing: unknown; 24 are tried.
   std::optional<double> heading_range_rad;
+  Cancel cancel{};  // asked now and then
 };
 
 struct PlaceCandidate {

@@ -120,6 +120,7 @@ std::vector<Place> sweep(const ReducedFrame& frame, const ScaledMap& map, const 
   const TemplateNorm norm(channels_of(rectify(frame, with(prior.pose, middle, {}), *grid), set, options), window);
   std::vector<Place> places;
   for (const Hypothesis& hypothesis : hypotheses) {
+    options.cancel.check();
     const RectifiedFrame rectified = rectify(frame, with(prior.pose, hypothesis, {}), *grid);
     const cv::Mat scores = correlate(channels_of(rectified, set, options), window, norm);
     const cv::Rect part = searched_part(map, *grid, prior, scores.size());
@@ -154,6 +155,7 @@ void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, cons
   const WholeChannels window(oriented_channels(image, mask, set, options.likeness.channels));
   const CameraPose begin = place.pose;
   for (const Hypothesis& hypothesis : hypotheses) {
+    options.cancel.check();
     const WholeChannels whole(channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), set, options));
     const NearPattern pattern(whole, cv::Rect(cv::Point(), whole.size()));
     const Peak peak = best_peak(pattern.scores(window, {0, 0}, {2 * slack + 1, 2 * slack + 1}));

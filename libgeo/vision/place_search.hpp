@@ -7,6 +7,7 @@
 
 #include <vector>
 
+#include "base/cancel.hpp"
 #include "imagery/map_window.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/rectify.hpp"
@@ -27,6 +28,7 @@ struct SearchOptions {
   double heading_step_rad = 0.052;  // 3 degrees
   double scale_step = 0.04;
   Likeness likeness;
+  Cancel cancel;  // asked before each heading and scale
 };
 
 struct Place {

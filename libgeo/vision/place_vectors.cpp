@@ -104,8 +104,8 @@ std::span<const float> PlaceVectors::vector(std::size_t index) const {
 }
 
 std::vector<std::vector<PlaceVectors::Hit>> PlaceVectors::search(std::span<const PlaceVector> queries,
-                                                                 std::size_t first, std::size_t count,
-                                                                 std::size_t best) const {
+                                                                 std::size_t first, std::size_t count, std::size_t best,
+                                                                 const Cancel& cancel) const {
   best = std::min(best, count);
   std::vector<std::vector<Hit>> result(queries.size());
   if (best == 0) return result;
@@ -117,6 +117,7 @@ std::vector<std::vector<PlaceVectors::Hit>> PlaceVectors::search(std::span<const
   std::vector<float> scores(kBatch * best);
   std::vector<Id> labels(kBatch * best);
   for (std::size_t begin = 0; begin < queries.size(); begin += kBatch) {
+    cancel.check();
     const std::size_t n = std::min(kBatch, queries.size() - begin);
     impl_->index.search(static_cast<Id>(n), queries[begin].data(), static_cast<Id>(best), scores.data(), labels.data(),
                         whole ? nullptr : &parameters);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/bytes.hpp"
+#include "base/cancel.hpp"
 #include "vision/place_projection.hpp"
 
 namespace nadir {
@@ -33,9 +34,9 @@ class PlaceVectors {
     float score = -1;
   };
   // Of the vectors first … first + count − 1: for each query the `best` nearest, best first, fewer when there are
-  // fewer. The same on any number of threads.
+  // fewer. The same on any number of threads. `cancel` is asked before each batch of queries.
   std::vector<std::vector<Hit>> search(std::span<const PlaceVector> queries, std::size_t first, std::size_t count,
-                                       std::size_t best) const;
+                                       std::size_t best, const Cancel& cancel = {}) const;
 
  private:
   struct Impl;

@@ -36,6 +36,7 @@ class SiftMatcher final : public PlaceMatcher {
     match.on_map = false;
     SiftPlaces all;
     for (const SearchPrior& search : windows) {
+      prior.cancel.check();
       const double half_m = search.radius_m + plan->reach_m;
       const double gsd_m = std::max(plan->scale.fine_gsd_m, 2 * half_m / kWidestWindow_px);
       const MapWindow window =

@@ -60,6 +60,7 @@ FlightService::FlightService(const FlightOptions& options, JudgedPackage judged,
 }
 
 FlightService::~FlightService() {
+  if (localizing_) localizing_->request_stop();  // a look at the map takes longest to end
   camera_.reset();
   link_->stop();  // the localizer still speaks to it, and it to the localizer
   localizing_.reset();

@@ -37,7 +37,12 @@ Localizing::Localizing(const LocalizingSetup& setup, LatestMailbox<FlightPicture
       looker_([this](const std::stop_token& stop) { look_at_map(stop); }),
       follower_([this](const std::stop_token& stop) { follow_pictures(stop); }) {}
 
-Localizing::~Localizing() = default;  // both threads are asked to stop, and waited for
+Localizing::~Localizing() { request_stop(); }  // and both threads are waited for
+
+void Localizing::request_stop() {
+  follower_.request_stop();
+  looker_.request_stop();
+}
 
 void Localizing::hint(const LonLat& at, double radius_m, const std::string& by) { hints_.put({0, at, radius_m, by}); }
 
@@ -53,12 +58,15 @@ void Localizing::follow_pictures(const std::stop_token& stop) {
 
 void Localizing::look_at_map(const std::stop_token& stop) {
   begin_thread("map", ThreadRank::behind);
+  const Cancel cancel([stop] { return stop.stop_requested(); });
   while (!stop.stop_requested()) {
     looker_beat_();
     auto job = jobs_.take_within(std::chrono::milliseconds(500), stop);
     if (!job) continue;
     try {
-      (*job)->run();
+      (*job)->run(cancel);
+    } catch (const Interrupted&) {
+      return;
     } catch (const std::exception&) {
       // A look that fails (a tile that cannot be read, OpenCV at its wits' end) says nothing, whatever it threw: the
       // job goes back as one that never ran.

@@ -76,6 +76,9 @@ class Localizing {
   // What is no place is passed over. When several come between two pictures the last one counts.
   void hint(const LonLat& at, double radius_m, const std::string& by);
 
+  // Both threads end soon: a look at the map that is under way is given up, and nothing is told of it.
+  void request_stop();
+
   int picture_shrink() const { return shrink_; }
 
  private:

@@ -6,6 +6,7 @@
 
 #include "estimation/anchor_job.hpp"
 #include "estimation/localizer_fixture.hpp"
+#include "support/cancel_after.hpp"
 
 namespace nadir {
 namespace {
@@ -117,6 +118,31 @@ TEST(LateAnchor, OneThatNeverRanSaysNothing) {
   EXPECT_EQ(report.anchor.verdict, AnchorVerdict::not_tried);
   EXPECT_EQ(report.estimate.sigma_m, first.report.estimate.sigma_m);
   EXPECT_TRUE(localizer.follow(short_flight()[1].image, short_flight()[1].telemetry).job) << "the next one may";
+}
+
+// Given up is not "not found": no verdict, no failed look that would widen the search.
+TEST(LateAnchor, OneThatWasGivenUpIsOneThatNeverRan) {
+  LocalizerConfig anywhere = config();
+  anywhere.area = PlaneBox{-200, -200, 200, 200};
+  for (const auto& [begin, where] :
+       {std::pair{std::optional<LonLat>(), anywhere}, {std::optional(start()), config()}}) {
+    Localizer given_up(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), begin, where);
+    Localizer never_ran(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), begin, where);
+    const Moment &first = short_flight()[0], &second = short_flight()[1];
+    auto cut = given_up.follow(first.image, first.telemetry), idle = never_ran.follow(first.image, first.telemetry);
+    CancelAfter after(2);
+    EXPECT_THROW(cut.job->run(after.cancel()), Interrupted);
+    EXPECT_FALSE(cut.job->match);
+    const FrameReport nothing = given_up.finish(std::move(cut.job));
+    EXPECT_EQ(nothing.anchor.verdict, AnchorVerdict::not_tried);
+    EXPECT_EQ(nothing.estimate.source, never_ran.finish(std::move(idle.job)).estimate.source);
+    const FrameReport one = given_up.process(second.image, second.telemetry);
+    const FrameReport other = never_ran.process(second.image, second.telemetry);
+    EXPECT_EQ(one.anchor.verdict, AnchorVerdict::accepted);
+    EXPECT_EQ(one.anchor.window_radius_m, other.anchor.window_radius_m);
+    EXPECT_EQ(one.estimate.sigma_m, other.estimate.sigma_m);
+    EXPECT_EQ(one.estimate.position->lon_deg, other.estimate.position->lon_deg);
+  }
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include "estimation/anchor_gates.hpp"
 #include "estimation/fault_maps.hpp"
 #include "estimation/localizer_fixture.hpp"
+#include "support/cancel_after.hpp"
 
 namespace nadir {
 namespace {
@@ -86,6 +87,22 @@ TEST_P(Matcher, FindsItInTheWholeArea) {
   const AnchorPrior prior = prior_near(moment().truth);
   const auto matcher = GetParam().make(map(landscape_tiles()));
   expect_place(matcher->match_anywhere(moment().image, prior, {-200, -200, 200, 200}), prior);
+}
+
+// Windows side by side: whoever cancels ends the search with the window at hand, and there is no match to judge.
+TEST_P(Matcher, GivesUpAnAreaWithoutAResult) {
+  constexpr PlaneBox kTwoWindows{-200, -200, 200, 1500};
+  AnchorPrior prior = prior_near(moment().truth);
+  const auto matcher = GetParam().make(map(landscape_tiles()));
+  for (const int at : {1, 2}) {
+    CancelAfter after(at);
+    prior.cancel = after.cancel();
+    EXPECT_THROW(matcher->match_anywhere(moment().image, prior, kTwoWindows), Interrupted) << at;
+    EXPECT_EQ(after.asked(), at);
+  }
+  CancelAfter at_once(1);
+  prior.cancel = at_once.cancel();
+  EXPECT_THROW(matcher->match_among(moment().image, prior, kTwoWindows, {kTwoWindows, nullptr}), Interrupted);
 }
 
 TEST_P(Matcher, SaysTheSameTwice) {

@@ -2,11 +2,15 @@
 #include "nadird_command.hpp"
 
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
 
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <thread>
 
 #include "base/files.hpp"
+#include "framework/interrupt.hpp"
 #include "framework/program.hpp"
 #include "package/package_maker.hpp"
 #include "trust/airframe_signature.hpp"
@@ -15,6 +19,16 @@ namespace nadir {
 namespace {
 
 using nlohmann::json;
+
+// The moment that it is asked for is the one at which somebody ends the service.
+class LastMoment final : public Clock {
+ public:
+  UtcTime now() const override {
+    ::kill(::getpid(), SIGTERM);
+    while (!interrupt_requested()) std::this_thread::yield();
+    return test::kJudged;
+  }
+};
 
 class NadirdCheck : public ::testing::Test {
  protected:
@@ -127,6 +141,21 @@ TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
   folder_.write("good.json.sig", std::string(100'000, ' '));
   EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 1);
   EXPECT_EQ(first_code(), "signature.invalid");
+}
+
+TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
+  airframe("bare.json", nullptr);
+  NadirdCommand command;
+  const LastMoment clock;
+  const int code = run_single_command(
+      "nadird", command,
+      {"--package", newer_, "--trust", path("root.json"), "--airframe", path("bare.json"), "--state", path("state"),
+       "--camera", path("none"), "--autopilot", "udpin:127.0.0.1:0", "--memory-mb", "0"},
+      {out_, err_, clock});
+  EXPECT_EQ(code, 0) << "as asked";
+  EXPECT_EQ(err_.str(), "stopped before the package was verified\n");
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "state" / "aircraft.json")) << "nothing was accepted";
+  EXPECT_FALSE(interrupt_requested());
 }
 
 }  // namespace

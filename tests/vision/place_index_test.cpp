@@ -13,6 +13,7 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
+#include "support/cancel_after.hpp"
 #include "vision/place_index_builder.hpp"
 #include "vision/synthetic_ground.hpp"
 
@@ -142,6 +143,25 @@ TEST(PlaceIndex, FindsItUnderAnyHeading) {
     const auto found = index().query(query, 5);
     expect_found(found, place, radians(error_deg), radians(21));
     for (std::size_t i = 1; i < found.size(); ++i) EXPECT_GE(found[i - 1].score, found[i].score);
+  }
+}
+
+TEST(PlaceIndex, ALookUpEndsWhenItMust) {
+  test::CancelAfter never(test::CancelAfter::kNever);
+  PlaceQuery query = picture_of({60, 40}, 0);
+  query.heading_range_rad = std::nullopt;
+  const auto unasked = index().query(query, 5);
+  query.cancel = never.cancel();
+  const auto whole = index().query(query, 5);
+  ASSERT_EQ(whole.size(), unasked.size());
+  for (std::size_t i = 0; i < whole.size(); ++i)
+    EXPECT_EQ(whole[i].score, unasked[i].score) << "asking changes nothing";
+  EXPECT_GT(never.asked(), 24) << "as many headings are tried, and batches of vectors after them";
+  for (const int at : {1, 24, 25, never.asked()}) {
+    test::CancelAfter after(at);
+    query.cancel = after.cancel();
+    EXPECT_THROW(index().query(query, 5), Interrupted) << at;
+    EXPECT_EQ(after.asked(), at);
   }
 }
 

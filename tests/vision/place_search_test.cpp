@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "geodesy/angles.hpp"
+#include "support/cancel_after.hpp"
 #include "vision/synthetic_ground.hpp"
 
 namespace nadir {
@@ -34,9 +35,10 @@ struct Scene {
     prior.pose.position = {20, -40};
     prior.radius_m = 100;
   }
-  SearchResult search() const {
+  SearchResult search(const Cancel& cancel = {}) const {
     SearchOptions options;
     options.gsd_m = kGsd_m;
+    options.cancel = cancel;
     return search_place(picture, small_camera(), map, prior, options);
   }
 };
@@ -160,6 +162,23 @@ TEST(PlaceSearch, TwiceTheSame) {
   for (std::size_t i = 0; i < one.places.size(); ++i) {
     EXPECT_EQ(one.places[i].score, two.places[i].score);
     EXPECT_EQ(one.places[i].pose.position.east_m, two.places[i].pose.position.east_m);
+  }
+}
+
+TEST(PlaceSearch, EndsBeforeTheNextHeadingWhenItMust) {
+  Scene scene;
+  scene.prior.radius_m = 40;
+  scene.prior.heading_range_rad = radians(9);
+  test::CancelAfter never(test::CancelAfter::kNever);
+  const SearchResult whole = scene.search(never.cancel()), unasked = scene.search();
+  ASSERT_FALSE(whole.places.empty());
+  EXPECT_EQ(whole.places[0].score, unasked.places[0].score) << "asking changes nothing";
+  EXPECT_EQ(whole.ratio, unasked.ratio);
+  EXPECT_GT(never.asked(), 7) << "the sweep alone has seven headings";
+  for (const int at : {1, 2, 7, never.asked()}) {
+    test::CancelAfter after(at);
+    EXPECT_THROW(scene.search(after.cancel()), Interrupted) << at;
+    EXPECT_EQ(after.asked(), at) << "nothing is done after that";
   }
 }
 
