@@ -76,6 +76,12 @@ SignatureCheck check_tile_signatures(const TrustRoot& root, const std::string& a
   if (role != root.tile_signers.end()) {
     return check_signatures(root, role->second, signatures, payload_type, body, at, where);
   }
+  // Whoever revokes an airframe's last key takes the airframe out of the root: then that is the reason.
+  for (const EnvelopeSignature& signature : signatures) {
+    if (root.revoked.contains(signature.keyid)) {
+      return check_signatures(root, Role(), signatures, payload_type, body, at, where);
+    }
+  }
   SignatureCheck check;
   check.findings.add({.code = "key.unknown",
                       .where = std::string(where),

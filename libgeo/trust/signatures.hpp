@@ -24,7 +24,7 @@ SignatureCheck check_signatures(const TrustRoot& root, const Role& role,
                                 ByteView body, std::optional<UtcTime> at, std::string_view where);
 
 // The same for a tile that an airframe made: the keys that the root gives to this airframe, and to no other. An
-// airframe without keys in the root: key.unknown.
+// airframe without keys in the root: key.revoked when the root revokes the signer, else key.unknown.
 SignatureCheck check_tile_signatures(const TrustRoot& root, const std::string& airframe,
                                      const std::vector<EnvelopeSignature>& signatures, std::string_view payload_type,
                                      ByteView body, std::optional<UtcTime> at, std::string_view where);

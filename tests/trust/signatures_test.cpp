@@ -96,6 +96,11 @@ TEST_F(Signatures, TileSignersAreOfOneAirframe) {
                   .findings.contains("key.unknown"));
   root.revoked.insert(seven.public_key().id());
   EXPECT_TRUE(tile("mini-07", seven).contains("key.revoked"));
+  // As nadir keys revoke leaves it when this was the airframe's only key.
+  root.tile_signers.erase("mini-07");
+  root.keys.erase(seven.public_key().id());
+  EXPECT_TRUE(tile("mini-07", seven).contains("key.revoked"));
+  EXPECT_TRUE(tile("mini-07", eight).contains("key.unknown"));
 }
 
 }  // namespace
