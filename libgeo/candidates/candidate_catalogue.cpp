@@ -47,6 +47,7 @@ TileRow tile_from(const CatalogueRow& row, bool with_sidecar) {
                .place = row.integer("place"),
                .size = static_cast<std::uint64_t>(row.integer("size")),
                .sha256 = digest(row, "sha256"),
+               .keyid = row.text("keyid"),
                .sidecar = {}};
   if (with_sidecar) tile.sidecar = row.text("sidecar");
   if (!row.is_null("pack")) tile.blob = blob_from(row);
@@ -164,14 +165,6 @@ void CandidateCatalogue::set_state(std::int64_t upload, UploadState state) {
   transaction.commit();
 }
 
-void CandidateCatalogue::set_expiry(std::int64_t upload, std::int64_t expires_ms) {
-  CatalogueTransaction transaction(database_);
-  database_.change(
-      fmt::format("UPDATE {} SET expires_ms = {} WHERE id = {}", database_.of("uploads"), expires_ms, upload),
-      "prolonging an upload");
-  transaction.commit();
-}
-
 std::vector<Sha256> CandidateCatalogue::forget_upload(std::int64_t upload) {
   CatalogueTransaction transaction(database_);
   database_.change(fmt::format("DELETE FROM {} WHERE tile IN (SELECT id FROM {} WHERE upload = {})",
@@ -188,9 +181,9 @@ std::vector<Sha256> CandidateCatalogue::forget_upload(std::int64_t upload) {
 std::vector<TileRow> CandidateCatalogue::select_tiles(const std::string& where_and_order, Detail detail) {
   const bool sidecars = detail == Detail::sidecars;
   std::vector<TileRow> tiles;
-  database_.select(fmt::format("SELECT t.id AS id, t.place AS place, t.bytes AS size, t.sha256 AS sha256, {} b.pack AS "
-                               "pack, b.start AS start, "
-                               "b.bytes AS bytes, v.verdict AS verdict, v.code AS code, v.detail AS detail FROM {} t "
+  database_.select(fmt::format("SELECT t.id AS id, t.place AS place, t.bytes AS size, t.sha256 AS sha256, "
+                               "t.keyid AS keyid, {} b.pack AS pack, b.start AS start, b.bytes AS bytes, v.verdict AS "
+                               "verdict, v.code AS code, v.detail AS detail FROM {} t "
                                "LEFT JOIN {} b ON b.sha256 = t.sha256 LEFT JOIN {} v ON v.tile = t.id WHERE {}",
                                sidecars ? "t.sidecar AS sidecar," : "", database_.of("tiles"), database_.of("blobs"),
                                database_.of("verdicts"), where_and_order),

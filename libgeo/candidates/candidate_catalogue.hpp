@@ -30,7 +30,6 @@ class CandidateCatalogue {
   std::int64_t open_upload(const UploadRow& upload, const Batch& batch,
                            std::span<const std::optional<Refusal>> refusals, std::int64_t now_ms);
   void set_state(std::int64_t upload, UploadState state);
-  void set_expiry(std::int64_t upload, std::int64_t expires_ms);
   // With its tiles and their verdicts. Returns the packs that nobody needs any more.
   std::vector<Sha256> forget_upload(std::int64_t upload);
 
@@ -56,6 +55,7 @@ class CandidateCatalogue {
   struct Question {
     TileVerdict verdict;  // as far as the tile alone tells
     CandidateSidecar sidecar;
+    std::string keyid;
   };
   struct Rivals {
     bool same_bytes = false;                     // this very digest was accepted
@@ -68,7 +68,11 @@ class CandidateCatalogue {
 
   // Addresses with accepted tiles that have not been voted on; what is needed to vote, and what came of it.
   std::vector<Ballot> ballots(std::size_t limit);
+  // A ballot with a tile that was withdrawn meanwhile stays open.
   void close(std::span<const Ballot> ballots, std::span<const Outcome> outcomes);
+  // Accepted tiles that these keys have signed become rejected; what was promoted at their addresses is so no more, and
+  // the others are voted on again. Returns how many tiles.
+  std::int64_t withdraw(const std::set<std::string>& keys);
 
   void each_promoted(const std::function<void(const PromotedTile&)>& visit);  // in the order of TileKey
   CatalogueCounts counts();

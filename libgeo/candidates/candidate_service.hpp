@@ -58,9 +58,13 @@ class CandidateService {
   bool judge_some(std::int64_t upload);
   bool vote_some();
   void forget_expired();
+  // What keys have signed that the trust root revokes by now loses its voice, promoted or not. How many tiles; next to
+  // no work while the root stays the same. recover() does it as well.
+  std::int64_t heed_revocations();
 
   CatalogueCounts counts();
   ServiceTrouble trouble();
+  std::string root_trouble() { return trust_.trouble(); }  // why the trust root's file is not followed; empty: it is
   const CandidateServiceOptions& options() const { return options_; }
 
  private:
@@ -81,6 +85,7 @@ class CandidateService {
   BaseMaps maps_;
   std::mutex mutex_;
   std::set<std::pair<std::string, Sha256>> busy_;  // packs that a call writes now
+  std::set<std::string> heeded_;                   // keys whose revocation the catalogue knows of
   CatalogueThread catalogue_;
 };
 

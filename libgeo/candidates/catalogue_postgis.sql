@@ -1,6 +1,6 @@
 -- The candidate service's catalogue in PostGIS, in a schema of its own. docs/formats/candidate-service.md explains the
 -- columns, and catalogue_spatialite.sql has the same ones. A statement ends with a semicolon at the end of a line.
--- Rows are added and, but for states, never changed.
+-- Rows are added; states change, and verdicts and promotions when a key is revoked.
 CREATE SCHEMA IF NOT EXISTS nadir_candidates;
 
 CREATE TABLE nadir_candidates.catalogue (

@@ -39,6 +39,7 @@ struct Refusal {
   ReasonCode code = ReasonCode::policy;
   std::string detail;
 };
+inline constexpr const char* kRevokedLater = "the key that signed it was revoked after its announcement";
 
 // What the service itself saw in a tile's picture.
 struct OwnMeasures {
@@ -68,6 +69,7 @@ struct TileRow {
   std::int64_t place = 0;  // in its batch
   std::uint64_t size = 0;  // as announced, bytes
   Sha256 sha256;
+  std::string keyid;                // of the key that signed it
   std::string sidecar;              // canonical; left empty where only the verdict is asked for
   std::optional<BlobPlace> blob{};  // none: the bytes have not come
   std::optional<Verdict> verdict{};

@@ -32,6 +32,13 @@ Ballot& of(std::vector<Ballot>& ballots, const TileKey& key) {
                            [](const Ballot& ballot, const TileKey& wanted) { return ballot.key < wanted; });
 }
 
+// The voters' ids as SQL lists them, to go on with after others.
+std::string ids_of(const Ballot& ballot, bool first) {
+  std::string text;
+  for (const Voter& voter : ballot.voters) text += fmt::format("{}{}", first && text.empty() ? "" : ",", voter.tile);
+  return text;
+}
+
 }  // namespace
 
 std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit) {
@@ -77,9 +84,19 @@ std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit) {
 void CandidateCatalogue::close(std::span<const Ballot> ballots, std::span<const Outcome> outcomes) {
   CatalogueTransaction transaction(database_);
   std::string voters;
+  for (const Ballot& ballot : ballots) voters += ids_of(ballot, voters.empty());
+  if (voters.empty()) return;
+  std::set<std::int64_t> gone;  // withdrawn while they were voted on
+  database_.select(
+      fmt::format("SELECT tile FROM {} WHERE verdict <> 0 AND tile IN ({})", database_.of("verdicts"), voters),
+      [&gone](const CatalogueRow& row) { gone.insert(row.integer("tile")); });
+  const auto stands = [&gone](const Ballot& ballot) {
+    return std::none_of(ballot.voters.begin(), ballot.voters.end(),
+                        [&gone](const Voter& voter) { return gone.contains(voter.tile); });
+  };
+  std::string closed;
   bool voted = false;
   for (std::size_t i = 0; i < ballots.size(); ++i) {
-    for (const Voter& voter : ballots[i].voters) voters += fmt::format("{}{}", voters.empty() ? "" : ",", voter.tile);
     for (const Vote& vote : outcomes[i].new_votes) {
       CatalogueRow row = database_.new_row("votes");
       row.set("tile", vote.tile)
@@ -91,15 +108,16 @@ void CandidateCatalogue::close(std::span<const Ballot> ballots, std::span<const 
       database_.insert("votes", row, Insert::bulk);
       voted = true;
     }
+    if (stands(ballots[i])) closed += ids_of(ballots[i], closed.empty());
   }
   if (voted) database_.finish_bulk("votes");
-  if (!voters.empty()) {
+  if (!closed.empty()) {
     database_.change(
-        fmt::format("UPDATE {} SET to_vote = 0 WHERE to_vote = 1 AND tile IN ({})", database_.of("verdicts"), voters),
+        fmt::format("UPDATE {} SET to_vote = 0 WHERE to_vote = 1 AND tile IN ({})", database_.of("verdicts"), closed),
         "closing a vote");
   }
-  for (const Outcome& outcome : outcomes) {
-    if (outcome.promotion) promote(*outcome.promotion);
+  for (std::size_t i = 0; i < ballots.size(); ++i) {
+    if (outcomes[i].promotion && stands(ballots[i])) promote(*outcomes[i].promotion);
   }
   transaction.commit();
 }
@@ -120,6 +138,33 @@ void CandidateCatalogue::promote(const Promotion& promotion) {
       .set("current", std::int64_t{1})
       .shape(polygon_geometry(area_of(key)));
   database_.insert("promotions", row, Insert::one);
+}
+
+std::int64_t CandidateCatalogue::withdraw(const std::set<std::string>& keys) {
+  std::string list;
+  for (const std::string& key : keys) {
+    if (Sha256::from_hex(key)) list += fmt::format("{}'{}'", list.empty() ? "" : ",", key);
+  }
+  if (list.empty()) return 0;
+  const std::string tiles = database_.of("tiles"), verdicts = database_.of("verdicts");
+  const std::string theirs = fmt::format("FROM {} t JOIN {} v ON v.tile = t.id WHERE v.verdict = 0 AND t.keyid IN ({})",
+                                         tiles, verdicts, list);
+  CatalogueTransaction transaction(database_);
+  const std::int64_t count = number("SELECT count(*) AS n " + theirs);
+  if (count == 0) return 0;
+  const std::string there = fmt::format("(z, x, y) IN (SELECT t.z, t.x, t.y {})", theirs);
+  database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND {}", database_.of("promotions"), there),
+                   "taking promotions back");
+  database_.change(fmt::format("UPDATE {} SET to_vote = 1 WHERE verdict = 0 AND tile IN (SELECT id FROM {} WHERE {})",
+                               verdicts, tiles, there),
+                   "asking for votes again");
+  database_.change(fmt::format("UPDATE {} SET verdict = {}, code = '{}', detail = '{}', to_vote = 0 WHERE verdict = 0 "
+                               "AND tile IN (SELECT id FROM {} WHERE keyid IN ({}))",
+                               verdicts, static_cast<int>(Verdict::rejected), name_of(ReasonCode::airframe_revoked),
+                               kRevokedLater, tiles, list),
+                   "taking verdicts back");
+  transaction.commit();
+  return count;
 }
 
 void CandidateCatalogue::each_promoted(const std::function<void(const PromotedTile&)>& visit) {

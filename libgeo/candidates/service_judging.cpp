@@ -103,11 +103,19 @@ bool CandidateService::judge_some(std::int64_t id) {
   std::vector<CandidateCatalogue::Question> questions;
   for (const TileRow& tile : tiles) {
     const CandidateSidecar sidecar = parse_candidate(tile.sidecar, "the catalogue's sidecar");
-    questions.push_back({.verdict = look_at(tile, sidecar), .sidecar = sidecar});
+    questions.push_back({.verdict = look_at(tile, sidecar), .sidecar = sidecar, .keyid = tile.keyid});
   }
   const bool done = tiles.size() < kTilesAtOnce;
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
   const auto dead = catalogue_.call([&](CandidateCatalogue& catalogue) {
+    // Here, in turn with heed_revocations(): a key that is revoked meanwhile is seen by the one or the other.
+    const auto root = trust_.current();
+    for (CandidateCatalogue::Question& question : questions) {
+      if (!root->revoked.contains(question.keyid)) continue;
+      question.verdict = {.tile = question.verdict.tile,
+                          .verdict = Verdict::rejected,
+                          .refusal = Refusal{.code = ReasonCode::airframe_revoked, .detail = kRevokedLater}};
+    }
     catalogue.judge(
         std::move(questions), now_ms,
         [](TileVerdict& verdict, const CandidateSidecar& sidecar, const CandidateCatalogue::Rivals& rivals) {
@@ -127,6 +135,19 @@ bool CandidateService::judge_some(std::int64_t id) {
   });
   for (const Sha256& pack : dead) packs_.remove(pack);
   return !done;
+}
+
+std::int64_t CandidateService::heed_revocations() {
+  const std::set<std::string> revoked = trust_.current()->revoked;
+  {
+    const std::lock_guard lock(mutex_);
+    if (revoked == heeded_) return 0;
+  }
+  const std::int64_t withdrawn =
+      catalogue_.call([&revoked](CandidateCatalogue& catalogue) { return catalogue.withdraw(revoked); });
+  const std::lock_guard lock(mutex_);
+  heeded_ = revoked;
+  return withdrawn;
 }
 
 Vote CandidateService::compare(const Voter& one, const Voter& other) {

@@ -168,6 +168,7 @@ Answer<PackOffset> CandidateService::append(const ServiceClient& client, const s
 
 void CandidateService::recover() {
   forget_expired();
+  heed_revocations();
   const auto uploads = catalogue_.call([](CandidateCatalogue& catalogue) {
     std::vector<UploadRow> all = catalogue.uploads_in(UploadState::open);
     const std::vector<UploadRow> judging = catalogue.uploads_in(UploadState::judging);

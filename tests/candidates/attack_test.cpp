@@ -90,6 +90,77 @@ TEST_F(Attack, RevokedKeyIsRefusedAtOnce) {
   for (const TileRow& tile : upload(second_, candidates(second_, test::keys_in_a_row(1)), 3)) {
     EXPECT_EQ(tile.verdict, Verdict::accepted);
   }
+  // As nadir keys revoke leaves the root: without the airframe, whose only key it was.
+  write_file_atomic(folder_ / "root.json", test::root_text({&second_}, signer_, 3, {first_.key().public_key().id()}));
+  all_refused(first_.batch(candidates(first_, test::keys_in_a_row(2, 2)), 4), "airframe_revoked");
+}
+
+TEST_F(Attack, RevokedKeyBetweenAnnouncementAndVerdictIsRejected) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const std::string name = announced(first_.batch(tiles)).upload;
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(name, test::pack_of(tiles))));
+  write_root(2, {first_.key().public_key().id()});
+  std::optional<std::int64_t> judge;
+  ASSERT_TRUE(std::holds_alternative<Completion>(service().complete(client_, name, judge)));
+  judge_all();
+  for (const TileRow& tile : verdicts(name)) EXPECT_EQ(test::code_of(tile), "airframe_revoked");
+}
+
+TEST_F(Attack, RevokedKeyTakesBackWhatItVouchedFor) {
+  test::FlightMaker third{{.airframe = "mini-09", .flight = "flight-3", .noise = 3}};
+  const auto root = [&](std::int64_t version, const std::set<std::string>& revoked) {
+    write_file_atomic(folder_ / "root.json", test::root_text({&first_, &second_, &third}, signer_, version, revoked));
+  };
+  root(1, {});
+  first_.options().sigma_mm = 600;  // the best: it is what is promoted
+  const auto keys = test::keys_in_a_row(3);
+  const std::vector<TileKey> two{keys[0], keys[1]}, one{keys[0]};
+  upload(first_, candidates(first_, keys), 1);
+  upload(second_, candidates(second_, two), 2);
+  upload(third, candidates(third, one), 3);
+  ASSERT_EQ(service().counts().promoted, 2);
+
+  root(2, {first_.key().public_key().id()});
+  EXPECT_EQ(service().heed_revocations(), 3);
+  EXPECT_EQ(service().counts().promoted, 0) << "its own, and those that it had a voice in";
+  judge_all();
+  EXPECT_EQ(service().counts().promoted, 1) << "two others agree about one place";
+  EXPECT_EQ(service().counts().rejected_by,
+            (std::vector<std::pair<std::string, std::int64_t>>{{"airframe_revoked", 3}}));
+  EXPECT_EQ(service().heed_revocations(), 0);
+  service_.reset();
+  {
+    CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::read);
+    catalogue.each_promoted([](const PromotedTile& tile) { EXPECT_NE(tile.sidecar.airframe, "mini-07"); });
+  }
+  // Revoked while the service was away.
+  root(3, {first_.key().public_key().id(), second_.key().public_key().id()});
+  EXPECT_EQ(restarted().counts().promoted, 0);
+}
+
+TEST_F(Attack, RevokedKeyDuringAVotePromotesNothing) {
+  const std::vector<TileKey> keys = test::keys_in_a_row(1);
+  int number = 0;
+  for (const test::FlightMaker* flight : {&first_, &second_}) {
+    const auto tiles = candidates(*flight, keys);
+    const std::string name = announced(flight->batch(tiles, ++number)).upload;
+    ASSERT_TRUE(std::holds_alternative<PackOffset>(send(name, test::pack_of(tiles))));
+    std::optional<std::int64_t> judge;
+    service().complete(client_, name, judge);
+    ASSERT_FALSE(service().judge_some(judge.value()));
+  }
+  service_.reset();
+  CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::write);
+  const std::vector<Ballot> ballots = catalogue.ballots(10);
+  ASSERT_EQ(ballots.size(), 1U);
+  ASSERT_EQ(ballots[0].voters.size(), 2U);
+  ASSERT_EQ(catalogue.withdraw({first_.key().public_key().id()}), 1);
+  const Outcome both{
+      .new_votes = {},
+      .promotion = Promotion{.tile = ballots[0].voters[0].tile, .key = keys[0], .flights = 2, .evidence = "{}"}};
+  catalogue.close(ballots, std::vector{both});
+  EXPECT_EQ(catalogue.counts().promoted, 0);
+  EXPECT_EQ(catalogue.counts().to_vote, 1) << "the other one is asked again, alone";
 }
 
 TEST_F(Attack, WrongTokenMayNotUploadForAnAirframe) {

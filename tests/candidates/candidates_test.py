@@ -133,6 +133,25 @@ class Candidates(unittest.TestCase):
         self.assertEqual(2 * TILES, found["tiles"]["accepted"], found)
         self.assertEqual(TILES, found["tiles"]["promoted"], found)
 
+    def test_a_revoked_airframe_takes_its_promotions_with_it(self):
+        """The aircraft was lost and its key with it: nadir keys revoke, and no map is made of what it vouched for."""
+        self.service.made = shutil.copytree(self.made, self.folder / "made")
+        root = self.service.made / "root.json"
+        self.service.start()
+        for flight in flights_in(self.made):
+            self.station.judged(self.station.upload(flight))
+        self.assertEqual(TILES, self.settled()["tiles"]["promoted"])
+        self.service.kill()
+        lost = json.loads((flights_in(self.made)[0] / "batch-0.json").read_text())["signatures"][0]["keyid"]
+        subprocess.run([NADIR, "keys", "revoke", "--previous", root, "--revoke", lost, "--root-key",
+                        self.service.made / "root.key.pem", "--out", self.folder / "2.json"], check=True, capture_output=True)
+        (self.folder / "2.json").replace(root)
+        self.service.start()
+        found = self.settled()
+        self.assertEqual(0, found["tiles"]["promoted"], found)
+        self.assertEqual(TILES, found["tiles"]["accepted"], found)
+        self.assertEqual({"airframe_revoked": TILES}, found["rejected"], found)
+
     def test_nothing_promoted_is_told(self):
         self.service.start()
         self.station.judged(self.station.upload(flights_in(self.made)[0]))

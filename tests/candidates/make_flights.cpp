@@ -1,5 +1,5 @@
 // Writes flights as their ground stations would send them, for tests and figures that talk to a running service:
-//   OUT/root.json, OUT/ground-1.token, and for each flight OUT/flight-N/: batch-M.json, M-K.pack
+//   OUT/root.json, OUT/root.key.pem, OUT/ground-1.token, and for each flight OUT/flight-N/: batch-M.json, M-K.pack
 // and, of its first thousand tiles, as it leaves the aircraft: candidates/, with tile.key.pem
 // usage: make_flights OUT FLIGHTS TILES [UNIX_TIME]
 #include <fmt/format.h>
@@ -66,7 +66,9 @@ void make(const fs::path& out, int flights, std::size_t tiles, UtcTime at) {
   std::vector<const FlightMaker*> all;
   for (const FlightMaker& maker : makers) all.push_back(&maker);
   fs::create_directories(out);
-  write_file_atomic(out / "root.json", root_text(all, PrivateKey::generate(), 1, {}, {at.unix_s + 365 * kDay_s}));
+  const PrivateKey root = PrivateKey::generate();
+  write_file_atomic(out / "root.json", root_text(all, root, 1, {}, {at.unix_s + 365 * kDay_s}));
+  write_file_atomic(out / "root.key.pem", root.pem(), 0600);
   write_file_atomic(out / "ground-1.token", std::string_view("0123456789abcdef0123456789abcdef\n"), 0600);
   int batches = 0;
   for (int number = 1; number <= flights; ++number) {

@@ -93,11 +93,14 @@ int ServeCommand::run(Context& context) {
   for (int looks = 1; !interrupt_requested(); ++looks) {
     std::this_thread::sleep_for(kLook);
     if (looks % kLooksBetweenRetries == 0) {
-      if (const std::string trouble = work.trouble(); trouble != told) {
+      std::string trouble = work.trouble();
+      if (trouble.empty()) trouble = service.root_trouble();
+      if (trouble != told) {
         told = trouble;
         if (!trouble.empty()) context.err << trouble << '\n' << std::flush;
       }
       work.retry();
+      work.heed_revocations();
     }
     if (looks % kLooksBetweenClearings == 0) work.forget_expired();
   }

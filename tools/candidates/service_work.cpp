@@ -49,6 +49,16 @@ void ServiceWork::forget_expired() {
   });
 }
 
+void ServiceWork::heed_revocations() {
+  queue_.put_own("revocations", [this] {
+    try {
+      if (service_.heed_revocations() > 0) vote();
+    } catch (const std::exception& error) {
+      failed(error.what());
+    }
+  });
+}
+
 void ServiceWork::failed(const std::string& reason) {
   const std::lock_guard lock(mutex_);
   trouble_ = reason;

@@ -18,6 +18,7 @@ class ServiceWork {
   void judge(const std::string& client, std::int64_t upload);
   void vote();
   void forget_expired();
+  void heed_revocations();
 
   // What went wrong last (the catalogue did not answer, a pack is damaged); empty: nothing. Such work stays to be done
   // and is taken up by retry().
