@@ -53,7 +53,8 @@ void whole_numbers(const float* values, const float* mean, std::size_t count, st
 template <std::size_t kChannels>
 void add_up(const std::int16_t* value, std::size_t columns, std::int32_t* sums, std::int64_t* squares) {
   std::array<std::int32_t, kChannels> sum{};
-  std::int64_t square = 0;
+  std::int64_t square = squares[0] = 0;
+  std::fill_n(sums, kChannels, 0);
   for (std::size_t c = 0; c < columns; ++c, value += kChannels) {
     std::int32_t here = 0;
     for (std::size_t k = 0; k < kChannels; ++k) {
@@ -71,10 +72,10 @@ WholeChannels::WholeChannels(const Channels& channels)
     : mask_(channels.mask), channels_(2 * channels.pairs.size()), means_removed_(channels.means_removed) {
   CV_Assert(channels_ == 2 || channels_ == 6);
   const auto rows = static_cast<std::size_t>(mask_.rows), columns = static_cast<std::size_t>(mask_.cols);
-  values_.resize(rows * columns * channels_);
-  sums_.resize(rows * (columns + 1) * channels_);
-  squares_.resize(rows * (columns + 1));
-  valid_.resize(rows * (columns + 1));
+  values_ = std::make_unique_for_overwrite<std::int16_t[]>(rows * columns * channels_);
+  sums_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * (columns + 1) * channels_);
+  squares_ = std::make_unique_for_overwrite<std::int64_t[]>(rows * (columns + 1));
+  valid_ = std::make_unique_for_overwrite<std::int32_t[]>(rows * (columns + 1));
   // What is not valid counts as the mean, which is then 0.
   std::vector<float> mean(columns * channels_);
   for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
@@ -86,7 +87,7 @@ WholeChannels::WholeChannels(const Channels& channels)
   std::vector<std::int16_t> pair_values(2 * columns);
   for (std::size_t r = 0; r < rows; ++r) {
     const auto* valid = mask_.ptr<std::uint8_t>(static_cast<int>(r));
-    std::int16_t* value = values_.data() + r * columns * channels_;
+    std::int16_t* value = values_.get() + r * columns * channels_;
     for (std::size_t p = 0; p < channels.pairs.size(); ++p) {
       whole_numbers(channels.pairs[p].ptr<float>(static_cast<int>(r)), mean.data() + 2 * columns * p, 2 * columns,
                     pair_values.data());
@@ -98,7 +99,8 @@ WholeChannels::WholeChannels(const Channels& channels)
     }
     const std::size_t line = r * (columns + 1);
     const auto sum_up = channels_ == 6 ? add_up<6> : add_up<2>;
-    sum_up(value, columns, sums_.data() + line * channels_, squares_.data() + line);
+    sum_up(value, columns, sums_.get() + line * channels_, squares_.get() + line);
+    valid_[line] = 0;
     for (std::size_t c = 0; c < columns; ++c) valid_[line + c + 1] = valid_[line + c] + (valid[c] != 0 ? 1 : 0);
   }
 }
@@ -157,14 +159,14 @@ cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Si
                  end = static_cast<std::size_t>(first.x + run.end);
       const std::size_t own =
           static_cast<std::size_t>(part_.y + run.row) * own_columns + static_cast<std::size_t>(part_.x + run.begin);
-      add_products(of_->values_.data() + own * channels, window.values_.data() + (row * columns + begin) * channels,
+      add_products(of_->values_.get() + own * channels, window.values_.get() + (row * columns + begin) * channels,
                    (end - begin) * channels, apart * channels, count, products.data());
       const std::size_t line = row * (columns + 1);
-      add_differences(window.sums_.data() + (line + end) * channels, window.sums_.data() + (line + begin) * channels,
+      add_differences(window.sums_.get() + (line + end) * channels, window.sums_.get() + (line + begin) * channels,
                       channels, apart, count, sums.data());
-      add_differences(window.squares_.data() + line + end, window.squares_.data() + line + begin, 1, apart, count,
+      add_differences(window.squares_.get() + line + end, window.squares_.get() + line + begin, 1, apart, count,
                       squares.data());
-      add_differences(window.valid_.data() + line + end, window.valid_.data() + line + begin, 1, apart, count,
+      add_differences(window.valid_.get() + line + end, window.valid_.get() + line + begin, 1, apart, count,
                       valid.data());
     }
     auto* out = result.ptr<float>(v);

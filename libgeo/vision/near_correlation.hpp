@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
@@ -25,10 +26,11 @@ class WholeChannels {
   cv::Mat mask_;
   std::size_t channels_ = 0;
   bool means_removed_ = true;
-  std::vector<std::int16_t> values_;   // row by row, pixel by pixel, less the mean, 0 where the mask is
-  std::vector<std::int32_t> sums_;     // of each channel from the row's begin to before the pixel; one more than pixels
-  std::vector<std::int64_t> squares_;  // of all channels, likewise
-  std::vector<std::int32_t> valid_;    // pixels, likewise
+  // Not vectors, because those would be filled with zeros first: megabytes for each picture.
+  std::unique_ptr<std::int16_t[]> values_;   // row by row, pixel by pixel, less the mean, 0 where the mask is
+  std::unique_ptr<std::int32_t[]> sums_;     // of each channel from the row's begin to before the pixel; one more a row
+  std::unique_ptr<std::int64_t[]> squares_;  // of all channels, likewise
+  std::unique_ptr<std::int32_t[]> valid_;    // pixels, likewise
 };
 
 // A part of a picture, to be looked for in another one.
