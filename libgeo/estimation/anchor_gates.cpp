@@ -34,11 +34,17 @@ double needed_inlier_share(double ratio, bool seconded, const GateLimits& limits
   return limits.vote_inlier_share;
 }
 
-// Few that fit badly; but where many places competed and hardly any came near, the ratio speaks for them.
-bool by_chance(const AnchorMatch& match, const AnchorPrior& prior, double share, const GateLimits& limits) {
-  const bool told_apart = match.search.ratio <= limits.clear_ratio && prior.search.radius_m >= limits.telling_window_m;
-  return !told_apart && share < limits.sure_inlier_share &&
-         match.solved->rms_m > limits.max_chance_residual_px * match.fine_gsd_m;
+// Where many places competed and hardly any came near, the ratio speaks for the place.
+bool told_apart(const AnchorMatch& match, const AnchorPrior& prior, const GateLimits& limits) {
+  return match.search.ratio <= limits.clear_ratio && prior.search.radius_m >= limits.telling_window_m;
+}
+
+// Few patches that fit badly, or lie where nobody expected them.
+bool by_chance(const AnchorMatch& match, double share, const Prediction& prediction, const GateLimits& limits) {
+  if (share < limits.most_inlier_share && match.solved->rms_m > limits.max_chance_residual_px * match.fine_gsd_m) {
+    return true;
+  }
+  return share < limits.sure_inlier_share && !prediction.lost && prediction.chi2 > limits.expected_chi2;
 }
 
 }  // namespace
@@ -63,18 +69,12 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (match.frame_share < limits.min_frame_share) return AnchorVerdict::bad_geometry;
   if (solved.rms_m > limits.max_residual_px * match.fine_gsd_m) return AnchorVerdict::bad_geometry;
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
-  if (prediction.lost) {
-    const bool stands_out = match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share &&
-                            !by_chance(match, prior, share, limits);
-    return stands_out ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
-  }
-  if (prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
+  if (!prediction.lost && prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
+  const bool chance = !sharp && !told_apart(match, prior, limits) && by_chance(match, share, prediction, limits);
   const bool seconded = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
-  if (!sharp && by_chance(match, prior, share, limits)) {
-    return AnchorVerdict::awaiting_votes;
-  }
-  if (match.search.ratio <= limits.alone_ratio || seconded) return AnchorVerdict::accepted;
-  return AnchorVerdict::awaiting_votes;
+  const bool alone = prediction.lost ? match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share
+                                     : match.search.ratio <= limits.alone_ratio || seconded;
+  return alone && !chance && !prediction.torn ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
 }
 
 }  // namespace nadir

@@ -19,10 +19,14 @@ struct GateLimits {
   double alone_inlier_share = 0.20;  // … when so many agree
   double vote_ratio = 0.90;          // below: only where a healthy prediction says the same
   double vote_inlier_share = 0.30;
-  // Patches that agree by chance scatter evenly within the solver's bound: few of them must fit closer than that,
-  // unless a sharp prediction says the same, or the ratio is clear in a window where many places compete.
-  double sure_inlier_share = 0.35;
+  // Patches that agree by chance scatter evenly within the solver's bound, and a pose to which half of a changed map
+  // pulls fits badly too: unless most agree they must fit closer than that, unless a sharp prediction says the same,
+  // or the ratio is clear in a window where many places compete.
+  double most_inlier_share = 0.50;
   double max_chance_residual_px = 1.7;
+  // Few must be where they were expected besides: by chance they lie anywhere in the window.
+  double sure_inlier_share = 0.35;
+  double expected_chi2 = 5.991;   // 95 % of two degrees of freedom
   double telling_window_m = 200;  // half the side of such a window
   double sharp_sigma_m = 20;
   int min_inliers = 8;
@@ -44,6 +48,7 @@ struct Prediction {
   double sigma_m = 0;
   bool healthy = false;  // carried without a break from an accepted anchor
   bool lost = false;     // there is none: all of the area, or much of it, was searched
+  bool torn = false;     // the frame does not continue the one before, which should show much of the same ground
 };
 
 // How far the solved attitude and height lie from the belief, in sigmas of the belief (the worst of them).

@@ -16,6 +16,7 @@ namespace {
 constexpr double kLeastLostSigma_m = 1000;
 constexpr double kUntoldHeightSigma = 0.3;       // of its logarithm
 constexpr double kSharedModelError_rad = 0.008;  // half a degree
+constexpr double kSurelyShared = 0.5;            // of a picture's longer side: so much shorter a way leaves an overlap
 
 }  // namespace
 
@@ -48,6 +49,7 @@ Localizer::Followed Localizer::follow(const cv::Mat& image, const Telemetry& tol
   const double seconds = s.last_time_s ? telemetry.time_s - *s.last_time_s : 0;
   s.tilt_logged = s.tilt_logged || told.pitch_rad.has_value();  // a NaN as well: of a source that tells it otherwise
   s.begin_frame(telemetry, seconds);
+  const bool continues = s.continues(seconds);
   // Two pictures tell little of a motion when one may be tilted by 20 degrees.
   if (usable && !s.flight->tilt_missing()) {
     report.odometry.tracked = s.follow(grey, telemetry, report.odometry);
@@ -55,6 +57,8 @@ Localizer::Followed Localizer::follow(const cv::Mat& image, const Telemetry& tol
     s.odometry->reset();
   }
   if (!report.odometry.tracked) s.break_track();
+  s.torn = usable && continues && !report.odometry.tracked;
+  s.last_in_line = usable && (report.odometry.tracked || s.log.size() == 1);
   s.last_time_s = telemetry.time_s;
   s.last_telemetry = telemetry;
   s.last_tracked = report.odometry.tracked;
@@ -143,6 +147,16 @@ CameraPose Localizer::State::believed_pose() const {
   pose.attitude = {belief.heading_rad, told_tilt_rad.x() + belief.pitch_rad, told_tilt_rad.y() + belief.roll_rad};
   pose.position = {flight->position_m().x(), flight->position_m().y()};
   return pose;
+}
+
+// Between two pictures of the same ground odometry hardly fails once and then goes on: rather one of them shows another
+// place. Where it failed before, or the aircraft may have flown on by half a picture, that says nothing.
+bool Localizer::State::continues(double seconds) const {
+  const auto& covariance = flight->covariance();
+  const double velocity_sigma_mps =
+      std::sqrt(0.5 * covariance.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace());
+  const double speed_mps = flight->state().segment<2>(FlightFilter::velocity_east).norm() + 2 * velocity_sigma_mps;
+  return last_in_line && speed_mps * std::abs(seconds) < kSurelyShared * footprint_side_m(camera, told_agl_m);
 }
 
 bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report) {

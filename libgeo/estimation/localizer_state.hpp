@@ -33,6 +33,7 @@ struct Localizer::State {
   // The walk, in order.
   void begin_frame(const Telemetry& telemetry, double seconds);
   bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
+  bool continues(double seconds) const;
   void break_track();
   std::pair<Eigen::Vector2d, double> start_position() const;
   AnchorPrior anchor_prior() const;
@@ -78,7 +79,7 @@ struct Localizer::State {
   std::unique_ptr<PlaceMatcher> matcher;  // none without a map
 
   FrozenFrame frozen;
-  bool tilt_logged = false;  // the telemetry has pitch and roll, if not in each frame
+  bool tilt_logged = false;             // the telemetry has pitch and roll, if not in each frame
   std::optional<FramePose> taken_pose;  // of the anchor taken last
   double told_agl_m = 0;
   bool height_told = false;    // in this frame; else the last one told, or a guess, stands for it
@@ -102,7 +103,9 @@ struct Localizer::State {
   std::vector<Estimate> told;
   Telemetry last_telemetry;  // of the frame followed last
   bool last_tracked = false;
-  bool job_out = false;  // a frame is being matched with the map
+  bool last_in_line = false;  // it was the first, or odometry carried it
+  bool torn = false;          // this frame ends what odometry had carried, although it should show much of the same
+  bool job_out = false;       // a frame is being matched with the map
   bool last_look_failed = false;
   bool broken_since_job = false;
 };

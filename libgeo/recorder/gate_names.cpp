@@ -12,14 +12,16 @@ struct Name {
   double GateLimits::*value;
 };
 
-constexpr std::array<Name, 19> kNames{{
+constexpr std::array<Name, 21> kNames{{
     {"clear_ratio", &GateLimits::clear_ratio},
     {"clear_inlier_share", &GateLimits::clear_inlier_share},
     {"alone_ratio", &GateLimits::alone_ratio},
     {"alone_inlier_share", &GateLimits::alone_inlier_share},
     {"vote_ratio", &GateLimits::vote_ratio},
     {"vote_inlier_share", &GateLimits::vote_inlier_share},
+    {"most_inlier_share", &GateLimits::most_inlier_share},
     {"sure_inlier_share", &GateLimits::sure_inlier_share},
+    {"expected_chi2", &GateLimits::expected_chi2},
     {"max_chance_residual_px", &GateLimits::max_chance_residual_px},
     {"telling_window_m", &GateLimits::telling_window_m},
     {"sharp_sigma_m", &GateLimits::sharp_sigma_m},

@@ -23,7 +23,10 @@ int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool 
   for (const std::uint64_t index : only) records[index] = segments.run(options.seed, index, talk);
   if (only.empty()) {
     records = run_all<Record>(options, header(options.seed, options.worlds), record_of, [&](std::uint64_t i) {
-      const Record record = segments.run(options.seed, i, talk);
+      std::string lines;  // of one segment together, whatever the other threads fly
+      const Record record =
+          segments.run(options.seed, i, verbose ? [&](const std::string& text) { lines += text; } : talk);
+      std::cout << lines << std::flush;
       if (record.violates()) std::cout << fmt::format("VIOLATION {}", line(record)) << std::flush;
       return record;
     });

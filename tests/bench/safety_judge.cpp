@@ -66,7 +66,7 @@ std::string told(std::size_t frame, const FrameReport& report, const CameraPose&
   const double anchor_m = a.camera ? (vec(*a.camera) - vec(truth.position)).norm() : -1;
   const Eigen::Vector2d error = error_of(report.estimate, truth).value_or(Eigen::Vector2d::Zero());
   return fmt::format(
-      "frame {}: {}, ratio {:.2f}, score {:.2f}, {} of {} patches, {:.1f} px, chi2 {:.1f}, window {:.0f} m, anchor "
+      "frame {}: {}, ratio {:.2f}, score {:.2f}, {} of {} patches, {:.2f} px, chi2 {:.2f}, window {:.0f} m, anchor "
       "{:.1f} m "
       "off; {}, {:.1f} m off ({:.1f} east, {:.1f} north), sigma {:.1f} m; odometry {} {} inliers {:.1f} m\n",
       frame, name_of(a.verdict), a.ratio, a.score, a.inliers, a.patches, a.residual_px, a.chi2, a.window_radius_m,

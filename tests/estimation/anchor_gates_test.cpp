@@ -199,31 +199,63 @@ TEST(AnchorGates, OffABrokenPrediction) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
 }
 
-// Few patches that scatter over all of the solver's bound agree by chance.
-TEST(AnchorGates, AgreementByChanceAwaitsVotes) {
+// Patches that scatter over all of the solver's bound agree by chance, or a map that has changed in part pulls at them.
+TEST(AnchorGates, ALooseFitAwaitsVotes) {
   Attempt attempt;
   const GateLimits& limits = attempt.limits;
   attempt.match.search.ratio = limits.clear_ratio + 0.01;
   attempt.match.patches = 100;
-  attempt.match.solved->inliers = 34;
+  attempt.match.solved->inliers = 49;
   attempt.match.solved->rms_m = (limits.max_chance_residual_px + 0.01) * attempt.match.fine_gsd_m;
   attempt.prediction = {1, 50, true};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
-  const Attempt by_chance = attempt;
+  const Attempt loose = attempt;
   attempt.prediction.sigma_m = limits.sharp_sigma_m;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction says the same";
-  attempt = by_chance;
-  attempt.match.solved->inliers = 35;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
-  attempt = by_chance;
+  attempt = loose;
+  attempt.match.solved->inliers = 50;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "most agree";
+  attempt = loose;
   attempt.match.solved->rms_m = limits.max_chance_residual_px * attempt.match.fine_gsd_m;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "they agree closely";
-  attempt = by_chance;
+  attempt = loose;
   attempt.match.search.ratio = limits.clear_ratio - 0.1;
   attempt.prior.search.radius_m = limits.telling_window_m - 1;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "in a small window few places compete";
   attempt.prior.search.radius_m = limits.telling_window_m;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "of many places none came near";
+}
+
+// By chance few patches agree, anywhere in the window.
+TEST(AnchorGates, FewWhereNobodyExpectedThemAwaitVotes) {
+  Attempt attempt;
+  const GateLimits& limits = attempt.limits;
+  attempt.match.patches = 100;
+  attempt.match.solved->inliers = 34;
+  attempt.prediction = {limits.expected_chi2 + 0.01, 50, true};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  const Attempt unexpected = attempt;
+  attempt.prediction.chi2 = limits.expected_chi2;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "where they were expected";
+  attempt = unexpected;
+  attempt.match.solved->inliers = 35;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
+  attempt = unexpected;
+  attempt.prediction.sigma_m = limits.sharp_sigma_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "beyond a sharp prediction's 95 % lie 5 % of the true";
+  attempt = unexpected;
+  attempt.prediction = {1000, 1000, false, true};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "lost, nothing was expected";
+}
+
+TEST(AnchorGates, AFrameThatDoesNotContinueTheLastOneAwaitsVotes) {
+  for (const bool lost : {false, true}) {
+    Attempt attempt;
+    attempt.prediction = {1, lost ? 1000.0 : 5, !lost, lost};
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+    attempt.prediction.torn = true;
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "however clear: one of the two shows another place";
+  }
 }
 
 TEST(AnchorGates, AVoteNeedsASecondVoice) {

@@ -45,8 +45,10 @@ TEST(FaultyFrames, CloudsHideTheGround) {
   EXPECT_EQ(hidden.estimate.source, SourceLabel::dead_reckoned);
   EXPECT_GE(hidden.estimate.sigma_m, config().start_sigma_m * 0.99) << "nothing was learnt";
   const FrameReport clear = localizer.process(short_flight()[1].image, short_flight()[1].telemetry);
-  EXPECT_EQ(clear.anchor.verdict, AnchorVerdict::accepted);
-  expect_honest(clear, short_flight()[1]);
+  EXPECT_EQ(clear.anchor.verdict, AnchorVerdict::awaiting_votes) << "of these two frames one shows another place";
+  const FrameReport next = localizer.process(short_flight()[2].image, short_flight()[2].telemetry);
+  EXPECT_EQ(next.anchor.verdict, AnchorVerdict::accepted);
+  expect_honest(next, short_flight()[2]);
 }
 
 // One frame of another place in the middle of a flight, as a mixed-up recording has them.
@@ -64,6 +66,24 @@ TEST(FaultyFrames, AFrameFromElsewhereIsRefusedAndForgotten) {
   EXPECT_EQ(after.anchor.verdict, AnchorVerdict::accepted);
   EXPECT_GT(after.estimate.segment, 0);
   expect_honest(after, moments[2]);
+}
+
+// The same before anything is anchored, with a start so vague that the other place would do.
+TEST(FaultyFrames, AFrameFromElsewhereIsNoFirstAnchor) {
+  const std::vector<Moment> moments = flight(10);
+  LocalizerConfig vague = config();
+  vague.start_sigma_m = 120;
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), vague);
+  const FrameReport first = localizer.process(clouded(moments[0].image, 0.9), moments[0].telemetry);
+  EXPECT_NE(first.anchor.verdict, AnchorVerdict::accepted);
+  Telemetry told = moments[9].telemetry;
+  told.time_s = moments[1].telemetry.time_s;
+  const FrameReport report = localizer.process(moments[9].image, told);
+  EXPECT_EQ(report.anchor.verdict, AnchorVerdict::awaiting_votes);
+  EXPECT_LT(report.anchor.chi2, GateLimits().chi2_999) << "no gate could tell";
+  expect_honest(report, moments[1]);
+  for (const std::size_t i : {2U, 3U})
+    expect_honest(localizer.process(moments[i].image, moments[i].telemetry), moments[i]);
 }
 
 TEST(FaultyFrames, OneFrameOfFiveIsBlack) {
