@@ -24,7 +24,8 @@ std::int64_t restage(OutboxDatabase& outbox, std::string_view code, std::int64_t
     outbox
         .prepare(
             "UPDATE tile SET state = 'STAGED', code = '', detail = '', batch = NULL, pack = NULL, changed_ms = ?"
-            " WHERE state IN ('REJECTED', 'REFUSED') AND code = ? AND id IN (SELECT tile FROM blob)")
+            " WHERE state IN ('REJECTED', 'REFUSED') AND code = ? AND id IN (SELECT tile FROM blob)"
+            " AND batch IN (SELECT id FROM batch WHERE stage = 'done')")
         .bind(1, now_ms)
         .bind(2, code)
         .run();

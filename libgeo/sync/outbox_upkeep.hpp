@@ -12,7 +12,8 @@ namespace nadir {
 std::int64_t retry_parked(OutboxDatabase& outbox, std::int64_t now_ms);
 
 // Tiles that were rejected or refused for this reason, and whose bytes are still there, are staged again: they need a
-// new batch. How many.
+// new batch. How many. Those of a batch that still waits for something stay in it until it is done: the service will
+// speak of them again.
 std::int64_t restage(OutboxDatabase& outbox, std::string_view code, std::int64_t now_ms);
 
 struct PruneSum {

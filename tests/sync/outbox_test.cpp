@@ -169,6 +169,20 @@ TEST_F(Outbox, PicturesStayUntilAfterTheVerdict) {
   EXPECT_EQ(restage(*outbox_, "too_old", 600), 0) << "without its picture it cannot be sent again";
 }
 
+TEST_F(Outbox, TilesAreTriedAgainOnceTheirBatchIsDone) {
+  stage(2);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({}, {0}, {1}), 5);
+  const OpenBatch batch = *transfer_.next_batch(0);
+  EXPECT_EQ(restage(*outbox_, "too_old", 6), 0);
+  // The service speaks of all its tiles, also of the one that it refused.
+  UploadStatus status = verdicts(batch, {Verdict::Kind::accepted, Verdict::Kind::rejected});
+  EXPECT_NO_THROW(transfer_.verdicts(batch, status, 7));
+  EXPECT_EQ(tiles_in(TileState::accepted), 1);
+  EXPECT_EQ(restage(*outbox_, "too_old", 8), 1);
+  EXPECT_EQ(tiles_in(TileState::staged), 1);
+}
+
 TEST_F(Outbox, AFailedTransitionLeavesNothing) {
   stage(2);
   seal();
