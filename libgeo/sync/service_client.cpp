@@ -121,7 +121,13 @@ Answer<std::uint64_t> ServiceClient::send_part(const std::string& upload, const 
                                        {"Content-Type", "application/octet-stream"},
                                        {"Content-Digest", fmt::format("sha-256=:{}:", to_base64(sha256(part).bytes))}},
                            .body = part});
-  return read_offset(expect(std::move(result), {204}), pack_size);
+  auto answer = read_offset(expect(std::move(result), {204}), pack_size);
+  // Another call still writes this pack, our own one before the line broke perhaps: no other offset, but later.
+  if (auto* trouble = std::get_if<Trouble>(&answer);
+      trouble != nullptr && trouble->kind == Trouble::Kind::conflict && trouble->retry_after_s) {
+    trouble->kind = Trouble::Kind::later;
+  }
+  return answer;
 }
 
 Answer<Accepted> ServiceClient::complete(const std::string& upload) {

@@ -184,6 +184,21 @@ TEST_F(Upload, TakesTheRightOffsetFromAConflict) {
   EXPECT_EQ(outcome.body_bytes, pack.size) << "sent once, and then the service had it all";
 }
 
+TEST_F(Upload, WaitsForACallThatStillWritesThePack) {
+  stage(2);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({0, 1}, {}, {}), 5);
+  service_.announced = json::parse(transfer_.document(*transfer_.next_batch(0)))["signed"];
+  for (int i = 0; i < 30; ++i) {
+    service_.first.push_back(problem(409, {{"upload-offset", "0"}, {"retry-after", "2"}}));
+    service_.first.push_back(HttpReply{200, {{"upload-offset", "0"}}, ""});
+  }
+  const UploadOutcome outcome = run();
+  EXPECT_EQ(outcome.parked, 0);
+  EXPECT_EQ(outcome.verdicts.accepted, 2);
+  EXPECT_EQ(pace_.waits_ms, std::vector<std::int64_t>(30, 2'000));
+}
+
 TEST_F(Upload, StopsAtOnceForATokenThatIsNotAccepted) {
   stage(1);
   seal();
