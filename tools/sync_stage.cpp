@@ -4,11 +4,13 @@
 
 #include <nlohmann/json.hpp>
 #include <ostream>
+#include <set>
 
 #include "base/error.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
 #include "ortho/candidate_reader.hpp"
+#include "ortho/tile_key_check.hpp"
 #include "recorder/recording.hpp"
 #include "sync/outbox_report.hpp"
 #include "sync/staging.hpp"
@@ -74,10 +76,12 @@ bool SyncStageCommand::flight_ended(const CandidateReader& reader, Findings& fin
 }
 
 SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root,
-                                             UtcTime at, Context& context, Findings& findings) const {
+                                             const PublicKey& key, UtcTime at, Context& context,
+                                             Findings& findings) const {
   Sum sum;
   const std::int64_t now_ms = surroundings_.pace()->now_ms();
   std::vector<Candidate> ready;
+  std::set<std::string> checked;  // airframes whose batches the key may sign
   const auto flush = [&] {
     if (outbox == nullptr || ready.empty()) return;
     const std::int64_t staged = stage_candidates(*outbox, ready, now_ms);
@@ -90,6 +94,9 @@ SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxData
     ++sum.seen;
     context.progress.advance();
     if (root != nullptr) {
+      if (checked.insert(candidate->sidecar.airframe).second) {
+        require_tile_key(*root, candidate->sidecar.airframe, key);
+      }
       const auto check =
           check_candidate_signature(*root, candidate->sidecar, candidate->sidecar_bytes, candidate->signature, at);
       findings.add(check.findings);
@@ -115,7 +122,7 @@ int SyncStageCommand::run(Context& context) {
   if (flight_ended(reader, findings)) {
     std::optional<OutboxDatabase> outbox;
     if (!dry_run_) outbox.emplace(outbox_, OutboxDatabase::Access::make, surroundings_.hook);
-    sum = take(reader, outbox ? &*outbox : nullptr, root ? &*root : nullptr, at, context, findings);
+    sum = take(reader, outbox ? &*outbox : nullptr, root ? &*root : nullptr, key.public_key(), at, context, findings);
     if (outbox) sealed = seal_batches(*outbox, key, surroundings_.pace()->now_ms(), surroundings_.random_bytes);
   }
   if (context.json) {

@@ -11,6 +11,7 @@ namespace nadir {
 
 class Findings;
 class CandidateReader;
+class PublicKey;
 class OutboxDatabase;
 struct TrustRoot;
 
@@ -33,8 +34,8 @@ class SyncStageCommand final : public Command {
     std::int64_t seen = 0, staged = 0, known = 0;
   };
   bool flight_ended(const CandidateReader& reader, Findings& findings) const;
-  Sum take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root, UtcTime at, Context& context,
-           Findings& findings) const;
+  Sum take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root, const PublicKey& key, UtcTime at,
+           Context& context, Findings& findings) const;
 
   SyncSurroundings surroundings_;
   std::filesystem::path candidates_;

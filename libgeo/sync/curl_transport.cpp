@@ -109,6 +109,12 @@ std::string url_part(CURLU* url, CURLUPart part) {
   return result;
 }
 
+bool secure(const std::string& address) {
+  const std::unique_ptr<CURLU, FreeUrl> url(curl_url());
+  return curl_url_set(url.get(), CURLUPART_URL, address.c_str(), 0) == CURLUE_OK &&
+         url_part(url.get(), CURLUPART_SCHEME) == "https";
+}
+
 }  // namespace
 
 std::string checked_service_address(std::string_view text) {
@@ -145,6 +151,8 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   exchange.check = &check_;
   set(easy, CURLOPT_URL, (settings_.address + request.path).c_str());
   set(easy, CURLOPT_PROTOCOLS_STR, "http,https");
+  // Only to this machine itself: a proxy of the environment would get the token over a wire in the clear.
+  if (!secure(settings_.address)) set(easy, CURLOPT_PROXY, "");
   set(easy, CURLOPT_FOLLOWLOCATION, 0L);
   set(easy, CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_1_1));
   set(easy, CURLOPT_SSLVERSION, static_cast<long>(CURL_SSLVERSION_TLSv1_2));

@@ -131,6 +131,45 @@ class Commands(unittest.TestCase):
         result = sync(NADIR, "push", self.outbox, "--to", "http://127.0.0.1:1", "--patience", 0)
         self.ends(2, result, "not done", "connect")
 
+    def test_no_proxy_hears_the_token_in_the_clear(self):
+        heard = []
+
+        class Proxy(http.server.BaseHTTPRequestHandler):
+            def do_POST(self):
+                heard.append(self.headers["Authorization"])
+                self.send_error(502)
+
+            def log_message(self, *args):
+                pass
+        proxy = http.server.HTTPServer(("127.0.0.1", 0), Proxy)
+        self.addCleanup(proxy.server_close)
+        self.addCleanup(proxy.shutdown)
+        threading.Thread(target=proxy.serve_forever, daemon=True).start()
+        there = {name: f"http://127.0.0.1:{proxy.server_address[1]}" for name in ("http_proxy", "all_proxy", "ALL_PROXY")}
+        self.ends(0, self.stage())
+        self.ends(0, self.push("--patience", 0, variables=there | {"no_proxy": "", "NO_PROXY": ""}), f"accepted {COUNT}")
+        self.assertEqual([], heard)
+
+    def test_a_key_that_the_service_would_not_take(self):
+        def key(name):
+            path = self.folder / f"{name}.key.pem"
+            subprocess.run(["openssl", "genpkey", "-algorithm", "ed25519", "-out", path], check=True, capture_output=True)
+            path.chmod(0o600)
+            return path
+
+        def public(path):
+            subprocess.run(["openssl", "pkey", "-in", path, "-pubout", "-out", f"{path}.pub"], check=True)
+            return f"{path}.pub"
+        root, own = self.folder / "root.json", key("root")
+        subprocess.run([NADIR, "keys", "root", "--root-key", own, "--package-signer", public(own), "--tile-signer",
+                        f"mini-07={public(self.flight.key)}", "--expires", "2099-01-01", "--out", root], check=True,
+                       capture_output=True)
+        tile_key, self.flight.key = self.flight.key, key("stranger")
+        self.ends(2, self.stage("--trust", root), "does not give this tile key")
+        self.assertEqual({}, tiles(self.outbox))
+        self.flight.key = tile_key
+        self.ends(0, self.stage("--trust", root), f"staged {COUNT} tiles")
+
     def test_a_redirect_is_not_followed(self):
         class Elsewhere(http.server.BaseHTTPRequestHandler):
             def do_POST(self):

@@ -23,9 +23,9 @@ class Flight:
                        + ([] if clean else ["unclean"]), check=True)
 
 
-def sync(program, *arguments, kill_at=None, kill_count=None, seed=1, token=TOKEN, **more):
+def sync(program, *arguments, kill_at=None, kill_count=None, seed=1, token=TOKEN, variables=(), **more):
     """Runs one command of `nadir sync`; returns the finished process."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("NADIR_")}
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NADIR_")} | dict(variables)
     environment["NADIR_TEST_SEED"] = str(seed)
     if token is not None:
         environment["NADIR_SYNC_TOKEN"] = token
