@@ -39,11 +39,13 @@ bool told_apart(const AnchorMatch& match, const AnchorPrior& prior, const GateLi
   return match.search.ratio <= limits.clear_ratio && prior.search.radius_m >= limits.telling_window_m;
 }
 
-// Few patches that fit badly, or lie where nobody expected them.
-bool by_chance(const AnchorMatch& match, double share, const Prediction& prediction, const GateLimits& limits) {
-  if (share < limits.most_inlier_share && match.solved->rms_m > limits.max_chance_residual_px * match.fine_gsd_m) {
-    return true;
-  }
+// Few patches that fit badly, or lie where nobody expected them, or whose camera may be tilted any way.
+bool by_chance(const AnchorMatch& match, const AnchorPrior& prior, double share, const Prediction& prediction,
+               const GateLimits& limits) {
+  const double tilt_variance_rad2 = prior.tilt_covariance_rad2.trace() / 2;
+  const bool loose = match.solved->rms_m > limits.max_chance_residual_px * match.fine_gsd_m;
+  const bool open = tilt_variance_rad2 > limits.open_tilt_rad * limits.open_tilt_rad;
+  if (share < limits.most_inlier_share && (loose || open)) return true;
   return share < limits.sure_inlier_share && !prediction.lost && prediction.chi2 > limits.expected_chi2;
 }
 
@@ -70,7 +72,9 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (solved.rms_m > limits.max_residual_px * match.fine_gsd_m) return AnchorVerdict::bad_geometry;
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
   if (!prediction.lost && prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
-  const bool chance = !sharp && !told_apart(match, prior, limits) && by_chance(match, share, prediction, limits);
+  const bool expected = sharp && prediction.chi2 <= limits.expected_chi2;
+  const bool chance =
+      !expected && !told_apart(match, prior, limits) && by_chance(match, prior, share, prediction, limits);
   const bool seconded = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
   const bool alone = prediction.lost ? match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share
                                      : match.search.ratio <= limits.alone_ratio || seconded;

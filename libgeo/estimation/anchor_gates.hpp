@@ -20,13 +20,15 @@ struct GateLimits {
   double vote_ratio = 0.90;          // below: only where a healthy prediction says the same
   double vote_inlier_share = 0.30;
   // Patches that agree by chance scatter evenly within the solver's bound, and a pose to which half of a changed map
-  // pulls fits badly too: unless most agree they must fit closer than that, unless a sharp prediction says the same,
-  // or the ratio is clear in a window where many places compete.
+  // pulls fits badly too. So they must fit closer than that, unless most agree, a sharp prediction says the same (its
+  // 95 %), or the ratio is clear in a window where many places compete.
   double most_inlier_share = 0.50;
   double max_chance_residual_px = 1.7;
   // Few must be where they were expected besides: by chance they lie anywhere in the window.
   double sure_inlier_share = 0.35;
-  double expected_chi2 = 5.991;   // 95 % of two degrees of freedom
+  double expected_chi2 = 5.991;  // 95 % of two degrees of freedom
+  // And where the tilt is open, with two freedoms more to agree in, most must agree anyway.
+  double open_tilt_rad = 0.2;     // one sigma of each axis
   double telling_window_m = 200;  // half the side of such a window
   double sharp_sigma_m = 20;
   int min_inliers = 8;

@@ -51,14 +51,15 @@ Localizer::Followed Localizer::follow(const cv::Mat& image, const Telemetry& tol
   s.begin_frame(telemetry, seconds);
   const bool continues = s.continues(seconds);
   // Two pictures tell little of a motion when one may be tilted by 20 degrees.
-  if (usable && !s.flight->tilt_missing()) {
+  const bool comparable = usable && !s.flight->tilt_missing();
+  if (comparable) {
     report.odometry.tracked = s.follow(grey, telemetry, report.odometry);
   } else {
     s.odometry->reset();
   }
   if (!report.odometry.tracked) s.break_track();
-  s.torn = usable && continues && !report.odometry.tracked;
-  s.last_in_line = usable && (report.odometry.tracked || s.log.size() == 1);
+  s.torn = comparable && continues && !report.odometry.tracked;
+  s.last_in_line = comparable && (report.odometry.tracked || s.log.size() == 1);
   s.last_time_s = telemetry.time_s;
   s.last_telemetry = telemetry;
   s.last_tracked = report.odometry.tracked;

@@ -13,10 +13,13 @@ namespace {
 // What the pose solver does not model (trees, roofs, shutter, the moment of the telemetry), as a factor on its
 // variance; from the normalised errors of simulated flights.
 constexpr double kAnchorModelError = 4;
+constexpr double kTiltlessModelError = 9;  // all of that looks like a tilt, where nobody told it
 constexpr double kSharedErrorFootprints = 1.5;
 constexpr double kVotesApartFootprints = 0.8;  // by then a picture shows little of the first one's ground
 constexpr double kLeastTiltVariance_rad2 = 1e-6;
 constexpr double kLeastHeightSigma = 0.012;  // roofs, trees and rolling ground
+
+double model_error(const AnchorJob& job) { return job.flight.tilt_missing() ? kTiltlessModelError : kAnchorModelError; }
 
 }  // namespace
 
@@ -78,7 +81,7 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
     report.residual_px = solved.rms_m / match.fine_gsd_m;
     off = Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - job.flight.position_m();
     const Eigen::Matrix2d spread =
-        kAnchorModelError * solved.covariance.topLeftCorner<2, 2>() + job.flight.position_covariance_m2();
+        model_error(job) * solved.covariance.topLeftCorner<2, 2>() + job.flight.position_covariance_m2();
     prediction.chi2 = off->dot(spread.inverse() * *off);
     if (!last_anchor_s && !config.resumed)
       prediction.chi2 = against_start.weighed(*off, prediction.chi2, prediction.sigma_m);
@@ -126,7 +129,7 @@ void Localizer::State::take_anchor(const AnchorJob& job) {
   const SolvedPose& solved = *job.match->solved;
   const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
   PoseSight sight = pose_sight(solved, job.told_agl_m, job.told_tilt_rad);
-  sight.covariance *= kAnchorModelError * shared_error_factor(position, job.told_agl_m);
+  sight.covariance *= model_error(job) * shared_error_factor(position, job.told_agl_m);
   sight.covariance(2, 2) += kLeastHeightSigma * kLeastHeightSigma;
   FlightStep& step = log[job.step];
   step.anchored = sight;

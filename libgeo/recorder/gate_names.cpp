@@ -12,7 +12,7 @@ struct Name {
   double GateLimits::*value;
 };
 
-constexpr std::array<Name, 21> kNames{{
+constexpr std::array<Name, 22> kNames{{
     {"clear_ratio", &GateLimits::clear_ratio},
     {"clear_inlier_share", &GateLimits::clear_inlier_share},
     {"alone_ratio", &GateLimits::alone_ratio},
@@ -23,6 +23,7 @@ constexpr std::array<Name, 21> kNames{{
     {"sure_inlier_share", &GateLimits::sure_inlier_share},
     {"expected_chi2", &GateLimits::expected_chi2},
     {"max_chance_residual_px", &GateLimits::max_chance_residual_px},
+    {"open_tilt_rad", &GateLimits::open_tilt_rad},
     {"telling_window_m", &GateLimits::telling_window_m},
     {"sharp_sigma_m", &GateLimits::sharp_sigma_m},
     {"min_score", &GateLimits::min_score},

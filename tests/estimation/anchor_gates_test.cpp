@@ -242,10 +242,25 @@ TEST(AnchorGates, FewWhereNobodyExpectedThemAwaitVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
   attempt = unexpected;
   attempt.prediction.sigma_m = limits.sharp_sigma_m;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "beyond a sharp prediction's 95 % lie 5 % of the true";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "a sharp prediction says something else";
   attempt = unexpected;
   attempt.prediction = {1000, 1000, false, true};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "lost, nothing was expected";
+}
+
+TEST(AnchorGates, WithAnOpenTiltMostMustAgree) {
+  Attempt attempt;
+  const GateLimits& limits = attempt.limits;
+  attempt.prediction = {1, 50, false};
+  attempt.match.patches = 100;
+  attempt.match.solved->inliers = 49;
+  const double variance = limits.open_tilt_rad * limits.open_tilt_rad;
+  attempt.prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * variance * 0.99;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * variance * 1.01;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  attempt.match.solved->inliers = 50;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
 }
 
 TEST(AnchorGates, AFrameThatDoesNotContinueTheLastOneAwaitsVotes) {
