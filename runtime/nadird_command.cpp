@@ -12,6 +12,7 @@
 #include "framework/interrupt.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "ortho/tile_key_check.hpp"
 #include "package/open_package.hpp"
 #include "trust/airframe_signature.hpp"
 #include "trust/bearer_token.hpp"
@@ -135,12 +136,32 @@ Findings NadirdCommand::judge_airframe(const Opening& opening, UtcTime at) const
       airframe_file_.string() + ".sig");
 }
 
+// Tiles that nobody would accept are not made. Before take-off that is refused; a service that is started, perhaps anew
+// in flight, goes without them: no tile is worth a position.
+Findings NadirdCommand::judge_tile_key(const Opening& opening, UtcTime at) {
+  if (!flight_.tile_key || !opening.package) return {};
+  if (!request_.airframe()) {
+    throw UsageError({.what = "--tile-key needs --airframe", .expected = "the airframe whose tiles it signs"});
+  }
+  const PublicKey key = PrivateKey::read(*flight_.tile_key).public_key();
+  const Findings judged =
+      check_tile_key(opening.newest_root, *request_.airframe(), key, at, flight_.tile_key->string());
+  Findings found;
+  for (Finding finding : judged.items()) {
+    if (!check_) finding.severity = Severity::warning;
+    found.add(std::move(finding));
+  }
+  if (!found.empty()) flight_.candidates.reset();
+  return found;
+}
+
 Opening NadirdCommand::open_it(Context& context) {
   const VerifyOptions options = request_.open(context.clock);
   Opening opening = open_package(package_, options, context.progress);
   verify_place_index(package_, options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
   opening.findings.add(judge_airframe(opening, options.at));
+  opening.findings.add(judge_tile_key(opening, options.at));
   if (opening.findings.refuses()) opening.package.reset();
   if (opening.package) request_.remember(opening.package->manifest(), opening.root_version, opening.newer_roots);
   return opening;

@@ -36,6 +36,7 @@ class NadirdCommand final : public Command {
  private:
   void complete_request();
   Findings judge_airframe(const Opening& opening, UtcTime at) const;
+  Findings judge_tile_key(const Opening& opening, UtcTime at);
   Opening open_it(Context& context);
   std::optional<Opening> open_unless_stopped(Context& context, const std::stop_token& stop);
   int check(Context& context);

@@ -20,7 +20,7 @@ struct FlightOptions {
   std::optional<std::filesystem::path> record;      // folder; none: nothing is recorded
   bool keep_pictures = false;                       // in the recording
   std::optional<std::filesystem::path> candidates;  // folder for candidate tiles; none: none are made
-  std::optional<std::filesystem::path> tile_key;    // what they are signed with
+  std::optional<std::filesystem::path> tile_key;    // what they are signed with; alone: nobody would accept them
   std::string listen = "127.0.0.1:8750";
   std::optional<std::filesystem::path> token;  // file with the API's bearer token
   std::optional<LonLat> start;

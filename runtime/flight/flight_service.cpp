@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <utility>
 
 #include "base/error.hpp"
 #include "camera/open_camera.hpp"
@@ -194,14 +195,14 @@ void FlightService::note_cautions() {
     journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
                    finding.code + ": " + finding.where + ": " + finding.found);
   }
-  cautious_ = cautions_.contains("airframe.unsigned");
+  if (cautions_.contains("airframe.unsigned")) untold_.emplace_back("Nadir: airframe file is not signed");
+  if (options_.tile_key && !options_.candidates) untold_.emplace_back("Nadir: tile key not accepted, no tiles");
 }
 
 // As soon as there is somebody who hears it.
 void FlightService::tell_cautions() {
-  if (!cautious_ || !machine_.status().link_up) return;
-  link_->tell(TextSeverity::warning, "Nadir: airframe file is not signed");
-  cautious_ = false;
+  if (!machine_.status().link_up) return;
+  for (const std::string& caution : std::exchange(untold_, {})) link_->tell(TextSeverity::warning, caution);
 }
 
 void FlightService::sum_up() {

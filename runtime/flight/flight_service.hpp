@@ -16,6 +16,8 @@
 
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "api/http_server.hpp"
 #include "flight/autopilot_link.hpp"
@@ -86,7 +88,7 @@ class FlightService {
   Airframe airframe_;
   std::string refusal_;
   Findings cautions_;                     // that refused nothing
-  bool cautious_ = false;                 // the operator has yet to hear of them
+  std::vector<std::string> untold_;       // of them, what the operator has yet to hear
   std::unique_ptr<FlightGround> ground_;  // null: the package was refused
   StateDirectory state_;
   Restart restart_;

@@ -5,6 +5,8 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <map>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <thread>
@@ -13,6 +15,7 @@
 #include "framework/interrupt.hpp"
 #include "framework/program.hpp"
 #include "package/package_maker.hpp"
+#include "service/manual_clock.hpp"
 #include "trust/airframe_signature.hpp"
 
 namespace nadir {
@@ -28,6 +31,22 @@ class LastMoment final : public Clock {
     while (!interrupt_requested()) std::this_thread::yield();
     return test::kJudged;
   }
+};
+
+// The flight ends as soon as one of its threads waits for something.
+class ShortFlight final : public FlightClock {
+ public:
+  double monotonic_s() const override { return still_.monotonic_s(); }
+  std::int64_t unix_us() const override { return still_.unix_us(); }
+  const std::string& boot_id() const override { return still_.boot_id(); }
+  bool wait_until(double until_s, std::stop_token stop) const override {
+    std::call_once(ended_, [] { ::kill(::getpid(), SIGTERM); });
+    return still_.wait_until(until_s, std::move(stop));
+  }
+
+ private:
+  ManualClock still_;
+  mutable std::once_flag ended_;
 };
 
 class NadirdCheck : public ::testing::Test {
@@ -61,6 +80,36 @@ class NadirdCheck : public ::testing::Test {
     const Envelope envelope{std::string(kAirframePayloadType),
                             {sign_payload(*key, kAirframePayloadType, as_bytes(text))}};
     folder_.write(name + ".sig", envelope_json(envelope));
+  }
+  int serve(const Clock& clock, const FlightClock* flight_clock, std::initializer_list<std::string> more = {}) {
+    airframe("bare.json", nullptr);
+    std::vector<std::string> args{"--package",   newer_,
+                                  "--trust",     path("root.json"),
+                                  "--airframe",  path("bare.json"),
+                                  "--state",     path("state"),
+                                  "--camera",    path("none"),
+                                  "--autopilot", "udpin:127.0.0.1:0",
+                                  "--listen",    "127.0.0.1:0",
+                                  "--memory-mb", "0"};
+    args.insert(args.end(), more);
+    NadirdCommand command(flight_clock);
+    return run_single_command("nadird", command, args, {out_, err_, clock});
+  }
+  // A root that gives tile keys to airframes, and takes some back.
+  void name_tile_signers(const std::map<std::string, const PrivateKey*>& keys, std::optional<UtcTime> expires,
+                         const PrivateKey* revoked) {
+    TrustRoot root = maker_.root;
+    for (const auto& [airframe, key] : keys) {
+      const std::string id = key->public_key().id();
+      root.keys.emplace(id, TrustedKey{key->public_key(), expires});
+      root.tile_signers[airframe] = Role{{id}, 1};
+    }
+    if (revoked != nullptr) root.revoked.insert(revoked->public_key().id());
+    folder_.write("root.json", sign_root(root, {&maker_.signer}).json());
+  }
+  int check_tiles(const PrivateKey& key) {
+    write_file_atomic(folder_ / "tile.pem", key.pem(), 0600);
+    return check(newer_, {"--airframe", "mini-07", "--candidates", path("tiles"), "--tile-key", path("tile.pem")});
   }
   // A root that says who provisions aircraft.
   void name_airframe_signer(const PrivateKey& key) {
@@ -145,17 +194,50 @@ TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
 
 TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
   airframe("bare.json", nullptr);
-  NadirdCommand command;
-  const LastMoment clock;
-  const int code = run_single_command(
-      "nadird", command,
-      {"--package", newer_, "--trust", path("root.json"), "--airframe", path("bare.json"), "--state", path("state"),
-       "--camera", path("none"), "--autopilot", "udpin:127.0.0.1:0", "--memory-mb", "0"},
-      {out_, err_, clock});
-  EXPECT_EQ(code, 0) << "as asked";
+  EXPECT_EQ(serve(LastMoment(), nullptr), 0) << "as asked";
   EXPECT_EQ(err_.str(), "stopped before the package was verified\n");
   EXPECT_FALSE(std::filesystem::exists(folder_ / "state" / "aircraft.json")) << "nothing was accepted";
   EXPECT_FALSE(interrupt_requested());
+}
+
+TEST_F(NadirdCheck, ATileKeyThatNobodyWouldAcceptIsRefusedBeforeTakeOff) {
+  const PrivateKey ours = PrivateKey::generate(), other = PrivateKey::generate(), stranger = PrivateKey::generate();
+  name_tile_signers({{"mini-07", &ours}, {"mini-08", &other}}, std::nullopt, nullptr);
+  EXPECT_EQ(check_tiles(ours), 0) << out_.str() << err_.str();
+  for (const auto& [key, found] : {std::pair{&stranger, "not in the trust root"},
+                                   {&other, "the tile key of airframe mini-08"},
+                                   {&maker_.signer, "a package signer's"}}) {
+    EXPECT_EQ(check_tiles(*key), 1) << found;
+    EXPECT_EQ(first_code(), "key.unknown");
+    EXPECT_NE(out_.str().find(found), std::string::npos) << out_.str();
+  }
+  name_tile_signers({{"mini-07", &ours}}, UtcTime{test::kJudged.unix_s + 1}, nullptr);
+  EXPECT_EQ(check_tiles(ours), 0) << out_.str();
+  name_tile_signers({{"mini-07", &ours}}, test::kJudged, nullptr);
+  EXPECT_EQ(check_tiles(ours), 1);
+  EXPECT_EQ(first_code(), "key.expired");
+  name_tile_signers({{"mini-07", &ours}}, std::nullopt, &ours);
+  EXPECT_EQ(check_tiles(ours), 1);
+  EXPECT_EQ(first_code(), "key.revoked");
+  folder_.write("tile.pem", "no key");
+  EXPECT_EQ(check(newer_, {"--airframe", "mini-07", "--candidates", "c", "--tile-key", path("tile.pem")}), 2);
+  write_file_atomic(folder_ / "tile.pem", ours.pem(), 0600);
+  EXPECT_EQ(check(newer_, {"--candidates", "c", "--tile-key", path("tile.pem")}), 2) << "whose tiles?";
+}
+
+// A service may be started anew in flight, after the key was revoked: it goes without tiles rather than not at all.
+TEST_F(NadirdCheck, InFlightATileKeyThatNobodyWouldAcceptCostsTheTilesAlone) {
+  const PrivateKey ours = PrivateKey::generate();
+  write_file_atomic(folder_ / "tile.pem", ours.pem(), 0600);
+  for (const PrivateKey* revoked : {&ours, static_cast<const PrivateKey*>(nullptr)}) {
+    name_tile_signers({{"mini-07", &ours}}, std::nullopt, revoked);
+    const ShortFlight flight;
+    err_.str("");
+    EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem")}), 0) << err_.str();
+    EXPECT_NE(err_.str().find("0 pictures"), std::string::npos) << "it flew: " << err_.str();
+    EXPECT_EQ(err_.str().find("key.revoked") != std::string::npos, revoked != nullptr) << err_.str();
+    EXPECT_EQ(std::filesystem::exists(folder_ / "tiles"), revoked == nullptr);
+  }
 }
 
 }  // namespace
