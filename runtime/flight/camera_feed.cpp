@@ -1,5 +1,8 @@
 #include "flight/camera_feed.hpp"
 
+#include <algorithm>
+#include <utility>
+
 #include "base/thread_rank.hpp"
 #include "imagery/codecs.hpp"
 
@@ -32,22 +35,60 @@ CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_dela
 
 void CameraFeed::run(const std::stop_token& stop) {
   begin_thread("camera", ThreadRank::beside);
-  std::string last_trouble;
   while (!stop.stop_requested()) {
     beat_();
-    CameraReading reading = source_->next(kLongestWait, stop);
+    CameraReading reading = source_->next(patience(), stop);
+    const bool frame = reading.news == CameraNews::frame;
+    hand_on_settled(frame ? reading.frame.time_s : clock_.monotonic_s());
     if (reading.news == CameraNews::nothing) continue;
-    if (reading.news == CameraNews::frame) {
-      last_trouble.clear();
-      told_({});
-      const double taken_s = reading.frame.time_s - capture_delay_s_;
-      pictures_.put({reading.frame.name, encoded(reading.frame), taken_s});
+    if (frame) {
+      take(std::move(reading.frame));
       continue;
     }
-    if (reading.detail != last_trouble) told_(reading.detail);
-    last_trouble = reading.detail;
+    tell(reading.detail);
     clock_.wait_until(clock_.monotonic_s() + kAfterTrouble_s, stop);
   }
+}
+
+// Until the held picture may be handed on.
+std::chrono::milliseconds CameraFeed::patience() const {
+  const auto settled_s = guard_.settled_s();
+  if (!held_ || !settled_s) return kLongestWait;
+  const std::chrono::duration<double> left(std::clamp(*settled_s - clock_.monotonic_s(), 0.0, 1.0));
+  return std::min(kLongestWait, std::chrono::ceil<std::chrono::milliseconds>(left));
+}
+
+void CameraFeed::take(CameraFrame frame) {
+  switch (guard_.judge(frame.time_s)) {
+    case BacklogGuard::Verdict::fresh: hand_on(frame); break;
+    case BacklogGuard::Verdict::wait: held_ = std::move(frame); break;
+    case BacklogGuard::Verdict::stale: leave_out(); break;
+  }
+}
+
+void CameraFeed::hand_on(CameraFrame& frame) {
+  held_.reset();
+  last_trouble_.clear();
+  told_({});
+  const double taken_s = frame.time_s - capture_delay_s_;
+  pictures_.put({frame.name, encoded(frame), taken_s});
+}
+
+void CameraFeed::hand_on_settled(double now_s) {
+  const auto settled_s = guard_.settled_s();
+  if (!held_ || !settled_s || now_s < *settled_s) return;
+  CameraFrame frame = std::move(*held_);
+  hand_on(frame);
+}
+
+void CameraFeed::leave_out() {
+  held_.reset();
+  tell("the camera hands out pictures that it had held back; they are left out");
+}
+
+void CameraFeed::tell(const std::string& trouble) {
+  if (trouble != last_trouble_) told_(trouble);
+  last_trouble_ = trouble;
 }
 
 }  // namespace nadir

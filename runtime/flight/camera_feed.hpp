@@ -1,11 +1,13 @@
 // The camera's thread: pictures go into the localizer's mailbox, where the latest wins; what happens to the camera is
-// told.
+// told. Pictures that the camera had held back in a pause are left out (backlog_guard.hpp).
 #pragma once
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <thread>
 
+#include "camera/backlog_guard.hpp"
 #include "camera/camera_source.hpp"
 #include "flight/localizing.hpp"
 
@@ -22,12 +24,21 @@ class CameraFeed {
 
  private:
   void run(const std::stop_token& stop);
+  std::chrono::milliseconds patience() const;
+  void take(CameraFrame frame);
+  void hand_on(CameraFrame& frame);
+  void hand_on_settled(double now_s);
+  void leave_out();
+  void tell(const std::string& trouble);
 
   std::unique_ptr<CameraSource> source_;
   double capture_delay_s_;
   const FlightClock& clock_;
   LatestMailbox<FlightPicture>& pictures_;
   std::function<void(const std::string&)> told_;
+  BacklogGuard guard_;
+  std::optional<CameraFrame> held_;  // until it is known whether it is of now
+  std::string last_trouble_;
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above
 };

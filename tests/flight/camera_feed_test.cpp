@@ -2,8 +2,10 @@
 // give, then nothing more.
 #include "flight/camera_feed.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <condition_variable>
 #include <deque>
 
@@ -94,6 +96,41 @@ TEST_F(CameraFeedTest, TroubleIsToldOnceUntilItIsOverOrAnother) {
   feed({trouble("unplugged"), trouble("unplugged"), trouble("no room"), picture("1", 1, {1}), trouble("no room")}, 4);
   EXPECT_EQ(told_, (std::vector<std::string>{"unplugged", "no room", "", "no room"}));
   EXPECT_EQ(pictures_.counts().put, 1U);
+}
+
+// Ten seconds of pictures at once are ten seconds old, but for the one that comes in its time again.
+TEST_F(CameraFeedTest, WhatTheCameraHeldBackIsLeftOut) {
+  std::deque<CameraReading> script;
+  for (const double at_s : {1.0, 2.0, 3.0, 4.0}) script.push_back(picture(fmt::format("{:.0f}", at_s), at_s, {1}));
+  for (const char* name : {"5", "6", "7"}) script.push_back(picture(name, 14, {1}));
+  script.push_back(picture("15", 15, {1}));
+  script.push_back(picture("25", 25, {1}));  // a pause, and nothing held back
+  script.push_back(picture("26", 26, {1}));
+  feed(script, 8);
+  std::string handed_on;
+  while (const auto one = pictures_.try_take()) handed_on += one->name + ' ';
+  EXPECT_EQ(handed_on, "1 2 3 4 15 25 26 ");
+  EXPECT_EQ(std::count(told_.begin(), told_.end(), ""), 7);
+  EXPECT_EQ(told_[4], "the camera hands out pictures that it had held back; they are left out");
+}
+
+TEST_F(CameraFeedTest, ThePictureAfterAPauseIsHandedOnWhenNoneComesUponIt) {
+  ManualClock clock(14.5);
+  std::deque<CameraReading> script;
+  for (const double at_s : {1.0, 2.0, 3.0, 4.0, 14.0})
+    script.push_back(picture(fmt::format("{:.0f}", at_s), at_s, {1}));
+  CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0, clock, pictures_, watch_,
+                  [](const std::string&) {});
+  for (const char* name : {"1", "2", "3", "4"}) {
+    const auto one = pictures_.take_within(kFarTooLong, {});
+    ASSERT_TRUE(one);
+    EXPECT_EQ(one->name, name);
+  }
+  clock.advance(0.5);
+  const auto last = pictures_.take_within(kFarTooLong, {});
+  ASSERT_TRUE(last);
+  EXPECT_EQ(last->name, "14");
+  EXPECT_EQ(last->taken_s, 14) << "it counts from when it came";
 }
 
 // The clock stands still: only the wish to stop can end the pause after a trouble.
