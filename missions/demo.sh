@@ -21,9 +21,9 @@ mkdir -p "$out"
 say "1  A landscape: as a satellite saw it (map.tif), and as it looks on the day of the flight (ground.tif)"
 echo_and_run $nadir simulate world --seed 7 --size-km 2 --gsd-m 0.4 --out $out/world
 
-say "2  Keys, and the root of trust that the aircraft know: who signs maps, and who signs each aircraft's own tiles"
-for key in root signer mini-07 mini-08; do echo_and_run $nadir keys create --out $out/$key; done
-echo_and_run $nadir keys root --root-key $out/root.key.pem --package-signer $out/signer.pub.pem \
+say "2  Keys, and the root of trust that the aircraft know: who signs maps, who provisions aircraft, who signs each aircraft's own tiles"
+for key in root signer hangar mini-07 mini-08; do echo_and_run $nadir keys create --out $out/$key; done
+echo_and_run $nadir keys root --root-key $out/root.key.pem --package-signer $out/signer.pub.pem --airframe-signer $out/hangar.pub.pem \
   --tile-signer mini-07=$out/mini-07.pub.pem --tile-signer mini-08=$out/mini-08.pub.pem --expires 2035-01-01 --out $out/root.json
 
 say "3  The mission's map package: cut, checked, hashed, signed"
@@ -82,7 +82,7 @@ printf '  $ %s\n' "$nadir cache diff $out/package $out/next | tail -n 1"
 say "10  Live, in real time: an aircraft that steers by nadird's positions. GPS is spoofed after a minute, then the camera goes dark"
 judged=0
 echo_and_run build-venv/bin/python -B tests/e2e/closed_loop.py --scenario demo --minutes 2.2 --signed --inputs $out --airframe mini-07 --width 1280 \
-  --out $out/live --report $out/live.html --nadird-option=--unsigned-airframe --check rules || judged=$?
+  --out $out/live --report $out/live.html --check rules || judged=$?
 
 say "Done in $((SECONDS - started)) s. Open $out/report/report.html and $out/live.html"
 exit $judged

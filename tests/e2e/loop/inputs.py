@@ -4,6 +4,8 @@ import pathlib
 import re
 import subprocess
 
+from .signing import airframe_signer, sign_airframe
+
 # The circuit in the mission's sector, as shares of its box (east, north): turns of 20° to 110°, left and right.
 CIRCUIT = [(0.20, 0.20), (0.80, 0.22), (0.78, 0.50), (0.50, 0.60), (0.75, 0.82), (0.22, 0.80)]
 CAMERA = {"model": "pinhole", "width": 1920, "height": 1080, "fx": 1500.0, "fy": 1500.0, "cx": 959.5, "cy": 539.5,
@@ -39,6 +41,8 @@ class Inputs:
         if with_package and not self.package.exists():
             self._make_package()
         self._write_camera(width, delay_s, gps_id)
+        if self.root.exists() and airframe_signer(self.root) is not None:
+            sign_airframe(self.airframe, self.folder / "hangar.key.pem", self.root)
         self._write_circuit(mission)
         if not self.terrain.exists():
             self._write_terrain()
@@ -47,10 +51,11 @@ class Inputs:
             self.key.chmod(0o600)
 
     def _make_package(self):
-        for name in ("root", "signer"):
+        for name in ("root", "signer", "hangar"):
             must(self.nadir, "keys", "create", "--out", self.folder / name)
         must(self.nadir, "keys", "root", "--root-key", self.folder / "root.key.pem", "--package-signer",
-             self.folder / "signer.pub.pem", "--expires", "2035-01-01", "--out", self.root)
+             self.folder / "signer.pub.pem", "--airframe-signer", self.folder / "hangar.pub.pem", "--expires", "2035-01-01",
+             "--out", self.root)
         must(self.nadir, "cache", "build", "--mission", self.world / "mission.yaml", "--imagery", self.world / "map.tif",
              "--dem", self.world / "dem.tif", "--key", self.folder / "signer.key.pem", "--out", self.package)
         must(self.nadir, "cache", "index", self.package, "--key", self.folder / "signer.key.pem")
