@@ -6,13 +6,10 @@ code is 1 when something is off. docs/closed-loop.md.
 import argparse
 import os
 import pathlib
-import shutil
 import sys
-import tempfile
 
-HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
-from loop import faults, kills
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from loop import faults, harness, kills
 from loop.evidence import table
 from loop.inputs import Inputs
 
@@ -23,29 +20,17 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--kill-minutes", type=float, default=10, help="killed every 30 s for so long")
-    parser.add_argument("--width", type=int, default=1280, help="of the pictures")
-    parser.add_argument("--inputs", help="folder of world, package and the rest, where they are made already")
-    parser.add_argument("--out", help="folder for inputs, logs and recordings; a temporary one without")
-    parser.add_argument("--nadir", default=HERE.parent.parent / "build/bin/nadir")
-    parser.add_argument("--nadird", default=HERE.parent.parent / "build/bin/nadird")
+    harness.add_words(parser, width=1280)
     return parser.parse_args()
 
 
 def main():
     args = arguments()
-    out = pathlib.Path(args.out or tempfile.mkdtemp(prefix="nadir-chaos."))
     findings = []
-    try:
-        inputs = Inputs(args.inputs or out / "inputs", args.nadir, width=args.width)
+    with harness.output(args, "chaos") as out:
+        inputs = Inputs(harness.inputs_folder(args, out), args.nadir, width=args.width)
         for name in [args.only] if args.only else PARTS:
-            run = out / name
-            if run.exists():
-                shutil.rmtree(run)
-            run.mkdir(parents=True)
-            findings += PARTS[name](args, inputs, run)
-    finally:
-        if args.out is None:
-            shutil.rmtree(out, ignore_errors=True)
+            findings += PARTS[name](args, inputs, harness.fresh(out / name))
     print(table(findings))
     print(f"load of the machine: {', '.join(f'{load:.1f}' for load in os.getloadavg())} (1, 5, 15 minutes)")
     return 0 if all(finding.met for finding in findings) else 1

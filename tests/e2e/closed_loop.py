@@ -10,12 +10,10 @@ import argparse
 import json
 import os
 import pathlib
-import shutil
 import sys
-import tempfile
 
-HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from loop import harness
 from loop.bad_readers import BadReaders
 from loop.flight import Flight, Setup
 from loop.inputs import Inputs
@@ -41,13 +39,10 @@ def arguments():
     parser.add_argument("--event", action="append", metavar="S:ACTION[=VALUE]", help="instead of a scenario's")
     parser.add_argument("--minutes", type=float, default=11)
     parser.add_argument("--fps", type=float, default=3)
-    parser.add_argument("--width", type=int, default=1920, help="of the pictures")
     parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to picture, as airframe.json says")
     parser.add_argument("--seed", type=int, default=1, help="of the flight")
     parser.add_argument("--world-seed", type=int, default=7)
     parser.add_argument("--size-km", type=float, default=2)
-    parser.add_argument("--out", help="folder for inputs, logs and results; a temporary one without")
-    parser.add_argument("--inputs", help="folder of world, package and the rest, where they are made already")
     parser.add_argument("--airframe", default="any", help="its id; the package must be made for it")
     parser.add_argument("--report", metavar="FILE.html", help="a page with map, timeline and rules")
     parser.add_argument("--readers", type=int, default=0, help="slow and dead readers of the API's events meanwhile")
@@ -60,10 +55,9 @@ def arguments():
                         help="exit code 1 when something falls short; rules: of docs/onboard.md and of the track, whatever else "
                              "keeps the machine busy; all: how quick it was and how much memory it took as well")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--nadir", default=HERE.parent.parent / "build/bin/nadir")
-    parser.add_argument("--nadird", default=HERE.parent.parent / "build/bin/nadird")
     parser.add_argument("--nadird-option", action="append", default=[], metavar="WORD", help="one more word for nadird")
     parser.add_argument("--stand-in", metavar="OFFSET_M", type=float, help="no nadird: the truth, so far off, as fixes")
+    harness.add_words(parser, width=1920)
     return parser.parse_args()
 
 
@@ -94,13 +88,9 @@ def report(args, flight, verdict, rules, readers, camera):
 
 def main():
     args = arguments()
-    out = pathlib.Path(args.out or tempfile.mkdtemp(prefix="nadir-loop."))
-    run = out / "run"
-    if run.exists():
-        shutil.rmtree(run)
-    run.mkdir(parents=True)
-    try:
-        inputs = Inputs(args.inputs or out / "inputs", args.nadir, args.world_seed, args.size_km, width=args.width,
+    with harness.output(args, "loop") as out:
+        run = harness.fresh(out / "run")
+        inputs = Inputs(harness.inputs_folder(args, out), args.nadir, args.world_seed, args.size_km, width=args.width,
                         delay_s=args.delay_s, gps_id=0 if args.own_receiver == "second" else 1,
                         with_package=args.stand_in is None, airframe=args.airframe)
         events = args.event if args.event is not None else SCENARIOS[args.scenario]
@@ -118,9 +108,6 @@ def main():
         found = report(args, flight, verdict, rules, readers, flight.camera.tail(7))
         if args.report:
             write_page(args.report, inputs, verdict, rules)
-    finally:
-        if args.out is None:
-            shutil.rmtree(out, ignore_errors=True)
     return 1 if args.check and found else 0
 
 

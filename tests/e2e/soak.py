@@ -6,14 +6,12 @@ they do. docs/closed-loop.md.
 import argparse
 import os
 import pathlib
-import shutil
 import statistics
 import sys
-import tempfile
 import time
 
-HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from loop import harness
 from loop.bad_readers import BadReaders
 from loop.flight import Flight, Setup
 from loop.inputs import Inputs
@@ -28,11 +26,7 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=2)
     parser.add_argument("--speed", type=float, default=8, help="times real time")
-    parser.add_argument("--width", type=int, default=480, help="of the pictures")
-    parser.add_argument("--inputs", help="folder of world, package and the rest, where they are made already")
-    parser.add_argument("--out", help="folder for inputs, logs and recordings; a temporary one without")
-    parser.add_argument("--nadir", default=HERE.parent.parent / "build/bin/nadir")
-    parser.add_argument("--nadird", default=HERE.parent.parent / "build/bin/bench_fast_nadird")
+    harness.add_words(parser, width=480, nadird="bench_fast_nadird")
     return parser.parse_args()
 
 
@@ -52,8 +46,7 @@ def fly(args, inputs, run):
         flight.start()
         readers.begin(flight.api_port)
         while flight.autopilot.running():
-            if not flight.service.running() or not flight.camera.running():
-                raise SystemExit(f"ended by itself:\n{flight.service.tail()}\n{flight.camera.tail()}")
+            flight.must_be_running()
             samples.append(sample(flight.service.pid))
             time.sleep(SAMPLE_S)
         summary, service = flight.finish()
@@ -69,19 +62,11 @@ def growth(samples, column):
 
 def main():
     args = arguments()
-    out = pathlib.Path(args.out or tempfile.mkdtemp(prefix="nadir-soak."))
-    run = out / "soak"
-    if run.exists():
-        shutil.rmtree(run)
-    run.mkdir(parents=True)
-    try:
-        inputs = Inputs(args.inputs or out / "inputs", args.nadir, width=args.width)
+    with harness.output(args, "soak") as out:
+        inputs = Inputs(harness.inputs_folder(args, out), args.nadir, width=args.width)
         begun = time.monotonic()
-        summary, service, samples = fly(args, inputs, run)
+        summary, service, samples = fly(args, inputs, harness.fresh(out / "soak"))
         took = time.monotonic() - begun
-    finally:
-        if args.out is None:
-            shutil.rmtree(out, ignore_errors=True)
     (mb, mb_end), (files, files_end), (threads, threads_end) = (growth(samples, column) for column in range(3))
     good = mb_end <= mb * (1 + GROWTH_PERCENT / 100) and files_end <= files and threads_end <= threads
     print(f"flown          {summary['duration_s'] / 3600:.2f} h in {took / 60:.1f} minutes, {service['pictures']} pictures, "

@@ -50,11 +50,11 @@ class Hands:
     def work(self):
         for at, act in sorted(self.plan, key=lambda step: step[0]):
             while self.flight.elapsed_s() < at:
-                self._alive()
+                self.flight.must_be_running()
                 time.sleep(0.02)
             act()
         while self.flight.autopilot.running():
-            self._alive()
+            self.flight.must_be_running()
             time.sleep(0.2)
         return self.seen
 
@@ -75,10 +75,6 @@ class Hands:
         painter.end()
         flight.programs.started.remove(painter)
         self.seen["burst"] = (begun, flight.elapsed_s())
-
-    def _alive(self):
-        if not self.flight.service.running():
-            raise SystemExit(f"nadird ended with {self.flight.service.process.returncode}:\n{self.flight.service.tail()}")
 
 
 def judge(summary, rows, states, seen, nadir, record, clock, disk):

@@ -115,6 +115,12 @@ class Flight:
         """Seconds of the autopilot's flight, nearly: it says when it begins."""
         return time.monotonic() - self.begun_flying
 
+    def must_be_running(self):
+        """SystemExit when service or camera has ended by itself."""
+        for program in (self.service, self.camera):
+            if not program.running():
+                raise SystemExit(f"{program.name} ended with {program.process.returncode}:\n{program.tail()}")
+
     def wait(self):
         """Until the autopilot has flown its minutes. SystemExit when a program ends before."""
         self.programs.wait_for(self.autopilot, self.setup.minutes * 60 * 2 + 60)

@@ -17,8 +17,7 @@ def fly(args, inputs, run):
         flight.start()
         next_s = flight.begun + EVERY_S
         while flight.autopilot.running():
-            if not flight.service.running() or not flight.camera.running():
-                raise SystemExit(f"ended by itself:\n{flight.service.tail()}\n{flight.camera.tail()}")
+            flight.must_be_running()
             if time.monotonic() < next_s or time.monotonic() > flight.begun + args.kill_minutes * 60 + 5:
                 time.sleep(0.05)
                 continue

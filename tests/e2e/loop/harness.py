@@ -1,0 +1,39 @@
+"""What the programs that close the loop begin with: the words of their command lines that they share, their folders."""
+import contextlib
+import pathlib
+import shutil
+import tempfile
+
+BUILT = pathlib.Path(__file__).resolve().parents[3] / "build" / "bin"
+
+
+def add_words(parser, width, nadird="nadird"):
+    """--width, --inputs, --out, --nadir and --nadird."""
+    parser.add_argument("--width", type=int, default=width, help="of the pictures")
+    parser.add_argument("--inputs", help="folder of world, package and the rest, where they are made already")
+    parser.add_argument("--out", help="folder for inputs, logs and results; a temporary one without")
+    parser.add_argument("--nadir", default=BUILT / "nadir")
+    parser.add_argument("--nadird", default=BUILT / nadird)
+
+
+def fresh(folder):
+    """The folder, made and empty."""
+    if folder.exists():
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True)
+    return folder
+
+
+@contextlib.contextmanager
+def output(args, name):
+    """The folder that --out names; without, one that is gone afterwards."""
+    out = pathlib.Path(args.out or tempfile.mkdtemp(prefix=f"nadir-{name}."))
+    try:
+        yield out
+    finally:
+        if args.out is None:
+            shutil.rmtree(out, ignore_errors=True)
+
+
+def inputs_folder(args, out):
+    return args.inputs or out / "inputs"
