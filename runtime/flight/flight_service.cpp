@@ -101,8 +101,11 @@ void FlightService::start_recorder() {
   }
 }
 
-// The camera comes last: before there is a picture nobody speaks to the link.
+// Names that are wrong are found out before there are threads that speak to each other. The camera's thread comes last:
+// before there is a picture nobody speaks to the link.
 void FlightService::start_flight() {
+  std::unique_ptr<CameraSource> camera;
+  if (ground_) camera = open_camera(options_.camera, clock_);
   if (ground_) start_localizing();
   AutopilotLinkSetup link{airframe_, make_transport(parse_endpoint(options_.autopilot)), std::nullopt, std::nullopt};
   if (options_.link_key) {
@@ -114,8 +117,8 @@ void FlightService::start_flight() {
       AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) { heard(now_s, message); },
                               [this](double metres) { tell(FixJumped{metres}); }});
   if (!ground_) return;
-  camera_ = std::make_unique<CameraFeed>(open_camera(options_.camera, clock_), airframe_.capture_delay_s, clock_,
-                                         pictures_, watch_, [this](const std::string& trouble) {
+  camera_ = std::make_unique<CameraFeed>(std::move(camera), airframe_.capture_delay_s, clock_, pictures_, watch_,
+                                         [this](const std::string& trouble) {
                                            tell(CameraSpoke{trouble.empty(), trouble});
                                          });
 }
