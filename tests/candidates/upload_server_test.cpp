@@ -120,6 +120,8 @@ TEST_F(UploadServerTest, RefusesWhatIsNotInTheContract) {
   is(request("POST", "/v1/uploads", "Content-Type: text/plain\r\n", "{}"), "415");
   is(request("POST", "/v1/uploads"), "411");
   is(request("POST", "/v1/uploads", "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n"), "411");
+  is(request("POST", "/v1/uploads", "Content-Type: application/json\r\nTransfer-Encoding: gzip\r\n", "{}"), "411");
+  is(request("GET", "/v1/reason-codes", "Transfer-Encoding: gzip\r\n"), "413");
   is(request("POST", "/v1/uploads", "Content-Type: application/json\r\nContent-Length: 99999999\r\n"), "413");
   is("GET /v1/reason-codes HTTP/1.1\r\nHost: evil.example\r\n\r\n", "421");
   is("nonsense\r\n\r\n", "400");
@@ -170,6 +172,24 @@ TEST_F(UploadServerTest, ManySilentConnectionsDoNotKeepOthersOut) {
   }
   EXPECT_THAT(ask(request("GET", "/v1/reason-codes")), StartsWith("HTTP/1.1 200 "));
   EXPECT_EQ(silent.front().read_to_the_end(), "") << "the first one made room";
+}
+
+// Who asks and asks and takes no answer makes room as well, and holds his share for as long.
+TEST_F(UploadServerTest, AnswersThatNobodyTakesDoNotKeepOthersOut) {
+  serve({.connections = 4, .answer_time = std::chrono::hours(1)});
+  std::string many;
+  for (int i = 0; i < 3000; ++i) many += request("GET", "/v1/reason-codes");
+  std::vector<RawClient> deaf;
+  for (int i = 0; i < 4; ++i) {
+    deaf.emplace_back(server_->port(), 4096);
+    deaf.back().send(many);
+  }
+  // They are at work for a while before their answers pile up.
+  std::string answer;
+  for (int i = 0; i < 50'000 && answer.empty(); ++i) {
+    answer = ask(request("GET", "/v1/reason-codes", {}, {}, "another-token-0123456789"));
+  }
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 200 "));
 }
 
 TEST_F(UploadServerTest, OneClientsOpenBodiesLeaveRoomForOthers) {

@@ -37,7 +37,8 @@ UploadRequest header_from(Parser& parser) {
                         .authorization = field(http::field::authorization),
                         .content_type = field(http::field::content_type)};
   if (const auto length = parser.content_length()) request.content_length = *length;
-  request.other_encoding = parser.chunked() || message.count(http::field::content_encoding) > 0;
+  request.other_encoding = parser.chunked() || message.count(http::field::transfer_encoding) > 0 ||
+                           message.count(http::field::content_encoding) > 0;
   request.idempotency_key = optional_field("Idempotency-Key");
   request.upload_offset = optional_field("Upload-Offset");
   request.upload_length = optional_field("Upload-Length");
@@ -77,13 +78,12 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  // When it last did something that a token stands for; none: it waits for nothing but its caller's next word.
+  // Since when it has been waiting for its caller: for a request, or to take an answer.
   std::uint64_t silent_since() const { return silent_since_; }
   bool at_work() const { return at_work_; }
 
   void read_header() {
-    at_work_ = false;
-    silent_since_ = ++shared_.clock;
+    wait_for_caller();
     parser_.emplace();
     parser_->header_limit(shared_.limits.header_bytes);
     parser_->body_limit(std::numeric_limits<std::uint64_t>::max());  // admit() decides, before a byte is read
@@ -152,13 +152,18 @@ class Connection : public std::enable_shared_from_this<Connection> {
     if (!taken) send(later(429, "too-many-requests", "too many requests at a time"), keep_alive);
   }
 
+  void wait_for_caller() {
+    at_work_ = false;
+    silent_since_ = ++shared_.clock;
+  }
+
   void give_back() {
     if (has_share_) shared_.shares.give_back(admission_.client->name, admission_.body_bytes);
     has_share_ = false;
   }
 
   void send(ApiResponse from, bool keep_alive) {
-    give_back();
+    wait_for_caller();
     request_.body = {};
     auto response = std::make_shared<http::response<http::string_body>>();
     response->version(11);
@@ -173,6 +178,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     if (head) response->body().clear();
     stream_.expires_after(shared_.limits.answer_time);
     http::async_write(stream_, *response, [self = shared_from_this(), response](beast::error_code error, std::size_t) {
+      self->give_back();  // an answer that nobody takes is its client's share
       if (error) return self->close();
       if (response->keep_alive()) return self->read_header();
       self->stream_.socket().shutdown(tcp::socket::shutdown_send, error);
@@ -184,7 +190,6 @@ class Connection : public std::enable_shared_from_this<Connection> {
   // Closing on a client that still sends would take the answer away from it: what it sends is read and forgotten first.
   void drain() {
     constexpr std::size_t kPiece = 4096;
-    at_work_ = false;
     buffer_.clear();
     stream_.async_read_some(buffer_.prepare(kPiece), [self = shared_from_this()](beast::error_code error, std::size_t) {
       if (error) return self->close();
