@@ -13,7 +13,7 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-// "SHA256.LENGTH"; nullopt for a file that is not ours.
+// "SHA256.LENGTH"; nullopt for a file that is not ours, or that another call has removed a moment ago.
 std::optional<IncomingPack> read_name(const fs::path& path) {
   const std::string name = path.filename().string();
   constexpr std::size_t kDigits = 64;
@@ -23,7 +23,10 @@ std::optional<IncomingPack> read_name(const fs::path& path) {
   const char* const end = name.data() + name.size();
   const auto [stopped, error] = std::from_chars(name.data() + kDigits + 1, end, length);
   if (!sha256 || error != std::errc{} || stopped != end) return std::nullopt;
-  return IncomingPack{.sha256 = *sha256, .length = length, .offset = fs::file_size(path), .path = path};
+  std::error_code gone;
+  const std::uintmax_t offset = fs::file_size(path, gone);
+  if (gone) return std::nullopt;
+  return IncomingPack{.sha256 = *sha256, .length = length, .offset = offset, .path = path};
 }
 
 void require_plain_name(const std::string& upload) {
@@ -41,8 +44,8 @@ std::vector<IncomingPack> IncomingPacks::of(const std::string& upload) const {
   require_plain_name(upload);
   std::vector<IncomingPack> packs;
   std::error_code none;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder_ / upload, none)) {
-    if (auto pack = read_name(entry.path())) packs.push_back(std::move(*pack));
+  for (fs::directory_iterator entry(folder_ / upload, none), end; entry != end; entry.increment(none)) {
+    if (auto pack = read_name(entry->path())) packs.push_back(std::move(*pack));
   }
   return packs;
 }

@@ -19,8 +19,8 @@ class PackStore {
   // Makes the folder where it is missing. Throws Error.
   explicit PackStore(std::filesystem::path folder);
 
-  // Takes over a file that has this digest and is on the disk already; the file keeps its own name as well. On the disk
-  // when it returns. The same pack twice is no error.
+  // Takes over a file that has this digest; the file keeps its own name as well. On the disk when it returns. The same
+  // pack twice is no error.
   void adopt(const std::filesystem::path& file, const Sha256& pack);
 
   // Throws Error when the bytes are not there or do not have this digest.

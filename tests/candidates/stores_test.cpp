@@ -60,6 +60,8 @@ TEST_F(Stores, ForeignFilesAmongIncomingPacksArePassedOver) {
   fs::create_directories(folder_ / "incoming/abc");
   for (const char* name : {"notes.txt", "aa.12", ".hidden"}) std::ofstream(folder_ / "incoming/abc" / name) << "x";
   std::ofstream(folder_ / "incoming/abc" / (name_.hex() + ".-5")) << "x";
+  // Listed, and gone before it is looked at: another call has taken it in.
+  fs::create_symlink("nowhere", folder_ / "incoming/abc" / (name_.hex() + ".1000"));
   EXPECT_TRUE(incoming.of("abc").empty());
 }
 
