@@ -284,6 +284,17 @@ Usage CandidateCatalogue::usage_of(const std::string& airframe, std::int64_t sin
   return usage;
 }
 
+std::int64_t CandidateCatalogue::refused_batches_of(const std::string& client, std::int64_t since_ms) {
+  std::int64_t batches = 0;
+  database_.select(fmt::format("SELECT client, count(*) AS n FROM {} WHERE opened_ms >= {} AND tiles = 0 "
+                               "GROUP BY client",
+                               database_.of("uploads"), since_ms),
+                   [&](const CatalogueRow& row) {
+                     if (row.text("client") == client) batches = row.integer("n");
+                   });
+  return batches;
+}
+
 std::int64_t CandidateCatalogue::number(const std::string& sql) {
   std::int64_t answer = 0;
   database_.select(sql, [&answer](const CatalogueRow& row) { answer = row.integer("n"); });

@@ -65,9 +65,11 @@ class CandidateCatalogue {
   void judge(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide);
 
   Usage usage_of(const std::string& airframe, std::int64_t since_ms);
+  std::int64_t refused_batches_of(const std::string& client, std::int64_t since_ms);  // every tile of them
 
-  // Addresses with accepted tiles that have not been voted on; what is needed to vote, and what came of it.
-  std::vector<Ballot> ballots(std::size_t limit);
+  // Addresses with accepted tiles that have not been voted on, but for some; what is needed to vote, and what came of
+  // it.
+  std::vector<Ballot> ballots(std::size_t limit, const std::set<TileKey>& but = {});
   // A ballot with a tile that was withdrawn meanwhile stays open.
   void close(std::span<const Ballot> ballots, std::span<const Outcome> outcomes);
   // Accepted tiles that these keys have signed become rejected; what was promoted at their addresses is so no more, and

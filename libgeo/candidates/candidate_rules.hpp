@@ -27,6 +27,8 @@ struct CandidateRules {
 
   std::int64_t quota_bytes = std::int64_t{8} << 30;  // that an airframe may announce in quota_window_ms
   std::int64_t quota_window_ms = std::int64_t{24} * 3600 * 1000;
+  std::int64_t catalogue_bytes = 4'096;  // that every tile counts besides its own: what the catalogue keeps of it
+  std::int64_t refused_batches = 500;    // as a whole, that a client may announce in quota_window_ms
 
   int flights_to_promote = 2;     // that must agree
   bool airframes_differ = false;  // else: other airframes, or other days

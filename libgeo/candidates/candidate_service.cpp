@@ -94,15 +94,16 @@ std::vector<std::optional<Refusal>> CandidateService::refusals_of(const SignedBa
   if (!maps_.takes(batch.base_package)) {
     return all({.code = ReasonCode::base_package_unknown, .detail = "this package was not given to the service"});
   }
-  std::int64_t bytes = 0;
+  std::int64_t bytes = std::ssize(batch.tiles) * options_.rules.catalogue_bytes;
   for (const BatchTile& tile : batch.tiles) bytes += static_cast<std::int64_t>(tile.sidecar.size);
   const Usage usage = catalogue_.call([&](CandidateCatalogue& catalogue) {
     return catalogue.usage_of(batch.airframe, now.unix_s * 1000 - options_.rules.quota_window_ms);
   });
-  if (usage.bytes + bytes > options_.rules.quota_bytes) {
-    return all({.code = ReasonCode::quota,
-                .detail = fmt::format("{} bytes lately, and {} more; at most {}", usage.bytes, bytes,
-                                      options_.rules.quota_bytes)});
+  const std::int64_t used = usage.bytes + usage.tiles * options_.rules.catalogue_bytes;
+  if (used + bytes > options_.rules.quota_bytes) {
+    return all(
+        {.code = ReasonCode::quota,
+         .detail = fmt::format("{} bytes lately, and {} more; at most {}", used, bytes, options_.rules.quota_bytes)});
   }
   for (std::size_t i = 0; i < refusals.size(); ++i) {
     const BatchTile& tile = batch.tiles[i];
@@ -186,7 +187,16 @@ Answer<Announcement> CandidateService::announce(const ServiceClient& client, con
     ++upload.tiles;
     upload.bytes += static_cast<std::int64_t>(batch->batch.tiles[i].sidecar.size);
   }
-  if (upload.tiles == 0) upload.state = UploadState::judged;
+  if (upload.tiles == 0) {
+    upload.state = UploadState::judged;
+    const std::int64_t refused = catalogue_.call([&](CandidateCatalogue& catalogue) {
+      return catalogue.refused_batches_of(client.name, now_ms - options_.rules.quota_window_ms);
+    });
+    if (refused >= options_.rules.refused_batches) {
+      return Denial{.kind = Kind::too_many,
+                    .detail = "too many batches of which no tile is taken; the first is: " + refusals.front()->detail};
+    }
+  }
   const auto stored = catalogue_.call([&](CandidateCatalogue& catalogue) {
     return catalogue.upload(catalogue.open_upload(upload, batch->batch, refusals, now_ms));
   });

@@ -9,6 +9,7 @@
 #include <mutex>
 #include <set>
 
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "candidates/base_maps.hpp"
 #include "candidates/candidate_rules.hpp"
@@ -54,7 +55,8 @@ class CandidateService {
   // Uploads that wait for verdicts, with their clients' names.
   std::vector<std::pair<std::string, std::int64_t>> to_judge();
 
-  // A bounded piece of work each; true: there is more.
+  // A bounded piece of work each; true: there is more. vote_some() throws Error once all other addresses have been
+  // voted on, when pictures of some cannot be read: those are tried again by the next call.
   bool judge_some(std::int64_t upload);
   bool vote_some();
   void forget_expired();
@@ -85,6 +87,8 @@ class CandidateService {
   BaseMaps maps_;
   std::mutex mutex_;
   std::set<std::pair<std::string, Sha256>> busy_;  // packs that a call writes now
+  std::set<TileKey> unread_;                       // addresses whose pictures could not be read, since the last throw
+  std::optional<Error> why_unread_;                // the first of them
   std::set<std::string> heeded_;                   // keys whose revocation the catalogue knows of
   CatalogueThread catalogue_;
 };

@@ -41,11 +41,17 @@ std::string ids_of(const Ballot& ballot, bool first) {
 
 }  // namespace
 
-std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit) {
+std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit, const std::set<TileKey>& but) {
   std::vector<Ballot> ballots;
+  std::string others;
+  for (const TileKey& key : but) {
+    others +=
+        fmt::format("{}({},{},{})", others.empty() ? " AND (t.z, t.x, t.y) NOT IN (VALUES " : ",", key.z, key.x, key.y);
+  }
+  if (!others.empty()) others += ")";
   database_.select(fmt::format("SELECT DISTINCT t.z AS z, t.x AS x, t.y AS y FROM {} v JOIN {} t ON t.id = v.tile "
-                               "WHERE v.to_vote = 1 LIMIT {}",
-                               database_.of("verdicts"), database_.of("tiles"), limit),
+                               "WHERE v.to_vote = 1{} LIMIT {}",
+                               database_.of("verdicts"), database_.of("tiles"), others, limit),
                    [&ballots](const CatalogueRow& row) { ballots.push_back({.key = key_from(row)}); });
   if (ballots.empty()) return ballots;
   std::sort(ballots.begin(), ballots.end(), [](const Ballot& a, const Ballot& b) { return a.key < b.key; });

@@ -15,6 +15,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/json.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "ground/gdal_dataset.hpp"
 #include "ground/imagery_facts.hpp"
@@ -124,6 +125,16 @@ nlohmann::json stac_item(const ExportedImage& image, const Extent& extent, const
           {"links", nlohmann::json::array()}};
 }
 
+// What the flights that agreed vouch for, whatever the promoted one says of itself.
+std::int64_t vouched_sigma_mm(const Promotion& promotion) {
+  const nlohmann::json evidence = parse_json(promotion.evidence, "the catalogue's evidence");
+  const auto sigma_mm = evidence.find("sigma_mm");
+  if (sigma_mm != evidence.end() && sigma_mm->is_number_integer()) return sigma_mm->get<std::int64_t>();
+  throw Error({.what = "a promotion without its accuracy",
+               .where = to_text(promotion.key),
+               .fix = "it is of an older service: let its address be voted on again"});
+}
+
 ExportedImage write_sheet(std::span<const PromotedTile* const> tiles, const PackStore& packs, const fs::path& folder) {
   const auto [zoom, day, column, row] = sheet_of(*tiles.front());
   ExportedImage image{.tiles = tiles.size(), .captured_at = {tiles.front()->sidecar.captured_at.unix_ms / 1000}};
@@ -131,7 +142,7 @@ ExportedImage write_sheet(std::span<const PromotedTile* const> tiles, const Pack
   std::set<std::string> airframes;
   for (const PromotedTile* tile : tiles) {
     image.captured_at = std::min(image.captured_at, UtcTime{tile->sidecar.captured_at.unix_ms / 1000});
-    sigma_mm = std::max(sigma_mm, tile->sidecar.pose.sigma_mm);
+    sigma_mm = std::max({sigma_mm, tile->sidecar.pose.sigma_mm, vouched_sigma_mm(tile->promotion)});
     gsd_mm = std::max(gsd_mm, tile->sidecar.gsd_mm);
     airframes.insert(tile->sidecar.airframe);
   }

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <utility>
 
 #include "base/error.hpp"
 #include "candidates/agreement.hpp"
@@ -166,16 +167,34 @@ Vote CandidateService::compare(const Voter& one, const Voter& other) {
 }
 
 bool CandidateService::vote_some() {
+  const std::set<TileKey> unread = [this] {
+    const std::lock_guard lock(mutex_);
+    return unread_;
+  }();
   const std::vector<Ballot> ballots =
-      catalogue_.call([](CandidateCatalogue& catalogue) { return catalogue.ballots(kTilesAtOnce); });
-  if (ballots.empty()) return false;
+      catalogue_.call([&unread](CandidateCatalogue& catalogue) { return catalogue.ballots(kTilesAtOnce, unread); });
+  if (ballots.empty()) {
+    const std::lock_guard lock(mutex_);
+    unread_.clear();
+    if (const auto why = std::exchange(why_unread_, std::nullopt)) throw Error(*why);
+    return false;
+  }
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
+  std::vector<Ballot> decided;
   std::vector<Outcome> outcomes;
   for (const Ballot& ballot : ballots) {
-    outcomes.push_back(decide(
-        ballot, [this](const Voter& one, const Voter& other) { return compare(one, other); }, now_ms, options_.rules));
+    try {
+      outcomes.push_back(decide(
+          ballot, [this](const Voter& one, const Voter& other) { return compare(one, other); }, now_ms,
+          options_.rules));
+      decided.push_back(ballot);
+    } catch (const Error& error) {  // a pack is damaged: that keeps no other address from its vote
+      const std::lock_guard lock(mutex_);
+      unread_.insert(ballot.key);
+      if (!why_unread_) why_unread_ = error;
+    }
   }
-  catalogue_.call([&](CandidateCatalogue& catalogue) { catalogue.close(ballots, outcomes); });
+  catalogue_.call([&](CandidateCatalogue& catalogue) { catalogue.close(decided, outcomes); });
   return true;
 }
 

@@ -70,9 +70,20 @@ std::vector<const Voter*> group_around(std::size_t first, std::span<const Voter*
   return group;
 }
 
+// Of the most sure ones that were needed, the least sure one's: better than that nobody but the flight itself says
+// where it was.
+std::int64_t vouched_sigma_mm(std::span<const Voter* const> group, const CandidateRules& rules) {
+  std::vector<std::int64_t> sigmas_mm;
+  for (const Voter* voter : group) sigmas_mm.push_back(voter->sidecar.pose.sigma_mm);
+  std::sort(sigmas_mm.begin(), sigmas_mm.end());
+  return sigmas_mm[static_cast<std::size_t>(rules.flights_to_promote) - 1];
+}
+
 std::string evidence_of(const Voter& promoted, std::span<const Voter* const> group, Votes& votes,
                         const CandidateRules& rules) {
-  nlohmann::json evidence{{"needed", rules.flights_to_promote}, {"flights", nlohmann::json::array()}};
+  nlohmann::json evidence{{"needed", rules.flights_to_promote},
+                          {"sigma_mm", vouched_sigma_mm(group, rules)},
+                          {"flights", nlohmann::json::array()}};
   for (const Voter* voter : group) {
     nlohmann::json flight{{"airframe", voter->sidecar.airframe},
                           {"flight", voter->sidecar.flight},

@@ -140,15 +140,8 @@ TEST_F(Attack, RevokedKeyTakesBackWhatItVouchedFor) {
 
 TEST_F(Attack, RevokedKeyDuringAVotePromotesNothing) {
   const std::vector<TileKey> keys = test::keys_in_a_row(1);
-  int number = 0;
-  for (const test::FlightMaker* flight : {&first_, &second_}) {
-    const auto tiles = candidates(*flight, keys);
-    const std::string name = announced(flight->batch(tiles, ++number)).upload;
-    ASSERT_TRUE(std::holds_alternative<PackOffset>(send(name, test::pack_of(tiles))));
-    std::optional<std::int64_t> judge;
-    service().complete(client_, name, judge);
-    ASSERT_FALSE(service().judge_some(judge.value()));
-  }
+  accepted(first_, candidates(first_, keys), 1);
+  accepted(second_, candidates(second_, keys), 2);
   service_.reset();
   CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::write);
   const std::vector<Ballot> ballots = catalogue.ballots(10);
@@ -268,13 +261,26 @@ TEST_F(Attack, ClockTricksAreRefused) {
 
 TEST_F(Attack, QuotaBoundsWhatAnAirframeMaySend) {
   const auto tiles = candidates(first_, test::keys_in_a_row(3));
-  std::int64_t bytes = 0;
+  std::int64_t bytes = std::ssize(tiles) * options_.rules.catalogue_bytes;
   for (const Candidate& tile : tiles) bytes += static_cast<std::int64_t>(tile.sidecar.size);
   options_.rules.quota_bytes = bytes;
   upload(first_, tiles, 1);
   all_refused(first_.batch(candidates(first_, test::keys_in_a_row(1, 1)), 2), "quota");
   EXPECT_FALSE(announced(second_.batch(candidates(second_, test::keys_in_a_row(1)), 3)).missing.empty())
       << "others may";
+}
+
+// Rows cost room as well, of tiles that say that they are tiny and of batches that nobody may send.
+TEST_F(Attack, RefusedBatchesDoNotFillTheDisk) {
+  options_.rules.refused_batches = 2;
+  const test::FlightMaker stranger{{.airframe = "mini-07", .flight = "flight-9"}};  // another key
+  for (const int number : {1, 2, 2, 1})
+    all_refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), number), "batch_signature");
+  denied(announce(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 3)), Kind::too_many);
+  EXPECT_EQ(service().counts().tiles, 4);
+  EXPECT_EQ(upload(first_, candidates(first_, test::keys_in_a_row(1)), 4)[0].verdict, Verdict::accepted);
+  client_.name = "ground-2";
+  all_refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 5), "batch_signature");
 }
 
 TEST_F(Attack, OneAirframeAloneCannotPromoteOnOneDay) {

@@ -77,6 +77,16 @@ class ServiceFixture : public ::testing::Test {
     judge_all();
     return verdicts(announcement.upload);
   }
+  // The same without a vote.
+  void accepted(const FlightMaker& flight, const std::vector<Candidate>& candidates, int number) {
+    const std::string name = announced(flight.batch(candidates, number)).upload;
+    ASSERT_TRUE(std::holds_alternative<PackOffset>(send(name, pack_of(candidates))));
+    std::optional<std::int64_t> to_judge;
+    service().complete(client_, name, to_judge);
+    ASSERT_TRUE(to_judge);
+    ASSERT_FALSE(service().judge_some(*to_judge));
+    for (const TileRow& tile : verdicts(name)) ASSERT_EQ(tile.verdict, Verdict::accepted) << tile.detail;
+  }
   std::vector<TileRow> verdicts(const std::string& upload) {
     const auto status = service().status(client_, upload);
     return std::get<UploadStatus>(status).tiles;

@@ -2,6 +2,7 @@
 #include <fstream>
 
 #include "base/error.hpp"
+#include "candidates/promoted_imagery.hpp"
 #include "candidates/service_fixture.hpp"
 
 namespace nadir {
@@ -38,6 +39,25 @@ TEST_F(Service, FlightsThatAgreePromote) {
   service_.reset();
   CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::read);
   catalogue.each_promoted([](const PromotedTile& tile) { EXPECT_EQ(tile.sidecar.airframe, "mini-08"); });
+}
+
+TEST_F(Service, APromotedTileIsNoSurerThanTheFlightsThatVouchForIt) {
+  const auto keys = test::keys_in_a_row(1);
+  first_.options().sigma_mm = 1;  // as it says
+  second_.options().sigma_mm = 2'400;
+  upload(first_, candidates(first_, keys), 1);
+  upload(second_, candidates(second_, keys), 2);
+  service_.reset();
+  std::vector<PromotedTile> tiles;
+  CandidateCatalogue(options_.catalogue, CandidateCatalogue::Access::read)
+      .each_promoted([&tiles](const PromotedTile& tile) { tiles.push_back(tile); });
+  ASSERT_EQ(tiles.size(), 1U);
+  EXPECT_EQ(tiles[0].sidecar.airframe, "mini-07");
+  fs::create_directories(folder_ / "out");
+  NoProgress progress;
+  const auto images = write_promoted(tiles, PackStore(options_.data / "packs"), folder_ / "out", progress);
+  ASSERT_EQ(images.size(), 1U);
+  EXPECT_NEAR(images[0].ce90_m, 2.146 * 2.4, 1e-9);
 }
 
 TEST_F(Service, FlightsThatLieApartFurtherThanTheyMayDoNotPromote) {
@@ -149,6 +169,25 @@ TEST_F(Service, ABadPictureIsRejectedAndItsPackForgotten) {
   const auto rows = upload(first_, {first_.candidate(test::keys_in_a_row(1)[0], grey)});
   EXPECT_EQ(test::code_of(rows[0]), "low_texture") << "whatever its sidecar says";
   EXPECT_TRUE(PackStore(options_.data / "packs").packs().empty());
+}
+
+TEST_F(Service, ADamagedPackKeepsNoOtherAddressFromItsVote) {
+  const auto keys = test::keys_in_a_row(3);
+  const std::vector<Candidate> one{first_.candidate(keys[0])};
+  accepted(first_, one, 1);
+  accepted(first_, {first_.candidate(keys[1]), first_.candidate(keys[2])}, 2);
+  accepted(second_, candidates(second_, keys), 3);
+  const std::string name = sha256(test::pack_of(one)).hex();
+  const fs::path pack = options_.data / "packs" / name.substr(0, 2) / name, aside = folder_ / "aside";
+  fs::rename(pack, aside);
+  EXPECT_TRUE(service().vote_some());
+  EXPECT_THROW(service().vote_some(), Error) << "the operator must hear of it";
+  EXPECT_EQ(service().counts().promoted, 2);
+  EXPECT_EQ(service().counts().to_vote, 2);
+  fs::rename(aside, pack);
+  while (service().vote_some()) {
+  }
+  EXPECT_EQ(service().counts().promoted, 3);
 }
 
 TEST_F(Service, AnUploadThatIsNotCompleteExpires) {
