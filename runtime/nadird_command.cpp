@@ -104,8 +104,8 @@ void NadirdCommand::setup(Options& options) {
 
 int NadirdCommand::run(Context& context) {
   if (status_) {
-    const ServiceClient service("http://" + flight_.listen,
-                                flight_.token ? read_bearer_token(*flight_.token) : std::string());
+    const NadirdClient service("http://" + flight_.listen,
+                               flight_.token ? read_bearer_token(*flight_.token) : std::string());
     return show_once(service, context.out, context.json);
   }
   if (package_.empty()) throw UsageError({.what = "--package is missing", .expected = "--package PACKAGE"});

@@ -18,7 +18,7 @@ class SimulateFlightCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  FlightOptions options_;
+  SimulatedFlightOptions options_;
   std::filesystem::path mission_;
   std::string noise_ = "real";
   std::filesystem::path out_;

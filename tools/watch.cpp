@@ -30,7 +30,7 @@ void WatchCommand::setup(Options& options) {
 }
 
 int WatchCommand::run(Context& context) {
-  const ServiceClient service(url_, token_file_ ? read_bearer_token(*token_file_) : std::string());
+  const NadirdClient service(url_, token_file_ ? read_bearer_token(*token_file_) : std::string());
   if (once_) return show_once(service, context.out, context.json);
   const bool screen = !context.json && ::isatty(STDOUT_FILENO) == 1;
   const WatchForm form = context.json ? WatchForm::json : screen ? WatchForm::screen : WatchForm::lines;

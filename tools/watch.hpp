@@ -6,7 +6,7 @@
 #include <string>
 
 #include "framework/command.hpp"
-#include "watch/service_client.hpp"
+#include "watch/nadird_client.hpp"
 
 namespace nadir {
 

@@ -27,7 +27,7 @@ std::string random_name() {
 }
 
 // One key for each batch of each client: what others announce under the same id is another thing.
-Sha256 batch_key(const ServiceClient& client, const std::string& batch) {
+Sha256 batch_key(const UploadClient& client, const std::string& batch) {
   return sha256(as_bytes(client.name + '\n' + batch));
 }
 
@@ -44,7 +44,7 @@ Refusal refusal_from(const Findings& findings) {
 
 }  // namespace
 
-bool ServiceClient::may(std::string_view airframe) const {
+bool UploadClient::may(std::string_view airframe) const {
   return airframes.empty() || std::find(airframes.begin(), airframes.end(), airframe) != airframes.end();
 }
 
@@ -132,7 +132,7 @@ Announcement CandidateService::announcement_of(const UploadRow& upload, bool ope
   return announcement;
 }
 
-Answer<Announcement> CandidateService::announce(const ServiceClient& client, const std::string& key,
+Answer<Announcement> CandidateService::announce(const UploadClient& client, const std::string& key,
                                                 const std::string& body) {
   if (!is_uuid(key)) return Denial{.kind = Kind::malformed, .detail = "Idempotency-Key: the batch's id, a UUID"};
   const UtcTime now = clock_.now();
@@ -203,7 +203,7 @@ Answer<Announcement> CandidateService::announce(const ServiceClient& client, con
   return announcement_of(*stored, stored->name == upload.name);
 }
 
-std::variant<UploadRow, Denial> CandidateService::find(const ServiceClient& client, const std::string& name) {
+std::variant<UploadRow, Denial> CandidateService::find(const UploadClient& client, const std::string& name) {
   const auto digits = [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); };
   std::optional<UploadRow> upload;
   if (name.size() == 32 && std::all_of(name.begin(), name.end(), digits)) {
@@ -219,7 +219,7 @@ std::variant<UploadRow, Denial> CandidateService::find(const ServiceClient& clie
   return *std::move(upload);
 }
 
-Answer<UploadStatus> CandidateService::status(const ServiceClient& client, const std::string& name) {
+Answer<UploadStatus> CandidateService::status(const UploadClient& client, const std::string& name) {
   auto found = find(client, name);
   if (auto* denial = std::get_if<Denial>(&found)) return *denial;
   auto& upload = std::get<UploadRow>(found);

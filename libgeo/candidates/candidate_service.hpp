@@ -42,15 +42,15 @@ class CandidateService {
   // After a start, before anything else: packs that have come whole are taken in, what nobody refers to is removed.
   void recover();
 
-  Answer<Announcement> announce(const ServiceClient& client, const std::string& key, const std::string& body);
-  Answer<PackOffset> offset(const ServiceClient& client, const std::string& upload, const Sha256& pack);
+  Answer<Announcement> announce(const UploadClient& client, const std::string& key, const std::string& body);
+  Answer<PackOffset> offset(const UploadClient& client, const std::string& upload, const Sha256& pack);
   // The offset after it.
-  Answer<PackOffset> append(const ServiceClient& client, const std::string& upload, const Sha256& pack,
+  Answer<PackOffset> append(const UploadClient& client, const std::string& upload, const Sha256& pack,
                             const PartHeader& header, ByteView part);
   // judge: set to the upload that must be judged now, by judge_some().
-  Answer<Completion> complete(const ServiceClient& client, const std::string& upload,
+  Answer<Completion> complete(const UploadClient& client, const std::string& upload,
                               std::optional<std::int64_t>& judge);
-  Answer<UploadStatus> status(const ServiceClient& client, const std::string& upload);
+  Answer<UploadStatus> status(const UploadClient& client, const std::string& upload);
 
   // Uploads that wait for verdicts, with their clients' names.
   std::vector<std::pair<std::string, std::int64_t>> to_judge();
@@ -71,7 +71,7 @@ class CandidateService {
 
  private:
   friend class BusyPack;
-  std::variant<UploadRow, Denial> find(const ServiceClient& client, const std::string& upload);
+  std::variant<UploadRow, Denial> find(const UploadClient& client, const std::string& upload);
   Announcement announcement_of(const UploadRow& upload, bool opened);
   std::vector<std::optional<Refusal>> refusals_of(const SignedBatch& batch, UtcTime now);
   std::optional<Denial> take_in(const UploadRow& upload, const IncomingPack& pack);

@@ -24,7 +24,7 @@ double pixel_mm(const TileKey& key) {
 
 }  // namespace
 
-Answer<Completion> CandidateService::complete(const ServiceClient& client, const std::string& name,
+Answer<Completion> CandidateService::complete(const UploadClient& client, const std::string& name,
                                               std::optional<std::int64_t>& judge) {
   auto found = find(client, name);
   if (auto* denial = std::get_if<Denial>(&found)) return *denial;

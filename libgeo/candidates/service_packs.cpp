@@ -90,8 +90,7 @@ std::optional<Denial> CandidateService::take_in(const UploadRow& upload, const I
   return std::nullopt;
 }
 
-Answer<PackOffset> CandidateService::offset(const ServiceClient& client, const std::string& name,
-                                            const Sha256& sha256) {
+Answer<PackOffset> CandidateService::offset(const UploadClient& client, const std::string& name, const Sha256& sha256) {
   const auto found = find(client, name);
   if (const auto* denial = std::get_if<Denial>(&found)) return *denial;
   const auto& upload = std::get<UploadRow>(found);
@@ -109,7 +108,7 @@ Answer<PackOffset> CandidateService::offset(const ServiceClient& client, const s
   return Denial{.kind = Kind::pack_unknown, .detail = "nothing of this pack has come"};
 }
 
-Answer<PackOffset> CandidateService::append(const ServiceClient& client, const std::string& name, const Sha256& sha256,
+Answer<PackOffset> CandidateService::append(const UploadClient& client, const std::string& name, const Sha256& sha256,
                                             const PartHeader& header, ByteView part) {
   const auto found = find(client, name);
   if (const auto* denial = std::get_if<Denial>(&found)) return *denial;

@@ -11,7 +11,7 @@
 namespace nadir {
 
 // Who uploads, as its token says.
-struct ServiceClient {
+struct UploadClient {
   std::string name;
   std::vector<std::string> airframes;  // that it may upload for; empty: all
 

@@ -30,7 +30,7 @@ PlaneBox box_around(const PlanePath& route, double reach_m) {
 }
 
 void check_route(const WorldRaster& world, const GroundShape& ground, const std::vector<FlightPose>& poses,
-                 const LocalFrame& frame, const FlightOptions& options) {
+                 const LocalFrame& frame, const SimulatedFlightOptions& options) {
   for (const FlightPose& pose : poses) {
     if (!ground.covers(pose.position.x(), pose.position.y())) {
       throw UsageError({.what = "the elevation model does not cover the flight",
@@ -66,8 +66,8 @@ std::string telemetry_row(const std::string& name, const ToldPose& told, bool ex
 
 }  // namespace
 
-FlightReport simulate_flight(const Mission& mission, const FlightOptions& options, const std::filesystem::path& folder,
-                             Progress& progress) {
+FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOptions& options,
+                             const std::filesystem::path& folder, Progress& progress) {
   const CameraFile file = read_camera_file(options.camera);
   const CameraModel& camera = file.camera;
   const double agl = mission.route.agl_m;

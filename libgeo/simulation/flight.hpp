@@ -12,7 +12,7 @@
 
 namespace nadir {
 
-struct FlightOptions {
+struct SimulatedFlightOptions {
   std::filesystem::path world;
   std::optional<std::filesystem::path> dem;  // none: flat ground at the mission's height
   std::filesystem::path camera;
@@ -32,7 +32,7 @@ struct FlightReport {
 };
 
 // Fills `folder`, which must exist. The same inputs give the same bytes.
-FlightReport simulate_flight(const Mission& mission, const FlightOptions& options, const std::filesystem::path& folder,
-                             Progress& progress);
+FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOptions& options,
+                             const std::filesystem::path& folder, Progress& progress);
 
 }  // namespace nadir

@@ -86,16 +86,16 @@ std::string reason(const json& object) {
 
 std::string detail(const json& object) { return printable(text(object, "detail", 4 * kLongestDetail)); }
 
-Verdict verdict(const json& item) {
-  Verdict result{.sha256 = digest(member(item, "sha256"), "sha256")};
+VerdictReply verdict(const json& item) {
+  VerdictReply result{.sha256 = digest(member(item, "sha256"), "sha256")};
   const std::string word = text(item, "verdict", 16);
   if (word == "accepted") {
-    result.kind = Verdict::Kind::accepted;
+    result.kind = VerdictReply::Kind::accepted;
   } else if (word == "rejected") {
-    result.kind = Verdict::Kind::rejected;
+    result.kind = VerdictReply::Kind::rejected;
     result.code = reason(item);
   } else if (word == "duplicate") {
-    result.kind = Verdict::Kind::duplicate;
+    result.kind = VerdictReply::Kind::duplicate;
   } else if (word != "pending") {
     refuse("verdict", "accepted, rejected, duplicate or pending", word);
   }
@@ -105,9 +105,9 @@ Verdict verdict(const json& item) {
 
 }  // namespace
 
-Announcement parse_announcement(std::string_view body) {
+AnnouncementReply parse_announcement(std::string_view body) {
   const json document = parse(body);
-  Announcement result;
+  AnnouncementReply result;
   result.upload = upload_id(document);
   result.missing = digests(document, "missing");
   result.known = digests(document, "known");
@@ -125,9 +125,9 @@ Announcement parse_announcement(std::string_view body) {
   return result;
 }
 
-UploadStatus parse_upload_status(std::string_view body) {
+StatusReply parse_upload_status(std::string_view body) {
   const json document = parse(body);
-  UploadStatus result{.upload = upload_id(document), .batch = text(document, "batch", 64)};
+  StatusReply result{.upload = upload_id(document), .batch = text(document, "batch", 64)};
   const std::string state = text(document, "state", 16);
   if (state != "open" && state != "judging" && state != "judged") {
     refuse("state", "open, judging or judged", state);

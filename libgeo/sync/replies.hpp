@@ -12,22 +12,22 @@
 
 namespace nadir {
 
-struct Refusal {
+struct RefusedReply {
   Sha256 sha256;
   std::string code;  // of the closed list
   std::string detail;
 };
 
-struct Announcement {
+struct AnnouncementReply {
   std::string upload;  // the service's name for it
   std::vector<Sha256> missing;
   std::vector<Sha256> known;
-  std::vector<Refusal> refused;
+  std::vector<RefusedReply> refused;
   std::uint64_t part_max = 0;  // bytes
   UtcTime expires_at;
 };
 
-struct Verdict {
+struct VerdictReply {
   enum class Kind { accepted, rejected, duplicate, pending };
   Sha256 sha256;
   Kind kind = Kind::pending;
@@ -35,16 +35,16 @@ struct Verdict {
   std::string detail{};
 };
 
-struct UploadStatus {
+struct StatusReply {
   std::string upload;
   std::string batch;
   bool complete = false;  // the service judges, or has judged
-  std::vector<Verdict> tiles{};
+  std::vector<VerdictReply> tiles{};
 };
 
 // Throw Error for everything else than these documents.
-Announcement parse_announcement(std::string_view body);
-UploadStatus parse_upload_status(std::string_view body);
+AnnouncementReply parse_announcement(std::string_view body);
+StatusReply parse_upload_status(std::string_view body);
 
 // "title: detail" of a problem document, or a few words about what it is instead; safe to show.
 std::string problem_text(std::string_view body);

@@ -92,8 +92,8 @@ std::string pack_path(const std::string& upload, const Sha256& pack) {
 
 }  // namespace
 
-Answer<Announcement> ServiceClient::announce(const std::string& batch_id, std::string_view document) {
-  return read_reply<Announcement>(
+Answer<AnnouncementReply> ServiceClient::announce(const std::string& batch_id, std::string_view document) {
+  return read_reply<AnnouncementReply>(
       expect(transport_.exchange({.method = "POST",
                                   .path = "/v1/uploads",
                                   .headers = {{"Idempotency-Key", batch_id}, {"Content-Type", "application/json"}},

@@ -41,7 +41,7 @@ struct Accepted {
 };
 
 struct StatusAnswer {
-  UploadStatus status;
+  StatusReply status;
   std::optional<std::int64_t> retry_after_s;
 };
 
@@ -49,7 +49,7 @@ class ServiceClient {
  public:
   explicit ServiceClient(HttpTransport& transport) : transport_(transport) {}
 
-  Answer<Announcement> announce(const std::string& batch_id, std::string_view document);
+  Answer<AnnouncementReply> announce(const std::string& batch_id, std::string_view document);
   Answer<std::uint64_t> offset(const std::string& upload, const Sha256& pack);  // 0 when no byte is there
   // The new offset.
   Answer<std::uint64_t> send_part(const std::string& upload, const Sha256& pack, std::uint64_t pack_size,

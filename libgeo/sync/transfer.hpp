@@ -58,7 +58,7 @@ class Transfer {
   std::int64_t unsent_tiles() const;
 
   // Throws WrongAnswer when it is not about just the tiles of the batch.
-  void announced(const OpenBatch& batch, const Announcement& answer, std::int64_t now_ms);
+  void announced(const OpenBatch& batch, const AnnouncementReply& answer, std::int64_t now_ms);
 
   std::optional<OpenPack> next_pack(const OpenBatch& batch) const;
   Bytes pack_bytes(const OpenPack& pack) const;  // throws Error when the outbox is damaged
@@ -68,7 +68,7 @@ class Transfer {
 
   void completed(const OpenBatch& batch);
   // Throws WrongAnswer when it is not about just the tiles of the batch.
-  VerdictSum verdicts(const OpenBatch& batch, const UploadStatus& answer, std::int64_t now_ms);
+  VerdictSum verdicts(const OpenBatch& batch, const StatusReply& answer, std::int64_t now_ms);
 
   void forgotten(const OpenBatch& batch, std::int64_t now_ms);  // announced afresh, tiles with a verdict excepted
   std::int64_t park(const OpenBatch& batch, const std::string& why, std::int64_t now_ms);  // how many tiles

@@ -75,14 +75,14 @@ class Partition {
   std::map<Sha256, bool> taken_;
 };
 
-TileState state_of(Verdict::Kind kind) {
-  if (kind == Verdict::Kind::accepted) return TileState::accepted;
-  return kind == Verdict::Kind::rejected ? TileState::rejected : TileState::duplicate;
+TileState state_of(VerdictReply::Kind kind) {
+  if (kind == VerdictReply::Kind::accepted) return TileState::accepted;
+  return kind == VerdictReply::Kind::rejected ? TileState::rejected : TileState::duplicate;
 }
 
 }  // namespace
 
-void Transfer::announced(const OpenBatch& batch, const Announcement& answer, std::int64_t now_ms) {
+void Transfer::announced(const OpenBatch& batch, const AnnouncementReply& answer, std::int64_t now_ms) {
   const auto tiles = tiles_of(outbox_, batch.id);
   Partition partition(tiles, TileState::sealed);
   outbox_.transition("announce", [&] {
@@ -94,7 +94,7 @@ void Transfer::announced(const OpenBatch& batch, const Announcement& answer, std
     };
     for (const Sha256& digest : answer.missing) move(digest, TileState::announced, "", "");
     for (const Sha256& digest : answer.known) move(digest, TileState::sent, "", "");
-    for (const Refusal& refusal : answer.refused)
+    for (const RefusedReply& refusal : answer.refused)
       move(refusal.sha256, TileState::refused, refusal.code, refusal.detail);
     partition.check_whole();
     make_packs(batch.id);
@@ -172,24 +172,24 @@ Bytes Transfer::pack_bytes(const OpenPack& pack) const {
   return result;
 }
 
-VerdictSum Transfer::verdicts(const OpenBatch& batch, const UploadStatus& answer, std::int64_t now_ms) {
+VerdictSum Transfer::verdicts(const OpenBatch& batch, const StatusReply& answer, std::int64_t now_ms) {
   if (answer.upload != batch.upload || answer.batch != batch.uuid) refuse("upload " + batch.upload, answer.upload);
   const auto tiles = tiles_of(outbox_, batch.id);
   Partition partition(tiles, TileState::sent);
   VerdictSum sum;
   outbox_.transition("verdicts", [&] {
     TileMover mover(outbox_, now_ms);
-    for (const Verdict& verdict : answer.tiles) {
+    for (const VerdictReply& verdict : answer.tiles) {
       const TileRow& row = partition.take(verdict.sha256);
       if (row.state != TileState::sent) continue;  // it has its verdict
-      if (verdict.kind == Verdict::Kind::pending) {
+      if (verdict.kind == VerdictReply::Kind::pending) {
         ++sum.pending;
         continue;
       }
       mover.move(row.id, state_of(verdict.kind), verdict.code, verdict.detail);
-      ++(verdict.kind == Verdict::Kind::accepted   ? sum.accepted
-         : verdict.kind == Verdict::Kind::rejected ? sum.rejected
-                                                   : sum.duplicate);
+      ++(verdict.kind == VerdictReply::Kind::accepted   ? sum.accepted
+         : verdict.kind == VerdictReply::Kind::rejected ? sum.rejected
+                                                        : sum.duplicate);
     }
     partition.check_whole();
     if (sum.pending == 0) {

@@ -41,7 +41,7 @@ void Uploader::step(const OpenBatch& batch) {
 void Uploader::announce(const OpenBatch& batch) {
   const auto answer = service_.announce(batch.uuid, transfer_.document(batch));
   if (const auto* trouble = std::get_if<Trouble>(&answer)) return handle(batch, *trouble);
-  const auto& announcement = std::get<Announcement>(answer);
+  const auto& announcement = std::get<AnnouncementReply>(answer);
   try {
     transfer_.announced(batch, announcement, around_.pace.now_ms());
   } catch (const WrongAnswer& error) {

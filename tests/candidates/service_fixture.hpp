@@ -102,7 +102,7 @@ class ServiceFixture : public ::testing::Test {
   PrivateKey signer_ = PrivateKey::generate();
   FlightMaker first_{{.airframe = "mini-07", .flight = "flight-1", .noise = 1}};
   FlightMaker second_{{.airframe = "mini-08", .flight = "flight-2", .noise = 2}};
-  ServiceClient client_{.name = "ground-1", .airframes = {}};
+  UploadClient client_{.name = "ground-1", .airframes = {}};
   CandidateServiceOptions options_;
   std::optional<CandidateService> service_;
 };

@@ -28,7 +28,7 @@ class UploadServerTest : public test::ServiceFixture {
     for (const auto& path : {file, other}) std::filesystem::permissions(path, std::filesystem::perms(0600));
     clients_.emplace(std::vector<std::string>{file.string(), "mini-08=" + other.string()});
     queue_.emplace(2, places);
-    api_.emplace(service(), *clients_, true, [](const ServiceClient&, std::int64_t) {});
+    api_.emplace(service(), *clients_, true, [](const UploadClient&, std::int64_t) {});
     server_.emplace(*api_, *queue_, ListenAddress{.port = 0}, limits);
   }
   void TearDown() override { server_.reset(); }
@@ -234,7 +234,7 @@ TEST_F(UploadServerTest, TokensTellClientsApart) {
   EXPECT_THROW(Clients({one.string(), same.string()}), UsageError);
   EXPECT_THROW(Clients({one.string(), twin.string()}), UsageError);
   const Clients clients({"mini-07=" + one.string(), "mini-08=" + one.string()});
-  const ServiceClient* client = clients.find("Bearer 0123456789abcdef");
+  const UploadClient* client = clients.find("Bearer 0123456789abcdef");
   ASSERT_NE(client, nullptr);
   EXPECT_TRUE(client->may("mini-07"));
   EXPECT_FALSE(client->may("mini-09"));

@@ -48,8 +48,8 @@ struct Scene {
     write_heights(folder.path() / "dem.tif", heights, coarse);
   }
 
-  FlightOptions options(bool relief) const {
-    FlightOptions options;
+  SimulatedFlightOptions options(bool relief) const {
+    SimulatedFlightOptions options;
     options.world = folder.path() / "world.tif";
     if (relief) options.dem = folder.path() / "dem.tif";
     options.camera = folder.path() / "camera.yaml";

@@ -44,7 +44,7 @@ class Flight : public ::testing::Test {
 
   test::TemporaryFolder folder_;
   Placement placement_ = test::test_placement(2);
-  FlightOptions options_;
+  SimulatedFlightOptions options_;
   Mission mission_;
 };
 
@@ -110,7 +110,7 @@ TEST_F(Flight, FollowsTheRouteAtItsSpeedAndSpacing) {
 }
 
 TEST_F(Flight, RefusesWhatIsMissingTruncatedOrElsewhere) {
-  const FlightOptions good = options_;
+  const SimulatedFlightOptions good = options_;
   options_.world = path("nothing.tif");
   EXPECT_EQ(error_of_flight(), "the raster does not exist");
 

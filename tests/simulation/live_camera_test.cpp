@@ -49,7 +49,7 @@ class LiveCameraTest : public ::testing::Test {
 };
 
 TEST_F(LiveCameraTest, SeesWhatASimulatedFlightSeesFromTheSamePlaces) {
-  FlightOptions flight;
+  SimulatedFlightOptions flight;
   flight.world = options_.world;
   flight.dem = options_.dem;
   flight.camera = options_.camera;

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Fails when a layer of libgeo includes one above it, or when a header includes a library that costs too much there.
+"""Fails when a layer of libgeo includes one above it, when a header includes a library that costs too much there, or when two
+headers define a type of one name: in one program the linker would take the functions of one of them for both.
 
 usage: check_layers.py PROJECT_ROOT
 """
@@ -15,6 +16,7 @@ PLANNER_ONLY = {"ground", "candidates", "simulation", "sync"}
 # Libraries that no header may include, and those that only the named layers may include at all.
 HEAVY_IN_HEADERS = re.compile(r"^(ceres/|gdal|ogr|cpl_|faiss/|CLI/|nlohmann/json\.hpp$|proj\.h$)")
 ONLY_IN = [(re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"ground", "candidates", "simulation"}), (re.compile(r"^curl/"), {"sync"})]
+TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]')
 
 
@@ -51,6 +53,12 @@ def check(root):
             for number, name in includes(path):
                 if HEAVY_IN_HEADERS.match(name):
                     found.append(f'{path.relative_to(root)}:{number}: a header includes "{name}"; include it in a .cpp')
+    defined = {}
+    for top in ("libgeo", "tools", "runtime"):
+        for path in sorted((root / top).rglob("*.hpp")):
+            for name in TYPE.findall(path.read_text(encoding="utf-8")):
+                if defined.setdefault(name, path) != path:
+                    found.append(f"{path.relative_to(root)}: {name} is a type of {defined[name].relative_to(root)} already")
     for path in sorted((root / "runtime").rglob("*.[ch]pp")):
         for number, name in includes(path):
             if name.split("/")[0] in PLANNER_ONLY:

@@ -10,14 +10,15 @@ from check_layers import check  # noqa: E402
 
 
 class Rules(unittest.TestCase):
-    def violations(self, path, text):
+    def violations(self, path, text, **more):
         with tempfile.TemporaryDirectory() as folder:
             root = pathlib.Path(folder)
             for name in ("libgeo/base", "tools", "runtime"):
                 (root / name).mkdir(parents=True)
-            file = root / path
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text)
+            for name, contents in {path: text, **more}.items():
+                file = root / name
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(contents)
             return check(root)
 
     def test_downwards_is_allowed(self):
@@ -46,6 +47,11 @@ class Rules(unittest.TestCase):
 
     def test_the_aircraft_stays_off_the_ground(self):
         self.assertEqual(1, len(self.violations("runtime/a.cpp", '#include "ground/raster_source.hpp"\n')))
+
+    def test_two_types_of_one_name_are_caught(self):
+        one = "namespace nadir {\nclass Client final : public Base {\n};\n"
+        self.assertEqual(1, len(self.violations("tools/a.hpp", one, **{"libgeo/base/b.hpp": "struct Client {\n  int a;\n};\n"})))
+        self.assertEqual([], self.violations("tools/a.hpp", one, **{"libgeo/base/b.hpp": "struct Client;\nstruct Clients {\n"}))
 
 
 if __name__ == "__main__":

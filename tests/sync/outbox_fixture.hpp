@@ -37,17 +37,18 @@ class OutboxFixture : public ::testing::Test {
     });
   }
   // Numbers of candidates that the service lacks, has, and refuses.
-  Announcement answer(const std::vector<int>& missing, const std::vector<int>& known, const std::vector<int>& refused) {
-    Announcement answer{"upload-01", {}, {}, {}, 65'536, {1'800'000'000}};
+  AnnouncementReply answer(const std::vector<int>& missing, const std::vector<int>& known,
+                           const std::vector<int>& refused) {
+    AnnouncementReply answer{"upload-01", {}, {}, {}, 65'536, {1'800'000'000}};
     for (const int i : missing) answer.missing.push_back(candidate(i).sidecar.sha256);
     for (const int i : known) answer.known.push_back(candidate(i).sidecar.sha256);
     for (const int i : refused) answer.refused.push_back({candidate(i).sidecar.sha256, "too_old", ""});
     return answer;
   }
-  UploadStatus verdicts(const OpenBatch& batch, const std::vector<Verdict::Kind>& kinds) {
-    UploadStatus status{"upload-01", batch.uuid, true, {}};
+  StatusReply verdicts(const OpenBatch& batch, const std::vector<VerdictReply::Kind>& kinds) {
+    StatusReply status{"upload-01", batch.uuid, true, {}};
     for (std::size_t i = 0; i < kinds.size(); ++i) {
-      const bool rejected = kinds[i] == Verdict::Kind::rejected;
+      const bool rejected = kinds[i] == VerdictReply::Kind::rejected;
       status.tiles.push_back({candidate(static_cast<int>(i)).sidecar.sha256, kinds[i], rejected ? "blurred" : "", ""});
     }
     return status;

@@ -81,9 +81,9 @@ TEST_F(Outbox, AnswersAboutOtherTilesChangeNothing) {
   stage(3);
   seal();
   const OpenBatch batch = *transfer_.next_batch(0);
-  Announcement foreign = answer({0, 1, 2}, {}, {});
+  AnnouncementReply foreign = answer({0, 1, 2}, {}, {});
   foreign.missing.push_back(candidate(9).sidecar.sha256);
-  for (const Announcement& wrong :
+  for (const AnnouncementReply& wrong :
        {answer({0, 1}, {}, {}), answer({0, 1, 2}, {2}, {}), answer({0, 1, 2, 2}, {}, {}), foreign}) {
     EXPECT_THROW(transfer_.announced(batch, wrong, 5), WrongAnswer);
     EXPECT_EQ(tiles_in(TileState::sealed), 3);
@@ -97,14 +97,14 @@ TEST_F(Outbox, VerdictsAreFinal) {
   transfer_.announced(*transfer_.next_batch(0), answer({}, {0, 1, 2, 3}, {}), 5);
   const OpenBatch batch = *transfer_.next_batch(0);
   transfer_.completed(batch);
-  UploadStatus status = verdicts(
-      batch, {Verdict::Kind::accepted, Verdict::Kind::rejected, Verdict::Kind::pending, Verdict::Kind::duplicate});
+  StatusReply status = verdicts(batch, {VerdictReply::Kind::accepted, VerdictReply::Kind::rejected,
+                                        VerdictReply::Kind::pending, VerdictReply::Kind::duplicate});
   VerdictSum sum = transfer_.verdicts(batch, status, 6);
   EXPECT_EQ(sum.pending, 1);
   EXPECT_EQ(tiles_in(TileState::accepted), 1);
   // A service that changes its mind is not believed; what was pending gets its verdict.
-  status = verdicts(
-      batch, {Verdict::Kind::rejected, Verdict::Kind::accepted, Verdict::Kind::accepted, Verdict::Kind::accepted});
+  status = verdicts(batch, {VerdictReply::Kind::rejected, VerdictReply::Kind::accepted, VerdictReply::Kind::accepted,
+                            VerdictReply::Kind::accepted});
   sum = transfer_.verdicts(batch, status, 7);
   EXPECT_EQ(sum.pending, 0);
   EXPECT_EQ(tiles_in(TileState::accepted), 2);
@@ -176,7 +176,7 @@ TEST_F(Outbox, TilesAreTriedAgainOnceTheirBatchIsDone) {
   const OpenBatch batch = *transfer_.next_batch(0);
   EXPECT_EQ(restage(*outbox_, "too_old", 6), 0);
   // The service speaks of all its tiles, also of the one that it refused.
-  UploadStatus status = verdicts(batch, {Verdict::Kind::accepted, Verdict::Kind::rejected});
+  StatusReply status = verdicts(batch, {VerdictReply::Kind::accepted, VerdictReply::Kind::rejected});
   EXPECT_NO_THROW(transfer_.verdicts(batch, status, 7));
   EXPECT_EQ(tiles_in(TileState::accepted), 1);
   EXPECT_EQ(restage(*outbox_, "too_old", 8), 1);

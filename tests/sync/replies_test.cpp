@@ -36,18 +36,18 @@ json status() {
 }
 
 TEST(Replies, AreRead) {
-  const Announcement read = parse_announcement(announcement().dump());
+  const AnnouncementReply read = parse_announcement(announcement().dump());
   EXPECT_EQ(read.upload, "upload-01");
   EXPECT_EQ(read.missing.at(0).hex(), kA);
   EXPECT_EQ(read.known.at(0).hex(), kB);
   EXPECT_EQ(read.refused.at(0).code, "too_old");
   EXPECT_EQ(read.part_max, 65'536U);
-  const UploadStatus judged = parse_upload_status(status().dump());
+  const StatusReply judged = parse_upload_status(status().dump());
   EXPECT_TRUE(judged.complete);
   ASSERT_EQ(judged.tiles.size(), 3U);
   EXPECT_EQ(judged.tiles[1].code, "blurred");
   EXPECT_EQ(judged.tiles[1].detail, "?[31m") << "nothing reaches a terminal";
-  EXPECT_EQ(judged.tiles[2].kind, Verdict::Kind::pending);
+  EXPECT_EQ(judged.tiles[2].kind, VerdictReply::Kind::pending);
 }
 
 TEST(Replies, RefuseForms) {

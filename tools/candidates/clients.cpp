@@ -19,7 +19,7 @@ Clients::Clients(const std::vector<std::string>& token_files) {
     if (named) of_file.push_back(text.substr(0, equals));
   }
   for (auto& [file, names] : airframes) {
-    ServiceClient client{.name = file.stem().string(), .airframes = std::move(names)};
+    UploadClient client{.name = file.stem().string(), .airframes = std::move(names)};
     const bool taken = std::any_of(clients_.begin(), clients_.end(),
                                    [&client](const auto& known) { return known.second.name == client.name; });
     if (taken) {
@@ -36,7 +36,7 @@ Clients::Clients(const std::vector<std::string>& token_files) {
   }
 }
 
-const ServiceClient* Clients::find(std::string_view authorization) const {
+const UploadClient* Clients::find(std::string_view authorization) const {
   const auto digest = bearer_digest(authorization);
   const auto found = digest ? clients_.find(*digest) : clients_.end();
   return found == clients_.end() ? nullptr : &found->second;

@@ -16,11 +16,11 @@ class Clients {
   // UsageError where two clients would share a name or a token.
   explicit Clients(const std::vector<std::string>& token_files);
 
-  const ServiceClient* find(std::string_view authorization) const;  // null: nobody's
+  const UploadClient* find(std::string_view authorization) const;  // null: nobody's
   std::size_t count() const { return clients_.size(); }
 
  private:
-  std::map<Sha256, ServiceClient> clients_;  // by the token's digest
+  std::map<Sha256, UploadClient> clients_;  // by the token's digest
 };
 
 }  // namespace nadir

@@ -83,7 +83,7 @@ int ServeCommand::run(Context& context) {
   FairQueue queue(static_cast<std::size_t>(threads_), kPlacesOfClient);
   ServiceWork work(service, queue);
   const UploadApi api(service, clients, address.loopback(),
-                      [&work](const ServiceClient& client, std::int64_t upload) { work.judge(client.name, upload); });
+                      [&work](const UploadClient& client, std::int64_t upload) { work.judge(client.name, upload); });
   const UploadServer server(api, queue, address);
   for (const auto& [client, upload] : service.to_judge()) work.judge(client, upload);
   work.vote();

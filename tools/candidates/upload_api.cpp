@@ -20,7 +20,7 @@ std::variant<Admission, ApiResponse> UploadApi::admit(const UploadRequest& heade
     return problem(421, "host", "this service is called by localhost, 127.0.0.1 or [::1]");
   }
   const std::string_view path = std::string_view(header.target).substr(0, header.target.find('?'));
-  const ServiceClient* client = clients_.find(header.authorization);
+  const UploadClient* client = clients_.find(header.authorization);
   if (path != "/v1/health" && client == nullptr) {
     ApiResponse refusal = problem(401, "unauthorized", "send Authorization: Bearer TOKEN");
     refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
@@ -84,20 +84,20 @@ ApiResponse UploadApi::health() const {
   return health_answer(trouble.reason, trouble.fails);
 }
 
-ApiResponse UploadApi::announce(const ServiceClient& client, const UploadRequest& request) const {
+ApiResponse UploadApi::announce(const UploadClient& client, const UploadRequest& request) const {
   if (!request.idempotency_key) return problem(400, "malformed", "Idempotency-Key: the batch's id");
   const auto result = service_.announce(client, *request.idempotency_key, request.body);
   if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
   return announcement_answer(std::get<Announcement>(result), service_.options().part_max);
 }
 
-ApiResponse UploadApi::status(const ServiceClient& client, const std::string& upload) const {
+ApiResponse UploadApi::status(const UploadClient& client, const std::string& upload) const {
   const auto result = service_.status(client, upload);
   if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
   return status_answer(std::get<UploadStatus>(result));
 }
 
-ApiResponse UploadApi::complete(const ServiceClient& client, const std::string& upload) const {
+ApiResponse UploadApi::complete(const UploadClient& client, const std::string& upload) const {
   std::optional<std::int64_t> to_judge;
   const auto result = service_.complete(client, upload, to_judge);
   if (to_judge) judge_(client, *to_judge);

@@ -17,7 +17,7 @@ namespace nadir {
 
 class UploadApi {
  public:
-  using Judge = std::function<void(const ServiceClient& client, std::int64_t upload)>;
+  using Judge = std::function<void(const UploadClient& client, std::int64_t upload)>;
 
   // All must outlive this. judge: is told of each upload that is complete. loopback: only names of this machine are
   // taken for its own.
@@ -30,10 +30,10 @@ class UploadApi {
  private:
   ApiResponse route(const Admission& admission, const UploadRequest& request) const;
   ApiResponse health() const;
-  ApiResponse announce(const ServiceClient& client, const UploadRequest& request) const;
-  ApiResponse status(const ServiceClient& client, const std::string& upload) const;
+  ApiResponse announce(const UploadClient& client, const UploadRequest& request) const;
+  ApiResponse status(const UploadClient& client, const std::string& upload) const;
   ApiResponse pack(const Admission& admission, const UploadRequest& request) const;
-  ApiResponse complete(const ServiceClient& client, const std::string& upload) const;
+  ApiResponse complete(const UploadClient& client, const std::string& upload) const;
 
   CandidateService& service_;
   const Clients& clients_;

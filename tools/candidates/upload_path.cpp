@@ -46,20 +46,21 @@ std::string media_type(std::string_view text) {
   return type;
 }
 
-std::optional<Way> way_of(std::string_view path, std::string_view method, std::uint64_t part_max) {
-  if (path == "/v1/health") return Way{.admission = {.path = UploadPath::health}, .methods = "GET, HEAD"};
-  if (path == "/v1/reason-codes") return Way{.admission = {.path = UploadPath::reason_codes}, .methods = "GET, HEAD"};
+std::optional<UploadWay> way_of(std::string_view path, std::string_view method, std::uint64_t part_max) {
+  if (path == "/v1/health") return UploadWay{.admission = {.path = UploadPath::health}, .methods = "GET, HEAD"};
+  if (path == "/v1/reason-codes")
+    return UploadWay{.admission = {.path = UploadPath::reason_codes}, .methods = "GET, HEAD"};
   if (path == kUploads) {
-    return Way{.admission = {.path = UploadPath::uploads},
-               .methods = "POST",
-               .body_max = kMaxBatchSize,
-               .media = "application/json"};
+    return UploadWay{.admission = {.path = UploadPath::uploads},
+                     .methods = "POST",
+                     .body_max = kMaxBatchSize,
+                     .media = "application/json"};
   }
   if (!path.starts_with(kUploads) || path[kUploads.size()] != '/') return std::nullopt;
   path.remove_prefix(kUploads.size() + 1);
   const std::size_t end = std::min(path.find('/'), path.size());
-  Way way{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
-          .methods = "GET, HEAD"};
+  UploadWay way{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
+                .methods = "GET, HEAD"};
   path.remove_prefix(end);
   if (path.empty()) return way;
   if (path == "/complete") {

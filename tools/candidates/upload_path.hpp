@@ -24,14 +24,14 @@ enum class UploadPath { health, reason_codes, uploads, upload, pack, complete };
 
 struct Admission {
   UploadPath path = UploadPath::health;
-  std::string upload{};                   // of the last three
-  std::optional<Sha256> pack{};           // of `pack`
-  const ServiceClient* client = nullptr;  // null: health, which nobody's token is asked for
-  std::uint64_t body_bytes = 0;           // that the request announces and may have
+  std::string upload{};                  // of the last three
+  std::optional<Sha256> pack{};          // of `pack`
+  const UploadClient* client = nullptr;  // null: health, which nobody's token is asked for
+  std::uint64_t body_bytes = 0;          // that the request announces and may have
 };
 
 // Where a path leads, which methods it has, and what its body may be.
-struct Way {
+struct UploadWay {
   Admission admission;
   std::string_view methods;  // "GET, HEAD"
   std::uint64_t body_max = 0;
@@ -40,7 +40,7 @@ struct Way {
 
 // path: without a query. Names of uploads and packs are looked at again by the service; here they are but parts of a
 // path. nullopt: there is no such path.
-std::optional<Way> way_of(std::string_view path, std::string_view method, std::uint64_t part_max);
+std::optional<UploadWay> way_of(std::string_view path, std::string_view method, std::uint64_t part_max);
 
 bool lists(std::string_view methods, std::string_view method);
 

@@ -96,7 +96,7 @@ void wait(double seconds) {
 
 }  // namespace
 
-int show_once(const ServiceClient& service, std::ostream& out, bool as_json) {
+int show_once(const NadirdClient& service, std::ostream& out, bool as_json) {
   const std::string body = service.get(kPath);
   const WatchedStatus status = parse_watched_status(body);
   if (as_json) {
@@ -107,7 +107,7 @@ int show_once(const ServiceClient& service, std::ostream& out, bool as_json) {
   return status.stalled() || !status.lat_deg ? kRefused : kAccepted;
 }
 
-void keep_showing(const ServiceClient& service, std::ostream& out, WatchForm form, double interval_s) {
+void keep_showing(const NadirdClient& service, std::ostream& out, WatchForm form, double interval_s) {
   std::string body = service.get(kPath);
   std::optional<Screen> screen;
   if (form == WatchForm::screen) screen.emplace(out);

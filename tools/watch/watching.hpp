@@ -3,7 +3,7 @@
 
 #include <iosfwd>
 
-#include "watch/service_client.hpp"
+#include "watch/nadird_client.hpp"
 
 namespace nadir {
 
@@ -14,9 +14,9 @@ enum class WatchForm {
 };
 
 // Exit code: 0, or 1 when there is no position or the flight's thread is silent. `nadird --status` is this.
-int show_once(const ServiceClient& service, std::ostream& out, bool as_json);
+int show_once(const NadirdClient& service, std::ostream& out, bool as_json);
 
 // Throws Error when the first look fails; later ones that fail are said and tried again. Ends on Ctrl-C.
-void keep_showing(const ServiceClient& service, std::ostream& out, WatchForm form, double interval_s);
+void keep_showing(const NadirdClient& service, std::ostream& out, WatchForm form, double interval_s);
 
 }  // namespace nadir

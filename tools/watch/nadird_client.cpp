@@ -1,4 +1,4 @@
-#include "watch/service_client.hpp"
+#include "watch/nadird_client.hpp"
 
 #include <fmt/format.h>
 
@@ -65,7 +65,7 @@ class Call {
 
 }  // namespace
 
-ServiceClient::ServiceClient(std::string_view url, std::string token, std::chrono::milliseconds patience)
+NadirdClient::NadirdClient(std::string_view url, std::string token, std::chrono::milliseconds patience)
     : url_(url), token_(std::move(token)), patience_(patience) {
   constexpr std::string_view kScheme = "http://";
   std::string_view place = url;
@@ -88,7 +88,7 @@ ServiceClient::ServiceClient(std::string_view url, std::string token, std::chron
   }
 }
 
-std::string ServiceClient::get(const std::string& path) const {
+std::string NadirdClient::get(const std::string& path) const {
   http::request<http::empty_body> request{http::verb::get, path, 11};
   request.set(http::field::host, host_ + ":" + port_);
   request.keep_alive(false);

@@ -10,11 +10,11 @@ namespace nadir {
 
 inline constexpr std::string_view kDefaultServiceUrl = "http://127.0.0.1:8750";
 
-class ServiceClient {
+class NadirdClient {
  public:
   // url: "http://HOST[:PORT]". token: empty when none is wanted. Throws UsageError for another URL.
-  explicit ServiceClient(std::string_view url, std::string token = {},
-                         std::chrono::milliseconds patience = std::chrono::seconds(5));
+  explicit NadirdClient(std::string_view url, std::string token = {},
+                        std::chrono::milliseconds patience = std::chrono::seconds(5));
 
   // The body of a GET. Throws Error when nobody answers in time, or answers with anything but 200.
   std::string get(const std::string& path) const;
