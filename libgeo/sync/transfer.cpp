@@ -83,7 +83,9 @@ std::optional<OpenPack> Transfer::next_pack(const OpenBatch& batch) const {
 void Transfer::pack_begins(const OpenPack& pack, std::int64_t now_ms) {
   outbox_.transition("pack-begins", [&] {
     outbox_.prepare("UPDATE pack SET stage = 'sending' WHERE id = ?").bind(1, pack.id).run();
-    outbox_.prepare("UPDATE tile SET state = 'SENDING', changed_ms = ? WHERE pack = ?")
+    outbox_
+        .prepare(
+            "UPDATE tile SET state = 'SENDING', changed_ms = ? WHERE pack = ? AND state IN ('ANNOUNCED', 'WAITING')")
         .bind(1, now_ms)
         .bind(2, pack.id)
         .run();
@@ -98,7 +100,7 @@ std::int64_t Transfer::pack_sent(const OpenPack& pack, std::int64_t now_ms) {
   std::int64_t tiles = 0;
   outbox_.transition("pack-sent", [&] {
     outbox_.prepare("UPDATE pack SET stage = 'sent' WHERE id = ?").bind(1, pack.id).run();
-    outbox_.prepare("UPDATE tile SET state = 'SENT', changed_ms = ? WHERE pack = ?")
+    outbox_.prepare("UPDATE tile SET state = 'SENT', changed_ms = ? WHERE pack = ? AND state = 'SENDING'")
         .bind(1, now_ms)
         .bind(2, pack.id)
         .run();

@@ -77,7 +77,7 @@ class Transfer {
  private:
   void interrupt(std::int64_t batch, std::int64_t now_ms);
   void set_stage(std::int64_t batch, const char* stage);
-  void make_packs(std::int64_t batch);
+  void make_packs(std::int64_t batch, const std::vector<std::int64_t>& again);
 
   OutboxDatabase& outbox_;
 };

@@ -87,17 +87,23 @@ void Transfer::announced(const OpenBatch& batch, const AnnouncementReply& answer
   Partition partition(tiles, TileState::sealed);
   outbox_.transition("announce", [&] {
     TileMover mover(outbox_, now_ms);
-    // After the service forgot an upload, tiles that have their verdict stay what they are.
+    // After the service forgot an upload, tiles that have their verdict stay what they are. But where it lost them as
+    // well, it judges none of the batch until it has all: what is still there of them goes along.
+    std::vector<std::int64_t> again;
     const auto move = [&](const Sha256& digest, TileState after, std::string_view code, std::string_view detail) {
       const TileRow& row = partition.take(digest);
-      if (row.state == TileState::sealed) mover.move(row.id, after, code, detail);
+      if (row.state == TileState::sealed) {
+        mover.move(row.id, after, code, detail);
+      } else if (after == TileState::announced && is_final(row.state)) {
+        again.push_back(row.id);
+      }
     };
     for (const Sha256& digest : answer.missing) move(digest, TileState::announced, "", "");
     for (const Sha256& digest : answer.known) move(digest, TileState::sent, "", "");
     for (const RefusedReply& refusal : answer.refused)
       move(refusal.sha256, TileState::refused, refusal.code, refusal.detail);
     partition.check_whole();
-    make_packs(batch.id);
+    make_packs(batch.id, again);
     auto open = outbox_.prepare("SELECT count(*) FROM tile WHERE batch = ? AND state IN ('ANNOUNCED', 'SENT')");
     open.bind(1, batch.id).step();
     set_stage(batch.id, open.integer(0) > 0 ? "announced" : "done");
@@ -110,13 +116,17 @@ void Transfer::announced(const OpenBatch& batch, const AnnouncementReply& answer
 }
 
 // Within a transition: packs of the tiles that the service lacks, in the order of the batch.
-void Transfer::make_packs(std::int64_t batch) {
+void Transfer::make_packs(std::int64_t batch, const std::vector<std::int64_t>& again) {
   outbox_.prepare("UPDATE tile SET pack = NULL WHERE batch = ?").bind(1, batch).run();
   outbox_.prepare("DELETE FROM pack WHERE batch = ?").bind(1, batch).run();
   std::vector<PackEntry> entries;
   std::vector<std::int64_t> rows;
-  auto missing =
-      outbox_.prepare("SELECT id, sha256, size FROM tile WHERE batch = ? AND state = 'ANNOUNCED' ORDER BY id");
+  std::string ids;
+  for (const std::int64_t id : again) ids += fmt::format("{}{}", ids.empty() ? "" : ",", id);
+  auto missing = outbox_.prepare(
+      fmt::format("SELECT id, sha256, size FROM tile WHERE batch = ? AND (state = 'ANNOUNCED' OR id IN ({})) AND id IN "
+                  "(SELECT tile FROM blob) ORDER BY id",
+                  ids));
   missing.bind(1, batch);
   while (missing.step()) {
     PackEntry entry{{}, static_cast<std::uint32_t>(missing.integer(2))};

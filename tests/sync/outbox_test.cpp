@@ -134,6 +134,34 @@ TEST_F(Outbox, AForgottenUploadBeginsAgainWithoutThoseThatHaveTheirVerdict) {
   EXPECT_FALSE(transfer_.next_pack(batch)->begun);
 }
 
+// It was restored from an older copy, say: tiles that it has judged, and told of, it lacks like all others.
+TEST_F(Outbox, AServiceThatLostWhatItHadJudgedGetsItAgain) {
+  stage(3);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({}, {0, 1, 2}, {}), 5);
+  transfer_.completed(*transfer_.next_batch(0));
+  OpenBatch batch = *transfer_.next_batch(0);
+  using enum VerdictReply::Kind;
+  transfer_.verdicts(batch, verdicts(batch, {accepted, pending, pending}), 6);
+  transfer_.forgotten(batch, 7);
+  transfer_.announced(*transfer_.next_batch(0), answer({0, 1, 2}, {}, {}), 8);
+  batch = *transfer_.next_batch(0);
+  const OpenPack pack = *transfer_.next_pack(batch);
+  const Bytes bytes = transfer_.pack_bytes(pack);
+  EXPECT_EQ(as_text(ByteView(bytes).subspan(8, 4)), std::string_view("\0\0\0\3", 4)) << "all three";
+  transfer_.pack_begins(pack, 9);
+  EXPECT_EQ(tiles_in(TileState::sending), 2);
+  transfer_.pack_waits(pack, 10);
+  transfer_.pack_begins(pack, 11);
+  EXPECT_EQ(transfer_.pack_sent(pack, 12), 2);
+  transfer_.completed(batch);
+  batch = *transfer_.next_batch(0);
+  transfer_.verdicts(batch, verdicts(batch, {pending, accepted, rejected}), 13);
+  EXPECT_EQ(tiles_in(TileState::accepted), 2);
+  EXPECT_EQ(tiles_in(TileState::rejected), 1);
+  EXPECT_FALSE(transfer_.next_batch(0)) << "whatever becomes of the first one now, it has had its verdict";
+}
+
 TEST_F(Outbox, ParkedTilesWaitForTheOperator) {
   stage(2);
   seal();
