@@ -10,7 +10,7 @@
 namespace nadir {
 namespace {
 
-constexpr double kHeartbeatPeriod_s = 1, kAskAgain_s = 10, kThreadLimit_s = 2;
+constexpr double kHeartbeatPeriod_s = 1, kAskAgain_s = 10, kStrangerPeriod_s = 1, kThreadLimit_s = 2;
 constexpr int kLongestWait_ms = 20;
 
 constexpr std::pair<StreamedMessage, double> kStreams[] = {
@@ -94,11 +94,12 @@ void AutopilotLink::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     beat_();
     const double now_s = clock_.monotonic_s();
-    link_.advance(us(now_s), [&](const ReceivedMessage& message) {
+    const auto take = [&](const ReceivedMessage& message) {
       ask_for_streams(now_s, message);
       feel(now_s, message);
       listener_.message(now_s, message);
-    });
+    };
+    link_.advance(us(now_s), take, [&](MavlinkAddress claimed) { tell_stranger(now_s, claimed); });
     while (const auto observed = estimates_.try_take()) {
       const bool taken = predictor_.observe(observed->estimate, us(now_s));
       if (taken && observed->arrived_s) untold_since_s_ = observed->arrived_s;
@@ -153,6 +154,13 @@ void AutopilotLink::feel(double now_s, const ReceivedMessage& received) {
   if (received.source.system != airframe_.system || received.source.component != airframe_.autopilot) return;
   if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) predictor_.hear(us(now_s), *attitude);
   if (const auto* imu = std::get_if<ImuSample>(&received.message)) predictor_.hear(us(now_s), *imu);
+}
+
+void AutopilotLink::tell_stranger(double now_s, MavlinkAddress claimed) {
+  const bool as_autopilot = claimed == MavlinkAddress{airframe_.system, airframe_.autopilot};
+  if (!as_autopilot || (stranger_s_ && now_s - *stranger_s_ < kStrangerPeriod_s)) return;
+  stranger_s_ = now_s;
+  if (listener_.stranger) listener_.stranger();
 }
 
 void AutopilotLink::publish() {

@@ -30,10 +30,12 @@ struct AutopilotLinkSetup {
 
 class AutopilotLink {
  public:
-  // On the link's thread; must be quick. jumped_m: the next fix lies so far from the last one.
+  // On the link's thread; must be quick. jumped_m: the next fix lies so far from the last one. stranger: somebody
+  // speaks as the autopilot, with a signature that does not count or with none; told once a second at most.
   struct Listener {
     std::function<void(double now_s, const ReceivedMessage&)> message;
     std::function<void(double jumped_m)> jumped;
+    std::function<void()> stranger;
   };
 
   AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener);
@@ -68,6 +70,7 @@ class AutopilotLink {
   void send_fix(double now_s, const ServiceStatus& permitted);
   void ask_for_streams(double now_s, const ReceivedMessage& message);
   void feel(double now_s, const ReceivedMessage& received);
+  void tell_stranger(double now_s, MavlinkAddress claimed);
   void publish();
 
   Airframe airframe_;
@@ -88,7 +91,7 @@ class AutopilotLink {
   ServiceStatus permitted_;
   State state_;
 
-  std::optional<double> last_fix_s_, asked_s_, untold_since_s_;
+  std::optional<double> last_fix_s_, asked_s_, untold_since_s_, stranger_s_;
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above
 };

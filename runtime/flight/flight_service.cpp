@@ -16,6 +16,7 @@ namespace nadir {
 namespace {
 
 constexpr double kTurn_s = 0.05, kPublishPeriod_s = 0.2, kGpsHintRadius_m = 150;
+constexpr std::size_t kMostUntold = 12;
 
 std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
   if (!file) return std::nullopt;
@@ -115,7 +116,10 @@ void FlightService::start_flight() {
   link_ = std::make_unique<AutopilotLink>(
       std::move(link), clock_, watch_,
       AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) { heard(now_s, message); },
-                              [this](double metres) { tell(FixJumped{metres}); }});
+                              [this](double metres) { tell(FixJumped{metres}); },
+                              [this] {
+                                tell(AutopilotSpoke{false, false});
+                              }});
   if (!ground_) return;
   camera_ = std::make_unique<CameraFeed>(std::move(camera), airframe_.capture_delay_s, clock_, pictures_, watch_,
                                          [this](const std::string& trouble) {
@@ -198,14 +202,17 @@ void FlightService::note_cautions() {
     journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
                    finding.code + ": " + finding.where + ": " + finding.found);
   }
-  if (cautions_.contains("airframe.unsigned")) untold_.emplace_back("Nadir: airframe file is not signed");
-  if (options_.tile_key && !options_.candidates) untold_.emplace_back("Nadir: tile key not accepted, no tiles");
+  if (cautions_.contains("airframe.unsigned"))
+    untold_.push_back({TextSeverity::warning, "Nadir: airframe file is not signed"});
+  if (options_.tile_key && !options_.candidates)
+    untold_.push_back({TextSeverity::warning, "Nadir: tile key not accepted, no tiles"});
 }
 
-// As soon as there is somebody who hears it.
-void FlightService::tell_cautions() {
+// Before the autopilot is there, and while it is lost, nobody hears: the latest texts wait for it.
+void FlightService::tell_operator() {
+  while (untold_.size() > kMostUntold) untold_.pop_front();
   if (!machine_.status().link_up) return;
-  for (const std::string& caution : std::exchange(untold_, {})) link_->tell(TextSeverity::warning, caution);
+  for (const OperatorText& told : std::exchange(untold_, {})) link_->tell(told.severity, told.text);
 }
 
 void FlightService::sum_up() {
@@ -227,7 +234,6 @@ void FlightService::take(const TimedNews& timed) {
 
 void FlightService::learn(double time_s, const AutopilotSpoke& spoke) {
   update(time_s, std::array<ServiceFact, 1>{AutopilotHeard{spoke.authentic, spoke.armed}});
-  tell_cautions();
 }
 
 void FlightService::learn(double time_s, const CameraSpoke& spoke) {
@@ -294,10 +300,16 @@ void FlightService::update(double now_s, std::span<const ServiceFact> facts) {
     journal_->state(event);
     if (event.from != event.to) last_reason_ = event.text;
     const ReasonText& text = text_of(event.reason);
-    if (!text.operator_text.empty()) link_->tell(text_severity(text.severity), std::string(text.operator_text));
+    OperatorText told{text_severity(text.severity), std::string(text.operator_text)};
+    if (event.reason == ServiceReason::link_unsigned) {
+      link_->tell(told.severity, told.text);  // an autopilot without a key may hear it now; later it is of no use
+    } else if (!told.text.empty()) {
+      untold_.push_back(std::move(told));
+    }
     manager_.status(event.text);
   }
   link_->permit(machine_.status());
+  tell_operator();
 }
 
 void FlightService::publish(double now_s) {

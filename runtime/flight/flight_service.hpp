@@ -14,10 +14,10 @@
 // verdict about GPS; everybody else sends it news and never waits for it.
 #pragma once
 
+#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "api/http_server.hpp"
 #include "flight/autopilot_link.hpp"
@@ -55,7 +55,7 @@ class FlightService {
  private:
   LocalizingSetup localizing_setup() const;
   void note_cautions();
-  void tell_cautions();
+  void tell_operator();
   void start_recorder();
   void start_flight();
   void start_localizing();
@@ -87,8 +87,12 @@ class FlightService {
   StopSignals& stop_;
   Airframe airframe_;
   std::string refusal_;
-  Findings cautions_;                     // that refused nothing
-  std::vector<std::string> untold_;       // of them, what the operator has yet to hear
+  Findings cautions_;  // that refused nothing
+  struct OperatorText {
+    TextSeverity severity;
+    std::string text;
+  };
+  std::deque<OperatorText> untold_;       // waits until there is an autopilot that hears it
   std::unique_ptr<FlightGround> ground_;  // null: the package was refused
   StateDirectory state_;
   Restart restart_;

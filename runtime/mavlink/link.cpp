@@ -7,18 +7,23 @@ namespace nadir {
 MavlinkLink::MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing)
     : transport_(std::move(transport)), own_(own), signing_(std::move(signing)) {}
 
-void MavlinkLink::advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle) {
+void MavlinkLink::advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
+                          const std::function<void(MavlinkAddress)>& refused) {
   transport_->advance(monotonic_us, [&](const Transport::Arrival& arrival) {
     reader_.add(arrival.bytes);
     if (arrival.whole || arrival.lost) reader_.finish();
-    drain(monotonic_us, handle);
+    drain(monotonic_us, handle, refused);
   });
 }
 
-void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle) {
+void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
+                        const std::function<void(MavlinkAddress)>& refused) {
   while (const auto frame = reader_.next()) {
     if (frame->source == own_) continue;
-    if (signing_ && signing_->check(*frame, monotonic_us) != SignatureVerdict::accepted) continue;
+    if (signing_ && signing_->check(*frame, monotonic_us) != SignatureVerdict::accepted) {
+      if (refused) refused(frame->source);
+      continue;
+    }
     transport_->trust_sender();
     auto message = decode(*frame);
     if (!message) {

@@ -36,9 +36,10 @@ class MavlinkLink {
   // What poll() needs, and whether the link is there.
   const Transport& transport() const { return *transport_; }
 
-  // Reads and writes what can be. Frames that the signing rules refuse are counted and go no further; so are our own
-  // that a network sends back.
-  void advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle);
+  // Reads and writes what can be. Frames that the signing rules refuse are counted and go no further, but for the news
+  // that `refused` gets of who claims to have sent them; so are our own that a network sends back.
+  void advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
+               const std::function<void(MavlinkAddress claimed)>& refused = {});
 
   // False: dropped, because the link is down or full.
   bool send(const OutgoingMessage& message, std::int64_t monotonic_us);
@@ -46,7 +47,8 @@ class MavlinkLink {
   LinkCounts counts() const;
 
  private:
-  void drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle);
+  void drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
+             const std::function<void(MavlinkAddress)>& refused);
 
   std::unique_ptr<Transport> transport_;
   MavlinkAddress own_;

@@ -43,7 +43,8 @@ class AutopilotLinkTest : public ::testing::Test {
                                 [this](double metres) {
                                   const std::scoped_lock lock(mutex_);
                                   jumps_m_.push_back(metres);
-                                }});
+                                },
+                                {}});
     peer_.listen_until([&] { return heartbeats() == 1; });
   }
 

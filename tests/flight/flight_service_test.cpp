@@ -1,0 +1,88 @@
+// What the service tells an autopilot that comes late, or that nobody vouches for: the whole service without a package,
+// and its peer on the other end of a socket.
+#include "flight/flight_service.hpp"
+
+#include <algorithm>
+#include <thread>
+
+#include "base/files.hpp"
+#include "flight/link_peer.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+class RefusedFlight : public ::testing::Test {
+ protected:
+  void begin(std::optional<std::filesystem::path> link_key) {
+    FlightOptions options;
+    options.airframe.system = 7;
+    options.state = folder_ / "state";
+    std::filesystem::create_directories(options.state);
+    options.autopilot = peer_.endpoint();
+    options.listen = "127.0.0.1:0";
+    options.link_key = std::move(link_key);
+    Findings findings;
+    findings.add({.code = "signature.invalid", .where = "manifest.sig"});
+    service_ = std::make_unique<FlightService>(options, JudgedPackage{nullptr, findings}, clock_, stop_);
+    running_ = std::jthread([this] { service_->run(); });
+    peer_.listen_until([&] { return heartbeats() >= 2; });
+  }
+  void TearDown() override {
+    stop_.request_stop();
+    running_ = {};
+  }
+
+  std::size_t heartbeats() const { return peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).size(); }
+
+  void autopilot_beats() {
+    mavlink_message_t message;
+    mavlink_msg_heartbeat_pack(7, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0,
+                               MAV_STATE_ACTIVE);
+    peer_.send(message);
+  }
+
+  std::vector<std::string> texts() const {
+    std::vector<std::string> found;
+    for (const mavlink_message_t& message : peer_.heard(MAVLINK_MSG_ID_STATUSTEXT)) {
+      char text[51] = {};
+      mavlink_msg_statustext_get_text(&message, text);
+      found.emplace_back(text);
+    }
+    return found;
+  }
+  bool told(const std::string& text) const {
+    const auto all = texts();
+    return std::find(all.begin(), all.end(), text) != all.end();
+  }
+
+  const test::TemporaryFolder folder_;
+  const SystemFlightClock clock_;
+  StopSignals stop_;
+  test::LinkPeer peer_;
+  std::unique_ptr<FlightService> service_;
+  std::jthread running_;
+};
+
+TEST_F(RefusedFlight, AnAutopilotThatComesLateIsToldAllTheSame) {
+  begin(std::nullopt);
+  EXPECT_TRUE(texts().empty()) << "nobody was there to hear it";
+  autopilot_beats();
+  peer_.listen_until([&] { return told("Nadir: map package refused, no position"); });
+  EXPECT_EQ(std::ranges::count(texts(), "Nadir: map package refused, no position"), 1);
+  EXPECT_TRUE(peer_.fixes().empty());
+}
+
+TEST_F(RefusedFlight, AnAutopilotThatDoesNotSignIsToldSoAndNothingElse) {
+  write_file_atomic(folder_ / "link.key", std::string(64, 'a'), 0600);
+  begin(folder_ / "link.key");
+  autopilot_beats();
+  peer_.listen_until([&] { return told("Nadir: autopilot link not signed, waiting"); });
+  autopilot_beats();
+  const std::size_t before = heartbeats();
+  peer_.listen_until([&] { return heartbeats() >= before + 2; });
+  EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not signed, waiting"}) << "once";
+}
+
+}  // namespace
+}  // namespace nadir
