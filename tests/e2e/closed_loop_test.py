@@ -8,7 +8,7 @@ import sys
 import unittest
 
 import support
-from loop import evidence, kills, rules
+from loop import evidence, kills, proofs, rules, scenes
 from loop.inputs import Inputs
 from loop.run_summary import run_summary
 from loop.verdict import Verdict, timeline
@@ -48,6 +48,7 @@ class Flight(support.EndToEnd):
         self.assertLess(summary["deviation_m"]["max"], 60)
         self.assertEqual(0, summary["resets_by_gps_input"])
         self.assertEqual(0, summary["link"]["refused"])
+        self.assertNotIn("Nadir: airframe file is not signed", [event.get("text") for event in summary["events"]])
         page = (out / "live.html").read_text(encoding="utf-8")
         for part in ('class="track given"', 'class="curve sigma"', "GPS denied to flying by our fix", "data:image/jpeg"):
             self.assertIn(part, page)
@@ -111,6 +112,59 @@ class Rules(unittest.TestCase):
                 ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
                 ("pictures dropped", {"service": {"pictures": 100, "dropped": 11}})):
             self.assertIn(name, self.missed(**broken), broken)
+
+
+class Proofs(unittest.TestCase):
+    """What ./run bench rules flies: every rule of docs/onboard.md has a flight that proves it in real time."""
+
+    PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "onboard.md"
+
+    def rows(self, heading):
+        section = self.PAGE.read_text(encoding="utf-8").split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0]
+        rows = [line.split("|")[1].strip() for line in section.splitlines() if line.startswith("| ")][1:]
+        return [row.strip("`") if row.startswith("`") else row for row in rows]
+
+    def seen(self, told=(), events=(), done=(), rows=()):
+        """A flight that was told these texts, with every hand and every action at 10 s."""
+        actions = {event.partition(":")[2].partition("=")[0] for scene in scenes.SCENES.values() for event in scene.events}
+        happened = [{"time_s": 10.0 + again, "kind": "scenario", "what": action} for action in actions for again in (0, 1)]
+        happened += [{"time_s": at, "kind": "statustext", "text": text} for at, text in told]
+        return proofs.Seen(rules.Happened({"events": sorted(happened, key=lambda event: event["time_s"])},
+                                          list(rows) or [{"time_s": "0", "given_fix_type": "0", "given_error_m": "",
+                                                          "given_accuracy_m": ""}]), list(events), dict(done))
+
+    def test_no_rule_is_without_one(self):
+        proven = {proof.row for proof in proofs.PROOFS}
+        rows = self.rows("Rules") + self.rows("GPS") + self.rows("Why the state changes")
+        self.assertEqual(12 + 3 + 24, len(rows))
+        self.assertEqual(set(), set(rows) - proven - set(proofs.UNIT_TESTS_ALONE))
+        self.assertEqual(set(), proven - set(rows), "a row that the page does not have")
+        self.assertEqual(set(), proven & set(proofs.UNIT_TESTS_ALONE))
+        self.assertEqual(set(scenes.SCENES), {proof.scene for proof in proofs.PROOFS})
+
+    def test_nothing_is_seen_in_a_flight_without_events(self):
+        for flight in (self.seen(), proofs.Seen(rules.Happened({"events": []}, self.seen().happened.rows), [], {})):
+            for proof in proofs.PROOFS:
+                self.assertIsNone(proof.look(flight), proof)
+
+    def test_what_was_told_too_late_or_too_early_is_found_out(self):
+        look = {(proof.row, proof.scene): proof.look for proof in proofs.PROOFS}
+        again = look["back from `no_fix`", "camera"]
+        self.assertAlmostEqual(2.0, again(self.seen(told=[(13.0, "Nadir: position found again")])))
+        self.assertIsNone(again(self.seen(told=[(11.5, "Nadir: position found again")])), "steady for 1 s")
+        denied = look["denied", "failsafe"]
+        self.assertAlmostEqual(0.7, denied(self.seen(told=[(5.0, "Nadir: GPS denied"), (10.7, "Nadir: GPS denied")])))
+        lost = look["link_lost", "failsafe"]
+        self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "nothing from the autopilot: 5.0 s")])))
+        self.assertIsNone(lost(self.seen(events=[(13.0, "state", "nothing from the autopilot: 3.0 s")])))
+
+    def test_a_fix_that_a_backlog_leads_astray_is_found_out(self):
+        look = next(proof.look for proof in proofs.PROOFS if proof.row == "camera_silent")
+        said = [(10.4, "camera", "the camera hands out pictures that it had held back; they are left out")]
+        row = lambda error: [{"time_s": "12", "given_fix_type": "3", "given_error_m": error, "given_accuracy_m": "4"}]
+        self.assertAlmostEqual(0.4, look(self.seen(events=said, done={"backlog": 10.0}, rows=row("9"))))
+        self.assertIsNone(look(self.seen(events=said, done={"backlog": 10.0}, rows=row("90"))))
+        self.assertIsNone(look(self.seen(done={"backlog": 10.0}, rows=row("9"))))
 
 
 class Evidence(unittest.TestCase):

@@ -46,7 +46,8 @@ class Watch(threading.Thread):
         self.last = values
         self.state = state
         for event in state.get("events") or []:
-            self.events.setdefault((state.get("boot"), event.get("id")), event)
+            happened = {**event, "at": now - (event.get("age_s") or 0.0)}  # monotonic seconds
+            self.events.setdefault((state.get("boot"), event.get("id")), happened)
 
     def memory_growth(self, after_s=60):
         """Largest over smallest after the first minute, in percent; None when it was not watched for long enough."""

@@ -1,0 +1,186 @@
+"""Which flight proves which rule of docs/onboard.md in real time, and what must be seen there. A row of the page's tables
+that is named nowhere here is found out by closed_loop_test.py."""
+import dataclasses
+
+from .rules import Happened
+
+SETTLES_S = 0.5  # a look every 0.05 s, a STATUSTEXT on its way, an autopilot that hears it fifty times a second
+FIRST_FIX_S, FAILSAFE_S, BLIND_S, LINK_LOST_S = 30, 3, 30, 5
+
+# Rows that no flight here gives an occasion for.
+UNIT_TESTS_ALONE = {
+    "sigma_too_large": "blind, σ grows to some 200 m before 30 s are over",
+    "localizer_lost": "the same: by then the state says so",
+    "started": "the reason until another one is known",
+}
+
+
+@dataclasses.dataclass
+class Proof:
+    row: str  # first column of a table of docs/onboard.md
+    scene: str
+    asked: str  # in words
+    within_s: float  # … and so quickly; None: whenever
+    look: object  # f(Seen) -> seconds, or None when it was not seen
+    needs: str = None  # what hands must have been able to do
+
+
+@dataclasses.dataclass
+class Seen:
+    """One flight: the autopilot's side (Happened), the API's events (seconds of flight, kind, text), and when hands did
+    what."""
+    happened: Happened
+    events: list
+    done: dict
+
+    def after(self, start, text):
+        """From `start` until the operator was told; None when never, or when nothing started it."""
+        at = None if start is None else self.happened.told(text, start - 0.05)
+        return None if at is None else max(0.0, at - start)
+
+    def act(self, action, number=0):
+        times = self.happened.scenario(action)
+        return times[number] if len(times) > number else None
+
+    def event(self, start, text, kind="state"):
+        """The same for an event of the API."""
+        if start is None:
+            return None
+        return next((at - start for at, what, words in self.events if what == kind and text in words and at >= start - 0.05),
+                    None)
+
+
+def _between(first, second):
+    """From one text to another."""
+    def look(seen):
+        at = seen.happened.told(first)
+        return seen.after(at, second)
+    return look
+
+
+def _after(action, text, number=0):
+    return lambda seen: seen.after(seen.act(action, number), text)
+
+
+def _after_hand(name, text):
+    return lambda seen: seen.after(seen.done.get(name), text)
+
+
+def _grows(seen):
+    """σ while blind, from the first row that says so to the last; in seconds of blindness that were looked at."""
+    begin = seen.happened.told("Nadir: no pictures, dead reckoning", seen.act("camera-cut", 1) or 0)
+    end = None if begin is None else seen.happened.told("Nadir: NO FIX, blind for too long", begin)
+    if end is None:
+        return None
+    told = [(float(row["time_s"]), float(row["given_accuracy_m"])) for row in seen.happened.between(begin + 0.5, end - 0.5)
+            if row["given_accuracy_m"]]
+    never_shrinks = all(later[1] >= one[1] - 0.011 for one, later in zip(told, told[1:]))
+    grown = told and told[-1][1] - told[0][1] >= 0.95 * 5 * (told[-1][0] - told[0][0])
+    return end - begin if never_shrinks and grown else None
+
+
+def _follows(seen):
+    """The fix while blind stays within three of the sigmas that it claims, and turns with the aircraft."""
+    begin = seen.act("camera-cut", 1)
+    rows = [] if begin is None else [row for row in seen.happened.between(begin, begin + BLIND_S)
+                                     if int(row["given_fix_type"]) >= 3 and row["given_error_m"]]
+    good = [row for row in rows if float(row["given_error_m"]) <= 3 * float(row["given_accuracy_m"])]
+    return float(rows[-1]["time_s"]) - begin if rows and len(good) == len(rows) else None
+
+
+def _left_out(seen):
+    """… and no fix is led astray by it."""
+    at = seen.done.get("backlog")
+    said = seen.event(at, "held back", "camera")
+    rows = [] if at is None else seen.happened.between(at, at + 8)
+    astray = [row for row in rows if int(row["given_fix_type"]) >= 3 and row["given_error_m"]
+              and float(row["given_error_m"]) > max(20.0, 3 * float(row["given_accuracy_m"]))]
+    return said if rows and not astray else None
+
+
+def _told_nothing(seen):
+    told = seen.happened.told("Nadir: map package refused, no position")
+    return told if told is not None and seen.happened.first_fix() is None else None
+
+
+def _first_waits_for_nothing(seen):
+    """From failsafe to normal with the first anchor: the event that ends failsafe is that of the anchor itself."""
+    lost = seen.happened.told("Nadir: FAILSAFE, no position at all")
+    return None if lost is None else seen.after(seen.act("camera-restore"), "Nadir: position found")
+
+
+def _steady_first(least_s, start, text):
+    """Not before so long after what begins it."""
+    def look(seen):
+        after = seen.after(start(seen), text)
+        return after if after is not None and after >= least_s else None
+    return look
+
+
+BACK_S = 8  # found on the map, and steady: a look at the map takes its time
+PROOFS = [
+    Proof("a picture that shows nothing", "camera", "told after a black picture", SETTLES_S + 0.3,
+          _after_hand("black", "Nadir: camera blind, dead reckoning")),
+    Proof("frame_unfit", "camera", "told after the same picture again", SETTLES_S + 0.3,
+          _after_hand("again", "Nadir: camera blind, dead reckoning")),
+    Proof("pictures, but no estimate", "camera", "told while the localizer stands still", 1 + SETTLES_S + 0.4,
+          _after_hand("held", "Nadir: estimates late, dead reckoning"), needs="held"),
+    Proof("localizer_late", "camera", "the same, in the events", 1 + SETTLES_S + 0.4,
+          lambda seen: seen.event(seen.done.get("held"), "no estimate for"), needs="held"),
+    Proof("camera_silent", "camera", "pictures that were held back are left out", 1, _left_out),
+    Proof("no picture", "camera", "told after the last picture", 0.4 + 0.34 + 0.25 + SETTLES_S,
+          _after("camera-cut", "Nadir: no pictures, dead reckoning", 1)),
+    Proof("σ while blind", "camera", "never shrinks, grows by 5 m/s", None, _grows),
+    Proof("the fix while blind", "camera", "within three of its sigmas for 30 s", None, _follows),
+    Proof("blind for longer than 30 s, or σ beyond 500 m", "camera", "told after the camera went dark", BLIND_S + 2,
+          _after("camera-cut", "Nadir: NO FIX, blind for too long", 1)),
+    Proof("blind_too_long", "camera", "and the fix is gone", BLIND_S + 2, lambda seen: next(
+        (float(row["time_s"]) - seen.act("camera-cut", 1)
+         for row in seen.happened.between((seen.act("camera-cut", 1) or 0) + 20, seen.happened.end_s())
+         if int(row["given_fix_type"]) < 3), None)),
+    Proof("back from `degraded`", "camera", "not before 1 s of pictures", BACK_S,
+          _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: camera sees again")),
+    Proof("vision_back", "camera", "after a black picture", BACK_S, _after_hand("black", "Nadir: camera sees again")),
+    Proof("back from `no_fix`", "camera", "an anchor, then 1 s", BACK_S,
+          _steady_first(1, lambda seen: seen.act("camera-restore", 1), "Nadir: position found again")),
+    Proof("first_anchor", "camera", "cold start", FIRST_FIX_S, lambda seen: seen.happened.first_fix()),
+    Proof("link_authentic", "camera", "told", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: looking for the position")),
+    Proof("denied", "failsafe", "told after GPS was lost", 1.5 + SETTLES_S, _after("gps-denied", "Nadir: GPS denied")),
+    Proof("gps_denied", "failsafe", "the same, in the events", 1.5 + SETTLES_S,
+          lambda seen: seen.event(seen.act("gps-denied"), "GPS is denied")),
+    Proof("GPS denied or spoofed, and we have a position", "failsafe", "told after GPS was lost", 3,
+          _after("gps-denied", "Nadir: flying by map")),
+    Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("Nadir: GPS denied", "Nadir: flying by map")),
+    Proof("no position for longer than 3 s", "failsafe", "told after our fix was lost", FAILSAFE_S + SETTLES_S,
+          _between("Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position at all")),
+    Proof("no_position", "failsafe", "not before 3 s", FAILSAFE_S + SETTLES_S, _steady_first(
+        FAILSAFE_S - 0.2, lambda seen: seen.happened.told("Nadir: NO FIX, blind for too long"),
+        "Nadir: FAILSAFE, no position at all")),
+    Proof("back from `failsafe`", "failsafe", "an anchor, then 2 s", BACK_S,
+          _steady_first(2, lambda seen: seen.act("camera-restore"), "Nadir: position found again")),
+    Proof("anchored_again", "failsafe", "the same, in the events", BACK_S,
+          lambda seen: seen.event(seen.act("camera-restore"), "found on the map again")),
+    Proof("nothing from the autopilot for 5 s", "failsafe", "in the events, after the link was cut",
+          LINK_LOST_S + 1 + SETTLES_S, lambda seen: seen.event(seen.act("link-cut"), "nothing from the autopilot")),
+    Proof("link_lost", "failsafe", "not before 5 s", LINK_LOST_S + 1 + SETTLES_S, lambda seen: next(
+        (after for after in [seen.event(seen.act("link-cut"), "nothing from the autopilot")]
+         if after is not None and after >= LINK_LOST_S - 1.2), None)),
+    Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link is back")),
+    Proof("spoofed", "lies", "told after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
+    Proof("gps_spoofed", "lies", "dragged off by 4 m/s", 25, _after("gps-drag", "Nadir: GPS SPOOFED")),
+    Proof("trusted again", "lies", "10 s undisturbed and in agreement", 16,
+          _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
+    Proof("gps_leads", "lies", "then", SETTLES_S, _between("Nadir: GPS trusted", "Nadir: flying by GPS")),
+    Proof("gps_trusted", "silence", "merely denied, pictures silent: 60 s", 63,
+          _steady_first(59.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
+    Proof("gps_position", "silence", "failsafe is over with it", SETTLES_S,
+          _between("Nadir: GPS trusted", "Nadir: failsafe over, GPS has a position")),
+    Proof("restored", "restart", "told after the kill", 5, _after_hand("killed", "Nadir: restarted, dead reckoning")),
+    Proof("package_verified", "restart", "verified anew, in the events", 5,
+          lambda seen: seen.event(seen.done.get("killed"), "the package is signed and whole")),
+    Proof("back from `failsafe`", "first", "the first position waits for nothing", BACK_S, _first_waits_for_nothing),
+    Proof("package_refused", "refused", "told, and no fix ever", 10, _told_nothing),
+    Proof("link_unsigned", "stranger", "in the events", 10,
+          lambda seen: seen.event(0.0, "not signed by a key that we know")),
+]
+
