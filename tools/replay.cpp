@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/kept_memory.hpp"
 #include "base/printable.hpp"
 #include "base/sha256.hpp"
 #include "framework/options.hpp"
@@ -99,6 +100,7 @@ void ReplayCommand::setup(Options& options) {
 }
 
 int ReplayCommand::run(Context& context) {
+  keep_freed_memory();
   request_.check();
   StagingDirectory staging(out_);
   const std::filesystem::path unpacked = staging.path() / "unpacked";

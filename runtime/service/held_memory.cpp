@@ -7,10 +7,10 @@
 
 #include <cstdlib>
 #include <cstring>
-#include <limits>
 #include <vector>
 
 #include "base/error.hpp"
+#include "base/kept_memory.hpp"
 
 namespace nadir {
 
@@ -19,8 +19,7 @@ void hold_memory([[maybe_unused]] std::size_t megabytes) {
   if (megabytes == 0) return;
   constexpr std::size_t kPiece = std::size_t{8} << 20;  // below the largest that the heap serves
   ::mallopt(M_ARENA_MAX, 1);
-  ::mallopt(M_MMAP_THRESHOLD, 32 << 20);  // as large as glibc takes it
-  ::mallopt(M_TRIM_THRESHOLD, std::numeric_limits<int>::max());
+  keep_freed_memory();
   std::vector<void*> pieces((megabytes * (std::size_t{1} << 20) + kPiece - 1) / kPiece);
   bool enough = true;
   for (void*& piece : pieces) {

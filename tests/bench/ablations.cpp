@@ -8,6 +8,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "ablation_flight.hpp"
+#include "base/kept_memory.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_map.hpp"
@@ -82,6 +83,7 @@ void print_drifts(const RecordedFlight& recorded) {
 
 int run(const std::vector<std::string>& arguments) {
   cv::setNumThreads(1);
+  keep_freed_memory();
   const RecordedFlight recorded = recorded_flight({arguments[0], arguments[1], arguments[2]}, arguments[3]);
   fmt::print("{} frames\n", recorded.pictures.size());
   print_drifts(recorded);

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <map>
 
+#include "base/kept_memory.hpp"
 #include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
@@ -109,6 +110,7 @@ int run(const std::vector<std::string>& arguments) {
 }  // namespace nadir
 
 int main(int argc, char** argv) {
+  nadir::keep_freed_memory();  // as nadird does
   if (argc < 9) {
     return std::fputs("usage: cold_start PACKAGE ROOT.json AT FRAMES TELEMETRY CAMERA TRUTH WAY...\n", stderr), 2;
   }

@@ -6,6 +6,7 @@
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
+#include "base/kept_memory.hpp"
 #include "long_flight.hpp"
 #include "seeded_runs.hpp"
 
@@ -16,6 +17,7 @@ namespace {
 
 int run(const RunOptions& options, int frames, const std::vector<std::uint64_t>& only, bool verbose) {
   cv::setNumThreads(1);
+  keep_freed_memory();
   const LongFlights flights(only.empty() && options.count == 0 ? 0 : options.worlds, frames);
   std::function<void(const std::string&)> talk;
   if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };

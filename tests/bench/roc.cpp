@@ -4,6 +4,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "base/files.hpp"
+#include "base/kept_memory.hpp"
 #include "roc_table.hpp"
 #include "seeded_runs.hpp"
 
@@ -20,6 +21,7 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   try {
     cv::setNumThreads(1);
+    keep_freed_memory();
     const Worlds worlds(options.count == 0 ? 0 : options.worlds);  // none only to print the tables
     const Photographer photographer(camera_file().camera);
     const Trials trials =

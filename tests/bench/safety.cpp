@@ -6,6 +6,7 @@
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
+#include "base/kept_memory.hpp"
 #include "safety_segment.hpp"
 #include "seeded_runs.hpp"
 
@@ -16,6 +17,7 @@ namespace {
 
 int run(const RunOptions& options, const std::vector<std::uint64_t>& only, bool verbose) {
   cv::setNumThreads(1);
+  keep_freed_memory();
   const Segments segments(only.empty() && options.count == 0 ? 0 : options.worlds);  // none only to print a table
   std::function<void(const std::string&)> talk;
   if (verbose) talk = [](const std::string& text) { std::cout << text << std::flush; };

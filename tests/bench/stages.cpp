@@ -11,6 +11,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "base/kept_memory.hpp"
 #include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
@@ -157,6 +158,7 @@ int run(const std::vector<std::string>& arguments) {
 }  // namespace nadir
 
 int main(int argc, char** argv) {
+  nadir::keep_freed_memory();  // as nadird does
   if (argc != 8) return std::fputs("usage: stages PACKAGE ROOT.json AT FRAMES TELEMETRY CAMERA TRUTH\n", stderr), 2;
   try {
     return nadir::run({argv + 1, argv + argc});
