@@ -24,8 +24,9 @@ struct GateLimits {
   // 95 %), or the ratio is clear in a window where many places compete.
   double most_inlier_share = 0.50;
   double max_chance_residual_px = 1.7;
-  // Few must be where they were expected besides: by chance they lie anywhere in the window.
+  // Few must be where they were expected besides, and look like it: by chance they lie anywhere in the window.
   double sure_inlier_share = 0.35;
+  double min_chance_score = 0.22;
   double expected_chi2 = 5.991;  // 95 % of two degrees of freedom
   // And where the tilt is open, with two freedoms more to agree in, most must agree anyway.
   double open_tilt_rad = 0.2;     // one sigma of each axis
@@ -38,6 +39,7 @@ struct GateLimits {
   double max_residual_px = 2.5;   // RMS, pixels of the matching GSD
   double max_tilt_sigmas = 4;     // solved tilt and height against what was believed
   double chi2_999 = 13.816;       // two degrees of freedom
+  double chi2_99 = 9.210;         // against a start that no anchor has confirmed yet: beyond, one frame is not enough
   double healthy_sigma_m = 60;    // a prediction worse than this is no second voice
   // Lost, thousands of places compete and nothing else speaks for the best one: it must stand out further, or be
   // confirmed by others (anchor_votes.hpp).
@@ -50,6 +52,7 @@ struct Prediction {
   double sigma_m = 0;
   bool healthy = false;  // carried without a break from an accepted anchor
   bool lost = false;     // there is none: all of the area, or much of it, was searched
+  bool first = false;    // nothing has been anchored yet: there is only a start
   bool torn = false;     // the frame does not continue the one before, which should show much of the same ground
 };
 

@@ -15,8 +15,10 @@ namespace {
 
 constexpr double kLeastLostSigma_m = 1000;
 constexpr double kUntoldHeightSigma = 0.3;       // of its logarithm
-constexpr double kSharedModelError_rad = 0.008;  // half a degree
+constexpr double kSharedModelError_rad = 0.010;  // half a degree
 constexpr double kSurelyShared = 0.5;            // of a picture's longer side: so much shorter a way leaves an overlap
+constexpr double kFastestSigmas = 4.5, kGusts_mps = 5;
+constexpr double kSightSlack = 0.1;  // of a picture's longer side: what a tilt feigns
 
 }  // namespace
 
@@ -150,14 +152,27 @@ CameraPose Localizer::State::believed_pose() const {
   return pose;
 }
 
+double Localizer::State::speed_below_mps(double sigmas, double least_sigma_mps) const {
+  const auto& covariance = flight->covariance();
+  const double sigma_mps =
+      std::sqrt(0.5 * covariance.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace());
+  const double speed_mps = flight->state().segment<2>(FlightFilter::velocity_east).norm();
+  return speed_mps + sigmas * std::max(sigma_mps, least_sigma_mps);
+}
+
 // Between two pictures of the same ground odometry hardly fails once and then goes on: rather one of them shows another
 // place. Where it failed before, or the aircraft may have flown on by half a picture, that says nothing.
 bool Localizer::State::continues(double seconds) const {
-  const auto& covariance = flight->covariance();
-  const double velocity_sigma_mps =
-      std::sqrt(0.5 * covariance.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace());
-  const double speed_mps = flight->state().segment<2>(FlightFilter::velocity_east).norm() + 2 * velocity_sigma_mps;
-  return last_in_line && speed_mps * std::abs(seconds) < kSurelyShared * footprint_side_m(camera, told_agl_m);
+  return last_in_line &&
+         speed_below_mps(2, 0) * std::abs(seconds) < kSurelyShared * footprint_side_m(camera, told_agl_m);
+}
+
+// No turn and no gust carries an aircraft so far: the pictures overlap, but one of them was not taken there and then.
+bool Localizer::State::leaps(double step_m) const {
+  const double seconds = std::abs(log.back().seconds);
+  if (log.size() == 1 || seconds == 0) return false;  // a clock that stands tells no speed
+  return step_m >
+         speed_below_mps(kFastestSigmas, kGusts_mps) * seconds + kSightSlack * footprint_side_m(camera, told_agl_m);
 }
 
 bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report) {
@@ -182,6 +197,7 @@ bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, O
   if (!step) return false;
   report.inliers = step->inliers;
   report.step_m = step->moved_m.norm();
+  if (leaps(report.step_m)) return false;
   MotionSight sight = step->sight;
   add_unknown_slope(sight, slope);
   held_back_m += flight->moved(sight);

@@ -25,7 +25,7 @@ namespace nadir {
 
 struct LocalizerConfig {
   GateLimits gates;
-  double start_sigma_m = 50;        // of the start position, one axis
+  double start_sigma_m = 50;  // of the start position, one axis
   // The start is what this flight knew before its program was restarted. The map has agreed with the flight before, so
   // that frames which agree with each other overrule such a start; one told by others they do not, for maps may lie.
   bool resumed = false;

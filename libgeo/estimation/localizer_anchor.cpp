@@ -47,7 +47,7 @@ std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, dou
   if (job_out || tiles == nullptr || (!placed && !config.area) || !anchor_due()) return nullptr;
   heed_hint();
   const AnchorPrior prior = anchor_prior();
-  const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost(), torn};
+  const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost(), !last_anchor_s, torn};
   std::optional<LostSearch> where;
   if (prediction.lost) where = lost_search();
   auto look = [this, grey, where, begin = prior](const Cancel& cancel) {

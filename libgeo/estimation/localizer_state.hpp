@@ -33,7 +33,9 @@ struct Localizer::State {
   // The walk, in order.
   void begin_frame(const Telemetry& telemetry, double seconds);
   bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
+  double speed_below_mps(double sigmas, double least_sigma_mps) const;
   bool continues(double seconds) const;
+  bool leaps(double step_m) const;
   void break_track();
   std::pair<Eigen::Vector2d, double> start_position() const;
   AnchorPrior anchor_prior() const;

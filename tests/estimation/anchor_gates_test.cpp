@@ -248,6 +248,37 @@ TEST(AnchorGates, FewWhereNobodyExpectedThemAwaitVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "lost, nothing was expected";
 }
 
+TEST(AnchorGates, FewThatHardlyLookLikeTheMapAwaitVotes) {
+  Attempt attempt;
+  const GateLimits& limits = attempt.limits;
+  attempt.match.patches = 100;
+  attempt.match.solved->inliers = 34;
+  attempt.match.search.places.front().score = limits.min_chance_score - 1e-6;
+  attempt.prediction = {1, 50, true};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  const Attempt faint = attempt;
+  attempt.match.search.places.front().score = limits.min_chance_score;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt = faint;
+  attempt.match.solved->inliers = 35;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
+  attempt = faint;
+  attempt.prediction.sigma_m = limits.sharp_sigma_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction says the same";
+}
+
+TEST(AnchorGates, OneFrameIsNotEnoughAgainstAStart) {
+  Attempt attempt;
+  attempt.prediction = {attempt.limits.chi2_99 + 0.01, 20, false};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "it is a prediction from an anchor";
+  attempt.prediction.first = true;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  attempt.prediction.chi2 = attempt.limits.chi2_99;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.prediction = {1000, 1000, false, true, true};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "without a start there is nothing to be against";
+}
+
 TEST(AnchorGates, WithAnOpenTiltMostMustAgree) {
   Attempt attempt;
   const GateLimits& limits = attempt.limits;

@@ -68,6 +68,22 @@ TEST(FaultyFrames, AFrameFromElsewhereIsRefusedAndForgotten) {
   expect_honest(after, moments[2]);
 }
 
+// A picture that overlaps the last one, but from farther on than anything flies meanwhile.
+TEST(FaultyFrames, NoStepIsLongerThanTheAircraftCanFly) {
+  const std::vector<Moment> moments = flight(5);
+  for (const bool soon : {false, true}) {
+    Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, start(), config());
+    localizer.process(moments[0].image, moments[0].telemetry);
+    Telemetry told = moments[3].telemetry;
+    if (soon) told.time_s = moments[0].telemetry.time_s + 0.2;
+    const FrameReport report = localizer.process(moments[3].image, told);
+    EXPECT_EQ(report.odometry.tracked, !soon);
+    EXPECT_GT(report.odometry.step_m, 30) << "it was measured, and is told";
+    EXPECT_EQ(report.estimate.source, soon ? SourceLabel::dead_reckoned : SourceLabel::vo_extrapolated);
+    expect_sound(report.estimate);
+  }
+}
+
 // The same before anything is anchored, with a start so vague that the other place would do.
 TEST(FaultyFrames, AFrameFromElsewhereIsNoFirstAnchor) {
   const std::vector<Moment> moments = flight(10);

@@ -38,8 +38,14 @@ INSTANTIATE_TEST_SUITE_P(
                     Broken{"NanRoll", [](Telemetry& told) { told.roll_rad = kNaN; }},
                     Broken{"UpsideDown", [](Telemetry& told) { told.roll_rad = kPi; }},
                     Broken{"NoTilt", [](Telemetry& told) { told.pitch_rad.reset(), told.roll_rad.reset(); }},
-                    Broken{"NanImu", [](Telemetry& told) { told.imu_dv_mps = {0, kNaN}; }},
-                    Broken{"HugeImu", [](Telemetry& told) { told.imu_dv_mps = {-1e9, 3}; }},
+                    Broken{"NanImu",
+                           [](Telemetry& told) {
+                             told.imu_dv_mps = {0, kNaN};
+                           }},
+                    Broken{"HugeImu",
+                           [](Telemetry& told) {
+                             told.imu_dv_mps = {-1e9, 3};
+                           }},
                     Broken{"NanTime", [](Telemetry& told) { told.time_s = kNaN; }},
                     Broken{"BackInTime", [](Telemetry& told) { told.time_s -= 100; }},
                     Broken{"FarFuture", [](Telemetry& told) { told.time_s += 1e7; }},
