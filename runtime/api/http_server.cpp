@@ -16,6 +16,7 @@
 #include "base/thread_rank.hpp"
 #include "http/acceptor.hpp"
 #include "http/problem.hpp"
+#include "http/serving.hpp"
 
 namespace nadir {
 namespace {
@@ -188,7 +189,11 @@ class Connection : public std::enable_shared_from_this<Connection> {
     timer_.expires_after(limits_.stream_interval);
     timer_.async_wait([self = shared_from_this()](beast::error_code error) {
       if (error || !self->stream_.socket().is_open()) return;
-      self->text_ = self->api_.next_of_stream(self->cursor_);
+      try {
+        self->text_ = self->api_.next_of_stream(self->cursor_);
+      } catch (const std::exception&) {
+        return self->close();
+      }
       if (self->text_.empty()) {
         if (std::chrono::steady_clock::now() - self->last_write_ < self->limits_.heartbeat)
           return self->wait_for_news();
@@ -220,7 +225,7 @@ struct HttpServer::Impl {
         acceptor(io, address, [this](tcp::socket socket) { take(std::move(socket)); }),
         thread([this] {
           begin_thread("api", ThreadRank::behind);
-          io.run();
+          serve_until_done(io);
         }) {}
 
   ~Impl() {

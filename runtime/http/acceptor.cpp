@@ -36,8 +36,8 @@ void Acceptor::accept() {
   acceptor_.async_accept([this](boost::system::error_code error, tcp::socket socket) {
     if (!acceptor_.is_open()) return;
     if (error) return accept_later();  // out of file handles, perhaps: not in a busy loop
+    accept();                          // first: whatever becomes of this one, the next may come
     take_(std::move(socket));
-    accept();
   });
 }
 

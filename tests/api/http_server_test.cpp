@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <atomic>
+#include <new>
 #include <thread>
 #include <vector>
 
@@ -213,6 +215,28 @@ TEST_F(HttpServerTest, AReaderThatTakesNothingIsDropped) {
     board.publish(view);
     return counts.streams_dropped == 1 && counts.streams_open == 0;
   }));
+}
+
+TEST_F(HttpServerTest, WhatFailsForOneReaderEndsThatReaderAlone) {
+  std::atomic<bool> fails = false;
+  ApiOptions chosen = options();
+  chosen.now_s = [&] { return fails ? throw std::bad_alloc() : now_s; };
+  const Api failing(board, hints, chosen);
+  HttpLimits limits;
+  limits.stream_interval = std::chrono::milliseconds(1);
+  HttpServer one(failing, ListenAddress{.port = 0}, limits);
+  RawClient streaming(one.port()), other(one.port());
+  streaming.send(kGetEvents);
+  streaming.read_until("event: state");
+  fails = true;
+  publish(ServiceState::degraded);
+  streaming.read_to_the_end();
+  EXPECT_TRUE(streaming.ended());
+  other.send(kGetHealth);
+  EXPECT_THAT(other.read_until("}"), StartsWith("HTTP/1.1 500 "));
+  fails = false;
+  other.send(kGetHealth);
+  EXPECT_THAT(other.read_until("}"), StartsWith("HTTP/1.1 "));
 }
 
 TEST_F(HttpServerTest, StopsWithClientsOfEveryKind) {

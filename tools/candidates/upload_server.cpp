@@ -12,6 +12,7 @@
 
 #include "candidates/upload_json.hpp"
 #include "http/acceptor.hpp"
+#include "http/serving.hpp"
 
 namespace nadir {
 namespace {
@@ -214,7 +215,7 @@ struct UploadServer::Impl {
   Impl(const UploadApi& api, FairQueue& queue, const ListenAddress& address, const UploadServerLimits& limits)
       : shared(api, queue, limits),
         acceptor(io, address, [this](tcp::socket socket) { take(std::move(socket)); }),
-        thread([this] { io.run(); }) {}
+        thread([this] { serve_until_done(io); }) {}
 
   ~Impl() {
     asio::post(io, [this] {
