@@ -23,6 +23,9 @@
 namespace nadir {
 namespace {
 
+// Not kFailed, after which nobody starts a service again (nadird.service): what could be read at the start can be now.
+constexpr int kFailedInFlight = 70;
+
 constexpr std::uint64_t kMostAirframeBytes = std::uint64_t{1} << 20;
 
 // What cannot be read is no signature, but it is not none either.
@@ -57,7 +60,7 @@ std::string_view NadirdCommand::details() const {
          "--state is a folder for what survives a restart; with --check it may be a file that holds only what the "
          "aircraft remembers of packages. A damaged memory or permit refuses the package.\n\n"
          "Exit codes: 0 stopped in order, or ready (--check), 1 the package was refused (--check), or there is no "
-         "position (--status), 2 it could not be done.";
+         "position (--status), 2 it could not be done, 70 it failed in flight and should be started again.";
 }
 
 std::string_view NadirdCommand::examples() const {
@@ -219,7 +222,12 @@ int NadirdCommand::serve(Context& context) {
   Opening& opening = *opened;
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
   FlightService service(flight_, {std::move(opening.package), opening.findings}, clock, stop);
-  service.run();
+  try {
+    service.run();
+  } catch (const std::exception& error) {
+    context.err << "nadird failed in flight: " << error.what() << '\n';
+    return kFailedInFlight;
+  }
   if (!context.quiet) context.err << service.summary() << '\n';
   return kAccepted;
 }

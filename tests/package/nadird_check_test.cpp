@@ -7,6 +7,7 @@
 
 #include <map>
 #include <mutex>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <thread>
@@ -47,6 +48,22 @@ class ShortFlight final : public FlightClock {
  private:
   ManualClock still_;
   mutable std::once_flag ended_;
+};
+
+// The thread that made it has no memory left as soon as it waits for something.
+class NoMemoryInFlight final : public FlightClock {
+ public:
+  double monotonic_s() const override { return still_.monotonic_s(); }
+  std::int64_t unix_us() const override { return still_.unix_us(); }
+  const std::string& boot_id() const override { return still_.boot_id(); }
+  bool wait_until(double until_s, std::stop_token stop) const override {
+    if (std::this_thread::get_id() == maker_) throw std::bad_alloc();
+    return still_.wait_until(until_s, std::move(stop));
+  }
+
+ private:
+  ManualClock still_;
+  std::thread::id maker_ = std::this_thread::get_id();
 };
 
 class NadirdCheck : public ::testing::Test {
@@ -190,6 +207,12 @@ TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
   folder_.write("good.json.sig", std::string(100'000, ' '));
   EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 1);
   EXPECT_EQ(first_code(), "signature.invalid");
+}
+
+TEST_F(NadirdCheck, WhatFailsInFlightIsNoReasonNotToStartAgain) {
+  const NoMemoryInFlight clock;
+  EXPECT_EQ(serve(clock_, &clock), 70);
+  EXPECT_NE(err_.str().find("failed in flight"), std::string::npos) << err_.str();
 }
 
 TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
