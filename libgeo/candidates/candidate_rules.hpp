@@ -30,8 +30,9 @@ struct CandidateRules {
   std::int64_t catalogue_bytes = 4'096;  // that every tile counts besides its own: what the catalogue keeps of it
   std::int64_t refused_batches = 500;    // as a whole, that a client may announce in quota_window_ms
 
-  int flights_to_promote = 2;     // that must agree
-  bool airframes_differ = false;  // else: other airframes, or other days
+  int flights_to_promote = 2;                             // that must agree
+  bool airframes_differ = false;                          // else: other airframes, or other days
+  std::int64_t apart_ms = std::int64_t{6} * 3600 * 1000;  // that flights of one airframe lie apart at least
 };
 
 }  // namespace nadir

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
 
 namespace nadir {
@@ -104,7 +105,10 @@ std::string evidence_of(const Voter& promoted, std::span<const Voter* const> gro
 
 bool independent(const CandidateSidecar& one, const CandidateSidecar& other, const CandidateRules& rules) {
   if (one.airframe != other.airframe) return true;
-  return !rules.airframes_differ && one.flight != other.flight && day_of(one) != day_of(other);
+  // A flight over midnight that was begun anew in the air has another name and another day, and is one flight.
+  const std::int64_t apart_ms = std::abs(one.captured_at.unix_ms - other.captured_at.unix_ms);
+  return !rules.airframes_differ && one.flight != other.flight && day_of(one) != day_of(other) &&
+         apart_ms >= rules.apart_ms;
 }
 
 std::int64_t allowed_shift_mm(double sigma_one_mm, double sigma_other_mm, const CandidateRules& rules) {

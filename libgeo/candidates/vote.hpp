@@ -1,7 +1,7 @@
 // Which tile of an address is promoted, and who vouches for it.
 //
 // A tile is promoted when enough independent flights show the same ground at the same place. Independent are different
-// flights of different airframes, or (unless the rules ask for airframes) of different days. One flight has one voice,
+// flights of different airframes, or (unless the rules ask for airframes) of different days and hours apart. One flight has one voice,
 // its best tile's. The newest tile that finds enough others that agree decides which ground is the true one: so a
 // change on the ground wins as soon as enough flights have seen it. Of those that agree the best is promoted
 // (badness_mm).

@@ -79,6 +79,19 @@ TEST_F(VoteTest, AnotherDayIsIndependentUnlessAirframesAreAskedFor) {
   EXPECT_EQ(promoted(), 0);
 }
 
+TEST_F(VoteTest, AFlightOverMidnightIsOne) {
+  add("a", "f1", 0);
+  add("a", "f2", 0);  // begun anew in the air
+  const std::int64_t midnight_ms = (test::kNoon.unix_s / test::kDay_s + 1) * test::kDay_s * 1000;
+  for (const std::int64_t apart_ms : {std::int64_t{1'000}, std::int64_t{5} * 3600 * 1000}) {
+    ballot_.voters[0].sidecar.captured_at = {midnight_ms - apart_ms / 2};
+    ballot_.voters[1].sidecar.captured_at = {midnight_ms + apart_ms / 2};
+    EXPECT_EQ(promoted(), 0) << apart_ms;
+  }
+  ballot_.voters[1].sidecar.captured_at = {midnight_ms + 7 * 3'600'000};
+  EXPECT_NE(promoted(), 0);
+}
+
 TEST_F(VoteTest, DisagreementPromotesNothing) {
   add("a", "f1", 0, 1);
   add("b", "f2", 0, 2);
