@@ -27,6 +27,7 @@ class AnchorJob {
   FlightFilter flight;  // as it was
   AnchorPrior prior;
   Prediction prediction;
+  bool everywhere = false;  // it has no prediction and no hint: it searches all of the area, for half a minute perhaps
 };
 
 }  // namespace nadir

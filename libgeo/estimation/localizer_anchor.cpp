@@ -55,10 +55,11 @@ std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, dou
     from.cancel = cancel;
     return where ? match_lost(grey, from, *where) : matcher->match(grey, from);
   };
+  const bool everywhere = where && !where->hint;
   job_out = true;
   broken_since_job = false;
   return std::make_unique<AnchorJob>(AnchorJob{std::move(look), std::nullopt, log.size() - 1, time_s, told_agl_m,
-                                               told_tilt_rad, *flight, prior, prediction});
+                                               told_tilt_rad, *flight, prior, prediction, everywhere});
 }
 
 AnchorReport Localizer::State::judge(const AnchorJob& job) {

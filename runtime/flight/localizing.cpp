@@ -58,19 +58,18 @@ void Localizing::follow_pictures(const std::stop_token& stop) {
 
 void Localizing::look_at_map(const std::stop_token& stop) {
   begin_thread("map", ThreadRank::behind);
-  const Cancel cancel([stop] { return stop.stop_requested(); });
+  const Cancel cancel([this, stop] { return stop.stop_requested() || give_up_; });
   while (!stop.stop_requested()) {
     looker_beat_();
     auto job = jobs_.take_within(std::chrono::milliseconds(500), stop);
     if (!job) continue;
     try {
       (*job)->run(cancel);
-    } catch (const Interrupted&) {
-      return;
     } catch (const std::exception&) {
-      // A look that fails (a tile that cannot be read, OpenCV at its wits' end) says nothing, whatever it threw: the
-      // job goes back as one that never ran.
+      // A look that was given up or that fails (a tile that cannot be read, OpenCV at its wits' end) says nothing,
+      // whatever it threw: the job goes back as one that never ran.
     }
+    if (stop.stop_requested()) return;
     finished_.put(std::move(*job));
   }
 }
@@ -81,6 +80,8 @@ void Localizing::follow(const FlightPicture& picture) {
   auto followed = localizer_.follow(decode_flight_picture(picture.encoded, decoded_, shrink_), told);
   if (followed.job) {
     job_index_ = next_index_;
+    everywhere_ = followed.job->everywhere;
+    give_up_ = false;
     jobs_.put(std::move(followed.job));
   }
   const Estimate& estimate = followed.report.estimate;
@@ -97,6 +98,7 @@ void Localizing::follow(const FlightPicture& picture) {
 void Localizing::take_finished() {
   auto job = finished_.try_take();
   if (!job) return;
+  everywhere_ = false;
   FrameReport report = localizer_.finish(std::move(*job));
   report.odometry = last_odometry_;
   listener_.output({next_index_ - 1, job_index_, true, last_told_, std::move(report)});
@@ -110,6 +112,7 @@ void Localizing::take_hint() {
   } catch (const UsageError&) {
     return;
   }
+  if (everywhere_) give_up_ = true;
   hint->before = next_index_;
   listener_.hinted(*hint);
 }

@@ -11,6 +11,7 @@
 // bit.
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <mutex>
 #include <thread>
@@ -73,7 +74,8 @@ class Localizing {
   }
 
   // An operator's, or that of a GPS that is trusted: where to look first (Localizer::hint). `by` is for the record.
-  // What is no place is passed over. When several come between two pictures the last one counts.
+  // What is no place is passed over. When several come between two pictures the last one counts. A search of all the
+  // area that is under way is given up: the next picture is looked for where the hint points.
   void hint(const LonLat& at, double radius_m, const std::string& by);
 
   // Both threads end soon: a look at the map that is under way is given up, and nothing is told of it.
@@ -105,6 +107,9 @@ class Localizing {
   Telemetry last_told_;
   OdometryReport last_odometry_;
 
+  bool everywhere_ = false;  // the job that is out searches all of the area
+
+  std::atomic<bool> give_up_{false};  // that job is of no use any more
   LatestMailbox<HintRecord> hints_;
   LatestMailbox<std::unique_ptr<AnchorJob>> jobs_, finished_;  // one is out at most: nothing is ever dropped
   ThreadWatch::Beat follower_beat_, looker_beat_;
