@@ -27,7 +27,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt (15 minutes)
-  rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (8 minutes; --only NAME)
+  rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
   soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)

@@ -118,6 +118,7 @@ def _steady_first(least_s, start, text):
 
 
 BACK_S = 8  # found on the map, and steady: a look at the map takes its time
+LONG_DARK_S = 25  # blind for half a minute, the place is off the prediction: voices from different ground must agree
 PROOFS = [
     Proof("a picture that shows nothing", "camera", "told after a black picture", SETTLES_S + 0.3,
           _after_hand("black", "Nadir: camera blind, dead reckoning")),
@@ -141,7 +142,7 @@ PROOFS = [
     Proof("back from `degraded`", "camera", "not before 1 s of pictures", BACK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: camera sees again")),
     Proof("vision_back", "camera", "after a black picture", BACK_S, _after_hand("black", "Nadir: camera sees again")),
-    Proof("back from `no_fix`", "camera", "an anchor, then 1 s", BACK_S,
+    Proof("back from `no_fix`", "camera", "an anchor, then 1 s", LONG_DARK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore", 1), "Nadir: position found again")),
     Proof("first_anchor", "camera", "cold start", FIRST_FIX_S, lambda seen: seen.happened.first_fix()),
     Proof("link_authentic", "camera", "told", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: looking for the position")),
@@ -156,9 +157,9 @@ PROOFS = [
     Proof("no_position", "failsafe", "not before 3 s", FAILSAFE_S + SETTLES_S, _steady_first(
         FAILSAFE_S - 0.2, lambda seen: seen.happened.told("Nadir: NO FIX, blind for too long"),
         "Nadir: FAILSAFE, no position at all")),
-    Proof("back from `failsafe`", "failsafe", "an anchor, then 2 s", BACK_S,
+    Proof("back from `failsafe`", "failsafe", "an anchor, then 2 s", LONG_DARK_S,
           _steady_first(2, lambda seen: seen.act("camera-restore"), "Nadir: position found again")),
-    Proof("anchored_again", "failsafe", "the same, in the events", BACK_S,
+    Proof("anchored_again", "failsafe", "the same, in the events", LONG_DARK_S,
           lambda seen: seen.event(seen.act("camera-restore"), "found on the map again")),
     Proof("nothing from the autopilot for 5 s", "failsafe", "in the events, after the link was cut",
           LINK_LOST_S + 1 + SETTLES_S, lambda seen: seen.event(seen.act("link-cut"), "nothing from the autopilot")),
