@@ -16,7 +16,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kApplication = 0x4E444F42;  // "NDOB"
-constexpr std::int64_t kVersion = 1;
+constexpr std::int64_t kVersion = 2;
+constexpr std::int64_t kOldestVersion = 1;
 
 int take_lock(const fs::path& path) {
   const int lock = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
@@ -68,7 +69,8 @@ void OutboxDatabase::open(const fs::path& file, Access access) {
   database_->execute("PRAGMA busy_timeout = 10000");
   if (pragma(*database_, "application_id") == 0 && access == Access::make && !database_->has_table("tile")) lay_out();
   const std::int64_t version = pragma(*database_, "user_version");
-  if (pragma(*database_, "application_id") != kApplication || version != kVersion) {
+  const bool known = version >= kOldestVersion && version <= kVersion;
+  if (pragma(*database_, "application_id") != kApplication || !known) {
     throw UsageError({.what = "not an outbox of this version",
                       .where = file.string(),
                       .expected = fmt::format("an outbox of version {}", kVersion),
@@ -77,6 +79,7 @@ void OutboxDatabase::open(const fs::path& file, Access access) {
   database_->execute("PRAGMA foreign_keys = ON");
   if (access == Access::read) database_->execute("PRAGMA query_only = ON");
   if (access != Access::read) database_->execute("PRAGMA synchronous = FULL");
+  if (access != Access::read && version < kVersion) bring_up_to_date();
 }
 
 // The tables come in one transaction: a kill leaves an empty file, which the next call fills.
@@ -86,7 +89,16 @@ void OutboxDatabase::lay_out() {
   database_->execute("PRAGMA synchronous = FULL");
   database_->execute("BEGIN IMMEDIATE");
   database_->execute(std::string(outbox_sql::tables));
+  database_->execute(std::string(outbox_sql::strikes));
   database_->execute(fmt::format("PRAGMA application_id = {}", kApplication));
+  database_->execute(fmt::format("PRAGMA user_version = {}", kVersion));
+  database_->execute("COMMIT");
+}
+
+// From version 1, which had no strikes. Readers of either see what they know.
+void OutboxDatabase::bring_up_to_date() {
+  database_->execute("BEGIN IMMEDIATE");
+  database_->execute(std::string(outbox_sql::strikes));
   database_->execute(fmt::format("PRAGMA user_version = {}", kVersion));
   database_->execute("COMMIT");
 }

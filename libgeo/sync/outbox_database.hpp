@@ -44,6 +44,7 @@ class OutboxDatabase {
  private:
   void open(const std::filesystem::path& file, Access access);
   void lay_out();
+  void bring_up_to_date();
 
   int lock_ = -1;
   TransitionHook hook_;

@@ -1,4 +1,4 @@
-// The statements that make an empty outbox: the text of outbox.sql.
+// The statements that make an empty outbox: the texts of outbox.sql and, since version 2, outbox_strikes.sql.
 #pragma once
 
 #include <string_view>
@@ -6,5 +6,6 @@
 namespace nadir::outbox_sql {
 
 extern const std::string_view tables;
+extern const std::string_view strikes;
 
 }  // namespace nadir::outbox_sql

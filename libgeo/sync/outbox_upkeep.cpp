@@ -14,6 +14,7 @@ std::int64_t retry_parked(OutboxDatabase& outbox, std::int64_t now_ms) {
     outbox.prepare("UPDATE batch SET stage = 'sealed', upload = NULL WHERE stage = 'parked'").run();
     outbox.prepare("UPDATE batch SET attempts = 0, not_before_ms = 0, trouble = '' WHERE stage <> 'done'").run();
     batches = outbox.changes();
+    outbox.prepare("DELETE FROM strike").run();
   });
   return batches;
 }

@@ -2,10 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <charconv>
 
 #include "base/error.hpp"
 #include "exchange/pack.hpp"
+#include "sync/http_date.hpp"
 #include "trust/base64.hpp"
 
 namespace nadir {
@@ -20,12 +22,41 @@ std::optional<std::uint64_t> number_header(const HttpReply& reply, const char* n
   return value;
 }
 
-// Seconds only; a date there is passed over and the back-off decides.
-std::optional<std::int64_t> retry_after_s(const HttpReply& reply) {
-  const auto seconds = number_header(reply, "retry-after");
-  return seconds && *seconds <= 86'400 ? std::optional<std::int64_t>(static_cast<std::int64_t>(*seconds))
-                                       : std::nullopt;
+std::optional<UtcTime> date_header(const HttpReply& reply, const char* name) {
+  const std::string* text = reply.header(name);
+  return text == nullptr ? std::nullopt : parse_http_date(*text);
 }
+
+// Seconds, or a date. A date means the service's clock, so it counts from the reply's own Date; without that nobody
+// knows how long it is, and the back-off decides. A day at most.
+std::optional<std::int64_t> retry_after_s(const HttpReply& reply) {
+  constexpr std::int64_t kDay_s = 86'400;
+  if (const auto seconds = number_header(reply, "retry-after")) {
+    return static_cast<std::int64_t>(std::min<std::uint64_t>(*seconds, kDay_s));
+  }
+  const auto until = date_header(reply, "retry-after"), sent = date_header(reply, "date");
+  if (!until || !sent) return std::nullopt;
+  return std::clamp<std::int64_t>(until->unix_s - sent->unix_s, 0, kDay_s);
+}
+
+}  // namespace
+
+std::string_view name_of(Trouble::Kind kind) {
+  switch (kind) {
+    case Trouble::Kind::later: return "later";
+    case Trouble::Kind::forgotten: return "forgotten";
+    case Trouble::Kind::conflict: return "conflict";
+    case Trouble::Kind::mangled: return "mangled";
+    case Trouble::Kind::too_large: return "too_large";
+    case Trouble::Kind::refused: return "refused";
+    case Trouble::Kind::nonsense: return "nonsense";
+    case Trouble::Kind::credentials: return "credentials";
+    case Trouble::Kind::elsewhere: return "elsewhere";
+  }
+  return "nonsense";
+}
+
+namespace {
 
 Trouble::Kind kind_of(int status) {
   switch (status) {

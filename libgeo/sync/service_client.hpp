@@ -33,6 +33,8 @@ struct Trouble {
   std::optional<std::uint64_t> offset{};        // of a conflict
 };
 
+std::string_view name_of(Trouble::Kind kind);
+
 template <typename Value>
 using Answer = std::variant<Value, Trouble>;
 

@@ -2,11 +2,16 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "base/error.hpp"
 #include "exchange/pack.hpp"
 
 namespace nadir {
 namespace {
+
+constexpr std::int64_t kLongestDelay_ms = 86'400'000;                      // as long as a service may ask us to wait
+constexpr std::string_view kVerdictsAwaited = "the verdicts are awaited";  // no trouble
 
 BatchStage stage_of(std::string_view name) {
   if (name == "sealed") return BatchStage::sealed;
@@ -39,10 +44,24 @@ void Transfer::recover(std::int64_t now_ms) {
   auto rows = outbox_.prepare("SELECT DISTINCT batch FROM pack WHERE stage = 'sending'");
   while (rows.step()) batches.push_back(rows.integer(0));
   rows.reset();
-  if (batches.empty()) return;
+  const std::int64_t latest_ms = now_ms + kLongestDelay_ms;
+  auto late = outbox_.prepare("SELECT 1 FROM batch WHERE not_before_ms > ?");
+  const bool put_off = late.bind(1, latest_ms).step();
+  late.reset();
+  if (batches.empty() && !put_off) return;
   outbox_.transition("recover", [&] {
     for (const std::int64_t batch : batches) interrupt(batch, now_ms);
+    outbox_.prepare("UPDATE batch SET not_before_ms = min(not_before_ms, ?)").bind(1, latest_ms).run();
   });
+}
+
+// Whoever waits in trouble waits for the service, and so did all others.
+std::int64_t Transfer::service_not_before_ms() const {
+  auto row = outbox_.prepare(
+      "SELECT coalesce(max(not_before_ms), 0) FROM batch WHERE stage IN ('sealed', 'announced', 'complete')"
+      " AND attempts > 0 AND trouble <> ?");
+  row.bind(1, kVerdictsAwaited).step();
+  return row.integer(0);
 }
 
 std::optional<OpenBatch> Transfer::next_batch(std::int64_t now_ms) const {
@@ -134,6 +153,7 @@ std::int64_t Transfer::park(const OpenBatch& batch, const std::string& why, std:
       tiles += outbox_.move_tiles(batch.id, state, TileState::parked, now_ms);
     }
     outbox_.prepare("UPDATE batch SET stage = 'parked', trouble = ? WHERE id = ?").bind(1, why).bind(2, batch.id).run();
+    outbox_.prepare("DELETE FROM strike WHERE batch = ?").bind(1, batch.id).run();
   });
   return tiles;
 }
@@ -146,6 +166,37 @@ void Transfer::delay(const OpenBatch& batch, int attempts, std::int64_t not_befo
         .bind(3, why)
         .bind(4, batch.id)
         .run();
+  });
+}
+
+void Transfer::await_verdicts(const OpenBatch& batch, int attempts, std::int64_t not_before_ms) {
+  delay(batch, attempts, not_before_ms, std::string(kVerdictsAwaited));
+}
+
+int Transfer::strike(const OpenBatch& batch, std::string_view kind) {
+  outbox_.transition("strike", [&] {
+    outbox_.prepare("INSERT INTO strike VALUES (?, ?, 1) ON CONFLICT (batch, kind) DO UPDATE SET count = count + 1")
+        .bind(1, batch.id)
+        .bind(2, kind)
+        .run();
+  });
+  auto count = outbox_.prepare("SELECT count FROM strike WHERE batch = ? AND kind = ?");
+  count.bind(1, batch.id).bind(2, kind).step();
+  return static_cast<int>(count.integer(0));
+}
+
+void Transfer::forgive(const OpenBatch& batch, std::initializer_list<std::string_view> kinds) {
+  std::vector<std::string> there;  // hardly ever any, and then nothing is written
+  auto rows = outbox_.prepare("SELECT kind FROM strike WHERE batch = ?");
+  rows.bind(1, batch.id);
+  while (rows.step()) {
+    if (std::find(kinds.begin(), kinds.end(), rows.text(0)) != kinds.end()) there.emplace_back(rows.text(0));
+  }
+  rows.reset();
+  if (there.empty()) return;
+  outbox_.transition("forgive", [&] {
+    auto remove = outbox_.prepare("DELETE FROM strike WHERE batch = ? AND kind = ?");
+    for (const std::string& kind : there) remove.bind(1, batch.id).bind(2, kind).run();
   });
 }
 

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <initializer_list>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/error.hpp"
@@ -49,8 +51,11 @@ class Transfer {
  public:
   explicit Transfer(OutboxDatabase& outbox) : outbox_(outbox) {}
 
-  // A program that was killed left tiles SENDING: they are WAITING.
+  // A program that was killed left tiles SENDING: they are WAITING. An attempt that would be due in more than a day was
+  // put off by another clock: it is due in a day.
   void recover(std::int64_t now_ms);
+  // Until when an earlier run was asked to leave the service alone, or meant to; 0: no longer.
+  std::int64_t service_not_before_ms() const;
 
   // The one whose turn it is: the earliest of those that may be tried now, else the one that may be tried next.
   std::optional<OpenBatch> next_batch(std::int64_t now_ms) const;
@@ -73,6 +78,11 @@ class Transfer {
   void forgotten(const OpenBatch& batch, std::int64_t now_ms);  // announced afresh, tiles with a verdict excepted
   std::int64_t park(const OpenBatch& batch, const std::string& why, std::int64_t now_ms);  // how many tiles
   void delay(const OpenBatch& batch, int attempts, std::int64_t not_before_ms, const std::string& why);
+  void await_verdicts(const OpenBatch& batch, int attempts, std::int64_t not_before_ms);
+
+  // How often this has gone wrong with the batch, this time included; kept until it is parked or tried again by hand.
+  int strike(const OpenBatch& batch, std::string_view kind);
+  void forgive(const OpenBatch& batch, std::initializer_list<std::string_view> kinds);
 
  private:
   void interrupt(std::int64_t batch, std::int64_t now_ms);

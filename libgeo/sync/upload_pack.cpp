@@ -30,8 +30,7 @@ void Uploader::send(const OpenBatch& batch, const OpenPack& pack) {
   }
   around_.progress.advance(static_cast<std::uint64_t>(transfer_.pack_sent(pack, around_.pace.now_ms())));
   // What has arrived is there, even when the service forgets the upload.
-  strikes_.erase({batch.id, Trouble::Kind::refused});
-  strikes_.erase({batch.id, Trouble::Kind::forgotten});
+  transfer_.forgive(batch, {name_of(Trouble::Kind::refused), name_of(Trouble::Kind::forgotten)});
   came_forward(batch);
 }
 

@@ -11,6 +11,7 @@ namespace nadir {
 
 UploadOutcome Uploader::run() {
   transfer_.recover(around_.pace.now_ms());
+  service_not_before_ms_ = transfer_.service_not_before_ms();
   last_progress_ms_ = around_.pace.now_ms();
   around_.progress.begin("sending", static_cast<std::uint64_t>(transfer_.unsent_tiles()), "tiles");
   while (auto batch = transfer_.next_batch(around_.pace.now_ms())) {
@@ -64,7 +65,7 @@ void Uploader::complete(const OpenBatch& batch) {
   transfer_.completed(batch);
   came_forward(batch);
   if (const auto wait_s = std::get<Accepted>(answer).retry_after_s) {
-    transfer_.delay(batch, 0, around_.pace.now_ms() + *wait_s * 1'000, "the verdicts are awaited");
+    transfer_.await_verdicts(batch, 0, around_.pace.now_ms() + *wait_s * 1'000);
   }
 }
 
@@ -85,17 +86,15 @@ void Uploader::ask_verdicts(const OpenBatch& batch) {
   if (sum.pending == 0) return;
   outcome_.waits_for = fmt::format("{} verdicts", sum.pending);
   const std::int64_t wait_ms = std::min<std::int64_t>(back_off_ms(batch.attempts, wait_s, around_.random), 60'000);
-  transfer_.delay(batch, batch.attempts + 1, around_.pace.now_ms() + wait_ms, "the verdicts are awaited");
+  transfer_.await_verdicts(batch, batch.attempts + 1, around_.pace.now_ms() + wait_ms);
 }
 
 void Uploader::came_forward(const OpenBatch& batch) {
   last_progress_ms_ = around_.pace.now_ms();
   service_not_before_ms_ = 0;
   outcome_.waits_for.clear();
-  // These count in a row.
-  for (const auto kind : {Trouble::Kind::nonsense, Trouble::Kind::conflict, Trouble::Kind::mangled}) {
-    strikes_.erase({batch.id, kind});
-  }
+  using Kind = Trouble::Kind;  // these count in a row
+  transfer_.forgive(batch, {name_of(Kind::nonsense), name_of(Kind::conflict), name_of(Kind::mangled)});
 }
 
 void Uploader::handle(const OpenBatch& batch, const Trouble& trouble, int most_refusals) {
@@ -126,7 +125,7 @@ void Uploader::handle(const OpenBatch& batch, const Trouble& trouble, int most_r
 }
 
 bool Uploader::too_often(const OpenBatch& batch, Trouble::Kind kind, int most) {
-  return ++strikes_[{batch.id, kind}] >= most;
+  return transfer_.strike(batch, name_of(kind)) >= most;
 }
 
 void Uploader::try_later(const OpenBatch& batch, const Trouble& trouble) {

@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <map>
 #include <string>
 
 #include "base/progress.hpp"
@@ -81,8 +80,7 @@ class Uploader {
   UploadOptions options_;
   std::uint64_t part_bytes_;
   std::int64_t last_progress_ms_ = 0;
-  std::int64_t service_not_before_ms_ = 0;  // when it failed one batch it would fail the next
-  std::map<std::pair<std::int64_t, Trouble::Kind>, int> strikes_;
+  std::int64_t service_not_before_ms_ = 0;  // when it failed one batch it would fail the next; outlives a restart
   UploadOutcome outcome_;
 };
 

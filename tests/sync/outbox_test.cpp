@@ -244,5 +244,29 @@ TEST_F(Outbox, OneWriterAndManyReaders) {
   EXPECT_EQ(report_outbox(reader).states.at(TileState::staged).tiles, 1);
 }
 
+TEST(OldOutbox, IsReadAsItIsAndBroughtUpToDateByWhoeverWrites) {
+  const test::TemporaryFolder folder;
+  {
+    const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::make);
+    outbox.prepare("DROP TABLE strike").run();  // as version 1 was
+    outbox.prepare("PRAGMA user_version = 1").run();
+  }
+  EXPECT_NO_THROW(OutboxDatabase(folder / "outbox", OutboxDatabase::Access::read));
+  const auto version = [&] {
+    const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::write);
+    outbox.prepare("SELECT count(*) FROM strike").step();
+    auto pragma = outbox.prepare("PRAGMA user_version");
+    pragma.step();
+    return pragma.integer(0);
+  };
+  EXPECT_EQ(version(), 2);
+  EXPECT_EQ(version(), 2) << "once";
+  {
+    const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::write);
+    outbox.prepare("PRAGMA user_version = 3").run();
+  }
+  EXPECT_THROW(OutboxDatabase(folder / "outbox", OutboxDatabase::Access::write), UsageError);
+}
+
 }  // namespace
 }  // namespace nadir

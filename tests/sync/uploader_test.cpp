@@ -10,6 +10,7 @@
 
 #include "base/error.hpp"
 #include "sync/outbox_fixture.hpp"
+#include "sync/outbox_upkeep.hpp"
 
 namespace nadir {
 namespace {
@@ -133,6 +134,77 @@ TEST_F(Upload, WaitsAsLongAsTheServiceSays) {
   EXPECT_EQ(run().verdicts.accepted, 1);
   EXPECT_EQ(pace_.waits_ms, (std::vector<std::int64_t>{7'000, 120'000}));
   EXPECT_NE(told_.at(0).find("429"), std::string::npos);
+}
+
+// By the service's clock, which its own Date tells: ours may be wrong by years.
+TEST_F(Upload, ADateToWaitUntilCountsFromTheReplysOwn) {
+  stage(1);
+  seal();
+  const auto until = [](const char* time) {
+    return problem(503, {{"date", "Sun, 06 Nov 1994 08:49:37 GMT"}, {"retry-after", time}});
+  };
+  service_.first = {until("Sun, 06 Nov 1994 08:51:37 GMT"), until("Mon, 07 Nov 1994 20:00:00 GMT"),
+                    until("Sun, 06 Nov 1994 08:00:00 GMT")};
+  EXPECT_EQ(run({.patience_ms = 1'000'000'000}).verdicts.accepted, 1);
+  EXPECT_EQ(pace_.waits_ms, (std::vector<std::int64_t>{120'000, 86'400'000})) << "a day at most; then at once";
+}
+
+TEST_F(Upload, ADateThatNobodyCanPlaceLeavesItToTheBackOff) {
+  stage(1);
+  seal();
+  service_.first = {problem(503, {{"retry-after", "Sun, 06 Nov 2094 08:51:37 GMT"}}),
+                    problem(503, {{"date", "now"}, {"retry-after", "soon"}})};
+  EXPECT_EQ(run().verdicts.accepted, 1);
+  ASSERT_EQ(pace_.waits_ms.size(), 2U);
+  EXPECT_LT(pace_.waits_ms[0], 2'000);
+  EXPECT_LT(pace_.waits_ms[1], 4'000);
+}
+
+// Each run is a program of its own that gives up at the first wait.
+TEST_F(Upload, ARestartForgetsNeitherWaitsNorStrikes) {
+  stage(2);
+  seal();
+  stage(4);
+  seal();
+  const UploadOptions impatient{.patience_ms = -1};
+  service_.first = {problem(503, {{"retry-after", "600"}})};
+  EXPECT_FALSE(run(impatient).finished);
+  EXPECT_FALSE(run(impatient).finished);
+  EXPECT_EQ(service_.calls.size(), 1U) << "neither batch is tried before the service wants it";
+  EXPECT_EQ(transfer_.next_batch(pace_.now_ms() + 1'000'000)->attempts, 1);
+
+  std::int64_t parked = 0;
+  int runs = 0;
+  for (; parked == 0 && runs < 50; ++runs) {
+    pace_.wait(1'000'000, [] {});
+    service_.first = {HttpReply{204, {}, ""}};  // nonsense
+    parked += run({.patience_ms = -1, .most_nonsense = 5}).parked;
+    service_.first.clear();
+  }
+  EXPECT_EQ(parked, 2);
+  EXPECT_EQ(runs, 5);
+}
+
+TEST_F(Upload, TryingAgainByHandForgivesStrikes) {
+  stage(1);
+  seal();
+  const OpenBatch batch = *transfer_.next_batch(pace_.now_ms());
+  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 1);
+  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 2);
+  transfer_.forgive(batch, {"nonsense"});
+  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 3);
+  transfer_.forgive(batch, {"nonsense", "forgotten"});
+  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 1);
+  retry_parked(*outbox_, 1);
+  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 1);
+}
+
+TEST_F(Upload, AnAttemptThatAWrongClockPutOffForYearsIsDueInADay) {
+  stage(1);
+  seal();
+  transfer_.delay(*transfer_.next_batch(0), 3, pace_.now_ms() + 900 * std::int64_t{86'400'000}, "no route");
+  EXPECT_EQ(run({.patience_ms = 1'000'000'000}).verdicts.accepted, 1);
+  EXPECT_EQ(pace_.waits_ms, (std::vector<std::int64_t>{86'400'000}));
 }
 
 TEST_F(Upload, WaitsLongerAndLongerOtherwise) {
