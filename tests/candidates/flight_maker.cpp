@@ -84,8 +84,11 @@ Candidate FlightMaker::sign(CandidateSidecar sidecar, Bytes tile) const {
 }
 
 Candidate FlightMaker::candidate(const TileKey& at, const cv::Mat& picture) const {
+  return encoded_candidate(at, encode_image(picture, ImageFormat::jpeg, 85));
+}
+
+Candidate FlightMaker::encoded_candidate(const TileKey& at, Bytes tile) const {
   CandidateSidecar sidecar = sidecar_at(at);
-  Bytes tile = encode_image(picture, ImageFormat::jpeg, 85);
   sidecar.sha256 = sha256(tile);
   sidecar.size = tile.size();
   return sign(std::move(sidecar), std::move(tile));

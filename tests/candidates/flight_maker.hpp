@@ -36,6 +36,7 @@ class FlightMaker {
   // With another picture, or after a change of what the sidecar says.
   Candidate candidate(const TileKey& at, const cv::Mat& picture) const;
   Candidate candidate(const TileKey& at, const std::function<void(CandidateSidecar&)>& change) const;
+  Candidate encoded_candidate(const TileKey& at, Bytes tile) const;
   cv::Mat picture(const TileKey& at) const;  // BGR
 
   // number: part of the batch's id.
