@@ -89,6 +89,16 @@ void NadirdCommand::setup(Options& options) {
       .value("--candidates", flight_.candidates, "DIR", "make signed tiles of what the flight sees, into this folder")
       .needs("--tile-key");
   options.value("--tile-key", flight_.tile_key, "KEY.pem", "the airframe's tile key").needs("--candidates");
+  options.value("--candidates-mb", flight_.candidates_mb, "MB", "most that the tiles may take")
+      .between(1, 1'000'000)
+      .needs("--candidates");
+  options.value("--candidates-percent", flight_.candidates_percent, "N", "of one core's time, to make them")
+      .between(1, 100)
+      .needs("--candidates");
+  options
+      .value("--candidates-frame-ms", flight_.candidates_frame_ms, "MS", "most for the tiles of one frame; 0: no limit")
+      .between(0, 60'000)
+      .needs("--candidates");
   options.value("--listen", flight_.listen, "ADDRESS", "where the API and the web page are served");
   options.value("--token", flight_.token, "FILE", "bearer token for callers; needed to listen beyond loopback");
   options.value("--start", flight_.start, "LON,LAT",

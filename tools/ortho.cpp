@@ -66,7 +66,8 @@ std::string_view OrthoCommand::details() const {
          "terrain.\n"
          "Each tile gets a sidecar that says how it was made, signed with the airframe's tile key; of two tiles for "
          "one\n"
-         "place the better one stays. OUT is a folder with tiles.mbtiles; nothing is added to the package.\n\n"
+         "place the better one stays. What no frame shows wholly is pieced together of several frames.\n"
+         "OUT is a folder with tiles.mbtiles; nothing is added to the package.\n\n"
          "Exit code 0: made, be it no tile at all; 1: the package was refused; 2: could not be done.";
 }
 
@@ -85,9 +86,12 @@ void OrthoCommand::setup(Options& options) {
   options.value("--flight", flight_, "ID", "name of the flight; without it one is made from its telemetry");
   options.value("--captured-at", captured_at_, "TIME", "when the first frame was taken, if the flight does not say");
   options.value("--zoom", zoom_, "Z", "of the tiles; the mission's finest without it").between(0, kMaxZoom);
+  options.flag("--single-frame", single_frame_, "only tiles that one frame shows wholly");
   options.value("--format", format_, "FORMAT", "of the tiles").one_of({"jpeg", "webp"});
   options.value("--quality", quality_, "N", "of the tiles").between(1, 100);
   options.value("--budget-mb", budget_mb_, "MB", "most that the tiles may take").between(1, 1'000'000);
+  options.value("--frame-ms", frame_ms_, "MS", "most for the tiles of one frame, as in flight; 0: no limit")
+      .between(0, 60'000);
   options.value("--mosaic", mosaic_, "FILE.tif", "write the tiles as a COG as well, and FILE.html beside it");
 }
 
@@ -108,21 +112,22 @@ int OrthoCommand::run(Context& context) {
   const FlatGround flat;
   const GroundSurface* surface = ready->setup->surface != nullptr ? ready->setup->surface : &flat;
   const ImageFormat format = *parse_image_format(format_);
-  const CandidateMaker maker({.airframe = *request_.airframe(),
-                              .flight = flight_.value_or(id_of(flight)),
-                              .base_package = sha256_file(*request_.package() / "manifest.json"),
-                              .camera = flight.camera.camera,
-                              .frame = ready->setup->frame,
-                              .surface = surface,
-                              .key = &key,
-                              .zoom = zoom_.value_or(ready->package->mission().zoom.max),
-                              .format = format,
-                              .quality = quality_});
+  CandidateMaker maker({.airframe = *request_.airframe(),
+                        .flight = flight_.value_or(id_of(flight)),
+                        .base_package = sha256_file(*request_.package() / "manifest.json"),
+                        .camera = flight.camera.camera,
+                        .frame = ready->setup->frame,
+                        .surface = surface,
+                        .key = &key,
+                        .zoom = zoom_.value_or(ready->package->mission().zoom.max),
+                        .format = format,
+                        .quality = quality_,
+                        .piece_together = !single_frame_});
   const Truth no_truth(flight.frames.size());
   const ReplayedFlight flown = replay_flight(flight, *ready->setup, no_truth, nullptr, context.progress);
   CandidateStore store(staging.path(),
                        {.format = format, .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000});
-  const TilesSummary summary = make_flight_tiles(maker, store, flight, flown.poses, first, context.progress);
+  const TilesSummary summary = make_flight_tiles(maker, store, flight, flown.poses, first, frame_ms_, context.progress);
   store.close();
   std::filesystem::remove_all(unpacked);
 

@@ -31,6 +31,8 @@ class OrthoCommand final : public Command {
   std::string format_ = "jpeg";
   int quality_ = 82;
   std::optional<int> zoom_;
+  bool single_frame_ = false;
+  int frame_ms_ = 0;
   std::int64_t budget_mb_ = 4096;
 };
 

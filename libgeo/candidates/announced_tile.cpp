@@ -15,10 +15,21 @@ constexpr double kDegreesPerE7 = 1e-7;
 
 Refusal refusal(ReasonCode code, std::string detail) { return {.code = code, .detail = std::move(detail)}; }
 
-std::optional<Refusal> judge_time(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
+// Off the vertical, so many standard deviations of the camera's place nearer than it says.
+double angle_to(const LonLat& corner, const CandidatePose& pose, double sigmas) {
+  const LocalFrame frame(
+      {static_cast<double>(pose.lon_e7) * kDegreesPerE7, static_cast<double>(pose.lat_e7) * kDegreesPerE7});
+  const Enu at = frame.enu_from_lonlat(corner);
+  // Beyond the horizon the plane's coordinates come back; what lies below it is far away.
+  const double distance_m = std::hypot(at.east_m, at.north_m, at.up_m);
+  const double slack_m = sigmas * static_cast<double>(pose.sigma_mm) / 1000;
+  return std::atan2(std::max(0.0, distance_m - slack_m), static_cast<double>(pose.agl_mm) / 1000);
+}
+
+std::optional<Refusal> judge_time(UtcMillis captured_at, UtcTime announced_at, UtcTime now,
                                   const CandidateRules& rules) {
   constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
-  const std::int64_t captured_ms = sidecar.captured_at.unix_ms, now_ms = now.unix_s * 1000;
+  const std::int64_t captured_ms = captured_at.unix_ms, now_ms = now.unix_s * 1000;
   if (captured_ms > now_ms + rules.max_clock_error_ms) {
     return refusal(ReasonCode::captured_in_future,
                    fmt::format("captured {} s ahead of this clock", (captured_ms - now_ms) / 1000));
@@ -71,22 +82,22 @@ std::optional<Refusal> judge_quality(const CandidateQuality& quality, const Cand
 
 }  // namespace
 
+// Of the tile's worst corner, each seen from the camera that had it most under itself: which part of a tile a frame
+// made is not said, but the corners are somebody's.
 double view_angle_rad(const CandidateSidecar& sidecar, double sigmas) {
-  const LonLat camera{static_cast<double>(sidecar.pose.lon_e7) * kDegreesPerE7,
-                      static_cast<double>(sidecar.pose.lat_e7) * kDegreesPerE7};
   const LonLatBox box = bounds_of(sidecar.key);
-  const LocalFrame frame(camera);
-  double farthest_m = 0;
+  double worst_rad = 0;
   for (const double lon : {box.west_deg, box.east_deg}) {
     for (const double lat : {box.south_deg, box.north_deg}) {
-      const Enu corner = frame.enu_from_lonlat({lon, lat});
-      // Beyond the horizon the plane's coordinates come back; what lies below it is far away.
-      const double distance_m = std::hypot(corner.east_m, corner.north_m, corner.up_m);
-      farthest_m = std::max(farthest_m, distance_m);
+      double least_rad = M_PI;
+      if (sidecar.parts.empty()) least_rad = angle_to({lon, lat}, sidecar.pose, sigmas);
+      for (const CandidatePart& part : sidecar.parts) {
+        least_rad = std::min(least_rad, angle_to({lon, lat}, part.pose, sigmas));
+      }
+      worst_rad = std::max(worst_rad, least_rad);
     }
   }
-  const double slack_m = sigmas * static_cast<double>(sidecar.pose.sigma_mm) / 1000;
-  return std::atan2(std::max(0.0, farthest_m - slack_m), static_cast<double>(sidecar.pose.agl_mm) / 1000);
+  return worst_rad;
 }
 
 std::optional<Refusal> judge_announced(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
@@ -99,7 +110,10 @@ std::optional<Refusal> judge_announced(const CandidateSidecar& sidecar, UtcTime 
     return refusal(ReasonCode::format_unsupported, "JPEG and WebP are taken");
   }
   if (auto wrong = judge_place(sidecar, rules)) return wrong;
-  if (auto wrong = judge_time(sidecar, announced_at, now, rules)) return wrong;
+  if (auto wrong = judge_time(sidecar.captured_at, announced_at, now, rules)) return wrong;
+  for (const CandidatePart& part : sidecar.parts) {
+    if (auto wrong = judge_time(part.captured_at, announced_at, now, rules)) return wrong;
+  }
   return judge_quality(sidecar.quality, rules);
 }
 

@@ -104,7 +104,7 @@ SignedBatch parse_batch(std::string_view text, std::string_view name) {
   if (text.size() > kMaxBatchSize) {
     refuse(name, "its size", fmt::format("at most {} bytes", kMaxBatchSize), fmt::format("{}", text.size()));
   }
-  return read_batch(parse_json(text, name, {.max_depth = 6, .allow_floats = false}), name);
+  return read_batch(parse_json(text, name, {.max_depth = 8, .allow_floats = false}), name);
 }
 
 }  // namespace nadir

@@ -31,9 +31,19 @@ cv::Mat decoded(ByteView encoded, const CameraModel& camera, int shrink, const s
   return {};
 }
 
+QuiltLimits quilt_limits(const CandidateFlight& flight) {
+  QuiltLimits limits = flight.quilt;
+  limits.candidate_sigma_m = flight.limits.candidate_sigma_m;
+  limits.soft_sigma_m = flight.limits.soft_sigma_m;
+  return limits;
+}
+
+void count(OrthoRefusal refusal, FrameTiles& report) { ++report.refused[static_cast<std::size_t>(refusal)]; }
+
 }  // namespace
 
-CandidateMaker::CandidateMaker(const CandidateFlight& flight) : flight_(flight), camera_(camera_digest(flight.camera)) {
+CandidateMaker::CandidateMaker(const CandidateFlight& flight)
+    : flight_(flight), camera_(camera_digest(flight.camera)), quilts_(quilt_limits(flight)) {
   if (flight.zoom < 0 || flight.zoom > kMaxZoom) {
     throw UsageError({.what = "no such zoom", .expected = "0 to 24", .found = std::to_string(flight.zoom)});
   }
@@ -80,56 +90,108 @@ CandidateSidecar CandidateMaker::sidecar_of(const SeenFrame& seen, CandidateTrus
   return sidecar;
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::raw_tiles(const SeenFrame& seen, ByteView encoded,
-                                                               FrameTiles& report) const {
+std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const SeenFrame& seen, ByteView encoded,
+                                                                FrameTiles& report) const {
   const CameraPose& pose = seen.pose.pose;
   const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
   const double tile_gsd_m = ground_resolution_m(flight_.zoom, place.lat_deg);
   const double frame_gsd_m = gsd_at(flight_.camera, pose.agl_m);
   const FrameJudgement judged = judge_pose(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);
   report.refusal = judged.refusal;
-  if (report.refusal) return {};
+  if (report.refusal) return std::nullopt;
   const int shrink = decoding_shrink(flight_.camera, pose.agl_m, tile_gsd_m);
   const cv::Mat picture = decoded(encoded, flight_.camera, shrink, seen.name);
   report.refusal = OrthoRefusal::frame_unfit;
-  if (picture.empty()) return {};
+  if (picture.empty()) return std::nullopt;
   cv::Mat grey;
   cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
   const FrameQuality quality = judge_frame(grey);
   report.refusal = judge_picture(quality, flight_.limits);
-  if (report.refusal) return {};
+  if (report.refusal) return std::nullopt;
+  ReadyFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
+                   sidecar_of(seen, judged.trust), tile_gsd_m};
+  frame.sidecar.quality.sharpness_ppm = ppm(quality.sharpness);
+  frame.sidecar.quality.overlap_ppm = ppm(1);
+  return frame;
+}
 
-  const ReducedFrame reduced = reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m);
-  std::vector<ProjectedTile> wanted = whole_tiles(flight_.zoom, flight_.frame, reduced.camera, pose, *flight_.surface);
-  const auto count = [&](OrthoRefusal refusal) { ++report.refused[static_cast<std::size_t>(refusal)]; };
+std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const SeenFrame& seen, const ReadyFrame& frame,
+                                                              FrameTiles& report) const {
+  std::vector<ProjectedTile> wanted =
+      whole_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
+  report.whole = wanted.size();
   std::erase_if(wanted, [&](const ProjectedTile& tile) {
     const auto refusal = judge_view(tile.projection, flight_.limits);
-    if (refusal) count(*refusal);
+    if (refusal) count(*refusal, report);
     return refusal.has_value();
   });
-  const std::vector<OrthoTile> made = orthorectify(reduced, wanted);
+  const std::vector<OrthoTile> made = orthorectify(frame.reduced, wanted);
   std::vector<RawTile> tiles;
   for (std::size_t i = 0; i < made.size(); ++i) {
     const TilePixels pixels = measure_tile(made[i].image);
     if (const auto refusal = judge_tile(pixels, flight_.limits)) {
-      count(*refusal);
+      count(*refusal, report);
       continue;
     }
-    RawTile& tile = tiles.emplace_back(RawTile{sidecar_of(seen, judged.trust), made[i].image});
-    tile.sidecar.key = made[i].key;
-    tile.sidecar.quality = {.sharpness_ppm = ppm(quality.sharpness),
-                            .contrast_ppm = ppm(pixels.contrast),
-                            .clipped_ppm = ppm(pixels.clipped_share),
-                            .view_angle_mdeg = mdeg(wanted[i].projection.view_angle_rad),
-                            .overlap_ppm = ppm(1)};
+    CandidateSidecar& sidecar = tiles.emplace_back(RawTile{frame.sidecar, made[i].image}).sidecar;
+    sidecar.key = made[i].key;
+    sidecar.quality.contrast_ppm = ppm(pixels.contrast);
+    sidecar.quality.clipped_ppm = ppm(pixels.clipped_share);
+    sidecar.quality.view_angle_mdeg = mdeg(wanted[i].projection.view_angle_rad);
   }
   return tiles;
 }
 
-FrameTiles CandidateMaker::make(const SeenFrame& seen, ByteView encoded, CandidateStore& store) const {
-  FrameTiles report;
+// Not where the store has better already than the best that could come of it.
+void CandidateMaker::add_pieces(const SeenFrame& seen, const ReadyFrame& frame, CandidateStore& store,
+                                const OutOfTime& out_of_time, FrameTiles& report) {
+  std::vector<ProjectedTile> tiles =
+      part_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
+  CandidateSidecar best = frame.sidecar;
+  std::erase_if(tiles, [&](const ProjectedTile& tile) {
+    best.key = tile.key;
+    return tile.projection.slope > flight_.limits.max_slope || !store.wants(best);
+  });
+  for (const ProjectedTile& tile : tiles) {
+    if (out_of_time && out_of_time()) {
+      count(OrthoRefusal::late, report);
+      continue;
+    }
+    const auto patch = cut_patch(frame.reduced, tile, flight_.limits.max_view_angle_rad);
+    if (!patch) continue;
+    best.key = tile.key;
+    best.quality.view_angle_mdeg = mdeg(patch->least_view_rad);
+    if (!store.wants(best)) continue;
+    ++report.pieces[static_cast<std::size_t>(quilts_.add(*patch, frame.sidecar, frame.tile_gsd_m))];
+  }
+}
+
+std::vector<CandidateMaker::RawTile> CandidateMaker::judged(const std::vector<TileQuilt>& quilts,
+                                                            FrameTiles& report) const {
+  std::vector<RawTile> tiles;
+  for (const TileQuilt& quilt : quilts) {
+    auto sidecar = quilt.sidecar();
+    const TilePixels pixels = measure_tile(quilt.image());
+    const auto refusal = sidecar ? judge_tile(pixels, flight_.limits) : OrthoRefusal::apart;
+    if (refusal) {
+      count(*refusal, report);
+      continue;
+    }
+    sidecar->quality.contrast_ppm = ppm(pixels.contrast);
+    sidecar->quality.clipped_ppm = ppm(pixels.clipped_share);
+    tiles.push_back({std::move(*sidecar), quilt.image()});
+  }
+  return tiles;
+}
+
+void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const OutOfTime& out_of_time,
+                               FrameTiles& report) const {
   std::vector<Candidate> candidates;
-  for (const RawTile& tile : raw_tiles(seen, encoded, report)) {
+  for (const RawTile& tile : tiles) {
+    if (out_of_time && out_of_time()) {
+      count(OrthoRefusal::late, report);
+      continue;
+    }
     if (!store.wants(tile.sidecar)) {
       report.stored.emplace_back(tile.sidecar.key, CandidateFate::worse);
       continue;
@@ -142,9 +204,36 @@ FrameTiles CandidateMaker::make(const SeenFrame& seen, ByteView encoded, Candida
     candidate.sidecar_bytes = candidate_json(candidate.sidecar);
     candidate.signature = sign_candidate(*flight_.key, candidate.sidecar_bytes);
   }
-  if (candidates.empty()) return report;
+  if (candidates.empty()) return;
   const auto fates = store.put(candidates);
-  for (std::size_t i = 0; i < fates.size(); ++i) report.stored.emplace_back(candidates[i].sidecar.key, fates[i]);
+  for (std::size_t i = 0; i < fates.size(); ++i) {
+    report.stored.emplace_back(candidates[i].sidecar.key, fates[i]);
+    const bool kept = fates[i] == CandidateFate::added || fates[i] == CandidateFate::replaced;
+    if (kept && !candidates[i].sidecar.parts.empty()) ++report.pieced;
+  }
+}
+
+std::vector<CandidateMaker::RawTile> CandidateMaker::raw_tiles(const SeenFrame& seen, ByteView encoded,
+                                                               FrameTiles& report) const {
+  const auto frame = ready(seen, encoded, report);
+  return frame ? whole_of(seen, *frame, report) : std::vector<RawTile>();
+}
+
+FrameTiles CandidateMaker::make(const SeenFrame& seen, ByteView encoded, CandidateStore& store,
+                                const OutOfTime& out_of_time) {
+  FrameTiles report;
+  const auto frame = ready(seen, encoded, report);
+  if (!frame) return report;
+  store_all(whole_of(seen, *frame, report), store, out_of_time, report);
+  if (!flight_.piece_together) return report;
+  add_pieces(seen, *frame, store, out_of_time, report);
+  store_all(judged(quilts_.take_finished(), report), store, {}, report);  // they would be lost
+  return report;
+}
+
+FrameTiles CandidateMaker::finish(CandidateStore& store) {
+  FrameTiles report;
+  store_all(judged(quilts_.take_all_whole(), report), store, {}, report);
   return report;
 }
 

@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/sha256.hpp"
 #include "base/time.hpp"
@@ -20,10 +21,12 @@
 
 namespace nadir {
 
-inline constexpr std::string_view kCandidateSchema = "nadir.candidate/1";
+inline constexpr std::string_view kCandidateSchema = "nadir.candidate/1";   // one frame shows all of the tile
+inline constexpr std::string_view kPiecedTileSchema = "nadir.candidate/2";  // several frames do, each a part
 inline constexpr std::string_view kCandidatePayloadType = "application/vnd.nadir.candidate-tile.v1+json";
 inline constexpr std::size_t kMaxCandidateSidecar = 4096;  // bytes
 inline constexpr std::uint64_t kMaxCandidateTile = 1U << 20;
+inline constexpr std::size_t kMaxCandidateParts = 6;
 
 enum class CandidateTrust { candidate, soft };
 std::string_view name_of(CandidateTrust trust);
@@ -51,6 +54,18 @@ struct CandidateQuality {
   bool operator==(const CandidateQuality&) const = default;
 };
 
+// One of the frames that a tile was pieced together of.
+struct CandidatePart {
+  std::string frame;  // see frame_label()
+  UtcMillis captured_at;
+  std::int64_t share_ppm = 0;  // of the tile's pixels
+  CandidatePose pose;
+
+  bool operator==(const CandidatePart&) const = default;
+};
+
+// Of a tile with parts every figure is the worst: `frame` and `pose` are those of the part whose place is known least,
+// its sigma and variances grown by what the parts were found to disagree; captured_at is the oldest part's.
 struct CandidateSidecar {
   std::string airframe;
   std::string flight;   // 1 to 64 of A-Z a-z 0-9 _ -
@@ -67,7 +82,9 @@ struct CandidateSidecar {
   std::int64_t anchor_age_ms = 0;
   CandidateTrust trust = CandidateTrust::candidate;
   CandidateQuality quality;
-  Sha256 camera;  // of the canonical camera
+  Sha256 camera;                     // of the canonical camera
+  std::vector<CandidatePart> parts;  // none, or 2 to kMaxCandidateParts
+  std::int64_t seam_mm = 0;          // the most that parts were found to lie apart where both saw the ground
 
   bool operator==(const CandidateSidecar&) const = default;
 };

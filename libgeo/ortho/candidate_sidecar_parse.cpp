@@ -17,14 +17,13 @@ using nlohmann::json;
 constexpr std::int64_t kMillion = 1'000'000;
 constexpr std::int64_t kMostSquare_mm2 = 1'000'000'000'000'000;  // (31 km)²
 constexpr std::size_t kMaxName = 64, kMaxFrame = 128;
+constexpr std::size_t kMembers = 19, kMembersPieced = 21;
 
 class MemberReader {
  public:
   MemberReader(const json& object, std::string_view name, std::size_t members) : object_(object), name_(name) {
     if (!object.is_object()) refuse("", "an object", object);
-    if (object.size() != members) {
-      refuse("", fmt::format("exactly the {} members of {}", members, kCandidateSchema), object.size());
-    }
+    if (object.size() != members) refuse("", fmt::format("exactly {} members", members), object.size());
   }
 
   [[noreturn]] void refuse(std::string_view member, std::string expected, const json& found) const {
@@ -124,11 +123,56 @@ SourceLabel read_source(const MemberReader& in) {
   in.refuse("source", "a source label", in.text("source"));
 }
 
+UtcMillis read_time(const MemberReader& in) {
+  const auto time = parse_utc_millis(in.text("captured_at"));
+  if (!time) in.refuse("captured_at", "a time like 2026-05-01T12:00:00.250Z", in.text("captured_at"));
+  return *time;
+}
+
+bool says_it_is_pieced(const json& document) {
+  if (!document.is_object()) return false;
+  const auto schema = document.find("schema");
+  return schema != document.end() && schema->is_string() && schema->get_ref<const std::string&>() == kPiecedTileSchema;
+}
+
+CandidatePart read_part(const json& object, std::string_view name) {
+  const MemberReader in(object, name, 4);
+  return {.frame = in.id("frame", kMaxFrame, "_.-"),
+          .captured_at = read_time(in),
+          .share_ppm = in.whole("share_ppm", 0, kMillion),
+          .pose = read_pose(in.member("pose"), fmt::format("{}: pose", name))};
+}
+
+// What the whole says of itself must be the worst of its parts: nobody looks at the parts to find out.
+void read_parts(const MemberReader& in, std::string_view name, CandidateSidecar& sidecar) {
+  sidecar.seam_mm = in.whole("seam_mm", 0, 10 * kMillion);
+  const json& parts = in.member("parts");
+  if (!parts.is_array() || parts.size() < 2 || parts.size() > kMaxCandidateParts) {
+    in.refuse("parts", fmt::format("a list of 2 to {} parts", kMaxCandidateParts), parts);
+  }
+  std::int64_t shares_ppm = 0;
+  for (const json& part : parts) {
+    const std::string where = fmt::format("{}: parts/{}", name, sidecar.parts.size());
+    const CandidatePart& read = sidecar.parts.emplace_back(read_part(part, where));
+    shares_ppm += read.share_ppm;
+    if (read.captured_at < sidecar.captured_at) in.refuse("captured_at", "the oldest part's", part["captured_at"]);
+    if (read.pose.sigma_mm > sidecar.pose.sigma_mm) in.refuse("pose", "the largest sigma of all parts", part["pose"]);
+  }
+  if (sidecar.seam_mm > sidecar.pose.sigma_mm) in.refuse("seam_mm", "at most the pose's sigma_mm", sidecar.seam_mm);
+  // Each share is rounded by itself.
+  if (std::abs(shares_ppm - kMillion) > static_cast<std::int64_t>(kMaxCandidateParts)) {
+    in.refuse("parts", "shares that are the whole together", shares_ppm);
+  }
+}
+
 }  // namespace
 
 CandidateSidecar read_candidate(const json& document, std::string_view name) {
-  const MemberReader in(document, name, 19);
-  if (in.text("schema") != kCandidateSchema) in.refuse("schema", std::string(kCandidateSchema), in.text("schema"));
+  const bool pieced = says_it_is_pieced(document);
+  const MemberReader in(document, name, pieced ? kMembersPieced : kMembers);
+  if (!pieced && in.text("schema") != kCandidateSchema) {
+    in.refuse("schema", fmt::format("{} or {}", kCandidateSchema, kPiecedTileSchema), in.text("schema"));
+  }
   CandidateSidecar sidecar;
   sidecar.airframe = in.id("airframe", kMaxName, "_.-");
   sidecar.flight = in.id("flight", kMaxName, "_-");
@@ -142,9 +186,7 @@ CandidateSidecar read_candidate(const json& document, std::string_view name) {
     in.refuse("format", "jpeg or webp", in.text("format"));
   }
   sidecar.format = *format;
-  const auto captured_at = parse_utc_millis(in.text("captured_at"));
-  if (!captured_at) in.refuse("captured_at", "a time like 2026-05-01T12:00:00.250Z", in.text("captured_at"));
-  sidecar.captured_at = *captured_at;
+  sidecar.captured_at = read_time(in);
   sidecar.gsd_mm = in.whole("gsd_mm", 1, 100'000);
   sidecar.pose = read_pose(in.member("pose"), fmt::format("{}: pose", name));
   sidecar.source = read_source(in);
@@ -154,6 +196,7 @@ CandidateSidecar read_candidate(const json& document, std::string_view name) {
   sidecar.trust = trust == "soft" ? CandidateTrust::soft : CandidateTrust::candidate;
   sidecar.quality = read_quality(in.member("quality"), fmt::format("{}: quality", name));
   sidecar.camera = in.digest("camera");
+  if (pieced) read_parts(in, name, sidecar);
   return sidecar;
 }
 
@@ -164,7 +207,7 @@ CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name) 
                  .expected = fmt::format("at most {} bytes", kMaxCandidateSidecar),
                  .found = std::to_string(bytes.size())});
   }
-  const json document = parse_json(bytes, name, {.max_depth = 2, .allow_floats = false});
+  const json document = parse_json(bytes, name, {.max_depth = 4, .allow_floats = false});
   CandidateSidecar sidecar = read_candidate(document, name);
   if (document.dump() != bytes) {
     throw Error({.what = "cannot accept this candidate's sidecar",

@@ -13,9 +13,8 @@
 namespace nadir {
 namespace {
 
-constexpr double kUnknownRelief_mm = 1'500;  // moves what is seen aslant
-constexpr double kSharp_ppm = 100'000;       // sharper than this is as good
-constexpr double kSoft_mm = 1e6;             // beyond all that is not soft
+constexpr double kSharp_ppm = 100'000;  // sharper than this is as good
+constexpr double kSoft_mm = 1e6;        // beyond all that is not soft
 
 std::string folder_made(const std::filesystem::path& folder) {
   std::error_code code;
@@ -33,12 +32,16 @@ std::string_view mbtiles_name_of(ImageFormat format) { return format == ImageFor
 
 }  // namespace
 
+double sharpness_factor(std::int64_t sharpness_ppm) {
+  return 0.5 + 0.5 * std::min(1.0, static_cast<double>(sharpness_ppm) / kSharp_ppm);
+}
+
 double badness_mm(const CandidateSidecar& sidecar) {
   const double view_rad = static_cast<double>(sidecar.quality.view_angle_mdeg) / 1000 * std::numbers::pi / 180;
   const double aslant_mm = kUnknownRelief_mm * std::tan(std::min(view_rad, 1.5));
   const double misplaced_mm = std::hypot(static_cast<double>(sidecar.pose.sigma_mm), aslant_mm);
-  const double sharp = std::min(1.0, static_cast<double>(sidecar.quality.sharpness_ppm) / kSharp_ppm);
-  return misplaced_mm / (0.5 + 0.5 * sharp) + (sidecar.trust == CandidateTrust::soft ? kSoft_mm : 0);
+  return misplaced_mm / sharpness_factor(sidecar.quality.sharpness_ppm) +
+         (sidecar.trust == CandidateTrust::soft ? kSoft_mm : 0);
 }
 
 std::string_view name_of(CandidateFate fate) {

@@ -32,6 +32,10 @@ struct Candidate {
 // come after all others.
 double badness_mm(const CandidateSidecar& sidecar);
 
+// Its parts: hypot(sigma, kUnknownRelief_mm · tan(angle off nadir)) / sharpness_factor().
+inline constexpr double kUnknownRelief_mm = 1'500;    // moves what is seen aslant
+double sharpness_factor(std::int64_t sharpness_ppm);  // 0.5 to 1
+
 struct CandidateStoreOptions {
   ImageFormat format = ImageFormat::jpeg;               // of all tiles: MBTiles files hold one format
   std::uint64_t budget_bytes = std::uint64_t{4} << 30;  // tiles and sidecars together

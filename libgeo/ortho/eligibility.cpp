@@ -25,6 +25,8 @@ std::string_view name_of(OrthoRefusal refusal) {
     case OrthoRefusal::low_contrast: return "low_contrast";
     case OrthoRefusal::clipped: return "clipped";
     case OrthoRefusal::clouded: return "clouded";
+    case OrthoRefusal::apart: return "apart";
+    case OrthoRefusal::late: return "late";
   }
   return "frame_unfit";
 }

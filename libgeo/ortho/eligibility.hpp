@@ -37,8 +37,10 @@ enum class OrthoRefusal {
   low_contrast,
   clipped,
   clouded,
+  apart,  // several frames show it, and not in the same place
+  late,   // the frame's time was spent
 };
-inline constexpr int kOrthoRefusals = 10;
+inline constexpr int kOrthoRefusals = 12;
 std::string_view name_of(OrthoRefusal refusal);
 
 struct FrameJudgement {

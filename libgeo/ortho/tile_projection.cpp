@@ -37,6 +37,11 @@ Eigen::Vector3d sight_of(const CameraPose& pose, double foot_m, const GroundPoin
 
 }  // namespace
 
+bool inside_frame(const CameraModel& camera, double x, double y) {
+  return x >= kMargin_px && y >= kMargin_px && x <= camera.width - 1 - kMargin_px &&
+         y <= camera.height - 1 - kMargin_px;
+}
+
 std::optional<Eigen::Vector2d> frame_pixel_of(const TileKey& key, double column, double row, const LocalFrame& frame,
                                               const CameraModel& camera, const CameraPose& pose,
                                               const GroundSurface& surface) {
@@ -54,6 +59,7 @@ TileProjection project_tile(const TileKey& key, const LocalFrame& frame, const C
   const Eigen::Matrix3d camera_from_enu = enu_from_camera(pose.attitude).transpose();
   TileProjection result;
   result.nodes.create(kNodes, kNodes, CV_32FC2);
+  result.slants.create(kNodes, kNodes, CV_32FC1);
   result.whole = true;
   std::array<GroundPoint, kNodes> above{}, here{};
   for (int r = 0; r < kNodes; ++r) {
@@ -62,12 +68,13 @@ TileProjection project_tile(const TileKey& key, const LocalFrame& frame, const C
       here[i] = ground_under(key, c * kTileNodeStep, r * kTileNodeStep, frame, surface);
       const Eigen::Vector3d sight = sight_of(pose, foot_m, here[i]);
       const Eigen::Vector3d point = camera_from_enu * sight;
-      Eigen::Vector2d pixel(-1e4, -1e4);
+      Eigen::Vector2d pixel = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
       if (point.z() > kMinDownComponent * point.norm()) pixel = camera.pixel_from_point(point);
       result.nodes.at<cv::Vec2f>(r, c) = {static_cast<float>(pixel.x()), static_cast<float>(pixel.y())};
-      result.whole = result.whole && pixel.x() >= kMargin_px && pixel.y() >= kMargin_px &&
-                     pixel.x() <= camera.width - 1 - kMargin_px && pixel.y() <= camera.height - 1 - kMargin_px;
-      result.view_angle_rad = std::max(result.view_angle_rad, std::atan2(sight.head<2>().norm(), -sight.z()));
+      result.whole = result.whole && inside_frame(camera, pixel.x(), pixel.y());
+      const double aside_m = sight.head<2>().norm();
+      result.slants.at<float>(r, c) = sight.z() < 0 ? static_cast<float>(aside_m / -sight.z()) : NAN;
+      result.view_angle_rad = std::max(result.view_angle_rad, std::atan2(aside_m, -sight.z()));
       const auto climb = [&](const GroundPoint& other) {
         const double run_m =
             std::hypot(here[i].place.east_m - other.place.east_m, here[i].place.north_m - other.place.north_m);
@@ -95,7 +102,7 @@ std::vector<TileKey> tiles_seen(int zoom, const LocalFrame& frame, const CameraM
       last = {std::max(last.x, at.x), std::max(last.y, at.y)};
     }
   }
-  // Only tiles that lie wholly within can be seen wholly; a tile more all around for what terrain moves.
+  // Up to the tiles that the outermost corners lie in.
   const auto first_of = [](double pixel) { return std::max(0.0, std::ceil(pixel / kTileSize) - 1); };
   const double west = first_of(least.x), north = first_of(least.y);
   const double across = static_cast<double>(std::uint32_t{1} << zoom);

@@ -16,7 +16,9 @@ namespace nadir {
 inline constexpr int kTileNodeStep = 16;  // pixels
 
 struct TileProjection {
-  cv::Mat nodes;              // CV_32FC2: frame pixels; the last row and column lie one pixel beyond the tile
+  cv::Mat nodes;              // CV_32FC2: frame pixels, NaN for what lies behind the camera or nearly beside it; the
+                              // last row and column lie one pixel beyond the tile
+  cv::Mat slants;             // CV_32FC1: tangent of the angle off nadir, at the same nodes
   bool whole = false;         // every pixel of the tile lies inside of the frame
   double view_angle_rad = 0;  // off nadir, of the worst node
   double slope = 0;           // rise over run of the ground, the steepest between neighbouring nodes
@@ -26,8 +28,11 @@ struct TileProjection {
 TileProjection project_tile(const TileKey& key, const LocalFrame& frame, const CameraModel& camera,
                             const CameraPose& pose, const GroundSurface& surface);
 
-// The tiles of this zoom that the frame may see wholly, in the order of TileKey: none when a corner of the frame looks
-// near the horizon, or when there are more than `most`.
+// Between pixels of the frame: the interpolation reads one beyond.
+bool inside_frame(const CameraModel& camera, double x, double y);
+
+// The tiles of this zoom that the frame may see, wholly or in part, in the order of TileKey: none when a corner of the
+// frame looks near the horizon, or when there are more than `most`.
 std::vector<TileKey> tiles_seen(int zoom, const LocalFrame& frame, const CameraModel& camera, const CameraPose& pose,
                                 const GroundSurface& surface, std::size_t most = 4096);
 

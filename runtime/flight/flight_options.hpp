@@ -1,6 +1,7 @@
 // What nadird is started with.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -21,6 +22,9 @@ struct FlightOptions {
   bool keep_pictures = false;                       // in the recording
   std::optional<std::filesystem::path> candidates;  // folder for candidate tiles; none: none are made
   std::optional<std::filesystem::path> tile_key;    // what they are signed with; alone: nobody would accept them
+  std::int64_t candidates_mb = 2000;                // most that they may take
+  int candidates_percent = 25;                      // of one core, to make them
+  int candidates_frame_ms = 0;                      // most for one frame; 0: no such limit
   std::string listen = "127.0.0.1:8750";
   std::optional<std::filesystem::path> token;  // file with the API's bearer token
   std::optional<LonLat> start;

@@ -131,14 +131,18 @@ void FlightService::start_flight() {
 void FlightService::start_tiles() {
   if (!options_.candidates) return;
   const LocalizerConfig config = ground_->config();
-  TileMakingSetup setup{*options_.candidates, options_.tile_key.value_or(""),
+  TileMakingSetup setup{*options_.candidates,
+                        options_.tile_key.value_or(""),
                         CandidateFlight{.airframe = airframe_.id,
                                         .flight = fmt::format("{:x}", clock_.unix_us()),
                                         .base_package = sha256_file(ground_->folder() / kManifestFile),
                                         .camera = airframe_.camera.camera,
                                         .frame = ground_->frame(),
                                         .surface = config.surface,
-                                        .zoom = ground_->package().mission().zoom.max}};
+                                        .zoom = ground_->package().mission().zoom.max},
+                        static_cast<std::uint64_t>(options_.candidates_mb) * 1'000'000,
+                        options_.candidates_percent / 100.0,
+                        options_.candidates_frame_ms / 1000.0};
   tiles_ = std::make_unique<TileMaking>(
       setup, clock_,
       TileMaking::Listener{[this](const TileKey& key, CandidateFate fate) {

@@ -12,7 +12,6 @@ namespace {
 
 constexpr std::size_t kMostPictureBytes = 48 << 20;  // that wait for the map's word
 constexpr std::size_t kMostPictures = 100;
-constexpr double kRest = 3;  // times the work
 constexpr std::chrono::milliseconds kWait{500};
 
 CandidateFlight completed(CandidateFlight flight, const GroundSurface& flat, const PrivateKey& key) {
@@ -26,6 +25,8 @@ CandidateFlight completed(CandidateFlight flight, const GroundSurface& flat, con
 TileMaking::TileMaking(const TileMakingSetup& setup, const FlightClock& clock, Listener listener)
     : clock_(clock),
       listener_(std::move(listener)),
+      rest_(1 / setup.share - 1),
+      frame_limit_s_(setup.frame_limit_s),
       key_(PrivateKey::read(setup.key)),
       maker_(completed(setup.flight, flat_, key_)),
       store_(setup.folder, {.budget_bytes = setup.budget_bytes}),
@@ -36,6 +37,7 @@ TileMaking::~TileMaking() {
   work_.close();
   maker_thread_.join();
   try {
+    for (const auto& [key, fate] : maker_.finish(store_).stored) listener_.tile(key, fate);
     store_.close();
   } catch (const std::exception&) {
     // A full disk: what was put is there, and the missing mark says that the end was not in order.
@@ -71,13 +73,18 @@ void TileMaking::make_tiles(const std::stop_token& stop) {
     const double before_s = clock_.monotonic_s();
     make(*work);
     const double now_s = clock_.monotonic_s();
-    clock_.wait_until(now_s + kRest * (now_s - before_s), stop);
+    clock_.wait_until(now_s + rest_ * (now_s - before_s), stop);
   }
 }
 
 void TileMaking::make(const Work& work) {
   try {
-    for (const auto& [key, fate] : maker_.make(work.frame, work.encoded, store_).stored) listener_.tile(key, fate);
+    const double until_s = clock_.monotonic_s() + frame_limit_s_;
+    OutOfTime out_of_time;
+    if (frame_limit_s_ > 0) out_of_time = [this, until_s] { return clock_.monotonic_s() > until_s; };
+    const FrameTiles made = maker_.make(work.frame, work.encoded, store_, out_of_time);
+    for (const auto& [key, fate] : made.stored) listener_.tile(key, fate);
+    if (listener_.frame) listener_.frame(made);
     last_trouble_.clear();
   } catch (const std::exception& error) {
     if (last_trouble_ != error.what()) listener_.trouble(error.what());

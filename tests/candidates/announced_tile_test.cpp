@@ -55,6 +55,25 @@ TEST_F(AnnouncedTile, ClockTricksAreSeenThrough) {
   EXPECT_EQ(at(0), "too_old");
 }
 
+// Each corner was seen by somebody, and everybody's clock counts.
+TEST_F(AnnouncedTile, OfSeveralFramesIsJudgedByEachOfThem) {
+  const auto pieced = [this](const std::function<void(CandidateSidecar&)>& change) {
+    return code([&](CandidateSidecar& s) {
+      s.pose.agl_mm = 36'000;
+      const CandidatePart part{.frame = "a", .captured_at = s.captured_at, .share_ppm = 500'000, .pose = s.pose};
+      s.parts = {part, part};
+      s.parts[0].pose.lon_e7 -= 5'000;  // 38 m to the west and to the east of the tile's middle
+      s.parts[1].pose.lon_e7 += 5'000;
+      change(s);
+    });
+  };
+  EXPECT_EQ(pieced([](CandidateSidecar&) {}), "");
+  EXPECT_EQ(pieced([](CandidateSidecar& s) { s.parts.clear(); }), "outside_footprint") << "one frame cannot have";
+  EXPECT_EQ(pieced([](CandidateSidecar& s) { s.parts[1].pose.lon_e7 += 20'000; }), "outside_footprint");
+  EXPECT_EQ(pieced([this](CandidateSidecar& s) { s.parts[1].captured_at.unix_ms = now_.unix_s * 1000 + 6 * 60'000; }),
+            "captured_in_future");
+}
+
 TEST_F(AnnouncedTile, UncertaintyIsOnTheTilesSide) {
   const double exact = view_angle_rad(good_, 0);
   EXPECT_NEAR(exact, std::atan2(std::hypot(51.7, 51.7), 400), 0.02) << "half a tile of 103 m each way, from 400 m";

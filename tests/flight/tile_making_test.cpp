@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 #include "ortho/candidate_reader.hpp"
 #include "service/manual_clock.hpp"
@@ -45,6 +46,11 @@ class TilesInFlight : public ::testing::Test {
             [this](const std::string&) {
               const std::scoped_lock lock(mutex_);
               ++troubles_;
+              changed_.notify_all();
+            },
+            [this](const FrameTiles&) {
+              const std::scoped_lock lock(mutex_);
+              ++frames_;
               changed_.notify_all();
             }};
   }
@@ -91,6 +97,7 @@ class TilesInFlight : public ::testing::Test {
   std::condition_variable changed_;
   std::map<CandidateFate, std::size_t> fates_;
   int troubles_ = 0;
+  std::uint64_t frames_ = 0;
 };
 
 TEST_F(TilesInFlight, AreMadeOfTheFrameThatWasAnchored) {
@@ -104,6 +111,43 @@ TEST_F(TilesInFlight, AreMadeOfTheFrameThatWasAnchored) {
     EXPECT_EQ(troubles_, 0);
   }
   EXPECT_EQ(stored(), fates_[CandidateFate::added]);
+}
+
+TEST_F(TilesInFlight, TakeNoMoreRoomThanTheyMay) {
+  TileMakingSetup tight = setup();
+  tight.budget_bytes = 20'000;  // a few
+  {
+    TileMaking tiles(tight, clock_, listener());
+    see(tiles, 1, 10);
+    tiles.anchored(1, pose(10));
+    wait_until([&] { return fates_[CandidateFate::no_room] > 0; });
+  }
+  const std::scoped_lock lock(mutex_);
+  EXPECT_EQ(stored(), fates_[CandidateFate::added]);
+  EXPECT_EQ(troubles_, 0);
+}
+
+// A zoom coarser no frame shows a tile wholly: what is whole is made at the latest when the flight ends.
+TEST_F(TilesInFlight, AreMadeOfSeveralFramesAsWell) {
+  TileMakingSetup low = setup();
+  low.flight.zoom = 18;
+  const LonLatBox box = bounds_of(TileKey{18, 139'240, 90'872});
+  low.flight.frame = LocalFrame({(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
+  {
+    TileMaking tiles(low, clock_, listener());
+    for (std::uint64_t i = 0; i < 2; ++i) {
+      see(tiles, i, i == 0 ? -40 : 40);
+      tiles.anchored(i, pose(i == 0 ? -40 : 40));
+      wait_until([&] { return frames_ == i + 1; });  // a frame takes the place of the one that waits
+      clock_.advance(1);                             // and its maker rests after each
+    }
+  }
+  EXPECT_EQ(fates_[CandidateFate::added], 1U);
+  CandidateReader reader(folder_ / "candidates");
+  Findings findings;
+  const auto made = reader.next(findings);
+  ASSERT_TRUE(made);
+  EXPECT_EQ(made->sidecar.parts.size(), 2U);
 }
 
 TEST_F(TilesInFlight, DoubtfulFramesMakeNone) {

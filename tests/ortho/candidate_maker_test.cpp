@@ -1,7 +1,9 @@
 #include "ortho/candidate_maker.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
@@ -63,7 +65,7 @@ class Making : public ::testing::Test {
 
 TEST_F(Making, MakesTilesThatShowTheGroundWhereItIs) {
   CandidateStore store(folder_ / "candidates");
-  const CandidateMaker maker(flight());
+  CandidateMaker maker(flight());
   const FrameTiles report = maker.make(seen(), photograph(seen()), store);
   EXPECT_FALSE(report.refusal);
   store.close();
@@ -101,7 +103,7 @@ TEST_F(Making, MakesTilesThatShowTheGroundWhereItIs) {
 
 TEST_F(Making, OfTwoFramesKeepsTheBetterTiles) {
   CandidateStore store(folder_ / "candidates");
-  const CandidateMaker maker(flight());
+  CandidateMaker maker(flight());
   const std::size_t first = maker.make(seen(), photograph(seen()), store).stored.size();
   const FrameTiles again = maker.make(seen(), photograph(seen()), store);
   for (const auto& [key, fate] : again.stored) EXPECT_EQ(fate, CandidateFate::worse);
@@ -116,7 +118,7 @@ TEST_F(Making, OfTwoFramesKeepsTheBetterTiles) {
 
 TEST_F(Making, MakesNothingOfDoubtfulFrames) {
   CandidateStore store(folder_ / "candidates");
-  const CandidateMaker maker(flight());
+  CandidateMaker maker(flight());
   const Bytes picture = photograph(seen());
   const auto refusal = [&](const SeenFrame& frame, ByteView encoded) {
     return maker.make(frame, encoded, store).refusal;
@@ -158,14 +160,141 @@ TEST_F(Making, CountsTheTilesThatItLeavesOut) {
   EXPECT_TRUE(report.stored.empty());
 }
 
+TEST_F(Making, LeavesOutWhatTimeDoesNotAllow) {
+  CandidateStore store(folder_ / "candidates");
+  CandidateMaker maker(flight());
+  int asked = 0;
+  const FrameTiles made = maker.make(seen(), photograph(seen()), store, [&] { return ++asked > 2; });
+  EXPECT_FALSE(made.refusal);
+  EXPECT_EQ(made.stored.size(), 2U) << "the two that there was time for";
+  EXPECT_EQ(store.tiles(), 2U);
+  EXPECT_EQ(made.refused[static_cast<std::size_t>(OrthoRefusal::late)], asked - 2);
+  const FrameTiles later = maker.make(seen(), photograph(seen()), store);
+  EXPECT_GE(store.tiles(), 6U);
+  EXPECT_EQ(later.refused[static_cast<std::size_t>(OrthoRefusal::late)], 0);
+}
+
 TEST_F(Making, IsDeterministic) {
   for (const char* name : {"a", "b"}) {
     CandidateStore store(folder_ / name);
-    const CandidateMaker maker(flight());
+    CandidateMaker maker(flight());
     for (const double east_m : {0.0, 12.0, 25.0}) maker.make(seen(east_m), photograph(seen(east_m)), store);
     store.close();
   }
   EXPECT_EQ(sha256_file(folder_ / "a" / kCandidateFile), sha256_file(folder_ / "b" / kCandidateFile));
+}
+
+// A tile of 102 m and two frames that see 168 by 126 m each, from 40 m to the west and to the east of its middle.
+class MakingOfSeveralFrames : public Making {
+ protected:
+  static constexpr TileKey kTile{18, 139'240, 90'872};
+
+  CandidateFlight low_flight() const {
+    CandidateFlight low = flight();
+    low.zoom = kTile.z;
+    const LonLatBox box = bounds_of(kTile);
+    low.frame = LocalFrame({(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
+    return low;
+  }
+  SeenFrame at(double east_m, double sigma_m = 2) const {
+    SeenFrame frame = seen(east_m);
+    frame.name = fmt::format("frame_{}.jpg", east_m);
+    frame.captured_at.unix_ms += std::llround(east_m * 100);
+    frame.pose.pose.attitude = {};
+    frame.pose.sigma_m = sigma_m;
+    return frame;
+  }
+  // told_off_m: of the eastern frame's place, to the east.
+  FrameTiles fly(const CandidateFlight& flight, CandidateStore& store, double told_off_m = 0) const {
+    CandidateMaker maker(flight);
+    const FrameTiles west = maker.make(at(-40), photograph(at(-40)), store);
+    SeenFrame told = at(40);
+    told.pose.pose.position.east_m += told_off_m;
+    FrameTiles east = maker.make(told, photograph(at(40)), store);
+    EXPECT_FALSE(west.refusal || east.refusal);
+    EXPECT_EQ(west.whole + east.whole, 0U);
+    EXPECT_EQ(store.tiles(), tiles_before_) << "the next frame may show it better";
+    FrameTiles made = maker.finish(store);
+    made.pieces = east.pieces;
+    return made;
+  }
+  std::uint64_t tiles_before_ = 0;
+};
+
+TEST_F(MakingOfSeveralFrames, PiecesThemTogetherWhereTheGroundIs) {
+  CandidateStore store(folder_ / "candidates");
+  const FrameTiles made = fly(low_flight(), store);
+  EXPECT_EQ(made.pieced, 1U);
+  store.close();
+  const auto all = read();
+  ASSERT_EQ(all.size(), 1U);
+  const CandidateSidecar& s = all[0].sidecar;
+  EXPECT_EQ(s.key, kTile);
+  EXPECT_EQ(all[0].signature.keyid, key_.public_key().id());
+  ASSERT_EQ(s.parts.size(), 2U);
+  EXPECT_EQ(s.parts[0].frame.substr(0, 6), "frame_");
+  EXPECT_NEAR(static_cast<double>(s.parts[0].share_ppm), 5e5, 1e5);
+  EXPECT_EQ(s.captured_at, at(-40).captured_at);
+  EXPECT_LT(s.seam_mm, 200) << "the poses are right";
+  EXPECT_GE(s.pose.sigma_mm, 2000);
+  EXPECT_LT(s.pose.sigma_mm, 2050);
+  const cv::Mat tile = decode_image(all[0].tile, Colour::grey, "tile").image;
+  double squares = 0;
+  for (int r = 0; r < kTileSize; ++r) {
+    for (int c = 0; c < kTileSize; ++c) {
+      const LonLat place = lonlat_from_pixel({s.key.x * 256.0 + c + 0.5, s.key.y * 256.0 + r + 0.5}, s.key.z);
+      const Enu enu = low_flight().frame.enu_from_lonlat(place);
+      squares += std::pow(tile.at<std::uint8_t>(r, c) - test::waves({enu.east_m, enu.north_m}), 2);
+    }
+  }
+  EXPECT_LT(std::sqrt(squares / (kTileSize * kTileSize)), 3.5);
+}
+
+TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
+  CandidateStore store(folder_ / "candidates");
+  fly(low_flight(), store, 1.2);
+  store.close();
+  const auto all = read();
+  ASSERT_EQ(all.size(), 1U);
+  EXPECT_NEAR(static_cast<double>(all[0].sidecar.seam_mm), 1200, 150);
+  EXPECT_NEAR(static_cast<double>(all[0].sidecar.pose.sigma_mm), std::hypot(2000, all[0].sidecar.seam_mm), 2);
+}
+
+TEST_F(MakingOfSeveralFrames, DoesNotPutTogetherWhatLiesApart) {
+  CandidateStore store(folder_ / "candidates");
+  const FrameTiles made = fly(low_flight(), store, 3);
+  EXPECT_GE(made.pieces[static_cast<std::size_t>(PieceFate::apart)], 1);
+  EXPECT_EQ(store.tiles(), 0U);
+}
+
+TEST_F(MakingOfSeveralFrames, IsDeterministicAndCanBeLeftOut) {
+  for (const char* name : {"a", "b"}) {
+    CandidateStore store(folder_ / name);
+    fly(low_flight(), store);
+    store.close();
+  }
+  EXPECT_EQ(sha256_file(folder_ / "a" / kCandidateFile), sha256_file(folder_ / "b" / kCandidateFile));
+  CandidateFlight whole_only = low_flight();
+  whole_only.piece_together = false;
+  CandidateStore store(folder_ / "candidates");
+  EXPECT_EQ(fly(whole_only, store).stored.size(), 0U);
+}
+
+TEST_F(MakingOfSeveralFrames, OfItAndATileOfOneFrameTheBetterStays) {
+  CandidateStore store(folder_ / "candidates");
+  fly(low_flight(), store);
+  const auto fate_of_one = [&](double sigma_m) {
+    SeenFrame above = at(0, sigma_m);
+    above.pose.pose.agl_m = 120;
+    const FrameTiles made = CandidateMaker(low_flight()).make(above, photograph(above), store);
+    const auto here =
+        std::find_if(made.stored.begin(), made.stored.end(), [](const auto& s) { return s.first == kTile; });
+    return here == made.stored.end() ? std::nullopt : std::optional(here->second);
+  };
+  EXPECT_EQ(fate_of_one(2.5), CandidateFate::worse);
+  EXPECT_EQ(fate_of_one(1.5), CandidateFate::replaced);
+  tiles_before_ = store.tiles();
+  EXPECT_TRUE(fly(low_flight(), store).stored.empty()) << "it is not even begun";
 }
 
 TEST_F(Making, FindsNamesThatNoSidecarHoldsBeforeTheFlight) {

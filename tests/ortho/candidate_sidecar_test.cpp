@@ -27,6 +27,60 @@ TEST(CandidateSidecar, ComesBackAsItWasWritten) {
   EXPECT_EQ(parse_candidate(candidate_json(sidecar), "test"), sidecar);
 }
 
+CandidateSidecar pieced_sidecar() {
+  CandidateSidecar sidecar = test::sample_sidecar(kKey);
+  sidecar.seam_mm = 700;
+  for (int i = 0; i < 3; ++i) {
+    CandidatePart& part = sidecar.parts.emplace_back();
+    part = {"frame_" + std::to_string(i), {sidecar.captured_at.unix_ms + 500 * i}, 333'333, sidecar.pose};
+    part.pose.sigma_mm -= 100 * i;
+  }
+  return sidecar;
+}
+
+TEST(CandidateSidecar, OfSeveralFramesComesBackToo) {
+  EXPECT_EQ(parse_candidate(candidate_json(pieced_sidecar()), "test"), pieced_sidecar());
+  EXPECT_EQ(json::parse(candidate_json(pieced_sidecar()))["schema"], "nadir.candidate/2");
+  CandidateSidecar longest = pieced_sidecar();
+  longest.parts.resize(kMaxCandidateParts, longest.parts[0]);
+  for (CandidatePart& part : longest.parts) part.frame = std::string(128, 'f'), part.share_ppm = 166'667;
+  longest.frame = std::string(128, 'f');
+  longest.airframe = longest.flight = std::string(64, 'a');
+  EXPECT_EQ(parse_candidate(candidate_json(longest), "test"), longest) << "there is room for the longest names";
+}
+
+TEST(CandidateSidecar, OfSeveralFramesSaysTheWorstOfThem) {
+  const std::vector<std::function<void(json&)>> edits{
+      [](json& d) { d.erase("parts"); },
+      [](json& d) { d.erase("seam_mm"); },
+      [](json& d) { d["schema"] = "nadir.candidate/1"; },
+      [](json& d) { d["schema"] = "nadir.candidate/3"; },
+      [](json& d) { d["parts"] = json::array(); },
+      [](json& d) { d["parts"] = json::array({d["parts"][0]}); },
+      [](json& d) {
+        d["parts"] = json::object({{"0", d["parts"][0]}, {"1", d["parts"][1]}});
+      },
+      [](json& d) {
+        while (d["parts"].size() <= kMaxCandidateParts) d["parts"].push_back(d["parts"][0]);
+      },
+      [](json& d) { d["parts"][1] = nullptr; },
+      [](json& d) { d["parts"][1]["extra"] = 1; },
+      [](json& d) { d["parts"][1].erase("pose"); },
+      [](json& d) { d["parts"][1]["frame"] = "../up"; },
+      [](json& d) { d["parts"][1]["pose"]["sigma_mm"] = 2001; },
+      [](json& d) { d["parts"][1]["captured_at"] = "2026-05-01T12:00:00.249Z"; },
+      [](json& d) { d["parts"][1]["share_ppm"] = 300'000; },
+      [](json& d) { d["parts"][1]["share_ppm"] = -1; },
+      [](json& d) { d["seam_mm"] = -1; },
+      [](json& d) { d["seam_mm"] = 2001; },
+  };
+  for (std::size_t i = 0; i < edits.size(); ++i) {
+    json edited = json::parse(candidate_json(pieced_sidecar()));
+    edits[i](edited);
+    EXPECT_THROW(parse_candidate(edited.dump(), "test"), Error) << "edit " << i;
+  }
+}
+
 // Python writes the same document by itself: sorted, without blanks.
 TEST(CandidateSidecar, IsCanonicalAsOthersWriteIt) {
   const std::string bytes = candidate_json(test::sample_sidecar(kKey));
