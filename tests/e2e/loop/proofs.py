@@ -50,11 +50,11 @@ class Seen:
                     None)
 
 
-def _between(first, second):
-    """From one text to another."""
+def _between(action, first, second):
+    """From one text to another, both after what was done."""
     def look(seen):
-        at = seen.happened.told(first)
-        return seen.after(at, second)
+        since = seen.act(action)
+        return None if since is None else seen.after(seen.happened.told(first, since), second)
     return look
 
 
@@ -151,9 +151,9 @@ PROOFS = [
           lambda seen: seen.event(seen.act("gps-denied"), "GPS is denied")),
     Proof("GPS denied or spoofed, and we have a position", "failsafe", "told after GPS was lost", 3,
           _after("gps-denied", "Nadir: flying by map")),
-    Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("Nadir: GPS denied", "Nadir: flying by map")),
+    Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("gps-denied", "Nadir: GPS denied", "Nadir: flying by map")),
     Proof("no position for longer than 3 s", "failsafe", "told after our fix was lost", FAILSAFE_S + SETTLES_S,
-          _between("Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position at all")),
+          _between("camera-cut", "Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position at all")),
     Proof("no_position", "failsafe", "not before 3 s", FAILSAFE_S + SETTLES_S, _steady_first(
         FAILSAFE_S - 0.2, lambda seen: seen.happened.told("Nadir: NO FIX, blind for too long"),
         "Nadir: FAILSAFE, no position at all")),
@@ -171,11 +171,12 @@ PROOFS = [
     Proof("gps_spoofed", "lies", "dragged off by 4 m/s", 25, _after("gps-drag", "Nadir: GPS SPOOFED")),
     Proof("trusted again", "lies", "10 s undisturbed and in agreement", 16,
           _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
-    Proof("gps_leads", "lies", "then", SETTLES_S, _between("Nadir: GPS trusted", "Nadir: flying by GPS")),
+    Proof("gps_leads", "lies", "then", SETTLES_S,
+          _between("gps-recover", "Nadir: GPS trusted", "Nadir: flying by GPS")),
     Proof("gps_trusted", "silence", "merely denied, pictures silent: 60 s", 63,
           _steady_first(59.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_position", "silence", "failsafe is over with it", SETTLES_S,
-          _between("Nadir: GPS trusted", "Nadir: failsafe over, GPS has a position")),
+          _between("gps-recover", "Nadir: GPS trusted", "Nadir: failsafe over, GPS has a position")),
     Proof("restored", "restart", "told after the kill", 5, _after_hand("killed", "Nadir: restarted, dead reckoning")),
     Proof("package_verified", "restart", "verified anew, in the events", 5,
           lambda seen: seen.event(seen.done.get("killed"), "the package is signed and whole")),
