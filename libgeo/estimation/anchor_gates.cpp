@@ -54,6 +54,10 @@ bool by_chance(const AnchorMatch& match, const AnchorPrior& prior, double share,
 
 }  // namespace
 
+bool seconded(const Prediction& prediction, const GateLimits& limits) {
+  return prediction.healthy && prediction.sigma_m <= limits.sharp_sigma_m && prediction.chi2 <= limits.expected_chi2;
+}
+
 AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
                            const GateLimits& limits) {
   if (!match.on_map) return AnchorVerdict::no_map;
@@ -78,9 +82,9 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   const bool expected = sharp && prediction.chi2 <= limits.expected_chi2;
   const bool chance =
       !expected && !told_apart(match, prior, limits) && by_chance(match, prior, share, prediction, limits);
-  const bool seconded = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
+  const bool backed = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
   const bool alone = prediction.lost ? match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share
-                                     : match.search.ratio <= limits.alone_ratio || seconded;
+                                     : match.search.ratio <= limits.alone_ratio || backed;
   const bool doubtful = prediction.first && !prediction.lost && prediction.chi2 > limits.chi2_99;
   return alone && !chance && !doubtful && !prediction.torn ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
 }

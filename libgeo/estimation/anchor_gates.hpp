@@ -59,6 +59,9 @@ struct Prediction {
 // How far the solved attitude and height lie from the belief, in sigmas of the belief (the worst of them).
 double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior);
 
+// A sharp prediction says the same as the match.
+bool seconded(const Prediction& prediction, const GateLimits& limits = {});
+
 AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
                            const GateLimits& limits = {});
 

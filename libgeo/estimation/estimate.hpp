@@ -40,6 +40,7 @@ struct AnchorReport {
   double residual_px = 0;  // RMS of the inliers, in pixels of the matching GSD
   double matching_gsd_m = 0;
   double chi2 = 0;                   // squared Mahalanobis distance to the prediction, 2 degrees of freedom
+  bool seconded = false;             // a sharp prediction says the same: carried from an anchor, and within its 95 %
   std::optional<PlanePoint> camera;  // matched camera position in the map's plane (also of refused ones)
   double heading_rad = 0;            // matched heading of image-up
   double window_radius_m = 0;        // half the side of the searched window

@@ -82,7 +82,7 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   if (job->match) report.anchor = s.judge(*job);
   const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
   if (anchored) {
-    s.take_anchor(*job);
+    s.take_anchor(*job, report.anchor);
     report.anchored = s.taken_pose;
   }
   s.job_out = false;

@@ -13,6 +13,8 @@ namespace {
 // What the pose solver does not model (trees, roofs, shutter, the moment of the telemetry), as a factor on its
 // variance; from the normalised errors of simulated flights.
 constexpr double kAnchorModelError = 4;
+// Sets of patches that agreed on a wrong pose nearby lay up to 26 px from the truth (docs/safety.md).
+constexpr double kWrongConsensusSigma_px = 10;
 constexpr double kTiltlessModelError = 9;  // all of that looks like a tilt, where nobody told it
 constexpr double kSharedErrorFootprints = 1.5;
 constexpr double kVotesApartFootprints = 0.8;  // by then a picture shows little of the first one's ground
@@ -87,6 +89,7 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
     if (!last_anchor_s && !config.resumed)
       prediction.chi2 = against_start.weighed(*off, prediction.chi2, prediction.sigma_m);
     report.chi2 = prediction.chi2;
+    report.seconded = seconded(prediction, config.gates);
   }
   report.verdict = judge_anchor(match, job.prior, prediction, config.gates);
   confirm(report, off, job);
@@ -126,11 +129,20 @@ double Localizer::State::shared_error_factor(const Eigen::Vector2d& position, do
   return std::max(1.0, stretch_m / std::max(1.0, (position - *last_anchor_at).norm()));
 }
 
-void Localizer::State::take_anchor(const AnchorJob& job) {
+// Where most patches found something else, those that agree may be the wrong ones, until a sharp prediction says the
+// same.
+double Localizer::State::wrong_consensus_m2(const AnchorReport& report) const {
+  if (report.seconded || report.inliers >= config.gates.most_inlier_share * report.patches) return 0;
+  const double sigma_m = kWrongConsensusSigma_px * report.matching_gsd_m;
+  return sigma_m * sigma_m;
+}
+
+void Localizer::State::take_anchor(const AnchorJob& job, const AnchorReport& report) {
   const SolvedPose& solved = *job.match->solved;
   const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
   PoseSight sight = pose_sight(solved, job.told_agl_m, job.told_tilt_rad);
   sight.covariance *= model_error(job) * shared_error_factor(position, job.told_agl_m);
+  sight.covariance.topLeftCorner<2, 2>() += wrong_consensus_m2(report) * Eigen::Matrix2d::Identity();
   sight.covariance(2, 2) += kLeastHeightSigma * kLeastHeightSigma;
   FlightStep& step = log[job.step];
   step.anchored = sight;

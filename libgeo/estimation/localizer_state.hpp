@@ -54,7 +54,8 @@ struct Localizer::State {
   AnchorReport judge(const AnchorJob& job);
   void confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m, const AnchorJob& job);
   double shared_error_factor(const Eigen::Vector2d& position, double agl_m) const;
-  void take_anchor(const AnchorJob& job);
+  double wrong_consensus_m2(const AnchorReport& report) const;
+  void take_anchor(const AnchorJob& job, const AnchorReport& report);
   void follow_again(std::size_t from);
   Estimate tell(const Telemetry& telemetry, bool anchored, bool tracked);
   Belief belief() const;

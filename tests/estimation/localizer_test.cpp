@@ -41,6 +41,27 @@ TEST(Localizer, FollowsAFlightOverItsMap) {
   }
 }
 
+// A minority that agrees may be the wrong one: until a sharp prediction says the same, its word counts less.
+TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
+  LocalizerConfig minority = config();
+  minority.gates.most_inlier_share = 1.01;  // whatever agrees is one
+  Localizer sure(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  Localizer vague(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), minority);
+  const Moment &first = short_flight()[0], &second = short_flight()[1];
+  const FrameReport one = sure.process(first.image, first.telemetry),
+                    same = vague.process(first.image, first.telemetry);
+  ASSERT_EQ(same.anchor.verdict, AnchorVerdict::accepted);
+  EXPECT_FALSE(same.anchor.seconded);
+  const double ten_px_m = 10 * same.anchor.matching_gsd_m;
+  EXPECT_GT(same.estimate.sigma_m, 1.5 * one.estimate.sigma_m);
+  EXPECT_LT(same.estimate.sigma_m, std::hypot(ten_px_m, one.estimate.sigma_m));
+  EXPECT_LT(off_m(same.estimate, first), 3 * same.estimate.sigma_m);
+  const FrameReport next = vague.process(second.image, second.telemetry);
+  EXPECT_TRUE(next.anchor.seconded);
+  EXPECT_NEAR(next.estimate.sigma_m, sure.process(second.image, second.telemetry).estimate.sigma_m,
+              0.5 * next.estimate.sigma_m);
+}
+
 TEST(Localizer, BetweenAnchorsItIsCarriedByOdometry) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, place_of(short_flight()[0].truth.position), [] {
     LocalizerConfig c = config();
