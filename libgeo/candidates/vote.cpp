@@ -88,6 +88,7 @@ std::string evidence_of(const Voter& promoted, std::span<const Voter* const> gro
   for (const Voter* voter : group) {
     nlohmann::json flight{{"airframe", voter->sidecar.airframe},
                           {"flight", voter->sidecar.flight},
+                          {"base_package", voter->sidecar.base_package.hex()},
                           {"sha256", voter->sidecar.sha256.hex()},
                           {"captured_at", to_rfc3339(voter->sidecar.captured_at)}};
     if (voter != &promoted) {

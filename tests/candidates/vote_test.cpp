@@ -68,6 +68,7 @@ TEST_F(VoteTest, TwoIndependentFlightsThatAgreePromoteTheBest) {
   EXPECT_EQ(evidence["needed"], 2);
   EXPECT_EQ(evidence["sigma_mm"], 1'500) << "the other one's";
   EXPECT_EQ(evidence["flights"].size(), 2U);
+  EXPECT_EQ(evidence["flights"][0]["base_package"], template_.base_package.hex());
   EXPECT_EQ(evidence["flights"][0]["airframe"], "a") << "the newest first, ties by their order";
 }
 
