@@ -34,13 +34,14 @@ FlightService::FlightService(const FlightOptions& options, JudgedPackage judged,
       stop_(stop),
       airframe_(options.airframe),
       state_(options.state),
-      restart_(restart_from(state_.load(), clock)),
       machine_(clock.monotonic_s()),
       gps_(clock.monotonic_s()),
       views_(fmt::format("{:x}", clock.unix_us())),
       manager_(read_service_environment().notify_socket),
       watch_(clock) {
   if (judged.package) ground_ = std::make_unique<FlightGround>(std::move(judged.package), options.package);
+  restart_ =
+      restart_from(state_.load(), clock);  // after the ground: reading a large place index takes seconds of flight
   const PackageView shown = ground_ ? package_view(ground_->package()) : refused_package(judged.findings);
   views_.package(shown);
   refusal_ = shown.reason;
