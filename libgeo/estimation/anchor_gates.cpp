@@ -27,10 +27,10 @@ double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior) {
 
 namespace {
 
-// seconded: a sharp prediction says the same, and the patches agree closer than chance does.
-double needed_inlier_share(double ratio, bool seconded, const GateLimits& limits) {
+// seconded_closely: a sharp prediction says the same, and the patches agree closer than chance does.
+double needed_inlier_share(double ratio, bool seconded_closely, const GateLimits& limits) {
   if (ratio <= limits.clear_ratio) return limits.clear_inlier_share;
-  if (ratio <= limits.alone_ratio || seconded) return limits.alone_inlier_share;
+  if (ratio <= limits.alone_ratio || seconded_closely) return limits.alone_inlier_share;
   return limits.vote_inlier_share;
 }
 
@@ -79,9 +79,8 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (solved.rms_m > limits.max_residual_px * match.fine_gsd_m) return AnchorVerdict::bad_geometry;
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
   if (!prediction.lost && prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
-  const bool expected = sharp && prediction.chi2 <= limits.expected_chi2;
-  const bool chance =
-      !expected && !told_apart(match, prior, limits) && by_chance(match, prior, share, prediction, limits);
+  const bool chance = !seconded(prediction, limits) && !told_apart(match, prior, limits) &&
+                      by_chance(match, prior, share, prediction, limits);
   const bool backed = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
   const bool alone = prediction.lost ? match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share
                                      : match.search.ratio <= limits.alone_ratio || backed;

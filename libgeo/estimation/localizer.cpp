@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kLeastLostSigma_m = 1000;
 constexpr double kUntoldHeightSigma = 0.3;       // of its logarithm
-constexpr double kSharedModelError_rad = 0.010;  // half a degree
+constexpr double kSharedModelError_rad = 0.010;  // 1 % of the height
 constexpr double kSurelyShared = 0.5;            // of a picture's longer side: so much shorter a way leaves an overlap
 constexpr double kFastestSigmas = 4.5, kGusts_mps = 5;
 constexpr double kSightSlack = 0.1;  // of a picture's longer side: what a tilt feigns
