@@ -23,6 +23,7 @@ void refine(AnchorMatch& match, const cv::Mat& grey, const CameraModel& camera, 
   PoseRefinement refinement(camera, prior, begin, map, surface);
   PatchOptions patches;
   patches.likeness = likeness;
+  MapChannels map_channels(map.image, map.mask, likeness.fine, likeness.channels);
   for (int round = 0; round < kRounds; ++round) {
     prior.cancel.check();
     patches.columns = round == 0 ? 8 : 12;
@@ -32,7 +33,7 @@ void refine(AnchorMatch& match, const cv::Mat& grey, const CameraModel& camera, 
     if (!grid) return;
     const CameraPose pose = refinement.pose();
     const RectifiedFrame rectified = rectify(frame, pose, *grid, surface);
-    const PatchMatches found = match_patches(rectified, frame.camera, pose, map, patches, surface);
+    const PatchMatches found = match_patches(rectified, frame.camera, pose, map, map_channels, patches, surface);
     if (!refinement.solve(match, found, rectified, pose, round == 0 ? 7.0 : 3.5, patches.patch_px)) return;
   }
 }
@@ -69,16 +70,15 @@ AnchorMatch match_anchor(const cv::Mat& grey, const CameraModel& camera, MapWind
   const auto plan = planned(camera, map, frame, prior, likeness);
   if (!plan) return {};
   AnchorMatch match = begun(*plan);
-  SearchPrior search = prior.search;
+  AnchorPrior wide = prior;
   // Without room for other places there is nothing to compare the best one with.
-  search.radius_m = std::max(search.radius_m, 2.2 * plan->options.distinct_m);
-  const MapWindow window = map.read(frame, square_around(search.pose.position, search.radius_m + plan->reach_m),
-                                    plan->scale.fine_gsd_m, Colour::grey);
+  wide.search.radius_m = std::max(prior.search.radius_m, 2.2 * plan->options.distinct_m);
+  const MapWindow window = map.read(frame, searched_ground(camera, wide, *plan), plan->scale.fine_gsd_m, Colour::grey);
   match.on_map = cv::countNonZero(window.mask) > 0;
   if (!match.on_map) return match;
   const MapWindow cropped = cropped_to_map(window, plan->reach_m / 2);
 
-  match.search = search_place(grey, camera, cropped, search, plan->options);
+  match.search = search_place(grey, camera, cropped, wide.search, plan->options);
   if (!match.search.places.empty()) refine(match, grey, camera, cropped, prior, surface, likeness);
   return match;
 }

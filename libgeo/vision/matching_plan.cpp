@@ -12,6 +12,9 @@ namespace {
 constexpr double kAreaWindow_m = 1600;      // side of the squares in which an area is searched
 constexpr double kFineTemplate_px = 400;    // longer side of the fine template
 constexpr double kCoarseTemplate_px = 170;  // still enough structure to find a place among thousands
+constexpr double kLeastSlack_m = 30;        // the refined pose may see beyond what the searched ones do …
+constexpr double kSlackShare = 0.15;        // … so much of a picture's longer side …
+constexpr double kTiltSigmas = 2;           // … or where the tilt is open
 
 }  // namespace
 
@@ -50,6 +53,31 @@ std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomR
       std::max({std::hypot(footprint->west_m, footprint->north_m), std::hypot(footprint->east_m, footprint->north_m),
                 std::hypot(footprint->west_m, footprint->south_m), std::hypot(footprint->east_m, footprint->south_m)});
   return plan;
+}
+
+PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, const MatchingPlan& plan) {
+  const SearchPrior& search = prior.search;
+  const double turn_rad = search.heading_range_rad + plan.options.heading_step_rad;
+  const double scale = search.scale_range + plan.options.scale_step;
+  PlaneBox seen = {plan.reach_m, plan.reach_m, -plan.reach_m, -plan.reach_m};
+  const int turns = static_cast<int>(std::ceil(turn_rad / plan.options.heading_step_rad));
+  for (int i = -turns; i <= turns; ++i) {
+    CameraPose pose = search.pose;
+    pose.position = {};
+    pose.agl_m *= 1 + scale;
+    pose.attitude.heading_rad += i * turn_rad / turns;
+    const auto box = footprint_of(camera, pose);
+    if (!box) continue;
+    seen.west_m = std::min(seen.west_m, box->west_m), seen.east_m = std::max(seen.east_m, box->east_m);
+    seen.south_m = std::min(seen.south_m, box->south_m), seen.north_m = std::max(seen.north_m, box->north_m);
+  }
+  const double tilt_rad = kTiltSigmas * std::sqrt(prior.tilt_covariance_rad2.trace() / 2);
+  const double slack_m =
+      search.radius_m + std::max({kLeastSlack_m, kSlackShare * footprint_side_m(camera, search.pose.agl_m),
+                                  std::tan(std::min(tilt_rad, 0.5)) * search.pose.agl_m});
+  const PlanePoint& middle = search.pose.position;
+  return {middle.east_m + seen.west_m - slack_m, middle.north_m + seen.south_m - slack_m,
+          middle.east_m + seen.east_m + slack_m, middle.north_m + seen.north_m + slack_m};
 }
 
 AnchorMatch begun(const MatchingPlan& plan) {

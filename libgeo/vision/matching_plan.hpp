@@ -24,6 +24,9 @@ std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomR
 
 AnchorMatch begun(const MatchingPlan& plan);
 
+// The ground that a frame taken in the searched square may show, with the attitude no better known than the prior says.
+PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, const MatchingPlan& plan);
+
 PlaneBox square_around(PlanePoint middle, double half_side_m);
 
 // Leaves out what no placement needs: the window beyond the map, but for a rim that a template may overhang.

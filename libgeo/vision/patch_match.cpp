@@ -108,26 +108,33 @@ std::optional<PatchMatch> match_one(const WholeChannels& frame, const WholeChann
 }  // namespace
 
 PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camera, const CameraPose& pose,
-                           const MapWindow& map, const PatchOptions& options, const GroundSurface& surface) {
+                           const MapWindow& map, MapChannels& map_channels, const PatchOptions& options,
+                           const GroundSurface& surface) {
   const cv::Point map_offset(static_cast<int>(std::lround((frame.grid.west_m - map.west_m) / map.gsd_m)),
                              static_cast<int>(std::lround((map.north_m - frame.grid.north_m) / map.gsd_m)));
   const int margin = static_cast<int>(std::ceil(options.search_px)) + 8;  // 8: reach of the channels' smoothing
-  const cv::Rect used = cv::Rect(map_offset.x - margin, map_offset.y - margin, frame.grid.columns + 2 * margin,
-                                 frame.grid.rows + 2 * margin) &
-                        cv::Rect(0, 0, map.image.cols, map.image.rows);
+  const cv::Rect used(map_offset.x - margin, map_offset.y - margin, frame.grid.columns + 2 * margin,
+                      frame.grid.rows + 2 * margin);
   PatchMatches matches;
-  if (used.empty()) return matches;
+  if ((used & cv::Rect(cv::Point(), map_channels.map_size())).empty()) return matches;
   const Likeness& like = options.likeness;
   const WholeChannels on_frame(oriented_channels(frame.image, frame.mask, like.fine, like.channels));
-  const WholeChannels on_map(oriented_channels(map.image(used), map.mask(used), like.fine, like.channels));
+  map_channels.cover(used);
+  const cv::Point offset = map_channels.inside(map_offset);
   const auto places = patch_places(frame, camera, pose, options, surface);
   matches.tried = static_cast<int>(places.size());
   for (const cv::Rect& place : places) {
-    if (const auto match = match_one(on_frame, on_map, place, map_offset - used.tl(), frame.grid, options)) {
+    if (const auto match = match_one(on_frame, map_channels.channels(), place, offset, frame.grid, options)) {
       matches.found.push_back(*match);
     }
   }
   return matches;
+}
+
+PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camera, const CameraPose& pose,
+                           const MapWindow& map, const PatchOptions& options, const GroundSurface& surface) {
+  MapChannels channels(map.image, map.mask, options.likeness.fine, options.likeness.channels);
+  return match_patches(frame, camera, pose, map, channels, options, surface);
 }
 
 }  // namespace nadir

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "imagery/map_window.hpp"
+#include "vision/map_channels.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/rectify.hpp"
 
@@ -36,7 +37,11 @@ struct PatchMatches {
 };
 
 // The grids of `frame` and `map` must be aligned: same GSD, whole pixels apart. The patches' centres stand on a grid in
-// the camera's picture, so that they fill it however it is turned.
+// the camera's picture, so that they fill it however it is turned. map_channels: of `map`, the fine ones; for whoever
+// matches with the same ground again.
+PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camera, const CameraPose& pose,
+                           const MapWindow& map, MapChannels& map_channels, const PatchOptions& options,
+                           const GroundSurface& surface = FlatGround());
 PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camera, const CameraPose& pose,
                            const MapWindow& map, const PatchOptions& options,
                            const GroundSurface& surface = FlatGround());

@@ -6,12 +6,13 @@
 #include <optional>
 
 #include "vision/correlation.hpp"
+#include "vision/map_channels.hpp"
 #include "vision/near_correlation.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr int kWideWindow_px = 600;  // has more places that look alike
+constexpr double kWideRadius_px = 190;  // has more places that look alike
 
 struct Hypothesis {
   double heading_rad = 0;
@@ -135,39 +136,53 @@ std::vector<Place> sweep(const ReducedFrame& frame, const ScaledMap& map, const 
   return distinct(std::move(places), options.distinct_m, &Place::coarse_score, count);
 }
 
+Hypothesis hypothesis_of(const Place& place) { return {place.pose.attitude.heading_rad, place.pose.agl_m}; }
+
+// The part of the map that a template covers there and up to `slack` pixels off.
+cv::Rect part_under(const ScaledMap& map, const GroundGrid& grid, PlanePoint camera, int slack) {
+  const auto left = static_cast<int>(std::lround((camera.east_m + grid.west_m - map.west_m) / map.gsd_m));
+  const auto top = static_cast<int>(std::lround((map.north_m - camera.north_m - grid.north_m) / map.gsd_m));
+  return {left - slack, top - slack, grid.columns + 2 * slack, grid.rows + 2 * slack};
+}
+
+// Candidates close together lie on the same ground.
+void cover_all(MapChannels& channels, const std::vector<Place>& places, const ReducedFrame& frame, const ScaledMap& map,
+               int slack) {
+  cv::Rect all;
+  int single = 0;
+  for (const Place& place : places) {
+    const auto grid = template_grid(frame.camera, place.pose, {hypothesis_of(place)}, map.gsd_m);
+    if (!grid) continue;
+    const cv::Rect part = part_under(map, *grid, place.pose.position, slack);
+    all |= part;
+    single += part.area();
+  }
+  if (all.area() < single) channels.cover(all);
+}
+
 // The best pose near a candidate, with all channels.
-void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, const std::vector<Hypothesis>& hypotheses,
-             double slack_m, const SearchOptions& options) {
+void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, MapChannels& map_channels,
+             const std::vector<Hypothesis>& hypotheses, int slack, const SearchOptions& options) {
   const ChannelSet set = options.likeness.fine;
   const auto grid = template_grid(frame.camera, place.pose, hypotheses, map.gsd_m);
   if (!grid) return;
-  const int slack = static_cast<int>(std::ceil(slack_m / map.gsd_m));
-  const int left =
-      static_cast<int>(std::lround((place.pose.position.east_m + grid->west_m - map.west_m) / map.gsd_m)) - slack;
-  const int top =
-      static_cast<int>(std::lround((map.north_m - place.pose.position.north_m - grid->north_m) / map.gsd_m)) - slack;
-  const cv::Rect part(left, top, grid->columns + 2 * slack, grid->rows + 2 * slack);
-  const cv::Rect available = part & cv::Rect(0, 0, map.image.cols, map.image.rows);
-  if (available.empty()) return;
-  cv::Mat image(part.size(), CV_8UC1, cv::Scalar(0)), mask(part.size(), CV_8UC1, cv::Scalar(0));
-  map.image(available).copyTo(image(available - part.tl()));
-  map.mask(available).copyTo(mask(available - part.tl()));
-  const WholeChannels window(oriented_channels(image, mask, set, options.likeness.channels));
+  const cv::Rect part = part_under(map, *grid, place.pose.position, slack);
+  if ((part & cv::Rect(cv::Point(), map.image.size())).empty()) return;
+  map_channels.cover(part);
   const CameraPose begin = place.pose;
   for (const Hypothesis& hypothesis : hypotheses) {
     options.cancel.check();
     const WholeChannels whole(channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), set, options));
     const NearPattern pattern(whole, cv::Rect(cv::Point(), whole.size()));
-    const Peak peak = best_peak(pattern.scores(window, {0, 0}, {2 * slack + 1, 2 * slack + 1}));
+    const Peak peak = best_peak(
+        pattern.scores(map_channels.channels(), map_channels.inside(part.tl()), {2 * slack + 1, 2 * slack + 1}));
     if (peak.score <= place.score) continue;
     place.score = peak.score;
     place.pose = with(begin, hypothesis,
-                      {map.west_m + (left + peak.x) * map.gsd_m - grid->west_m,
-                       map.north_m - (top + peak.y) * map.gsd_m - grid->north_m});
+                      {map.west_m + (part.x + peak.x) * map.gsd_m - grid->west_m,
+                       map.north_m - (part.y + peak.y) * map.gsd_m - grid->north_m});
   }
 }
-
-Hypothesis hypothesis_of(const Place& place) { return {place.pose.attitude.heading_rad, place.pose.agl_m}; }
 
 std::vector<Hypothesis> around(const Hypothesis& middle, double heading_range, double heading_step, double scale_range,
                                double scale_step) {
@@ -191,21 +206,23 @@ SearchResult search_place(const cv::Mat& grey, const CameraModel& camera, const 
   const ReducedFrame frame = reduce_frame(grey, camera, prior.pose.agl_m, confirm_map.gsd_m);
   // Swept at half the resolution: four times fewer pixels, and the confirmation sorts it out.
   const ScaledMap sweep_map = shrink(map, options.gsd_m * 2);
-  const bool wide_window = std::max(confirm_map.image.cols, confirm_map.image.rows) > kWideWindow_px;
+  const bool wide_window = prior.radius_m > kWideRadius_px * options.gsd_m;
 
   SearchResult result;
   result.places = sweep(reduce_frame(frame.image, frame.camera, prior.pose.agl_m, sweep_map.gsd_m), sweep_map, prior,
                         wide, options, options.candidates * (wide_window ? 2 : 1));
-  const double slack_m = 2 * sweep_map.gsd_m;
-  for (Place& place : result.places) confirm(place, frame, confirm_map, {hypothesis_of(place)}, slack_m, options);
+  const int slack = static_cast<int>(std::ceil(2 * sweep_map.gsd_m / confirm_map.gsd_m)), near = 2;
+  MapChannels ground(confirm_map.image, confirm_map.mask, options.likeness.fine, options.likeness.channels);
+  cover_all(ground, result.places, frame, confirm_map, slack);
+  for (Place& place : result.places) confirm(place, frame, confirm_map, ground, {hypothesis_of(place)}, slack, options);
   // The two best fight it out over the headings and scales between the sweep's steps.
   std::stable_sort(result.places.begin(), result.places.end(),
                    [](const Place& one, const Place& other) { return one.score > other.score; });
   for (std::size_t i = 0; i < std::min<std::size_t>(2, result.places.size()); ++i) {
     Place& place = result.places[i];
-    const double turn = options.heading_step_rad / 2, scale = options.scale_step / 2, near_m = 2 * confirm_map.gsd_m;
-    confirm(place, frame, confirm_map, around(hypothesis_of(place), turn, turn, 0, 1), near_m, options);
-    confirm(place, frame, confirm_map, around(hypothesis_of(place), 0, 1, scale, scale), near_m, options);
+    const double turn = options.heading_step_rad / 2, scale = options.scale_step / 2;
+    confirm(place, frame, confirm_map, ground, around(hypothesis_of(place), turn, turn, 0, 1), near, options);
+    confirm(place, frame, confirm_map, ground, around(hypothesis_of(place), 0, 1, scale, scale), near, options);
   }
   return best_of(std::move(result.places), options);
 }

@@ -24,6 +24,7 @@
 #include "replay/truth.hpp"
 #include "vision/anchor_matcher.hpp"
 #include "vision/flight_picture.hpp"
+#include "vision/matching_plan.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/patch_match.hpp"
 
@@ -55,10 +56,6 @@ class Stages {
   std::map<std::string, std::vector<double>> times_;
 };
 
-PlaneBox around(PlanePoint at, double half_m) {
-  return {at.east_m - half_m, at.north_m - half_m, at.east_m + half_m, at.north_m + half_m};
-}
-
 // The stages of one attempt, from where the camera really was.
 void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, MapWindowReader& reader,
              const LocalFrame& frame, const CameraPose& pose) {
@@ -66,13 +63,11 @@ void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, Map
   prior.search = {pose, kRadius_m, kHeadingRange_rad, kScaleRange};
   const AnchorMatch match = stages.run("one attempt", [&] { return match_anchor(grey, camera, reader, frame, prior); });
   if (match.fine_gsd_m <= 0 || match.search.places.empty()) return;
-  const double reach_m = 0.75 * footprint_side_m(camera, pose.agl_m);
+  const auto plan = matching_plan(camera, reader.zooms(), frame, prior.search);
   const MapWindow map = stages.run("map window", [&] {
-    return reader.read(frame, around(pose.position, kRadius_m + reach_m), match.fine_gsd_m, Colour::grey);
+    return reader.read(frame, searched_ground(camera, prior, *plan), match.fine_gsd_m, Colour::grey);
   });
-  SearchOptions options;
-  options.gsd_m = match.coarse_gsd_m;
-  options.distinct_m = std::max(25.0, 12 * options.gsd_m);
+  SearchOptions options = plan->options;
   stages.run("search", [&] { return search_place(grey, camera, map, prior.search, options); });
   options.candidates = 0;
   stages.run("sweep", [&] { return search_place(grey, camera, map, prior.search, options); });
