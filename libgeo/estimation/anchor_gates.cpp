@@ -39,17 +39,16 @@ bool told_apart(const AnchorMatch& match, const AnchorPrior& prior, const GateLi
   return match.search.ratio <= limits.clear_ratio && prior.search.radius_m >= limits.telling_window_m;
 }
 
-// Few patches that fit badly, hardly look like the map or lie where nobody expected them, or whose camera may be tilted
-// any way.
+// Few patches; or not many, which fit badly, lie where nobody expected them or have a camera that may be tilted any
+// way.
 bool by_chance(const AnchorMatch& match, const AnchorPrior& prior, double share, const Prediction& prediction,
                const GateLimits& limits) {
+  if (share < limits.sure_inlier_share) return true;
   const double tilt_variance_rad2 = prior.tilt_covariance_rad2.trace() / 2;
   const bool loose = match.solved->rms_m > limits.max_chance_residual_px * match.fine_gsd_m;
   const bool open = tilt_variance_rad2 > limits.open_tilt_rad * limits.open_tilt_rad;
-  if (share < limits.most_inlier_share && (loose || open)) return true;
   const bool unexpected = !prediction.lost && prediction.chi2 > limits.expected_chi2;
-  const bool faint = match.search.places.front().score < limits.min_chance_score;
-  return share < limits.sure_inlier_share && (unexpected || faint);
+  return share < limits.most_inlier_share && (loose || open || unexpected);
 }
 
 }  // namespace
@@ -84,7 +83,7 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   const bool backed = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
   const bool alone = prediction.lost ? match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share
                                      : match.search.ratio <= limits.alone_ratio || backed;
-  const bool doubtful = prediction.first && !prediction.lost && prediction.chi2 > limits.chi2_99;
+  const bool doubtful = prediction.first && !prediction.lost && prediction.chi2 > limits.expected_chi2;
   return alone && !chance && !doubtful && !prediction.torn ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
 }
 

@@ -19,16 +19,14 @@ struct GateLimits {
   double alone_inlier_share = 0.20;  // … when so many agree
   double vote_ratio = 0.90;          // below: only where a healthy prediction says the same
   double vote_inlier_share = 0.30;
-  // Patches that agree by chance scatter evenly within the solver's bound, and a pose to which half of a changed map
-  // pulls fits badly too. So they must fit closer than that, unless most agree, a sharp prediction says the same (its
-  // 95 %), or the ratio is clear in a window where many places compete.
+  // Patches that agree by chance are few: then one frame is not enough, unless a sharp prediction says the same (its
+  // 95 %), or the ratio is clear in a window where many places compete. By chance they also scatter evenly within the
+  // solver's bound, as they do about a pose to which half of a changed map pulls; they lie anywhere in the window; and
+  // where the tilt is open, they have two freedoms more to agree in. Where one of that is so, most must agree.
+  double sure_inlier_share = 0.40;
   double most_inlier_share = 0.50;
   double max_chance_residual_px = 1.7;
-  // Few must be where they were expected besides, and look like it: by chance they lie anywhere in the window.
-  double sure_inlier_share = 0.35;
-  double min_chance_score = 0.22;
-  double expected_chi2 = 5.991;  // 95 % of two degrees of freedom
-  // And where the tilt is open, with two freedoms more to agree in, most must agree anyway.
+  double expected_chi2 = 5.991;   // 95 % of two degrees of freedom; an unconfirmed start is held to it as well
   double open_tilt_rad = 0.2;     // one sigma of each axis
   double telling_window_m = 200;  // half the side of such a window
   double sharp_sigma_m = 20;
@@ -39,7 +37,6 @@ struct GateLimits {
   double max_residual_px = 2.5;   // RMS, pixels of the matching GSD
   double max_tilt_sigmas = 4;     // solved tilt and height against what was believed
   double chi2_999 = 13.816;       // two degrees of freedom
-  double chi2_99 = 9.210;         // against a start that no anchor has confirmed yet: beyond, one frame is not enough
   double healthy_sigma_m = 60;    // a prediction worse than this is no second voice
   // Lost, thousands of places compete and nothing else speaks for the best one: it must stand out further, or be
   // confirmed by others (anchor_votes.hpp).

@@ -12,7 +12,7 @@ struct Name {
   double GateLimits::*value;
 };
 
-constexpr std::array<Name, 24> kNames{{
+constexpr std::array<Name, 22> kNames{{
     {"clear_ratio", &GateLimits::clear_ratio},
     {"clear_inlier_share", &GateLimits::clear_inlier_share},
     {"alone_ratio", &GateLimits::alone_ratio},
@@ -21,7 +21,6 @@ constexpr std::array<Name, 24> kNames{{
     {"vote_inlier_share", &GateLimits::vote_inlier_share},
     {"most_inlier_share", &GateLimits::most_inlier_share},
     {"sure_inlier_share", &GateLimits::sure_inlier_share},
-    {"min_chance_score", &GateLimits::min_chance_score},
     {"expected_chi2", &GateLimits::expected_chi2},
     {"max_chance_residual_px", &GateLimits::max_chance_residual_px},
     {"open_tilt_rad", &GateLimits::open_tilt_rad},
@@ -33,7 +32,6 @@ constexpr std::array<Name, 24> kNames{{
     {"max_residual_px", &GateLimits::max_residual_px},
     {"max_tilt_sigmas", &GateLimits::max_tilt_sigmas},
     {"chi2_999", &GateLimits::chi2_999},
-    {"chi2_99", &GateLimits::chi2_99},
     {"healthy_sigma_m", &GateLimits::healthy_sigma_m},
     {"lost_ratio", &GateLimits::lost_ratio},
     {"lost_inlier_share", &GateLimits::lost_inlier_share},

@@ -66,16 +66,16 @@ TEST(AnchorGates, FewInliers) {
 
 TEST(AnchorGates, FewInliersOfMany) {
   Attempt attempt;
-  attempt.prediction.sigma_m = attempt.limits.sharp_sigma_m + 1;
-  // The less clear the place, the more patches must agree.
+  // The less clear the place, the more patches must agree: with less than that, not even votes help.
   const GateLimits& limits = attempt.limits;
+  attempt.prediction.sigma_m = limits.sharp_sigma_m + 1;
   for (const auto& [ratio, share] : {std::pair{limits.clear_ratio, limits.clear_inlier_share},
                                      {limits.alone_ratio, limits.alone_inlier_share},
                                      {limits.vote_ratio, limits.vote_inlier_share}}) {
     attempt.match.search.ratio = ratio;
     attempt.match.patches = 100;
     attempt.match.solved->inliers = static_cast<int>(std::lround(100 * share));
-    EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << ratio;
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << ratio;
     attempt.match.patches = 104;
     EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << ratio;
   }
@@ -175,6 +175,7 @@ TEST(AnchorGates, LostItMustStandOutFurther) {
   attempt.match.search.ratio += 1e-6;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   attempt.match.search.ratio = 0.3;
+  attempt.prior.search.radius_m = attempt.limits.telling_window_m;
   attempt.match.solved->inliers = 17;  // of 90: enough with a position, not without one
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   attempt.prediction.lost = false;
@@ -226,54 +227,57 @@ TEST(AnchorGates, ALooseFitAwaitsVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "of many places none came near";
 }
 
-// By chance few patches agree, anywhere in the window.
-TEST(AnchorGates, FewWhereNobodyExpectedThemAwaitVotes) {
+TEST(AnchorGates, FewPatchesAwaitVotes) {
   Attempt attempt;
   const GateLimits& limits = attempt.limits;
+  attempt.match.search.ratio = limits.clear_ratio - 0.1;
   attempt.match.patches = 100;
-  attempt.match.solved->inliers = 34;
+  attempt.match.solved->inliers = 39;
+  attempt.prediction = {1, 50, true};
+  attempt.prior.search.radius_m = limits.telling_window_m - 1;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
+  const Attempt few = attempt;
+  attempt.match.solved->inliers = 40;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
+  attempt = few;
+  attempt.prediction.sigma_m = limits.sharp_sigma_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction says the same";
+  attempt.prediction.chi2 = limits.expected_chi2 + 0.01;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "a sharp prediction says something else";
+  attempt = few;
+  attempt.prior.search.radius_m = limits.telling_window_m;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "of many places none came near";
+  attempt = few;
+  attempt.prediction = {1000, 1000, false, true};
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "lost, nothing speaks for them either";
+}
+
+TEST(AnchorGates, NotManyWhereNobodyExpectedThemAwaitVotes) {
+  Attempt attempt;
+  const GateLimits& limits = attempt.limits;
+  attempt.match.search.ratio = limits.clear_ratio + 0.01;
+  attempt.match.patches = 100;
+  attempt.match.solved->inliers = 49;
   attempt.prediction = {limits.expected_chi2 + 0.01, 50, true};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   const Attempt unexpected = attempt;
   attempt.prediction.chi2 = limits.expected_chi2;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "where they were expected";
   attempt = unexpected;
-  attempt.match.solved->inliers = 35;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
-  attempt = unexpected;
-  attempt.prediction.sigma_m = limits.sharp_sigma_m;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "a sharp prediction says something else";
+  attempt.match.solved->inliers = 50;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "most agree";
   attempt = unexpected;
   attempt.prediction = {1000, 1000, false, true};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "lost, nothing was expected";
 }
 
-TEST(AnchorGates, FewThatHardlyLookLikeTheMapAwaitVotes) {
-  Attempt attempt;
-  const GateLimits& limits = attempt.limits;
-  attempt.match.patches = 100;
-  attempt.match.solved->inliers = 34;
-  attempt.match.search.places.front().score = limits.min_chance_score - 1e-6;
-  attempt.prediction = {1, 50, true};
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
-  const Attempt faint = attempt;
-  attempt.match.search.places.front().score = limits.min_chance_score;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-  attempt = faint;
-  attempt.match.solved->inliers = 35;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
-  attempt = faint;
-  attempt.prediction.sigma_m = limits.sharp_sigma_m;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction says the same";
-}
-
 TEST(AnchorGates, OneFrameIsNotEnoughAgainstAStart) {
   Attempt attempt;
-  attempt.prediction = {attempt.limits.chi2_99 + 0.01, 20, false};
+  attempt.prediction = {attempt.limits.expected_chi2 + 0.01, 20, false};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "it is a prediction from an anchor";
   attempt.prediction.first = true;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
-  attempt.prediction.chi2 = attempt.limits.chi2_99;
+  attempt.prediction.chi2 = attempt.limits.expected_chi2;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
   attempt.prediction = {1000, 1000, false, true, true};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "without a start there is nothing to be against";
