@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-constexpr int kMaxFeatures = 1500;
+constexpr int kMaxFeatures = 900;
 constexpr double kLeastContrast = 0.007;
 constexpr double kMatchRatio = 0.85;
 

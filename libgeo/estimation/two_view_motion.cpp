@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "vision/independent_count.hpp"
 
@@ -13,6 +14,9 @@ namespace {
 constexpr double kMinDownComponent = 0.2;  // of a ray: flatter ones see the horizon
 
 constexpr double kMostIndependentSights = 100;  // whatever their residuals say
+constexpr double kWorstFit = 5;                 // times what pixels and relief explain: these sights show no one motion
+// Pictures turned so much farther than foretold are not pulled back: they show that the telemetry contradicts them.
+constexpr double kFarTurn_rad = 0.4, kFarTurnSigmas = 4;
 
 // Unknowns: east, north of the motion (m); log of the height ratio; change of heading; pitch and roll of the picture
 // before and of the one now (rad), the last six as corrections of the prior.
@@ -55,12 +59,20 @@ class Views {
         now_(enu_from_camera(poses_.now.attitude)),
         slope_(prior.ground_slope) {}
 
-  // Difference of the two ground points that should be one.
-  std::optional<Eigen::Vector2d> gap(const SharedSight& sight) const {
+  struct Hits {
+    Eigen::Vector2d before, now;
+  };
+  // The two ground points that should be one.
+  std::optional<Hits> hits(const SharedSight& sight) const {
     const auto a = hit(poses_.before, before_, sight.ray_before, slope_);
     const auto b = hit(poses_.now, now_, sight.ray_now, slope_);
     if (!a || !b) return std::nullopt;
-    return *b - *a;
+    return Hits{*a, *b};
+  }
+  std::optional<Eigen::Vector2d> gap(const SharedSight& sight) const {
+    const auto both = hits(sight);
+    if (!both) return std::nullopt;
+    return both->now - both->before;
   }
 
  private:
@@ -99,9 +111,31 @@ class Neighbours {
   std::vector<Views> views_;
 };
 
-Eigen::Vector2d median_gap(const TwoViewPrior& prior, const std::vector<SharedSight>& sights) {
-  std::vector<double> east, north;
+// How much farther clockwise the picture now is turned than the prior says.
+double turn_beyond(const TwoViewPrior& prior, const std::vector<SharedSight>& sights) {
   const Views views(prior, Unknowns::Zero());
+  std::vector<Views::Hits> points;
+  Eigen::Vector2d before = Eigen::Vector2d::Zero(), now = Eigen::Vector2d::Zero();
+  for (const SharedSight& sight : sights) {
+    const auto both = views.hits(sight);
+    if (!both) continue;
+    points.push_back(*both);
+    before += both->before;
+    now += both->now;
+  }
+  const auto count = static_cast<double>(std::max<std::size_t>(1, points.size()));
+  double along = 0, across = 0;
+  for (const Views::Hits& point : points) {
+    const Eigen::Vector2d a = point.before - before / count, b = point.now - now / count;
+    along += a.dot(b);
+    across += b.x() * a.y() - b.y() * a.x();
+  }
+  return -std::atan2(across, along);
+}
+
+Eigen::Vector2d median_gap(const TwoViewPrior& prior, const Unknowns& u, const std::vector<SharedSight>& sights) {
+  std::vector<double> east, north;
+  const Views views(prior, u);
   for (const SharedSight& sight : sights) {
     if (const auto g = views.gap(sight)) {
       east.push_back(g->x());
@@ -135,11 +169,17 @@ double median(std::vector<double> values) {
 std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight>& sights, const TwoViewPrior& prior) {
   if (sights.size() < 6) return std::nullopt;
   const double least_sigma_m = 0.0015 * prior.now.agl_m;  // about a pixel of the working size
-  const Information from_prior = prior_information(prior);
+  Information from_prior = prior_information(prior);
   Unknowns u = Unknowns::Zero();
-  u.head<2>() = -median_gap(prior, sights);
+  const double turn_rad = turn_beyond(prior, sights);
+  if (std::abs(turn_rad) > std::max(kFarTurn_rad, kFarTurnSigmas * prior.heading_sigma_rad)) {
+    u[3] = turn_rad;
+    from_prior(3, 3) = 1 / (std::numbers::pi * std::numbers::pi);
+  }
+  u.head<2>() = -median_gap(prior, u, sights);
   TwoViewMotion motion;
   Information information = Information::Zero();
+  double explained_m = least_sigma_m;   // by the picture's resolution and the ground's relief
   double sigma_m = 30 * least_sigma_m;  // graduated: begin nearly convex, end at what the residuals show
   // Neighbouring features err alike (relief, rolling shutter): how many count as one is seen when the rest is settled.
   double crowd = std::max(1.0, static_cast<double>(sights.size()) / kMostIndependentSights);
@@ -172,8 +212,8 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
     const Unknowns step = information.ldlt().solve(gradient);
     if (!step.allFinite() || step.tail<6>().cwiseAbs().maxCoeff() > 1) return std::nullopt;
     u += step;
-    const double parallax_m = prior.relief_sigma_m * u.head<2>().norm() / prior.now.agl_m;
-    const double seen_sigma_m = std::max({least_sigma_m, parallax_m, median(residuals_m) / 1.177});
+    explained_m = std::max(least_sigma_m, prior.relief_sigma_m * u.head<2>().norm() / prior.now.agl_m);
+    const double seen_sigma_m = std::max(explained_m, median(residuals_m) / 1.177);
     const bool settled = step.head<2>().norm() < 1e-4 && step.tail<6>().norm() < 1e-6;
     if (settled && sigma_m <= 1.01 * seen_sigma_m) {
       if (crowd_known) break;
@@ -183,6 +223,7 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
     }
     sigma_m = std::max(seen_sigma_m, 0.6 * sigma_m);
   }
+  if (sigma_m > kWorstFit * explained_m) return std::nullopt;
   const Information covariance = information.inverse();
   motion.solved = u;
   motion.sighted_information = information - from_prior;

@@ -88,6 +88,34 @@ TEST(TwoViewMotion, ScalesWithTheHeight) {
   EXPECT_LT((motion->moved_m - 1.1 * moved(scene)).norm(), 0.01);
 }
 
+// Pictures that the telemetry turns the other way round show so: their own motion, and by how much they are turned.
+TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsToldAsItIs) {
+  for (const double lie_deg : {-150.0, 40.0, 90.0, 180.0}) {
+    const Scene scene;
+    Random random(6);
+    TwoViewPrior prior = prior_of(scene);
+    prior.now.attitude.heading_rad += radians(lie_deg);
+    prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-8;
+    const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
+    ASSERT_TRUE(motion) << lie_deg;
+    EXPECT_LT((motion->moved_m - moved(scene)).norm(), 0.5) << lie_deg;
+    EXPECT_NEAR(wrap_pi(motion->turn_rad - radians(18)), 0, radians(0.5)) << lie_deg;
+    EXPECT_NEAR(std::abs(wrap_pi(motion->solved[3])), radians(std::abs(lie_deg)), radians(0.5)) << lie_deg;
+  }
+}
+
+// Every point moved another way: there is a solution of least squares, and it is none.
+TEST(TwoViewMotion, WhatNoMotionFitsIsRefused) {
+  const Scene scene;
+  Random random(7);
+  auto sights = sights_of(scene, 60, random);
+  for (SharedSight& sight : sights) {
+    sight.ray_now.x() = random.uniform(-0.6, 0.6);
+    sight.ray_now.y() = random.uniform(-0.6, 0.6);
+  }
+  EXPECT_FALSE(solve_two_view_motion(sights, prior_of(scene)));
+}
+
 TEST(TwoViewMotion, IgnoresOutliers) {
   const Scene scene;
   Random random(4);
