@@ -22,9 +22,15 @@ constexpr double kVaguestSight = 16;                // variance over the changin
 constexpr double kMissingTilt_rad = 0.35;           // of an aircraft that tells it otherwise: a banked turn
 constexpr double kUsualSpeed_mps = 20;              // at least assumed, when the clock stands
 constexpr double kLongestUsual_s = 5;
+constexpr double kFarHeading_rad = 0.5;           // more than linear thinking bears
 constexpr double kLeastChangingTilt_rad = 0.004;  // a quarter of a degree: no mount is stiffer
 
 using Index = FlightFilter::Index;
+
+// An aircraft cannot become arbitrarily fast, however long nothing was seen.
+double most_velocity_variance(const FlightFilter::Options& options) {
+  return 4 * options.start_velocity_sigma_mps * options.start_velocity_sigma_mps;
+}
 
 // A first-order Gauss-Markov process: what is kept of the old value, and the variance that comes anew.
 struct Wander {
@@ -111,10 +117,9 @@ void FlightFilter::advance(double seconds, std::optional<double> told_heading_ra
 
   const Covariance cross = transition * covariance_;
   Covariance next = cross * transition.transpose() + noise;
-  // An aircraft cannot become arbitrarily fast, however long nothing was seen.
   JointCovariance joint;
   joint << covariance_, cross.transpose(), cross, next;
-  const double ceiling = 4 * options_.start_velocity_sigma_mps * options_.start_velocity_sigma_mps;
+  const double ceiling = most_velocity_variance(options_);
   for (const int v : {states + velocity_east, states + velocity_north}) {
     if (joint(v, v) <= ceiling) continue;
     const double shrink = std::sqrt(ceiling / joint(v, v));
@@ -200,6 +205,24 @@ void FlightFilter::doubt_height(double log_sigma) {
   if (joint_) unlearn(joint_->first, joint_->second, states + log_height);
 }
 
+// The velocity was learnt with that heading, and would vouch for it: it is forgotten.
+void FlightFilter::doubt_heading(double sigma_rad) {
+  settle();
+  const double variance = std::min(sigma_rad * sigma_rad, kUnknownHeadingVariance);
+  for (const int i : {heading, heading_bias}) {
+    for (const int j : {heading, heading_bias}) covariance_(i, j) += variance;
+  }
+  forget_velocity();
+}
+
+void FlightFilter::forget_velocity() {
+  for (const int v : {velocity_east, velocity_north}) {
+    covariance_.row(v).setZero();
+    covariance_.col(v).setZero();
+    covariance_(v, v) = most_velocity_variance(options_);
+  }
+}
+
 void FlightFilter::doubt_position(double sigma_m) {
   settle();
   covariance_.block<2, 2>(east, east) += sigma_m * sigma_m * Eigen::Matrix2d::Identity();
@@ -231,10 +254,13 @@ void FlightFilter::anchored(const PoseSight& sight) {
   innovation[3] = wrap_pi(innovation[3]);
   const Eigen::Matrix<double, 6, 6> spread = row * covariance_ * row.transpose() + sight.covariance;
   const Eigen::Matrix<double, states, 6> gain = spread.ldlt().solve(row * covariance_).transpose();
+  const double heading_before_rad = mean_[heading];
   mean_ += gain * innovation;
   const Covariance left = Covariance::Identity() - gain * row;
   covariance_ = (left * covariance_ * left.transpose() + gain * sight.covariance * gain.transpose()).eval();
   covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
+  // The velocity was learnt with the old heading, and what is linear about that is not true of a far one.
+  if (std::abs(wrap_pi(mean_[heading] - heading_before_rad)) > kFarHeading_rad) forget_velocity();
 }
 
 // Keeps how the last frame hangs on the one in work, for smoothed().

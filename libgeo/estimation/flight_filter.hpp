@@ -62,6 +62,8 @@ class FlightFilter {
   // After advance(): this frame's told height is not the last one's (another source, or a guess), so that nothing
   // learnt of the old one's error is true of it.
   void doubt_height(double log_sigma);
+  // The telemetry's headings may from now on be so much farther off than believed.
+  void doubt_heading(double sigma_rad);
   // The place may be so much farther off than believed (one axis): what it was learnt from is contradicted.
   void doubt_position(double sigma_m);
   // Returns how far what was learnt moved the place of the frame before (east, north; m): a step also tells of heading,
@@ -99,6 +101,7 @@ class FlightFilter {
 
   struct Link;
   void settle();
+  void forget_velocity();
   Link link() const;
   void take_motion(const MotionSight& sight, const Eigen::Vector2d& step);
   void learn_tilt_scatter(const PoseSight& sight);

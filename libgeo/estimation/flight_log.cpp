@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
 
 namespace nadir {
 namespace {
@@ -35,6 +36,8 @@ Eigen::Vector2d take_step(FlightFilter& filter, const FlightStep& step, bool wit
   filter.advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
   if (step.height_doubt) filter.doubt_height(*step.height_doubt);
   if (step.moved) taught_m = filter.moved(*step.moved);
+  if (step.contradicted_turn_rad) filter.doubt_heading(*step.contradicted_turn_rad);
+  if (step.way_doubt_m) filter.doubt_position(*step.way_doubt_m);
   if (step.hint_doubt_m) filter.doubt_position(*step.hint_doubt_m);
   if (step.position_doubt_m) filter.doubt_position(*step.position_doubt_m);
   if (step.anchored && with_anchor) filter.anchored(*step.anchored);

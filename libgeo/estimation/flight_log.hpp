@@ -19,8 +19,10 @@ struct FlightStep {
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<double> height_doubt;  // log sigma
   std::optional<MotionSight> moved;
-  std::optional<double> hint_doubt_m;      // before the frame was looked up
-  std::optional<double> position_doubt_m;  // before the anchor
+  std::optional<double> contradicted_turn_rad;  // what the pictures turned beyond the telemetry
+  std::optional<double> way_doubt_m;            // the aircraft may have flown another way
+  std::optional<double> hint_doubt_m;           // before the frame was looked up
+  std::optional<double> position_doubt_m;       // before the anchor
   std::optional<PoseSight> anchored;
   bool anchored_clearly = false;  // such that no wrong place ever was: it needs no second one beside it
   double told_agl_m = 0;          // what the filter's height and tilt are beyond: for poses alone

@@ -8,6 +8,7 @@
 #include "estimation/localizer_state.hpp"
 #include "estimation/plausible_telemetry.hpp"
 #include "estimation/sloping_ground.hpp"
+#include "geodesy/angles.hpp"
 #include "vision/frame_quality.hpp"
 
 namespace nadir {
@@ -15,10 +16,12 @@ namespace {
 
 constexpr double kLeastLostSigma_m = 1000;
 constexpr double kUntoldHeightSigma = 0.3;       // of its logarithm
-constexpr double kSharedModelError_rad = 0.010;  // 1 % of the height
+constexpr double kSharedModelError_rad = 0.015;  // 1.5 % of the height
 constexpr double kSurelyShared = 0.5;            // of a picture's longer side: so much shorter a way leaves an overlap
 constexpr double kFastestSigmas = 4.5, kGusts_mps = 5;
 constexpr double kSightSlack = 0.1;  // of a picture's longer side: what a tilt feigns
+constexpr double kContradictedTurn_rad = 0.5, kTurnSigmas = 5;
+constexpr double kVagueHeading_rad = 0.5;
 
 }  // namespace
 
@@ -82,8 +85,10 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   if (job->match) report.anchor = s.judge(*job);
   const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
   if (anchored) {
+    const double believed_rad = s.believed().heading_rad;
     s.take_anchor(*job, report.anchor);
     report.anchored = s.taken_pose;
+    if (std::abs(wrap_pi(s.believed().heading_rad - believed_rad)) > kContradictedTurn_rad) s.forget_last_picture();
   }
   s.job_out = false;
   const bool last_frame = job->step + 1 == s.log.size();
@@ -91,6 +96,12 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   report.belief = s.belief();
   s.told.back() = report.estimate;
   return report;
+}
+
+// It was seen with a heading so far off that no step from it is linear about what is known now.
+void Localizer::State::forget_last_picture() {
+  odometry->reset();
+  last_in_line = false;
 }
 
 void Localizer::State::break_track() {
@@ -200,9 +211,32 @@ bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, O
   if (leaps(report.step_m)) return false;
   MotionSight sight = step->sight;
   add_unknown_slope(sight, slope);
-  held_back_m += flight->moved(sight);
-  log.back().moved = sight;
-  return true;
+  const double turn_rad = std::abs(wrap_pi(sight.seen[3]));
+  const bool contradicted = turn_rad > std::max(kContradictedTurn_rad, kTurnSigmas * seen.heading_sigma_rad);
+  if (contradicted) {
+    log.back().contradicted_turn_rad = turn_rad;
+    flight->doubt_heading(turn_rad);
+  } else {
+    held_back_m += flight->moved(sight);
+    log.back().moved = sight;
+  }
+  doubt_way(report.step_m);
+  return !contradicted;
+}
+
+// The pictures turned and the telemetry did not, or the other way round: one of them lies, and until an anchor tells
+// the heading again the aircraft may fly the other way.
+void Localizer::State::doubt_way(double step_m) {
+  if (log.back().contradicted_turn_rad) other_way = true;
+  if (flight->sigma(FlightFilter::heading) < kVagueHeading_rad) other_way = false;
+  if (!other_way) {
+    other_way_m = 0;
+    return;
+  }
+  const double way_m = other_way_m + 2 * step_m;
+  log.back().way_doubt_m = std::sqrt(way_m * way_m - other_way_m * other_way_m);
+  flight->doubt_position(*log.back().way_doubt_m);
+  other_way_m = way_m;
 }
 
 // What no number of anchors averages out: the map's own error, and what grows with height because no model has it

@@ -33,6 +33,8 @@ struct Localizer::State {
   // The walk, in order.
   void begin_frame(const Telemetry& telemetry, double seconds);
   bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
+  void doubt_way(double step_m);
+  void forget_last_picture();
   double speed_below_mps(double sigmas, double least_sigma_mps) const;
   bool continues(double seconds) const;
   bool leaps(double step_m) const;
@@ -96,6 +98,8 @@ struct Localizer::State {
   // What steps since have taught of earlier ones. Between anchors it is not told: a track that odometry carries has no
   // jumps but those of anchors, and refined() has it all.
   Eigen::Vector2d held_back_m = Eigen::Vector2d::Zero();
+  bool other_way = false;  // pictures and telemetry contradicted each other over a turn, and no anchor has settled it …
+  double other_way_m = 0;                                    // … since when it may have gone so far astray
   Eigen::Vector2d contradicted_m = Eigen::Vector2d::Zero();  // where the map says that the start was, against it
   StartContradictions against_start;
   AnchorVotes votes;

@@ -168,6 +168,37 @@ TEST(FaultyFrames, AFrozenPictureAnchorsNothing) {
   }
 }
 
+// Pictures that go on straight while the telemetry turns about: one of them lies, and no track goes on over that.
+TEST(FaultyFrames, ATurnThatThePicturesDoNotShowIsDoubted) {
+  const std::vector<Moment>& moments = short_flight();
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, start(), config());
+  for (std::size_t i = 0; i < moments.size(); ++i) {
+    Telemetry told = moments[i].telemetry;
+    if (i >= 2) told.heading_rad = wrap_pi(*told.heading_rad + kPi);
+    const FrameReport report = localizer.process(moments[i].image, told);
+    EXPECT_EQ(report.odometry.tracked, i != 0 && i != 2) << i;
+    EXPECT_EQ(report.estimate.segment, i < 2 ? 0 : 1) << i;
+    EXPECT_EQ(report.belief.heading_sigma_rad > radians(60), i >= 2) << i;
+    EXPECT_LT(off_m(report.estimate, moments[i]), 2 * report.estimate.sigma_m) << i;
+  }
+}
+
+// Over its map such a flight finds its heading and its place again.
+TEST(FaultyFrames, OverAMapAHeadingThatJumpsIsFoundAnew) {
+  std::vector<Moment> moments = flight(6);
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  for (std::size_t i = 0; i < moments.size(); ++i) {
+    Moment& moment = moments[i];
+    if (i >= 2) moment.telemetry.heading_rad = wrap_pi(*moment.telemetry.heading_rad + radians(100));
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    expect_honest(report, moment);
+    if (i + 1 == moments.size()) {
+      EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted);
+      EXPECT_LT(report.belief.heading_sigma_rad, radians(5));
+    }
+  }
+}
+
 // Tilt that is told no more is not level flight.
 TEST(FaultyFrames, AttitudeThatIsLostInABankIsDoubted) {
   std::vector<Moment> moments = short_flight();

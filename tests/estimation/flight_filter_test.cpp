@@ -177,6 +177,23 @@ TEST(FlightFilter, UnknownHeadingIsUnsureUntilAnAnchorTellsIt) {
   EXPECT_LT(filter.sigma(F::heading), radians(1.1));
 }
 
+// Doubted, the heading makes each step uncertain across, until an anchor tells it again.
+TEST(FlightFilter, ADoubtedHeadingMakesTheWayAheadUnsure) {
+  F filter(sensors(), true, {0, 0}, 5);
+  fly(filter, 5, {0, 20}, 0.2);
+  const double before_m = filter.position_sigma_m();
+  filter.doubt_heading(radians(170));
+  EXPECT_GT(filter.sigma(F::heading), radians(100));
+  fly(filter, 5, {0, 20}, 0.2);
+  EXPECT_GT(std::sqrt(filter.position_covariance_m2()(0, 0)), 100) << "100 m flown in an unknown direction";
+  EXPECT_LT(std::sqrt(filter.position_covariance_m2()(1, 1)), 2 * before_m) << "linear: along, it knows";
+  EXPECT_GT(filter.sigma(F::heading), radians(60)) << "the telemetry's next headings are no better";
+  filter.anchored(anchor({0, 0}, radians(100), {0, 0}, vague_but(3, radians(1))));
+  filter.advance(1, 0);
+  EXPECT_LT(off_deg(filter.state()[F::heading], radians(100)), 5);
+  EXPECT_LT(filter.sigma(F::heading), radians(4));
+}
+
 // Anchors show the compass' bias; afterwards the telemetry alone is right.
 TEST(FlightFilter, LearnsAConstantHeadingBias) {
   Random random(1);
