@@ -67,7 +67,8 @@ std::string_view OrthoCommand::details() const {
          "Each tile gets a sidecar that says how it was made, signed with the airframe's tile key; of two tiles for "
          "one\n"
          "place the better one stays. What no frame shows wholly is pieced together of several frames.\n"
-         "OUT is a folder with tiles.mbtiles; nothing is added to the package.\n\n"
+         "OUT is a folder with tiles.mbtiles; nothing is added to the package. With --estimates the poses of\n"
+         "a replay are taken instead of flying again: the tiles are the same.\n\n"
          "Exit code 0: made, be it no tile at all; 1: the package was refused; 2: could not be done.";
 }
 
@@ -75,6 +76,9 @@ std::string_view OrthoCommand::examples() const {
   return "nadir ortho --package package --trust root.json --frames flight/frames --telemetry flight/telemetry.csv "
          "--camera camera.yaml --key tile.key.pem --airframe mini-07 --captured-at 2026-05-01T12:00:00Z --out "
          "candidates\n"
+         "nadir ortho --estimates result/poses.json --package package --trust root.json --frames flight/frames "
+         "--telemetry flight/telemetry.csv --camera camera.yaml --key tile.key.pem --airframe mini-07 --captured-at "
+         "2026-05-01T12:00:00Z --out candidates\n"
          "nadir ortho --recorder recording --package package --trust root.json --key tile.key.pem --airframe mini-07 "
          "--mosaic mosaic.tif --out candidates";
 }
@@ -83,6 +87,8 @@ void OrthoCommand::setup(Options& options) {
   request_.declare(options, FlightRequest::Map::required);
   options.value("--key", key_, "KEY.pem", "the airframe's tile key").required();
   options.value("--out", out_, "OUT", "folder that is made").required();
+  options.value("--estimates", estimates_, "FILE.json",
+                "poses.json of a nadir replay of this flight, which is then not flown again");
   options.value("--flight", flight_, "ID", "name of the flight; without it one is made from its telemetry");
   options.value("--captured-at", captured_at_, "TIME", "when the first frame was taken, if the flight does not say");
   options.value("--zoom", zoom_, "Z", "of the tiles; the mission's finest without it").between(0, kMaxZoom);
@@ -95,8 +101,18 @@ void OrthoCommand::setup(Options& options) {
   options.value("--mosaic", mosaic_, "FILE.tif", "write the tiles as a COG as well, and FILE.html beside it");
 }
 
+std::vector<std::optional<FramePose>> OrthoCommand::poses_of(Context& context, const ReadyFlight& ready) const {
+  if (estimates_) return read_poses(*estimates_, request_.poses_subject(ready), ready.flight.frames);
+  const Truth no_truth(ready.flight.frames.size());
+  return replay_flight(ready.flight, *ready.setup, no_truth, nullptr, context.progress).poses;
+}
+
 int OrthoCommand::run(Context& context) {
   request_.check();
+  if (estimates_ && request_.says_how()) {
+    throw UsageError({.what = "nadir ortho --estimates does not fly the flight again",
+                      .fix = "leave out --start, --odometry and --matcher: nadir replay took them"});
+  }
   if (!request_.airframe()) {
     throw UsageError({.what = "nadir ortho needs --airframe", .expected = "the airframe whose tile key signs"});
   }
@@ -123,11 +139,10 @@ int OrthoCommand::run(Context& context) {
                         .format = format,
                         .quality = quality_,
                         .piece_together = !single_frame_});
-  const Truth no_truth(flight.frames.size());
-  const ReplayedFlight flown = replay_flight(flight, *ready->setup, no_truth, nullptr, context.progress);
+  const auto poses = poses_of(context, *ready);
   CandidateStore store(staging.path(),
                        {.format = format, .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000});
-  const TilesSummary summary = make_flight_tiles(maker, store, flight, flown.poses, first, frame_ms_, context.progress);
+  const TilesSummary summary = make_flight_tiles(maker, store, flight, poses, first, frame_ms_, context.progress);
   store.close();
   std::filesystem::remove_all(unpacked);
 

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "framework/command.hpp"
 #include "replay/flight_request.hpp"
@@ -23,8 +24,11 @@ class OrthoCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  std::vector<std::optional<FramePose>> poses_of(Context& context, const ReadyFlight& ready) const;
+
   FlightRequest request_{"nadir ortho"};
   std::filesystem::path key_, out_;
+  std::optional<std::filesystem::path> estimates_;
   std::optional<std::string> flight_;
   std::optional<std::string> captured_at_;
   std::optional<std::filesystem::path> mosaic_;

@@ -73,8 +73,10 @@ std::string_view ReplayCommand::details() const {
   return "Reads pictures, telemetry and camera of a recorded flight and localizes every frame as the aircraft would: "
          "against a signed package when one is given, else by odometry from --start alone. The truth is for scoring; "
          "the localizer never sees it.\n\n"
-         "OUT receives estimates.csv, refined.csv, summary.json, track.geojson and report.html. It appears when all is "
-         "done; until then the rows can be followed in the hidden folder .OUT.staging beside it.\n\n"
+         "OUT receives estimates.csv, refined.csv, summary.json, track.geojson and report.html, and with a package "
+         "poses.json, of which nadir ortho --estimates makes tiles. All appear when it is done; until then the rows "
+         "can "
+         "be followed in the hidden folder .OUT.staging beside it.\n\n"
          "With --record the replay is recorded as the aircraft records a flight. With --recorder a recorded flight is "
          "flown "
          "again with all that it was flown with, and every estimate compared.\n\n"
@@ -146,6 +148,10 @@ int ReplayCommand::run(Context& context) {
   }
   std::filesystem::remove_all(unpacked);
   write_refined(staging.path() / "refined.csv", flown.refined);
+  if (package != nullptr) {
+    write_file_atomic(staging.path() / kPosesFile,
+                      poses_json(poses_document(request_.poses_subject(*ready), flight.frames, flown.poses)));
+  }
 
   const std::vector<Estimate> estimates = estimates_of(flown.frames);
   const Summary summary{score(estimates, truth, frame), score(flown.refined, truth, frame), peak_memory_mb()};

@@ -33,7 +33,7 @@ class Ortho(EndToEnd):
         options = {"package": f / "package", "trust": f / "root.json", "at": "2025-09-20", "frames": f / "flight/frames",
                    "telemetry": f / "flight/telemetry.csv", "camera": f / "world/camera.yaml", "key": f / "tile.key.pem",
                    "airframe": "mini-07", "captured-at": "2025-09-20T10:00:00.500Z", "out": out} | changed
-        return ["ortho", self.start] + [text for name, value in options.items() if value is not None
+        return ["ortho"] + ([self.start] if self.start else []) + [text for name, value in options.items() if value is not None
                                         for text in (f"--{name}", value)]
 
     def test_a_flight_becomes_signed_tiles_twice_the_same(self):
@@ -67,6 +67,42 @@ class Ortho(EndToEnd):
             check = subprocess.run(["openssl", "pkeyutl", "-verify", "-pubin", "-inkey", f / "tile.pub.pem", "-rawin",
                                     "-in", f / "message", "-sigfile", f / "signature"], capture_output=True, text=True)
             self.assertEqual(0, check.returncode, check.stderr)
+
+    def replay(self, out, *more):
+        f = self.folder
+        self.good("replay", self.start, "--package", f / "package", "--trust", f / "root.json", "--at", "2025-09-20",
+                  "--frames", f / "flight/frames", "--telemetry", f / "flight/telemetry.csv", "--camera",
+                  f / "world/camera.yaml", "--out", out, *more)
+
+    def test_the_poses_of_a_replay_give_the_same_tiles(self):
+        f = self.folder
+        self.good(*self.ask(f / "flown"))
+        self.replay(f / "result", "--record", f / "recording", "--keep-frames")
+        poses = f / "result/poses.json"
+        self.start = None
+        self.good(*self.ask(f / "read", estimates=poses))
+        self.good(*self.ask(f / "recorded", estimates=poses, recorder=f / "recording", frames=None, telemetry=None,
+                            camera=None))
+        flown = (f / "flown/tiles.mbtiles").read_bytes()
+        for other in ("read", "recorded"):
+            self.assertEqual(flown, (f / other / "tiles.mbtiles").read_bytes(), other)
+        tiles = sqlite3.connect(f"file:{f}/read/tiles.mbtiles?mode=ro", uri=True)
+        self.assertGreaterEqual(tiles.execute("SELECT count(*) FROM tiles").fetchone()[0], 1)
+
+        # Of another flight, map or camera; moved ones are nobody's business but the writer's, damaged ones are.
+        document = json.loads(poses.read_text())
+        for says, change in ((["flight", "expected"], {"flight": "0" * 12}), (["map"], {"base_package": "0" * 64}),
+                             (["camera"], {"camera": "0" * 64}), (["plane"], {"origin": {"lon_deg": 8.0, "lat_deg": 47.0}}),
+                             (["number of frames"], {"frames": 6}), (["schema", "nadir.poses/1"], {"schema": "nadir.poses/2"}),
+                             (["poses/0: agl_m"], {"poses": [document["poses"][0] | {"agl_m": None}]}),
+                             (["name of a frame"], {"poses": [document["poses"][0] | {"frame": "other.jpg"}]})):
+            (f / "changed.json").write_text(json.dumps(document | change))
+            self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), says=says + ["changed.json"],
+                       leaves_nothing=f / "out")
+        (f / "changed.json").write_text(poses.read_text()[:-9])
+        self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), says=["changed.json"], leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), says=["none.json"], leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", estimates=poses, matcher="sift"), says=["--matcher"], leaves_nothing=f / "out")
 
     def test_it_says_why_it_makes_none(self):
         f = self.folder

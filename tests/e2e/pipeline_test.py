@@ -25,7 +25,7 @@ class Pipeline(EndToEnd):
         result = self.good(*self.replay_args(flight, out), "--package", package, "--trust", self.folder / "root.json", "--at", AT)
         self.assertEqual("", result.stderr)
         self.assertIn("report.html", result.stdout)
-        self.assertEqual({"estimates.csv", "refined.csv", "summary.json", "track.geojson", "report.html"},
+        self.assertEqual({"estimates.csv", "refined.csv", "summary.json", "track.geojson", "report.html", "poses.json"},
                          {p.name for p in out.iterdir()})
         for name in ("estimates.csv", "refined.csv"):
             rows = list(csv.DictReader((out / name).read_text().splitlines()))

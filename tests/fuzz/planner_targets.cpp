@@ -1,4 +1,4 @@
-// What the planner and the replay read: items beside imagery, drawings, cameras, telemetry, terrain, pictures.
+// What the planner and the replay read: items beside imagery, drawings, cameras, telemetry, poses, terrain, pictures.
 #include <array>
 #include <cmath>
 
@@ -9,6 +9,7 @@
 #include "imagery/codecs.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "replay/flight_folder.hpp"
+#include "replay/poses_file.hpp"
 #include "vision/camera_model.hpp"
 
 namespace nadir::fuzz {
@@ -51,6 +52,20 @@ void telemetry(std::string_view bytes) {
       require(std::isfinite(rows[i].time_s), "a time that is none");
       require(i == 0 || rows[i].time_s > rows[i - 1].time_s, "rows out of the order of time");
     }
+  });
+}
+
+void poses(std::string_view bytes) {
+  refusing([&] {
+    const PosesDocument read = parse_poses(bytes, "fuzz");
+    for (std::size_t i = 0; i < read.poses.size(); ++i) {
+      const NumberedPose& one = read.poses[i];
+      require(one.index < read.subject.frames, "a pose of a frame that the flight does not have");
+      require(i == 0 || one.index > read.poses[i - 1].index, "poses out of order");
+      require(std::isfinite(one.pose.sigma_m) && one.pose.sigma_m >= 0, "a sigma that is none");
+    }
+    const std::string written = poses_json(read);
+    require(poses_json(parse_poses(written, "again")) == written, "poses change when they are written");
   });
 }
 

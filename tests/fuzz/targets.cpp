@@ -16,6 +16,7 @@ const std::vector<Target>& targets() {
                                        {"geojson", geojson},
                                        {"camera", camera},
                                        {"telemetry", telemetry},
+                                       {"poses", poses},
                                        {"picture", picture},
                                        {"mbtiles", mbtiles},
                                        {"tile_rows", tile_rows},

@@ -24,6 +24,7 @@ void kml(std::string_view bytes);
 void geojson(std::string_view bytes);
 void camera(std::string_view bytes);
 void telemetry(std::string_view bytes);
+void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
 void picture(std::string_view bytes);  // JPEG, PNG, WebP
 

@@ -8,6 +8,7 @@
 #include "base/sha256.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "ortho/camera_digest.hpp"
 #include "recorder/record_codec.hpp"
 #include "replay/backends.hpp"
 #include "replay/flight_map.hpp"
@@ -142,6 +143,14 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
   }
   ready->setup.emplace(std::move(setup));
   return ready;
+}
+
+PosesSubject FlightRequest::poses_subject(const ReadyFlight& ready) const {
+  return {.flight = id_of(ready.flight),
+          .frames = ready.flight.frames.size(),
+          .base_package = sha256_file(*package_ / "manifest.json"),
+          .camera = camera_digest(ready.flight.camera.camera),
+          .origin = ready.setup->frame.origin()};
 }
 
 }  // namespace nadir

@@ -13,6 +13,7 @@
 #include "package/open_package.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/flight_recording.hpp"
+#include "replay/poses_file.hpp"
 #include "replay/replay_flight.hpp"
 #include "vision/place_index.hpp"
 
@@ -40,6 +41,10 @@ class FlightRequest {
   void check() const;  // throws UsageError for options that do not go together
   // Throws UsageError for inputs that are no flight. unpacked: a folder for pictures out of a recording.
   std::unique_ptr<ReadyFlight> open(Context& context, const std::filesystem::path& unpacked);
+  // What poses of this flight over its package belong to.
+  PosesSubject poses_subject(const ReadyFlight& ready) const;
+  // Whether an option says how to localize, which poses that are made already do not do.
+  bool says_how() const { return start_ || odometry_ != kOdometry || matcher_ != kMatcher; }
 
   const std::optional<std::filesystem::path>& package() const { return package_; }
   const std::optional<std::filesystem::path>& trust() const { return trust_; }
@@ -51,6 +56,8 @@ class FlightRequest {
   const std::string& matcher() const { return matcher_; }
 
  private:
+  static constexpr std::string_view kOdometry = "features", kMatcher = "channels";
+
   Flight flight_to_fly(Context& context, const std::filesystem::path& unpacked,
                        std::optional<RecordedFlight>& recorded);
 
@@ -61,8 +68,8 @@ class FlightRequest {
   std::optional<UtcTime> at_;
   std::optional<std::filesystem::path> frames_, telemetry_, camera_;
   std::optional<LonLat> start_;
-  std::string odometry_ = "features";
-  std::string matcher_ = "channels";
+  std::string odometry_{kOdometry};
+  std::string matcher_{kMatcher};
   std::optional<std::filesystem::path> recorder_;
   std::optional<std::string> session_;
 };

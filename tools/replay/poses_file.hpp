@@ -1,0 +1,58 @@
+// poses.json: where the camera was when each anchored frame of a flight was taken, in every bit of the smoothed flight.
+// `nadir replay` writes it, `nadir ortho --estimates` reads it (docs/formats/poses.md).
+//
+// It decides where a flight's tiles lie, so it says what it belongs to, and is refused for any other flight, map or
+// camera. Angles are radians, lengths metres, as the localizer has them: degrees would not be the same bits.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "base/sha256.hpp"
+#include "estimation/estimate.hpp"
+#include "estimation/telemetry.hpp"
+#include "geodesy/lon_lat.hpp"
+
+namespace nadir {
+
+inline constexpr std::string_view kPosesFile = "poses.json";
+inline constexpr std::string_view kPosesSchema = "nadir.poses/1";
+
+struct PosesSubject {
+  std::string flight;    // id_of() its telemetry
+  std::uint64_t frames;  // of the flight, anchored or not
+  Sha256 base_package;   // of its manifest.json: the map that the poses follow
+  Sha256 camera;         // camera_digest() of the pictures as they are
+  LonLat origin;         // of the plane whose metres east and north count
+};
+
+struct NumberedPose {
+  std::uint64_t index = 0;  // of the flight's frames, from 0
+  std::string frame;        // frame_label() of its name
+  FramePose pose;           // satellite_anchored and refined, its anchor 0 s old
+};
+
+struct PosesDocument {
+  PosesSubject subject;
+  std::vector<NumberedPose> poses;  // by index
+};
+
+// poses: Localizer::refined_poses(), one per frame.
+PosesDocument poses_document(const PosesSubject& subject, const std::vector<Telemetry>& frames,
+                             const std::vector<std::optional<FramePose>>& poses);
+std::string poses_json(const PosesDocument& document);
+
+// Throws Error, naming the member, for bytes that are no such document: members missing or unknown, numbers that no
+// pose has, frames out of order. `name` is for messages.
+PosesDocument parse_poses(std::string_view bytes, std::string_view name);
+
+// One entry per frame of the flight, as Localizer::refined_poses() returned them. Throws UsageError when the file
+// belongs to another flight, map or camera, Error when it cannot be read.
+std::vector<std::optional<FramePose>> read_poses(const std::filesystem::path& path, const PosesSubject& wanted,
+                                                 const std::vector<Telemetry>& frames);
+
+}  // namespace nadir
