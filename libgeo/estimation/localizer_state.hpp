@@ -34,7 +34,7 @@ struct Localizer::State {
   void begin_frame(const Telemetry& telemetry, double seconds);
   bool follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report);
   void doubt_way(double step_m);
-  void forget_last_picture();
+  void forget_picture_if_turned(double heading_before_rad);
   double speed_below_mps(double sigmas, double least_sigma_mps) const;
   bool continues(double seconds) const;
   bool leaps(double step_m) const;
@@ -66,6 +66,8 @@ struct Localizer::State {
   CameraPose believed_pose() const;
   FramePose anchored_pose(const AnchorJob& job) const;  // with the filter at the job's frame
   Eigen::Matrix2d shared_error_m2() const;
+
+  static constexpr double kUntoldHeightSigma = 0.3;  // of its logarithm
 
   CameraModel camera;
   TelemetryUncertainty uncertainty;
