@@ -26,7 +26,7 @@ struct GateLimits {
   double sure_inlier_share = 0.40;
   double most_inlier_share = 0.50;
   double max_chance_residual_px = 1.7;
-  double expected_chi2 = 5.991;   // 95 % of two degrees of freedom; an unconfirmed start is held to it as well
+  double expected_chi2 = 5.991;   // 95 % of two degrees of freedom; a frame alone against the start is held to it, too
   double open_tilt_rad = 0.2;     // one sigma of each axis
   double telling_window_m = 200;  // half the side of such a window
   double sharp_sigma_m = 20;
@@ -37,7 +37,9 @@ struct GateLimits {
   double max_residual_px = 2.5;   // RMS, pixels of the matching GSD
   double max_tilt_sigmas = 4;     // solved tilt and height against what was believed
   double chi2_999 = 13.816;       // two degrees of freedom
-  double healthy_sigma_m = 60;    // a prediction worse than this is no second voice
+  // Against a start that no anchor has confirmed yet: a frame that odometry led to is no picture of another place.
+  double chi2_99 = 9.210;
+  double healthy_sigma_m = 60;  // a prediction worse than this is no second voice
   // Lost, thousands of places compete and nothing else speaks for the best one: it must stand out further, or be
   // confirmed by others (anchor_votes.hpp).
   double lost_ratio = 0.70;
@@ -47,10 +49,11 @@ struct GateLimits {
 struct Prediction {
   double chi2 = 0;  // of the matched position
   double sigma_m = 0;
-  bool healthy = false;  // carried without a break from an accepted anchor
-  bool lost = false;     // there is none: all of the area, or much of it, was searched
-  bool first = false;    // nothing has been anchored yet: there is only a start
-  bool torn = false;     // the frame does not continue the one before, which should show much of the same ground
+  bool healthy = false;   // carried without a break from an accepted anchor
+  bool lost = false;      // there is none: all of the area, or much of it, was searched
+  bool first = false;     // nothing has been anchored yet: there is only a start
+  bool followed = false;  // odometry led to this frame from the one before
+  bool torn = false;      // the frame does not continue the one before, which should show much of the same ground
 };
 
 // How far the solved attitude and height lie from the belief, in sigmas of the belief (the worst of them).
@@ -58,6 +61,9 @@ double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior);
 
 // A sharp prediction says the same as the match.
 bool seconded(const Prediction& prediction, const GateLimits& limits = {});
+
+// So far from the start that one frame is not enough to say so.
+bool doubts_start(const Prediction& prediction, const GateLimits& limits = {});
 
 AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
                            const GateLimits& limits = {});

@@ -49,7 +49,9 @@ std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, dou
   if (job_out || tiles == nullptr || (!placed && !config.area) || !anchor_due()) return nullptr;
   heed_hint();
   const AnchorPrior prior = anchor_prior();
-  const Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost(), !last_anchor_s, torn};
+  Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost(), !last_anchor_s};
+  prediction.followed = last_tracked;
+  prediction.torn = torn;
   std::optional<LostSearch> where;
   if (prediction.lost) where = lost_search();
   auto look = [this, grey, where, begin = prior](const Cancel& cancel) {
@@ -104,10 +106,12 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
 void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::Vector2d>& off_m,
                                const AnchorJob& job) {
   const bool contradicts = report.verdict == AnchorVerdict::off_prediction;
-  if (contradicts) contradicted_m = *off_m;
+  const bool waits = report.verdict == AnchorVerdict::awaiting_votes;
+  const bool off_start = !last_anchor_s && !job.prediction.lost && report.chi2 > config.gates.expected_chi2;
+  if (contradicts || (waits && off_start)) contradicted_m = *off_m;
   if (contradicts && !last_anchor_s) against_start.remember(*off_m, report.chi2, job.prediction.sigma_m);
   if (broken_since_job) return;  // a voice about a track that has ended since
-  if (!contradicts && report.verdict != AnchorVerdict::awaiting_votes) {
+  if (!contradicts && !waits) {
     votes.abstain();
     return;
   }

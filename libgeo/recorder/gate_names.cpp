@@ -12,7 +12,7 @@ struct Name {
   double GateLimits::*value;
 };
 
-constexpr std::array<Name, 22> kNames{{
+constexpr std::array<Name, 23> kNames{{
     {"clear_ratio", &GateLimits::clear_ratio},
     {"clear_inlier_share", &GateLimits::clear_inlier_share},
     {"alone_ratio", &GateLimits::alone_ratio},
@@ -32,6 +32,7 @@ constexpr std::array<Name, 22> kNames{{
     {"max_residual_px", &GateLimits::max_residual_px},
     {"max_tilt_sigmas", &GateLimits::max_tilt_sigmas},
     {"chi2_999", &GateLimits::chi2_999},
+    {"chi2_99", &GateLimits::chi2_99},
     {"healthy_sigma_m", &GateLimits::healthy_sigma_m},
     {"lost_ratio", &GateLimits::lost_ratio},
     {"lost_inlier_share", &GateLimits::lost_inlier_share},

@@ -279,6 +279,11 @@ TEST(AnchorGates, OneFrameIsNotEnoughAgainstAStart) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   attempt.prediction.chi2 = attempt.limits.expected_chi2;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
+  attempt.prediction.followed = true;
+  attempt.prediction.chi2 = attempt.limits.chi2_99;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "odometry led here: it is no picture of another place";
+  attempt.prediction.chi2 = attempt.limits.chi2_99 + 0.01;
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   attempt.prediction = {1000, 1000, false, true, true};
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "without a start there is nothing to be against";
 }
