@@ -16,7 +16,6 @@ namespace nadir {
 namespace {
 
 constexpr double kTurn_s = 0.05, kPublishPeriod_s = 0.2, kGpsHintRadius_m = 150;
-constexpr std::size_t kMostUntold = 12;
 
 std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
   if (!file) return std::nullopt;
@@ -207,20 +206,16 @@ void FlightService::note_cautions() {
     journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
                    finding.code + ": " + finding.where + ": " + finding.found);
   }
-  if (cautions_.contains("airframe.unsigned"))
-    untold_.push_back({TextSeverity::warning, "Nadir: airframe file is not signed"});
+  if (cautions_.contains("airframe.unsigned")) untold_.add(TextSeverity::warning, "Nadir: airframe file is not signed");
   if (options_.tile_key && !options_.candidates)
-    untold_.push_back({TextSeverity::warning, "Nadir: tile key not accepted, no tiles"});
-}
-
-// Before the autopilot is there, and while it is lost, nobody hears: the latest texts wait for it.
-void FlightService::tell_operator() {
-  while (untold_.size() > kMostUntold) untold_.pop_front();
-  if (!machine_.status().link_up) return;
-  for (const OperatorText& told : std::exchange(untold_, {})) link_->tell(told.severity, told.text);
+    untold_.add(TextSeverity::warning, "Nadir: tile key not accepted, no tiles");
 }
 
 void FlightService::sum_up() {
+  if (const std::size_t untold = untold_.waiting() + untold_.dropped(); untold > 0) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::info, "operator",
+                   fmt::format("{} texts found nobody who heard them", untold));
+  }
   const AutopilotLink::State link = link_->state();
   const MailboxCounts pictures = pictures_.counts();
   journal_->note(clock_.monotonic_s(), EventSeverity::info, "summary",
@@ -305,16 +300,18 @@ void FlightService::update(double now_s, std::span<const ServiceFact> facts) {
     journal_->state(event);
     if (event.from != event.to) last_reason_ = event.text;
     const ReasonText& text = text_of(event.reason);
-    OperatorText told{text_severity(text.severity), std::string(text.operator_text)};
+    const TextSeverity severity = text_severity(text.severity);
     if (event.reason == ServiceReason::link_unsigned) {
-      link_->tell(told.severity, told.text);  // an autopilot without a key may hear it now; later it is of no use
-    } else if (!told.text.empty()) {
-      untold_.push_back(std::move(told));
+      link_->tell(severity, std::string(text.operator_text));  // who has no key may hear it now; later it is of no use
+    } else {
+      untold_.add(severity, std::string(text.operator_text));
     }
     manager_.status(event.text);
   }
-  link_->permit(machine_.status());
-  tell_operator();
+  const ServiceStatus status = machine_.status();
+  link_->permit(status);
+  if (!status.link_up) return;
+  untold_.tell([this](TextSeverity severity, const std::string& text) { link_->tell(severity, text); });
 }
 
 void FlightService::publish(double now_s) {

@@ -14,7 +14,6 @@
 // verdict about GPS; everybody else sends it news and never waits for it.
 #pragma once
 
-#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
@@ -27,6 +26,7 @@
 #include "flight/flight_journal.hpp"
 #include "flight/flight_options.hpp"
 #include "flight/localizing.hpp"
+#include "flight/operator_texts.hpp"
 #include "flight/tile_making.hpp"
 #include "flight/view_builder.hpp"
 #include "service/restart.hpp"
@@ -55,7 +55,6 @@ class FlightService {
  private:
   LocalizingSetup localizing_setup() const;
   void note_cautions();
-  void tell_operator();
   void start_recorder();
   void start_flight();
   void start_localizing();
@@ -88,11 +87,7 @@ class FlightService {
   Airframe airframe_;
   std::string refusal_;
   Findings cautions_;  // that refused nothing
-  struct OperatorText {
-    TextSeverity severity;
-    std::string text;
-  };
-  std::deque<OperatorText> untold_;       // waits until there is an autopilot that hears it
+  OperatorTexts untold_;
   std::unique_ptr<FlightGround> ground_;  // null: the package was refused
   StateDirectory state_;
   Restart restart_;
