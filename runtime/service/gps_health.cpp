@@ -29,6 +29,10 @@ double speed_of(const GpsFix3d& fix) {
   return told_m_s >= 0 ? std::min(told_m_s, kMaxGroundSpeed_m_s) : kMaxGroundSpeed_m_s;
 }
 
+bool lasts(double now_s, const std::optional<double>& since_s, double limit_s) {
+  return since_s && now_s - *since_s > limit_s;
+}
+
 }  // namespace
 
 void GpsHealth::hear(const GpsFix3d& fix) {
@@ -109,22 +113,20 @@ bool GpsHealth::vision_speaks(double time_s) const {
 }
 
 std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
-  const auto lasts = [now_s](const std::optional<double>& since_s, double limit_s) {
-    return since_s && now_s - *since_s > limit_s;
-  };
   using enum GpsVerdict;
   if (!lie_.empty()) return GpsJudged{spoofed, lie_};
   if (now_s - last_message_s_ > kGpsSilent_s) {
     return GpsJudged{denied, fmt::format("nothing from the receiver for {:.1f} s", now_s - last_message_s_)};
   }
-  if (lasts(no_fix_since_s_, kGpsNoFix_s)) return GpsJudged{denied, "the receiver has no fix"};
-  if (lasts(disagrees_since_s_, kDisagreement_s)) {
+  if (lasts(now_s, no_fix_since_s_, kGpsNoFix_s)) return GpsJudged{denied, "the receiver has no fix"};
+  if (lasts(now_s, disagrees_since_s_, kDisagreement_s)) {
     const double apart_m = distance_m(vision_->place, last_fix_->place);
     return GpsJudged{spoofed, fmt::format("{:.0f} m from where pictures say", apart_m)};
   }
-  if (lasts(glitch_since_s_, kEkfAlarm_s)) return GpsJudged{spoofed, "the autopilot reports a GPS glitch"};
-  // With GPS already out of use the autopilot's filter says nothing about GPS.
-  if (judged_.verdict == trusted && lasts(ekf_lost_since_s_, kEkfAlarm_s)) {
+  // With GPS already out of use the autopilot's filter says nothing about GPS: it is where our fix took it.
+  if (judged_.verdict != trusted) return std::nullopt;
+  if (lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return GpsJudged{spoofed, "the autopilot reports a GPS glitch"};
+  if (lasts(now_s, ekf_lost_since_s_, kEkfAlarm_s)) {
     return GpsJudged{denied, "the autopilot no longer knows its position by GPS"};
   }
   return std::nullopt;
@@ -132,7 +134,8 @@ std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
 
 bool GpsHealth::fit_again(double now_s) const {
   if (!good_since_s_) return false;
-  if (judged_.verdict == GpsVerdict::unknown) return true;  // nothing speaks against the first one
+  if (judged_.verdict == GpsVerdict::unknown) return true;       // nothing speaks against the first one
+  if (lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return false;  // the alarm would accuse it at once
   if (agrees_since_s_ && now_s - *good_since_s_ >= kGpsStable_s && now_s - *agrees_since_s_ >= kGpsStable_s)
     return true;
   return !lied_ && !vision_speaks(now_s) && now_s - *good_since_s_ >= kGpsStableAlone_s;

@@ -214,6 +214,27 @@ TEST(GpsHealth, AfterDenialWithoutPicturesAMinuteOfStabilityIsEnough) {
   EXPECT_EQ(flight.fly(2, {.vision_speaks = false}), trusted);
 }
 
+// After half a minute of dead reckoning the filter is where our fix took it, and finds the receiver far off.
+TEST(GpsHealth, AFilterThatDidNotGoByTheReceiverDoesNotAccuseIt) {
+  Flight flight;
+  flight.fly(20, {});
+  flight.fly(12, {.gps_fix = false, .vision_speaks = false});
+  ASSERT_EQ(flight.judged.verdict, denied);
+  flight.fly(16, {.vision_speaks = false});
+  EXPECT_EQ(flight.fly(8, {.vision_speaks = false, .glitch = true}), denied);
+  EXPECT_EQ(flight.fly(35, {.vision_speaks = false}), denied);
+  EXPECT_EQ(flight.fly(2, {.vision_speaks = false}), trusted) << "a minute after it came back";
+}
+
+TEST(GpsHealth, NoReceiverIsTrustedAgainWhileTheFilterComplains) {
+  Flight flight;
+  flight.fly(20, {});
+  flight.fly(5, {.gps_fix = false, .vision_speaks = false});
+  EXPECT_EQ(flight.fly(90, {.vision_speaks = false, .glitch = true}), denied);
+  EXPECT_EQ(flight.step({.vision_speaks = false}), trusted);
+  EXPECT_EQ(flight.fly(20, {.vision_speaks = false}), trusted);
+}
+
 TEST(GpsHealth, JammedFirstAndSpoofedThenIsCaughtByThePictures) {
   Flight flight;
   flight.fly(20, {});
