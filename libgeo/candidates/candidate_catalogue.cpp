@@ -195,10 +195,14 @@ std::vector<TileRow> CandidateCatalogue::tiles_of(std::int64_t upload, Detail de
   return select_tiles(fmt::format("t.upload = {} ORDER BY t.place", upload), detail);
 }
 
-std::vector<TileRow> CandidateCatalogue::tiles_to_judge(std::int64_t upload, std::size_t limit) {
-  return select_tiles(
-      fmt::format("t.upload = {} AND v.id IS NULL AND b.id IS NOT NULL ORDER BY t.place LIMIT {}", upload, limit),
-      Detail::sidecars);
+std::vector<TileRow> CandidateCatalogue::tiles_to_judge(std::int64_t upload, std::size_t limit,
+                                                        const std::set<std::int64_t>& but) {
+  std::string others;
+  for (const std::int64_t tile : but) others += fmt::format("{}{}", others.empty() ? " AND t.id NOT IN (" : ",", tile);
+  if (!others.empty()) others += ")";
+  return select_tiles(fmt::format("t.upload = {} AND v.id IS NULL AND b.id IS NOT NULL{} ORDER BY t.place LIMIT {}",
+                                  upload, others, limit),
+                      Detail::sidecars);
 }
 
 void CandidateCatalogue::add_verdicts(std::span<const TileVerdict> verdicts, std::int64_t now_ms) {
@@ -255,7 +259,9 @@ void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now
   database_.select(fmt::format("SELECT tile FROM {} WHERE tile IN ({})", database_.of("verdicts"), ids),
                    [&](const CatalogueRow& row) { judged.insert(row.integer("tile")); });
   std::vector<TileVerdict> verdicts;
+  std::vector<Sha256> damaged;
   for (Question& question : questions) {
+    if (question.damaged) damaged.push_back(question.sidecar.sha256);
     if (judged.contains(question.verdict.tile)) continue;
     const CandidateSidecar& sidecar = question.sidecar;
     const Seat seat{sidecar.airframe, sidecar.flight, sidecar.key};
@@ -269,6 +275,7 @@ void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now
     verdicts.push_back(std::move(question.verdict));
   }
   add_verdicts(verdicts, now_ms);
+  forget_bytes(damaged);
   transaction.commit();
 }
 

@@ -36,8 +36,8 @@ class CandidateCatalogue {
   // In the batch's order.
   enum class Detail { verdicts, sidecars };
   std::vector<TileRow> tiles_of(std::int64_t upload, Detail detail);
-  // Those whose bytes are there and that have no verdict, with their sidecars.
-  std::vector<TileRow> tiles_to_judge(std::int64_t upload, std::size_t limit);
+  // Those whose bytes are there and that have no verdict, with their sidecars, but for some.
+  std::vector<TileRow> tiles_to_judge(std::int64_t upload, std::size_t limit, const std::set<std::int64_t>& but = {});
 
   // A pack that is stored: from now on its tiles are there.
   struct PackedTile {
@@ -56,6 +56,9 @@ class CandidateCatalogue {
     TileVerdict verdict;  // as far as the tile alone tells
     CandidateSidecar sidecar;
     std::string keyid;
+    // The bytes that are there are not the tile's. Where they lie is forgotten, unless an accepted or a waiting tile
+    // has the same digest: announced again, the tile is missing and can be sent.
+    bool damaged = false;
   };
   struct Rivals {
     bool same_bytes = false;                     // this very digest was accepted
@@ -82,6 +85,7 @@ class CandidateCatalogue {
 
  private:
   std::optional<UploadRow> find_upload(const std::string& where);
+  void forget_bytes(std::span<const Sha256> tiles);
   void add_verdicts(std::span<const TileVerdict> verdicts, std::int64_t now_ms);
   std::vector<TileRow> select_tiles(const std::string& where_and_order, Detail detail);
   std::vector<Sha256> drop_dead_packs(std::int64_t upload);

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <mutex>
 #include <set>
 
@@ -30,6 +31,9 @@ struct CandidateServiceOptions {
   std::uint64_t part_max = std::uint64_t{1} << 20;
   std::uint64_t keep_free_bytes = std::uint64_t{1} << 30;  // of the disk; below it nothing is taken
   std::size_t packs_at_once = 4;                           // unfinished ones of an upload
+  // One that has not grown for so long makes room for another: a sender that makes its packs anew never ends the old
+  // ones. Longer than a part may take on the slowest line that is waited for.
+  std::int64_t pack_rest_s = 300;
   std::int64_t upload_life_ms =
       std::int64_t{7} * 24 * 3600 * 1000;  // until an upload that is not complete is forgotten
 };
@@ -55,8 +59,10 @@ class CandidateService {
   // Uploads that wait for verdicts, with their clients' names.
   std::vector<std::pair<std::string, std::int64_t>> to_judge();
 
-  // A bounded piece of work each; true: there is more. vote_some() throws Error once all other addresses have been
-  // voted on, when pictures of some cannot be read: those are tried again by the next call.
+  // A bounded piece of work each; true: there is more. Both throw Error at the end, once everything else has been done,
+  // when pictures of some tiles cannot be read: those are tried again by the next call. A tile whose bytes are damaged
+  // before its verdict is rejected (hash_mismatch) and forgotten, so that it can be sent again; an Error tells of it
+  // too.
   bool judge_some(std::int64_t upload);
   bool vote_some();
   void forget_expired();
@@ -71,11 +77,18 @@ class CandidateService {
 
  private:
   friend class BusyPack;
+  struct Unread {
+    std::set<std::int64_t> tiles;  // that wait, because they cannot be read now
+    std::optional<Error> why;      // the first reason, damaged ones' as well
+  };
   std::variant<UploadRow, Denial> find(const UploadClient& client, const std::string& upload);
   Announcement announcement_of(const UploadRow& upload, bool opened);
   std::vector<std::optional<Refusal>> refusals_of(const SignedBatch& batch, UtcTime now);
   std::optional<Denial> take_in(const UploadRow& upload, const IncomingPack& pack);
   std::optional<Denial> no_room(std::uint64_t bytes) const;
+  bool abandoned_gives_way(const std::string& upload);
+  std::optional<CandidateCatalogue::Question> question_of(const TileRow& tile, std::int64_t upload);
+  void end_judging(std::int64_t upload);
   TileVerdict look_at(const TileRow& tile, const CandidateSidecar& sidecar);
   Vote compare(const Voter& one, const Voter& other);
 
@@ -87,6 +100,7 @@ class CandidateService {
   BaseMaps maps_;
   std::mutex mutex_;
   std::set<std::pair<std::string, Sha256>> busy_;  // packs that a call writes now
+  std::map<std::int64_t, Unread> unjudged_;        // by upload, while it is judged
   std::set<TileKey> unread_;                       // addresses whose pictures could not be read, since the last throw
   std::optional<Error> why_unread_;                // the first of them
   std::set<std::string> heeded_;                   // keys whose revocation the catalogue knows of

@@ -68,6 +68,17 @@ std::vector<Sha256> CandidateCatalogue::drop_dead_packs(std::int64_t upload) {
   return packs;
 }
 
+void CandidateCatalogue::forget_bytes(std::span<const Sha256> tiles) {
+  if (tiles.empty()) return;
+  std::string digests;
+  for (const Sha256& tile : tiles) digests += fmt::format("{}'{}'", digests.empty() ? "" : ",", tile.hex());
+  database_.change(
+      fmt::format("DELETE FROM {0} WHERE sha256 IN ({1}) AND sha256 NOT IN (SELECT t.sha256 FROM {2} t LEFT JOIN {3} v "
+                  "ON v.tile = t.id WHERE t.sha256 IN ({1}) AND (v.verdict IS NULL OR v.verdict = 0))",
+                  database_.of("blobs"), digests, database_.of("tiles"), database_.of("verdicts")),
+      "forgetting damaged tiles");
+}
+
 std::set<Sha256> CandidateCatalogue::packs() {
   std::set<Sha256> packs;
   database_.select(fmt::format("SELECT DISTINCT pack FROM {}", database_.of("blobs")),

@@ -12,6 +12,7 @@
 
 #include "base/bytes.hpp"
 #include "base/sha256.hpp"
+#include "base/time.hpp"
 
 namespace nadir {
 
@@ -19,6 +20,7 @@ struct IncomingPack {
   Sha256 sha256;
   std::uint64_t length = 0;  // of the whole pack
   std::uint64_t offset = 0;  // what is there
+  std::int64_t grown_s = 0;  // when its last part came, by the service's clock: the file's time
   std::filesystem::path path;
 
   bool whole() const { return offset == length; }
@@ -35,7 +37,7 @@ class IncomingPacks {
   // Opens a pack of which nothing is there.
   IncomingPack begin(const std::string& upload, const Sha256& sha256, std::uint64_t length);
   // At pack.offset, which must still be the file's size. Throws OutOfSpace, Error.
-  void append(IncomingPack& pack, ByteView part);
+  void append(IncomingPack& pack, ByteView part, UtcTime now);
 
   void remove(const IncomingPack& pack);
   void remove_all_of(const std::string& upload);

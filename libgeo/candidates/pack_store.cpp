@@ -6,6 +6,7 @@
 #include <cerrno>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "base/sync.hpp"
 
 namespace nadir {
@@ -26,6 +27,13 @@ void PackStore::adopt(const fs::path& file, const Sha256& pack) {
   if (fs::create_directory(target.parent_path())) sync_to_disk(folder_);
   std::error_code code;
   fs::create_hard_link(file, target, code);
+  if (code == std::errc::file_exists && sha256_file(target) != pack) {
+    const fs::path beside = target.string() + ".new";
+    fs::remove(beside);
+    code.clear();
+    fs::create_hard_link(file, beside, code);
+    if (!code) fs::rename(beside, target, code);
+  }
   if (code && !fs::exists(target)) {
     throw Error({.what = "a pack cannot be put into place", .where = target, .found = code.message()});
   }
@@ -44,18 +52,26 @@ Bytes PackStore::read(const BlobPlace& place, const Sha256& sha256) const {
   }
   Bytes bytes(place.bytes);
   std::size_t have = 0;
+  int failed = 0;
   while (have < bytes.size()) {
     const ssize_t got = ::pread(fd, bytes.data() + have, bytes.size() - have, static_cast<off_t>(place.start + have));
     if (got < 0 && errno == EINTR) continue;
+    if (got < 0) failed = errno;
     if (got <= 0) break;
     have += static_cast<std::size_t>(got);
   }
   ::close(fd);
-  if (have != bytes.size() || nadir::sha256(bytes) != sha256) {
-    throw Error({.what = "a pack is damaged",
+  if (failed != 0) {
+    throw Error({.what = "a pack cannot be read",
                  .where = path,
-                 .expected = "a tile with SHA-256 " + sha256.hex(),
+                 .found = system_error_text(failed),
                  .fix = "check the disk; restore the folder from a copy"});
+  }
+  if (have != bytes.size() || nadir::sha256(bytes) != sha256) {
+    throw PackDamaged({.what = "a pack is damaged",
+                       .where = path,
+                       .expected = "a tile with SHA-256 " + sha256.hex(),
+                       .fix = "check the disk; restore the folder from a copy"});
   }
   return bytes;
 }

@@ -9,10 +9,17 @@
 #include <vector>
 
 #include "base/bytes.hpp"
+#include "base/error.hpp"
 #include "base/sha256.hpp"
 #include "candidates/catalogue_rows.hpp"
 
 namespace nadir {
+
+// What lies there is not what was kept: it does not get better, but the tile can be sent again.
+class PackDamaged : public Error {
+ public:
+  using Error::Error;
+};
 
 class PackStore {
  public:
@@ -20,10 +27,11 @@ class PackStore {
   explicit PackStore(std::filesystem::path folder);
 
   // Takes over a file that has this digest; the file keeps its own name as well. On the disk when it returns. The same
-  // pack twice is no error.
+  // pack twice is no error; one that was damaged since is replaced.
   void adopt(const std::filesystem::path& file, const Sha256& pack);
 
-  // Throws Error when the bytes are not there or do not have this digest.
+  // Throws PackDamaged when the bytes do not have this digest, Error when they cannot be read now: a folder that is not
+  // there may come back.
   Bytes read(const BlobPlace& place, const Sha256& sha256) const;
 
   void remove(const Sha256& pack);

@@ -16,6 +16,7 @@ namespace {
 
 constexpr std::size_t kTilesAtOnce = 128;  // other callers come in between
 constexpr double kCe90OfSigma = 2.146;
+constexpr const char* kDamagedHere = "the service's copy of this tile is damaged; send it again";
 
 double pixel_mm(const TileKey& key) {
   const LonLatBox box = bounds_of(key);
@@ -98,15 +99,54 @@ std::vector<std::pair<std::string, std::int64_t>> CandidateService::to_judge() {
   return list;
 }
 
+// Nothing: it cannot be looked at now. That keeps no other tile from its verdict.
+std::optional<CandidateCatalogue::Question> CandidateService::question_of(const TileRow& tile, std::int64_t upload) {
+  CandidateCatalogue::Question question{.verdict = {.tile = tile.id},
+                                        .sidecar = parse_candidate(tile.sidecar, "the catalogue's sidecar"),
+                                        .keyid = tile.keyid};
+  const auto note = [this, upload](const Error& error) -> Unread& {
+    Unread& unread = unjudged_[upload];
+    if (!unread.why) unread.why = error;
+    return unread;
+  };
+  try {
+    question.verdict = look_at(tile, question.sidecar);
+  } catch (const PackDamaged& error) {
+    const std::lock_guard lock(mutex_);
+    note(error);
+    question.damaged = true;
+    question.verdict.verdict = Verdict::rejected;
+    question.verdict.refusal = Refusal{.code = ReasonCode::hash_mismatch, .detail = kDamagedHere};
+  } catch (const Error& error) {
+    const std::lock_guard lock(mutex_);
+    note(error).tiles.insert(tile.id);
+    return std::nullopt;
+  }
+  return question;
+}
+
+// Throws what kept tiles from being read.
+void CandidateService::end_judging(std::int64_t upload) {
+  const std::lock_guard lock(mutex_);
+  const auto unread = unjudged_.extract(upload);
+  if (unread && unread.mapped().why) throw Error(*unread.mapped().why);
+}
+
 bool CandidateService::judge_some(std::int64_t id) {
-  const std::vector<TileRow> tiles =
-      catalogue_.call([id](CandidateCatalogue& catalogue) { return catalogue.tiles_to_judge(id, kTilesAtOnce); });
+  const auto unread = [this, id] {
+    const std::lock_guard lock(mutex_);
+    const auto found = unjudged_.find(id);
+    return found == unjudged_.end() ? std::set<std::int64_t>() : found->second.tiles;
+  };
+  const std::set<std::int64_t> waiting = unread();
+  const std::vector<TileRow> tiles = catalogue_.call(
+      [&](CandidateCatalogue& catalogue) { return catalogue.tiles_to_judge(id, kTilesAtOnce, waiting); });
   std::vector<CandidateCatalogue::Question> questions;
   for (const TileRow& tile : tiles) {
-    const CandidateSidecar sidecar = parse_candidate(tile.sidecar, "the catalogue's sidecar");
-    questions.push_back({.verdict = look_at(tile, sidecar), .sidecar = sidecar, .keyid = tile.keyid});
+    if (auto question = question_of(tile, id)) questions.push_back(std::move(*question));
   }
-  const bool done = tiles.size() < kTilesAtOnce;
+  const bool last = tiles.size() < kTilesAtOnce;
+  const bool done = last && unread().empty();
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
   const auto dead = catalogue_.call([&](CandidateCatalogue& catalogue) {
     // Here, in turn with heed_revocations(): a key that is revoked meanwhile is seen by the one or the other.
@@ -135,7 +175,8 @@ bool CandidateService::judge_some(std::int64_t id) {
     return catalogue.forget_dead_packs(id);
   });
   for (const Sha256& pack : dead) packs_.remove(pack);
-  return !done;
+  if (last) end_judging(id);
+  return !last;
 }
 
 std::int64_t CandidateService::heed_revocations() {

@@ -108,6 +108,18 @@ Answer<PackOffset> CandidateService::offset(const UploadClient& client, const st
   return Denial{.kind = Kind::pack_unknown, .detail = "nothing of this pack has come"};
 }
 
+// Whoever goes on with it after all begins again. True: there is room.
+bool CandidateService::abandoned_gives_way(const std::string& upload) {
+  std::optional<IncomingPack> oldest;
+  for (IncomingPack& pack : incoming_.of(upload)) {
+    if (!pack.whole() && (!oldest || pack.grown_s < oldest->grown_s)) oldest = std::move(pack);
+  }
+  if (!oldest || clock_.now().unix_s - oldest->grown_s < options_.pack_rest_s) return false;
+  const BusyPack busy(*this, upload, oldest->sha256);
+  if (busy) incoming_.remove(*oldest);
+  return static_cast<bool>(busy);
+}
+
 Answer<PackOffset> CandidateService::append(const UploadClient& client, const std::string& name, const Sha256& sha256,
                                             const PartHeader& header, ByteView part) {
   const auto found = find(client, name);
@@ -139,7 +151,7 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
     if (upload.state != UploadState::open) {
       return Denial{.kind = Kind::pack_invalid, .detail = "the upload is complete; nothing is missing"};
     }
-    if (incoming_.of(name).size() >= options_.packs_at_once) {
+    if (incoming_.of(name).size() >= options_.packs_at_once && !abandoned_gives_way(name)) {
       return Denial{.kind = Kind::too_many,
                     .detail = fmt::format("send at most {} packs at a time", options_.packs_at_once)};
     }
@@ -154,7 +166,7 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
   }
   if (auto full = no_room(pack->length)) return *full;
   try {
-    incoming_.append(*pack, part);
+    incoming_.append(*pack, part, clock_.now());
   } catch (const OutOfSpace&) {
     return Denial{.kind = Kind::storage_full, .detail = "the service's disk is full; its operator must make room"};
   }

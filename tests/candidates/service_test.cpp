@@ -190,6 +190,124 @@ TEST_F(Service, ADamagedPackKeepsNoOtherAddressFromItsVote) {
   EXPECT_EQ(service().counts().promoted, 3);
 }
 
+class DamagedPack : public Service {
+ protected:
+  fs::path stored(const Bytes& pack) const {
+    const std::string name = sha256(pack).hex();
+    return options_.data / "packs" / name.substr(0, 2) / name;
+  }
+  // Each group of tiles in a pack of its own, complete and not judged. Returns the upload's name.
+  std::string sent(const std::vector<std::vector<Candidate>>& groups, std::int64_t& id) {
+    std::vector<Candidate> all;
+    for (const auto& group : groups) all.insert(all.end(), group.begin(), group.end());
+    const std::string name = announced(first_.batch(all)).upload;
+    for (const auto& group : groups) {
+      EXPECT_TRUE(std::holds_alternative<PackOffset>(send(name, test::pack_of(group))));
+    }
+    std::optional<std::int64_t> judge;
+    service().complete(client_, name, judge);
+    id = judge.value_or(0);
+    return name;
+  }
+  static void damage(const fs::path& pack, std::uint64_t at) {
+    Bytes bytes = read_file(pack);
+    bytes.at(at) ^= 1;
+    write_file_atomic(pack, ByteView(bytes));
+  }
+};
+
+TEST_F(DamagedPack, IsRejectedAndCanBeSentAgain) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(3));
+  const std::vector<Candidate> one{tiles[0]};
+  std::int64_t id = 0;
+  const std::string name = sent({one, {tiles[1], tiles[2]}}, id);
+  damage(stored(test::pack_of(one)), kPackHeadSize + kPackEntrySize);
+  EXPECT_THROW(service().judge_some(id), Error) << "the operator must hear of it";
+  const auto rows = verdicts(name);
+  EXPECT_EQ(test::code_of(rows[0]), "hash_mismatch");
+  EXPECT_EQ(rows[1].verdict, Verdict::accepted);
+  EXPECT_EQ(rows[2].verdict, Verdict::accepted);
+  EXPECT_TRUE(service().to_judge().empty()) << "it is judged";
+  const auto again = upload(first_, one, 2);  // the very pack that is damaged
+  EXPECT_EQ(again[0].verdict, Verdict::accepted) << again[0].detail;
+}
+
+TEST_F(DamagedPack, LosesTheDamagedTileAlone) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(3));
+  std::int64_t id = 0;
+  const std::string name = sent({tiles}, id);
+  damage(stored(test::pack_of(tiles)), kPackHeadSize + 3 * kPackEntrySize + tiles[0].tile.size());
+  EXPECT_THROW(service().judge_some(id), Error);
+  const auto rows = verdicts(name);
+  EXPECT_EQ(rows[0].verdict, Verdict::accepted);
+  EXPECT_EQ(test::code_of(rows[1]), "hash_mismatch");
+  EXPECT_EQ(rows[2].verdict, Verdict::accepted);
+  const auto again = upload(first_, {tiles[1]}, 2);
+  EXPECT_EQ(again[0].verdict, Verdict::accepted) << again[0].detail;
+}
+
+TEST_F(DamagedPack, ThatIsGoneWaitsForItsReturn) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(131));
+  const std::vector<Candidate> many(tiles.begin(), tiles.end() - 2), few(tiles.end() - 2, tiles.end());
+  std::int64_t id = 0;
+  const std::string name = sent({many, few}, id);  // more than are judged at once
+  const fs::path pack = stored(test::pack_of(many)), aside = folder_ / "aside";
+  fs::rename(pack, aside);
+  for (int round = 0; round < 2; ++round) {
+    EXPECT_TRUE(service().judge_some(id));
+    EXPECT_THROW(service().judge_some(id), Error);
+    const auto rows = verdicts(name);
+    EXPECT_FALSE(rows[0].verdict);
+    EXPECT_FALSE(rows[128].verdict);
+    EXPECT_EQ(rows[129].verdict, Verdict::accepted);
+    EXPECT_EQ(rows[130].verdict, Verdict::accepted);
+    EXPECT_EQ(service().to_judge().size(), 1U);
+  }
+  fs::rename(aside, pack);
+  judge_all();
+  for (const TileRow& row : verdicts(name)) EXPECT_EQ(row.verdict, Verdict::accepted) << row.detail;
+  EXPECT_TRUE(service().to_judge().empty());
+}
+
+TEST_F(DamagedPack, StaysWhereAnotherUploadWaitsForTheSameTile) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(1));
+  std::int64_t id = 0;
+  const std::string name = sent({tiles}, id);
+  const Announcement other = announced(first_.batch(tiles, 2));
+  EXPECT_EQ(other.known.size(), 1U);
+  damage(stored(test::pack_of(tiles)), kPackHeadSize + kPackEntrySize);
+  EXPECT_THROW(service().judge_some(id), Error);
+  std::optional<std::int64_t> judge;
+  ASSERT_TRUE(std::holds_alternative<Completion>(service().complete(client_, other.upload, judge)));
+  EXPECT_THROW(service().judge_some(*judge), Error);
+  EXPECT_EQ(test::code_of(verdicts(other.upload)[0]), "hash_mismatch");
+  EXPECT_EQ(upload(first_, tiles, 3)[0].verdict, Verdict::accepted);
+}
+
+TEST_F(Service, AbandonedPacksMakeRoomForOthers) {
+  options_.packs_at_once = 2;
+  const auto tiles = candidates(first_, test::keys_in_a_row(4));
+  const std::string name = announced(first_.batch(tiles)).upload;
+  const auto begin = [&](std::size_t tile) { return send(name, test::pack_of({tiles[tile]}), 0, 100); };
+  const auto advance = [this](std::int64_t seconds) { clock_ = FixedClock({clock_.now().unix_s + seconds}); };
+  EXPECT_TRUE(std::holds_alternative<PackOffset>(begin(0)));
+  advance(200);
+  EXPECT_TRUE(std::holds_alternative<PackOffset>(begin(1)));
+  advance(99);
+  ASSERT_TRUE(std::holds_alternative<Denial>(begin(2))) << "both have grown lately";
+  EXPECT_EQ(std::get<Denial>(begin(2)).kind, Denial::Kind::too_many);
+  advance(1);
+  EXPECT_TRUE(std::holds_alternative<PackOffset>(begin(2))) << "the first has rested for 300 s";
+  const auto first = service().offset(client_, name, sha256(test::pack_of({tiles[0]})));
+  ASSERT_TRUE(std::holds_alternative<Denial>(first));
+  EXPECT_EQ(std::get<Denial>(first).kind, Denial::Kind::pack_unknown);
+  const auto second = service().offset(client_, name, sha256(test::pack_of({tiles[1]})));
+  EXPECT_EQ(std::get<PackOffset>(second).offset, 100U);
+  EXPECT_TRUE(std::holds_alternative<Denial>(begin(3)));
+  advance(7 * 24 * 3600);  // and the upload itself is forgotten, as ever
+  EXPECT_TRUE(std::holds_alternative<Denial>(service().status(client_, name)));
+}
+
 TEST_F(Service, AnUploadThatIsNotCompleteExpires) {
   options_.upload_life_ms = -1;
   const auto tiles = candidates(first_, test::keys_in_a_row(1));

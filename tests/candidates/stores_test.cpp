@@ -27,7 +27,7 @@ TEST_F(Stores, AnIncomingPackGrowsAndOutlivesItsProcess) {
   {
     IncomingPacks incoming(folder_ / "incoming");
     IncomingPack pack = incoming.begin("abc", name_, bytes_.size());
-    incoming.append(pack, ByteView(bytes_).first(300));
+    incoming.append(pack, ByteView(bytes_).first(300), test::kNoon);
     EXPECT_EQ(pack.offset, 300U);
   }
   IncomingPacks incoming(folder_ / "incoming");
@@ -35,7 +35,8 @@ TEST_F(Stores, AnIncomingPackGrowsAndOutlivesItsProcess) {
   ASSERT_TRUE(pack);
   EXPECT_EQ(pack->offset, 300U);
   EXPECT_EQ(pack->length, 1000U);
-  incoming.append(*pack, ByteView(bytes_).subspan(300));
+  EXPECT_EQ(pack->grown_s, test::kNoon.unix_s) << "by the service's clock";
+  incoming.append(*pack, ByteView(bytes_).subspan(300), test::kNoon);
   EXPECT_TRUE(pack->whole());
   EXPECT_EQ(read_file(pack->path), bytes_);
   EXPECT_EQ(incoming.of("abc").size(), 1U);
@@ -76,6 +77,14 @@ TEST_F(Stores, AKeptPackGivesItsTilesAndNoOthers) {
   EXPECT_THROW(packs.read({.pack = name_, .start = 50, .bytes = 100}, sha256(bytes_)), Error) << "another digest";
   EXPECT_THROW(packs.read({.pack = name_, .start = 950, .bytes = 100}, sha256(part)), Error) << "beyond the end";
   EXPECT_THROW(packs.read({.pack = sha256(part), .start = 0, .bytes = 1}, sha256(part)), Error) << "no such pack";
+  EXPECT_EQ(packs.packs(), std::vector<Sha256>{name_});
+  const fs::path kept = folder_ / "packs" / name_.hex().substr(0, 2) / name_.hex();
+  write_file_atomic(kept, "damaged");
+  EXPECT_THROW(packs.read({.pack = name_, .start = 50, .bytes = 100}, sha256(part)), PackDamaged);
+  write_file_atomic(folder_ / "again", ByteView(bytes_));
+  packs.adopt(folder_ / "again", name_);
+  EXPECT_EQ(packs.read({.pack = name_, .start = 50, .bytes = 100}, sha256(part)), part)
+      << "the good one takes its place";
   EXPECT_EQ(packs.packs(), std::vector<Sha256>{name_});
   packs.remove(name_);
   EXPECT_TRUE(packs.packs().empty());

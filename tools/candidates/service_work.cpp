@@ -11,10 +11,10 @@ void ServiceWork::judge(const std::string& client, std::int64_t upload) {
 void ServiceWork::judge_piece(const std::string& client, std::int64_t upload) {
   try {
     if (service_.judge_some(upload)) return judge(client, upload);
-    vote();
   } catch (const std::exception& error) {
-    failed(error.what());
+    failed(error.what());  // some tiles could not be read; the others are judged
   }
+  vote();
 }
 
 void ServiceWork::vote() {
