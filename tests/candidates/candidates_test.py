@@ -4,6 +4,8 @@
 usage: candidates_test.py NADIR NADIR_CANDIDATES MAKE_FLIGHTS [postgis]
 With postgis everything goes into a real server, which this test starts; exit code 77 where there is none.
 """
+import base64
+import hashlib
 import http.client
 import json
 import os
@@ -214,6 +216,59 @@ class Candidates(unittest.TestCase):
         self.assertEqual(0, found["tiles"]["duplicate"] + found["tiles"]["rejected"], found)
         self.assertEqual(TILES, found["tiles"]["promoted"], found)
         self.assertEqual([], [path for path in (self.data / "incoming").rglob("*") if path.is_file()])
+
+    def test_a_damaged_pack_is_sent_again(self):
+        """Bytes that rot between upload and verdict: their tile is rejected alone, and the uploader brings it again."""
+        flight = flights_in(self.made)[0]
+        self.service.start()
+        upload = self.station.announce(flight / "batch-0.json")["upload_id"]
+        for pack in sorted(flight.glob("0-*.pack")):
+            self.station.send(upload, pack)
+        self.service.stop()
+        kept = sorted(path for path in (self.data / "packs").rglob("*") if path.is_file())
+        rotten = bytearray(kept[0].read_bytes())
+        rotten[-1] ^= 1
+        kept[0].write_bytes(rotten)
+        self.service.start()
+        self.station.complete(upload)
+        rejected = [tile for tile in self.station.judged(upload)["tiles"] if tile["verdict"] != "accepted"]
+        self.assertEqual([("rejected", "hash_mismatch", True)],
+                         [(tile["verdict"], tile["code"], tile["retryable"]) for tile in rejected])
+
+        outbox = self.folder / "outbox"
+        for command in (["stage", flight / "candidates", "--outbox", outbox, "--key", flight / "tile.key.pem", "--trust",
+                         self.made / "root.json"],
+                        ["push", outbox, "--to", f"http://localhost:{self.service.port}", "--token-file",
+                         self.made / "ground-1.token"]):
+            result = subprocess.run([NADIR, "sync", *command], capture_output=True, text=True)
+            self.assertEqual(0, result.returncode, f"{command} {result.stdout} {result.stderr}")
+        found = self.settled()["tiles"]
+        self.assertEqual((TILES, TILES - 1, 1), (found["accepted"], found["duplicate"], found["rejected"]), found)
+
+    def test_abandoned_packs_make_room(self):
+        self.service.start()
+        upload = self.station.announce(flights_in(self.made)[0] / "batch-0.json")["upload_id"]
+        part = b"x" * 100
+        digest = base64.b64encode(hashlib.sha256(part).digest()).decode()
+
+        def begin(number):
+            name = hashlib.sha256(bytes([number])).hexdigest()
+            status, headers, _ = self.station.ask(
+                "PATCH", f"/v1/uploads/{upload}/packs/{name}", part,
+                **{"Content-Type": "application/octet-stream", "Upload-Offset": "0", "Upload-Length": "1000",
+                   "Content-Digest": f"sha-256=:{digest}:"})
+            return status, headers["Retry-After"]
+
+        for number in range(4):
+            self.assertEqual(204, begin(number)[0])
+        status, retry_after = begin(4)
+        self.assertEqual(429, status)
+        self.assertTrue(retry_after)
+        for path in (self.data / "incoming" / upload).iterdir():  # as if they had been left five minutes ago
+            long_ago = path.stat().st_mtime - 301
+            os.utime(path, (long_ago, long_ago))
+        self.assertEqual(204, begin(4)[0])
+        self.assertEqual(4, len(list((self.data / "incoming" / upload).iterdir())))
 
     def test_two_services_do_not_share_a_folder(self):
         self.service.start()
