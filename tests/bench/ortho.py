@@ -2,12 +2,15 @@
 """The same frames with the same poses through Nadir and through Orthority: do they put the ground in the same place, and
 what does it cost?
 
-usage: ./run bench ortho [--frames N] [--zoom Z]
+usage: ./run bench ortho [--frames N] [--zoom Z] [--flight-frames N]
 
 Orthority (PyPI: orthority, opencv-python-headless) is taken from NADIR_BENCH_VENV. Each frame of a simulated flight is
 orthorectified by both over flat ground with the same camera and pose: Orthority onto a transverse Mercator plane at half
 the tile's pixel, from there by GDAL onto each tile. The displacement between the two tiles is measured by correlation to
 a fraction of a pixel; times are CPU times, the least of several.
+
+Then a whole flight, one zoom coarser, so that few frames show a tile wholly: replayed once, made into tiles with pieces of
+several frames and without, and each tile looked for in the world's own raster.
 """
 import argparse
 import csv
@@ -15,6 +18,8 @@ import json
 import math
 import os
 import pathlib
+import resource
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -130,10 +135,69 @@ def displacement(one, other):
     return math.hypot(dx, dy), float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
 
+def nadir(*args):
+    """CPU seconds of a command that must succeed, and what it says."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    result = subprocess.run([BIN / "nadir", *map(str, args)], capture_output=True, text=True)
+    if result.returncode != 0:
+        sys.exit(f"nadir {args[0]}: {result.stderr}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, result.stdout
+
+
+def whole_flight(f, frames):
+    """A package, a flight over it and the poses of its replay: what nadir ortho takes, as options."""
+    nadir("simulate", "world", "--seed", 3, "--size-km", 1, "--gsd-m", 0.3, "--out", f / "world")
+    for key in ("root", "signer", "tile"):
+        nadir("keys", "create", "--out", f / key)
+    nadir("keys", "root", "--root-key", f / "root.key.pem", "--package-signer", f / "signer.pub.pem", "--tile-signer",
+          f"mini-07={f}/tile.pub.pem", "--expires", "2035-01-01", "--out", f / "root.json")
+    nadir("cache", "build", "--mission", f / "world/mission.yaml", "--imagery", f / "world/map.tif", "--dem",
+          f / "world/dem.tif", "--key", f / "signer.key.pem", "--out", f / "package")
+    nadir("simulate", "flight", "--world", f / "world/ground.tif", "--dem", f / "world/dem.tif", "--mission",
+          f / "world/mission.yaml", "--camera", f / "world/camera.yaml", "--frames", frames, "--out", f / "flight")
+    first = next(csv.DictReader(open(f / "flight/truth.csv")))
+    common = ["--package", f / "package", "--trust", f / "root.json", "--at", "2025-09-20", "--frames", f / "flight/frames",
+              "--telemetry", f / "flight/telemetry.csv", "--camera", f / "world/camera.yaml"]
+    spent, _ = nadir("replay", *common, f"--start={first['lon_deg']},{first['lat_deg']}", "--out", f / "result")
+    return spent, [*common, "--estimates", f / "result/poses.json", "--key", f / "tile.key.pem", "--airframe", "mini-07",
+                   "--captured-at", "2025-09-20T10:00:00Z"]
+
+
+def several_frames(f, frames, zoom):
+    """Tiles of one frame and of several, and how far from the world's own raster they lie."""
+    flown_s, options = whole_flight(f, frames)
+    print(f"a flight of {frames} frames at zoom {zoom}; replay {flown_s:.1f} s CPU")
+    print("| | tiles | of several frames | off the raster, m: median, worst | stated sigma, m: median | seams, m: median, worst "
+          "| CPU ms a frame |")
+    print("|---|---|---|---|---|---|---|")
+    for name, more in (("one frame", ["--single-frame"]), ("several", [])):
+        out = f / name.replace(" ", "-")
+        spent, _ = nadir("ortho", *options, "--zoom", zoom, *more, "--out", out)
+        off, sigma, seams = [], [], []
+        database = sqlite3.connect(f"file:{out}/tiles.mbtiles?mode=ro", uri=True)
+        for text, data in database.execute("SELECT c.sidecar, t.tile_data FROM nadir_candidates c JOIN tiles t USING "
+                                           "(zoom_level, tile_column, tile_row)"):
+            sidecar = json.loads(text)
+            tile = cv2.imdecode(np.frombuffer(data, "uint8"), cv2.IMREAD_GRAYSCALE)
+            real, valid = on_tile(f / "world/ground.tif", sidecar["x"], sidecar["y"], zoom)
+            if not valid.all():
+                continue
+            latitude = math.radians(sidecar["pose"]["lat_e7"] * 1e-7)
+            off.append(displacement(tile, real)[0] * CIRCUMFERENCE / 2**zoom / 256 * math.cos(latitude))
+            sigma.append(sidecar["pose"]["sigma_mm"] / 1000)
+            if "seam_mm" in sidecar:
+                seams.append(sidecar["seam_mm"] / 1000)
+        figures = lambda values: f"{np.median(values):.2f}, {max(values):.2f}" if values else "none"
+        print(f"| {name} | {len(off)} | {len(seams)} | {figures(off)} | {np.median(sigma) if sigma else 0:.2f} | {figures(seams)} "
+              f"| {1000 * spent / frames:.0f} |")
+
+
 def main():
     options = argparse.ArgumentParser(prog="ortho", description=__doc__.split("\n\n")[0])
     options.add_argument("--frames", type=int, default=6)
     options.add_argument("--zoom", type=int, default=19)
+    options.add_argument("--flight-frames", type=int, default=24, help="of the flight for tiles of several frames; 0: none")
     asked = options.parse_args()
     moved, alike, our_ms, decode_ms, their_ms, tiles = [], [], [], [], [], 0
     with tempfile.TemporaryDirectory(prefix="nadir-ortho.") as name:
@@ -161,6 +225,9 @@ def main():
     print(f"correlation of the two: median {np.median(alike):.4f}, worst {min(alike):.4f}")
     print(f"CPU ms a frame, decoding included: Nadir {np.median(our_ms):.1f} (decoding {np.median(decode_ms):.1f}), "
           f"Orthority {np.median(their_ms):.1f}: {np.median(their_ms) / np.median(our_ms):.1f} times")
+    if asked.flight_frames:
+        with tempfile.TemporaryDirectory(prefix="nadir-ortho.") as name:
+            several_frames(pathlib.Path(name), asked.flight_frames, asked.zoom - 1)
     return 0 if max(moved) <= 1 else 1
 
 
