@@ -10,6 +10,7 @@ const std::vector<Target>& targets() {
                                        {"state", state},
                                        {"permit", permit},
                                        {"candidate", candidate},
+                                       {"candidate_rows", candidate_rows},
                                        {"terrain", terrain},
                                        {"stac_item", stac_item},
                                        {"kml", kml},
@@ -28,6 +29,8 @@ const std::vector<Target>& targets() {
                                        {"batch", batch},
                                        {"pack", pack},
                                        {"upload_request", upload_request},
+                                       {"reply", reply},
+                                       {"http_date", http_date},
                                        {"mavlink", mavlink},
                                        {"mcap", mcap}};
   return all;

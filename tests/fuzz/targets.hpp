@@ -17,7 +17,8 @@ void manifest(std::string_view bytes);
 void mission(std::string_view bytes);
 void state(std::string_view bytes);
 void permit(std::string_view bytes);
-void candidate(std::string_view bytes);  // a candidate tile's sidecar
+void candidate(std::string_view bytes);       // a candidate tile's sidecar
+void candidate_rows(std::string_view bytes);  // rows of a store of candidates, in any types
 
 void stac_item(std::string_view bytes);
 void kml(std::string_view bytes);
@@ -42,7 +43,9 @@ void mcap(std::string_view bytes);  // with the flight recorder's payloads
 void batch(std::string_view bytes);  // of uploaded tiles, and the packs that they come in
 void pack(std::string_view bytes);
 
-void upload_request(std::string_view bytes);  // to the candidate service
+void upload_request(std::string_view bytes);  // to the candidate service …
+void reply(std::string_view bytes);           // … and what it answers
+void http_date(std::string_view bytes);
 
 void mavlink(std::string_view bytes);  // a stream from the autopilot
 
