@@ -22,8 +22,6 @@ std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& f
   return sha256(as_bytes(read_bearer_token(*file)));
 }
 
-TextSeverity text_severity(OperatorSeverity severity) { return static_cast<TextSeverity>(severity); }
-
 }  // namespace
 
 FlightService::FlightService(const FlightOptions& options, JudgedPackage judged, const FlightClock& clock,
@@ -288,7 +286,9 @@ void FlightService::learn(double time_s, const GpsFix3d& fix) {
 void FlightService::learn(double, const EkfReport& report) { gps_.hear(report); }
 
 void FlightService::judge_gps(double now_s) {
-  const GpsJudged judged = gps_.judge(now_s, machine_.status().link_up);
+  const ServiceStatus status = machine_.status();
+  if (status.fix && status.state == ServiceState::degraded) gps_.led_blind(now_s);
+  const GpsJudged judged = gps_.judge(now_s, status.link_up);
   if (judged.verdict == gps_judged_.verdict) return;
   gps_judged_ = judged;
   views_.gps(judged);
@@ -300,7 +300,7 @@ void FlightService::update(double now_s, std::span<const ServiceFact> facts) {
     journal_->state(event);
     if (event.from != event.to) last_reason_ = event.text;
     const ReasonText& text = text_of(event.reason);
-    const TextSeverity severity = text_severity(text.severity);
+    const auto severity = static_cast<TextSeverity>(text.severity);  // both are MAVLink's numbers
     if (event.reason == ServiceReason::link_unsigned) {
       link_->tell(severity, std::string(text.operator_text));  // who has no key may hear it now; later it is of no use
     } else {

@@ -112,6 +112,12 @@ bool GpsHealth::vision_speaks(double time_s) const {
   return vision_ && std::abs(time_s - vision_->time_s) <= kMaxVisionAge_s;
 }
 
+// With GPS already out of use the autopilot's filter says nothing about GPS: it is where our fix took it. Nor does it
+// while, and soon after, it went by a fix that pictures did not carry.
+bool GpsHealth::filter_speaks(double now_s) const {
+  return judged_.verdict == GpsVerdict::trusted && !(led_blind_s_ && now_s - *led_blind_s_ <= kLedBlind_s);
+}
+
 std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
   using enum GpsVerdict;
   if (!lie_.empty()) return GpsJudged{spoofed, lie_};
@@ -123,8 +129,7 @@ std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
     const double apart_m = distance_m(vision_->place, last_fix_->place);
     return GpsJudged{spoofed, fmt::format("{:.0f} m from where pictures say", apart_m)};
   }
-  // With GPS already out of use the autopilot's filter says nothing about GPS: it is where our fix took it.
-  if (judged_.verdict != trusted) return std::nullopt;
+  if (!filter_speaks(now_s)) return std::nullopt;
   if (lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return GpsJudged{spoofed, "the autopilot reports a GPS glitch"};
   if (lasts(now_s, ekf_lost_since_s_, kEkfAlarm_s)) {
     return GpsJudged{denied, "the autopilot no longer knows its position by GPS"};

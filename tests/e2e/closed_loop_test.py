@@ -157,6 +157,10 @@ class Proofs(unittest.TestCase):
         self.assertAlmostEqual(0.1, leads(self.seen(told=told)), msg="not from when it was trusted first")
         denied = look["denied", "failsafe"]
         self.assertAlmostEqual(0.7, denied(self.seen(told=[(5.0, "Nadir: GPS denied"), (10.7, "Nadir: GPS denied")])))
+        never = look["spoofed", "camera"]
+        dark = (40.0, "Nadir: NO FIX, blind for too long")
+        self.assertIsNotNone(never(self.seen(told=[dark])))
+        self.assertIsNone(never(self.seen(told=[dark, (41.0, "Nadir: GPS SPOOFED")])))
         lost = look["link_lost", "failsafe"]
         self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "nothing from the autopilot: 5.0 s")])))
         self.assertIsNone(lost(self.seen(events=[(13.0, "state", "nothing from the autopilot: 3.0 s")])))

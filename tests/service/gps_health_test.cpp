@@ -226,6 +226,24 @@ TEST(GpsHealth, AFilterThatDidNotGoByTheReceiverDoesNotAccuseIt) {
   EXPECT_EQ(flight.fly(2, {.vision_speaks = false}), trusted) << "a minute after it came back";
 }
 
+TEST(GpsHealth, AFilterThatWentByOurDeadReckoningDoesNotAccuseATrustedReceiver) {
+  Flight flight;
+  flight.fly(20, {});
+  for (int i = 0; i < 150; ++i) {
+    flight.health.led_blind(flight.now_s);
+    ASSERT_EQ(flight.step({.vision_speaks = false, .glitch = i > 100}), trusted);
+  }
+  EXPECT_EQ(flight.fly(14, {.vision_speaks = false, .glitch = true}), trusted) << "it has not come to the receiver yet";
+  EXPECT_EQ(flight.fly(2, {.vision_speaks = false, .glitch = true}), spoofed) << "it had time to";
+}
+
+TEST(GpsHealth, LedBlindOrNotAStepIsALie) {
+  Flight flight;
+  flight.fly(20, {});
+  flight.health.led_blind(flight.now_s);
+  EXPECT_EQ(flight.step({.gps_off_m = 300, .vision_speaks = false}), spoofed);
+}
+
 TEST(GpsHealth, NoReceiverIsTrustedAgainWhileTheFilterComplains) {
   Flight flight;
   flight.fly(20, {});

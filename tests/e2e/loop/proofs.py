@@ -98,6 +98,13 @@ def _left_out(seen):
     return said if rows and not astray else None
 
 
+def _never_accused(seen):
+    """Not even when the filter complains, after half a minute by our dead reckoning."""
+    given_up = seen.happened.told("Nadir: NO FIX, blind for too long", seen.act("camera-cut", 1) or 0)
+    accused = seen.happened.told("Nadir: GPS SPOOFED")
+    return seen.happened.end_s() - given_up if given_up is not None and accused is None else None
+
+
 def _told_nothing(seen):
     told = seen.happened.told("Nadir: map package refused, no position")
     return told if told is not None and seen.happened.first_fix() is None else None
@@ -168,6 +175,8 @@ PROOFS = [
          if after is not None and after >= LINK_LOST_S - 1.2), None)),
     Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link is back")),
     Proof("spoofed", "lies", "told after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
+    Proof("spoofed", "camera", "never, of a GPS that is well", None,
+          _never_accused),
     Proof("gps_spoofed", "lies", "dragged off by 4 m/s", 25, _after("gps-drag", "Nadir: GPS SPOOFED")),
     Proof("trusted again", "lies", "10 s undisturbed and in agreement", 16,
           _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
