@@ -51,15 +51,16 @@ bool by_chance(const AnchorMatch& match, const AnchorPrior& prior, double share,
   return share < limits.most_inlier_share && (loose || open || unexpected);
 }
 
+// So far from the start that one frame is not enough to say so.
+bool doubts_start(const Prediction& prediction, const GateLimits& limits) {
+  if (!prediction.first || prediction.lost) return false;
+  return prediction.chi2 > (prediction.followed ? limits.chi2_99 : limits.expected_chi2);
+}
+
 }  // namespace
 
 bool seconded(const Prediction& prediction, const GateLimits& limits) {
   return prediction.healthy && prediction.sigma_m <= limits.sharp_sigma_m && prediction.chi2 <= limits.expected_chi2;
-}
-
-bool doubts_start(const Prediction& prediction, const GateLimits& limits) {
-  if (!prediction.first || prediction.lost) return false;
-  return prediction.chi2 > (prediction.followed ? limits.chi2_99 : limits.expected_chi2);
 }
 
 AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
@@ -88,8 +89,8 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   const bool backed = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
   const bool alone = prediction.lost ? match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share
                                      : match.search.ratio <= limits.alone_ratio || backed;
-  const bool doubtful = doubts_start(prediction, limits);
-  return alone && !chance && !doubtful && !prediction.torn ? AnchorVerdict::accepted : AnchorVerdict::awaiting_votes;
+  return alone && !chance && !doubts_start(prediction, limits) && !prediction.torn ? AnchorVerdict::accepted
+                                                                                   : AnchorVerdict::awaiting_votes;
 }
 
 }  // namespace nadir

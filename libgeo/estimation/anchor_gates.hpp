@@ -62,9 +62,6 @@ double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior);
 // A sharp prediction says the same as the match.
 bool seconded(const Prediction& prediction, const GateLimits& limits = {});
 
-// So far from the start that one frame is not enough to say so.
-bool doubts_start(const Prediction& prediction, const GateLimits& limits = {});
-
 AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
                            const GateLimits& limits = {});
 
