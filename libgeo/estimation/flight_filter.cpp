@@ -22,7 +22,10 @@ constexpr double kVaguestSight = 16;                // variance over the changin
 constexpr double kMissingTilt_rad = 0.35;           // of an aircraft that tells it otherwise: a banked turn
 constexpr double kUsualSpeed_mps = 20;              // at least assumed, when the clock stands
 constexpr double kLongestUsual_s = 5;
-constexpr double kFarHeading_rad = 0.5;           // more than linear thinking bears
+// Of the tilt's sigma: what tilts the accelerometer as well, and is not the mount's or the moment's.
+constexpr double kLevelShare = 0.3;
+constexpr double kFarHeading_rad = 0.5;  // more than linear thinking bears
+constexpr double kGravity_mps2 = 9.80665;
 constexpr double kLeastChangingTilt_rad = 0.004;  // a quarter of a degree: no mount is stiffer
 
 using Index = FlightFilter::Index;
@@ -62,10 +65,20 @@ double FlightFilter::changing_tilt_sigma_rad() const {
   return std::sqrt(std::max(least * least, tilt_scatter_sum_ / tilt_scatter_weight_) + missing * missing);
 }
 
+void FlightFilter::carry(const ToldStretch& stretch) {
+  if (first_) return;  // nobody knows from where
+  fly(stretch, true);
+  on_the_way_ = true;
+}
+
 void FlightFilter::advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told,
                            const std::optional<Eigen::Vector2d>& imu_dv_mps) {
-  settle();
-  tilt_missing_ = tilt_logged_ && !tilt_told;
+  fly({seconds, told_heading_rad, imu_dv_mps}, tilt_told);
+  on_the_way_ = false;
+}
+
+FlightPrediction FlightFilter::foretell(const ToldStretch& stretch) {
+  const auto& [seconds, told_heading_rad, imu_dv_mps] = stretch;
   const bool clock_stands = !first_ && !(seconds > 0);
   if (!first_ && seconds > 0) usual_seconds_ = std::min(seconds, kLongestUsual_s);
   const double dt = first_ ? 0 : std::max(0.0, seconds);
@@ -103,22 +116,35 @@ void FlightFilter::advance(double seconds, std::optional<double> told_heading_ra
 
   const bool turn_known = told_heading_rad && told_heading_rad_;
   if (imu_dv_mps && !first_) {
-    carry_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, uncertainty_.imu_dv_mps);
+    const double leak_mps2 = kGravity_mps2 * kLevelShare * uncertainty_.tilt_rad;
+    carry_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, {uncertainty_.imu_dv_mps, leak_mps2, blind_s_});
   } else {
     carry_by_velocity(prediction, mean_, dt, turn_known, blind_turn_rad_, options_);
   }
   if (turn_known) blind_turn_rad_ += wrap_pi(now[heading] - mean_[heading]);
+  blind_s_ += dt;
   if (clock_stands) {
     const double step_m = usual_seconds_ * std::max(kUsualSpeed_mps, now.segment<2>(velocity_east).norm());
     noise(east, east) += step_m * step_m;
     noise(north, north) += step_m * step_m;
   }
   if (imu_dv_mps && !first_) forbid_learning_blind(prediction, covariance_);
+  told_heading_rad_ = told_heading_rad;
+  return prediction;
+}
 
-  const Covariance cross = transition * covariance_;
-  Covariance next = cross * transition.transpose() + noise;
+void FlightFilter::fly(const ToldStretch& stretch, bool tilt_told) {
+  if (!on_the_way_) settle();
+  tilt_missing_ = tilt_logged_ && !tilt_told;
+  const auto [now, transition, noise] = foretell(stretch);
+  const auto before = joint_;  // on the way: with what the last frame is still tied to
+  const State last = before ? State(before->first.head<states>()) : mean_;
+  const Covariance last_covariance = before ? Covariance(before->second.topLeftCorner<states, states>()) : covariance_;
+  const Covariance cross =
+      transition * (before ? Covariance(before->second.bottomLeftCorner<states, states>()) : covariance_);
+  const Covariance next = transition * covariance_ * transition.transpose() + noise;
   JointCovariance joint;
-  joint << covariance_, cross.transpose(), cross, next;
+  joint << last_covariance, cross.transpose(), cross, next;
   const double ceiling = most_velocity_variance(options_);
   for (const int v : {states + velocity_east, states + velocity_north}) {
     if (joint(v, v) <= ceiling) continue;
@@ -126,18 +152,12 @@ void FlightFilter::advance(double seconds, std::optional<double> told_heading_ra
     joint.row(v) *= shrink;
     joint.col(v) *= shrink;
   }
-  told_heading_rad_ = told_heading_rad;
-  if (first_) {
-    mean_ = now;
-    covariance_ = joint.bottomRightCorner<states, states>();
-    first_ = false;
-    return;
-  }
   JointState both;
-  both << mean_, now;
-  joint_.emplace(both, joint);
+  both << last, now;
   mean_ = now;
   covariance_ = joint.bottomRightCorner<states, states>();
+  if (!first_) joint_.emplace(both, joint);
+  first_ = false;
 }
 
 template <int Rows>
@@ -159,7 +179,7 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
 // and heading do to the motion is therefore taken from the motion after a first update, not from the sight.
 Eigen::Vector2d FlightFilter::moved(const MotionSight& sight) {
   if (!joint_) return Eigen::Vector2d::Zero();
-  blind_turn_rad_ = 0;
+  blind_turn_rad_ = blind_s_ = 0;
   const auto prior = *joint_;
   const Eigen::Vector2d foretold = prior.first.segment<2>(east);
   take_motion(sight, sight.seen.head<2>());
@@ -245,7 +265,7 @@ void FlightFilter::learn_tilt_scatter(const PoseSight& sight) {
 
 void FlightFilter::anchored(const PoseSight& sight) {
   settle();
-  blind_turn_rad_ = 0;
+  blind_turn_rad_ = blind_s_ = 0;
   learn_tilt_scatter(sight);
   constexpr int order[] = {east, north, log_height, heading, pitch, roll};
   Eigen::Matrix<double, 6, states> row = Eigen::Matrix<double, 6, states>::Zero();

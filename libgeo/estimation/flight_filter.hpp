@@ -5,7 +5,8 @@
 // tilt's error in disguise; odometry ties two frames' tilts, heights and headings to the motion between them. With all
 // correlations kept, good odometry averages the tilts of many frames, and a boresight learnt late corrects the past.
 //
-// A frame's turn: advance(), then moved() when odometry tracked it, then anchored() when the map confirmed it.
+// A frame's turn: carry() for each stretch of a long way to it, advance(), then moved() when odometry tracked it, then
+// anchored() when the map confirmed it.
 // Sights come without any prior in them (what the picture alone says), so that nothing is counted twice.
 #pragma once
 
@@ -18,6 +19,8 @@
 #include "vision/camera_model.hpp"
 
 namespace nadir {
+
+struct FlightPrediction;
 
 class FlightFilter {
  public:
@@ -54,9 +57,13 @@ class FlightFilter {
                double sigma_m)
       : FlightFilter(uncertainty, tilt_logged, position_m, sigma_m, Options{}) {}
 
-  // A new frame, so many seconds after the last one. When the clock stands or runs backwards, the time is unknown:
-  // about what passed between the frames before, or none. tilt_told: the telemetry has pitch and roll for this frame.
-  // imu_dv_mps: Telemetry's; with it the velocity does not drift but by what the camera file says of the sensor.
+  // So much further without a frame: the way to the next one where it is long, as the telemetry tells it. seconds above
+  // 0.
+  void carry(const ToldStretch& stretch);
+  // A new frame, so many seconds after the last one or after what was carried. When the clock stands or runs backwards,
+  // the time is unknown: about what passed between the frames before, or none. tilt_told: the telemetry has pitch and
+  // roll for this frame. imu_dv_mps: Telemetry's; with it the velocity does not drift but by what the camera file says
+  // of the sensor.
   void advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told = true,
                const std::optional<Eigen::Vector2d>& imu_dv_mps = std::nullopt);
   // After advance(): this frame's told height is not the last one's (another source, or a guess), so that nothing
@@ -100,6 +107,8 @@ class FlightFilter {
   using JointCovariance = Eigen::Matrix<double, kJoint, kJoint>;
 
   struct Link;
+  void fly(const ToldStretch& stretch, bool tilt_told);
+  FlightPrediction foretell(const ToldStretch& stretch);
   void settle();
   void forget_velocity();
   Link link() const;
@@ -116,13 +125,15 @@ class FlightFilter {
   Covariance covariance_ = Covariance::Zero();
   std::optional<double> told_heading_rad_;  // of the frame in work
   bool first_ = true;
-  double blind_turn_rad_ = 0;  // turned since odometry or an anchor last told of the velocity
+  bool on_the_way_ = false;    // carried since the last frame
+  double blind_turn_rad_ = 0;  // turned since odometry or an anchor last told of the velocity …
+  double blind_s_ = 0;         // … and flown
   bool tilt_missing_ = false;  // in the frame in work, though others had it
   double usual_seconds_ = 1;   // between frames
   double tilt_scatter_sum_;  // of the changing part's variance, weighted by how well it was seen; begins with the prior
   double tilt_scatter_weight_;
 
-  // The last frame and the one in work together, until an anchor or the next frame comes.
+  // The last frame and the one in work (or a point on the way to it) together, until an anchor or the next frame comes.
   std::optional<std::pair<JointState, JointCovariance>> joint_;
   struct Link {  // of a frame to the one before it
     State before, now;

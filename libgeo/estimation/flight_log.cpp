@@ -31,9 +31,18 @@ double contradiction(const PoseSight& anchor, const FlightFilter::Smoothed& fram
 
 }  // namespace
 
+void carry_to(FlightFilter& filter, const FlightStep& step) {
+  double left_s = step.seconds;
+  for (const ToldStretch& stretch : step.way) {
+    filter.carry(stretch);
+    left_s -= stretch.seconds;
+  }
+  filter.advance(left_s, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
+}
+
 Eigen::Vector2d take_step(FlightFilter& filter, const FlightStep& step, bool with_anchor) {
   Eigen::Vector2d taught_m = Eigen::Vector2d::Zero();
-  filter.advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
+  carry_to(filter, step);
   if (step.height_doubt) filter.doubt_height(*step.height_doubt);
   if (step.moved) taught_m = filter.moved(*step.moved);
   if (step.contradicted_turn_rad) filter.doubt_heading(*step.contradicted_turn_rad);

@@ -13,7 +13,8 @@
 namespace nadir {
 
 struct FlightStep {
-  double seconds = 0;
+  double seconds = 0;            // since the last frame, the way included
+  std::vector<ToldStretch> way;  // Telemetry's
   std::optional<double> told_heading_rad;
   bool tilt_told = true;
   std::optional<Eigen::Vector2d> imu_dv_mps;
@@ -28,6 +29,9 @@ struct FlightStep {
   double told_agl_m = 0;          // what the filter's height and tilt are beyond: for poses alone
   Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();
 };
+
+// Brings the filter to the step's frame, along its way.
+void carry_to(FlightFilter& filter, const FlightStep& step);
 
 // Takes a step with the filter as it was taken in flight, with its anchor or without. Returns what it taught of the
 // frame before (FlightFilter::moved).

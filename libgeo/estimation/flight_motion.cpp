@@ -36,6 +36,13 @@ void add_white_acceleration(F::Covariance& noise, double sigma_mps, double dt) {
   }
 }
 
+// A constant push has no state here. As white noise that grows with the time it is never taken for less: after t
+// seconds t²/2 times the push of way, and 1.2 times what it did to the velocity.
+double white_sigma_mps(const InertialDoubt& doubt, double dt) {
+  const double growing = 3 * doubt.leak_mps2 * doubt.leak_mps2 * (doubt.blind_s + dt / 2);
+  return std::sqrt(doubt.white_mps * doubt.white_mps + growing);
+}
+
 // It is one wind all the time: over a turn of many frames what does not turn adds up, it does not average out.
 double turn_spread_rad2(double turned, double turn) {
   const double before = std::min(std::abs(turned), kPi), now = std::min(std::abs(turned + turn), kPi);
@@ -78,7 +85,7 @@ void carry_by_velocity(FlightPrediction& prediction, const F::State& before, dou
 
 // Who integrated the change of velocity turned it by the heading that the telemetry tells, with its constant error.
 void carry_by_imu(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
-                  const Eigen::Vector2d& dv_mps, double sigma_mps) {
+                  const Eigen::Vector2d& dv_mps, const InertialDoubt& doubt) {
   auto& [now, transition, noise] = prediction;
   const double turn = turn_of(prediction, before, turn_known);
   const Eigen::Vector2d dv = clockwise(before[F::heading_bias]) * dv_mps;
@@ -89,7 +96,7 @@ void carry_by_imu(FlightPrediction& prediction, const F::State& before, double d
   transition.block<2, 1>(F::east, F::heading_bias) += 0.5 * dt * across;
   transition.block<2, 2>(F::east, F::velocity_east) += dt * Eigen::Matrix2d::Identity();
   if (dt <= 0) return;
-  add_white_acceleration(noise, sigma_mps, dt);
+  add_white_acceleration(noise, white_sigma_mps(doubt, dt), dt);
   // A chord is longer than the mean of two velocities says: by a twelfth of the turn's square.
   const double arc_m = dt * now.segment<2>(F::velocity_east).norm() * turn * turn / 12;
   const double moment_m = std::max(kUnknownMoment * dv_mps.norm() * dt, arc_m);

@@ -17,10 +17,18 @@ struct FlightPrediction {
 void carry_by_velocity(FlightPrediction& prediction, const FlightFilter::State& before, double dt, bool turn_known,
                        double blind_turn_rad, const FlightFilter::Options& options);
 
+// What is wrong with the accelerometer's change of velocity.
+struct InertialDoubt {
+  double white_mps = 0;  // per root second
+  // An attitude that is off by a constant tilts gravity into the plane: a push that stays, for blind_s already since
+  // the velocity was last seen.
+  double leak_mps2 = 0;
+  double blind_s = 0;
+};
+
 // dv_mps: change of velocity since the last frame, east and north as the telemetry's heading has them.
-// sigma_mps: of it, per root second.
 void carry_by_imu(FlightPrediction& prediction, const FlightFilter::State& before, double dt, bool turn_known,
-                  const Eigen::Vector2d& dv_mps, double sigma_mps);
+                  const Eigen::Vector2d& dv_mps, const InertialDoubt& doubt);
 
 // Adds to the noise of the position what keeps it from becoming surer in any direction by flying alone.
 void forbid_learning_blind(FlightPrediction& prediction, const FlightFilter::Covariance& before);

@@ -104,12 +104,13 @@ void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
   }
   FlightStep& step = log.emplace_back();
   step.seconds = seconds;
+  step.way = telemetry.way;
   step.told_heading_rad = telemetry.heading_rad;
   step.tilt_told = telemetry.pitch_rad && telemetry.roll_rad;
   step.imu_dv_mps = telemetry.imu_dv_mps;
   step.told_agl_m = told_agl_m;
   step.told_tilt_rad = told_tilt_rad;
-  flight->advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
+  carry_to(*flight, step);
   if (height_steady) return;
   step.height_doubt = height_told ? uncertainty.agl_relative : kUntoldHeightSigma;
   flight->doubt_height(*step.height_doubt);

@@ -12,6 +12,21 @@ constexpr double kLargestAngle_rad = 100;             // beyond it is no angle b
 constexpr double kMostChange_mps = 200;               // from flying one way to flying the other
 constexpr double kHardestTurn_mps2 = 60;              // 6 g: what carries a camera does not survive it
 
+bool plausible_change(const std::optional<Eigen::Vector2d>& dv_mps, double seconds) {
+  return !dv_mps || dv_mps->norm() <= std::min(kMostChange_mps, kHardestTurn_mps2 * seconds);
+}
+
+// How long the way took; nothing when it cannot be that of the time between.
+std::optional<double> sound_way_s(const std::vector<ToldStretch>& way, double between_s) {
+  double sum_s = 0;
+  for (const ToldStretch& stretch : way) {
+    if (!(stretch.seconds > 0)) return std::nullopt;
+    sum_s += stretch.seconds;
+  }
+  if (!(sum_s < between_s)) return std::nullopt;
+  return sum_s;
+}
+
 }  // namespace
 
 Telemetry plausible_telemetry(Telemetry telemetry, double last_time_s) {
@@ -23,9 +38,20 @@ Telemetry plausible_telemetry(Telemetry telemetry, double last_time_s) {
   keep(telemetry.pitch_rad, -kLargestAngle_rad, kLargestAngle_rad);
   keep(telemetry.roll_rad, -kLargestAngle_rad, kLargestAngle_rad);
   if (!std::isfinite(telemetry.time_s)) telemetry.time_s = last_time_s;
-  const double seconds = telemetry.time_s > last_time_s ? telemetry.time_s - last_time_s : 1;
-  const double fastest_mps = std::min(kMostChange_mps, kHardestTurn_mps2 * seconds);
-  if (telemetry.imu_dv_mps && !(telemetry.imu_dv_mps->norm() <= fastest_mps)) telemetry.imu_dv_mps.reset();
+  double seconds = telemetry.time_s > last_time_s ? telemetry.time_s - last_time_s : 1;
+  if (!telemetry.way.empty()) {
+    if (const auto way_s = sound_way_s(telemetry.way, telemetry.time_s - last_time_s)) {
+      seconds -= *way_s;
+    } else {
+      telemetry.way.clear();
+      telemetry.imu_dv_mps.reset();  // which is of its end alone
+    }
+  }
+  for (ToldStretch& stretch : telemetry.way) {
+    keep(stretch.heading_rad, -kLargestAngle_rad, kLargestAngle_rad);
+    if (!plausible_change(stretch.imu_dv_mps, stretch.seconds)) stretch.imu_dv_mps.reset();
+  }
+  if (!plausible_change(telemetry.imu_dv_mps, seconds)) telemetry.imu_dv_mps.reset();
   return telemetry;
 }
 

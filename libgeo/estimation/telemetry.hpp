@@ -4,10 +4,18 @@
 #include <Eigen/Core>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "geodesy/lon_lat.hpp"
 
 namespace nadir {
+
+// A stretch of the way at whose end there was no picture.
+struct ToldStretch {
+  double seconds = 0;
+  std::optional<double> heading_rad;          // at its end; as in Telemetry
+  std::optional<Eigen::Vector2d> imu_dv_mps;  // over it; as in Telemetry
+};
 
 struct Telemetry {
   std::string frame;  // file name of the picture
@@ -16,8 +24,11 @@ struct Telemetry {
   std::optional<double> heading_rad;  // of image-up, clockwise from true north
   std::optional<double> pitch_rad;    // see vision/camera_model.hpp for the signs
   std::optional<double> roll_rad;
-  // Change of velocity since the last telemetry, east and north (m/s): the accelerometer's, gravity removed, turned by
-  // the autopilot's attitude. Who leaves frames out adds theirs up.
+  // What was told between the last telemetry and this one, in order, where that is long: two opposite turns leave no
+  // trace in what is true at both ends. The stretches end before time_s.
+  std::vector<ToldStretch> way;
+  // Change of velocity since the last telemetry, or since the end of the way, east and north (m/s): the
+  // accelerometer's, gravity removed, turned by the autopilot's attitude. Who leaves frames out adds theirs up.
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<LonLat> place;  // if some other source knows it; never used by the localizer as truth
 };

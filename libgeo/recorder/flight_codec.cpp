@@ -6,6 +6,39 @@
 #include "recorder/codec_parts.hpp"
 
 namespace nadir::codec {
+namespace {
+
+std::optional<fbs::VelocityChange> velocity_change(const std::optional<Eigen::Vector2d>& dv_mps) {
+  if (!dv_mps) return std::nullopt;
+  return fbs::VelocityChange(dv_mps->x(), dv_mps->y());
+}
+
+std::optional<Eigen::Vector2d> velocity_change(const fbs::VelocityChange* dv) {
+  if (dv == nullptr) return std::nullopt;
+  return Eigen::Vector2d(dv->east_mps(), dv->north_mps());
+}
+
+flatbuffers::Offset<flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>> encode_way(
+    FlatBufferBuilder& builder, const std::vector<ToldStretch>& way) {
+  std::vector<flatbuffers::Offset<fbs::Stretch>> stretches;
+  for (const ToldStretch& stretch : way) {
+    const auto dv = velocity_change(stretch.imu_dv_mps);
+    stretches.push_back(
+        fbs::CreateStretch(builder, stretch.seconds, optional(stretch.heading_rad), dv ? &*dv : nullptr));
+  }
+  return builder.CreateVector(stretches);
+}
+
+std::vector<ToldStretch> decode_way(const flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>* told) {
+  std::vector<ToldStretch> way;
+  if (told == nullptr) return way;
+  for (const fbs::Stretch* stretch : *told) {
+    way.push_back({stretch->seconds(), optional(stretch->heading_rad()), velocity_change(stretch->imu_dv())});
+  }
+  return way;
+}
+
+}  // namespace
 
 Bytes encode(const InputRecord& input) {
   FlatBufferBuilder builder;
@@ -13,12 +46,12 @@ Bytes encode(const InputRecord& input) {
   const auto frame = builder.CreateString(told.frame);
   const auto picture = builder.CreateString(input.picture.hex());
   const fbs::LonLat at = place(told.place.value_or(LonLat{}));
-  const Eigen::Vector2d change = told.imu_dv_mps.value_or(Eigen::Vector2d::Zero());
-  const fbs::VelocityChange dv(change.x(), change.y());
-  return finish(builder, fbs::CreateInput(builder, input.index, frame, told.time_s, optional(told.agl_m),
-                                          optional(told.heading_rad), optional(told.pitch_rad), optional(told.roll_rad),
-                                          told.place ? &at : nullptr, picture, input.picture_bytes,
-                                          told.imu_dv_mps ? &dv : nullptr));
+  const auto dv = velocity_change(told.imu_dv_mps);
+  const auto way = encode_way(builder, told.way);
+  return finish(builder,
+                fbs::CreateInput(builder, input.index, frame, told.time_s, optional(told.agl_m),
+                                 optional(told.heading_rad), optional(told.pitch_rad), optional(told.roll_rad),
+                                 told.place ? &at : nullptr, picture, input.picture_bytes, dv ? &*dv : nullptr, way));
 }
 
 bool decode(ByteView bytes, InputRecord& input) {
@@ -34,7 +67,8 @@ bool decode(ByteView bytes, InputRecord& input) {
   input.told.pitch_rad = optional(told->pitch_rad());
   input.told.roll_rad = optional(told->roll_rad());
   input.told.place = place(told->place());
-  if (const auto* dv = told->imu_dv(); dv != nullptr) input.told.imu_dv_mps = {dv->east_mps(), dv->north_mps()};
+  input.told.imu_dv_mps = velocity_change(told->imu_dv());
+  input.told.way = decode_way(told->way());
   input.picture = *digest;
   input.picture_bytes = told->picture_bytes();
   return true;

@@ -134,18 +134,44 @@ std::optional<Eigen::Vector2d> TelemetryBuffer::velocity_change(double from_s, d
   return sum;
 }
 
+std::optional<Attitude> TelemetryBuffer::camera_at(double time_s) const {
+  const auto aircraft = aircraft_at(time_s);
+  if (!aircraft) return std::nullopt;
+  return camera_attitude(*aircraft, mount_);
+}
+
+// All stretches but the last. Of what lies before all that is kept, nothing is told but how long it was.
+std::vector<ToldStretch> TelemetryBuffer::way(double from_s, double to_s) const {
+  std::vector<ToldStretch> way;
+  const double kept_from_s = std::max(from_s, to_s - kTelemetryKept_s);
+  const int stretches = static_cast<int>(std::ceil((to_s - kept_from_s) / kLongestStretch_s));
+  double begin_s = from_s;
+  for (int i = kept_from_s > from_s ? 0 : 1; i < stretches; ++i) {
+    const double end_s = between(kept_from_s, to_s, static_cast<double>(i) / stretches);
+    ToldStretch stretch{end_s - begin_s, std::nullopt, velocity_change(begin_s, end_s)};
+    if (const auto camera = camera_at(end_s)) stretch.heading_rad = camera->heading_rad;
+    way.push_back(stretch);
+    begin_s = end_s;
+  }
+  return way;
+}
+
 Telemetry TelemetryBuffer::at(double time_s) {
   Telemetry told;
   told.time_s = time_s;
-  if (const auto aircraft = aircraft_at(time_s)) {
-    const Attitude camera = camera_attitude(*aircraft, mount_);
-    told.heading_rad = camera.heading_rad;
-    told.pitch_rad = camera.pitch_rad;
-    told.roll_rad = camera.roll_rad;
+  if (const auto camera = camera_at(time_s)) {
+    told.heading_rad = camera->heading_rad;
+    told.pitch_rad = camera->pitch_rad;
+    told.roll_rad = camera->roll_rad;
   }
   told.agl_m = nearest(ranges_, time_s);
   if (!told.agl_m) told.agl_m = nearest(terrain_heights_, time_s);
-  if (last_asked_s_ && *last_asked_s_ < time_s) told.imu_dv_mps = velocity_change(*last_asked_s_, time_s);
+  if (last_asked_s_ && *last_asked_s_ < time_s) {
+    told.way = way(*last_asked_s_, time_s);
+    double from_s = *last_asked_s_;
+    for (const ToldStretch& stretch : told.way) from_s += stretch.seconds;
+    told.imu_dv_mps = velocity_change(from_s, time_s);
+  }
   last_asked_s_ = time_s;
   told.place = place_at(time_s);
   return told;

@@ -15,8 +15,9 @@
 
 namespace nadir {
 
-inline constexpr double kTelemetryKept_s = 40;  // longer than a blackout after which a fix is still told
-inline constexpr double kAttitudeGap_s = 0.5;  // between the messages around a picture, or from the last one to it
+inline constexpr double kTelemetryKept_s = 120;  // much longer than a blackout after which a fix is still told
+inline constexpr double kLongestStretch_s = 1;   // of the way between two pictures: no aircraft turns back in less
+inline constexpr double kAttitudeGap_s = 0.5;    // between the messages around a picture, or from the last one to it
 inline constexpr double kHeightGap_s = 2;
 inline constexpr double kImuGap_s = 0.15;
 inline constexpr double kPlaceGap_s = 1;  // between two fixes of the receiver
@@ -39,8 +40,8 @@ class TelemetryBuffer {
   std::optional<double> msl_m(double time_s) const;
 
   // What was true at time_s; what is not known is left out. Height above ground: a range finder's, else the autopilot's
-  // terrain, else nothing (who has a map can do better: msl_m). Successive calls: the change of velocity is the one
-  // since the call before.
+  // terrain, else nothing (who has a map can do better: msl_m). Successive calls: the way and the change of velocity
+  // are those since the call before.
   Telemetry at(double time_s);
 
  private:
@@ -62,6 +63,8 @@ class TelemetryBuffer {
 
   std::optional<Attitude> aircraft_at(double time_s) const;
   std::optional<LonLat> place_at(double time_s) const;
+  std::optional<Attitude> camera_at(double time_s) const;
+  std::vector<ToldStretch> way(double from_s, double to_s) const;
   std::optional<Eigen::Vector2d> velocity_change(double from_s, double to_s) const;
 
   Attitude mount_;

@@ -21,6 +21,7 @@ constexpr double kStep_s = 0.5, kSpeed_mps = 22, kRate_rps = 0.17;  // a turn wi
 TelemetryUncertainty sensors() {
   TelemetryUncertainty uncertainty;
   uncertainty.heading_rad = radians(3);
+  uncertainty.tilt_rad = radians(0.3);  // an attitude that levels well; see flight_filter_way_test.cpp for others
   uncertainty.imu_dv_mps = 0.1;
   return uncertainty;
 }

@@ -46,6 +46,18 @@ INSTANTIATE_TEST_SUITE_P(
                            [](Telemetry& told) {
                              told.imu_dv_mps = {-1e9, 3};
                            }},
+                    Broken{"WayOfNoLength",
+                           [](Telemetry& told) {
+                             told.way = {{kNaN, 0.0, {}}, {-3, 0.0, {}}};
+                           }},
+                    Broken{"WayLongerThanTheTime",
+                           [](Telemetry& told) {
+                             told.way = {{1e6, 0.0, {}}};
+                           }},
+                    Broken{"WayOfNonsense",
+                           [](Telemetry& told) {
+                             told.way = {{1e-3, kNaN, Eigen::Vector2d(kNaN, 1e9)}, {1e-3, 1e300, {}}};
+                           }},
                     Broken{"NanTime", [](Telemetry& told) { told.time_s = kNaN; }},
                     Broken{"BackInTime", [](Telemetry& told) { told.time_s -= 100; }},
                     Broken{"FarFuture", [](Telemetry& told) { told.time_s += 1e7; }},

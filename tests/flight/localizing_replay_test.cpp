@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
 
 #include "base/error.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "flight/localizing.hpp"
+#include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
 #include "recorder/recorder.hpp"
 #include "replay/replay_flight.hpp"
@@ -199,6 +201,36 @@ TEST_F(LocalizingReplay, HintsAndLateAnchorsComeBackBitForBit) {
   flight.flight.files.resize(3);
   const Reproduction other = replay(flight);
   EXPECT_EQ(other.first_other, moments[2].telemetry.frame) << "or the hint was of no account";
+}
+
+// Half a minute without pictures: what the autopilot told meanwhile is part of what came with the next one.
+TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
+  std::vector<Moment> moments = flight(3);
+  constexpr double kGap_s = 33;
+  const Telemetry before = moments[1].telemetry;
+  {
+    GatedTiles tiles;
+    tiles.open();
+    Localizing localizing(setup(tiles), pictures_, watch_, listener());
+    for (int looks = 0; const Moment* moment : {&moments[0], &moments[1]}) {
+      fly(localizing, *moment);
+      heard_.wait(heard_.looks, ++looks);
+    }
+    for (double s = 0.1; s < kGap_s; s += 0.1) {
+      const double turned = 2 * std::sin(s / kGap_s * kPi);
+      localizing.hear(before.time_s + s, AircraftAttitude{0, 0, 0, *before.heading_rad + turned, {}});
+      localizing.hear(before.time_s + s, ImuSample{1, 0, {0.1, 0, -9.8}, {}});
+    }
+    moments[2].telemetry.time_s = before.time_s + kGap_s;
+    fly(localizing, moments[2]);
+  }
+  const RecordedFlight flight = recorded();
+  const Telemetry& after = flight.flight.frames[2];
+  EXPECT_EQ(after.way.size(), kGap_s / kLongestStretch_s - 1);
+  EXPECT_TRUE(after.way.front().heading_rad && after.way.front().imu_dv_mps);
+  const Reproduction same = replay(flight);
+  EXPECT_GE(same.compared, 5U);
+  EXPECT_EQ(same.same, same.compared) << same.first_other.value_or("");
 }
 
 TEST_F(LocalizingReplay, ALookThatFailedIsNotMadeUpFor) {

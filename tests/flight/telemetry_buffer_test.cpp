@@ -106,6 +106,48 @@ TEST(TelemetryBuffer, AccelerationsAddUpToAChangeOfVelocity) {
   EXPECT_FALSE(buffer.at(2.0).imu_dv_mps) << "a stretch without samples";
 }
 
+// Half round to the right and back to the left between two pictures: both ends tell nothing of it.
+TEST(TelemetryBuffer, ALongWayIsToldInStretches) {
+  TelemetryBuffer buffer({radians(90), 0, 0});
+  const auto yaw_deg = [](double t) { return t < 5 ? 36 * t : 36 * (10 - t); };
+  for (double t = 0; t <= 10.001; t += 0.02) {
+    buffer.hear(t, attitude(0, 0, yaw_deg(t)));
+    buffer.hear(t, ImuSample{1, 0, {3, 0, -kGravity}, {}});  // along the nose
+  }
+  EXPECT_TRUE(buffer.at(0).way.empty()) << "the first";
+  EXPECT_TRUE(buffer.at(0.9).way.empty()) << "a usual step";
+  const Telemetry told = buffer.at(9.9);
+  ASSERT_EQ(told.way.size(), 8);
+  double end_s = 0.9;
+  for (const ToldStretch& stretch : told.way) {
+    EXPECT_NEAR(stretch.seconds, 1, 1e-9);
+    end_s += stretch.seconds;
+    ASSERT_TRUE(stretch.heading_rad && stretch.imu_dv_mps);
+    EXPECT_NEAR(degrees(wrap_pi(*stretch.heading_rad - radians(yaw_deg(end_s) + 90))), 0, 1e-6) << "of the camera";
+    const double middle_rad = radians(yaw_deg(end_s - 0.5));
+    if (std::abs(end_s - 5.5) < 0.55) continue;  // it turns back there
+    EXPECT_NEAR(stretch.imu_dv_mps->x(), 3 * std::sin(middle_rad), 0.1);
+    EXPECT_NEAR(stretch.imu_dv_mps->y(), 3 * std::cos(middle_rad), 0.1);
+  }
+  ASSERT_TRUE(told.imu_dv_mps);
+  EXPECT_LT(told.imu_dv_mps->norm(), 3.1) << "of the last stretch alone";
+}
+
+TEST(TelemetryBuffer, OfAWayLongForgottenItsLengthIsTold) {
+  TelemetryBuffer buffer({});
+  buffer.hear(0, attitude(0, 0, 90));
+  buffer.at(0);
+  for (double t = 1; t <= 600; t += 0.1) buffer.hear(t, attitude(0, 0, 90));
+  const Telemetry told = buffer.at(600);
+  ASSERT_EQ(told.way.size(), kTelemetryKept_s / kLongestStretch_s);
+  EXPECT_NEAR(told.way.front().seconds, 600 - kTelemetryKept_s, 1e-6);
+  EXPECT_FALSE(told.way.front().imu_dv_mps);
+  double sum_s = 0;
+  for (const ToldStretch& stretch : told.way) sum_s += stretch.seconds;
+  EXPECT_LT(sum_s, 600);
+  EXPECT_GT(sum_s, 600 - 1.001 * kLongestStretch_s);
+}
+
 TEST(TelemetryBuffer, NonsenseIsLeftOut) {
   TelemetryBuffer buffer({});
   buffer.hear(std::numeric_limits<double>::quiet_NaN(), attitude(0, 0, 90));
