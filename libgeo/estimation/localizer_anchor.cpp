@@ -108,8 +108,10 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
   const bool contradicts = report.verdict == AnchorVerdict::off_prediction;
   const bool waits = report.verdict == AnchorVerdict::awaiting_votes;
   const bool off_start = !last_anchor_s && !job.prediction.lost && report.chi2 > config.gates.expected_chi2;
-  if (contradicts || (waits && off_start)) contradicted_m = *off_m;
-  if (contradicts && !last_anchor_s) against_start.remember(*off_m, report.chi2, job.prediction.sigma_m);
+  if (contradicts || (waits && off_start)) {
+    contradicted_m = *off_m;
+    if (!last_anchor_s) against_start.remember(*off_m, report.chi2, job.prediction.sigma_m);
+  }
   if (broken_since_job) return;  // a voice about a track that has ended since
   if (!contradicts && !waits) {
     votes.abstain();

@@ -20,7 +20,7 @@ class StartContradictions {
   // offset_m: the matched position minus the predicted one (east, north). sigma_m: of the prediction, one axis.
   double weighed(const Eigen::Vector2d& offset_m, double chi2, double sigma_m) const;
 
-  // A match that was refused because it contradicts.
+  // A match that was refused, or awaits votes, because it contradicts.
   void remember(const Eigen::Vector2d& offset_m, double chi2, double sigma_m);
 
   void forget() { said_.clear(); }  // a first anchor was found, or somebody who knows better has spoken

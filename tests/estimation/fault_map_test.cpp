@@ -81,5 +81,24 @@ TEST_P(ShiftedMap, IsNotAnchoredByAFlightThatKnowsWhereItBegan) {
   }
 }
 
+// A start that the map hardly allows: what one frame said against it weighs as much with the next, although odometry
+// has made the prediction vaguer meanwhile.
+TEST(FaultyMap, AStartThatTheMapHardlyAllowsIsDoubtedByMoreThanOneFrame) {
+  LocalizerConfig configured = config();
+  configured.start_sigma_m = 12;
+  const PlanePoint begin = short_flight()[0].truth.position;
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(),
+                      place_of({begin.east_m + 36, begin.north_m - 9}), configured);
+  double said = 0;
+  for (const Moment& moment : first_moments()) {
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    EXPECT_EQ(report.anchor.verdict, AnchorVerdict::awaiting_votes);
+    EXPECT_GT(report.anchor.chi2, configured.gates.chi2_99 - 1);
+    EXPECT_LT(report.anchor.chi2, configured.gates.chi2_999);
+    EXPECT_GE(report.anchor.chi2, said);
+    said = report.anchor.chi2;
+  }
+}
+
 }  // namespace
 }  // namespace nadir
