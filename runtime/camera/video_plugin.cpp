@@ -2,6 +2,7 @@
 // only place of the runtime that links it.
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <exception>
 #include <memory>
@@ -14,7 +15,13 @@
 
 namespace {
 
-constexpr int kNetworkPatience_ms = 3000;  // then a silent network camera is trouble
+// Then a silent network camera is trouble. Both are shorter than a thread may hang.
+constexpr int kOpeningPatience_ms = 4000, kNetworkPatience_ms = 3000;
+
+// FFmpeg studies a network stream for five seconds before it hands out a picture, and then all that have come
+// meanwhile. A pilot needs the picture of now.
+constexpr const char* kLive =
+    "rtsp_transport;tcp|analyzeduration;500000|fpsprobesize;0|fflags;nobuffer|flags;low_delay";
 
 struct Video {
   cv::VideoCapture capture;
@@ -30,12 +37,30 @@ void say(std::string_view what, char* error, size_t size) {
   error[length] = '\0';
 }
 
+// OpenCV has no other way to FFmpeg's options, and reads them while it opens. Who has set them knows better.
+class LiveOptions {
+ public:
+  LiveOptions() : ours_(std::getenv(kName) == nullptr) {  // NOLINT(concurrency-mt-unsafe)
+    if (ours_) ::setenv(kName, kLive, 1);                 // NOLINT(concurrency-mt-unsafe)
+  }
+  ~LiveOptions() {
+    if (ours_) ::unsetenv(kName);  // NOLINT(concurrency-mt-unsafe): a recording is studied as ever
+  }
+  LiveOptions(const LiveOptions&) = delete;
+  LiveOptions& operator=(const LiveOptions&) = delete;
+
+ private:
+  static constexpr const char* kName = "OPENCV_FFMPEG_CAPTURE_OPTIONS";
+  bool ours_;
+};
+
 std::unique_ptr<Video> open_video(std::string_view source) {
   auto video = std::make_unique<Video>();
   if (source.starts_with("rtsp:")) {
+    const LiveOptions options;
     video->capture.open(
         std::string(source), cv::CAP_FFMPEG,
-        {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, kNetworkPatience_ms, cv::CAP_PROP_READ_TIMEOUT_MSEC, kNetworkPatience_ms});
+        {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, kOpeningPatience_ms, cv::CAP_PROP_READ_TIMEOUT_MSEC, kNetworkPatience_ms});
   } else if (source.starts_with("v4l2:")) {
     video->capture.open(std::string(source.substr(5)), cv::CAP_V4L2);
     video->capture.set(cv::CAP_PROP_BUFFERSIZE, 1);  // the newest picture, not the oldest that waits
