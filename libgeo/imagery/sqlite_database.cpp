@@ -46,6 +46,24 @@ void check_magic(const std::filesystem::path& path) {
   }
 }
 
+// A rollback journal may end with the name of another file, which SQLite deletes when it rolls back: meant for
+// transactions over several databases, which we never make. Whoever may write beside the database would choose the
+// file.
+void refuse_journal_that_names_a_file(const std::filesystem::path& path) {
+  constexpr std::string_view kMagic("\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", 8);
+  std::error_code code;
+  const std::filesystem::path journal = std::filesystem::weakly_canonical(path, code).string() + "-journal";
+  std::ifstream file(journal, std::ios::binary);
+  std::array<char, kMagic.size()> end{};
+  file.seekg(-static_cast<std::streamoff>(end.size()), std::ios::end).read(end.data(), end.size());
+  if (!file || std::string_view(end.data(), end.size()) != kMagic) return;
+  throw Error({.what = "this database's journal names another file, which would be deleted",
+               .where = journal.string(),
+               .expected = "what a killed program of ours leaves",
+               .found = "a journal of several databases",
+               .fix = "get the folder from its makers again; nothing was changed"});
+}
+
 }  // namespace
 
 void SqliteStatement::Finalize::operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
@@ -125,12 +143,18 @@ void SqliteDatabase::begin_statement() const {
 SqliteDatabase SqliteDatabase::open_immutable(const std::filesystem::path& path) {
   check_magic(path);
   SqliteDatabase database(path, SQLITE_OPEN_READONLY, uri_of(path, "?mode=ro&immutable=1"));
-  // A row of the smallest kind takes some ten bytes and, sorted and checked, less than a hundred instructions.
-  database.work_ = std::make_unique<Work>();
-  database.work_->limit = 300 + static_cast<std::int64_t>(std::filesystem::file_size(path) / 100);
-  database.begin_statement();
-  sqlite3_progress_handler(database.handle_.get(), 1'000, &SqliteDatabase::spend, database.work_.get());
+  database.limit_work(std::filesystem::file_size(path));
   return database;
+}
+
+void SqliteDatabase::limit_work(std::uint64_t bytes) {
+  if (!work_) {
+    work_ = std::make_unique<Work>();
+    sqlite3_progress_handler(handle_.get(), 1'000, &SqliteDatabase::spend, work_.get());
+  }
+  // A row of the smallest kind takes some ten bytes and, sorted and checked, less than a hundred instructions.
+  work_->limit = 300 + static_cast<std::int64_t>(bytes / 100);
+  begin_statement();
 }
 
 SqliteDatabase SqliteDatabase::create(const std::filesystem::path& path) {
@@ -143,6 +167,7 @@ SqliteDatabase SqliteDatabase::create(const std::filesystem::path& path) {
 SqliteDatabase SqliteDatabase::open_writable(const std::filesystem::path& path) {
   std::error_code code;
   if (std::filesystem::exists(path, code) && std::filesystem::file_size(path, code) > 0) check_magic(path);
+  refuse_journal_that_names_a_file(path);
   return {path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, uri_of(path, "?mode=rwc")};
 }
 
@@ -157,6 +182,7 @@ SqliteStatement SqliteDatabase::prepare(std::string_view sql) const {
 }
 
 void SqliteDatabase::execute(const std::string& sql) const {
+  begin_statement();
   if (sqlite3_exec(handle_.get(), sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK) fail("running a statement");
 }
 

@@ -58,8 +58,11 @@ class SqliteDatabase {
   static SqliteDatabase open_immutable(const std::filesystem::path& path);
   static SqliteDatabase create(const std::filesystem::path& path);  // Throws Error when the file exists.
   // A database that this program goes on with: made when it is missing, and what a killed writer left unfinished is
-  // rolled back. Throws Error when it is no SQLite database.
+  // rolled back. Throws Error when it is no SQLite database, or what was left would do more than that.
   static SqliteDatabase open_writable(const std::filesystem::path& path);
+
+  // From now on a statement may do as much work as rows in so many bytes explain, then it is an Error.
+  void limit_work(std::uint64_t bytes);
 
   SqliteStatement prepare(std::string_view sql) const;
   void execute(const std::string& sql) const;

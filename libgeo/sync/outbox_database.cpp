@@ -8,6 +8,7 @@
 #include <cerrno>
 
 #include "base/error.hpp"
+#include "sync/outbox_check.hpp"
 #include "sync/outbox_sql.hpp"
 
 namespace nadir {
@@ -29,6 +30,17 @@ int take_lock(const fs::path& path) {
   throw Error({.what = "another program works on this outbox",
                .where = path.parent_path().string(),
                .fix = "wait for the other nadir sync, or end it: what it has done is kept"});
+}
+
+// Of all rows that are there; the log holds those that have not come into the file yet.
+std::uint64_t bytes_on_disk(const fs::path& file) {
+  std::uint64_t bytes = 0;
+  for (const fs::path& part : {file, fs::path(file.string() + "-wal")}) {
+    std::error_code code;
+    const std::uintmax_t size = fs::file_size(part, code);
+    if (!code) bytes += size;
+  }
+  return bytes;
 }
 
 std::int64_t pragma(const SqliteDatabase& database, const char* name) {
@@ -66,8 +78,9 @@ OutboxDatabase::~OutboxDatabase() {
 
 void OutboxDatabase::open(const fs::path& file, Access access) {
   database_ = std::make_unique<SqliteDatabase>(SqliteDatabase::open_writable(file));
+  database_->limit_work(bytes_on_disk(file));
   database_->execute("PRAGMA busy_timeout = 10000");
-  if (pragma(*database_, "application_id") == 0 && access == Access::make && !database_->has_table("tile")) lay_out();
+  if (access == Access::make && is_empty(*database_)) lay_out();
   const std::int64_t version = pragma(*database_, "user_version");
   const bool known = version >= kOldestVersion && version <= kVersion;
   if (pragma(*database_, "application_id") != kApplication || !known) {
@@ -76,6 +89,7 @@ void OutboxDatabase::open(const fs::path& file, Access access) {
                       .expected = fmt::format("an outbox of version {}", kVersion),
                       .found = version > kVersion ? fmt::format("version {}", version) : "another database"});
   }
+  check_outbox_tables(*database_, version);
   database_->execute("PRAGMA foreign_keys = ON");
   if (access == Access::read) database_->execute("PRAGMA query_only = ON");
   if (access != Access::read) database_->execute("PRAGMA synchronous = FULL");
@@ -116,6 +130,7 @@ void OutboxDatabase::transition(std::string_view name, const std::function<void(
     }
     throw;
   }
+  database_->limit_work(bytes_on_disk(database_->path()));  // it may have grown
   if (hook_) hook_(name, true);
 }
 

@@ -42,6 +42,7 @@ struct OutboxReport {
   std::vector<BatchReport> batches;             // those that are not done
 };
 
+// Throws Error when the outbox holds what no program of ours writes.
 OutboxReport report_outbox(const OutboxDatabase& outbox);
 
 // Rejected and refused tiles, in the order of staging, at most so many.

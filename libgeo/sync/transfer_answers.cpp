@@ -173,7 +173,7 @@ Bytes Transfer::pack_bytes(const OpenPack& pack) const {
   }
   Bytes result = pack_head(entries);
   result.insert(result.end(), tiles.begin(), tiles.end());
-  if (sha256(result) != pack.sha256) {
+  if (result.size() != pack.size || sha256(result) != pack.sha256) {
     throw Error({.what = "the outbox is damaged",
                  .expected = fmt::format("pack {} as it was made", pack.sha256.hex()),
                  .found = "other bytes",

@@ -1,6 +1,6 @@
 // The corpus with every compiler: as it is, cut short everywhere, and with a bit flipped everywhere. Whatever fuzzing
 // finds is added to the corpus and so stays found. What lies in a folder TARGET/reached was found by libFuzzer to cover
-// the reader's code: replayed as it is.
+// the reader's code, or is one case among many: replayed as it is.
 #include <gtest/gtest.h>
 
 #include "base/files.hpp"

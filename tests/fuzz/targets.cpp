@@ -31,6 +31,8 @@ const std::vector<Target>& targets() {
                                        {"upload_request", upload_request},
                                        {"reply", reply},
                                        {"http_date", http_date},
+                                       {"outbox", outbox},
+                                       {"outbox_rows", outbox_rows},
                                        {"mavlink", mavlink},
                                        {"mcap", mcap}};
   return all;

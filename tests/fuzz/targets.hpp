@@ -46,6 +46,8 @@ void pack(std::string_view bytes);
 void upload_request(std::string_view bytes);  // to the candidate service …
 void reply(std::string_view bytes);           // … and what it answers
 void http_date(std::string_view bytes);
+void outbox(std::string_view bytes);       // a file's bytes
+void outbox_rows(std::string_view bytes);  // rows of an outbox that is otherwise sound, in any types
 
 void mavlink(std::string_view bytes);  // a stream from the autopilot
 
