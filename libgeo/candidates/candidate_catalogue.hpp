@@ -30,7 +30,7 @@ class CandidateCatalogue {
   std::int64_t open_upload(const UploadRow& upload, const Batch& batch,
                            std::span<const std::optional<Refusal>> refusals, std::int64_t now_ms);
   void set_state(std::int64_t upload, UploadState state);
-  // With its tiles and their verdicts. Returns the packs that nobody needs any more.
+  // With its tiles and their verdicts. Returns the packs that nobody needs any more, for remove_unused().
   std::vector<Sha256> forget_upload(std::int64_t upload);
 
   // In the batch's order.
@@ -39,15 +39,21 @@ class CandidateCatalogue {
   // Those whose bytes are there and that have no verdict, with their sidecars, but for some.
   std::vector<TileRow> tiles_to_judge(std::int64_t upload, std::size_t limit, const std::set<std::int64_t>& but = {});
 
-  // A pack that is stored: from now on its tiles are there.
+  // From now on the pack's tiles are there. keep() puts its file into place within the transaction: whoever would
+  // remove it (remove_unused()) comes before or after. Throws Error when the upload was forgotten meanwhile.
   struct PackedTile {
     Sha256 sha256;
     std::uint64_t start = 0, bytes = 0;
   };
-  void add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes, std::span<const PackedTile> tiles);
+  void add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes, std::span<const PackedTile> tiles,
+                const std::function<void()>& keep);
   std::optional<std::uint64_t> pack_size(std::int64_t upload, const Sha256& pack);
-  // Packs of the upload in which no tile is accepted or waits. Their tiles are forgotten; the files are the caller's.
+  // Packs of the upload in which no tile is accepted or waits. Their tiles are forgotten; the files are for
+  // remove_unused().
   std::vector<Sha256> forget_dead_packs(std::int64_t upload);
+  // Those of the packs in which no tile lies, and none comes to lie before remove() returns: since it was forgotten,
+  // another upload may have brought the very same pack.
+  void remove_unused(std::span<const Sha256> packs, const std::function<void(const Sha256&)>& remove);
   std::set<Sha256> packs();
 
   // Asks decide() about one tile after the other, in one transaction: it changes the verdict, knowing what was accepted

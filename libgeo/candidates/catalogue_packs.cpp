@@ -9,12 +9,26 @@ namespace nadir {
 
 using Insert = CatalogueDatabase::Insert;
 
+namespace {
+
+// For IN (…).
+std::string quoted(std::span<const Sha256> digests) {
+  std::string list;
+  for (const Sha256& digest : digests) list += fmt::format("{}'{}'", list.empty() ? "" : ",", digest.hex());
+  return list;
+}
+
+}  // namespace
+
 void CandidateCatalogue::add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes,
-                                  std::span<const PackedTile> tiles) {
+                                  std::span<const PackedTile> tiles, const std::function<void()>& keep) {
   CatalogueTransaction transaction(database_);
+  if (!this->upload(upload)) throw Error({.what = "the upload of this pack is forgotten", .where = pack.hex()});
+  keep();
   if (pack_size(upload, pack)) return;
-  std::string digests;
-  for (const PackedTile& tile : tiles) digests += fmt::format("{}'{}'", digests.empty() ? "" : ",", tile.sha256.hex());
+  std::vector<Sha256> names;
+  for (const PackedTile& tile : tiles) names.push_back(tile.sha256);
+  const std::string digests = quoted(names);
   std::set<std::string> there;  // another upload has brought the same tile
   database_.select(fmt::format("SELECT sha256 FROM {} WHERE sha256 IN ({})", database_.of("blobs"), digests),
                    [&there](const CatalogueRow& row) { there.insert(row.text("sha256")); });
@@ -68,10 +82,22 @@ std::vector<Sha256> CandidateCatalogue::drop_dead_packs(std::int64_t upload) {
   return packs;
 }
 
+void CandidateCatalogue::remove_unused(std::span<const Sha256> packs,
+                                       const std::function<void(const Sha256&)>& remove) {
+  if (packs.empty()) return;
+  CatalogueTransaction transaction(database_);  // nothing is changed: it keeps add_pack() waiting
+  std::set<std::string> used;
+  database_.select(fmt::format("SELECT DISTINCT pack FROM {} WHERE pack IN ({})", database_.of("blobs"), quoted(packs)),
+                   [&used](const CatalogueRow& row) { used.insert(row.text("pack")); });
+  for (const Sha256& pack : packs) {
+    if (!used.contains(pack.hex())) remove(pack);
+  }
+  transaction.commit();
+}
+
 void CandidateCatalogue::forget_bytes(std::span<const Sha256> tiles) {
   if (tiles.empty()) return;
-  std::string digests;
-  for (const Sha256& tile : tiles) digests += fmt::format("{}'{}'", digests.empty() ? "" : ",", tile.hex());
+  const std::string digests = quoted(tiles);
   database_.change(
       fmt::format("DELETE FROM {0} WHERE sha256 IN ({1}) AND sha256 NOT IN (SELECT t.sha256 FROM {2} t LEFT JOIN {3} v "
                   "ON v.tile = t.id WHERE t.sha256 IN ({1}) AND (v.verdict IS NULL OR v.verdict = 0))",

@@ -148,7 +148,7 @@ bool CandidateService::judge_some(std::int64_t id) {
   const bool last = tiles.size() < kTilesAtOnce;
   const bool done = last && unread().empty();
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
-  const auto dead = catalogue_.call([&](CandidateCatalogue& catalogue) {
+  catalogue_.call([&](CandidateCatalogue& catalogue) {
     // Here, in turn with heed_revocations(): a key that is revoked meanwhile is seen by the one or the other.
     const auto root = trust_.current();
     for (CandidateCatalogue::Question& question : questions) {
@@ -170,11 +170,10 @@ bool CandidateService::judge_some(std::int64_t id) {
                                       .detail = "this flight has sent a better one of this place"};
           }
         });
-    if (!done) return std::vector<Sha256>();
+    if (!done) return;
     catalogue.set_state(id, UploadState::judged);
-    return catalogue.forget_dead_packs(id);
+    catalogue.remove_unused(catalogue.forget_dead_packs(id), [this](const Sha256& pack) { packs_.remove(pack); });
   });
-  for (const Sha256& pack : dead) packs_.remove(pack);
   if (last) end_judging(id);
   return !last;
 }

@@ -83,9 +83,9 @@ std::optional<Denial> CandidateService::take_in(const UploadRow& upload, const I
     incoming_.remove(pack);
     return Denial{.kind = Kind::pack_invalid, .detail = error.what()};
   }
-  packs_.adopt(pack.path, pack.sha256);
-  catalogue_.call(
-      [&](CandidateCatalogue& catalogue) { catalogue.add_pack(upload.id, pack.sha256, pack.length, packed); });
+  catalogue_.call([&](CandidateCatalogue& catalogue) {
+    catalogue.add_pack(upload.id, pack.sha256, pack.length, packed, [&] { packs_.adopt(pack.path, pack.sha256); });
+  });
   incoming_.remove(pack);
   return std::nullopt;
 }
@@ -204,18 +204,16 @@ void CandidateService::recover() {
 
 void CandidateService::forget_expired() {
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
-  const auto gone = catalogue_.call([now_ms](CandidateCatalogue& catalogue) {
-    std::vector<std::pair<std::string, std::vector<Sha256>>> forgotten;
+  const auto gone = catalogue_.call([this, now_ms](CandidateCatalogue& catalogue) {
+    std::vector<std::string> forgotten;
     for (const UploadRow& upload : catalogue.uploads_in(UploadState::open)) {
       if (upload.expires_ms > now_ms) continue;
-      forgotten.emplace_back(upload.name, catalogue.forget_upload(upload.id));
+      catalogue.remove_unused(catalogue.forget_upload(upload.id), [this](const Sha256& pack) { packs_.remove(pack); });
+      forgotten.push_back(upload.name);
     }
     return forgotten;
   });
-  for (const auto& [name, packs] : gone) {
-    incoming_.remove_all_of(name);
-    for (const Sha256& pack : packs) packs_.remove(pack);
-  }
+  for (const std::string& name : gone) incoming_.remove_all_of(name);
 }
 
 }  // namespace nadir
