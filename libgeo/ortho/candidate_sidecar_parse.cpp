@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 
 namespace nadir {
 namespace {
@@ -19,66 +20,20 @@ constexpr std::int64_t kMostSquare_mm2 = 1'000'000'000'000'000;  // (31 km)²
 constexpr std::size_t kMaxName = 64, kMaxFrame = 128;
 constexpr std::size_t kMembers = 19, kMembersPieced = 21;
 
-class MemberReader {
- public:
-  MemberReader(const json& object, std::string_view name, std::size_t members) : object_(object), name_(name) {
-    if (!object.is_object()) refuse("", "an object", object);
-    if (object.size() != members) refuse("", fmt::format("exactly {} members", members), object.size());
-  }
+constexpr JsonMembers::Complaint kComplaint{"cannot accept this candidate's sidecar"};
 
-  [[noreturn]] void refuse(std::string_view member, std::string expected, const json& found) const {
-    // Hostile text: replace what is no UTF-8 rather than throw about it.
-    throw Error({.what = "cannot accept this candidate's sidecar",
-                 .where = fmt::format("{}{}{}", name_, member.empty() ? "" : ": ", member),
-                 .expected = std::move(expected),
-                 .found = found.dump(-1, ' ', true, json::error_handler_t::replace).substr(0, 80)});
-  }
+std::string id(const JsonMembers& in, const char* key, std::size_t longest, std::string_view also) {
+  const std::string& value = in.text(key);
+  const bool good = !value.empty() && value.size() <= longest && value.front() != '.' &&
+                    std::all_of(value.begin(), value.end(), [also](char c) {
+                      return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+                             also.find(c) != std::string_view::npos;
+                    });
+  if (!good) in.refuse(key, fmt::format("1 to {} letters, digits and {}", longest, also), value);
+  return value;
+}
 
-  const json& member(const char* key) const {
-    const auto found = object_.find(key);
-    if (found == object_.end()) refuse(key, "this member", nullptr);
-    return *found;
-  }
-
-  const std::string& text(const char* key) const {
-    const json& value = member(key);
-    if (!value.is_string()) refuse(key, "text", value);
-    return value.get_ref<const std::string&>();
-  }
-
-  std::string id(const char* key, std::size_t longest, std::string_view also) const {
-    const std::string& value = text(key);
-    const bool good = !value.empty() && value.size() <= longest && value.front() != '.' &&
-                      std::all_of(value.begin(), value.end(), [also](char c) {
-                        return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-                               also.find(c) != std::string_view::npos;
-                      });
-    if (!good) refuse(key, fmt::format("1 to {} letters, digits and {}", longest, also), value);
-    return value;
-  }
-
-  std::int64_t whole(const char* key, std::int64_t least, std::int64_t most) const {
-    const json& value = member(key);
-    const bool fits = value.is_number_integer() &&
-                      !(value.is_number_unsigned() && value.get<std::uint64_t>() > std::uint64_t{1} << 62) &&
-                      value.get<std::int64_t>() >= least && value.get<std::int64_t>() <= most;
-    if (!fits) refuse(key, fmt::format("a whole number from {} to {}", least, most), value);
-    return value.get<std::int64_t>();
-  }
-
-  Sha256 digest(const char* key) const {
-    const auto value = Sha256::from_hex(text(key));
-    if (!value) refuse(key, "64 lower-case hexadecimal digits", text(key));
-    return *value;
-  }
-
- private:
-  const json& object_;
-  std::string_view name_;
-};
-
-CandidatePose read_pose(const json& object, std::string_view name) {
-  const MemberReader in(object, name, 11);
+CandidatePose read_pose(const JsonMembers& in) {
   CandidatePose pose;
   pose.lat_e7 = in.whole("lat_e7", -900'000'000, 900'000'000);
   pose.lon_e7 = in.whole("lon_e7", -1'800'000'000, 1'800'000'000);
@@ -99,8 +54,7 @@ CandidatePose read_pose(const json& object, std::string_view name) {
   return pose;
 }
 
-CandidateQuality read_quality(const json& object, std::string_view name) {
-  const MemberReader in(object, name, 5);
+CandidateQuality read_quality(const JsonMembers& in) {
   return {.sharpness_ppm = in.whole("sharpness_ppm", 0, kMillion),
           .contrast_ppm = in.whole("contrast_ppm", 0, kMillion),
           .clipped_ppm = in.whole("clipped_ppm", 0, kMillion),
@@ -108,14 +62,14 @@ CandidateQuality read_quality(const json& object, std::string_view name) {
           .overlap_ppm = in.whole("overlap_ppm", 0, kMillion)};
 }
 
-TileKey read_key(const MemberReader& in) {
+TileKey read_key(const JsonMembers& in) {
   const std::int64_t z = in.whole("z", 0, kMaxZoom);
   const std::int64_t last = (std::int64_t{1} << z) - 1;
   return {static_cast<std::uint8_t>(z), static_cast<std::uint32_t>(in.whole("x", 0, last)),
           static_cast<std::uint32_t>(in.whole("y", 0, last))};
 }
 
-SourceLabel read_source(const MemberReader& in) {
+SourceLabel read_source(const JsonMembers& in) {
   for (const auto label : {SourceLabel::satellite_anchored, SourceLabel::vo_extrapolated, SourceLabel::dead_reckoned,
                            SourceLabel::no_fix}) {
     if (in.text("source") == name_of(label)) return label;
@@ -123,7 +77,7 @@ SourceLabel read_source(const MemberReader& in) {
   in.refuse("source", "a source label", in.text("source"));
 }
 
-UtcMillis read_time(const MemberReader& in) {
+UtcMillis read_time(const JsonMembers& in) {
   const auto time = parse_utc_millis(in.text("captured_at"));
   if (!time) in.refuse("captured_at", "a time like 2026-05-01T12:00:00.250Z", in.text("captured_at"));
   return *time;
@@ -135,16 +89,15 @@ bool says_it_is_pieced(const json& document) {
   return schema != document.end() && schema->is_string() && schema->get_ref<const std::string&>() == kPiecedTileSchema;
 }
 
-CandidatePart read_part(const json& object, std::string_view name) {
-  const MemberReader in(object, name, 4);
-  return {.frame = in.id("frame", kMaxFrame, "_.-"),
+CandidatePart read_part(const JsonMembers& in) {
+  return {.frame = id(in, "frame", kMaxFrame, "_.-"),
           .captured_at = read_time(in),
           .share_ppm = in.whole("share_ppm", 0, kMillion),
-          .pose = read_pose(in.member("pose"), fmt::format("{}: pose", name))};
+          .pose = read_pose(in.object("pose", 11))};
 }
 
 // What the whole says of itself must be the worst of its parts: nobody looks at the parts to find out.
-void read_parts(const MemberReader& in, std::string_view name, CandidateSidecar& sidecar) {
+void read_parts(const JsonMembers& in, CandidateSidecar& sidecar) {
   sidecar.seam_mm = in.whole("seam_mm", 0, 10 * kMillion);
   const json& parts = in.member("parts");
   if (!parts.is_array() || parts.size() < 2 || parts.size() > kMaxCandidateParts) {
@@ -152,8 +105,8 @@ void read_parts(const MemberReader& in, std::string_view name, CandidateSidecar&
   }
   std::int64_t shares_ppm = 0;
   for (const json& part : parts) {
-    const std::string where = fmt::format("{}: parts/{}", name, sidecar.parts.size());
-    const CandidatePart& read = sidecar.parts.emplace_back(read_part(part, where));
+    const JsonMembers one(part, fmt::format("{}: parts/{}", in.where(), sidecar.parts.size()), 4, kComplaint);
+    const CandidatePart& read = sidecar.parts.emplace_back(read_part(one));
     shares_ppm += read.share_ppm;
     if (read.captured_at < sidecar.captured_at) in.refuse("captured_at", "the oldest part's", part["captured_at"]);
     if (read.pose.sigma_mm > sidecar.pose.sigma_mm) in.refuse("pose", "the largest sigma of all parts", part["pose"]);
@@ -169,15 +122,15 @@ void read_parts(const MemberReader& in, std::string_view name, CandidateSidecar&
 
 CandidateSidecar read_candidate(const json& document, std::string_view name) {
   const bool pieced = says_it_is_pieced(document);
-  const MemberReader in(document, name, pieced ? kMembersPieced : kMembers);
+  const JsonMembers in(document, std::string(name), pieced ? kMembersPieced : kMembers, kComplaint);
   if (!pieced && in.text("schema") != kCandidateSchema) {
     in.refuse("schema", fmt::format("{} or {}", kCandidateSchema, kPiecedTileSchema), in.text("schema"));
   }
   CandidateSidecar sidecar;
-  sidecar.airframe = in.id("airframe", kMaxName, "_.-");
-  sidecar.flight = in.id("flight", kMaxName, "_-");
+  sidecar.airframe = id(in, "airframe", kMaxName, "_.-");
+  sidecar.flight = id(in, "flight", kMaxName, "_-");
   sidecar.base_package = in.digest("base_package");
-  sidecar.frame = in.id("frame", kMaxFrame, "_.-");
+  sidecar.frame = id(in, "frame", kMaxFrame, "_.-");
   sidecar.key = read_key(in);
   sidecar.sha256 = in.digest("sha256");
   sidecar.size = static_cast<std::uint64_t>(in.whole("size", 1, kMaxCandidateTile));
@@ -188,21 +141,21 @@ CandidateSidecar read_candidate(const json& document, std::string_view name) {
   sidecar.format = *format;
   sidecar.captured_at = read_time(in);
   sidecar.gsd_mm = in.whole("gsd_mm", 1, 100'000);
-  sidecar.pose = read_pose(in.member("pose"), fmt::format("{}: pose", name));
+  sidecar.pose = read_pose(in.object("pose", 11));
   sidecar.source = read_source(in);
   sidecar.anchor_age_ms = in.whole("anchor_age_ms", 0, 1'000 * kMillion);
   const std::string& trust = in.text("trust");
   if (trust != "candidate" && trust != "soft") in.refuse("trust", "candidate or soft", trust);
   sidecar.trust = trust == "soft" ? CandidateTrust::soft : CandidateTrust::candidate;
-  sidecar.quality = read_quality(in.member("quality"), fmt::format("{}: quality", name));
+  sidecar.quality = read_quality(in.object("quality", 5));
   sidecar.camera = in.digest("camera");
-  if (pieced) read_parts(in, name, sidecar);
+  if (pieced) read_parts(in, sidecar);
   return sidecar;
 }
 
 CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name) {
   if (bytes.size() > kMaxCandidateSidecar) {
-    throw Error({.what = "cannot accept this candidate's sidecar",
+    throw Error({.what = kComplaint.what,
                  .where = std::string(name),
                  .expected = fmt::format("at most {} bytes", kMaxCandidateSidecar),
                  .found = std::to_string(bytes.size())});
@@ -210,7 +163,7 @@ CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name) 
   const json document = parse_json(bytes, name, {.max_depth = 4, .allow_floats = false});
   CandidateSidecar sidecar = read_candidate(document, name);
   if (document.dump() != bytes) {
-    throw Error({.what = "cannot accept this candidate's sidecar",
+    throw Error({.what = kComplaint.what,
                  .where = std::string(name),
                  .expected = "canonical JSON: sorted keys, no blanks, numbers and texts in their shortest spelling",
                  .found = "the same values in another spelling"});

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 #include "geodesy/angles.hpp"
 #include "ortho/candidate_sidecar.hpp"
 #include "replay/poses_file.hpp"
@@ -18,78 +18,32 @@ constexpr double kFarthest_m = 1e6;  // from the plane's origin
 constexpr double kHighest_m = 1e5;
 constexpr double kWidest_m2 = 1e9;      // (31 km)²
 constexpr double kMostTurns_rad = 1e4;  // a heading is not wound back
-constexpr std::uint64_t kMostFrames = 1'000'000'000;
+constexpr std::int64_t kMostFrames = 1'000'000'000;
 constexpr std::size_t kMembers = 7, kPoseMembers = 12;
 
-class PoseMembers {
- public:
-  PoseMembers(const json& object, std::string where, std::size_t members) : object_(object), where_(std::move(where)) {
-    if (!object.is_object()) refuse("", "an object", object);
-    if (object.size() != members) refuse("", fmt::format("exactly {} members", members), object.size());
-  }
+constexpr JsonMembers::Complaint kComplaint{"cannot accept these poses", "let nadir replay write the file again"};
 
-  [[noreturn]] void refuse(std::string_view member, std::string expected, const json& found) const {
-    throw Error({.what = "cannot accept these poses",
-                 .where = fmt::format("{}{}{}", where_, member.empty() ? "" : ": ", member),
-                 .expected = std::move(expected),
-                 .found = found.dump(-1, ' ', true, json::error_handler_t::replace).substr(0, 80),
-                 .fix = "let nadir replay write the file again"});
-  }
+std::uint64_t count(const JsonMembers& in, const char* key) {
+  return static_cast<std::uint64_t>(in.whole(key, 0, kMostFrames));
+}
 
-  const json& member(const char* key) const {
-    const auto found = object_.find(key);
-    if (found == object_.end()) refuse(key, "this member", nullptr);
-    return *found;
-  }
-  const std::string& text(const char* key) const {
-    const json& value = member(key);
-    if (!value.is_string()) refuse(key, "text", value);
-    return value.get_ref<const std::string&>();
-  }
-  double number(const char* key, double least, double most) const {
-    const json& value = member(key);
-    const bool fits = value.is_number() && value.get<double>() >= least && value.get<double>() <= most;
-    if (!fits) refuse(key, fmt::format("a number from {} to {}", least, most), value);
-    return value.get<double>();
-  }
-  std::uint64_t count(const char* key, std::uint64_t most) const {
-    const json& value = member(key);
-    const bool fits = value.is_number_unsigned() && value.get<std::uint64_t>() <= most;
-    if (!fits) refuse(key, fmt::format("a whole number from 0 to {}", most), value);
-    return value.get<std::uint64_t>();
-  }
-  bool yes_or_no(const char* key) const {
-    const json& value = member(key);
-    if (!value.is_boolean()) refuse(key, "true or false", value);
-    return value.get<bool>();
-  }
-  Sha256 digest(const char* key) const {
-    const auto value = Sha256::from_hex(text(key));
-    if (!value) refuse(key, "64 lower-case hexadecimal digits", text(key));
-    return *value;
-  }
-  std::string label(const char* key) const {
-    const std::string& value = text(key);
-    if (value.empty() || frame_label(value) != value) refuse(key, "1 to 128 of A-Z a-z 0-9 . _ -", value);
-    return value;
-  }
+std::string label(const JsonMembers& in, const char* key) {
+  const std::string& value = in.text(key);
+  if (value.empty() || frame_label(value) != value) in.refuse(key, "1 to 128 of A-Z a-z 0-9 . _ -", value);
+  return value;
+}
 
- private:
-  const json& object_;
-  std::string where_;
-};
-
-PosesSubject read_subject(const PoseMembers& in, std::string_view name) {
+PosesSubject read_subject(const JsonMembers& in) {
   if (in.text("schema") != kPosesSchema) in.refuse("schema", std::string(kPosesSchema), in.text("schema"));
-  const PoseMembers origin(in.member("origin"), fmt::format("{}: origin", name), 2);
-  return {.flight = in.label("flight"),
-          .frames = in.count("frames", kMostFrames),
+  const JsonMembers origin = in.object("origin", 2);
+  return {.flight = label(in, "flight"),
+          .frames = count(in, "frames"),
           .base_package = in.digest("base_package"),
           .camera = in.digest("camera"),
           .origin = {origin.number("lon_deg", -180, 180), origin.number("lat_deg", -90, 90)}};
 }
 
-FramePose read_pose(const PoseMembers& in) {
+FramePose read_pose(const JsonMembers& in) {
   FramePose said;
   said.pose.position = {in.number("east_m", -kFarthest_m, kFarthest_m),
                         in.number("north_m", -kFarthest_m, kFarthest_m)};
@@ -113,18 +67,18 @@ FramePose read_pose(const PoseMembers& in) {
 
 PosesDocument parse_poses(std::string_view bytes, std::string_view name) {
   const json whole = parse_json(bytes, name, {.max_depth = 4, .allow_floats = true});
-  const PoseMembers in(whole, std::string(name), kMembers);
-  PosesDocument document{read_subject(in, name), {}};
+  const JsonMembers in(whole, std::string(name), kMembers, kComplaint);
+  PosesDocument document{read_subject(in), {}};
   const json& poses = in.member("poses");
   if (!poses.is_array()) in.refuse("poses", "a list", poses);
   for (const json& object : poses) {
-    const PoseMembers one(object, fmt::format("{}: poses/{}", name, document.poses.size()), kPoseMembers);
-    const std::uint64_t index = one.count("index", kMostFrames);
+    const JsonMembers one(object, fmt::format("{}: poses/{}", name, document.poses.size()), kPoseMembers, kComplaint);
+    const std::uint64_t index = count(one, "index");
     if (index >= document.subject.frames) one.refuse("index", "less than the number of frames", index);
     if (!document.poses.empty() && index <= document.poses.back().index) {
       one.refuse("index", "more than that of the pose before", index);
     }
-    document.poses.push_back({index, one.label("frame"), read_pose(one)});
+    document.poses.push_back({index, label(one, "frame"), read_pose(one)});
   }
   return document;
 }
