@@ -7,7 +7,8 @@
 namespace nadir {
 namespace {
 
-constexpr int kSpare = 2;  // attempts that may fail in between
+constexpr int kSpare = 2;                 // attempts that may fail in between
+constexpr std::size_t kRemembered = 256;  // attempts: a minute, at ten pictures a second more than enough way
 constexpr double kByChance = 0.01;
 
 }  // namespace
@@ -17,24 +18,35 @@ double AnchorVotes::agree_in_window_m(double radius_m) {
 }
 
 bool AnchorVotes::vote(const Eigen::Vector2d& offset_m, const Eigen::Vector2d& at_m, const Quorum& quorum) {
-  remember(Voice{offset_m, at_m});
-  const auto asked = std::min<std::ptrdiff_t>(quorum.voices + kSpare, std::ssize(voices_));
+  remember({at_m, offset_m});
   int agreeing = 0;
   double apart_m = 0;
-  for (auto voice = voices_.end() - asked; voice != voices_.end(); ++voice) {
-    if (!*voice || ((*voice)->offset_m - offset_m).norm() > quorum.agree_m) continue;
+  for (const Attempt& attempt : asked(quorum)) {
+    if (!attempt.offset_m || (*attempt.offset_m - offset_m).norm() > quorum.agree_m) continue;
     ++agreeing;
-    apart_m = std::max(apart_m, ((*voice)->at_m - at_m).norm());
+    apart_m = std::max(apart_m, (attempt.at_m - at_m).norm());
   }
   return agreeing >= quorum.voices && apart_m >= quorum.apart_m;
 }
 
-void AnchorVotes::abstain() { remember(std::nullopt); }
-void AnchorVotes::forget() { voices_.clear(); }
+// The newest of each stretch of the way: so short a stretch that all who are needed fit between the first and the last.
+std::vector<AnchorVotes::Attempt> AnchorVotes::asked(const Quorum& quorum) const {
+  const double stretch_m = quorum.apart_m / (quorum.voices + 1);
+  std::vector<Attempt> asked;
+  for (auto attempt = attempts_.rbegin(); attempt != attempts_.rend(); ++attempt) {
+    if (!asked.empty() && (attempt->at_m - asked.back().at_m).norm() < stretch_m) continue;
+    asked.push_back(*attempt);
+    if (std::ssize(asked) == quorum.voices + kSpare) break;
+  }
+  return asked;
+}
 
-void AnchorVotes::remember(const std::optional<Voice>& voice) {
-  voices_.push_back(voice);
-  if (voices_.size() > kVoicesAgainstAnchors + kSpare) voices_.pop_front();
+void AnchorVotes::abstain(const Eigen::Vector2d& at_m) { remember({at_m, std::nullopt}); }
+void AnchorVotes::forget() { attempts_.clear(); }
+
+void AnchorVotes::remember(const Attempt& attempt) {
+  attempts_.push_back(attempt);
+  if (attempts_.size() > kRemembered) attempts_.pop_front();
 }
 
 }  // namespace nadir

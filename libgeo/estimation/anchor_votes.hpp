@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 #include <deque>
 #include <optional>
+#include <vector>
 
 namespace nadir {
 
@@ -15,8 +16,9 @@ namespace nadir {
 struct Quorum {
   int voices = 3;       // of the attempts that are asked: two more than that
   double agree_m = 25;  // how near to each other
-  double apart_m = 0;   // how far the first and the last of them were taken from each other: pictures of the same
-                        // ground err alike
+  // How far the first and the last of them were taken from each other: pictures of the same ground err alike. And they
+  // are one voice, however many are taken of it in a second.
+  double apart_m = 0;
 };
 
 class AnchorVotes {
@@ -30,17 +32,19 @@ class AnchorVotes {
   // offset_m: matched position minus the one that odometry carried; at_m: where odometry was (east, north). True:
   // enough agree with this one.
   bool vote(const Eigen::Vector2d& offset_m, const Eigen::Vector2d& at_m, const Quorum& quorum);
-  void abstain();  // an attempt without a plausible match
+  void abstain(const Eigen::Vector2d& at_m);  // an attempt without a plausible match
   // Odometry broke, or an anchor was taken: what was voted before is about another track.
   void forget();
 
  private:
-  struct Voice {
-    Eigen::Vector2d offset_m, at_m;
+  struct Attempt {
+    Eigen::Vector2d at_m;
+    std::optional<Eigen::Vector2d> offset_m;  // none: it abstained
   };
-  void remember(const std::optional<Voice>& voice);
+  void remember(const Attempt& attempt);
+  std::vector<Attempt> asked(const Quorum& quorum) const;
 
-  std::deque<std::optional<Voice>> voices_;
+  std::deque<Attempt> attempts_;
 };
 
 }  // namespace nadir

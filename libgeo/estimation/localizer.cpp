@@ -13,7 +13,7 @@ namespace nadir {
 namespace {
 
 constexpr double kLeastLostSigma_m = 1000;
-constexpr double kSharedModelError_rad = 0.015;  // 1.5 % of the height
+constexpr double kUnmodelled_rad = 0.015;  // 1.5 % of the height
 
 }  // namespace
 
@@ -145,8 +145,12 @@ CameraPose Localizer::State::believed_pose() const {
 // (lens, relief, the moment of the telemetry).
 Eigen::Matrix2d Localizer::State::shared_error_m2() const {
   if (tiles == nullptr) return Eigen::Matrix2d::Zero();
-  const double model_m = kSharedModelError_rad * told_agl_m;
-  return Eigen::Matrix2d::Identity() * (config.map_sigma_m * config.map_sigma_m + model_m * model_m);
+  return Eigen::Matrix2d::Identity() * (config.map_sigma_m * config.map_sigma_m + unmodelled_m2(told_agl_m));
+}
+
+double Localizer::State::unmodelled_m2(double agl_m) const {
+  const double sigma_m = kUnmodelled_rad * agl_m;
+  return sigma_m * sigma_m;
 }
 
 Belief Localizer::State::belief() const {

@@ -85,8 +85,11 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
     report.inliers = solved.inliers;
     report.residual_px = solved.rms_m / match.fine_gsd_m;
     off = Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - job.flight.position_m();
-    const Eigen::Matrix2d spread =
+    Eigen::Matrix2d spread =
         model_error(job) * solved.covariance.topLeftCorner<2, 2>() + job.flight.position_covariance_m2();
+    // What no model has is another over other ground, and in a turn: the anchors before, which made the track, erred by
+    // one, this one by another.
+    if (last_anchor_s) spread += unmodelled_m2(job.told_agl_m) * Eigen::Matrix2d::Identity();
     prediction.chi2 = off->dot(spread.inverse() * *off);
     if (!last_anchor_s && !config.resumed)
       prediction.chi2 = against_start.weighed(*off, prediction.chi2, prediction.sigma_m);
@@ -114,7 +117,7 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
   }
   if (broken_since_job) return;  // a voice about a track that has ended since
   if (!contradicts && !waits) {
-    votes.abstain();
+    votes.abstain(job.flight.position_m());
     return;
   }
   Quorum quorum;

@@ -66,6 +66,7 @@ struct Localizer::State {
   CameraPose believed_pose() const;
   FramePose anchored_pose(const AnchorJob& job) const;  // with the filter at the job's frame
   Eigen::Matrix2d shared_error_m2() const;
+  double unmodelled_m2(double agl_m) const;  // one axis' variance of what no model has
 
   static constexpr double kUntoldHeightSigma = 0.3;  // of its logarithm
 

@@ -23,12 +23,12 @@ TEST(AnchorVotes, OthersInBetweenDoNotMatterButTime) {
   EXPECT_FALSE(vote(votes, 100, 50));
   EXPECT_FALSE(vote(votes, -700, 3));
   EXPECT_FALSE(vote(votes, 101, 50));
-  votes.abstain();
+  votes.abstain(kHere);
   EXPECT_TRUE(vote(votes, 99, 52)) << "the first of five still counts";
   AnchorVotes late;
   EXPECT_FALSE(vote(late, 100, 50));
   EXPECT_FALSE(vote(late, 101, 50));
-  for (int i = 0; i < 4; ++i) late.abstain();
+  for (int i = 0; i < 4; ++i) late.abstain(kHere);
   EXPECT_FALSE(vote(late, 100, 50)) << "too long ago";
 }
 
@@ -36,13 +36,13 @@ TEST(AnchorVotes, AgainstAnAnchorItTakesSixOfEight) {
   const Quorum quorum{.voices = AnchorVotes::kVoicesAgainstAnchors};
   AnchorVotes votes;
   for (int i = 0; i < 3; ++i) EXPECT_FALSE(vote(votes, 200, 0, quorum)) << i;
-  votes.abstain();
-  votes.abstain();
+  votes.abstain(kHere);
+  votes.abstain(kHere);
   for (int i = 0; i < 2; ++i) EXPECT_FALSE(vote(votes, 205, 3, quorum)) << i;
   EXPECT_TRUE(vote(votes, 201, 1, quorum));
   AnchorVotes late;
   for (int i = 0; i < 5; ++i) EXPECT_FALSE(vote(late, 200, 0, quorum)) << i;
-  for (int i = 0; i < 3; ++i) late.abstain();
+  for (int i = 0; i < 3; ++i) late.abstain(kHere);
   EXPECT_FALSE(vote(late, 200, 0, quorum)) << "five of the last eight";
 }
 
@@ -56,6 +56,30 @@ TEST(AnchorVotes, PicturesOfTheSameGroundAreOneVoice) {
   AnchorVotes votes;
   for (int i = 0; i < 3; ++i) EXPECT_FALSE(votes.vote({40, 0}, {60.0 * i, 0}, quorum)) << i;
   EXPECT_TRUE(votes.vote({40, 0}, {180, 0}, quorum));
+}
+
+// Three pictures a second, 7 m apart, of which each shows 500 m: eight attempts in a row are two seconds, and one voice.
+TEST(AnchorVotes, HoweverManyPicturesThereAreItTakesTheSameWay) {
+  for (const int voices : {AnchorVotes::kVoices, AnchorVotes::kVoicesAgainstAnchors}) {
+    const Quorum quorum{.voices = voices, .apart_m = 400};
+    AnchorVotes votes;
+    double way_m = 0;
+    for (int i = 0; !votes.vote({40, 0}, {way_m, 0}, quorum); ++i) {
+      ASSERT_LT(way_m, 600) << voices;
+      way_m += 7;
+      if (i % 4 == 3) votes.abstain({way_m, 0});
+    }
+    EXPECT_GE(way_m, 400) << voices;
+  }
+}
+
+TEST(AnchorVotes, WhatIsRememberedIsBounded) {
+  AnchorVotes votes;
+  const Quorum quorum{.apart_m = 100};
+  EXPECT_FALSE(votes.vote({40, 0}, {0, 0}, quorum));
+  EXPECT_FALSE(votes.vote({40, 0}, {60, 0}, quorum));
+  for (int i = 0; i < 100'000; ++i) votes.abstain({90, 0});
+  EXPECT_FALSE(votes.vote({40, 0}, {120, 0}, quorum));
 }
 
 TEST(AnchorVotes, InASmallWindowTheyMustAgreeCloser) {

@@ -62,6 +62,40 @@ TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
               0.5 * next.estimate.sigma_m);
 }
 
+// What no model has (lens, relief, the moment of the telemetry) is another over other ground and in a turn: several
+// anchors that erred alike do not shut out those that err otherwise.
+TEST(Localizer, AnAnchoredTrackDoesNotRefuseWhatNoModelHas) {
+  class OffByThen final : public PlaceMatcher {
+   public:
+    OffByThen(const MatcherMap& map, const double& off_m) : inner_(make_channel_matcher(map)), off_m_(off_m) {}
+    AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
+      AnchorMatch found = inner_->match(grey, prior);
+      if (found.solved) found.solved->pose.position.east_m += off_m_;
+      return found;
+    }
+    AnchorMatch match_anywhere(const cv::Mat& grey, const AnchorPrior& prior, const PlaneBox& area) override {
+      return inner_->match_anywhere(grey, prior, area);
+    }
+
+   private:
+    std::unique_ptr<PlaceMatcher> inner_;
+    const double& off_m_;
+  };
+  double off_by_m = 0;
+  LocalizerConfig configured = config();
+  configured.matcher = [&](const MatcherMap& map) { return std::make_unique<OffByThen>(map, off_by_m); };
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), configured);
+  for (const Moment& moment : short_flight()) {
+    const bool last = &moment == &short_flight().back();
+    if (last) off_by_m = 4 * 0.015 * *moment.telemetry.agl_m;
+    const FrameReport report = localizer.process(moment.image, moment.telemetry);
+    EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted) << "chi2 " << report.anchor.chi2;
+    if (last) {
+      EXPECT_GT(report.anchor.chi2, 4) << "it is noticed all the same";
+    }
+  }
+}
+
 TEST(Localizer, BetweenAnchorsItIsCarriedByOdometry) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, place_of(short_flight()[0].truth.position), [] {
     LocalizerConfig c = config();
