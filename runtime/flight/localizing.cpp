@@ -15,6 +15,7 @@ constexpr double kFollowerLimit_s = 3;
 // A search of all the area by a computer that is slow and has much else to do. Whoever ends it sooner begins it anew.
 constexpr double kLookerLimit_s = 120;
 constexpr double kLeastHeight_m = 1;
+constexpr double kAutopilotSpeaksWithin_s = 3;
 
 CameraFile decoded_small(CameraFile file, int shrink) {
   file.camera = file.camera.scaled(1.0 / shrink);
@@ -76,6 +77,7 @@ void Localizing::look_at_map(const std::stop_token& stop) {
 
 void Localizing::follow(const FlightPicture& picture) {
   const Telemetry told = telemetry_at(picture);
+  if (too_early(picture, told)) return;
   listener_.input(next_index_, told, picture.encoded);
   auto followed = localizer_.follow(decode_flight_picture(picture.encoded, decoded_, shrink_), told);
   if (followed.job) {
@@ -93,6 +95,13 @@ void Localizing::follow(const FlightPicture& picture) {
   last_odometry_ = followed.report.odometry;
   listener_.output({next_index_, next_index_, false, told, std::move(followed.report)});
   ++next_index_;
+}
+
+// The first look at the map takes many times as long where any heading is possible, and nothing else is looked up
+// meanwhile. After a start in flight the autopilot is heard a second after the first picture.
+bool Localizing::too_early(const FlightPicture& picture, const Telemetry& told) {
+  if (!first_taken_s_) first_taken_s_ = picture.taken_s;
+  return next_index_ == 0 && !told.heading_rad && picture.taken_s - *first_taken_s_ < kAutopilotSpeaksWithin_s;
 }
 
 void Localizing::take_finished() {

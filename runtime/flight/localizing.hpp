@@ -87,6 +87,7 @@ class Localizing {
   void follow_pictures(const std::stop_token& stop);
   void look_at_map(const std::stop_token& stop);
   void follow(const FlightPicture& picture);
+  bool too_early(const FlightPicture& picture, const Telemetry& told);
   void take_finished();
   void take_hint();
   Telemetry telemetry_at(const FlightPicture& picture);
@@ -103,6 +104,7 @@ class Localizing {
   // The follower's own.
   Localizer localizer_;
   std::uint64_t next_index_ = 0, job_index_ = 0;
+  std::optional<double> first_taken_s_;  // of the pictures, followed or not
   PlanePoint believed_at_{};
   Telemetry last_told_;
   OdometryReport last_odometry_;

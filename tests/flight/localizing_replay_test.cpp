@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
+#include <thread>
 
 #include "base/error.hpp"
 #include "estimation/localizer_fixture.hpp"
@@ -231,6 +232,42 @@ TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
   const Reproduction same = replay(flight);
   EXPECT_GE(same.compared, 5U);
   EXPECT_EQ(same.same, same.compared) << same.first_other.value_or("");
+}
+
+// After a start in flight, before the autopilot is heard: with every heading possible the first look would last.
+TEST_F(LocalizingReplay, APictureBeforeTheFirstAttitudeIsLeftOut) {
+  std::vector<Moment> moments = flight(4);
+  {
+    GatedTiles tiles;
+    tiles.open();
+    Localizing localizing(setup(tiles), pictures_, watch_, listener());
+    const auto show = [&](const Moment& moment) {
+      pictures_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), moment.telemetry.time_s});
+      while (pictures_.counts().taken < pictures_.counts().put) std::this_thread::yield();
+    };
+    show(moments[0]);
+    fly(localizing, moments[1]);
+    heard_.wait(heard_.looks, 1);
+  }
+  const RecordedFlight flight = recorded();
+  ASSERT_EQ(flight.flight.frames.size(), 1);
+  EXPECT_EQ(flight.flight.frames[0].frame, moments[1].telemetry.frame);
+  EXPECT_EQ(replay(flight).same, 2U);
+}
+
+// An autopilot that never speaks is no reason to see nothing.
+TEST_F(LocalizingReplay, WithoutAnyAttitudePicturesAreFollowedAfterAWhile) {
+  std::vector<Moment> moments = flight(2);
+  GatedTiles tiles;
+  tiles.open();
+  Localizing localizing(setup(tiles), pictures_, watch_, listener());
+  double seconds = 0;
+  for (const Moment& moment : moments) {
+    pictures_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), 100 + seconds});
+    while (pictures_.counts().taken < pictures_.counts().put) std::this_thread::yield();
+    seconds += 10;
+  }
+  heard_.wait(heard_.frames, 1);
 }
 
 TEST_F(LocalizingReplay, ALookThatFailedIsNotMadeUpFor) {
