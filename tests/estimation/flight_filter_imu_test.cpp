@@ -7,6 +7,7 @@
 
 #include "base/random.hpp"
 #include "estimation/flight_log.hpp"
+#include "estimation/position_sight.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -15,6 +16,7 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 using F = FlightFilter;
+using test::position_sight;
 
 constexpr double kStep_s = 0.5, kSpeed_mps = 22, kRate_rps = 0.17;  // a turn with a bank of 21 degrees
 
@@ -24,14 +26,6 @@ TelemetryUncertainty sensors() {
   uncertainty.tilt_rad = radians(0.3);  // an attitude that levels well; see flight_filter_way_test.cpp for others
   uncertainty.imu_dv_mps = 0.1;
   return uncertainty;
-}
-
-PoseSight place(const Vector2d& at, double sigma_m) {
-  PoseSight sight;
-  sight.seen << at, 0, 0, 0, 0;
-  sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
-  sight.covariance.topLeftCorner<2, 2>() = Matrix2d::Identity() * sigma_m * sigma_m;
-  return sight;
 }
 
 struct Blackout {
@@ -68,7 +62,7 @@ struct Blackout {
                     -std::sin(bias) * dv.x() + std::cos(bias) * dv.y());
       for (double& axis : dv) axis += random.normal(0, sigma.imu_dv_mps * std::sqrt(kStep_s));
       if (imu) step.imu_dv_mps = dv;
-      if (i <= 20) step.anchored = place(at + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
+      if (i <= 20) step.anchored = position_sight(at + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
       steps.push_back(step);
       truth.push_back(at);
     }
@@ -122,7 +116,7 @@ TEST(FlightFilterImu, FlyingCirclesTeachesNothing) {
   filter.advance(0, 0.0);
   for (int i = 0; i < 10; ++i) {
     filter.advance(1, 0.0, true, Vector2d::Zero());
-    filter.anchored(place({0, 20.0 * (i + 1)}, 2));
+    filter.anchored(position_sight({0, 20.0 * (i + 1)}, 2));
   }
   for (int i = 1; i <= 72; ++i) {
     const auto direction = [](int k) -> Vector2d {
@@ -139,7 +133,7 @@ TEST(FlightFilterImu, FlyingCirclesTeachesNothing) {
 // The blind stretch between two anchors: smoothing replays the accelerometer as well.
 TEST(FlightFilterImu, SmoothingReplaysIt) {
   Blackout flight(3, true);
-  flight.steps.back().anchored = place(flight.truth.back(), 3);
+  flight.steps.back().anchored = position_sight(flight.truth.back(), 3);
   const F fresh(sensors(), true, {0, 0}, 20);
   const auto with = smooth_flight(fresh, flight.steps).frames;
   for (FlightStep& step : flight.steps) step.imu_dv_mps.reset();
@@ -156,7 +150,7 @@ TEST(FlightFilterImu, AClockThatStandsDoubtsThePlaceButNotTheVelocity) {
   filter.advance(0, 0.0);
   for (int i = 0; i < 5; ++i) {
     filter.advance(1, 0.0, true, Vector2d::Zero());
-    filter.anchored(place({0, 20.0 * (i + 1)}, 1));
+    filter.anchored(position_sight({0, 20.0 * (i + 1)}, 1));
   }
   const Vector2d at = filter.position_m();
   filter.advance(0, 0.0, true, Vector2d(4, 0));

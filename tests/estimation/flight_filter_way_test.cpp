@@ -8,6 +8,7 @@
 
 #include "base/random.hpp"
 #include "estimation/flight_log.hpp"
+#include "estimation/position_sight.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -16,6 +17,7 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 using F = FlightFilter;
+using test::position_sight;
 
 constexpr double kGravity_mps2 = 9.80665, kSpeed_mps = 22, kRate_rps = 0.17, kTick_s = 0.02;
 constexpr int kSeen_s = 12, kGap_s = 33;  // anchors each second; then nothing, but for the frame at the end
@@ -26,14 +28,6 @@ TelemetryUncertainty sensors() {
   uncertainty.tilt_rad = radians(2.5);
   uncertainty.imu_dv_mps = 0.1;
   return uncertainty;
-}
-
-PoseSight place(const Vector2d& at, double sigma_m) {
-  PoseSight sight;
-  sight.seen << at, 0, 0, 0, 0;
-  sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
-  sight.covariance.topLeftCorner<2, 2>() = Matrix2d::Identity() * sigma_m * sigma_m;
-  return sight;
 }
 
 Vector2d turned_clockwise(const Vector2d& v, double angle) {
@@ -81,7 +75,7 @@ struct Gap {
       step.seconds = told.seconds;
       step.told_heading_rad = told.heading_rad;
       step.imu_dv_mps = told.imu_dv_mps;
-      step.anchored = place(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
+      step.anchored = position_sight(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
     }
     const double half_s = kPi / kRate_rps / 2;
     FlightStep& last = steps.emplace_back();
@@ -141,7 +135,7 @@ TEST_P(FlightFilterWay, TurnsThereAndBackAreFollowed) {
 // What is thought over later sees the same way.
 TEST(FlightFilterWayOnce, AnAnchorAtItsEndReachesBackOverIt) {
   Gap flight(5, true);
-  flight.steps.back().anchored = place(flight.end, 2);
+  flight.steps.back().anchored = position_sight(flight.end, 2);
   const F fresh(sensors(), true, {0, 0}, 20);
   const auto smoothed = smooth_flight(fresh, flight.steps).frames;
   ASSERT_EQ(smoothed.size(), flight.steps.size()) << "the way has no frames";
@@ -156,7 +150,7 @@ TEST(FlightFilterWayOnce, AStretchIsPartOfTheStep) {
     filter->advance(0, 0.3);
     for (int i = 0; i < 4; ++i) {
       filter->advance(1, 0.3, true, Vector2d::Zero());
-      filter->anchored(place({6.0 * i, 19.0 * i}, 2));
+      filter->anchored(position_sight({6.0 * i, 19.0 * i}, 2));
     }
   }
   whole.advance(2, 0.3, true, Vector2d(0.5, 0));
