@@ -171,6 +171,8 @@ SqliteDatabase SqliteDatabase::open_writable(const std::filesystem::path& path) 
   return {path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, uri_of(path, "?mode=rwc")};
 }
 
+SqliteDatabase SqliteDatabase::in_memory() { return {":memory:", SQLITE_OPEN_READWRITE, "file::memory:"}; }
+
 SqliteStatement SqliteDatabase::prepare(std::string_view sql) const {
   begin_statement();
   sqlite3_stmt* statement = nullptr;

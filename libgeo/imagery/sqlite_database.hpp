@@ -60,6 +60,7 @@ class SqliteDatabase {
   // A database that this program goes on with: made when it is missing, and what a killed writer left unfinished is
   // rolled back. Throws Error when it is no SQLite database, or what was left would do more than that.
   static SqliteDatabase open_writable(const std::filesystem::path& path);
+  static SqliteDatabase in_memory();  // empty, without a file
 
   // From now on a statement may do as much work as rows in so many bytes explain, then it is an Error.
   void limit_work(std::uint64_t bytes);

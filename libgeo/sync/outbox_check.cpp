@@ -3,12 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <set>
 #include <string>
 
 #include "base/error.hpp"
-#include "sync/outbox_sql.hpp"
-#include "sync/tile_state.hpp"
+#include "base/printable.hpp"
+#include "sync/outbox_tables.hpp"
 
 namespace nadir {
 namespace {
@@ -28,12 +29,6 @@ std::string plain(std::string_view sql) {
   return result;
 }
 
-std::size_t statements_in(std::string_view sql) {
-  std::size_t count = 0;
-  for (std::size_t at = sql.find("CREATE "); at != std::string_view::npos; at = sql.find("CREATE ", at + 1)) ++count;
-  return count;
-}
-
 [[noreturn]] void refuse(const SqliteDatabase& database, std::string expected, std::string found) {
   throw UsageError({.what = "not an outbox as nadir sync stage makes it",
                     .where = database.path().string(),
@@ -43,32 +38,42 @@ std::size_t statements_in(std::string_view sql) {
                            "twice"});
 }
 
+struct Kind {
+  std::string_view name;
+  std::string_view rows;  // of one text each
+  bool statements;
+};
+
+// What a row says with the types that it has: 'STAGED' is another text than X'5354…'.
+constexpr std::array<Kind, 3> kKinds{
+    {{"tables and triggers", "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL", true},
+     {"states", "SELECT quote(name) || ', final ' || quote(final) FROM state", false},
+     {"steps", "SELECT quote(before) || ' to ' || quote(after) FROM step", false}}};
+
+void compare(const SqliteDatabase& database, const SqliteDatabase& ours, const Kind& kind, std::int64_t version) {
+  const std::string expected = fmt::format("the {} of version {}", kind.name, version);
+  const auto text = [&kind](const SqliteStatement& row) {
+    return kind.statements ? plain(row.text(0)) : std::string(row.text(0));
+  };
+  std::set<std::string> missing;
+  auto own = ours.prepare(kind.rows);
+  while (own.step()) missing.insert(text(own));
+  auto rows = database.prepare(kind.rows);
+  while (rows.step()) {
+    const std::string row = text(rows);
+    if (missing.erase(row) == 0) refuse(database, expected, printable("also " + row.substr(0, 80)));
+  }
+  if (!missing.empty()) refuse(database, expected, "no " + missing.begin()->substr(0, 80));
+}
+
 }  // namespace
 
 bool is_empty(const SqliteDatabase& database) { return !database.prepare("SELECT 1 FROM sqlite_master").step(); }
 
 void check_outbox_tables(const SqliteDatabase& database, std::int64_t version) {
-  const std::string known = plain(outbox_sql::tables) + (version < 2 ? std::string() : plain(outbox_sql::strikes));
-  const std::string expected = fmt::format("the tables of version {}", version);
-  std::set<std::string> there;
-  auto rows = database.prepare("SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL");
-  while (rows.step()) {
-    const std::string statement = plain(rows.text(1)) + ";";
-    const bool ours = statement.starts_with("CREATE ") && known.find(statement) != std::string::npos;
-    if (!ours || !there.insert(statement).second) refuse(database, expected, "another " + std::string(rows.text(0)));
-  }
-  if (there.size() != statements_in(known)) refuse(database, expected, "fewer");
-
-  std::set<TileState> states;
-  auto state = database.prepare("SELECT name, iif(final, 1, 0) FROM state WHERE typeof(name) = 'text'");
-  while (state.step()) {
-    const auto name = parse_tile_state(state.text(0));
-    if (!name || is_final(*name) != (state.integer(1) != 0)) {
-      refuse(database, "the states of this program", fmt::format("{} {}", state.text(0), state.integer(1)));
-    }
-    states.insert(*name);
-  }
-  if (states.size() != kTileStates.size()) refuse(database, "the states of this program", "fewer");
+  const SqliteDatabase ours = SqliteDatabase::in_memory();
+  for (std::int64_t step = 1; step <= version; ++step) ours.execute(std::string(outbox_statements(step)));
+  for (const Kind& kind : kKinds) compare(database, ours, kind, version);
 }
 
 }  // namespace nadir

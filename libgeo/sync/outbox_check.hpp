@@ -10,8 +10,8 @@ namespace nadir {
 
 bool is_empty(const SqliteDatabase& database);  // not one table
 
-// Exactly the tables, indices and triggers of this version, and the states as the program knows them. Throws
-// UsageError.
+// Exactly the tables, indices and triggers of this version, and in the tables that the triggers go by (`state`, `step`)
+// exactly its rows. Throws UsageError.
 void check_outbox_tables(const SqliteDatabase& database, std::int64_t version);
 
 }  // namespace nadir

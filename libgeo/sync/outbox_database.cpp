@@ -9,7 +9,7 @@
 
 #include "base/error.hpp"
 #include "sync/outbox_check.hpp"
-#include "sync/outbox_sql.hpp"
+#include "sync/outbox_tables.hpp"
 
 namespace nadir {
 namespace {
@@ -17,7 +17,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kApplication = 0x4E444F42;  // "NDOB"
-constexpr std::int64_t kVersion = 2;
 constexpr std::int64_t kOldestVersion = 1;
 
 int take_lock(const fs::path& path) {
@@ -82,18 +81,18 @@ void OutboxDatabase::open(const fs::path& file, Access access) {
   database_->execute("PRAGMA busy_timeout = 10000");
   if (access == Access::make && is_empty(*database_)) lay_out();
   const std::int64_t version = pragma(*database_, "user_version");
-  const bool known = version >= kOldestVersion && version <= kVersion;
+  const bool known = version >= kOldestVersion && version <= kOutboxVersion;
   if (pragma(*database_, "application_id") != kApplication || !known) {
     throw UsageError({.what = "not an outbox of this version",
                       .where = file.string(),
-                      .expected = fmt::format("an outbox of version {}", kVersion),
-                      .found = version > kVersion ? fmt::format("version {}", version) : "another database"});
+                      .expected = fmt::format("an outbox of version {}", kOutboxVersion),
+                      .found = version > kOutboxVersion ? fmt::format("version {}", version) : "another database"});
   }
   check_outbox_tables(*database_, version);
   database_->execute("PRAGMA foreign_keys = ON");
   if (access == Access::read) database_->execute("PRAGMA query_only = ON");
   if (access != Access::read) database_->execute("PRAGMA synchronous = FULL");
-  if (access != Access::read && version < kVersion) bring_up_to_date();
+  if (access != Access::read && version < kOutboxVersion) bring_up_to_date(version);
 }
 
 // The tables come in one transaction: a kill leaves an empty file, which the next call fills.
@@ -102,19 +101,23 @@ void OutboxDatabase::lay_out() {
   database_->execute("PRAGMA journal_mode = WAL");
   database_->execute("PRAGMA synchronous = FULL");
   database_->execute("BEGIN IMMEDIATE");
-  database_->execute(std::string(outbox_sql::tables));
-  database_->execute(std::string(outbox_sql::strikes));
   database_->execute(fmt::format("PRAGMA application_id = {}", kApplication));
-  database_->execute(fmt::format("PRAGMA user_version = {}", kVersion));
+  add_versions(kOldestVersion);
   database_->execute("COMMIT");
 }
 
-// From version 1, which had no strikes. Readers of either see what they know.
-void OutboxDatabase::bring_up_to_date() {
+// From an older version. Readers of either see what they know.
+void OutboxDatabase::bring_up_to_date(std::int64_t from) {
   database_->execute("BEGIN IMMEDIATE");
-  database_->execute(std::string(outbox_sql::strikes));
-  database_->execute(fmt::format("PRAGMA user_version = {}", kVersion));
+  add_versions(from + 1);
   database_->execute("COMMIT");
+}
+
+void OutboxDatabase::add_versions(std::int64_t first) {
+  for (std::int64_t version = first; version <= kOutboxVersion; ++version) {
+    database_->execute(std::string(outbox_statements(version)));
+  }
+  database_->execute(fmt::format("PRAGMA user_version = {}", kOutboxVersion));
 }
 
 void OutboxDatabase::transition(std::string_view name, const std::function<void()>& work) {

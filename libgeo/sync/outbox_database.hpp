@@ -44,7 +44,8 @@ class OutboxDatabase {
  private:
   void open(const std::filesystem::path& file, Access access);
   void lay_out();
-  void bring_up_to_date();
+  void bring_up_to_date(std::int64_t from);
+  void add_versions(std::int64_t first);  // within a transaction
 
   int lock_ = -1;
   TransitionHook hook_;

@@ -1,4 +1,4 @@
-// The statements that make an empty outbox: the texts of outbox.sql and, since version 2, outbox_strikes.sql.
+// The statements that make an outbox: the texts of outbox.sql and, since version 2, outbox_strikes.sql.
 #pragma once
 
 #include <string_view>

@@ -5,7 +5,7 @@
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 #include "sync/outbox_report.hpp"
-#include "sync/outbox_sql.hpp"
+#include "sync/outbox_tables.hpp"
 #include "sync/outbox_upkeep.hpp"
 #include "sync/staging.hpp"
 #include "sync/transfer.hpp"
@@ -125,8 +125,9 @@ void outbox_rows(std::string_view bytes) {
     const SqliteDatabase database = SqliteDatabase::create(folder / kOutboxFile);
     database.execute(
         "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA ignore_check_constraints = ON; BEGIN");
-    database.execute(std::string(outbox_sql::tables));
-    database.execute(std::string(outbox_sql::strikes));
+    for (std::int64_t version = 1; version <= kOutboxVersion; ++version) {
+      database.execute(std::string(outbox_statements(version)));
+    }
     auto begins = database.prepare("SELECT sql FROM sqlite_master WHERE name = 'tile_begins'");
     begins.step();
     const std::string trigger(begins.text(0));
@@ -134,7 +135,8 @@ void outbox_rows(std::string_view bytes) {
     database.execute("DROP TRIGGER tile_begins");  // so that rows come in any state
     put_rows(database, Source(bytes));
     database.execute(trigger);
-    database.execute("PRAGMA application_id = 1313099586; PRAGMA user_version = 2; COMMIT");
+    database.execute("PRAGMA application_id = 1313099586; PRAGMA user_version = " + std::to_string(kOutboxVersion) +
+                     "; COMMIT");
   }
   walk_and_look_around(folder);
 }

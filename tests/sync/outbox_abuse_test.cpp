@@ -1,4 +1,5 @@
 // Outboxes that somebody has had in his hands, or a disk has damaged.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -70,7 +71,7 @@ TEST_F(OutboxAbuse, OtherTablesOrRulesAreRefused) {
         "DROP TRIGGER blob_stays; CREATE TRIGGER blob_stays BEFORE DELETE ON blob WHEN 0 BEGIN SELECT 1; END",
         "UPDATE state SET final = 1 WHERE name = 'SENT'", "UPDATE state SET final = 0.5 WHERE name = 'SENT'",
         "DELETE FROM state WHERE name = 'SENT'", "UPDATE state SET name = CAST(name AS BLOB)",
-        "ALTER TABLE tile ADD COLUMN path TEXT"}) {
+        "INSERT INTO state VALUES ('STRANGE', 1)", "ALTER TABLE tile ADD COLUMN path TEXT"}) {
     SCOPED_TRACE(sql);
     outbox_.reset();
     const std::filesystem::path other = folder_ / std::to_string(++number);
@@ -82,6 +83,39 @@ TEST_F(OutboxAbuse, OtherTablesOrRulesAreRefused) {
     }
   }
   EXPECT_NO_THROW(reopen());
+}
+
+// What the triggers go by is a table: with another row, a tile goes another way.
+TEST_F(OutboxAbuse, OtherStepsThanOursAreRefusedAndNamed) {
+  stage(1);
+  int number = 0;
+  for (const auto& [sql, named] : std::initializer_list<std::pair<const char*, const char*>>{
+           {"INSERT INTO step VALUES ('STAGED', 'ACCEPTED')", "also 'STAGED' to 'ACCEPTED'"},
+           {"INSERT INTO step VALUES (X'00', 'SENT')", "also X'00' to 'SENT'"},
+           {"DELETE FROM step WHERE before = 'WAITING' AND after = 'PARKED'", "no 'WAITING' to 'PARKED'"},
+           {"DELETE FROM step", "no "},
+           {"UPDATE step SET after = 'REFUSED' WHERE before = 'SENT' AND after = 'ACCEPTED'",
+            "also 'SENT' to 'REFUSED'"},
+           {"UPDATE step SET before = CAST(before AS BLOB) WHERE before = 'STAGED'",
+            "also X'535441474544' to 'SEALED'"},
+           {"INSERT INTO step VALUES (1, hex(zeroblob(100000)))", "also '1' to '0000"}}) {
+    SCOPED_TRACE(sql);
+    outbox_.reset();
+    const std::filesystem::path other = folder_ / ("steps" + std::to_string(++number));
+    std::filesystem::create_directory(other);
+    std::filesystem::copy_file(file_, other / kOutboxFile);
+    SqliteDatabase::open_writable(other / kOutboxFile).execute(sql);
+    for (const Access access : {Access::read, Access::write, Access::make}) {
+      try {
+        OutboxDatabase(other, access);
+        ADD_FAILURE() << "it was opened";
+      } catch (const UsageError& error) {
+        EXPECT_THAT(error.text().expected, ::testing::StartsWith("the steps of version "));
+        EXPECT_THAT(error.text().found, ::testing::StartsWith(named));
+        EXPECT_LT(error.text().found.size(), 120U);
+      }
+    }
+  }
 }
 
 TEST_F(OutboxAbuse, AForeignDatabaseGetsNoTables) {

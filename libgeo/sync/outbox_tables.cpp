@@ -1,0 +1,14 @@
+#include "sync/outbox_tables.hpp"
+
+#include <array>
+
+#include "sync/outbox_sql.hpp"
+
+namespace nadir {
+
+std::string_view outbox_statements(std::int64_t version) {
+  const std::array<std::string_view, kOutboxVersion> all{outbox_sql::tables, outbox_sql::strikes};
+  return all.at(static_cast<std::size_t>(version - 1));
+}
+
+}  // namespace nadir
