@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 #include "base/printable.hpp"
 #include "exchange/batch.hpp"
 #include "exchange/pack.hpp"
@@ -18,88 +19,74 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kLongestDetail = 500;
+constexpr std::int64_t kLeastPart = 4096;
 
-[[noreturn]] void refuse(std::string_view member, std::string expected, const json& found) {
-  throw Error({.what = "the service's answer is not what the contract says",
-               .where = std::string(member),
-               .expected = std::move(expected),
-               .found = printable(found.dump(-1, ' ', true, json::error_handler_t::replace).substr(0, 80))});
-}
+constexpr JsonMembers::Complaint kComplaint{"the service's answer is not what the contract says"};
 
 json parse(std::string_view body) {
-  json document = parse_json(body, "the service's answer", {.max_depth = 8, .allow_floats = true});
-  if (!document.is_object()) refuse("the answer", "an object", document);
-  return document;
+  return parse_json(body, "the service's answer", {.max_depth = 8, .allow_floats = true});
 }
 
-const json& member(const json& object, const char* name) {
-  if (!object.is_object()) refuse(name, "an object around it", object);
-  const auto found = object.find(name);
-  if (found == object.end()) refuse(name, "this member", nullptr);
-  return *found;
-}
+// A later version of the service may say more: as many members as there are.
+JsonMembers members_of(const json& object, const char* where) { return {object, where, object.size(), kComplaint}; }
 
-std::string text(const json& object, const char* name, std::size_t longest) {
-  const json& value = member(object, name);
-  if (!value.is_string() || value.get_ref<const std::string&>().size() > longest) {
-    refuse(name, fmt::format("text of at most {} bytes", longest), value);
-  }
-  return value.get<std::string>();
+std::string text(const JsonMembers& in, const char* name, std::size_t longest) {
+  const std::string& value = in.text(name);
+  if (value.size() > longest) in.refuse(name, fmt::format("text of at most {} bytes", longest), value.substr(0, 80));
+  return value;
 }
 
 // The name goes into paths: nothing but letters, digits, '_' and '-'.
-std::string upload_id(const json& object) {
-  std::string id = text(object, "upload_id", 64);
+std::string upload_id(const JsonMembers& in) {
+  std::string id = text(in, "upload_id", 64);
   const bool good =
       id.size() >= 8 && std::all_of(id.begin(), id.end(), [](char c) {
         return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
       });
-  if (!good) refuse("upload_id", "8 to 64 letters, digits, '_' and '-'", id);
+  if (!good) in.refuse("upload_id", "8 to 64 letters, digits, '_' and '-'", id);
   return id;
 }
 
-const json& list(const json& object, const char* name) {
-  const json& value = member(object, name);
+const json& list(const JsonMembers& in, const char* name) {
+  const json& value = in.member(name);
   if (!value.is_array() || value.size() > kMaxBatchTiles) {
-    refuse(name, fmt::format("a list of at most {}", kMaxBatchTiles), value);
+    in.refuse(name, fmt::format("a list of at most {}", kMaxBatchTiles), value.is_array() ? json(value.size()) : value);
   }
   return value;
 }
 
-Sha256 digest(const json& value, const char* name) {
-  const auto digest = value.is_string() ? Sha256::from_hex(value.get_ref<const std::string&>()) : std::nullopt;
-  if (!digest) refuse(name, "64 lower-case hexadecimal digits", value);
-  return *digest;
-}
-
-std::vector<Sha256> digests(const json& object, const char* name) {
+std::vector<Sha256> digests(const JsonMembers& in, const char* name) {
   std::vector<Sha256> result;
-  for (const json& item : list(object, name)) result.push_back(digest(item, name));
+  for (const json& item : list(in, name)) {
+    const auto digest = item.is_string() ? Sha256::from_hex(item.get_ref<const std::string&>()) : std::nullopt;
+    if (!digest) in.refuse(name, "64 lower-case hexadecimal digits", item);
+    result.push_back(*digest);
+  }
   return result;
 }
 
-std::string reason(const json& object) {
-  std::string code = text(object, "code", 64);
-  if (!parse_reason_code(code)) refuse("code", "a reason of the closed list", code);
+std::string reason(const JsonMembers& in) {
+  std::string code = text(in, "code", 64);
+  if (!parse_reason_code(code)) in.refuse("code", "a reason of the closed list", code);
   return code;
 }
 
-std::string detail(const json& object) { return printable(text(object, "detail", 4 * kLongestDetail)); }
+std::string detail(const JsonMembers& in) { return printable(text(in, "detail", 4 * kLongestDetail)); }
 
-VerdictReply verdict(const json& item) {
-  VerdictReply result{.sha256 = digest(member(item, "sha256"), "sha256")};
-  const std::string word = text(item, "verdict", 16);
+VerdictReply verdict(const JsonMembers& in) {
+  VerdictReply result{.sha256 = in.digest("sha256")};
+  const std::string word = text(in, "verdict", 16);
   if (word == "accepted") {
     result.kind = VerdictReply::Kind::accepted;
   } else if (word == "rejected") {
     result.kind = VerdictReply::Kind::rejected;
-    result.code = reason(item);
+    result.code = reason(in);
   } else if (word == "duplicate") {
     result.kind = VerdictReply::Kind::duplicate;
   } else if (word != "pending") {
-    refuse("verdict", "accepted, rejected, duplicate or pending", word);
+    in.refuse("verdict", "accepted, rejected, duplicate or pending", word);
   }
-  result.detail = detail(item);
+  result.detail = detail(in);
   return result;
 }
 
@@ -107,41 +94,41 @@ VerdictReply verdict(const json& item) {
 
 AnnouncementReply parse_announcement(std::string_view body) {
   const json document = parse(body);
+  const JsonMembers in = members_of(document, "the announcement's answer");
   AnnouncementReply result;
-  result.upload = upload_id(document);
-  result.missing = digests(document, "missing");
-  result.known = digests(document, "known");
-  for (const json& item : list(document, "refused")) {
-    result.refused.push_back({digest(member(item, "sha256"), "sha256"), reason(item), detail(item)});
+  result.upload = upload_id(in);
+  result.missing = digests(in, "missing");
+  result.known = digests(in, "known");
+  for (const json& item : list(in, "refused")) {
+    const JsonMembers tile = members_of(item, "refused");
+    result.refused.push_back({tile.digest("sha256"), reason(tile), detail(tile)});
   }
-  const json& part_max = member(document, "part_max");
-  if (!part_max.is_number_unsigned() || part_max < 4096 || part_max > kMaxPackSize) {
-    refuse("part_max", fmt::format("a whole number from 4096 to {}", kMaxPackSize), part_max);
-  }
-  result.part_max = part_max.get<std::uint64_t>();
-  const auto expires_at = parse_utc(text(document, "expires_at", 32));
-  if (!expires_at) refuse("expires_at", "a time like 2030-01-01T00:00:00Z", document["expires_at"]);
+  result.part_max = static_cast<std::uint64_t>(in.whole("part_max", kLeastPart, kMaxPackSize));
+  const auto expires_at = parse_utc(text(in, "expires_at", 32));
+  if (!expires_at) in.refuse("expires_at", "a time like 2030-01-01T00:00:00Z", in.text("expires_at"));
   result.expires_at = *expires_at;
   return result;
 }
 
 StatusReply parse_upload_status(std::string_view body) {
   const json document = parse(body);
-  StatusReply result{.upload = upload_id(document), .batch = text(document, "batch", 64)};
-  const std::string state = text(document, "state", 16);
+  const JsonMembers in = members_of(document, "the upload's status");
+  StatusReply result{.upload = upload_id(in), .batch = text(in, "batch", 64)};
+  const std::string state = text(in, "state", 16);
   if (state != "open" && state != "judging" && state != "judged") {
-    refuse("state", "open, judging or judged", state);
+    in.refuse("state", "open, judging or judged", state);
   }
   result.complete = state != "open";
-  for (const json& item : list(document, "tiles")) result.tiles.push_back(verdict(item));
+  for (const json& item : list(in, "tiles")) result.tiles.push_back(verdict(members_of(item, "tiles")));
   return result;
 }
 
 std::string problem_text(std::string_view body) {
   try {
     const json document = parse(body);
-    const std::string title = text(document, "title", kLongestDetail);
-    return printable(fmt::format("{}: {}", title, text(document, "detail", kLongestDetail)));
+    const JsonMembers in = members_of(document, "a problem");
+    const std::string title = text(in, "title", kLongestDetail);
+    return printable(fmt::format("{}: {}", title, text(in, "detail", kLongestDetail)));
   } catch (const Error&) {
     return body.empty() ? "without words" : "with words that are no problem document";
   }

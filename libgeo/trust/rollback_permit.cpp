@@ -3,10 +3,9 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
-#include <set>
 
-#include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 #include "trust/signatures.hpp"
 
 namespace nadir {
@@ -15,66 +14,31 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kMaxText = 64;
-constexpr std::uint64_t kMaxSequence = std::uint64_t{1} << 53;
+constexpr std::int64_t kMaxSequence = std::int64_t{1} << 53;
 
-[[noreturn]] void refuse(std::string_view name, std::string_view member, std::string expected, const json& found) {
-  throw Error({.what = "cannot accept this rollback permit",
-               .where = fmt::format("{}: {}", name, member),
-               .expected = std::move(expected),
-               .found = found.dump().substr(0, 80)});
+constexpr JsonMembers::Complaint kComplaint{"cannot accept this rollback permit"};
+
+std::string text(const JsonMembers& in, const char* key) {
+  const std::string& value = in.text(key);
+  if (value.empty() || value.size() > kMaxText) in.refuse(key, fmt::format("text of 1 to {} bytes", kMaxText), value);
+  return value;
 }
 
-class PermitReader {
- public:
-  PermitReader(const json& object, std::string_view name) : object_(object), name_(name) {}
-
-  RollbackPermit read() const {
-    static const std::set<std::string> known{"schema", "series", "from", "to", "expires", "airframe"};
-    for (const auto& [member, value] : object_.items()) {
-      if (!known.contains(member)) refuse(name_, member, "only members that this version knows", value);
-    }
-    if (text("schema") != kPermitSchema) {
-      refuse(name_, "schema", fmt::format("\"{}\"", kPermitSchema), object_["schema"]);
-    }
-    RollbackPermit permit;
-    permit.series = text("series");
-    permit.from = sequence("from");
-    permit.to = sequence("to");
-    if (permit.to >= permit.from) refuse(name_, "to", "a number below \"from\"", object_["to"]);
-    if (object_.contains("airframe")) permit.airframe = text("airframe");
-    const auto expires = parse_utc(text("expires"));
-    if (!expires) refuse(name_, "expires", "a time like 2030-01-01T00:00:00Z", object_["expires"]);
-    permit.expires = *expires;
-    return permit;
-  }
-
- private:
-  const json& member(const char* key) const {
-    const auto found = object_.find(key);
-    if (found == object_.end()) refuse(name_, key, "this member", nullptr);
-    return *found;
-  }
-
-  std::string text(const char* key) const {
-    const json& value = member(key);
-    if (!value.is_string() || value.get_ref<const std::string&>().empty() ||
-        value.get_ref<const std::string&>().size() > kMaxText) {
-      refuse(name_, key, fmt::format("text of 1 to {} bytes", kMaxText), value);
-    }
-    return value.get<std::string>();
-  }
-
-  std::int64_t sequence(const char* key) const {
-    const json& value = member(key);
-    if (!value.is_number_unsigned() || value.get<std::uint64_t>() > kMaxSequence) {
-      refuse(name_, key, "a whole number from 0", value);
-    }
-    return value.get<std::int64_t>();
-  }
-
-  const json& object_;
-  std::string_view name_;
-};
+RollbackPermit read_permit(const json& object, std::string_view name) {
+  const bool of_one_airframe = object.contains("airframe");
+  const JsonMembers in(object, std::string(name), of_one_airframe ? 6 : 5, kComplaint);
+  if (text(in, "schema") != kPermitSchema) in.refuse("schema", fmt::format("\"{}\"", kPermitSchema), in.text("schema"));
+  RollbackPermit permit;
+  permit.series = text(in, "series");
+  permit.from = in.whole("from", 0, kMaxSequence);
+  permit.to = in.whole("to", 0, kMaxSequence);
+  if (permit.to >= permit.from) in.refuse("to", "a number below \"from\"", permit.to);
+  if (of_one_airframe) permit.airframe = text(in, "airframe");
+  const auto expires = parse_utc(text(in, "expires"));
+  if (!expires) in.refuse("expires", "a time like 2030-01-01T00:00:00Z", in.text("expires"));
+  permit.expires = *expires;
+  return permit;
+}
 
 }  // namespace
 
@@ -97,7 +61,7 @@ SignedPermit parse_permit(std::string_view text, std::string_view name) {
   const json document = parse_json(text, name, {.max_depth = 4, .allow_floats = false});
   SignedPermit result;
   result.document = split_signed_document(document, kPermitPayloadType, name);
-  result.permit = PermitReader(document["signed"], name).read();
+  result.permit = read_permit(document["signed"], name);
   return result;
 }
 
