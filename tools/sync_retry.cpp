@@ -9,6 +9,7 @@
 #include "exchange/reason_code.hpp"
 #include "framework/options.hpp"
 #include "framework/output.hpp"
+#include "sync/outbox_mend.hpp"
 #include "sync/outbox_upkeep.hpp"
 #include "sync/staging.hpp"
 
@@ -18,8 +19,11 @@ std::string_view SyncRetryCommand::details() const {
   return "Parked batches will be announced again by the next push, and those that wait will not wait any longer. With\n"
          "--code, tiles that were rejected or refused for this reason go into new batches, as far as their pictures "
          "are\n"
-         "still there: for reasons that can pass, such as quota or base_package_unknown.\n\n"
-         "Exit codes: 0 done, 2 could not be done.";
+         "still there: for reasons that can pass, such as quota or base_package_unknown. With --key, parked batches "
+         "of\n"
+         "which something is damaged are taken apart: the damaged tiles are set aside, the others go into new "
+         "batches.\n\n"
+         "Exit codes: 0 done, 1 done, and damaged tiles were set aside (the findings name them), 2 could not be done.";
 }
 
 std::string_view SyncRetryCommand::examples() const {
@@ -45,18 +49,24 @@ int SyncRetryCommand::run(Context& context) {
   if (key_) key = PrivateKey::read(*key_);
   OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
   const std::int64_t now_ms = surroundings_.pace()->now_ms();
+  // First what retry_parked() would announce again as it is.
+  MendedSum mended;
+  if (key) mended = take_damaged_apart(outbox, key->public_key(), now_ms);
   const std::int64_t batches = retry_parked(outbox, now_ms);
-  std::int64_t tiles = 0;
+  std::int64_t tiles = mended.tiles;
   for (const std::string& code : codes_) tiles += restage(outbox, code, now_ms);
   SealedSum sealed;
   if (key) sealed = seal_batches(outbox, *key, now_ms, surroundings_.random_bytes);
+  Findings findings = std::move(mended.findings);
+  findings.add(sealed.findings);
   if (context.json) {
-    print_json(context.out, {{"batches", batches}, {"restaged", tiles}, {"new_batches", sealed.batches}});
-  } else {
-    context.out << fmt::format("{} batches may be tried at once; {} tiles go into {} new batches\n", batches, tiles,
-                               sealed.batches);
+    return report_findings(context.out, true, findings,
+                           {{"batches", batches}, {"restaged", tiles}, {"new_batches", sealed.batches}});
   }
-  return kAccepted;
+  if (!findings.empty()) print_findings(context.out, findings);
+  context.out << fmt::format("{} batches may be tried at once; {} tiles go into {} new batches\n", batches, tiles,
+                             sealed.batches);
+  return findings.refuses() ? kRefused : kAccepted;
 }
 
 }  // namespace nadir

@@ -94,13 +94,13 @@ SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxData
     ++sum.seen;
     context.progress.advance();
     if (root != nullptr) {
-      if (checked.insert(candidate->sidecar.airframe).second) {
-        require_tile_key(*root, candidate->sidecar.airframe, key);
-      }
       const auto check =
           check_candidate_signature(*root, candidate->sidecar, candidate->sidecar_bytes, candidate->signature, at);
       findings.add(check.findings);
-      if (check.findings.refuses()) continue;
+      if (check.findings.refuses()) continue;  // whatever airframe it names keeps no other tile
+      if (checked.insert(candidate->sidecar.airframe).second) {
+        require_tile_key(*root, candidate->sidecar.airframe, key);
+      }
     }
     ready.push_back(std::move(*candidate));
     if (ready.size() == kTilesPerTransaction) flush();
@@ -123,7 +123,10 @@ int SyncStageCommand::run(Context& context) {
     std::optional<OutboxDatabase> outbox;
     if (!dry_run_) outbox.emplace(outbox_, OutboxDatabase::Access::make, surroundings_.hook);
     sum = take(reader, outbox ? &*outbox : nullptr, root ? &*root : nullptr, key.public_key(), at, context, findings);
-    if (outbox) sealed = seal_batches(*outbox, key, surroundings_.pace()->now_ms(), surroundings_.random_bytes);
+    if (outbox) {
+      sealed = seal_batches(*outbox, key, surroundings_.pace()->now_ms(), surroundings_.random_bytes);
+      findings.add(sealed.findings);
+    }
   }
   if (context.json) {
     return report_findings(context.out, true, findings,

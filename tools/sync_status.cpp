@@ -74,10 +74,10 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
 }  // namespace
 
 std::string_view SyncStatusCommand::details() const {
-  return "Counts the tiles by state, names the reasons of those that were rejected or refused, and the batches that "
-         "are\n"
-         "not done, with what keeps them. Works while a push is running.\n\n"
-         "Exit codes: 0 every tile has a final verdict, 1 some have not, 2 could not be read.";
+  return "Counts the tiles by state, names the reasons of those that were rejected, refused or found damaged, and the\n"
+         "batches that are not done, with what keeps them. Works while a push is running.\n\n"
+         "Exit codes: 0 every tile has a final verdict or was set aside as damaged, 1 some have not, 2 could not be "
+         "read.";
 }
 
 std::string_view SyncStatusCommand::examples() const {
@@ -87,7 +87,8 @@ std::string_view SyncStatusCommand::examples() const {
 
 void SyncStatusCommand::setup(Options& options) {
   options.positional("OUTBOX", outbox_, "folder of the outbox").required();
-  options.value("--failed", failed_, "N", "list so many of the tiles that were rejected or refused").between(0, 1e6);
+  options.value("--failed", failed_, "N", "list so many of the tiles that were rejected, refused or damaged")
+      .between(0, 1e6);
 }
 
 int SyncStatusCommand::run(Context& context) {

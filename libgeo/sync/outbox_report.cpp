@@ -26,7 +26,8 @@ OutboxReport report_outbox(const OutboxDatabase& outbox) {
     report.states[*state].tiles += states.integer(1);
     report.states[*state].bytes += states.integer(2);
   }
-  auto reasons = outbox.prepare("SELECT code, count(*) FROM tile WHERE state IN ('REJECTED', 'REFUSED') GROUP BY code");
+  auto reasons =
+      outbox.prepare("SELECT code, count(*) FROM tile WHERE state IN ('REJECTED', 'REFUSED', 'DAMAGED') GROUP BY code");
   while (reasons.step()) report.reasons[std::string(reasons.text(0))] = reasons.integer(1);
   auto kept = outbox.prepare("SELECT coalesce(sum(size), 0) FROM tile WHERE id IN (SELECT tile FROM blob)");
   kept.step();
@@ -49,7 +50,8 @@ OutboxReport report_outbox(const OutboxDatabase& outbox) {
 std::vector<FailedTile> failed_tiles(const OutboxDatabase& outbox, std::int64_t most) {
   std::vector<FailedTile> tiles;
   auto rows = outbox.prepare(
-      "SELECT lower(hex(sha256)), flight, state, code, detail FROM tile WHERE state IN ('REJECTED', 'REFUSED')"
+      "SELECT lower(hex(sha256)), flight, state, code, detail FROM tile WHERE state IN ('REJECTED', 'REFUSED', "
+      "'DAMAGED')"
       " ORDER BY id LIMIT ?");
   rows.bind(1, most);
   while (rows.step()) {

@@ -37,7 +37,7 @@ struct FailedTile {
 
 struct OutboxReport {
   std::map<TileState, StateSum> states;
-  std::map<std::string, std::int64_t> reasons;  // code → tiles rejected or refused
+  std::map<std::string, std::int64_t> reasons;  // code → tiles rejected, refused or damaged
   std::int64_t kept_bytes = 0;                  // of pictures that are still there
   std::vector<BatchReport> batches;             // those that are not done
 };
@@ -45,7 +45,7 @@ struct OutboxReport {
 // Throws Error when the outbox holds what no program of ours writes.
 OutboxReport report_outbox(const OutboxDatabase& outbox);
 
-// Rejected and refused tiles, in the order of staging, at most so many.
+// Rejected, refused and damaged tiles, in the order of staging, at most so many.
 std::vector<FailedTile> failed_tiles(const OutboxDatabase& outbox, std::int64_t most);
 
 }  // namespace nadir

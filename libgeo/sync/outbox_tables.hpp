@@ -7,7 +7,7 @@
 
 namespace nadir {
 
-inline constexpr std::int64_t kOutboxVersion = 2;
+inline constexpr std::int64_t kOutboxVersion = 3;
 
 // The statements that make this version of the one before it; version 1 of an empty database.
 std::string_view outbox_statements(std::int64_t version);

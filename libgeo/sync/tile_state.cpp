@@ -15,6 +15,7 @@ std::string_view name_of(TileState state) {
     case TileState::rejected: return "REJECTED";
     case TileState::duplicate: return "DUPLICATE";
     case TileState::refused: return "REFUSED";
+    case TileState::damaged: return "DAMAGED";
   }
   return {};
 }

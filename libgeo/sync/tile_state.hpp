@@ -19,13 +19,14 @@ enum class TileState : std::uint8_t {
   accepted,   // final
   rejected,   // final, with a code
   duplicate,  // final: this very candidate was accepted before
-  refused     // final, with a code: the service did not even want it
+  refused,    // final, with a code: the service did not even want it
+  damaged     // final: what the outbox holds of it is not what was staged
 };
 
 inline constexpr std::array kTileStates{TileState::staged,    TileState::sealed,   TileState::announced,
                                         TileState::sending,   TileState::waiting,  TileState::sent,
                                         TileState::parked,    TileState::accepted, TileState::rejected,
-                                        TileState::duplicate, TileState::refused};
+                                        TileState::duplicate, TileState::refused,  TileState::damaged};
 
 std::string_view name_of(TileState state);  // "STAGED", as the outbox holds it
 std::optional<TileState> parse_tile_state(std::string_view name);

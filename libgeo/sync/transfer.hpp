@@ -47,6 +47,12 @@ class WrongAnswer : public Error {
   using Error::Error;
 };
 
+// What the outbox holds of the batch is not what was sealed.
+class DamagedBatch : public Error {
+ public:
+  using Error::Error;
+};
+
 class Transfer {
  public:
   explicit Transfer(OutboxDatabase& outbox) : outbox_(outbox) {}
@@ -62,11 +68,12 @@ class Transfer {
   std::string document(const OpenBatch& batch) const;
   std::int64_t unsent_tiles() const;
 
-  // Throws WrongAnswer when it is not about just the tiles of the batch.
+  // Throws WrongAnswer when it is not about just the tiles of the batch, DamagedBatch when a picture that the service
+  // lacks is not what was staged.
   void announced(const OpenBatch& batch, const AnnouncementReply& answer, std::int64_t now_ms);
 
   std::optional<OpenPack> next_pack(const OpenBatch& batch) const;
-  Bytes pack_bytes(const OpenPack& pack) const;  // throws Error when the outbox is damaged
+  Bytes pack_bytes(const OpenPack& pack) const;  // throws DamagedBatch
   void pack_begins(const OpenPack& pack, std::int64_t now_ms);
   void pack_waits(const OpenPack& pack, std::int64_t now_ms);
   std::int64_t pack_sent(const OpenPack& pack, std::int64_t now_ms);  // how many tiles

@@ -5,6 +5,7 @@
 
 #include "base/error.hpp"
 #include "exchange/pack.hpp"
+#include "sync/stored_tile.hpp"
 #include "sync/transfer.hpp"
 
 namespace nadir {
@@ -20,6 +21,23 @@ struct TileRow {
                      .where = "its tiles",
                      .expected = std::move(expected),
                      .found = std::move(found)});
+}
+
+[[noreturn]] void refuse_damaged(std::string_view what, const Sha256& digest) {
+  throw DamagedBatch({.what = "the outbox is damaged",
+                      .where = fmt::format("{} {}", what, digest.hex()),
+                      .expected = "the bytes that were staged",
+                      .found = "others, or none",
+                      .fix = "check the disk; nadir sync retry --key takes the sound tiles into a new batch"});
+}
+
+// Rows that make no pack are no rows of ours.
+Bytes head_of(std::span<const PackEntry> entries) {
+  try {
+    return pack_head(entries);
+  } catch (const Error& error) {
+    throw DamagedBatch(error.text());
+  }
 }
 
 std::map<Sha256, TileRow> tiles_of(const OutboxDatabase& outbox, std::int64_t batch) {
@@ -124,8 +142,8 @@ void Transfer::make_packs(std::int64_t batch, const std::vector<std::int64_t>& a
   std::string ids;
   for (const std::int64_t id : again) ids += fmt::format("{}{}", ids.empty() ? "" : ",", id);
   auto missing = outbox_.prepare(
-      fmt::format("SELECT id, sha256, size FROM tile WHERE batch = ? AND (state = 'ANNOUNCED' OR id IN ({})) AND id IN "
-                  "(SELECT tile FROM blob) ORDER BY id",
+      fmt::format("SELECT id, sha256, size FROM tile WHERE batch = ? AND (state = 'ANNOUNCED' OR id IN ({}) AND id IN "
+                  "(SELECT tile FROM blob)) ORDER BY id",
                   ids));
   missing.bind(1, batch);
   while (missing.step()) {
@@ -142,10 +160,13 @@ void Transfer::make_packs(std::int64_t batch, const std::vector<std::int64_t>& a
     const std::span<const PackEntry> rest = std::span(entries).subspan(from);
     const auto part = rest.first(entries_of_next_pack(rest));
     Sha256Stream stream;
-    stream.update(pack_head(part));
+    stream.update(head_of(part));
     for (std::size_t i = 0; i < part.size(); ++i) {
-      blob.bind(1, rows[from + i]).step();
-      stream.update(blob.blob(0));
+      const ByteView picture = blob.bind(1, rows[from + i]).step() ? blob.blob(0) : ByteView();
+      if (picture.size() != part[i].size || !is_picture(picture, part[i].sha256.bytes)) {
+        refuse_damaged("the picture of tile", part[i].sha256);
+      }
+      stream.update(picture);
       blob.reset();
     }
     const Sha256 digest = stream.finish();
@@ -167,18 +188,14 @@ Bytes Transfer::pack_bytes(const OpenPack& pack) const {
     PackEntry entry;
     const ByteView digest = rows.blob(0), bytes = rows.blob(1);
     std::copy_n(digest.begin(), std::min(digest.size(), entry.sha256.bytes.size()), entry.sha256.bytes.begin());
+    if (!is_picture(bytes, digest)) refuse_damaged("the picture of tile", entry.sha256);
     entry.size = static_cast<std::uint32_t>(bytes.size());
     entries.push_back(entry);
     tiles.insert(tiles.end(), bytes.begin(), bytes.end());
   }
-  Bytes result = pack_head(entries);
+  Bytes result = head_of(entries);
   result.insert(result.end(), tiles.begin(), tiles.end());
-  if (result.size() != pack.size || sha256(result) != pack.sha256) {
-    throw Error({.what = "the outbox is damaged",
-                 .expected = fmt::format("pack {} as it was made", pack.sha256.hex()),
-                 .found = "other bytes",
-                 .fix = "check the disk; stage the flight into a new outbox: what has arrived is not sent twice"});
-  }
+  if (result.size() != pack.size || sha256(result) != pack.sha256) refuse_damaged("pack", pack.sha256);
   return result;
 }
 

@@ -32,7 +32,17 @@ UploadOutcome Uploader::run() {
   return outcome_;
 }
 
+// What is wrong with one batch keeps no other one.
 void Uploader::step(const OpenBatch& batch) {
+  try {
+    go_on(batch);
+  } catch (const DamagedBatch& error) {
+    const ErrorText& text = error.text();
+    park(batch, fmt::format("{}: {}: {}; {}", text.what, text.where, text.found, text.fix));
+  }
+}
+
+void Uploader::go_on(const OpenBatch& batch) {
   if (batch.stage == BatchStage::sealed) return announce(batch);
   if (batch.stage == BatchStage::complete) return ask_verdicts(batch);
   if (const auto pack = transfer_.next_pack(batch)) return send(batch, *pack);
@@ -112,15 +122,16 @@ void Uploader::handle(const OpenBatch& batch, const Trouble& trouble, int most_r
                    .fix = "give the service's own address with --to"});
     case Trouble::Kind::later: return try_later(batch, trouble);
     case Trouble::Kind::nonsense:
-      return too_often(batch, trouble.kind, options_.most_nonsense) ? park(batch, trouble) : try_later(batch, trouble);
+      return too_often(batch, trouble.kind, options_.most_nonsense) ? park(batch, trouble.text)
+                                                                    : try_later(batch, trouble);
     case Trouble::Kind::forgotten:
-      if (too_often(batch, trouble.kind, options_.most_forgotten)) return park(batch, trouble);
+      if (too_often(batch, trouble.kind, options_.most_forgotten)) return park(batch, trouble.text);
       return transfer_.forgotten(batch, around_.pace.now_ms());
     case Trouble::Kind::conflict:
     case Trouble::Kind::mangled:
     case Trouble::Kind::too_large:
     case Trouble::Kind::refused:
-      return too_often(batch, trouble.kind, most_refusals) ? park(batch, trouble) : try_later(batch, trouble);
+      return too_often(batch, trouble.kind, most_refusals) ? park(batch, trouble.text) : try_later(batch, trouble);
   }
 }
 
@@ -137,10 +148,10 @@ void Uploader::try_later(const OpenBatch& batch, const Trouble& trouble) {
   around_.tell(fmt::format("{}; next attempt in {:.1f} s", trouble.text, static_cast<double>(wait_ms) / 1e3));
 }
 
-void Uploader::park(const OpenBatch& batch, const Trouble& trouble) {
-  const std::int64_t tiles = transfer_.park(batch, trouble.text, around_.pace.now_ms());
+void Uploader::park(const OpenBatch& batch, const std::string& why) {
+  const std::int64_t tiles = transfer_.park(batch, why, around_.pace.now_ms());
   outcome_.parked += tiles;
-  around_.tell(fmt::format("batch {} with {} tiles is parked: {}", batch.uuid, tiles, trouble.text));
+  around_.tell(fmt::format("batch {} with {} tiles is parked: {}", batch.uuid, tiles, why));
 }
 
 }  // namespace nadir

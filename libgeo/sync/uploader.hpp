@@ -60,6 +60,7 @@ class Uploader {
 
  private:
   void step(const OpenBatch& batch);
+  void go_on(const OpenBatch& batch);
   void announce(const OpenBatch& batch);
   void complete(const OpenBatch& batch);
   void ask_verdicts(const OpenBatch& batch);
@@ -69,7 +70,7 @@ class Uploader {
 
   void handle(const OpenBatch& batch, const Trouble& trouble, int most_refusals = 1);
   void try_later(const OpenBatch& batch, const Trouble& trouble);
-  void park(const OpenBatch& batch, const Trouble& trouble);
+  void park(const OpenBatch& batch, const std::string& why);
   bool too_often(const OpenBatch& batch, Trouble::Kind kind, int most);
   void came_forward(const OpenBatch& batch);
   void check() { around_.progress.advance(0); }

@@ -4,6 +4,7 @@
 #include "fuzz/any_rows.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
+#include "sync/outbox_mend.hpp"
 #include "sync/outbox_report.hpp"
 #include "sync/outbox_tables.hpp"
 #include "sync/outbox_upkeep.hpp"
@@ -25,7 +26,7 @@ std::int64_t number(const OutboxDatabase& outbox, std::string_view sql) {
 std::int64_t needed(const OutboxDatabase& outbox) {
   return number(outbox,
                 "SELECT count(*) FROM blob JOIN tile ON tile.id = blob.tile"
-                " WHERE state NOT IN ('ACCEPTED', 'REJECTED', 'DUPLICATE', 'REFUSED')");
+                " WHERE state NOT IN ('ACCEPTED', 'REJECTED', 'DUPLICATE', 'REFUSED', 'DAMAGED')");
 }
 
 void push(OutboxDatabase& outbox) {
@@ -64,6 +65,7 @@ void walk(const std::filesystem::path& folder) {
     refusing([&] { retry_parked(outbox, kNow_ms); });
     refusing([&] { prune_blobs(outbox, kNow_ms, false); });
     require(needed(outbox) == before, "a picture is gone that has no final verdict");
+    refusing([&] { take_damaged_apart(outbox, key.public_key(), kNow_ms); });
     refusing([&] { restage(outbox, "quota", kNow_ms); });
     refusing([&] {
       std::uint8_t uuids = 0;

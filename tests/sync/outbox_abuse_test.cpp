@@ -15,24 +15,7 @@ namespace {
 
 using Access = OutboxDatabase::Access;
 
-class OutboxAbuse : public test::OutboxFixture {
- protected:
-  // Whatever its triggers say.
-  void change(const std::string& sql) {
-    outbox_.reset();
-    const SqliteDatabase database = SqliteDatabase::open_writable(file_);
-    auto triggers = database.prepare("SELECT name, sql FROM sqlite_master WHERE type = 'trigger'");
-    std::map<std::string, std::string> kept;
-    while (triggers.step()) kept.emplace(triggers.text(0), triggers.text(1));
-    triggers.reset();
-    for (const auto& [name, text] : kept) database.execute("DROP TRIGGER " + name);
-    database.execute(sql);
-    for (const auto& [name, text] : kept) database.execute(text);
-  }
-  void reopen() { outbox_.emplace(folder_ / "outbox", Access::write); }
-
-  const std::filesystem::path file_ = folder_ / "outbox" / kOutboxFile;
-};
+using OutboxAbuse = test::OutboxFixture;
 
 // SQLite's super-journal: of a transaction over several databases, deleted when it is rolled back.
 TEST_F(OutboxAbuse, AJournalThatNamesAnotherFileDeletesNothing) {
@@ -96,8 +79,7 @@ TEST_F(OutboxAbuse, OtherStepsThanOursAreRefusedAndNamed) {
            {"DELETE FROM step", "no "},
            {"UPDATE step SET after = 'REFUSED' WHERE before = 'SENT' AND after = 'ACCEPTED'",
             "also 'SENT' to 'REFUSED'"},
-           {"UPDATE step SET before = CAST(before AS BLOB) WHERE before = 'STAGED'",
-            "also X'535441474544' to 'SEALED'"},
+           {"UPDATE step SET before = CAST(before AS BLOB) WHERE before = 'SEALED'", "also X'5345414C4544' to '"},
            {"INSERT INTO step VALUES (1, hex(zeroblob(100000)))", "also '1' to '0000"}}) {
     SCOPED_TRACE(sql);
     outbox_.reset();

@@ -59,7 +59,22 @@ class OutboxFixture : public ::testing::Test {
     return count.integer(0);
   }
 
+  // Whatever its triggers say.
+  void change(const std::string& sql) {
+    outbox_.reset();
+    const SqliteDatabase database = SqliteDatabase::open_writable(file_);
+    auto triggers = database.prepare("SELECT name, sql FROM sqlite_master WHERE type = 'trigger'");
+    std::map<std::string, std::string> kept;
+    while (triggers.step()) kept.emplace(triggers.text(0), triggers.text(1));
+    triggers.reset();
+    for (const auto& [name, text] : kept) database.execute("DROP TRIGGER " + name);
+    database.execute(sql);
+    for (const auto& [name, text] : kept) database.execute(text);
+  }
+  void reopen() { outbox_.emplace(folder_ / "outbox", OutboxDatabase::Access::write); }
+
   TemporaryFolder folder_;
+  const std::filesystem::path file_ = folder_ / "outbox" / kOutboxFile;
   PrivateKey key_ = PrivateKey::generate();
   std::map<int, Candidate> made_;
   std::uint8_t uuids_ = 0;
