@@ -17,24 +17,16 @@ namespace {
 
 using Insert = CatalogueDatabase::Insert;
 
-Sha256 digest(const CatalogueRow& row, const char* column) {
-  const auto parsed = Sha256::from_hex(row.text(column));
-  if (parsed) return *parsed;
-  throw Error({.what = "the catalogue holds a digest that is none",
-               .where = column,
-               .fix = "somebody has changed the tables; restore the database from a copy"});
-}
-
 UploadRow upload_from(const CatalogueRow& row) {
   return {.id = row.integer("id"),
           .name = row.text("name"),
-          .batch_key = digest(row, "batch_key"),
+          .batch_key = digest_from(row, "batch_key"),
           .batch = row.text("batch"),
-          .body_sha256 = digest(row, "body_sha256"),
+          .body_sha256 = digest_from(row, "body_sha256"),
           .client = row.text("client"),
           .airframe = row.text("airframe"),
           .flight = row.text("flight"),
-          .base_package = digest(row, "base_package"),
+          .base_package = digest_from(row, "base_package"),
           .opened_ms = row.integer("opened_ms"),
           .expires_ms = row.integer("expires_ms"),
           .state = static_cast<UploadState>(row.integer("state")),
@@ -46,7 +38,7 @@ TileRow tile_from(const CatalogueRow& row, bool with_sidecar) {
   TileRow tile{.id = row.integer("id"),
                .place = row.integer("place"),
                .size = static_cast<std::uint64_t>(row.integer("size")),
-               .sha256 = digest(row, "sha256"),
+               .sha256 = digest_from(row, "sha256"),
                .keyid = row.text("keyid"),
                .sidecar = {}};
   if (with_sidecar) tile.sidecar = row.text("sidecar");
@@ -60,8 +52,16 @@ TileRow tile_from(const CatalogueRow& row, bool with_sidecar) {
 
 }  // namespace
 
+Sha256 digest_from(const CatalogueRow& row, const char* column) {
+  const auto parsed = Sha256::from_hex(row.text(column));
+  if (parsed) return *parsed;
+  throw Error({.what = "the catalogue holds a digest that is none",
+               .where = column,
+               .fix = "somebody has changed the tables; restore the database from a copy"});
+}
+
 BlobPlace blob_from(const CatalogueRow& row) {
-  return {.pack = digest(row, "pack"),
+  return {.pack = digest_from(row, "pack"),
           .start = static_cast<std::uint64_t>(row.integer("start")),
           .bytes = static_cast<std::uint64_t>(row.integer("bytes"))};
 }
@@ -167,11 +167,12 @@ void CandidateCatalogue::set_state(std::int64_t upload, UploadState state) {
 
 std::vector<Sha256> CandidateCatalogue::forget_upload(std::int64_t upload) {
   CatalogueTransaction transaction(database_);
+  const std::set<Sha256> about = packs_about(upload);
   database_.change(fmt::format("DELETE FROM {} WHERE tile IN (SELECT id FROM {} WHERE upload = {})",
                                database_.of("verdicts"), database_.of("tiles"), upload),
                    "forgetting an upload");
   database_.erase("tiles", "upload", upload);
-  std::vector<Sha256> packs = drop_dead_packs(upload);
+  std::vector<Sha256> packs = drop_dead(about);
   database_.erase("packs", "upload", upload);
   database_.erase("uploads", "id", upload);
   transaction.commit();
@@ -245,7 +246,7 @@ void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now
       fmt::format("FROM {} t JOIN {} v ON v.tile = t.id JOIN {} u ON u.id = t.upload WHERE v.verdict = 0",
                   database_.of("tiles"), database_.of("verdicts"), database_.of("uploads"));
   database_.select(fmt::format("SELECT t.sha256 AS sha256 {} AND t.sha256 IN ({})", from, digests),
-                   [&](const CatalogueRow& row) { accepted.insert(digest(row, "sha256")); });
+                   [&](const CatalogueRow& row) { accepted.insert(digest_from(row, "sha256")); });
   database_.select(
       fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, t.badness_mm AS badness_mm, u.airframe AS airframe, "
                   "u.flight AS flight {} AND ({})",

@@ -40,7 +40,8 @@ class CandidateCatalogue {
   std::vector<TileRow> tiles_to_judge(std::int64_t upload, std::size_t limit, const std::set<std::int64_t>& but = {});
 
   // From now on the pack's tiles are there. keep() puts its file into place within the transaction: whoever would
-  // remove it (remove_unused()) comes before or after. Throws Error when the upload was forgotten meanwhile.
+  // remove it (remove_unused()) comes before or after. It is not called for a pack all of whose tiles lie in other
+  // packs: nobody would read that file. Throws Error when the upload was forgotten meanwhile.
   struct PackedTile {
     Sha256 sha256;
     std::uint64_t start = 0, bytes = 0;
@@ -48,8 +49,8 @@ class CandidateCatalogue {
   void add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes, std::span<const PackedTile> tiles,
                 const std::function<void()>& keep);
   std::optional<std::uint64_t> pack_size(std::int64_t upload, const Sha256& pack);
-  // Packs of the upload in which no tile is accepted or waits. Their tiles are forgotten; the files are for
-  // remove_unused().
+  // Packs of the upload, and those in which tiles of it lie, of which no tile is accepted or waits. Their tiles are
+  // forgotten; the files are for remove_unused().
   std::vector<Sha256> forget_dead_packs(std::int64_t upload);
   // Those of the packs in which no tile lies, and none comes to lie before remove() returns: since it was forgotten,
   // another upload may have brought the very same pack.
@@ -94,7 +95,8 @@ class CandidateCatalogue {
   void forget_bytes(std::span<const Sha256> tiles);
   void add_verdicts(std::span<const TileVerdict> verdicts, std::int64_t now_ms);
   std::vector<TileRow> select_tiles(const std::string& where_and_order, Detail detail);
-  std::vector<Sha256> drop_dead_packs(std::int64_t upload);
+  std::set<Sha256> packs_about(std::int64_t upload);
+  std::vector<Sha256> drop_dead(std::set<Sha256> packs);
   void promote(const Promotion& promotion);
   std::int64_t number(const std::string& sql);
 

@@ -28,6 +28,7 @@ class CatalogueTransaction {
 
 CatalogueLayout candidate_catalogue_layout();
 
+Sha256 digest_from(const CatalogueRow& row, const char* column);
 BlobPlace blob_from(const CatalogueRow& row);  // of the columns pack, start, bytes
 
 }  // namespace nadir

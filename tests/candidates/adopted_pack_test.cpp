@@ -21,21 +21,31 @@ class AdoptedPack : public ::testing::Test {
     return parse_catalogue_location(given != nullptr ? given : (folder_ / "catalogue.sqlite").string());
   }
   // Another one of the same tile each time.
-  std::int64_t open_upload(CandidateCatalogue& catalogue) {
+  std::int64_t open_upload(CandidateCatalogue& catalogue) { return open_upload(catalogue, {tile_}); }
+  std::int64_t open_upload(CandidateCatalogue& catalogue, const std::vector<Candidate>& tiles) {
     const std::string name = sha256(as_bytes(this_test() + std::to_string(++uploads_))).hex();
-    const std::vector<std::optional<Refusal>> refusals(1);
+    const std::vector<std::optional<Refusal>> refusals(tiles.size());
     UploadRow upload;
     upload.name = name;
     upload.batch_key = sha256(as_bytes(name));
-    return catalogue.open_upload(upload, flight_.batch({tile_}, uploads_).batch, refusals, 1);
+    return catalogue.open_upload(upload, flight_.batch(tiles, uploads_).batch, refusals, 1);
   }
   static std::string this_test() { return ::testing::UnitTest::GetInstance()->current_test_info()->name(); }
-  void bring(CandidateCatalogue& catalogue, std::int64_t upload) {
-    const CandidateCatalogue::PackedTile packed{tile_.sidecar.sha256, start_, tile_.tile.size()};
-    catalogue.add_pack(upload, pack_, bytes_.size(), {&packed, 1}, [this] {
-      write_file_atomic(folder_ / "come", ByteView(bytes_));
-      store_.adopt(folder_ / "come", pack_);
+  void bring(CandidateCatalogue& catalogue, std::int64_t upload) { bring(catalogue, upload, {tile_}); }
+  // Returns the pack's name.
+  Sha256 bring(CandidateCatalogue& catalogue, std::int64_t upload, const std::vector<Candidate>& tiles) {
+    const Bytes bytes = test::pack_of(tiles);
+    std::vector<CandidateCatalogue::PackedTile> packed;
+    std::uint64_t start = kPackHeadSize + tiles.size() * kPackEntrySize;
+    for (const Candidate& tile : tiles) {
+      packed.push_back({tile.sidecar.sha256, start, tile.tile.size()});
+      start += tile.tile.size();
+    }
+    catalogue.add_pack(upload, sha256(bytes), bytes.size(), packed, [&] {
+      write_file_atomic(folder_ / "come", ByteView(bytes));
+      store_.adopt(folder_ / "come", sha256(bytes));
     });
+    return sha256(bytes);
   }
   void reject(CandidateCatalogue& catalogue, std::int64_t upload) {
     TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
@@ -97,6 +107,72 @@ TEST_F(AdoptedPack, OfAForgottenUploadIsNotTaken) {
   const std::int64_t upload = open_upload(catalogue);
   catalogue.remove_unused(catalogue.forget_upload(upload), remove_);
   EXPECT_THROW(bring(catalogue, upload), Error);
+  EXPECT_TRUE(store_.packs().empty());
+}
+
+// Two uploads announce the same tiles before either has sent them, and pack them differently.
+TEST_F(AdoptedPack, OfTilesThatAllLieInOthersLeavesNoFile) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const Candidate other = flight_.candidate(test::keys_in_a_row(2).at(1)),
+                  third = flight_.candidate(test::keys_in_a_row(3).at(2));
+  const std::int64_t first = open_upload(catalogue, {tile_, other}), second = open_upload(catalogue, {tile_, third});
+  const Sha256 both = bring(catalogue, first, {tile_, other});
+  const Sha256 again = bring(catalogue, second, {tile_});
+  EXPECT_EQ(store_.packs(), std::vector<Sha256>{both});
+  EXPECT_TRUE(catalogue.pack_size(second, again)) << "it has come all the same";
+  EXPECT_EQ(read(catalogue, second), tile_.tile) << "from the other pack";
+  bring(catalogue, second, {tile_, third});
+  EXPECT_EQ(store_.packs().size(), 2U) << "one tile of it is new";
+  EXPECT_EQ(read(catalogue, second), tile_.tile);
+}
+
+TEST_F(AdoptedPack, ThatIsDamagedIsReplacedWhenItComesAgain) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  bring(catalogue, open_upload(catalogue));
+  const std::string name = pack_.hex();
+  Bytes damaged = bytes_;
+  damaged.back() ^= 1;
+  write_file_atomic(folder_ / "packs" / name.substr(0, 2) / name, ByteView(damaged));
+  const std::int64_t second = open_upload(catalogue);
+  EXPECT_THROW(read(catalogue, second), PackDamaged);
+  bring(catalogue, second);
+  EXPECT_EQ(read(catalogue, second), tile_.tile);
+}
+
+TEST_F(AdoptedPack, GoesWithTheLastVerdictThatWaitedForIt) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
+  bring(catalogue, first);
+  reject(catalogue, first);
+  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  EXPECT_EQ(read(catalogue, second), tile_.tile) << "the second upload brought nothing, and waits";
+  reject(catalogue, second);
+  catalogue.remove_unused(catalogue.forget_dead_packs(second), remove_);
+  EXPECT_TRUE(store_.packs().empty());
+}
+
+TEST_F(AdoptedPack, GoesWithAnUploadThatIsForgottenAsTheLastThatWaitedForIt) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
+  bring(catalogue, first);
+  reject(catalogue, first);
+  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  EXPECT_EQ(store_.packs().size(), 1U);
+  catalogue.remove_unused(catalogue.forget_upload(second), remove_);
+  EXPECT_TRUE(store_.packs().empty());
+}
+
+// Whatever was damaged in it: nothing lies there any more.
+TEST_F(AdoptedPack, WhoseTilesWereAllForgottenGoesWithItsUpload) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t upload = open_upload(catalogue);
+  bring(catalogue, upload);
+  TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
+                      .verdict = Verdict::rejected,
+                      .refusal = Refusal{.code = ReasonCode::hash_mismatch, .detail = "test"}};
+  catalogue.judge({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid, .damaged = true}}, 1,
+                  [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Rivals&) {});
+  catalogue.remove_unused(catalogue.forget_dead_packs(upload), remove_);
   EXPECT_TRUE(store_.packs().empty());
 }
 
