@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
-#include <thread>
+#include <utility>
 
 #include "imagery/codecs.hpp"
+#include "simulation/delayed_sink.hpp"
 
 namespace nadir {
 namespace {
@@ -47,6 +48,7 @@ double process_cpu_s() {
 FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, const FilmOptions& options,
                 const std::function<bool()>& stop) {
   FilmReport report;
+  DelayedSink delayed(sink);
   Shutter shutter(options.fps);
   std::int64_t first_us = 0;
   auto heard = std::chrono::steady_clock::now();
@@ -64,10 +66,9 @@ FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, co
     if (report.frames == 0) first_us = pose->unix_us;
     const double begun_s = process_cpu_s();
     const RenderedFrame shot = camera.shoot(*pose, static_cast<std::uint64_t>(report.frames));
-    const Bytes jpeg = encode_image(shot.image, ImageFormat::jpeg, options.quality);
+    Bytes jpeg = encode_image(shot.image, ImageFormat::jpeg, options.quality);
     const bool late = options.delay.count() > 0 && std::chrono::steady_clock::now() > now + options.delay;
-    std::this_thread::sleep_until(now + options.delay);
-    sink.put(jpeg, pose->unix_us);
+    delayed.put(std::move(jpeg), pose->unix_us, now + options.delay);
     report.cpu_s += process_cpu_s() - begun_s;
     report.frames_late += late ? 1 : 0;
     ++report.frames;
@@ -80,6 +81,8 @@ FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, co
       break;
     }
   }
+  if (report.end != FilmEnd::stopped) delayed.finish();
+  report.frames = delayed.handed_on();
   return report;
 }
 

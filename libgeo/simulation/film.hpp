@@ -20,7 +20,8 @@ struct FilmOptions {
   std::optional<int> max_frames{};
   std::optional<double> seconds{};  // of the poses' time
   int quality = 92;                 // JPEG
-  // From a pose's arrival until its picture is handed on: as a real camera takes, the same for each.
+  // From a pose's arrival until its picture is handed on: as a real camera takes, the same for each. Others are made
+  // meanwhile; what waits when it is stopped is dropped.
   std::chrono::milliseconds delay{0};
   // No pose for so long ends the film; none: it waits for ever.
   std::optional<std::chrono::milliseconds> patience{};
@@ -30,7 +31,7 @@ enum class FilmEnd { all_frames, no_poses, stopped };
 
 struct FilmReport {
   FilmEnd end = FilmEnd::stopped;
-  int frames = 0;
+  int frames = 0;               // handed on
   int frames_beyond_world = 0;  // that show ground without map pixels somewhere
   int frames_missed = 0;        // due while another was being made, or while no pose came
   int frames_late = 0;          // that took longer than the delay

@@ -127,6 +127,20 @@ TEST_F(Film, EndsWithTheNumberTheTimeOrTheWord) {
   EXPECT_EQ(film(*camera_, script, kept_, {}, [&] { return ++asked > 30; }).end, FilmEnd::stopped);
 }
 
+TEST_F(Film, WaitsForWhatIsNotYetHandedOn) {
+  options_.delay = std::chrono::milliseconds(30);
+  EXPECT_EQ(shoot(flight(51)).frames, 6);
+  EXPECT_EQ(kept_.times_us.size(), 6U);
+}
+
+TEST_F(Film, WhatWaitsWhenItIsStoppedIsDropped) {
+  options_.delay = std::chrono::hours(1);
+  int asked = 0;
+  Script script(flight(500));
+  EXPECT_EQ(film(*camera_, script, kept_, options_, [&] { return ++asked > 30; }).frames, 0);
+  EXPECT_TRUE(kept_.times_us.empty());
+}
+
 TEST_F(Film, GoesOnWhenTheClockIsSet) {
   std::vector<LivePose> poses = flight(11);
   for (const std::int64_t step_us : {3'600'000'000LL, -7'200'000'000LL}) {
