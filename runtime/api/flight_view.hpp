@@ -47,7 +47,7 @@ struct VelocityView {
 };
 
 struct FramesView {
-  std::uint64_t received = 0, dropped = 0;  // dropped: a newer one was there first
+  std::uint64_t received = 0, dropped = 0;  // dropped: a newer one was there first, or the camera had held it back
   double per_s = 0;
 };
 

@@ -91,7 +91,8 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.gauge("anchor_age_seconds", "Since the last accepted anchor.", view.anchor_age_s);
   text.gauge("agl_meters", "Height above ground.", view.agl_m);
   text.counter("frames_received_total", "Frames from the camera.", view.frames.received);
-  text.counter("frames_dropped_total", "Frames that a newer one replaced.", view.frames.dropped);
+  text.counter("frames_dropped_total",
+               "Frames that were not followed: a newer one came, or the camera had held it back.", view.frames.dropped);
   text.gauge("frames_per_second", "Rate of frames.", view.frames.per_s);
   text.counter("anchors_accepted_total", "Accepted anchors.", view.anchors.accepted);
   text.counter("anchors_rejected_total", "Rejected anchors.", view.anchors.rejected);

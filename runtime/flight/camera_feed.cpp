@@ -62,7 +62,7 @@ void CameraFeed::take(CameraFrame frame) {
   switch (guard_.judge(frame.time_s)) {
     case BacklogGuard::Verdict::fresh: hand_on(frame); break;
     case BacklogGuard::Verdict::wait: held_ = std::move(frame); break;
-    case BacklogGuard::Verdict::stale: leave_out(); break;
+    case BacklogGuard::Verdict::stale: leave_out_with_held(); break;
   }
 }
 
@@ -81,7 +81,8 @@ void CameraFeed::hand_on_settled(double now_s) {
   hand_on(frame);
 }
 
-void CameraFeed::leave_out() {
+void CameraFeed::leave_out_with_held() {
+  left_out_ += held_ ? 2 : 1;
   held_.reset();
   tell("the camera hands out pictures that it had held back; they are left out");
 }

@@ -2,6 +2,8 @@
 // told. Pictures that the camera had held back in a pause are left out (backlog_guard.hpp).
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -22,13 +24,16 @@ class CameraFeed {
 
   std::string describe() const { return source_->describe(); }
 
+  // Pictures that came, but were held back before: nobody else counts them. From any thread.
+  std::uint64_t left_out() const { return left_out_; }
+
  private:
   void run(const std::stop_token& stop);
   std::chrono::milliseconds patience() const;
   void take(CameraFrame frame);
   void hand_on(CameraFrame& frame);
   void hand_on_settled(double now_s);
-  void leave_out();
+  void leave_out_with_held();
   void tell(const std::string& trouble);
 
   std::unique_ptr<CameraSource> source_;
@@ -38,6 +43,7 @@ class CameraFeed {
   std::function<void(const std::string&)> told_;
   BacklogGuard guard_;
   std::optional<CameraFrame> held_;  // until it is known whether it is of now
+  std::atomic<std::uint64_t> left_out_{0};
   std::string last_trouble_;
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above

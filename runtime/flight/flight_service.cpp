@@ -65,13 +65,22 @@ void FlightService::sum_up() {
                    fmt::format("{} texts found nobody who heard them", untold));
   }
   const AutopilotLink::State link = link_->state();
-  const MailboxCounts pictures = pictures_.counts();
+  const MailboxCounts pictures = picture_counts();
   journal_->note(clock_.monotonic_s(), EventSeverity::info, "summary",
                  fmt::format("{} pictures, {} dropped; picture to fix p50 {:.0f}, p95 {:.0f}, max {:.0f} ms; {} fixes, "
                              "longest pause {:.0f} ms",
                              pictures.put, pictures.dropped, 1000 * link.latency.quantile_s(0.5),
                              1000 * link.latency.quantile_s(0.95), 1000 * link.latency.largest_s(), link.fixes_sent,
                              1000 * link.longest_gap_s));
+}
+
+// Those that the camera's thread left out never saw the mailbox.
+MailboxCounts FlightService::picture_counts() const {
+  MailboxCounts counts = pictures_.counts();
+  const std::uint64_t left_out = camera_ ? camera_->left_out() : 0;
+  counts.put += left_out;
+  counts.dropped += left_out;
+  return counts;
 }
 
 std::string FlightService::summary() const { return journal_->events().events().back().text; }
@@ -167,7 +176,7 @@ void FlightService::update(double now_s, std::span<const ServiceFact> facts) {
 void FlightService::publish(double now_s) {
   const ServiceStatus status = machine_.status();
   views_.status(status, last_reason_);
-  views_.frames(pictures_.counts(), now_s);
+  views_.frames(picture_counts(), now_s);
   const AutopilotLink::State link = link_->state();
   views_.link(link, status.link_up, options_.link_key.has_value());
   views_.recorder(recorder_.get(), recorder_trouble_);

@@ -65,6 +65,7 @@ class FlightService {
   void tell(FlightNews news);
 
   void sum_up();
+  MailboxCounts picture_counts() const;
   void take(const TimedNews& timed);
   void learn(double time_s, const AutopilotSpoke& spoke);
   void learn(double time_s, const CameraSpoke& spoke);

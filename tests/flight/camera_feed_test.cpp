@@ -56,6 +56,7 @@ class CameraFeedTest : public ::testing::Test {
     EXPECT_EQ(feed.describe(), "a script");
     std::unique_lock lock(mutex_);
     EXPECT_TRUE(changed_.wait_for(lock, kFarTooLong, [&] { return told_.size() >= calls; }));
+    left_out_ = feed.left_out();
   }
 
   const SystemFlightClock clock_;
@@ -64,6 +65,7 @@ class CameraFeedTest : public ::testing::Test {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<std::string> told_;
+  std::uint64_t left_out_ = 0;
 };
 
 TEST_F(CameraFeedTest, APictureCountsFromItsExposureAndItsBytesStayAsTheyAre) {
@@ -110,6 +112,7 @@ TEST_F(CameraFeedTest, WhatTheCameraHeldBackIsLeftOut) {
   std::string handed_on;
   while (const auto one = pictures_.try_take()) handed_on += one->name + ' ';
   EXPECT_EQ(handed_on, "1 2 3 4 15 25 26 ");
+  EXPECT_EQ(left_out_, 3U) << "counted all the same";
   EXPECT_EQ(std::count(told_.begin(), told_.end(), ""), 7);
   EXPECT_EQ(told_[4], "the camera hands out pictures that it had held back; they are left out");
 }
