@@ -24,7 +24,7 @@ generate() {
 }
 
 run_tests() {
-  # ThreadSanitizer takes the pools of TBB and OpenMP, which were not built with it, for races.
-  [[ $preset != tsan ]] || export OPENCV_FOR_THREADS_NUM=1 OMP_NUM_THREADS=1
+  # ThreadSanitizer takes the pool of OpenMP, which was not built with it, for races.
+  [[ $preset != tsan ]] || export OMP_NUM_THREADS=1
   ctest --test-dir "$build_folder" --output-on-failure -j "$(nproc)" "$@" </dev/null
 }
