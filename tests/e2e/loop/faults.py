@@ -5,6 +5,7 @@ import time
 from .evidence import Finding, States, judged_right, longest_pause_s, readable, within
 from .flight import Flight, Setup
 from .hands import HostClock, spoil_tiles
+from .made_pictures import carried
 from .small_disk import SmallDisk
 
 DISK_MB = 6
@@ -39,24 +40,27 @@ class Hands:
     """Does to the flight what is not the autopilot's to do, at its time, and notes what nadird said then."""
 
     def __init__(self, flight, clock, package, disk):
-        self.flight, self.seen = flight, {}
+        self.flight, self.disk, self.seen = flight, disk, {}
         self.plan = [
             (HOST_FORTH, lambda: clock.set(7200)), (HOST_BACK, lambda: clock.set(-86400)), (BURST, self.burst),
             (TILES[0], lambda: spoil_tiles(package)), (TILES[1] - 1, self.note("spoilt")),
             (TILES[1], lambda: spoil_tiles(package)), (DARK[0] - 1, self.note("mended"))]
-        if disk.folder:
-            self.plan.append((DARK[0] - 2, lambda: self.seen.update(used=disk.share_used())))
 
     def work(self):
         for at, act in sorted(self.plan, key=lambda step: step[0]):
             while self.flight.elapsed_s() < at:
                 self.flight.must_be_running()
+                self.look_at_disk()
                 time.sleep(0.02)
             act()
         while self.flight.autopilot.running():
             self.flight.must_be_running()
             time.sleep(0.2)
         return self.seen
+
+    def look_at_disk(self):
+        if self.disk.folder:
+            self.seen["used"] = max(self.disk.share_used(), self.seen.get("used", 0))
 
     def note(self, name):
         def act():
@@ -65,12 +69,13 @@ class Hands:
 
     def burst(self):
         """A second renderer, nine times as busy as the first; it reads the world before it begins."""
-        flight = self.flight
-        painter = flight.painter("burst", flight.other_port, flight.setup.fps * (BURST_TIMES - 1))
+        flight, beside = self.flight, self.flight.run / "burst"
+        painter = flight.painter("burst", flight.other_port, flight.setup.fps * (BURST_TIMES - 1), beside)
         flight.programs.wait_until_says(painter, "waiting for poses")
         begun = flight.elapsed_s()
         self.note("before")()
-        time.sleep(BURST_S)
+        with carried(beside, flight.run / "frames"):
+            time.sleep(BURST_S)
         self.note("after")()
         painter.end()
         flight.programs.started.remove(painter)

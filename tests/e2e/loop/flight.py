@@ -85,12 +85,12 @@ class Flight:
         self.camera = self.painter("camera", self.truth_port, self.setup.fps)
         self.programs.wait_until_says(self.camera, "waiting for poses")
 
-    def painter(self, name, port, fps):
-        """A renderer that writes into the folder of pictures, at the poses that come to that port."""
+    def painter(self, name, port, fps, out=None):
+        """A renderer that writes into the folder of pictures or another, at the poses that come to that port."""
         setup, inputs = self.setup, self.inputs
         return self.programs.start(name, [
             setup.nadir, "simulate", "camera", "--world", inputs.world / "ground.tif", "--dem", inputs.world / "dem.tif",
-            "--camera", inputs.camera, "--pose-from", f"udpin:127.0.0.1:{port}", "--out", self.run / "frames", "--fps",
+            "--camera", inputs.camera, "--pose-from", f"udpin:127.0.0.1:{port}", "--out", out or self.run / "frames", "--fps",
             fps, "--keep", 30, "--delay-s", setup.delay_s / setup.speed])
 
     def start_service(self, name="service"):

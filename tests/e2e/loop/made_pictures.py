@@ -1,7 +1,9 @@
 """Pictures that no renderer paints: what a camera in trouble puts into the folder."""
+import contextlib
 import os
 import shutil
 import struct
+import threading
 import time
 import zlib
 
@@ -43,3 +45,23 @@ def backlog(frames, count):
         shutil.copy(picture, held / picture.name)
     for picture in sorted(held.iterdir()):
         os.replace(picture, frames / f"{time.monotonic_ns()}-{picture.name}")
+
+
+@contextlib.contextmanager
+def carried(beside, frames):
+    """What a second renderer puts into `beside` goes on into the camera's folder, under a name of its own: two renderers
+    that hear the same pose would give their pictures the same one."""
+    done = threading.Event()
+
+    def carry():
+        while not done.wait(0.005):
+            for picture in sorted(beside.glob("frame_*.jpg")):
+                os.replace(picture, frames / f"{picture.stem}_{beside.name}.jpg")
+
+    carrier = threading.Thread(target=carry)
+    carrier.start()
+    try:
+        yield
+    finally:
+        done.set()
+        carrier.join()
