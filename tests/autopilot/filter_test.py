@@ -48,6 +48,14 @@ class Filter(unittest.TestCase):
         self.assertEqual(("test", "out of the gate"), self.filter.resets[0][1:3])
         self.assertAlmostEqual(300, self.filter.resets[0][3], delta=10)
 
+    def test_another_receiver_is_taken_at_once_however_far_off_it_is(self):
+        self.fly(20)
+        place = self.filter.position[0]
+        self.assertTrue(self.filter.fuse(self.t, sample(place + 300), "other"))
+        self.assertEqual(("other", "another receiver"), self.filter.resets[0][1:3])
+        self.assertAlmostEqual(place + 300, self.filter.position[0], delta=0.1)
+        self.assertFalse(self.filter.fuse(self.t, sample(place), "other"))
+
     def test_the_gate_is_five_sigmas(self):
         self.fly(30, h_acc=10)
         limit = 5 * math.sqrt(2 * (self.filter.pp + 100))

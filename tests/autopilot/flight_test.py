@@ -43,6 +43,14 @@ class Flight(unittest.TestCase):
         self.assertLess(summary["fix_error_m"]["max"], 3)
         self.assertGreater(aircraft.log.verdicts["accepted"], 2300)
 
+    def test_what_is_given_counts_as_old_unless_it_is_told_better(self):
+        for delay_ms, metres in ((0, 4.4), (10, 0.2)):  # 22 m/s
+            aircraft, companion = support.vehicle()
+            aircraft.protocol.parameters["GPS1_DELAY_MS"] = delay_ms
+            support.fly(aircraft, 60, support.TruthfulCompanion(aircraft, companion))
+            late = aircraft.filter_errors[-300:]
+            self.assertAlmostEqual(metres, sum(late) / len(late), delta=0.6)
+
     def test_it_flies_where_a_lying_companion_leads_it(self):
         aircraft, companion = support.vehicle(events("20:gps-denied"))
         giver = support.TruthfulCompanion(aircraft, companion)

@@ -15,7 +15,7 @@ import tty
 import support
 
 AUTOPILOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support", "autopilot.py")
-WRONG = {"GPS1_TYPE": 1, "EK3_SRC1_POSXY": 0, "EK3_SRC1_YAW": 8}
+WRONG = {"GPS1_TYPE": 1, "GPS1_DELAY_MS": 0, "EK3_SRC1_POSXY": 0, "EK3_SRC1_YAW": 8}
 
 
 def free_port():
@@ -87,7 +87,7 @@ class Provision(support.EndToEnd):
         self.assertEqual("4.6.1", told["version"])
         self.assertRegex(told["uid"], "^[0-9a-f]{36}$")
         found = {one["name"]: (one["found"], one["wanted"]) for one in told["parameters"]}
-        self.assertEqual({"GPS1_TYPE": (1, 14), "EK3_SRC1_POSXY": (0, 3), "EK3_SRC1_VELXY": (3, 3),
+        self.assertEqual({"GPS1_TYPE": (1, 14), "GPS1_DELAY_MS": (0, 10), "EK3_SRC1_POSXY": (0, 3), "EK3_SRC1_VELXY": (3, 3),
                           "EK3_SRC1_POSZ": (1, 1), "EK3_SRC1_YAW": (8, 1)}, found)
         self.assertFalse(self.key.exists())
         self.assertEqual([], self.events())
@@ -108,7 +108,8 @@ class Provision(support.EndToEnd):
         self.assertFalse(told["key_installed"])
         self.assertGreaterEqual(told["imu_rate_hz"], 40)
         events = self.events()
-        self.assertEqual({"GPS1_TYPE": 14, "EK3_SRC1_POSXY": 3, "EK3_SRC1_YAW": 1}, self.parameters_now(events))
+        self.assertEqual({"GPS1_TYPE": 14, "GPS1_DELAY_MS": 10, "EK3_SRC1_POSXY": 3, "EK3_SRC1_YAW": 1},
+                         self.parameters_now(events))
         self.assertEqual(["restart", "signing"], [line[0] for line in events if line[0] != "parameter"])
         self.assertNotIn(self.key.read_text().strip(), self.log.read_text())
 

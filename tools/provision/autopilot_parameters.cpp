@@ -10,9 +10,11 @@ namespace nadir {
 namespace {
 
 constexpr double kMavlinkGps = 14;
+constexpr double kGpsDelay_ms = 10;  // our fixes are of now; 0 would mean 200 to ArduPilot
 
 std::vector<AutopilotParameter> wanted(int receiver) {
   return {{.name = fmt::format("GPS{}_TYPE", receiver), .wanted = kMavlinkGps},
+          {.name = fmt::format("GPS{}_DELAY_MS", receiver), .wanted = kGpsDelay_ms},
           {.name = "EK3_SRC1_POSXY", .wanted = 3},
           {.name = "EK3_SRC1_VELXY", .wanted = 3},
           {.name = "EK3_SRC1_POSZ", .wanted = 1},

@@ -25,7 +25,9 @@ std::optional<std::uint32_t> boot_ms(AutopilotSession& session, MavlinkAddress a
 }
 
 // Whether the autopilot looks at this one at its start alone.
-bool needs_restart(const AutopilotParameter& parameter) { return parameter.name.ends_with("_TYPE"); }
+bool needs_restart(const AutopilotParameter& parameter) {
+  return parameter.name.ends_with("_TYPE") || parameter.name.ends_with("_DELAY_MS");
+}
 
 struct Changes {
   std::vector<AutopilotParameter> parameters;

@@ -107,7 +107,7 @@ class Flight:
             f"udpout:127.0.0.1:{self.truth_port}", "--truth", f"udpout:127.0.0.1:{self.other_port}", "--waypoints",
             inputs.waypoints, "--altitude-m", inputs.altitude_m, "--terrain", inputs.terrain, "--duration",
             setup.minutes * 60, "--speed", setup.speed, "--seed", setup.seed, "--own-receiver", setup.own_receiver, "--log", self.run / "flight",
-            *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
+            "--parameter", f"GPS{2 if setup.own_receiver == 'first' else 1}_DELAY_MS=10", *self._key("--key-file"), *(word for event in setup.events for word in ("--event", event))])
         self.programs.wait_until_says(self.autopilot, " s  ")
         self.begun_flying = time.monotonic()
 

@@ -1,16 +1,18 @@
 """The receiver that GPS_INPUT plays, as ArduPilot's AP_GPS and AP_GPS_MAV treat it.
 
 From the sources of ArduPilot (libraries/AP_GPS/AP_GPS.cpp, AP_GPS_MAV.cpp): a message for another instance is not heard;
-the fix type is taken as it is; a receiver is healthy while its messages come less than 245 ms apart on average and fewer
-than five in a row come later than that; after four seconds of silence it is gone.
+the fix type is taken as it is; a receiver is healthy while its messages come less than 215 ms apart on average and no two
+in a row come more than 245 ms after the one before; after four seconds of silence it is gone. A position counts as
+GPSn_DELAY_MS old, and as 200 ms old when that is 0 (GPS_Backend.h).
 """
 import math
 
 from .receiver import GpsSample
 
-MAX_SPACING_S = 0.245
-MAX_DELAYED = 5
+MAX_SPACING_S, MAX_AVERAGE_S = 0.245, 0.215
+MAX_DELAYED = 2
 TIMEOUT_S = 4.0
+USUAL_LAG_S = 0.2
 
 IGNORE_ALT, IGNORE_HDOP, IGNORE_VDOP, IGNORE_VEL_HORIZ, IGNORE_VEL_VERT = 1, 2, 4, 8, 16
 IGNORE_SPEED_ACCURACY, IGNORE_HORIZONTAL_ACCURACY, IGNORE_VERTICAL_ACCURACY = 32, 64, 128
@@ -77,9 +79,13 @@ class GpsInputReceiver:
             return self._refuse("unhealthy")
         return self.sample
 
+    def lag_s(self, parameters):
+        """How old its positions are, to the autopilot's mind."""
+        return parameters[f"GPS{self.instance + 1}_DELAY_MS"] / 1000 or USUAL_LAG_S
+
     def healthy(self, now_s):
         return (self.last_s is not None and now_s - self.last_s < TIMEOUT_S and self.delayed_in_a_row < MAX_DELAYED and
-                (self.average_s or 0) < MAX_SPACING_S)
+                (self.average_s or 0) < MAX_AVERAGE_S)
 
     def gone(self, now_s):
         """True once when it has been silent for too long."""

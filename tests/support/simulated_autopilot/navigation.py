@@ -4,6 +4,8 @@ GPS_AUTO_SWITCH 4, "use primary if it has a 3-D fix or better": the receiver tha
 aircraft's own one takes over while the primary has no fix. EK3_GPS_CHECK keeps a receiver out that is not good enough
 to begin with when the filter has had none for a while.
 """
+import copy
+
 from .gps_input import GpsInputReceiver, alignment_refusals
 from .position_filter import PositionFilter
 from .receiver import Receiver
@@ -44,8 +46,8 @@ class Navigation:
         if self.source != "none" and now_s - (self.filter.last_fusion_s or 0) > 1.0:
             self.source = "none"
 
-    def hear_gps_input(self, now_s, message):
-        """A word for the log: "accepted", or why not."""
+    def hear_gps_input(self, now_s, message, lag_s=0.0):
+        """A word for the log: "accepted", or why not. lag_s: how old the autopilot takes the position to be."""
         before = dict(self.given.refused)
         sample = self.given.hear(message, now_s)
         if sample is None:
@@ -53,7 +55,7 @@ class Navigation:
         last = self.filter.last_fusion_s
         if last is not None and now_s - last > UNAIDED_S and alignment_refusals(sample):
             return self._count("alignment")
-        if not self._fuse(now_s, sample, "gps_input"):
+        if not self._fuse(now_s, self._carried(sample, lag_s), "gps_input"):
             return "innovation"
         self.given_fused += 1
         return "accepted"
@@ -63,6 +65,13 @@ class Navigation:
 
     def altitude(self):
         return self.aircraft.altitude + self.height_error.value
+
+    def _carried(self, sample, lag_s):
+        """Where the receiver must be now if it was there so long ago."""
+        carried = copy.copy(sample)
+        carried.north += self.filter.velocity[0] * lag_s
+        carried.east += self.filter.velocity[1] * lag_s
+        return carried
 
     def _count(self, reason):
         self.given.refused[reason] = self.given.refused.get(reason, 0) + 1

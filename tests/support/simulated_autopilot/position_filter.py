@@ -2,8 +2,9 @@
 
 From NavEKF3_PosVelFusion.cpp: a position passes while the innovation is within five standard deviations of filter and
 receiver together (EK3_POS_I_GATE, EK3_VEL_I_GATE); when none has passed for ten seconds, or the filter is less sure than
-EK3_GLITCH_RAD, it is *reset* to the receiver. Between fixes it integrates accelerations; without any it holds the
-airspeed and the last known wind, as EKF3 does with an airspeed sensor. Both axes share one covariance.
+EK3_GLITCH_RAD, it is *reset* to the receiver. So it is to another receiver that takes over, at once and without a gate.
+Between fixes it integrates accelerations; without any it holds the airspeed and the last known wind, as EKF3 does with an
+airspeed sensor. Both axes share one covariance.
 """
 import math
 
@@ -14,6 +15,7 @@ MIN_POSITION_NOISE_M = 0.5
 MIN_VELOCITY_NOISE = 0.3
 ACCELERATION_NOISE = 0.35
 WIND_NOISE = 1.5  # of the remembered wind
+ANOTHER = "another receiver"  # a reason for a reset
 
 
 class PositionFilter:
@@ -24,6 +26,7 @@ class PositionFilter:
         self.pp, self.pv, self.vv = 4.0, 0.0, 1.0  # covariance of position and velocity, each axis
         self.last_pass_s = None
         self.last_fusion_s = None
+        self.source = None  # of the last sample that was let in
         self.ratio = 0.0  # of the last position innovation to its gate, squared
         self.accepted = 0
         self.rejected = {}
@@ -61,14 +64,16 @@ class PositionFilter:
         passed = self.ratio < 1
         timed_out = now_s - self.last_pass_s > RETRY_S
         unsure = 2 * self.pp > GLITCH_RADIUS_M ** 2
-        if not passed and not timed_out:
+        changed = self.source not in (None, source)
+        if not passed and not timed_out and not changed:
             self.rejected[source] = self.rejected.get(source, 0) + 1
             return False
         self.last_pass_s = self.last_fusion_s = now_s
+        self.source = source
         self.accepted += 1
-        if timed_out or unsure:
+        if timed_out or unsure or changed:
             reason = "out of the gate" if not passed else "ten seconds without" if timed_out else "too unsure"
-            self._reset(now_s, sample, source, reason, math.hypot(*innovation), r)
+            self._reset(now_s, sample, source, ANOTHER if changed else reason, math.hypot(*innovation), r)
             return True
         self._update_position(innovation, r)
         if sample.velocity is not None:

@@ -3,7 +3,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 FLOAT = dialect.MAV_PARAM_TYPE_REAL32
 # Those that provisioning looks at, as a fresh aircraft has them.
-PARAMETERS = {"GPS1_TYPE": 14, "GPS2_TYPE": 1, "GPS_AUTO_SWITCH": 4, "GPS_PRIMARY": 0, "EK3_ENABLE": 1, "AHRS_EKF_TYPE": 3,
+PARAMETERS = {"GPS1_TYPE": 14, "GPS2_TYPE": 1, "GPS1_DELAY_MS": 0, "GPS2_DELAY_MS": 0, "GPS_AUTO_SWITCH": 4, "GPS_PRIMARY": 0,
+              "EK3_ENABLE": 1, "AHRS_EKF_TYPE": 3,
               "EK3_SRC1_POSXY": 3, "EK3_SRC1_VELXY": 3, "EK3_SRC1_POSZ": 1, "EK3_SRC1_VELZ": 3, "EK3_SRC1_YAW": 1,
               "EK3_GPS_CHECK": 31, "EK3_POS_I_GATE": 500, "EK3_VEL_I_GATE": 500, "EK3_GLITCH_RAD": 25,
               "SERIAL2_PROTOCOL": 2, "SERIAL2_BAUD": 921, "SYSID_THISMAV": 1, "BRD_OPTIONS": 0, "ARMING_CHECK": 1}

@@ -10,6 +10,7 @@ from .guidance import Guidance
 from .navigation import Navigation
 from .plan import Plan
 from .plane import Plane
+from .position_filter import ANOTHER
 from .protocol import Protocol
 from .scenario import Scenario
 from .telemetry import Telemetry
@@ -109,7 +110,8 @@ class Vehicle:
         return self.plane.altitude - self.terrain.height(*self.local.to_degrees(self.plane.north, self.plane.east))
 
     def hear_gps_input(self, message):
-        word = self.navigation.hear_gps_input(self.now_s, message)
+        lag_s = self.navigation.given.lag_s(self.protocol.parameters)
+        word = self.navigation.hear_gps_input(self.now_s, message, lag_s)
         self.log.verdict(word)
         if message.fix_type >= 3 and word != "gps_id":
             sample = self.navigation.given.sample
@@ -123,7 +125,8 @@ class Vehicle:
                 "gps_input_spacing_max_s": given.longest_s, "gps_input_late": given.late,
                 "resets": [dict(zip(("time_s", "source", "reason", "metres"), reset))
                            for reset in self.navigation.filter.resets],
-                "resets_by_gps_input": sum(reset[1] == "gps_input" for reset in self.navigation.filter.resets),
+                "resets_by_gps_input": sum(source == "gps_input" and reason != ANOTHER
+                                           for _, source, reason, _ in self.navigation.filter.resets),
                 "link": {"received": self.link.received, "refused": self.link.refused, "sent": self.link.sent},
                 "heard": self.protocol.heard}
 
