@@ -10,6 +10,7 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "ortho/camera_digest.hpp"
+#include "ortho/picture_blur.hpp"
 
 namespace nadir {
 namespace {
@@ -110,6 +111,9 @@ std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const SeenFrame&
   if (report.refusal) return std::nullopt;
   ReadyFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
                    sidecar_of(seen, judged.trust), tile_gsd_m};
+  cv::cvtColor(frame.reduced.image, grey, cv::COLOR_BGR2GRAY);
+  report.refusal = judge_blur(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
+  if (report.refusal) return std::nullopt;
   frame.sidecar.quality.sharpness_ppm = ppm(quality.sharpness);
   frame.sidecar.quality.overlap_ppm = ppm(1);
   return frame;

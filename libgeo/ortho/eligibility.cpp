@@ -27,6 +27,7 @@ std::string_view name_of(OrthoRefusal refusal) {
     case OrthoRefusal::clouded: return "clouded";
     case OrthoRefusal::apart: return "apart";
     case OrthoRefusal::late: return "late";
+    case OrthoRefusal::blurred: return "blurred";
   }
   return "frame_unfit";
 }
@@ -46,6 +47,11 @@ FrameJudgement judge_pose(const FramePose& pose, double frame_gsd_m, double tile
 std::optional<OrthoRefusal> judge_picture(const FrameQuality& quality, const EligibilityLimits& limits) {
   if (quality.usable && quality.sharpness >= limits.min_sharpness) return std::nullopt;
   return OrthoRefusal::frame_unfit;
+}
+
+std::optional<OrthoRefusal> judge_blur(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits) {
+  const double most_px = std::max(limits.max_blur_px, limits.max_tile_blur_px * tile_px);
+  return blur_px && !(*blur_px <= most_px) ? std::optional(OrthoRefusal::blurred) : std::nullopt;
 }
 
 std::optional<OrthoRefusal> judge_view(const TileProjection& projection, const EligibilityLimits& limits) {

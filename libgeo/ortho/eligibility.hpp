@@ -16,8 +16,10 @@ struct EligibilityLimits {
   double candidate_sigma_m = 3;  // of the frame's place, one axis
   double soft_sigma_m = 5;
   double max_anchor_age_s = 0.5;
-  double max_coarseness = 2;        // the frame's pixels on the ground against the tile's
-  double min_sharpness = 0.02;      // of the frame, as FrameQuality has it
+  double max_coarseness = 2;      // the frame's pixels on the ground against the tile's
+  double min_sharpness = 0.02;    // of the frame, as FrameQuality has it
+  double max_blur_px = 1.8;       // of the picture that tiles are cut from (picture_blur.hpp); a little finer than they
+  double max_tile_blur_px = 1.5;  // and this is allowed in any case, in the tile's pixels
   double max_view_angle_rad = 0.6;  // 34 degrees off nadir: what stands up hides little behind it
   double max_slope = 0.25;          // flat or moderate terrain
   double min_contrast = 0.012;      // standard deviation of a tile's grey levels, of 1
@@ -31,16 +33,17 @@ enum class OrthoRefusal {
   unconfirmed,   // by one anchor alone
   unsure,        // sigma beyond what even soft tiles may have
   too_coarse,    // the frame's pixels are much larger than the tile's
-  frame_unfit,   // dark, blown out, blurred, of another size, undecodable
+  frame_unfit,   // dark, blown out, without detail, of another size, undecodable
   oblique,       // seen too far off nadir
   steep,         // terrain
   low_contrast,
   clipped,
   clouded,
-  apart,  // several frames show it, and not in the same place
-  late,   // the frame's time was spent
+  apart,   // several frames show it, and not in the same place
+  late,    // the frame's time was spent
+  blurred  // out of focus or moved
 };
-inline constexpr int kOrthoRefusals = 12;
+inline constexpr int kOrthoRefusals = 13;
 std::string_view name_of(OrthoRefusal refusal);
 
 struct FrameJudgement {
@@ -54,6 +57,10 @@ FrameJudgement judge_pose(const FramePose& pose, double frame_gsd_m, double tile
 
 // What can be told of the picture: grey is CV_8UC1.
 std::optional<OrthoRefusal> judge_picture(const FrameQuality& quality, const EligibilityLimits& limits);
+
+// blur_px: what blur_of() says of the picture that tiles are cut from; nothing where there are not enough edges to
+// tell, and then it is no reason: fields under snow show few. tile_px: a pixel of the tile in pixels of that picture.
+std::optional<OrthoRefusal> judge_blur(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits);
 
 std::optional<OrthoRefusal> judge_view(const TileProjection& projection, const EligibilityLimits& limits);
 

@@ -32,6 +32,7 @@ class Making : public ::testing::Test {
                            .key = &key_,
                            .zoom = kZoom};
     flight.limits.max_coarseness = 3;
+    flight.limits.max_blur_px = 1e3;  // waves are as soft in the sharpest picture
     return flight;
   }
   SeenFrame seen(double east_m = 0) const {
@@ -62,6 +63,31 @@ class Making : public ::testing::Test {
   PrivateKey key_ = PrivateKey::generate();
   CameraModel camera_ = test::small_camera().scaled(2);  // 640 x 480, 0.26 m at 100 m
 };
+
+// Parcels, roads and roofs, as they are and as a camera sees them that is out of focus, or that moves too fast.
+TEST_F(Making, MakesNothingOfABlurredFrame) {
+  const test::Landscape land(8, 130, 0.2);
+  const cv::Mat grey = test::photograph(land.ground(), camera_, seen().pose.pose, 2);
+  CandidateStore store(folder_ / "candidates");
+  CandidateFlight strict = flight();
+  strict.limits.max_blur_px = EligibilityLimits().max_blur_px;
+  CandidateMaker maker(strict);
+  const auto refusal = [&](const cv::Mat& picture) {
+    cv::Mat colour;
+    cv::cvtColor(picture, colour, cv::COLOR_GRAY2BGR);
+    return maker.make(seen(), encode_image(colour, ImageFormat::jpeg, 95), store).refusal;
+  };
+  cv::Mat unfocused, moved, in_haze;
+  cv::GaussianBlur(grey, unfocused, {}, 5);
+  cv::blur(grey, moved, {25, 1});
+  EXPECT_EQ(refusal(unfocused), OrthoRefusal::blurred);
+  EXPECT_EQ(refusal(moved), OrthoRefusal::blurred);
+  EXPECT_EQ(store.tiles(), 0U);
+  grey.convertTo(in_haze, CV_8U, 0.3, 120);
+  EXPECT_FALSE(refusal(in_haze));
+  EXPECT_FALSE(refusal(grey));
+  EXPECT_GT(store.tiles(), 0U);
+}
 
 TEST_F(Making, MakesTilesThatShowTheGroundWhereItIs) {
   CandidateStore store(folder_ / "candidates");
