@@ -6,9 +6,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "api/raw_client.hpp"
 #include "base/error.hpp"
-#include "candidates/service_fixture.hpp"
+#include "candidates/upload_server_fixture.hpp"
 #include "trust/base64.hpp"
 
 namespace nadir {
@@ -18,48 +17,8 @@ using test::RawClient;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-constexpr const char* kToken = "0123456789abcdef0123";
-
-class UploadServerTest : public test::ServiceFixture {
- protected:
-  void serve(const UploadServerLimits& limits = {}, std::size_t places = 16) {
-    const auto file = folder_.write("ground-1", std::string(kToken) + "\n");
-    const auto other = folder_.write("ground-2", "another-token-0123456789\n");
-    for (const auto& path : {file, other}) std::filesystem::permissions(path, std::filesystem::perms(0600));
-    clients_.emplace(std::vector<std::string>{file.string(), "mini-08=" + other.string()});
-    queue_.emplace(2, places);
-    api_.emplace(service(), *clients_, true, [](const UploadClient&, std::int64_t) {});
-    server_.emplace(*api_, *queue_, ListenAddress{.port = 0}, limits);
-  }
-  void TearDown() override { server_.reset(); }
-
-  RawClient connect() { return RawClient(server_->port()); }
-  static std::string request(const char* method, const std::string& path, const std::string& headers = {},
-                             const std::string& body = {}, const char* token = kToken) {
-    return fmt::format("{} {} HTTP/1.1\r\nHost: localhost\r\n{}{}{}\r\n{}", method, path,
-                       token ? fmt::format("Authorization: Bearer {}\r\n", token) : "", headers,
-                       body.empty() ? "" : fmt::format("Content-Length: {}\r\n", body.size()), body);
-  }
-  // The whole answer on a connection of its own.
-  std::string ask(const std::string& text) {
-    RawClient client = connect();
-    const std::size_t end = text.find("\r\n");
-    client.send(text.substr(0, end) + "\r\nConnection: close" + text.substr(end));
-    return client.read_to_the_end();
-  }
-  static std::string patch_headers(std::uint64_t offset, std::uint64_t length, std::string_view part) {
-    const Sha256 digest = sha256(as_bytes(part));
-    return fmt::format(
-        "Content-Type: application/octet-stream\r\nUpload-Offset: {}\r\nUpload-Length: {}\r\n"
-        "Content-Digest: sha-256=:{}:\r\n",
-        offset, length, to_base64(digest.bytes));
-  }
-
-  std::optional<Clients> clients_;
-  std::optional<FairQueue> queue_;
-  std::optional<UploadApi> api_;
-  std::optional<UploadServer> server_;
-};
+using test::kToken;
+using test::UploadServerTest;
 
 TEST_F(UploadServerTest, ABatchComesHomeOverHttp) {
   serve();

@@ -6,7 +6,7 @@ usage: check_docs.py links|commands|examples|tests PROJECT_ROOT FOLDER_OF_PROGRA
 links     every relative link leads to a file
 commands  every command has a page, and the page names every option that --help lists
 examples  code blocks that begin with ```sh test run with exit code 0, those of one page one after the other
-tests     every test that docs/trust.md names is there
+tests     every test that docs/trust.md and docs/sync.md name is there, and so is every code that an attack gets
 """
 import os
 import pathlib
@@ -21,6 +21,11 @@ ATTACKS = ["tampered file", "tiles swapped digests", "another mission airframe",
            "mix and match", "endless data", "partial write power cut", "revoked key", "rotated key",
            "paths absolute links twins", "duplicate keys floats nesting unknown", "every byte manifest signature flipped",
            "one byte every page"]
+
+
+# Attacks on the candidate service, likewise in docs/sync.md.
+SERVICE_ATTACKS = ["replayed batch", "swapped tile", "forged airframe", "revoked key", "path tricks names", "oversized pack",
+                   "zip-bomb", "lying sizes", "slow-loris", "clock tricks"]
 
 
 def pages(root):
@@ -80,21 +85,36 @@ def check_examples(root, programs):
 
 def check_tests(root, _):
     sources = "\n".join(source.read_text() for source in (root / "tests").rglob("*_test.cpp"))
-    named = re.findall(r"`([A-Z]\w+)\.([A-Z]\w+)`", (root / "docs/trust.md").read_text())
+    yield from check_attacks(root / "docs/trust.md", "| attack | tests |\n|---|---|\n", ATTACKS, sources)
+    yield from check_attacks(root / "docs/sync.md", "| attack | answer | tests |\n|---|---|---|\n", SERVICE_ATTACKS, sources)
+    # What the service answers: reasons of the closed list, problems and statuses that it knows.
+    known = "".join((root / path).read_text() for path in ("libgeo/exchange/reason_code.cpp", "tools/candidates/upload_json.cpp",
+                                                          "schemas/candidates.openapi.yaml"))
+    for row in rows_after((root / "docs/sync.md").read_text(), "| attack | answer | tests |\n|---|---|---|\n"):
+        for code in re.findall(r"`([^`]+)`", row[1]):
+            if not re.search(rf"\b{re.escape(code)}\b", known):
+                yield f"docs/sync.md: the service has no such answer: {code}"
+
+
+def rows_after(text, head):
+    return [row.strip("| ").split(" | ") for row in text.split(head)[1].split("\n\n")[0].splitlines()]
+
+
+def check_attacks(page, head, expected, sources):
+    text = page.read_text()
+    named = re.findall(r"`([A-Z]\w+)\.([A-Z]\w+)`", text)
     if not named:
-        yield "docs/trust.md names no test"
-    table = (root / "docs/trust.md").read_text().split("| attack | tests |\n|---|---|\n")[1].split("\n\n")[0]
-    for row in table.splitlines():
-        attack, tests = row.strip("| ").split(" | ")
-        if not re.search(r"`[A-Z]\w+\.[A-Z]\w+`", tests):
-            yield f"docs/trust.md: no test shows that this attack fails: {attack}"
-    attacks = [row.strip("| ").split(" | ")[0] for row in table.splitlines()]
-    for words in ATTACKS:
-        if not any(all(word in attack for word in words.split()) for attack in attacks):
-            yield f"docs/trust.md: no row for the attack: {words}"
+        yield f"{page.name} names no test"
+    rows = rows_after(text, head)
+    for row in rows:
+        if not re.search(r"`[A-Z]\w+\.[A-Z]\w+`", row[-1]):
+            yield f"{page.name}: no test shows that this attack fails: {row[0]}"
+    for words in expected:
+        if not any(all(word in row[0] for word in words.split()) for row in rows):
+            yield f"{page.name}: no row for the attack: {words}"
     for suite, name in named:
         if not re.search(rf"TEST(_F|_P)?\({suite}, {name}\)", sources):
-            yield f"docs/trust.md: no such test: {suite}.{name}"
+            yield f"{page.name}: no such test: {suite}.{name}"
 
 
 def main():
