@@ -1,5 +1,6 @@
-// A pack is forgotten, and before its file goes, another upload brings the very same pack. In a SpatiaLite file, or in
-// the catalogue that NADIR_TEST_CATALOGUE names (postgis_test.py).
+// A pack is forgotten, and before its file goes, another upload brings the very same pack; or one of its tiles in
+// another pack, whose file nobody needs. In a SpatiaLite file, or in the catalogue that NADIR_TEST_CATALOGUE names
+// (postgis_test.py).
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -9,6 +10,7 @@
 #include "candidates/candidate_catalogue.hpp"
 #include "candidates/flight_maker.hpp"
 #include "candidates/pack_store.hpp"
+#include "candidates/service_fixture.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -174,6 +176,62 @@ TEST_F(AdoptedPack, WhoseTilesWereAllForgottenGoesWithItsUpload) {
                   [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Rivals&) {});
   catalogue.remove_unused(catalogue.forget_dead_packs(upload), remove_);
   EXPECT_TRUE(store_.packs().empty());
+}
+
+class SparePack : public test::ServiceFixture {};
+
+// Both announce it before either has sent it: each is told to send, and the bytes are kept once.
+TEST_F(SparePack, OfAnotherUploadLeavesNoFile) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const std::string one = announced(first_.batch(tiles, 1)).upload;
+  const Announcement other = announced(first_.batch({tiles[0]}, 2));
+  ASSERT_EQ(other.missing.size(), 1U);
+  const Bytes both = test::pack_of(tiles), alone = test::pack_of({tiles[0]});
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(one, both)));
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(other.upload, alone)));
+  const PackStore store(options_.data / "packs");
+  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(both)});
+  const auto offset = service().offset(client_, other.upload, sha256(alone));
+  EXPECT_EQ(std::get<PackOffset>(offset).offset, alone.size()) << "its sender has sent all of it";
+  restarted();
+  std::optional<std::int64_t> judge;
+  service().complete(client_, one, judge);
+  service().complete(client_, other.upload, judge);
+  judge_all();
+  EXPECT_EQ(verdicts(one)[0].verdict, Verdict::accepted);
+  EXPECT_EQ(verdicts(other.upload)[0].verdict, Verdict::duplicate);
+  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(both)});
+}
+
+// Killed when the last part had come, and before the pack was looked at.
+TEST_F(SparePack, ThatCameWholeBeforeAKillLeavesNoFileEither) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const std::string one = announced(first_.batch(tiles, 1)).upload,
+                    other = announced(first_.batch({tiles[0]}, 2)).upload;
+  const Bytes both = test::pack_of(tiles), alone = test::pack_of({tiles[0]});
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(one, both)));
+  service_.reset();
+  IncomingPacks incoming(options_.data / "incoming");
+  IncomingPack pack = incoming.begin(other, sha256(alone), alone.size());
+  incoming.append(pack, alone, clock_.now());
+  restarted();
+  EXPECT_EQ(PackStore(options_.data / "packs").packs(), std::vector<Sha256>{sha256(both)});
+  EXPECT_FALSE(incoming.find(other, sha256(alone)));
+  std::optional<std::int64_t> judge;
+  EXPECT_TRUE(std::holds_alternative<Completion>(service().complete(client_, other, judge)));
+}
+
+// Killed when its file was in place, and before its rows were: put there by hand.
+TEST_F(SparePack, ThatWasPutIntoPlaceBeforeAKillIsRemovedAtTheStart) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(announced(first_.batch(tiles, 1)).upload, test::pack_of(tiles))));
+  PackStore store(options_.data / "packs");
+  const Bytes alone = test::pack_of({tiles[0]});
+  write_file_atomic(folder_ / "come", ByteView(alone));
+  store.adopt(folder_ / "come", sha256(alone));
+  EXPECT_EQ(store.packs().size(), 2U);
+  restarted();
+  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(test::pack_of(tiles))});
 }
 
 }  // namespace

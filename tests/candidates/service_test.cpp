@@ -171,29 +171,6 @@ TEST_F(Service, ABadPictureIsRejectedAndItsPackForgotten) {
   EXPECT_TRUE(PackStore(options_.data / "packs").packs().empty());
 }
 
-// Both announce it before either has sent it: each is told to send, and the bytes are kept once.
-TEST_F(Service, AnotherUploadsPackOfTheSameTilesLeavesNoFile) {
-  const auto tiles = candidates(first_, test::keys_in_a_row(2));
-  const std::string one = announced(first_.batch(tiles, 1)).upload;
-  const Announcement other = announced(first_.batch({tiles[0]}, 2));
-  ASSERT_EQ(other.missing.size(), 1U);
-  const Bytes both = test::pack_of(tiles), alone = test::pack_of({tiles[0]});
-  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(one, both)));
-  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(other.upload, alone)));
-  const PackStore store(options_.data / "packs");
-  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(both)});
-  const auto offset = service().offset(client_, other.upload, sha256(alone));
-  EXPECT_EQ(std::get<PackOffset>(offset).offset, alone.size()) << "its sender has sent all of it";
-  restarted();
-  std::optional<std::int64_t> judge;
-  service().complete(client_, one, judge);
-  service().complete(client_, other.upload, judge);
-  judge_all();
-  EXPECT_EQ(verdicts(one)[0].verdict, Verdict::accepted);
-  EXPECT_EQ(verdicts(other.upload)[0].verdict, Verdict::duplicate);
-  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(both)});
-}
-
 TEST_F(Service, ADamagedPackKeepsNoOtherAddressFromItsVote) {
   const auto keys = test::keys_in_a_row(3);
   const std::vector<Candidate> one{first_.candidate(keys[0])};
