@@ -13,9 +13,10 @@ namespace {
 constexpr double kHeartbeatPeriod_s = 1, kAskAgain_s = 10, kStrangerPeriod_s = 1, kThreadLimit_s = 2;
 constexpr int kLongestWait_ms = 20;
 
+// ArduPlane looks fifty times a second, and tells the operator each time that more than forty are asked for.
 constexpr std::pair<StreamedMessage, double> kStreams[] = {
     {StreamedMessage::attitude, 25},      {StreamedMessage::global_position, 5}, {StreamedMessage::gps_raw, 5},
-    {StreamedMessage::gps2_raw, 5},       {StreamedMessage::raw_imu, 50},        {StreamedMessage::ekf_status, 4},
+    {StreamedMessage::gps2_raw, 5},       {StreamedMessage::raw_imu, 40},        {StreamedMessage::ekf_status, 4},
     {StreamedMessage::terrain_report, 2}, {StreamedMessage::distance_sensor, 5}, {StreamedMessage::system_time, 1},
 };
 

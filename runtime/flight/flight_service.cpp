@@ -146,7 +146,7 @@ void FlightService::learn(double, const EkfReport& report) { gps_.hear(report); 
 
 void FlightService::judge_gps(double now_s) {
   const ServiceStatus status = machine_.status();
-  if (status.fix && status.state == ServiceState::degraded) gps_.led_blind(now_s);
+  if (status.fix) gps_.led(now_s);
   const GpsJudged judged = gps_.judge(now_s, status.link_up);
   if (judged.verdict == gps_judged_.verdict) return;
   gps_judged_ = judged;

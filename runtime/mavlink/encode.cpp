@@ -78,11 +78,11 @@ class Writer {
     w.horiz_accuracy = given(m.horizontal_accuracy_m, GPS_INPUT_IGNORE_FLAG_HORIZONTAL_ACCURACY);
     w.vert_accuracy = given(m.vertical_accuracy_m, GPS_INPUT_IGNORE_FLAG_VERTICAL_ACCURACY);
     w.speed_accuracy = given(m.speed_accuracy_m_s, GPS_INPUT_IGNORE_FLAG_SPEED_ACCURACY);
-    if (!m.velocity) ignore |= GPS_INPUT_IGNORE_FLAG_VEL_HORIZ | GPS_INPUT_IGNORE_FLAG_VEL_VERT;
-    const NedVelocity velocity = m.velocity.value_or(NedVelocity{});
+    if (!m.velocity) ignore |= GPS_INPUT_IGNORE_FLAG_VEL_HORIZ;
+    const GpsVelocity velocity = m.velocity.value_or(GpsVelocity{});
     w.vn = static_cast<float>(velocity.north_m_s);
     w.ve = static_cast<float>(velocity.east_m_s);
-    w.vd = static_cast<float>(velocity.down_m_s);
+    w.vd = given(velocity.down_m_s, GPS_INPUT_IGNORE_FLAG_VEL_VERT);
     w.ignore_flags = static_cast<std::uint16_t>(ignore);
     w.satellites_visible = rounded<std::uint8_t>(m.satellites);
     w.yaw = yaw_cdeg(m.yaw_rad);

@@ -107,8 +107,8 @@ std::optional<PredictedFix> FixPredictor::poll(std::int64_t now_us, std::int64_t
           .sigma_m = std::hypot(sigma_m(now_us), result.ramp_left_m),
           .msl_m = last_->msl_m,
           .vertical_sigma_m = last_->vertical_sigma_m,
-          .velocity = NedVelocity{last_->north_m_s + gained.velocity_m_s.north,
-                                  last_->east_m_s + gained.velocity_m_s.east, last_->down_m_s.value_or(0)},
+          .velocity = GpsVelocity{last_->north_m_s + gained.velocity_m_s.north,
+                                  last_->east_m_s + gained.velocity_m_s.east, last_->down_m_s},
           .speed_sigma_m_s =
               std::hypot(last_->speed_sigma_m_s, options_.acceleration_sigma_m_s2 * dt_s, unheard_m_s(gained)),
           .yaw_rad = last_->yaw_rad};

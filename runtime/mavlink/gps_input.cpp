@@ -1,5 +1,6 @@
 #include "mavlink/gps_input.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "mavlink/gps_time.hpp"
@@ -15,6 +16,10 @@ constexpr int kSatellites = 10;
 
 constexpr double kNoFixAccuracyM = 999.0;
 
+// Our velocity leans on the autopilot's own attitude, which a filter that is told of too sure a velocity tilts by it,
+// and so on. As much as its checks before the first use let pass.
+constexpr double kLeastSpeedSigma_m_s = 1.0;
+
 bool usable(double sigma) { return std::isfinite(sigma) && sigma >= 0; }
 
 bool usable(const Fix& fix) {
@@ -22,8 +27,8 @@ bool usable(const Fix& fix) {
          std::abs(fix.place.lon_deg) <= 180;
 }
 
-bool finite(const NedVelocity& v) {
-  return std::isfinite(v.north_m_s) && std::isfinite(v.east_m_s) && std::isfinite(v.down_m_s);
+bool finite(const GpsVelocity& v) {
+  return std::isfinite(v.north_m_s) && std::isfinite(v.east_m_s) && std::isfinite(v.down_m_s.value_or(0));
 }
 
 GpsInput timed(std::int64_t unix_us, std::uint8_t gps_id) {
@@ -58,7 +63,9 @@ GpsInput gps_input(const Fix& fix, std::uint8_t gps_id) {
   if (fix.vertical_sigma_m && usable(*fix.vertical_sigma_m)) input.vertical_accuracy_m = fix.vertical_sigma_m;
   if (fix.velocity && finite(*fix.velocity)) {
     input.velocity = fix.velocity;
-    if (fix.speed_sigma_m_s && usable(*fix.speed_sigma_m_s)) input.speed_accuracy_m_s = fix.speed_sigma_m_s;
+    if (fix.speed_sigma_m_s && usable(*fix.speed_sigma_m_s)) {
+      input.speed_accuracy_m_s = std::max(*fix.speed_sigma_m_s, kLeastSpeedSigma_m_s);
+    }
   }
   if (fix.yaw_rad && std::isfinite(*fix.yaw_rad)) input.yaw_rad = fix.yaw_rad;
   return input;

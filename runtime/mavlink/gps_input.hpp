@@ -20,7 +20,7 @@ struct Fix {
   double sigma_m = 0;  // horizontal, one axis
   std::optional<double> msl_m{};
   std::optional<double> vertical_sigma_m{};
-  std::optional<NedVelocity> velocity{};
+  std::optional<GpsVelocity> velocity{};
   std::optional<double> speed_sigma_m_s{};
   std::optional<double> yaw_rad{};
 };

@@ -244,6 +244,15 @@ struct OwnHeartbeat {  // as an onboard computer
 };
 
 // A GPS fix for the autopilot; gps_input.hpp fills it by the autopilot's rules.
+// What a receiver tells of its velocity: one that looks at the ground may know nothing of the vertical.
+struct GpsVelocity {
+  double north_m_s = 0;
+  double east_m_s = 0;
+  std::optional<double> down_m_s{};
+
+  bool operator==(const GpsVelocity&) const = default;
+};
+
 struct GpsInput {
   std::int64_t unix_us = 0;
   std::uint16_t gps_week = 0;
@@ -254,7 +263,7 @@ struct GpsInput {
   std::optional<double> msl_m{};
   std::optional<double> hdop{};
   std::optional<double> vdop{};
-  std::optional<NedVelocity> velocity{};
+  std::optional<GpsVelocity> velocity{};
   std::optional<double> horizontal_accuracy_m{};
   std::optional<double> vertical_accuracy_m{};
   std::optional<double> speed_accuracy_m_s{};

@@ -112,11 +112,8 @@ bool GpsHealth::vision_speaks(double time_s) const {
   return vision_ && std::abs(time_s - vision_->time_s) <= kMaxVisionAge_s;
 }
 
-// With GPS already out of use the autopilot's filter says nothing about GPS: it is where our fix took it. Nor does it
-// while, and soon after, it went by a fix that pictures did not carry.
-bool GpsHealth::filter_speaks(double now_s) const {
-  return judged_.verdict == GpsVerdict::trusted && !(led_blind_s_ && now_s - *led_blind_s_ <= kLedBlind_s);
-}
+// While, and soon after, the autopilot's filter was told a fix of ours it says nothing about the receiver.
+bool GpsHealth::filter_goes_by_it(double now_s) const { return !led_s_ || now_s - *led_s_ > kLed_s; }
 
 std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
   using enum GpsVerdict;
@@ -129,7 +126,8 @@ std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
     const double apart_m = distance_m(vision_->place, last_fix_->place);
     return GpsJudged{spoofed, fmt::format("{:.0f} m from where pictures say", apart_m)};
   }
-  if (!filter_speaks(now_s)) return std::nullopt;
+  // With GPS already out of use the filter is where our fix took it.
+  if (judged_.verdict != GpsVerdict::trusted || !filter_goes_by_it(now_s)) return std::nullopt;
   if (lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return GpsJudged{spoofed, "the autopilot reports a GPS glitch"};
   if (lasts(now_s, ekf_lost_since_s_, kEkfAlarm_s)) {
     return GpsJudged{denied, "the autopilot no longer knows its position by GPS"};
@@ -139,8 +137,9 @@ std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
 
 bool GpsHealth::fit_again(double now_s) const {
   if (!good_since_s_) return false;
-  if (judged_.verdict == GpsVerdict::unknown) return true;       // nothing speaks against the first one
-  if (lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return false;  // the alarm would accuse it at once
+  if (judged_.verdict == GpsVerdict::unknown) return true;  // nothing speaks against the first one
+  // The alarm would accuse it at once.
+  if (filter_goes_by_it(now_s) && lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return false;
   if (agrees_since_s_ && now_s - *good_since_s_ >= kGpsStable_s && now_s - *agrees_since_s_ >= kGpsStable_s)
     return true;
   return !lied_ && !vision_speaks(now_s) && now_s - *good_since_s_ >= kGpsStableAlone_s;

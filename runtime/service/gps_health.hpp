@@ -23,7 +23,7 @@ namespace nadir {
 inline constexpr double kGpsSilent_s = 1.5;          // no message
 inline constexpr double kGpsNoFix_s = 0.5;           // messages without a 3-D fix
 inline constexpr double kEkfAlarm_s = 1.0;           // the autopilot's filter complains for so long
-inline constexpr double kLedBlind_s = 15;            // so long it may be where our dead reckoning took it
+inline constexpr double kLed_s = 15;                 // so long what it says may be about our fix
 inline constexpr double kMaxGroundSpeed_m_s = 100;   // of any aircraft that we fly on, with the wind
 inline constexpr double kStepMargin_m = 30;          // beyond what speed and accuracies explain
 inline constexpr double kMaxAcceleration_m_s2 = 15;  // between two fixes
@@ -65,8 +65,10 @@ class GpsHealth {
   void hear(const GpsFix3d& fix);
   void hear(const EkfReport& report);
   void hear(const VisionPosition& vision);
-  // The autopilot is being told a fix of ours that is dead reckoned. Its filter goes by that, off as it may be by then.
-  void led_blind(double now_s) { led_blind_s_ = now_s; }
+  // The autopilot is being told a fix of ours. What its filter says is about that fix, and not about the receiver:
+  // ArduPilot also reports a glitch when the fix that it goes by claims a speed that is known to no better than 1.5
+  // m/s.
+  void led(double now_s) { led_s_ = now_s; }
 
   // The verdict now. Call it several times a second: silence is told by nobody. While the link to the autopilot is down
   // the receiver's silence says nothing, and the verdict stays.
@@ -79,7 +81,7 @@ class GpsHealth {
   std::optional<GpsJudged> trouble(double now_s) const;
   bool fit_again(double now_s) const;
   bool vision_speaks(double time_s) const;
-  bool filter_speaks(double now_s) const;
+  bool filter_goes_by_it(double now_s) const;
 
   GpsJudged judged_;
   double last_message_s_;
@@ -91,7 +93,7 @@ class GpsHealth {
   std::optional<double> disagrees_since_s_;
   std::optional<double> glitch_since_s_;
   std::optional<double> ekf_lost_since_s_;
-  std::optional<double> led_blind_s_;
+  std::optional<double> led_s_;
   bool ekf_knew_ = false;
   std::string lie_;    // a step or a speed since the last verdict
   bool lied_ = false;  // since it was trusted last

@@ -51,6 +51,16 @@ class Flight(unittest.TestCase):
             late = aircraft.filter_errors[-300:]
             self.assertAlmostEqual(metres, sum(late) / len(late), delta=0.6)
 
+    def test_a_speed_that_is_told_to_be_vague_is_called_a_glitch(self):
+        for accuracy, glitch in ((0.5, False), (2.0, True)):
+            aircraft, companion = support.vehicle()
+            giver = support.TruthfulCompanion(aircraft, companion)
+            giver.speed_accuracy = accuracy
+            support.fly(aircraft, 5, giver)
+            report = [m for m in companion.read() if m.get_type() == "EKF_STATUS_REPORT"][-1]
+            self.assertEqual(glitch, bool(report.flags & support.dialect.EKF_GPS_GLITCHING))
+            self.assertEqual([], aircraft.summary()["resets"])
+
     def test_it_flies_where_a_lying_companion_leads_it(self):
         aircraft, companion = support.vehicle(events("20:gps-denied"))
         giver = support.TruthfulCompanion(aircraft, companion)

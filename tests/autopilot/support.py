@@ -77,6 +77,7 @@ class TruthfulCompanion:
         self.aircraft, self.companion, self.h_acc = aircraft, companion, h_acc
         self.offset, self.fix_type, self.period = [0.0, 0.0], 3, 0.1
         self.next_s = 0.0
+        self.speed_accuracy = 0.5
 
     def __call__(self):
         if self.aircraft.now_s < self.next_s:
@@ -84,4 +85,5 @@ class TruthfulCompanion:
         self.next_s = self.aircraft.now_s + self.period
         plane = self.aircraft.plane
         lat, lon = self.aircraft.local.to_degrees(plane.north + self.offset[0], plane.east + self.offset[1])
-        self.companion.send(gps_input(lat, lon, self.fix_type, h_acc=self.h_acc, velocity=plane.velocity))
+        self.companion.send(gps_input(lat, lon, self.fix_type, h_acc=self.h_acc, velocity=plane.velocity,
+                                      speed_accuracy=self.speed_accuracy))

@@ -28,6 +28,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt (15 minutes)
   rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
+  sitl          ArduPlane itself, in its own simulator, by nadird's fixes (--arduplane PATH; NOT RUN without; 6 minutes)
   soak          two hours of simulated flight at eight times real time: memory, file handles, threads
   sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
@@ -89,6 +90,7 @@ part() {
     ortho)        one_program bench_ortho_frame && ortho "$@" ;;
     rules)        build-venv/bin/python -B "$here/../e2e/rule_flights.py" "$@" ;;
     chaos)        build-venv/bin/python -B "$here/../e2e/chaos.py" "$@" ;;
+    sitl)         build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
     soak)         one_program bench_fast_nadird && build-venv/bin/python -B "$here/../e2e/soak.py" "$@" ;;
     roc)          one_program bench_roc && build/bin/bench_roc "$@" ;;
   esac
@@ -100,8 +102,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, rules, chaos, soak, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | candidates | localization | closed-loop | rules | chaos | soak | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, rules, chaos, sitl, soak, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | candidates | localization | closed-loop | rules | chaos | sitl | soak | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

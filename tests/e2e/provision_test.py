@@ -106,7 +106,7 @@ class Provision(support.EndToEnd):
         self.fails(2, *self.args(patience=1), says=("autopilot",))
         told = json.loads(self.good(*self.args("--apply", "--signing-key", self.key, "--json")).stdout)
         self.assertFalse(told["key_installed"])
-        self.assertGreaterEqual(told["imu_rate_hz"], 40)
+        self.assertGreaterEqual(told["imu_rate_hz"], 30)
         events = self.events()
         self.assertEqual({"GPS1_TYPE": 14, "GPS1_DELAY_MS": 10, "EK3_SRC1_POSXY": 3, "EK3_SRC1_YAW": 1},
                          self.parameters_now(events))

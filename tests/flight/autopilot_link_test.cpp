@@ -117,7 +117,7 @@ TEST_F(AutopilotLinkTest, AsksForStreamsOnceAnAutopilotIsHeardAndAgainLater) {
   ASSERT_EQ(streams.count(MAVLINK_MSG_ID_ATTITUDE), 1U);
   EXPECT_EQ(streams.find(MAVLINK_MSG_ID_ATTITUDE)->second, 40'000);
   ASSERT_EQ(streams.count(MAVLINK_MSG_ID_RAW_IMU), 1U);
-  EXPECT_EQ(streams.find(MAVLINK_MSG_ID_RAW_IMU)->second, 20'000);
+  EXPECT_EQ(streams.find(MAVLINK_MSG_ID_RAW_IMU)->second, 25'000);
   autopilot_beats(MAV_AUTOPILOT_ARDUPILOTMEGA);
   second();
   second();

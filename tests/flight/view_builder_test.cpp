@@ -59,7 +59,7 @@ TEST(ViewBuilder, WhileBlindTheFixThatIsToldIsShownAndWithoutOneNothing) {
   views.localizer(spoke(10, AnchorVerdict::accepted));
   ServiceStatus status;
   status.state = ServiceState::normal;
-  const Fix told{.unix_us = 0, .place = {8.6, 47.5}, .sigma_m = 30, .velocity = NedVelocity{1, 2, 0}};
+  const Fix told{.unix_us = 0, .place = {8.6, 47.5}, .sigma_m = 30, .velocity = GpsVelocity{1, 2, 0}};
   views.permit(status, told, 19);
   EXPECT_EQ(view_of(views).position->place, (LonLat{8.5, 47.4})) << "pictures know better";
   status.state = ServiceState::degraded;

@@ -74,7 +74,7 @@ TEST(Encode, GpsInputFieldByField) {
                                   .msl_m = 612.5,
                                   .hdop = 0.75,
                                   .vdop = 1.25,
-                                  .velocity = NedVelocity{20.5, -3.25, 0.5},
+                                  .velocity = GpsVelocity{20.5, -3.25, 0.5},
                                   .horizontal_accuracy_m = 4.5,
                                   .vertical_accuracy_m = 6.5,
                                   .speed_accuracy_m_s = 0.5,
@@ -104,7 +104,9 @@ TEST(Encode, GpsInputFieldByField) {
 
 TEST(Encode, WhatIsUnknownIsSaidToBeIgnored) {
   EXPECT_EQ(read({GpsInput{}}).at(0)["ignore_flags"], 255);
-  EXPECT_EQ(read({GpsInput{.msl_m = 0.0, .velocity = NedVelocity{}}}).at(0)["ignore_flags"], 255 - 1 - 8 - 16);
+  EXPECT_EQ(read({GpsInput{.msl_m = 0.0, .velocity = GpsVelocity{0, 0, 0}}}).at(0)["ignore_flags"], 255 - 1 - 8 - 16);
+  // ArduPilot's filter takes a vertical velocity that is not ignored for true, and a zero for level flight.
+  EXPECT_EQ(read({GpsInput{.velocity = GpsVelocity{20, 1, {}}}}).at(0)["ignore_flags"], 255 - 8);
 }
 
 TEST(Encode, YawOfNorthIsNotYawUnknown) {

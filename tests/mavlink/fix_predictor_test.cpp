@@ -100,11 +100,19 @@ TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
     EXPECT_NEAR(enu(predicted).north_m, 0, 1e-3);
     EXPECT_NEAR(*predicted.fix->msl_m, 600 + 2 * (time_s - 1), 1e-9);
     EXPECT_EQ(predicted.fix->velocity->east_m_s, 20);
+    EXPECT_EQ(predicted.fix->velocity->down_m_s, -2);
     EXPECT_GT(predicted.fix->sigma_m, sigma_m);
     sigma_m = predicted.fix->sigma_m;
   }
   // After 4 s: 3 m, 0.5 m/s and 0.5 m/s² of which none is known better.
   EXPECT_NEAR(sigma_m, std::hypot(3, 0.5 * 4.0, 0.25 * 4.0 * 4.0), 0.1);
+}
+
+TEST_F(Prediction, AVerticalVelocityThatNobodyKnowsIsNotSaidToBeNone) {
+  ASSERT_TRUE(predictor_.observe(on_track(1), kSecond + 80'000));
+  const PredictedFix predicted = at(1.2);
+  ASSERT_TRUE(predicted.fix && predicted.fix->velocity);
+  EXPECT_FALSE(predicted.fix->velocity->down_m_s);
 }
 
 TEST_F(Prediction, InABlackoutTheFixTurnsWithTheAircraft) {

@@ -19,7 +19,7 @@ Fix good_fix() {
           .sigma_m = 4,
           .msl_m = 600,
           .vertical_sigma_m = 6,
-          .velocity = NedVelocity{20, 1, 0},
+          .velocity = GpsVelocity{20, 1, 0},
           .speed_sigma_m_s = 0.5,
           .yaw_rad = 0.0};
 }
@@ -70,8 +70,8 @@ TEST(GpsInput, AGoodFixPassesTheAutopilotsChecks) {
   EXPECT_GE(input.satellites, 6);
   EXPECT_EQ(*input.horizontal_accuracy_m, 4);
   EXPECT_EQ(*input.vertical_accuracy_m, 6);
-  EXPECT_EQ(*input.speed_accuracy_m_s, 0.5);
-  EXPECT_EQ(*input.velocity, (NedVelocity{20, 1, 0}));
+  EXPECT_EQ(*input.speed_accuracy_m_s, 1) << "0.5 is surer than a velocity that leans on the autopilot's attitude";
+  EXPECT_EQ(*input.velocity, (GpsVelocity{20, 1, 0}));
   EXPECT_EQ(*input.yaw_rad, 0);
 }
 

@@ -70,7 +70,7 @@ AutopilotIdentity identify(AutopilotSession& session) {
                  .where = session.url(),
                  .expected = "AUTOPILOT_VERSION with the processor's identity",
                  .found = known ? "an identity of zeros" : fmt::format("no answer in {} s", session.patience_s()),
-                 .fix = "update it: ArduPilot tells since version 4.0"});
+                 .fix = "give its --signing-key, when it has one; else update it: ArduPilot tells since version 4.0"});
   }
   return identity;
 }

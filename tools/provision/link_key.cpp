@@ -68,8 +68,9 @@ void install_key(AutopilotSession& session, MavlinkAddress autopilot, const Sign
 
 bool remove_key(AutopilotSession& session, MavlinkAddress autopilot) {
   const std::uint64_t before = session.counts().signatures.without;
-  // A key of zeros is none. What is unsigned is never handed on, so that the counts must tell.
-  session.send(SigningSetup{autopilot, {}, signing_time_of(unix_us())});
+  // A key of zeros at time zero is none; at any other time ArduPilot would sign with zeros. What is unsigned is never
+  // handed on, so that the counts must tell.
+  session.send(SigningSetup{autopilot, {}, 0});
   const auto enough = [&] { return session.counts().signatures.without >= before + kUnsignedFrames; };
   session.ask(
       {}, [](const ReceivedMessage&) { return false; }, enough);

@@ -14,6 +14,7 @@ namespace {
 
 constexpr int kImuSamples = 50;
 constexpr std::uint64_t kLongestMeasurement_us = 3'000'000;  // by the autopilot's clock
+constexpr double kSettling_s = 10;                           // ArduPlane 4.7 takes no rate for 14 s after its start
 constexpr LonLat kNowhere{-11.2345678, 2.3456789};           // the Gulf of Guinea
 constexpr double kNowhereSigma_m = 100;                      // arming and the filter want 5
 constexpr double kSamePlace_deg = 1e-6;
@@ -23,9 +24,8 @@ std::int64_t unix_us() {
       .count();
 }
 
-}  // namespace
-
-double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot) {
+// By the autopilot's clock; 0 when none came.
+double imu_rate_hz(AutopilotSession& session, MavlinkAddress autopilot) {
   std::optional<std::uint64_t> first_us;
   std::uint64_t last_us = 0;
   int samples = 0;
@@ -37,16 +37,25 @@ double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot) {
     return ++samples > kImuSamples || last_us - *first_us > kLongestMeasurement_us;
   };
   session.ask(set_message_interval(autopilot, StreamedMessage::raw_imu, kWantedImuRate_hz), count);
-  const double rate_hz = samples < 2 ? 0 : (samples - 1) * 1e6 / static_cast<double>(last_us - *first_us);
-  if (!(rate_hz >= kLeastImuRate_hz)) {
-    throw Error(
-        {.what = "the accelerometer comes too seldom",
-         .where = session.url(),
-         .expected = fmt::format("RAW_IMU at {} Hz, as asked for; at least {}", kWantedImuRate_hz, kLeastImuRate_hz),
-         .found = samples < 2 ? "none" : fmt::format("{:.1f} Hz by the autopilot's clock", rate_hz),
-         .fix = "raise the link's baud rate, and lower the SRn_ rates of other streams on it"});
-  }
-  return rate_hz;
+  return samples < 2 ? 0 : (samples - 1) * 1e6 / static_cast<double>(last_us - *first_us);
+}
+
+}  // namespace
+
+double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot) {
+  const auto until =
+      std::chrono::steady_clock::now() + std::chrono::duration<double>(kSettling_s + session.patience_s());
+  double rate_hz = 0;
+  do {
+    rate_hz = imu_rate_hz(session, autopilot);
+    if (rate_hz >= kLeastImuRate_hz) return rate_hz;
+  } while (rate_hz > 0 && std::chrono::steady_clock::now() < until);
+  throw Error(
+      {.what = "the accelerometer comes too seldom",
+       .where = session.url(),
+       .expected = fmt::format("RAW_IMU at {} Hz, as asked for; at least {}", kWantedImuRate_hz, kLeastImuRate_hz),
+       .found = rate_hz > 0 ? fmt::format("{:.1f} Hz by the autopilot's clock", rate_hz) : "none",
+       .fix = "raise the link's baud rate, and lower the SRn_ rates of other streams on it"});
 }
 
 void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int receiver) {

@@ -6,6 +6,7 @@ to begin with when the filter has had none for a while.
 """
 import copy
 
+from .accuracy_alarm import AccuracyAlarm
 from .gps_input import GpsInputReceiver, alignment_refusals
 from .position_filter import PositionFilter
 from .receiver import Receiver
@@ -23,6 +24,7 @@ class Navigation:
         self.filter = PositionFilter(plane.north, plane.east, plane.velocity)
         self.accelerometer = [Wander(random, 0.06, 120) for _ in range(2)]
         self.height_error = Wander(random, 1.0, 120)
+        self.accuracy_alarm = AccuracyAlarm()
         self.own_sample = None
         self.source = "none"
         self.given_fused = 0
@@ -78,6 +80,7 @@ class Navigation:
         return reason
 
     def _fuse(self, now_s, sample, source):
+        self.accuracy_alarm.hear(now_s, sample.s_acc)
         if not self.filter.fuse(now_s, sample, source):
             return False
         self.source = source

@@ -2,6 +2,7 @@
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 FLOAT = dialect.MAV_PARAM_TYPE_REAL32
+SIGNING_MINUTE = 6_000_000  # ArduPilot begins so far ahead of what it was told
 # Those that provisioning looks at, as a fresh aircraft has them.
 PARAMETERS = {"GPS1_TYPE": 14, "GPS2_TYPE": 1, "GPS1_DELAY_MS": 0, "GPS2_DELAY_MS": 0, "GPS_AUTO_SWITCH": 4, "GPS_PRIMARY": 0,
               "EK3_ENABLE": 1, "AHRS_EKF_TYPE": 3,
@@ -73,11 +74,12 @@ class Protocol:
         if "signing-deaf" in self.faults or self.vehicle.armed:  # as ArduPilot: no key while it is armed
             return
         key = bytes(message.secret_key)
-        if any(key):
-            self.link.sign(key, message.initial_timestamp)
+        installed = any(key) or message.initial_timestamp != 0  # zeros at any other time are a key to ArduPilot
+        if installed:
+            self.link.sign(key, message.initial_timestamp + SIGNING_MINUTE)
         else:
             self.link.stop_signing()
-        self.vehicle.log.event(self.vehicle.now_s, "signing", text="installed" if any(key) else "removed")
+        self.vehicle.log.event(self.vehicle.now_s, "signing", text="installed" if installed else "removed")
 
     def _command_long(self, message):
         self._command(message, [getattr(message, f"param{i}") for i in range(1, 8)])

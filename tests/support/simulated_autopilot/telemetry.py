@@ -156,7 +156,7 @@ class Telemetry:
                  dialect.EKF_POS_HORIZ_REL)
         if navigation.source != "none" or 2 * navigation.filter.pp < 625:
             flags |= dialect.EKF_POS_HORIZ_ABS | dialect.EKF_PRED_POS_HORIZ_ABS
-        if navigation.filter.ratio >= 1:
+        if navigation.filter.ratio >= 1 or navigation.accuracy_alarm.on:
             flags |= dialect.EKF_GPS_GLITCHING
         variance = min(10.0, math.sqrt(navigation.filter.ratio))
         return dialect.MAVLink_ekf_status_report_message(flags, 0.1, variance, 0.1, 0.05, 0.0, 0.0)
