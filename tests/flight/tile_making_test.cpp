@@ -35,6 +35,7 @@ class TilesInFlight : public ::testing::Test {
                                           .frame = LocalFrame({11.2, 48.1}),
                                           .zoom = 20}};
     setup.flight.limits.max_coarseness = 3;
+    setup.flight.limits.max_blur_px = 1e3;  // waves are as soft in the sharpest picture
     return setup;
   }
   TileMaking::Listener listener() {
