@@ -16,11 +16,12 @@ namespace {
 
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 
+// What is ours alone: pages of programs and libraries come and go as the kernel likes.
 double resident_mb() {
   std::ifstream file("/proc/self/statm");
-  double size = 0, resident = 0;
-  file >> size >> resident;
-  return resident * static_cast<double>(::sysconf(_SC_PAGESIZE)) / 1e6;
+  double size = 0, resident = 0, of_files = 0;
+  file >> size >> resident >> of_files;
+  return (resident - of_files) * static_cast<double>(::sysconf(_SC_PAGESIZE)) / 1e6;
 }
 
 // Buffers of pictures' sizes that come and go, on three threads at once; never more than 60 MB together.
