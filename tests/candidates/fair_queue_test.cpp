@@ -9,9 +9,9 @@ namespace nadir {
 namespace {
 
 TEST(FairQueue, LanesTakeTurns) {
-  FairQueue queue(1, 100);
-  std::promise<void> go, done;
+  std::promise<void> go, done;  // before the queue, as all that its threads touch: they end with it
   std::string order;
+  FairQueue queue(1, 100);
   queue.put("block", [&] { go.get_future().wait(); });
   for (int i = 0; i < 5; ++i) queue.put("greedy", [&] { order += 'g'; });
   queue.put("modest", [&] { order += 'm'; });
@@ -24,8 +24,8 @@ TEST(FairQueue, LanesTakeTurns) {
 }
 
 TEST(FairQueue, AFullLaneTakesNoMoreAndOthersDo) {
-  FairQueue queue(1, 2);
   std::promise<void> go, begun;
+  FairQueue queue(1, 2);
   queue.put("greedy", [&] { begun.set_value(), go.get_future().wait(); });
   begun.get_future().wait();
   EXPECT_TRUE(queue.put("greedy", [] {}));
@@ -36,9 +36,9 @@ TEST(FairQueue, AFullLaneTakesNoMoreAndOthersDo) {
 }
 
 TEST(FairQueue, ALaneNeverHoldsAllThreads) {
-  FairQueue queue(2, 100);
   std::counting_semaphore<> go(0);
   std::promise<void> done;
+  FairQueue queue(2, 100);
   for (int i = 0; i < 10; ++i) queue.put("greedy", [&] { go.acquire(); });
   queue.put("modest", [&] { done.set_value(); });
   done.get_future().wait();  // although the greedy one's work never ends
@@ -46,9 +46,9 @@ TEST(FairQueue, ALaneNeverHoldsAllThreads) {
 }
 
 TEST(FairQueue, WhatWaitsAtTheEndIsDropped) {
-  FairQueue queue(1, 10'000'000);  // never full, so that a refusal means the end
   std::promise<void> go, begun;
   bool ran = false;
+  FairQueue queue(1, 10'000'000);  // never full, so that a refusal means the end
   queue.put("a", [&] { begun.set_value(), go.get_future().wait(); });
   queue.put("a", [&] { ran = true; });
   begun.get_future().wait();
