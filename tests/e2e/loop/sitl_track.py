@@ -8,6 +8,8 @@ import sys
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "support"))
 from simulated_autopilot.geo import LocalPlane, wrap
 
+from .evidence import WRONG_M, WRONG_SIGMAS
+
 RESET_M = 5.0  # a step of the autopilot's position beyond what its velocity explains
 GLITCHING, CONST_POSITION = 1 << 15, 1 << 7  # of EKF_STATUS_REPORT
 POSITION_KNOWN = 1 << 4
@@ -99,6 +101,12 @@ class Track:
 
     def fix_errors(self, rows, from_s, to_s):
         return self.errors([row for row in rows if row[1] >= FIX_3D], from_s, to_s, (2, 3))
+
+    def wrong_and_sure(self, from_s, to_s):
+        """(given fixes that are far off and say that they are not, all of them)"""
+        accuracies = {row[0]: row[4] for row in self.given}
+        errors = self.fix_errors(self.given, from_s, to_s)
+        return sum(metres > max(WRONG_M, WRONG_SIGMAS * accuracies[at]) for at, metres in errors), len(errors)
 
     def deviations(self, from_s, to_s):
         """Of the true track from the legs of the circuit, in metres."""

@@ -1,5 +1,6 @@
 """The figures of a flight of ArduPlane's simulator, its timeline, and whether they are what they should be."""
 from .arduplane import version
+from .evidence import WRONG_M, WRONG_SIGMAS
 
 MAX_FILTER_ERROR_M, MAX_FIX_ERROR_M, MAX_DEVIATION_M = 50, 100, 100
 SETTLED_S = 3  # after the trouble
@@ -31,6 +32,8 @@ class SitlVerdict:
             yield "  true track from legs", spread(track.deviations(from_s, to_s))
             yield "  filter from truth", spread(track.errors(track.believed, from_s, to_s))
             yield "  given fix from truth", spread(track.fix_errors(track.given, from_s, to_s))
+            yield "  wrong and sure", "{} of {} fixes beyond {} m and {} of their sigmas".format(
+                *track.wrong_and_sure(from_s, to_s), WRONG_M, WRONG_SIGMAS)
             yield "  own receiver from truth", spread(track.fix_errors(track.own, from_s, to_s))
             if (off := track.attitude_errors(from_s, to_s)) is not None:
                 yield "  attitude from truth", ", ".join(f"{name} {mean:+.1f} ± {spread:.1f}°" for name, (mean, spread) in zip(
@@ -45,7 +48,7 @@ class SitlVerdict:
             **self.service)
 
     def shortfalls(self):
-        from_s, to_s = self.parts["after"]
+        from_s, to_s = self.parts["after" if self.flight.done else "before"]
         track, found = self.track, []
         for what, pairs, allowed in (
                 ("the autopilot's position was off by", track.errors(track.believed, from_s, to_s), MAX_FILTER_ERROR_M),
@@ -55,6 +58,8 @@ class SitlVerdict:
                 found.append(f"{what} nobody knows how much")
             elif (worst := max(value for _, value in pairs)) > allowed:
                 found.append(f"{what} {worst:.0f} m, allowed are {allowed}")
+        if (wrong := track.wrong_and_sure(from_s, to_s)[0]) > 0:
+            found.append(f"{wrong} fixes were beyond {WRONG_M} m and {WRONG_SIGMAS} of their sigmas")
         return found
 
     def timeline(self):
