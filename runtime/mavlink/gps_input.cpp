@@ -16,8 +16,8 @@ constexpr int kSatellites = 10;
 
 constexpr double kNoFixAccuracyM = 999.0;
 
-// Our velocity leans on the autopilot's own attitude, which a filter that is told of too sure a velocity tilts by it,
-// and so on. As much as its checks before the first use let pass.
+// Our velocity leans on the autopilot's attitude, and a filter that is told too sure a velocity tilts its attitude by
+// it, and so on. More than this its checks before the first use do not let pass.
 constexpr double kLeastSpeedSigma_m_s = 1.0;
 
 bool usable(double sigma) { return std::isfinite(sigma) && sigma >= 0; }
