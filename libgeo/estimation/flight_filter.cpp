@@ -11,7 +11,9 @@ namespace nadir {
 namespace {
 
 constexpr double kUnknownHeadingVariance = 4.0;  // rad²: about 115 degrees, any heading
-constexpr double kChangingHeadingShare = 0.5;    // of the telemetry's sigma that changes from frame to frame
+// Of the telemetry's sigma: what stays, what turns with the course, and what changes from frame to frame.
+constexpr double kConstantHeadingShare = 0.8, kDeviationShare = 0.6, kChangingHeadingShare = 0.5;
+constexpr double kDeviationTime_s = 90;  // in which it is forgotten: an autopilot's filter leans on more than a compass
 constexpr double kHeightWanderShare = 0.25;      // of the sigma, per frame: barometer noise, ground that rolls by
 constexpr double kChangingTiltShareLogged = 0.7;
 constexpr double kChangingTiltShareUnlogged = 0.3;
@@ -53,7 +55,9 @@ FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_lo
   const auto squared = [](double x) { return x * x; };
   covariance_.diagonal() << squared(sigma_m), squared(sigma_m), squared(options.start_velocity_sigma_mps),
       squared(options.start_velocity_sigma_mps), squared(uncertainty.agl_relative), kUnknownHeadingVariance, 0, 0,
-      squared(uncertainty.heading_rad), squared(uncertainty.tilt_rad), squared(uncertainty.tilt_rad);
+      squared(kConstantHeadingShare * uncertainty.heading_rad), squared(uncertainty.tilt_rad),
+      squared(uncertainty.tilt_rad), squared(kDeviationShare * uncertainty.heading_rad),
+      squared(kDeviationShare * uncertainty.heading_rad);
 }
 
 double FlightFilter::sigma(Index index) const { return std::sqrt(covariance_(index, index)); }
@@ -102,14 +106,7 @@ FlightPrediction FlightFilter::foretell(const ToldStretch& stretch) {
     noise(tilt, tilt) = bias.variance + changing;
   }
 
-  transition(heading, heading) = told_heading_rad ? 0 : 1;
-  if (told_heading_rad) {
-    const double share = kChangingHeadingShare * uncertainty_.heading_rad;
-    transition(heading, heading_bias) = 1;
-    noise(heading, heading) = share * share;
-  } else {
-    noise(heading, heading) = first_ ? 0 : kUnknownHeadingVariance;
-  }
+  foretell_heading(prediction, told_heading_rad, dt);
 
   now = (transition * mean_).eval();
   if (told_heading_rad) now[heading] += *told_heading_rad;
@@ -130,7 +127,34 @@ FlightPrediction FlightFilter::foretell(const ToldStretch& stretch) {
   }
   if (imu_dv_mps && !first_) forbid_learning_blind(prediction, covariance_);
   told_heading_rad_ = told_heading_rad;
+  if (told_heading_rad) last_told_heading_rad_ = told_heading_rad;
   return prediction;
+}
+
+// On another course the compass errs otherwise: what is known of this one and of the one abeam tells how.
+void FlightFilter::foretell_heading(FlightPrediction& prediction, const std::optional<double>& told_heading_rad,
+                                    double dt) const {
+  auto& [now, transition, noise] = prediction;
+  if (!told_heading_rad) {
+    noise(heading, heading) = first_ ? 0 : kUnknownHeadingVariance;
+    return;
+  }
+  const double turn = last_told_heading_rad_ ? *told_heading_rad - *last_told_heading_rad_ : 0;
+  const double deviation_rad = kDeviationShare * uncertainty_.heading_rad;
+  const Wander wandering = wander(deviation_rad * deviation_rad, std::exp(-dt / kDeviationTime_s));
+  const double c = wandering.keep * std::cos(turn), s = wandering.keep * std::sin(turn);
+  transition(deviation, deviation) = transition(deviation_abeam, deviation_abeam) = c;
+  transition(deviation, deviation_abeam) = s;
+  transition(deviation_abeam, deviation) = -s;
+  noise(deviation, deviation) = noise(deviation_abeam, deviation_abeam) = wandering.variance;
+
+  const double changing_rad = kChangingHeadingShare * uncertainty_.heading_rad;
+  transition(heading, heading) = 0;
+  transition(heading, heading_bias) = 1;
+  transition(heading, deviation) = c;
+  transition(heading, deviation_abeam) = s;
+  noise(heading, heading) = wandering.variance + changing_rad * changing_rad;
+  noise(heading, deviation) = noise(deviation, heading) = wandering.variance;
 }
 
 void FlightFilter::fly(const ToldStretch& stretch, bool tilt_told) {

@@ -1,5 +1,5 @@
 // Everything that is believed of the flight, in one Gaussian: position, velocity, height, heading and tilt of the frame
-// in work, and the constant errors of the telemetry behind them.
+// in work, and the lasting errors of the telemetry behind them.
 //
 // They belong together. A degree of tilt moves what the camera sees at 1500 m by 26 m, so the error of an anchor is the
 // tilt's error in disguise; odometry ties two frames' tilts, heights and headings to the motion between them. With all
@@ -25,7 +25,9 @@ struct FlightPrediction;
 class FlightFilter {
  public:
   // In this order: position east, north (m); velocity east, north (m/s); log of true over told height; heading (rad);
-  // pitch and roll beyond the telemetry's (rad); constant parts of the telemetry's errors in heading, pitch and roll.
+  // pitch and roll beyond the telemetry's (rad); constant parts of the telemetry's errors in heading, pitch and roll;
+  // and what of the heading's error turns with the course, as a ship's compass deviation of coefficients B and C does
+  // (Admiralty Manual for the Deviations of the Compass): on this course, and on that 90 degrees to the right.
   enum Index {
     east,
     north,
@@ -38,6 +40,8 @@ class FlightFilter {
     heading_bias,
     pitch_bias,
     roll_bias,
+    deviation,
+    deviation_abeam,
     states
   };
   using State = Eigen::Matrix<double, states, 1>;
@@ -109,6 +113,7 @@ class FlightFilter {
   struct Link;
   void fly(const ToldStretch& stretch, bool tilt_told);
   FlightPrediction foretell(const ToldStretch& stretch);
+  void foretell_heading(FlightPrediction& prediction, const std::optional<double>& told_heading_rad, double dt) const;
   void settle();
   void forget_velocity();
   Link link() const;
@@ -124,6 +129,7 @@ class FlightFilter {
   State mean_ = State::Zero();  // of the frame in work
   Covariance covariance_ = Covariance::Zero();
   std::optional<double> told_heading_rad_;  // of the frame in work
+  std::optional<double> last_told_heading_rad_;
   bool first_ = true;
   bool on_the_way_ = false;    // carried since the last frame
   double blind_turn_rad_ = 0;  // turned since odometry or an anchor last told of the velocity …

@@ -71,6 +71,8 @@ void carry_by_velocity(FlightPrediction& prediction, const F::State& before, dou
   noise.topLeftCorner<4, 4>() += noise(F::heading, F::heading) * turning * turning.transpose();
   noise.block<4, 1>(0, F::heading) += noise(F::heading, F::heading) * turning;
   noise.block<1, 4>(F::heading, 0) += noise(F::heading, F::heading) * turning.transpose();
+  noise.block<4, 1>(0, F::deviation) += noise(F::heading, F::deviation) * turning;
+  noise.block<1, 4>(F::deviation, 0) += noise(F::heading, F::deviation) * turning.transpose();
   if (dt <= 0) return;
   add_white_acceleration(noise, turn_known ? options.steady_acceleration_mps2 : options.acceleration_mps2, dt);
   const double q = options.wind_sigma_mps * options.wind_sigma_mps * turn_spread_rad2(blind_turn_rad, turn);
@@ -83,17 +85,19 @@ void carry_by_velocity(FlightPrediction& prediction, const F::State& before, dou
   }
 }
 
-// Who integrated the change of velocity turned it by the heading that the telemetry tells, with its constant error.
+// Who integrated the change of velocity turned it by the heading that the telemetry tells, with its lasting errors.
 void carry_by_imu(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
                   const Eigen::Vector2d& dv_mps, const InertialDoubt& doubt) {
   auto& [now, transition, noise] = prediction;
   const double turn = turn_of(prediction, before, turn_known);
-  const Eigen::Vector2d dv = clockwise(before[F::heading_bias]) * dv_mps;
+  const Eigen::Vector2d dv = clockwise(before[F::heading_bias] + before[F::deviation]) * dv_mps;
   now.segment<2>(F::velocity_east) = before.segment<2>(F::velocity_east) + dv;
   now.segment<2>(F::east) = before.segment<2>(F::east) + 0.5 * dt * (before + now).segment<2>(F::velocity_east);
   const Eigen::Vector2d across(dv.y(), -dv.x());
-  transition.block<2, 1>(F::velocity_east, F::heading_bias) += across;
-  transition.block<2, 1>(F::east, F::heading_bias) += 0.5 * dt * across;
+  for (const int error : {F::heading_bias, F::deviation}) {
+    transition.block<2, 1>(F::velocity_east, error) += across;
+    transition.block<2, 1>(F::east, error) += 0.5 * dt * across;
+  }
   transition.block<2, 2>(F::east, F::velocity_east) += dt * Eigen::Matrix2d::Identity();
   if (dt <= 0) return;
   add_white_acceleration(noise, white_sigma_mps(doubt, dt), dt);

@@ -6,6 +6,8 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "geodesy/angles.hpp"
+
 namespace nadir {
 namespace {
 
@@ -15,6 +17,7 @@ constexpr double kWorkingWidth_px = 450;
 constexpr int kMinInliers = 12;
 constexpr double kHomographyThreshold_px = 3.0;
 constexpr double kModelErrorShare = 0.01;  // of the motion
+constexpr double kTurnErrorShare = 0.05;   // of the turn: hills under a banked camera (measured: 0.03)
 
 std::vector<SharedSight> sights_of(const OdometryFrame& before, const OdometryFrame& now, const SharedPixels& shared) {
   std::vector<SharedSight> sights;
@@ -48,7 +51,8 @@ TwoViewPrior prior_of(const OdometryFrame& before, const OdometryFrame& now) {
 }
 
 // Directions of which the sights say nothing get a variance that is as good as infinite.
-MotionSight sight_of(const TwoViewMotion& motion, const Believed& before, const Believed& now) {
+MotionSight sight_of(const TwoViewMotion& motion, const OdometryFrame& frame_before, const OdometryFrame& frame_now) {
+  const Believed &before = frame_before.believed, &now = frame_now.believed;
   Eigen::Matrix<double, 8, 1> vague;
   const double far_m = 100 * (1 + motion.moved_m.norm());
   vague << far_m, far_m, 1, 1, 1, 1, 1, 1;
@@ -56,10 +60,12 @@ MotionSight sight_of(const TwoViewMotion& motion, const Believed& before, const 
   MotionSight sight;
   sight.covariance = (motion.sighted_information + weak).inverse();
   sight.seen = motion.solved + sight.covariance * motion.sighted_pull;
-  // What the model does not know: rolling shutter, the moment of the telemetry.
-  sight.covariance.topLeftCorner<2, 2>().diagonal().array() +=
-      kModelErrorShare * kModelErrorShare * motion.moved_m.squaredNorm();
-  sight.covariance(3, 3) += kModelErrorShare * kModelErrorShare;
+  // What the model does not know: the lens, rolling shutter, hills. It grows with how far things move in the picture.
+  const double unknown_m = kModelErrorShare * motion.moved_m.norm();
+  const double turn_rad = wrap_pi(now.heading_rad - before.heading_rad + sight.seen[3]);
+  const double unknown_rad = std::hypot(unknown_m / frame_now.agl_m, kTurnErrorShare * turn_rad);
+  sight.covariance.topLeftCorner<2, 2>().diagonal().array() += unknown_m * unknown_m;
+  sight.covariance(3, 3) += unknown_rad * unknown_rad;
   sight.before = before;
   sight.now = now;
   return sight;
@@ -88,7 +94,7 @@ std::optional<MeasuredStep> measure_step(const OdometryFrame& before, const Odom
   OdometryStep& step = measured.step;
   step.moved_m = motion->moved_m;
   step.covariance_m2 = motion->covariance_m2;
-  step.sight = sight_of(*motion, before.believed, now.believed);
+  step.sight = sight_of(*motion, before, now);
   step.inliers = motion->inliers;
   const auto box = footprint_of(now.camera, {{}, now.agl_m, now.attitude});
   if (box) {

@@ -17,7 +17,11 @@ void TelemetryNoise::Drift::advance(double seconds, Random& random) {
 
 TelemetryNoise::TelemetryNoise(const TelemetryUncertainty& uncertainty, std::uint64_t seed)
     : sigma_(uncertainty), random_(Random(seed).fork("telemetry")), imu_random_(Random(seed).fork("imu")) {
-  heading_bias_ = 0.85 * sigma_.heading_rad * std::clamp(random_.normal(), -2.0, 2.0);
+  heading_bias_ = 0.6 * sigma_.heading_rad * std::clamp(random_.normal(), -2.0, 2.0);
+  Random compass = Random(seed).fork("compass");
+  for (double& coefficient : deviation_) {
+    coefficient = 0.6 * sigma_.heading_rad * std::clamp(compass.normal(), -2.0, 2.0);
+  }
   height_ = {std::clamp(random_.normal(), -2.0, 2.0), 240};
   pitch_ = {std::clamp(random_.normal(), -2.0, 2.0), 90};
   roll_ = {std::clamp(random_.normal(), -2.0, 2.0), 90};
@@ -30,6 +34,10 @@ std::optional<Eigen::Vector2d> velocity_change(const std::optional<FlightPose>& 
   return pose.velocity - before->velocity;
 }
 
+double TelemetryNoise::compass_error(double heading_rad) const {
+  return heading_bias_ + deviation_.dot(Eigen::Vector2d(std::sin(heading_rad), std::cos(heading_rad)));
+}
+
 // White noise and a bias that after a minute is 0.8 of what the stated sigma allows: 0.6² + 0.8² = 1.
 std::optional<Eigen::Vector2d> TelemetryNoise::tell_velocity_change(const FlightPose& pose) {
   const auto exact = velocity_change(last_pose_, pose);
@@ -38,7 +46,7 @@ std::optional<Eigen::Vector2d> TelemetryNoise::tell_velocity_change(const Flight
   if (!exact) return std::nullopt;
   for (Drift* drift : {&imu_east_, &imu_north_}) drift->advance(dt, imu_random_);
   const double bias_mps2 = 0.8 * sigma_.imu_dv_mps / std::sqrt(kBiasTime_s);
-  const double c = std::cos(heading_bias_), s = std::sin(heading_bias_);
+  const double off = compass_error(pose.attitude.heading_rad), c = std::cos(off), s = std::sin(off);
   Eigen::Vector2d told(c * exact->x() + s * exact->y(), -s * exact->x() + c * exact->y());
   told += dt * bias_mps2 * Eigen::Vector2d(imu_east_.value, imu_north_.value);
   for (double& axis : told) axis += 0.6 * sigma_.imu_dv_mps * std::sqrt(dt) * imu_random_.normal();
@@ -52,8 +60,9 @@ ToldPose TelemetryNoise::tell(const FlightPose& pose) {
   last_s_ = pose.time_s;
   ToldPose told;
   told.time_s = pose.time_s;
-  // Bias and noise add up to the stated sigma: 0.85² + 0.53² = 1, 0.95² + 0.31² = 1, 0.75² + 0.66² = 1.
-  told.attitude.heading_rad = pose.attitude.heading_rad + heading_bias_ + 0.53 * sigma_.heading_rad * random_.normal();
+  // They add up to the stated sigma: 0.6² + 0.6² + 0.53² = 1, 0.95² + 0.31² = 1, 0.75² + 0.66² = 1.
+  const double heading = pose.attitude.heading_rad;
+  told.attitude.heading_rad = heading + compass_error(heading) + 0.53 * sigma_.heading_rad * random_.normal();
   told.agl_m = pose.pressure_agl_m * (1 + sigma_.agl_relative * (0.95 * height_.value + 0.31 * random_.normal()));
   told.attitude.pitch_rad = pose.attitude.pitch_rad + sigma_.tilt_rad * (0.75 * pitch_.value + 0.66 * random_.normal());
   told.attitude.roll_rad = pose.attitude.roll_rad + sigma_.tilt_rad * (0.75 * roll_.value + 0.66 * random_.normal());

@@ -1,6 +1,6 @@
-// What the autopilot's sensors tell instead of the truth: a compass that is off by a constant, a barometer that drifts,
-// an attitude with a slowly changing bias, an accelerometer that is turned by that compass. One sigma of each in all is
-// what the camera file states.
+// What the autopilot's sensors tell instead of the truth: a compass that is off by a constant and by a deviation that
+// turns with the course, a barometer that drifts, an attitude with a slowly changing bias, an accelerometer that is
+// turned by that compass. One sigma of each in all is what the camera file states.
 #pragma once
 
 #include <cstdint>
@@ -36,9 +36,12 @@ class TelemetryNoise {
     void advance(double seconds, Random& random);
   };
 
+  double compass_error(double heading_rad) const;
+
   TelemetryUncertainty sigma_;
   Random random_;
   double heading_bias_;
+  Eigen::Vector2d deviation_;  // coefficients B and C: of the sine and the cosine of the course
   Drift height_, pitch_, roll_;
   double last_s_ = -1;
 

@@ -26,6 +26,7 @@ constexpr std::array kConditions = {
     LongCondition{.name = "20 % blackout, IMU", .blackout = true, .imu = true},
     LongCondition{.name = "height 15 % off", .height_factor = 1.15},
     LongCondition{.name = "heading 8 deg off", .heading_off_deg = 8},
+    LongCondition{.name = "compass deviates 9 deg", .deviation_deg = 9},
     LongCondition{
         .name = "all of these", .outliers = true, .blackout = true, .height_factor = 1.15, .heading_off_deg = 8},
 };
@@ -104,6 +105,7 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
   const World& world = *worlds_[round % worlds_.size()];
   const Random base(seed);
   Random light = base.fork("light"), faults = base.fork("faults"), start = base.fork("start");
+  const double abeam = base.fork("compass").uniform(-kPi, kPi);  // the course on which the compass does not deviate
   const CameraFile file = camera_file();
   const CameraSensor sensor({file.camera.width, file.camera.height}, file.camera.fx, seed);
   TelemetryNoise noise(file.uncertainty, seed);
@@ -145,7 +147,8 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
     Telemetry telemetry;
     telemetry.time_s = 100 + told_pose.time_s;
     telemetry.agl_m = told_pose.agl_m * condition.height_factor;
-    telemetry.heading_rad = told_pose.attitude.heading_rad + radians(condition.heading_off_deg);
+    telemetry.heading_rad = told_pose.attitude.heading_rad + radians(condition.heading_off_deg) +
+                            radians(condition.deviation_deg) * std::sin(truth.attitude.heading_rad + abeam);
     telemetry.pitch_rad = told_pose.attitude.pitch_rad;
     telemetry.roll_rad = told_pose.attitude.roll_rad;
     if (condition.imu) telemetry.imu_dv_mps = told_pose.imu_dv_mps;

@@ -15,6 +15,7 @@ struct LongCondition {
   bool blackout = false;  // a fifth of the frames, in stretches of 4 to 20
   double height_factor = 1, heading_off_deg = 0;
   bool imu = false;  // the telemetry carries the accelerometer's change of velocity
+  double deviation_deg = 0;  // of the compass: at most, by the course
 };
 
 std::span<const LongCondition> long_conditions();

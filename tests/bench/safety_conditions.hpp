@@ -12,6 +12,7 @@ enum class Fault {
   none,
   old_map,
   heading_bias,  // 8 degrees
+  deviation,     // up to 9 degrees, by the course
   height_scale,  // 15 %
   map_shift,     // the whole map
   map_part,      // what lies beyond a border across the flight path, as a scene of a mosaic

@@ -74,6 +74,9 @@ void damage(Flight& flight, const World& world, const Photographer& photographer
     const bool from_hit = i >= hit;
     switch (fault) {
       case Fault::heading_bias: *shot.told.heading_rad += radians(8); break;
+      case Fault::deviation:
+        *shot.told.heading_rad += radians(9) * std::sin(shot.truth.attitude.heading_rad + direction);
+        break;
       case Fault::height_scale: *shot.told.agl_m *= 1 + 0.15 * sign; break;
       case Fault::map_shift: shot.shifted = true; break;
       case Fault::map_part: shot.shifted = sees_beyond(*flight.border, shot.truth); break;

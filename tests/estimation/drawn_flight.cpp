@@ -14,6 +14,7 @@ using F = FlightFilter;
 
 constexpr double kStartSigma_m = 20, kAgl_m = 200;
 constexpr double kTurn_rad = 0.17;  // per second: a bank of 20 degrees
+constexpr double kDeviationShare = 0.6;
 
 template <int Rows>
 Eigen::Matrix<double, Rows, 1> normals(Random& random) {
@@ -31,9 +32,10 @@ Matrix2d clockwise(double angle) {
 // What the filter believes sensors do, done: constant and changing errors.
 struct Truth {
   Truth(Random& random, const TelemetryUncertainty& sigma)
-      : heading_bias(random.normal(0, sigma.heading_rad)),
+      : heading_bias(random.normal(0, 0.8 * sigma.heading_rad)),
         log_height(random.normal(0, sigma.agl_relative)),
         tilt_bias(sigma.tilt_rad * normals<2>(random)),
+        deviation(kDeviationShare * sigma.heading_rad * normals<2>(random)),
         place(kStartSigma_m * normals<2>(random)),
         wind(5 * normals<2>(random)),
         heading(random.uniform(-kPi, kPi)),
@@ -49,10 +51,15 @@ struct Truth {
     log_height = std::sqrt(15.0 / 16) * log_height + random.normal(0, 0.25 * sigma.agl_relative);
     const double keep = std::exp(-seconds / 240);
     tilt_bias = keep * tilt_bias + std::sqrt(1 - keep * keep) * sigma.tilt_rad * normals<2>(random);
+    const double kept = std::exp(-seconds / 90);
+    deviation = kept * (clockwise(turn) * deviation) +
+                std::sqrt(1 - kept * kept) * kDeviationShare * sigma.heading_rad * normals<2>(random);
   }
 
+  double heading_error() const { return heading_bias + deviation.x(); }
+
   double heading_bias, log_height;
-  Vector2d tilt_bias, place, wind;
+  Vector2d tilt_bias, deviation, place, wind;  // deviation: on this course, and on that abeam
   double heading;
   Vector2d velocity;
   Vector2d tilt = Vector2d::Zero();  // beyond the telemetry's
@@ -114,9 +121,9 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
     is.tilt = is.tilt_bias + 0.7 * sigma.tilt_rad * normals<2>(random);
     FlightStep step;
     step.seconds = i > 0 ? options.interval_s : 0;
-    step.told_heading_rad = wrap_pi(is.heading - is.heading_bias - random.normal(0, 0.5 * sigma.heading_rad));
+    step.told_heading_rad = wrap_pi(is.heading - is.heading_error() - random.normal(0, 0.5 * sigma.heading_rad));
     if (options.imu && i > 0) {
-      step.imu_dv_mps = clockwise(-is.heading_bias) * (is.velocity - was.velocity) +
+      step.imu_dv_mps = clockwise(-was.heading_error()) * (is.velocity - was.velocity) +
                         sigma.imu_dv_mps * std::sqrt(options.interval_s) * normals<2>(random);
     }
     const Believed before = believed(filter);
