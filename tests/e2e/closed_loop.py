@@ -29,6 +29,7 @@ SCENARIOS = {
     "recovery": ["60:gps-step=300@70", "150:gps-recover"],
     "link": ["60:gps-denied", "120:link-cut", "128:link-restore"],
     "clock": ["60:gps-denied", "120:clock-step=3600", "180:clock-step=-7200"],
+    "compass": ["0:compass=9", "60:gps-denied"],
     "demo": ["60:gps-step=300@70", "80:camera-cut", "92:camera-restore", "105:gps-recover"],
 }
 

@@ -11,6 +11,7 @@ ACTIONS = {
     "clock-step": 3600.0,   # the autopilot's UTC jumps by so many seconds
     "camera-cut": None,     # the truth stops, so that the renderer has nothing to show
     "camera-restore": None,
+    "compass": 9.0,         # it deviates by up to so many degrees, most on the course of the bearing
     "reboot": None,         # the time since boot begins anew
 }
 DEFAULT_BEARING = 70.0

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import random
 
+from .attitude import ToldAttitude
 from .flight_log import FlightLog
 from .geo import LocalPlane
 from .guidance import Guidance
@@ -15,7 +16,6 @@ from .protocol import Protocol
 from .scenario import Scenario
 from .telemetry import Telemetry
 from .terrain import Flat
-from .wander import Wander
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -61,7 +61,7 @@ class Vehicle:
         self.armed = True
         self.uid = self._random("uid").randbytes(12)
         attitude = self._random("attitude")
-        self._attitude_error = [Wander(attitude, math.radians(degrees), 60) for degrees in (0.35, 0.35, 1.2)]
+        self._attitude = ToldAttitude(attitude)
         self._imu_bias = tuple(attitude.gauss(0, 0.03) for _ in range(3))
         self.now_s, self.steps = 0.0, 0
         self.clock_offset_s, self.booted_s = 0.0, -BOOTED_BEFORE_S
@@ -80,9 +80,8 @@ class Vehicle:
             self.protocol.handle(message)
         turn = self.guidance.lateral_acceleration(*self.navigation.filter.position, *self.navigation.filter.velocity)
         self.plane.step(STEP_S, turn, self.options.altitude)
-        for error in self._attitude_error:
-            error.step(STEP_S)
         self.navigation.step(self.now_s, STEP_S)
+        self._attitude.step(STEP_S, self.plane, self.navigation.filter.velocity)
         self._tell_changes()
         for message in self.telemetry.due(self.now_s):
             self.link.send(message)
@@ -100,8 +99,7 @@ class Vehicle:
         return round((self.now_s - self.booted_s) * 1000)
 
     def told_attitude(self):
-        p = self.plane
-        return tuple(angle + error.value for angle, error in zip((p.roll, p.pitch, p.yaw), self._attitude_error))
+        return self._attitude.told(self.plane)
 
     def imu_bias(self):
         return self._imu_bias
@@ -152,6 +150,8 @@ class Vehicle:
             self.camera_cut = event.action == "camera-cut"
         elif event.action == "clock-step":
             self.clock_offset_s += event.value
+        elif event.action == "compass":
+            self._attitude.deviate(math.radians(event.value), event.bearing)
         elif event.action == "reboot":
             self.booted_s = self.now_s
         self.log.event(self.now_s, "scenario", what=str(event))
