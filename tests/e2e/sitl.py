@@ -50,7 +50,8 @@ def main():
     changed = {name: float(value) for name, value in (word.split("=") for word in args.parameter)}
     with harness.output(args, "sitl") as out:
         run = harness.fresh(out / "run")
-        inputs = Inputs(harness.inputs_folder(args, out), args.nadir, width=args.width, delay_s=args.delay_s)
+        inputs = Inputs(harness.inputs_folder(args, out), args.nadir, width=args.width, delay_s=args.delay_s,
+                        uncertainty=arduplane.UNCERTAINTY)
         trouble = SCENARIOS[args.scenario]
         setup = Setup(inputs, run, args.nadir, args.nadird, [] if trouble is None else [(args.at_s, trouble)], args.minutes,
                       args.fps, args.delay_s, signed=args.signed)

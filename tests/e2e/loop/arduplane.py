@@ -19,6 +19,8 @@ PARAMETERS = {
     "ROLL_LIMIT_DEG": 40,
     "SIM_WIND_SPD": 4, "SIM_WIND_DIR": 300, "FS_GCS_ENABL": 0, "TERRAIN_ENABLE": 0,
 }
+# Of its attitude while it flies by our fix, one sigma: measured, docs/closed-loop.md.
+UNCERTAINTY = {"heading_deg": 5.0, "tilt_deg": 2.0}
 # With one receiver of its own, ArduPilot's second is the simulator's first: GPS_INPUT needs no port.
 DENY = {"SIM_GPS1_ENABLE": 0}
 

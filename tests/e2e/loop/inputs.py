@@ -25,8 +25,10 @@ class Inputs:
     """Files under `folder`, made once: a folder that holds them already is used as it is."""
 
     def __init__(self, folder, nadir, seed=7, size_km=2.0, gsd_m=0.4, width=1920, delay_s=0.25, gps_id=0,
-                 with_package=True, airframe="any"):
+                 with_package=True, airframe="any", uncertainty=None):
+        """uncertainty: of the telemetry, beside or instead of UNCERTAINTY."""
         self.folder, self.nadir, self.airframe_id = pathlib.Path(folder), nadir, airframe
+        self.uncertainty = {**UNCERTAINTY, **(uncertainty or {})}
         self.folder.mkdir(parents=True, exist_ok=True)
         self.world, self.package = self.folder / "world", self.folder / "package"
         self.root, self.camera = self.folder / "root.json", self.folder / "camera.yaml"
@@ -64,7 +66,7 @@ class Inputs:
         scale = width / CAMERA["width"]
         camera = dict(CAMERA, width=width, height=round(CAMERA["height"] * scale), fx=CAMERA["fx"] * scale,
                       fy=CAMERA["fy"] * scale, cx=(CAMERA["cx"] + 0.5) * scale - 0.5,
-                      cy=(CAMERA["cy"] + 0.5) * scale - 0.5, uncertainty=UNCERTAINTY)
+                      cy=(CAMERA["cy"] + 0.5) * scale - 0.5, uncertainty=self.uncertainty)
         self.camera.write_text("".join(f"{key}: {json.dumps(value)}\n" for key, value in camera.items()), encoding="utf-8")
         self.airframe.write_text(json.dumps({"format": "nadir.airframe/1", "airframe": self.airframe_id, "camera": camera,
                                              "capture_delay_s": delay_s, "mavlink": {"gps_id": gps_id}},
