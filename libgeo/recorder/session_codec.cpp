@@ -13,7 +13,7 @@ flatbuffers::Offset<fbs::Camera> camera(FlatBufferBuilder& builder, const Camera
   const CameraModel& c = file.camera;
   const auto distortion = builder.CreateVector(c.distortion.data(), c.distortion.size());
   return fbs::CreateCamera(builder, c.width, c.height, c.fx, c.fy, c.cx, c.cy, distortion, file.uncertainty.heading_rad,
-                           file.uncertainty.agl_relative, file.uncertainty.tilt_rad);
+                           file.uncertainty.agl_relative, file.uncertainty.tilt_rad, file.uncertainty.imu_dv_mps);
 }
 
 CameraFile camera(const fbs::Camera& told) {
@@ -29,7 +29,8 @@ CameraFile camera(const fbs::Camera& told) {
   for (unsigned i = 0; distortion != nullptr && i < distortion->size() && i < c.distortion.size(); ++i) {
     c.distortion[i] = distortion->Get(i);
   }
-  file.uncertainty = {told.heading_sigma_rad(), told.agl_sigma_relative(), told.tilt_sigma_rad()};
+  file.uncertainty = {told.heading_sigma_rad(), told.agl_sigma_relative(), told.tilt_sigma_rad(),
+                      told.imu_dv_sigma_mps()};
   return file;
 }
 

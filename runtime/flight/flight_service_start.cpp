@@ -9,6 +9,7 @@
 #include "base/error.hpp"
 #include "camera/open_camera.hpp"
 #include "flight/flight_session.hpp"
+#include "flight/leaning_attitude.hpp"
 #include "trust/bearer_token.hpp"
 
 namespace nadir {
@@ -19,6 +20,11 @@ std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& f
   return sha256(as_bytes(read_bearer_token(*file)));
 }
 
+Airframe by_our_fix(Airframe airframe) {
+  airframe.camera.uncertainty = leaning_attitude(airframe.camera.uncertainty);
+  return airframe;
+}
+
 }  // namespace
 
 FlightService::FlightService(const FlightOptions& options, JudgedPackage judged, const FlightClock& clock,
@@ -26,7 +32,7 @@ FlightService::FlightService(const FlightOptions& options, JudgedPackage judged,
     : options_(options),
       clock_(clock),
       stop_(stop),
-      airframe_(options.airframe),
+      airframe_(by_our_fix(options.airframe)),
       state_(options.state),
       machine_(clock.monotonic_s()),
       gps_(clock.monotonic_s()),

@@ -6,7 +6,9 @@
 #include <thread>
 
 #include "base/files.hpp"
+#include "flight/leaning_attitude.hpp"
 #include "flight/link_peer.hpp"
+#include "recorder/recording.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -22,15 +24,20 @@ class RefusedFlight : public ::testing::Test {
     options.autopilot = peer_.endpoint();
     options.listen = "127.0.0.1:0";
     options.link_key = std::move(link_key);
+    options.record = folder_ / "record";
+    options.airframe.camera.uncertainty.heading_rad = 0.2;
+    options.airframe.camera.uncertainty.tilt_rad = 0.01;
     Findings findings;
     findings.add({.code = "signature.invalid", .where = "manifest.sig"});
     service_ = std::make_unique<FlightService>(options, JudgedPackage{nullptr, findings}, clock_, stop_);
     running_ = std::jthread([this] { service_->run(); });
     peer_.listen_until([&] { return heartbeats() >= 2; });
   }
-  void TearDown() override {
+  void TearDown() override { end(); }
+  void end() {
     stop_.request_stop();
     running_ = {};
+    service_.reset();
   }
 
   std::size_t heartbeats() const { return peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).size(); }
@@ -82,6 +89,19 @@ TEST_F(RefusedFlight, AnAutopilotThatDoesNotSignIsToldSoAndNothingElse) {
   const std::size_t before = heartbeats();
   peer_.listen_until([&] { return heartbeats() >= before + 2; });
   EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not signed, waiting"}) << "once";
+}
+
+// What was measured of an attitude with GPS is not true of one that leans on our fix; what is claimed worse is believed.
+TEST_F(RefusedFlight, NoAttitudeIsTakenForBetterThanOneThatLeansOnOurFix) {
+  begin(std::nullopt);
+  end();
+  std::optional<TelemetryUncertainty> flown;
+  read_recording(folder_ / "record", [&](const Recorded& recorded) {
+    if (const auto* session = std::get_if<SessionRecord>(&recorded.record)) flown = session->camera.uncertainty;
+  });
+  ASSERT_TRUE(flown);
+  EXPECT_DOUBLE_EQ(flown->heading_rad, 0.2);
+  EXPECT_DOUBLE_EQ(flown->tilt_rad, kLeaningTilt_rad);
 }
 
 }  // namespace

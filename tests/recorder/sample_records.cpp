@@ -72,7 +72,7 @@ SessionRecord sample_session() {
   session.package = sha256(as_bytes("manifest"));
   session.mission = "valley";
   session.camera.camera = {1920, 1080, 1400.5, 1401.5, 959.5, 539.5, {0.1, -0.05, 0.001, -0.002, 0.01}};
-  session.camera.uncertainty = {0.02, 0.03, 0.04};
+  session.camera.uncertainty = {0.02, 0.03, 0.04, 0.05};
   session.origin = {8.5, 47.4};
   session.start = LonLat{8.51, 47.41};
   session.picture_shrink = 2;
