@@ -14,7 +14,7 @@ constexpr double kUnknownHeadingVariance = 4.0;  // rad²: about 115 degrees, an
 // Of the telemetry's sigma: what stays, what turns with the course, and what changes from frame to frame.
 constexpr double kConstantHeadingShare = 0.8, kDeviationShare = 0.6, kChangingHeadingShare = 0.5;
 constexpr double kDeviationTime_s = 90;  // in which it is forgotten: an autopilot's filter leans on more than a compass
-constexpr double kHeightWanderShare = 0.25;      // of the sigma, per frame: barometer noise, ground that rolls by
+constexpr double kHeightWanderShare = 0.25;  // of the sigma, per frame: barometer noise, ground that rolls by
 constexpr double kChangingTiltShareLogged = 0.7;
 constexpr double kChangingTiltShareUnlogged = 0.3;
 constexpr double kTiltDriftTimeLogged_s = 240;  // in which the constant part is forgotten: attitude from an AHRS …

@@ -1,5 +1,6 @@
-// The autopilot's attitude leans on our fix, and our fix on its attitude. What the airframe's file claims of heading and
-// tilt was measured with GPS; by fixes of a localizer that believes it, ArduPlane's attitude came off by 17 and 5 degrees.
+// The autopilot's attitude leans on our fix, and our fix on its attitude. What the airframe's file claims of heading
+// and tilt was measured with GPS; by fixes of a localizer that believes it, ArduPlane's attitude came off by 17 and 5
+// degrees.
 #pragma once
 
 #include "vision/camera_model.hpp"

@@ -11,8 +11,10 @@
 namespace nadir::bench {
 namespace {
 
-// Of a frame: position and velocity east, north; log height; heading, pitch, roll; constant parts of pitch and roll.
-constexpr int kEast = 0, kVelocity = 2, kHeight = 4, kHeading = 5, kTilt = 6, kTiltBias = 8, kStates = 10;
+// Of a frame: position and velocity east, north; log height; heading, pitch, roll; constant parts of pitch and roll;
+// the compass' deviation on this course and abeam.
+constexpr int kEast = 0, kVelocity = 2, kHeight = 4, kHeading = 5, kTilt = 6, kTiltBias = 8, kDeviation = 10,
+              kStates = 12;
 using State = Eigen::Matrix<double, kStates, 1>;
 template <typename T>
 using Vec2 = Eigen::Matrix<T, 2, 1>;
@@ -33,16 +35,16 @@ struct Told {
   double heading, heading_sigma, changing_tilt;
   template <typename T>
   bool operator()(const T* x, const T* heading_bias, T* r) const {
-    r[0] = wrapped(x[kHeading] - T(heading) - heading_bias[0]) / T(heading_sigma);
+    r[0] = wrapped(x[kHeading] - T(heading) - heading_bias[0] - x[kDeviation]) / T(heading_sigma);
     r[1] = (x[kTilt] - x[kTiltBias]) / T(changing_tilt);
     r[2] = (x[kTilt + 1] - x[kTiltBias + 1]) / T(changing_tilt);
     return true;
   }
 };
 
-// From frame to frame: velocity that turns with the aircraft, heights and constant tilts that wander.
+// From frame to frame: velocity that turns with the aircraft, heights, constant tilts and deviations that wander.
 struct Carry {
-  double dt, height_keep, height_sigma, bias_keep, bias_sigma;
+  double dt, height_keep, height_sigma, bias_keep, bias_sigma, told_turn, deviation_keep, deviation_sigma;
   Eigen::Matrix4d whiten;
   template <typename T>
   bool operator()(const T* a, const T* b, T* r) const {
@@ -54,6 +56,8 @@ struct Carry {
     Eigen::Map<Eigen::Matrix<T, 4, 1>>(r, 4) = whiten.cast<T>() * off;
     r[4] = (b[kHeight] - T(height_keep) * a[kHeight]) / T(height_sigma);
     for (int i = 0; i < 2; ++i) r[5 + i] = (b[kTiltBias + i] - T(bias_keep) * a[kTiltBias + i]) / T(bias_sigma);
+    const Vec2<T> deviation = T(deviation_keep) * clockwise(T(told_turn), Vec2<T>(a[kDeviation], a[kDeviation + 1]));
+    for (int i = 0; i < 2; ++i) r[7 + i] = (b[kDeviation + i] - deviation[i]) / T(deviation_sigma);
     return true;
   }
 };
@@ -62,8 +66,8 @@ struct Begin {
   State mean, sigma;
   template <typename T>
   bool operator()(const T* x, T* r) const {
-    constexpr int kOf[] = {0, 1, 2, 3, kHeight, kTiltBias, kTiltBias + 1};
-    for (int i = 0; i < 7; ++i) r[i] = (x[kOf[i]] - T(mean[kOf[i]])) / T(sigma[kOf[i]]);
+    constexpr int kOf[] = {0, 1, 2, 3, kHeight, kTiltBias, kTiltBias + 1, kDeviation, kDeviation + 1};
+    for (int i = 0; i < 9; ++i) r[i] = (x[kOf[i]] - T(mean[kOf[i]])) / T(sigma[kOf[i]]);
     return true;
   }
 };
@@ -165,13 +169,15 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   sigma.head<4>() << 20, 20, filter.start_velocity_sigma_mps, filter.start_velocity_sigma_mps;
   sigma[kHeight] = uncertainty.agl_relative;
   sigma[kTiltBias] = sigma[kTiltBias + 1] = uncertainty.tilt_rad;
+  const double deviation_rad = 0.6 * uncertainty.heading_rad;
+  sigma[kDeviation] = sigma[kDeviation + 1] = deviation_rad;
   for (std::size_t i = 0; i < n; ++i) {
     x[i].head<2>() = flight.frames[i].told_m;
     x[i][kHeading] = *flight.steps[i].told_heading_rad;
     if (i > 0) x[i].segment<2>(kVelocity) = (x[i] - x[i - 1]).head<2>() / flight.steps[i].seconds;
   }
-  problem.AddResidualBlock(cost_of<Bias, 1, 1>({uncertainty.heading_rad}), nullptr, &heading_bias);
-  problem.AddResidualBlock(cost_of<Begin, 7, kStates>({State::Zero(), sigma}), nullptr, x[0].data());
+  problem.AddResidualBlock(cost_of<Bias, 1, 1>({0.8 * uncertainty.heading_rad}), nullptr, &heading_bias);
+  problem.AddResidualBlock(cost_of<Begin, 9, kStates>({State::Zero(), sigma}), nullptr, x[0].data());
   for (std::size_t i = 0; i < n; ++i) {
     const FlightStep& step = flight.steps[i];
     const double heading = *step.told_heading_rad;
@@ -179,11 +185,12 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
         cost_of<Told, 3, kStates, 1>({heading, 0.5 * uncertainty.heading_rad, 0.7 * uncertainty.tilt_rad}), nullptr,
         x[i].data(), &heading_bias);
     if (i > 0) {
-      const double keep = std::exp(-step.seconds / 240),
+      const double keep = std::exp(-step.seconds / 240), kept = std::exp(-step.seconds / 90),
                    turn = wrap_pi(heading - *flight.steps[i - 1].told_heading_rad);
       problem.AddResidualBlock(
-          cost_of<Carry, 7, kStates, kStates>({step.seconds, std::sqrt(15.0 / 16), 0.25 * uncertainty.agl_relative,
-                                               keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep),
+          cost_of<Carry, 9, kStates, kStates>({step.seconds, std::sqrt(15.0 / 16), 0.25 * uncertainty.agl_relative,
+                                               keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep), turn, kept,
+                                               deviation_rad * std::sqrt(1 - kept * kept),
                                                whitening<4>(carry_noise(step.seconds, turn))}),
           nullptr, x[i - 1].data(), x[i].data());
     }

@@ -14,7 +14,7 @@ struct LongCondition {
   bool outliers = false;  // one frame in fifty shows a place 350 m off
   bool blackout = false;  // a fifth of the frames, in stretches of 4 to 20
   double height_factor = 1, heading_off_deg = 0;
-  bool imu = false;  // the telemetry carries the accelerometer's change of velocity
+  bool imu = false;          // the telemetry carries the accelerometer's change of velocity
   double deviation_deg = 0;  // of the compass: at most, by the course
 };
 

@@ -228,7 +228,8 @@ TEST(FlightFilter, ACircleShowsWhatTheCompassIsOffByOnEveryCourse) {
   }
 }
 
-// Learnt on a long leg, it says little of the course after a turn: an autopilot's heading may come off by degrees there.
+// Learnt on a long leg, it says little of the course after a turn: an autopilot's heading may come off by degrees
+// there.
 TEST(FlightFilter, AfterATurnTheCompassIsDoubted) {
   Random random(2);
   F filter(sensors(), true, {0, 0}, 5);
@@ -258,8 +259,8 @@ TEST(FlightFilter, InATurnPicturesAreBelievedRatherThanTheCompass) {
     truth_rad += radians(10);
     filter.advance(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
     MotionSight sight = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
-    sight.seen[3] = wrap_pi((truth_rad - was_rad) - (sight.now.heading_rad - before.heading_rad)) +
-                    random.normal(0, radians(0.3));
+    sight.seen[3] =
+        wrap_pi((truth_rad - was_rad) - (sight.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
     filter.moved(sight);
   }
   const double off = off_deg(filter.state()[F::heading], truth_rad);

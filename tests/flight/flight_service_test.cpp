@@ -91,7 +91,8 @@ TEST_F(RefusedFlight, AnAutopilotThatDoesNotSignIsToldSoAndNothingElse) {
   EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not signed, waiting"}) << "once";
 }
 
-// What was measured of an attitude with GPS is not true of one that leans on our fix; what is claimed worse is believed.
+// What was measured of an attitude with GPS is not true of one that leans on our fix; what is claimed worse is
+// believed.
 TEST_F(RefusedFlight, NoAttitudeIsTakenForBetterThanOneThatLeansOnOurFix) {
   begin(std::nullopt);
   end();

@@ -46,7 +46,8 @@ TEST(TelemetryNoise, TheCompassErrsByTheCourse) {
     for (int i = 0; i < 4 * kRounds; ++i) {
       FlightPose pose = pose_at(i);
       pose.attitude.heading_rad = radians(90) * (i % 4);
-      off.at(static_cast<std::size_t>(i % 4)) += (noise.tell(pose).attitude.heading_rad - pose.attitude.heading_rad) / kRounds;
+      off.at(static_cast<std::size_t>(i % 4)) +=
+          (noise.tell(pose).attitude.heading_rad - pose.attitude.heading_rad) / kRounds;
     }
     EXPECT_NEAR(off[0] + off[2], off[1] + off[3], 0.3 * sigma.heading_rad) << "the constant is one and the same";
     spread += (std::pow(off[0] - off[2], 2) + std::pow(off[1] - off[3], 2)) / 2 / 40;
