@@ -42,6 +42,7 @@ FlightService::FlightService(const FlightOptions& options, JudgedPackage judged,
   if (judged.package) ground_ = std::make_unique<FlightGround>(std::move(judged.package), options.package);
   restart_ =
       restart_from(state_.load(), clock);  // after the ground: reading a large place index takes seconds of flight
+  if (restart_.position) gps_.resumed();
   const PackageView shown = ground_ ? package_view(ground_->package()) : refused_package(judged.findings);
   views_.package(shown);
   refusal_ = shown.reason;

@@ -142,7 +142,8 @@ bool GpsHealth::fit_again(double now_s) const {
   if (filter_goes_by_it(now_s) && lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return false;
   if (agrees_since_s_ && now_s - *good_since_s_ >= kGpsStable_s && now_s - *agrees_since_s_ >= kGpsStable_s)
     return true;
-  return !lied_ && !vision_speaks(now_s) && now_s - *good_since_s_ >= kGpsStableAlone_s;
+  const double alone_s = had_its_first_ ? kGpsStableAlone_s : kGpsFirst_s;
+  return !lied_ && !vision_speaks(now_s) && now_s - *good_since_s_ >= alone_s;
 }
 
 GpsJudged GpsHealth::judge(double now_s, bool link_up) {
@@ -160,6 +161,7 @@ GpsJudged GpsHealth::judge(double now_s, bool link_up) {
   } else if (judged_.verdict != GpsVerdict::trusted && fit_again(now_s)) {
     judged_ = {GpsVerdict::trusted, lied_ ? "stable, and where pictures say" : "stable"};
     lied_ = false;
+    had_its_first_ = true;
   }
   return judged_;
 }

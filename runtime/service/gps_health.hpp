@@ -7,7 +7,8 @@
 // Spoofed: a step that no aircraft flies, an impossible speed, the filter's own alarm, or a disagreement with pictures
 // beyond both uncertainties, as slow drag-off ends in. Suspicion is quick and trust is slow: after trouble GPS must be
 // undisturbed for a stable interval and agree with the pictures for as long. Only when it was merely denied, never
-// caught lying, and pictures have nothing to say, is a much longer stable interval enough.
+// caught lying, and pictures have nothing to say, is a much longer stable interval enough. A receiver that has been
+// looking for its first fix since the service was started on the ground was not denied by anybody: seconds are enough.
 //
 // Times are monotonic seconds of arrival; they come in with the facts.
 #pragma once
@@ -35,6 +36,7 @@ inline constexpr double kDisagreement_s = 1.0;   // for so long
 inline constexpr double kMaxVisionSigma_m = 60;  // vaguer positions accuse and acquit nobody
 inline constexpr double kMaxVisionAge_s = 1.0;   // nor do older ones
 inline constexpr double kGpsStable_s = 10;       // undisturbed, and in agreement
+inline constexpr double kGpsFirst_s = 5;         // undisturbed, after a search for its first fix
 inline constexpr double kGpsStableAlone_s = 60;  // undisturbed, with nobody to agree with
 
 struct GpsFix3d {
@@ -69,6 +71,8 @@ class GpsHealth {
   // ArduPilot also reports a glitch when the fix that it goes by claims a speed that is known to no better than 1.5
   // m/s.
   void led(double now_s) { led_s_ = now_s; }
+  // The service was started again in flight: who has no fix now is denied one.
+  void resumed() { had_its_first_ = true; }
 
   // The verdict now. Call it several times a second: silence is told by nobody. While the link to the autopilot is down
   // the receiver's silence says nothing, and the verdict stays.
@@ -97,6 +101,7 @@ class GpsHealth {
   bool ekf_knew_ = false;
   std::string lie_;    // a step or a speed since the last verdict
   bool lied_ = false;  // since it was trusted last
+  bool had_its_first_ = false;
 };
 
 }  // namespace nadir

@@ -214,6 +214,31 @@ TEST(GpsHealth, AfterDenialWithoutPicturesAMinuteOfStabilityIsEnough) {
   EXPECT_EQ(flight.fly(2, {.vision_speaks = false}), trusted);
 }
 
+// Switched on beside a receiver that still looks for satellites: nobody denied it anything.
+TEST(GpsHealth, TheFirstFixAfterASearchNeedsNoMinute) {
+  Flight flight;
+  EXPECT_EQ(flight.fly(20, {.gps_fix = false, .vision_speaks = false}), denied);
+  EXPECT_EQ(flight.fly(4.8, {.vision_speaks = false}), denied);
+  EXPECT_EQ(flight.fly(0.6, {.vision_speaks = false}), trusted);
+  flight.fly(5, {.gps_fix = false, .vision_speaks = false});
+  EXPECT_EQ(flight.fly(59, {.vision_speaks = false}), denied) << "the second one does";
+}
+
+TEST(GpsHealth, StartedAgainInFlightThereIsNoFirstFix) {
+  Flight flight;
+  flight.health.resumed();
+  flight.fly(20, {.gps_fix = false, .vision_speaks = false});
+  EXPECT_EQ(flight.fly(59, {.vision_speaks = false}), denied);
+  EXPECT_EQ(flight.fly(2, {.vision_speaks = false}), trusted);
+}
+
+TEST(GpsHealth, AFirstFixThatPicturesContradictIsALie) {
+  Flight flight;
+  flight.fly(20, {.gps_fix = false});
+  EXPECT_EQ(flight.fly(20, {.gps_off_m = 300}), spoofed);
+  EXPECT_EQ(flight.fly(70, {.gps_off_m = 300, .vision_speaks = false}), spoofed);
+}
+
 // After half a minute of dead reckoning the filter is where our fix took it, and finds the receiver far off.
 TEST(GpsHealth, AFilterThatDidNotGoByTheReceiverDoesNotAccuseIt) {
   Flight flight;
