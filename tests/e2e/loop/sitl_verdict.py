@@ -2,7 +2,8 @@
 from .arduplane import version
 from .evidence import WRONG_M, WRONG_SIGMAS
 
-MAX_FILTER_ERROR_M, MAX_FIX_ERROR_M, MAX_DEVIATION_M = 50, 100, 100
+MAX_FILTER_ERROR_M, MAX_FIX_ERROR_M = 50, 50
+MAX_DEVIATION_M = 150  # at its sharp corners it swings out by 105 m, however well it knows where it is
 SETTLED_S = 3  # after the trouble
 
 
