@@ -5,29 +5,18 @@
 #include <cmath>
 
 #include "estimation/flight_motion.hpp"
+#include "estimation/telemetry_model.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kUnknownHeadingVariance = 4.0;  // rad²: about 115 degrees, any heading
-// Of the telemetry's sigma: what stays, what turns with the course, and what changes from frame to frame.
-constexpr double kConstantHeadingShare = 0.8, kDeviationShare = 0.6, kChangingHeadingShare = 0.5;
-constexpr double kDeviationTime_s = 90;  // in which it is forgotten: an autopilot's filter leans on more than a compass
-constexpr double kHeightWanderShare = 0.25;  // of the sigma, per frame: barometer noise, ground that rolls by
-constexpr double kChangingTiltShareLogged = 0.7;
-constexpr double kChangingTiltShareUnlogged = 0.3;
-constexpr double kTiltDriftTimeLogged_s = 240;  // in which the constant part is forgotten: attitude from an AHRS …
-constexpr double kTiltDriftTimeUnlogged_s = 12000;  // … or a mount or a gimbal
-constexpr double kTiltScatterPriorFrames = 3;       // how many frames the prior of the changing part is worth
-constexpr double kVaguestSight = 16;                // variance over the changing part's, to learn from it
-constexpr double kMissingTilt_rad = 0.35;           // of an aircraft that tells it otherwise: a banked turn
-constexpr double kUsualSpeed_mps = 20;              // at least assumed, when the clock stands
-constexpr double kLongestUsual_s = 5;
-// Of the tilt's sigma: what tilts the accelerometer as well, and is not the mount's or the moment's.
-constexpr double kLevelShare = 0.3;
-constexpr double kFarHeading_rad = 0.5;  // more than linear thinking bears
-constexpr double kGravity_mps2 = 9.80665;
+namespace model = telemetry_model;
+
+constexpr double kTiltScatterPriorFrames = 3;     // how many frames the prior of the changing part is worth
+constexpr double kVaguestSight = 16;              // variance over the changing part's, to learn from it
+constexpr double kMissingTilt_rad = 0.35;         // of an aircraft that tells it otherwise: a banked turn
+constexpr double kFarHeading_rad = 0.5;           // more than linear thinking bears
 constexpr double kLeastChangingTilt_rad = 0.004;  // a quarter of a degree: no mount is stiffer
 
 using Index = FlightFilter::Index;
@@ -37,34 +26,29 @@ double most_velocity_variance(const FlightFilter::Options& options) {
   return 4 * options.start_velocity_sigma_mps * options.start_velocity_sigma_mps;
 }
 
-// A first-order Gauss-Markov process: what is kept of the old value, and the variance that comes anew.
-struct Wander {
-  double keep, variance;
-};
-Wander wander(double stationary_variance, double keep) { return {keep, stationary_variance * (1 - keep * keep)}; }
-
 }  // namespace
 
 FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, const Eigen::Vector2d& position_m,
                            double sigma_m, const Options& options)
     : uncertainty_(uncertainty), tilt_logged_(tilt_logged), options_(options) {
-  const double changing = (tilt_logged ? kChangingTiltShareLogged : kChangingTiltShareUnlogged) * uncertainty.tilt_rad;
+  const double changing =
+      (tilt_logged ? model::kChangingTiltLogged : model::kChangingTiltUnlogged) * uncertainty.tilt_rad;
   tilt_scatter_weight_ = kTiltScatterPriorFrames;
   tilt_scatter_sum_ = tilt_scatter_weight_ * changing * changing;
   mean_.segment<2>(east) = position_m;
   const auto squared = [](double x) { return x * x; };
   covariance_.diagonal() << squared(sigma_m), squared(sigma_m), squared(options.start_velocity_sigma_mps),
-      squared(options.start_velocity_sigma_mps), squared(uncertainty.agl_relative), kUnknownHeadingVariance, 0, 0,
-      squared(kConstantHeadingShare * uncertainty.heading_rad), squared(uncertainty.tilt_rad),
-      squared(uncertainty.tilt_rad), squared(kDeviationShare * uncertainty.heading_rad),
-      squared(kDeviationShare * uncertainty.heading_rad);
+      squared(options.start_velocity_sigma_mps), squared(uncertainty.agl_relative), model::kUnknownHeadingVariance, 0,
+      0, squared(model::kConstantHeading * uncertainty.heading_rad), squared(uncertainty.tilt_rad),
+      squared(uncertainty.tilt_rad), squared(model::kDeviation * uncertainty.heading_rad),
+      squared(model::kDeviation * uncertainty.heading_rad);
 }
 
 double FlightFilter::sigma(Index index) const { return std::sqrt(covariance_(index, index)); }
 double FlightFilter::position_sigma_m() const { return std::sqrt(0.5 * position_covariance_m2().trace()); }
 // A logged tilt scatters as its camera file says, or worse; of an unlogged one only the frames can tell.
 double FlightFilter::changing_tilt_sigma_rad() const {
-  const double least = tilt_logged_ ? kChangingTiltShareLogged * uncertainty_.tilt_rad : kLeastChangingTilt_rad;
+  const double least = tilt_logged_ ? model::kChangingTiltLogged * uncertainty_.tilt_rad : kLeastChangingTilt_rad;
   const double missing = tilt_missing_ ? kMissingTilt_rad : 0;
   return std::sqrt(std::max(least * least, tilt_scatter_sum_ / tilt_scatter_weight_) + missing * missing);
 }
@@ -79,82 +63,6 @@ void FlightFilter::advance(double seconds, std::optional<double> told_heading_ra
                            const std::optional<Eigen::Vector2d>& imu_dv_mps) {
   fly({seconds, told_heading_rad, imu_dv_mps}, tilt_told);
   on_the_way_ = false;
-}
-
-FlightPrediction FlightFilter::foretell(const ToldStretch& stretch) {
-  const auto& [seconds, told_heading_rad, imu_dv_mps] = stretch;
-  const bool clock_stands = !first_ && !(seconds > 0);
-  if (!first_ && seconds > 0) usual_seconds_ = std::min(seconds, kLongestUsual_s);
-  const double dt = first_ ? 0 : std::max(0.0, seconds);
-  FlightPrediction prediction;
-  auto& [now, transition, noise] = prediction;
-
-  const double agl_variance = uncertainty_.agl_relative * uncertainty_.agl_relative;
-  const Wander height = wander(agl_variance, first_ ? 1 : std::sqrt(1 - kHeightWanderShare * kHeightWanderShare));
-  transition(log_height, log_height) = height.keep;
-  noise(log_height, log_height) = height.variance;
-
-  const double tilt_variance = uncertainty_.tilt_rad * uncertainty_.tilt_rad;
-  const double drift_s = tilt_logged_ ? kTiltDriftTimeLogged_s : kTiltDriftTimeUnlogged_s;
-  const Wander bias = wander(tilt_variance, std::exp(-dt / drift_s));
-  const double changing = changing_tilt_sigma_rad() * changing_tilt_sigma_rad();
-  for (int axis = 0; axis < 2; ++axis) {
-    const int tilt = pitch + axis, constant = pitch_bias + axis;
-    transition(tilt, tilt) = 0;
-    transition(tilt, constant) = transition(constant, constant) = bias.keep;
-    noise(constant, constant) = noise(constant, tilt) = noise(tilt, constant) = bias.variance;
-    noise(tilt, tilt) = bias.variance + changing;
-  }
-
-  foretell_heading(prediction, told_heading_rad, dt);
-
-  now = (transition * mean_).eval();
-  if (told_heading_rad) now[heading] += *told_heading_rad;
-
-  const bool turn_known = told_heading_rad && told_heading_rad_;
-  if (imu_dv_mps && !first_) {
-    const double leak_mps2 = kGravity_mps2 * kLevelShare * uncertainty_.tilt_rad;
-    carry_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, {uncertainty_.imu_dv_mps, leak_mps2, blind_s_});
-  } else {
-    carry_by_velocity(prediction, mean_, dt, turn_known, blind_turn_rad_, options_);
-  }
-  if (turn_known) blind_turn_rad_ += wrap_pi(now[heading] - mean_[heading]);
-  blind_s_ += dt;
-  if (clock_stands) {
-    const double step_m = usual_seconds_ * std::max(kUsualSpeed_mps, now.segment<2>(velocity_east).norm());
-    noise(east, east) += step_m * step_m;
-    noise(north, north) += step_m * step_m;
-  }
-  if (imu_dv_mps && !first_) forbid_learning_blind(prediction, covariance_);
-  told_heading_rad_ = told_heading_rad;
-  if (told_heading_rad) last_told_heading_rad_ = told_heading_rad;
-  return prediction;
-}
-
-// On another course the compass errs otherwise: what is known of this one and of the one abeam tells how.
-void FlightFilter::foretell_heading(FlightPrediction& prediction, const std::optional<double>& told_heading_rad,
-                                    double dt) const {
-  auto& [now, transition, noise] = prediction;
-  if (!told_heading_rad) {
-    noise(heading, heading) = first_ ? 0 : kUnknownHeadingVariance;
-    return;
-  }
-  const double turn = last_told_heading_rad_ ? *told_heading_rad - *last_told_heading_rad_ : 0;
-  const double deviation_rad = kDeviationShare * uncertainty_.heading_rad;
-  const Wander wandering = wander(deviation_rad * deviation_rad, std::exp(-dt / kDeviationTime_s));
-  const double c = wandering.keep * std::cos(turn), s = wandering.keep * std::sin(turn);
-  transition(deviation, deviation) = transition(deviation_abeam, deviation_abeam) = c;
-  transition(deviation, deviation_abeam) = s;
-  transition(deviation_abeam, deviation) = -s;
-  noise(deviation, deviation) = noise(deviation_abeam, deviation_abeam) = wandering.variance;
-
-  const double changing_rad = kChangingHeadingShare * uncertainty_.heading_rad;
-  transition(heading, heading) = 0;
-  transition(heading, heading_bias) = 1;
-  transition(heading, deviation) = c;
-  transition(heading, deviation_abeam) = s;
-  noise(heading, heading) = wandering.variance + changing_rad * changing_rad;
-  noise(heading, deviation) = noise(deviation, heading) = wandering.variance;
 }
 
 void FlightFilter::fly(const ToldStretch& stretch, bool tilt_told) {
@@ -252,7 +160,7 @@ void FlightFilter::doubt_height(double log_sigma) {
 // The velocity was learnt with that heading, and would vouch for it: it is forgotten.
 void FlightFilter::doubt_heading(double sigma_rad) {
   settle();
-  const double variance = std::min(sigma_rad * sigma_rad, kUnknownHeadingVariance);
+  const double variance = std::min(sigma_rad * sigma_rad, model::kUnknownHeadingVariance);
   for (const int i : {heading, heading_bias}) {
     for (const int j : {heading, heading_bias}) covariance_(i, j) += variance;
   }

@@ -6,10 +6,13 @@
 #include <cmath>
 #include <ctime>
 
+#include "estimation/telemetry_model.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir::bench {
 namespace {
+
+namespace model = telemetry_model;
 
 // Of a frame: position and velocity east, north; log height; heading, pitch, roll; constant parts of pitch and roll;
 // the compass' deviation on this course and abeam.
@@ -169,29 +172,31 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   sigma.head<4>() << 20, 20, filter.start_velocity_sigma_mps, filter.start_velocity_sigma_mps;
   sigma[kHeight] = uncertainty.agl_relative;
   sigma[kTiltBias] = sigma[kTiltBias + 1] = uncertainty.tilt_rad;
-  const double deviation_rad = 0.6 * uncertainty.heading_rad;
+  const double deviation_rad = model::kDeviation * uncertainty.heading_rad;
   sigma[kDeviation] = sigma[kDeviation + 1] = deviation_rad;
   for (std::size_t i = 0; i < n; ++i) {
     x[i].head<2>() = flight.frames[i].told_m;
     x[i][kHeading] = *flight.steps[i].told_heading_rad;
     if (i > 0) x[i].segment<2>(kVelocity) = (x[i] - x[i - 1]).head<2>() / flight.steps[i].seconds;
   }
-  problem.AddResidualBlock(cost_of<Bias, 1, 1>({0.8 * uncertainty.heading_rad}), nullptr, &heading_bias);
+  problem.AddResidualBlock(cost_of<Bias, 1, 1>({model::kConstantHeading * uncertainty.heading_rad}), nullptr,
+                           &heading_bias);
   problem.AddResidualBlock(cost_of<Begin, 9, kStates>({State::Zero(), sigma}), nullptr, x[0].data());
   for (std::size_t i = 0; i < n; ++i) {
     const FlightStep& step = flight.steps[i];
     const double heading = *step.told_heading_rad;
-    problem.AddResidualBlock(
-        cost_of<Told, 3, kStates, 1>({heading, 0.5 * uncertainty.heading_rad, 0.7 * uncertainty.tilt_rad}), nullptr,
-        x[i].data(), &heading_bias);
+    problem.AddResidualBlock(cost_of<Told, 3, kStates, 1>({heading, model::kChangingHeading * uncertainty.heading_rad,
+                                                           model::kChangingTiltLogged * uncertainty.tilt_rad}),
+                             nullptr, x[i].data(), &heading_bias);
     if (i > 0) {
-      const double keep = std::exp(-step.seconds / 240), kept = std::exp(-step.seconds / 90),
+      const double keep = std::exp(-step.seconds / model::kTiltTimeLogged_s),
+                   kept = std::exp(-step.seconds / model::kDeviationTime_s),
                    turn = wrap_pi(heading - *flight.steps[i - 1].told_heading_rad);
       problem.AddResidualBlock(
-          cost_of<Carry, 9, kStates, kStates>({step.seconds, std::sqrt(15.0 / 16), 0.25 * uncertainty.agl_relative,
-                                               keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep), turn, kept,
-                                               deviation_rad * std::sqrt(1 - kept * kept),
-                                               whitening<4>(carry_noise(step.seconds, turn))}),
+          cost_of<Carry, 9, kStates, kStates>(
+              {step.seconds, std::sqrt(1 - model::kHeightWander * model::kHeightWander),
+               model::kHeightWander * uncertainty.agl_relative, keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep),
+               turn, kept, deviation_rad * std::sqrt(1 - kept * kept), whitening<4>(carry_noise(step.seconds, turn))}),
           nullptr, x[i - 1].data(), x[i].data());
     }
     if (step.moved) {

@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
+#include "estimation/telemetry_model.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir::test {
@@ -11,10 +12,10 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 using F = FlightFilter;
+namespace model = telemetry_model;
 
 constexpr double kStartSigma_m = 20, kAgl_m = 200;
 constexpr double kTurn_rad = 0.17;  // per second: a bank of 20 degrees
-constexpr double kDeviationShare = 0.6;
 
 template <int Rows>
 Eigen::Matrix<double, Rows, 1> normals(Random& random) {
@@ -32,10 +33,10 @@ Matrix2d clockwise(double angle) {
 // What the filter believes sensors do, done: constant and changing errors.
 struct Truth {
   Truth(Random& random, const TelemetryUncertainty& sigma)
-      : heading_bias(random.normal(0, 0.8 * sigma.heading_rad)),
+      : heading_bias(random.normal(0, model::kConstantHeading * sigma.heading_rad)),
         log_height(random.normal(0, sigma.agl_relative)),
         tilt_bias(sigma.tilt_rad * normals<2>(random)),
-        deviation(kDeviationShare * sigma.heading_rad * normals<2>(random)),
+        deviation(model::kDeviation * sigma.heading_rad * normals<2>(random)),
         place(kStartSigma_m * normals<2>(random)),
         wind(5 * normals<2>(random)),
         heading(random.uniform(-kPi, kPi)),
@@ -48,12 +49,13 @@ struct Truth {
       velocity = wind + 20 * Vector2d(std::sin(heading), std::cos(heading));
       place += velocity * seconds / kSmall;
     }
-    log_height = std::sqrt(15.0 / 16) * log_height + random.normal(0, 0.25 * sigma.agl_relative);
-    const double keep = std::exp(-seconds / 240);
+    log_height = std::sqrt(1 - model::kHeightWander * model::kHeightWander) * log_height +
+                 random.normal(0, model::kHeightWander * sigma.agl_relative);
+    const double keep = std::exp(-seconds / model::kTiltTimeLogged_s);
     tilt_bias = keep * tilt_bias + std::sqrt(1 - keep * keep) * sigma.tilt_rad * normals<2>(random);
-    const double kept = std::exp(-seconds / 90);
+    const double kept = std::exp(-seconds / model::kDeviationTime_s);
     deviation = kept * (clockwise(turn) * deviation) +
-                std::sqrt(1 - kept * kept) * kDeviationShare * sigma.heading_rad * normals<2>(random);
+                std::sqrt(1 - kept * kept) * model::kDeviation * sigma.heading_rad * normals<2>(random);
   }
 
   double heading_error() const { return heading_bias + deviation.x(); }
@@ -118,10 +120,11 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
   for (int i = 0; i < options.frames; ++i) {
     const Truth was = is;
     if (i > 0) is.fly(random, sigma, i % 40 > 31 ? kTurn_rad * options.interval_s : 0, options.interval_s);
-    is.tilt = is.tilt_bias + 0.7 * sigma.tilt_rad * normals<2>(random);
+    is.tilt = is.tilt_bias + model::kChangingTiltLogged * sigma.tilt_rad * normals<2>(random);
     FlightStep step;
     step.seconds = i > 0 ? options.interval_s : 0;
-    step.told_heading_rad = wrap_pi(is.heading - is.heading_error() - random.normal(0, 0.5 * sigma.heading_rad));
+    step.told_heading_rad =
+        wrap_pi(is.heading - is.heading_error() - random.normal(0, model::kChangingHeading * sigma.heading_rad));
     if (options.imu && i > 0) {
       step.imu_dv_mps = clockwise(-was.heading_error()) * (is.velocity - was.velocity) +
                         sigma.imu_dv_mps * std::sqrt(options.interval_s) * normals<2>(random);
