@@ -11,7 +11,7 @@
 namespace nadir {
 namespace {
 
-constexpr double kTurn_s = 0.05, kPublishPeriod_s = 0.2, kGpsHintRadius_m = 150;
+constexpr double kTurn_s = 0.05, kPublishPeriod_s = 0.2;
 
 }  // namespace
 
@@ -137,9 +137,9 @@ void FlightService::learn(double time_s, const PlaceHinted& hinted) {
 void FlightService::learn(double time_s, const GpsFix3d& fix) {
   gps_.hear(fix);
   // While it is trusted it says where to look first; never where we are.
-  if (gps_hinted_ || gps_judged_.verdict != GpsVerdict::trusted || !fix.has_fix) return;
-  gps_hinted_ = true;
-  learn(time_s, PlaceHinted{fix.place, kGpsHintRadius_m, "GPS"});
+  if (gps_judged_.verdict != GpsVerdict::trusted || !fix.has_fix) return;
+  const bool position_known = last_spoke_ && last_spoke_->estimate.position;
+  if (gps_hints_.due(fix.place, position_known)) learn(time_s, PlaceHinted{fix.place, kGpsHintRadius_m, "GPS"});
 }
 
 void FlightService::learn(double, const EkfReport& report) { gps_.hear(report); }

@@ -29,6 +29,8 @@
 #include "flight/operator_texts.hpp"
 #include "flight/tile_making.hpp"
 #include "flight/view_builder.hpp"
+#include "service/gps_health.hpp"
+#include "service/gps_hints.hpp"
 #include "service/restart.hpp"
 #include "service/state_directory.hpp"
 #include "service/stop_signals.hpp"
@@ -103,7 +105,7 @@ class FlightService {
   LatestMailbox<SavedFlight> to_save_;
   std::optional<LocalizerSpoke> last_spoke_;
   std::string last_reason_;
-  bool gps_hinted_ = false;
+  GpsHints gps_hints_;
 
   std::string recorder_trouble_;
   std::unique_ptr<Recorder> recorder_;
