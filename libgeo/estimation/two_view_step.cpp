@@ -17,7 +17,7 @@ constexpr double kWorkingWidth_px = 450;
 constexpr int kMinInliers = 12;
 constexpr double kHomographyThreshold_px = 3.0;
 constexpr double kModelErrorShare = 0.01;  // of the motion
-constexpr double kTurnErrorShare = 0.05;   // of the turn: hills under a banked camera (measured: 0.03)
+constexpr double kTurnErrorShare = 0.05;   // of the turn: hills under a banked camera (`bench turns`)
 
 std::vector<SharedSight> sights_of(const OdometryFrame& before, const OdometryFrame& now, const SharedPixels& shared) {
   std::vector<SharedSight> sights;

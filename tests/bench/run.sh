@@ -23,6 +23,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)
   safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
   flights       long flights with turns, outliers, blackouts, wrong height and heading (--resume FILE; half an hour)
+  turns         how far off what odometry says of a turn is (two minutes)
   consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
@@ -82,6 +83,7 @@ part() {
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
+    turns)  one_program bench_turns && build/bin/bench_turns "$@" ;;
     smoothing)    smoothing "$@" ;;
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
@@ -102,8 +104,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, rules, chaos, sitl, soak, latency, ablations, safety, flights, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | candidates | localization | closed-loop | rules | chaos | sitl | soak | latency | ablations | safety | flights | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
+  package | validators | kill | area | large | candidates | localization | closed-loop | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac
