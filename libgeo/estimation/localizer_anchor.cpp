@@ -6,6 +6,7 @@
 #include "estimation/anchor_job.hpp"
 #include "estimation/localizer_state.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 namespace {
@@ -19,6 +20,8 @@ constexpr double kTiltlessModelError = 9;  // all of that looks like a tilt, whe
 constexpr double kSharedErrorFootprints = 1.5;
 constexpr double kVotesApartFootprints = 0.8;  // by then a picture shows little of the first one's ground
 constexpr double kLeastTiltVariance_rad2 = 1e-6;
+constexpr double kLeastFound_px =
+    128;  // of the map, that a picture's longer side must show to be looked for everywhere
 constexpr double kLeastHeightSigma = 0.012;  // roofs, trees and rolling ground
 
 double model_error(const AnchorJob& job) { return job.flight.tilt_missing() ? kTiltlessModelError : kAnchorModelError; }
@@ -45,8 +48,17 @@ bool Localizer::State::anchor_due() const {
          (flight->position_m() - *last_anchor_at).norm() >= config.anchor_every_m;
 }
 
+// On the ground and right after take-off a picture shows a few pixels of the map, which are everywhere: searching all
+// of the area for them takes a minute, in which nothing else is looked up.
+bool Localizer::State::too_low_to_be_found() const {
+  const double map_gsd_m = ground_resolution_m(tiles->zooms().max, frame.origin().lat_deg);
+  return lost() && footprint_side_m(camera, told_agl_m) < kLeastFound_px * map_gsd_m;
+}
+
 std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, double time_s) {
-  if (job_out || tiles == nullptr || (!placed && !config.area) || !anchor_due()) return nullptr;
+  if (job_out || tiles == nullptr || (!placed && !config.area) || !anchor_due() || too_low_to_be_found()) {
+    return nullptr;
+  }
   heed_hint();
   const AnchorPrior prior = anchor_prior();
   Prediction prediction{0, flight->position_sigma_m(), unbroken && last_anchor_s, lost(), !last_anchor_s};

@@ -43,6 +43,7 @@ struct Localizer::State {
   AnchorPrior anchor_prior() const;
   bool lost() const { return window.lost(placed, flight->position_sigma_m()); }
   bool anchor_due() const;
+  bool too_low_to_be_found() const;
   // Where one who is lost looks: chosen with the frame, searched by its job.
   struct LostSearch {
     PlaneBox area;

@@ -30,6 +30,24 @@ TEST(Localizer, ColdStartFindsItselfInTheArea) {
   }
 }
 
+// A few pixels of the map are everywhere.
+TEST(Localizer, OnTheGroundItIsNotSearchedFor) {
+  LocalizerConfig anywhere = config();
+  anywhere.area = PlaneBox{-200, -200, 200, 200};
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
+  Telemetry standing = short_flight()[0].telemetry;
+  standing.time_s -= 1;
+  standing.agl_m = 2;
+  EXPECT_EQ(localizer.process(short_flight()[1].image, standing).anchor.verdict, AnchorVerdict::not_tried);
+  localizer.hint(start(), 150);
+  standing.time_s += 0.5;
+  EXPECT_EQ(localizer.process(short_flight()[2].image, standing).anchor.verdict, AnchorVerdict::not_tried);
+  EXPECT_NE(localizer.process(short_flight()[0].image, short_flight()[0].telemetry).anchor.verdict,
+            AnchorVerdict::not_tried);
+  EXPECT_EQ(localizer.process(short_flight()[1].image, short_flight()[1].telemetry).anchor.verdict,
+            AnchorVerdict::accepted);
+}
+
 TEST(Localizer, ColdStartOverAnotherLandscapeTellsNothing) {
   const test::Landscape other(78, 160);
   LocalizerConfig anywhere = config();
