@@ -20,8 +20,7 @@ constexpr double kTiltlessModelError = 9;  // all of that looks like a tilt, whe
 constexpr double kSharedErrorFootprints = 1.5;
 constexpr double kVotesApartFootprints = 0.8;  // by then a picture shows little of the first one's ground
 constexpr double kLeastTiltVariance_rad2 = 1e-6;
-constexpr double kLeastFound_px =
-    128;  // of the map, that a picture's longer side must show to be looked for everywhere
+constexpr double kLeastFound_px = 128;       // of the map, along a picture's longer side, to be looked for everywhere
 constexpr double kLeastHeightSigma = 0.012;  // roofs, trees and rolling ground
 
 double model_error(const AnchorJob& job) { return job.flight.tilt_missing() ? kTiltlessModelError : kAnchorModelError; }

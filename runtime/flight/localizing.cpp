@@ -14,8 +14,8 @@ constexpr std::chrono::milliseconds kLookForFinished{20};  // how long a finishe
 constexpr double kFollowerLimit_s = 3;
 // A search of all the area by a computer that is slow and has much else to do. Whoever ends it sooner begins it anew.
 constexpr double kLookerLimit_s = 120;
-constexpr double kLeastHeight_m = 1;  // told of an aircraft that stands …
-constexpr double kDeepest_m = 30;     // … though terrain and barometer have it under the ground, by less than so much
+constexpr double kLeastHeight_m = 1;
+constexpr double kUnderground_m = 10;  // where terrain and barometer may have an aircraft that stands
 constexpr double kAutopilotSpeaksWithin_s = 3;
 
 CameraFile decoded_small(CameraFile file, int shrink) {
@@ -91,8 +91,9 @@ void Localizing::follow(const FlightPicture& picture) {
   if (estimate.position) {
     const Enu at = setup_.frame.enu_from_lonlat(*estimate.position);
     believed_at_ = {at.east_m, at.north_m};
+    ground_hinted_ = false;
   }
-  last_told_place_ = estimate.position.has_value();
+  placed_ = estimate.position.has_value();
   last_told_ = told;
   last_odometry_ = followed.report.odometry;
   listener_.output({next_index_, next_index_, false, told, std::move(followed.report)});
@@ -123,16 +124,18 @@ void Localizing::take_hint() {
   } catch (const UsageError&) {
     return;
   }
-  if (!last_told_place_) {  // the ground under it is that of where it is said to be
+  if (!placed_) {  // the ground under it is that of where it is said to be
     const Enu at = setup_.frame.enu_from_lonlat(hint->place);
     believed_at_ = {at.east_m, at.north_m};
+    ground_hinted_ = true;
   }
   if (everywhere_) give_up_ = true;
   hint->before = next_index_;
   listener_.hinted(*hint);
 }
 
-// Over terrain the height above ground follows from the height above the sea; a range finder knows better.
+// Over terrain the height above ground follows from the height above the sea; a range finder knows better. Where nobody
+// said where we are, no height at all does not mean that we stand: it may be another hill.
 Telemetry Localizing::telemetry_at(const FlightPicture& picture) {
   const std::scoped_lock lock(telemetry_mutex_);
   Telemetry told = telemetry_.at(picture.taken_s);
@@ -142,7 +145,9 @@ Telemetry Localizing::telemetry_at(const FlightPicture& picture) {
   const auto msl_m = telemetry_.msl_m(picture.taken_s);
   const GroundSurface* ground = setup_.config.surface;
   if (ground != nullptr && msl_m) agl_m = *msl_m - setup_.plane_msl_m - ground->height_m(believed_at_);
-  if (agl_m && *agl_m > -kDeepest_m) told.agl_m = std::max(*agl_m, kLeastHeight_m);
+  const bool stands = ground != nullptr && ground_hinted_ && agl_m && std::abs(*agl_m) < kUnderground_m;
+  if (agl_m && *agl_m > kLeastHeight_m) told.agl_m = agl_m;
+  if (!told.agl_m && stands) told.agl_m = kLeastHeight_m;
   return told;
 }
 

@@ -106,7 +106,8 @@ class Localizing {
   std::uint64_t next_index_ = 0, job_index_ = 0;
   std::optional<double> first_taken_s_;  // of the pictures, followed or not
   PlanePoint believed_at_{};
-  bool last_told_place_ = false;  // with the last picture a position was told
+  bool placed_ = false;         // a position was told with the last picture
+  bool ground_hinted_ = false;  // believed_at_ is a hint's, and no position was told since
   Telemetry last_told_;
   OdometryReport last_odometry_;
 

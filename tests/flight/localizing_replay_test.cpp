@@ -234,6 +234,38 @@ TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
   EXPECT_EQ(same.same, same.compared) << same.first_other.value_or("");
 }
 
+// No height above the terrain means that it stands there where somebody said that it is; elsewhere it may be another
+// hill.
+TEST_F(LocalizingReplay, WhoWasSaidToBeHereAndHasNoHeightStands) {
+  const std::vector<Moment> moments = flight(3);
+  const FlatGround ground;
+  {
+    GatedTiles tiles;
+    tiles.open();
+    LocalizingSetup nowhere = setup(tiles);
+    nowhere.start.reset();
+    nowhere.config.surface = &ground;
+    Localizing localizing(nowhere, pictures_, watch_, listener());
+    const auto show = [&](const Moment& moment, double msl_m) {
+      const Telemetry& told = moment.telemetry;
+      localizing.hear(told.time_s, AircraftAttitude{0, 0, 0, *told.heading_rad, {}});
+      localizing.hear(told.time_s, GlobalPosition{0, kOrigin, msl_m, 0, {}, {}});
+      pictures_.put({told.frame, encode_image(moment.image, ImageFormat::png), told.time_s});
+      heard_.wait(heard_.frames, ++flown_);
+    };
+    show(moments[0], -2);
+    localizing.hint(kOrigin, 150, "GPS");
+    heard_.wait(heard_.hints, 1);
+    show(moments[1], -2);
+    show(moments[2], -20);
+  }
+  const std::vector<Telemetry> frames = recorded().flight.frames;
+  ASSERT_EQ(frames.size(), 3U);
+  EXPECT_FALSE(frames[0].agl_m);
+  EXPECT_EQ(frames[1].agl_m, 1.0);
+  EXPECT_FALSE(frames[2].agl_m) << "far under the ground stands nobody";
+}
+
 // After a start in flight, before the autopilot is heard: with every heading possible the first look would last.
 TEST_F(LocalizingReplay, APictureBeforeTheFirstAttitudeIsLeftOut) {
   std::vector<Moment> moments = flight(4);
