@@ -1,22 +1,27 @@
 # One function per kind of target, so that the folders' own lists stay a few lines.
 
-# nadir_layer(<name> SOURCES … [PUBLIC …] [PRIVATE …] [PCH …])
-# The static library nadir_<name> of libgeo/<name>; other folders link it as nadir::<name>.
-function(nadir_layer name)
-  cmake_parse_arguments(LAYER "" "" "SOURCES;PUBLIC;PRIVATE;PCH" ${ARGN})
-  add_library(nadir_${name} STATIC ${LAYER_SOURCES})
+# nadir_library(<name> [PUBLIC …] [PRIVATE …] [PCH …])
+# The static library nadir_<name> of every source in the calling folder; other folders link it as nadir::<name>. Includes
+# name the folder: libgeo/base/error.hpp is "base/error.hpp".
+function(nadir_library name)
+  cmake_parse_arguments(LIBRARY "" "" "PUBLIC;PRIVATE;PCH" ${ARGN})
+  file(GLOB sources CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*.cpp")
+  get_filename_component(above "${CMAKE_CURRENT_SOURCE_DIR}" DIRECTORY)
+  add_library(nadir_${name} STATIC ${sources})
   add_library(nadir::${name} ALIAS nadir_${name})
-  target_include_directories(nadir_${name} PUBLIC "${PROJECT_SOURCE_DIR}/libgeo")
-  target_link_libraries(nadir_${name} PUBLIC ${LAYER_PUBLIC} PRIVATE ${LAYER_PRIVATE} $<BUILD_INTERFACE:nadir_warnings>)
-  if(LAYER_PCH)
-    target_precompile_headers(nadir_${name} PRIVATE ${LAYER_PCH})
+  target_include_directories(nadir_${name} PUBLIC "${above}")
+  target_link_libraries(nadir_${name} PUBLIC ${LIBRARY_PUBLIC} PRIVATE ${LIBRARY_PRIVATE} $<BUILD_INTERFACE:nadir_warnings>)
+  if(LIBRARY_PCH)
+    target_precompile_headers(nadir_${name} PRIVATE ${LIBRARY_PCH})
   endif()
 endfunction()
 
-# nadir_test(<name> SOURCES … LINK …): one GoogleTest program per folder of tests/, its cases known to ctest by name.
+# nadir_test(<name> [SOURCES …] LINK …): one GoogleTest program per folder of tests/, of its *_test.cpp and SOURCES; its
+# cases are known to ctest by name.
 function(nadir_test name)
   cmake_parse_arguments(TEST "" "" "SOURCES;LINK" ${ARGN})
-  add_executable(test_${name} ${TEST_SOURCES})
+  file(GLOB cases CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*_test.cpp")
+  add_executable(test_${name} ${cases} ${TEST_SOURCES})
   target_link_libraries(test_${name} PRIVATE ${TEST_LINK} nadir_test_support GTest::gmock GTest::gtest_main nadir_warnings)
   target_include_directories(test_${name} PRIVATE "${PROJECT_SOURCE_DIR}/tests")
   target_precompile_headers(test_${name} REUSE_FROM nadir_test_pch)

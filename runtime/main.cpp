@@ -1,7 +1,7 @@
 #include <iostream>
 
-#include "framework/interrupt.hpp"
-#include "framework/program.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/program.hpp"
 #include "nadird_command.hpp"
 
 int main(int argc, char** argv) {

@@ -9,16 +9,16 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "flight/flight_service.hpp"
-#include "framework/interrupt.hpp"
-#include "framework/options.hpp"
-#include "framework/output.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package/open_package.hpp"
 #include "trust/airframe_signature.hpp"
 #include "trust/bearer_token.hpp"
 #include "vision/airframe.hpp"
 #include "vision/place_index_check.hpp"
-#include "watch/watching.hpp"
+#include "nadird_client/watching.hpp"
 
 namespace nadir {
 namespace {

@@ -8,9 +8,9 @@
 #include <string>
 
 #include "flight/flight_options.hpp"
-#include "framework/command.hpp"
+#include "cli/command.hpp"
 #include "service/held_memory.hpp"
-#include "verify_request.hpp"
+#include "verify_request/verify_request.hpp"
 
 namespace nadir {
 

@@ -3,9 +3,9 @@
 
 #include <iostream>
 
-#include "framework/interrupt.hpp"
-#include "framework/program.hpp"
-#include "registry.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/program.hpp"
+#include "commands/registry.hpp"
 
 int main(int argc, char** argv) {
   nadir::install_signal_handlers();

@@ -16,18 +16,18 @@ namespace {
 constexpr int kAhead = -10, kBehind = 4, kMostNice = 19, kLeastNice = -20;
 constexpr std::size_t kLongestName = 15;
 
-int step(ThreadRank rank) {
+int step(ThreadPriority rank) {
   switch (rank) {
-    case ThreadRank::ahead: return kAhead;
-    case ThreadRank::behind: return kBehind;
-    case ThreadRank::beside: break;
+    case ThreadPriority::ahead: return kAhead;
+    case ThreadPriority::behind: return kBehind;
+    case ThreadPriority::beside: break;
   }
   return 0;
 }
 
 }  // namespace
 
-void begin_thread(const char* name, ThreadRank rank) {
+void begin_thread(const char* name, ThreadPriority rank) {
   ::pthread_setname_np(::pthread_self(), std::string(name).substr(0, kLongestName).c_str());
   errno = 0;
   const int program = ::getpriority(PRIO_PROCESS, static_cast<id_t>(::getpid()));  // its main thread's

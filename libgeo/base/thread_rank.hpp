@@ -7,13 +7,13 @@
 
 namespace nadir {
 
-enum class ThreadRank {
+enum class ThreadPriority {
   ahead,   // next to no work, and somebody counts the milliseconds: fixes to the autopilot
   beside,  // as the program was started
   behind,  // may take longer while others have to do: looks at the map, the recorder, readers of the API
 };
 
 // Of the calling thread. name: at most 15 characters count.
-void begin_thread(const char* name, ThreadRank rank);
+void begin_thread(const char* name, ThreadPriority rank);
 
 }  // namespace nadir

@@ -9,7 +9,7 @@
 #include "base/error.hpp"
 #include "candidates/candidate_sql.hpp"
 #include "candidates/catalogue_transaction.hpp"
-#include "ground/catalogue_shapes.hpp"
+#include "catalogue/catalogue_shapes.hpp"
 #include "trust/base64.hpp"
 
 namespace nadir {
@@ -136,7 +136,7 @@ std::int64_t CandidateCatalogue::open_upload(const UploadRow& upload, const Batc
         .set("captured_at", UtcTime{sidecar.captured_at.unix_ms / 1000})
         .set("gsd_mm", sidecar.gsd_mm)
         .set("sigma_mm", sidecar.pose.sigma_mm)
-        .set("badness_mm", static_cast<std::int64_t>(std::lround(badness_mm(sidecar))))
+        .set("badness_mm", static_cast<std::int64_t>(std::lround(cost_mm(sidecar))))
         .set("trust", name_of(sidecar.trust))
         .set("keyid", announced.signature.keyid)
         .set("signature", to_base64(announced.signature.signature))
@@ -271,7 +271,7 @@ void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now
     decide(question.verdict, sidecar, rivals);
     if (question.verdict.verdict == Verdict::accepted) {
       accepted.insert(sidecar.sha256);
-      take(seat, std::lround(badness_mm(sidecar)));
+      take(seat, std::lround(cost_mm(sidecar)));
     }
     verdicts.push_back(std::move(question.verdict));
   }

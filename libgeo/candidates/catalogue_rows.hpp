@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "base/sha256.hpp"
-#include "exchange/batch.hpp"
-#include "exchange/reason_code.hpp"
+#include "upload/batch.hpp"
+#include "upload/reason_code.hpp"
 #include "ortho/candidate_store.hpp"
 
 namespace nadir {

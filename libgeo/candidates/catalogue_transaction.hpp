@@ -2,7 +2,7 @@
 #pragma once
 
 #include "candidates/catalogue_rows.hpp"
-#include "ground/catalogue_database.hpp"
+#include "catalogue/catalogue_database.hpp"
 
 namespace nadir {
 

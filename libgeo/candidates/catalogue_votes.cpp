@@ -5,7 +5,7 @@
 
 #include "candidates/candidate_catalogue.hpp"
 #include "candidates/catalogue_transaction.hpp"
-#include "ground/catalogue_shapes.hpp"
+#include "catalogue/catalogue_shapes.hpp"
 
 namespace nadir {
 namespace {

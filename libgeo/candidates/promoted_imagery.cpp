@@ -17,8 +17,8 @@
 #include "base/files.hpp"
 #include "base/json.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "ground/gdal_dataset.hpp"
-#include "ground/imagery_facts.hpp"
+#include "raster/gdal_dataset.hpp"
+#include "raster/imagery_facts.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;

@@ -164,7 +164,7 @@ bool CandidateService::judge_some(std::int64_t id) {
           if (rivals.same_bytes) {
             verdict.verdict = Verdict::duplicate;
             verdict.detail = "this very tile was accepted before";
-          } else if (rivals.of_flight_mm && static_cast<double>(*rivals.of_flight_mm) <= badness_mm(sidecar)) {
+          } else if (rivals.of_flight_mm && static_cast<double>(*rivals.of_flight_mm) <= cost_mm(sidecar)) {
             verdict.verdict = Verdict::rejected;
             verdict.refusal = Refusal{.code = ReasonCode::better_tile_exists,
                                       .detail = "this flight has sent a better one of this place"};

@@ -6,7 +6,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "candidates/candidate_service.hpp"
-#include "exchange/pack_reader.hpp"
+#include "upload/pack_reader.hpp"
 
 namespace nadir {
 

@@ -22,7 +22,7 @@ std::vector<const Voter*> voices_of(const Ballot& ballot) {
     });
     if (same == voices.end()) {
       voices.push_back(&voter);
-    } else if (badness_mm(voter.sidecar) < badness_mm((*same)->sidecar)) {
+    } else if (cost_mm(voter.sidecar) < cost_mm((*same)->sidecar)) {
       *same = &voter;
     }
   }
@@ -124,7 +124,7 @@ Outcome decide(const Ballot& ballot, const ComparePictures& compare, std::int64_
     const std::vector<const Voter*> group = group_around(first, voices, votes, rules);
     if (std::ssize(group) < rules.flights_to_promote) continue;
     const Voter& best = **std::min_element(group.begin(), group.end(), [](const Voter* a, const Voter* b) {
-      return badness_mm(a->sidecar) < badness_mm(b->sidecar);
+      return cost_mm(a->sidecar) < cost_mm(b->sidecar);
     });
     if (ballot.promoted != best.tile) {
       outcome.promotion = {.tile = best.tile,

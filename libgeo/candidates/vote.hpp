@@ -4,7 +4,7 @@
 // flights of different airframes, or (unless the rules ask for airframes) of different days and hours apart. One flight has one voice,
 // its best tile's. The newest tile that finds enough others that agree decides which ground is the true one: so a
 // change on the ground wins as soon as enough flights have seen it. Of those that agree the best is promoted
-// (badness_mm).
+// (cost_mm).
 #pragma once
 
 #include <functional>

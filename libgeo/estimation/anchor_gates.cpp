@@ -27,21 +27,21 @@ double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior) {
 
 namespace {
 
-// seconded_closely: a sharp prediction says the same, and the patches agree closer than chance does.
-double needed_inlier_share(double ratio, bool seconded_closely, const GateLimits& limits) {
+// corroborated_closely: a sharp prediction says the same, and the patches agree closer than chance does.
+double needed_inlier_share(double ratio, bool corroborated_closely, const GateLimits& limits) {
   if (ratio <= limits.clear_ratio) return limits.clear_inlier_share;
-  if (ratio <= limits.alone_ratio || seconded_closely) return limits.alone_inlier_share;
+  if (ratio <= limits.alone_ratio || corroborated_closely) return limits.alone_inlier_share;
   return limits.vote_inlier_share;
 }
 
 // Where many places competed and hardly any came near, the ratio speaks for the place.
-bool told_apart(const AnchorMatch& match, const AnchorPrior& prior, const GateLimits& limits) {
+bool distinctive(const AnchorMatch& match, const AnchorPrior& prior, const GateLimits& limits) {
   return match.search.ratio <= limits.clear_ratio && prior.search.radius_m >= limits.telling_window_m;
 }
 
 // Few patches; or not many, which fit badly, lie where nobody expected them or have a camera that may be tilted any
 // way.
-bool by_chance(const AnchorMatch& match, const AnchorPrior& prior, double share, const Prediction& prediction,
+bool chance_consensus(const AnchorMatch& match, const AnchorPrior& prior, double share, const Prediction& prediction,
                const GateLimits& limits) {
   if (share < limits.sure_inlier_share) return true;
   const double tilt_variance_rad2 = prior.tilt_covariance_rad2.trace() / 2;
@@ -59,7 +59,7 @@ bool doubts_start(const Prediction& prediction, const GateLimits& limits) {
 
 }  // namespace
 
-bool seconded(const Prediction& prediction, const GateLimits& limits) {
+bool corroborated(const Prediction& prediction, const GateLimits& limits) {
   return prediction.healthy && prediction.sigma_m <= limits.sharp_sigma_m && prediction.chi2 <= limits.expected_chi2;
 }
 
@@ -74,18 +74,18 @@ AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, c
   if (!match.solved) return AnchorVerdict::few_inliers;
   const SolvedPose& solved = *match.solved;
   const double share = static_cast<double>(solved.inliers) / std::max(1, match.patches);
-  const bool seconded_closely =
+  const bool corroborated_closely =
       sharp && prediction.chi2 <= limits.chi2_999 && solved.rms_m <= limits.max_chance_residual_px * match.fine_gsd_m;
   if (solved.inliers < limits.min_inliers ||
-      share < needed_inlier_share(match.search.ratio, seconded_closely, limits)) {
+      share < needed_inlier_share(match.search.ratio, corroborated_closely, limits)) {
     return AnchorVerdict::few_inliers;
   }
   if (match.frame_share < limits.min_frame_share) return AnchorVerdict::bad_geometry;
   if (solved.rms_m > limits.max_residual_px * match.fine_gsd_m) return AnchorVerdict::bad_geometry;
   if (attitude_surprise(solved, prior) > limits.max_tilt_sigmas) return AnchorVerdict::bad_geometry;
   if (!prediction.lost && prediction.chi2 > limits.chi2_999) return AnchorVerdict::off_prediction;
-  const bool chance = !seconded(prediction, limits) && !told_apart(match, prior, limits) &&
-                      by_chance(match, prior, share, prediction, limits);
+  const bool chance = !corroborated(prediction, limits) && !distinctive(match, prior, limits) &&
+                      chance_consensus(match, prior, share, prediction, limits);
   const bool backed = prediction.healthy && prediction.sigma_m <= limits.healthy_sigma_m;
   const bool alone = prediction.lost ? match.search.ratio <= limits.lost_ratio && share >= limits.lost_inlier_share
                                      : match.search.ratio <= limits.alone_ratio || backed;

@@ -59,7 +59,7 @@ struct Prediction {
 double attitude_surprise(const SolvedPose& solved, const AnchorPrior& prior);
 
 // A sharp prediction says the same as the match.
-bool seconded(const Prediction& prediction, const GateLimits& limits = {});
+bool corroborated(const Prediction& prediction, const GateLimits& limits = {});
 
 AnchorVerdict judge_anchor(const AnchorMatch& match, const AnchorPrior& prior, const Prediction& prediction,
                            const GateLimits& limits = {});

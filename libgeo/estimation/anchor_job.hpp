@@ -22,8 +22,8 @@ class AnchorJob {
 
   std::size_t step = 0;  // of the flight's log
   double time_s = 0;
-  double told_agl_m = 0;
-  Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();
+  double measured_agl_m = 0;
+  Eigen::Vector2d measured_tilt_rad = Eigen::Vector2d::Zero();
   FlightFilter flight;  // as it was
   AnchorPrior prior;
   Prediction prediction;

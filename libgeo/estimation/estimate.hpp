@@ -40,7 +40,7 @@ struct AnchorReport {
   double residual_px = 0;  // RMS of the inliers, in pixels of the matching GSD
   double matching_gsd_m = 0;
   double chi2 = 0;                   // squared Mahalanobis distance to the prediction, 2 degrees of freedom
-  bool seconded = false;             // a sharp prediction says the same: carried from an anchor, and within its 95 %
+  bool corroborated = false;             // a sharp prediction says the same: carried from an anchor, and within its 95 %
   std::optional<PlanePoint> camera;  // matched camera position in the map's plane (also of refused ones)
   double heading_rad = 0;            // matched heading of image-up
   double window_radius_m = 0;        // half the side of the searched window
@@ -69,7 +69,7 @@ struct Estimate {
 };
 
 // What is believed beside the position, at the estimate's frame.
-struct Belief {
+struct StateEstimate {
   Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // east, north
   double velocity_sigma_mps = 0;                           // one axis
   double heading_rad = 0;                                  // of image-up
@@ -93,7 +93,7 @@ struct FramePose {
 
 struct FrameReport {
   Estimate estimate;
-  Belief belief;
+  StateEstimate belief;
   AnchorReport anchor;
   OdometryReport odometry;
   std::optional<FramePose> anchored;  // of the frame that the anchor report is about, when it was accepted

@@ -53,21 +53,21 @@ double FlightFilter::changing_tilt_sigma_rad() const {
   return std::sqrt(std::max(least * least, tilt_scatter_sum_ / tilt_scatter_weight_) + missing * missing);
 }
 
-void FlightFilter::carry(const ToldStretch& stretch) {
+void FlightFilter::carry(const TelemetryInterval& stretch) {
   if (first_) return;  // nobody knows from where
   fly(stretch, true);
   on_the_way_ = true;
 }
 
-void FlightFilter::advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told,
+void FlightFilter::advance(double seconds, std::optional<double> measured_heading_rad, bool tilt_measured,
                            const std::optional<Eigen::Vector2d>& imu_dv_mps) {
-  fly({seconds, told_heading_rad, imu_dv_mps}, tilt_told);
+  fly({seconds, measured_heading_rad, imu_dv_mps}, tilt_measured);
   on_the_way_ = false;
 }
 
-void FlightFilter::fly(const ToldStretch& stretch, bool tilt_told) {
+void FlightFilter::fly(const TelemetryInterval& stretch, bool tilt_measured) {
   if (!on_the_way_) settle();
-  tilt_missing_ = tilt_logged_ && !tilt_told;
+  tilt_missing_ = tilt_logged_ && !tilt_measured;
   const auto [now, transition, noise] = foretell(stretch);
   const auto before = joint_;  // on the way: with what the last frame is still tied to
   const State last = before ? State(before->first.head<states>()) : mean_;
@@ -109,7 +109,7 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
 
 // The sight alone is metres off, as far as tilt is unknown, and errs with the very tilt that it measures. What scale
 // and heading do to the motion is therefore taken from the motion after a first update, not from the sight.
-Eigen::Vector2d FlightFilter::moved(const MotionSight& sight) {
+Eigen::Vector2d FlightFilter::moved(const RelativeMotionMeasurement& sight) {
   if (!joint_) return Eigen::Vector2d::Zero();
   blind_turn_rad_ = blind_s_ = 0;
   const auto prior = *joint_;
@@ -122,7 +122,7 @@ Eigen::Vector2d FlightFilter::moved(const MotionSight& sight) {
 }
 
 // step: about how far it went (east, north; m).
-void FlightFilter::take_motion(const MotionSight& sight, const Eigen::Vector2d& step) {
+void FlightFilter::take_motion(const RelativeMotionMeasurement& sight, const Eigen::Vector2d& step) {
   constexpr int b = 0, n = states;  // the frame before, and now
   // seen = row · (before, now) + offset, linear about the beliefs that the front end worked with.
   Eigen::Matrix<double, 8, kJoint> row = Eigen::Matrix<double, 8, kJoint>::Zero();
@@ -181,7 +181,7 @@ void FlightFilter::doubt_position(double sigma_m) {
 }
 
 // What the tilts seen on the map scatter beyond what is known to scatter is the changing part.
-void FlightFilter::learn_tilt_scatter(const PoseSight& sight) {
+void FlightFilter::learn_tilt_scatter(const PoseMeasurement& sight) {
   const Eigen::Vector2d innovation = sight.seen.segment<2>(4) - mean_.segment<2>(pitch_bias);
   const double known =
       0.5 * (covariance_.block<2, 2>(pitch_bias, pitch_bias).trace() + sight.covariance.block<2, 2>(4, 4).trace());
@@ -195,7 +195,7 @@ void FlightFilter::learn_tilt_scatter(const PoseSight& sight) {
   tilt_scatter_sum_ = std::max(tilt_scatter_sum_, 0.0);
 }
 
-void FlightFilter::anchored(const PoseSight& sight) {
+void FlightFilter::anchored(const PoseMeasurement& sight) {
   settle();
   blind_turn_rad_ = blind_s_ = 0;
   learn_tilt_scatter(sight);

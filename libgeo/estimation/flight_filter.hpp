@@ -41,7 +41,7 @@ class FlightFilter {
     pitch_bias,
     roll_bias,
     deviation,
-    deviation_abeam,
+    deviation_quadrature,
     states
   };
   using State = Eigen::Matrix<double, states, 1>;
@@ -63,12 +63,12 @@ class FlightFilter {
 
   // So much further without a frame: the way to the next one where it is long, as the telemetry tells it. seconds above
   // 0.
-  void carry(const ToldStretch& stretch);
+  void carry(const TelemetryInterval& stretch);
   // A new frame, so many seconds after the last one or after what was carried. When the clock stands or runs backwards,
-  // the time is unknown: about what passed between the frames before, or none. tilt_told: the telemetry has pitch and
+  // the time is unknown: about what passed between the frames before, or none. tilt_measured: the telemetry has pitch and
   // roll for this frame. imu_dv_mps: Telemetry's; with it the velocity does not drift but by what the camera file says
   // of the sensor.
-  void advance(double seconds, std::optional<double> told_heading_rad, bool tilt_told = true,
+  void advance(double seconds, std::optional<double> measured_heading_rad, bool tilt_measured = true,
                const std::optional<Eigen::Vector2d>& imu_dv_mps = std::nullopt);
   // After advance(): this frame's told height is not the last one's (another source, or a guess), so that nothing
   // learnt of the old one's error is true of it.
@@ -79,8 +79,8 @@ class FlightFilter {
   void doubt_position(double sigma_m);
   // Returns how far what was learnt moved the place of the frame before (east, north; m): a step also tells of heading,
   // tilt and height, and so of the steps before it.
-  Eigen::Vector2d moved(const MotionSight& sight);
-  void anchored(const PoseSight& sight);
+  Eigen::Vector2d moved(const RelativeMotionMeasurement& sight);
+  void anchored(const PoseMeasurement& sight);
 
   const State& state() const { return mean_; }
   const Covariance& covariance() const { return covariance_; }
@@ -111,14 +111,14 @@ class FlightFilter {
   using JointCovariance = Eigen::Matrix<double, kJoint, kJoint>;
 
   struct Link;
-  void fly(const ToldStretch& stretch, bool tilt_told);
-  FlightPrediction foretell(const ToldStretch& stretch);
-  void foretell_heading(FlightPrediction& prediction, const std::optional<double>& told_heading_rad, double dt) const;
+  void fly(const TelemetryInterval& stretch, bool tilt_measured);
+  FlightPrediction foretell(const TelemetryInterval& stretch);
+  void foretell_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad, double dt) const;
   void settle();
   void forget_velocity();
   Link link() const;
-  void take_motion(const MotionSight& sight, const Eigen::Vector2d& step);
-  void learn_tilt_scatter(const PoseSight& sight);
+  void take_motion(const RelativeMotionMeasurement& sight, const Eigen::Vector2d& step);
+  void learn_tilt_scatter(const PoseMeasurement& sight);
   template <int Rows>
   void update_joint(const Eigen::Matrix<double, Rows, kJoint>& row, const Eigen::Matrix<double, Rows, 1>& innovation,
                     const Eigen::Matrix<double, Rows, Rows>& noise);
@@ -128,8 +128,8 @@ class FlightFilter {
   Options options_;
   State mean_ = State::Zero();  // of the frame in work
   Covariance covariance_ = Covariance::Zero();
-  std::optional<double> told_heading_rad_;  // of the frame in work
-  std::optional<double> last_told_heading_rad_;
+  std::optional<double> measured_heading_rad_;  // of the frame in work
+  std::optional<double> last_measured_heading_rad_;
   bool first_ = true;
   bool on_the_way_ = false;    // carried since the last frame
   double blind_turn_rad_ = 0;  // turned since odometry or an anchor last told of the velocity …

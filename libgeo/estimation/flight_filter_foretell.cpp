@@ -25,8 +25,8 @@ Wander wander(double stationary_variance, double keep) { return {keep, stationar
 
 }  // namespace
 
-FlightPrediction FlightFilter::foretell(const ToldStretch& stretch) {
-  const auto& [seconds, told_heading_rad, imu_dv_mps] = stretch;
+FlightPrediction FlightFilter::foretell(const TelemetryInterval& stretch) {
+  const auto& [seconds, measured_heading_rad, imu_dv_mps] = stretch;
   const bool clock_stands = !first_ && !(seconds > 0);
   if (!first_ && seconds > 0) usual_seconds_ = std::min(seconds, kLongestUsual_s);
   const double dt = first_ ? 0 : std::max(0.0, seconds);
@@ -50,12 +50,12 @@ FlightPrediction FlightFilter::foretell(const ToldStretch& stretch) {
     noise(tilt, tilt) = bias.variance + changing;
   }
 
-  foretell_heading(prediction, told_heading_rad, dt);
+  foretell_heading(prediction, measured_heading_rad, dt);
 
   now = (transition * mean_).eval();
-  if (told_heading_rad) now[heading] += *told_heading_rad;
+  if (measured_heading_rad) now[heading] += *measured_heading_rad;
 
-  const bool turn_known = told_heading_rad && told_heading_rad_;
+  const bool turn_known = measured_heading_rad && measured_heading_rad_;
   if (imu_dv_mps && !first_) {
     const double leak_mps2 = kGravity_mps2 * model::kLevel * uncertainty_.tilt_rad;
     carry_by_imu(prediction, mean_, dt, turn_known, *imu_dv_mps, {uncertainty_.imu_dv_mps, leak_mps2, blind_s_});
@@ -70,33 +70,33 @@ FlightPrediction FlightFilter::foretell(const ToldStretch& stretch) {
     noise(north, north) += step_m * step_m;
   }
   if (imu_dv_mps && !first_) forbid_learning_blind(prediction, covariance_);
-  told_heading_rad_ = told_heading_rad;
-  if (told_heading_rad) last_told_heading_rad_ = told_heading_rad;
+  measured_heading_rad_ = measured_heading_rad;
+  if (measured_heading_rad) last_measured_heading_rad_ = measured_heading_rad;
   return prediction;
 }
 
 // On another course the compass errs otherwise: what is known of this one and of the one abeam tells how.
-void FlightFilter::foretell_heading(FlightPrediction& prediction, const std::optional<double>& told_heading_rad,
+void FlightFilter::foretell_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad,
                                     double dt) const {
   auto& [now, transition, noise] = prediction;
-  if (!told_heading_rad) {
+  if (!measured_heading_rad) {
     noise(heading, heading) = first_ ? 0 : model::kUnknownHeadingVariance;
     return;
   }
-  const double turn = last_told_heading_rad_ ? *told_heading_rad - *last_told_heading_rad_ : 0;
+  const double turn = last_measured_heading_rad_ ? *measured_heading_rad - *last_measured_heading_rad_ : 0;
   const double deviation_rad = model::kDeviation * uncertainty_.heading_rad;
   const Wander wandering = wander(deviation_rad * deviation_rad, std::exp(-dt / model::kDeviationTime_s));
   const double c = wandering.keep * std::cos(turn), s = wandering.keep * std::sin(turn);
-  transition(deviation, deviation) = transition(deviation_abeam, deviation_abeam) = c;
-  transition(deviation, deviation_abeam) = s;
-  transition(deviation_abeam, deviation) = -s;
-  noise(deviation, deviation) = noise(deviation_abeam, deviation_abeam) = wandering.variance;
+  transition(deviation, deviation) = transition(deviation_quadrature, deviation_quadrature) = c;
+  transition(deviation, deviation_quadrature) = s;
+  transition(deviation_quadrature, deviation) = -s;
+  noise(deviation, deviation) = noise(deviation_quadrature, deviation_quadrature) = wandering.variance;
 
   const double changing_rad = model::kChangingHeading * uncertainty_.heading_rad;
   transition(heading, heading) = 0;
   transition(heading, heading_bias) = 1;
   transition(heading, deviation) = c;
-  transition(heading, deviation_abeam) = s;
+  transition(heading, deviation_quadrature) = s;
   noise(heading, heading) = wandering.variance + changing_rad * changing_rad;
   noise(heading, deviation) = noise(deviation, heading) = wandering.variance;
 }

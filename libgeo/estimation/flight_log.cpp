@@ -20,7 +20,7 @@ std::vector<FlightFilter::Smoothed> smoothed_without(const FlightFilter& fresh, 
 
 // What an anchor lies off the track that it has helped to make. Its own part in it makes both the distance and what it
 // may be smaller: covariance of the anchor minus that of the track.
-double contradiction(const PoseSight& anchor, const FlightFilter::Smoothed& frame) {
+double contradiction(const PoseMeasurement& anchor, const FlightFilter::Smoothed& frame) {
   const Eigen::Vector2d off = anchor.seen.head<2>() - frame.position_m;
   const Eigen::Matrix2d own = anchor.covariance.topLeftCorner<2, 2>();
   // An anchor alone in a wide gap makes the track: nothing is left to contradict it.
@@ -33,11 +33,11 @@ double contradiction(const PoseSight& anchor, const FlightFilter::Smoothed& fram
 
 void carry_to(FlightFilter& filter, const FlightStep& step) {
   double left_s = step.seconds;
-  for (const ToldStretch& stretch : step.way) {
+  for (const TelemetryInterval& stretch : step.way) {
     filter.carry(stretch);
     left_s -= stretch.seconds;
   }
-  filter.advance(left_s, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
+  filter.advance(left_s, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
 }
 
 Eigen::Vector2d take_step(FlightFilter& filter, const FlightStep& step, bool with_anchor) {

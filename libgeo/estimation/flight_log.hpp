@@ -14,20 +14,20 @@ namespace nadir {
 
 struct FlightStep {
   double seconds = 0;            // since the last frame, the way included
-  std::vector<ToldStretch> way;  // Telemetry's
-  std::optional<double> told_heading_rad;
-  bool tilt_told = true;
+  std::vector<TelemetryInterval> way;  // Telemetry's
+  std::optional<double> measured_heading_rad;
+  bool tilt_measured = true;
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<double> height_doubt;  // log sigma
-  std::optional<MotionSight> moved;
+  std::optional<RelativeMotionMeasurement> moved;
   std::optional<double> contradicted_turn_rad;  // what the pictures turned beyond the telemetry
   std::optional<double> way_doubt_m;            // the aircraft may have flown another way
   std::optional<double> hint_doubt_m;           // before the frame was looked up
   std::optional<double> position_doubt_m;       // before the anchor
-  std::optional<PoseSight> anchored;
+  std::optional<PoseMeasurement> anchored;
   bool anchored_clearly = false;  // such that no wrong place ever was: it needs no second one beside it
-  double told_agl_m = 0;          // what the filter's height and tilt are beyond: for poses alone
-  Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();
+  double measured_agl_m = 0;          // what the filter's height and tilt are beyond: for poses alone
+  Eigen::Vector2d measured_tilt_rad = Eigen::Vector2d::Zero();
 };
 
 // Brings the filter to the step's frame, along its way.

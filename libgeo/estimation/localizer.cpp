@@ -91,12 +91,12 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
 }
 
 void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
-  const bool height_was_told = height_told;
-  height_told = telemetry.agl_m.has_value();
-  height_steady = height_told && height_was_told;
-  if (height_told) told_agl_m = *telemetry.agl_m;
-  if (told_agl_m <= 0) told_agl_m = config.assumed_agl_m;
-  told_tilt_rad = {telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
+  const bool height_was_measured = height_measured;
+  height_measured = telemetry.agl_m.has_value();
+  height_steady = height_measured && height_was_measured;
+  if (height_measured) measured_agl_m = *telemetry.agl_m;
+  if (measured_agl_m <= 0) measured_agl_m = config.assumed_agl_m;
+  measured_tilt_rad = {telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
   if (!flight) {
     const auto [position, sigma_m] = start_position();
     flight.emplace(uncertainty, tilt_logged, position, sigma_m);
@@ -105,14 +105,14 @@ void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
   FlightStep& step = log.emplace_back();
   step.seconds = seconds;
   step.way = telemetry.way;
-  step.told_heading_rad = telemetry.heading_rad;
-  step.tilt_told = telemetry.pitch_rad && telemetry.roll_rad;
+  step.measured_heading_rad = telemetry.heading_rad;
+  step.tilt_measured = telemetry.pitch_rad && telemetry.roll_rad;
   step.imu_dv_mps = telemetry.imu_dv_mps;
-  step.told_agl_m = told_agl_m;
-  step.told_tilt_rad = told_tilt_rad;
+  step.measured_agl_m = measured_agl_m;
+  step.measured_tilt_rad = measured_tilt_rad;
   carry_to(*flight, step);
   if (height_steady) return;
-  step.height_doubt = height_told ? uncertainty.agl_relative : kUntoldHeightSigma;
+  step.height_doubt = height_measured ? uncertainty.agl_relative : kUnmeasuredHeightSigma;
   flight->doubt_height(*step.height_doubt);
 }
 
@@ -132,11 +132,11 @@ Believed Localizer::State::believed() const {
   return {x[FlightFilter::log_height], x[FlightFilter::heading], x[FlightFilter::pitch], x[FlightFilter::roll]};
 }
 
-CameraPose Localizer::State::believed_pose() const {
+CameraPose Localizer::State::predicted_pose() const {
   const Believed belief = believed();
   CameraPose pose;
-  pose.agl_m = told_agl_m * std::exp(belief.log_height);
-  pose.attitude = {belief.heading_rad, told_tilt_rad.x() + belief.pitch_rad, told_tilt_rad.y() + belief.roll_rad};
+  pose.agl_m = measured_agl_m * std::exp(belief.log_height);
+  pose.attitude = {belief.heading_rad, measured_tilt_rad.x() + belief.pitch_rad, measured_tilt_rad.y() + belief.roll_rad};
   pose.position = {flight->position_m().x(), flight->position_m().y()};
   return pose;
 }
@@ -145,7 +145,7 @@ CameraPose Localizer::State::believed_pose() const {
 // (lens, relief, the moment of the telemetry).
 Eigen::Matrix2d Localizer::State::shared_error_m2() const {
   if (tiles == nullptr) return Eigen::Matrix2d::Zero();
-  return Eigen::Matrix2d::Identity() * (config.map_sigma_m * config.map_sigma_m + unmodelled_m2(told_agl_m));
+  return Eigen::Matrix2d::Identity() * (config.map_sigma_m * config.map_sigma_m + unmodelled_m2(measured_agl_m));
 }
 
 double Localizer::State::unmodelled_m2(double agl_m) const {
@@ -153,16 +153,16 @@ double Localizer::State::unmodelled_m2(double agl_m) const {
   return sigma_m * sigma_m;
 }
 
-Belief Localizer::State::belief() const {
+StateEstimate Localizer::State::belief() const {
   const auto& x = flight->state();
   const auto& p = flight->covariance();
-  Belief belief;
+  StateEstimate belief;
   belief.velocity_mps = x.segment<2>(FlightFilter::velocity_east);
   belief.velocity_sigma_mps =
       std::sqrt(0.5 * p.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace());
   belief.heading_rad = x[FlightFilter::heading];
   belief.heading_sigma_rad = flight->sigma(FlightFilter::heading);
-  belief.agl_m = told_agl_m * std::exp(x[FlightFilter::log_height]);
+  belief.agl_m = measured_agl_m * std::exp(x[FlightFilter::log_height]);
   belief.agl_sigma_m = belief.agl_m * flight->sigma(FlightFilter::log_height);
   return belief;
 }

@@ -42,9 +42,9 @@ struct LocalizerConfig {
   const GroundSurface* surface = nullptr;  // terrain; null: flat ground. Must outlive the localizer.
   // Names places that look alike (a package's place index), so that one who is lost need not search all of the area at
   // once; null: it does. Must outlive the localizer.
-  const PlaceMemory* places = nullptr;
+  const PlaceRetrieval* places = nullptr;
   OdometryFactory odometry = make_feature_odometry;
-  PlaceMatcherFactory matcher = make_channel_matcher;
+  MapMatcherFactory matcher = make_channel_matcher;
 };
 
 // One axis' sigma of a circular error given as CE90.

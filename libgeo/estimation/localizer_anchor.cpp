@@ -30,7 +30,7 @@ double model_error(const AnchorJob& job) { return job.flight.tilt_missing() ? kT
 AnchorPrior Localizer::State::anchor_prior() const {
   AnchorPrior prior;
   const double height_sigma = std::max(kLeastHeightSigma, flight->sigma(FlightFilter::log_height));
-  prior.search.pose = believed_pose();
+  prior.search.pose = predicted_pose();
   prior.search.radius_m = window.radius_m(flight->position_sigma_m());
   prior.heading_sigma_rad = flight->sigma(FlightFilter::heading);
   prior.search.heading_range_rad = std::min(kPi, 3 * prior.heading_sigma_rad);
@@ -51,7 +51,7 @@ bool Localizer::State::anchor_due() const {
 // of the area for them takes a minute, in which nothing else is looked up.
 bool Localizer::State::too_low_to_be_found() const {
   const double map_gsd_m = ground_resolution_m(tiles->zooms().max, frame.origin().lat_deg);
-  return lost() && footprint_side_m(camera, told_agl_m) < kLeastFound_px * map_gsd_m;
+  return lost() && footprint_side_m(camera, measured_agl_m) < kLeastFound_px * map_gsd_m;
 }
 
 std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, double time_s) {
@@ -73,8 +73,8 @@ std::unique_ptr<AnchorJob> Localizer::State::anchor_job(const cv::Mat& grey, dou
   const bool everywhere = where && !where->hint;
   job_out = true;
   broken_since_job = false;
-  return std::make_unique<AnchorJob>(AnchorJob{std::move(look), std::nullopt, log.size() - 1, time_s, told_agl_m,
-                                               told_tilt_rad, *flight, prior, prediction, everywhere});
+  return std::make_unique<AnchorJob>(AnchorJob{std::move(look), std::nullopt, log.size() - 1, time_s, measured_agl_m,
+                                               measured_tilt_rad, *flight, prior, prediction, everywhere});
 }
 
 AnchorReport Localizer::State::judge(const AnchorJob& job) {
@@ -100,12 +100,12 @@ AnchorReport Localizer::State::judge(const AnchorJob& job) {
         model_error(job) * solved.covariance.topLeftCorner<2, 2>() + job.flight.position_covariance_m2();
     // What no model has is another over other ground, and in a turn: the anchors before, which made the track, erred by
     // one, this one by another.
-    if (last_anchor_s) spread += unmodelled_m2(job.told_agl_m) * Eigen::Matrix2d::Identity();
+    if (last_anchor_s) spread += unmodelled_m2(job.measured_agl_m) * Eigen::Matrix2d::Identity();
     prediction.chi2 = off->dot(spread.inverse() * *off);
     if (!last_anchor_s && !config.resumed)
       prediction.chi2 = against_start.weighed(*off, prediction.chi2, prediction.sigma_m);
     report.chi2 = prediction.chi2;
-    report.seconded = seconded(prediction, config.gates);
+    report.corroborated = corroborated(prediction, config.gates);
   }
   report.verdict = judge_anchor(match, job.prior, prediction, config.gates);
   confirm(report, off, job);
@@ -134,7 +134,7 @@ void Localizer::State::confirm(AnchorReport& report, const std::optional<Eigen::
   Quorum quorum;
   quorum.voices = contradicts && job.prediction.healthy ? AnchorVotes::kVoicesAgainstAnchors : AnchorVotes::kVoices;
   if (!job.prediction.lost) quorum.agree_m = AnchorVotes::agree_in_window_m(job.prior.search.radius_m);
-  quorum.apart_m = kVotesApartFootprints * footprint_side_m(camera, job.told_agl_m);
+  quorum.apart_m = kVotesApartFootprints * footprint_side_m(camera, job.measured_agl_m);
   const bool agreed = votes.vote(*off_m, job.flight.position_m(), quorum);
   if (!agreed || (contradicts && !last_anchor_s && !config.resumed)) return;
   report.verdict = AnchorVerdict::accepted;
@@ -152,7 +152,7 @@ double Localizer::State::shared_error_factor(const Eigen::Vector2d& position, do
 // Where most patches found something else, those that agree may be the wrong ones, until a sharp prediction says the
 // same.
 double Localizer::State::wrong_consensus_m2(const AnchorReport& report) const {
-  if (report.seconded || report.inliers >= config.gates.most_inlier_share * report.patches) return 0;
+  if (report.corroborated || report.inliers >= config.gates.most_inlier_share * report.patches) return 0;
   const double sigma_m = kWrongConsensusSigma_px * report.matching_gsd_m;
   return sigma_m * sigma_m;
 }
@@ -160,8 +160,8 @@ double Localizer::State::wrong_consensus_m2(const AnchorReport& report) const {
 void Localizer::State::take_anchor(const AnchorJob& job, const AnchorReport& report) {
   const SolvedPose& solved = *job.match->solved;
   const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
-  PoseSight sight = pose_sight(solved, job.told_agl_m, job.told_tilt_rad);
-  sight.covariance *= model_error(job) * shared_error_factor(position, job.told_agl_m);
+  PoseMeasurement sight = pose_sight(solved, job.measured_agl_m, job.measured_tilt_rad);
+  sight.covariance *= model_error(job) * shared_error_factor(position, job.measured_agl_m);
   sight.covariance.topLeftCorner<2, 2>() += wrong_consensus_m2(report) * Eigen::Matrix2d::Identity();
   sight.covariance(2, 2) += kLeastHeightSigma * kLeastHeightSigma;
   FlightStep& step = log[job.step];

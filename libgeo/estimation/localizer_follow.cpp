@@ -45,7 +45,7 @@ double Localizer::State::speed_below_mps(double sigmas, double least_sigma_mps) 
 // place. Where it failed before, or the aircraft may have flown on by half a picture, that says nothing.
 bool Localizer::State::continues(double seconds) const {
   return last_in_line &&
-         speed_below_mps(2, 0) * std::abs(seconds) < kSurelyShared * footprint_side_m(camera, told_agl_m);
+         speed_below_mps(2, 0) * std::abs(seconds) < kSurelyShared * footprint_side_m(camera, measured_agl_m);
 }
 
 // No turn and no gust carries an aircraft so far: the pictures overlap, but one of them was not taken there and then.
@@ -53,7 +53,7 @@ bool Localizer::State::leaps(double step_m) const {
   const double seconds = std::abs(log.back().seconds);
   if (log.size() == 1 || seconds == 0) return false;  // a clock that stands tells no speed
   return step_m >
-         speed_below_mps(kFastestSigmas, kGusts_mps) * seconds + kSightSlack * footprint_side_m(camera, told_agl_m);
+         speed_below_mps(kFastestSigmas, kGusts_mps) * seconds + kSightSlack * footprint_side_m(camera, measured_agl_m);
 }
 
 bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, OdometryReport& report) {
@@ -61,7 +61,7 @@ bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, O
   seen.grey = grey;
   seen.camera = camera;
   seen.believed = believed();
-  const CameraPose pose = believed_pose();
+  const CameraPose pose = predicted_pose();
   seen.agl_m = pose.agl_m;
   seen.attitude = pose.attitude;
   seen.heading_sigma_rad = telemetry.heading_rad ? std::max(0.02, 1.5 * uncertainty.heading_rad) : 1.0;
@@ -73,13 +73,13 @@ bool Localizer::State::follow(const cv::Mat& grey, const Telemetry& telemetry, O
       slope * slope * Eigen::Matrix2d::Identity();
   seen.ground_slope = ground_slope(*surface, pose.position, footprint_side_m(camera, pose.agl_m) / 3);
   seen.relief_sigma_m = surface->relief_sigma_m();
-  seen.relative_height_sigma = height_steady ? 0.5 * uncertainty.agl_relative : kUntoldHeightSigma;
+  seen.relative_height_sigma = height_steady ? 0.5 * uncertainty.agl_relative : kUnmeasuredHeightSigma;
   const auto step = odometry->track(seen);
   if (!step) return false;
   report.inliers = step->inliers;
   report.step_m = step->moved_m.norm();
   if (leaps(report.step_m)) return false;
-  MotionSight sight = step->sight;
+  RelativeMotionMeasurement sight = step->sight;
   add_unknown_slope(sight, slope);
   const double turn_rad = std::abs(wrap_pi(sight.seen[3]));
   const bool contradicted = turn_rad > std::max(kContradictedTurn_rad, kTurnSigmas * seen.heading_sigma_rad);

@@ -10,12 +10,12 @@ namespace {
 constexpr double kWitness_s = 60;          // an anchor as far off in time says little
 constexpr double kSharpPrediction_m = 20;  // one axis: a wider one agrees with much
 
-CameraPose pose_of(const FlightFilter::State& x, double told_agl_m, const Eigen::Vector2d& told_tilt_rad) {
+CameraPose pose_of(const FlightFilter::State& x, double measured_agl_m, const Eigen::Vector2d& measured_tilt_rad) {
   CameraPose pose;
   pose.position = {x[FlightFilter::east], x[FlightFilter::north]};
-  pose.agl_m = told_agl_m * std::exp(x[FlightFilter::log_height]);
-  pose.attitude = {x[FlightFilter::heading], told_tilt_rad.x() + x[FlightFilter::pitch],
-                   told_tilt_rad.y() + x[FlightFilter::roll]};
+  pose.agl_m = measured_agl_m * std::exp(x[FlightFilter::log_height]);
+  pose.attitude = {x[FlightFilter::heading], measured_tilt_rad.x() + x[FlightFilter::pitch],
+                   measured_tilt_rad.y() + x[FlightFilter::roll]};
   return pose;
 }
 
@@ -40,7 +40,7 @@ bool witnessed(const std::vector<FlightStep>& steps, const std::vector<bool>& ke
 
 FramePose Localizer::State::anchored_pose(const AnchorJob& job) const {
   FramePose result;
-  result.pose = pose_of(flight->state(), job.told_agl_m, job.told_tilt_rad);
+  result.pose = pose_of(flight->state(), job.measured_agl_m, job.measured_tilt_rad);
   result.covariance_m2 = flight->position_covariance_m2() + shared_error_m2();
   result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
   result.source = SourceLabel::satellite_anchored;
@@ -63,7 +63,7 @@ std::vector<std::optional<FramePose>> Localizer::refined_poses() const {
   for (std::size_t i = 0; i < poses.size(); ++i) {
     if (!kept[i]) continue;
     FramePose& result = poses[i].emplace();
-    result.pose = pose_of(smoothed.frames[i].state, s.log[i].told_agl_m, s.log[i].told_tilt_rad);
+    result.pose = pose_of(smoothed.frames[i].state, s.log[i].measured_agl_m, s.log[i].measured_tilt_rad);
     result.covariance_m2 = smoothed.frames[i].covariance_m2 + s.shared_error_m2();
     result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
     result.source = SourceLabel::satellite_anchored;

@@ -61,15 +61,15 @@ struct Localizer::State {
   void take_anchor(const AnchorJob& job, const AnchorReport& report);
   void follow_again(std::size_t from);
   Estimate tell(const Telemetry& telemetry, bool anchored, bool tracked);
-  Belief belief() const;
+  StateEstimate belief() const;
 
   Believed believed() const;
-  CameraPose believed_pose() const;
+  CameraPose predicted_pose() const;
   FramePose anchored_pose(const AnchorJob& job) const;  // with the filter at the job's frame
   Eigen::Matrix2d shared_error_m2() const;
   double unmodelled_m2(double agl_m) const;  // one axis' variance of what no model has
 
-  static constexpr double kUntoldHeightSigma = 0.3;  // of its logarithm
+  static constexpr double kUnmeasuredHeightSigma = 0.3;  // of its logarithm
 
   CameraModel camera;
   TelemetryUncertainty uncertainty;
@@ -85,15 +85,15 @@ struct Localizer::State {
   std::optional<FlightFilter> fresh;   // the same before the first frame
   std::vector<FlightStep> log;
   std::unique_ptr<OdometryFrontEnd> odometry;
-  std::unique_ptr<PlaceMatcher> matcher;  // none without a map
+  std::unique_ptr<MapMatcher> matcher;  // none without a map
 
   FrozenFrame frozen;
   bool tilt_logged = false;             // the telemetry has pitch and roll, if not in each frame
   std::optional<FramePose> taken_pose;  // of the anchor taken last
-  double told_agl_m = 0;
-  bool height_told = false;    // in this frame; else the last one told, or a guess, stands for it
+  double measured_agl_m = 0;
+  bool height_measured = false;    // in this frame; else the last one told, or a guess, stands for it
   bool height_steady = false;  // in this frame and in the one before
-  Eigen::Vector2d told_tilt_rad = Eigen::Vector2d::Zero();  // pitch, roll
+  Eigen::Vector2d measured_tilt_rad = Eigen::Vector2d::Zero();  // pitch, roll
   std::optional<double> last_time_s;
   std::optional<double> last_anchor_s;
   std::optional<Eigen::Vector2d> last_anchor_at;

@@ -34,7 +34,7 @@ struct OdometryStep {
   Eigen::Vector2d moved_m = Eigen::Vector2d::Zero();  // east, north, of the camera
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Identity();
   // The same and what it says of both frames' attitudes and heights, without any prior in it.
-  MotionSight sight;
+  RelativeMotionMeasurement sight;
   int inliers = 0;
   double overlap = 0;  // share of the frame that both saw
 };

@@ -17,9 +17,9 @@ bool plausible_change(const std::optional<Eigen::Vector2d>& dv_mps, double secon
 }
 
 // How long the way took; nothing when it cannot be that of the time between.
-std::optional<double> sound_way_s(const std::vector<ToldStretch>& way, double between_s) {
+std::optional<double> sound_way_s(const std::vector<TelemetryInterval>& way, double between_s) {
   double sum_s = 0;
-  for (const ToldStretch& stretch : way) {
+  for (const TelemetryInterval& stretch : way) {
     if (!(stretch.seconds > 0)) return std::nullopt;
     sum_s += stretch.seconds;
   }
@@ -47,7 +47,7 @@ Telemetry plausible_telemetry(Telemetry telemetry, double last_time_s) {
       telemetry.imu_dv_mps.reset();  // which is of its end alone
     }
   }
-  for (ToldStretch& stretch : telemetry.way) {
+  for (TelemetryInterval& stretch : telemetry.way) {
     keep(stretch.heading_rad, -kLargestAngle_rad, kLargestAngle_rad);
     if (!plausible_change(stretch.imu_dv_mps, stretch.seconds)) stretch.imu_dv_mps.reset();
   }

@@ -5,16 +5,16 @@
 
 namespace nadir {
 
-PoseSight pose_sight(const SolvedPose& solved, double told_agl_m, const Eigen::Vector2d& told_tilt_rad) {
+PoseMeasurement pose_sight(const SolvedPose& solved, double measured_agl_m, const Eigen::Vector2d& measured_tilt_rad) {
   Eigen::Matrix<double, 6, 1> vague;
-  const double far_m = 10 * told_agl_m;
+  const double far_m = 10 * measured_agl_m;
   vague << far_m, far_m, 1, 1, 1, 1;
   const Eigen::Matrix<double, 6, 6> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
   const Attitude& attitude = solved.pose.attitude;
-  PoseSight sight;
+  PoseMeasurement sight;
   sight.covariance = (solved.sighted_information + weak).inverse();
-  sight.seen << solved.pose.position.east_m, solved.pose.position.north_m, std::log(solved.pose.agl_m / told_agl_m),
-      attitude.heading_rad, attitude.pitch_rad - told_tilt_rad.x(), attitude.roll_rad - told_tilt_rad.y();
+  sight.seen << solved.pose.position.east_m, solved.pose.position.north_m, std::log(solved.pose.agl_m / measured_agl_m),
+      attitude.heading_rad, attitude.pitch_rad - measured_tilt_rad.x(), attitude.roll_rad - measured_tilt_rad.y();
   sight.seen += sight.covariance * solved.sighted_pull;
   return sight;
 }

@@ -9,14 +9,14 @@ namespace nadir {
 
 // Of one frame against the map: (east m, north m, log of true over told height, heading, pitch and roll beyond the
 // telemetry's), in this order.
-struct PoseSight {
+struct PoseMeasurement {
   Eigen::Matrix<double, 6, 1> seen;
   Eigen::Matrix<double, 6, 6> covariance;
 };
 
-// told_tilt_rad: pitch and roll of the telemetry, which the sight counts from, as height from told_agl_m. What the
+// measured_tilt_rad: pitch and roll of the telemetry, which the sight counts from, as height from measured_agl_m. What the
 // sights do not say at all gets a covariance so large that it says nothing either.
-PoseSight pose_sight(const SolvedPose& solved, double told_agl_m, const Eigen::Vector2d& told_tilt_rad);
+PoseMeasurement pose_sight(const SolvedPose& solved, double measured_agl_m, const Eigen::Vector2d& measured_tilt_rad);
 
 // What a frame's attitude and height were believed to be when it was looked at.
 struct Believed {
@@ -29,7 +29,7 @@ struct Believed {
 // Of two frames against each other: (motion east, north in m; and what to add to the beliefs: change of the height's
 // logarithm, change of heading, pitch and roll before, pitch and roll now). The motion has the scale and the directions
 // of the beliefs about the frame before.
-struct MotionSight {
+struct RelativeMotionMeasurement {
   Eigen::Matrix<double, 8, 1> seen;
   Eigen::Matrix<double, 8, 8> covariance;
   Believed before, now;

@@ -13,6 +13,6 @@ Eigen::Vector2d ground_slope(const GroundSurface& surface, PlanePoint at, double
 
 // Sights over a plane take its slope for a tilt, of both pictures alike, turned with the aircraft: makes the sight as
 // unsure of tilt as the slope is unknown (rise over run, one sigma).
-void add_unknown_slope(MotionSight& sight, double slope_sigma);
+void add_unknown_slope(RelativeMotionMeasurement& sight, double slope_sigma);
 
 }  // namespace nadir

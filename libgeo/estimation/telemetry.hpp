@@ -11,7 +11,7 @@
 namespace nadir {
 
 // A stretch of the way at whose end there was no picture.
-struct ToldStretch {
+struct TelemetryInterval {
   double seconds = 0;
   std::optional<double> heading_rad;          // at its end; as in Telemetry
   std::optional<Eigen::Vector2d> imu_dv_mps;  // over it; as in Telemetry
@@ -26,7 +26,7 @@ struct Telemetry {
   std::optional<double> roll_rad;
   // What was told between the last telemetry and this one, in order, where that is long: two opposite turns leave no
   // trace in what is true at both ends. The stretches end before time_s.
-  std::vector<ToldStretch> way;
+  std::vector<TelemetryInterval> way;
   // Change of velocity since the last telemetry, or since the end of the way, east and north (m/s): the
   // accelerometer's, gravity removed, turned by the autopilot's attitude. Who leaves frames out adds theirs up.
   std::optional<Eigen::Vector2d> imu_dv_mps;

@@ -63,13 +63,13 @@ class Views {
     Eigen::Vector2d before, now;
   };
   // The two ground points that should be one.
-  std::optional<Hits> hits(const SharedSight& sight) const {
+  std::optional<Hits> hits(const RayPair& sight) const {
     const auto a = hit(poses_.before, before_, sight.ray_before, slope_);
     const auto b = hit(poses_.now, now_, sight.ray_now, slope_);
     if (!a || !b) return std::nullopt;
     return Hits{*a, *b};
   }
-  std::optional<Eigen::Vector2d> gap(const SharedSight& sight) const {
+  std::optional<Eigen::Vector2d> gap(const RayPair& sight) const {
     const auto both = hits(sight);
     if (!both) return std::nullopt;
     return both->now - both->before;
@@ -94,7 +94,7 @@ class Neighbours {
     }
   }
 
-  std::optional<Jacobian> jacobian_of(const SharedSight& sight) const {
+  std::optional<Jacobian> jacobian_of(const RayPair& sight) const {
     Jacobian jacobian = Jacobian::Zero();
     jacobian(0, 0) = jacobian(1, 1) = 1;
     for (int k = 2; k < 8; ++k) {
@@ -112,11 +112,11 @@ class Neighbours {
 };
 
 // How much farther clockwise the picture now is turned than the prior says.
-double turn_beyond(const TwoViewPrior& prior, const std::vector<SharedSight>& sights) {
+double turn_beyond(const TwoViewPrior& prior, const std::vector<RayPair>& sights) {
   const Views views(prior, Unknowns::Zero());
   std::vector<Views::Hits> points;
   Eigen::Vector2d before = Eigen::Vector2d::Zero(), now = Eigen::Vector2d::Zero();
-  for (const SharedSight& sight : sights) {
+  for (const RayPair& sight : sights) {
     const auto both = views.hits(sight);
     if (!both) continue;
     points.push_back(*both);
@@ -133,10 +133,10 @@ double turn_beyond(const TwoViewPrior& prior, const std::vector<SharedSight>& si
   return -std::atan2(across, along);
 }
 
-Eigen::Vector2d median_gap(const TwoViewPrior& prior, const Unknowns& u, const std::vector<SharedSight>& sights) {
+Eigen::Vector2d median_gap(const TwoViewPrior& prior, const Unknowns& u, const std::vector<RayPair>& sights) {
   std::vector<double> east, north;
   const Views views(prior, u);
-  for (const SharedSight& sight : sights) {
+  for (const RayPair& sight : sights) {
     if (const auto g = views.gap(sight)) {
       east.push_back(g->x());
       north.push_back(g->y());
@@ -166,7 +166,7 @@ double median(std::vector<double> values) {
 
 }  // namespace
 
-std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight>& sights, const TwoViewPrior& prior) {
+std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& sights, const TwoViewPrior& prior) {
   if (sights.size() < 6) return std::nullopt;
   const double least_sigma_m = 0.0015 * prior.now.agl_m;  // about a pixel of the working size
   Information from_prior = prior_information(prior);
@@ -193,7 +193,7 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
     std::vector<Eigen::Vector2d> places, residuals;
     const Views here(prior, u);
     const Neighbours neighbours(prior, u);
-    for (const SharedSight& sight : sights) {
+    for (const RayPair& sight : sights) {
       const auto residual = here.gap(sight);
       const auto jacobian = neighbours.jacobian_of(sight);
       if (!residual || !jacobian) return std::nullopt;
@@ -217,7 +217,7 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight
     const bool settled = step.head<2>().norm() < 1e-4 && step.tail<6>().norm() < 1e-6;
     if (settled && sigma_m <= 1.01 * seen_sigma_m) {
       if (crowd_known) break;
-      const double independent = std::min(kMostIndependentSights, independent_count(places, residuals));
+      const double independent = std::min(kMostIndependentSights, effective_sample_size(places, residuals));
       crowd = std::max(1.0, static_cast<double>(motion.inliers) / independent);
       crowd_known = true;
     }

@@ -12,7 +12,7 @@
 
 namespace nadir {
 
-struct SharedSight {
+struct RayPair {
   Eigen::Vector3d ray_before;  // camera frames, z = 1
   Eigen::Vector3d ray_now;
 };
@@ -36,12 +36,12 @@ struct TwoViewMotion {
   int inliers = 0;
   // What the sights alone say, with the priors taken away, about (motion; changes of the priors' log height ratio,
   // change of heading, pitch and roll before, pitch and roll now): information, and where they pull to. See
-  // MotionSight in pose_sights.hpp.
+  // RelativeMotionMeasurement in pose_sights.hpp.
   Eigen::Matrix<double, 8, 1> solved = Eigen::Matrix<double, 8, 1>::Zero();
   Eigen::Matrix<double, 8, 8> sighted_information = Eigen::Matrix<double, 8, 8>::Zero();
   Eigen::Matrix<double, 8, 1> sighted_pull = Eigen::Matrix<double, 8, 1>::Zero();
 };
 
-std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<SharedSight>& sights, const TwoViewPrior& prior);
+std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& sights, const TwoViewPrior& prior);
 
 }  // namespace nadir

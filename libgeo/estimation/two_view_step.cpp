@@ -19,8 +19,8 @@ constexpr double kHomographyThreshold_px = 3.0;
 constexpr double kModelErrorShare = 0.01;  // of the motion
 constexpr double kTurnErrorShare = 0.05;   // of the turn: hills under a banked camera (`bench turns`)
 
-std::vector<SharedSight> sights_of(const OdometryFrame& before, const OdometryFrame& now, const SharedPixels& shared) {
-  std::vector<SharedSight> sights;
+std::vector<RayPair> sights_of(const OdometryFrame& before, const OdometryFrame& now, const SharedPixels& shared) {
+  std::vector<RayPair> sights;
   if (shared.before.size() < kMinInliers) return sights;
   std::vector<std::uint8_t> inlier;
   const cv::Mat homography =
@@ -51,13 +51,13 @@ TwoViewPrior prior_of(const OdometryFrame& before, const OdometryFrame& now) {
 }
 
 // Directions of which the sights say nothing get a variance that is as good as infinite.
-MotionSight sight_of(const TwoViewMotion& motion, const OdometryFrame& frame_before, const OdometryFrame& frame_now) {
+RelativeMotionMeasurement sight_of(const TwoViewMotion& motion, const OdometryFrame& frame_before, const OdometryFrame& frame_now) {
   const Believed &before = frame_before.believed, &now = frame_now.believed;
   Eigen::Matrix<double, 8, 1> vague;
   const double far_m = 100 * (1 + motion.moved_m.norm());
   vague << far_m, far_m, 1, 1, 1, 1, 1, 1;
   const Eigen::Matrix<double, 8, 8> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
-  MotionSight sight;
+  RelativeMotionMeasurement sight;
   sight.covariance = (motion.sighted_information + weak).inverse();
   sight.seen = motion.solved + sight.covariance * motion.sighted_pull;
   // What the model does not know: the lens, rolling shutter, hills. It grows with how far things move in the picture.

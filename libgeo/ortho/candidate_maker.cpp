@@ -170,10 +170,10 @@ void CandidateMaker::add_pieces(const SeenFrame& seen, const ReadyFrame& frame, 
   }
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::judged(const std::vector<TileQuilt>& quilts,
+std::vector<CandidateMaker::RawTile> CandidateMaker::judged(const std::vector<TileMosaic>& quilts,
                                                             FrameTiles& report) const {
   std::vector<RawTile> tiles;
-  for (const TileQuilt& quilt : quilts) {
+  for (const TileMosaic& quilt : quilts) {
     auto sidecar = quilt.sidecar();
     const TilePixels pixels = measure_tile(quilt.image());
     const auto refusal = sidecar ? judge_tile(pixels, flight_.limits) : OrthoRefusal::apart;
@@ -197,7 +197,7 @@ void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore
       continue;
     }
     if (!store.wants(tile.sidecar)) {
-      report.stored.emplace_back(tile.sidecar.key, CandidateFate::worse);
+      report.stored.emplace_back(tile.sidecar.key, CandidateOutcome::worse);
       continue;
     }
     Candidate& candidate = candidates.emplace_back();
@@ -212,7 +212,7 @@ void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore
   const auto fates = store.put(candidates);
   for (std::size_t i = 0; i < fates.size(); ++i) {
     report.stored.emplace_back(candidates[i].sidecar.key, fates[i]);
-    const bool kept = fates[i] == CandidateFate::added || fates[i] == CandidateFate::replaced;
+    const bool kept = fates[i] == CandidateOutcome::added || fates[i] == CandidateOutcome::replaced;
     if (kept && !candidates[i].sidecar.parts.empty()) ++report.pieced;
   }
 }

@@ -46,9 +46,9 @@ struct SeenFrame {
 struct FrameTiles {
   std::optional<OrthoRefusal> refusal;                    // of the frame as a whole
   std::array<int, kOrthoRefusals> refused{};              // whole tiles, by OrthoRefusal
-  std::vector<std::pair<TileKey, CandidateFate>> stored;  // or not: by their fate
+  std::vector<std::pair<TileKey, CandidateOutcome>> stored;  // or not: by their fate
   std::size_t whole = 0;                                  // tiles that the frame shows wholly, refused ones as well
-  std::array<int, kPieceFates> pieces{};                  // by PieceFate
+  std::array<int, kPieceFates> pieces{};                  // by PieceOutcome
   std::size_t pieced = 0;  // of `stored`: tiles of several frames, the last of them seen before this one
 };
 
@@ -86,13 +86,13 @@ class CandidateMaker {
   std::vector<RawTile> whole_of(const SeenFrame& seen, const ReadyFrame& frame, FrameTiles& report) const;
   void add_pieces(const SeenFrame& seen, const ReadyFrame& frame, CandidateStore& store, const OutOfTime& out_of_time,
                   FrameTiles& report);
-  std::vector<RawTile> judged(const std::vector<TileQuilt>& quilts, FrameTiles& report) const;
+  std::vector<RawTile> judged(const std::vector<TileMosaic>& quilts, FrameTiles& report) const;
   void store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const OutOfTime& out_of_time,
                  FrameTiles& report) const;
 
   CandidateFlight flight_;
   Sha256 camera_;
-  TileQuilts quilts_;
+  TileMosaics quilts_;
 };
 
 }  // namespace nadir

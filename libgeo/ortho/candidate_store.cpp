@@ -36,7 +36,7 @@ double sharpness_factor(std::int64_t sharpness_ppm) {
   return 0.5 + 0.5 * std::min(1.0, static_cast<double>(sharpness_ppm) / kSharp_ppm);
 }
 
-double badness_mm(const CandidateSidecar& sidecar) {
+double cost_mm(const CandidateSidecar& sidecar) {
   const double view_rad = static_cast<double>(sidecar.quality.view_angle_mdeg) / 1000 * std::numbers::pi / 180;
   const double aslant_mm = kUnknownRelief_mm * std::tan(std::min(view_rad, 1.5));
   const double misplaced_mm = std::hypot(static_cast<double>(sidecar.pose.sigma_mm), aslant_mm);
@@ -44,12 +44,12 @@ double badness_mm(const CandidateSidecar& sidecar) {
          (sidecar.trust == CandidateTrust::soft ? kSoft_mm : 0);
 }
 
-std::string_view name_of(CandidateFate fate) {
+std::string_view name_of(CandidateOutcome fate) {
   switch (fate) {
-    case CandidateFate::added: return "added";
-    case CandidateFate::replaced: return "replaced";
-    case CandidateFate::worse: return "worse";
-    case CandidateFate::no_room: return "no_room";
+    case CandidateOutcome::added: return "added";
+    case CandidateOutcome::replaced: return "replaced";
+    case CandidateOutcome::worse: return "worse";
+    case CandidateOutcome::no_room: return "no_room";
   }
   return "no_room";
 }
@@ -133,7 +133,7 @@ std::optional<CandidateStore::Kept> CandidateStore::kept(const TileKey& key) {
   const std::string_view sidecar = row.text(0);
   Kept kept{std::numeric_limits<double>::infinity(), sidecar.size() + static_cast<std::uint64_t>(row.integer(1))};
   try {
-    kept.badness_mm = badness_mm(parse_candidate(sidecar, database_->path().string()));
+    kept.cost_mm = cost_mm(parse_candidate(sidecar, database_->path().string()));
   } catch (const Error&) {
     // Whatever damaged it, anything is better.
   }
@@ -142,16 +142,16 @@ std::optional<CandidateStore::Kept> CandidateStore::kept(const TileKey& key) {
 
 bool CandidateStore::wants(const CandidateSidecar& sidecar) {
   const auto there = kept(sidecar.key);
-  return there ? badness_mm(sidecar) < there->badness_mm : bytes_ < options_.budget_bytes;
+  return there ? cost_mm(sidecar) < there->cost_mm : bytes_ < options_.budget_bytes;
 }
 
-CandidateFate CandidateStore::put_one(const Candidate& candidate) {
+CandidateOutcome CandidateStore::put_one(const Candidate& candidate) {
   const CandidateSidecar& sidecar = candidate.sidecar;
   const auto there = kept(sidecar.key);
-  if (there && badness_mm(sidecar) >= there->badness_mm) return CandidateFate::worse;
+  if (there && cost_mm(sidecar) >= there->cost_mm) return CandidateOutcome::worse;
   const std::uint64_t freed = there ? there->bytes : 0;
   const std::uint64_t needed = candidate.tile.size() + candidate.sidecar_bytes.size();
-  if (bytes_ - freed + needed > options_.budget_bytes) return CandidateFate::no_room;
+  if (bytes_ - freed + needed > options_.budget_bytes) return CandidateOutcome::no_room;
   auto tile = database_->prepare("INSERT OR REPLACE INTO tiles VALUES (?, ?, ?, ?)");
   auto row = database_->prepare("INSERT OR REPLACE INTO nadir_candidates VALUES (?, ?, ?, ?, ?, ?)");
   for (auto* statement : {&tile, &row}) {
@@ -163,11 +163,11 @@ CandidateFate CandidateStore::put_one(const Candidate& candidate) {
   row.bind(6, ByteView(candidate.signature.signature)).run();
   bytes_ = bytes_ - freed + needed;
   if (!there) ++tiles_;
-  return there ? CandidateFate::replaced : CandidateFate::added;
+  return there ? CandidateOutcome::replaced : CandidateOutcome::added;
 }
 
-std::vector<CandidateFate> CandidateStore::put(std::span<const Candidate> candidates) {
-  std::vector<CandidateFate> fates;
+std::vector<CandidateOutcome> CandidateStore::put(std::span<const Candidate> candidates) {
+  std::vector<CandidateOutcome> fates;
   const std::uint64_t tiles_before = tiles_, bytes_before = bytes_;
   database_->execute("BEGIN IMMEDIATE");
   try {

@@ -30,7 +30,7 @@ struct Candidate {
 
 // How far from the truth its pixels may lie and how blurred they are, as one length: the smaller the better. Soft ones
 // come after all others.
-double badness_mm(const CandidateSidecar& sidecar);
+double cost_mm(const CandidateSidecar& sidecar);
 
 // Its parts: hypot(sigma, kUnknownRelief_mm · tan(angle off nadir)) / sharpness_factor().
 inline constexpr double kUnknownRelief_mm = 1'500;    // moves what is seen aslant
@@ -42,8 +42,8 @@ struct CandidateStoreOptions {
 };
 
 // What became of a candidate that was put.
-enum class CandidateFate { added, replaced, worse, no_room };
-std::string_view name_of(CandidateFate fate);
+enum class CandidateOutcome { added, replaced, worse, no_room };
+std::string_view name_of(CandidateOutcome fate);
 
 class CandidateStore {
  public:
@@ -56,7 +56,7 @@ class CandidateStore {
 
   // All in one transaction. Of two for one address the better one stays; what the budget has no room for is left out.
   // Throws Error (OutOfSpace when the disk is full): then none of them was stored.
-  std::vector<CandidateFate> put(std::span<const Candidate> candidates);
+  std::vector<CandidateOutcome> put(std::span<const Candidate> candidates);
 
   // Would a tile like this be kept? So that nobody encodes and signs for nothing.
   bool wants(const CandidateSidecar& sidecar);
@@ -69,13 +69,13 @@ class CandidateStore {
 
  private:
   struct Kept {
-    double badness_mm = 0;
+    double cost_mm = 0;
     std::uint64_t bytes = 0;
   };
   void lay_out();
   void count();
   std::optional<Kept> kept(const TileKey& key);
-  CandidateFate put_one(const Candidate& candidate);
+  CandidateOutcome put_one(const Candidate& candidate);
   void set_metadata(std::string_view name, std::string_view value);
   void set_bounds();
 

@@ -28,9 +28,9 @@ cv::Mat filled_slants(const cv::Mat& nodes) {
 }
 
 // pixels: of the frame; those that it does not have become ones that remap() can take.
-TilePatch cut(const ReducedFrame& frame, const ProjectedTile& tile, cv::Mat& pixels, double max_view_angle_rad) {
+PartialTile cut(const ReducedFrame& frame, const ProjectedTile& tile, cv::Mat& pixels, double max_view_angle_rad) {
   fill_between_nodes(tile.projection.nodes, kTileNodeStep, pixels);
-  TilePatch patch;
+  PartialTile patch;
   patch.key = tile.key;
   patch.slants = filled_slants(tile.projection.slants);
   patch.seen.create(kTileSize, kTileSize, CV_8UC1);
@@ -80,9 +80,9 @@ std::vector<ProjectedTile> part_tiles(int zoom, const LocalFrame& frame, const C
   return tiles;
 }
 
-std::optional<TilePatch> cut_patch(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad) {
+std::optional<PartialTile> cut_patch(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad) {
   cv::Mat pixels(kTileSize, kTileSize, CV_32FC2);
-  TilePatch patch = cut(frame, tile, pixels, max_view_angle_rad);
+  PartialTile patch = cut(frame, tile, pixels, max_view_angle_rad);
   return patch.seen_px >= kLeastSeen_px ? std::optional(std::move(patch)) : std::nullopt;
 }
 

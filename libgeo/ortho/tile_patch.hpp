@@ -10,7 +10,7 @@
 
 namespace nadir {
 
-struct TilePatch {
+struct PartialTile {
   TileKey key;
   cv::Mat image;   // CV_8UC3, 256 x 256
   cv::Mat seen;    // CV_8UC1: 255 where the image shows what the frame saw, not too far off nadir
@@ -24,6 +24,6 @@ std::vector<ProjectedTile> part_tiles(int zoom, const LocalFrame& frame, const C
                                       const CameraPose& pose, const GroundSurface& surface);
 
 // Nothing when it shows hardly anything.
-std::optional<TilePatch> cut_patch(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad);
+std::optional<PartialTile> cut_patch(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad);
 
 }  // namespace nadir

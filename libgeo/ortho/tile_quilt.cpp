@@ -20,78 +20,78 @@ std::int64_t mm(double metres) { return std::llround(metres * 1000); }
 
 }  // namespace
 
-std::string_view name_of(PieceFate fate) {
+std::string_view name_of(PieceOutcome fate) {
   switch (fate) {
-    case PieceFate::joined: return "joined";
-    case PieceFate::hidden: return "hidden";
-    case PieceFate::unproven: return "unproven";
-    case PieceFate::apart: return "apart";
-    case PieceFate::full: return "full";
+    case PieceOutcome::joined: return "joined";
+    case PieceOutcome::hidden: return "hidden";
+    case PieceOutcome::unproven: return "unproven";
+    case PieceOutcome::apart: return "apart";
+    case PieceOutcome::full: return "full";
   }
   return "full";
 }
 
-TileQuilt::TileQuilt(const TileKey& key, double pixel_m, const QuiltLimits& limits)
+TileMosaic::TileMosaic(const TileKey& key, double pixel_m, const QuiltLimits& limits)
     : key_(key),
       pixel_m_(pixel_m),
       limits_(limits),
       image_(cv::Mat::zeros(kTileSize, kTileSize, CV_8UC3)),
       slants_(cv::Mat::zeros(kTileSize, kTileSize, CV_32FC1)),
-      badness_mm2_(kTileSize, kTileSize, CV_32FC1, cv::Scalar::all(INFINITY)),
+      cost_mm2_(kTileSize, kTileSize, CV_32FC1, cv::Scalar::all(INFINITY)),
       owner_(kTileSize, kTileSize, CV_8UC1, cv::Scalar::all(kNobody)) {}
 
-bool TileQuilt::spans(UtcMillis time) const {
+bool TileMosaic::spans(UtcMillis time) const {
   const auto most_ms = std::llround(limits_.max_span_s * 1000);
   return std::all_of(pieces_.begin(), pieces_.end(), [&](const Piece& piece) {
     return piece.pixels == 0 || std::abs(time.unix_ms - piece.frame.captured_at.unix_ms) <= most_ms;
   });
 }
 
-std::size_t TileQuilt::free_piece() const {
+std::size_t TileMosaic::free_piece() const {
   const auto free = std::find_if(pieces_.begin(), pieces_.end(), [](const Piece& piece) { return piece.pixels == 0; });
   return static_cast<std::size_t>(free - pieces_.begin());
 }
 
-PieceFate TileQuilt::add(const TilePatch& patch, const CandidateSidecar& frame) {
-  // badness_mm() of each pixel, squared.
+PieceOutcome TileMosaic::add(const PartialTile& patch, const CandidateSidecar& frame) {
+  // cost_mm() of each pixel, squared.
   const double sharpness = sharpness_factor(frame.quality.sharpness_ppm);
   const auto place_mm2 = static_cast<float>(std::pow(static_cast<double>(frame.pose.sigma_mm) / sharpness, 2));
   const auto relief_mm2 = static_cast<float>(std::pow(kUnknownRelief_mm / sharpness, 2));
-  cv::Mat badness_mm2(kTileSize, kTileSize, CV_32FC1), wins(kTileSize, kTileSize, CV_8UC1);
+  cv::Mat cost_mm2(kTileSize, kTileSize, CV_32FC1), wins(kTileSize, kTileSize, CV_8UC1);
   for (int r = 0; r < kTileSize; ++r) {
     const auto* slant = patch.slants.ptr<float>(r);
     const auto* seen = patch.seen.ptr<std::uint8_t>(r);
-    const auto* there = badness_mm2_.ptr<float>(r);
-    auto* here = badness_mm2.ptr<float>(r);
+    const auto* there = cost_mm2_.ptr<float>(r);
+    auto* here = cost_mm2.ptr<float>(r);
     auto* win = wins.ptr<std::uint8_t>(r);
     for (int c = 0; c < kTileSize; ++c) {
       here[c] = place_mm2 + relief_mm2 * slant[c] * slant[c];
       win[c] = seen[c] != 0 && here[c] < kClearlyBetter * there[c] ? 255 : 0;
     }
   }
-  if (cv::countNonZero(wins) < kLeastGain_px) return PieceFate::hidden;
+  if (cv::countNonZero(wins) < kLeastGain_px) return PieceOutcome::hidden;
   std::int64_t seam_mm = 0;
   if (missing_px_ < kTile_px) {
     const cv::Mat common = patch.seen & (owner_ != kNobody);
     const int reach_px = static_cast<int>(std::ceil(limits_.max_seam_m / pixel_m_)) + 2;
     const auto seam = measure_seam(image_, patch.image, common, reach_px);
-    if (!seam || seam->correlation < limits_.min_correlation) return PieceFate::unproven;
-    if (seam->shift_px * pixel_m_ > limits_.max_seam_m) return PieceFate::apart;
+    if (!seam || seam->correlation < limits_.min_correlation) return PieceOutcome::unproven;
+    if (seam->shift_px * pixel_m_ > limits_.max_seam_m) return PieceOutcome::apart;
     seam_mm = mm(seam->shift_px * pixel_m_);
   }
   const std::size_t index = free_piece();
-  if (index == pieces_.size()) return PieceFate::full;
+  if (index == pieces_.size()) return PieceOutcome::full;
   pieces_[index] = {frame, seam_mm, 0};
   patch.image.copyTo(image_, wins);
   patch.slants.copyTo(slants_, wins);
-  badness_mm2.copyTo(badness_mm2_, wins);
+  cost_mm2.copyTo(cost_mm2_, wins);
   owner_.setTo(static_cast<int>(index), wins);
   for (std::size_t i = 0; i < pieces_.size(); ++i) pieces_[i].pixels = cv::countNonZero(owner_ == static_cast<int>(i));
   missing_px_ = cv::countNonZero(owner_ == kNobody);
-  return PieceFate::joined;
+  return PieceOutcome::joined;
 }
 
-std::optional<CandidateSidecar> TileQuilt::sidecar() const {
+std::optional<CandidateSidecar> TileMosaic::sidecar() const {
   std::vector<Piece> pieces;
   std::copy_if(pieces_.begin(), pieces_.end(), std::back_inserter(pieces), [](const Piece& p) { return p.pixels > 0; });
   std::stable_sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) { return a.pixels > b.pixels; });

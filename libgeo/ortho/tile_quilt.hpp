@@ -3,7 +3,7 @@
 // Every frame that takes part may make tiles by itself (ortho/eligibility.hpp), and lies where the others lie: before a
 // piece is added, what it has in common with those that are there is compared (ortho/seam.hpp), and a piece that lies
 // elsewhere, or has nothing in common that could be compared, stays out. Of several frames that show a pixel the one is
-// taken that is surer, saw it more from above, and is sharper: by badness_mm() for each pixel.
+// taken that is surer, saw it more from above, and is sharper: by cost_mm() for each pixel.
 //
 // It takes half a megabyte, however many frames come. The same frames in the same order give the same pixels.
 #pragma once
@@ -28,7 +28,7 @@ struct QuiltLimits {
 };
 
 // What became of a piece.
-enum class PieceFate {
+enum class PieceOutcome {
   joined,
   hidden,    // it shows nothing better than what is there
   unproven,  // too little is common, or it looks too different
@@ -36,16 +36,16 @@ enum class PieceFate {
   full,      // kMaxCandidateParts frames show it already
 };
 inline constexpr int kPieceFates = 5;
-std::string_view name_of(PieceFate fate);
+std::string_view name_of(PieceOutcome fate);
 
-class TileQuilt {
+class TileMosaic {
  public:
   // pixel_m: of the tile on the ground.
-  TileQuilt(const TileKey& key, double pixel_m, const QuiltLimits& limits);
+  TileMosaic(const TileKey& key, double pixel_m, const QuiltLimits& limits);
 
   // frame: what would be written of the frame's own tile; its key, quality but for sharpness, digest and size do not
   // count.
-  PieceFate add(const TilePatch& patch, const CandidateSidecar& frame);
+  PieceOutcome add(const PartialTile& patch, const CandidateSidecar& frame);
 
   bool whole() const { return missing_px_ == 0; }
   int shown_px() const { return kTileSize * kTileSize - missing_px_; }
@@ -68,8 +68,8 @@ class TileQuilt {
   TileKey key_;
   double pixel_m_;
   QuiltLimits limits_;
-  // CV_8UC3; CV_32FC1, tangents; CV_32FC1, squared badness_mm(); CV_8UC1, kNobody or an index
-  cv::Mat image_, slants_, badness_mm2_, owner_;
+  // CV_8UC3; CV_32FC1, tangents; CV_32FC1, squared cost_mm(); CV_8UC1, kNobody or an index
+  cv::Mat image_, slants_, cost_mm2_, owner_;
   std::array<Piece, kMaxCandidateParts> pieces_;
   int missing_px_ = kTileSize * kTileSize;
 };

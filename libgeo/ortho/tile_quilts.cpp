@@ -5,7 +5,7 @@
 
 namespace nadir {
 
-void TileQuilts::give_up(std::list<Waiting>::iterator waiting) {
+void TileMosaics::give_up(std::list<Waiting>::iterator waiting) {
   if (waiting->quilt.whole()) {
     finished_.push_back(std::move(waiting->quilt));
   } else {
@@ -14,7 +14,7 @@ void TileQuilts::give_up(std::list<Waiting>::iterator waiting) {
   waiting_.erase(waiting);
 }
 
-PieceFate TileQuilts::add(const TilePatch& patch, const CandidateSidecar& frame, double pixel_m) {
+PieceOutcome TileMosaics::add(const PartialTile& patch, const CandidateSidecar& frame, double pixel_m) {
   auto found = std::find_if(waiting_.begin(), waiting_.end(),
                             [&](const Waiting& waiting) { return waiting.quilt.key() == patch.key; });
   if (found != waiting_.end() && !found->quilt.spans(frame.captured_at)) {
@@ -23,24 +23,24 @@ PieceFate TileQuilts::add(const TilePatch& patch, const CandidateSidecar& frame,
   }
   if (found == waiting_.end()) {
     if (waiting_.size() >= limits_.most_open) give_up(waiting_.begin());
-    found = waiting_.insert(waiting_.end(), {TileQuilt(patch.key, pixel_m, limits_)});
+    found = waiting_.insert(waiting_.end(), {TileMosaic(patch.key, pixel_m, limits_)});
   }
-  PieceFate fate = found->quilt.add(patch, frame);
-  const bool stays_out = fate != PieceFate::joined && fate != PieceFate::hidden;
+  PieceOutcome fate = found->quilt.add(patch, frame);
+  const bool stays_out = fate != PieceOutcome::joined && fate != PieceOutcome::hidden;
   if (stays_out && patch.seen_px > found->quilt.shown_px()) {
     // What came first must not keep out what shows more: nobody can tell which of the two is right.
-    found->quilt = TileQuilt(patch.key, pixel_m, limits_);
+    found->quilt = TileMosaic(patch.key, pixel_m, limits_);
     found->quilt.add(patch, frame);
     found->touched = true;
   }
-  if (fate == PieceFate::joined) {
+  if (fate == PieceOutcome::joined) {
     found->touched = true;
     waiting_.splice(waiting_.end(), waiting_, found);
   }
   return fate;
 }
 
-std::vector<TileQuilt> TileQuilts::take_finished() {
+std::vector<TileMosaic> TileMosaics::take_finished() {
   for (auto waiting = waiting_.begin(); waiting != waiting_.end();) {
     const auto here = waiting++;
     if (here->quilt.whole() && !here->touched) {
@@ -50,11 +50,11 @@ std::vector<TileQuilt> TileQuilts::take_finished() {
     }
   }
   std::sort(finished_.begin(), finished_.end(),
-            [](const TileQuilt& a, const TileQuilt& b) { return a.key() < b.key(); });
+            [](const TileMosaic& a, const TileMosaic& b) { return a.key() < b.key(); });
   return std::exchange(finished_, {});
 }
 
-std::vector<TileQuilt> TileQuilts::take_all_whole() {
+std::vector<TileMosaic> TileMosaics::take_all_whole() {
   while (!waiting_.empty()) give_up(waiting_.begin());
   return take_finished();
 }

@@ -24,7 +24,7 @@ std::optional<Bytes> valid_pixels(const Sidecar* tile) {
 
 std::vector<Gap> find_gaps(const Mission& mission, std::span<const Sidecar> tiles, int zoom) {
   const LocalFrame frame = mission_frame(mission);
-  const TileNeed need(required_region(mission, frame));
+  const CoverageRequirement need(required_region(mission, frame));
   std::vector<Gap> gaps;
   for (const TileKey& key : required_tiles(mission, zoom)) {
     const Sidecar* tile = find(tiles, key);
@@ -40,7 +40,7 @@ std::vector<Gap> find_gaps(const Mission& mission, std::span<const Sidecar> tile
 
 std::vector<PixelPolygon> outlines_of(const Gap& gap, const Mission& mission, std::span<const Sidecar> tiles) {
   const LocalFrame frame = mission_frame(mission);
-  const TileNeed need(required_region(mission, frame));
+  const CoverageRequirement need(required_region(mission, frame));
   const std::optional<Bytes> valid = valid_pixels(find(tiles, gap.key));
   return outlines_of(need.missing_mask(TileFootprint(frame, gap.key), valid ? ByteView(*valid) : ByteView()));
 }

@@ -44,7 +44,7 @@ void report_gaps(const std::vector<Gap>& gaps, int zoom, Findings& findings) {
 
 std::vector<TileKey> required_tiles(const Mission& mission, int zoom) {
   const LocalFrame frame = mission_frame(mission);
-  return tiles_needed(TileNeed(required_region(mission, frame)), frame, zoom);
+  return tiles_needed(CoverageRequirement(required_region(mission, frame)), frame, zoom);
 }
 
 Findings judge_coverage(const Mission& mission, std::span<const Sidecar> tiles) {
@@ -61,7 +61,7 @@ const Sector* deciding_sector(const Mission& mission, const LocalFrame& frame, c
   for (const Sector& sector : mission.sectors) {
     const bool stricter =
         strictest == nullptr || mission.freshness_days.of(sector.cls) < mission.freshness_days.of(strictest->cls);
-    if (stricter && TileNeed({{to_plane(frame, sector.polygon)}, {}}).needs(footprint)) strictest = &sector;
+    if (stricter && CoverageRequirement({{to_plane(frame, sector.polygon)}, {}}).needs(footprint)) strictest = &sector;
   }
   return strictest;
 }
@@ -72,14 +72,14 @@ Findings judge_freshness(const Mission& mission, std::span<const Sidecar> tiles,
   struct Area {
     std::string name;
     SectorClass cls;
-    TileNeed need;
+    CoverageRequirement need;
   };
   std::vector<Area> areas;
   for (const Sector& sector : mission.sectors) {
-    areas.push_back({"sector " + sector.id, sector.cls, TileNeed({{to_plane(frame, sector.polygon)}, {}})});
+    areas.push_back({"sector " + sector.id, sector.cls, CoverageRequirement({{to_plane(frame, sector.polygon)}, {}})});
   }
   const Region region = required_region(mission, frame);
-  areas.push_back({"the corridor", SectorClass::active, TileNeed({{}, region.corridors})});
+  areas.push_back({"the corridor", SectorClass::active, CoverageRequirement({{}, region.corridors})});
 
   struct Stale {
     std::size_t count = 0;

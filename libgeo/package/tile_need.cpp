@@ -36,14 +36,14 @@ double TileFootprint::pixel_area_m2() const {
   return std::abs(area_m2(ring)) / (static_cast<double>(kTileSize) * kTileSize);
 }
 
-TileNeed::TileNeed(Region region) : region_(std::move(region)) {
+CoverageRequirement::CoverageRequirement(Region region) : region_(std::move(region)) {
   for (const PlaneRing& ring : region_.rings) {
     outlines_.push_back(ring);
     outlines_.back().push_back(ring.front());
   }
 }
 
-TileNeed::Place TileNeed::classify(PlanePoint centre, double radius_m) const {
+CoverageRequirement::Place CoverageRequirement::classify(PlanePoint centre, double radius_m) const {
   bool mixed = false;
   for (std::size_t i = 0; i < outlines_.size(); ++i) {
     if (distance_to_path_m(outlines_[i], centre) <= radius_m) {
@@ -60,7 +60,7 @@ TileNeed::Place TileNeed::classify(PlanePoint centre, double radius_m) const {
   return mixed ? Place::mixed : Place::outside;
 }
 
-bool TileNeed::visit_needed(const TileFootprint& tile, const Block& block,
+bool CoverageRequirement::visit_needed(const TileFootprint& tile, const Block& block,
                             const std::function<bool(const Block&)>& visit) const {
   const PlanePoint centre = tile.place(block.column + block.size / 2.0, block.row + block.size / 2.0);
   if (block.size == 1) return !region_.contains(centre) || visit(block);
@@ -78,11 +78,11 @@ bool TileNeed::visit_needed(const TileFootprint& tile, const Block& block,
          visit_needed(tile, {block.column + half, block.row + half, half}, visit);
 }
 
-bool TileNeed::needs(const TileFootprint& tile) const {
+bool CoverageRequirement::needs(const TileFootprint& tile) const {
   return !visit_needed(tile, {0, 0, kTileSize}, [](const Block&) { return false; });
 }
 
-Bytes TileNeed::missing_mask(const TileFootprint& tile, std::span<const std::uint8_t> mask) const {
+Bytes CoverageRequirement::missing_mask(const TileFootprint& tile, std::span<const std::uint8_t> mask) const {
   Bytes missing(static_cast<std::size_t>(kTileSize) * kTileSize, 0);
   visit_needed(tile, {0, 0, kTileSize}, [&](const Block& block) {
     for (int row = block.row; row < block.row + block.size; ++row) {
@@ -96,7 +96,7 @@ Bytes TileNeed::missing_mask(const TileFootprint& tile, std::span<const std::uin
   return missing;
 }
 
-std::uint64_t TileNeed::missing_pixels(const TileFootprint& tile, std::span<const std::uint8_t> mask) const {
+std::uint64_t CoverageRequirement::missing_pixels(const TileFootprint& tile, std::span<const std::uint8_t> mask) const {
   std::uint64_t missing = 0;
   visit_needed(tile, {0, 0, kTileSize}, [&](const Block& block) {
     if (mask.empty()) {
@@ -149,7 +149,7 @@ void add_all_below(const TileKey& key, int zoom, std::vector<TileKey>& keys) {
   }
 }
 
-void descend(const TileNeed& need, const LocalFrame& frame, const TileKey& key, int zoom, std::vector<TileKey>& keys) {
+void descend(const CoverageRequirement& need, const LocalFrame& frame, const TileKey& key, int zoom, std::vector<TileKey>& keys) {
   if (key.z == zoom) {
     if (need.needs(TileFootprint(frame, key))) keys.push_back(key);
     return;
@@ -166,7 +166,7 @@ void descend(const TileNeed& need, const LocalFrame& frame, const TileKey& key, 
 
 }  // namespace
 
-std::vector<TileKey> tiles_needed(const TileNeed& need, const LocalFrame& frame, int zoom) {
+std::vector<TileKey> tiles_needed(const CoverageRequirement& need, const LocalFrame& frame, int zoom) {
   const PlaneBox box = need.region().bounds();
   const auto first = static_cast<std::uint8_t>(std::min(zoom, kFirstZoom));
   TileKey low{first, UINT32_MAX, UINT32_MAX}, high{first, 0, 0};

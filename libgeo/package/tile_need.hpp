@@ -30,9 +30,9 @@ class TileFootprint {
   std::array<PlanePoint, 4> corners_;  // north-west, north-east, south-west, south-east
 };
 
-class TileNeed {
+class CoverageRequirement {
  public:
-  explicit TileNeed(Region region);
+  explicit CoverageRequirement(Region region);
 
   // Whether one of the tile's pixel centres lies in the region.
   bool needs(const TileFootprint& tile) const;
@@ -66,6 +66,6 @@ class TileNeed {
 
 // The tiles of a zoom with a pixel that is needed, in the order of TileKey. From coarse tiles down, so that it takes as
 // long as the region is large, not as its bounding box.
-std::vector<TileKey> tiles_needed(const TileNeed& need, const LocalFrame& frame, int zoom);
+std::vector<TileKey> tiles_needed(const CoverageRequirement& need, const LocalFrame& frame, int zoom);
 
 }  // namespace nadir

@@ -19,9 +19,9 @@ std::optional<Eigen::Vector2d> velocity_change(const fbs::VelocityChange* dv) {
 }
 
 flatbuffers::Offset<flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>> encode_way(
-    FlatBufferBuilder& builder, const std::vector<ToldStretch>& way) {
+    FlatBufferBuilder& builder, const std::vector<TelemetryInterval>& way) {
   std::vector<flatbuffers::Offset<fbs::Stretch>> stretches;
-  for (const ToldStretch& stretch : way) {
+  for (const TelemetryInterval& stretch : way) {
     const auto dv = velocity_change(stretch.imu_dv_mps);
     stretches.push_back(
         fbs::CreateStretch(builder, stretch.seconds, optional(stretch.heading_rad), dv ? &*dv : nullptr));
@@ -29,8 +29,8 @@ flatbuffers::Offset<flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>> enco
   return builder.CreateVector(stretches);
 }
 
-std::vector<ToldStretch> decode_way(const flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>* told) {
-  std::vector<ToldStretch> way;
+std::vector<TelemetryInterval> decode_way(const flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>* told) {
+  std::vector<TelemetryInterval> way;
   if (told == nullptr) return way;
   for (const fbs::Stretch* stretch : *told) {
     way.push_back({stretch->seconds(), optional(stretch->heading_rad()), velocity_change(stretch->imu_dv())});
@@ -97,7 +97,7 @@ Bytes encode(const EstimateRecord& record) {
   const fbs::LonLat at = place(e.position.value_or(LonLat{}));
   const fbs::Covariance covariance(e.covariance_m2(0, 0), e.covariance_m2(0, 1), e.covariance_m2(1, 0),
                                    e.covariance_m2(1, 1));
-  const Belief& b = record.belief;
+  const StateEstimate& b = record.belief;
   const fbs::Belief belief(b.velocity_mps.x(), b.velocity_mps.y(), b.velocity_sigma_mps, b.heading_rad,
                            b.heading_sigma_rad, b.agl_m, b.agl_sigma_m);
   return finish(builder,

@@ -132,7 +132,7 @@ StoreStatus Recorder::status() const {
 }
 
 void Recorder::run() {
-  begin_thread("recorder", ThreadRank::behind);
+  begin_thread("recorder", ThreadPriority::behind);
   std::unique_lock lock(mutex_);
   while (true) {
     work_.wait_for(lock, kLongestSleep, [&] { return stopping_ || !queue_.empty() || flushed_ < flush_wanted_; });

@@ -58,7 +58,7 @@ struct EstimateRecord {
   std::uint64_t index = 0;
   Estimate estimate;
   OdometryReport odometry;
-  Belief belief;
+  StateEstimate belief;
 };
 
 struct AnchorRecord {

@@ -45,9 +45,9 @@ double process_cpu_s() {
 
 }  // namespace
 
-FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, const FilmOptions& options,
+CameraSimulationReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, const CameraSimulationOptions& options,
                 const std::function<bool()>& stop) {
-  FilmReport report;
+  CameraSimulationReport report;
   DelayedSink delayed(sink);
   Shutter shutter(options.fps);
   std::int64_t first_us = 0;
@@ -57,7 +57,7 @@ FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, co
     const auto now = std::chrono::steady_clock::now();
     if (!pose) {
       if (!options.patience || now - heard < *options.patience) continue;
-      report.end = FilmEnd::no_poses;
+      report.end = CameraSimulationEnd::no_poses;
       break;
     }
     heard = now;
@@ -77,11 +77,11 @@ FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, co
     report.seconds = static_cast<double>(pose->unix_us - first_us) * 1e-6;
     if ((options.max_frames && report.frames >= *options.max_frames) ||
         (options.seconds && report.seconds >= *options.seconds)) {
-      report.end = FilmEnd::all_frames;
+      report.end = CameraSimulationEnd::all_frames;
       break;
     }
   }
-  if (report.end != FilmEnd::stopped) delayed.finish();
+  if (report.end != CameraSimulationEnd::stopped) delayed.finish();
   report.frames = delayed.handed_on();
   return report;
 }

@@ -15,7 +15,7 @@
 
 namespace nadir {
 
-struct FilmOptions {
+struct CameraSimulationOptions {
   double fps = 5;
   std::optional<int> max_frames{};
   std::optional<double> seconds{};  // of the poses' time
@@ -27,10 +27,10 @@ struct FilmOptions {
   std::optional<std::chrono::milliseconds> patience{};
 };
 
-enum class FilmEnd { all_frames, no_poses, stopped };
+enum class CameraSimulationEnd { all_frames, no_poses, stopped };
 
-struct FilmReport {
-  FilmEnd end = FilmEnd::stopped;
+struct CameraSimulationReport {
+  CameraSimulationEnd end = CameraSimulationEnd::stopped;
   int frames = 0;               // handed on
   int frames_beyond_world = 0;  // that show ground without map pixels somewhere
   int frames_missed = 0;        // due while another was being made, or while no pose came
@@ -40,7 +40,7 @@ struct FilmReport {
 };
 
 // stop: asked before every frame and several times a second.
-FilmReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, const FilmOptions& options,
+CameraSimulationReport film(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, const CameraSimulationOptions& options,
                 const std::function<bool()>& stop);
 
 }  // namespace nadir

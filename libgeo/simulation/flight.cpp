@@ -48,7 +48,7 @@ void check_route(const WorldRaster& world, const GroundShape& ground, const std:
   }
 }
 
-std::string telemetry_row(const std::string& name, const ToldPose& told, bool exact) {
+std::string telemetry_row(const std::string& name, const MeasuredPose& told, bool exact) {
   double heading = std::fmod(degrees(told.attitude.heading_rad), 360.0);
   if (heading < 0) heading += 360;
   const double pitch = degrees(told.attitude.pitch_rad), roll = degrees(told.attitude.roll_rad);
@@ -118,8 +118,8 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
     write_file_atomic(folder / "frames" / name, encode_image(shot.image, ImageFormat::jpeg, 92));
     const bool exact = options.noise == SensorNoise::none;
     const auto before = i > 0 ? std::optional(poses[i - 1]) : std::nullopt;
-    const ToldPose told =
-        exact ? ToldPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)} : noise.tell(pose);
+    const MeasuredPose told =
+        exact ? MeasuredPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)} : noise.tell(pose);
     telemetry += telemetry_row(name, told, exact);
     const Geodetic at = frame.geodetic_from_enu({pose.position.x(), pose.position.y(), pose.position.z()});
     truth += fmt::format("{},{:.9f},{:.9f},{:.3f}\n", name, at.place.lat_deg, at.place.lon_deg, at.height_m);

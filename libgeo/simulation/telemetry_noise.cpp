@@ -53,12 +53,12 @@ std::optional<Eigen::Vector2d> TelemetryNoise::tell_velocity_change(const Flight
   return told;
 }
 
-ToldPose TelemetryNoise::tell(const FlightPose& pose) {
+MeasuredPose TelemetryNoise::tell(const FlightPose& pose) {
   if (last_s_ >= 0) {
     for (Drift* drift : {&height_, &pitch_, &roll_}) drift->advance(pose.time_s - last_s_, random_);
   }
   last_s_ = pose.time_s;
-  ToldPose told;
+  MeasuredPose told;
   told.time_s = pose.time_s;
   // They add up to the stated sigma: 0.6² + 0.6² + 0.53² = 1, 0.95² + 0.31² = 1, 0.75² + 0.66² = 1.
   const double heading = pose.attitude.heading_rad;

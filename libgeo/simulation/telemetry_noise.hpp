@@ -11,7 +11,7 @@
 
 namespace nadir {
 
-struct ToldPose {
+struct MeasuredPose {
   double time_s = 0;
   double agl_m = 0;
   Attitude attitude;
@@ -26,7 +26,7 @@ class TelemetryNoise {
   TelemetryNoise(const TelemetryUncertainty& uncertainty, std::uint64_t seed);
 
   // Frames in the order of time.
-  ToldPose tell(const FlightPose& pose);
+  MeasuredPose tell(const FlightPose& pose);
 
  private:
   // A first-order Gauss-Markov process of unit variance.

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "ground/gdal_dataset.hpp"
+#include "raster/gdal_dataset.hpp"
 #include "simulation/georeference.hpp"
 
 namespace nadir {

@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
-#include "ground/gdal_dataset.hpp"
+#include "raster/gdal_dataset.hpp"
 #include "simulation/georeference.hpp"
 
 namespace nadir {

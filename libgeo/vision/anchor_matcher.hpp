@@ -48,7 +48,7 @@ AnchorMatch match_anchor_anywhere(const cv::Mat& grey, const CameraModel& camera
 // Where to look first, without a word on whether it is true.
 struct PlaceSuggestions {
   std::optional<PlaneBox> hint;         // camera positions that somebody names
-  const PlaceMemory* memory = nullptr;  // names places that look alike
+  const PlaceRetrieval* memory = nullptr;  // names places that look alike
 };
 
 // As match_anchor_anywhere(), but looks only where it is suggested. What is found there is compared with the whole

@@ -46,7 +46,7 @@ bool same_place(const SearchPrior& one, const SearchPrior& other) {
 }
 
 // Windows around the `count` places that look most like the frame; none when the memory knows none in the area.
-std::vector<SearchPrior> remembered_windows(const AreaQuestion& question, const PlaceMemory& memory,
+std::vector<SearchPrior> remembered_windows(const AreaQuestion& question, const PlaceRetrieval& memory,
                                             const PlaneBox& area, std::size_t count) {
   const auto picture = upright(question);
   if (!picture) return {};
@@ -98,7 +98,7 @@ AreaAnswer search_windows(const AreaQuestion& question, const std::vector<Search
   return answer;
 }
 
-AreaAnswer search_remembered(const AreaQuestion& question, const PlaceMemory& memory, const PlaneBox& area,
+AreaAnswer search_remembered(const AreaQuestion& question, const PlaceRetrieval& memory, const PlaneBox& area,
                              std::size_t count) {
   AreaQuestion narrow = question;
   narrow.options.candidates = kFewCandidates;

@@ -32,7 +32,7 @@ struct AreaAnswer {
 AreaAnswer search_windows(const AreaQuestion& question, const std::vector<SearchPrior>& windows);
 
 // Around the `count` places that look most like the frame to the memory.
-AreaAnswer search_remembered(const AreaQuestion& question, const PlaceMemory& memory, const PlaneBox& area,
+AreaAnswer search_remembered(const AreaQuestion& question, const PlaceRetrieval& memory, const PlaneBox& area,
                              std::size_t count);
 
 // What else in the area looks like the frame under the heading and the height of `found`: the places with which it must

@@ -34,7 +34,7 @@ Scene moved(const Scene& scene, const Vector& step) {
 }
 
 // Where the ray meets the sloping ground at the sight's height.
-std::optional<Eigen::Vector2d> hit(const Scene& scene, const Eigen::Matrix3d& rotation, const GroundSight& sight) {
+std::optional<Eigen::Vector2d> hit(const Scene& scene, const Eigen::Matrix3d& rotation, const GroundCorrespondence& sight) {
   const Eigen::Vector3d direction = rotation * sight.ray;
   const double down = -direction.z() + scene.slope.dot(direction.head<2>());
   if (down < kMinDownComponent * direction.norm()) return std::nullopt;
@@ -57,11 +57,11 @@ class Linearised {
     }
   }
 
-  std::optional<Eigen::Vector2d> hit_of(const GroundSight& sight) const {
+  std::optional<Eigen::Vector2d> hit_of(const GroundCorrespondence& sight) const {
     return hit(here_.scene, here_.rotation, sight);
   }
 
-  std::optional<Jacobian> jacobian_of(const GroundSight& sight) const {
+  std::optional<Jacobian> jacobian_of(const GroundCorrespondence& sight) const {
     Jacobian jacobian = Jacobian::Zero();
     jacobian(0, 0) = jacobian(1, 1) = 1;
     for (int k = 2; k < kUnknowns; ++k) {
@@ -84,7 +84,7 @@ class Linearised {
   std::vector<Oriented> near_;
 };
 
-Eigen::Matrix2d information_of(const GroundSight& sight, const SolverOptions& options) {
+Eigen::Matrix2d information_of(const GroundCorrespondence& sight, const SolverOptions& options) {
   const Eigen::Matrix2d floor = Eigen::Matrix2d::Identity() * (options.min_sigma_m * options.min_sigma_m);
   return (sight.information_m2.inverse() + floor).inverse();
 }
@@ -125,7 +125,7 @@ void tell_sighted(SolvedPose& solved, const Scene& scene, const Matrix& informat
 
 }  // namespace
 
-std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundSight>& sights, const PosePrior& prior,
+std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundCorrespondence>& sights, const PosePrior& prior,
                                             const SolverOptions& options) {
   if (sights.size() < 4) return std::nullopt;
   SolvedPose solved;

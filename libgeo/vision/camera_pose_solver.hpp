@@ -14,7 +14,7 @@
 
 namespace nadir {
 
-struct GroundSight {
+struct GroundCorrespondence {
   Eigen::Vector3d ray;             // in the camera frame, z = 1
   PlanePoint ground;               // what it hit, on the map
   Eigen::Matrix2d information_m2;  // inverse covariance of `ground`
@@ -48,7 +48,7 @@ struct SolverOptions {
   double min_sigma_m = 0.5;  // no sight is trusted better than this
 };
 
-std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundSight>& sights, const PosePrior& prior,
+std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundCorrespondence>& sights, const PosePrior& prior,
                                             const SolverOptions& options);
 
 }  // namespace nadir

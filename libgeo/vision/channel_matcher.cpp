@@ -5,7 +5,7 @@ namespace {
 
 constexpr std::size_t kCachedTiles = 1024;  // 64 MiB in grey, twice that where all have masks
 
-class ChannelMatcher final : public PlaceMatcher {
+class ChannelMatcher final : public MapMatcher {
  public:
   ChannelMatcher(const MatcherMap& map, const Likeness& likeness)
       : map_(map), reader_(map.tiles, kCachedTiles), likeness_(likeness) {}
@@ -31,9 +31,9 @@ class ChannelMatcher final : public PlaceMatcher {
 
 }  // namespace
 
-std::unique_ptr<PlaceMatcher> make_channel_matcher(const MatcherMap& map) { return make_channel_matcher_with(map, {}); }
+std::unique_ptr<MapMatcher> make_channel_matcher(const MatcherMap& map) { return make_channel_matcher_with(map, {}); }
 
-std::unique_ptr<PlaceMatcher> make_channel_matcher_with(const MatcherMap& map, const Likeness& likeness) {
+std::unique_ptr<MapMatcher> make_channel_matcher_with(const MatcherMap& map, const Likeness& likeness) {
   return std::make_unique<ChannelMatcher>(map, likeness);
 }
 

@@ -13,7 +13,7 @@ constexpr std::size_t kMostPlaces = 300;  // of which the correlation is taken; 
 
 }  // namespace
 
-double independent_count(const std::vector<Eigen::Vector2d>& places, const std::vector<Eigen::Vector2d>& residuals) {
+double effective_sample_size(const std::vector<Eigen::Vector2d>& places, const std::vector<Eigen::Vector2d>& residuals) {
   const std::size_t n = places.size();
   if (n < 2) return static_cast<double>(n);
   Eigen::Vector2d low = places.front(), high = places.front();

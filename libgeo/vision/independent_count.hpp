@@ -11,6 +11,6 @@
 namespace nadir {
 
 // places and residuals: same length, same (any) unit each. Between 1 and their number. Deterministic.
-double independent_count(const std::vector<Eigen::Vector2d>& places, const std::vector<Eigen::Vector2d>& residuals);
+double effective_sample_size(const std::vector<Eigen::Vector2d>& places, const std::vector<Eigen::Vector2d>& residuals);
 
 }  // namespace nadir

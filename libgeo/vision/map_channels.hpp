@@ -18,7 +18,7 @@ class MapChannels {
   // is not valid.
   void cover(const cv::Rect& part);
   // Of what was covered last, and where in it a pixel of the map is.
-  const WholeChannels& channels() const { return *channels_; }
+  const QuantizedChannels& channels() const { return *channels_; }
   cv::Point inside(cv::Point map_pixel) const { return map_pixel - part_.tl(); }
 
  private:
@@ -26,7 +26,7 @@ class MapChannels {
   ChannelSet set_;
   ChannelOptions options_;
   cv::Rect part_;
-  std::optional<WholeChannels> channels_;
+  std::optional<QuantizedChannels> channels_;
 };
 
 }  // namespace nadir

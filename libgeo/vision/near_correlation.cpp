@@ -68,7 +68,7 @@ void add_up(const std::int16_t* value, std::size_t columns, std::int32_t* sums, 
 
 }  // namespace
 
-WholeChannels::WholeChannels(const Channels& channels)
+QuantizedChannels::QuantizedChannels(const Channels& channels)
     : mask_(channels.mask), channels_(2 * channels.pairs.size()), means_removed_(channels.means_removed) {
   CV_Assert(channels_ == 2 || channels_ == 6);
   const auto rows = static_cast<std::size_t>(mask_.rows), columns = static_cast<std::size_t>(mask_.cols);
@@ -105,7 +105,7 @@ WholeChannels::WholeChannels(const Channels& channels)
   }
 }
 
-NearPattern::NearPattern(const WholeChannels& of, const cv::Rect& part) : of_(&of), part_(part), sums_(of.channels_) {
+LocalTemplate::LocalTemplate(const QuantizedChannels& of, const cv::Rect& part) : of_(&of), part_(part), sums_(of.channels_) {
   CV_Assert((part & cv::Rect(cv::Point(), of.size())) == part && part.width <= kMaxRun && of.channels_ <= 6);
   const auto columns = static_cast<std::size_t>(of.mask_.cols);
   double squares = 0;
@@ -135,7 +135,7 @@ NearPattern::NearPattern(const WholeChannels& of, const cv::Rect& part) : of_(&o
   for (const double sum : sums_) energy_ -= sum * sum / std::max(1.0, pixels_);
 }
 
-cv::Mat NearPattern::scores(const WholeChannels& window, cv::Point first, cv::Size placements, double min_valid,
+cv::Mat LocalTemplate::scores(const QuantizedChannels& window, cv::Point first, cv::Size placements, double min_valid,
                             int step) const {
   const cv::Rect used(first.x, first.y, part_.width + (placements.width - 1) * step,
                       part_.height + (placements.height - 1) * step);

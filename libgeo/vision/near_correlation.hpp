@@ -13,15 +13,15 @@
 
 namespace nadir {
 
-class WholeChannels {
+class QuantizedChannels {
  public:
-  explicit WholeChannels(const Channels& channels);
+  explicit QuantizedChannels(const Channels& channels);
 
   cv::Size size() const { return mask_.size(); }
   const cv::Mat& mask() const { return mask_; }
 
  private:
-  friend class NearPattern;
+  friend class LocalTemplate;
 
   cv::Mat mask_;
   std::size_t channels_ = 0;
@@ -34,22 +34,22 @@ class WholeChannels {
 };
 
 // A part of a picture, to be looked for in another one.
-class NearPattern {
+class LocalTemplate {
  public:
   // `of` must outlive it; `part` lies inside.
-  NearPattern(const WholeChannels& of, const cv::Rect& part);
+  LocalTemplate(const QuantizedChannels& of, const cv::Rect& part);
 
   // Scores (CV_32FC1) with the pattern's top-left corner at `first` of `window` and at placements.width - 1 further
   // ones to the right and placements.height - 1 down, `step` pixels apart, all inside the window. -1 where less than
   // `min_valid` of the pattern lies on what is valid there.
-  cv::Mat scores(const WholeChannels& window, cv::Point first, cv::Size placements, double min_valid = 0.6,
+  cv::Mat scores(const QuantizedChannels& window, cv::Point first, cv::Size placements, double min_valid = 0.6,
                  int step = 1) const;
 
  private:
   struct Run {  // of valid pixels in a row of the pattern
     int row = 0, begin = 0, end = 0;
   };
-  const WholeChannels* of_;
+  const QuantizedChannels* of_;
   cv::Rect part_;
   std::vector<Run> runs_;
   double pixels_ = 0;

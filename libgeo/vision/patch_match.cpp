@@ -71,7 +71,7 @@ struct Scored {
 };
 
 // Every other placement, then all around the best of those: the channels are smooth enough not to hide a peak between.
-Scored near_scores(const NearPattern& pattern, const WholeChannels& map, cv::Point first, int side) {
+Scored near_scores(const LocalTemplate& pattern, const QuantizedChannels& map, cv::Point first, int side) {
   constexpr int kStep = 2, kAround = 2;
   const int coarse_side = (side + kStep - 1) / kStep;
   cv::Point best;
@@ -82,13 +82,13 @@ Scored near_scores(const NearPattern& pattern, const WholeChannels& map, cv::Poi
   return {pattern.scores(map, first + fine.tl(), fine.size(), kMinValid), first + fine.tl()};
 }
 
-std::optional<PatchMatch> match_one(const WholeChannels& frame, const WholeChannels& map, const cv::Rect& place,
+std::optional<PatchMatch> match_one(const QuantizedChannels& frame, const QuantizedChannels& map, const cv::Rect& place,
                                     cv::Point map_offset, const GroundGrid& grid, const PatchOptions& options) {
   const int search = static_cast<int>(std::ceil(options.search_px));
   const cv::Rect wide(place.x + map_offset.x - search, place.y + map_offset.y - search, place.width + 2 * search,
                       place.height + 2 * search);
   if ((wide & cv::Rect(cv::Point(), map.size())) != wide) return std::nullopt;
-  const Scored found = near_scores(NearPattern(frame, place), map, wide.tl(), 2 * search + 1);
+  const Scored found = near_scores(LocalTemplate(frame, place), map, wide.tl(), 2 * search + 1);
   Peak peak = best_peak(found.scores);
   const Eigen::Matrix2d information_m2 = information_of(found.scores, peak, grid.gsd_m);
   peak.x += found.first.x - wide.x;
@@ -118,7 +118,7 @@ PatchMatches match_patches(const RectifiedFrame& frame, const CameraModel& camer
   PatchMatches matches;
   if ((used & cv::Rect(cv::Point(), map_channels.map_size())).empty()) return matches;
   const Likeness& like = options.likeness;
-  const WholeChannels on_frame(oriented_channels(frame.image, frame.mask, like.fine, like.channels));
+  const QuantizedChannels on_frame(oriented_channels(frame.image, frame.mask, like.fine, like.channels));
   map_channels.cover(used);
   const cv::Point offset = map_channels.inside(map_offset);
   const auto places = patch_places(frame, camera, pose, options, surface);

@@ -19,7 +19,7 @@
 
 namespace nadir {
 
-class PlaceIndex final : public PlaceMemory {
+class PlaceIndex final : public PlaceRetrieval {
  public:
   PlaceIndex(PlaceTable table, PlaceVectors vectors);
 

@@ -25,9 +25,9 @@ struct MatcherMap {
 };
 
 // One call at a time; not always from the same thread.
-class PlaceMatcher {
+class MapMatcher {
  public:
-  virtual ~PlaceMatcher() = default;
+  virtual ~MapMatcher() = default;
   // grey: CV_8UC1 of the camera's size. Searches the window of the prior.
   virtual AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) = 0;
   // The same when nothing is known of the position: all of `area` (camera positions, in the map's plane) is searched.
@@ -40,15 +40,15 @@ class PlaceMatcher {
   }
 };
 
-using PlaceMatcherFactory = std::function<std::unique_ptr<PlaceMatcher>(const MatcherMap&)>;
+using MapMatcherFactory = std::function<std::unique_ptr<MapMatcher>(const MatcherMap&)>;
 
 // Oriented-gradient channels, correlated over the whole window, and patches for the pose.
-std::unique_ptr<PlaceMatcher> make_channel_matcher(const MatcherMap& map);
+std::unique_ptr<MapMatcher> make_channel_matcher(const MatcherMap& map);
 // The same comparing something else, to show what the channels are worth (./run bench ablations).
-std::unique_ptr<PlaceMatcher> make_channel_matcher_with(const MatcherMap& map, const Likeness& likeness);
+std::unique_ptr<MapMatcher> make_channel_matcher_with(const MatcherMap& map, const Likeness& likeness);
 
 // SIFT features of the rectified frame among those of the map, and the place that a robust homography finds most of
 // them to agree on. For pictures of one season: across seasons it knows few places again.
-std::unique_ptr<PlaceMatcher> make_sift_matcher(const MatcherMap& map);
+std::unique_ptr<MapMatcher> make_sift_matcher(const MatcherMap& map);
 
 }  // namespace nadir

@@ -33,9 +33,9 @@ struct PlaceCandidate {
   double north_m = 0;
 };
 
-class PlaceMemory {
+class PlaceRetrieval {
  public:
-  virtual ~PlaceMemory() = default;
+  virtual ~PlaceRetrieval() = default;
   // The `count` best chunks, best first; none when the picture shows too little.
   virtual std::vector<PlaceCandidate> query(const PlaceQuery& query, std::size_t count) const = 0;
 };

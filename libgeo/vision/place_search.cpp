@@ -172,8 +172,8 @@ void confirm(Place& place, const ReducedFrame& frame, const ScaledMap& map, MapC
   const CameraPose begin = place.pose;
   for (const Hypothesis& hypothesis : hypotheses) {
     options.cancel.check();
-    const WholeChannels whole(channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), set, options));
-    const NearPattern pattern(whole, cv::Rect(cv::Point(), whole.size()));
+    const QuantizedChannels whole(channels_of(rectify(frame, with(begin, hypothesis, {}), *grid), set, options));
+    const LocalTemplate pattern(whole, cv::Rect(cv::Point(), whole.size()));
     const Peak peak = best_peak(
         pattern.scores(map_channels.channels(), map_channels.inside(part.tl()), {2 * slack + 1, 2 * slack + 1}));
     if (peak.score <= place.score) continue;

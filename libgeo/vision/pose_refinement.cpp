@@ -12,10 +12,10 @@ namespace {
 
 constexpr double kMostIndependentPatches = 30;  // they overlap: no more fit into a frame side by side
 
-std::vector<GroundSight> sights_of(const std::vector<PatchMatch>& matches, const CameraPose& pose,
+std::vector<GroundCorrespondence> sights_of(const std::vector<PatchMatch>& matches, const CameraPose& pose,
                                    const GroundSurface& surface) {
   const double foot_m = surface.height_m(pose.position);
-  std::vector<GroundSight> sights;
+  std::vector<GroundCorrespondence> sights;
   for (const PatchMatch& match : matches) {
     const Eigen::Vector3d point = camera_from_ground(pose, match.in_frame, surface);
     sights.push_back({point / point.z(), match.on_map, match.information_m2, surface.height_m(match.on_map) - foot_m});
@@ -59,7 +59,7 @@ double crowd_sigma_m(const std::vector<PatchMatch>& matches, const SolvedPose& s
     places.emplace_back(matches[i].in_frame.east_m, matches[i].in_frame.north_m);
     residuals.push_back(solved.residual_m[i]);
   }
-  const double independent = std::min(kMostIndependentPatches, independent_count(places, residuals));
+  const double independent = std::min(kMostIndependentPatches, effective_sample_size(places, residuals));
   return solved.rms_m / std::numbers::sqrt2 * std::sqrt(std::max(1.0, solved.inliers / independent));
 }
 

@@ -16,7 +16,7 @@ constexpr double kGuidedReach_px = 12;
 constexpr double kKeypointSigma_px = 0.8;
 constexpr double kFeature_px = 24;  // the ground that a feature stands for
 
-class SiftMatcher final : public PlaceMatcher {
+class SiftMatcher final : public MapMatcher {
  public:
   explicit SiftMatcher(const MatcherMap& map) : map_(map) {}
 
@@ -115,6 +115,6 @@ class SiftMatcher final : public PlaceMatcher {
 
 }  // namespace
 
-std::unique_ptr<PlaceMatcher> make_sift_matcher(const MatcherMap& map) { return std::make_unique<SiftMatcher>(map); }
+std::unique_ptr<MapMatcher> make_sift_matcher(const MatcherMap& map) { return std::make_unique<SiftMatcher>(map); }
 
 }  // namespace nadir

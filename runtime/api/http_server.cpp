@@ -224,7 +224,7 @@ struct HttpServer::Impl {
         limits(bounds),
         acceptor(io, address, [this](tcp::socket socket) { take(std::move(socket)); }),
         thread([this] {
-          begin_thread("api", ThreadRank::behind);
+          begin_thread("api", ThreadPriority::behind);
           serve_until_done(io);
         }) {}
 

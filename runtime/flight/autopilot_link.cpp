@@ -90,7 +90,7 @@ AutopilotLink::State AutopilotLink::state() const {
 }
 
 void AutopilotLink::run(const std::stop_token& stop) {
-  begin_thread("link", ThreadRank::ahead);
+  begin_thread("link", ThreadPriority::ahead);
   Cadence heartbeats(kHeartbeatPeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
     beat_();

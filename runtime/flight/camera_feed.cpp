@@ -34,7 +34,7 @@ CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_dela
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
 void CameraFeed::run(const std::stop_token& stop) {
-  begin_thread("camera", ThreadRank::beside);
+  begin_thread("camera", ThreadPriority::beside);
   while (!stop.stop_requested()) {
     beat_();
     CameraReading reading = source_->next(patience(), stop);

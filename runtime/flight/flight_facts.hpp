@@ -11,22 +11,22 @@
 
 namespace nadir {
 
-struct AutopilotSpoke {
+struct AutopilotEvent {
   bool authentic = false;
   bool armed = false;
 };
 
-struct CameraSpoke {
+struct CameraEvent {
   bool frame = false;
   std::string trouble{};
 };
 
-struct LocalizerSpoke {
+struct LocalizerEvent {
   double taken_s = 0;  // the picture
   bool late = false;   // a look at the map came back
   std::uint64_t index = 0;
   Estimate estimate;
-  Belief belief;
+  StateEstimate belief;
   AnchorVerdict verdict = AnchorVerdict::not_tried;
   std::optional<double> pitch_rad{}, roll_rad{};
 };
@@ -49,7 +49,7 @@ struct PlaceHinted {
   std::string by;
 };
 
-using FlightNews = std::variant<AutopilotSpoke, CameraSpoke, LocalizerSpoke, StateNotSaved, TilesNotMade, FixJumped,
+using FlightNews = std::variant<AutopilotEvent, CameraEvent, LocalizerEvent, StateNotSaved, TilesNotMade, FixJumped,
                                 PlaceHinted, GpsFix3d, EkfReport>;
 
 struct TimedNews {

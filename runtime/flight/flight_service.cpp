@@ -89,11 +89,11 @@ void FlightService::take(const TimedNews& timed) {
   std::visit([&](const auto& news) { learn(timed.time_s, news); }, timed.news);
 }
 
-void FlightService::learn(double time_s, const AutopilotSpoke& spoke) {
+void FlightService::learn(double time_s, const AutopilotEvent& spoke) {
   update(time_s, std::array<ServiceFact, 1>{AutopilotHeard{spoke.authentic, spoke.armed}});
 }
 
-void FlightService::learn(double time_s, const CameraSpoke& spoke) {
+void FlightService::learn(double time_s, const CameraEvent& spoke) {
   if (spoke.frame) {
     update(time_s, std::array<ServiceFact, 1>{FrameArrived{}});
   } else {
@@ -101,7 +101,7 @@ void FlightService::learn(double time_s, const CameraSpoke& spoke) {
   }
 }
 
-void FlightService::learn(double time_s, const LocalizerSpoke& spoke) {
+void FlightService::learn(double time_s, const LocalizerEvent& spoke) {
   last_spoke_ = spoke;
   views_.localizer(spoke);
   const Estimate& estimate = spoke.estimate;

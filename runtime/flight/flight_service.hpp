@@ -69,9 +69,9 @@ class FlightService {
   void sum_up();
   MailboxCounts picture_counts() const;
   void take(const TimedNews& timed);
-  void learn(double time_s, const AutopilotSpoke& spoke);
-  void learn(double time_s, const CameraSpoke& spoke);
-  void learn(double time_s, const LocalizerSpoke& spoke);
+  void learn(double time_s, const AutopilotEvent& spoke);
+  void learn(double time_s, const CameraEvent& spoke);
+  void learn(double time_s, const LocalizerEvent& spoke);
   void learn(double time_s, const StateNotSaved& state);
   void learn(double time_s, const TilesNotMade& tiles);
   void learn(double time_s, const FixJumped& jumped);
@@ -82,7 +82,7 @@ class FlightService {
   void update(double now_s, std::span<const ServiceFact> facts);
   void publish(double now_s);
   void save(double now_s);
-  void keep_house(const std::stop_token& stop);
+  void save_state_loop(const std::stop_token& stop);
 
   FlightOptions options_;
   const FlightClock& clock_;
@@ -103,7 +103,7 @@ class FlightService {
   Mailbox<Hint> hints_;
   LatestMailbox<TimedNews> news_{512};
   LatestMailbox<SavedFlight> to_save_;
-  std::optional<LocalizerSpoke> last_spoke_;
+  std::optional<LocalizerEvent> last_spoke_;
   std::string last_reason_;
   GpsHints gps_hints_;
 
@@ -117,7 +117,7 @@ class FlightService {
   LatestMailbox<FlightPicture> pictures_;
   std::unique_ptr<AutopilotLink> link_;
   std::unique_ptr<TileMaking> tiles_;  // null: none are made
-  std::unique_ptr<Localizing> localizing_;
+  std::unique_ptr<LocalizationThread> localizing_;
   std::unique_ptr<CameraFeed> camera_;
   std::jthread house_;  // last: it uses everything above
 };

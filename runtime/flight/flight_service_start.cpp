@@ -21,7 +21,7 @@ std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& f
 }
 
 Airframe by_our_fix(Airframe airframe) {
-  airframe.camera.uncertainty = leaning_attitude(airframe.camera.uncertainty);
+  airframe.camera.uncertainty = fix_aided_attitude(airframe.camera.uncertainty);
   return airframe;
 }
 
@@ -60,7 +60,7 @@ FlightService::FlightService(const FlightOptions& options, JudgedPackage judged,
   if (ground_) api_->use_package(ground_->for_api());
   server_ = std::make_unique<HttpServer>(*api_, address);
   start_flight();
-  house_ = std::jthread([this](const std::stop_token& token) { keep_house(token); });
+  house_ = std::jthread([this](const std::stop_token& token) { save_state_loop(token); });
 }
 
 FlightService::~FlightService() {
@@ -120,12 +120,12 @@ void FlightService::start_flight() {
       AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) { heard(now_s, message); },
                               [this](double metres) { tell(FixJumped{metres}); },
                               [this] {
-                                tell(AutopilotSpoke{false, false});
+                                tell(AutopilotEvent{false, false});
                               }});
   if (!ground_) return;
   camera_ = std::make_unique<CameraFeed>(std::move(camera), airframe_.capture_delay_s, clock_, pictures_, watch_,
                                          [this](const std::string& trouble) {
-                                           tell(CameraSpoke{trouble.empty(), trouble});
+                                           tell(CameraEvent{trouble.empty(), trouble});
                                          });
 }
 
@@ -147,7 +147,7 @@ void FlightService::start_tiles() {
                         options_.candidates_frame_ms / 1000.0};
   tiles_ = std::make_unique<TileMaking>(
       setup, clock_,
-      TileMaking::Listener{[this](const TileKey& key, CandidateFate fate) {
+      TileMaking::Listener{[this](const TileKey& key, CandidateOutcome fate) {
                              if (recorder_)
                                recorder_->record(TileRecord{key, fmt::format("candidate.{}", name_of(fate)), {}});
                            },
@@ -156,9 +156,9 @@ void FlightService::start_tiles() {
 
 void FlightService::start_localizing() {
   start_tiles();
-  localizing_ = std::make_unique<Localizing>(
+  localizing_ = std::make_unique<LocalizationThread>(
       localizing_setup(), pictures_, watch_,
-      Localizing::Listener{[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
+      LocalizationThread::Listener{[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
                              if (recorder_) record_input(*recorder_, index, told, encoded);
                              if (tiles_) tiles_->seen(index, told, encoded);
                            },

@@ -15,7 +15,7 @@ constexpr std::chrono::milliseconds kHouseWait{500};
 
 VisionEstimate vision_estimate(const LocalizedFrame& frame, double taken_s, std::optional<double> ground_msl_m) {
   const Estimate& estimate = frame.report.estimate;
-  const Belief& belief = frame.report.belief;
+  const StateEstimate& belief = frame.report.belief;
   VisionEstimate vision;
   vision.time_us = std::llround(taken_s * 1e6);
   vision.place = *estimate.position;
@@ -49,7 +49,7 @@ void FlightService::localized(const LocalizedFrame& frame) {
   }
   if (recorder_) record(frame);
   if (tiles_ && frame.report.anchored) tiles_->anchored(frame.anchor_index, *frame.report.anchored);
-  tell(LocalizerSpoke{taken_s, frame.late, frame.index, estimate, frame.report.belief, frame.report.anchor.verdict,
+  tell(LocalizerEvent{taken_s, frame.late, frame.index, estimate, frame.report.belief, frame.report.anchor.verdict,
                       frame.told.pitch_rad, frame.told.roll_rad});
 }
 
@@ -69,7 +69,7 @@ void FlightService::heard(double now_s, const ReceivedMessage& received) {
   };
   if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
     if (ours && heartbeat->is_autopilot) {
-      tell(AutopilotSpoke{received.is_signed || !options_.link_key, heartbeat->armed});
+      tell(AutopilotEvent{received.is_signed || !options_.link_key, heartbeat->armed});
     }
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
@@ -98,8 +98,8 @@ void FlightService::heard(double now_s, const ReceivedMessage& received) {
 }
 
 // Disks may be slow: nobody else touches them in flight but the recorder.
-void FlightService::keep_house(const std::stop_token& stop) {
-  begin_thread("state", ThreadRank::behind);
+void FlightService::save_state_loop(const std::stop_token& stop) {
+  begin_thread("state", ThreadPriority::behind);
   std::string last_trouble;
   Cadence keeping(kSavePeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {

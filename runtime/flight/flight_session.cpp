@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include "nadir_version.hpp"
+#include "cli/nadir_version.hpp"
 #include "vision/flight_picture.hpp"
 
 namespace nadir {

@@ -11,6 +11,6 @@ namespace nadir {
 inline constexpr double kLeaningHeading_rad = 0.087;  // 5 degrees
 inline constexpr double kLeaningTilt_rad = 0.035;     // 2 degrees
 
-TelemetryUncertainty leaning_attitude(const TelemetryUncertainty& claimed);
+TelemetryUncertainty fix_aided_attitude(const TelemetryUncertainty& claimed);
 
 }  // namespace nadir

@@ -25,7 +25,7 @@ CameraFile decoded_small(CameraFile file, int shrink) {
 
 }  // namespace
 
-Localizing::Localizing(const LocalizingSetup& setup, LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
+LocalizationThread::LocalizationThread(const LocalizingSetup& setup, LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
                        Listener listener)
     : setup_(setup),
       shrink_(harmless_shrink(setup.camera.camera.width, setup.camera.camera.height)),
@@ -39,17 +39,17 @@ Localizing::Localizing(const LocalizingSetup& setup, LatestMailbox<FlightPicture
       looker_([this](const std::stop_token& stop) { look_at_map(stop); }),
       follower_([this](const std::stop_token& stop) { follow_pictures(stop); }) {}
 
-Localizing::~Localizing() { request_stop(); }  // and both threads are waited for
+LocalizationThread::~LocalizationThread() { request_stop(); }  // and both threads are waited for
 
-void Localizing::request_stop() {
+void LocalizationThread::request_stop() {
   follower_.request_stop();
   looker_.request_stop();
 }
 
-void Localizing::hint(const LonLat& at, double radius_m, const std::string& by) { hints_.put({0, at, radius_m, by}); }
+void LocalizationThread::hint(const LonLat& at, double radius_m, const std::string& by) { hints_.put({0, at, radius_m, by}); }
 
-void Localizing::follow_pictures(const std::stop_token& stop) {
-  begin_thread("localizer", ThreadRank::beside);
+void LocalizationThread::follow_pictures(const std::stop_token& stop) {
+  begin_thread("localizer", ThreadPriority::beside);
   while (!stop.stop_requested()) {
     follower_beat_();
     take_finished();
@@ -58,8 +58,8 @@ void Localizing::follow_pictures(const std::stop_token& stop) {
   }
 }
 
-void Localizing::look_at_map(const std::stop_token& stop) {
-  begin_thread("map", ThreadRank::behind);
+void LocalizationThread::look_at_map(const std::stop_token& stop) {
+  begin_thread("map", ThreadPriority::behind);
   const Cancel cancel([this, stop] { return stop.stop_requested() || give_up_; });
   while (!stop.stop_requested()) {
     looker_beat_();
@@ -76,7 +76,7 @@ void Localizing::look_at_map(const std::stop_token& stop) {
   }
 }
 
-void Localizing::follow(const FlightPicture& picture) {
+void LocalizationThread::follow(const FlightPicture& picture) {
   const Telemetry told = telemetry_at(picture);
   if (too_early(picture, told)) return;
   listener_.input(next_index_, told, picture.encoded);
@@ -102,12 +102,12 @@ void Localizing::follow(const FlightPicture& picture) {
 
 // The first look at the map takes many times as long where any heading is possible, and nothing else is looked up
 // meanwhile. After a start in flight the autopilot is heard a second after the first picture.
-bool Localizing::too_early(const FlightPicture& picture, const Telemetry& told) {
+bool LocalizationThread::too_early(const FlightPicture& picture, const Telemetry& told) {
   if (!first_taken_s_) first_taken_s_ = picture.taken_s;
   return next_index_ == 0 && !told.heading_rad && picture.taken_s - *first_taken_s_ < kAutopilotSpeaksWithin_s;
 }
 
-void Localizing::take_finished() {
+void LocalizationThread::take_finished() {
   auto job = finished_.try_take();
   if (!job) return;
   everywhere_ = false;
@@ -116,7 +116,7 @@ void Localizing::take_finished() {
   listener_.output({next_index_ - 1, job_index_, true, last_told_, std::move(report)});
 }
 
-void Localizing::take_hint() {
+void LocalizationThread::take_hint() {
   auto hint = hints_.try_take();
   if (!hint) return;
   try {
@@ -136,7 +136,7 @@ void Localizing::take_hint() {
 
 // Over terrain the height above ground follows from the height above the sea; a range finder knows better. Where nobody
 // said where we are, no height at all does not mean that we stand: it may be another hill.
-Telemetry Localizing::telemetry_at(const FlightPicture& picture) {
+Telemetry LocalizationThread::telemetry_at(const FlightPicture& picture) {
   const std::scoped_lock lock(telemetry_mutex_);
   Telemetry told = telemetry_.at(picture.taken_s);
   told.frame = picture.name;

@@ -50,7 +50,7 @@ struct LocalizingSetup {
   double plane_msl_m = 0;  // of the plane from which the surface's heights count
 };
 
-class Localizing {
+class LocalizationThread {
  public:
   // Called on the localizer's thread: must be quick.
   struct Listener {
@@ -60,11 +60,11 @@ class Localizing {
   };
 
   // Everything that setup points at, the watch and the pictures must outlive this.
-  Localizing(const LocalizingSetup& setup, LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
+  LocalizationThread(const LocalizingSetup& setup, LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
              Listener listener);
-  ~Localizing();
-  Localizing(const Localizing&) = delete;
-  Localizing& operator=(const Localizing&) = delete;
+  ~LocalizationThread();
+  LocalizationThread(const LocalizationThread&) = delete;
+  LocalizationThread& operator=(const LocalizationThread&) = delete;
 
   // What the autopilot says, from the link's thread.
   template <typename Message>

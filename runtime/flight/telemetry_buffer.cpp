@@ -141,14 +141,14 @@ std::optional<Attitude> TelemetryBuffer::camera_at(double time_s) const {
 }
 
 // All stretches but the last. Of what lies before all that is kept, nothing is told but how long it was.
-std::vector<ToldStretch> TelemetryBuffer::way(double from_s, double to_s) const {
-  std::vector<ToldStretch> way;
+std::vector<TelemetryInterval> TelemetryBuffer::way(double from_s, double to_s) const {
+  std::vector<TelemetryInterval> way;
   const double kept_from_s = std::max(from_s, to_s - kTelemetryKept_s);
   const int stretches = static_cast<int>(std::ceil((to_s - kept_from_s) / kLongestStretch_s));
   double begin_s = from_s;
   for (int i = kept_from_s > from_s ? 0 : 1; i < stretches; ++i) {
     const double end_s = between(kept_from_s, to_s, static_cast<double>(i) / stretches);
-    ToldStretch stretch{end_s - begin_s, std::nullopt, velocity_change(begin_s, end_s)};
+    TelemetryInterval stretch{end_s - begin_s, std::nullopt, velocity_change(begin_s, end_s)};
     if (const auto camera = camera_at(end_s)) stretch.heading_rad = camera->heading_rad;
     way.push_back(stretch);
     begin_s = end_s;
@@ -169,7 +169,7 @@ Telemetry TelemetryBuffer::at(double time_s) {
   if (last_asked_s_ && *last_asked_s_ < time_s) {
     told.way = way(*last_asked_s_, time_s);
     double from_s = *last_asked_s_;
-    for (const ToldStretch& stretch : told.way) from_s += stretch.seconds;
+    for (const TelemetryInterval& stretch : told.way) from_s += stretch.seconds;
     told.imu_dv_mps = velocity_change(from_s, time_s);
   }
   last_asked_s_ = time_s;

@@ -64,7 +64,7 @@ class TelemetryBuffer {
   std::optional<Attitude> aircraft_at(double time_s) const;
   std::optional<LonLat> place_at(double time_s) const;
   std::optional<Attitude> camera_at(double time_s) const;
-  std::vector<ToldStretch> way(double from_s, double to_s) const;
+  std::vector<TelemetryInterval> way(double from_s, double to_s) const;
   std::optional<Eigen::Vector2d> velocity_change(double from_s, double to_s) const;
 
   Attitude mount_;

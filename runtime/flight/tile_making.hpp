@@ -33,7 +33,7 @@ struct TileMakingSetup {
 class TileMaking {
  public:
   struct Listener {  // on the maker's thread; at the end on the one that ends it
-    std::function<void(const TileKey&, CandidateFate)> tile;
+    std::function<void(const TileKey&, CandidateOutcome)> tile;
     std::function<void(const std::string&)> trouble;         // each one once
     std::function<void(const FrameTiles&)> frame = nullptr;  // after each frame
   };

@@ -17,7 +17,7 @@ GpsJudgement shown(GpsVerdict verdict) {
 
 }  // namespace
 
-void ViewBuilder::localizer(const LocalizerSpoke& spoke) {
+void ViewBuilder::localizer(const LocalizerEvent& spoke) {
   const Estimate& estimate = spoke.estimate;
   view_.position.reset();
   if (estimate.position) {

@@ -15,7 +15,7 @@ class ViewBuilder {
   explicit ViewBuilder(std::string boot_id) { view_.boot_id = std::move(boot_id); }
 
   void package(const PackageView& package) { view_.package = package; }
-  void localizer(const LocalizerSpoke& spoke);
+  void localizer(const LocalizerEvent& spoke);
   void gps(const GpsJudged& judged);
   void status(const ServiceStatus& status, const std::string& reason);
   // What may be told is what is shown: while blind the fix that the autopilot gets, and nothing when it gets none.

@@ -64,7 +64,7 @@ RecordedFlight recorded_flight(const FlightPaths& paths, const std::filesystem::
   return recorded;
 }
 
-MatchingFigures fly(const RecordedFlight& recorded, const FlownMap& map, const PlaceMatcherFactory& matcher,
+MatchingFigures fly(const RecordedFlight& recorded, const FlownMap& map, const MapMatcherFactory& matcher,
                     std::optional<LonLat> start) {
   MatchingFigures figures;
   LocalizerConfig config = map.config;
@@ -87,7 +87,7 @@ MatchingFigures fly(const RecordedFlight& recorded, const FlownMap& map, const P
   return figures;
 }
 
-SearchFigures search(const RecordedFlight& recorded, const FlownMap& map, const PlaceMatcherFactory& make,
+SearchFigures search(const RecordedFlight& recorded, const FlownMap& map, const MapMatcherFactory& make,
                      double radius_m, std::size_t every) {
   SearchFigures figures;
   const FlatGround flat;

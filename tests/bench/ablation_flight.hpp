@@ -38,7 +38,7 @@ struct MatchingFigures {
 };
 
 // start: where the flight begins, or nothing.
-MatchingFigures fly(const RecordedFlight& recorded, const FlownMap& map, const PlaceMatcherFactory& matcher,
+MatchingFigures fly(const RecordedFlight& recorded, const FlownMap& map, const MapMatcherFactory& matcher,
                     std::optional<LonLat> start);
 
 struct SearchFigures {
@@ -48,7 +48,7 @@ struct SearchFigures {
 };
 
 // Every `every`th frame by itself in a window of ±radius_m that holds its place somewhere; no gates, no filter.
-SearchFigures search(const RecordedFlight& recorded, const FlownMap& map, const PlaceMatcherFactory& matcher,
+SearchFigures search(const RecordedFlight& recorded, const FlownMap& map, const MapMatcherFactory& matcher,
                      double radius_m, std::size_t every);
 
 struct DriftFigures {

@@ -5,7 +5,7 @@
 namespace nadir::bench {
 namespace {
 
-PlaceMatcherFactory comparing(const Likeness& likeness) {
+MapMatcherFactory comparing(const Likeness& likeness) {
   return [likeness](const MatcherMap& map) { return make_channel_matcher_with(map, likeness); };
 }
 
@@ -16,7 +16,7 @@ Likeness without_means() {
 }
 
 // Takes what the optical axis hits for the camera's position.
-class PictureCentre final : public PlaceMatcher {
+class PictureCentre final : public MapMatcher {
  public:
   explicit PictureCentre(const MatcherMap& map) : map_(map), matcher_(make_channel_matcher(map)) {}
 
@@ -39,12 +39,12 @@ class PictureCentre final : public PlaceMatcher {
   }
 
   MatcherMap map_;
-  std::unique_ptr<PlaceMatcher> matcher_;
+  std::unique_ptr<MapMatcher> matcher_;
 };
 
-class TimedMatcher final : public PlaceMatcher {
+class TimedMatcher final : public MapMatcher {
  public:
-  TimedMatcher(std::unique_ptr<PlaceMatcher> timed, std::vector<double>& spent_ms)
+  TimedMatcher(std::unique_ptr<MapMatcher> timed, std::vector<double>& spent_ms)
       : timed_(std::move(timed)), spent_ms_(spent_ms) {}
 
   AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
@@ -61,7 +61,7 @@ class TimedMatcher final : public PlaceMatcher {
   }
 
  private:
-  std::unique_ptr<PlaceMatcher> timed_;
+  std::unique_ptr<MapMatcher> timed_;
   std::vector<double>& spent_ms_;
 };
 
@@ -94,7 +94,7 @@ std::vector<Variant> matcher_variants() {
           {"picture's centre", [](const MatcherMap& map) { return std::make_unique<PictureCentre>(map); }}};
 }
 
-PlaceMatcherFactory timed(PlaceMatcherFactory made, std::vector<double>& spent_ms) {
+MapMatcherFactory timed(MapMatcherFactory made, std::vector<double>& spent_ms) {
   return [made = std::move(made), &spent_ms](const MatcherMap& map) {
     return std::make_unique<TimedMatcher>(made(map), spent_ms);
   };

@@ -12,14 +12,14 @@ namespace nadir::bench {
 
 struct Variant {
   std::string name;
-  PlaceMatcherFactory matcher;
+  MapMatcherFactory matcher;
 };
 
 // full; no means removed; one channel; grey; SIFT; the picture's centre.
 std::vector<Variant> matcher_variants();
 
 // The same matcher or front end; each call's CPU time in ms is added to the list, which must outlive what is made.
-PlaceMatcherFactory timed(PlaceMatcherFactory made, std::vector<double>& spent_ms);
+MapMatcherFactory timed(MapMatcherFactory made, std::vector<double>& spent_ms);
 OdometryFactory timed(OdometryFactory made, std::vector<double>& spent_ms);
 
 }  // namespace nadir::bench

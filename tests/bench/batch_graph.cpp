@@ -85,7 +85,7 @@ struct Bias {
 };
 
 struct Moved {
-  MotionSight sight;
+  RelativeMotionMeasurement sight;
   Eigen::Matrix<double, 8, 8> whiten;
   template <typename T>
   bool operator()(const T* a, const T* b, T* r) const {
@@ -105,7 +105,7 @@ struct Moved {
 };
 
 struct Anchored {
-  PoseSight sight;
+  PoseMeasurement sight;
   Eigen::Matrix<double, 6, 6> whiten;
   template <typename T>
   bool operator()(const T* x, T* r) const {
@@ -176,7 +176,7 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   sigma[kDeviation] = sigma[kDeviation + 1] = deviation_rad;
   for (std::size_t i = 0; i < n; ++i) {
     x[i].head<2>() = flight.frames[i].told_m;
-    x[i][kHeading] = *flight.steps[i].told_heading_rad;
+    x[i][kHeading] = *flight.steps[i].measured_heading_rad;
     if (i > 0) x[i].segment<2>(kVelocity) = (x[i] - x[i - 1]).head<2>() / flight.steps[i].seconds;
   }
   problem.AddResidualBlock(cost_of<Bias, 1, 1>({model::kConstantHeading * uncertainty.heading_rad}), nullptr,
@@ -184,14 +184,14 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   problem.AddResidualBlock(cost_of<Begin, 9, kStates>({State::Zero(), sigma}), nullptr, x[0].data());
   for (std::size_t i = 0; i < n; ++i) {
     const FlightStep& step = flight.steps[i];
-    const double heading = *step.told_heading_rad;
+    const double heading = *step.measured_heading_rad;
     problem.AddResidualBlock(cost_of<Told, 3, kStates, 1>({heading, model::kChangingHeading * uncertainty.heading_rad,
                                                            model::kChangingTiltLogged * uncertainty.tilt_rad}),
                              nullptr, x[i].data(), &heading_bias);
     if (i > 0) {
       const double keep = std::exp(-step.seconds / model::kTiltTimeLogged_s),
                    kept = std::exp(-step.seconds / model::kDeviationTime_s),
-                   turn = wrap_pi(heading - *flight.steps[i - 1].told_heading_rad);
+                   turn = wrap_pi(heading - *flight.steps[i - 1].measured_heading_rad);
       problem.AddResidualBlock(
           cost_of<Carry, 9, kStates, kStates>(
               {step.seconds, std::sqrt(1 - model::kHeightWander * model::kHeightWander),

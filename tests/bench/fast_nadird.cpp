@@ -5,8 +5,8 @@
 #include <iostream>
 
 #include "base/error.hpp"
-#include "framework/interrupt.hpp"
-#include "framework/program.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/program.hpp"
 #include "nadird_command.hpp"
 #include "service/clock.hpp"
 

@@ -6,8 +6,8 @@
 #include <set>
 
 #include "base/time.hpp"
-#include "exchange/batch.hpp"
-#include "exchange/pack.hpp"
+#include "upload/batch.hpp"
+#include "upload/pack.hpp"
 #include "ortho/candidate_store.hpp"
 #include "trust/root.hpp"
 

@@ -5,10 +5,10 @@
 #include <sstream>
 
 #include "base/files.hpp"
-#include "framework/program.hpp"
+#include "cli/program.hpp"
 #include "package/package_maker.hpp"
 #include "package/tile_mask.hpp"
-#include "registry.hpp"
+#include "commands/registry.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

@@ -1,9 +1,9 @@
-#include "ground/catalogue_cover.hpp"
+#include "catalogue/catalogue_cover.hpp"
 
 #include <gtest/gtest.h>
 
 #include "geodesy/web_mercator.hpp"
-#include "ground/catalogue_shapes.hpp"
+#include "catalogue/catalogue_shapes.hpp"
 #include "package/gaps.hpp"
 #include "package/tile_mask.hpp"
 

@@ -1,9 +1,9 @@
-#include "ground/catalogue_location.hpp"
+#include "catalogue/catalogue_location.hpp"
 
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"
-#include "ground/catalogue_trouble.hpp"
+#include "catalogue/catalogue_trouble.hpp"
 
 namespace nadir {
 namespace {

@@ -68,13 +68,13 @@ TEST(AnchorGates, ASharpPredictionAndACloseFitNeedFewer) {
   attempt.match.solved->inliers = static_cast<int>(std::lround(100 * limits.alone_inlier_share));
   attempt.match.solved->rms_m = limits.max_chance_residual_px * attempt.match.fine_gsd_m;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-  const Attempt seconded = attempt;
+  const Attempt corroborated = attempt;
   attempt.match.solved->rms_m *= 1.01;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "they fit as chance does";
-  attempt = seconded;
+  attempt = corroborated;
   attempt.prediction.sigma_m = limits.sharp_sigma_m + 1;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "a vague prediction is no second voice";
-  attempt = seconded;
+  attempt = corroborated;
   attempt.prediction.chi2 = limits.chi2_999 + 1;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "it says something else";
 }

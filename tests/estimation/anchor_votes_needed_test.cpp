@@ -124,16 +124,16 @@ TEST(AnchorGates, AFrameThatDoesNotContinueTheLastOneAwaitsVotes) {
 TEST(AnchorGates, SecondedBySharpPredictionsThatSayTheSame) {
   const GateLimits limits;
   const Prediction sharp{limits.expected_chi2, limits.sharp_sigma_m, true};
-  EXPECT_TRUE(seconded(sharp));
+  EXPECT_TRUE(corroborated(sharp));
   Prediction other = sharp;
   other.healthy = false;
-  EXPECT_FALSE(seconded(other)) << "the track has been broken";
+  EXPECT_FALSE(corroborated(other)) << "the track has been broken";
   other = sharp;
   other.sigma_m += 1e-6;
-  EXPECT_FALSE(seconded(other)) << "vague";
+  EXPECT_FALSE(corroborated(other)) << "vague";
   other = sharp;
   other.chi2 += 1e-6;
-  EXPECT_FALSE(seconded(other)) << "it says something else";
+  EXPECT_FALSE(corroborated(other)) << "it says something else";
 }
 
 TEST(AnchorGates, AVoteNeedsASecondVoice) {

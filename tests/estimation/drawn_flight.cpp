@@ -73,12 +73,12 @@ Believed believed(const F& filter) {
 }
 
 // Tilt is seen vaguely, and the motion is as far off as that: together they are known well.
-MotionSight see_motion(Random& random, const Believed& before, const Believed& now, const Truth& was, const Truth& is) {
+RelativeMotionMeasurement see_motion(Random& random, const Believed& before, const Believed& now, const Truth& was, const Truth& is) {
   Eigen::Matrix<double, 8, 8> spread = Eigen::Matrix<double, 8, 8>::Zero();
   spread.diagonal() << 0.4, 0.4, 0.004, 0.004, 0.026, 0.026, 0.026, 0.026;
   spread.block<2, 2>(0, 4) = -0.026 * kAgl_m * Matrix2d::Identity();
   spread.block<2, 2>(0, 6) = 0.026 * kAgl_m * Matrix2d::Identity();
-  MotionSight sight;
+  RelativeMotionMeasurement sight;
   sight.before = before;
   sight.now = now;
   sight.covariance = spread * spread.transpose();
@@ -93,11 +93,11 @@ MotionSight see_motion(Random& random, const Believed& before, const Believed& n
   return sight;
 }
 
-PoseSight see_place(Random& random, const Truth& truth, const Vector2d& off_m) {
+PoseMeasurement see_place(Random& random, const Truth& truth, const Vector2d& off_m) {
   Eigen::Matrix<double, 6, 6> spread = Eigen::Matrix<double, 6, 6>::Zero();
   spread.diagonal() << 2, 2, 0.012, 0.006, 0.017, 0.017;
   spread.topRightCorner<2, 2>() = 0.017 * kAgl_m * Matrix2d::Identity();
-  PoseSight sight;
+  PoseMeasurement sight;
   sight.covariance = spread * spread.transpose();
   sight.seen << truth.place + off_m, truth.log_height, truth.heading, truth.tilt;
   sight.seen += spread * normals<6>(random);
@@ -123,14 +123,14 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
     is.tilt = is.tilt_bias + model::kChangingTiltLogged * sigma.tilt_rad * normals<2>(random);
     FlightStep step;
     step.seconds = i > 0 ? options.interval_s : 0;
-    step.told_heading_rad =
+    step.measured_heading_rad =
         wrap_pi(is.heading - is.heading_error() - random.normal(0, model::kChangingHeading * sigma.heading_rad));
     if (options.imu && i > 0) {
       step.imu_dv_mps = clockwise(-was.heading_error()) * (is.velocity - was.velocity) +
                         sigma.imu_dv_mps * std::sqrt(options.interval_s) * normals<2>(random);
     }
     const Believed before = believed(filter);
-    filter.advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
+    filter.advance(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
     DrawnFrame frame;
     frame.blind = options.blind_every > 0 && i % round >= options.blind_every;
     const bool was_blind = options.blind_every > 0 && i > 0 && (i - 1) % round >= options.blind_every;

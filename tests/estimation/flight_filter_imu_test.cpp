@@ -56,7 +56,7 @@ struct Blackout {
       }
       FlightStep step;
       step.seconds = i > 0 ? kStep_s : 0;
-      step.told_heading_rad = wrap_pi(heading + bias + random.normal(0, radians(0.5)));
+      step.measured_heading_rad = wrap_pi(heading + bias + random.normal(0, radians(0.5)));
       Vector2d dv = velocity - before;
       dv = Vector2d(std::cos(bias) * dv.x() + std::sin(bias) * dv.y(),
                     -std::sin(bias) * dv.x() + std::cos(bias) * dv.y());
@@ -80,7 +80,7 @@ End fly(const Blackout& flight) {
   for (std::size_t i = 0; i < flight.steps.size(); ++i) {
     const FlightStep& step = flight.steps[i];
     const Matrix2d before = filter.position_covariance_m2();
-    filter.advance(step.seconds, step.told_heading_rad, step.tilt_told, step.imu_dv_mps);
+    filter.advance(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
     const Matrix2d grown = filter.position_covariance_m2() - before;
     if (i >= flight.blind_from) {
       EXPECT_GE(Eigen::SelfAdjointEigenSolver<Matrix2d>(grown).eigenvalues()[0], -1e-9 * before.norm()) << i;

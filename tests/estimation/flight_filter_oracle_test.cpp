@@ -18,8 +18,8 @@ using Eigen::Vector2d;
 using Eigen::VectorXd;
 using F = FlightFilter;
 
-PoseSight place(const Vector2d& at, const Matrix2d& covariance) {
-  PoseSight sight;
+PoseMeasurement place(const Vector2d& at, const Matrix2d& covariance) {
+  PoseMeasurement sight;
   sight.seen << at, 0, 0, 0, 0;
   sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
   sight.covariance.topLeftCorner<2, 2>() = covariance;

@@ -28,8 +28,8 @@ TelemetryUncertainty sensors() {
 }
 
 // An anchor at a place, with (sigma of) position m, log height, heading, tilt.
-PoseSight anchor(const Vector2d& at, double heading_rad, const Vector2d& tilt_rad, const Vector6d& sigma) {
-  PoseSight sight;
+PoseMeasurement anchor(const Vector2d& at, double heading_rad, const Vector2d& tilt_rad, const Vector6d& sigma) {
+  PoseMeasurement sight;
   sight.seen << at, 0, heading_rad, tilt_rad;
   sight.covariance = sigma.cwiseProduct(sigma).asDiagonal();
   return sight;
@@ -42,7 +42,7 @@ Vector6d vague_but(int index, double sigma) {
   return sigmas;
 }
 
-PoseSight place_only(const Vector2d& at, double sigma_m) {
+PoseMeasurement place_only(const Vector2d& at, double sigma_m) {
   Vector6d sigma = vague_but(0, sigma_m);
   sigma[1] = sigma_m;
   return anchor(at, 0, Vector2d::Zero(), sigma);
@@ -54,9 +54,9 @@ Believed believed(const F& filter) {
 }
 
 // Odometry that says this motion, and of attitude and height only that they stayed as they are believed to be.
-MotionSight step_of(const F& filter, const Believed& before, const Vector2d& moved, double sigma_m,
+RelativeMotionMeasurement step_of(const F& filter, const Believed& before, const Vector2d& moved, double sigma_m,
                     double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
-  MotionSight sight;
+  RelativeMotionMeasurement sight;
   sight.before = before;
   sight.now = believed(filter);
   sight.seen.setZero();
@@ -159,7 +159,7 @@ TEST(FlightFilter, TwoOpinionsOfAPlaceAreCombinedAsTheTextbookSays) {
   const Matrix2d before = filter.position_covariance_m2();
   Matrix2d measured;
   measured << 4, 1, 1, 9;
-  PoseSight sight = place_only({310, 5}, 1);
+  PoseMeasurement sight = place_only({310, 5}, 1);
   sight.covariance.topLeftCorner<2, 2>() = measured;
   filter.anchored(sight);
   const Matrix2d expected = (before.inverse() + measured.inverse()).inverse();
@@ -258,7 +258,7 @@ TEST(FlightFilter, InATurnPicturesAreBelievedRatherThanTheCompass) {
     const double was_rad = truth_rad;
     truth_rad += radians(10);
     filter.advance(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
-    MotionSight sight = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
+    RelativeMotionMeasurement sight = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
     sight.seen[3] =
         wrap_pi((truth_rad - was_rad) - (sight.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
     filter.moved(sight);
@@ -287,7 +287,7 @@ TEST(FlightFilter, LearnsTheMounting) {
   for (int i = 0; i < 80; ++i) {
     filter.advance(0.1, kNoHeading);
     const double n = radians(0.8);
-    PoseSight sight =
+    PoseMeasurement sight =
         anchor({0, 0}, 0, {radians(6) + random.normal(0, radians(3.5)), radians(-2) + random.normal(0, radians(3.5))},
                vague_but(4, n));
     sight.covariance(5, 5) = n * n;
@@ -307,7 +307,7 @@ TEST(FlightFilter, LearnsHowMuchTiltChangesWhenNobodyLoggedIt) {
       const double n = radians(0.3);
       filter.advance(1, kNoHeading);
       const auto wobble = [&] { return random.normal(0, std::hypot(wobble_rad, n)); };
-      PoseSight sight = anchor({0, 0}, 0, {radians(3) + wobble(), wobble()}, vague_but(4, n));
+      PoseMeasurement sight = anchor({0, 0}, 0, {radians(3) + wobble(), wobble()}, vague_but(4, n));
       sight.covariance(5, 5) = n * n;
       filter.anchored(sight);
     }

@@ -52,7 +52,7 @@ struct Gap {
     };
     Vector2d velocity = over_ground();
     const auto fly_second = [&](double rate_rps) {
-      ToldStretch told{1, std::nullopt, Vector2d::Zero()};
+      TelemetryInterval told{1, std::nullopt, Vector2d::Zero()};
       for (int i = 0; i < std::lround(1 / kTick_s); ++i) {
         heading += rate_rps * kTick_s;
         const Vector2d before = velocity;
@@ -68,12 +68,12 @@ struct Gap {
       if (!imu) told.imu_dv_mps.reset();
       return told;
     };
-    steps.emplace_back().told_heading_rad = wrap_pi(heading + bias);
+    steps.emplace_back().measured_heading_rad = wrap_pi(heading + bias);
     for (int i = 0; i < kSeen_s; ++i) {
-      const ToldStretch told = fly_second(0);
+      const TelemetryInterval told = fly_second(0);
       FlightStep& step = steps.emplace_back();
       step.seconds = told.seconds;
-      step.told_heading_rad = told.heading_rad;
+      step.measured_heading_rad = told.heading_rad;
       step.imu_dv_mps = told.imu_dv_mps;
       step.anchored = position_sight(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
     }
@@ -84,7 +84,7 @@ struct Gap {
       const double turn = i < half_s ? kRate_rps : i >= kGap_s - half_s ? -kRate_rps : 0;
       last.way.push_back(fly_second(turn));
     }
-    last.told_heading_rad = last.way.back().heading_rad;
+    last.measured_heading_rad = last.way.back().heading_rad;
     last.imu_dv_mps = last.way.back().imu_dv_mps;
     last.way.pop_back();
   }
@@ -92,7 +92,7 @@ struct Gap {
 
 // The same, told only at its end.
 FlightStep without_way(FlightStep step) {
-  for (const ToldStretch& stretch : step.way) {
+  for (const TelemetryInterval& stretch : step.way) {
     if (step.imu_dv_mps) *step.imu_dv_mps += *stretch.imu_dv_mps;
   }
   step.way.clear();
@@ -157,7 +157,7 @@ TEST(FlightFilterWayOnce, AStretchIsPartOfTheStep) {
   halves.carry({1, 0.3, Vector2d(0.25, 0)});
   halves.advance(1, 0.3, true, Vector2d(0.25, 0));
   EXPECT_LT((whole.position_m() - halves.position_m()).norm(), 0.1);
-  MotionSight sight;
+  RelativeMotionMeasurement sight;
   sight.seen << 12, 38, 0, 0, 0, 0, 0, 0;
   sight.covariance = Eigen::Matrix<double, 8, 8>::Identity() * 1e-4;
   whole.moved(sight);

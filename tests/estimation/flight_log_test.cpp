@@ -22,7 +22,7 @@ struct Flight {
       truth.emplace_back(20.0 * static_cast<double>(i), 0);
       FlightStep step;
       step.seconds = i == 0 ? 0 : 1;
-      step.told_heading_rad = 1.5708;
+      step.measured_heading_rad = 1.5708;
       if (i % 3 == 1) step.anchored = anchor(truth.back() + Vector2d(random.normal(0, 3), random.normal(0, 3)));
       for (const auto& [frame, off] : odd) {
         if (frame == i) step.anchored = anchor(truth.back() + off);
@@ -31,8 +31,8 @@ struct Flight {
     }
   }
 
-  static PoseSight anchor(const Vector2d& at) {
-    PoseSight sight;
+  static PoseMeasurement anchor(const Vector2d& at) {
+    PoseMeasurement sight;
     sight.seen << at, 0, 0, 0, 0;
     sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e6;
     sight.covariance.topLeftCorner<2, 2>() = Matrix2d::Identity() * 9;
@@ -52,7 +52,7 @@ TEST(FlightLog, AGoodFlightIsSmoothedAsTheFilterDoes) {
   FlightFilter filter = flight.fresh;
   filter.remember();
   for (const FlightStep& step : flight.steps) {
-    filter.advance(step.seconds, step.told_heading_rad);
+    filter.advance(step.seconds, step.measured_heading_rad);
     if (step.anchored) filter.anchored(*step.anchored);
   }
   const SmoothedFlight smoothed = smooth_flight(flight.fresh, flight.steps);

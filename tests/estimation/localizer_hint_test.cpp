@@ -23,7 +23,7 @@ LocalizerConfig anywhere() {
 }
 
 // Names what it was told to name, whatever it is asked.
-class Parrot final : public PlaceMemory {
+class Parrot final : public PlaceRetrieval {
  public:
   explicit Parrot(std::vector<PlanePoint> places, double turn_rad = 0)
       : places_(std::move(places)), turn_rad_(turn_rad) {}

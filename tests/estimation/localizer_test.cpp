@@ -51,13 +51,13 @@ TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
   const FrameReport one = sure.process(first.image, first.telemetry),
                     same = vague.process(first.image, first.telemetry);
   ASSERT_EQ(same.anchor.verdict, AnchorVerdict::accepted);
-  EXPECT_FALSE(same.anchor.seconded);
+  EXPECT_FALSE(same.anchor.corroborated);
   const double ten_px_m = 10 * same.anchor.matching_gsd_m;
   EXPECT_GT(same.estimate.sigma_m, 1.5 * one.estimate.sigma_m);
   EXPECT_LT(same.estimate.sigma_m, std::hypot(ten_px_m, one.estimate.sigma_m));
   EXPECT_LT(off_m(same.estimate, first), 3 * same.estimate.sigma_m);
   const FrameReport next = vague.process(second.image, second.telemetry);
-  EXPECT_TRUE(next.anchor.seconded);
+  EXPECT_TRUE(next.anchor.corroborated);
   EXPECT_NEAR(next.estimate.sigma_m, sure.process(second.image, second.telemetry).estimate.sigma_m,
               0.5 * next.estimate.sigma_m);
 }
@@ -65,7 +65,7 @@ TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
 // What no model has (lens, relief, the moment of the telemetry) is another over other ground and in a turn: several
 // anchors that erred alike do not shut out those that err otherwise.
 TEST(Localizer, AnAnchoredTrackDoesNotRefuseWhatNoModelHas) {
-  class OffByThen final : public PlaceMatcher {
+  class OffByThen final : public MapMatcher {
    public:
     OffByThen(const MatcherMap& map, const double& off_m) : inner_(make_channel_matcher(map)), off_m_(off_m) {}
     AnchorMatch match(const cv::Mat& grey, const AnchorPrior& prior) override {
@@ -78,7 +78,7 @@ TEST(Localizer, AnAnchoredTrackDoesNotRefuseWhatNoModelHas) {
     }
 
    private:
-    std::unique_ptr<PlaceMatcher> inner_;
+    std::unique_ptr<MapMatcher> inner_;
     const double& off_m_;
   };
   double off_by_m = 0;

@@ -19,7 +19,7 @@ using namespace test;
 
 struct Backend {
   const char* name;
-  std::unique_ptr<PlaceMatcher> (*make)(const MatcherMap&);
+  std::unique_ptr<MapMatcher> (*make)(const MatcherMap&);
 };
 
 class Matcher : public testing::TestWithParam<Backend> {

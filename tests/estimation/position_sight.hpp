@@ -6,8 +6,8 @@
 namespace nadir::test {
 
 // at: east, north (m); sigma_m: of each axis.
-inline PoseSight position_sight(const Eigen::Vector2d& at, double sigma_m) {
-  PoseSight sight;
+inline PoseMeasurement position_sight(const Eigen::Vector2d& at, double sigma_m) {
+  PoseMeasurement sight;
   sight.seen << at, 0, 0, 0, 0;
   sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
   sight.covariance.topLeftCorner<2, 2>() = Eigen::Matrix2d::Identity() * sigma_m * sigma_m;

@@ -18,8 +18,8 @@ struct Scene {
 };
 
 // Rays by rotation and projection of random ground points between the two cameras; `noise` on the ray of the second.
-std::vector<SharedSight> sights_of(const Scene& scene, int count, Random& random, double noise = 0) {
-  std::vector<SharedSight> sights;
+std::vector<RayPair> sights_of(const Scene& scene, int count, Random& random, double noise = 0) {
+  std::vector<RayPair> sights;
   while (static_cast<int>(sights.size()) < count) {
     const PlanePoint ground{random.uniform(-20, 60), random.uniform(-50, 60)};
     const auto ray = [&](const CameraPose& pose) {
@@ -109,7 +109,7 @@ TEST(TwoViewMotion, WhatNoMotionFitsIsRefused) {
   const Scene scene;
   Random random(7);
   auto sights = sights_of(scene, 60, random);
-  for (SharedSight& sight : sights) {
+  for (RayPair& sight : sights) {
     sight.ray_now.x() = random.uniform(-0.6, 0.6);
     sight.ray_now.y() = random.uniform(-0.6, 0.6);
   }

@@ -105,7 +105,7 @@ class LocalizingReplay : public ::testing::Test {
     return session;
   }
 
-  Localizing::Listener listener() {
+  LocalizationThread::Listener listener() {
     return {[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
               record_input(recorder_, index, told, encoded);
             },
@@ -125,7 +125,7 @@ class LocalizingReplay : public ::testing::Test {
   }
 
   // One picture, followed before this returns.
-  void fly(Localizing& localizing, const Moment& moment) {
+  void fly(LocalizationThread& localizing, const Moment& moment) {
     const Telemetry& told = moment.telemetry;
     localizing.hear(told.time_s, AircraftAttitude{0, *told.roll_rad, *told.pitch_rad, *told.heading_rad, {}});
     localizing.hear(told.time_s, GroundHeight{{}, 0, *told.agl_m});
@@ -166,7 +166,7 @@ TEST_F(LocalizingReplay, HintsAndLateAnchorsComeBackBitForBit) {
   const std::vector<Moment> moments = flight(7);
   {
     GatedTiles tiles;
-    Localizing localizing(setup(tiles), pictures_, watch_, listener());
+    LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
     fly(localizing, moments[0]);  // its look at the map lasts
     localizing.hint(place_of({1e9, 1e9}), -1, "nobody");
     const PlanePoint there = moments[1].truth.position;
@@ -212,7 +212,7 @@ TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
   {
     GatedTiles tiles;
     tiles.open();
-    Localizing localizing(setup(tiles), pictures_, watch_, listener());
+    LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
     for (int looks = 0; const Moment* moment : {&moments[0], &moments[1]}) {
       fly(localizing, *moment);
       heard_.wait(heard_.looks, ++looks);
@@ -245,7 +245,7 @@ TEST_F(LocalizingReplay, WhoWasSaidToBeHereAndHasNoHeightStands) {
     LocalizingSetup nowhere = setup(tiles);
     nowhere.start.reset();
     nowhere.config.surface = &ground;
-    Localizing localizing(nowhere, pictures_, watch_, listener());
+    LocalizationThread localizing(nowhere, pictures_, watch_, listener());
     const auto show = [&](const Moment& moment, double msl_m) {
       const Telemetry& told = moment.telemetry;
       localizing.hear(told.time_s, AircraftAttitude{0, 0, 0, *told.heading_rad, {}});
@@ -272,7 +272,7 @@ TEST_F(LocalizingReplay, APictureBeforeTheFirstAttitudeIsLeftOut) {
   {
     GatedTiles tiles;
     tiles.open();
-    Localizing localizing(setup(tiles), pictures_, watch_, listener());
+    LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
     const auto show = [&](const Moment& moment) {
       pictures_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), moment.telemetry.time_s});
       while (pictures_.counts().taken < pictures_.counts().put) std::this_thread::yield();
@@ -292,7 +292,7 @@ TEST_F(LocalizingReplay, WithoutAnyAttitudePicturesAreFollowedAfterAWhile) {
   std::vector<Moment> moments = flight(2);
   GatedTiles tiles;
   tiles.open();
-  Localizing localizing(setup(tiles), pictures_, watch_, listener());
+  LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
   double seconds = 0;
   for (const Moment& moment : moments) {
     pictures_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), 100 + seconds});
@@ -307,7 +307,7 @@ TEST_F(LocalizingReplay, ALookThatFailedIsNotMadeUpFor) {
   {
     GatedTiles tiles;
     LocalizingSetup sound = setup(tiles);
-    Localizing localizing(sound, pictures_, watch_, listener());
+    LocalizationThread localizing(sound, pictures_, watch_, listener());
     fly(localizing, moments[0]);
     tiles.open(true);
     heard_.wait(heard_.looks, 1);

@@ -63,7 +63,7 @@ class LongSearch : public ::testing::Test {
     return {flight_camera(), {}, LocalFrame(kOrigin), &tiles, std::nullopt, lost, 0};
   }
 
-  Localizing::Listener listener() {
+  LocalizationThread::Listener listener() {
     return {[](std::uint64_t, const Telemetry&, ByteView) {},
             [this](const LocalizedFrame& frame) {
               const std::scoped_lock lock(mutex_);
@@ -77,7 +77,7 @@ class LongSearch : public ::testing::Test {
             }};
   }
 
-  void search(Localizing& localizing) {
+  void search(LocalizationThread& localizing) {
     const Moment& moment = short_flight()[0];
     const Telemetry& told = moment.telemetry;
     localizing.hear(told.time_s, AircraftAttitude{0, *told.roll_rad, *told.pitch_rad, *told.heading_rad, {}});
@@ -109,7 +109,7 @@ class LongSearch : public ::testing::Test {
 
 TEST_F(LongSearch, AStopEndsItWithTheWindowAtHandAndNothingIsTold) {
   {
-    Localizing localizing(setup(tiles_), pictures_, watch_, listener());
+    LocalizationThread localizing(setup(tiles_), pictures_, watch_, listener());
     search(localizing);
     localizing.request_stop();
     tiles_.open();
@@ -121,7 +121,7 @@ TEST_F(LongSearch, AStopEndsItWithTheWindowAtHandAndNothingIsTold) {
 // Somebody says where to look, in the middle of a search that began when nobody did.
 TEST_F(LongSearch, AHintEndsIt) {
   {
-    Localizing localizing(setup(tiles_), pictures_, watch_, listener());
+    LocalizationThread localizing(setup(tiles_), pictures_, watch_, listener());
     search(localizing);
     localizing.hint(kOrigin, 100, "operator");
     await([&] { return hints_ == 1; });

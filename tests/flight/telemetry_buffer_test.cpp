@@ -119,7 +119,7 @@ TEST(TelemetryBuffer, ALongWayIsToldInStretches) {
   const Telemetry told = buffer.at(9.9);
   ASSERT_EQ(told.way.size(), 8);
   double end_s = 0.9;
-  for (const ToldStretch& stretch : told.way) {
+  for (const TelemetryInterval& stretch : told.way) {
     EXPECT_NEAR(stretch.seconds, 1, 1e-9);
     end_s += stretch.seconds;
     ASSERT_TRUE(stretch.heading_rad && stretch.imu_dv_mps);
@@ -143,7 +143,7 @@ TEST(TelemetryBuffer, OfAWayLongForgottenItsLengthIsTold) {
   EXPECT_NEAR(told.way.front().seconds, 600 - kTelemetryKept_s, 1e-6);
   EXPECT_FALSE(told.way.front().imu_dv_mps);
   double sum_s = 0;
-  for (const ToldStretch& stretch : told.way) sum_s += stretch.seconds;
+  for (const TelemetryInterval& stretch : told.way) sum_s += stretch.seconds;
   EXPECT_LT(sum_s, 600);
   EXPECT_GT(sum_s, 600 - 1.001 * kLongestStretch_s);
 }

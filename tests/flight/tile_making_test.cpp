@@ -39,7 +39,7 @@ class TilesInFlight : public ::testing::Test {
     return setup;
   }
   TileMaking::Listener listener() {
-    return {[this](const TileKey&, CandidateFate fate) {
+    return {[this](const TileKey&, CandidateOutcome fate) {
               const std::scoped_lock lock(mutex_);
               ++fates_[fate];
               changed_.notify_all();
@@ -96,7 +96,7 @@ class TilesInFlight : public ::testing::Test {
   ManualClock clock_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::map<CandidateFate, std::size_t> fates_;
+  std::map<CandidateOutcome, std::size_t> fates_;
   int troubles_ = 0;
   std::uint64_t frames_ = 0;
 };
@@ -106,12 +106,12 @@ TEST_F(TilesInFlight, AreMadeOfTheFrameThatWasAnchored) {
     TileMaking tiles(setup(), clock_, listener());
     for (std::uint64_t i = 0; i < 4; ++i) see(tiles, i, 10.0 * static_cast<double>(i));
     tiles.anchored(1, pose(10));
-    wait_until([&] { return fates_[CandidateFate::added] >= 6; });
+    wait_until([&] { return fates_[CandidateOutcome::added] >= 6; });
     tiles.anchored(1, pose(10));   // it is gone by now
     tiles.anchored(77, pose(10));  // never seen
     EXPECT_EQ(troubles_, 0);
   }
-  EXPECT_EQ(stored(), fates_[CandidateFate::added]);
+  EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
 }
 
 TEST_F(TilesInFlight, TakeNoMoreRoomThanTheyMay) {
@@ -121,10 +121,10 @@ TEST_F(TilesInFlight, TakeNoMoreRoomThanTheyMay) {
     TileMaking tiles(tight, clock_, listener());
     see(tiles, 1, 10);
     tiles.anchored(1, pose(10));
-    wait_until([&] { return fates_[CandidateFate::no_room] > 0; });
+    wait_until([&] { return fates_[CandidateOutcome::no_room] > 0; });
   }
   const std::scoped_lock lock(mutex_);
-  EXPECT_EQ(stored(), fates_[CandidateFate::added]);
+  EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
   EXPECT_EQ(troubles_, 0);
 }
 
@@ -144,7 +144,7 @@ TEST_F(TilesInFlight, AreMadeOfSeveralFramesAsWell) {
       clock_.advance(1);
     }
   }
-  EXPECT_EQ(fates_[CandidateFate::added], 1U);
+  EXPECT_EQ(fates_[CandidateOutcome::added], 1U);
   CandidateReader reader(folder_ / "candidates");
   Findings findings;
   const auto made = reader.next(findings);
@@ -176,14 +176,14 @@ TEST_F(TilesInFlight, AFullDiskIsToldOnceAndCostsTilesAlone) {
     setrlimit(RLIMIT_FSIZE, &limit);
     tiles.anchored(0, pose(0));
     wait_until([&] { return troubles_ == 1; });
-    EXPECT_EQ(fates_[CandidateFate::added], 0U);
+    EXPECT_EQ(fates_[CandidateOutcome::added], 0U);
     setrlimit(RLIMIT_FSIZE, &old);
     std::signal(SIGXFSZ, old_handler);
     tiles.anchored(1, pose(0));
-    wait_until([&] { return fates_[CandidateFate::added] >= 6; });
+    wait_until([&] { return fates_[CandidateOutcome::added] >= 6; });
     EXPECT_EQ(troubles_, 1);
   }
-  EXPECT_EQ(stored(), fates_[CandidateFate::added]);
+  EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
 }
 
 TEST_F(TilesInFlight, WhatIsWrongIsFoundOutBeforeTakeOff) {

@@ -7,8 +7,8 @@
 namespace nadir {
 namespace {
 
-LocalizerSpoke spoke(double taken_s, AnchorVerdict verdict) {
-  LocalizerSpoke spoke;
+LocalizerEvent spoke(double taken_s, AnchorVerdict verdict) {
+  LocalizerEvent spoke;
   spoke.taken_s = taken_s;
   spoke.verdict = verdict;
   spoke.estimate.position = LonLat{8.5, 47.4};
@@ -44,7 +44,7 @@ TEST(ViewBuilder, ThePlaceComesWithItsUncertaintyAndGoesWithTheFix) {
   EXPECT_EQ(view.velocity->east_m_s, 3);
   EXPECT_EQ(view.velocity->north_m_s, -4);
   EXPECT_EQ(view.track.size(), 1U);
-  LocalizerSpoke lost = spoke(11, AnchorVerdict::not_tried);
+  LocalizerEvent lost = spoke(11, AnchorVerdict::not_tried);
   lost.estimate.position.reset();
   lost.estimate.source = SourceLabel::no_fix;
   views.localizer(lost);

@@ -4,12 +4,12 @@
 #include "fuzz/any_rows.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "sync/outbox_mend.hpp"
-#include "sync/outbox_report.hpp"
-#include "sync/outbox_tables.hpp"
-#include "sync/outbox_upkeep.hpp"
-#include "sync/staging.hpp"
-#include "sync/transfer.hpp"
+#include "upload/outbox_mend.hpp"
+#include "upload/outbox_report.hpp"
+#include "upload/outbox_tables.hpp"
+#include "upload/outbox_upkeep.hpp"
+#include "upload/staging.hpp"
+#include "upload/transfer.hpp"
 
 namespace nadir::fuzz {
 namespace {

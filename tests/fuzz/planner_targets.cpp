@@ -4,8 +4,8 @@
 
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "ground/drawn_plan.hpp"
-#include "ground/imagery_facts.hpp"
+#include "package_build/drawn_plan.hpp"
+#include "raster/imagery_facts.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "replay/flight_folder.hpp"

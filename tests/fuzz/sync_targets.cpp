@@ -2,8 +2,8 @@
 #include "base/printable.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "sync/http_date.hpp"
-#include "sync/replies.hpp"
+#include "upload/http_date.hpp"
+#include "upload/replies.hpp"
 
 namespace nadir::fuzz {
 namespace {

@@ -132,12 +132,12 @@ TEST_F(Making, OfTwoFramesKeepsTheBetterTiles) {
   CandidateMaker maker(flight());
   const std::size_t first = maker.make(seen(), photograph(seen()), store).stored.size();
   const FrameTiles again = maker.make(seen(), photograph(seen()), store);
-  for (const auto& [key, fate] : again.stored) EXPECT_EQ(fate, CandidateFate::worse);
+  for (const auto& [key, fate] : again.stored) EXPECT_EQ(fate, CandidateOutcome::worse);
   EXPECT_EQ(again.stored.size(), first);
   SeenFrame surer = seen();
   surer.pose.sigma_m = 1;
   for (const auto& [key, fate] : maker.make(surer, photograph(surer), store).stored) {
-    EXPECT_EQ(fate, CandidateFate::replaced);
+    EXPECT_EQ(fate, CandidateOutcome::replaced);
   }
   EXPECT_EQ(store.tiles(), first);
 }
@@ -289,7 +289,7 @@ TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
 TEST_F(MakingOfSeveralFrames, DoesNotPutTogetherWhatLiesApart) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store, 3);
-  EXPECT_GE(made.pieces[static_cast<std::size_t>(PieceFate::apart)], 1);
+  EXPECT_GE(made.pieces[static_cast<std::size_t>(PieceOutcome::apart)], 1);
   EXPECT_EQ(store.tiles(), 0U);
 }
 
@@ -317,8 +317,8 @@ TEST_F(MakingOfSeveralFrames, OfItAndATileOfOneFrameTheBetterStays) {
         std::find_if(made.stored.begin(), made.stored.end(), [](const auto& s) { return s.first == kTile; });
     return here == made.stored.end() ? std::nullopt : std::optional(here->second);
   };
-  EXPECT_EQ(fate_of_one(2.5), CandidateFate::worse);
-  EXPECT_EQ(fate_of_one(1.5), CandidateFate::replaced);
+  EXPECT_EQ(fate_of_one(2.5), CandidateOutcome::worse);
+  EXPECT_EQ(fate_of_one(1.5), CandidateOutcome::replaced);
   tiles_before_ = store.tiles();
   EXPECT_TRUE(fly(low_flight(), store).stored.empty()) << "it is not even begun";
 }

@@ -47,7 +47,7 @@ class Candidates : public ::testing::Test {
 TEST_F(Candidates, ComeBackInTheOrderOfTheirKeys) {
   CandidateStore store(path());
   for (const std::uint32_t number : {9U, 3U, 17U, 0U}) {
-    EXPECT_EQ(store.put(std::vector{make(number)}), std::vector{CandidateFate::added});
+    EXPECT_EQ(store.put(std::vector{make(number)}), std::vector{CandidateOutcome::added});
   }
   EXPECT_EQ(store.tiles(), 4U);
   store.close();
@@ -87,9 +87,9 @@ TEST_F(Candidates, OfTwoTheBetterStays) {
   CandidateStore store(path());
   store.put(std::vector{make(0, 2000, 1)});
   EXPECT_FALSE(store.wants(make(0, 2000).sidecar)) << "as good is not better";
-  EXPECT_EQ(store.put(std::vector{make(0, 2500, 2)}).front(), CandidateFate::worse);
+  EXPECT_EQ(store.put(std::vector{make(0, 2500, 2)}).front(), CandidateOutcome::worse);
   EXPECT_TRUE(store.wants(make(0, 1000).sidecar));
-  EXPECT_EQ(store.put(std::vector{make(0, 1000, 3)}).front(), CandidateFate::replaced);
+  EXPECT_EQ(store.put(std::vector{make(0, 1000, 3)}).front(), CandidateOutcome::replaced);
   EXPECT_EQ(store.tiles(), 1U);
   store.close();
   ASSERT_EQ(read().size(), 1U);
@@ -100,28 +100,28 @@ TEST(CandidateBadness, GrowsWithSigmaViewAngleAndBlurAndSoftComesLast) {
   const CandidateSidecar base = test::sample_sidecar(key(0));
   CandidateSidecar other = base;
   other.pose.sigma_mm += 100;
-  EXPECT_GT(badness_mm(other), badness_mm(base));
+  EXPECT_GT(cost_mm(other), cost_mm(base));
   other = base;
   other.quality.view_angle_mdeg += 5000;
-  EXPECT_GT(badness_mm(other), badness_mm(base));
+  EXPECT_GT(cost_mm(other), cost_mm(base));
   other = base;
   other.quality.sharpness_ppm /= 2;
-  EXPECT_GT(badness_mm(other), badness_mm(base));
+  EXPECT_GT(cost_mm(other), cost_mm(base));
   other = base;
   other.trust = CandidateTrust::soft;
   other.pose.sigma_mm = 1;
-  EXPECT_GT(badness_mm(other), badness_mm(base));
+  EXPECT_GT(cost_mm(other), cost_mm(base));
 }
 
 TEST_F(Candidates, KeepToTheBudget) {
   const std::uint64_t one = make(0).tile.size() + make(0).sidecar_bytes.size();
   CandidateStore store(path(), {.budget_bytes = 3 * one});
   std::size_t added = 0;
-  for (std::uint32_t i = 0; i < 10; ++i) added += store.put(std::vector{make(i)}).front() == CandidateFate::added;
+  for (std::uint32_t i = 0; i < 10; ++i) added += store.put(std::vector{make(i)}).front() == CandidateOutcome::added;
   EXPECT_LE(store.bytes(), 3 * one);
   EXPECT_GE(added, 2U);
   EXPECT_EQ(store.tiles(), added);
-  EXPECT_EQ(store.put(std::vector{make(0, 1000)}).front(), CandidateFate::replaced)
+  EXPECT_EQ(store.put(std::vector{make(0, 1000)}).front(), CandidateOutcome::replaced)
       << "a better one takes no more room";
 }
 
@@ -136,7 +136,7 @@ TEST_F(Candidates, GoOnAfterAnOrderlyEndAndCountWhatIsThere) {
   const std::uint64_t bytes =
       make(0).tile.size() + make(0).sidecar_bytes.size() + make(1).tile.size() + make(1).sidecar_bytes.size();
   EXPECT_EQ(store.bytes(), bytes);
-  EXPECT_EQ(store.put(std::vector{make(0)}).front(), CandidateFate::worse);
+  EXPECT_EQ(store.put(std::vector{make(0)}).front(), CandidateOutcome::worse);
   store.put(std::vector{make(2)});
   EXPECT_THROW(CandidateReader{path()}, Error) << "while it is written";
   EXPECT_THROW(CandidateStore{path()}, Error) << "two writers";

@@ -19,8 +19,8 @@ constexpr TileKey kKey{18, 139'000, 91'000};
 constexpr double kPixel_m = 0.4;
 
 // What a frame shows from column `from` to before `to`: the waves, moved by so many pixels to the east.
-TilePatch piece(int from, int to, double slant = 0.1, double moved_px = 0) {
-  TilePatch patch;
+PartialTile piece(int from, int to, double slant = 0.1, double moved_px = 0) {
+  PartialTile patch;
   patch.key = kKey;
   patch.image.create(kTileSize, kTileSize, CV_8UC3);
   for (int r = 0; r < kTileSize; ++r) {
@@ -45,11 +45,11 @@ CandidateSidecar frame(int number, std::int64_t sigma_mm = 2000) {
   return sidecar;
 }
 
-TEST(TileQuilt, BecomesWholeOfPiecesThatLieUponEachOther) {
-  TileQuilt quilt(kKey, kPixel_m, {});
-  EXPECT_EQ(quilt.add(piece(0, 150), frame(2)), PieceFate::joined);
+TEST(TileMosaic, BecomesWholeOfPiecesThatLieUponEachOther) {
+  TileMosaic quilt(kKey, kPixel_m, {});
+  EXPECT_EQ(quilt.add(piece(0, 150), frame(2)), PieceOutcome::joined);
   EXPECT_FALSE(quilt.whole());
-  EXPECT_EQ(quilt.add(piece(90, 256), frame(1, 2500)), PieceFate::joined);
+  EXPECT_EQ(quilt.add(piece(90, 256), frame(1, 2500)), PieceOutcome::joined);
   ASSERT_TRUE(quilt.whole());
   const cv::Mat expected = piece(0, 256).image;
   EXPECT_EQ(cv::norm(quilt.image(), expected, cv::NORM_INF), 0);
@@ -68,17 +68,17 @@ TEST(TileQuilt, BecomesWholeOfPiecesThatLieUponEachOther) {
   EXPECT_EQ(parse_candidate(candidate_json(*sidecar), "test"), *sidecar);
 }
 
-TEST(TileQuilt, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
-  TilePatch west = piece(0, 256), east = piece(0, 256);
+TEST(TileMosaic, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
+  PartialTile west = piece(0, 256), east = piece(0, 256);
   for (int c = 0; c < kTileSize; ++c) {
     west.slants.col(c).setTo(0.002 * c);
     east.slants.col(c).setTo(0.002 * (255 - c));
   }
   const cv::Mat light = west.image.clone();
   east.image = light - cv::Scalar::all(20);  // tells whose pixel it is
-  TileQuilt quilt(kKey, kPixel_m, {});
-  EXPECT_EQ(quilt.add(west, frame(1)), PieceFate::joined);
-  EXPECT_EQ(quilt.add(east, frame(2)), PieceFate::joined);
+  TileMosaic quilt(kKey, kPixel_m, {});
+  EXPECT_EQ(quilt.add(west, frame(1)), PieceOutcome::joined);
+  EXPECT_EQ(quilt.add(east, frame(2)), PieceOutcome::joined);
   EXPECT_EQ(quilt.image().at<cv::Vec3b>(40, 50), light.at<cv::Vec3b>(40, 50));
   EXPECT_EQ(quilt.image().at<cv::Vec3b>(40, 200), east.image.at<cv::Vec3b>(40, 200));
   const auto sidecar = quilt.sidecar();
@@ -88,39 +88,39 @@ TEST(TileQuilt, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
       << "of the pixels that are used";
 }
 
-TEST(TileQuilt, WhatPiecesDisagreeByIsPartOfItsSigma) {
-  TileQuilt quilt(kKey, kPixel_m, {});
+TEST(TileMosaic, WhatPiecesDisagreeByIsPartOfItsSigma) {
+  TileMosaic quilt(kKey, kPixel_m, {});
   quilt.add(piece(0, 150), frame(1));
-  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 3), frame(2)), PieceFate::joined);
+  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 3), frame(2)), PieceOutcome::joined);
   const auto sidecar = quilt.sidecar();
   ASSERT_TRUE(sidecar);
   EXPECT_NEAR(static_cast<double>(sidecar->seam_mm), 1200, 80);
   EXPECT_NEAR(static_cast<double>(sidecar->pose.sigma_mm), std::hypot(2000, sidecar->seam_mm), 1.1);
   EXPECT_EQ(sidecar->pose.cov_ee_mm2, frame(1).pose.cov_ee_mm2 + sidecar->seam_mm * sidecar->seam_mm);
   EXPECT_EQ(sidecar->trust, CandidateTrust::candidate);
-  EXPECT_GT(badness_mm(*sidecar), badness_mm(frame(1))) << "a tile of one frame is better";
+  EXPECT_GT(cost_mm(*sidecar), cost_mm(frame(1))) << "a tile of one frame is better";
 }
 
-TEST(TileQuilt, PiecesThatLieElsewhereOrProveNothingStayOut) {
-  TileQuilt quilt(kKey, kPixel_m, {});
+TEST(TileMosaic, PiecesThatLieElsewhereOrProveNothingStayOut) {
+  TileMosaic quilt(kKey, kPixel_m, {});
   quilt.add(piece(0, 150), frame(1));
-  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 6), frame(2)), PieceFate::apart) << "2.4 m";
-  EXPECT_EQ(quilt.add(piece(140, 256), frame(3)), PieceFate::unproven) << "ten columns in common";
-  TilePatch water = piece(60, 256);
+  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 6), frame(2)), PieceOutcome::apart) << "2.4 m";
+  EXPECT_EQ(quilt.add(piece(140, 256), frame(3)), PieceOutcome::unproven) << "ten columns in common";
+  PartialTile water = piece(60, 256);
   water.image.setTo(cv::Scalar::all(70));
-  EXPECT_EQ(quilt.add(water, frame(4)), PieceFate::unproven);
-  EXPECT_EQ(quilt.add(piece(0, 150), frame(5)), PieceFate::hidden) << "nothing better";
+  EXPECT_EQ(quilt.add(water, frame(4)), PieceOutcome::unproven);
+  EXPECT_EQ(quilt.add(piece(0, 150), frame(5)), PieceOutcome::hidden) << "nothing better";
   EXPECT_FALSE(quilt.whole());
-  EXPECT_EQ(quilt.add(piece(60, 256), frame(6)), PieceFate::joined) << "the same without any doubt";
+  EXPECT_EQ(quilt.add(piece(60, 256), frame(6)), PieceOutcome::joined) << "the same without any doubt";
   EXPECT_TRUE(quilt.whole());
 }
 
-TEST(TileQuilt, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
+TEST(TileMosaic, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
   for (const auto& [sigma_mm, moved_px, trust] :
        {std::tuple{4800, 4.0, std::optional<CandidateTrust>()}, {2900, 3.0, CandidateTrust::soft}}) {
-    TileQuilt quilt(kKey, kPixel_m, {});
+    TileMosaic quilt(kKey, kPixel_m, {});
     quilt.add(piece(0, 150), frame(1, sigma_mm));
-    ASSERT_EQ(quilt.add(piece(60, 256, 0.1, moved_px), frame(2)), PieceFate::joined);
+    ASSERT_EQ(quilt.add(piece(60, 256, 0.1, moved_px), frame(2)), PieceOutcome::joined);
     const auto sidecar = quilt.sidecar();
     ASSERT_EQ(sidecar.has_value(), trust.has_value());
     if (sidecar) {
@@ -129,15 +129,15 @@ TEST(TileQuilt, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
   }
 }
 
-TEST(TileQuilt, HasRoomForSixFrames) {
-  TileQuilt quilt(kKey, kPixel_m, {});
-  for (int i = 0; i < 6; ++i) EXPECT_EQ(quilt.add(piece(0, 60 + 20 * i), frame(i)), PieceFate::joined) << i;
-  EXPECT_EQ(quilt.add(piece(0, 256), frame(7)), PieceFate::full);
-  EXPECT_EQ(quilt.add(piece(0, 256), frame(8, 500)), PieceFate::full);
+TEST(TileMosaic, HasRoomForSixFrames) {
+  TileMosaic quilt(kKey, kPixel_m, {});
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(quilt.add(piece(0, 60 + 20 * i), frame(i)), PieceOutcome::joined) << i;
+  EXPECT_EQ(quilt.add(piece(0, 256), frame(7)), PieceOutcome::full);
+  EXPECT_EQ(quilt.add(piece(0, 256), frame(8, 500)), PieceOutcome::full);
 }
 
-TEST(TileQuilts, HandOutWhatIsWholeWhenTheFlightHasPassed) {
-  TileQuilts quilts({});
+TEST(TileMosaics, HandOutWhatIsWholeWhenTheFlightHasPassed) {
+  TileMosaics quilts({});
   quilts.add(piece(0, 150), frame(1), kPixel_m);
   EXPECT_TRUE(quilts.take_finished().empty());
   quilts.add(piece(60, 256), frame(2), kPixel_m);
@@ -149,16 +149,16 @@ TEST(TileQuilts, HandOutWhatIsWholeWhenTheFlightHasPassed) {
   EXPECT_EQ(quilts.dropped(), 0U);
 }
 
-TEST(TileQuilts, AreBoundedAndDropWhatWasAddedToLongestAgo) {
-  TileQuilts quilts({.most_open = 2});
+TEST(TileMosaics, AreBoundedAndDropWhatWasAddedToLongestAgo) {
+  TileMosaics quilts({.most_open = 2});
   const auto at = [](std::uint32_t x) {
-    TilePatch patch = piece(0, 150);
+    PartialTile patch = piece(0, 150);
     patch.key.x = x;
     return patch;
   };
   quilts.add(at(1), frame(1), kPixel_m);
   quilts.add(at(2), frame(2), kPixel_m);
-  TilePatch more = piece(60, 256);
+  PartialTile more = piece(60, 256);
   more.key.x = 1;
   quilts.add(more, frame(3), kPixel_m);
   quilts.add(at(3), frame(4), kPixel_m);  // 2 gives way
@@ -170,20 +170,20 @@ TEST(TileQuilts, AreBoundedAndDropWhatWasAddedToLongestAgo) {
   EXPECT_EQ(quilts.dropped(), 2U);
 }
 
-TEST(TileQuilts, PiecesOfAnotherPassBeginAnew) {
-  TileQuilts quilts({.max_span_s = 100});
+TEST(TileMosaics, PiecesOfAnotherPassBeginAnew) {
+  TileMosaics quilts({.max_span_s = 100});
   quilts.add(piece(0, 150), frame(1), kPixel_m);
   quilts.add(piece(60, 256), frame(102), kPixel_m);
   EXPECT_TRUE(quilts.take_all_whole().empty());
   EXPECT_EQ(quilts.dropped(), 2U);
 }
 
-TEST(TileQuilts, ASmallPieceDoesNotKeepOutALargerOneForEver) {
-  TileQuilts quilts({});
+TEST(TileMosaics, ASmallPieceDoesNotKeepOutALargerOneForEver) {
+  TileMosaics quilts({});
   quilts.add(piece(0, 20), frame(1), kPixel_m);
-  EXPECT_EQ(quilts.add(piece(15, 200), frame(2), kPixel_m), PieceFate::unproven);
-  EXPECT_EQ(quilts.add(piece(0, 100), frame(3), kPixel_m), PieceFate::joined);
-  EXPECT_EQ(quilts.add(piece(150, 256), frame(4), kPixel_m), PieceFate::joined);
+  EXPECT_EQ(quilts.add(piece(15, 200), frame(2), kPixel_m), PieceOutcome::unproven);
+  EXPECT_EQ(quilts.add(piece(0, 100), frame(3), kPixel_m), PieceOutcome::joined);
+  EXPECT_EQ(quilts.add(piece(150, 256), frame(4), kPixel_m), PieceOutcome::joined);
   const auto whole = quilts.take_all_whole();
   ASSERT_EQ(whole.size(), 1U);
   EXPECT_EQ(whole[0].sidecar()->parts.size(), 3U);

@@ -48,10 +48,10 @@ std::uint64_t needed_pixels_brute_force(const Mission& mission, const TileKey& k
   return count;
 }
 
-TEST(TileNeed, CountsTheSamePixelsAsBruteForce) {
+TEST(CoverageRequirement, CountsTheSamePixelsAsBruteForce) {
   const Mission mission = sample();
   const LocalFrame frame = mission_frame(mission);
-  const TileNeed need(required_region(mission, frame));
+  const CoverageRequirement need(required_region(mission, frame));
   for (int zoom = 17; zoom <= 18; ++zoom) {
     const TileKey middle = tile_at(mission.takeoff, zoom);
     for (std::uint32_t x = middle.x - 2; x <= middle.x + 3; ++x) {

@@ -71,7 +71,7 @@ class Film : public ::testing::Test {
     }
     return poses;
   }
-  FilmReport shoot(std::vector<LivePose> poses) {
+  CameraSimulationReport shoot(std::vector<LivePose> poses) {
     Script script(std::move(poses));
     return film(*camera_, script, kept_, options_, [] { return false; });
   }
@@ -79,12 +79,12 @@ class Film : public ::testing::Test {
   static inline test::TemporaryFolder* folder_ = nullptr;
   static inline LiveCamera* camera_ = nullptr;
   Kept kept_;
-  FilmOptions options_{.patience = std::chrono::milliseconds(1)};
+  CameraSimulationOptions options_{.patience = std::chrono::milliseconds(1)};
 };
 
 TEST_F(Film, TakesFramesAtTheRateOfThePosesTime) {
-  const FilmReport report = shoot(flight(501));
-  EXPECT_EQ(report.end, FilmEnd::no_poses);
+  const CameraSimulationReport report = shoot(flight(501));
+  EXPECT_EQ(report.end, CameraSimulationEnd::no_poses);
   EXPECT_EQ(report.frames, 51);
   EXPECT_EQ(report.frames_missed, 0);
   EXPECT_DOUBLE_EQ(report.seconds, 10);
@@ -98,7 +98,7 @@ TEST_F(Film, WhatWasMissedIsCountedAndNotMadeUpFor) {
   std::vector<LivePose> poses = flight(11);
   const std::vector<LivePose> later = flight(6, kStart_us + 1'050'000);
   poses.insert(poses.end(), later.begin(), later.end());
-  const FilmReport report = shoot(poses);
+  const CameraSimulationReport report = shoot(poses);
   const std::vector<std::int64_t> expected = {kStart_us, kStart_us + 200'000, kStart_us + 1'050'000};
   EXPECT_EQ(kept_.times_us, expected);
   EXPECT_EQ(report.frames_missed, 3);  // 0.4, 0.6 and 0.8 s
@@ -115,16 +115,16 @@ TEST_F(Film, AfterALateFrameTheNextKeepsItsDistance) {
 
 TEST_F(Film, EndsWithTheNumberTheTimeOrTheWord) {
   options_.max_frames = 3;
-  EXPECT_EQ(shoot(flight(500)).end, FilmEnd::all_frames);
+  EXPECT_EQ(shoot(flight(500)).end, CameraSimulationEnd::all_frames);
   EXPECT_EQ(kept_.times_us.size(), 3U);
   options_.max_frames.reset();
   options_.seconds = 1.5;
-  const FilmReport report = shoot(flight(500));
-  EXPECT_EQ(report.end, FilmEnd::all_frames);
+  const CameraSimulationReport report = shoot(flight(500));
+  EXPECT_EQ(report.end, CameraSimulationEnd::all_frames);
   EXPECT_DOUBLE_EQ(report.seconds, 1.6);
   int asked = 0;
   Script script(flight(500));
-  EXPECT_EQ(film(*camera_, script, kept_, {}, [&] { return ++asked > 30; }).end, FilmEnd::stopped);
+  EXPECT_EQ(film(*camera_, script, kept_, {}, [&] { return ++asked > 30; }).end, CameraSimulationEnd::stopped);
 }
 
 TEST_F(Film, WaitsForWhatIsNotYetHandedOn) {
@@ -147,7 +147,7 @@ TEST_F(Film, GoesOnWhenTheClockIsSet) {
     const std::vector<LivePose> more = flight(11, kStart_us + step_us);
     poses.insert(poses.end(), more.begin(), more.end());
   }
-  const FilmReport report = shoot(poses);
+  const CameraSimulationReport report = shoot(poses);
   EXPECT_EQ(report.frames, 6);
   EXPECT_EQ(report.frames_missed, 0);
 }

@@ -25,7 +25,7 @@ TEST(TelemetryNoise, ErrorsAreAsLargeAsStated) {
   for (std::uint64_t seed = 0; seed < 400; ++seed) {
     TelemetryNoise noise(sigma, seed);
     for (int i = 0; i < 20; ++i, ++count) {
-      const ToldPose told = noise.tell(pose_at(3.0 * i));
+      const MeasuredPose told = noise.tell(pose_at(3.0 * i));
       heading += std::pow(told.attitude.heading_rad / sigma.heading_rad, 2);
       agl += std::pow((told.agl_m / 250 - 1) / sigma.agl_relative, 2);
       pitch += std::pow(told.attitude.pitch_rad / sigma.tilt_rad, 2);

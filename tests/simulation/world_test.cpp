@@ -9,8 +9,8 @@
 
 #include "base/files.hpp"
 #include "base/sha256.hpp"
-#include "ground/gdal_dataset.hpp"
-#include "ground/imagery_facts.hpp"
+#include "raster/gdal_dataset.hpp"
+#include "raster/imagery_facts.hpp"
 #include "package/mission.hpp"
 #include "simulation/landscape.hpp"
 #include "simulation/world_pictures.hpp"

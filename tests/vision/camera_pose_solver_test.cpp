@@ -37,9 +37,9 @@ PlanePoint hit_of(const CameraPose& pose, const Eigen::Vector3d& ray, const Slop
 }
 
 // Rays over a picture of 64 x 48 degrees, and what they hit.
-std::vector<GroundSight> sights_from(const CameraPose& pose, double sigma_m, int columns = 9, int rows = 6,
+std::vector<GroundCorrespondence> sights_from(const CameraPose& pose, double sigma_m, int columns = 9, int rows = 6,
                                      const Slope& slope = Slope::Zero()) {
-  std::vector<GroundSight> sights;
+  std::vector<GroundCorrespondence> sights;
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
       const Eigen::Vector3d ray(0.625 * (2.0 * i / (columns - 1) - 1), 0.445 * (2.0 * j / (rows - 1) - 1), 1);
@@ -141,7 +141,7 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
     prior.slope_sigma = slope_sigma;
     const Slope slope(random.normal(0, slope_sigma), random.normal(0, slope_sigma));
     auto sights = sights_from(truth, sight_sigma, 5, 4, slope);
-    for (GroundSight& sight : sights) {
+    for (GroundCorrespondence& sight : sights) {
       const double sigma = std::hypot(sight_sigma, floor_sigma);
       sight.ground.east_m += random.normal(0, sigma);
       sight.ground.north_m += random.normal(0, sigma);
@@ -168,7 +168,7 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
 }
 
 // Half the sum of squares of the sights and of the prior on the slope.
-double cost(const std::vector<GroundSight>& sights, const PosePrior& prior, double floor_m, CameraPose pose,
+double cost(const std::vector<GroundCorrespondence>& sights, const PosePrior& prior, double floor_m, CameraPose pose,
             const Vector8& step) {
   pose.position.east_m += step[0];
   pose.position.north_m += step[1];
@@ -178,7 +178,7 @@ double cost(const std::vector<GroundSight>& sights, const PosePrior& prior, doub
   pose.attitude.roll_rad += step[5];
   const Slope slope = step.tail<2>();
   double sum = 0.5 * slope.squaredNorm() / (prior.slope_sigma * prior.slope_sigma);
-  for (const GroundSight& sight : sights) {
+  for (const GroundCorrespondence& sight : sights) {
     const PlanePoint at = hit_of(pose, sight.ray, slope);
     const Eigen::Vector2d off(sight.ground.east_m - at.east_m, sight.ground.north_m - at.north_m);
     const Eigen::Matrix2d covariance = sight.information_m2.inverse() + floor_m * floor_m * Eigen::Matrix2d::Identity();

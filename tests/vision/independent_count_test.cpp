@@ -22,7 +22,7 @@ TEST(IndependentCount, IndependentOnesCountAsTheyAre) {
     const auto places = scattered(random, 200);
     std::vector<Vector2d> residuals;
     for (int i = 0; i < 200; ++i) residuals.emplace_back(random.normal(), random.normal());
-    mean += independent_count(places, residuals) / 20;
+    mean += effective_sample_size(places, residuals) / 20;
   }
   EXPECT_GT(mean, 120) << "noise in the correlation takes some away, on the careful side";
   EXPECT_LE(mean, 200);
@@ -41,7 +41,7 @@ TEST(IndependentCount, ThoseThatShareAnErrorCountAsOne) {
         residuals.push_back(error);
       }
     }
-    mean += independent_count(places, residuals) / 20;
+    mean += effective_sample_size(places, residuals) / 20;
   }
   EXPECT_GT(mean, 12);
   EXPECT_LT(mean, 40);
@@ -50,7 +50,7 @@ TEST(IndependentCount, ThoseThatShareAnErrorCountAsOne) {
 TEST(IndependentCount, OneErrorOfAllIsOneWitness) {
   Random random(3);
   const auto places = scattered(random, 500);  // more than are looked at
-  EXPECT_LT(independent_count(places, std::vector<Vector2d>(500, Vector2d(1, 0.5))), 3);
+  EXPECT_LT(effective_sample_size(places, std::vector<Vector2d>(500, Vector2d(1, 0.5))), 3);
 }
 
 TEST(IndependentCount, DoesNotDependOnUnits) {
@@ -58,17 +58,17 @@ TEST(IndependentCount, DoesNotDependOnUnits) {
   auto places = scattered(random, 100);
   std::vector<Vector2d> residuals;
   for (const Vector2d& place : places) residuals.emplace_back(std::sin(place.x() / 9), random.normal());
-  const double count = independent_count(places, residuals);
+  const double count = effective_sample_size(places, residuals);
   for (Vector2d& place : places) place *= 0.001;
   for (Vector2d& residual : residuals) residual *= 1000;
-  EXPECT_NEAR(independent_count(places, residuals), count, 1e-6 * count);
+  EXPECT_NEAR(effective_sample_size(places, residuals), count, 1e-6 * count);
 }
 
 TEST(IndependentCount, FewOrExactOrInOnePlace) {
-  EXPECT_EQ(independent_count({}, {}), 0);
-  EXPECT_EQ(independent_count({{1, 1}}, {{3, 3}}), 1);
-  EXPECT_EQ(independent_count({{1, 1}, {2, 2}}, {{0, 0}, {0, 0}}), 2) << "without residuals there is nothing shared";
-  EXPECT_EQ(independent_count({{1, 1}, {1, 1}, {1, 1}}, {{1, 0}, {0, 1}, {1, 1}}), 1);
+  EXPECT_EQ(effective_sample_size({}, {}), 0);
+  EXPECT_EQ(effective_sample_size({{1, 1}}, {{3, 3}}), 1);
+  EXPECT_EQ(effective_sample_size({{1, 1}, {2, 2}}, {{0, 0}, {0, 0}}), 2) << "without residuals there is nothing shared";
+  EXPECT_EQ(effective_sample_size({{1, 1}, {1, 1}, {1, 1}}, {{1, 0}, {0, 1}, {1, 1}}), 1);
 }
 
 }  // namespace

@@ -21,11 +21,11 @@ cv::Mat noise(cv::Size size, std::uint64_t seed) {
 class MapChannelsTest : public testing::Test {
  protected:
   cv::Mat image = noise({240, 200}, 1), mask{image.size(), CV_8UC1, cv::Scalar(255)};
-  WholeChannels pattern{oriented_channels(image({100, 80, 60, 50}), {}, kSet)};
+  QuantizedChannels pattern{oriented_channels(image({100, 80, 60, 50}), {}, kSet)};
 
   // Of the pattern at the places up to 3 px around where it was cut out.
   cv::Mat scores(MapChannels& map) const {
-    return NearPattern(pattern, cv::Rect(cv::Point(), pattern.size()))
+    return LocalTemplate(pattern, cv::Rect(cv::Point(), pattern.size()))
         .scores(map.channels(), map.inside({97, 77}), {7, 7});
   }
 };
@@ -44,7 +44,7 @@ TEST_F(MapChannelsTest, WhatIsCoveredMoreWidelyScoresTheSame) {
 TEST_F(MapChannelsTest, ArePartlyMadeAnewOnlyWhenNeeded) {
   MapChannels map(image, mask, kSet, {});
   map.cover({50, 50, 120, 100});
-  const WholeChannels* first = &map.channels();
+  const QuantizedChannels* first = &map.channels();
   const cv::Mat first_mask = first->mask();
   map.cover({97, 77, 66, 56});    // inside
   map.cover({45, 45, 125, 100});  // a little beside

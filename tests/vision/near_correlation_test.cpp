@@ -61,10 +61,10 @@ class NearCorrelation : public testing::Test {
 };
 
 TEST_F(NearCorrelation, IsTheDefinedSum) {
-  const WholeChannels whole_picture(picture), whole_map(map);
+  const QuantizedChannels whole_picture(picture), whole_map(map);
   const cv::Rect part(20, 10, 48, 40);
   const cv::Point first(16, 7);
-  const cv::Mat scores = NearPattern(whole_picture, part).scores(whole_map, first, {9, 7});
+  const cv::Mat scores = LocalTemplate(whole_picture, part).scores(whole_map, first, {9, 7});
   ASSERT_EQ(scores.size(), cv::Size(9, 7));
   const Channels pattern = cut(picture, part);
   for (int v = 0; v < 7; ++v) {
@@ -79,18 +79,18 @@ TEST_F(NearCorrelation, IsTheDefinedSum) {
 }
 
 TEST_F(NearCorrelation, AgreesWithTransforms) {
-  const WholeChannels whole_picture(picture), whole_map(map);
+  const QuantizedChannels whole_picture(picture), whole_map(map);
   const cv::Rect part(30, 20, 40, 44), wide(25, 14, 52, 56);
   const Channels pattern = cut(picture, part);
   const WindowSpectra window(cut(map, wide));
   const cv::Mat expected = correlate(pattern, window, TemplateNorm(pattern, window));
-  const cv::Mat scores = NearPattern(whole_picture, part).scores(whole_map, wide.tl(), expected.size());
+  const cv::Mat scores = LocalTemplate(whole_picture, part).scores(whole_map, wide.tl(), expected.size());
   EXPECT_LT(cv::norm(scores, expected, cv::NORM_INF), 0.01);
 }
 
 TEST_F(NearCorrelation, StepsAreAPartOfAllPlacements) {
-  const WholeChannels whole_picture(picture), whole_map(map);
-  const NearPattern pattern(whole_picture, {20, 10, 48, 40});
+  const QuantizedChannels whole_picture(picture), whole_map(map);
+  const LocalTemplate pattern(whole_picture, {20, 10, 48, 40});
   const cv::Mat all = pattern.scores(whole_map, {12, 6}, {11, 9}),
                 some = pattern.scores(whole_map, {12, 6}, {4, 3}, 0.6, 3);
   for (int v = 0; v < 3; ++v) {
@@ -107,13 +107,13 @@ TEST_F(NearCorrelation, AgreesWithTransformsBesideGapsOfTheMap) {
     pair = pair.clone();
     pair.setTo(cv::Scalar::all(0), torn.mask == 0);
   }
-  const WholeChannels whole_map(map), whole_torn(torn);
+  const QuantizedChannels whole_map(map), whole_torn(torn);
   const cv::Rect part(30, 20, 40, 44);
   const Channels pattern = cut(map, part);
   const WindowSpectra window(torn);
   for (const double min_valid : {0.2, 0.6}) {
     const cv::Mat expected = correlate(pattern, window, TemplateNorm(pattern, window, min_valid));
-    const cv::Mat scores = NearPattern(whole_map, part).scores(whole_torn, {0, 0}, expected.size(), min_valid);
+    const cv::Mat scores = LocalTemplate(whole_map, part).scores(whole_torn, {0, 0}, expected.size(), min_valid);
     int differ = 0, left_out = 0;
     for (int v = 0; v < scores.rows; ++v) {
       for (int u = 0; u < scores.cols; ++u) {
@@ -129,15 +129,15 @@ TEST_F(NearCorrelation, AgreesWithTransformsBesideGapsOfTheMap) {
 
 TEST_F(NearCorrelation, WhatHasNoTextureMatchesNothing) {
   const Channels flat = oriented_channels(cv::Mat(60, 60, CV_8UC1, cv::Scalar(90)), {}, ChannelSet::six_orientations);
-  const WholeChannels whole_flat(flat), whole_map(map);
-  const cv::Mat on_flat = NearPattern(whole_map, {5, 5, 48, 48}).scores(whole_flat, {2, 2}, {5, 5});
-  const cv::Mat of_flat = NearPattern(whole_flat, {5, 5, 48, 48}).scores(whole_map, {2, 2}, {5, 5});
+  const QuantizedChannels whole_flat(flat), whole_map(map);
+  const cv::Mat on_flat = LocalTemplate(whole_map, {5, 5, 48, 48}).scores(whole_flat, {2, 2}, {5, 5});
+  const cv::Mat of_flat = LocalTemplate(whole_flat, {5, 5, 48, 48}).scores(whole_map, {2, 2}, {5, 5});
   EXPECT_EQ(cv::countNonZero(on_flat != -1), 0);
   EXPECT_EQ(cv::countNonZero(of_flat != 0), 0);
   Channels none = map;
   none.mask = cv::Mat::zeros(map.mask.size(), CV_8UC1);
-  const WholeChannels whole_none(none);
-  EXPECT_EQ(cv::countNonZero(NearPattern(whole_none, {5, 5, 48, 48}).scores(whole_map, {2, 2}, {5, 5}) != -1), 0);
+  const QuantizedChannels whole_none(none);
+  EXPECT_EQ(cv::countNonZero(LocalTemplate(whole_none, {5, 5, 48, 48}).scores(whole_map, {2, 2}, {5, 5}) != -1), 0);
 }
 
 }  // namespace

@@ -78,7 +78,7 @@ TEST(PatchMatch, WithTheSolverFindsTheCamera) {
   pose.attitude.heading_rad += radians(1);
   std::optional<SolvedPose> solved;
   for (int round = 0; round < 2; ++round) {
-    std::vector<GroundSight> sights;
+    std::vector<GroundCorrespondence> sights;
     for (const PatchMatch& match : matches_at(picture, pose, map).found) {
       const Eigen::Vector3d point = camera_from_ground(pose, match.in_frame);
       sights.push_back({point / point.z(), match.on_map, match.information_m2});

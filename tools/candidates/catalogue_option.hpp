@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "ground/catalogue_location.hpp"
+#include "catalogue/catalogue_location.hpp"
 
 namespace nadir {
 

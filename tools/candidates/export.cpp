@@ -9,8 +9,8 @@
 #include "candidates/candidate_catalogue.hpp"
 #include "candidates/catalogue_option.hpp"
 #include "candidates/promoted_imagery.hpp"
-#include "framework/options.hpp"
-#include "framework/output.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
 
 namespace nadir {
 

@@ -3,7 +3,7 @@
 
 #include <filesystem>
 
-#include "framework/command.hpp"
+#include "cli/command.hpp"
 
 namespace nadir {
 

@@ -6,8 +6,8 @@
 #include "candidates/export.hpp"
 #include "candidates/serve.hpp"
 #include "candidates/status.hpp"
-#include "framework/interrupt.hpp"
-#include "framework/program.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/program.hpp"
 
 int main(int argc, char** argv) {
   nadir::install_signal_handlers();

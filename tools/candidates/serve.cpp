@@ -11,8 +11,8 @@
 #include "candidates/data_folder.hpp"
 #include "candidates/service_work.hpp"
 #include "candidates/upload_server.hpp"
-#include "framework/interrupt.hpp"
-#include "framework/options.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/options.hpp"
 
 namespace nadir {
 namespace {

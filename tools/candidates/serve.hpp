@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "candidates/candidate_service.hpp"
-#include "framework/command.hpp"
+#include "cli/command.hpp"
 
 namespace nadir {
 

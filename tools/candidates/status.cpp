@@ -5,8 +5,8 @@
 
 #include "candidates/candidate_catalogue.hpp"
 #include "candidates/catalogue_option.hpp"
-#include "framework/options.hpp"
-#include "framework/output.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
 
 namespace nadir {
 

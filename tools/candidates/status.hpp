@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "framework/command.hpp"
+#include "cli/command.hpp"
 
 namespace nadir {
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <charconv>
 
-#include "exchange/batch.hpp"
-#include "exchange/pack.hpp"
+#include "upload/batch.hpp"
+#include "upload/pack.hpp"
 #include "trust/base64.hpp"
 
 namespace nadir {

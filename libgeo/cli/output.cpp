@@ -1,0 +1,74 @@
+#include "cli/output.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "cli/command.hpp"
+
+namespace nadir {
+namespace {
+
+const char* plural(std::size_t count) { return count == 1 ? "" : "s"; }
+
+}  // namespace
+
+nlohmann::json json_from(const Findings& findings) {
+  auto items = nlohmann::json::array();
+  for (const Finding& finding : findings.items()) {
+    items.push_back({{"code", finding.code},
+                     {"severity", name_of(finding.severity)},
+                     {"where", finding.where},
+                     {"expected", finding.expected},
+                     {"found", finding.found},
+                     {"fix", finding.fix}});
+  }
+  return {{"accepted", !findings.refuses()}, {"findings", std::move(items)}};
+}
+
+void print_findings(std::ostream& out, const Findings& findings) {
+  std::size_t counts[3] = {};
+  for (const Severity severity : {Severity::refuse, Severity::warning, Severity::note}) {
+    for (const Finding& finding : findings.items()) {
+      if (finding.severity != severity) continue;
+      ++counts[static_cast<std::size_t>(severity)];
+      out << to_text(finding) << '\n';
+    }
+  }
+  const std::size_t refusals = counts[static_cast<std::size_t>(Severity::refuse)];
+  const std::size_t warnings = counts[static_cast<std::size_t>(Severity::warning)];
+  out << (refusals == 0 ? "accepted" : "REFUSED");
+  if (refusals != 0)
+    out << ": " << refusals << " finding" << plural(refusals) << " that refuse" << (refusals == 1 ? "s" : "");
+  if (warnings != 0) out << (refusals == 0 ? ": " : ", ") << warnings << " warning" << plural(warnings);
+  out << '\n';
+}
+
+void print_json(std::ostream& out, const nlohmann::json& document) {
+  out << document.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << '\n';
+}
+
+int report_findings(std::ostream& out, bool as_json, const Findings& findings, const nlohmann::json& more) {
+  if (as_json) {
+    nlohmann::json document = json_from(findings);
+    if (more.is_object()) document.update(more);
+    print_json(out, document);
+  } else {
+    print_findings(out, findings);
+  }
+  return findings.refuses() ? kRefused : kAccepted;
+}
+
+int report_findings(std::ostream& out, bool as_json, const Findings& findings) {
+  return report_findings(out, as_json, findings, nlohmann::json());
+}
+
+void print_figures(std::ostream& out, const Figures& figures) {
+  std::size_t width = 0;
+  for (const auto& [name, value] : figures) width = std::max(width, name.size());
+  for (const auto& [name, value] : figures) out << name << std::string(width - name.size() + 2, ' ') << value << '\n';
+}
+
+UtcTime judging_time(const std::optional<UtcTime>& at, const Clock& clock) { return at ? *at : clock.now(); }
+
+}  // namespace nadir

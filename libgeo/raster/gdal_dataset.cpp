@@ -1,0 +1,249 @@
+#include "raster/gdal_dataset.hpp"
+
+#include <cpl_conv.h>
+#include <fmt/format.h>
+#include <gdal_priv.h>
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <opencv2/core.hpp>
+#include <set>
+
+#include "base/error.hpp"
+
+namespace nadir {
+namespace {
+
+void register_drivers() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    GDALAllRegister();
+    // Made-up pixels of a damaged JPEG must not become a map.
+    CPLSetConfigOption("GDAL_ERROR_ON_LIBJPEG_WARNING", "TRUE");
+    // The default is 5 % of the machine's memory; a build's memory shall not depend on the machine.
+    GDALSetCacheMax64(GIntBig{256} << 20);
+  });
+}
+
+constexpr int kNestedVrts = 4;
+
+// What is built shall depend on files alone, which can be digested and are the same tomorrow.
+bool is_remote(const std::string& name) {
+  if (name.starts_with("/vsi")) return true;
+  const std::size_t colon = name.find("://");
+  return colon != std::string::npos && colon < 10;
+}
+
+[[noreturn]] void refuse_remote(const std::filesystem::path& path, const std::string& found) {
+  throw UsageError({.what = "remote imagery is not read",
+                    .where = path.string(),
+                    .expected = "files on this machine",
+                    .found = found,
+                    .fix = "fetch it first, for example with gdal_translate, then give the file"});
+}
+
+// Throws UsageError when one of them is remote.
+std::vector<std::filesystem::path> list_files(const std::filesystem::path& path, GDALDataset& dataset, int depth) {
+  std::vector<std::filesystem::path> files;
+  const std::unique_ptr<char*, decltype(&CSLDestroy)> list(dataset.GetFileList(), &CSLDestroy);
+  for (int i = 0; i < CSLCount(list.get()); ++i) {
+    const std::string name = list.get()[i];
+    if (is_remote(name)) refuse_remote(path, name);
+    if (!std::filesystem::is_regular_file(name)) continue;
+    files.emplace_back(name);
+    if (depth == 0 || i == 0 || files.back().extension() != ".vrt") continue;
+    const GdalHandle nested(GDALDataset::Open(name.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY));
+    if (!nested) continue;
+    for (auto& file : list_files(path, *nested, depth - 1)) files.push_back(std::move(file));
+  }
+  return files;
+}
+
+// In double precision and without vector instructions of some machine: the same bytes everywhere.
+cv::Mat stretched(const cv::Mat& values, const Stretch& line) {
+  cv::Mat colours(values.size(), CV_MAKETYPE(CV_8U, values.channels()));
+  for (int row = 0; row < values.rows; ++row) {
+    const auto* in = values.ptr<float>(row);
+    auto* out = colours.ptr<std::uint8_t>(row);
+    for (int i = 0; i < values.cols * values.channels(); ++i) {
+      const double colour = 255.0 * (static_cast<double>(in[i]) - line.low) / (line.high - line.low);
+      out[i] = static_cast<std::uint8_t>(std::clamp(colour, 0.0, 255.0) + 0.5);
+    }
+  }
+  return colours;
+}
+
+}  // namespace
+
+QuietGdal::QuietGdal() {
+  CPLPushErrorHandler(CPLQuietErrorHandler);
+  CPLErrorReset();
+}
+QuietGdal::~QuietGdal() { CPLPopErrorHandler(); }
+
+std::string QuietGdal::last_error() {
+  const char* message = CPLGetLastErrorMsg();
+  return message != nullptr && *message != '\0' ? message : "GDAL gave no reason";
+}
+
+void CloseGdal::operator()(GDALDataset* dataset) const { GDALClose(dataset); }
+
+GdalDataset::~GdalDataset() = default;
+
+GdalHandle open_gdal_raster(const std::filesystem::path& path) {
+  const QuietGdal quiet;
+  register_drivers();
+  if (is_remote(path.string())) refuse_remote(path, path.string());
+  if (!std::filesystem::is_regular_file(path)) {
+    throw Error({.what = std::filesystem::exists(path) ? "the raster is not a file" : "the raster does not exist",
+                 .where = path.string(),
+                 .fix = "check the path"});
+  }
+  GdalHandle dataset(GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
+  if (!dataset) {
+    throw Error({.what = "the raster cannot be opened",
+                 .where = path.string(),
+                 .expected = "a raster file that GDAL reads, whole",
+                 .found = QuietGdal::last_error(),
+                 .fix = "see what `gdalinfo` says about the file; fetch it again if it is truncated"});
+  }
+  const std::string driver = dataset->GetDriverName();
+  if (const std::set<std::string> services = {"WMS", "WMTS", "WCS", "HTTP", "OGCAPI", "EEDAI", "PLMOSAIC", "DAAS",
+                                              "NGW"};
+      services.contains(driver)) {
+    refuse_remote(path, "a description of a service (" + driver + ")");
+  }
+  list_files(path, *dataset, kNestedVrts);
+  return dataset;
+}
+
+std::vector<std::filesystem::path> files_of_raster(const std::filesystem::path& path) {
+  const GdalHandle dataset = open_gdal_raster(path);
+  return list_files(path, *dataset, kNestedVrts);
+}
+
+GdalDataset::GdalDataset(const std::filesystem::path& path, std::optional<Stretch> stretch)
+    : path_(path), dataset_(open_gdal_raster(path)), stretch_(stretch) {
+  const QuietGdal quiet;
+  size_ = {dataset_->GetRasterXSize(), dataset_->GetRasterYSize()};
+  layout_ = find_band_layout(*dataset_, path_);
+}
+
+void GdalDataset::check(bool ok, const char* doing) const {
+  if (ok) return;
+  throw Error({.what = fmt::format("the raster cannot be read while {}", doing),
+               .where = path_.string(),
+               .expected = "a whole file",
+               .found = QuietGdal::last_error(),
+               .fix = "fetch the file again; `gdalinfo -checksum` shows whether it is whole"});
+}
+
+cv::Mat GdalDataset::read_band(GDALRasterBand& band, int type, const cv::Rect& window, cv::Size size,
+                               bool average) const {
+  cv::Mat values(size, type);
+  GDALRasterIOExtraArg extra;
+  INIT_RASTERIO_EXTRA_ARG(extra);
+  if (average) extra.eResampleAlg = GRIORA_Average;
+  check(band.RasterIO(GF_Read, window.x, window.y, window.width, window.height, values.data, size.width, size.height,
+                      type == CV_8UC1 ? GDT_Byte : GDT_UInt16, static_cast<GSpacing>(values.elemSize()),
+                      static_cast<GSpacing>(values.step), &extra) == CE_None,
+        "reading a band");
+  return values;
+}
+
+// One channel for grey, else three. depth: CV_8U or CV_32F.
+cv::Mat GdalDataset::read_colours(int depth, const cv::Rect& window, cv::Size size) const {
+  const int count = layout_.grey() ? 1 : 3;
+  cv::Mat values(size, CV_MAKETYPE(depth, count));
+  std::array<int, 3> bands = layout_.bgr;
+  GDALRasterIOExtraArg extra;
+  INIT_RASTERIO_EXTRA_ARG(extra);
+  extra.eResampleAlg = GRIORA_Average;
+  check(dataset_->RasterIO(GF_Read, window.x, window.y, window.width, window.height, values.data, size.width,
+                           size.height, depth == CV_8U ? GDT_Byte : GDT_Float32, count, bands.data(),
+                           static_cast<GSpacing>(values.elemSize()), static_cast<GSpacing>(values.step),
+                           static_cast<GSpacing>(values.elemSize1()), &extra) == CE_None,
+        "reading its pixels");
+  return values;
+}
+
+cv::Mat GdalDataset::read_validity(const cv::Rect& window, cv::Size size) const {
+  const auto mask_of = [&](int band) {
+    return read_band(*dataset_->GetRasterBand(band)->GetMaskBand(), CV_8UC1, window, size, true);
+  };
+  switch (layout_.validity) {
+    case BandLayout::Validity::all: break;
+    case BandLayout::Validity::alpha: {
+      const int type = layout_.alpha_half > 255 ? CV_16UC1 : CV_8UC1;
+      return read_band(*dataset_->GetRasterBand(layout_.alpha_band), type, window, size, true) >= layout_.alpha_half;
+    }
+    case BandLayout::Validity::mask: return mask_of(layout_.bgr[2]) >= 128;
+    case BandLayout::Validity::nodata: {
+      cv::Mat valid = mask_of(layout_.bgr[2]);
+      if (!layout_.grey()) {
+        for (const int band : {layout_.bgr[1], layout_.bgr[0]}) valid = cv::max(valid, mask_of(band));
+      }
+      return valid >= 128;
+    }
+  }
+  return {size, CV_8UC1, cv::Scalar(255)};
+}
+
+// Colours can be averaged, their numbers cannot.
+Picture GdalDataset::read_palette(const cv::Rect& window, cv::Size size) const {
+  const cv::Mat index = read_band(*dataset_->GetRasterBand(layout_.bgr[0]), CV_16UC1, window, size, false);
+  Picture picture{cv::Mat(size, CV_8UC3), read_validity(window, size)};
+  const cv::Mat& opaque = layout_.palette_mask;
+  for (int row = 0; row < size.height; ++row) {
+    const auto* in = index.ptr<std::uint16_t>(row);
+    auto* colour = picture.bgr.ptr<cv::Vec3b>(row);
+    auto* valid = picture.mask.ptr<std::uint8_t>(row);
+    for (int column = 0; column < size.width; ++column) {
+      const int entry = in[column];
+      const bool known = entry < layout_.palette.cols;
+      colour[column] = known ? layout_.palette.at<cv::Vec3b>(entry) : cv::Vec3b(0, 0, 0);
+      if (!opaque.empty() && (!known || opaque.at<std::uint8_t>(entry) == 0)) valid[column] = 0;
+    }
+  }
+  return picture;
+}
+
+Samples GdalDataset::read_samples(const cv::Rect& window, cv::Size size) const {
+  const QuietGdal quiet;
+  Samples samples{read_colours(CV_32F, window, size), read_validity(window, size)};
+  const int channels = samples.values.channels();
+  for (int row = 0; row < size.height; ++row) {
+    auto* value = samples.values.ptr<float>(row);
+    auto* valid = samples.mask.ptr<std::uint8_t>(row);
+    for (int i = 0; i < size.width * channels; ++i) {
+      if (std::isfinite(value[i])) continue;
+      valid[i / channels] = 0;
+      value[i] = 0;
+    }
+  }
+  return samples;
+}
+
+Picture GdalDataset::read(const cv::Rect& window, cv::Size size) const {
+  const QuietGdal quiet;
+  if (!layout_.palette.empty()) return read_palette(window, size);
+  Picture picture;
+  cv::Mat colours;
+  if (layout_.eight_bit) {
+    colours = read_colours(CV_8U, window, size);
+    picture.mask = read_validity(window, size);
+  } else {
+    const Samples samples = read_samples(window, size);
+    colours = stretched(samples.values, stretch_.value());
+    picture.mask = samples.mask;
+  }
+  if (layout_.grey()) {
+    cv::merge(std::vector<cv::Mat>{colours, colours, colours}, picture.bgr);
+  } else {
+    picture.bgr = colours;
+  }
+  return picture;
+}
+
+}  // namespace nadir

@@ -1,0 +1,264 @@
+#include "raster/raster_source.hpp"
+
+#include <fmt/format.h>
+#include <gdal_alg.h>
+#include <gdal_priv.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
+#include "geodesy/angles.hpp"
+#include "raster/gdal_dataset.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr int kBlock = 512;  // pixels that are warped at once: little enough to stay in the cache
+constexpr int kNode = 32;    // pixels between exactly transformed places; in between, the map is a plane
+constexpr double kHalfWorld_m = kPi * kMercatorRadius_m;
+
+// Where the pixels of a block lie in the raster, at every kNode pixels.
+struct Nodes {
+  int columns = 0;
+  int rows = 0;
+  std::vector<double> x, y;
+  cv::Rect2d bounds;
+
+  std::size_t index(int row, int column) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(column);
+  }
+  cv::Point2d at(int row, int column) const { return {x[index(row, column)], y[index(row, column)]}; }
+
+  // Raster pixels per map pixel, the smaller of both directions.
+  double shrink() const {
+    const double across = cv::norm(at(0, 1) - at(0, 0)) / kNode;
+    const double down = cv::norm(at(1, 0) - at(0, 0)) / kNode;
+    return std::min(across, down);
+  }
+};
+
+}  // namespace
+
+struct RasterSource::Impl {
+  Impl(const std::filesystem::path& path, std::optional<Stretch> stretch) : dataset(path, stretch) {
+    const QuietGdal quiet;
+    check_depth(stretch.has_value());
+    check_georeference();
+    OGRSpatialReference mercator;
+    mercator.importFromEPSG(3857);
+    char* wkt = nullptr;
+    mercator.exportToWkt(&wkt);
+    char** options = CSLSetNameValue(nullptr, "DST_SRS", wkt);
+    transformer.reset(GDALCreateGenImgProjTransformer2(dataset.handle(), nullptr, options));
+    CSLDestroy(options);
+    CPLFree(wkt);
+    if (!transformer) fail_transform();
+    trace_outline();
+  }
+
+  void check_depth(bool stretched) const {
+    if (dataset.layout().eight_bit || stretched) return;
+    throw UsageError({.what = "the raster is not 8 bit",
+                      .where = dataset.path().string(),
+                      .expected = "8 bit, or a stated stretch",
+                      .found = dataset.layout().type,
+                      .fix = "state how its values become colours: --stretch"});
+  }
+
+  [[noreturn]] void fail_transform() const {
+    throw UsageError({.what = "the raster's place on the map cannot be computed",
+                      .where = dataset.path().string(),
+                      .expected = "a coordinate reference system that PROJ can bring to Web Mercator",
+                      .found = QuietGdal::last_error()});
+  }
+
+  void check_georeference() const {
+    double transform[6];
+    GDALDataset* handle = dataset.handle();
+    const bool has_place = handle->GetGeoTransform(transform) == CE_None || handle->GetGCPCount() > 0;
+    const OGRSpatialReference* system = handle->GetSpatialRef();
+    if (system == nullptr) system = handle->GetGCPSpatialRef();
+    if (has_place && system != nullptr) return;
+    throw UsageError({.what = "the raster is not georeferenced",
+                      .where = dataset.path().string(),
+                      .expected = "a geotransform and a coordinate reference system",
+                      .found = has_place ? "no coordinate reference system" : "no geotransform",
+                      .fix = "set them: gdal_edit.py -a_srs EPSG:… -a_ullr WEST NORTH EAST SOUTH FILE"});
+  }
+
+  void trace_outline() {
+    constexpr int kSteps = 16;  // per side: edges are curves on the map
+    const double width = dataset.size().width, height = dataset.size().height;
+    std::vector<double> x, y;
+    for (int side = 0; side < 4; ++side) {
+      for (int i = 0; i < kSteps; ++i) {
+        const double along = static_cast<double>(i) / kSteps;
+        x.push_back(width * (side == 0 ? along : side == 1 ? 1 : side == 2 ? 1 - along : 0));
+        y.push_back(height * (side == 0 ? 0 : side == 1 ? along : side == 2 ? 1 : 1 - along));
+      }
+    }
+    std::vector<double> z(x.size());
+    std::vector<int> ok(x.size());
+    GDALGenImgProjTransform(transformer.get(), FALSE, static_cast<int>(x.size()), x.data(), y.data(), z.data(),
+                            ok.data());
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      if (ok[i] == 0 || !std::isfinite(x[i]) || !std::isfinite(y[i])) fail_transform();
+      outline.push_back({x[i], y[i]});
+    }
+  }
+
+  Nodes nodes_for(int zoom, const cv::Rect& block) const {
+    Nodes nodes;
+    nodes.columns = (block.width + kNode - 1) / kNode + 1;
+    nodes.rows = (block.height + kNode - 1) / kNode + 1;
+    const double pixel_m = mercator_pixel_m(zoom);
+    for (int row = 0; row < nodes.rows; ++row) {
+      for (int column = 0; column < nodes.columns; ++column) {
+        nodes.x.push_back((block.x + column * kNode + 0.5) * pixel_m - kHalfWorld_m);
+        nodes.y.push_back(kHalfWorld_m - (block.y + row * kNode + 0.5) * pixel_m);
+      }
+    }
+    std::vector<double> z(nodes.x.size());
+    std::vector<int> ok(nodes.x.size());
+    GDALGenImgProjTransform(transformer.get(), TRUE, static_cast<int>(nodes.x.size()), nodes.x.data(), nodes.y.data(),
+                            z.data(), ok.data());
+    if (std::find(ok.begin(), ok.end(), 0) != ok.end()) fail_transform();
+    const auto [left, right] = std::minmax_element(nodes.x.begin(), nodes.x.end());
+    const auto [top, bottom] = std::minmax_element(nodes.y.begin(), nodes.y.end());
+    nodes.bounds = {*left, *top, *right - *left, *bottom - *top};
+    return nodes;
+  }
+
+  void read_block(int zoom, const cv::Rect& block, cv::Mat bgr, cv::Mat mask) const;
+
+  struct Destroy {
+    void operator()(void* transformer) const { GDALDestroyGenImgProjTransformer(transformer); }
+  };
+  GdalDataset dataset;
+  std::unique_ptr<void, Destroy> transformer;
+  std::vector<MercatorXY> outline;
+};
+
+namespace {
+
+// A part of the raster in memory, perhaps averaged down.
+struct Part {
+  Picture picture;
+  cv::Point2d origin;  // raster pixels
+  cv::Point2d scale;   // raster pixels per pixel of the part
+};
+
+std::optional<Part> read_part(const GdalDataset& dataset, const Nodes& nodes) {
+  const int factor = std::max(1, static_cast<int>(std::floor(nodes.shrink() + 0.01)));
+  const int margin = 2 * factor + 2;
+  // Aligned to the factor, so that averages do not depend on where a block begins.
+  const auto down = [&](double value) { return static_cast<int>(std::floor(value / factor)) * factor; };
+  const cv::Rect raster({0, 0}, dataset.size());
+  const auto clamped = [](double value, int limit) { return std::clamp(value, -1e6, limit + 1e6); };
+  const int left = down(clamped(nodes.bounds.x, raster.width) - margin);
+  const int top = down(clamped(nodes.bounds.y, raster.height) - margin);
+  const int right = down(clamped(nodes.bounds.br().x, raster.width) + margin) + factor;
+  const int bottom = down(clamped(nodes.bounds.br().y, raster.height) + margin) + factor;
+  const cv::Rect window = cv::Rect(left, top, right - left, bottom - top) & raster;
+  if (window.empty()) return std::nullopt;
+  const cv::Size size((window.width + factor - 1) / factor, (window.height + factor - 1) / factor);
+  Part part{dataset.read(window, size),
+            {static_cast<double>(window.x), static_cast<double>(window.y)},
+            {static_cast<double>(window.width) / size.width, static_cast<double>(window.height) / size.height}};
+  return part;
+}
+
+// Less than two raster pixels per map pixel are left: blur away what one sample per pixel would turn into noise. The
+// kernel's variance is that of a triangle as wide as a map pixel, less that of the interpolation itself; three taps
+// have the variance of twice the outer tap.
+void blur_for(double shrink, cv::Mat& bgr) {
+  if (shrink < 1.05) return;
+  const double outer = std::min(0.25, (shrink * shrink - 1.0) / 12.0);
+  const cv::Mat taps = (cv::Mat_<float>(3, 1) << outer, 1.0 - 2.0 * outer, outer);
+  cv::sepFilter2D(bgr, bgr, CV_8U, taps, taps, {-1, -1}, 0, cv::BORDER_REPLICATE);
+}
+
+}  // namespace
+
+void RasterSource::Impl::read_block(int zoom, const cv::Rect& block, cv::Mat bgr, cv::Mat mask) const {
+  const Nodes nodes = nodes_for(zoom, block);
+  const double width = dataset.size().width, height = dataset.size().height;
+  const cv::Rect2d raster(0, 0, width, height);
+  std::optional<Part> part;
+  if ((nodes.bounds & raster).area() > 0) part = read_part(dataset, nodes);
+  if (!part) {
+    bgr.setTo(cv::Scalar::all(0));
+    mask.setTo(0);
+    return;
+  }
+  const bool whole = cv::countNonZero(part->picture.mask) == part->picture.mask.rows * part->picture.mask.cols;
+  if (!whole) fill_unknown(part->picture);
+  blur_for(nodes.shrink() / part->scale.x, part->picture.bgr);
+
+  cv::Mat map(block.size(), CV_32FC2);
+  for (int row = 0; row < block.height; ++row) {
+    const int node_row = row / kNode;
+    const double below = static_cast<double>(row % kNode) / kNode;
+    auto* out = map.ptr<cv::Point2f>(row);
+    for (int node = 0; node + 1 < nodes.columns; ++node) {
+      const cv::Point2d begin = nodes.at(node_row, node) * (1 - below) + nodes.at(node_row + 1, node) * below;
+      const cv::Point2d end = nodes.at(node_row, node + 1) * (1 - below) + nodes.at(node_row + 1, node + 1) * below;
+      // cv::remap counts from pixel centres, GDAL from corners.
+      const cv::Point2f start(static_cast<float>((begin.x - part->origin.x) / part->scale.x - 0.5),
+                              static_cast<float>((begin.y - part->origin.y) / part->scale.y - 0.5));
+      const cv::Point2f step(static_cast<float>((end.x - begin.x) / kNode / part->scale.x),
+                             static_cast<float>((end.y - begin.y) / kNode / part->scale.y));
+      const int columns = std::min(kNode, block.width - node * kNode);
+      for (int i = 0; i < columns; ++i) out[node * kNode + i] = start + step * static_cast<float>(i);
+    }
+  }
+  cv::remap(part->picture.bgr, bgr, map, {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  if (whole) {
+    mask.setTo(255);
+  } else {
+    cv::remap(part->picture.mask, mask, map, {}, cv::INTER_NEAREST, cv::BORDER_REPLICATE);
+  }
+  const bool inside =
+      nodes.bounds.x >= 0 && nodes.bounds.y >= 0 && nodes.bounds.br().x <= width && nodes.bounds.br().y <= height;
+  if (inside) return;
+  // Valid is what lies on the raster itself: its outermost pixels reach half a pixel beyond their centres.
+  const auto left = static_cast<float>((0 - part->origin.x) / part->scale.x - 0.5);
+  const auto top = static_cast<float>((0 - part->origin.y) / part->scale.y - 0.5);
+  const auto right = static_cast<float>((width - part->origin.x) / part->scale.x - 0.5);
+  const auto bottom = static_cast<float>((height - part->origin.y) / part->scale.y - 0.5);
+  for (int row = 0; row < block.height; ++row) {
+    const auto* place = map.ptr<cv::Point2f>(row);
+    auto* valid = mask.ptr<std::uint8_t>(row);
+    for (int column = 0; column < block.width; ++column) {
+      const cv::Point2f& p = place[column];
+      if (p.x < left || p.y < top || p.x >= right || p.y >= bottom) valid[column] = 0;
+    }
+  }
+}
+
+RasterSource::RasterSource(const std::filesystem::path& path, std::optional<Stretch> stretch)
+    : impl_(std::make_unique<Impl>(path, stretch)) {}
+RasterSource::~RasterSource() = default;
+RasterSource::RasterSource(RasterSource&&) noexcept = default;
+RasterSource& RasterSource::operator=(RasterSource&&) noexcept = default;
+
+const std::vector<MercatorXY>& RasterSource::outline() const { return impl_->outline; }
+const std::filesystem::path& RasterSource::path() const { return impl_->dataset.path(); }
+
+Picture RasterSource::read(int zoom, const cv::Rect& pixels) {
+  const QuietGdal quiet;
+  Picture picture;
+  picture.bgr.create(pixels.size(), CV_8UC3);
+  picture.mask.create(pixels.size(), CV_8UC1);
+  for (int row = 0; row < pixels.height; row += kBlock) {
+    for (int column = 0; column < pixels.width; column += kBlock) {
+      const cv::Rect part(column, row, std::min(kBlock, pixels.width - column), std::min(kBlock, pixels.height - row));
+      impl_->read_block(zoom, part + pixels.tl(), picture.bgr(part), picture.mask(part));
+    }
+  }
+  return picture;
+}
+
+}  // namespace nadir

@@ -1,0 +1,156 @@
+#include "replay/flight_request.hpp"
+
+#include <fmt/format.h>
+
+#include <ostream>
+
+#include "base/error.hpp"
+#include "base/sha256.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "ortho/camera_digest.hpp"
+#include "recorder/record_codec.hpp"
+#include "replay/backends.hpp"
+#include "replay/flight_map.hpp"
+
+namespace nadir {
+
+std::string id_of(const Flight& flight) {
+  Sha256Stream digest;
+  for (const Telemetry& told : flight.frames) digest.update(encode(Record(InputRecord{0, told, {}, 0})));
+  return digest.finish().hex().substr(0, 12);
+}
+
+void FlightRequest::declare(Options& options, Map map) {
+  options.value("--frames", frames_, "DIR", "folder with the pictures");
+  options.value("--telemetry", telemetry_, "FILE.csv", "one row per picture, in the order of time");
+  options.value("--camera", camera_, "FILE.yaml", "camera model and uncertainty of the telemetry");
+  Option package = options.value("--package", package_, "PACKAGE", "the mission package to localize against");
+  Option trust = options.value("--trust", trust_, "FILE.json", "root of trust that the package must be signed under");
+  if (map == Map::required) {
+    package.required();
+    trust.required();
+  } else {
+    package.needs("--trust");
+    trust.needs("--package");
+  }
+  options.value("--airframe", airframe_, "ID", "the package must be made for this airframe").needs("--package");
+  options.value("--at", at_, "TIME", "judge the package as if it were then; the present time by default");
+  options.value("--start", start_, "LON,LAT",
+                "where the first frame was taken; without it all of the mission's area is searched");
+  options
+      .value("--odometry", odometry_, "NAME",
+             "how motion is seen: features (SIFT), or flow (whole pictures and patches)")
+      .one_of({"features", "flow"});
+  options
+      .value("--matcher", matcher_, "NAME",
+             "how frames are matched with the map: channels (oriented gradients), or sift")
+      .one_of({"channels", "sift"})
+      .needs("--package");
+  options.value("--recorder", recorder_, "DIR",
+                "fly what the flight recorder holds instead of --telemetry and --camera");
+  options.value("--session", session_, "ID", "of the recording, when it holds several").needs("--recorder");
+}
+
+void FlightRequest::check() const {
+  if (recorder_) {
+    if (telemetry_ || camera_ || start_) {
+      throw UsageError({.what = command_ + " --recorder takes telemetry, camera and start from the recording",
+                        .fix = "leave out --telemetry, --camera and --start"});
+    }
+    return;
+  }
+  if (!frames_ || !telemetry_ || !camera_) {
+    throw UsageError({.what = command_ + " needs a flight",
+                      .expected = "--frames, --telemetry and --camera, or --recorder",
+                      .fix = command_ + " --help shows examples"});
+  }
+  if (!start_ && !package_) {
+    throw UsageError({.what = command_ + " without --package needs --start LON,LAT",
+                      .expected = "the position of the first frame: odometry alone cannot find it",
+                      .fix = "give --start, or a map with --package and --trust"});
+  }
+}
+
+Flight FlightRequest::flight_to_fly(Context& context, const std::filesystem::path& unpacked,
+                                    std::optional<RecordedFlight>& recorded) {
+  if (recorder_) {
+    recorded = read_recorded_flight({*recorder_, session_, frames_, unpacked});
+    if (recorded->unusable_inputs != 0 && !context.quiet) {
+      context.err << fmt::format("note: {} inputs after a missing one are left out\n", recorded->unusable_inputs);
+    }
+    const bool mapped = recorded->session.package.has_value();
+    const std::optional<Sha256> package =
+        package_ ? std::optional(sha256_file(*package_ / "manifest.json")) : std::nullopt;
+    if (package != recorded->session.package) {
+      throw UsageError({.what = "the flight was flown with another map",
+                        .where = package_ ? package_->string() : std::string(),
+                        .expected = mapped ? fmt::format("--package with a manifest of SHA-256 {} (mission {})",
+                                                         recorded->session.package->hex(), recorded->session.mission)
+                                           : "no --package: there was none",
+                        .found = package ? package->hex() : "no package"});
+    }
+    return recorded->flight;
+  }
+  const FlightPaths paths{*frames_, *telemetry_, *camera_};
+  Flight flight = read_flight(paths);
+  if (flight.pictures_without_row != 0 && !context.quiet) {
+    context.err << fmt::format("note: {} pictures have no row in {} and are left out\n", flight.pictures_without_row,
+                               paths.telemetry.string());
+  }
+  return flight;
+}
+
+std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::filesystem::path& unpacked) {
+  auto ready = std::make_unique<ReadyFlight>();
+  ready->flight = flight_to_fly(context, unpacked, ready->recorded);
+  if (ready->recorded) {
+    start_ = ready->recorded->session.start;
+    for (const auto& [name, value] : ready->recorded->session.settings) {
+      if (name == "odometry") odometry_ = value;
+      if (name == "matcher") matcher_ = value;
+    }
+  }
+  ReplaySetup setup{.frame = LocalFrame(ready->recorded ? ready->recorded->session.origin : start_.value_or(LonLat{})),
+                    .tiles = nullptr,
+                    .map_sigma_m = std::nullopt,
+                    .start = start_,
+                    .area = std::nullopt,
+                    .surface = nullptr,
+                    .places = nullptr,
+                    .odometry = odometry_named(odometry_),
+                    .matcher = matcher_named(matcher_),
+                    .recording = nullptr,
+                    .recorded = ready->recorded ? &*ready->recorded : nullptr};
+  if (package_) {
+    Opening opening =
+        open_flight_map({*package_, *trust_, airframe_}, judging_time(at_, context.clock), context.progress);
+    if (!opening.package) {
+      ready->findings = std::move(opening.findings);
+      return ready;
+    }
+    ready->package = std::move(opening.package);
+    const OpenPackage& package = *ready->package;
+    setup.frame = mission_frame(package.mission());
+    setup.area = required_region(package.mission(), setup.frame).bounds();
+    setup.tiles = &package.imagery();
+    ready->places = PlaceIndex::open(*package_, package.manifest());
+    if (ready->places) setup.places = &*ready->places;
+    setup.map_sigma_m = map_sigma_m(package.imagery());
+    if (package.terrain() != nullptr) {
+      setup.surface = &ready->surface.emplace(*package.terrain(), setup.frame, package.mission().terrain.height_m);
+    }
+  }
+  ready->setup.emplace(std::move(setup));
+  return ready;
+}
+
+PosesSubject FlightRequest::poses_subject(const ReadyFlight& ready) const {
+  return {.flight = id_of(ready.flight),
+          .frames = ready.flight.frames.size(),
+          .base_package = sha256_file(*package_ / "manifest.json"),
+          .camera = camera_digest(ready.flight.camera.camera),
+          .origin = ready.setup->frame.origin()};
+}
+
+}  // namespace nadir

@@ -1,0 +1,55 @@
+// Flies a recorded flight through the localizer, frame by frame, and writes each estimate as soon as it is made.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "base/progress.hpp"
+#include "estimation/estimate.hpp"
+#include "estimation/odometry.hpp"
+#include "geodesy/local_frame.hpp"
+#include "geodesy/region.hpp"
+#include "imagery/tile_source.hpp"
+#include "replay/estimates_csv.hpp"
+#include "replay/flight_folder.hpp"
+#include "replay/flight_recording.hpp"
+#include "replay/truth.hpp"
+#include "replay/worst_frames.hpp"
+#include "vision/ground_surface.hpp"
+#include "vision/place_matcher.hpp"
+
+namespace nadir {
+
+struct ReplayedFlight {
+  std::vector<FrameReport> frames;   // without their pictures
+  std::vector<EstimateRecord> told;  // every estimate, those of late anchors as well
+  std::vector<Estimate> refined;
+  std::vector<std::optional<FramePose>> poses;  // Localizer::refined_poses()
+  std::vector<FramePictures> worst;
+};
+
+// What the localizer starts from.
+struct ReplaySetup {
+  LocalFrame frame;                   // the plane of the estimates
+  const TileSource* tiles = nullptr;  // null: odometry alone
+  std::optional<double> map_sigma_m;  // of the tiles' placement, one axis
+  std::optional<LonLat> start;
+  std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
+  const GroundSurface* surface = nullptr;  // null: flat ground
+  const PlaceRetrieval* places = nullptr;     // null: when lost, all of the area is searched
+  OdometryFactory odometry = make_feature_odometry;
+  MapMatcherFactory matcher = make_channel_matcher;
+  ReplayRecording* recording = nullptr;      // where it is recorded, if anywhere
+  const RecordedFlight* recorded = nullptr;  // flown as it was then: its configuration, its late anchors
+};
+
+// What the localizer is to be, and at what part of their size pictures are decoded.
+LocalizerConfig localizer_config(const ReplaySetup& setup);
+int picture_shrink(const Flight& flight, const ReplaySetup& setup);
+
+// The truth only chooses whose pictures are kept for the report. csv: where estimates are written as they are made, or
+// null.
+ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
+                             Progress& progress);
+
+}  // namespace nadir

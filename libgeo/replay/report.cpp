@@ -1,0 +1,129 @@
+#include "replay/report.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "cli/nadir_version.hpp"
+#include "replay/report_page.hpp"
+#include "report/page_text.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+double rounded(double value, double steps = 1000) { return std::round(value * steps) / steps; }
+
+json anchor_json(const AnchorReport& anchor) {
+  return {{"verdict", name_of(anchor.verdict)},
+          {"ratio", rounded(anchor.ratio)},
+          {"inliers", anchor.inliers},
+          {"patches", anchor.patches},
+          {"residual", rounded(anchor.residual_px)},
+          {"window", rounded(anchor.window_radius_m)}};
+}
+
+json frame_json(const FrameReport& report, const std::optional<double>& error_m, const LocalFrame& frame) {
+  const Estimate& e = report.estimate;
+  json item = {{"name", e.frame},
+               {"time", rounded(e.time_s)},
+               {"source", name_of(e.source)},
+               {"segment", e.segment},
+               {"latency", rounded(e.latency_ms, 10)},
+               {"age", e.anchor_age_s ? json(rounded(*e.anchor_age_s)) : json()},
+               {"error", error_m ? json(rounded(*error_m)) : json()},
+               {"covariance", {0, 0, 0}},
+               {"sigma", rounded(e.sigma_m)},
+               {"anchor", anchor_json(report.anchor)},
+               {"odometry",
+                {{"tracked", report.odometry.tracked},
+                 {"inliers", report.odometry.inliers},
+                 {"step", rounded(report.odometry.step_m)}}}};
+  if (e.position) {
+    const Enu enu = frame.enu_from_lonlat(*e.position);
+    item["east"] = rounded(enu.east_m);
+    item["north"] = rounded(enu.north_m);
+    item["lat"] = e.position->lat_deg;
+    item["lon"] = e.position->lon_deg;
+    item["covariance"] = {rounded(e.covariance_m2(0, 0)), rounded(e.covariance_m2(0, 1)),
+                          rounded(e.covariance_m2(1, 1))};
+  }
+  return item;
+}
+
+json place_json(const std::optional<LonLat>& place, const LocalFrame& frame) {
+  if (!place) return {};
+  const Enu enu = frame.enu_from_lonlat(*place);
+  return json::array({rounded(enu.east_m), rounded(enu.north_m)});
+}
+
+json tile(std::string value, const char* unit, const char* label, const char* mood = "") {
+  return {{"value", std::move(value)}, {"unit", unit}, {"label", label}, {"mood", mood}};
+}
+
+// The few numbers that answer "was it good?".
+json tiles_json(const Score& score) {
+  json tiles = json::array();
+  if (const auto& e = score.errors) {
+    tiles.push_back(tile(fmt::format("{:.1f}", e->median_m), "m", "median error"));
+    tiles.push_back(tile(fmt::format("{:.1f}", e->p95_m), "m", "95 % of errors below"));
+  }
+  if (score.localized_share > 0) {
+    tiles.push_back(tile(fmt::format("{:.0f}", 100 * score.localized_share), "%", "of frames anchored to the map"));
+  }
+  if (const auto& e = score.errors) {
+    if (score.localized_share > 0)
+      tiles.push_back(tile(fmt::format("{}", e->wrong_anchors), "", "anchors wrong by > 50 m",
+                           e->wrong_anchors == 0 ? "good" : "bad"));
+    tiles.push_back(tile(fmt::format("{:.0f}", 100 * e->inside_95_share), "%", "of truth inside the 95 % ellipse"));
+  }
+  tiles.push_back(tile(fmt::format("{:.0f}", score.latency.p50_ms), "ms", "per frame, median"));
+  return tiles;
+}
+
+json page_data(const ReportInput& input) {
+  std::vector<Estimate> estimates;
+  for (const FrameReport& report : input.frames) estimates.push_back(report.estimate);
+  const auto errors = errors_m(estimates, input.truth, input.frame);
+
+  json data = {{"title", input.title},
+               {"subtitle", input.subtitle},
+               {"generator", fmt::format("Made by nadir {}", kVersion)},
+               {"tiles", tiles_json(input.score)},
+               {"figures", json::array()},
+               {"frames", json::array()},
+               {"refined", json::array()},
+               {"truth", json::array()},
+               {"worst", json::array()},
+               {"map", json()}};
+  for (const auto& [name, value] : input.figures) data["figures"].push_back(json::array({name, value}));
+  for (std::size_t i = 0; i < input.frames.size(); ++i) {
+    data["frames"].push_back(frame_json(input.frames[i], errors[i], input.frame));
+    data["truth"].push_back(place_json(input.truth[i], input.frame));
+  }
+  for (const Estimate& estimate : input.refined) data["refined"].push_back(place_json(estimate.position, input.frame));
+  for (const FramePictures& pictures : input.worst) {
+    data["worst"].push_back({{"index", pictures.index}, {"frame", pictures.frame_uri}, {"map", pictures.map_uri}});
+  }
+  if (const auto& map = input.map) {
+    data["map"] = {{"image", map->image_uri},
+                   {"west", map->west_m},
+                   {"north", map->north_m},
+                   {"width", map->width_m},
+                   {"height", map->height_m}};
+  }
+  return data;
+}
+
+}  // namespace
+
+std::string report_html(const ReportInput& input) {
+  const std::string data = script_safe(page_data(input));
+  const std::string title = html_escaped(input.title);
+  return fill_page(report_page::html,
+                   {{"title", title}, {"style", report_page::style}, {"data", data}, {"script", report_page::script}});
+}
+
+}  // namespace nadir

@@ -1,0 +1,45 @@
+// HTTP by libcurl: certificates and names verified, TLS 1.2 or newer, no redirects, every wait and every answer
+// bounded. One connection, kept open between requests.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "upload/http.hpp"
+
+namespace nadir {
+
+// Throws UsageError for anything but https://HOST[:PORT][/PATH], or http:// to this machine itself: a token never goes
+// over a wire in the clear. Without a slash at the end.
+std::string checked_service_address(std::string_view text);
+
+struct CurlSettings {
+  std::string address;  // checked
+  std::string token;
+  std::optional<std::filesystem::path> authorities;      // PEM file in the place of the system's
+  std::uint64_t largest_reply = std::uint64_t{4} << 20;  // bytes; a longer answer is none
+  int connect_timeout_s = 20;
+  int stall_timeout_s = 60;  // so long without a byte per second, either way
+  int request_timeout_s = 900;
+};
+
+struct CurlHandle;
+
+class CurlTransport final : public HttpTransport {
+ public:
+  // check: called now and then during a request; what it throws ends the request and comes out of exchange().
+  CurlTransport(CurlSettings settings, std::function<void()> check);
+  ~CurlTransport() override;
+
+  HttpResult exchange(const HttpRequest& request) override;
+
+ private:
+  CurlSettings settings_;
+  std::function<void()> check_;
+  std::unique_ptr<CurlHandle> handle_;
+};
+
+}  // namespace nadir

@@ -1,0 +1,98 @@
+#include "cli/options.hpp"
+
+#include <gtest/gtest.h>
+
+#include "base/error.hpp"
+#include "cli/options_impl.hpp"
+
+namespace nadir {
+namespace {
+
+struct Values {
+  std::filesystem::path mission;
+  std::vector<std::filesystem::path> imagery;
+  int quality = 85;
+  std::string format = "mbtiles";
+  std::optional<LonLat> start;
+  std::optional<UtcTime> at;
+  std::optional<std::int64_t> seed;
+  bool force = false;
+};
+
+Values parse(const std::vector<std::string>& args) {
+  Values values;
+  Options::Impl declared;
+  Options options(declared);
+  options.positional("MISSION.yaml", values.mission, "the mission");
+  options.values("--imagery", values.imagery, "FILE", "rasters");
+  options.value("--quality", values.quality, "N", "JPEG quality").between(1, 100);
+  options.value("--format", values.format, "NAME", "container").one_of({"mbtiles", "cog"});
+  options.value("--start", values.start, "LON,LAT", "start").needs("--at");
+  options.value("--at", values.at, "TIME", "time");
+  options.value("--seed", values.seed, "N", "seed");
+  options.flag("--force", values.force, "force");
+  parse_options(declared, "nadir t", args);
+  return values;
+}
+
+std::string complaint(const std::vector<std::string>& args) {
+  try {
+    parse(args);
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Options, DefaultsStay) {
+  const Values values = parse({});
+  EXPECT_EQ(values.quality, 85);
+  EXPECT_FALSE(values.seed.has_value());
+  EXPECT_FALSE(values.force);
+}
+
+TEST(Options, ReadsEveryType) {
+  const Values values = parse({"m.yaml", "--imagery", "a.tif", "b.tif", "--quality=70", "--format", "cog", "--at",
+                               "2024-10-30", "--start", "-83.30572,41.03467", "--seed", "-7", "--force"});
+  EXPECT_EQ(values.mission, "m.yaml");
+  EXPECT_EQ(values.imagery.size(), 2U);
+  EXPECT_EQ(values.quality, 70);
+  EXPECT_EQ(values.format, "cog");
+  ASSERT_TRUE(values.start.has_value());
+  EXPECT_EQ(*values.start, (LonLat{-83.30572, 41.03467}));
+  EXPECT_EQ(to_rfc3339(*values.at), "2024-10-30T00:00:00Z");
+  EXPECT_EQ(values.seed, -7);
+  EXPECT_TRUE(values.force);
+}
+
+TEST(Options, ManyValuesMayRepeatTheName) {
+  EXPECT_EQ(parse({"--imagery", "a", "--imagery", "b", "--force"}).imagery.size(), 2U);
+}
+
+TEST(Options, NamesTheOptionWhoseValueDoesNotRead) {
+  EXPECT_THAT(complaint({"--quality", "high"}),
+              ::testing::AllOf(::testing::HasSubstr("--quality"), ::testing::HasSubstr("high")));
+  EXPECT_THAT(complaint({"--quality", "101"}), ::testing::HasSubstr("1 to 100"));
+  EXPECT_THAT(complaint({"--format", "zip"}), ::testing::HasSubstr("mbtiles, cog"));
+  EXPECT_THAT(complaint({"--at", "2024-02-30"}), ::testing::HasSubstr("--at"));
+  for (const char* bad : {"1", "1,", ",1", "181,0", "0,91", "nan,0", "1;2", "1,2,3"}) {
+    EXPECT_NE(complaint({"--at", "2024-01-01", "--start", bad}), "") << bad;
+  }
+}
+
+TEST(Options, RefusesWrongUse) {
+  EXPECT_NE(complaint({"--quality", "1", "--quality", "2"}), "");
+  EXPECT_NE(complaint({"--quality"}), "");
+  EXPECT_NE(complaint({"a.yaml", "b.yaml"}), "");
+  EXPECT_NE(complaint({"--force=yes=no"}), "");
+  EXPECT_THAT(complaint({"--start", "1,2"}), ::testing::HasSubstr("--at"));
+  EXPECT_NE(complaint({"-x"}), "");
+}
+
+TEST(Options, NearestWordIsCareful) {
+  EXPECT_EQ(nearest_word("--telemtry", {"--telemetry", "--truth"}), "--telemetry");
+  EXPECT_EQ(nearest_word("xyz", {"keys", "cache"}), "");
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,52 @@
+#include "cli/output.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "cli/command.hpp"
+
+namespace nadir {
+namespace {
+
+Findings two_findings() {
+  Findings findings;
+  findings.add({.code = "freshness.stale", .severity = Severity::warning, .where = "19/1/2"});
+  findings.add({.code = "coverage.gap", .where = "town", .expected = "all", .found = "a hole", .fix = "more imagery"});
+  return findings;
+}
+
+TEST(Output, TextNamesRefusalsFirstAndCounts) {
+  std::ostringstream out;
+  EXPECT_EQ(report_findings(out, false, two_findings()), kRefused);
+  EXPECT_LT(out.str().find("coverage.gap"), out.str().find("freshness.stale"));
+  EXPECT_THAT(out.str(), ::testing::EndsWith("REFUSED: 1 finding that refuses, 1 warning\n"));
+}
+
+TEST(Output, NothingFoundIsAccepted) {
+  std::ostringstream out;
+  EXPECT_EQ(report_findings(out, false, {}), kAccepted);
+  EXPECT_EQ(out.str(), "accepted\n");
+}
+
+TEST(Output, JsonHoldsEveryField) {
+  std::ostringstream out;
+  EXPECT_EQ(report_findings(out, true, two_findings(), {{"package", "p"}}), kRefused);
+  const auto document = nlohmann::json::parse(out.str());
+  EXPECT_EQ(document["accepted"], false);
+  EXPECT_EQ(document["package"], "p");
+  ASSERT_EQ(document["findings"].size(), 2U);
+  const nlohmann::json expected = {{"code", "coverage.gap"}, {"severity", "refuse"}, {"where", "town"},
+                                   {"expected", "all"},      {"found", "a hole"},    {"fix", "more imagery"}};
+  EXPECT_EQ(document["findings"][1], expected);
+}
+
+TEST(Output, FiguresStandInColumns) {
+  std::ostringstream out;
+  print_figures(out, {{"a", "1"}, {"long", "2"}});
+  EXPECT_EQ(out.str(), "a     1\nlong  2\n");
+}
+
+}  // namespace
+}  // namespace nadir

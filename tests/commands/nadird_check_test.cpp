@@ -1,0 +1,267 @@
+// nadird --check as it is called before take-off: what the aircraft remembers, permits to go back, damage.
+#include "nadird_command.hpp"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <map>
+#include <mutex>
+#include <new>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
+
+#include "base/files.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/program.hpp"
+#include "package/package_maker.hpp"
+#include "service/manual_clock.hpp"
+#include "trust/airframe_signature.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+// The moment that it is asked for is the one at which somebody ends the service.
+class LastMoment final : public Clock {
+ public:
+  UtcTime now() const override {
+    ::kill(::getpid(), SIGTERM);
+    while (!interrupt_requested()) std::this_thread::yield();
+    return test::kJudged;
+  }
+};
+
+// The flight ends as soon as one of its threads waits for something.
+class ShortFlight final : public FlightClock {
+ public:
+  double monotonic_s() const override { return still_.monotonic_s(); }
+  std::int64_t unix_us() const override { return still_.unix_us(); }
+  const std::string& boot_id() const override { return still_.boot_id(); }
+  bool wait_until(double until_s, std::stop_token stop) const override {
+    std::call_once(ended_, [] { ::kill(::getpid(), SIGTERM); });
+    return still_.wait_until(until_s, std::move(stop));
+  }
+
+ private:
+  ManualClock still_;
+  mutable std::once_flag ended_;
+};
+
+// The thread that made it has no memory left as soon as it waits for something.
+class NoMemoryInFlight final : public FlightClock {
+ public:
+  double monotonic_s() const override { return still_.monotonic_s(); }
+  std::int64_t unix_us() const override { return still_.unix_us(); }
+  const std::string& boot_id() const override { return still_.boot_id(); }
+  bool wait_until(double until_s, std::stop_token stop) const override {
+    if (std::this_thread::get_id() == maker_) throw std::bad_alloc();
+    return still_.wait_until(until_s, std::move(stop));
+  }
+
+ private:
+  ManualClock still_;
+  std::thread::id maker_ = std::this_thread::get_id();
+};
+
+class NadirdCheck : public ::testing::Test {
+ protected:
+  NadirdCheck() {
+    folder_.write("root.json", sign_root(maker_.root, {&maker_.signer}).json());
+    older_ = maker_.make(folder_, "older").string();
+    maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
+    newer_ = maker_.make(folder_, "newer").string();
+  }
+  int check(const std::string& package, std::initializer_list<std::string> more = {}) {
+    std::vector<std::string> args{"--package",        package,   "--trust", path("root.json"), "--state",
+                                  path("state.json"), "--check", "--json"};
+    args.insert(args.end(), more);
+    out_.str("");
+    err_.str("");
+    NadirdCommand command;
+    return run_single_command("nadird", command, args, {out_, err_, clock_});
+  }
+  void permit(const std::string& name, std::int64_t from, std::int64_t to) {
+    const UtcTime expires{test::kJudged.unix_s + 86'400};
+    folder_.write(name, sign_permit({"village", from, to, std::nullopt, expires}, {&maker_.signer}).document.json());
+  }
+  // mini-07 as the package names it, with a camera that nobody looks through.
+  void airframe(const std::string& name, const PrivateKey* key) {
+    const std::string text =
+        R"({"format": "nadir.airframe/1", "airframe": "mini-07", "camera": {"model": "pinhole", "width": 640,)"
+        R"( "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5}})";
+    folder_.write(name, text);
+    if (key == nullptr) return;
+    const Envelope envelope{std::string(kAirframePayloadType),
+                            {sign_payload(*key, kAirframePayloadType, as_bytes(text))}};
+    folder_.write(name + ".sig", envelope_json(envelope));
+  }
+  int serve(const Clock& clock, const FlightClock* flight_clock, std::initializer_list<std::string> more = {}) {
+    airframe("bare.json", nullptr);
+    std::vector<std::string> args{"--package",   newer_,
+                                  "--trust",     path("root.json"),
+                                  "--airframe",  path("bare.json"),
+                                  "--state",     path("state"),
+                                  "--camera",    path("none"),
+                                  "--autopilot", "udpin:127.0.0.1:0",
+                                  "--listen",    "127.0.0.1:0",
+                                  "--memory-mb", "0"};
+    args.insert(args.end(), more);
+    NadirdCommand command(flight_clock);
+    return run_single_command("nadird", command, args, {out_, err_, clock});
+  }
+  // A root that gives tile keys to airframes, and takes some back.
+  void name_tile_signers(const std::map<std::string, const PrivateKey*>& keys, std::optional<UtcTime> expires,
+                         const PrivateKey* revoked) {
+    TrustRoot root = maker_.root;
+    for (const auto& [airframe, key] : keys) {
+      const std::string id = key->public_key().id();
+      root.keys.emplace(id, TrustedKey{key->public_key(), expires});
+      root.tile_signers[airframe] = Role{{id}, 1};
+    }
+    if (revoked != nullptr) root.revoked.insert(revoked->public_key().id());
+    folder_.write("root.json", sign_root(root, {&maker_.signer}).json());
+  }
+  int check_tiles(const PrivateKey& key) {
+    write_file_atomic(folder_ / "tile.pem", key.pem(), 0600);
+    return check(newer_, {"--airframe", "mini-07", "--candidates", path("tiles"), "--tile-key", path("tile.pem")});
+  }
+  // A root that says who provisions aircraft.
+  void name_airframe_signer(const PrivateKey& key) {
+    TrustRoot root = maker_.root;
+    root.add_key(key.public_key());
+    root.airframe_signer = Role{{key.public_key().id()}, 1};
+    folder_.write("root.json", sign_root(root, {&maker_.signer}).json());
+  }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  std::string first_code() const { return json::parse(out_.str())["findings"][0]["code"]; }
+
+  test::TemporaryFolder folder_;
+  FixedClock clock_{test::kJudged};
+  std::ostringstream out_, err_;
+  test::PackageMaker maker_;
+  std::string older_, newer_;
+};
+
+TEST_F(NadirdCheck, RemembersAndRefusesWhatIsOlder) {
+  EXPECT_EQ(check(older_), 0) << out_.str() << err_.str();
+  EXPECT_EQ(check(newer_), 0) << out_.str();
+  EXPECT_TRUE(json::parse(out_.str())["ready"]);
+  EXPECT_EQ(check(older_), 1);
+  EXPECT_EQ(first_code(), "package.rollback");
+}
+
+TEST_F(NadirdCheck, APermitAllowsOneStepBack) {
+  ASSERT_EQ(check(newer_), 0) << out_.str();
+  permit("permit.json", 4, 3);
+  permit("other.json", 5, 3);
+  EXPECT_EQ(check(older_, {"--permit", path("other.json")}), 1);
+  EXPECT_EQ(check(older_, {"--permit", path("permit.json")}), 0) << out_.str();
+  EXPECT_EQ(check(older_), 1) << "the memory did not go down";
+}
+
+TEST_F(NadirdCheck, ADamagedPermitIsAFinding) {
+  folder_.write("permit.json", "{\"signed\": {");
+  EXPECT_EQ(check(newer_, {"--permit", path("permit.json")}), 1);
+  EXPECT_EQ(first_code(), "permit.invalid");
+  EXPECT_FALSE(std::filesystem::exists(path("state.json"))) << "nothing was accepted";
+  EXPECT_EQ(check(newer_, {"--permit", path("none.json")}), 2);
+}
+
+TEST_F(NadirdCheck, ADamagedStateIsAFindingAndStaysAsItIs) {
+  for (const std::string state : {"", "{\"schema\":", "[]", "\xff\xfe"}) {
+    folder_.write("state.json", state);
+    EXPECT_EQ(check(newer_), 1) << state;
+    EXPECT_EQ(first_code(), "state.corrupt");
+    EXPECT_EQ(read_text_file(folder_ / "state.json"), state);
+  }
+}
+
+TEST_F(NadirdCheck, AnAirframeThatNobodySignedIsToldAndRefusedOnceTheRootKnowsItsSigners) {
+  airframe("bare.json", nullptr);
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 0) << out_.str() << err_.str();
+  EXPECT_EQ(first_code(), "airframe.unsigned");
+  name_airframe_signer(PrivateKey::generate());
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 1) << out_.str();
+  EXPECT_EQ(first_code(), "airframe.unsigned");
+  EXPECT_EQ(check(newer_, {"--airframe", path("bare.json"), "--unsigned-airframe"}), 0) << out_.str();
+  EXPECT_EQ(first_code(), "airframe.unsigned") << "the bench hears of it";
+  EXPECT_EQ(check(newer_, {"--airframe", "mini-07"}), 0) << "the id alone is no file";
+}
+
+TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
+  const PrivateKey hangar = PrivateKey::generate(), stranger = PrivateKey::generate();
+  name_airframe_signer(hangar);
+  airframe("good.json", &hangar);
+  EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 0) << out_.str() << err_.str();
+  EXPECT_TRUE(json::parse(out_.str())["findings"].empty());
+  airframe("foreign.json", &stranger);
+  EXPECT_EQ(check(newer_, {"--airframe", path("foreign.json"), "--unsigned-airframe"}), 1);
+  EXPECT_EQ(first_code(), "key.unknown");
+  folder_.write("good.json", read_text_file(folder_ / "good.json") + " ");
+  EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 1);
+  EXPECT_EQ(first_code(), "signature.invalid");
+  airframe("good.json", &hangar);
+  folder_.write("good.json.sig", std::string(100'000, ' '));
+  EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 1);
+  EXPECT_EQ(first_code(), "signature.invalid");
+}
+
+TEST_F(NadirdCheck, WhatFailsInFlightIsNoReasonNotToStartAgain) {
+  const NoMemoryInFlight clock;
+  EXPECT_EQ(serve(clock_, &clock), 70);
+  EXPECT_NE(err_.str().find("failed in flight"), std::string::npos) << err_.str();
+}
+
+TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
+  airframe("bare.json", nullptr);
+  EXPECT_EQ(serve(LastMoment(), nullptr), 0) << "as asked";
+  EXPECT_EQ(err_.str(), "stopped before the package was verified\n");
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "state" / "aircraft.json")) << "nothing was accepted";
+  EXPECT_FALSE(interrupt_requested());
+}
+
+TEST_F(NadirdCheck, ATileKeyThatNobodyWouldAcceptIsRefusedBeforeTakeOff) {
+  const PrivateKey ours = PrivateKey::generate(), other = PrivateKey::generate(), stranger = PrivateKey::generate();
+  name_tile_signers({{"mini-07", &ours}, {"mini-08", &other}}, std::nullopt, nullptr);
+  EXPECT_EQ(check_tiles(ours), 0) << out_.str() << err_.str();
+  for (const auto& [key, found] : {std::pair{&stranger, "not in the trust root"},
+                                   {&other, "the tile key of airframe mini-08"},
+                                   {&maker_.signer, "a package signer's"}}) {
+    EXPECT_EQ(check_tiles(*key), 1) << found;
+    EXPECT_EQ(first_code(), "key.unknown");
+    EXPECT_NE(out_.str().find(found), std::string::npos) << out_.str();
+  }
+  name_tile_signers({{"mini-07", &ours}}, UtcTime{test::kJudged.unix_s + 1}, nullptr);
+  EXPECT_EQ(check_tiles(ours), 0) << out_.str();
+  name_tile_signers({{"mini-07", &ours}}, test::kJudged, nullptr);
+  EXPECT_EQ(check_tiles(ours), 1);
+  EXPECT_EQ(first_code(), "key.expired");
+  name_tile_signers({{"mini-07", &ours}}, std::nullopt, &ours);
+  EXPECT_EQ(check_tiles(ours), 1);
+  EXPECT_EQ(first_code(), "key.revoked");
+  folder_.write("tile.pem", "no key");
+  EXPECT_EQ(check(newer_, {"--airframe", "mini-07", "--candidates", "c", "--tile-key", path("tile.pem")}), 2);
+  write_file_atomic(folder_ / "tile.pem", ours.pem(), 0600);
+  EXPECT_EQ(check(newer_, {"--candidates", "c", "--tile-key", path("tile.pem")}), 2) << "whose tiles?";
+}
+
+// A service may be started anew in flight, after the key was revoked: it goes without tiles rather than not at all.
+TEST_F(NadirdCheck, InFlightATileKeyThatNobodyWouldAcceptCostsTheTilesAlone) {
+  const PrivateKey ours = PrivateKey::generate();
+  write_file_atomic(folder_ / "tile.pem", ours.pem(), 0600);
+  for (const PrivateKey* revoked : {&ours, static_cast<const PrivateKey*>(nullptr)}) {
+    name_tile_signers({{"mini-07", &ours}}, std::nullopt, revoked);
+    const ShortFlight flight;
+    err_.str("");
+    EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem")}), 0) << err_.str();
+    EXPECT_NE(err_.str().find("0 pictures"), std::string::npos) << "it flew: " << err_.str();
+    EXPECT_EQ(err_.str().find("key.revoked") != std::string::npos, revoked != nullptr) << err_.str();
+    EXPECT_EQ(std::filesystem::exists(folder_ / "tiles"), revoked == nullptr);
+  }
+}
+
+}  // namespace
+}  // namespace nadir

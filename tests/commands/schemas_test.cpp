@@ -1,0 +1,117 @@
+// The JSON Schemas of schemas/ against what the programs write. python3-jsonschema is the judge.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "base/files.hpp"
+#include "cli/program.hpp"
+#include "package/package_maker.hpp"
+#include "commands/registry.hpp"
+#include "support/process.hpp"
+
+namespace nadir {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+class Schemas : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (test::run_shell("python3 -c 'import jsonschema; jsonschema.Draft202012Validator'").code != 0) {
+      GTEST_SKIP() << "NOT TESTED: python3-jsonschema is not installed";
+    }
+    const TrustRoot& first = maker_.root;
+    folder_.write("root.json", sign_root(first, {&maker_.signer}).json());
+    write_file_atomic(folder_ / "p.key.pem", maker_.signer.pem(), 0600);
+    TrustRoot second = first;
+    second.version = 2;
+    second.tile_signers["mini-07"] = second.package_signer;
+    second.airframe_signer = second.package_signer;
+    second.revoked = {std::string(64, 'a')};
+    second.keys.begin()->second.expires = second.expires;
+    folder_.write("2.json", sign_root(second, {&maker_.signer}).json());
+    package_ = maker_.make(folder_);
+    ASSERT_EQ(run({"cache", "sign", package_.string(), "--key", path("p.key.pem"), "--carry-root", path("2.json")}), 0)
+        << err_.str();
+  }
+  int run(const std::vector<std::string>& args) {
+    out_.str("");
+    err_.str("");
+    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
+  }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  // True when the schema takes the document.
+  bool takes(const std::string& schema, const json& document) {
+    folder_.write("document.json", document.dump());
+    return test::run_process({"python3", "-c",
+                              "import json, sys, jsonschema\n"
+                              "schema = json.load(open(sys.argv[1]))\n"
+                              "jsonschema.Draft202012Validator.check_schema(schema)\n"
+                              "sys.exit(0 if jsonschema.Draft202012Validator(schema).is_valid("
+                              "json.load(open(sys.argv[2]))) else 1)",
+                              std::string(NADIR_SCHEMAS) + "/" + schema + ".schema.json", path("document.json")})
+               .code == 0;
+  }
+  json read(const fs::path& file) const { return json::parse(read_text_file(file)); }
+
+  test::TemporaryFolder folder_;
+  FixedClock clock_{test::kJudged};
+  std::ostringstream out_, err_;
+  test::PackageMaker maker_;
+  fs::path package_;
+};
+
+TEST_F(Schemas, Root) {
+  for (const char* name : {"root.json", "2.json"}) EXPECT_TRUE(takes("root", read(folder_ / name))) << name;
+  json wrong = read(folder_ / "2.json");
+  wrong["signed"]["version"] = 0;
+  EXPECT_FALSE(takes("root", wrong));
+  wrong = read(folder_ / "2.json");
+  wrong["signed"]["roles"].erase("package-signer");
+  EXPECT_FALSE(takes("root", wrong));
+}
+
+TEST_F(Schemas, RollbackPermit) {
+  for (const bool one : {false, true}) {
+    std::vector<std::string> args{
+        "keys", "permit-rollback", "--key",     path("p.key.pem"), "--series", "village", "--from", "4", "--to",
+        "3",    "--expires",       "2024-05-01"};
+    if (one) args.insert(args.end(), {"--airframe", "mini-07"});
+    args.insert(args.end(), {"--out", path(one ? "one.json" : "all.json")});
+    ASSERT_EQ(run(args), 0) << err_.str();
+    json permit = read(folder_ / (one ? "one.json" : "all.json"));
+    EXPECT_TRUE(takes("rollback-permit", permit));
+    permit["signed"].erase("to");
+    EXPECT_FALSE(takes("rollback-permit", permit));
+  }
+}
+
+TEST_F(Schemas, ManifestStateAndReport) {
+  EXPECT_TRUE(takes("manifest", read(package_ / kManifestFile)));
+  std::vector<std::string> verify{"cache",           "verify",  package_.string(),  "--trust",
+                                  path("root.json"), "--state", path("state.json"), "--json"};
+  ASSERT_EQ(run(verify), 0) << out_.str();
+  json report = json::parse(out_.str());
+  EXPECT_TRUE(takes("verify-report", report)) << report;
+  json state = read(folder_ / "state.json");
+  EXPECT_TRUE(state.contains("roots"));
+  EXPECT_TRUE(takes("state", state)) << state;
+  EXPECT_TRUE(takes("root", state["roots"]["2"]));
+  state["series"]["village"] = "3";
+  EXPECT_FALSE(takes("state", state));
+  report.erase("sequence");
+  EXPECT_FALSE(takes("verify-report", report));
+  // Refused, before and after the signature has passed.
+  folder_.write("package/extra", "x");
+  EXPECT_EQ(run(verify), 1);
+  EXPECT_TRUE(takes("verify-report", json::parse(out_.str()))) << out_.str();
+  fs::remove(package_ / kSignatureFile);
+  EXPECT_EQ(run(verify), 1);
+  EXPECT_TRUE(takes("verify-report", json::parse(out_.str()))) << out_.str();
+}
+
+}  // namespace
+}  // namespace nadir

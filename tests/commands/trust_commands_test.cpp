@@ -1,0 +1,222 @@
+// keys revoke, sign and permit-rollback, cache sign and verify: a fleet's trust from its first root to a lost key, as
+// people do it.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "base/files.hpp"
+#include "cli/program.hpp"
+#include "package/package_maker.hpp"
+#include "commands/registry.hpp"
+
+namespace nadir {
+namespace {
+
+namespace fs = std::filesystem;
+
+class TrustCommands : public ::testing::Test {
+ protected:
+  int run(std::vector<std::string> args) {
+    // Names with '@' lie in the test's folder.
+    for (std::string& arg : args) {
+      if (arg.starts_with('@')) arg = path(arg.substr(1));
+    }
+    out_.str("");
+    err_.str("");
+    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
+  }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  void keys(std::initializer_list<const char*> names) {
+    for (const char* name : names) ASSERT_EQ(run({"keys", "create", "--out", path(name)}), 0) << err_.str();
+  }
+  nlohmann::json result() const { return nlohmann::json::parse(out_.str()); }
+  std::string first_code() const { return result()["findings"][0]["code"]; }
+  void first_root() {
+    keys({"r", "p"});
+    ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@p.pub.pem", "--expires",
+                   "2030-01-01", "--out", "@root.json"}),
+              0)
+        << err_.str();
+  }
+
+  test::TemporaryFolder folder_;
+  FixedClock clock_{test::kJudged};
+  std::ostringstream out_, err_;
+};
+
+TEST_F(TrustCommands, ALostKeyIsRevokedAndTheFleetLearnsOfIt) {
+  first_root();
+  keys({"p2"});
+  const std::string package = test::PackageMaker().make(folder_).string();
+  fs::remove(fs::path(package) / "manifest.sig");
+  ASSERT_EQ(run({"cache", "sign", package, "--key", "@p.key.pem"}), 0) << err_.str();
+  EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json", "--depth", "full"}), 0) << out_.str();
+
+  const std::vector<std::string> revoke{"keys",     "revoke",     "--previous", "@root.json",
+                                        "--revoke", "@p.pub.pem", "--root-key", "@r.key.pem",
+                                        "--out",    "@2.json",    "--json"};
+  EXPECT_EQ(run(revoke), 2) << "the role would be empty";
+  EXPECT_NE(err_.str().find("--new-package-signer"), std::string::npos) << err_.str();
+  auto with = [&](std::initializer_list<std::string> more) {
+    std::vector<std::string> args = revoke;
+    args.insert(args.end(), more);
+    return run(args);
+  };
+  EXPECT_EQ(with({"--new-package-signer", "@p.pub.pem"}), 2) << "a revoked key cannot come back";
+  EXPECT_FALSE(fs::exists(folder_ / "2.json"));
+  ASSERT_EQ(with({"--new-package-signer", "@p2.pub.pem"}), 0) << err_.str();
+  EXPECT_EQ(result()["version"], 2);
+  EXPECT_EQ(result()["revoked"].size(), 1U);
+  EXPECT_EQ(run(revoke), 2) << "never overwritten";
+
+  ASSERT_EQ(run({"cache", "sign", package, "--key", "@p2.key.pem", "--only", "--carry-root", "@2.json"}), 0)
+      << err_.str();
+  const std::vector<std::string> verify{"cache",      "verify",  package,   "--trust",
+                                        "@root.json", "--state", "@s.json", "--json"};
+  ASSERT_EQ(run(verify), 0) << out_.str();
+  EXPECT_EQ(result()["root_version"], 2);
+  ASSERT_EQ(run({"cache", "sign", package, "--key", "@p.key.pem", "--only"}), 0);
+  EXPECT_EQ(run(verify), 1);
+  EXPECT_EQ(first_code(), "key.revoked");
+}
+
+TEST_F(TrustCommands, RevokingNeedsTheRootKeysOfBothSides) {
+  first_root();
+  keys({"r2", "stranger"});
+  const auto revoke = [&](std::initializer_list<std::string> more) {
+    std::vector<std::string> args{"keys", "revoke", "--previous", "@root.json", "--out", "@2.json"};
+    args.insert(args.end(), more);
+    return run(args);
+  };
+  EXPECT_EQ(revoke({"--revoke", "@r.pub.pem", "--root-key", "@r.key.pem"}), 2) << "no root key would be left";
+  EXPECT_EQ(revoke({"--revoke", "@stranger.pub.pem", "--root-key", "@r.key.pem"}), 2) << "unknown key";
+  EXPECT_EQ(
+      revoke({"--revoke", "@p.pub.pem", "--new-package-signer", "@r2.pub.pem", "--root-key", "@stranger.key.pem"}), 2)
+      << "no root key";
+  EXPECT_EQ(revoke({"--revoke", "@r.pub.pem", "--new-root-key", "@r2.key.pem", "--root-key", "@r.key.pem"}), 0)
+      << err_.str();
+}
+
+// The role must not vanish with its last key: unsigned airframes would be accepted again.
+TEST_F(TrustCommands, AnAirframeSignerIsNamedAndRevokedOnlyForAnother) {
+  keys({"r", "p", "hangar", "hangar2"});
+  ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@p.pub.pem", "--airframe-signer",
+                 "@hangar.pub.pem", "--expires", "2030-01-01", "--out", "@root.json"}),
+            0)
+      << err_.str();
+  std::vector<std::string> revoke{"keys",       "revoke",     "--previous", "@root.json", "--revoke", "@hangar.pub.pem",
+                                  "--root-key", "@r.key.pem", "--out",      "@2.json"};
+  EXPECT_EQ(run(revoke), 2);
+  EXPECT_NE(err_.str().find("--new-airframe-signer"), std::string::npos) << err_.str();
+  revoke.insert(revoke.end(), {"--new-airframe-signer", "@hangar2.pub.pem"});
+  ASSERT_EQ(run(revoke), 0) << err_.str();
+  const TrustRoot root = read_trusted_root(folder_ / "2.json");
+  ASSERT_TRUE(root.airframe_signer);
+  EXPECT_EQ(root.airframe_signer->key_ids.size(), 1U);
+}
+
+TEST_F(TrustCommands, SeveralPeopleSignOneRoot) {
+  keys({"anna", "ben", "p", "stranger"});
+  const std::vector<std::string> root{
+      "keys",         "root",      "--root-key", "@anna.key.pem",    "--out", "@root.json",       "--root-public-key",
+      "@ben.pub.pem", "--expires", "2030-01-01", "--root-threshold", "2",     "--package-signer", "@p.pub.pem"};
+  EXPECT_EQ(run(root), 2) << "one signature of two";
+  std::vector<std::string> incomplete = root;
+  incomplete.insert(incomplete.end(), {"--incomplete", "--json"});
+  ASSERT_EQ(run(incomplete), 0) << err_.str();
+  EXPECT_FALSE(result()["complete"]);
+  const std::string package = test::PackageMaker().make(folder_).string();
+  ASSERT_EQ(run({"cache", "sign", package, "--key", "@p.key.pem", "--only"}), 0) << err_.str();
+  EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json"}), 2) << "a half-signed root is trusted by nobody";
+
+  EXPECT_EQ(run({"keys", "sign", "@root.json", "--key", "@stranger.key.pem"}), 2);
+  ASSERT_EQ(run({"keys", "sign", "@root.json", "--key", "@anna.key.pem", "--json"}), 0);
+  EXPECT_FALSE(result()["complete"]) << "the same key twice is one signature";
+  ASSERT_EQ(run({"keys", "sign", "@root.json", "--key", "@ben.key.pem", "--json"}), 0) << err_.str();
+  EXPECT_TRUE(result()["complete"]);
+  EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json"}), 0) << out_.str() << err_.str();
+
+  // The next one, the same way; complete only when held against the one before.
+  incomplete = {"keys",      "root",       "--previous",       "@root.json", "--root-key",        "@anna.key.pem",
+                "--out",     "@2.json",    "--root-threshold", "2",          "--root-public-key", "@ben.pub.pem",
+                "--expires", "2031-01-01", "--package-signer", "@p.pub.pem", "--incomplete"};
+  ASSERT_EQ(run(incomplete), 0) << err_.str();
+  ASSERT_EQ(run({"keys", "sign", "@2.json", "--key", "@ben.key.pem", "--previous", "@root.json", "--json"}), 0);
+  EXPECT_TRUE(result()["complete"]);
+  EXPECT_EQ(run({"cache", "sign", package, "--key", "@p.key.pem", "--carry-root", "@2.json"}), 0) << err_.str();
+  EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json"}), 0) << out_.str();
+}
+
+TEST_F(TrustCommands, PackagesNeedAsManySignersAsTheRootSays) {
+  keys({"r", "p", "q"});
+  ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@p.pub.pem", "--package-signer",
+                 "@q.pub.pem", "--threshold", "2", "--expires", "2030-01-01", "--out", "@root.json"}),
+            0);
+  const std::string package = test::PackageMaker().make(folder_).string();
+  ASSERT_EQ(run({"cache", "sign", package, "--key", "@p.key.pem", "--only"}), 0);
+  EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json", "--json"}), 1);
+  EXPECT_EQ(first_code(), "signature.missing");
+  ASSERT_EQ(run({"cache", "sign", package, "--key", "@q.key.pem", "--json"}), 0);
+  EXPECT_EQ(result()["signatures"], 2);
+  EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json"}), 0) << out_.str();
+}
+
+TEST_F(TrustCommands, ADamagedPackageIsNotSigned) {
+  first_root();
+  const fs::path package = test::PackageMaker().make(folder_);
+  const std::string before = read_text_file(package / "manifest.sig");
+  folder_.write("package/extra", "x");
+  EXPECT_EQ(run({"cache", "sign", package.string(), "--key", "@p.key.pem", "--json"}), 1);
+  EXPECT_EQ(first_code(), "artifact.unexpected");
+  EXPECT_EQ(read_text_file(package / "manifest.sig"), before);
+  fs::remove(package / "extra");
+  folder_.write("package/manifest.sig", "no envelope");
+  EXPECT_EQ(run({"cache", "sign", package.string(), "--key", "@p.key.pem"}), 2);
+  EXPECT_EQ(run({"cache", "sign", package.string(), "--key", "@p.key.pem", "--only"}), 0) << err_.str();
+  EXPECT_EQ(run({"cache", "sign", "@none", "--key", "@p.key.pem"}), 2);
+}
+
+TEST_F(TrustCommands, APermitAllowsOneStepBack) {
+  test::PackageMaker maker;
+  write_file_atomic(folder_ / "root.json", sign_root(maker.root, {&maker.signer}).json());
+  write_file_atomic(folder_ / "p.key.pem", maker.signer.pem(), 0600);
+  const std::string older = maker.make(folder_, "older").string();
+  maker.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
+  const std::string newer = maker.make(folder_, "newer").string();
+  const auto verify = [&](const std::string& package, std::initializer_list<std::string> more = {}) {
+    std::vector<std::string> args{"cache", "verify", package, "--trust", "@root.json", "--state", "@s.json", "--json"};
+    args.insert(args.end(), more);
+    return run(args);
+  };
+  const auto permit = [&](const std::string& from, const std::string& to, const std::string& out) {
+    return run({"keys", "permit-rollback", "--key", "@p.key.pem", "--series", "village", "--from", from, "--to", to,
+                "--expires", "2024-05-01", "--out", out});
+  };
+  ASSERT_EQ(verify(newer), 0);
+  EXPECT_EQ(verify(older), 1);
+  EXPECT_EQ(permit("3", "4", "@x.json"), 2) << "no step back";
+  ASSERT_EQ(permit("4", "3", "@permit.json"), 0) << err_.str();
+  EXPECT_EQ(permit("4", "3", "@permit.json"), 2) << "never overwritten";
+  ASSERT_EQ(permit("4", "2", "@other.json"), 0);
+  EXPECT_EQ(verify(older, {"--permit", "@other.json"}), 1);
+  EXPECT_EQ(verify(older, {"--permit", "@permit.json"}), 0) << out_.str();
+  EXPECT_EQ(verify(older), 1) << "the memory did not go down";
+  EXPECT_EQ(verify(older, {"--permit", "@root.json"}), 1);
+  EXPECT_NE(out_.str().find("permit.invalid"), std::string::npos);
+  EXPECT_EQ(run({"keys", "sign", "@permit.json", "--key", "@p.key.pem", "--trust", "@root.json", "--json"}), 0);
+  EXPECT_TRUE(result()["complete"]);
+}
+
+TEST_F(TrustCommands, ADamagedStateRefusesAndStaysAsItIs) {
+  test::PackageMaker maker;
+  write_file_atomic(folder_ / "root.json", sign_root(maker.root, {&maker.signer}).json());
+  const std::string package = maker.make(folder_).string();
+  folder_.write("s.json", "{\"schema\":");
+  EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json", "--state", "@s.json", "--json"}), 1);
+  EXPECT_EQ(first_code(), "state.corrupt");
+  EXPECT_EQ(read_text_file(folder_ / "s.json"), "{\"schema\":");
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,211 @@
+// nadir cache update and cache build --carry-root as a user calls them. GDAL cuts the newer imagery out of the old map;
+// cache diff counts what changed.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "base/files.hpp"
+#include "cli/program.hpp"
+#include "package/package_maker.hpp"
+#include "commands/registry.hpp"
+#include "support/process.hpp"
+
+namespace nadir {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+class CacheUpdate : public ::testing::Test {
+ protected:
+  CacheUpdate() {
+    maker_.make(folder_, "old");
+    folder_.write("root.json", sign_root(maker_.root, {&maker_.signer}).json());
+    write_file_atomic(folder_ / "p.key.pem", maker_.signer.pem(), 0600);
+    folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}}));
+  }
+  int run(std::vector<std::string> args) {
+    for (std::string& arg : args) {
+      if (arg.starts_with('@')) arg = path(arg.substr(1));  // in the test's folder
+    }
+    out_.str("");
+    err_.str("");
+    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
+  }
+  int update(std::initializer_list<std::string> more) {
+    std::vector<std::string> args{"cache",      "update", "@old",       "--trust", "@root.json", "--mission",
+                                  "@next.yaml", "--key",  "@p.key.pem", "--out",   "@new"};
+    args.insert(args.end(), more);
+    return run(args);
+  }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  json result() const { return json::parse(out_.str()); }
+
+  // A window of the old map as a GeoTIFF, made brighter.
+  void cut_imagery(const std::string& name, const std::string& window) {
+    const auto cut = test::run_shell("gdal_translate -q -of GTiff -b 1 -b 2 -b 3 -scale 0 255 60 255 " + window + " '" +
+                                     path("old/imagery/base.mbtiles") + "' '" + path(name) + "'");
+    ASSERT_EQ(cut.code, 0) << cut.err;
+  }
+  const std::vector<std::string> facts_{"--captured", "2024-04-10", "--gsd",      "0.3",
+                                        "--ce90",     "4",          "--provider", "gdal"};
+
+  // The next version of the maker's root, signed by `key`; another key signs packages when `signer` names one.
+  TrustRoot root_after(const TrustRoot& before, const std::string& name, const PrivateKey& key) {
+    TrustRoot root = before;
+    ++root.version;
+    folder_.write(name, sign_root(root, {&key}).json());
+    return root;
+  }
+
+  test::TemporaryFolder folder_;
+  FixedClock clock_{test::kJudged};
+  std::ostringstream out_, err_;
+  test::PackageMaker maker_;
+};
+
+TEST_F(CacheUpdate, ANewMissionAloneCopiesEveryTile) {
+  ASSERT_EQ(update({"--json"}), 0) << out_.str() << err_.str();
+  const json report = result();
+  EXPECT_EQ(report["from_sequence"], 3);
+  EXPECT_EQ(report["sequence"], 4);
+  EXPECT_EQ(report["copied"], report["tiles"]);
+  EXPECT_EQ(report["reencoded"], 0);
+  EXPECT_EQ(run({"cache", "verify", "@new", "--trust", "@root.json", "--depth", "full"}), 0) << out_.str();
+  // sqlite3's word: the same tiles and the same sidecars
+  const auto differences = test::run_process(
+      {"sqlite3", path("new/imagery/base.mbtiles"),
+       "ATTACH '" + path("old/imagery/base.mbtiles") +
+           "' AS o; SELECT count(*) FROM (SELECT * FROM tiles EXCEPT SELECT * "
+           "FROM o.tiles); SELECT count(*) FROM (SELECT zoom_level, tile_column, tile_row, sha256, source, "
+           "captured_at, "
+           "gsd_mm, ce90_mm, trust, valid_ppm, mask FROM nadir_sidecars EXCEPT SELECT zoom_level, tile_column, "
+           "tile_row, "
+           "sha256, source, captured_at, gsd_mm, ce90_mm, trust, valid_ppm, mask FROM o.nadir_sidecars); "
+           "SELECT count(*) - (SELECT count(*) FROM o.tiles) FROM tiles; PRAGMA integrity_check"});
+  EXPECT_EQ(differences.out, "0\n0\n0\nok\n") << differences.err;
+}
+
+TEST_F(CacheUpdate, NewImageryChangesWhatCacheDiffSays) {
+  if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: no gdal_translate";
+  cut_imagery("new.tif", "-srcwin 300 300 250 250");
+  std::vector<std::string> args{"cache", "update",     "@old",  "--trust", "@root.json", "--mission", "@next.yaml",
+                                "--key", "@p.key.pem", "--out", "@new",    "--imagery",  "@new.tif",  "--json"};
+  args.insert(args.end(), facts_.begin(), facts_.end());
+  ASSERT_EQ(run(args), 0) << out_.str() << err_.str();
+  const json report = result();
+  EXPECT_EQ(run({"cache", "diff", "@old", "@new", "--json"}), 1);
+  const json diff = result();
+  EXPECT_EQ(report["reencoded"], diff["changed"].size());
+  EXPECT_GT(report["reencoded"], 2);
+  EXPECT_EQ(report["copied"], diff["unchanged_tiles"]);
+  EXPECT_EQ(run({"cache", "verify", "@new", "--trust", "@root.json", "--depth", "full"}), 0) << out_.str();
+  // Once more: the same bytes.
+  for (std::string& arg : args) {
+    if (arg == "@new") arg = "@again";
+  }
+  ASSERT_EQ(run(args), 0) << err_.str();
+  EXPECT_EQ(test::run_process({"diff", "-r", path("new"), path("again")}).code, 0);
+}
+
+TEST_F(CacheUpdate, RefusesWithFindingsAndLeavesNothing) {
+  folder_.write("next.yaml", test::mission_yaml());
+  EXPECT_EQ(update({"--json"}), 1);
+  EXPECT_EQ(result()["findings"][0]["code"], "package.rollback");
+  folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}, {"stable: 730", "stable: 5"}}));
+  EXPECT_EQ(update({}), 1);
+  EXPECT_NE(out_.str().find("freshness.stale"), std::string::npos) << out_.str();
+  EXPECT_FALSE(fs::exists(folder_ / "new"));
+}
+
+TEST_F(CacheUpdate, WrongUsageIsNamed) {
+  EXPECT_EQ(run({"cache", "update", "@old", "--mission", "@next.yaml", "--out", "@new"}), 2) << "--trust is missing";
+  EXPECT_EQ(update({"--imagery", "@none.tif"}), 2);
+  EXPECT_EQ(run({"cache", "update", "@nowhere", "--trust", "@root.json", "--mission", "@next.yaml", "--out", "@new"}),
+            2);
+  EXPECT_TRUE(out_.str().empty());
+  EXPECT_FALSE(fs::exists(folder_ / "new"));
+}
+
+TEST_F(CacheUpdate, CarriedRootsMustLeadOn) {
+  const TrustRoot second = root_after(maker_.root, "2.json", maker_.signer);
+  root_after(second, "3.json", maker_.signer);
+  root_after(second, "forged.json", PrivateKey::generate());
+  EXPECT_EQ(update({"--carry-root", "@3.json"}), 2) << "the second is missing";
+  EXPECT_EQ(update({"--carry-root", "@2.json", "--carry-root", "@forged.json"}), 2);
+  EXPECT_FALSE(fs::exists(folder_ / "new"));
+  ASSERT_EQ(update({"--carry-root", "@2.json", "--carry-root", "@3.json"}), 0) << err_.str();
+  ASSERT_EQ(run({"cache", "verify", "@new", "--trust", "@root.json", "--json"}), 0) << out_.str();
+  EXPECT_EQ(result()["root_version"], 3);
+}
+
+class BuildWithRoots : public CacheUpdate {
+ protected:
+  BuildWithRoots() { second_ = root_after(maker_.root, "2.json", maker_.signer); }
+  void SetUp() override {
+    if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: no gdal_translate";
+    cut_imagery("map.tif", "");
+  }
+  int build(std::initializer_list<std::string> more) {
+    fs::remove_all(folder_ / "new");
+    std::vector<std::string> args{"cache",    "build", "--mission",  "@next.yaml", "--imagery",
+                                  "@map.tif", "--key", "@p.key.pem", "--out",      "@new"};
+    args.insert(args.end(), facts_.begin(), facts_.end());
+    args.insert(args.end(), more);
+    return run(args);
+  }
+  TrustRoot second_;
+};
+
+TEST_F(BuildWithRoots, AnOfflineAircraftFollowsThem) {
+  ASSERT_EQ(build({"--carry-root", "@2.json", "--trust", "@root.json"}), 0) << out_.str() << err_.str();
+  EXPECT_EQ(read_text_file(folder_ / "new/root/2.root.json"), read_text_file(folder_ / "2.json"));
+  ASSERT_EQ(run({"cache", "verify", "@new", "--trust", "@root.json", "--depth", "full", "--json"}), 0) << out_.str();
+  EXPECT_EQ(result()["root_version"], 2);
+}
+
+// TIFF knows no PNG, and re-encoding is not what --format promises.
+TEST_F(BuildWithRoots, PngTilesAreNotPutIntoACog) {
+  folder_.write("next.yaml", test::mission_yaml());
+  ASSERT_EQ(build({"--tile-format", "png"}), 0) << out_.str() << err_.str();
+  fs::rename(folder_ / "new", folder_ / "png");
+  folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}}));
+  EXPECT_EQ(run({"cache", "update", "@png", "--trust", "@root.json", "--mission", "@next.yaml", "--key", "@p.key.pem",
+                 "--out", "@cog", "--format", "cog"}),
+            2);
+  EXPECT_NE(err_.str().find("nadir cache build --format cog --tile-format png"), std::string::npos) << err_.str();
+  EXPECT_FALSE(fs::exists(folder_ / "cog"));
+}
+
+TEST_F(BuildWithRoots, RootsThatNobodyCouldFollowAreRefused) {
+  root_after(second_, "3.json", maker_.signer);
+  const PrivateKey thief = PrivateKey::generate();
+  TrustRoot stolen = maker_.root;
+  stolen.add_key(thief.public_key());
+  stolen.root.key_ids = {thief.public_key().id()};
+  root_after(stolen, "stolen.json", thief);  // signed by its own root keys, not by those before
+  folder_.write("damaged.json", read_text_file(folder_ / "2.json").substr(0, 300));
+  EXPECT_EQ(build({"--carry-root", "@3.json", "--trust", "@root.json"}), 2) << "skips the second";
+  EXPECT_EQ(build({"--carry-root", "@stolen.json", "--trust", "@root.json"}), 2);
+  EXPECT_EQ(build({"--carry-root", "@2.json", "--carry-root", "@stolen.json"}), 2) << "two of one version";
+  EXPECT_EQ(build({"--carry-root", "@damaged.json"}), 2);
+  EXPECT_EQ(build({"--carry-root", "@map.tif"}), 2);
+  EXPECT_EQ(build({"--trust", "@root.json"}), 2) << "--trust is for roots";
+  EXPECT_FALSE(fs::exists(folder_ / "new"));
+}
+
+TEST_F(BuildWithRoots, ARootThatRevokesTheSignerIsHeeded) {
+  TrustRoot next = maker_.root;
+  next.version = 2;
+  const PrivateKey other = PrivateKey::generate();
+  next.add_key(other.public_key());
+  next.package_signer.key_ids = {other.public_key().id()};
+  folder_.write("next.json", sign_root(next, {&maker_.signer}).json());
+  ASSERT_EQ(build({"--carry-root", "@next.json"}), 0) << err_.str();
+  EXPECT_EQ(run({"cache", "verify", "@new", "--trust", "@root.json", "--json"}), 1);
+  EXPECT_EQ(result()["findings"][0]["code"], "key.unknown");
+}
+
+}  // namespace
+}  // namespace nadir

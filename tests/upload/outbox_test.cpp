@@ -1,0 +1,275 @@
+#include <gtest/gtest.h>
+
+#include "base/error.hpp"
+#include "upload/batch.hpp"
+#include "upload/pack_reader.hpp"
+#include "upload/outbox_fixture.hpp"
+#include "upload/outbox_report.hpp"
+#include "upload/outbox_tables.hpp"
+#include "upload/outbox_upkeep.hpp"
+
+namespace nadir {
+namespace {
+
+using test::OutboxFixture;
+
+class Outbox : public OutboxFixture {};
+
+TEST_F(Outbox, StagesACandidateOnce) {
+  EXPECT_EQ(stage(3), 3);
+  EXPECT_EQ(stage(5), 2);
+  EXPECT_EQ(tiles_in(TileState::staged), 5);
+}
+
+TEST_F(Outbox, SealsSignedBatchesOfOneFlightEach) {
+  stage(3);
+  std::vector<Candidate> other{candidate(7)};
+  other[0].sidecar.flight = "another";
+  other[0].sidecar_bytes = candidate_json(other[0].sidecar);
+  stage_candidates(*outbox_, other, 1);
+  const SealedSum sum = seal();
+  EXPECT_EQ(sum.batches, 2);
+  EXPECT_EQ(sum.tiles, 4);
+  const SignedBatch batch = parse_batch(transfer_.document(*transfer_.next_batch(0)), "test");
+  EXPECT_EQ(batch.batch.tiles.size(), 3U);
+  EXPECT_EQ(batch.batch.id, transfer_.next_batch(0)->uuid);
+  EXPECT_EQ(seal().batches, 0) << "nothing is left";
+}
+
+// The same bytes at two places: an upload knows tiles by their digest, so they go in two batches.
+TEST_F(Outbox, OneDigestOnceInABatch) {
+  std::vector<Candidate> twice{candidate(1), candidate(1)};
+  twice[1].sidecar.key.x += 1;
+  twice[1].sidecar_bytes = candidate_json(twice[1].sidecar);
+  EXPECT_EQ(stage_candidates(*outbox_, twice, 1), 2);
+  EXPECT_EQ(seal().batches, 2);
+}
+
+TEST_F(Outbox, AnswersMoveTilesAndMakeReadablePacks) {
+  stage(4);
+  seal();
+  const OpenBatch batch = *transfer_.next_batch(0);
+  transfer_.announced(batch, answer({0, 1}, {2}, {3}), 5);
+  EXPECT_EQ(tiles_in(TileState::announced), 2);
+  EXPECT_EQ(tiles_in(TileState::sent), 1);
+  EXPECT_EQ(tiles_in(TileState::refused), 1);
+  const OpenPack pack = *transfer_.next_pack(*transfer_.next_batch(0));
+  const Bytes bytes = transfer_.pack_bytes(pack);
+  EXPECT_EQ(bytes.size(), pack.size);
+  EXPECT_EQ(sha256(bytes), pack.sha256);
+  std::vector<Sha256> seen;
+  PackReader reader(
+      bytes.size(), [](const PackEntry&) { return true; },
+      [&](const PackEntry& entry, ByteView) { seen.push_back(entry.sha256); });
+  reader.feed(bytes);
+  reader.finish();
+  EXPECT_EQ(seen, (std::vector<Sha256>{candidate(0).sidecar.sha256, candidate(1).sidecar.sha256}));
+
+  transfer_.pack_begins(pack, 6);
+  EXPECT_EQ(tiles_in(TileState::sending), 2);
+  transfer_.recover(7);
+  EXPECT_EQ(tiles_in(TileState::waiting), 2);
+  EXPECT_TRUE(transfer_.next_pack(batch)->begun);
+  transfer_.pack_begins(pack, 8);
+  EXPECT_EQ(transfer_.pack_sent(pack, 9), 2);
+  EXPECT_EQ(tiles_in(TileState::sent), 3);
+  EXPECT_FALSE(transfer_.next_pack(batch));
+}
+
+TEST_F(Outbox, AnswersAboutOtherTilesChangeNothing) {
+  stage(3);
+  seal();
+  const OpenBatch batch = *transfer_.next_batch(0);
+  AnnouncementReply foreign = answer({0, 1, 2}, {}, {});
+  foreign.missing.push_back(candidate(9).sidecar.sha256);
+  for (const AnnouncementReply& wrong :
+       {answer({0, 1}, {}, {}), answer({0, 1, 2}, {2}, {}), answer({0, 1, 2, 2}, {}, {}), foreign}) {
+    EXPECT_THROW(transfer_.announced(batch, wrong, 5), WrongAnswer);
+    EXPECT_EQ(tiles_in(TileState::sealed), 3);
+    EXPECT_FALSE(transfer_.next_pack(batch));
+  }
+}
+
+TEST_F(Outbox, VerdictsAreFinal) {
+  stage(4);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({}, {0, 1, 2, 3}, {}), 5);
+  const OpenBatch batch = *transfer_.next_batch(0);
+  transfer_.completed(batch);
+  StatusReply status = verdicts(batch, {VerdictReply::Kind::accepted, VerdictReply::Kind::rejected,
+                                        VerdictReply::Kind::pending, VerdictReply::Kind::duplicate});
+  VerdictSum sum = transfer_.verdicts(batch, status, 6);
+  EXPECT_EQ(sum.pending, 1);
+  EXPECT_EQ(tiles_in(TileState::accepted), 1);
+  // A service that changes its mind is not believed; what was pending gets its verdict.
+  status = verdicts(batch, {VerdictReply::Kind::rejected, VerdictReply::Kind::accepted, VerdictReply::Kind::accepted,
+                            VerdictReply::Kind::accepted});
+  sum = transfer_.verdicts(batch, status, 7);
+  EXPECT_EQ(sum.pending, 0);
+  EXPECT_EQ(tiles_in(TileState::accepted), 2);
+  EXPECT_EQ(tiles_in(TileState::rejected), 1);
+  EXPECT_EQ(tiles_in(TileState::duplicate), 1);
+  EXPECT_FALSE(transfer_.next_batch(0)) << "nothing is open";
+  status.tiles.pop_back();
+  EXPECT_NO_THROW(transfer_.verdicts(batch, status, 8)) << "nothing was awaited";
+  status.batch = "another";
+  EXPECT_THROW(transfer_.verdicts(batch, status, 8), WrongAnswer);
+}
+
+TEST_F(Outbox, AForgottenUploadBeginsAgainWithoutThoseThatHaveTheirVerdict) {
+  stage(4);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({0, 1}, {2}, {3}), 5);
+  OpenBatch batch = *transfer_.next_batch(0);
+  transfer_.pack_begins(*transfer_.next_pack(batch), 6);
+  transfer_.forgotten(batch, 7);
+  EXPECT_EQ(tiles_in(TileState::sealed), 3);
+  EXPECT_EQ(tiles_in(TileState::refused), 1);
+  batch = *transfer_.next_batch(0);
+  EXPECT_EQ(batch.stage, BatchStage::sealed);
+  transfer_.announced(batch, answer({1, 2}, {0}, {3}), 8);
+  EXPECT_EQ(tiles_in(TileState::announced), 2);
+  EXPECT_EQ(tiles_in(TileState::sent), 1);
+  EXPECT_FALSE(transfer_.next_pack(batch)->begun);
+}
+
+// It was restored from an older copy, say: tiles that it has judged, and told of, it lacks like all others.
+TEST_F(Outbox, AServiceThatLostWhatItHadJudgedGetsItAgain) {
+  stage(3);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({}, {0, 1, 2}, {}), 5);
+  transfer_.completed(*transfer_.next_batch(0));
+  OpenBatch batch = *transfer_.next_batch(0);
+  using enum VerdictReply::Kind;
+  transfer_.verdicts(batch, verdicts(batch, {accepted, pending, pending}), 6);
+  transfer_.forgotten(batch, 7);
+  transfer_.announced(*transfer_.next_batch(0), answer({0, 1, 2}, {}, {}), 8);
+  batch = *transfer_.next_batch(0);
+  const OpenPack pack = *transfer_.next_pack(batch);
+  const Bytes bytes = transfer_.pack_bytes(pack);
+  EXPECT_EQ(as_text(ByteView(bytes).subspan(8, 4)), std::string_view("\0\0\0\3", 4)) << "all three";
+  transfer_.pack_begins(pack, 9);
+  EXPECT_EQ(tiles_in(TileState::sending), 2);
+  transfer_.pack_waits(pack, 10);
+  transfer_.pack_begins(pack, 11);
+  EXPECT_EQ(transfer_.pack_sent(pack, 12), 2);
+  transfer_.completed(batch);
+  batch = *transfer_.next_batch(0);
+  transfer_.verdicts(batch, verdicts(batch, {pending, accepted, rejected}), 13);
+  EXPECT_EQ(tiles_in(TileState::accepted), 2);
+  EXPECT_EQ(tiles_in(TileState::rejected), 1);
+  EXPECT_FALSE(transfer_.next_batch(0)) << "whatever becomes of the first one now, it has had its verdict";
+}
+
+TEST_F(Outbox, ParkedTilesWaitForTheOperator) {
+  stage(2);
+  seal();
+  EXPECT_EQ(transfer_.park(*transfer_.next_batch(0), "422 no", 5), 2);
+  EXPECT_FALSE(transfer_.next_batch(0));
+  EXPECT_EQ(report_outbox(*outbox_).batches.at(0).trouble, "422 no");
+  EXPECT_EQ(retry_parked(*outbox_, 6), 1);
+  EXPECT_EQ(tiles_in(TileState::sealed), 2);
+  EXPECT_TRUE(transfer_.next_batch(0));
+}
+
+TEST_F(Outbox, WhoWaitsLetsOthersGoFirst) {
+  stage(1);
+  seal();
+  stage(2);
+  seal();
+  const OpenBatch first = *transfer_.next_batch(100);
+  transfer_.delay(first, 3, 5'000, "503 busy");
+  EXPECT_NE(transfer_.next_batch(100)->id, first.id);
+  EXPECT_EQ(transfer_.next_batch(5'000)->id, first.id);
+  EXPECT_EQ(transfer_.next_batch(5'000)->attempts, 3);
+}
+
+TEST_F(Outbox, PicturesStayUntilAfterTheVerdict) {
+  stage(2);
+  seal();
+  EXPECT_EQ(prune_blobs(*outbox_, 1'000'000, false).tiles, 0);
+  transfer_.announced(*transfer_.next_batch(0), answer({}, {0}, {1}), 500);
+  EXPECT_EQ(prune_blobs(*outbox_, 500, false).tiles, 0) << "its retention is not over";
+  EXPECT_EQ(prune_blobs(*outbox_, 501, true).tiles, 1);
+  EXPECT_EQ(prune_blobs(*outbox_, 501, false).tiles, 1);
+  EXPECT_EQ(prune_blobs(*outbox_, 501, false).tiles, 0);
+  EXPECT_EQ(restage(*outbox_, "too_old", 600), 0) << "without its picture it cannot be sent again";
+}
+
+TEST_F(Outbox, TilesAreTriedAgainOnceTheirBatchIsDone) {
+  stage(2);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({}, {0}, {1}), 5);
+  const OpenBatch batch = *transfer_.next_batch(0);
+  EXPECT_EQ(restage(*outbox_, "too_old", 6), 0);
+  // The service speaks of all its tiles, also of the one that it refused.
+  StatusReply status = verdicts(batch, {VerdictReply::Kind::accepted, VerdictReply::Kind::rejected});
+  EXPECT_NO_THROW(transfer_.verdicts(batch, status, 7));
+  EXPECT_EQ(tiles_in(TileState::accepted), 1);
+  EXPECT_EQ(restage(*outbox_, "too_old", 8), 1);
+  EXPECT_EQ(tiles_in(TileState::staged), 1);
+}
+
+TEST_F(Outbox, AFailedTransitionLeavesNothing) {
+  stage(2);
+  seal();
+  EXPECT_THROW(outbox_->transition("test",
+                                   [&] {
+                                     outbox_->move_tiles(1, TileState::sealed, TileState::announced, 1);
+                                     throw Error({.what = "stop"});
+                                   }),
+               Error);
+  EXPECT_EQ(tiles_in(TileState::sealed), 2);
+  EXPECT_THROW(outbox_->transition("test", [&] { outbox_->move_tiles(1, TileState::sealed, TileState::accepted, 1); }),
+               Error)
+      << "no such step";
+  EXPECT_EQ(tiles_in(TileState::sealed), 2);
+}
+
+TEST_F(Outbox, DamagedBytesAreNotSent) {
+  stage(1);
+  seal();
+  transfer_.announced(*transfer_.next_batch(0), answer({0}, {}, {}), 5);
+  const OpenPack pack = *transfer_.next_pack(*transfer_.next_batch(0));
+  outbox_->prepare("DROP TRIGGER blob_changes").run();
+  outbox_->prepare("UPDATE blob SET bytes = x'00'").run();
+  EXPECT_THROW(transfer_.pack_bytes(pack), Error);
+}
+
+TEST_F(Outbox, OneWriterAndManyReaders) {
+  EXPECT_THROW(OutboxDatabase(folder_ / "outbox", OutboxDatabase::Access::write), Error);
+  const OutboxDatabase reader(folder_ / "outbox", OutboxDatabase::Access::read);
+  stage(1);
+  EXPECT_EQ(report_outbox(reader).states.at(TileState::staged).tiles, 1);
+}
+
+TEST(OldOutbox, IsReadAsItIsAndBroughtUpToDateByWhoeverWrites) {
+  const test::TemporaryFolder folder;
+  {
+    const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::make);
+    for (const char* back_to_version_1 : {"DROP TABLE strike", "DELETE FROM step WHERE 'DAMAGED' IN (before, after)",
+                                          "DELETE FROM step WHERE before = 'PARKED' AND after = 'STAGED'",
+                                          "DELETE FROM state WHERE name = 'DAMAGED'", "PRAGMA user_version = 1"}) {
+      outbox.prepare(back_to_version_1).run();
+    }
+  }
+  EXPECT_EQ(report_outbox(OutboxDatabase(folder / "outbox", OutboxDatabase::Access::read)).states.size(),
+            kTileStates.size());
+  const auto version = [&] {
+    const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::write);
+    outbox.prepare("SELECT count(*) FROM strike").step();
+    auto pragma = outbox.prepare("PRAGMA user_version");
+    pragma.step();
+    return pragma.integer(0);
+  };
+  EXPECT_EQ(version(), kOutboxVersion);
+  EXPECT_EQ(version(), kOutboxVersion) << "once";
+  {
+    const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::write);
+    outbox.prepare("PRAGMA user_version = 4").run();
+  }
+  EXPECT_THROW(OutboxDatabase(folder / "outbox", OutboxDatabase::Access::write), UsageError);
+}
+
+}  // namespace
+}  // namespace nadir

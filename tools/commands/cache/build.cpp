@@ -1,0 +1,128 @@
+#include "commands/cache/build.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "package_build/package_builder.hpp"
+#include "cli/nadir_version.hpp"
+
+namespace nadir {
+
+std::string_view CacheBuildCommand::details() const {
+  return "Warps the imagery to map tiles at the mission's zooms, with overviews, masks and a sidecar per tile, writes\n"
+         "the manifest and signs it. What `cache verify` would refuse is refused here: gaps in the area that the "
+         "mission\n"
+         "requires, imagery that is too old or too coarse, a package larger than the budget. The findings are "
+         "printed,\n"
+         "the exit code is 1 and nothing is left behind.\n\n"
+         "Capture time, GSD, provider and CE90 are read from the STAC Item beside each raster (map.tif + map.json).\n"
+         "Where rasters overlap, the one that is named first lies on top, or the newest or finest (--mosaic). With "
+         "--seam "
+         "feather\n"
+         "it fades into the next one over --feather-m metres instead of ending at once.\n\n"
+         "8 bit imagery keeps its values. 16 bit and float imagery needs --stretch: one straight line from MIN, "
+         "black, to\n"
+         "MAX, white, for all bands; the values that were used become part of each tile's source.\n\n"
+         "A mission with terrain: {mode: dem} needs an elevation model (--dem). It is cut out around the mission's "
+         "area and\n"
+         "becomes terrain/dem.tif of the package.\n\n"
+         "--carry-root puts newer roots of trust into the package, so that an aircraft which has the one before them\n"
+         "learns of new and of revoked keys; each must be signed by the one before, which --trust names.\n\n"
+         "The same inputs and the same key give the same bytes, whatever the number of threads. A build that was "
+         "killed, or\n"
+         "that ran out of disk, goes on with --resume and gives these bytes as well.";
+}
+
+std::string_view CacheBuildCommand::examples() const {
+  return "nadir cache build --mission mission.yaml --imagery map.tif --key planner.key.pem --out package\n"
+         "nadir cache build --mission mission.yaml --imagery map.tif --dem dem.tif --key planner.key.pem --out "
+         "package\n"
+         "nadir cache build --mission mission.yaml --imagery new.tif --imagery old.tif --tile-format webp --out "
+         "package\n"
+         "nadir cache build --mission mission.yaml --imagery map.tif --captured 2024-03-01 --gsd 0.3 --ce90 5 "
+         "--provider survey --out package";
+}
+
+void CacheBuildCommand::setup(Options& options) {
+  options.value("--mission", mission_, "MISSION.yaml", "what the map is for").required();
+  options.values("--imagery", imagery_, "FILE", "rasters that GDAL reads, georeferenced; the first lies on top")
+      .required();
+  options.values("--stretch", stretches_, "MIN,MAX",
+                 "values of 16 bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
+                 "or one for each --imagery (none for an 8 bit one)");
+  options.value("--dem", dem_, "FILE", "elevation model, metres, that GDAL reads; for terrain: {mode: dem}");
+  options.value("--format", format_, "FORMAT", "container of the tiles").one_of({"mbtiles", "cog"});
+  options.value("--tile-format", tile_format_, "FORMAT", "how a tile is encoded").one_of({"jpeg", "webp", "png"});
+  options.value("--quality", quality_, "N", "of JPEG and WebP tiles").between(1, 100);
+  imagery_options_.setup(options);
+  options.value("--key", key_, "KEY.pem", "private key that signs; without it the package stays unsigned");
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust that travels with the package");
+  options.value("--trust", trust_, "ROOT.json", "root that aircraft have: those that travel must lead on from it")
+      .needs("--carry-root");
+  options.value("--at", at_, "TIME", "judge dates at this time instead of the mission's `created`");
+  options.value("--out", out_, "PACKAGE", "folder that is made; must not exist").required();
+  options.flag("--resume", resume_, "go on with a build that was killed, with the same inputs and options");
+}
+
+int CacheBuildCommand::run(Context& context) {
+  std::optional<PrivateKey> key;
+  if (key_) key = PrivateKey::read(*key_);
+  PackageRequest request;
+  request.mission = mission_;
+  request.imagery = imagery_;
+  request.overrides = imagery_options_.overrides();
+  for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
+  request.dem = dem_;
+  request.tiles.encoding = {parse_image_format(tile_format_).value_or(ImageFormat::jpeg), quality_};
+  if (format_ == "cog") {
+    request.tiles.container = TileSetKind::cog;
+    // TIFF knows no PNG: the tiles are as lossless as WebP.
+    if (tile_format_ == "png") request.tiles.encoding = {ImageFormat::webp, quality_, true};
+  }
+  request.tiles.threads = imagery_options_.threads();
+  request.tiles.mosaic = imagery_options_.mosaic();
+  request.key = key ? &*key : nullptr;
+  std::optional<TrustRoot> installed;
+  if (trust_) installed = read_trusted_root(*trust_);
+  request.roots = read_root_chain(roots_, {}, installed ? &*installed : nullptr);
+  request.at = at_;
+  request.out = out_;
+  request.program = kVersion;
+  request.resume = resume_;
+  if (!context.quiet) request.tell = [&context](std::string_view remark) { context.err << remark << '\n'; };
+
+  const PackageReport report = build_package(request, context.progress);
+  if (report.findings.refuses()) {
+    if (!context.quiet) context.err << "refused: nothing was written\n";
+    return report_findings(context.out, context.json, report.findings);
+  }
+  if (context.json) {
+    nlohmann::json more = {{"package", out_.string()},        {"tiles", report.tiles},
+                           {"resumed_tiles", report.resumed}, {"bytes", report.bytes},
+                           {"min_zoom", report.zoom.min},     {"max_zoom", report.zoom.max},
+                           {"signed", key.has_value()},       {"merkle_root", report.merkle_root.hex()}};
+    if (report.terrain) more["terrain"] = {{"columns", report.terrain->columns}, {"rows", report.terrain->rows}};
+    return report_findings(context.out, true, report.findings, more);
+  }
+  if (!report.findings.empty()) print_findings(context.out, report.findings);
+  print_figures(
+      context.out,
+      {{"package", out_.string()},
+       {"tiles", fmt::format("{} (zoom {} to {})", report.tiles, report.zoom.min, report.zoom.max)},
+       {"terrain", report.terrain ? fmt::format("{} x {} heights", report.terrain->columns, report.terrain->rows)
+                                  : std::string("flat")},
+       {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)},
+       {"merkle root", report.merkle_root.hex()},
+       {"signed by", key ? key->public_key().id() : "nobody"}});
+  if (!key && !context.quiet) {
+    context.err << "The package is not signed. Sign it before an aircraft shall accept it: nadir cache sign PACKAGE "
+                   "--key KEY.pem\n";
+  }
+  return kAccepted;
+}
+
+}  // namespace nadir

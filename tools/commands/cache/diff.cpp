@@ -1,0 +1,120 @@
+#include "commands/cache/diff.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/printable.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "package/tile_set_diff.hpp"
+#include "commands/cache/tile_set_subject.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+Entries facts_of(const Manifest& manifest) {
+  Entries facts{{"mission", manifest.mission_id},
+                {"series", manifest.series},
+                {"sequence", std::to_string(manifest.sequence)},
+                {"created", to_rfc3339(manifest.created)},
+                {"expires", to_rfc3339(manifest.expires)},
+                {"airframes", fmt::format("{}", fmt::join(manifest.airframes, ", "))}};
+  for (const Artifact& artifact : manifest.artifacts) {
+    facts["file " + artifact.path] = fmt::format("{} bytes, sha256 {}", artifact.size, artifact.sha256.hex());
+  }
+  return facts;
+}
+
+json json_from(const std::vector<EntryChange>& changes) {
+  json list = json::array();
+  for (const EntryChange& change : changes) {
+    list.push_back({{"name", change.name},
+                    {"before", change.before ? json(*change.before) : json()},
+                    {"after", change.after ? json(*change.after) : json()}});
+  }
+  return list;
+}
+
+json json_from(const std::vector<TileChange>& changes) {
+  json list = json::array();
+  for (const TileChange& change : changes) {
+    json item{{"tile", to_text(change.key)}};
+    if (change.before) item["before"] = change.before->hex();
+    if (change.after) item["after"] = change.after->hex();
+    list.push_back(std::move(item));
+  }
+  return list;
+}
+
+void print(std::ostream& out, const char* kind, const std::vector<EntryChange>& changes) {
+  for (const EntryChange& change : changes) {
+    out << printable(fmt::format("~ {} {}: {} -> {}\n", kind, change.name, change.before.value_or("(none)"),
+                                 change.after.value_or("(none)")));
+  }
+}
+
+void print(std::ostream& out, const TileSetDiff& diff) {
+  for (const TileChange& tile : diff.removed) {
+    out << fmt::format("- tile {} {}\n", to_text(tile.key), tile.before->hex());
+  }
+  for (const TileChange& tile : diff.added) {
+    out << fmt::format("+ tile {} {}\n", to_text(tile.key), tile.after->hex());
+  }
+  for (const TileChange& tile : diff.changed) {
+    out << fmt::format("~ tile {} {} -> {}\n", to_text(tile.key), tile.before->hex(), tile.after->hex());
+  }
+  for (const TileKey& key : diff.redescribed) out << fmt::format("~ sidecar {}\n", to_text(key));
+}
+
+}  // namespace
+
+std::string_view CacheDiffCommand::details() const {
+  return "Compares the tiles by address and bytes, what their sidecars say, and the metadata; of two packages also\n"
+         "what the manifests say. Nothing is verified. A line begins with - for what only A has, + for what only B\n"
+         "has, ~ for what is in both but differs. Exit code 0: the same; 1: they differ; 2: could not be compared.";
+}
+
+std::string_view CacheDiffCommand::examples() const {
+  return "nadir cache diff monday tuesday\n"
+         "nadir cache diff package others.mbtiles --json";
+}
+
+void CacheDiffCommand::setup(Options& options) {
+  options.positional("A", before_, "a package, an MBTiles file or a COG").required();
+  options.positional("B", after_, "the one that it is compared with").required();
+}
+
+int CacheDiffCommand::run(Context& context) {
+  const TileSetSubject before = find_tile_set(before_), after = find_tile_set(after_);
+  const TileSetDiff diff = diff_tile_sets(before.tiles, after.tiles, context.progress);
+  std::vector<EntryChange> facts;
+  if (before.manifest && after.manifest) facts = diff_entries(facts_of(*before.manifest), facts_of(*after.manifest));
+  const bool same = diff.empty() && facts.empty();
+  if (context.json) {
+    json redescribed = json::array();
+    for (const TileKey& key : diff.redescribed) redescribed.push_back(to_text(key));
+    print_json(context.out, {{"same", same},
+                             {"manifest", json_from(facts)},
+                             {"metadata", json_from(diff.metadata)},
+                             {"added", json_from(diff.added)},
+                             {"removed", json_from(diff.removed)},
+                             {"changed", json_from(diff.changed)},
+                             {"sidecars", redescribed},
+                             {"unchanged_tiles", diff.same}});
+  } else {
+    print(context.out, "manifest", facts);
+    print(context.out, "metadata", diff.metadata);
+    print(context.out, diff);
+    context.out << fmt::format("{}: {} tiles added, {} removed, {} changed, {} described anew, {} unchanged\n",
+                               same ? "the same" : "they differ", diff.added.size(), diff.removed.size(),
+                               diff.changed.size(), diff.redescribed.size(), diff.same);
+  }
+  return same ? kAccepted : kRefused;
+}
+
+}  // namespace nadir

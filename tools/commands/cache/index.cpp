@@ -1,0 +1,228 @@
+#include "commands/cache/index.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <thread>
+
+#include "base/error.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "geodesy/angles.hpp"
+#include "package_build/package_parts.hpp"
+#include "package/amend_package.hpp"
+#include "package/sign_package.hpp"
+#include "package/tile_container.hpp"
+#include "commands/cache/place_evaluation.hpp"
+#include "vision/place_index_builder.hpp"
+#include "vision/rectify.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kLayerRatio = 1.5;        // between neighbouring sizes of chunks
+constexpr double kNominalFootprint = 1.0;  // of the height, when no camera is named: a lens of some 55 degrees
+constexpr std::string_view kSimulated = "simulated";
+
+const Artifact& imagery_of(const Manifest& manifest) {
+  const Artifact* imagery = manifest.artifact(kRoleImagery);
+  if (imagery != nullptr && imagery->tiles) return *imagery;
+  throw Error({.what = "the package has no imagery to index", .where = std::string(kManifestFile)});
+}
+
+// Addresses of the finest zoom, in order.
+std::vector<TileKey> finest_keys(const std::filesystem::path& imagery, int zoom) {
+  std::vector<TileKey> keys;
+  const std::unique_ptr<TileContainer> container = open_tile_container(imagery);
+  const std::unique_ptr<TileCursor> cursor = container->tiles(false);
+  while (cursor->next()) {
+    if (const auto key = cursor->key(); key && key->z == zoom) keys.push_back(*key);
+  }
+  std::sort(keys.begin(), keys.end());
+  if (keys.empty()) throw Error({.what = "the package has no tiles of its finest zoom", .where = imagery});
+  return keys;
+}
+
+// Sizes from the smallest to the largest, none more than kLayerRatio from its neighbour.
+std::vector<double> layers_between(double least_m, double most_m) {
+  const int steps = static_cast<int>(std::ceil(std::log(most_m / least_m) / std::log(kLayerRatio) - 1e-9));
+  std::vector<double> result{least_m};
+  for (int i = 1; i <= steps; ++i)
+    result.push_back(least_m * std::pow(most_m / least_m, static_cast<double>(i) / steps));
+  return result;
+}
+
+nlohmann::json json_from(const PlaceRecall& recall) {
+  return {{"queries", recall.queries},
+          {"recall_at_1", recall.share(recall.within_1)},
+          {"recall_at_5", recall.share(recall.within_5)},
+          {"recall_at_20", recall.share(recall.within_20)},
+          {"chance_at_5", recall.chance_5},
+          {"query_ms_p50", recall.query_ms_p50},
+          {"query_ms_max", recall.query_ms_max}};
+}
+
+std::string text_from(const PlaceRecall& recall) {
+  return fmt::format(
+      "recall@1 {:.1f} %, @5 {:.1f} % (chance {:.1f} %), @20 {:.1f} %; {:.0f} ms a query, at most {:.0f}",
+      100 * recall.share(recall.within_1), 100 * recall.share(recall.within_5), 100 * recall.chance_5,
+      100 * recall.share(recall.within_20), recall.query_ms_p50, recall.query_ms_max);
+}
+
+}  // namespace
+
+std::string_view CacheIndexCommand::details() const {
+  return "Cuts the map into squares as large as a picture, overlapping by three quarters, and describes each by the "
+         "directions of\n"
+         "its borders. An aircraft that does not know where it is asks the index for the places that look like what\n"
+         "it sees. Their size follows from the camera and the height above ground: the mission's planned height, or\n"
+         "--agl-m, several times where heights vary; or say it with --footprint-m. Water and other bare ground is "
+         "left\n"
+         "out and counted.\n\n"
+         "The package's manifest names the two files of the index, so a signed package has to be signed anew: give\n"
+         "--key. Everything is hashed first; a package that is not what its manifest says is not indexed (exit code\n"
+         "1). The package changes in one step or not at all. Index before the package is handed out: two packages of\n"
+         "one sequence, with and without index, should not both be around.\n\n"
+         "--evaluate changes nothing: it tells how often the right place is among the first 1, 5 and 20, for frames\n"
+         "with a truth (a folder with frames/, telemetry.csv, camera.yaml, truth.csv) or for views that are made of\n"
+         "the map as another day might show it (--evaluate simulated). A hit: the true place lies inside the square.";
+}
+
+std::string_view CacheIndexCommand::examples() const {
+  return "nadir cache index package --camera camera.yaml --key planner.key.pem\n"
+         "nadir cache index package --camera camera.yaml --agl-m 100 --agl-m 250 --key planner.key.pem\n"
+         "nadir cache index package --evaluate simulated\n"
+         "nadir cache index package --evaluate flight --json";
+}
+
+void CacheIndexCommand::setup(Options& options) {
+  options.positional("PACKAGE", package_, "the package's folder").required();
+  options.value("--key", key_, "KEY.pem", "private key of a package signer; needed when the package is signed");
+  options.value("--camera", camera_, "FILE.yaml", "camera whose pictures will be looked up");
+  options.values("--agl-m", agl_m_, "METRES", "height above ground; the mission's when not given").between(1, 20000);
+  options.values("--footprint-m", footprints_m_, "METRES", "side of the squares, instead of camera and height")
+      .between(10, 50000);
+  options.value("--gsd", gsd_m_, "METRES", "resolution of a square; 96 pixels a side when not given")
+      .between(0.01, 500);
+  options.value("--overlap", overlap_percent_, "PERCENT", "of neighbouring squares").between(0, 90);
+  options.value("--threads", threads_, "N", "all processors when not given; the result does not depend on it")
+      .between(1, 256);
+  options.value("--evaluate", evaluate_, "DIR|simulated", "ask the index that is there, and change nothing");
+  options.value("--views", views_, "N", "with --evaluate simulated: how many").between(1, 100000);
+  options.value("--seed", seed_, "N", "with --evaluate: which views and which errors of heading");
+  options.value("--heading-range-deg", heading_range_deg_, "DEG", "with --evaluate: error of a known heading")
+      .between(0, 180);
+}
+
+std::vector<double> CacheIndexCommand::footprints_m(const Mission& mission) const {
+  if (!footprints_m_.empty()) {
+    std::vector<double> sorted = footprints_m_;
+    std::sort(sorted.begin(), sorted.end());
+    sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+    return sorted;
+  }
+  std::vector<double> heights = agl_m_;
+  if (heights.empty()) heights.push_back(mission.route.agl_m);
+  double per_metre = kNominalFootprint;
+  if (camera_) {
+    const CameraModel camera = read_camera_file(*camera_).camera;
+    const double gsd_m = gsd_at(camera, 1);
+    per_metre = place_footprint_m(gsd_m * camera.width, gsd_m * camera.height);
+  }
+  const auto [least, most] = std::minmax_element(heights.begin(), heights.end());
+  return layers_between(*least * per_metre, *most * per_metre);
+}
+
+int CacheIndexCommand::run(Context& context) {
+  const Manifest manifest = read_package_manifest(package_);
+  if (!evaluate_) require_key_when_signed(package_, key_.has_value());
+  const Findings findings = check_before_signing(package_, context.progress);
+  if (findings.refuses()) return report_findings(context.out, context.json, findings);
+  const Mission mission = read_mission(package_ / kMissionFile);
+  return evaluate_ ? evaluate(context, manifest, mission) : make(context, manifest, mission);
+}
+
+int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mission& mission) const {
+  std::optional<PrivateKey> key;
+  if (key_) key = PrivateKey::read(*key_);
+  const Artifact& imagery = imagery_of(manifest);
+  const std::unique_ptr<TileSource> tiles = open_tile_source(package_ / imagery.path);
+  IndexedMap map{tiles.get(), finest_keys(package_ / imagery.path, imagery.tiles->zoom.max), imagery.tiles->merkle_root,
+                 mission.takeoff};
+  const PlaceIndexOptions options{
+      .footprints_m = footprints_m(mission),
+      .gsd_m = gsd_m_,
+      .overlap_percent = overlap_percent_,
+      .threads = threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())))};
+  const PlaceIndex index = build_place_index(map, options, context.progress);
+  const Amendment amendment{{kRolePlaceIndex, kRolePlaceTable},
+                            [&](const std::filesystem::path& folder) { return write_place_index(folder, index); }};
+  const AmendedPackage indexed =
+      amend_package(package_, manifest, mission, amendment, key ? &*key : nullptr, context.progress);
+  if (indexed.findings.refuses()) {
+    if (!context.quiet) context.err << "refused: the package stays as it was\n";
+    return report_findings(context.out, context.json, indexed.findings);
+  }
+  nlohmann::json more{{"package", package_.string()},       {"chunks", index.table().chunks.size()},
+                      {"index_bytes", indexed.added_bytes}, {"variance_kept", index.table().projection.kept},
+                      {"signed", indexed.is_signed},        {"layers", nlohmann::json::array()}};
+  Figures figures{{"package", package_.string()}};
+  for (const PlaceLayer& layer : index.table().layers) {
+    more["layers"].push_back({{"side_m", layer.side_m()},
+                              {"gsd_m", layer.gsd_m()},
+                              {"chunks", layer.count},
+                              {"textureless", layer.textureless},
+                              {"invalid", layer.invalid}});
+    figures.emplace_back(fmt::format("places of {:.0f} m", layer.side_m()),
+                         fmt::format("{} at {:.2f} m per pixel; left out: {} without structure, {} without enough map",
+                                     layer.count, layer.gsd_m(), layer.textureless, layer.invalid));
+  }
+  figures.emplace_back(
+      "index", fmt::format("{:.2f} MB, {:.1f} % of the variance kept", static_cast<double>(indexed.added_bytes) / 1e6,
+                           100 * index.table().projection.kept));
+  figures.emplace_back("signed by", key ? key->public_key().id() : "nobody");
+  if (context.json) return report_findings(context.out, true, indexed.findings, more);
+  print_figures(context.out, figures);
+  if (!camera_ && footprints_m_.empty() && !context.quiet) {
+    context.err << "No --camera was given: a picture is taken to be as wide as the aircraft is high.\n";
+  }
+  return kAccepted;
+}
+
+int CacheIndexCommand::evaluate(Context& context, const Manifest& manifest, const Mission& mission) const {
+  const std::optional<PlaceIndex> index = PlaceIndex::open(package_, manifest);
+  if (!index) {
+    throw UsageError({.what = "this package has no place index",
+                      .where = package_,
+                      .expected = std::string(kPlaceIndexFile),
+                      .found = "none",
+                      .fix = "make one first: nadir cache index PACKAGE"});
+  }
+  const EvaluationOptions options{radians(heading_range_deg_), seed_};
+  const std::unique_ptr<TileSource> tiles = open_tile_source(package_ / imagery_of(manifest).path);
+  const PlaceEvaluation evaluation =
+      *evaluate_ == kSimulated
+          ? evaluate_views(*index, *tiles, static_cast<std::size_t>(views_), options, context.progress)
+          : evaluate_frames(*index, mission, *evaluate_, camera_, options, context.progress);
+  if (context.json) {
+    print_json(context.out, {{"package", package_.string()},
+                             {"against", *evaluate_},
+                             {"chunks", index->table().chunks.size()},
+                             {"heading_range_deg", heading_range_deg_},
+                             {"left_out", evaluation.left_out},
+                             {"heading_known", json_from(evaluation.known)},
+                             {"heading_unknown", json_from(evaluation.unknown)}});
+    return kAccepted;
+  }
+  print_figures(context.out,
+                {{"queries", fmt::format("{}, {} left out", evaluation.known.queries, evaluation.left_out)},
+                 {"chunks", std::to_string(index->table().chunks.size())},
+                 {fmt::format("heading known to ±{:g}°", heading_range_deg_), text_from(evaluation.known)},
+                 {"heading unknown", text_from(evaluation.unknown)}});
+  return kAccepted;
+}
+
+}  // namespace nadir

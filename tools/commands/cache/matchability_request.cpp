@@ -1,0 +1,140 @@
+#include "commands/cache/matchability_request.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "estimation/anchor_gates.hpp"
+#include "package/tile_container.hpp"
+#include "vision/anchor_matcher.hpp"
+#include "vision/camera_model.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kPlainTemplate_px = 130;  // side of a square with the pixels of a frame of 170 x 100
+constexpr std::array<MatchClass, 3> kClasses{MatchClass::good, MatchClass::weak, MatchClass::poor};
+
+MatchabilityLimits flight_limits() {
+  const GateLimits gates;
+  return {.good_ratio = gates.alone_ratio,
+          .weak_ratio = gates.vote_ratio,
+          .min_score = gates.min_score,
+          .min_valid = 0.6};  // as a placement needs in flight (vision/correlation.hpp)
+}
+
+// The square of the frame's area, and the scale at which a flight with this camera searches.
+MatchabilityOptions options_for(const Mission& mission, const MatchabilityRequest& request, double map_gsd_m) {
+  MatchabilityOptions options;
+  options.limits = flight_limits();
+  options.radius_m = request.search_m;
+  if (request.camera) {
+    const CameraModel camera = read_camera_file(*request.camera).camera;
+    const double agl_m = mission.route.agl_m;
+    options.footprint_m = agl_m * std::sqrt(camera.width / camera.fx * (camera.height / camera.fy));
+    options.gsd_m = matching_scale(camera, agl_m, map_gsd_m).coarse_gsd_m;
+  } else {
+    options.footprint_m = mission.route.agl_m;
+  }
+  if (request.footprint_m) options.footprint_m = *request.footprint_m;
+  if (!request.camera || request.footprint_m) {
+    options.gsd_m = std::max(map_gsd_m, options.footprint_m / kPlainTemplate_px);
+  }
+  options.distinct_m = std::max(25.0, 12 * options.gsd_m);  // both as in vision/anchor_matcher.cpp
+  options.radius_m = std::max(options.radius_m, 2.2 * options.distinct_m);
+  return options;
+}
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+std::string percent(double share) { return fmt::format("{:.1f} %", 100 * share); }
+
+std::string metres(double length_m) {
+  return length_m < 10'000 ? fmt::format("{:.0f} m", length_m) : fmt::format("{:.1f} km", length_m / 1000);
+}
+
+std::string describe(const RouteStretch& stretch, const std::optional<double>& cruise_mps) {
+  std::string text = metres(stretch.length_m);
+  if (cruise_mps) text += fmt::format(", {:.0f} s at {:g} m/s", stretch.length_m / *cruise_mps, *cruise_mps);
+  return text + fmt::format(", from {:.6f},{:.6f} to {:.6f},{:.6f}", stretch.from.lon_deg, stretch.from.lat_deg,
+                            stretch.to.lon_deg, stretch.to.lat_deg);
+}
+
+}  // namespace
+
+void MatchabilityRequest::declare(Options& options) {
+  options.value("--camera", camera, "FILE.yaml",
+                "the camera that flies; with the mission's height it gives the footprint");
+  options
+      .value("--footprint-m", footprint_m, "M",
+             "side of the square that a frame sees; without, and without a camera, the height")
+      .between(20, 5000);
+  options.value("--search-m", search_m, "M", "how far the flight searches to each side").between(60, 1200);
+  options.value("--step-m", step_m, "M", "between two places").between(5, 5000);
+  options.value("--cruise-mps", cruise_mps, "V", "speed, to tell stretches in seconds as well").between(1, 300);
+  options.value("--threads", threads, "N", "threads; all processors when not given").between(1, 256);
+}
+
+MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
+                                     const MatchabilityRequest& request, Progress& progress) {
+  const std::unique_ptr<TileSource> source = open_tile_source(tiles);
+  const LocalFrame frame = mission_frame(mission);
+  const double map_gsd_m = ground_resolution_m(source->zooms().max, mission.takeoff.lat_deg);
+  MatchabilityResult result;
+  result.options = options_for(mission, request, map_gsd_m);
+  result.step_m = request.step_m;
+  result.cruise_mps = request.cruise_mps;
+  const int threads = request.threads.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
+  result.map = survey_matchability(*source, required_region(mission, frame), frame, mission.zoom.max, request.step_m,
+                                   result.options, threads, progress);
+  result.summary = summarise(result.map, mission.route.points, frame);
+  return result;
+}
+
+Figures figures_of(const MatchabilityResult& result) {
+  const MatchabilitySummary& summary = result.summary;
+  Figures figures{{"places", fmt::format("{}, {:g} m apart, each a frame of {:.0f} m", summary.places(), result.step_m,
+                                         result.options.footprint_m)}};
+  for (const MatchClass cls : kClasses) {
+    figures.emplace_back(name_of(cls), fmt::format("{} of the places, {} of the route", percent(summary.share(cls)),
+                                                   percent(summary.route_share(cls))));
+  }
+  figures.emplace_back("longest without a good place", summary.without_good.empty()
+                                                           ? std::string("none: all of the route is good")
+                                                           : describe(summary.without_good.front(), result.cruise_mps));
+  return figures;
+}
+
+json json_of(const MatchabilityResult& result) {
+  const MatchabilitySummary& summary = result.summary;
+  json document{{"places", summary.places()},
+                {"step_m", result.step_m},
+                {"footprint_m", rounded(result.options.footprint_m, 10)},
+                {"search_m", rounded(result.options.radius_m, 10)},
+                {"gsd_m", rounded(result.options.gsd_m, 1000)},
+                {"good_ratio", result.options.limits.good_ratio},
+                {"weak_ratio", result.options.limits.weak_ratio},
+                {"min_score", result.options.limits.min_score},
+                {"route_m", rounded(summary.route_length_m(), 10)}};
+  for (const MatchClass cls : kClasses) {
+    document["share"][name_of(cls)] = rounded(summary.share(cls), 1e4);
+    document["route_share"][name_of(cls)] = rounded(summary.route_share(cls), 1e4);
+  }
+  json& stretches = document["without_good"] = json::array();
+  for (const RouteStretch& stretch : summary.without_good) {
+    json item{{"length_m", rounded(stretch.length_m, 10)},
+              {"begin_m", rounded(stretch.begin_m, 10)},
+              {"from", {rounded(stretch.from.lon_deg, 1e7), rounded(stretch.from.lat_deg, 1e7)}},
+              {"to", {rounded(stretch.to.lon_deg, 1e7), rounded(stretch.to.lat_deg, 1e7)}}};
+    if (result.cruise_mps) item["seconds"] = rounded(stretch.length_m / *result.cruise_mps, 10);
+    stretches.push_back(std::move(item));
+  }
+  return document;
+}
+
+}  // namespace nadir

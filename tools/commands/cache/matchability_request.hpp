@@ -1,0 +1,43 @@
+// How a matchability map is asked for on the command line, and made for a tile set (ground/matchability_survey.hpp).
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+
+#include "base/progress.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "package_build/matchability_summary.hpp"
+#include "package/mission.hpp"
+
+namespace nadir {
+
+struct MatchabilityRequest {
+  std::optional<std::filesystem::path> camera;
+  std::optional<double> footprint_m;
+  double search_m = 100;
+  double step_m = 100;
+  std::optional<double> cruise_mps;
+  std::optional<int> threads;
+
+  void declare(Options& options);
+};
+
+// A map with what is said about it.
+struct MatchabilityResult {
+  MatchabilityMap map;
+  MatchabilitySummary summary;
+  MatchabilityOptions options;
+  double step_m = 0;
+  std::optional<double> cruise_mps;
+};
+
+// The limits are the flight's gates (estimation/anchor_gates.hpp).
+MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
+                                     const MatchabilityRequest& request, Progress& progress);
+
+Figures figures_of(const MatchabilityResult& result);
+nlohmann::json json_of(const MatchabilityResult& result);
+
+}  // namespace nadir

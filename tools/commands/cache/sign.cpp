@@ -1,0 +1,70 @@
+#include "commands/cache/sign.hpp"
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "package/root_folder.hpp"
+#include "package/sign_package.hpp"
+#include "commands/private_keys.hpp"
+
+namespace nadir {
+
+std::string_view CacheSignCommand::details() const {
+  return "Every file is hashed first: a package that is not what its manifest says is not signed (exit code 1).\n"
+         "Signatures by other keys stay, which is how a threshold of two or more is met; --only drops them. The\n"
+         "manifest does not change.\n\n"
+         "--carry-root puts a newer root of trust into the package, so that an aircraft which has the one before it\n"
+         "learns of new and of revoked keys.";
+}
+
+std::string_view CacheSignCommand::examples() const {
+  return "nadir cache sign package --key planner.key.pem\n"
+         "nadir cache sign package --key planner2.key.pem --carry-root 2.root.json";
+}
+
+void CacheSignCommand::setup(Options& options) {
+  options.positional("PACKAGE", package_, "the package's folder").required();
+  options.values("--key", keys_, "KEY.pem", "private key of a package signer; may be given several times").required();
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust that travels with the package");
+  options.flag("--only", only_, "drop the signatures that are there");
+}
+
+int CacheSignCommand::run(Context& context) {
+  if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(package_ / kManifestFile))) {
+    throw UsageError({.what = "this is no mission package",
+                      .where = package_,
+                      .expected = "a folder with manifest.json",
+                      .found = "none",
+                      .fix = "give the folder that `nadir cache build --out` made"});
+  }
+  const std::vector<PrivateKey> keys = read_private_keys(keys_);
+  const Findings findings = check_before_signing(package_, context.progress);
+  if (findings.refuses()) return report_findings(context.out, context.json, findings);
+
+  carry_roots(package_, read_root_chain(roots_, carried_roots(package_)));
+  std::size_t signatures = 0;
+  bool only = only_;
+  for (const PrivateKey& key : keys) {
+    if (only) {
+      sign_package(package_, key);
+      signatures = 1;
+      only = false;
+    } else {
+      signatures = add_package_signature(package_, key);
+    }
+  }
+  nlohmann::json more{{"package", package_.string()}, {"signatures", signatures}, {"keyids", nlohmann::json::array()}};
+  Figures figures{{"package", package_.string()}, {"signatures", std::to_string(signatures)}};
+  for (const PrivateKey& key : keys) {
+    more["keyids"].push_back(key.public_key().id());
+    figures.emplace_back("signed by", key.public_key().id());
+  }
+  if (context.json) return report_findings(context.out, true, findings, more);
+  print_figures(context.out, figures);
+  return kAccepted;
+}
+
+}  // namespace nadir

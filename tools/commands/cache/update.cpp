@@ -1,0 +1,110 @@
+#include "commands/cache/update.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "package_build/package_updater.hpp"
+
+namespace nadir {
+
+std::string_view CacheUpdateCommand::details() const {
+  return "The old package is verified with --trust; whether it may still fly does not matter. Tiles in which no new\n"
+         "imagery shows are copied byte for byte, each compared with the digest that was signed, and keep their date\n"
+         "and source. Tiles in which some shows are decoded, laid under or over it (--mosaic) and encoded once; so "
+         "are\n"
+         "the overviews above them. Tiles that the mission no longer requires are dropped. The mission has the same\n"
+         "series and zooms and a higher sequence.\n\n"
+         "The result is judged as a build's is: gaps, age, resolution, budget. The findings are printed, the exit\n"
+         "code is 1 and nothing is left behind. The same inputs and the same key give the same bytes.\n\n"
+         "The terrain is that of the old package unless --dem gives another, and newer roots of trust that it carries\n"
+         "travel on. A place index belongs to the old tiles: --index makes it anew, with squares of the same sizes.\n"
+         "The container is that of the old package unless --format gives the other one; tiles are copied either way.";
+}
+
+std::string_view CacheUpdateCommand::examples() const {
+  return "nadir cache update package --trust root.json --mission next.yaml --imagery spring.tif --key planner.key.pem "
+         "--out package2\n"
+         "nadir cache update package --trust root.json --mission shorter.yaml --key planner.key.pem --out package2";
+}
+
+void CacheUpdateCommand::setup(Options& options) {
+  options.positional("OLD", old_, "the package that is updated").required();
+  options.value("--trust", trust_, "ROOT.json", "the trust root that the old package is verified with").required();
+  options.value("--mission", mission_, "MISSION.yaml", "what the new map is for").required();
+  options.values("--imagery", imagery_, "FILE", "newer rasters that GDAL reads; none when only the mission changes");
+  options.values("--stretch", stretches_, "MIN,MAX",
+                 "values of 16 bit or float imagery that become black and white, as for `cache build`");
+  options.value("--dem", dem_, "FILE", "elevation model instead of the old package's terrain");
+  options.value("--quality", quality_, "N", "of JPEG and WebP tiles that are made anew").between(1, 100);
+  options.value("--format", format_, "FORMAT", "container of the tiles, instead of the old package's")
+      .one_of({"mbtiles", "cog"});
+  options.flag("--index", index_, "make the old package's place index anew, for the new tiles");
+  options_.setup(options);
+  options.value("--key", key_, "KEY.pem", "private key that signs; without it the package stays unsigned");
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust that travels with the package");
+  options.value("--at", at_, "TIME", "judge dates at this time instead of the mission's `created`");
+  options.value("--out", out_, "NEW", "folder that is made; must not exist").required();
+}
+
+int CacheUpdateCommand::run(Context& context) {
+  const TrustRoot trust = read_trusted_root(trust_);
+  std::optional<PrivateKey> key;
+  if (key_) key = PrivateKey::read(*key_);
+  UpdateRequest request;
+  request.old_package = old_;
+  request.trust = &trust;
+  request.mission = mission_;
+  request.imagery = imagery_;
+  request.overrides = options_.overrides();
+  for (const std::string& text : stretches_) request.stretches.push_back(parse_stretch(text));
+  request.dem = dem_;
+  request.tiles.encoding.quality = quality_;
+  request.tiles.mosaic = options_.mosaic();
+  request.tiles.threads = options_.threads();
+  if (format_) request.container = *format_ == "cog" ? TileSetKind::cog : TileSetKind::mbtiles;
+  request.index = index_;
+  request.key = key ? &*key : nullptr;
+  request.roots = roots_;
+  request.at = at_;
+  request.out = out_;
+  if (!context.quiet) request.tell = [&context](std::string_view remark) { context.err << remark << '\n'; };
+
+  const auto [report, counts, old_sequence, sequence] = update_package(request, context.progress);
+  if (report.findings.refuses()) {
+    if (!context.quiet) context.err << "refused: nothing was written\n";
+    return report_findings(context.out, context.json, report.findings);
+  }
+  if (context.json) {
+    return report_findings(context.out, true, report.findings,
+                           {{"package", out_.string()},
+                            {"from_sequence", old_sequence},
+                            {"sequence", sequence},
+                            {"tiles", report.tiles},
+                            {"copied", counts.copied},
+                            {"reencoded", counts.reencoded},
+                            {"added", counts.added},
+                            {"dropped", counts.dropped},
+                            {"bytes", report.bytes},
+                            {"signed", key.has_value()},
+                            {"merkle_root", report.merkle_root.hex()}});
+  }
+  if (!report.findings.empty()) print_findings(context.out, report.findings);
+  print_figures(context.out,
+                {{"package", out_.string()},
+                 {"sequence", fmt::format("{} -> {}", old_sequence, sequence)},
+                 {"tiles", fmt::format("{} (zoom {} to {})", report.tiles, report.zoom.min, report.zoom.max)},
+                 {"copied", std::to_string(counts.copied)},
+                 {"encoded anew", std::to_string(counts.reencoded)},
+                 {"added", std::to_string(counts.added)},
+                 {"dropped", std::to_string(counts.dropped)},
+                 {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)},
+                 {"merkle root", report.merkle_root.hex()},
+                 {"signed by", key ? key->public_key().id() : "nobody"}});
+  return kAccepted;
+}
+
+}  // namespace nadir

@@ -1,0 +1,105 @@
+#include "commands/cache/verify.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "commands/cache/report/cache_report.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "commands/cache/tile_set_subject.hpp"
+#include "vision/place_index_check.hpp"
+
+namespace nadir {
+
+std::string_view CacheVerifyCommand::details() const {
+  return "The signature is checked before anything else is read; after that everything that is wrong is reported.\n"
+         "quick: signature, sizes, the Merkle root over the stored digests, and the mission's demands. full: every\n"
+         "byte is hashed as well. With --state the package must not be older than what was accepted before, and an\n"
+         "accepted one is remembered; --permit allows a step back that the signers have signed. Newer roots of trust\n"
+         "that the package carries are followed when the older ones have signed them.\n\n"
+         "--report writes the findings as text, JSON, CSV and Markdown, and report.html: a page with a map of "
+         "coverage\n"
+         "and freshness that needs no network. Exit code 0: accepted; 1: refused; 2: could not be checked.";
+}
+
+std::string_view CacheVerifyCommand::examples() const {
+  return "nadir cache verify package --trust root.json\n"
+         "nadir cache verify package --trust root.json --depth full --airframe mini-07 --state state.json\n"
+         "nadir cache verify package --trust root.json --report report && xdg-open report/report.html";
+}
+
+void CacheVerifyCommand::setup(Options& options) {
+  options.positional("PACKAGE", package_, "the package's folder").required();
+  request_.setup(options);
+  options.value("--depth", depth_, "DEPTH", "quick or full").one_of({"quick", "full"});
+  options.value("--report", report_folder_, "DIR", "write the findings and a page with a map into this folder as well");
+  options.flag("--matchability", matchability_, "with --report: show where frames will find their place")
+      .needs("--report");
+  options.value("--camera", matchability_request_.camera, "FILE.yaml", "with --matchability: the camera that flies")
+      .needs("--matchability");
+  options
+      .value("--cruise-mps", matchability_request_.cruise_mps, "V",
+             "with --matchability: speed, to tell stretches in seconds")
+      .between(1, 300)
+      .needs("--matchability");
+}
+
+int CacheVerifyCommand::run(Context& context) {
+  VerifyOptions options = request_.open(context.clock);
+  options.depth = depth_ == "full" ? VerifyDepth::full : VerifyDepth::quick;
+  Verification verification = verify_package(package_, options, context.progress);
+  verify_place_index(package_, options.depth, context.progress, verification);
+  verification.findings.add(request_.findings());
+  if (verification.accepted()) {
+    request_.remember(*verification.manifest, verification.root_version, verification.newer_roots);
+  }
+  return report(context, verification, options.at);
+}
+
+int CacheVerifyCommand::report(Context& context, const Verification& verification, UtcTime at) const {
+  nlohmann::json more{{"package", package_.string()},
+                      {"depth", depth_},
+                      {"signers", verification.signers},
+                      {"root_version", verification.root_version}};
+  Figures figures{{"package", package_.string()}};
+  if (verification.manifest) {
+    const Manifest& manifest = *verification.manifest;
+    more["mission"] = manifest.mission_id;
+    more["series"] = manifest.series;
+    more["sequence"] = manifest.sequence;
+    more["expires"] = to_rfc3339(manifest.expires);
+    more["tiles"] = verification.tiles.size();
+    more["bytes"] = verification.bytes;
+    figures.emplace_back(
+        "mission", fmt::format("{} (series {}, sequence {})", manifest.mission_id, manifest.series, manifest.sequence));
+    figures.emplace_back("expires", to_rfc3339(manifest.expires));
+    figures.emplace_back("imagery", fmt::format("{} tiles, {:.1f} MB in all", verification.tiles.size(),
+                                                static_cast<double>(verification.bytes) / 1e6));
+    figures.emplace_back("trust root", fmt::format("version {}", verification.root_version));
+    for (const std::string& signer : verification.signers) figures.emplace_back("signed by", signer);
+  }
+  // The tiles of a refused package are not worth the minutes, or not to be read at all.
+  std::optional<MatchabilityResult> matchability;
+  if (matchability_ && verification.accepted() && verification.mission) {
+    const auto [tiles, manifest, mission] = find_tile_set(package_);
+    matchability = make_matchability(tiles, *verification.mission, matchability_request_, context.progress);
+    for (const auto& figure : figures_of(*matchability)) figures.push_back(figure);
+    more["matchability"] = json_of(*matchability);
+  }
+  if (report_folder_) {
+    write_cache_report(*report_folder_, {.title = "Package " + package_.lexically_normal().string(),
+                                         .subtitle = fmt::format("Verified ({}) as of {}", depth_, to_rfc3339(at)),
+                                         .at = at,
+                                         .findings = verification.findings,
+                                         .figures = figures,
+                                         .mission = verification.mission,
+                                         .tiles = verification.tiles,
+                                         .matchability = std::move(matchability)});
+  }
+  if (!context.json) print_figures(context.out, figures);
+  return report_findings(context.out, context.json, verification.findings, more);
+}
+
+}  // namespace nadir

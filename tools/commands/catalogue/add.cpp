@@ -1,0 +1,95 @@
+#include "commands/catalogue/add.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "catalogue/catalogue_reading.hpp"
+#include "trust/root.hpp"
+
+namespace nadir {
+namespace {
+
+const char* word_for(Catalogue::Added added) {
+  switch (added) {
+    case Catalogue::Added::added: return "added";
+    case Catalogue::Added::known: return "known";
+    case Catalogue::Added::conflict: break;
+  }
+  return "conflict";
+}
+
+}  // namespace
+
+std::string_view CatalogueAddCommand::details() const {
+  return "Writes what the package was made from and for as layers that QGIS and GDAL open: packages, sources with\n"
+         "their footprints, sectors, routes, corridors, required tiles, tiles, gaps. The catalogue is a SpatiaLite\n"
+         "file, made when it is missing, or a PostgreSQL database with PostGIS, named as \"PG:dbname=… host=…\"\n"
+         "(libpq's words; keep the password in ~/.pgpass). A package goes in whole or not at all; one that is there\n"
+         "already changes nothing; another sequence of its series stands beside it.\n\n"
+         "With --trust the package is verified first (depth quick), and its signers are noted. Without, its parts "
+         "must\n"
+         "fit each other, and it is noted as not verified. Exit code 0: it is in the catalogue; 1: refused, or "
+         "another\n"
+         "package has its series and sequence; 2: could not be done.";
+}
+
+std::string_view CatalogueAddCommand::examples() const {
+  return "nadir catalogue add package --to fleet.sqlite --trust root.json\n"
+         "nadir catalogue add package --to \"PG:dbname=fleet host=db.example.org user=planner\" --trust root.json";
+}
+
+void CatalogueAddCommand::setup(Options& options) {
+  options.positional("PACKAGE", package_, "the package's folder").required();
+  options.value("--to", catalogue_, "CATALOGUE", "a SpatiaLite file or \"PG:…\"").required();
+  options.value("--trust", trust_, "ROOT.json", "verify the package with this trust root first");
+  options.value("--at", at_, "TIME", "verify as if it were this time").needs("--trust");
+}
+
+int CatalogueAddCommand::run(Context& context) {
+  const CatalogueLocation location = parse_catalogue_location(catalogue_);
+  std::optional<TrustRoot> root;
+  VerifyOptions options;
+  if (trust_) {
+    root = read_trusted_root(*trust_);
+    options.root = &*root;
+    options.at = judging_time(at_, context.clock);
+  }
+  CatalogueReading reading = read_catalogue_entry(package_, trust_ ? &options : nullptr, context.progress);
+  if (!reading.entry) return report_findings(context.out, context.json, reading.findings);
+  const CatalogueEntry& entry = *reading.entry;
+  Catalogue catalogue(location, Catalogue::Access::write);
+  const Catalogue::Added added = catalogue.add(entry, context.progress);
+  const std::string name = fmt::format("{} {}", entry.manifest.series, entry.manifest.sequence);
+  if (added == Catalogue::Added::conflict) {
+    reading.findings.add({.code = "catalogue.conflict",
+                          .where = location.shown,
+                          .expected = fmt::format("one package named {}", name),
+                          .found = "another one of this series and sequence, with other bytes",
+                          .fix =
+                              "a change needs a higher sequence; if this one shall replace the other: nadir catalogue "
+                              "remove"});
+  }
+  if (context.json) {
+    return report_findings(context.out, true, reading.findings,
+                           {{"catalogue", location.shown},
+                            {"result", word_for(added)},
+                            {"series", entry.manifest.series},
+                            {"sequence", entry.manifest.sequence},
+                            {"tiles", entry.tiles.size()},
+                            {"verified", entry.signers.has_value()}});
+  }
+  if (!reading.findings.empty()) print_findings(context.out, reading.findings);
+  if (added == Catalogue::Added::added) {
+    context.out << fmt::format("added {}: {} tiles{}\n", name, entry.tiles.size(),
+                               entry.signers ? "" : ", not verified (no --trust)");
+  } else if (added == Catalogue::Added::known) {
+    context.out << fmt::format("{} is there already; nothing has changed\n", name);
+  }
+  return reading.findings.refuses() ? kRefused : kAccepted;
+}
+
+}  // namespace nadir

@@ -1,0 +1,111 @@
+#include "commands/catalogue/gaps.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/files.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "catalogue/catalogue.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+json geometry_json(const GeoArea& area) {
+  json polygons = json::array();
+  for (const GeoPolygon& polygon : area) {
+    json rings = json::array();
+    for (const GeoRing& ring : polygon) {
+      json points = json::array();
+      for (const LonLat& place : ring) points.push_back({rounded(place.lon_deg, 1e8), rounded(place.lat_deg, 1e8)});
+      rings.push_back(std::move(points));
+    }
+    polygons.push_back(std::move(rings));
+  }
+  return {{"type", "MultiPolygon"}, {"coordinates", std::move(polygons)}};
+}
+
+json document_from(const std::vector<CatalogueGap>& gaps) {
+  json features = json::array();
+  for (const CatalogueGap& gap : gaps) {
+    features.push_back({{"type", "Feature"},
+                        {"geometry", geometry_json(gap.outline)},
+                        {"properties",
+                         {{"tile", to_text(gap.key)},
+                          {"zoom", gap.key.z},
+                          {"reason", gap.reason},
+                          {"area_m2", rounded(gap.area_m2, 10)},
+                          {"sector", gap.sector.empty() ? json() : json(gap.sector)}}}});
+  }
+  return {{"type", "FeatureCollection"}, {"features", std::move(features)}};
+}
+
+std::string summary_of(const std::vector<CatalogueGap>& gaps) {
+  std::map<std::string, std::pair<std::size_t, double>> reasons;
+  for (const CatalogueGap& gap : gaps) {
+    auto& [tiles, area_m2] = reasons[gap.reason];
+    ++tiles, area_m2 += gap.area_m2;
+  }
+  std::string text;
+  for (const auto& [reason, total] : reasons) {
+    text += fmt::format("{}: {} tiles, {:.0f} m²\n", reason, total.first, total.second);
+  }
+  return text.empty() ? "no gaps\n" : text;
+}
+
+}  // namespace
+
+std::string_view CatalogueGapsCommand::details() const {
+  return "Holds a mission's sectors and corridor against the footprints of all sources in the catalogue, whatever\n"
+         "package they came with: at the mission's finest zoom, pixel by pixel, by its freshness days at --at and its\n"
+         "min_resolution_m. One feature per tile; the reason is \"no imagery\", \"coarse imagery\", or \"stale "
+         "imagery\"\n"
+         "where there is some that is fine enough. Expired packages count: their imagery can be built into a new one.\n"
+         "Without --out the GeoJSON goes to standard output. --store puts the gaps into the catalogue's layer `gaps` "
+         "as\n"
+         "well, in place of those of this mission before. Exit code 0: no gaps; 1: there are some; 2: could not be\n"
+         "judged.";
+}
+
+std::string_view CatalogueGapsCommand::examples() const {
+  return "nadir catalogue gaps fleet.sqlite --mission next.yaml --out order.geojson\n"
+         "nadir catalogue gaps \"PG:dbname=fleet\" --mission next.yaml --at 2026-12-01 --store";
+}
+
+void CatalogueGapsCommand::setup(Options& options) {
+  options.positional("CATALOGUE", catalogue_, "a SpatiaLite file or \"PG:…\"").required();
+  options.value("--mission", mission_, "MISSION.yaml", "the mission that is planned").required();
+  options.value("--out", out_, "FILE.geojson", "where the outlines go; standard output when not given");
+  options.flag("--store", store_, "put the gaps into the catalogue's layer as well");
+  options.value("--at", at_, "TIME", "judge freshness as if it were this time");
+}
+
+int CatalogueGapsCommand::run(Context& context) {
+  const UtcTime at = judging_time(at_, context.clock);
+  const Mission mission = read_mission(mission_);
+  const CatalogueLocation location = parse_catalogue_location(catalogue_);
+  std::vector<CatalogueSource> sources;
+  {
+    Catalogue catalogue(location, Catalogue::Access::read);
+    sources = catalogue.sources();
+  }
+  const std::vector<CatalogueGap> gaps = gaps_of_imagery(mission, sources, at);
+  if (store_) Catalogue(location, Catalogue::Access::write).store_gaps(mission.id, at, gaps);
+  if (out_) {
+    write_file_atomic(*out_, document_from(gaps).dump(1) + "\n");
+    context.out << summary_of(gaps);
+  } else {
+    print_json(context.out, document_from(gaps));
+  }
+  return gaps.empty() ? kAccepted : kRefused;
+}
+
+}  // namespace nadir

@@ -1,0 +1,40 @@
+#include "commands/keys/create.hpp"
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "trust/keys.hpp"
+
+namespace nadir {
+
+std::string_view KeysCreateCommand::details() const {
+  return "Writes NAME.key.pem (private, PKCS#8, mode 0600: keep it offline) and NAME.pub.pem (public). Nothing is\n"
+         "overwritten. Keys that `openssl genpkey -algorithm ed25519` makes work as well.";
+}
+
+std::string_view KeysCreateCommand::examples() const {
+  return "nadir keys create --out planner\n"
+         "nadir keys create --out root";
+}
+
+void KeysCreateCommand::setup(Options& options) {
+  options.value("--out", out_, "NAME", "the files' name, without .key.pem and .pub.pem").required();
+}
+
+int KeysCreateCommand::run(Context& context) {
+  const KeyFiles files = create_key_files(out_);
+  const std::string id = PublicKey::read(files.public_key).id();
+  if (context.json) {
+    print_json(context.out,
+               {{"private_key", files.private_key.string()}, {"public_key", files.public_key.string()}, {"keyid", id}});
+  } else {
+    print_figures(
+        context.out,
+        {{"private key", files.private_key.string()}, {"public key", files.public_key.string()}, {"key id", id}});
+  }
+  return kAccepted;
+}
+
+}  // namespace nadir

@@ -1,0 +1,76 @@
+#include "commands/keys/permit_rollback.hpp"
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "commands/private_keys.hpp"
+#include "trust/rollback_permit.hpp"
+
+namespace nadir {
+
+std::string_view KeysPermitRollbackCommand::details() const {
+  return "For the case that a package proves bad after aircraft have accepted it. The permit holds for one series, "
+         "from\n"
+         "exactly the one sequence to exactly the other, until its date, and with --airframe for that one alone. It "
+         "is\n"
+         "signed by package signers, as many as the root demands; others add theirs with `nadir keys sign`. It is "
+         "used\n"
+         "with `nadir cache verify --permit`. What the aircraft remembers does not go down.";
+}
+
+std::string_view KeysPermitRollbackCommand::examples() const {
+  return "nadir keys permit-rollback --key planner.key.pem --series valley --from 8 --to 7 --expires 2030-01-01 --out "
+         "permit.json";
+}
+
+void KeysPermitRollbackCommand::setup(Options& options) {
+  options.values("--key", keys_, "KEY.pem", "private key of a package signer; may be given several times").required();
+  options.value("--series", series_, "SERIES", "series of the packages").required();
+  options.value("--from", from_, "N", "highest sequence that the aircraft has accepted").required();
+  options.value("--to", to_, "N", "older sequence that it may accept again").required();
+  options.value("--airframe", airframe_, "ID", "for this airframe alone");
+  options.value("--expires", expires_, "DATE", "until when the permit holds").required();
+  options.value("--out", out_, "PERMIT.json", "file that is written").required();
+}
+
+int KeysPermitRollbackCommand::run(Context& context) {
+  if (std::filesystem::exists(std::filesystem::symlink_status(out_))) {
+    throw UsageError({.what = "the output exists already", .where = out_, .fix = "choose another --out"});
+  }
+  if (expires_ <= context.clock.now()) {
+    throw UsageError({.what = "--expires lies in the past",
+                      .expected = "a time after " + to_rfc3339(context.clock.now()),
+                      .found = to_rfc3339(expires_)});
+  }
+  if (to_ >= from_ || to_ < 0) {
+    throw UsageError({.what = "--to is not older than --from",
+                      .expected = "a sequence from 0 to " + std::to_string(from_ - 1),
+                      .found = std::to_string(to_)});
+  }
+  const std::vector<PrivateKey> keys = read_private_keys(keys_);
+  const SignedPermit permit = sign_permit({series_, from_, to_, airframe_, expires_}, pointers_to(keys));
+  write_file_atomic(out_, permit.document.json());
+  if (context.json) {
+    print_json(context.out, {{"permit", out_.string()},
+                             {"series", series_},
+                             {"from", from_},
+                             {"to", to_},
+                             {"expires", to_rfc3339(expires_)},
+                             {"signatures", permit.document.signatures.size()}});
+  } else {
+    print_figures(context.out, {{"permit", out_.string()},
+                                {"series", series_},
+                                {"from sequence", std::to_string(from_)},
+                                {"to sequence", std::to_string(to_)},
+                                {"airframe", airframe_.value_or("every one")},
+                                {"expires", to_rfc3339(expires_)},
+                                {"signatures", std::to_string(permit.document.signatures.size())}});
+  }
+  return kAccepted;
+}
+
+}  // namespace nadir

@@ -1,0 +1,114 @@
+#include "commands/keys/revoke.hpp"
+
+#include <fmt/format.h>
+
+#include "base/error.hpp"
+#include "base/sha256.hpp"
+#include "cli/options.hpp"
+#include "commands/keys/new_root.hpp"
+
+namespace nadir {
+namespace {
+
+std::string key_id(const std::string& id_or_file) {
+  return Sha256::from_hex(id_or_file) ? id_or_file : PublicKey::read(id_or_file).id();
+}
+
+void require_threshold(const Role& role, const std::string& name, const char* fix) {
+  if (role.threshold <= role.key_ids.size()) return;
+  throw UsageError({.what = fmt::format("without this key too few are left of role {}", name),
+                    .expected = fmt::format("at least {} keys", role.threshold),
+                    .found = std::to_string(role.key_ids.size()),
+                    .fix = fix});
+}
+
+// Takes the key out of every role. An airframe that had no other key has no tile signer any more.
+void revoke(TrustRoot& root, const std::string& id) {
+  if (root.revoked.contains(id)) throw UsageError({.what = "this key is revoked already", .found = "key " + id});
+  if (root.keys.erase(id) == 0) {
+    throw UsageError({.what = "the root does not know this key",
+                      .expected = "a key that the root gives a role",
+                      .found = "key " + id,
+                      .fix = "check --revoke and --previous"});
+  }
+  root.revoked.insert(id);
+  root.root.key_ids.erase(id);
+  root.package_signer.key_ids.erase(id);
+  if (root.airframe_signer) root.airframe_signer->key_ids.erase(id);
+  for (auto signer = root.tile_signers.begin(); signer != root.tile_signers.end();) {
+    signer->second.key_ids.erase(id);
+    signer = signer->second.key_ids.empty() ? root.tile_signers.erase(signer) : std::next(signer);
+  }
+}
+
+}  // namespace
+
+std::string_view KeysRevokeCommand::details() const {
+  return "Everything else stays as the previous root has it. The new root has to be signed by enough root keys of "
+         "both\n"
+         "(--root-key), and a revoked key that is the last of its role needs one in its place (--new-root-key,\n"
+         "--new-package-signer, --new-airframe-signer). Aircraft learn of it with their next package: nadir cache sign "
+         "--carry-root.";
+}
+
+std::string_view KeysRevokeCommand::examples() const {
+  return "nadir keys revoke --previous root.json --revoke lost.pub.pem --new-package-signer planner2.pub.pem "
+         "--root-key root.key.pem --out 2.root.json";
+}
+
+void KeysRevokeCommand::setup(Options& options) {
+  options.value("--previous", previous_, "ROOT.json", "the root that this one follows").required();
+  options.values("--revoke", revoked_, "PUB.pem|KEYID", "the key that is lost; may be given several times").required();
+  options
+      .values("--root-key", root_keys_, "KEY.pem",
+              "private root key of the previous or of the new root; may be given several times")
+      .required();
+  options.values("--new-root-key", new_root_keys_, "KEY.pem", "private key that joins the root keys, and signs");
+  options.values("--new-package-signer", new_package_signers_, "PUB.pem", "public key that joins the package signers");
+  options.values("--new-airframe-signer", new_airframe_signers_, "PUB.pem",
+                 "public key that joins the airframe signers");
+  options.value("--expires", expires_, "DATE", "until when the new root is good; as the previous one by default");
+  options.flag("--incomplete", incomplete_, "write the root although more root keys have to sign it");
+  options.value("--out", out_, "ROOT.json", "file that is written").required();
+}
+
+int KeysRevokeCommand::run(Context& context) {
+  const TrustRoot previous = read_trusted_root(previous_);
+  TrustRoot root = previous;
+  ++root.version;
+  root.expires = expires_.value_or(previous.expires);
+  check_new_root(out_, root.expires, context.clock);
+  for (const std::string& key : revoked_) revoke(root, key_id(key));
+
+  std::vector<PrivateKey> keys;
+  for (const auto& path : new_root_keys_) {
+    keys.push_back(PrivateKey::read(path));
+    give_role(root, root.root, keys.back().public_key());
+  }
+  for (const auto& path : new_package_signers_) give_role(root, root.package_signer, PublicKey::read(path));
+  for (const auto& path : new_airframe_signers_) {
+    if (!root.airframe_signer) root.airframe_signer.emplace();
+    give_role(root, *root.airframe_signer, PublicKey::read(path));
+  }
+  for (const auto& [id, key] : root.keys) {
+    if (!root.revoked.contains(id)) continue;
+    throw UsageError({.what = "a revoked key cannot come back", .found = "key " + id, .fix = "make a new key"});
+  }
+  require_threshold(root.root, "root", "name one in its place with --new-root-key");
+  require_threshold(root.package_signer, "package-signer", "name one in its place with --new-package-signer");
+  if (root.airframe_signer) {  // without the role unsigned airframes would be accepted again
+    require_threshold(*root.airframe_signer, "airframe-signer", "name one in its place with --new-airframe-signer");
+  }
+  for (const auto& [airframe, role] : root.tile_signers) {
+    require_threshold(role, "tile-signer of " + airframe, "make the root anew: nadir keys root --previous");
+  }
+  for (const auto& path : root_keys_) {
+    keys.push_back(PrivateKey::read(path));
+    const std::string id = keys.back().public_key().id();
+    if (previous.root.key_ids.contains(id) || root.root.key_ids.contains(id)) continue;
+    throw UsageError({.what = "this is no root key", .where = path, .found = "key " + id});
+  }
+  return write_new_root(context, {std::move(root), previous, out_, incomplete_}, keys);
+}
+
+}  // namespace nadir

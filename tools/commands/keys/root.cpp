@@ -1,0 +1,94 @@
+#include "commands/keys/root.hpp"
+
+#include <fmt/format.h>
+
+#include "base/error.hpp"
+#include "cli/options.hpp"
+#include "commands/keys/new_root.hpp"
+#include "commands/private_keys.hpp"
+
+namespace nadir {
+
+std::string_view KeysRootCommand::details() const {
+  return "Without --previous this is version 1, which is brought to the aircraft by hand. With --previous it is the\n"
+         "next version, and has to be signed by enough root keys of the previous one too: name those that stay with\n"
+         "--root-key and those that leave with --previous-root-key. Revocations carry over.\n\n"
+         "When the root keys lie with several people, name the keys of the others with --root-public-key and write "
+         "the\n"
+         "root with --incomplete; each of them then runs `nadir keys sign`. No aircraft accepts it before that.";
+}
+
+std::string_view KeysRootCommand::examples() const {
+  return "nadir keys root --root-key root.key.pem --package-signer planner.pub.pem --expires 2030-01-01 --out "
+         "root.json\n"
+         "nadir keys root --root-key root.key.pem --package-signer new.pub.pem --expires 2032-01-01 "
+         "--previous root.json --out 2.root.json\n"
+         "nadir keys root --root-key anna.key.pem --root-public-key ben.pub.pem --root-threshold 2 --package-signer "
+         "planner.pub.pem --expires 2030-01-01 --incomplete --out root.json";
+}
+
+void KeysRootCommand::setup(Options& options) {
+  options.values("--root-key", root_keys_, "KEY.pem", "private key of the root; may be given several times").required();
+  options.values("--root-public-key", root_public_keys_, "PUB.pem",
+                 "root key whose owner signs elsewhere; may be given several times");
+  options.values("--package-signer", package_signers_, "PUB.pem", "public key that may sign packages").required();
+  options.values("--tile-signer", tile_signers_, "AIRFRAME=PUB.pem",
+                 "public key with which an airframe signs tiles that it made");
+  options.values("--airframe-signer", airframe_signers_, "PUB.pem",
+                 "public key that may sign airframes; with one, aircraft refuse airframe files that nobody signed");
+  options.value("--threshold", threshold_, "N", "how many package signers must sign a package").between(1, 32);
+  options.value("--root-threshold", root_threshold_, "N", "how many root keys must sign the next root").between(1, 32);
+  options.value("--expires", expires_, "DATE", "until when the root is good").required();
+  options.value("--previous", previous_, "ROOT.json", "the root that this one follows");
+  options
+      .values("--previous-root-key", previous_root_keys_, "KEY.pem",
+              "private key of the previous root that is no key of the new one")
+      .needs("--previous");
+  options.flag("--incomplete", incomplete_, "write the root although more root keys have to sign it");
+  options.value("--out", out_, "ROOT.json", "file that is written").required();
+}
+
+TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
+                                    const std::optional<TrustRoot>& previous) const {
+  TrustRoot root;
+  if (previous) {
+    root.version = previous->version + 1;
+    root.revoked = previous->revoked;
+  }
+  root.expires = expires_;
+  const auto check_threshold = [](const Role& role, const char* option, const char* keys) {
+    if (role.threshold <= role.key_ids.size()) return;
+    throw UsageError({.what = fmt::format("{} asks for more signatures than there are keys", option),
+                      .expected = fmt::format("at most {}, the number of different {}", role.key_ids.size(), keys),
+                      .found = std::to_string(role.threshold)});
+  };
+  for (const PrivateKey& key : root_keys) give_role(root, root.root, key.public_key());
+  for (const auto& path : root_public_keys_) give_role(root, root.root, PublicKey::read(path));
+  root.root.threshold = static_cast<std::uint32_t>(root_threshold_);
+  check_threshold(root.root, "--root-threshold", "--root-key and --root-public-key");
+  for (const auto& path : package_signers_) give_role(root, root.package_signer, PublicKey::read(path));
+  root.package_signer.threshold = static_cast<std::uint32_t>(threshold_);
+  check_threshold(root.package_signer, "--threshold", "--package-signer");
+  if (!airframe_signers_.empty()) root.airframe_signer.emplace();
+  for (const auto& path : airframe_signers_) give_role(root, *root.airframe_signer, PublicKey::read(path));
+  for (const std::string& signer : tile_signers_) {
+    const std::size_t equals = signer.find('=');
+    if (equals == std::string::npos || equals == 0 || equals + 1 == signer.size()) {
+      throw UsageError({.what = "--tile-signer has the wrong form", .expected = "AIRFRAME=PUB.pem", .found = signer});
+    }
+    give_role(root, root.tile_signers[signer.substr(0, equals)], PublicKey::read(signer.substr(equals + 1)));
+  }
+  return root;
+}
+
+int KeysRootCommand::run(Context& context) {
+  check_new_root(out_, expires_, context.clock);
+  std::optional<TrustRoot> previous;
+  if (previous_) previous = read_trusted_root(*previous_);
+  std::vector<PrivateKey> keys = read_private_keys(root_keys_);
+  TrustRoot root = describe(keys, previous);
+  for (const auto& path : previous_root_keys_) keys.push_back(PrivateKey::read(path));
+  return write_new_root(context, {std::move(root), std::move(previous), out_, incomplete_}, keys);
+}
+
+}  // namespace nadir

@@ -1,0 +1,71 @@
+#include "commands/mission/check.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "package/judge.hpp"
+#include "package/mission.hpp"
+
+namespace nadir {
+namespace {
+
+struct Demand {
+  double sectors_km2 = 0;
+  double route_km = 0;
+  std::uint64_t tiles = 0;  // over all zooms
+};
+
+Demand demand_of(const Mission& mission) {
+  Demand demand;
+  const Region region = required_region(mission, mission_frame(mission));
+  for (const PlaneRing& ring : region.rings) demand.sectors_km2 += std::abs(area_m2(ring)) / 1e6;
+  for (const Corridor& corridor : region.corridors) demand.route_km += length_m(corridor.path) / 1000;
+  for (int zoom = mission.zoom.min; zoom <= mission.zoom.max; ++zoom) {
+    demand.tiles += required_tiles(mission, zoom).size();
+  }
+  return demand;
+}
+
+}  // namespace
+
+std::string_view MissionCheckCommand::details() const {
+  return "Shows everything that is wrong with the file, with line and column. Exit code 0: the mission is sound; 1: "
+         "it\n"
+         "is not; 2: the file cannot be read.";
+}
+
+std::string_view MissionCheckCommand::examples() const { return "nadir mission check missions/example.yaml"; }
+
+void MissionCheckCommand::setup(Options& options) {
+  options.positional("MISSION.yaml", mission_, "the mission file").required();
+}
+
+int MissionCheckCommand::run(Context& context) {
+  const MissionReading reading = check_mission(mission_);
+  if (!reading.mission) return report_findings(context.out, context.json, reading.findings);
+  const Mission& mission = *reading.mission;
+  const Demand demand = demand_of(mission);
+  if (context.json) {
+    const nlohmann::json more{{"mission", mission.id},        {"series", mission.series},
+                              {"sequence", mission.sequence}, {"sectors_km2", demand.sectors_km2},
+                              {"route_km", demand.route_km},  {"required_tiles", demand.tiles}};
+    return report_findings(context.out, true, reading.findings, more);
+  }
+  print_figures(context.out,
+                {{"mission", fmt::format("{} (series {}, sequence {})", mission.id, mission.series, mission.sequence)},
+                 {"valid", to_rfc3339(mission.created) + " to " + to_rfc3339(mission.expires)},
+                 {"airframes", fmt::format("{}", fmt::join(mission.airframes, ", "))},
+                 {"sectors", fmt::format("{}, {:.2f} km²", mission.sectors.size(), demand.sectors_km2)},
+                 {"route", fmt::format("{:.2f} km, {:.0f} m to either side", demand.route_km,
+                                       mission.route.corridor_half_width_m)},
+                 {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)}});
+  return report_findings(context.out, false, reading.findings);
+}
+
+}  // namespace nadir

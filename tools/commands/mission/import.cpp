@@ -1,0 +1,135 @@
+#include "commands/mission/import.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <ostream>
+#include <set>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/printable.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "package_build/drawn_plan.hpp"
+#include "package/mission.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::int64_t kSecondsPerDay = 86'400;
+
+const DrawnShape& choose_route(const DrawnPlan& plan, const std::optional<std::string>& name,
+                               const std::string& where) {
+  const DrawnShape* chosen = nullptr;
+  std::size_t count = 0;
+  std::string names;
+  for (const DrawnShape& line : plan.lines) {
+    names += (names.empty() ? "\"" : ", \"") + printable(line.name) + "\"";
+    if (name && line.name != *name) continue;
+    chosen = &line;
+    ++count;
+  }
+  if (count == 1) return *chosen;
+  throw UsageError({.what = "which line is the route is not clear",
+                    .where = where,
+                    .expected = name ? "one line of the name \"" + *name + "\"" : "one line",
+                    .found = plan.lines.empty() ? "no lines" : fmt::format("{} lines: {}", plan.lines.size(), names),
+                    .fix = plan.lines.empty() ? "draw the route as a line" : "name the one: --route NAME"});
+}
+
+// Ids take letters, digits, '-', '_' and '.'.
+std::string id_from(const std::string& name, const std::string& otherwise, std::set<std::string>& taken) {
+  std::string id;
+  for (const char c : name) {
+    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+    if (plain || (!id.empty() && (c == '-' || c == '_' || c == '.'))) {
+      id += c;
+    } else if (!id.empty() && id.back() != '-') {
+      id += '-';
+    }
+  }
+  id = id.substr(0, 56);
+  while (!id.empty() && id.back() == '-') id.pop_back();
+  if (id.empty()) id = otherwise;
+  std::string unique = id;
+  for (int n = 2; !taken.insert(unique).second; ++n) unique = fmt::format("{}-{}", id, n);
+  return unique;
+}
+
+std::string points_yaml(const std::vector<LonLat>& points) {
+  std::string yaml;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (i > 0 && points[i] == points[i - 1]) continue;
+    yaml += fmt::format("{}[{:.7f}, {:.7f}]", yaml.empty() ? "" : ", ", points[i].lon_deg, points[i].lat_deg);
+  }
+  return "[" + yaml + "]";
+}
+
+}  // namespace
+
+std::string_view MissionImportCommand::details() const {
+  return "The one line of the file becomes the route, its first point the take-off; polygons become sectors, named\n"
+         "after the features. What a drawing does not say is filled in with usual values, each on a line that ends\n"
+         "with \"# check\": look at them, then run `nadir mission check`. Exit code 0: written; 1: what was drawn "
+         "makes\n"
+         "no valid mission, nothing was written; 2: could not be read.";
+}
+
+std::string_view MissionImportCommand::examples() const {
+  return "nadir mission import plan.kml --id harbour-a --out mission.yaml\n"
+         "nadir mission import plan.geojson --id harbour-a --route north --half-width 80 --agl 150 --out mission.yaml";
+}
+
+void MissionImportCommand::setup(Options& options) {
+  options.positional("FILE.kml|FILE.geojson", file_, "the drawing, or any vector file that GDAL reads").required();
+  options.value("--id", id_, "ID", "the mission's id and series").required();
+  options.value("--route", route_, "NAME", "the line that is the route, when there are several");
+  options.value("--class", class_, "CLASS", "how fast the ground of the sectors changes").one_of({"stable", "active"});
+  options.value("--half-width", half_width_m_, "METRES", "of the corridor, to either side").between(1, 10'000);
+  options.value("--agl", agl_m_, "METRES", "planned height above ground").between(1, 10'000);
+  options.value("--height", height_m_, "METRES", "height of the ground at the take-off").between(-500, 9000);
+  options.value("--out", out_, "MISSION.yaml", "the file that is made; must not exist").required();
+}
+
+int MissionImportCommand::run(Context& context) {
+  if (std::filesystem::exists(out_)) {
+    throw UsageError({.what = "the file exists already", .where = out_.string(), .fix = "name another one with --out"});
+  }
+  const DrawnPlan plan = read_drawn_plan(file_);
+  const DrawnShape& route = choose_route(plan, route_, file_.string());
+  if (route.points.empty()) throw UsageError({.what = "the route has no points", .where = file_.string()});
+  const UtcTime today{context.clock.now().unix_s / kSecondsPerDay * kSecondsPerDay};
+
+  std::string yaml = fmt::format(
+      "schema: nadir.mission/1\nid: {0}\nseries: {0}\nsequence: 1\ncreated: {1}\nexpires: {2}  # check\n"
+      "takeoff: {{lon_deg: {3:.7f}, lat_deg: {4:.7f}}}  # check: the route's first point\n"
+      "terrain: {{mode: flat, height_m: {5}}}  # check\nzoom: {{min: 15, max: 19}}  # check\n"
+      "min_resolution_m: 0.5  # check\nbudget_mb: 500  # check\nfreshness_days: {{stable: 730, active: 90}}  # check\n"
+      "airframes: [any]  # check\n",
+      id_, to_rfc3339(today), to_rfc3339({today.unix_s + 30 * kSecondsPerDay}), route.points.front().lon_deg,
+      route.points.front().lat_deg, height_m_);
+  yaml += plan.areas.empty() ? "sectors: []\n" : "sectors:\n";
+  std::set<std::string> taken;
+  for (const DrawnShape& area : plan.areas) {
+    const std::string id = id_from(area.name, "sector", taken);
+    yaml +=
+        fmt::format("  - id: \"{}\"\n    class: {}  # check\n    polygon: {}\n", id, class_, points_yaml(area.points));
+  }
+  yaml += fmt::format("route:\n  corridor_half_width_m: {}  # check\n  agl_m: {}  # check\n  points: {}\n",
+                      half_width_m_, agl_m_, points_yaml(route.points));
+
+  const MissionReading reading = parse_mission(yaml, "the mission from " + file_.string());
+  if (!reading.mission) {
+    if (!context.quiet) context.err << "refused: nothing was written\n";
+    return report_findings(context.out, false, reading.findings);
+  }
+  write_file_atomic(out_, yaml);
+  if (!context.quiet) {
+    context.err << fmt::format("{}: a route of {} points and {} sectors; look at the lines that end with \"# check\"\n",
+                               out_.string(), reading.mission->route.points.size(), reading.mission->sectors.size());
+  }
+  return kAccepted;
+}
+
+}  // namespace nadir

@@ -1,0 +1,146 @@
+#include "commands/provision/autopilot.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "geodesy/angles.hpp"
+#include "provision/airframe_manifest.hpp"
+
+namespace nadir {
+
+std::string_view ProvisionAutopilotCommand::details() const {
+  return "Shows who the autopilot is and which parameters it needs; with --apply it sets them and reads each back,\n"
+         "restarts the autopilot where that is needed, gives it the signing key, tries RAW_IMU and GPS_INPUT, and at\n"
+         "last writes airframe.json with its signature. A step that fails ends it, and what was changed is put "
+         "back.\n\n"
+         "The aircraft must be disarmed. The key crosses the link as it is: use a cable.\n\n"
+         "Exit codes: 0 done, or shown without --apply; 2 it could not be done.";
+}
+
+std::string_view ProvisionAutopilotCommand::examples() const {
+  return "nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200\n"
+         "nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200 --apply --signing-key link.key --airframe "
+         "falcon-7 --camera camera.yaml --key planner.key.pem --out falcon-7";
+}
+
+void ProvisionAutopilotCommand::setup(Options& options) {
+  options.value("--autopilot", url_, "URL", "udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD").required();
+  options.flag("--apply", apply_, "change the autopilot; without, only show");
+  options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT plays").between(1, 2);
+  options.value("--signing-key", signing_key_, "FILE", "key of the link; made with --apply when it is not there");
+  options.value("--airframe", id_, "ID", "write an airframe file with this id").needs("--camera");
+  options.value("--camera", camera_, "FILE.yaml", "its camera").needs("--key");
+  options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
+  options.value("--out", out_, "DIR", "folder that is made for it").needs("--airframe");
+  options.value("--mount-yaw-deg", yaw_deg_, "DEG", "of image-up against the nose").between(-360, 360);
+  options.value("--mount-pitch-deg", pitch_deg_, "DEG", "of the camera in the aircraft").between(-45, 45);
+  options.value("--mount-roll-deg", roll_deg_, "DEG", "of the camera in the aircraft").between(-45, 45);
+  options.value("--capture-delay-s", capture_delay_s_, "S", "from the exposure to the picture").between(0, 5);
+  options.value("--patience-s", patience_s_, "S", "wait so long for each answer").between(0.1, 600);
+}
+
+void ProvisionAutopilotCommand::check_usage() const {
+  if (out_ && !apply_) {
+    throw UsageError(
+        {.what = "an airframe file is the last step of provisioning", .expected = "--apply with --airframe"});
+  }
+  if (out_ && std::filesystem::exists(std::filesystem::symlink_status(*out_))) {
+    throw UsageError({.what = "the output is there already",
+                      .where = *out_,
+                      .expected = "a new folder",
+                      .fix = "move it away, or choose another name"});
+  }
+}
+
+std::optional<SigningKey> ProvisionAutopilotCommand::read_or_make_key(Context& context) const {
+  if (!signing_key_) return {};
+  if (std::filesystem::exists(*signing_key_)) return SigningKey::read(*signing_key_);
+  if (!apply_) return {};
+  SigningKey key = SigningKey::generate();
+  key.write(*signing_key_);
+  if (!context.quiet) context.err << fmt::format("a new signing key: {}\n", signing_key_->string());
+  return key;
+}
+
+Airframe ProvisionAutopilotCommand::airframe() const {
+  return {.id = *id_,
+          .camera = read_camera_file(*camera_),
+          .mount = {radians(yaw_deg_), radians(pitch_deg_), radians(roll_deg_)},
+          .capture_delay_s = capture_delay_s_,
+          .gps_id = static_cast<std::uint8_t>(receiver_ - 1)};
+}
+
+int ProvisionAutopilotCommand::run(Context& context) {
+  check_usage();
+  AutopilotSession session(url_, patience_s_);
+  std::optional<Airframe> wanted;
+  std::optional<PrivateKey> signer;
+  if (id_) {
+    wanted = airframe();
+    signer = PrivateKey::read(*key_);
+  }
+  const std::filesystem::path signing_time = signing_key_ ? signing_key_->string() + ".time" : std::string();
+  const std::optional<SigningKey> key = read_or_make_key(context);
+  const LinkState link = open_as_it_speaks(session, key, signing_time);
+  const AutopilotIdentity autopilot = identify(session);
+  const auto parameters = read_parameters(session, autopilot.address, receiver_);
+  if (!apply_) {
+    report(context, autopilot, parameters, {});
+    return kAccepted;
+  }
+  const auto write_last = [&] {
+    if (!wanted) return;
+    wanted->system = autopilot.address.system;
+    wanted->autopilot = autopilot.address.component;
+    write_airframe(*out_, *wanted, *signer);
+  };
+  const auto tell = [&](std::string_view line) {
+    if (!context.quiet) context.err << line << '\n';
+  };
+  const Provisioned done =
+      provision(session, autopilot, link, parameters, {.receiver = receiver_, .key = key, .signing_time = signing_time},
+                write_last, tell);
+  report(context, autopilot, parameters, done);
+  return kAccepted;
+}
+
+void ProvisionAutopilotCommand::report(Context& context, const AutopilotIdentity& autopilot,
+                                       const std::vector<AutopilotParameter>& parameters,
+                                       const std::optional<Provisioned>& done) const {
+  if (context.json) {
+    nlohmann::json document{{"uid", autopilot.uid},
+                            {"version", autopilot.version},
+                            {"system", autopilot.address.system},
+                            {"component", autopilot.address.component},
+                            {"applied", done.has_value()},
+                            {"parameters", nlohmann::json::array()}};
+    for (const AutopilotParameter& one : parameters) {
+      document["parameters"].push_back({{"name", one.name}, {"found", one.present}, {"wanted", one.wanted}});
+    }
+    if (done) {
+      document["imu_rate_hz"] = done->imu_rate_hz;
+      document["restarted"] = done->restarted;
+      document["key_installed"] = done->key_installed;
+    }
+    print_json(context.out, document);
+    return;
+  }
+  Figures figures{{"autopilot", fmt::format("ArduPilot {}, system {}", autopilot.version, autopilot.address.system)},
+                  {"identity", autopilot.uid}};
+  for (const AutopilotParameter& one : parameters) {
+    const std::string change = done ? fmt::format("was {}, is {}", one.present, one.wanted)
+                                    : fmt::format("is {}, wanted {}", one.present, one.wanted);
+    figures.emplace_back(one.name, one.differs() ? change : fmt::format("{}", one.present));
+  }
+  if (done) figures.emplace_back("RAW_IMU", fmt::format("{:.1f} Hz", done->imu_rate_hz));
+  if (done && out_) figures.emplace_back("written", out_->string());
+  print_figures(context.out, figures);
+  if (!done && !context.quiet) context.err << "nothing was changed; --apply does\n";
+}
+
+}  // namespace nadir

@@ -1,0 +1,83 @@
+#include "commands/provision/camera.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+
+namespace nadir {
+
+std::string_view ProvisionCameraCommand::details() const {
+  return "Take 10 to 30 sharp pictures of a flat checkerboard, in the size and with the focus that it flies with: the\n"
+         "board in the middle and at every edge, straight on and tilted by 20 to 45 degrees. --board counts inner\n"
+         "corners, where four squares meet.\n\n"
+         "The file is written when every check passes, and never replaced.\n\n"
+         "Exit codes: 0 written, 1 the pictures do not determine the camera, 2 it could not be done.";
+}
+
+std::string_view ProvisionCameraCommand::examples() const {
+  return "nadir provision camera --pictures board --board 9x6 --square-m 0.025 --out camera.yaml";
+}
+
+void ProvisionCameraCommand::setup(Options& options) {
+  options.value("--pictures", pictures_, "DIR", "folder with JPEG or PNG pictures of the board").required();
+  options.value("--board", board_, "CxR", "inner corners across and down").required();
+  options.value("--square-m", square_m_, "M", "side of a square").required().between(0.001, 10);
+  options.value("--out", out_, "FILE.yaml", "camera model that is written").required();
+  options.value("--min-pictures", limits_.min_views, "N", "refuse fewer with the board in them").between(3, 1000);
+  options.value("--max-residual-px", limits_.max_residual_px, "PX", "refuse a worse fit").between(0.01, 10);
+}
+
+int ProvisionCameraCommand::run(Context& context) {
+  if (std::filesystem::exists(std::filesystem::symlink_status(out_))) {
+    throw UsageError({.what = "the output is there already",
+                      .where = out_,
+                      .expected = "a new file",
+                      .fix = "move it away, or choose another name"});
+  }
+  const Board board = parse_board(board_, square_m_);
+  const BoardPictures pictures = find_boards(pictures_, board, context.progress);
+  Findings findings = check_views(pictures, limits_);
+  if (findings.refuses()) return report_findings(context.out, context.json, findings);
+  const Calibration calibration = calibrate(pictures, board);
+  findings.add(check_calibration(calibration, limits_));
+  if (!findings.refuses()) write_file_atomic(out_, camera_yaml(calibration.camera));
+  return report(context, findings, pictures, calibration);
+}
+
+int ProvisionCameraCommand::report(Context& context, const Findings& findings, const BoardPictures& pictures,
+                                   const Calibration& calibration) const {
+  const CameraModel& camera = calibration.camera;
+  if (context.json) {
+    return report_findings(context.out, true, findings,
+                           {{"pictures_used", pictures.views.size()},
+                            {"pictures_set_aside", pictures.set_aside.size()},
+                            {"residual_px", calibration.residual_px},
+                            {"worst_picture", calibration.worst_view},
+                            {"worst_picture_px", calibration.worst_view_px},
+                            {"focal_sigma_relative", calibration.focal_sigma},
+                            {"coverage", {calibration.coverage_across, calibration.coverage_down}},
+                            {"fx", camera.fx},
+                            {"fy", camera.fy},
+                            {"cx", camera.cx},
+                            {"cy", camera.cy},
+                            {"distortion", camera.distortion}});
+  }
+  if (!findings.empty()) print_findings(context.out, findings);
+  print_figures(context.out,
+                {{"pictures", fmt::format("{} used, {} set aside", pictures.views.size(), pictures.set_aside.size())},
+                 {"focal lengths",
+                  fmt::format("{:.2f}, {:.2f} px (σ {:.3f} %)", camera.fx, camera.fy, calibration.focal_sigma * 100)},
+                 {"centre", fmt::format("{:.2f}, {:.2f} px", camera.cx, camera.cy)},
+                 {"residual", fmt::format("{:.3f} px, at most {:.3f} px in {}", calibration.residual_px,
+                                          calibration.worst_view_px, calibration.worst_view)},
+                 {"written", findings.refuses() ? "nothing" : out_.string()}});
+  return findings.refuses() ? kRefused : kAccepted;
+}
+
+}  // namespace nadir

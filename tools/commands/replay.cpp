@@ -1,0 +1,198 @@
+#include "commands/replay.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/kept_memory.hpp"
+#include "base/printable.hpp"
+#include "base/sha256.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "cli/nadir_version.hpp"
+#include "replay/flight_map.hpp"
+#include "replay/replay_flight.hpp"
+#include "replay/report.hpp"
+#include "replay/summary.hpp"
+#include "replay/track_geojson.hpp"
+
+namespace nadir {
+namespace {
+
+std::vector<Estimate> estimates_of(const std::vector<FrameReport>& reports) {
+  std::vector<Estimate> estimates;
+  for (const FrameReport& report : reports) estimates.push_back(report.estimate);
+  return estimates;
+}
+
+std::optional<PlaneBox> box_of(const std::vector<Estimate>& estimates, const Truth& truth, const LocalFrame& frame) {
+  std::optional<PlaneBox> box;
+  const auto include = [&](const std::optional<LonLat>& place) {
+    if (!place) return;
+    const Enu enu = frame.enu_from_lonlat(*place);
+    if (!box) box = PlaneBox{enu.east_m, enu.north_m, enu.east_m, enu.north_m};
+    box->west_m = std::min(box->west_m, enu.east_m);
+    box->east_m = std::max(box->east_m, enu.east_m);
+    box->south_m = std::min(box->south_m, enu.north_m);
+    box->north_m = std::max(box->north_m, enu.north_m);
+  };
+  for (const Estimate& estimate : estimates) include(estimate.position);
+  for (const auto& place : truth) include(place);
+  return box;
+}
+
+std::string name_of_flight(const std::filesystem::path& frames) {
+  const auto folder = std::filesystem::weakly_canonical(frames);
+  return folder.filename() == "frames" ? folder.parent_path().filename().string() : folder.filename().string();
+}
+
+void print_reproduction(Context& context, const Reproduction& result) {
+  context.out << fmt::format("reproduced  {} of {} recorded estimates bit for bit\n", result.same, result.compared);
+  if (!result.first_other) return;
+  context.err << printable(fmt::format("the first other estimate: frame {}\n", *result.first_other));
+}
+
+nlohmann::json json_from(const Reproduction& result) {
+  nlohmann::json document{{"compared", result.compared}, {"same", result.same}};
+  if (result.first_other) document["first_other"] = *result.first_other;
+  return document;
+}
+
+void write_refined(const std::filesystem::path& path, const std::vector<Estimate>& refined) {
+  EstimatesCsv csv(path);
+  for (const Estimate& estimate : refined) csv.write(estimate);
+}
+
+}  // namespace
+
+std::string_view ReplayCommand::details() const {
+  return "Reads pictures, telemetry and camera of a recorded flight and localizes every frame as the aircraft would: "
+         "against a signed package when one is given, else by odometry from --start alone. The truth is for scoring; "
+         "the localizer never sees it.\n\n"
+         "OUT receives estimates.csv, refined.csv, summary.json, track.geojson and report.html, and with a package "
+         "poses.json, of which nadir ortho --estimates makes tiles. All appear when it is done; until then the rows "
+         "can "
+         "be followed in the hidden folder .OUT.staging beside it.\n\n"
+         "With --record the replay is recorded as the aircraft records a flight. With --recorder a recorded flight is "
+         "flown "
+         "again with all that it was flown with, and every estimate compared.\n\n"
+         "Exit codes: 0 replayed, 1 the package was refused or an estimate is not the recorded one, 2 an input is "
+         "missing "
+         "or wrong.";
+}
+
+std::string_view ReplayCommand::examples() const {
+  return "nadir replay --package valley --trust root.json --frames flight/frames --telemetry flight/telemetry.csv "
+         "--camera camera.yaml --start 8.5,47.4 --out result\n"
+         "nadir replay --recorder recording --package valley --trust root.json --out again\n"
+         "nadir replay --frames frames --telemetry telemetry.csv --camera camera.yaml --start=-83.30572,41.03467 --out "
+         "odometry";
+}
+
+void ReplayCommand::setup(Options& options) {
+  request_.declare(options, FlightRequest::Map::optional);
+  options.value("--out", out_, "OUT", "folder that is made").required();
+  options.value("--truth", truth_, "FILE.csv", "real positions, for scoring only");
+  options.value("--record", record_, "DIR", "folder that is made: the replay as the flight recorder records it");
+  options.flag("--keep-frames", keep_frames_, "the recording holds the pictures themselves").needs("--record");
+}
+
+int ReplayCommand::run(Context& context) {
+  keep_freed_memory();
+  request_.check();
+  StagingDirectory staging(out_);
+  const std::filesystem::path unpacked = staging.path() / "unpacked";
+  std::filesystem::create_directory(unpacked);
+  const auto ready = request_.open(context, unpacked);
+  if (!ready->setup) return report_findings(context.out, context.json, ready->findings);
+  const Flight& flight = ready->flight;
+  const std::optional<RecordedFlight>& recorded = ready->recorded;
+  const OpenPackage* package = ready->package.get();
+  ReplaySetup& setup = *ready->setup;
+  const LocalFrame& frame = setup.frame;
+  const Truth truth = truth_ ? read_truth(*truth_, flight.frames) : Truth(flight.frames.size());
+
+  std::optional<StagingDirectory> record_folder;
+  std::optional<ReplayRecording> recording;
+  if (record_) {
+    record_folder.emplace(*record_);
+    SessionRecord session{.id = id_of(flight),
+                          .program = "nadir replay",
+                          .version = kVersion,
+                          .airframe = request_.airframe().value_or(""),
+                          .package = package != nullptr
+                                         ? std::optional(sha256_file(*request_.package() / "manifest.json"))
+                                         : std::nullopt,
+                          .mission = package != nullptr ? package->manifest().mission_id : "",
+                          .camera = flight.camera,
+                          .origin = frame.origin(),
+                          .start = request_.start(),
+                          .picture_shrink = picture_shrink(flight, setup),
+                          .localizer = localizer_config(setup),
+                          .terrain = setup.surface != nullptr,
+                          .places = setup.places != nullptr,
+                          .settings = {{"odometry", request_.odometry()}, {"matcher", request_.matcher()}}};
+    recording.emplace(record_folder->path(), std::move(session), keep_frames_);
+    setup.recording = &*recording;
+  }
+
+  EstimatesCsv csv(staging.path() / "estimates.csv");
+  ReplayedFlight flown = replay_flight(flight, setup, truth, &csv, context.progress);
+  if (recording) {
+    recording->close();
+    record_folder->commit();
+  }
+  std::filesystem::remove_all(unpacked);
+  write_refined(staging.path() / "refined.csv", flown.refined);
+  if (package != nullptr) {
+    write_file_atomic(staging.path() / kPosesFile,
+                      poses_json(poses_document(request_.poses_subject(*ready), flight.frames, flown.poses)));
+  }
+
+  const std::vector<Estimate> estimates = estimates_of(flown.frames);
+  const Summary summary{score(estimates, truth, frame), score(flown.refined, truth, frame), peak_memory_mb()};
+  nlohmann::json document = json_from(summary);
+  write_file_atomic(staging.path() / "summary.json", document.dump(2) + "\n");
+  write_file_atomic(staging.path() / "track.geojson", track_geojson(estimates, flown.refined, truth));
+
+  ReportInput report{
+      .title = "Replay of " + (recorded ? "session " + recorded->session.id : name_of_flight(*request_.frames())),
+      .subtitle =
+          fmt::format("{} frames · {}", flight.frames.size(),
+                      package != nullptr ? "map package " + package->manifest().mission_id : "odometry alone, no map"),
+      .frame = frame,
+      .frames = std::move(flown.frames),
+      .refined = std::move(flown.refined),
+      .truth = truth,
+      .score = summary.streamed,
+      .figures = figures_from(summary),
+      .worst = std::move(flown.worst),
+      .map = std::nullopt};
+  const auto box = box_of(estimates, truth, frame);
+  if (package != nullptr && box) report.map = report_map(package->imagery(), frame, *box);
+  write_file_atomic(staging.path() / "report.html", report_html(report));
+  staging.commit();
+
+  std::optional<Reproduction> reproduction;
+  if (recorded) reproduction = compare_estimates(recorded->estimates, flown.told);
+  if (reproduction) document["reproduced"] = json_from(*reproduction);
+  if (context.json) {
+    print_json(context.out, document);
+  } else {
+    print_figures(context.out, report.figures);
+    context.out << "report  " << (out_ / "report.html").string() << '\n';
+    if (reproduction) print_reproduction(context, *reproduction);
+  }
+  // Tiles that failed their digest in flight were treated as missing; whoever flies this package must know.
+  if (package != nullptr && !package->imagery().findings().empty()) {
+    print_findings(context.err, package->imagery().findings());
+    return kRefused;
+  }
+  return reproduction && reproduction->same != reproduction->compared ? kRefused : kAccepted;
+}
+
+}  // namespace nadir

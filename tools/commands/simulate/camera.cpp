@@ -1,0 +1,107 @@
+#include "commands/simulate/camera.hpp"
+
+#include <fmt/format.h>
+
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <opencv2/core/utility.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "cli/interrupt.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "commands/simulate/camera_pose/mavlink_pose_source.hpp"
+#include "simulation/frame_folder.hpp"
+#include "simulation/frame_stream.hpp"
+
+namespace nadir {
+
+std::string_view SimulateCameraCommand::details() const {
+  return "Takes pictures straight down at the poses that a MAVLink stream tells: SIM_STATE of a simulator, or "
+         "GLOBAL_POSITION_INT with ATTITUDE. Into a folder each appears whole, as frame_MICROSECONDS.jpg; with --out - "
+         "they follow each other on standard output as multipart/x-mixed-replace.\n\n"
+         "URL: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:PATH:BAUD. It ends with --max-frames, "
+         "--seconds, --wait-s or Ctrl-C.";
+}
+
+std::string_view SimulateCameraCommand::examples() const {
+  return "nadir simulate camera --world world/ground.tif --dem world/dem.tif --camera world/camera.yaml --pose-from "
+         "udpin:127.0.0.1:14560 --out frames --keep 50\n"
+         "nadir simulate camera --world map.tif --camera camera.yaml --pose-from tcp:127.0.0.1:5762 --out - | "
+         "ffplay -f mpjpeg -";
+}
+
+void SimulateCameraCommand::setup(Options& options) {
+  options.value("--world", camera_.world, "FILE.tif", "what the camera sees").required();
+  options.value("--dem", camera_.dem, "FILE", "heights of the ground above the sea; flat without");
+  options.value("--ground-m", camera_.ground_m, "H", "height of flat ground above the sea").between(-500, 9000);
+  options.value("--camera", camera_.camera, "FILE.yaml", "camera model").required();
+  options.value("--pose-from", poses_, "URL", "MAVLink stream that tells where the camera is").required();
+  options.value("--out", out_, "DIR|-", "folder that is made when it is missing, or standard output").required();
+  options.value("--fps", film_.fps, "N", "frames a second, of the stream's own time").between(0.01, 120);
+  options.value("--max-frames", film_.max_frames, "N", "end after so many").between(1, 1e9);
+  options.value("--seconds", film_.seconds, "S", "end after so long, of the stream's own time").between(0.001, 1e9);
+  options.value("--delay-s", delay_s_, "S", "from a pose to its picture, the same for each; as fast as it goes without")
+      .between(0.001, 10);
+  options.value("--wait-s", wait_s_, "S", "end when no pose came for so long; for ever without").between(0.1, 86400);
+  options.value("--keep", keep_, "N", "in the folder, at most so many of its own frames").between(1, 1e9);
+  options.value("--quality", film_.quality, "N", "of the JPEGs").between(1, 100);
+  options.value("--seed", camera_.seed, "N", "of light and noise");
+  options.value("--noise", noise_, "none|real", "what lens and sensor do to the picture").one_of({"none", "real"});
+}
+
+int SimulateCameraCommand::run(Context& context) {
+  const bool on_stdout = out_ == "-";
+  if (on_stdout && context.json) {
+    throw UsageError({.what = "--json and --out - both want standard output", .fix = "leave one of them out"});
+  }
+  camera_.noise = noise_ == "none" ? SensorNoise::none : SensorNoise::real;
+  if (wait_s_) film_.patience = std::chrono::milliseconds(static_cast<std::int64_t>(*wait_s_ * 1000));
+  if (delay_s_) film_.delay = std::chrono::milliseconds(static_cast<std::int64_t>(*delay_s_ * 1000));
+  cv::setNumThreads(1);  // the other cores belong to those who fly
+  MavlinkPoseSource poses(poses_);
+  const LiveCamera camera(camera_);
+  std::unique_ptr<FrameSink> sink;
+  if (on_stdout) {
+    sink = std::make_unique<FrameStream>(context.out);
+  } else {
+    sink = std::make_unique<FrameFolder>(out_, keep_);
+  }
+  if (!context.quiet) context.err << fmt::format("the world is read; waiting for poses from {}\n", poses_);
+  const CameraSimulationReport film_report = film(camera, poses, *sink, film_, interrupt_requested);
+  if (film_report.frames == 0 && film_report.end == CameraSimulationEnd::no_poses) {
+    throw Error({.what = "no pose came",
+                 .where = poses_,
+                 .expected = "SIM_STATE, or GLOBAL_POSITION_INT and ATTITUDE",
+                 .found = fmt::format("none in {} s", *wait_s_),
+                 .fix = "check the address, and that the simulator sends there"});
+  }
+  report(context, film_report, on_stdout);
+  throw_if_interrupted();
+  return kAccepted;
+}
+
+void SimulateCameraCommand::report(Context& context, const CameraSimulationReport& report, bool on_stdout) const {
+  const double cpu_ms = report.frames > 0 ? 1000 * report.cpu_s / report.frames : 0;
+  if (context.json) {
+    print_json(context.out, {{"folder", out_.string()},
+                             {"frames", report.frames},
+                             {"frames_beyond_world", report.frames_beyond_world},
+                             {"frames_missed", report.frames_missed},
+                             {"frames_late", report.frames_late},
+                             {"duration_s", report.seconds},
+                             {"cpu_ms_per_frame", cpu_ms}});
+    return;
+  }
+  if (on_stdout && context.quiet) return;
+  print_figures(on_stdout ? context.err : context.out,
+                {{"frames", fmt::format("{}", report.frames)},
+                 {"beyond the world", fmt::format("{}", report.frames_beyond_world)},
+                 {"missed", fmt::format("{}", report.frames_missed)},
+                 {"late", fmt::format("{}", report.frames_late)},
+                 {"duration", fmt::format("{:.1f} s", report.seconds)},
+                 {"CPU time a frame", fmt::format("{:.0f} ms", cpu_ms)}});
+}
+
+}  // namespace nadir

@@ -1,0 +1,70 @@
+#include "commands/simulate/flight.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/files.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+
+namespace nadir {
+
+std::string_view SimulateFlightCommand::details() const {
+  return "Flies the mission's route over a georeferenced picture and takes photos straight down: turns are rounded and "
+         "banked, the airframe sways, lens, shutter and sensor leave their marks. OUT receives frames/, telemetry.csv, "
+         "truth.csv and camera.yaml, as `nadir replay` reads them.\n\n"
+         "With --noise real the telemetry carries the errors of real sensors, as large as the camera file's "
+         "uncertainty says; with --noise none pictures and telemetry are exact.";
+}
+
+std::string_view SimulateFlightCommand::examples() const {
+  return "nadir simulate flight --world world/ground.tif --dem world/dem.tif --mission world/mission.yaml --camera "
+         "world/camera.yaml --seed 7 --out flight";
+}
+
+void SimulateFlightCommand::setup(Options& options) {
+  options.value("--world", options_.world, "FILE.tif", "what the camera sees").required();
+  options.value("--dem", options_.dem, "FILE", "heights of the ground; flat without");
+  options.value("--mission", mission_, "MISSION.yaml", "whose route is flown").required();
+  options.value("--camera", options_.camera, "FILE.yaml", "camera model and uncertainty of the telemetry").required();
+  options.value("--out", out_, "DIR", "folder that is made").required();
+  options.value("--seed", options_.seed, "N", "which flight");
+  options.value("--noise", noise_, "none|real", "errors of camera and telemetry").one_of({"none", "real"});
+  options.value("--frames", options_.max_frames, "N", "at most so many; 400 without").between(1, 100000);
+  options.value("--interval-s", options_.interval_s, "S", "between frames; 70 % overlap without").between(0.01, 3600);
+  options.value("--speed-mps", options_.speed_mps, "V", "over ground").between(1, 300);
+}
+
+int SimulateFlightCommand::run(Context& context) {
+  options_.noise = noise_ == "none" ? SensorNoise::none : SensorNoise::real;
+  const Mission mission = read_mission(mission_);
+  StagingDirectory staging(out_);
+  const FlightReport report = simulate_flight(mission, options_, staging.path(), context.progress);
+  staging.commit();
+  if (!mission.terrain.flat && !options_.dem && !context.quiet) {
+    context.err << "the mission has terrain, but this flight is over flat ground: give --dem\n";
+  }
+  if (report.frames_beyond_world > 0 && !context.quiet) {
+    context.err << fmt::format("{} frames look beyond the world's edge; the missing part is grey\n",
+                               report.frames_beyond_world);
+  }
+  if (context.json) {
+    print_json(context.out, {{"folder", out_.string()},
+                             {"frames", report.frames},
+                             {"frames_beyond_world", report.frames_beyond_world},
+                             {"length_m", report.length_m},
+                             {"duration_s", report.duration_s},
+                             {"interval_s", report.interval_s}});
+  } else {
+    print_figures(context.out, {{"flight", out_.string()},
+                                {"frames", fmt::format("{}", report.frames)},
+                                {"interval", fmt::format("{:.2f} s", report.interval_s)},
+                                {"length", fmt::format("{:.0f} m", report.length_m)},
+                                {"duration", fmt::format("{:.0f} s", report.duration_s)}});
+  }
+  return kAccepted;
+}
+
+}  // namespace nadir

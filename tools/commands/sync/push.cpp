@@ -1,0 +1,136 @@
+#include "commands/sync/push.hpp"
+
+#include <fmt/format.h>
+
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "upload/curl_transport.hpp"
+#include "upload/outbox_report.hpp"
+#include "upload/uploader.hpp"
+#include "trust/bearer_token.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr const char* kTokenVariable = "NADIR_SYNC_TOKEN";
+
+std::uint64_t seed_from(const std::array<std::uint8_t, 16>& bytes) {
+  std::uint64_t seed = 0;
+  for (std::size_t i = 0; i < 8; ++i) seed = seed << 8 | bytes[i];
+  return seed;
+}
+
+int exit_code(const UploadOutcome& outcome) {
+  if (!outcome.finished) return kFailed;
+  return outcome.verdicts.rejected + outcome.refused + outcome.parked > 0 ? kRefused : kAccepted;
+}
+
+nlohmann::json json_from(const UploadOutcome& outcome) {
+  return {{"accepted", outcome.verdicts.accepted},
+          {"duplicate", outcome.verdicts.duplicate},
+          {"rejected", outcome.verdicts.rejected},
+          {"refused", outcome.refused},
+          {"parked", outcome.parked},
+          {"finished", outcome.finished},
+          {"waits_for", outcome.waits_for},
+          {"retries", outcome.retries},
+          {"body_bytes", outcome.body_bytes}};
+}
+
+}  // namespace
+
+std::string_view SyncPushCommand::details() const {
+  return "May be interrupted, killed and called again at any moment: it goes on where it was, at any byte, and no "
+         "tile\n"
+         "is lost or counted twice. When the service fails, it waits longer and longer (or as long as the service "
+         "says)\n"
+         "and gives up for now when nothing has come forward for --patience. The service's certificate is verified.\n"
+         "The token comes from --token-file or from the environment variable NADIR_SYNC_TOKEN.\n\n"
+         "Exit codes: 0 every tile has been accepted (or was before), 1 some were rejected, refused or parked (nadir\n"
+         "sync status says why), 2 not done: call it again; 130 interrupted.";
+}
+
+std::string_view SyncPushCommand::examples() const {
+  return "nadir sync push outbox --to https://tiles.example.org --token-file token\n"
+         "nadir sync push outbox --to https://tiles.example.org --token-file token --patience 60 --json";
+}
+
+void SyncPushCommand::setup(Options& options) {
+  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
+  options.value("--to", to_, "URL", "the service: https://HOST[:PORT][/PATH], http:// only to localhost").required();
+  options.value("--token-file", token_file_, "FILE", "the service's token; only its owner may read the file");
+  options.value("--ca", authorities_, "FILE.pem", "trust these certificate authorities in the place of the system's");
+  options.value("--patience", patience_s_, "SECONDS", "give up for now when nothing comes forward for so long")
+      .between(0, 86'400);
+  options.flag("--dry-run", dry_run_, "say what would be sent; no connection is made");
+}
+
+std::string SyncPushCommand::token() const {
+  if (token_file_) return read_bearer_token(*token_file_);
+  const char* text = std::getenv(kTokenVariable);
+  if (text == nullptr) {
+    throw UsageError({.what = "there is no token",
+                      .expected = fmt::format("--token-file FILE, or {} in the environment", kTokenVariable),
+                      .fix = "ask the service's operator for one; it never goes on the command line"});
+  }
+  return checked_bearer_token(text, kTokenVariable);
+}
+
+int SyncPushCommand::dry_run(Context& context) const {
+  const OutboxDatabase outbox(outbox_, OutboxDatabase::Access::read);
+  const OutboxReport report = report_outbox(outbox);
+  StateSum unsent;
+  for (const TileState state : {TileState::sealed, TileState::announced, TileState::sending, TileState::waiting}) {
+    unsent.tiles += report.states.at(state).tiles;
+    unsent.bytes += report.states.at(state).bytes;
+  }
+  const std::int64_t awaited = report.states.at(TileState::sent).tiles;
+  if (context.json) {
+    print_json(context.out,
+               {{"dry_run", true}, {"to_send", unsent.tiles}, {"bytes", unsent.bytes}, {"verdicts_awaited", awaited}});
+  } else {
+    context.out << fmt::format("{} tiles would be sent, at most {:.1f} MB; {} verdicts are awaited\n", unsent.tiles,
+                               static_cast<double>(unsent.bytes) / 1e6, awaited);
+  }
+  return kAccepted;
+}
+
+int SyncPushCommand::run(Context& context) {
+  const std::string address = checked_service_address(to_);
+  if (dry_run_) return dry_run(context);
+  const std::string bearer = token();
+  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
+  const auto transport = surroundings_.transport(
+      std::make_unique<CurlTransport>(CurlSettings{.address = address, .token = bearer, .authorities = authorities_},
+                                      [&context] { context.progress.advance(0); }));
+  ServiceClient service(*transport);
+  const auto pace = surroundings_.pace();
+  const Tell tell = [&context](const std::string& line) {
+    if (!context.quiet) context.err << line << std::endl;
+  };
+  Uploader uploader(outbox, service,
+                    {.pace = *pace,
+                     .random = Random(seed_from(surroundings_.random_bytes())),
+                     .progress = context.progress,
+                     .tell = tell},
+                    {.patience_ms = patience_s_ * 1'000});
+  const UploadOutcome outcome = uploader.run();
+  if (context.json) {
+    print_json(context.out, json_from(outcome));
+    return exit_code(outcome);
+  }
+  context.out << fmt::format("accepted {}, accepted before {}, rejected {}, refused {}, parked {}\n",
+                             outcome.verdicts.accepted, outcome.verdicts.duplicate, outcome.verdicts.rejected,
+                             outcome.refused, outcome.parked);
+  if (!outcome.finished) {
+    context.out << fmt::format("not done: {}; call this again, it goes on where it was\n", outcome.waits_for);
+  }
+  return exit_code(outcome);
+}
+
+}  // namespace nadir

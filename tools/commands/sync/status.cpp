@@ -1,0 +1,108 @@
+#include "commands/sync/status.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/printable.hpp"
+#include "base/time.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "upload/outbox_report.hpp"
+
+namespace nadir {
+namespace {
+
+std::string time_text(std::int64_t at_ms) { return at_ms == 0 ? std::string() : to_rfc3339(UtcTime{at_ms / 1'000}); }
+
+nlohmann::json json_from(const OutboxReport& report, const std::vector<FailedTile>& failed) {
+  nlohmann::json states = nlohmann::json::object(), batches = nlohmann::json::array(), tiles = nlohmann::json::array();
+  for (const auto& [state, sum] : report.states) {
+    states[std::string(name_of(state))] = {{"tiles", sum.tiles}, {"bytes", sum.bytes}};
+  }
+  for (const BatchReport& batch : report.batches) {
+    batches.push_back({{"batch", batch.uuid},
+                       {"airframe", batch.airframe},
+                       {"flight", batch.flight},
+                       {"stage", batch.stage},
+                       {"tiles", batch.tiles},
+                       {"open", batch.open},
+                       {"attempts", batch.attempts},
+                       {"not_before", time_text(batch.not_before_ms)},
+                       {"trouble", batch.trouble}});
+  }
+  for (const FailedTile& tile : failed) {
+    tiles.push_back({{"sha256", tile.sha256},
+                     {"flight", tile.flight},
+                     {"state", tile.state},
+                     {"code", tile.code},
+                     {"detail", tile.detail}});
+  }
+  return {{"states", states},
+          {"reasons", report.reasons},
+          {"kept_bytes", report.kept_bytes},
+          {"batches", batches},
+          {"failed", tiles}};
+}
+
+void print(std::ostream& out, const OutboxReport& report, const std::vector<FailedTile>& failed) {
+  Figures figures;
+  for (const auto& [state, sum] : report.states) {
+    if (sum.tiles == 0) continue;
+    figures.emplace_back(name_of(state),
+                         fmt::format("{} tiles, {:.1f} MB", sum.tiles, static_cast<double>(sum.bytes) / 1e6));
+  }
+  if (figures.empty()) out << "the outbox is empty\n";
+  for (const auto& [code, tiles] : report.reasons)
+    figures.emplace_back("  " + printable(code), fmt::format("{}", tiles));
+  figures.emplace_back("pictures kept", fmt::format("{:.1f} MB", static_cast<double>(report.kept_bytes) / 1e6));
+  print_figures(out, figures);
+  for (const BatchReport& batch : report.batches) {
+    out << printable(fmt::format("batch {} of flight {}: {}, {} of {} tiles open", batch.uuid, batch.flight,
+                                 batch.stage, batch.open, batch.tiles));
+    if (!batch.trouble.empty()) out << printable(fmt::format("; {}", batch.trouble));
+    if (batch.not_before_ms > 0) out << fmt::format("; next attempt {}", time_text(batch.not_before_ms));
+    out << '\n';
+  }
+  for (const FailedTile& tile : failed) {
+    out << printable(fmt::format("{} {} {} {}\n", tile.sha256, tile.state, tile.code, tile.detail));
+  }
+}
+
+}  // namespace
+
+std::string_view SyncStatusCommand::details() const {
+  return "Counts the tiles by state, names the reasons of those that were rejected, refused or found damaged, and the\n"
+         "batches that are not done, with what keeps them. Works while a push is running.\n\n"
+         "Exit codes: 0 every tile has a final verdict or was set aside as damaged, 1 some have not, 2 could not be "
+         "read.";
+}
+
+std::string_view SyncStatusCommand::examples() const {
+  return "nadir sync status outbox\n"
+         "nadir sync status outbox --failed 100 --json | jq '.reasons'";
+}
+
+void SyncStatusCommand::setup(Options& options) {
+  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
+  options.value("--failed", failed_, "N", "list so many of the tiles that were rejected, refused or damaged")
+      .between(0, 1e6);
+}
+
+int SyncStatusCommand::run(Context& context) {
+  const OutboxDatabase outbox(outbox_, OutboxDatabase::Access::read);
+  const OutboxReport report = report_outbox(outbox);
+  const std::vector<FailedTile> failed = failed_tiles(outbox, failed_);
+  if (context.json) {
+    print_json(context.out, json_from(report, failed));
+  } else {
+    print(context.out, report, failed);
+  }
+  const bool open = std::any_of(report.states.begin(), report.states.end(),
+                                [](const auto& entry) { return !is_final(entry.first) && entry.second.tiles > 0; });
+  return open ? kRefused : kAccepted;
+}
+
+}  // namespace nadir
