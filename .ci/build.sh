@@ -14,8 +14,18 @@ configure() {
   rm -f "$log"
 }
 
+# build [TARGET…]: those alone, or everything. Ninja says how many steps are done, of how many, and for how long it has
+# been at it.
 build() {
-  configure && cmake --build "$build_folder"
+  configure || return
+  local targets=()
+  [[ $# -eq 0 ]] || targets=(--target "$@")
+  NINJA_STATUS='[%f/%t, %e s] ' cmake --build "$build_folder" "${targets[@]}"
+}
+
+# What `./run demo` runs: the programs, no tests.
+build_programs() {
+  build nadir nadird nadir-candidates
 }
 
 # The headers that a build makes: clang-tidy reads sources that include them.

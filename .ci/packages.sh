@@ -63,6 +63,21 @@ packages_lint=(
   clang-tidy-19              # 14 cannot parse libstdc++ 12's range views
 )
 
+# apt ARGUMENTS…: apt-get, which waits up to ten minutes while another package manager works (a machine that has just been
+# started often upgrades itself). apt-get itself waits for dpkg's lock, but not for the one on the package lists.
+apt() {
+  local log waited=0
+  until log=$("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=600 "$@" </dev/null 2>&1); do
+    if [[ $log != *"Could not get lock"* || $waited -ge 600 ]]; then
+      printf '%s\nrun: apt-get %s failed\n' "$log" "$1" >&2
+      exit 2
+    fi
+    [[ $waited -gt 0 ]] || echo "run: another package manager is running; waiting for it" >&2
+    sleep 5
+    waited=$((waited + 5))
+  done
+}
+
 # need_packages GROUP…: installs what is missing, or names it and ends with 2.
 need_packages() {
   local group missing=() package
@@ -90,8 +105,6 @@ need_packages() {
     as_root=(sudo)
   fi
   echo "run: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
-  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get update -qq </dev/null >&2 ||
-    { echo "run: apt-get update failed" >&2; exit 2; }
-  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" </dev/null >&2 ||
-    { echo "run: apt-get install failed" >&2; exit 2; }
+  apt update
+  apt install -y --no-install-recommends "${missing[@]}"
 }

@@ -12,6 +12,7 @@ usage() {
   cat <<'TEXT'
 usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
 
+  build         what a clean build costs: CPU seconds by folder, slowest units (--against COMMIT; 20 minutes)
   package       tile sets from one picture: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
   validators    what validators say about damaged tile sets and about Nadir's own
   kill          builds and resumes killed at random moments
@@ -71,6 +72,7 @@ part() {
   shift
   echo "== $name"
   case $name in
+    build)        python3 "$here/build.py" "$@" ;;
     package)      programs && python3 "$here/package.py" "$@" ;;
     validators)   python3 "$here/validators.py" "$@" ;;
     kill)         python3 "$here/kill_resume.py" "$@" ;;
@@ -83,7 +85,7 @@ part() {
     safety)       one_program bench_safety && build/bin/bench_safety "$@" ;;
     flights)      one_program bench_flights && build/bin/bench_flights "$@" ;;
     consistency)  one_program bench_consistency && build/bin/bench_consistency "$@" ;;
-    turns)  one_program bench_turns && build/bin/bench_turns "$@" ;;
+    turns)        one_program bench_turns && build/bin/bench_turns "$@" ;;
     smoothing)    smoothing "$@" ;;
     closed-loop)  build-venv/bin/python -B "$here/../e2e/closed_loop.py" "$@" ;;
     sync)         one_program test_killed_sync && one_program test_make_candidates && python3 -B "$here/sync.py" "$@" ;;
@@ -104,8 +106,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: area, large, candidates, closed-loop, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
-  package | validators | kill | area | large | candidates | localization | closed-loop | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -1,21 +1,65 @@
 #!/usr/bin/env python3
-"""Fails when a layer of libgeo includes one above it, when a header includes a library that costs too much there, or when two
-headers define a type of one name: in one program the linker would take the functions of one of them for both.
+"""Fails when a folder uses another that it may not use, when a header includes a library that costs too much there, or when
+two headers define a type of one name: in one program the linker would take the functions of one of them for both.
 
-usage: check_layers.py PROJECT_ROOT
+usage: check_layers.py PROJECT_ROOT [--unused]
+
+--unused  also names the permissions that nothing needs
 """
 import pathlib
 import re
 import sys
 
-# Bottom to top: a layer may include itself and those before it.
-LAYERS = ["base", "geodesy", "imagery", "trust", "package", "vision", "estimation", "ortho", "recorder", "exchange", "sync", "ground", "candidates",
-          "simulation"]
-# The aircraft's program may not use these at all.
-PLANNER_ONLY = {"ground", "candidates", "simulation", "sync"}
-# Libraries that no header may include, and those that only the named layers may include at all.
-HEAVY_IN_HEADERS = re.compile(r"^(ceres/|gdal|ogr|cpl_|faiss/|CLI/|nlohmann/json\.hpp$|proj\.h$)")
-ONLY_IN = [(re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"ground", "candidates", "simulation"}), (re.compile(r"^curl/"), {"sync"})]
+# Which folder may include which. docs/architecture.md has the drawing. Libraries stand in libgeo, the aircraft's program in
+# runtime, the ground's programs in tools.
+ALLOWED = {
+    # what everything stands on
+    "base": "",
+    "geodesy": "base",
+    "imagery": "base geodesy",
+    "trust": "base geodesy",
+    "package": "base geodesy imagery trust",
+    # where am I
+    "vision": "base geodesy imagery package trust",
+    "estimation": "base geodesy imagery package vision",
+    "ortho": "base geodesy imagery trust vision estimation",
+    "recorder": "base geodesy imagery vision estimation",
+    "replay": "base geodesy imagery trust package vision estimation ortho recorder cli report",
+    # to other machines and to people
+    "mavlink": "base geodesy",
+    "http": "base",
+    "cli": "base geodesy",
+    "report": "base geodesy",
+    "verify_request": "base package cli",
+    "nadird_client": "base http cli",
+    "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
+    # the ground's own
+    "raster": "base geodesy imagery package",
+    "package_build": "base geodesy imagery trust package vision ortho raster",
+    "catalogue": "base geodesy package raster",
+    "upload": "base imagery trust ortho",
+    "candidates": "base geodesy imagery trust package ortho raster catalogue upload",
+    "simulation": "base geodesy imagery package vision raster",
+    # the aircraft
+    "service": "base geodesy estimation",
+    "camera": "base service",
+    "api": "base geodesy imagery package vision estimation http service",
+    "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink cli api camera service",
+    "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
+    # the ground's programs
+    "commands": "base geodesy imagery trust package vision estimation ortho recorder replay mavlink upload raster package_build catalogue "
+                "simulation provision cli report verify_request nadird_client",
+    "nadir_candidates": "base trust upload candidates catalogue http cli",
+    "tools": "cli commands",
+}
+# Libraries that no header may include, and those that only the named folders may include at all.
+HEAVY_IN_HEADERS = re.compile(r"^(ceres/|gdal|ogr|cpl_|faiss/|CLI/|boost/beast|nlohmann/json\.hpp$|proj\.h$)")
+ONLY_IN = [
+    (re.compile(r"^(gdal|ogr|cpl_|proj\.h$)"), {"raster", "package_build", "catalogue", "candidates", "simulation", "commands"}),
+    (re.compile(r"^curl/"), {"upload"}),
+    (re.compile(r"^CLI/"), {"cli"}),
+    (re.compile(r"^faiss/"), {"vision"}),
+]
 TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)(?: final)?(?:\s*:(?!:)[^{;]*)?\s*\{", re.MULTILINE)
 INCLUDE = re.compile(r'^\s*#\s*include\s+["<]([^">]+)[">]')
 
@@ -27,51 +71,69 @@ def includes(path):
             yield number, match.group(1)
 
 
+def folder_of(path):
+    """The folder of ALLOWED that a file, relative to the root, belongs to."""
+    return path.parts[1] if len(path.parts) > 2 else path.parts[0]
+
+
+def sources(root, pattern):
+    for top in ("libgeo", "runtime", "tools"):
+        yield from sorted((root / top).rglob(pattern))
+
+
 def check(root):
-    """All violations as lines of text."""
-    found = []
-    libgeo = root / "libgeo"
-    for folder in sorted(p for p in libgeo.iterdir() if p.is_dir()):
-        if folder.name not in LAYERS:
-            found.append(f"{folder}: no layer of this name; LAYERS in {__file__} lists them")
-    for path in sorted(libgeo.rglob("*.[ch]pp")):
-        layer = path.relative_to(libgeo).parts[0]
-        if layer not in LAYERS:
+    """All violations as lines of text, and the permissions that were needed."""
+    found, used = [], set()
+    for path in sources(root, "*.[ch]pp"):
+        relative = path.relative_to(root)
+        folder = folder_of(relative)
+        if folder not in ALLOWED:
+            found.append(f"{relative}: no folder of this name; ALLOWED in {__file__} lists them")
             continue
         for number, name in includes(path):
-            where = f"{path.relative_to(root)}:{number}"
-            other = name.split("/")[0]
-            if other in LAYERS and LAYERS.index(other) > LAYERS.index(layer):
-                found.append(f'{where}: layer "{layer}" includes "{name}" of a layer above it')
-            if other in ("tools", "runtime", "framework", "replay"):
-                found.append(f'{where}: the library includes "{name}" of a program')
-            for library, layers in ONLY_IN:
-                if library.match(name) and layer not in layers:
-                    found.append(f'{where}: "{name}" may be included in {", ".join(sorted(layers))} only')
-    for top in ("libgeo", "tools", "runtime"):
-        for path in sorted((root / top).rglob("*.hpp")):
-            for number, name in includes(path):
-                if HEAVY_IN_HEADERS.match(name):
-                    found.append(f'{path.relative_to(root)}:{number}: a header includes "{name}"; include it in a .cpp')
+            where = f"{relative}:{number}"
+            other = name.split("/")[0] if "/" in name else folder
+            if other in ALLOWED and other != folder:
+                used.add((folder, other))
+                if other not in ALLOWED[folder].split():
+                    found.append(f'{where}: "{folder}" may not use "{other}" ("{name}")')
+            for library, folders in ONLY_IN:
+                if library.match(name) and folder not in folders:
+                    found.append(f'{where}: "{name}" may be included in {", ".join(sorted(folders))} only')
+            if path.suffix == ".hpp" and HEAVY_IN_HEADERS.match(name):
+                found.append(f'{where}: a header includes "{name}"; include it in a .cpp')
     defined = {}
-    for top in ("libgeo", "tools", "runtime"):
-        for path in sorted((root / top).rglob("*.hpp")):
-            for name in TYPE.findall(path.read_text(encoding="utf-8")):
-                if defined.setdefault(name, path) != path:
-                    found.append(f"{path.relative_to(root)}: {name} is a type of {defined[name].relative_to(root)} already")
-    for path in sorted((root / "runtime").rglob("*.[ch]pp")):
-        for number, name in includes(path):
-            if name.split("/")[0] in PLANNER_ONLY:
-                found.append(f'{path.relative_to(root)}:{number}: the aircraft includes "{name}" of the planner')
-    return found
+    for path in sources(root, "*.hpp"):
+        for name in TYPE.findall(path.read_text(encoding="utf-8")):
+            if defined.setdefault(name, path) != path:
+                found.append(f"{path.relative_to(root)}: {name} is a type of {defined[name].relative_to(root)} already")
+    return found, used
+
+
+def cycles():
+    """Folders of ALLOWED that may use themselves through others."""
+    def reaches(start):
+        seen, queue = set(), list(ALLOWED[start].split())
+        while queue:
+            name = queue.pop()
+            if name not in seen:
+                seen.add(name)
+                queue += ALLOWED[name].split()
+        return seen
+    return [name for name in ALLOWED if name in reaches(name)]
 
 
 def main():
-    if len(sys.argv) != 2:
+    arguments = [argument for argument in sys.argv[1:] if argument != "--unused"]
+    if len(arguments) != 1:
         print(__doc__, file=sys.stderr)
         return 2
-    found = check(pathlib.Path(sys.argv[1]))
-    print("\n".join(found) if found else "layers: in order")
+    found, used = check(pathlib.Path(arguments[0]))
+    found += [f"ALLOWED lets {name} use itself" for name in cycles()]
+    if "--unused" in sys.argv:
+        found += [f"{folder} is allowed {other}, which nothing of it includes"
+                  for folder, others in ALLOWED.items() for other in others.split() if (folder, other) not in used]
+    print("\n".join(found) if found else "folders: each uses what it may")
     return 1 if found else 0
 
 
