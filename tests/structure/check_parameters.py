@@ -1,0 +1,139 @@
+#!/usr/bin/env python3
+"""Holds libgeo/vision and libgeo/estimation to their one table of numbers, and docs/parameters.md to the table.
+
+usage: check_parameters.py PROJECT_ROOT [--write]
+
+Fails when a file of these folders other than localizer_parameters.hpp holds a fractional literal that is not mathematics,
+when a number of the table says nothing about where it comes from, and when docs/parameters.md is not what the table says.
+--write writes the page anew.
+"""
+import pathlib
+import re
+import sys
+
+TABLE = "libgeo/vision/localizer_parameters.hpp"
+FOLDERS = ("libgeo/vision", "libgeo/estimation")
+PAGE = "docs/parameters.md"
+# Halves and quarters, whole numbers, powers of ten between units: mathematics, not decisions.
+MATHEMATICS = {0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 12.0, 90.0, 180.0, 255.0, 360.0, 1e3, 1e6, 1e7, 1e9, 1e-3, 1e-6, 1e-9}
+LITERAL = re.compile(r"(?<![\w.])(\d+\.\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)[fF]?(?![\w.])")
+STRINGS_AND_COMMENTS = re.compile(r'"(?:[^"\\\n]|\\.)*"|//[^\n]*')
+NUMBER = re.compile(r"^\s*(?:inline constexpr |constexpr )?(?:double|float|int|std::size_t|std::uint\d+_t|std::int\d+_t|bool|std::array<[^=]*>) "
+                    r"(\w+(?: = [^;]*|\{[^;]*\}));\s*(?://\s*(.*))?$")
+
+HEAD = """# Parameters of the localizer
+
+Every number of matching and estimation that was tuned, chosen or measured. The table is made from
+[`localizer_parameters.hpp`](../libgeo/vision/localizer_parameters.hpp), where they stand, by
+`tests/structure/check_parameters.py . --write`; a test compares the two, and refuses fractional literals elsewhere in
+`libgeo/vision` and `libgeo/estimation` that are not mathematics. A name ends with the unit; without one the number is a
+count or a ratio. [safety N] is segment N of the [Monte Carlo](safety.md), [roc] its knock-out test; the other names in brackets
+are parts of [`./run bench`](benchmarks.md).
+"""
+
+
+def stray_literals(path):
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        for match in LITERAL.finditer(STRINGS_AND_COMMENTS.sub("", line)):
+            if float(match.group(1)) not in MATHEMATICS:
+                yield number, match.group(0)
+
+
+def declarations(value):
+    """"kA = 1, kB = 2" as (name, value) pairs; commas within braces and parentheses do not part."""
+    parts, depth, start = [], 0, 0
+    for at, letter in enumerate(value):
+        depth += letter in "{(<"
+        depth -= letter in "})>"
+        if letter == "," and depth == 0:
+            parts.append(value[start:at])
+            start = at + 1
+    parts.append(value[start:])
+    for part in parts:
+        match = re.match(r"\s*(\w+)\s*=?\s*(.*)", part, re.DOTALL)
+        if match:
+            yield match.group(1), match.group(2).strip().strip("{}") if match.group(2).startswith("{") else match.group(2).strip()
+
+
+def joined(lines):
+    """Declarations that were broken over lines as one line each, with their trailing comments."""
+    result = []
+    for line in lines:
+        previous = result[-1] if result else ""
+        code = previous.split("//")[0].rstrip()
+        if code and not previous.lstrip().startswith("//") and not code.endswith((";", "{", "}", ":")) and not code.startswith("#"):
+            result[-1] = previous.rstrip() + " " + line.strip()
+        else:
+            result.append(line)
+    return result
+
+
+def read_table(text):
+    """[(section, [(name, value, origin)])]. The origin is the comment behind the number and below it, or else the one above it."""
+    sections = [("", [])]
+    above, rows_above = [], False
+    for line in joined(text.splitlines()):
+        heading = re.match(r"\s*// ---- (.*)", line)
+        named = re.match(r"\s*(?:struct|namespace) (\w+) \{", line)
+        if heading or named:
+            title = heading.group(1) if heading else named.group(1)
+            if title not in ("nadir", "parameters"):
+                sections.append((title, []))
+            if heading:
+                above = []
+            continue
+        comment = re.match(r"\s*// ?(.*)", line)
+        number = NUMBER.match(line)
+        if number:
+            origin = number.group(2) or " ".join(above)
+            for name, value in declarations(number.group(1)):
+                sections[-1][1].append((name, value, origin))
+            rows_above = True
+        elif comment and rows_above and sections[-1][1] and len(line) - len(line.lstrip()) > 20:
+            name, value, origin = sections[-1][1][-1]
+            sections[-1][1][-1] = (name, value, f"{origin} {comment.group(1)}")
+        elif comment:
+            above = above + [comment.group(1)] if not rows_above else [comment.group(1)]
+            rows_above = False
+        elif not line.strip():
+            above, rows_above = [], False
+    return [(title, rows) for title, rows in sections if rows]
+
+
+def page(sections):
+    lines = [HEAD]
+    for title, rows in sections:
+        lines += [f"## {title[:1].upper()}{title[1:]}" if title else "## General", "", "| name | value | where it comes from |", "|---|---|---|"]
+        lines += [f"| `{name}` | {value} | {origin.replace('|', chr(92) + '|')} |" for name, value, origin in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def main():
+    arguments = [argument for argument in sys.argv[1:] if argument != "--write"]
+    if len(arguments) != 1:
+        print(__doc__, file=sys.stderr)
+        return 2
+    root = pathlib.Path(arguments[0])
+    found = []
+    for folder in FOLDERS:
+        for path in sorted((root / folder).glob("*.[ch]pp")):
+            if path != root / TABLE:
+                found += [f"{path.relative_to(root)}:{number}: {literal} is a number that decides: it belongs into {TABLE}"
+                          for number, literal in stray_literals(path)]
+    sections = read_table((root / TABLE).read_text(encoding="utf-8"))
+    if not sections:
+        found.append(f"{TABLE} holds no numbers")
+    found += [f"{TABLE}: {name} says nothing about where it comes from" for _, rows in sections for name, _, origin in rows if not origin]
+    expected = page(sections)
+    if "--write" in sys.argv:
+        (root / PAGE).write_text(expected, encoding="utf-8")
+    elif not (root / PAGE).exists() or (root / PAGE).read_text(encoding="utf-8") != expected:
+        found.append(f"{PAGE} is not what {TABLE} says; to do: tests/structure/check_parameters.py . --write")
+    count = sum(len(rows) for _, rows in sections)
+    print("\n".join(found) if found else f"parameters: {count} numbers, all of them in the table and on the page")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
