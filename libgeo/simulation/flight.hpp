@@ -1,5 +1,5 @@
 // A whole simulated flight on disk: frames/*.jpg, telemetry.csv, truth.csv and a copy of the camera's file, as
-// `nadir replay` reads them. docs/simulate-flight.md.
+// `nadir replay` reads them. docs/commands/simulate-flight.md.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 #include "base/progress.hpp"
 #include "package/mission.hpp"
-#include "simulation/exposure_control.hpp"
+#include "simulation/camera_sensor.hpp"
 
 namespace nadir {
 
@@ -25,7 +25,7 @@ struct SimulatedFlightOptions {
 
 struct FlightReport {
   int frames = 0;
-  int frames_beyond_world = 0;  // pictures that show ground without map pixels somewhere
+  int frames_beyond_world = 0;  // that show ground without map pixels somewhere
   double length_m = 0;
   double duration_s = 0;
   double interval_s = 0;

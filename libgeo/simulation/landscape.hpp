@@ -1,9 +1,9 @@
-// What lies where in a made-up landscape: pure description, no pixels. The painter (painter.hpp) makes pictures of it
-// for any season and sun.
+// A synthetic landscape as a description without pixels: relief, river, roads, fields, buildings, trees. The painter
+// (painter.hpp) renders it for any season and sun.
 //
-// Coordinates are metres east (x) and north (y) of the world's south-west corner; heights metres above the ellipsoid.
-// Everything follows from the seed. Fields are cells of a recursive subdivision in a gently warped plane (u, v):
-// straight there, curved on the ground, and their rows of crop curve with them.
+// Coordinates are metres east (x) and north (y) of the world's south-west corner; heights are metres above the
+// ellipsoid. Everything follows from the seed. Fields are cells of a recursive subdivision of a gently warped plane (u,
+// v): straight there, curved on the ground, and their crop rows curve with them.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@
 
 namespace nadir {
 
-using Spot = cv::Point2d;
+using GroundPoint = cv::Point2d;
 
 enum class Crop : std::uint8_t {
   wheat,
@@ -39,7 +39,7 @@ enum class Border : std::uint8_t { road, track, hedge, grass, furrow };
 
 // A cut through the plane: u·normal = offset.
 struct Cut {
-  Spot normal;
+  GroundPoint normal;
   double offset = 0;
   Border border = Border::furrow;
   double half_width_m = 0.4;
@@ -47,12 +47,12 @@ struct Cut {
 };
 
 struct Parcel {
-  Crop crop = Crop::wheat;         // on the day
-  Crop crop_before = Crop::wheat;  // when the satellite came by
+  Crop crop = Crop::wheat;         // on the day of the flight
+  Crop crop_before = Crop::wheat;  // at the time of the satellite image
   double row_angle_rad = 0;        // direction of the rows in (u, v)
-  double tone = 0;                 // −1…1: how this field differs from others of its crop
-  double half_done = 2;            // share along the rows that has been worked on the day already; > 1: none
-  Spot centre;                     // in (u, v)
+  double tone = 0;                 // −1…1: deviation of this field from others of its crop
+  double half_done = 2;            // fraction along the rows that is already ploughed on the day; > 1: none
+  GroundPoint centre;              // in (u, v)
   double length_m = 0;             // along the rows
   double area_m2 = 0;
   std::uint64_t seed = 0;
@@ -64,8 +64,8 @@ struct FieldPattern {
   std::vector<Cut> cuts;  // cuts[0] is the root
   std::vector<Parcel> parcels;
 
-  Spot uv_from_ground(Spot ground) const;
-  Spot ground_from_uv(Spot uv) const;
+  GroundPoint uv_from_ground(GroundPoint ground) const;
+  GroundPoint ground_from_uv(GroundPoint uv) const;
 
   struct Hit {
     int parcel = 0;
@@ -74,21 +74,21 @@ struct FieldPattern {
     double road_m = 1e9;    // the same for the nearest cut that is a road
     double track_m = 1e9;
   };
-  Hit find(Spot uv) const;
+  Hit find(GroundPoint uv) const;
 };
 
-// A line with a width that may vary: rivers, roads, streets.
-struct Way {
-  std::vector<Spot> points;
+// A polyline of varying width: rivers, roads, streets.
+struct Polyline {
+  std::vector<GroundPoint> points;
   std::vector<double> half_widths_m;
 };
-double distance_m(const Way& way, Spot spot);  // to its middle
+double distance_m(const Polyline& line, GroundPoint position);  // to its centre line
 
 struct Pond {
-  Spot centre;
+  GroundPoint centre;
   double radius_m = 0;
   std::uint64_t seed = 0;
-  double edge_m(Spot spot) const;  // negative inside
+  double edge_m(GroundPoint position) const;  // negative inside
 };
 
 enum class Presence : std::uint8_t { both, before_only, day_only };
@@ -96,7 +96,7 @@ enum class Presence : std::uint8_t { both, before_only, day_only };
 enum class Roof : std::uint8_t { tiles, brown, slate, metal, flat, round };
 
 struct Building {
-  Spot centre;
+  GroundPoint centre;
   double angle_rad = 0;  // of the ridge
   double length_m = 0;   // along the ridge
   double width_m = 0;
@@ -111,7 +111,7 @@ struct Building {
 enum class Cover : std::uint8_t { lawn, beds, gravel, paving, pitch, wild };
 
 struct Plot {  // a rectangle of garden, yard or pavement
-  Spot centre;
+  GroundPoint centre;
   double angle_rad = 0;
   double length_m = 0;
   double width_m = 0;
@@ -122,7 +122,7 @@ struct Plot {  // a rectangle of garden, yard or pavement
 enum class Plant : std::uint8_t { broadleaf, conifer, bush, fruit, bale };
 
 struct Tree {
-  Spot centre;
+  GroundPoint centre;
   double radius_m = 0;
   double height_m = 0;
   Plant plant = Plant::broadleaf;
@@ -131,10 +131,10 @@ struct Tree {
 };
 
 struct Relief {
-  cv::Mat_<float> heights_m;  // row 0 in the north, like a picture; nodes at pixel centres
+  cv::Mat_<float> heights_m;  // row 0 in the north, like an image; nodes at pixel centres
   double step_m = 8;
   double size_m = 0;
-  double at(Spot spot) const;  // bilinear; clamped at the rim
+  double at(GroundPoint position) const;  // bilinear; clamped at the edges
 };
 
 struct Landscape {
@@ -142,16 +142,25 @@ struct Landscape {
   double size_m = 0;
   Relief relief;
   FieldPattern fields;
-  Way river;
+  Polyline river;
   std::vector<Pond> ponds;
-  std::vector<Way> roads;  // paved, over the fields' own pattern
-  std::vector<Way> lanes;  // gravel
+  std::vector<Polyline> roads;  // paved, on top of the roads of the field pattern
+  std::vector<Polyline> lanes;  // gravel
   std::vector<Building> buildings;
   std::vector<Plot> plots;
   std::vector<Tree> trees;
-  Spot village;
+  GroundPoint village;
 };
 
-Landscape grow_landscape(std::uint64_t seed, double size_m);
+// A cut that bounds parcels, as a line on the ground.
+struct BorderLine {
+  Border border = Border::furrow;
+  std::vector<GroundPoint> points;
+};
+
+// A Catmull-Rom curve through the knots, with a point about every step_m.
+std::vector<GroundPoint> smooth_curve(const std::vector<GroundPoint>& knots, double step_m);
+
+Landscape generate_landscape(std::uint64_t seed, double size_m);
 
 }  // namespace nadir

@@ -1,4 +1,4 @@
-// Paints a piece of a landscape: colour of every pixel in even light, and the height of what stands on the ground.
+// Paints a piece of a landscape: the colour of every pixel in even light, and the height of what stands on the ground.
 #pragma once
 
 #include "simulation/palette.hpp"
@@ -29,8 +29,8 @@ class Painter {
 
   const Landscape& land_;
   Season season_;
-  std::vector<CropLook> looks_;  // per parcel
-  std::vector<Spot> rows_;       // per parcel: unit vector along its rows
+  std::vector<CropAppearance> appearances_;  // per parcel
+  std::vector<GroundPoint> rows_;            // per parcel: unit vector along its rows
 };
 
 }  // namespace nadir

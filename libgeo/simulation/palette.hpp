@@ -1,6 +1,6 @@
-// Colours by season: what crops, soils, roofs and trees look like from above in clear light.
+// Colours by season of crops, soils, roofs and trees, as seen from above in clear light.
 //
-// Chosen as sRGB bytes of sunlit flat ground, kept as linear light (BGR order, as all pictures here).
+// Chosen as sRGB bytes of sunlit flat ground, stored as linear light (BGR order, as all images here).
 #pragma once
 
 #include <opencv2/core/matx.hpp>
@@ -9,14 +9,14 @@
 
 namespace nadir {
 
-enum class Season { may, september };  // when the satellite came by; the day of the flight
+enum class Season { may, september };  // of the satellite image; of the flight
 
 using Light = cv::Vec3d;  // linear, blue green red
 
 Light light_from_srgb(int red, int green, int blue);
 std::uint8_t srgb_from_light(double light);  // clips
 
-struct CropLook {
+struct CropAppearance {
   Light colour;
   Light second;          // between rows, in bare spots, after half the work is done
   double rows = 0;       // contrast of the rows
@@ -27,7 +27,7 @@ struct CropLook {
   double grain = 0.05;   // fine texture
 };
 
-CropLook look_of(const Parcel& parcel, Season season);
+CropAppearance appearance_of(const Parcel& parcel, Season season);
 
 Light roof_colour(Roof roof);
 Light cover_colour(Cover cover, Season season);

@@ -31,7 +31,7 @@ class PackageBuilder : public testing::Test {
   static PackageReport build(const PackageRequest& request);
   void expect_refused(const PackageRequest& request, std::string_view code);
 
-  // Everything in the folder but the inputs: what a refused or broken build must not leave.
+  // Everything in the folder except the inputs: what a rejected or failed build must not leave.
   std::vector<std::string> left_behind() const;
   static void expect_same_files(const std::filesystem::path& a, const std::filesystem::path& b);
 
@@ -65,7 +65,7 @@ class ResumedBuild : public PackageBuilder {
   PackageRequest resuming(const std::string& out, int threads = 2) {
     PackageRequest wanted = request(out, threads);
     wanted.resume = true;
-    wanted.tell = [this](std::string_view remark) { remarks_.emplace_back(remark); };
+    wanted.on_remark = [this](std::string_view remark) { remarks_.emplace_back(remark); };
     return wanted;
   }
 

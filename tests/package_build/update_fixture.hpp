@@ -10,9 +10,9 @@
 
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
+#include "package/sidecar_table.hpp"
 #include "package_build/package_updater.hpp"
 #include "raster/test_raster.hpp"
-#include "package/sidecar_table.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -32,7 +32,7 @@ class PackageUpdate : public ::testing::Test {
     write_mission("new.yaml", 2);
   }
 
-  // pixels: from the north-western corner on. kind: another picture each.
+  // pixels: from the north-west corner on. kind: a different image each.
   void write_map(const std::string& name, const cv::Rect& pixels, int kind, const std::string& datetime,
                  const std::string& provider, std::optional<cv::Rect> hole = std::nullopt) {
     const double pixel_m = mercator_pixel_m(kZoom), half_m = kPi * kMercatorRadius_m;
@@ -121,7 +121,7 @@ route:
     request.tiles.threads = 2;
     request.key = &key_;
     request.out = folder_ / out;
-    request.tell = [this](std::string_view remark) { remarks_.emplace_back(remark); };
+    request.on_remark = [this](std::string_view remark) { remarks_.emplace_back(remark); };
     return request;
   }
   UpdateReport update(const UpdateRequest& request) {

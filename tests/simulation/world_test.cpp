@@ -9,11 +9,11 @@
 
 #include "base/files.hpp"
 #include "base/sha256.hpp"
-#include "raster/gdal_dataset.hpp"
-#include "raster/imagery_facts.hpp"
 #include "package/mission.hpp"
+#include "raster/gdal_dataset.hpp"
+#include "raster/imagery_input.hpp"
 #include "simulation/landscape.hpp"
-#include "simulation/world_pictures.hpp"
+#include "simulation/landscape_rendering.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/camera_model.hpp"
 
@@ -61,7 +61,7 @@ TEST(World, SameSeedGivesTheSameBytesAndAnotherSeedAnotherWorld) {
   EXPECT_LT(std::abs(correlation(a.grey("ground.tif"), c.grey("ground.tif"))), 0.35);
 }
 
-TEST(World, MapAndDayDifferButShowTheSamePlace) {
+TEST(World, MapAndDayDifferButShowTheSameWorld) {
   const MadeWorld world(5);
   const cv::Mat day = world.grey("ground.tif"), map = world.grey("map.tif");
   EXPECT_LT(correlation(day, map), 0.85) << "the map must not be a copy";
@@ -69,7 +69,7 @@ TEST(World, MapAndDayDifferButShowTheSamePlace) {
   EXPECT_GT(cv::norm(day, map, cv::NORM_L1) / 360000, 8);
 }
 
-TEST(World, ItsPapersAreAcceptedByThoseWhoReadThem) {
+TEST(World, ItsDocumentsAreAcceptedByTheirReaders) {
   const MadeWorld world(5);
   const Mission mission = read_mission(world.folder.path() / "mission.yaml");
   EXPECT_GE(mission.route.points.size(), 4U);
@@ -80,7 +80,7 @@ TEST(World, ItsPapersAreAcceptedByThoseWhoReadThem) {
   EXPECT_EQ(read_camera_file(world.folder.path() / "camera.yaml").camera.width, 1280);
 }
 
-TEST(World, TheMapIsMisplacedByUpToTwoMetresAndSaysSo) {
+TEST(World, TheMapIsMisplacedByUpToTwoMetresAndStatesIt) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     for (double x = 0; x < 2000; x += 100) {
       const double off = cv::norm(map_bias_m(seed, {x, 0.7 * x}));
@@ -89,9 +89,9 @@ TEST(World, TheMapIsMisplacedByUpToTwoMetresAndSaysSo) {
   }
 }
 
-// A piece painted alone is the same as within a larger one: nothing depends on how the work is cut.
+// A piece painted alone equals the same part of a larger one: nothing depends on how the work is divided.
 TEST(World, PiecesFitTogether) {
-  const Landscape land = grow_landscape(9, 600);
+  const Landscape land = generate_landscape(9, 600);
   const Painter painter(land, Season::september);
   const cv::Mat_<cv::Vec3b> whole = render_view(land, painter, View::day, {1.0, 600, 100, 150, 300, 200});
   const cv::Mat_<cv::Vec3b> part = render_view(land, painter, View::day, {1.0, 600, 200, 200, 120, 80});
@@ -99,10 +99,10 @@ TEST(World, PiecesFitTogether) {
 }
 
 TEST(Landscape, WarpedPlaneInverts) {
-  const Landscape land = grow_landscape(3, 800);
+  const Landscape land = generate_landscape(3, 800);
   for (double x = 0; x < 800; x += 90) {
-    const Spot spot(x, 800 - 0.7 * x);
-    EXPECT_LT(cv::norm(land.fields.ground_from_uv(land.fields.uv_from_ground(spot)) - spot), 0.01);
+    const GroundPoint position(x, 800 - 0.7 * x);
+    EXPECT_LT(cv::norm(land.fields.ground_from_uv(land.fields.uv_from_ground(position)) - position), 0.01);
   }
 }
 
