@@ -14,7 +14,7 @@
 #include "cli/output.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package/open_package.hpp"
-#include "trust/airframe_signature.hpp"
+#include "trust/signatures.hpp"
 #include "trust/bearer_token.hpp"
 #include "vision/airframe.hpp"
 #include "vision/place_index_check.hpp"

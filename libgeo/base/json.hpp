@@ -27,7 +27,7 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "base/time.hpp"
 
 namespace nadir {

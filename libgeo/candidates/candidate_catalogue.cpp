@@ -10,7 +10,7 @@
 #include "candidates/candidate_sql.hpp"
 #include "candidates/catalogue_transaction.hpp"
 #include "catalogue/catalogue_shapes.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

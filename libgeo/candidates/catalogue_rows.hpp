@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "upload/batch.hpp"
 #include "upload/reason_code.hpp"
 #include "ortho/candidate_store.hpp"

@@ -9,7 +9,6 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sync.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "base/time.hpp"
 
 namespace nadir {

@@ -7,7 +7,6 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sync.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;

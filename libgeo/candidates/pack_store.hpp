@@ -10,7 +10,7 @@
 
 #include "base/bytes.hpp"
 #include "base/error.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "candidates/catalogue_rows.hpp"
 
 namespace nadir {

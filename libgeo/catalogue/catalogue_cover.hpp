@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "catalogue/catalogue_area.hpp"
 
 namespace nadir {

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "catalogue/catalogue.hpp"
 #include "package/verify.hpp"
 

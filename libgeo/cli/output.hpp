@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 
 namespace nadir {

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string_view>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 

@@ -12,9 +12,11 @@
 #include <string_view>
 
 #include "base/bytes.hpp"
-#include "imagery/colour.hpp"
 
 namespace nadir {
+
+// The two forms in which images are held: one grey channel, or blue, green, red. 8 bit each.
+enum class Colour { grey, bgr };
 
 enum class ImageFormat { jpeg, png, webp };
 
@@ -48,5 +50,12 @@ cv::Mat read_image_file(const std::filesystem::path& path, Colour colour, int sh
 // image: CV_8UC1, CV_8UC3 (BGR) or, but for JPEG, CV_8UC4 (BGRA). quality: 1 to 100, for JPEG (4:2:0) and WebP; PNG is
 // lossless. The same picture gives the same bytes.
 Bytes encode_image(const cv::Mat& image, ImageFormat format, int quality = 75);
+
+// Lossless WebP: what a COG holds where an MBTiles file would hold PNG (TIFF knows WebP, but not PNG).
+// image: CV_8UC3 (BGR). The same picture gives the same bytes.
+Bytes encode_lossless_webp(const cv::Mat& image);
+
+// Whether the bytes are such a picture; false for anything else.
+bool is_lossless_webp(ByteView bytes);
 
 }  // namespace nadir

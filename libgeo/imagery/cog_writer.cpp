@@ -7,9 +7,7 @@
 
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "imagery/cog_bytes.hpp"
-#include "imagery/cog_tags.hpp"
-#include "imagery/cog_tiff.hpp"
+#include "imagery/tiff.hpp"
 
 namespace nadir {
 namespace {

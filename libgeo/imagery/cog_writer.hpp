@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "base/files.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/tile_source.hpp"
 

@@ -12,7 +12,7 @@
 
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
-#include "imagery/colour.hpp"
+#include "imagery/codecs.hpp"
 #include "imagery/tile_source.hpp"
 
 namespace nadir {

@@ -7,7 +7,7 @@
 #include <map>
 #include <opencv2/core/mat.hpp>
 
-#include "imagery/colour.hpp"
+#include "imagery/codecs.hpp"
 #include "imagery/tile_source.hpp"
 
 namespace nadir {

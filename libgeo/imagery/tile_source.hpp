@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "base/bytes.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 

@@ -2,7 +2,7 @@
 
 #include <openssl/crypto.h>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "mavlink/codec.hpp"
 
 namespace nadir {

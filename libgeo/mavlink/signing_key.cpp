@@ -5,8 +5,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/private_file.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "vision/camera_model.hpp"
 
 namespace nadir {

@@ -6,7 +6,7 @@
 #include <memory>
 #include <optional>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "imagery/sqlite_database.hpp"
 #include "ortho/candidate_store.hpp"
 

@@ -11,11 +11,10 @@
 #include <string_view>
 #include <vector>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "base/time.hpp"
-#include "base/utc_millis.hpp"
 #include "estimation/source_label.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 #include "trust/signatures.hpp"
 

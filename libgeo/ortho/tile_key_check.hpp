@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "trust/root.hpp"
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "geodesy/local_frame.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "vision/rectify.hpp"
 
 namespace nadir {

@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "package/manifest.hpp"
 #include "package/mission.hpp"

@@ -1,7 +1,7 @@
 // The rows of an MBTiles file. Inside this folder only: tile_container.hpp.
 #pragma once
 
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/tile_container.hpp"
 
 namespace nadir {

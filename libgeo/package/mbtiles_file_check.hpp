@@ -8,8 +8,8 @@
 #include <set>
 #include <string>
 
-#include "base/finding.hpp"
-#include "geodesy/tile_key.hpp"
+#include "base/error.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/sqlite_database.hpp"
 

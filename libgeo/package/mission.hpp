@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"

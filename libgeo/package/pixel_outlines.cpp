@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <cstdlib>
 
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "package/gaps.hpp"
 
 namespace nadir {

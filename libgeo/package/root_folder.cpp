@@ -90,9 +90,9 @@ bool is_root_file_name(std::string_view path) {
          version_of(path.substr(kRootFolder.size() + 1)) > 0;
 }
 
-RootWalk walk_package_roots(const fs::path& package, const TrustRoot& trusted, const AircraftState* state) {
+RootSuccession walk_package_roots(const fs::path& package, const TrustRoot& trusted, const AircraftState* state) {
   // What the aircraft remembers goes first: another root of the same version has come too late.
-  RootWalk walk = walk_roots(trusted, [&](std::int64_t version) -> std::optional<RootDocument> {
+  RootSuccession walk = follow_root_chain(trusted, [&](std::int64_t version) -> std::optional<RootDocument> {
     if (state != nullptr) {
       const auto remembered = state->roots.find(version);
       if (remembered != state->roots.end()) {

@@ -10,7 +10,7 @@
 #include <string_view>
 
 #include "trust/aircraft_state.hpp"
-#include "trust/root_walk.hpp"
+#include "trust/root.hpp"
 
 namespace nadir {
 
@@ -22,8 +22,8 @@ std::string root_file_name(std::int64_t version);  // "root/2.root.json"
 bool is_root_file_name(std::string_view relative_path);
 
 // Walks from the trusted root through the roots that the aircraft remembers and those of the package. Besides the
-// findings of walk_roots(): root.rollback for files beyond the newest root that can be reached.
-RootWalk walk_package_roots(const std::filesystem::path& package, const TrustRoot& trusted, const AircraftState* state);
+// findings of follow_root_chain(): root.rollback for files beyond the newest root that can be reached.
+RootSuccession walk_package_roots(const std::filesystem::path& package, const TrustRoot& trusted, const AircraftState* state);
 
 // Documents of roots by version, each the successor of the one before.
 using RootChain = std::map<std::int64_t, std::string>;

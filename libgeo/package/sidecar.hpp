@@ -8,9 +8,9 @@
 #include <string_view>
 
 #include "base/bytes.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "base/time.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "imagery/sqlite_database.hpp"
 #include "package/sidecar.hpp"
 

@@ -3,7 +3,6 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "package/verify_parts.hpp"
-#include "trust/dsse.hpp"
 #include "trust/signed_document.hpp"
 
 namespace nadir {

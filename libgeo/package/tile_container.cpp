@@ -33,7 +33,7 @@ std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path) 
 
 Finding fault_of(const Error& error, std::string where) {
   const ErrorText& text = error.text();
-  if (const auto* cog = dynamic_cast<const CogError*>(&error)) {
+  if (const auto* cog = dynamic_cast<const TiffError*>(&error)) {
     return {.code = cog->code(),
             .where = std::move(where),
             .expected = text.expected,

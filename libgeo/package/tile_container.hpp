@@ -13,8 +13,8 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
-#include "imagery/cog_error.hpp"
+#include "base/error.hpp"
+#include "imagery/tiff.hpp"
 #include "imagery/sqlite_database.hpp"
 #include "imagery/tile_source.hpp"
 
@@ -49,7 +49,7 @@ class TileContainer {
   virtual Findings remarks() const { return {}; }                     // what the file holds that is not used
 };
 
-// By the file's first bytes. Throws CogError for a TIFF that is no tile set, Error for a file that is neither, that is
+// By the file's first bytes. Throws TiffError for a TIFF that is no tile set, Error for a file that is neither, that is
 // no database, or that has no table "tiles". A database that is damaged further inside shows when it is walked.
 std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& path);
 

@@ -4,7 +4,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 namespace {

@@ -4,7 +4,7 @@
 #include <opencv2/core.hpp>
 
 #include "base/error.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 
 namespace nadir {

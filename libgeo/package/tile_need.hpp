@@ -12,7 +12,7 @@
 
 #include "base/bytes.hpp"
 #include "geodesy/region.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 

@@ -5,8 +5,8 @@
 #include <optional>
 
 #include "base/bytes.hpp"
-#include "base/finding.hpp"
-#include "geodesy/tile_key.hpp"
+#include "base/error.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 

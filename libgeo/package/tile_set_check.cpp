@@ -116,7 +116,7 @@ class TileWalk {
   void check_bytes(TileCursor& row, const Sidecar& sidecar) {
     try {
       check_bytes(row.bytes(), sidecar);
-    } catch (const CogError& error) {  // this block alone; a database that is damaged ends the walk
+    } catch (const TiffError& error) {  // this block alone; a database that is damaged ends the walk
       wrong_.add(fault_of(error, fmt::format("{}, tile {}", name_, to_text(sidecar.key))));
     }
   }

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "package/manifest.hpp"
 #include "package/sidecar.hpp"

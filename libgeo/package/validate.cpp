@@ -28,7 +28,7 @@ class Validator {
   Validation run() {
     try {
       container_ = open_tile_container(path_);
-    } catch (const CogError& error) {
+    } catch (const TiffError& error) {
       add(fault_of(error, path_.filename().string()));
       result_.bytes = std::filesystem::file_size(path_);
       return std::move(result_);

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "base/time.hpp"
 #include "package/mission.hpp"

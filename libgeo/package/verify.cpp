@@ -69,7 +69,7 @@ void remember(AircraftState& state, const Verification& accepted, UtcTime at) {
 Verification verify_package(const fs::path& package, const VerifyOptions& options, Progress& progress) {
   require_package(package);
   Verification result;
-  RootWalk walk = walk_package_roots(package, *options.root, options.state);
+  RootSuccession walk = walk_package_roots(package, *options.root, options.state);
   result.findings.add(walk.findings);
   result.newest_root = walk.root;
   result.root_version = walk.root.version;

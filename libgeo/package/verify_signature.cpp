@@ -1,7 +1,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "package/verify_parts.hpp"
-#include "trust/dsse.hpp"
+#include "trust/signed_document.hpp"
 #include "trust/signatures.hpp"
 
 namespace nadir {

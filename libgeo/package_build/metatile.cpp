@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <opencv2/core.hpp>
 
-#include "imagery/lossless_webp.hpp"
+#include "imagery/codecs.hpp"
 #include "package/judge.hpp"
 
 namespace nadir {

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "base/time.hpp"
 #include "imagery/terrain_raster.hpp"

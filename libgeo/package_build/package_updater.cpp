@@ -14,7 +14,7 @@
 #include "package_build/update_old_package.hpp"
 #include "package_build/update_place_index.hpp"
 #include "package_build/update_tile_set.hpp"
-#include "imagery/lossless_webp.hpp"
+#include "imagery/codecs.hpp"
 #include "package/judge.hpp"
 #include "package/tile_container.hpp"
 

@@ -10,7 +10,7 @@
 #include "package_build/metatile.hpp"
 #include "package_build/tile_plan.hpp"
 #include "imagery/cog_writer.hpp"
-#include "imagery/mbtiles_writer.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/manifest.hpp"
 
 namespace nadir {

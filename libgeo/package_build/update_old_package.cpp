@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <array>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;

@@ -10,7 +10,7 @@
 #include <optional>
 #include <string>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "recorder/byte_source.hpp"
 #include "recorder/mcap_format.hpp"
 

@@ -4,7 +4,7 @@
 #include <chrono>
 #include <exception>
 
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "recorder/thumbnail.hpp"
 
 namespace nadir {
@@ -132,7 +132,7 @@ StoreStatus Recorder::status() const {
 }
 
 void Recorder::run() {
-  begin_thread("recorder", ThreadPriority::behind);
+  begin_thread("recorder", ThreadPriority::low);
   std::unique_lock lock(mutex_);
   while (true) {
     work_.wait_for(lock, kLongestSleep, [&] { return stopping_ || !queue_.empty() || flushed_ < flush_wanted_; });

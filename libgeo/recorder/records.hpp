@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/telemetry.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "vision/camera_model.hpp"
 
 namespace nadir {

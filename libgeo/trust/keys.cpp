@@ -9,8 +9,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/private_file.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -46,7 +45,7 @@ std::string text_of(BIO* bio) {
   return {data, static_cast<std::size_t>(length)};
 }
 
-// Encrypted keys would make OpenSSL ask on the terminal; we say that we do not take them.
+// OpenSSL would ask for the passphrase of an encrypted key on the terminal. We do not accept such keys.
 int no_passphrase(char*, int, int, void*) { return -1; }
 
 Key require_ed25519(Key key, std::string_view name, const char* kind) {
@@ -186,7 +185,7 @@ KeyFiles create_key_files(const fs::path& name) {
   files.public_key += ".pub.pem";
   for (const fs::path& path : {files.private_key, files.public_key}) {
     if (fs::exists(fs::symlink_status(path))) {
-      throw UsageError({.what = "a key of this name exists already",
+      throw UsageError({.what = "a key of this name exists",
                         .where = path,
                         .fix = "choose another --out; keys are never overwritten"});
     }

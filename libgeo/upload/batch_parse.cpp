@@ -8,7 +8,7 @@
 #include "base/json.hpp"
 #include "upload/batch.hpp"
 #include "ortho/candidate_sidecar_parse.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {
@@ -96,7 +96,7 @@ Batch read_contents(const json& body, std::string_view name) {
 }  // namespace
 
 SignedBatch read_batch(const json& document, std::string_view name) {
-  SignedDocument split = split_signed_document(document, kBatchPayloadType, name);
+  SignedDocument split = split_signed_document(document, name);
   return {read_contents(document["signed"], name), std::move(split)};
 }
 

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "upload/outbox_database.hpp"
 #include "trust/keys.hpp"
 

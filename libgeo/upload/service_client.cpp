@@ -8,7 +8,7 @@
 #include "base/error.hpp"
 #include "upload/pack.hpp"
 #include "upload/http_date.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

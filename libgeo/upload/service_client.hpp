@@ -8,7 +8,7 @@
 #include <variant>
 
 #include "base/bytes.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "upload/http.hpp"
 #include "upload/replies.hpp"
 

@@ -6,7 +6,7 @@
 #include <functional>
 #include <span>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "ortho/candidate_store.hpp"
 #include "upload/outbox_database.hpp"
 #include "trust/keys.hpp"

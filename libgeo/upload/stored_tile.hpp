@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <string>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "upload/batch.hpp"
 #include "upload/outbox_database.hpp"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <opencv2/core.hpp>
 
-#include "base/processor.hpp"
+#include "base/platform.hpp"
 
 namespace nadir {
 namespace {

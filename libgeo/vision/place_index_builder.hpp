@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "base/progress.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/map_window.hpp"
 #include "vision/place_index.hpp"

@@ -4,7 +4,7 @@
 
 #include <filesystem>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "package/open_package.hpp"
 #include "package/verify.hpp"

@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "base/cancel.hpp"
+#include "base/progress.hpp"
 #include "geodesy/lon_lat.hpp"
 
 namespace nadir {

@@ -7,7 +7,7 @@
 
 #include <vector>
 
-#include "base/cancel.hpp"
+#include "base/progress.hpp"
 #include "imagery/map_window.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/rectify.hpp"

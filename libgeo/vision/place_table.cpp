@@ -9,7 +9,7 @@
 
 #include "base/error.hpp"
 #include "base/json.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

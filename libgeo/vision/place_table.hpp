@@ -8,9 +8,9 @@
 #include <string_view>
 #include <vector>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "geodesy/lon_lat.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "vision/place_projection.hpp"
 
 namespace nadir {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/cancel.hpp"
+#include "base/progress.hpp"
 #include "vision/place_projection.hpp"
 
 namespace nadir {

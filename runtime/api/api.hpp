@@ -11,7 +11,7 @@
 #include "api/flight_board.hpp"
 #include "api/hint.hpp"
 #include "api/metrics.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
 #include "http/message.hpp"
 #include "imagery/tile_source.hpp"

@@ -13,7 +13,7 @@
 #include <sstream>
 #include <thread>
 
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "http/acceptor.hpp"
 #include "http/problem.hpp"
 #include "http/serving.hpp"
@@ -224,7 +224,7 @@ struct HttpServer::Impl {
         limits(bounds),
         acceptor(io, address, [this](tcp::socket socket) { take(std::move(socket)); }),
         thread([this] {
-          begin_thread("api", ThreadPriority::behind);
+          begin_thread("api", ThreadPriority::low);
           serve_until_done(io);
         }) {}
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "mavlink/commands.hpp"
 #include "service/cadence.hpp"
 
@@ -90,7 +90,7 @@ AutopilotLink::State AutopilotLink::state() const {
 }
 
 void AutopilotLink::run(const std::stop_token& stop) {
-  begin_thread("link", ThreadPriority::ahead);
+  begin_thread("link", ThreadPriority::high);
   Cadence heartbeats(kHeartbeatPeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
     beat_();

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "imagery/codecs.hpp"
 
 namespace nadir {
@@ -34,7 +34,7 @@ CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_dela
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
 void CameraFeed::run(const std::stop_token& stop) {
-  begin_thread("camera", ThreadPriority::beside);
+  begin_thread("camera", ThreadPriority::normal);
   while (!stop.stop_requested()) {
     beat_();
     CameraReading reading = source_->next(patience(), stop);

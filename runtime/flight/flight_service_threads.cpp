@@ -2,7 +2,7 @@
 // Each hands on what it has and never waits; whoever must think about it is the conductor (flight_service.cpp).
 #include <cmath>
 
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "flight/flight_service.hpp"
 #include "mavlink/commands.hpp"
 #include "service/cadence.hpp"
@@ -99,7 +99,7 @@ void FlightService::heard(double now_s, const ReceivedMessage& received) {
 
 // Disks may be slow: nobody else touches them in flight but the recorder.
 void FlightService::save_state_loop(const std::stop_token& stop) {
-  begin_thread("state", ThreadPriority::behind);
+  begin_thread("state", ThreadPriority::low);
   std::string last_trouble;
   Cadence keeping(kSavePeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {

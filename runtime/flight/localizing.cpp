@@ -3,7 +3,7 @@
 #include <exception>
 
 #include "base/error.hpp"
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "estimation/anchor_job.hpp"
 #include "vision/flight_picture.hpp"
 
@@ -49,7 +49,7 @@ void LocalizationThread::request_stop() {
 void LocalizationThread::hint(const LonLat& at, double radius_m, const std::string& by) { hints_.put({0, at, radius_m, by}); }
 
 void LocalizationThread::follow_pictures(const std::stop_token& stop) {
-  begin_thread("localizer", ThreadPriority::beside);
+  begin_thread("localizer", ThreadPriority::normal);
   while (!stop.stop_requested()) {
     follower_beat_();
     take_finished();
@@ -59,7 +59,7 @@ void LocalizationThread::follow_pictures(const std::stop_token& stop) {
 }
 
 void LocalizationThread::look_at_map(const std::stop_token& stop) {
-  begin_thread("map", ThreadPriority::behind);
+  begin_thread("map", ThreadPriority::low);
   const Cancel cancel([this, stop] { return stop.stop_requested() || give_up_; });
   while (!stop.stop_requested()) {
     looker_beat_();

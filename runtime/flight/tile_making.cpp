@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "base/error.hpp"
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 
 namespace nadir {
 namespace {
@@ -66,7 +66,7 @@ void TileMaking::anchored(std::uint64_t index, const FramePose& pose) {
 }
 
 void TileMaking::make_tiles(const std::stop_token& stop) {
-  begin_thread("tiles", ThreadPriority::behind);
+  begin_thread("tiles", ThreadPriority::low);
   while (!stop.stop_requested()) {
     const auto work = work_.take_within(kWait, stop);
     if (!work) continue;

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 
 namespace nadir {
 

@@ -6,7 +6,7 @@
 
 #include "base/error.hpp"
 #include "base/json.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 namespace {

@@ -1,4 +1,4 @@
-#include "base/cancel.hpp"
+#include "base/progress.hpp"
 
 #include <gtest/gtest.h>
 

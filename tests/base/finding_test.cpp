@@ -1,8 +1,7 @@
-#include "base/finding.hpp"
+#include "base/error.hpp"
 
 #include <gtest/gtest.h>
 
-#include "base/error.hpp"
 
 namespace nadir {
 namespace {

@@ -1,4 +1,4 @@
-#include "base/md5.hpp"
+#include "base/digest.hpp"
 
 #include <gtest/gtest.h>
 

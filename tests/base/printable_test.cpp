@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"
-#include "base/finding.hpp"
 
 namespace nadir {
 namespace {

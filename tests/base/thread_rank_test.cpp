@@ -1,4 +1,4 @@
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 
 #include <gtest/gtest.h>
 #include <pthread.h>
@@ -33,20 +33,20 @@ int programs_niceness() { return ::getpriority(PRIO_PROCESS, static_cast<id_t>(:
 
 TEST(ThreadRanks, BehindIsNicerThanTheProgram) {
   const int before = programs_niceness();
-  EXPECT_EQ(begun("behind", ThreadPriority::behind).niceness, std::min(before + 4, 19));
-  EXPECT_EQ(begun("beside", ThreadPriority::beside).niceness, before);
+  EXPECT_EQ(begun("behind", ThreadPriority::low).niceness, std::min(before + 4, 19));
+  EXPECT_EQ(begun("beside", ThreadPriority::normal).niceness, before);
   EXPECT_EQ(programs_niceness(), before) << "the others stay as they were";
 }
 
 TEST(ThreadRanks, AheadWhereThatIsPermittedAndHarmlessWhereNot) {
   const int before = programs_niceness();
-  const int ahead = begun("ahead", ThreadPriority::ahead).niceness;
+  const int ahead = begun("ahead", ThreadPriority::high).niceness;
   EXPECT_TRUE(ahead == before || ahead == std::max(before - 10, -20)) << ahead;
 }
 
 TEST(ThreadRanks, NamesAreShownAndLongOnesCut) {
-  EXPECT_EQ(begun("link", ThreadPriority::beside).name, "link");
-  EXPECT_EQ(begun("a name that is too long", ThreadPriority::beside).name, "a name that is ");
+  EXPECT_EQ(begun("link", ThreadPriority::normal).name, "link");
+  EXPECT_EQ(begun("a name that is too long", ThreadPriority::normal).name, "a name that is ");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "base/utc_millis.hpp"
+#include "base/time.hpp"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "base/random.hpp"
-#include "replay/pictures.hpp"
+#include "replay/flight_folder.hpp"
 #include "replay/score.hpp"
 #include "vision/flight_picture.hpp"
 
@@ -59,7 +59,7 @@ RecordedFlight recorded_flight(const FlightPaths& paths, const std::filesystem::
   const int shrink = harmless_shrink(recorded.camera.camera.width, recorded.camera.camera.height);
   recorded.camera.camera = recorded.camera.camera.scaled(1.0 / shrink);
   for (const Telemetry& told : recorded.flight.frames) {
-    recorded.pictures.push_back(read_picture(recorded.flight.frames_folder / told.frame, shrink));
+    recorded.pictures.push_back(read_grey_image(recorded.flight.frames_folder / told.frame, shrink));
   }
   return recorded;
 }

@@ -7,15 +7,14 @@
 #include <cstdio>
 #include <map>
 
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/flight_map.hpp"
-#include "replay/pictures.hpp"
-#include "replay/truth.hpp"
+#include "replay/flight_request.hpp"
+#include "replay/score.hpp"
 #include "vision/flight_picture.hpp"
 #include "vision/place_index.hpp"
 
@@ -85,7 +84,7 @@ int run(const std::vector<std::string>& arguments) {
       if (!truth[i]) continue;
       Telemetry told = flight.frames[i];
       if (!way.heading) told.heading_rad = std::nullopt;
-      const cv::Mat picture = read_picture(flight.frames_folder / told.frame, shrink);
+      const cv::Mat picture = read_grey_image(flight.frames_folder / told.frame, shrink);
       const Enu there = frame.enu_from_lonlat(*truth[i]);
       Localizer localizer(camera, frame, &package.imagery(), std::nullopt, config);
       if (way.hint_off_m > 0) {

@@ -11,7 +11,7 @@
 
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
-#include "imagery/mbtiles_writer.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/judge.hpp"
 #include "package/sidecar_table.hpp"
 #include "package/sign_package.hpp"

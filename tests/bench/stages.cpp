@@ -11,7 +11,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
@@ -19,9 +19,8 @@
 #include "imagery/map_window.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/flight_map.hpp"
-#include "replay/pictures.hpp"
-#include "replay/truth.hpp"
+#include "replay/flight_request.hpp"
+#include "replay/score.hpp"
 #include "vision/anchor_matcher.hpp"
 #include "vision/flight_picture.hpp"
 #include "vision/matching_plan.hpp"
@@ -125,7 +124,7 @@ int run(const std::vector<std::string>& arguments) {
     const Telemetry& told = flight.frames[i];
     cv::Mat picture;
     const FrameReport report = stages.run("whole frame", [&] {
-      picture = stages.run("decode", [&] { return read_picture(flight.frames_folder / told.frame, shrink); });
+      picture = stages.run("decode", [&] { return read_grey_image(flight.frames_folder / told.frame, shrink); });
       return localizer.process(picture, told);
     });
     if (report.anchor.verdict == AnchorVerdict::accepted) ++anchored;

@@ -8,7 +8,7 @@
 #include "api/raw_client.hpp"
 #include "candidates/service_fixture.hpp"
 #include "candidates/upload_server.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir::test {
 

@@ -8,7 +8,7 @@
 
 #include "base/error.hpp"
 #include "candidates/upload_server_fixture.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

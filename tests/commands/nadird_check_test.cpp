@@ -17,7 +17,7 @@
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
 #include "service/manual_clock.hpp"
-#include "trust/airframe_signature.hpp"
+#include "trust/signatures.hpp"
 
 namespace nadir {
 namespace {

@@ -151,7 +151,7 @@ class Provision(support.EndToEnd):
             case.setUp()
             case.start("--fault", fault)
             result = case.fails(2, *case.args(*case.all_of_it(), patience=8), says=(faults[fault], "expected", "found"))
-            self.assertNotIn("still changed", result.stderr)
+            self.assertNotIn("not reverted", result.stderr)
             case.assert_untouched()
 
         with concurrent.futures.ThreadPoolExecutor(len(faults)) as pool:
@@ -166,7 +166,7 @@ class Provision(support.EndToEnd):
         self.start()
         args = self.all_of_it()
         args[args.index(self.out)] = self.folder / "missing" / "falcon-7"
-        self.fails(2, *self.args(*args), says=("missing", "as it was before"))
+        self.fails(2, *self.args(*args), says=("missing", "were reverted"))
         self.assert_untouched()
 
     def test_an_interrupt_leaves_everything_as_it_was(self):

@@ -1,5 +1,5 @@
 // Candidate tiles from an aircraft that somebody may have had in his hands: sidecars, and the rows of a store.
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "fuzz/any_rows.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"

@@ -5,7 +5,7 @@
 #include "package/manifest.hpp"
 #include "package/mission.hpp"
 #include "trust/aircraft_state.hpp"
-#include "trust/dsse.hpp"
+#include "trust/signed_document.hpp"
 #include "trust/rollback_permit.hpp"
 #include "trust/root.hpp"
 

@@ -1,5 +1,5 @@
 // What a stranger may upload: announcements and packs of tiles.
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack_reader.hpp"
 #include "fuzz/scratch.hpp"

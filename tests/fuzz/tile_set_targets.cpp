@@ -6,7 +6,7 @@
 #include "fuzz/any_rows.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar_sql.hpp"
 #include "package/tile_set_check.hpp"

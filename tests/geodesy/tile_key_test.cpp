@@ -1,4 +1,4 @@
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 
 #include <gtest/gtest.h>
 

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {

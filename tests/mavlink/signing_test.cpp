@@ -5,7 +5,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "mavlink/codec.hpp"
 #include "mavlink/judge.hpp"
 #include "support/temporary_folder.hpp"

@@ -10,7 +10,7 @@
 #include "base/random.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/cog_writer.hpp"
-#include "imagery/mbtiles_writer.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/judge.hpp"
 #include "package/sidecar_table.hpp"
 #include "package/sign_package.hpp"

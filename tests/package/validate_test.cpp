@@ -6,7 +6,7 @@
 
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
-#include "imagery/mbtiles_writer.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/judge.hpp"
 #include "package/package_maker.hpp"
 

@@ -9,7 +9,7 @@
 #include "package_build/package_builder_fixture.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/mbtiles.hpp"
 
 namespace nadir {
 namespace {

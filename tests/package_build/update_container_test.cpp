@@ -6,7 +6,7 @@
 #include "package_build/package_parts.hpp"
 #include "package_build/update_fixture.hpp"
 #include "imagery/cog_reader.hpp"
-#include "imagery/lossless_webp.hpp"
+#include "imagery/codecs.hpp"
 #include "package/amend_package.hpp"
 #include "package/tile_container.hpp"
 #include "package/verify.hpp"

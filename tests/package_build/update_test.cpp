@@ -3,7 +3,7 @@
 
 #include "package_build/update_fixture.hpp"
 #include "imagery/codecs.hpp"
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/tile_set_diff.hpp"
 #include "package/verify.hpp"
 

@@ -1,4 +1,4 @@
-#include "provision/board_pictures.hpp"
+#include "provision/camera_calibration.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ using testing::HasSubstr;
 
 const Board kBoard{.columns = 9, .rows = 6, .square_m = 0.025};
 
-BoardPictures find(const std::filesystem::path& folder) {
+BoardImages find(const std::filesystem::path& folder) {
   NoProgress progress;
   return find_boards(folder, kBoard, progress);
 }
@@ -37,7 +37,7 @@ TEST(Board, MustNotLookTheSameTurnedRound) {
   EXPECT_THROW(parse_board("8x6", 0.025), UsageError);
 }
 
-TEST(BoardPictures, SetsAsideWhatDoesNotHelp) {
+TEST(BoardImages, SetsAsideWhatDoesNotHelp) {
   const test::TemporaryFolder folder;
   const test::BoardScene scene(test::test_camera());
   const auto write = [&](const char* name, const cv::Mat& picture) {
@@ -53,32 +53,32 @@ TEST(BoardPictures, SetsAsideWhatDoesNotHelp) {
   folder.write("text.jpg", "this is no picture");
   folder.write("notes.txt", "not looked at");
 
-  const BoardPictures found = find(folder.path());
+  const BoardImages found = find(folder.path());
   ASSERT_EQ(found.views.size(), 1U);
-  EXPECT_EQ(found.views[0].picture, "good.png");
+  EXPECT_EQ(found.views[0].image, "good.png");
   EXPECT_EQ(found.views[0].corners.size(), 54U);
   std::vector<std::string> reasons;
-  for (const SetAside& one : found.set_aside) reasons.push_back(one.picture + ": " + one.reason);
+  for (const RejectedImage& one : found.rejected) reasons.push_back(one.image + ": " + one.reason);
   EXPECT_THAT(reasons, testing::ElementsAre(HasSubstr("beyond.png: no whole board"), HasSubstr("blurred.png: blurred"),
                                             HasSubstr("cut.png: damaged"), HasSubstr("empty.png: no whole board"),
                                             HasSubstr("text.jpg: damaged")));
 }
 
-TEST(BoardPictures, AnotherBoardIsNotTheBoard) {
+TEST(BoardImages, AnotherBoardIsNotTheBoard) {
   const test::BoardScene scene(test::test_camera());
   const cv::Mat picture = scene.picture(in_the_middle(), 0.6, 1);
   EXPECT_TRUE(find_board(picture, kBoard, "p"));
   EXPECT_FALSE(find_board(picture, {.columns = 10, .rows = 7, .square_m = 0.025}, "p"));
 }
 
-TEST(BoardPictures, AreOfOneSize) {
+TEST(BoardImages, AreOfOneSize) {
   const test::TemporaryFolder folder;
   write_file_atomic(folder / "a.png", encode_image(cv::Mat(480, 640, CV_8UC1, cv::Scalar(90)), ImageFormat::png));
   write_file_atomic(folder / "b.png", encode_image(cv::Mat(240, 320, CV_8UC1, cv::Scalar(90)), ImageFormat::png));
   EXPECT_THROW(find(folder.path()), UsageError);
 }
 
-TEST(BoardPictures, NeedsAFolderWithPictures) {
+TEST(BoardImages, NeedsAFolderWithPictures) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(find(folder.path()), UsageError);
   EXPECT_THROW(find(folder / "missing"), UsageError);

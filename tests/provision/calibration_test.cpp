@@ -1,4 +1,4 @@
-#include "provision/calibration.hpp"
+#include "provision/camera_calibration.hpp"
 
 #include <gtest/gtest.h>
 
@@ -19,11 +19,11 @@ using test::BoardPose;
 const Board kBoard{.columns = 9, .rows = 6, .square_m = 0.025};
 
 // What a perfect finder would see, but for a twentieth of a pixel.
-BoardPictures seen(const std::vector<BoardPose>& poses) {
-  BoardPictures pictures{.size = {640, 480}};
+BoardImages seen(const std::vector<BoardPose>& poses) {
+  BoardImages pictures{.size = {640, 480}};
   cv::RNG random(1);
   for (const BoardPose& pose : poses) {
-    BoardView view{.picture = "picture", .corners = test::true_corners(test::test_camera(), pose)};
+    BoardView view{.image = "image", .corners = test::true_corners(test::test_camera(), pose)};
     for (cv::Point2f& corner : view.corners) {
       corner += cv::Point2f(static_cast<float>(random.gaussian(0.05)), static_cast<float>(random.gaussian(0.05)));
     }
@@ -32,13 +32,13 @@ BoardPictures seen(const std::vector<BoardPose>& poses) {
   return pictures;
 }
 
-BoardPictures good_views() { return seen(test::good_poses(test::test_camera())); }
+BoardImages good_views() { return seen(test::good_poses(test::test_camera())); }
 
 TEST(Calibration, FindsTheCameraThatTookThePictures) {
   const test::TemporaryFolder folder;
   test::write_pictures(folder.path(), test::test_camera(), test::good_poses(test::test_camera()), 0.6);
   NoProgress progress;
-  const BoardPictures pictures = find_boards(folder.path(), kBoard, progress);
+  const BoardImages pictures = find_boards(folder.path(), kBoard, progress);
   ASSERT_EQ(pictures.views.size(), 12U);
   const CalibrationLimits limits;
   EXPECT_TRUE(check_views(pictures, limits).empty());
@@ -69,7 +69,7 @@ TEST(Calibration, WritesWhatTheLocalizerReads) {
 }
 
 TEST(Calibration, RefusesTooFewPictures) {
-  BoardPictures few = good_views();
+  BoardImages few = good_views();
   few.views.resize(5);
   EXPECT_TRUE(check_views(few, {}).contains("provision.few_pictures"));
   few.views.resize(2);
@@ -93,7 +93,7 @@ TEST(Calibration, RefusesABoardThatIsNeverTilted) {
 }
 
 TEST(Calibration, RefusesABoardThatWasNotFlat) {
-  BoardPictures bent = good_views();
+  BoardImages bent = good_views();
   for (BoardView& view : bent.views) {
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       view.corners[i].y += 3.0F * std::sin(static_cast<float>(i % 9));

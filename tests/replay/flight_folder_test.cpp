@@ -9,7 +9,7 @@
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
-#include "replay/truth.hpp"
+#include "replay/score.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -78,7 +78,7 @@ TEST_F(FlightFolder, ReadsTheChangeOfVelocityWhereItIs) {
 
 TEST_F(FlightFolder, CountsPicturesWithoutARow) {
   telemetry("a.jpg,0,120,90,,\n");
-  EXPECT_EQ(read().pictures_without_row, 1U);
+  EXPECT_EQ(read().images_without_row, 1U);
 }
 
 TEST_F(FlightFolder, RefusesNan) {

@@ -6,7 +6,7 @@
 #include "base/csv.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
 #include "simulation/test_world.hpp"
 #include "support/temporary_folder.hpp"

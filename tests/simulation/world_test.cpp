@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/files.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/imagery_facts.hpp"
 #include "package/mission.hpp"

@@ -1,8 +1,8 @@
-#include "trust/airframe_signature.hpp"
+#include "trust/signatures.hpp"
 
 #include <gtest/gtest.h>
 
-#include "trust/dsse.hpp"
+#include "trust/signed_document.hpp"
 
 namespace nadir {
 namespace {

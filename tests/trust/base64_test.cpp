@@ -1,4 +1,4 @@
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 #include <gtest/gtest.h>
 

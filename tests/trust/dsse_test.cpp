@@ -1,9 +1,9 @@
-#include "trust/dsse.hpp"
+#include "trust/signed_document.hpp"
 
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

@@ -1,4 +1,4 @@
-#include "trust/root_walk.hpp"
+#include "trust/root.hpp"
 
 #include <gtest/gtest.h>
 
@@ -20,8 +20,8 @@ class RootWalking : public ::testing::Test {
   void put(std::int64_t number, const PrivateKey& root_key, const std::vector<const PrivateKey*>& signers) {
     documents_[number] = sign_root(version(number, root_key), signers).json();
   }
-  RootWalk walk(std::int64_t from = 1) {
-    return walk_roots(version(from, a_), [this](std::int64_t wanted) -> std::optional<RootDocument> {
+  RootSuccession walk(std::int64_t from = 1) {
+    return follow_root_chain(version(from, a_), [this](std::int64_t wanted) -> std::optional<RootDocument> {
       const auto found = documents_.find(wanted);
       if (found == documents_.end()) return std::nullopt;
       return RootDocument{found->second, "test"};
@@ -33,7 +33,7 @@ class RootWalking : public ::testing::Test {
 };
 
 TEST_F(RootWalking, WithoutNewerRootsStaysWhereItIs) {
-  const RootWalk result = walk();
+  const RootSuccession result = walk();
   EXPECT_EQ(result.root.version, 1);
   EXPECT_TRUE(result.newer.empty());
   EXPECT_TRUE(result.findings.empty());
@@ -42,7 +42,7 @@ TEST_F(RootWalking, WithoutNewerRootsStaysWhereItIs) {
 TEST_F(RootWalking, GoesEveryStepWithNewKeys) {
   put(2, b_, {&a_, &b_});
   put(3, c_, {&b_, &c_});
-  const RootWalk result = walk();
+  const RootSuccession result = walk();
   EXPECT_EQ(result.root.version, 3);
   EXPECT_EQ(result.newer.size(), 2U);
   EXPECT_TRUE(result.root.root.key_ids.contains(c_.public_key().id()));
@@ -52,7 +52,7 @@ TEST_F(RootWalking, GoesEveryStepWithNewKeys) {
 TEST_F(RootWalking, StopsBeforeARootThatTheOldKeysHaveNotSigned) {
   put(2, b_, {&b_});
   put(3, c_, {&b_, &c_});
-  const RootWalk result = walk();
+  const RootSuccession result = walk();
   EXPECT_EQ(result.root.version, 1);
   EXPECT_TRUE(result.findings.refuses());
 }
@@ -61,7 +61,7 @@ TEST_F(RootWalking, StopsBeforeARootThatTheOldKeysHaveNotSigned) {
 TEST_F(RootWalking, RetiredKeyHasNoSayLaterOn) {
   put(2, b_, {&a_, &b_});
   put(3, c_, {&a_, &c_});
-  const RootWalk result = walk();
+  const RootSuccession result = walk();
   EXPECT_EQ(result.root.version, 2);
   EXPECT_TRUE(result.findings.refuses());
 }
@@ -71,7 +71,7 @@ TEST_F(RootWalking, RevokedKeyHasNoSay) {
   second.revoked.insert(a_.public_key().id());
   documents_[2] = sign_root(second, {&a_, &b_}).json();
   put(3, a_, {&a_, &b_});
-  const RootWalk third = walk();
+  const RootSuccession third = walk();
   EXPECT_EQ(third.root.version, 3) << "the second root's own key may bring another key in";
   put(3, a_, {&a_});
   EXPECT_EQ(walk().root.version, 2);
@@ -90,7 +90,7 @@ TEST_F(RootWalking, DamagedDocumentsAreFindings) {
   for (std::size_t at = 0; at < good.size(); at += 7) {
     documents_[2] = good;
     documents_[2][at] = static_cast<char>(documents_[2][at] ^ 1);
-    const RootWalk result = walk();
+    const RootSuccession result = walk();
     if (result.root.version == 2) {
       // Blanks between the members are not signed; everything that is must be as it was.
       EXPECT_EQ(parse_root(documents_[2], "test").signed_bytes, parse_root(good, "test").signed_bytes) << at;

@@ -119,7 +119,7 @@ class Commands(unittest.TestCase):
         file = self.folder / "token"
         file.write_text(TOKEN + "\n")
         file.chmod(0o644)
-        self.ends(2, self.push("--token-file", file, token=None), "others can read the token")
+        self.ends(2, self.push("--token-file", file, token=None), "readable by other users")
         file.chmod(0o600)
         self.ends(0, self.push("--token-file", file, token=None))
 

@@ -5,7 +5,7 @@
 
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <variant>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "candidates/service_result.hpp"
 
 namespace nadir {

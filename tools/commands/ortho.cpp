@@ -11,7 +11,7 @@
 #include "cli/output.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package_build/candidate_mosaic.hpp"
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/mbtiles.hpp"
 #include "commands/ortho_page/compare_page.hpp"
 #include "commands/ortho_page/flight_tiles.hpp"
 #include "ortho/tile_key_check.hpp"

@@ -8,17 +8,17 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "base/printable.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "cli/nadir_version.hpp"
-#include "replay/flight_map.hpp"
+#include "replay/flight_request.hpp"
 #include "replay/replay_flight.hpp"
 #include "replay/report.hpp"
-#include "replay/summary.hpp"
-#include "replay/track_geojson.hpp"
+#include "replay/score.hpp"
+#include "replay/track_files.hpp"
 
 namespace nadir {
 namespace {

@@ -11,7 +11,7 @@
 #include "cli/output.hpp"
 #include "package/manifest.hpp"
 #include "package/tile_container.hpp"
-#include "trust/dsse.hpp"
+#include "trust/signed_document.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;

@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include "base/error.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "cli/options.hpp"
 #include "commands/keys/new_root.hpp"
 

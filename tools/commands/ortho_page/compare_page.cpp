@@ -8,7 +8,7 @@
 #include "imagery/map_window.hpp"
 #include "cli/nadir_version.hpp"
 #include "report/page_text.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

@@ -82,7 +82,7 @@ TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, con
     const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(frame_ms);
     OutOfTime out_of_time;
     if (frame_ms > 0) out_of_time = [until] { return std::chrono::steady_clock::now() > until; };
-    const Bytes picture = poses[i] ? picture_bytes(flight.picture(i)) : Bytes();
+    const Bytes picture = poses[i] ? picture_bytes(flight.image_path(i)) : Bytes();
     const FrameTiles made = maker.make(seen, picture, store, out_of_time);
     count_frame(made, summary);
     count_tiles(made, summary);

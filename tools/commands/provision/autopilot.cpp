@@ -86,7 +86,7 @@ int ProvisionAutopilotCommand::run(Context& context) {
   }
   const std::filesystem::path signing_time = signing_key_ ? signing_key_->string() + ".time" : std::string();
   const std::optional<SigningKey> key = read_or_make_key(context);
-  const LinkState link = open_as_it_speaks(session, key, signing_time);
+  const LinkState link = open_detected(session, key, signing_time);
   const AutopilotIdentity autopilot = identify(session);
   const auto parameters = read_parameters(session, autopilot.address, receiver_);
   if (!apply_) {

@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "cli/command.hpp"
-#include "provision/provisioning.hpp"
+#include "provision/autopilot_provisioning.hpp"
 #include "vision/airframe.hpp"
 
 namespace nadir {

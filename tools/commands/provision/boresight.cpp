@@ -12,9 +12,9 @@
 #include "cli/output.hpp"
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
-#include "provision/boresight_sights.hpp"
-#include "replay/flight_map.hpp"
-#include "replay/flight_recording.hpp"
+#include "provision/boresight.hpp"
+#include "replay/flight_request.hpp"
+#include "replay/recorded_flight.hpp"
 
 namespace nadir {
 namespace {
@@ -132,11 +132,11 @@ int ProvisionBoresightCommand::run(Context& context) {
   if (!opening.package) return report_findings(context.out, context.json, opening.findings);
 
   const BoresightFlight from{flight, recorder_ ? airframe.mount : Attitude{}, static_cast<std::size_t>(most_frames_)};
-  const BoresightSights seen = find_sights(from, airframe.camera, airframe.mount, *opening.package, context.progress);
+  const BoresightMeasurements seen = measure_boresight(from, airframe.camera, airframe.mount, *opening.package, context.progress);
   BoresightSettings settings{airframe.mount, airframe.camera.uncertainty};
   settings.gps_sigma_m = gps_sigma_m_;
   settings.offset_sigma_m = std::hypot(settings.offset_sigma_m, map_sigma_m(opening.package->imagery()));
-  const auto boresight = solve_boresight(seen.sights, settings);
+  const auto boresight = solve_boresight(seen.measurements, settings);
   Findings findings = check_boresight(boresight, limits_);
   const double told_delay_s = airframe.capture_delay_s;
   if (boresight) {
@@ -144,7 +144,7 @@ int ProvisionBoresightCommand::run(Context& context) {
     airframe.capture_delay_s = std::max(told_delay_s + boresight->delay_s, 0.0);
   }
   if (!findings.refuses() && out_) write_airframe(*out_, airframe, *key);
-  return report(context, findings, boresight, seen.looked_at, airframe.capture_delay_s);
+  return report(context, findings, boresight, seen.frames, airframe.capture_delay_s);
 }
 
 int ProvisionBoresightCommand::report(Context& context, const Findings& findings,
@@ -156,7 +156,7 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
     return report_findings(context.out, true, findings,
                            {{"frames", looked_at},
                             {"frames_used", b.used},
-                            {"frames_set_aside", b.set_aside},
+                            {"frames_set_aside", b.outliers},
                             {"mount_deg",
                              {{"yaw", degrees(b.mount.heading_rad)},
                               {"pitch", degrees(b.mount.pitch_rad)},
@@ -166,7 +166,7 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
                               {"pitch", degrees(b.mount_sigma.pitch_rad)},
                               {"roll", degrees(b.mount_sigma.roll_rad)}}},
                             {"capture_delay_s", delay_s},
-                            {"capture_delay_seen", b.delay_seen},
+                            {"capture_delay_seen", b.delay_observable},
                             {"capture_delay_sigma_s", b.delay_sigma_s},
                             {"offset_m", {b.offset_m.x(), b.offset_m.y()}},
                             {"height_factor", b.height_factor},
@@ -175,11 +175,11 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
   if (!findings.empty()) print_findings(context.out, findings);
   print_figures(
       context.out,
-      {{"frames", fmt::format("{} looked at, {} used, {} set aside", looked_at, b.used, b.set_aside)},
+      {{"frames", fmt::format("{} looked at, {} used, {} set aside", looked_at, b.used, b.outliers)},
        {"yaw", with_sigma(b.mount.heading_rad, b.mount_sigma.heading_rad)},
        {"pitch", with_sigma(b.mount.pitch_rad, b.mount_sigma.pitch_rad)},
        {"roll", with_sigma(b.mount.roll_rad, b.mount_sigma.roll_rad)},
-       {"capture delay", b.delay_seen ? fmt::format("{:.3f} s (σ {:.3f} s)", delay_s, b.delay_sigma_s)
+       {"capture delay", b.delay_observable ? fmt::format("{:.3f} s (σ {:.3f} s)", delay_s, b.delay_sigma_s)
                                       : fmt::format("{:.3f} s as told; this flight does not show it", delay_s)},
        {"GPS to map", fmt::format("{:+.1f} m east, {:+.1f} m north", b.offset_m.x(), b.offset_m.y())},
        {"height", fmt::format("{:.3f} of what was told", b.height_factor)},

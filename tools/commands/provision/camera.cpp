@@ -41,7 +41,7 @@ int ProvisionCameraCommand::run(Context& context) {
                       .fix = "move it away, or choose another name"});
   }
   const Board board = parse_board(board_, square_m_);
-  const BoardPictures pictures = find_boards(pictures_, board, context.progress);
+  const BoardImages pictures = find_boards(pictures_, board, context.progress);
   Findings findings = check_views(pictures, limits_);
   if (findings.refuses()) return report_findings(context.out, context.json, findings);
   const Calibration calibration = calibrate(pictures, board);
@@ -50,13 +50,13 @@ int ProvisionCameraCommand::run(Context& context) {
   return report(context, findings, pictures, calibration);
 }
 
-int ProvisionCameraCommand::report(Context& context, const Findings& findings, const BoardPictures& pictures,
+int ProvisionCameraCommand::report(Context& context, const Findings& findings, const BoardImages& pictures,
                                    const Calibration& calibration) const {
   const CameraModel& camera = calibration.camera;
   if (context.json) {
     return report_findings(context.out, true, findings,
                            {{"pictures_used", pictures.views.size()},
-                            {"pictures_set_aside", pictures.set_aside.size()},
+                            {"pictures_set_aside", pictures.rejected.size()},
                             {"residual_px", calibration.residual_px},
                             {"worst_picture", calibration.worst_view},
                             {"worst_picture_px", calibration.worst_view_px},
@@ -70,7 +70,7 @@ int ProvisionCameraCommand::report(Context& context, const Findings& findings, c
   }
   if (!findings.empty()) print_findings(context.out, findings);
   print_figures(context.out,
-                {{"pictures", fmt::format("{} used, {} set aside", pictures.views.size(), pictures.set_aside.size())},
+                {{"pictures", fmt::format("{} used, {} set aside", pictures.views.size(), pictures.rejected.size())},
                  {"focal lengths",
                   fmt::format("{:.2f}, {:.2f} px (σ {:.3f} %)", camera.fx, camera.fy, calibration.focal_sigma * 100)},
                  {"centre", fmt::format("{:.2f}, {:.2f} px", camera.cx, camera.cy)},

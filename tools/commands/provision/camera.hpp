@@ -4,7 +4,7 @@
 #include <filesystem>
 
 #include "cli/command.hpp"
-#include "provision/calibration.hpp"
+#include "provision/camera_calibration.hpp"
 
 namespace nadir {
 
@@ -21,7 +21,7 @@ class ProvisionCameraCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  int report(Context& context, const Findings& findings, const BoardPictures& pictures,
+  int report(Context& context, const Findings& findings, const BoardImages& pictures,
              const Calibration& calibration) const;
 
   std::filesystem::path pictures_, out_;

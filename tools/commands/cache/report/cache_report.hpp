@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "cli/output.hpp"
 #include "commands/cache/matchability_request.hpp"

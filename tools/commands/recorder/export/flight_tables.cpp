@@ -7,7 +7,7 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/local_frame.hpp"
 #include "recorder/recording.hpp"
-#include "replay/flight_recording.hpp"
+#include "replay/recorded_flight.hpp"
 
 namespace nadir {
 namespace {
