@@ -7,14 +7,14 @@
 namespace nadir {
 namespace {
 
-TEST(Cancel, NobodyWantsItUnlessSomebodyDoes) {
+TEST(Cancel, ThrowsOnlyWhenRequested) {
   EXPECT_NO_THROW(Cancel().check());
   EXPECT_NO_THROW(Cancel(std::function<bool()>()).check());
   EXPECT_NO_THROW(Cancel([] { return false; }).check());
   EXPECT_THROW(Cancel([] { return true; }).check(), Interrupted);
 }
 
-TEST(Cancel, CopiesAskTheSame) {
+TEST(Cancel, CopiesShareTheRequest) {
   std::stop_source source;
   const Cancel cancel([stop = source.get_token()] { return stop.stop_requested(); });
   const Cancel copy = cancel;
@@ -25,4 +25,5 @@ TEST(Cancel, CopiesAskTheSame) {
 }
 
 }  // namespace
+
 }  // namespace nadir

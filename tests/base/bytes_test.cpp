@@ -29,4 +29,5 @@ TEST(Base64, HasOneSpellingOnly) {
 }
 
 }  // namespace
+
 }  // namespace nadir

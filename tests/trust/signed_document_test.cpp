@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include "base/error.hpp"
 #include "base/bytes.hpp"
+#include "base/error.hpp"
 
 namespace nadir {
 namespace {
@@ -61,4 +61,5 @@ TEST(Dsse, BoundsTheNumberOfSignatures) {
 }
 
 }  // namespace
+
 }  // namespace nadir
