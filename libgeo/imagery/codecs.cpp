@@ -22,20 +22,20 @@ namespace nadir {
 namespace {
 
 [[noreturn]] void reject(std::string_view name, std::string_view format, std::string_view found) {
-  throw Error({.what = "the picture cannot be decoded",
+  throw Error({.what = "cannot decode the image",
                .where = std::string(name),
-               .expected = fmt::format("a complete {} picture", format),
+               .expected = fmt::format("a complete {} image", format),
                .found = std::string(found),
-               .fix = "copy or make the file again"});
+               .fix = "copy or create the file again"});
 }
 
 void check_size(std::int64_t width, std::int64_t height, std::string_view name) {
   if (width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide || width * height > kMaxImagePixels) {
-    throw Error({.what = "the picture's size is out of range",
+    throw Error({.what = "the image size is out of range",
                  .where = std::string(name),
                  .expected = fmt::format("1 to {} pixels a side and at most {} in all", kMaxImageSide, kMaxImagePixels),
                  .found = fmt::format("{} x {}", width, height),
-                 .fix = "cut large rasters into map tiles instead of reading them as one picture"});
+                 .fix = "cut large rasters into map tiles instead of reading them as one image"});
   }
 }
 
@@ -228,7 +228,7 @@ void open(Png& png, ByteView bytes, std::string_view name) {
     reject(name, "PNG", png.image.message);
   }
   check_size(png.image.width, png.image.height, name);
-  if (!is_whole(bytes)) reject(name, "PNG", "a file that ends too early");
+  if (!is_whole(bytes)) reject(name, "PNG", "a truncated file");
 }
 
 
@@ -278,7 +278,7 @@ namespace webp {
 
 const char* text_of(VP8StatusCode code) {
   switch (code) {
-    case VP8_STATUS_NOT_ENOUGH_DATA: return "a file that ends too early";
+    case VP8_STATUS_NOT_ENOUGH_DATA: return "a truncated file";
     case VP8_STATUS_UNSUPPORTED_FEATURE: return "a kind of WebP that is not supported";
     case VP8_STATUS_OUT_OF_MEMORY: return "out of memory";
     default: return "damaged data";
@@ -389,7 +389,7 @@ ImageInfo read_image_info(ByteView bytes, std::string_view name) {
 
 DecodedImage decode_image(ByteView bytes, Colour colour, std::string_view name, int shrink) {
   if (shrink != 1 && shrink != 2 && shrink != 4 && shrink != 8) {
-    throw UsageError({.what = "pictures shrink by 1, 2, 4 or 8", .found = std::to_string(shrink)});
+    throw UsageError({.what = "images can be reduced by 1, 2, 4 or 8", .found = std::to_string(shrink)});
   }
   const ImageFormat format = format_of(bytes, name);
   if (format == ImageFormat::jpeg) return jpeg::decode(bytes, colour, name, shrink);
@@ -404,9 +404,9 @@ cv::Mat read_image_file(const std::filesystem::path& path, Colour colour, int sh
 }
 
 Bytes encode_image(const cv::Mat& image, ImageFormat format, int quality) {
-  check_size(image.cols, image.rows, "picture to encode");
+  check_size(image.cols, image.rows, "image to encode");
   if (image.depth() != CV_8U || image.channels() == 2 || (format == ImageFormat::jpeg && image.channels() == 4)) {
-    throw Error({.what = "this picture cannot be encoded",
+    throw Error({.what = "this image cannot be encoded",
                  .expected = "8 bit grey or BGR (BGRA for PNG and WebP)",
                  .found = fmt::format("{} channels of type {}", image.channels(), image.depth())});
   }
@@ -428,7 +428,7 @@ bool is_lossless_webp(ByteView bytes) {
 }
 
 Bytes encode_lossless_webp(const cv::Mat& image) {
-  if (image.type() != CV_8UC3) throw Error({.what = "only BGR pictures become lossless WebP"});
+  if (image.type() != CV_8UC3) throw Error({.what = "lossless WebP needs a BGR image"});
   std::uint8_t* data = nullptr;
   const std::size_t size =
       WebPEncodeLosslessBGR(image.data, image.cols, image.rows, static_cast<int>(image.step), &data);

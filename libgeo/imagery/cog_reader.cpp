@@ -1,5 +1,3 @@
-// JPEG and WebP go to their own libraries. The rest (no compression, LZW, deflate, ZSTD, predictors) is libtiff's: it
-// sees a small TIFF in memory of one block, which is written here, and never the file from outside.
 #include "imagery/cog_reader.hpp"
 
 #include <fmt/format.h>
@@ -21,6 +19,8 @@
 namespace nadir {
 namespace {
 
+// JPEG and WebP are decoded by their own libraries. libtiff decodes the rest (no compression, LZW, deflate, ZSTD,
+// predictors): it reads a small TIFF of one block in memory, which is written here, never the file from outside.
 Bytes tiff_of_one_block(const CogBlockLayout& form, ByteView block) {
   TiffTags tags(false);
   const auto bits = static_cast<std::uint16_t>(form.bits);
@@ -59,7 +59,7 @@ Bytes decode_by_libtiff(const CogBlockLayout& form, ByteView block, std::string_
   Bytes pixels(row * static_cast<std::size_t>(form.height));
   const auto size = static_cast<tmsize_t>(pixels.size());
   if (!tiff || TIFFTileSize(tiff.get()) != size || TIFFReadEncodedTile(tiff.get(), 0, pixels.data(), size) != size) {
-    throw Error({.what = "the block cannot be decoded",
+    throw Error({.what = "cannot decode the block",
                  .where = std::string(name),
                  .expected = fmt::format("{} x {} pixels", form.width, form.height),
                  .found = memory.complaint.empty() ? "damaged data" : memory.complaint});
@@ -217,7 +217,7 @@ class LevelReader {
     }
     const auto scale = file_.reals(0, tiff::kPixelScale), tie = file_.reals(0, tiff::kTiepoint, 6);
     if (scale.size() < 2 || tie.size() != 6) {
-      off_grid("a picture that lies north up: ModelPixelScale and one ModelTiepoint", "another georeference");
+      off_grid("a north-up image: ModelPixelScale and one ModelTiepoint", "another georeference");
     }
     const double world_m = 2 * std::numbers::pi * kMercatorRadius_m;
     const double exact_zoom = std::log2(world_m / kTileSize / scale[0]);
@@ -239,7 +239,7 @@ class LevelReader {
     place.y = (world_m / 2 - tie[4]) / pixel_m - tie[1] - shift;
     const double across = kTileSize * std::exp2(place.zoom);
     if (!(place.x > -0.5 && place.y > -0.5 && place.x + width < across + 0.5 && place.y + height < across + 0.5)) {
-      off_grid("a picture inside the map of the world", "one that reaches beyond");
+      off_grid("an image inside the map of the world", "one that extends beyond it");
     }
     place.west = std::llround(place.x), place.north = std::llround(place.y);
     return place;
@@ -304,11 +304,11 @@ class LevelReader {
     CogBlocks blocks;
     blocks.width = side(directory, tiff::kWidth), blocks.height = side(directory, tiff::kHeight);
     if (!file_.has(directory, tiff::kTileWidth) || !file_.has(directory, tiff::kTileOffsets)) {
-      refuse_layout("a picture in tiles", "one in strips");
+      refuse_layout("a tiled image", "one in strips");
     }
     const std::uint64_t planar = file_.number(directory, tiff::kPlanarConfig, 1);
     if (planar != 1 && file_.number(directory, tiff::kSamplesPerPixel, 1) != 1) {
-      refuse_layout("colours side by side (INTERLEAVE=PIXEL)", "one plane per colour");
+      refuse_layout("interleaved bands (INTERLEAVE=PIXEL)", "one plane per colour");
     }
     const std::uint64_t width = file_.number(directory, tiff::kTileWidth, 0);
     const std::uint64_t height = file_.number(directory, tiff::kTileHeight, 0);
@@ -409,7 +409,7 @@ std::optional<Bytes> CogReader::block(const CogBlocks& blocks, std::int64_t colu
   const bool inside = size <= kMaxBlockBytes && size <= bytes_->size();
   if (inside) bytes.resize(size);
   if (inside && bytes_->read(blocks.places[index], bytes)) return bytes;
-  throw TiffError("tiff.corrupt", {.what = "a block lies outside of the file",
+  throw TiffError("tiff.corrupt", {.what = "a block lies outside the file",
                                   .where = fmt::format("{}, block {}, {}", name_, column, row),
                                   .expected = fmt::format("a place inside {} bytes", bytes_->size()),
                                   .found = fmt::format("{} bytes at {}", size, blocks.places[index]),

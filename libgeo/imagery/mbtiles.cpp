@@ -27,7 +27,7 @@ MbtilesReader::MbtilesReader(const std::filesystem::path& path)
     : database_(std::make_unique<SqliteDatabase>(SqliteDatabase::open_immutable(path))) {
   for (const char* table : {"metadata", "tiles"}) {
     if (!database_->has_table(table)) {
-      throw Error({.what = fmt::format("no MBTiles file: the table \"{}\" is missing", table),
+      throw Error({.what = fmt::format("not an MBTiles file: table \"{}\" is missing", table),
                    .where = path.string(),
                    .expected = "the tables of MBTiles 1.3: metadata, tiles",
                    .fix = "give an MBTiles file with raster tiles"});
@@ -37,7 +37,7 @@ MbtilesReader::MbtilesReader(const std::filesystem::path& path)
   const auto min_zoom = zoom_from(*database_, "SELECT min(zoom_level) FROM tiles");
   const auto max_zoom = zoom_from(*database_, "SELECT max(zoom_level) FROM tiles");
   if (!min_zoom || !max_zoom) {
-    throw Error({.what = "the MBTiles file holds no tiles", .where = path.string(), .fix = "build it again"});
+    throw Error({.what = "the MBTiles file has no tiles", .where = path.string(), .fix = "build it again"});
   }
   zooms_ = {*min_zoom, *max_zoom};
   tile_ = database_->prepare("SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?");

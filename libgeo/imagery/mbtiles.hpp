@@ -1,6 +1,6 @@
-// Reads a tile set in an MBTiles file (github.com/mapbox/mbtiles-spec, 1.3): an SQLite database whose rows count from
-// the south (TMS). The file is opened read-only and immutable: nobody writes to what an aircraft flies with, and no
-// journal is looked for beside it.
+// Tile sets in MBTiles files (github.com/mapbox/mbtiles-spec, 1.3): SQLite databases whose tile rows count from the south
+// (TMS). Readers open the file read-only and immutable: nobody writes to what an aircraft flies with, and SQLite looks for
+// no journal beside it.
 #pragma once
 
 #include <filesystem>
@@ -21,9 +21,9 @@ class MbtilesReader final : public TileSource {
   // Throws Error when the file is missing, is no SQLite database, lacks the tables of the specification, or is empty.
   explicit MbtilesReader(const std::filesystem::path& path);
 
-  ZoomRange zooms() const override { return zooms_; }  // of the tiles that are there, not what the metadata claims
+  ZoomRange zooms() const override { return zooms_; }  // of the existing tiles, not as the metadata claims
   std::optional<Bytes> read(const TileKey& key) const override;
-  std::optional<Bytes> read_mask(const TileKey& key) const override;  // from nadir_sidecars; files of others have none
+  std::optional<Bytes> read_mask(const TileKey& key) const override;  // from nadir_sidecars; other files have none
 
   std::map<std::string, std::string> metadata() const;
   const SqliteDatabase& database() const { return *database_; }  // for tables beyond the specification
@@ -31,18 +31,16 @@ class MbtilesReader final : public TileSource {
  private:
   std::optional<Bytes> blob(std::optional<SqliteStatement>& statement, const TileKey& key) const;
 
-  std::unique_ptr<SqliteDatabase> database_;  // an address of its own: statements point to it
+  std::unique_ptr<SqliteDatabase> database_;  // on the heap: statements point to it
   ZoomRange zooms_;
   mutable std::mutex mutex_;  // statements are shared between threads
   mutable std::optional<SqliteStatement> tile_;
   mutable std::optional<SqliteStatement> mask_;
 };
 
-// Writes a tile set as an MBTiles file (1.3). The file is a plain function of the calls: the same tiles in the same
-// order give the same bytes (fixed page size, one transaction, no times, no names).
-//
-// There is no journal while it is written: a killed writer leaves rubbish, so it belongs into a StagingDirectory.
-
+// The file is a function of the calls alone: the same tiles in the same order give the same bytes (fixed page size, one
+// transaction, no times, no names). There is no journal while it is written: a killed writer leaves a damaged file, so
+// write into a StagingDirectory.
 class MbtilesWriter {
  public:
   explicit MbtilesWriter(const std::filesystem::path& path);  // throws Error when the file exists
@@ -59,7 +57,7 @@ class MbtilesWriter {
   void finish();
 
  private:
-  // What `mbtiles validate` of the MapLibre project asks for: MD5 over zoom, column and row as decimal text and the
+  // As `mbtiles validate` of the MapLibre project expects it: MD5 over zoom, column and row as decimal text and the
   // tile's bytes, in this order.
   std::string aggregate_hash() const;
 

@@ -22,7 +22,7 @@ namespace {
 constexpr std::uint32_t kTagPixelScale = 33550, kTagTiepoint = 33922, kTagTransformation = 34264, kTagGeoKeys = 34735,
                         kTagNodata = 42113;
 constexpr std::uint32_t kMaxTileSide = 2048;
-constexpr tmsize_t kMaxAllocation = tmsize_t{64} << 20;  // no single block of a sound file needs more
+constexpr tmsize_t kMaxAllocation = tmsize_t{64} << 20;  // no block of a valid file needs more
 
 // libtiff over bytes in memory. libtiff checks the tags of TIFF itself; the types of the GeoTIFF tags and of GDAL's
 // nodata are checked here, because libtiff does not know them (or only when GDAL lives in the same process).
@@ -42,11 +42,11 @@ class TerrainTiff {
 
  private:
   [[noreturn]] void refuse(std::string expected, std::string found) const {
-    throw Error({.what = "this is no usable terrain file",
+    throw Error({.what = "this terrain file cannot be used",
                  .where = name_,
                  .expected = std::move(expected),
                  .found = found.empty() ? "something else" : std::move(found),
-                 .fix = "let `nadir cache build --dem` make it from the elevation model"});
+                 .fix = "create it from the elevation model with `nadir cache build --dem`"});
   }
 
   template <typename Value>
@@ -190,16 +190,10 @@ class TerrainTiff {
   std::uint32_t tile_columns_ = 0, tile_rows_ = 0;
 };
 
-}  // namespace
-
-TerrainRaster parse_terrain_raster(ByteView file, std::string_view name) { return TerrainTiff(file, name).read(); }
-
-namespace {
-
 void check_grid(const TerrainGrid& grid, std::size_t heights) {
   const auto refuse = [](std::string expected, std::string found) {
     throw Error(
-        {.what = "the grid of heights is not usable", .expected = std::move(expected), .found = std::move(found)});
+        {.what = "the height grid is invalid", .expected = std::move(expected), .found = std::move(found)});
   };
   if (grid.columns < 1 || grid.rows < 1 || grid.columns > kMaxTerrainSide || grid.rows > kMaxTerrainSide ||
       grid.posts() > kMaxTerrainPosts) {
@@ -257,6 +251,8 @@ bool TerrainRaster::known(int first_column, int first_row, int last_column, int 
   }
   return true;
 }
+
+TerrainRaster parse_terrain_raster(ByteView file, std::string_view name) { return TerrainTiff(file, name).read(); }
 
 TerrainRaster read_terrain_raster(const std::filesystem::path& path) {
   return parse_terrain_raster(read_file(path, kMaxTerrainFile), path.string());

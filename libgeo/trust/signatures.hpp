@@ -1,5 +1,4 @@
-// Who signed? Counts the good signatures of one role over one body, and says about every other one why it does not
-// count.
+// Who signed: counts the valid signatures of one role over one body, and reports why every other one does not count.
 #pragma once
 
 #include <optional>
@@ -15,12 +14,12 @@
 namespace nadir {
 
 struct SignatureCheck {
-  Findings findings;                 // refuses when fewer good signatures than the role's threshold were found
+  Findings findings;                 // of severity refuse when there are fewer valid signatures than the role's threshold
   std::vector<std::string> signers;  // key ids
 };
 
 // Findings: signature.invalid, signature.missing, key.unknown, key.revoked, key.expired. Once the threshold is met, a
-// signature by an unknown, revoked or expired key is a warning; a signature that does not verify refuses always.
+// signature by an unknown, revoked or expired key is a warning; a signature that does not verify is always an error.
 // at: nullopt skips the expiry of keys.
 SignatureCheck check_signatures(const TrustRoot& root, const Role& role,
                                 const std::vector<EnvelopeSignature>& signatures, std::string_view payload_type,
@@ -32,12 +31,9 @@ SignatureCheck check_tile_signatures(const TrustRoot& root, const std::string& a
                                      const std::vector<EnvelopeSignature>& signatures, std::string_view payload_type,
                                      ByteView body, std::optional<UtcTime> at, std::string_view where);
 
-// Is this airframe.json what somebody signed whom we trust? The camera, its mount and the addresses in it decide where
-// every position comes out and whom it is told, so it is judged as a package is.
-//
-// Beside it lies airframe.json.sig, a DSSE envelope with a detached payload (dsse.hpp). Its signers are those of the
-// root's role `airframe-signer`; a root without that role takes the package signers.
-
+// airframe.json decides by its camera, mount and addresses where every position comes out and who receives it, so it is
+// verified as a package is. Beside it lies airframe.json.sig, a DSSE envelope. Its signers are those of the root's role
+// `airframe-signer`; a root without that role accepts the package signers.
 inline constexpr std::string_view kAirframePayloadType = "application/vnd.nadir.airframe.v1+json";
 
 enum class UnsignedAirframe {
@@ -46,7 +42,7 @@ enum class UnsignedAirframe {
 };
 
 // envelope: nullopt when there is none. Findings: airframe.unsigned; signature.invalid, signature.missing, key.unknown,
-// key.revoked and key.expired as of check_signatures(), whatever is allowed.
+// key.revoked and key.expired as of check_signatures(), in either case.
 Findings check_airframe(const TrustRoot& root, ByteView airframe, const std::optional<Bytes>& envelope, UtcTime at,
                         UnsignedAirframe without, std::string_view where);
 

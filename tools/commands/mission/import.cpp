@@ -107,7 +107,7 @@ int MissionImportCommand::run(Context& context) {
       "terrain: {{mode: flat, height_m: {5}}}  # check\nzoom: {{min: 15, max: 19}}  # check\n"
       "min_resolution_m: 0.5  # check\nbudget_mb: 500  # check\nfreshness_days: {{stable: 730, active: 90}}  # check\n"
       "airframes: [any]  # check\n",
-      id_, to_rfc3339(today), to_rfc3339({today.unix_s + 30 * kSecondsPerDay}), route.points.front().lon_deg,
+      id_, to_rfc3339(today), to_rfc3339(UtcTime{today.unix_s + 30 * kSecondsPerDay}), route.points.front().lon_deg,
       route.points.front().lat_deg, height_m_);
   yaml += plan.areas.empty() ? "sectors: []\n" : "sectors:\n";
   std::set<std::string> taken;
