@@ -10,7 +10,7 @@
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "catalogue/catalogue_shapes.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {

@@ -7,10 +7,10 @@
 
 #include "catalogue/catalogue_cover.hpp"
 #include "catalogue/catalogue_shapes.hpp"
-#include "package/gaps.hpp"
-#include "package/judge.hpp"
-#include "package/tile_mask.hpp"
-#include "package/tile_need.hpp"
+#include "package/coverage_gaps.hpp"
+#include "package/mission_check.hpp"
+#include "package/tile_image.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {
@@ -31,7 +31,7 @@ GeoArea area_from(const TileKey& key, const std::vector<PixelPolygon>& polygons)
 }
 
 CatalogueGap catalogue_gap(const Mission& mission, const LocalFrame& frame, const Gap& gap, std::string reason) {
-  const Sector* sector = deciding_sector(mission, frame, gap.key);
+  const Sector* sector = governing_sector(mission, frame, gap.key);
   return {.key = gap.key,
           .reason = std::move(reason),
           .area_m2 = gap.area_m2,
@@ -62,7 +62,7 @@ class Judge {
   std::optional<Sidecar> tile(const TileKey& key) const {
     Bytes pixels = strict().pixels(key);
     if (!all(pixels)) {
-      const Sector* sector = deciding_sector(mission_, frame_, key);
+      const Sector* sector = governing_sector(mission_, frame_, key);
       const bool stable = sector != nullptr && sector->cls == SectorClass::stable;
       pixels = (stable ? stable_ : active_).pixels(key);
     }

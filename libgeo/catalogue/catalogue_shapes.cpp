@@ -5,8 +5,8 @@
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "catalogue/catalogue_geometry.hpp"
-#include "package/gaps.hpp"
-#include "package/tile_mask.hpp"
+#include "package/coverage_gaps.hpp"
+#include "package/tile_image.hpp"
 
 namespace nadir {
 namespace {

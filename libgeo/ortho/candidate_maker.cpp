@@ -9,8 +9,8 @@
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "ortho/camera_digest.hpp"
-#include "ortho/picture_blur.hpp"
+#include "ortho/candidate_sidecar.hpp"
+#include "ortho/image_blur.hpp"
 
 namespace nadir {
 namespace {
@@ -32,8 +32,8 @@ cv::Mat decoded(ByteView encoded, const CameraModel& camera, int shrink, const s
   return {};
 }
 
-QuiltLimits quilt_limits(const CandidateFlight& flight) {
-  QuiltLimits limits = flight.quilt;
+MosaicLimits quilt_limits(const CandidateFlight& flight) {
+  MosaicLimits limits = flight.quilt;
   limits.candidate_sigma_m = flight.limits.candidate_sigma_m;
   limits.soft_sigma_m = flight.limits.soft_sigma_m;
   return limits;
@@ -62,7 +62,7 @@ CandidateMaker::CandidateMaker(const CandidateFlight& flight)
   }
 }
 
-CandidateSidecar CandidateMaker::sidecar_of(const SeenFrame& seen, CandidateTrust trust) const {
+CandidateSidecar CandidateMaker::sidecar_of(const PosedFrame& seen, CandidateTrust trust) const {
   CandidateSidecar sidecar;
   sidecar.airframe = flight_.airframe;
   sidecar.flight = flight_.flight;
@@ -91,13 +91,13 @@ CandidateSidecar CandidateMaker::sidecar_of(const SeenFrame& seen, CandidateTrus
   return sidecar;
 }
 
-std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const SeenFrame& seen, ByteView encoded,
+std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const PosedFrame& seen, ByteView encoded,
                                                                 FrameTiles& report) const {
   const CameraPose& pose = seen.pose.pose;
   const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
   const double tile_gsd_m = ground_resolution_m(flight_.zoom, place.lat_deg);
   const double frame_gsd_m = gsd_at(flight_.camera, pose.agl_m);
-  const FrameJudgement judged = judge_pose(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);
+  const FrameEligibility judged = check_pose_eligible(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);
   report.refusal = judged.refusal;
   if (report.refusal) return std::nullopt;
   const int shrink = decoding_shrink(flight_.camera, pose.agl_m, tile_gsd_m);
@@ -107,25 +107,25 @@ std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const SeenFrame&
   cv::Mat grey;
   cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
   const FrameQuality quality = judge_frame(grey);
-  report.refusal = judge_picture(quality, flight_.limits);
+  report.refusal = check_image_eligible(quality, flight_.limits);
   if (report.refusal) return std::nullopt;
   ReadyFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
                    sidecar_of(seen, judged.trust), tile_gsd_m};
   cv::cvtColor(frame.reduced.image, grey, cv::COLOR_BGR2GRAY);
-  report.refusal = judge_blur(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
+  report.refusal = check_blur_eligible(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
   if (report.refusal) return std::nullopt;
   frame.sidecar.quality.sharpness_ppm = ppm(quality.sharpness);
   frame.sidecar.quality.overlap_ppm = ppm(1);
   return frame;
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const SeenFrame& seen, const ReadyFrame& frame,
+std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const PosedFrame& seen, const ReadyFrame& frame,
                                                               FrameTiles& report) const {
   std::vector<ProjectedTile> wanted =
       whole_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
   report.whole = wanted.size();
   std::erase_if(wanted, [&](const ProjectedTile& tile) {
-    const auto refusal = judge_view(tile.projection, flight_.limits);
+    const auto refusal = check_view_eligible(tile.projection, flight_.limits);
     if (refusal) count(*refusal, report);
     return refusal.has_value();
   });
@@ -133,7 +133,7 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const SeenFrame& s
   std::vector<RawTile> tiles;
   for (std::size_t i = 0; i < made.size(); ++i) {
     const TilePixels pixels = measure_tile(made[i].image);
-    if (const auto refusal = judge_tile(pixels, flight_.limits)) {
+    if (const auto refusal = check_tile_eligible(pixels, flight_.limits)) {
       count(*refusal, report);
       continue;
     }
@@ -147,10 +147,10 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const SeenFrame& s
 }
 
 // Not where the store has better already than the best that could come of it.
-void CandidateMaker::add_pieces(const SeenFrame& seen, const ReadyFrame& frame, CandidateStore& store,
-                                const OutOfTime& out_of_time, FrameTiles& report) {
+void CandidateMaker::add_pieces(const PosedFrame& seen, const ReadyFrame& frame, CandidateStore& store,
+                                const DeadlinePassed& out_of_time, FrameTiles& report) {
   std::vector<ProjectedTile> tiles =
-      part_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
+      partial_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
   CandidateSidecar best = frame.sidecar;
   std::erase_if(tiles, [&](const ProjectedTile& tile) {
     best.key = tile.key;
@@ -161,7 +161,7 @@ void CandidateMaker::add_pieces(const SeenFrame& seen, const ReadyFrame& frame, 
       count(OrthoRefusal::late, report);
       continue;
     }
-    const auto patch = cut_patch(frame.reduced, tile, flight_.limits.max_view_angle_rad);
+    const auto patch = cut_partial_tile(frame.reduced, tile, flight_.limits.max_view_angle_rad);
     if (!patch) continue;
     best.key = tile.key;
     best.quality.view_angle_mdeg = mdeg(patch->least_view_rad);
@@ -176,7 +176,7 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::judged(const std::vector<Ti
   for (const TileMosaic& quilt : quilts) {
     auto sidecar = quilt.sidecar();
     const TilePixels pixels = measure_tile(quilt.image());
-    const auto refusal = sidecar ? judge_tile(pixels, flight_.limits) : OrthoRefusal::apart;
+    const auto refusal = sidecar ? check_tile_eligible(pixels, flight_.limits) : OrthoRefusal::apart;
     if (refusal) {
       count(*refusal, report);
       continue;
@@ -188,7 +188,7 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::judged(const std::vector<Ti
   return tiles;
 }
 
-void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const OutOfTime& out_of_time,
+void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const DeadlinePassed& out_of_time,
                                FrameTiles& report) const {
   std::vector<Candidate> candidates;
   for (const RawTile& tile : tiles) {
@@ -217,19 +217,19 @@ void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore
   }
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::raw_tiles(const SeenFrame& seen, ByteView encoded,
+std::vector<CandidateMaker::RawTile> CandidateMaker::raw_tiles(const PosedFrame& seen, ByteView encoded,
                                                                FrameTiles& report) const {
   const auto frame = ready(seen, encoded, report);
   return frame ? whole_of(seen, *frame, report) : std::vector<RawTile>();
 }
 
-FrameTiles CandidateMaker::make(const SeenFrame& seen, ByteView encoded, CandidateStore& store,
-                                const OutOfTime& out_of_time) {
+FrameTiles CandidateMaker::make(const PosedFrame& seen, ByteView encoded, CandidateStore& store,
+                                const DeadlinePassed& out_of_time) {
   FrameTiles report;
   const auto frame = ready(seen, encoded, report);
   if (!frame) return report;
   store_all(whole_of(seen, *frame, report), store, out_of_time, report);
-  if (!flight_.piece_together) return report;
+  if (!flight_.merge_partial_tiles) return report;
   add_pieces(seen, *frame, store, out_of_time, report);
   store_all(judged(quilts_.take_finished(), report), store, {}, report);  // they would be lost
   return report;

@@ -15,7 +15,7 @@
 #include "ortho/candidate_store.hpp"
 #include "ortho/eligibility.hpp"
 #include "ortho/orthorectifier.hpp"
-#include "ortho/tile_quilts.hpp"
+#include "ortho/tile_mosaic.hpp"
 
 namespace nadir {
 
@@ -32,11 +32,11 @@ struct CandidateFlight {
   ImageFormat format = ImageFormat::jpeg;
   int quality = 82;  // of the encoding
   EligibilityLimits limits{};
-  bool piece_together = true;  // tiles that no single frame shows wholly
-  QuiltLimits quilt{};         // its sigmas are those of `limits`
+  bool merge_partial_tiles = true;  // tiles that no single frame shows wholly
+  MosaicLimits quilt{};         // its sigmas are those of `limits`
 };
 
-struct SeenFrame {
+struct PosedFrame {
   std::string name;
   UtcMillis captured_at;
   FramePose pose;
@@ -48,11 +48,11 @@ struct FrameTiles {
   std::array<int, kOrthoRefusals> refused{};              // whole tiles, by OrthoRefusal
   std::vector<std::pair<TileKey, CandidateOutcome>> stored;  // or not: by their fate
   std::size_t whole = 0;                                  // tiles that the frame shows wholly, refused ones as well
-  std::array<int, kPieceFates> pieces{};                  // by PieceOutcome
+  std::array<int, kPartialTileOutcomes> pieces{};                  // by PartialTileOutcome
   std::size_t pieced = 0;  // of `stored`: tiles of several frames, the last of them seen before this one
 };
 
-using OutOfTime = std::function<bool()>;
+using DeadlinePassed = std::function<bool()>;
 
 class CandidateMaker {
  public:
@@ -62,7 +62,7 @@ class CandidateMaker {
   // encoded: the picture as it came from the camera. Throws Error when the store fails (OutOfSpace: the disk is full);
   // pictures that do not decode are refusals. out_of_time is asked before each tile: what comes after is left out
   // (late), pieces of tiles first; without it time does not count, and the same frames give the same tiles.
-  FrameTiles make(const SeenFrame& seen, ByteView encoded, CandidateStore& store, const OutOfTime& out_of_time = {});
+  FrameTiles make(const PosedFrame& seen, ByteView encoded, CandidateStore& store, const DeadlinePassed& out_of_time = {});
 
   // After the last frame: the tiles that several frames show wholly together.
   FrameTiles finish(CandidateStore& store);
@@ -73,7 +73,7 @@ class CandidateMaker {
     CandidateSidecar sidecar;
     cv::Mat image;
   };
-  std::vector<RawTile> raw_tiles(const SeenFrame& seen, ByteView encoded, FrameTiles& report) const;
+  std::vector<RawTile> raw_tiles(const PosedFrame& seen, ByteView encoded, FrameTiles& report) const;
 
  private:
   struct ReadyFrame {
@@ -81,13 +81,13 @@ class CandidateMaker {
     CandidateSidecar sidecar;  // of its tiles, without what differs between them
     double tile_gsd_m = 0;
   };
-  CandidateSidecar sidecar_of(const SeenFrame& seen, CandidateTrust trust) const;
-  std::optional<ReadyFrame> ready(const SeenFrame& seen, ByteView encoded, FrameTiles& report) const;
-  std::vector<RawTile> whole_of(const SeenFrame& seen, const ReadyFrame& frame, FrameTiles& report) const;
-  void add_pieces(const SeenFrame& seen, const ReadyFrame& frame, CandidateStore& store, const OutOfTime& out_of_time,
+  CandidateSidecar sidecar_of(const PosedFrame& seen, CandidateTrust trust) const;
+  std::optional<ReadyFrame> ready(const PosedFrame& seen, ByteView encoded, FrameTiles& report) const;
+  std::vector<RawTile> whole_of(const PosedFrame& seen, const ReadyFrame& frame, FrameTiles& report) const;
+  void add_pieces(const PosedFrame& seen, const ReadyFrame& frame, CandidateStore& store, const DeadlinePassed& out_of_time,
                   FrameTiles& report);
   std::vector<RawTile> judged(const std::vector<TileMosaic>& quilts, FrameTiles& report) const;
-  void store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const OutOfTime& out_of_time,
+  void store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const DeadlinePassed& out_of_time,
                  FrameTiles& report) const;
 
   CandidateFlight flight_;

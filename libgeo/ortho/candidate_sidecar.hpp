@@ -1,11 +1,12 @@
-// What is known of a candidate tile: a tile that a flight made of the ground it saw. Somebody on the ground decides
-// whether maps are made of it; all that he needs for that stands here and is signed by the airframe's tile key.
+// What is known about a candidate tile: a tile that a flight made of the ground it saw. Whether maps are made of it is
+// decided on the ground; all that is needed for that stands here and is signed by the airframe's tile key.
 //
-// The signed bytes are canonical JSON (sorted keys, no blanks, whole numbers and texts only): a sidecar has exactly one
+// The signed bytes are canonical JSON (sorted keys, no blanks, integers and texts only): a sidecar has exactly one
 // spelling, and parse_candidate() takes no other. Units stand in the names. docs/formats/candidates.md.
 #pragma once
 
 #include <cstdint>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -18,11 +19,12 @@
 #include "geodesy/tile_key.hpp"
 #include "imagery/codecs.hpp"
 #include "trust/signatures.hpp"
+#include "vision/camera_model.hpp"
 
 namespace nadir {
 
 inline constexpr std::string_view kCandidateSchema = "nadir.candidate/1";   // one frame shows all of the tile
-inline constexpr std::string_view kPiecedTileSchema = "nadir.candidate/2";  // several frames do, each a part
+inline constexpr std::string_view kMosaicTileSchema = "nadir.candidate/2";  // several frames do, each a part
 inline constexpr std::string_view kCandidatePayloadType = "application/vnd.nadir.candidate-tile.v1+json";
 inline constexpr std::size_t kMaxCandidateSidecar = 4096;  // bytes
 inline constexpr std::uint64_t kMaxCandidateTile = 1U << 20;
@@ -104,5 +106,8 @@ EnvelopeSignature sign_candidate(const PrivateKey& key, std::string_view sidecar
 SignatureCheck check_candidate_signature(const TrustRoot& root, const CandidateSidecar& sidecar,
                                          std::string_view sidecar_bytes, const EnvelopeSignature& signature,
                                          std::optional<UtcTime> at);
+
+std::string canonical_camera(const CameraModel& camera);
+Sha256 camera_digest(const CameraModel& camera);
 
 }  // namespace nadir

@@ -1,19 +1,22 @@
 // Where a flight keeps its candidate tiles: FOLDER/tiles.mbtiles, an MBTiles file with one more table for the sidecars
-// (docs/formats/candidates.md). It is never the package: a file that is not of this kind is refused, so that no trusted
-// tile can be overwritten.
+// (docs/formats/candidates.md). It is never the package: a file of another kind is refused, so that no trusted tile can
+// be overwritten.
 //
-// Each put() is one transaction, on the disk when it returns: a process that is killed, or loses its power, leaves
-// every tile that it put, each with its sidecar, and no half one. Failures throw and change nothing; the store may be
-// used on.
+// Each put() is one transaction, on the disk when it returns: a process that is killed, or loses its power, leaves every
+// tile that it put, each with its sidecar, and no partial one. Failures throw and change nothing; the store stays usable.
+//
+// CandidateReader reads such a folder, whoever made it, and trusts nothing in it.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "base/finding.hpp"
 #include "imagery/sqlite_database.hpp"
 #include "ortho/candidate_sidecar.hpp"
 
@@ -32,8 +35,8 @@ struct Candidate {
 // come after all others.
 double cost_mm(const CandidateSidecar& sidecar);
 
-// Its parts: hypot(sigma, kUnknownRelief_mm · tan(angle off nadir)) / sharpness_factor().
-inline constexpr double kUnknownRelief_mm = 1'500;    // moves what is seen aslant
+// Its parts: hypot(sigma, kUnmodelledRelief_mm · tan(angle off nadir)) / sharpness_factor().
+inline constexpr double kUnmodelledRelief_mm = 1'500;    // moves what is seen aslant
 double sharpness_factor(std::int64_t sharpness_ppm);  // 0.5 to 1
 
 struct CandidateStoreOptions {
@@ -82,6 +85,27 @@ class CandidateStore {
   CandidateStoreOptions options_;
   std::optional<SqliteDatabase> database_;
   std::uint64_t tiles_ = 0, bytes_ = 0;
+};
+
+class CandidateReader {
+ public:
+  // Throws Error when there is no store of candidates, it is damaged, or another process writes to it.
+  explicit CandidateReader(const std::filesystem::path& folder);
+
+  // The next candidate in the order of TileKey, nullopt at the end. Its sidecar has the right form and belongs to the
+  // tile's address and bytes; its signature is the caller's to check (check_candidate_signature). Rows that are no such
+  // candidates are passed over and become findings `candidate.damaged`.
+  std::optional<Candidate> next(Findings& findings);
+
+  std::uint64_t rows() const;
+  bool clean_shutdown() const;  // whether its writer came to an orderly end
+  const std::filesystem::path& path() const { return database_->path(); }
+
+ private:
+  Candidate candidate_from_row();
+
+  std::unique_ptr<SqliteDatabase> database_;  // an address of its own: statements point to it
+  std::optional<SqliteStatement> rows_;
 };
 
 }  // namespace nadir

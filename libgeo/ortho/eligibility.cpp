@@ -32,7 +32,7 @@ std::string_view name_of(OrthoRefusal refusal) {
   return "frame_unfit";
 }
 
-FrameJudgement judge_pose(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
+FrameEligibility check_pose_eligible(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
                           const EligibilityLimits& limits) {
   if (pose.source != SourceLabel::satellite_anchored ||
       !(pose.anchor_age_s >= 0 && pose.anchor_age_s <= limits.max_anchor_age_s)) {
@@ -44,17 +44,17 @@ FrameJudgement judge_pose(const FramePose& pose, double frame_gsd_m, double tile
   return {std::nullopt, pose.sigma_m <= limits.candidate_sigma_m ? CandidateTrust::candidate : CandidateTrust::soft};
 }
 
-std::optional<OrthoRefusal> judge_picture(const FrameQuality& quality, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_image_eligible(const FrameQuality& quality, const EligibilityLimits& limits) {
   if (quality.usable && quality.sharpness >= limits.min_sharpness) return std::nullopt;
   return OrthoRefusal::frame_unfit;
 }
 
-std::optional<OrthoRefusal> judge_blur(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits) {
   const double most_px = std::max(limits.max_blur_px, limits.max_tile_blur_px * tile_px);
   return blur_px && !(*blur_px <= most_px) ? std::optional(OrthoRefusal::blurred) : std::nullopt;
 }
 
-std::optional<OrthoRefusal> judge_view(const TileProjection& projection, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_view_eligible(const TileProjection& projection, const EligibilityLimits& limits) {
   if (!(projection.view_angle_rad <= limits.max_view_angle_rad)) return OrthoRefusal::oblique;
   if (!(projection.slope <= limits.max_slope)) return OrthoRefusal::steep;
   return std::nullopt;
@@ -88,7 +88,7 @@ TilePixels measure_tile(const cv::Mat& bgr) {
   return pixels;
 }
 
-std::optional<OrthoRefusal> judge_tile(const TilePixels& pixels, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_tile_eligible(const TilePixels& pixels, const EligibilityLimits& limits) {
   if (pixels.clipped_share > limits.max_clipped_share) return OrthoRefusal::clipped;
   if (pixels.cloud_share > limits.max_cloud_share) return OrthoRefusal::clouded;
   if (pixels.contrast < limits.min_contrast) return OrthoRefusal::low_contrast;

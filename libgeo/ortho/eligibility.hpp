@@ -7,7 +7,7 @@
 
 #include "estimation/estimate.hpp"
 #include "ortho/candidate_sidecar.hpp"
-#include "ortho/tile_projection.hpp"
+#include "ortho/orthorectifier.hpp"
 #include "vision/frame_quality.hpp"
 
 namespace nadir {
@@ -46,23 +46,23 @@ enum class OrthoRefusal {
 inline constexpr int kOrthoRefusals = 13;
 std::string_view name_of(OrthoRefusal refusal);
 
-struct FrameJudgement {
+struct FrameEligibility {
   std::optional<OrthoRefusal> refusal;
   CandidateTrust trust = CandidateTrust::candidate;  // when there is none
 };
 
 // Before anything is decoded. gsd_m: of the frame and of the tiles.
-FrameJudgement judge_pose(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
+FrameEligibility check_pose_eligible(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
                           const EligibilityLimits& limits);
 
 // What can be told of the picture: grey is CV_8UC1.
-std::optional<OrthoRefusal> judge_picture(const FrameQuality& quality, const EligibilityLimits& limits);
+std::optional<OrthoRefusal> check_image_eligible(const FrameQuality& quality, const EligibilityLimits& limits);
 
 // blur_px: what blur_of() says of the picture that tiles are cut from; nothing where there are not enough edges to
 // tell, and then it is no reason: fields under snow show few. tile_px: a pixel of the tile in pixels of that picture.
-std::optional<OrthoRefusal> judge_blur(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits);
+std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits);
 
-std::optional<OrthoRefusal> judge_view(const TileProjection& projection, const EligibilityLimits& limits);
+std::optional<OrthoRefusal> check_view_eligible(const TileProjection& projection, const EligibilityLimits& limits);
 
 struct TilePixels {
   double contrast = 0;       // standard deviation of grey, of 1
@@ -70,6 +70,6 @@ struct TilePixels {
   double cloud_share = 0;
 };
 TilePixels measure_tile(const cv::Mat& bgr);  // CV_8UC3, 256 x 256
-std::optional<OrthoRefusal> judge_tile(const TilePixels& pixels, const EligibilityLimits& limits);
+std::optional<OrthoRefusal> check_tile_eligible(const TilePixels& pixels, const EligibilityLimits& limits);
 
 }  // namespace nadir

@@ -1,17 +1,56 @@
-// A frame as map tiles: whole tiles only, straight from above, on the Web Mercator grid.
+// A frame as map tiles: straight from above, on the Web Mercator grid.
 //
-//   picture ─► pyramid level (no aliasing) ─► one remap over all tiles ─► 256 x 256 pixels each
+//   image ─► pyramid level (no aliasing) ─► one remap over all tiles ─► 256 x 256 pixels each
 //
 // The level is the coarsest whose pixels are a little finer than the tile's (reduce_frame()); a JPEG may have been
 // decoded smaller before (decoding_shrink()).
+//
+// Projection: each node of a coarse grid (every 16 pixels) is projected exactly, from the tile's Mercator pixel over
+// longitude and latitude, the plane, the terrain, the pose and the lens; the pixels between are interpolated
+// (vision/node_grid.hpp), less than a tenth of a pixel off where eligibility lets a tile be made.
+//
+// A tile that the frame shows completely is a whole tile. One that it shows in part is a PartialTile, which a mosaic can
+// merge with those of other frames (ortho/tile_mosaic.hpp).
 #pragma once
 
 #include <opencv2/core/mat.hpp>
+#include <optional>
 #include <vector>
 
-#include "ortho/tile_projection.hpp"
+#include "geodesy/local_frame.hpp"
+#include "geodesy/tile_key.hpp"
+#include "vision/rectify.hpp"
 
 namespace nadir {
+
+inline constexpr int kTileNodeStep = 16;  // pixels
+
+struct TileProjection {
+  cv::Mat nodes;              // CV_32FC2: frame pixels, NaN for what lies behind the camera or nearly beside it; the
+                              // last row and column lie one pixel beyond the tile
+  cv::Mat slants;             // CV_32FC1: tangent of the angle off nadir, at the same nodes
+  bool whole = false;         // every pixel of the tile lies inside of the frame
+  double view_angle_rad = 0;  // off nadir, of the worst node
+  double slope = 0;           // rise over run of the ground, the steepest between neighbouring nodes
+};
+
+// camera: of the picture that will be sampled.
+TileProjection project_tile(const TileKey& key, const LocalFrame& frame, const CameraModel& camera,
+                            const CameraPose& pose, const GroundSurface& surface);
+
+// Between pixels of the frame: the interpolation reads one beyond.
+bool inside_frame(const CameraModel& camera, double x, double y);
+
+// The tiles of this zoom that the frame may see, wholly or in part, in the order of TileKey: none when a corner of the
+// frame looks near the horizon, or when there are more than `most`.
+std::vector<TileKey> tiles_seen(int zoom, const LocalFrame& frame, const CameraModel& camera, const CameraPose& pose,
+                                const GroundSurface& surface, std::size_t most = 4096);
+
+// The same for one pixel, exactly: what the nodes are made of, and the oracle of what lies between them. Nothing for
+// what lies behind the camera or nearly beside it.
+std::optional<Eigen::Vector2d> frame_pixel_of(const TileKey& key, double column, double row, const LocalFrame& frame,
+                                              const CameraModel& camera, const CameraPose& pose,
+                                              const GroundSurface& surface);
 
 struct OrthoTile {
   TileKey key;
@@ -32,5 +71,21 @@ std::vector<OrthoTile> orthorectify(const ReducedFrame& frame, const std::vector
 
 // What part of its size a picture of this camera may be decoded at for tiles with such pixels: 1, 2, 4 or 8.
 int decoding_shrink(const CameraModel& camera, double agl_m, double tile_gsd_m);
+
+struct PartialTile {
+  TileKey key;
+  cv::Mat image;   // CV_8UC3, 256 x 256
+  cv::Mat seen;    // CV_8UC1: 255 where the image shows what the frame saw, not too far off nadir
+  cv::Mat slants;  // CV_32FC1: tangent of the angle off nadir
+  int seen_px = 0;
+  double least_view_rad = 0;  // of what is seen
+};
+
+// The tiles that the frame shows a part of, in the order of TileKey. camera: of the picture that cut_partial_tile() is given.
+std::vector<ProjectedTile> partial_tiles(int zoom, const LocalFrame& frame, const CameraModel& camera,
+                                      const CameraPose& pose, const GroundSurface& surface);
+
+// Nothing when it shows hardly anything.
+std::optional<PartialTile> cut_partial_tile(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad);
 
 }  // namespace nadir

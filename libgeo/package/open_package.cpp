@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "base/error.hpp"
-#include "package/judge_terrain.hpp"
+#include "package/mission_check.hpp"
 #include "package/tile_container.hpp"
 
 namespace nadir {
@@ -34,7 +34,7 @@ std::optional<Bytes> CheckedTiles::read(const TileKey& key) const {
     if (bytes && sha256(*bytes) == signed_tile->sha256) return bytes;
     complain("artifact.hash", key, bytes ? "other bytes than those that were signed" : "no tile any more");
   } catch (const Error& error) {
-    const Finding fault = fault_of(error, {});
+    const Finding fault = tile_set_finding(error, {});
     complain(fault.code.c_str(), key, fault.found);
   }
   return std::nullopt;

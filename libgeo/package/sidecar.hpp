@@ -1,16 +1,24 @@
-// What is known about one tile besides its picture: digest, origin, date, resolution, accuracy. Rows of the table
-// nadir_sidecars inside the MBTiles (sidecar_sql.hpp); the MBTiles stay readable for everybody else.
+// What is known about one tile besides its image: digest, origin, date, resolution, accuracy, valid pixels.
+//
+// Sidecars are rows of the table nadir_sidecars, either inside the MBTiles file, which stays readable for every other
+// program, or in the file beside a COG. Rows are TMS (row 0 in the south) like those of the table `tiles`. A signed
+// manifest covers all of them with one digest (SidecarDigest).
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/bytes.hpp"
+#include "base/finding.hpp"
 #include "base/sha256.hpp"
 #include "base/time.hpp"
 #include "geodesy/tile_key.hpp"
+#include "imagery/sqlite_database.hpp"
 
 namespace nadir {
 
@@ -48,5 +56,34 @@ class SidecarDigest {
   std::optional<TileKey> last_;
   Bytes row_;
 };
+
+// Must be gone before the database is closed: it holds a statement.
+class SidecarWriter {
+ public:
+  explicit SidecarWriter(const SqliteDatabase& database);  // makes the table
+  void add(const Sidecar& sidecar);
+
+ private:
+  SqliteStatement insert_;
+};
+
+// A database of its own with metadata and sidecars (in the order of TileKey): what lies beside a COG. The same rows
+// give the same bytes. Throws Error when the file exists.
+void write_sidecar_file(const std::filesystem::path& path, const std::vector<Sidecar>& sidecars,
+                        const std::map<std::string, std::string>& metadata);
+
+bool has_sidecars(const SqliteDatabase& database);
+
+// All rows in the order of TileKey. Rows that are no sidecars are left out and become findings: "tile.misaddressed" for
+// an impossible address, "sqlite.corrupt" for values of the wrong form. Throws Error when the database cannot be read.
+struct SidecarRows {
+  std::vector<Sidecar> sidecars;
+  Findings findings;
+};
+SidecarRows read_sidecars(const SqliteDatabase& database);
+
+// The address in the first three columns of a row, or nullopt when there is no such tile.
+std::optional<TileKey> row_key(const SqliteStatement& row);
+std::string row_address_text(const SqliteStatement& row);  // for messages about impossible ones
 
 }  // namespace nadir

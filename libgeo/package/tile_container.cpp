@@ -1,12 +1,222 @@
 #include "package/tile_container.hpp"
 
+#include <algorithm>
 #include <array>
+#include <exception>
 #include <fstream>
 
-#include "package/cog_container.hpp"
-#include "package/mbtiles_container.hpp"
+#include "imagery/cog_reader.hpp"
+#include "imagery/mbtiles_reader.hpp"
+#include "package/manifest.hpp"
+#include "package/sidecar.hpp"
 
 namespace nadir {
+
+namespace {
+
+class Rows : public TileCursor {
+ public:
+  Rows(const SqliteDatabase& database, const char* select) : rows_(database.prepare(select)) {}
+
+  bool next() override { return rows_.step(); }
+  std::optional<TileKey> key() const override { return row_key(rows_); }
+  std::string address() const override { return row_address_text(rows_); }
+  ByteView bytes() override { return rows_.blob(3); }
+  std::optional<Bytes> mask() override { return std::nullopt; }
+
+ protected:
+  SqliteStatement rows_;
+};
+
+// Addresses first, each tile when it is asked for.
+class RowsByNumber final : public Rows {
+ public:
+  explicit RowsByNumber(const SqliteDatabase& database)
+      : Rows(database, sql::kSelectTileRows), tile_(database.prepare(sql::kSelectTileOfRow)) {}
+
+  bool next() override {
+    fetched_ = false;
+    return Rows::next();
+  }
+  ByteView bytes() override {
+    if (!fetched_) {
+      tile_.reset();
+      tile_.bind(1, rows_.integer(3));
+      there_ = tile_.step();
+      fetched_ = true;
+    }
+    return there_ ? tile_.blob(0) : ByteView{};
+  }
+
+ private:
+  SqliteStatement tile_;
+  bool fetched_ = false, there_ = false;
+};
+
+class MbtilesContainer final : public TileContainer {
+ public:
+  explicit MbtilesContainer(const std::filesystem::path& path) : database_(SqliteDatabase::open_immutable(path)) {}
+
+  std::string_view kind() const override { return "mbtiles"; }
+
+  std::unique_ptr<TileCursor> tiles(bool with_bytes) const override {
+    if (!with_bytes) return std::make_unique<Rows>(database_, sql::kSelectTileKeys);
+    if (database_.prepare(sql::kTilesHaveRows).step()) return std::make_unique<RowsByNumber>(database_);
+    return std::make_unique<Rows>(database_, sql::kSelectTiles);
+  }
+
+  std::uint64_t count() const override {
+    auto row = database_.prepare("SELECT count(*) FROM tiles");
+    return row.step() ? static_cast<std::uint64_t>(row.integer(0)) : 0;
+  }
+
+  std::vector<ZoomSummary> summary() const override {
+    std::vector<ZoomSummary> zooms;
+    auto rows = database_.prepare(
+        "SELECT zoom_level, count(*), sum(length(tile_data)), min(tile_column), max(tile_column), min(tile_row),"
+        " max(tile_row) FROM tiles GROUP BY zoom_level ORDER BY zoom_level");
+    while (rows.step()) {
+      zooms.push_back({rows.integer(0), rows.integer(1), rows.integer(2), rows.integer(3), rows.integer(4),
+                       rows.integer(5), rows.integer(6)});
+    }
+    return zooms;
+  }
+
+  std::map<std::string, std::string> metadata() const override { return metadata_in(database_); }
+  const SqliteDatabase* sidecars() const override { return has_sidecars(database_) ? &database_ : nullptr; }
+  const SqliteDatabase* database() const override { return &database_; }
+  bool has_tiles() const { return database_.has_table("tiles"); }
+
+ private:
+  SqliteDatabase database_;
+};
+
+}  // namespace
+
+std::unique_ptr<TileContainer> open_mbtiles_container(const std::filesystem::path& path) {
+  auto container = std::make_unique<MbtilesContainer>(path);
+  bool missing = false;
+  try {
+    missing = !container->has_tiles();
+  } catch (const Error&) {  // damaged: shows when it is walked
+  }
+  if (!missing) return container;
+  throw Error({.what = "no MBTiles file: the table \"tiles\" is missing",
+               .where = path,
+               .expected = "an MBTiles file (a database with metadata and tiles)",
+               .fix = "name a raster tile set in MBTiles 1.3, or a COG"});
+}
+
+std::map<std::string, std::string> metadata_in(const SqliteDatabase& database) {
+  std::map<std::string, std::string> entries;
+  if (!database.has_table("metadata")) return entries;
+  auto rows = database.prepare("SELECT name, value FROM metadata ORDER BY name, value");
+  while (rows.step()) entries[std::string(rows.text(0))] = std::string(rows.text(1));
+  return entries;
+}
+
+namespace {
+
+// Tiles that are cut out of decoded blocks are absent when nothing of them is shown: that needs their pixels.
+class Blocks final : public TileCursor {
+ public:
+  Blocks(const CogReader& reader, bool with_bytes) : reader_(reader), keys_(reader.keys()), with_bytes_(with_bytes) {}
+
+  bool next() override {
+    bytes_.reset();
+    failure_ = nullptr;
+    while (next_ < keys_.size()) {
+      key_ = keys_[next_++];
+      if (!with_bytes_) return true;
+      try {
+        bytes_ = reader_.read(key_);
+        if (bytes_) return true;
+      } catch (const Error&) {
+        failure_ = std::current_exception();
+        return true;
+      }
+    }
+    return false;
+  }
+
+  std::optional<TileKey> key() const override { return key_; }
+  std::string address() const override { return "tile " + to_text(key_); }
+  ByteView bytes() override {
+    if (failure_) std::rethrow_exception(failure_);
+    return bytes_ ? ByteView(*bytes_) : ByteView();
+  }
+  std::optional<Bytes> mask() override { return reader_.read_mask(key_); }
+
+ private:
+  const CogReader& reader_;
+  std::vector<TileKey> keys_;
+  bool with_bytes_;
+  std::size_t next_ = 0;
+  TileKey key_;
+  std::optional<Bytes> bytes_;
+  std::exception_ptr failure_;
+};
+
+class CogContainer final : public TileContainer {
+ public:
+  explicit CogContainer(const std::filesystem::path& path) : reader_(path), path_(path) {
+    const std::filesystem::path beside = path.parent_path() / std::filesystem::path(kSidecarFile).filename();
+    if (std::filesystem::exists(beside)) sidecars_.emplace(SqliteDatabase::open_immutable(beside));
+  }
+
+  std::string_view kind() const override { return "cog"; }
+  std::unique_ptr<TileCursor> tiles(bool with_bytes) const override {
+    return std::make_unique<Blocks>(reader_, with_bytes);
+  }
+  std::uint64_t count() const override { return reader_.keys().size(); }
+
+  std::vector<ZoomSummary> summary() const override {
+    std::vector<ZoomSummary> zooms;
+    for (const TileKey& key : reader_.keys()) {
+      const std::int64_t x = key.x, y = key.tms_row();
+      if (zooms.empty() || zooms.back().zoom != key.z) zooms.push_back({key.z, 0, 0, x, x, y, y});
+      ZoomSummary& zoom = zooms.back();
+      ++zoom.tiles;
+      zoom.bytes += static_cast<std::int64_t>(reader_.stored_size(key));
+      zoom.first_column = std::min(zoom.first_column, x), zoom.last_column = std::max(zoom.last_column, x);
+      zoom.first_tms_row = std::min(zoom.first_tms_row, y), zoom.last_tms_row = std::max(zoom.last_tms_row, y);
+    }
+    return zooms;
+  }
+
+  std::map<std::string, std::string> metadata() const override {
+    return sidecars_ ? metadata_in(*sidecars_) : std::map<std::string, std::string>();
+  }
+  const SqliteDatabase* sidecars() const override {
+    return sidecars_ && has_sidecars(*sidecars_) ? &*sidecars_ : nullptr;
+  }
+
+  Findings remarks() const override {
+    Findings findings;
+    for (const std::string& overview : reader_.left_out()) {
+      findings.add({.code = "tiff.grid",
+                    .severity = Severity::warning,
+                    .where = path_.filename().string() + ", overview of " + overview,
+                    .expected = "pixels that lie on those of a zoom of the web map",
+                    .found = "pixels between them: the overview is not used",
+                    .fix = "gdal_translate -of COG -co TILING_SCHEME=GoogleMapsCompatible -co ALIGNED_LEVELS=N, N the "
+                           "number of zooms"});
+    }
+    return findings;
+  }
+
+ private:
+  CogReader reader_;
+  std::filesystem::path path_;
+  std::optional<SqliteDatabase> sidecars_;
+};
+
+}  // namespace
+
+std::unique_ptr<TileContainer> open_cog_container(const std::filesystem::path& path) {
+  return std::make_unique<CogContainer>(path);
+}
+
 namespace {
 
 bool begins_as_tiff(const std::filesystem::path& path) {
@@ -31,7 +241,7 @@ std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path) 
   return std::make_unique<MbtilesReader>(path);
 }
 
-Finding fault_of(const Error& error, std::string where) {
+Finding tile_set_finding(const Error& error, std::string where) {
   const ErrorText& text = error.text();
   if (const auto* cog = dynamic_cast<const CogError*>(&error)) {
     return {.code = cog->code(),

@@ -57,6 +57,6 @@ std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& 
 std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path);
 
 // What an error while reading a tile set means: "sqlite.corrupt", "tiff.corrupt", "tiff.grid", "tiff.layout".
-Finding fault_of(const Error& error, std::string where);
+Finding tile_set_finding(const Error& error, std::string where);
 
 }  // namespace nadir

@@ -4,7 +4,7 @@
 
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "package/tile_container.hpp"
 #include "trust/merkle.hpp"
 
@@ -117,7 +117,7 @@ class TileWalk {
     try {
       check_bytes(row.bytes(), sidecar);
     } catch (const CogError& error) {  // this block alone; a database that is damaged ends the walk
-      wrong_.add(fault_of(error, fmt::format("{}, tile {}", name_, to_text(sidecar.key))));
+      wrong_.add(tile_set_finding(error, fmt::format("{}, tile {}", name_, to_text(sidecar.key))));
     }
   }
 
@@ -190,7 +190,7 @@ TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFac
     TileWalk(check, name, depth, progress).run(*container);
     progress.end();
   } catch (const Error& error) {
-    Finding fault = fault_of(error, tiles.filename().string());
+    Finding fault = tile_set_finding(error, tiles.filename().string());
     fault.fix = "get the package again from its makers";
     check.findings.add(std::move(fault));
   }

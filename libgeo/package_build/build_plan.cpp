@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <set>
 
-#include "package/tile_need.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {
@@ -35,7 +35,7 @@ std::vector<TileKey> metatiles_of(const Mission& mission, const TileRange& range
   const TileRange tops = range.at_zoom(std::max(mission.zoom.min, range.zoom - kMetatileSteps));
   const LocalFrame frame = mission_frame(mission);
   const CoverageRequirement near_by(widened(required_region(mission, frame), kMargin_m));
-  std::vector<TileKey> keys = tiles_needed(near_by, frame, tops.zoom);
+  std::vector<TileKey> keys = tiles_of_region(near_by, frame, tops.zoom);
   std::erase_if(keys, [&](const TileKey& key) { return !tops.contains(key); });
   std::sort(keys.begin(), keys.end(),
             [](const TileKey& a, const TileKey& b) { return along_curve(a) < along_curve(b); });

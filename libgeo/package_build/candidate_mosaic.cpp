@@ -15,7 +15,7 @@
 #include "geodesy/web_mercator.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "imagery/codecs.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "ortho/candidate_store.hpp"
 
 namespace nadir {
 namespace {

@@ -8,7 +8,7 @@
 #include "package_build/build_journal.hpp"
 #include "raster/open_imagery.hpp"
 #include "package_build/package_parts.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {
@@ -20,9 +20,9 @@ Findings judge_plan(const Mission& mission, const std::vector<ImageryInput>& inp
                     UtcTime at) {
   const std::vector<Sidecar> planned = plan_sidecars(mission, inputs, range);
   Findings findings = judge_date(mission, at);
-  findings.add(judge_coverage(mission, planned));
-  findings.add(judge_freshness(mission, planned, at));
-  findings.add(judge_resolution(mission, planned));
+  findings.add(check_coverage(mission, planned));
+  findings.add(check_freshness(mission, planned, at));
+  findings.add(check_resolution(mission, planned));
   return findings;
 }
 
@@ -60,7 +60,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   fs::create_directories(tiles.parent_path());
   const TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
   if (set.over_budget) {
-    report.findings = judge_budget(mission, set.tile_bytes);
+    report.findings = check_budget(mission, set.tile_bytes);
     return;
   }
   progress.begin("completing the package", 3, "steps");
@@ -71,7 +71,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   report.merkle_root = set.facts.merkle_root;
   report.bytes = package_size(folder);
   report.findings = judge_date(mission, at);
-  report.findings.add(judge_tiles(mission, set.sidecars, report.bytes, at));
+  report.findings.add(check_tile_requirements(mission, set.sidecars, report.bytes, at));
 }
 
 }  // namespace

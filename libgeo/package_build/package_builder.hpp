@@ -18,7 +18,7 @@
 #include "raster/imagery_facts.hpp"
 #include "package_build/tile_set_builder.hpp"
 #include "imagery/terrain_raster.hpp"
-#include "package/root_folder.hpp"
+#include "package/package_roots.hpp"
 #include "trust/keys.hpp"
 
 namespace nadir {

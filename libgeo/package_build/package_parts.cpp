@@ -6,8 +6,8 @@
 #include "base/files.hpp"
 #include "package_build/build_journal.hpp"
 #include "package_build/terrain_builder.hpp"
-#include "package/judge_terrain.hpp"
-#include "package/sign_package.hpp"
+#include "package/mission_check.hpp"
+#include "package/package_writer.hpp"
 #include "vision/place_index.hpp"
 
 namespace nadir {
@@ -66,7 +66,7 @@ std::optional<TerrainRaster> prepare_terrain(const Mission& mission, const fs::p
     return std::nullopt;
   }
   TerrainRaster terrain = cut_terrain(*dem, mission);
-  findings.add(judge_terrain(mission, terrain));
+  findings.add(check_terrain(mission, terrain));
   return terrain;
 }
 
@@ -77,7 +77,7 @@ void complete_package(const fs::path& folder, const PackageParts& parts, Progres
     fs::create_directories(folder / fs::path(kTerrainFile).parent_path());
     write_terrain(*parts.terrain, folder / kTerrainFile);
   }
-  carry_roots(folder, parts.roots);
+  add_package_roots(folder, parts.roots);
   progress.advance();
 
   Manifest manifest = manifest_for(parts.mission);

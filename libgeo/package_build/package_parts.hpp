@@ -13,7 +13,7 @@
 #include "base/time.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "package/manifest.hpp"
-#include "package/root_folder.hpp"
+#include "package/package_roots.hpp"
 #include "trust/keys.hpp"
 
 namespace nadir {

@@ -15,7 +15,7 @@
 #include "package_build/update_place_index.hpp"
 #include "package_build/update_tile_set.hpp"
 #include "imagery/lossless_webp.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 #include "package/tile_container.hpp"
 
 namespace nadir {
@@ -136,7 +136,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   fs::create_directories(file.parent_path());
   const UpdatedTileSet updated = update_tile_set(mission, map, layers, range, options, file, progress);
   findings.add(map.findings());
-  if (updated.set.over_budget) findings.add(judge_budget(mission, updated.set.tile_bytes));
+  if (updated.set.over_budget) findings.add(check_budget(mission, updated.set.tile_bytes));
   if (findings.refuses()) return report;
 
   std::optional<PlaceIndex> index;
@@ -152,7 +152,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   report.package.merkle_root = updated.set.facts.merkle_root;
   report.package.bytes = package_size(folder);
   if (terrain) report.package.terrain = terrain->grid();
-  findings.add(judge_tiles(mission, updated.set.sidecars, report.package.bytes, at));
+  findings.add(check_tile_requirements(mission, updated.set.sidecars, report.package.bytes, at));
   if (!findings.refuses()) {
     progress.advance();  // the last moment to be interrupted
     staging.commit();

@@ -7,7 +7,7 @@
 
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {
@@ -131,7 +131,7 @@ std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const Image
       set_facts(sidecar, inputs, used);
       sidecar.valid_ppm = kWholeTile_ppm * count / kTilePixels;
       if (count < kTilePixels) sidecar.mask = encode_image(valid, ImageFormat::png);
-      if (const Sector* sector = deciding_sector(mission, frame, key); sector != nullptr) sidecar.sector = sector->id;
+      if (const Sector* sector = governing_sector(mission, frame, key); sector != nullptr) sidecar.sector = sector->id;
       sidecars.push_back(std::move(sidecar));
     }
   }

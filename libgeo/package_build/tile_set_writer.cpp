@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <set>
 
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "trust/merkle.hpp"
 
 namespace nadir {

@@ -6,8 +6,8 @@
 #include <set>
 
 #include "base/error.hpp"
-#include "package/judge.hpp"
-#include "package/tile_mask.hpp"
+#include "package/mission_check.hpp"
+#include "package/tile_image.hpp"
 
 namespace nadir {
 namespace {
@@ -27,7 +27,7 @@ std::optional<EncodedTile> OldMap::copy(const TileKey& key) const {
   std::optional<Bytes> bytes = tiles_.read(key);
   if (!bytes) return std::nullopt;
   EncodedTile tile{*sidecar, std::move(*bytes)};
-  const Sector* sector = deciding_sector(mission_, frame_, key);
+  const Sector* sector = governing_sector(mission_, frame_, key);
   tile.sidecar.sector = sector == nullptr ? std::string() : sector->id;
   return tile;
 }

@@ -36,7 +36,7 @@ OldPackage read_old_package(const fs::path& package, const TrustRoot& trusted, U
   old.manifest = verification.manifest;
   old.tiles = verification.tiles;
   old.newest_root = walk_package_roots(package, trusted, nullptr).root;
-  old.roots = carried_roots(package);
+  old.roots = roots_in_package(package);
   return old;
 }
 

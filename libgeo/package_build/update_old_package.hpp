@@ -5,7 +5,7 @@
 #include <filesystem>
 
 #include "base/progress.hpp"
-#include "package/root_folder.hpp"
+#include "package/package_roots.hpp"
 #include "package/verify.hpp"
 
 namespace nadir {

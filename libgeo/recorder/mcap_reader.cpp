@@ -1,14 +1,61 @@
 #include "recorder/mcap_reader.hpp"
 
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <vector>
 
-#include "recorder/chunk_compression.hpp"
-#include "recorder/mcap_records.hpp"
+#include "base/error.hpp"
 
 namespace nadir {
+
+bool MemorySource::read(std::uint64_t offset, std::uint64_t count, Bytes& into) const {
+  into.clear();
+  if (offset > bytes_.size() || count > bytes_.size() - offset) return false;
+  const ByteView piece = bytes_.subspan(static_cast<std::size_t>(offset), static_cast<std::size_t>(count));
+  into.assign(piece.begin(), piece.end());
+  return true;
+}
+
+FileSource::FileSource(const std::filesystem::path& path) : fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
+  struct stat info {};
+  if (fd_ < 0 || ::fstat(fd_, &info) != 0) {
+    const int error_number = errno;
+    if (fd_ >= 0) ::close(fd_);
+    throw Error({.what = "cannot open", .where = path, .found = system_error_text(error_number)});
+  }
+  if (!S_ISREG(info.st_mode)) {
+    ::close(fd_);
+    throw Error({.what = "not a file", .where = path, .expected = "a regular file", .found = "a folder or device"});
+  }
+  size_ = static_cast<std::uint64_t>(info.st_size);
+}
+
+FileSource::~FileSource() { ::close(fd_); }
+
+bool FileSource::read(std::uint64_t offset, std::uint64_t count, Bytes& into) const {
+  into.clear();
+  if (offset > size_ || count > size_ - offset) return false;
+  into.resize(static_cast<std::size_t>(count));
+  std::uint64_t done = 0;
+  while (done < count) {
+    const ssize_t got =
+        ::pread(fd_, into.data() + done, static_cast<std::size_t>(count - done), static_cast<off_t>(offset + done));
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) {
+      into.clear();
+      return false;
+    }
+    done += static_cast<std::uint64_t>(got);
+  }
+  return true;
+}
+
 namespace {
 
 constexpr std::uint64_t kLargestRecord = kLargestChunk + (std::uint64_t{1} << 20);
@@ -24,7 +71,7 @@ struct Indexes {
 
 class Reader {
  public:
-  Reader(const ByteSource& source, std::string_view where, const McapTake& take)
+  Reader(const ByteSource& source, std::string_view where, const McapMessageHandler& take)
       : source_(source), where_(where), take_(take) {}
 
   McapContents read() {
@@ -249,7 +296,7 @@ class Reader {
 
   const ByteSource& source_;
   std::string where_;
-  const McapTake& take_;
+  const McapMessageHandler& take_;
   McapContents contents_;
   Indexes indexes_;
   std::uint64_t position_ = 0;
@@ -259,7 +306,7 @@ class Reader {
 
 }  // namespace
 
-McapContents read_mcap(const ByteSource& source, std::string_view where, const McapTake& take) {
+McapContents read_mcap(const ByteSource& source, std::string_view where, const McapMessageHandler& take) {
   return Reader(source, where, take).read();
 }
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "recorder/chunk_compression.hpp"
+#include "recorder/mcap_format.hpp"
 
 namespace nadir {
 

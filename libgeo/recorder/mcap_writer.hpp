@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "recorder/mcap_records.hpp"
-#include "recorder/segment_file.hpp"
+#include "recorder/segments.hpp"
 
 namespace nadir {
 

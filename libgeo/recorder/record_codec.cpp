@@ -1,10 +1,587 @@
+// One pair of encode() and decode() for each record. decode() is false for bytes that are no such record.
 #include "recorder/record_codec.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <cstddef>
+#include <limits>
 #include <memory>
+#include <string>
 
-#include "recorder/codec_parts.hpp"
+#include "base/bytes.hpp"
+#include "fbs/anchor_generated.h"
+#include "fbs/common_generated.h"
+#include "fbs/end_generated.h"
+#include "fbs/estimate_generated.h"
+#include "fbs/health_generated.h"
+#include "fbs/hint_generated.h"
+#include "fbs/input_generated.h"
+#include "fbs/picture_generated.h"
+#include "fbs/recorder_event_generated.h"
+#include "fbs/session_generated.h"
+#include "fbs/state_change_generated.h"
+#include "fbs/thumbnail_generated.h"
+#include "fbs/tile_event_generated.h"
+#include "geodesy/lon_lat.hpp"
+#include "recorder/records.hpp"
 
 namespace nadir {
+
+namespace {
+
+struct Name {
+  std::string_view name;
+  double GateLimits::*value;
+};
+
+constexpr std::array<Name, 23> kNames{{
+    {"clear_ratio", &GateLimits::clear_ratio},
+    {"clear_inlier_share", &GateLimits::clear_inlier_share},
+    {"alone_ratio", &GateLimits::alone_ratio},
+    {"alone_inlier_share", &GateLimits::alone_inlier_share},
+    {"vote_ratio", &GateLimits::vote_ratio},
+    {"vote_inlier_share", &GateLimits::vote_inlier_share},
+    {"most_inlier_share", &GateLimits::most_inlier_share},
+    {"sure_inlier_share", &GateLimits::sure_inlier_share},
+    {"expected_chi2", &GateLimits::expected_chi2},
+    {"max_chance_residual_px", &GateLimits::max_chance_residual_px},
+    {"open_tilt_rad", &GateLimits::open_tilt_rad},
+    {"telling_window_m", &GateLimits::telling_window_m},
+    {"sharp_sigma_m", &GateLimits::sharp_sigma_m},
+    {"min_score", &GateLimits::min_score},
+    {"min_sharp_score", &GateLimits::min_sharp_score},
+    {"min_frame_share", &GateLimits::min_frame_share},
+    {"max_residual_px", &GateLimits::max_residual_px},
+    {"max_tilt_sigmas", &GateLimits::max_tilt_sigmas},
+    {"chi2_999", &GateLimits::chi2_999},
+    {"chi2_99", &GateLimits::chi2_99},
+    {"healthy_sigma_m", &GateLimits::healthy_sigma_m},
+    {"lost_ratio", &GateLimits::lost_ratio},
+    {"lost_inlier_share", &GateLimits::lost_inlier_share},
+}};
+constexpr std::string_view kMinInliers = "min_inliers";
+
+// A threshold that is added to the gates must be added here as well.
+static_assert(sizeof(GateLimits) == kNames.size() * sizeof(double) + sizeof(double));
+
+}  // namespace
+
+std::vector<std::pair<std::string, double>> gate_values(const GateLimits& gates) {
+  std::vector<std::pair<std::string, double>> named;
+  for (const Name& gate : kNames) named.emplace_back(gate.name, gates.*gate.value);
+  named.emplace_back(kMinInliers, gates.min_inliers);
+  return named;
+}
+
+void set_gate(GateLimits& gates, std::string_view name, double value) {
+  for (const Name& gate : kNames) {
+    if (gate.name == name) gates.*gate.value = value;
+  }
+  const bool fits = std::abs(value) <= std::numeric_limits<int>::max();  // not so for NaN
+  if (name == kMinInliers && fits) gates.min_inliers = static_cast<int>(value);
+}
+
+std::string redacted_setting(std::string_view name, std::string_view value) {
+  std::string lower(name);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  bool secret = value.find("PRIVATE KEY") != std::string_view::npos;
+  for (const char* word : {"key", "signature", "passphrase", "password", "secret", "token"}) {
+    secret = secret || lower.find(word) != std::string::npos;
+  }
+  return secret ? "[withheld]" : std::string(value);
+}
+
+namespace codec {
+
+namespace fbs = nadir::recorder;
+using flatbuffers::FlatBufferBuilder;
+
+inline std::string text(const flatbuffers::String* text) { return text == nullptr ? std::string() : text->str(); }
+
+inline Bytes bytes(const flatbuffers::Vector<std::uint8_t>* bytes) {
+  return bytes == nullptr ? Bytes() : Bytes(bytes->begin(), bytes->end());
+}
+
+template <typename Number>
+std::optional<double> optional(const Number& number) {
+  return number ? std::optional<double>(*number) : std::nullopt;
+}
+
+inline flatbuffers::Optional<double> optional(const std::optional<double>& number) {
+  return number ? flatbuffers::Optional<double>(*number) : flatbuffers::nullopt;
+}
+
+inline fbs::LonLat place(LonLat place) { return {place.lon_deg, place.lat_deg}; }
+
+inline std::optional<LonLat> place(const fbs::LonLat* place) {
+  if (place == nullptr) return std::nullopt;
+  return LonLat{place->lon_deg(), place->lat_deg()};
+}
+
+inline fbs::AnchorVerdict verdict(AnchorVerdict verdict) {
+  return static_cast<fbs::AnchorVerdict>(static_cast<std::uint8_t>(verdict));
+}
+
+// What a later version may call something else is "not tried" to this one.
+inline AnchorVerdict verdict(fbs::AnchorVerdict verdict) {
+  if (verdict > fbs::AnchorVerdict::MAX) return AnchorVerdict::not_tried;
+  return static_cast<AnchorVerdict>(static_cast<std::uint8_t>(verdict));
+}
+
+template <typename Table>
+Bytes finish(FlatBufferBuilder& builder, flatbuffers::Offset<Table> root) {
+  builder.Finish(root);
+  return {builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize()};
+}
+
+// The table, or null for bytes that are none.
+template <typename Table>
+const Table* verified(ByteView bytes) {
+  flatbuffers::Verifier verifier(bytes.data(), bytes.size(), 16, 100'000);
+  if (bytes.size() < 8 || !verifier.VerifyBuffer<Table>(nullptr)) return nullptr;
+  return flatbuffers::GetRoot<Table>(bytes.data());
+}
+
+// One pair for each record. decode(): false for bytes that are no such record.
+Bytes encode(const SessionRecord& record);
+Bytes encode(const InputRecord& record);
+Bytes encode(const PictureRecord& record);
+Bytes encode(const EstimateRecord& record);
+Bytes encode(const AnchorRecord& record);
+Bytes encode(const StateRecord& record);
+Bytes encode(const TileRecord& record);
+Bytes encode(const HealthRecord& record);
+Bytes encode(const ThumbnailRecord& record);
+Bytes encode(const RecorderRecord& record);
+Bytes encode(const EndRecord& record);
+Bytes encode(const HintRecord& record);
+
+bool decode(ByteView bytes, SessionRecord& record);
+bool decode(ByteView bytes, InputRecord& record);
+bool decode(ByteView bytes, PictureRecord& record);
+bool decode(ByteView bytes, EstimateRecord& record);
+bool decode(ByteView bytes, AnchorRecord& record);
+bool decode(ByteView bytes, StateRecord& record);
+bool decode(ByteView bytes, TileRecord& record);
+bool decode(ByteView bytes, HealthRecord& record);
+bool decode(ByteView bytes, ThumbnailRecord& record);
+bool decode(ByteView bytes, RecorderRecord& record);
+bool decode(ByteView bytes, EndRecord& record);
+bool decode(ByteView bytes, HintRecord& record);
+
+}  // namespace codec
+
+namespace codec {
+
+namespace {
+
+constexpr std::uint32_t kFormat = 1;
+
+flatbuffers::Offset<fbs::Camera> camera(FlatBufferBuilder& builder, const CameraFile& file) {
+  const CameraModel& c = file.camera;
+  const auto distortion = builder.CreateVector(c.distortion.data(), c.distortion.size());
+  return fbs::CreateCamera(builder, c.width, c.height, c.fx, c.fy, c.cx, c.cy, distortion, file.uncertainty.heading_rad,
+                           file.uncertainty.agl_relative, file.uncertainty.tilt_rad, file.uncertainty.imu_dv_mps);
+}
+
+CameraFile camera(const fbs::Camera& told) {
+  CameraFile file;
+  CameraModel& c = file.camera;
+  c.width = told.width();
+  c.height = told.height();
+  c.fx = told.fx();
+  c.fy = told.fy();
+  c.cx = told.cx();
+  c.cy = told.cy();
+  const auto* distortion = told.distortion();
+  for (unsigned i = 0; distortion != nullptr && i < distortion->size() && i < c.distortion.size(); ++i) {
+    c.distortion[i] = distortion->Get(i);
+  }
+  file.uncertainty = {told.heading_sigma_rad(), told.agl_sigma_relative(), told.tilt_sigma_rad(),
+                      told.imu_dv_sigma_mps()};
+  return file;
+}
+
+flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const SessionRecord& session) {
+  const LocalizerConfig& config = session.localizer;
+  std::vector<flatbuffers::Offset<fbs::Gate>> gates;
+  for (const auto& [name, value] : gate_values(config.gates)) {
+    gates.push_back(fbs::CreateGateDirect(builder, name.c_str(), value));
+  }
+  const auto gate_list = builder.CreateVector(gates);
+  std::optional<fbs::Box> area;
+  if (config.area) area.emplace(config.area->west_m, config.area->south_m, config.area->east_m, config.area->north_m);
+  return fbs::CreateLocalizer(builder, gate_list, config.start_sigma_m, config.min_search_radius_m,
+                              config.max_search_radius_m, config.no_fix_sigma_m, config.map_sigma_m,
+                              config.assumed_agl_m, area ? &*area : nullptr, session.terrain, config.anchor_every_m,
+                              config.anchor_above_sigma_m, session.places, config.resumed);
+}
+
+void localizer(const fbs::Localizer& told, SessionRecord& session) {
+  LocalizerConfig& config = session.localizer;
+  if (told.gates() != nullptr) {
+    for (const auto* gate : *told.gates()) set_gate(config.gates, text(gate->name()), gate->value());
+  }
+  config.start_sigma_m = told.start_sigma_m();
+  config.min_search_radius_m = told.min_search_radius_m();
+  config.max_search_radius_m = told.max_search_radius_m();
+  config.no_fix_sigma_m = told.no_fix_sigma_m();
+  config.map_sigma_m = told.map_sigma_m();
+  config.assumed_agl_m = told.assumed_agl_m();
+  if (const auto* area = told.area(); area != nullptr) {
+    config.area = PlaneBox{area->west_m(), area->south_m(), area->east_m(), area->north_m()};
+  }
+  config.anchor_every_m = told.anchor_every_m();
+  config.anchor_above_sigma_m = told.anchor_above_sigma_m();
+  config.resumed = told.resumed();
+  session.terrain = told.terrain();
+  session.places = told.places();
+}
+
+}  // namespace
+
+Bytes encode(const SessionRecord& session) {
+  FlatBufferBuilder builder;
+  std::vector<flatbuffers::Offset<fbs::Setting>> list;
+  for (const auto& [name, value] : session.settings) {
+    list.push_back(fbs::CreateSettingDirect(builder, name.c_str(), redacted_setting(name, value).c_str()));
+  }
+  const auto settings = builder.CreateVector(list);
+  const auto id = builder.CreateString(session.id), program = builder.CreateString(session.program),
+             version = builder.CreateString(session.version), airframe = builder.CreateString(session.airframe),
+             mission = builder.CreateString(session.mission);
+  flatbuffers::Offset<flatbuffers::String> package;
+  if (session.package) package = builder.CreateString(session.package->hex());
+  const auto camera_table = camera(builder, session.camera);
+  const auto localizer_table = localizer(builder, session);
+  const fbs::LonLat origin = place(session.origin), start = place(session.start.value_or(LonLat{}));
+  return finish(
+      builder, fbs::CreateSession(builder, kFormat, id, session.segment, session.started_ns, program, version, airframe,
+                                  package, mission, camera_table, &origin, session.start ? &start : nullptr,
+                                  static_cast<std::uint32_t>(session.picture_shrink), session.seed, localizer_table,
+                                  settings, session.looked_up_later));
+}
+
+bool decode(ByteView bytes, SessionRecord& session) {
+  const auto* told = verified<fbs::Session>(bytes);
+  if (told == nullptr || told->format() != kFormat) return false;
+  session.id = text(told->id());
+  session.segment = told->segment();
+  session.started_ns = told->started_ns();
+  session.program = text(told->program());
+  session.version = text(told->version());
+  session.airframe = text(told->airframe());
+  if (told->package_sha256() != nullptr) {
+    session.package = Sha256::from_hex(text(told->package_sha256()));
+    if (!session.package) return false;
+  }
+  session.mission = text(told->mission());
+  if (told->camera() != nullptr) session.camera = camera(*told->camera());
+  session.origin = place(told->origin()).value_or(LonLat{});
+  session.start = place(told->start());
+  if (told->picture_shrink() == 0 || told->picture_shrink() > 8) return false;
+  session.picture_shrink = static_cast<int>(told->picture_shrink());
+  session.seed = told->seed();
+  session.looked_up_later = told->looked_up_later();
+  if (told->localizer() != nullptr) localizer(*told->localizer(), session);
+  if (told->settings() != nullptr) {
+    for (const auto* setting : *told->settings()) {
+      session.settings.emplace_back(text(setting->name()), text(setting->value()));
+    }
+  }
+  return true;
+}
+
+}  // namespace codec
+
+namespace codec {
+
+namespace {
+
+std::optional<fbs::VelocityChange> velocity_change(const std::optional<Eigen::Vector2d>& dv_mps) {
+  if (!dv_mps) return std::nullopt;
+  return fbs::VelocityChange(dv_mps->x(), dv_mps->y());
+}
+
+std::optional<Eigen::Vector2d> velocity_change(const fbs::VelocityChange* dv) {
+  if (dv == nullptr) return std::nullopt;
+  return Eigen::Vector2d(dv->east_mps(), dv->north_mps());
+}
+
+flatbuffers::Offset<flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>> encode_way(
+    FlatBufferBuilder& builder, const std::vector<TelemetryInterval>& way) {
+  std::vector<flatbuffers::Offset<fbs::Stretch>> stretches;
+  for (const TelemetryInterval& stretch : way) {
+    const auto dv = velocity_change(stretch.imu_dv_mps);
+    stretches.push_back(
+        fbs::CreateStretch(builder, stretch.seconds, optional(stretch.heading_rad), dv ? &*dv : nullptr));
+  }
+  return builder.CreateVector(stretches);
+}
+
+std::vector<TelemetryInterval> decode_way(const flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>* told) {
+  std::vector<TelemetryInterval> way;
+  if (told == nullptr) return way;
+  for (const fbs::Stretch* stretch : *told) {
+    way.push_back({stretch->seconds(), optional(stretch->heading_rad()), velocity_change(stretch->imu_dv())});
+  }
+  return way;
+}
+
+}  // namespace
+
+Bytes encode(const InputRecord& input) {
+  FlatBufferBuilder builder;
+  const Telemetry& told = input.told;
+  const auto frame = builder.CreateString(told.frame);
+  const auto picture = builder.CreateString(input.picture.hex());
+  const fbs::LonLat at = place(told.place.value_or(LonLat{}));
+  const auto dv = velocity_change(told.imu_dv_mps);
+  const auto way = encode_way(builder, told.way);
+  return finish(builder,
+                fbs::CreateInput(builder, input.index, frame, told.time_s, optional(told.agl_m),
+                                 optional(told.heading_rad), optional(told.pitch_rad), optional(told.roll_rad),
+                                 told.place ? &at : nullptr, picture, input.picture_bytes, dv ? &*dv : nullptr, way));
+}
+
+bool decode(ByteView bytes, InputRecord& input) {
+  const auto* told = verified<fbs::Input>(bytes);
+  if (told == nullptr) return false;
+  const auto digest = Sha256::from_hex(text(told->picture_sha256()));
+  if (!digest) return false;
+  input.index = told->index();
+  input.told.frame = text(told->frame());
+  input.told.time_s = told->time_s();
+  input.told.agl_m = optional(told->agl_m());
+  input.told.heading_rad = optional(told->heading_rad());
+  input.told.pitch_rad = optional(told->pitch_rad());
+  input.told.roll_rad = optional(told->roll_rad());
+  input.told.place = place(told->place());
+  input.told.imu_dv_mps = velocity_change(told->imu_dv());
+  input.told.way = decode_way(told->way());
+  input.picture = *digest;
+  input.picture_bytes = told->picture_bytes();
+  return true;
+}
+
+Bytes encode(const PictureRecord& picture) {
+  FlatBufferBuilder builder(picture.encoded.size() + 256);
+  const auto frame = builder.CreateString(picture.frame);
+  const auto data = builder.CreateVector(picture.encoded);
+  return finish(builder, fbs::CreatePicture(builder, picture.index, frame, data));
+}
+
+bool decode(ByteView bytes_told, PictureRecord& picture) {
+  const auto* told = verified<fbs::Picture>(bytes_told);
+  if (told == nullptr) return false;
+  picture.index = told->index();
+  picture.frame = text(told->frame());
+  picture.encoded = bytes(told->data());
+  return true;
+}
+
+Bytes encode(const EstimateRecord& record) {
+  FlatBufferBuilder builder;
+  const Estimate& e = record.estimate;
+  const auto frame = builder.CreateString(e.frame);
+  const fbs::LonLat at = place(e.position.value_or(LonLat{}));
+  const fbs::Covariance covariance(e.covariance_m2(0, 0), e.covariance_m2(0, 1), e.covariance_m2(1, 0),
+                                   e.covariance_m2(1, 1));
+  const StateEstimate& b = record.belief;
+  const fbs::Belief belief(b.velocity_mps.x(), b.velocity_mps.y(), b.velocity_sigma_mps, b.heading_rad,
+                           b.heading_sigma_rad, b.agl_m, b.agl_sigma_m);
+  return finish(builder,
+                fbs::CreateEstimate(builder, record.index, frame, e.time_s, e.position ? &at : nullptr, e.sigma_m,
+                                    &covariance, static_cast<fbs::Source>(static_cast<std::uint8_t>(e.source)),
+                                    e.segment, optional(e.anchor_age_s), e.anchor_inliers, e.anchor_ratio, e.latency_ms,
+                                    record.odometry.tracked, record.odometry.inliers, record.odometry.step_m, &belief));
+}
+
+bool decode(ByteView bytes, EstimateRecord& record) {
+  const auto* told = verified<fbs::Estimate>(bytes);
+  if (told == nullptr || told->source() > fbs::Source::MAX) return false;
+  record.index = told->index();
+  Estimate& e = record.estimate;
+  e.frame = text(told->frame());
+  e.time_s = told->time_s();
+  e.position = place(told->position());
+  e.sigma_m = told->sigma_m();
+  if (const auto* c = told->covariance(); c != nullptr) {
+    e.covariance_m2 << c->ee_m2(), c->en_m2(), c->ne_m2(), c->nn_m2();
+  }
+  e.source = static_cast<SourceLabel>(static_cast<std::uint8_t>(told->source()));
+  e.segment = told->segment();
+  e.anchor_age_s = optional(told->anchor_age_s());
+  e.anchor_inliers = told->anchor_inliers();
+  e.anchor_ratio = told->anchor_ratio();
+  e.latency_ms = told->latency_ms();
+  if (const auto* b = told->belief(); b != nullptr) {
+    record.belief = {{b->east_mps(), b->north_mps()},
+                     b->velocity_sigma_mps(),
+                     b->heading_rad(),
+                     b->heading_sigma_rad(),
+                     b->agl_m(),
+                     b->agl_sigma_m()};
+  }
+  record.odometry = {told->tracked(), told->odometry_inliers(), told->odometry_step_m()};
+  return true;
+}
+
+Bytes encode(const AnchorRecord& record) {
+  FlatBufferBuilder builder;
+  const AnchorReport& a = record.anchor;
+  const auto frame = builder.CreateString(record.frame);
+  std::optional<fbs::PlanePoint> camera;
+  if (a.camera) camera.emplace(a.camera->east_m, a.camera->north_m);
+  return finish(builder,
+                fbs::CreateAnchor(builder, record.index, frame, record.time_s, verdict(a.verdict), a.score, a.ratio,
+                                  a.inliers, a.patches, a.residual_px, a.matching_gsd_m, a.chi2,
+                                  camera ? &*camera : nullptr, a.heading_rad, a.window_radius_m, record.taken_after));
+}
+
+bool decode(ByteView bytes, AnchorRecord& record) {
+  const auto* told = verified<fbs::Anchor>(bytes);
+  if (told == nullptr) return false;
+  record.index = told->index();
+  record.frame = text(told->frame());
+  record.time_s = told->time_s();
+  AnchorReport& a = record.anchor;
+  a.verdict = verdict(told->verdict());
+  a.score = told->score();
+  a.ratio = told->ratio();
+  a.inliers = told->inliers();
+  a.patches = told->patches();
+  a.residual_px = told->residual_px();
+  a.matching_gsd_m = told->matching_gsd_m();
+  a.chi2 = told->chi2();
+  if (told->camera() != nullptr) a.camera = PlanePoint{told->camera()->east_m(), told->camera()->north_m()};
+  a.heading_rad = told->heading_rad();
+  a.window_radius_m = told->window_radius_m();
+  record.taken_after = told->taken_after();
+  return true;
+}
+
+}  // namespace codec
+
+namespace codec {
+
+Bytes encode(const StateRecord& record) {
+  FlatBufferBuilder builder;
+  return finish(builder,
+                fbs::CreateStateChangeDirect(builder, record.from.c_str(), record.to.c_str(), record.reason.c_str()));
+}
+
+bool decode(ByteView bytes, StateRecord& record) {
+  const auto* told = verified<fbs::StateChange>(bytes);
+  if (told == nullptr) return false;
+  record = {text(told->from()), text(told->to()), text(told->reason())};
+  return true;
+}
+
+Bytes encode(const TileRecord& record) {
+  FlatBufferBuilder builder;
+  return finish(builder, fbs::CreateTileEventDirect(builder, record.key.z, record.key.x, record.key.y,
+                                                    record.code.c_str(), record.text.c_str()));
+}
+
+bool decode(ByteView bytes, TileRecord& record) {
+  const auto* told = verified<fbs::TileEvent>(bytes);
+  if (told == nullptr) return false;
+  if (told->zoom() < 0 || told->zoom() > kMaxZoom || told->x() < 0 || told->y() < 0) return false;
+  record.key = {static_cast<std::uint8_t>(told->zoom()), static_cast<std::uint32_t>(told->x()),
+                static_cast<std::uint32_t>(told->y())};
+  if (told->x() != record.key.x || told->y() != record.key.y || !record.key.valid()) return false;
+  record.code = text(told->code());
+  record.text = text(told->text());
+  return true;
+}
+
+Bytes encode(const HealthRecord& record) {
+  FlatBufferBuilder builder;
+  std::vector<flatbuffers::Offset<fbs::Measure>> list;
+  for (const auto& [name, value] : record.measures) {
+    list.push_back(fbs::CreateMeasureDirect(builder, name.c_str(), value));
+  }
+  const auto measures = builder.CreateVector(list);
+  const auto notes = builder.CreateVectorOfStrings(record.notes);
+  return finish(builder, fbs::CreateHealth(builder, record.healthy, measures, notes));
+}
+
+bool decode(ByteView bytes, HealthRecord& record) {
+  const auto* told = verified<fbs::Health>(bytes);
+  if (told == nullptr) return false;
+  record.healthy = told->healthy();
+  if (told->measures() != nullptr) {
+    for (const auto* measure : *told->measures()) record.measures.emplace_back(text(measure->name()), measure->value());
+  }
+  if (told->notes() != nullptr) {
+    for (const auto* note : *told->notes()) record.notes.push_back(text(note));
+  }
+  return true;
+}
+
+Bytes encode(const ThumbnailRecord& record) {
+  FlatBufferBuilder builder(record.seen.size() + record.map.size() + 256);
+  const auto frame = builder.CreateString(record.frame);
+  const auto seen = builder.CreateVector(record.seen), map = builder.CreateVector(record.map);
+  return finish(builder, fbs::CreateThumbnail(builder, record.index, frame, verdict(record.verdict), seen, map));
+}
+
+bool decode(ByteView told_bytes, ThumbnailRecord& record) {
+  const auto* told = verified<fbs::Thumbnail>(told_bytes);
+  if (told == nullptr) return false;
+  record = {told->index(), text(told->frame()), verdict(told->verdict()), bytes(told->seen()), bytes(told->map())};
+  return true;
+}
+
+Bytes encode(const RecorderRecord& record) {
+  FlatBufferBuilder builder;
+  const auto kind = static_cast<fbs::RecorderEventKind>(static_cast<std::uint8_t>(record.trouble));
+  return finish(builder,
+                fbs::CreateRecorderEventDirect(builder, kind, record.topic.c_str(), record.count, record.text.c_str()));
+}
+
+bool decode(ByteView bytes, RecorderRecord& record) {
+  const auto* told = verified<fbs::RecorderEvent>(bytes);
+  if (told == nullptr || told->kind() > fbs::RecorderEventKind::MAX) return false;
+  record.trouble = static_cast<RecorderEventKind>(static_cast<std::uint8_t>(told->kind()));
+  record.topic = text(told->topic());
+  record.count = told->count();
+  record.text = text(told->text());
+  return true;
+}
+
+Bytes encode(const EndRecord& record) {
+  FlatBufferBuilder builder;
+  return finish(builder, fbs::CreateEndDirect(builder, record.clean_shutdown, record.records, record.dropped,
+                                              record.reason.c_str()));
+}
+
+bool decode(ByteView bytes, EndRecord& record) {
+  const auto* told = verified<fbs::End>(bytes);
+  if (told == nullptr) return false;
+  record = {told->clean_shutdown(), told->records(), told->dropped(), text(told->reason())};
+  return true;
+}
+
+Bytes encode(const HintRecord& record) {
+  FlatBufferBuilder builder;
+  const fbs::LonLat at = place(record.place);
+  return finish(builder, fbs::CreateHintDirect(builder, record.before, &at, record.radius_m, record.by.c_str()));
+}
+
+bool decode(ByteView bytes, HintRecord& record) {
+  const auto* told = verified<fbs::Hint>(bytes);
+  if (told == nullptr || told->place() == nullptr) return false;
+  record = {told->before(), *place(told->place()), told->radius_m(), text(told->by())};
+  return true;
+}
+
+}  // namespace codec
+
 namespace {
 
 template <std::size_t Alternative = 0>
@@ -22,17 +599,6 @@ std::optional<Record> decode_alternative(std::size_t which, ByteView bytes) {
 }  // namespace
 
 static_assert(std::variant_size_v<Record> == kTopics);
-
-std::string_view name_of(RecorderTrouble trouble) {
-  switch (trouble) {
-    case RecorderTrouble::dropped_by_queue: return "dropped_by_queue";
-    case RecorderTrouble::dropped_by_disk: return "dropped_by_disk";
-    case RecorderTrouble::stopped: return "stopped";
-    case RecorderTrouble::resumed: return "resumed";
-    case RecorderTrouble::segment_deleted: return "segment_deleted";
-  }
-  return "stopped";
-}
 
 Bytes encode(const Record& record) {
   return std::visit([](const auto& kind) { return codec::encode(kind); }, record);

@@ -3,7 +3,7 @@
 
 #include <optional>
 
-#include "recorder/topics.hpp"
+#include "recorder/records.hpp"
 
 namespace nadir {
 

@@ -3,11 +3,34 @@
 #include <algorithm>
 #include <chrono>
 #include <exception>
+#include <opencv2/imgproc.hpp>
 
 #include "base/thread_rank.hpp"
-#include "recorder/thumbnail.hpp"
+#include "imagery/codecs.hpp"
 
 namespace nadir {
+
+namespace {
+
+constexpr int kLongestSide = 320, kQuality = 70;
+
+Bytes small_jpeg(const cv::Mat& picture) {
+  if (picture.empty()) return {};
+  cv::Mat small = picture;
+  const int side = std::max(picture.cols, picture.rows);
+  if (side > kLongestSide) {
+    const double factor = static_cast<double>(kLongestSide) / side;
+    cv::resize(picture, small, {}, factor, factor, cv::INTER_AREA);
+  }
+  return encode_image(small, ImageFormat::jpeg, kQuality);
+}
+
+}  // namespace
+
+ThumbnailRecord thumbnail_record(const ThumbnailImages& pictures) {
+  return {pictures.index, pictures.frame, pictures.verdict, small_jpeg(pictures.seen), small_jpeg(pictures.map)};
+}
+
 namespace {
 
 constexpr std::size_t kLeastItem = 1024;                        // what a small record costs in memory
@@ -59,7 +82,7 @@ void Recorder::record(Record record) {
   push({std::move(record), clock_(), bytes});
 }
 
-void Recorder::offer_thumbnail(ThumbnailPictures pictures) {
+void Recorder::offer_thumbnail(ThumbnailImages pictures) {
   const std::uint64_t now_ns = clock_();
   {
     const std::lock_guard lock(mutex_);
@@ -171,20 +194,55 @@ void Recorder::run() {
 // Under the lock: what the queue lost goes to the store, what the store knows to whoever asks.
 void Recorder::publish() {
   for (const auto& [topic, count] : std::exchange(dropped_, {})) {
-    store_.note_dropped(RecorderTrouble::dropped_by_queue, topic, count);
+    store_.count_dropped(RecorderEventKind::dropped_by_queue, topic, count);
   }
   status_ = store_.status();
 }
 
 void Recorder::write(const Item& item) {
   const bool written = survive([&] {
-    if (const auto* pictures = std::get_if<ThumbnailPictures>(&item.what)) {
+    if (const auto* pictures = std::get_if<ThumbnailImages>(&item.what)) {
       store_.put(thumbnail_record(*pictures), item.at_ns);
     } else {
       store_.put(std::get<Record>(item.what), item.at_ns);
     }
   });
-  if (!written) store_.note_dropped(RecorderTrouble::dropped_by_queue, item.topic(), 1);
+  if (!written) store_.count_dropped(RecorderEventKind::dropped_by_queue, item.topic(), 1);
+}
+
+namespace {
+
+bool failed(AnchorVerdict verdict) {
+  return verdict != AnchorVerdict::not_tried && verdict != AnchorVerdict::accepted &&
+         verdict != AnchorVerdict::awaiting_votes;
+}
+
+void record_attempt(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report) {
+  AnchorRecord anchor{index, report.estimate.frame, report.estimate.time_s, report.anchor, taken_after};
+  anchor.anchor.rectified.release();
+  anchor.anchor.matched_map.release();
+  recorder.record(std::move(anchor));
+  if (!failed(report.anchor.verdict) || report.anchor.rectified.empty()) return;
+  recorder.offer_thumbnail(
+      {index, report.estimate.frame, report.anchor.verdict, report.anchor.rectified, report.anchor.matched_map});
+}
+
+}  // namespace
+
+void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& report) {
+  recorder.record(EstimateRecord{index, report.estimate, report.odometry, report.belief});
+  if (report.anchor.verdict != AnchorVerdict::not_tried) record_attempt(recorder, index, index, report);
+}
+
+void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report) {
+  record_attempt(recorder, index, taken_after, report);
+  recorder.record(EstimateRecord{taken_after, report.estimate, report.odometry, report.belief});
+}
+
+void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& told, ByteView encoded) {
+  recorder.record(InputRecord{index, told, sha256(encoded), encoded.size()});
+  if (!recorder.keeps_pictures()) return;
+  recorder.record(PictureRecord{index, told.frame, Bytes(encoded.begin(), encoded.end())});
 }
 
 }  // namespace nadir

@@ -40,7 +40,7 @@ struct RecorderOptions {
 };
 
 // Pictures that are made small and encoded by the recorder's thread. Nobody may write into them any more.
-struct ThumbnailPictures {
+struct ThumbnailImages {
   std::uint64_t index = 0;
   std::string frame;
   AnchorVerdict verdict = AnchorVerdict::not_tried;
@@ -57,7 +57,7 @@ class Recorder {
 
   void record(Record record);
   // Taken when the last one is long enough ago.
-  void offer_thumbnail(ThumbnailPictures pictures);
+  void offer_thumbnail(ThumbnailImages pictures);
   bool keeps_pictures() const { return options_.keep_pictures; }
 
   // Waits until all that was recorded before has been handed to the disk, or dropped.
@@ -69,7 +69,7 @@ class Recorder {
 
  private:
   struct Item {
-    std::variant<Record, ThumbnailPictures> what;
+    std::variant<Record, ThumbnailImages> what;
     std::uint64_t at_ns = 0;
     std::size_t bytes = 0;
 

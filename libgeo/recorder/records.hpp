@@ -1,7 +1,8 @@
-// What the flight recorder records. schemas/recorder/*.fbs is the same as it lies on disk; docs/formats/recorder.md
-// says what each is for. `index` counts the frames of a session from 0.
+// What the flight recorder records, and how MCAP names it. schemas/recorder/*.fbs define the same on disk;
+// docs/formats/recorder.md says what each record is for. `index` counts the frames of a session from 0.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -16,6 +17,7 @@
 #include "estimation/localizer.hpp"
 #include "estimation/telemetry.hpp"
 #include "geodesy/tile_key.hpp"
+#include "recorder/mcap_format.hpp"
 #include "vision/camera_model.hpp"
 
 namespace nadir {
@@ -100,13 +102,13 @@ struct ThumbnailRecord {
   Bytes seen, map;  // JPEG
 };
 
-enum class RecorderTrouble { dropped_by_queue, dropped_by_disk, stopped, resumed, segment_deleted };
+enum class RecorderEventKind { dropped_by_queue, dropped_by_disk, stopped, resumed, segment_deleted };
 
-std::string_view name_of(RecorderTrouble trouble);
+std::string_view name_of(RecorderEventKind trouble);
 
 // The recorder about itself: what is not in the recording, and why.
 struct RecorderRecord {
-  RecorderTrouble trouble = RecorderTrouble::stopped;
+  RecorderEventKind trouble = RecorderEventKind::stopped;
   std::string topic;
   std::uint64_t count = 0;  // records; bytes of a deleted segment
   std::string text;
@@ -122,5 +124,28 @@ struct EndRecord {
 // In the order of Topic (topics.hpp).
 using Record = std::variant<SessionRecord, InputRecord, PictureRecord, EstimateRecord, AnchorRecord, StateRecord,
                             TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord>;
+
+// In the order of Record's alternatives.
+enum class Topic { session, input, picture, estimate, anchor, state, tile, health, thumbnail, recorder, end, hint };
+inline constexpr std::size_t kTopics = 12;
+
+inline Topic topic_of(const Record& record) { return static_cast<Topic>(record.index()); }
+
+// What is bulky lies in files of its own, so that it can go first when room is short.
+enum class Stream { flight, pictures, thumbnails };
+inline constexpr std::array<Stream, 3> kStreams{Stream::flight, Stream::pictures, Stream::thumbnails};
+
+std::string_view name_of(Stream stream);  // in file names
+std::optional<Stream> parse_stream(std::string_view name);
+
+std::string_view name_of(Topic topic);  // "/estimate"
+std::optional<Topic> parse_topic(std::string_view name);
+Stream stream_of(Topic topic);
+
+std::string_view schema_name_of(Topic topic);  // "nadir.recorder.Estimate"
+
+// As they stand in every file: channel and schema of a topic have the number topic + 1.
+McapChannel mcap_channel(Topic topic);
+McapSchema mcap_schema(Topic topic);
 
 }  // namespace nadir

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr std::uint64_t kSegmentsPerBudget = 8;  // so that there is something to delete
-constexpr std::uint64_t kLeastBudget = std::uint64_t{1} << 20;
+constexpr std::uint64_t kMinBudget = std::uint64_t{1} << 20;
 constexpr std::size_t kMostUntold = 1000;
 
 bool means_no_room(int error) { return error == ENOSPC || error == EDQUOT || error == EFBIG; }
@@ -38,10 +38,10 @@ Topic topic_of_channel(std::uint16_t channel) { return static_cast<Topic>(channe
 
 SegmentStore::SegmentStore(StoreOptions options, SessionRecord session)
     : options_(std::move(options)), session_(std::move(session)) {
-  if (options_.budget_bytes < kLeastBudget) {
+  if (options_.budget_bytes < kMinBudget) {
     throw UsageError({.what = "the budget of recordings is too small",
                       .where = options_.folder,
-                      .expected = fmt::format("at least {} bytes", kLeastBudget),
+                      .expected = fmt::format("at least {} bytes", kMinBudget),
                       .found = fmt::format("{} bytes", options_.budget_bytes)});
   }
   options_.segment_bytes = std::min(options_.segment_bytes, options_.budget_bytes / kSegmentsPerBudget);
@@ -91,7 +91,7 @@ void SegmentStore::close(const std::string& reason, std::uint64_t now_ns) {
   for (const Stream stream : {Stream::thumbnails, Stream::pictures, Stream::flight}) finish(stream);
 }
 
-void SegmentStore::note_dropped(RecorderTrouble trouble, Topic topic, std::uint64_t count) {
+void SegmentStore::count_dropped(RecorderEventKind trouble, Topic topic, std::uint64_t count) {
   status_.dropped[topic] += count;
   untold_drops_[{trouble, topic}] += count;
 }
@@ -111,7 +111,7 @@ void SegmentStore::write(const Record& record, std::uint64_t at_ns) {
   const Topic topic = topic_of(record);
   const Stream stream = stream_of(topic);
   if (!open_.contains(stream) && !open(stream, at_ns)) {
-    note_dropped(RecorderTrouble::dropped_by_disk, topic, 1);
+    count_dropped(RecorderEventKind::dropped_by_disk, topic, 1);
     return;
   }
   Open& segment = open_.at(stream);
@@ -170,7 +170,7 @@ void SegmentStore::write_chunk(Stream stream, std::uint64_t now_ns) {
   if (status_.stopped) {
     status_.stopped = false;
     status_.trouble.clear();
-    if (untold_.size() < kMostUntold) untold_.push_back({RecorderTrouble::resumed, {}, 0, {}});
+    if (untold_.size() < kMostUntold) untold_.push_back({RecorderEventKind::resumed, {}, 0, {}});
   }
   if (segment.file->size() >= options_.segment_bytes || now_ns - segment.since_ns >= options_.segment_ns)
     finish(stream);
@@ -239,7 +239,7 @@ void SegmentStore::remove(std::vector<Segment>::const_iterator segment) {
   fs::remove(segment->path, ignored);  // one that cannot be deleted is not counted any more either: no endless loop
   ++status_.deleted_segments;
   if (untold_.size() < kMostUntold) {
-    untold_.push_back({RecorderTrouble::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
+    untold_.push_back({RecorderEventKind::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
   }
   closed_.erase(segment);
 }
@@ -248,12 +248,12 @@ void SegmentStore::failed(const SegmentFile& file) {
   status_.trouble = fmt::format("{}: {}", file.path().filename().string(), system_error_text(file.error()));
   if (status_.stopped) return;
   status_.stopped = true;
-  if (untold_.size() < kMostUntold) untold_.push_back({RecorderTrouble::stopped, {}, 0, status_.trouble});
+  if (untold_.size() < kMostUntold) untold_.push_back({RecorderEventKind::stopped, {}, 0, status_.trouble});
 }
 
 void SegmentStore::drop_chunk(Open& open) {
   for (const auto& [channel, count] : open.writer->drop_chunk()) {
-    note_dropped(RecorderTrouble::dropped_by_disk, topic_of_channel(channel), count);
+    count_dropped(RecorderEventKind::dropped_by_disk, topic_of_channel(channel), count);
     status_.records -= count;
   }
 }

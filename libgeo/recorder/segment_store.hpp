@@ -14,8 +14,7 @@
 
 #include "recorder/mcap_writer.hpp"
 #include "recorder/records.hpp"
-#include "recorder/segment_file.hpp"
-#include "recorder/segment_list.hpp"
+#include "recorder/segments.hpp"
 
 namespace nadir {
 
@@ -56,7 +55,7 @@ class SegmentStore {
   void close(const std::string& reason, std::uint64_t now_ns);
 
   // Records that did not even come here; told in the recording.
-  void note_dropped(RecorderTrouble trouble, Topic topic, std::uint64_t count);
+  void count_dropped(RecorderEventKind trouble, Topic topic, std::uint64_t count);
 
   const StoreStatus& status() const { return status_; }
 
@@ -90,7 +89,7 @@ class SegmentStore {
   std::vector<Segment> closed_;
   std::uint32_t next_number_ = 1;
   std::map<Topic, std::uint32_t> sequence_;
-  std::map<std::pair<RecorderTrouble, Topic>, std::uint64_t> untold_drops_;
+  std::map<std::pair<RecorderEventKind, Topic>, std::uint64_t> untold_drops_;
   std::vector<RecorderRecord> untold_;
   StoreStatus status_;
 };

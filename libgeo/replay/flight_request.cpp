@@ -8,7 +8,7 @@
 #include "base/sha256.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "ortho/camera_digest.hpp"
+#include "ortho/candidate_sidecar.hpp"
 #include "recorder/record_codec.hpp"
 #include "replay/backends.hpp"
 #include "replay/flight_map.hpp"

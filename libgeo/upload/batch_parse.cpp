@@ -7,7 +7,7 @@
 #include "base/error.hpp"
 #include "base/json.hpp"
 #include "upload/batch.hpp"
-#include "ortho/candidate_sidecar_parse.hpp"
+#include "ortho/candidate_sidecar.hpp"
 #include "trust/base64.hpp"
 
 namespace nadir {

@@ -80,7 +80,7 @@ void TileMaking::make_tiles(const std::stop_token& stop) {
 void TileMaking::make(const Work& work) {
   try {
     const double until_s = clock_.monotonic_s() + frame_limit_s_;
-    OutOfTime out_of_time;
+    DeadlinePassed out_of_time;
     if (frame_limit_s_ > 0) out_of_time = [this, until_s] { return clock_.monotonic_s() > until_s; };
     const FrameTiles made = maker_.make(work.frame, work.encoded, store_, out_of_time);
     for (const auto& [key, fate] : made.stored) listener_.tile(key, fate);

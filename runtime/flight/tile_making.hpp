@@ -56,7 +56,7 @@ class TileMaking {
     Bytes encoded;
   };
   struct Work {
-    SeenFrame frame;
+    PosedFrame frame;
     Bytes encoded;
   };
   void make_tiles(const std::stop_token& stop);

@@ -29,7 +29,7 @@ std::string read_code(ByteView bytes, const CandidateSidecar& sidecar) {
   return std::holds_alternative<Refusal>(read) ? std::string(name_of(std::get<Refusal>(read).code)) : "";
 }
 
-TEST(TilePicture, FiguresTellGoodPicturesFromBadOnes) {
+TEST(TileImageCheck, FiguresTellGoodPicturesFromBadOnes) {
   const cv::Mat good = grey_of(test::FlightMaker().picture(kPlace));
   EXPECT_EQ(code_of(good), "");
   cv::Mat blurred;
@@ -43,7 +43,7 @@ TEST(TilePicture, FiguresTellGoodPicturesFromBadOnes) {
   EXPECT_EQ(code_of(blown), "low_texture");
 }
 
-TEST(TilePicture, OnlyTheNamedFormatAndSizeIsDecoded) {
+TEST(TileImageCheck, OnlyTheNamedFormatAndSizeIsDecoded) {
   const Candidate good = test::FlightMaker().candidate(kPlace);
   EXPECT_EQ(read_code(good.tile, good.sidecar), "");
   CandidateSidecar webp = good.sidecar;
@@ -59,7 +59,7 @@ TEST(TilePicture, OnlyTheNamedFormatAndSizeIsDecoded) {
   }
 }
 
-TEST(TilePicture, APictureThatUnfoldsIsNotDecoded) {
+TEST(TileImageCheck, APictureThatUnfoldsIsNotDecoded) {
   // A few kilobytes that would become 400 million pixels: the header alone is read.
   const Bytes large = encode_image(cv::Mat(4000, 4000, CV_8UC1, cv::Scalar(7)), ImageFormat::jpeg, 10);
   CandidateSidecar sidecar = test::FlightMaker().candidate(kPlace).sidecar;

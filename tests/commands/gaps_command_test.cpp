@@ -9,7 +9,7 @@
 #include "base/files.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "package/tile_mask.hpp"
+#include "package/tile_image.hpp"
 #include "commands/registry.hpp"
 #include "support/process.hpp"
 

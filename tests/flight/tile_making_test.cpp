@@ -12,7 +12,7 @@
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "ortho/candidate_store.hpp"
 #include "service/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/synthetic_ground.hpp"

@@ -3,7 +3,7 @@
 #include "fuzz/any_rows.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "ortho/candidate_store.hpp"
 
 namespace nadir::fuzz {
 

@@ -8,7 +8,7 @@
 #include "fuzz/targets.hpp"
 #include "imagery/mbtiles_reader.hpp"
 #include "package/mission.hpp"
-#include "package/sidecar_sql.hpp"
+#include "package/sidecar.hpp"
 #include "package/tile_set_check.hpp"
 #include "package/validate.hpp"
 

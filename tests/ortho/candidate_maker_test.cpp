@@ -10,8 +10,8 @@
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "ortho/camera_digest.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "ortho/candidate_sidecar.hpp"
+#include "ortho/candidate_store.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/synthetic_ground.hpp"
 
@@ -35,8 +35,8 @@ class Making : public ::testing::Test {
     flight.limits.max_blur_px = 1e3;  // waves are as soft in the sharpest picture
     return flight;
   }
-  SeenFrame seen(double east_m = 0) const {
-    SeenFrame frame{"frame 1.jpg", {1'777'636'800'250}, {}};
+  PosedFrame seen(double east_m = 0) const {
+    PosedFrame frame{"frame 1.jpg", {1'777'636'800'250}, {}};
     frame.pose.pose = {{east_m, 0}, 100, {radians(-20), radians(3), radians(-4)}};
     frame.pose.covariance_m2 << 3, 0.5, 0.5, 5;
     frame.pose.sigma_m = 2;
@@ -44,7 +44,7 @@ class Making : public ::testing::Test {
     frame.pose.confirmed = true;
     return frame;
   }
-  Bytes photograph(const SeenFrame& frame) const {
+  Bytes photograph(const PosedFrame& frame) const {
     cv::Mat colour;
     cv::cvtColor(test::photograph(test::waves, camera_, frame.pose.pose), colour, cv::COLOR_GRAY2BGR);
     return encode_image(colour, ImageFormat::jpeg, 95);
@@ -134,7 +134,7 @@ TEST_F(Making, OfTwoFramesKeepsTheBetterTiles) {
   const FrameTiles again = maker.make(seen(), photograph(seen()), store);
   for (const auto& [key, fate] : again.stored) EXPECT_EQ(fate, CandidateOutcome::worse);
   EXPECT_EQ(again.stored.size(), first);
-  SeenFrame surer = seen();
+  PosedFrame surer = seen();
   surer.pose.sigma_m = 1;
   for (const auto& [key, fate] : maker.make(surer, photograph(surer), store).stored) {
     EXPECT_EQ(fate, CandidateOutcome::replaced);
@@ -146,10 +146,10 @@ TEST_F(Making, MakesNothingOfDoubtfulFrames) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   const Bytes picture = photograph(seen());
-  const auto refusal = [&](const SeenFrame& frame, ByteView encoded) {
+  const auto refusal = [&](const PosedFrame& frame, ByteView encoded) {
     return maker.make(frame, encoded, store).refusal;
   };
-  SeenFrame frame = seen();
+  PosedFrame frame = seen();
   frame.pose.source = SourceLabel::vo_extrapolated;
   EXPECT_EQ(refusal(frame, picture), OrthoRefusal::not_anchored);
   frame = seen();
@@ -222,8 +222,8 @@ class MakingOfSeveralFrames : public Making {
     low.frame = LocalFrame({(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
     return low;
   }
-  SeenFrame at(double east_m, double sigma_m = 2) const {
-    SeenFrame frame = seen(east_m);
+  PosedFrame at(double east_m, double sigma_m = 2) const {
+    PosedFrame frame = seen(east_m);
     frame.name = fmt::format("frame_{}.jpg", east_m);
     frame.captured_at.unix_ms += std::llround(east_m * 100);
     frame.pose.pose.attitude = {};
@@ -234,7 +234,7 @@ class MakingOfSeveralFrames : public Making {
   FrameTiles fly(const CandidateFlight& flight, CandidateStore& store, double told_off_m = 0) const {
     CandidateMaker maker(flight);
     const FrameTiles west = maker.make(at(-40), photograph(at(-40)), store);
-    SeenFrame told = at(40);
+    PosedFrame told = at(40);
     told.pose.pose.position.east_m += told_off_m;
     FrameTiles east = maker.make(told, photograph(at(40)), store);
     EXPECT_FALSE(west.refusal || east.refusal);
@@ -289,7 +289,7 @@ TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
 TEST_F(MakingOfSeveralFrames, DoesNotPutTogetherWhatLiesApart) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store, 3);
-  EXPECT_GE(made.pieces[static_cast<std::size_t>(PieceOutcome::apart)], 1);
+  EXPECT_GE(made.pieces[static_cast<std::size_t>(PartialTileOutcome::apart)], 1);
   EXPECT_EQ(store.tiles(), 0U);
 }
 
@@ -301,7 +301,7 @@ TEST_F(MakingOfSeveralFrames, IsDeterministicAndCanBeLeftOut) {
   }
   EXPECT_EQ(sha256_file(folder_ / "a" / kCandidateFile), sha256_file(folder_ / "b" / kCandidateFile));
   CandidateFlight whole_only = low_flight();
-  whole_only.piece_together = false;
+  whole_only.merge_partial_tiles = false;
   CandidateStore store(folder_ / "candidates");
   EXPECT_EQ(fly(whole_only, store).stored.size(), 0U);
 }
@@ -310,7 +310,7 @@ TEST_F(MakingOfSeveralFrames, OfItAndATileOfOneFrameTheBetterStays) {
   CandidateStore store(folder_ / "candidates");
   fly(low_flight(), store);
   const auto fate_of_one = [&](double sigma_m) {
-    SeenFrame above = at(0, sigma_m);
+    PosedFrame above = at(0, sigma_m);
     above.pose.pose.agl_m = 120;
     const FrameTiles made = CandidateMaker(low_flight()).make(above, photograph(above), store);
     const auto here =

@@ -12,7 +12,6 @@
 #include "geodesy/web_mercator.hpp"
 #include "imagery/mbtiles_reader.hpp"
 #include "imagery/mbtiles_writer.hpp"
-#include "ortho/candidate_reader.hpp"
 #include "ortho/sample_candidates.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"

@@ -1,4 +1,4 @@
-#include "ortho/picture_blur.hpp"
+#include "ortho/image_blur.hpp"
 
 #include <gtest/gtest.h>
 
@@ -61,7 +61,7 @@ cv::Mat with_contrast(const cv::Mat& picture, double factor, double level) {
   return result;
 }
 
-bool refused(const cv::Mat& picture) { return judge_blur(blur_of(picture), 1.2, {}).has_value(); }
+bool refused(const cv::Mat& picture) { return check_blur_eligible(blur_of(picture), 1.2, {}).has_value(); }
 
 TEST(PictureBlur, MeasuresAGaussianThatItDoesNotKnow) {
   // Edges far from each other, whose blur is known exactly.
@@ -137,12 +137,12 @@ TEST(PictureBlur, SaysNothingWithoutEdges) {
 }
 
 TEST(PictureBlur, IsJudgedByTheTilesPixels) {
-  EXPECT_FALSE(judge_blur(std::nullopt, 1, {}));
-  EXPECT_FALSE(judge_blur(1.8, 1, {}));
-  EXPECT_EQ(judge_blur(1.81, 1, {}), OrthoRefusal::blurred);
-  EXPECT_FALSE(judge_blur(2.9, 2, {})) << "a tile's pixel is two of the picture's";
-  EXPECT_EQ(judge_blur(3.1, 2, {}), OrthoRefusal::blurred);
-  EXPECT_EQ(judge_blur(std::nan(""), 1, {}), OrthoRefusal::blurred);
+  EXPECT_FALSE(check_blur_eligible(std::nullopt, 1, {}));
+  EXPECT_FALSE(check_blur_eligible(1.8, 1, {}));
+  EXPECT_EQ(check_blur_eligible(1.81, 1, {}), OrthoRefusal::blurred);
+  EXPECT_FALSE(check_blur_eligible(2.9, 2, {})) << "a tile's pixel is two of the picture's";
+  EXPECT_EQ(check_blur_eligible(3.1, 2, {}), OrthoRefusal::blurred);
+  EXPECT_EQ(check_blur_eligible(std::nan(""), 1, {}), OrthoRefusal::blurred);
 }
 
 }  // namespace

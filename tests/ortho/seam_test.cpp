@@ -1,4 +1,4 @@
-#include "ortho/seam.hpp"
+#include "ortho/tile_mosaic.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Tiles of several frames: by hand-made pieces here, by frames over a synthetic ground in candidate_maker_test.cpp.
-#include "ortho/tile_quilt.hpp"
+#include "ortho/tile_mosaic.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,6 @@
 #include "geodesy/angles.hpp"
 #include "ortho/candidate_store.hpp"
 #include "ortho/sample_candidates.hpp"
-#include "ortho/tile_quilts.hpp"
 #include "vision/synthetic_ground.hpp"
 
 namespace nadir {
@@ -47,9 +46,9 @@ CandidateSidecar frame(int number, std::int64_t sigma_mm = 2000) {
 
 TEST(TileMosaic, BecomesWholeOfPiecesThatLieUponEachOther) {
   TileMosaic quilt(kKey, kPixel_m, {});
-  EXPECT_EQ(quilt.add(piece(0, 150), frame(2)), PieceOutcome::joined);
+  EXPECT_EQ(quilt.add(piece(0, 150), frame(2)), PartialTileOutcome::joined);
   EXPECT_FALSE(quilt.whole());
-  EXPECT_EQ(quilt.add(piece(90, 256), frame(1, 2500)), PieceOutcome::joined);
+  EXPECT_EQ(quilt.add(piece(90, 256), frame(1, 2500)), PartialTileOutcome::joined);
   ASSERT_TRUE(quilt.whole());
   const cv::Mat expected = piece(0, 256).image;
   EXPECT_EQ(cv::norm(quilt.image(), expected, cv::NORM_INF), 0);
@@ -77,8 +76,8 @@ TEST(TileMosaic, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
   const cv::Mat light = west.image.clone();
   east.image = light - cv::Scalar::all(20);  // tells whose pixel it is
   TileMosaic quilt(kKey, kPixel_m, {});
-  EXPECT_EQ(quilt.add(west, frame(1)), PieceOutcome::joined);
-  EXPECT_EQ(quilt.add(east, frame(2)), PieceOutcome::joined);
+  EXPECT_EQ(quilt.add(west, frame(1)), PartialTileOutcome::joined);
+  EXPECT_EQ(quilt.add(east, frame(2)), PartialTileOutcome::joined);
   EXPECT_EQ(quilt.image().at<cv::Vec3b>(40, 50), light.at<cv::Vec3b>(40, 50));
   EXPECT_EQ(quilt.image().at<cv::Vec3b>(40, 200), east.image.at<cv::Vec3b>(40, 200));
   const auto sidecar = quilt.sidecar();
@@ -91,7 +90,7 @@ TEST(TileMosaic, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
 TEST(TileMosaic, WhatPiecesDisagreeByIsPartOfItsSigma) {
   TileMosaic quilt(kKey, kPixel_m, {});
   quilt.add(piece(0, 150), frame(1));
-  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 3), frame(2)), PieceOutcome::joined);
+  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 3), frame(2)), PartialTileOutcome::joined);
   const auto sidecar = quilt.sidecar();
   ASSERT_TRUE(sidecar);
   EXPECT_NEAR(static_cast<double>(sidecar->seam_mm), 1200, 80);
@@ -104,14 +103,14 @@ TEST(TileMosaic, WhatPiecesDisagreeByIsPartOfItsSigma) {
 TEST(TileMosaic, PiecesThatLieElsewhereOrProveNothingStayOut) {
   TileMosaic quilt(kKey, kPixel_m, {});
   quilt.add(piece(0, 150), frame(1));
-  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 6), frame(2)), PieceOutcome::apart) << "2.4 m";
-  EXPECT_EQ(quilt.add(piece(140, 256), frame(3)), PieceOutcome::unproven) << "ten columns in common";
+  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 6), frame(2)), PartialTileOutcome::apart) << "2.4 m";
+  EXPECT_EQ(quilt.add(piece(140, 256), frame(3)), PartialTileOutcome::unproven) << "ten columns in common";
   PartialTile water = piece(60, 256);
   water.image.setTo(cv::Scalar::all(70));
-  EXPECT_EQ(quilt.add(water, frame(4)), PieceOutcome::unproven);
-  EXPECT_EQ(quilt.add(piece(0, 150), frame(5)), PieceOutcome::hidden) << "nothing better";
+  EXPECT_EQ(quilt.add(water, frame(4)), PartialTileOutcome::unproven);
+  EXPECT_EQ(quilt.add(piece(0, 150), frame(5)), PartialTileOutcome::hidden) << "nothing better";
   EXPECT_FALSE(quilt.whole());
-  EXPECT_EQ(quilt.add(piece(60, 256), frame(6)), PieceOutcome::joined) << "the same without any doubt";
+  EXPECT_EQ(quilt.add(piece(60, 256), frame(6)), PartialTileOutcome::joined) << "the same without any doubt";
   EXPECT_TRUE(quilt.whole());
 }
 
@@ -120,7 +119,7 @@ TEST(TileMosaic, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
        {std::tuple{4800, 4.0, std::optional<CandidateTrust>()}, {2900, 3.0, CandidateTrust::soft}}) {
     TileMosaic quilt(kKey, kPixel_m, {});
     quilt.add(piece(0, 150), frame(1, sigma_mm));
-    ASSERT_EQ(quilt.add(piece(60, 256, 0.1, moved_px), frame(2)), PieceOutcome::joined);
+    ASSERT_EQ(quilt.add(piece(60, 256, 0.1, moved_px), frame(2)), PartialTileOutcome::joined);
     const auto sidecar = quilt.sidecar();
     ASSERT_EQ(sidecar.has_value(), trust.has_value());
     if (sidecar) {
@@ -131,9 +130,9 @@ TEST(TileMosaic, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
 
 TEST(TileMosaic, HasRoomForSixFrames) {
   TileMosaic quilt(kKey, kPixel_m, {});
-  for (int i = 0; i < 6; ++i) EXPECT_EQ(quilt.add(piece(0, 60 + 20 * i), frame(i)), PieceOutcome::joined) << i;
-  EXPECT_EQ(quilt.add(piece(0, 256), frame(7)), PieceOutcome::full);
-  EXPECT_EQ(quilt.add(piece(0, 256), frame(8, 500)), PieceOutcome::full);
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(quilt.add(piece(0, 60 + 20 * i), frame(i)), PartialTileOutcome::joined) << i;
+  EXPECT_EQ(quilt.add(piece(0, 256), frame(7)), PartialTileOutcome::full);
+  EXPECT_EQ(quilt.add(piece(0, 256), frame(8, 500)), PartialTileOutcome::full);
 }
 
 TEST(TileMosaics, HandOutWhatIsWholeWhenTheFlightHasPassed) {
@@ -181,9 +180,9 @@ TEST(TileMosaics, PiecesOfAnotherPassBeginAnew) {
 TEST(TileMosaics, ASmallPieceDoesNotKeepOutALargerOneForEver) {
   TileMosaics quilts({});
   quilts.add(piece(0, 20), frame(1), kPixel_m);
-  EXPECT_EQ(quilts.add(piece(15, 200), frame(2), kPixel_m), PieceOutcome::unproven);
-  EXPECT_EQ(quilts.add(piece(0, 100), frame(3), kPixel_m), PieceOutcome::joined);
-  EXPECT_EQ(quilts.add(piece(150, 256), frame(4), kPixel_m), PieceOutcome::joined);
+  EXPECT_EQ(quilts.add(piece(15, 200), frame(2), kPixel_m), PartialTileOutcome::unproven);
+  EXPECT_EQ(quilts.add(piece(0, 100), frame(3), kPixel_m), PartialTileOutcome::joined);
+  EXPECT_EQ(quilts.add(piece(150, 256), frame(4), kPixel_m), PartialTileOutcome::joined);
   const auto whole = quilts.take_all_whole();
   ASSERT_EQ(whole.size(), 1U);
   EXPECT_EQ(whole[0].sidecar()->parts.size(), 3U);

@@ -1,12 +1,12 @@
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 
 #include <gtest/gtest.h>
 
 #include "base/random.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/package_maker.hpp"
-#include "package/tile_mask.hpp"
-#include "package/tile_need.hpp"
+#include "package/tile_image.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {
@@ -83,7 +83,7 @@ TEST(Judge, RequiredTilesAreTheTouchedOnes) {
 
 TEST(Judge, WholeCoverageHasNoGaps) {
   const Mission mission = sample();
-  EXPECT_TRUE(judge_tiles(mission, all_tiles(mission), 1000, test::kJudged).empty());
+  EXPECT_TRUE(check_tile_requirements(mission, all_tiles(mission), 1000, test::kJudged).empty());
 }
 
 TEST(Judge, EveryMissingTileIsAGap) {
@@ -92,7 +92,7 @@ TEST(Judge, EveryMissingTileIsAGap) {
   for (std::size_t i = 0; i < tiles.size(); ++i) {
     std::vector<Sidecar> without = tiles;
     without.erase(without.begin() + static_cast<std::ptrdiff_t>(i));
-    const Findings findings = judge_coverage(mission, without);
+    const Findings findings = check_coverage(mission, without);
     ASSERT_TRUE(findings.contains("coverage.gap")) << to_text(tiles[i].key);
     EXPECT_NE(findings.items()[1].where.find(to_text(tiles[i].key)), std::string::npos);
   }
@@ -100,7 +100,7 @@ TEST(Judge, EveryMissingTileIsAGap) {
 
 TEST(Judge, NothingAtAllIsOneBigGap) {
   const Mission mission = sample();
-  EXPECT_TRUE(judge_coverage(mission, {}).contains("coverage.gap"));
+  EXPECT_TRUE(check_coverage(mission, {}).contains("coverage.gap"));
 }
 
 // A rim tile may be empty where nobody needs it, and only there.
@@ -125,7 +125,7 @@ TEST(Judge, CoverageIsByAreaNotByTile) {
     tile.valid_ppm = static_cast<std::int64_t>(valid * 1'000'000 / kPixels);
     tile.mask = encode_tile_mask(mask);
   }
-  EXPECT_TRUE(judge_coverage(mission, tiles).empty());
+  EXPECT_TRUE(check_coverage(mission, tiles).empty());
 
   for (Sidecar& tile : tiles) {
     if (tile.mask.empty()) continue;
@@ -134,7 +134,7 @@ TEST(Judge, CoverageIsByAreaNotByTile) {
     tile.mask = encode_tile_mask(mask);
     break;
   }
-  EXPECT_TRUE(judge_coverage(mission, tiles).contains("coverage.gap"));
+  EXPECT_TRUE(check_coverage(mission, tiles).contains("coverage.gap"));
 }
 
 // A mask that cannot be read proves nothing.
@@ -143,9 +143,9 @@ TEST(Judge, AnUnreadableMaskIsAGap) {
   std::vector<Sidecar> tiles = all_tiles(mission);
   tiles.back().valid_ppm = 999'999;
   tiles.back().mask = {1, 2, 3};
-  EXPECT_TRUE(judge_coverage(mission, tiles).contains("coverage.gap"));
+  EXPECT_TRUE(check_coverage(mission, tiles).contains("coverage.gap"));
   tiles.back().mask.clear();
-  EXPECT_TRUE(judge_coverage(mission, tiles).contains("coverage.gap"));
+  EXPECT_TRUE(check_coverage(mission, tiles).contains("coverage.gap"));
 }
 
 TEST(Judge, FreshnessGoesByTheStrictestSectorAndTheCorridorIsActive) {
@@ -153,7 +153,7 @@ TEST(Judge, FreshnessGoesByTheStrictestSectorAndTheCorridorIsActive) {
   std::vector<Sidecar> tiles = all_tiles(mission);
   const auto aged = [&](int days) {
     for (Sidecar& tile : tiles) tile.captured_at = {test::kJudged.unix_s - days * 86'400L};
-    return judge_freshness(mission, tiles, test::kJudged);
+    return check_freshness(mission, tiles, test::kJudged);
   };
   EXPECT_TRUE(aged(90).empty());
   // The corridor leaves the stable sector: its tiles outside are active.
@@ -168,15 +168,15 @@ TEST(Judge, ResolutionOfTheFinestZoomCounts) {
   const Mission mission = sample();
   std::vector<Sidecar> tiles = all_tiles(mission);
   tiles.front().gsd_mm = 9000;  // an overview
-  EXPECT_TRUE(judge_resolution(mission, tiles).empty());
+  EXPECT_TRUE(check_resolution(mission, tiles).empty());
   tiles.back().gsd_mm = 501;
-  EXPECT_TRUE(judge_resolution(mission, tiles).contains("resolution.coarse"));
+  EXPECT_TRUE(check_resolution(mission, tiles).contains("resolution.coarse"));
 }
 
 TEST(Judge, BudgetIsInMillionsOfBytes) {
   const Mission mission = sample();
-  EXPECT_TRUE(judge_budget(mission, 20'000'000).empty());
-  EXPECT_TRUE(judge_budget(mission, 20'000'001).contains("budget.exceeded"));
+  EXPECT_TRUE(check_budget(mission, 20'000'000).empty());
+  EXPECT_TRUE(check_budget(mission, 20'000'001).contains("budget.exceeded"));
 }
 
 TEST(TileMask, RoundTripsAndRefusesTheRest) {

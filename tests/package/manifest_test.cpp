@@ -5,7 +5,6 @@
 #include <nlohmann/json.hpp>
 
 #include "package/package_maker.hpp"
-#include "package/package_path.hpp"
 
 namespace nadir {
 namespace {

@@ -11,9 +11,9 @@
 #include "imagery/codecs.hpp"
 #include "imagery/cog_writer.hpp"
 #include "imagery/mbtiles_writer.hpp"
-#include "package/judge.hpp"
-#include "package/sidecar_table.hpp"
-#include "package/sign_package.hpp"
+#include "package/mission_check.hpp"
+#include "package/sidecar.hpp"
+#include "package/package_writer.hpp"
 
 namespace nadir::test {
 

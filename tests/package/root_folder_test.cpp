@@ -1,9 +1,9 @@
 // Roots that travel with packages: an aircraft that was away learns of new keys, and nobody can teach it false ones.
-#include "package/root_folder.hpp"
+#include "package/package_roots.hpp"
 
 #include <gtest/gtest.h>
 
-#include "package/sign_package.hpp"
+#include "package/package_writer.hpp"
 #include "package/verify_fixture.hpp"
 
 namespace nadir {
@@ -30,7 +30,7 @@ class CarriedRoots : public Verify {
   void carry(const fs::path& package, const TrustRoot& root, const std::vector<const PrivateKey*>& keys) {
     const fs::path file = folder_ / "carried.json";
     write_file_atomic(file, sign_root(root, keys).json());
-    carry_roots(package, read_root_chain(std::vector{file}, carried_roots(package)));
+    add_package_roots(package, read_root_chain(std::vector{file}, roots_in_package(package)));
   }
   fs::path rotated(const std::string& name = "rotated") {
     const fs::path package = maker_.make(folder_, name);

@@ -4,7 +4,7 @@
 
 #include "base/files.hpp"
 #include "imagery/terrain_file.hpp"
-#include "package/judge_terrain.hpp"
+#include "package/mission_check.hpp"
 #include "package/open_package.hpp"
 #include "package/package_maker.hpp"
 
@@ -149,7 +149,7 @@ TEST_F(PackageWithTerrain, GapsAgreeWithAskingEverywhere) {
                     region.contains({enu.east_m, enu.north_m + 6}) && region.contains({enu.east_m, enu.north_m - 6}));
       }
     }
-    const bool told = judge_terrain(mission, raster).contains("dem.gap");
+    const bool told = check_terrain(mission, raster).contains("dem.gap");
     EXPECT_TRUE(told || !gap) << hole;
     bool touched = false;
     for (double dx = -1; dx <= 1; dx += 0.125) {

@@ -7,7 +7,7 @@
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/mbtiles_writer.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 #include "package/package_maker.hpp"
 
 namespace nadir {

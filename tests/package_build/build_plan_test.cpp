@@ -6,8 +6,8 @@
 
 #include "base/files.hpp"
 #include "package_build/package_builder_fixture.hpp"
-#include "package/judge.hpp"
-#include "package/tile_need.hpp"
+#include "package/mission_check.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {

@@ -14,7 +14,7 @@
 #include "base/random.hpp"
 #include "package_build/package_builder.hpp"
 #include "raster/test_raster.hpp"
-#include "package/judge_terrain.hpp"
+#include "package/mission_check.hpp"
 #include "package/verify.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"

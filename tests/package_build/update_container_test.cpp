@@ -7,7 +7,7 @@
 #include "package_build/update_fixture.hpp"
 #include "imagery/cog_reader.hpp"
 #include "imagery/lossless_webp.hpp"
-#include "package/amend_package.hpp"
+#include "package/package_writer.hpp"
 #include "package/tile_container.hpp"
 #include "package/verify.hpp"
 #include "vision/place_index_builder.hpp"
@@ -34,7 +34,7 @@ class UpdateOfCogs : public PackageUpdate {
   }
   void add_index(const std::string& name) {
     const fs::path package = folder_ / name;
-    const Manifest manifest = read_package_manifest(package);
+    const Manifest manifest = load_package_manifest(package);
     const Mission mission = read_mission(package / kMissionFile);
     const auto source = open_tile_source(tiles_of(name));
     IndexedMap map{source.get(), {}, manifest.artifact(kRoleImagery)->tiles->merkle_root, mission.takeoff};

@@ -12,7 +12,7 @@
 #include "geodesy/angles.hpp"
 #include "package_build/package_updater.hpp"
 #include "raster/test_raster.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -196,7 +196,7 @@ TEST_F(UpdateRefusal, RootsTravelOnAndMustFollowOneAnother) {
   later.old_package = folder_ / "new";
   later.mission = folder_ / "third.yaml";
   ASSERT_FALSE(update(later).package.findings.refuses());
-  EXPECT_EQ(carried_roots(folder_ / "third").size(), 2U);
+  EXPECT_EQ(roots_in_package(folder_ / "third").size(), 2U);
 }
 
 TEST_F(UpdateRefusal, TellsWhenTheKeyMayNotSign) {

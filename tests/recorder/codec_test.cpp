@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "recorder/sample_records.hpp"
-#include "recorder/withheld.hpp"
+#include "recorder/record_codec.hpp"
 
 namespace nadir {
 namespace {

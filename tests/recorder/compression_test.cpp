@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 #include <lz4frame.h>
 
-#include "recorder/chunk_compression.hpp"
+#include "recorder/mcap_format.hpp"
 
 namespace nadir {
 namespace {

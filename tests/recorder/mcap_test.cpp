@@ -1,7 +1,7 @@
 // Our writer and our reader against each other and against damage. Other people's readers: independent_test.py.
 #include <gtest/gtest.h>
 
-#include "recorder/chunk_compression.hpp"
+#include "recorder/mcap_format.hpp"
 #include "recorder/mcap_writer.hpp"
 #include "recorder/sample_records.hpp"
 

@@ -202,8 +202,8 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
   EXPECT_EQ(all(Topic::estimate).size(), 310U);  // they waited in memory
   const auto events = all(Topic::recorder);
   ASSERT_EQ(events.size(), 2U);
-  EXPECT_EQ(std::get<RecorderRecord>(events[0]).trouble, RecorderTrouble::stopped);
-  EXPECT_EQ(std::get<RecorderRecord>(events[1]).trouble, RecorderTrouble::resumed);
+  EXPECT_EQ(std::get<RecorderRecord>(events[0]).trouble, RecorderEventKind::stopped);
+  EXPECT_EQ(std::get<RecorderRecord>(events[1]).trouble, RecorderEventKind::resumed);
 }
 
 TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
@@ -222,7 +222,7 @@ TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
   std::uint64_t told = 0;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
-    if (record.trouble == RecorderTrouble::dropped_by_disk) told += record.count;
+    if (record.trouble == RecorderEventKind::dropped_by_disk) told += record.count;
   }
   EXPECT_EQ(told + all(Topic::estimate).size(), 2010U);
 }

@@ -138,7 +138,7 @@ int OrthoCommand::run(Context& context) {
                         .zoom = zoom_.value_or(ready->package->mission().zoom.max),
                         .format = format,
                         .quality = quality_,
-                        .piece_together = !single_frame_});
+                        .merge_partial_tiles = !single_frame_});
   const auto poses = poses_of(context, *ready);
   CandidateStore store(staging.path(),
                        {.format = format, .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000});

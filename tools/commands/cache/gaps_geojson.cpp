@@ -3,7 +3,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {
@@ -38,7 +38,7 @@ json gaps_geojson(const std::vector<Gap>& gaps, const Mission& mission, std::spa
     for (const PixelPolygon& polygon : outlines_of(gap, mission, tiles)) {
       polygons.push_back(polygon_json(gap.key, polygon));
     }
-    const Sector* sector = deciding_sector(mission, frame, gap.key);
+    const Sector* sector = governing_sector(mission, frame, gap.key);
     const bool one = polygons.size() == 1;
     features.push_back(
         {{"type", "Feature"},

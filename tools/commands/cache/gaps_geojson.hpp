@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "package/gaps.hpp"
+#include "package/coverage_gaps.hpp"
 
 namespace nadir {
 

@@ -13,8 +13,7 @@
 #include "cli/output.hpp"
 #include "geodesy/angles.hpp"
 #include "package_build/package_parts.hpp"
-#include "package/amend_package.hpp"
-#include "package/sign_package.hpp"
+#include "package/package_writer.hpp"
 #include "package/tile_container.hpp"
 #include "commands/cache/place_evaluation.hpp"
 #include "vision/place_index_builder.hpp"
@@ -137,7 +136,7 @@ std::vector<double> CacheIndexCommand::footprints_m(const Mission& mission) cons
 }
 
 int CacheIndexCommand::run(Context& context) {
-  const Manifest manifest = read_package_manifest(package_);
+  const Manifest manifest = load_package_manifest(package_);
   if (!evaluate_) require_key_when_signed(package_, key_.has_value());
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.refuses()) return report_findings(context.out, context.json, findings);

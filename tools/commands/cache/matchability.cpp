@@ -8,8 +8,7 @@
 #include "base/error.hpp"
 #include "cli/output.hpp"
 #include "package_build/matchability_tiff.hpp"
-#include "package/amend_package.hpp"
-#include "package/sign_package.hpp"
+#include "package/package_writer.hpp"
 #include "commands/cache/tile_set_subject.hpp"
 
 namespace nadir {
@@ -54,7 +53,7 @@ void CacheMatchabilityCommand::check_options() const {
 
 // Everything is hashed before the survey: what is signed anew has to be what was signed before.
 int CacheMatchabilityCommand::put_into_package(Context& context) {
-  const Manifest manifest = read_package_manifest(subject_);
+  const Manifest manifest = load_package_manifest(subject_);
   require_key_when_signed(subject_, key_.has_value());
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);

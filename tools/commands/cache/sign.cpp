@@ -6,8 +6,8 @@
 #include "base/error.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package/root_folder.hpp"
-#include "package/sign_package.hpp"
+#include "package/package_roots.hpp"
+#include "package/package_writer.hpp"
 #include "commands/private_keys.hpp"
 
 namespace nadir {
@@ -44,7 +44,7 @@ int CacheSignCommand::run(Context& context) {
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.refuses()) return report_findings(context.out, context.json, findings);
 
-  carry_roots(package_, read_root_chain(roots_, carried_roots(package_)));
+  add_package_roots(package_, read_root_chain(roots_, roots_in_package(package_)));
   std::size_t signatures = 0;
   bool only = only_;
   for (const PrivateKey& key : keys) {

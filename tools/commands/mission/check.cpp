@@ -9,7 +9,7 @@
 
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 #include "package/mission.hpp"
 
 namespace nadir {

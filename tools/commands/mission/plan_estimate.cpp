@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "package_build/build_plan.hpp"
-#include "package/judge.hpp"
-#include "package/tile_need.hpp"
+#include "package/mission_check.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {

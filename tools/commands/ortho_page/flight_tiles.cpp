@@ -77,10 +77,10 @@ TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, con
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     const Telemetry& told = flight.frames[i];
     const double since_s = told.time_s - flight.frames.front().time_s;
-    SeenFrame seen{told.frame, {first.unix_ms + std::llround(since_s * 1000)}, {}};
+    PosedFrame seen{told.frame, {first.unix_ms + std::llround(since_s * 1000)}, {}};
     if (poses[i]) seen.pose = *poses[i];
     const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(frame_ms);
-    OutOfTime out_of_time;
+    DeadlinePassed out_of_time;
     if (frame_ms > 0) out_of_time = [until] { return std::chrono::steady_clock::now() > until; };
     const Bytes picture = poses[i] ? picture_bytes(flight.picture(i)) : Bytes();
     const FrameTiles made = maker.make(seen, picture, store, out_of_time);
@@ -106,7 +106,7 @@ nlohmann::json json_from(const TilesSummary& s) {
           {"tiles_refused", json_of<OrthoRefusal>(s.tiles_refused)},
           {"tiles_pieced", s.pieced},
           {"tiles_unfinished", s.unfinished},
-          {"pieces", json_of<PieceOutcome>(s.pieces)},
+          {"pieces", json_of<PartialTileOutcome>(s.pieces)},
           {"replaced", s.replaced},
           {"worse", s.worse},
           {"no_room", s.no_room},
@@ -120,7 +120,7 @@ Figures figures_from(const TilesSummary& s) {
           {"without a whole tile", std::to_string(s.narrow)},
           {"candidate tiles", fmt::format("{}, {:.1f} MB", s.tiles, static_cast<double>(s.bytes) / 1e6)},
           {"of several frames", fmt::format("{} tiles stored, {} unfinished", s.pieced, s.unfinished)},
-          {"pieces", text_of<PieceOutcome>(s.pieces)},
+          {"pieces", text_of<PartialTileOutcome>(s.pieces)},
           {"tiles left out", text_of<OrthoRefusal>(s.tiles_refused)},
           {"of two the better", fmt::format("{} replaced, {} not taken", s.replaced, s.worse)},
           {"no room", std::to_string(s.no_room)}};

@@ -17,7 +17,7 @@ struct TilesSummary {
   std::uint64_t narrow = 0;            // … and those of them that show no tile wholly
   std::uint64_t pieced = 0;            // times that a tile of several frames was stored
   std::uint64_t unfinished = 0;  // tiles that all frames together do not show wholly, or not provably in one place
-  std::array<std::uint64_t, kPieceFates> pieces{};
+  std::array<std::uint64_t, kPartialTileOutcomes> pieces{};
   std::array<std::uint64_t, kOrthoRefusals> frames_refused{}, tiles_refused{};
   std::uint64_t added = 0, replaced = 0, worse = 0, no_room = 0;
   std::uint64_t tiles = 0, bytes = 0;  // in the store at the end

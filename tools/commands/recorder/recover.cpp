@@ -9,8 +9,8 @@
 #include "base/files.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "recorder/recover.hpp"
-#include "recorder/segment_list.hpp"
+#include "recorder/recording.hpp"
+#include "recorder/segments.hpp"
 
 namespace nadir {
 namespace {

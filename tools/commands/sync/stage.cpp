@@ -9,7 +9,7 @@
 #include "base/error.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "ortho/candidate_store.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "recorder/recording.hpp"
 #include "upload/outbox_report.hpp"

@@ -9,9 +9,9 @@
 
 #include "commands/cache/report/matchability_layer.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "package/gaps.hpp"
-#include "package/judge.hpp"
-#include "package/tile_need.hpp"
+#include "package/coverage_gaps.hpp"
+#include "package/mission_check.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {
@@ -104,7 +104,7 @@ class Map {
     for (const Sidecar& tile : tiles_) {
       Cell& cell = cells_[at_zoom(tile.key)];
       ++cell.tiles;
-      const Sector* sector = deciding_sector(mission_, frame_, tile.key);
+      const Sector* sector = governing_sector(mission_, frame_, tile.key);
       const int limit = mission_.freshness_days.of(sector == nullptr ? SectorClass::active : sector->cls);
       if (cell.oldest == nullptr || tile.captured_at < cell.oldest->captured_at) {
         cell.oldest = &tile;

@@ -1,0 +1,64 @@
+// The segments of a folder, NNNNNN.flight.mcap, NNNNNN.pictures.mcap and NNNNNN.thumbnails.mcap, and the file that one
+// is written to. Numbers grow in the order in which the files were created, across restarts; they do not depend on the
+// clock.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "base/bytes.hpp"
+#include "recorder/mcap_writer.hpp"
+#include "recorder/records.hpp"
+
+namespace nadir {
+
+struct Segment {
+  std::filesystem::path path;
+  std::uint32_t number = 0;
+  Stream stream = Stream::flight;
+  std::uint64_t bytes = 0;
+};
+
+std::filesystem::path segment_path(const std::filesystem::path& folder, std::uint32_t number, Stream stream);
+
+// By number. Other files are left out. Throws Error when the folder cannot be read.
+std::vector<Segment> segments_in(const std::filesystem::path& folder);
+
+// The one to delete when there is too much: thumbnails before pictures before decisions, the oldest first.
+// up_to: streams beyond this one are spared. End of the list: none.
+std::vector<Segment>::const_iterator most_expendable(const std::vector<Segment>& segments, Stream up_to);
+
+// Where a segment's bytes go. append() returns false, and the place keeps what it had, when there is no room.
+class McapSink {
+ public:
+  virtual ~McapSink() = default;
+  virtual bool append(ByteView bytes) = 0;
+};
+
+class SegmentFile final : public McapSink {
+ public:
+  // Makes the file; ok() is false when that cannot be done or the name is taken (error() says which).
+  SegmentFile(std::filesystem::path path, bool sync);
+  ~SegmentFile() override;
+  SegmentFile(const SegmentFile&) = delete;
+  SegmentFile& operator=(const SegmentFile&) = delete;
+
+  bool ok() const { return fd_ >= 0; }
+  bool append(ByteView bytes) override;
+  bool sync();  // everything to the disk, now
+
+  const std::filesystem::path& path() const { return path_; }
+  std::uint64_t size() const { return size_; }
+  int error() const { return error_; }  // errno of what failed last
+
+ private:
+  std::filesystem::path path_;
+  bool sync_;  // to the disk after each piece: what is written survives the loss of power
+  int fd_ = -1;
+  int error_ = 0;
+  std::uint64_t size_ = 0;
+};
+
+}  // namespace nadir
