@@ -97,7 +97,10 @@ std::string frame_label(std::string_view name);
 // The canonical bytes. Throws Error for values that parse_candidate() would refuse.
 std::string candidate_json(const CandidateSidecar& sidecar);
 
-// Throws Error, naming the member, for anything but the canonical bytes of a sidecar of this version.
+// Throws JsonError for a document that is not a sidecar of this version.
+CandidateSidecar read_candidate(const nlohmann::json& document, std::string_view name);
+
+// The same for text: throws Error for anything but the canonical bytes of a sidecar of this version.
 CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name);
 
 EnvelopeSignature sign_candidate(const PrivateKey& key, std::string_view sidecar_bytes);
@@ -107,6 +110,8 @@ SignatureCheck check_candidate_signature(const TrustRoot& root, const CandidateS
                                          std::string_view sidecar_bytes, const EnvelopeSignature& signature,
                                          std::optional<UtcTime> at);
 
+// The identity of a camera: SHA-256 of its canonical form, JSON with sorted keys, no blanks and integers
+// (docs/formats/candidates.md), so that tiles of one lens can be told from those of another.
 std::string canonical_camera(const CameraModel& camera);
 Sha256 camera_digest(const CameraModel& camera);
 

@@ -11,7 +11,6 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr double kSharp_ppm = 100'000;  // sharper than this is as good

@@ -10,7 +10,6 @@
 #include "vision/node_grid.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr double kMinDownComponent = 0.3;  // as vision/rectify.cpp: beyond 72 degrees off nadir nothing is usable

@@ -9,7 +9,6 @@
 #include "ortho/candidate_store.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr int kCell_px = 4;             // the square's grain

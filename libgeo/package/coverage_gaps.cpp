@@ -15,7 +15,6 @@
 #include "package/tile_image.hpp"
 
 namespace nadir {
-
 namespace {
 
 enum Direction : std::uint8_t { east, north, west, south };  // turning left adds one

@@ -6,7 +6,6 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
-
 namespace {
 
 double distance_m(PlanePoint a, PlanePoint b) { return std::hypot(a.east_m - b.east_m, a.north_m - b.north_m); }
@@ -184,6 +183,11 @@ std::vector<TileKey> tiles_of_region(const CoverageRequirement& need, const Loca
   }
   std::sort(keys.begin(), keys.end());
   return keys;
+}
+
+std::vector<TileKey> required_tiles(const Mission& mission, int zoom) {
+  const LocalFrame frame = mission_frame(mission);
+  return tiles_of_region(CoverageRequirement(required_region(mission, frame)), frame, zoom);
 }
 
 }  // namespace nadir

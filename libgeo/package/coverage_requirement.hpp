@@ -69,4 +69,7 @@ class CoverageRequirement {
 // long as the region is large, not as its bounding box.
 std::vector<TileKey> tiles_of_region(const CoverageRequirement& need, const LocalFrame& frame, int zoom);
 
+// Tiles of one zoom that the mission needs, in the order of TileKey.
+std::vector<TileKey> required_tiles(const Mission& mission, int zoom);
+
 }  // namespace nadir

@@ -13,34 +13,20 @@
 #include "base/json.hpp"
 
 namespace nadir {
-
 namespace {
 
-bool allowed(char c) {
+using nlohmann::json;
+
+constexpr std::size_t kMaxArtifacts = 1000;
+constexpr std::uint64_t kMaxInteger = std::uint64_t{1} << 53;  // every JSON reader keeps these exact
+constexpr JsonLength kTextLength{1, 64};
+constexpr std::string_view kNotePrefix = "x-";
+
+bool is_path_character(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
 }
 
-}  // namespace
-
-std::optional<std::string> path_problem(std::string_view path) {
-  if (path.empty()) return "an empty name";
-  if (path.size() > kMaxPackagePath) return "a name of more than " + std::to_string(kMaxPackagePath) + " characters";
-  if (path.front() == '/') return "an absolute path";
-  std::size_t begin = 0;
-  while (begin <= path.size()) {
-    const std::size_t end = std::min(path.find('/', begin), path.size());
-    const std::string_view part = path.substr(begin, end - begin);
-    if (part.empty()) return "an empty part between slashes";
-    if (part == "..") return "\"..\", which leads out of the package";
-    if (part.front() == '.') return "a part that begins with a dot";
-    for (const char c : part) {
-      if (!allowed(c)) return "a character other than letters, digits, '.', '_' and '-'";
-    }
-    begin = end + 1;
-  }
-  return std::nullopt;
-}
-
+// Two names that are one name on a file system without upper and lower case fold to the same text.
 std::string case_fold(std::string_view path) {
   std::string folded(path);
   for (char& c : folded) {
@@ -49,153 +35,66 @@ std::string case_fold(std::string_view path) {
   return folded;
 }
 
-namespace {
-
-using nlohmann::json;
-
-constexpr std::uint64_t kMaxWhole = std::uint64_t{1} << 53;  // every JSON reader keeps these exact
-constexpr std::size_t kMaxArtifacts = 1000;
-constexpr std::size_t kMaxText = 64;
-
-// Thrown inside this file only; becomes a finding.
-struct Refusal {
-  std::string where, expected, found;
-};
-
-std::string shown(const json& value) {
-  std::string text = value.dump(-1, ' ', true, json::error_handler_t::replace);
-  if (text.size() > 80) text = text.substr(0, 77) + "...";
-  return text;
+UtcTime canonical_time(const JsonReader& in, const char* key) {
+  const auto time = parse_utc(in.text(key, kTextLength));
+  if (!time || to_rfc3339(*time) != in.text(key)) in.refuse(key, "a time like 2024-10-30T00:00:00Z");
+  return *time;
 }
 
-const json& member(const json& object, const char* name, const std::string& where) {
-  const auto found = object.find(name);
-  if (found == object.end()) throw Refusal{where, fmt::format("a member \"{}\"", name), "none"};
-  return *found;
-}
-
-void require_object(const json& value, const std::string& where, std::initializer_list<std::string_view> known) {
-  if (!value.is_object()) throw Refusal{where, "an object", shown(value)};
-  for (const auto& [name, ignored] : value.items()) {
-    if (name.starts_with("x-") || std::find(known.begin(), known.end(), name) != known.end()) continue;
-    throw Refusal{where, "only members that this version knows", fmt::format("\"{}\"", name.substr(0, 80))};
-  }
-}
-
-std::string text(const json& object, const char* name, const std::string& where, std::size_t longest = kMaxText) {
-  const json& value = member(object, name, where);
-  const auto* string = value.get_ptr<const std::string*>();
-  if (string == nullptr || string->empty() || string->size() > longest) {
-    throw Refusal{where + "/" + name, fmt::format("text of 1 to {} bytes", longest), shown(value)};
-  }
-  return *string;
-}
-
-std::uint64_t whole(const json& object, const char* name, const std::string& where, std::uint64_t highest = kMaxWhole) {
-  const json& value = member(object, name, where);
-  if (!value.is_number_unsigned() || value.get<std::uint64_t>() > highest) {
-    throw Refusal{where + "/" + name, fmt::format("a whole number from 0 to {}", highest), shown(value)};
-  }
-  return value.get<std::uint64_t>();
-}
-
-Sha256 digest(const json& object, const char* name, const std::string& where) {
-  const auto value = Sha256::from_hex(text(object, name, where));
-  if (!value) throw Refusal{where + "/" + name, "64 lower-case hexadecimal digits", shown(object[name])};
-  return *value;
-}
-
-UtcTime time(const json& object, const char* name, const std::string& where) {
-  const std::string value = text(object, name, where);
-  const auto parsed = parse_utc(value);
-  if (!parsed || to_rfc3339(*parsed) != value) {
-    throw Refusal{where + "/" + name, "a time like 2024-10-30T00:00:00Z", shown(object[name])};
-  }
-  return *parsed;
-}
-
-std::vector<std::string> airframes(const json& root) {
-  const json& list = member(root, "airframes", "");
-  if (!list.is_array() || list.empty() || list.size() > 256) {
-    throw Refusal{"/airframes", "a list of 1 to 256 names", shown(list)};
-  }
+std::vector<std::string> read_airframes(const JsonReader& list) {
   std::vector<std::string> names;
-  for (const json& item : list) {
-    if (!item.is_string() || item.get<std::string>().empty() || item.get<std::string>().size() > kMaxText) {
-      throw Refusal{"/airframes", "names of 1 to 64 bytes", shown(item)};
-    }
-    names.push_back(item.get<std::string>());
-  }
+  for (std::size_t i = 0; i < list.size(); ++i) names.push_back(list.text(i, kTextLength));
   return names;
 }
 
-LonLatBox bounds(const json& root) {
-  const json& list = member(root, "bounds_e7", "");
-  const bool whole_numbers = list.is_array() && list.size() == 4 &&
-                             std::all_of(list.begin(), list.end(), [](const json& v) { return v.is_number_integer(); });
-  if (!whole_numbers) throw Refusal{"/bounds_e7", "four whole numbers: west, south, east, north", shown(list)};
-  const auto in_range = [&](std::size_t i, std::int64_t limit) {
-    const json& value = list[i];
-    if (value.is_number_unsigned() && value.get<std::uint64_t>() > static_cast<std::uint64_t>(limit)) return false;
-    return value.get<std::int64_t>() >= -limit && value.get<std::int64_t>() <= limit;
+// West, south, east, north.
+LonLatBox read_bounds(const JsonReader& list) {
+  const auto degrees = [&](std::size_t i, std::int64_t limit_e7) {
+    return static_cast<double>(list.integer(i, -limit_e7, limit_e7)) / 1e7;
   };
-  if (!in_range(0, 1'800'000'000) || !in_range(2, 1'800'000'000) || !in_range(1, 900'000'000) ||
-      !in_range(3, 900'000'000)) {
-    throw Refusal{"/bounds_e7", "longitudes and latitudes in 1e-7 degrees", shown(list)};
-  }
-  const auto degrees = [&](std::size_t i) { return static_cast<double>(list[i].get<std::int64_t>()) / 1e7; };
-  return {degrees(0), degrees(1), degrees(2), degrees(3)};
+  constexpr std::int64_t kMaxLon_e7 = 1'800'000'000, kMaxLat_e7 = 900'000'000;
+  return {degrees(0, kMaxLon_e7), degrees(1, kMaxLat_e7), degrees(2, kMaxLon_e7), degrees(3, kMaxLat_e7)};
 }
 
-TileSetFacts tile_set(const json& object, const std::string& where) {
-  require_object(object, where, {"count", "merkle_root", "sidecars_sha256", "zoom_min", "zoom_max", "format"});
+TileSetFacts read_tile_set(const JsonReader& in) {
   TileSetFacts facts;
-  facts.count = whole(object, "count", where);
-  facts.merkle_root = digest(object, "merkle_root", where);
-  facts.sidecars_sha256 = digest(object, "sidecars_sha256", where);
-  facts.zoom.min = static_cast<int>(whole(object, "zoom_min", where, kMaxZoom));
-  facts.zoom.max = static_cast<int>(whole(object, "zoom_max", where, kMaxZoom));
-  if (facts.zoom.min > facts.zoom.max) throw Refusal{where, "zoom_min not above zoom_max", shown(object)};
-  facts.format = text(object, "format", where);
-  if (facts.format != "jpeg" && facts.format != "png" && facts.format != "webp") {
-    throw Refusal{where + "/format", "\"jpeg\", \"png\" or \"webp\"", shown(object["format"])};
-  }
+  facts.count = in.integer<std::uint64_t>("count", 0, kMaxInteger);
+  facts.merkle_root = in.digest("merkle_root");
+  facts.sidecars_sha256 = in.digest("sidecars_sha256");
+  facts.zoom.min = in.integer<int>("zoom_min", 0, kMaxZoom);
+  facts.zoom.max = in.integer<int>("zoom_max", 0, kMaxZoom);
+  if (facts.zoom.min > facts.zoom.max) in.refuse("zoom_min not above zoom_max");
+  facts.format = in.choice("format", {"jpeg", "png", "webp"});
+  in.finish(kNotePrefix);
   return facts;
 }
 
-Artifact artifact(const json& object, const std::string& where) {
-  require_object(object, where, {"path", "role", "size", "sha256", "tiles"});
-  Artifact result;
-  result.path = text(object, "path", where, 4096);
-  result.role = text(object, "role", where);
-  result.size = whole(object, "size", where);
-  result.sha256 = digest(object, "sha256", where);
-  if (object.contains("tiles")) result.tiles = tile_set(object["tiles"], where + "/tiles");
-  return result;
+Artifact read_artifact(const JsonReader& in) {
+  Artifact artifact;
+  artifact.path = in.text("path", {1, 4096});
+  artifact.role = in.text("role", kTextLength);
+  artifact.size = in.integer<std::uint64_t>("size", 0, kMaxInteger);
+  artifact.sha256 = in.digest("sha256");
+  if (const auto tiles = in.optional_object("tiles")) artifact.tiles = read_tile_set(*tiles);
+  in.finish(kNotePrefix);
+  return artifact;
 }
 
-Manifest read(const json& root) {
-  require_object(root, "", {"schema", "mission", "created", "expires", "airframes", "bounds_e7", "artifacts"});
-  if (text(root, "schema", "") != kManifestSchema) {
-    throw Refusal{"/schema", fmt::format("\"{}\"", kManifestSchema), shown(root["schema"])};
-  }
+Manifest read_manifest(const JsonReader& in) {
+  in.expect("schema", kManifestSchema);
   Manifest manifest;
-  const json& mission = member(root, "mission", "");
-  require_object(mission, "/mission", {"id", "series", "sequence"});
-  manifest.mission_id = text(mission, "id", "/mission");
-  manifest.series = text(mission, "series", "/mission");
-  manifest.sequence = static_cast<std::int64_t>(whole(mission, "sequence", "/mission"));
-  manifest.created = time(root, "created", "");
-  manifest.expires = time(root, "expires", "");
-  manifest.airframes = airframes(root);
-  manifest.bounds = bounds(root);
-  const json& artifacts = member(root, "artifacts", "");
-  if (!artifacts.is_array() || artifacts.size() > kMaxArtifacts) {
-    throw Refusal{"/artifacts", fmt::format("a list of at most {} artifacts", kMaxArtifacts), artifacts.type_name()};
-  }
-  for (std::size_t i = 0; i < artifacts.size(); ++i) {
-    manifest.artifacts.push_back(artifact(artifacts[i], fmt::format("/artifacts/{}", i)));
-  }
+  const JsonReader mission = in.object("mission");
+  manifest.mission_id = mission.text("id", kTextLength);
+  manifest.series = mission.text("series", kTextLength);
+  manifest.sequence = mission.integer("sequence", 0, static_cast<std::int64_t>(kMaxInteger));
+  mission.finish(kNotePrefix);
+  manifest.created = canonical_time(in, "created");
+  manifest.expires = canonical_time(in, "expires");
+  manifest.airframes = read_airframes(in.array("airframes", {1, 256}));
+  manifest.bounds = read_bounds(in.array("bounds_e7", {4, 4}));
+  const JsonReader artifacts = in.array("artifacts", {0, kMaxArtifacts});
+  for (std::size_t i = 0; i < artifacts.size(); ++i) manifest.artifacts.push_back(read_artifact(artifacts.object(i)));
+  in.finish(kNotePrefix);
   return manifest;
 }
 
@@ -223,27 +122,48 @@ Findings check_paths(const Manifest& manifest) {
 
 }  // namespace
 
+std::optional<std::string> path_problem(std::string_view path) {
+  if (path.empty()) return "an empty name";
+  if (path.size() > kMaxPackagePath) return "a name of more than " + std::to_string(kMaxPackagePath) + " characters";
+  if (path.front() == '/') return "an absolute path";
+  std::size_t begin = 0;
+  while (begin <= path.size()) {
+    const std::size_t end = std::min(path.find('/', begin), path.size());
+    const std::string_view part = path.substr(begin, end - begin);
+    if (part.empty()) return "an empty part between slashes";
+    if (part == "..") return "\"..\", which leads out of the package";
+    if (part.front() == '.') return "a part that begins with a dot";
+    for (const char c : part) {
+      if (!is_path_character(c)) return "a character other than letters, digits, '.', '_' and '-'";
+    }
+    begin = end + 1;
+  }
+  return std::nullopt;
+}
+
 ManifestReading parse_manifest(ByteView bytes) {
   ManifestReading reading;
   const auto refuse = [&reading](std::string where, std::string expected, std::string found) {
     reading.findings.add({.code = "manifest.schema",
-                          .where = "manifest.json " + std::move(where),
+                          .where = std::move(where),
                           .expected = std::move(expected),
                           .found = std::move(found),
                           .fix = "build the package again with this version"});
   };
   if (bytes.size() > kMaxManifestSize) {
-    refuse("", fmt::format("at most {} bytes", kMaxManifestSize), fmt::format("{} bytes", bytes.size()));
+    refuse(std::string(kManifestFile), fmt::format("at most {} bytes", kMaxManifestSize), fmt::format("{} bytes", bytes.size()));
     return reading;
   }
   try {
-    Manifest manifest = read(parse_json(as_text(bytes), kManifestFile, {.max_depth = 8, .allow_floats = false}));
+    const json document = parse_json(as_text(bytes), kManifestFile, {.max_depth = 8, .allow_floats = false});
+    const JsonReader in(document, {.name = std::string(kManifestFile), .what = "cannot accept this manifest"});
+    Manifest manifest = read_manifest(in);
     reading.findings.add(check_paths(manifest));
     if (reading.findings.empty()) reading.manifest = std::move(manifest);
-  } catch (const Refusal& refusal) {
-    refuse(refusal.where, refusal.expected, refusal.found);
+  } catch (const JsonError& error) {
+    refuse(error.text().where, error.text().expected, error.text().found);
   } catch (const Error& error) {
-    refuse("", "strict JSON", error.text().found.empty() ? error.text().what : error.text().found);
+    refuse(std::string(kManifestFile), "strict JSON", error.text().found.empty() ? error.text().what : error.text().found);
   }
   return reading;
 }

@@ -14,7 +14,6 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
-
 namespace {
 
 // Bounds that no sensible mission leaves; they keep later arithmetic (areas, tile counts) far from its limits.

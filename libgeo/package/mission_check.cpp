@@ -14,7 +14,6 @@
 #include "package/coverage_requirement.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr std::size_t kNamedPerZoom = 20;  // holes that are named one by one; more are only counted
@@ -45,11 +44,6 @@ void report_gaps(const std::vector<Gap>& gaps, int zoom, Findings& findings) {
 }
 
 }  // namespace
-
-std::vector<TileKey> required_tiles(const Mission& mission, int zoom) {
-  const LocalFrame frame = mission_frame(mission);
-  return tiles_of_region(CoverageRequirement(required_region(mission, frame)), frame, zoom);
-}
 
 Findings check_coverage(const Mission& mission, std::span<const Sidecar> tiles) {
   Findings findings;

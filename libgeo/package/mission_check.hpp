@@ -15,13 +15,11 @@
 #include "base/time.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "package/manifest.hpp"
+#include "package/coverage_requirement.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"
 
 namespace nadir {
-
-// Tiles of one zoom that the mission needs, in the order of TileKey.
-std::vector<TileKey> required_tiles(const Mission& mission, int zoom);
 
 // "coverage.gap", one finding per zoom with holes and one per hole up to a limit. Tiles sorted by key.
 Findings check_coverage(const Mission& mission, std::span<const Sidecar> tiles);

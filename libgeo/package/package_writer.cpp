@@ -10,7 +10,6 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "package/mission_check.hpp"
-#include "package/verify_parts.hpp"
 #include "trust/dsse.hpp"
 #include "trust/signed_document.hpp"
 
@@ -54,18 +53,6 @@ std::size_t add_package_signature(const fs::path& package, const PrivateKey& key
   put_signature(envelope.signatures, sign_payload(key, kManifestPayloadType, manifest));
   write_file_atomic(file, envelope_json(envelope));
   return envelope.signatures.size();
-}
-
-Findings check_before_signing(const fs::path& package, Progress& progress) {
-  ManifestReading reading = parse_manifest(read_file(package / kManifestFile, kMaxManifestSize));
-  if (!reading.manifest) return reading.findings;
-  Verification result;
-  result.manifest = std::move(reading.manifest);
-  const FileCheck files = verify_files(package, *result.manifest, VerifyDepth::full, progress);
-  result.findings.add(files.findings);
-  const Artifact* mission = result.manifest->artifact(kRoleMission);
-  if (mission == nullptr || files.sound.contains(mission->path)) verify_mission(package, result);
-  return result.findings;
 }
 
 namespace {

@@ -27,10 +27,6 @@ void sign_package(const std::filesystem::path& package, const PrivateKey& key);
 // UsageError when manifest.sig is there but is no envelope of ours. Returns how many signatures there are now.
 std::size_t add_package_signature(const std::filesystem::path& package, const PrivateKey& key);
 
-// What a signer must know before signing: does everything that the manifest names lie in the folder, byte for byte, and
-// is its mission the one that it holds? Nothing is said about who signed before. Throws Error when this is no package.
-Findings check_before_signing(const std::filesystem::path& package, Progress& progress);
-
 struct Amendment {
   std::set<std::string_view> roles;  // of the artifacts that are added; older ones of these roles go
   // Writes the files into the folder of the new package; returns what the manifest has to name.

@@ -7,8 +7,24 @@
 #include "base/error.hpp"
 
 namespace nadir {
-
 namespace {
+
+// A file without journal: it is written into a staging folder. As the MBTiles writer does it.
+constexpr const char* kBeginSidecarFile = R"sql(
+PRAGMA page_size = 4096;
+PRAGMA journal_mode = OFF;
+PRAGMA synchronous = OFF;
+PRAGMA locking_mode = EXCLUSIVE;
+PRAGMA encoding = 'UTF-8';
+BEGIN;
+CREATE TABLE metadata (name TEXT, value TEXT);
+)sql";
+
+// In the order of TileKey: zoom, column, then XYZ row, which grows as the TMS row falls.
+constexpr const char* kSelectSidecars = R"sql(
+SELECT zoom_level, tile_column, tile_row, sha256, source, captured_at, gsd_mm, ce90_mm, trust, sector, valid_ppm, mask
+FROM nadir_sidecars ORDER BY zoom_level, tile_column, tile_row DESC
+)sql";
 
 void append_u32(Bytes& out, std::uint32_t value) {
   for (int shift = 24; shift >= 0; shift -= 8) out.push_back(static_cast<std::uint8_t>(value >> shift));
@@ -124,7 +140,7 @@ void SidecarWriter::add(const Sidecar& sidecar) {
 void write_sidecar_file(const std::filesystem::path& path, const std::vector<Sidecar>& sidecars,
                         const std::map<std::string, std::string>& metadata) {
   SqliteDatabase database = SqliteDatabase::create(path);
-  database.execute(sql::kBeginSidecarFile);
+  database.execute(kBeginSidecarFile);
   {
     auto insert = database.prepare("INSERT INTO metadata VALUES (?, ?)");
     for (const auto& [name, value] : metadata) {
@@ -162,7 +178,7 @@ SidecarRows read_sidecars(const SqliteDatabase& database) {
                          .found = "another row",
                          .fix = "build the package again"});
   };
-  auto rows = database.prepare(sql::kSelectSidecars);
+  auto rows = database.prepare(kSelectSidecars);
   while (rows.step()) {
     const auto key = row_key(rows);
     if (!key) {

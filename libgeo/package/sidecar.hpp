@@ -57,6 +57,33 @@ class SidecarDigest {
   Bytes row_;
 };
 
+// Columns and parameters keep one order.
+namespace sql {
+inline constexpr const char* kCreateSidecars = R"sql(
+CREATE TABLE nadir_sidecars (
+  zoom_level  INTEGER NOT NULL,
+  tile_column INTEGER NOT NULL,
+  tile_row    INTEGER NOT NULL,
+  sha256      BLOB    NOT NULL,
+  source      TEXT    NOT NULL,
+  captured_at TEXT    NOT NULL,
+  gsd_mm      INTEGER NOT NULL,
+  ce90_mm     INTEGER NOT NULL,
+  trust       TEXT    NOT NULL,
+  sector      TEXT    NOT NULL,
+  valid_ppm   INTEGER NOT NULL,
+  mask        BLOB,
+  PRIMARY KEY (zoom_level, tile_column, tile_row DESC)
+) WITHOUT ROWID
+)sql";
+
+inline constexpr const char* kInsertSidecar = R"sql(
+INSERT INTO nadir_sidecars (zoom_level, tile_column, tile_row, sha256, source, captured_at, gsd_mm, ce90_mm, trust,
+                            sector, valid_ppm, mask)
+VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+)sql";
+}  // namespace sql
+
 // Must be gone before the database is closed: it holds a statement.
 class SidecarWriter {
  public:

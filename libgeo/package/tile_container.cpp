@@ -11,8 +11,34 @@
 #include "package/sidecar.hpp"
 
 namespace nadir {
-
 namespace {
+
+constexpr const char* kSelectTileKeys = R"sql(
+SELECT zoom_level, tile_column, tile_row FROM tiles ORDER BY zoom_level, tile_column, tile_row DESC
+)sql";
+
+constexpr const char* kSelectTiles = R"sql(
+SELECT zoom_level, tile_column, tile_row, tile_data FROM tiles
+ORDER BY zoom_level, tile_column, tile_row DESC
+)sql";
+
+// The same in two steps: the order is not that of the usual index, and SQLite would write all tiles to a temporary file
+// to sort them.
+constexpr const char* kSelectTileRows = R"sql(
+SELECT zoom_level, tile_column, tile_row, rowid FROM tiles ORDER BY zoom_level, tile_column, tile_row DESC
+)sql";
+constexpr const char* kSelectTileOfRow = "SELECT tile_data FROM tiles WHERE rowid = ?";
+constexpr const char* kTilesHaveRows =
+    "SELECT 1 FROM sqlite_schema WHERE name = 'tiles' AND type = 'table' AND sql NOT LIKE '%WITHOUT%ROWID%'";
+
+// The table "metadata" of a database, empty without one.
+std::map<std::string, std::string> metadata_in(const SqliteDatabase& database) {
+  std::map<std::string, std::string> entries;
+  if (!database.has_table("metadata")) return entries;
+  auto rows = database.prepare("SELECT name, value FROM metadata ORDER BY name, value");
+  while (rows.step()) entries[std::string(rows.text(0))] = std::string(rows.text(1));
+  return entries;
+}
 
 class Rows : public TileCursor {
  public:
@@ -32,7 +58,7 @@ class Rows : public TileCursor {
 class RowsByNumber final : public Rows {
  public:
   explicit RowsByNumber(const SqliteDatabase& database)
-      : Rows(database, sql::kSelectTileRows), tile_(database.prepare(sql::kSelectTileOfRow)) {}
+      : Rows(database, kSelectTileRows), tile_(database.prepare(kSelectTileOfRow)) {}
 
   bool next() override {
     fetched_ = false;
@@ -60,9 +86,9 @@ class MbtilesContainer final : public TileContainer {
   std::string_view kind() const override { return "mbtiles"; }
 
   std::unique_ptr<TileCursor> tiles(bool with_bytes) const override {
-    if (!with_bytes) return std::make_unique<Rows>(database_, sql::kSelectTileKeys);
-    if (database_.prepare(sql::kTilesHaveRows).step()) return std::make_unique<RowsByNumber>(database_);
-    return std::make_unique<Rows>(database_, sql::kSelectTiles);
+    if (!with_bytes) return std::make_unique<Rows>(database_, kSelectTileKeys);
+    if (database_.prepare(kTilesHaveRows).step()) return std::make_unique<RowsByNumber>(database_);
+    return std::make_unique<Rows>(database_, kSelectTiles);
   }
 
   std::uint64_t count() const override {
@@ -91,8 +117,6 @@ class MbtilesContainer final : public TileContainer {
   SqliteDatabase database_;
 };
 
-}  // namespace
-
 std::unique_ptr<TileContainer> open_mbtiles_container(const std::filesystem::path& path) {
   auto container = std::make_unique<MbtilesContainer>(path);
   bool missing = false;
@@ -106,16 +130,6 @@ std::unique_ptr<TileContainer> open_mbtiles_container(const std::filesystem::pat
                .expected = "an MBTiles file (a database with metadata and tiles)",
                .fix = "name a raster tile set in MBTiles 1.3, or a COG"});
 }
-
-std::map<std::string, std::string> metadata_in(const SqliteDatabase& database) {
-  std::map<std::string, std::string> entries;
-  if (!database.has_table("metadata")) return entries;
-  auto rows = database.prepare("SELECT name, value FROM metadata ORDER BY name, value");
-  while (rows.step()) entries[std::string(rows.text(0))] = std::string(rows.text(1));
-  return entries;
-}
-
-namespace {
 
 // Tiles that are cut out of decoded blocks are absent when nothing of them is shown: that needs their pixels.
 class Blocks final : public TileCursor {
@@ -211,13 +225,6 @@ class CogContainer final : public TileContainer {
   std::optional<SqliteDatabase> sidecars_;
 };
 
-}  // namespace
-
-std::unique_ptr<TileContainer> open_cog_container(const std::filesystem::path& path) {
-  return std::make_unique<CogContainer>(path);
-}
-
-namespace {
 
 bool begins_as_tiff(const std::filesystem::path& path) {
   if (!std::filesystem::is_regular_file(path)) return false;
@@ -233,7 +240,8 @@ bool begins_as_tiff(const std::filesystem::path& path) {
 }  // namespace
 
 std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& path) {
-  return begins_as_tiff(path) ? open_cog_container(path) : open_mbtiles_container(path);
+  if (begins_as_tiff(path)) return std::make_unique<CogContainer>(path);
+  return open_mbtiles_container(path);
 }
 
 std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path) {

@@ -13,35 +13,11 @@
 #include "package/sidecar.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr std::size_t kPixels = static_cast<std::size_t>(kTileSize) * kTileSize;
 
-}  // namespace
-
-std::optional<Bytes> decode_tile_mask(ByteView png) {
-  if (sniff_image_format(png) != ImageFormat::png) return std::nullopt;
-  try {
-    const ImageInfo info = read_image_info(png, "mask");
-    if (info.width != kTileSize || info.height != kTileSize || info.colour || info.alpha) return std::nullopt;
-    const cv::Mat image = decode_image(png, Colour::grey, "mask").image;
-    if (!image.isContinuous() || image.total() != kPixels || image.type() != CV_8UC1) return std::nullopt;
-    return Bytes(image.data, image.data + kPixels);
-  } catch (const Error&) {
-    return std::nullopt;
-  }
-}
-
-Bytes encode_tile_mask(ByteView pixels) {
-  if (pixels.size() != kPixels) throw Error({.what = "a tile mask has another size than a tile"});
-  cv::Mat image(kTileSize, kTileSize, CV_8UC1);
-  std::copy(pixels.begin(), pixels.end(), image.data);
-  return encode_image(image, ImageFormat::png);
-}
-
-namespace {
-
+constexpr int kMinFillBlocks = 4;  // fewer say nothing
 constexpr int kBlock = 16;  // pixels
 constexpr int kBlocks = kTileSize / kBlock;
 constexpr double kNear = 3;  // JPEG does not give black and white back exactly
@@ -55,8 +31,7 @@ Kind kind_of(const cv::Mat& block) {
   return low >= 255 - kNear ? Kind::white : Kind::ground;
 }
 
-}  // namespace
-
+// CV_8UC1, 255 where the image (CV_8UC3) is fill; empty when there is none.
 cv::Mat edge_fill(const cv::Mat& image) {
   std::array<Kind, kBlocks * kBlocks> kinds{};
   std::array<bool, kBlocks * kBlocks> taken{};
@@ -87,10 +62,8 @@ cv::Mat edge_fill(const cv::Mat& image) {
     if (row > 0) take(index - kBlocks);
     if (row + 1 < kBlocks) take(index + kBlocks);
   }
-  return count >= kLeastFillBlocks ? fill : cv::Mat();
+  return count >= kMinFillBlocks ? fill : cv::Mat();
 }
-
-namespace {
 
 // The largest difference between two pixels of a channel.
 double spread(const cv::Mat& image) {
@@ -137,6 +110,43 @@ void leave_out(const cv::Mat& fill, const TileKey& key, TileImageCheck& picture)
 }
 
 }  // namespace
+
+std::optional<Bytes> decode_tile_mask(ByteView png) {
+  if (sniff_image_format(png) != ImageFormat::png) return std::nullopt;
+  try {
+    const ImageInfo info = read_image_info(png, "mask");
+    if (info.width != kTileSize || info.height != kTileSize || info.colour || info.alpha) return std::nullopt;
+    const cv::Mat image = decode_image(png, Colour::grey, "mask").image;
+    if (!image.isContinuous() || image.total() != kPixels || image.type() != CV_8UC1) return std::nullopt;
+    return Bytes(image.data, image.data + kPixels);
+  } catch (const Error&) {
+    return std::nullopt;
+  }
+}
+
+Bytes encode_tile_mask(ByteView pixels) {
+  if (pixels.size() != kPixels) throw Error({.what = "a tile mask has another size than a tile"});
+  cv::Mat image(kTileSize, kTileSize, CV_8UC1);
+  std::copy(pixels.begin(), pixels.end(), image.data);
+  return encode_image(image, ImageFormat::png);
+}
+
+std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key) {
+  const std::string where = "tile " + to_text(key);
+  try {
+    const ImageInfo info = read_image_info(tile, where);
+    if (info.width == kTileSize && info.height == kTileSize) return std::nullopt;
+    return Finding{.code = "tile.size",
+                   .where = where,
+                   .expected = fmt::format("{0} x {0} pixels", kTileSize),
+                   .found = fmt::format("{} x {}", info.width, info.height)};
+  } catch (const Error& error) {
+    return Finding{.code = "tile.undecodable",
+                   .where = where,
+                   .expected = "a JPEG, PNG or WebP picture",
+                   .found = error.text().found.empty() ? error.text().what : error.text().found};
+  }
+}
 
 TileImageCheck check_tile_image(ByteView tile, const TileKey& key) {
   TileImageCheck result;

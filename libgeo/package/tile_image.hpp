@@ -22,12 +22,16 @@ struct TileImageCheck {
   Bytes mask;                      // kTileSize² bytes, 255 valid; empty when all are
 };
 
+// What the header alone says: tile.undecodable, tile.size. nullopt: nothing is wrong.
+std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key);
+
 TileImageCheck check_tile_image(ByteView tile, const TileKey& key);
 
+// A validity mask as sidecars hold it: a grey PNG of kTileSize² pixels, 255 where the tile shows ground. Decoded:
 // kTileSize² bytes in rows; nullopt when the bytes are no such PNG.
 std::optional<Bytes> decode_tile_mask(ByteView png);
 
-// The same back; deterministic.
+// The inverse; deterministic.
 Bytes encode_tile_mask(ByteView pixels);
 
 }  // namespace nadir

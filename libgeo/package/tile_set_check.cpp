@@ -6,6 +6,7 @@
 #include "imagery/codecs.hpp"
 #include "package/sidecar.hpp"
 #include "package/tile_container.hpp"
+#include "package/tile_image.hpp"
 #include "trust/merkle.hpp"
 
 namespace nadir {
@@ -149,23 +150,6 @@ class TileWalk {
 };
 
 }  // namespace
-
-std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key) {
-  const std::string where = "tile " + to_text(key);
-  try {
-    const ImageInfo info = read_image_info(tile, where);
-    if (info.width == kTileSize && info.height == kTileSize) return std::nullopt;
-    return Finding{.code = "tile.size",
-                   .where = where,
-                   .expected = fmt::format("{0} x {0} pixels", kTileSize),
-                   .found = fmt::format("{} x {}", info.width, info.height)};
-  } catch (const Error& error) {
-    return Finding{.code = "tile.undecodable",
-                   .where = where,
-                   .expected = "a JPEG, PNG or WebP picture",
-                   .found = error.text().found.empty() ? error.text().what : error.text().found};
-  }
-}
 
 TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFacts& facts, VerifyDepth depth,
                             Progress& progress) {

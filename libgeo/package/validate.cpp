@@ -9,21 +9,31 @@
 #include <fstream>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "imagery/codecs.hpp"
 #include "package/coverage_requirement.hpp"
 #include "package/mission_check.hpp"
 #include "package/tile_container.hpp"
 #include "package/tile_image.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr std::size_t kWalFlag_at = 18;  // "file format write version" of SQLite's header: 2 is WAL
 constexpr int kFaultsNamed = 5;
+
+// What a walk over the tiles saw.
+struct SeenTiles {
+  std::map<int, TileKey> west, east, north, south;  // by zoom: the outermost tile to each side
+  std::set<ImageFormat> formats;
+
+  void add(const TileKey& key, std::optional<ImageFormat> format);
+  bool empty() const { return west.empty(); }
+};
 
 void keep(std::map<int, TileKey>& side, const TileKey& key, bool further) {
   const auto [place, fresh] = side.emplace(key.z, key);
@@ -101,8 +111,6 @@ void check_bounds(std::string_view claimed, const SeenTiles& seen, Findings& fin
       claimed));
 }
 
-}  // namespace
-
 void SeenTiles::add(const TileKey& key, std::optional<ImageFormat> format) {
   if (format) formats.insert(*format);
   keep(west, key, !west.contains(key.z) || key.x < west.at(key.z).x);
@@ -111,6 +119,8 @@ void SeenTiles::add(const TileKey& key, std::optional<ImageFormat> format) {
   keep(south, key, !south.contains(key.z) || key.y > south.at(key.z).y);
 }
 
+// "sqlite.journal": a rollback journal or write-ahead log lies beside the file (its last changes are in there, or half
+// of them are in the file); a file in WAL mode is a warning, because read-only media cannot serve it to others.
 Findings check_journals(const std::filesystem::path& mbtiles) {
   Findings findings;
   for (const char* suffix : {"-wal", "-journal"}) {
@@ -139,6 +149,8 @@ Findings check_journals(const std::filesystem::path& mbtiles) {
   return findings;
 }
 
+// "sqlite.corrupt": what SQLite's own integrity_check says, and "tiles.unindexed": a read of one tile searches them
+// all. Throws Error when the database cannot be read at all.
 Findings check_database(const SqliteDatabase& database) {
   Findings findings;
   auto faults = database.prepare(fmt::format("PRAGMA integrity_check({})", kFaultsNamed));
@@ -165,6 +177,8 @@ Findings check_database(const SqliteDatabase& database) {
   return findings;
 }
 
+// "metadata.mismatch": what the file claims (format, zooms, bounds) is not what it holds. Refuses when the table is
+// missing, because no reader opens such a file; else a warning, because others show the file at the wrong place or not.
 Findings check_metadata(const SqliteDatabase& database, const SeenTiles& seen) {
   Findings findings;
   if (!database.has_table("metadata")) {
@@ -187,8 +201,6 @@ Findings check_metadata(const SqliteDatabase& database, const SeenTiles& seen) {
   if (said.contains("bounds")) check_bounds(said["bounds"], seen, findings);
   return findings;
 }
-
-namespace {
 
 constexpr std::size_t kNamedPerCode = 20;
 

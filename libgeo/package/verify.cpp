@@ -17,7 +17,6 @@
 namespace nadir {
 namespace fs = std::filesystem;
 namespace {
-
 // A regular file of bounded size, or nothing and a finding.
 std::optional<Bytes> read_bounded(const fs::path& file, std::uint64_t max_size, const char* missing_code,
                                   const char* invalid_code, Findings& findings) {
@@ -60,8 +59,8 @@ std::optional<Envelope> read_envelope(ByteView bytes, Findings& findings) {
   return std::nullopt;
 }
 
-}  // namespace
-
+// Signature over the manifest's exact bytes, then the manifest. Fills signers and manifest; without a manifest
+// nothing else may be looked at.
 void verify_signature(const fs::path& package, const TrustRoot& root, const VerifyOptions& options,
                       Verification& result) {
   const auto signature = read_bounded(package / kSignatureFile, kMaxEnvelopeSize, "signature.missing",
@@ -81,7 +80,6 @@ void verify_signature(const fs::path& package, const TrustRoot& root, const Veri
   result.manifest = std::move(reading.manifest);
 }
 
-namespace {
 
 // Clocks of two machines differ, and missions are written the day before; more than this is no such thing.
 constexpr std::int64_t kClockTolerance_s = 86'400;
@@ -155,8 +153,7 @@ void check_airframe(const Manifest& manifest, const VerifyOptions& options, Find
                 .fix = "load the package that was made for this airframe"});
 }
 
-}  // namespace
-
+// Dates, clock, sequences and the permit to go back, airframe.
 Findings verify_policy(const Manifest& manifest, const TrustRoot& root, const VerifyOptions& options) {
   Findings findings;
   check_clock(manifest, options, findings);
@@ -173,6 +170,7 @@ Findings verify_policy(const Manifest& manifest, const TrustRoot& root, const Ve
   return findings;
 }
 
+// mission.yaml against the manifest. Fills mission.
 void verify_mission(const std::filesystem::path& package, Verification& result) {
   const Manifest& manifest = *result.manifest;
   const auto mismatch = [&result](std::string where, std::string expected, std::string found) {
@@ -204,11 +202,17 @@ void verify_mission(const std::filesystem::path& package, Verification& result) 
   result.mission = std::move(reading.mission);
 }
 
-namespace {
 
 constexpr std::size_t kMaxUnexpected = 50;
 constexpr std::size_t kMaxEntries = 10'000;
 constexpr std::size_t kBlock = 1 << 20;
+
+// The files on disk against the artifacts. Imagery and terrain are hashed at full depth only, everything else
+// always.
+struct FileCheck {
+  Findings findings;
+  std::set<std::string> sound;  // paths of artifacts that are there with their size (and, where hashed, their digest)
+};
 
 class FileVerifier {
  public:
@@ -312,13 +316,10 @@ class FileVerifier {
   std::size_t unexpected_ = 0;
 };
 
-}  // namespace
-
 FileCheck verify_files(const fs::path& package, const Manifest& manifest, VerifyDepth depth, Progress& progress) {
   return FileVerifier(package, manifest, depth, progress).run();
 }
 
-namespace {
 
 void require_package(const fs::path& package) {
   const bool folder = fs::is_directory(package);
@@ -395,6 +396,18 @@ Verification verify_package(const fs::path& package, const VerifyOptions& option
   verify_terrain(package, options, files, result);
   verify_imagery(package, options, files, progress, result);
   return result;
+}
+
+Findings check_before_signing(const fs::path& package, Progress& progress) {
+  ManifestReading reading = parse_manifest(read_file(package / kManifestFile, kMaxManifestSize));
+  if (!reading.manifest) return reading.findings;
+  Verification result;
+  result.manifest = std::move(reading.manifest);
+  const FileCheck files = verify_files(package, *result.manifest, VerifyDepth::full, progress);
+  result.findings.add(files.findings);
+  const Artifact* mission = result.manifest->artifact(kRoleMission);
+  if (mission == nullptr || files.sound.contains(mission->path)) verify_mission(package, result);
+  return result.findings;
 }
 
 }  // namespace nadir

@@ -55,4 +55,8 @@ void remember(AircraftState& state, const Verification& accepted, UtcTime at);
 // Throws Error when the folder is no package at all or cannot be read.
 Verification verify_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress);
 
+// What a signer must know before signing: does everything that the manifest names lie in the folder, byte for byte, and
+// is its mission the one that it holds? Nothing is said about who signed before. Throws Error when this is no package.
+Findings check_before_signing(const std::filesystem::path& package, Progress& progress);
+
 }  // namespace nadir

@@ -10,7 +10,6 @@
 #include "base/error.hpp"
 
 namespace nadir {
-
 namespace {
 
 using Counts = std::map<std::uint16_t, std::uint64_t>;

@@ -63,7 +63,7 @@ constexpr std::size_t kMostFindings = 100;
 
 // What the summary says, and what was seen on the way to it.
 struct Indexes {
-  std::vector<McapChunkIndex> seen, told;
+  std::vector<McapChunkIndex> seen, indexed;
   std::optional<McapStatistics> statistics;
   std::uint64_t summary_start = 0;
   std::uint32_t data_crc = 0;  // running, over the data section
@@ -155,7 +155,7 @@ class Reader {
     } else if (opcode == mcap_op::chunk_index) {
       const auto index = read_mcap_chunk_index(content);
       sound = index.has_value();
-      if (index) indexes_.told.push_back(*index);
+      if (index) indexes_.indexed.push_back(*index);
     } else if (opcode == mcap_op::statistics) {
       indexes_.statistics = read_mcap_statistics(content);
       sound = indexes_.statistics.has_value();
@@ -279,17 +279,17 @@ class Reader {
   void compare() {
     if (indexes_.summary_start == 0) return;
     // A writer may leave either out; what is there has to be right.
-    if (!indexes_.told.empty() && indexes_.told != indexes_.seen) {
+    if (!indexes_.indexed.empty() && indexes_.indexed != indexes_.seen) {
       find("recorder.index", Severity::refuse, fmt::format("an index of the {} chunks", indexes_.seen.size()),
-           fmt::format("{} entries that do not agree with them", indexes_.told.size()));
+           fmt::format("{} entries that do not agree with them", indexes_.indexed.size()));
     }
     if (!indexes_.statistics) return;
-    const McapStatistics& told = *indexes_.statistics;
-    std::map<std::uint16_t, std::uint64_t> told_of = told.messages_of;
-    std::erase_if(told_of, [](const auto& entry) { return entry.second == 0; });
-    if (told.messages != contents_.messages || told_of != contents_.messages_of || told.chunks != contents_.chunks) {
+    const McapStatistics& stated = *indexes_.statistics;
+    std::map<std::uint16_t, std::uint64_t> stated_of = stated.messages_of;
+    std::erase_if(stated_of, [](const auto& entry) { return entry.second == 0; });
+    if (stated.messages != contents_.messages || stated_of != contents_.messages_of || stated.chunks != contents_.chunks) {
       find("recorder.index", Severity::refuse,
-           fmt::format("{} messages in {} chunks, as the statistics say", told.messages, told.chunks),
+           fmt::format("{} messages in {} chunks, as the statistics say", stated.messages, stated.chunks),
            fmt::format("{} messages in {} chunks", contents_.messages, contents_.chunks));
     }
   }

@@ -9,10 +9,16 @@
 #include <string>
 #include <vector>
 
-#include "recorder/mcap_records.hpp"
-#include "recorder/segments.hpp"
+#include "recorder/mcap_format.hpp"
 
 namespace nadir {
+
+// Where a file's bytes go. append() returns false, and the file keeps what it had, when there is no room.
+class McapSink {
+ public:
+  virtual ~McapSink() = default;
+  virtual bool append(ByteView bytes) = 0;
+};
 
 struct McapWriterOptions {
   std::string profile;

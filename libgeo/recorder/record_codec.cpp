@@ -28,7 +28,6 @@
 #include "recorder/records.hpp"
 
 namespace nadir {
-
 namespace {
 
 struct Name {
@@ -66,8 +65,6 @@ constexpr std::string_view kMinInliers = "min_inliers";
 // A threshold that is added to the gates must be added here as well.
 static_assert(sizeof(GateLimits) == kNames.size() * sizeof(double) + sizeof(double));
 
-}  // namespace
-
 std::vector<std::pair<std::string, double>> gate_values(const GateLimits& gates) {
   std::vector<std::pair<std::string, double>> named;
   for (const Name& gate : kNames) named.emplace_back(gate.name, gates.*gate.value);
@@ -75,6 +72,7 @@ std::vector<std::pair<std::string, double>> gate_values(const GateLimits& gates)
   return named;
 }
 
+// Names that this version does not know change nothing.
 void set_gate(GateLimits& gates, std::string_view name, double value) {
   for (const Name& gate : kNames) {
     if (gate.name == name) gates.*gate.value = value;
@@ -83,25 +81,14 @@ void set_gate(GateLimits& gates, std::string_view name, double value) {
   if (name == kMinInliers && fits) gates.min_inliers = static_cast<int>(value);
 }
 
-std::string redacted_setting(std::string_view name, std::string_view value) {
-  std::string lower(name);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  bool secret = value.find("PRIVATE KEY") != std::string_view::npos;
-  for (const char* word : {"key", "signature", "passphrase", "password", "secret", "token"}) {
-    secret = secret || lower.find(word) != std::string::npos;
-  }
-  return secret ? "[withheld]" : std::string(value);
-}
-
 namespace codec {
 
 namespace fbs = nadir::recorder;
 using flatbuffers::FlatBufferBuilder;
 
-inline std::string text(const flatbuffers::String* text) { return text == nullptr ? std::string() : text->str(); }
+std::string text(const flatbuffers::String* text) { return text == nullptr ? std::string() : text->str(); }
 
-inline Bytes bytes(const flatbuffers::Vector<std::uint8_t>* bytes) {
+Bytes bytes(const flatbuffers::Vector<std::uint8_t>* bytes) {
   return bytes == nullptr ? Bytes() : Bytes(bytes->begin(), bytes->end());
 }
 
@@ -110,23 +97,23 @@ std::optional<double> optional(const Number& number) {
   return number ? std::optional<double>(*number) : std::nullopt;
 }
 
-inline flatbuffers::Optional<double> optional(const std::optional<double>& number) {
+flatbuffers::Optional<double> optional(const std::optional<double>& number) {
   return number ? flatbuffers::Optional<double>(*number) : flatbuffers::nullopt;
 }
 
-inline fbs::LonLat place(LonLat place) { return {place.lon_deg, place.lat_deg}; }
+fbs::LonLat place(LonLat place) { return {place.lon_deg, place.lat_deg}; }
 
-inline std::optional<LonLat> place(const fbs::LonLat* place) {
+std::optional<LonLat> place(const fbs::LonLat* place) {
   if (place == nullptr) return std::nullopt;
   return LonLat{place->lon_deg(), place->lat_deg()};
 }
 
-inline fbs::AnchorVerdict verdict(AnchorVerdict verdict) {
+fbs::AnchorVerdict verdict(AnchorVerdict verdict) {
   return static_cast<fbs::AnchorVerdict>(static_cast<std::uint8_t>(verdict));
 }
 
 // What a later version may call something else is "not tried" to this one.
-inline AnchorVerdict verdict(fbs::AnchorVerdict verdict) {
+AnchorVerdict verdict(fbs::AnchorVerdict verdict) {
   if (verdict > fbs::AnchorVerdict::MAX) return AnchorVerdict::not_tried;
   return static_cast<AnchorVerdict>(static_cast<std::uint8_t>(verdict));
 }
@@ -145,39 +132,6 @@ const Table* verified(ByteView bytes) {
   return flatbuffers::GetRoot<Table>(bytes.data());
 }
 
-// One pair for each record. decode(): false for bytes that are no such record.
-Bytes encode(const SessionRecord& record);
-Bytes encode(const InputRecord& record);
-Bytes encode(const PictureRecord& record);
-Bytes encode(const EstimateRecord& record);
-Bytes encode(const AnchorRecord& record);
-Bytes encode(const StateRecord& record);
-Bytes encode(const TileRecord& record);
-Bytes encode(const HealthRecord& record);
-Bytes encode(const ThumbnailRecord& record);
-Bytes encode(const RecorderRecord& record);
-Bytes encode(const EndRecord& record);
-Bytes encode(const HintRecord& record);
-
-bool decode(ByteView bytes, SessionRecord& record);
-bool decode(ByteView bytes, InputRecord& record);
-bool decode(ByteView bytes, PictureRecord& record);
-bool decode(ByteView bytes, EstimateRecord& record);
-bool decode(ByteView bytes, AnchorRecord& record);
-bool decode(ByteView bytes, StateRecord& record);
-bool decode(ByteView bytes, TileRecord& record);
-bool decode(ByteView bytes, HealthRecord& record);
-bool decode(ByteView bytes, ThumbnailRecord& record);
-bool decode(ByteView bytes, RecorderRecord& record);
-bool decode(ByteView bytes, EndRecord& record);
-bool decode(ByteView bytes, HintRecord& record);
-
-}  // namespace codec
-
-namespace codec {
-
-namespace {
-
 constexpr std::uint32_t kFormat = 1;
 
 flatbuffers::Offset<fbs::Camera> camera(FlatBufferBuilder& builder, const CameraFile& file) {
@@ -187,21 +141,21 @@ flatbuffers::Offset<fbs::Camera> camera(FlatBufferBuilder& builder, const Camera
                            file.uncertainty.agl_relative, file.uncertainty.tilt_rad, file.uncertainty.imu_dv_mps);
 }
 
-CameraFile camera(const fbs::Camera& told) {
+CameraFile camera(const fbs::Camera& table) {
   CameraFile file;
   CameraModel& c = file.camera;
-  c.width = told.width();
-  c.height = told.height();
-  c.fx = told.fx();
-  c.fy = told.fy();
-  c.cx = told.cx();
-  c.cy = told.cy();
-  const auto* distortion = told.distortion();
+  c.width = table.width();
+  c.height = table.height();
+  c.fx = table.fx();
+  c.fy = table.fy();
+  c.cx = table.cx();
+  c.cy = table.cy();
+  const auto* distortion = table.distortion();
   for (unsigned i = 0; distortion != nullptr && i < distortion->size() && i < c.distortion.size(); ++i) {
     c.distortion[i] = distortion->Get(i);
   }
-  file.uncertainty = {told.heading_sigma_rad(), told.agl_sigma_relative(), told.tilt_sigma_rad(),
-                      told.imu_dv_sigma_mps()};
+  file.uncertainty = {table.heading_sigma_rad(), table.agl_sigma_relative(), table.tilt_sigma_rad(),
+                      table.imu_dv_sigma_mps()};
   return file;
 }
 
@@ -220,28 +174,26 @@ flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const 
                               config.anchor_above_sigma_m, session.places, config.resumed);
 }
 
-void localizer(const fbs::Localizer& told, SessionRecord& session) {
+void localizer(const fbs::Localizer& table, SessionRecord& session) {
   LocalizerConfig& config = session.localizer;
-  if (told.gates() != nullptr) {
-    for (const auto* gate : *told.gates()) set_gate(config.gates, text(gate->name()), gate->value());
+  if (table.gates() != nullptr) {
+    for (const auto* gate : *table.gates()) set_gate(config.gates, text(gate->name()), gate->value());
   }
-  config.start_sigma_m = told.start_sigma_m();
-  config.min_search_radius_m = told.min_search_radius_m();
-  config.max_search_radius_m = told.max_search_radius_m();
-  config.no_fix_sigma_m = told.no_fix_sigma_m();
-  config.map_sigma_m = told.map_sigma_m();
-  config.assumed_agl_m = told.assumed_agl_m();
-  if (const auto* area = told.area(); area != nullptr) {
+  config.start_sigma_m = table.start_sigma_m();
+  config.min_search_radius_m = table.min_search_radius_m();
+  config.max_search_radius_m = table.max_search_radius_m();
+  config.no_fix_sigma_m = table.no_fix_sigma_m();
+  config.map_sigma_m = table.map_sigma_m();
+  config.assumed_agl_m = table.assumed_agl_m();
+  if (const auto* area = table.area(); area != nullptr) {
     config.area = PlaneBox{area->west_m(), area->south_m(), area->east_m(), area->north_m()};
   }
-  config.anchor_every_m = told.anchor_every_m();
-  config.anchor_above_sigma_m = told.anchor_above_sigma_m();
-  config.resumed = told.resumed();
-  session.terrain = told.terrain();
-  session.places = told.places();
+  config.anchor_every_m = table.anchor_every_m();
+  config.anchor_above_sigma_m = table.anchor_above_sigma_m();
+  config.resumed = table.resumed();
+  session.terrain = table.terrain();
+  session.places = table.places();
 }
-
-}  // namespace
 
 Bytes encode(const SessionRecord& session) {
   FlatBufferBuilder builder;
@@ -266,40 +218,34 @@ Bytes encode(const SessionRecord& session) {
 }
 
 bool decode(ByteView bytes, SessionRecord& session) {
-  const auto* told = verified<fbs::Session>(bytes);
-  if (told == nullptr || told->format() != kFormat) return false;
-  session.id = text(told->id());
-  session.segment = told->segment();
-  session.started_ns = told->started_ns();
-  session.program = text(told->program());
-  session.version = text(told->version());
-  session.airframe = text(told->airframe());
-  if (told->package_sha256() != nullptr) {
-    session.package = Sha256::from_hex(text(told->package_sha256()));
+  const auto* table = verified<fbs::Session>(bytes);
+  if (table == nullptr || table->format() != kFormat) return false;
+  session.id = text(table->id());
+  session.segment = table->segment();
+  session.started_ns = table->started_ns();
+  session.program = text(table->program());
+  session.version = text(table->version());
+  session.airframe = text(table->airframe());
+  if (table->package_sha256() != nullptr) {
+    session.package = Sha256::from_hex(text(table->package_sha256()));
     if (!session.package) return false;
   }
-  session.mission = text(told->mission());
-  if (told->camera() != nullptr) session.camera = camera(*told->camera());
-  session.origin = place(told->origin()).value_or(LonLat{});
-  session.start = place(told->start());
-  if (told->picture_shrink() == 0 || told->picture_shrink() > 8) return false;
-  session.picture_shrink = static_cast<int>(told->picture_shrink());
-  session.seed = told->seed();
-  session.looked_up_later = told->looked_up_later();
-  if (told->localizer() != nullptr) localizer(*told->localizer(), session);
-  if (told->settings() != nullptr) {
-    for (const auto* setting : *told->settings()) {
+  session.mission = text(table->mission());
+  if (table->camera() != nullptr) session.camera = camera(*table->camera());
+  session.origin = place(table->origin()).value_or(LonLat{});
+  session.start = place(table->start());
+  if (table->picture_shrink() == 0 || table->picture_shrink() > 8) return false;
+  session.picture_shrink = static_cast<int>(table->picture_shrink());
+  session.seed = table->seed();
+  session.looked_up_later = table->looked_up_later();
+  if (table->localizer() != nullptr) localizer(*table->localizer(), session);
+  if (table->settings() != nullptr) {
+    for (const auto* setting : *table->settings()) {
       session.settings.emplace_back(text(setting->name()), text(setting->value()));
     }
   }
   return true;
 }
-
-}  // namespace codec
-
-namespace codec {
-
-namespace {
 
 std::optional<fbs::VelocityChange> velocity_change(const std::optional<Eigen::Vector2d>& dv_mps) {
   if (!dv_mps) return std::nullopt;
@@ -311,59 +257,57 @@ std::optional<Eigen::Vector2d> velocity_change(const fbs::VelocityChange* dv) {
   return Eigen::Vector2d(dv->east_mps(), dv->north_mps());
 }
 
-flatbuffers::Offset<flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>> encode_way(
-    FlatBufferBuilder& builder, const std::vector<TelemetryInterval>& way) {
+flatbuffers::Offset<flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>> encode_intervals(
+    FlatBufferBuilder& builder, const std::vector<TelemetryInterval>& intervals) {
   std::vector<flatbuffers::Offset<fbs::Stretch>> stretches;
-  for (const TelemetryInterval& stretch : way) {
-    const auto dv = velocity_change(stretch.imu_dv_mps);
+  for (const TelemetryInterval& interval : intervals) {
+    const auto dv = velocity_change(interval.imu_dv_mps);
     stretches.push_back(
-        fbs::CreateStretch(builder, stretch.seconds, optional(stretch.heading_rad), dv ? &*dv : nullptr));
+        fbs::CreateStretch(builder, interval.seconds, optional(interval.heading_rad), dv ? &*dv : nullptr));
   }
   return builder.CreateVector(stretches);
 }
 
-std::vector<TelemetryInterval> decode_way(const flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>* told) {
-  std::vector<TelemetryInterval> way;
-  if (told == nullptr) return way;
-  for (const fbs::Stretch* stretch : *told) {
-    way.push_back({stretch->seconds(), optional(stretch->heading_rad()), velocity_change(stretch->imu_dv())});
+std::vector<TelemetryInterval> decode_intervals(const flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>* table) {
+  std::vector<TelemetryInterval> intervals;
+  if (table == nullptr) return intervals;
+  for (const fbs::Stretch* stretch : *table) {
+    intervals.push_back({stretch->seconds(), optional(stretch->heading_rad()), velocity_change(stretch->imu_dv())});
   }
-  return way;
+  return intervals;
 }
-
-}  // namespace
 
 Bytes encode(const InputRecord& input) {
   FlatBufferBuilder builder;
-  const Telemetry& told = input.told;
-  const auto frame = builder.CreateString(told.frame);
+  const Telemetry& telemetry = input.telemetry;
+  const auto frame = builder.CreateString(telemetry.frame);
   const auto picture = builder.CreateString(input.picture.hex());
-  const fbs::LonLat at = place(told.place.value_or(LonLat{}));
-  const auto dv = velocity_change(told.imu_dv_mps);
-  const auto way = encode_way(builder, told.way);
+  const fbs::LonLat at = place(telemetry.place.value_or(LonLat{}));
+  const auto dv = velocity_change(telemetry.imu_dv_mps);
+  const auto intervals = encode_intervals(builder, telemetry.way);
   return finish(builder,
-                fbs::CreateInput(builder, input.index, frame, told.time_s, optional(told.agl_m),
-                                 optional(told.heading_rad), optional(told.pitch_rad), optional(told.roll_rad),
-                                 told.place ? &at : nullptr, picture, input.picture_bytes, dv ? &*dv : nullptr, way));
+                fbs::CreateInput(builder, input.index, frame, telemetry.time_s, optional(telemetry.agl_m),
+                                 optional(telemetry.heading_rad), optional(telemetry.pitch_rad), optional(telemetry.roll_rad),
+                                 telemetry.place ? &at : nullptr, picture, input.picture_bytes, dv ? &*dv : nullptr, intervals));
 }
 
 bool decode(ByteView bytes, InputRecord& input) {
-  const auto* told = verified<fbs::Input>(bytes);
-  if (told == nullptr) return false;
-  const auto digest = Sha256::from_hex(text(told->picture_sha256()));
+  const auto* table = verified<fbs::Input>(bytes);
+  if (table == nullptr) return false;
+  const auto digest = Sha256::from_hex(text(table->picture_sha256()));
   if (!digest) return false;
-  input.index = told->index();
-  input.told.frame = text(told->frame());
-  input.told.time_s = told->time_s();
-  input.told.agl_m = optional(told->agl_m());
-  input.told.heading_rad = optional(told->heading_rad());
-  input.told.pitch_rad = optional(told->pitch_rad());
-  input.told.roll_rad = optional(told->roll_rad());
-  input.told.place = place(told->place());
-  input.told.imu_dv_mps = velocity_change(told->imu_dv());
-  input.told.way = decode_way(told->way());
+  input.index = table->index();
+  input.telemetry.frame = text(table->frame());
+  input.telemetry.time_s = table->time_s();
+  input.telemetry.agl_m = optional(table->agl_m());
+  input.telemetry.heading_rad = optional(table->heading_rad());
+  input.telemetry.pitch_rad = optional(table->pitch_rad());
+  input.telemetry.roll_rad = optional(table->roll_rad());
+  input.telemetry.place = place(table->place());
+  input.telemetry.imu_dv_mps = velocity_change(table->imu_dv());
+  input.telemetry.way = decode_intervals(table->way());
   input.picture = *digest;
-  input.picture_bytes = told->picture_bytes();
+  input.picture_bytes = table->picture_bytes();
   return true;
 }
 
@@ -374,12 +318,12 @@ Bytes encode(const PictureRecord& picture) {
   return finish(builder, fbs::CreatePicture(builder, picture.index, frame, data));
 }
 
-bool decode(ByteView bytes_told, PictureRecord& picture) {
-  const auto* told = verified<fbs::Picture>(bytes_told);
-  if (told == nullptr) return false;
-  picture.index = told->index();
-  picture.frame = text(told->frame());
-  picture.encoded = bytes(told->data());
+bool decode(ByteView encoded, PictureRecord& picture) {
+  const auto* table = verified<fbs::Picture>(encoded);
+  if (table == nullptr) return false;
+  picture.index = table->index();
+  picture.frame = text(table->frame());
+  picture.encoded = bytes(table->data());
   return true;
 }
 
@@ -390,7 +334,7 @@ Bytes encode(const EstimateRecord& record) {
   const fbs::LonLat at = place(e.position.value_or(LonLat{}));
   const fbs::Covariance covariance(e.covariance_m2(0, 0), e.covariance_m2(0, 1), e.covariance_m2(1, 0),
                                    e.covariance_m2(1, 1));
-  const StateEstimate& b = record.belief;
+  const StateEstimate& b = record.state;
   const fbs::Belief belief(b.velocity_mps.x(), b.velocity_mps.y(), b.velocity_sigma_mps, b.heading_rad,
                            b.heading_sigma_rad, b.agl_m, b.agl_sigma_m);
   return finish(builder,
@@ -401,32 +345,32 @@ Bytes encode(const EstimateRecord& record) {
 }
 
 bool decode(ByteView bytes, EstimateRecord& record) {
-  const auto* told = verified<fbs::Estimate>(bytes);
-  if (told == nullptr || told->source() > fbs::Source::MAX) return false;
-  record.index = told->index();
+  const auto* table = verified<fbs::Estimate>(bytes);
+  if (table == nullptr || table->source() > fbs::Source::MAX) return false;
+  record.index = table->index();
   Estimate& e = record.estimate;
-  e.frame = text(told->frame());
-  e.time_s = told->time_s();
-  e.position = place(told->position());
-  e.sigma_m = told->sigma_m();
-  if (const auto* c = told->covariance(); c != nullptr) {
+  e.frame = text(table->frame());
+  e.time_s = table->time_s();
+  e.position = place(table->position());
+  e.sigma_m = table->sigma_m();
+  if (const auto* c = table->covariance(); c != nullptr) {
     e.covariance_m2 << c->ee_m2(), c->en_m2(), c->ne_m2(), c->nn_m2();
   }
-  e.source = static_cast<SourceLabel>(static_cast<std::uint8_t>(told->source()));
-  e.segment = told->segment();
-  e.anchor_age_s = optional(told->anchor_age_s());
-  e.anchor_inliers = told->anchor_inliers();
-  e.anchor_ratio = told->anchor_ratio();
-  e.latency_ms = told->latency_ms();
-  if (const auto* b = told->belief(); b != nullptr) {
-    record.belief = {{b->east_mps(), b->north_mps()},
+  e.source = static_cast<SourceLabel>(static_cast<std::uint8_t>(table->source()));
+  e.segment = table->segment();
+  e.anchor_age_s = optional(table->anchor_age_s());
+  e.anchor_inliers = table->anchor_inliers();
+  e.anchor_ratio = table->anchor_ratio();
+  e.latency_ms = table->latency_ms();
+  if (const auto* b = table->belief(); b != nullptr) {
+    record.state = {{b->east_mps(), b->north_mps()},
                      b->velocity_sigma_mps(),
                      b->heading_rad(),
                      b->heading_sigma_rad(),
                      b->agl_m(),
                      b->agl_sigma_m()};
   }
-  record.odometry = {told->tracked(), told->odometry_inliers(), told->odometry_step_m()};
+  record.odometry = {table->tracked(), table->odometry_inliers(), table->odometry_step_m()};
   return true;
 }
 
@@ -443,30 +387,26 @@ Bytes encode(const AnchorRecord& record) {
 }
 
 bool decode(ByteView bytes, AnchorRecord& record) {
-  const auto* told = verified<fbs::Anchor>(bytes);
-  if (told == nullptr) return false;
-  record.index = told->index();
-  record.frame = text(told->frame());
-  record.time_s = told->time_s();
+  const auto* table = verified<fbs::Anchor>(bytes);
+  if (table == nullptr) return false;
+  record.index = table->index();
+  record.frame = text(table->frame());
+  record.time_s = table->time_s();
   AnchorReport& a = record.anchor;
-  a.verdict = verdict(told->verdict());
-  a.score = told->score();
-  a.ratio = told->ratio();
-  a.inliers = told->inliers();
-  a.patches = told->patches();
-  a.residual_px = told->residual_px();
-  a.matching_gsd_m = told->matching_gsd_m();
-  a.chi2 = told->chi2();
-  if (told->camera() != nullptr) a.camera = PlanePoint{told->camera()->east_m(), told->camera()->north_m()};
-  a.heading_rad = told->heading_rad();
-  a.window_radius_m = told->window_radius_m();
-  record.taken_after = told->taken_after();
+  a.verdict = verdict(table->verdict());
+  a.score = table->score();
+  a.ratio = table->ratio();
+  a.inliers = table->inliers();
+  a.patches = table->patches();
+  a.residual_px = table->residual_px();
+  a.matching_gsd_m = table->matching_gsd_m();
+  a.chi2 = table->chi2();
+  if (table->camera() != nullptr) a.camera = PlanePoint{table->camera()->east_m(), table->camera()->north_m()};
+  a.heading_rad = table->heading_rad();
+  a.window_radius_m = table->window_radius_m();
+  record.taken_after = table->taken_after();
   return true;
 }
-
-}  // namespace codec
-
-namespace codec {
 
 Bytes encode(const StateRecord& record) {
   FlatBufferBuilder builder;
@@ -475,9 +415,9 @@ Bytes encode(const StateRecord& record) {
 }
 
 bool decode(ByteView bytes, StateRecord& record) {
-  const auto* told = verified<fbs::StateChange>(bytes);
-  if (told == nullptr) return false;
-  record = {text(told->from()), text(told->to()), text(told->reason())};
+  const auto* table = verified<fbs::StateChange>(bytes);
+  if (table == nullptr) return false;
+  record = {text(table->from()), text(table->to()), text(table->reason())};
   return true;
 }
 
@@ -488,14 +428,14 @@ Bytes encode(const TileRecord& record) {
 }
 
 bool decode(ByteView bytes, TileRecord& record) {
-  const auto* told = verified<fbs::TileEvent>(bytes);
-  if (told == nullptr) return false;
-  if (told->zoom() < 0 || told->zoom() > kMaxZoom || told->x() < 0 || told->y() < 0) return false;
-  record.key = {static_cast<std::uint8_t>(told->zoom()), static_cast<std::uint32_t>(told->x()),
-                static_cast<std::uint32_t>(told->y())};
-  if (told->x() != record.key.x || told->y() != record.key.y || !record.key.valid()) return false;
-  record.code = text(told->code());
-  record.text = text(told->text());
+  const auto* table = verified<fbs::TileEvent>(bytes);
+  if (table == nullptr) return false;
+  if (table->zoom() < 0 || table->zoom() > kMaxZoom || table->x() < 0 || table->y() < 0) return false;
+  record.key = {static_cast<std::uint8_t>(table->zoom()), static_cast<std::uint32_t>(table->x()),
+                static_cast<std::uint32_t>(table->y())};
+  if (table->x() != record.key.x || table->y() != record.key.y || !record.key.valid()) return false;
+  record.code = text(table->code());
+  record.text = text(table->text());
   return true;
 }
 
@@ -511,14 +451,14 @@ Bytes encode(const HealthRecord& record) {
 }
 
 bool decode(ByteView bytes, HealthRecord& record) {
-  const auto* told = verified<fbs::Health>(bytes);
-  if (told == nullptr) return false;
-  record.healthy = told->healthy();
-  if (told->measures() != nullptr) {
-    for (const auto* measure : *told->measures()) record.measures.emplace_back(text(measure->name()), measure->value());
+  const auto* table = verified<fbs::Health>(bytes);
+  if (table == nullptr) return false;
+  record.healthy = table->healthy();
+  if (table->measures() != nullptr) {
+    for (const auto* measure : *table->measures()) record.measures.emplace_back(text(measure->name()), measure->value());
   }
-  if (told->notes() != nullptr) {
-    for (const auto* note : *told->notes()) record.notes.push_back(text(note));
+  if (table->notes() != nullptr) {
+    for (const auto* note : *table->notes()) record.notes.push_back(text(note));
   }
   return true;
 }
@@ -530,27 +470,27 @@ Bytes encode(const ThumbnailRecord& record) {
   return finish(builder, fbs::CreateThumbnail(builder, record.index, frame, verdict(record.verdict), seen, map));
 }
 
-bool decode(ByteView told_bytes, ThumbnailRecord& record) {
-  const auto* told = verified<fbs::Thumbnail>(told_bytes);
-  if (told == nullptr) return false;
-  record = {told->index(), text(told->frame()), verdict(told->verdict()), bytes(told->seen()), bytes(told->map())};
+bool decode(ByteView encoded, ThumbnailRecord& record) {
+  const auto* table = verified<fbs::Thumbnail>(encoded);
+  if (table == nullptr) return false;
+  record = {table->index(), text(table->frame()), verdict(table->verdict()), bytes(table->seen()), bytes(table->map())};
   return true;
 }
 
 Bytes encode(const RecorderRecord& record) {
   FlatBufferBuilder builder;
-  const auto kind = static_cast<fbs::RecorderEventKind>(static_cast<std::uint8_t>(record.trouble));
+  const auto kind = static_cast<fbs::RecorderEventKind>(static_cast<std::uint8_t>(record.kind));
   return finish(builder,
                 fbs::CreateRecorderEventDirect(builder, kind, record.topic.c_str(), record.count, record.text.c_str()));
 }
 
 bool decode(ByteView bytes, RecorderRecord& record) {
-  const auto* told = verified<fbs::RecorderEvent>(bytes);
-  if (told == nullptr || told->kind() > fbs::RecorderEventKind::MAX) return false;
-  record.trouble = static_cast<RecorderEventKind>(static_cast<std::uint8_t>(told->kind()));
-  record.topic = text(told->topic());
-  record.count = told->count();
-  record.text = text(told->text());
+  const auto* table = verified<fbs::RecorderEvent>(bytes);
+  if (table == nullptr || table->kind() > fbs::RecorderEventKind::MAX) return false;
+  record.kind = static_cast<RecorderEventKind>(static_cast<std::uint8_t>(table->kind()));
+  record.topic = text(table->topic());
+  record.count = table->count();
+  record.text = text(table->text());
   return true;
 }
 
@@ -561,9 +501,9 @@ Bytes encode(const EndRecord& record) {
 }
 
 bool decode(ByteView bytes, EndRecord& record) {
-  const auto* told = verified<fbs::End>(bytes);
-  if (told == nullptr) return false;
-  record = {told->clean_shutdown(), told->records(), told->dropped(), text(told->reason())};
+  const auto* table = verified<fbs::End>(bytes);
+  if (table == nullptr) return false;
+  record = {table->clean_shutdown(), table->records(), table->dropped(), text(table->reason())};
   return true;
 }
 
@@ -574,15 +514,13 @@ Bytes encode(const HintRecord& record) {
 }
 
 bool decode(ByteView bytes, HintRecord& record) {
-  const auto* told = verified<fbs::Hint>(bytes);
-  if (told == nullptr || told->place() == nullptr) return false;
-  record = {told->before(), *place(told->place()), told->radius_m(), text(told->by())};
+  const auto* table = verified<fbs::Hint>(bytes);
+  if (table == nullptr || table->place() == nullptr) return false;
+  record = {table->before(), *place(table->place()), table->radius_m(), text(table->by())};
   return true;
 }
 
 }  // namespace codec
-
-namespace {
 
 template <std::size_t Alternative = 0>
 std::optional<Record> decode_alternative(std::size_t which, ByteView bytes) {
@@ -596,9 +534,20 @@ std::optional<Record> decode_alternative(std::size_t which, ByteView bytes) {
   }
 }
 
+static_assert(std::variant_size_v<Record> == kTopics);
+
 }  // namespace
 
-static_assert(std::variant_size_v<Record> == kTopics);
+std::string redacted_setting(std::string_view name, std::string_view value) {
+  std::string lower(name);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  bool secret = value.find("PRIVATE KEY") != std::string_view::npos;
+  for (const char* word : {"key", "signature", "passphrase", "password", "secret", "token"}) {
+    secret = secret || lower.find(word) != std::string::npos;
+  }
+  return secret ? "[withheld]" : std::string(value);
+}
 
 Bytes encode(const Record& record) {
   return std::visit([](const auto& kind) { return codec::encode(kind); }, record);

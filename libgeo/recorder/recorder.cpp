@@ -9,7 +9,6 @@
 #include "imagery/codecs.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr int kLongestSide = 320, kQuality = 70;
@@ -239,10 +238,10 @@ void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_
   recorder.record(EstimateRecord{taken_after, report.estimate, report.odometry, report.belief});
 }
 
-void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& told, ByteView encoded) {
-  recorder.record(InputRecord{index, told, sha256(encoded), encoded.size()});
+void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
+  recorder.record(InputRecord{index, telemetry, sha256(encoded), encoded.size()});
   if (!recorder.keeps_pictures()) return;
-  recorder.record(PictureRecord{index, told.frame, Bytes(encoded.begin(), encoded.end())});
+  recorder.record(PictureRecord{index, telemetry.frame, Bytes(encoded.begin(), encoded.end())});
 }
 
 }  // namespace nadir

@@ -1,7 +1,7 @@
 // The flight recorder: records from any thread, to disk by a thread of its own.
 //
 // record() never waits for the disk: it puts the record into a queue of bounded size. When that is full, thumbnails go
-// first, then kept pictures, then what has just come; each loss is counted, and told in the recording. Nothing that
+// first, then kept pictures, then what has just come; each loss is counted, and the losses are recorded. Nothing that
 // happens to the disk ends or delays the flight; status() says it.
 //
 // Threads: record(), offer_thumbnail() and status() from any thread; the segments belong to the recorder's thread
@@ -90,7 +90,7 @@ class Recorder {
   std::condition_variable work_, progress_;
   std::deque<Item> queue_;
   std::size_t queued_bytes_ = 0;            // with the one that is being written
-  std::map<Topic, std::uint64_t> dropped_;  // not yet told to the store
+  std::map<Topic, std::uint64_t> dropped_;  // not yet reported to the store
   std::uint64_t flush_wanted_ = 0, flushed_ = 0;
   std::optional<std::uint64_t> last_thumbnail_ns_;
   std::optional<std::string> closing_;  // the reason
@@ -108,6 +108,6 @@ void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& re
 void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report);
 
 // What the localizer is about to get. encoded: the picture's bytes, kept when the recorder keeps pictures.
-void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& told, ByteView encoded);
+void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& telemetry, ByteView encoded);
 
 }  // namespace nadir

@@ -14,7 +14,6 @@
 #include "fbs/tile_event_bfbs_generated.h"
 
 namespace nadir {
-
 namespace {
 
 struct TopicFacts {
@@ -52,8 +51,8 @@ std::uint16_t id_of(Topic topic) { return static_cast<std::uint16_t>(static_cast
 
 }  // namespace
 
-std::string_view name_of(RecorderEventKind trouble) {
-  switch (trouble) {
+std::string_view name_of(RecorderEventKind kind) {
+  switch (kind) {
     case RecorderEventKind::dropped_by_queue: return "dropped_by_queue";
     case RecorderEventKind::dropped_by_disk: return "dropped_by_disk";
     case RecorderEventKind::stopped: return "stopped";

@@ -45,7 +45,7 @@ struct SessionRecord {
 // One frame as the localizer got it.
 struct InputRecord {
   std::uint64_t index = 0;
-  Telemetry told;
+  Telemetry telemetry;
   Sha256 picture;  // of the encoded bytes
   std::uint64_t picture_bytes = 0;
 };
@@ -60,7 +60,7 @@ struct EstimateRecord {
   std::uint64_t index = 0;
   Estimate estimate;
   OdometryReport odometry;
-  StateEstimate belief;
+  StateEstimate state;
 };
 
 struct AnchorRecord {
@@ -104,11 +104,11 @@ struct ThumbnailRecord {
 
 enum class RecorderEventKind { dropped_by_queue, dropped_by_disk, stopped, resumed, segment_deleted };
 
-std::string_view name_of(RecorderEventKind trouble);
+std::string_view name_of(RecorderEventKind kind);
 
 // The recorder about itself: what is not in the recording, and why.
 struct RecorderRecord {
-  RecorderEventKind trouble = RecorderEventKind::stopped;
+  RecorderEventKind kind = RecorderEventKind::stopped;
   std::string topic;
   std::uint64_t count = 0;  // records; bytes of a deleted segment
   std::string text;

@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::uint64_t kSegmentsPerBudget = 8;  // so that there is something to delete
 constexpr std::uint64_t kMinBudget = std::uint64_t{1} << 20;
-constexpr std::size_t kMostUntold = 1000;
+constexpr std::size_t kMaxPendingEvents = 1000;
 
 bool means_no_room(int error) { return error == ENOSPC || error == EDQUOT || error == EFBIG; }
 
@@ -62,7 +62,7 @@ SegmentStore::~SegmentStore() {
 }
 
 void SegmentStore::put(const Record& record, std::uint64_t at_ns) {
-  tell_events(at_ns);
+  write_events(at_ns);
   write(record, at_ns);
   tick(at_ns);
 }
@@ -78,29 +78,29 @@ void SegmentStore::tick(std::uint64_t now_ns) {
 }
 
 void SegmentStore::flush(std::uint64_t now_ns) {
-  tell_events(now_ns);
+  write_events(now_ns);
   for (const Stream stream : kStreams) write_chunk(stream, now_ns);
 }
 
 void SegmentStore::close(const std::string& reason, std::uint64_t now_ns) {
   flush(now_ns);
-  tell_events(now_ns);  // what flushing had to say
+  write_events(now_ns);  // what flushing had to say
   std::uint64_t dropped = 0;
   for (const auto& [topic, count] : status_.dropped) dropped += count;
   write(EndRecord{.clean_shutdown = true, .records = status_.records, .dropped = dropped, .reason = reason}, now_ns);
   for (const Stream stream : {Stream::thumbnails, Stream::pictures, Stream::flight}) finish(stream);
 }
 
-void SegmentStore::count_dropped(RecorderEventKind trouble, Topic topic, std::uint64_t count) {
+void SegmentStore::count_dropped(RecorderEventKind kind, Topic topic, std::uint64_t count) {
   status_.dropped[topic] += count;
-  untold_drops_[{trouble, topic}] += count;
+  unreported_drops_[{kind, topic}] += count;
 }
 
 // While recording stands still they are only counted.
-void SegmentStore::tell_events(std::uint64_t now_ns) {
-  if (status_.stopped || (untold_.empty() && untold_drops_.empty())) return;
-  const std::vector<RecorderRecord> events = std::exchange(untold_, {});
-  const auto drops = std::exchange(untold_drops_, {});
+void SegmentStore::write_events(std::uint64_t now_ns) {
+  if (status_.stopped || (pending_events_.empty() && unreported_drops_.empty())) return;
+  const std::vector<RecorderRecord> events = std::exchange(pending_events_, {});
+  const auto drops = std::exchange(unreported_drops_, {});
   for (const RecorderRecord& event : events) write(event, now_ns);
   for (const auto& [what, count] : drops) {
     write(RecorderRecord{what.first, std::string(name_of(what.second)), count, {}}, now_ns);
@@ -169,8 +169,8 @@ void SegmentStore::write_chunk(Stream stream, std::uint64_t now_ns) {
   }
   if (status_.stopped) {
     status_.stopped = false;
-    status_.trouble.clear();
-    if (untold_.size() < kMostUntold) untold_.push_back({RecorderEventKind::resumed, {}, 0, {}});
+    status_.error.clear();
+    if (pending_events_.size() < kMaxPendingEvents) pending_events_.push_back({RecorderEventKind::resumed, {}, 0, {}});
   }
   if (segment.file->size() >= options_.segment_bytes || now_ns - segment.since_ns >= options_.segment_ns)
     finish(stream);
@@ -238,17 +238,17 @@ void SegmentStore::remove(std::vector<Segment>::const_iterator segment) {
   std::error_code ignored;
   fs::remove(segment->path, ignored);  // one that cannot be deleted is not counted any more either: no endless loop
   ++status_.deleted_segments;
-  if (untold_.size() < kMostUntold) {
-    untold_.push_back({RecorderEventKind::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
+  if (pending_events_.size() < kMaxPendingEvents) {
+    pending_events_.push_back({RecorderEventKind::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
   }
   closed_.erase(segment);
 }
 
 void SegmentStore::failed(const SegmentFile& file) {
-  status_.trouble = fmt::format("{}: {}", file.path().filename().string(), system_error_text(file.error()));
+  status_.error = fmt::format("{}: {}", file.path().filename().string(), system_error_text(file.error()));
   if (status_.stopped) return;
   status_.stopped = true;
-  if (untold_.size() < kMostUntold) untold_.push_back({RecorderEventKind::stopped, {}, 0, status_.trouble});
+  if (pending_events_.size() < kMaxPendingEvents) pending_events_.push_back({RecorderEventKind::stopped, {}, 0, status_.error});
 }
 
 void SegmentStore::drop_chunk(Open& open) {

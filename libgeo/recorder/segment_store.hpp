@@ -37,7 +37,7 @@ struct StoreStatus {
   std::map<Topic, std::uint64_t> dropped;
   std::uint64_t segments = 0, deleted_segments = 0;
   bool stopped = false;  // nothing can be written at present
-  std::string trouble;   // why
+  std::string error;     // why
 };
 
 class SegmentStore {
@@ -55,7 +55,7 @@ class SegmentStore {
   void close(const std::string& reason, std::uint64_t now_ns);
 
   // Records that did not even come here; told in the recording.
-  void count_dropped(RecorderEventKind trouble, Topic topic, std::uint64_t count);
+  void count_dropped(RecorderEventKind kind, Topic topic, std::uint64_t count);
 
   const StoreStatus& status() const { return status_; }
 
@@ -68,7 +68,7 @@ class SegmentStore {
   };
 
   void write(const Record& record, std::uint64_t at_ns);
-  void tell_events(std::uint64_t now_ns);
+  void write_events(std::uint64_t now_ns);
   bool open(Stream stream, std::uint64_t now_ns);
   void write_chunk(Stream stream, std::uint64_t now_ns);
   void finish(Stream stream);
@@ -89,8 +89,8 @@ class SegmentStore {
   std::vector<Segment> closed_;
   std::uint32_t next_number_ = 1;
   std::map<Topic, std::uint32_t> sequence_;
-  std::map<std::pair<RecorderEventKind, Topic>, std::uint64_t> untold_drops_;
-  std::vector<RecorderRecord> untold_;
+  std::map<std::pair<RecorderEventKind, Topic>, std::uint64_t> unreported_drops_;
+  std::vector<RecorderRecord> pending_events_;
   StoreStatus status_;
 };
 

@@ -30,13 +30,7 @@ std::vector<Segment> segments_in(const std::filesystem::path& folder);
 // up_to: streams beyond this one are spared. End of the list: none.
 std::vector<Segment>::const_iterator most_expendable(const std::vector<Segment>& segments, Stream up_to);
 
-// Where a segment's bytes go. append() returns false, and the place keeps what it had, when there is no room.
-class McapSink {
- public:
-  virtual ~McapSink() = default;
-  virtual bool append(ByteView bytes) = 0;
-};
-
+// A file that only grows, and only by whole pieces: a piece that does not fit on the disk leaves no trace.
 class SegmentFile final : public McapSink {
  public:
   // Makes the file; ok() is false when that cannot be done or the name is taken (error() says which).

@@ -22,7 +22,7 @@ void check_pictures(const RecordedFlight& recorded, const std::vector<InputRecor
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     const fs::path path = recorded.flight.picture(i);
     if (inputs[i].picture_bytes == 0) continue;  // it was missing then as well
-    const bool there = plain_name(recorded.flight.files.empty() ? inputs[i].told.frame : recorded.flight.files[i]) &&
+    const bool there = plain_name(recorded.flight.files.empty() ? inputs[i].telemetry.frame : recorded.flight.files[i]) &&
                        fs::is_regular_file(path);
     if (there && sha256_file(path) == inputs[i].picture) continue;
     throw UsageError(
@@ -89,7 +89,7 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
   recorded.flight.camera = recorded.session.camera;
   recorded.flight.frames_folder = source.frames.value_or(source.unpacked);
   for (const InputRecord& input : flown) {
-    recorded.flight.frames.push_back(input.told);
+    recorded.flight.frames.push_back(input.telemetry);
     const auto kept = pictures.find(input.index);
     if (!source.frames)
       recorded.flight.files.push_back(kept == pictures.end() ? fmt::format("{:08}", input.index) : kept->second);

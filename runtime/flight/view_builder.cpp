@@ -91,7 +91,7 @@ void ViewBuilder::recorder(const Recorder* recorder, const std::string& trouble)
   }
   const StoreStatus status = recorder->status();
   view_.recorder.state = status.stopped ? RecorderState::failed : RecorderState::recording;
-  view_.recorder.reason = status.trouble;
+  view_.recorder.reason = status.error;
   view_.recorder.written_bytes = status.bytes;
   view_.recorder.free_bytes = status.free_bytes;
   for (const auto& [topic, count] : status.dropped) view_.recorder.lost_records += count;

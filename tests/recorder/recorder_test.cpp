@@ -196,7 +196,7 @@ TEST_F(RecorderThread, AFullQueueLosesThumbnailsFirstAndSaysSo) {
   std::map<std::string, std::uint64_t> told;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
-    EXPECT_EQ(record.trouble, RecorderEventKind::dropped_by_queue);
+    EXPECT_EQ(record.kind, RecorderEventKind::dropped_by_queue);
     told[record.topic] += record.count;
   }
   EXPECT_EQ(told["/thumbnail"], 3U);

@@ -189,7 +189,7 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
     const NoRoomBeyond limit(size + 1000);
     for (; i < 300; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
     EXPECT_TRUE(store.status().stopped);
-    EXPECT_NE(store.status().trouble.find("000001.flight.mcap"), std::string::npos);
+    EXPECT_NE(store.status().error.find("000001.flight.mcap"), std::string::npos);
     // What is on the disk is sound.
     const auto back = test::read_back(segments_in(folder / "recording").front().path);
     EXPECT_FALSE(back.contents.findings.refuses());
@@ -197,13 +197,13 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
   }
   for (; i < 310; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
   EXPECT_FALSE(store.status().stopped);
-  EXPECT_TRUE(store.status().trouble.empty());
+  EXPECT_TRUE(store.status().error.empty());
   store.close("", kStart + 310 * kSecond);
   EXPECT_EQ(all(Topic::estimate).size(), 310U);  // they waited in memory
   const auto events = all(Topic::recorder);
   ASSERT_EQ(events.size(), 2U);
-  EXPECT_EQ(std::get<RecorderRecord>(events[0]).trouble, RecorderEventKind::stopped);
-  EXPECT_EQ(std::get<RecorderRecord>(events[1]).trouble, RecorderEventKind::resumed);
+  EXPECT_EQ(std::get<RecorderRecord>(events[0]).kind, RecorderEventKind::stopped);
+  EXPECT_EQ(std::get<RecorderRecord>(events[1]).kind, RecorderEventKind::resumed);
 }
 
 TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
@@ -222,7 +222,7 @@ TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
   std::uint64_t told = 0;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
-    if (record.trouble == RecorderEventKind::dropped_by_disk) told += record.count;
+    if (record.kind == RecorderEventKind::dropped_by_disk) told += record.count;
   }
   EXPECT_EQ(told + all(Topic::estimate).size(), 2010U);
 }

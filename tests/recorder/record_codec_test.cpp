@@ -43,12 +43,12 @@ TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
 
 TEST(RecordCodec, WhatIsUnknownStaysUnknownAndOddNumbersStayWhatTheyAre) {
   InputRecord input;
-  input.told.time_s = std::numeric_limits<double>::quiet_NaN();
-  input.told.agl_m = -0.0;
-  input.told.pitch_rad = std::numeric_limits<double>::infinity();
+  input.telemetry.time_s = std::numeric_limits<double>::quiet_NaN();
+  input.telemetry.agl_m = -0.0;
+  input.telemetry.pitch_rad = std::numeric_limits<double>::infinity();
   const auto back = decode(Topic::input, encode(Record(input)));
   ASSERT_TRUE(back);
-  const Telemetry& told = std::get<InputRecord>(*back).told;
+  const Telemetry& told = std::get<InputRecord>(*back).telemetry;
   EXPECT_TRUE(std::isnan(told.time_s));
   EXPECT_TRUE(told.agl_m && *told.agl_m == 0 && std::signbit(*told.agl_m));
   EXPECT_FALSE(told.heading_rad);
