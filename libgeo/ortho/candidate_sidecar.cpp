@@ -160,8 +160,8 @@ CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name) 
   if (document.dump() != bytes) {
     throw Error({.what = kRejected,
                  .where = std::string(name),
-                 .expected = "canonical JSON: sorted keys, no blanks, numbers and texts in their shortest spelling",
-                 .found = "the same values in another spelling"});
+                 .expected = "canonical JSON: sorted keys, no blanks, numbers and texts in their shortest form",
+                 .found = "the same values in another form"});
   }
   return sidecar;
 }
@@ -216,7 +216,7 @@ std::string candidate_json(const CandidateSidecar& s) {
   static_cast<void>(read_candidate(document, "the new sidecar"));
   std::string bytes = document.dump();
   if (bytes.size() > kMaxCandidateSidecar) {
-    throw Error({.what = "a candidate's sidecar is too long",
+    throw Error({.what = "the candidate's sidecar is too long",
                  .where = "the new sidecar",
                  .expected = fmt::format("at most {} bytes", kMaxCandidateSidecar),
                  .found = std::to_string(bytes.size())});

@@ -24,7 +24,7 @@
 namespace nadir {
 
 inline constexpr std::string_view kCandidateSchema = "nadir.candidate/1";   // one frame shows all of the tile
-inline constexpr std::string_view kMosaicTileSchema = "nadir.candidate/2";  // several frames do, each a part
+inline constexpr std::string_view kMosaicTileSchema = "nadir.candidate/2";  // a mosaic of several frames
 inline constexpr std::string_view kCandidatePayloadType = "application/vnd.nadir.candidate-tile.v1+json";
 inline constexpr std::size_t kMaxCandidateSidecar = 4096;  // bytes
 inline constexpr std::uint64_t kMaxCandidateTile = 1U << 20;
@@ -56,7 +56,7 @@ struct CandidateQuality {
   bool operator==(const CandidateQuality&) const = default;
 };
 
-// One of the frames that a tile was pieced together of.
+// One of the frames of a mosaic.
 struct CandidatePart {
   std::string frame;  // see frame_label()
   UtcMillis captured_at;
@@ -66,8 +66,8 @@ struct CandidatePart {
   bool operator==(const CandidatePart&) const = default;
 };
 
-// Of a tile with parts every figure is the worst: `frame` and `pose` are those of the part whose place is known least,
-// its sigma and variances grown by what the parts were found to disagree; captured_at is the oldest part's.
+// Of a mosaic every value is the worst of its parts: `frame` and `pose` are those of the part with the most uncertain
+// position, its sigma and variances increased by the parts' displacement; captured_at is the oldest part's.
 struct CandidateSidecar {
   std::string airframe;
   std::string flight;   // 1 to 64 of A-Z a-z 0-9 _ -
@@ -86,12 +86,12 @@ struct CandidateSidecar {
   CandidateQuality quality;
   Sha256 camera;                     // of the canonical camera
   std::vector<CandidatePart> parts;  // none, or 2 to kMaxCandidateParts
-  std::int64_t seam_mm = 0;          // the most that parts were found to lie apart where both saw the ground
+  std::int64_t seam_mm = 0;          // largest displacement between parts, measured in their overlap
 
   bool operator==(const CandidateSidecar&) const = default;
 };
 
-// A picture's name as sidecars hold it: 1 to 128 of A-Z a-z 0-9 . _ -, not beginning with a dot; the rest becomes '_'.
+// A frame's name as sidecars hold it: 1 to 128 of A-Z a-z 0-9 . _ -, not beginning with a dot; the rest becomes '_'.
 std::string frame_label(std::string_view name);
 
 // The canonical bytes. Throws Error for values that parse_candidate() would refuse.

@@ -31,12 +31,12 @@ struct Candidate {
   Bytes tile;
 };
 
-// How far from the truth its pixels may lie and how blurred they are, as one length: the smaller the better. Soft ones
-// come after all others.
+// Position uncertainty and blur as one length: the smaller the better. Soft tiles come after all others.
+//
+//   cost = hypot(sigma, kUnmodelledRelief_mm · tan(view angle)) / sharpness_factor
 double cost_mm(const CandidateSidecar& sidecar);
 
-// Its parts: hypot(sigma, kUnmodelledRelief_mm · tan(angle off nadir)) / sharpness_factor().
-inline constexpr double kUnmodelledRelief_mm = 1'500;    // moves what is seen aslant
+inline constexpr double kUnmodelledRelief_mm = 1'500;    // displaces what is seen at an angle
 double sharpness_factor(std::int64_t sharpness_ppm);  // 0.5 to 1
 
 struct CandidateStoreOptions {
@@ -44,24 +44,23 @@ struct CandidateStoreOptions {
   std::uint64_t budget_bytes = std::uint64_t{4} << 30;  // tiles and sidecars together
 };
 
-// What became of a candidate that was put.
 enum class CandidateOutcome { added, replaced, worse, no_room };
-std::string_view name_of(CandidateOutcome fate);
+std::string_view name_of(CandidateOutcome outcome);
 
 class CandidateStore {
  public:
-  // Makes the folder, or goes on with what lies there. Throws UsageError when that is something else, and Error when
-  // another process writes to it.
+  // Creates the folder, or continues with an existing store. Throws UsageError when the folder holds something else, and
+  // Error when another process writes to it.
   explicit CandidateStore(const std::filesystem::path& folder, const CandidateStoreOptions& options = {});
   ~CandidateStore();
   CandidateStore(const CandidateStore&) = delete;
   CandidateStore& operator=(const CandidateStore&) = delete;
 
-  // All in one transaction. Of two for one address the better one stays; what the budget has no room for is left out.
+  // All in one transaction. Of two candidates for one address the better one stays; what exceeds the budget is left out.
   // Throws Error (OutOfSpace when the disk is full): then none of them was stored.
   std::vector<CandidateOutcome> put(std::span<const Candidate> candidates);
 
-  // Would a tile like this be kept? So that nobody encodes and signs for nothing.
+  // Whether a tile like this would be kept: saves encoding and signing.
   bool wants(const CandidateSidecar& sidecar);
 
   std::uint64_t tiles() const { return tiles_; }
@@ -75,7 +74,7 @@ class CandidateStore {
     double cost_mm = 0;
     std::uint64_t bytes = 0;
   };
-  void lay_out();
+  void create_or_check_tables();
   void count();
   std::optional<Kept> kept(const TileKey& key);
   CandidateOutcome put_one(const Candidate& candidate);

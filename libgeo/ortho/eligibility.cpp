@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-// Clouds and fog from above: brighter than dry fields, without colour, and without texture.
+// Clouds and fog from above: brighter than dry fields, without colour and without texture.
 constexpr int kCloudBrightness = 205, kCloudColour = 18;
 constexpr float kCloudTexture = 6;  // gradient, grey levels a pixel
 
@@ -69,7 +69,7 @@ TilePixels measure_tile(const cv::Mat& bgr) {
   const auto all = static_cast<double>(grey.total());
   pixels.contrast = deviation[0] / 255;
   pixels.clipped_share = (cv::countNonZero(grey <= 2) + cv::countNonZero(grey >= 253)) / all;
-  // Clouds at a quarter of the size: noise is no texture, and it costs nothing.
+  // Clouds at a quarter of the size: suppresses noise, costs nothing.
   cv::Mat small, small_grey, dx, dy;
   cv::resize(bgr, small, cv::Size(), 0.25, 0.25, cv::INTER_AREA);
   cv::cvtColor(small, small_grey, cv::COLOR_BGR2GRAY);

@@ -10,9 +10,9 @@ namespace nadir {
 namespace {
 
 constexpr double kFirst_px = 1, kSecond_px = 2;  // the two blurs of our own
-constexpr float kLeastGradient = 3;          // grey levels a pixel: five times what noise of 3 levels leaves of itself
-constexpr std::size_t kLeastEdges = 60;      // in a direction
-constexpr int kBlock_px = 160, kBlocks = 3;  // so many a side are looked at: it costs the same for any picture
+constexpr float kMinGradient = 3;          // grey levels a pixel: five times what noise of 3 levels leaves of itself
+constexpr std::size_t kMinEdges = 60;      // in a direction
+constexpr int kBlock_px = 160, kBlocks = 3;  // sampled blocks per side: constant cost for any image
 constexpr int kDirections = 4;               // across: east, north-east, north, north-west
 
 struct Gradient {
@@ -35,26 +35,26 @@ int direction_of(float east, float south) {
   return (static_cast<int>(std::lround(turn)) + 2 * kDirections) % kDirections;
 }
 
-using Factors = std::array<std::vector<float>, kDirections>;
+using GradientRatios = std::array<std::vector<float>, kDirections>;
 
-// How much flatter the edges get, by direction.
-void add_flattening(const cv::Mat& grey, Factors& factors) {
+// Ratios of the gradients of edges after the two blurs, by direction.
+void add_gradient_ratios(const cv::Mat& grey, GradientRatios& ratios) {
   static const std::array<cv::Point, kDirections> kAcross{{{1, 0}, {1, 1}, {0, 1}, {-1, 1}}};
   const Gradient first = gradient_of(grey, kFirst_px), second = gradient_of(grey, kSecond_px);
   for (int row = 1; row + 1 < grey.rows; ++row) {
     for (int column = 1; column + 1 < grey.cols; ++column) {
       const float here = first.length(row, column);
-      if (here < kLeastGradient) continue;
+      if (here < kMinGradient) continue;
       const auto direction = static_cast<std::size_t>(direction_of(first.east(row, column), first.south(row, column)));
       const cv::Point across = kAcross.at(direction);
       const bool crest = here >= first.length(row + across.y, column + across.x) &&
                          here > first.length(row - across.y, column - across.x);
-      if (crest) factors.at(direction).push_back(here / second.length(row, column));
+      if (crest) ratios.at(direction).push_back(here / second.length(row, column));
     }
   }
 }
 
-// Where the blocks begin along one side of the picture: from end to end, what lies between is like them.
+// Where the blocks begin along one side of the image, evenly from end to end.
 std::vector<int> starts(int size) {
   const int blocks = std::clamp(size / kBlock_px, 1, kBlocks);
   std::vector<int> all;
@@ -62,7 +62,7 @@ std::vector<int> starts(int size) {
   return all;
 }
 
-// A step that is drawn out by s has the slope c / sqrt(s² + first²), and c / sqrt(s² + second²).
+// Solves the equation of image_blur.hpp for s; factor = g(b1) / g(b2).
 double blur_from(double factor) {
   constexpr double kDifference2 = 1.0 / 3;  // what differences over two pixels blur themselves
   constexpr double kFirst2 = kFirst_px * kFirst_px, kSecond2 = kSecond_px * kSecond_px;
@@ -75,19 +75,19 @@ double blur_from(double factor) {
 
 std::optional<double> blur_of(const cv::Mat& grey) {
   if (grey.empty()) return std::nullopt;
-  Factors all;
+  GradientRatios all;
   for (const int y : starts(grey.rows)) {
     for (const int x : starts(grey.cols)) {
       const cv::Rect block(x, y, grey.cols < 2 * kBlock_px ? grey.cols : kBlock_px,
                            grey.rows < 2 * kBlock_px ? grey.rows : kBlock_px);
-      add_flattening(grey(block), all);
+      add_gradient_ratios(grey(block), all);
     }
   }
   std::optional<double> worst;
-  for (std::vector<float>& factors : all) {
-    if (factors.size() < kLeastEdges) continue;
-    const auto middle = factors.begin() + static_cast<std::ptrdiff_t>(factors.size() / 2);
-    std::nth_element(factors.begin(), middle, factors.end());
+  for (std::vector<float>& ratios : all) {
+    if (ratios.size() < kMinEdges) continue;
+    const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+    std::nth_element(ratios.begin(), middle, ratios.end());
     worst = std::max(worst.value_or(0), blur_from(*middle));
   }
   return worst;

@@ -31,7 +31,7 @@ GroundPoint ground_under(const TileKey& key, double column, double row, const Lo
 }
 
 // From the camera to the ground, east-north-up.
-Eigen::Vector3d sight_of(const CameraPose& pose, double foot_m, const GroundPoint& ground) {
+Eigen::Vector3d line_of_sight(const CameraPose& pose, double foot_m, const GroundPoint& ground) {
   return {ground.place.east_m - pose.position.east_m, ground.place.north_m - pose.position.north_m,
           ground.height_m - foot_m - pose.agl_m};
 }
@@ -48,7 +48,7 @@ std::optional<Eigen::Vector2d> frame_pixel_of(const TileKey& key, double column,
                                               const GroundSurface& surface) {
   const GroundPoint ground = ground_under(key, column, row, frame, surface);
   const Eigen::Vector3d point =
-      enu_from_camera(pose.attitude).transpose() * sight_of(pose, surface.height_m(pose.position), ground);
+      enu_from_camera(pose.attitude).transpose() * line_of_sight(pose, surface.height_m(pose.position), ground);
   if (!(point.z() > kMinDownComponent * point.norm())) return std::nullopt;
   return camera.pixel_from_point(point);
 }
@@ -67,15 +67,15 @@ TileProjection project_tile(const TileKey& key, const LocalFrame& frame, const C
     for (int c = 0; c < kNodes; ++c) {
       const auto i = static_cast<std::size_t>(c);
       here[i] = ground_under(key, c * kTileNodeStep, r * kTileNodeStep, frame, surface);
-      const Eigen::Vector3d sight = sight_of(pose, foot_m, here[i]);
-      const Eigen::Vector3d point = camera_from_enu * sight;
+      const Eigen::Vector3d ray = line_of_sight(pose, foot_m, here[i]);
+      const Eigen::Vector3d point = camera_from_enu * ray;
       Eigen::Vector2d pixel = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
       if (point.z() > kMinDownComponent * point.norm()) pixel = camera.pixel_from_point(point);
       result.nodes.at<cv::Vec2f>(r, c) = {static_cast<float>(pixel.x()), static_cast<float>(pixel.y())};
       result.whole = result.whole && inside_frame(camera, pixel.x(), pixel.y());
-      const double aside_m = sight.head<2>().norm();
-      result.slants.at<float>(r, c) = sight.z() < 0 ? static_cast<float>(aside_m / -sight.z()) : NAN;
-      result.view_angle_rad = std::max(result.view_angle_rad, std::atan2(aside_m, -sight.z()));
+      const double aside_m = ray.head<2>().norm();
+      result.slants.at<float>(r, c) = ray.z() < 0 ? static_cast<float>(aside_m / -ray.z()) : NAN;
+      result.view_angle_rad = std::max(result.view_angle_rad, std::atan2(aside_m, -ray.z()));
       const auto climb = [&](const GroundPoint& other) {
         const double run_m =
             std::hypot(here[i].place.east_m - other.place.east_m, here[i].place.north_m - other.place.north_m);
@@ -177,7 +177,7 @@ int decoding_shrink(const CameraModel& camera, double agl_m, double tile_gsd_m) 
 
 namespace {
 
-constexpr int kLeastSeen_px = 64;
+constexpr int kMinSeen_px = 64;
 
 cv::Mat filled_slants(const cv::Mat& nodes) {
   cv::Mat slants(kTileSize, kTileSize, CV_32FC1);
@@ -196,32 +196,32 @@ cv::Mat filled_slants(const cv::Mat& nodes) {
 }
 
 // pixels: of the frame; those that it does not have become ones that remap() can take.
-PartialTile cut(const ReducedFrame& frame, const ProjectedTile& tile, cv::Mat& pixels, double max_view_angle_rad) {
+PartialTile resample(const ReducedFrame& frame, const ProjectedTile& tile, cv::Mat& pixels, double max_view_angle_rad) {
   fill_between_nodes(tile.projection.nodes, kTileNodeStep, pixels);
-  PartialTile patch;
-  patch.key = tile.key;
-  patch.slants = filled_slants(tile.projection.slants);
-  patch.seen.create(kTileSize, kTileSize, CV_8UC1);
+  PartialTile partial;
+  partial.key = tile.key;
+  partial.slants = filled_slants(tile.projection.slants);
+  partial.seen.create(kTileSize, kTileSize, CV_8UC1);
   const auto most = static_cast<float>(std::tan(max_view_angle_rad));
   float least = most;
   for (int r = 0; r < kTileSize; ++r) {
     auto* from = pixels.ptr<cv::Vec2f>(r);
-    const auto* slant = patch.slants.ptr<float>(r);
-    auto* seen = patch.seen.ptr<std::uint8_t>(r);
+    const auto* slant = partial.slants.ptr<float>(r);
+    auto* seen = partial.seen.ptr<std::uint8_t>(r);
     for (int c = 0; c < kTileSize; ++c) {
       const bool sees = slant[c] <= most && inside_frame(frame.camera, from[c][0], from[c][1]);
       seen[c] = sees ? 255 : 0;
       if (sees) {
-        ++patch.seen_px;
+        ++partial.seen_px;
         least = std::min(least, slant[c]);
       } else {
         from[c] = {-1, -1};
       }
     }
   }
-  patch.least_view_rad = std::atan(least);
-  cv::remap(frame.image, patch.image, pixels, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-  return patch;
+  partial.least_view_rad = std::atan(least);
+  cv::remap(frame.image, partial.image, pixels, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  return partial;
 }
 
 }  // namespace
@@ -250,8 +250,8 @@ std::vector<ProjectedTile> partial_tiles(int zoom, const LocalFrame& frame, cons
 
 std::optional<PartialTile> cut_partial_tile(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad) {
   cv::Mat pixels(kTileSize, kTileSize, CV_32FC2);
-  PartialTile patch = cut(frame, tile, pixels, max_view_angle_rad);
-  return patch.seen_px >= kLeastSeen_px ? std::optional(std::move(patch)) : std::nullopt;
+  PartialTile partial = resample(frame, tile, pixels, max_view_angle_rad);
+  return partial.seen_px >= kMinSeen_px ? std::optional(std::move(partial)) : std::nullopt;
 }
 
 }  // namespace nadir

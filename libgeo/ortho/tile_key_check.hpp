@@ -1,4 +1,4 @@
-// Before the first tile is made: would anybody accept what this key signs?
+// Before the first tile is made: would the ground accept what this key signs?
 #pragma once
 
 #include <filesystem>

@@ -11,10 +11,10 @@
 namespace nadir {
 namespace {
 
-constexpr int kCell_px = 4;             // the square's grain
-constexpr int kLeastTemplate_px = 24;   // less structure than that says nothing
-constexpr double kLeastContrast = 3;    // grey levels: below it is the sensor's noise
-constexpr int kLargestSquare_px = 160;  // more says nothing new
+constexpr int kCell_px = 4;             // granularity of the square
+constexpr int kMinTemplate_px = 24;   // smaller ones are not distinctive
+constexpr double kMinContrast = 3;    // grey levels: below that it is sensor noise
+constexpr int kMaxSquare_px = 160;  // larger ones add no information
 
 // The largest square of cells that are all common, in pixels; of several the first.
 cv::Rect largest_square(const cv::Mat& common) {
@@ -49,15 +49,15 @@ double vertex(double before, double at, double after) {
 
 std::optional<Seam> measure_seam(const cv::Mat& one, const cv::Mat& other, const cv::Mat& common, int reach_px) {
   cv::Rect square = largest_square(common);
-  if (square.width < kLeastTemplate_px + 2 * reach_px) return std::nullopt;
-  if (const int off = square.width - std::max(kLargestSquare_px, kLeastTemplate_px + 2 * reach_px); off > 0) {
+  if (square.width < kMinTemplate_px + 2 * reach_px) return std::nullopt;
+  if (const int off = square.width - std::max(kMaxSquare_px, kMinTemplate_px + 2 * reach_px); off > 0) {
     square = {square.x + off / 2, square.y + off / 2, square.width - off, square.height - off};
   }
   const int inner = square.width - 2 * reach_px;
   const cv::Mat pattern = grey_part(one, {square.x + reach_px, square.y + reach_px, inner, inner});
   cv::Scalar mean, deviation;
   cv::meanStdDev(pattern, mean, deviation);
-  if (deviation[0] < kLeastContrast) return Seam{};
+  if (deviation[0] < kMinContrast) return Seam{};
   cv::Mat scores;
   cv::matchTemplate(grey_part(other, square), pattern, scores, cv::TM_CCOEFF_NORMED);
   double best = 0;
@@ -73,21 +73,21 @@ std::optional<Seam> measure_seam(const cv::Mat& one, const cv::Mat& other, const
 
 namespace {
 
-constexpr std::uint8_t kNobody = 255;
+constexpr std::uint8_t kNoPart = 255;
 constexpr int kTile_px = kTileSize * kTileSize;
-constexpr int kLeastGain_px = 64;        // for less a piece is not worth another seam
-constexpr float kClearlyBetter = 0.98F;  // so that equal pieces do not fray into each other
+constexpr int kMinGain_px = 64;        // fewer are not worth another seam
+constexpr float kClearlyBetter = 0.98F;  // so that equal parts do not interleave
 
 std::int64_t mm(double metres) { return std::llround(metres * 1000); }
 
 }  // namespace
 
-std::string_view name_of(PartialTileOutcome fate) {
-  switch (fate) {
-    case PartialTileOutcome::joined: return "joined";
-    case PartialTileOutcome::hidden: return "hidden";
-    case PartialTileOutcome::unproven: return "unproven";
-    case PartialTileOutcome::apart: return "apart";
+std::string_view name_of(PartialTileOutcome outcome) {
+  switch (outcome) {
+    case PartialTileOutcome::merged: return "joined";
+    case PartialTileOutcome::redundant: return "hidden";
+    case PartialTileOutcome::unverified: return "unproven";
+    case PartialTileOutcome::misaligned: return "apart";
     case PartialTileOutcome::full: return "full";
   }
   return "full";
@@ -100,29 +100,29 @@ TileMosaic::TileMosaic(const TileKey& key, double pixel_m, const MosaicLimits& l
       image_(cv::Mat::zeros(kTileSize, kTileSize, CV_8UC3)),
       slants_(cv::Mat::zeros(kTileSize, kTileSize, CV_32FC1)),
       cost_mm2_(kTileSize, kTileSize, CV_32FC1, cv::Scalar::all(INFINITY)),
-      owner_(kTileSize, kTileSize, CV_8UC1, cv::Scalar::all(kNobody)) {}
+      owner_(kTileSize, kTileSize, CV_8UC1, cv::Scalar::all(kNoPart)) {}
 
 bool TileMosaic::spans(UtcMillis time) const {
   const auto most_ms = std::llround(limits_.max_span_s * 1000);
-  return std::all_of(pieces_.begin(), pieces_.end(), [&](const Piece& piece) {
-    return piece.pixels == 0 || std::abs(time.unix_ms - piece.frame.captured_at.unix_ms) <= most_ms;
+  return std::all_of(parts_.begin(), parts_.end(), [&](const Part& part) {
+    return part.pixels == 0 || std::abs(time.unix_ms - part.frame.captured_at.unix_ms) <= most_ms;
   });
 }
 
-std::size_t TileMosaic::free_piece() const {
-  const auto free = std::find_if(pieces_.begin(), pieces_.end(), [](const Piece& piece) { return piece.pixels == 0; });
-  return static_cast<std::size_t>(free - pieces_.begin());
+std::size_t TileMosaic::free_part() const {
+  const auto free = std::find_if(parts_.begin(), parts_.end(), [](const Part& part) { return part.pixels == 0; });
+  return static_cast<std::size_t>(free - parts_.begin());
 }
 
-PartialTileOutcome TileMosaic::add(const PartialTile& patch, const CandidateSidecar& frame) {
+PartialTileOutcome TileMosaic::add(const PartialTile& partial, const CandidateSidecar& frame) {
   // cost_mm() of each pixel, squared.
   const double sharpness = sharpness_factor(frame.quality.sharpness_ppm);
   const auto place_mm2 = static_cast<float>(std::pow(static_cast<double>(frame.pose.sigma_mm) / sharpness, 2));
   const auto relief_mm2 = static_cast<float>(std::pow(kUnmodelledRelief_mm / sharpness, 2));
   cv::Mat cost_mm2(kTileSize, kTileSize, CV_32FC1), wins(kTileSize, kTileSize, CV_8UC1);
   for (int r = 0; r < kTileSize; ++r) {
-    const auto* slant = patch.slants.ptr<float>(r);
-    const auto* seen = patch.seen.ptr<std::uint8_t>(r);
+    const auto* slant = partial.slants.ptr<float>(r);
+    const auto* seen = partial.seen.ptr<std::uint8_t>(r);
     const auto* there = cost_mm2_.ptr<float>(r);
     auto* here = cost_mm2.ptr<float>(r);
     auto* win = wins.ptr<std::uint8_t>(r);
@@ -131,47 +131,47 @@ PartialTileOutcome TileMosaic::add(const PartialTile& patch, const CandidateSide
       win[c] = seen[c] != 0 && here[c] < kClearlyBetter * there[c] ? 255 : 0;
     }
   }
-  if (cv::countNonZero(wins) < kLeastGain_px) return PartialTileOutcome::hidden;
+  if (cv::countNonZero(wins) < kMinGain_px) return PartialTileOutcome::redundant;
   std::int64_t seam_mm = 0;
   if (missing_px_ < kTile_px) {
-    const cv::Mat common = patch.seen & (owner_ != kNobody);
+    const cv::Mat common = partial.seen & (owner_ != kNoPart);
     const int reach_px = static_cast<int>(std::ceil(limits_.max_seam_m / pixel_m_)) + 2;
-    const auto seam = measure_seam(image_, patch.image, common, reach_px);
-    if (!seam || seam->correlation < limits_.min_correlation) return PartialTileOutcome::unproven;
-    if (seam->shift_px * pixel_m_ > limits_.max_seam_m) return PartialTileOutcome::apart;
+    const auto seam = measure_seam(image_, partial.image, common, reach_px);
+    if (!seam || seam->correlation < limits_.min_correlation) return PartialTileOutcome::unverified;
+    if (seam->shift_px * pixel_m_ > limits_.max_seam_m) return PartialTileOutcome::misaligned;
     seam_mm = mm(seam->shift_px * pixel_m_);
   }
-  const std::size_t index = free_piece();
-  if (index == pieces_.size()) return PartialTileOutcome::full;
-  pieces_[index] = {frame, seam_mm, 0};
-  patch.image.copyTo(image_, wins);
-  patch.slants.copyTo(slants_, wins);
+  const std::size_t index = free_part();
+  if (index == parts_.size()) return PartialTileOutcome::full;
+  parts_[index] = {frame, seam_mm, 0};
+  partial.image.copyTo(image_, wins);
+  partial.slants.copyTo(slants_, wins);
   cost_mm2.copyTo(cost_mm2_, wins);
   owner_.setTo(static_cast<int>(index), wins);
-  for (std::size_t i = 0; i < pieces_.size(); ++i) pieces_[i].pixels = cv::countNonZero(owner_ == static_cast<int>(i));
-  missing_px_ = cv::countNonZero(owner_ == kNobody);
-  return PartialTileOutcome::joined;
+  for (std::size_t i = 0; i < parts_.size(); ++i) parts_[i].pixels = cv::countNonZero(owner_ == static_cast<int>(i));
+  missing_px_ = cv::countNonZero(owner_ == kNoPart);
+  return PartialTileOutcome::merged;
 }
 
 std::optional<CandidateSidecar> TileMosaic::sidecar() const {
-  std::vector<Piece> pieces;
-  std::copy_if(pieces_.begin(), pieces_.end(), std::back_inserter(pieces), [](const Piece& p) { return p.pixels > 0; });
-  std::stable_sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) { return a.pixels > b.pixels; });
-  const auto worst = std::max_element(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) {
+  std::vector<Part> parts;
+  std::copy_if(parts_.begin(), parts_.end(), std::back_inserter(parts), [](const Part& p) { return p.pixels > 0; });
+  std::stable_sort(parts.begin(), parts.end(), [](const Part& a, const Part& b) { return a.pixels > b.pixels; });
+  const auto worst = std::max_element(parts.begin(), parts.end(), [](const Part& a, const Part& b) {
     return a.frame.pose.sigma_mm < b.frame.pose.sigma_mm;
   });
   CandidateSidecar whole = worst->frame;
   whole.key = key_;
-  for (const Piece& piece : pieces) {
-    const CandidateSidecar& frame = piece.frame;
+  for (const Part& part : parts) {
+    const CandidateSidecar& frame = part.frame;
     whole.captured_at = std::min(whole.captured_at, frame.captured_at);
     whole.gsd_mm = std::max(whole.gsd_mm, frame.gsd_mm);
     whole.anchor_age_ms = std::max(whole.anchor_age_ms, frame.anchor_age_ms);
     whole.quality.sharpness_ppm = std::min(whole.quality.sharpness_ppm, frame.quality.sharpness_ppm);
-    whole.seam_mm = std::max(whole.seam_mm, piece.seam_mm);
+    whole.seam_mm = std::max(whole.seam_mm, part.seam_mm);
     whole.parts.push_back({.frame = frame.frame,
                            .captured_at = frame.captured_at,
-                           .share_ppm = std::llround(1e6 * piece.pixels / kTile_px),
+                           .share_ppm = std::llround(1e6 * part.pixels / kTile_px),
                            .pose = frame.pose});
   }
   if (whole.parts.size() == 1) whole.parts.clear(), whole.seam_mm = 0;
@@ -189,48 +189,48 @@ std::optional<CandidateSidecar> TileMosaic::sidecar() const {
   return whole;
 }
 
-void TileMosaics::give_up(std::list<Waiting>::iterator waiting) {
-  if (waiting->quilt.whole()) {
-    finished_.push_back(std::move(waiting->quilt));
+void TileMosaics::close(std::list<Waiting>::iterator waiting) {
+  if (waiting->mosaic.whole()) {
+    finished_.push_back(std::move(waiting->mosaic));
   } else {
     ++dropped_;
   }
   waiting_.erase(waiting);
 }
 
-PartialTileOutcome TileMosaics::add(const PartialTile& patch, const CandidateSidecar& frame, double pixel_m) {
+PartialTileOutcome TileMosaics::add(const PartialTile& partial, const CandidateSidecar& frame, double pixel_m) {
   auto found = std::find_if(waiting_.begin(), waiting_.end(),
-                            [&](const Waiting& waiting) { return waiting.quilt.key() == patch.key; });
-  if (found != waiting_.end() && !found->quilt.spans(frame.captured_at)) {
-    give_up(found);
+                            [&](const Waiting& waiting) { return waiting.mosaic.key() == partial.key; });
+  if (found != waiting_.end() && !found->mosaic.spans(frame.captured_at)) {
+    close(found);
     found = waiting_.end();
   }
   if (found == waiting_.end()) {
-    if (waiting_.size() >= limits_.most_open) give_up(waiting_.begin());
-    found = waiting_.insert(waiting_.end(), {TileMosaic(patch.key, pixel_m, limits_)});
+    if (waiting_.size() >= limits_.max_open) close(waiting_.begin());
+    found = waiting_.insert(waiting_.end(), {TileMosaic(partial.key, pixel_m, limits_)});
   }
-  PartialTileOutcome fate = found->quilt.add(patch, frame);
-  const bool stays_out = fate != PartialTileOutcome::joined && fate != PartialTileOutcome::hidden;
-  if (stays_out && patch.seen_px > found->quilt.shown_px()) {
-    // What came first must not keep out what shows more: nobody can tell which of the two is right.
-    found->quilt = TileMosaic(patch.key, pixel_m, limits_);
-    found->quilt.add(patch, frame);
-    found->touched = true;
+  PartialTileOutcome outcome = found->mosaic.add(partial, frame);
+  const bool not_merged = outcome != PartialTileOutcome::merged && outcome != PartialTileOutcome::redundant;
+  if (not_merged && partial.seen_px > found->mosaic.shown_px()) {
+    // The earlier must not block what shows more: there is no telling which of the two is right.
+    found->mosaic = TileMosaic(partial.key, pixel_m, limits_);
+    found->mosaic.add(partial, frame);
+    found->extended = true;
   }
-  if (fate == PartialTileOutcome::joined) {
-    found->touched = true;
+  if (outcome == PartialTileOutcome::merged) {
+    found->extended = true;
     waiting_.splice(waiting_.end(), waiting_, found);
   }
-  return fate;
+  return outcome;
 }
 
 std::vector<TileMosaic> TileMosaics::take_finished() {
   for (auto waiting = waiting_.begin(); waiting != waiting_.end();) {
     const auto here = waiting++;
-    if (here->quilt.whole() && !here->touched) {
-      give_up(here);
+    if (here->mosaic.whole() && !here->extended) {
+      close(here);
     } else {
-      here->touched = false;
+      here->extended = false;
     }
   }
   std::sort(finished_.begin(), finished_.end(),
@@ -238,8 +238,8 @@ std::vector<TileMosaic> TileMosaics::take_finished() {
   return std::exchange(finished_, {});
 }
 
-std::vector<TileMosaic> TileMosaics::take_all_whole() {
-  while (!waiting_.empty()) give_up(waiting_.begin());
+std::vector<TileMosaic> TileMosaics::take_all_complete() {
+  while (!waiting_.empty()) close(waiting_.begin());
   return take_finished();
 }
 

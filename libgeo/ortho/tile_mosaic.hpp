@@ -21,94 +21,95 @@
 namespace nadir {
 
 struct Seam {
-  double shift_px = 0;     // of the other picture against the one
-  double correlation = 0;  // there, Pearson's
+  double shift_px = 0;     // displacement of the second image against the first
+  double correlation = 0;  // Pearson's, at that displacement
 };
 
-// one, other: CV_8UC3 of one size; common: CV_8UC1, 255 where both show the ground. Shifts of up to reach_px a side are
-// looked for. Nothing when too little is common to both.
+// Registers two images of a tile in their overlap: within the largest square that both fill, by normalized
+// cross-correlation. one, other: CV_8UC3 of the same size; common: CV_8UC1, 255 where both show the ground. Searches
+// displacements of up to reach_px in each direction. Nothing when the overlap is too small.
 std::optional<Seam> measure_seam(const cv::Mat& one, const cv::Mat& other, const cv::Mat& common, int reach_px);
 
 struct MosaicLimits {
-  double max_seam_m = 2;         // that two pieces may lie apart
-  double min_correlation = 0.5;  // of what two pieces have in common; below it nothing is proven
-  double max_span_s = 900;       // between the oldest piece and the newest: one pass, one light
-  double candidate_sigma_m = 3;  // of the whole, what the pieces disagree by included
+  double max_seam_m = 2;         // displacement between two partial tiles
+  double min_correlation = 0.5;  // in the overlap; below it the alignment is unverified
+  double max_span_s = 900;       // between the oldest and the newest part: one pass, one light
+  double candidate_sigma_m = 3;  // of the mosaic, including the parts' displacement
   double soft_sigma_m = 5;
-  std::size_t most_open = 48;  // tiles that wait for their missing parts
+  std::size_t max_open = 48;  // mosaics with missing pixels
 };
 
-// What became of a piece.
 enum class PartialTileOutcome {
-  joined,
-  hidden,    // it shows nothing better than what is there
-  unproven,  // too little is common, or it looks too different
-  apart,     // it shows the ground elsewhere than what is there
-  full,      // kMaxCandidateParts frames show it already
+  merged,
+  redundant,   // nothing better than what the mosaic shows
+  unverified,  // too little overlap, or it looks too different
+  misaligned,  // shows the ground in another place than the mosaic
+  full,        // the mosaic has kMaxCandidateParts parts
 };
 inline constexpr int kPartialTileOutcomes = 5;
-std::string_view name_of(PartialTileOutcome fate);
+std::string_view name_of(PartialTileOutcome outcome);  // as reports spell it: "joined", "hidden" …
 
 class TileMosaic {
  public:
   // pixel_m: of the tile on the ground.
   TileMosaic(const TileKey& key, double pixel_m, const MosaicLimits& limits);
 
-  // frame: what would be written of the frame's own tile; its key, quality but for sharpness, digest and size do not
-  // count.
-  PartialTileOutcome add(const PartialTile& patch, const CandidateSidecar& frame);
+  // frame: the sidecar of a tile made of this frame alone; key, digest, size and quality except sharpness are ignored.
+  PartialTileOutcome add(const PartialTile& partial, const CandidateSidecar& frame);
 
   bool whole() const { return missing_px_ == 0; }
   int shown_px() const { return kTileSize * kTileSize - missing_px_; }
-  bool spans(UtcMillis time) const;  // would a frame of then still be of the same pass?
+  bool spans(UtcMillis time) const;  // whether a frame of this time belongs to the same pass
   const TileKey& key() const { return key_; }
   const cv::Mat& image() const { return image_; }
 
-  // Of the whole tile as it is now, without what its pixels say (contrast, clipped), its digest and size. Nothing when
-  // the parts' places are too unsure together.
+  // Of the complete mosaic in its present state, without the measures of its pixels (contrast, clipped), digest and
+  // size. Nothing when the parts' positions together are too uncertain.
   std::optional<CandidateSidecar> sidecar() const;
 
  private:
-  struct Piece {
+  struct Part {
     CandidateSidecar frame;
     std::int64_t seam_mm = 0;
-    int pixels = 0;  // of the tile that show it
+    int pixels = 0;  // of the mosaic
   };
-  std::size_t free_piece() const;
+  std::size_t free_part() const;
 
   TileKey key_;
   double pixel_m_;
   MosaicLimits limits_;
-  // CV_8UC3; CV_32FC1, tangents; CV_32FC1, squared cost_mm(); CV_8UC1, kNobody or an index
+  // CV_8UC3; CV_32FC1, tangents; CV_32FC1, squared cost_mm(); CV_8UC1, kNoPart or an index
   cv::Mat image_, slants_, cost_mm2_, owner_;
-  std::array<Piece, kMaxCandidateParts> pieces_;
+  std::array<Part, kMaxCandidateParts> parts_;
   int missing_px_ = kTileSize * kTileSize;
 };
 
+// The mosaics that wait for other frames to show their missing pixels: bounded, the least recently extended give way
+// first.
 class TileMosaics {
  public:
   explicit TileMosaics(const MosaicLimits& limits) : limits_(limits) {}
 
-  // A piece that stays out but shows more than all that are there takes their place.
-  PartialTileOutcome add(const PartialTile& patch, const CandidateSidecar& frame, double pixel_m);
+  // A partial tile that is not merged but shows more than the whole mosaic replaces it.
+  PartialTileOutcome add(const PartialTile& partial, const CandidateSidecar& frame, double pixel_m);
 
-  // After the pieces of a frame: the tiles that are whole and that it has not added to, so that no better piece is to
-  // be expected soon. In the order of TileKey.
+  // After the partial tiles of a frame: the complete mosaics that it has not extended, so that no better part is expected
+  // soon. In the order of TileKey.
   std::vector<TileMosaic> take_finished();
-  std::vector<TileMosaic> take_all_whole();  // at the end; the others are dropped
+  std::vector<TileMosaic> take_all_complete();  // at the end; the others are dropped
 
-  std::uint64_t dropped() const { return dropped_; }  // tiles that never became whole
+  std::uint64_t dropped() const { return dropped_; }  // mosaics that were never completed
   std::size_t open() const { return waiting_.size(); }
 
  private:
   struct Waiting {
-    TileMosaic quilt;
-    bool touched = true;  // by the present frame
+    TileMosaic mosaic;
+    bool extended = true;  // by the current frame
   };
-  void give_up(std::list<Waiting>::iterator waiting);
+  void close(std::list<Waiting>::iterator waiting);
 
   MosaicLimits limits_;
-  std::list<Waiting> waiting_;  // what was added to last comes last
+  std::list<Waiting> waiting_;  // the most recently extended comes last
   std::vector<TileMosaic> finished_;
   std::uint64_t dropped_ = 0;
 };

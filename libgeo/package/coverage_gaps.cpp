@@ -21,9 +21,9 @@ enum Direction : std::uint8_t { east, north, west, south };  // turning left add
 constexpr std::array<PixelCorner, 4> kSteps{{{1, 0}, {0, -1}, {-1, 0}, {0, 1}}};
 constexpr int kCorners = kTileSize + 1;
 
-class Tracer {
+class OutlineTracer {
  public:
-  explicit Tracer(ByteView mask) : mask_(mask), edges_(kCount), position_(kCount, -1) {
+  explicit OutlineTracer(ByteView mask) : mask_(mask), edges_(kCount), position_(kCount, -1) {
     for (int row = 0; row < kTileSize; ++row) {
       for (int column = 0; column < kTileSize; ++column) {
         if (!inside(column, row)) continue;
@@ -83,7 +83,7 @@ class Tracer {
     finish(ring, 0);
   }
 
-  // A corner that the ring has already passed closes a ring of its own.
+  // A corner that the ring has already passed closes a separate ring.
   void append(PixelRing& ring, PixelCorner corner) {
     if (const int before = position_[index(corner)]; before >= 0) finish(ring, static_cast<std::size_t>(before));
     position_[index(corner)] = static_cast<int>(ring.size());
@@ -138,7 +138,7 @@ PixelCorner pixel_beside(const PixelRing& ring) {
 std::vector<PixelPolygon> outlines_of(ByteView mask) {
   std::vector<PixelPolygon> polygons;
   std::vector<PixelRing> holes;
-  for (PixelRing& ring : Tracer(mask).rings()) {
+  for (PixelRing& ring : OutlineTracer(mask).rings()) {
     if (area2(ring) > 0) {
       polygons.push_back({std::move(ring), {}});
     } else {

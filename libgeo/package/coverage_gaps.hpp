@@ -20,7 +20,7 @@ struct Gap {
   TileKey key;
   std::uint64_t pixels = 0;  // needed and not valid
   double area_m2 = 0;
-  bool whole_tile = false;  // there is no such tile
+  bool whole_tile = false;  // the tile is absent
 };
 
 // Gaps of one zoom in the order of TileKey. tiles: sorted by key.
@@ -35,8 +35,7 @@ struct PixelCorner {
 };
 using PixelRing = std::vector<PixelCorner>;  // closed: the last corner repeats the first
 
-// An area without its holes, as GeoJSON orders it: the outer ring counter-clockwise as one looks at the map with north
-// up, the holes clockwise.
+// Rings as GeoJSON orders them: on the map with north up the outer ring is counter-clockwise, holes are clockwise.
 struct PixelPolygon {
   PixelRing outer;
   std::vector<PixelRing> holes;

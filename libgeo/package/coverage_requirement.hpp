@@ -46,7 +46,7 @@ class CoverageRequirement {
   // Whether a disc reaches into the region; may be true where it only nearly does.
   bool may_meet(PlanePoint centre, double radius_m) const { return classify(centre, radius_m) != Place::outside; }
 
-  // Whether a disc lies wholly in one part of the region.
+  // Whether a disc lies entirely in one part of the region.
   bool holds(PlanePoint centre, double radius_m) const { return classify(centre, radius_m) == Place::inside; }
 
   const Region& region() const { return region_; }
@@ -57,7 +57,7 @@ class CoverageRequirement {
     int column, row, size;
   };
   Place classify(PlanePoint centre, double radius_m) const;
-  // Calls `visit` with blocks that are needed wholly; stops when it returns false. False when stopped.
+  // Calls `visit` with blocks that are needed entirely; stops when it returns false. False when stopped.
   bool visit_needed(const TileFootprint& tile, const Block& block,
                     const std::function<bool(const Block&)>& visit) const;
 

@@ -1,4 +1,4 @@
-// Parsing guesses nothing: whatever this version does not know, it refuses, except members whose names begin with "x-",
+// The parser is strict: it refuses members that this version does not know, except those whose names begin with "x-",
 // which are notes for people.
 #include "package/manifest.hpp"
 
@@ -100,7 +100,7 @@ Manifest read_manifest(const JsonReader& in) {
 
 Findings check_paths(const Manifest& manifest) {
   Findings findings;
-  const auto complain = [&findings](std::size_t i, const std::string& path, std::string found) {
+  const auto report = [&findings](std::size_t i, const std::string& path, std::string found) {
     findings.add({.code = "manifest.path",
                   .where = fmt::format("manifest.json /artifacts/{}/path \"{}\"", i, path),
                   .expected = "a relative name inside the package that no other artifact has",
@@ -111,11 +111,11 @@ Findings check_paths(const Manifest& manifest) {
   for (std::size_t i = 0; i < manifest.artifacts.size(); ++i) {
     const std::string& path = manifest.artifacts[i].path;
     if (const auto problem = path_problem(path)) {
-      complain(i, path, *problem);
+      report(i, path, *problem);
       continue;
     }
     const auto [twin, is_new] = seen.emplace(case_fold(path), path);
-    if (!is_new) complain(i, path, "the same name as \"" + twin->second + "\" but for upper and lower case");
+    if (!is_new) report(i, path, "the same name as \"" + twin->second + "\" except for upper and lower case");
   }
   return findings;
 }
@@ -204,7 +204,7 @@ Manifest manifest_for(const Mission& mission) {
   manifest.airframes = mission.airframes;
   const LocalFrame frame = mission_frame(mission);
   const PlaneBox box = required_region(mission, frame).bounds();
-  // The plane's box bulges in degrees: its four corners and the middles of its sides bound it well enough outwards.
+  // The sides of the plane's box are curves in degrees: its corners and the middles of its sides bound it well enough.
   LonLatBox& bounds = manifest.bounds = {180, 90, -180, -90};
   for (const double east_m : {box.west_m, (box.west_m + box.east_m) / 2, box.east_m}) {
     for (const double north_m : {box.south_m, (box.south_m + box.north_m) / 2, box.north_m}) {
@@ -226,7 +226,7 @@ Artifact describe_file(const std::filesystem::path& package, std::string_view re
   artifact.sha256 = sha256_file(file);
   std::error_code error;
   artifact.size = std::filesystem::file_size(file, error);
-  if (error) throw Error({.what = "cannot look at a file of the package", .where = file, .found = error.message()});
+  if (error) throw Error({.what = "cannot read the size of a package file", .where = file, .found = error.message()});
   return artifact;
 }
 

@@ -1,5 +1,5 @@
 // manifest.json: the exact bytes that are signed. It names every file of a package with size and SHA-256, for tile
-// sets also how many tiles there are and their Merkle root, and says for what mission, series and airframes it is.
+// sets also the number of tiles and their Merkle root, and states for which mission, series and airframes it is.
 //
 // Integers and strings only, keys sorted; coordinates are whole 1e-7 degrees. schemas/manifest.schema.json is the
 // reference, docs/package.md the explanation.
@@ -75,13 +75,13 @@ struct Manifest {
   const Artifact* artifact(std::string_view role) const;  // the first of this role, or null
 };
 
-// The part of a manifest that follows from the mission alone; artifacts are the builder's to add.
+// The part of a manifest that follows from the mission; the builder adds the artifacts.
 Manifest manifest_for(const Mission& mission);
 
-// Describes a file that lies in the package folder already: hashes it.
+// Describes a file that is already in the package folder: hashes it.
 Artifact describe_file(const std::filesystem::path& package, std::string_view relative_path, std::string_view role);
 
-// The bytes to sign. Artifacts are sorted by path; the same manifest gives the same bytes.
+// The bytes to sign. Artifacts are sorted by path; equal manifests give equal bytes.
 std::string manifest_json(Manifest manifest);
 
 // Strict. Findings "manifest.schema" and "manifest.path"; `manifest` is there exactly when nothing is wrong.

@@ -16,7 +16,7 @@
 namespace nadir {
 namespace {
 
-// Bounds that no sensible mission leaves; they keep later arithmetic (areas, tile counts) far from its limits.
+// Bounds that no sensible mission exceeds; they keep later arithmetic (areas, tile counts) far from its limits.
 constexpr std::size_t kMaxIdLength = 64;
 constexpr std::size_t kMaxSectors = 256;
 constexpr std::size_t kMaxPoints = 4096;
@@ -27,9 +27,10 @@ constexpr double kMaxAgl_m = 10'000;
 constexpr std::int64_t kMaxFreshness_days = 36'500;
 constexpr std::int64_t kMaxBudget_mb = 1'000'000;
 
-class Reader {
+// Turns what a part throws into a finding, so that the next part is read.
+class PartReader {
  public:
-  explicit Reader(Findings& findings) : findings_(findings) {}
+  explicit PartReader(Findings& findings) : findings_(findings) {}
 
   void attempt(const std::function<void()>& read) {
     try {
@@ -161,7 +162,7 @@ Sector read_sector(const YamlNode& node, const std::optional<LonLat>& takeoff) {
   return sector;
 }
 
-void read_sectors(const YamlNode& list, const std::optional<LonLat>& takeoff, Reader& reader, Mission& mission) {
+void read_sectors(const YamlNode& list, const std::optional<LonLat>& takeoff, PartReader& reader, Mission& mission) {
   const auto items = list.items();
   if (items.size() > kMaxSectors) {
     refuse(list, fmt::format("at most {} sectors", kMaxSectors), fmt::format("{}", items.size()));
@@ -211,8 +212,8 @@ ZoomRange read_zoom(const YamlNode& node) {
   return zoom;
 }
 
-// The finest zoom has to be as fine as the resolution that the mission asks for.
-void check_resolution(const YamlNode& node, const Mission& mission, double lat_deg) {
+// The finest zoom must reach the resolution that the mission requires.
+void check_zoom_reaches_resolution(const YamlNode& node, const Mission& mission, double lat_deg) {
   const double finest_m = ground_resolution_m(mission.zoom.max, lat_deg);
   if (finest_m <= mission.min_resolution_m) return;
   refuse(node, fmt::format("a resolution that zoom {} reaches: {:.3f} m or coarser", mission.zoom.max, finest_m),
@@ -229,7 +230,7 @@ std::vector<std::string> read_airframes(const YamlNode& node) {
   return airframes;
 }
 
-void read_root(const YamlNode& root, Reader& reader, Mission& mission) {
+void read_root(const YamlNode& root, PartReader& reader, Mission& mission) {
   std::optional<LonLat> takeoff;
   bool has_created = false, has_zoom = false;
   reader.attempt([&] {
@@ -268,7 +269,7 @@ void read_root(const YamlNode& root, Reader& reader, Mission& mission) {
   reader.attempt([&] {
     const YamlNode node = root.required("min_resolution_m");
     mission.min_resolution_m = positive_up_to(node, 1000, "metres");
-    if (has_zoom && takeoff) check_resolution(node, mission, takeoff->lat_deg);
+    if (has_zoom && takeoff) check_zoom_reaches_resolution(node, mission, takeoff->lat_deg);
   });
   reader.attempt([&] { mission.budget_mb = integer_between(root.required("budget_mb"), 1, kMaxBudget_mb); });
   reader.attempt([&] {
@@ -287,7 +288,7 @@ void read_root(const YamlNode& root, Reader& reader, Mission& mission) {
 MissionReading parse_mission(std::string_view yaml, std::string_view name) {
   MissionReading reading;
   Mission mission;
-  Reader reader(reading.findings);
+  PartReader reader(reading.findings);
   reader.attempt([&] { read_root(YamlNode::parse(yaml, name), reader, mission); });
   if (reading.findings.empty()) reading.mission = std::move(mission);
   return reading;

@@ -19,6 +19,10 @@ namespace {
 constexpr std::size_t kNamedPerZoom = 20;  // holes that are named one by one; more are only counted
 constexpr std::int64_t kSecondsPerDay = 86'400;
 
+std::string counted(std::size_t count, std::string_view noun) {
+  return fmt::format("{} {}{}", count, noun, count == 1 ? "" : "s");
+}
+
 std::string place_text(const TileKey& key) {
   const LonLatBox box = bounds_of(key);
   return fmt::format("near {:.6f},{:.6f}", (box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2);
@@ -30,16 +34,16 @@ void report_gaps(const std::vector<Gap>& gaps, int zoom, Findings& findings) {
   for (const Gap& gap : gaps) total_m2 += gap.area_m2;
   findings.add({.code = "coverage.gap",
                 .where = fmt::format("zoom {}", zoom),
-                .expected = "every part of the sectors and of the corridor on valid pixels",
-                .found = fmt::format("{} tiles with gaps, {:.0f} m² in all", gaps.size(), total_m2),
-                .fix = "use imagery that covers the mission, or make the mission's area smaller"});
+                .expected = "valid pixels for every part of the sectors and of the corridor",
+                .found = fmt::format("{} with gaps, {:.0f} m² in total", counted(gaps.size(), "tile"), total_m2),
+                .fix = "use imagery that covers the mission, or reduce the mission's area"});
   for (std::size_t i = 0; i < std::min(gaps.size(), kNamedPerZoom); ++i) {
     const Gap& gap = gaps[i];
     findings.add(
         {.code = "coverage.gap",
          .where = "tile " + to_text(gap.key) + " " + place_text(gap.key),
          .expected = "valid pixels",
-         .found = fmt::format("{}, {:.0f} m² of it needed", gap.whole_tile ? "no tile" : "empty pixels", gap.area_m2)});
+         .found = fmt::format("{}, {:.0f} m² needed", gap.whole_tile ? "no tile" : "empty pixels", gap.area_m2)});
   }
 }
 
@@ -108,12 +112,13 @@ Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles,
     const int days = mission.freshness_days.of(areas[area].cls);
     findings.add(
         {.code = "freshness.stale",
-         .where = fmt::format("{}, {} tiles, for example {}", areas[area].name, entry.count, to_text(entry.example)),
+         .where = fmt::format("{}, {}, for example {}", areas[area].name, counted(entry.count, "tile"), to_text(entry.example)),
          .expected =
-             fmt::format("imagery of at most {} days ({}) at {}", days, name_of(areas[area].cls), to_rfc3339(at)),
-         .found = fmt::format("captured {}, {} days before", to_rfc3339(entry.oldest),
-                              (at.unix_s - entry.oldest.unix_s) / kSecondsPerDay),
-         .fix = "get newer imagery, or raise freshness_days if the ground really has not changed"});
+             fmt::format("imagery at most {} old ({}) at {}", counted(static_cast<std::size_t>(days), "day"),
+                         name_of(areas[area].cls), to_rfc3339(at)),
+         .found = fmt::format("captured {}, {} earlier", to_rfc3339(entry.oldest),
+                              counted(static_cast<std::size_t>((at.unix_s - entry.oldest.unix_s) / kSecondsPerDay), "day")),
+         .fix = "get newer imagery, or raise freshness_days if the ground has not changed"});
   }
   return findings;
 }
@@ -130,7 +135,7 @@ Findings check_resolution(const Mission& mission, std::span<const Sidecar> tiles
   Findings findings;
   if (coarsest != nullptr) {
     findings.add({.code = "resolution.coarse",
-                  .where = fmt::format("{} tiles, for example {}", count, to_text(coarsest->key)),
+                  .where = fmt::format("{}, for example {}", counted(count, "tile"), to_text(coarsest->key)),
                   .expected = fmt::format("imagery of {} m or finer", mission.min_resolution_m),
                   .found = fmt::format("{} m", static_cast<double>(coarsest->gsd_mm) / 1000),
                   .fix = "get finer imagery, or raise min_resolution_m"});
@@ -145,7 +150,7 @@ Findings check_budget(const Mission& mission, std::uint64_t package_bytes) {
                   .where = "the package",
                   .expected = fmt::format("at most {} MB", mission.budget_mb),
                   .found = fmt::format("{:.1f} MB", static_cast<double>(package_bytes) / 1e6),
-                  .fix = "lower the quality or zoom.max, make the area smaller, or raise budget_mb"});
+                  .fix = "lower the quality or zoom.max, reduce the area, or raise budget_mb"});
   }
   return findings;
 }
@@ -160,9 +165,9 @@ Findings check_tile_requirements(const Mission& mission, std::span<const Sidecar
 
 namespace {
 
-constexpr int kLeastBlock = 64;              // quads a side that are looked at together
-constexpr int kMostBlocks = 1000;            // a side
-constexpr std::size_t kEnoughGaps = 20'000;  // samples; a search that finds so many stops
+constexpr int kMinBlock = 64;              // quads per side that are searched together
+constexpr int kMaxBlocks = 1000;            // per side
+constexpr std::size_t kMaxGapSamples = 20'000;  // the search stops there
 constexpr std::size_t kNamed = 10;
 constexpr double kMetresPerDegree = 111'320;
 
@@ -171,8 +176,8 @@ struct GapBlock {
   std::size_t samples = 0;
 };
 
-// Quad (c, r) is the ground between posts c, c + 1 and r, r + 1. Most lie wholly among known posts; around the others
-// that touch the region, heights are asked for point by point.
+// Quad (c, r) is the ground between posts c, c + 1 and r, r + 1. Most have four known posts; for the others
+// that touch the region, heights are sampled point by point.
 class GapSearch {
  public:
   GapSearch(const Mission& mission, const TerrainRaster& terrain)
@@ -190,14 +195,14 @@ class GapSearch {
   void run() {
     const int left = quad(grid_.column_of(bounds_.west_deg)), right = quad(grid_.column_of(bounds_.east_deg));
     const int top = quad(grid_.row_of(bounds_.north_deg)), bottom = quad(grid_.row_of(bounds_.south_deg));
-    int block = kLeastBlock;
-    while (std::max(right - left, bottom - top) / block > kMostBlocks) block *= 2;
+    int block = kMinBlock;
+    while (std::max(right - left, bottom - top) / block > kMaxBlocks) block *= 2;
     for (int row = top; row <= bottom; row += block) {
       for (int column = left; column <= right; column += block) {
         gaps_.push_back({});
         search(column, row, block);
         if (gaps_.back().samples == 0) gaps_.pop_back();
-        if (samples_ >= kEnoughGaps) {
+        if (samples_ >= kMaxGapSamples) {
           stopped_ = true;
           return;
         }
@@ -236,7 +241,7 @@ class GapSearch {
   }
 
   void search(int column, int row, int size) {
-    if (samples_ >= kEnoughGaps || terrain_.known(column, row, column + size, row + size)) return;
+    if (samples_ >= kMaxGapSamples || terrain_.known(column, row, column + size, row + size)) return;
     const PlanePoint centre = plane(column + size / 2.0, row + size / 2.0);
     const PlanePoint corner = plane(column, row), other = plane(column + size, row);
     // Longitudes and latitudes are not quite square in the plane: a little more than the half diagonal.
@@ -272,7 +277,7 @@ class GapSearch {
   bool stopped_ = false;
 };
 
-void judge_gaps(const Mission& mission, const TerrainRaster& terrain, Findings& findings) {
+void check_terrain_gaps(const Mission& mission, const TerrainRaster& terrain, Findings& findings) {
   GapSearch search(mission, terrain);
   search.run();
   if (search.gaps().empty()) return;
@@ -280,10 +285,10 @@ void judge_gaps(const Mission& mission, const TerrainRaster& terrain, Findings& 
   findings.add({.code = "dem.gap",
                 .where = std::string(kTerrainFile),
                 .expected = "a height for every part of the sectors and of the corridor",
-                .found = fmt::format("none for {} {:.0f} m²; the heights span {:.6f},{:.6f} to {:.6f},{:.6f}",
+                .found = fmt::format("no height for {} {:.0f} m²; the model covers {:.6f},{:.6f} to {:.6f},{:.6f}",
                                      search.stopped() ? "more than" : "about", search.area_m2(), grid.west_deg,
                                      grid.south_deg(), grid.east_deg(), grid.north_deg),
-                .fix = "build with an elevation model that covers the mission without holes"});
+                .fix = "build with an elevation model that covers the mission without gaps"});
   for (std::size_t i = 0; i < std::min(search.gaps().size(), kNamed); ++i) {
     const LonLat at = search.gaps()[i].first;
     findings.add({.code = "dem.gap",
@@ -293,7 +298,7 @@ void judge_gaps(const Mission& mission, const TerrainRaster& terrain, Findings& 
   }
 }
 
-void judge_heights(const TerrainRaster& terrain, Findings& findings) {
+void check_terrain_heights(const TerrainRaster& terrain, Findings& findings) {
   std::size_t count = 0, first = 0;
   const auto heights = terrain.heights_m();
   double lowest = 0, highest = 0;
@@ -308,18 +313,18 @@ void judge_heights(const TerrainRaster& terrain, Findings& findings) {
   const LonLat at = terrain.grid().place(static_cast<double>(first % columns), static_cast<double>(first / columns));
   findings.add(
       {.code = "dem.implausible",
-       .where = fmt::format("{}, {} posts, for example at {:.6f},{:.6f}", kTerrainFile, count, at.lon_deg, at.lat_deg),
+       .where = fmt::format("{}, {}, for example at {:.6f},{:.6f}", kTerrainFile, counted(count, "post"), at.lon_deg, at.lat_deg),
        .expected = fmt::format("metres from {:.0f} to {:.0f}", kLowestGround_m, kHighestGround_m),
        .found = lowest < kLowestGround_m ? fmt::format("{}", lowest) : fmt::format("{}", highest),
-       .fix = "state the value that means \"unknown\": gdal_translate -a_nodata VALUE; heights are metres"});
+       .fix = "declare the no-data value: gdal_translate -a_nodata VALUE; heights are in metres"});
 }
 
 }  // namespace
 
 Findings check_terrain(const Mission& mission, const TerrainRaster& terrain) {
   Findings findings;
-  judge_gaps(mission, terrain, findings);
-  judge_heights(terrain, findings);
+  check_terrain_gaps(mission, terrain, findings);
+  check_terrain_heights(terrain, findings);
   return findings;
 }
 
@@ -355,7 +360,7 @@ TerrainReading read_package_terrain(const std::filesystem::path& package, const 
                             .where = artifact->path,
                             .expected = artifact->sha256.hex(),
                             .found = digest.hex(),
-                            .fix = "get the package again from its makers"});
+                            .fix = "get the package again from its producer"});
       return reading;
     }
     reading.terrain = parse_terrain_raster(bytes, artifact->path);
@@ -364,7 +369,7 @@ TerrainReading read_package_terrain(const std::filesystem::path& package, const 
     reading.findings.add(
         {.code = "dem.corrupt",
          .where = artifact->path,
-         .expected = text.expected.empty() ? "a terrain file as `nadir cache build` makes it" : text.expected,
+         .expected = text.expected.empty() ? "a terrain file as `nadir cache build` writes it" : text.expected,
          .found = text.found.empty() ? text.what : text.found,
          .fix = "build the package again"});
     return reading;

@@ -25,7 +25,7 @@ namespace nadir {
 Findings check_coverage(const Mission& mission, std::span<const Sidecar> tiles);
 
 // "freshness.stale": tiles that the region touches and that are older at `at` than their sector allows. Where sectors
-// overlap, the strictest decides; the corridor outside of every sector counts as active.
+// overlap, the strictest governs; the corridor outside of every sector counts as active.
 Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles, UtcTime at);
 
 // "resolution.coarse": tiles of the finest zoom made from imagery coarser than min_resolution_m.
@@ -37,13 +37,13 @@ Findings check_budget(const Mission& mission, std::uint64_t package_bytes);
 // All four.
 Findings check_tile_requirements(const Mission& mission, std::span<const Sidecar> tiles, std::uint64_t package_bytes, UtcTime at);
 
-// The sector that decides about this tile, null outside of all.
+// The sector that governs the freshness of this tile, null outside of all.
 const Sector* governing_sector(const Mission& mission, const LocalFrame& frame, const TileKey& key);
 
-// "dem.gap": parts of the sectors or of the corridor without a height. "dem.implausible": heights that no ground has.
+// "dem.gap": parts of the sectors or of the corridor without a height. "dem.implausible": heights that are not on Earth.
 Findings check_terrain(const Mission& mission, const TerrainRaster& terrain);
 
-// The terrain file of a package whose manifest has been verified: present as the mission says, with the bytes that were
+// The terrain file of a package whose manifest has been verified: present as the mission requires, with the bytes that were
 // signed ("artifact.hash"), readable ("dem.corrupt"), and fit for the mission.
 struct TerrainReading {
   Findings findings;
@@ -52,7 +52,7 @@ struct TerrainReading {
 TerrainReading read_package_terrain(const std::filesystem::path& package, const Manifest& manifest,
                                     const Mission& mission);
 
-// What shows without reading it: "dem.gap" where mode dem has no terrain file, "mission.mismatch" where mode flat has
+// What the manifest alone shows: "dem.gap" where mode dem has no terrain file, "mission.mismatch" where mode flat has
 // one.
 Findings check_terrain_presence(const Manifest& manifest, const Mission& mission);
 

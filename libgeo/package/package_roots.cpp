@@ -16,7 +16,7 @@ constexpr std::string_view kSuffix = ".root.json";
 constexpr std::size_t kMaxDigits = 9;
 constexpr std::size_t kMaxEntries = 10'000;
 
-// The version that a file's name says; 0 for other names.
+// The version in a file's name; 0 for other names.
 std::int64_t version_of(std::string_view file_name) {
   if (!file_name.ends_with(kSuffix)) return 0;
   const std::string_view digits = file_name.substr(0, file_name.size() - kSuffix.size());
@@ -34,12 +34,12 @@ std::optional<RootDocument> read_package_root(const fs::path& package, std::int6
   if (!fs::is_directory(fs::symlink_status(package / kRootFolder))) return std::nullopt;
   const fs::file_status status = fs::symlink_status(package / name);
   if (!fs::is_regular_file(status)) return std::nullopt;  // links are artifact.unexpected
-  // Not one byte of something larger is read; the empty text is then refused as no root.
+  // Anything larger is not read at all; the empty text is then refused as an invalid root.
   if (fs::file_size(package / name) > kMaxRootSize) return RootDocument{{}, name};
   return RootDocument{read_text_file(package / name, kMaxRootSize), name};
 }
 
-// Of files in the package, whatever is in them.
+// By the files' names; their content is not read.
 std::set<std::int64_t> root_versions_in(const fs::path& package) {
   std::set<std::int64_t> versions;
   if (!fs::is_directory(fs::symlink_status(package / kRootFolder))) return versions;
@@ -54,12 +54,12 @@ std::set<std::int64_t> root_versions_in(const fs::path& package) {
 }
 
 [[noreturn]] void refuse_chain(std::int64_t version, std::string expected, std::string found) {
-  throw UsageError({.what = "aircraft could not follow these roots",
+  throw UsageError({.what = "aircraft cannot verify this chain of roots",
                     .where = fmt::format("root version {}", version),
                     .expected = std::move(expected),
                     .found = std::move(found),
-                    .fix = "let the package carry every root from the one that aircraft have on, each signed by the "
-                           "root keys of the one before"});
+                    .fix = "include every root after the one installed on the aircraft, each signed by the "
+                           "root keys of its predecessor"});
 }
 
 void check_chain(const RootChain& chain, const TrustRoot* installed) {
@@ -91,7 +91,7 @@ bool is_root_file_name(std::string_view path) {
 }
 
 RootWalk walk_package_roots(const fs::path& package, const TrustRoot& trusted, const AircraftState* state) {
-  // What the aircraft remembers goes first: another root of the same version has come too late.
+  // What the aircraft remembers takes precedence over another root of the same version.
   RootWalk walk = walk_roots(trusted, [&](std::int64_t version) -> std::optional<RootDocument> {
     if (state != nullptr) {
       const auto remembered = state->roots.find(version);
@@ -106,9 +106,9 @@ RootWalk walk_package_roots(const fs::path& package, const TrustRoot& trusted, c
   if (!walk.findings.refuses() && highest > walk.root.version) {
     walk.findings.add({.code = "root.rollback",
                        .where = root_file_name(highest),
-                       .expected = fmt::format("{}, which comes next", root_file_name(walk.root.version + 1)),
-                       .found = "no such file, but later ones",
-                       .fix = "let the package carry the roots between them as well"});
+                       .expected = fmt::format("{}, the next version", root_file_name(walk.root.version + 1)),
+                       .found = "only later versions",
+                       .fix = "include the missing versions in the package"});
   }
   return walk;
 }
@@ -119,10 +119,10 @@ RootChain read_root_chain(std::span<const fs::path> files, RootChain already, co
     const std::string text = read_text_file(file, kMaxRootSize);
     const std::int64_t version = read_trusted_root(file).version;
     if (chain.emplace(version, text).second || chain.at(version) == text) continue;
-    throw UsageError({.what = "two roots of one version cannot travel together",
+    throw UsageError({.what = "two different roots have the same version",
                       .where = file,
                       .expected = fmt::format("one root of version {}", version),
-                      .found = "another one with other bytes",
+                      .found = "a second one with different bytes",
                       .fix = "find out which of the two is in use"});
   }
   check_chain(chain, installed);

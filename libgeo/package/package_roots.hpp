@@ -1,5 +1,5 @@
 // Roots of trust that travel with a package, root/N.root.json. They are no artifacts: each carries its own signatures,
-// and they may have to be read before the manifest's signature can be judged, because only they name its key.
+// and they may have to be read before the manifest's signature can be verified, because only they name its key.
 #pragma once
 
 #include <cstdint>
@@ -28,16 +28,16 @@ RootWalk walk_package_roots(const std::filesystem::path& package, const TrustRoo
 // Documents of roots by version, each the successor of the one before.
 using RootChain = std::map<std::int64_t, std::string>;
 
-// Those of the files, joined to those that travel already. Throws UsageError for a file that is no root signed by its
+// The roots of these files, added to those that are there already. Throws UsageError for a file that is no root signed by its
 // own threshold, for two of one version, and where a root is missing or is not signed by the one before it. installed:
 // the root that aircraft have, when it is known; then the chain must lead on from it.
 RootChain read_root_chain(std::span<const std::filesystem::path> files, RootChain already = {},
                           const TrustRoot* installed = nullptr);
 
-// Those of a package, unchecked.
+// The roots in a package, unchecked.
 RootChain roots_in_package(const std::filesystem::path& package);
 
-// Puts the roots into the package; those that it carries already stay.
+// Adds the roots to the package; those that it has already stay.
 void add_package_roots(const std::filesystem::path& package, const RootChain& roots);
 
 }  // namespace nadir

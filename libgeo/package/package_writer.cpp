@@ -20,7 +20,7 @@ void write_manifest(const std::filesystem::path& package, const Manifest& manife
   const ManifestReading check = parse_manifest(as_bytes(bytes));
   if (!check.manifest) {
     const Finding& first = check.findings.items().front();
-    throw Error({.what = "this manifest would be refused by every reader",
+    throw Error({.what = "every reader would reject this manifest",
                  .where = first.where,
                  .expected = first.expected,
                  .found = first.found});
@@ -42,7 +42,7 @@ std::size_t add_package_signature(const fs::path& package, const PrivateKey& key
     try {
       envelope = parse_envelope(read_text_file(file, kMaxEnvelopeSize), file.string());
     } catch (const Error& error) {
-      throw UsageError({.what = "cannot add to the signatures that are there",
+      throw UsageError({.what = "cannot add to the existing signatures",
                         .where = file,
                         .expected = error.text().expected,
                         .found = error.text().found.empty() ? error.text().what : error.text().found,
@@ -65,11 +65,11 @@ void link_or_copy(const fs::path& from, const fs::path& to) {
   if (error) fs::copy_file(from, to);
 }
 
-// All but what is made anew: the artifacts that stay, and roots of trust, which are no artifacts.
-void carry_over(const fs::path& package, const Manifest& manifest, const Manifest& staying, const fs::path& target) {
+// Everything that is not written again: the artifacts that stay, and roots of trust, which are not artifacts.
+void copy_unchanged(const fs::path& package, const Manifest& manifest, const Manifest& kept, const fs::path& target) {
   std::set<std::string> left_out{std::string(kManifestFile), std::string(kSignatureFile)};
   for (const Artifact& artifact : manifest.artifacts) left_out.insert(artifact.path);
-  for (const Artifact& artifact : staying.artifacts) {
+  for (const Artifact& artifact : kept.artifacts) {
     left_out.erase(artifact.path);
     link_or_copy(package / artifact.path, target / artifact.path);
   }
@@ -86,7 +86,7 @@ void exchange(const fs::path& made, const fs::path& package) {
   if (::renameat2(AT_FDCWD, made.c_str(), AT_FDCWD, package.c_str(), RENAME_EXCHANGE) != 0) {
     const std::string why = system_error_text(errno);
     fs::remove_all(made);
-    throw Error({.what = "cannot put the new package into the old one's place",
+    throw Error({.what = "cannot replace the package",
                  .where = package,
                  .expected = "a file system that exchanges two names in one step (ext4, xfs, btrfs, tmpfs)",
                  .found = why,
@@ -103,20 +103,20 @@ void exchange(const fs::path& made, const fs::path& package) {
 
 void require_key_when_signed(const fs::path& package, bool have_key) {
   if (have_key || !fs::exists(fs::symlink_status(package / kSignatureFile))) return;
-  throw UsageError({.what = "this package is signed, and what is added changes what was signed",
+  throw UsageError({.what = "the package is signed, and adding artifacts invalidates the signature",
                     .where = package,
-                    .expected = "--key KEY.pem, so that the package is signed anew",
+                    .expected = "--key KEY.pem to sign the package again",
                     .found = "no key",
-                    .fix = "give the signer's key; other signers then add theirs with `nadir cache sign`"});
+                    .fix = "give the signer's key; other signers then add their signatures with `nadir cache sign`"});
 }
 
 Manifest load_package_manifest(const fs::path& package) {
   if (!fs::is_regular_file(fs::symlink_status(package / kManifestFile))) {
-    throw UsageError({.what = "this is no mission package",
+    throw UsageError({.what = "not a mission package",
                       .where = package,
                       .expected = "a folder with manifest.json",
                       .found = "none",
-                      .fix = "give the folder that `nadir cache build --out` made"});
+                      .fix = "give the folder that `nadir cache build --out` created"});
   }
   ManifestReading reading = parse_manifest(read_file(package / kManifestFile, kMaxManifestSize));
   if (reading.manifest) return *std::move(reading.manifest);
@@ -139,7 +139,7 @@ AmendedPackage amend_package(const fs::path& package, const Manifest& manifest, 
   progress.begin("completing the package", 2, "steps");
   Manifest with = manifest;
   std::erase_if(with.artifacts, [&](const Artifact& artifact) { return amendment.roles.contains(artifact.role); });
-  carry_over(whole, manifest, with, folder);
+  copy_unchanged(whole, manifest, with, folder);
   AmendedPackage result;
   for (Artifact& artifact : amendment.write(folder)) {
     result.added_bytes += artifact.size;

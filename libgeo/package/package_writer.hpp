@@ -28,8 +28,8 @@ void sign_package(const std::filesystem::path& package, const PrivateKey& key);
 std::size_t add_package_signature(const std::filesystem::path& package, const PrivateKey& key);
 
 struct Amendment {
-  std::set<std::string_view> roles;  // of the artifacts that are added; older ones of these roles go
-  // Writes the files into the folder of the new package; returns what the manifest has to name.
+  std::set<std::string_view> roles;  // of the added artifacts; existing artifacts of these roles are removed
+  // Writes the files into the folder of the new package; returns the artifacts for the manifest.
   std::function<std::vector<Artifact>(const std::filesystem::path& folder)> write;
 };
 
@@ -40,14 +40,14 @@ struct AmendedPackage {
   bool is_signed = false;
 };
 
-// Before the work: a signed package needs a key, because what was signed changes. Throws UsageError.
+// To be called before the work: amending a signed package needs a key. Throws UsageError.
 void require_key_when_signed(const std::filesystem::path& package, bool have_key);
 
 // The manifest of a package that is to be amended. Throws UsageError when there is none, Error when it does not read.
 Manifest load_package_manifest(const std::filesystem::path& package);
 
 // Makes the new package beside the old one (hard links where the disk has them) and exchanges the two names. A process
-// that is killed leaves the old or the new one, and the next one clears up. manifest, mission: of the package, whose
+// that is killed leaves the old or the new one, and the next run cleans up. manifest, mission: of the package, whose
 // files were checked (check_before_signing()). key: null leaves it unsigned. Throws UsageError for a signed package
 // without a key.
 AmendedPackage amend_package(const std::filesystem::path& package, const Manifest& manifest, const Mission& mission,

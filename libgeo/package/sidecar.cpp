@@ -170,23 +170,23 @@ std::string row_address_text(const SqliteStatement& row) {
 
 SidecarRows read_sidecars(const SqliteDatabase& database) {
   SidecarRows result;
-  const auto complain = [&result](const char* code, std::string where, const char* expected) {
+  const auto report = [&result](const char* code, std::string where, const char* expected) {
     if (result.findings.items().size() >= kNamed) return;
     result.findings.add({.code = code,
                          .where = "nadir_sidecars, " + std::move(where),
                          .expected = expected,
-                         .found = "another row",
+                         .found = "an invalid row",
                          .fix = "build the package again"});
   };
   auto rows = database.prepare(kSelectSidecars);
   while (rows.step()) {
     const auto key = row_key(rows);
     if (!key) {
-      complain("tile.misaddressed", row_address_text(rows), "an address inside the grid");
+      report("tile.misaddressed", row_address_text(rows), "an address inside the grid");
     } else if (auto sidecar = sidecar_from(rows, *key); !sidecar) {
-      complain("sqlite.corrupt", "tile " + to_text(*key), "digest, times and figures in their form");
+      report("sqlite.corrupt", "tile " + to_text(*key), "valid digest, times and numbers");
     } else if (!result.sidecars.empty() && !(result.sidecars.back().key < *key)) {
-      complain("tile.misaddressed", "tile " + to_text(*key), "one row for each tile");
+      report("tile.misaddressed", "tile " + to_text(*key), "one row per tile");
     } else {
       result.sidecars.push_back(std::move(*sidecar));
     }

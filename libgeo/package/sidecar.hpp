@@ -37,7 +37,7 @@ struct Sidecar {
   std::int64_t gsd_mm = 0;   // the source's ground sample distance
   std::int64_t ce90_mm = 0;  // circular error of its placement, 90 %
   TileTrust trust = TileTrust::service;
-  std::string sector;                       // id of the sector that decides the freshness; empty outside of all
+  std::string sector;                       // id of the sector that governs the freshness; empty outside of all
   std::int64_t valid_ppm = kWholeTile_ppm;  // share of the pixels that show ground
   Bytes mask;                               // PNG, one channel, 255 where the pixel is valid; empty when all are
 };
@@ -84,7 +84,7 @@ VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
 )sql";
 }  // namespace sql
 
-// Must be gone before the database is closed: it holds a statement.
+// Must be destroyed before the database is closed: it holds a statement.
 class SidecarWriter {
  public:
   explicit SidecarWriter(const SqliteDatabase& database);  // makes the table
@@ -94,14 +94,13 @@ class SidecarWriter {
   SqliteStatement insert_;
 };
 
-// A database of its own with metadata and sidecars (in the order of TileKey): what lies beside a COG. The same rows
-// give the same bytes. Throws Error when the file exists.
+// The file beside a COG: a database with metadata and sidecars (in the order of TileKey). Equal rows give equal bytes. Throws Error when the file exists.
 void write_sidecar_file(const std::filesystem::path& path, const std::vector<Sidecar>& sidecars,
                         const std::map<std::string, std::string>& metadata);
 
 bool has_sidecars(const SqliteDatabase& database);
 
-// All rows in the order of TileKey. Rows that are no sidecars are left out and become findings: "tile.misaddressed" for
+// All rows in the order of TileKey. Invalid rows are left out and become findings: "tile.misaddressed" for
 // an impossible address, "sqlite.corrupt" for values of the wrong form. Throws Error when the database cannot be read.
 struct SidecarRows {
   std::vector<Sidecar> sidecars;

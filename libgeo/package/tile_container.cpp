@@ -40,9 +40,9 @@ std::map<std::string, std::string> metadata_in(const SqliteDatabase& database) {
   return entries;
 }
 
-class Rows : public TileCursor {
+class MbtilesCursor : public TileCursor {
  public:
-  Rows(const SqliteDatabase& database, const char* select) : rows_(database.prepare(select)) {}
+  MbtilesCursor(const SqliteDatabase& database, const char* select) : rows_(database.prepare(select)) {}
 
   bool next() override { return rows_.step(); }
   std::optional<TileKey> key() const override { return row_key(rows_); }
@@ -54,15 +54,15 @@ class Rows : public TileCursor {
   SqliteStatement rows_;
 };
 
-// Addresses first, each tile when it is asked for.
-class RowsByNumber final : public Rows {
+// Addresses first, each tile on demand.
+class MbtilesRowidCursor final : public MbtilesCursor {
  public:
-  explicit RowsByNumber(const SqliteDatabase& database)
-      : Rows(database, kSelectTileRows), tile_(database.prepare(kSelectTileOfRow)) {}
+  explicit MbtilesRowidCursor(const SqliteDatabase& database)
+      : MbtilesCursor(database, kSelectTileRows), tile_(database.prepare(kSelectTileOfRow)) {}
 
   bool next() override {
     fetched_ = false;
-    return Rows::next();
+    return MbtilesCursor::next();
   }
   ByteView bytes() override {
     if (!fetched_) {
@@ -86,9 +86,9 @@ class MbtilesContainer final : public TileContainer {
   std::string_view kind() const override { return "mbtiles"; }
 
   std::unique_ptr<TileCursor> tiles(bool with_bytes) const override {
-    if (!with_bytes) return std::make_unique<Rows>(database_, kSelectTileKeys);
-    if (database_.prepare(kTilesHaveRows).step()) return std::make_unique<RowsByNumber>(database_);
-    return std::make_unique<Rows>(database_, kSelectTiles);
+    if (!with_bytes) return std::make_unique<MbtilesCursor>(database_, kSelectTileKeys);
+    if (database_.prepare(kTilesHaveRows).step()) return std::make_unique<MbtilesRowidCursor>(database_);
+    return std::make_unique<MbtilesCursor>(database_, kSelectTiles);
   }
 
   std::uint64_t count() const override {
@@ -125,16 +125,16 @@ std::unique_ptr<TileContainer> open_mbtiles_container(const std::filesystem::pat
   } catch (const Error&) {  // damaged: shows when it is walked
   }
   if (!missing) return container;
-  throw Error({.what = "no MBTiles file: the table \"tiles\" is missing",
+  throw Error({.what = "not an MBTiles file: table \"tiles\" is missing",
                .where = path,
                .expected = "an MBTiles file (a database with metadata and tiles)",
-               .fix = "name a raster tile set in MBTiles 1.3, or a COG"});
+               .fix = "give a raster tile set in MBTiles 1.3, or a COG"});
 }
 
 // Tiles that are cut out of decoded blocks are absent when nothing of them is shown: that needs their pixels.
-class Blocks final : public TileCursor {
+class CogCursor final : public TileCursor {
  public:
-  Blocks(const CogReader& reader, bool with_bytes) : reader_(reader), keys_(reader.keys()), with_bytes_(with_bytes) {}
+  CogCursor(const CogReader& reader, bool with_bytes) : reader_(reader), keys_(reader.keys()), with_bytes_(with_bytes) {}
 
   bool next() override {
     bytes_.reset();
@@ -180,7 +180,7 @@ class CogContainer final : public TileContainer {
 
   std::string_view kind() const override { return "cog"; }
   std::unique_ptr<TileCursor> tiles(bool with_bytes) const override {
-    return std::make_unique<Blocks>(reader_, with_bytes);
+    return std::make_unique<CogCursor>(reader_, with_bytes);
   }
   std::uint64_t count() const override { return reader_.keys().size(); }
 
@@ -211,8 +211,8 @@ class CogContainer final : public TileContainer {
       findings.add({.code = "tiff.grid",
                     .severity = Severity::warning,
                     .where = path_.filename().string() + ", overview of " + overview,
-                    .expected = "pixels that lie on those of a zoom of the web map",
-                    .found = "pixels between them: the overview is not used",
+                    .expected = "pixels aligned with a zoom of the web map",
+                    .found = "misaligned pixels: the overview is not used",
                     .fix = "gdal_translate -of COG -co TILING_SCHEME=GoogleMapsCompatible -co ALIGNED_LEVELS=N, N the "
                            "number of zooms"});
     }
@@ -260,9 +260,9 @@ Finding tile_set_finding(const Error& error, std::string where) {
   }
   return {.code = "sqlite.corrupt",
           .where = std::move(where),
-          .expected = "a sound SQLite database",
+          .expected = "an intact SQLite database",
           .found = text.found.empty() ? text.what : text.found,
-          .fix = "make the file again; a copy of a damaged file stays damaged"};
+          .fix = "create the file again; copying a damaged file does not repair it"};
 }
 
 }  // namespace nadir

@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kPixels = static_cast<std::size_t>(kTileSize) * kTileSize;
 
-constexpr int kMinFillBlocks = 4;  // fewer say nothing
+constexpr int kMinFillBlocks = 4;  // fewer are not significant
 constexpr int kBlock = 16;  // pixels
 constexpr int kBlocks = kTileSize / kBlock;
 constexpr double kNear = 3;  // JPEG does not give black and white back exactly
@@ -84,9 +84,9 @@ Finding blank(const TileKey& key, Severity severity, std::string found) {
   return {.code = "tile.blank",
           .severity = severity,
           .where = "tile " + to_text(key),
-          .expected = "a picture of the ground",
+          .expected = "an image of the ground",
           .found = std::move(found),
-          .fix = "look at this tile: fill that was written as a tile is no coverage"};
+          .fix = "inspect this tile: fill written as a tile is not coverage"};
 }
 
 void leave_out(const cv::Mat& fill, const TileKey& key, TileImageCheck& picture) {
@@ -106,7 +106,7 @@ void leave_out(const cv::Mat& fill, const TileKey& key, TileImageCheck& picture)
                             .expected = "ground, or transparent where there is none",
                             .found = fmt::format("{} % of it is black or white fill at its edge",
                                                  100 * filled / static_cast<std::int64_t>(pixels)),
-                            .fix = "fill is no coverage: use a format with transparency, or imagery beyond the area"};
+                            .fix = "fill is not coverage: use a format with transparency, or imagery beyond the area"};
 }
 
 }  // namespace
@@ -125,7 +125,7 @@ std::optional<Bytes> decode_tile_mask(ByteView png) {
 }
 
 Bytes encode_tile_mask(ByteView pixels) {
-  if (pixels.size() != kPixels) throw Error({.what = "a tile mask has another size than a tile"});
+  if (pixels.size() != kPixels) throw Error({.what = "tile mask and tile differ in size"});
   cv::Mat image(kTileSize, kTileSize, CV_8UC1);
   std::copy(pixels.begin(), pixels.end(), image.data);
   return encode_image(image, ImageFormat::png);
@@ -143,7 +143,7 @@ std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key) {
   } catch (const Error& error) {
     return Finding{.code = "tile.undecodable",
                    .where = where,
-                   .expected = "a JPEG, PNG or WebP picture",
+                   .expected = "a JPEG, PNG or WebP image",
                    .found = error.text().found.empty() ? error.text().what : error.text().found};
   }
 }
@@ -168,7 +168,7 @@ TileImageCheck check_tile_image(ByteView tile, const TileKey& key) {
       const bool fill = colour == cv::Vec3b(0, 0, 0) || colour == cv::Vec3b(255, 255, 255);
       // Black or white throughout is fill; another single colour may be a lake.
       result.problem = blank(key, fill ? Severity::refuse : Severity::warning,
-                             fill ? "one colour throughout: black or white fill" : "one colour throughout");
+                             fill ? "a single colour: black or white fill" : "a single colour");
       if (fill) {
         result.valid_ppm = 0;
         result.mask.assign(static_cast<std::size_t>(pixels), 0);
@@ -179,7 +179,7 @@ TileImageCheck check_tile_image(ByteView tile, const TileKey& key) {
   } catch (const Error& error) {
     result.problem = Finding{.code = "tile.undecodable",
                              .where = "tile " + to_text(key),
-                             .expected = "a sound picture",
+                             .expected = "an intact image",
                              .found = error.text().found.empty() ? error.text().what : error.text().found};
   }
   return result;

@@ -1,4 +1,4 @@
-// What the encoded image of one tile says about itself: whether it decodes, its size, and which pixels show ground.
+// Checks the encoded image of one tile: whether it decodes, its size, and which of its pixels show ground.
 //
 // A pixel shows ground when it is neither transparent nor fill. Fill is black or white at the tile's edge: what tools
 // write into JPEG tiles, which have no transparency, where their source ends. It looks like coverage and shows nothing.
@@ -22,7 +22,7 @@ struct TileImageCheck {
   Bytes mask;                      // kTileSize² bytes, 255 valid; empty when all are
 };
 
-// What the header alone says: tile.undecodable, tile.size. nullopt: nothing is wrong.
+// From the header alone: tile.undecodable, tile.size. nullopt: nothing is wrong.
 std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key);
 
 TileImageCheck check_tile_image(ByteView tile, const TileKey& key);

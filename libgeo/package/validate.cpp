@@ -26,8 +26,8 @@ namespace {
 constexpr std::size_t kWalFlag_at = 18;  // "file format write version" of SQLite's header: 2 is WAL
 constexpr int kFaultsNamed = 5;
 
-// What a walk over the tiles saw.
-struct SeenTiles {
+// What an iteration over the tiles found.
+struct TileExtent {
   std::map<int, TileKey> west, east, north, south;  // by zoom: the outermost tile to each side
   std::set<ImageFormat> formats;
 
@@ -46,10 +46,10 @@ Finding mismatch(std::string_view name, std::string expected, std::string_view f
           .where = fmt::format("metadata, {}", name),
           .expected = std::move(expected),
           .found = printable(found.substr(0, 80)),
-          .fix = "write what the file holds: other programs go by it"};
+          .fix = "write the actual value: other programs rely on it"};
 }
 
-std::optional<ImageFormat> claimed_format(std::string_view text) {
+std::optional<ImageFormat> stated_format(std::string_view text) {
   if (text == "jpg" || text == "image/jpeg") return ImageFormat::jpeg;
   return parse_image_format(text.starts_with("image/") ? text.substr(6) : text);
 }
@@ -69,33 +69,33 @@ std::optional<std::array<double, 4>> parse_bounds(std::string_view text) {
   return std::nullopt;
 }
 
-void check_format(std::string_view claimed, const SeenTiles& seen, Findings& findings) {
-  std::string held;
-  for (const ImageFormat format : seen.formats) held += (held.empty() ? "" : " and ") + std::string(name_of(format));
-  const auto format = claimed_format(claimed);
+void check_format(std::string_view stated, const TileExtent& seen, Findings& findings) {
+  std::string actual;
+  for (const ImageFormat format : seen.formats) actual += (actual.empty() ? "" : " and ") + std::string(name_of(format));
+  const auto format = stated_format(stated);
   if (format && (seen.formats.empty() || seen.formats == std::set{*format})) return;
   if (!format && seen.formats.empty()) return;
-  findings.add(mismatch("format", held, claimed));
+  findings.add(mismatch("format", actual, stated));
 }
 
-void check_zoom(std::string_view name, std::string_view claimed, int held, Findings& findings) {
+void check_zoom(std::string_view name, std::string_view stated, int actual, Findings& findings) {
   int zoom = -1;
-  const auto [end, error] = std::from_chars(claimed.data(), claimed.data() + claimed.size(), zoom);
-  if (error == std::errc{} && end == claimed.data() + claimed.size() && zoom == held) return;
-  Finding finding = mismatch(name, std::to_string(held), claimed);
-  // GDAL promises overviews that nobody asked for; whether they are needed is the mission's to say.
-  if (name == "minzoom" && zoom >= 0 && zoom < held) finding.severity = Severity::note;
+  const auto [end, error] = std::from_chars(stated.data(), stated.data() + stated.size(), zoom);
+  if (error == std::errc{} && end == stated.data() + stated.size() && zoom == actual) return;
+  Finding finding = mismatch(name, std::to_string(actual), stated);
+  // GDAL announces overviews that were not requested; whether they are needed depends on the mission.
+  if (name == "minzoom" && zoom >= 0 && zoom < actual) finding.severity = Severity::note;
   findings.add(std::move(finding));
 }
 
-// Bounds may be of the picture inside of its outermost tiles, or of whole tiles, or wider by a rounding: each side must
-// lie in the outermost tile of the finest zoom, or one tile beside it.
-void check_bounds(std::string_view claimed, const SeenTiles& seen, Findings& findings) {
+// Bounds may be those of the imagery inside the outermost tiles, or of whole tiles, or be rounded: each side must lie in
+// the outermost tile of the finest zoom, or one tile beside it.
+void check_bounds(std::string_view stated, const TileExtent& seen, Findings& findings) {
   const int zoom = seen.west.rbegin()->first;
   const LonLatBox west = bounds_of(seen.west.at(zoom)), east = bounds_of(seen.east.at(zoom));
   const LonLatBox north = bounds_of(seen.north.at(zoom)), south = bounds_of(seen.south.at(zoom));
   const double slack_lon = west.east_deg - west.west_deg, slack_lat = north.north_deg - north.south_deg;
-  const auto bounds = parse_bounds(claimed);
+  const auto bounds = parse_bounds(stated);
   const auto near = [](double value, double low, double high, double slack) {
     return value >= low - slack && value <= high + slack;
   };
@@ -108,10 +108,10 @@ void check_bounds(std::string_view claimed, const SeenTiles& seen, Findings& fin
   findings.add(mismatch(
       "bounds",
       fmt::format("about {:.5f},{:.5f},{:.5f},{:.5f}", west.west_deg, south.south_deg, east.east_deg, north.north_deg),
-      claimed));
+      stated));
 }
 
-void SeenTiles::add(const TileKey& key, std::optional<ImageFormat> format) {
+void TileExtent::add(const TileKey& key, std::optional<ImageFormat> format) {
   if (format) formats.insert(*format);
   keep(west, key, !west.contains(key.z) || key.x < west.at(key.z).x);
   keep(east, key, !east.contains(key.z) || key.x > east.at(key.z).x);
@@ -131,9 +131,9 @@ Findings check_journals(const std::filesystem::path& mbtiles) {
       findings.add(
           {.code = "sqlite.journal",
            .where = beside.filename().string(),
-           .expected = "a file that its maker has finished",
-           .found = fmt::format("{} bytes that are not in the database yet, or must be taken back", size),
-           .fix = "let its maker finish, or open it once for writing: sqlite3 FILE 'PRAGMA journal_mode=DELETE'"});
+           .expected = "a finished file without a journal",
+           .found = fmt::format("{} bytes that are not committed yet or must be rolled back", size),
+           .fix = "let the writing program finish, or open the file once for writing: sqlite3 FILE 'PRAGMA journal_mode=DELETE'"});
     }
   }
   std::array<char, kWalFlag_at + 1> head{};
@@ -158,9 +158,9 @@ Findings check_database(const SqliteDatabase& database) {
     if (faults.text(0) == "ok") continue;
     findings.add({.code = "sqlite.corrupt",
                   .where = database.path().filename().string(),
-                  .expected = "a sound SQLite database",
+                  .expected = "an intact SQLite database",
                   .found = printable(faults.text(0).substr(0, 200)),
-                  .fix = "make the file again; a copy of a damaged file stays damaged"});
+                  .fix = "create the file again; copying a damaged file does not repair it"});
   }
   auto plan = database.prepare(
       "EXPLAIN QUERY PLAN SELECT tile_data FROM tiles WHERE zoom_level = 1 AND tile_column = 1 AND tile_row = 1");
@@ -170,7 +170,7 @@ Findings check_database(const SqliteDatabase& database) {
                   .severity = Severity::warning,
                   .where = database.path().filename().string(),
                   .expected = "an index over zoom_level, tile_column, tile_row",
-                  .found = "each read of a tile searches all of them",
+                  .found = "no index: each read of a tile scans the whole table",
                   .fix = "CREATE UNIQUE INDEX tile_index ON tiles (zoom_level, tile_column, tile_row)"});
     break;
   }
@@ -179,26 +179,26 @@ Findings check_database(const SqliteDatabase& database) {
 
 // "metadata.mismatch": what the file claims (format, zooms, bounds) is not what it holds. Refuses when the table is
 // missing, because no reader opens such a file; else a warning, because others show the file at the wrong place or not.
-Findings check_metadata(const SqliteDatabase& database, const SeenTiles& seen) {
+Findings check_metadata(const SqliteDatabase& database, const TileExtent& seen) {
   Findings findings;
   if (!database.has_table("metadata")) {
     findings.add({.code = "metadata.mismatch",
                   .where = "metadata",
-                  .expected = "the table that MBTiles 1.3 demands",
+                  .expected = "the table that MBTiles 1.3 requires",
                   .found = "no such table",
                   .fix = "CREATE TABLE metadata (name TEXT, value TEXT), with name and format"});
     return findings;
   }
-  std::map<std::string, std::string> said;
+  std::map<std::string, std::string> metadata;
   auto rows =
       database.prepare("SELECT name, value FROM metadata WHERE name IN ('format', 'minzoom', 'maxzoom', 'bounds')");
-  while (rows.step()) said.emplace(rows.text(0), rows.text(1));
+  while (rows.step()) metadata.emplace(rows.text(0), rows.text(1));
   if (seen.empty()) return findings;
   // The specification demands the format and advises the rest.
-  check_format(said.contains("format") ? said["format"] : "nothing", seen, findings);
-  if (said.contains("minzoom")) check_zoom("minzoom", said["minzoom"], seen.west.begin()->first, findings);
-  if (said.contains("maxzoom")) check_zoom("maxzoom", said["maxzoom"], seen.west.rbegin()->first, findings);
-  if (said.contains("bounds")) check_bounds(said["bounds"], seen, findings);
+  check_format(metadata.contains("format") ? metadata["format"] : "nothing", seen, findings);
+  if (metadata.contains("minzoom")) check_zoom("minzoom", metadata["minzoom"], seen.west.begin()->first, findings);
+  if (metadata.contains("maxzoom")) check_zoom("maxzoom", metadata["maxzoom"], seen.west.rbegin()->first, findings);
+  if (metadata.contains("bounds")) check_bounds(metadata["bounds"], seen, findings);
   return findings;
 }
 
@@ -219,15 +219,15 @@ class Validator {
     }
     result_.bytes = std::filesystem::file_size(path_);
     result_.findings.add(container_->remarks());
-    // A damaged page ends the walk, not the judgement: what is missing behind it counts as missing.
+    // A damaged page ends the iteration, not the validation: what is missing behind it counts as missing.
     const SqliteDatabase* database = container_->database();
     if (database != nullptr) {
       result_.findings.add(check_journals(path_));
       guard([&] { result_.findings.add(check_database(*database)); });
     }
-    guard([&] { read_known(); });
+    guard([&] { read_sidecars_of_file(); });
     guard([&] { walk(); });
-    if (database != nullptr) guard([&] { result_.findings.add(check_metadata(*database, seen_)); });
+    if (database != nullptr) guard([&] { result_.findings.add(check_metadata(*database, extent_)); });
     result_.findings.add(check_coverage(mission_, tiles_));
     check_flipped();
     result_.findings.add(check_budget(mission_, result_.bytes));
@@ -253,13 +253,13 @@ class Validator {
     if (++counts_[finding.code] <= kNamedPerCode) result_.findings.add(std::move(finding));
   }
 
-  void read_known() {
+  void read_sidecars_of_file() {
     const SqliteDatabase* sidecars = container_->sidecars();
     result_.has_sidecars = sidecars != nullptr;
     if (!result_.has_sidecars) return;
     SidecarRows rows = read_sidecars(*sidecars);
     result_.findings.add(rows.findings);
-    for (Sidecar& sidecar : rows.sidecars) known_.emplace(sidecar.key, std::move(sidecar));
+    for (Sidecar& sidecar : rows.sidecars) sidecars_.emplace(sidecar.key, std::move(sidecar));
   }
 
   void walk() {
@@ -291,7 +291,7 @@ class Validator {
     try {
       bytes = row.bytes();
       const auto mask = row.mask();
-      if (mask && !shows_something(*mask)) return void(--result_.tiles);  // a block of fill that says so: no tile
+      if (mask && !has_valid_pixels(*mask)) return void(--result_.tiles);  // a block that is masked entirely: no tile
       picture = check_tile_image(bytes, key);
       if (mask) apply(*mask, picture);
     } catch (const Error& error) {  // of a COG: this block alone
@@ -300,18 +300,18 @@ class Validator {
       picture.problem = tile_set_finding(error, "tile " + to_text(key));
       picture.problem->code = "tile.undecodable";
     }
-    // Tools pad their grids: a black tile beside the mission's area harms nobody.
+    // Tools pad their grids: a black tile beside the mission's area does no harm.
     if (picture.problem && picture.problem->code == "tile.blank" && !needed(key)) {
       picture.problem->severity = Severity::warning;
     }
-    const auto known = known_.find(key);
+    const auto known = sidecars_.find(key);
     const bool filled = picture.problem && picture.problem->code == "tile.fill";
     const bool usable = !picture.problem || filled || picture.problem->code == "tile.blank";
-    // What a sidecar's mask leaves out may look as it likes.
-    if (picture.problem && !(filled && known != known_.end())) add(std::move(*picture.problem));
-    seen_.add(key, sniff_image_format(bytes));
+    // What a sidecar's mask leaves out may be fill.
+    if (picture.problem && !(filled && known != sidecars_.end())) add(std::move(*picture.problem));
+    extent_.add(key, sniff_image_format(bytes));
     Sidecar tile;
-    if (known != known_.end()) {
+    if (known != sidecars_.end()) {
       tile = known->second;
       if (sha256(bytes) != tile.sha256) {
         add({.code = "artifact.hash",
@@ -325,7 +325,7 @@ class Validator {
       tile.valid_ppm = picture.valid_ppm;
       if (!picture.mask.empty()) tile.mask = encode_tile_mask(picture.mask);
     }
-    // A tile that cannot be shown stays in the list with nothing valid, so that its place shows as a gap.
+    // An unusable tile stays in the list without valid pixels, so that its place shows as a gap.
     if (!usable) tile.valid_ppm = 0, tile.mask.clear();
     tiles_.push_back(std::move(tile));
   }
@@ -340,12 +340,12 @@ class Validator {
     return std::binary_search(needed_.begin(), needed_.end(), key);
   }
 
-  static bool shows_something(ByteView mask) {
+  static bool has_valid_pixels(ByteView mask) {
     const auto pixels = decode_tile_mask(mask);
     return pixels && std::any_of(pixels->begin(), pixels->end(), [](std::uint8_t pixel) { return pixel == 255; });
   }
 
-  // Of a picture whose container knows which of its pixels show ground.
+  // Restricts an image to the pixels that the container's mask declares valid.
   static void apply(ByteView mask, TileImageCheck& picture) {
     const auto pixels = decode_tile_mask(mask);
     if (!pixels) return;
@@ -358,7 +358,7 @@ class Validator {
     picture.valid_ppm = valid * kWholeTile_ppm / static_cast<std::int64_t>(pixels->size());
   }
 
-  // The classic mistake: rows counted from the north in a format that counts from the south.
+  // A common mistake: rows counted from the north in a format that counts from the south.
   void check_flipped() {
     if (container_->kind() == "cog") return;  // its places are those of the map
     std::size_t present = 0, mirrored = 0;
@@ -373,9 +373,9 @@ class Validator {
     }
     if (present != 0 || mirrored == 0) return;
     add({.code = "tile.misaddressed",
-         .where = fmt::format("zoom {}, {} tiles", mission_.zoom.max, mirrored),
-         .expected = "rows counted from the south (TMS), as MBTiles has them",
-         .found = "rows counted from the north (XYZ): the tiles lie mirrored at the equator",
+         .where = fmt::format("zoom {}, {} {}", mission_.zoom.max, mirrored, mirrored == 1 ? "tile" : "tiles"),
+         .expected = "rows counted from the south (TMS), as in MBTiles",
+         .found = "rows counted from the north (XYZ): tiles mirrored at the equator",
          .fix = "write tile_row = 2^zoom - 1 - y"});
   }
 
@@ -385,9 +385,9 @@ class Validator {
   Progress& progress_;
   std::unique_ptr<TileContainer> container_;
   Validation result_;
-  SeenTiles seen_;
-  std::vector<TileKey> needed_;  // of all of the mission's zooms, in the order of TileKey; filled when first asked for
-  std::map<TileKey, Sidecar> known_;
+  TileExtent extent_;
+  std::vector<TileKey> needed_;  // of all of the mission's zooms, in the order of TileKey; filled on first use
+  std::map<TileKey, Sidecar> sidecars_;
   std::vector<Sidecar> tiles_;
   std::map<std::string, std::size_t> counts_;
 };

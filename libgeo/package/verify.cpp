@@ -24,9 +24,9 @@ std::optional<Bytes> read_bounded(const fs::path& file, std::uint64_t max_size, 
   if (!fs::exists(status)) {
     findings.add({.code = missing_code,
                   .where = file.filename().string(),
-                  .expected = "a file that every package has",
+                  .expected = "a file required in every package",
                   .found = "none",
-                  .fix = "sign the package, or get it again whole"});
+                  .fix = "sign the package, or get a complete copy"});
     return std::nullopt;
   }
   if (!fs::is_regular_file(status) || fs::file_size(file) > max_size) {
@@ -46,7 +46,7 @@ std::optional<Envelope> read_envelope(ByteView bytes, Findings& findings) {
                   .where = std::string(kSignatureFile),
                   .expected = std::move(expected),
                   .found = std::move(found),
-                  .fix = "get the package again from its makers"});
+                  .fix = "get the package again from its producer"});
   };
   try {
     Envelope envelope = parse_envelope(as_text(bytes), kSignatureFile);
@@ -89,7 +89,7 @@ void check_clock(const Manifest& manifest, const VerifyOptions& options, Finding
   std::string because;
   if (options.at.unix_s + kClockTolerance_s < manifest.created.unix_s) {
     earliest = manifest.created;
-    because = "when the package was made";
+    because = "when the package was created";
   }
   if (options.state != nullptr && options.state->last_trusted_time) {
     const UtcTime last = *options.state->last_trusted_time;
@@ -103,7 +103,7 @@ void check_clock(const Manifest& manifest, const VerifyOptions& options, Finding
                 .where = "the clock",
                 .expected = fmt::format("not before {}, {}", to_rfc3339(*earliest), because),
                 .found = to_rfc3339(options.at),
-                .fix = "set the clock; expiry cannot be judged before that"});
+                .fix = "set the clock; expiry cannot be checked until then"});
 }
 
 void check_root(const TrustRoot& root, const VerifyOptions& options, Findings& findings) {
@@ -112,7 +112,7 @@ void check_root(const TrustRoot& root, const VerifyOptions& options, Findings& f
                   .where = fmt::format("root version {}", root.version),
                   .expected = "a trust root that is valid at " + to_rfc3339(options.at),
                   .found = "expired " + to_rfc3339(root.expires),
-                  .fix = "get the makers' newer root"});
+                  .fix = "get the producer's newer root"});
   }
   if (options.state != nullptr && root.version < options.state->root_version) {
     findings.add({.code = "root.rollback",
@@ -138,7 +138,7 @@ void check_sequence(const Manifest& manifest, const TrustRoot& root, const Verif
                 .severity = permitted ? Severity::warning : Severity::refuse,
                 .where = "series " + manifest.series,
                 .expected = fmt::format("sequence {} or later, as accepted before", seen->second),
-                .found = fmt::format("sequence {}{}", manifest.sequence, permitted ? ", which the permit allows" : ""),
+                .found = fmt::format("sequence {}{}", manifest.sequence, permitted ? ", as the permit allows" : ""),
                 .fix = permitted ? "" : "use the newest package of this series, or get a rollback permit"});
 }
 
@@ -234,7 +234,7 @@ class FileVerifier {
     return depth_ == VerifyDepth::full || (artifact.role != kRoleImagery && artifact.role != kRoleTerrain);
   }
 
-  // Whatever lies in the folder must be named in the manifest, and be a plain file.
+  // Every file in the folder must be named in the manifest and be a regular file.
   void walk() {
     std::set<std::string> named{std::string(kManifestFile), std::string(kSignatureFile)};
     for (const Artifact& artifact : manifest_.artifacts) named.insert(artifact.path);
@@ -245,10 +245,10 @@ class FileVerifier {
       if (fs::is_directory(status)) continue;
       if (++entries > kMaxEntries) return unexpected(path, "more than 10000 files");
       if (!fs::is_regular_file(status)) {
-        unexpected(path, fs::is_symlink(status) ? "a symbolic link" : "something that is no regular file");
+        unexpected(path, fs::is_symlink(status) ? "a symbolic link" : "not a regular file");
       } else if (named.contains(path)) {
         present_.insert(path);
-      } else if (!is_root_file_name(path)) {  // roots are judged by the walk over them
+      } else if (!is_root_file_name(path)) {  // checked by walk_package_roots()
         unexpected(path, "a file");
       }
     }
@@ -260,28 +260,28 @@ class FileVerifier {
                          .where = path,
                          .expected = "only the files that the manifest names",
                          .found = std::move(found),
-                         .fix = "get the package again from its makers"});
+                         .fix = "get the package again from its producer"});
   }
 
   void verify(const Artifact& artifact) {
-    const auto complain = [&](const char* code, std::string expected, std::string found) {
+    const auto report = [&](const char* code, std::string expected, std::string found) {
       check_.findings.add({.code = code,
                            .where = artifact.path,
                            .expected = std::move(expected),
                            .found = std::move(found),
-                           .fix = "get the package again from its makers"});
+                           .fix = "get the package again from its producer"});
     };
-    if (!present_.contains(artifact.path)) return complain("artifact.missing", "a regular file", "none");
+    if (!present_.contains(artifact.path)) return report("artifact.missing", "a regular file", "none");
     const std::uint64_t size = fs::file_size(package_ / artifact.path);
     if (size != artifact.size) {
-      complain("artifact.size", fmt::format("{} bytes", artifact.size), fmt::format("{} bytes", size));
+      report("artifact.size", fmt::format("{} bytes", artifact.size), fmt::format("{} bytes", size));
       if (artifact.role != kRoleImagery) return;
     }
     if (hashes(artifact) && size == artifact.size) {
       const Sha256 digest = hash(artifact);
       if (digest != artifact.sha256) {
-        complain("artifact.hash", artifact.sha256.hex(), digest.hex());
-        // The imagery is looked into all the same: its tiles tell what was changed.
+        report("artifact.hash", artifact.sha256.hex(), digest.hex());
+        // The imagery is examined all the same: its tiles show what was changed.
         if (artifact.role != kRoleImagery) return;
       }
     }
@@ -291,14 +291,14 @@ class FileVerifier {
   // Never more than the size that was signed.
   Sha256 hash(const Artifact& artifact) {
     std::ifstream file(package_ / artifact.path, std::ios::binary);
-    if (!file) throw Error({.what = "cannot open a file of the package", .where = package_ / artifact.path});
+    if (!file) throw Error({.what = "cannot open a package file", .where = package_ / artifact.path});
     Sha256Stream stream;
     Bytes block(kBlock);
     for (std::uint64_t left = artifact.size; left > 0;) {
       const std::size_t want = static_cast<std::size_t>(std::min<std::uint64_t>(left, block.size()));
       file.read(reinterpret_cast<char*>(block.data()), static_cast<std::streamsize>(want));
       const auto got = static_cast<std::size_t>(file.gcount());
-      if (file.bad()) throw Error({.what = "cannot read a file of the package", .where = package_ / artifact.path});
+      if (file.bad()) throw Error({.what = "cannot read a package file", .where = package_ / artifact.path});
       stream.update(ByteView(block).first(got));
       if (got < want) break;
       left -= got;
@@ -326,13 +326,13 @@ void require_package(const fs::path& package) {
   const bool anything = folder && (fs::exists(fs::symlink_status(package / kManifestFile)) ||
                                    fs::exists(fs::symlink_status(package / kSignatureFile)));
   if (anything) return;
-  throw Error({.what = "this is no mission package",
+  throw Error({.what = "not a mission package",
                .where = package,
                .expected = "a folder with manifest.json and manifest.sig",
-               .found = folder                ? "a folder without both"
-                        : fs::exists(package) ? "something that is no folder"
-                                              : "nothing of this name",
-               .fix = "give the folder that `nadir cache build --out` made"});
+               .found = folder                ? "a folder with neither"
+                        : fs::exists(package) ? "not a folder"
+                                              : "no such path",
+               .fix = "give the folder that `nadir cache build --out` created"});
 }
 
 void verify_imagery(const fs::path& package, const VerifyOptions& options, const FileCheck& files, Progress& progress,
@@ -358,7 +358,7 @@ void verify_imagery(const fs::path& package, const VerifyOptions& options, const
   }
 }
 
-// At quick depth the terrain's bytes are left to whoever opens the package.
+// At quick depth open_package() reads the terrain.
 void verify_terrain(const fs::path& package, const VerifyOptions& options, const FileCheck& files,
                     Verification& result) {
   if (!result.mission) return;

@@ -174,7 +174,7 @@ std::optional<McapStatistics> read_mcap_statistics(ByteView bytes) {
 
 namespace {
 
-// Damaged bytes may promise much: memory is taken as the bytes bear it out, not at once.
+// Damaged bytes may announce any size: memory grows with what is actually decompressed.
 constexpr std::size_t kStep = std::size_t{1} << 20;
 
 // pull(target, target_size, done): fills some of the target; returns how much, nothing on damage; sets done at the end.
@@ -195,7 +195,7 @@ std::optional<Bytes> gather(std::uint64_t size, const Pull& pull) {
   return out;
 }
 
-std::optional<Bytes> unzstd(ByteView bytes, std::uint64_t size) {
+std::optional<Bytes> decompress_zstd(ByteView bytes, std::uint64_t size) {
   const std::unique_ptr<ZSTD_DStream, decltype(&ZSTD_freeDStream)> stream(ZSTD_createDStream(), ZSTD_freeDStream);
   ZSTD_DCtx_setParameter(stream.get(), ZSTD_d_windowLogMax, 27);
   ZSTD_inBuffer in{bytes.data(), bytes.size(), 0};
@@ -208,7 +208,7 @@ std::optional<Bytes> unzstd(ByteView bytes, std::uint64_t size) {
   });
 }
 
-std::optional<Bytes> unlz4(ByteView bytes, std::uint64_t size) {
+std::optional<Bytes> decompress_lz4(ByteView bytes, std::uint64_t size) {
   LZ4F_dctx* made = nullptr;
   if (LZ4F_isError(LZ4F_createDecompressionContext(&made, LZ4F_VERSION)) != 0) return std::nullopt;
   const std::unique_ptr<LZ4F_dctx, decltype(&LZ4F_freeDecompressionContext)> context(made,
@@ -232,15 +232,15 @@ std::uint32_t crc32_of(ByteView bytes, std::uint32_t before) {
 Bytes compress_zstd(ByteView bytes, int level) {
   Bytes out(ZSTD_compressBound(bytes.size()));
   const std::size_t size = ZSTD_compress(out.data(), out.size(), bytes.data(), bytes.size(), level);
-  if (ZSTD_isError(size) != 0) throw Error({.what = "a chunk cannot be compressed", .found = ZSTD_getErrorName(size)});
+  if (ZSTD_isError(size) != 0) throw Error({.what = "cannot compress a chunk", .found = ZSTD_getErrorName(size)});
   out.resize(size);
   return out;
 }
 
 std::optional<Bytes> decompress_chunk(std::string_view compression, ByteView bytes, std::uint64_t size) {
-  if (size > kLargestChunk) return std::nullopt;
-  if (compression == "zstd") return unzstd(bytes, size);
-  if (compression == "lz4") return unlz4(bytes, size);
+  if (size > kMaxChunk) return std::nullopt;
+  if (compression == "zstd") return decompress_zstd(bytes, size);
+  if (compression == "lz4") return decompress_lz4(bytes, size);
   if (!compression.empty() || bytes.size() != size) return std::nullopt;
   return Bytes(bytes.begin(), bytes.end());
 }

@@ -45,7 +45,7 @@ class McapBytes {
   Bytes bytes_;
 };
 
-// Reads from the front. What is not there reads as zero and makes ok() false for good: a reader asks once, at the end.
+// Reads from the front. Missing bytes read as zero and make ok() false for good: check once, at the end.
 class McapCursor {
  public:
   explicit McapCursor(ByteView bytes) : left_(bytes) {}
@@ -68,7 +68,7 @@ class McapCursor {
     return bytes;
   }
   std::string text() { return std::string(as_text(raw(number<std::uint32_t>()))); }
-  // The bytes of a map or an array, whose length in bytes stands before it.
+  // The content of a map or an array, which is preceded by its length in bytes.
   McapCursor sized() {
     McapCursor inner(raw(number<std::uint32_t>()));
     if (!ok_) inner.ok_ = false;
@@ -155,16 +155,16 @@ std::optional<McapMessage> read_mcap_message(ByteView content);
 std::optional<McapChunkIndex> read_mcap_chunk_index(ByteView content);
 std::optional<McapStatistics> read_mcap_statistics(ByteView content);
 
-// No chunk that is read may unfold to more: nobody writes such, and memory ends somewhere.
-inline constexpr std::uint64_t kLargestChunk = std::uint64_t{256} << 20;
+// The largest decompressed chunk that is read.
+inline constexpr std::uint64_t kMaxChunk = std::uint64_t{256} << 20;
 
 // The CRC of zlib and of zip files (polynomial 0xEDB88320), continued from `before`.
 std::uint32_t crc32_of(ByteView bytes, std::uint32_t before = 0);
 
 Bytes compress_zstd(ByteView bytes, int level);
 
-// size: what the chunk says that it unfolds to. Nothing for damaged bytes, another size, an unknown compression or too
-// large a size.
+// size: the decompressed size according to the chunk. Nothing for damaged bytes, another size, an unknown compression or
+// a size above the limit.
 std::optional<Bytes> decompress_chunk(std::string_view compression, ByteView bytes, std::uint64_t size);
 
 }  // namespace nadir

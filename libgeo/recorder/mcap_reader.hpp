@@ -35,7 +35,7 @@ class MemorySource final : public ByteSource {
   ByteView bytes_;
 };
 
-// Not mapped: a file that is cut while it is read must not end the program.
+// Not memory-mapped: a file that is truncated while it is read must not end the program.
 class FileSource final : public ByteSource {
  public:
   explicit FileSource(const std::filesystem::path& path);  // throws Error when it cannot be opened or is no file
@@ -66,10 +66,10 @@ struct McapContents {
   Findings findings;  // recorder.format, recorder.truncated, recorder.chunk, recorder.index
 };
 
-// Called for each message in the order of the file. The channel, and its schema if it has one, lie in `contents`.
+// Called for each message in the order of the file. `contents` has its channel, and its schema if there is one.
 using McapMessageHandler = std::function<void(const McapContents& contents, const McapMessage& message)>;
 
 // where: names the file in findings.
-McapContents read_mcap(const ByteSource& source, std::string_view where, const McapMessageHandler& take);
+McapContents read_mcap(const ByteSource& source, std::string_view where, const McapMessageHandler& handler);
 
 }  // namespace nadir

@@ -112,7 +112,7 @@ fbs::AnchorVerdict verdict(AnchorVerdict verdict) {
   return static_cast<fbs::AnchorVerdict>(static_cast<std::uint8_t>(verdict));
 }
 
-// What a later version may call something else is "not tried" to this one.
+// Verdicts of a later version are read as "not tried".
 AnchorVerdict verdict(fbs::AnchorVerdict verdict) {
   if (verdict > fbs::AnchorVerdict::MAX) return AnchorVerdict::not_tried;
   return static_cast<AnchorVerdict>(static_cast<std::uint8_t>(verdict));
@@ -124,7 +124,7 @@ Bytes finish(FlatBufferBuilder& builder, flatbuffers::Offset<Table> root) {
   return {builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize()};
 }
 
-// The table, or null for bytes that are none.
+// The table, or null for invalid bytes.
 template <typename Table>
 const Table* verified(ByteView bytes) {
   flatbuffers::Verifier verifier(bytes.data(), bytes.size(), 16, 100'000);
@@ -554,7 +554,7 @@ Bytes encode(const Record& record) {
 }
 
 std::optional<Record> decode(Topic topic, ByteView bytes) {
-  // FlatBuffers reads numbers where they lie; a message may begin anywhere in its chunk.
+  // FlatBuffers needs aligned numbers; a message may begin anywhere in its chunk.
   constexpr std::size_t kAlignment = 16;
   if (reinterpret_cast<std::uintptr_t>(bytes.data()) % kAlignment == 0) {
     return decode_alternative(static_cast<std::size_t>(topic), bytes);

@@ -14,8 +14,8 @@ Bytes encode(const Record& record);
 // Nothing for bytes that are no record of this topic: they are verified before they are read.
 std::optional<Record> decode(Topic topic, ByteView bytes);
 
-// Keys never enter a recording, whatever a caller puts among the settings: the value, or "[withheld]" for one whose name
-// speaks of a key, signature, passphrase, password, secret or token, or that contains a private key.
+// Keys never enter a recording, whatever the settings contain: the value, or "[withheld]" for one whose name contains
+// key, signature, passphrase, password, secret or token, or that contains a private key.
 std::string redacted_setting(std::string_view name, std::string_view value);
 
 }  // namespace nadir

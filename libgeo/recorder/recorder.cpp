@@ -11,14 +11,14 @@
 namespace nadir {
 namespace {
 
-constexpr int kLongestSide = 320, kQuality = 70;
+constexpr int kMaxSide_px = 320, kQuality = 70;
 
 Bytes small_jpeg(const cv::Mat& picture) {
   if (picture.empty()) return {};
   cv::Mat small = picture;
   const int side = std::max(picture.cols, picture.rows);
-  if (side > kLongestSide) {
-    const double factor = static_cast<double>(kLongestSide) / side;
+  if (side > kMaxSide_px) {
+    const double factor = static_cast<double>(kMaxSide_px) / side;
     cv::resize(picture, small, {}, factor, factor, cv::INTER_AREA);
   }
   return encode_image(small, ImageFormat::jpeg, kQuality);
@@ -32,10 +32,10 @@ ThumbnailRecord thumbnail_record(const ThumbnailImages& pictures) {
 
 namespace {
 
-constexpr std::size_t kLeastItem = 1024;                        // what a small record costs in memory
-constexpr auto kLongestSleep = std::chrono::milliseconds(250);  // then the clock is asked what is due
+constexpr std::size_t kMinItem = 1024;                        // what a small record costs in memory
+constexpr auto kMaxSleep = std::chrono::milliseconds(250);  // then whatever is due is written
 
-// What goes wrong here (no memory, a picture that cannot be encoded) costs a record, not the flight.
+// An error here (no memory, an image that cannot be encoded) costs a record, not the flight.
 template <typename Work>
 bool survive(const Work& work) {
   try {
@@ -50,7 +50,7 @@ std::size_t bytes_of(const cv::Mat& picture) { return picture.total() * picture.
 
 std::size_t bytes_of(const Record& record) {
   const auto* picture = std::get_if<PictureRecord>(&record);
-  return kLeastItem + (picture == nullptr ? 0 : picture->encoded.size());
+  return kMinItem + (picture == nullptr ? 0 : picture->encoded.size());
 }
 
 }  // namespace
@@ -88,7 +88,7 @@ void Recorder::offer_thumbnail(ThumbnailImages pictures) {
     if (last_thumbnail_ns_ && now_ns < *last_thumbnail_ns_ + options_.thumbnail_ns) return;
     last_thumbnail_ns_ = now_ns;
   }
-  const std::size_t bytes = kLeastItem + bytes_of(pictures.seen) + bytes_of(pictures.map);
+  const std::size_t bytes = kMinItem + bytes_of(pictures.seen) + bytes_of(pictures.map);
   push({std::move(pictures), now_ns, bytes});
 }
 
@@ -157,7 +157,7 @@ void Recorder::run() {
   begin_thread("recorder", ThreadPriority::behind);
   std::unique_lock lock(mutex_);
   while (true) {
-    work_.wait_for(lock, kLongestSleep, [&] { return stopping_ || !queue_.empty() || flushed_ < flush_wanted_; });
+    work_.wait_for(lock, kMaxSleep, [&] { return stopping_ || !queue_.empty() || flushed_ < flush_wanted_; });
     if (!queue_.empty()) {
       const Item item = std::move(queue_.front());
       queue_.pop_front();
@@ -190,7 +190,7 @@ void Recorder::run() {
   publish();
 }
 
-// Under the lock: what the queue lost goes to the store, what the store knows to whoever asks.
+// Under the lock: passes the losses of the queue to the store and copies its status.
 void Recorder::publish() {
   for (const auto& [topic, count] : std::exchange(dropped_, {})) {
     store_.count_dropped(RecorderEventKind::dropped_by_queue, topic, count);

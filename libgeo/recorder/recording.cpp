@@ -26,7 +26,7 @@ std::vector<Segment> segments_at(const fs::path& path) {
   }
   std::vector<Segment> segments = segments_in(path);
   if (segments.empty()) {
-    throw Error({.what = "the folder holds no recording",
+    throw Error({.what = "the folder contains no recording",
                  .where = path,
                  .expected = "files such as 000001.flight.mcap",
                  .fix = "give the folder that the recorder wrote into, or a single MCAP file"});
@@ -42,9 +42,9 @@ void note_sequence(SegmentContents& segment, Topic topic, std::uint32_t sequence
   range.last = std::max(range.last, sequence);
 }
 
-void read_segment(SegmentContents& segment, const RecordHandler& take) {
+void read_segment(SegmentContents& segment, const RecordHandler& handler) {
   const FileSource source(segment.segment.path);
-  const auto take_message = [&](const McapContents& contents, const McapMessage& message) {
+  const auto on_message = [&](const McapContents& contents, const McapMessage& message) {
     const auto topic = parse_topic(contents.channels.at(message.channel_id).topic);
     if (!topic) {
       ++segment.foreign;
@@ -60,19 +60,19 @@ void read_segment(SegmentContents& segment, const RecordHandler& take) {
     if (*topic == Topic::session && !segment.session) segment.session = std::get<SessionRecord>(*record);
     segment.end.reset();
     if (*topic == Topic::end) segment.end = std::get<EndRecord>(*record);
-    take({segment, message.log_time_ns, std::move(*record)});
+    handler({segment, message.log_time_ns, std::move(*record)});
   };
-  segment.mcap = read_mcap(source, segment.segment.path.string(), take_message);
+  segment.mcap = read_mcap(source, segment.segment.path.string(), on_message);
 }
 
 }  // namespace
 
-std::vector<SegmentContents> read_recording(const fs::path& path, const RecordHandler& take) {
+std::vector<SegmentContents> read_recording(const fs::path& path, const RecordHandler& handler) {
   std::vector<SegmentContents> segments;
   for (Segment& segment : segments_at(path)) {
     SegmentContents& contents = segments.emplace_back();
     contents.segment = std::move(segment);
-    read_segment(contents, take);
+    read_segment(contents, handler);
   }
   return segments;
 }
@@ -106,11 +106,11 @@ void check_segment(const SegmentContents& segment, Findings& findings) {
   const std::string where = segment.segment.path.string();
   findings.add(segment.mcap.findings);
   if (segment.mcap.damaged_chunks == 0 && !segment.session && segment.mcap.messages != 0) {
-    findings.add({"recorder.session", Severity::refuse, where, "a session record", "none: it is not of our recorder"});
+    findings.add({"recorder.session", Severity::refuse, where, "a session record", "none: not written by our recorder"});
   }
   if (segment.undecodable != 0) {
-    findings.add({"recorder.payload", Severity::refuse, where, "FlatBuffers of the schemas that the file names",
-                  fmt::format("{} records that are none", segment.undecodable)});
+    findings.add({"recorder.payload", Severity::refuse, where, "FlatBuffers of the schemas in the file",
+                  fmt::format("{} invalid records", segment.undecodable)});
   }
 }
 
@@ -121,12 +121,12 @@ void check_session(const std::string& id, const std::vector<const SegmentContent
     if (segment->segment.stream == Stream::flight) last = segment;
   }
   if (last == nullptr || !last->end || !last->end->clean_shutdown) {
-    findings.add({"recorder.unclean", Severity::warning, where, "a last record that says clean_shutdown",
-                  "a recording that was cut off", "what was recorded before is there"});
+    findings.add({"recorder.unclean", Severity::warning, where, "a last record with clean_shutdown",
+                  "a recording that was cut off", "everything recorded before that is intact"});
   }
   if (last != nullptr && last->end && last->end->dropped != 0) {
     findings.add({"recorder.dropped", Severity::warning, where, "every record",
-                  fmt::format("{} that were dropped, as the recorder says", last->end->dropped)});
+                  fmt::format("{} dropped, as counted by the recorder", last->end->dropped)});
   }
   for (std::size_t i = 0; i < kTopics; ++i) {
     const auto topic = static_cast<Topic>(i);
@@ -172,7 +172,7 @@ void require(bool written, const SegmentFile& file) {
 McapContents recover_mcap(const fs::path& source, const fs::path& target) {
   const FileSource bytes(source);
   if (fs::exists(target))
-    throw Error({.what = "the file is there already", .where = target, .fix = "give another name"});
+    throw Error({.what = "the file already exists", .where = target, .fix = "choose another name"});
   const fs::path staging = target.parent_path() / fmt::format(".{}.{}.staging", target.filename().string(), ::getpid());
   McapContents contents;
   try {

@@ -28,7 +28,7 @@ struct SegmentContents {
   std::map<Topic, std::uint64_t> records;
   std::map<Topic, SequenceRange> sequences;
   std::uint64_t foreign = 0;      // of topics that are not ours
-  std::uint64_t undecodable = 0;  // of ours, but no such record
+  std::uint64_t undecodable = 0;  // of ours, but invalid
   std::optional<EndRecord> end;   // when it is the last record
 };
 
@@ -41,12 +41,12 @@ struct Recorded {
 using RecordHandler = std::function<void(Recorded recorded)>;
 
 // path: a folder as the recorder writes it, or any MCAP file. Throws Error when there is nothing of the kind.
-std::vector<SegmentContents> read_recording(const std::filesystem::path& path, const RecordHandler& take);
+std::vector<SegmentContents> read_recording(const std::filesystem::path& path, const RecordHandler& handler);
 
 // The sessions' ids in the order of their first segments.
 std::vector<std::string> sessions_of(const std::vector<SegmentContents>& segments);
 
-// What is wrong with a recording as a whole: damage, missing parts, losses that it tells of, no clean end.
+// Findings about a recording as a whole: damage, missing parts, recorded losses, no clean end.
 Findings check_recording(const std::vector<SegmentContents>& segments);
 
 // Every message that is readable, with its schema and channel, its times and its number. Atomic: `target` appears when

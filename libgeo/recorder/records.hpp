@@ -22,7 +22,7 @@
 
 namespace nadir {
 
-// What the flight ran with: all that the localizer started from.
+// The configuration of the flight: everything that the localizer started from.
 struct SessionRecord {
   std::string id;
   std::uint32_t segment = 0;     // filled in by the recorder
@@ -33,16 +33,16 @@ struct SessionRecord {
   CameraFile camera;
   LonLat origin;                // of the plane in which everything is estimated
   std::optional<LonLat> start;  // where the flight began, if it was known
-  int picture_shrink = 1;       // pictures were decoded at 1 / this of their size
+  int picture_shrink = 1;       // images were decoded at 1 / this of their size
   std::uint64_t seed = 0;
   LocalizerConfig localizer;                                  // of its surface and places only whether there were any
   bool terrain = false;                                       // the package's terrain was the surface; else flat ground
-  bool places = true;                                         // the package's place index was asked, if it has one
-  std::vector<std::pair<std::string, std::string>> settings;  // whatever else was chosen
+  bool places = true;                                         // the package's place index was used, if it has one
+  std::vector<std::pair<std::string, std::string>> settings;  // other options
   bool looked_up_later = false;                               // Localizer::follow() and finish(); else process()
 };
 
-// One frame as the localizer got it.
+// The localizer's input for one frame.
 struct InputRecord {
   std::uint64_t index = 0;
   Telemetry telemetry;
@@ -67,11 +67,11 @@ struct AnchorRecord {
   std::uint64_t index = 0;
   std::string frame;
   double time_s = 0;
-  AnchorReport anchor;            // without its pictures
+  AnchorReport anchor;            // without its images
   std::uint64_t taken_after = 0;  // the last frame that had been followed then: `index`, unless it was looked up later
 };
 
-// What Localizer::hint() was given.
+// A call of Localizer::hint().
 struct HintRecord {
   std::uint64_t before = 0;  // the frame that was followed next
   LonLat place;
@@ -121,7 +121,7 @@ struct EndRecord {
   std::string reason;
 };
 
-// In the order of Topic (topics.hpp).
+// In the order of Topic.
 using Record = std::variant<SessionRecord, InputRecord, PictureRecord, EstimateRecord, AnchorRecord, StateRecord,
                             TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord>;
 
@@ -131,7 +131,7 @@ inline constexpr std::size_t kTopics = 12;
 
 inline Topic topic_of(const Record& record) { return static_cast<Topic>(record.index()); }
 
-// What is bulky lies in files of its own, so that it can go first when room is short.
+// Bulky records go into separate files, which can be deleted first when space is short.
 enum class Stream { flight, pictures, thumbnails };
 inline constexpr std::array<Stream, 3> kStreams{Stream::flight, Stream::pictures, Stream::thumbnails};
 
@@ -144,7 +144,7 @@ Stream stream_of(Topic topic);
 
 std::string_view schema_name_of(Topic topic);  // "nadir.recorder.Estimate"
 
-// As they stand in every file: channel and schema of a topic have the number topic + 1.
+// As in every file: channel and schema of a topic have the number topic + 1.
 McapChannel mcap_channel(Topic topic);
 McapSchema mcap_schema(Topic topic);
 

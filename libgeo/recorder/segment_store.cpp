@@ -24,12 +24,12 @@ bool means_no_room(int error) { return error == ENOSPC || error == EDQUOT || err
 int lock_folder(const fs::path& folder) {
   const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (fd < 0)
-    throw Error({.what = "cannot open the folder of recordings", .where = folder, .found = system_error_text(errno)});
+    throw Error({.what = "cannot open the recording folder", .where = folder, .found = system_error_text(errno)});
   if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return fd;
   ::close(fd);
-  throw Error({.what = "another recorder writes into this folder",
+  throw Error({.what = "another recorder is writing to this folder",
                .where = folder,
-               .fix = "give each recorder a folder of its own"});
+               .fix = "give each recorder its own folder"});
 }
 
 Topic topic_of_channel(std::uint16_t channel) { return static_cast<Topic>(channel - 1); }
@@ -39,7 +39,7 @@ Topic topic_of_channel(std::uint16_t channel) { return static_cast<Topic>(channe
 SegmentStore::SegmentStore(StoreOptions options, SessionRecord session)
     : options_(std::move(options)), session_(std::move(session)) {
   if (options_.budget_bytes < kMinBudget) {
-    throw UsageError({.what = "the budget of recordings is too small",
+    throw UsageError({.what = "the recording budget is too small",
                       .where = options_.folder,
                       .expected = fmt::format("at least {} bytes", kMinBudget),
                       .found = fmt::format("{} bytes", options_.budget_bytes)});
@@ -48,7 +48,7 @@ SegmentStore::SegmentStore(StoreOptions options, SessionRecord session)
   std::error_code error;
   fs::create_directories(options_.folder, error);
   if (error) {
-    throw Error({.what = "cannot make the folder of recordings", .where = options_.folder, .found = error.message()});
+    throw Error({.what = "cannot create the recording folder", .where = options_.folder, .found = error.message()});
   }
   folder_lock_ = lock_folder(options_.folder);
   closed_ = segments_in(options_.folder);
@@ -84,7 +84,7 @@ void SegmentStore::flush(std::uint64_t now_ns) {
 
 void SegmentStore::close(const std::string& reason, std::uint64_t now_ns) {
   flush(now_ns);
-  write_events(now_ns);  // what flushing had to say
+  write_events(now_ns);  // events of the flush
   std::uint64_t dropped = 0;
   for (const auto& [topic, count] : status_.dropped) dropped += count;
   write(EndRecord{.clean_shutdown = true, .records = status_.records, .dropped = dropped, .reason = reason}, now_ns);
@@ -96,7 +96,7 @@ void SegmentStore::count_dropped(RecorderEventKind kind, Topic topic, std::uint6
   unreported_drops_[{kind, topic}] += count;
 }
 
-// While recording stands still they are only counted.
+// While recording is stopped, losses are only counted.
 void SegmentStore::write_events(std::uint64_t now_ns) {
   if (status_.stopped || (pending_events_.empty() && unreported_drops_.empty())) return;
   const std::vector<RecorderRecord> events = std::exchange(pending_events_, {});
@@ -122,7 +122,7 @@ void SegmentStore::write(const Record& record, std::uint64_t at_ns) {
   ++status_.records;
 }
 
-// A segment begins with a chunk of its own that holds the session and what every later chunk refers to.
+// A segment begins with a separate chunk that holds the session and the definitions that later chunks refer to.
 bool SegmentStore::open(Stream stream, std::uint64_t now_ns) {
   if (now_ns < next_open_ns_[stream]) return false;
   next_open_ns_[stream] = now_ns + options_.chunk_ns;
@@ -153,7 +153,7 @@ bool SegmentStore::open(Stream stream, std::uint64_t now_ns) {
     next_open_ns_[stream] = 0;
     return true;
   }
-  leave(stream, false);  // not even that: no empty file stays
+  leave(stream, false);  // not even that was written: remove the empty file
   return false;
 }
 
@@ -206,7 +206,7 @@ void SegmentStore::leave(Stream stream, bool keep) {
   open_.erase(found);
 }
 
-// For a stream only what is more expendable than it goes.
+// Deletes only what is more expendable than this stream.
 bool SegmentStore::make_room(Stream stream) {
   if (stream == Stream::thumbnails) return false;
   const Stream up_to = stream == Stream::flight ? Stream::pictures : Stream::thumbnails;
@@ -236,7 +236,7 @@ void SegmentStore::keep_budget() {
 
 void SegmentStore::remove(std::vector<Segment>::const_iterator segment) {
   std::error_code ignored;
-  fs::remove(segment->path, ignored);  // one that cannot be deleted is not counted any more either: no endless loop
+  fs::remove(segment->path, ignored);  // if it cannot be deleted, it is not counted any more either: no endless loop
   ++status_.deleted_segments;
   if (pending_events_.size() < kMaxPendingEvents) {
     pending_events_.push_back({RecorderEventKind::segment_deleted, {}, segment->bytes, segment->path.filename().string()});

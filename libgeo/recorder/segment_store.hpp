@@ -1,8 +1,8 @@
 // Records into the segments of a folder: chunks by size and time, a new segment by size and time, a budget for the
 // folder, and a full disk survived.
 //
-// Used by one thread. Trouble with the disk never throws: it stands in status(), and in the recording once there is
-// room again. Time comes in with each call (nanoseconds since 1970).
+// Used by one thread. Disk errors never throw: status() reports them, and the recording does once there is room
+// again. Time comes in with each call (nanoseconds since 1970).
 #pragma once
 
 #include <cstdint>
@@ -54,7 +54,7 @@ class SegmentStore {
   // The orderly end: the last record, and every segment finished.
   void close(const std::string& reason, std::uint64_t now_ns);
 
-  // Records that did not even come here; told in the recording.
+  // Counts records that were dropped before put(); the recording reports them.
   void count_dropped(RecorderEventKind kind, Topic topic, std::uint64_t count);
 
   const StoreStatus& status() const { return status_; }

@@ -47,7 +47,7 @@ std::vector<Segment> segments_in(const fs::path& folder) {
     segment->bytes = at->file_size(gone);
     if (!gone) segments.push_back(std::move(*segment));
   }
-  if (error) throw Error({.what = "a folder cannot be read", .where = folder, .found = error.message()});
+  if (error) throw Error({.what = "cannot read the folder", .where = folder, .found = error.message()});
   std::sort(segments.begin(), segments.end(), [](const Segment& a, const Segment& b) {
     return std::tie(a.number, a.stream) < std::tie(b.number, b.stream);
   });
@@ -87,7 +87,7 @@ bool SegmentFile::append(ByteView bytes) {
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) {
       error_ = written < 0 ? errno : ENOSPC;
-      // Cutting needs no room. Should it fail all the same, the next piece is written over the torn one.
+      // Truncating needs no space. Should it fail all the same, the next write overwrites the incomplete one.
       static_cast<void>(::ftruncate(fd_, static_cast<off_t>(size_)) == 0);
       return false;
     }
@@ -95,7 +95,7 @@ bool SegmentFile::append(ByteView bytes) {
     bytes = bytes.subspan(static_cast<std::size_t>(written));
   }
   if (sync_ && ::fdatasync(fd_) != 0) {
-    // Some file systems find out only now that there is no room.
+    // Some file systems report only now that there is no space.
     error_ = errno;
     static_cast<void>(::ftruncate(fd_, static_cast<off_t>(size_)) == 0);
     return false;

@@ -26,14 +26,14 @@ std::filesystem::path segment_path(const std::filesystem::path& folder, std::uin
 // By number. Other files are left out. Throws Error when the folder cannot be read.
 std::vector<Segment> segments_in(const std::filesystem::path& folder);
 
-// The one to delete when there is too much: thumbnails before pictures before decisions, the oldest first.
-// up_to: streams beyond this one are spared. End of the list: none.
+// The segment to delete when there are too many: thumbnails before pictures before decisions, the oldest first.
+// up_to: streams beyond this one are kept. end(): none.
 std::vector<Segment>::const_iterator most_expendable(const std::vector<Segment>& segments, Stream up_to);
 
-// A file that only grows, and only by whole pieces: a piece that does not fit on the disk leaves no trace.
+// An append-only file with atomic writes: a write that does not fit on the disk leaves no trace.
 class SegmentFile final : public McapSink {
  public:
-  // Makes the file; ok() is false when that cannot be done or the name is taken (error() says which).
+  // Creates the file; ok() is false when that fails or the file exists (see error()).
   SegmentFile(std::filesystem::path path, bool sync);
   ~SegmentFile() override;
   SegmentFile(const SegmentFile&) = delete;
@@ -49,7 +49,7 @@ class SegmentFile final : public McapSink {
 
  private:
   std::filesystem::path path_;
-  bool sync_;  // to the disk after each piece: what is written survives the loss of power
+  bool sync_;  // sync after each write: survives a power loss
   int fd_ = -1;
   int error_ = 0;
   std::uint64_t size_ = 0;

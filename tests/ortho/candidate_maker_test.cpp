@@ -241,7 +241,7 @@ class MakingOfSeveralFrames : public Making {
     EXPECT_EQ(west.whole + east.whole, 0U);
     EXPECT_EQ(store.tiles(), tiles_before_) << "the next frame may show it better";
     FrameTiles made = maker.finish(store);
-    made.pieces = east.pieces;
+    made.partial_tiles = east.partial_tiles;
     return made;
   }
   std::uint64_t tiles_before_ = 0;
@@ -250,7 +250,7 @@ class MakingOfSeveralFrames : public Making {
 TEST_F(MakingOfSeveralFrames, PiecesThemTogetherWhereTheGroundIs) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store);
-  EXPECT_EQ(made.pieced, 1U);
+  EXPECT_EQ(made.mosaics_stored, 1U);
   store.close();
   const auto all = read();
   ASSERT_EQ(all.size(), 1U);
@@ -289,7 +289,7 @@ TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
 TEST_F(MakingOfSeveralFrames, DoesNotPutTogetherWhatLiesApart) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store, 3);
-  EXPECT_GE(made.pieces[static_cast<std::size_t>(PartialTileOutcome::apart)], 1);
+  EXPECT_GE(made.partial_tiles[static_cast<std::size_t>(PartialTileOutcome::misaligned)], 1);
   EXPECT_EQ(store.tiles(), 0U);
 }
 

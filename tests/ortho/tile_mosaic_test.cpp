@@ -107,15 +107,15 @@ CandidateSidecar frame(int number, std::int64_t sigma_mm = 2000) {
 }
 
 TEST(TileMosaic, BecomesWholeOfPiecesThatLieUponEachOther) {
-  TileMosaic quilt(kKey, kPixel_m, {});
-  EXPECT_EQ(quilt.add(piece(0, 150), frame(2)), PartialTileOutcome::joined);
-  EXPECT_FALSE(quilt.whole());
-  EXPECT_EQ(quilt.add(piece(90, 256), frame(1, 2500)), PartialTileOutcome::joined);
-  ASSERT_TRUE(quilt.whole());
+  TileMosaic mosaic(kKey, kPixel_m, {});
+  EXPECT_EQ(mosaic.add(piece(0, 150), frame(2)), PartialTileOutcome::merged);
+  EXPECT_FALSE(mosaic.whole());
+  EXPECT_EQ(mosaic.add(piece(90, 256), frame(1, 2500)), PartialTileOutcome::merged);
+  ASSERT_TRUE(mosaic.whole());
   const cv::Mat expected = piece(0, 256).image;
-  EXPECT_EQ(cv::norm(quilt.image(), expected, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(mosaic.image(), expected, cv::NORM_INF), 0);
 
-  const auto sidecar = quilt.sidecar();
+  const auto sidecar = mosaic.sidecar();
   ASSERT_TRUE(sidecar);
   EXPECT_EQ(sidecar->key, kKey);
   ASSERT_EQ(sidecar->parts.size(), 2U);
@@ -137,12 +137,12 @@ TEST(TileMosaic, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
   }
   const cv::Mat light = west.image.clone();
   east.image = light - cv::Scalar::all(20);  // tells whose pixel it is
-  TileMosaic quilt(kKey, kPixel_m, {});
-  EXPECT_EQ(quilt.add(west, frame(1)), PartialTileOutcome::joined);
-  EXPECT_EQ(quilt.add(east, frame(2)), PartialTileOutcome::joined);
-  EXPECT_EQ(quilt.image().at<cv::Vec3b>(40, 50), light.at<cv::Vec3b>(40, 50));
-  EXPECT_EQ(quilt.image().at<cv::Vec3b>(40, 200), east.image.at<cv::Vec3b>(40, 200));
-  const auto sidecar = quilt.sidecar();
+  TileMosaic mosaic(kKey, kPixel_m, {});
+  EXPECT_EQ(mosaic.add(west, frame(1)), PartialTileOutcome::merged);
+  EXPECT_EQ(mosaic.add(east, frame(2)), PartialTileOutcome::merged);
+  EXPECT_EQ(mosaic.image().at<cv::Vec3b>(40, 50), light.at<cv::Vec3b>(40, 50));
+  EXPECT_EQ(mosaic.image().at<cv::Vec3b>(40, 200), east.image.at<cv::Vec3b>(40, 200));
+  const auto sidecar = mosaic.sidecar();
   ASSERT_TRUE(sidecar);
   EXPECT_NEAR(static_cast<double>(sidecar->parts[0].share_ppm), 5e5, 8e4);
   EXPECT_NEAR(static_cast<double>(sidecar->quality.view_angle_mdeg), 1000 * degrees(std::atan(0.002 * 135)), 1200)
@@ -150,10 +150,10 @@ TEST(TileMosaic, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
 }
 
 TEST(TileMosaic, WhatPiecesDisagreeByIsPartOfItsSigma) {
-  TileMosaic quilt(kKey, kPixel_m, {});
-  quilt.add(piece(0, 150), frame(1));
-  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 3), frame(2)), PartialTileOutcome::joined);
-  const auto sidecar = quilt.sidecar();
+  TileMosaic mosaic(kKey, kPixel_m, {});
+  mosaic.add(piece(0, 150), frame(1));
+  EXPECT_EQ(mosaic.add(piece(60, 256, 0.1, 3), frame(2)), PartialTileOutcome::merged);
+  const auto sidecar = mosaic.sidecar();
   ASSERT_TRUE(sidecar);
   EXPECT_NEAR(static_cast<double>(sidecar->seam_mm), 1200, 80);
   EXPECT_NEAR(static_cast<double>(sidecar->pose.sigma_mm), std::hypot(2000, sidecar->seam_mm), 1.1);
@@ -163,26 +163,26 @@ TEST(TileMosaic, WhatPiecesDisagreeByIsPartOfItsSigma) {
 }
 
 TEST(TileMosaic, PiecesThatLieElsewhereOrProveNothingStayOut) {
-  TileMosaic quilt(kKey, kPixel_m, {});
-  quilt.add(piece(0, 150), frame(1));
-  EXPECT_EQ(quilt.add(piece(60, 256, 0.1, 6), frame(2)), PartialTileOutcome::apart) << "2.4 m";
-  EXPECT_EQ(quilt.add(piece(140, 256), frame(3)), PartialTileOutcome::unproven) << "ten columns in common";
+  TileMosaic mosaic(kKey, kPixel_m, {});
+  mosaic.add(piece(0, 150), frame(1));
+  EXPECT_EQ(mosaic.add(piece(60, 256, 0.1, 6), frame(2)), PartialTileOutcome::misaligned) << "2.4 m";
+  EXPECT_EQ(mosaic.add(piece(140, 256), frame(3)), PartialTileOutcome::unverified) << "ten columns in common";
   PartialTile water = piece(60, 256);
   water.image.setTo(cv::Scalar::all(70));
-  EXPECT_EQ(quilt.add(water, frame(4)), PartialTileOutcome::unproven);
-  EXPECT_EQ(quilt.add(piece(0, 150), frame(5)), PartialTileOutcome::hidden) << "nothing better";
-  EXPECT_FALSE(quilt.whole());
-  EXPECT_EQ(quilt.add(piece(60, 256), frame(6)), PartialTileOutcome::joined) << "the same without any doubt";
-  EXPECT_TRUE(quilt.whole());
+  EXPECT_EQ(mosaic.add(water, frame(4)), PartialTileOutcome::unverified);
+  EXPECT_EQ(mosaic.add(piece(0, 150), frame(5)), PartialTileOutcome::redundant) << "nothing better";
+  EXPECT_FALSE(mosaic.whole());
+  EXPECT_EQ(mosaic.add(piece(60, 256), frame(6)), PartialTileOutcome::merged) << "the same without any doubt";
+  EXPECT_TRUE(mosaic.whole());
 }
 
 TEST(TileMosaic, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
   for (const auto& [sigma_mm, moved_px, trust] :
        {std::tuple{4800, 4.0, std::optional<CandidateTrust>()}, {2900, 3.0, CandidateTrust::soft}}) {
-    TileMosaic quilt(kKey, kPixel_m, {});
-    quilt.add(piece(0, 150), frame(1, sigma_mm));
-    ASSERT_EQ(quilt.add(piece(60, 256, 0.1, moved_px), frame(2)), PartialTileOutcome::joined);
-    const auto sidecar = quilt.sidecar();
+    TileMosaic mosaic(kKey, kPixel_m, {});
+    mosaic.add(piece(0, 150), frame(1, sigma_mm));
+    ASSERT_EQ(mosaic.add(piece(60, 256, 0.1, moved_px), frame(2)), PartialTileOutcome::merged);
+    const auto sidecar = mosaic.sidecar();
     ASSERT_EQ(sidecar.has_value(), trust.has_value());
     if (sidecar) {
       EXPECT_EQ(sidecar->trust, *trust);
@@ -191,61 +191,61 @@ TEST(TileMosaic, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
 }
 
 TEST(TileMosaic, HasRoomForSixFrames) {
-  TileMosaic quilt(kKey, kPixel_m, {});
-  for (int i = 0; i < 6; ++i) EXPECT_EQ(quilt.add(piece(0, 60 + 20 * i), frame(i)), PartialTileOutcome::joined) << i;
-  EXPECT_EQ(quilt.add(piece(0, 256), frame(7)), PartialTileOutcome::full);
-  EXPECT_EQ(quilt.add(piece(0, 256), frame(8, 500)), PartialTileOutcome::full);
+  TileMosaic mosaic(kKey, kPixel_m, {});
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(mosaic.add(piece(0, 60 + 20 * i), frame(i)), PartialTileOutcome::merged) << i;
+  EXPECT_EQ(mosaic.add(piece(0, 256), frame(7)), PartialTileOutcome::full);
+  EXPECT_EQ(mosaic.add(piece(0, 256), frame(8, 500)), PartialTileOutcome::full);
 }
 
 TEST(TileMosaics, HandOutWhatIsWholeWhenTheFlightHasPassed) {
-  TileMosaics quilts({});
-  quilts.add(piece(0, 150), frame(1), kPixel_m);
-  EXPECT_TRUE(quilts.take_finished().empty());
-  quilts.add(piece(60, 256), frame(2), kPixel_m);
-  EXPECT_TRUE(quilts.take_finished().empty()) << "the next frame may show it better";
-  const auto finished = quilts.take_finished();
+  TileMosaics mosaics({});
+  mosaics.add(piece(0, 150), frame(1), kPixel_m);
+  EXPECT_TRUE(mosaics.take_finished().empty());
+  mosaics.add(piece(60, 256), frame(2), kPixel_m);
+  EXPECT_TRUE(mosaics.take_finished().empty()) << "the next frame may show it better";
+  const auto finished = mosaics.take_finished();
   ASSERT_EQ(finished.size(), 1U);
   EXPECT_TRUE(finished[0].whole());
-  EXPECT_EQ(quilts.open(), 0U);
-  EXPECT_EQ(quilts.dropped(), 0U);
+  EXPECT_EQ(mosaics.open(), 0U);
+  EXPECT_EQ(mosaics.dropped(), 0U);
 }
 
 TEST(TileMosaics, AreBoundedAndDropWhatWasAddedToLongestAgo) {
-  TileMosaics quilts({.most_open = 2});
+  TileMosaics mosaics({.max_open = 2});
   const auto at = [](std::uint32_t x) {
     PartialTile patch = piece(0, 150);
     patch.key.x = x;
     return patch;
   };
-  quilts.add(at(1), frame(1), kPixel_m);
-  quilts.add(at(2), frame(2), kPixel_m);
+  mosaics.add(at(1), frame(1), kPixel_m);
+  mosaics.add(at(2), frame(2), kPixel_m);
   PartialTile more = piece(60, 256);
   more.key.x = 1;
-  quilts.add(more, frame(3), kPixel_m);
-  quilts.add(at(3), frame(4), kPixel_m);  // 2 gives way
-  EXPECT_EQ(quilts.open(), 2U);
-  EXPECT_EQ(quilts.dropped(), 1U);
-  const auto rest = quilts.take_all_whole();
+  mosaics.add(more, frame(3), kPixel_m);
+  mosaics.add(at(3), frame(4), kPixel_m);  // 2 gives way
+  EXPECT_EQ(mosaics.open(), 2U);
+  EXPECT_EQ(mosaics.dropped(), 1U);
+  const auto rest = mosaics.take_all_complete();
   ASSERT_EQ(rest.size(), 1U);
   EXPECT_EQ(rest[0].key().x, 1U);
-  EXPECT_EQ(quilts.dropped(), 2U);
+  EXPECT_EQ(mosaics.dropped(), 2U);
 }
 
 TEST(TileMosaics, PiecesOfAnotherPassBeginAnew) {
-  TileMosaics quilts({.max_span_s = 100});
-  quilts.add(piece(0, 150), frame(1), kPixel_m);
-  quilts.add(piece(60, 256), frame(102), kPixel_m);
-  EXPECT_TRUE(quilts.take_all_whole().empty());
-  EXPECT_EQ(quilts.dropped(), 2U);
+  TileMosaics mosaics({.max_span_s = 100});
+  mosaics.add(piece(0, 150), frame(1), kPixel_m);
+  mosaics.add(piece(60, 256), frame(102), kPixel_m);
+  EXPECT_TRUE(mosaics.take_all_complete().empty());
+  EXPECT_EQ(mosaics.dropped(), 2U);
 }
 
 TEST(TileMosaics, ASmallPieceDoesNotKeepOutALargerOneForEver) {
-  TileMosaics quilts({});
-  quilts.add(piece(0, 20), frame(1), kPixel_m);
-  EXPECT_EQ(quilts.add(piece(15, 200), frame(2), kPixel_m), PartialTileOutcome::unproven);
-  EXPECT_EQ(quilts.add(piece(0, 100), frame(3), kPixel_m), PartialTileOutcome::joined);
-  EXPECT_EQ(quilts.add(piece(150, 256), frame(4), kPixel_m), PartialTileOutcome::joined);
-  const auto whole = quilts.take_all_whole();
+  TileMosaics mosaics({});
+  mosaics.add(piece(0, 20), frame(1), kPixel_m);
+  EXPECT_EQ(mosaics.add(piece(15, 200), frame(2), kPixel_m), PartialTileOutcome::unverified);
+  EXPECT_EQ(mosaics.add(piece(0, 100), frame(3), kPixel_m), PartialTileOutcome::merged);
+  EXPECT_EQ(mosaics.add(piece(150, 256), frame(4), kPixel_m), PartialTileOutcome::merged);
+  const auto whole = mosaics.take_all_complete();
   ASSERT_EQ(whole.size(), 1U);
   EXPECT_EQ(whole[0].sidecar()->parts.size(), 3U);
 }

@@ -30,9 +30,9 @@ void count_frame(const FrameTiles& made, TilesSummary& summary) {
 }
 
 void count_tiles(const FrameTiles& made, TilesSummary& summary) {
-  summary.pieced += made.pieced;
-  for (std::size_t i = 0; i < made.pieces.size(); ++i) {
-    summary.pieces[i] += static_cast<std::uint64_t>(made.pieces[i]);
+  summary.pieced += made.mosaics_stored;
+  for (std::size_t i = 0; i < made.partial_tiles.size(); ++i) {
+    summary.pieces[i] += static_cast<std::uint64_t>(made.partial_tiles[i]);
   }
   for (std::size_t i = 0; i < made.refused.size(); ++i) {
     summary.tiles_refused[i] += static_cast<std::uint64_t>(made.refused[i]);
