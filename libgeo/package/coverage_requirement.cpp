@@ -61,7 +61,7 @@ CoverageRequirement::Place CoverageRequirement::classify(PlanePoint centre, doub
 }
 
 bool CoverageRequirement::visit_needed(const TileFootprint& tile, const Block& block,
-                            const std::function<bool(const Block&)>& visit) const {
+                                       const std::function<bool(const Block&)>& visit) const {
   const PlanePoint centre = tile.place(block.column + block.size / 2.0, block.row + block.size / 2.0);
   if (block.size == 1) return !region_.contains(centre) || visit(block);
   // Longitude and latitude lines are not quite square in the plane: a little more than the half diagonal.
@@ -149,7 +149,8 @@ void add_all_below(const TileKey& key, int zoom, std::vector<TileKey>& keys) {
   }
 }
 
-void descend(const CoverageRequirement& need, const LocalFrame& frame, const TileKey& key, int zoom, std::vector<TileKey>& keys) {
+void descend(const CoverageRequirement& need, const LocalFrame& frame, const TileKey& key, int zoom,
+             std::vector<TileKey>& keys) {
   if (key.z == zoom) {
     if (need.needs(TileFootprint(frame, key))) keys.push_back(key);
     return;

@@ -151,7 +151,8 @@ ManifestReading parse_manifest(ByteView bytes) {
                           .fix = "build the package again with this version"});
   };
   if (bytes.size() > kMaxManifestSize) {
-    refuse(std::string(kManifestFile), fmt::format("at most {} bytes", kMaxManifestSize), fmt::format("{} bytes", bytes.size()));
+    refuse(std::string(kManifestFile), fmt::format("at most {} bytes", kMaxManifestSize),
+           fmt::format("{} bytes", bytes.size()));
     return reading;
   }
   try {
@@ -163,7 +164,8 @@ ManifestReading parse_manifest(ByteView bytes) {
   } catch (const JsonError& error) {
     refuse(error.text().where, error.text().expected, error.text().found);
   } catch (const Error& error) {
-    refuse(std::string(kManifestFile), "strict JSON", error.text().found.empty() ? error.text().what : error.text().found);
+    refuse(std::string(kManifestFile), "strict JSON",
+           error.text().found.empty() ? error.text().what : error.text().found);
   }
   return reading;
 }

@@ -40,9 +40,9 @@ inline constexpr std::string_view kRoleSidecars = "sidecars";  // with a COG
 inline constexpr std::string_view kRoleMission = "mission";
 inline constexpr std::string_view kRoleTerrain = "terrain";
 
-// What is wrong with the name of a file inside a package; nullopt when nothing is. Names come from a signed document and
-// are checked all the same: a name must mean the same file on every file system and must never lead out of the package.
-// Good: relative, parts of letters, digits, '.', '_' and '-' joined by single '/', no part beginning with '.'.
+// What is wrong with the name of a file inside a package; nullopt when nothing is. Names come from a signed document
+// and are checked all the same: a name must mean the same file on every file system and must never lead out of the
+// package. Good: relative, parts of letters, digits, '.', '_' and '-' joined by single '/', no part beginning with '.'.
 inline constexpr std::size_t kMaxPackagePath = 200;
 std::optional<std::string> path_problem(std::string_view path);
 

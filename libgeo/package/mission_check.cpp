@@ -112,12 +112,13 @@ Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles,
     const int days = mission.freshness_days.of(areas[area].cls);
     findings.add(
         {.code = "freshness.stale",
-         .where = fmt::format("{}, {}, for example {}", areas[area].name, counted(entry.count, "tile"), to_text(entry.example)),
-         .expected =
-             fmt::format("imagery at most {} old ({}) at {}", counted(static_cast<std::size_t>(days), "day"),
-                         name_of(areas[area].cls), to_rfc3339(at)),
-         .found = fmt::format("captured {}, {} earlier", to_rfc3339(entry.oldest),
-                              counted(static_cast<std::size_t>((at.unix_s - entry.oldest.unix_s) / kSecondsPerDay), "day")),
+         .where = fmt::format("{}, {}, for example {}", areas[area].name, counted(entry.count, "tile"),
+                              to_text(entry.example)),
+         .expected = fmt::format("imagery at most {} old ({}) at {}", counted(static_cast<std::size_t>(days), "day"),
+                                 name_of(areas[area].cls), to_rfc3339(at)),
+         .found =
+             fmt::format("captured {}, {} earlier", to_rfc3339(entry.oldest),
+                         counted(static_cast<std::size_t>((at.unix_s - entry.oldest.unix_s) / kSecondsPerDay), "day")),
          .fix = "get newer imagery, or raise freshness_days if the ground has not changed"});
   }
   return findings;
@@ -155,7 +156,8 @@ Findings check_budget(const Mission& mission, std::uint64_t package_bytes) {
   return findings;
 }
 
-Findings check_tile_requirements(const Mission& mission, std::span<const Sidecar> tiles, std::uint64_t package_bytes, UtcTime at) {
+Findings check_tile_requirements(const Mission& mission, std::span<const Sidecar> tiles, std::uint64_t package_bytes,
+                                 UtcTime at) {
   Findings findings = check_coverage(mission, tiles);
   findings.add(check_freshness(mission, tiles, at));
   findings.add(check_resolution(mission, tiles));
@@ -165,8 +167,8 @@ Findings check_tile_requirements(const Mission& mission, std::span<const Sidecar
 
 namespace {
 
-constexpr int kMinBlock = 64;              // quads per side that are searched together
-constexpr int kMaxBlocks = 1000;            // per side
+constexpr int kMinBlock = 64;                   // quads per side that are searched together
+constexpr int kMaxBlocks = 1000;                // per side
 constexpr std::size_t kMaxGapSamples = 20'000;  // the search stops there
 constexpr std::size_t kNamed = 10;
 constexpr double kMetresPerDegree = 111'320;
@@ -311,12 +313,12 @@ void check_terrain_heights(const TerrainRaster& terrain, Findings& findings) {
   if (count == 0) return;
   const auto columns = static_cast<std::size_t>(terrain.grid().columns);
   const LonLat at = terrain.grid().place(static_cast<double>(first % columns), static_cast<double>(first / columns));
-  findings.add(
-      {.code = "dem.implausible",
-       .where = fmt::format("{}, {}, for example at {:.6f},{:.6f}", kTerrainFile, counted(count, "post"), at.lon_deg, at.lat_deg),
-       .expected = fmt::format("metres from {:.0f} to {:.0f}", kLowestGround_m, kHighestGround_m),
-       .found = lowest < kLowestGround_m ? fmt::format("{}", lowest) : fmt::format("{}", highest),
-       .fix = "declare the no-data value: gdal_translate -a_nodata VALUE; heights are in metres"});
+  findings.add({.code = "dem.implausible",
+                .where = fmt::format("{}, {}, for example at {:.6f},{:.6f}", kTerrainFile, counted(count, "post"),
+                                     at.lon_deg, at.lat_deg),
+                .expected = fmt::format("metres from {:.0f} to {:.0f}", kLowestGround_m, kHighestGround_m),
+                .found = lowest < kLowestGround_m ? fmt::format("{}", lowest) : fmt::format("{}", highest),
+                .fix = "declare the no-data value: gdal_translate -a_nodata VALUE; heights are in metres"});
 }
 
 }  // namespace

@@ -26,7 +26,8 @@ class CheckedTiles final : public TileSource {
   const Sidecar* sidecar(const TileKey& key) const;
   const std::vector<Sidecar>& sidecars() const { return sidecars_; }
 
-  // What reading has found so far: artifact.hash, sqlite.corrupt, tiff.corrupt. Each tile once, however often it is read.
+  // What reading has found so far: artifact.hash, sqlite.corrupt, tiff.corrupt. Each tile once, however often it is
+  // read.
   Findings findings() const;
 
  private:

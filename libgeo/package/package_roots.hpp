@@ -28,9 +28,9 @@ RootWalk walk_package_roots(const std::filesystem::path& package, const TrustRoo
 // Documents of roots by version, each the successor of the one before.
 using RootChain = std::map<std::int64_t, std::string>;
 
-// The roots of these files, added to those that are there already. Throws UsageError for a file that is no root signed by its
-// own threshold, for two of one version, and where a root is missing or is not signed by the one before it. installed:
-// the root that aircraft have, when it is known; then the chain must lead on from it.
+// The roots of these files, added to those that are there already. Throws UsageError for a file that is no root signed
+// by its own threshold, for two of one version, and where a root is missing or is not signed by the one before it.
+// installed: the root that aircraft have, when it is known; then the chain must lead on from it.
 RootChain read_root_chain(std::span<const std::filesystem::path> files, RootChain already = {},
                           const TrustRoot* installed = nullptr);
 

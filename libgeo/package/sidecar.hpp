@@ -94,7 +94,8 @@ class SidecarWriter {
   SqliteStatement insert_;
 };
 
-// The file beside a COG: a database with metadata and sidecars (in the order of TileKey). Equal rows give equal bytes. Throws Error when the file exists.
+// The file beside a COG: a database with metadata and sidecars (in the order of TileKey). Equal rows give equal bytes.
+// Throws Error when the file exists.
 void write_sidecar_file(const std::filesystem::path& path, const std::vector<Sidecar>& sidecars,
                         const std::map<std::string, std::string>& metadata);
 

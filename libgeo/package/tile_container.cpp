@@ -134,7 +134,8 @@ std::unique_ptr<TileContainer> open_mbtiles_container(const std::filesystem::pat
 // Tiles that are cut out of decoded blocks are absent when nothing of them is shown: that needs their pixels.
 class CogCursor final : public TileCursor {
  public:
-  CogCursor(const CogReader& reader, bool with_bytes) : reader_(reader), keys_(reader.keys()), with_bytes_(with_bytes) {}
+  CogCursor(const CogReader& reader, bool with_bytes)
+      : reader_(reader), keys_(reader.keys()), with_bytes_(with_bytes) {}
 
   bool next() override {
     bytes_.reset();
@@ -224,7 +225,6 @@ class CogContainer final : public TileContainer {
   std::filesystem::path path_;
   std::optional<SqliteDatabase> sidecars_;
 };
-
 
 bool begins_as_tiff(const std::filesystem::path& path) {
   if (!std::filesystem::is_regular_file(path)) return false;

@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t kPixels = static_cast<std::size_t>(kTileSize) * kTileSize;
 
 constexpr int kMinFillBlocks = 4;  // fewer are not significant
-constexpr int kBlock = 16;  // pixels
+constexpr int kBlock = 16;         // pixels
 constexpr int kBlocks = kTileSize / kBlock;
 constexpr double kNear = 3;  // JPEG does not give black and white back exactly
 

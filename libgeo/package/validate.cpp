@@ -71,7 +71,8 @@ std::optional<std::array<double, 4>> parse_bounds(std::string_view text) {
 
 void check_format(std::string_view stated, const TileExtent& seen, Findings& findings) {
   std::string actual;
-  for (const ImageFormat format : seen.formats) actual += (actual.empty() ? "" : " and ") + std::string(name_of(format));
+  for (const ImageFormat format : seen.formats)
+    actual += (actual.empty() ? "" : " and ") + std::string(name_of(format));
   const auto format = stated_format(stated);
   if (format && (seen.formats.empty() || seen.formats == std::set{*format})) return;
   if (!format && seen.formats.empty()) return;
@@ -88,8 +89,8 @@ void check_zoom(std::string_view name, std::string_view stated, int actual, Find
   findings.add(std::move(finding));
 }
 
-// Bounds may be those of the imagery inside the outermost tiles, or of whole tiles, or be rounded: each side must lie in
-// the outermost tile of the finest zoom, or one tile beside it.
+// Bounds may be those of the imagery inside the outermost tiles, or of whole tiles, or be rounded: each side must lie
+// in the outermost tile of the finest zoom, or one tile beside it.
 void check_bounds(std::string_view stated, const TileExtent& seen, Findings& findings) {
   const int zoom = seen.west.rbegin()->first;
   const LonLatBox west = bounds_of(seen.west.at(zoom)), east = bounds_of(seen.east.at(zoom));
@@ -128,12 +129,12 @@ Findings check_journals(const std::filesystem::path& mbtiles) {
     beside += suffix;
     std::error_code none;
     if (const auto size = std::filesystem::file_size(beside, none); !none && size > 0) {
-      findings.add(
-          {.code = "sqlite.journal",
-           .where = beside.filename().string(),
-           .expected = "a finished file without a journal",
-           .found = fmt::format("{} bytes that are not committed yet or must be rolled back", size),
-           .fix = "let the writing program finish, or open the file once for writing: sqlite3 FILE 'PRAGMA journal_mode=DELETE'"});
+      findings.add({.code = "sqlite.journal",
+                    .where = beside.filename().string(),
+                    .expected = "a finished file without a journal",
+                    .found = fmt::format("{} bytes that are not committed yet or must be rolled back", size),
+                    .fix = "let the writing program finish, or open the file once for writing: sqlite3 FILE 'PRAGMA "
+                           "journal_mode=DELETE'"});
     }
   }
   std::array<char, kWalFlag_at + 1> head{};

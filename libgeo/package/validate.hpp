@@ -21,8 +21,8 @@ struct Validation {
   std::uint64_t tiles = 0;
   std::uint64_t bytes = 0;  // of the file
   bool has_sidecars = false;
-  // What was validated, in the order of TileKey. Without sidecars in the file: address, valid share and mask as decoded,
-  // captured_at is the time of validation.
+  // What was validated, in the order of TileKey. Without sidecars in the file: address, valid share and mask as
+  // decoded, captured_at is the time of validation.
   std::vector<Sidecar> sidecars;
 };
 

@@ -80,7 +80,6 @@ void verify_signature(const fs::path& package, const TrustRoot& root, const Veri
   result.manifest = std::move(reading.manifest);
 }
 
-
 // Clocks of two machines differ, and missions are written the day before; more than this is no such thing.
 constexpr std::int64_t kClockTolerance_s = 86'400;
 
@@ -202,7 +201,6 @@ void verify_mission(const std::filesystem::path& package, Verification& result) 
   result.mission = std::move(reading.mission);
 }
 
-
 constexpr std::size_t kMaxUnexpected = 50;
 constexpr std::size_t kMaxEntries = 10'000;
 constexpr std::size_t kBlock = 1 << 20;
@@ -319,7 +317,6 @@ class FileVerifier {
 FileCheck verify_files(const fs::path& package, const Manifest& manifest, VerifyDepth depth, Progress& progress) {
   return FileVerifier(package, manifest, depth, progress).run();
 }
-
 
 void require_package(const fs::path& package) {
   const bool folder = fs::is_directory(package);

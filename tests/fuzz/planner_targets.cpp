@@ -4,10 +4,10 @@
 
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "package_build/drawn_plan.hpp"
-#include "raster/imagery_facts.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/terrain_raster.hpp"
+#include "package_build/drawn_plan.hpp"
+#include "raster/imagery_facts.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/poses_file.hpp"
 #include "vision/camera_model.hpp"

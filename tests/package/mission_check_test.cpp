@@ -4,9 +4,9 @@
 
 #include "base/random.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "package/coverage_requirement.hpp"
 #include "package/package_maker.hpp"
 #include "package/tile_image.hpp"
-#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {
@@ -67,7 +67,7 @@ TEST(CoverageRequirement, CountsTheSamePixelsAsBruteForce) {
   }
 }
 
-TEST(Judge, RequiredTilesAreTheTouchedOnes) {
+TEST(MissionCheck, RequiredTilesAreThoseThatTouchTheRegion) {
   const Mission mission = sample();
   const std::vector<TileKey> keys = required_tiles(mission, 18);
   EXPECT_TRUE(std::is_sorted(keys.begin(), keys.end()));
@@ -81,12 +81,12 @@ TEST(Judge, RequiredTilesAreTheTouchedOnes) {
   }
 }
 
-TEST(Judge, WholeCoverageHasNoGaps) {
+TEST(MissionCheck, CompleteCoverageHasNoGaps) {
   const Mission mission = sample();
   EXPECT_TRUE(check_tile_requirements(mission, all_tiles(mission), 1000, test::kJudged).empty());
 }
 
-TEST(Judge, EveryMissingTileIsAGap) {
+TEST(MissionCheck, EveryMissingTileIsAGap) {
   const Mission mission = sample();
   const std::vector<Sidecar> tiles = all_tiles(mission);
   for (std::size_t i = 0; i < tiles.size(); ++i) {
@@ -98,13 +98,13 @@ TEST(Judge, EveryMissingTileIsAGap) {
   }
 }
 
-TEST(Judge, NothingAtAllIsOneBigGap) {
+TEST(MissionCheck, AnEmptySetIsOneGap) {
   const Mission mission = sample();
   EXPECT_TRUE(check_coverage(mission, {}).contains("coverage.gap"));
 }
 
 // A rim tile may be empty where nobody needs it, and only there.
-TEST(Judge, CoverageIsByAreaNotByTile) {
+TEST(MissionCheck, CoverageIsByAreaNotByTile) {
   const Mission mission = sample();
   const LocalFrame frame = mission_frame(mission);
   const Region region = required_region(mission, frame);
@@ -138,7 +138,7 @@ TEST(Judge, CoverageIsByAreaNotByTile) {
 }
 
 // A mask that cannot be read proves nothing.
-TEST(Judge, AnUnreadableMaskIsAGap) {
+TEST(MissionCheck, AnUnreadableMaskIsAGap) {
   const Mission mission = sample();
   std::vector<Sidecar> tiles = all_tiles(mission);
   tiles.back().valid_ppm = 999'999;
@@ -148,7 +148,7 @@ TEST(Judge, AnUnreadableMaskIsAGap) {
   EXPECT_TRUE(check_coverage(mission, tiles).contains("coverage.gap"));
 }
 
-TEST(Judge, FreshnessGoesByTheStrictestSectorAndTheCorridorIsActive) {
+TEST(MissionCheck, TheStrictestSectorGovernsFreshnessAndTheCorridorIsActive) {
   const Mission mission = sample();
   std::vector<Sidecar> tiles = all_tiles(mission);
   const auto aged = [&](int days) {
@@ -164,7 +164,7 @@ TEST(Judge, FreshnessGoesByTheStrictestSectorAndTheCorridorIsActive) {
   EXPECT_EQ(aged(731).items().size(), 2U);
 }
 
-TEST(Judge, ResolutionOfTheFinestZoomCounts) {
+TEST(MissionCheck, ChecksTheResolutionOfTheFinestZoom) {
   const Mission mission = sample();
   std::vector<Sidecar> tiles = all_tiles(mission);
   tiles.front().gsd_mm = 9000;  // an overview
@@ -173,13 +173,13 @@ TEST(Judge, ResolutionOfTheFinestZoomCounts) {
   EXPECT_TRUE(check_resolution(mission, tiles).contains("resolution.coarse"));
 }
 
-TEST(Judge, BudgetIsInMillionsOfBytes) {
+TEST(MissionCheck, BudgetIsInMillionsOfBytes) {
   const Mission mission = sample();
   EXPECT_TRUE(check_budget(mission, 20'000'000).empty());
   EXPECT_TRUE(check_budget(mission, 20'000'001).contains("budget.exceeded"));
 }
 
-TEST(TileMask, RoundTripsAndRefusesTheRest) {
+TEST(TileMask, RoundTripsAndRefusesOtherImages) {
   Random random(3);
   Bytes pixels(kPixels);
   for (auto& pixel : pixels) pixel = random.chance(0.5) ? 255 : 0;

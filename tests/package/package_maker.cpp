@@ -12,8 +12,8 @@
 #include "imagery/cog_writer.hpp"
 #include "imagery/mbtiles_writer.hpp"
 #include "package/mission_check.hpp"
-#include "package/sidecar.hpp"
 #include "package/package_writer.hpp"
+#include "package/sidecar.hpp"
 
 namespace nadir::test {
 

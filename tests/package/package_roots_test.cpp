@@ -86,7 +86,7 @@ TEST_F(CarriedRoots, TheStateRemembersTheRoot) {
 }
 
 // Whoever can write the state cannot appoint a root of his own: its signatures are checked again each time.
-TEST_F(CarriedRoots, TheStateAppointsNobody) {
+TEST_F(CarriedRoots, TheStateCannotAppointSigners) {
   const PrivateKey thief = PrivateKey::generate();
   AircraftState state;
   state.roots[2] = sign_root(second_, {&thief}).json();
@@ -105,20 +105,20 @@ TEST_F(CarriedRoots, FalseRootsRefuseThePackage) {
   expect("signature.missing", maker_.verify(package));
 }
 
-TEST_F(CarriedRoots, ARootThatIsMissingBetweenIsNamed) {
+TEST_F(CarriedRoots, NamesAMissingIntermediateRoot) {
   const fs::path package = rotated();
   fs::rename(package / root_file_name(2), package / root_file_name(3));
   expect("root.rollback", maker_.verify(package));
 }
 
-TEST_F(CarriedRoots, OlderRootsAreOfNoConcern) {
+TEST_F(CarriedRoots, IgnoresOlderRoots) {
   const fs::path package = rotated();
   VerifyOptions options = maker_.options();
   options.root = &second_;
   EXPECT_TRUE(with_options(package, options).accepted()) << codes(with_options(package, options).findings);
 }
 
-TEST_F(CarriedRoots, DamageAndEndlessDataAreFindings) {
+TEST_F(CarriedRoots, DamageAndOversizedRootsAreFindings) {
   const fs::path package = rotated();
   fs::resize_file(package / root_file_name(2), std::uintmax_t{1} << 40);  // sparse; must not be read
   expect("root.invalid", maker_.verify(package));

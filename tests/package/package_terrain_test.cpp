@@ -45,7 +45,7 @@ class PackageWithTerrain : public testing::Test {
   std::function<double(int, int)> height_ = slope;
 };
 
-TEST_F(PackageWithTerrain, IsAcceptedAndHandsItOut) {
+TEST_F(PackageWithTerrain, IsAcceptedAndReturnsTheTerrain) {
   const auto package = maker_.make(folder_);
   EXPECT_EQ(test::codes(verify(package)), "");
   EXPECT_EQ(test::codes(verify(package, VerifyDepth::quick)), "");
@@ -55,7 +55,7 @@ TEST_F(PackageWithTerrain, IsAcceptedAndHandsItOut) {
   EXPECT_NEAR(opening.package->terrain()->height_m(kGrid.place(30, 20)).value_or(0), slope(30, 20), 1e-3);
 }
 
-TEST_F(PackageWithTerrain, OtherHeightsAreNotFlown) {
+TEST_F(PackageWithTerrain, RefusesAlteredHeights) {
   const auto package = maker_.make(folder_);
   Bytes bytes = read_file(package / kTerrainFile);
   bytes[bytes.size() / 2] = static_cast<std::uint8_t>(bytes[bytes.size() / 2] ^ 1);
@@ -84,7 +84,7 @@ TEST_F(PackageWithTerrain, AHoleInTheRegionIsAGap) {
   EXPECT_FALSE(open(package).package);
 }
 
-TEST_F(PackageWithTerrain, AHoleBesideTheRegionIsNone) {
+TEST_F(PackageWithTerrain, AHoleOutsideOfTheRegionIsNoGap) {
   height_ = [](int column, int row) { return row < 10 || column < 10 ? test::kNodata : slope(column, row); };
   EXPECT_EQ(test::codes(verify(maker_.make(folder_))), "");
 }
@@ -99,12 +99,12 @@ TEST_F(PackageWithTerrain, ARasterElsewhereIsAGap) {
   EXPECT_TRUE(verify(maker_.make(folder_)).contains("dem.gap"));
 }
 
-TEST_F(PackageWithTerrain, HeightsThatNoGroundHasAreRefused) {
+TEST_F(PackageWithTerrain, RefusesImplausibleHeights) {
   height_ = [](int column, int row) { return column == 3 && row == 3 ? 32'767 : slope(column, row); };
   EXPECT_EQ(test::codes(verify(maker_.make(folder_))), "dem.implausible");
 }
 
-TEST_F(PackageWithTerrain, SignedRubbishIsNamed) {
+TEST_F(PackageWithTerrain, ReportsSignedInvalidBytes) {
   maker_.edit_manifest = [this](Manifest& manifest) {
     const auto package = folder_ / "package";
     std::filesystem::create_directories(package / "terrain");
@@ -116,20 +116,20 @@ TEST_F(PackageWithTerrain, SignedRubbishIsNamed) {
   EXPECT_EQ(test::codes(open(package).findings), "dem.corrupt");
 }
 
-TEST_F(PackageWithTerrain, NoneWhereTheMissionAsksForItIsAGap) {
+TEST_F(PackageWithTerrain, MissingTerrainOfADemMissionIsAGap) {
   maker_.edit_manifest = [](Manifest&) {};
   const auto package = maker_.make(folder_);
   EXPECT_EQ(test::codes(verify(package)), "dem.gap");
   EXPECT_EQ(test::codes(verify(package, VerifyDepth::quick)), "dem.gap");
 }
 
-TEST_F(PackageWithTerrain, OneThatAFlatMissionDoesNotKnowIsRefused) {
+TEST_F(PackageWithTerrain, RefusesTerrainOfAFlatMission) {
   maker_.mission = test::mission_yaml();
   EXPECT_EQ(test::codes(verify(maker_.make(folder_))), "mission.mismatch");
 }
 
 // Every quad against brute force: heights asked for on a fine grid of points inside the region.
-TEST_F(PackageWithTerrain, GapsAgreeWithAskingEverywhere) {
+TEST_F(PackageWithTerrain, GapsAgreeWithBruteForce) {
   const Mission mission = read_mission(folder_.write("mission.yaml", maker_.mission));
   const LocalFrame frame = mission_frame(mission);
   const Region region = required_region(mission, frame);

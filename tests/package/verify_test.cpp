@@ -6,17 +6,17 @@
 namespace nadir {
 namespace {
 
-using test::PackageMaker;
-using test::Verify;
 using test::codes;
 using test::mission_yaml;
+using test::PackageMaker;
+using test::Verify;
 
 // Signature, manifest and policy: one test per finding, so that the fault that it names is caught and nothing else
 // hides it.
 
 namespace fs = std::filesystem;
 
-TEST_F(Verify, AcceptsASoundPackage) {
+TEST_F(Verify, AcceptsAnIntactPackage) {
   const fs::path package = maker_.make(folder_);
   for (const VerifyDepth depth : {VerifyDepth::quick, VerifyDepth::full}) {
     const Verification result = maker_.verify(package, depth);
@@ -97,7 +97,7 @@ TEST_F(Verify, ManifestSchema) {
   expect_only("manifest.schema", maker_.verify(maker_.make(folder_)));
 }
 
-TEST_F(Verify, ManifestSchemaForAnEndlessManifest) {
+TEST_F(Verify, ManifestSchemaForAnOversizedManifest) {
   const fs::path package = maker_.make(folder_);
   fs::resize_file(package / kManifestFile, (1 << 20) + 1);
   expect_only("manifest.schema", maker_.verify(package));
@@ -172,7 +172,6 @@ TEST_F(Verify, AnyAirframeMayFlyAPackageForAll) {
 // Files, tiles and the mission's demands: one test per finding.
 
 namespace fs = std::filesystem;
-
 
 TEST_F(Verify, ArtifactMissing) {
   const fs::path package = maker_.make(folder_);
@@ -406,7 +405,7 @@ TEST_F(Verify, QuotesNoEscapeSequences) {
   EXPECT_EQ(to_text(result.findings.items()[0]).find('\x1b'), std::string::npos);
 }
 
-TEST_F(Verify, WhatIsNoPackageCannotBeChecked) {
+TEST_F(Verify, ThrowsForAFolderThatIsNoPackage) {
   EXPECT_THROW(maker_.verify(folder_ / "nothing"), Error);
   EXPECT_THROW(maker_.verify(folder_.path()), Error);
   EXPECT_THROW(maker_.verify(folder_.write("file", "x")), Error);
