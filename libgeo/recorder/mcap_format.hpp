@@ -1,5 +1,5 @@
-// The MCAP container (https://mcap.dev/spec, version 0): the records that our writer and reader know, as bytes and back,
-// and the compression and checksum of chunks.
+// The MCAP container (https://mcap.dev/spec, version 0): the records that our writer and reader know, as bytes and
+// back, and the compression and checksum of chunks.
 //
 // Numbers are little-endian; texts, maps and arrays are preceded by their length in bytes (32 bits). A record is an
 // opcode, a length of 64 bits and its content.
@@ -163,8 +163,8 @@ std::uint32_t crc32_of(ByteView bytes, std::uint32_t before = 0);
 
 Bytes compress_zstd(ByteView bytes, int level);
 
-// size: the decompressed size according to the chunk. Nothing for damaged bytes, another size, an unknown compression or
-// a size above the limit.
+// size: the decompressed size according to the chunk. Nothing for damaged bytes, another size, an unknown compression
+// or a size above the limit.
 std::optional<Bytes> decompress_chunk(std::string_view compression, ByteView bytes, std::uint64_t size);
 
 }  // namespace nadir

@@ -102,8 +102,8 @@ class Reader {
  private:
   void report_truncated() {
     report("recorder.truncated", Severity::warning, "a footer at the end",
-         fmt::format("complete records up to byte {} of {}", contents_.whole_size, contents_.size),
-         "`nadir recorder recover` writes a finished file with everything that is readable");
+           fmt::format("complete records up to byte {} of {}", contents_.whole_size, contents_.size),
+           "`nadir recorder recover` writes a finished file with everything that is readable");
   }
 
   void report(const char* code, Severity severity, std::string expected, std::string found, std::string fix = {}) {
@@ -135,7 +135,7 @@ class Reader {
   bool broken(std::string expected, std::string found) {
     broken_ = true;
     report("recorder.format", Severity::refuse, std::move(expected), fmt::format("{} at byte {}", found, position_),
-         "`nadir recorder recover` keeps everything before that");
+           "`nadir recorder recover` keeps everything before that");
     return false;
   }
 
@@ -195,7 +195,7 @@ class Reader {
 
   void damage(std::uint8_t opcode) {
     report("recorder.format", Severity::refuse, "intact records",
-         fmt::format("a damaged record (opcode {}) at byte {}", opcode, position_));
+           fmt::format("a damaged record (opcode {}) at byte {}", opcode, position_));
   }
 
   void chunk(ByteView content) {
@@ -213,22 +213,24 @@ class Reader {
     seen.length = kMcapRecordHead + content.size();
     indexes_.seen.push_back(seen);
     const std::optional<Bytes> records = in.ok() ? decompress_chunk(seen.compression, packed, seen.size) : std::nullopt;
-    if (!records) return damaged_chunk("a chunk that decompresses", fmt::format("compression \"{}\"", seen.compression));
+    if (!records)
+      return damaged_chunk("a chunk that decompresses", fmt::format("compression \"{}\"", seen.compression));
     if (crc != 0 && crc32_of(*records) != crc) return damaged_chunk("the chunk's CRC", "another");
     McapCursor parts(*records);
     while (!parts.done()) {
       const auto opcode = parts.number<std::uint8_t>();
       const ByteView piece = parts.raw(parts.number<std::uint64_t>());
       if (!parts.ok()) return damaged_chunk("complete records", "the last one is cut off");
-      if (!part(opcode, piece)) return damaged_chunk("intact records", fmt::format("a damaged one (opcode {})", opcode));
+      if (!part(opcode, piece))
+        return damaged_chunk("intact records", fmt::format("a damaged one (opcode {})", opcode));
     }
   }
 
   void damaged_chunk(std::string expected, const std::string& found) {
     ++contents_.damaged_chunks;
     report("recorder.chunk", Severity::refuse, std::move(expected),
-         fmt::format("{} in the chunk at byte {}: it is skipped", found, position_),
-         "`nadir recorder recover` keeps the other chunks");
+           fmt::format("{} in the chunk at byte {}: it is skipped", found, position_),
+           "`nadir recorder recover` keeps the other chunks");
   }
 
   void message_index(ByteView content) {
@@ -271,7 +273,7 @@ class Reader {
     }
     if (contents_.whole_size != contents_.size) {
       report("recorder.format", Severity::warning, "the end of the file after its footer",
-           fmt::format("{} more bytes", contents_.size - contents_.whole_size));
+             fmt::format("{} more bytes", contents_.size - contents_.whole_size));
     }
     return false;
   }
@@ -281,16 +283,17 @@ class Reader {
     // A writer may leave either out; what is there has to be right.
     if (!indexes_.indexed.empty() && indexes_.indexed != indexes_.seen) {
       report("recorder.index", Severity::refuse, fmt::format("an index of the {} chunks", indexes_.seen.size()),
-           fmt::format("{} entries that do not match them", indexes_.indexed.size()));
+             fmt::format("{} entries that do not match them", indexes_.indexed.size()));
     }
     if (!indexes_.statistics) return;
     const McapStatistics& stated = *indexes_.statistics;
     std::map<std::uint16_t, std::uint64_t> stated_of = stated.messages_of;
     std::erase_if(stated_of, [](const auto& entry) { return entry.second == 0; });
-    if (stated.messages != contents_.messages || stated_of != contents_.messages_of || stated.chunks != contents_.chunks) {
+    if (stated.messages != contents_.messages || stated_of != contents_.messages_of ||
+        stated.chunks != contents_.chunks) {
       report("recorder.index", Severity::refuse,
-           fmt::format("{} messages in {} chunks, as the statistics say", stated.messages, stated.chunks),
-           fmt::format("{} messages in {} chunks", contents_.messages, contents_.chunks));
+             fmt::format("{} messages in {} chunks, as the statistics say", stated.messages, stated.chunks),
+             fmt::format("{} messages in {} chunks", contents_.messages, contents_.chunks));
     }
   }
 

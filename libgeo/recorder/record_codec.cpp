@@ -285,10 +285,10 @@ Bytes encode(const InputRecord& input) {
   const fbs::LonLat at = place(telemetry.place.value_or(LonLat{}));
   const auto dv = velocity_change(telemetry.imu_dv_mps);
   const auto intervals = encode_intervals(builder, telemetry.way);
-  return finish(builder,
-                fbs::CreateInput(builder, input.index, frame, telemetry.time_s, optional(telemetry.agl_m),
-                                 optional(telemetry.heading_rad), optional(telemetry.pitch_rad), optional(telemetry.roll_rad),
-                                 telemetry.place ? &at : nullptr, picture, input.picture_bytes, dv ? &*dv : nullptr, intervals));
+  return finish(builder, fbs::CreateInput(builder, input.index, frame, telemetry.time_s, optional(telemetry.agl_m),
+                                          optional(telemetry.heading_rad), optional(telemetry.pitch_rad),
+                                          optional(telemetry.roll_rad), telemetry.place ? &at : nullptr, picture,
+                                          input.picture_bytes, dv ? &*dv : nullptr, intervals));
 }
 
 bool decode(ByteView bytes, InputRecord& input) {
@@ -364,11 +364,11 @@ bool decode(ByteView bytes, EstimateRecord& record) {
   e.latency_ms = table->latency_ms();
   if (const auto* b = table->belief(); b != nullptr) {
     record.state = {{b->east_mps(), b->north_mps()},
-                     b->velocity_sigma_mps(),
-                     b->heading_rad(),
-                     b->heading_sigma_rad(),
-                     b->agl_m(),
-                     b->agl_sigma_m()};
+                    b->velocity_sigma_mps(),
+                    b->heading_rad(),
+                    b->heading_sigma_rad(),
+                    b->agl_m(),
+                    b->agl_sigma_m()};
   }
   record.odometry = {table->tracked(), table->odometry_inliers(), table->odometry_step_m()};
   return true;
@@ -455,7 +455,8 @@ bool decode(ByteView bytes, HealthRecord& record) {
   if (table == nullptr) return false;
   record.healthy = table->healthy();
   if (table->measures() != nullptr) {
-    for (const auto* measure : *table->measures()) record.measures.emplace_back(text(measure->name()), measure->value());
+    for (const auto* measure : *table->measures())
+      record.measures.emplace_back(text(measure->name()), measure->value());
   }
   if (table->notes() != nullptr) {
     for (const auto* note : *table->notes()) record.notes.push_back(text(note));

@@ -32,7 +32,7 @@ ThumbnailRecord thumbnail_record(const ThumbnailImages& pictures) {
 
 namespace {
 
-constexpr std::size_t kMinItem = 1024;                        // what a small record costs in memory
+constexpr std::size_t kMinItem = 1024;                      // what a small record costs in memory
 constexpr auto kMaxSleep = std::chrono::milliseconds(250);  // then whatever is due is written
 
 // An error here (no memory, an image that cannot be encoded) costs a record, not the flight.

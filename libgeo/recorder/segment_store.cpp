@@ -239,7 +239,8 @@ void SegmentStore::remove(std::vector<Segment>::const_iterator segment) {
   fs::remove(segment->path, ignored);  // if it cannot be deleted, it is not counted any more either: no endless loop
   ++status_.deleted_segments;
   if (pending_events_.size() < kMaxPendingEvents) {
-    pending_events_.push_back({RecorderEventKind::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
+    pending_events_.push_back(
+        {RecorderEventKind::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
   }
   closed_.erase(segment);
 }
@@ -248,7 +249,8 @@ void SegmentStore::failed(const SegmentFile& file) {
   status_.error = fmt::format("{}: {}", file.path().filename().string(), system_error_text(file.error()));
   if (status_.stopped) return;
   status_.stopped = true;
-  if (pending_events_.size() < kMaxPendingEvents) pending_events_.push_back({RecorderEventKind::stopped, {}, 0, status_.error});
+  if (pending_events_.size() < kMaxPendingEvents)
+    pending_events_.push_back({RecorderEventKind::stopped, {}, 0, status_.error});
 }
 
 void SegmentStore::drop_chunk(Open& open) {

@@ -52,7 +52,7 @@ MemorySink small_file(int zstd_level) {
   return sink;
 }
 
-TEST(Mcap, WhatIsWrittenIsRead) {
+TEST(Mcap, RoundTrips) {
   for (const int level : {0, 1}) {
     Random random(3);
     const std::vector<Record> records = test::sample_records(random);
@@ -79,7 +79,7 @@ TEST(Mcap, WhatIsWrittenIsRead) {
   }
 }
 
-TEST(Mcap, CutAnywhereItIsReadToItsLastWholeChunk) {
+TEST(Mcap, ATruncatedFileIsReadToItsLastCompleteChunk) {
   const MemorySink sink = small_file(1);
   for (std::size_t cut = 0; cut < sink.bytes.size(); ++cut) {
     const auto back = test::read_back(MemorySource(ByteView(sink.bytes).first(cut)));
@@ -95,7 +95,7 @@ TEST(Mcap, CutAnywhereItIsReadToItsLastWholeChunk) {
   }
 }
 
-TEST(Mcap, EveryFlippedByteIsNoticed) {
+TEST(Mcap, DetectsEveryFlippedByte) {
   const MemorySink sink = small_file(0);
   for (std::size_t at = 0; at < sink.bytes.size(); ++at) {
     Bytes bad = sink.bytes;
@@ -170,7 +170,7 @@ TEST(Mcap, MessagesWithoutChunksAreRead) {
   EXPECT_EQ(std::get<StateRecord>(back.records[0].second).to, "b");
 }
 
-TEST(Mcap, OtherBytesAreNoMcap) {
+TEST(Mcap, RefusesOtherBytes) {
   for (const std::string_view text : {"MCAP", "\x89MCAQ", "\x89PNG\r\n\x1a\n and more"}) {
     const auto back = test::read_back(MemorySource(as_bytes(text)));
     EXPECT_TRUE(back.contents.findings.contains("recorder.format"));
@@ -178,7 +178,7 @@ TEST(Mcap, OtherBytesAreNoMcap) {
   }
 }
 
-TEST(Mcap, AFullSinkKeepsTheChunkForAnotherTry) {
+TEST(Mcap, AFullSinkKeepsTheChunkForARetry) {
   MemorySink sink;
   McapWriter writer(sink, {.profile = "nadir", .library = "test", .zstd_level = 1});
   add_topics(writer);
@@ -221,7 +221,7 @@ Bytes lz4(const Bytes& bytes) {
   return out;
 }
 
-TEST(ChunkCompression, UnfoldsEachKind) {
+TEST(ChunkCompression, DecompressesEachKind) {
   const Bytes plain = text(3'000'000);
   EXPECT_EQ(decompress_chunk("", plain, plain.size()), plain);
   EXPECT_EQ(decompress_chunk("zstd", compress_zstd(plain, 1), plain.size()), plain);
@@ -232,7 +232,7 @@ TEST(ChunkCompression, AnotherSizeOrKindIsRefused) {
   const Bytes plain = text(5000), packed = compress_zstd(plain, 1);
   EXPECT_FALSE(decompress_chunk("zstd", packed, plain.size() - 1));
   EXPECT_FALSE(decompress_chunk("zstd", packed, plain.size() + 1));
-  EXPECT_FALSE(decompress_chunk("zstd", packed, kLargestChunk + 1));
+  EXPECT_FALSE(decompress_chunk("zstd", packed, kMaxChunk + 1));
   EXPECT_FALSE(decompress_chunk("brotli", packed, plain.size()));
   EXPECT_FALSE(decompress_chunk("", packed, plain.size()));
   EXPECT_FALSE(decompress_chunk("lz4", packed, plain.size()));

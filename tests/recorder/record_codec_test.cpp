@@ -3,13 +3,13 @@
 
 #include <limits>
 
-#include "recorder/sample_records.hpp"
 #include "recorder/record_codec.hpp"
+#include "recorder/sample_records.hpp"
 
 namespace nadir {
 namespace {
 
-TEST(RecordCodec, EveryKindComesBackBitForBit) {
+TEST(RecordCodec, EveryKindRoundTripsBitForBit) {
   Random random(11);
   for (int round = 0; round < 50; ++round) {
     for (const Record& record : test::sample_records(random)) {
@@ -41,7 +41,7 @@ TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
   EXPECT_TRUE(read.localizer.resumed);
 }
 
-TEST(RecordCodec, WhatIsUnknownStaysUnknownAndOddNumbersStayWhatTheyAre) {
+TEST(RecordCodec, KeepsUnknownValuesAndSpecialNumbers) {
   InputRecord input;
   input.telemetry.time_s = std::numeric_limits<double>::quiet_NaN();
   input.telemetry.agl_m = -0.0;
@@ -56,7 +56,7 @@ TEST(RecordCodec, WhatIsUnknownStaysUnknownAndOddNumbersStayWhatTheyAre) {
   EXPECT_FALSE(told.place);
 }
 
-TEST(RecordCodec, NoBytesCrashIt) {
+TEST(RecordCodec, RandomBytesNeverCrash) {
   Random random(5);
   for (const Record& record : test::sample_records(random)) {
     const Bytes good = encode(record);
@@ -76,7 +76,7 @@ TEST(RecordCodec, NoBytesCrashIt) {
   }
 }
 
-TEST(RecordCodec, KeysDoNotEnter) {
+TEST(RecordCodec, RedactsKeys) {
   SessionRecord session = test::sample_session();
   session.settings = {{"signing_key", "0123456789abcdef"},
                       {"note", "-----BEGIN PRIVATE KEY-----\nMC4CAQ"},
@@ -90,7 +90,7 @@ TEST(RecordCodec, KeysDoNotEnter) {
   EXPECT_NE(text.find("channels"), std::string_view::npos);
 }
 
-TEST(Topics, NamesAreTheirOwnInverse) {
+TEST(Topics, NamesRoundTrip) {
   for (std::size_t i = 0; i < kTopics; ++i) {
     const auto topic = static_cast<Topic>(i);
     EXPECT_EQ(parse_topic(name_of(topic)), topic);

@@ -118,7 +118,7 @@ TEST_F(Store, SegmentsTurnBySizeAndByTime) {
   EXPECT_EQ(all(Topic::estimate).size(), 30U);
 }
 
-TEST_F(Store, ARestartGoesOnCounting) {
+TEST_F(Store, ARestartContinuesTheNumbers) {
   for (int flight = 0; flight < 3; ++flight) {
     SegmentStore store(options(), test::sample_session());
     store.put(test::sample_estimate(0), kStart);
@@ -129,7 +129,7 @@ TEST_F(Store, ARestartGoesOnCounting) {
   for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(segments[i].number, i + 1);
 }
 
-TEST_F(Store, TwoRecordersInOneFolderAreKeptApart) {
+TEST_F(Store, RefusesASecondRecorderInTheFolder) {
   const SegmentStore store(options(), test::sample_session());
   EXPECT_THROW(SegmentStore(options(), test::sample_session()), Error);
 }
@@ -165,7 +165,7 @@ TEST_F(Store, TheBudgetCostsThumbnailsBeforePicturesBeforeDecisions) {
   EXPECT_EQ(all(Topic::recorder).size(), store.status().deleted_segments);
 }
 
-TEST_F(Store, DecisionsGoLastOldestFirst) {
+TEST_F(Store, DecisionsAreDeletedLastOldestFirst) {
   StoreOptions tight = options();
   tight.budget_bytes = std::uint64_t{1} << 20;
   tight.zstd_level = 0;
@@ -242,7 +242,7 @@ TEST_F(Store, NoRoomForTheFirstSegmentIsSurvived) {
   EXPECT_EQ(all(Topic::end).size(), 1U);
 }
 
-TEST_F(Store, ABudgetThatHoldsNothingIsRefused) {
+TEST_F(Store, RefusesATooSmallBudget) {
   StoreOptions tiny = options();
   tiny.budget_bytes = 1000;
   EXPECT_THROW(SegmentStore(tiny, test::sample_session()), UsageError);
