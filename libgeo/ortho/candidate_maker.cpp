@@ -92,7 +92,7 @@ CandidateSidecar CandidateMaker::sidecar_of(const PosedFrame& seen, CandidateTru
 }
 
 std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const PosedFrame& seen, ByteView encoded,
-                                                                FrameTiles& report) const {
+                                                                     FrameTiles& report) const {
   const CameraPose& pose = seen.pose.pose;
   const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
   const double tile_gsd_m = ground_resolution_m(flight_.zoom, place.lat_deg);
@@ -110,17 +110,19 @@ std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const Posed
   report.refusal = check_image_eligible(quality, flight_.limits);
   if (report.refusal) return std::nullopt;
   PreparedFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
-                   sidecar_of(seen, eligibility.trust), tile_gsd_m};
+                      sidecar_of(seen, eligibility.trust), tile_gsd_m};
   cv::cvtColor(frame.reduced.image, grey, cv::COLOR_BGR2GRAY);
-  report.refusal = check_blur_eligible(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
+  report.refusal =
+      check_blur_eligible(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
   if (report.refusal) return std::nullopt;
   frame.sidecar.quality.sharpness_ppm = ppm(quality.sharpness);
   frame.sidecar.quality.overlap_ppm = ppm(1);
   return frame;
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::make_whole_tiles(const PosedFrame& seen, const PreparedFrame& frame,
-                                                              FrameTiles& report) const {
+std::vector<CandidateMaker::RawTile> CandidateMaker::make_whole_tiles(const PosedFrame& seen,
+                                                                      const PreparedFrame& frame,
+                                                                      FrameTiles& report) const {
   std::vector<ProjectedTile> wanted =
       whole_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
   report.whole = wanted.size();
@@ -148,7 +150,7 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::make_whole_tiles(const Pose
 
 // Not where the store already has a better tile than the best possible mosaic.
 void CandidateMaker::add_partial_tiles(const PosedFrame& seen, const PreparedFrame& frame, CandidateStore& store,
-                                const DeadlinePassed& deadline_passed, FrameTiles& report) {
+                                       const DeadlinePassed& deadline_passed, FrameTiles& report) {
   std::vector<ProjectedTile> tiles =
       partial_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
   CandidateSidecar best = frame.sidecar;
@@ -171,7 +173,7 @@ void CandidateMaker::add_partial_tiles(const PosedFrame& seen, const PreparedFra
 }
 
 std::vector<CandidateMaker::RawTile> CandidateMaker::eligible_mosaics(const std::vector<TileMosaic>& mosaics,
-                                                            FrameTiles& report) const {
+                                                                      FrameTiles& report) const {
   std::vector<RawTile> tiles;
   for (const TileMosaic& mosaic : mosaics) {
     auto sidecar = mosaic.sidecar();
@@ -188,8 +190,8 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::eligible_mosaics(const std:
   return tiles;
 }
 
-void CandidateMaker::store_tiles(const std::vector<RawTile>& tiles, CandidateStore& store, const DeadlinePassed& deadline_passed,
-                               FrameTiles& report) const {
+void CandidateMaker::store_tiles(const std::vector<RawTile>& tiles, CandidateStore& store,
+                                 const DeadlinePassed& deadline_passed, FrameTiles& report) const {
   std::vector<Candidate> candidates;
   for (const RawTile& tile : tiles) {
     if (deadline_passed && deadline_passed()) {

@@ -34,7 +34,7 @@ struct CandidateFlight {
   int quality = 82;  // of the encoding
   EligibilityLimits limits{};
   bool merge_partial_tiles = true;  // mosaics of tiles that no single frame shows completely
-  MosaicLimits mosaic{};             // its sigmas are those of `limits`
+  MosaicLimits mosaic{};            // its sigmas are those of `limits`
 };
 
 struct PosedFrame {
@@ -45,12 +45,12 @@ struct PosedFrame {
 
 // What one frame contributed.
 struct FrameTiles {
-  std::optional<OrthoRefusal> refusal;                    // of the frame as a whole
-  std::array<int, kOrthoRefusals> refused{};              // whole tiles and mosaics, by OrthoRefusal
+  std::optional<OrthoRefusal> refusal;                       // of the frame as a whole
+  std::array<int, kOrthoRefusals> refused{};                 // whole tiles and mosaics, by OrthoRefusal
   std::vector<std::pair<TileKey, CandidateOutcome>> stored;  // or not, with the reason
-  std::size_t whole = 0;                                  // tiles that the frame shows completely, including refused ones
+  std::size_t whole = 0;  // tiles that the frame shows completely, including refused ones
   std::array<int, kPartialTileOutcomes> partial_tiles{};  // by PartialTileOutcome
-  std::size_t mosaics_stored = 0;  // of `stored`: mosaics, completed before this frame
+  std::size_t mosaics_stored = 0;                         // of `stored`: mosaics, completed before this frame
 };
 
 using DeadlinePassed = std::function<bool()>;
@@ -61,9 +61,10 @@ class CandidateMaker {
   explicit CandidateMaker(const CandidateFlight& flight);
 
   // encoded: the image as it came from the camera. Throws Error when the store fails (OutOfSpace: the disk is full);
-  // images that do not decode are refusals. deadline_passed is called before each tile: the tiles after that are left out
-  // (late). Without it there is no deadline, and the same frames give the same tiles.
-  FrameTiles make(const PosedFrame& seen, ByteView encoded, CandidateStore& store, const DeadlinePassed& deadline_passed = {});
+  // images that do not decode are refusals. deadline_passed is called before each tile: the tiles after that are left
+  // out (late). Without it there is no deadline, and the same frames give the same tiles.
+  FrameTiles make(const PosedFrame& seen, ByteView encoded, CandidateStore& store,
+                  const DeadlinePassed& deadline_passed = {});
 
   // After the last frame: the mosaics that are complete.
   FrameTiles finish(CandidateStore& store);
@@ -85,11 +86,11 @@ class CandidateMaker {
   CandidateSidecar sidecar_of(const PosedFrame& seen, CandidateTrust trust) const;
   std::optional<PreparedFrame> prepare(const PosedFrame& seen, ByteView encoded, FrameTiles& report) const;
   std::vector<RawTile> make_whole_tiles(const PosedFrame& seen, const PreparedFrame& frame, FrameTiles& report) const;
-  void add_partial_tiles(const PosedFrame& seen, const PreparedFrame& frame, CandidateStore& store, const DeadlinePassed& deadline_passed,
-                  FrameTiles& report);
+  void add_partial_tiles(const PosedFrame& seen, const PreparedFrame& frame, CandidateStore& store,
+                         const DeadlinePassed& deadline_passed, FrameTiles& report);
   std::vector<RawTile> eligible_mosaics(const std::vector<TileMosaic>& mosaics, FrameTiles& report) const;
   void store_tiles(const std::vector<RawTile>& tiles, CandidateStore& store, const DeadlinePassed& deadline_passed,
-                 FrameTiles& report) const;
+                   FrameTiles& report) const;
 
   CandidateFlight flight_;
   Sha256 camera_;

@@ -27,9 +27,8 @@ bool name_character(char c) {
 std::string id(const JsonReader& in, const char* key, std::size_t longest, std::string_view also) {
   const std::string& value = in.text(key);
   const bool good = !value.empty() && value.size() <= longest && value.front() != '.' &&
-                    std::all_of(value.begin(), value.end(), [also](char c) {
-                      return name_character(c) || also.find(c) != std::string_view::npos;
-                    });
+                    std::all_of(value.begin(), value.end(),
+                                [also](char c) { return name_character(c) || also.find(c) != std::string_view::npos; });
   if (!good) in.refuse(key, fmt::format("1 to {} letters, digits and {}", longest, also), value);
   return value;
 }

@@ -174,8 +174,7 @@ std::vector<CandidateOutcome> CandidateStore::put(std::span<const Candidate> can
     for (const Candidate& candidate : candidates) {
       if (sha256(candidate.tile) != candidate.sidecar.sha256 || candidate.tile.size() != candidate.sidecar.size ||
           candidate.sidecar.format != options_.format) {
-        throw Error(
-            {.what = "a candidate tile does not match its sidecar", .where = to_text(candidate.sidecar.key)});
+        throw Error({.what = "a candidate tile does not match its sidecar", .where = to_text(candidate.sidecar.key)});
       }
       outcomes.push_back(put_one(candidate));
     }

@@ -2,8 +2,9 @@
 // (docs/formats/candidates.md). It is never the package: a file of another kind is refused, so that no trusted tile can
 // be overwritten.
 //
-// Each put() is one transaction, on the disk when it returns: a process that is killed, or loses its power, leaves every
-// tile that it put, each with its sidecar, and no partial one. Failures throw and change nothing; the store stays usable.
+// Each put() is one transaction, on the disk when it returns: a process that is killed, or loses its power, leaves
+// every tile that it put, each with its sidecar, and no partial one. Failures throw and change nothing; the store stays
+// usable.
 //
 // CandidateReader reads such a folder, whoever made it, and trusts nothing in it.
 #pragma once
@@ -36,8 +37,8 @@ struct Candidate {
 //   cost = hypot(sigma, kUnmodelledRelief_mm · tan(view angle)) / sharpness_factor
 double cost_mm(const CandidateSidecar& sidecar);
 
-inline constexpr double kUnmodelledRelief_mm = 1'500;    // displaces what is seen at an angle
-double sharpness_factor(std::int64_t sharpness_ppm);  // 0.5 to 1
+inline constexpr double kUnmodelledRelief_mm = 1'500;  // displaces what is seen at an angle
+double sharpness_factor(std::int64_t sharpness_ppm);   // 0.5 to 1
 
 struct CandidateStoreOptions {
   ImageFormat format = ImageFormat::jpeg;               // of all tiles: MBTiles files hold one format
@@ -49,15 +50,15 @@ std::string_view name_of(CandidateOutcome outcome);
 
 class CandidateStore {
  public:
-  // Creates the folder, or continues with an existing store. Throws UsageError when the folder holds something else, and
-  // Error when another process writes to it.
+  // Creates the folder, or continues with an existing store. Throws UsageError when the folder holds something else,
+  // and Error when another process writes to it.
   explicit CandidateStore(const std::filesystem::path& folder, const CandidateStoreOptions& options = {});
   ~CandidateStore();
   CandidateStore(const CandidateStore&) = delete;
   CandidateStore& operator=(const CandidateStore&) = delete;
 
-  // All in one transaction. Of two candidates for one address the better one stays; what exceeds the budget is left out.
-  // Throws Error (OutOfSpace when the disk is full): then none of them was stored.
+  // All in one transaction. Of two candidates for one address the better one stays; what exceeds the budget is left
+  // out. Throws Error (OutOfSpace when the disk is full): then none of them was stored.
   std::vector<CandidateOutcome> put(std::span<const Candidate> candidates);
 
   // Whether a tile like this would be kept: saves encoding and signing.

@@ -33,7 +33,7 @@ std::string_view name_of(OrthoRefusal refusal) {
 }
 
 FrameEligibility check_pose_eligible(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
-                          const EligibilityLimits& limits) {
+                                     const EligibilityLimits& limits) {
   if (pose.source != SourceLabel::satellite_anchored ||
       !(pose.anchor_age_s >= 0 && pose.anchor_age_s <= limits.max_anchor_age_s)) {
     return {OrthoRefusal::not_anchored};
@@ -49,7 +49,8 @@ std::optional<OrthoRefusal> check_image_eligible(const FrameQuality& quality, co
   return OrthoRefusal::frame_unfit;
 }
 
-std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px,
+                                                const EligibilityLimits& limits) {
   const double most_px = std::max(limits.max_blur_px, limits.max_tile_blur_px * tile_px);
   return blur_px && !(*blur_px <= most_px) ? std::optional(OrthoRefusal::blurred) : std::nullopt;
 }

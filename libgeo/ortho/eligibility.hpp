@@ -16,10 +16,11 @@ struct EligibilityLimits {
   double candidate_sigma_m = 3;  // 1-sigma position error of the frame per axis
   double soft_sigma_m = 5;
   double max_anchor_age_s = 0.5;
-  double max_coarseness = 2;      // ground sample distance of the frame over that of the tile
-  double min_sharpness = 0.02;    // of the frame, as FrameQuality has it
-  double max_blur_px = 1.8;       // of the image that tiles are resampled from (image_blur.hpp), a little finer than the tile
-  double max_tile_blur_px = 1.5;  // allowed in any case, in pixels of the tile
+  double max_coarseness = 2;    // ground sample distance of the frame over that of the tile
+  double min_sharpness = 0.02;  // of the frame, as FrameQuality has it
+  double max_blur_px =
+      1.8;  // of the image that tiles are resampled from (image_blur.hpp), a little finer than the tile
+  double max_tile_blur_px = 1.5;    // allowed in any case, in pixels of the tile
   double max_view_angle_rad = 0.6;  // 34 degrees off nadir: little occlusion
   double max_slope = 0.25;          // flat or moderate terrain
   double min_contrast = 0.012;      // standard deviation of a tile's grey levels, of 1
@@ -53,14 +54,15 @@ struct FrameEligibility {
 
 // Before decoding. Ground sample distances of the frame and of the tiles.
 FrameEligibility check_pose_eligible(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
-                          const EligibilityLimits& limits);
+                                     const EligibilityLimits& limits);
 
 // After decoding.
 std::optional<OrthoRefusal> check_image_eligible(const FrameQuality& quality, const EligibilityLimits& limits);
 
 // blur_px: blur_of() the image that tiles are resampled from; nothing where there are too few edges, which is no reason
 // for a refusal: fields under snow show few. tile_px: a pixel of the tile in pixels of that image.
-std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits);
+std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px,
+                                                const EligibilityLimits& limits);
 
 std::optional<OrthoRefusal> check_view_eligible(const TileProjection& projection, const EligibilityLimits& limits);
 

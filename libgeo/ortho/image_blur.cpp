@@ -10,8 +10,8 @@ namespace nadir {
 namespace {
 
 constexpr double kFirst_px = 1, kSecond_px = 2;  // the two blurs of our own
-constexpr float kMinGradient = 3;          // grey levels a pixel: five times what noise of 3 levels leaves of itself
-constexpr std::size_t kMinEdges = 60;      // in a direction
+constexpr float kMinGradient = 3;            // grey levels a pixel: five times what noise of 3 levels leaves of itself
+constexpr std::size_t kMinEdges = 60;        // in a direction
 constexpr int kBlock_px = 160, kBlocks = 3;  // sampled blocks per side: constant cost for any image
 constexpr int kDirections = 4;               // across: east, north-east, north, north-west
 

@@ -14,9 +14,9 @@
 
 namespace nadir {
 
-// Standard deviation of the blur in pixels, in the worst direction: the median of its edges, since the sharpest are noise
-// and the softest shadows. Texture on both sides of an edge reduces it a little. Motion blur of L pixels counts as about
-// L / sqrt(12) and more. Nothing when there are too few edges. grey: CV_8UC1.
+// Standard deviation of the blur in pixels, in the worst direction: the median of its edges, since the sharpest are
+// noise and the softest shadows. Texture on both sides of an edge reduces it a little. Motion blur of L pixels counts
+// as about L / sqrt(12) and more. Nothing when there are too few edges. grey: CV_8UC1.
 std::optional<double> blur_of(const cv::Mat& grey);
 
 }  // namespace nadir

@@ -227,7 +227,7 @@ PartialTile resample(const ReducedFrame& frame, const ProjectedTile& tile, cv::M
 }  // namespace
 
 std::vector<ProjectedTile> partial_tiles(int zoom, const LocalFrame& frame, const CameraModel& camera,
-                                      const CameraPose& pose, const GroundSurface& surface) {
+                                         const CameraPose& pose, const GroundSurface& surface) {
   constexpr double kLast = kTileSize - 1.0;
   std::vector<ProjectedTile> tiles;
   for (const TileKey& key : tiles_seen(zoom, frame, camera, pose, surface)) {
@@ -248,7 +248,8 @@ std::vector<ProjectedTile> partial_tiles(int zoom, const LocalFrame& frame, cons
   return tiles;
 }
 
-std::optional<PartialTile> cut_partial_tile(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad) {
+std::optional<PartialTile> cut_partial_tile(const ReducedFrame& frame, const ProjectedTile& tile,
+                                            double max_view_angle_rad) {
   cv::Mat pixels(kTileSize, kTileSize, CV_32FC2);
   PartialTile partial = resample(frame, tile, pixels, max_view_angle_rad);
   return partial.seen_px >= kMinSeen_px ? std::optional(std::move(partial)) : std::nullopt;

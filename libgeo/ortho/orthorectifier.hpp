@@ -9,8 +9,8 @@
 // longitude and latitude, the plane, the terrain, the pose and the lens; the pixels between are interpolated
 // (vision/node_grid.hpp), less than a tenth of a pixel off where eligibility lets a tile be made.
 //
-// A tile that the frame shows completely is a whole tile. One that it shows in part is a PartialTile, which a mosaic can
-// merge with those of other frames (ortho/tile_mosaic.hpp).
+// A tile that the frame shows completely is a whole tile. One that it shows in part is a PartialTile, which a mosaic
+// can merge with those of other frames (ortho/tile_mosaic.hpp).
 #pragma once
 
 #include <opencv2/core/mat.hpp>
@@ -41,8 +41,8 @@ TileProjection project_tile(const TileKey& key, const LocalFrame& frame, const C
 // Inside the frame with a margin of one pixel, which the interpolation reads.
 bool inside_frame(const CameraModel& camera, double x, double y);
 
-// The tiles of this zoom that the frame may show, completely or in part, in the order of TileKey: none when a corner of the
-// frame looks near the horizon, or when there are more than `most`.
+// The tiles of this zoom that the frame may show, completely or in part, in the order of TileKey: none when a corner of
+// the frame looks near the horizon, or when there are more than `most`.
 std::vector<TileKey> tiles_seen(int zoom, const LocalFrame& frame, const CameraModel& camera, const CameraPose& pose,
                                 const GroundSurface& surface, std::size_t most = 4096);
 
@@ -80,11 +80,13 @@ struct PartialTile {
   double least_view_rad = 0;  // of what is seen
 };
 
-// The tiles that the frame shows in part, in the order of TileKey. camera: of the image that cut_partial_tile() will get.
+// The tiles that the frame shows in part, in the order of TileKey. camera: of the image that cut_partial_tile() will
+// get.
 std::vector<ProjectedTile> partial_tiles(int zoom, const LocalFrame& frame, const CameraModel& camera,
-                                      const CameraPose& pose, const GroundSurface& surface);
+                                         const CameraPose& pose, const GroundSurface& surface);
 
 // Nothing when it shows fewer than 64 pixels.
-std::optional<PartialTile> cut_partial_tile(const ReducedFrame& frame, const ProjectedTile& tile, double max_view_angle_rad);
+std::optional<PartialTile> cut_partial_tile(const ReducedFrame& frame, const ProjectedTile& tile,
+                                            double max_view_angle_rad);
 
 }  // namespace nadir

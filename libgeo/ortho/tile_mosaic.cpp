@@ -11,10 +11,10 @@
 namespace nadir {
 namespace {
 
-constexpr int kCell_px = 4;             // granularity of the square
-constexpr int kMinTemplate_px = 24;   // smaller ones are not distinctive
-constexpr double kMinContrast = 3;    // grey levels: below that it is sensor noise
-constexpr int kMaxSquare_px = 160;  // larger ones add no information
+constexpr int kCell_px = 4;          // granularity of the square
+constexpr int kMinTemplate_px = 24;  // smaller ones are not distinctive
+constexpr double kMinContrast = 3;   // grey levels: below that it is sensor noise
+constexpr int kMaxSquare_px = 160;   // larger ones add no information
 
 // The largest square of cells that are all common, in pixels; of several the first.
 cv::Rect largest_square(const cv::Mat& common) {
@@ -75,7 +75,7 @@ namespace {
 
 constexpr std::uint8_t kNoPart = 255;
 constexpr int kTile_px = kTileSize * kTileSize;
-constexpr int kMinGain_px = 64;        // fewer are not worth another seam
+constexpr int kMinGain_px = 64;          // fewer are not worth another seam
 constexpr float kClearlyBetter = 0.98F;  // so that equal parts do not interleave
 
 std::int64_t mm(double metres) { return std::llround(metres * 1000); }

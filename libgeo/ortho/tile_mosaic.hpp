@@ -2,8 +2,8 @@
 //
 // Every frame that takes part may make tiles by itself (ortho/eligibility.hpp) and must agree with the others: before a
 // partial tile is merged, its overlap with those that are there is registered (measure_seam()). A partial tile that is
-// misaligned, or whose overlap cannot be compared, stays out. Where several frames show a pixel, the one with the lowest
-// cost_mm() for that pixel wins: better known position, smaller view angle, sharper.
+// misaligned, or whose overlap cannot be compared, stays out. Where several frames show a pixel, the one with the
+// lowest cost_mm() for that pixel wins: better known position, smaller view angle, sharper.
 //
 // A mosaic takes half a megabyte, however many frames come. The same frames in the same order give the same pixels.
 #pragma once
@@ -93,8 +93,8 @@ class TileMosaics {
   // A partial tile that is not merged but shows more than the whole mosaic replaces it.
   PartialTileOutcome add(const PartialTile& partial, const CandidateSidecar& frame, double pixel_m);
 
-  // After the partial tiles of a frame: the complete mosaics that it has not extended, so that no better part is expected
-  // soon. In the order of TileKey.
+  // After the partial tiles of a frame: the complete mosaics that it has not extended, so that no better part is
+  // expected soon. In the order of TileKey.
   std::vector<TileMosaic> take_finished();
   std::vector<TileMosaic> take_all_complete();  // at the end; the others are dropped
 

@@ -127,7 +127,7 @@ TEST_F(Making, MakesTilesThatShowTheGroundWhereItIs) {
   }
 }
 
-TEST_F(Making, OfTwoFramesKeepsTheBetterTiles) {
+TEST_F(Making, KeepsTheBetterTilesOfTwoFrames) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   const std::size_t first = maker.make(seen(), photograph(seen()), store).stored.size();
@@ -186,7 +186,7 @@ TEST_F(Making, CountsTheTilesThatItLeavesOut) {
   EXPECT_TRUE(report.stored.empty());
 }
 
-TEST_F(Making, LeavesOutWhatTimeDoesNotAllow) {
+TEST_F(Making, LeavesOutTilesAfterTheDeadline) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   int asked = 0;
@@ -247,7 +247,7 @@ class MakingOfSeveralFrames : public Making {
   std::uint64_t tiles_before_ = 0;
 };
 
-TEST_F(MakingOfSeveralFrames, PiecesThemTogetherWhereTheGroundIs) {
+TEST_F(MakingOfSeveralFrames, MosaicsThemWhereTheGroundIs) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store);
   EXPECT_EQ(made.mosaics_stored, 1U);
@@ -276,7 +276,7 @@ TEST_F(MakingOfSeveralFrames, PiecesThemTogetherWhereTheGroundIs) {
   EXPECT_LT(std::sqrt(squares / (kTileSize * kTileSize)), 3.5);
 }
 
-TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
+TEST_F(MakingOfSeveralFrames, IncludesTheDisagreementOfTheirPoses) {
   CandidateStore store(folder_ / "candidates");
   fly(low_flight(), store, 1.2);
   store.close();
@@ -286,7 +286,7 @@ TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
   EXPECT_NEAR(static_cast<double>(all[0].sidecar.pose.sigma_mm), std::hypot(2000, all[0].sidecar.seam_mm), 2);
 }
 
-TEST_F(MakingOfSeveralFrames, DoesNotPutTogetherWhatLiesApart) {
+TEST_F(MakingOfSeveralFrames, DoesNotMergeMisalignedFrames) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store, 3);
   EXPECT_GE(made.partial_tiles[static_cast<std::size_t>(PartialTileOutcome::misaligned)], 1);
@@ -323,7 +323,7 @@ TEST_F(MakingOfSeveralFrames, OfItAndATileOfOneFrameTheBetterStays) {
   EXPECT_TRUE(fly(low_flight(), store).stored.empty()) << "it is not even begun";
 }
 
-TEST_F(Making, FindsNamesThatNoSidecarHoldsBeforeTheFlight) {
+TEST_F(Making, RefusesInvalidNamesBeforeTheFlight) {
   CandidateFlight wrong = flight();
   wrong.airframe = "mini 07";
   EXPECT_THROW(CandidateMaker{wrong}, UsageError);

@@ -70,7 +70,7 @@ TEST(Eligibility, TakesNoBlurredFrames) {
   EXPECT_EQ(check_image_eligible(quality, {}), OrthoRefusal::frame_unfit);
 }
 
-TEST(Eligibility, TakesNoSteepGroundAndNothingSeenAslant) {
+TEST(Eligibility, RefusesSteepGroundAndLargeViewAngles) {
   TileProjection view;
   EXPECT_FALSE(check_view_eligible(view, {}));
   view.view_angle_rad = 0.7;

@@ -63,7 +63,7 @@ cv::Mat with_contrast(const cv::Mat& picture, double factor, double level) {
 
 bool refused(const cv::Mat& picture) { return check_blur_eligible(blur_of(picture), 1.2, {}).has_value(); }
 
-TEST(PictureBlur, MeasuresAGaussianThatItDoesNotKnow) {
+TEST(ImageBlur, MeasuresAGaussianThatItDoesNotKnow) {
   // Edges far from each other, whose blur is known exactly.
   cv::Mat bars(400, 400, CV_8UC1, cv::Scalar(60));
   for (int from = 40; from < bars.cols; from += 80) bars.colRange(from, from + 40) = 190;
@@ -76,7 +76,7 @@ TEST(PictureBlur, MeasuresAGaussianThatItDoesNotKnow) {
   }
 }
 
-TEST(PictureBlur, GrowsWithDefocusAndMotion) {
+TEST(ImageBlur, GrowsWithDefocusAndMotion) {
   const cv::Mat& picture = sharp();
   double before = blur_of(picture).value();
   for (const double radius : {2.0, 4.0, 6.0, 8.0}) {
@@ -94,7 +94,7 @@ TEST(PictureBlur, GrowsWithDefocusAndMotion) {
   }
 }
 
-TEST(PictureBlur, DefocusOfFivePixelsIsRefusedAndOfOneIsNot) {
+TEST(ImageBlur, DefocusOfFivePixelsIsRefusedAndOfOneIsNot) {
   for (const std::uint64_t seed : {8U, 9U, 10U}) {
     const cv::Mat& picture = sharp(seed);
     for (const double sigma : {0.0, 2.0}) {
@@ -106,7 +106,7 @@ TEST(PictureBlur, DefocusOfFivePixelsIsRefusedAndOfOneIsNot) {
   }
 }
 
-TEST(PictureBlur, AStreakOfElevenPixelsIsRefusedAndOfThreeIsNot) {
+TEST(ImageBlur, AStreakOfElevenPixelsIsRefusedAndOfThreeIsNot) {
   for (const std::uint64_t seed : {8U, 9U, 10U}) {
     const cv::Mat& picture = sharp(seed);
     for (const double sigma : {0.0, 2.0}) {
@@ -119,7 +119,7 @@ TEST(PictureBlur, AStreakOfElevenPixelsIsRefusedAndOfThreeIsNot) {
   }
 }
 
-TEST(PictureBlur, FieldsAndSnowAreNoBlur) {
+TEST(ImageBlur, FieldsAndSnowAreNoBlur) {
   for (const std::uint64_t seed : {8U, 9U, 10U}) {
     for (const double sigma : {0.0, 2.0, 5.0}) {
       EXPECT_FALSE(refused(noisy(with_contrast(sharp(seed), 0.3, 120), sigma))) << "fields in haze";
@@ -129,14 +129,14 @@ TEST(PictureBlur, FieldsAndSnowAreNoBlur) {
   }
 }
 
-TEST(PictureBlur, SaysNothingWithoutEdges) {
+TEST(ImageBlur, IsUnknownWithoutEdges) {
   EXPECT_FALSE(blur_of(cv::Mat(480, 640, CV_8UC1, cv::Scalar(128))));
   EXPECT_FALSE(blur_of(cv::Mat()));
   EXPECT_FALSE(blur_of(cv::Mat(1, 1, CV_8UC1, cv::Scalar(7))));
   EXPECT_FALSE(blur_of(cv::Mat(2, 700, CV_8UC1, cv::Scalar(7))));
 }
 
-TEST(PictureBlur, IsJudgedByTheTilesPixels) {
+TEST(ImageBlur, IsCheckedInTileSizedPixels) {
   EXPECT_FALSE(check_blur_eligible(std::nullopt, 1, {}));
   EXPECT_FALSE(check_blur_eligible(1.8, 1, {}));
   EXPECT_EQ(check_blur_eligible(1.81, 1, {}), OrthoRefusal::blurred);

@@ -32,7 +32,7 @@ cv::Mat band(int from, int to) {
   return mask;
 }
 
-TEST(Seam, TellsHowFarApartTwoPicturesLie) {
+TEST(Seam, MeasuresTheDisplacement) {
   for (const auto& [dx, dy] : {std::pair{0.0, 0.0}, {3.0, -2.0}, {0.5, 1.5}, {-4.0, 4.0}}) {
     const auto seam = measure_seam(picture(0, 0), picture(dx, dy), band(100, 180), 6);
     ASSERT_TRUE(seam);
@@ -41,13 +41,13 @@ TEST(Seam, TellsHowFarApartTwoPicturesLie) {
   }
 }
 
-TEST(Seam, LightDoesNotMatter) {
+TEST(Seam, IsIndependentOfBrightness) {
   const auto seam = measure_seam(picture(0, 0), picture(2, 0, 0.4), band(0, 256), 6);
   ASSERT_TRUE(seam);
   EXPECT_NEAR(seam->shift_px, 2, 0.15);
 }
 
-TEST(Seam, LooksOnlyWhereBothShowTheGround) {
+TEST(Seam, UsesTheOverlapOnly) {
   cv::Mat other = picture(1, 0);
   other.colRange(0, 90).setTo(cv::Scalar::all(0));
   other.colRange(180, kSide).setTo(cv::Scalar::all(255));
@@ -57,12 +57,12 @@ TEST(Seam, LooksOnlyWhereBothShowTheGround) {
   EXPECT_GT(seam->correlation, 0.97);
 }
 
-TEST(Seam, TooLittleInCommonSaysNothing) {
+TEST(Seam, IsUnknownWithoutEnoughOverlap) {
   EXPECT_FALSE(measure_seam(picture(0, 0), picture(0, 0), band(100, 130), 6));
   EXPECT_FALSE(measure_seam(picture(0, 0), picture(0, 0), cv::Mat::zeros(kSide, kSide, CV_8UC1), 6));
 }
 
-TEST(Seam, FlatAndStrangePicturesAgreeWithNothing) {
+TEST(Seam, FlatAndUnrelatedImagesDoNotCorrelate) {
   const cv::Mat flat(kSide, kSide, CV_8UC3, cv::Scalar::all(90));
   for (const auto& [one, other] : {std::pair{flat, flat}, {flat, picture(0, 0)}, {picture(0, 0), flat}}) {
     const auto seam = measure_seam(one, other, band(0, 256), 6);
@@ -106,7 +106,7 @@ CandidateSidecar frame(int number, std::int64_t sigma_mm = 2000) {
   return sidecar;
 }
 
-TEST(TileMosaic, BecomesWholeOfPiecesThatLieUponEachOther) {
+TEST(TileMosaic, BecomesCompleteFromAlignedParts) {
   TileMosaic mosaic(kKey, kPixel_m, {});
   EXPECT_EQ(mosaic.add(piece(0, 150), frame(2)), PartialTileOutcome::merged);
   EXPECT_FALSE(mosaic.whole());
@@ -129,7 +129,7 @@ TEST(TileMosaic, BecomesWholeOfPiecesThatLieUponEachOther) {
   EXPECT_EQ(parse_candidate(candidate_json(*sidecar), "test"), *sidecar);
 }
 
-TEST(TileMosaic, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
+TEST(TileMosaic, TakesEachPixelFromTheSmallestViewAngle) {
   PartialTile west = piece(0, 256), east = piece(0, 256);
   for (int c = 0; c < kTileSize; ++c) {
     west.slants.col(c).setTo(0.002 * c);
@@ -149,7 +149,7 @@ TEST(TileMosaic, TakesEachPixelFromWhoeverSawItMoreFromAbove) {
       << "of the pixels that are used";
 }
 
-TEST(TileMosaic, WhatPiecesDisagreeByIsPartOfItsSigma) {
+TEST(TileMosaic, DisplacementOfPartsIsPartOfItsSigma) {
   TileMosaic mosaic(kKey, kPixel_m, {});
   mosaic.add(piece(0, 150), frame(1));
   EXPECT_EQ(mosaic.add(piece(60, 256, 0.1, 3), frame(2)), PartialTileOutcome::merged);
@@ -162,7 +162,7 @@ TEST(TileMosaic, WhatPiecesDisagreeByIsPartOfItsSigma) {
   EXPECT_GT(cost_mm(*sidecar), cost_mm(frame(1))) << "a tile of one frame is better";
 }
 
-TEST(TileMosaic, PiecesThatLieElsewhereOrProveNothingStayOut) {
+TEST(TileMosaic, MisalignedOrUnverifiedPartsStayOut) {
   TileMosaic mosaic(kKey, kPixel_m, {});
   mosaic.add(piece(0, 150), frame(1));
   EXPECT_EQ(mosaic.add(piece(60, 256, 0.1, 6), frame(2)), PartialTileOutcome::misaligned) << "2.4 m";
@@ -176,7 +176,7 @@ TEST(TileMosaic, PiecesThatLieElsewhereOrProveNothingStayOut) {
   EXPECT_TRUE(mosaic.whole());
 }
 
-TEST(TileMosaic, TooUnsureTogetherMakesNoTileAndALittleUnsureASoftOne) {
+TEST(TileMosaic, TooUncertainTogetherMakesNoTileAndSlightlyUncertainASoftOne) {
   for (const auto& [sigma_mm, moved_px, trust] :
        {std::tuple{4800, 4.0, std::optional<CandidateTrust>()}, {2900, 3.0, CandidateTrust::soft}}) {
     TileMosaic mosaic(kKey, kPixel_m, {});
@@ -197,7 +197,7 @@ TEST(TileMosaic, HasRoomForSixFrames) {
   EXPECT_EQ(mosaic.add(piece(0, 256), frame(8, 500)), PartialTileOutcome::full);
 }
 
-TEST(TileMosaics, HandOutWhatIsWholeWhenTheFlightHasPassed) {
+TEST(TileMosaics, ReturnCompleteMosaicsWhenTheFlightHasPassed) {
   TileMosaics mosaics({});
   mosaics.add(piece(0, 150), frame(1), kPixel_m);
   EXPECT_TRUE(mosaics.take_finished().empty());
@@ -210,7 +210,7 @@ TEST(TileMosaics, HandOutWhatIsWholeWhenTheFlightHasPassed) {
   EXPECT_EQ(mosaics.dropped(), 0U);
 }
 
-TEST(TileMosaics, AreBoundedAndDropWhatWasAddedToLongestAgo) {
+TEST(TileMosaics, AreBoundedAndDropTheLeastRecentlyExtended) {
   TileMosaics mosaics({.max_open = 2});
   const auto at = [](std::uint32_t x) {
     PartialTile patch = piece(0, 150);
@@ -231,7 +231,7 @@ TEST(TileMosaics, AreBoundedAndDropWhatWasAddedToLongestAgo) {
   EXPECT_EQ(mosaics.dropped(), 2U);
 }
 
-TEST(TileMosaics, PiecesOfAnotherPassBeginAnew) {
+TEST(TileMosaics, PartsOfAnotherPassStartANewMosaic) {
   TileMosaics mosaics({.max_span_s = 100});
   mosaics.add(piece(0, 150), frame(1), kPixel_m);
   mosaics.add(piece(60, 256), frame(102), kPixel_m);
@@ -239,7 +239,7 @@ TEST(TileMosaics, PiecesOfAnotherPassBeginAnew) {
   EXPECT_EQ(mosaics.dropped(), 2U);
 }
 
-TEST(TileMosaics, ASmallPieceDoesNotKeepOutALargerOneForEver) {
+TEST(TileMosaics, ASmallPartDoesNotBlockALargerOneForever) {
   TileMosaics mosaics({});
   mosaics.add(piece(0, 20), frame(1), kPixel_m);
   EXPECT_EQ(mosaics.add(piece(15, 200), frame(2), kPixel_m), PartialTileOutcome::unverified);
