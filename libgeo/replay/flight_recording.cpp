@@ -47,7 +47,7 @@ void ReplayRecording::close() {
   recorder_.close("replayed");
   const StoreStatus status = recorder_.status();
   if (!status.stopped && status.dropped.empty()) return;
-  throw Error({.what = "the recording is not complete", .where = folder_, .found = status.trouble});
+  throw Error({.what = "the recording is not complete", .where = folder_, .found = status.error});
 }
 
 Reproduction compare_estimates(const std::vector<EstimateRecord>& recorded, const std::vector<EstimateRecord>& flown) {

@@ -93,7 +93,7 @@ EventText event_of(const HealthRecord& r) {
   return {r.healthy ? "healthy" : "unhealthy", detail};
 }
 EventText event_of(const RecorderRecord& r) {
-  return {std::string(name_of(r.trouble)), fmt::format("{} {} {}", r.topic, r.count, r.text)};
+  return {std::string(name_of(r.kind)), fmt::format("{} {} {}", r.topic, r.count, r.text)};
 }
 EventText event_of(const HintRecord& r) {
   return {r.by, fmt::format("within {:.0f} m of {:.6f},{:.6f} before frame {}", r.radius_m, r.place.lon_deg,
