@@ -16,8 +16,8 @@
 #include "package/open_package.hpp"
 #include "trust/airframe_signature.hpp"
 #include "trust/bearer_token.hpp"
-#include "vision/airframe.hpp"
-#include "vision/place_index_check.hpp"
+#include "vision/camera.hpp"
+#include "vision/place_index.hpp"
 #include "nadird_client/watching.hpp"
 
 namespace nadir {

@@ -5,7 +5,7 @@
 #pragma once
 
 #include "estimation/estimate.hpp"
-#include "vision/anchor_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 

@@ -12,7 +12,7 @@
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 

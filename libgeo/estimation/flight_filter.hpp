@@ -16,7 +16,7 @@
 
 #include "estimation/pose_sights.hpp"
 #include "estimation/telemetry.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -5,7 +5,7 @@
 #include "estimation/odometry.hpp"
 #include "estimation/two_view_step.hpp"
 #include "vision/correlation.hpp"
-#include "vision/patch_match.hpp"
+#include "vision/patch_matching.hpp"
 
 namespace nadir {
 namespace {

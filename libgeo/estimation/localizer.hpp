@@ -17,9 +17,9 @@
 #include "estimation/telemetry.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/tile_source.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 #include "vision/ground_surface.hpp"
-#include "vision/place_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 

@@ -45,7 +45,7 @@ AnchorMatch Localizer::State::match_lost(const cv::Mat& grey, const AnchorPrior&
     const AnchorVerdict verdict = judge_anchor(match, prior, {0, 0, false, true}, config.gates);
     return verdict == AnchorVerdict::accepted || verdict == AnchorVerdict::awaiting_votes;
   };
-  const auto among = [&](const PlaceSuggestions& suggested) {
+  const auto among = [&](const SearchSuggestions& suggested) {
     return matcher->match_among(grey, prior, where.area, suggested);
   };
   if (where.hint || config.places != nullptr) {

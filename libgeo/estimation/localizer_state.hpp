@@ -10,7 +10,7 @@
 #include "estimation/odometry.hpp"
 #include "estimation/operator_hint.hpp"
 #include "estimation/start_contradictions.hpp"
-#include "vision/frozen_frame.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 
@@ -87,7 +87,7 @@ struct Localizer::State {
   std::unique_ptr<OdometryFrontEnd> odometry;
   std::unique_ptr<MapMatcher> matcher;  // none without a map
 
-  FrozenFrame frozen;
+  FrozenFrameDetector frozen;
   bool tilt_logged = false;             // the telemetry has pitch and roll, if not in each frame
   std::optional<FramePose> taken_pose;  // of the anchor taken last
   double measured_agl_m = 0;

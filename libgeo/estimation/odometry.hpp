@@ -12,7 +12,7 @@
 #include <optional>
 
 #include "estimation/pose_sights.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 

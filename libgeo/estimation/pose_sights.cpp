@@ -12,10 +12,10 @@ PoseMeasurement pose_sight(const SolvedPose& solved, double measured_agl_m, cons
   const Eigen::Matrix<double, 6, 6> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
   const Attitude& attitude = solved.pose.attitude;
   PoseMeasurement sight;
-  sight.covariance = (solved.sighted_information + weak).inverse();
+  sight.covariance = (solved.measurement_information + weak).inverse();
   sight.seen << solved.pose.position.east_m, solved.pose.position.north_m, std::log(solved.pose.agl_m / measured_agl_m),
       attitude.heading_rad, attitude.pitch_rad - measured_tilt_rad.x(), attitude.roll_rad - measured_tilt_rad.y();
-  sight.seen += sight.covariance * solved.sighted_pull;
+  sight.seen += sight.covariance * solved.measurement_gradient;
   return sight;
 }
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "vision/independent_count.hpp"
+#include "vision/robust_gauss_newton.hpp"
 
 namespace nadir {
 namespace {
@@ -226,8 +226,8 @@ std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& s
   if (sigma_m > kWorstFit * explained_m) return std::nullopt;
   const Information covariance = information.inverse();
   motion.solved = u;
-  motion.sighted_information = information - from_prior;
-  motion.sighted_pull = from_prior * u;
+  motion.measurement_information = information - from_prior;
+  motion.measurement_gradient = from_prior * u;
   motion.moved_m = u.head<2>();
   motion.covariance_m2 = covariance.topLeftCorner<2, 2>();
   motion.turn_rad = prior.now.attitude.heading_rad + u[3] - prior.before.attitude.heading_rad;

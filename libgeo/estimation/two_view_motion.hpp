@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 
@@ -38,8 +38,8 @@ struct TwoViewMotion {
   // change of heading, pitch and roll before, pitch and roll now): information, and where they pull to. See
   // RelativeMotionMeasurement in pose_sights.hpp.
   Eigen::Matrix<double, 8, 1> solved = Eigen::Matrix<double, 8, 1>::Zero();
-  Eigen::Matrix<double, 8, 8> sighted_information = Eigen::Matrix<double, 8, 8>::Zero();
-  Eigen::Matrix<double, 8, 1> sighted_pull = Eigen::Matrix<double, 8, 1>::Zero();
+  Eigen::Matrix<double, 8, 8> measurement_information = Eigen::Matrix<double, 8, 8>::Zero();
+  Eigen::Matrix<double, 8, 1> measurement_gradient = Eigen::Matrix<double, 8, 1>::Zero();
 };
 
 std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& sights, const TwoViewPrior& prior);

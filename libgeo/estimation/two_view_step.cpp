@@ -58,8 +58,8 @@ RelativeMotionMeasurement sight_of(const TwoViewMotion& motion, const OdometryFr
   vague << far_m, far_m, 1, 1, 1, 1, 1, 1;
   const Eigen::Matrix<double, 8, 8> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
   RelativeMotionMeasurement sight;
-  sight.covariance = (motion.sighted_information + weak).inverse();
-  sight.seen = motion.solved + sight.covariance * motion.sighted_pull;
+  sight.covariance = (motion.measurement_information + weak).inverse();
+  sight.seen = motion.solved + sight.covariance * motion.measurement_gradient;
   // What the model does not know: the lens, rolling shutter, hills. It grows with how far things move in the picture.
   const double unknown_m = kModelErrorShare * motion.moved_m.norm();
   const double turn_rad = wrap_pi(now.heading_rad - before.heading_rad + sight.seen[3]);

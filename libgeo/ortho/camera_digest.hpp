@@ -5,7 +5,7 @@
 #include <string>
 
 #include "base/sha256.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -106,7 +106,7 @@ std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const SeenFrame&
   if (picture.empty()) return std::nullopt;
   cv::Mat grey;
   cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
-  const FrameQuality quality = judge_frame(grey);
+  const FrameQuality quality = measure_frame_quality(grey);
   report.refusal = judge_picture(quality, flight_.limits);
   if (report.refusal) return std::nullopt;
   ReadyFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),

@@ -8,7 +8,7 @@
 #include "estimation/estimate.hpp"
 #include "ortho/candidate_sidecar.hpp"
 #include "ortho/tile_projection.hpp"
-#include "vision/frame_quality.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 

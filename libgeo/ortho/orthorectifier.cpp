@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <opencv2/imgproc.hpp>
 
-#include "vision/node_grid.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "vision/node_grid.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "geodesy/web_mercator.hpp"
-#include "vision/node_grid.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "geodesy/local_frame.hpp"
 #include "geodesy/tile_key.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 

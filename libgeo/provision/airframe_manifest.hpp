@@ -8,7 +8,7 @@
 #include <string>
 
 #include "trust/keys.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

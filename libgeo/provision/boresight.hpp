@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "base/finding.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -8,8 +8,8 @@
 #include "estimation/terrain_surface.hpp"
 #include "geodesy/angles.hpp"
 #include "replay/pictures.hpp"
-#include "vision/flight_picture.hpp"
-#include "vision/place_matcher.hpp"
+#include "vision/camera_frame.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 namespace {
@@ -81,7 +81,7 @@ BoresightSights find_sights(const BoresightFlight& from, const CameraFile& camer
   std::optional<TerrainSurface> terrain;
   if (package.terrain() != nullptr) terrain.emplace(*package.terrain(), frame, package.mission().terrain.height_m);
   const GroundSurface& surface = terrain ? static_cast<const GroundSurface&>(*terrain) : flat;
-  const int shrink = harmless_shrink(camera.camera.width, camera.camera.height);
+  const int shrink = decode_reduction(camera.camera.width, camera.camera.height);
   const CameraModel decoded = camera.camera.scaled(1.0 / shrink);
   const auto matcher = make_channel_matcher({decoded, package.imagery(), frame, surface});
 

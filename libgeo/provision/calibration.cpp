@@ -11,7 +11,7 @@
 #include "base/error.hpp"
 #include "base/yaml.hpp"
 #include "geodesy/angles.hpp"
-#include "vision/camera_file.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

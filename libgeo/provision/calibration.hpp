@@ -8,7 +8,7 @@
 
 #include "base/finding.hpp"
 #include "provision/board_pictures.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

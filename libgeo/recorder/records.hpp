@@ -16,7 +16,7 @@
 #include "estimation/localizer.hpp"
 #include "estimation/telemetry.hpp"
 #include "geodesy/tile_key.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -4,7 +4,7 @@
 #include <string_view>
 
 #include "estimation/odometry.hpp"
-#include "vision/place_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "estimation/telemetry.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

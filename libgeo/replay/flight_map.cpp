@@ -1,7 +1,7 @@
 #include "replay/flight_map.hpp"
 
 #include "trust/root.hpp"
-#include "vision/place_index_check.hpp"
+#include "vision/place_index.hpp"
 
 namespace nadir {
 

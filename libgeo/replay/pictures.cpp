@@ -11,7 +11,7 @@
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
 #include "trust/base64.hpp"
-#include "vision/flight_picture.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
@@ -55,7 +55,7 @@ cv::Mat read_picture(const std::filesystem::path& path, int shrink) {
 
 cv::Mat read_flight_picture(const std::filesystem::path& path, const CameraModel& camera, int shrink) {
   try {
-    return decode_flight_picture(read_file(path), camera, shrink);
+    return decode_camera_frame(read_file(path), camera, shrink);
   } catch (const Error&) {
     return {};
   }

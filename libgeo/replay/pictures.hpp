@@ -5,7 +5,7 @@
 #include <opencv2/core/mat.hpp>
 #include <string>
 
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
@@ -23,7 +23,7 @@ PictureSize read_picture_size(const std::filesystem::path& path);
 // the frame unfit.
 cv::Mat read_picture(const std::filesystem::path& path, int shrink = 1);
 
-// As the flight decodes its pictures (decode_flight_picture()): empty as well when it is not of the camera's size,
+// As the flight decodes its pictures (decode_camera_frame()): empty as well when it is not of the camera's size,
 // which is that of the decoded picture.
 cv::Mat read_flight_picture(const std::filesystem::path& path, const CameraModel& camera, int shrink);
 

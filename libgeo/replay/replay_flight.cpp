@@ -6,7 +6,7 @@
 #include "replay/pictures.hpp"
 #include "replay/recorded_walk.hpp"
 #include "replay/score.hpp"
-#include "vision/flight_picture.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
@@ -34,7 +34,7 @@ LocalizerConfig localizer_config(const ReplaySetup& setup) {
 
 int picture_shrink(const Flight& flight, const ReplaySetup& setup) {
   if (setup.recorded != nullptr) return setup.recorded->session.picture_shrink;
-  return harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
+  return decode_reduction(flight.camera.camera.width, flight.camera.camera.height);
 }
 
 ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,

@@ -16,7 +16,7 @@
 #include "replay/truth.hpp"
 #include "replay/worst_frames.hpp"
 #include "vision/ground_surface.hpp"
-#include "vision/place_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 

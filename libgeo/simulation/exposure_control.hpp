@@ -7,7 +7,7 @@
 #include "simulation/camera_sensor.hpp"
 #include "simulation/flight_path.hpp"
 #include "simulation/noise.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

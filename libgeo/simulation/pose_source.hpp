@@ -7,7 +7,7 @@
 #include <optional>
 
 #include "geodesy/lon_lat.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -8,8 +8,8 @@
 //
 //   (Σ J_iᵀ w_i J_i + Λ_prior) δ = Σ J_iᵀ w_i r_i + g_prior,     w_i = (s² / (s² + |r_i|²))² W_i.
 //
-// Graduated non-convexity (Blake and Zisserman 1987; Yang et al. 2020): s begins large, where the cost is nearly convex,
-// and narrows while the iteration runs, so that distant outliers lose their weight altogether.
+// Graduated non-convexity (Blake and Zisserman 1987; Yang et al. 2020): s begins large, where the cost is nearly
+// convex, and narrows while the iteration runs, so that distant outliers lose their weight altogether.
 #pragma once
 
 #include <Eigen/Cholesky>

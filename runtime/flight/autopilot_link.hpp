@@ -17,7 +17,7 @@
 #include "service/latest_mailbox.hpp"
 #include "service/service_machine.hpp"
 #include "service/thread_watch.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

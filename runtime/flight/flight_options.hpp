@@ -7,7 +7,7 @@
 #include <string>
 
 #include "geodesy/lon_lat.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

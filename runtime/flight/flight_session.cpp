@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/nadir_version.hpp"
-#include "vision/flight_picture.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 
@@ -16,7 +16,7 @@ SessionRecord flight_session(const Airframe& airframe, const FlightClock& clock)
   session.started_ns = static_cast<std::uint64_t>(unix_us) * 1000;
   session.id = fmt::format("{}-{:x}", airframe.id, unix_us);
   session.camera = airframe.camera;
-  session.picture_shrink = harmless_shrink(airframe.camera.camera.width, airframe.camera.camera.height);
+  session.picture_shrink = decode_reduction(airframe.camera.camera.width, airframe.camera.camera.height);
   session.looked_up_later = true;
   return session;
 }

@@ -6,7 +6,7 @@
 #include "flight/localizing.hpp"
 #include "recorder/records.hpp"
 #include "service/clock.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -3,7 +3,7 @@
 // degrees.
 #pragma once
 
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

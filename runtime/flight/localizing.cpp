@@ -5,7 +5,7 @@
 #include "base/error.hpp"
 #include "base/thread_rank.hpp"
 #include "estimation/anchor_job.hpp"
-#include "vision/flight_picture.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
@@ -28,7 +28,7 @@ CameraFile decoded_small(CameraFile file, int shrink) {
 LocalizationThread::LocalizationThread(const LocalizingSetup& setup, LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
                        Listener listener)
     : setup_(setup),
-      shrink_(harmless_shrink(setup.camera.camera.width, setup.camera.camera.height)),
+      shrink_(decode_reduction(setup.camera.camera.width, setup.camera.camera.height)),
       decoded_(setup.camera.camera.scaled(1.0 / shrink_)),
       pictures_(pictures),
       listener_(std::move(listener)),
@@ -80,7 +80,7 @@ void LocalizationThread::follow(const FlightPicture& picture) {
   const Telemetry told = telemetry_at(picture);
   if (too_early(picture, told)) return;
   listener_.input(next_index_, told, picture.encoded);
-  auto followed = localizer_.follow(decode_flight_picture(picture.encoded, decoded_, shrink_), told);
+  auto followed = localizer_.follow(decode_camera_frame(picture.encoded, decoded_, shrink_), told);
   if (followed.job) {
     job_index_ = next_index_;
     everywhere_ = followed.job->everywhere;

@@ -11,7 +11,7 @@
 
 #include "estimation/telemetry.hpp"
 #include "mavlink/messages.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -5,12 +5,12 @@
 namespace nadir::bench {
 namespace {
 
-MapMatcherFactory comparing(const Likeness& likeness) {
+MapMatcherFactory comparing(const MatchFeatures& likeness) {
   return [likeness](const MatcherMap& map) { return make_channel_matcher_with(map, likeness); };
 }
 
-Likeness without_means() {
-  Likeness likeness;
+MatchFeatures without_means() {
+  MatchFeatures likeness;
   likeness.channels.means_removed = false;
   return likeness;
 }

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "estimation/odometry.hpp"
-#include "vision/place_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir::bench {
 

@@ -16,7 +16,7 @@
 #include "replay/flight_map.hpp"
 #include "replay/pictures.hpp"
 #include "replay/truth.hpp"
-#include "vision/flight_picture.hpp"
+#include "vision/camera_frame.hpp"
 #include "vision/place_index.hpp"
 
 namespace nadir {
@@ -70,7 +70,7 @@ int run(const std::vector<std::string>& arguments) {
   if (package.terrain() != nullptr) {
     config.surface = &surface.emplace(*package.terrain(), frame, package.mission().terrain.height_m);
   }
-  const int shrink = harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
+  const int shrink = decode_reduction(flight.camera.camera.width, flight.camera.camera.height);
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
   fmt::print("cold start over {:.1f} km², CPU ms of the first frame\n",

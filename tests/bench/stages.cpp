@@ -22,11 +22,11 @@
 #include "replay/flight_map.hpp"
 #include "replay/pictures.hpp"
 #include "replay/truth.hpp"
-#include "vision/anchor_matcher.hpp"
-#include "vision/flight_picture.hpp"
+#include "vision/map_matcher.hpp"
+#include "vision/camera_frame.hpp"
 #include "vision/matching_plan.hpp"
 #include "vision/oriented_channels.hpp"
-#include "vision/patch_match.hpp"
+#include "vision/patch_matching.hpp"
 
 namespace nadir {
 namespace {
@@ -113,7 +113,7 @@ int run(const std::vector<std::string>& arguments) {
   const TileSource& tiles = opening.package->imagery();
   const LocalFrame frame = mission_frame(opening.package->mission());
   LocalizerConfig config;
-  const int shrink = harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
+  const int shrink = decode_reduction(flight.camera.camera.width, flight.camera.camera.height);
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
   Localizer localizer(camera, frame, &tiles, truth.front(), config);

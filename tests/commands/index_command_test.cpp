@@ -15,8 +15,8 @@
 #include "package/root_folder.hpp"
 #include "package/sign_package.hpp"
 #include "commands/registry.hpp"
-#include "vision/place_index_check.hpp"
-#include "vision/place_table.hpp"
+#include "vision/place_index.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace nadir {
 namespace {

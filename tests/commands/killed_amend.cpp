@@ -12,7 +12,7 @@
 #include "base/error.hpp"
 #include "package_build/die_at.hpp"
 #include "package/amend_package.hpp"
-#include "vision/place_table.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace {
 

@@ -9,7 +9,7 @@
 #include "package/package_maker.hpp"
 #include "commands/registry.hpp"
 #include "support/process.hpp"
-#include "vision/place_table.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace nadir {
 namespace {

@@ -189,8 +189,8 @@ TEST(TwoViewMotion, WhatTheSightsSayForgetsThePriors) {
   const auto motion = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(motion);
   // Strong opinions of the truth, as the flight filter would have them, instead of the wrong priors.
-  Eigen::Matrix<double, 8, 8> information = motion->sighted_information;
-  Eigen::Matrix<double, 8, 1> right = motion->sighted_information * motion->solved + motion->sighted_pull;
+  Eigen::Matrix<double, 8, 8> information = motion->measurement_information;
+  Eigen::Matrix<double, 8, 1> right = motion->measurement_information * motion->solved + motion->measurement_gradient;
   information.bottomRightCorner<4, 4>() += Eigen::Matrix4d::Identity() * 1e8;
   right[4] += 1e8 * radians(-1);
   const Eigen::Matrix<double, 8, 1> combined = information.inverse() * right;

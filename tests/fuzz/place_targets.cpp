@@ -4,7 +4,7 @@
 #include "base/json.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "vision/place_table.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace nadir::fuzz {
 namespace {

@@ -10,7 +10,7 @@
 #include "imagery/terrain_raster.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/poses_file.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir::fuzz {
 

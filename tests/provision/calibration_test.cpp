@@ -9,7 +9,7 @@
 #include "base/yaml.hpp"
 #include "provision/board_scene.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_file.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

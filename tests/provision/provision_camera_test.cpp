@@ -5,7 +5,7 @@
 #include "provision/board_scene.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

@@ -12,7 +12,7 @@
 #include "imagery/codecs.hpp"
 #include "simulation/test_world.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

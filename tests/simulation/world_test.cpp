@@ -15,7 +15,7 @@
 #include "simulation/landscape.hpp"
 #include "simulation/world_pictures.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

@@ -1,4 +1,4 @@
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 #include <gtest/gtest.h>
 

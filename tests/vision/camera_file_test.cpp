@@ -3,7 +3,7 @@
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

@@ -1,4 +1,4 @@
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 #include <gtest/gtest.h>
 

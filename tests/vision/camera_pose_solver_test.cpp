@@ -158,8 +158,8 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
     const Eigen::Vector2d at = error.head<2>();
     position += at.dot(solved->covariance.topLeftCorner<2, 2>().inverse() * at) / kTrials;
     // What the sights alone say must be honest as well.
-    const Vector6 alone = error + solved->sighted_information.inverse() * solved->sighted_pull;
-    sighted += alone.dot(solved->sighted_information * alone) / kTrials;
+    const Vector6 alone = error + solved->measurement_information.inverse() * solved->measurement_gradient;
+    sighted += alone.dot(solved->measurement_information * alone) / kTrials;
   }
   // Standard deviation of the mean of n chi-square of k degrees: sqrt(2k / n); bounds at 3.3 of it.
   EXPECT_NEAR(all, 6, 3.3 * std::sqrt(12.0 / kTrials));
@@ -213,8 +213,8 @@ TEST(CameraPoseSolver, SightedInformationIsTheHessianWithoutPriors) {
   const Eigen::Matrix<double, 6, 2> with_slope = hessian.topRightCorner<6, 2>();
   const Eigen::Matrix<double, 6, 6> expected =
       hessian.topLeftCorner<6, 6>() - with_slope * hessian.bottomRightCorner<2, 2>().inverse() * with_slope.transpose();
-  EXPECT_LT((solved->sighted_information - expected).norm(), 1e-3 * expected.norm())
-      << solved->sighted_information << "\n\n"
+  EXPECT_LT((solved->measurement_information - expected).norm(), 1e-3 * expected.norm())
+      << solved->measurement_information << "\n\n"
       << expected;
   hessian(2, 2) += 1 / (prior.log_agl_sigma * prior.log_agl_sigma);
   hessian(3, 3) += 1 / (prior.heading_sigma_rad * prior.heading_sigma_rad);
@@ -233,7 +233,7 @@ TEST(CameraPoseSolver, TheSightedPoseForgetsThePrior) {
     prior.slope_sigma = kLevel;
     const auto solved = solve_camera_pose(sights, prior, {20.0, 0.5});
     ASSERT_TRUE(solved);
-    const Vector6 step = solved->sighted_information.inverse() * solved->sighted_pull;
+    const Vector6 step = solved->measurement_information.inverse() * solved->measurement_gradient;
     EXPECT_NEAR(solved->pose.attitude.pitch_rad + step[4], kTruth.attitude.pitch_rad, 0.001) << wrong;
     EXPECT_NEAR(solved->pose.attitude.roll_rad + step[5], kTruth.attitude.roll_rad, 0.001) << wrong;
     EXPECT_NEAR(solved->pose.position.east_m + step[0], kTruth.position.east_m, 0.1) << wrong;
@@ -262,7 +262,7 @@ TEST(CameraPoseSolver, AnUnknownSlopeTakesInformationFromTheTilt) {
   const auto sloping = solve_camera_pose(sights_from(kTruth, 0.3, 9, 6, {0.03, -0.02}), prior, {2.0, 0.1});
   ASSERT_TRUE(level && sloping);
   const auto tilt_information = [](const SolvedPose& solved) {
-    const Eigen::Matrix<double, 6, 6> spread = solved.sighted_information.inverse();
+    const Eigen::Matrix<double, 6, 6> spread = solved.measurement_information.inverse();
     return Eigen::Matrix2d(spread.block<2, 2>(4, 4).inverse()).trace();  // nothing else being known
   };
   EXPECT_LT(tilt_information(*sloping), 0.5 * tilt_information(*level));

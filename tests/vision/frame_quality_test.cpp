@@ -1,4 +1,4 @@
-#include "vision/frame_quality.hpp"
+#include "vision/camera_frame.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,22 +13,22 @@ namespace {
 cv::Mat normal() { return test::Landscape(8, 80).map(0.5).image; }  // 320 x 320
 
 TEST(FrameQuality, NormalFramesAreUsable) {
-  const FrameQuality quality = judge_frame(normal());
+  const FrameQuality quality = measure_frame_quality(normal());
   EXPECT_TRUE(quality.usable);
   EXPECT_NEAR(quality.mean, cv::mean(normal())[0], 0.5);
   cv::Mat large;
   cv::resize(normal(), large, {1600, 1600}, 0, 0, cv::INTER_CUBIC);
-  const FrameQuality same = judge_frame(large);
+  const FrameQuality same = measure_frame_quality(large);
   EXPECT_TRUE(same.usable);
   EXPECT_NEAR(same.sharpness, quality.sharpness, 0.15 * quality.sharpness) << "the size does not matter";
 }
 
 TEST(FrameQuality, BlackAndWhiteAreNot) {
   for (const int grey : {0, 1, 128, 254, 255}) {
-    EXPECT_FALSE(judge_frame(cv::Mat(240, 320, CV_8UC1, cv::Scalar(grey))).usable) << grey;
+    EXPECT_FALSE(measure_frame_quality(cv::Mat(240, 320, CV_8UC1, cv::Scalar(grey))).usable) << grey;
   }
-  EXPECT_FALSE(judge_frame({}).usable);
-  EXPECT_FALSE(judge_frame(cv::Mat(1, 1, CV_8UC1, cv::Scalar(7))).usable);
+  EXPECT_FALSE(measure_frame_quality({}).usable);
+  EXPECT_FALSE(measure_frame_quality(cv::Mat(1, 1, CV_8UC1, cv::Scalar(7))).usable);
 }
 
 // A covered lens is black but for the sensor's noise.
@@ -40,13 +40,13 @@ TEST(FrameQuality, ACoveredLensIsNot) {
       dark.at<std::uint8_t>(r, c) = cv::saturate_cast<std::uint8_t>(random.normal(4, 3));
     }
   }
-  EXPECT_FALSE(judge_frame(dark).usable);
+  EXPECT_FALSE(measure_frame_quality(dark).usable);
 }
 
 TEST(FrameQuality, BlownOutIsNot) {
   cv::Mat bright;
   normal().convertTo(bright, CV_8U, 2.0, 60);
-  const FrameQuality quality = judge_frame(bright);
+  const FrameQuality quality = measure_frame_quality(bright);
   EXPECT_GT(quality.clipped_share, 0.6);
   EXPECT_FALSE(quality.usable);
 }
@@ -54,17 +54,17 @@ TEST(FrameQuality, BlownOutIsNot) {
 TEST(FrameQuality, HazeIsNot) {
   cv::Mat haze;
   normal().convertTo(haze, CV_8U, 0.08, 170);
-  EXPECT_FALSE(judge_frame(haze).usable) << "a contrast of 3 grey levels";
+  EXPECT_FALSE(measure_frame_quality(haze).usable) << "a contrast of 3 grey levels";
 }
 
 TEST(FrameQuality, BlurredBeyondUseIsNot) {
   cv::Mat out_of_focus, shaken;
   cv::GaussianBlur(normal(), out_of_focus, {}, 60);
   cv::normalize(out_of_focus, out_of_focus, 20, 230, cv::NORM_MINMAX);
-  EXPECT_FALSE(judge_frame(out_of_focus).usable);
+  EXPECT_FALSE(measure_frame_quality(out_of_focus).usable);
   cv::blur(normal(), shaken, {9, 1});
-  EXPECT_TRUE(judge_frame(shaken).usable) << "some motion blur is a normal frame";
-  EXPECT_LT(judge_frame(shaken).sharpness, judge_frame(normal()).sharpness);
+  EXPECT_TRUE(measure_frame_quality(shaken).usable) << "some motion blur is a normal frame";
+  EXPECT_LT(measure_frame_quality(shaken).sharpness, measure_frame_quality(normal()).sharpness);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "vision/frozen_frame.hpp"
+#include "vision/camera_frame.hpp"
 
 #include <gtest/gtest.h>
 
@@ -14,8 +14,8 @@ cv::Mat noise(int seed, int type = CV_8UC1) {
   return picture;
 }
 
-TEST(FrozenFrame, TheSameBitsAgainAreFrozen) {
-  FrozenFrame frozen;
+TEST(FrozenFrameDetector, TheSameBitsAgainAreFrozen) {
+  FrozenFrameDetector frozen;
   EXPECT_FALSE(frozen.again(noise(1)));
   EXPECT_TRUE(frozen.again(noise(1)));
   EXPECT_TRUE(frozen.again(noise(1)));
@@ -23,9 +23,9 @@ TEST(FrozenFrame, TheSameBitsAgainAreFrozen) {
   EXPECT_FALSE(frozen.again(noise(1))) << "seen before, but not just now";
 }
 
-TEST(FrozenFrame, OneBitAnywhereMakesItAnother) {
+TEST(FrozenFrameDetector, OneBitAnywhereMakesItAnother) {
   for (const cv::Point at : {cv::Point(0, 0), cv::Point(82, 60), cv::Point(80, 30), cv::Point(7, 59)}) {
-    FrozenFrame frozen;
+    FrozenFrameDetector frozen;
     cv::Mat picture = noise(3);
     frozen.again(picture);
     picture.at<std::uint8_t>(at) ^= 1;
@@ -33,15 +33,15 @@ TEST(FrozenFrame, OneBitAnywhereMakesItAnother) {
   }
 }
 
-TEST(FrozenFrame, SeesRowsThatAreNotContinuous) {
+TEST(FrozenFrameDetector, SeesRowsThatAreNotContinuous) {
   const cv::Mat large = noise(4, CV_8UC3);
-  FrozenFrame frozen;
+  FrozenFrameDetector frozen;
   frozen.again(large(cv::Rect(5, 5, 40, 40)));
   EXPECT_TRUE(frozen.again(large(cv::Rect(5, 5, 40, 40)).clone()));
 }
 
-TEST(FrozenFrame, EmptyIsNever) {
-  FrozenFrame frozen;
+TEST(FrozenFrameDetector, EmptyIsNever) {
+  FrozenFrameDetector frozen;
   EXPECT_FALSE(frozen.again(cv::Mat()));
   EXPECT_FALSE(frozen.again(cv::Mat()));
 }

@@ -1,4 +1,4 @@
-#include "vision/independent_count.hpp"
+#include "vision/robust_gauss_newton.hpp"
 
 #include <gtest/gtest.h>
 

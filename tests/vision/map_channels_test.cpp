@@ -1,5 +1,5 @@
 // Channels of the map that serve more than one comparison: the same scores as channels made for each.
-#include "vision/map_channels.hpp"
+#include "vision/correlation.hpp"
 
 #include <gtest/gtest.h>
 

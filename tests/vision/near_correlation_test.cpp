@@ -1,4 +1,4 @@
-#include "vision/near_correlation.hpp"
+#include "vision/correlation.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,6 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "vision/correlation.hpp"
 
 namespace nadir {
 namespace {

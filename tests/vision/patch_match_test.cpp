@@ -1,4 +1,4 @@
-#include "vision/patch_match.hpp"
+#include "vision/patch_matching.hpp"
 
 #include <gtest/gtest.h>
 

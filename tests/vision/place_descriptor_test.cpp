@@ -8,7 +8,6 @@
 
 #include "base/random.hpp"
 #include "geodesy/angles.hpp"
-#include "vision/place_projection.hpp"
 #include "vision/synthetic_ground.hpp"
 
 namespace nadir {

@@ -1,4 +1,4 @@
-#include "vision/place_search.hpp"
+#include "vision/map_search.hpp"
 
 #include <gtest/gtest.h>
 

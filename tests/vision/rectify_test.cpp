@@ -1,4 +1,4 @@
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 #include <gtest/gtest.h>
 

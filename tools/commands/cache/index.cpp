@@ -18,7 +18,7 @@
 #include "package/tile_container.hpp"
 #include "commands/cache/place_evaluation.hpp"
 #include "vision/place_index_builder.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {

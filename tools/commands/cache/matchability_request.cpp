@@ -9,8 +9,8 @@
 
 #include "estimation/anchor_gates.hpp"
 #include "package/tile_container.hpp"
-#include "vision/anchor_matcher.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/map_matcher.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

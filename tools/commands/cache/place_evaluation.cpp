@@ -12,7 +12,7 @@
 #include "replay/pictures.hpp"
 #include "replay/truth.hpp"
 #include "vision/place_index_builder.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {

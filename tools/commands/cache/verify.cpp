@@ -9,7 +9,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/cache/tile_set_subject.hpp"
-#include "vision/place_index_check.hpp"
+#include "vision/place_index.hpp"
 
 namespace nadir {
 

@@ -6,7 +6,7 @@
 
 #include "cli/command.hpp"
 #include "provision/provisioning.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

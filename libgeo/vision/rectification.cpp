@@ -1,38 +1,34 @@
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
-#include "vision/node_grid.hpp"
-
 namespace nadir {
 namespace {
 
-constexpr int kNodeStep = 8;               // pixels between exactly projected nodes; bilinear between: < 0.1 px off
-constexpr double kMinDownComponent = 0.3;  // rays more than about 72 degrees off nadir see no usable ground
-
-// Projects the corners of a coarse grid exactly and lets the pixels between follow linearly.
+// Projects the nodes of a coarse grid exactly and interpolates the pixels between.
 cv::Mat frame_pixels_of(const ReducedFrame& frame, const CameraPose& pose, const GroundGrid& grid,
                         const GroundSurface& surface) {
   const double foot_m = surface.height_m(pose.position);
-  const int node_columns = nodes_along(grid.columns, kNodeStep), node_rows = nodes_along(grid.rows, kNodeStep);
+  const int node_columns = nodes_along(grid.columns, kRectifyNodeStep_px),
+            node_rows = nodes_along(grid.rows, kRectifyNodeStep_px);
   const Eigen::Matrix3d camera_from_enu = enu_from_camera(pose.attitude).transpose();
   cv::Mat nodes(node_rows, node_columns, CV_32FC2);
   for (int r = 0; r < node_rows; ++r) {
     for (int c = 0; c < node_columns; ++c) {
-      const PlanePoint ground = grid.plane_from_pixel(c * kNodeStep + 0.5, r * kNodeStep + 0.5);
+      const PlanePoint ground = grid.plane_from_pixel(c * kRectifyNodeStep_px + 0.5, r * kRectifyNodeStep_px + 0.5);
       const Eigen::Vector3d point = camera_from_enu * Eigen::Vector3d(ground.east_m - pose.position.east_m,
                                                                       ground.north_m - pose.position.north_m,
                                                                       surface.height_m(ground) - foot_m - pose.agl_m);
-      Eigen::Vector2d pixel(-1e4, -1e4);
-      if (point.z() > kMinDownComponent * point.norm()) pixel = frame.camera.pixel_from_point(point);
+      Eigen::Vector2d pixel(-10000, -10000);  // outside of every frame
+      if (point.z() > kMinGroundRayDown * point.norm()) pixel = frame.camera.pixel_from_point(point);
       nodes.at<cv::Vec2f>(r, c) = {static_cast<float>(pixel.x()), static_cast<float>(pixel.y())};
     }
   }
   cv::Mat pixels(grid.rows, grid.columns, CV_32FC2);
-  fill_between_nodes(nodes, kNodeStep, pixels);
+  fill_between_nodes(nodes, kRectifyNodeStep_px, pixels);
   return pixels;
 }
 
@@ -45,8 +41,8 @@ double footprint_side_m(const CameraModel& camera, double agl_m) {
 }
 
 ReducedFrame reduce_frame(const cv::Mat& image, const CameraModel& camera, double agl_m, double gsd_m) {
-  const double factor = std::min(1.0, 1.2 * gsd_at(camera, agl_m) / gsd_m);
-  if (factor > 0.9) return {image, camera};
+  const double factor = std::min(1.0, kReducedOversampling * gsd_at(camera, agl_m) / gsd_m);
+  if (factor > kWorthReducing) return {image, camera};
   const CameraModel reduced = camera.scaled(factor);
   cv::Mat small;
   cv::resize(image, small, cv::Size(reduced.width, reduced.height), 0, 0, cv::INTER_AREA);
@@ -62,19 +58,28 @@ Eigen::Vector3d camera_from_ground(const CameraPose& pose, PlanePoint ground, co
 
 std::optional<PlanePoint> ground_from_ray(const CameraPose& pose, const Eigen::Vector3d& ray,
                                           const GroundSurface& surface) {
-  constexpr int kIterations = 8;  // near nadir each one leaves a tenth of the error at most
   const Eigen::Vector3d direction = enu_from_camera(pose.attitude) * ray.normalized();
-  if (direction.z() > -kMinDownComponent) return std::nullopt;
+  if (direction.z() > -kMinGroundRayDown) return std::nullopt;
   const double foot_m = surface.height_m(pose.position);
   PlanePoint ground = pose.position;
-  for (int i = 0; i < kIterations; ++i) {
+  for (int i = 0; i < kTerrainIterations; ++i) {
     const double along = (pose.agl_m + foot_m - surface.height_m(ground)) / -direction.z();
     const PlanePoint next{pose.position.east_m + along * direction.x(), pose.position.north_m + along * direction.y()};
     const double moved_m = std::hypot(next.east_m - ground.east_m, next.north_m - ground.north_m);
     ground = next;
-    if (i > 0 && moved_m < 1e-6) break;
+    if (i > 0 && moved_m < kTerrainConverged_m) break;
   }
   return ground;
+}
+
+std::optional<Eigen::Vector2d> sloping_ground_from_ray(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
+                                                       const Eigen::Vector3d& ray, const Eigen::Vector2d& slope,
+                                                       double height_m) {
+  const Eigen::Vector3d direction = enu_from_camera * ray;
+  const double down = -direction.z() + slope.dot(direction.head<2>());
+  if (down < kMinSolverRayDown * direction.norm()) return std::nullopt;
+  const double along = (pose.agl_m - height_m) / down;
+  return Eigen::Vector2d(pose.position.east_m, pose.position.north_m) + along * direction.head<2>();
 }
 
 std::optional<PlaneBox> footprint_of(const CameraModel& camera, const CameraPose& pose) {
@@ -116,6 +121,21 @@ RectifiedFrame rectify(const ReducedFrame& frame, const CameraPose& pose, const 
     }
   }
   return result;
+}
+
+void fill_between_nodes(const cv::Mat& nodes, int step, cv::Mat& pixels) {
+  for (int r = 0; r < pixels.rows; ++r) {
+    const int node_row = r / step;
+    const float v = static_cast<float>(r % step) / static_cast<float>(step);
+    const auto* above = nodes.ptr<cv::Vec2f>(node_row);
+    const auto* below = nodes.ptr<cv::Vec2f>(node_row + 1);
+    auto* row = pixels.ptr<cv::Vec2f>(r);
+    for (int c = 0; c < pixels.cols; ++c) {
+      const int n = c / step;
+      const float u = static_cast<float>(c % step) / static_cast<float>(step);
+      row[c] = (1 - v) * ((1 - u) * above[n] + u * above[n + 1]) + v * ((1 - u) * below[n] + u * below[n + 1]);
+    }
+  }
 }
 
 }  // namespace nadir
