@@ -42,7 +42,7 @@ Localizer::Followed Localizer::follow(const cv::Mat& image, const Telemetry& tol
   cv::Mat grey = image;
   if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
 
-  const bool usable = measure_frame_quality(grey).usable && !s.frozen.again(grey);
+  const bool usable = measure_frame_quality(grey).usable && !s.frozen.repeats(grey);
   const double seconds = s.last_time_s ? telemetry.time_s - *s.last_time_s : 0;
   s.tilt_logged = s.tilt_logged || told.pitch_rad.has_value();  // a NaN as well: of a source that tells it otherwise
   s.begin_frame(telemetry, seconds);

@@ -15,7 +15,7 @@ std::vector<Vector2d> scattered(Random& random, int count) {
   return places;
 }
 
-TEST(IndependentCount, IndependentOnesCountAsTheyAre) {
+TEST(EffectiveSampleSize, IndependentMeasurementsCountFully) {
   Random random(1);
   double mean = 0;
   for (int trial = 0; trial < 20; ++trial) {
@@ -29,7 +29,7 @@ TEST(IndependentCount, IndependentOnesCountAsTheyAre) {
 }
 
 // Twenty-five cells of twelve that share their error are about twenty-five witnesses, not three hundred.
-TEST(IndependentCount, ThoseThatShareAnErrorCountAsOne) {
+TEST(EffectiveSampleSize, MeasurementsThatShareAnErrorCountAsOne) {
   Random random(2);
   double mean = 0;
   for (int trial = 0; trial < 20; ++trial) {
@@ -47,13 +47,13 @@ TEST(IndependentCount, ThoseThatShareAnErrorCountAsOne) {
   EXPECT_LT(mean, 40);
 }
 
-TEST(IndependentCount, OneErrorOfAllIsOneWitness) {
+TEST(EffectiveSampleSize, OneCommonErrorIsOneMeasurement) {
   Random random(3);
   const auto places = scattered(random, 500);  // more than are looked at
   EXPECT_LT(effective_sample_size(places, std::vector<Vector2d>(500, Vector2d(1, 0.5))), 3);
 }
 
-TEST(IndependentCount, DoesNotDependOnUnits) {
+TEST(EffectiveSampleSize, DoesNotDependOnUnits) {
   Random random(4);
   auto places = scattered(random, 100);
   std::vector<Vector2d> residuals;
@@ -64,10 +64,11 @@ TEST(IndependentCount, DoesNotDependOnUnits) {
   EXPECT_NEAR(effective_sample_size(places, residuals), count, 1e-6 * count);
 }
 
-TEST(IndependentCount, FewOrExactOrInOnePlace) {
+TEST(EffectiveSampleSize, FewOrExactOrCoincident) {
   EXPECT_EQ(effective_sample_size({}, {}), 0);
   EXPECT_EQ(effective_sample_size({{1, 1}}, {{3, 3}}), 1);
-  EXPECT_EQ(effective_sample_size({{1, 1}, {2, 2}}, {{0, 0}, {0, 0}}), 2) << "without residuals there is nothing shared";
+  EXPECT_EQ(effective_sample_size({{1, 1}, {2, 2}}, {{0, 0}, {0, 0}}), 2)
+      << "without residuals there is nothing shared";
   EXPECT_EQ(effective_sample_size({{1, 1}, {1, 1}, {1, 1}}, {{1, 0}, {0, 1}, {1, 1}}), 1);
 }
 

@@ -39,16 +39,16 @@ struct Scene {
     SearchOptions options;
     options.gsd_m = kGsd_m;
     options.cancel = cancel;
-    return search_place(picture, small_camera(), map, prior, options);
+    return search_window(picture, small_camera(), map, prior, options);
   }
 };
 
-double off_m(const Place& place, const CameraPose& truth) {
+double off_m(const MatchHypothesis& place, const CameraPose& truth) {
   return std::hypot(place.pose.position.east_m - truth.position.east_m,
                     place.pose.position.north_m - truth.position.north_m);
 }
 
-TEST(PlaceSearch, FindsThePlaceToAPixel) {
+TEST(MapSearch, FindsThePositionToAPixel) {
   const Scene scene;
   const SearchResult result = scene.search();
   ASSERT_GE(result.places.size(), 2U);
@@ -62,7 +62,7 @@ TEST(PlaceSearch, FindsThePlaceToAPixel) {
   }
 }
 
-TEST(PlaceSearch, HeadingAndHeightMayBeOff) {
+TEST(MapSearch, HeadingAndHeightMayBeOff) {
   for (const double sign : {-1.0, 1.0}) {
     Scene scene;
     scene.prior.pose.attitude.heading_rad += sign * radians(6);
@@ -80,7 +80,7 @@ TEST(PlaceSearch, HeadingAndHeightMayBeOff) {
 
 // The true place is not on the map: whatever is found is wrong, and the ratio must say so. A window of 200 m holds few
 // places to compete, so that the ratio of wrong ones scatters below 0.8; it stays apart from a right one's.
-TEST(PlaceSearch, KnockedOutPlaceIsAmbiguous) {
+TEST(MapSearch, ARemovedPlaceIsAmbiguous) {
   const double right = Scene().search().ratio;
   for (const std::uint64_t seed : {21U, 22U, 23U}) {
     Scene scene;
@@ -94,7 +94,7 @@ TEST(PlaceSearch, KnockedOutPlaceIsAmbiguous) {
   }
 }
 
-TEST(PlaceSearch, MaskedPlaceIsNotFound) {
+TEST(MapSearch, MaskedPlaceIsNotFound) {
   Scene scene;
   const cv::Point2d at = scene.map.pixel_from_plane(scene.truth.position);
   cv::Mat hole(scene.map.mask.size(), CV_8UC1, cv::Scalar(0));
@@ -107,7 +107,7 @@ TEST(PlaceSearch, MaskedPlaceIsNotFound) {
 }
 
 // Partly off the map: what is there is enough.
-TEST(PlaceSearch, TheMapMayEndUnderTheFrame) {
+TEST(MapSearch, TheMapMayEndUnderTheFrame) {
   Scene scene;
   const cv::Point2d at = scene.map.pixel_from_plane(scene.truth.position);
   const cv::Rect missing(static_cast<int>(at.x) + 40, 0, scene.map.mask.cols - static_cast<int>(at.x) - 40,
@@ -119,21 +119,21 @@ TEST(PlaceSearch, TheMapMayEndUnderTheFrame) {
   EXPECT_LT(off_m(result.places[0], scene.truth), 1.5 * kGsd_m);
 }
 
-TEST(PlaceSearch, ATexturelessMapSaysNothing) {
+TEST(MapSearch, ATexturelessMapGivesNoMatch) {
   Scene scene;
   scene.map.image.setTo(128);
   const SearchResult result = scene.search();
   EXPECT_TRUE(result.places.empty() || result.ratio == 1);
 }
 
-TEST(PlaceSearch, ATexturelessFrameSaysNothing) {
+TEST(MapSearch, ATexturelessFrameGivesNoMatch) {
   Scene scene;
   scene.picture.setTo(128);
   const SearchResult result = scene.search();
   EXPECT_TRUE(result.places.empty() || result.ratio > 0.9);
 }
 
-TEST(PlaceSearch, AWindowSmallerThanTheFrameHoldsNoPlace) {
+TEST(MapSearch, AWindowSmallerThanTheFrameGivesNoMatch) {
   Scene scene;
   const cv::Rect part(0, 0, 60, 60);
   scene.map.image = scene.map.image(part).clone();
@@ -141,19 +141,19 @@ TEST(PlaceSearch, AWindowSmallerThanTheFrameHoldsNoPlace) {
   EXPECT_TRUE(scene.search().places.empty());
 }
 
-TEST(PlaceSearch, AWideWindowIsSweptCoarselyAndStillExact) {
+TEST(MapSearch, AWideWindowIsSweptCoarselyAndStillExact) {
   Scene scene;
   scene.map = landscape().map(0.5);
   scene.prior.radius_m = 150;
   SearchOptions options;
   options.gsd_m = 0.7;  // 657 pixels: beyond the size that is swept at full resolution
-  const SearchResult result = search_place(scene.picture, small_camera(), scene.map, scene.prior, options);
+  const SearchResult result = search_window(scene.picture, small_camera(), scene.map, scene.prior, options);
   ASSERT_FALSE(result.places.empty());
   EXPECT_LT(off_m(result.places[0], scene.truth), 0.7);
   EXPECT_LT(result.ratio, 0.75);
 }
 
-TEST(PlaceSearch, TwiceTheSame) {
+TEST(MapSearch, IsDeterministic) {
   Scene scene;
   scene.prior.radius_m = 40;
   const SearchResult one = scene.search(), two = scene.search();
@@ -165,7 +165,7 @@ TEST(PlaceSearch, TwiceTheSame) {
   }
 }
 
-TEST(PlaceSearch, EndsBeforeTheNextHeadingWhenItMust) {
+TEST(MapSearch, StopsBeforeTheNextHeadingWhenCancelled) {
   Scene scene;
   scene.prior.radius_m = 40;
   scene.prior.heading_range_rad = radians(9);

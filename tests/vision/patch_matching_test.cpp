@@ -49,7 +49,7 @@ void expect_sound(const PatchMatches& matches) {
   }
 }
 
-TEST(PatchMatch, SaysHowFarThePoseIsOff) {
+TEST(PatchMatching, MeasuresThePoseError) {
   const CameraPose truth{{10, -15}, 100, {radians(40), radians(5), radians(-4)}};
   const MapWindow map = landscape().map(0.5, true);
   const cv::Mat picture = photograph(landscape().ground(), small_camera(), truth);
@@ -68,7 +68,7 @@ TEST(PatchMatch, SaysHowFarThePoseIsOff) {
   EXPECT_GT(right, 0.85 * static_cast<double>(matches.found.size())) << "half a pixel";
 }
 
-TEST(PatchMatch, WithTheSolverFindsTheCamera) {
+TEST(PatchMatching, FindsTheCameraWithTheSolver) {
   const CameraPose truth{{10, -15}, 100, {radians(40), radians(5), radians(-4)}};
   const MapWindow map = landscape().map(0.5, true);
   const cv::Mat picture = photograph(landscape().ground(), small_camera(), truth);
@@ -98,7 +98,7 @@ TEST(PatchMatch, WithTheSolverFindsTheCamera) {
   EXPECT_NEAR(pose.attitude.heading_rad, truth.attitude.heading_rad, radians(0.1));
 }
 
-TEST(PatchMatch, BareGroundSaysNothing) {
+TEST(PatchMatching, BareGroundGivesNoMatch) {
   const CameraPose pose{{0, 0}, 100, {}};
   MapWindow map = landscape().map(0.5);
   const cv::Mat picture = photograph(landscape().ground(), small_camera(), pose);
@@ -107,7 +107,7 @@ TEST(PatchMatch, BareGroundSaysNothing) {
 }
 
 // One straight border through the frame, at any angle: sharp across, vague along, never negative.
-TEST(PatchMatch, ABorderIsSharpAcrossAndVagueAlong) {
+TEST(PatchMatching, AnEdgeIsPreciseAcrossAndUncertainAlong) {
   int found = 0;
   for (const double degree : {0.0, 30.0, 45.0, 90.0, 135.0}) {
     const double direction = radians(degree);  // of the border, from east to north
@@ -136,7 +136,7 @@ TEST(PatchMatch, ABorderIsSharpAcrossAndVagueAlong) {
   EXPECT_GT(found, 0);
 }
 
-TEST(PatchMatch, InformationIsNeverNegative) {
+TEST(PatchMatching, InformationIsNeverNegative) {
   const MapWindow map = landscape().map(0.5);
   const CameraPose truth{{0, 0}, 100, {}};
   const cv::Mat picture = photograph(landscape().ground(), small_camera(), truth);
@@ -147,7 +147,7 @@ TEST(PatchMatch, InformationIsNeverNegative) {
   }
 }
 
-TEST(PatchMatch, OffTheMapNothingIsFound) {
+TEST(PatchMatching, NothingIsFoundOffTheMap) {
   const CameraPose truth{{0, 0}, 100, {}};
   const MapWindow map = landscape().map(0.5);
   CameraPose away = truth;

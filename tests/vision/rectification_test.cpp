@@ -30,7 +30,7 @@ GroundGrid grid_over(const CameraModel& camera, const CameraPose& pose, double g
   return grid;
 }
 
-// A picture whose values are its own pixel coordinates: rectified, it tells where each cell was taken from.
+// A image whose values are its own pixel coordinates: rectified, it tells where each cell was taken from.
 cv::Mat coordinates(const CameraModel& camera) {
   cv::Mat picture(camera.height, camera.width, CV_32FC2);
   for (int r = 0; r < camera.height; ++r) {
@@ -55,7 +55,7 @@ std::vector<Case> cases() {
           {"banked", bent_camera(), {{0, 0}, 80, {radians(-60), radians(2), radians(12)}}, 0.6}};
 }
 
-TEST(Rectify, RecoversTheGround) {
+TEST(Rectification, RecoversTheGround) {
   for (const Case& test : cases()) {
     const cv::Mat picture = photograph(waves, test.camera, test.pose);
     const RectifiedFrame frame =
@@ -77,7 +77,7 @@ TEST(Rectify, RecoversTheGround) {
   }
 }
 
-TEST(Rectify, BetweenTheNodesErrsLessThanATenthOfAPixel) {
+TEST(Rectification, InterpolationErrsByLessThanATenthOfAPixel) {
   for (const Case& test : cases()) {
     const GroundGrid grid = grid_over(test.camera, test.pose, test.gsd_m);
     const RectifiedFrame frame = rectify({coordinates(test.camera), test.camera}, test.pose, grid);
@@ -96,8 +96,8 @@ TEST(Rectify, BetweenTheNodesErrsLessThanATenthOfAPixel) {
   }
 }
 
-// A cell is valid exactly when its place lies inside the ring that the picture's rim draws on the ground.
-TEST(Rectify, MaskIsWhatThePictureSees) {
+// A cell is valid exactly when its place lies inside the ring that the image's rim draws on the ground.
+TEST(Rectification, MaskIsWhatTheFrameShows) {
   for (const Case& test : cases()) {
     PlaneRing rim;
     const double right = test.camera.width - 1.0, bottom = test.camera.height - 1.0;
@@ -106,7 +106,7 @@ TEST(Rectify, MaskIsWhatThePictureSees) {
     for (double x = right; x > 0; x -= 1) rim.push_back(seen_by_pixel(test.camera, test.pose, x, bottom));
     for (double y = bottom; y > 0; y -= 1) rim.push_back(seen_by_pixel(test.camera, test.pose, 0, y));
     GroundGrid grid = grid_over(test.camera, test.pose, test.gsd_m);
-    grid.west_m -= 40 * grid.gsd_m;  // well beyond the picture on all sides
+    grid.west_m -= 40 * grid.gsd_m;  // well beyond the image on all sides
     grid.north_m += 40 * grid.gsd_m;
     grid.columns += 80;
     grid.rows += 80;
@@ -127,13 +127,13 @@ TEST(Rectify, MaskIsWhatThePictureSees) {
   }
 }
 
-// Far outside of the picture a barrel lens' polynomial turns back and would show the picture's rim a second time.
-TEST(Rectify, AFoldingLensShowsNothingTwice) {
+// Far outside of the image a barrel lens' polynomial turns back and would show the image's rim a second time.
+TEST(Rectification, AFoldingLensShowsNothingTwice) {
   CameraModel camera = small_camera();
   camera.fx = camera.fy = 300;
   camera.distortion = {-0.3, 0, 0, 0, 0};
   const CameraPose pose{{0, 0}, 100, {radians(45), 0, 0}};
-  const GroundGrid grid{-260, 260, 1.0, 520, 520};  // up to 260 m from under the camera; the picture ends at 95 m
+  const GroundGrid grid{-260, 260, 1.0, 520, 520};  // up to 260 m from under the camera; the image ends at 95 m
   const RectifiedFrame frame = rectify({coordinates(camera), camera}, pose, grid);
   int far = 0;
   for (int r = 0; r < grid.rows; ++r) {
@@ -145,11 +145,11 @@ TEST(Rectify, AFoldingLensShowsNothingTwice) {
   EXPECT_EQ(far, 0);
 }
 
-// Rays beyond 72 degrees off nadir hit no ground; the cells next to them must not sweep through the picture.
-TEST(Rectify, NothingAppearsTowardsTheHorizon) {
+// Rays beyond 72 degrees off nadir hit no ground; the cells next to them must not sweep through the image.
+TEST(Rectification, NothingAppearsTowardsTheHorizon) {
   const CameraModel camera = small_camera();
   const CameraPose pose{{0, 0}, 50, {0, radians(20), 0}};
-  const GroundGrid grid{-400, 800, 2.0, 400, 400};  // reaches 800 m ahead; the picture ends at some 90 m
+  const GroundGrid grid{-400, 800, 2.0, 400, 400};  // reaches 800 m ahead; the image ends at some 90 m
   const RectifiedFrame frame = rectify({coordinates(camera), camera}, pose, grid);
   int far = 0;
   for (int r = 0; r < grid.rows; ++r) {
@@ -161,7 +161,7 @@ TEST(Rectify, NothingAppearsTowardsTheHorizon) {
   EXPECT_EQ(far, 0);
 }
 
-TEST(Rectify, FootprintHoldsTheRim) {
+TEST(Rectification, FootprintContainsTheImageBorder) {
   for (const Case& test : cases()) {
     const auto box = footprint_of(test.camera, test.pose);
     ASSERT_TRUE(box) << test.name;
@@ -184,13 +184,13 @@ TEST(Rectify, FootprintHoldsTheRim) {
   }
 }
 
-TEST(Rectify, NoFootprintAtTheHorizon) {
+TEST(Rectification, NoFootprintAtTheHorizon) {
   EXPECT_FALSE(footprint_of(small_camera(), {{0, 0}, 100, {0, radians(50), 0}}));
   EXPECT_FALSE(ground_from_ray({{0, 0}, 100, {}}, {0, 0, -1}));
   EXPECT_FALSE(ground_from_ray({{0, 0}, 100, {}}, {1, 0, 0}));
 }
 
-TEST(Rectify, SightAndGroundAreInverse) {
+TEST(Rectification, RayAndGroundAreInverse) {
   const CameraPose pose{{12, -7}, 130, {radians(200), radians(-8), radians(15)}};
   const PlanePoint place{40, 22};
   const auto back = ground_from_ray(pose, camera_from_ground(pose, place));
@@ -199,7 +199,7 @@ TEST(Rectify, SightAndGroundAreInverse) {
   EXPECT_NEAR(back->north_m, place.north_m, 1e-9);
 }
 
-TEST(Rectify, ReducesOnlyWhatIsMuchFiner) {
+TEST(Rectification, ReducesOnlyWhatIsMuchFiner) {
   CameraModel camera = small_camera();
   const cv::Mat picture = photograph(waves, camera, {{0, 0}, 100, {}});
   EXPECT_DOUBLE_EQ(gsd_at(camera, 95), 0.5);
