@@ -9,7 +9,7 @@ namespace nadir {
 OdometryFactory odometry_named(std::string_view name) {
   if (name == "features") return make_feature_odometry;
   if (name == "flow") return make_flow_odometry;
-  throw UsageError({.what = "there is no such odometry front end",
+  throw UsageError({.what = "unknown odometry front end",
                     .where = "--odometry",
                     .expected = "features or flow",
                     .found = std::string(name)});
@@ -17,10 +17,9 @@ OdometryFactory odometry_named(std::string_view name) {
 
 MapMatcherFactory matcher_named(std::string_view name) {
   if (name == "channels") return make_channel_matcher;
-  if (name == "sift") return make_sift_matcher;
-  throw UsageError({.what = "there is no such place matcher",
+  throw UsageError({.what = "unknown map matcher",
                     .where = "--matcher",
-                    .expected = "channels or sift",
+                    .expected = "channels",
                     .found = std::string(name)});
 }
 

@@ -1,4 +1,4 @@
-// The odometry front ends and place matchers by the names that the command line knows.
+// The odometry front ends and map matchers by their names on the command line and in recordings.
 #pragma once
 
 #include <string_view>
@@ -10,6 +10,6 @@ namespace nadir {
 
 // Throw UsageError for a name that is not among them.
 OdometryFactory odometry_named(std::string_view name);     // features, flow
-MapMatcherFactory matcher_named(std::string_view name);  // channels, sift
+MapMatcherFactory matcher_named(std::string_view name);  // channels
 
 }  // namespace nadir

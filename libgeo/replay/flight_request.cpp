@@ -44,8 +44,8 @@ void FlightRequest::declare(Options& options, Map map) {
       .one_of({"features", "flow"});
   options
       .value("--matcher", matcher_, "NAME",
-             "how frames are matched with the map: channels (oriented gradients), or sift")
-      .one_of({"channels", "sift"})
+             "how frames are matched with the map: channels (oriented gradients)")
+      .one_of({"channels"})
       .needs("--package");
   options.value("--recorder", recorder_, "DIR",
                 "fly what the flight recorder holds instead of --telemetry and --camera");

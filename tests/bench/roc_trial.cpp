@@ -85,8 +85,8 @@ Trial try_match(const Worlds& worlds, const Photographer& photographer, std::uin
                             : trial.window == "other"  ? worlds.neighbour(w).map
                             : trial.picture == "old"   ? *worlds.old_maps[w]
                                                        : world.map;
-  MapWindowReader map(tiles);
-  const AnchorMatch match = match_anchor(grey, camera_file().camera, map, frame(), prior, world.terrain);
+  const CameraModel camera = camera_file().camera;
+  const AnchorMatch match = make_channel_matcher({camera, tiles, frame(), world.terrain})->match(grey, prior);
   trial.ratio = match.search.ratio;
   if (!match.search.places.empty()) trial.score = match.search.places.front().score;
   trial.patches = match.patches;

@@ -57,20 +57,20 @@ class Stages {
 };
 
 // The stages of one attempt, from where the camera really was.
-void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, MapWindowReader& reader,
-             const LocalFrame& frame, const CameraPose& pose) {
+void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, MapMatcher& matcher,
+             MapWindowReader& reader, const LocalFrame& frame, const CameraPose& pose) {
   AnchorPrior prior;
   prior.search = {pose, kRadius_m, kHeadingRange_rad, kScaleRange};
-  const AnchorMatch match = stages.run("one attempt", [&] { return match_anchor(grey, camera, reader, frame, prior); });
+  const AnchorMatch match = stages.run("one attempt", [&] { return matcher.match(grey, prior); });
   if (match.fine_gsd_m <= 0 || match.search.places.empty()) return;
   const auto plan = matching_plan(camera, reader.zooms(), frame, prior.search);
-  const MapWindow map = stages.run("map window", [&] {
-    return reader.read(frame, searched_ground(camera, prior, *plan), match.fine_gsd_m, Colour::grey);
-  });
+  const auto read = [&] { return reader.read(frame, searched_ground(camera, prior, *plan), match.fine_gsd_m, Colour::grey); };
+  read();  // the tiles are decoded then, as they are for all but the first attempt
+  const MapWindow map = stages.run("map window", read);
   SearchOptions options = plan->options;
-  stages.run("search", [&] { return search_place(grey, camera, map, prior.search, options); });
+  stages.run("search", [&] { return search_window(grey, camera, map, prior.search, options); });
   options.candidates = 0;
-  stages.run("sweep", [&] { return search_place(grey, camera, map, prior.search, options); });
+  stages.run("sweep", [&] { return search_window(grey, camera, map, prior.search, options); });
 
   const CameraPose& found = match.search.places.front().pose;
   const auto box = footprint_of(camera, found);
@@ -118,7 +118,9 @@ int run(const std::vector<std::string>& arguments) {
   camera.camera = camera.camera.scaled(1.0 / shrink);
   Localizer localizer(camera, frame, &tiles, truth.front(), config);
   const auto odometry = make_feature_odometry();
-  MapWindowReader reader(tiles, 1024);
+  const FlatGround ground;
+  const auto matcher = make_channel_matcher({camera.camera, tiles, frame, ground});
+  MapWindowReader reader(tiles, kCachedMapTiles);
   Stages stages;
   int anchored = 0;
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
@@ -135,7 +137,7 @@ int run(const std::vector<std::string>& arguments) {
                           told.agl_m.value_or(120),
                           {told.heading_rad.value_or(0), told.pitch_rad.value_or(0), told.roll_rad.value_or(0)}};
     follow(stages, *odometry, picture, camera.camera, pose);
-    attempt(stages, picture, camera.camera, reader, frame, pose);
+    attempt(stages, picture, camera.camera, *matcher, reader, frame, pose);
   }
   fmt::print("{} frames of {} x {}, {} anchors, decoded at 1/{}; CPU ms\n", flight.frames.size(),
              flight.camera.camera.width, flight.camera.camera.height, anchored, shrink);

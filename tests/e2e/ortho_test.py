@@ -102,7 +102,7 @@ class Ortho(EndToEnd):
         (f / "changed.json").write_text(poses.read_text()[:-9])
         self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), says=["changed.json"], leaves_nothing=f / "out")
         self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), says=["none.json"], leaves_nothing=f / "out")
-        self.fails(2, *self.ask(f / "out", estimates=poses, matcher="sift"), says=["--matcher"], leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", estimates=poses, odometry="flow"), says=["--odometry"], leaves_nothing=f / "out")
 
     def test_it_says_why_it_makes_none(self):
         f = self.folder

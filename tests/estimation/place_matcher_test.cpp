@@ -7,6 +7,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
+#include "bench/sift_matcher.hpp"
 #include "estimation/anchor_gates.hpp"
 #include "estimation/fault_maps.hpp"
 #include "estimation/localizer_fixture.hpp"
