@@ -1,7 +1,8 @@
 // The numbers that decide in libgeo/vision, by module: value, unit, and where each comes from.
 //
-// "Chosen": set while the module was written, and not measured by itself since. Mathematics (0.5, 2π) and the constants
-// of file formats stand where they are used. Numbers of acceptance, filter and odometry: libgeo/estimation.
+// "Chosen": set when the module was written; no measurement of this number is recorded. "Numerical": guards degenerate
+// cases and stops iterations. Mathematics (0.5, 2π) and constants of
+// file formats stand where they are used. Acceptance, filter and odometry: libgeo/estimation.
 #pragma once
 
 #include <array>
@@ -13,12 +14,12 @@ namespace nadir {
 // ---- camera: lens model and camera file
 
 inline constexpr int kFoldProbes = 8;  // along the way to a point, for where the lens' polynomial turns back; chosen
-inline constexpr int kFoldBisections = 20;  // share of that way to 1e-7: below a thousandth of a pixel; mathematics
-inline constexpr int kUndistortIterations = 50;    // Newton; a handful suffices inside the frame, more near the fold
-inline constexpr double kUndistortError2 = 1e-24;  // squared, at z = 1: the documented 1e-9 with room to spare
-inline constexpr int kInvertibilitySteps = 8;      // grid over the image on which a camera file is checked; chosen
+inline constexpr int kFoldBisections = 20;              // refine that share to 1e-7 of the way; numerical
+inline constexpr int kUndistortIterations = 50;         // at most; Newton needs a handful, up to the fold
+inline constexpr double kUndistortError2 = 1e-24;       // squared, at z = 1: below the 1e-9 that camera.hpp promises
+inline constexpr int kInvertibilitySteps = 8;           // grid over the image on which a camera file is checked; chosen
 inline constexpr double kInvertibilityError_px = 1e-3;  // there and back again; chosen
-// One sigma of the telemetry where a camera file states none: small autopilots with compass and barometer; chosen.
+// 1-sigma of the telemetry where a camera file states none; chosen.
 inline constexpr double kDefaultHeadingSigma_rad = 0.05;
 inline constexpr double kDefaultAglSigma = 0.05;  // relative
 inline constexpr double kDefaultTiltSigma_rad = 0.05;
@@ -26,9 +27,10 @@ inline constexpr double kDefaultImuSigma_mps = 0.3;  // of the change of velocit
 
 // ---- rectification
 
-inline constexpr int kRectifyNodeStep_px = 8;  // between exactly projected nodes: < 0.1 px off (tests/vision)
-inline constexpr double kMinGroundRayDown =
-    0.3;  // z of a unit ray: beyond about 72 degrees off nadir no ground is used
+inline constexpr int kRectifyNodeStep_px =
+    8;  // between exactly projected nodes: < 0.1 px off (tests/vision/rectification_test)
+// z of a unit ray: beyond about 72 degrees off nadir no ground is used; chosen.
+inline constexpr double kMinGroundRayDown = 0.3;
 inline constexpr double kReducedOversampling = 1.2;  // a frame's pixels per grid cell after reduction; chosen
 inline constexpr double kWorthReducing = 0.9;        // a smaller factor is worth resampling for; chosen
 inline constexpr int kTerrainIterations = 8;  // of a ray with terrain: near nadir each leaves a tenth of the error
@@ -40,14 +42,14 @@ inline constexpr double kFlatGroundRelief_m = 1.5;   // 1-sigma of "flat": ditch
 inline constexpr int kMinDecodedSide_px = 1280;               // matching looks at some 500 px across; chosen with room
 inline constexpr double kQualityWidth_px = 320.0;             // sharpness is measured at this width; chosen
 inline constexpr int kClippedDark = 2, kClippedBright = 253;  // grey levels up to, and from, which a pixel is clipped
-inline constexpr double kMinContrast = 5;        // grey levels, 1-sigma; chosen, tests/vision/camera_frame_test
-inline constexpr double kMaxClippedShare = 0.6;  // chosen, likewise
-inline constexpr double kMinSharpness = 0.015;   // mean gradient over contrast, per px; chosen, likewise
+inline constexpr double kMinContrast = 5;        // grey levels, 1-sigma; chosen; tests/vision/camera_frame_test
+inline constexpr double kMaxClippedShare = 0.6;  // chosen; likewise
+inline constexpr double kMinSharpness = 0.015;   // mean gradient over contrast, per px; chosen; likewise
 
 // ---- oriented channels
 
-inline constexpr double kChannelSigma_px = 1.0;     // smoothing in space; chosen; ./run bench ablations
-inline constexpr double kChannelFloor = 0.35;       // of the mean gradient strength; chosen; ./run bench ablations
+inline constexpr double kChannelSigma_px = 1.0;     // smoothing in space; chosen
+inline constexpr double kChannelFloor = 0.35;       // of the mean gradient strength; chosen
 inline constexpr double kChannelPool_px = 2.0;      // over which the strength is normalised; chosen
 inline constexpr double kStrengthEpsilon = 1e-3;    // grey levels per px: no division by zero in a blank image
 inline constexpr float kGradientEpsilon = 1e-6F;    // likewise, of one pixel's gradient
@@ -66,11 +68,12 @@ inline constexpr int kMapChannelsMargin_px = 12;    // channels of the map are m
 
 inline constexpr double kSearchGsd_m = 1.0;          // default; a matching plan sets it
 inline constexpr double kDistinct_m = 25;            // closer hypotheses are one; chosen
-inline constexpr double kDistinct_px = 12;           // likewise, at the coarse scale: a peak's width; chosen
+inline constexpr double kDistinct_px = 12;           // likewise, at the coarse scale; chosen
 inline constexpr std::size_t kSearchCandidates = 5;  // hypotheses that are confirmed; chosen
-inline constexpr double kHeadingStep_rad = 0.052;    // 3 degrees: the correlation peak's width over heading; chosen
-inline constexpr double kScaleStep = 0.04;           // likewise over height
-inline constexpr int kSweepReduction = 2;      // the sweep's pixels per pixel of the confirmation (commit b7c680a)
+inline constexpr double kHeadingStep_rad = 0.052;    // 3 degrees; chosen
+inline constexpr double kScaleStep = 0.04;           // relative height; chosen
+inline constexpr int kSweepReduction =
+    2;  // four times fewer pixels, and the confirmation corrects the sweep; benchmarks of 2026-11-21
 inline constexpr double kWideRadius_px = 190;  // a larger window holds more look-alikes: twice the candidates; chosen
 inline constexpr std::size_t kWideCandidates = 2;     // times kSearchCandidates in a wide window; chosen
 inline constexpr std::size_t kRefinedCandidates = 2;  // the best ones, between the sweep's steps: best and its rival
@@ -88,7 +91,7 @@ inline constexpr double kUnknownTurn_rad = 0.17;  // … where it tries all 24
 
 // ---- matching plan
 
-inline constexpr double kAreaWindow_m = 1600;      // squares in which an area is searched: memory of the FFT; chosen
+inline constexpr double kAreaWindow_m = 1600;      // side of the squares in which an area is searched; chosen
 inline constexpr double kFineTemplate_px = 400;    // longer side of the fine template; chosen
 inline constexpr double kCoarseTemplate_px = 170;  // still enough structure to find a place among thousands; chosen
 inline constexpr double kReachMargin = 1.05;       // of the footprint's farthest corner; chosen
@@ -111,9 +114,9 @@ inline constexpr double kPatchWeakInformation = 0.01;  // 1/px²: keeps a patch 
 inline constexpr double kPatchMinValid = 0.8;          // share of a patch on valid map; chosen
 inline constexpr double kPatchMinCovered = 0.8;        // share of a patch that the frame covers; chosen
 inline constexpr double kPatchFrameMargin = 0.04;      // of the image: patches at its very edge stick out; chosen
-inline constexpr int kPatchStep_px = 2;     // first pass: the channels are smooth enough to hide no peak (99c95a4)
-inline constexpr int kPatchAround_px = 2;   // second pass, around the best of the first
-inline constexpr int kChannelReach_px = 8;  // of the channels' smoothing, for the map's margin
+inline constexpr int kPatchStep_px = 2;                // first pass: the channels are smooth enough not to hide a peak
+inline constexpr int kPatchAround_px = 2;              // second pass, around the best of the first
+inline constexpr int kChannelReach_px = 8;             // of the channels' smoothing, for the map's margin
 
 // ---- robust Gauss-Newton
 
@@ -123,11 +126,11 @@ inline constexpr double kConvergedStep_m = 1e-4;     // of the position; numeric
 inline constexpr double kConvergedStep = 1e-6;       // of the other unknowns; numerical
 inline constexpr std::size_t kCorrelationRings = 8;  // of distance, in which residuals are correlated; chosen
 inline constexpr double kCorrelationReach = 0.4;     // of the extent: farther apart nothing is learnt about correlation
-inline constexpr std::size_t kCorrelationSamples = 300;  // measurements used; more change nothing
+inline constexpr std::size_t kCorrelationSamples = 300;  // measurements used; more add no information
 
 // ---- camera pose
 
-inline constexpr int kPoseIterations = 25;             // chosen; usual are 12
+inline constexpr int kPoseIterations = 25;             // chosen
 inline constexpr std::size_t kMinCorrespondences = 4;  // eight equations for eight unknowns with priors; chosen
 inline constexpr double kMinSolverRayDown = 0.2;       // of a ray's length: flatter rays see the horizon; chosen
 inline constexpr double kPoseBeginScale = 4;           // times the inlier bound: nearly convex; chosen
@@ -149,10 +152,10 @@ struct RefinementRound {
 // The search is good to some pixels, each round to fewer; chosen.
 inline constexpr std::array<RefinementRound, 3> kRefinementRounds{{{8, 6, 12, 7.0}, {12, 8, 8, 3.5}, {12, 8, 6, 3.5}}};
 inline constexpr double kRefinementSlack_m = 30;  // of map around the footprint at the best hypothesis; chosen
-inline constexpr double kRefinementHeadingSigma_rad =
-    0.05;                                             // at least: the search has just measured the heading; chosen
+// At least: the search has just measured the heading; chosen.
+inline constexpr double kRefinementHeadingSigma_rad = 0.05;
 inline constexpr double kMaxIndependentPatches = 30;  // they overlap: no more fit into a frame side by side
-inline constexpr double kHopelessRatio = 0.90;        // no gate accepts more, and rivals only raise it (anchor gates)
+inline constexpr double kHopelessRatio = 0.90;        // no gate accepts more, and rivals only raise it (estimation)
 inline constexpr std::size_t kRetrievedPlaces = 10;   // of the place index that are searched (docs/localization.md)
 inline constexpr double kMinWindowDistinct = 2.2;  // times kDistinct_m: room for another place to compare with; chosen
 inline constexpr std::size_t kCachedMapTiles = 1024;     // 64 MiB in grey, twice that where all have masks
@@ -163,7 +166,7 @@ inline constexpr double kAnchorTiltVariance_rad2 = 0.003;
 // ---- place descriptor. What is here decides the vectors: a change is a new kPlaceDescriptorName.
 
 inline constexpr double kCellSoftness = 0.6;     // sigma of a cell's weight, in cells (docs/formats/place-index.md)
-inline constexpr double kMinCellWeight = 0.011;  // exp(-x²/2) at 3 sigma: smaller weights are 0
+inline constexpr double kMinCellWeight = 0.011;  // exp(-3² / 2): weights beyond 3 sigma are 0
 inline constexpr double kMinCellShare = 0.3;     // of a cell's weight on ground (docs/formats/place-index.md)
 inline constexpr double kMinDescriptorEnergy = 1e-9;  // no structure at all; numerical
 inline constexpr float kMinVectorLength = 1e-9F;      // after the projection; numerical
@@ -172,14 +175,14 @@ inline constexpr int kTextureMargin_px = 7;           // side of the erosion: re
 inline constexpr double kMinPlaceTexture = 0.8;  // rms gradient, grey levels per px: water and snow have less; chosen
 inline constexpr int kPlacePatch_px = 96;        // side of a patch: 12 px a cell; chosen
 inline constexpr double kAliasingScale = 1.3;    // source pixels per patch pixel from which it is smoothed; chosen
-inline constexpr double kAliasingSigma = 0.45;   // of that smoothing, per source pixel; sampling theory, chosen
+inline constexpr double kAliasingSigma = 0.45;   // of that smoothing, per source pixel; chosen
 
 // ---- place index: query
 
-inline constexpr double kQueryTurn_rad = std::numbers::pi / 18;  // 10 degrees within a known range: descriptor's width
+inline constexpr double kQueryTurn_rad = std::numbers::pi / 18;  // 10 degrees, within a known range; chosen
 inline constexpr int kQueryTurns = 24;                           // where nothing is known of the heading; chosen
 inline constexpr double kFineTurnRange = 12;      // times kQueryTurn_rad: a wider range is stepped as an unknown one
-inline constexpr double kQueryShift = 1.0 / 6;    // of a side: what the descriptor forgives (tests/vision)
+inline constexpr double kQueryShift = 1.0 / 6;    // of a side: what the descriptor tolerates
 inline constexpr std::size_t kHitsPerQuery = 64;  // chunks that each variant of the frame may name; chosen
 
 // ---- place index: builder and check
@@ -191,13 +194,13 @@ inline constexpr double kMinChunkValid = 0.5;         // share of a chunk on gro
 inline constexpr std::size_t kTrainingChunks = 6000;  // for the projection, at most; chosen
 inline constexpr std::size_t kTrainingViewsPerChunk = 8, kMinTrainingViews = 500, kMaxTrainingViews = 3000;  // chosen
 inline constexpr double kTrainingShift = 0.2;  // ± of a side: a frame lies anywhere between chunks
-inline constexpr double kMinTrainingScale = 0.9, kMaxTrainingScale = 1.1;  // error of heights; chosen
+inline constexpr double kMinTrainingScale = 0.9, kMaxTrainingScale = 1.1;  // a little larger or smaller; chosen
 inline constexpr double kTrainingWindow = 2.1;             // sides: a turned and shifted patch lies inside
-inline constexpr std::size_t kChunksPerTask = 64;          // neighbours share decoded tiles
+inline constexpr std::size_t kChunksPerTask = 64;          // neighbouring chunks, which share decoded tiles; chosen
 inline constexpr std::size_t kMinCheckedChunks = 32;       // of an index that is checked at full depth …
 inline constexpr std::size_t kCheckedChunksDivisor = 100;  // … or one in so many; chosen
-inline constexpr double kMinCheckedCosine = 0.999;         // other processors round differently
-inline constexpr double kCheckedLengthError = 0.01;        // of a stored vector; its kind of error is corruption
+inline constexpr double kMinCheckedCosine = 0.999;         // other processors round differently; chosen
+inline constexpr double kCheckedLengthError = 0.01;        // of a stored vector; chosen
 inline constexpr std::size_t kMaxIndexFindings = 20;       // then the check stops
 inline constexpr double kSameOrigin_deg = 1e-7;            // the table's resolution, 1 cm
 inline constexpr float kMaxUnitComponent = 1.001F;         // of a unit vector in single precision
@@ -220,7 +223,7 @@ inline constexpr double kNoiseTexture = 4.5;
 inline constexpr int kNoiseSide_px = 1024;          // of the noise field; a larger frame repeats it
 inline constexpr double kMinTypicalTexture = 1e-6;  // no division by zero
 inline constexpr double kMinEdgeStrength = 1e-9;    // no structure, no entropy; numerical
-inline constexpr double kMaxMatchabilityRatio = 2;  // above 1 another place fits better: how much is not told
+inline constexpr double kMaxMatchabilityRatio = 2;  // above 1 another place fits better, by how much does not matter
 inline constexpr double kMatchabilityFootprint_m = 120, kMatchabilityRadius_m = 100;  // defaults; the survey sets them
 
 }  // namespace nadir
