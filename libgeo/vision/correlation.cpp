@@ -335,19 +335,19 @@ cv::Mat LocalTemplate::scores(const QuantizedChannels& window, cv::Point first, 
     }
     auto* out = result.ptr<float>(v);
     for (std::size_t i = 0; i < count; ++i) {
-      const double seen = valid[i];
-      if (seen < min_valid * pixels_ || seen == 0) continue;
+      const double overlap = valid[i];
+      if (overlap < min_valid * pixels_ || overlap == 0) continue;
       double product = static_cast<double>(products[i]), energy = static_cast<double>(squares[i]);
       for (std::size_t k = 0; k < channels; ++k) {
         const double sum = sums[i * channels + k];
         product -= sums_[k] * sum / pixels_;
-        if (of_->means_removed_) energy -= sum * sum / seen;
+        if (of_->means_removed_) energy -= sum * sum / overlap;
       }
       // As in TemplateNorm: ground without texture matches nothing, and a placement half off the map is not favoured.
       constexpr double kMinQuantizedVariance = kMinVariance * double{kScale} * double{kScale};
       if (energy < kMinQuantizedVariance * pixels_) continue;
       out[i] =
-          energy_ > 0 ? static_cast<float>(product / std::sqrt(energy * energy_) * std::sqrt(seen / pixels_)) : 0.0F;
+          energy_ > 0 ? static_cast<float>(product / std::sqrt(energy * energy_) * std::sqrt(overlap / pixels_)) : 0.0F;
     }
   }
   return result;

@@ -48,7 +48,7 @@ PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, co
   const SearchPrior& search = prior.search;
   const double turn_rad = search.heading_range_rad + plan.options.heading_step_rad;
   const double scale = search.scale_range + plan.options.scale_step;
-  PlaneBox seen = {plan.reach_m, plan.reach_m, -plan.reach_m, -plan.reach_m};
+  PlaneBox visible = {plan.reach_m, plan.reach_m, -plan.reach_m, -plan.reach_m};
   const int turns = static_cast<int>(std::ceil(turn_rad / plan.options.heading_step_rad));
   for (int i = -turns; i <= turns; ++i) {
     CameraPose pose = search.pose;
@@ -57,16 +57,17 @@ PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, co
     pose.attitude.heading_rad += i * turn_rad / turns;
     const auto box = footprint_of(camera, pose);
     if (!box) continue;
-    seen.west_m = std::min(seen.west_m, box->west_m), seen.east_m = std::max(seen.east_m, box->east_m);
-    seen.south_m = std::min(seen.south_m, box->south_m), seen.north_m = std::max(seen.north_m, box->north_m);
+    visible.west_m = std::min(visible.west_m, box->west_m), visible.east_m = std::max(visible.east_m, box->east_m);
+    visible.south_m = std::min(visible.south_m, box->south_m),
+    visible.north_m = std::max(visible.north_m, box->north_m);
   }
   const double tilt_rad = kWindowTiltSigmas * std::sqrt(prior.tilt_covariance_rad2.trace() / 2);
   const double margin_m =
       search.radius_m + std::max({kWindowSlack_m, kWindowSlackShare * footprint_side_m(camera, search.pose.agl_m),
                                   std::tan(std::min(tilt_rad, kWindowMaxTilt_rad)) * search.pose.agl_m});
   const PlanePoint& middle = search.pose.position;
-  return {middle.east_m + seen.west_m - margin_m, middle.north_m + seen.south_m - margin_m,
-          middle.east_m + seen.east_m + margin_m, middle.north_m + seen.north_m + margin_m};
+  return {middle.east_m + visible.west_m - margin_m, middle.north_m + visible.south_m - margin_m,
+          middle.east_m + visible.east_m + margin_m, middle.north_m + visible.north_m + margin_m};
 }
 
 AnchorMatch begin_match(const MatchingPlan& plan) {

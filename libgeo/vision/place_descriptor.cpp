@@ -33,10 +33,10 @@ std::optional<RawPlaceDescriptor> describe_place(const PlacePatch& patch) {
   const Channels channels = oriented_channels(patch.grey, patch.mask, ChannelSet::six_orientations, {});
   const cv::Mat weights = cell_weights(patch.grey.rows);
   const cv::Mat weights_t = weights.t();
-  cv::Mat seen;
-  channels.mask.convertTo(seen, CV_32F, 1.0 / 255);
-  const cv::Mat area = pooled(seen, weights, weights_t);
-  const cv::Mat whole = pooled(cv::Mat(seen.size(), CV_32FC1, cv::Scalar(1)), weights, weights_t);
+  cv::Mat shown;
+  channels.mask.convertTo(shown, CV_32F, 1.0 / 255);
+  const cv::Mat area = pooled(shown, weights, weights_t);
+  const cv::Mat whole = pooled(cv::Mat(shown.size(), CV_32FC1, cv::Scalar(1)), weights, weights_t);
   const cv::Mat usable = area > kMinCellShare * whole;
   const int cells = cv::countNonZero(usable);
   if (cells < kPlaceCells * kPlaceCells / 4) return std::nullopt;

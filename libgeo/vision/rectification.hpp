@@ -1,9 +1,9 @@
 // Nadir rectification: a frame resampled to the map's north-up grid, as if seen from straight above.
 //
 // Positions are metres in the map's plane (LocalFrame); heights are relative to the ground under the camera. A ground
-// point at (e, n) of height h above the ground under the camera, which is at (e0, n0) and agl above it, appears where
+// point at (e, n), h above the ground under the camera, lies in the frame of a camera at (e0, n0, agl) at
 //   p = Rᵀ (e - e0, n - n0, h - agl),    R = enu_from_camera(attitude),
-// is seen by the lens (camera.hpp).
+// and appears where the lens images p (camera.hpp).
 #pragma once
 
 #include <opencv2/core/mat.hpp>

@@ -72,8 +72,7 @@ inline constexpr double kDistinct_px = 12;           // likewise, at the coarse 
 inline constexpr std::size_t kSearchCandidates = 5;  // hypotheses that are confirmed; chosen
 inline constexpr double kHeadingStep_rad = 0.052;    // 3 degrees; chosen
 inline constexpr double kScaleStep = 0.04;           // relative height; chosen
-inline constexpr int kSweepReduction =
-    2;  // four times fewer pixels, and the confirmation corrects the sweep; benchmarks of 2026-11-21
+inline constexpr int kSweepReduction = 2;  // four times fewer pixels, and the confirmation corrects the sweep; chosen
 inline constexpr double kWideRadius_px = 190;  // a larger window holds more look-alikes: twice the candidates; chosen
 inline constexpr std::size_t kWideCandidates = 2;     // times kSearchCandidates in a wide window; chosen
 inline constexpr std::size_t kRefinedCandidates = 2;  // the best ones, between the sweep's steps: best and its rival
