@@ -17,15 +17,12 @@
 #include "imagery/map_window.hpp"
 #include "imagery/tile_source.hpp"
 #include "package/manifest.hpp"
+#include "package/open_package.hpp"
+#include "package/verify.hpp"
 #include "vision/map_search.hpp"
 #include "vision/place_index_files.hpp"
 
 namespace nadir {
-
-struct Mission;
-struct Opening;
-struct Verification;
-enum class VerifyDepth;
 
 class PlaceIndex final : public PlaceRetrieval {
  public:
