@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "estimation/anchor_gates.hpp"
-#include "estimation/pose_sights.hpp"
+#include "estimation/anchor_acceptance.hpp"
+#include "estimation/pose_measurements.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "geodesy/angles.hpp"
 #include "replay/pictures.hpp"
@@ -97,10 +97,10 @@ BoresightSights find_sights(const BoresightFlight& from, const CameraFile& camer
     BoresightSight sight = sight_of(frames, i, frame, from.told_mount);
     const AnchorPrior prior = prior_of(sight, mount, *frames[i].agl_m, camera.uncertainty);
     const AnchorMatch match = matcher->match(grey, prior);
-    const Prediction gps{.chi2 = 0, .sigma_m = kHealthySigma_m, .healthy = true, .lost = false};
-    if (!match.solved || judge_anchor(match, prior, gps) != AnchorVerdict::accepted) continue;
-    const PoseMeasurement seen = pose_sight(*match.solved, *frames[i].agl_m, Eigen::Vector2d::Zero());
-    sight.seen = seen.seen;
+    const AnchorPrediction gps{.chi2 = 0, .sigma_m = kHealthySigma_m, .healthy = true, .lost = false};
+    if (!match.solved || evaluate_anchor(match, prior, gps) != AnchorVerdict::accepted) continue;
+    const PoseMeasurement seen = pose_measurement(*match.solved, {*frames[i].agl_m, Eigen::Vector2d::Zero()});
+    sight.seen = seen.value;
     sight.covariance = seen.covariance;
     result.sights.push_back(sight);
   }

@@ -47,7 +47,7 @@ Bytes encode(const InputRecord& input) {
   const auto picture = builder.CreateString(input.picture.hex());
   const fbs::LonLat at = place(told.place.value_or(LonLat{}));
   const auto dv = velocity_change(told.imu_dv_mps);
-  const auto way = encode_way(builder, told.way);
+  const auto way = encode_way(builder, told.intervals);
   return finish(builder,
                 fbs::CreateInput(builder, input.index, frame, told.time_s, optional(told.agl_m),
                                  optional(told.heading_rad), optional(told.pitch_rad), optional(told.roll_rad),
@@ -68,7 +68,7 @@ bool decode(ByteView bytes, InputRecord& input) {
   input.told.roll_rad = optional(told->roll_rad());
   input.told.place = place(told->place());
   input.told.imu_dv_mps = velocity_change(told->imu_dv());
-  input.told.way = decode_way(told->way());
+  input.told.intervals = decode_way(told->way());
   input.picture = *digest;
   input.picture_bytes = told->picture_bytes();
   return true;

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 
 namespace nadir {
 

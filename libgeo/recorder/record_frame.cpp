@@ -21,13 +21,13 @@ void record_attempt(Recorder& recorder, std::uint64_t index, std::uint64_t taken
 }  // namespace
 
 void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& report) {
-  recorder.record(EstimateRecord{index, report.estimate, report.odometry, report.belief});
+  recorder.record(EstimateRecord{index, report.estimate, report.odometry, report.state});
   if (report.anchor.verdict != AnchorVerdict::not_tried) record_attempt(recorder, index, index, report);
 }
 
 void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report) {
   record_attempt(recorder, index, taken_after, report);
-  recorder.record(EstimateRecord{taken_after, report.estimate, report.odometry, report.belief});
+  recorder.record(EstimateRecord{taken_after, report.estimate, report.odometry, report.state});
 }
 
 void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& told, ByteView encoded) {

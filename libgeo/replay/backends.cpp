@@ -8,10 +8,9 @@ namespace nadir {
 
 OdometryFactory odometry_named(std::string_view name) {
   if (name == "features") return make_feature_odometry;
-  if (name == "flow") return make_flow_odometry;
   throw UsageError({.what = "there is no such odometry front end",
                     .where = "--odometry",
-                    .expected = "features or flow",
+                    .expected = "features",
                     .found = std::string(name)});
 }
 

@@ -8,7 +8,7 @@
 
 #include "base/progress.hpp"
 #include "base/time.hpp"
-#include "estimation/map_sigma.hpp"
+#include "estimation/localizer.hpp"
 #include "geodesy/local_frame.hpp"
 #include "package/open_package.hpp"
 #include "replay/report.hpp"

@@ -40,8 +40,8 @@ void FlightRequest::declare(Options& options, Map map) {
                 "where the first frame was taken; without it all of the mission's area is searched");
   options
       .value("--odometry", odometry_, "NAME",
-             "how motion is seen: features (SIFT), or flow (whole pictures and patches)")
-      .one_of({"features", "flow"});
+             "visual odometry front end: features (SIFT)")
+      .one_of({"features"});
   options
       .value("--matcher", matcher_, "NAME",
              "how frames are matched with the map: channels (oriented gradients), or sift")

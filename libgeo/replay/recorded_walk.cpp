@@ -19,7 +19,7 @@ FrameReport RecordedWalk::frame(const cv::Mat& picture, const Telemetry& told, s
     report = localizer_.process(picture, told);
     add(report, estimates);
   } else {
-    Localizer::Followed followed = localizer_.follow(picture, told);
+    Localizer::TrackedFrame followed = localizer_.track(picture, told);
     report = std::move(followed.report);
     add(report, estimates);
     if (followed.job) {
@@ -33,7 +33,7 @@ FrameReport RecordedWalk::frame(const cv::Mat& picture, const Telemetry& told, s
 }
 
 void RecordedWalk::add(const FrameReport& report, std::vector<EstimateRecord>& estimates) const {
-  estimates.push_back({index_, report.estimate, report.odometry, report.belief});
+  estimates.push_back({index_, report.estimate, report.odometry, report.state});
 }
 
 void RecordedWalk::tell_until(std::uint64_t before, FrameReport& report, std::vector<EstimateRecord>& estimates) {

@@ -7,7 +7,6 @@
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
-#include "estimation/anchor_job.hpp"
 #include "estimation/localizer.hpp"
 #include "replay/flight_recording.hpp"
 

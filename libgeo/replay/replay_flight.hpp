@@ -6,7 +6,7 @@
 
 #include "base/progress.hpp"
 #include "estimation/estimate.hpp"
-#include "estimation/odometry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"

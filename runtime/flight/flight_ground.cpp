@@ -1,6 +1,6 @@
 #include "flight/flight_ground.hpp"
 
-#include "estimation/map_sigma.hpp"
+#include "estimation/localizer.hpp"
 
 namespace nadir {
 

@@ -15,7 +15,7 @@ constexpr std::chrono::milliseconds kHouseWait{500};
 
 VisionEstimate vision_estimate(const LocalizedFrame& frame, double taken_s, std::optional<double> ground_msl_m) {
   const Estimate& estimate = frame.report.estimate;
-  const StateEstimate& belief = frame.report.belief;
+  const StateEstimate& belief = frame.report.state;
   VisionEstimate vision;
   vision.time_us = std::llround(taken_s * 1e6);
   vision.place = *estimate.position;
@@ -48,8 +48,8 @@ void FlightService::localized(const LocalizedFrame& frame) {
     }
   }
   if (recorder_) record(frame);
-  if (tiles_ && frame.report.anchored) tiles_->anchored(frame.anchor_index, *frame.report.anchored);
-  tell(LocalizerEvent{taken_s, frame.late, frame.index, estimate, frame.report.belief, frame.report.anchor.verdict,
+  if (tiles_ && frame.report.anchor_pose) tiles_->anchored(frame.anchor_index, *frame.report.anchor_pose);
+  tell(LocalizerEvent{taken_s, frame.late, frame.index, estimate, frame.report.state, frame.report.anchor.verdict,
                       frame.told.pitch_rad, frame.told.roll_rad});
 }
 

@@ -4,7 +4,7 @@
 
 #include "base/error.hpp"
 #include "base/thread_rank.hpp"
-#include "estimation/anchor_job.hpp"
+#include "estimation/localizer.hpp"
 #include "vision/flight_picture.hpp"
 
 namespace nadir {
@@ -80,10 +80,10 @@ void LocalizationThread::follow(const FlightPicture& picture) {
   const Telemetry told = telemetry_at(picture);
   if (too_early(picture, told)) return;
   listener_.input(next_index_, told, picture.encoded);
-  auto followed = localizer_.follow(decode_flight_picture(picture.encoded, decoded_, shrink_), told);
+  auto followed = localizer_.track(decode_flight_picture(picture.encoded, decoded_, shrink_), told);
   if (followed.job) {
     job_index_ = next_index_;
-    everywhere_ = followed.job->everywhere;
+    everywhere_ = followed.job->searches_everywhere;
     give_up_ = false;
     jobs_.put(std::move(followed.job));
   }

@@ -167,9 +167,9 @@ Telemetry TelemetryBuffer::at(double time_s) {
   told.agl_m = nearest(ranges_, time_s);
   if (!told.agl_m) told.agl_m = nearest(terrain_heights_, time_s);
   if (last_asked_s_ && *last_asked_s_ < time_s) {
-    told.way = way(*last_asked_s_, time_s);
+    told.intervals = way(*last_asked_s_, time_s);
     double from_s = *last_asked_s_;
-    for (const TelemetryInterval& stretch : told.way) from_s += stretch.seconds;
+    for (const TelemetryInterval& stretch : told.intervals) from_s += stretch.seconds;
     told.imu_dv_mps = velocity_change(from_s, time_s);
   }
   last_asked_s_ = time_s;

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "estimation/odometry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "vision/place_matcher.hpp"
 
 namespace nadir::bench {

@@ -10,6 +10,7 @@
 #include "ablation_flight.hpp"
 #include "base/kept_memory.hpp"
 #include "estimation/terrain_surface.hpp"
+#include "flow_odometry.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_map.hpp"
 #include "replay/score.hpp"

@@ -15,7 +15,7 @@
 #include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
-#include "estimation/odometry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "imagery/map_window.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_folder.hpp"

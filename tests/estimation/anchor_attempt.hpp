@@ -1,7 +1,7 @@
 // An attempt at an anchor, for tests of the gates.
 #pragma once
 
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 
 namespace nadir::test {
 
@@ -9,7 +9,7 @@ namespace nadir::test {
 struct Attempt {
   AnchorMatch match;
   AnchorPrior prior;
-  Prediction prediction{1, 20, true};
+  AnchorPrediction prediction{1, 20, true};
   GateLimits limits;
 
   Attempt() {
@@ -26,7 +26,7 @@ struct Attempt {
     prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 4e-4;
     prior.log_agl_sigma = 0.05;
   }
-  AnchorVerdict verdict() const { return judge_anchor(match, prior, prediction, limits); }
+  AnchorVerdict verdict() const { return evaluate_anchor(match, prior, prediction, limits); }
 };
 
 }  // namespace nadir::test

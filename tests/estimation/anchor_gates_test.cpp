@@ -1,4 +1,4 @@
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 
 #include <gtest/gtest.h>
 
@@ -138,12 +138,12 @@ TEST(AnchorGates, IncredibleHeight) {
 
 TEST(AnchorGates, SurpriseIsTheWorstOfTiltAndHeight) {
   Attempt attempt;
-  EXPECT_EQ(attitude_surprise(*attempt.match.solved, attempt.prior), 0);
+  EXPECT_EQ(attitude_deviation_sigmas(*attempt.match.solved, attempt.prior), 0);
   attempt.match.solved->pose.attitude.pitch_rad += 2 * std::hypot(0.02, 0.015);
   attempt.match.solved->pose.attitude.roll_rad += 2 * std::hypot(0.02, 0.015);
-  EXPECT_NEAR(attitude_surprise(*attempt.match.solved, attempt.prior), 2, 1e-9);
+  EXPECT_NEAR(attitude_deviation_sigmas(*attempt.match.solved, attempt.prior), 2, 1e-9);
   attempt.match.solved->pose.agl_m *= std::exp(3 * std::hypot(0.05, 0.015));
-  EXPECT_NEAR(attitude_surprise(*attempt.match.solved, attempt.prior), 3, 1e-9);
+  EXPECT_NEAR(attitude_deviation_sigmas(*attempt.match.solved, attempt.prior), 3, 1e-9);
 }
 
 TEST(AnchorGates, LostItMustStandOutFurther) {

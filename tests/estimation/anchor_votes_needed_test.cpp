@@ -87,7 +87,7 @@ TEST(AnchorGates, OneFrameIsNotEnoughAgainstAStart) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   attempt.prediction.chi2 = attempt.limits.expected_chi2;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-  attempt.prediction.followed = true;
+  attempt.prediction.odometry_linked = true;
   attempt.prediction.chi2 = attempt.limits.chi2_99;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "odometry led here: it is no picture of another place";
   attempt.prediction.chi2 = attempt.limits.chi2_99 + 0.01;
@@ -116,16 +116,16 @@ TEST(AnchorGates, AFrameThatDoesNotContinueTheLastOneAwaitsVotes) {
     Attempt attempt;
     attempt.prediction = {1, lost ? 1000.0 : 5, !lost, lost};
     EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
-    attempt.prediction.torn = true;
+    attempt.prediction.tracking_broken = true;
     EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "however clear: one of the two shows another place";
   }
 }
 
 TEST(AnchorGates, SecondedBySharpPredictionsThatSayTheSame) {
   const GateLimits limits;
-  const Prediction sharp{limits.expected_chi2, limits.sharp_sigma_m, true};
+  const AnchorPrediction sharp{limits.expected_chi2, limits.sharp_sigma_m, true};
   EXPECT_TRUE(corroborated(sharp));
-  Prediction other = sharp;
+  AnchorPrediction other = sharp;
   other.healthy = false;
   EXPECT_FALSE(corroborated(other)) << "the track has been broken";
   other = sharp;

@@ -1,4 +1,4 @@
-#include "estimation/anchor_votes.hpp"
+#include "estimation/anchor_acceptance.hpp"
 
 #include <gtest/gtest.h>
 
@@ -33,7 +33,7 @@ TEST(AnchorVotes, OthersInBetweenDoNotMatterButTime) {
 }
 
 TEST(AnchorVotes, AgainstAnAnchorItTakesSixOfEight) {
-  const Quorum quorum{.voices = AnchorVotes::kVoicesAgainstAnchors};
+  const Quorum quorum{.required_votes = AnchorVotes::kVotesAgainstAnchors};
   AnchorVotes votes;
   for (int i = 0; i < 3; ++i) EXPECT_FALSE(vote(votes, 200, 0, quorum)) << i;
   votes.abstain(kHere);
@@ -52,7 +52,7 @@ TEST(AnchorVotes, DisagreementIsNoVote) {
 }
 
 TEST(AnchorVotes, PicturesOfTheSameGroundAreOneVoice) {
-  const Quorum quorum{.apart_m = 150};
+  const Quorum quorum{.min_separation_m = 150};
   AnchorVotes votes;
   for (int i = 0; i < 3; ++i) EXPECT_FALSE(votes.vote({40, 0}, {60.0 * i, 0}, quorum)) << i;
   EXPECT_TRUE(votes.vote({40, 0}, {180, 0}, quorum));
@@ -60,8 +60,8 @@ TEST(AnchorVotes, PicturesOfTheSameGroundAreOneVoice) {
 
 // Three pictures a second, 7 m apart, of which each shows 500 m: eight attempts in a row are two seconds, and one voice.
 TEST(AnchorVotes, HoweverManyPicturesThereAreItTakesTheSameWay) {
-  for (const int voices : {AnchorVotes::kVoices, AnchorVotes::kVoicesAgainstAnchors}) {
-    const Quorum quorum{.voices = voices, .apart_m = 400};
+  for (const int voices : {AnchorVotes::kVotes, AnchorVotes::kVotesAgainstAnchors}) {
+    const Quorum quorum{.required_votes = voices, .min_separation_m = 400};
     AnchorVotes votes;
     double way_m = 0;
     for (int i = 0; !votes.vote({40, 0}, {way_m, 0}, quorum); ++i) {
@@ -75,7 +75,7 @@ TEST(AnchorVotes, HoweverManyPicturesThereAreItTakesTheSameWay) {
 
 TEST(AnchorVotes, WhatIsRememberedIsBounded) {
   AnchorVotes votes;
-  const Quorum quorum{.apart_m = 100};
+  const Quorum quorum{.min_separation_m = 100};
   EXPECT_FALSE(votes.vote({40, 0}, {0, 0}, quorum));
   EXPECT_FALSE(votes.vote({40, 0}, {60, 0}, quorum));
   for (int i = 0; i < 100'000; ++i) votes.abstain({90, 0});
@@ -85,7 +85,7 @@ TEST(AnchorVotes, WhatIsRememberedIsBounded) {
 TEST(AnchorVotes, InASmallWindowTheyMustAgreeCloser) {
   EXPECT_EQ(AnchorVotes::agree_in_window_m(1200), AnchorVotes::kAgree_m);
   EXPECT_NEAR(AnchorVotes::agree_in_window_m(60), 6.8, 0.1);
-  const Quorum quorum{.agree_m = AnchorVotes::agree_in_window_m(60)};
+  const Quorum quorum{.agreement_radius_m = AnchorVotes::agree_in_window_m(60)};
   AnchorVotes votes;
   EXPECT_FALSE(vote(votes, 40, 0, quorum));
   EXPECT_FALSE(vote(votes, 44, 0, quorum));
@@ -96,7 +96,7 @@ TEST(AnchorVotes, ABreakForgets) {
   AnchorVotes votes;
   vote(votes, 1, 1);
   vote(votes, 1, 1);
-  votes.forget();
+  votes.clear();
   EXPECT_FALSE(vote(votes, 1, 1));
   EXPECT_FALSE(vote(votes, 1, 1));
   EXPECT_TRUE(vote(votes, 1, 1));

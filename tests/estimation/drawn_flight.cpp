@@ -3,7 +3,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "estimation/telemetry_model.hpp"
+#include "estimation/estimation_parameters.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir::test {
@@ -42,7 +42,7 @@ struct Truth {
         heading(random.uniform(-kPi, kPi)),
         velocity(wind + 20 * Vector2d(std::sin(heading), std::cos(heading))) {}
 
-  void fly(Random& random, const TelemetryUncertainty& sigma, double turn, double seconds) {
+  void propagate_joint(Random& random, const TelemetryUncertainty& sigma, double turn, double seconds) {
     constexpr int kSmall = 20;  // steps, so that the path is an arc
     for (int i = 0; i < kSmall; ++i) {
       heading += turn / kSmall;
@@ -67,13 +67,13 @@ struct Truth {
   Vector2d tilt = Vector2d::Zero();  // beyond the telemetry's
 };
 
-Believed believed(const F& filter) {
+LinearizationPoint believed(const F& filter) {
   const auto& x = filter.state();
   return {x[F::log_height], x[F::heading], x[F::pitch], x[F::roll]};
 }
 
 // Tilt is seen vaguely, and the motion is as far off as that: together they are known well.
-RelativeMotionMeasurement see_motion(Random& random, const Believed& before, const Believed& now, const Truth& was, const Truth& is) {
+RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& before, const LinearizationPoint& now, const Truth& was, const Truth& is) {
   Eigen::Matrix<double, 8, 8> spread = Eigen::Matrix<double, 8, 8>::Zero();
   spread.diagonal() << 0.4, 0.4, 0.004, 0.004, 0.026, 0.026, 0.026, 0.026;
   spread.block<2, 2>(0, 4) = -0.026 * kAgl_m * Matrix2d::Identity();
@@ -83,13 +83,13 @@ RelativeMotionMeasurement see_motion(Random& random, const Believed& before, con
   sight.now = now;
   sight.covariance = spread * spread.transpose();
   // In the scale and directions of what was believed of the frame before.
-  sight.seen.head<2>() = std::exp(before.log_height - was.log_height) *
+  sight.value.head<2>() = std::exp(before.log_height - was.log_height) *
                          (clockwise(before.heading_rad - was.heading) * (is.place - was.place));
-  sight.seen[2] = (is.log_height - was.log_height) - (now.log_height - before.log_height);
-  sight.seen[3] = wrap_pi((is.heading - was.heading) - (now.heading_rad - before.heading_rad));
-  sight.seen.tail<4>() << was.tilt - Vector2d(before.pitch_rad, before.roll_rad),
+  sight.value[2] = (is.log_height - was.log_height) - (now.log_height - before.log_height);
+  sight.value[3] = wrap_pi((is.heading - was.heading) - (now.heading_rad - before.heading_rad));
+  sight.value.tail<4>() << was.tilt - Vector2d(before.pitch_rad, before.roll_rad),
       is.tilt - Vector2d(now.pitch_rad, now.roll_rad);
-  sight.seen += spread * normals<8>(random);
+  sight.value += spread * normals<8>(random);
   return sight;
 }
 
@@ -99,9 +99,9 @@ PoseMeasurement see_place(Random& random, const Truth& truth, const Vector2d& of
   spread.topRightCorner<2, 2>() = 0.017 * kAgl_m * Matrix2d::Identity();
   PoseMeasurement sight;
   sight.covariance = spread * spread.transpose();
-  sight.seen << truth.place + off_m, truth.log_height, truth.heading, truth.tilt;
-  sight.seen += spread * normals<6>(random);
-  sight.seen[3] = wrap_pi(sight.seen[3]);
+  sight.value << truth.place + off_m, truth.log_height, truth.heading, truth.tilt;
+  sight.value += spread * normals<6>(random);
+  sight.value[3] = wrap_pi(sight.value[3]);
   return sight;
 }
 
@@ -119,7 +119,7 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
   const int round = options.blind_every + options.blind_frames;
   for (int i = 0; i < options.frames; ++i) {
     const Truth was = is;
-    if (i > 0) is.fly(random, sigma, i % 40 > 31 ? kTurn_rad * options.interval_s : 0, options.interval_s);
+    if (i > 0) is.propagate_joint(random, sigma, i % 40 > 31 ? kTurn_rad * options.interval_s : 0, options.interval_s);
     is.tilt = is.tilt_bias + model::kChangingTiltLogged * sigma.tilt_rad * normals<2>(random);
     FlightStep step;
     step.seconds = i > 0 ? options.interval_s : 0;
@@ -129,27 +129,27 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
       step.imu_dv_mps = clockwise(-was.heading_error()) * (is.velocity - was.velocity) +
                         sigma.imu_dv_mps * std::sqrt(options.interval_s) * normals<2>(random);
     }
-    const Believed before = believed(filter);
-    filter.advance(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
+    const LinearizationPoint before = believed(filter);
+    filter.predict(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
     DrawnFrame frame;
     frame.blind = options.blind_every > 0 && i % round >= options.blind_every;
     const bool was_blind = options.blind_every > 0 && i > 0 && (i - 1) % round >= options.blind_every;
     if (i > 0 && !frame.blind && !was_blind) {
-      step.moved = see_motion(random, before, believed(filter), was, is);
-      filter.moved(*step.moved);
+      step.relative_motion = see_motion(random, before, believed(filter), was, is);
+      filter.update_relative(*step.relative_motion);
     }
     if (!frame.blind && i % options.anchor_every == options.anchor_every / 2) {
       Vector2d off = Vector2d::Zero();
       if (random.chance(options.wrong_anchor_share)) {
         off = clockwise(random.uniform(-kPi, kPi)) * Vector2d(random.uniform(80, 400), 0);
       }
-      step.anchored = see_place(random, is, off);
-      const Vector2d ahead = step.anchored->seen.head<2>() - filter.position_m();
+      step.anchor = see_place(random, is, off);
+      const Vector2d ahead = step.anchor->value.head<2>() - filter.position_m();
       if (off.isZero()) {
         frame.anchor_chi2 =
-            normalised_error(ahead, filter.position_covariance_m2() + step.anchored->covariance.topLeftCorner<2, 2>());
+            normalised_error(ahead, filter.position_covariance_m2() + step.anchor->covariance.topLeftCorner<2, 2>());
       }
-      filter.anchored(*step.anchored);
+      filter.update_absolute(*step.anchor);
     }
     frame.truth_m = is.place;
     frame.told_m = filter.position_m();

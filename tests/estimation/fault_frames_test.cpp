@@ -178,7 +178,7 @@ TEST(FaultyFrames, ATurnThatThePicturesDoNotShowIsDoubted) {
     const FrameReport report = localizer.process(moments[i].image, told);
     EXPECT_EQ(report.odometry.tracked, i != 0 && i != 2) << i;
     EXPECT_EQ(report.estimate.segment, i < 2 ? 0 : 1) << i;
-    EXPECT_EQ(report.belief.heading_sigma_rad > radians(60), i >= 2) << i;
+    EXPECT_EQ(report.state.heading_sigma_rad > radians(60), i >= 2) << i;
     EXPECT_LT(off_m(report.estimate, moments[i]), 2 * report.estimate.sigma_m) << i;
   }
 }
@@ -194,7 +194,7 @@ TEST(FaultyFrames, OverAMapAHeadingThatJumpsIsFoundAnew) {
     expect_honest(report, moment);
     if (i + 1 == moments.size()) {
       EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted);
-      EXPECT_LT(report.belief.heading_sigma_rad, radians(5));
+      EXPECT_LT(report.state.heading_sigma_rad, radians(5));
     }
   }
 }

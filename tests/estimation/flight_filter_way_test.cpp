@@ -7,7 +7,7 @@
 #include <functional>
 
 #include "base/random.hpp"
-#include "estimation/flight_log.hpp"
+#include "estimation/flight_smoother.hpp"
 #include "estimation/position_sight.hpp"
 #include "geodesy/angles.hpp"
 
@@ -17,7 +17,7 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 using F = FlightFilter;
-using test::position_sight;
+using test::position_measurement;
 
 constexpr double kGravity_mps2 = 9.80665, kSpeed_mps = 22, kRate_rps = 0.17, kTick_s = 0.02;
 constexpr int kSeen_s = 12, kGap_s = 33;  // anchors each second; then nothing, but for the frame at the end
@@ -75,27 +75,27 @@ struct Gap {
       step.seconds = told.seconds;
       step.measured_heading_rad = told.heading_rad;
       step.imu_dv_mps = told.imu_dv_mps;
-      step.anchored = position_sight(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
+      step.anchor = position_measurement(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
     }
     const double half_s = kPi / kRate_rps / 2;
     FlightStep& last = steps.emplace_back();
     last.seconds = kGap_s;
     for (int i = 0; i < kGap_s; ++i) {
       const double turn = i < half_s ? kRate_rps : i >= kGap_s - half_s ? -kRate_rps : 0;
-      last.way.push_back(fly_second(turn));
+      last.intervals.push_back(fly_second(turn));
     }
-    last.measured_heading_rad = last.way.back().heading_rad;
-    last.imu_dv_mps = last.way.back().imu_dv_mps;
-    last.way.pop_back();
+    last.measured_heading_rad = last.intervals.back().heading_rad;
+    last.imu_dv_mps = last.intervals.back().imu_dv_mps;
+    last.intervals.pop_back();
   }
 };
 
 // The same, told only at its end.
 FlightStep without_way(FlightStep step) {
-  for (const TelemetryInterval& stretch : step.way) {
+  for (const TelemetryInterval& stretch : step.intervals) {
     if (step.imu_dv_mps) *step.imu_dv_mps += *stretch.imu_dv_mps;
   }
-  step.way.clear();
+  step.intervals.clear();
   return step;
 }
 
@@ -103,10 +103,10 @@ struct End {
   double error_m, nees;
 };
 
-End fly(
+End propagate_joint(
     const Gap& flight, const std::function<FlightStep(FlightStep)>& told = [](const FlightStep& s) { return s; }) {
   F filter(sensors(), true, {0, 0}, 20);
-  for (const FlightStep& step : flight.steps) take_step(filter, told(step), true);
+  for (const FlightStep& step : flight.steps) apply_step(filter, told(step), true);
   const Vector2d error = filter.position_m() - flight.end;
   return {error.norm(), error.dot(filter.position_covariance_m2().inverse() * error)};
 }
@@ -121,10 +121,10 @@ TEST_P(FlightFilterWay, TurnsThereAndBackAreFollowed) {
   int inside = 0;
   for (std::uint64_t seed = 0; seed < kFlights; ++seed) {
     const Gap flight(seed, GetParam());
-    const End end = fly(flight);
+    const End end = propagate_joint(flight);
     error_m += end.error_m / kFlights, nees += end.nees / kFlights;
     inside += end.nees < 5.991;
-    ends_alone_m += fly(flight, without_way).error_m / kFlights;
+    ends_alone_m += propagate_joint(flight, without_way).error_m / kFlights;
   }
   EXPECT_LT(error_m, 0.5 * ends_alone_m);
   EXPECT_GE(inside, 0.93 * kFlights) << "truth within the 95 % ellipse, mean NEES " << nees;
@@ -135,7 +135,7 @@ TEST_P(FlightFilterWay, TurnsThereAndBackAreFollowed) {
 // What is thought over later sees the same way.
 TEST(FlightFilterWayOnce, AnAnchorAtItsEndReachesBackOverIt) {
   Gap flight(5, true);
-  flight.steps.back().anchored = position_sight(flight.end, 2);
+  flight.steps.back().anchor = position_measurement(flight.end, 2);
   const F fresh(sensors(), true, {0, 0}, 20);
   const auto smoothed = smooth_flight(fresh, flight.steps).frames;
   ASSERT_EQ(smoothed.size(), flight.steps.size()) << "the way has no frames";
@@ -147,29 +147,29 @@ TEST(FlightFilterWayOnce, AnAnchorAtItsEndReachesBackOverIt) {
 TEST(FlightFilterWayOnce, AStretchIsPartOfTheStep) {
   F whole(sensors(), true, {0, 0}, 5), halves(sensors(), true, {0, 0}, 5);
   for (F* filter : {&whole, &halves}) {
-    filter->advance(0, 0.3);
+    filter->predict(0, 0.3);
     for (int i = 0; i < 4; ++i) {
-      filter->advance(1, 0.3, true, Vector2d::Zero());
-      filter->anchored(position_sight({6.0 * i, 19.0 * i}, 2));
+      filter->predict(1, 0.3, true, Vector2d::Zero());
+      filter->update_absolute(position_measurement({6.0 * i, 19.0 * i}, 2));
     }
   }
-  whole.advance(2, 0.3, true, Vector2d(0.5, 0));
-  halves.carry({1, 0.3, Vector2d(0.25, 0)});
-  halves.advance(1, 0.3, true, Vector2d(0.25, 0));
+  whole.predict(2, 0.3, true, Vector2d(0.5, 0));
+  halves.propagate({1, 0.3, Vector2d(0.25, 0)});
+  halves.predict(1, 0.3, true, Vector2d(0.25, 0));
   EXPECT_LT((whole.position_m() - halves.position_m()).norm(), 0.1);
   RelativeMotionMeasurement sight;
-  sight.seen << 12, 38, 0, 0, 0, 0, 0, 0;
+  sight.value << 12, 38, 0, 0, 0, 0, 0, 0;
   sight.covariance = Eigen::Matrix<double, 8, 8>::Identity() * 1e-4;
-  whole.moved(sight);
-  halves.moved(sight);
+  whole.update_relative(sight);
+  halves.update_relative(sight);
   EXPECT_LT((whole.position_m() - halves.position_m()).norm(), 0.3);
   EXPECT_NEAR(whole.position_sigma_m(), halves.position_sigma_m(), 0.05 * whole.position_sigma_m());
 }
 
 TEST(FlightFilterWayOnce, BeforeTheFirstFrameThereIsNoWay) {
   F filter(sensors(), true, {3, 4}, 5);
-  filter.carry({10, 0.0, Vector2d(1, 1)});
-  filter.advance(0, 0.0);
+  filter.propagate({10, 0.0, Vector2d(1, 1)});
+  filter.predict(0, 0.0);
   EXPECT_EQ(filter.position_m(), Vector2d(3, 4));
 }
 

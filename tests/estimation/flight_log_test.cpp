@@ -1,4 +1,4 @@
-#include "estimation/flight_log.hpp"
+#include "estimation/flight_smoother.hpp"
 
 #include <gtest/gtest.h>
 
@@ -23,9 +23,9 @@ struct Flight {
       FlightStep step;
       step.seconds = i == 0 ? 0 : 1;
       step.measured_heading_rad = 1.5708;
-      if (i % 3 == 1) step.anchored = anchor(truth.back() + Vector2d(random.normal(0, 3), random.normal(0, 3)));
+      if (i % 3 == 1) step.anchor = anchor(truth.back() + Vector2d(random.normal(0, 3), random.normal(0, 3)));
       for (const auto& [frame, off] : odd) {
-        if (frame == i) step.anchored = anchor(truth.back() + off);
+        if (frame == i) step.anchor = anchor(truth.back() + off);
       }
       steps.push_back(step);
     }
@@ -33,7 +33,7 @@ struct Flight {
 
   static PoseMeasurement anchor(const Vector2d& at) {
     PoseMeasurement sight;
-    sight.seen << at, 0, 0, 0, 0;
+    sight.value << at, 0, 0, 0, 0;
     sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e6;
     sight.covariance.topLeftCorner<2, 2>() = Matrix2d::Identity() * 9;
     return sight;
@@ -50,13 +50,13 @@ struct Flight {
 TEST(FlightLog, AGoodFlightIsSmoothedAsTheFilterDoes) {
   const Flight flight(40);
   FlightFilter filter = flight.fresh;
-  filter.remember();
+  filter.keep_history();
   for (const FlightStep& step : flight.steps) {
-    filter.advance(step.seconds, step.measured_heading_rad);
-    if (step.anchored) filter.anchored(*step.anchored);
+    filter.predict(step.seconds, step.measured_heading_rad);
+    if (step.anchor) filter.update_absolute(*step.anchor);
   }
   const SmoothedFlight smoothed = smooth_flight(flight.fresh, flight.steps);
-  EXPECT_TRUE(smoothed.switched_off.empty());
+  EXPECT_TRUE(smoothed.rejected_anchors.empty());
   const auto expected = filter.smoothed();
   ASSERT_EQ(smoothed.frames.size(), expected.size());
   for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(smoothed.frames[i].position_m, expected[i].position_m);
@@ -65,25 +65,25 @@ TEST(FlightLog, AGoodFlightIsSmoothedAsTheFilterDoes) {
 TEST(FlightLog, AnchorsThatAllOthersContradictAreSwitchedOff) {
   const Flight flight(60, {{13, {0, 350}}, {40, {-80, 60}}});
   const SmoothedFlight smoothed = smooth_flight(flight.fresh, flight.steps);
-  EXPECT_EQ(smoothed.switched_off, (std::vector<std::size_t>{13, 40})) << "the worst one first";
+  EXPECT_EQ(smoothed.rejected_anchors, (std::vector<std::size_t>{13, 40})) << "the worst one first";
   EXPECT_LT(flight.worst_m(smoothed), 10);
 }
 
 TEST(FlightLog, AWrongOneAtTheEndIsFoundAsWell) {
   const Flight flight(31, {{30, {120, 0}}});
   const SmoothedFlight smoothed = smooth_flight(flight.fresh, flight.steps);
-  EXPECT_EQ(smoothed.switched_off, (std::vector<std::size_t>{30}));
+  EXPECT_EQ(smoothed.rejected_anchors, (std::vector<std::size_t>{30}));
   EXPECT_LT(flight.worst_m(smoothed), 10);
 }
 
 TEST(FlightLog, AloneInAGapNothingContradictsIt) {
   Flight flight(5);
   for (FlightStep& step : flight.steps) {
-    step.anchored.reset();
+    step.anchor.reset();
     step.seconds *= 60;
   }
-  flight.steps[2].anchored = Flight::anchor({900, 300});
-  EXPECT_TRUE(smooth_flight(flight.fresh, flight.steps).switched_off.empty());
+  flight.steps[2].anchor = Flight::anchor({900, 300});
+  EXPECT_TRUE(smooth_flight(flight.fresh, flight.steps).rejected_anchors.empty());
 }
 
 TEST(FlightLog, EmptyIsEmpty) {

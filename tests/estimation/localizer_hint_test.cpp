@@ -54,7 +54,7 @@ Localizer lost_with(const LocalizerConfig& config) {
   return {flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, config};
 }
 
-FrameReport fly(Localizer& localizer, const Moment& moment) {
+FrameReport propagate_joint(Localizer& localizer, const Moment& moment) {
   return localizer.process(moment.image, moment.telemetry);
 }
 
@@ -70,9 +70,9 @@ TEST(LostLocalizer, LooksWhereTheMemoryPoints) {
   LocalizerConfig c = anywhere();
   c.places = &memory;
   Localizer localizer = lost_with(c);
-  expect_placed(fly(localizer, first), first);
+  expect_placed(propagate_joint(localizer, first), first);
   EXPECT_EQ(memory.asked, 1);
-  expect_placed(fly(localizer, short_flight()[1]), short_flight()[1]);
+  expect_placed(propagate_joint(localizer, short_flight()[1]), short_flight()[1]);
   EXPECT_EQ(memory.asked, 1) << "it is not lost any more";
 }
 
@@ -82,7 +82,7 @@ TEST(LostLocalizer, FindsItselfWhereTheMemoryIsWrongOrSilent) {
     LocalizerConfig c = anywhere();
     c.places = &memory;
     Localizer localizer = lost_with(c);
-    expect_placed(fly(localizer, short_flight()[0]), short_flight()[0]);
+    expect_placed(propagate_joint(localizer, short_flight()[0]), short_flight()[0]);
     EXPECT_EQ(memory.asked, 1);
   }
 }
@@ -95,7 +95,7 @@ TEST(LostLocalizer, TurnsWithTheHeadingThatTheMemoryNames) {
   LocalizerConfig c = anywhere();
   c.places = &memory;
   Localizer localizer = lost_with(c);
-  const FrameReport report = fly(localizer, first);
+  const FrameReport report = propagate_joint(localizer, first);
   EXPECT_TRUE(memory.any_heading);
   expect_placed(report, first);
 }
@@ -132,8 +132,8 @@ TEST(Hint, RightOrWrongTheFrameIsPlacedWhereItIs) {
   for (const PlanePoint said : {PlanePoint{truth.east_m + 40, truth.north_m - 30}, {140, 140}, {5000, 5000}}) {
     Localizer localizer = lost_with(anywhere());
     localizer.hint(place_of(said), 80);
-    expect_placed(fly(localizer, first), first);
-    expect_placed(fly(localizer, short_flight()[1]), short_flight()[1]);
+    expect_placed(propagate_joint(localizer, first), first);
+    expect_placed(propagate_joint(localizer, short_flight()[1]), short_flight()[1]);
   }
 }
 
@@ -144,20 +144,20 @@ TEST(Hint, DoubtsAStartThatNoAnchorConfirmed) {
   const auto start = place_of({70, 90});
   const Moment& first = short_flight()[0];
   Localizer stubborn(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
-  EXPECT_NE(fly(stubborn, first).anchor.verdict, AnchorVerdict::accepted);
+  EXPECT_NE(propagate_joint(stubborn, first).anchor.verdict, AnchorVerdict::accepted);
 
   Localizer told(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
   told.hint(place_of({first.truth.position.east_m + 30, first.truth.position.north_m}), 60);
-  expect_placed(fly(told, first), first);
+  expect_placed(propagate_joint(told, first), first);
 }
 
 TEST(Hint, DoesNotTouchWhatAnchorsConfirm) {
   Localizer one(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
   Localizer other(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
-  fly(one, short_flight()[0]);
-  ASSERT_EQ(fly(other, short_flight()[0]).anchor.verdict, AnchorVerdict::accepted);
+  propagate_joint(one, short_flight()[0]);
+  ASSERT_EQ(propagate_joint(other, short_flight()[0]).anchor.verdict, AnchorVerdict::accepted);
   other.hint(place_of({190, -190}), 50);
-  const Estimate plain = fly(one, short_flight()[1]).estimate, hinted = fly(other, short_flight()[1]).estimate;
+  const Estimate plain = propagate_joint(one, short_flight()[1]).estimate, hinted = propagate_joint(other, short_flight()[1]).estimate;
   EXPECT_EQ(plain.position->lon_deg, hinted.position->lon_deg);
   EXPECT_EQ(plain.position->lat_deg, hinted.position->lat_deg);
   EXPECT_EQ(plain.sigma_m, hinted.sigma_m);

@@ -4,7 +4,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "estimation/odometry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "geodesy/angles.hpp"
 #include "vision/synthetic_ground.hpp"
 
@@ -67,8 +67,8 @@ void Odometry::expect_step(const CameraPose& a, const CameraPose& b) {
   const auto step = step_between(a, b);
   ASSERT_TRUE(step);
   const Eigen::Vector2d truth(b.position.east_m - a.position.east_m, b.position.north_m - a.position.north_m);
-  EXPECT_LT((step->moved_m - truth).norm(), 0.01 * truth.norm()) << step->moved_m.transpose();
-  EXPECT_NEAR(step->sight.seen[3], 0, radians(0.3)) << "the heading's change was told as it was";
+  EXPECT_LT((step->displacement_m - truth).norm(), 0.01 * truth.norm()) << step->displacement_m.transpose();
+  EXPECT_NEAR(step->sight.value[3], 0, radians(0.3)) << "the heading's change was told as it was";
   EXPECT_GE(step->inliers, 15);
   EXPECT_GT(step->covariance_m2.determinant(), 0);
 }
@@ -103,7 +103,7 @@ TEST_P(Odometry, SeesThroughAWrongTilt) {
   EXPECT_FALSE(odometry->track(first));
   const auto step = odometry->track(second);
   ASSERT_TRUE(step);
-  EXPECT_LT((step->moved_m - Eigen::Vector2d(38, 8)).norm(), 1.5);
+  EXPECT_LT((step->displacement_m - Eigen::Vector2d(38, 8)).norm(), 1.5);
 }
 
 TEST_P(Odometry, NothingWithoutOverlap) { EXPECT_FALSE(step_between({{-120, -100}, 120, {}}, {{110, 120}, 120, {}})); }
@@ -126,7 +126,7 @@ TEST_P(Odometry, TheCovarianceOwnsUpToTheError) {
     const CameraPose b{{35 * std::sin(course), 35 * std::cos(course)}, 121, {course + 0.05, radians(-1), radians(2)}};
     const auto step = step_between(a, b);
     ASSERT_TRUE(step) << course;
-    const Eigen::Vector2d off = step->moved_m - Eigen::Vector2d(b.position.east_m, b.position.north_m);
+    const Eigen::Vector2d off = step->displacement_m - Eigen::Vector2d(b.position.east_m, b.position.north_m);
     EXPECT_LT(off.dot(step->covariance_m2.inverse() * off), 13.8) << course << ": " << off.transpose();
   }
 }
@@ -146,8 +146,8 @@ TEST_P(Odometry, ARepeatedFrameHasNotMoved) {
   const CameraPose pose{{10, 5}, 120, {radians(200), radians(3), 0}};
   const auto step = step_between(pose, pose);
   ASSERT_TRUE(step);
-  EXPECT_LT(step->moved_m.norm(), 0.05);
-  EXPECT_NEAR(step->sight.seen[3], 0, 1e-3);
+  EXPECT_LT(step->displacement_m.norm(), 0.05);
+  EXPECT_NEAR(step->sight.value[3], 0, 1e-3);
   EXPECT_NEAR(step->overlap, 1, 0.01);
 }
 

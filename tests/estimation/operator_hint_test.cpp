@@ -1,4 +1,4 @@
-#include "estimation/operator_hint.hpp"
+#include "estimation/search_window.hpp"
 
 #include <gtest/gtest.h>
 
@@ -17,7 +17,7 @@ void expect_box(const std::optional<PlaneBox>& box, double west, double south, d
 
 TEST(OperatorHint, IsLookedAtWithinItsRadius) {
   const OperatorHint hint({200, 100}, 150);
-  EXPECT_FALSE(hint.carried());
+  EXPECT_FALSE(hint.propagating());
   expect_box(hint.box({0, 0}, 900, std::nullopt), 50, -50, 350, 250);
 }
 
@@ -28,8 +28,8 @@ TEST(OperatorHint, IsNeverSoNarrowThatNothingCompetes) {
 // 3-4-5: the variance grew by 30 squared; three sigma are 90 m.
 TEST(OperatorHint, IsCarriedByOdometryAndGrowsVague) {
   OperatorHint hint({200, 100}, 150);
-  hint.carried_from({-700, 40}, 40);
-  EXPECT_TRUE(hint.carried());
+  hint.start_propagation({-700, 40}, 40);
+  EXPECT_TRUE(hint.propagating());
   expect_box(hint.box({-700, 40}, 40, std::nullopt), 50, -50, 350, 250);
   expect_box(hint.box({-690, 20}, 50, std::nullopt), 60 - 90, -70 - 90, 360 + 90, 230 + 90);
   expect_box(hint.box({-700, 40}, 10, std::nullopt), 50, -50, 350, 250);

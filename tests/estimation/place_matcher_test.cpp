@@ -7,7 +7,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 #include "estimation/fault_maps.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "support/cancel_after.hpp"
@@ -57,7 +57,7 @@ AnchorPrior prior_near(const CameraPose& truth) {
 }
 
 AnchorVerdict verdict_of(const AnchorMatch& match, const AnchorPrior& prior) {
-  return judge_anchor(match, prior, {0, 20, false, false});
+  return evaluate_anchor(match, prior, {0, 20, false, false});
 }
 
 void expect_place(const AnchorMatch& match, const AnchorPrior& prior) {

@@ -1,14 +1,14 @@
 // An anchor that tells where the camera was and nothing else, for tests of the flight filter.
 #pragma once
 
-#include "estimation/pose_sights.hpp"
+#include "estimation/pose_measurements.hpp"
 
 namespace nadir::test {
 
 // at: east, north (m); sigma_m: of each axis.
-inline PoseMeasurement position_sight(const Eigen::Vector2d& at, double sigma_m) {
+inline PoseMeasurement position_measurement(const Eigen::Vector2d& at, double sigma_m) {
   PoseMeasurement sight;
-  sight.seen << at, 0, 0, 0, 0;
+  sight.value << at, 0, 0, 0, 0;
   sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
   sight.covariance.topLeftCorner<2, 2>() = Eigen::Matrix2d::Identity() * sigma_m * sigma_m;
   return sight;

@@ -55,7 +55,7 @@ TEST(TwoViewMotion, ExactSightsGiveTheMotion) {
   Random random(1);
   const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior_of(scene));
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 1e-3);
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 1e-3);
   EXPECT_NEAR(motion->turn_rad, radians(18), 1e-6);
   EXPECT_EQ(motion->inliers, 60);
 }
@@ -72,7 +72,7 @@ TEST(TwoViewMotion, CorrectsHeadingAndHeight) {
   prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-8;
   const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 0.01);
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.01);
   EXPECT_NEAR(motion->turn_rad, radians(18), radians(0.02));
 }
 
@@ -85,7 +85,7 @@ TEST(TwoViewMotion, ScalesWithTheHeight) {
   prior.now.agl_m *= 1.1;
   const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - 1.1 * moved(scene)).norm(), 0.01);
+  EXPECT_LT((motion->displacement_m - 1.1 * moved(scene)).norm(), 0.01);
 }
 
 // Pictures that the telemetry turns the other way round show so: their own motion, and by how much they are turned.
@@ -98,7 +98,7 @@ TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsToldAsItIs) {
     prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-8;
     const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
     ASSERT_TRUE(motion) << lie_deg;
-    EXPECT_LT((motion->moved_m - moved(scene)).norm(), 0.5) << lie_deg;
+    EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.5) << lie_deg;
     EXPECT_NEAR(wrap_pi(motion->turn_rad - radians(18)), 0, radians(0.5)) << lie_deg;
     EXPECT_NEAR(std::abs(wrap_pi(motion->solved[3])), radians(std::abs(lie_deg)), radians(0.5)) << lie_deg;
   }
@@ -128,7 +128,7 @@ TEST(TwoViewMotion, IgnoresOutliers) {
   prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-6;
   const auto motion = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 0.01 * moved(scene).norm());
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.01 * moved(scene).norm());
   EXPECT_LE(motion->inliers, 70);
   EXPECT_GE(motion->inliers, 60);
 }
@@ -153,7 +153,7 @@ TEST(TwoViewMotion, CovarianceIsHonest) {
     scene.now.agl_m *= std::exp(random.normal(0, height_sigma));
     const auto motion = solve_two_view_motion(sights_of(scene, 80, random, 0.0015), prior);
     ASSERT_TRUE(motion);
-    const Eigen::Vector2d off = motion->moved_m - moved(scene);
+    const Eigen::Vector2d off = motion->displacement_m - moved(scene);
     nees += off.dot(motion->covariance_m2.inverse() * off) / kTrials;
   }
   EXPECT_LT(nees, 2 + 3.3 * std::sqrt(4.0 / kTrials));
@@ -170,11 +170,11 @@ TEST(TwoViewMotion, KnowsTheSlopeOfTheGround) {
   prior.ground_slope = scene.slope;
   const auto motion = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 1e-3);
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 1e-3);
   prior.ground_slope.setZero();
   const auto level = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(level);
-  EXPECT_GT((level->moved_m - moved(scene)).norm(), 0.5);
+  EXPECT_GT((level->displacement_m - moved(scene)).norm(), 0.5);
 }
 
 // With the priors taken away, however wrong they were, the sights say what they always said.

@@ -227,8 +227,8 @@ TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
   }
   const RecordedFlight flight = recorded();
   const Telemetry& after = flight.flight.frames[2];
-  EXPECT_EQ(after.way.size(), kGap_s / kLongestStretch_s - 1);
-  EXPECT_TRUE(after.way.front().heading_rad && after.way.front().imu_dv_mps);
+  EXPECT_EQ(after.intervals.size(), kGap_s / kLongestStretch_s - 1);
+  EXPECT_TRUE(after.intervals.front().heading_rad && after.intervals.front().imu_dv_mps);
   const Reproduction same = replay(flight);
   EXPECT_GE(same.compared, 5U);
   EXPECT_EQ(same.same, same.compared) << same.first_other.value_or("");

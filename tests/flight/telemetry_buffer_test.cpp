@@ -114,12 +114,12 @@ TEST(TelemetryBuffer, ALongWayIsToldInStretches) {
     buffer.hear(t, attitude(0, 0, yaw_deg(t)));
     buffer.hear(t, ImuSample{1, 0, {3, 0, -kGravity}, {}});  // along the nose
   }
-  EXPECT_TRUE(buffer.at(0).way.empty()) << "the first";
-  EXPECT_TRUE(buffer.at(0.9).way.empty()) << "a usual step";
+  EXPECT_TRUE(buffer.at(0).intervals.empty()) << "the first";
+  EXPECT_TRUE(buffer.at(0.9).intervals.empty()) << "a usual step";
   const Telemetry told = buffer.at(9.9);
-  ASSERT_EQ(told.way.size(), 8);
+  ASSERT_EQ(told.intervals.size(), 8);
   double end_s = 0.9;
-  for (const TelemetryInterval& stretch : told.way) {
+  for (const TelemetryInterval& stretch : told.intervals) {
     EXPECT_NEAR(stretch.seconds, 1, 1e-9);
     end_s += stretch.seconds;
     ASSERT_TRUE(stretch.heading_rad && stretch.imu_dv_mps);
@@ -139,11 +139,11 @@ TEST(TelemetryBuffer, OfAWayLongForgottenItsLengthIsTold) {
   buffer.at(0);
   for (double t = 1; t <= 600; t += 0.1) buffer.hear(t, attitude(0, 0, 90));
   const Telemetry told = buffer.at(600);
-  ASSERT_EQ(told.way.size(), kTelemetryKept_s / kLongestStretch_s);
-  EXPECT_NEAR(told.way.front().seconds, 600 - kTelemetryKept_s, 1e-6);
-  EXPECT_FALSE(told.way.front().imu_dv_mps);
+  ASSERT_EQ(told.intervals.size(), kTelemetryKept_s / kLongestStretch_s);
+  EXPECT_NEAR(told.intervals.front().seconds, 600 - kTelemetryKept_s, 1e-6);
+  EXPECT_FALSE(told.intervals.front().imu_dv_mps);
   double sum_s = 0;
-  for (const TelemetryInterval& stretch : told.way) sum_s += stretch.seconds;
+  for (const TelemetryInterval& stretch : told.intervals) sum_s += stretch.seconds;
   EXPECT_LT(sum_s, 600);
   EXPECT_GT(sum_s, 600 - 1.001 * kLongestStretch_s);
 }

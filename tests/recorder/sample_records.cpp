@@ -13,7 +13,7 @@ Telemetry telemetry(Random& random) {
   if (random.chance(0.7)) told.roll_rad = random.normal();
   if (random.chance(0.5)) told.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
   while (random.chance(0.5)) {
-    TelemetryInterval& stretch = told.way.emplace_back();
+    TelemetryInterval& stretch = told.intervals.emplace_back();
     stretch.seconds = random.uniform(0, 1);
     if (random.chance(0.7)) stretch.heading_rad = random.normal();
     if (random.chance(0.7)) stretch.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 #include "package/tile_container.hpp"
 #include "vision/anchor_matcher.hpp"
 #include "vision/camera_model.hpp"

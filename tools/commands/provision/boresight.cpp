@@ -7,7 +7,7 @@
 #include <ostream>
 
 #include "base/error.hpp"
-#include "estimation/map_sigma.hpp"
+#include "estimation/localizer.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "geodesy/angles.hpp"

@@ -1,18 +1,18 @@
+#include "flow_odometry.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
 
-#include "estimation/odometry.hpp"
-#include "estimation/two_view_step.hpp"
 #include "vision/correlation.hpp"
 #include "vision/patch_match.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kCoarseFootprint_px = 110;  // longer side of the picture for the first, wide look
-constexpr double kLeastOverlap = 0.25;       // of the picture: less says nothing
-constexpr double kLeastLikeness = 0.18;      // of the wide look, at most 1; pictures without overlap reach 0.15
+constexpr double kCoarseFootprint_px = 110;  // longer side of the image for the first, coarse alignment
+constexpr double kLeastOverlap = 0.25;       // of the image: less says nothing
+constexpr double kMinScore = 0.18;      // of the coarse alignment, at most 1; images without overlap reach 0.15
 constexpr double kHeadingStep_rad = 0.06;
 constexpr double kMostTurn_rad = 0.5;     // beyond what the telemetry's heading says
 constexpr double kLeastPatchScore = 0.4;  // the same light, the same season: stricter than against a map
@@ -40,7 +40,7 @@ std::optional<RectifiedFrame> seen_from(const OdometryFrame& frame, const Camera
   return rectify(reduce_frame(frame.grey, frame.camera, pose.agl_m, gsd_m), pose, *grid);
 }
 
-// The picture before as a map for the one now, with room around it so that the one now may overhang.
+// The image before as a map for the one now, with room around it so that the one now may overhang.
 MapWindow as_map(const RectifiedFrame& seen, int margin) {
   MapWindow map;
   cv::copyMakeBorder(seen.image, map.image, margin, margin, margin, margin, cv::BORDER_REPLICATE);
@@ -51,15 +51,15 @@ MapWindow as_map(const RectifiedFrame& seen, int margin) {
   return map;
 }
 
-// The wide look: how far and by how much beyond the telemetry's heading, to a pixel of the coarse pictures.
-std::optional<CameraPose> wide_look(const OdometryFrame& before, const OdometryFrame& now) {
+// The coarse alignment: displacement, and turn beyond the telemetry's heading, to a pixel of the coarse images.
+std::optional<CameraPose> coarse_alignment(const OdometryFrame& before, const OdometryFrame& now) {
   const double gsd_m = footprint_side_m(now.camera, now.agl_m) / kCoarseFootprint_px;
   const auto seen_before = seen_from(before, pose_of(before), gsd_m);
   if (!seen_before) return std::nullopt;
   const double range_rad = std::min(kMostTurn_rad, 2 * now.heading_sigma_rad);
   const int steps = static_cast<int>(std::max(0.0, std::ceil(range_rad / kHeadingStep_rad - 0.5)));
   std::optional<CameraPose> best;
-  double best_score = kLeastLikeness;
+  double best_score = kMinScore;
   for (int i = -steps; i <= steps; ++i) {
     CameraPose pose = pose_of(now);
     pose.attitude.heading_rad += i * kHeadingStep_rad;
@@ -80,13 +80,13 @@ std::optional<CameraPose> wide_look(const OdometryFrame& before, const OdometryF
   return best;
 }
 
-// Patches of the picture now, looked for near where both poses say that they lie in the picture before.
-SharedPixels flow(const OdometryFrame& before, const CameraPose& pose_before, const OdometryFrame& now,
+// Patches of the image now, aligned for near where both poses say that they lie in the image before.
+PixelPairs flow(const OdometryFrame& before, const CameraPose& pose_before, const OdometryFrame& now,
                   const CameraPose& pose_now, double search_px) {
-  SharedPixels shared;
+  PixelPairs pairs;
   const double gsd_m = gsd_at(now.camera, now.agl_m);
   const auto seen_before = seen_from(before, pose_before, gsd_m), seen_now = seen_from(now, pose_now, gsd_m);
-  if (!seen_before || !seen_now) return shared;
+  if (!seen_before || !seen_now) return pairs;
   PatchOptions options;
   options.patch_px = 32;
   options.columns = 14;
@@ -99,21 +99,21 @@ SharedPixels flow(const OdometryFrame& before, const CameraPose& pose_before, co
   };
   const MapWindow map = as_map(*seen_before, static_cast<int>(std::ceil(search_px)) + options.patch_px);
   for (const PatchMatch& match : match_patches(*seen_now, now.camera, pose_now, map, options).found) {
-    shared.before.push_back(pixel(before.camera, pose_before, match.on_map));
-    shared.now.push_back(pixel(now.camera, pose_now, match.in_frame));
+    pairs.before.push_back(pixel(before.camera, pose_before, match.on_map));
+    pairs.now.push_back(pixel(now.camera, pose_now, match.in_frame));
   }
-  return shared;
+  return pairs;
 }
 
 std::optional<OdometryStep> step_between(const OdometryFrame& before, const OdometryFrame& now) {
-  const auto looked = wide_look(before, now);
-  if (!looked) return std::nullopt;
-  CameraPose pose_before = pose_of(before), pose_now = *looked;
+  const auto aligned = coarse_alignment(before, now);
+  if (!aligned) return std::nullopt;
+  CameraPose pose_before = pose_of(before), pose_now = *aligned;
   std::optional<OdometryStep> step;
   for (const double search_px : {14.0, 5.0}) {
-    const SharedPixels shared = flow(before, pose_before, now, pose_now, search_px);
-    const auto measured = measure_step(before, now, shared);
-    if (!measured || measured->step.inliers < kAgreeingShare * static_cast<double>(shared.now.size())) {
+    const PixelPairs pairs = flow(before, pose_before, now, pose_now, search_px);
+    const auto measured = measure_motion(before, now, pairs);
+    if (!measured || measured->step.inliers < kAgreeingShare * static_cast<double>(pairs.now.size())) {
       return std::nullopt;
     }
     const Eigen::Matrix<double, 8, 1>& solved = measured->motion.solved;
@@ -132,7 +132,7 @@ class FlowOdometry final : public OdometryFrontEnd {
  public:
   std::optional<OdometryStep> track(const OdometryFrame& frame) override {
     OdometryFrame now = at_working_size(frame);
-    if (now.grey.data == frame.grey.data) now.grey = frame.grey.clone();  // the caller's picture may change
+    if (now.grey.data == frame.grey.data) now.grey = frame.grey.clone();  // the caller's image may change
     std::optional<OdometryStep> step;
     if (last_) step = step_between(*last_, now);
     last_ = std::move(now);
