@@ -7,7 +7,7 @@
 
 #include "base/random.hpp"
 #include "estimation/flight_smoother.hpp"
-#include "estimation/position_sight.hpp"
+#include "estimation/position_measurement.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -75,7 +75,7 @@ struct End {
 };
 
 // Flies, and demands that blind the position only becomes less sure, in whatever direction.
-End propagate_joint(const Blackout& flight) {
+End fly(const Blackout& flight) {
   F filter(sensors(), true, {0, 0}, 20);
   for (std::size_t i = 0; i < flight.steps.size(); ++i) {
     const FlightStep& step = flight.steps[i];
@@ -96,7 +96,7 @@ TEST(FlightFilterImu, CarriesThroughABlackoutWithATurn) {
   int imu_inside = 0, velocity_inside = 0;
   constexpr int kFlights = 200;
   for (std::uint64_t seed = 0; seed < kFlights; ++seed) {
-    const End imu = propagate_joint(Blackout(seed, true)), velocity = propagate_joint(Blackout(seed, false));
+    const End imu = fly(Blackout(seed, true)), velocity = fly(Blackout(seed, false));
     EXPECT_LT(imu.sigma_m, velocity.sigma_m);
     imu_error += imu.error_m / kFlights, velocity_error += velocity.error_m / kFlights;
     imu_nees += imu.nees / kFlights, velocity_nees += velocity.nees / kFlights;

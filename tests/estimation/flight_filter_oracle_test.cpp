@@ -19,11 +19,11 @@ using Eigen::VectorXd;
 using F = FlightFilter;
 
 PoseMeasurement place(const Vector2d& at, const Matrix2d& covariance) {
-  PoseMeasurement sight;
-  sight.value << at, 0, 0, 0, 0;
-  sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
-  sight.covariance.topLeftCorner<2, 2>() = covariance;
-  return sight;
+  PoseMeasurement measurement;
+  measurement.value << at, 0, 0, 0, 0;
+  measurement.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
+  measurement.covariance.topLeftCorner<2, 2>() = covariance;
+  return measurement;
 }
 
 Matrix2d random_covariance(Random& random, double scale) {

@@ -29,10 +29,10 @@ TelemetryUncertainty sensors() {
 
 // An anchor at a place, with (sigma of) position m, log height, heading, tilt.
 PoseMeasurement anchor(const Vector2d& at, double heading_rad, const Vector2d& tilt_rad, const Vector6d& sigma) {
-  PoseMeasurement sight;
-  sight.value << at, 0, heading_rad, tilt_rad;
-  sight.covariance = sigma.cwiseProduct(sigma).asDiagonal();
-  return sight;
+  PoseMeasurement measurement;
+  measurement.value << at, 0, heading_rad, tilt_rad;
+  measurement.covariance = sigma.cwiseProduct(sigma).asDiagonal();
+  return measurement;
 }
 
 Vector6d vague_but(int index, double sigma) {
@@ -56,18 +56,18 @@ LinearizationPoint believed(const F& filter) {
 // Odometry that says this motion, and of attitude and height only that they stayed as they are believed to be.
 RelativeMotionMeasurement step_of(const F& filter, const LinearizationPoint& before, const Vector2d& moved, double sigma_m,
                     double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
-  RelativeMotionMeasurement sight;
-  sight.before = before;
-  sight.now = believed(filter);
-  sight.value.setZero();
-  sight.value.head<2>() = moved;
+  RelativeMotionMeasurement measurement;
+  measurement.before = before;
+  measurement.now = believed(filter);
+  measurement.value.setZero();
+  measurement.value.head<2>() = moved;
   Eigen::Matrix<double, 8, 1> sigma;
   sigma << sigma_m, sigma_m, height_sigma, turn_sigma_rad, 100, 100, 100, 100;
-  sight.covariance = sigma.cwiseProduct(sigma).asDiagonal();
-  return sight;
+  measurement.covariance = sigma.cwiseProduct(sigma).asDiagonal();
+  return measurement;
 }
 
-void propagate_joint(F& filter, int frames, const Vector2d& step, double sigma_m, double heading_rad = 0) {
+void fly(F& filter, int frames, const Vector2d& step, double sigma_m, double heading_rad = 0) {
   for (int i = 0; i < frames; ++i) {
     const LinearizationPoint before = believed(filter);
     filter.predict(1, heading_rad);
@@ -84,7 +84,7 @@ double off_deg(double a_rad, double b_rad) { return std::abs(degrees(wrap_pi(a_r
 TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
   F filter(sensors(), true, {3, 4}, 10);
   filter.predict(0, radians(20));
-  propagate_joint(filter, 3, {20, 5}, 0.3, radians(20));
+  fly(filter, 3, {20, 5}, 0.3, radians(20));
   filter.update_absolute(place_only({63, 19}, 1));
   for (int i = 0; i < 400; ++i) {
     const Matrix2d before = filter.position_covariance_m2();
@@ -99,7 +99,7 @@ TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
 TEST(FlightFilter, AClockThatStandsMovesNothingButDoubtsThePlace) {
   F filter(sensors(), true, {3, 4}, 10);
   filter.predict(0, radians(20));
-  propagate_joint(filter, 3, {20, 5}, 0.3, radians(20));
+  fly(filter, 3, {20, 5}, 0.3, radians(20));
   const Matrix2d before = filter.position_covariance_m2();
   const Vector2d at = filter.position_m();
   filter.predict(0, radians(20));
@@ -124,7 +124,7 @@ TEST(FlightFilter, TiltThatIsToldNoMoreIsDoubted) {
 TEST(FlightFilter, CarriesOnWithItsVelocityWhichTurnsWithTheAircraft) {
   F straight(sensors(), true, {0, 0}, 1);
   straight.predict(0, radians(90));
-  propagate_joint(straight, 5, {20, 0}, 0.3, radians(90));
+  fly(straight, 5, {20, 0}, 0.3, radians(90));
   F turning = straight;
   straight.predict(3, radians(90));
   EXPECT_LT((straight.position_m() - Vector2d(160, 0)).norm(), 2);
@@ -142,7 +142,7 @@ TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
     uncertainty.agl_relative = agl_relative;
     F filter(uncertainty, true, {0, 0}, 0.01);
     filter.predict(0, radians(90));
-    propagate_joint(filter, frames, {30, 0}, 0.01, radians(90));
+    fly(filter, frames, {30, 0}, 0.01, radians(90));
     return filter.position_covariance_m2();
   };
   const double heading = std::hypot(radians(2), radians(1) / std::sqrt(15));  // bias, and noise that averages out
@@ -159,9 +159,9 @@ TEST(FlightFilter, TwoOpinionsOfAPlaceAreCombinedAsTheTextbookSays) {
   const Matrix2d before = filter.position_covariance_m2();
   Matrix2d measured;
   measured << 4, 1, 1, 9;
-  PoseMeasurement sight = place_only({310, 5}, 1);
-  sight.covariance.topLeftCorner<2, 2>() = measured;
-  filter.update_absolute(sight);
+  PoseMeasurement measurement = place_only({310, 5}, 1);
+  measurement.covariance.topLeftCorner<2, 2>() = measured;
+  filter.update_absolute(measurement);
   const Matrix2d expected = (before.inverse() + measured.inverse()).inverse();
   EXPECT_LT((filter.position_covariance_m2() - expected).norm(), 1e-6);
   const Vector2d position = expected * (before.inverse() * Vector2d(300, 0) + measured.inverse() * Vector2d(310, 5));
@@ -180,11 +180,11 @@ TEST(FlightFilter, UnknownHeadingIsUnsureUntilAnAnchorTellsIt) {
 // Doubted, the heading makes each step uncertain across, until an anchor tells it again.
 TEST(FlightFilter, ADoubtedHeadingMakesTheWayAheadUnsure) {
   F filter(sensors(), true, {0, 0}, 5);
-  propagate_joint(filter, 5, {0, 20}, 0.2);
+  fly(filter, 5, {0, 20}, 0.2);
   const double before_m = filter.position_sigma_m();
   filter.inflate_heading(radians(170));
   EXPECT_GT(filter.sigma(F::heading), radians(100));
-  propagate_joint(filter, 5, {0, 20}, 0.2);
+  fly(filter, 5, {0, 20}, 0.2);
   EXPECT_GT(std::sqrt(filter.position_covariance_m2()(0, 0)), 100) << "100 m flown in an unknown direction";
   EXPECT_LT(std::sqrt(filter.position_covariance_m2()(1, 1)), 2 * before_m) << "linear: along, it knows";
   EXPECT_GT(filter.sigma(F::heading), radians(60)) << "the telemetry's next headings are no better";
@@ -258,10 +258,10 @@ TEST(FlightFilter, InATurnPicturesAreBelievedRatherThanTheCompass) {
     const double was_rad = truth_rad;
     truth_rad += radians(10);
     filter.predict(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
-    RelativeMotionMeasurement sight = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
-    sight.value[3] =
-        wrap_pi((truth_rad - was_rad) - (sight.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
-    filter.update_relative(sight);
+    RelativeMotionMeasurement measurement = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
+    measurement.value[3] =
+        wrap_pi((truth_rad - was_rad) - (measurement.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
+    filter.update_relative(measurement);
   }
   const double off = off_deg(filter.state()[F::heading], truth_rad);
   EXPECT_LT(off, 3) << "it is told 10 degrees less than it has turned";
@@ -287,11 +287,11 @@ TEST(FlightFilter, LearnsTheMounting) {
   for (int i = 0; i < 80; ++i) {
     filter.predict(0.1, kNoHeading);
     const double n = radians(0.8);
-    PoseMeasurement sight =
+    PoseMeasurement measurement =
         anchor({0, 0}, 0, {radians(6) + random.normal(0, radians(3.5)), radians(-2) + random.normal(0, radians(3.5))},
                vague_but(4, n));
-    sight.covariance(5, 5) = n * n;
-    filter.update_absolute(sight);
+    measurement.covariance(5, 5) = n * n;
+    filter.update_absolute(measurement);
   }
   EXPECT_NEAR(degrees(filter.state()[F::pitch_bias]), 6, 1.2);
   EXPECT_NEAR(degrees(filter.state()[F::roll_bias]), -2, 1.2);
@@ -307,9 +307,9 @@ TEST(FlightFilter, LearnsHowMuchTiltChangesWhenNobodyLoggedIt) {
       const double n = radians(0.3);
       filter.predict(1, kNoHeading);
       const auto wobble = [&] { return random.normal(0, std::hypot(wobble_rad, n)); };
-      PoseMeasurement sight = anchor({0, 0}, 0, {radians(3) + wobble(), wobble()}, vague_but(4, n));
-      sight.covariance(5, 5) = n * n;
-      filter.update_absolute(sight);
+      PoseMeasurement measurement = anchor({0, 0}, 0, {radians(3) + wobble(), wobble()}, vague_but(4, n));
+      measurement.covariance(5, 5) = n * n;
+      filter.update_absolute(measurement);
     }
     return degrees(filter.white_tilt_sigma_rad());
   };

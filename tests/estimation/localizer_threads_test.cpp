@@ -40,7 +40,7 @@ struct Flown {
   std::vector<Estimate> told, refined;
 };
 
-Flown propagate_joint(int threads) {
+Flown fly(int threads) {
   const Threads set(threads);
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   Flown flown;
@@ -52,7 +52,7 @@ Flown propagate_joint(int threads) {
 }
 
 TEST(LocalizerThreads, OneAndTwoGiveTheSameBits) {
-  const Flown one = propagate_joint(1), two = propagate_joint(2), again = propagate_joint(2);
+  const Flown one = fly(1), two = fly(2), again = fly(2);
   ASSERT_EQ(one.told.back().source, SourceLabel::satellite_anchored) << "else nothing is compared";
   EXPECT_EQ(bits_of(one.told), bits_of(two.told));
   EXPECT_EQ(bits_of(one.refined), bits_of(two.refined));

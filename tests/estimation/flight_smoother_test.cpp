@@ -32,11 +32,11 @@ struct Flight {
   }
 
   static PoseMeasurement anchor(const Vector2d& at) {
-    PoseMeasurement sight;
-    sight.value << at, 0, 0, 0, 0;
-    sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e6;
-    sight.covariance.topLeftCorner<2, 2>() = Matrix2d::Identity() * 9;
-    return sight;
+    PoseMeasurement measurement;
+    measurement.value << at, 0, 0, 0, 0;
+    measurement.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e6;
+    measurement.covariance.topLeftCorner<2, 2>() = Matrix2d::Identity() * 9;
+    return measurement;
   }
 
   double worst_m(const SmoothedFlight& smoothed) const {

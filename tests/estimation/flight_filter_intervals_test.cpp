@@ -8,7 +8,7 @@
 
 #include "base/random.hpp"
 #include "estimation/flight_smoother.hpp"
-#include "estimation/position_sight.hpp"
+#include "estimation/position_measurement.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -103,7 +103,7 @@ struct End {
   double error_m, nees;
 };
 
-End propagate_joint(
+End fly(
     const Gap& flight, const std::function<FlightStep(FlightStep)>& told = [](const FlightStep& s) { return s; }) {
   F filter(sensors(), true, {0, 0}, 20);
   for (const FlightStep& step : flight.steps) apply_step(filter, told(step), true);
@@ -121,10 +121,10 @@ TEST_P(FlightFilterWay, TurnsThereAndBackAreFollowed) {
   int inside = 0;
   for (std::uint64_t seed = 0; seed < kFlights; ++seed) {
     const Gap flight(seed, GetParam());
-    const End end = propagate_joint(flight);
+    const End end = fly(flight);
     error_m += end.error_m / kFlights, nees += end.nees / kFlights;
     inside += end.nees < 5.991;
-    ends_alone_m += propagate_joint(flight, without_way).error_m / kFlights;
+    ends_alone_m += fly(flight, without_way).error_m / kFlights;
   }
   EXPECT_LT(error_m, 0.5 * ends_alone_m);
   EXPECT_GE(inside, 0.93 * kFlights) << "truth within the 95 % ellipse, mean NEES " << nees;
@@ -157,11 +157,11 @@ TEST(FlightFilterWayOnce, AStretchIsPartOfTheStep) {
   halves.propagate({1, 0.3, Vector2d(0.25, 0)});
   halves.predict(1, 0.3, true, Vector2d(0.25, 0));
   EXPECT_LT((whole.position_m() - halves.position_m()).norm(), 0.1);
-  RelativeMotionMeasurement sight;
-  sight.value << 12, 38, 0, 0, 0, 0, 0, 0;
-  sight.covariance = Eigen::Matrix<double, 8, 8>::Identity() * 1e-4;
-  whole.update_relative(sight);
-  halves.update_relative(sight);
+  RelativeMotionMeasurement measurement;
+  measurement.value << 12, 38, 0, 0, 0, 0, 0, 0;
+  measurement.covariance = Eigen::Matrix<double, 8, 8>::Identity() * 1e-4;
+  whole.update_relative(measurement);
+  halves.update_relative(measurement);
   EXPECT_LT((whole.position_m() - halves.position_m()).norm(), 0.3);
   EXPECT_NEAR(whole.position_sigma_m(), halves.position_sigma_m(), 0.05 * whole.position_sigma_m());
 }

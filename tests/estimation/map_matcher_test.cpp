@@ -1,5 +1,6 @@
 // What every matcher must do: a known place is found with a covariance that owns up to the error, and where the place
 // is not, nothing is confident.
+#include "bench/flow_odometry.hpp"
 #include "vision/place_matcher.hpp"
 
 #include <gtest/gtest.h>
