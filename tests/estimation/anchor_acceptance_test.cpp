@@ -102,7 +102,7 @@ TEST(AnchorGates, ASharpPredictionAndACloseFitNeedFewer) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "it says something else";
 }
 
-TEST(AnchorGates, FaintLikeness) {
+TEST(AnchorGates, LowScore) {
   for (const bool sharp : {false, true}) {
     Attempt attempt;
     attempt.prediction.sigma_m = attempt.limits.sharp_sigma_m + (sharp ? 0 : 1e-6);
@@ -269,7 +269,7 @@ TEST(AnchorGates, FewPatchesAwaitVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "lost, nothing speaks for them either";
 }
 
-TEST(AnchorGates, NotManyWhereNobodyExpectedThemAwaitVotes) {
+TEST(AnchorGates, NotManyAwayFromThePredictionAwaitVotes) {
   Attempt attempt;
   const GateLimits& limits = attempt.limits;
   attempt.match.search.ratio = limits.clear_ratio + 0.01;
@@ -330,7 +330,7 @@ TEST(AnchorGates, AFrameThatDoesNotContinueTheLastOneAwaitsVotes) {
   }
 }
 
-TEST(AnchorGates, SecondedBySharpPredictionsThatSayTheSame) {
+TEST(AnchorGates, CorroboratedBySharpPredictionsThatAgree) {
   const GateLimits limits;
   const AnchorPrediction sharp{limits.expected_chi2, limits.sharp_sigma_m, true};
   EXPECT_TRUE(corroborated(sharp));
@@ -345,7 +345,7 @@ TEST(AnchorGates, SecondedBySharpPredictionsThatSayTheSame) {
   EXPECT_FALSE(corroborated(other)) << "it says something else";
 }
 
-TEST(AnchorGates, AVoteNeedsASecondVoice) {
+TEST(AnchorGates, AVoteNeedsASecondFrame) {
   Attempt attempt;
   attempt.prediction.healthy = false;
   attempt.match.search.ratio = attempt.limits.alone_ratio;
@@ -404,7 +404,7 @@ TEST(AnchorVotes, DisagreementIsNoVote) {
   for (int i = 0; i < 20; ++i) EXPECT_FALSE(vote(votes, 26.0 * i, 0)) << i;
 }
 
-TEST(AnchorVotes, PicturesOfTheSameGroundAreOneVoice) {
+TEST(AnchorVotes, FramesOverTheSameGroundAreOneVote) {
   const Quorum quorum{.min_separation_m = 150};
   AnchorVotes votes;
   for (int i = 0; i < 3; ++i) EXPECT_FALSE(votes.vote({40, 0}, {60.0 * i, 0}, quorum)) << i;
@@ -412,7 +412,7 @@ TEST(AnchorVotes, PicturesOfTheSameGroundAreOneVoice) {
 }
 
 // Three pictures a second, 7 m apart, of which each shows 500 m: eight attempts in a row are two seconds, and one voice.
-TEST(AnchorVotes, HoweverManyPicturesThereAreItTakesTheSameWay) {
+TEST(AnchorVotes, DistanceCountsNotTheFrameRate) {
   for (const int voices : {AnchorVotes::kVotes, AnchorVotes::kVotesAgainstAnchors}) {
     const Quorum quorum{.required_votes = voices, .min_separation_m = 400};
     AnchorVotes votes;
@@ -426,7 +426,7 @@ TEST(AnchorVotes, HoweverManyPicturesThereAreItTakesTheSameWay) {
   }
 }
 
-TEST(AnchorVotes, WhatIsRememberedIsBounded) {
+TEST(AnchorVotes, AttemptsKeptAreBounded) {
   AnchorVotes votes;
   const Quorum quorum{.min_separation_m = 100};
   EXPECT_FALSE(votes.vote({40, 0}, {0, 0}, quorum));
@@ -445,7 +445,7 @@ TEST(AnchorVotes, InASmallWindowTheyMustAgreeCloser) {
   EXPECT_FALSE(vote(votes, 48, 0, quorum)) << "the first is 8 m off";
 }
 
-TEST(AnchorVotes, ABreakForgets) {
+TEST(AnchorVotes, ABreakClearsVotes) {
   AnchorVotes votes;
   vote(votes, 1, 1);
   vote(votes, 1, 1);
@@ -457,12 +457,12 @@ TEST(AnchorVotes, ABreakForgets) {
 
 // ---- Start contradictions
 
-TEST(StartContradictions, WithoutAnyAMatchAnswersForItselfAlone) {
+TEST(StartContradictions, WithoutAnyAMatchHasItsOwnChi2) {
   EXPECT_EQ(StartContradictions().effective_chi2({50, 0}, 3, 8), 3);
 }
 
 // 50 m at a sigma of 8 m, while odometry makes the prediction vaguer.
-TEST(StartContradictions, OneThatIsCarriedAlongWeighsWhatItWeighedAtItsWorst) {
+TEST(StartContradictions, APropagatedContradictionKeepsItsLargestChi2) {
   StartContradictions said;
   said.record({10, 49}, 27, 9.5);
   said.record({9, 48}, 18, 11);
@@ -478,7 +478,7 @@ TEST(StartContradictions, DriftMovesThePlaceByWhatTheTrackHasBecomeVaguer) {
   EXPECT_EQ(said.effective_chi2({0, 100}, 5, 16), 30);
 }
 
-TEST(StartContradictions, ChanceMatchesElsewhereDoNotDriveItOutSoon) {
+TEST(StartContradictions, ChanceMatchesElsewhereDoNotDisplaceItSoon) {
   StartContradictions said;
   said.record({0, 60}, 30, 10);
   for (int i = 0; i < 7; ++i) said.record({100.0 + 60 * i, -200}, 20, 10);
@@ -487,7 +487,7 @@ TEST(StartContradictions, ChanceMatchesElsewhereDoNotDriveItOutSoon) {
   EXPECT_EQ(said.effective_chi2({0, 60}, 5, 10), 5) << "memory is bounded";
 }
 
-TEST(StartContradictions, IsForgottenWhenSettled) {
+TEST(StartContradictions, IsClearedWhenResolved) {
   StartContradictions said;
   said.record({0, 60}, 30, 10);
   said.clear();

@@ -91,7 +91,7 @@ End fly(const Blackout& flight) {
   return {error.norm(), filter.position_sigma_m(), error.dot(filter.position_covariance_m2().inverse() * error)};
 }
 
-TEST(FlightFilterImu, CarriesThroughABlackoutWithATurn) {
+TEST(FlightFilterImu, PropagatesThroughABlackoutWithATurn) {
   double imu_error = 0, imu_nees = 0, velocity_error = 0, velocity_nees = 0;
   int imu_inside = 0, velocity_inside = 0;
   constexpr int kFlights = 200;
@@ -111,7 +111,7 @@ TEST(FlightFilterImu, CarriesThroughABlackoutWithATurn) {
 }
 
 // Two whole circles: a wrong heading's share of the error comes and goes, but nobody has seen it go.
-TEST(FlightFilterImu, FlyingCirclesTeachesNothing) {
+TEST(FlightFilterImu, FlyingCirclesDoesNotReduceUncertainty) {
   F filter(sensors(), true, {0, 0}, 2);
   filter.predict(0, 0.0);
   for (int i = 0; i < 10; ++i) {
@@ -145,7 +145,7 @@ TEST(FlightFilterImu, SmoothingReplaysIt) {
 }
 
 // With a clock that stands the change of velocity is still true, but not how far it led.
-TEST(FlightFilterImu, AClockThatStandsDoubtsThePlaceButNotTheVelocity) {
+TEST(FlightFilterImu, AStoppedClockInflatesThePositionButNotTheVelocity) {
   F filter(sensors(), true, {0, 0}, 5);
   filter.predict(0, 0.0);
   for (int i = 0; i < 5; ++i) {

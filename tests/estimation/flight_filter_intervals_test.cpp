@@ -111,11 +111,11 @@ End fly(
   return {error.norm(), error.dot(filter.position_covariance_m2().inverse() * error)};
 }
 
-class FlightFilterWay : public ::testing::TestWithParam<bool> {};
-INSTANTIATE_TEST_SUITE_P(Sensors, FlightFilterWay, ::testing::Bool(),
+class FlightFilterIntervals : public ::testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(Sensors, FlightFilterIntervals, ::testing::Bool(),
                          [](const auto& test) { return test.param ? "Inertial" : "HeadingsAlone"; });
 
-TEST_P(FlightFilterWay, TurnsThereAndBackAreFollowed) {
+TEST_P(FlightFilterIntervals, OppositeTurnsArePropagated) {
   constexpr int kFlights = 200;
   double error_m = 0, ends_alone_m = 0, nees = 0;
   int inside = 0;
@@ -133,7 +133,7 @@ TEST_P(FlightFilterWay, TurnsThereAndBackAreFollowed) {
 }
 
 // What is thought over later sees the same way.
-TEST(FlightFilterWayOnce, AnAnchorAtItsEndReachesBackOverIt) {
+TEST(FlightFilterInterval, AnAnchorAtItsEndReachesBackOverIt) {
   Gap flight(5, true);
   flight.steps.back().anchor = position_measurement(flight.end, 2);
   const F fresh(sensors(), true, {0, 0}, 20);
@@ -144,7 +144,7 @@ TEST(FlightFilterWayOnce, AnAnchorAtItsEndReachesBackOverIt) {
 }
 
 // One step in two halves is that step: what the last frame is tied to is not lost on the way.
-TEST(FlightFilterWayOnce, AStretchIsPartOfTheStep) {
+TEST(FlightFilterInterval, AnIntervalIsPartOfTheStep) {
   F whole(sensors(), true, {0, 0}, 5), halves(sensors(), true, {0, 0}, 5);
   for (F* filter : {&whole, &halves}) {
     filter->predict(0, 0.3);
@@ -166,7 +166,7 @@ TEST(FlightFilterWayOnce, AStretchIsPartOfTheStep) {
   EXPECT_NEAR(whole.position_sigma_m(), halves.position_sigma_m(), 0.05 * whole.position_sigma_m());
 }
 
-TEST(FlightFilterWayOnce, BeforeTheFirstFrameThereIsNoWay) {
+TEST(FlightFilterInterval, BeforeTheFirstFrameIntervalsAreIgnored) {
   F filter(sensors(), true, {3, 4}, 5);
   filter.propagate({10, 0.0, Vector2d(1, 1)});
   filter.predict(0, 0.0);

@@ -81,7 +81,7 @@ double smallest_growth(const Matrix2d& before, const Matrix2d& after) {
 
 double off_deg(double a_rad, double b_rad) { return std::abs(degrees(wrap_pi(a_rad - b_rad))); }
 
-TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
+TEST(FlightFilter, WithoutMeasurementsUncertaintyOnlyGrows) {
   F filter(sensors(), true, {3, 4}, 10);
   filter.predict(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
@@ -96,7 +96,7 @@ TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
 }
 
 // Frames with the same time were not taken at the same time: somebody's clock stands.
-TEST(FlightFilter, AClockThatStandsMovesNothingButDoubtsThePlace) {
+TEST(FlightFilter, AStoppedClockMovesNothingButInflatesThePosition) {
   F filter(sensors(), true, {3, 4}, 10);
   filter.predict(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
@@ -110,7 +110,7 @@ TEST(FlightFilter, AClockThatStandsMovesNothingButDoubtsThePlace) {
   EXPECT_TRUE(filter.covariance().allFinite());
 }
 
-TEST(FlightFilter, TiltThatIsToldNoMoreIsDoubted) {
+TEST(FlightFilter, TiltThatIsNoLongerMeasuredIsUncertain) {
   F filter(sensors(), true, {0, 0}, 10);
   filter.predict(0, radians(20), true);
   const double told = filter.sigma(F::roll);
@@ -121,7 +121,7 @@ TEST(FlightFilter, TiltThatIsToldNoMoreIsDoubted) {
   EXPECT_NEAR(filter.sigma(F::roll), told, 1e-3);
 }
 
-TEST(FlightFilter, CarriesOnWithItsVelocityWhichTurnsWithTheAircraft) {
+TEST(FlightFilter, PropagatesWithItsVelocityWhichTurnsWithTheAircraft) {
   F straight(sensors(), true, {0, 0}, 1);
   straight.predict(0, radians(90));
   fly(straight, 5, {20, 0}, 0.3, radians(90));
@@ -153,7 +153,7 @@ TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
   EXPECT_LT(std::sqrt(after(10, 0.01, 0.03)(1, 1)), 0.5) << "not across";
 }
 
-TEST(FlightFilter, TwoOpinionsOfAPlaceAreCombinedAsTheTextbookSays) {
+TEST(FlightFilter, TwoMeasurementsOfAPositionAreFusedAsInTextbooks) {
   F filter(sensors(), true, {300, 0}, 20);
   filter.predict(0, kNoHeading);
   const Matrix2d before = filter.position_covariance_m2();
@@ -168,7 +168,7 @@ TEST(FlightFilter, TwoOpinionsOfAPlaceAreCombinedAsTheTextbookSays) {
   EXPECT_LT((filter.position_m() - position).norm(), 1e-6);
 }
 
-TEST(FlightFilter, UnknownHeadingIsUnsureUntilAnAnchorTellsIt) {
+TEST(FlightFilter, UnknownHeadingIsUncertainUntilAnAnchorMeasuresIt) {
   F filter(sensors(), true, {0, 0}, 5);
   filter.predict(0, kNoHeading);
   EXPECT_GT(filter.sigma(F::heading), radians(90));
@@ -178,7 +178,7 @@ TEST(FlightFilter, UnknownHeadingIsUnsureUntilAnAnchorTellsIt) {
 }
 
 // Doubted, the heading makes each step uncertain across, until an anchor tells it again.
-TEST(FlightFilter, ADoubtedHeadingMakesTheWayAheadUnsure) {
+TEST(FlightFilter, AnInflatedHeadingMakesTheCourseUncertain) {
   F filter(sensors(), true, {0, 0}, 5);
   fly(filter, 5, {0, 20}, 0.2);
   const double before_m = filter.position_sigma_m();
@@ -213,7 +213,7 @@ void fly_anchored(F& filter, Random& random, const Compass& compass, double& tru
   }
 }
 
-TEST(FlightFilter, ACircleShowsWhatTheCompassIsOffByOnEveryCourse) {
+TEST(FlightFilter, ACircleRevealsTheDeviationOnEveryCourse) {
   for (const Compass compass : {Compass{radians(5), 0, 0}, Compass{radians(-2), radians(3), radians(-3)}}) {
     Random random(1);
     F filter(sensors(), true, {0, 0}, 5);
@@ -230,7 +230,7 @@ TEST(FlightFilter, ACircleShowsWhatTheCompassIsOffByOnEveryCourse) {
 
 // Learnt on a long leg, it says little of the course after a turn: an autopilot's heading may come off by degrees
 // there.
-TEST(FlightFilter, AfterATurnTheCompassIsDoubted) {
+TEST(FlightFilter, AfterATurnTheCompassIsUncertain) {
   Random random(2);
   F filter(sensors(), true, {0, 0}, 5);
   const Compass compass{radians(2), 0, radians(4)};
@@ -247,7 +247,7 @@ TEST(FlightFilter, AfterATurnTheCompassIsDoubted) {
 }
 
 // Pictures show a turn to a tenth of a degree. What the compass says otherwise is its own error.
-TEST(FlightFilter, InATurnPicturesAreBelievedRatherThanTheCompass) {
+TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
   Random random(3);
   F filter(sensors(), true, {0, 0}, 5);
   const Compass compass{0, 0, radians(5)};
@@ -281,7 +281,7 @@ TEST(FlightFilter, CrossesSouthWithoutAJump) {
   }
 }
 
-TEST(FlightFilter, LearnsTheMounting) {
+TEST(FlightFilter, EstimatesTheBoresight) {
   Random random(2);
   F filter(sensors(), true, {0, 0}, 5);
   for (int i = 0; i < 80; ++i) {
@@ -299,7 +299,7 @@ TEST(FlightFilter, LearnsTheMounting) {
 }
 
 // A bare airframe without logged attitude tilts anew in every frame; a gimbal does not. The frames tell which it is.
-TEST(FlightFilter, LearnsHowMuchTiltChangesWhenNobodyLoggedIt) {
+TEST(FlightFilter, EstimatesTheTiltScatterWhenTiltIsNotLogged) {
   const auto learnt_deg = [](double wobble_rad) {
     Random random(3);
     F filter(sensors(), false, {0, 0}, 5);
@@ -317,7 +317,7 @@ TEST(FlightFilter, LearnsHowMuchTiltChangesWhenNobodyLoggedIt) {
   EXPECT_LT(learnt_deg(radians(0.05)), 0.5);
 }
 
-TEST(FlightFilter, VagueSightsTeachNothing) {
+TEST(FlightFilter, VagueMeasurementsDoNotChangeTheTiltScatter) {
   F filter(sensors(), false, {0, 0}, 5);
   filter.predict(0, radians(10));
   const F before = filter;

@@ -47,7 +47,7 @@ struct Flight {
   }
 };
 
-TEST(FlightLog, AGoodFlightIsSmoothedAsTheFilterDoes) {
+TEST(FlightSmoother, AGoodFlightIsSmoothedAsTheFilterDoes) {
   const Flight flight(40);
   FlightFilter filter = flight.fresh;
   filter.keep_history();
@@ -62,21 +62,21 @@ TEST(FlightLog, AGoodFlightIsSmoothedAsTheFilterDoes) {
   for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(smoothed.frames[i].position_m, expected[i].position_m);
 }
 
-TEST(FlightLog, AnchorsThatAllOthersContradictAreSwitchedOff) {
+TEST(FlightSmoother, AnchorsThatAllOthersContradictAreRejected) {
   const Flight flight(60, {{13, {0, 350}}, {40, {-80, 60}}});
   const SmoothedFlight smoothed = smooth_flight(flight.fresh, flight.steps);
   EXPECT_EQ(smoothed.rejected_anchors, (std::vector<std::size_t>{13, 40})) << "the worst one first";
   EXPECT_LT(flight.worst_m(smoothed), 10);
 }
 
-TEST(FlightLog, AWrongOneAtTheEndIsFoundAsWell) {
+TEST(FlightSmoother, AWrongOneAtTheEndIsFoundAsWell) {
   const Flight flight(31, {{30, {120, 0}}});
   const SmoothedFlight smoothed = smooth_flight(flight.fresh, flight.steps);
   EXPECT_EQ(smoothed.rejected_anchors, (std::vector<std::size_t>{30}));
   EXPECT_LT(flight.worst_m(smoothed), 10);
 }
 
-TEST(FlightLog, AloneInAGapNothingContradictsIt) {
+TEST(FlightSmoother, AloneInAGapNothingContradictsIt) {
   Flight flight(5);
   for (FlightStep& step : flight.steps) {
     step.anchor.reset();
@@ -86,7 +86,7 @@ TEST(FlightLog, AloneInAGapNothingContradictsIt) {
   EXPECT_TRUE(smooth_flight(flight.fresh, flight.steps).rejected_anchors.empty());
 }
 
-TEST(FlightLog, EmptyIsEmpty) {
+TEST(FlightSmoother, EmptyIsEmpty) {
   const Flight flight(1);
   EXPECT_EQ(smooth_flight(flight.fresh, {}).frames.size(), 1U) << "the filter's own beginning";
 }

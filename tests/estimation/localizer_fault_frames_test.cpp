@@ -52,7 +52,7 @@ TEST(FaultyFrames, CloudsHideTheGround) {
 }
 
 // One frame of another place in the middle of a flight, as a mixed-up recording has them.
-TEST(FaultyFrames, AFrameFromElsewhereIsRefusedAndForgotten) {
+TEST(FaultyFrames, AFrameFromElsewhereIsRejectedAndForgotten) {
   const auto& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   expect_honest(localizer.process(moments[0].image, moments[0].telemetry), moments[0]);
@@ -135,7 +135,7 @@ TEST_P(JumpingClock, AnchorsRightlyOrNotAtAll) {
 }
 
 // Blind, a clock that leaps ahead makes the position less certain, never more.
-TEST(FaultyFrames, BlindLeapsOfTheClockNeverMakeItSurer) {
+TEST(FaultyFrames, BlindLeapsOfTheClockNeverReduceUncertainty) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   double last_sigma = localizer.process(short_flight()[0].image, short_flight()[0].telemetry).estimate.sigma_m;
   Telemetry told = short_flight()[1].telemetry;
@@ -154,7 +154,7 @@ TEST(FaultyFrames, BlindLeapsOfTheClockNeverMakeItSurer) {
 }
 
 // The same bits again are a frozen camera, not an aircraft that stands still.
-TEST(FaultyFrames, AFrozenPictureAnchorsNothing) {
+TEST(FaultyFrames, AFrozenImageAnchorsNothing) {
   const auto& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   double last_sigma = localizer.process(moments[0].image, moments[0].telemetry).estimate.sigma_m;
@@ -169,7 +169,7 @@ TEST(FaultyFrames, AFrozenPictureAnchorsNothing) {
 }
 
 // Pictures that go on straight while the telemetry turns about: one of them lies, and no track goes on over that.
-TEST(FaultyFrames, ATurnThatThePicturesDoNotShowIsDoubted) {
+TEST(FaultyFrames, ATurnThatTheImagesDoNotShowIsUncertain) {
   const std::vector<Moment>& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, start(), config());
   for (std::size_t i = 0; i < moments.size(); ++i) {
@@ -200,7 +200,7 @@ TEST(FaultyFrames, OverAMapAHeadingThatJumpsIsFoundAnew) {
 }
 
 // Tilt that is told no more is not level flight.
-TEST(FaultyFrames, AttitudeThatIsLostInABankIsDoubted) {
+TEST(FaultyFrames, AttitudeThatIsLostInABankIsUncertain) {
   std::vector<Moment> moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   for (std::size_t i = 0; i < moments.size(); ++i) {

@@ -83,7 +83,7 @@ TEST_P(ShiftedMap, IsNotAnchoredByAFlightThatKnowsWhereItBegan) {
 
 // A start that the map hardly allows: what one frame said against it weighs as much with the next, although odometry
 // has made the prediction vaguer meanwhile.
-TEST(FaultyMap, AStartThatTheMapHardlyAllowsIsDoubtedByMoreThanOneFrame) {
+TEST(FaultyMap, AStartThatTheMapHardlyAllowsNeedsMoreThanOneFrame) {
   LocalizerConfig configured = config();
   configured.start_sigma_m = 12;
   const PlanePoint begin = short_flight()[0].truth.position;

@@ -61,7 +61,7 @@ TEST(LateAnchor, AtOnceItIsProcess) {
   }
 }
 
-TEST(LateAnchor, FramesAreFollowedWhileItRuns) {
+TEST(LateAnchor, FramesAreTrackedWhileItRuns) {
   Localizer localizer = fresh();
   auto first = localizer.track(short_flight()[0].image, short_flight()[0].telemetry);
   ASSERT_TRUE(first.job);
@@ -86,7 +86,7 @@ TEST(LateAnchor, ATrackThatBrokeMeanwhileIsStillPlacedButNotWhole) {
   EXPECT_EQ(report.estimate.segment, 1);
 }
 
-TEST(LateAnchor, AHealthyFlightLooksAtTheMapWhenItHasFlownSomeWay) {
+TEST(LateAnchor, AHealthyFlightIsMatchedAfterSomeDistance) {
   LocalizerConfig sparing = config();
   sparing.anchor_every_m = 1000;
   sparing.anchor_above_sigma_m = 100;
@@ -101,7 +101,7 @@ TEST(LateAnchor, AHealthyFlightLooksAtTheMapWhenItHasFlownSomeWay) {
                                    AnchorVerdict::not_tried}));
 }
 
-TEST(LateAnchor, WhatIsBelievedComesAlong) {
+TEST(LateAnchor, TheStateEstimateIsReported) {
   Localizer localizer = fresh();
   FrameReport report;
   for (const Moment& moment : short_flight()) report = localizer.process(moment.image, moment.telemetry);
@@ -111,7 +111,7 @@ TEST(LateAnchor, WhatIsBelievedComesAlong) {
   EXPECT_NEAR(report.state.heading_rad, short_flight().back().truth.attitude.heading_rad, 0.05);
 }
 
-TEST(LateAnchor, OneThatNeverRanSaysNothing) {
+TEST(LateAnchor, AJobThatNeverRanHasNoEffect) {
   Localizer localizer = fresh();
   auto first = localizer.track(short_flight()[0].image, short_flight()[0].telemetry);
   const FrameReport report = localizer.finish(std::move(first.job));
@@ -121,7 +121,7 @@ TEST(LateAnchor, OneThatNeverRanSaysNothing) {
 }
 
 // Given up is not "not found": no verdict, no failed look that would widen the search.
-TEST(LateAnchor, OneThatWasGivenUpIsOneThatNeverRan) {
+TEST(LateAnchor, ACancelledJobIsOneThatNeverRan) {
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};
   for (const auto& [begin, where] :

@@ -66,7 +66,7 @@ void expect_placed(const FrameReport& report, const Moment& moment) {
   EXPECT_LT(off_m(report.estimate, moment), 3.0);
 }
 
-TEST(LostLocalizer, LooksWhereTheMemoryPoints) {
+TEST(LostLocalizer, SearchesWhereThePlaceIndexPoints) {
   const Moment& first = short_flight()[0];
   const Parrot memory({{150, 150}, first.truth.position, {-150, 150}});
   LocalizerConfig c = anywhere();
@@ -78,7 +78,7 @@ TEST(LostLocalizer, LooksWhereTheMemoryPoints) {
   EXPECT_EQ(memory.asked, 1) << "it is not lost any more";
 }
 
-TEST(LostLocalizer, FindsItselfWhereTheMemoryIsWrongOrSilent) {
+TEST(LostLocalizer, RecoversWhereThePlaceIndexIsWrongOrEmpty) {
   for (const std::vector<PlanePoint>& places : {std::vector<PlanePoint>{{150, 150}, {150, -150}}, {}, {{9e4, 0}}}) {
     const Parrot memory(places);
     LocalizerConfig c = anywhere();
@@ -90,7 +90,7 @@ TEST(LostLocalizer, FindsItselfWhereTheMemoryIsWrongOrSilent) {
 }
 
 // The heading is not told. The camera's foot point lies off the picture's middle, on a side that turns with it.
-TEST(LostLocalizer, TurnsWithTheHeadingThatTheMemoryNames) {
+TEST(LostLocalizer, UsesTheHeadingThatThePlaceIndexNames) {
   Moment first = short_flight()[0];
   first.telemetry.heading_rad = std::nullopt;
   const Parrot memory({first.truth.position}, first.truth.attitude.heading_rad + radians(4));  // assumed: north
@@ -103,7 +103,7 @@ TEST(LostLocalizer, TurnsWithTheHeadingThatTheMemoryNames) {
 }
 
 // The ratio compares with all of the area: a memory that names one place only cannot make it look unique.
-TEST(LostLocalizer, OverAnotherLandscapeNoMemoryAndNoHintMakesAnAnchor) {
+TEST(LostLocalizer, OverAnotherLandscapeNeitherPlaceIndexNorHintMakesAnAnchor) {
   const test::Landscape other(78, 160);
   const Parrot memory({short_flight()[0].truth.position});
   LocalizerConfig c = anywhere();
@@ -140,7 +140,7 @@ TEST(Hint, RightOrWrongTheFrameIsPlacedWhereItIs) {
 }
 
 // The start claims 5 m and is 190 m off, so that no window around it holds the place. A hint makes it doubted.
-TEST(Hint, DoubtsAStartThatNoAnchorConfirmed) {
+TEST(Hint, InflatesAStartThatNoAnchorConfirmed) {
   LocalizerConfig sure = anywhere();
   sure.start_sigma_m = 5;
   const auto start = place_of({70, 90});
@@ -153,7 +153,7 @@ TEST(Hint, DoubtsAStartThatNoAnchorConfirmed) {
   expect_placed(fly(told, first), first);
 }
 
-TEST(Hint, DoesNotTouchWhatAnchorsConfirm) {
+TEST(Hint, DoesNotChangeWhatAnchorsConfirm) {
   Localizer one(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
   Localizer other(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
   fly(one, short_flight()[0]);
@@ -165,7 +165,7 @@ TEST(Hint, DoesNotTouchWhatAnchorsConfirm) {
   EXPECT_EQ(plain.sigma_m, hinted.sigma_m);
 }
 
-TEST(Hint, RefusesWhatIsNoPlace) {
+TEST(Hint, RejectsInvalidPositions) {
   Localizer localizer = lost_with(anywhere());
   const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
   using Said = std::array<double, 3>;
@@ -199,7 +199,7 @@ TEST(Localizer, ColdStartFindsItselfInTheArea) {
 }
 
 // A few pixels of the map are everywhere.
-TEST(Localizer, OnTheGroundItIsNotSearchedFor) {
+TEST(Localizer, OnTheGroundItIsNotMatched) {
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
@@ -216,7 +216,7 @@ TEST(Localizer, OnTheGroundItIsNotSearchedFor) {
             AnchorVerdict::accepted);
 }
 
-TEST(Localizer, ColdStartOverAnotherLandscapeTellsNothing) {
+TEST(Localizer, ColdStartOverAnotherLandscapePublishesNothing) {
   const test::Landscape other(78, 160);
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};
@@ -230,7 +230,7 @@ TEST(Localizer, ColdStartOverAnotherLandscapeTellsNothing) {
 }
 
 // The start is 45 m off and claims 5. Is it wrong, or the map? Nothing is anchored, but sigma owns up to both.
-TEST(Localizer, AStartThatFramesContradictIsDoubted) {
+TEST(Localizer, AStartThatFramesContradictIsUncertain) {
   LocalizerConfig sure = config();
   sure.start_sigma_m = 5;
   const PlanePoint truth = short_flight()[0].truth.position;

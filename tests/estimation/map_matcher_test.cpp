@@ -106,7 +106,7 @@ TEST_P(Matcher, GivesUpAnAreaWithoutAResult) {
   EXPECT_THROW(matcher->match_among(moment().image, prior, kTwoWindows, {kTwoWindows, nullptr}), Interrupted);
 }
 
-TEST_P(Matcher, SaysTheSameTwice) {
+TEST_P(Matcher, IsDeterministic) {
   const AnchorPrior prior = prior_near(moment().truth);
   const auto matcher = GetParam().make(map(landscape_tiles()));
   const AnchorMatch first = matcher->match(moment().image, prior);
@@ -150,7 +150,7 @@ TEST_P(Matcher, ACameraThatSeesTheHorizonMatchesNothing) {
 }
 
 // The localizer takes any front end and any matcher.
-TEST_P(Matcher, CarriesTheLocalizer) {
+TEST_P(Matcher, WorksInTheLocalizer) {
   LocalizerConfig configured = config();
   configured.odometry = make_flow_odometry;
   configured.matcher = GetParam().make;

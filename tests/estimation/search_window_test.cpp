@@ -26,7 +26,7 @@ TEST(SearchWindow, ThreeSigmasWithinLimits) {
   EXPECT_DOUBLE_EQ(window.radius_m(5000), 600);
 }
 
-TEST(SearchWindow, GrowsWithFramesThatFitNowhere) {
+TEST(SearchWindow, GrowsWithFramesThatMatchNowhere) {
   SearchWindow window(60, 600, kArea);
   double last = window.radius_m(5);
   for (int i = 0; i < 40; ++i) {
@@ -41,7 +41,7 @@ TEST(SearchWindow, GrowsWithFramesThatFitNowhere) {
   EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
 }
 
-TEST(SearchWindow, WhereThereIsNoMapNothingSpeaksAgainstThePrediction) {
+TEST(SearchWindow, WithoutMapNothingContradictsThePrediction) {
   SearchWindow window(60, 600, kArea);
   for (int i = 0; i < 40; ++i) window.record_attempt(AnchorVerdict::no_map);
   EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
@@ -55,7 +55,7 @@ TEST(SearchWindow, LostWhenNoWindowSurelyHoldsThePlace) {
   EXPECT_FALSE(SearchWindow(60, 600, std::nullopt).lost(true, 5000)) << "there is no area to search";
 }
 
-TEST(SearchWindow, WhatOfTheAreaIsLeft) {
+TEST(SearchWindow, ReachableArea) {
   const SearchWindow window(60, 600, kArea);
   expect_box(window.reachable_area(false, {0, 0}, 1), -1000, -500, 1000, 500);
   expect_box(window.reachable_area(true, {900, 0}, 100), 600, -300, 1000, 300);
@@ -72,7 +72,7 @@ TEST(SearchWindow, SearchesLargeAreasInParts) {
   window.record_attempt(AnchorVerdict::accepted);
   expect_box(window.next_part(area, {-300, 0}), -1000, -500, 0, 500);
 
-  SearchWindow other(config());
+  SearchWindow other(60, 600, kArea);
   double searched_m2 = 0;
   for (int i = 0; i < 4; ++i) {
     const PlaneBox part = other.next_part({0, 0, 5000, 1500}, {5000, 700});
@@ -82,7 +82,7 @@ TEST(SearchWindow, SearchesLargeAreasInParts) {
   EXPECT_DOUBLE_EQ(searched_m2, 5000.0 * 1500);
 }
 
-TEST(OperatorHint, IsLookedAtWithinItsRadius) {
+TEST(OperatorHint, IsSearchedWithinItsRadius) {
   const OperatorHint hint({200, 100}, 150);
   EXPECT_FALSE(hint.propagating());
   expect_box(hint.box({0, 0}, 900, std::nullopt), 50, -50, 350, 250);
@@ -93,7 +93,7 @@ TEST(OperatorHint, IsNeverSoNarrowThatNothingCompetes) {
 }
 
 // 3-4-5: the variance grew by 30 squared; three sigma are 90 m.
-TEST(OperatorHint, IsCarriedByOdometryAndGrowsVague) {
+TEST(OperatorHint, IsPropagatedByOdometryAndGrows) {
   OperatorHint hint({200, 100}, 150);
   hint.start_propagation({-700, 40}, 40);
   EXPECT_TRUE(hint.propagating());

@@ -50,7 +50,7 @@ Eigen::Vector2d moved(const Scene& scene) {
           scene.now.position.north_m - scene.before.position.north_m};
 }
 
-TEST(TwoViewMotion, ExactSightsGiveTheMotion) {
+TEST(TwoViewMotion, ExactRaysGiveTheMotion) {
   const Scene scene;
   Random random(1);
   const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior_of(scene));
@@ -89,7 +89,7 @@ TEST(TwoViewMotion, ScalesWithTheHeight) {
 }
 
 // Pictures that the telemetry turns the other way round show so: their own motion, and by how much they are turned.
-TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsToldAsItIs) {
+TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsReportedAsItIs) {
   for (const double lie_deg : {-150.0, 40.0, 90.0, 180.0}) {
     const Scene scene;
     Random random(6);
@@ -105,7 +105,7 @@ TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsToldAsItIs) {
 }
 
 // Every point moved another way: there is a solution of least squares, and it is none.
-TEST(TwoViewMotion, WhatNoMotionFitsIsRefused) {
+TEST(TwoViewMotion, WhatNoMotionExplainsIsRejected) {
   const Scene scene;
   Random random(7);
   auto sights = sights_of(scene, 60, random);
@@ -134,7 +134,7 @@ TEST(TwoViewMotion, IgnoresOutliers) {
 }
 
 // Its covariance is meant to be careful (neighbouring features err alike): errors as large as it says at most.
-TEST(TwoViewMotion, CovarianceIsHonest) {
+TEST(TwoViewMotion, CovarianceIsConsistent) {
   Random random(5);
   constexpr int kTrials = 200;
   double nees = 0;
@@ -178,7 +178,7 @@ TEST(TwoViewMotion, KnowsTheSlopeOfTheGround) {
 }
 
 // With the priors taken away, however wrong they were, the sights say what they always said.
-TEST(TwoViewMotion, WhatTheSightsSayForgetsThePriors) {
+TEST(TwoViewMotion, TheImagesInformationHoldsNoPriors) {
   const Scene scene;
   Random random(8);
   const auto sights = sights_of(scene, 200, random, 0.0005);

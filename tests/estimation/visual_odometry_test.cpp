@@ -121,7 +121,7 @@ TEST_P(Odometry, NothingOverAnotherLandscape) {
 }
 
 // The error is what the covariance says: a motion in each direction, within its ellipse.
-TEST_P(Odometry, TheCovarianceOwnsUpToTheError) {
+TEST_P(Odometry, TheCovarianceCoversTheError) {
   for (const double course : {0.3, 1.9, 3.4, 5.2}) {
     const CameraPose a{{0, 0}, 120, {course, radians(2), radians(-3)}};
     const CameraPose b{{35 * std::sin(course), 35 * std::cos(course)}, 121, {course + 0.05, radians(-1), radians(2)}};
