@@ -9,7 +9,7 @@
 #include "base/error.hpp"
 #include "candidates/candidate_sql.hpp"
 #include "candidates/catalogue_transaction.hpp"
-#include "catalogue/catalogue_shapes.hpp"
+#include "catalogue/geometry.hpp"
 #include "trust/base64.hpp"
 
 namespace nadir {

@@ -9,7 +9,7 @@
 #include <span>
 
 #include "candidates/catalogue_rows.hpp"
-#include "catalogue/catalogue_database.hpp"
+#include "catalogue/database.hpp"
 
 namespace nadir {
 

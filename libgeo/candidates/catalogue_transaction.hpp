@@ -2,7 +2,7 @@
 #pragma once
 
 #include "candidates/catalogue_rows.hpp"
-#include "catalogue/catalogue_database.hpp"
+#include "catalogue/database.hpp"
 
 namespace nadir {
 

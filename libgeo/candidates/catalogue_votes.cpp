@@ -5,7 +5,7 @@
 
 #include "candidates/candidate_catalogue.hpp"
 #include "candidates/catalogue_transaction.hpp"
-#include "catalogue/catalogue_shapes.hpp"
+#include "catalogue/geometry.hpp"
 
 namespace nadir {
 namespace {

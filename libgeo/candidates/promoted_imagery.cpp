@@ -18,7 +18,7 @@
 #include "base/json.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "raster/gdal_dataset.hpp"
-#include "raster/imagery_facts.hpp"
+#include "raster/imagery_input.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;

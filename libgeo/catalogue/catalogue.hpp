@@ -5,16 +5,19 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "base/finding.hpp"
 #include "base/progress.hpp"
-#include "catalogue/catalogue_database.hpp"
-#include "catalogue/catalogue_gap.hpp"
+#include "catalogue/database.hpp"
+#include "catalogue/coverage_gaps.hpp"
 #include "package/manifest.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"
+#include "package/verify.hpp"
 
 namespace nadir {
 
@@ -60,7 +63,7 @@ class Catalogue {
   bool remove(const std::string& series, std::int64_t sequence);
 
   // In the layer `gaps`, in place of what was stored for this mission before.
-  void store_gaps(const std::string& mission, UtcTime judged_at, const std::vector<CatalogueGap>& gaps);
+  void store_gaps(const std::string& mission, UtcTime evaluated_at, const std::vector<CatalogueGap>& gaps);
 
  private:
   std::optional<CataloguedPackage> find(const std::string& series, std::int64_t sequence);
@@ -68,10 +71,24 @@ class Catalogue {
   void add_plan(const CatalogueEntry& entry, std::int64_t package_id);
   void add_tiles(const CatalogueEntry& entry, std::int64_t package_id, Progress& progress);
   void add_gap(const CatalogueGap& gap, std::optional<std::int64_t> package_id, const std::string& mission,
-               UtcTime judged_at);
+               UtcTime evaluated_at);
   void expect_count(const char* table, std::int64_t package_id, std::size_t count);
 
   CatalogueDatabase database_;
 };
+
+// Reads a package for the catalogue: what may go in, and why not where it may not.
+
+// entry is there exactly when no finding refuses.
+struct CatalogueReading {
+  Findings findings;
+  std::optional<CatalogueEntry> entry;
+};
+
+// With options the package is verified with them. Without, its parts must fit each other (the mission and the tiles'
+// digests those of the manifest), but nobody vouches for them. Throws Error when there is no package or it cannot be
+// read.
+CatalogueReading read_catalogue_entry(const std::filesystem::path& package, const VerifyOptions* options,
+                                      Progress& progress);
 
 }  // namespace nadir

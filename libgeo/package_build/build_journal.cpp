@@ -30,7 +30,7 @@ std::string difference(std::string_view text, std::string_view other) {
   for (const std::string_view line : lines_of(text)) {
     if (std::find(others.begin(), others.end(), line) == others.end()) return std::string(line);
   }
-  return "nothing of the kind";
+  return "no such line";
 }
 
 }  // namespace
@@ -43,11 +43,11 @@ BuildJournal::BuildJournal(const std::filesystem::path& path, std::string_view c
     return;
   }
   if (as_text(*before) == configuration) return;
-  throw UsageError({.what = "the build that was begun here had other inputs or options",
+  throw UsageError({.what = "the interrupted build had other inputs or options",
                     .where = path.string(),
                     .expected = difference(as_text(*before), configuration),
                     .found = difference(configuration, as_text(*before)),
-                    .fix = "resume with the inputs and options of then, or build from the start without --resume"});
+                    .fix = "resume with the same inputs and options, or build from the start without --resume"});
 }
 
 std::optional<Bytes> BuildJournal::read_record() {

@@ -1,6 +1,8 @@
-// What a build has done so far, so that a killed one can go on: its configuration, then one record for each metatile in
-// the order in which they are written. Records are whole or not at all (length and digest before the bytes); what
-// follows the last whole one is cut off.
+// The progress of a build on disk, so that an interrupted build can be resumed: its configuration, then one record per
+// metatile in the order in which they are written.
+//
+// A record is 8 bytes of length (big endian), the SHA-256 of the bytes, then the bytes. Whatever follows the last
+// complete record is cut off.
 #pragma once
 
 #include <filesystem>
@@ -17,10 +19,10 @@ inline constexpr const char* kJournalFile = "build.journal";
 class BuildJournal {
  public:
   // configuration: lines "name: value" of everything that the result depends on. Throws UsageError, and leaves the
-  // file as it is, when it belongs to another configuration. One without a whole configuration begins anew.
+  // file unchanged, when it belongs to another configuration. A file without a complete configuration is restarted.
   BuildJournal(const std::filesystem::path& path, std::string_view configuration);
 
-  // The next whole record; nullopt at their end, and from then on add() may be called.
+  // The next complete record; nullopt at the end, and from then on add() may be called.
   std::optional<Bytes> next();
   void add(ByteView record);
 

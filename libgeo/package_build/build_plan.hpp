@@ -1,16 +1,46 @@
-// Which metatiles a build or an update makes, and how many tiles they come to.
+// Which tiles a build or an update makes, known before a pixel is read: where the imagery lies, around what the mission
+// requires.
+//
+// Work is split into metatiles: square blocks of tiles, aligned to a coarser zoom, which are warped at once.
 #pragma once
 
 #include <cstdint>
 #include <span>
 #include <vector>
 
-#include "package_build/tile_plan.hpp"
+#include "package/mission.hpp"
+#include "raster/imagery_input.hpp"
 
 namespace nadir {
 
-// Metatiles of the range that come within kMargin_m of the sectors or of the corridor: the box around a long route is
-// mostly nobody's need. In the order of a space-filling curve: what is near in the plane stays near in the sequence.
+inline constexpr int kTilePixels = kTileSize * kTileSize;
+
+// A rectangle of tiles of one zoom; the last column and row are included. Empty when last < first.
+struct TileRange {
+  int zoom = 0;
+  std::int64_t first_x = 0, first_y = 0, last_x = -1, last_y = -1;
+
+  bool empty() const { return last_x < first_x || last_y < first_y; }
+  std::int64_t count() const { return empty() ? 0 : (last_x - first_x + 1) * (last_y - first_y + 1); }
+  bool contains(const TileKey& key) const {
+    return key.z == zoom && key.x >= first_x && key.x <= last_x && key.y >= first_y && key.y <= last_y;
+  }
+  TileRange at_zoom(int coarser) const;
+};
+
+// At the mission's finest zoom: tiles that both the imagery and the mission's bounds plus a margin touch. The margin
+// lets an aircraft at the edge of its corridor match what lies beyond.
+inline constexpr double kMargin_m = 250.0;
+TileRange wanted_range(const Mission& mission);  // if imagery covered everything
+TileRange plan_range(const Mission& mission, std::span<const ImageryInput> inputs);
+
+// The sidecars of the tiles that the mission requires, as they would be if every pixel inside the outlines were valid.
+// Errors that they show are reported before any work. Digests are missing.
+std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const ImageryInput> inputs,
+                                   const TileRange& range);
+
+// Metatiles of the range that come within kMargin_m of the sectors or of the corridor: most of the box around a long
+// route is not needed. In Morton order: neighbours in the plane stay close in the sequence.
 std::vector<TileKey> metatiles_of(const Mission& mission, const TileRange& range);
 
 struct ZoomCount {
@@ -20,10 +50,11 @@ struct ZoomCount {
   bool operator==(const ZoomCount&) const = default;
 };
 
-// The tiles of the metatiles and of the overviews above them, from min_zoom to the finest, if imagery covers all.
+// The number of tiles of the metatiles and of the overviews above them, from min_zoom to the finest, if imagery covers
+// everything.
 std::vector<ZoomCount> count_tiles(std::span<const TileKey> metatiles, const TileRange& range, int min_zoom);
 
-// What a build makes of this mission where imagery covers everything.
+// The number of tiles of a build of this mission if imagery covers everything.
 std::vector<ZoomCount> count_whole_build(const Mission& mission);
 
 }  // namespace nadir

@@ -33,7 +33,7 @@ TileBox box_of(const std::filesystem::path& folder) {
   while (const auto candidate = reader.next(damaged)) {
     const TileKey& key = candidate->sidecar.key;
     if (box.tiles > 0 && key.z != box.zoom) {
-      throw Error({.what = "candidate tiles of several zooms make no one mosaic", .where = folder.string()});
+      throw Error({.what = "candidate tiles of different zooms cannot form one mosaic", .where = folder.string()});
     }
     box.zoom = key.z;
     box.west = std::min(box.west, key.x), box.east = std::max(box.east, key.x);
@@ -43,12 +43,12 @@ TileBox box_of(const std::filesystem::path& folder) {
   if (box.tiles == 0) {
     throw Error({.what = "there are no candidate tiles for a mosaic",
                  .where = folder.string(),
-                 .fix = "nadir ortho says why frames and tiles were left out"});
+                 .fix = "`nadir ortho` lists why frames and tiles were rejected"});
   }
   return box;
 }
 
-// Blue, green, red and opacity, one behind the other.
+// Copies every candidate tile into the image, and marks it as opaque.
 void paint(const std::filesystem::path& folder, const TileBox& box, int halvings, cv::Mat& image, cv::Mat& mask,
            Progress& progress) {
   const int side = kTileSize >> halvings;
@@ -78,7 +78,7 @@ CandidateMosaic write_candidate_mosaic(const std::filesystem::path& folder, cons
   while (halvings < 7 && columns * rows * (kTileSize >> halvings) * (kTileSize >> halvings) > max_pixels) ++halvings;
   const int side = kTileSize >> halvings;
   if (columns * rows * side * side > max_pixels) {
-    throw UsageError({.what = "the candidate tiles lie too far apart for one picture",
+    throw UsageError({.what = "the candidate tiles are too far apart for one image",
                       .where = folder.string(),
                       .expected = fmt::format("at most {} pixels", max_pixels),
                       .found = fmt::format("{} x {} tiles", columns, rows)});
@@ -98,34 +98,34 @@ CandidateMosaic write_candidate_mosaic(const std::filesystem::path& folder, cons
   GDALDriver* memory = GetGDALDriverManager()->GetDriverByName("MEM");
   GDALDriver* cog = GetGDALDriverManager()->GetDriverByName("COG");
   need(memory != nullptr && cog != nullptr);
-  const GdalHandle picture(memory->Create("", mosaic.width, mosaic.height, 3, GDT_Byte, nullptr));
-  need(picture != nullptr);
+  const GdalHandle raster(memory->Create("", mosaic.width, mosaic.height, 3, GDT_Byte, nullptr));
+  need(raster != nullptr);
   const double pixel_m = mercator_pixel_m(mosaic.zoom);
   const MercatorXY corner = mercator_from_lonlat(lonlat_from_pixel(
       {static_cast<double>(box.west) * kTileSize, static_cast<double>(box.north) * kTileSize}, box.zoom));
   std::array<double, 6> transform{corner.x_m, pixel_m, 0, corner.y_m, 0, -pixel_m};
   OGRSpatialReference system;
-  need(system.importFromEPSG(3857) == OGRERR_NONE && picture->SetGeoTransform(transform.data()) == CE_None &&
-       picture->SetSpatialRef(&system) == CE_None && picture->CreateMaskBand(GMF_PER_DATASET) == CE_None);
+  need(system.importFromEPSG(3857) == OGRERR_NONE && raster->SetGeoTransform(transform.data()) == CE_None &&
+       raster->SetSpatialRef(&system) == CE_None && raster->CreateMaskBand(GMF_PER_DATASET) == CE_None);
   constexpr std::array<GDALColorInterp, 3> kColours{GCI_RedBand, GCI_GreenBand, GCI_BlueBand};
   for (int band = 0; band < 3; ++band) {
-    GDALRasterBand* target = picture->GetRasterBand(band + 1);
+    GDALRasterBand* target = raster->GetRasterBand(band + 1);
     need(target->SetColorInterpretation(kColours[static_cast<std::size_t>(band)]) == CE_None &&
          target->RasterIO(GF_Write, 0, 0, mosaic.width, mosaic.height, image.data + (2 - band), mosaic.width,
                           mosaic.height, GDT_Byte, 3, static_cast<GSpacing>(image.step[0]), nullptr) == CE_None);
   }
-  need(picture->GetRasterBand(1)->GetMaskBand()->RasterIO(GF_Write, 0, 0, mosaic.width, mosaic.height, mask.data,
+  need(raster->GetRasterBand(1)->GetMaskBand()->RasterIO(GF_Write, 0, 0, mosaic.width, mosaic.height, mask.data,
                                                           mosaic.width, mosaic.height, GDT_Byte, 0, 0,
                                                           nullptr) == CE_None);
   std::array<const char*, 7> options{
       "COMPRESS=JPEG", "QUALITY=85",       "BLOCKSIZE=256", "OVERVIEW_RESAMPLING=AVERAGE",
       "NUM_THREADS=1", "BIGTIFF=IF_SAFER", nullptr};
-  // Beside its place, so that what is there is replaced in one step.
+  // In the same folder, so that the file is replaced by a rename.
   StagingDirectory staging(std::filesystem::absolute(path).parent_path() /
                            ("." + path.filename().string() + ".mosaic"));
   const std::filesystem::path file = staging.path() / "mosaic.tif";
   GdalHandle written(
-      cog->CreateCopy(file.c_str(), picture.get(), 0, const_cast<char**>(options.data()), nullptr, nullptr));
+      cog->CreateCopy(file.c_str(), raster.get(), 0, const_cast<char**>(options.data()), nullptr, nullptr));
   need(written != nullptr);
   CPLErrorReset();
   written.reset();

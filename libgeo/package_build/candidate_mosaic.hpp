@@ -1,4 +1,4 @@
-// A flight's candidate tiles as one picture for people: a Cloud Optimized GeoTIFF in EPSG:3857, pixel for pixel the
+// A flight's candidate tiles as one image for viewing: a Cloud Optimized GeoTIFF in EPSG:3857, pixel for pixel the
 // tiles, transparent where there is none. A large flight is written at a coarser zoom.
 #pragma once
 
@@ -17,8 +17,8 @@ struct CandidateMosaic {
 
 inline constexpr std::int64_t kMaxMosaicPixels = 120'000'000;
 
-// folder: of the candidates. Replaces the file in one step; the same tiles give the same bytes. Throws Error when there
-// is no tile, or GDAL cannot write it.
+// folder: of the candidates. Replaces the file atomically; the same tiles give the same bytes. Throws Error when there is
+// no tile, or GDAL cannot write it.
 CandidateMosaic write_candidate_mosaic(const std::filesystem::path& folder, const std::filesystem::path& path,
                                        Progress& progress, std::int64_t max_pixels = kMaxMosaicPixels);
 

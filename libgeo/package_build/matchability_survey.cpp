@@ -1,23 +1,31 @@
 #include "package_build/matchability_survey.hpp"
 
+#include <cpl_vsi.h>
 #include <fmt/format.h>
+#include <gdal_priv.h>
+#include <ogr_spatialref.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
+#include <numeric>
 #include <opencv2/core.hpp>
 #include <utility>
+#include <vector>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "base/ordered_work.hpp"
-#include "raster/one_opencv_thread.hpp"
 #include "imagery/map_window.hpp"
+#include "raster/gdal_dataset.hpp"
+#include "raster/single_opencv_thread.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr int kSamples = 5;        // a cell is needed when one of 5 x 5 places in it is …
-constexpr int kRouteSamples = 20;  // of the route in a cell's side
+constexpr int kSamples = 5;        // per side of a cell: it is needed when one of 5 x 5 samples is
+constexpr int kRouteSamples = 20;  // of the route per side of a cell
 constexpr std::size_t kCachedTiles = 128;
 constexpr std::size_t kTextureSamples = 200;
 
@@ -44,14 +52,14 @@ MatchabilityGrid grid_over(const Region& region, const LocalFrame& frame, int zo
     throw UsageError({.what = "the matchability map would have too many cells",
                       .expected = fmt::format("at most {} cells", kMaxMatchabilityCells),
                       .found = fmt::format("{} x {}", columns, rows),
-                      .fix = "take a larger --step-m"});
+                      .fix = "use a larger --step-m"});
   }
   grid.columns = static_cast<int>(columns);
   grid.rows = static_cast<int>(rows);
   return grid;
 }
 
-// Cells with needed ground in them, and those that a route runs through, however thin its corridor.
+// Cells that overlap the region, and those that a route crosses, however narrow its corridor.
 std::vector<std::size_t> needed_cells(const MatchabilityGrid& grid, const Region& region, const LocalFrame& frame,
                                       double step_m) {
   std::vector<char> needed(grid.cells(), 0);
@@ -59,7 +67,7 @@ std::vector<std::size_t> needed_cells(const MatchabilityGrid& grid, const Region
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(column);
   };
   const auto asked = [&](double column, double row) {
-    const Enu point = frame.enu_from_lonlat(grid.place(column, row));
+    const Enu point = frame.enu_from_lonlat(grid.lonlat_at(column, row));
     return region.contains({point.east_m, point.north_m});
   };
   for (int row = 0; row < grid.rows; ++row) {
@@ -96,25 +104,25 @@ std::vector<std::size_t> needed_cells(const MatchabilityGrid& grid, const Region
   return cells;
 }
 
-LonLat middle_of(const MatchabilityGrid& grid, std::size_t cell) {
+LonLat centre_of(const MatchabilityGrid& grid, std::size_t cell) {
   const auto columns = static_cast<std::size_t>(grid.columns);
-  return grid.place(static_cast<double>(cell % columns) + 0.5, static_cast<double>(cell / columns) + 0.5);
+  return grid.lonlat_at(static_cast<double>(cell % columns) + 0.5, static_cast<double>(cell / columns) + 0.5);
 }
 
-PlaneBox box_around(const LocalFrame& frame, LonLat place, double reach_m) {
-  const Enu middle = frame.enu_from_lonlat(place);
-  return {middle.east_m - reach_m, middle.north_m - reach_m, middle.east_m + reach_m, middle.north_m + reach_m};
+PlaneBox box_around(const LocalFrame& frame, LonLat position, double reach_m) {
+  const Enu centre = frame.enu_from_lonlat(position);
+  return {centre.east_m - reach_m, centre.north_m - reach_m, centre.east_m + reach_m, centre.north_m + reach_m};
 }
 
-// The median over cells that are spread evenly over the grid.
-MatchabilityOptions against_typical_texture(const TileSource& tiles, const LocalFrame& frame,
+// The options with the median texture of cells that are spread evenly over the grid.
+MatchabilityOptions with_typical_texture(const TileSource& tiles, const LocalFrame& frame,
                                             const MatchabilityGrid& grid, const std::vector<std::size_t>& needed,
                                             MatchabilityOptions options) {
   MapWindowReader reader(tiles, kCachedTiles);
   std::vector<double> textures;
   const std::size_t stride = std::max<std::size_t>(1, needed.size() / kTextureSamples);
   for (std::size_t i = 0; i < needed.size(); i += stride) {
-    const PlaneBox box = box_around(frame, middle_of(grid, needed[i]), options.footprint_m / 2);
+    const PlaneBox box = box_around(frame, centre_of(grid, needed[i]), options.footprint_m / 2);
     const MapWindow window = reader.read(frame, box, options.gsd_m, Colour::grey);
     if (cv::countNonZero(window.mask) == 0) continue;
     textures.push_back(MatchabilityProbe::texture_of(window.image, window.mask));
@@ -128,13 +136,13 @@ MatchabilityOptions against_typical_texture(const TileSource& tiles, const Local
 
 }  // namespace
 
-LonLat MatchabilityGrid::place(double column, double row) const {
+LonLat MatchabilityGrid::lonlat_at(double column, double row) const {
   return lonlat_from_pixel(
       {(static_cast<double>(first_column) + column) * step_px, (static_cast<double>(first_row) + row) * step_px}, zoom);
 }
 
-const PlaceMatchability* MatchabilityMap::at(LonLat place) const {
-  const GlobalPixel pixel = pixel_from_lonlat(place, grid.zoom);
+const PlaceMatchability* MatchabilityMap::at(LonLat position) const {
+  const GlobalPixel pixel = pixel_from_lonlat(position, grid.zoom);
   const auto column = static_cast<std::int64_t>(std::floor(pixel.x / grid.step_px)) - grid.first_column;
   const auto row = static_cast<std::int64_t>(std::floor(pixel.y / grid.step_px)) - grid.first_row;
   if (column < 0 || row < 0 || column >= grid.columns || row >= grid.rows) return nullptr;
@@ -150,16 +158,16 @@ MatchabilityMap survey_matchability(const TileSource& tiles, const Region& regio
   map.grid = grid_over(region, frame, zoom, step_m);
   map.cells.resize(map.grid.cells());
   const std::vector<std::size_t> needed = needed_cells(map.grid, region, frame, step_m);
-  const MatchabilityProbe probe(against_typical_texture(tiles, frame, map.grid, needed, options));
-  const OneOpenCvThread one_opencv_thread;
+  const MatchabilityProbe probe(with_typical_texture(tiles, frame, map.grid, needed, options));
+  const SingleOpenCvThread one_opencv_thread;
   const auto columns = static_cast<std::uint64_t>(map.grid.columns);
   progress.begin("matchability", needed.size(), "places");
   const auto make_worker = [&]() -> std::function<PlaceMatchability(std::size_t)> {
     auto reader = std::make_shared<MapWindowReader>(tiles, kCachedTiles);
     return [&, reader](std::size_t item) {
-      const PlaneBox box = box_around(frame, middle_of(map.grid, needed[item]), probe.reach_m());
+      const PlaneBox box = box_around(frame, centre_of(map.grid, needed[item]), probe.reach_m());
       const MapWindow window = reader->read(frame, box, options.gsd_m, Colour::grey);
-      // Numbered by where it lies in the world, so that a place wears the same noise whatever is asked around it.
+      // The noise seed is the cell's index in the world: it does not depend on the extent of the survey.
       const std::uint64_t column = needed[item] % columns, row = needed[item] / columns;
       const std::uint64_t number = (static_cast<std::uint64_t>(map.grid.first_row) + row) << 32U |
                                    (static_cast<std::uint64_t>(map.grid.first_column) + column);
@@ -174,6 +182,166 @@ MatchabilityMap survey_matchability(const TileSource& tiles, const Region& regio
                                    });
   progress.end();
   return map;
+}
+
+namespace {
+
+constexpr double kRouteStep_m = 5;  // sampling of the route; cells are tens of metres wide
+
+std::size_t index_of(MatchClass cls) { return static_cast<std::size_t>(cls); }
+
+class RouteSampler {
+ public:
+  RouteSampler(const MatchabilityMap& map, const LocalFrame& frame, MatchabilitySummary& summary)
+      : map_(map), frame_(frame), summary_(summary) {}
+
+  void add_leg(PlanePoint from, PlanePoint to) {
+    const double length = std::hypot(to.east_m - from.east_m, to.north_m - from.north_m);
+    const int steps = std::max(1, static_cast<int>(std::ceil(length / kRouteStep_m)));
+    const auto along = [&](double share) {
+      return frame_.lonlat_from_enu(from.east_m + share * (to.east_m - from.east_m),
+                                    from.north_m + share * (to.north_m - from.north_m));
+    };
+    for (int i = 0; i < steps; ++i) {
+      const PlaceMatchability* place = map_.at(along((i + 0.5) / steps));
+      const MatchClass cls = place == nullptr ? MatchClass::outside : place->cls;
+      add_step(cls, along(static_cast<double>(i) / steps), along((i + 1.0) / steps), length / steps);
+    }
+  }
+
+ private:
+  void add_step(MatchClass cls, LonLat from, LonLat to, double length_m) {
+    summary_.route_m[index_of(cls)] += length_m;
+    if (cls != MatchClass::good) {
+      if (!open_) summary_.without_good.push_back({from, from, at_m_, 0});
+      summary_.without_good.back().to = to;
+      summary_.without_good.back().length_m += length_m;
+    }
+    open_ = cls != MatchClass::good;
+    at_m_ += length_m;
+  }
+
+  const MatchabilityMap& map_;
+  const LocalFrame& frame_;
+  MatchabilitySummary& summary_;
+  double at_m_ = 0;
+  bool open_ = false;
+};
+
+}  // namespace
+
+std::size_t MatchabilitySummary::places() const { return std::accumulate(cells.begin(), cells.end(), std::size_t{0}); }
+
+double MatchabilitySummary::share(MatchClass cls) const {
+  return places() == 0 ? 0 : static_cast<double>(cells[index_of(cls)]) / static_cast<double>(places());
+}
+
+double MatchabilitySummary::route_length_m() const { return std::accumulate(route_m.begin(), route_m.end(), 0.0); }
+
+double MatchabilitySummary::route_share(MatchClass cls) const {
+  const double length = route_length_m();
+  return length > 0 ? route_m[index_of(cls)] / length : 0;
+}
+
+MatchabilitySummary summarize_matchability(const MatchabilityMap& map, const std::vector<LonLat>& route, const LocalFrame& frame) {
+  MatchabilitySummary summary;
+  for (const PlaceMatchability& cell : map.cells) {
+    if (cell.cls != MatchClass::outside) ++summary.cells[index_of(cell.cls)];
+  }
+  RouteSampler sampler(map, frame, summary);
+  const PlaneRing path = to_plane(frame, route);
+  for (std::size_t i = 1; i < path.size(); ++i) sampler.add_leg(path[i - 1], path[i]);
+  std::stable_sort(summary.without_good.begin(), summary.without_good.end(),
+                   [](const RouteSection& a, const RouteSection& b) { return a.length_m > b.length_m; });
+  return summary;
+}
+
+namespace {
+
+struct BandText {
+  const char* name;
+  double (*value)(const PlaceMatchability&);
+};
+constexpr std::array<BandText, 6> kBands{{
+    {"ratio", [](const PlaceMatchability& place) { return place.ratio; }},
+    {"entropy", [](const PlaceMatchability& place) { return place.entropy; }},
+    {"texture", [](const PlaceMatchability& place) { return place.texture; }},
+    {"class", [](const PlaceMatchability& place) { return static_cast<double>(place.cls); }},
+    {"score", [](const PlaceMatchability& place) { return place.score; }},
+    {"valid", [](const PlaceMatchability& place) { return place.valid; }},
+}};
+
+std::vector<float> values_of(const MatchabilityMap& map, const BandText& band) {
+  std::vector<float> values;
+  values.reserve(map.cells.size());
+  for (const PlaceMatchability& cell : map.cells) {
+    values.push_back(cell.cls == MatchClass::outside ? kMatchabilityNodata : static_cast<float>(band.value(cell)));
+  }
+  return values;
+}
+
+// A file in memory, so that the real one is written atomically.
+class MemoryFile {
+ public:
+  MemoryFile() : name_(fmt::format("/vsimem/matchability-{}.tif", static_cast<const void*>(this))) {}
+  ~MemoryFile() { VSIUnlink(name_.c_str()); }
+  MemoryFile(const MemoryFile&) = delete;
+  MemoryFile& operator=(const MemoryFile&) = delete;
+
+  const std::string& name() const { return name_; }
+  ByteView bytes() const {
+    vsi_l_offset size = 0;
+    const GByte* data = VSIGetMemFileBuffer(name_.c_str(), &size, FALSE);
+    return {data, static_cast<std::size_t>(size)};
+  }
+
+ private:
+  std::string name_;
+};
+
+}  // namespace
+
+void write_matchability_tiff(const MatchabilityMap& map, const std::filesystem::path& path) {
+  GDALAllRegister();
+  const QuietGdal quiet;
+  const auto need = [&](bool ok) {
+    if (!ok) {
+      throw Error(
+          {.what = "the matchability map cannot be written", .where = path.string(), .found = QuietGdal::last_error()});
+    }
+  };
+  const MatchabilityGrid& grid = map.grid;
+  GDALDriver* memory = GetGDALDriverManager()->GetDriverByName("MEM");
+  GDALDriver* tiff = GetGDALDriverManager()->GetDriverByName("GTiff");
+  need(memory != nullptr && tiff != nullptr);
+  const GdalHandle raster(
+      memory->Create("", grid.columns, grid.rows, static_cast<int>(kBands.size()), GDT_Float32, nullptr));
+  need(raster != nullptr);
+  const MercatorXY corner = mercator_from_lonlat(grid.lonlat_at(0, 0));
+  const double side = grid.step_px * mercator_pixel_m(grid.zoom);
+  std::array<double, 6> transform{corner.x_m, side, 0, corner.y_m, 0, -side};
+  OGRSpatialReference system;
+  need(system.importFromEPSG(3857) == OGRERR_NONE && raster->SetGeoTransform(transform.data()) == CE_None &&
+       raster->SetSpatialRef(&system) == CE_None);
+  for (std::size_t i = 0; i < kBands.size(); ++i) {
+    GDALRasterBand* band = raster->GetRasterBand(static_cast<int>(i) + 1);
+    std::vector<float> values = values_of(map, kBands[i]);
+    band->SetDescription(kBands[i].name);
+    need(band->SetNoDataValue(static_cast<double>(kMatchabilityNodata)) == CE_None &&
+         band->RasterIO(GF_Write, 0, 0, grid.columns, grid.rows, values.data(), grid.columns, grid.rows, GDT_Float32, 0,
+                        0, nullptr) == CE_None);
+  }
+  raster->SetMetadataItem("CLASSES", "1 good, 2 weak, 3 poor");
+  std::array<const char*, 7> options{"COMPRESS=DEFLATE", "PREDICTOR=3",         "ZLEVEL=6", "INTERLEAVE=BAND",
+                                     "NUM_THREADS=1",    "GEOTIFF_VERSION=1.1", nullptr};
+  const MemoryFile file;
+  GdalHandle written(
+      tiff->CreateCopy(file.name().c_str(), raster.get(), 0, const_cast<char**>(options.data()), nullptr, nullptr));
+  need(written != nullptr);
+  CPLErrorReset();
+  written.reset();
+  need(CPLGetLastErrorType() < CE_Failure);
+  write_file_atomic(path, file.bytes());
 }
 
 }  // namespace nadir

@@ -1,11 +1,14 @@
 // The matchability map: every cell of a grid over the mission's sectors and corridor, probed on its own
-// (vision/matchability.hpp).
+// (vision/matchability.hpp); its summary for the planner, and its GeoTIFF.
 //
 // Cells are squares of step_px by step_px pixels of one zoom's Web Mercator grid, counted from the world's north-west
-// corner: a place has the same cell in every map of the same step, and a GeoTIFF in EPSG:3857 holds them exactly.
+// corner: a position has the same cell in every map of the same step, and a GeoTIFF in EPSG:3857 holds them exactly.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <filesystem>
+#include <string_view>
 #include <vector>
 
 #include "base/progress.hpp"
@@ -29,24 +32,57 @@ struct MatchabilityGrid {
   GlobalPixel north_west() const {
     return {static_cast<double>(first_column) * step_px, static_cast<double>(first_row) * step_px};
   }
-  // (0, 0): the grid's north-west corner; (0.5, 0.5): the middle of its first cell.
-  LonLat place(double column, double row) const;
+  // (0, 0): the grid's north-west corner; (0.5, 0.5): the centre of its first cell.
+  LonLat lonlat_at(double column, double row) const;
 };
 
 struct MatchabilityMap {
   MatchabilityGrid grid;
-  std::vector<PlaceMatchability> cells;  // rows from the north; MatchClass::outside where nothing is needed
+  std::vector<PlaceMatchability> cells;  // rows from the north; MatchClass::outside where no map is needed
 
-  // Null beyond the grid and outside of what was asked for.
-  const PlaceMatchability* at(LonLat place) const;
+  // Null beyond the grid and outside of the region.
+  const PlaceMatchability* at(LonLat position) const;
 };
 
 inline constexpr std::size_t kMaxMatchabilityCells = 1'000'000;
 
-// zoom: whose pixels count the grid. step_m: the cells' side, to the next whole pixel. Throws Error when that makes
-// more than kMaxMatchabilityCells. `tiles` is read from several threads. The result does not depend on how many there
-// are.
+// zoom: of the grid's pixels. step_m: the side of the cells, rounded to whole pixels. Throws UsageError for more than
+// kMaxMatchabilityCells. `tiles` is read from several threads; the result does not depend on their number.
 MatchabilityMap survey_matchability(const TileSource& tiles, const Region& region, const LocalFrame& frame, int zoom,
                                     double step_m, const MatchabilityOptions& options, int threads, Progress& progress);
+
+// A section of the route.
+struct RouteSection {
+  LonLat from, to;
+  double begin_m = 0;  // along the route
+  double length_m = 0;
+};
+
+// What a planner needs from a matchability map: how much of the ground is good, and how far the route runs without a
+// position where a match is reliable.
+struct MatchabilitySummary {
+  std::array<std::size_t, 4> cells{};      // by MatchClass; outside: 0
+  std::array<double, 4> route_m{};         // by MatchClass; outside: beyond the map
+  std::vector<RouteSection> without_good;  // all of them, the longest first
+
+  std::size_t places() const;
+  double share(MatchClass cls) const;  // of the cells, 0 without any
+  double route_length_m() const;
+  double route_share(MatchClass cls) const;
+};
+
+MatchabilitySummary summarize_matchability(const MatchabilityMap& map, const std::vector<LonLat>& route,
+                                           const LocalFrame& frame);
+
+// Name inside a package that has one, and the artifact's role in its manifest.
+inline constexpr std::string_view kMatchabilityFile = "matchability/matchability.tif";
+inline constexpr std::string_view kRoleMatchability = "matchability";
+
+inline constexpr float kMatchabilityNodata = -1;
+
+// The map as a GeoTIFF in EPSG:3857 (docs/formats/matchability.md), for QGIS and planning tools. Bands, float32: ratio,
+// entropy, texture, class (1 good, 2 weak, 3 poor), score, valid; kMatchabilityNodata outside of the sectors and the
+// corridor. Replaces the file atomically. The same map gives the same bytes.
+void write_matchability_tiff(const MatchabilityMap& map, const std::filesystem::path& path);
 
 }  // namespace nadir

@@ -4,29 +4,164 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "package_build/build_configuration.hpp"
-#include "package_build/build_journal.hpp"
-#include "raster/open_imagery.hpp"
-#include "package_build/package_parts.hpp"
+#include "base/sha256.hpp"
 #include "package/judge.hpp"
+#include "package/judge_terrain.hpp"
+#include "package/sign_package.hpp"
+#include "package_build/build_journal.hpp"
+#include "package_build/terrain_builder.hpp"
+#include "raster/gdal_dataset.hpp"
+#include "raster/imagery_input.hpp"
+#include "vision/place_index.hpp"
 
 namespace nadir {
-namespace {
-
 namespace fs = std::filesystem;
 
-// Before the work: sound as long as every pixel of the imagery is.
-Findings judge_plan(const Mission& mission, const std::vector<ImageryInput>& inputs, const TileRange& range,
+Mission parse_mission_or_throw(std::string_view yaml, const fs::path& path) {
+  MissionReading reading = parse_mission(yaml, path.string());
+  if (reading.mission) return *reading.mission;
+  const Finding& first = reading.findings.items().front();
+  throw UsageError({.what = "the mission is invalid",
+                    .where = first.where,
+                    .expected = first.expected,
+                    .found = first.found,
+                    .fix = first.fix.empty() ? "`nadir mission check` lists all errors" : first.fix});
+}
+
+Findings check_expiry(const Mission& mission, UtcTime at) {
+  Findings findings;
+  if (at >= mission.expires) {
+    findings.add({.code = "package.expired",
+                  .where = "mission.expires",
+                  .expected = "later than " + to_rfc3339(at),
+                  .found = to_rfc3339(mission.expires),
+                  .fix = "give the mission a later date"});
+  }
+  return findings;
+}
+
+void check_zoom(const Mission& mission, const fs::path& path) {
+  constexpr int kFinest = 22;
+  if (mission.zoom.max <= kFinest) return;
+  throw UsageError({.what = "this zoom is not supported",
+                    .where = path.string() + " (zoom.max)",
+                    .expected = fmt::format("at most {}, which is 4 cm per pixel", kFinest),
+                    .found = std::to_string(mission.zoom.max)});
+}
+
+void check_terrain_wanted(const Mission& mission, const fs::path& mission_file, const std::optional<fs::path>& dem) {
+  if (!mission.terrain.flat || !dem) return;
+  throw UsageError({.what = "the mission states flat terrain",
+                    .where = mission_file.string() + " (terrain)",
+                    .expected = "terrain: {mode: dem} when an elevation model is given",
+                    .found = "mode: flat and --dem " + dem->string(),
+                    .fix = "set mode: dem, or omit --dem"});
+}
+
+std::optional<TerrainRaster> prepare_terrain(const Mission& mission, const fs::path& mission_file,
+                                             const std::optional<fs::path>& dem, Findings& findings) {
+  if (mission.terrain.flat) return std::nullopt;
+  if (!dem) {
+    findings.add({.code = "dem.gap",
+                  .where = mission_file.string() + " (terrain)",
+                  .expected = "an elevation model, because the mission has mode: dem",
+                  .found = "none",
+                  .fix = "pass --dem FILE, or set terrain: {mode: flat, height_m: …}"});
+    return std::nullopt;
+  }
+  TerrainRaster terrain = cut_terrain(*dem, mission);
+  findings.add(judge_terrain(mission, terrain));
+  return terrain;
+}
+
+void complete_package(const fs::path& folder, const PackageParts& parts, Progress& progress) {
+  fs::create_directories(folder / fs::path(kMissionFile).parent_path());
+  write_file_atomic(folder / kMissionFile, parts.mission_text);
+  if (parts.terrain) {
+    fs::create_directories(folder / fs::path(kTerrainFile).parent_path());
+    write_terrain(*parts.terrain, folder / kTerrainFile);
+  }
+  carry_roots(folder, parts.roots);
+  progress.advance();
+
+  Manifest manifest = manifest_for(parts.mission);
+  const bool cog = fs::exists(folder / kCogFile);
+  manifest.artifacts.push_back(describe_file(folder, cog ? kCogFile : kImageryFile, kRoleImagery));
+  manifest.artifacts.back().tiles = parts.tiles;
+  if (cog) manifest.artifacts.push_back(describe_file(folder, kSidecarFile, kRoleSidecars));
+  manifest.artifacts.push_back(describe_file(folder, kMissionFile, kRoleMission));
+  if (parts.terrain) manifest.artifacts.push_back(describe_file(folder, kTerrainFile, kRoleTerrain));
+  if (parts.index != nullptr) {
+    for (Artifact& artifact : write_place_index(folder, *parts.index))
+      manifest.artifacts.push_back(std::move(artifact));
+  }
+  write_manifest(folder, manifest);
+  if (parts.key != nullptr) sign_package(folder, *parts.key);
+  progress.advance();
+}
+
+std::vector<Artifact> write_place_index(const fs::path& folder, const PlaceIndex& index) {
+  fs::create_directories((folder / kPlaceIndexFile).parent_path());
+  write_file_atomic(folder / kPlaceIndexFile, index.vectors().file());
+  write_file_atomic(folder / kPlaceTableFile, place_table_json(index.table()));
+  return {describe_file(folder, kPlaceIndexFile, kRolePlaceIndex),
+          describe_file(folder, kPlaceTableFile, kRolePlaceTable)};
+}
+
+std::uint64_t package_size(const fs::path& folder) {
+  std::uint64_t size = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file() && entry.path().filename() != kJournalFile) size += entry.file_size();
+  }
+  return size;
+}
+
+namespace {
+
+// One digest over all files of the raster: its masks and overviews, and the sources of a VRT.
+std::string digest_of(const fs::path& raster) {
+  Sha256Stream all;
+  for (const fs::path& file : files_of_raster(raster)) all.update(ByteView(sha256_file(file).bytes));
+  return all.finish().hex();
+}
+
+// Everything that a build's result depends on, as lines "name: value": what a resumed build is compared with. Reads every
+// file that the rasters are made of.
+std::string describe_build(const PackageRequest& request, std::string_view mission_text,
+                           std::span<const ImageryInput> inputs) {
+  std::string text =
+      fmt::format("program: {}\nmission: sha256 {}\n", request.program, sha256(as_bytes(mission_text)).hex());
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    const ImageryFacts& facts = inputs[i].facts;
+    text += fmt::format("imagery {}: sha256 {}, captured {}, gsd {}, ce90 {}, provider {}, stretch {}\n", i + 1,
+                        digest_of(inputs[i].path), to_rfc3339(facts.captured_at), facts.gsd_m, facts.ce90_m,
+                        facts.provider, inputs[i].stretch ? to_text(*inputs[i].stretch) : "none");
+  }
+  text += fmt::format("seams: feather {} m\n", request.tiles.mosaic.feather_m);
+  text += fmt::format("dem: {}\n", request.dem ? "sha256 " + digest_of(*request.dem) : "none");
+  text += fmt::format("tiles: {}, quality {}{}, in {}\n", name_of(request.tiles.encoding.format),
+                      request.tiles.encoding.quality, request.tiles.encoding.lossless ? ", lossless" : "",
+                      file_of(request.tiles.container));
+  text += fmt::format("judged at: {}\n", request.at ? to_rfc3339(*request.at) : "the mission's created");
+  for (const auto& [version, root] : request.roots) {
+    text += fmt::format("root {}: sha256 {}\n", version, sha256(as_bytes(root)).hex());
+  }
+  text += fmt::format("key: {}\n", request.key != nullptr ? request.key->public_key().id() : "none");
+  return text;
+}
+
+// Before the work: valid as long as every pixel of the imagery is valid.
+Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inputs, const TileRange& range,
                     UtcTime at) {
   const std::vector<Sidecar> planned = plan_sidecars(mission, inputs, range);
-  Findings findings = judge_date(mission, at);
+  Findings findings = check_expiry(mission, at);
   findings.add(judge_coverage(mission, planned));
   findings.add(judge_freshness(mission, planned, at));
   findings.add(judge_resolution(mission, planned));
   return findings;
 }
 
-// What is known once the plan is accepted.
+// Everything that is known once the plan is accepted.
 struct Plan {
   const PackageRequest& request;
   const Mission& mission;
@@ -45,14 +180,14 @@ void remove_all_but_journal(const fs::path& folder) {
   for (const fs::path& path : rest) fs::remove_all(path);
 }
 
-void tell_about_leftovers(const StagingDirectory& staging, const PackageRequest& request) {
-  if (request.resume && !staging.found_leftovers()) request.tell("nothing to resume: building from the start");
+void report_leftovers(const StagingDirectory& staging, const PackageRequest& request) {
+  if (request.resume && !staging.found_leftovers()) request.on_remark("nothing to resume: building from the start");
   if (!request.resume && staging.found_leftovers()) {
-    request.tell("what a killed build had left was discarded; with --resume the build would have gone on from there");
+    request.on_remark("discarded the files of an interrupted build; --resume would have continued it");
   }
 }
 
-// Everything of the package; adds its findings. Without refusal the folder is complete but for the journal in it.
+// Writes the whole package; adds its findings. Without errors the folder is complete except for the journal in it.
 void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journal, Progress& progress,
                   PackageReport& report) {
   const auto& [request, mission, mission_text, inputs, range, terrain, at] = plan;
@@ -70,7 +205,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   report.tiles = set.facts.count;
   report.merkle_root = set.facts.merkle_root;
   report.bytes = package_size(folder);
-  report.findings = judge_date(mission, at);
+  report.findings = check_expiry(mission, at);
   report.findings.add(judge_tiles(mission, set.sidecars, report.bytes, at));
 }
 
@@ -88,7 +223,7 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
 
   PackageReport report;
   report.zoom = mission.zoom;
-  report.findings = judge_plan(mission, inputs, range, at);
+  report.findings = check_plan(mission, inputs, range, at);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, report.findings);
   if (report.findings.refuses()) return report;
 
@@ -96,8 +231,8 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   StagingDirectory staging(request.out,
                            request.resume ? StagingDirectory::Leftovers::keep : StagingDirectory::Leftovers::discard);
   try {
-    staging.keep(staging.found_leftovers() && request.resume);  // until it is known that they are ours
-    tell_about_leftovers(staging, request);
+    staging.keep(staging.found_leftovers() && request.resume);  // until the journal shows that they belong to this build
+    report_leftovers(staging, request);
     BuildJournal journal(staging.path() / kJournalFile, configuration);
     remove_all_but_journal(staging.path());
     staging.keep(false);
@@ -108,14 +243,14 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
       return report;
     }
     fs::remove(staging.path() / kJournalFile);
-    progress.advance();  // the last moment to be interrupted
+    progress.advance();  // the last point of interruption
     staging.commit();
     progress.end();
   } catch (const OutOfSpace& error) {
     remove_all_but_journal(staging.path());
     staging.keep(true);
     ErrorText text = error.text();
-    text.fix = "free space on this disk, then give the same command with --resume: what is done is kept";
+    text.fix = "free space on this disk, then run the same command with --resume: finished work is kept";
     throw OutOfSpace(text);
   }
   return report;

@@ -8,23 +8,131 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/sha256.hpp"
 #include "geodesy/angles.hpp"
-#include "raster/open_imagery.hpp"
-#include "package_build/package_parts.hpp"
-#include "package_build/update_old_package.hpp"
-#include "package_build/update_place_index.hpp"
-#include "package_build/update_tile_set.hpp"
 #include "imagery/lossless_webp.hpp"
 #include "package/judge.hpp"
+#include "package/root_folder.hpp"
 #include "package/tile_container.hpp"
+#include "package/verify.hpp"
+#include "vision/place_index.hpp"
+#include "vision/place_index_builder.hpp"
 
 namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
 
-// The old tiles of the finest zoom as one more raster, for plan_range() alone. Half a pixel inside, so that rounding
-// does not reach for the next tile.
+// The package that an update begins with.
+struct OldPackage {
+  Findings findings;  // those of verify_package() that question its authenticity
+  std::optional<Manifest> manifest;
+  std::vector<Sidecar> tiles;  // in the order of TileKey
+  TrustRoot newest_root;       // the newest that the carried roots lead to
+  RootChain roots;             // that it carries
+};
+
+// Findings that concern only whether the old package may still fly.
+constexpr std::array<std::string_view, 9> kIgnoredFindings = {"package.expired",   "time.untrusted",    "freshness.stale",
+                                                          "coverage.gap",      "resolution.coarse", "budget.exceeded",
+                                                          "airframe.mismatch", "dem.gap",           "dem.implausible"};
+
+// Quick depth: tiles are hashed when they are copied. at: when keys and roots must be valid.
+OldPackage read_old_package(const fs::path& package, const TrustRoot& trusted, UtcTime at, Progress& progress) {
+  const Verification verification = verify_package(package,
+                                                   {.root = &trusted,
+                                                    .depth = VerifyDepth::quick,
+                                                    .at = at,
+                                                    .airframe = std::nullopt,
+                                                    .state = nullptr,
+                                                    .permit = nullptr},
+                                                   progress);
+  OldPackage old;
+  for (Finding finding : verification.findings.items()) {
+    if (std::find(kIgnoredFindings.begin(), kIgnoredFindings.end(), finding.code) != kIgnoredFindings.end()) continue;
+    finding.where = fmt::format("{}: {}", package.string(), finding.where);
+    old.findings.add(std::move(finding));
+  }
+  old.manifest = verification.manifest;
+  old.tiles = verification.tiles;
+  old.newest_root = walk_package_roots(package, trusted, nullptr).root;
+  old.roots = carried_roots(package);
+  return old;
+}
+
+// mission.mismatch for another series or other zooms, package.rollback for a sequence that is not higher.
+Findings check_succession(const Manifest& old, const Mission& mission, const fs::path& mission_file) {
+  Findings findings;
+  if (old.series != mission.series) {
+    findings.add({.code = "mission.mismatch",
+                  .where = mission_file.string() + " (series)",
+                  .expected = fmt::format("{}, that of the package", old.series),
+                  .found = mission.series,
+                  .fix = "build the first package of a series with `nadir cache build`"});
+  } else if (mission.sequence <= old.sequence) {
+    findings.add({.code = "package.rollback",
+                  .where = mission_file.string() + " (sequence)",
+                  .expected = fmt::format("{} or more, because the package has {}", old.sequence + 1, old.sequence),
+                  .found = std::to_string(mission.sequence),
+                  .fix = "give the mission the next sequence: aircraft reject a lower one"});
+  }
+  const Artifact* imagery = old.artifact(kRoleImagery);
+  if (imagery == nullptr || !imagery->tiles) return findings;
+  const ZoomRange zoom = imagery->tiles->zoom;
+  if (zoom.min != mission.zoom.min || zoom.max != mission.zoom.max) {
+    findings.add({.code = "mission.mismatch",
+                  .where = mission_file.string() + " (zoom)",
+                  .expected = fmt::format("{} to {}, those of the package", zoom.min, zoom.max),
+                  .found = fmt::format("{} to {}", mission.zoom.min, mission.zoom.max),
+                  .fix = "changing the zooms requires a full build: `nadir cache build`"});
+  }
+  return findings;
+}
+
+// The terrain of the old package, compared with its signed digest; none when it has none. Adds artifact.hash.
+std::optional<fs::path> old_terrain(const fs::path& package, const Manifest& manifest, Findings& findings) {
+  const Artifact* terrain = manifest.artifact(kRoleTerrain);
+  if (terrain == nullptr) return std::nullopt;
+  if (sha256_file(package / terrain->path) == terrain->sha256) return package / terrain->path;
+  findings.add({.code = "artifact.hash",
+                .where = fmt::format("{}: {}", package.string(), terrain->path),
+                .expected = terrain->sha256.hex(),
+                .found = "other bytes",
+                .fix = "get the package again from its source, or pass an elevation model with --dem"});
+  return std::nullopt;
+}
+
+// How the old place index was made. Throws UsageError when there is none, Error when its bytes are not the signed ones.
+PlaceTable previous_place_table(const fs::path& package, const Manifest& manifest) {
+  if (const std::optional<PlaceIndex> index = PlaceIndex::open(package, manifest)) return index->table();
+  throw UsageError({.what = "the old package has no place index to rebuild",
+                    .where = package,
+                    .expected = std::string(kPlaceTableFile),
+                    .found = "none",
+                    .fix = "omit --index, and make one afterwards: nadir cache index NEW --camera FILE.yaml"});
+}
+
+// The place index for the new tiles: windows of the same sizes, resolution and overlap. The old descriptors belong to the
+// old tiles. tiles: the new file, closed. origin: of the new mission's local frame.
+PlaceIndex rebuild_place_index(const PlaceTable& old, const fs::path& tiles, const TileSet& set,
+                              LonLat origin, int threads, Progress& progress) {
+  PlaceIndexOptions options;
+  options.overlap_percent = static_cast<int>(old.overlap_percent);
+  options.threads = threads;
+  for (const PlaceLayer& layer : old.layers) {
+    options.footprints_m.push_back(layer.side_m());
+    options.sides_px.push_back(layer.side_px);
+  }
+  const std::unique_ptr<TileSource> source = open_tile_source(tiles);
+  IndexedMap map{source.get(), {}, set.facts.merkle_root, origin};
+  for (const Sidecar& sidecar : set.sidecars) {
+    if (sidecar.key.z == set.facts.zoom.max) map.keys.push_back(sidecar.key);
+  }
+  return build_place_index(map, options, progress);
+}
+
+// The old tiles of the finest zoom as one more raster, only for plan_range(). Half a pixel inside, so that rounding does
+// not reach the next tile.
 ImageryInput extent_of(const std::vector<Sidecar>& tiles) {
   ImageryInput extent;
   const int zoom = tiles.back().key.z;
@@ -48,26 +156,26 @@ TileRange range_of(const Mission& mission, std::vector<ImageryInput> rasters, co
   return plan_range(mission, rasters);
 }
 
-void tell_what_stays_behind(const UpdateRequest& request, const OldPackage& old, const TrustRoot& newest) {
+void report_dropped_artifacts(const UpdateRequest& request, const OldPackage& old, const TrustRoot& newest) {
   if (!request.index && old.manifest->artifact(kRolePlaceTable) != nullptr) {
-    request.tell(
-        "the place index is not carried over, because it belongs to the old tiles: give --index, or make it "
+    request.on_remark(
+        "the place index is not carried over, because it belongs to the old tiles: pass --index, or make one "
         "afterwards with `nadir cache index`");
   }
   for (const Artifact& artifact : old.manifest->artifacts) {
     constexpr std::array kKnown{kRoleImagery, kRoleSidecars,   kRoleMission,
                                 kRoleTerrain, kRolePlaceIndex, kRolePlaceTable};
     if (std::find(kKnown.begin(), kKnown.end(), artifact.role) != kKnown.end()) continue;
-    request.tell(fmt::format("{} is not carried over: it has to be made anew for the new tiles", artifact.path));
+    request.on_remark(fmt::format("{} is not carried over: it must be made again for the new tiles", artifact.path));
   }
   if (request.key == nullptr) return;
   const std::string id = request.key->public_key().id();
   if (newest.package_signer.key_ids.contains(id) && !newest.revoked.contains(id)) return;
-  request.tell(fmt::format("root version {} does not let key {} sign packages: aircraft will refuse this one",
+  request.on_remark(fmt::format("root version {} does not allow key {} to sign packages: aircraft will reject this one",
                            newest.version, id));
 }
 
-// Tiles are copied, so what is encoded anew has to be like them.
+// Tiles are copied, so re-encoded tiles must use the same encoding.
 TileSetOptions options_after(const UpdateRequest& request, const Artifact& imagery, const std::vector<Sidecar>& tiles) {
   const auto format = parse_image_format(imagery.tiles->format);
   if (!format) {
@@ -85,7 +193,7 @@ TileSetOptions options_after(const UpdateRequest& request, const Artifact& image
                       .where = request.old_package,
                       .expected = "JPEG or WebP tiles, because TIFF knows no PNG",
                       .found = "png",
-                      .fix = "leave --format away, or build anew: nadir cache build --format cog --tile-format png"});
+                      .fix = "omit --format, or build again: nadir cache build --format cog --tile-format png"});
   }
   return options;
 }
@@ -112,36 +220,35 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   findings = old.findings;
   if (findings.refuses()) return report;
   report.old_sequence = old.manifest->sequence;
-  findings.add(judge_succession(*old.manifest, mission, request.mission));
-  findings.add(judge_date(mission, at));
+  findings.add(check_succession(*old.manifest, mission, request.mission));
+  findings.add(check_expiry(mission, at));
   std::optional<fs::path> dem = request.dem;
   if (!dem && !mission.terrain.flat) dem = old_terrain(request.old_package, *old.manifest, findings);
   if (findings.refuses()) return report;
   const Artifact& imagery = *old.manifest->artifact(kRoleImagery);
   const TileSetOptions options = options_after(request, imagery, old.tiles);
   std::optional<PlaceTable> old_index;
-  if (request.index) old_index = old_place_table(request.old_package, *old.manifest);
+  if (request.index) old_index = previous_place_table(request.old_package, *old.manifest);
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
   const RootChain roots = read_root_chain(request.roots, old.roots, request.trust);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, dem, findings);
   if (findings.refuses()) return report;
-  tell_what_stays_behind(request, old, newest_of(roots, old.newest_root));
+  report_dropped_artifacts(request, old, newest_of(roots, old.newest_root));
 
   const TileRange range = range_of(mission, rasters, old.tiles);
-  const OldMap map(request.old_package / imagery.path, std::move(old.tiles), mission);
-  const UpdateLayers layers(rasters, map, options.mosaic.order);
   StagingDirectory staging(request.out);
   const fs::path& folder = staging.path();
   const fs::path file = folder / file_of(options.container);
   fs::create_directories(file.parent_path());
-  const UpdatedTileSet updated = update_tile_set(mission, map, layers, range, options, file, progress);
-  findings.add(map.findings());
+  const UpdatedTileSet updated = update_tile_set(
+      mission, {request.old_package / imagery.path, std::move(old.tiles)}, rasters, range, options, file, progress);
+  findings.add(updated.findings);
   if (updated.set.over_budget) findings.add(judge_budget(mission, updated.set.tile_bytes));
   if (findings.refuses()) return report;
 
   std::optional<PlaceIndex> index;
   if (old_index) {
-    index = remake_place_index(*old_index, file, updated.set, mission.takeoff, options.threads, progress);
+    index = rebuild_place_index(*old_index, file, updated.set, mission.takeoff, options.threads, progress);
   }
   progress.begin("completing the package", 3, "steps");
   complete_package(folder,
@@ -154,7 +261,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   if (terrain) report.package.terrain = terrain->grid();
   findings.add(judge_tiles(mission, updated.set.sidecars, report.package.bytes, at));
   if (!findings.refuses()) {
-    progress.advance();  // the last moment to be interrupted
+    progress.advance();  // the last point of interruption
     staging.commit();
   }
   progress.end();

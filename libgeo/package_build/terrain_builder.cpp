@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr float kNodata = -32767;
-constexpr double kMetresPerDegree = 111'320;  // of latitude; the grid's step need not be known better
+constexpr double kMetresPerDegree = 111'320;  // of latitude; precise enough for the grid's step
 constexpr double kCoarsest_m = 20'000;
 
 // The file of a dataset, for messages.
@@ -33,8 +33,8 @@ struct Source {
   fs::path path;
   GdalHandle dataset;
 
-  [[noreturn]] void refuse(std::string expected, std::string found, std::string fix) const {
-    throw UsageError({.what = "this is no elevation model that can be used",
+  [[noreturn]] void reject(std::string expected, std::string found, std::string fix) const {
+    throw UsageError({.what = "this elevation model cannot be used",
                       .where = path.string(),
                       .expected = std::move(expected),
                       .found = std::move(found),
@@ -49,22 +49,22 @@ bool is_metre(const char* unit) {
 
 void check_source(const Source& source) {
   if (source.dataset->GetRasterCount() != 1) {
-    source.refuse("a raster with one band, of heights", fmt::format("{} bands", source.dataset->GetRasterCount()),
-                  "take the band with the heights: gdal_translate -b 1 IN.tif OUT.tif");
+    source.reject("a raster with one band, of heights", fmt::format("{} bands", source.dataset->GetRasterCount()),
+                  "extract the band with the heights: gdal_translate -b 1 IN.tif OUT.tif");
   }
   GDALRasterBand* band = source.dataset->GetRasterBand(1);
   if (GDALDataTypeIsComplex(band->GetRasterDataType()) != 0 || band->GetColorTable() != nullptr) {
-    source.refuse("a band of heights", "a picture", "give the elevation model, not a picture of it");
+    source.reject("a band of heights", "an image", "pass the elevation model, not an image of it");
   }
   if (!is_metre(band->GetUnitType())) {
-    source.refuse("heights in metres", fmt::format("the unit \"{}\"", band->GetUnitType()),
+    source.reject("heights in metres", fmt::format("the unit \"{}\"", band->GetUnitType()),
                   "convert it: gdal_calc.py -A IN.tif --calc='A*0.3048' --outfile=OUT.tif");
   }
   std::array<double, 6> transform{};
   const bool placed = source.dataset->GetGeoTransform(transform.data()) == CE_None || source.dataset->GetGCPCount() > 0;
   if (!placed || (source.dataset->GetSpatialRef() == nullptr && source.dataset->GetGCPSpatialRef() == nullptr)) {
-    source.refuse("a georeferenced raster", "no coordinate system or no place in it",
-                  "state it: gdal_translate -a_srs EPSG:… -a_ullr WEST NORTH EAST SOUTH IN OUT.tif");
+    source.reject("a georeferenced raster", "no coordinate system or no geotransform",
+                  "set them: gdal_translate -a_srs EPSG:… -a_ullr WEST NORTH EAST SOUTH IN OUT.tif");
   }
 }
 
@@ -75,7 +75,7 @@ OGRSpatialReference wgs84() {
   return system;
 }
 
-// A grid of longitude and latitude already: its posts are taken over as they are.
+// The geotransform of a source that is a grid of longitude and latitude already: its posts are copied.
 std::optional<std::array<double, 6>> own_grid(GDALDataset& dataset) {
   std::array<double, 6> transform{};
   const OGRSpatialReference* system = dataset.GetSpatialRef();
@@ -88,7 +88,7 @@ std::optional<std::array<double, 6>> own_grid(GDALDataset& dataset) {
   return transform;
 }
 
-// Side of a source pixel on the ground around a place, from how far a small step there leads in the source.
+// Side of a source pixel on the ground around a position, from the length of a small step in source pixels.
 std::optional<double> pixel_side_m(GDALDataset& dataset, LonLat place) {
   const std::unique_ptr<char*, void (*)(char**)> options(CSLSetNameValue(nullptr, "DST_SRS", "EPSG:4326"), CSLDestroy);
   const std::unique_ptr<void, void (*)(void*)> transformer(
@@ -113,7 +113,7 @@ struct Plan {
   const char* resampling = "bilinear";
 };
 
-// Outwards to whole steps from the origin, so that the same place has the same posts in every package of a source.
+// Rounded outwards to whole steps from the origin, so that every package of a source has the same posts.
 void span(double low, double high, double origin, double step, double& first, int& count) {
   const double from = std::floor((low - origin) / step + 1e-9), to = std::ceil((high - origin) / step - 1e-9);
   first = origin + from * step;
@@ -132,7 +132,7 @@ Plan plan_grid(GDALDataset& dataset, const Mission& mission) {
   TerrainGrid& grid = plan.grid;
   double lon_origin = 0, lat_origin = 0;
   const auto own = own_grid(dataset);
-  constexpr double kNearly = 0.9;  // what is sold as 10 m is 9.3 m in some direction
+  constexpr double kNearly = 0.9;  // models sold as 10 m have 9.3 m in one direction
   if (own && -(*own)[5] * kMetresPerDegree >= kNearly * kFinestTerrain_m &&
       (*own)[1] * kMetresPerDegree * narrowing >= kNearly * kFinestTerrain_m) {
     grid.lon_step_deg = (*own)[1], grid.lat_step_deg = -(*own)[5];
@@ -154,10 +154,10 @@ Plan plan_grid(GDALDataset& dataset, const Mission& mission) {
 
 void check_size(const Source& source, const TerrainGrid& grid) {
   if (grid.columns <= kMaxTerrainSide && grid.rows <= kMaxTerrainSide && grid.posts() <= kMaxTerrainPosts) return;
-  source.refuse(
+  source.reject(
       fmt::format("at most {} posts a side and {} in all over the mission's area", kMaxTerrainSide, kMaxTerrainPosts),
       fmt::format("{} x {}", grid.columns, grid.rows),
-      "make it coarser first: gdalwarp -tr … -r average IN.tif OUT.tif");
+      "resample it first: gdalwarp -tr … -r average IN.tif OUT.tif");
 }
 
 GdalHandle warp(const Source& source, const Plan& plan) {
@@ -197,14 +197,14 @@ GdalHandle warp(const Source& source, const Plan& plan) {
   if (!warped || CPLGetLastErrorType() >= CE_Failure) {
     throw Error({.what = "the elevation model cannot be read",
                  .where = source.path.string(),
-                 .expected = "a whole raster that can be brought to longitude and latitude",
+                 .expected = "a complete raster that can be transformed to longitude and latitude",
                  .found = QuietGdal::last_error(),
-                 .fix = "fetch the file again; `gdalinfo -checksum` shows whether it is whole"});
+                 .fix = "download the file again; `gdalinfo -checksum` shows whether it is complete"});
   }
   return warped;
 }
 
-// Sources may count in decimetres from some zero; unknown is whatever GDAL could not fill, and whatever is no number.
+// Applies the source's scale and offset. Missing is what GDAL could not fill, and what is not finite.
 std::vector<float> heights_of(const Source& source, GDALDataset& warped, const TerrainGrid& grid) {
   std::vector<float> heights(grid.posts());
   if (warped.GetRasterBand(1)->RasterIO(GF_Read, 0, 0, grid.columns, grid.rows, heights.data(), grid.columns, grid.rows,
@@ -256,7 +256,7 @@ void write_terrain(const TerrainRaster& terrain, const fs::path& path) {
   const TerrainGrid& grid = terrain.grid();
   const auto need = [&](bool ok) {
     if (!ok) {
-      // GDAL says neither errno nor that the disk is full in so many words.
+      // GDAL reports neither errno nor a full disk.
       throw_if_out_of_space(path, static_cast<std::uintmax_t>(grid.posts()) * sizeof(float));
       throw Error(
           {.what = "the terrain file cannot be written", .where = path.string(), .found = QuietGdal::last_error()});
@@ -267,12 +267,12 @@ void write_terrain(const TerrainRaster& terrain, const fs::path& path) {
   GDALDriver* memory = GetGDALDriverManager()->GetDriverByName("MEM");
   GDALDriver* tiff = GetGDALDriverManager()->GetDriverByName("GTiff");
   need(memory != nullptr && tiff != nullptr);
-  const GdalHandle picture(memory->Create("", grid.columns, grid.rows, 1, GDT_Float32, nullptr));
-  need(picture != nullptr);
+  const GdalHandle raster(memory->Create("", grid.columns, grid.rows, 1, GDT_Float32, nullptr));
+  need(raster != nullptr);
   std::array<double, 6> transform{grid.west_deg, grid.lon_step_deg, 0, grid.north_deg, 0, -grid.lat_step_deg};
   const OGRSpatialReference system = wgs84();
-  GDALRasterBand* band = picture->GetRasterBand(1);
-  need(picture->SetGeoTransform(transform.data()) == CE_None && picture->SetSpatialRef(&system) == CE_None &&
+  GDALRasterBand* band = raster->GetRasterBand(1);
+  need(raster->SetGeoTransform(transform.data()) == CE_None && raster->SetSpatialRef(&system) == CE_None &&
        band->SetNoDataValue(static_cast<double>(kNodata)) == CE_None);
   need(band->RasterIO(GF_Write, 0, 0, grid.columns, grid.rows, heights.data(), grid.columns, grid.rows, GDT_Float32, 0,
                       0, nullptr) == CE_None);
@@ -280,7 +280,7 @@ void write_terrain(const TerrainRaster& terrain, const fs::path& path) {
                                      "COMPRESS=DEFLATE", "PREDICTOR=3",         "ZLEVEL=6",
                                      "NUM_THREADS=1",    "GEOTIFF_VERSION=1.1", nullptr};
   GdalHandle file(
-      tiff->CreateCopy(path.c_str(), picture.get(), 0, const_cast<char**>(options.data()), nullptr, nullptr));
+      tiff->CreateCopy(path.c_str(), raster.get(), 0, const_cast<char**>(options.data()), nullptr, nullptr));
   need(file != nullptr);
   CPLErrorReset();
   file.reset();

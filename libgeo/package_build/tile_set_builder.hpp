@@ -1,19 +1,30 @@
-// Imagery to an MBTiles file or a COG with overviews and sidecars.
+// Imagery to a tile set: an MBTiles file or a COG with overviews and sidecars.
 //
 // Metatiles are warped, averaged and encoded by several threads and written in one order; the file is the same for any
-// number of threads.
+// number of threads. Memory is bounded: overviews above the metatiles are assembled as soon as their children are done.
 #pragma once
 
 #include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "base/progress.hpp"
+#include "imagery/cog_writer.hpp"
+#include "imagery/mbtiles_writer.hpp"
+#include "package/manifest.hpp"
 #include "package_build/build_journal.hpp"
+#include "package_build/build_plan.hpp"
 #include "package_build/metatile.hpp"
-#include "package_build/tile_set_writer.hpp"
 
 namespace nadir {
+
+enum class TileSetKind { mbtiles, cog };
+
+std::string_view file_of(TileSetKind kind);  // its name inside a package
 
 struct TileSetOptions {
   TileSetKind container = TileSetKind::mbtiles;
@@ -22,9 +33,64 @@ struct TileSetOptions {
   int threads = 1;
 };
 
-// Metatiles that the journal holds are taken from there; the others go into it before anything else is done with them.
+struct TileSet {
+  std::vector<Sidecar> sidecars;  // in the order of TileKey
+  TileSetFacts facts;
+  std::uint64_t tile_bytes = 0;
+  std::uint64_t resumed = 0;  // tiles of the finest zoom that the journal held
+  bool over_budget = false;   // aborted: the tiles alone exceed the mission's budget
+};
+
+// Metatiles that the journal holds are taken from there; the others are appended to it before anything else is done with
+// them.
 TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
                        const TileSetOptions& options, const std::filesystem::path& file, BuildJournal& journal,
                        Progress& progress);
+
+// Writes tiles in any order to an MBTiles file with sidecars inside, or to a COG with sidecars.sqlite beside it. Counts
+// the bytes against the mission's budget.
+class TileSetWriter {
+ public:
+  // format, range: as for finish(); a COG needs them at the start. Throws UsageError when a COG cannot hold the zooms.
+  TileSetWriter(TileSetKind kind, std::filesystem::path file, const Mission& mission, const TileRange& range,
+                ImageFormat format);
+
+  void add(EncodedTile tile);
+  bool over_budget() const { return set_.over_budget; }
+
+  // Writes sidecars and metadata and closes the file; over budget it only returns. range: of the finest zoom.
+  TileSet finish(const TileRange& range, ImageFormat format);
+
+ private:
+  const Mission& mission_;
+  std::filesystem::path file_;
+  std::optional<MbtilesWriter> mbtiles_;  // one of the two
+  std::optional<CogWriter> cog_;
+  TileSet set_;
+};
+
+// Makes the overviews above the metatiles. Tiles arrive in Morton order, so that parents are complete soon: only a few
+// images per zoom wait in memory, however large the area is.
+class OverviewAssembler {
+ public:
+  // Receives every overview with a valid pixel.
+  using OverviewSink = std::function<void(const TileKey& key, const TileCanvas& overview)>;
+
+  // tops: every metatile that will be added. Parents down to min_zoom are made.
+  OverviewAssembler(const std::vector<TileKey>& tops, int min_zoom, OverviewSink sink);
+
+  void add(const TileKey& key, const TileCanvas& tile);
+
+ private:
+  struct Parent {
+    MaskedImage image;  // twice kTileSize
+    InputShares used;
+    int missing = 0;
+  };
+  int min_zoom_;
+  OverviewSink sink_;
+  std::map<TileKey, int> children_;  // number of children of each parent
+  std::map<TileKey, Parent> parents_;
+};
 
 }  // namespace nadir

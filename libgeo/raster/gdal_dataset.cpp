@@ -15,32 +15,118 @@
 namespace nadir {
 namespace {
 
+int band_with(GDALDataset& dataset, GDALColorInterp colour) {
+  for (int i = 1; i <= dataset.GetRasterCount(); ++i) {
+    if (dataset.GetRasterBand(i)->GetColorInterpretation() == colour) return i;
+  }
+  return 0;
+}
+
+std::array<int, 3> colour_bands(GDALDataset& dataset, int alpha) {
+  const std::array<int, 3> named{band_with(dataset, GCI_BlueBand), band_with(dataset, GCI_GreenBand),
+                                 band_with(dataset, GCI_RedBand)};
+  if (std::count(named.begin(), named.end(), 0) == 0) return named;
+  const int first = alpha == 1 && dataset.GetRasterCount() > 1 ? 2 : 1;
+  const int colours = dataset.GetRasterCount() - (alpha != 0 ? 1 : 0);
+  if (colours < 3 || alpha == 2 || alpha == 3) return {first, first, first};
+  return {first + 2, first + 1, first};
+}
+
+void take_palette(GDALRasterBand& band, BandLayout& layout) {
+  const GDALColorTable* table = band.GetColorTable();
+  if (table == nullptr || !layout.grey()) return;
+  const GDALDataType type = band.GetRasterDataType();
+  if (type != GDT_Byte && type != GDT_UInt16) return;
+  const int entries = std::clamp(table->GetColorEntryCount(), 1, 65536);
+  layout.palette = cv::Mat::zeros(1, entries, CV_8UC3);
+  layout.palette_mask = cv::Mat::zeros(1, entries, CV_8UC1);
+  for (int i = 0; i < table->GetColorEntryCount() && i < entries; ++i) {
+    GDALColorEntry entry;
+    table->GetColorEntryAsRGB(i, &entry);
+    layout.palette.at<cv::Vec3b>(i) = {static_cast<std::uint8_t>(entry.c3), static_cast<std::uint8_t>(entry.c2),
+                                       static_cast<std::uint8_t>(entry.c1)};
+    layout.palette_mask.at<std::uint8_t>(i) = entry.c4 >= 128 ? 255 : 0;
+  }
+  if (cv::countNonZero(layout.palette_mask) == entries) layout.palette_mask.release();
+}
+
+double opaque_half(GDALRasterBand& alpha, const std::filesystem::path& path) {
+  switch (alpha.GetRasterDataType()) {
+    case GDT_Byte: return 128;
+    case GDT_UInt16: return 32768;
+    default: break;
+  }
+  throw UsageError({.what = "the type of the alpha band is not supported",
+                    .where = fmt::format("{} (band {})", path.string(), alpha.GetBand()),
+                    .expected = "Byte or UInt16",
+                    .found = GDALGetDataTypeName(alpha.GetRasterDataType()),
+                    .fix = "convert it to a mask: gdal_translate -b 1 -b 2 -b 3 -mask 4 IN.tif OUT.tif"});
+}
+
+}  // namespace
+
+BandLayout find_band_layout(GDALDataset& dataset, const std::filesystem::path& path) {
+  if (dataset.GetRasterCount() < 1) throw UsageError({.what = "the raster has no bands", .where = path.string()});
+  BandLayout layout;
+  const int alpha = band_with(dataset, GCI_AlphaBand);
+  layout.bgr = colour_bands(dataset, alpha);
+  GDALRasterBand& first = *dataset.GetRasterBand(layout.bgr[2]);
+  take_palette(first, layout);
+  for (const int number : layout.bgr) {
+    const GDALDataType type = dataset.GetRasterBand(number)->GetRasterDataType();
+    if (GDALDataTypeIsComplex(type) != 0) {
+      throw UsageError({.what = "the raster holds complex numbers",
+                        .where = fmt::format("{} (band {})", path.string(), number),
+                        .expected = "an image",
+                        .found = GDALGetDataTypeName(type),
+                        .fix = "convert it to magnitudes first"});
+    }
+    if (type == GDT_Byte || !layout.palette.empty()) continue;
+    layout.eight_bit = false;
+    layout.type = GDALGetDataTypeName(type);
+  }
+  const int flags = first.GetMaskFlags();
+  if (alpha != 0 && ((flags & GMF_ALL_VALID) != 0 || (flags & GMF_ALPHA) != 0)) {
+    layout.validity = BandLayout::Validity::alpha;
+    layout.alpha_band = alpha;
+    layout.alpha_half = opaque_half(*dataset.GetRasterBand(alpha), path);
+  } else if ((flags & GMF_ALL_VALID) != 0) {
+    layout.validity = BandLayout::Validity::all;
+  } else if ((flags & GMF_NODATA) != 0) {
+    layout.validity = BandLayout::Validity::nodata;
+  } else {
+    layout.validity = BandLayout::Validity::mask;
+  }
+  return layout;
+}
+
+namespace {
+
 void register_drivers() {
   static std::once_flag once;
   std::call_once(once, [] {
     GDALAllRegister();
-    // Made-up pixels of a damaged JPEG must not become a map.
+    // Pixels that libjpeg invents for a damaged JPEG must not become a map.
     CPLSetConfigOption("GDAL_ERROR_ON_LIBJPEG_WARNING", "TRUE");
-    // The default is 5 % of the machine's memory; a build's memory shall not depend on the machine.
+    // The default is 5 % of the machine's memory; a build's memory use must not depend on the machine.
     GDALSetCacheMax64(GIntBig{256} << 20);
   });
 }
 
-constexpr int kNestedVrts = 4;
+constexpr int kMaxVrtDepth = 4;
 
-// What is built shall depend on files alone, which can be digested and are the same tomorrow.
 bool is_remote(const std::string& name) {
   if (name.starts_with("/vsi")) return true;
   const std::size_t colon = name.find("://");
   return colon != std::string::npos && colon < 10;
 }
 
-[[noreturn]] void refuse_remote(const std::filesystem::path& path, const std::string& found) {
-  throw UsageError({.what = "remote imagery is not read",
+[[noreturn]] void reject_remote(const std::filesystem::path& path, const std::string& found) {
+  throw UsageError({.what = "remote imagery is not supported",
                     .where = path.string(),
                     .expected = "files on this machine",
                     .found = found,
-                    .fix = "fetch it first, for example with gdal_translate, then give the file"});
+                    .fix = "download it first, for example with gdal_translate, and pass the file"});
 }
 
 // Throws UsageError when one of them is remote.
@@ -49,7 +135,7 @@ std::vector<std::filesystem::path> list_files(const std::filesystem::path& path,
   const std::unique_ptr<char*, decltype(&CSLDestroy)> list(dataset.GetFileList(), &CSLDestroy);
   for (int i = 0; i < CSLCount(list.get()); ++i) {
     const std::string name = list.get()[i];
-    if (is_remote(name)) refuse_remote(path, name);
+    if (is_remote(name)) reject_remote(path, name);
     if (!std::filesystem::is_regular_file(name)) continue;
     files.emplace_back(name);
     if (depth == 0 || i == 0 || files.back().extension() != ".vrt") continue;
@@ -60,7 +146,7 @@ std::vector<std::filesystem::path> list_files(const std::filesystem::path& path,
   return files;
 }
 
-// In double precision and without vector instructions of some machine: the same bytes everywhere.
+// In double precision and without machine-dependent vector instructions: the same bytes everywhere.
 cv::Mat stretched(const cv::Mat& values, const Stretch& line) {
   cv::Mat colours(values.size(), CV_MAKETYPE(CV_8U, values.channels()));
   for (int row = 0; row < values.rows; ++row) {
@@ -94,7 +180,7 @@ GdalDataset::~GdalDataset() = default;
 GdalHandle open_gdal_raster(const std::filesystem::path& path) {
   const QuietGdal quiet;
   register_drivers();
-  if (is_remote(path.string())) refuse_remote(path, path.string());
+  if (is_remote(path.string())) reject_remote(path, path.string());
   if (!std::filesystem::is_regular_file(path)) {
     throw Error({.what = std::filesystem::exists(path) ? "the raster is not a file" : "the raster does not exist",
                  .where = path.string(),
@@ -104,23 +190,23 @@ GdalHandle open_gdal_raster(const std::filesystem::path& path) {
   if (!dataset) {
     throw Error({.what = "the raster cannot be opened",
                  .where = path.string(),
-                 .expected = "a raster file that GDAL reads, whole",
+                 .expected = "a complete raster file in a format that GDAL reads",
                  .found = QuietGdal::last_error(),
-                 .fix = "see what `gdalinfo` says about the file; fetch it again if it is truncated"});
+                 .fix = "check the file with `gdalinfo`; download it again if it is truncated"});
   }
   const std::string driver = dataset->GetDriverName();
   if (const std::set<std::string> services = {"WMS", "WMTS", "WCS", "HTTP", "OGCAPI", "EEDAI", "PLMOSAIC", "DAAS",
                                               "NGW"};
       services.contains(driver)) {
-    refuse_remote(path, "a description of a service (" + driver + ")");
+    reject_remote(path, "a service description (" + driver + ")");
   }
-  list_files(path, *dataset, kNestedVrts);
+  list_files(path, *dataset, kMaxVrtDepth);
   return dataset;
 }
 
 std::vector<std::filesystem::path> files_of_raster(const std::filesystem::path& path) {
   const GdalHandle dataset = open_gdal_raster(path);
-  return list_files(path, *dataset, kNestedVrts);
+  return list_files(path, *dataset, kMaxVrtDepth);
 }
 
 GdalDataset::GdalDataset(const std::filesystem::path& path, std::optional<Stretch> stretch)
@@ -134,9 +220,9 @@ void GdalDataset::check(bool ok, const char* doing) const {
   if (ok) return;
   throw Error({.what = fmt::format("the raster cannot be read while {}", doing),
                .where = path_.string(),
-               .expected = "a whole file",
+               .expected = "a complete file",
                .found = QuietGdal::last_error(),
-               .fix = "fetch the file again; `gdalinfo -checksum` shows whether it is whole"});
+               .fix = "download the file again; `gdalinfo -checksum` shows whether it is complete"});
 }
 
 cv::Mat GdalDataset::read_band(GDALRasterBand& band, int type, const cv::Rect& window, cv::Size size,
@@ -190,15 +276,15 @@ cv::Mat GdalDataset::read_validity(const cv::Rect& window, cv::Size size) const 
   return {size, CV_8UC1, cv::Scalar(255)};
 }
 
-// Colours can be averaged, their numbers cannot.
-Picture GdalDataset::read_palette(const cv::Rect& window, cv::Size size) const {
+// Palette indices cannot be averaged: nearest neighbour.
+MaskedImage GdalDataset::read_palette(const cv::Rect& window, cv::Size size) const {
   const cv::Mat index = read_band(*dataset_->GetRasterBand(layout_.bgr[0]), CV_16UC1, window, size, false);
-  Picture picture{cv::Mat(size, CV_8UC3), read_validity(window, size)};
+  MaskedImage image{cv::Mat(size, CV_8UC3), read_validity(window, size)};
   const cv::Mat& opaque = layout_.palette_mask;
   for (int row = 0; row < size.height; ++row) {
     const auto* in = index.ptr<std::uint16_t>(row);
-    auto* colour = picture.bgr.ptr<cv::Vec3b>(row);
-    auto* valid = picture.mask.ptr<std::uint8_t>(row);
+    auto* colour = image.bgr.ptr<cv::Vec3b>(row);
+    auto* valid = image.mask.ptr<std::uint8_t>(row);
     for (int column = 0; column < size.width; ++column) {
       const int entry = in[column];
       const bool known = entry < layout_.palette.cols;
@@ -206,12 +292,12 @@ Picture GdalDataset::read_palette(const cv::Rect& window, cv::Size size) const {
       if (!opaque.empty() && (!known || opaque.at<std::uint8_t>(entry) == 0)) valid[column] = 0;
     }
   }
-  return picture;
+  return image;
 }
 
-Samples GdalDataset::read_samples(const cv::Rect& window, cv::Size size) const {
+RasterSamples GdalDataset::read_samples(const cv::Rect& window, cv::Size size) const {
   const QuietGdal quiet;
-  Samples samples{read_colours(CV_32F, window, size), read_validity(window, size)};
+  RasterSamples samples{read_colours(CV_32F, window, size), read_validity(window, size)};
   const int channels = samples.values.channels();
   for (int row = 0; row < size.height; ++row) {
     auto* value = samples.values.ptr<float>(row);
@@ -225,25 +311,25 @@ Samples GdalDataset::read_samples(const cv::Rect& window, cv::Size size) const {
   return samples;
 }
 
-Picture GdalDataset::read(const cv::Rect& window, cv::Size size) const {
+MaskedImage GdalDataset::read(const cv::Rect& window, cv::Size size) const {
   const QuietGdal quiet;
   if (!layout_.palette.empty()) return read_palette(window, size);
-  Picture picture;
+  MaskedImage image;
   cv::Mat colours;
   if (layout_.eight_bit) {
     colours = read_colours(CV_8U, window, size);
-    picture.mask = read_validity(window, size);
+    image.mask = read_validity(window, size);
   } else {
-    const Samples samples = read_samples(window, size);
+    const RasterSamples samples = read_samples(window, size);
     colours = stretched(samples.values, stretch_.value());
-    picture.mask = samples.mask;
+    image.mask = samples.mask;
   }
   if (layout_.grey()) {
-    cv::merge(std::vector<cv::Mat>{colours, colours, colours}, picture.bgr);
+    cv::merge(std::vector<cv::Mat>{colours, colours, colours}, image.bgr);
   } else {
-    picture.bgr = colours;
+    image.bgr = colours;
   }
-  return picture;
+  return image;
 }
 
 }  // namespace nadir

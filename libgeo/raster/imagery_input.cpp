@@ -5,17 +5,109 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
 #include <utility>
 
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/json.hpp"
+#include "raster/raster_source.hpp"
+#include "raster/stretch.hpp"
+
 namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+class StacItem {
+ public:
+  explicit StacItem(const std::filesystem::path& raster) : path_(stac_item_beside(raster)) {
+    if (!std::filesystem::exists(path_)) return;
+    const json document = parse_json(read_text_file(path_), path_.string());
+    if (!document.is_object() || document.value("type", json()) != "Feature" || !document.contains("properties") ||
+        !document["properties"].is_object()) {
+      throw UsageError({.what = "this is not a STAC Item",
+                        .where = path_.string(),
+                        .expected = "a GeoJSON Feature with properties",
+                        .fix = "see docs/commands/cache-build.md for an example"});
+    }
+    properties_ = document["properties"];
+  }
+
+  [[noreturn]] void missing(std::string_view fact, std::string_view option) const {
+    const bool item_exists = properties_.is_object();
+    throw UsageError({.what = fmt::format("the imagery's {} is unknown", fact),
+                      .where = path_.string(),
+                      .expected = fmt::format("a STAC Item beside the raster that states it, or {}", option),
+                      .found = item_exists ? "an item without it" : "no such file",
+                      .fix = fmt::format("add it to the item, or pass {}", option)});
+  }
+
+  double positive(std::string_view name, std::string_view fact, std::string_view option) const {
+    const json value = property(name);
+    if (value.is_null()) missing(fact, option);
+    if (!value.is_number() || value.get<double>() <= 0) reject(name, "a positive number of metres", value);
+    return value.get<double>();
+  }
+
+  UtcTime datetime() const {
+    const json value = property("datetime");
+    if (value.is_null()) missing("capture time", "--captured");
+    const auto time = value.is_string() ? parse_utc(value.get<std::string>()) : std::nullopt;
+    if (!time) reject("datetime", "an RFC 3339 time", value);
+    return *time;
+  }
+
+  std::string provider() const {
+    const json value = property("providers");
+    if (!value.is_array() || value.empty() || !value[0].is_object() || !value[0].contains("name")) {
+      missing("provider", "--provider");
+    }
+    if (!value[0]["name"].is_string()) reject("providers[0].name", "a string", value[0]["name"]);
+    return value[0]["name"].get<std::string>();
+  }
+
+ private:
+  json property(std::string_view name) const {
+    return properties_.is_object() && properties_.contains(name) ? properties_[std::string(name)] : json();
+  }
+
+  [[noreturn]] void reject(std::string_view name, std::string_view expected, const json& found) const {
+    throw UsageError({.what = "the STAC Item is invalid",
+                      .where = fmt::format("{} (properties.{})", path_.string(), name),
+                      .expected = std::string(expected),
+                      .found = found.dump()});
+  }
+
+  std::filesystem::path path_;
+  json properties_;
+};
+
+}  // namespace
+
+std::filesystem::path stac_item_beside(const std::filesystem::path& raster) {
+  std::filesystem::path item = raster;
+  return item.replace_extension(".json");
+}
+
+ImageryFacts read_imagery_facts(const std::filesystem::path& raster, const ImageryOverrides& overrides) {
+  const StacItem item(raster);
+  return {
+      .captured_at = overrides.captured_at ? *overrides.captured_at : item.datetime(),
+      .gsd_m = overrides.gsd_m ? *overrides.gsd_m : item.positive("gsd", "ground sample distance", "--gsd"),
+      .ce90_m = overrides.ce90_m ? *overrides.ce90_m : item.positive("nadir:ce90_m", "accuracy (CE90)", "--ce90"),
+      .provider = overrides.provider ? *overrides.provider : item.provider(),
+  };
+}
+
 namespace {
 
 constexpr std::string_view kBetweenNames = " + ";
 
-// Of a provider that is the source of a tile which several had made.
-std::vector<std::string_view> names_in(std::string_view provider) {
+// The provider may itself be the source of a tile that was made from several.
+std::vector<std::string_view> provider_names(std::string_view provider) {
   std::vector<std::string_view> names;
   for (std::size_t end = provider.find(kBetweenNames); end != std::string_view::npos;
        end = provider.find(kBetweenNames)) {
@@ -29,7 +121,7 @@ std::vector<std::string_view> names_in(std::string_view provider) {
 }  // namespace
 
 void set_facts(Sidecar& sidecar, std::span<const ImageryInput> inputs, const InputShares& used) {
-  // Upwards: 0.1614 m are not within a limit of 0.161 m.
+  // Rounded up: 0.1614 m is not within a limit of 0.161 m.
   const auto millimetres = [](double metres) { return static_cast<std::int64_t>(std::ceil(metres * 1000.0 - 1e-6)); };
   std::map<std::string, std::uint64_t> providers;
   sidecar.trust = TileTrust::service;
@@ -47,11 +139,33 @@ void set_facts(Sidecar& sidecar, std::span<const ImageryInput> inputs, const Inp
   std::stable_sort(order.begin(), order.end(), [](const auto& a, const auto& b) { return a.second > b.second; });
   std::vector<std::string_view> names;
   for (const auto& [provider, pixels] : order) {
-    for (const std::string_view name : names_in(provider)) {
+    for (const std::string_view name : provider_names(provider)) {
       if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
     }
   }
   sidecar.source = fmt::format("{}", fmt::join(names, kBetweenNames));
+}
+
+std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> paths, const ImageryOverrides& overrides,
+                                       std::span<const StretchRequest> stretches) {
+  if (stretches.size() > 1 && stretches.size() != paths.size()) {
+    throw UsageError({.what = "the number of stretches does not match the rasters",
+                      .where = "--stretch",
+                      .expected = fmt::format("one for all, or {}: one per --imagery", paths.size()),
+                      .found = std::to_string(stretches.size()),
+                      .fix = "pass --stretch none for a raster that is 8 bit"});
+  }
+  std::vector<ImageryInput> inputs;
+  for (std::size_t i = 0; i < paths.size(); ++i) {
+    const StretchRequest request = stretches.empty() ? StretchRequest{} : stretches[stretches.size() == 1 ? 0 : i];
+    const std::optional<Stretch> stretch = resolve_stretch(paths[i], request);
+    const RasterSource source(paths[i], stretch);
+    ImageryInput input{paths[i], read_imagery_facts(paths[i], overrides), source.outline()};
+    input.stretch = stretch;
+    if (stretch) input.facts.provider += fmt::format(" ({})", to_text(*stretch));
+    inputs.push_back(std::move(input));
+  }
+  return inputs;
 }
 
 }  // namespace nadir

@@ -1,18 +1,44 @@
-// The rasters that a map is made of. Earlier ones lie on top of later ones.
+// The rasters that a map is made of, as the user names them, with what must be known about each: capture time, ground
+// sample distance, provider and accuracy. Earlier ones lie on top of later ones.
+//
+// The facts come from the STAC Item beside the file (`map.tif` + `map.json`, stacspec.org 1.0): properties.datetime,
+// gsd, providers[0].name and nadir:ce90_m. The user may state them instead.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
+#include "base/time.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "raster/imagery_facts.hpp"
-#include "raster/stretch.hpp"
 #include "package/sidecar.hpp"
+#include "raster/stretch.hpp"
 
 namespace nadir {
+
+struct ImageryFacts {
+  UtcTime captured_at;
+  double gsd_m = 0;   // ground sample distance
+  double ce90_m = 0;  // circular error: 90 % of well-defined points lie within this distance of their true position
+  std::string provider;
+};
+
+// What the user states instead of the item.
+struct ImageryOverrides {
+  std::optional<UtcTime> captured_at;
+  std::optional<double> gsd_m;
+  std::optional<double> ce90_m;
+  std::optional<std::string> provider;
+};
+
+// Throws UsageError when a fact is neither in the item nor stated: freshness and accuracy could not be evaluated.
+ImageryFacts read_imagery_facts(const std::filesystem::path& raster, const ImageryOverrides& overrides);
+
+std::filesystem::path stac_item_beside(const std::filesystem::path& raster);
 
 struct ImageryInput {
   std::filesystem::path path;
@@ -22,11 +48,17 @@ struct ImageryInput {
   std::optional<Stretch> stretch{};  // of a raster that is not 8 bit
 };
 
+// In the given order. stretches: none, one for all, or one for each. Throws Error for a raster that does not open,
+// UsageError when a fact or a stretch is missing. The stretch is appended to the provider, which every tile names as
+// its source: "survey (112 to 9873)".
+std::vector<ImageryInput> open_imagery(std::span<const std::filesystem::path> paths, const ImageryOverrides& overrides,
+                                       std::span<const StretchRequest> stretches);
+
 // Which inputs contributed to a tile, and how many pixels of the finest zoom each.
 using InputShares = std::map<std::size_t, std::uint64_t>;
 
-// A tile of several inputs is as old as the oldest, as coarse as the coarsest, as badly placed and as little trusted as
-// the worst. Its source names them all once, the one with the largest share first.
+// A tile of several inputs takes the oldest capture time, the coarsest resolution, the worst accuracy and the lowest
+// trust of them. Its source names each provider once, the one with the largest share first.
 void set_facts(Sidecar& sidecar, std::span<const ImageryInput> inputs, const InputShares& used);
 
 }  // namespace nadir

@@ -11,29 +11,29 @@
 namespace nadir {
 namespace {
 
-constexpr int kChunk = 4 * kTileSize;  // pixels that are blended at once: bounds the memory
+constexpr int kChunk = 4 * kTileSize;  // pixels blended at once: bounds the memory
 
 cv::Rect tile_rect(int column, int row) { return {column * kTileSize, row * kTileSize, kTileSize, kTileSize}; }
 
-// What one chunk or canvas is filled with.
+// The part of the canvas that is being filled.
 struct Target {
-  Picture picture;
+  MaskedImage image;
   cv::Point first_tile;  // in the grid
   TileGrid& used;
 };
 
 void compose_hard(int zoom, const cv::Rect& pixels, std::span<const LayerReader> layers, Target& target) {
-  Picture& picture = target.picture;
+  MaskedImage& image = target.image;
   for (std::size_t i = 0; i < layers.size(); ++i) {
-    const Picture layer = layers[i](zoom, pixels);
+    const MaskedImage layer = layers[i](zoom, pixels);
     cv::Mat fresh = layer.mask;
     if (i == 0) {
-      layer.bgr.copyTo(picture.bgr);
-      layer.mask.copyTo(picture.mask);
+      layer.bgr.copyTo(image.bgr);
+      layer.mask.copyTo(image.mask);
     } else {
-      fresh = layer.mask & ~picture.mask;
-      layer.bgr.copyTo(picture.bgr, fresh);
-      picture.mask |= fresh;
+      fresh = layer.mask & ~image.mask;
+      layer.bgr.copyTo(image.bgr, fresh);
+      image.mask |= fresh;
     }
     for (int row = 0; row < pixels.height / kTileSize; ++row) {
       for (int column = 0; column < pixels.width / kTileSize; ++column) {
@@ -42,17 +42,17 @@ void compose_hard(int zoom, const cv::Rect& pixels, std::span<const LayerReader>
         target.used.at(target.first_tile.x + column, target.first_tile.y + row)[i] = static_cast<std::uint64_t>(shown);
       }
     }
-    if (cv::countNonZero(picture.mask) == pixels.area()) break;
+    if (cv::countNonZero(image.mask) == pixels.area()) break;
   }
 }
 
-// How far each layer shows through: alphas from the top, and their colours added up.
+// Accumulates layers from the top: weighted colours, and the transparency that is left.
 class Blend {
  public:
   explicit Blend(cv::Size size)
       : colours_(size, CV_32FC3, cv::Scalar::all(0)),
         weights_(size, CV_32F, cv::Scalar(0)),
-        left_(size, CV_32F, 1.0F) {}
+        transparency_(size, CV_32F, 1.0F) {}
 
   // Returns the layer's weight at each pixel.
   cv::Mat add(const cv::Mat& bgr, const cv::Mat& alpha) {
@@ -60,7 +60,7 @@ class Blend {
     for (int row = 0; row < alpha.rows; ++row) {
       const auto* a = alpha.ptr<float>(row);
       const auto* colour = bgr.ptr<cv::Vec3b>(row);
-      auto* left = left_.ptr<float>(row);
+      auto* left = transparency_.ptr<float>(row);
       auto* sum = colours_.ptr<cv::Vec3f>(row);
       auto* total = weights_.ptr<float>(row);
       auto* own = weight.ptr<float>(row);
@@ -77,30 +77,30 @@ class Blend {
 
   bool opaque() const {
     double most = 0;
-    cv::minMaxLoc(left_, nullptr, &most);
+    cv::minMaxLoc(transparency_, nullptr, &most);
     return most <= 0;
   }
 
-  void finish(Picture& picture) const {
+  void finish(MaskedImage& image) const {
     for (int row = 0; row < weights_.rows; ++row) {
       const auto* sum = colours_.ptr<cv::Vec3f>(row);
       const auto* total = weights_.ptr<float>(row);
       for (int column = 0; column < weights_.cols; ++column) {
         if (total[column] <= 0) continue;
         for (int band = 0; band < 3; ++band) {
-          picture.bgr.at<cv::Vec3b>(row, column)[band] =
+          image.bgr.at<cv::Vec3b>(row, column)[band] =
               cv::saturate_cast<std::uint8_t>(sum[column][band] / total[column]);
         }
-        picture.mask.at<std::uint8_t>(row, column) = 255;
+        image.mask.at<std::uint8_t>(row, column) = 255;
       }
     }
   }
 
  private:
-  cv::Mat colours_, weights_, left_;
+  cv::Mat colours_, weights_, transparency_;
 };
 
-// 0 where the layer shows nothing, 1 from feather_px away from there on.
+// 0 where the layer is invalid, growing to 1 at feather_px from there.
 cv::Mat alpha_of(const cv::Mat& mask, double feather_px) {
   if (cv::countNonZero(mask) == mask.rows * mask.cols) return {mask.size(), CV_32F, cv::Scalar(1)};
   cv::Mat distance;
@@ -111,13 +111,13 @@ cv::Mat alpha_of(const cv::Mat& mask, double feather_px) {
 
 void compose_feathered(int zoom, const cv::Rect& pixels, double feather_px, std::span<const LayerReader> layers,
                        Target& target) {
-  // Edges beyond the chunk fade what is inside it: neighbouring chunks must see the same distances.
+  // Edges beyond the chunk fade pixels inside it: neighbouring chunks must see the same distances.
   const int halo = static_cast<int>(std::ceil(feather_px)) + 1;
   const cv::Rect wide(pixels.x - halo, pixels.y - halo, pixels.width + 2 * halo, pixels.height + 2 * halo);
   const cv::Rect inner({halo, halo}, pixels.size());
   Blend blend(pixels.size());
   for (std::size_t i = 0; i < layers.size() && !blend.opaque(); ++i) {
-    const Picture layer = layers[i](zoom, wide);
+    const MaskedImage layer = layers[i](zoom, wide);
     if (cv::countNonZero(layer.mask(inner)) == 0) continue;
     const cv::Mat weight = blend.add(layer.bgr(inner), alpha_of(layer.mask, feather_px)(inner));
     for (int row = 0; row < pixels.height / kTileSize; ++row) {
@@ -129,7 +129,7 @@ void compose_feathered(int zoom, const cv::Rect& pixels, double feather_px, std:
       }
     }
   }
-  blend.finish(target.picture);
+  blend.finish(target.image);
 }
 
 }  // namespace
@@ -146,7 +146,7 @@ double feather_pixels(const Mission& mission, const MosaicOptions& mosaic) {
   const double pixel_m = ground_resolution_m(mission.zoom.max, mission.takeoff.lat_deg);
   const double pixels = mosaic.feather_m / pixel_m;
   if (pixels <= kMaxFeather_px) return pixels;
-  throw UsageError({.what = "seams cannot fade over so far",
+  throw UsageError({.what = "the feather is too wide",
                     .where = "--feather-m",
                     .expected = fmt::format("at most {:.0f} m at zoom {}", kMaxFeather_px * pixel_m, mission.zoom.max),
                     .found = fmt::format("{} m", mosaic.feather_m)});
@@ -160,8 +160,8 @@ std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources) {
   return layers;
 }
 
-void compose(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
-             Picture& canvas, TileGrid& used) {
+void compose_layers(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
+             MaskedImage& canvas, TileGrid& used) {
   const auto part_of = [&](const cv::Rect& place) {
     return Target{{canvas.bgr(place), canvas.mask(place)}, {place.x / kTileSize, place.y / kTileSize}, used};
   };

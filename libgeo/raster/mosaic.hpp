@@ -1,8 +1,9 @@
-// Several rasters as one map: which lies on top of which, and how one gives way to the next.
+// Several rasters as one map: their order, and how one blends into the next.
 //
-// Hard seams: the topmost raster with ground shows. Feathered seams: a raster that ends where another continues fades
-// out over the last metres before its edge (an alpha that grows linearly with the distance from the nearest place where
-// it shows nothing); where nothing lies below, nothing fades.
+// Hard seams: the topmost valid pixel shows. Feathered seams: a raster that ends where another continues fades out over
+// the last pixels before its edge. With d the distance to the nearest invalid pixel of the layer and f the feather,
+//   alpha_i = min(1, d / f),  weight_i = alpha_i prod_{j<i} (1 - alpha_j),  colour = sum weight_i colour_i / sum weight_i
+// so that nothing fades where no layer lies below.
 #pragma once
 
 #include <functional>
@@ -10,7 +11,7 @@
 #include <vector>
 
 #include "raster/imagery_input.hpp"
-#include "raster/picture.hpp"
+#include "raster/masked_image.hpp"
 #include "raster/raster_source.hpp"
 #include "package/mission.hpp"
 
@@ -24,16 +25,16 @@ struct MosaicOptions {
   double feather_m = 0;  // 0: hard seams
 };
 
-// The same inputs, the topmost first.
+// The same inputs, the topmost first. Stable.
 std::vector<ImageryInput> in_order(std::vector<ImageryInput> inputs, MosaicOrder order);
 
-// Fading over more pixels than this would take more memory than a build may.
+// A wider feather would exceed the memory budget of a build.
 inline constexpr double kMaxFeather_px = 256;
 
 // The feather in pixels of the mission's finest zoom. Throws UsageError beyond kMaxFeather_px.
 double feather_pixels(const Mission& mission, const MosaicOptions& mosaic);
 
-// Which inputs show in each tile of a square of tiles.
+// Which inputs show in each tile of a square block of tiles.
 class TileGrid {
  public:
   explicit TileGrid(int across) : across_(static_cast<std::size_t>(across)), cells_(across_ * across_) {}
@@ -50,15 +51,15 @@ class TileGrid {
   std::vector<InputShares> cells_;
 };
 
-// One layer of a mosaic: a rectangle of global pixels of a zoom; mask 0 where the layer shows nothing.
-using LayerReader = std::function<Picture(int zoom, const cv::Rect& pixels)>;
+// Reads one layer of a mosaic: a rectangle of global pixels of a zoom; mask 0 where the layer shows nothing.
+using LayerReader = std::function<MaskedImage(int zoom, const cv::Rect& pixels)>;
 
 // The rasters as layers; they must outlive the readers.
 std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources);
 
-// Fills the canvas from `at` on with the given pixels of the zoom, whole tiles, and notes which of the layers, the
-// topmost first, show where. The canvas begins without any ground.
-void compose(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
-             Picture& canvas, TileGrid& used);
+// Fills the canvas from `at` on with the given pixels of the zoom, whole tiles, and records which of the layers, the
+// topmost first, show in which tile. The canvas must be empty (mask 0) before.
+void compose_layers(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
+             MaskedImage& canvas, TileGrid& used);
 
 }  // namespace nadir

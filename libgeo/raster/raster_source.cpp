@@ -15,11 +15,11 @@
 namespace nadir {
 namespace {
 
-constexpr int kBlock = 512;  // pixels that are warped at once: little enough to stay in the cache
-constexpr int kNode = 32;    // pixels between exactly transformed places; in between, the map is a plane
+constexpr int kBlock = 512;  // pixels warped at once: few enough to stay in the cache
+constexpr int kNode = 32;    // pixels between exactly transformed nodes; bilinear in between
 constexpr double kHalfWorld_m = kPi * kMercatorRadius_m;
 
-// Where the pixels of a block lie in the raster, at every kNode pixels.
+// Raster coordinates of a block's pixels, at every kNode pixels.
 struct Nodes {
   int columns = 0;
   int rows = 0;
@@ -62,29 +62,29 @@ struct RasterSource::Impl {
     if (dataset.layout().eight_bit || stretched) return;
     throw UsageError({.what = "the raster is not 8 bit",
                       .where = dataset.path().string(),
-                      .expected = "8 bit, or a stated stretch",
+                      .expected = "8 bit, or a stretch",
                       .found = dataset.layout().type,
-                      .fix = "state how its values become colours: --stretch"});
+                      .fix = "state how its values become colours with --stretch"});
   }
 
   [[noreturn]] void fail_transform() const {
-    throw UsageError({.what = "the raster's place on the map cannot be computed",
+    throw UsageError({.what = "the raster's position on the map cannot be computed",
                       .where = dataset.path().string(),
-                      .expected = "a coordinate reference system that PROJ can bring to Web Mercator",
+                      .expected = "a coordinate reference system that PROJ can transform to Web Mercator",
                       .found = QuietGdal::last_error()});
   }
 
   void check_georeference() const {
     double transform[6];
     GDALDataset* handle = dataset.handle();
-    const bool has_place = handle->GetGeoTransform(transform) == CE_None || handle->GetGCPCount() > 0;
+    const bool has_geotransform = handle->GetGeoTransform(transform) == CE_None || handle->GetGCPCount() > 0;
     const OGRSpatialReference* system = handle->GetSpatialRef();
     if (system == nullptr) system = handle->GetGCPSpatialRef();
-    if (has_place && system != nullptr) return;
+    if (has_geotransform && system != nullptr) return;
     throw UsageError({.what = "the raster is not georeferenced",
                       .where = dataset.path().string(),
                       .expected = "a geotransform and a coordinate reference system",
-                      .found = has_place ? "no coordinate reference system" : "no geotransform",
+                      .found = has_geotransform ? "no coordinate reference system" : "no geotransform",
                       .fix = "set them: gdal_edit.py -a_srs EPSG:… -a_ullr WEST NORTH EAST SOUTH FILE"});
   }
 
@@ -143,9 +143,9 @@ struct RasterSource::Impl {
 
 namespace {
 
-// A part of the raster in memory, perhaps averaged down.
+// A part of the raster in memory, averaged down when the map is coarser.
 struct Part {
-  Picture picture;
+  MaskedImage image;
   cv::Point2d origin;  // raster pixels
   cv::Point2d scale;   // raster pixels per pixel of the part
 };
@@ -153,7 +153,7 @@ struct Part {
 std::optional<Part> read_part(const GdalDataset& dataset, const Nodes& nodes) {
   const int factor = std::max(1, static_cast<int>(std::floor(nodes.shrink() + 0.01)));
   const int margin = 2 * factor + 2;
-  // Aligned to the factor, so that averages do not depend on where a block begins.
+  // Aligned to the factor, so that averages do not depend on where a block starts.
   const auto down = [&](double value) { return static_cast<int>(std::floor(value / factor)) * factor; };
   const cv::Rect raster({0, 0}, dataset.size());
   const auto clamped = [](double value, int limit) { return std::clamp(value, -1e6, limit + 1e6); };
@@ -170,9 +170,9 @@ std::optional<Part> read_part(const GdalDataset& dataset, const Nodes& nodes) {
   return part;
 }
 
-// Less than two raster pixels per map pixel are left: blur away what one sample per pixel would turn into noise. The
-// kernel's variance is that of a triangle as wide as a map pixel, less that of the interpolation itself; three taps
-// have the variance of twice the outer tap.
+// Less than two raster pixels per map pixel remain: a low-pass against aliasing. The kernel's variance is that of a
+// triangle as wide as a map pixel, minus that of the interpolation itself; three taps have twice the outer tap as
+// variance.
 void blur_for(double shrink, cv::Mat& bgr) {
   if (shrink < 1.05) return;
   const double outer = std::min(0.25, (shrink * shrink - 1.0) / 12.0);
@@ -193,9 +193,9 @@ void RasterSource::Impl::read_block(int zoom, const cv::Rect& block, cv::Mat bgr
     mask.setTo(0);
     return;
   }
-  const bool whole = cv::countNonZero(part->picture.mask) == part->picture.mask.rows * part->picture.mask.cols;
-  if (!whole) fill_unknown(part->picture);
-  blur_for(nodes.shrink() / part->scale.x, part->picture.bgr);
+  const bool whole = cv::countNonZero(part->image.mask) == part->image.mask.rows * part->image.mask.cols;
+  if (!whole) fill_invalid(part->image);
+  blur_for(nodes.shrink() / part->scale.x, part->image.bgr);
 
   cv::Mat map(block.size(), CV_32FC2);
   for (int row = 0; row < block.height; ++row) {
@@ -205,7 +205,7 @@ void RasterSource::Impl::read_block(int zoom, const cv::Rect& block, cv::Mat bgr
     for (int node = 0; node + 1 < nodes.columns; ++node) {
       const cv::Point2d begin = nodes.at(node_row, node) * (1 - below) + nodes.at(node_row + 1, node) * below;
       const cv::Point2d end = nodes.at(node_row, node + 1) * (1 - below) + nodes.at(node_row + 1, node + 1) * below;
-      // cv::remap counts from pixel centres, GDAL from corners.
+      // cv::remap uses pixel centres as integers, GDAL pixel corners.
       const cv::Point2f start(static_cast<float>((begin.x - part->origin.x) / part->scale.x - 0.5),
                               static_cast<float>((begin.y - part->origin.y) / part->scale.y - 0.5));
       const cv::Point2f step(static_cast<float>((end.x - begin.x) / kNode / part->scale.x),
@@ -214,25 +214,25 @@ void RasterSource::Impl::read_block(int zoom, const cv::Rect& block, cv::Mat bgr
       for (int i = 0; i < columns; ++i) out[node * kNode + i] = start + step * static_cast<float>(i);
     }
   }
-  cv::remap(part->picture.bgr, bgr, map, {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  cv::remap(part->image.bgr, bgr, map, {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   if (whole) {
     mask.setTo(255);
   } else {
-    cv::remap(part->picture.mask, mask, map, {}, cv::INTER_NEAREST, cv::BORDER_REPLICATE);
+    cv::remap(part->image.mask, mask, map, {}, cv::INTER_NEAREST, cv::BORDER_REPLICATE);
   }
   const bool inside =
       nodes.bounds.x >= 0 && nodes.bounds.y >= 0 && nodes.bounds.br().x <= width && nodes.bounds.br().y <= height;
   if (inside) return;
-  // Valid is what lies on the raster itself: its outermost pixels reach half a pixel beyond their centres.
+  // Only positions on the raster itself are valid: its outermost pixels reach half a pixel beyond their centres.
   const auto left = static_cast<float>((0 - part->origin.x) / part->scale.x - 0.5);
   const auto top = static_cast<float>((0 - part->origin.y) / part->scale.y - 0.5);
   const auto right = static_cast<float>((width - part->origin.x) / part->scale.x - 0.5);
   const auto bottom = static_cast<float>((height - part->origin.y) / part->scale.y - 0.5);
   for (int row = 0; row < block.height; ++row) {
-    const auto* place = map.ptr<cv::Point2f>(row);
+    const auto* positions = map.ptr<cv::Point2f>(row);
     auto* valid = mask.ptr<std::uint8_t>(row);
     for (int column = 0; column < block.width; ++column) {
-      const cv::Point2f& p = place[column];
+      const cv::Point2f& p = positions[column];
       if (p.x < left || p.y < top || p.x >= right || p.y >= bottom) valid[column] = 0;
     }
   }
@@ -247,18 +247,18 @@ RasterSource& RasterSource::operator=(RasterSource&&) noexcept = default;
 const std::vector<MercatorXY>& RasterSource::outline() const { return impl_->outline; }
 const std::filesystem::path& RasterSource::path() const { return impl_->dataset.path(); }
 
-Picture RasterSource::read(int zoom, const cv::Rect& pixels) {
+MaskedImage RasterSource::read(int zoom, const cv::Rect& pixels) {
   const QuietGdal quiet;
-  Picture picture;
-  picture.bgr.create(pixels.size(), CV_8UC3);
-  picture.mask.create(pixels.size(), CV_8UC1);
+  MaskedImage image;
+  image.bgr.create(pixels.size(), CV_8UC3);
+  image.mask.create(pixels.size(), CV_8UC1);
   for (int row = 0; row < pixels.height; row += kBlock) {
     for (int column = 0; column < pixels.width; column += kBlock) {
       const cv::Rect part(column, row, std::min(kBlock, pixels.width - column), std::min(kBlock, pixels.height - row));
-      impl_->read_block(zoom, part + pixels.tl(), picture.bgr(part), picture.mask(part));
+      impl_->read_block(zoom, part + pixels.tl(), image.bgr(part), image.mask(part));
     }
   }
-  return picture;
+  return image;
 }
 
 }  // namespace nadir

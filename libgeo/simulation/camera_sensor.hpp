@@ -6,6 +6,10 @@
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
+#include "simulation/flight_path.hpp"
+#include "simulation/noise.hpp"
+#include "vision/camera_model.hpp"
+
 namespace nadir {
 
 struct Exposure {
@@ -24,6 +28,24 @@ class CameraSensor {
   cv::Mat_<float> vignette_;
   std::vector<float> normal_;  // a table of normally distributed numbers
   std::uint64_t seed_;
+};
+
+// How light and exposure wander during a flight, and how far the ground moves over the picture while the shutter is
+// open: what CameraSensor needs to know about each frame.
+
+enum class SensorNoise { none, real };
+
+class ExposureControl {
+ public:
+  ExposureControl(const CameraModel& camera, std::uint64_t seed);
+
+  // pose.agl_m must be positive.
+  Exposure of(const FlightPose& pose, std::uint64_t frame) const;
+
+ private:
+  CameraModel camera_;
+  std::uint64_t seed_;
+  Noise light_;
 };
 
 }  // namespace nadir

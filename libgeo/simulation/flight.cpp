@@ -48,19 +48,19 @@ void check_route(const WorldRaster& world, const GroundShape& ground, const std:
   }
 }
 
-std::string telemetry_row(const std::string& name, const MeasuredPose& told, bool exact) {
-  double heading = std::fmod(degrees(told.attitude.heading_rad), 360.0);
+std::string telemetry_row(const std::string& name, const MeasuredPose& measured, bool exact) {
+  double heading = std::fmod(degrees(measured.attitude.heading_rad), 360.0);
   if (heading < 0) heading += 360;
-  const double pitch = degrees(told.attitude.pitch_rad), roll = degrees(told.attitude.roll_rad);
+  const double pitch = degrees(measured.attitude.pitch_rad), roll = degrees(measured.attitude.roll_rad);
   std::string imu = ",";
-  if (told.imu_dv_mps) {
-    imu = fmt::format("{:.{}f},{:.{}f}", told.imu_dv_mps->x(), exact ? 6 : 3, told.imu_dv_mps->y(), exact ? 6 : 3);
+  if (measured.imu_dv_mps) {
+    imu = fmt::format("{:.{}f},{:.{}f}", measured.imu_dv_mps->x(), exact ? 6 : 3, measured.imu_dv_mps->y(), exact ? 6 : 3);
   }
   if (exact) {
-    return fmt::format("{},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f},{}\n", name, told.time_s, told.agl_m, heading, pitch,
+    return fmt::format("{},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f},{}\n", name, measured.time_s, measured.agl_m, heading, pitch,
                        roll, imu);
   }
-  return fmt::format("{},{:.3f},{:.2f},{:.2f},{:.2f},{:.2f},{}\n", name, told.time_s, told.agl_m, heading, pitch, roll,
+  return fmt::format("{},{:.3f},{:.2f},{:.2f},{:.2f},{:.2f},{}\n", name, measured.time_s, measured.agl_m, heading, pitch, roll,
                      imu);
 }
 
@@ -94,7 +94,7 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   const double spacing = (1 - kOverlap) * camera.height / camera.fy * agl;
   path.interval_s = options.interval_s.value_or(std::max(0.04, std::round(spacing / options.speed_mps * 100) / 100));
   path.max_frames = options.max_frames.value_or(kUsualFrames);
-  const std::vector<FlightPose> poses = fly_path(route, ground, path, options.seed);
+  const std::vector<FlightPose> poses = simulate_flight_path(route, ground, path, options.seed);
   check_route(world, ground, poses, frame, options);
 
   const FrameRenderer renderer(camera, world, ground);
@@ -110,7 +110,7 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const FlightPose& pose = poses[i];
     RenderedFrame shot = renderer.render(pose.position, pose.attitude);
-    if (shot.seen_share < 0.999) ++report.frames_beyond_world;
+    if (shot.covered_fraction < 0.999) ++report.frames_beyond_world;
     if (options.noise == SensorNoise::real) {
       sensor.expose(shot.image, exposure.of(pose, i), i);
     }
@@ -118,9 +118,9 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
     write_file_atomic(folder / "frames" / name, encode_image(shot.image, ImageFormat::jpeg, 92));
     const bool exact = options.noise == SensorNoise::none;
     const auto before = i > 0 ? std::optional(poses[i - 1]) : std::nullopt;
-    const MeasuredPose told =
-        exact ? MeasuredPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)} : noise.tell(pose);
-    telemetry += telemetry_row(name, told, exact);
+    const MeasuredPose measured =
+        exact ? MeasuredPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)} : noise.measure(pose);
+    telemetry += telemetry_row(name, measured, exact);
     const Geodetic at = frame.geodetic_from_enu({pose.position.x(), pose.position.y(), pose.position.z()});
     truth += fmt::format("{},{:.9f},{:.9f},{:.3f}\n", name, at.place.lat_deg, at.place.lon_deg, at.height_m);
     if (i > 0) report.length_m += (pose.position - poses[i - 1].position).head<2>().norm();

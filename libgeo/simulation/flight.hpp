@@ -8,7 +8,7 @@
 
 #include "base/progress.hpp"
 #include "package/mission.hpp"
-#include "simulation/exposure_control.hpp"
+#include "simulation/camera_sensor.hpp"
 
 namespace nadir {
 

@@ -74,7 +74,7 @@ std::vector<double> smoothed(const std::vector<double>& values, int reach) {
 
 }  // namespace
 
-std::vector<FlightPose> fly_path(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
+std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
                                  std::uint64_t seed) {
   const double speed = options.speed_mps;
   const double radius = speed * speed / (kGravity * std::tan(kUsualBank_rad));

@@ -29,7 +29,7 @@ struct FlightPathOptions {
   bool calm = false;  // no wobble and no wind: for exact experiments
 };
 
-std::vector<FlightPose> fly_path(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
+std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
                                  std::uint64_t seed);
 
 }  // namespace nadir

@@ -8,7 +8,7 @@ namespace nadir {
 namespace {
 
 constexpr int kStep = 16;  // pixels between nodes
-const cv::Vec2f kNowhere(-1e6F, -1e6F);
+const cv::Vec2f kNoProjection(-1e6F, -1e6F);
 
 // Bilinear between nodes, for one row of pixels.
 void interpolate(const cv::Mat_<cv::Vec2f>& nodes, double scale, cv::Point origin, cv::Mat_<cv::Vec2f>& map) {
@@ -30,7 +30,7 @@ void interpolate(const cv::Mat_<cv::Vec2f>& nodes, double scale, cv::Point origi
   }
 }
 
-struct Reach {
+struct PixelBounds {
   double left = 1e12, right = -1e12, top = 1e12, bottom = -1e12;
 
   // Nothing between the nodes lies outside what they enclose; a pixel on every side is for what resampling rounds.
@@ -39,8 +39,8 @@ struct Reach {
   }
 };
 
-Reach reach_of(const cv::Mat_<cv::Vec2f>& nodes, double scale) {
-  Reach reach;
+PixelBounds bounds_of(const cv::Mat_<cv::Vec2f>& nodes, double scale) {
+  PixelBounds reach;
   for (const cv::Vec2f& node : nodes) {
     const double x = static_cast<double>(node[0]) * scale, y = static_cast<double>(node[1]) * scale;
     reach.left = std::min(reach.left, x), reach.right = std::max(reach.right, x);
@@ -49,7 +49,7 @@ Reach reach_of(const cv::Mat_<cv::Vec2f>& nodes, double scale) {
   return reach;
 }
 
-cv::Rect seen_part(const Reach& reach, cv::Size size) {
+cv::Rect covered_window(const PixelBounds& reach, cv::Size size) {
   const auto& [left, right, top, bottom] = reach;
   const int x0 = static_cast<int>(std::clamp(left - 4, 0.0, size.width - 1.0));
   const int y0 = static_cast<int>(std::clamp(top - 4, 0.0, size.height - 1.0));
@@ -60,7 +60,7 @@ cv::Rect seen_part(const Reach& reach, cv::Size size) {
 
 }  // namespace
 
-Eigen::Vector3d meet_ground(const GroundShape& ground, const Eigen::Vector3d& position,
+Eigen::Vector3d intersect_ground(const GroundShape& ground, const Eigen::Vector3d& position,
                             const Eigen::Vector3d& direction) {
   const Eigen::Vector3d d = direction.normalized();
   const double fall = std::max(-d.z(), 0.05);  // rays near the horizon end somewhere far
@@ -96,14 +96,14 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   const Eigen::Matrix3d rotation = enu_from_camera(attitude);
   std::vector<Eigen::Vector3d> points;
   points.reserve(rays_.size());
-  for (const Eigen::Vector3d& ray : rays_) points.push_back(meet_ground(ground_, position, rotation * ray));
+  for (const Eigen::Vector3d& ray : rays_) points.push_back(intersect_ground(ground_, position, rotation * ray));
   world_.raster_from_enu(points);
   cv::Mat_<cv::Vec2f> nodes(nodes_);
   for (int r = 0; r < nodes.rows; ++r) {
     for (int c = 0; c < nodes.cols; ++c) {
       const Eigen::Vector3d& p = points[static_cast<std::size_t>(r * nodes.cols + c)];
       // Where no projection reaches, there is nothing to see.
-      nodes(r, c) = p.allFinite() ? cv::Vec2f(static_cast<float>(p.x()), static_cast<float>(p.y())) : kNowhere;
+      nodes(r, c) = p.allFinite() ? cv::Vec2f(static_cast<float>(p.x()), static_cast<float>(p.y())) : kNoProjection;
     }
   }
   // Raster pixels per picture pixel in the middle of the frame decide the pyramid level.
@@ -118,8 +118,8 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   cv::Mat_<cv::Vec2f> map(camera_.height, camera_.width);
   // Only the part that is seen: OpenCV resamples pictures of up to 32767 pixels a side.
   const double scale = std::ldexp(1.0, -static_cast<int>(level));
-  const Reach reach = reach_of(nodes, scale);
-  const cv::Rect part = seen_part(reach, source.image.size());
+  const PixelBounds reach = bounds_of(nodes, scale);
+  const cv::Rect part = covered_window(reach, source.image.size());
   interpolate(nodes, scale, part.tl(), map);
   cv::Mat fixed, fraction;
   cv::convertMaps(map, cv::noArray(), fixed, fraction, CV_16SC2);
@@ -129,8 +129,8 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   if (source.whole && reach.inside(part)) return frame;
   cv::Mat seen;
   cv::remap(source.mask(part), seen, fixed, cv::Mat(), cv::INTER_NEAREST, cv::BORDER_CONSTANT, cv::Scalar(0));
-  frame.seen_share = cv::countNonZero(seen >= 128) / static_cast<double>(seen.total());
-  if (frame.seen_share < 1) frame.image.setTo(cv::Scalar(96, 104, 100), seen < 128);
+  frame.covered_fraction = cv::countNonZero(seen >= 128) / static_cast<double>(seen.total());
+  if (frame.covered_fraction < 1) frame.image.setTo(cv::Scalar(96, 104, 100), seen < 128);
   return frame;
 }
 

@@ -10,7 +10,7 @@ namespace nadir {
 
 struct RenderedFrame {
   cv::Mat image;          // CV_8UC3
-  double seen_share = 1;  // of the picture that lies on the world's valid pixels
+  double covered_fraction = 1;  // of the picture that lies on the world's valid pixels
 };
 
 class FrameRenderer {
@@ -29,7 +29,7 @@ class FrameRenderer {
 };
 
 // Where a ray from `position` along `direction` first meets the ground; far away but finite when it misses.
-Eigen::Vector3d meet_ground(const GroundShape& ground, const Eigen::Vector3d& position,
+Eigen::Vector3d intersect_ground(const GroundShape& ground, const Eigen::Vector3d& position,
                             const Eigen::Vector3d& direction);
 
 }  // namespace nadir

@@ -11,11 +11,12 @@
 #include <opencv2/core/types.hpp>
 #include <vector>
 
+#include "base/random.hpp"
 #include "simulation/noise.hpp"
 
 namespace nadir {
 
-using Spot = cv::Point2d;
+using GroundPoint = cv::Point2d;
 
 enum class Crop : std::uint8_t {
   wheat,
@@ -39,7 +40,7 @@ enum class Border : std::uint8_t { road, track, hedge, grass, furrow };
 
 // A cut through the plane: u·normal = offset.
 struct Cut {
-  Spot normal;
+  GroundPoint normal;
   double offset = 0;
   Border border = Border::furrow;
   double half_width_m = 0.4;
@@ -52,7 +53,7 @@ struct Parcel {
   double row_angle_rad = 0;        // direction of the rows in (u, v)
   double tone = 0;                 // −1…1: how this field differs from others of its crop
   double half_done = 2;            // share along the rows that has been worked on the day already; > 1: none
-  Spot centre;                     // in (u, v)
+  GroundPoint centre;                     // in (u, v)
   double length_m = 0;             // along the rows
   double area_m2 = 0;
   std::uint64_t seed = 0;
@@ -64,8 +65,8 @@ struct FieldPattern {
   std::vector<Cut> cuts;  // cuts[0] is the root
   std::vector<Parcel> parcels;
 
-  Spot uv_from_ground(Spot ground) const;
-  Spot ground_from_uv(Spot uv) const;
+  GroundPoint uv_from_ground(GroundPoint ground) const;
+  GroundPoint ground_from_uv(GroundPoint uv) const;
 
   struct Hit {
     int parcel = 0;
@@ -74,21 +75,21 @@ struct FieldPattern {
     double road_m = 1e9;    // the same for the nearest cut that is a road
     double track_m = 1e9;
   };
-  Hit find(Spot uv) const;
+  Hit find(GroundPoint uv) const;
 };
 
 // A line with a width that may vary: rivers, roads, streets.
-struct Way {
-  std::vector<Spot> points;
+struct Polyline {
+  std::vector<GroundPoint> points;
   std::vector<double> half_widths_m;
 };
-double distance_m(const Way& way, Spot spot);  // to its middle
+double distance_m(const Polyline& way, GroundPoint position);  // to its middle
 
 struct Pond {
-  Spot centre;
+  GroundPoint centre;
   double radius_m = 0;
   std::uint64_t seed = 0;
-  double edge_m(Spot spot) const;  // negative inside
+  double edge_m(GroundPoint position) const;  // negative inside
 };
 
 enum class Presence : std::uint8_t { both, before_only, day_only };
@@ -96,7 +97,7 @@ enum class Presence : std::uint8_t { both, before_only, day_only };
 enum class Roof : std::uint8_t { tiles, brown, slate, metal, flat, round };
 
 struct Building {
-  Spot centre;
+  GroundPoint centre;
   double angle_rad = 0;  // of the ridge
   double length_m = 0;   // along the ridge
   double width_m = 0;
@@ -111,7 +112,7 @@ struct Building {
 enum class Cover : std::uint8_t { lawn, beds, gravel, paving, pitch, wild };
 
 struct Plot {  // a rectangle of garden, yard or pavement
-  Spot centre;
+  GroundPoint centre;
   double angle_rad = 0;
   double length_m = 0;
   double width_m = 0;
@@ -122,7 +123,7 @@ struct Plot {  // a rectangle of garden, yard or pavement
 enum class Plant : std::uint8_t { broadleaf, conifer, bush, fruit, bale };
 
 struct Tree {
-  Spot centre;
+  GroundPoint centre;
   double radius_m = 0;
   double height_m = 0;
   Plant plant = Plant::broadleaf;
@@ -134,7 +135,7 @@ struct Relief {
   cv::Mat_<float> heights_m;  // row 0 in the north, like a picture; nodes at pixel centres
   double step_m = 8;
   double size_m = 0;
-  double at(Spot spot) const;  // bilinear; clamped at the rim
+  double at(GroundPoint position) const;  // bilinear; clamped at the rim
 };
 
 struct Landscape {
@@ -142,16 +143,41 @@ struct Landscape {
   double size_m = 0;
   Relief relief;
   FieldPattern fields;
-  Way river;
+  Polyline river;
   std::vector<Pond> ponds;
-  std::vector<Way> roads;  // paved, over the fields' own pattern
-  std::vector<Way> lanes;  // gravel
+  std::vector<Polyline> roads;  // paved, over the fields' own pattern
+  std::vector<Polyline> lanes;  // gravel
   std::vector<Building> buildings;
   std::vector<Plot> plots;
   std::vector<Tree> trees;
-  Spot village;
+  GroundPoint village;
 };
 
-Landscape grow_landscape(std::uint64_t seed, double size_m);
+Landscape generate_landscape(std::uint64_t seed, double size_m);
+
+// How land is divided: recursive cuts of a warped plane, and what is grown on the pieces.
+
+// A piece of a cut that bounds parcels, as a line on the ground.
+struct BorderLine {
+  Border border = Border::furrow;
+  std::vector<GroundPoint> points;
+};
+
+struct DividedLand {
+  FieldPattern pattern;
+  std::vector<BorderLine> borders;
+};
+
+DividedLand divide_land(const Random& random, double size_m);
+
+// Chooses the crops; needs the river, the ponds and the village to be where they are.
+void plant_crops(const Random& random, Landscape& land);
+
+// The river, the main road and the ponds: curves across the whole world.
+
+void lay_river_and_roads(const Random& random, Landscape& land);
+
+// A Catmull-Rom curve through the knots, a point about every step_m.
+std::vector<GroundPoint> smooth_curve(const std::vector<GroundPoint>& knots, double step_m);
 
 }  // namespace nadir

@@ -12,15 +12,15 @@ double linear(int value) {
   return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
 }
 
-struct Looks {
-  CropLook may, september;
+struct SeasonalAppearances {
+  CropAppearance may, september;
 };
 
 Light rgb(int r, int g, int b) { return light_from_srgb(r, g, b); }
 
-const Looks& looks_of(Crop crop) {
+const SeasonalAppearances& appearances_of(Crop crop) {
   // colour, second, rows, row_m, passes, mottle, tramlines, grain
-  static const std::array<Looks, 14> table = {{
+  static const std::array<SeasonalAppearances, 14> table = {{
       {{rgb(84, 110, 58), rgb(112, 122, 74), .05, 1.6, .05, .10, .9, .06},      // wheat: green …
        {rgb(186, 168, 126), rgb(150, 130, 96), .10, 3.1, .10, .10, .35, .08}},  // … stubble
       {{rgb(126, 140, 80), rgb(138, 140, 92), .04, 1.6, .05, .12, .9, .06},     // barley: pale green …
@@ -70,25 +70,25 @@ std::uint8_t srgb_from_light(double light) {
   return table[static_cast<std::size_t>(std::clamp(light * 4096, 0.0, 4095.0))];
 }
 
-CropLook look_of(const Parcel& parcel, Season season) {
+CropAppearance appearance_of(const Parcel& parcel, Season season) {
   const bool may = season == Season::may;
   const Crop crop = may ? parcel.crop_before : parcel.crop;
-  CropLook look = may ? looks_of(crop).may : looks_of(crop).september;
+  CropAppearance appearance = may ? appearances_of(crop).may : appearances_of(crop).september;
   const double tone = 1 + 0.14 * parcel.tone;
   // Every farmer's field is a little warmer or greener, and after the harvest some are worked and some are not.
   const double warm = 0.10 * (unit_hash(parcel.seed, 3) - 0.5);
   if (!may && (crop == Crop::wheat || crop == Crop::rapeseed) && unit_hash(parcel.seed, 11) < 0.3) {
-    std::swap(look.colour, look.second);
-    look.mottle += 0.06;
+    std::swap(appearance.colour, appearance.second);
+    appearance.mottle += 0.06;
   }
   if (crop == Crop::meadow && unit_hash(parcel.seed, may ? 12 : 13) < 0.4) {  // just mown
-    look.colour = look.colour * 0.4 + rgb(158, 156, 104) * 0.6;
-    look.passes += 0.08;
+    appearance.colour = appearance.colour * 0.4 + rgb(158, 156, 104) * 0.6;
+    appearance.passes += 0.08;
   }
   const Light tint(tone * (1 - warm), tone, tone * (1 + warm));
-  look.colour = look.colour.mul(tint);
-  look.second = look.second.mul(tint);
-  return look;
+  appearance.colour = appearance.colour.mul(tint);
+  appearance.second = appearance.second.mul(tint);
+  return appearance;
 }
 
 Light roof_colour(Roof roof) {

@@ -16,7 +16,7 @@ using Light = cv::Vec3d;  // linear, blue green red
 Light light_from_srgb(int red, int green, int blue);
 std::uint8_t srgb_from_light(double light);  // clips
 
-struct CropLook {
+struct CropAppearance {
   Light colour;
   Light second;          // between rows, in bare spots, after half the work is done
   double rows = 0;       // contrast of the rows
@@ -27,7 +27,7 @@ struct CropLook {
   double grain = 0.05;   // fine texture
 };
 
-CropLook look_of(const Parcel& parcel, Season season);
+CropAppearance appearance_of(const Parcel& parcel, Season season);
 
 Light roof_colour(Roof roof);
 Light cover_colour(Cover cover, Season season);

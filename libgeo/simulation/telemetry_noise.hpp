@@ -26,11 +26,11 @@ class TelemetryNoise {
   TelemetryNoise(const TelemetryUncertainty& uncertainty, std::uint64_t seed);
 
   // Frames in the order of time.
-  MeasuredPose tell(const FlightPose& pose);
+  MeasuredPose measure(const FlightPose& pose);
 
  private:
   // A first-order Gauss-Markov process of unit variance.
-  struct Drift {
+  struct GaussMarkov {
     double value = 0;
     double correlation_s = 60;
     void advance(double seconds, Random& random);
@@ -42,13 +42,13 @@ class TelemetryNoise {
   Random random_;
   double heading_bias_;
   Eigen::Vector2d deviation_;  // coefficients B and C: of the sine and the cosine of the course
-  Drift height_, pitch_, roll_;
+  GaussMarkov height_, pitch_, roll_;
   double last_s_ = -1;
 
   // The accelerometer, from a stream of its own.
-  std::optional<Eigen::Vector2d> tell_velocity_change(const FlightPose& pose);
+  std::optional<Eigen::Vector2d> measure_velocity_change(const FlightPose& pose);
   Random imu_random_;
-  Drift imu_east_, imu_north_;
+  GaussMarkov imu_east_, imu_north_;
   std::optional<FlightPose> last_pose_;
 };
 

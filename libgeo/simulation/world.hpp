@@ -6,6 +6,8 @@
 #include <filesystem>
 
 #include "base/progress.hpp"
+#include "simulation/landscape.hpp"
+#include "simulation/geotiff_writer.hpp"
 
 namespace nadir {
 
@@ -26,5 +28,15 @@ struct WorldReport {
 
 // Fills `folder`, which must exist. The same options give the same bytes.
 WorldReport make_world(const WorldOptions& options, const std::filesystem::path& folder, Progress& progress);
+
+// The papers of a made-up world: STAC items, a mission over it, a camera, and its place on Earth.
+
+RasterPlacement world_placement(double size_m, double gsd_m);
+
+// Radius that holds 90 % of the map's misplacements.
+double map_ce90_m(const Landscape& land);
+
+void write_world_documents(const Landscape& land, const WorldOptions& options, const RasterPlacement& placement,
+                           const std::filesystem::path& folder);
 
 }  // namespace nadir

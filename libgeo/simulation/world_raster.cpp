@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <gdal_priv.h>
+#include <ogr_spatialref.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,9 +10,86 @@
 
 #include "base/error.hpp"
 #include "raster/gdal_dataset.hpp"
-#include "simulation/georeference.hpp"
 
 namespace nadir {
+Georeference::Georeference(GDALDataset& dataset, const std::filesystem::path& path) : path_(path) {
+  const OGRSpatialReference* crs = dataset.GetSpatialRef();
+  if (crs == nullptr || dataset.GetGeoTransform(forward_) != CE_None || !GDALInvGeoTransform(forward_, backward_)) {
+    throw UsageError({.what = "the raster is not georeferenced",
+                      .where = path.string(),
+                      .expected = "a coordinate system and a geotransform",
+                      .found = crs == nullptr ? "no coordinate system" : "no geotransform",
+                      .fix = "use a GeoTIFF; gdal_translate -a_srs EPSG:… -a_ullr … adds what is missing"});
+  }
+  OGRSpatialReference wgs84;
+  wgs84.SetFromUserInput("EPSG:4326");
+  wgs84.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  OGRSpatialReference own(*crs);
+  own.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  crs_from_lonlat_.reset(OGRCreateCoordinateTransformation(&wgs84, &own));
+  lonlat_from_crs_.reset(OGRCreateCoordinateTransformation(&own, &wgs84));
+  if (!crs_from_lonlat_ || !lonlat_from_crs_) {
+    throw UsageError({.what = "PROJ cannot reach the raster's coordinate system",
+                      .where = path.string(),
+                      .fix = "reproject it: gdalwarp -t_srs EPSG:…"});
+  }
+}
+
+Georeference::~Georeference() = default;
+Georeference::Georeference(Georeference&&) noexcept = default;
+Georeference& Georeference::operator=(Georeference&&) noexcept = default;
+
+bool Georeference::pixels_from_lonlat(std::vector<double>& x, std::vector<double>& y) const {
+  std::vector<int> ok(x.size(), 1);
+  crs_from_lonlat_->Transform(static_cast<int>(x.size()), x.data(), y.data(), nullptr, ok.data());
+  bool all = true;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    all = all && ok[i] != 0;
+    const double cx = x[i], cy = y[i];
+    x[i] = backward_[0] + cx * backward_[1] + cy * backward_[2];
+    y[i] = backward_[3] + cx * backward_[4] + cy * backward_[5];
+  }
+  return all;
+}
+
+LonLat Georeference::lonlat_from_pixel(double column, double row) const {
+  double x = forward_[0] + column * forward_[1] + row * forward_[2];
+  double y = forward_[3] + column * forward_[4] + row * forward_[5];
+  if (lonlat_from_crs_->Transform(1, &x, &y) == 0 || !std::isfinite(x) || !std::isfinite(y)) {
+    throw UsageError({.what = "the raster lies nowhere on Earth",
+                      .where = path_.string(),
+                      .expected = "pixels that its coordinate system knows",
+                      .found = fmt::format("none at column {}, row {}", column, row),
+                      .fix = "check its georeference with gdalinfo"});
+  }
+  return {x, y};
+}
+
+WorldExtent extent_of_world(const std::filesystem::path& path) {
+  const GdalDataset dataset(path);
+  const Georeference geo(*dataset.handle(), path);
+  WorldExtent extent;
+  extent.size = dataset.size();
+  const double width = extent.size.width, height = extent.size.height;
+  extent.centre = geo.lonlat_from_pixel(width / 2, height / 2);
+  const LocalFrame frame(extent.centre);
+  const auto at = [&](double column, double row) { return frame.enu_from_lonlat(geo.lonlat_from_pixel(column, row)); };
+  const Enu right = at(width / 2 + 1, height / 2), down = at(width / 2, height / 2 + 1);
+  extent.gsd_m = std::sqrt(std::abs(right.east_m * down.north_m - right.north_m * down.east_m));
+  extent.box = {1e12, 1e12, -1e12, -1e12};
+  constexpr int kSteps = 16;  // along each edge: a projection's edges are curved
+  for (int i = 0; i <= kSteps; ++i) {
+    const double t = static_cast<double>(i) / kSteps;
+    for (const Enu& p : {at(t * width, 0), at(t * width, height), at(0, t * height), at(width, t * height)}) {
+      extent.box.west_m = std::min(extent.box.west_m, p.east_m);
+      extent.box.east_m = std::max(extent.box.east_m, p.east_m);
+      extent.box.south_m = std::min(extent.box.south_m, p.north_m);
+      extent.box.north_m = std::max(extent.box.north_m, p.north_m);
+    }
+  }
+  return extent;
+}
+
 namespace {
 
 // The raster window that holds a box of the plane, cut to the raster; empty when they do not meet.
@@ -42,12 +120,12 @@ cv::Rect window_of(const Georeference& geo, cv::Size size, const LocalFrame& fra
 struct CloseDataset {
   void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
 };
-using HeightFile = std::unique_ptr<GDALDataset, CloseDataset>;
+using GdalHandle = std::unique_ptr<GDALDataset, CloseDataset>;
 
-HeightFile open_heights(const std::filesystem::path& path) {
+GdalHandle open_heights(const std::filesystem::path& path) {
   GDALAllRegister();
   const QuietGdal quiet;
-  HeightFile dataset(GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
+  GdalHandle dataset(GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
   if (!dataset || dataset->GetRasterCount() < 1) {
     throw Error({.what = "the elevation model cannot be opened",
                  .where = path.string(),
@@ -82,7 +160,7 @@ struct Heights {
 };
 
 Heights read_heights(const std::filesystem::path& path, const LocalFrame& frame, const PlaneBox& box) {
-  const HeightFile dataset = open_heights(path);
+  const GdalHandle dataset = open_heights(path);
   const QuietGdal quiet;
   Heights heights{.values = {}, .window = {}, .geo = Georeference(*dataset, path)};
   heights.window = window_of(heights.geo, {dataset->GetRasterXSize(), dataset->GetRasterYSize()}, frame, box, 3);
@@ -201,9 +279,9 @@ WorldRaster::WorldRaster(const std::filesystem::path& path, const LocalFrame& fr
   }
   impl_->shrink_x = static_cast<double>(w.width) / size.width;
   impl_->shrink_y = static_cast<double>(w.height) / size.height;
-  Picture picture = dataset.read(w, size);
-  const bool whole = cv::countNonZero(picture.mask == 255) == picture.mask.rows * picture.mask.cols;
-  levels_.push_back({picture.bgr, picture.mask, whole});
+  MaskedImage image = dataset.read(w, size);
+  const bool whole = cv::countNonZero(image.mask == 255) == image.mask.rows * image.mask.cols;
+  levels_.push_back({image.bgr, image.mask, whole});
   while (levels_.size() < 8 && std::min(levels_.back().image.cols, levels_.back().image.rows) >= 64) {
     const Level& fine = levels_.back();
     // Even sizes keep (x + 0.5) / 2 − 0.5 exact from level to level.

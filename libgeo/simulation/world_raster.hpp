@@ -8,11 +8,16 @@
 #include <filesystem>
 #include <memory>
 #include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
 #include <span>
 #include <vector>
 
 #include "geodesy/local_frame.hpp"
+#include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"
+
+class GDALDataset;
+class OGRCoordinateTransformation;
 
 namespace nadir {
 
@@ -61,5 +66,39 @@ class WorldRaster {
   std::unique_ptr<Impl> impl_;
   std::vector<Level> levels_;
 };
+
+// Between a raster's pixels and longitudes and latitudes, through GDAL's geotransform and PROJ.
+
+class Georeference {
+ public:
+  // Throws UsageError when the raster has no coordinate system or geotransform, or PROJ does not know it.
+  Georeference(GDALDataset& dataset, const std::filesystem::path& path);
+  ~Georeference();
+  Georeference(Georeference&&) noexcept;
+  Georeference& operator=(Georeference&&) noexcept;
+
+  // Longitudes and latitudes in, continuous pixels out. False when some cannot be reached; those are not finite.
+  bool pixels_from_lonlat(std::vector<double>& x, std::vector<double>& y) const;
+  // Throws UsageError for pixels that lie nowhere on Earth.
+  LonLat lonlat_from_pixel(double column, double row) const;
+
+ private:
+  std::filesystem::path path_;
+  std::unique_ptr<OGRCoordinateTransformation> crs_from_lonlat_, lonlat_from_crs_;
+  double forward_[6] = {};   // crs from pixel
+  double backward_[6] = {};  // pixel from crs
+};
+
+// Where a raster lies and how large it is, before anything of it is read.
+
+struct WorldExtent {
+  LonLat centre;
+  cv::Size size;     // pixels
+  double gsd_m = 0;  // of its pixels at the centre: the geometric mean of both directions
+  PlaneBox box;      // around all of it, in metres from the centre
+};
+
+// Throws Error or UsageError for what is missing, no raster, or without georeference.
+WorldExtent extent_of_world(const std::filesystem::path& path);
 
 }  // namespace nadir

@@ -47,7 +47,7 @@ std::vector<FlightPose> path_of(Random random, std::uint64_t seed, int frames) {
       route.push_back({x * std::sin(along) + y * std::cos(along), x * std::cos(along) - y * std::sin(along)});
     }
   }
-  return fly_path(route, GroundShape(), options, seed);
+  return simulate_flight_path(route, GroundShape(), options, seed);
 }
 
 // Which frames nobody can decode.

@@ -27,7 +27,7 @@ std::vector<FlightPose> path_of(Random random, std::uint64_t seed) {
   const double direction = random.uniform(-kPi, kPi), turn = random.chance(0.3) ? random.uniform(-2, 2) : 0;
   const PlanePoint middle = {random.uniform(-kMiddle_m, kMiddle_m), random.uniform(-kMiddle_m, kMiddle_m)};
   const PlanePath route = {offset(middle, -half_m, direction), middle, offset(middle, half_m, direction + turn)};
-  return fly_path(route, GroundShape(), options, seed);
+  return simulate_flight_path(route, GroundShape(), options, seed);
 }
 
 void expose(const CameraSensor& sensor, cv::Mat& picture, std::size_t index, Random& random) {

@@ -8,8 +8,8 @@
 #include "estimation/localizer.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
-#include "simulation/world_documents.hpp"
-#include "simulation/world_pictures.hpp"
+#include "simulation/world.hpp"
+#include "simulation/landscape_rendering.hpp"
 
 namespace nadir::bench {
 namespace {
@@ -22,7 +22,7 @@ cv::Mat picture_of(const Landscape& land, View view) {
   return render_view(land, painter, view, {kWorldGsd_m, land.size_m, 0, 0, kSide_px, kSide_px});
 }
 
-Spot spot_of(PlanePoint place) { return {place.east_m + kWorldSide_m / 2, place.north_m + kWorldSide_m / 2}; }
+GroundPoint spot_of(PlanePoint place) { return {place.east_m + kWorldSide_m / 2, place.north_m + kWorldSide_m / 2}; }
 
 }  // namespace
 
@@ -32,7 +32,7 @@ const LocalFrame& frame() {
 }
 
 cv::Point2d pixel_of(PlanePoint place) {
-  const Spot spot = spot_of(place);
+  const GroundPoint spot = spot_of(place);
   return {spot.x / kWorldGsd_m - 0.5, (kWorldSide_m - spot.y) / kWorldGsd_m - 0.5};
 }
 
@@ -83,7 +83,7 @@ std::optional<Bytes> PictureTiles::cut(const TileKey& key) const {
 }
 
 World::World(std::uint64_t seed)
-    : land(grow_landscape(seed, kWorldSide_m)),
+    : land(generate_landscape(seed, kWorldSide_m)),
       day(picture_of(land, View::day)),
       satellite(picture_of(land, View::satellite)),
       terrain(land.relief),

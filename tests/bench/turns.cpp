@@ -47,7 +47,7 @@ std::vector<FlightPose> path_of(double interval_s, std::uint64_t seed) {
     const double side = row % 2 == 0 ? -0.5 : 0.5;
     for (const double end : {side, -side}) route.push_back({end * leg_m, (row - 3) * 150.0});
   }
-  return fly_path(route, GroundShape(), options, seed);
+  return simulate_flight_path(route, GroundShape(), options, seed);
 }
 
 // The attitude is known as an autopilot tells it, the heading exactly: what comes out for it is odometry's error.

@@ -1,9 +1,9 @@
-#include "catalogue/catalogue_cover.hpp"
+#include "catalogue/coverage_gaps.hpp"
 
 #include <gtest/gtest.h>
 
 #include "geodesy/web_mercator.hpp"
-#include "catalogue/catalogue_shapes.hpp"
+#include "catalogue/geometry.hpp"
 #include "package/gaps.hpp"
 #include "package/tile_mask.hpp"
 

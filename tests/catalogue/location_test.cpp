@@ -1,9 +1,9 @@
-#include "catalogue/catalogue_location.hpp"
+#include "catalogue/location.hpp"
 
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"
-#include "catalogue/catalogue_trouble.hpp"
+#include "catalogue/database.hpp"
 
 namespace nadir {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "base/files.hpp"
 #include "cli/program.hpp"
-#include "package_build/matchability_tiff.hpp"
+#include "package_build/matchability_survey.hpp"
 #include "package/open_package.hpp"
 #include "package/package_maker.hpp"
 #include "commands/registry.hpp"

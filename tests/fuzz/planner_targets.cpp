@@ -4,8 +4,8 @@
 
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "package_build/drawn_plan.hpp"
-#include "raster/imagery_facts.hpp"
+#include "package_build/vector_features.hpp"
+#include "raster/imagery_input.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "replay/flight_folder.hpp"
@@ -27,7 +27,7 @@ void stac_item(std::string_view bytes) {
 namespace {
 
 void drawing(std::string_view name, std::string_view bytes) {
-  refusing([&] { read_drawn_plan(scratch_file(name, bytes)); });
+  refusing([&] { read_vector_features(scratch_file(name, bytes)); });
 }
 
 }  // namespace

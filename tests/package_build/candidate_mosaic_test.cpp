@@ -52,11 +52,11 @@ TEST_F(CandidateMosaicFile, IsACogOfTheTilesWhereTheyAre) {
   EXPECT_NEAR(document["geoTransform"][1].get<double>(), mercator_pixel_m(19), 1e-9);
 
   const GdalDataset file(folder_ / "mosaic.tif");
-  const Picture picture = file.read({0, 0, 512, 512}, {512, 512});
-  EXPECT_EQ(cv::countNonZero(picture.mask), 3 * 256 * 256);
-  EXPECT_EQ(cv::countNonZero(picture.mask(cv::Rect(256, 256, 256, 256))), 0);
+  const MaskedImage image = file.read({0, 0, 512, 512}, {512, 512});
+  EXPECT_EQ(cv::countNonZero(image.mask), 3 * 256 * 256);
+  EXPECT_EQ(cv::countNonZero(image.mask(cv::Rect(256, 256, 256, 256))), 0);
   const cv::Mat second = decode_image(test::sample_candidate(key_, kFirst, 1).tile, Colour::bgr, "tile").image;
-  EXPECT_LT(cv::norm(picture.bgr(cv::Rect(256, 0, 256, 256)), second, cv::NORM_L1) / (256 * 256 * 3), 6)
+  EXPECT_LT(cv::norm(image.bgr(cv::Rect(256, 0, 256, 256)), second, cv::NORM_L1) / (256 * 256 * 3), 6)
       << "JPEG twice";
 }
 

@@ -43,7 +43,7 @@ void expect_gdal_sees_the_same(const fs::path& path) {
   int tiles = 0;
   for (std::size_t i = 0; i < reader.levels().size(); ++i) {
     const CogLevel& level = reader.levels()[i];
-    if (level.picture.width < kTileSize) continue;  // a part of a tile
+    if (level.image.width < kTileSize) continue;  // a part of a tile
     for (const TileKey& key : reader.keys()) {
       if (key.z != level.zoom || (i == 0 && (key.x + key.y) % 13 != 0)) continue;
       const cv::Mat ours = decode_image(reader.read(key).value(), Colour::bgr, to_text(key)).image;

@@ -14,8 +14,6 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/random.hpp"
-#include "package_build/matchability_summary.hpp"
-#include "package_build/matchability_tiff.hpp"
 #include "imagery/codecs.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
@@ -84,18 +82,18 @@ TEST(MatchabilitySurvey, TheGridLiesOnTheWorldsPixelsAndHoldsWhatIsNeeded) {
   std::size_t needed = 0;
   for (int row = 0; row < map.grid.rows; ++row) {
     for (int column = 0; column < map.grid.columns; ++column) {
-      const GlobalPixel corner = pixel_from_lonlat(map.grid.place(column, row), kZoom);
+      const GlobalPixel corner = pixel_from_lonlat(map.grid.lonlat_at(column, row), kZoom);
       EXPECT_NEAR(std::remainder(corner.x, 100.0), 0, 1e-4);
       EXPECT_NEAR(std::remainder(corner.y, 100.0), 0, 1e-4);
       // Any of many places in the cell: an oracle denser than the code's own.
       bool inside = false, well_inside = false;
       for (int i = 0; i < 400; ++i) {
         const Enu e =
-            world.frame.enu_from_lonlat(map.grid.place(column + (i % 20 + 0.5) / 20, row + (i / 20 + 0.5) / 20));
+            world.frame.enu_from_lonlat(map.grid.lonlat_at(column + (i % 20 + 0.5) / 20, row + (i / 20 + 0.5) / 20));
         inside = inside || world.region.contains({e.east_m, e.north_m});
         well_inside = well_inside || (std::abs(e.east_m) < 380 && std::abs(e.north_m) < 80);
       }
-      const bool asked = map.at(map.grid.place(column + 0.5, row + 0.5)) != nullptr;
+      const bool asked = map.at(map.grid.lonlat_at(column + 0.5, row + 0.5)) != nullptr;
       EXPECT_TRUE(inside || !asked) << column << " " << row;
       EXPECT_TRUE(asked || !well_inside) << column << " " << row;
       needed += asked ? 1U : 0U;
@@ -130,10 +128,10 @@ TEST(MatchabilitySurvey, WhatTheRouteRunsWithout) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
   const std::vector<LonLat> route{world.frame.lonlat_from_enu(-350, 0), world.frame.lonlat_from_enu(350, 0)};
-  const MatchabilitySummary summary = summarise(map, route, world.frame);
+  const MatchabilitySummary summary = summarize_matchability(map, route, world.frame);
   EXPECT_NEAR(summary.route_length_m(), 700, 0.1);
   ASSERT_EQ(summary.without_good.size(), 1U);
-  const RouteStretch& stretch = summary.without_good.front();
+  const RouteSection& stretch = summary.without_good.front();
   EXPECT_NEAR(stretch.begin_m + stretch.length_m, 700, 0.1) << "water to the end";
   EXPECT_NEAR(stretch.length_m, 350, 90) << "from the shore on, to a cell";
   const Enu from = world.frame.enu_from_lonlat(stretch.from);
@@ -143,10 +141,10 @@ TEST(MatchabilitySurvey, WhatTheRouteRunsWithout) {
   EXPECT_NEAR(summary.route_share(MatchClass::good), 1 - stretch.length_m / 700, 1e-6);
 
   // Beyond the map nothing is known, and that is not good either.
-  const MatchabilitySummary away = summarise(map, {{12, 48}, {12.01, 48}}, world.frame);
+  const MatchabilitySummary away = summarize_matchability(map, {{12, 48}, {12.01, 48}}, world.frame);
   EXPECT_NEAR(away.route_share(MatchClass::outside), 1, 1e-9);
   ASSERT_EQ(away.without_good.size(), 1U);
-  EXPECT_EQ(summarise(map, {}, world.frame).without_good.size(), 0U);
+  EXPECT_EQ(summarize_matchability(map, {}, world.frame).without_good.size(), 0U);
 }
 
 TEST(MatchabilitySurvey, AStepThatMakesTooManyCellsIsRefused) {
@@ -190,10 +188,10 @@ TEST(MatchabilitySurvey, GdalReadsTheSameFromTheGeoTiff) {
     EXPECT_NEAR(std::stod(ratio), map.at(place)->ratio, 1e-5);
   }
   const LonLat between = world.frame.lonlat_from_enu(0, 200);
-  const auto nothing =
+  const auto blank_image =
       test::run_process({"gdallocationinfo", "-valonly", "-b", "1", "-wgs84", path.string(),
                          fmt::format("{:.9f}", between.lon_deg), fmt::format("{:.9f}", between.lat_deg)});
-  EXPECT_EQ(nothing.out, "-1\n");
+  EXPECT_EQ(blank_image.out, "-1\n");
 
   EXPECT_THROW(write_matchability_tiff(map, folder / "no" / "folder.tif"), Error);
 }

@@ -65,7 +65,7 @@ class ResumedBuild : public PackageBuilder {
   PackageRequest resuming(const std::string& out, int threads = 2) {
     PackageRequest wanted = request(out, threads);
     wanted.resume = true;
-    wanted.tell = [this](std::string_view remark) { remarks_.emplace_back(remark); };
+    wanted.on_remark = [this](std::string_view remark) { remarks_.emplace_back(remark); };
     return wanted;
   }
 

@@ -3,7 +3,7 @@
 #include <fstream>
 
 #include "base/error.hpp"
-#include "package_build/package_parts.hpp"
+#include "package_build/package_builder.hpp"
 #include "package_build/update_fixture.hpp"
 #include "imagery/cog_reader.hpp"
 #include "imagery/lossless_webp.hpp"
@@ -159,11 +159,11 @@ TEST_F(UpdateOfCogs, ADamagedTileIsNotTakenOver) {
   const CogReader reader(folder_ / "old" / kCogFile);
   const CogLevel& finest = *reader.level(kZoom);
   const auto spoil = [&](std::uint32_t column, std::uint32_t row) {
-    const auto at = static_cast<std::size_t>((kRow + row - finest.north / kTileSize) * finest.picture.across + kColumn +
+    const auto at = static_cast<std::size_t>((kRow + row - finest.north / kTileSize) * finest.image.across + kColumn +
                                              column - finest.west / kTileSize);
-    ASSERT_GT(finest.picture.sizes[at], 0U);
+    ASSERT_GT(finest.image.sizes[at], 0U);
     std::fstream file(folder_ / "old" / kCogFile, std::ios::binary | std::ios::in | std::ios::out);
-    file.seekg(static_cast<std::streamoff>(finest.picture.places[at] + finest.picture.sizes[at] / 2));
+    file.seekg(static_cast<std::streamoff>(finest.image.places[at] + finest.image.sizes[at] / 2));
     const int byte = file.peek();
     file.seekp(file.tellg());
     file.put(static_cast<char>(byte ^ 1));

@@ -121,7 +121,7 @@ route:
     request.tiles.threads = 2;
     request.key = &key_;
     request.out = folder_ / out;
-    request.tell = [this](std::string_view remark) { remarks_.emplace_back(remark); };
+    request.on_remark = [this](std::string_view remark) { remarks_.emplace_back(remark); };
     return request;
   }
   UpdateReport update(const UpdateRequest& request) {

@@ -1,4 +1,4 @@
-#include "raster/imagery_facts.hpp"
+#include "raster/imagery_input.hpp"
 
 #include <gtest/gtest.h>
 

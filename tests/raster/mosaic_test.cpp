@@ -34,7 +34,7 @@ class Mosaic : public testing::Test {
   }
 
   struct Result {
-    Picture picture{cv::Mat::zeros(kSide, kSide, CV_8UC3), cv::Mat::zeros(kSide, kSide, CV_8UC1)};
+    MaskedImage image{cv::Mat::zeros(kSide, kSide, CV_8UC3), cv::Mat::zeros(kSide, kSide, CV_8UC1)};
     TileGrid used{kTiles};
   };
 
@@ -44,7 +44,7 @@ class Mosaic : public testing::Test {
     for (const fs::path& path : paths) sources.emplace_back(path);
     Result result;
     const cv::Point corner(static_cast<int>(kColumn) * kTileSize, static_cast<int>(kRow) * kTileSize);
-    compose(kZoom, part + corner, part.tl(), feather_px, layers_of(sources), result.picture, result.used);
+    compose_layers(kZoom, part + corner, part.tl(), feather_px, layers_of(sources), result.image, result.used);
     return result;
   }
 
@@ -61,12 +61,12 @@ TEST_F(Mosaic, FeatheredSeamsFadeLinearly) {
   for (const int row : {300, 1023, 1024, 1500}) {
     for (int column = kEdge - 80; column < kEdge + 20; ++column) {
       const double alpha = std::clamp((kEdge - column) / kFeather, 0.0, 1.0);
-      const cv::Vec3b found = result.picture.bgr.at<cv::Vec3b>(row, column);
+      const cv::Vec3b found = result.image.bgr.at<cv::Vec3b>(row, column);
       EXPECT_NEAR(found[2], 200 * alpha + 100 * (1 - alpha), 2.5) << row << " " << column;
       EXPECT_NEAR(found[0], 40 * alpha + 240 * (1 - alpha), 4.5) << row << " " << column;
     }
   }
-  EXPECT_EQ(cv::countNonZero(result.picture.mask), kSide * kSide);
+  EXPECT_EQ(cv::countNonZero(result.image.mask), kSide * kSide);
   // Tile 2 spans pixels 512 to 767: both show, the upper one more.
   EXPECT_EQ(result.used.at(1, 3).size(), 1U);
   ASSERT_EQ(result.used.at(2, 3).size(), 2U);
@@ -79,8 +79,8 @@ TEST_F(Mosaic, HardSeamsDoNotFade) {
   const fs::path upper = write("upper.tif", 0, kEdge, {200, 100, 40, 255});
   const fs::path lower = write("lower.tif", 0, kSide, {100, 200, 240, 255});
   const Result result = composed({upper, lower}, 0);
-  EXPECT_EQ(result.picture.bgr.at<cv::Vec3b>(900, kEdge - 3), cv::Vec3b(40, 100, 200));
-  EXPECT_EQ(result.picture.bgr.at<cv::Vec3b>(900, kEdge + 3), cv::Vec3b(240, 200, 100));
+  EXPECT_EQ(result.image.bgr.at<cv::Vec3b>(900, kEdge - 3), cv::Vec3b(40, 100, 200));
+  EXPECT_EQ(result.image.bgr.at<cv::Vec3b>(900, kEdge + 3), cv::Vec3b(240, 200, 100));
 }
 
 // At the rim of all imagery there is nothing to fade into, and like colours stay what they are everywhere.
@@ -89,10 +89,10 @@ TEST_F(Mosaic, NothingFadesAtTheOuterRim) {
   const fs::path east = write("east.tif", 600, 900, {90, 120, 70, 255});
   const Result result = composed({west, east}, 80);
   for (int column = 101; column < 1499; ++column) {
-    ASSERT_EQ(result.picture.bgr.at<cv::Vec3b>(1000, column), cv::Vec3b(70, 120, 90)) << column;
+    ASSERT_EQ(result.image.bgr.at<cv::Vec3b>(1000, column), cv::Vec3b(70, 120, 90)) << column;
   }
-  EXPECT_EQ(result.picture.mask.at<std::uint8_t>(1000, 98), 0);
-  EXPECT_EQ(result.picture.mask.at<std::uint8_t>(1000, 1502), 0);
+  EXPECT_EQ(result.image.mask.at<std::uint8_t>(1000, 98), 0);
+  EXPECT_EQ(result.image.mask.at<std::uint8_t>(1000, 1502), 0);
 }
 
 // What lies in another chunk or metatile fades all the same.
@@ -102,8 +102,8 @@ TEST_F(Mosaic, PartsAreThoseOfTheWhole) {
   const Result whole = composed({upper, lower}, 60);
   const cv::Rect part(3 * kTileSize, kTileSize, kTileSize, 2 * kTileSize);
   const Result alone = composed({upper, lower}, 60, part);
-  EXPECT_LE(cv::norm(whole.picture.bgr(part), alone.picture.bgr(part), cv::NORM_INF), 1.0);
-  EXPECT_NEAR(whole.picture.bgr.at<cv::Vec3b>(500, 1020)[2], 100 + 100 * 20 / 60.0, 3.0);
+  EXPECT_LE(cv::norm(whole.image.bgr(part), alone.image.bgr(part), cv::NORM_INF), 1.0);
+  EXPECT_NEAR(whole.image.bgr.at<cv::Vec3b>(500, 1020)[2], 100 + 100 * 20 / 60.0, 3.0);
 }
 
 TEST(MosaicOrderOf, NewestAndFinest) {
@@ -137,8 +137,8 @@ TEST_P(Containers, ShowTheSamePixels) {
   ASSERT_EQ(made.code, 0) << made.err;
   const Result result = composed({other}, 0);
   const cv::Rect inner(10, 10, kSide - 20, kSide - 20);
-  EXPECT_EQ(cv::countNonZero(result.picture.mask(inner)), inner.area());
-  EXPECT_LE(cv::norm(result.picture.bgr(inner) - cv::Scalar(40, 100, 200), cv::NORM_INF), 3.0);
+  EXPECT_EQ(cv::countNonZero(result.image.mask(inner)), inner.area());
+  EXPECT_LE(cv::norm(result.image.bgr(inner) - cv::Scalar(40, 100, 200), cv::NORM_INF), 3.0);
 }
 
 TEST_F(Mosaic, RemoteImageryIsRefused) {

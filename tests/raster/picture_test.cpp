@@ -1,4 +1,4 @@
-#include "raster/picture.hpp"
+#include "raster/masked_image.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,18 +7,18 @@
 namespace nadir {
 namespace {
 
-Picture picture(int side) {
+MaskedImage image(int side) {
   return {cv::Mat(side, side, CV_8UC3, cv::Scalar(10, 20, 30)), cv::Mat(side, side, CV_8UC1, cv::Scalar(255))};
 }
 
-TEST(Picture, HalvesToAveragesOfWhatIsKnown) {
-  Picture whole = picture(4);
+TEST(MaskedImage, HalvesToAveragesOfWhatIsKnown) {
+  MaskedImage whole = image(4);
   whole.bgr.at<cv::Vec3b>(0, 0) = {50, 20, 30};
   whole.bgr.at<cv::Vec3b>(2, 2) = {255, 255, 255};
   EXPECT_EQ(halved(whole).bgr.at<cv::Vec3b>(0, 0), cv::Vec3b(20, 20, 30));
 
   whole.mask.at<std::uint8_t>(2, 2) = 0;  // the white one is not known: it must not count
-  const Picture half = halved(whole);
+  const MaskedImage half = halved(whole);
   EXPECT_EQ(half.bgr.at<cv::Vec3b>(1, 1), cv::Vec3b(10, 20, 30));
   EXPECT_EQ(cv::countNonZero(half.mask), 4);
 
@@ -27,15 +27,15 @@ TEST(Picture, HalvesToAveragesOfWhatIsKnown) {
   EXPECT_EQ(cv::countNonZero(halved(whole).mask), 3);
 }
 
-TEST(Picture, FillsWithoutAnEdge) {
+TEST(MaskedImage, FillsWithoutAnEdge) {
   for (const int side : {256, 200}) {
-    Picture tile = picture(side);
+    MaskedImage tile = image(side);
     for (int column = 0; column < side; ++column) tile.bgr.col(column).setTo(cv::Scalar(100, 150, 60 + column / 2));
     const cv::Rect hole(side / 2, 0, side / 2, side);
     tile.bgr(hole).setTo(cv::Scalar::all(0));
     tile.mask(hole).setTo(0);
     const cv::Mat known = tile.bgr(cv::Rect(0, 0, side / 2, side)).clone();
-    fill_unknown(tile);
+    fill_invalid(tile);
     EXPECT_EQ(cv::norm(tile.bgr(cv::Rect(0, 0, side / 2, side)), known, cv::NORM_INF), 0.0);
     double darkest = 0;
     cv::minMaxLoc(cv::Mat(tile.bgr.clone().reshape(1)), &darkest);
@@ -47,10 +47,10 @@ TEST(Picture, FillsWithoutAnEdge) {
   }
 }
 
-TEST(Picture, NothingKnownStaysAsItIs) {
-  Picture tile = picture(256);
+TEST(MaskedImage, NothingKnownStaysAsItIs) {
+  MaskedImage tile = image(256);
   tile.mask.setTo(0);
-  fill_unknown(tile);
+  fill_invalid(tile);
   EXPECT_EQ(tile.bgr.at<cv::Vec3b>(7, 7), cv::Vec3b(10, 20, 30));
 }
 

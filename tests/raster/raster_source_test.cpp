@@ -25,7 +25,7 @@ GlobalPixel pixel_by_proj(int epsg, double x, double y, int zoom) {
 }
 
 // The part of the map around the middle of the raster.
-Picture middle_of(const std::filesystem::path& path, const RasterSpec& spec, int zoom, int side) {
+MaskedImage middle_of(const std::filesystem::path& path, const RasterSpec& spec, int zoom, int side) {
   const auto& t = *spec.transform;
   const GlobalPixel centre =
       pixel_by_proj(spec.epsg, t[0] + t[1] * spec.width / 2, t[3] + t[5] * spec.height / 2, zoom);
@@ -76,9 +76,9 @@ TEST_P(RasterPlaces, AgreeWithProj) {
                                                t[3] + t[4] * spot.x + t[5] * spot.y, GetParam().zoom);
     constexpr int kHalf = 60;
     const int left = static_cast<int>(expected.x) - kHalf, top = static_cast<int>(expected.y) - kHalf;
-    const Picture picture = source.read(GetParam().zoom, {left, top, 2 * kHalf, 2 * kHalf});
+    const MaskedImage image = source.read(GetParam().zoom, {left, top, 2 * kHalf, 2 * kHalf});
     cv::Mat weight;
-    cv::extractChannel(picture.bgr, weight, 0);
+    cv::extractChannel(image.bgr, weight, 0);
     const cv::Moments moments = cv::moments(weight);
     EXPECT_NEAR(left + moments.m10 / moments.m00 + 0.5, expected.x, 0.1);
     EXPECT_NEAR(top + moments.m01 / moments.m00 + 0.5, expected.y, 0.1);
@@ -92,12 +92,12 @@ TEST(RasterSource, BlocksJoinWithoutSeams) {
   write_raster(folder / "a.tif", spec, [](int column, int row) -> std::array<int, 4> {
     return {(column / 8) % 256, (row / 8) % 256, (column + row) / 16 % 256, 255};
   });
-  const Picture whole = middle_of(folder / "a.tif", spec, 19, 1400);  // two blocks each way
+  const MaskedImage whole = middle_of(folder / "a.tif", spec, 19, 1400);  // two blocks each way
   RasterSource source(folder / "a.tif");
   const auto& t = *spec.transform;
   const GlobalPixel centre = pixel_by_proj(spec.epsg, t[0] + t[1] * 750, t[3] + t[5] * 750, 19);
   const int left = static_cast<int>(centre.x) - 700, top = static_cast<int>(centre.y) - 700;
-  const Picture across = source.read(19, {left + 900, top + 900, 256, 256});
+  const MaskedImage across = source.read(19, {left + 900, top + 900, 256, 256});
   EXPECT_LE(cv::norm(whole.bgr(cv::Rect(900, 900, 256, 256)), across.bgr, cv::NORM_INF), 2.0);
 }
 
@@ -108,9 +108,9 @@ TEST(RasterSource, UnderstandsEveryKindOfBands) {
     spec.kind = kind;
     const auto path = folder / "kind.tif";
     write_raster(path, spec, plain);
-    const Picture picture = middle_of(path, spec, 19, 64);
-    EXPECT_EQ(cv::countNonZero(picture.mask), 64 * 64);
-    return picture.bgr.at<cv::Vec3b>(30, 30);
+    const MaskedImage image = middle_of(path, spec, 19, 64);
+    EXPECT_EQ(cv::countNonZero(image.mask), 64 * 64);
+    return image.bgr.at<cv::Vec3b>(30, 30);
   };
   EXPECT_EQ(colour_of(Kind::rgb), cv::Vec3b(50, 100, 200));
   EXPECT_EQ(colour_of(Kind::rgba), cv::Vec3b(50, 100, 200));
@@ -134,15 +134,15 @@ TEST_P(RasterHoles, AreMaskedAndDoNotBleed) {
     return hole(column, row) ? std::array<int, 4>{0, 0, 0, 0} : std::array<int, 4>{200, 100, 50, 255};
   });
   for (const int zoom : {19, 17}) {
-    const Picture picture = middle_of(folder / "a.tif", spec, zoom, 64);
-    EXPECT_EQ(picture.mask.at<std::uint8_t>(32, 10), 0);
-    EXPECT_EQ(picture.mask.at<std::uint8_t>(32, 50), 255);
-    const double valid = cv::countNonZero(picture.mask) / (64.0 * 64.0);
+    const MaskedImage image = middle_of(folder / "a.tif", spec, zoom, 64);
+    EXPECT_EQ(image.mask.at<std::uint8_t>(32, 10), 0);
+    EXPECT_EQ(image.mask.at<std::uint8_t>(32, 50), 255);
+    const double valid = cv::countNonZero(image.mask) / (64.0 * 64.0);
     EXPECT_NEAR(valid, 0.5, 0.03);
     cv::Mat red;
-    cv::extractChannel(picture.bgr, red, 2);
+    cv::extractChannel(image.bgr, red, 2);
     double darkest = 0;
-    cv::minMaxLoc(red, &darkest, nullptr, nullptr, nullptr, picture.mask);
+    cv::minMaxLoc(red, &darkest, nullptr, nullptr, nullptr, image.mask);
     EXPECT_GE(darkest, 199) << "zoom " << zoom;
   }
 }
@@ -160,12 +160,12 @@ TEST(RasterSource, OutsideIsNotValid) {
   const test::TemporaryFolder folder;
   const RasterSpec spec;
   write_raster(folder / "a.tif", spec, plain);
-  const Picture picture = middle_of(folder / "a.tif", spec, 19, 1024);
-  EXPECT_EQ(picture.mask.at<std::uint8_t>(5, 5), 0);
-  EXPECT_EQ(picture.mask.at<std::uint8_t>(512, 512), 255);
+  const MaskedImage image = middle_of(folder / "a.tif", spec, 19, 1024);
+  EXPECT_EQ(image.mask.at<std::uint8_t>(5, 5), 0);
+  EXPECT_EQ(image.mask.at<std::uint8_t>(512, 512), 255);
   // The area on the ground must be that of the raster: 153.6 m squared.
   const double pixel_m = ground_resolution_m(19, 24.26);
-  EXPECT_NEAR(cv::countNonZero(picture.mask) * pixel_m * pixel_m, 153.6 * 153.6, 153.6 * 153.6 * 0.01);
+  EXPECT_NEAR(cv::countNonZero(image.mask) * pixel_m * pixel_m, 153.6 * 153.6, 153.6 * 153.6 * 0.01);
   RasterSource far(folder / "a.tif");
   EXPECT_EQ(cv::countNonZero(far.read(19, {0, 0, 256, 256}).mask), 0);
 }

@@ -8,7 +8,6 @@
 
 #include "base/error.hpp"
 #include "raster/raster_source.hpp"
-#include "raster/stretch_sample.hpp"
 #include "raster/value_raster.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -17,7 +16,7 @@ namespace {
 
 using test::kValuePixels;
 using test::ValueRaster;
-using Kind = StretchWish::Kind;
+using Kind = StretchRequest::Kind;
 
 class Stretching : public testing::Test {
  protected:
@@ -26,12 +25,12 @@ class Stretching : public testing::Test {
     return path_;
   }
   // Of the file that was written.
-  Picture read(std::optional<Stretch> stretch) {
+  MaskedImage read(std::optional<Stretch> stretch) {
     return RasterSource(path_, stretch).read(test::kValueZoom, kValuePixels);
   }
-  std::string refusal(const StretchWish& wish) {
+  std::string refusal(const StretchRequest& request) {
     try {
-      settle_stretch(path_, wish);
+      resolve_stretch(path_, request);
     } catch (const UsageError& error) {
       return error.what();
     }
@@ -57,12 +56,12 @@ TEST(StretchText, Reads) {
 
 TEST_F(Stretching, ALineFromLowToHigh) {
   write({.value = [](int, int column, int) { return 1000 + 100 * column; }});
-  const Picture picture = read(Stretch{1100, 2100});
-  EXPECT_EQ(cv::countNonZero(picture.mask), kValuePixels.area());
+  const MaskedImage image = read(Stretch{1100, 2100});
+  EXPECT_EQ(cv::countNonZero(image.mask), kValuePixels.area());
   // 255 * (v - 1100) / 1000: below and above are cut off.
   for (const auto& [column, colour] :
        {std::pair{0, 0}, {1, 0}, {2, 26}, {5, 102}, {6, 128}, {11, 255}, {12, 255}, {31, 255}}) {
-    EXPECT_EQ(picture.bgr.at<cv::Vec3b>(5, column), cv::Vec3b::all(static_cast<std::uint8_t>(colour))) << column;
+    EXPECT_EQ(image.bgr.at<cv::Vec3b>(5, column), cv::Vec3b::all(static_cast<std::uint8_t>(colour))) << column;
   }
 }
 
@@ -90,9 +89,9 @@ TEST_F(Stretching, BandsGoByTheirColours) {
 TEST_F(Stretching, NodataIsTheFilesValueAndComesFirst) {
   const auto value = [](int, int column, int) { return column < 4 ? 7 : column; };
   write({.value = value, .nodata = {7}});
-  const Picture picture = read(Stretch{0, 1});  // everything is white; nodata is not among it
+  const MaskedImage image = read(Stretch{0, 1});  // everything is white; nodata is not among it
   for (int column = 0; column < kValuePixels.width; ++column) {
-    EXPECT_EQ(picture.mask.at<std::uint8_t>(9, column), column < 4 || column == 7 ? 0 : 255) << column;
+    EXPECT_EQ(image.mask.at<std::uint8_t>(9, column), column < 4 || column == 7 ? 0 : 255) << column;
   }
 }
 
@@ -110,11 +109,11 @@ TEST_F(Stretching, NodataOfEachBandIsItsOwn) {
     GDALClose(source);
   }
   path_ = vrt;
-  const Picture picture = read(Stretch{0, 200});
+  const MaskedImage image = read(Stretch{0, 200});
   for (int column = 0; column < kValuePixels.width; ++column) {
-    EXPECT_EQ(picture.mask.at<std::uint8_t>(3, column), column < 2 ? 0 : 255) << column;
+    EXPECT_EQ(image.mask.at<std::uint8_t>(3, column), column < 2 ? 0 : 255) << column;
   }
-  EXPECT_EQ(picture.bgr.at<cv::Vec3b>(3, 8), cv::Vec3b::all(128));
+  EXPECT_EQ(image.bgr.at<cv::Vec3b>(3, 8), cv::Vec3b::all(128));
 }
 
 TEST_F(Stretching, WhatIsNoFiniteNumberShowsNoGround) {
@@ -123,20 +122,20 @@ TEST_F(Stretching, WhatIsNoFiniteNumberShowsNoGround) {
            if (band == 1 && column == 4) return std::numeric_limits<double>::infinity();
            return 0.5;
          }});
-  const Picture picture = read(Stretch{0, 1});
+  const MaskedImage image = read(Stretch{0, 1});
   for (int column = 0; column < kValuePixels.width; ++column) {
-    EXPECT_EQ(picture.mask.at<std::uint8_t>(9, column), column == 3 || column == 4 ? 0 : 255) << column;
-    EXPECT_EQ(picture.bgr.at<cv::Vec3b>(9, 10), cv::Vec3b::all(128));
+    EXPECT_EQ(image.mask.at<std::uint8_t>(9, column), column == 3 || column == 4 ? 0 : 255) << column;
+    EXPECT_EQ(image.bgr.at<cv::Vec3b>(9, 10), cv::Vec3b::all(128));
   }
 }
 
 TEST_F(Stretching, AlphaAndMaskBands) {
   const auto expect_columns_without_ground = [&](int from, int to) {
-    const Picture picture = read(Stretch{0, 510});
+    const MaskedImage image = read(Stretch{0, 510});
     for (int column = 0; column < kValuePixels.width; ++column) {
-      EXPECT_EQ(picture.mask.at<std::uint8_t>(0, column), column >= from && column < to ? 0 : 255) << column;
+      EXPECT_EQ(image.mask.at<std::uint8_t>(0, column), column >= from && column < to ? 0 : 255) << column;
     }
-    EXPECT_EQ(picture.bgr.at<cv::Vec3b>(0, 20), cv::Vec3b::all(50));
+    EXPECT_EQ(image.bgr.at<cv::Vec3b>(0, 20), cv::Vec3b::all(50));
   };
   for (const int bands : {2, 4, 5}) {  // grey, red to blue, and near infrared besides
     std::vector<GDALColorInterp> colours{GCI_RedBand, GCI_GreenBand, GCI_BlueBand, GCI_Undefined};
@@ -164,17 +163,17 @@ TEST_F(Stretching, AlphaAndMaskBands) {
 TEST_F(Stretching, PercentilesAreOfValidPixelsOfAllBands) {
   // 768 pixels: 1 to 768.
   write({.value = [](int, int column, int row) { return 1 + row * kValuePixels.width + column; }});
-  EXPECT_EQ(settle_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{1, 768}));
-  EXPECT_EQ(settle_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{384.5, 768}));
-  const auto tenths = settle_stretch(path_, {Kind::percentile, 10, 90});
+  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{1, 768}));
+  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{384.5, 768}));
+  const auto tenths = resolve_stretch(path_, {Kind::percentile, 10, 90});
   EXPECT_NEAR(tenths->low, 77.7, 1e-9);  // a tenth of the way from the 1st to the 768th
   EXPECT_NEAR(tenths->high, 691.3, 1e-9);
-  EXPECT_EQ(settle_stretch(path_, {Kind::values, 5, 6}), (Stretch{5, 6}));
+  EXPECT_EQ(resolve_stretch(path_, {Kind::values, 5, 6}), (Stretch{5, 6}));
   write({.bands = 3,
          .value = [](int band, int column, int) { return column < 16 ? 0 : 100 * band; },
          .nodata = {0, 0, 0}});
-  EXPECT_EQ(settle_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{100, 300}));
-  EXPECT_EQ(settle_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{200, 300}));
+  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{100, 300}));
+  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{200, 300}));
 }
 
 TEST_F(Stretching, ALargeRasterIsLookedAtEverywhere) {
@@ -182,8 +181,8 @@ TEST_F(Stretching, ALargeRasterIsLookedAtEverywhere) {
   write({.type = GDT_UInt16,
          .value = [](int, int column, int row) { return 1000 + column / 128 + 16 * (row / 128); },
          .size = {2048, 2048}});
-  EXPECT_EQ(settle_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{1000, 1255}));
-  EXPECT_EQ(settle_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{1127.5, 1255}));
+  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{1000, 1255}));
+  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{1127.5, 1255}));
 }
 
 TEST_F(Stretching, WithoutItTheRangeIsNamed) {
@@ -203,14 +202,14 @@ TEST_F(Stretching, WithoutItTheRangeIsNamed) {
 
 TEST_F(Stretching, EightBitAndPalettesKeepTheirColours) {
   write({.type = GDT_Byte, .value = [](int, int column, int) { return column; }});
-  EXPECT_EQ(settle_stretch(path_, {Kind::values, 0, 10}), std::nullopt);
+  EXPECT_EQ(resolve_stretch(path_, {Kind::values, 0, 10}), std::nullopt);
   EXPECT_EQ(read(Stretch{0, 10}).bgr.at<cv::Vec3b>(0, 20), cv::Vec3b::all(20));
   for (const GDALDataType type : {GDT_Byte, GDT_UInt16}) {
     write({.type = type,
            .value = [](int, int column, int) { return column % 3; },
            .palette = {{10, 20, 30, 255}, {40, 50, 60, 255}, {70, 80, 90, 255}},
            .options = {"PHOTOMETRIC=PALETTE"}});
-    EXPECT_EQ(settle_stretch(path_, {}), std::nullopt) << type;
+    EXPECT_EQ(resolve_stretch(path_, {}), std::nullopt) << type;
     EXPECT_EQ(read({}).bgr.at<cv::Vec3b>(0, 0), cv::Vec3b(30, 20, 10)) << type;
     EXPECT_EQ(read({}).bgr.at<cv::Vec3b>(0, 5), cv::Vec3b(90, 80, 70)) << type;
   }
@@ -219,7 +218,7 @@ TEST_F(Stretching, EightBitAndPalettesKeepTheirColours) {
 TEST_F(Stretching, SouthUp) {
   const auto value = [](int, int column, int row) { return 10 * row + column; };
   write({.value = value});
-  const Picture north_up = read(Stretch{0, 255});
+  const MaskedImage north_up = read(Stretch{0, 255});
   write({.value = value, .south_up = true});
   EXPECT_EQ(cv::norm(north_up.bgr, read(Stretch{0, 255}).bgr, cv::NORM_INF), 0);
 }

@@ -1,4 +1,4 @@
-#include "simulation/delayed_sink.hpp"
+#include "simulation/frame_sink.hpp"
 
 #include <gtest/gtest.h>
 
@@ -30,7 +30,7 @@ TEST(DelayedSink, HandsOnEachInItsOrderAndNotBeforeItsTime) {
     DelayedSink sink(kept);
     for (int i = 0; i < 8; ++i) sink.put({1}, i, now + milliseconds(20 + i));
     sink.finish();
-    EXPECT_EQ(sink.handed_on(), 8);
+    EXPECT_EQ(sink.delivered(), 8);
   }
   ASSERT_EQ(kept.times_us, (std::vector<std::int64_t>{0, 1, 2, 3, 4, 5, 6, 7}));
   for (int i = 0; i < 8; ++i) EXPECT_GE(kept.at[static_cast<std::size_t>(i)], now + milliseconds(20 + i));
@@ -41,7 +41,7 @@ TEST(DelayedSink, TakesTheNextWhileOneWaits) {
   Kept kept;
   DelayedSink sink(kept);
   for (int i = 0; i < 100; ++i) sink.put({1}, i, steady_clock::now() + hours(1));
-  EXPECT_EQ(sink.handed_on(), 0);
+  EXPECT_EQ(sink.delivered(), 0);
 }  // and ends at once, dropping them
 
 TEST(DelayedSink, SaysWhatTheSinkSaid) {
@@ -51,7 +51,7 @@ TEST(DelayedSink, SaysWhatTheSinkSaid) {
   sink.put({}, 2, steady_clock::now());
   EXPECT_THROW(sink.finish(), std::runtime_error);
   EXPECT_THROW(sink.put({1}, 3, steady_clock::now()), std::runtime_error);
-  EXPECT_EQ(sink.handed_on(), 1);
+  EXPECT_EQ(sink.delivered(), 1);
   EXPECT_EQ(kept.times_us, std::vector<std::int64_t>{1});
 }
 
@@ -59,7 +59,7 @@ TEST(DelayedSink, NothingToHandOnIsDone) {
   Kept kept;
   DelayedSink sink(kept);
   sink.finish();
-  EXPECT_EQ(sink.handed_on(), 0);
+  EXPECT_EQ(sink.delivered(), 0);
 }
 
 }  // namespace

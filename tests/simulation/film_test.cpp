@@ -1,4 +1,4 @@
-#include "simulation/film.hpp"
+#include "simulation/camera_simulation.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
-#include "simulation/frame_folder.hpp"
-#include "simulation/frame_stream.hpp"
+#include "simulation/frame_sink.hpp"
 #include "simulation/test_world.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -24,7 +23,7 @@ constexpr std::int64_t kStart_us = 1'750'000'000'000'000;
 class Script final : public PoseSource {
  public:
   explicit Script(std::vector<LivePose> poses) : poses_(std::move(poses)) {}
-  std::optional<LivePose> newest(std::chrono::milliseconds) override {
+  std::optional<LivePose> latest(std::chrono::milliseconds) override {
     if (next_ == poses_.size()) return {};
     return poses_[next_++];
   }
@@ -60,7 +59,7 @@ class Film : public ::testing::Test {
     delete camera_;
     delete folder_;
   }
-  static Placement placement() { return test::test_placement(5); }
+  static RasterPlacement placement() { return test::test_placement(5); }
 
   // Poses every 20 ms.
   static std::vector<LivePose> flight(int count, std::int64_t from_us = kStart_us) {
@@ -71,19 +70,19 @@ class Film : public ::testing::Test {
     }
     return poses;
   }
-  CameraSimulationReport shoot(std::vector<LivePose> poses) {
+  CameraSimulationReport capture(std::vector<LivePose> poses) {
     Script script(std::move(poses));
-    return film(*camera_, script, kept_, options_, [] { return false; });
+    return run_camera_simulation(*camera_, script, kept_, options_, [] { return false; });
   }
 
   static inline test::TemporaryFolder* folder_ = nullptr;
   static inline LiveCamera* camera_ = nullptr;
   Kept kept_;
-  CameraSimulationOptions options_{.patience = std::chrono::milliseconds(1)};
+  CameraSimulationOptions options_{.pose_timeout = std::chrono::milliseconds(1)};
 };
 
 TEST_F(Film, TakesFramesAtTheRateOfThePosesTime) {
-  const CameraSimulationReport report = shoot(flight(501));
+  const CameraSimulationReport report = capture(flight(501));
   EXPECT_EQ(report.end, CameraSimulationEnd::no_poses);
   EXPECT_EQ(report.frames, 51);
   EXPECT_EQ(report.frames_missed, 0);
@@ -98,7 +97,7 @@ TEST_F(Film, WhatWasMissedIsCountedAndNotMadeUpFor) {
   std::vector<LivePose> poses = flight(11);
   const std::vector<LivePose> later = flight(6, kStart_us + 1'050'000);
   poses.insert(poses.end(), later.begin(), later.end());
-  const CameraSimulationReport report = shoot(poses);
+  const CameraSimulationReport report = capture(poses);
   const std::vector<std::int64_t> expected = {kStart_us, kStart_us + 200'000, kStart_us + 1'050'000};
   EXPECT_EQ(kept_.times_us, expected);
   EXPECT_EQ(report.frames_missed, 3);  // 0.4, 0.6 and 0.8 s
@@ -108,28 +107,28 @@ TEST_F(Film, AfterALateFrameTheNextKeepsItsDistance) {
   std::vector<LivePose> poses = flight(1);
   const std::vector<LivePose> later = flight(10, kStart_us + 390'000);  // due at 0.2
   poses.insert(poses.end(), later.begin(), later.end());
-  shoot(poses);
+  capture(poses);
   const std::vector<std::int64_t> expected = {kStart_us, kStart_us + 390'000, kStart_us + 490'000};
   EXPECT_EQ(kept_.times_us, expected);
 }
 
 TEST_F(Film, EndsWithTheNumberTheTimeOrTheWord) {
   options_.max_frames = 3;
-  EXPECT_EQ(shoot(flight(500)).end, CameraSimulationEnd::all_frames);
+  EXPECT_EQ(capture(flight(500)).end, CameraSimulationEnd::all_frames);
   EXPECT_EQ(kept_.times_us.size(), 3U);
   options_.max_frames.reset();
   options_.seconds = 1.5;
-  const CameraSimulationReport report = shoot(flight(500));
+  const CameraSimulationReport report = capture(flight(500));
   EXPECT_EQ(report.end, CameraSimulationEnd::all_frames);
   EXPECT_DOUBLE_EQ(report.seconds, 1.6);
   int asked = 0;
   Script script(flight(500));
-  EXPECT_EQ(film(*camera_, script, kept_, {}, [&] { return ++asked > 30; }).end, CameraSimulationEnd::stopped);
+  EXPECT_EQ(run_camera_simulation(*camera_, script, kept_, {}, [&] { return ++asked > 30; }).end, CameraSimulationEnd::stopped);
 }
 
 TEST_F(Film, WaitsForWhatIsNotYetHandedOn) {
   options_.delay = std::chrono::milliseconds(30);
-  EXPECT_EQ(shoot(flight(51)).frames, 6);
+  EXPECT_EQ(capture(flight(51)).frames, 6);
   EXPECT_EQ(kept_.times_us.size(), 6U);
 }
 
@@ -137,7 +136,7 @@ TEST_F(Film, WhatWaitsWhenItIsStoppedIsDropped) {
   options_.delay = std::chrono::hours(1);
   int asked = 0;
   Script script(flight(500));
-  EXPECT_EQ(film(*camera_, script, kept_, options_, [&] { return ++asked > 30; }).frames, 0);
+  EXPECT_EQ(run_camera_simulation(*camera_, script, kept_, options_, [&] { return ++asked > 30; }).frames, 0);
   EXPECT_TRUE(kept_.times_us.empty());
 }
 
@@ -147,7 +146,7 @@ TEST_F(Film, GoesOnWhenTheClockIsSet) {
     const std::vector<LivePose> more = flight(11, kStart_us + step_us);
     poses.insert(poses.end(), more.begin(), more.end());
   }
-  const CameraSimulationReport report = shoot(poses);
+  const CameraSimulationReport report = capture(poses);
   EXPECT_EQ(report.frames, 6);
   EXPECT_EQ(report.frames_missed, 0);
 }
@@ -155,7 +154,7 @@ TEST_F(Film, GoesOnWhenTheClockIsSet) {
 TEST_F(Film, CountsFramesThatLookBeyondTheWorld) {
   std::vector<LivePose> poses = flight(21);
   for (LivePose& pose : poses) pose.place = test::lonlat_at(placement(), 1, 50);
-  EXPECT_EQ(shoot(poses).frames_beyond_world, 3);
+  EXPECT_EQ(capture(poses).frames_beyond_world, 3);
 }
 
 std::set<std::string> names_in(const std::filesystem::path& folder) {

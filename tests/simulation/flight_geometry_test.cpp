@@ -27,7 +27,7 @@ double relief_m(double column, double row) {  // of raster position, 20 m up and
 
 struct Scene {
   test::TemporaryFolder folder;
-  Placement placement = test::test_placement(kGsd);
+  RasterPlacement placement = test::test_placement(kGsd);
 
   explicit Scene(bool relief) {
     cv::Mat_<cv::Vec3b> image(kSide, kSide, cv::Vec3b(90, 90, 90));
@@ -39,7 +39,7 @@ struct Scene {
     test::write_picture(folder.path() / "world.tif", image, placement);
     test::write_camera(folder.path() / "camera.yaml", 640, 480, 500, true);
     if (!relief) return;
-    Placement coarse = placement;
+    RasterPlacement coarse = placement;
     coarse.gsd_m = 4;
     cv::Mat_<float> heights(kSide / 8, kSide / 8);
     for (int r = 0; r < heights.rows; ++r) {
@@ -106,9 +106,9 @@ void expect_dots_in_place(bool relief) {
         if (seen.z() < 20) continue;
         const Eigen::Vector2d pixel = camera.pixel_from_point(seen);
         if (pixel.x() < 14 || pixel.y() < 14 || pixel.x() > 625 || pixel.y() > 465) continue;
-        const auto spot = spot_near(grey, pixel);
-        ASSERT_TRUE(spot) << telemetry.cell(i, 0) << " misses the dot at " << pixel.transpose();
-        const double dx = spot->x - pixel.x(), dy = spot->y - pixel.y();
+        const auto position = spot_near(grey, pixel);
+        ASSERT_TRUE(position) << telemetry.cell(i, 0) << " misses the dot at " << pixel.transpose();
+        const double dx = position->x - pixel.x(), dy = position->y - pixel.y();
         worst = std::max(worst, std::hypot(dx, dy));
         sum_x += dx, sum_y += dy, ++dots;
       }

@@ -43,7 +43,7 @@ class Flight : public ::testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  Placement placement_ = test::test_placement(2);
+  RasterPlacement placement_ = test::test_placement(2);
   SimulatedFlightOptions options_;
   Mission mission_;
 };
@@ -132,13 +132,13 @@ TEST_F(Flight, RefusesWhatIsMissingTruncatedOrElsewhere) {
 }
 
 TEST_F(Flight, RefusesAnElevationModelThatDoesNotCover) {
-  Placement elsewhere = placement_;
+  RasterPlacement elsewhere = placement_;
   elsewhere.west_m += 50000;
   write_heights(path("dem.tif"), cv::Mat_<float>(40, 40, 5.F), elsewhere);
   options_.dem = path("dem.tif");
   EXPECT_EQ(error_of_flight(), "the elevation model does not cover the flight");
   // One that covers only a part of what the camera sees.
-  Placement partly = placement_;
+  RasterPlacement partly = placement_;
   partly.gsd_m = 10;
   write_heights(path("part.tif"), cv::Mat_<float>(100, 45, 5.F), partly);
   options_.dem = path("part.tif");

@@ -1,4 +1,4 @@
-#include "simulation/live_camera.hpp"
+#include "simulation/camera_simulation.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ class LiveCameraTest : public ::testing::Test {
     for (int r = 0; r < 60; ++r) {
       for (int c = 0; c < 60; ++c) heights(r, c) = static_cast<float>(300 + 10 * std::sin(c / 9.0) * std::cos(r / 8.0));
     }
-    Placement coarse = placement_;
+    RasterPlacement coarse = placement_;
     coarse.gsd_m = 20;
     write_heights(path("dem.tif"), heights, coarse);
     test::write_camera(path("camera.yaml"), 160, 120, 150, true);
@@ -44,7 +44,7 @@ class LiveCameraTest : public ::testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  Placement placement_ = test::test_placement(2);
+  RasterPlacement placement_ = test::test_placement(2);
   LiveCameraOptions options_;
 };
 
@@ -59,7 +59,7 @@ TEST_F(LiveCameraTest, SeesWhatASimulatedFlightSeesFromTheSamePlaces) {
   NoProgress progress;
   const Mission mission = test::mission_over(placement_, {{200, 400}, {400, 400}, {400, 200}}, 120);
   simulate_flight(mission, flight, path("flight"), progress);
-  const CsvTable truth = CsvTable::read(path("flight/truth.csv")), told = CsvTable::read(path("flight/telemetry.csv"));
+  const CsvTable truth = CsvTable::read(path("flight/truth.csv")), measured = CsvTable::read(path("flight/telemetry.csv"));
   const LiveCamera camera(options_);
   ASSERT_GT(truth.rows(), 5U);
   for (std::size_t i = 0; i < truth.rows(); ++i) {
@@ -69,10 +69,10 @@ TEST_F(LiveCameraTest, SeesWhatASimulatedFlightSeesFromTheSamePlaces) {
     LivePose pose;
     pose.place = {number(truth, "lon_deg"), number(truth, "lat_deg")};
     pose.height_m = number(truth, "alt_m");
-    pose.attitude = {radians(number(told, "heading_deg")), radians(number(told, "pitch_deg")),
-                     radians(number(told, "roll_deg"))};
-    const RenderedFrame shot = camera.shoot(pose, i);
-    EXPECT_EQ(shot.seen_share, 1);
+    pose.attitude = {radians(number(measured, "heading_deg")), radians(number(measured, "pitch_deg")),
+                     radians(number(measured, "roll_deg"))};
+    const RenderedFrame shot = camera.capture(pose, i);
+    EXPECT_EQ(shot.covered_fraction, 1);
     cv::Mat flown;
     const std::string name = fmt::format("flight/frames/frame_{:04}.jpg", i + 1);
     flown = read_image_file(path(name.c_str()), Colour::bgr);
@@ -83,24 +83,24 @@ TEST_F(LiveCameraTest, SeesWhatASimulatedFlightSeesFromTheSamePlaces) {
 TEST_F(LiveCameraTest, IsRepeatableAndItsNoiseIsSeeded) {
   options_.noise = SensorNoise::real;
   const LivePose pose = over(300, 300, 420);
-  const cv::Mat first = LiveCamera(options_).shoot(pose, 7).image;
-  EXPECT_EQ(cv::norm(first, LiveCamera(options_).shoot(pose, 7).image, cv::NORM_INF), 0);
-  EXPECT_GT(cv::norm(first, LiveCamera(options_).shoot(pose, 8).image, cv::NORM_INF), 0);
+  const cv::Mat first = LiveCamera(options_).capture(pose, 7).image;
+  EXPECT_EQ(cv::norm(first, LiveCamera(options_).capture(pose, 7).image, cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(first, LiveCamera(options_).capture(pose, 8).image, cv::NORM_INF), 0);
   options_.seed = 2;
-  EXPECT_GT(cv::norm(first, LiveCamera(options_).shoot(pose, 7).image, cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(first, LiveCamera(options_).capture(pose, 7).image, cv::NORM_INF), 0);
 }
 
 TEST_F(LiveCameraTest, FlatGroundLiesWhereItIsToldTo) {
   options_.dem.reset();
   options_.ground_m = 250;
-  const cv::Mat at_100 = LiveCamera(options_).shoot(over(300, 300, 350), 0).image;
+  const cv::Mat at_100 = LiveCamera(options_).capture(over(300, 300, 350), 0).image;
   options_.ground_m = 0;
   const LiveCamera low(options_);
   EXPECT_LT(
-      cv::norm(at_100, low.shoot(over(300, 300, 100), 0).image, cv::NORM_L1) / static_cast<double>(at_100.total()),
+      cv::norm(at_100, low.capture(over(300, 300, 100), 0).image, cv::NORM_L1) / static_cast<double>(at_100.total()),
       1.0);
   EXPECT_GT(
-      cv::norm(at_100, low.shoot(over(300, 300, 350), 0).image, cv::NORM_L1) / static_cast<double>(at_100.total()),
+      cv::norm(at_100, low.capture(over(300, 300, 350), 0).image, cv::NORM_L1) / static_cast<double>(at_100.total()),
       10.0);
 }
 
@@ -114,17 +114,17 @@ TEST_F(LiveCameraTest, AnyPoseGivesAPicture) {
   wild.attitude.roll_rad = nan;
   poses.push_back(wild);
   for (const LivePose& pose : poses) {
-    const RenderedFrame shot = camera.shoot(pose, 0);
+    const RenderedFrame shot = camera.capture(pose, 0);
     EXPECT_EQ(shot.image.size(), cv::Size(160, 120));
-    EXPECT_EQ(shot.seen_share, 0);
+    EXPECT_EQ(shot.covered_fraction, 0);
   }
   wild.attitude.roll_rad = radians(180);  // on its back: whatever it sees, it sees it without harm
-  EXPECT_EQ(camera.shoot(wild, 0).image.size(), cv::Size(160, 120));
-  const RenderedFrame buried = camera.shoot(over(300, 300, 0), 0);
-  EXPECT_EQ(buried.seen_share, 1);
-  const RenderedFrame edge = camera.shoot(over(2, 300, 400), 0);
-  EXPECT_GT(edge.seen_share, 0.3);
-  EXPECT_LT(edge.seen_share, 0.7);
+  EXPECT_EQ(camera.capture(wild, 0).image.size(), cv::Size(160, 120));
+  const RenderedFrame buried = camera.capture(over(300, 300, 0), 0);
+  EXPECT_EQ(buried.covered_fraction, 1);
+  const RenderedFrame edge = camera.capture(over(2, 300, 400), 0);
+  EXPECT_GT(edge.covered_fraction, 0.3);
+  EXPECT_LT(edge.covered_fraction, 0.7);
 }
 
 TEST_F(LiveCameraTest, RefusesWhatIsMissingOrNoWorld) {

@@ -9,7 +9,7 @@
 
 #include "simulation/landscape.hpp"
 #include "simulation/painter.hpp"
-#include "simulation/world_pictures.hpp"
+#include "simulation/landscape_rendering.hpp"
 #include "vision/matchability.hpp"
 
 namespace nadir {
@@ -28,21 +28,21 @@ class MatchabilityOfAWorld : public ::testing::Test {
     options.limits = {.good_ratio = 0.8, .weak_ratio = 0.9, .min_score = 0.16, .min_valid = 0.6};
     return options;
   }
-  PlaceMatchability at(Spot spot) const {
+  PlaceMatchability at(GroundPoint position) const {
     const int side = static_cast<int>(2 * probe_.reach_m());
     const PixelGrid grid{
-        1, kSize_m, static_cast<int>(spot.x) - side / 2, static_cast<int>(kSize_m - spot.y) - side / 2, side, side};
+        1, kSize_m, static_cast<int>(position.x) - side / 2, static_cast<int>(kSize_m - position.y) - side / 2, side, side};
     MapWindow window;
     window.gsd_m = 1;
     cv::cvtColor(render_view(land_, painter_, View::satellite, grid), window.image, cv::COLOR_BGR2GRAY);
     window.mask = cv::Mat(window.image.size(), CV_8UC1, cv::Scalar(255));
     return probe_.probe(window, 1);
   }
-  static bool well_inside(Spot spot) {
-    return std::min(spot.x, spot.y) > 140 && std::max(spot.x, spot.y) < kSize_m - 140;
+  static bool well_inside(GroundPoint position) {
+    return std::min(position.x, position.y) > 140 && std::max(position.x, position.y) < kSize_m - 140;
   }
 
-  Landscape land_ = grow_landscape(3, kSize_m);
+  Landscape land_ = generate_landscape(3, kSize_m);
   Painter painter_{land_, Season::may};
   MatchabilityProbe probe_{options()};
 };
@@ -57,7 +57,7 @@ TEST_F(MatchabilityOfAWorld, VillagesAreGoodAndFieldsFarFromEverythingAreWorse) 
   // Built-up places: around the village. Empty ones: farthest from houses, trees and roads.
   std::vector<double> village, empty, village_score, empty_score;
   ASSERT_TRUE(well_inside(land_.village));
-  for (const Spot offset : {Spot{0, 0}, Spot{40, 0}, Spot{-40, 0}, Spot{0, 40}, Spot{0, -40}}) {
+  for (const GroundPoint offset : {GroundPoint{0, 0}, GroundPoint{40, 0}, GroundPoint{-40, 0}, GroundPoint{0, 40}, GroundPoint{0, -40}}) {
     const PlaceMatchability place = at(land_.village + offset);
     EXPECT_EQ(place.cls, MatchClass::good);
     village.push_back(place.ratio);
@@ -65,25 +65,25 @@ TEST_F(MatchabilityOfAWorld, VillagesAreGoodAndFieldsFarFromEverythingAreWorse) 
   }
   struct Field {
     double clearance_m;
-    Spot spot;
+    GroundPoint position;
   };
   std::vector<Field> fields;
   for (double x = 150; x < kSize_m - 140; x += 50) {
     for (double y = 150; y < kSize_m - 140; y += 50) {
-      const Spot spot{x, y};
+      const GroundPoint position{x, y};
       double clearance = 1e9;
       for (const Building& building : land_.buildings)
-        clearance = std::min(clearance, cv::norm(building.centre - spot));
-      for (const Tree& tree : land_.trees) clearance = std::min(clearance, cv::norm(tree.centre - spot));
-      const auto hit = land_.fields.find(land_.fields.uv_from_ground(spot));
+        clearance = std::min(clearance, cv::norm(building.centre - position));
+      for (const Tree& tree : land_.trees) clearance = std::min(clearance, cv::norm(tree.centre - position));
+      const auto hit = land_.fields.find(land_.fields.uv_from_ground(position));
       clearance = std::min(clearance, hit.border_m);
-      fields.push_back({clearance, spot});
+      fields.push_back({clearance, position});
     }
   }
   std::sort(fields.begin(), fields.end(), [](const Field& a, const Field& b) { return a.clearance_m > b.clearance_m; });
   int poor = 0;
   for (std::size_t i = 0; i < 5; ++i) {
-    const PlaceMatchability place = at(fields[i].spot);
+    const PlaceMatchability place = at(fields[i].position);
     empty.push_back(place.ratio);
     empty_score.push_back(place.score);
     poor += place.cls == MatchClass::poor ? 1 : 0;

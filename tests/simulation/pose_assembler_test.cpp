@@ -40,7 +40,7 @@ TEST_F(PoseAssemblerTest, TakesASimulatorsTruthAsItIs) {
   EXPECT_EQ(pose->attitude.heading_rad, 3);
   EXPECT_EQ(pose->attitude.pitch_rad, 0.05);
   EXPECT_EQ(pose->attitude.roll_rad, -0.1);
-  EXPECT_EQ(pose->velocity_enu_m_s, Eigen::Vector3d(2, 1, -3));
+  EXPECT_EQ(pose->velocity_enu_mps, Eigen::Vector3d(2, 1, -3));
   EXPECT_EQ(pose->unix_us, kMachine_us + 5'000'000);
 }
 

@@ -25,11 +25,11 @@ TEST(TelemetryNoise, ErrorsAreAsLargeAsStated) {
   for (std::uint64_t seed = 0; seed < 400; ++seed) {
     TelemetryNoise noise(sigma, seed);
     for (int i = 0; i < 20; ++i, ++count) {
-      const MeasuredPose told = noise.tell(pose_at(3.0 * i));
-      heading += std::pow(told.attitude.heading_rad / sigma.heading_rad, 2);
-      agl += std::pow((told.agl_m / 250 - 1) / sigma.agl_relative, 2);
-      pitch += std::pow(told.attitude.pitch_rad / sigma.tilt_rad, 2);
-      roll += std::pow(told.attitude.roll_rad / sigma.tilt_rad, 2);
+      const MeasuredPose measured = noise.measure(pose_at(3.0 * i));
+      heading += std::pow(measured.attitude.heading_rad / sigma.heading_rad, 2);
+      agl += std::pow((measured.agl_m / 250 - 1) / sigma.agl_relative, 2);
+      pitch += std::pow(measured.attitude.pitch_rad / sigma.tilt_rad, 2);
+      roll += std::pow(measured.attitude.roll_rad / sigma.tilt_rad, 2);
     }
   }
   for (const double sum : {heading, agl, pitch, roll}) EXPECT_NEAR(std::sqrt(sum / count), 1.0, 0.1);
@@ -47,7 +47,7 @@ TEST(TelemetryNoise, TheCompassErrsByTheCourse) {
       FlightPose pose = pose_at(i);
       pose.attitude.heading_rad = radians(90) * (i % 4);
       off.at(static_cast<std::size_t>(i % 4)) +=
-          (noise.tell(pose).attitude.heading_rad - pose.attitude.heading_rad) / kRounds;
+          (noise.measure(pose).attitude.heading_rad - pose.attitude.heading_rad) / kRounds;
     }
     EXPECT_NEAR(off[0] + off[2], off[1] + off[3], 0.3 * sigma.heading_rad) << "the constant is one and the same";
     spread += (std::pow(off[0] - off[2], 2) + std::pow(off[1] - off[3], 2)) / 2 / 40;
@@ -61,7 +61,7 @@ TEST(TelemetryNoise, OnOneCourseTheCompassKeepsItsError) {
   for (std::uint64_t seed = 0; seed < 60; ++seed) {
     TelemetryNoise noise(sigma, seed);
     double first = 0, second = 0;
-    for (int i = 0; i < 100; ++i) (i < 50 ? first : second) += noise.tell(pose_at(i)).attitude.heading_rad / 50;
+    for (int i = 0; i < 100; ++i) (i < 50 ? first : second) += noise.measure(pose_at(i)).attitude.heading_rad / 50;
     EXPECT_NEAR(first, second, 0.55 * sigma.heading_rad);
     spread_of_means += first * first / 60;
   }
@@ -74,9 +74,9 @@ TEST(TelemetryNoise, TheAccelerometerErrsAsStatedAfterAMinute) {
   double sum = 0;
   for (std::uint64_t seed = 0; seed < 400; ++seed) {
     TelemetryNoise noise(sigma, seed);
-    EXPECT_FALSE(noise.tell(pose_at(0)).imu_dv_mps) << "nothing to count from";
+    EXPECT_FALSE(noise.measure(pose_at(0)).imu_dv_mps) << "nothing to count from";
     Eigen::Vector2d velocity = Eigen::Vector2d::Zero();
-    for (int i = 1; i <= 30; ++i) velocity += *noise.tell(pose_at(2.0 * i)).imu_dv_mps;
+    for (int i = 1; i <= 30; ++i) velocity += *noise.measure(pose_at(2.0 * i)).imu_dv_mps;
     sum += velocity.squaredNorm() / 2;
   }
   EXPECT_NEAR(std::sqrt(sum / 400), 0.4 * std::sqrt(60), 0.15 * 0.4 * std::sqrt(60));
@@ -88,17 +88,17 @@ TEST(TelemetryNoise, TheAccelerometerIsTurnedByTheCompass) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     TelemetryNoise noise(sigma, seed);
     FlightPose pose = pose_at(0);
-    noise.tell(pose);
+    noise.measure(pose);
     double compass = 0;
     for (int i = 1; i <= 400; ++i) {
       pose.time_s = i;
       pose.velocity = {i % 2 == 0 ? 0.0 : 30.0, 0};
-      compass += noise.tell(pose).attitude.heading_rad / 400;
+      compass += noise.measure(pose).attitude.heading_rad / 400;
     }
     pose.time_s = 401;
     pose.velocity = {30, 0};
-    const Eigen::Vector2d told = *noise.tell(pose).imu_dv_mps;
-    EXPECT_NEAR(std::atan2(-told.y(), told.x()), compass, radians(1.5));
+    const Eigen::Vector2d measured = *noise.measure(pose).imu_dv_mps;
+    EXPECT_NEAR(std::atan2(-measured.y(), measured.x()), compass, radians(1.5));
   }
 }
 

@@ -7,7 +7,7 @@
 
 namespace nadir::test {
 
-LonLat lonlat_at(const Placement& placement, double column, double row) {
+LonLat lonlat_at(const RasterPlacement& placement, double column, double row) {
   OGRSpatialReference from, to;
   from.importFromEPSG(placement.epsg);
   to.importFromEPSG(4326);
@@ -19,8 +19,8 @@ LonLat lonlat_at(const Placement& placement, double column, double row) {
   return {x, y};
 }
 
-void write_picture(const std::filesystem::path& path, const cv::Mat_<cv::Vec3b>& bgr, const Placement& placement) {
-  PictureWriter writer(path, bgr.size(), placement);
+void write_picture(const std::filesystem::path& path, const cv::Mat_<cv::Vec3b>& bgr, const RasterPlacement& placement) {
+  GeoTiffWriter writer(path, bgr.size(), placement);
   writer.write_rows(bgr);
   writer.finish();
 }
@@ -33,7 +33,7 @@ void write_camera(const std::filesystem::path& path, int width, int height, doub
                                       distorted ? "-0.12, 0.05, 0.001, -0.0008, 0.0" : ""));
 }
 
-Mission mission_over(const Placement& placement, const std::vector<cv::Point2d>& route_px, double agl_m) {
+Mission mission_over(const RasterPlacement& placement, const std::vector<cv::Point2d>& route_px, double agl_m) {
   Mission mission;
   mission.id = "test";
   for (const cv::Point2d& p : route_px) mission.route.points.push_back(lonlat_at(placement, p.x, p.y));

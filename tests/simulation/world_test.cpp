@@ -10,10 +10,10 @@
 #include "base/files.hpp"
 #include "base/sha256.hpp"
 #include "raster/gdal_dataset.hpp"
-#include "raster/imagery_facts.hpp"
+#include "raster/imagery_input.hpp"
 #include "package/mission.hpp"
 #include "simulation/landscape.hpp"
-#include "simulation/world_pictures.hpp"
+#include "simulation/landscape_rendering.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/camera_model.hpp"
 
@@ -91,7 +91,7 @@ TEST(World, TheMapIsMisplacedByUpToTwoMetresAndSaysSo) {
 
 // A piece painted alone is the same as within a larger one: nothing depends on how the work is cut.
 TEST(World, PiecesFitTogether) {
-  const Landscape land = grow_landscape(9, 600);
+  const Landscape land = generate_landscape(9, 600);
   const Painter painter(land, Season::september);
   const cv::Mat_<cv::Vec3b> whole = render_view(land, painter, View::day, {1.0, 600, 100, 150, 300, 200});
   const cv::Mat_<cv::Vec3b> part = render_view(land, painter, View::day, {1.0, 600, 200, 200, 120, 80});
@@ -99,10 +99,10 @@ TEST(World, PiecesFitTogether) {
 }
 
 TEST(Landscape, WarpedPlaneInverts) {
-  const Landscape land = grow_landscape(3, 800);
+  const Landscape land = generate_landscape(3, 800);
   for (double x = 0; x < 800; x += 90) {
-    const Spot spot(x, 800 - 0.7 * x);
-    EXPECT_LT(cv::norm(land.fields.ground_from_uv(land.fields.uv_from_ground(spot)) - spot), 0.01);
+    const GroundPoint position(x, 800 - 0.7 * x);
+    EXPECT_LT(cv::norm(land.fields.ground_from_uv(land.fields.uv_from_ground(position)) - position), 0.01);
   }
 }
 

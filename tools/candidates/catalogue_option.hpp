@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "catalogue/catalogue_location.hpp"
+#include "catalogue/location.hpp"
 
 namespace nadir {
 

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "base/time.hpp"
-#include "raster/imagery_facts.hpp"
+#include "raster/imagery_input.hpp"
 #include "raster/mosaic.hpp"
 
 namespace nadir {

@@ -93,7 +93,7 @@ int CacheBuildCommand::run(Context& context) {
   request.out = out_;
   request.program = kVersion;
   request.resume = resume_;
-  if (!context.quiet) request.tell = [&context](std::string_view remark) { context.err << remark << '\n'; };
+  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << remark << '\n'; };
 
   const PackageReport report = build_package(request, context.progress);
   if (report.findings.refuses()) {

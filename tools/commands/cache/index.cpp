@@ -12,7 +12,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "geodesy/angles.hpp"
-#include "package_build/package_parts.hpp"
+#include "package_build/package_builder.hpp"
 #include "package/amend_package.hpp"
 #include "package/sign_package.hpp"
 #include "package/tile_container.hpp"

@@ -7,7 +7,7 @@
 
 #include "base/error.hpp"
 #include "cli/output.hpp"
-#include "package_build/matchability_tiff.hpp"
+#include "package_build/matchability_survey.hpp"
 #include "package/amend_package.hpp"
 #include "package/sign_package.hpp"
 #include "commands/cache/tile_set_subject.hpp"

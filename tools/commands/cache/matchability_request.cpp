@@ -58,7 +58,7 @@ std::string metres(double length_m) {
   return length_m < 10'000 ? fmt::format("{:.0f} m", length_m) : fmt::format("{:.1f} km", length_m / 1000);
 }
 
-std::string describe(const RouteStretch& stretch, const std::optional<double>& cruise_mps) {
+std::string describe(const RouteSection& stretch, const std::optional<double>& cruise_mps) {
   std::string text = metres(stretch.length_m);
   if (cruise_mps) text += fmt::format(", {:.0f} s at {:g} m/s", stretch.length_m / *cruise_mps, *cruise_mps);
   return text + fmt::format(", from {:.6f},{:.6f} to {:.6f},{:.6f}", stretch.from.lon_deg, stretch.from.lat_deg,
@@ -92,7 +92,7 @@ MatchabilityResult make_matchability(const std::filesystem::path& tiles, const M
   const int threads = request.threads.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
   result.map = survey_matchability(*source, required_region(mission, frame), frame, mission.zoom.max, request.step_m,
                                    result.options, threads, progress);
-  result.summary = summarise(result.map, mission.route.points, frame);
+  result.summary = summarize_matchability(result.map, mission.route.points, frame);
   return result;
 }
 
@@ -126,7 +126,7 @@ json json_of(const MatchabilityResult& result) {
     document["route_share"][name_of(cls)] = rounded(summary.route_share(cls), 1e4);
   }
   json& stretches = document["without_good"] = json::array();
-  for (const RouteStretch& stretch : summary.without_good) {
+  for (const RouteSection& stretch : summary.without_good) {
     json item{{"length_m", rounded(stretch.length_m, 10)},
               {"begin_m", rounded(stretch.begin_m, 10)},
               {"from", {rounded(stretch.from.lon_deg, 1e7), rounded(stretch.from.lat_deg, 1e7)}},

@@ -8,7 +8,7 @@
 #include "base/progress.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package_build/matchability_summary.hpp"
+#include "package_build/matchability_survey.hpp"
 #include "package/mission.hpp"
 
 namespace nadir {

@@ -71,7 +71,7 @@ int CacheUpdateCommand::run(Context& context) {
   request.roots = roots_;
   request.at = at_;
   request.out = out_;
-  if (!context.quiet) request.tell = [&context](std::string_view remark) { context.err << remark << '\n'; };
+  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << remark << '\n'; };
 
   const auto [report, counts, old_sequence, sequence] = update_package(request, context.progress);
   if (report.findings.refuses()) {

@@ -7,7 +7,7 @@
 
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "catalogue/catalogue_reading.hpp"
+#include "catalogue/catalogue.hpp"
 #include "trust/root.hpp"
 
 namespace nadir {

@@ -11,7 +11,7 @@
 #include "base/printable.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package_build/drawn_plan.hpp"
+#include "package_build/vector_features.hpp"
 #include "package/mission.hpp"
 
 namespace nadir {
@@ -19,12 +19,12 @@ namespace {
 
 constexpr std::int64_t kSecondsPerDay = 86'400;
 
-const DrawnShape& choose_route(const DrawnPlan& plan, const std::optional<std::string>& name,
+const VectorFeature& choose_route(const VectorFeatures& plan, const std::optional<std::string>& name,
                                const std::string& where) {
-  const DrawnShape* chosen = nullptr;
+  const VectorFeature* chosen = nullptr;
   std::size_t count = 0;
   std::string names;
-  for (const DrawnShape& line : plan.lines) {
+  for (const VectorFeature& line : plan.lines) {
     names += (names.empty() ? "\"" : ", \"") + printable(line.name) + "\"";
     if (name && line.name != *name) continue;
     chosen = &line;
@@ -96,8 +96,8 @@ int MissionImportCommand::run(Context& context) {
   if (std::filesystem::exists(out_)) {
     throw UsageError({.what = "the file exists already", .where = out_.string(), .fix = "name another one with --out"});
   }
-  const DrawnPlan plan = read_drawn_plan(file_);
-  const DrawnShape& route = choose_route(plan, route_, file_.string());
+  const VectorFeatures plan = read_vector_features(file_);
+  const VectorFeature& route = choose_route(plan, route_, file_.string());
   if (route.points.empty()) throw UsageError({.what = "the route has no points", .where = file_.string()});
   const UtcTime today{context.clock.now().unix_s / kSecondsPerDay * kSecondsPerDay};
 
@@ -111,7 +111,7 @@ int MissionImportCommand::run(Context& context) {
       route.points.front().lat_deg, height_m_);
   yaml += plan.areas.empty() ? "sectors: []\n" : "sectors:\n";
   std::set<std::string> taken;
-  for (const DrawnShape& area : plan.areas) {
+  for (const VectorFeature& area : plan.areas) {
     const std::string id = id_from(area.name, "sector", taken);
     yaml +=
         fmt::format("  - id: \"{}\"\n    class: {}  # check\n    polygon: {}\n", id, class_, points_yaml(area.points));

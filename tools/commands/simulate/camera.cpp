@@ -12,8 +12,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/simulate/camera_pose/mavlink_pose_source.hpp"
-#include "simulation/frame_folder.hpp"
-#include "simulation/frame_stream.hpp"
+#include "simulation/frame_sink.hpp"
 
 namespace nadir {
 
@@ -69,7 +68,7 @@ int SimulateCameraCommand::run(Context& context) {
     sink = std::make_unique<FrameFolder>(out_, keep_);
   }
   if (!context.quiet) context.err << fmt::format("the world is read; waiting for poses from {}\n", poses_);
-  const CameraSimulationReport film_report = film(camera, poses, *sink, film_, interrupt_requested);
+  const CameraSimulationReport film_report = run_camera_simulation(camera, poses, *sink, film_, interrupt_requested);
   if (film_report.frames == 0 && film_report.end == CameraSimulationEnd::no_poses) {
     throw Error({.what = "no pose came",
                  .where = poses_,

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "cli/command.hpp"
-#include "simulation/film.hpp"
+#include "simulation/camera_simulation.hpp"
 
 namespace nadir {
 

@@ -38,7 +38,7 @@ Blocks blocks_of(const MatchabilityMap& map, int side) {
 }
 
 // The corners of the route between two places on it.
-std::vector<LonLat> along_route(const RouteStretch& stretch, const Mission& mission, const LocalFrame& frame) {
+std::vector<LonLat> along_route(const RouteSection& stretch, const Mission& mission, const LocalFrame& frame) {
   std::vector<LonLat> points{stretch.from};
   const PlaneRing path = to_plane(frame, mission.route.points);
   double at_m = 0;

@@ -12,7 +12,7 @@
 #include <optional>
 
 #include "mavlink/messages.hpp"
-#include "simulation/pose_source.hpp"
+#include "simulation/camera_simulation.hpp"
 
 namespace nadir {
 

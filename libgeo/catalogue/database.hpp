@@ -1,0 +1,124 @@
+// A catalogue's database through GDAL: a SpatiaLite file or a PostGIS server, with the same tables and columns.
+//
+// Values from outside reach the database as fields of features alone; statements are constants of this program, in
+// which at most whole numbers are inserted.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "base/time.hpp"
+#include "catalogue/geometry.hpp"
+#include "catalogue/location.hpp"
+
+class GDALDataset;
+class OGRFeature;
+class OGRLayer;
+
+namespace nadir {
+
+// A row that is read, or one that is being made.
+class CatalogueRow {
+ public:
+  explicit CatalogueRow(std::unique_ptr<OGRFeature> feature);
+  ~CatalogueRow();
+  CatalogueRow(CatalogueRow&&) noexcept;
+
+  CatalogueRow& set(const char* column, std::int64_t value);
+  CatalogueRow& set(const char* column, double value);
+  CatalogueRow& set(const char* column, std::string_view text);  // what cannot be shown becomes '?'
+  CatalogueRow& set(const char* column, UtcTime time);
+  CatalogueRow& set_null(const char* column);
+  CatalogueRow& shape(GeometryHandle geometry);
+
+  std::int64_t integer(const char* column) const;
+  bool is_null(const char* column) const;
+  std::string text(const char* column) const;
+  std::optional<UtcTime> time(const char* column) const;
+  GeoArea area() const;
+
+ private:
+  friend class CatalogueDatabase;
+  int index(const char* column) const;  // throws Error when there is no such column
+  std::unique_ptr<OGRFeature> feature_;
+};
+
+// A kind of catalogue: its tables, and how it is told from others. Each has a table `catalogue` with its format.
+struct CatalogueLayout {
+  std::string format;           // "nadir.catalogue/1"
+  std::string schema;           // of the tables in PostgreSQL: letters, digits and _
+  std::string_view spatialite;  // the statements that make the tables
+  std::string_view postgis;
+  std::string maker;  // the command that makes one, for messages: "nadir catalogue add"
+};
+
+// Packages of a fleet: docs/formats/catalogue.md.
+CatalogueLayout fleet_catalogue();
+
+class CatalogueDatabase {
+ public:
+  enum class Access { read, write };
+
+  // write: makes an empty catalogue where there is none (a file that appears whole, or a schema in one transaction).
+  // Throws Error when it cannot be reached, is no catalogue, or is one of another kind or version.
+  CatalogueDatabase(const CatalogueLocation& location, Access access, CatalogueLayout layout = fleet_catalogue());
+  ~CatalogueDatabase();
+  CatalogueDatabase(const CatalogueDatabase&) = delete;
+  CatalogueDatabase& operator=(const CatalogueDatabase&) = delete;
+
+  // A transaction that keeps other writers waiting (for a minute, then Error). Without commit() nothing has happened.
+  void begin();
+  void commit();
+  void roll_back();
+
+  CatalogueRow new_row(const char* table);
+  // The new row's id. Many rows of one table go in fastest with Insert::bulk, which tells no id.
+  enum class Insert { one, bulk };
+  std::int64_t insert(const char* table, CatalogueRow& row, Insert how);
+  void finish_bulk(const char* table);  // throws what the rows of a bulk met
+
+  // Visits the rows of a table, in the order of their ids.
+  void each(const char* table, const std::function<void(const CatalogueRow&)>& visit);
+
+  // A statement in SQL that both databases speak, with each table's name as `of(TABLE)`. Nothing goes into it but
+  // constants of this program, whole numbers and digests in hexadecimal.
+  void change(const std::string& sql, const char* doing);
+  void select(const std::string& sql, const std::function<void(const CatalogueRow&)>& visit);
+  std::string of(const char* table) const;
+  // Rows of this package.
+  std::int64_t count(const char* table, std::int64_t package_id);
+  void erase(const char* table, const char* column, std::int64_t value);
+
+  [[noreturn]] void fail(std::string what) const;  // throws Error with the database's own words
+
+ private:
+  class ErrorCollector;
+  void open(Access access);
+  bool has_catalogue();
+  void check_format();
+  void create_file() const;
+  void create_schema();
+  void execute(const std::string& sql, const char* doing);
+  std::optional<std::string> query_value(const std::string& sql);
+  OGRLayer& layer(const char* table);
+
+  CatalogueLocation location_;
+  CatalogueLayout layout_;
+  std::unique_ptr<ErrorCollector> errors_;
+  struct CloseDataset {
+    void operator()(GDALDataset* dataset) const;
+  };
+  std::unique_ptr<GDALDataset, CloseDataset> dataset_;
+  bool in_transaction_ = false;
+};
+
+// What to do about a database that fails: the messages of SQLite and PostgreSQL, and the advice that goes with each.
+
+// The first advice whose sign is in the message; a general one when none is.
+std::string advice_for_database_message(std::string_view message);
+
+}  // namespace nadir

@@ -1,0 +1,138 @@
+#include "simulation/frame_sink.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <ostream>
+#include <utility>
+
+#include "base/error.hpp"
+
+namespace nadir {
+namespace {
+
+[[noreturn]] void fail(const std::filesystem::path& path, const std::error_code& error) {
+  throw Error({.what = "the picture cannot be written",
+               .where = path.string(),
+               .expected = "a folder with room that may be written to",
+               .found = error.message(),
+               .fix = "make room, or choose another --out; --keep N keeps the folder small"});
+}
+
+std::error_code last_error() { return {errno, std::generic_category()}; }
+
+}  // namespace
+
+FrameFolder::FrameFolder(std::filesystem::path folder, std::optional<int> keep)
+    : folder_(std::move(folder)), keep_(keep) {
+  std::error_code error;
+  std::filesystem::create_directories(folder_, error);
+  if (error || !std::filesystem::is_directory(folder_)) {
+    throw Error({.what = "the folder cannot be made",
+                 .where = folder_.string(),
+                 .found = error ? error.message() : "something else of this name",
+                 .fix = "choose another --out"});
+  }
+}
+
+void FrameFolder::put(ByteView jpeg, std::int64_t unix_us) {
+  const std::string name = fmt::format("frame_{:016}.jpg", std::max<std::int64_t>(0, unix_us));
+  const std::filesystem::path path = folder_ / name, temporary = folder_ / ("." + name + ".tmp");
+  // Not brought to disk, unlike results: a picture is wanted for seconds, and waiting for the disk would cost frames.
+  std::ofstream file(temporary, std::ios::binary | std::ios::trunc);
+  file.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
+  file.close();
+  std::error_code ignored;
+  if (!file) {
+    const std::error_code error = last_error();
+    std::filesystem::remove(temporary, ignored);
+    fail(path, error);
+  }
+  std::error_code error;
+  std::filesystem::rename(temporary, path, error);
+  if (error) {
+    std::filesystem::remove(temporary, ignored);
+    fail(path, error);
+  }
+  if (!keep_) return;
+  // A clock that was set back may give a name twice: it counts once, as the youngest.
+  std::erase(written_, path);
+  written_.push_back(path);
+  while (std::ssize(written_) > *keep_) {
+    std::filesystem::remove(written_.front(), ignored);  // whoever reads it may have removed it already
+    written_.pop_front();
+  }
+}
+
+void FrameStream::put(ByteView jpeg, std::int64_t unix_us) {
+  out_ << fmt::format(
+      "--nadir-frame\r\nContent-Type: image/jpeg\r\nContent-Length: {}\r\nX-Timestamp: {}.{:06}\r\n\r\n", jpeg.size(),
+      unix_us / 1'000'000, unix_us % 1'000'000);
+  out_.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
+  out_ << "\r\n" << std::flush;
+  if (!out_) {
+    throw Error({.what = "the pictures cannot be written",
+                 .where = "standard output",
+                 .expected = "a program that reads them",
+                 .found = "the pipe was closed"});
+  }
+}
+
+namespace {
+
+constexpr std::size_t kMaxQueuedFrames = 256;
+
+}  // namespace
+
+DelayedSink::DelayedSink(FrameSink& sink) : sink_(sink), thread_([this](const std::stop_token& stop) { run(stop); }) {}
+
+DelayedSink::~DelayedSink() = default;
+
+void DelayedSink::put(Bytes jpeg, std::int64_t unix_us, Moment due) {
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return failed_ || waiting_.size() < kMaxQueuedFrames; });
+  throw_if_failed();
+  waiting_.push_back({std::move(jpeg), unix_us, due});
+  changed_.notify_all();
+}
+
+void DelayedSink::finish() {
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return failed_ || waiting_.empty(); });
+  throw_if_failed();
+}
+
+int DelayedSink::delivered() const {
+  const std::scoped_lock lock(mutex_);
+  return delivered_;
+}
+
+void DelayedSink::throw_if_failed() const {
+  if (failed_) std::rethrow_exception(failed_);
+}
+
+void DelayedSink::run(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  while (changed_.wait(lock, stop, [&] { return !waiting_.empty(); })) {
+    const QueuedFrame& next = waiting_.front();  // nobody else takes it, and a deque leaves it where it is
+    changed_.wait_until(lock, stop, next.due, [] { return false; });
+    if (stop.stop_requested()) return;
+    lock.unlock();
+    std::exception_ptr failed;
+    try {
+      sink_.put(next.jpeg, next.unix_us);
+    } catch (...) {
+      failed = std::current_exception();
+    }
+    lock.lock();
+    failed_ = failed;
+    if (!failed) ++delivered_;
+    waiting_.pop_front();
+    changed_.notify_all();
+    if (failed) return;
+  }
+}
+
+}  // namespace nadir
