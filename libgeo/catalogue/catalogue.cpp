@@ -18,7 +18,7 @@ namespace {
 
 using Insert = CatalogueDatabase::Insert;
 
-// Tables whose rows belong to a package; the package itself comes last when it goes.
+// Tables whose rows belong to a package; the package itself is removed last.
 constexpr const char* kOfPackages[] = {"gaps", "tiles", "required_tiles", "corridors", "routes", "sectors", "sources"};
 
 void set_key(CatalogueRow& row, const TileKey& key) {
@@ -160,15 +160,15 @@ void Catalogue::add_tiles(const CatalogueEntry& entry, std::int64_t package_id, 
   expect_count("tiles", package_id, entry.tiles.size());
 }
 
-// A server may end a transaction of its own accord; what it has is asked, not believed.
+// A server may end a transaction by itself: verify the number of rows.
 void Catalogue::expect_count(const char* table, std::int64_t package_id, std::size_t count) {
   const std::int64_t found = database_.count(table, package_id);
   if (found != static_cast<std::int64_t>(count)) {
-    throw Error({.what = "the database did not take all rows",
+    throw Error({.what = "the database did not store all rows",
                  .where = table,
                  .expected = std::to_string(count),
                  .found = std::to_string(found),
-                 .fix = "nothing was kept; run the command again"});
+                 .fix = "nothing was stored; run the command again"});
   }
 }
 
@@ -221,7 +221,7 @@ std::vector<CatalogueSource> Catalogue::sources() {
   std::vector<CatalogueSource> sources;
   database_.each("sources", [&sources](const CatalogueRow& row) {
     const auto captured_at = row.time("captured_at");
-    if (!captured_at) return;  // of no known age: serves nobody
+    if (!captured_at) return;  // unknown age: unusable
     sources.push_back({.package_id = row.integer("package_id"),
                        .provider = row.text("provider"),
                        .captured_at = *captured_at,
@@ -268,7 +268,7 @@ void check_mission_file(const std::filesystem::path& package, const Manifest& ma
   if (artifact == nullptr || artifact->path != kMissionFile || !std::filesystem::exists(path)) {
     reading.findings.add({.code = "artifact.missing",
                           .where = std::string(kMissionFile),
-                          .expected = "the mission that the package is for",
+                          .expected = "the mission of the package",
                           .found = "none",
                           .fix = "build the package again"});
     return;
@@ -278,7 +278,7 @@ void check_mission_file(const std::filesystem::path& package, const Manifest& ma
                           .where = std::string(kMissionFile),
                           .expected = "the digest in the manifest",
                           .found = "other bytes",
-                          .fix = "fetch the package again"});
+                          .fix = "get the package again from its source"});
     return;
   }
   MissionReading checked = check_mission(path);
@@ -325,9 +325,9 @@ CatalogueReading read_verified(const std::filesystem::path& package, const Verif
 CatalogueReading read_catalogue_entry(const std::filesystem::path& package, const VerifyOptions* options,
                                       Progress& progress) {
   if (!std::filesystem::is_directory(package)) {
-    throw UsageError({.what = "no package of this name",
+    throw UsageError({.what = "package not found",
                       .where = package.string(),
-                      .expected = "a package's folder",
+                      .expected = "the folder of a package",
                       .found = std::filesystem::exists(package) ? "a file" : "nothing"});
   }
   CatalogueReading reading =

@@ -1,7 +1,7 @@
-// The catalogue of a fleet's map packages: what each was made from and for, tile by tile, as layers of a spatial
+// The catalogue of a fleet's map packages: the imagery and the mission of each, tile by tile, as layers of a spatial
 // database. docs/formats/catalogue.md describes the tables.
 //
-// Every change is one transaction: all of a package or nothing of it.
+// Every change is one transaction: a package is added completely or not at all.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 #include "base/finding.hpp"
 #include "base/progress.hpp"
-#include "catalogue/database.hpp"
 #include "catalogue/coverage_gaps.hpp"
+#include "catalogue/database.hpp"
 #include "package/manifest.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"
@@ -21,13 +21,13 @@
 
 namespace nadir {
 
-// A package that is to be added.
+// A package to add.
 struct CatalogueEntry {
   Manifest manifest;
   Sha256 manifest_sha256;
   Mission mission;
   std::vector<Sidecar> tiles;                       // in the order of TileKey
-  std::optional<std::vector<std::string>> signers;  // ids of keys whose signatures were verified; none: not verified
+  std::optional<std::vector<std::string>> signers;  // ids of keys with verified signatures; none: not verified
 };
 
 struct CataloguedPackage {
@@ -38,7 +38,7 @@ struct CataloguedPackage {
   UtcTime created;
   UtcTime expires;
   std::string manifest_sha256;
-  std::string signers;  // empty: was not verified
+  std::string signers;  // empty: not verified
   std::int64_t tiles = 0;
   std::int64_t bytes = 0;
 };
@@ -47,11 +47,11 @@ class Catalogue {
  public:
   using Access = CatalogueDatabase::Access;
 
-  // write: makes an empty one where there is none. Throws Error.
+  // write: creates an empty one where there is none. Throws Error.
   Catalogue(const CatalogueLocation& location, Access access) : database_(location, access) {}
 
-  // known: the same package is there already, and nothing has changed. conflict: another package has this series and
-  // sequence; nothing has changed either.
+  // known: the same package is catalogued already, nothing changes. conflict: another package has this series and
+  // sequence, nothing changes either.
   enum class Added { added, known, conflict };
   Added add(const CatalogueEntry& entry, Progress& progress);
 
@@ -59,10 +59,10 @@ class Catalogue {
   std::vector<CataloguedPackage> packages();
   std::vector<CatalogueSource> sources();
 
-  // Whether there was such a package. Everything that belongs to it goes with it.
+  // Removes a package with all its rows. Returns whether there was one.
   bool remove(const std::string& series, std::int64_t sequence);
 
-  // In the layer `gaps`, in place of what was stored for this mission before.
+  // Replaces the gaps of this mission in the layer `gaps`.
   void store_gaps(const std::string& mission, UtcTime evaluated_at, const std::vector<CatalogueGap>& gaps);
 
  private:
@@ -77,16 +77,14 @@ class Catalogue {
   CatalogueDatabase database_;
 };
 
-// Reads a package for the catalogue: what may go in, and why not where it may not.
-
-// entry is there exactly when no finding refuses.
+// A package that was read for the catalogue. entry is set exactly when no finding is an error.
 struct CatalogueReading {
   Findings findings;
   std::optional<CatalogueEntry> entry;
 };
 
-// With options the package is verified with them. Without, its parts must fit each other (the mission and the tiles'
-// digests those of the manifest), but nobody vouches for them. Throws Error when there is no package or it cannot be
+// With options the package is verified with them. Without, only its parts are checked against each other (mission and
+// tiles against the digests of the manifest), not its signatures. Throws Error when there is no package or it cannot be
 // read.
 CatalogueReading read_catalogue_entry(const std::filesystem::path& package, const VerifyOptions* options,
                                       Progress& progress);

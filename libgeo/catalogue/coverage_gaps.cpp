@@ -83,12 +83,7 @@ CatalogueGap catalogue_gap(const Mission& mission, const LocalFrame& frame, cons
 class SourceEvaluator {
  public:
   SourceEvaluator(const Mission& mission, const PixelCover& empty, std::span<const CatalogueSource> sources, UtcTime at)
-      : mission_(mission),
-        frame_(mission_frame(mission)),
-        stable_(empty),
-        active_(empty),
-        fine_(empty),
-        any_(empty) {
+      : mission_(mission), frame_(mission_frame(mission)), stable_(empty), active_(empty), fine_(empty), any_(empty) {
     for (const CatalogueSource& source : sources) {
       any_.add(source.footprint);
       if (!fine(source)) continue;

@@ -21,7 +21,7 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-// A setting of GDAL for this thread, for as long as it lives.
+// Sets a configuration option of GDAL for this thread while it lives.
 class ScopedGdalOption {
  public:
   ScopedGdalOption(const char* name, const char* value) : name_(name) { CPLSetThreadLocalConfigOption(name, value); }
@@ -53,7 +53,7 @@ std::vector<std::string> statements_of(std::string_view sql) {
 
 }  // namespace
 
-// GDAL reports on a stack of handlers per thread. The first message tells the reason; later ones its consequences.
+// Collects GDAL's errors of this thread. The first message is the cause; later ones are its consequences.
 class CatalogueDatabase::ErrorCollector {
  public:
   ErrorCollector() { CPLPushErrorHandlerEx(&ErrorCollector::take, this); }
@@ -93,7 +93,7 @@ CatalogueDatabase::CatalogueDatabase(const CatalogueLocation& location, Access a
                    .where = location_.shown,
                    .expected = "the extension postgis",
                    .found = errors_->first(),
-                   .fix = "as an administrator of the database: CREATE EXTENSION postgis"});
+                   .fix = "run as an administrator of the database: CREATE EXTENSION postgis"});
     }
     if (access == Access::write) {
       execute("SET lock_timeout = '60s'", "setting up the connection");
@@ -117,7 +117,7 @@ void CatalogueDatabase::open(Access access) {
       if (access == Access::read) {
         throw UsageError({.what = "no such catalogue",
                           .where = location_.shown,
-                          .expected = fmt::format("a file that `{}` made, or \"PG:dbname=… host=…\"", layout_.maker)});
+                          .expected = fmt::format("a file created by `{}`, or \"PG:dbname=… host=…\"", layout_.maker)});
       }
       create_file();
     } else if (!fs::is_regular_file(status)) {
@@ -127,8 +127,9 @@ void CatalogueDatabase::open(Access access) {
   }
   const ScopedGdalOption busy_timeout("SQLITE_BUSY_TIMEOUT", "60000");
   const char* const drivers[] = {file ? "SQLite" : "PostgreSQL", nullptr};
-  // What a killed writer left half done is taken back by the next who may write, also if it comes to read.
-  const bool has_journal = file && fs::exists(location_.name + "-journal") && ::access(location_.name.c_str(), W_OK) == 0;
+  // The journal of a killed writer is rolled back by the next process with write access, even if it only reads.
+  const bool has_journal =
+      file && fs::exists(location_.name + "-journal") && ::access(location_.name.c_str(), W_OK) == 0;
   const unsigned flags = GDAL_OF_VECTOR | GDAL_OF_VERBOSE_ERROR |
                          (access == Access::write || has_journal ? GDAL_OF_UPDATE : GDAL_OF_READONLY);
   errors_->clear();
@@ -140,15 +141,16 @@ void CatalogueDatabase::fail(std::string what) const {
   const std::string& message = errors_->first();
   throw Error({.what = std::move(what),
                .where = location_.shown,
-               .found = message.empty() ? "the database gave no reason" : printable(message),
+               .found = message.empty() ? "no message from the database" : printable(message),
                .fix = advice_for_database_message(message)});
 }
 
 bool CatalogueDatabase::has_catalogue() {
   if (location_.kind == CatalogueLocation::Kind::postgres) {
-    return query_value(fmt::format("SELECT 1 FROM information_schema.schemata WHERE schema_name = '{}'", layout_.schema)) &&
+    return query_value(
+               fmt::format("SELECT 1 FROM information_schema.schemata WHERE schema_name = '{}'", layout_.schema)) &&
            query_value(fmt::format("SELECT 1 FROM pg_tables WHERE schemaname = '{}' AND tablename = 'catalogue'",
-                           layout_.schema));
+                                   layout_.schema));
   }
   return query_value("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'catalogue'").has_value();
 }
@@ -160,14 +162,14 @@ void CatalogueDatabase::check_format() {
   if (there && !format && !errors_->first().empty()) fail("the catalogue cannot be read");
   if (format == layout_.format) return;
   throw UsageError(
-      {.what = "this is no catalogue of this version",
+      {.what = "this is not a catalogue of this version",
        .where = location_.shown,
        .expected = layout_.format,
-       .found = printable(format.value_or(there ? "a table without a format" : "no catalogue at all")),
-       .fix = fmt::format("`{}` makes one; it changes no database that holds something else", layout_.maker)});
+       .found = printable(format.value_or(there ? "a table without a format" : "no catalogue")),
+       .fix = fmt::format("`{}` creates one; it does not change a database that holds other tables", layout_.maker)});
 }
 
-// Filled under a hidden name and linked into place: two processes at once make one catalogue, whichever is first.
+// Filled under a hidden name and hard linked to its final name: of two concurrent processes the first one wins.
 void CatalogueDatabase::create_file() const {
   const fs::path final_path = location_.name;
   const fs::path staging =
@@ -181,23 +183,22 @@ void CatalogueDatabase::create_file() const {
     std::unique_ptr<GDALDataset, CloseDataset> created(
         driver == nullptr ? nullptr
                           : driver->Create(staging.c_str(), 0, 0, 0, GDT_Unknown, const_cast<char**>(options)));
-    if (!created || created->StartTransaction() != OGRERR_NONE) fail("the catalogue cannot be made");
+    if (!created || created->StartTransaction() != OGRERR_NONE) fail("the catalogue cannot be created");
     for (const std::string& statement : statements_of(layout_.spatialite)) {
       if (OGRLayer* result = created->ExecuteSQL(statement.c_str(), nullptr, nullptr); result != nullptr) {
         const std::unique_ptr<OGRFeature> row(result->GetNextFeature());
         const bool done = row && row->GetFieldCount() > 0 && row->GetFieldAsInteger(0) == 1;
         created->ReleaseResultSet(result);
-        // SpatiaLite's functions tell success as 1.
-        if (!done) fail("the catalogue's tables cannot be made: " + statement);
+        // SpatiaLite's functions return 1 on success.
+        if (!done) fail("the catalogue's tables cannot be created: " + statement);
       }
-      if (!errors_->first().empty()) fail("the catalogue's tables cannot be made");
+      if (!errors_->first().empty()) fail("the catalogue's tables cannot be created");
     }
-    if (created->CommitTransaction() != OGRERR_NONE) fail("the catalogue cannot be made");
+    if (created->CommitTransaction() != OGRERR_NONE) fail("the catalogue cannot be created");
     created.reset();
     fs::create_hard_link(staging, final_path, code);
     if (code && !fs::exists(final_path)) {
-      throw Error(
-          {.what = "the catalogue cannot be put into place", .where = location_.shown, .found = code.message()});
+      throw Error({.what = "the catalogue file cannot be renamed", .where = location_.shown, .found = code.message()});
     }
   } catch (...) {
     fs::remove(staging, code);
@@ -207,15 +208,15 @@ void CatalogueDatabase::create_file() const {
 }
 
 void CatalogueDatabase::create_schema() {
-  // One maker at a time; the number means nothing but "Nadir makes its schema".
+  // One process creates the schema; the key of the advisory lock is arbitrary ("nadir").
   constexpr std::int64_t kLock = 0x6e61646972;
-  if (dataset_->StartTransaction() != OGRERR_NONE) fail("the catalogue cannot be made");
+  if (dataset_->StartTransaction() != OGRERR_NONE) fail("the catalogue cannot be created");
   in_transaction_ = true;
   query_value(fmt::format("SELECT pg_advisory_xact_lock({})", kLock));
-  if (!errors_->first().empty()) fail("the catalogue cannot be made");
+  if (!errors_->first().empty()) fail("the catalogue cannot be created");
   if (!has_catalogue()) {
     for (const std::string& statement : statements_of(layout_.postgis)) {
-      execute(statement, "making the catalogue's tables");
+      execute(statement, "creating the catalogue's tables");
     }
   }
   commit();
@@ -226,7 +227,7 @@ void CatalogueDatabase::execute(const std::string& sql, const char* doing) {
   if (OGRLayer* result = dataset_->ExecuteSQL(sql.c_str(), nullptr, nullptr); result != nullptr) {
     dataset_->ReleaseResultSet(result);
   }
-  if (!errors_->first().empty()) fail(fmt::format("the database refuses while {}", doing));
+  if (!errors_->first().empty()) fail(fmt::format("the database reported an error while {}", doing));
 }
 
 std::optional<std::string> CatalogueDatabase::query_value(const std::string& sql) {
@@ -253,19 +254,18 @@ OGRLayer& CatalogueDatabase::layer(const char* table) {
 
 void CatalogueDatabase::begin() {
   const bool postgres = location_.kind == CatalogueLocation::Kind::postgres;
-  // PostgreSQL waits by itself. SQLite does not where waiting could make two writers wait for each other: those begin
-  // again, for a minute.
+  // PostgreSQL waits by itself. SQLite returns at once where two writers would deadlock: retry for a minute.
   constexpr int kAttempts = 600;
   constexpr auto kRetryInterval = std::chrono::milliseconds(100);
   for (int attempt = 1;; ++attempt) {
     errors_->clear();
-    if (dataset_->StartTransaction() != OGRERR_NONE) fail("no transaction could be begun");
+    if (dataset_->StartTransaction() != OGRERR_NONE) fail("a transaction cannot be started");
     in_transaction_ = true;
     try {
-      // The first statement takes the lock, before anything is read: what is read then stays true.
+      // The first statement takes the lock, before anything is read: what is read afterwards cannot change.
       execute(
           postgres ? "LOCK TABLE " + of("catalogue") + " IN EXCLUSIVE MODE" : "UPDATE catalogue SET format = format",
-          "asking to write");
+          "locking the catalogue for writing");
       return;
     } catch (const Error&) {
       const bool locked = !postgres && errors_->first().find("locked") != std::string::npos;
@@ -279,7 +279,7 @@ void CatalogueDatabase::begin() {
 void CatalogueDatabase::commit() {
   errors_->clear();
   const OGRErr code = dataset_->CommitTransaction();
-  if (code != OGRERR_NONE || !errors_->first().empty()) fail("the database did not keep what was written");
+  if (code != OGRERR_NONE || !errors_->first().empty()) fail("the transaction cannot be committed");
   in_transaction_ = false;
 }
 
@@ -293,7 +293,7 @@ CatalogueRow CatalogueDatabase::new_row(const char* table) {
 }
 
 std::int64_t CatalogueDatabase::insert(const char* table, CatalogueRow& row, Insert how) {
-  // GDAL looks at this when the first row of a table goes in.
+  // GDAL reads this option at the first row of a table.
   const ScopedGdalOption copy("PG_USE_COPY", how == Insert::bulk ? "YES" : "NO");
   if (layer(table).CreateFeature(row.feature_.get()) != OGRERR_NONE || !errors_->first().empty()) {
     fail(fmt::format("a row of {} cannot be written", table));
@@ -315,7 +315,7 @@ void CatalogueDatabase::select(const std::string& sql, const std::function<void(
   errors_->clear();
   OGRLayer* rows = dataset_->ExecuteSQL(sql.c_str(), nullptr, nullptr);
   if (rows == nullptr && !errors_->first().empty()) fail("the catalogue's rows cannot be read");
-  if (rows == nullptr) return;  // GDAL's way to say that there are none
+  if (rows == nullptr) return;  // GDAL's result without rows
   const auto release = [this](OGRLayer* result) { dataset_->ReleaseResultSet(result); };
   const std::unique_ptr<OGRLayer, decltype(release)> guard(rows, release);
   while (auto* feature = rows->GetNextFeature()) visit(CatalogueRow(std::unique_ptr<OGRFeature>(feature)));
@@ -344,7 +344,7 @@ int CatalogueRow::index(const char* column) const {
     throw Error({.what = "a column of the catalogue is missing",
                  .where = std::string(feature_->GetDefnRef()->GetName()),
                  .expected = column,
-                 .fix = "somebody has changed the tables; make a new catalogue"});
+                 .fix = "the tables were changed; create a new catalogue"});
   }
   return found;
 }
@@ -365,7 +365,7 @@ CatalogueRow& CatalogueRow::set(const char* column, std::string_view text) {
 }
 
 CatalogueRow& CatalogueRow::set(const char* column, UtcTime time) {
-  // "2024-10-30T00:00:00Z", the parts by their places
+  // "2024-10-30T00:00:00Z": fields at fixed positions
   const std::string text = to_rfc3339(time);
   const auto part = [&text](std::size_t at, std::size_t length) {
     int value = 0;
@@ -410,7 +410,7 @@ std::optional<UtcTime> CatalogueRow::time(const char* column) const {
   }
   const auto local =
       parse_utc(CPLSPrintf("%04d-%02d-%02dT%02d:%02d:%02dZ", year, month, day, hour, minute, static_cast<int>(second)));
-  // Servers answer in their session's time zone: OGR counts quarters of an hour from 100, which is UTC.
+  // Servers return times in their session's time zone: OGR counts quarters of an hour from 100, which is UTC.
   constexpr int kUtc = 100, kQuarter_s = 900;
   if (local && zone > 1) return UtcTime{local->unix_s - std::int64_t{zone - kUtc} * kQuarter_s};
   return local;
@@ -424,51 +424,54 @@ GeoArea CatalogueRow::area() const {
 namespace {
 
 struct ErrorAdvice {
-  std::string_view sign;
+  std::string_view pattern;  // part of the message
   std::string_view fix;
 };
 
 constexpr std::array kErrorAdvice{
-    ErrorAdvice{"password",
-           "give the right password: in PGPASSWORD, in ~/.pgpass, or as password=… in the connection string"},
-    ErrorAdvice{"no pg_hba.conf entry", "the server does not let this user in from here: ask its administrator"},
+    ErrorAdvice{"password", "set the password in PGPASSWORD, in ~/.pgpass, or as password=… in the connection string"},
+    ErrorAdvice{"no pg_hba.conf entry", "the server does not accept this user from this host: ask its administrator"},
     ErrorAdvice{"server closed the connection",
-           "the server went away and nothing was written; run the command again when it is back"},
+                "the connection was lost and nothing was written; run the command again when the server is available"},
     ErrorAdvice{"terminating connection",
-           "the server went away and nothing was written; run the command again when it is back"},
+                "the connection was lost and nothing was written; run the command again when the server is available"},
     ErrorAdvice{"no connection to the server",
-           "the server went away and nothing was written; run the command again when it is back"},
+                "the connection was lost and nothing was written; run the command again when the server is available"},
     ErrorAdvice{"Is the server running", "start the server, or correct host and port in the connection string"},
     ErrorAdvice{"could not translate host name", "correct the host in the connection string"},
     ErrorAdvice{"Connection refused", "start the server, or correct host and port in the connection string"},
     ErrorAdvice{"the database system is", "the server is starting or stopping; run the command again in a moment"},
-    ErrorAdvice{"permission denied",
-           "ask for the rights: USAGE on the schema nadir, and on its tables SELECT to read, also INSERT, UPDATE and "
-           "DELETE to write"},
+    ErrorAdvice{
+        "permission denied",
+        "request the privileges: USAGE on the schema nadir, and on its tables SELECT to read, also INSERT, UPDATE and "
+        "DELETE to write"},
     ErrorAdvice{"Permission denied",
-           "ask for the rights to write to the file and to its folder, or copy it to where you have them"},
-    ErrorAdvice{"read-only transaction", "the database is read-only: name one that can be written, not a replica"},
-    ErrorAdvice{"readonly database", "the file is read-only: copy it to where you may write"},
-    ErrorAdvice{"lock timeout", "another process is writing into this catalogue; run the command again when it is done"},
+                "request write permission for the file and its folder, or copy the file to a writable folder"},
+    ErrorAdvice{"read-only transaction", "the database is read-only: use the primary server, not a replica"},
+    ErrorAdvice{"readonly database", "the file is read-only: copy it to a writable folder"},
+    ErrorAdvice{"lock timeout",
+                "another process is writing to this catalogue; run the command again when it has finished"},
     ErrorAdvice{"database is locked",
-           "another process is writing into this catalogue; run the command again when it is done"},
-    ErrorAdvice{"deadlock", "another process is writing into this catalogue; run the command again when it is done"},
+                "another process is writing to this catalogue; run the command again when it has finished"},
+    ErrorAdvice{"deadlock", "another process is writing to this catalogue; run the command again when it has finished"},
     ErrorAdvice{"disk is full", "free space on the disk, and run the command again; nothing was written"},
     ErrorAdvice{"No space left", "free space on the disk, and run the command again; nothing was written"},
-    ErrorAdvice{"role \"", "correct the user in the connection string, or let an administrator create it: createuser NAME"},
-    ErrorAdvice{"does not exist", "make the database: createdb NAME, then psql -d NAME -c 'CREATE EXTENSION postgis'"},
+    ErrorAdvice{"role \"",
+                "correct the user in the connection string, or have an administrator create it: createuser NAME"},
+    ErrorAdvice{"does not exist",
+                "create the database: createdb NAME, then psql -d NAME -c 'CREATE EXTENSION postgis'"},
     ErrorAdvice{"malformed",
-           "the file is damaged: restore it from a copy, or make a new catalogue and add the packages again"},
-    ErrorAdvice{"not a database", "name a catalogue that `nadir catalogue add` made"},
+                "the file is damaged: restore a backup, or create a new catalogue and add the packages again"},
+    ErrorAdvice{"not a database", "use a catalogue created by `nadir catalogue add`"},
 };
 
 }  // namespace
 
 std::string advice_for_database_message(std::string_view message) {
   for (const ErrorAdvice& advice : kErrorAdvice) {
-    if (message.find(advice.sign) != std::string_view::npos) return std::string(advice.fix);
+    if (message.find(advice.pattern) != std::string_view::npos) return std::string(advice.fix);
   }
-  return "see what `ogrinfo -so` says about the same place";
+  return "check the same location with `ogrinfo -so`";
 }
 
 }  // namespace nadir

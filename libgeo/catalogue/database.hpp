@@ -1,7 +1,7 @@
 // A catalogue's database through GDAL: a SpatiaLite file or a PostGIS server, with the same tables and columns.
 //
-// Values from outside reach the database as fields of features alone; statements are constants of this program, in
-// which at most whole numbers are inserted.
+// External values reach the database only as fields of features; statements are constants of this program, into which
+// at most integers are formatted.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ class OGRLayer;
 
 namespace nadir {
 
-// A row that is read, or one that is being made.
+// A row that was read, or a new one.
 class CatalogueRow {
  public:
   explicit CatalogueRow(std::unique_ptr<OGRFeature> feature);
@@ -30,7 +30,7 @@ class CatalogueRow {
 
   CatalogueRow& set(const char* column, std::int64_t value);
   CatalogueRow& set(const char* column, double value);
-  CatalogueRow& set(const char* column, std::string_view text);  // what cannot be shown becomes '?'
+  CatalogueRow& set(const char* column, std::string_view text);  // unprintable characters become '?'
   CatalogueRow& set(const char* column, UtcTime time);
   CatalogueRow& set_null(const char* column);
   CatalogueRow& shape(GeometryHandle geometry);
@@ -47,13 +47,13 @@ class CatalogueRow {
   std::unique_ptr<OGRFeature> feature_;
 };
 
-// A kind of catalogue: its tables, and how it is told from others. Each has a table `catalogue` with its format.
+// A kind of catalogue: its tables, and how it is identified. Each has a table `catalogue` with its format.
 struct CatalogueLayout {
   std::string format;           // "nadir.catalogue/1"
   std::string schema;           // of the tables in PostgreSQL: letters, digits and _
-  std::string_view spatialite;  // the statements that make the tables
+  std::string_view spatialite;  // the statements that create the tables
   std::string_view postgis;
-  std::string maker;  // the command that makes one, for messages: "nadir catalogue add"
+  std::string maker;  // the command that creates one, for messages: "nadir catalogue add"
 };
 
 // Packages of a fleet: docs/formats/catalogue.md.
@@ -63,37 +63,38 @@ class CatalogueDatabase {
  public:
   enum class Access { read, write };
 
-  // write: makes an empty catalogue where there is none (a file that appears whole, or a schema in one transaction).
+  // write: creates an empty catalogue where there is none (the file appears atomically, the schema in one transaction).
   // Throws Error when it cannot be reached, is no catalogue, or is one of another kind or version.
   CatalogueDatabase(const CatalogueLocation& location, Access access, CatalogueLayout layout = fleet_catalogue());
   ~CatalogueDatabase();
   CatalogueDatabase(const CatalogueDatabase&) = delete;
   CatalogueDatabase& operator=(const CatalogueDatabase&) = delete;
 
-  // A transaction that keeps other writers waiting (for a minute, then Error). Without commit() nothing has happened.
+  // A transaction that blocks other writers (they wait for a minute, then throw Error). Without commit() nothing
+  // changes.
   void begin();
   void commit();
   void roll_back();
 
   CatalogueRow new_row(const char* table);
-  // The new row's id. Many rows of one table go in fastest with Insert::bulk, which tells no id.
+  // Returns the new row's id. Insert::bulk is the fastest way for many rows of one table; it returns no id.
   enum class Insert { one, bulk };
   std::int64_t insert(const char* table, CatalogueRow& row, Insert how);
-  void finish_bulk(const char* table);  // throws what the rows of a bulk met
+  void finish_bulk(const char* table);  // throws the errors of the bulk insertion
 
-  // Visits the rows of a table, in the order of their ids.
+  // Visits the rows of a table in the order of their ids.
   void each(const char* table, const std::function<void(const CatalogueRow&)>& visit);
 
-  // A statement in SQL that both databases speak, with each table's name as `of(TABLE)`. Nothing goes into it but
-  // constants of this program, whole numbers and digests in hexadecimal.
+  // A statement in SQL that both databases support, with each table's name as `of(TABLE)`. Only constants of this
+  // program, integers and hexadecimal digests may be formatted into it.
   void change(const std::string& sql, const char* doing);
   void select(const std::string& sql, const std::function<void(const CatalogueRow&)>& visit);
   std::string of(const char* table) const;
-  // Rows of this package.
+  // The number of rows of this package.
   std::int64_t count(const char* table, std::int64_t package_id);
   void erase(const char* table, const char* column, std::int64_t value);
 
-  [[noreturn]] void fail(std::string what) const;  // throws Error with the database's own words
+  [[noreturn]] void fail(std::string what) const;  // throws Error with the database's message
 
  private:
   class ErrorCollector;
@@ -116,9 +117,7 @@ class CatalogueDatabase {
   bool in_transaction_ = false;
 };
 
-// What to do about a database that fails: the messages of SQLite and PostgreSQL, and the advice that goes with each.
-
-// The first advice whose sign is in the message; a general one when none is.
+// What to do about a message of SQLite or PostgreSQL: a general advice when the message is not a known one.
 std::string advice_for_database_message(std::string_view message);
 
 }  // namespace nadir

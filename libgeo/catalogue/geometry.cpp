@@ -128,7 +128,8 @@ GeoPolygon corridor_area(const Mission& mission) {
   for (const PlanePoint& point : to_plane(frame, mission.route.points)) line.addPoint(point.east_m, point.north_m);
   const GeometryHandle buffered(line.Buffer(mission.route.corridor_half_width_m, kQuarterCircle));
   GeoArea area = buffered ? area_from(*buffered) : GeoArea();
-  if (area.size() != 1) throw Error({.what = "the route's corridor is not a polygon", .where = "mission " + mission.id});
+  if (area.size() != 1)
+    throw Error({.what = "the route's corridor is not a polygon", .where = "mission " + mission.id});
   for (GeoRing& ring : area.front()) {
     for (LonLat& place : ring) place = frame.lonlat_from_enu(place.lon_deg, place.lat_deg);  // was east, north
   }

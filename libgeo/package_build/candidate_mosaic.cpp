@@ -13,9 +13,9 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "raster/gdal_dataset.hpp"
 #include "imagery/codecs.hpp"
 #include "ortho/candidate_reader.hpp"
+#include "raster/gdal_dataset.hpp"
 
 namespace nadir {
 namespace {
@@ -115,8 +115,8 @@ CandidateMosaic write_candidate_mosaic(const std::filesystem::path& folder, cons
                           mosaic.height, GDT_Byte, 3, static_cast<GSpacing>(image.step[0]), nullptr) == CE_None);
   }
   need(raster->GetRasterBand(1)->GetMaskBand()->RasterIO(GF_Write, 0, 0, mosaic.width, mosaic.height, mask.data,
-                                                          mosaic.width, mosaic.height, GDT_Byte, 0, 0,
-                                                          nullptr) == CE_None);
+                                                         mosaic.width, mosaic.height, GDT_Byte, 0, 0,
+                                                         nullptr) == CE_None);
   std::array<const char*, 7> options{
       "COMPRESS=JPEG", "QUALITY=85",       "BLOCKSIZE=256", "OVERVIEW_RESAMPLING=AVERAGE",
       "NUM_THREADS=1", "BIGTIFF=IF_SAFER", nullptr};

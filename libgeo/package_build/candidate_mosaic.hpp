@@ -17,8 +17,8 @@ struct CandidateMosaic {
 
 inline constexpr std::int64_t kMaxMosaicPixels = 120'000'000;
 
-// folder: of the candidates. Replaces the file atomically; the same tiles give the same bytes. Throws Error when there is
-// no tile, or GDAL cannot write it.
+// folder: of the candidates. Replaces the file atomically; the same tiles give the same bytes. Throws Error when there
+// is no tile, or GDAL cannot write it.
 CandidateMosaic write_candidate_mosaic(const std::filesystem::path& folder, const std::filesystem::path& path,
                                        Progress& progress, std::int64_t max_pixels = kMaxMosaicPixels);
 

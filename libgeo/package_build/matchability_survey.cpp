@@ -115,9 +115,8 @@ PlaneBox box_around(const LocalFrame& frame, LonLat position, double reach_m) {
 }
 
 // The options with the median texture of cells that are spread evenly over the grid.
-MatchabilityOptions with_typical_texture(const TileSource& tiles, const LocalFrame& frame,
-                                            const MatchabilityGrid& grid, const std::vector<std::size_t>& needed,
-                                            MatchabilityOptions options) {
+MatchabilityOptions with_typical_texture(const TileSource& tiles, const LocalFrame& frame, const MatchabilityGrid& grid,
+                                         const std::vector<std::size_t>& needed, MatchabilityOptions options) {
   MapWindowReader reader(tiles, kCachedTiles);
   std::vector<double> textures;
   const std::size_t stride = std::max<std::size_t>(1, needed.size() / kTextureSamples);
@@ -243,7 +242,8 @@ double MatchabilitySummary::route_share(MatchClass cls) const {
   return length > 0 ? route_m[index_of(cls)] / length : 0;
 }
 
-MatchabilitySummary summarize_matchability(const MatchabilityMap& map, const std::vector<LonLat>& route, const LocalFrame& frame) {
+MatchabilitySummary summarize_matchability(const MatchabilityMap& map, const std::vector<LonLat>& route,
+                                           const LocalFrame& frame) {
   MatchabilitySummary summary;
   for (const PlaceMatchability& cell : map.cells) {
     if (cell.cls != MatchClass::outside) ++summary.cells[index_of(cell.cls)];

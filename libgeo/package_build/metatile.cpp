@@ -70,7 +70,7 @@ MetatileCanvas compose_metatile(const TileKey& key, const TileRange& range, std:
     const auto pixels = [](std::int64_t tiles) { return static_cast<int>(tiles) * kTileSize; };
     const cv::Rect rect(pixels(first_x), pixels(first_y), pixels(last_x - first_x + 1), pixels(last_y - first_y + 1));
     compose_layers(range.zoom, rect, {pixels(first_x - x), pixels(first_y - y)}, feather_px, layers, canvas.image,
-            canvas.used);
+                   canvas.used);
   }
   return canvas;
 }

@@ -11,8 +11,8 @@
 #include "imagery/codecs.hpp"
 #include "package_build/build_plan.hpp"
 #include "raster/imagery_input.hpp"
-#include "raster/mosaic.hpp"
 #include "raster/masked_image.hpp"
+#include "raster/mosaic.hpp"
 #include "raster/raster_source.hpp"
 
 namespace nadir {
@@ -74,8 +74,8 @@ TileCanvas cut_metatile(const TileKey& key, int finest, MetatileCanvas canvas, c
 Metatile render_metatile(const TileKey& key, const TileRange& range, std::span<const LayerReader> layers,
                          double feather_px, const TileEncoder& encoder);
 
-// A metatile as a record of the build's journal, which guards the bytes by digests. The layout is private to one version
-// of the program.
+// A metatile as a record of the build's journal, which guards the bytes by digests. The layout is private to one
+// version of the program.
 
 Bytes serialize_metatile(const Metatile& metatile);
 std::optional<Metatile> parse_metatile(ByteView record);  // nullopt when the layout does not fit

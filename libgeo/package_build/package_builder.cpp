@@ -125,8 +125,8 @@ std::string digest_of(const fs::path& raster) {
   return all.finish().hex();
 }
 
-// Everything that a build's result depends on, as lines "name: value": what a resumed build is compared with. Reads every
-// file that the rasters are made of.
+// Everything that a build's result depends on, as lines "name: value": what a resumed build is compared with. Reads
+// every file that the rasters are made of.
 std::string describe_build(const PackageRequest& request, std::string_view mission_text,
                            std::span<const ImageryInput> inputs) {
   std::string text =
@@ -231,7 +231,8 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   StagingDirectory staging(request.out,
                            request.resume ? StagingDirectory::Leftovers::keep : StagingDirectory::Leftovers::discard);
   try {
-    staging.keep(staging.found_leftovers() && request.resume);  // until the journal shows that they belong to this build
+    staging.keep(staging.found_leftovers() &&
+                 request.resume);  // until the journal shows that they belong to this build
     report_leftovers(staging, request);
     BuildJournal journal(staging.path() / kJournalFile, configuration);
     remove_all_but_journal(staging.path());

@@ -33,9 +33,9 @@ struct OldPackage {
 };
 
 // Findings that concern only whether the old package may still fly.
-constexpr std::array<std::string_view, 9> kIgnoredFindings = {"package.expired",   "time.untrusted",    "freshness.stale",
-                                                          "coverage.gap",      "resolution.coarse", "budget.exceeded",
-                                                          "airframe.mismatch", "dem.gap",           "dem.implausible"};
+constexpr std::array<std::string_view, 9> kIgnoredFindings = {
+    "package.expired", "time.untrusted",    "freshness.stale", "coverage.gap",   "resolution.coarse",
+    "budget.exceeded", "airframe.mismatch", "dem.gap",         "dem.implausible"};
 
 // Quick depth: tiles are hashed when they are copied. at: when keys and roots must be valid.
 OldPackage read_old_package(const fs::path& package, const TrustRoot& trusted, UtcTime at, Progress& progress) {
@@ -112,10 +112,10 @@ PlaceTable previous_place_table(const fs::path& package, const Manifest& manifes
                     .fix = "omit --index, and make one afterwards: nadir cache index NEW --camera FILE.yaml"});
 }
 
-// The place index for the new tiles: windows of the same sizes, resolution and overlap. The old descriptors belong to the
-// old tiles. tiles: the new file, closed. origin: of the new mission's local frame.
-PlaceIndex rebuild_place_index(const PlaceTable& old, const fs::path& tiles, const TileSet& set,
-                              LonLat origin, int threads, Progress& progress) {
+// The place index for the new tiles: windows of the same sizes, resolution and overlap. The old descriptors belong to
+// the old tiles. tiles: the new file, closed. origin: of the new mission's local frame.
+PlaceIndex rebuild_place_index(const PlaceTable& old, const fs::path& tiles, const TileSet& set, LonLat origin,
+                               int threads, Progress& progress) {
   PlaceIndexOptions options;
   options.overlap_percent = static_cast<int>(old.overlap_percent);
   options.threads = threads;
@@ -131,8 +131,8 @@ PlaceIndex rebuild_place_index(const PlaceTable& old, const fs::path& tiles, con
   return build_place_index(map, options, progress);
 }
 
-// The old tiles of the finest zoom as one more raster, only for plan_range(). Half a pixel inside, so that rounding does
-// not reach the next tile.
+// The old tiles of the finest zoom as one more raster, only for plan_range(). Half a pixel inside, so that rounding
+// does not reach the next tile.
 ImageryInput extent_of(const std::vector<Sidecar>& tiles) {
   ImageryInput extent;
   const int zoom = tiles.back().key.z;
@@ -172,7 +172,7 @@ void report_dropped_artifacts(const UpdateRequest& request, const OldPackage& ol
   const std::string id = request.key->public_key().id();
   if (newest.package_signer.key_ids.contains(id) && !newest.revoked.contains(id)) return;
   request.on_remark(fmt::format("root version {} does not allow key {} to sign packages: aircraft will reject this one",
-                           newest.version, id));
+                                newest.version, id));
 }
 
 // Tiles are copied, so re-encoded tiles must use the same encoding.
@@ -240,8 +240,8 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   const fs::path& folder = staging.path();
   const fs::path file = folder / file_of(options.container);
   fs::create_directories(file.parent_path());
-  const UpdatedTileSet updated = update_tile_set(
-      mission, {request.old_package / imagery.path, std::move(old.tiles)}, rasters, range, options, file, progress);
+  const UpdatedTileSet updated = update_tile_set(mission, {request.old_package / imagery.path, std::move(old.tiles)},
+                                                 rasters, range, options, file, progress);
   findings.add(updated.findings);
   if (updated.set.over_budget) findings.add(judge_budget(mission, updated.set.tile_bytes));
   if (findings.refuses()) return report;

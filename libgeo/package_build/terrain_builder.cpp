@@ -16,8 +16,8 @@
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "raster/gdal_dataset.hpp"
 #include "package/manifest.hpp"
+#include "raster/gdal_dataset.hpp"
 
 namespace nadir {
 namespace {
@@ -156,8 +156,7 @@ void check_size(const Source& source, const TerrainGrid& grid) {
   if (grid.columns <= kMaxTerrainSide && grid.rows <= kMaxTerrainSide && grid.posts() <= kMaxTerrainPosts) return;
   source.reject(
       fmt::format("at most {} posts a side and {} in all over the mission's area", kMaxTerrainSide, kMaxTerrainPosts),
-      fmt::format("{} x {}", grid.columns, grid.rows),
-      "resample it first: gdalwarp -tr … -r average IN.tif OUT.tif");
+      fmt::format("{} x {}", grid.columns, grid.rows), "resample it first: gdalwarp -tr … -r average IN.tif OUT.tif");
 }
 
 GdalHandle warp(const Source& source, const Plan& plan) {

@@ -125,7 +125,7 @@ void OverviewAssembler::add(const TileKey& key, const TileCanvas& tile) {
   Parent& parent = parents_[parent_key];
   if (parent.image.bgr.empty()) {
     parent.image = {cv::Mat::zeros(2 * kTileSize, 2 * kTileSize, CV_8UC3),
-                      cv::Mat::zeros(2 * kTileSize, 2 * kTileSize, CV_8UC1)};
+                    cv::Mat::zeros(2 * kTileSize, 2 * kTileSize, CV_8UC1)};
     parent.missing = children_.at(parent_key);
   }
   const cv::Rect place(static_cast<int>(key.x % 2) * kTileSize, static_cast<int>(key.y % 2) * kTileSize, kTileSize,

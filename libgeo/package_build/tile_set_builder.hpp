@@ -41,8 +41,8 @@ struct TileSet {
   bool over_budget = false;   // aborted: the tiles alone exceed the mission's budget
 };
 
-// Metatiles that the journal holds are taken from there; the others are appended to it before anything else is done with
-// them.
+// Metatiles that the journal holds are taken from there; the others are appended to it before anything else is done
+// with them.
 TileSet build_tile_set(const Mission& mission, std::span<const ImageryInput> inputs, const TileRange& range,
                        const TileSetOptions& options, const std::filesystem::path& file, BuildJournal& journal,
                        Progress& progress);

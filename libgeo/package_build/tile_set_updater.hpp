@@ -1,9 +1,9 @@
 // The tiles of an old package and new imagery to a new MBTiles file or COG.
 //
-// New rasters and old tiles are ordered by the same rule as the rasters of a build. Old tiles are grouped by origin (one
-// source, date and accuracy); each origin is ordered like a raster. Tiles in which new imagery shows are made again, with
-// the overviews above them; all others are copied byte for byte. The same inputs give the same bytes for any number of
-// threads; an update whose imagery covers everything gives the bytes of a build.
+// New rasters and old tiles are ordered by the same rule as the rasters of a build. Old tiles are grouped by origin
+// (one source, date and accuracy); each origin is ordered like a raster. Tiles in which new imagery shows are made
+// again, with the overviews above them; all others are copied byte for byte. The same inputs give the same bytes for
+// any number of threads; an update whose imagery covers everything gives the bytes of a build.
 #pragma once
 
 #include <cstdint>

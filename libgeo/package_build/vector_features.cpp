@@ -25,7 +25,8 @@ std::vector<LonLat> points_of(const OGRLineString& line) {
   return points;
 }
 
-void append_geometry(const OGRGeometry& geometry, const std::string& name, const std::string& where, VectorFeatures& features) {
+void append_geometry(const OGRGeometry& geometry, const std::string& name, const std::string& where,
+                     VectorFeatures& features) {
   switch (wkbFlatten(geometry.getGeometryType())) {
     case wkbLineString: features.lines.push_back({name, points_of(*geometry.toLineString())}); break;
     case wkbPolygon: {
@@ -86,8 +87,7 @@ VectorFeatures read_vector_features(const std::filesystem::path& path) {
   if (!std::filesystem::is_regular_file(path)) {
     throw UsageError({.what = "no such file", .where = path.string(), .fix = "check the path"});
   }
-  const GdalHandle dataset(
-      GDALDataset::Open(path.c_str(), GDAL_OF_VECTOR | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
+  const GdalHandle dataset(GDALDataset::Open(path.c_str(), GDAL_OF_VECTOR | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
   if (!dataset) {
     throw Error({.what = "the file cannot be read",
                  .where = path.string(),

@@ -160,8 +160,8 @@ std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources) {
   return layers;
 }
 
-void compose_layers(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
-             MaskedImage& canvas, TileGrid& used) {
+void compose_layers(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px,
+                    std::span<const LayerReader> layers, MaskedImage& canvas, TileGrid& used) {
   const auto part_of = [&](const cv::Rect& place) {
     return Target{{canvas.bgr(place), canvas.mask(place)}, {place.x / kTileSize, place.y / kTileSize}, used};
   };

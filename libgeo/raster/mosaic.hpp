@@ -2,7 +2,8 @@
 //
 // Hard seams: the topmost valid pixel shows. Feathered seams: a raster that ends where another continues fades out over
 // the last pixels before its edge. With d the distance to the nearest invalid pixel of the layer and f the feather,
-//   alpha_i = min(1, d / f),  weight_i = alpha_i prod_{j<i} (1 - alpha_j),  colour = sum weight_i colour_i / sum weight_i
+//   alpha_i = min(1, d / f),  weight_i = alpha_i prod_{j<i} (1 - alpha_j),  colour = sum weight_i colour_i / sum
+//   weight_i
 // so that nothing fades where no layer lies below.
 #pragma once
 
@@ -10,10 +11,10 @@
 #include <span>
 #include <vector>
 
+#include "package/mission.hpp"
 #include "raster/imagery_input.hpp"
 #include "raster/masked_image.hpp"
 #include "raster/raster_source.hpp"
-#include "package/mission.hpp"
 
 namespace nadir {
 
@@ -59,7 +60,7 @@ std::vector<LayerReader> layers_of(std::vector<RasterSource>& sources);
 
 // Fills the canvas from `at` on with the given pixels of the zoom, whole tiles, and records which of the layers, the
 // topmost first, show in which tile. The canvas must be empty (mask 0) before.
-void compose_layers(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px, std::span<const LayerReader> layers,
-             MaskedImage& canvas, TileGrid& used);
+void compose_layers(int zoom, const cv::Rect& pixels, cv::Point at, double feather_px,
+                    std::span<const LayerReader> layers, MaskedImage& canvas, TileGrid& used);
 
 }  // namespace nadir

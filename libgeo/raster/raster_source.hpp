@@ -1,8 +1,8 @@
 // Any raster that GDAL reads, as 8 bit colours with a validity mask, resampled to Web Mercator pixels.
 //
-// Supported: grey, grey with alpha, palette, RGB, RGB with alpha; further bands (near infrared) are ignored. Values that
-// are not 8 bit are stretched. Invalid are pixels under the dataset's mask, with alpha below one half, with all colours
-// equal to their nodata, or with a colour that is not finite: as stored in the file, before any stretch.
+// Supported: grey, grey with alpha, palette, RGB, RGB with alpha; further bands (near infrared) are ignored. Values
+// that are not 8 bit are stretched. Invalid are pixels under the dataset's mask, with alpha below one half, with all
+// colours equal to their nodata, or with a colour that is not finite: as stored in the file, before any stretch.
 //
 // Pixels are placed by bilinear interpolation between nodes that GDAL transforms exactly. Where a map pixel covers
 // several raster pixels, they are averaged. One object serves one thread; several may read the same file.
@@ -29,8 +29,8 @@ class RasterSource {
   RasterSource(RasterSource&&) noexcept;
   RasterSource& operator=(RasterSource&&) noexcept;
 
-  // The raster's outline on the Web Mercator plane: a ring (the last point does not repeat the first) with points along its
-  // edges.
+  // The raster's outline on the Web Mercator plane: a ring (the last point does not repeat the first) with points along
+  // its edges.
   const std::vector<MercatorXY>& outline() const;
 
   // The given rectangle of global pixels of a zoom. Pixels outside of the raster have mask 0. Throws Error for parts of

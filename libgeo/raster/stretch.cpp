@@ -52,7 +52,7 @@ std::string to_text(const Stretch& stretch) { return fmt::format("{} to {}", str
 namespace {
 
 constexpr std::int64_t kMaxWholeRaster_px = 1 << 20;  // a raster up to this size is sampled completely
-constexpr int kWindowsPerSide = 16;                 // along each side of a larger one
+constexpr int kWindowsPerSide = 16;                   // along each side of a larger one
 constexpr int kWindow_px = 64;
 
 void append_valid(const RasterSamples& samples, std::vector<float>& values) {
@@ -115,8 +115,8 @@ std::optional<Stretch> resolve_stretch(const std::filesystem::path& raster, cons
   if (request.kind == StretchRequest::Kind::values) return Stretch{request.low, request.high};
   const std::vector<float> values = sample(dataset);
   if (values.empty()) {
-    reject(dataset, "the raster has no valid pixel in the sampled windows", "pixels that are not nodata",
-           "none", "state the values: --stretch MIN,MAX");
+    reject(dataset, "the raster has no valid pixel in the sampled windows", "pixels that are not nodata", "none",
+           "state the values: --stretch MIN,MAX");
   }
   if (request.kind == StretchRequest::Kind::none) {
     reject(dataset, "the raster is not 8 bit", "a stretch to 8 bit",

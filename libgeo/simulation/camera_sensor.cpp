@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::size_t kTable = 1U << 16;
 
-// A line of the motion's length and direction, drawn finely and summed up.
+// Convolves with a line of the motion's length and direction, sampled finely.
 void blur_motion(cv::Mat& image, const Eigen::Vector2d& motion_px) {
   const double length = motion_px.norm();
   if (length < 0.25) return;
@@ -41,7 +41,7 @@ CameraSensor::CameraSensor(cv::Size size, double focal_px, std::uint64_t seed) :
   for (int row = 0; row < size.height; ++row) {
     for (int column = 0; column < size.width; ++column) {
       const double x = (column - size.width / 2.0) / focal_px, y = (row - size.height / 2.0) / focal_px;
-      // The natural fall-off cos^4, half corrected by the camera.
+      // The natural fall-off cos⁴, half of it corrected by the camera: cos² = 1 / (1 + tan²).
       vignette_(row, column) = static_cast<float>(1 / (1 + x * x + y * y));
     }
   }
@@ -55,7 +55,7 @@ void CameraSensor::expose(cv::Mat& bgr, const Exposure& exposure, std::uint64_t 
   const std::array<float, 3> gain = {static_cast<float>(exposure.gain * (1 - 0.03 * exposure.warmth)),
                                      static_cast<float>(exposure.gain),
                                      static_cast<float>(exposure.gain * (1 + 0.03 * exposure.warmth))};
-  // Noise grows with the light's root: read noise and shot noise in display values.
+  // Read noise and shot noise in display values: it grows with the square root of the light.
   std::array<float, 256> sigma{};
   for (std::size_t i = 0; i < sigma.size(); ++i) sigma[i] = 1.3F + 0.10F * std::sqrt(static_cast<float>(i));
   for (int row = 0; row < bgr.rows; ++row) {
@@ -81,7 +81,7 @@ namespace {
 
 constexpr double kShutter_s = 1 / 800.0;
 
-// Pixels that the ground moves over the picture while the shutter is open.
+// Pixels that the ground moves in the image while the shutter is open.
 Eigen::Vector2d motion_px(const CameraModel& camera, const FlightPose& pose, double shutter_s) {
   const double c = std::cos(pose.attitude.heading_rad), s = std::sin(pose.attitude.heading_rad);
   const double ahead = pose.velocity.y() * c + pose.velocity.x() * s,

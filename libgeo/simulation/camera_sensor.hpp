@@ -1,4 +1,4 @@
-// What lens, shutter and sensor do to a picture: motion blur, vignetting, exposure, colour, noise.
+// What lens, shutter and sensor do to an image: motion blur, vignetting, exposure, colour, noise.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,9 +13,9 @@
 namespace nadir {
 
 struct Exposure {
-  Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // while the shutter was open
-  double gain = 1;                                      // against a well exposed picture
-  double warmth = 0;                                    // −1…1
+  Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // while the shutter is open
+  double gain = 1;                                      // relative to a well exposed image
+  double warmth = 0;                                    // colour temperature, −1…1
 };
 
 class CameraSensor {
@@ -30,11 +30,10 @@ class CameraSensor {
   std::uint64_t seed_;
 };
 
-// How light and exposure wander during a flight, and how far the ground moves over the picture while the shutter is
-// open: what CameraSensor needs to know about each frame.
-
 enum class SensorNoise { none, real };
 
+// How light and exposure vary during a flight, and how far the ground moves in the image while the shutter is open: the
+// input of CameraSensor for each frame.
 class ExposureControl {
  public:
   ExposureControl(const CameraModel& camera, std::uint64_t seed);

@@ -15,11 +15,11 @@ constexpr double kMaxPixels = 2.5e8;  // of the world in memory; with its pyrami
 constexpr double kFar_m = 20'000;
 const cv::Scalar kGrey(96, 104, 100);
 
-// The finest ground sample distance at which all of the world fits into memory.
+// The finest ground sample distance at which the whole world fits into memory.
 double gsd_that_fits(const WorldExtent& extent) {
   double shrink = 1;
   while (static_cast<double>(extent.size.width) * extent.size.height / (shrink * shrink) > kMaxPixels) shrink *= 2;
-  return shrink == 1 ? 0 : extent.gsd_m * shrink * 1.01;  // a hair more: distances are measured twice
+  return shrink == 1 ? 0 : extent.gsd_m * shrink * 1.01;  // slightly more: distances are measured twice
 }
 
 double ground_height_m(const LiveCameraOptions& options, const WorldExtent& extent) {
@@ -48,8 +48,8 @@ LiveCamera::LiveCamera(const LiveCameraOptions& options, const WorldExtent& exte
       exposure_(camera_, options.seed) {}
 
 RenderedFrame LiveCamera::capture(const LivePose& pose, std::uint64_t number) const {
-  RenderedFrame nothing{cv::Mat(camera_.height, camera_.width, CV_8UC3, kGrey), 0};
-  if (!finite(pose)) return nothing;
+  RenderedFrame grey{cv::Mat(camera_.height, camera_.width, CV_8UC3, kGrey), 0};
+  if (!finite(pose)) return grey;
   const Enu at = frame_.enu_from_geodetic({pose.place, pose.height_m});
   const double ground = ground_.up_m(at.east_m, at.north_m);
   FlightPose flight;
@@ -60,29 +60,29 @@ RenderedFrame LiveCamera::capture(const LivePose& pose, std::uint64_t number) co
   flight.velocity = pose.velocity_enu_mps.head<2>();
   const bool far = flight.agl_m > kFar_m || at.east_m < box_.west_m - kFar_m || at.east_m > box_.east_m + kFar_m ||
                    at.north_m < box_.south_m - kFar_m || at.north_m > box_.north_m + kFar_m;
-  RenderedFrame shot = far ? nothing : renderer_.render(flight.position, flight.attitude);
-  if (noise_ == SensorNoise::real) sensor_.expose(shot.image, exposure_.of(flight, number), number);
-  return shot;
+  RenderedFrame rendered = far ? grey : renderer_.render(flight.position, flight.attitude);
+  if (noise_ == SensorNoise::real) sensor_.expose(rendered.image, exposure_.of(flight, number), number);
+  return rendered;
 }
 
 namespace {
 
-constexpr std::chrono::milliseconds kPosePollInterval{100};  // how often `stop` is asked while no pose comes
-constexpr double kClockStep_s = 5;                 // more between two poses: somebody set the clock
+constexpr std::chrono::milliseconds kPosePollInterval{100};  // how often `stop` is polled while no pose arrives
+constexpr double kClockStep_s = 5;                           // a larger step between two poses: the clock was set
 
-// When frames are due, on a grid that begins with the first one.
+// When frames are due: a fixed interval from the first one.
 class FrameSchedule {
  public:
   explicit FrameSchedule(double fps) : period_us_(1e6 / fps) {}
 
-  // How many frames have become due up to this time: 0 is "not yet".
+  // How many frames have become due by this time: 0 is "not yet".
   int due(std::int64_t unix_us) {
     const auto now = static_cast<double>(unix_us);
     if (!next_ || std::abs(now - last_pose_us_) > kClockStep_s * 1e6) next_ = now;
     last_pose_us_ = now;
     if (now < *next_) return 0;
     const double periods = std::floor((now - *next_) / period_us_) + 1;
-    // On the grid, but never two close together because one came late.
+    // On the grid, but never two close together because one was late.
     next_ = std::max(*next_ + periods * period_us_, now + period_us_ / 2);
     return static_cast<int>(periods);
   }
@@ -101,11 +101,12 @@ double process_cpu_s() {
 
 }  // namespace
 
-CameraSimulationReport run_camera_simulation(const LiveCamera& camera, PoseSource& poses, FrameSink& sink, const CameraSimulationOptions& options,
-                const std::function<bool()>& stop) {
+CameraSimulationReport run_camera_simulation(const LiveCamera& camera, PoseSource& poses, FrameSink& sink,
+                                             const CameraSimulationOptions& options,
+                                             const std::function<bool()>& stop) {
   CameraSimulationReport report;
   DelayedSink delayed(sink);
-  FrameSchedule shutter(options.fps);
+  FrameSchedule schedule(options.fps);
   std::int64_t first_us = 0;
   auto last_pose_at = std::chrono::steady_clock::now();
   while (!stop()) {
@@ -117,19 +118,19 @@ CameraSimulationReport run_camera_simulation(const LiveCamera& camera, PoseSourc
       break;
     }
     last_pose_at = now;
-    const int due = shutter.due(pose->unix_us);
+    const int due = schedule.due(pose->unix_us);
     if (due == 0) continue;
     if (report.frames == 0) first_us = pose->unix_us;
-    const double begun_s = process_cpu_s();
-    const RenderedFrame shot = camera.capture(*pose, static_cast<std::uint64_t>(report.frames));
-    Bytes jpeg = encode_image(shot.image, ImageFormat::jpeg, options.quality);
+    const double start_s = process_cpu_s();
+    const RenderedFrame frame = camera.capture(*pose, static_cast<std::uint64_t>(report.frames));
+    Bytes jpeg = encode_image(frame.image, ImageFormat::jpeg, options.quality);
     const bool late = options.delay.count() > 0 && std::chrono::steady_clock::now() > now + options.delay;
     delayed.put(std::move(jpeg), pose->unix_us, now + options.delay);
-    report.cpu_s += process_cpu_s() - begun_s;
+    report.cpu_s += process_cpu_s() - start_s;
     report.frames_late += late ? 1 : 0;
     ++report.frames;
     report.frames_missed += due - 1;
-    if (shot.covered_fraction < 0.999) ++report.frames_beyond_world;
+    if (frame.covered_fraction < 0.999) ++report.frames_beyond_world;
     report.seconds = static_cast<double>(pose->unix_us - first_us) * 1e-6;
     if ((options.max_frames && report.frames >= *options.max_frames) ||
         (options.seconds && report.seconds >= *options.seconds)) {

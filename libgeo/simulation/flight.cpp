@@ -17,8 +17,8 @@
 namespace nadir {
 namespace {
 
-constexpr double kOverlap = 0.7;   // of consecutive frames, along the flight
-constexpr int kUsualFrames = 400;  // cap without --frames
+constexpr double kOverlap = 0.7;   // of consecutive frames, along track
+constexpr int kUsualFrames = 400;  // limit without --frames
 
 PlaneBox box_around(const PlanePath& route, double reach_m) {
   PlaneBox box{1e12, 1e12, -1e12, -1e12};
@@ -36,7 +36,7 @@ void check_route(const WorldRaster& world, const GroundShape& ground, const std:
       throw UsageError({.what = "the elevation model does not cover the flight",
                         .where = options.dem->string(),
                         .expected = "heights under the whole route",
-                        .fix = "use a larger model, or leave --dem out to fly over flat ground"});
+                        .fix = "use a larger model, or omit --dem to fly over flat ground"});
     }
     if (world.covers(pose.position.x(), pose.position.y())) continue;
     const LonLat at = frame.lonlat_from_enu(pose.position.x(), pose.position.y());
@@ -44,7 +44,7 @@ void check_route(const WorldRaster& world, const GroundShape& ground, const std:
                       .where = options.world.string(),
                       .expected = "valid pixels under the whole route",
                       .found = fmt::format("none at {:.6f}, {:.6f}", at.lon_deg, at.lat_deg),
-                      .fix = "use a larger raster or the mission that belongs to it"});
+                      .fix = "use a larger raster, or the mission that belongs to it"});
   }
 }
 
@@ -54,14 +54,15 @@ std::string telemetry_row(const std::string& name, const MeasuredPose& measured,
   const double pitch = degrees(measured.attitude.pitch_rad), roll = degrees(measured.attitude.roll_rad);
   std::string imu = ",";
   if (measured.imu_dv_mps) {
-    imu = fmt::format("{:.{}f},{:.{}f}", measured.imu_dv_mps->x(), exact ? 6 : 3, measured.imu_dv_mps->y(), exact ? 6 : 3);
+    imu = fmt::format("{:.{}f},{:.{}f}", measured.imu_dv_mps->x(), exact ? 6 : 3, measured.imu_dv_mps->y(),
+                      exact ? 6 : 3);
   }
   if (exact) {
-    return fmt::format("{},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f},{}\n", name, measured.time_s, measured.agl_m, heading, pitch,
-                       roll, imu);
+    return fmt::format("{},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f},{}\n", name, measured.time_s, measured.agl_m, heading,
+                       pitch, roll, imu);
   }
-  return fmt::format("{},{:.3f},{:.2f},{:.2f},{:.2f},{:.2f},{}\n", name, measured.time_s, measured.agl_m, heading, pitch, roll,
-                     imu);
+  return fmt::format("{},{:.3f},{:.2f},{:.2f},{:.2f},{:.2f},{}\n", name, measured.time_s, measured.agl_m, heading,
+                     pitch, roll, imu);
 }
 
 }  // namespace
@@ -80,7 +81,7 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   const double base_m = options.dem ? GroundShape::height_at(*options.dem, start) : mission.terrain.height_m;
   const LocalFrame frame(start, base_m);
   const PlanePath route = to_plane(frame, mission.route.points);
-  // The farthest that a banked picture sees.
+  // The farthest distance that a banked camera sees.
   const double half_diagonal = std::hypot(camera.width / camera.fx, camera.height / camera.fy) / 2;
   const double reach = agl * std::tan(std::min(std::atan(half_diagonal) + radians(34), radians(75))) + 50;
   const PlaneBox box = box_around(route, reach);
@@ -109,17 +110,18 @@ FlightReport simulate_flight(const Mission& mission, const SimulatedFlightOption
   progress.begin("flying", poses.size(), "frames");
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const FlightPose& pose = poses[i];
-    RenderedFrame shot = renderer.render(pose.position, pose.attitude);
-    if (shot.covered_fraction < 0.999) ++report.frames_beyond_world;
+    RenderedFrame rendered = renderer.render(pose.position, pose.attitude);
+    if (rendered.covered_fraction < 0.999) ++report.frames_beyond_world;
     if (options.noise == SensorNoise::real) {
-      sensor.expose(shot.image, exposure.of(pose, i), i);
+      sensor.expose(rendered.image, exposure.of(pose, i), i);
     }
     const std::string name = fmt::format("frame_{:04}.jpg", i + 1);
-    write_file_atomic(folder / "frames" / name, encode_image(shot.image, ImageFormat::jpeg, 92));
+    write_file_atomic(folder / "frames" / name, encode_image(rendered.image, ImageFormat::jpeg, 92));
     const bool exact = options.noise == SensorNoise::none;
     const auto before = i > 0 ? std::optional(poses[i - 1]) : std::nullopt;
     const MeasuredPose measured =
-        exact ? MeasuredPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)} : noise.measure(pose);
+        exact ? MeasuredPose{pose.time_s, pose.agl_m, pose.attitude, velocity_change(before, pose)}
+              : noise.measure(pose);
     telemetry += telemetry_row(name, measured, exact);
     const Geodetic at = frame.geodetic_from_enu({pose.position.x(), pose.position.y(), pose.position.z()});
     truth += fmt::format("{},{:.9f},{:.9f},{:.3f}\n", name, at.place.lat_deg, at.place.lon_deg, at.height_m);

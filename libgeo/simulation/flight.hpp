@@ -25,7 +25,7 @@ struct SimulatedFlightOptions {
 
 struct FlightReport {
   int frames = 0;
-  int frames_beyond_world = 0;  // pictures that show ground without map pixels somewhere
+  int frames_beyond_world = 0;  // that show ground without map pixels somewhere
   double length_m = 0;
   double duration_s = 0;
   double interval_s = 0;

@@ -74,8 +74,8 @@ std::vector<double> smoothed(const std::vector<double>& values, int reach) {
 
 }  // namespace
 
-std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
-                                 std::uint64_t seed) {
+std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground,
+                                             const FlightPathOptions& options, std::uint64_t seed) {
   const double speed = options.speed_mps;
   const double radius = speed * speed / (kGravity * std::tan(kUsualBank_rad));
   const double step = std::max(0.5, speed / 40);
@@ -90,7 +90,7 @@ std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const Groun
     course[i] = i == 0 ? raw : course[i - 1] + wrap_pi(raw - course[i - 1]);
   }
   course[n - 1] = course[n - 2];
-  // Nobody rolls at once: curvature and course change over about two seconds.
+  // Roll takes time: curvature and course change over about two seconds.
   course = smoothed(course, static_cast<int>(0.8 * speed / step));
   for (std::size_t i = 1; i + 1 < n; ++i)
     curvature[i] = (course[i + 1] - course[i - 1]) / std::max(1e-6, arc[i + 1] - arc[i - 1]);

@@ -1,4 +1,4 @@
-// Where the simulated aircraft flies and how it holds its camera: the route with rounded turns, coordinated banks,
+// Position and attitude of the simulated aircraft over time: the route with rounded turns, coordinated banks,
 // wind, and the small motions of a light airframe.
 #pragma once
 
@@ -15,8 +15,8 @@ struct FlightPose {
   double time_s = 0;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // of the camera, in the flight's frame
   Attitude attitude;
-  double agl_m = 0;           // above the ground straight below
-  double pressure_agl_m = 0;  // above the ground as a barometer set to a smooth terrain would tell
+  double agl_m = 0;                                    // above the ground straight below
+  double pressure_agl_m = 0;                           // above a smoothed terrain, as a barometer measures it
   Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  // over ground
   double turn_rate = 0;                                // rad/s
 };
@@ -26,10 +26,10 @@ struct FlightPathOptions {
   double speed_mps = 22;
   double interval_s = 1;
   int max_frames = 400;
-  bool calm = false;  // no wobble and no wind: for exact experiments
+  bool calm = false;  // no attitude motion and no wind: for exact experiments
 };
 
-std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground, const FlightPathOptions& options,
-                                 std::uint64_t seed);
+std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const GroundShape& ground,
+                                             const FlightPathOptions& options, std::uint64_t seed);
 
 }  // namespace nadir

@@ -33,24 +33,24 @@ void interpolate(const cv::Mat_<cv::Vec2f>& nodes, double scale, cv::Point origi
 struct PixelBounds {
   double left = 1e12, right = -1e12, top = 1e12, bottom = -1e12;
 
-  // Nothing between the nodes lies outside what they enclose; a pixel on every side is for what resampling rounds.
+  // Pixels between the nodes lie within the nodes' bounds; one pixel on every side allows for rounding in resampling.
   bool inside(const cv::Rect& part) const {
     return left >= part.x + 1 && top >= part.y + 1 && right <= part.br().x - 2 && bottom <= part.br().y - 2;
   }
 };
 
 PixelBounds bounds_of(const cv::Mat_<cv::Vec2f>& nodes, double scale) {
-  PixelBounds reach;
+  PixelBounds bounds;
   for (const cv::Vec2f& node : nodes) {
     const double x = static_cast<double>(node[0]) * scale, y = static_cast<double>(node[1]) * scale;
-    reach.left = std::min(reach.left, x), reach.right = std::max(reach.right, x);
-    reach.top = std::min(reach.top, y), reach.bottom = std::max(reach.bottom, y);
+    bounds.left = std::min(bounds.left, x), bounds.right = std::max(bounds.right, x);
+    bounds.top = std::min(bounds.top, y), bounds.bottom = std::max(bounds.bottom, y);
   }
-  return reach;
+  return bounds;
 }
 
-cv::Rect covered_window(const PixelBounds& reach, cv::Size size) {
-  const auto& [left, right, top, bottom] = reach;
+cv::Rect covered_window(const PixelBounds& bounds, cv::Size size) {
+  const auto& [left, right, top, bottom] = bounds;
   const int x0 = static_cast<int>(std::clamp(left - 4, 0.0, size.width - 1.0));
   const int y0 = static_cast<int>(std::clamp(top - 4, 0.0, size.height - 1.0));
   const int x1 = static_cast<int>(std::clamp(right + 4, x0 + 1.0, static_cast<double>(size.width)));
@@ -61,9 +61,9 @@ cv::Rect covered_window(const PixelBounds& reach, cv::Size size) {
 }  // namespace
 
 Eigen::Vector3d intersect_ground(const GroundShape& ground, const Eigen::Vector3d& position,
-                            const Eigen::Vector3d& direction) {
+                                 const Eigen::Vector3d& direction) {
   const Eigen::Vector3d d = direction.normalized();
-  const double fall = std::max(-d.z(), 0.05);  // rays near the horizon end somewhere far
+  const double fall = std::max(-d.z(), 0.05);  // rays near the horizon end far away
   double up = ground.up_m(position.x(), position.y());
   Eigen::Vector3d point = position;
   double last_length = 0, last_gap = position.z() - up;
@@ -102,11 +102,11 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   for (int r = 0; r < nodes.rows; ++r) {
     for (int c = 0; c < nodes.cols; ++c) {
       const Eigen::Vector3d& p = points[static_cast<std::size_t>(r * nodes.cols + c)];
-      // Where no projection reaches, there is nothing to see.
+      // Points outside of the projection's domain are never visible.
       nodes(r, c) = p.allFinite() ? cv::Vec2f(static_cast<float>(p.x()), static_cast<float>(p.y())) : kNoProjection;
     }
   }
-  // Raster pixels per picture pixel in the middle of the frame decide the pyramid level.
+  // Raster pixels per image pixel in the middle of the frame select the pyramid level.
   const int mr = nodes.rows / 2 - 1, mc = nodes.cols / 2 - 1;
   const cv::Vec2f dx = nodes(mr, mc + 1) - nodes(mr, mc), dy = nodes(mr + 1, mc) - nodes(mr, mc);
   const double area = std::abs(static_cast<double>(dx[0] * dy[1] - dx[1] * dy[0])) / (kStep * kStep);
@@ -116,17 +116,17 @@ RenderedFrame FrameRenderer::render(const Eigen::Vector3d& position, const Attit
   const WorldRaster::Level& source = world_.levels()[static_cast<std::size_t>(level)];
 
   cv::Mat_<cv::Vec2f> map(camera_.height, camera_.width);
-  // Only the part that is seen: OpenCV resamples pictures of up to 32767 pixels a side.
+  // Only the visible part: OpenCV resamples images of up to 32767 pixels a side.
   const double scale = std::ldexp(1.0, -static_cast<int>(level));
-  const PixelBounds reach = bounds_of(nodes, scale);
-  const cv::Rect part = covered_window(reach, source.image.size());
+  const PixelBounds bounds = bounds_of(nodes, scale);
+  const cv::Rect part = covered_window(bounds, source.image.size());
   interpolate(nodes, scale, part.tl(), map);
   cv::Mat fixed, fraction;
   cv::convertMaps(map, cv::noArray(), fixed, fraction, CV_16SC2);
   RenderedFrame frame;
   const int how = ratio < 0.9 ? cv::INTER_CUBIC : cv::INTER_LINEAR;
   cv::remap(source.image(part), frame.image, fixed, fraction, how, cv::BORDER_CONSTANT, cv::Scalar(96, 104, 100));
-  if (source.whole && reach.inside(part)) return frame;
+  if (source.whole && bounds.inside(part)) return frame;
   cv::Mat seen;
   cv::remap(source.mask(part), seen, fixed, cv::Mat(), cv::INTER_NEAREST, cv::BORDER_CONSTANT, cv::Scalar(0));
   frame.covered_fraction = cv::countNonZero(seen >= 128) / static_cast<double>(seen.total());

@@ -1,6 +1,6 @@
-// The picture that a camera takes of a world from a pose: a ray for every sixteenth pixel meets the ground, the rest is
-// interpolated, and the pyramid level that fits is resampled. Exact at the nodes, to a few thousandths of a pixel
-// between them over gentle ground.
+// The image of a world from a camera pose: a ray for every sixteenth pixel is intersected with the ground, pixels in
+// between are interpolated, and the matching pyramid level is resampled. Exact at the nodes, to a few thousandths of a
+// pixel between them over gentle terrain.
 #pragma once
 
 #include "simulation/world_raster.hpp"
@@ -9,8 +9,8 @@
 namespace nadir {
 
 struct RenderedFrame {
-  cv::Mat image;          // CV_8UC3
-  double covered_fraction = 1;  // of the picture that lies on the world's valid pixels
+  cv::Mat image;                // CV_8UC3
+  double covered_fraction = 1;  // of the image that lies on the world's valid pixels
 };
 
 class FrameRenderer {
@@ -28,8 +28,8 @@ class FrameRenderer {
   std::vector<Eigen::Vector3d> rays_;  // of the nodes, in the camera frame
 };
 
-// Where a ray from `position` along `direction` first meets the ground; far away but finite when it misses.
+// Where a ray from `position` along `direction` first hits the ground; far away but finite when it misses.
 Eigen::Vector3d intersect_ground(const GroundShape& ground, const Eigen::Vector3d& position,
-                            const Eigen::Vector3d& direction);
+                                 const Eigen::Vector3d& direction);
 
 }  // namespace nadir

@@ -14,11 +14,11 @@ namespace nadir {
 namespace {
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::error_code& error) {
-  throw Error({.what = "the picture cannot be written",
+  throw Error({.what = "the frame cannot be written",
                .where = path.string(),
-               .expected = "a folder with room that may be written to",
+               .expected = "a writable folder with free space",
                .found = error.message(),
-               .fix = "make room, or choose another --out; --keep N keeps the folder small"});
+               .fix = "free space, or choose another --out; --keep N limits the size of the folder"});
 }
 
 std::error_code last_error() { return {errno, std::generic_category()}; }
@@ -30,9 +30,9 @@ FrameFolder::FrameFolder(std::filesystem::path folder, std::optional<int> keep)
   std::error_code error;
   std::filesystem::create_directories(folder_, error);
   if (error || !std::filesystem::is_directory(folder_)) {
-    throw Error({.what = "the folder cannot be made",
+    throw Error({.what = "the folder cannot be created",
                  .where = folder_.string(),
-                 .found = error ? error.message() : "something else of this name",
+                 .found = error ? error.message() : "not a folder",
                  .fix = "choose another --out"});
   }
 }
@@ -40,7 +40,7 @@ FrameFolder::FrameFolder(std::filesystem::path folder, std::optional<int> keep)
 void FrameFolder::put(ByteView jpeg, std::int64_t unix_us) {
   const std::string name = fmt::format("frame_{:016}.jpg", std::max<std::int64_t>(0, unix_us));
   const std::filesystem::path path = folder_ / name, temporary = folder_ / ("." + name + ".tmp");
-  // Not brought to disk, unlike results: a picture is wanted for seconds, and waiting for the disk would cost frames.
+  // Not synced to disk, unlike results: a frame is needed for seconds, and waiting for the disk would cost frames.
   std::ofstream file(temporary, std::ios::binary | std::ios::trunc);
   file.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
   file.close();
@@ -57,11 +57,11 @@ void FrameFolder::put(ByteView jpeg, std::int64_t unix_us) {
     fail(path, error);
   }
   if (!keep_) return;
-  // A clock that was set back may give a name twice: it counts once, as the youngest.
+  // A clock that was set back may give a name twice: it counts once, as the newest.
   std::erase(written_, path);
   written_.push_back(path);
   while (std::ssize(written_) > *keep_) {
-    std::filesystem::remove(written_.front(), ignored);  // whoever reads it may have removed it already
+    std::filesystem::remove(written_.front(), ignored);  // the reader may have removed it already
     written_.pop_front();
   }
 }
@@ -73,7 +73,7 @@ void FrameStream::put(ByteView jpeg, std::int64_t unix_us) {
   out_.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
   out_ << "\r\n" << std::flush;
   if (!out_) {
-    throw Error({.what = "the pictures cannot be written",
+    throw Error({.what = "the frames cannot be written",
                  .where = "standard output",
                  .expected = "a program that reads them",
                  .found = "the pipe was closed"});
@@ -116,7 +116,7 @@ void DelayedSink::throw_if_failed() const {
 void DelayedSink::run(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   while (changed_.wait(lock, stop, [&] { return !waiting_.empty(); })) {
-    const QueuedFrame& next = waiting_.front();  // nobody else takes it, and a deque leaves it where it is
+    const QueuedFrame& next = waiting_.front();  // only this thread pops, and a deque keeps references valid
     changed_.wait_until(lock, stop, next.due, [] { return false; });
     if (stop.stop_requested()) return;
     lock.unlock();

@@ -1,4 +1,4 @@
-// Where the pictures of a live camera go: frame_folder.hpp, frame_stream.hpp.
+// Where the frames of a simulated live camera go: a watched folder, an MJPEG stream, each after the camera's delay.
 #pragma once
 
 #include <chrono>
@@ -20,17 +20,16 @@ class FrameSink {
  public:
   virtual ~FrameSink() = default;
 
-  // A whole JPEG, and when it was taken: UTC, microseconds since 1970. Throws Error when it cannot be taken.
+  // A complete JPEG, and its capture time: UTC, microseconds since 1970. Throws Error when it cannot be written.
   virtual void put(ByteView jpeg, std::int64_t unix_us) = 0;
 };
 
-// Pictures into a folder that somebody watches: each appears whole, under a name that carries its time and sorts by it,
-// frame_<microseconds since 1970, UTC, 16 digits>.jpg.
-
+// Frames into a folder that another program watches: each appears atomically, under a name that holds its time and
+// sorts by it, frame_<microseconds since 1970, UTC, 16 digits>.jpg.
 class FrameFolder final : public FrameSink {
  public:
-  // Makes the folder when it is missing; what lies in it stays. keep: so many of its own pictures at most, the oldest
-  // go first.
+  // Creates the folder when it is missing; existing files stay. keep: the maximum number of its own frames, the oldest
+  // are removed first.
   explicit FrameFolder(std::filesystem::path folder, std::optional<int> keep = {});
 
   void put(ByteView jpeg, std::int64_t unix_us) override;
@@ -41,10 +40,9 @@ class FrameFolder final : public FrameSink {
   std::deque<std::filesystem::path> written_;
 };
 
-// Pictures into a stream, as network cameras send them: multipart/x-mixed-replace with the boundary "nadir-frame". Each
+// Frames into a stream, as network cameras send them: multipart/x-mixed-replace with the boundary "nadir-frame". Each
 // part's headers are Content-Type, Content-Length and X-Timestamp (UTC, seconds since 1970 with six decimals). ffmpeg
-// reads it with `-f mpjpeg`; programs that look for JPEG marks alone find whole pictures as well.
-
+// reads it with `-f mpjpeg`; programs that scan for JPEG markers find complete frames as well.
 class FrameStream final : public FrameSink {
  public:
   // Must outlive this.
@@ -56,9 +54,8 @@ class FrameStream final : public FrameSink {
   std::ostream& out_;
 };
 
-// A camera's delay: each picture is handed on at its own moment, on a thread of its own, while the next ones are made.
-// A camera that is asked for more pictures than fit one after the other into its delay still delivers them all.
-
+// A camera's delay: a thread delivers each frame at its due time, while the next ones are made. Several frames may be
+// in flight at once, so that the delay does not limit the frame rate.
 class DelayedSink {
  public:
   using Moment = std::chrono::steady_clock::time_point;
@@ -66,12 +63,12 @@ class DelayedSink {
   explicit DelayedSink(FrameSink& sink);
   DelayedSink(const DelayedSink&) = delete;
   DelayedSink& operator=(const DelayedSink&) = delete;
-  ~DelayedSink();  // what still waits is dropped
+  ~DelayedSink();  // drops the frames that still wait
 
-  // Waits only when very many wait already. Throws what the sink threw at an earlier picture.
+  // Blocks only when the queue is full. Rethrows what the sink threw at an earlier frame.
   void put(Bytes jpeg, std::int64_t unix_us, Moment due);
 
-  // Until everything is handed on. Throws what the sink threw.
+  // Blocks until everything is delivered. Rethrows what the sink threw.
   void finish();
 
   int delivered() const;

@@ -5,17 +5,11 @@
 #include <gdal_priv.h>
 #include <ogr_spatialref.h>
 
-#include <mutex>
-
 #include "base/error.hpp"
+#include "raster/gdal_dataset.hpp"
 
 namespace nadir {
 namespace {
-
-struct Close {
-  void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
-};
-using Dataset = std::unique_ptr<GDALDataset, Close>;
 
 [[noreturn]] void fail(const std::filesystem::path& path) {
   throw Error({.what = "the raster cannot be written",
@@ -24,10 +18,10 @@ using Dataset = std::unique_ptr<GDALDataset, Close>;
                .fix = "check the free space and the permissions of the folder"});
 }
 
-Dataset create(const std::filesystem::path& path, cv::Size size, int bands, GDALDataType type,
-               const RasterPlacement& placement) {
+GdalHandle create(const std::filesystem::path& path, cv::Size size, int bands, GDALDataType type,
+                  const RasterPlacement& placement) {
   GDALAllRegister();
-  // The default grows with the machine's memory; what is written here is written once.
+  // The default grows with the machine's memory; every pixel is written only once.
   if (GDALGetCacheMax64() > (GIntBig{256} << 20)) GDALSetCacheMax64(GIntBig{256} << 20);
   CPLStringList options;
   options.SetNameValue("TILED", "YES");
@@ -39,8 +33,8 @@ Dataset create(const std::filesystem::path& path, cv::Size size, int bands, GDAL
   options.SetNameValue("NUM_THREADS", "2");
   options.SetNameValue("BIGTIFF", "IF_SAFER");
   if (bands == 3) options.SetNameValue("PHOTOMETRIC", "RGB");
-  Dataset dataset(GetGDALDriverManager()->GetDriverByName("GTiff")->Create(path.c_str(), size.width, size.height, bands,
-                                                                           type, options.List()));
+  GdalHandle dataset(GetGDALDriverManager()->GetDriverByName("GTiff")->Create(path.c_str(), size.width, size.height,
+                                                                              bands, type, options.List()));
   if (!dataset) fail(path);
   double transform[6] = {placement.west_m, placement.gsd_m, 0, placement.north_m, 0, -placement.gsd_m};
   OGRSpatialReference crs;
@@ -55,7 +49,7 @@ Dataset create(const std::filesystem::path& path, cv::Size size, int bands, GDAL
 
 struct GeoTiffWriter::Impl {
   std::filesystem::path path;
-  Dataset dataset;
+  GdalHandle dataset;
   cv::Size size;
   int next_row = 0;
 };
@@ -81,8 +75,9 @@ void GeoTiffWriter::finish() {
   if (CPLGetLastErrorType() >= CE_Failure) fail(impl_->path);
 }
 
-void write_heights(const std::filesystem::path& path, const cv::Mat_<float>& heights_m, const RasterPlacement& placement) {
-  Dataset dataset = create(path, heights_m.size(), 1, GDT_Float32, placement);
+void write_heights(const std::filesystem::path& path, const cv::Mat_<float>& heights_m,
+                   const RasterPlacement& placement) {
+  GdalHandle dataset = create(path, heights_m.size(), 1, GDT_Float32, placement);
   void* data = const_cast<unsigned char*>(heights_m.data);
   if (dataset->GetRasterBand(1)->RasterIO(GF_Write, 0, 0, heights_m.cols, heights_m.rows, data, heights_m.cols,
                                           heights_m.rows, GDT_Float32, 4, static_cast<GSpacing>(heights_m.step),

@@ -1,4 +1,4 @@
-// GeoTIFF files of the simulator's pictures, written from top to bottom.
+// GeoTIFF files of the simulated images, written from top to bottom.
 #pragma once
 
 #include <filesystem>
@@ -20,13 +20,14 @@ class GeoTiffWriter {
   GeoTiffWriter(const std::filesystem::path& path, cv::Size size, const RasterPlacement& placement);
   ~GeoTiffWriter();
   void write_rows(const cv::Mat_<cv::Vec3b>& bgr);  // the next ones
-  void finish();                                    // throws Error when the file is not whole
+  void finish();                                    // throws Error when the file is not complete
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 
-void write_heights(const std::filesystem::path& path, const cv::Mat_<float>& heights_m, const RasterPlacement& placement);
+void write_heights(const std::filesystem::path& path, const cv::Mat_<float>& heights_m,
+                   const RasterPlacement& placement);
 
 }  // namespace nadir

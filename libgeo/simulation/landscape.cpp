@@ -1,6 +1,7 @@
 #include "simulation/landscape.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -8,6 +9,7 @@
 #include "simulation/landscape_objects.hpp"
 
 namespace nadir {
+
 double Relief::at(GroundPoint position) const {
   const double c = std::clamp(position.x / step_m - 0.5, 0.0, heights_m.cols - 1.001);
   const double r = std::clamp((size_m - position.y) / step_m - 0.5, 0.0, heights_m.rows - 1.001);
@@ -28,47 +30,15 @@ double Pond::edge_m(GroundPoint position) const {
   return cv::norm(d) - radius_m * shape;
 }
 
-namespace {
-
-// Rolling hills with a valley along the river.
-Relief make_relief(const Random& random, double size_m, const Polyline& river) {
-  Random own = random.fork("relief");
-  Relief relief;
-  relief.size_m = size_m;
-  const int nodes = std::max(8, static_cast<int>(std::lround(size_m / 8)));
-  relief.step_m = size_m / nodes;
-  const PixelGrid grid{relief.step_m, size_m, 0, 0, nodes, nodes};
-  relief.heights_m = cv::Mat_<float>(nodes, nodes, 338.0F);
-  for (const auto& [wavelength, amplitude] : {std::pair{1700.0, 17.0}, {800.0, 9.0}, {330.0, 3.2}, {140.0, 0.8}}) {
-    Noise(static_cast<std::uint64_t>(own.uniform() * 0x1.0p53), wavelength).add(grid, amplitude, relief.heights_m);
+double distance_m(const Polyline& way, GroundPoint position) {
+  double best = 1e18;
+  for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
+    const GroundPoint a = way.points[i], ab = way.points[i + 1] - a, ap = position - a;
+    const double t = std::clamp(ap.dot(ab) / std::max(ab.dot(ab), 1e-9), 0.0, 1.0);
+    const GroundPoint gap = ap - ab * t;
+    best = std::min(best, gap.dot(gap));
   }
-  for (int row = 0; row < nodes; ++row) {
-    for (int column = 0; column < nodes; ++column) {
-      const double d = distance_m(river, {grid.x(column), grid.y(row)});
-      const double valley = std::exp(-d * d / (2 * 330.0 * 330.0));
-      float& h = relief.heights_m(row, column);
-      h = static_cast<float>(static_cast<double>(h) * (1 - 0.75 * valley) + (338.0 - 19.0) * 0.75 * valley);
-    }
-  }
-  return relief;
-}
-
-}  // namespace
-
-Landscape generate_landscape(std::uint64_t seed, double size_m) {
-  const Random random(seed);
-  Landscape land;
-  land.seed = seed;
-  land.size_m = size_m;
-  lay_river_and_roads(random, land);
-  land.relief = make_relief(random, size_m, land.river);
-  DividedLand divided = divide_land(random, size_m);
-  land.fields = std::move(divided.pattern);
-  build_village(random, land);
-  plant_crops(random, land);
-  build_farms(random, land);
-  plant_trees(random, divided.borders, land);
-  return land;
+  return std::sqrt(best);
 }
 
 std::vector<GroundPoint> smooth_curve(const std::vector<GroundPoint>& knots, double step_m) {
@@ -90,17 +60,35 @@ std::vector<GroundPoint> smooth_curve(const std::vector<GroundPoint>& knots, dou
   return points;
 }
 
-double distance_m(const Polyline& way, GroundPoint position) {
-  double best = 1e18;
-  for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
-    const GroundPoint a = way.points[i], ab = way.points[i + 1] - a, ap = position - a;
-    const double t = std::clamp(ap.dot(ab) / std::max(ab.dot(ab), 1e-9), 0.0, 1.0);
-    const GroundPoint gap = ap - ab * t;
-    best = std::min(best, gap.dot(gap));
-  }
-  return std::sqrt(best);
+GroundPoint FieldPattern::uv_from_ground(GroundPoint g) const {
+  return {g.x + warp_m * warp_x.at(g.x, g.y), g.y + warp_m * warp_y.at(g.x, g.y)};
 }
 
+GroundPoint FieldPattern::ground_from_uv(GroundPoint uv) const {
+  GroundPoint ground = uv;
+  for (int i = 0; i < 12; ++i) ground += uv - uv_from_ground(ground);
+  return ground;
+}
+
+FieldPattern::Hit FieldPattern::find(GroundPoint uv) const {
+  Hit hit;
+  int at = cuts.empty() ? -1 : 0;
+  while (at >= 0) {
+    const Cut& cut = cuts[static_cast<std::size_t>(at)];
+    const double signed_m = uv.dot(cut.normal) - cut.offset;
+    const double edge = std::abs(signed_m) - cut.half_width_m;
+    if (edge < hit.border_m) hit.border_m = edge, hit.nearest_cut = at;
+    if (cut.border == Border::road) hit.road_m = std::min(hit.road_m, edge);
+    if (cut.border == Border::track) hit.track_m = std::min(hit.track_m, edge);
+    at = cut.below[signed_m < 0 ? 0 : 1];
+  }
+  hit.parcel = -1 - at;
+  return hit;
+}
+
+namespace {
+
+// The river, the main road and the ponds: curves across the whole world.
 void lay_river_and_roads(const Random& random, Landscape& land) {
   Random own = random.fork("ways");
   const double size = land.size_m, rim = 200;
@@ -121,7 +109,8 @@ void lay_river_and_roads(const Random& random, Landscape& land) {
   land.river.points = smooth_curve(knots, 8);
   const Noise width(static_cast<std::uint64_t>(own.uniform() * 0x1.0p53), 110);
   const double half = own.uniform(8, 12);
-  for (const GroundPoint& p : land.river.points) land.river.half_widths_m.push_back(half * (1 + 0.45 * width.at(p.x, p.y)));
+  for (const GroundPoint& p : land.river.points)
+    land.river.half_widths_m.push_back(half * (1 + 0.45 * width.at(p.x, p.y)));
 
   // The main road crosses it and passes the village.
   const GroundPoint village(own.uniform(0.44, 0.54) * size, own.uniform(0.36, 0.46) * size);
@@ -149,7 +138,33 @@ void lay_river_and_roads(const Random& random, Landscape& land) {
   }
 }
 
-namespace {
+// Rolling hills with a valley along the river.
+Relief make_relief(const Random& random, double size_m, const Polyline& river) {
+  Random own = random.fork("relief");
+  Relief relief;
+  relief.size_m = size_m;
+  const int nodes = std::max(8, static_cast<int>(std::lround(size_m / 8)));
+  relief.step_m = size_m / nodes;
+  const PixelGrid grid{relief.step_m, size_m, 0, 0, nodes, nodes};
+  relief.heights_m = cv::Mat_<float>(nodes, nodes, 338.0F);
+  for (const auto& [wavelength, amplitude] : {std::pair{1700.0, 17.0}, {800.0, 9.0}, {330.0, 3.2}, {140.0, 0.8}}) {
+    Noise(static_cast<std::uint64_t>(own.uniform() * 0x1.0p53), wavelength).add(grid, amplitude, relief.heights_m);
+  }
+  for (int row = 0; row < nodes; ++row) {
+    for (int column = 0; column < nodes; ++column) {
+      const double d = distance_m(river, {grid.x(column), grid.y(row)});
+      const double valley = std::exp(-d * d / (2 * 330.0 * 330.0));
+      float& h = relief.heights_m(row, column);
+      h = static_cast<float>(static_cast<double>(h) * (1 - 0.75 * valley) + (338.0 - 19.0) * 0.75 * valley);
+    }
+  }
+  return relief;
+}
+
+struct DividedLand {
+  FieldPattern pattern;
+  std::vector<BorderLine> borders;
+};
 
 using Ring = std::vector<GroundPoint>;
 
@@ -168,7 +183,7 @@ GroundPoint middle_of(const Ring& ring) {
   return sum * (1.0 / static_cast<double>(ring.size()));
 }
 
-// Direction of the longest extent among 18 tried, and the extents along and across it.
+// Direction of the longest side of the smallest bounding box, and the extents along and across it.
 struct Extent {
   double angle_rad = 0, length_m = 0, width_m = 0, low = 0, across_low = 0;
 };
@@ -213,6 +228,7 @@ class Divider {
  public:
   Divider(const Random& random, DividedLand& land) : random_(random.fork("fields")), land_(land) {}
 
+  // Returns the index of the cut, or −1 − the index of the parcel.
   int divide(const Ring& ring, double target_m2, int strips) {
     const double area = area_of(ring);
     const Extent extent = longest(ring);
@@ -291,34 +307,7 @@ class Divider {
   DividedLand& land_;
 };
 
-}  // namespace
-
-GroundPoint FieldPattern::uv_from_ground(GroundPoint g) const {
-  return {g.x + warp_m * warp_x.at(g.x, g.y), g.y + warp_m * warp_y.at(g.x, g.y)};
-}
-
-GroundPoint FieldPattern::ground_from_uv(GroundPoint uv) const {
-  GroundPoint ground = uv;
-  for (int i = 0; i < 12; ++i) ground += uv - uv_from_ground(ground);
-  return ground;
-}
-
-FieldPattern::Hit FieldPattern::find(GroundPoint uv) const {
-  Hit hit;
-  int at = cuts.empty() ? -1 : 0;
-  while (at >= 0) {
-    const Cut& cut = cuts[static_cast<std::size_t>(at)];
-    const double signed_m = uv.dot(cut.normal) - cut.offset;
-    const double edge = std::abs(signed_m) - cut.half_width_m;
-    if (edge < hit.border_m) hit.border_m = edge, hit.nearest_cut = at;
-    if (cut.border == Border::road) hit.road_m = std::min(hit.road_m, edge);
-    if (cut.border == Border::track) hit.track_m = std::min(hit.track_m, edge);
-    at = cut.below[signed_m < 0 ? 0 : 1];
-  }
-  hit.parcel = -1 - at;
-  return hit;
-}
-
+// Divides the land by recursive cuts of the warped plane.
 DividedLand divide_land(const Random& random, double size_m) {
   DividedLand land;
   Random own = random.fork("warp");
@@ -331,13 +320,14 @@ DividedLand divide_land(const Random& random, double size_m) {
   for (const GroundPoint corner : {GroundPoint(-1, -1), GroundPoint(1, -1), GroundPoint(1, 1), GroundPoint(-1, 1)}) {
     const double reach = (size_m / 2 + rim) * (std::abs(std::cos(tilt)) + std::abs(std::sin(tilt)));
     const GroundPoint p = corner * reach;
-    ring.push_back(centre +
-                   GroundPoint(p.x * std::cos(tilt) - p.y * std::sin(tilt), p.x * std::sin(tilt) + p.y * std::cos(tilt)));
+    ring.push_back(
+        centre + GroundPoint(p.x * std::cos(tilt) - p.y * std::sin(tilt), p.x * std::sin(tilt) + p.y * std::cos(tilt)));
   }
   Divider(random, land).divide(ring, 24000, 0);
   return land;
 }
 
+// Chooses the crops; needs the river, the ponds and the village.
 void plant_crops(const Random& random, Landscape& land) {
   Random own = random.fork("crops");
   const Noise woods(static_cast<std::uint64_t>(own.uniform() * 0x1.0p53), 620);
@@ -377,6 +367,24 @@ void plant_crops(const Random& random, Landscape& land) {
       parcel.crop = arable();
     }
   }
+}
+
+}  // namespace
+
+Landscape generate_landscape(std::uint64_t seed, double size_m) {
+  const Random random(seed);
+  Landscape land;
+  land.seed = seed;
+  land.size_m = size_m;
+  lay_river_and_roads(random, land);
+  land.relief = make_relief(random, size_m, land.river);
+  DividedLand divided = divide_land(random, size_m);
+  land.fields = std::move(divided.pattern);
+  build_village(random, land);
+  plant_crops(random, land);
+  build_farms(random, land);
+  plant_trees(random, divided.borders, land);
+  return land;
 }
 
 }  // namespace nadir

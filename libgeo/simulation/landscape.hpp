@@ -1,9 +1,9 @@
-// What lies where in a made-up landscape: pure description, no pixels. The painter (painter.hpp) makes pictures of it
-// for any season and sun.
+// A synthetic landscape as a description without pixels: relief, river, roads, fields, buildings, trees. The painter
+// (painter.hpp) renders it for any season and sun.
 //
-// Coordinates are metres east (x) and north (y) of the world's south-west corner; heights metres above the ellipsoid.
-// Everything follows from the seed. Fields are cells of a recursive subdivision in a gently warped plane (u, v):
-// straight there, curved on the ground, and their rows of crop curve with them.
+// Coordinates are metres east (x) and north (y) of the world's south-west corner; heights are metres above the
+// ellipsoid. Everything follows from the seed. Fields are cells of a recursive subdivision of a gently warped plane (u,
+// v): straight there, curved on the ground, and their crop rows curve with them.
 #pragma once
 
 #include <array>
@@ -11,7 +11,6 @@
 #include <opencv2/core/types.hpp>
 #include <vector>
 
-#include "base/random.hpp"
 #include "simulation/noise.hpp"
 
 namespace nadir {
@@ -48,12 +47,12 @@ struct Cut {
 };
 
 struct Parcel {
-  Crop crop = Crop::wheat;         // on the day
-  Crop crop_before = Crop::wheat;  // when the satellite came by
+  Crop crop = Crop::wheat;         // on the day of the flight
+  Crop crop_before = Crop::wheat;  // at the time of the satellite image
   double row_angle_rad = 0;        // direction of the rows in (u, v)
-  double tone = 0;                 // −1…1: how this field differs from others of its crop
-  double half_done = 2;            // share along the rows that has been worked on the day already; > 1: none
-  GroundPoint centre;                     // in (u, v)
+  double tone = 0;                 // −1…1: deviation of this field from others of its crop
+  double half_done = 2;            // fraction along the rows that is already ploughed on the day; > 1: none
+  GroundPoint centre;              // in (u, v)
   double length_m = 0;             // along the rows
   double area_m2 = 0;
   std::uint64_t seed = 0;
@@ -78,12 +77,12 @@ struct FieldPattern {
   Hit find(GroundPoint uv) const;
 };
 
-// A line with a width that may vary: rivers, roads, streets.
+// A polyline of varying width: rivers, roads, streets.
 struct Polyline {
   std::vector<GroundPoint> points;
   std::vector<double> half_widths_m;
 };
-double distance_m(const Polyline& way, GroundPoint position);  // to its middle
+double distance_m(const Polyline& line, GroundPoint position);  // to its centre line
 
 struct Pond {
   GroundPoint centre;
@@ -132,10 +131,10 @@ struct Tree {
 };
 
 struct Relief {
-  cv::Mat_<float> heights_m;  // row 0 in the north, like a picture; nodes at pixel centres
+  cv::Mat_<float> heights_m;  // row 0 in the north, like an image; nodes at pixel centres
   double step_m = 8;
   double size_m = 0;
-  double at(GroundPoint position) const;  // bilinear; clamped at the rim
+  double at(GroundPoint position) const;  // bilinear; clamped at the edges
 };
 
 struct Landscape {
@@ -145,7 +144,7 @@ struct Landscape {
   FieldPattern fields;
   Polyline river;
   std::vector<Pond> ponds;
-  std::vector<Polyline> roads;  // paved, over the fields' own pattern
+  std::vector<Polyline> roads;  // paved, on top of the roads of the field pattern
   std::vector<Polyline> lanes;  // gravel
   std::vector<Building> buildings;
   std::vector<Plot> plots;
@@ -153,31 +152,15 @@ struct Landscape {
   GroundPoint village;
 };
 
-Landscape generate_landscape(std::uint64_t seed, double size_m);
-
-// How land is divided: recursive cuts of a warped plane, and what is grown on the pieces.
-
-// A piece of a cut that bounds parcels, as a line on the ground.
+// A cut that bounds parcels, as a line on the ground.
 struct BorderLine {
   Border border = Border::furrow;
   std::vector<GroundPoint> points;
 };
 
-struct DividedLand {
-  FieldPattern pattern;
-  std::vector<BorderLine> borders;
-};
-
-DividedLand divide_land(const Random& random, double size_m);
-
-// Chooses the crops; needs the river, the ponds and the village to be where they are.
-void plant_crops(const Random& random, Landscape& land);
-
-// The river, the main road and the ponds: curves across the whole world.
-
-void lay_river_and_roads(const Random& random, Landscape& land);
-
-// A Catmull-Rom curve through the knots, a point about every step_m.
+// A Catmull-Rom curve through the knots, with a point about every step_m.
 std::vector<GroundPoint> smooth_curve(const std::vector<GroundPoint>& knots, double step_m);
+
+Landscape generate_landscape(std::uint64_t seed, double size_m);
 
 }  // namespace nadir

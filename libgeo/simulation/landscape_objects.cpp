@@ -4,8 +4,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "simulation/landscape.hpp"
-
 namespace nadir {
 namespace {
 
@@ -137,12 +135,12 @@ class VillageBuilder {
   Landscape& land_;
 };
 
-double arc_length_to(const Polyline& way, GroundPoint position) {
+double arc_length_to(const Polyline& line, GroundPoint position) {
   double travelled = 0, best = 1e18, at = 0;
-  for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
-    const double d = cv::norm(way.points[i] - position);
+  for (std::size_t i = 0; i + 1 < line.points.size(); ++i) {
+    const double d = cv::norm(line.points[i] - position);
     if (d < best) best = d, at = travelled;
-    travelled += cv::norm(way.points[i + 1] - way.points[i]);
+    travelled += cv::norm(line.points[i + 1] - line.points[i]);
   }
   return at;
 }
@@ -190,7 +188,7 @@ void build_village(const Random& random, Landscape& land) {
   }
   land.roads.insert(land.roads.end(), streets.begin(), streets.end());
   VillageBuilder builder(own, land);
-  // A church in the middle, before houses take the place.
+  // A church in the middle, before the houses.
   const GroundPoint church = land.village + GroundPoint(own.uniform(24, 32), own.uniform(-10, 10));
   if (builder.clear_of_roads(church, 16)) {
     const double angle = own.uniform(-0.3, 0.3);
@@ -222,8 +220,9 @@ void build_farms(const Random& random, Landscape& land) {
     const GroundPoint uv = land.fields.uv_from_ground(position);
     const auto hit = land.fields.find(uv);
     const Parcel& parcel = land.fields.parcels[static_cast<std::size_t>(hit.parcel)];
-    const double way = std::min(hit.road_m, hit.track_m);
-    if (way < 34 || way > 55 || hit.border_m < 20 || parcel.crop == Crop::wood || parcel.crop == Crop::conifers)
+    const double access_m = std::min(hit.road_m, hit.track_m);
+    if (access_m < 34 || access_m > 55 || hit.border_m < 20 || parcel.crop == Crop::wood ||
+        parcel.crop == Crop::conifers)
       continue;
     if (!builder.clear_of_roads(position, 45) || cv::norm(position - land.village) < 380) continue;
     ++i;
@@ -234,8 +233,8 @@ void build_farms(const Random& random, Landscape& land) {
     land.plots.push_back({position, angle, 62, 40, Cover::gravel, own.uniform(-1, 1)});
     land.plots.push_back({position + along * 4.0, angle, 24, 22, Cover::paving, own.uniform(-1, 1)});
     const Roof barn = own.chance(0.5) ? Roof::metal : own.chance(0.5) ? Roof::tiles : Roof::brown;
-    builder.add(position + across * 19.0 + along * own.uniform(-6, 6), angle, own.uniform(26, 40), own.uniform(13, 17), 5.5,
-                0.5, barn);
+    builder.add(position + across * 19.0 + along * own.uniform(-6, 6), angle, own.uniform(26, 40), own.uniform(13, 17),
+                5.5, 0.5, barn);
     builder.add(position - along * 24.0 - across * 4.0, angle + std::numbers::pi / 2, own.uniform(18, 28),
                 own.uniform(11, 14), 5, 0.6, own.chance(0.5) ? Roof::metal : Roof::brown,
                 own.chance(0.2) ? Presence::day_only : Presence::both);
@@ -258,18 +257,19 @@ class TreePlanter {
   TreePlanter(const Random& random, Landscape& land) : random_(random.fork("trees")), land_(land) {}
 
   void plant(GroundPoint position, double radius, double height, Plant plant) {
-    land_.trees.push_back(
-        {position, radius, height, plant, random_.uniform(-1, 1), static_cast<std::uint32_t>(random_.integer(0, 1 << 30))});
+    land_.trees.push_back({position, radius, height, plant, random_.uniform(-1, 1),
+                           static_cast<std::uint32_t>(random_.integer(0, 1 << 30))});
   }
 
-  // What stands in parcels: everything on jittered grids, so that no pass over parcels needs their outlines.
+  // Trees in parcels are placed on jittered grids, so that no pass over parcels needs their outlines.
   void woods() {
     over_grid(5.6, [&](GroundPoint position, const Parcel& parcel, const FieldPattern::Hit& hit) {
       if (parcel.crop != Crop::wood && parcel.crop != Crop::conifers) return;
       const Border border = land_.fields.cuts[static_cast<std::size_t>(hit.nearest_cut)].border;
-      const bool way = border == Border::road || border == Border::track;
-      // Woods grow together over mere boundaries, and their rims are ragged.
-      if (hit.border_m < random_.uniform(-0.4, way ? 3.5 : 1.2) || !clear(position, 5) || random_.chance(0.05)) return;
+      const bool paved = border == Border::road || border == Border::track;
+      // Woods close over minor boundaries, and their edges are ragged.
+      if (hit.border_m < random_.uniform(-0.4, paved ? 3.5 : 1.2) || !clear(position, 5) || random_.chance(0.05))
+        return;
       const bool conifer = parcel.crop == Crop::conifers ? random_.chance(0.93) : random_.chance(0.1);
       const double age = 0.8 + 0.3 * unit_hash(parcel.seed, 5) + 0.1 * parcel.tone;
       if (conifer) {
@@ -298,7 +298,8 @@ class TreePlanter {
       const double reach = parcel.length_m;
       for (double a = -reach; a < reach; a += 6) {
         for (double b = -reach; b < reach; b += 7.5) {
-          const GroundPoint uv = parcel.centre + d * (a + random_.uniform(-0.4, 0.4)) + n * (b + random_.uniform(-0.3, 0.3));
+          const GroundPoint uv =
+              parcel.centre + d * (a + random_.uniform(-0.4, 0.4)) + n * (b + random_.uniform(-0.3, 0.3));
           const auto hit = land_.fields.find(uv);
           if (hit.border_m < 4 || &land_.fields.parcels[static_cast<std::size_t>(hit.parcel)] != &parcel) continue;
           const GroundPoint position = land_.fields.ground_from_uv(uv);
@@ -334,7 +335,8 @@ class TreePlanter {
         for (; next < travelled + length; next += spacing * random_.uniform(0.8, 1.2)) {
           if (next < gap_until) continue;
           if (random_.chance(avenue ? 0.05 : 0.035)) gap_until = next + random_.uniform(6, shrubs ? 60 : 25);
-          const GroundPoint position = line.points[i] + along * (next - travelled) + out * (side * offset + random_.uniform(-0.7, 0.7));
+          const GroundPoint position =
+              line.points[i] + along * (next - travelled) + out * (side * offset + random_.uniform(-0.7, 0.7));
           if (!clear(position, 4.5)) continue;
           if (avenue) {
             const double radius = random_.uniform(2.6, 4.2);
@@ -361,8 +363,9 @@ class TreePlanter {
       for (const double side : {-1.0, 1.0}) {
         for (int k = 0; k < 3; ++k) {
           const GroundPoint position = points[i] + step * random_.uniform() +
-                            out * (side * (land_.river.half_widths_m[i] + random_.uniform(2, 15)));
-          if (density.at(position.x + side * 500, position.y) < random_.uniform(-0.25, 0.5) || !clear(position, 3)) continue;
+                                       out * (side * (land_.river.half_widths_m[i] + random_.uniform(2, 15)));
+          if (density.at(position.x + side * 500, position.y) < random_.uniform(-0.25, 0.5) || !clear(position, 3))
+            continue;
           const double radius = random_.uniform(1.3, 4.6);
           plant(position, radius, radius * 2.1, radius < 2 ? Plant::bush : Plant::broadleaf);
         }
@@ -376,7 +379,8 @@ class TreePlanter {
     const int count = static_cast<int>(land_.size_m / spacing) + 1;
     for (int r = 0; r < count; ++r) {
       for (int c = 0; c < count; ++c) {
-        const GroundPoint position((c + random_.uniform(0.1, 0.9)) * spacing, (r + random_.uniform(0.1, 0.9)) * spacing);
+        const GroundPoint position((c + random_.uniform(0.1, 0.9)) * spacing,
+                                   (r + random_.uniform(0.1, 0.9)) * spacing);
         const auto hit = land_.fields.find(land_.fields.uv_from_ground(position));
         visit(position, land_.fields.parcels[static_cast<std::size_t>(hit.parcel)], hit);
       }
@@ -408,13 +412,13 @@ class TreePlanter {
 }  // namespace
 
 void plant_trees(const Random& random, const std::vector<BorderLine>& borders, Landscape& land) {
-  TreePlanter gardener(random, land);
-  gardener.woods();
-  gardener.meadows();
-  gardener.orchards();
-  gardener.bales();
-  gardener.hedges(borders);
-  gardener.river_banks();
+  TreePlanter planter(random, land);
+  planter.woods();
+  planter.meadows();
+  planter.orchards();
+  planter.bales();
+  planter.hedges(borders);
+  planter.river_banks();
 }
 
 }  // namespace nadir

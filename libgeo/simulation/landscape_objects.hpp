@@ -1,4 +1,5 @@
-// Houses, gardens, streets and farms.
+// What stands on a landscape: houses, gardens, streets and farms; woods, hedges, avenues, orchards, river banks, single
+// trees in meadows, and bales on the stubble.
 #pragma once
 
 #include "base/random.hpp"
@@ -8,9 +9,6 @@ namespace nadir {
 
 void build_village(const Random& random, Landscape& land);
 void build_farms(const Random& random, Landscape& land);
-
-// Trees: woods, hedges, avenues, orchards, river banks, single ones in meadows; and bales on the stubble.
-
 void plant_trees(const Random& random, const std::vector<BorderLine>& borders, Landscape& land);
 
 }  // namespace nadir

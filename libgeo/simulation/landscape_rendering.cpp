@@ -11,9 +11,9 @@ namespace {
 
 constexpr double kTallest_m = 32;
 
-// Height of the shadow's upper limit over every pixel: swept away from the sun, each step lower by the sun's slope.
+// Height of the shadow's upper limit over every pixel: swept away from the sun, falling with the slope of its rays.
 cv::Mat_<float> shadow_tops(const cv::Mat_<float>& heights, double gsd_m, const Sun& sun) {
-  // Light travels this way over the picture (x right, y down).
+  // Direction of the light in the image (x right, y down).
   const double dx = -std::sin(sun.azimuth_rad), dy = std::cos(sun.azimuth_rad);
   const bool transpose = std::abs(dx) > std::abs(dy);
   cv::Mat_<float> h = transpose ? cv::Mat_<float>(heights.t()) : heights.clone();
@@ -47,7 +47,7 @@ cv::Mat_<cv::Vec2f> relief_slopes(const PixelGrid& grid, const Relief& relief) {
     }
   }
   cv::resize(nodes, slopes, cv::Size(), step, step, cv::INTER_LINEAR);
-  return slopes;  // a little larger than the grid; off by less than half a node, which no eye sees
+  return slopes;  // slightly larger than the grid; off by less than half a node, which is invisible
 }
 
 float min_mod(float a, float b) {
@@ -96,7 +96,7 @@ void light_painting(Painting& painting, const PixelGrid& grid, const Relief& rel
 
 namespace {
 
-// A sum of hashes is close enough to a normal distribution for a sensor's noise.
+// A sum of hashes approximates the normal distribution of sensor noise.
 double noise_of(std::uint64_t seed, std::int64_t column, std::int64_t row) {
   const std::uint64_t h = hash_of(seed, column, row);
   const auto part = [h](int shift) { return static_cast<double>((h >> shift) & 0xFFFF) / 65535.0; };
@@ -107,7 +107,7 @@ void blur(cv::Mat_<cv::Vec3f>& image, double sigma_px) {
   cv::GaussianBlur(image, image, cv::Size(), sigma_px, sigma_px, cv::BORDER_REPLICATE);
 }
 
-// Moves the picture by the map's bias, which hardly varies within a piece but must be continuous between pieces.
+// Shifts the image by the map's bias, which hardly varies within a piece but must be continuous between pieces.
 cv::Mat_<cv::Vec3f> apply_map_bias(const cv::Mat_<cv::Vec3f>& image, const PixelGrid& grid, std::uint64_t seed) {
   cv::Mat_<cv::Vec2f> from(grid.rows, grid.columns);
   constexpr int step = 16;

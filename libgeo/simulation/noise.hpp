@@ -1,5 +1,4 @@
-// Smooth and white randomness that depends on the place alone, so that any part of a landscape can be painted by
-// itself.
+// Smooth and white noise as functions of the position alone, so that any part of a landscape can be painted by itself.
 //
 // Gradient noise after Perlin (2002): values roughly in [-1, 1] with mean 0 and a standard deviation of about 0.35.
 #pragma once
@@ -9,11 +8,11 @@
 
 namespace nadir {
 
-// A piece of a picture's pixel grid. x grows east and y north, in metres from the world's south-west corner; rows grow
-// south. Columns and rows are counted in the whole picture, so that every piece sees the same numbers.
+// A piece of an image's pixel grid. x grows east and y north, in metres from the world's south-west corner; rows grow
+// south. Columns and rows are counted in the whole image, so that every piece sees the same numbers.
 struct PixelGrid {
   double gsd_m = 1;
-  double height_m = 0;  // of the whole picture: y of its northern edge
+  double height_m = 0;  // of the whole image: y of its northern edge
   int first_column = 0;
   int first_row = 0;
   int columns = 0;

@@ -1,8 +1,92 @@
 #include "simulation/painter.hpp"
 
-
+#include <algorithm>
+#include <cmath>
 
 namespace nadir {
+
+// The painter's working state for one piece.
+struct Painter::Canvas {
+  PixelGrid grid;
+  Painting painting;
+  cv::Mat_<float> patches;  // noise of 8–30 m
+  cv::Mat_<float> fine;     // noise of 1–3 m
+  cv::Mat_<float> road;     // cover of the fields' own roads, painted above water
+
+  void mix(int row, int column, const Light& light, double alpha) {
+    cv::Vec3f& pixel = painting.colour(row, column);
+    for (int i = 0; i < 3; ++i) {
+      pixel[i] += static_cast<float>(alpha) * (static_cast<float>(light[i]) - pixel[i]);
+    }
+  }
+};
+
+namespace {
+
+double smooth_step(double low, double high, double value) {
+  const double t = std::clamp((value - low) / (high - low), 0.0, 1.0);
+  return t * t * (3 - 2 * t);
+}
+
+// Fraction of a pixel that lies inside an edge at signed distance `edge_m` (negative inside).
+double cover_of(double edge_m, double gsd_m) { return std::clamp(0.5 - edge_m / gsd_m, 0.0, 1.0); }
+
+// The pixels of the grid within `reach_m` of a point.
+struct PixelBox {
+  int first_column, last_column, first_row, last_row;
+
+  PixelBox(const PixelGrid& grid, GroundPoint low, GroundPoint high)
+      : first_column(std::max(0, static_cast<int>(std::floor(grid.column_of(low.x))))),
+        last_column(std::min(grid.columns - 1, static_cast<int>(std::ceil(grid.column_of(high.x))))),
+        first_row(std::max(0, static_cast<int>(std::floor(grid.row_of(high.y))))),
+        last_row(std::min(grid.rows - 1, static_cast<int>(std::ceil(grid.row_of(low.y))))) {}
+  PixelBox(const PixelGrid& grid, GroundPoint centre, double reach_m)
+      : PixelBox(grid, centre - GroundPoint(reach_m, reach_m), centre + GroundPoint(reach_m, reach_m)) {}
+  bool empty() const { return first_column > last_column || first_row > last_row; }
+};
+
+// Signed distance (negative inside) to a polyline of varying width, and the distance to its centre line, for every
+// pixel within reach of its edge.
+struct PolylineDistance {
+  cv::Mat_<float> edge_m;
+  cv::Mat_<float> middle_m;
+  cv::Mat_<float> along_m;
+  bool touched = false;
+
+  PolylineDistance(const Polyline& line, const PixelGrid& grid, double reach_m) {
+    double travelled = 0;
+    for (std::size_t i = 0; i + 1 < line.points.size(); ++i) {
+      const GroundPoint a = line.points[i], b = line.points[i + 1], ab = b - a;
+      const double wa = line.half_widths_m[i], wb = line.half_widths_m[i + 1], reach = std::max(wa, wb) + reach_m;
+      const PixelBox box(grid, {std::min(a.x, b.x) - reach, std::min(a.y, b.y) - reach},
+                         {std::max(a.x, b.x) + reach, std::max(a.y, b.y) + reach});
+      if (!box.empty() && !touched) {
+        touched = true;
+        edge_m = cv::Mat_<float>(grid.rows, grid.columns, 1e9F);
+        middle_m = cv::Mat_<float>(grid.rows, grid.columns, 1e9F);
+        along_m = cv::Mat_<float>(grid.rows, grid.columns, 0.F);
+      }
+      const double inverse = 1 / std::max(ab.dot(ab), 1e-9), length = std::sqrt(ab.dot(ab));
+      for (int row = box.first_row; row <= box.last_row; ++row) {
+        for (int column = box.first_column; column <= box.last_column; ++column) {
+          const GroundPoint ap(grid.x(column) - a.x, grid.y(row) - a.y);
+          const double t = std::clamp(ap.dot(ab) * inverse, 0.0, 1.0);
+          const double dx = ap.x - t * ab.x, dy = ap.y - t * ab.y;
+          const double middle = std::sqrt(dx * dx + dy * dy);
+          const double edge = middle - (wa + t * (wb - wa));
+          if (edge < static_cast<double>(edge_m(row, column))) {
+            edge_m(row, column) = static_cast<float>(edge);
+            middle_m(row, column) = static_cast<float>(middle);
+            along_m(row, column) = static_cast<float>(travelled + t * length);
+          }
+        }
+      }
+      travelled += length;
+    }
+  }
+};
+
+}  // namespace
 Painter::Painter(const Landscape& land, Season season) : land_(land), season_(season) {
   appearances_.reserve(land.fields.parcels.size());
   for (const Parcel& parcel : land.fields.parcels) {
@@ -34,7 +118,7 @@ Painting Painter::paint(const PixelGrid& grid) const {
   return std::move(canvas.painting);
 }
 
-// Paints fields row by row: the parcel's look, its rows, the tractor's tracks, headlands, soil and margins.
+// Paints fields row by row: the parcel's appearance, its rows, the tractor's tracks, headlands, soil and margins.
 void Painter::fields(Canvas& canvas) const {
   const PixelGrid& grid = canvas.grid;
   const FieldPattern& pattern = land_.fields;
@@ -53,7 +137,7 @@ void Painter::fields(Canvas& canvas) const {
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {
       const GroundPoint uv(grid.x(column) + static_cast<double>(u(row, column)),
-                    grid.y(row) + static_cast<double>(v(row, column)));
+                           grid.y(row) + static_cast<double>(v(row, column)));
       const auto hit = pattern.find(uv);
       const auto index = static_cast<std::size_t>(hit.parcel);
       const Parcel& parcel = pattern.parcels[index];
@@ -68,7 +152,7 @@ void Painter::fields(Canvas& canvas) const {
       const GroundPoint local = uv - parcel.centre;
       const double along = local.x * ca + local.y * sa;
       double across = local.y * ca - local.x * sa;
-      // On the headland the machine turns: it works along the border instead.
+      // On the headland machines turn and work along the border instead.
       const double headland = 13 + 6 * unit_hash(parcel.seed, 4);
       const Cut& cut = pattern.cuts[static_cast<std::size_t>(hit.nearest_cut)];
       const bool at_end = std::abs(cut.normal.x * ca + cut.normal.y * sa) > 0.6;
@@ -79,12 +163,13 @@ void Painter::fields(Canvas& canvas) const {
       double blend = 0.5 * smooth_step(0.15, 0.75, ground * 0.8 + patch * 0.5 + 0.25 * parcel.tone) *
                      (appearance.mottle > 0.12 ? 1 : 0.5);
       if (!may && parcel.half_done < 1 && along > (parcel.half_done - 0.5) * parcel.length_m) {
-        light = light_from_srgb(112, 94, 74);  // ploughed since the morning
+        light = light_from_srgb(112, 94, 74);  // ploughed on the day
         blend *= 0.3;
       }
-      double shade = 1 + appearance.mottle * (0.75 * ground + 0.45 * patch) + appearance.grain * (0.9 * fine + 0.9 * grain);
+      double shade =
+          1 + appearance.mottle * (0.75 * ground + 0.45 * patch) + appearance.grain * (0.9 * fine + 0.9 * grain);
       if (appearance.rows > 0) {
-        // Rows finer than two pixels are not drawn as rows: they would beat against the grid.
+        // Rows finer than two pixels are not drawn as rows: they would cause moiré.
         const double visible = std::clamp(appearance.row_m / grid.gsd_m - 2, 0.0, 1.0);
         const double wave = std::cos(6.283185307 * (across + 0.25 * fine) / appearance.row_m);
         if (appearance.rows > 0.3) {
@@ -105,7 +190,8 @@ void Painter::fields(Canvas& canvas) const {
         const double spacing = 18 + 6 * std::floor(3 * unit_hash(parcel.seed, 6));
         const double from_middle = std::abs(std::remainder(turning ? hit.border_m - headland * 0.5 : across, spacing));
         const double wheel = std::abs(from_middle - 0.95) - 0.28;
-        light += (appearance.second * 1.08 - light) * (appearance.tramlines * 0.75 * cover_of(wheel, std::max(0.5, grid.gsd_m)));
+        light += (appearance.second * 1.08 - light) *
+                 (appearance.tramlines * 0.75 * cover_of(wheel, std::max(0.5, grid.gsd_m)));
       }
       light *= std::max(0.2, shade);
 
@@ -132,51 +218,6 @@ void Painter::fields(Canvas& canvas) const {
 }
 
 // Water, gardens and roads.
-
-namespace {
-
-// Signed distance (negative inside) to a way with varying width, and the distance to its middle, for every pixel that
-// lies within reach of its edge.
-struct PolylineDistance {
-  cv::Mat_<float> edge_m;
-  cv::Mat_<float> middle_m;
-  cv::Mat_<float> along_m;
-  bool touched = false;
-
-  PolylineDistance(const Polyline& way, const PixelGrid& grid, double reach_m) {
-    double travelled = 0;
-    for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
-      const GroundPoint a = way.points[i], b = way.points[i + 1], ab = b - a;
-      const double wa = way.half_widths_m[i], wb = way.half_widths_m[i + 1], reach = std::max(wa, wb) + reach_m;
-      const PixelBox box(grid, {std::min(a.x, b.x) - reach, std::min(a.y, b.y) - reach},
-                         {std::max(a.x, b.x) + reach, std::max(a.y, b.y) + reach});
-      if (!box.empty() && !touched) {
-        touched = true;
-        edge_m = cv::Mat_<float>(grid.rows, grid.columns, 1e9F);
-        middle_m = cv::Mat_<float>(grid.rows, grid.columns, 1e9F);
-        along_m = cv::Mat_<float>(grid.rows, grid.columns, 0.F);
-      }
-      const double inverse = 1 / std::max(ab.dot(ab), 1e-9), length = std::sqrt(ab.dot(ab));
-      for (int row = box.first_row; row <= box.last_row; ++row) {
-        for (int column = box.first_column; column <= box.last_column; ++column) {
-          const GroundPoint ap(grid.x(column) - a.x, grid.y(row) - a.y);
-          const double t = std::clamp(ap.dot(ab) * inverse, 0.0, 1.0);
-          const double dx = ap.x - t * ab.x, dy = ap.y - t * ab.y;
-          const double middle = std::sqrt(dx * dx + dy * dy);
-          const double edge = middle - (wa + t * (wb - wa));
-          if (edge < static_cast<double>(edge_m(row, column))) {
-            edge_m(row, column) = static_cast<float>(edge);
-            middle_m(row, column) = static_cast<float>(middle);
-            along_m(row, column) = static_cast<float>(travelled + t * length);
-          }
-        }
-      }
-      travelled += length;
-    }
-  }
-};
-
-}  // namespace
 
 void Painter::water(Canvas& canvas) const {
   const PixelGrid& grid = canvas.grid;
@@ -271,8 +312,7 @@ void Painter::roads(Canvas& canvas) const {
     }
   }
   for (std::size_t i = land_.roads.size(); i-- > 0;) {  // the main road last: it runs over the others
-    const Polyline& way = land_.roads[i];
-    const PolylineDistance road(way, grid, 4);
+    const PolylineDistance road(land_.roads[i], grid, 4);
     if (!road.touched) continue;
     for (int row = 0; row < grid.rows; ++row) {
       for (int column = 0; column < grid.columns; ++column) {

@@ -1,6 +1,6 @@
-// Colours by season: what crops, soils, roofs and trees look like from above in clear light.
+// Colours by season of crops, soils, roofs and trees, as seen from above in clear light.
 //
-// Chosen as sRGB bytes of sunlit flat ground, kept as linear light (BGR order, as all pictures here).
+// Chosen as sRGB bytes of sunlit flat ground, stored as linear light (BGR order, as all images here).
 #pragma once
 
 #include <opencv2/core/matx.hpp>
@@ -9,7 +9,7 @@
 
 namespace nadir {
 
-enum class Season { may, september };  // when the satellite came by; the day of the flight
+enum class Season { may, september };  // of the satellite image; of the flight
 
 using Light = cv::Vec3d;  // linear, blue green red
 

@@ -6,11 +6,11 @@
 namespace nadir {
 namespace {
 
-constexpr double kBiasTime_s = 60;  // of blindness, for which the stated sigma of the accelerometer is meant
+constexpr double kBiasTime_s = 60;  // dead reckoning time that the stated sigma of the accelerometer refers to
 
 }  // namespace
 
-void TelemetryNoise::GaussMarkov::advance(double seconds, Random& random) {
+void TelemetryNoise::GaussMarkov::propagate(double seconds, Random& random) {
   const double keep = std::exp(-seconds / correlation_s);
   value = keep * value + std::sqrt(1 - keep * keep) * random.normal();
 }
@@ -38,13 +38,13 @@ double TelemetryNoise::compass_error(double heading_rad) const {
   return heading_bias_ + deviation_.dot(Eigen::Vector2d(std::sin(heading_rad), std::cos(heading_rad)));
 }
 
-// White noise and a bias that after a minute is 0.8 of what the stated sigma allows: 0.6² + 0.8² = 1.
+// White noise and a bias that together reach the stated sigma after a minute: 0.6² + 0.8² = 1.
 std::optional<Eigen::Vector2d> TelemetryNoise::measure_velocity_change(const FlightPose& pose) {
   const auto exact = velocity_change(last_pose_, pose);
   const double dt = last_pose_ ? pose.time_s - last_pose_->time_s : 0;
   last_pose_ = pose;
   if (!exact) return std::nullopt;
-  for (GaussMarkov* drift : {&imu_east_, &imu_north_}) drift->advance(dt, imu_random_);
+  for (GaussMarkov* process : {&imu_east_, &imu_north_}) process->propagate(dt, imu_random_);
   const double bias_mps2 = 0.8 * sigma_.imu_dv_mps / std::sqrt(kBiasTime_s);
   const double off = compass_error(pose.attitude.heading_rad), c = std::cos(off), s = std::sin(off);
   Eigen::Vector2d measured(c * exact->x() + s * exact->y(), -s * exact->x() + c * exact->y());
@@ -55,17 +55,19 @@ std::optional<Eigen::Vector2d> TelemetryNoise::measure_velocity_change(const Fli
 
 MeasuredPose TelemetryNoise::measure(const FlightPose& pose) {
   if (last_s_ >= 0) {
-    for (GaussMarkov* drift : {&height_, &pitch_, &roll_}) drift->advance(pose.time_s - last_s_, random_);
+    for (GaussMarkov* process : {&height_, &pitch_, &roll_}) process->propagate(pose.time_s - last_s_, random_);
   }
   last_s_ = pose.time_s;
   MeasuredPose measured;
   measured.time_s = pose.time_s;
-  // They add up to the stated sigma: 0.6² + 0.6² + 0.53² = 1, 0.95² + 0.31² = 1, 0.75² + 0.66² = 1.
+  // The parts add up to the stated sigma: 0.6² + 0.6² + 0.53² = 1, 0.95² + 0.31² = 1, 0.75² + 0.66² = 1.
   const double heading = pose.attitude.heading_rad;
   measured.attitude.heading_rad = heading + compass_error(heading) + 0.53 * sigma_.heading_rad * random_.normal();
   measured.agl_m = pose.pressure_agl_m * (1 + sigma_.agl_relative * (0.95 * height_.value + 0.31 * random_.normal()));
-  measured.attitude.pitch_rad = pose.attitude.pitch_rad + sigma_.tilt_rad * (0.75 * pitch_.value + 0.66 * random_.normal());
-  measured.attitude.roll_rad = pose.attitude.roll_rad + sigma_.tilt_rad * (0.75 * roll_.value + 0.66 * random_.normal());
+  measured.attitude.pitch_rad =
+      pose.attitude.pitch_rad + sigma_.tilt_rad * (0.75 * pitch_.value + 0.66 * random_.normal());
+  measured.attitude.roll_rad =
+      pose.attitude.roll_rad + sigma_.tilt_rad * (0.75 * roll_.value + 0.66 * random_.normal());
   measured.imu_dv_mps = measure_velocity_change(pose);
   return measured;
 }

@@ -31,11 +31,13 @@ class ToLonLat {
     from.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
     to.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
     transform_.reset(OGRCreateCoordinateTransformation(&from, &to));
-    if (!transform_) throw Error({.what = "PROJ cannot place the world", .fix = "check the installation of proj-data"});
+    if (!transform_)
+      throw Error(
+          {.what = "PROJ cannot transform the world's coordinates", .fix = "check the installation of proj-data"});
   }
   LonLat operator()(double size_m, GroundPoint position) const {
     double x = placement_.west_m + position.x, y = placement_.north_m - size_m + position.y;
-    if (!transform_->Transform(1, &x, &y)) throw Error({.what = "PROJ cannot place the world"});
+    if (!transform_->Transform(1, &x, &y)) throw Error({.what = "PROJ cannot transform the world's coordinates"});
     return {x, y};
   }
 
@@ -76,11 +78,12 @@ void write_item(const std::filesystem::path& folder, const std::string& name, co
   write_file_atomic(folder / (name + ".json"), item.dump(2) + "\n");
 }
 
-// Several legs with turns both ways, all far enough inside that a banked picture still sees the world.
+// Several legs with turns in both directions, far enough inside that a banked camera still sees the world.
 std::vector<GroundPoint> route_over(const Landscape& land) {
   std::vector<GroundPoint> route;
-  for (const GroundPoint& p : {GroundPoint(.24, .24), GroundPoint(.74, .27), GroundPoint(.77, .50), GroundPoint(.28, .48), GroundPoint(.24, .71), GroundPoint(.50, .76),
-                        GroundPoint(.77, .73)}) {
+  for (const GroundPoint& p :
+       {GroundPoint(.24, .24), GroundPoint(.74, .27), GroundPoint(.77, .50), GroundPoint(.28, .48),
+        GroundPoint(.24, .71), GroundPoint(.50, .76), GroundPoint(.77, .73)}) {
     route.push_back(p * land.size_m);
   }
   return route;
@@ -105,8 +108,8 @@ void write_world_documents(const Landscape& land, const WorldOptions& options, c
   const double size = land.size_m;
   const auto ring_at = [&](double inset) {
     std::vector<LonLat> ring;
-    for (const GroundPoint& p :
-         {GroundPoint(inset, inset), GroundPoint(size - inset, inset), GroundPoint(size - inset, size - inset), GroundPoint(inset, size - inset)}) {
+    for (const GroundPoint& p : {GroundPoint(inset, inset), GroundPoint(size - inset, inset),
+                                 GroundPoint(size - inset, size - inset), GroundPoint(inset, size - inset)}) {
       ring.push_back(lonlat(size, p));
     }
     ring.push_back(ring.front());
@@ -124,31 +127,32 @@ void write_world_documents(const Landscape& land, const WorldOptions& options, c
   int zoom = 10;
   while (zoom < 22 && ground_resolution_m(zoom, start.lat_deg) > options.gsd_m * 1.02) ++zoom;
   const double agl = size >= 1500 ? 280 : std::max(60.0, 280 * size / 1500);
-  write_file_atomic(folder / "mission.yaml",
-                    fmt::format("# A flight over the simulated world of seed {}: fields, a village and a river.\n"
-                                "schema: nadir.mission/1\n"
-                                "id: world-{}\n"
-                                "series: simulated-world\n"
-                                "sequence: 1\n"
-                                "created: 2025-09-17T00:00:00Z\n"
-                                "expires: 2025-12-31T00:00:00Z\n"
-                                "takeoff: {{lon_deg: {:.7f}, lat_deg: {:.7f}}}\n"
-                                "terrain: {{mode: dem, height_m: {:.1f}}}\n"
-                                "zoom: {{min: {}, max: {}}}\n"
-                                "min_resolution_m: {:.3g}\n"
-                                "budget_mb: 500\n"
-                                "freshness_days: {{stable: 730, active: 200}}\n"
-                                "airframes: [any]\n"
-                                "sectors:\n"
-                                "  - id: valley\n"
-                                "    class: stable\n"
-                                "    polygon: [{}]\n"
-                                "route:\n"
-                                "  corridor_half_width_m: {:.0f}\n"
-                                "  agl_m: {:.0f}\n"
-                                "  points: [{}]\n",
-                                options.seed, options.seed, start.lon_deg, start.lat_deg, land.relief.at(positions.front()),
-                                std::max(10, zoom - 4), zoom, options.gsd_m * 1.2, sector, 0.07 * size, agl, route));
+  write_file_atomic(
+      folder / "mission.yaml",
+      fmt::format("# A flight over the simulated world of seed {}: fields, a village and a river.\n"
+                  "schema: nadir.mission/1\n"
+                  "id: world-{}\n"
+                  "series: simulated-world\n"
+                  "sequence: 1\n"
+                  "created: 2025-09-17T00:00:00Z\n"
+                  "expires: 2025-12-31T00:00:00Z\n"
+                  "takeoff: {{lon_deg: {:.7f}, lat_deg: {:.7f}}}\n"
+                  "terrain: {{mode: dem, height_m: {:.1f}}}\n"
+                  "zoom: {{min: {}, max: {}}}\n"
+                  "min_resolution_m: {:.3g}\n"
+                  "budget_mb: 500\n"
+                  "freshness_days: {{stable: 730, active: 200}}\n"
+                  "airframes: [any]\n"
+                  "sectors:\n"
+                  "  - id: valley\n"
+                  "    class: stable\n"
+                  "    polygon: [{}]\n"
+                  "route:\n"
+                  "  corridor_half_width_m: {:.0f}\n"
+                  "  agl_m: {:.0f}\n"
+                  "  points: [{}]\n",
+                  options.seed, options.seed, start.lon_deg, start.lat_deg, land.relief.at(positions.front()),
+                  std::max(10, zoom - 4), zoom, options.gsd_m * 1.2, sector, 0.07 * size, agl, route));
   write_file_atomic(folder / "camera.yaml",
                     std::string_view("# The demo's camera: 65 degrees wide, a mild barrel distortion.\n"
                                      "model: pinhole\n"
@@ -167,7 +171,7 @@ void write_world_documents(const Landscape& land, const WorldOptions& options, c
 
 namespace {
 
-constexpr int kPiece = 1344;  // pixels; a piece and its rim stay within some hundred megabytes
+constexpr int kPiece = 1344;  // pixels; a piece and its margin take a few hundred megabytes
 
 void render_band(const Landscape& land, const Painter& painter, View view, double gsd_m, int first_row,
                  cv::Mat_<cv::Vec3b>& band) {

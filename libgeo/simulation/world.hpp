@@ -1,13 +1,13 @@
-// Makes a whole world on disk: ground.tif (the day of the flight), map.tif (the satellite's picture, months earlier),
-// dem.tif, their STAC items, and a mission and a camera that fit. docs/simulate-world.md.
+// Makes a complete world on disk: ground.tif (the day of the flight), map.tif (a satellite image, months earlier),
+// dem.tif, their STAC items, and a matching mission and camera. docs/simulate-world.md.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 
 #include "base/progress.hpp"
-#include "simulation/landscape.hpp"
 #include "simulation/geotiff_writer.hpp"
+#include "simulation/landscape.hpp"
 
 namespace nadir {
 
@@ -29,13 +29,13 @@ struct WorldReport {
 // Fills `folder`, which must exist. The same options give the same bytes.
 WorldReport make_world(const WorldOptions& options, const std::filesystem::path& folder, Progress& progress);
 
-// The papers of a made-up world: STAC items, a mission over it, a camera, and its place on Earth.
-
+// The position of a synthetic world on Earth.
 RasterPlacement world_placement(double size_m, double gsd_m);
 
-// Radius that holds 90 % of the map's misplacements.
+// Circular error of the map: 90 % of its misplacements are smaller.
 double map_ce90_m(const Landscape& land);
 
+// STAC items, a mission over the world, and a camera.
 void write_world_documents(const Landscape& land, const WorldOptions& options, const RasterPlacement& placement,
                            const std::filesystem::path& folder);
 

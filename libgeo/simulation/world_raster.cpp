@@ -12,6 +12,26 @@
 #include "raster/gdal_dataset.hpp"
 
 namespace nadir {
+namespace {
+
+// Between a raster's pixels and longitudes and latitudes, through GDAL's geotransform and PROJ.
+
+class Georeference {
+ public:
+  // Throws UsageError when the raster has no coordinate system or geotransform, or PROJ does not support it.
+  Georeference(GDALDataset& dataset, const std::filesystem::path& path);
+  // Longitudes and latitudes in, continuous pixels out. False when some cannot be transformed; those are not finite.
+  bool pixels_from_lonlat(std::vector<double>& x, std::vector<double>& y) const;
+  // Throws UsageError for pixels without a position on Earth.
+  LonLat lonlat_from_pixel(double column, double row) const;
+
+ private:
+  std::filesystem::path path_;
+  std::unique_ptr<OGRCoordinateTransformation> crs_from_lonlat_, lonlat_from_crs_;
+  double forward_[6] = {};   // crs from pixel
+  double backward_[6] = {};  // pixel from crs
+};
+
 Georeference::Georeference(GDALDataset& dataset, const std::filesystem::path& path) : path_(path) {
   const OGRSpatialReference* crs = dataset.GetSpatialRef();
   if (crs == nullptr || dataset.GetGeoTransform(forward_) != CE_None || !GDALInvGeoTransform(forward_, backward_)) {
@@ -29,15 +49,11 @@ Georeference::Georeference(GDALDataset& dataset, const std::filesystem::path& pa
   crs_from_lonlat_.reset(OGRCreateCoordinateTransformation(&wgs84, &own));
   lonlat_from_crs_.reset(OGRCreateCoordinateTransformation(&own, &wgs84));
   if (!crs_from_lonlat_ || !lonlat_from_crs_) {
-    throw UsageError({.what = "PROJ cannot reach the raster's coordinate system",
+    throw UsageError({.what = "PROJ does not support the raster's coordinate system",
                       .where = path.string(),
                       .fix = "reproject it: gdalwarp -t_srs EPSG:…"});
   }
 }
-
-Georeference::~Georeference() = default;
-Georeference::Georeference(Georeference&&) noexcept = default;
-Georeference& Georeference::operator=(Georeference&&) noexcept = default;
 
 bool Georeference::pixels_from_lonlat(std::vector<double>& x, std::vector<double>& y) const {
   std::vector<int> ok(x.size(), 1);
@@ -56,14 +72,16 @@ LonLat Georeference::lonlat_from_pixel(double column, double row) const {
   double x = forward_[0] + column * forward_[1] + row * forward_[2];
   double y = forward_[3] + column * forward_[4] + row * forward_[5];
   if (lonlat_from_crs_->Transform(1, &x, &y) == 0 || !std::isfinite(x) || !std::isfinite(y)) {
-    throw UsageError({.what = "the raster lies nowhere on Earth",
+    throw UsageError({.what = "the raster has no position on Earth",
                       .where = path_.string(),
-                      .expected = "pixels that its coordinate system knows",
+                      .expected = "pixels within the domain of its coordinate system",
                       .found = fmt::format("none at column {}, row {}", column, row),
                       .fix = "check its georeference with gdalinfo"});
   }
   return {x, y};
 }
+
+}  // namespace
 
 WorldExtent extent_of_world(const std::filesystem::path& path) {
   const GdalDataset dataset(path);
@@ -92,7 +110,7 @@ WorldExtent extent_of_world(const std::filesystem::path& path) {
 
 namespace {
 
-// The raster window that holds a box of the plane, cut to the raster; empty when they do not meet.
+// The raster window around a box of the plane, clipped to the raster; empty when they do not overlap.
 cv::Rect window_of(const Georeference& geo, cv::Size size, const LocalFrame& frame, const PlaneBox& box,
                    double rim_px) {
   std::vector<double> x, y;
@@ -117,11 +135,6 @@ cv::Rect window_of(const Georeference& geo, cv::Size size, const LocalFrame& fra
   return {left, top, right - left, bottom - top};
 }
 
-struct CloseDataset {
-  void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
-};
-using GdalHandle = std::unique_ptr<GDALDataset, CloseDataset>;
-
 GdalHandle open_heights(const std::filesystem::path& path) {
   GDALAllRegister();
   const QuietGdal quiet;
@@ -131,7 +144,7 @@ GdalHandle open_heights(const std::filesystem::path& path) {
                  .where = path.string(),
                  .expected = "a raster of heights that GDAL reads",
                  .found = QuietGdal::last_error(),
-                 .fix = "check the path with `gdalinfo`; leave --dem out to fly over flat ground"});
+                 .fix = "check the file with `gdalinfo`, or omit --dem to fly over flat ground"});
   }
   return dataset;
 }
@@ -140,7 +153,7 @@ GdalHandle open_heights(const std::filesystem::path& path) {
   throw UsageError({.what = "the elevation model does not cover the flight",
                     .where = path.string(),
                     .expected = "heights everywhere that the camera sees along the route",
-                    .fix = "use a larger model, or leave --dem out to fly over flat ground"});
+                    .fix = "use a larger model, or omit --dem to fly over flat ground"});
 }
 
 double sample(const cv::Mat_<float>& grid, double column, double row) {
@@ -178,9 +191,9 @@ Heights read_heights(const std::filesystem::path& path, const LocalFrame& frame,
                      static_cast<GSpacing>(heights.values.step), nullptr) != CE_None) {
     throw Error({.what = "the elevation model cannot be read",
                  .where = path.string(),
-                 .expected = "a whole file",
+                 .expected = "a complete file",
                  .found = QuietGdal::last_error(),
-                 .fix = "fetch the file again"});
+                 .fix = "download the file again"});
   }
   int has_nodata = 0;
   const auto nodata = static_cast<float>(band->GetNoDataValue(&has_nodata));
@@ -260,10 +273,10 @@ WorldRaster::WorldRaster(const std::filesystem::path& path, const LocalFrame& fr
   if (w.width < 2 || w.height < 2) {
     throw UsageError({.what = "the route lies outside the world",
                       .where = path.string(),
-                      .expected = "a raster that the mission's route runs over",
-                      .fix = "choose the raster or the mission that belongs to the other"});
+                      .expected = "a raster that covers the mission's route",
+                      .fix = "use the raster and the mission that belong together"});
   }
-  // How fine the raster is: its pixels across one hundred metres at the origin.
+  // The resolution of the raster: its pixels per one hundred metres at the origin.
   std::vector<Eigen::Vector3d> probe = {{0, 0, 0}, {100, 0, 0}};
   raster_from_enu(probe);
   const double gsd = 100 / std::max(1e-9, (probe[1] - probe[0]).norm());
@@ -271,7 +284,7 @@ WorldRaster::WorldRaster(const std::filesystem::path& path, const LocalFrame& fr
   while (gsd * shrink * 2 <= needed_gsd_m && shrink < 64) shrink *= 2;
   const cv::Size size(std::max(1, w.width / shrink), std::max(1, w.height / shrink));
   if (static_cast<double>(size.width) * size.height > 6e8) {
-    throw UsageError({.what = "the flight needs too much of this raster at once",
+    throw UsageError({.what = "the flight needs too large a part of this raster",
                       .where = path.string(),
                       .expected = "at most 600 million pixels",
                       .found = fmt::format("{} x {}", size.width, size.height),

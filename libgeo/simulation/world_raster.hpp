@@ -1,7 +1,7 @@
-// The world that a simulated flight sees: any georeferenced picture, kept as a pyramid, and the shape of its ground.
+// The world that a simulated flight sees: any georeferenced image, kept as a pyramid, and the shape of its ground.
 //
-// Everything is asked for in the flight's local frame (east-north-up metres, geodetic heights as the elevation model
-// gives them) and answered through PROJ, so that truth and pixels agree.
+// All positions are in the flight's local frame (east-north-up metres, geodetic heights in the vertical datum of the
+// elevation model) and transformed through PROJ, so that truth and pixels agree.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,9 +16,6 @@
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"
 
-class GDALDataset;
-class OGRCoordinateTransformation;
-
 namespace nadir {
 
 // Height of the ground over the local frame's plane; flat at 0 without an elevation model.
@@ -29,9 +26,9 @@ class GroundShape {
   GroundShape(const std::filesystem::path& dem, const LocalFrame& frame, const PlaneBox& box);
 
   double up_m(double east_m, double north_m) const;
-  // False beyond the model, where up_m() goes on with the rim's heights.
+  // False beyond the model, where up_m() continues with the heights of its edge.
   bool covers(double east_m, double north_m) const;
-  // The mean geodetic height of the model within a few cells of a place, to choose a frame's origin.
+  // The mean geodetic height of the model around a position, to choose a frame's origin.
   static double height_at(const std::filesystem::path& dem, LonLat place);
 
  private:
@@ -42,18 +39,18 @@ class GroundShape {
 
 class WorldRaster {
  public:
-  // Reads what lies within `box` of the frame, no finer than needed for pictures of needed_gsd_m. Throws Error or
-  // UsageError for what is missing, truncated, without georeference or not 8 bit.
+  // Reads what lies within `box` of the frame, no finer than needed for images of needed_gsd_m. Throws Error or
+  // UsageError when the file is missing, truncated, not georeferenced or not 8 bit.
   WorldRaster(const std::filesystem::path& path, const LocalFrame& frame, const PlaneBox& box, double needed_gsd_m);
   ~WorldRaster();
 
-  // True when the place lies on the raster and has pixels there.
+  // True when the position lies on valid pixels of the raster.
   bool covers(double east_m, double north_m) const;
 
   // Raster coordinates (continuous, pixel centres at +0.5) of points given in the frame.
   void raster_from_enu(std::span<Eigen::Vector3d> points) const;
 
-  // level 0 is the finest; each further one has pixels twice as large. BGR with validity in a mask.
+  // level 0 is the finest; each further one has pixels twice as large.
   struct Level {
     cv::Mat image;      // CV_8UC3
     cv::Mat mask;       // CV_8UC1
@@ -67,30 +64,7 @@ class WorldRaster {
   std::vector<Level> levels_;
 };
 
-// Between a raster's pixels and longitudes and latitudes, through GDAL's geotransform and PROJ.
-
-class Georeference {
- public:
-  // Throws UsageError when the raster has no coordinate system or geotransform, or PROJ does not know it.
-  Georeference(GDALDataset& dataset, const std::filesystem::path& path);
-  ~Georeference();
-  Georeference(Georeference&&) noexcept;
-  Georeference& operator=(Georeference&&) noexcept;
-
-  // Longitudes and latitudes in, continuous pixels out. False when some cannot be reached; those are not finite.
-  bool pixels_from_lonlat(std::vector<double>& x, std::vector<double>& y) const;
-  // Throws UsageError for pixels that lie nowhere on Earth.
-  LonLat lonlat_from_pixel(double column, double row) const;
-
- private:
-  std::filesystem::path path_;
-  std::unique_ptr<OGRCoordinateTransformation> crs_from_lonlat_, lonlat_from_crs_;
-  double forward_[6] = {};   // crs from pixel
-  double backward_[6] = {};  // pixel from crs
-};
-
-// Where a raster lies and how large it is, before anything of it is read.
-
+// Position and size of a raster, before its pixels are read.
 struct WorldExtent {
   LonLat centre;
   cv::Size size;     // pixels
@@ -98,7 +72,7 @@ struct WorldExtent {
   PlaneBox box;      // around all of it, in metres from the centre
 };
 
-// Throws Error or UsageError for what is missing, no raster, or without georeference.
+// Throws Error or UsageError when the file is missing, no raster, or not georeferenced.
 WorldExtent extent_of_world(const std::filesystem::path& path);
 
 }  // namespace nadir

@@ -143,7 +143,7 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
       picture = photographer_.photograph(world, seen);
       sensor.expose(picture, exposure, i);
     }
-    const MeasuredPose told_pose = noise.tell(path[i]);
+    const MeasuredPose told_pose = noise.measure(path[i]);
     Telemetry telemetry;
     telemetry.time_s = 100 + told_pose.time_s;
     telemetry.agl_m = told_pose.agl_m * condition.height_factor;

@@ -147,7 +147,7 @@ Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>
     shot.truth = {{pose.position.x(), pose.position.y()}, pose.agl_m, pose.attitude};
     shot.picture = photographer.photograph(world, shot.truth);
     expose(sensor, shot.picture, flight.shots.size(), light);
-    const MeasuredPose told = noise.tell(pose);
+    const MeasuredPose told = noise.measure(pose);
     shot.told.time_s = 100 + told.time_s;
     shot.told.agl_m = told.agl_m;
     shot.told.heading_rad = told.attitude.heading_rad;

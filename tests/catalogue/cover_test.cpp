@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include "geodesy/web_mercator.hpp"
 #include "catalogue/geometry.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "package/gaps.hpp"
 #include "package/tile_mask.hpp"
 

@@ -5,9 +5,9 @@
 #include <gtest/gtest.h>
 
 #include "base/files.hpp"
-#include "package_build/package_builder_fixture.hpp"
 #include "package/judge.hpp"
 #include "package/tile_need.hpp"
+#include "package_build/package_builder_fixture.hpp"
 
 namespace nadir {
 namespace {

@@ -9,8 +9,8 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "raster/gdal_dataset.hpp"
 #include "ortho/sample_candidates.hpp"
+#include "raster/gdal_dataset.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -56,8 +56,7 @@ TEST_F(CandidateMosaicFile, IsACogOfTheTilesWhereTheyAre) {
   EXPECT_EQ(cv::countNonZero(image.mask), 3 * 256 * 256);
   EXPECT_EQ(cv::countNonZero(image.mask(cv::Rect(256, 256, 256, 256))), 0);
   const cv::Mat second = decode_image(test::sample_candidate(key_, kFirst, 1).tile, Colour::bgr, "tile").image;
-  EXPECT_LT(cv::norm(image.bgr(cv::Rect(256, 0, 256, 256)), second, cv::NORM_L1) / (256 * 256 * 3), 6)
-      << "JPEG twice";
+  EXPECT_LT(cv::norm(image.bgr(cv::Rect(256, 0, 256, 256)), second, cv::NORM_L1) / (256 * 256 * 3), 6) << "JPEG twice";
 }
 
 TEST_F(CandidateMosaicFile, ALargeFlightIsWrittenCoarser) {

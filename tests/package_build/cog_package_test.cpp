@@ -5,9 +5,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
-#include "package_build/package_builder_fixture.hpp"
 #include "imagery/cog_reader.hpp"
 #include "imagery/mbtiles_reader.hpp"
+#include "package_build/package_builder_fixture.hpp"
 
 namespace nadir {
 namespace {

@@ -6,10 +6,10 @@
 #include <opencv2/core.hpp>
 
 #include "base/files.hpp"
-#include "package_build/package_builder_fixture.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
 #include "imagery/mbtiles_reader.hpp"
+#include "package_build/package_builder_fixture.hpp"
 
 namespace nadir {
 namespace {

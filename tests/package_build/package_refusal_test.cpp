@@ -4,8 +4,8 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "package_build/package_builder_fixture.hpp"
 #include "imagery/codecs.hpp"
+#include "package_build/package_builder_fixture.hpp"
 
 namespace nadir {
 namespace {

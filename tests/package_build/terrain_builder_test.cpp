@@ -12,10 +12,10 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/random.hpp"
-#include "package_build/package_builder.hpp"
-#include "raster/test_raster.hpp"
 #include "package/judge_terrain.hpp"
 #include "package/verify.hpp"
+#include "package_build/package_builder.hpp"
+#include "raster/test_raster.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 

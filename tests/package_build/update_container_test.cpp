@@ -3,13 +3,13 @@
 #include <fstream>
 
 #include "base/error.hpp"
-#include "package_build/package_builder.hpp"
-#include "package_build/update_fixture.hpp"
 #include "imagery/cog_reader.hpp"
 #include "imagery/lossless_webp.hpp"
 #include "package/amend_package.hpp"
 #include "package/tile_container.hpp"
 #include "package/verify.hpp"
+#include "package_build/package_builder.hpp"
+#include "package_build/update_fixture.hpp"
 #include "vision/place_index_builder.hpp"
 
 namespace nadir {

@@ -10,9 +10,9 @@
 
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
+#include "package/sidecar_table.hpp"
 #include "package_build/package_updater.hpp"
 #include "raster/test_raster.hpp"
-#include "package/sidecar_table.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 

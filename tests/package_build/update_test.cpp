@@ -1,11 +1,11 @@
 // Which tiles an update makes anew, and what is in them: against arithmetic, `cache diff` and whole builds.
 #include <opencv2/core.hpp>
 
-#include "package_build/update_fixture.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/mbtiles_reader.hpp"
 #include "package/tile_set_diff.hpp"
 #include "package/verify.hpp"
+#include "package_build/update_fixture.hpp"
 
 namespace nadir {
 namespace {

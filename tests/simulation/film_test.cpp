@@ -123,7 +123,8 @@ TEST_F(Film, EndsWithTheNumberTheTimeOrTheWord) {
   EXPECT_DOUBLE_EQ(report.seconds, 1.6);
   int asked = 0;
   Script script(flight(500));
-  EXPECT_EQ(run_camera_simulation(*camera_, script, kept_, {}, [&] { return ++asked > 30; }).end, CameraSimulationEnd::stopped);
+  EXPECT_EQ(run_camera_simulation(*camera_, script, kept_, {}, [&] { return ++asked > 30; }).end,
+            CameraSimulationEnd::stopped);
 }
 
 TEST_F(Film, WaitsForWhatIsNotYetHandedOn) {

@@ -59,7 +59,8 @@ TEST_F(LiveCameraTest, SeesWhatASimulatedFlightSeesFromTheSamePlaces) {
   NoProgress progress;
   const Mission mission = test::mission_over(placement_, {{200, 400}, {400, 400}, {400, 200}}, 120);
   simulate_flight(mission, flight, path("flight"), progress);
-  const CsvTable truth = CsvTable::read(path("flight/truth.csv")), measured = CsvTable::read(path("flight/telemetry.csv"));
+  const CsvTable truth = CsvTable::read(path("flight/truth.csv")),
+                 measured = CsvTable::read(path("flight/telemetry.csv"));
   const LiveCamera camera(options_);
   ASSERT_GT(truth.rows(), 5U);
   for (std::size_t i = 0; i < truth.rows(); ++i) {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "simulation/landscape.hpp"
-#include "simulation/painter.hpp"
 #include "simulation/landscape_rendering.hpp"
+#include "simulation/painter.hpp"
 #include "vision/matchability.hpp"
 
 namespace nadir {
@@ -31,7 +31,8 @@ class MatchabilityOfAWorld : public ::testing::Test {
   PlaceMatchability at(GroundPoint position) const {
     const int side = static_cast<int>(2 * probe_.reach_m());
     const PixelGrid grid{
-        1, kSize_m, static_cast<int>(position.x) - side / 2, static_cast<int>(kSize_m - position.y) - side / 2, side, side};
+        1,    kSize_m, static_cast<int>(position.x) - side / 2, static_cast<int>(kSize_m - position.y) - side / 2,
+        side, side};
     MapWindow window;
     window.gsd_m = 1;
     cv::cvtColor(render_view(land_, painter_, View::satellite, grid), window.image, cv::COLOR_BGR2GRAY);
@@ -57,7 +58,8 @@ TEST_F(MatchabilityOfAWorld, VillagesAreGoodAndFieldsFarFromEverythingAreWorse) 
   // Built-up places: around the village. Empty ones: farthest from houses, trees and roads.
   std::vector<double> village, empty, village_score, empty_score;
   ASSERT_TRUE(well_inside(land_.village));
-  for (const GroundPoint offset : {GroundPoint{0, 0}, GroundPoint{40, 0}, GroundPoint{-40, 0}, GroundPoint{0, 40}, GroundPoint{0, -40}}) {
+  for (const GroundPoint offset :
+       {GroundPoint{0, 0}, GroundPoint{40, 0}, GroundPoint{-40, 0}, GroundPoint{0, 40}, GroundPoint{0, -40}}) {
     const PlaceMatchability place = at(land_.village + offset);
     EXPECT_EQ(place.cls, MatchClass::good);
     village.push_back(place.ratio);

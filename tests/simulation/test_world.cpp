@@ -19,7 +19,8 @@ LonLat lonlat_at(const RasterPlacement& placement, double column, double row) {
   return {x, y};
 }
 
-void write_picture(const std::filesystem::path& path, const cv::Mat_<cv::Vec3b>& bgr, const RasterPlacement& placement) {
+void write_picture(const std::filesystem::path& path, const cv::Mat_<cv::Vec3b>& bgr,
+                   const RasterPlacement& placement) {
   GeoTiffWriter writer(path, bgr.size(), placement);
   writer.write_rows(bgr);
   writer.finish();

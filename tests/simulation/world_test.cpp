@@ -9,9 +9,9 @@
 
 #include "base/files.hpp"
 #include "base/sha256.hpp"
+#include "package/mission.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/imagery_input.hpp"
-#include "package/mission.hpp"
 #include "simulation/landscape.hpp"
 #include "simulation/landscape_rendering.hpp"
 #include "support/temporary_folder.hpp"

@@ -56,7 +56,7 @@ int SimulateCameraCommand::run(Context& context) {
     throw UsageError({.what = "--json and --out - both want standard output", .fix = "leave one of them out"});
   }
   camera_.noise = noise_ == "none" ? SensorNoise::none : SensorNoise::real;
-  if (wait_s_) film_.patience = std::chrono::milliseconds(static_cast<std::int64_t>(*wait_s_ * 1000));
+  if (wait_s_) film_.pose_timeout = std::chrono::milliseconds(static_cast<std::int64_t>(*wait_s_ * 1000));
   if (delay_s_) film_.delay = std::chrono::milliseconds(static_cast<std::int64_t>(*delay_s_ * 1000));
   cv::setNumThreads(1);  // the other cores belong to those who fly
   MavlinkPoseSource poses(poses_);

@@ -42,8 +42,8 @@ MavlinkPoseSource::MavlinkPoseSource(std::string_view endpoint)
   }
 }
 
-std::optional<LivePose> MavlinkPoseSource::newest(std::chrono::milliseconds patience) {
-  const std::int64_t until_us = steady_us() + patience.count() * 1000;
+std::optional<LivePose> MavlinkPoseSource::latest(std::chrono::milliseconds timeout) {
+  const std::int64_t until_us = steady_us() + timeout.count() * 1000;
   for (;;) {
     take_what_came();
     if (newest_) return std::exchange(newest_, std::nullopt);

@@ -15,7 +15,7 @@ class MavlinkPoseSource final : public PoseSource {
   // Throws UsageError for an address that cannot be read, Error for one that cannot be listened at.
   explicit MavlinkPoseSource(std::string_view endpoint);
 
-  std::optional<LivePose> newest(std::chrono::milliseconds patience) override;
+  std::optional<LivePose> latest(std::chrono::milliseconds timeout) override;
 
  private:
   void take_what_came();
