@@ -79,7 +79,7 @@ TEST_F(CatalogueCommands, GdalSeesEveryLayer) {
   }
 }
 
-TEST_F(CatalogueCommands, SpatialiteAnswersSpatialQuestions) {
+TEST_F(CatalogueCommands, SpatialiteRunsSpatialQueries) {
   ASSERT_EQ(add(make(3, "package")), 0) << err_.str();
   EXPECT_EQ(sql("PRAGMA integrity_check"), "ok");
   EXPECT_EQ(spatial("SELECT CheckSpatialMetaData()"), "3") << "the current layout of SpatiaLite";
@@ -125,7 +125,7 @@ TEST_F(CatalogueCommands, FootprintsHaveHoles) {
 TEST_F(CatalogueCommands, AddingTwiceChangesNothing) {
   const fs::path package = make(3, "package");
   ASSERT_EQ(add(package), 0) << err_.str();
-  // GDAL notes in SpatiaLite's history when it looked at its statistics; nothing else may differ.
+  // GDAL records reading the statistics in SpatiaLite's history; nothing else may differ.
   const auto content = [this] {
     return test::run_shell("sqlite3 '" + file() + "' .dump | grep -v UpdateLayerStatistics").out;
   };
@@ -151,7 +151,7 @@ TEST_F(CatalogueCommands, AddingTwiceChangesNothing) {
   EXPECT_NE(out_.str().find("village 4  expired"), std::string::npos) << out_.str();
 }
 
-TEST_F(CatalogueCommands, RemovingTakesEverythingAlong) {
+TEST_F(CatalogueCommands, RemovingDeletesAllRows) {
   ASSERT_EQ(add(make(3, "package")), 0);
   ASSERT_EQ(add(make(4, "newer")), 0);
   EXPECT_EQ(run({"remove", "village", "3", "--from", file()}), 0) << err_.str();
@@ -166,7 +166,7 @@ TEST_F(CatalogueCommands, RemovingTakesEverythingAlong) {
   EXPECT_FALSE(fs::exists(path("none.sqlite")));
 }
 
-TEST_F(CatalogueCommands, GapsAreWhatNoFreshImageryCovers) {
+TEST_F(CatalogueCommands, GapsAreTheAreaWithoutFreshImagery) {
   maker_.edit_tile = [](Sidecar& sidecar, Bytes&) { return sidecar.gsd_mm = 480, true; };
   ASSERT_EQ(add(make(3, "package")), 0);
   folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 9"}, {"series: village", "series: next"}}));
@@ -207,7 +207,7 @@ TEST_F(CatalogueCommands, GapsAreWhatNoFreshImageryCovers) {
   EXPECT_EQ(sql("SELECT count(*) FROM gaps"), stored) << "stored gaps replace those before";
 }
 
-TEST_F(CatalogueCommands, ContentStaysContent) {
+TEST_F(CatalogueCommands, ContentIsNeverExecuted) {
   const std::string name = "x'); DROP TABLE tiles; --\x1b[31m \xff\" OR 1=1";
   maker_.edit_tile = [&name](Sidecar& sidecar, Bytes&) { return sidecar.source = name, true; };
   ASSERT_EQ(add(make(3, "odd '; DROP TABLE packages; --")), 0) << out_.str() << err_.str();
@@ -219,7 +219,7 @@ TEST_F(CatalogueCommands, ContentStaysContent) {
   EXPECT_EQ(sql("SELECT count(*) FROM packages"), "1");
 }
 
-TEST_F(CatalogueCommands, VerifiesWhenAskedTo) {
+TEST_F(CatalogueCommands, VerifiesOnRequest) {
   write_file_atomic(path("root.json"), sign_root(maker_.root, {&maker_.signer}).json());
   const fs::path package = make(3, "package");
   ASSERT_EQ(run({"add", package.string(), "--to", file(), "--trust", path("root.json")}), 0)
@@ -232,7 +232,7 @@ TEST_F(CatalogueCommands, VerifiesWhenAskedTo) {
   EXPECT_EQ(sql("SELECT count(*) FROM packages"), "1");
 }
 
-TEST_F(CatalogueCommands, WhatIsDamagedDoesNotGoIn) {
+TEST_F(CatalogueCommands, DamagedPackagesAreNotAdded) {
   const fs::path package = make(3, "package");
   test::sqlite(package / kImageryFile, "UPDATE nadir_sidecars SET gsd_mm = 1 WHERE zoom_level = 18");
   EXPECT_EQ(add(package), 1) << out_.str();
@@ -240,13 +240,13 @@ TEST_F(CatalogueCommands, WhatIsDamagedDoesNotGoIn) {
   write_file_atomic(other / kMissionFile, test::mission_yaml());
   EXPECT_EQ(add(other), 1);
   EXPECT_NE(out_.str().find("artifact.hash"), std::string::npos) << out_.str();
-  EXPECT_FALSE(fs::exists(file())) << "no catalogue comes into being for a package that is refused";
+  EXPECT_FALSE(fs::exists(file())) << "no catalogue is created for a rejected package";
   EXPECT_EQ(add(folder_ / "none"), 2);
   folder_.write("half/manifest.json", "{");
   EXPECT_EQ(add(folder_ / "half"), 1);
 }
 
-TEST_F(CatalogueCommands, OnlyCataloguesAreWrittenTo) {
+TEST_F(CatalogueCommands, WritesOnlyToCatalogues) {
   const fs::path package = make(3, "package");
   const std::string tiles = (package / kImageryFile).string();
   const Sha256 before = sha256_file(tiles);

@@ -20,7 +20,7 @@ TEST(CatalogueLocation, FilesAndDatabases) {
   }
 }
 
-TEST(CatalogueLocation, MessagesShowNoPassword) {
+TEST(CatalogueLocation, MessagesHideThePassword) {
   const auto shown = [](const char* text) { return parse_catalogue_location(text).shown; };
   EXPECT_EQ(shown("PG:dbname=a password=secret host=h"), "PG:dbname=a password=*** host=h");
   EXPECT_EQ(shown("PG:password = 'se cr\\'et' dbname=a"), "PG:password = *** dbname=a");
@@ -34,7 +34,7 @@ TEST(CatalogueLocation, MessagesShowNoPassword) {
   EXPECT_EQ(location.name, "PG:dbname=a password=secret") << "what is opened keeps it";
 }
 
-TEST(CatalogueTrouble, GivesAdviceThatFits) {
+TEST(DatabaseErrors, GiveMatchingAdvice) {
   EXPECT_NE(advice_for_database_message("FATAL:  password authentication failed for user \"x\"").find("PGPASSWORD"),
             std::string::npos);
   EXPECT_NE(advice_for_database_message("database is locked").find("another process"), std::string::npos);

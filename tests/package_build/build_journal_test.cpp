@@ -44,7 +44,7 @@ class Journal : public testing::Test {
   std::filesystem::path path_ = folder_ / "journal";
 };
 
-TEST_F(Journal, GivesBackItsRecordsAndGoesOn) {
+TEST_F(Journal, ReturnsItsRecordsAndContinues) {
   EXPECT_EQ(records(), (std::vector<std::string>{"first", "", "third"}));
   {
     BuildJournal journal(path_, kConfiguration);
@@ -56,7 +56,7 @@ TEST_F(Journal, GivesBackItsRecordsAndGoesOn) {
 }
 
 // Cut anywhere, it holds a beginning of its records, and what is added then follows them.
-TEST_F(Journal, CutAnywhereItHoldsWholeRecords) {
+TEST_F(Journal, TruncatedAnywhereItHoldsCompleteRecords) {
   const Bytes whole = read_file(path_);
   const std::vector<std::string> all = records();
   std::size_t most = 0;
@@ -80,7 +80,7 @@ TEST_F(Journal, CutAnywhereItHoldsWholeRecords) {
 }
 
 // A power cut can leave blocks that were never written.
-TEST_F(Journal, AFlippedByteEndsIt) {
+TEST_F(Journal, AFlippedByteEndsTheJournal) {
   const Bytes whole = read_file(path_);
   const std::vector<std::string> all = records();
   for (std::size_t at = 0; at < whole.size(); ++at) {
@@ -93,7 +93,7 @@ TEST_F(Journal, AFlippedByteEndsIt) {
   }
 }
 
-TEST_F(Journal, OfAnotherConfigurationIsRefusedAndKept) {
+TEST_F(Journal, AnotherConfigurationIsRejectedAndTheFileKept) {
   const Bytes whole = read_file(path_);
   try {
     BuildJournal journal(path_, "mission: a\nquality: 80\n");

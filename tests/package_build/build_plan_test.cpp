@@ -42,7 +42,7 @@ Mission long_route(double lon_deg, double lat_deg) {
 }
 
 // 300 km on a diagonal: some 40 thousand tiles of zoom 19, where the box has 9 million.
-TEST(BuildPlan, ALongRouteCostsItsCorridor) {
+TEST(BuildPlan, ALongRouteNeedsOnlyItsCorridor) {
   const Mission mission = long_route(2.8, 1.9);
   const std::size_t tiles = required_tiles(mission, 19).size();
   EXPECT_GT(tiles, 20'000U);
@@ -55,7 +55,7 @@ TEST(BuildPlan, ALongRouteCostsItsCorridor) {
 }
 
 // Against every tile of the bounding box.
-TEST(BuildPlan, RequiredTilesAreThoseThatOneByOneAreNeeded) {
+TEST(BuildPlan, RequiredTilesEqualABruteForceTest) {
   Mission mission = long_route(0.02, 0.03);
   mission.sectors = {{"field", SectorClass::stable, {{11.03, 48.0}, {11.035, 48.004}, {11.03, 48.006}}}};
   const LocalFrame frame = mission_frame(mission);

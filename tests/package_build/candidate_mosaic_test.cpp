@@ -35,7 +35,7 @@ class CandidateMosaicFile : public ::testing::Test {
   NoProgress progress_;
 };
 
-TEST_F(CandidateMosaicFile, IsACogOfTheTilesWhereTheyAre) {
+TEST_F(CandidateMosaicFile, IsAGeoreferencedCogOfTheTiles) {
   const CandidateMosaic mosaic = write_candidate_mosaic(candidates(), folder_ / "mosaic.tif", progress_);
   EXPECT_EQ(mosaic.zoom, 19);
   EXPECT_EQ(mosaic.tiles, 3U);
@@ -59,7 +59,7 @@ TEST_F(CandidateMosaicFile, IsACogOfTheTilesWhereTheyAre) {
   EXPECT_LT(cv::norm(image.bgr(cv::Rect(256, 0, 256, 256)), second, cv::NORM_L1) / (256 * 256 * 3), 6) << "JPEG twice";
 }
 
-TEST_F(CandidateMosaicFile, ALargeFlightIsWrittenCoarser) {
+TEST_F(CandidateMosaicFile, ALargeFlightIsWrittenAtACoarserZoom) {
   const CandidateMosaic mosaic = write_candidate_mosaic(candidates(), folder_ / "mosaic.tif", progress_, 128 * 128);
   EXPECT_EQ(mosaic.zoom, 17);
   EXPECT_EQ(mosaic.width, 128);
@@ -67,7 +67,7 @@ TEST_F(CandidateMosaicFile, ALargeFlightIsWrittenCoarser) {
   EXPECT_FALSE(std::filesystem::exists(folder_ / "none.tif"));
 }
 
-TEST_F(CandidateMosaicFile, IsAFunctionOfTheTilesAndReplacesInOneStep) {
+TEST_F(CandidateMosaicFile, IsReproducibleAndReplacedAtomically) {
   folder_.write("mosaic.tif", "an older one");
   write_candidate_mosaic(candidates(), folder_ / "mosaic.tif", progress_);
   write_candidate_mosaic(folder_ / "candidates", folder_ / "again.tif", progress_);
@@ -77,7 +77,7 @@ TEST_F(CandidateMosaicFile, IsAFunctionOfTheTilesAndReplacesInOneStep) {
   EXPECT_EQ(files, 3U) << "nothing is left beside them";
 }
 
-TEST_F(CandidateMosaicFile, WithoutTilesThereIsNone) {
+TEST_F(CandidateMosaicFile, WithoutTilesItIsAnError) {
   CandidateStore(folder_ / "empty").close();
   EXPECT_THROW(write_candidate_mosaic(folder_ / "empty", folder_ / "mosaic.tif", progress_), Error);
   EXPECT_THROW(write_candidate_mosaic(folder_ / "missing", folder_ / "mosaic.tif", progress_), Error);

@@ -21,7 +21,7 @@ Dataset open_raster(const fs::path& path) {
   return {static_cast<GDALDataset*>(GDALOpen(path.c_str(), GA_ReadOnly)), [](GDALDataset* open) { GDALClose(open); }};
 }
 
-// A tile of a picture (full resolution or overview) as GDAL decodes it.
+// A tile of an image (full resolution or overview) as GDAL decodes it.
 cv::Mat tile_by_gdal(GDALDataset& file, int overview, int column, int row) {
   cv::Mat rgb(kTileSize, kTileSize, CV_8UC3);
   for (int band = 0; band < 3; ++band) {
@@ -43,7 +43,7 @@ void expect_gdal_sees_the_same(const fs::path& path) {
   int tiles = 0;
   for (std::size_t i = 0; i < reader.levels().size(); ++i) {
     const CogLevel& level = reader.levels()[i];
-    if (level.image.width < kTileSize) continue;  // a part of a tile
+    if (level.picture.width < kTileSize) continue;  // a part of a tile
     for (const TileKey& key : reader.keys()) {
       if (key.z != level.zoom || (i == 0 && (key.x + key.y) % 13 != 0)) continue;
       const cv::Mat ours = decode_image(reader.read(key).value(), Colour::bgr, to_text(key)).image;
@@ -79,7 +79,7 @@ TEST_F(CogPackages, HoldTheTilesOfAnMbtilesPackage) {
   expect_same_files(folder_ / "cog", folder_ / "again");
 }
 
-TEST_F(CogPackages, LookTheSameToGdal) {
+TEST_F(CogPackages, GdalReadsTheSamePixels) {
   for (const auto& [name, encoding] : {std::pair{"jpeg", TileEncoding{}},
                                        {"webp", TileEncoding{ImageFormat::webp, 80}},
                                        {"lossless", TileEncoding{ImageFormat::webp, 75, true}}}) {
@@ -88,7 +88,7 @@ TEST_F(CogPackages, LookTheSameToGdal) {
   }
 }
 
-TEST_F(CogPackages, LieWhereGdalSaysAndAsACogShould) {
+TEST_F(CogPackages, AreGeoreferencedAndLaidOutAsACog) {
   ASSERT_FALSE(build(cog("cog")).findings.refuses());
   const fs::path path = folder_ / "cog" / kCogFile;
   const Dataset file = open_raster(path);
@@ -105,7 +105,7 @@ TEST_F(CogPackages, LieWhereGdalSaysAndAsACogShould) {
   EXPECT_STREQ(file->GetSpatialRef()->GetAuthorityCode(nullptr), "3857");
 }
 
-TEST_F(CogPackages, AKilledBuildGoesOnAndEndsIdentical) {
+TEST_F(CogPackages, AResumedBuildIsIdentical) {
   ASSERT_FALSE(build(cog("whole")).findings.refuses());
   class StopLater final : public Progress {
    public:
@@ -122,7 +122,7 @@ TEST_F(CogPackages, AKilledBuildGoesOnAndEndsIdentical) {
 }
 
 // Others' COGs on the same grid: shared JPEG tables, deflate, blocks of 512 pixels.
-TEST_F(CogPackages, CogsThatGdalMakesAreRead) {
+TEST_F(CogPackages, ReadsCogsMadeByGdal) {
   if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: gdal_translate is missing";
   ASSERT_FALSE(build(cog("cog")).findings.refuses());
   // 8 x 8 tiles in the middle are enough, and save seconds.
@@ -144,7 +144,7 @@ TEST_F(CogPackages, CogsThatGdalMakesAreRead) {
   }
 }
 
-TEST_F(CogPackages, ARasterOnAnotherGridIsNamed) {
+TEST_F(CogPackages, ARasterOnAnotherGridIsReported) {
   try {
     const CogReader reader(folder_ / "map.tif");
     ADD_FAILURE();

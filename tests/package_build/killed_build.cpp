@@ -1,7 +1,7 @@
 // Builds a package in a process of its own and kills itself at a given moment: at its Nth word about its progress.
 //
 // Usage: killed_build MISSION MAP.tif KEY.pem OUT THREADS fresh|resume mbtiles|cog EVENT [UID]
-// EVENT 0: never; the number of events is printed. UID: the user that it builds as. Exit codes: 0 built; 1 refused;
+// EVENT 0: never; the number of events is printed. UID: the user that it builds as. Exit codes: 0 built; 1 rejected;
 // 2 error, its text on stderr; else the signal.
 #include <fmt/format.h>
 #include <unistd.h>

@@ -2,7 +2,7 @@
 //
 // Usage: killed_update OLD ROOT.json MISSION MAP.tif KEY.pem OUT EVENT [cog|mbtiles [index]]
 // EVENT 0: never; the number of events is printed. The container is the old one's unless it is named. Exit codes: 0
-// updated; 1 refused; 2 error; else the signal.
+// updated; 1 rejected; 2 error; else the signal.
 #include <fmt/format.h>
 
 #include <cstdio>

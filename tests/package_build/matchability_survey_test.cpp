@@ -74,7 +74,7 @@ const MatchabilityMap& made_map() {
   return map;
 }
 
-TEST(MatchabilitySurvey, TheGridLiesOnTheWorldsPixelsAndHoldsWhatIsNeeded) {
+TEST(MatchabilitySurvey, TheGridIsAlignedToTheWorldsPixelsAndCoversTheRegion) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
   EXPECT_EQ(map.grid.step_px, 100) << "80 m of 0.799 m pixels";
@@ -104,7 +104,7 @@ TEST(MatchabilitySurvey, TheGridLiesOnTheWorldsPixelsAndHoldsWhatIsNeeded) {
   EXPECT_EQ(map.at({kOrigin.lon_deg, kOrigin.lat_deg + 0.0018}), nullptr) << "between the sector and the corridor";
 }
 
-TEST(MatchabilitySurvey, EveryPlaceOfAThinCorridorIsAsked) {
+TEST(MatchabilitySurvey, EveryCellOfANarrowCorridorIsProbed) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
   for (int east = -395; east <= 395; east += 5) {
@@ -112,7 +112,7 @@ TEST(MatchabilitySurvey, EveryPlaceOfAThinCorridorIsAsked) {
   }
 }
 
-TEST(MatchabilitySurvey, RoofsAreGoodWaterIsPoorWhateverTheThreads) {
+TEST(MatchabilitySurvey, RoofsAreGoodWaterIsPoorForAnyNumberOfThreads) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
   EXPECT_EQ(map.cells, world.map(1).cells);
@@ -124,7 +124,7 @@ TEST(MatchabilitySurvey, RoofsAreGoodWaterIsPoorWhateverTheThreads) {
   }
 }
 
-TEST(MatchabilitySurvey, WhatTheRouteRunsWithout) {
+TEST(MatchabilitySurvey, SummarizesSectionsWithoutGoodMatches) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
   const std::vector<LonLat> route{world.frame.lonlat_from_enu(-350, 0), world.frame.lonlat_from_enu(350, 0)};
@@ -140,14 +140,14 @@ TEST(MatchabilitySurvey, WhatTheRouteRunsWithout) {
               1e-9);
   EXPECT_NEAR(summary.route_share(MatchClass::good), 1 - stretch.length_m / 700, 1e-6);
 
-  // Beyond the map nothing is known, and that is not good either.
+  // Beyond the map matchability is unknown, which does not count as good.
   const MatchabilitySummary away = summarize_matchability(map, {{12, 48}, {12.01, 48}}, world.frame);
   EXPECT_NEAR(away.route_share(MatchClass::outside), 1, 1e-9);
   ASSERT_EQ(away.without_good.size(), 1U);
   EXPECT_EQ(summarize_matchability(map, {}, world.frame).without_good.size(), 0U);
 }
 
-TEST(MatchabilitySurvey, AStepThatMakesTooManyCellsIsRefused) {
+TEST(MatchabilitySurvey, AStepWithTooManyCellsIsRejected) {
   Surveyed world;
   world.region.rings.push_back({{-40e3, -40e3}, {40e3, -40e3}, {40e3, 40e3}, {-40e3, 40e3}});
   EXPECT_THROW(world.map(1, 5), UsageError);

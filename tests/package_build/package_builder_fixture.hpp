@@ -31,7 +31,7 @@ class PackageBuilder : public testing::Test {
   static PackageReport build(const PackageRequest& request);
   void expect_refused(const PackageRequest& request, std::string_view code);
 
-  // Everything in the folder but the inputs: what a refused or broken build must not leave.
+  // Everything in the folder except the inputs: what a rejected or failed build must not leave.
   std::vector<std::string> left_behind() const;
   static void expect_same_files(const std::filesystem::path& a, const std::filesystem::path& b);
 

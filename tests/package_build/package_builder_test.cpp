@@ -2,9 +2,13 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <fstream>
 #include <opencv2/core.hpp>
+#include <set>
 
+#include "base/error.hpp"
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
@@ -16,8 +20,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::PackageBuilder;
+using test::ResumedBuild;
 
-TEST_F(PackageBuilder, MakesAWholePackage) {
+TEST_F(PackageBuilder, MakesACompletePackage) {
   const PackageReport report = build(request("package"));
   ASSERT_FALSE(report.findings.refuses());
   const fs::path package = folder_ / "package";
@@ -93,8 +98,8 @@ TEST_F(PackageBuilder, EveryTileFormat) {
   }
 }
 
-// The frame of nodata around the picture is turned against the tiles, so rim tiles are partly empty.
-TEST_F(PackageBuilder, RimsAreMaskedAndNeverBlack) {
+// The frame of nodata around the image is rotated against the tiles, so edge tiles are partly empty.
+TEST_F(PackageBuilder, EdgesAreMaskedAndNeverBlack) {
   spec_.nodata = 0;
   hole_ = [](int column, int row) { return column < 300 || row < 250 || column >= 1300; };
   write_map("map.tif");
@@ -102,12 +107,12 @@ TEST_F(PackageBuilder, RimsAreMaskedAndNeverBlack) {
   const MbtilesReader reader(folder_ / "package" / kImageryFile);
   auto rows = reader.database().prepare(
       "SELECT zoom_level, tile_column, tile_row, valid_ppm FROM nadir_sidecars WHERE valid_ppm < 1000000");
-  int rims = 0;
+  int edge_tiles = 0;
   while (rows.step()) {
     const TileKey key =
         TileKey::from_tms(static_cast<std::uint8_t>(rows.integer(0)), static_cast<std::uint32_t>(rows.integer(1)),
                           static_cast<std::uint32_t>(rows.integer(2)));
-    ++rims;
+    ++edge_tiles;
     const auto bytes = reader.read_mask(key);
     ASSERT_TRUE(bytes) << to_text(key);
     const cv::Mat mask = decode_image(*bytes, Colour::grey, "mask").image;
@@ -117,7 +122,7 @@ TEST_F(PackageBuilder, RimsAreMaskedAndNeverBlack) {
     cv::minMaxLoc(tile, &darkest);
     EXPECT_GT(darkest, 60) << to_text(key);  // the field's darkest grey is 105
   }
-  EXPECT_GT(rims, 5);
+  EXPECT_GT(edge_tiles, 5);
 }
 
 TEST_F(PackageBuilder, WithoutAKeyThereIsNoSignature) {
@@ -161,6 +166,271 @@ TEST_P(BuildFrom, ShowsTheSameMap) {
     }
   }
   EXPECT_EQ(compared, 6);
+}
+
+TEST_F(PackageBuilder, TheFirstRasterLiesOnTop) {
+  write_map("old.tif", {255, 0, 0});
+  test::write_item(folder_ / "old.tif", "2023-12-01T00:00:00Z", 0.4, "archive");
+  spec_.width = 800;  // the new one covers the western half
+  write_map("map.tif");
+  PackageRequest both = request("package");
+  both.imagery = {folder_ / "map.tif", folder_ / "old.tif"};
+  ASSERT_FALSE(build(both).findings.refuses());
+  const auto sources = test::run_process({"sqlite3", (both.out / kImageryFile).string(),
+                                          "SELECT DISTINCT source, substr(captured_at, 1, 10), gsd_mm FROM "
+                                          "nadir_sidecars WHERE zoom_level = 19 ORDER BY 1"});
+  EXPECT_EQ(sources.out, "archive|2023-12-01|400\narchive + survey|2023-12-01|400\nsurvey|2024-03-01|300\n");
+}
+
+TEST_F(PackageBuilder, TheNewestOrFinestLiesOnTopWhenAskedFor) {
+  write_map("old.tif");
+  test::write_item(folder_ / "old.tif", "2023-12-01T00:00:00Z", 0.28, "archive");
+  for (const auto& [order, source] :
+       {std::pair{MosaicOrder::priority, "archive\n"}, std::pair{MosaicOrder::newest, "survey\n"},
+        std::pair{MosaicOrder::finest, "archive\n"}}) {
+    PackageRequest both = request(fmt::format("map.{}", static_cast<int>(order)));
+    both.imagery = {folder_ / "old.tif", folder_ / "map.tif"};
+    both.tiles.mosaic.order = order;
+    ASSERT_FALSE(build(both).findings.refuses());
+    const auto sources = test::run_process(
+        {"sqlite3", (both.out / kImageryFile).string(), "SELECT DISTINCT source FROM nadir_sidecars"});
+    EXPECT_EQ(sources.out, source);
+  }
+}
+
+TEST_F(PackageBuilder, FeatheredSeamsAreTheSameForAnyNumberOfThreadsAndNotWithoutLimit) {
+  write_map("old.tif", {255, 0, 0});
+  spec_.width = 800;
+  write_map("map.tif");
+  PackageRequest both = request("map.1", 1);
+  both.imagery = {folder_ / "map.tif", folder_ / "old.tif"};
+  both.tiles.mosaic.feather_m = 8;
+  ASSERT_FALSE(build(both).findings.refuses());
+  both.out = folder_ / "map.3";
+  both.tiles.threads = 3;
+  ASSERT_FALSE(build(both).findings.refuses());
+  expect_same_files(folder_ / "map.1", folder_ / "map.3");
+  both.out = folder_ / "map.far";
+  both.tiles.mosaic.feather_m = 500;
+  EXPECT_THROW(build(both), UsageError);
+}
+
+TEST_F(PackageBuilder, AHoleInTheRequiredAreaIsAGap) {
+  spec_.nodata = 0;
+  hole_ = [](int column, int row) { return std::hypot(column - 800, row - 700) < 20; };
+  write_map("map.tif");
+  expect_refused(request("package"), "coverage.gap");
+}
+
+TEST_F(PackageBuilder, ImageryThatEndsTooEarlyIsAGap) {
+  spec_.width = 1000;
+  write_map("map.tif");
+  expect_refused(request("package"), "coverage.gap");
+  (*spec_.transform)[0] += 50'000;  // somewhere else
+  write_map("map.tif");
+  expect_refused(request("package"), "coverage.gap");
+}
+
+TEST_F(PackageBuilder, RejectsStaleCoarseAndOversizedPackages) {
+  write_mission(200);
+  expect_refused(request("package"), "freshness.stale");
+  write_mission(400);
+  PackageRequest late = request("package");
+  late.at = parse_utc("2024-11-29T00:00:00Z");
+  write_mission(260);
+  expect_refused(late, "freshness.stale");
+  late.at = parse_utc("2024-12-01T00:00:00Z");
+  write_mission(4000);
+  expect_refused(late, "package.expired");
+  write_mission(400, 1);
+  test::write_item(folder_ / "map.tif", "2024-03-01T00:00:00Z", 0.8);
+  expect_refused(request("package"), "resolution.coarse");
+  test::write_item(folder_ / "map.tif");
+  PackageRequest large = request("package");
+  large.tiles.encoding = {ImageFormat::png, 75};
+  hole_ = nullptr;
+  test::write_raster(folder_ / "map.tif", spec_, [](int column, int row) -> std::array<int, 4> {
+    const int noise = (column * 7919 + row * 104729 + column * row * 31) % 256;
+    return {noise, (noise * 7) % 256, (noise * 13) % 256, 255};
+  });
+  expect_refused(large, "budget.exceeded");
+}
+
+TEST_F(PackageBuilder, ErrorsLeaveNothing) {
+  PackageRequest bad = request("package");
+  bad.imagery = {folder_ / "missing.tif"};
+  EXPECT_THROW(build(bad), Error);
+  bad = request("package");
+  bad.mission = folder_ / "missing.yaml";
+  EXPECT_THROW(build(bad), Error);
+  // Damage that shows only when the pixels are read.
+  spec_.tiled = true;
+  write_map("map.tif");
+  const Bytes whole = read_file(folder_ / "map.tif");
+  std::ofstream(folder_ / "map.tif", std::ios::binary)
+      .write(as_text(whole).data(), static_cast<std::streamsize>(whole.size() * 6 / 10));
+  EXPECT_THROW(build(request("package")), Error);
+  EXPECT_THAT(left_behind(), testing::IsEmpty());
+  fs::create_directory(folder_ / "package");
+  write_map("map.tif");
+  EXPECT_THROW(build(request("package")), Error);  // never replaces
+}
+
+TEST_F(PackageBuilder, UnsupportedZoomsAreRejected) {
+  std::string text = read_text_file(folder_ / "mission.yaml");
+  text.replace(text.find("max: 19"), 7, "max: 23");
+  folder_.write("mission.yaml", text);
+  EXPECT_THROW(build(request("package")), UsageError);
+}
+
+class StopAtOnce final : public Progress {
+ public:
+  void begin(std::string_view, std::uint64_t, std::string_view) override {}
+  void advance(std::uint64_t) override { throw Interrupted(); }
+  void end() override {}
+};
+
+TEST_F(PackageBuilder, AnInterruptedBuildLeavesNothing) {
+  StopAtOnce progress;
+  EXPECT_THROW(build_package(request("package"), progress), Interrupted);
+  EXPECT_THAT(left_behind(), testing::IsEmpty());
+}
+
+TEST_F(PackageBuilder, AKilledBuildLeavesNoPackageAndTheNextOneWorks) {
+  build_and_kill(request("package"), kFirstTiles);
+  EXPECT_FALSE(fs::exists(folder_ / "package"));
+  EXPECT_FALSE(build(request("package")).findings.refuses());
+  EXPECT_THAT(left_behind(), testing::ElementsAre("package"));
+}
+
+class ResumedBuildOf : public ResumedBuild, public testing::WithParamInterface<TileSetKind> {
+ protected:
+  PackageRequest in_container(PackageRequest wanted) const {
+    wanted.tiles.container = GetParam();
+    return wanted;
+  }
+  PackageRequest fresh(const std::string& out, int threads = 2) { return in_container(request(out, threads)); }
+  PackageRequest resumed(const std::string& out, int threads = 2) { return in_container(resuming(out, threads)); }
+};
+INSTANTIATE_TEST_SUITE_P(Containers, ResumedBuildOf, testing::Values(TileSetKind::mbtiles, TileSetKind::cog),
+                         [](const auto& kind) { return kind.param == TileSetKind::cog ? "Cog" : "Mbtiles"; });
+
+// Progress is reported after each metatile and around each later step.
+TEST_P(ResumedBuildOf, IsIdenticalWhereverItWasKilled) {
+  const auto whole = run_build(fresh("whole"), 0);
+  ASSERT_EQ(whole.code, 0) << whole.err;
+  const int events = std::stoi(whole.out), last_tiles = events - 6;
+  ASSERT_GT(last_tiles, kFirstTiles + 1);
+  std::set<int> moments{1, kFirstTiles, (kFirstTiles + last_tiles) / 2};
+  for (int event = last_tiles; event < events; ++event) moments.insert(event);
+  for (const int event : moments) {
+    const int threads = 1 + event % 3;
+    build_and_kill(fresh("package", threads), event);
+    EXPECT_FALSE(fs::exists(folder_ / "package")) << event;
+    if (event == last_tiles) build_and_kill(resumed("package", threads), kFirstTiles);  // may happen as well
+    const PackageReport report = build(resumed("package"));
+    ASSERT_FALSE(report.findings.refuses());
+    // From the first metatile until the journal is removed, right before the commit.
+    EXPECT_EQ(report.resumed > 0, event >= kFirstTiles && event < events - 1) << event;
+    expect_same_files(folder_ / "whole", folder_ / "package");
+    EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package")) << event;
+    fs::remove_all(folder_ / "package");
+  }
+  build_and_kill(fresh("package"), events);  // right after the commit: the lock stays, and blocks no other build
+  expect_same_files(folder_ / "whole", folder_ / "package");
+  EXPECT_THAT(left_behind(), testing::UnorderedElementsAre("whole", "package", ".package.lock"));
+}
+
+TEST_F(ResumedBuild, TakesMetatilesFromTheJournal) {
+  build_and_kill(request("package"), kFirstTiles);
+  EXPECT_FALSE(fs::exists(folder_ / "package"));
+  const PackageReport report = build(resuming("package"));
+  EXPECT_GT(report.resumed, 0);
+  EXPECT_THAT(remarks_, testing::IsEmpty());
+  ASSERT_FALSE(build(request("whole")).findings.refuses());
+  expect_same_files(folder_ / "whole", folder_ / "package");
+}
+
+TEST_F(ResumedBuild, OtherInputsOrOptionsAreRejectedAndNothingIsLost) {
+  build_and_kill(request("package"), kFirstTiles);
+  PackageRequest other = resuming("package");
+  other.tiles.encoding.quality = 60;
+  EXPECT_THROW(build(other), UsageError);
+  other = resuming("package");
+  other.overrides.gsd_m = 0.31;
+  EXPECT_THROW(build(other), UsageError);
+  other = resuming("package");
+  other.key = nullptr;
+  EXPECT_THROW(build(other), UsageError);
+  const Bytes map = read_file(folder_ / "map.tif");
+  write_map("map.tif", {209, 190, 150});
+  EXPECT_THROW(build(resuming("package")), UsageError);
+  std::ofstream(folder_ / "map.tif", std::ios::binary)
+      .write(as_text(map).data(), static_cast<std::streamsize>(map.size()));
+  EXPECT_GT(build(resuming("package")).resumed, 0);
+}
+
+TEST_F(ResumedBuild, WithoutResumeItStartsAgainAndSaysSo) {
+  build_and_kill(request("package"), kFirstTiles);
+  PackageRequest restart = resuming("package");
+  restart.resume = false;
+  EXPECT_EQ(build(restart).resumed, 0);
+  EXPECT_THAT(remarks_, testing::ElementsAre(testing::HasSubstr("--resume")));
+  remarks_.clear();
+  EXPECT_EQ(build(resuming("another")).resumed, 0);
+  EXPECT_THAT(remarks_, testing::ElementsAre(testing::HasSubstr("nothing to resume")));
+}
+
+// A file system that is too small for the package; growing it lets the same build end.
+TEST_F(ResumedBuild, AFullDiskLosesNothing) {
+  const fs::path small = folder_ / "map.small";
+  fs::create_directory(small);
+  if (::geteuid() != 0 ||
+      test::run_process({"mount", "-t", "tmpfs", "-o", "size=600k", "tmpfs", small.string()}).code != 0) {
+    GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
+  }
+  const struct Unmount {
+    ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
+    fs::path path;
+  } unmount{small};
+  ASSERT_FALSE(build(request("whole")).findings.refuses());
+  PackageRequest wanted = resuming("map.small/package");
+  try {
+    build(wanted);
+    FAIL() << "600 kB are enough";
+  } catch (const OutOfSpace& error) {
+    EXPECT_THAT(error.text().fix, testing::HasSubstr("--resume"));
+  }
+  EXPECT_FALSE(fs::exists(wanted.out));
+  ASSERT_EQ(test::run_process({"mount", "-o", "remount,size=64m", small.string()}).code, 0);
+  EXPECT_GT(build(wanted).resumed, 0);
+  expect_same_files(folder_ / "whole", wanted.out);
+}
+
+TEST_F(ResumedBuild, AReadOnlyMediumIsReported) {
+  const fs::path fixed = folder_ / "map.fixed";
+  fs::create_directory(fixed);
+  if (::geteuid() != 0 ||
+      test::run_process({"mount", "-t", "tmpfs", "-o", "ro,size=64k", "tmpfs", fixed.string()}).code != 0) {
+    GTEST_SKIP() << "NOT TESTED: a read-only medium needs root and a tmpfs to mount";
+  }
+  try {
+    build(request("map.fixed/package"));
+    ADD_FAILURE() << "built on a read-only medium";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.text().found + error.text().fix, testing::HasSubstr("read-only"));
+  }
+  test::run_process({"umount", "-l", fixed.string()});
+}
+
+TEST_F(ResumedBuild, AFolderWithoutPermissionIsReported) {
+  if (::geteuid() != 0) GTEST_SKIP() << "NOT TESTED: creating another user's folder needs root";
+  fs::permissions(folder_.path(), static_cast<fs::perms>(0755));
+  const auto result = run_build(request("package"), 0, "65534");
+  EXPECT_EQ(result.code, 2);
+  EXPECT_THAT(result.err, testing::HasSubstr("package"));
+  EXPECT_THAT(result.err, testing::HasSubstr("check the permissions"));
+  EXPECT_THAT(left_behind(), testing::IsEmpty());
 }
 
 }  // namespace

@@ -189,16 +189,16 @@ TEST_F(TerrainBuilder, GridsOfDegreesAreCopiedPostByPost) {
     asked += fmt::format("{:.12f} {:.12f}\\n", place.lon_deg, place.lat_deg);
     ours.push_back(terrain.height_m(place).value_or(-1));
   }
-  std::istringstream told(
+  std::istringstream answer(
       test::run_shell("printf '" + asked + "' | gdallocationinfo -valonly -wgs84 '" + path + "'").out);
   for (const double height : ours) {
     double expected = 0;
-    ASSERT_TRUE(told >> expected);
+    ASSERT_TRUE(answer >> expected);
     EXPECT_NEAR(height, expected, 1e-4);
   }
 }
 
-TEST_F(TerrainBuilder, WhatIsWrittenIsWhatIsReadByUsAndByGdal) {
+TEST_F(TerrainBuilder, WrittenHeightsAreReadBackByUsAndByGdal) {
   write_dem(folder_ / "dem.tif", {.nodata = -9999},
             [](double east, double north) { return east < 499'400 ? -9999 : hills_m(east, north); });
   const TerrainRaster terrain = cut();
@@ -216,9 +216,9 @@ TEST_F(TerrainBuilder, WhatIsWrittenIsWhatIsReadByUsAndByGdal) {
   }
   EXPECT_GT(unknown, 0U);
   const LonLat place = terrain.grid().place(90, 60);
-  const auto told = test::run_shell(fmt::format("gdallocationinfo -valonly -wgs84 '{}' {:.12f} {:.12f}",
-                                                (folder_ / "out.tif").string(), place.lon_deg, place.lat_deg));
-  EXPECT_NEAR(std::stod(told.out), back.height_m(place).value_or(0), 1e-4);
+  const auto answer = test::run_shell(fmt::format("gdallocationinfo -valonly -wgs84 '{}' {:.12f} {:.12f}",
+                                                  (folder_ / "out.tif").string(), place.lon_deg, place.lat_deg));
+  EXPECT_NEAR(std::stod(answer.out), back.height_m(place).value_or(0), 1e-4);
   write_terrain(cut(), folder_ / "again.tif");
   EXPECT_EQ(read_file(folder_ / "out.tif"), read_file(folder_ / "again.tif"));
 }
@@ -229,7 +229,7 @@ TEST_F(TerrainBuilder, ScaledHeightsBecomeMetres) {
   EXPECT_NEAR(cut().height_m({15, 48}).value_or(0), 345.67, 0.006);
 }
 
-TEST_F(TerrainBuilder, WhatIsNoElevationModelIsRefused) {
+TEST_F(TerrainBuilder, RejectsWhatIsNoElevationModel) {
   write_dem(folder_ / "dem.tif", {.bands = 3});
   expect_usage_error("3 bands");
   write_dem(folder_ / "dem.tif", {.epsg = 0});
@@ -248,7 +248,7 @@ TEST_F(TerrainBuilder, ATruncatedSourceIsAnError) {
   EXPECT_THROW(cut(), Error);
 }
 
-TEST_F(TerrainBuilder, ThePackageHoldsItAndIsTheSameEveryTime) {
+TEST_F(TerrainBuilder, ThePackageHoldsItAndIsReproducible) {
   write_dem(folder_ / "dem.tif", {});
   write_map();
   NoProgress progress;
@@ -268,7 +268,7 @@ TEST_F(TerrainBuilder, ThePackageHoldsItAndIsTheSameEveryTime) {
   EXPECT_EQ(test::run_process({"diff", "-r", (folder_ / "one").string(), (folder_ / "two").string()}).code, 0);
 }
 
-TEST_F(TerrainBuilder, GapsMissingModelsAndFlatMissionsAreRefusedWithNothingLeft) {
+TEST_F(TerrainBuilder, GapsMissingModelsAndFlatMissionsAreRejectedWithoutLeftovers) {
   write_map();
   NoProgress progress;
   const auto expect_refused = [&](const PackageRequest& request, const char* code) {
@@ -296,7 +296,7 @@ TEST_F(TerrainBuilder, GapsMissingModelsAndFlatMissionsAreRefusedWithNothingLeft
 }
 
 // The disk has room for the tiles, and for the terrain no more: a file takes what is left right before it is written.
-TEST_F(TerrainBuilder, ADiskThatIsFullAtTheTerrainLosesNothing) {
+TEST_F(TerrainBuilder, AFullDiskAtTheTerrainLosesNothing) {
   write_dem(folder_ / "dem.tif", {}, [](double east, double north) {
     return 500 + std::fmod(std::abs(std::sin(east * 12.9898 + north * 78.233)) * 43'758.5453, 40);  // hardly packs
   });

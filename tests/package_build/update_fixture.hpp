@@ -32,7 +32,7 @@ class PackageUpdate : public ::testing::Test {
     write_mission("new.yaml", 2);
   }
 
-  // pixels: from the north-western corner on. kind: another picture each.
+  // pixels: from the north-west corner on. kind: a different image each.
   void write_map(const std::string& name, const cv::Rect& pixels, int kind, const std::string& datetime,
                  const std::string& provider, std::optional<cv::Rect> hole = std::nullopt) {
     const double pixel_m = mercator_pixel_m(kZoom), half_m = kPi * kMercatorRadius_m;

@@ -83,8 +83,8 @@ TEST_F(Mosaic, HardSeamsDoNotFade) {
   EXPECT_EQ(result.image.bgr.at<cv::Vec3b>(900, kEdge + 3), cv::Vec3b(240, 200, 100));
 }
 
-// At the rim of all imagery there is nothing to fade into, and like colours stay what they are everywhere.
-TEST_F(Mosaic, NothingFadesAtTheOuterRim) {
+// At the edge of all imagery there is nothing to fade into, and equal colours stay unchanged everywhere.
+TEST_F(Mosaic, NothingFadesAtTheOuterEdge) {
   const fs::path west = write("west.tif", 100, 700, {90, 120, 70, 255});
   const fs::path east = write("east.tif", 600, 900, {90, 120, 70, 255});
   const Result result = composed({west, east}, 80);
@@ -96,7 +96,7 @@ TEST_F(Mosaic, NothingFadesAtTheOuterRim) {
 }
 
 // What lies in another chunk or metatile fades all the same.
-TEST_F(Mosaic, PartsAreThoseOfTheWhole) {
+TEST_F(Mosaic, PartsEqualTheWhole) {
   const fs::path upper = write("upper.tif", 0, 1040, {200, 100, 40, 255});  // ends just beyond a chunk of 1024
   const fs::path lower = write("lower.tif", 0, kSide, {100, 200, 240, 255});
   const Result whole = composed({upper, lower}, 60);
@@ -141,14 +141,14 @@ TEST_P(Containers, ShowTheSamePixels) {
   EXPECT_LE(cv::norm(result.image.bgr(inner) - cv::Scalar(40, 100, 200), cv::NORM_INF), 3.0);
 }
 
-TEST_F(Mosaic, RemoteImageryIsRefused) {
+TEST_F(Mosaic, RemoteImageryIsRejected) {
   const fs::path map = write("map.tif", 0, 256, {200, 100, 40, 255});
   const auto expect_remote = [](const fs::path& path) {
     try {
       const RasterSource source(path);
       FAIL() << path;
     } catch (const UsageError& error) {
-      EXPECT_EQ(error.text().what, "remote imagery is not read") << path;
+      EXPECT_EQ(error.text().what, "remote imagery is not supported") << path;
     }
   };
   expect_remote("/vsicurl/https://example.org/map.tif");

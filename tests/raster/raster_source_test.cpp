@@ -42,8 +42,8 @@ struct Placement {
 };
 
 // Soft spots at known places of the raster must lie where PROJ says.
-class RasterPlaces : public testing::TestWithParam<Placement> {};
-INSTANTIATE_TEST_SUITE_P(AnySystemAndScale, RasterPlaces,
+class RasterPositions : public testing::TestWithParam<Placement> {};
+INSTANTIATE_TEST_SUITE_P(AnySystemAndScale, RasterPositions,
                          testing::Values(Placement{32651, {268'000, 0.3, 0, 2'685'300, 0, -0.3}, 19},  // about 1 : 1
                                          Placement{32651, {268'000, 0.3, 0, 2'685'300, 0, -0.3}, 20},  // enlarged
                                          Placement{32651, {268'000, 0.3, 0, 2'685'300, 0, -0.3}, 17},  // 3.6 to one
@@ -51,7 +51,7 @@ INSTANTIATE_TEST_SUITE_P(AnySystemAndScale, RasterPlaces,
                                          Placement{4326, {120.72, 3e-6, 0, 24.262, 0, -2.7e-6}, 19},       // degrees
                                          Placement{3857, {13'438'017.8, 0.4, 0, 2'785'494.6, 0, -0.4}, 18}));
 
-TEST_P(RasterPlaces, AgreeWithProj) {
+TEST_P(RasterPositions, AgreeWithProj) {
   const test::TemporaryFolder folder;
   RasterSpec spec;
   spec.width = spec.height = 1200;
@@ -101,7 +101,7 @@ TEST(RasterSource, BlocksJoinWithoutSeams) {
   EXPECT_LE(cv::norm(whole.bgr(cv::Rect(900, 900, 256, 256)), across.bgr, cv::NORM_INF), 2.0);
 }
 
-TEST(RasterSource, UnderstandsEveryKindOfBands) {
+TEST(RasterSource, SupportsEveryBandLayout) {
   const test::TemporaryFolder folder;
   const auto colour_of = [&](Kind kind) {
     RasterSpec spec;
@@ -181,7 +181,7 @@ void expect_error(const std::filesystem::path& path, const std::string& words) {
   }
 }
 
-TEST(RasterSource, RefusesBadInputs) {
+TEST(RasterSource, RejectsBadInputs) {
   const test::TemporaryFolder folder;
   expect_error(folder / "missing.tif", "does not exist");
   expect_error(folder.path(), "not a file");
@@ -201,12 +201,12 @@ TEST(RasterSource, RefusesBadInputs) {
   expect_error(folder / "nosystem.tif", "not georeferenced");
 }
 
-TEST(RasterSource, RefusesTruncatedFiles) {
+TEST(RasterSource, RejectsTruncatedFiles) {
   const test::TemporaryFolder folder;
   const RasterSpec spec;
   write_raster(folder / "a.tif", spec, plain);
   const Bytes whole = read_file(folder / "a.tif");
-  int refused = 0;
+  int rejected = 0;
   for (const double share : {0.001, 0.1, 0.5, 0.9, 0.99}) {
     const auto path = folder / "cut.tif";
     std::ofstream(path, std::ios::binary)
@@ -218,9 +218,9 @@ TEST(RasterSource, RefusesTruncatedFiles) {
         },
         Error)
         << share;
-    ++refused;
+    ++rejected;
   }
-  EXPECT_EQ(refused, 5);
+  EXPECT_EQ(rejected, 5);
 }
 
 }  // namespace

@@ -34,7 +34,7 @@ class Stretching : public testing::Test {
     } catch (const UsageError& error) {
       return error.what();
     }
-    return "not refused";
+    return "not rejected";
   }
 
   test::TemporaryFolder folder_;
@@ -54,7 +54,7 @@ TEST(StretchText, Reads) {
   }
 }
 
-TEST_F(Stretching, ALineFromLowToHigh) {
+TEST_F(Stretching, IsLinearFromLowToHigh) {
   write({.value = [](int, int column, int) { return 1000 + 100 * column; }});
   const MaskedImage image = read(Stretch{1100, 2100});
   EXPECT_EQ(cv::countNonZero(image.mask), kValuePixels.area());
@@ -65,7 +65,7 @@ TEST_F(Stretching, ALineFromLowToHigh) {
   }
 }
 
-TEST_F(Stretching, OneLineForAllBandsOfEveryTypeAndInterleaving) {
+TEST_F(Stretching, IsTheSameForAllBandsTypesAndInterleavings) {
   for (const GDALDataType type : {GDT_UInt16, GDT_Int16, GDT_UInt32, GDT_Int32, GDT_Float32, GDT_Float64}) {
     for (const char* interleave : {"INTERLEAVE=BAND", "INTERLEAVE=PIXEL"}) {
       write({.type = type,
@@ -79,14 +79,14 @@ TEST_F(Stretching, OneLineForAllBandsOfEveryTypeAndInterleaving) {
   }
 }
 
-TEST_F(Stretching, BandsGoByTheirColours) {
+TEST_F(Stretching, BandsFollowTheirColourInterpretation) {
   write({.bands = 4,
          .value = [](int band, int, int) { return 10 * band; },
          .colours = {GCI_BlueBand, GCI_GreenBand, GCI_RedBand, GCI_Undefined}});  // as PlanetScope has them
   EXPECT_EQ(read(Stretch{0, 255}).bgr.at<cv::Vec3b>(0, 0), cv::Vec3b(10, 20, 30));
 }
 
-TEST_F(Stretching, NodataIsTheFilesValueAndComesFirst) {
+TEST_F(Stretching, NodataIsTheFilesValueBeforeTheStretch) {
   const auto value = [](int, int column, int) { return column < 4 ? 7 : column; };
   write({.value = value, .nodata = {7}});
   const MaskedImage image = read(Stretch{0, 1});  // everything is white; nodata is not among it
@@ -116,7 +116,7 @@ TEST_F(Stretching, NodataOfEachBandIsItsOwn) {
   EXPECT_EQ(image.bgr.at<cv::Vec3b>(3, 8), cv::Vec3b::all(128));
 }
 
-TEST_F(Stretching, WhatIsNoFiniteNumberShowsNoGround) {
+TEST_F(Stretching, NonFiniteValuesAreInvalid) {
   write({.type = GDT_Float32, .bands = 3, .value = [](int band, int column, int) {
            if (band == 2 && column == 3) return std::numeric_limits<double>::quiet_NaN();
            if (band == 1 && column == 4) return std::numeric_limits<double>::infinity();
@@ -176,7 +176,7 @@ TEST_F(Stretching, PercentilesAreOfValidPixelsOfAllBands) {
   EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{200, 300}));
 }
 
-TEST_F(Stretching, ALargeRasterIsLookedAtEverywhere) {
+TEST_F(Stretching, ALargeRasterIsSampledEvenly) {
   // 16 x 16 windows of 64 pixels, in the middles of a grid: 2048 pixels are 128 a window.
   write({.type = GDT_UInt16,
          .value = [](int, int column, int row) { return 1000 + column / 128 + 16 * (row / 128); },
@@ -185,7 +185,7 @@ TEST_F(Stretching, ALargeRasterIsLookedAtEverywhere) {
   EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{1127.5, 1255}));
 }
 
-TEST_F(Stretching, WithoutItTheRangeIsNamed) {
+TEST_F(Stretching, WithoutAStretchTheErrorNamesTheRange) {
   write({.value = [](int, int column, int) { return 112 + column; }, .nodata = {112}});
   const std::string text = refusal({});
   for (const char* part : {"not 8 bit", "values.tif", "UInt16", "113 to 143", "--stretch 113,143"}) {

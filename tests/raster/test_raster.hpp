@@ -26,7 +26,7 @@ struct RasterSpec {
 using ColourAt = std::function<std::array<int, 4>(int column, int row)>;
 void write_raster(const std::filesystem::path& path, const RasterSpec& spec, const ColourAt& colour);
 
-// The STAC StacItem beside it.
+// The STAC Item beside it.
 void write_item(const std::filesystem::path& raster, const std::string& datetime = "2024-03-01T00:00:00Z",
                 double gsd_m = 0.3, const std::string& provider = "survey");
 

@@ -31,7 +31,7 @@ class PoseAssemblerTest : public ::testing::Test {
   PoseAssembler assembler_;
 };
 
-TEST_F(PoseAssemblerTest, TakesASimulatorsTruthAsItIs) {
+TEST_F(PoseAssemblerTest, UsesTheSimulatorsTruthUnchanged) {
   const auto pose = hear(truth(), 5'000'000);
   ASSERT_TRUE(pose);
   EXPECT_EQ(pose->place.lon_deg, 14.5);
@@ -44,14 +44,14 @@ TEST_F(PoseAssemblerTest, TakesASimulatorsTruthAsItIs) {
   EXPECT_EQ(pose->unix_us, kMachine_us + 5'000'000);
 }
 
-TEST_F(PoseAssemblerTest, TellsTheAutopilotsTimeOnceItIsKnown) {
+TEST_F(PoseAssemblerTest, UsesTheAutopilotsTimeOnceItIsKnown) {
   EXPECT_FALSE(hear(SystemTime{.unix_us = kAutopilot_us + 7'000'000, .boot_ms = 7000}, 1'000'000));
   EXPECT_EQ(hear(truth(), 1'030'000)->unix_us, kAutopilot_us + 7'030'000);
   EXPECT_FALSE(hear(SystemTime{.unix_us = {}, .boot_ms = 9000}, 3'000'000));  // unknown: the old tie holds
   EXPECT_EQ(hear(truth(), 3'000'000)->unix_us, kAutopilot_us + 9'000'000);
 }
 
-TEST_F(PoseAssemblerTest, CarriesThePositionToTheTimeOfTheAttitude) {
+TEST_F(PoseAssemblerTest, PropagatesThePositionToTheTimeOfTheAttitude) {
   hear(SystemTime{.unix_us = kAutopilot_us + 7'000'000, .boot_ms = 7000}, 0);
   EXPECT_FALSE(hear(attitude(9000), 0));  // no position yet
   EXPECT_FALSE(hear(position(9000), 0));
@@ -65,14 +65,14 @@ TEST_F(PoseAssemblerTest, CarriesThePositionToTheTimeOfTheAttitude) {
   EXPECT_EQ(pose->unix_us, kAutopilot_us + 9'500'000);
 }
 
-TEST_F(PoseAssemblerTest, AnOldPositionIsNone) {
+TEST_F(PoseAssemblerTest, AnOldPositionIsIgnored) {
   hear(position(9000), 0);
   EXPECT_TRUE(hear(attitude(10'000), 0));
   EXPECT_FALSE(hear(attitude(10'001), 0));
   EXPECT_FALSE(hear(attitude(7'900), 0));  // the autopilot has booted again
 }
 
-TEST_F(PoseAssemblerTest, BeliefsCountOnlyWhereThereIsNoTruth) {
+TEST_F(PoseAssemblerTest, EstimatesAreUsedOnlyWithoutTruth) {
   hear(truth(), 0);
   hear(position(9000), 100'000);
   EXPECT_FALSE(hear(attitude(9000), 1'900'000));

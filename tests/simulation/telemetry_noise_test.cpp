@@ -36,7 +36,7 @@ TEST(TelemetryNoise, ErrorsAreAsLargeAsStated) {
 }
 
 // The same error whenever the aircraft is on that course again.
-TEST(TelemetryNoise, TheCompassErrsByTheCourse) {
+TEST(TelemetryNoise, TheCompassErrorDependsOnTheCourse) {
   const TelemetryUncertainty sigma{radians(3), 0.03, radians(0.8)};
   constexpr int kRounds = 400;
   double spread = 0;
@@ -68,13 +68,13 @@ TEST(TelemetryNoise, OnOneCourseTheCompassKeepsItsError) {
   EXPECT_GT(std::sqrt(spread_of_means), 0.5 * sigma.heading_rad);
 }
 
-// Blind for a minute from a known velocity, the sum of what is told errs as the camera file says.
-TEST(TelemetryNoise, TheAccelerometerErrsAsStatedAfterAMinute) {
+// Dead reckoning for a minute from a known velocity: the error of the measured sum is as the camera file states.
+TEST(TelemetryNoise, TheAccelerometerErrorIsAsStatedAfterAMinute) {
   const TelemetryUncertainty sigma{radians(0.01), 0.03, radians(0.8), 0.4};
   double sum = 0;
   for (std::uint64_t seed = 0; seed < 400; ++seed) {
     TelemetryNoise noise(sigma, seed);
-    EXPECT_FALSE(noise.measure(pose_at(0)).imu_dv_mps) << "nothing to count from";
+    EXPECT_FALSE(noise.measure(pose_at(0)).imu_dv_mps) << "no previous pose";
     Eigen::Vector2d velocity = Eigen::Vector2d::Zero();
     for (int i = 1; i <= 30; ++i) velocity += *noise.measure(pose_at(2.0 * i)).imu_dv_mps;
     sum += velocity.squaredNorm() / 2;
@@ -83,7 +83,7 @@ TEST(TelemetryNoise, TheAccelerometerErrsAsStatedAfterAMinute) {
 }
 
 // Its east and north are those of the compass.
-TEST(TelemetryNoise, TheAccelerometerIsTurnedByTheCompass) {
+TEST(TelemetryNoise, TheAccelerometerIsRotatedByTheCompassError) {
   const TelemetryUncertainty sigma{radians(10), 0.03, radians(0.8), 1e-9};
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     TelemetryNoise noise(sigma, seed);

@@ -61,7 +61,7 @@ TEST(World, SameSeedGivesTheSameBytesAndAnotherSeedAnotherWorld) {
   EXPECT_LT(std::abs(correlation(a.grey("ground.tif"), c.grey("ground.tif"))), 0.35);
 }
 
-TEST(World, MapAndDayDifferButShowTheSamePlace) {
+TEST(World, MapAndDayDifferButShowTheSameWorld) {
   const MadeWorld world(5);
   const cv::Mat day = world.grey("ground.tif"), map = world.grey("map.tif");
   EXPECT_LT(correlation(day, map), 0.85) << "the map must not be a copy";
@@ -69,7 +69,7 @@ TEST(World, MapAndDayDifferButShowTheSamePlace) {
   EXPECT_GT(cv::norm(day, map, cv::NORM_L1) / 360000, 8);
 }
 
-TEST(World, ItsPapersAreAcceptedByThoseWhoReadThem) {
+TEST(World, ItsDocumentsAreAcceptedByTheirReaders) {
   const MadeWorld world(5);
   const Mission mission = read_mission(world.folder.path() / "mission.yaml");
   EXPECT_GE(mission.route.points.size(), 4U);
@@ -80,7 +80,7 @@ TEST(World, ItsPapersAreAcceptedByThoseWhoReadThem) {
   EXPECT_EQ(read_camera_file(world.folder.path() / "camera.yaml").camera.width, 1280);
 }
 
-TEST(World, TheMapIsMisplacedByUpToTwoMetresAndSaysSo) {
+TEST(World, TheMapIsMisplacedByUpToTwoMetresAndStatesIt) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     for (double x = 0; x < 2000; x += 100) {
       const double off = cv::norm(map_bias_m(seed, {x, 0.7 * x}));
@@ -89,7 +89,7 @@ TEST(World, TheMapIsMisplacedByUpToTwoMetresAndSaysSo) {
   }
 }
 
-// A piece painted alone is the same as within a larger one: nothing depends on how the work is cut.
+// A piece painted alone equals the same part of a larger one: nothing depends on how the work is divided.
 TEST(World, PiecesFitTogether) {
   const Landscape land = generate_landscape(9, 600);
   const Painter painter(land, Season::september);

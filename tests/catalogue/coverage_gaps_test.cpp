@@ -31,11 +31,12 @@ TEST(PixelCover, HolesOverlapsAndNeighbours) {
   cover.add(GeoArea{GeoPolygon{square(kKey, 60, 160)}});  // overlaps: a union, not a sum
   EXPECT_EQ(count(cover.pixels(kKey)), 100 * 100 - 10 * 10 + 100 * 100 - 50 * 50);
   EXPECT_EQ(count(cover.pixels({18, kKey.x + 1, kKey.y})), 0);
-  EXPECT_EQ(count(cover.pixels({18, kKey.x, kKey.y + 1})), 0) << "beyond what it was told to know";
+  EXPECT_EQ(count(cover.pixels({18, kKey.x, kKey.y + 1})), 0) << "outside of its tile rows";
 }
 
-TEST(PixelCover, FootprintsComeBackAsTheirMasks) {
-  // Tiles of a column, one with a mask full of holes and corner touches: drawn and filled again, nothing has moved.
+TEST(PixelCover, FootprintsRasterizeToTheirMasks) {
+  // Tiles of a column, one with a mask full of holes and corner touches: vectorized and rasterized again, every pixel
+  // is the same.
   Bytes mask(kPixels, 255);
   for (std::size_t i = 0; i < kPixels; ++i) {
     const std::size_t block = (i / 256 / 16) * 31 + (i % 256 / 16) * 17;

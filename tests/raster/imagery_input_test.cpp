@@ -9,17 +9,17 @@
 namespace nadir {
 namespace {
 
-TEST(ImageryFacts, ComeFromTheItem) {
+TEST(ImageryFacts, AreReadFromTheStacItem) {
   const test::TemporaryFolder folder;
-  test::write_item(folder / "map.tif", "2024-03-01T00:00:00Z", 0.25, "somebody");
+  test::write_item(folder / "map.tif", "2024-03-01T00:00:00Z", 0.25, "survey of 2024");
   const ImageryFacts facts = read_imagery_facts(folder / "map.tif", {});
   EXPECT_EQ(to_rfc3339(facts.captured_at), "2024-03-01T00:00:00Z");
   EXPECT_EQ(facts.gsd_m, 0.25);
   EXPECT_EQ(facts.ce90_m, 5);
-  EXPECT_EQ(facts.provider, "somebody");
+  EXPECT_EQ(facts.provider, "survey of 2024");
 }
 
-TEST(ImageryFacts, StatementsWin) {
+TEST(ImageryFacts, OverridesTakePrecedence) {
   const test::TemporaryFolder folder;
   test::write_item(folder / "map.tif");
   const ImageryOverrides all{parse_utc("2020-01-02"), 1.5, 9.0, "me"};
@@ -41,7 +41,7 @@ void expect_refused(const std::filesystem::path& raster, const std::string& word
   }
 }
 
-TEST(ImageryFacts, NothingIsGuessed) {
+TEST(ImageryFacts, MissingFactsAreErrors) {
   const test::TemporaryFolder folder;
   expect_refused(folder / "map.tif", "--captured");
   const auto item = [&](const std::string& properties) {

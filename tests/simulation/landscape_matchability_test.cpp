@@ -54,7 +54,7 @@ double mean_of(const std::vector<double>& values) {
   return sum / static_cast<double>(std::max<std::size_t>(1, values.size()));
 }
 
-TEST_F(MatchabilityOfAWorld, VillagesAreGoodAndFieldsFarFromEverythingAreWorse) {
+TEST_F(MatchabilityOfAWorld, VillagesAreGoodAndRemoteFieldsAreWorse) {
   // Built-up places: around the village. Empty ones: farthest from houses, trees and roads.
   std::vector<double> village, empty, village_score, empty_score;
   ASSERT_TRUE(well_inside(land_.village));

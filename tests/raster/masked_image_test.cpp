@@ -11,7 +11,7 @@ MaskedImage image(int side) {
   return {cv::Mat(side, side, CV_8UC3, cv::Scalar(10, 20, 30)), cv::Mat(side, side, CV_8UC1, cv::Scalar(255))};
 }
 
-TEST(MaskedImage, HalvesToAveragesOfWhatIsKnown) {
+TEST(MaskedImage, HalvesToAveragesOfValidPixels) {
   MaskedImage whole = image(4);
   whole.bgr.at<cv::Vec3b>(0, 0) = {50, 20, 30};
   whole.bgr.at<cv::Vec3b>(2, 2) = {255, 255, 255};
@@ -47,7 +47,7 @@ TEST(MaskedImage, FillsWithoutAnEdge) {
   }
 }
 
-TEST(MaskedImage, NothingKnownStaysAsItIs) {
+TEST(MaskedImage, WithoutValidPixelsNothingChanges) {
   MaskedImage tile = image(256);
   tile.mask.setTo(0);
   fill_invalid(tile);
