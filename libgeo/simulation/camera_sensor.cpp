@@ -84,8 +84,8 @@ constexpr double kShutter_s = 1 / 800.0;
 // Pixels that the ground moves in the image while the shutter is open.
 Eigen::Vector2d motion_px(const CameraModel& camera, const FlightPose& pose, double shutter_s) {
   const double c = std::cos(pose.attitude.heading_rad), s = std::sin(pose.attitude.heading_rad);
-  const double ahead = pose.velocity.y() * c + pose.velocity.x() * s,
-               right = pose.velocity.x() * c - pose.velocity.y() * s;
+  const double ahead = pose.velocity_mps.y() * c + pose.velocity_mps.x() * s,
+               right = pose.velocity_mps.x() * c - pose.velocity_mps.y() * s;
   const double scale = shutter_s / pose.agl_m;
   return {-right * scale * camera.fx, ahead * scale * camera.fy};
 }

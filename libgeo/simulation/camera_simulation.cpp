@@ -57,7 +57,7 @@ RenderedFrame LiveCamera::capture(const LivePose& pose, std::uint64_t number) co
   flight.agl_m = std::max(1.0, at.up_m - ground);
   flight.position = {at.east_m, at.north_m, ground + flight.agl_m};
   flight.attitude = pose.attitude;
-  flight.velocity = pose.velocity_enu_mps.head<2>();
+  flight.velocity_mps = pose.velocity_enu_mps.head<2>();
   const bool far = flight.agl_m > kFar_m || at.east_m < box_.west_m - kFar_m || at.east_m > box_.east_m + kFar_m ||
                    at.north_m < box_.south_m - kFar_m || at.north_m > box_.north_m + kFar_m;
   RenderedFrame rendered = far ? grey : renderer_.render(flight.position, flight.attitude);

@@ -122,8 +122,7 @@ std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const Groun
     pose.position = {plane.x(), plane.y(), up};
     pose.agl_m = up - ground.up_m(plane.x(), plane.y());
     pose.pressure_agl_m = options.agl_m + lift;
-    pose.velocity = Eigen::Vector2d(std::sin(heading), std::cos(heading)) * speed;
-    pose.turn_rate = rate;
+    pose.velocity_mps = Eigen::Vector2d(std::sin(heading), std::cos(heading)) * speed;
     // Coordinated turn: tan(bank) = v · rate / g, at most 30 degrees.
     const double bank = std::clamp(std::atan(rate * speed / kGravity), -radians(30), radians(30));
     pose.attitude.heading_rad = heading + crab + wobble(time, 1, 0.9, 0.3);

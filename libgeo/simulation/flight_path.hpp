@@ -17,8 +17,7 @@ struct FlightPose {
   Attitude attitude;
   double agl_m = 0;                                    // above the ground straight below
   double pressure_agl_m = 0;                           // above a smoothed terrain, as a barometer measures it
-  Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  // over ground
-  double turn_rate = 0;                                // rad/s
+  Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // over ground
 };
 
 struct FlightPathOptions {

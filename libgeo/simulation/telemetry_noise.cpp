@@ -31,7 +31,7 @@ TelemetryNoise::TelemetryNoise(const TelemetryUncertainty& uncertainty, std::uin
 
 std::optional<Eigen::Vector2d> velocity_change(const std::optional<FlightPose>& before, const FlightPose& pose) {
   if (!before) return std::nullopt;
-  return pose.velocity - before->velocity;
+  return pose.velocity_mps - before->velocity_mps;
 }
 
 double TelemetryNoise::compass_error(double heading_rad) const {

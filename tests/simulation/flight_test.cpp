@@ -249,13 +249,13 @@ void expect_dots_in_place(bool relief) {
       for (int x = kDotSpacing / 2; x < kSide; x += kDotSpacing) {
         const double height = relief ? relief_m(x + 0.5, y + 0.5) : 0;
         const Enu dot = frame.enu_from_geodetic({test::lonlat_at(scene.placement, x + 0.5, y + 0.5), height});
-        const Eigen::Vector3d seen = camera_from_enu * (Eigen::Vector3d(dot.east_m, dot.north_m, dot.up_m) - dot);
+        const Eigen::Vector3d seen = camera_from_enu * (Eigen::Vector3d(dot.east_m, dot.north_m, dot.up_m) - position);
         if (seen.z() < 20) continue;
         const Eigen::Vector2d pixel = camera.pixel_from_point(seen);
         if (pixel.x() < 14 || pixel.y() < 14 || pixel.x() > 625 || pixel.y() > 465) continue;
-        const auto dot = dot_near(grey, pixel);
-        ASSERT_TRUE(dot) << telemetry.cell(i, 0) << " misses the dot at " << pixel.transpose();
-        const double dx = dot->x - pixel.x(), dy = dot->y - pixel.y();
+        const auto seen_dot = dot_near(grey, pixel);
+        ASSERT_TRUE(seen_dot) << telemetry.cell(i, 0) << " misses the dot at " << pixel.transpose();
+        const double dx = seen_dot->x - pixel.x(), dy = seen_dot->y - pixel.y();
         worst = std::max(worst, std::hypot(dx, dy));
         sum_x += dx, sum_y += dy, ++dots;
       }

@@ -92,11 +92,11 @@ TEST(TelemetryNoise, TheAccelerometerIsRotatedByTheCompassError) {
     double compass = 0;
     for (int i = 1; i <= 400; ++i) {
       pose.time_s = i;
-      pose.velocity = {i % 2 == 0 ? 0.0 : 30.0, 0};
+      pose.velocity_mps = {i % 2 == 0 ? 0.0 : 30.0, 0};
       compass += noise.measure(pose).attitude.heading_rad / 400;
     }
     pose.time_s = 401;
-    pose.velocity = {30, 0};
+    pose.velocity_mps = {30, 0};
     const Eigen::Vector2d measured = *noise.measure(pose).imu_dv_mps;
     EXPECT_NEAR(std::atan2(-measured.y(), measured.x()), compass, radians(1.5));
   }
