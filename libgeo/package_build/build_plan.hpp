@@ -21,7 +21,6 @@ struct TileRange {
   std::int64_t first_x = 0, first_y = 0, last_x = -1, last_y = -1;
 
   bool empty() const { return last_x < first_x || last_y < first_y; }
-  std::int64_t count() const { return empty() ? 0 : (last_x - first_x + 1) * (last_y - first_y + 1); }
   bool contains(const TileKey& key) const {
     return key.z == zoom && key.x >= first_x && key.x <= last_x && key.y >= first_y && key.y <= last_y;
   }

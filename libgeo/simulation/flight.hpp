@@ -1,5 +1,5 @@
 // A whole simulated flight on disk: frames/*.jpg, telemetry.csv, truth.csv and a copy of the camera's file, as
-// `nadir replay` reads them. docs/simulate-flight.md.
+// `nadir replay` reads them. docs/commands/simulate-flight.md.
 #pragma once
 
 #include <cstdint>

@@ -30,10 +30,10 @@ double Pond::edge_m(GroundPoint position) const {
   return cv::norm(d) - radius_m * shape;
 }
 
-double distance_m(const Polyline& way, GroundPoint position) {
+double distance_m(const Polyline& line, GroundPoint position) {
   double best = 1e18;
-  for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
-    const GroundPoint a = way.points[i], ab = way.points[i + 1] - a, ap = position - a;
+  for (std::size_t i = 0; i + 1 < line.points.size(); ++i) {
+    const GroundPoint a = line.points[i], ab = line.points[i + 1] - a, ap = position - a;
     const double t = std::clamp(ap.dot(ab) / std::max(ab.dot(ab), 1e-9), 0.0, 1.0);
     const GroundPoint gap = ap - ab * t;
     best = std::min(best, gap.dot(gap));

@@ -1,5 +1,5 @@
 // Makes a complete world on disk: ground.tif (the day of the flight), map.tif (a satellite image, months earlier),
-// dem.tif, their STAC items, and a matching mission and camera. docs/simulate-world.md.
+// dem.tif, their STAC items, and a matching mission and camera. docs/commands/simulate-world.md.
 #pragma once
 
 #include <cstdint>
