@@ -18,7 +18,7 @@
 #include "trust/bearer_token.hpp"
 #include "vision/airframe.hpp"
 #include "vision/place_index_check.hpp"
-#include "nadird_client/watching.hpp"
+#include "nadird_client/watch.hpp"
 
 namespace nadir {
 namespace {

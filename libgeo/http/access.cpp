@@ -1,10 +1,58 @@
 #include "http/access.hpp"
 
+#include <arpa/inet.h>
+
 #include <algorithm>
 #include <cctype>
+#include <charconv>
 #include <string>
 
+#include "base/error.hpp"
+#include "base/printable.hpp"
+
 namespace nadir {
+
+namespace {
+
+std::optional<std::string> ip_of(std::string_view host) {
+  unsigned char bytes[16];
+  if (host.size() > 2 && host.front() == '[' && host.back() == ']') {
+    std::string inner(host.substr(1, host.size() - 2));
+    return inet_pton(AF_INET6, inner.c_str(), bytes) == 1 ? std::optional(inner) : std::nullopt;
+  }
+  std::string plain(host);
+  return inet_pton(AF_INET, plain.c_str(), bytes) == 1 ? std::optional(plain) : std::nullopt;
+}
+
+}  // namespace
+
+bool ListenAddress::loopback() const { return ip == "::1" || ip.starts_with("127."); }
+
+ListenAddress parse_listen_address(std::string_view text) {
+  const std::size_t colon = text.rfind(':');
+  if (colon != std::string_view::npos) {
+    const std::optional<std::string> ip = ip_of(text.substr(0, colon));
+    ListenAddress address;
+    const char* const end = text.data() + text.size();
+    const auto [stopped, error] = std::from_chars(text.data() + colon + 1, end, address.port);
+    if (ip && error == std::errc{} && stopped == end) {
+      address.ip = *ip;
+      return address;
+    }
+  }
+  throw UsageError({.what = "the address to listen on does not read",
+                    .expected = "IP:PORT, as in 127.0.0.1:8750 or [::1]:8750",
+                    .found = printable(text)});
+}
+
+void require_token_beyond_loopback(const ListenAddress& address, const std::optional<Sha256>& token) {
+  if (address.loopback() || token) return;
+  throw UsageError({.what = "beyond loopback the API does not listen without a token",
+                    .expected = "a file with a token, or a loopback address",
+                    .found = address.ip,
+                    .fix = "give a token file, or listen on 127.0.0.1 and reach it through ssh -L"});
+}
+
 namespace {
 
 std::string lower_case(std::string_view text) {

@@ -2,9 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
+#include <string>
 #include <string_view>
+#include <vector>
 
-#include "upload/outbox_database.hpp"
+#include "base/finding.hpp"
+#include "trust/keys.hpp"
+#include "upload/outbox.hpp"
 
 namespace nadir {
 
@@ -24,5 +29,57 @@ struct PruneSum {
 // Deletes the bytes of tiles that have had their final verdict since before this time. The tiles themselves are
 // remembered, so that they are not staged again. `only_count`: says what would go.
 PruneSum prune_blobs(OutboxDatabase& outbox, std::int64_t before_ms, bool only_count);
+
+// What is in an outbox, for people and programs.
+
+struct StateSum {
+  std::int64_t tiles = 0;
+  std::int64_t bytes = 0;  // of their pictures, deleted or not
+};
+
+struct BatchReport {
+  std::string uuid;
+  std::string airframe;
+  std::string flight;
+  std::string stage;
+  std::int64_t tiles = 0;
+  std::int64_t open = 0;  // without a final verdict
+  int attempts = 0;       // in vain
+  std::int64_t not_before_ms = 0;
+  std::string trouble;
+};
+
+struct FailedTile {
+  std::string sha256;
+  std::string flight;
+  std::string state;
+  std::string code;
+  std::string detail;
+};
+
+struct OutboxReport {
+  std::map<TileState, StateSum> states;
+  std::map<std::string, std::int64_t> reasons;  // code → tiles rejected, refused or damaged
+  std::int64_t kept_bytes = 0;                  // of pictures that are still there
+  std::vector<BatchReport> batches;             // those that are not done
+};
+
+// Throws Error when the outbox holds what no program of ours writes.
+OutboxReport report_outbox(const OutboxDatabase& outbox);
+
+// Rejected, refused and damaged tiles, in the order of staging, at most so many.
+std::vector<FailedTile> failed_tiles(const OutboxDatabase& outbox, std::int64_t most);
+
+// Batches that cannot go on because something of them is damaged: the sound tiles of such a batch go into a new one.
+
+struct MendedSum {
+  std::int64_t batches = 0;  // taken apart
+  std::int64_t tiles = 0;    // staged again, for seal_batches()
+  Findings findings;         // `outbox.damaged` for each tile that was set aside
+};
+
+// Of the parked batches those whose document or tiles are not as they were sealed. Tiles that have their verdict keep
+// it. The key tells whether a document is still the one that it has signed.
+MendedSum take_damaged_apart(OutboxDatabase& outbox, const PublicKey& key, std::int64_t now_ms);
 
 }  // namespace nadir

@@ -5,12 +5,14 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <variant>
+#include <vector>
 
 #include "base/bytes.hpp"
 #include "base/sha256.hpp"
-#include "upload/http.hpp"
-#include "upload/replies.hpp"
+#include "base/time.hpp"
+#include "upload/transport.hpp"
 
 namespace nadir {
 
@@ -62,5 +64,51 @@ class ServiceClient {
  private:
   HttpTransport& transport_;
 };
+
+// The service's answers, read strictly: what does not say what the contract says is no answer, and the uploader asks
+// again. Members that we do not know are passed over.
+
+struct RefusedReply {
+  Sha256 sha256;
+  std::string code;  // of the closed list
+  std::string detail;
+};
+
+struct AnnouncementReply {
+  std::string upload;  // the service's name for it
+  std::vector<Sha256> missing;
+  std::vector<Sha256> known;
+  std::vector<RefusedReply> refused;
+  std::uint64_t part_max = 0;  // bytes
+  UtcTime expires_at;
+};
+
+struct VerdictReply {
+  enum class Kind { accepted, rejected, duplicate, pending };
+  Sha256 sha256;
+  Kind kind = Kind::pending;
+  std::string code{};  // when rejected
+  std::string detail{};
+};
+
+struct StatusReply {
+  std::string upload;
+  std::string batch;
+  bool complete = false;  // the service judges, or has judged
+  std::vector<VerdictReply> tiles{};
+};
+
+// Throw Error for everything else than these documents.
+AnnouncementReply parse_announcement(std::string_view body);
+StatusReply parse_upload_status(std::string_view body);
+
+// "title: detail" of a problem document, or a few words about what it is instead; safe to show.
+std::string problem_text(std::string_view body);
+
+// Points in time as HTTP's headers say them (RFC 9110, section 5.6.7): "Sun, 06 Nov 1994 08:49:37 GMT", and the two old
+// forms that a recipient must understand: "Sunday, 06-Nov-94 08:49:37 GMT" and "Sun Nov  6 08:49:37 1994".
+
+// nullopt for anything else. Years of two digits lie in 1970 to 2069. The name of the day is not checked.
+std::optional<UtcTime> parse_http_date(std::string_view text);
 
 }  // namespace nadir

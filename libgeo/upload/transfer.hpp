@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "upload/outbox_database.hpp"
-#include "upload/replies.hpp"
+#include "upload/outbox.hpp"
+#include "upload/service_client.hpp"
 
 namespace nadir {
 

@@ -5,11 +5,11 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "base/progress.hpp"
 #include "base/random.hpp"
-#include "upload/pace.hpp"
 #include "upload/service_client.hpp"
 #include "upload/transfer.hpp"
 
@@ -84,5 +84,30 @@ class Uploader {
   std::int64_t service_not_before_ms_ = 0;  // when it failed one batch it would fail the next; outlives a restart
   UploadOutcome outcome_;
 };
+
+// The present time to the millisecond, and waiting: both come in from outside, so that tests wait for nothing.
+
+class Pace {
+ public:
+  virtual ~Pace() = default;
+  virtual std::int64_t now_ms() const = 0;  // since 1970
+  // Calls `check` now and then; what it throws ends the wait.
+  virtual void wait(std::int64_t duration_ms, const std::function<void()>& check) = 0;
+};
+
+class SystemPace final : public Pace {
+ public:
+  std::int64_t now_ms() const override;
+  void wait(std::int64_t duration_ms, const std::function<void()>& check) override;
+};
+
+// How long to wait before trying again: a random time up to a limit that doubles with each failure, so that many
+// senders who failed together do not come back together. What the service asks for goes first.
+
+inline constexpr std::int64_t kFirstBackOff_ms = 2'000;
+inline constexpr std::int64_t kLongestBackOff_ms = 15 * 60 * 1'000;
+
+// random(0, min(15 min, 2 s · 2ⁿ)), n the failures before this one; or the service's Retry-After (at most a day).
+std::int64_t back_off_ms(int failures_before, std::optional<std::int64_t> retry_after_s, Random& random);
 
 }  // namespace nadir

@@ -7,11 +7,11 @@
 #include <exception>
 #include <nlohmann/json.hpp>
 
-#include "api/object_request.hpp"
+#include "api/requests.hpp"
 #include "api/page.hpp"
-#include "api/state_json.hpp"
+#include "api/view_formats.hpp"
 #include "http/access.hpp"
-#include "http/problem.hpp"
+#include "http/message.hpp"
 #include "imagery/codecs.hpp"
 
 namespace nadir {

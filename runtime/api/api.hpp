@@ -7,10 +7,9 @@
 #include <mutex>
 #include <optional>
 
-#include "api/event_stream.hpp"
-#include "api/flight_board.hpp"
-#include "api/hint.hpp"
-#include "api/metrics.hpp"
+#include "api/view_formats.hpp"
+#include "api/flight_view.hpp"
+#include "api/requests.hpp"
 #include "base/sha256.hpp"
 #include "geodesy/local_frame.hpp"
 #include "http/message.hpp"

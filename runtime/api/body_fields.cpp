@@ -1,4 +1,4 @@
-#include "api/body_fields.hpp"
+#include "api/requests.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "http/problem.hpp"
+#include "http/message.hpp"
 
 namespace nadir {
 

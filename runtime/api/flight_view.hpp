@@ -5,11 +5,16 @@
 // radians, headings clockwise from true north, attitude as in vision/camera_model.hpp. What is not known is nullopt.
 #pragma once
 
+#include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <map>
+#include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/time.hpp"
@@ -122,6 +127,76 @@ struct FlightView {
   PackageView package;
   std::vector<FlightEvent> events;  // the last ones, oldest first (flight_history.hpp)
   std::vector<TrackPoint> track;    // the last minutes, oldest first
+};
+
+// What the service remembers of its own flight for its readers: the last events and the track of the last minutes.
+// Bounded, so that a long flight costs no more than a short one.
+
+class EventRing {
+ public:
+  explicit EventRing(std::size_t capacity = 100) : capacity_(capacity) {}
+
+  void add(double time_s, EventSeverity severity, std::string kind, std::string text);
+  const std::vector<FlightEvent>& events() const { return events_; }  // oldest first
+
+ private:
+  std::size_t capacity_;
+  std::uint64_t last_id_ = 0;
+  std::vector<FlightEvent> events_;
+};
+
+// At most one point in each spacing_s; points older than length_s are forgotten.
+class FlightTrail {
+ public:
+  explicit FlightTrail(double length_s = 600, double spacing_s = 1) : length_s_(length_s), spacing_s_(spacing_s) {}
+
+  void add(const TrackPoint& point);
+  const std::vector<TrackPoint>& points() const { return points_; }  // oldest first
+
+ private:
+  double length_s_;
+  double spacing_s_;
+  std::vector<TrackPoint> points_;
+};
+
+// Hands the latest of something from one thread to another; what nobody took is replaced. Neither side ever waits: a
+// letter changes hands in one atomic exchange.
+
+template <typename Letter>
+class Mailbox {
+ public:
+  Mailbox() = default;
+  ~Mailbox() { delete box_.load(); }
+  Mailbox(const Mailbox&) = delete;
+  Mailbox& operator=(const Mailbox&) = delete;
+
+  void put(Letter letter) { delete box_.exchange(new Letter(std::move(letter)), std::memory_order_acq_rel); }
+
+  // Null when nothing has come since the last time.
+  std::unique_ptr<Letter> take() { return std::unique_ptr<Letter>(box_.exchange(nullptr, std::memory_order_acq_rel)); }
+
+ private:
+  std::atomic<Letter*> box_{nullptr};
+};
+
+// Where the flight's thread puts its latest FlightView and any number of readers look at it.
+//
+// publish() never waits for a reader, however many there are and whatever they do: it is one atomic exchange. Readers
+// wait for each other alone, for the moment that it takes to copy a pointer.
+
+class FlightBoard {
+ public:
+  // From one thread. Numbers the view.
+  void publish(FlightView view);
+
+  // From any thread. Before the first publish(): a view of a service that boots.
+  std::shared_ptr<const FlightView> snapshot() const;
+
+ private:
+  std::uint64_t versions_ = 0;
+  mutable Mailbox<FlightView> newest_;
+  mutable std::mutex readers_;
+  mutable std::shared_ptr<const FlightView> seen_ = std::make_shared<const FlightView>();
 };
 
 }  // namespace nadir

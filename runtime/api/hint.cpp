@@ -1,8 +1,7 @@
-#include "api/hint.hpp"
+#include "api/requests.hpp"
 
 #include <nlohmann/json.hpp>
 
-#include "api/body_fields.hpp"
 
 namespace nadir {
 

@@ -6,7 +6,7 @@
 #include <variant>
 
 #include "geodesy/lon_lat.hpp"
-#include "http/problem.hpp"
+#include "http/message.hpp"
 
 namespace nadir {
 

@@ -1,10 +1,9 @@
-#include "api/object_request.hpp"
+#include "api/requests.hpp"
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <variant>
 
-#include "api/body_fields.hpp"
 #include "api/object_location.hpp"
 #include "geodesy/angles.hpp"
 

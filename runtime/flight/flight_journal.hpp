@@ -5,7 +5,7 @@
 #include <memory>
 #include <string>
 
-#include "api/flight_history.hpp"
+#include "api/flight_view.hpp"
 #include "recorder/recorder.hpp"
 #include "service/service_machine.hpp"
 

@@ -18,7 +18,7 @@
 #include <optional>
 #include <string>
 
-#include "api/http_server.hpp"
+#include "http/server.hpp"
 #include "flight/autopilot_link.hpp"
 #include "flight/camera_feed.hpp"
 #include "flight/flight_facts.hpp"

@@ -1,7 +1,6 @@
 // The FlightView that readers get, put together from what the parts say of themselves.
 #pragma once
 
-#include "api/flight_history.hpp"
 #include "api/flight_view.hpp"
 #include "flight/autopilot_link.hpp"
 #include "flight/flight_facts.hpp"

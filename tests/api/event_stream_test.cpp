@@ -1,9 +1,9 @@
-#include "api/event_stream.hpp"
+#include "api/view_formats.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "api/flight_history.hpp"
+#include "api/flight_view.hpp"
 
 namespace nadir {
 namespace {

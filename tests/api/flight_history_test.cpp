@@ -1,4 +1,4 @@
-#include "api/flight_history.hpp"
+#include "api/flight_view.hpp"
 
 #include <gtest/gtest.h>
 

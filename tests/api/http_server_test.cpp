@@ -1,4 +1,4 @@
-#include "api/http_server.hpp"
+#include "http/server.hpp"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>

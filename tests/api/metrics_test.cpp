@@ -1,4 +1,4 @@
-#include "api/metrics.hpp"
+#include "api/view_formats.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

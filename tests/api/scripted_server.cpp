@@ -12,7 +12,7 @@
 #include <map>
 #include <string>
 
-#include "api/http_server.hpp"
+#include "http/server.hpp"
 #include "api/painted_tiles.hpp"
 #include "api/scripted_flight.hpp"
 #include "base/error.hpp"

@@ -1,4 +1,4 @@
-#include "candidates/announced_tile.hpp"
+#include "candidates/tile_check.hpp"
 
 #include <gtest/gtest.h>
 

@@ -6,7 +6,6 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "candidates/flight_maker.hpp"
-#include "candidates/incoming_packs.hpp"
 #include "candidates/pack_store.hpp"
 #include "candidates/trust_file.hpp"
 #include "support/temporary_folder.hpp"

@@ -1,10 +1,9 @@
-#include "candidates/tile_picture_check.hpp"
+#include "candidates/tile_check.hpp"
 
 #include <gtest/gtest.h>
 
 #include <opencv2/imgproc.hpp>
 
-#include "candidates/agreement.hpp"
 #include "candidates/flight_maker.hpp"
 
 namespace nadir {

@@ -2,7 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "api/api.hpp"
-#include "api/event_stream.hpp"
+#include "api/view_formats.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 

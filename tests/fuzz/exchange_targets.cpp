@@ -1,7 +1,7 @@
 // What a stranger may upload: announcements and packs of tiles.
 #include "base/sha256.hpp"
 #include "upload/batch.hpp"
-#include "upload/pack_reader.hpp"
+#include "upload/pack.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 

@@ -4,10 +4,8 @@
 #include "fuzz/any_rows.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "upload/outbox_mend.hpp"
-#include "upload/outbox_report.hpp"
-#include "upload/outbox_tables.hpp"
 #include "upload/outbox_upkeep.hpp"
+#include "upload/outbox.hpp"
 #include "upload/staging.hpp"
 #include "upload/transfer.hpp"
 

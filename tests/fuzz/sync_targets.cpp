@@ -2,8 +2,7 @@
 #include "base/printable.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "upload/http_date.hpp"
-#include "upload/replies.hpp"
+#include "upload/service_client.hpp"
 
 namespace nadir::fuzz {
 namespace {

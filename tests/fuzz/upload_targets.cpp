@@ -1,5 +1,5 @@
 // What anybody may send to the candidate service before a token is looked at: path, method, headers.
-#include "candidates/upload_path.hpp"
+#include "candidates/upload_api.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 

@@ -1,4 +1,4 @@
-#include "http/listen.hpp"
+#include "http/access.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "upload/back_off.hpp"
+#include "upload/uploader.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "upload/http_date.hpp"
+#include "upload/service_client.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "upload/pack_reader.hpp"
+#include "upload/pack.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "upload/replies.hpp"
+#include "upload/service_client.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"
-#include "upload/curl_transport.hpp"
+#include "upload/transport.hpp"
 
 namespace nadir {
 namespace {

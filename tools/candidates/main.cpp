@@ -3,9 +3,7 @@
 
 #include <iostream>
 
-#include "candidates/export.hpp"
-#include "candidates/serve.hpp"
-#include "candidates/status.hpp"
+#include "candidates/commands.hpp"
 #include "cli/interrupt.hpp"
 #include "cli/program.hpp"
 

@@ -2,11 +2,299 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
 #include "base/error.hpp"
-#include "candidates/upload_json.hpp"
+#include "base/printable.hpp"
 #include "http/access.hpp"
+#include "trust/base64.hpp"
+#include "trust/bearer_token.hpp"
+#include "upload/batch.hpp"
+#include "upload/pack.hpp"
 
 namespace nadir {
+
+namespace fs = std::filesystem;
+
+Clients::Clients(const std::vector<std::string>& token_files) {
+  std::map<fs::path, std::vector<std::string>> airframes;  // of each file; empty: all
+  for (const std::string& text : token_files) {
+    const std::size_t equals = text.find('=');
+    const bool named = equals != std::string::npos && !fs::exists(text);
+    std::vector<std::string>& of_file = airframes[named ? text.substr(equals + 1) : text];
+    if (named) of_file.push_back(text.substr(0, equals));
+  }
+  for (auto& [file, names] : airframes) {
+    UploadClient client{.name = file.stem().string(), .airframes = std::move(names)};
+    const bool taken = std::any_of(clients_.begin(), clients_.end(),
+                                   [&client](const auto& known) { return known.second.name == client.name; });
+    if (taken) {
+      throw UsageError({.what = "two token files have one name",
+                        .where = file,
+                        .expected = "names that tell the clients apart",
+                        .fix = "rename one of them"});
+    }
+    if (!clients_.emplace(sha256(as_bytes(read_bearer_token(file))), std::move(client)).second) {
+      throw UsageError({.what = "two clients have one token",
+                        .where = file,
+                        .fix = "(umask 077; openssl rand -hex 24 > " + file.string() + ")"});
+    }
+  }
+}
+
+const UploadClient* Clients::find(std::string_view authorization) const {
+  const auto digest = bearer_digest(authorization);
+  const auto found = digest ? clients_.find(*digest) : clients_.end();
+  return found == clients_.end() ? nullptr : &found->second;
+}
+
+namespace {
+
+constexpr std::string_view kUploads = "/v1/uploads";
+
+std::optional<std::uint64_t> whole_number(const std::string& text) {
+  std::uint64_t value = 0;
+  const char* const end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc{} || stopped != end) return std::nullopt;
+  return value;
+}
+
+// "sha-256=:BASE64:" (RFC 9530), this one member. A spelling of which no digest is the canonical one is no bytes'
+// digest: what comes with it will not fit.
+std::optional<Sha256> part_digest(std::string_view text) {
+  constexpr std::string_view kBegin = "sha-256=:";
+  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  constexpr std::size_t kLength = 43;
+  if (text.size() != kBegin.size() + kLength + 2 || !text.starts_with(kBegin) || !text.ends_with("=:") ||
+      text.substr(kBegin.size(), kLength).find_first_not_of(kDigits) != std::string_view::npos) {
+    return std::nullopt;
+  }
+  Sha256 digest;
+  if (const auto bytes = from_base64(text.substr(kBegin.size(), kLength + 1))) {
+    std::copy(bytes->begin(), bytes->end(), digest.bytes.begin());
+  }
+  return digest;
+}
+
+}  // namespace
+
+std::string media_type(std::string_view text) {
+  std::string type(text.substr(0, text.find(';')));
+  while (type.ends_with(' ')) type.pop_back();
+  std::transform(type.begin(), type.end(), type.begin(), [](unsigned char c) { return std::tolower(c); });
+  return type;
+}
+
+std::optional<UploadWay> way_of(std::string_view path, std::string_view method, std::uint64_t part_max) {
+  if (path == "/v1/health") return UploadWay{.admission = {.path = UploadPath::health}, .methods = "GET, HEAD"};
+  if (path == "/v1/reason-codes")
+    return UploadWay{.admission = {.path = UploadPath::reason_codes}, .methods = "GET, HEAD"};
+  if (path == kUploads) {
+    return UploadWay{.admission = {.path = UploadPath::uploads},
+                     .methods = "POST",
+                     .body_max = kMaxBatchSize,
+                     .media = "application/json"};
+  }
+  if (!path.starts_with(kUploads) || path[kUploads.size()] != '/') return std::nullopt;
+  path.remove_prefix(kUploads.size() + 1);
+  const std::size_t end = std::min(path.find('/'), path.size());
+  UploadWay way{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
+                .methods = "GET, HEAD"};
+  path.remove_prefix(end);
+  if (path.empty()) return way;
+  if (path == "/complete") {
+    way.admission.path = UploadPath::complete;
+    way.methods = "POST";
+    return way;
+  }
+  constexpr std::string_view kPacks = "/packs/";
+  if (!path.starts_with(kPacks)) return std::nullopt;
+  way.admission.path = UploadPath::pack;
+  way.admission.pack = Sha256::from_hex(path.substr(kPacks.size()));
+  way.methods = "HEAD, PATCH";
+  if (method == "PATCH") way.body_max = part_max, way.media = "application/octet-stream";
+  if (!way.admission.pack) return std::nullopt;
+  return way;
+}
+
+bool lists(std::string_view methods, std::string_view method) {
+  const std::size_t at = methods.find(method);
+  return !method.empty() && at != std::string_view::npos && (at == 0 || methods[at - 1] == ' ') &&
+         (at + method.size() == methods.size() || methods[at + method.size()] == ',');
+}
+
+std::variant<PartHeader, std::string> part_header(const UploadRequest& request) {
+  const auto offset = request.upload_offset ? whole_number(*request.upload_offset) : std::nullopt;
+  if (!offset) return "Upload-Offset: where in the pack the part begins, a whole number";
+  const auto digest = request.content_digest ? part_digest(*request.content_digest) : std::nullopt;
+  if (!digest) return "Content-Digest: sha-256=:BASE64: of the part";
+  const auto length = request.upload_length ? whole_number(*request.upload_length) : std::nullopt;
+  if (request.upload_length && !length) return "Upload-Length: a whole number";
+  if (length && *length <= kPackHeadSize + kPackEntrySize) return "Upload-Length: no pack is that short";
+  return PartHeader{.offset = *offset, .length = length, .digest = *digest};
+}
+
+namespace {
+
+using nlohmann::json;
+using Kind = Denial::Kind;
+
+constexpr std::size_t kLongestDetail = 500;
+constexpr const char* kSoon_s = "2";
+
+ApiResponse json_answer(int status, const json& document) {
+  return {.status = status, .body = document.dump(-1, ' ', false, json::error_handler_t::replace)};
+}
+
+std::string short_detail(const std::string& text) {
+  std::string detail = printable(text);
+  if (detail.size() > kLongestDetail) detail.resize(kLongestDetail);
+  return detail;
+}
+
+json digests(const std::vector<Sha256>& list) {
+  json array = json::array();
+  for (const Sha256& sha256 : list) array.push_back(sha256.hex());
+  return array;
+}
+
+std::string time_text(std::int64_t ms) { return to_rfc3339(UtcTime{ms / 1000}); }
+
+const char* name_of(UploadState state) {
+  switch (state) {
+    case UploadState::open: return "open";
+    case UploadState::judging: return "judging";
+    case UploadState::judged: break;
+  }
+  return "judged";
+}
+
+const char* verdict_of(const TileRow& tile) {
+  if (!tile.verdict) return "pending";
+  switch (*tile.verdict) {
+    case Verdict::accepted: return "accepted";
+    case Verdict::rejected: return "rejected";
+    case Verdict::duplicate: break;
+  }
+  return "duplicate";
+}
+
+struct Shown {
+  int status;
+  const char* type;
+};
+
+Shown shown(Kind kind) {
+  switch (kind) {
+    case Kind::malformed: return {400, "malformed"};
+    case Kind::forbidden: return {403, "forbidden"};
+    case Kind::not_found: return {404, "not-found"};
+    case Kind::key_reused: return {422, "key-reused"};
+    case Kind::batch_invalid: return {422, "batch-invalid"};
+    case Kind::pack_unknown: return {404, "pack-unknown"};
+    case Kind::pack_invalid: return {422, "pack-invalid"};
+    case Kind::pack_busy: return {409, "pack-busy"};
+    case Kind::offset_mismatch: return {409, "offset-mismatch"};
+    case Kind::digest_mismatch: return {460, "digest-mismatch"};
+    case Kind::too_large: return {413, "too-large"};
+    case Kind::too_many: return {429, "too-many-requests"};
+    case Kind::incomplete: return {409, "incomplete"};
+    case Kind::storage_full: return {507, "storage-full"};
+    case Kind::unavailable: break;
+  }
+  return {503, "busy"};
+}
+
+}  // namespace
+
+ApiResponse announcement_answer(const Announcement& announcement, std::uint64_t part_max) {
+  json refused = json::array();
+  for (const auto& [sha256, refusal] : announcement.refused) {
+    refused.push_back(
+        {{"sha256", sha256.hex()}, {"code", name_of(refusal.code)}, {"detail", short_detail(refusal.detail)}});
+  }
+  ApiResponse response =
+      json_answer(announcement.opened ? 201 : 200, {{"upload_id", announcement.upload},
+                                                    {"missing", digests(announcement.missing)},
+                                                    {"known", digests(announcement.known)},
+                                                    {"refused", std::move(refused)},
+                                                    {"part_max", part_max},
+                                                    {"expires_at", time_text(announcement.expires_ms)}});
+  response.headers.emplace_back("Location", "/v1/uploads/" + announcement.upload);
+  return response;
+}
+
+ApiResponse completion_answer(const Completion& completion) {
+  ApiResponse response = json_answer(202, {{"upload_id", completion.upload}, {"pending", completion.pending}});
+  if (completion.pending > 0) response.headers.emplace_back("Retry-After", kSoon_s);
+  return response;
+}
+
+ApiResponse status_answer(const UploadStatus& status) {
+  json tiles = json::array();
+  bool pending = false;
+  for (const TileRow& tile : status.tiles) {
+    const bool rejected = tile.verdict == Verdict::rejected;
+    const ReasonCode code = tile.code.value_or(ReasonCode::policy);
+    pending = pending || !tile.verdict;
+    tiles.push_back({{"sha256", tile.sha256.hex()},
+                     {"verdict", verdict_of(tile)},
+                     {"code", rejected ? json(name_of(code)) : json()},
+                     {"detail", short_detail(tile.detail)},
+                     {"retryable", rejected && retryable(code)}});
+  }
+  ApiResponse response = json_answer(200, {{"upload_id", status.upload.name},
+                                           {"batch", status.upload.batch},
+                                           {"state", name_of(status.upload.state)},
+                                           {"expires_at", time_text(status.upload.expires_ms)},
+                                           {"tiles", std::move(tiles)}});
+  response.headers.emplace_back("Cache-Control", "no-store");
+  if (pending) response.headers.emplace_back("Retry-After", kSoon_s);
+  return response;
+}
+
+ApiResponse reason_codes_answer() {
+  json codes = json::array();
+  for (const ReasonCode code : all_reason_codes()) {
+    codes.push_back({{"code", name_of(code)}, {"retryable", retryable(code)}, {"meaning", meaning_of(code)}});
+  }
+  return json_answer(200, {{"version", kReasonCodesVersion}, {"codes", std::move(codes)}});
+}
+
+ApiResponse health_answer(const std::string& trouble, bool fails) {
+  const char* status = trouble.empty() ? "pass" : fails ? "fail" : "warn";
+  ApiResponse response = json_answer(fails ? 503 : 200, {{"status", status}, {"reason", short_detail(trouble)}});
+  response.headers.emplace_back("Cache-Control", "no-store");
+  return response;
+}
+
+ApiResponse later(int status, std::string type, std::string detail) {
+  ApiResponse response = answer({.status = status, .type = std::move(type), .detail = std::move(detail)});
+  response.headers.emplace_back("Retry-After", kSoon_s);
+  return response;
+}
+
+ApiResponse denial_answer(const Denial& denial) {
+  const auto [status, type] = shown(denial.kind);
+  ApiResponse response = answer({.status = status, .type = type, .detail = denial.detail});
+  if (denial.offset) response.headers.emplace_back("Upload-Offset", std::to_string(*denial.offset));
+  if (denial.kind == Kind::incomplete) {
+    json document = json::parse(response.body);
+    document["missing"] = digests(denial.missing);
+    response.body = document.dump();
+  }
+  if (denial.kind == Kind::unavailable || denial.kind == Kind::pack_busy || denial.kind == Kind::too_many) {
+    response.headers.emplace_back("Retry-After", kSoon_s);
+  }
+  constexpr const char* kMinutes_s = "300";
+  if (denial.kind == Kind::storage_full) response.headers.emplace_back("Retry-After", kMinutes_s);
+  return response;
+}
+
 namespace {
 
 ApiResponse problem(int status, const char* type, std::string detail) {

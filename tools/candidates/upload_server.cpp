@@ -10,9 +10,8 @@
 #include <list>
 #include <thread>
 
-#include "candidates/upload_json.hpp"
-#include "http/acceptor.hpp"
-#include "http/serving.hpp"
+#include "candidates/upload_api.hpp"
+#include "http/server.hpp"
 
 namespace nadir {
 namespace {

@@ -11,10 +11,10 @@
 #include <cstdint>
 #include <memory>
 
-#include "candidates/client_shares.hpp"
-#include "candidates/fair_queue.hpp"
+#include "candidates/upload_server.hpp"
+#include "candidates/work_queue.hpp"
 #include "candidates/upload_api.hpp"
-#include "http/listen.hpp"
+#include "http/access.hpp"
 
 namespace nadir {
 

@@ -4,7 +4,7 @@
 
 #include "cli/options.hpp"
 #include "trust/bearer_token.hpp"
-#include "nadird_client/watching.hpp"
+#include "nadird_client/watch.hpp"
 
 namespace nadir {
 

@@ -9,8 +9,8 @@
 #include "base/error.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "upload/curl_transport.hpp"
-#include "upload/outbox_report.hpp"
+#include "upload/transport.hpp"
+#include "upload/outbox_upkeep.hpp"
 #include "upload/uploader.hpp"
 #include "trust/bearer_token.hpp"
 

@@ -9,7 +9,6 @@
 #include "upload/reason_code.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "upload/outbox_mend.hpp"
 #include "upload/outbox_upkeep.hpp"
 #include "upload/staging.hpp"
 

@@ -12,7 +12,7 @@
 #include "ortho/candidate_reader.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "recorder/recording.hpp"
-#include "upload/outbox_report.hpp"
+#include "upload/outbox_upkeep.hpp"
 #include "upload/staging.hpp"
 
 namespace nadir {

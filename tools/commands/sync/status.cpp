@@ -10,7 +10,7 @@
 #include "base/time.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "upload/outbox_report.hpp"
+#include "upload/outbox_upkeep.hpp"
 
 namespace nadir {
 namespace {

@@ -7,9 +7,9 @@
 #include <functional>
 #include <memory>
 
-#include "upload/http.hpp"
-#include "upload/outbox_database.hpp"
-#include "upload/pace.hpp"
+#include "upload/transport.hpp"
+#include "upload/outbox.hpp"
+#include "upload/uploader.hpp"
 
 namespace nadir {
 
