@@ -12,10 +12,85 @@
 #include "trust/base64.hpp"
 
 namespace nadir {
-
 namespace {
 
 using Insert = CatalogueDatabase::Insert;
+
+// Without commit() everything is taken back.
+class CatalogueTransaction {
+ public:
+  explicit CatalogueTransaction(CatalogueDatabase& database) : database_(database) { database_.begin(); }
+  ~CatalogueTransaction() {
+    if (!committed_) database_.roll_back();
+  }
+  CatalogueTransaction(const CatalogueTransaction&) = delete;
+  CatalogueTransaction& operator=(const CatalogueTransaction&) = delete;
+
+  void commit() {
+    database_.commit();
+    committed_ = true;
+  }
+
+ private:
+  CatalogueDatabase& database_;
+  bool committed_ = false;
+};
+
+CatalogueLayout candidate_catalogue_layout() {
+  return {.format = "nadir.candidate-catalogue/1",
+          .schema = "nadir_candidates",
+          .spatialite = candidate_sql::spatialite,
+          .postgis = candidate_sql::postgis,
+          .maker = "nadir-candidates serve"};
+}
+
+Sha256 digest_from(const CatalogueRow& row, const char* column) {
+  const auto parsed = Sha256::from_hex(row.text(column));
+  if (parsed) return *parsed;
+  throw Error({.what = "the catalogue holds a digest that is none",
+               .where = column,
+               .fix = "somebody has changed the tables; restore the database from a copy"});
+}
+
+BlobPlace blob_from(const CatalogueRow& row) {
+  return {.pack = digest_from(row, "pack"),
+          .start = static_cast<std::uint64_t>(row.integer("start")),
+          .bytes = static_cast<std::uint64_t>(row.integer("bytes"))};
+}
+
+// For IN (…).
+std::string quoted(std::span<const Sha256> digests) {
+  std::string list;
+  for (const Sha256& digest : digests) list += fmt::format("{}'{}'", list.empty() ? "" : ",", digest.hex());
+  return list;
+}
+
+TileKey key_from(const CatalogueRow& row) {
+  return {static_cast<std::uint8_t>(row.integer("z")), static_cast<std::uint32_t>(row.integer("x")),
+          static_cast<std::uint32_t>(row.integer("y"))};
+}
+
+// Every tile of these addresses, which the caller has sorted.
+std::string at_any(const char* table, std::span<const Ballot> ballots) {
+  std::string text;
+  for (const Ballot& ballot : ballots) {
+    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, ballot.key.z,
+                        ballot.key.x, ballot.key.y);
+  }
+  return text;
+}
+
+Ballot& of(std::vector<Ballot>& ballots, const TileKey& key) {
+  return *std::lower_bound(ballots.begin(), ballots.end(), key,
+                           [](const Ballot& ballot, const TileKey& wanted) { return ballot.key < wanted; });
+}
+
+// The voters' ids as SQL lists them, to go on with after others.
+std::string ids_of(const Ballot& ballot, bool first) {
+  std::string text;
+  for (const Voter& voter : ballot.voters) text += fmt::format("{}{}", first && text.empty() ? "" : ",", voter.tile);
+  return text;
+}
 
 UploadRow upload_from(const CatalogueRow& row) {
   return {.id = row.integer("id"),
@@ -51,28 +126,6 @@ TileRow tile_from(const CatalogueRow& row, bool with_sidecar) {
 }
 
 }  // namespace
-
-Sha256 digest_from(const CatalogueRow& row, const char* column) {
-  const auto parsed = Sha256::from_hex(row.text(column));
-  if (parsed) return *parsed;
-  throw Error({.what = "the catalogue holds a digest that is none",
-               .where = column,
-               .fix = "somebody has changed the tables; restore the database from a copy"});
-}
-
-BlobPlace blob_from(const CatalogueRow& row) {
-  return {.pack = digest_from(row, "pack"),
-          .start = static_cast<std::uint64_t>(row.integer("start")),
-          .bytes = static_cast<std::uint64_t>(row.integer("bytes"))};
-}
-
-CatalogueLayout candidate_catalogue_layout() {
-  return {.format = "nadir.candidate-catalogue/1",
-          .schema = "nadir_candidates",
-          .spatialite = candidate_sql::spatialite,
-          .postgis = candidate_sql::postgis,
-          .maker = "nadir-candidates serve"};
-}
 
 CandidateCatalogue::CandidateCatalogue(const CatalogueLocation& location, Access access)
     : database_(location, access, candidate_catalogue_layout()) {}
@@ -266,7 +319,7 @@ void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now
     if (judged.contains(question.verdict.tile)) continue;
     const CandidateSidecar& sidecar = question.sidecar;
     const Seat seat{sidecar.airframe, sidecar.flight, sidecar.key};
-    Rivals rivals{.same_bytes = accepted.contains(sidecar.sha256)};
+    Competitors rivals{.same_bytes = accepted.contains(sidecar.sha256)};
     if (const auto best = best_mm.find(seat); best != best_mm.end()) rivals.of_flight_mm = best->second;
     decide(question.verdict, sidecar, rivals);
     if (question.verdict.verdict == Verdict::accepted) {
@@ -333,19 +386,6 @@ CatalogueCounts CandidateCatalogue::counts() {
 }
 
 // The catalogue's packs and blobs: which bytes are there, and where.
-
-using Insert = CatalogueDatabase::Insert;
-
-namespace {
-
-// For IN (…).
-std::string quoted(std::span<const Sha256> digests) {
-  std::string list;
-  for (const Sha256& digest : digests) list += fmt::format("{}'{}'", list.empty() ? "" : ",", digest.hex());
-  return list;
-}
-
-}  // namespace
 
 void CandidateCatalogue::add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes,
                                   std::span<const PackedTile> tiles, const std::function<void()>& keep) {
@@ -455,39 +495,6 @@ std::set<Sha256> CandidateCatalogue::packs() {
 }
 
 // The catalogue's votes and promotions.
-
-namespace {
-
-using Insert = CatalogueDatabase::Insert;
-
-TileKey key_from(const CatalogueRow& row) {
-  return {static_cast<std::uint8_t>(row.integer("z")), static_cast<std::uint32_t>(row.integer("x")),
-          static_cast<std::uint32_t>(row.integer("y"))};
-}
-
-// Every tile of these addresses, which the caller has sorted.
-std::string at_any(const char* table, std::span<const Ballot> ballots) {
-  std::string text;
-  for (const Ballot& ballot : ballots) {
-    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, ballot.key.z,
-                        ballot.key.x, ballot.key.y);
-  }
-  return text;
-}
-
-Ballot& of(std::vector<Ballot>& ballots, const TileKey& key) {
-  return *std::lower_bound(ballots.begin(), ballots.end(), key,
-                           [](const Ballot& ballot, const TileKey& wanted) { return ballot.key < wanted; });
-}
-
-// The voters' ids as SQL lists them, to go on with after others.
-std::string ids_of(const Ballot& ballot, bool first) {
-  std::string text;
-  for (const Voter& voter : ballot.voters) text += fmt::format("{}{}", first && text.empty() ? "" : ",", voter.tile);
-  return text;
-}
-
-}  // namespace
 
 std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit, const std::set<TileKey>& but) {
   std::vector<Ballot> ballots;

@@ -1,17 +1,23 @@
-// The candidate service's memory: uploads, tiles, verdicts, votes and promotions, in a SpatiaLite file or in PostGIS
+// What the candidate service keeps: uploads, tiles, verdicts, votes and promotions, in a SpatiaLite file or in PostGIS
 // (CatalogueDatabase). Every change is one transaction and on the disk when the call returns.
 //
-// For one thread: the one that made it (catalogue_thread.hpp).
+// For one thread: the one that opened it (catalogue_thread.hpp).
 #pragma once
 
 #include <functional>
 #include <set>
 #include <span>
+#include <string_view>
 
 #include "candidates/catalogue_rows.hpp"
 #include "catalogue/catalogue_database.hpp"
 
 namespace nadir {
+
+// The texts of catalogue_spatialite.sql and catalogue_postgis.sql.
+namespace candidate_sql {
+extern const std::string_view spatialite, postgis;
+}
 
 class CandidateCatalogue {
  public:
@@ -67,11 +73,11 @@ class CandidateCatalogue {
     // has the same digest: announced again, the tile is missing and can be sent.
     bool damaged = false;
   };
-  struct Rivals {
+  struct Competitors {
     bool same_bytes = false;                     // this very digest was accepted
     std::optional<std::int64_t> of_flight_mm{};  // badness of the flight's best tile at this address
   };
-  using Decide = std::function<void(TileVerdict& verdict, const CandidateSidecar& sidecar, const Rivals& rivals)>;
+  using Decide = std::function<void(TileVerdict& verdict, const CandidateSidecar& sidecar, const Competitors& rivals)>;
   void judge(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide);
 
   Usage usage_of(const std::string& airframe, std::int64_t since_ms);

@@ -18,7 +18,6 @@
 #include "upload/pack.hpp"
 
 namespace nadir {
-
 namespace {
 
 using Kind = Denial::Kind;
@@ -27,7 +26,7 @@ using Kind = Denial::Kind;
 std::string random_name() {
   std::array<std::uint8_t, 16> bytes{};
   if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
-    throw Error({.what = "the operating system gives no randomness"});
+    throw Error({.what = "the operating system provides no randomness"});
   }
   std::string name;
   for (const std::uint8_t byte : bytes) name += fmt::format("{:02x}", byte);
@@ -65,7 +64,7 @@ CandidateService::CandidateService(CandidateServiceOptions options, const Clock&
       maps_(options_.packages),
       catalogue_(options_.catalogue, CandidateCatalogue::Access::write) {}
 
-ServiceTrouble CandidateService::trouble() {
+ServiceFault CandidateService::fault() {
   try {
     catalogue_.call([](CandidateCatalogue& catalogue) { catalogue.probe(); });
   } catch (const Error& error) {
@@ -73,7 +72,7 @@ ServiceTrouble CandidateService::trouble() {
   }
   if (trust_.current()->expires <= clock_.now()) return {.reason = "the trust root has expired", .fails = true};
   if (no_room(0)) return {.reason = "the disk is full", .fails = true};
-  return {.reason = trust_.trouble()};
+  return {.reason = trust_.fault()};
 }
 
 CatalogueCounts CandidateService::counts() {
@@ -85,7 +84,7 @@ std::optional<Denial> CandidateService::no_room(std::uint64_t bytes) const {
   return Denial{.kind = Kind::storage_full, .detail = "the service's disk is full; its operator must make room"};
 }
 
-std::vector<std::optional<Refusal>> CandidateService::refusals_of(const SignedBatch& signed_batch, UtcTime now) {
+std::vector<std::optional<Refusal>> CandidateService::check_batch(const SignedBatch& signed_batch, UtcTime now) {
   const Batch& batch = signed_batch.batch;
   std::vector<std::optional<Refusal>> refusals(batch.tiles.size());
   const auto all = [&refusals](Refusal refusal) {
@@ -118,7 +117,7 @@ std::vector<std::optional<Refusal>> CandidateService::refusals_of(const SignedBa
     const SignatureCheck check =
         check_candidate_signature(*root, tile.sidecar, tile.sidecar_bytes, tile.signature, now);
     refusals[i] = check.findings.refuses() ? std::optional(refusal_from(check.findings))
-                                           : judge_announced(tile.sidecar, batch.created_at, now, options_.rules);
+                                           : check_announced(tile.sidecar, batch.created_at, now, options_.rules);
   }
   return refusals;
 }
@@ -179,7 +178,7 @@ Answer<Announcement> CandidateService::announce(const UploadClient& client, cons
                   .detail = "the trust root has expired; the service's operator must renew it"};
   }
 
-  const std::vector<std::optional<Refusal>> refusals = refusals_of(*batch, now);
+  const std::vector<std::optional<Refusal>> refusals = check_batch(*batch, now);
   UploadRow upload{.name = random_name(),
                    .batch_key = known_as,
                    .batch = key,
@@ -239,23 +238,21 @@ Answer<UploadStatus> CandidateService::status(const UploadClient& client, const 
 
 // The candidate service's packs: parts come in, whole packs are checked and kept.
 
-using Kind = Denial::Kind;
-
-// A pack that one call works on; the others are told so.
-class BusyPack {
+// Claims a pack for one call; false for the others.
+class PackClaim {
  public:
-  BusyPack(CandidateService& service, const std::string& upload, const Sha256& pack)
+  PackClaim(CandidateService& service, const std::string& upload, const Sha256& pack)
       : service_(service), key_(upload, pack) {
     const std::lock_guard lock(service_.mutex_);
     got_ = service_.busy_.insert(key_).second;
   }
-  ~BusyPack() {
+  ~PackClaim() {
     if (!got_) return;
     const std::lock_guard lock(service_.mutex_);
     service_.busy_.erase(key_);
   }
-  BusyPack(const BusyPack&) = delete;
-  BusyPack& operator=(const BusyPack&) = delete;
+  PackClaim(const PackClaim&) = delete;
+  PackClaim& operator=(const PackClaim&) = delete;
 
   explicit operator bool() const { return got_; }
 
@@ -295,8 +292,8 @@ std::vector<CandidateCatalogue::PackedTile> tiles_in(ByteView bytes, const Incom
 
 }  // namespace
 
-// Checks a whole pack, keeps it and forgets what came of it; or why it is none, and then it is gone.
-std::optional<Denial> CandidateService::take_in(const UploadRow& upload, const IncomingPack& pack) {
+// Checks a whole pack and keeps it; or says why it is invalid and removes it.
+std::optional<Denial> CandidateService::accept_pack(const UploadRow& upload, const IncomingPack& pack) {
   const std::vector<TileRow> tiles = catalogue_.call([&upload](CandidateCatalogue& catalogue) {
     return catalogue.tiles_of(upload.id, CandidateCatalogue::Detail::verdicts);
   });
@@ -326,25 +323,25 @@ Answer<PackOffset> CandidateService::offset(const UploadClient& client, const st
   const auto size =
       catalogue_.call([&](CandidateCatalogue& catalogue) { return catalogue.pack_size(upload.id, sha256); });
   if (size) return PackOffset{.offset = *size, .length = *size};
-  const BusyPack busy(*this, name, sha256);
+  const PackClaim busy(*this, name, sha256);
   const auto pack = incoming_.find(name, sha256);
   if (pack && !pack->whole()) return PackOffset{.offset = pack->offset};
   if (pack && busy) {  // whole, but its last call was cut off before it was taken in
-    if (auto denial = take_in(upload, *pack)) return *denial;
+    if (auto denial = accept_pack(upload, *pack)) return *denial;
     return PackOffset{.offset = pack->length, .length = pack->length};
   }
   if (pack) return PackOffset{.offset = pack->offset};
   return Denial{.kind = Kind::pack_unknown, .detail = "nothing of this pack has come"};
 }
 
-// Whoever goes on with it after all begins again. True: there is room.
-bool CandidateService::abandoned_gives_way(const std::string& upload) {
+// Removes the pack that has rested for longest; its sender would begin again. True: there is room.
+bool CandidateService::evict_abandoned_pack(const std::string& upload) {
   std::optional<IncomingPack> oldest;
   for (IncomingPack& pack : incoming_.of(upload)) {
     if (!pack.whole() && (!oldest || pack.grown_s < oldest->grown_s)) oldest = std::move(pack);
   }
   if (!oldest || clock_.now().unix_s - oldest->grown_s < options_.pack_rest_s) return false;
-  const BusyPack busy(*this, upload, oldest->sha256);
+  const PackClaim busy(*this, upload, oldest->sha256);
   if (busy) incoming_.remove(*oldest);
   return static_cast<bool>(busy);
 }
@@ -365,7 +362,7 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
         .kind = Kind::offset_mismatch, .detail = fmt::format("the pack goes on at byte {}", offset), .offset = offset};
   };
   if (size) return elsewhere(*size);
-  const BusyPack busy(*this, name, sha256);
+  const PackClaim busy(*this, name, sha256);
   auto pack = incoming_.find(name, sha256);
   if (!busy) {
     return Denial{
@@ -380,7 +377,7 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
     if (upload.state != UploadState::open) {
       return Denial{.kind = Kind::pack_invalid, .detail = "the upload is complete; nothing is missing"};
     }
-    if (incoming_.of(name).size() >= options_.packs_at_once && !abandoned_gives_way(name)) {
+    if (incoming_.of(name).size() >= options_.packs_at_once && !evict_abandoned_pack(name)) {
       return Denial{.kind = Kind::too_many,
                     .detail = fmt::format("send at most {} packs at a time", options_.packs_at_once)};
     }
@@ -400,7 +397,7 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
     return Denial{.kind = Kind::storage_full, .detail = "the service's disk is full; its operator must make room"};
   }
   if (pack->whole()) {
-    if (auto denial = take_in(upload, *pack)) return *denial;
+    if (auto denial = accept_pack(upload, *pack)) return *denial;
     return PackOffset{.offset = pack->length, .length = pack->length};
   }
   return PackOffset{.offset = pack->offset};
@@ -408,7 +405,7 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
 
 void CandidateService::recover() {
   forget_expired();
-  heed_revocations();
+  apply_revocations();
   const auto uploads = catalogue_.call([](CandidateCatalogue& catalogue) {
     std::vector<UploadRow> all = catalogue.uploads_in(UploadState::open);
     const std::vector<UploadRow> judging = catalogue.uploads_in(UploadState::judging);
@@ -419,7 +416,7 @@ void CandidateService::recover() {
   for (const UploadRow& upload : uploads) {
     names.insert(upload.name);
     for (const IncomingPack& pack : incoming_.of(upload.name)) {
-      if (pack.whole()) take_in(upload, pack);
+      if (pack.whole()) accept_pack(upload, pack);
     }
   }
   for (const std::string& name : incoming_.uploads()) {
@@ -461,7 +458,7 @@ double pixel_mm(const TileKey& key) {
 }  // namespace
 
 Answer<Completion> CandidateService::complete(const UploadClient& client, const std::string& name,
-                                              std::optional<std::int64_t>& judge) {
+                                              std::optional<std::int64_t>& evaluate) {
   auto found = find(client, name);
   if (auto* denial = std::get_if<Denial>(&found)) return *denial;
   const auto& upload = std::get<UploadRow>(found);
@@ -485,13 +482,13 @@ Answer<Completion> CandidateService::complete(const UploadClient& client, const 
   if (upload.state == UploadState::open) {
     catalogue_.call([&upload](CandidateCatalogue& catalogue) { catalogue.set_state(upload.id, UploadState::judging); });
     incoming_.remove_all_of(name);
-    judge = upload.id;
+    evaluate = upload.id;
   }
   return completion;
 }
 
-// By the tile alone: its bytes, its picture, and the map that its flight was anchored to.
-TileVerdict CandidateService::look_at(const TileRow& tile, const CandidateSidecar& sidecar) {
+// By the tile alone: its bytes, its image, and the map that its flight was matched with.
+TileVerdict CandidateService::evaluate_tile(const TileRow& tile, const CandidateSidecar& sidecar) {
   TileVerdict verdict{.tile = tile.id};
   const auto rejected = [&verdict](Refusal refusal) {
     verdict.verdict = Verdict::rejected;
@@ -501,16 +498,16 @@ TileVerdict CandidateService::look_at(const TileRow& tile, const CandidateSideca
   if (tile.blob->bytes != sidecar.size) {
     return rejected({.code = ReasonCode::hash_mismatch, .detail = "the bytes that are there have another size"});
   }
-  const auto read = read_candidate_picture(packs_.read(*tile.blob, sidecar.sha256), sidecar);
+  const auto read = read_candidate_image(packs_.read(*tile.blob, sidecar.sha256), sidecar);
   if (const auto* refusal = std::get_if<Refusal>(&read)) return rejected(*refusal);
   const auto& picture = std::get<cv::Mat>(read);
-  const PictureFigures figures = picture_figures(picture);
+  const ImageMetrics figures = image_metrics(picture);
   verdict.measures = OwnMeasures{.contrast_ppm = figures.contrast_ppm, .sharpness_ppm = figures.sharpness_ppm};
-  if (const auto refusal = judge_figures(figures, options_.rules)) return rejected(*refusal);
+  if (const auto refusal = check_image_metrics(figures, options_.rules)) return rejected(*refusal);
 
   const auto base = maps_.tile(sidecar.base_package, sidecar.key);
   if (!base) return verdict;
-  const Agreement agreement = compare_pictures(picture, base->grey);
+  const Agreement agreement = compare_images(picture, base->grey);
   const auto shift_mm = std::llround(agreement.shift_px * pixel_mm(sidecar.key));
   verdict.measures->base_shift_mm = shift_mm;
   verdict.measures->correlation_ppm = std::llround(agreement.correlation * 1e6);
@@ -525,7 +522,7 @@ TileVerdict CandidateService::look_at(const TileRow& tile, const CandidateSideca
   return verdict;
 }
 
-std::vector<std::pair<std::string, std::int64_t>> CandidateService::to_judge() {
+std::vector<std::pair<std::string, std::int64_t>> CandidateService::pending_evaluations() {
   std::vector<std::pair<std::string, std::int64_t>> list;
   for (const UploadRow& upload :
        catalogue_.call([](CandidateCatalogue& catalogue) { return catalogue.uploads_in(UploadState::judging); })) {
@@ -534,18 +531,18 @@ std::vector<std::pair<std::string, std::int64_t>> CandidateService::to_judge() {
   return list;
 }
 
-// Nothing: it cannot be looked at now. That keeps no other tile from its verdict.
-std::optional<CandidateCatalogue::Question> CandidateService::question_of(const TileRow& tile, std::int64_t upload) {
+// Nothing: it cannot be read now. The other tiles get their verdicts.
+std::optional<CandidateCatalogue::Question> CandidateService::evaluate(const TileRow& tile, std::int64_t upload) {
   CandidateCatalogue::Question question{.verdict = {.tile = tile.id},
                                         .sidecar = parse_candidate(tile.sidecar, "the catalogue's sidecar"),
                                         .keyid = tile.keyid};
   const auto note = [this, upload](const Error& error) -> Unread& {
-    Unread& unread = unjudged_[upload];
+    Unread& unread = unevaluated_[upload];
     if (!unread.why) unread.why = error;
     return unread;
   };
   try {
-    question.verdict = look_at(tile, question.sidecar);
+    question.verdict = evaluate_tile(tile, question.sidecar);
   } catch (const PackDamaged& error) {
     const std::lock_guard lock(mutex_);
     note(error);
@@ -561,30 +558,30 @@ std::optional<CandidateCatalogue::Question> CandidateService::question_of(const 
 }
 
 // Throws what kept tiles from being read.
-void CandidateService::end_judging(std::int64_t upload) {
+void CandidateService::end_evaluation(std::int64_t upload) {
   const std::lock_guard lock(mutex_);
-  const auto unread = unjudged_.extract(upload);
+  const auto unread = unevaluated_.extract(upload);
   if (unread && unread.mapped().why) throw Error(*unread.mapped().why);
 }
 
-bool CandidateService::judge_some(std::int64_t id) {
+bool CandidateService::evaluate_some(std::int64_t id) {
   const auto unread = [this, id] {
     const std::lock_guard lock(mutex_);
-    const auto found = unjudged_.find(id);
-    return found == unjudged_.end() ? std::set<std::int64_t>() : found->second.tiles;
+    const auto found = unevaluated_.find(id);
+    return found == unevaluated_.end() ? std::set<std::int64_t>() : found->second.tiles;
   };
   const std::set<std::int64_t> waiting = unread();
   const std::vector<TileRow> tiles = catalogue_.call(
       [&](CandidateCatalogue& catalogue) { return catalogue.tiles_to_judge(id, kTilesAtOnce, waiting); });
   std::vector<CandidateCatalogue::Question> questions;
   for (const TileRow& tile : tiles) {
-    if (auto question = question_of(tile, id)) questions.push_back(std::move(*question));
+    if (auto question = evaluate(tile, id)) questions.push_back(std::move(*question));
   }
   const bool last = tiles.size() < kTilesAtOnce;
   const bool done = last && unread().empty();
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
   catalogue_.call([&](CandidateCatalogue& catalogue) {
-    // Here, in turn with heed_revocations(): a key that is revoked meanwhile is seen by the one or the other.
+    // In this thread, in turn with apply_revocations(): a key that is revoked meanwhile is seen by one of the two.
     const auto root = trust_.current();
     for (CandidateCatalogue::Question& question : questions) {
       if (!root->revoked.contains(question.keyid)) continue;
@@ -594,7 +591,7 @@ bool CandidateService::judge_some(std::int64_t id) {
     }
     catalogue.judge(
         std::move(questions), now_ms,
-        [](TileVerdict& verdict, const CandidateSidecar& sidecar, const CandidateCatalogue::Rivals& rivals) {
+        [](TileVerdict& verdict, const CandidateSidecar& sidecar, const CandidateCatalogue::Competitors& rivals) {
           if (verdict.verdict != Verdict::accepted) return;
           if (rivals.same_bytes) {
             verdict.verdict = Verdict::duplicate;
@@ -609,32 +606,32 @@ bool CandidateService::judge_some(std::int64_t id) {
     catalogue.set_state(id, UploadState::judged);
     catalogue.remove_unused(catalogue.forget_dead_packs(id), [this](const Sha256& pack) { packs_.remove(pack); });
   });
-  if (last) end_judging(id);
+  if (last) end_evaluation(id);
   return !last;
 }
 
-std::int64_t CandidateService::heed_revocations() {
+std::int64_t CandidateService::apply_revocations() {
   const std::set<std::string> revoked = trust_.current()->revoked;
   {
     const std::lock_guard lock(mutex_);
-    if (revoked == heeded_) return 0;
+    if (revoked == applied_revocations_) return 0;
   }
   const std::int64_t withdrawn =
       catalogue_.call([&revoked](CandidateCatalogue& catalogue) { return catalogue.withdraw(revoked); });
   const std::lock_guard lock(mutex_);
-  heeded_ = revoked;
+  applied_revocations_ = revoked;
   return withdrawn;
 }
 
 Vote CandidateService::compare(const Voter& one, const Voter& other) {
   const auto picture = [this](const Voter& voter) {
-    return read_candidate_picture(packs_.read(voter.blob, voter.sidecar.sha256), voter.sidecar);
+    return read_candidate_image(packs_.read(voter.blob, voter.sidecar.sha256), voter.sidecar);
   };
   Vote vote{.allowed_mm = allowed_shift_mm(static_cast<double>(one.sidecar.pose.sigma_mm),
                                            static_cast<double>(other.sidecar.pose.sigma_mm), options_.rules)};
   const auto first = picture(one), second = picture(other);
   if (!std::holds_alternative<cv::Mat>(first) || !std::holds_alternative<cv::Mat>(second)) return vote;
-  const Agreement agreement = compare_pictures(std::get<cv::Mat>(first), std::get<cv::Mat>(second));
+  const Agreement agreement = compare_images(std::get<cv::Mat>(first), std::get<cv::Mat>(second));
   vote.shift_mm = std::llround(agreement.shift_px * pixel_mm(one.sidecar.key));
   vote.correlation_ppm = std::llround(agreement.correlation * 1e6);
   vote.agrees = vote.correlation_ppm >= options_.rules.min_correlation_ppm && vote.shift_mm <= vote.allowed_mm;

@@ -98,7 +98,6 @@ std::vector<Sha256> PackStore::packs() const {
 
 std::uint64_t PackStore::free_bytes() const { return fs::space(folder_).available; }
 
-namespace fs = std::filesystem;
 namespace {
 
 // "SHA256.LENGTH"; nullopt for a file that is not ours, or that another call has removed a moment ago.

@@ -11,14 +11,13 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr double kDegreesPerE7 = 1e-7;
 
 Refusal refusal(ReasonCode code, std::string detail) { return {.code = code, .detail = std::move(detail)}; }
 
-// Off the vertical, so many standard deviations of the camera's place nearer than it says.
+// Off the vertical, with the camera so many standard deviations nearer than it claims.
 double angle_to(const LonLat& corner, const CandidatePose& pose, double sigmas) {
   const LocalFrame frame(
       {static_cast<double>(pose.lon_e7) * kDegreesPerE7, static_cast<double>(pose.lat_e7) * kDegreesPerE7});
@@ -29,7 +28,7 @@ double angle_to(const LonLat& corner, const CandidatePose& pose, double sigmas) 
   return std::atan2(std::max(0.0, distance_m - slack_m), static_cast<double>(pose.agl_mm) / 1000);
 }
 
-std::optional<Refusal> judge_time(UtcMillis captured_at, UtcTime announced_at, UtcTime now,
+std::optional<Refusal> check_time(UtcMillis captured_at, UtcTime announced_at, UtcTime now,
                                   const CandidateRules& rules) {
   constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
   const std::int64_t captured_ms = captured_at.unix_ms, now_ms = now.unix_s * 1000;
@@ -47,7 +46,7 @@ std::optional<Refusal> judge_time(UtcMillis captured_at, UtcTime announced_at, U
   return std::nullopt;
 }
 
-std::optional<Refusal> judge_place(const CandidateSidecar& sidecar, const CandidateRules& rules) {
+std::optional<Refusal> check_place(const CandidateSidecar& sidecar, const CandidateRules& rules) {
   if (!sidecar.key.valid() || sidecar.key.z < rules.min_zoom || sidecar.key.z > rules.max_zoom) {
     return refusal(ReasonCode::address_invalid,
                    fmt::format("{}/{}/{}; zooms {} to {} are taken", sidecar.key.z, sidecar.key.x, sidecar.key.y,
@@ -72,7 +71,7 @@ std::optional<Refusal> judge_place(const CandidateSidecar& sidecar, const Candid
   return std::nullopt;
 }
 
-std::optional<Refusal> judge_quality(const CandidateQuality& quality, const CandidateRules& rules) {
+std::optional<Refusal> check_quality(const CandidateQuality& quality, const CandidateRules& rules) {
   constexpr std::int64_t kAll_ppm = 1'000'000;
   if (quality.overlap_ppm < kAll_ppm) {
     return refusal(ReasonCode::policy, "the frame saw a part of the tile only; whole tiles are taken");
@@ -103,7 +102,7 @@ double view_angle_rad(const CandidateSidecar& sidecar, double sigmas) {
   return worst_rad;
 }
 
-std::optional<Refusal> judge_announced(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
+std::optional<Refusal> check_announced(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
                                        const CandidateRules& rules) {
   if (sidecar.size < rules.min_tile_bytes || sidecar.size > rules.max_tile_bytes) {
     return refusal(ReasonCode::size_out_of_range, fmt::format("{} bytes; {} to {} are taken", sidecar.size,
@@ -112,12 +111,12 @@ std::optional<Refusal> judge_announced(const CandidateSidecar& sidecar, UtcTime 
   if (sidecar.format != ImageFormat::jpeg && sidecar.format != ImageFormat::webp) {
     return refusal(ReasonCode::format_unsupported, "JPEG and WebP are taken");
   }
-  if (auto wrong = judge_place(sidecar, rules)) return wrong;
-  if (auto wrong = judge_time(sidecar.captured_at, announced_at, now, rules)) return wrong;
+  if (auto wrong = check_place(sidecar, rules)) return wrong;
+  if (auto wrong = check_time(sidecar.captured_at, announced_at, now, rules)) return wrong;
   for (const CandidatePart& part : sidecar.parts) {
-    if (auto wrong = judge_time(part.captured_at, announced_at, now, rules)) return wrong;
+    if (auto wrong = check_time(part.captured_at, announced_at, now, rules)) return wrong;
   }
-  return judge_quality(sidecar.quality, rules);
+  return check_quality(sidecar.quality, rules);
 }
 
 namespace {
@@ -141,7 +140,7 @@ double mean_gradient(const cv::Mat& grey) {
 
 }  // namespace
 
-std::variant<cv::Mat, Refusal> read_candidate_picture(ByteView bytes, const CandidateSidecar& sidecar) {
+std::variant<cv::Mat, Refusal> read_candidate_image(ByteView bytes, const CandidateSidecar& sidecar) {
   const auto unsupported = [](std::string detail) {
     return Refusal{.code = ReasonCode::format_unsupported, .detail = std::move(detail)};
   };
@@ -160,11 +159,11 @@ std::variant<cv::Mat, Refusal> read_candidate_picture(ByteView bytes, const Cand
     }
     return decoded.image;
   } catch (const Error& error) {
-    return unsupported("no sound picture: " + error.text().what);
+    return unsupported("not a valid image: " + error.text().what);
   }
 }
 
-PictureFigures picture_figures(const cv::Mat& grey) {
+ImageMetrics image_metrics(const cv::Mat& grey) {
   cv::Scalar mean, deviation;
   cv::meanStdDev(grey, mean, deviation);
   const int clipped = cv::countNonZero(grey == 0) + cv::countNonZero(grey == 255);
@@ -176,20 +175,20 @@ PictureFigures picture_figures(const cv::Mat& grey) {
           .clipped_ppm = std::lround(static_cast<double>(clipped) / static_cast<double>(grey.total()) * kPpm)};
 }
 
-std::optional<Refusal> judge_figures(const PictureFigures& figures, const CandidateRules& rules) {
-  if (figures.contrast_ppm < rules.min_contrast_ppm) {
+std::optional<Refusal> check_image_metrics(const ImageMetrics& metrics, const CandidateRules& rules) {
+  if (metrics.contrast_ppm < rules.min_contrast_ppm) {
     return Refusal{.code = ReasonCode::low_texture,
-                   .detail = fmt::format("contrast {} ppm; at least {}", figures.contrast_ppm, rules.min_contrast_ppm)};
+                   .detail = fmt::format("contrast {} ppm; at least {}", metrics.contrast_ppm, rules.min_contrast_ppm)};
   }
-  if (figures.clipped_ppm > rules.max_clipped_ppm) {
+  if (metrics.clipped_ppm > rules.max_clipped_ppm) {
     return Refusal{.code = ReasonCode::low_texture,
-                   .detail = fmt::format("{} ppm of the pixels are black or blown out; at most {}", figures.clipped_ppm,
+                   .detail = fmt::format("{} ppm of the pixels are black or blown out; at most {}", metrics.clipped_ppm,
                                          rules.max_clipped_ppm)};
   }
-  if (figures.sharpness_ppm < rules.min_sharpness_ppm) {
+  if (metrics.sharpness_ppm < rules.min_sharpness_ppm) {
     return Refusal{
         .code = ReasonCode::blurred,
-        .detail = fmt::format("sharpness {} ppm; at least {}", figures.sharpness_ppm, rules.min_sharpness_ppm)};
+        .detail = fmt::format("sharpness {} ppm; at least {}", metrics.sharpness_ppm, rules.min_sharpness_ppm)};
   }
   return std::nullopt;
 }
@@ -232,7 +231,7 @@ double coefficient_at(const cv::Mat& one, const cv::Mat& other, const cv::Point2
 
 }  // namespace
 
-Agreement compare_pictures(const cv::Mat& one, const cv::Mat& other) {
+Agreement compare_images(const cv::Mat& one, const cv::Mat& other) {
   const cv::Mat fine_one = fine_structure(one), fine_other = fine_structure(other);
   cv::Mat window;
   cv::createHanningWindow(window, one.size(), CV_32F);

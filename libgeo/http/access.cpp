@@ -2,16 +2,13 @@
 
 #include <arpa/inet.h>
 
-#include <algorithm>
-#include <cctype>
 #include <charconv>
-#include <string>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
+#include "http/message.hpp"
 
 namespace nadir {
-
 namespace {
 
 std::optional<std::string> ip_of(std::string_view host) {
@@ -40,28 +37,18 @@ ListenAddress parse_listen_address(std::string_view text) {
       return address;
     }
   }
-  throw UsageError({.what = "the address to listen on does not read",
+  throw UsageError({.what = "not an address to listen on",
                     .expected = "IP:PORT, as in 127.0.0.1:8750 or [::1]:8750",
                     .found = printable(text)});
 }
 
 void require_token_beyond_loopback(const ListenAddress& address, const std::optional<Sha256>& token) {
   if (address.loopback() || token) return;
-  throw UsageError({.what = "beyond loopback the API does not listen without a token",
-                    .expected = "a file with a token, or a loopback address",
+  throw UsageError({.what = "listening beyond loopback requires a token",
+                    .expected = "a token file, or a loopback address",
                     .found = address.ip,
                     .fix = "give a token file, or listen on 127.0.0.1 and reach it through ssh -L"});
 }
-
-namespace {
-
-std::string lower_case(std::string_view text) {
-  std::string lower(text);
-  std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
-  return lower;
-}
-
-}  // namespace
 
 bool names_loopback(std::string_view host) {
   const std::string name = lower_case(host.substr(0, host.starts_with('[') ? host.find(']') + 1 : host.find(':')));

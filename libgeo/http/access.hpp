@@ -1,4 +1,5 @@
-// Where the API listens, and who may call: beyond loopback nobody without a token.
+// Where a service listens and who may call it: beyond loopback nobody without a token. Pure text work; what follows from
+// it is up to each service.
 #pragma once
 
 #include <cstdint>
@@ -19,21 +20,19 @@ struct ListenAddress {
   bool loopback() const;
 };
 
-// "127.0.0.1:8750", "[::1]:8750", "0.0.0.0:8750". Throws UsageError for anything else, names included: what a name
-// means can change.
+// "127.0.0.1:8750", "[::1]:8750", "0.0.0.0:8750". Throws UsageError for anything else, host names included:
+// what they resolve to can change.
 ListenAddress parse_listen_address(std::string_view text);
 
 // Throws UsageError for an address beyond loopback without a token.
 void require_token_beyond_loopback(const ListenAddress& address, const std::optional<Sha256>& token);
 
-// Who calls, as its headers say it. Pure text work: what follows from it is each service's own.
-
-// Whether a Host header names this machine as itself ("LOCALHOST:8750", "[::1]:8750"). A page of somebody else's that
-// a browser was led to by a name for 127.0.0.1 says another one.
+// Whether a Host header names this machine as itself ("LOCALHOST:8750", "[::1]:8750"). A page of another site that
+// reaches 127.0.0.1 under a name of its own (DNS rebinding) sends that name.
 bool names_loopback(std::string_view host);
 
-// The digest of the token in "Bearer TOKEN"; nullopt for any other Authorization header. Digests are compared, so that
-// the time it takes tells nothing about the token.
+// The digest of the token in "Bearer TOKEN"; nullopt for any other Authorization header. Comparing
+// digests instead of tokens leaks nothing through timing.
 std::optional<Sha256> bearer_digest(std::string_view authorization);
 
 }  // namespace nadir

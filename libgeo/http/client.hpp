@@ -16,7 +16,6 @@ struct HttpGet {
 
 struct HttpAnswer {
   int status = 0;
-  std::string content_type;
   std::string body;
 };
 

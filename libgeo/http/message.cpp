@@ -7,7 +7,6 @@
 #include "base/printable.hpp"
 
 namespace nadir {
-
 namespace {
 
 const char* title_of(int status) {

@@ -1,4 +1,4 @@
-// Asks a running nadird over its API. Used by `nadir watch` and `nadird --status`.
+// Queries a running nadird over its API, for `nadir watch` and `nadird --status`.
 #pragma once
 
 #include <chrono>
@@ -14,11 +14,11 @@ inline constexpr std::string_view kDefaultServiceUrl = "http://127.0.0.1:8750";
 
 class NadirdClient {
  public:
-  // url: "http://HOST[:PORT]". token: empty when none is wanted. Throws UsageError for another URL.
+  // url: "http://HOST[:PORT]". token: empty when none is required. Throws UsageError for another URL.
   explicit NadirdClient(std::string_view url, std::string token = {},
                         std::chrono::milliseconds timeout = std::chrono::seconds(5));
 
-  // The body of a GET. Throws Error when nobody answers in time, or answers with anything but 200.
+  // The body of a GET. Throws Error when there is no answer in time, or one with another status than 200.
   std::string get(const std::string& path) const;
 
   const std::string& url() const { return url_; }
@@ -31,8 +31,6 @@ class NadirdClient {
   std::chrono::milliseconds timeout_;
 };
 
-// What `nadir watch` shows of GET /v1/state. Text in it is printable: it came over a network.
-
 struct WatchedEvent {
   std::uint64_t id = 0;
   double age_s = 0;
@@ -40,6 +38,7 @@ struct WatchedEvent {
   std::string text;
 };
 
+// What `nadir watch` shows of GET /v1/state. Text in it is made printable: it came over a network.
 struct WatchedStatus {
   std::string boot, state, reason, source;
   double age_s = 0, state_for_s = 0;
@@ -51,10 +50,10 @@ struct WatchedStatus {
   std::string gps, gps_reason, recorder, recorder_reason;
   std::vector<WatchedEvent> events;  // oldest first
 
-  bool stalled() const { return age_s > 2; }  // the flight's thread is silent: nothing here is news
+  bool stalled() const { return age_s > 2; }  // the flight thread is silent: nothing here is current
 };
 
-// Throws Error when the text is no state.
+// Throws Error when the text is not a state document.
 WatchedStatus parse_watched_status(std::string_view json);
 
 }  // namespace nadir

@@ -16,12 +16,11 @@
 #include "cli/output.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr const char* kNormal = "\x1b[0m";
 
-// Background and foreground: told apart in sunlight as well.
+// Background and foreground: distinguishable in sunlight.
 const char* colour_of(const WatchedStatus& status) {
   if (status.stalled() || status.state == "no_fix" || status.state == "failsafe" || status.state == "no_package")
     return "\x1b[1;97;41m";
@@ -44,13 +43,11 @@ std::string position_of(const WatchedStatus& status) {
 }
 
 std::string link_of(const WatchedStatus& status) {
-  return fmt::format("{}, {}, {} fixes sent, {} frames rejected", status.link_connected ? "connected" : "not heard",
+  return fmt::format("{}, {}, {} fixes sent, {} frames rejected", status.link_connected ? "connected" : "not connected",
                      status.link_signed ? "signed" : "not signed", status.fixes_sent, status.link_rejected);
 }
 
 std::string row(const char* name, const std::string& value) { return fmt::format("{:<12}{}", name, value); }
-
-}  // namespace
 
 std::string short_duration(double seconds) {
   if (seconds < 100) return fmt::format("{:.0f} s", seconds);
@@ -62,7 +59,8 @@ std::string event_line(const WatchedEvent& event) {
   return fmt::format("{:>7}  {:<8}  {}", short_duration(event.age_s), event.severity, event.text);
 }
 
-std::vector<std::string> status_screen(const WatchedStatus& status, bool colour, std::size_t most_events) {
+std::vector<std::string> status_screen(const WatchedStatus& status, bool colour,
+                                       std::size_t most_events = 12) {
   std::string name = status.state;
   std::transform(name.begin(), name.end(), name.begin(), [](char c) {
     return c == '_' ? ' ' : c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c;
@@ -71,7 +69,7 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour,
   std::vector<std::string> lines{
       fmt::format("{}  for {}  {}", head, short_duration(status.state_for_s), status.reason)};
   if (status.stalled()) {
-    lines.push_back(fmt::format("OLD: the flight's thread has been silent for {}", short_duration(status.age_s)));
+    lines.push_back(fmt::format("STALE: the flight thread has been silent for {}", short_duration(status.age_s)));
   }
   lines.insert(
       lines.end(),
@@ -93,14 +91,12 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour,
 }
 
 std::string status_line(const WatchedStatus& status) {
-  return fmt::format("{}{}, {}, sigma {}, anchor {}, {:.1f} frames/s ({} dropped), anchors {}+{}-, GPS {}, recorder {}",
-                     status.stalled() ? "OLD: " : "", status.state, status.source,
+  return fmt::format("{}{}, {}, sigma {}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} rejected, GPS {}, recorder {}",
+                     status.stalled() ? "STALE: " : "", status.state, status.source,
                      known(status.sigma_m, "{:.1f} m", "none"), known(status.anchor_age_s, "{:.1f} s ago", "none"),
                      status.frames_per_s, status.frames_dropped, status.anchors_accepted, status.anchors_rejected,
                      status.gps, status.recorder);
 }
-
-namespace {
 
 using Steady = std::chrono::steady_clock;
 
@@ -111,7 +107,7 @@ constexpr const char* kClearBelow = "\x1b[J";
 constexpr const char* kOtherScreen = "\x1b[?1049h\x1b[?25l";
 constexpr const char* kOwnScreen = "\x1b[?25h\x1b[?1049l";
 
-// What was there before comes back, however this ends.
+// Restores the previous screen, however this ends.
 class Screen {
  public:
   explicit Screen(std::ostream& out) : out_(out) { out_ << kOtherScreen << std::flush; }
@@ -171,11 +167,11 @@ class Shower {
   std::optional<WatchedStatus> last_;
 };
 
-// Ends early when somebody interrupts.
+// Ends early when interrupted.
 void wait(double seconds) {
-  constexpr std::chrono::milliseconds kLook(50);
+  constexpr std::chrono::milliseconds kPoll(50);
   const auto end = Steady::now() + std::chrono::duration<double>(seconds);
-  while (Steady::now() < end && !interrupt_requested()) std::this_thread::sleep_for(kLook);
+  while (Steady::now() < end && !interrupt_requested()) std::this_thread::sleep_for(kPoll);
 }
 
 }  // namespace
@@ -197,13 +193,13 @@ void keep_showing(const NadirdClient& service, std::ostream& out, WatchForm form
   if (form == WatchForm::screen) screen.emplace(out);
   Shower shower(out, form);
   shower.show(body);
-  auto heard = Steady::now();
+  auto last_contact = Steady::now();
   for (wait(interval_s); !interrupt_requested() && out; wait(interval_s)) {
     try {
       shower.show(service.get(kPath));
-      heard = Steady::now();
+      last_contact = Steady::now();
     } catch (const Error& error) {
-      shower.show_silence(std::chrono::duration<double>(Steady::now() - heard).count(), error.text().what);
+      shower.show_silence(std::chrono::duration<double>(Steady::now() - last_contact).count(), error.text().what);
     }
   }
 }

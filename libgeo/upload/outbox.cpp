@@ -48,7 +48,7 @@ std::string_view outbox_statements(std::int64_t version) {
 
 namespace {
 
-// SQLite keeps a statement as it was written. Comments and blanks may have changed since.
+// Without comments and with single blanks: SQLite keeps a statement as it was written, and those may have changed.
 std::string plain(std::string_view sql) {
   std::string result;
   for (std::size_t at = 0; at < sql.size(); ++at) {
@@ -64,12 +64,11 @@ std::string plain(std::string_view sql) {
 }
 
 [[noreturn]] void refuse(const SqliteDatabase& database, std::string expected, std::string found) {
-  throw UsageError({.what = "not an outbox as nadir sync stage makes it",
+  throw UsageError({.what = "not an outbox of nadir sync stage",
                     .where = database.path().string(),
                     .expected = std::move(expected),
                     .found = std::move(found),
-                    .fix = "somebody has changed it: stage the flight into a new outbox; what has arrived is not sent "
-                           "twice"});
+                    .fix = "it was modified: stage the flight into a new outbox; what has arrived is not sent twice"});
 }
 
 struct Kind {
@@ -100,8 +99,6 @@ void compare(const SqliteDatabase& database, const SqliteDatabase& ours, const K
   if (!missing.empty()) refuse(database, expected, "no " + missing.begin()->substr(0, 80));
 }
 
-}  // namespace
-
 bool is_empty(const SqliteDatabase& database) { return !database.prepare("SELECT 1 FROM sqlite_master").step(); }
 
 void check_outbox_tables(const SqliteDatabase& database, std::int64_t version) {
@@ -109,8 +106,6 @@ void check_outbox_tables(const SqliteDatabase& database, std::int64_t version) {
   for (std::int64_t step = 1; step <= version; ++step) ours.execute(std::string(outbox_statements(step)));
   for (const Kind& kind : kKinds) compare(database, ours, kind, version);
 }
-
-namespace {
 
 namespace fs = std::filesystem;
 
@@ -177,7 +172,7 @@ void OutboxDatabase::open(const fs::path& file, Access access) {
   database_ = std::make_unique<SqliteDatabase>(SqliteDatabase::open_writable(file));
   database_->limit_work(bytes_on_disk(file));
   database_->execute("PRAGMA busy_timeout = 10000");
-  if (access == Access::make && is_empty(*database_)) lay_out();
+  if (access == Access::make && is_empty(*database_)) create_tables();
   const std::int64_t version = pragma(*database_, "user_version");
   const bool known = version >= kOldestVersion && version <= kOutboxVersion;
   if (pragma(*database_, "application_id") != kApplication || !known) {
@@ -190,11 +185,11 @@ void OutboxDatabase::open(const fs::path& file, Access access) {
   database_->execute("PRAGMA foreign_keys = ON");
   if (access == Access::read) database_->execute("PRAGMA query_only = ON");
   if (access != Access::read) database_->execute("PRAGMA synchronous = FULL");
-  if (access != Access::read && version < kOutboxVersion) bring_up_to_date(version);
+  if (access != Access::read && version < kOutboxVersion) migrate(version);
 }
 
 // The tables come in one transaction: a kill leaves an empty file, which the next call fills.
-void OutboxDatabase::lay_out() {
+void OutboxDatabase::create_tables() {
   database_->execute("PRAGMA auto_vacuum = INCREMENTAL");
   database_->execute("PRAGMA journal_mode = WAL");
   database_->execute("PRAGMA synchronous = FULL");
@@ -205,7 +200,7 @@ void OutboxDatabase::lay_out() {
 }
 
 // From an older version. Readers of either see what they know.
-void OutboxDatabase::bring_up_to_date(std::int64_t from) {
+void OutboxDatabase::migrate(std::int64_t from) {
   database_->execute("BEGIN IMMEDIATE");
   add_versions(from + 1);
   database_->execute("COMMIT");

@@ -160,8 +160,8 @@ std::vector<StoredTile> damaged_tiles(const OutboxDatabase& outbox, std::int64_t
 
 }  // namespace
 
-MendedSum take_damaged_apart(OutboxDatabase& outbox, const PublicKey& key, std::int64_t now_ms) {
-  MendedSum sum;
+RepairSum repair_damaged_batches(OutboxDatabase& outbox, const PublicKey& key, std::int64_t now_ms) {
+  RepairSum sum;
   for (const ParkedBatch& batch : parked_batches(outbox)) {
     const std::vector<StoredTile> damaged = damaged_tiles(outbox, batch.id);
     if (damaged.empty() && document_is_sound(outbox, batch, key)) continue;

@@ -1,4 +1,4 @@
-// What the operator does to an outbox: trying again, and giving room back.
+// What the operator does with an outbox: report, retry, prune, repair.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ std::int64_t retry_parked(OutboxDatabase& outbox, std::int64_t now_ms);
 
 // Tiles that were rejected or refused for this reason, and whose bytes are still there, are staged again: they need a
 // new batch. How many. Those of a batch that still waits for something stay in it until it is done: the service will
-// speak of them again.
+// answer about them again.
 std::int64_t restage(OutboxDatabase& outbox, std::string_view code, std::int64_t now_ms);
 
 struct PruneSum {
@@ -27,14 +27,12 @@ struct PruneSum {
 };
 
 // Deletes the bytes of tiles that have had their final verdict since before this time. The tiles themselves are
-// remembered, so that they are not staged again. `only_count`: says what would go.
+// remembered, so that they are not staged again. only_count: reports what would go.
 PruneSum prune_blobs(OutboxDatabase& outbox, std::int64_t before_ms, bool only_count);
-
-// What is in an outbox, for people and programs.
 
 struct StateSum {
   std::int64_t tiles = 0;
-  std::int64_t bytes = 0;  // of their pictures, deleted or not
+  std::int64_t bytes = 0;  // of their images, deleted or not
 };
 
 struct BatchReport {
@@ -44,7 +42,7 @@ struct BatchReport {
   std::string stage;
   std::int64_t tiles = 0;
   std::int64_t open = 0;  // without a final verdict
-  int attempts = 0;       // in vain
+  int attempts = 0;       // failed
   std::int64_t not_before_ms = 0;
   std::string trouble;
 };
@@ -60,7 +58,7 @@ struct FailedTile {
 struct OutboxReport {
   std::map<TileState, StateSum> states;
   std::map<std::string, std::int64_t> reasons;  // code → tiles rejected, refused or damaged
-  std::int64_t kept_bytes = 0;                  // of pictures that are still there
+  std::int64_t kept_bytes = 0;                  // of images that are still there
   std::vector<BatchReport> batches;             // those that are not done
 };
 
@@ -70,16 +68,14 @@ OutboxReport report_outbox(const OutboxDatabase& outbox);
 // Rejected, refused and damaged tiles, in the order of staging, at most so many.
 std::vector<FailedTile> failed_tiles(const OutboxDatabase& outbox, std::int64_t most);
 
-// Batches that cannot go on because something of them is damaged: the sound tiles of such a batch go into a new one.
-
-struct MendedSum {
+struct RepairSum {
   std::int64_t batches = 0;  // taken apart
   std::int64_t tiles = 0;    // staged again, for seal_batches()
   Findings findings;         // `outbox.damaged` for each tile that was set aside
 };
 
-// Of the parked batches those whose document or tiles are not as they were sealed. Tiles that have their verdict keep
+// Takes apart the parked batches whose document or tiles are not as they were sealed: their sound tiles are staged again. Tiles that have their verdict keep
 // it. The key tells whether a document is still the one that it has signed.
-MendedSum take_damaged_apart(OutboxDatabase& outbox, const PublicKey& key, std::int64_t now_ms);
+RepairSum repair_damaged_batches(OutboxDatabase& outbox, const PublicKey& key, std::int64_t now_ms);
 
 }  // namespace nadir

@@ -9,10 +9,9 @@
 #include "base/error.hpp"
 
 namespace nadir {
-
 namespace {
 
-[[noreturn]] void refuse(std::string expected, std::string found) {
+[[noreturn]] void refuse_tiles(std::string expected, std::string found) {
   throw Error({.what = "these tiles cannot be packed", .expected = std::move(expected), .found = std::move(found)});
 }
 
@@ -20,23 +19,32 @@ void append_u32(Bytes& bytes, std::uint32_t value) {
   for (int shift = 24; shift >= 0; shift -= 8) bytes.push_back(static_cast<std::uint8_t>(value >> shift));
 }
 
+[[noreturn]] void refuse(std::string expected, std::string found) {
+  throw Error({.what = "cannot accept this pack", .expected = std::move(expected), .found = std::move(found)});
+}
+
+std::uint32_t u32_at(ByteView bytes, std::size_t at) {
+  return std::uint32_t{bytes[at]} << 24 | std::uint32_t{bytes[at + 1]} << 16 | std::uint32_t{bytes[at + 2]} << 8 |
+         std::uint32_t{bytes[at + 3]};
+}
+
 }  // namespace
 
 std::uint64_t pack_size(std::span<const PackEntry> entries) {
   if (entries.empty() || entries.size() > kMaxPackTiles) {
-    refuse(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{}", entries.size()));
+    refuse_tiles(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{}", entries.size()));
   }
   std::set<Sha256> seen;
   std::uint64_t size = kPackHeadSize + entries.size() * kPackEntrySize;
   for (const PackEntry& entry : entries) {
     if (entry.size == 0 || entry.size > kMaxPackTileSize) {
-      refuse(fmt::format("tiles of 1 to {} bytes", kMaxPackTileSize),
+      refuse_tiles(fmt::format("tiles of 1 to {} bytes", kMaxPackTileSize),
              fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
     }
-    if (!seen.insert(entry.sha256).second) refuse("each tile once", entry.sha256.hex() + " twice");
+    if (!seen.insert(entry.sha256).second) refuse_tiles("each tile once", entry.sha256.hex() + " twice");
     size += entry.size;
   }
-  if (size > kMaxPackSize) refuse(fmt::format("at most {} bytes", kMaxPackSize), fmt::format("{}", size));
+  if (size > kMaxPackSize) refuse_tiles(fmt::format("at most {} bytes", kMaxPackSize), fmt::format("{}", size));
   return size;
 }
 
@@ -63,19 +71,6 @@ Bytes pack_head(std::span<const PackEntry> entries) {
   }
   return bytes;
 }
-
-namespace {
-
-[[noreturn]] void refuse(std::string expected, std::string found) {
-  throw Error({.what = "cannot accept this pack", .expected = std::move(expected), .found = std::move(found)});
-}
-
-std::uint32_t u32_at(ByteView bytes, std::size_t at) {
-  return std::uint32_t{bytes[at]} << 24 | std::uint32_t{bytes[at + 1]} << 16 | std::uint32_t{bytes[at + 2]} << 8 |
-         std::uint32_t{bytes[at + 3]};
-}
-
-}  // namespace
 
 PackReader::PackReader(std::uint64_t length, Announced announced, Take take)
     : length_(length), announced_(std::move(announced)), take_(std::move(take)) {

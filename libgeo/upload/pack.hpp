@@ -2,7 +2,7 @@
 //
 //   "NADIRPK1" | count: u32 | count times (sha256: 32 bytes, size: u32) | the tiles' bytes in this order
 //
-// Numbers are big-endian. Nothing is compressed: tiles are compressed pictures, and what does not unfold cannot be a
+// Numbers are big-endian. Nothing is compressed: tiles are compressed images, and what is not decompressed cannot be a
 // bomb. A pack is named by the SHA-256 of all its bytes.
 #pragma once
 
@@ -43,10 +43,9 @@ std::size_t entries_of_next_pack(std::span<const PackEntry> entries);
 // Magic, count and entries: what stands before the tiles. Throws as pack_size().
 Bytes pack_head(std::span<const PackEntry> entries);
 
-// Reads a pack as it comes, in pieces of any size, and trusts none of it: nothing is allocated because the pack says so
+// Reads a pack as it arrives, in pieces of any size, and trusts none of it: nothing is allocated because the pack says so
 // beyond its own limits, and a tile is handed out only when its bytes have the digest that stands before it. The memory
 // is that of the list of tiles and of one tile.
-
 class PackReader {
  public:
   // Is this tile announced, with this size? Asked for every entry before any tile is read.

@@ -10,7 +10,6 @@
 
 #include "base/error.hpp"
 #include "base/json.hpp"
-#include "base/json_members.hpp"
 #include "base/printable.hpp"
 #include "trust/base64.hpp"
 #include "upload/batch.hpp"
@@ -111,66 +110,41 @@ std::optional<UtcTime> parse_http_date(std::string_view text) {
 
 namespace {
 
-using nlohmann::json;
-
 constexpr std::size_t kLongestDetail = 500;
 constexpr std::int64_t kLeastPart = 4096;
 
-constexpr JsonMembers::Complaint kComplaint{"the service's answer is not what the contract says"};
-
-json parse(std::string_view body) {
+nlohmann::json parse(std::string_view body) {
   return parse_json(body, "the service's answer", {.max_depth = 8, .allow_floats = true});
 }
 
-// A later version of the service may say more: as many members as there are.
-JsonMembers members_of(const json& object, const char* where) { return {object, where, object.size(), kComplaint}; }
-
-std::string text(const JsonMembers& in, const char* name, std::size_t longest) {
-  const std::string& value = in.text(name);
-  if (value.size() > longest) in.refuse(name, fmt::format("text of at most {} bytes", longest), value.substr(0, 80));
-  return value;
+JsonReader reader_of(const nlohmann::json& document) {
+  return {document, {.name = "the service's answer", .what = "the service's answer violates the contract"}};
 }
 
 // The name goes into paths: nothing but letters, digits, '_' and '-'.
-std::string upload_id(const JsonMembers& in) {
-  std::string id = text(in, "upload_id", 64);
-  const bool good =
-      id.size() >= 8 && std::all_of(id.begin(), id.end(), [](char c) {
-        return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
-      });
-  if (!good) in.refuse("upload_id", "8 to 64 letters, digits, '_' and '-'", id);
+std::string upload_id(const JsonReader& in) {
+  const std::string& id = in.text("upload_id", {.least = 8, .most = 64});
+  const bool good = std::all_of(id.begin(), id.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
+  });
+  if (!good) in.refuse("upload_id", "8 to 64 letters, digits, '_' and '-'");
   return id;
 }
 
-const json& list(const JsonMembers& in, const char* name) {
-  const json& value = in.member(name);
-  if (!value.is_array() || value.size() > kMaxBatchTiles) {
-    in.refuse(name, fmt::format("a list of at most {}", kMaxBatchTiles), value.is_array() ? json(value.size()) : value);
-  }
-  return value;
-}
-
-std::vector<Sha256> digests(const JsonMembers& in, const char* name) {
+std::vector<Sha256> digests(const JsonReader& in, const char* name) {
+  const JsonReader list = in.array(name, {.most = kMaxBatchTiles});
   std::vector<Sha256> result;
-  for (const json& item : list(in, name)) {
-    const auto digest = item.is_string() ? Sha256::from_hex(item.get_ref<const std::string&>()) : std::nullopt;
-    if (!digest) in.refuse(name, "64 lower-case hexadecimal digits", item);
-    result.push_back(*digest);
-  }
+  for (std::size_t i = 0; i < list.size(); ++i) result.push_back(list.digest(i));
   return result;
 }
 
-std::string reason(const JsonMembers& in) {
-  std::string code = text(in, "code", 64);
-  if (!parse_reason_code(code)) in.refuse("code", "a reason of the closed list", code);
-  return code;
-}
+std::string reason(const JsonReader& in) { return std::string(name_of(in.choice("code", all_reason_codes()))); }
 
-std::string detail(const JsonMembers& in) { return printable(text(in, "detail", 4 * kLongestDetail)); }
+std::string detail(const JsonReader& in) { return printable(in.text("detail", {.most = 4 * kLongestDetail})); }
 
-VerdictReply verdict(const JsonMembers& in) {
+VerdictReply verdict(const JsonReader& in) {
   VerdictReply result{.sha256 = in.digest("sha256")};
-  const std::string word = text(in, "verdict", 16);
+  const std::string_view word = in.choice("verdict", {"accepted", "rejected", "duplicate", "pending"});
   if (word == "accepted") {
     result.kind = VerdictReply::Kind::accepted;
   } else if (word == "rejected") {
@@ -178,8 +152,6 @@ VerdictReply verdict(const JsonMembers& in) {
     result.code = reason(in);
   } else if (word == "duplicate") {
     result.kind = VerdictReply::Kind::duplicate;
-  } else if (word != "pending") {
-    in.refuse("verdict", "accepted, rejected, duplicate or pending", word);
   }
   result.detail = detail(in);
   return result;
@@ -188,44 +160,40 @@ VerdictReply verdict(const JsonMembers& in) {
 }  // namespace
 
 AnnouncementReply parse_announcement(std::string_view body) {
-  const json document = parse(body);
-  const JsonMembers in = members_of(document, "the announcement's answer");
+  const nlohmann::json document = parse(body);
+  const JsonReader in = reader_of(document);
   AnnouncementReply result;
   result.upload = upload_id(in);
   result.missing = digests(in, "missing");
   result.known = digests(in, "known");
-  for (const json& item : list(in, "refused")) {
-    const JsonMembers tile = members_of(item, "refused");
+  const JsonReader refused = in.array("refused", {.most = kMaxBatchTiles});
+  for (std::size_t i = 0; i < refused.size(); ++i) {
+    const JsonReader tile = refused.object(i);
     result.refused.push_back({tile.digest("sha256"), reason(tile), detail(tile)});
   }
-  result.part_max = static_cast<std::uint64_t>(in.whole("part_max", kLeastPart, kMaxPackSize));
-  const auto expires_at = parse_utc(text(in, "expires_at", 32));
-  if (!expires_at) in.refuse("expires_at", "a time like 2030-01-01T00:00:00Z", in.text("expires_at"));
-  result.expires_at = *expires_at;
+  result.part_max = static_cast<std::uint64_t>(in.integer("part_max", kLeastPart, std::int64_t{kMaxPackSize}));
+  result.expires_at = in.time("expires_at");
   return result;
 }
 
 StatusReply parse_upload_status(std::string_view body) {
-  const json document = parse(body);
-  const JsonMembers in = members_of(document, "the upload's status");
-  StatusReply result{.upload = upload_id(in), .batch = text(in, "batch", 64)};
-  const std::string state = text(in, "state", 16);
-  if (state != "open" && state != "judging" && state != "judged") {
-    in.refuse("state", "open, judging or judged", state);
-  }
-  result.complete = state != "open";
-  for (const json& item : list(in, "tiles")) result.tiles.push_back(verdict(members_of(item, "tiles")));
+  const nlohmann::json document = parse(body);
+  const JsonReader in = reader_of(document);
+  StatusReply result{.upload = upload_id(in), .batch = in.text("batch", {.most = 64})};
+  result.complete = in.choice("state", {"open", "judging", "judged"}) != "open";
+  const JsonReader tiles = in.array("tiles", {.most = kMaxBatchTiles});
+  for (std::size_t i = 0; i < tiles.size(); ++i) result.tiles.push_back(verdict(tiles.object(i)));
   return result;
 }
 
 std::string problem_text(std::string_view body) {
   try {
-    const json document = parse(body);
-    const JsonMembers in = members_of(document, "a problem");
-    const std::string title = text(in, "title", kLongestDetail);
-    return printable(fmt::format("{}: {}", title, text(in, "detail", kLongestDetail)));
+    const nlohmann::json document = parse(body);
+    const JsonReader in = reader_of(document);
+    const std::string& title = in.text("title", {.most = kLongestDetail});
+    return printable(fmt::format("{}: {}", title, in.text("detail", {.most = kLongestDetail})));
   } catch (const Error&) {
-    return body.empty() ? "without words" : "with words that are no problem document";
+    return body.empty() ? "without a body" : "with a body that is not a problem document";
   }
 }
 
@@ -245,8 +213,8 @@ std::optional<UtcTime> date_header(const HttpReply& reply, const char* name) {
   return text == nullptr ? std::nullopt : parse_http_date(*text);
 }
 
-// Seconds, or a date. A date means the service's clock, so it counts from the reply's own Date; without that nobody
-// knows how long it is, and the back-off decides. A day at most.
+// Seconds, or a date. A date is of the service's clock, so it counts from the reply's own Date; without that the back-off
+// decides. A day at most.
 std::optional<std::int64_t> retry_after_s(const HttpReply& reply) {
   constexpr std::int64_t kDay_s = 86'400;
   if (const auto seconds = number_header(reply, "retry-after")) {
@@ -259,71 +227,71 @@ std::optional<std::int64_t> retry_after_s(const HttpReply& reply) {
 
 }  // namespace
 
-std::string_view name_of(Trouble::Kind kind) {
+std::string_view name_of(TransferError::Kind kind) {
   switch (kind) {
-    case Trouble::Kind::later: return "later";
-    case Trouble::Kind::forgotten: return "forgotten";
-    case Trouble::Kind::conflict: return "conflict";
-    case Trouble::Kind::mangled: return "mangled";
-    case Trouble::Kind::too_large: return "too_large";
-    case Trouble::Kind::refused: return "refused";
-    case Trouble::Kind::nonsense: return "nonsense";
-    case Trouble::Kind::credentials: return "credentials";
-    case Trouble::Kind::elsewhere: return "elsewhere";
+    case TransferError::Kind::later: return "later";
+    case TransferError::Kind::forgotten: return "forgotten";
+    case TransferError::Kind::conflict: return "conflict";
+    case TransferError::Kind::mangled: return "mangled";
+    case TransferError::Kind::too_large: return "too_large";
+    case TransferError::Kind::refused: return "refused";
+    case TransferError::Kind::invalid: return "nonsense";
+    case TransferError::Kind::credentials: return "credentials";
+    case TransferError::Kind::elsewhere: return "elsewhere";
   }
   return "nonsense";
 }
 
 namespace {
 
-Trouble::Kind kind_of(int status) {
+TransferError::Kind kind_of(int status) {
   switch (status) {
     case 401:
-    case 403: return Trouble::Kind::credentials;
+    case 403: return TransferError::Kind::credentials;
     case 404:
-    case 410: return Trouble::Kind::forgotten;
+    case 410: return TransferError::Kind::forgotten;
     case 408:
     case 425:
-    case 429: return Trouble::Kind::later;
-    case 409: return Trouble::Kind::conflict;
-    case 413: return Trouble::Kind::too_large;
-    case 460: return Trouble::Kind::mangled;
+    case 429: return TransferError::Kind::later;
+    case 409: return TransferError::Kind::conflict;
+    case 413: return TransferError::Kind::too_large;
+    case 460: return TransferError::Kind::mangled;
     default: break;
   }
-  if (status >= 500 && status <= 599) return Trouble::Kind::later;
-  if (status >= 400) return Trouble::Kind::refused;
-  if (status >= 300) return Trouble::Kind::elsewhere;
-  return Trouble::Kind::nonsense;  // success, but not the one that was expected
+  if (status >= 500 && status <= 599) return TransferError::Kind::later;
+  if (status >= 400) return TransferError::Kind::refused;
+  if (status >= 300) return TransferError::Kind::elsewhere;
+  return TransferError::Kind::invalid;  // success, but not the one that was expected
 }
 
-Trouble trouble_of(const HttpReply& reply) {
-  Trouble trouble{kind_of(reply.status), fmt::format("{} {}", reply.status, problem_text(reply.body)),
+TransferError error_from(const HttpReply& reply) {
+  TransferError error{kind_of(reply.status), fmt::format("{} {}", reply.status, problem_text(reply.body)),
                   retry_after_s(reply)};
-  if (trouble.kind == Trouble::Kind::elsewhere) trouble.text = fmt::format("{}, a redirect", reply.status);
-  if (trouble.kind == Trouble::Kind::conflict) trouble.offset = number_header(reply, "upload-offset");
-  return trouble;
+  if (error.kind == TransferError::Kind::elsewhere) error.text = fmt::format("{}, a redirect", reply.status);
+  if (error.kind == TransferError::Kind::conflict) error.offset = number_header(reply, "upload-offset");
+  return error;
 }
 
-Trouble trouble_of(const NoReply& none) { return {Trouble::Kind::later, none.why}; }
+TransferError error_from(const NoReply& none) { return {TransferError::Kind::later, none.why}; }
 
-// The reply when it has one of these statuses, else the trouble.
+// The reply when it has one of these statuses, else the error.
 Answer<HttpReply> expect(HttpResult result, std::initializer_list<int> statuses) {
-  if (const auto* none = std::get_if<NoReply>(&result)) return trouble_of(*none);
+  if (const auto* none = std::get_if<NoReply>(&result)) return error_from(*none);
   auto& reply = std::get<HttpReply>(result);
   for (const int status : statuses) {
     if (reply.status == status) return std::move(reply);
   }
-  return trouble_of(reply);
+  return error_from(reply);
 }
 
-// Reads the reply's body; a body that is none of ours is nonsense.
+// Reads the reply's body; one outside of the contract is invalid.
 template <typename Value, typename Read>
 Answer<Value> read_reply(Answer<HttpReply> answer, const Read& read) {
-  if (auto* trouble = std::get_if<Trouble>(&answer)) return std::move(*trouble);
+  if (auto* error = std::get_if<TransferError>(&answer)) return std::move(*error);
   try {
     return read(std::get<HttpReply>(answer));
   } catch (const Error& error) {
-    return Trouble{Trouble::Kind::nonsense, fmt::format("an answer that is none: {}", error.text().where)};
+    return TransferError{TransferError::Kind::invalid, fmt::format("an invalid answer: {}", error.text().where)};
   }
 }
 
@@ -372,9 +340,9 @@ Answer<std::uint64_t> ServiceClient::send_part(const std::string& upload, const 
                            .body = part});
   auto answer = read_offset(expect(std::move(result), {204}), pack_size);
   // Another call still writes this pack, our own one before the line broke perhaps: no other offset, but later.
-  if (auto* trouble = std::get_if<Trouble>(&answer);
-      trouble != nullptr && trouble->kind == Trouble::Kind::conflict && trouble->retry_after_s) {
-    trouble->kind = Trouble::Kind::later;
+  if (auto* error = std::get_if<TransferError>(&answer);
+      error != nullptr && error->kind == TransferError::Kind::conflict && error->retry_after_s) {
+    error->kind = TransferError::Kind::later;
   }
   return answer;
 }

@@ -17,7 +17,7 @@ constexpr std::size_t kSignatureSize = 64;
 
 bool is_digest(ByteView bytes, const Sha256& digest) { return std::ranges::equal(bytes, digest.bytes); }
 
-// Throws Error where the row is not what was staged; says what is wrong with the picture.
+// Throws Error where the row is not what was staged; returns what is wrong with the image.
 std::string read_row(const SqliteStatement& row, BatchTile& tile) {
   tile.sidecar_bytes = std::string(row.text(7));
   if (!is_digest(row.blob(1), sha256(as_bytes(tile.sidecar_bytes))))
@@ -27,12 +27,12 @@ std::string read_row(const SqliteStatement& row, BatchTile& tile) {
   const bool same = is_digest(row.blob(2), sidecar.sha256) &&
                     row.integer(3) == static_cast<std::int64_t>(sidecar.size) && row.text(4) == sidecar.airframe &&
                     row.text(5) == sidecar.flight && is_digest(row.blob(6), sidecar.base_package);
-  if (!same) return "its row says something else than its sidecar";
+  if (!same) return "its row contradicts its sidecar";
   const ByteView signature = row.blob(9);
   tile.signature = {std::string(row.text(8)), Bytes(signature.begin(), signature.end())};
-  if (!Sha256::from_hex(tile.signature.keyid) || signature.size() != kSignatureSize) return "its signature has no form";
-  if (row.is_null(10)) return "its picture is gone";
-  if (!is_picture(row.blob(10), row.blob(2))) return "its picture is not the one that was staged";
+  if (!Sha256::from_hex(tile.signature.keyid) || signature.size() != kSignatureSize) return "its signature is malformed";
+  if (row.is_null(10)) return "its image is missing";
+  if (!matches_digest(row.blob(10), row.blob(2))) return "its image is not the one that was staged";
   return {};
 }
 
@@ -48,7 +48,7 @@ StoredTile read_stored_tile(const SqliteStatement& row) {
   return stored;
 }
 
-bool is_picture(ByteView bytes, ByteView digest) { return is_digest(digest, sha256(bytes)); }
+bool matches_digest(ByteView bytes, ByteView digest) { return is_digest(digest, sha256(bytes)); }
 
 Finding set_aside(const OutboxDatabase& outbox, const StoredTile& tile, std::int64_t now_ms) {
   auto update = outbox.prepare(

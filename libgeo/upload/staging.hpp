@@ -1,4 +1,4 @@
-// Into the outbox, and into signed batches.
+// Puts candidates into the outbox and into signed batches, and checks what the outbox holds.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@
 namespace nadir {
 
 // Puts candidates in, all in one transaction; those that were staged before (the very same sidecar) are passed over,
-// but for those that were set aside as damaged: these take their place. How many are new or mended.
+// but for those that were set aside as damaged: these take their place. How many are new or repaired.
 std::int64_t stage_candidates(OutboxDatabase& outbox, std::span<const Candidate> candidates, std::int64_t now_ms);
 
 struct SealedSum {
@@ -30,10 +30,8 @@ struct SealedSum {
 SealedSum seal_batches(OutboxDatabase& outbox, const PrivateKey& key, std::int64_t now_ms,
                        const std::function<std::array<std::uint8_t, 16>()>& random_bytes);
 
-// A tile as the outbox holds it, held against itself: what was staged has its digests beside it, so that a byte that a
-// disk or somebody has changed shows before it is signed or sent. A damaged one is set aside (DAMAGED); the others go
-// on.
-
+// A tile as the outbox holds it, checked against its own digests: a byte that a disk or somebody has changed is found
+// before it is signed or sent. A damaged tile is set aside (DAMAGED); the others proceed.
 struct StoredTile {
   std::int64_t id = 0;
   BatchTile tile;      // when it is sound
@@ -46,11 +44,10 @@ inline constexpr std::string_view kSelectStoredTiles =
     " FROM tile LEFT JOIN blob ON blob.tile = tile.id ";
 StoredTile read_stored_tile(const SqliteStatement& row);
 
-// Is this the picture with this digest?
-bool is_picture(ByteView bytes, ByteView sha256);
+// Whether the bytes have this SHA-256.
+bool matches_digest(ByteView bytes, ByteView sha256);
 
-// Within a transition: it goes no way until a sound copy is staged. Returns the finding `outbox.damaged` that tells of
-// it.
+// Within a transition: the tile waits until a sound copy is staged. Returns the finding `outbox.damaged`.
 Finding set_aside(const OutboxDatabase& outbox, const StoredTile& tile, std::int64_t now_ms);
 
 }  // namespace nadir

@@ -176,7 +176,7 @@ void Transfer::await_verdicts(const OpenBatch& batch, int attempts, std::int64_t
   delay(batch, attempts, not_before_ms, std::string(kVerdictsAwaited));
 }
 
-int Transfer::strike(const OpenBatch& batch, std::string_view kind) {
+int Transfer::count_failure(const OpenBatch& batch, std::string_view kind) {
   outbox_.transition("strike", [&] {
     outbox_.prepare("INSERT INTO strike VALUES (?, ?, 1) ON CONFLICT (batch, kind) DO UPDATE SET count = count + 1")
         .bind(1, batch.id)
@@ -188,7 +188,7 @@ int Transfer::strike(const OpenBatch& batch, std::string_view kind) {
   return static_cast<int>(count.integer(0));
 }
 
-void Transfer::forgive(const OpenBatch& batch, std::initializer_list<std::string_view> kinds) {
+void Transfer::reset_failures(const OpenBatch& batch, std::initializer_list<std::string_view> kinds) {
   std::vector<std::string> there;  // hardly ever any, and then nothing is written
   auto rows = outbox_.prepare("SELECT kind FROM strike WHERE batch = ?");
   rows.bind(1, batch.id);
@@ -358,11 +358,11 @@ void Transfer::make_packs(std::int64_t batch, const std::vector<std::int64_t>& a
     Sha256Stream stream;
     stream.update(head_of(part));
     for (std::size_t i = 0; i < part.size(); ++i) {
-      const ByteView picture = blob.bind(1, rows[from + i]).step() ? blob.blob(0) : ByteView();
-      if (picture.size() != part[i].size || !is_picture(picture, part[i].sha256.bytes)) {
-        refuse_damaged("the picture of tile", part[i].sha256);
+      const ByteView image = blob.bind(1, rows[from + i]).step() ? blob.blob(0) : ByteView();
+      if (image.size() != part[i].size || !matches_digest(image, part[i].sha256.bytes)) {
+        refuse_damaged("the image of tile", part[i].sha256);
       }
-      stream.update(picture);
+      stream.update(image);
       blob.reset();
     }
     const Sha256 digest = stream.finish();
@@ -384,7 +384,7 @@ Bytes Transfer::pack_bytes(const OpenPack& pack) const {
     PackEntry entry;
     const ByteView digest = rows.blob(0), bytes = rows.blob(1);
     std::copy_n(digest.begin(), std::min(digest.size(), entry.sha256.bytes.size()), entry.sha256.bytes.begin());
-    if (!is_picture(bytes, digest)) refuse_damaged("the picture of tile", entry.sha256);
+    if (!matches_digest(bytes, digest)) refuse_damaged("the image of tile", entry.sha256);
     entry.size = static_cast<std::uint32_t>(bytes.size());
     entries.push_back(entry);
     tiles.insert(tiles.end(), bytes.begin(), bytes.end());

@@ -1,5 +1,5 @@
-// HTTP as the uploader needs it: one request, one bounded answer, or why there was none. Behind an interface, so that
-// the uploader is tested without a network.
+// HTTP as the uploader needs it: one request, one bounded answer, or why there was none. An interface, so that the
+// uploader is tested without a network, and its implementation with libcurl.
 #pragma once
 
 #include <cstdint>

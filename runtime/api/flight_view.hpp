@@ -1,5 +1,5 @@
-// What the service says about its flight at one moment. The flight's thread fills a FlightView and publishes it on the
-// FlightBoard; the API, the web page and `nadir watch` show what is in it and nothing else.
+// The state of the flight at one moment: the flight's thread fills a FlightView and publishes it on the FlightBoard; the
+// API, the web page and `nadir watch` show what is in it and nothing else.
 //
 // Times are seconds of the service's one monotonic clock, ages and durations are differences of them. Angles are in
 // radians, headings clockwise from true north, attitude as in vision/camera_model.hpp. What is not known is nullopt.
@@ -26,7 +26,7 @@
 namespace nadir {
 
 enum class GpsJudgement { unknown, good, denied, spoofed };
-enum class RecorderState { off, recording, limited, failed };  // limited: the disk budget leaves things out
+enum class RecorderState { off, recording, limited, failed };  // limited: by the disk budget
 enum class EventSeverity { info, warning, critical };          // critical: the operator must know now
 
 std::string_view name_of(GpsJudgement judgement);
@@ -43,7 +43,7 @@ struct StateView {
 
 struct PositionView {
   LonLat place;
-  double sigma_m = 0;  // one axis of the equivalent circular error
+  double sigma_m = 0;  // 1-sigma error per axis (equivalent circular)
   double east_var_m2 = 0, north_var_m2 = 0, east_north_cov_m2 = 0;
 };
 
@@ -52,7 +52,7 @@ struct VelocityView {
 };
 
 struct FramesView {
-  std::uint64_t received = 0, dropped = 0;  // dropped: a newer one was there first, or the camera had held it back
+  std::uint64_t received = 0, dropped = 0;  // dropped: superseded, or delivered late
   double per_s = 0;
 };
 
@@ -65,7 +65,7 @@ struct LinkView {
   bool connected = false;
   bool signed_frames = false;
   std::uint64_t fixes_sent = 0;
-  CountsByReason rejected_by;  // received frames that were not believed
+  CountsByReason rejected_by;  // received frames
 };
 
 struct GpsView {
@@ -129,9 +129,8 @@ struct FlightView {
   std::vector<TrackPoint> track;    // the last minutes, oldest first
 };
 
-// What the service remembers of its own flight for its readers: the last events and the track of the last minutes.
-// Bounded, so that a long flight costs no more than a short one.
-
+// The history that readers see: the last events and the track of the last minutes. Bounded, so that a long flight
+// costs no more than a short one.
 class EventRing {
  public:
   explicit EventRing(std::size_t capacity = 100) : capacity_(capacity) {}
@@ -159,42 +158,40 @@ class FlightTrail {
   std::vector<TrackPoint> points_;
 };
 
-// Hands the latest of something from one thread to another; what nobody took is replaced. Neither side ever waits: a
-// letter changes hands in one atomic exchange.
-
-template <typename Letter>
-class Mailbox {
+// Hands the latest value from one thread to another; what nobody took is replaced. Neither side ever waits: a value
+// changes hands in one atomic exchange. (service/latest_mailbox.hpp is a queue with a lock, for what must be waited for.)
+template <typename Value>
+class LatestSlot {
  public:
-  Mailbox() = default;
-  ~Mailbox() { delete box_.load(); }
-  Mailbox(const Mailbox&) = delete;
-  Mailbox& operator=(const Mailbox&) = delete;
+  LatestSlot() = default;
+  ~LatestSlot() { delete value_.load(); }
+  LatestSlot(const LatestSlot&) = delete;
+  LatestSlot& operator=(const LatestSlot&) = delete;
 
-  void put(Letter letter) { delete box_.exchange(new Letter(std::move(letter)), std::memory_order_acq_rel); }
+  void put(Value value) { delete value_.exchange(new Value(std::move(value)), std::memory_order_acq_rel); }
 
   // Null when nothing has come since the last time.
-  std::unique_ptr<Letter> take() { return std::unique_ptr<Letter>(box_.exchange(nullptr, std::memory_order_acq_rel)); }
+  std::unique_ptr<Value> take() { return std::unique_ptr<Value>(value_.exchange(nullptr, std::memory_order_acq_rel)); }
 
  private:
-  std::atomic<Letter*> box_{nullptr};
+  std::atomic<Value*> value_{nullptr};
 };
 
-// Where the flight's thread puts its latest FlightView and any number of readers look at it.
+// Where the flight's thread publishes its latest FlightView and any number of readers look at it.
 //
 // publish() never waits for a reader, however many there are and whatever they do: it is one atomic exchange. Readers
-// wait for each other alone, for the moment that it takes to copy a pointer.
-
+// only wait for each other, for the moment that it takes to copy a pointer.
 class FlightBoard {
  public:
   // From one thread. Numbers the view.
   void publish(FlightView view);
 
-  // From any thread. Before the first publish(): a view of a service that boots.
+  // From any thread. Before the first publish(): the view of a booting service.
   std::shared_ptr<const FlightView> snapshot() const;
 
  private:
   std::uint64_t versions_ = 0;
-  mutable Mailbox<FlightView> newest_;
+  mutable LatestSlot<FlightView> newest_;
   mutable std::mutex readers_;
   mutable std::shared_ptr<const FlightView> seen_ = std::make_shared<const FlightView>();
 };

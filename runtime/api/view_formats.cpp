@@ -13,7 +13,6 @@
 #include "geodesy/angles.hpp"
 
 namespace nadir {
-
 namespace {
 
 using nlohmann::json;
@@ -35,7 +34,7 @@ json counts(const CountsByReason& counts) {
   return object;
 }
 
-// The covariance as people draw it: half axes of one sigma, and the bearing of the longer one.
+// The 1-sigma error ellipse of the covariance: semi-axes, and the bearing of the major one.
 json ellipse(const PositionView& position) {
   const double mean = 0.5 * (position.east_var_m2 + position.north_var_m2);
   const double half_gap = 0.5 * (position.east_var_m2 - position.north_var_m2);
@@ -210,13 +209,13 @@ std::string shown(double value) {
   return fmt::format("{}", value);
 }
 
-class Text {
+class MetricsText {
  public:
   void gauge(std::string_view name, std::string_view help, double value) {
     head(name, help, "gauge");
     line(name, {}, shown(value));
   }
-  // Absent when it is not known: a number in its place would be drawn.
+  // Absent when unknown: any number in its place would be plotted.
   void gauge(std::string_view name, std::string_view help, const std::optional<double>& value) {
     if (value) gauge(name, help, *value);
   }
@@ -259,33 +258,33 @@ std::optional<double> sigma_of(const FlightView& view) {
 }  // namespace
 
 std::string metrics_text(const FlightView& view, double age_s, const ServerCounts& server) {
-  Text text;
-  text.gauge("view_age_seconds", "Age of what the flight's thread said last.", age_s);
+  MetricsText text;
+  text.gauge("view_age_seconds", "Age of the latest view of the flight.", age_s);
   text.one_of("state", "State of the service.", name_of(view.state.state),
               {"boot", "no_package", "awaiting_autopilot", "relocalizing", "normal", "degraded", "no_fix", "failsafe"},
               "state");
-  text.one_of("source", "Where the position comes from.", name_of(view.source),
+  text.one_of("source", "Source of the position.", name_of(view.source),
               {"satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"}, "source");
-  text.gauge("position_sigma_meters", "One sigma of the position, one axis.", sigma_of(view));
-  text.gauge("anchor_age_seconds", "Since the last accepted anchor.", view.anchor_age_s);
+  text.gauge("position_sigma_meters", "1-sigma position error per axis.", sigma_of(view));
+  text.gauge("anchor_age_seconds", "Time since the last accepted anchor.", view.anchor_age_s);
   text.gauge("agl_meters", "Height above ground.", view.agl_m);
   text.counter("frames_received_total", "Frames from the camera.", view.frames.received);
   text.counter("frames_dropped_total",
-               "Frames that were not followed: a newer one came, or the camera had held it back.", view.frames.dropped);
+               "Frames not processed: superseded by a newer one, or delivered late.", view.frames.dropped);
   text.gauge("frames_per_second", "Rate of frames.", view.frames.per_s);
   text.counter("anchors_accepted_total", "Accepted anchors.", view.anchors.accepted);
   text.counter("anchors_rejected_total", "Rejected anchors.", view.anchors.rejected);
   text.counters("anchors_rejected_by_total", "Rejected anchors by gate.", view.anchors.rejected_by);
-  text.gauge("link_connected", "Whether the autopilot is heard.", view.link.connected ? 1.0 : 0.0);
+  text.gauge("link_connected", "Whether the autopilot is connected.", view.link.connected ? 1.0 : 0.0);
   text.gauge("link_signed", "Whether its frames are signed.", view.link.signed_frames ? 1.0 : 0.0);
   text.counter("fixes_sent_total", "Positions sent to the autopilot.", view.link.fixes_sent);
-  text.counters("link_frames_rejected_total", "Frames that were not believed.", view.link.rejected_by);
-  text.one_of("gps", "Judgement of the autopilot's GPS.", name_of(view.gps.judgement),
+  text.counters("link_frames_rejected_total", "Rejected frames by reason.", view.link.rejected_by);
+  text.one_of("gps", "Assessment of the autopilot's GPS.", name_of(view.gps.judgement),
               {"unknown", "good", "denied", "spoofed"}, "judgement");
   text.one_of("recorder", "State of the flight recorder.", name_of(view.recorder.state),
               {"off", "recording", "limited", "failed"}, "state");
   text.counter("recorder_written_bytes_total", "Written by the recorder.", view.recorder.written_bytes);
-  text.counter("recorder_lost_records_total", "Records that it could not keep.", view.recorder.lost_records);
+  text.counter("recorder_lost_records_total", "Records that the recorder lost.", view.recorder.lost_records);
   text.gauge("package_accepted", "Whether the map package was verified.", view.package.accepted ? 1.0 : 0.0);
   text.gauge("api_connections", "Open connections.", static_cast<double>(server.connections_open));
   text.counter("api_connections_total", "Accepted connections.", server.connections_total);
@@ -293,7 +292,7 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.counter("api_requests_total", "Answered requests.", server.requests_total);
   text.gauge("api_streams", "Open event streams.", static_cast<double>(server.streams_open));
   text.counter("api_streams_refused_total", "Event streams beyond the limit.", server.streams_refused);
-  text.counter("api_streams_dropped_total", "Event streams that did not read.", server.streams_dropped);
+  text.counter("api_streams_dropped_total", "Event streams closed because their reader was too slow.", server.streams_dropped);
   return text.take();
 }
 

@@ -18,7 +18,7 @@
 #include <optional>
 #include <string>
 
-#include "http/server.hpp"
+#include "api/api.hpp"
 #include "flight/autopilot_link.hpp"
 #include "flight/camera_feed.hpp"
 #include "flight/flight_facts.hpp"
@@ -100,7 +100,7 @@ class FlightService {
   GpsJudged gps_judged_;
   ViewBuilder views_;
   FlightBoard board_;
-  Mailbox<Hint> hints_;
+  LatestSlot<Hint> hints_;
   LatestMailbox<TimedNews> news_{512};
   LatestMailbox<SavedFlight> to_save_;
   std::optional<LocalizerEvent> last_spoke_;

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "api/api_fixture.hpp"
-#include "api/raw_client.hpp"
+#include "http/raw_client.hpp"
 #include "base/error.hpp"
 
 namespace nadir {

@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "api/raw_client.hpp"
+#include "http/raw_client.hpp"
 #include "candidates/service_fixture.hpp"
 #include "candidates/upload_server.hpp"
 #include "trust/base64.hpp"

@@ -22,7 +22,7 @@ struct Service {
     board.publish(view);
   }
   FlightBoard board;
-  Mailbox<Hint> hints;
+  LatestSlot<Hint> hints;
   Api api{board, hints, {.now_s = [] { return 0.0; }, .token = std::nullopt}};
 };
 

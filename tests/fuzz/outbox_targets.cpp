@@ -63,7 +63,7 @@ void walk(const std::filesystem::path& folder) {
     refusing([&] { retry_parked(outbox, kNow_ms); });
     refusing([&] { prune_blobs(outbox, kNow_ms, false); });
     require(needed(outbox) == before, "a picture is gone that has no final verdict");
-    refusing([&] { take_damaged_apart(outbox, key.public_key(), kNow_ms); });
+    refusing([&] { repair_damaged_batches(outbox, key.public_key(), kNow_ms); });
     refusing([&] { restage(outbox, "quota", kNow_ms); });
     refusing([&] {
       std::uint8_t uuids = 0;

@@ -13,13 +13,13 @@ void upload_request(std::string_view bytes) {
     bytes.remove_prefix(std::min(end + 1, bytes.size()));
     return text;
   };
-  UploadRequest request;
+  ApiRequest request;
   request.method = line(), request.target = line();
-  request.upload_offset = line(), request.upload_length = line(), request.content_digest = line();
-  const auto way = way_of(request.target, request.method, 1 << 20);
-  require(!way || request.target.starts_with("/v1/"), "a way beside the API");
-  require(!way || way->admission.upload.find('/') == std::string::npos, "an upload's name that is a path");
-  if (way) lists(way->methods, request.method);
+  for (const char* name : {"upload-offset", "upload-length", "content-digest"}) request.headers[name] = line();
+  const auto route = upload_route(request.target, request.method, 1 << 20);
+  require(!route || request.target.starts_with("/v1/"), "a path outside of the API");
+  require(!route || route->admission.upload.find('/') == std::string::npos, "an upload's name that is a path");
+  if (route) route->allows(request.method);
   const auto header = part_header(request);
   if (const auto* part = std::get_if<PartHeader>(&header)) {
     require(!part->length || *part->length > 48, "a pack that holds no tile");

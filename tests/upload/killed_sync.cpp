@@ -40,9 +40,9 @@ class Killer {
 };
 
 // Time goes on by what was to be waited.
-class HurriedPace final : public Pace {
+class HurriedClock final : public UploadClock {
  public:
-  std::int64_t now_ms() const override { return SystemPace().now_ms() + skipped_ms_; }
+  std::int64_t now_ms() const override { return SystemUploadClock().now_ms() + skipped_ms_; }
   void wait(std::int64_t duration_ms, const std::function<void()>& check) override {
     check();
     skipped_ms_ += duration_ms;
@@ -72,7 +72,7 @@ int run(const std::vector<std::string>& args) {
   Killer killer;
   std::mt19937_64 engine(static_cast<std::uint64_t>(std::atoll(environment("NADIR_TEST_SEED", "1").c_str())));
   SyncSurroundings around;
-  around.pace = [] { return std::make_unique<HurriedPace>(); };
+  around.pace = [] { return std::make_unique<HurriedClock>(); };
   around.random_bytes = [&engine] {
     std::array<std::uint8_t, 16> bytes{};
     for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(engine());

@@ -23,73 +23,83 @@
 
 namespace nadir {
 
+namespace {
+
+constexpr std::size_t kQueuedPerClient = 16;  // requests
+constexpr auto kPollInterval = std::chrono::milliseconds(100);
+constexpr int kPollsBetweenRetries = 50;
+constexpr int kPollsBetweenCleanups = 36'000;  // an hour
+
+// Of --data and --catalogue. Throws UsageError when neither is given.
 CatalogueLocation catalogue_location(const std::string& catalogue, const std::optional<std::filesystem::path>& data) {
   if (!catalogue.empty()) return parse_catalogue_location(catalogue);
   if (data) return parse_catalogue_location((*data / "catalogue.sqlite").string());
-  throw UsageError({.what = "no catalogue is named", .expected = "--data DIR or --catalogue CATALOGUE"});
+  throw UsageError({.what = "no catalogue given", .expected = "--data DIR or --catalogue CATALOGUE"});
 }
 
-DataFolder::DataFolder(const std::filesystem::path& path) {
-  std::error_code code;
-  std::filesystem::create_directories(path, code);
-  if (code) throw Error({.what = "the service's folder cannot be made", .where = path, .found = code.message()});
-  lock_ = ::open((path / ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-  if (lock_ < 0) {
-    throw Error({.what = "the service's folder cannot be written", .where = path, .found = system_error_text(errno)});
+// The folder of a service, held by one process at a time.
+class DataFolder {
+ public:
+  // Creates it where it is missing. Throws Error when another process holds it.
+  explicit DataFolder(const std::filesystem::path& path) {
+    std::error_code code;
+    std::filesystem::create_directories(path, code);
+    if (code) throw Error({.what = "cannot create the service's folder", .where = path, .found = code.message()});
+    lock_ = ::open((path / ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+    if (lock_ < 0) {
+      throw Error({.what = "cannot write to the service's folder", .where = path, .found = system_error_text(errno)});
+    }
+    if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
+      ::close(lock_);
+      throw Error({.what = "another service uses this folder",
+                   .where = path,
+                   .fix = "stop it first, or use another --data"});
+    }
   }
-  if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
-    ::close(lock_);
-    throw Error(
-        {.what = "another service works in this folder", .where = path, .fix = "end it first, or use another --data"});
-  }
-}
+  ~DataFolder() { ::close(lock_); }
+  DataFolder(const DataFolder&) = delete;
+  DataFolder& operator=(const DataFolder&) = delete;
 
-DataFolder::~DataFolder() { ::close(lock_); }
-
-namespace {
-
-constexpr std::size_t kPlacesOfClient = 16;  // requests that wait
-constexpr auto kLook = std::chrono::milliseconds(100);
-constexpr int kLooksBetweenRetries = 50;
-constexpr int kLooksBetweenClearings = 36'000;  // an hour
+ private:
+  int lock_ = -1;
+};
 
 }  // namespace
 
 std::string_view ServeCommand::details() const {
-  return "Listens until it is interrupted. Whatever it has answered is on the disk: it may be killed at any moment "
-         "and\n"
-         "goes on where it was. There is no TLS in it: beyond this machine it belongs behind a proxy that has it.\n"
-         "Tiles are judged when their upload is complete; one is promoted when --votes independent flights show the\n"
-         "same ground at the same place. The trust root is read again whenever its file changes.";
+  return R"(Listens until it is interrupted. Whatever it has answered is on the disk: it may be killed at any moment and
+resumes where it was. It does not speak TLS: beyond this machine, run it behind a proxy that does. Tiles are
+evaluated when their upload is complete; one is promoted when --votes independent flights show the same
+ground at the same place. The trust root is read again whenever its file changes.)";
 }
 
 std::string_view ServeCommand::examples() const {
-  return "nadir-candidates serve --data /srv/candidates --trust root.json --token-file ground-1.token\n"
-         "nadir-candidates serve --data /srv/candidates --trust root.json --token-file mini-07=field.token \\\n"
-         "    --package /srv/packages/valley-12 --catalogue \"PG:dbname=fleet\" --votes 3";
+  return R"(nadir-candidates serve --data /srv/candidates --trust root.json --token-file ground-1.token
+nadir-candidates serve --data /srv/candidates --trust root.json --token-file mini-07=field.token \
+    --package /srv/packages/valley-12 --catalogue "PG:dbname=fleet" --votes 3)";
 }
 
 void ServeCommand::setup(Options& options) {
-  options.value("--data", data_, "DIR", "folder for packs, uploads and the catalogue; made when missing").required();
+  options.value("--data", data_, "DIR", "folder for packs, uploads and the catalogue; created when missing").required();
   options.value("--trust", service_.trust, "FILE", "the trust root, with the airframes' tile signers").required();
   options
-      .values("--token-file", token_files_, "[AIRFRAME=]FILE", "bearer token of a client; its file's name is its name")
+      .values("--token-file", token_files_, "[AIRFRAME=]FILE", "bearer token of a client; the file name is the client's name")
       .required();
   options.value("--listen", listen_, "IP:PORT", "address to listen on");
   options.value("--catalogue", catalogue_, "CATALOGUE",
                 "a SpatiaLite file or \"PG:…\"; DATA/catalogue.sqlite without it");
   options.values("--package", service_.packages, "PACKAGE",
-                 "packages that flights flew with; others' tiles are refused");
+                 "base packages of the flights; tiles of others are refused");
   options.value("--votes", service_.rules.flights_to_promote, "N", "flights that must agree").between(2, 10);
   options
       .value("--independent", independent_, "WHAT",
-             "flights that count apart: of other airframes, or also of other days")
+             "flights that count as independent: of other airframes, or also of other days")
       .one_of({"airframes", "days"});
-  options.value("--max-age-days", max_age_days_, "N", "older pictures are refused").between(1, 3650);
-  options.value("--quota-mb", quota_mb_, "N", "that an airframe may announce in a day").between(1, 1'000'000);
-  options.value("--keep-free-mb", keep_free_mb_, "N", "of the disk; below it nothing is taken").between(0, 1'000'000);
-  options.value("--threads", threads_, "N", "threads that work").between(1, 64);
-  options.value("--port-file", port_file_, "FILE", "where the port is written once it listens; for --listen IP:0");
+  options.value("--max-age-days", max_age_days_, "N", "older tiles are refused").between(1, 3650);
+  options.value("--quota-mb", quota_mb_, "N", "megabytes that an airframe may announce per day").between(1, 1'000'000);
+  options.value("--keep-free-mb", keep_free_mb_, "N", "free megabytes on the disk below which no upload is accepted").between(0, 1'000'000);
+  options.value("--threads", threads_, "N", "worker threads").between(1, 64);
+  options.value("--port-file", port_file_, "FILE", "write the port here once listening; for --listen IP:0");
 }
 
 void ServeCommand::complete_rules() {
@@ -111,36 +121,36 @@ int ServeCommand::run(Context& context) {
   CandidateService service(service_, context.clock);
   service.recover();
 
-  FairQueue queue(static_cast<std::size_t>(threads_), kPlacesOfClient);
+  FairQueue queue(static_cast<std::size_t>(threads_), kQueuedPerClient);
   ServiceWork work(service, queue);
   const UploadApi api(service, clients, address.loopback(),
-                      [&work](const UploadClient& client, std::int64_t upload) { work.judge(client.name, upload); });
+                      [&work](const UploadClient& client, std::int64_t upload) { work.evaluate(client.name, upload); });
   const UploadServer server(api, queue, address);
-  for (const auto& [client, upload] : service.to_judge()) work.judge(client, upload);
+  for (const auto& [client, upload] : service.pending_evaluations()) work.evaluate(client, upload);
   work.vote();
   if (port_file_) write_file_atomic(*port_file_, fmt::format("{}\n", server.port()));
   if (!context.quiet) context.err << fmt::format("listening on {}:{}\n", address.ip, server.port()) << std::flush;
-  std::string told;
-  for (int looks = 1; !interrupt_requested(); ++looks) {
-    std::this_thread::sleep_for(kLook);
-    if (looks % kLooksBetweenRetries == 0) {
-      std::string trouble = work.trouble();
-      if (trouble.empty()) trouble = service.root_trouble();
-      if (trouble != told) {
-        told = trouble;
-        if (!trouble.empty()) context.err << trouble << '\n' << std::flush;
+  std::string reported;
+  for (int polls = 1; !interrupt_requested(); ++polls) {
+    std::this_thread::sleep_for(kPollInterval);
+    if (polls % kPollsBetweenRetries == 0) {
+      std::string fault = work.fault();
+      if (fault.empty()) fault = service.root_fault();
+      if (fault != reported) {
+        reported = fault;
+        if (!fault.empty()) context.err << fault << '\n' << std::flush;
       }
       work.retry();
-      work.heed_revocations();
+      work.apply_revocations();
     }
-    if (looks % kLooksBetweenClearings == 0) work.forget_expired();
+    if (polls % kPollsBetweenCleanups == 0) work.forget_expired();
   }
   return kAccepted;
 }
 
 void StatusCommand::setup(Options& options) {
   options.value("--data", data_, "DIR", "the service's folder");
-  options.value("--catalogue", catalogue_, "CATALOGUE", "where it is not DATA/catalogue.sqlite");
+  options.value("--catalogue", catalogue_, "CATALOGUE", "if it is not DATA/catalogue.sqlite");
 }
 
 int StatusCommand::run(Context& context) {
@@ -172,22 +182,20 @@ int StatusCommand::run(Context& context) {
 }
 
 std::string_view ExportCommand::details() const {
-  return "OUT appears whole or not at all: a Cloud Optimized GeoTIFF for each day and each block of 16 by 16 tiles, "
-         "with\n"
-         "a STAC Item beside it that says when it was taken, how fine and how well placed it is. It may run beside "
-         "the\n"
-         "service. Exit code 1: nothing is promoted, and nothing was written.";
+  return R"(OUT appears complete or not at all: a Cloud Optimized GeoTIFF for each day and each block of 16 by 16 tiles,
+with a STAC Item beside it that holds its capture time, resolution and accuracy. It may run beside the service.
+Exit code 1: nothing is promoted, and nothing was written.)";
 }
 
 std::string_view ExportCommand::examples() const {
-  return "nadir-candidates export --data /srv/candidates --out promoted\n"
-         "nadir cache build --mission next.yaml --imagery promoted/*.tif --imagery map.tif --out next";
+  return R"(nadir-candidates export --data /srv/candidates --out promoted
+nadir cache build --mission next.yaml --imagery promoted/*.tif --imagery map.tif --out next)";
 }
 
 void ExportCommand::setup(Options& options) {
   options.value("--data", data_, "DIR", "the service's folder").required();
-  options.value("--catalogue", catalogue_, "CATALOGUE", "where it is not DATA/catalogue.sqlite");
-  options.value("--out", out_, "OUT", "folder that is made").required();
+  options.value("--catalogue", catalogue_, "CATALOGUE", "if it is not DATA/catalogue.sqlite");
+  options.value("--out", out_, "OUT", "folder to create").required();
 }
 
 int ExportCommand::run(Context& context) {

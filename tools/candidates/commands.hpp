@@ -1,4 +1,4 @@
-// nadir-candidates serve: the service.
+// The commands of nadir-candidates: serve, status and export.
 #pragma once
 
 #include <filesystem>
@@ -7,16 +7,16 @@
 #include <vector>
 
 #include "candidates/candidate_service.hpp"
-#include "catalogue/catalogue_location.hpp"
 #include "cli/command.hpp"
 
 namespace nadir {
 
+// Runs the service.
 class ServeCommand final : public Command {
  public:
   std::string_view group() const override { return {}; }
   std::string_view name() const override { return "serve"; }
-  std::string_view summary() const override { return "take candidate tiles, judge them and let flights vote"; }
+  std::string_view summary() const override { return "accept and evaluate candidate tiles, and let flights vote"; }
   std::string_view details() const override;
   std::string_view examples() const override;
 
@@ -39,8 +39,7 @@ class ServeCommand final : public Command {
   std::string independent_ = "days";
 };
 
-// nadir-candidates status: what a service's catalogue holds.
-
+// What a service's catalogue holds.
 class StatusCommand final : public Command {
  public:
   std::string_view group() const override { return {}; }
@@ -59,8 +58,7 @@ class StatusCommand final : public Command {
   std::string catalogue_;
 };
 
-// nadir-candidates export: promoted tiles as imagery for the next map.
-
+// Promoted tiles as imagery for the next map.
 class ExportCommand final : public Command {
  public:
   std::string_view group() const override { return {}; }
@@ -76,25 +74,6 @@ class ExportCommand final : public Command {
  private:
   std::filesystem::path data_, out_;
   std::string catalogue_;
-};
-
-// --data and --catalogue, as the commands that look at a service's catalogue take them.
-
-// Throws UsageError when neither is given.
-CatalogueLocation catalogue_location(const std::string& catalogue, const std::optional<std::filesystem::path>& data);
-
-// The folder of a service, held by one process at a time.
-
-class DataFolder {
- public:
-  // Makes it where it is missing. Throws Error when another process holds it.
-  explicit DataFolder(const std::filesystem::path& path);
-  ~DataFolder();
-  DataFolder(const DataFolder&) = delete;
-  DataFolder& operator=(const DataFolder&) = delete;
-
- private:
-  int lock_ = -1;
 };
 
 }  // namespace nadir

@@ -15,8 +15,8 @@ int main(int argc, char** argv) {
   commands.push_back(std::make_unique<nadir::StatusCommand>());
   commands.push_back(std::make_unique<nadir::ExportCommand>());
   const nadir::ProgramText text{.name = "nadir-candidates",
-                                .summary = "keeps what flights saw, and makes maps of what several of them agree on",
-                                .footer = "A page for each command lies in docs/commands/."};
+                                .summary = "stores tiles from flights and promotes those that independent flights agree on",
+                                .footer = "See docs/commands/ for a page per command."};
   winsize size{};
   const bool terminal = isatty(STDERR_FILENO) == 1;
   const bool sized = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;

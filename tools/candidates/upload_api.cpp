@@ -16,7 +16,6 @@
 #include "upload/pack.hpp"
 
 namespace nadir {
-
 namespace fs = std::filesystem;
 
 Clients::Clients(const std::vector<std::string>& token_files) {
@@ -32,13 +31,13 @@ Clients::Clients(const std::vector<std::string>& token_files) {
     const bool taken = std::any_of(clients_.begin(), clients_.end(),
                                    [&client](const auto& known) { return known.second.name == client.name; });
     if (taken) {
-      throw UsageError({.what = "two token files have one name",
+      throw UsageError({.what = "two token files have the same name",
                         .where = file,
-                        .expected = "names that tell the clients apart",
+                        .expected = "distinct names: they identify the clients",
                         .fix = "rename one of them"});
     }
     if (!clients_.emplace(sha256(as_bytes(read_bearer_token(file))), std::move(client)).second) {
-      throw UsageError({.what = "two clients have one token",
+      throw UsageError({.what = "two clients have the same token",
                         .where = file,
                         .fix = "(umask 077; openssl rand -hex 24 > " + file.string() + ")"});
     }
@@ -82,19 +81,12 @@ std::optional<Sha256> part_digest(std::string_view text) {
 
 }  // namespace
 
-std::string media_type(std::string_view text) {
-  std::string type(text.substr(0, text.find(';')));
-  while (type.ends_with(' ')) type.pop_back();
-  std::transform(type.begin(), type.end(), type.begin(), [](unsigned char c) { return std::tolower(c); });
-  return type;
-}
-
-std::optional<UploadWay> way_of(std::string_view path, std::string_view method, std::uint64_t part_max) {
-  if (path == "/v1/health") return UploadWay{.admission = {.path = UploadPath::health}, .methods = "GET, HEAD"};
+std::optional<UploadRoute> upload_route(std::string_view path, std::string_view method, std::uint64_t part_max) {
+  if (path == "/v1/health") return UploadRoute{.admission = {.path = UploadPath::health}, .methods = "GET, HEAD"};
   if (path == "/v1/reason-codes")
-    return UploadWay{.admission = {.path = UploadPath::reason_codes}, .methods = "GET, HEAD"};
+    return UploadRoute{.admission = {.path = UploadPath::reason_codes}, .methods = "GET, HEAD"};
   if (path == kUploads) {
-    return UploadWay{.admission = {.path = UploadPath::uploads},
+    return UploadRoute{.admission = {.path = UploadPath::uploads},
                      .methods = "POST",
                      .body_max = kMaxBatchSize,
                      .media = "application/json"};
@@ -102,39 +94,42 @@ std::optional<UploadWay> way_of(std::string_view path, std::string_view method, 
   if (!path.starts_with(kUploads) || path[kUploads.size()] != '/') return std::nullopt;
   path.remove_prefix(kUploads.size() + 1);
   const std::size_t end = std::min(path.find('/'), path.size());
-  UploadWay way{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
+  UploadRoute route{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
                 .methods = "GET, HEAD"};
   path.remove_prefix(end);
-  if (path.empty()) return way;
+  if (path.empty()) return route;
   if (path == "/complete") {
-    way.admission.path = UploadPath::complete;
-    way.methods = "POST";
-    return way;
+    route.admission.path = UploadPath::complete;
+    route.methods = "POST";
+    return route;
   }
   constexpr std::string_view kPacks = "/packs/";
   if (!path.starts_with(kPacks)) return std::nullopt;
-  way.admission.path = UploadPath::pack;
-  way.admission.pack = Sha256::from_hex(path.substr(kPacks.size()));
-  way.methods = "HEAD, PATCH";
-  if (method == "PATCH") way.body_max = part_max, way.media = "application/octet-stream";
-  if (!way.admission.pack) return std::nullopt;
-  return way;
+  route.admission.path = UploadPath::pack;
+  route.admission.pack = Sha256::from_hex(path.substr(kPacks.size()));
+  route.methods = "HEAD, PATCH";
+  if (method == "PATCH") way.body_max = part_max, route.media = "application/octet-stream";
+  if (!route.admission.pack) return std::nullopt;
+  return route;
 }
 
-bool lists(std::string_view methods, std::string_view method) {
+bool UploadRoute::allows(std::string_view method) const {
   const std::size_t at = methods.find(method);
   return !method.empty() && at != std::string_view::npos && (at == 0 || methods[at - 1] == ' ') &&
          (at + method.size() == methods.size() || methods[at + method.size()] == ',');
 }
 
-std::variant<PartHeader, std::string> part_header(const UploadRequest& request) {
-  const auto offset = request.upload_offset ? whole_number(*request.upload_offset) : std::nullopt;
-  if (!offset) return "Upload-Offset: where in the pack the part begins, a whole number";
-  const auto digest = request.content_digest ? part_digest(*request.content_digest) : std::nullopt;
+std::variant<PartHeader, std::string> part_header(const ApiRequest& request) {
+  const std::string* const offset_text = request.header("upload-offset");
+  const std::string* const length_text = request.header("upload-length");
+  const std::string* const digest_text = request.header("content-digest");
+  const auto offset = offset_text ? whole_number(*offset_text) : std::nullopt;
+  if (!offset) return "Upload-Offset: where in the pack the part begins, an integer";
+  const auto digest = digest_text ? part_digest(*digest_text) : std::nullopt;
   if (!digest) return "Content-Digest: sha-256=:BASE64: of the part";
-  const auto length = request.upload_length ? whole_number(*request.upload_length) : std::nullopt;
-  if (request.upload_length && !length) return "Upload-Length: a whole number";
-  if (length && *length <= kPackHeadSize + kPackEntrySize) return "Upload-Length: no pack is that short";
+  const auto length = length_text ? whole_number(*length_text) : std::nullopt;
+  if (length_text && !length) return "Upload-Length: an integer";
+  if (length && *length <= kPackHeadSize + kPackEntrySize) return "Upload-Length: shorter than any pack";
   return PartHeader{.offset = *offset, .length = length, .digest = *digest};
 }
 
@@ -183,12 +178,12 @@ const char* verdict_of(const TileRow& tile) {
   return "duplicate";
 }
 
-struct Shown {
+struct StatusAndType {
   int status;
   const char* type;
 };
 
-Shown shown(Kind kind) {
+StatusAndType status_of(Kind kind) {
   switch (kind) {
     case Kind::malformed: return {400, "malformed"};
     case Kind::forbidden: return {403, "forbidden"};
@@ -208,8 +203,6 @@ Shown shown(Kind kind) {
   }
   return {503, "busy"};
 }
-
-}  // namespace
 
 ApiResponse announcement_answer(const Announcement& announcement, std::uint64_t part_max) {
   json refused = json::array();
@@ -265,21 +258,15 @@ ApiResponse reason_codes_answer() {
   return json_answer(200, {{"version", kReasonCodesVersion}, {"codes", std::move(codes)}});
 }
 
-ApiResponse health_answer(const std::string& trouble, bool fails) {
-  const char* status = trouble.empty() ? "pass" : fails ? "fail" : "warn";
-  ApiResponse response = json_answer(fails ? 503 : 200, {{"status", status}, {"reason", short_detail(trouble)}});
+ApiResponse health_answer(const std::string& fault, bool fails) {
+  const char* status = fault.empty() ? "pass" : fails ? "fail" : "warn";
+  ApiResponse response = json_answer(fails ? 503 : 200, {{"status", status}, {"reason", short_detail(fault)}});
   response.headers.emplace_back("Cache-Control", "no-store");
   return response;
 }
 
-ApiResponse later(int status, std::string type, std::string detail) {
-  ApiResponse response = answer({.status = status, .type = std::move(type), .detail = std::move(detail)});
-  response.headers.emplace_back("Retry-After", kSoon_s);
-  return response;
-}
-
 ApiResponse denial_answer(const Denial& denial) {
-  const auto [status, type] = shown(denial.kind);
+  const auto [status, type] = status_of(denial.kind);
   ApiResponse response = answer({.status = status, .type = type, .detail = denial.detail});
   if (denial.offset) response.headers.emplace_back("Upload-Offset", std::to_string(*denial.offset));
   if (denial.kind == Kind::incomplete) {
@@ -295,53 +282,57 @@ ApiResponse denial_answer(const Denial& denial) {
   return response;
 }
 
-namespace {
-
 ApiResponse problem(int status, const char* type, std::string detail) {
   return answer({.status = status, .type = type, .detail = std::move(detail)});
 }
 
 }  // namespace
 
-std::variant<Admission, ApiResponse> UploadApi::admit(const UploadRequest& header) const {
+ApiResponse later(int status, std::string type, std::string detail) {
+  ApiResponse response = answer({.status = status, .type = std::move(type), .detail = std::move(detail)});
+  response.headers.emplace_back("Retry-After", kSoon_s);
+  return response;
+}
+
+std::variant<Admission, ApiResponse> UploadApi::admit(const ApiRequest& header) const {
   if (loopback_ && !names_loopback(header.host)) {
     return problem(421, "host", "this service is called by localhost, 127.0.0.1 or [::1]");
   }
-  const std::string_view path = std::string_view(header.target).substr(0, header.target.find('?'));
+  const std::string_view path = header.path();
   const UploadClient* client = clients_.find(header.authorization);
   if (path != "/v1/health" && client == nullptr) {
     ApiResponse refusal = problem(401, "unauthorized", "send Authorization: Bearer TOKEN");
     refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
     return refusal;
   }
-  auto way = way_of(path, header.method, service_.options().part_max);
-  if (!way) return problem(404, "not-found", "there is no such path; see schemas/candidates.openapi.yaml");
-  if (!lists(way->methods, header.method)) {
-    ApiResponse refusal = problem(405, "method", fmt::format("this path takes {}", way->methods));
-    refusal.headers.emplace_back("Allow", way->methods);
+  auto route = upload_route(path, header.method, service_.options().part_max);
+  if (!route) return problem(404, "not-found", "there is no such path; see schemas/candidates.openapi.yaml");
+  if (!route->allows(header.method)) {
+    ApiResponse refusal = problem(405, "method", fmt::format("this path takes {}", route->methods));
+    refusal.headers.emplace_back("Allow", route->methods);
     return refusal;
   }
-  way->admission.client = way->admission.path == UploadPath::health ? nullptr : client;
-  if (way->media.empty()) {
+  route->admission.client = route->admission.path == UploadPath::health ? nullptr : client;
+  if (route->media.empty()) {
     if (header.content_length.value_or(0) > 0 || header.other_encoding) {
       return problem(413, "too-large", "this call has no body");
     }
-    return way->admission;
+    return route->admission;
   }
   if (!header.content_length || header.other_encoding) {
     return problem(411, "length-required", "send the body as it is, with Content-Length");
   }
-  if (*header.content_length > way->body_max) {
-    return problem(413, "too-large", fmt::format("at most {} bytes are taken here", way->body_max));
+  if (*header.content_length > route->body_max) {
+    return problem(413, "too-large", fmt::format("at most {} bytes are taken here", route->body_max));
   }
-  if (media_type(header.content_type) != way->media) {
-    return problem(415, "media-type", fmt::format("send Content-Type: {}", way->media));
+  if (media_type(header.content_type) != route->media) {
+    return problem(415, "media-type", fmt::format("send Content-Type: {}", route->media));
   }
-  way->admission.body_bytes = *header.content_length;
-  return way->admission;
+  route->admission.body_bytes = *header.content_length;
+  return route->admission;
 }
 
-ApiResponse UploadApi::answer(const Admission& admission, const UploadRequest& request) const {
+ApiResponse UploadApi::answer(const Admission& admission, const ApiRequest& request) const {
   ApiResponse response;
   try {
     response = route(admission, request);
@@ -355,7 +346,7 @@ ApiResponse UploadApi::answer(const Admission& admission, const UploadRequest& r
   return response;
 }
 
-ApiResponse UploadApi::route(const Admission& admission, const UploadRequest& request) const {
+ApiResponse UploadApi::route(const Admission& admission, const ApiRequest& request) const {
   switch (admission.path) {
     case UploadPath::health: return health();
     case UploadPath::reason_codes: return reason_codes_answer();
@@ -368,13 +359,14 @@ ApiResponse UploadApi::route(const Admission& admission, const UploadRequest& re
 }
 
 ApiResponse UploadApi::health() const {
-  const ServiceTrouble trouble = service_.trouble();
-  return health_answer(trouble.reason, trouble.fails);
+  const ServiceFault fault = service_.fault();
+  return health_answer(fault.reason, fault.fails);
 }
 
-ApiResponse UploadApi::announce(const UploadClient& client, const UploadRequest& request) const {
-  if (!request.idempotency_key) return problem(400, "malformed", "Idempotency-Key: the batch's id");
-  const auto result = service_.announce(client, *request.idempotency_key, request.body);
+ApiResponse UploadApi::announce(const UploadClient& client, const ApiRequest& request) const {
+  const std::string* const key = request.header("idempotency-key");
+  if (key == nullptr) return problem(400, "malformed", "Idempotency-Key: the batch's id");
+  const auto result = service_.announce(client, *key, request.body);
   if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
   return announcement_answer(std::get<Announcement>(result), service_.options().part_max);
 }
@@ -386,14 +378,14 @@ ApiResponse UploadApi::status(const UploadClient& client, const std::string& upl
 }
 
 ApiResponse UploadApi::complete(const UploadClient& client, const std::string& upload) const {
-  std::optional<std::int64_t> to_judge;
-  const auto result = service_.complete(client, upload, to_judge);
-  if (to_judge) judge_(client, *to_judge);
+  std::optional<std::int64_t> to_evaluate;
+  const auto result = service_.complete(client, upload, to_evaluate);
+  if (to_evaluate) evaluate_(client, *to_evaluate);
   if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
   return completion_answer(std::get<Completion>(result));
 }
 
-ApiResponse UploadApi::pack(const Admission& admission, const UploadRequest& request) const {
+ApiResponse UploadApi::pack(const Admission& admission, const ApiRequest& request) const {
   if (request.method == "HEAD") {
     const auto result = service_.offset(*admission.client, admission.upload, *admission.pack);
     if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);

@@ -1,22 +1,28 @@
-// HTTP/1.1 around an UploadApi (Boost.Beast): one thread for all connections, a few for the work, everything bounded.
+// An UploadApi behind HTTP (http/server.hpp): admission by token, work in the queue's threads.
 //
-// Nothing is believed before a token is: without one a caller gets as much as a header of a few kilobytes. A connection
-// that does not finish its header or its body in time is closed; when all places are taken, the one that has been
-// silent for longest makes room. Bodies together may hold so much memory and no more, each client's a part of that; of
-// requests a client has so many at a time (client_shares.hpp), and they wait in a lane of its own (fair_queue.hpp). So
-// a client that is slow, dead or hostile costs the others nothing but its share.
+// Nothing is trusted before a token is checked: without one a caller gets a header of a few kilobytes read. Bodies
+// together may take so much memory and no more, those of each client a part of that; each client has so many requests
+// at a time (ShareLimits), and they wait in a lane of its own (work_queue.hpp). When all places are taken, the
+// connection that has been idle for longest makes room. So a client that is slow, dead or hostile costs the others
+// nothing but its own share.
 #pragma once
 
 #include <chrono>
 #include <cstdint>
 #include <memory>
 
-#include "candidates/upload_server.hpp"
-#include "candidates/work_queue.hpp"
 #include "candidates/upload_api.hpp"
+#include "candidates/work_queue.hpp"
 #include "http/access.hpp"
 
 namespace nadir {
+
+// What each client may hold of the server at a time: requests, and memory for their bodies.
+struct ShareLimits {
+  std::uint64_t bodies_bytes = std::uint64_t{64} << 20;         // of all clients together
+  std::uint64_t client_bodies_bytes = std::uint64_t{24} << 20;  // of one
+  std::size_t client_requests = 32;
+};
 
 struct UploadServerLimits {
   std::uint32_t header_bytes = 8 * 1024;
@@ -32,7 +38,7 @@ struct UploadServerLimits {
 class UploadServer {
  public:
   // Listens at once. api, queue: must outlive this; the queue is stopped at this server's end. Throws Error when the
-  // address cannot be had.
+  // address is not available.
   UploadServer(const UploadApi& api, FairQueue& queue, const ListenAddress& address,
                const UploadServerLimits& limits = {});
   ~UploadServer();  // closes every connection

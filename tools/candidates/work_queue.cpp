@@ -70,15 +70,15 @@ void FairQueue::run(const std::stop_token& stop) {
   }
 }
 
-void ServiceWork::judge(const std::string& client, std::int64_t upload) {
-  queue_.put_own("judge " + client, [this, client, upload] { judge_piece(client, upload); });
+void ServiceWork::evaluate(const std::string& client, std::int64_t upload) {
+  queue_.put_own("evaluate " + client, [this, client, upload] { evaluate_piece(client, upload); });
 }
 
-void ServiceWork::judge_piece(const std::string& client, std::int64_t upload) {
+void ServiceWork::evaluate_piece(const std::string& client, std::int64_t upload) {
   try {
-    if (service_.judge_some(upload)) return judge(client, upload);
+    if (service_.evaluate_some(upload)) return evaluate(client, upload);
   } catch (const std::exception& error) {
-    failed(error.what());  // some tiles could not be read; the others are judged
+    failed(error.what());  // some tiles could not be read; the others are evaluated
   }
   vote();
 }
@@ -115,10 +115,10 @@ void ServiceWork::forget_expired() {
   });
 }
 
-void ServiceWork::heed_revocations() {
+void ServiceWork::apply_revocations() {
   queue_.put_own("revocations", [this] {
     try {
-      if (service_.heed_revocations() > 0) vote();
+      if (service_.apply_revocations() > 0) vote();
     } catch (const std::exception& error) {
       failed(error.what());
     }
@@ -127,23 +127,23 @@ void ServiceWork::heed_revocations() {
 
 void ServiceWork::failed(const std::string& reason) {
   const std::lock_guard lock(mutex_);
-  trouble_ = reason;
+  fault_ = reason;
 }
 
-std::string ServiceWork::trouble() const {
+std::string ServiceWork::fault() const {
   const std::lock_guard lock(mutex_);
-  return trouble_;
+  return fault_;
 }
 
 void ServiceWork::retry() {
   {
     const std::lock_guard lock(mutex_);
-    if (trouble_.empty()) return;
-    trouble_.clear();
+    if (fault_.empty()) return;
+    fault_.clear();
   }
   queue_.put_own("retry", [this] {
     try {
-      for (const auto& [client, upload] : service_.to_judge()) judge(client, upload);
+      for (const auto& [client, upload] : service_.pending_evaluations()) evaluate(client, upload);
       vote();
     } catch (const std::exception& error) {
       failed(error.what());

@@ -1,5 +1,4 @@
-// Work for a few threads, from callers who do not know of each other: each has a lane of its own, and the lanes take
-// turns. Whoever asks for much waits behind himself alone; a lane never holds all threads at once.
+// The work of the service: a queue that is fair to its clients, and the service's own jobs in it.
 #pragma once
 
 #include <atomic>
@@ -16,6 +15,8 @@
 
 namespace nadir {
 
+// Jobs for a few threads. Each client has a lane of its own, and the lanes take turns: who asks for much only waits for
+// himself. A lane never holds all threads at once.
 class FairQueue {
  public:
   using Job = std::function<void()>;  // must not throw
@@ -51,26 +52,25 @@ class FairQueue {
   std::vector<std::jthread> threads_;
 };
 
-// The service's own work, in turn with its callers': judging uploads that are complete, votes, forgetting what expired.
-// Each piece is short and puts the next one at the end of its lane.
-
+// The service's own jobs, in turn with its clients': evaluating complete uploads, votes, removing what expired. Each
+// piece is short and appends the next one to its lane.
 class ServiceWork {
  public:
   // Both must outlive this, and the queue must be stopped before it goes.
   ServiceWork(CandidateService& service, FairQueue& queue) : service_(service), queue_(queue) {}
 
-  void judge(const std::string& client, std::int64_t upload);
+  void evaluate(const std::string& client, std::int64_t upload);
   void vote();
   void forget_expired();
-  void heed_revocations();
+  void apply_revocations();
 
   // What went wrong last (the catalogue did not answer, a pack is damaged); empty: nothing. Such work stays to be done
   // and is taken up by retry().
-  std::string trouble() const;
+  std::string fault() const;
   void retry();
 
  private:
-  void judge_piece(const std::string& client, std::int64_t upload);
+  void evaluate_piece(const std::string& client, std::int64_t upload);
   void vote_piece();
   void failed(const std::string& reason);
 
@@ -78,7 +78,7 @@ class ServiceWork {
   FairQueue& queue_;
   std::atomic<bool> voting_ = false, again_ = false;
   mutable std::mutex mutex_;
-  std::string trouble_;
+  std::string fault_;
 };
 
 }  // namespace nadir

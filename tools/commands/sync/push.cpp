@@ -110,14 +110,14 @@ int SyncPushCommand::run(Context& context) {
                                       [&context] { context.progress.advance(0); }));
   ServiceClient service(*transport);
   const auto pace = surroundings_.pace();
-  const Tell tell = [&context](const std::string& line) {
+  const UploadLog tell = [&context](const std::string& line) {
     if (!context.quiet) context.err << line << std::endl;
   };
   Uploader uploader(outbox, service,
-                    {.pace = *pace,
+                    {.clock = *pace,
                      .random = Random(seed_from(surroundings_.random_bytes())),
                      .progress = context.progress,
-                     .tell = tell},
+                     .log = tell},
                     {.patience_ms = patience_s_ * 1'000});
   const UploadOutcome outcome = uploader.run();
   if (context.json) {

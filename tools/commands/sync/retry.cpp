@@ -49,8 +49,8 @@ int SyncRetryCommand::run(Context& context) {
   OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
   const std::int64_t now_ms = surroundings_.pace()->now_ms();
   // First what retry_parked() would announce again as it is.
-  MendedSum mended;
-  if (key) mended = take_damaged_apart(outbox, key->public_key(), now_ms);
+  RepairSum mended;
+  if (key) mended = repair_damaged_batches(outbox, key->public_key(), now_ms);
   const std::int64_t batches = retry_parked(outbox, now_ms);
   std::int64_t tiles = mended.tiles;
   for (const std::string& code : codes_) tiles += restage(outbox, code, now_ms);

@@ -14,7 +14,7 @@
 namespace nadir {
 
 struct SyncSurroundings {
-  std::function<std::unique_ptr<Pace>()> pace = [] { return std::make_unique<SystemPace>(); };
+  std::function<std::unique_ptr<UploadClock>()> pace = [] { return std::make_unique<SystemUploadClock>(); };
   std::function<std::array<std::uint8_t, 16>()> random_bytes = system_random_bytes;
   TransitionHook hook{};
   // Wraps the real transport.

@@ -1,4 +1,4 @@
-#include "api/raw_client.hpp"
+#include "http/raw_client.hpp"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
