@@ -47,9 +47,9 @@ CatalogueLayout candidate_catalogue_layout() {
 Sha256 digest_from(const CatalogueRow& row, const char* column) {
   const auto parsed = Sha256::from_hex(row.text(column));
   if (parsed) return *parsed;
-  throw Error({.what = "the catalogue holds a digest that is none",
+  throw Error({.what = "the catalogue holds a malformed digest",
                .where = column,
-               .fix = "somebody has changed the tables; restore the database from a copy"});
+               .fix = "the tables were changed; restore the database from a copy"});
 }
 
 BlobPlace blob_from(const CatalogueRow& row) {
@@ -278,7 +278,7 @@ void CandidateCatalogue::add_verdicts(std::span<const TileVerdict> verdicts, std
   if (!verdicts.empty()) database_.finish_bulk("verdicts");
 }
 
-void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide) {
+void CandidateCatalogue::add_evaluated(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide) {
   if (questions.empty()) return;
   CatalogueTransaction transaction(database_);
   std::set<Sha256> accepted;
@@ -309,14 +309,14 @@ void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now
                           static_cast<std::uint32_t>(row.integer("y"))};
         take({row.text("airframe"), row.text("flight"), key}, row.integer("badness_mm"));
       });
-  std::set<std::int64_t> judged;  // by somebody else in the meantime
+  std::set<std::int64_t> decided;  // by another call in the meantime
   database_.select(fmt::format("SELECT tile FROM {} WHERE tile IN ({})", database_.of("verdicts"), ids),
-                   [&](const CatalogueRow& row) { judged.insert(row.integer("tile")); });
+                   [&](const CatalogueRow& row) { decided.insert(row.integer("tile")); });
   std::vector<TileVerdict> verdicts;
   std::vector<Sha256> damaged;
   for (Question& question : questions) {
     if (question.damaged) damaged.push_back(question.sidecar.sha256);
-    if (judged.contains(question.verdict.tile)) continue;
+    if (decided.contains(question.verdict.tile)) continue;
     const CandidateSidecar& sidecar = question.sidecar;
     const Seat seat{sidecar.airframe, sidecar.flight, sidecar.key};
     Competitors rivals{.same_bytes = accepted.contains(sidecar.sha256)};
@@ -495,7 +495,6 @@ std::set<Sha256> CandidateCatalogue::packs() {
 }
 
 // The catalogue's votes and promotions.
-
 std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit, const std::set<TileKey>& but) {
   std::vector<Ballot> ballots;
   std::string others;

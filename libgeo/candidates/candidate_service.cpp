@@ -22,7 +22,7 @@ namespace {
 
 using Kind = Denial::Kind;
 
-// 128 bits of the operating system's randomness: nobody guesses another's upload.
+// 128 bits of the operating system's randomness: uploads of others cannot be guessed.
 std::string random_name() {
   std::array<std::uint8_t, 16> bytes{};
   if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
@@ -500,14 +500,14 @@ TileVerdict CandidateService::evaluate_tile(const TileRow& tile, const Candidate
   }
   const auto read = read_candidate_image(packs_.read(*tile.blob, sidecar.sha256), sidecar);
   if (const auto* refusal = std::get_if<Refusal>(&read)) return rejected(*refusal);
-  const auto& picture = std::get<cv::Mat>(read);
-  const ImageMetrics figures = image_metrics(picture);
-  verdict.measures = OwnMeasures{.contrast_ppm = figures.contrast_ppm, .sharpness_ppm = figures.sharpness_ppm};
-  if (const auto refusal = check_image_metrics(figures, options_.rules)) return rejected(*refusal);
+  const auto& image = std::get<cv::Mat>(read);
+  const ImageMetrics metrics = image_metrics(image);
+  verdict.measures = OwnMeasures{.contrast_ppm = metrics.contrast_ppm, .sharpness_ppm = metrics.sharpness_ppm};
+  if (const auto refusal = check_image_metrics(metrics, options_.rules)) return rejected(*refusal);
 
   const auto base = maps_.tile(sidecar.base_package, sidecar.key);
   if (!base) return verdict;
-  const Agreement agreement = compare_images(picture, base->grey);
+  const Agreement agreement = compare_images(image, base->grey);
   const auto shift_mm = std::llround(agreement.shift_px * pixel_mm(sidecar.key));
   verdict.measures->base_shift_mm = shift_mm;
   verdict.measures->correlation_ppm = std::llround(agreement.correlation * 1e6);
@@ -589,7 +589,7 @@ bool CandidateService::evaluate_some(std::int64_t id) {
                           .verdict = Verdict::rejected,
                           .refusal = Refusal{.code = ReasonCode::airframe_revoked, .detail = kRevokedLater}};
     }
-    catalogue.judge(
+    catalogue.add_evaluated(
         std::move(questions), now_ms,
         [](TileVerdict& verdict, const CandidateSidecar& sidecar, const CandidateCatalogue::Competitors& rivals) {
           if (verdict.verdict != Verdict::accepted) return;
@@ -624,12 +624,12 @@ std::int64_t CandidateService::apply_revocations() {
 }
 
 Vote CandidateService::compare(const Voter& one, const Voter& other) {
-  const auto picture = [this](const Voter& voter) {
+  const auto image = [this](const Voter& voter) {
     return read_candidate_image(packs_.read(voter.blob, voter.sidecar.sha256), voter.sidecar);
   };
   Vote vote{.allowed_mm = allowed_shift_mm(static_cast<double>(one.sidecar.pose.sigma_mm),
                                            static_cast<double>(other.sidecar.pose.sigma_mm), options_.rules)};
-  const auto first = picture(one), second = picture(other);
+  const auto first = image(one), second = image(other);
   if (!std::holds_alternative<cv::Mat>(first) || !std::holds_alternative<cv::Mat>(second)) return vote;
   const Agreement agreement = compare_images(std::get<cv::Mat>(first), std::get<cv::Mat>(second));
   vote.shift_mm = std::llround(agreement.shift_px * pixel_mm(one.sidecar.key));

@@ -1,8 +1,8 @@
 // The candidate service without its HTTP: takes batches and packs, evaluates tiles, lets flights vote, and stores all
 // of it. For any number of threads.
 //
-// What a caller was answered is on the disk. A process that was killed resumes where it was: recover() takes up what was
-// begun, and every call may be repeated.
+// What a caller was answered is on the disk. A killed process resumes where it was: recover() completes what was begun,
+// and every call may be repeated.
 #pragma once
 
 #include <filesystem>
@@ -119,7 +119,7 @@ class CandidateService {
   // clock: must outlive this. Throws Error.
   CandidateService(CandidateServiceOptions options, const Clock& clock);
 
-  // After a start, before anything else: packs that have come whole are taken in, what nobody refers to is removed.
+  // After a start, before anything else: complete packs are accepted, unreferenced files are removed.
   void recover();
 
   Answer<Announcement> announce(const UploadClient& client, const std::string& key, const std::string& body);

@@ -48,11 +48,10 @@ class PackStore {
 };
 
 // Packs on their way: DIR/UPLOAD/SHA256.LENGTH, as long as what has come of them. Every part is on the disk before its
-// sender hears so. What stands in such a file is always a beginning of what was sent: parts are whole and checked
+// sender hears so. Such a file is always a prefix of what was sent: parts are whole and checked
 // before the first of their bytes is written, so that a killed process leaves fewer of them and never other ones.
 //
 // The names are made of an upload's name and a digest, both checked by their forms: no caller's text becomes a path.
-
 struct IncomingPack {
   Sha256 sha256;
   std::uint64_t length = 0;  // of the whole pack

@@ -81,9 +81,9 @@ GdalHandle draw(std::span<const PromotedTile* const> tiles, const Extent& extent
   image->GetRasterBand(4)->SetColorInterpretation(GCI_AlphaBand);
   for (const PromotedTile* tile : tiles) {
     const Bytes bytes = packs.read(tile->blob, tile->sidecar.sha256);
-    cv::Mat picture = decode_image(bytes, Colour::bgr, "a promoted tile").image;
+    cv::Mat image_bgr = decode_image(bytes, Colour::bgr, "a promoted tile").image;
     cv::Mat planes[4];
-    cv::split(picture, planes);
+    cv::split(image_bgr, planes);
     std::swap(planes[0], planes[2]);
     planes[3] = cv::Mat(kTileSize, kTileSize, CV_8UC1, cv::Scalar(255));
     for (int band = 0; band < 4; ++band) {

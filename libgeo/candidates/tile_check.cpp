@@ -204,7 +204,7 @@ cv::Mat fine_structure(const cv::Mat& grey) {
   return values - mean;
 }
 
-// Pearson's coefficient; 0 for a picture without structure.
+// Pearson's coefficient; 0 for an image without structure.
 double coefficient(const cv::Mat& one, const cv::Mat& other) {
   cv::Scalar mean_one, deviation_one, mean_other, deviation_other;
   cv::meanStdDev(one, mean_one, deviation_one);

@@ -1,5 +1,5 @@
-// Checks of a candidate tile: its sidecar before any byte of its image has come, the image itself, and whether two images
-// of one tile show the same ground at the same place.
+// Checks of a candidate tile: its sidecar before any byte of its image has come, the image itself, and whether two
+// images of one tile show the same ground at the same place.
 //
 // Signatures are checked first, by the caller: an unsigned sidecar proves nothing.
 #pragma once
@@ -26,9 +26,9 @@ double view_angle_rad(const CandidateSidecar& sidecar, double sigmas);
 // dimensions or another format than the sidecar names.
 std::variant<cv::Mat, Refusal> read_candidate_image(ByteView bytes, const CandidateSidecar& sidecar);
 
-// Measured by the service itself: the figures in the sidecar are its maker's. Sharpness is what a slight blur takes away
-// of the gradients: much of a sharp image's, hardly any of a blurred one's (Crete et al. 2007, "The blur effect"). The
-// gradients alone depend on the ground.
+// Measured by the service itself: the figures in the sidecar are its maker's. Sharpness is what a slight blur takes
+// away of the gradients: much of a sharp image's, hardly any of a blurred one's (Crete et al. 2007, "The blur effect").
+// The gradients alone depend on the ground.
 struct ImageMetrics {
   std::int64_t contrast_ppm = 0;   // standard deviation of the grey levels, of 255
   std::int64_t sharpness_ppm = 0;  // share of the mean gradient that is lost by averaging over 5 × 5 pixels
@@ -40,9 +40,9 @@ std::optional<Refusal> check_image_metrics(const ImageMetrics& metrics, const Ca
 
 // Whether two images of one tile show the same ground, and how far they are shifted.
 //
-// Their local means over 25 pixels are subtracted: light and season change those more than the fine structure. The shift
-// is the peak of the phase correlation (cv::phaseCorrelate, Foroosh et al. 2002, to a fraction of a pixel); agreement
-// there is Pearson's correlation coefficient of the overlap (-1 to 1).
+// Their local means over 25 pixels are subtracted: light and season change those more than the fine structure. The
+// shift is the peak of the phase correlation (cv::phaseCorrelate, Foroosh et al. 2002, to a fraction of a pixel);
+// agreement there is Pearson's correlation coefficient of the overlap (-1 to 1).
 struct Agreement {
   double shift_px = 0;  // length
   double correlation = 0;

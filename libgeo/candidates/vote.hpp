@@ -1,9 +1,9 @@
 // Which tile of an address is promoted, and which flights corroborate it.
 //
 // A tile is promoted when enough independent flights show the same ground at the same place. Independent are flights of
-// different airframes, or (unless the rules ask for airframes) of different days and hours apart. One flight counts once,
-// with its best tile. The newest tile that finds enough others that agree decides which ground is the true one: so a
-// change on the ground wins as soon as enough flights have seen it. Of those that agree the best is promoted
+// different airframes, or (unless the rules ask for airframes) of different days and hours apart. One flight counts
+// once, with its best tile. The newest tile that finds enough others that agree decides which ground is the true one:
+// so a change on the ground wins as soon as enough flights have seen it. Of those that agree the best is promoted
 // (cost_mm).
 #pragma once
 

@@ -1,5 +1,5 @@
-// Where a service listens and who may call it: beyond loopback nobody without a token. Pure text work; what follows from
-// it is up to each service.
+// Where a service listens and who may call it: beyond loopback only with a token. Pure text work; what follows from it
+// is up to each service.
 #pragma once
 
 #include <cstdint>

@@ -65,8 +65,7 @@ std::variant<HttpAnswer, NoHttpAnswer> http_get(const HttpGet& get, std::chrono:
   if (!get.bearer_token.empty()) request.set(http::field::authorization, "Bearer " + get.bearer_token);
   const bool bracketed = get.host.starts_with('[') && get.host.ends_with(']');
   Call call(std::move(request));
-  if (const auto error =
-          call.run(bracketed ? get.host.substr(1, get.host.size() - 2) : get.host, get.port, timeout)) {
+  if (const auto error = call.run(bracketed ? get.host.substr(1, get.host.size() - 2) : get.host, get.port, timeout)) {
     return NoHttpAnswer{error.message()};
   }
   auto& answer = call.answer();

@@ -169,7 +169,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   void read_body() {
     if (limits_.body_time) {
-      stream_.expires_after(*limits_.body_time + std::chrono::seconds(admission_->body_bytes / limits_.slowest_bytes_s));
+      const auto size_time = std::chrono::seconds(admission_->body_bytes / limits_.slowest_bytes_s);
+      stream_.expires_after(*limits_.body_time + size_time);
     }
     http::async_read(stream_, buffer_, *parser_, [self = shared_from_this()](beast::error_code error, std::size_t) {
       if (!self->failed(error)) self->serve();
@@ -214,7 +215,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     if (head_) response->body().clear();
     stream_.expires_after(limits_.answer_time);
     http::async_write(stream_, *response, [self = shared_from_this(), response](beast::error_code error, std::size_t) {
-      self->admission_.reset();  // a response that nobody takes still counts
+      self->admission_.reset();  // a response that is not taken still counts
       if (error) return self->close();
       if (response->keep_alive()) return self->read_header();
       self->stream_.socket().shutdown(tcp::socket::shutdown_send, error);
@@ -247,7 +248,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
     write_text();
   }
 
-  // A reader of a stream has nothing more to say: whatever comes is its end.
+  // A reader of a stream sends nothing more: input, or the end of it, closes the connection.
   void watch_for_the_end() {
     stream_.socket().async_wait(tcp::socket::wait_read,
                                 [self = shared_from_this()](beast::error_code) { self->close(); });

@@ -59,8 +59,7 @@ std::string event_line(const WatchedEvent& event) {
   return fmt::format("{:>7}  {:<8}  {}", short_duration(event.age_s), event.severity, event.text);
 }
 
-std::vector<std::string> status_screen(const WatchedStatus& status, bool colour,
-                                       std::size_t most_events = 12) {
+std::vector<std::string> status_screen(const WatchedStatus& status, bool colour, std::size_t most_events = 12) {
   std::string name = status.state;
   std::transform(name.begin(), name.end(), name.begin(), [](char c) {
     return c == '_' ? ' ' : c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c;
@@ -91,11 +90,12 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour,
 }
 
 std::string status_line(const WatchedStatus& status) {
-  return fmt::format("{}{}, {}, sigma {}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} rejected, GPS {}, recorder {}",
-                     status.stalled() ? "STALE: " : "", status.state, status.source,
-                     known(status.sigma_m, "{:.1f} m", "none"), known(status.anchor_age_s, "{:.1f} s ago", "none"),
-                     status.frames_per_s, status.frames_dropped, status.anchors_accepted, status.anchors_rejected,
-                     status.gps, status.recorder);
+  return fmt::format(
+      "{}{}, {}, sigma {}, anchor {}, {:.1f} frames/s ({} dropped), anchors {} accepted, {} rejected, GPS {}, recorder "
+      "{}",
+      status.stalled() ? "STALE: " : "", status.state, status.source, known(status.sigma_m, "{:.1f} m", "none"),
+      known(status.anchor_age_s, "{:.1f} s ago", "none"), status.frames_per_s, status.frames_dropped,
+      status.anchors_accepted, status.anchors_rejected, status.gps, status.recorder);
 }
 
 using Steady = std::chrono::steady_clock;

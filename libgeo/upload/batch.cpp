@@ -55,7 +55,9 @@ Batch read_contents(const JsonReader& in) {
   if (!is_uuid(batch.id)) in.refuse("batch", "a UUID in lower case");
   batch.base_package = in.digest("base_package");
   batch.created_at = in.time("created_at");
-  if (to_rfc3339(batch.created_at) != in.text("created_at")) in.refuse("created_at", "a time like 2030-01-01T00:00:00Z");
+  if (to_rfc3339(batch.created_at) != in.text("created_at")) {
+    in.refuse("created_at", "a time like 2030-01-01T00:00:00Z");
+  }
   const JsonReader tiles = in.array("tiles", {.least = 1, .most = kMaxBatchTiles});
   in.finish();
   std::set<Sha256> seen;

@@ -3,7 +3,7 @@
 // one program at a time changes it.
 //
 // The promises of an outbox (no step but those allowed, no image gone before its verdict) are kept by triggers and two
-// tables inside the file, which may come from a damaged disk or from a stranger: opening it checks that they are
+// tables inside the file, which may come from a damaged disk or an untrusted source: opening it checks that they are
 // exactly those of its version.
 #pragma once
 
@@ -63,8 +63,8 @@ class OutboxDatabase {
  public:
   enum class Access { make, write, read };
 
-  // make: creates it where there is none yet. Throws UsageError when the folder holds something else, Error when another
-  // program writes to it.
+  // make: creates it where there is none yet. Throws UsageError when the folder holds something else, Error when
+  // another program writes to it.
   OutboxDatabase(const std::filesystem::path& folder, Access access, TransitionHook hook = {});
   ~OutboxDatabase();
   OutboxDatabase(const OutboxDatabase&) = delete;

@@ -7,7 +7,6 @@
 #include "upload/staging.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr std::int64_t kLatest_ms = 253'402'300'799'999;  // 9999-12-31T23:59:59.999Z

@@ -74,8 +74,8 @@ struct RepairSum {
   Findings findings;         // `outbox.damaged` for each tile that was set aside
 };
 
-// Takes apart the parked batches whose document or tiles are not as they were sealed: their sound tiles are staged again. Tiles that have their verdict keep
-// it. The key tells whether a document is still the one that it has signed.
+// Takes apart the parked batches whose document or tiles are not as they were sealed: their sound tiles are staged
+// again. Tiles that have their verdict keep it. The key verifies the signature of each document.
 RepairSum repair_damaged_batches(OutboxDatabase& outbox, const PublicKey& key, std::int64_t now_ms);
 
 }  // namespace nadir

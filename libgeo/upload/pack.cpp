@@ -39,7 +39,7 @@ std::uint64_t pack_size(std::span<const PackEntry> entries) {
   for (const PackEntry& entry : entries) {
     if (entry.size == 0 || entry.size > kMaxPackTileSize) {
       refuse_tiles(fmt::format("tiles of 1 to {} bytes", kMaxPackTileSize),
-             fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
+                   fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
     }
     if (!seen.insert(entry.sha256).second) refuse_tiles("each tile once", entry.sha256.hex() + " twice");
     size += entry.size;

@@ -43,9 +43,9 @@ std::size_t entries_of_next_pack(std::span<const PackEntry> entries);
 // Magic, count and entries: what stands before the tiles. Throws as pack_size().
 Bytes pack_head(std::span<const PackEntry> entries);
 
-// Reads a pack as it arrives, in pieces of any size, and trusts none of it: nothing is allocated because the pack says so
-// beyond its own limits, and a tile is handed out only when its bytes have the digest that stands before it. The memory
-// is that of the list of tiles and of one tile.
+// Reads a pack as it arrives, in pieces of any size, and trusts none of it: nothing is allocated because the pack says
+// so beyond its own limits, and a tile is handed out only when its bytes have the digest that stands before it. The
+// memory is that of the list of tiles and of one tile.
 class PackReader {
  public:
   // Is this tile announced, with this size? Asked for every entry before any tile is read.

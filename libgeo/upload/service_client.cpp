@@ -17,7 +17,6 @@
 #include "upload/reason_code.hpp"
 
 namespace nadir {
-
 namespace {
 
 // In strftime()'s words. Its opposite strptime() would read them by the locale, and more than they say.
@@ -213,8 +212,8 @@ std::optional<UtcTime> date_header(const HttpReply& reply, const char* name) {
   return text == nullptr ? std::nullopt : parse_http_date(*text);
 }
 
-// Seconds, or a date. A date is of the service's clock, so it counts from the reply's own Date; without that the back-off
-// decides. A day at most.
+// Seconds, or a date. A date is of the service's clock, so it counts from the reply's own Date; without that the
+// back-off decides. A day at most.
 std::optional<std::int64_t> retry_after_s(const HttpReply& reply) {
   constexpr std::int64_t kDay_s = 86'400;
   if (const auto seconds = number_header(reply, "retry-after")) {
@@ -266,7 +265,7 @@ TransferError::Kind kind_of(int status) {
 
 TransferError error_from(const HttpReply& reply) {
   TransferError error{kind_of(reply.status), fmt::format("{} {}", reply.status, problem_text(reply.body)),
-                  retry_after_s(reply)};
+                      retry_after_s(reply)};
   if (error.kind == TransferError::Kind::elsewhere) error.text = fmt::format("{}, a redirect", reply.status);
   if (error.kind == TransferError::Kind::conflict) error.offset = number_header(reply, "upload-offset");
   return error;
@@ -321,7 +320,7 @@ Answer<AnnouncementReply> ServiceClient::announce(const std::string& batch_id, s
 
 Answer<std::uint64_t> ServiceClient::offset(const std::string& upload, const Sha256& pack) {
   HttpResult result = transport_.exchange({.method = "HEAD", .path = pack_path(upload, pack)});
-  // No byte is there yet, or the whole upload is gone: HEAD has no words; the next call will tell.
+  // No byte is there yet, or the whole upload is gone: HEAD has no body; the next call will tell.
   if (const auto* reply = std::get_if<HttpReply>(&result); reply != nullptr && reply->status == 404) {
     return std::uint64_t{0};
   }

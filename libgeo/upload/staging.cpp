@@ -10,7 +10,6 @@
 #include "upload/batch.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr std::size_t kSignatureSize = 64;
@@ -30,7 +29,9 @@ std::string read_row(const SqliteStatement& row, BatchTile& tile) {
   if (!same) return "its row contradicts its sidecar";
   const ByteView signature = row.blob(9);
   tile.signature = {std::string(row.text(8)), Bytes(signature.begin(), signature.end())};
-  if (!Sha256::from_hex(tile.signature.keyid) || signature.size() != kSignatureSize) return "its signature is malformed";
+  if (!Sha256::from_hex(tile.signature.keyid) || signature.size() != kSignatureSize) {
+    return "its signature is malformed";
+  }
   if (row.is_null(10)) return "its image is missing";
   if (!matches_digest(row.blob(10), row.blob(2))) return "its image is not the one that was staged";
   return {};

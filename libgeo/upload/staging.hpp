@@ -30,7 +30,7 @@ struct SealedSum {
 SealedSum seal_batches(OutboxDatabase& outbox, const PrivateKey& key, std::int64_t now_ms,
                        const std::function<std::array<std::uint8_t, 16>()>& random_bytes);
 
-// A tile as the outbox holds it, checked against its own digests: a byte that a disk or somebody has changed is found
+// A tile as the outbox holds it, checked against its own digests: a byte that was changed on disk is found
 // before it is signed or sent. A damaged tile is set aside (DAMAGED); the others proceed.
 struct StoredTile {
   std::int64_t id = 0;

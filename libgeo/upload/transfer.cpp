@@ -10,11 +10,10 @@
 #include "upload/staging.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr std::int64_t kLongestDelay_ms = 86'400'000;                      // as long as a service may ask us to wait
-constexpr std::string_view kVerdictsAwaited = "the verdicts are awaited";  // no trouble
+constexpr std::string_view kVerdictsAwaited = "the verdicts are awaited";  // not an error
 
 BatchStage stage_of(std::string_view name) {
   if (name == "sealed") return BatchStage::sealed;
@@ -58,7 +57,7 @@ void Transfer::recover(std::int64_t now_ms) {
   });
 }
 
-// Whoever waits in trouble waits for the service, and so did all others.
+// A batch that waits after an error waits for the service, and so did all others.
 std::int64_t Transfer::service_not_before_ms() const {
   auto row = outbox_.prepare(
       "SELECT coalesce(max(not_before_ms), 0) FROM batch WHERE stage IN ('sealed', 'announced', 'complete')"
@@ -302,7 +301,7 @@ void Transfer::announced(const OpenBatch& batch, const AnnouncementReply& answer
   outbox_.transition("announce", [&] {
     TileMover mover(outbox_, now_ms);
     // After the service forgot an upload, tiles that have their verdict stay what they are. But where it lost them as
-    // well, it judges none of the batch until it has all: what is still there of them goes along.
+    // well, it evaluates none of the batch until it has all: what is still stored of them is sent along.
     std::vector<std::int64_t> again;
     const auto move = [&](const Sha256& digest, TileState after, std::string_view code, std::string_view detail) {
       const TileRow& row = partition.take(digest);

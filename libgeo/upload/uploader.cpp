@@ -92,7 +92,7 @@ void Uploader::announce(const OpenBatch& batch) {
 void Uploader::complete(const OpenBatch& batch) {
   const auto answer = service_.complete(batch.upload);
   if (const auto* error = std::get_if<TransferError>(&answer)) {
-    // Tiles are missing that were sent: the next announcement tells which.
+    // Tiles are missing that were sent: the next announcement says which.
     if (error->kind == TransferError::Kind::conflict) {
       return handle(batch, {TransferError::Kind::forgotten, error->text});
     }
@@ -148,8 +148,7 @@ void Uploader::handle(const OpenBatch& batch, const TransferError& error, int mo
                    .fix = "give the service's own address with --to"});
     case TransferError::Kind::later: return try_later(batch, error);
     case TransferError::Kind::invalid:
-      return too_often(batch, error.kind, options_.most_invalid) ? park(batch, error.text)
-                                                                    : try_later(batch, error);
+      return too_often(batch, error.kind, options_.most_invalid) ? park(batch, error.text) : try_later(batch, error);
     case TransferError::Kind::forgotten:
       if (too_often(batch, error.kind, options_.most_forgotten)) return park(batch, error.text);
       return transfer_.forgotten(batch, env_.clock.now_ms());

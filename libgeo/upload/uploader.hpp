@@ -1,5 +1,5 @@
-// Sends sealed batches to the candidate service and fetches their verdicts, whatever happens on the way: it may be killed
-// at any moment, the line may break at any byte, the service may fail, forget or repeat. Nothing is lost, and nothing
+// Sends sealed batches to the candidate service and fetches their verdicts, however often it fails: it may be killed at
+// any moment, the line may break at any byte, the service may fail, forget or repeat. Nothing is lost, and nothing
 // counts twice, because every call may be repeated and every step is written down before the next one.
 #pragma once
 
@@ -42,9 +42,9 @@ struct UploadOptions {
   std::int64_t patience_ms = 15 * 60 * 1'000;               // gives up for now when there is no progress for so long
   std::uint64_t part_bytes = std::uint64_t{1} << 19;        // of one request: what an interruption can cost
   std::uint64_t least_part_bytes = std::uint64_t{1} << 16;  // an unreliable line gets smaller parts
-  int most_invalid = 8;   // answers outside of the contract, before a batch is parked
-  int most_refusals = 3;   // of one pack's bytes
-  int most_forgotten = 5;  // times that the service forgets an upload
+  int most_invalid = 8;                                     // answers outside of the contract, before a batch is parked
+  int most_refusals = 3;                                    // of one pack's bytes
+  int most_forgotten = 5;                                   // times that the service forgets an upload
 };
 
 // What one run did.

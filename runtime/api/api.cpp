@@ -7,8 +7,8 @@
 #include <exception>
 #include <nlohmann/json.hpp>
 
-#include "api/requests.hpp"
 #include "api/page.hpp"
+#include "api/requests.hpp"
 #include "api/view_formats.hpp"
 #include "base/thread_rank.hpp"
 #include "http/access.hpp"

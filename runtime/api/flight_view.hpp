@@ -1,4 +1,4 @@
-// The state of the flight at one moment: the flight's thread fills a FlightView and publishes it on the FlightBoard; the
+// The state of the flight at one moment: the flight thread fills a FlightView and publishes it on the FlightBoard; the
 // API, the web page and `nadir watch` show what is in it and nothing else.
 //
 // Times are seconds of the service's one monotonic clock, ages and durations are differences of them. Angles are in
@@ -158,8 +158,8 @@ class FlightTrail {
   std::vector<TrackPoint> points_;
 };
 
-// Hands the latest value from one thread to another; what nobody took is replaced. Neither side ever waits: a value
-// changes hands in one atomic exchange. (service/latest_mailbox.hpp is a queue with a lock, for what must be waited for.)
+// Hands the latest value from one thread to another; a value that was not taken is replaced. Neither side ever waits: a
+// value changes hands in one atomic exchange.
 template <typename Value>
 class LatestSlot {
  public:
@@ -179,7 +179,7 @@ class LatestSlot {
 
 // Where the flight's thread publishes its latest FlightView and any number of readers look at it.
 //
-// publish() never waits for a reader, however many there are and whatever they do: it is one atomic exchange. Readers
+// publish() never waits for a reader: it is one atomic exchange. Readers
 // only wait for each other, for the moment that it takes to copy a pointer.
 class FlightBoard {
  public:

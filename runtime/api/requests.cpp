@@ -93,7 +93,8 @@ class BodyFields {
     try {
       read();
     } catch (const JsonError& error) {
-      errors_->push_back({error.pointer(), fmt::format("must be {}, is {}", error.text().expected, error.text().found)});
+      errors_->push_back(
+          {error.pointer(), fmt::format("must be {}, is {}", error.text().expected, error.text().found)});
     }
   }
 
@@ -103,7 +104,8 @@ class BodyFields {
       number = in.number(key);
       const bool inside = number <= range.high && (range.above_low ? number > range.low : number >= range.low);
       if (inside) return;
-      in.refuse(key, fmt::format("{} {} and at most {}", range.above_low ? "above" : "at least", range.low, range.high));
+      in.refuse(key,
+                fmt::format("{} {} and at most {}", range.above_low ? "above" : "at least", range.low, range.high));
     });
     return number;
   }

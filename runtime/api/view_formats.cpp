@@ -269,8 +269,8 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.gauge("anchor_age_seconds", "Time since the last accepted anchor.", view.anchor_age_s);
   text.gauge("agl_meters", "Height above ground.", view.agl_m);
   text.counter("frames_received_total", "Frames from the camera.", view.frames.received);
-  text.counter("frames_dropped_total",
-               "Frames not processed: superseded by a newer one, or delivered late.", view.frames.dropped);
+  text.counter("frames_dropped_total", "Frames not processed: superseded by a newer one, or delivered late.",
+               view.frames.dropped);
   text.gauge("frames_per_second", "Rate of frames.", view.frames.per_s);
   text.counter("anchors_accepted_total", "Accepted anchors.", view.anchors.accepted);
   text.counter("anchors_rejected_total", "Rejected anchors.", view.anchors.rejected);
@@ -292,7 +292,8 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.counter("api_requests_total", "Answered requests.", server.requests_total);
   text.gauge("api_streams", "Open event streams.", static_cast<double>(server.streams_open));
   text.counter("api_streams_refused_total", "Event streams beyond the limit.", server.streams_refused);
-  text.counter("api_streams_dropped_total", "Event streams closed because their reader was too slow.", server.streams_dropped);
+  text.counter("api_streams_dropped_total", "Event streams closed because their reader was too slow.",
+               server.streams_dropped);
   return text.take();
 }
 

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "api/api_fixture.hpp"
-#include "http/raw_client.hpp"
 #include "base/error.hpp"
+#include "http/raw_client.hpp"
 
 namespace nadir {
 namespace {

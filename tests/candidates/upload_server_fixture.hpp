@@ -5,9 +5,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "http/raw_client.hpp"
 #include "candidates/service_fixture.hpp"
 #include "candidates/upload_server.hpp"
+#include "http/raw_client.hpp"
 #include "trust/base64.hpp"
 
 namespace nadir::test {

@@ -2,10 +2,10 @@
 
 #include "base/error.hpp"
 #include "upload/batch.hpp"
-#include "upload/pack.hpp"
+#include "upload/outbox.hpp"
 #include "upload/outbox_fixture.hpp"
 #include "upload/outbox_upkeep.hpp"
-#include "upload/outbox.hpp"
+#include "upload/pack.hpp"
 
 namespace nadir {
 namespace {

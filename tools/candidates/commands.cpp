@@ -22,7 +22,6 @@
 #include "cli/output.hpp"
 
 namespace nadir {
-
 namespace {
 
 constexpr std::size_t kQueuedPerClient = 16;  // requests
@@ -51,9 +50,8 @@ class DataFolder {
     }
     if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
       ::close(lock_);
-      throw Error({.what = "another service uses this folder",
-                   .where = path,
-                   .fix = "stop it first, or use another --data"});
+      throw Error(
+          {.what = "another service uses this folder", .where = path, .fix = "stop it first, or use another --data"});
     }
   }
   ~DataFolder() { ::close(lock_); }
@@ -83,7 +81,8 @@ void ServeCommand::setup(Options& options) {
   options.value("--data", data_, "DIR", "folder for packs, uploads and the catalogue; created when missing").required();
   options.value("--trust", service_.trust, "FILE", "the trust root, with the airframes' tile signers").required();
   options
-      .values("--token-file", token_files_, "[AIRFRAME=]FILE", "bearer token of a client; the file name is the client's name")
+      .values("--token-file", token_files_, "[AIRFRAME=]FILE",
+              "bearer token of a client; the file name is the client's name")
       .required();
   options.value("--listen", listen_, "IP:PORT", "address to listen on");
   options.value("--catalogue", catalogue_, "CATALOGUE",
@@ -97,7 +96,8 @@ void ServeCommand::setup(Options& options) {
       .one_of({"airframes", "days"});
   options.value("--max-age-days", max_age_days_, "N", "older tiles are refused").between(1, 3650);
   options.value("--quota-mb", quota_mb_, "N", "megabytes that an airframe may announce per day").between(1, 1'000'000);
-  options.value("--keep-free-mb", keep_free_mb_, "N", "free megabytes on the disk below which no upload is accepted").between(0, 1'000'000);
+  options.value("--keep-free-mb", keep_free_mb_, "N", "free megabytes on the disk below which no upload is accepted")
+      .between(0, 1'000'000);
   options.value("--threads", threads_, "N", "worker threads").between(1, 64);
   options.value("--port-file", port_file_, "FILE", "write the port here once listening; for --listen IP:0");
 }

@@ -14,9 +14,10 @@ int main(int argc, char** argv) {
   commands.push_back(std::make_unique<nadir::ServeCommand>());
   commands.push_back(std::make_unique<nadir::StatusCommand>());
   commands.push_back(std::make_unique<nadir::ExportCommand>());
-  const nadir::ProgramText text{.name = "nadir-candidates",
-                                .summary = "stores tiles from flights and promotes those that independent flights agree on",
-                                .footer = "See docs/commands/ for a page per command."};
+  const nadir::ProgramText text{
+      .name = "nadir-candidates",
+      .summary = "stores tiles from flights and promotes those that independent flights agree on",
+      .footer = "See docs/commands/ for a page per command."};
   winsize size{};
   const bool terminal = isatty(STDERR_FILENO) == 1;
   const bool sized = terminal && ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;

@@ -87,15 +87,15 @@ std::optional<UploadRoute> upload_route(std::string_view path, std::string_view 
     return UploadRoute{.admission = {.path = UploadPath::reason_codes}, .methods = "GET, HEAD"};
   if (path == kUploads) {
     return UploadRoute{.admission = {.path = UploadPath::uploads},
-                     .methods = "POST",
-                     .body_max = kMaxBatchSize,
-                     .media = "application/json"};
+                       .methods = "POST",
+                       .body_max = kMaxBatchSize,
+                       .media = "application/json"};
   }
   if (!path.starts_with(kUploads) || path[kUploads.size()] != '/') return std::nullopt;
   path.remove_prefix(kUploads.size() + 1);
   const std::size_t end = std::min(path.find('/'), path.size());
   UploadRoute route{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
-                .methods = "GET, HEAD"};
+                    .methods = "GET, HEAD"};
   path.remove_prefix(end);
   if (path.empty()) return route;
   if (path == "/complete") {
@@ -108,7 +108,7 @@ std::optional<UploadRoute> upload_route(std::string_view path, std::string_view 
   route.admission.path = UploadPath::pack;
   route.admission.pack = Sha256::from_hex(path.substr(kPacks.size()));
   route.methods = "HEAD, PATCH";
-  if (method == "PATCH") way.body_max = part_max, route.media = "application/octet-stream";
+  if (method == "PATCH") route.body_max = part_max, route.media = "application/octet-stream";
   if (!route.admission.pack) return std::nullopt;
   return route;
 }

@@ -66,8 +66,8 @@ class UploadApi {
  public:
   using Evaluate = std::function<void(const UploadClient& client, std::int64_t upload)>;
 
-  // All must outlive this. evaluate: is called for each upload that is complete. loopback: only loopback names are accepted
-  // as Host.
+  // All must outlive this. evaluate: is called for each upload that is complete. loopback: only loopback names are
+  // accepted as Host.
   UploadApi(CandidateService& service, const Clients& clients, bool loopback, Evaluate evaluate)
       : service_(service), clients_(clients), loopback_(loopback), evaluate_(std::move(evaluate)) {}
 
