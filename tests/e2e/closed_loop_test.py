@@ -153,7 +153,7 @@ class Proofs(unittest.TestCase):
         self.assertAlmostEqual(2.0, again(self.seen(told=[(13.0, "Nadir: position found again")])))
         self.assertIsNone(again(self.seen(told=[(11.5, "Nadir: position found again")])), "steady for 1 s")
         leads = look["gps_leads", "lies"]
-        told = [(1.0, "Nadir: GPS trusted"), (21.0, "Nadir: GPS trusted"), (21.1, "Nadir: flying by GPS")]
+        told = [(1.0, "Nadir: GPS trusted"), (21.0, "Nadir: GPS trusted"), (21.1, "Nadir: autopilot navigating by GPS")]
         self.assertAlmostEqual(0.1, leads(self.seen(told=told)), msg="not from when it was trusted first")
         denied = look["denied", "failsafe"]
         self.assertAlmostEqual(0.7, denied(self.seen(told=[(5.0, "Nadir: GPS denied"), (10.7, "Nadir: GPS denied")])))

@@ -75,8 +75,8 @@ TEST_F(RefusedFlight, AnAutopilotThatComesLateIsToldAllTheSame) {
   begin(std::nullopt);
   EXPECT_TRUE(texts().empty()) << "nobody was there to hear it";
   autopilot_beats();
-  peer_.listen_until([&] { return told("Nadir: map package refused, no position"); });
-  EXPECT_EQ(std::ranges::count(texts(), "Nadir: map package refused, no position"), 1);
+  peer_.listen_until([&] { return told("Nadir: map package rejected, no position"); });
+  EXPECT_EQ(std::ranges::count(texts(), "Nadir: map package rejected, no position"), 1);
   EXPECT_TRUE(peer_.fixes().empty());
 }
 
@@ -84,11 +84,11 @@ TEST_F(RefusedFlight, AnAutopilotThatDoesNotSignIsToldSoAndNothingElse) {
   write_file_atomic(folder_ / "link.key", std::string(64, 'a'), 0600);
   begin(folder_ / "link.key");
   autopilot_beats();
-  peer_.listen_until([&] { return told("Nadir: autopilot link not signed, waiting"); });
+  peer_.listen_until([&] { return told("Nadir: autopilot link not authenticated"); });
   autopilot_beats();
   const std::size_t before = heartbeats();
   peer_.listen_until([&] { return heartbeats() >= before + 2; });
-  EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not signed, waiting"}) << "once";
+  EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not authenticated"}) << "once";
 }
 
 // What was measured of an attitude with GPS is not true of one that leans on our fix; what is claimed worse is

@@ -68,7 +68,7 @@ def _after_hand(name, text):
 
 def _grows(seen):
     """σ while blind, from the first row that says so to the last; in seconds of blindness that were looked at."""
-    begin = seen.happened.told("Nadir: no pictures, dead reckoning", seen.act("camera-cut", 1) or 0)
+    begin = seen.happened.told("Nadir: no camera frames, dead reckoning", seen.act("camera-cut", 1) or 0)
     end = None if begin is None else seen.happened.told("Nadir: NO FIX, blind for too long", begin)
     if end is None:
         return None
@@ -106,13 +106,13 @@ def _never_accused(seen):
 
 
 def _told_nothing(seen):
-    told = seen.happened.told("Nadir: map package refused, no position")
+    told = seen.happened.told("Nadir: map package rejected, no position")
     return told if told is not None and seen.happened.first_fix() is None else None
 
 
 def _first_waits_for_nothing(seen):
     """From failsafe to normal with the first anchor: the event that ends failsafe is that of the anchor itself."""
-    lost = seen.happened.told("Nadir: FAILSAFE, no position at all")
+    lost = seen.happened.told("Nadir: FAILSAFE, no position")
     return None if lost is None else seen.after(seen.act("camera-restore"), "Nadir: position found")
 
 
@@ -137,7 +137,7 @@ PROOFS = [
           lambda seen: seen.event(seen.done.get("held"), "no estimate for"), needs="held"),
     Proof("camera_silent", "camera", "pictures that were held back are left out", 1, _left_out),
     Proof("no picture", "camera", "told after the last picture", 0.4 + 0.34 + 0.25 + SETTLES_S,
-          _after("camera-cut", "Nadir: no pictures, dead reckoning", 1)),
+          _after("camera-cut", "Nadir: no camera frames, dead reckoning", 1)),
     Proof("σ while blind", "camera", "never shrinks, grows by 5 m/s", None, _grows),
     Proof("the fix while blind", "camera", "within three of its sigmas for 30 s", None, _follows),
     Proof("blind for longer than 30 s, or σ beyond 500 m", "camera", "told after the camera went dark", BLIND_S + 2,
@@ -147,23 +147,23 @@ PROOFS = [
          for row in seen.happened.between((seen.act("camera-cut", 1) or 0) + 20, seen.happened.end_s())
          if int(row["given_fix_type"]) < 3), None)),
     Proof("back from `degraded`", "camera", "not before 1 s of pictures", BACK_S,
-          _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: camera sees again")),
-    Proof("vision_back", "camera", "after a black picture", BACK_S, _after_hand("black", "Nadir: camera sees again")),
+          _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: visual position restored")),
+    Proof("vision_back", "camera", "after a black picture", BACK_S, _after_hand("black", "Nadir: visual position restored")),
     Proof("back from `no_fix`", "camera", "an anchor, then 1 s", LONG_DARK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore", 1), "Nadir: position found again")),
     Proof("first_anchor", "camera", "cold start", FIRST_FIX_S, lambda seen: seen.happened.first_fix()),
-    Proof("link_authentic", "camera", "told", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: looking for the position")),
+    Proof("link_authentic", "camera", "told", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: searching for the position")),
     Proof("denied", "failsafe", "told after GPS was lost", 1.5 + SETTLES_S, _after("gps-denied", "Nadir: GPS denied")),
     Proof("gps_denied", "failsafe", "the same, in the events", 1.5 + SETTLES_S,
           lambda seen: seen.event(seen.act("gps-denied"), "GPS is denied")),
     Proof("GPS denied or spoofed, and we have a position", "failsafe", "told after GPS was lost", 3,
-          _after("gps-denied", "Nadir: flying by map")),
-    Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("gps-denied", "Nadir: GPS denied", "Nadir: flying by map")),
+          _after("gps-denied", "Nadir: autopilot now navigating by Nadir")),
+    Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("gps-denied", "Nadir: GPS denied", "Nadir: autopilot now navigating by Nadir")),
     Proof("no position for longer than 3 s", "failsafe", "told after our fix was lost", FAILSAFE_S + SETTLES_S,
-          _between("camera-cut", "Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position at all")),
+          _between("camera-cut", "Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position")),
     Proof("no_position", "failsafe", "not before 3 s", FAILSAFE_S + SETTLES_S, _steady_first(
         FAILSAFE_S - 0.2, lambda seen: seen.happened.told("Nadir: NO FIX, blind for too long"),
-        "Nadir: FAILSAFE, no position at all")),
+        "Nadir: FAILSAFE, no position")),
     Proof("back from `failsafe`", "failsafe", "an anchor, then 2 s", LONG_DARK_S,
           _steady_first(2, lambda seen: seen.act("camera-restore"), "Nadir: position found again")),
     Proof("anchored_again", "failsafe", "the same, in the events", LONG_DARK_S,
@@ -173,7 +173,7 @@ PROOFS = [
     Proof("link_lost", "failsafe", "not before 5 s", LINK_LOST_S + 1 + SETTLES_S, lambda seen: next(
         (after for after in [seen.event(seen.act("link-cut"), "nothing from the autopilot")]
          if after is not None and after >= LINK_LOST_S - 1.2), None)),
-    Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link is back")),
+    Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link restored")),
     Proof("spoofed", "lies", "told after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
     Proof("spoofed", "camera", "never, of a GPS that is well", None,
           _never_accused),
@@ -181,7 +181,7 @@ PROOFS = [
     Proof("trusted again", "lies", "10 s undisturbed and in agreement", 16,
           _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_leads", "lies", "then", SETTLES_S,
-          _between("gps-recover", "Nadir: GPS trusted", "Nadir: flying by GPS")),
+          _between("gps-recover", "Nadir: GPS trusted", "Nadir: autopilot navigating by GPS")),
     Proof("gps_trusted", "silence", "merely denied, pictures silent: 60 s", 63,
           _steady_first(59.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_position", "silence", "failsafe is over with it", SETTLES_S,

@@ -1,6 +1,7 @@
-#include "camera/open_camera.hpp"
+#include "camera/camera_source.hpp"
 
 #include "base/error.hpp"
+#include "camera/folder_camera.hpp"
 #include "camera/plugin_camera.hpp"
 
 namespace nadir {
@@ -10,14 +11,14 @@ namespace {
 constexpr const char* kVideoPlugin = "nadir_camera_video.so";
 
 fs::path find_plugin(const std::string& name, const std::vector<fs::path>& folders) {
-  std::string looked;
+  std::string searched;
   for (const fs::path& folder : folders) {
     if (fs::exists(folder / name)) return folder / name;
-    looked += (looked.empty() ? "" : ", ") + folder.string();
+    searched += (searched.empty() ? "" : ", ") + folder.string();
   }
-  throw Error({.what = "the camera plug-in is not installed",
+  throw Error({.what = "camera plug-in not installed",
                .where = name,
-               .expected = "in one of: " + looked,
+               .expected = "in one of: " + searched,
                .fix = "build it where OpenCV's videoio is installed (libopencv-videoio-dev), or use a folder as the "
                       "camera"});
 }
@@ -39,7 +40,7 @@ std::unique_ptr<CameraSource> open_camera(const std::string& source, const Fligh
     return std::make_unique<PluginCamera>(find_plugin(kVideoPlugin, plugins), source, clock);
   }
   if (source.empty() || (source.find(':') != std::string::npos && !fs::is_directory(source))) {
-    throw UsageError({.what = "no such kind of camera",
+    throw UsageError({.what = "unknown kind of camera",
                       .where = "--camera",
                       .expected = "a folder, video:FILE, v4l2:DEVICE or rtsp://ADDRESS",
                       .found = source});

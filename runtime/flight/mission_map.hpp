@@ -1,4 +1,5 @@
-// What a flight knows from its package: the plane of its estimates, the map, the ground, and where it may be at all.
+// The package of a flight as the localizer uses it: the plane of the estimates, the map, the terrain, the place index and
+// the area in which the aircraft may be.
 #pragma once
 
 #include <filesystem>
@@ -13,18 +14,18 @@
 
 namespace nadir {
 
-class FlightGround {
+class MissionMap {
  public:
-  FlightGround(std::unique_ptr<OpenPackage> package, const std::filesystem::path& folder);
-  FlightGround(const FlightGround&) = delete;
-  FlightGround& operator=(const FlightGround&) = delete;
+  MissionMap(std::unique_ptr<OpenPackage> package, const std::filesystem::path& folder);
+  MissionMap(const MissionMap&) = delete;
+  MissionMap& operator=(const MissionMap&) = delete;
 
   const OpenPackage& package() const { return *package_; }
   const std::filesystem::path& folder() const { return folder_; }
   const LocalFrame& frame() const { return *frame_; }
   LocalizerConfig config() const;                                 // points into this
-  double plane_msl_m() const;                                     // from which the surface's heights count
-  std::optional<double> ground_msl_m(const LonLat& place) const;  // nothing where the ground is taken for flat
+  double plane_msl_m() const;                                     // reference of the surface's heights
+  std::optional<double> ground_msl_m(const LonLat& place) const;  // nullopt: flat ground
 
   ApiPackage for_api() const { return package_for_api(folder_, package_); }
 

@@ -1,4 +1,4 @@
-// A clock that stands still until it is moved: for tests, and for recorded flights that are flown again.
+// A clock that stands still until a test advances it.
 #pragma once
 
 #include <condition_variable>
@@ -24,7 +24,7 @@ class ManualClock final : public FlightClock {
     moved_.notify_all();
   }
 
-  // Somebody sets the time of day; monotonic time does not notice.
+  // The system clock is set; monotonic time does not change.
   void step_utc(double seconds) {
     const std::scoped_lock lock(mutex_);
     unix_us_ += static_cast<std::int64_t>(seconds * 1e6);

@@ -1,6 +1,5 @@
-// Between two threads: a bounded queue in which the latest wins. Who puts never waits and never fails; when it is full
-// the oldest is dropped and counted. Pictures go to the localizer through one of these with room for one, records to
-// the recorder through one with room for many.
+// The queue between two threads of the runtime: bounded, the latest wins. put() never waits and never fails; when the
+// mailbox is full, the oldest item is dropped and counted. Frames go to the localizer through a mailbox of capacity one.
 #pragma once
 
 #include <chrono>
@@ -19,8 +18,6 @@ struct MailboxCounts {
   std::uint64_t put = 0;
   std::uint64_t taken = 0;
   std::uint64_t dropped = 0;
-
-  double dropped_share() const { return put == 0 ? 0 : static_cast<double>(dropped) / static_cast<double>(put); }
 };
 
 template <typename T>
@@ -28,9 +25,9 @@ class LatestMailbox {
  public:
   explicit LatestMailbox(std::size_t capacity = 1) : capacity_(capacity == 0 ? 1 : capacity) {}
 
-  // After close() nothing goes in any more.
+  // After close() items are discarded.
   void put(T item) {
-    std::optional<T> dropped;  // destroyed outside of the lock: pictures are big
+    std::optional<T> dropped;  // destroyed outside of the lock: frames are large
     {
       const std::scoped_lock lock(mutex_);
       if (closed_) return;
@@ -45,27 +42,27 @@ class LatestMailbox {
     filled_.notify_one();
   }
 
-  // The oldest that is left, or nullopt at once.
+  // The oldest item, or nullopt at once.
   std::optional<T> try_take() {
     const std::scoped_lock lock(mutex_);
     return take_front();
   }
 
-  // Waits for one. nullopt: stop was requested, or the box is closed and empty.
+  // Waits for an item. nullopt: stop was requested, or the mailbox is closed and empty.
   std::optional<T> take(std::stop_token stop) {
     std::unique_lock lock(mutex_);
     filled_.wait(lock, std::move(stop), [&] { return !items_.empty() || closed_; });
     return take_front();
   }
 
-  // The same, but not for longer than this: so that a thread with nothing to do can still say that it lives.
+  // The same, at most this long: so that an idle thread can still beat.
   std::optional<T> take_within(std::chrono::milliseconds at_most, std::stop_token stop) {
     std::unique_lock lock(mutex_);
     filled_.wait_for(lock, std::move(stop), at_most, [&] { return !items_.empty() || closed_; });
     return take_front();
   }
 
-  // No more will come. What is in can still be taken.
+  // No more items. Those inside can still be taken.
   void close() {
     {
       const std::scoped_lock lock(mutex_);

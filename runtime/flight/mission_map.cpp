@@ -1,10 +1,10 @@
-#include "flight/flight_ground.hpp"
+#include "flight/mission_map.hpp"
 
 #include "estimation/map_sigma.hpp"
 
 namespace nadir {
 
-FlightGround::FlightGround(std::unique_ptr<OpenPackage> package, const std::filesystem::path& folder)
+MissionMap::MissionMap(std::unique_ptr<OpenPackage> package, const std::filesystem::path& folder)
     : package_(std::move(package)),
       folder_(folder),
       frame_(std::make_shared<const LocalFrame>(mission_frame(package_->mission()))),
@@ -14,15 +14,15 @@ FlightGround::FlightGround(std::unique_ptr<OpenPackage> package, const std::file
   }
 }
 
-double FlightGround::plane_msl_m() const { return package_->mission().terrain.height_m; }
+double MissionMap::plane_msl_m() const { return package_->mission().terrain.height_m; }
 
-std::optional<double> FlightGround::ground_msl_m(const LonLat& place) const {
+std::optional<double> MissionMap::ground_msl_m(const LonLat& place) const {
   if (!surface_) return std::nullopt;
   const Enu at = frame_->enu_from_lonlat(place);
   return plane_msl_m() + surface_->height_m({at.east_m, at.north_m});
 }
 
-LocalizerConfig FlightGround::config() const {
+LocalizerConfig MissionMap::config() const {
   LocalizerConfig config;
   config.map_sigma_m = map_sigma_m(package_->imagery());
   config.area = required_region(package_->mission(), *frame_).bounds();
