@@ -7,7 +7,7 @@
 #include <stop_token>
 #include <string>
 
-#include "flight/flight_options.hpp"
+#include "flight/flight_service.hpp"
 #include "cli/command.hpp"
 #include "service/held_memory.hpp"
 #include "verify_request/verify_request.hpp"

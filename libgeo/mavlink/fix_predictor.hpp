@@ -26,10 +26,10 @@ struct VisionEstimate {
   std::int64_t time_us = 0;
   LonLat place{};
   double sigma_m = 0;
-  double north_m_s = 0;
-  double east_m_s = 0;
-  double speed_sigma_m_s = 0;
-  std::optional<double> down_m_s{};
+  double north_mps = 0;
+  double east_mps = 0;
+  double speed_sigma_mps = 0;
+  std::optional<double> down_mps{};
   std::optional<double> msl_m{};
   std::optional<double> vertical_sigma_m{};
   std::optional<double> yaw_rad{};
@@ -39,10 +39,10 @@ struct VisionEstimate {
 struct PredictorOptions {
   std::int64_t period_us = 100'000;
   std::int64_t min_gap_us = 40'000;  // between the last fix and the first one of a new estimate
-  double ramp_m_s = 5.0;
+  double ramp_mps = 5.0;
   double jump_beyond_m = 50.0;
-  double acceleration_sigma_m_s2 = 0.5;  // levelled by an attitude that is some degrees off
-  double unobserved_sigma_m_s2 = 2.5;    // without samples: a turn
+  double acceleration_sigma_mps2 = 0.5;  // levelled by an attitude that is some degrees off
+  double unobserved_sigma_mps2 = 2.5;    // without samples: a turn
   std::int64_t blackout_us = 30'000'000;
 };
 
@@ -81,7 +81,7 @@ class FixPredictor {
 
   bool lost(std::int64_t now_us) const;
   InertialMotion::Gain gain(std::int64_t now_us) const;  // since the capture time of last_
-  double unobserved_m_s(const InertialMotion::Gain& gain) const;
+  double unobserved_mps(const InertialMotion::Gain& gain) const;
   double sigma_m(std::int64_t now_us) const;  // without the ramp
   Offset ramp_at(std::int64_t now_us) const;
   LonLat place_at(std::int64_t now_us, const Offset& offset) const;

@@ -32,12 +32,12 @@ constexpr double kMinSpeedSigma_mps = 1.0;
 bool usable(double sigma) { return std::isfinite(sigma) && sigma >= 0; }
 
 bool usable(const Fix& fix) {
-  return usable(fix.sigma_m) && fix.sigma_m <= kMaxFixSigmaM && std::abs(fix.place.lat_deg) <= 90 &&
+  return usable(fix.sigma_m) && fix.sigma_m <= kMaxFixSigma_m && std::abs(fix.place.lat_deg) <= 90 &&
          std::abs(fix.place.lon_deg) <= 180;
 }
 
 bool finite(const GpsVelocity& v) {
-  return std::isfinite(v.north_m_s) && std::isfinite(v.east_m_s) && std::isfinite(v.down_m_s.value_or(0));
+  return std::isfinite(v.north_mps) && std::isfinite(v.east_mps) && std::isfinite(v.down_mps.value_or(0));
 }
 
 GpsInput timed(std::int64_t unix_us, std::uint8_t gps_id) {
@@ -83,8 +83,8 @@ GpsInput gps_input(const Fix& fix, std::uint8_t gps_id) {
   if (fix.vertical_sigma_m && usable(*fix.vertical_sigma_m)) input.vertical_accuracy_m = fix.vertical_sigma_m;
   if (fix.velocity && finite(*fix.velocity)) {
     input.velocity = fix.velocity;
-    if (fix.speed_sigma_m_s && usable(*fix.speed_sigma_m_s)) {
-      input.speed_accuracy_m_s = std::max(*fix.speed_sigma_m_s, kMinSpeedSigma_mps);
+    if (fix.speed_sigma_mps && usable(*fix.speed_sigma_mps)) {
+      input.speed_accuracy_mps = std::max(*fix.speed_sigma_mps, kMinSpeedSigma_mps);
     }
   }
   if (fix.yaw_rad && std::isfinite(*fix.yaw_rad)) input.yaw_rad = fix.yaw_rad;

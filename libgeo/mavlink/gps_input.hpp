@@ -32,7 +32,7 @@ struct Fix {
   std::optional<double> msl_m{};
   std::optional<double> vertical_sigma_m{};
   std::optional<GpsVelocity> velocity{};
-  std::optional<double> speed_sigma_m_s{};
+  std::optional<double> speed_sigma_mps{};
   std::optional<double> yaw_rad{};
 };
 

@@ -10,7 +10,7 @@ using Plane = InertialMotion::Plane;
 using Moment = InertialMotion::Moment;
 
 constexpr double kAttitudeGap_s = 0.5;
-constexpr double kMaxSpecificForce_m_s2 = 100;  // beyond: corrupt data
+constexpr double kMaxSpecificForce_mps2 = 100;  // beyond: corrupt data
 
 // The horizontal part of a specific force.
 Plane level(const Vector3& force, const AircraftAttitude& attitude) {
@@ -24,7 +24,7 @@ Plane level(const Vector3& force, const AircraftAttitude& attitude) {
 }
 
 // Propagates `from` with this acceleration for as long as it holds.
-Moment propagated(const Moment& from, const Plane& acceleration_m_s2, double held_s, double to_s) {
+Moment propagated(const Moment& from, const Plane& acceleration_mps2, double held_s, double to_s) {
   const double dt_s = to_s - from.time_s, accelerated_s = std::clamp(dt_s, 0.0, held_s);
   Moment to = from;
   to.time_s = to_s;
@@ -32,8 +32,8 @@ Moment propagated(const Moment& from, const Plane& acceleration_m_s2, double hel
     displacement += velocity * dt_s + acceleration * accelerated_s * (dt_s - accelerated_s / 2);
     velocity += acceleration * accelerated_s;
   };
-  axis(acceleration_m_s2.east, to.velocity_m_s.east, to.displacement_m.east);
-  axis(acceleration_m_s2.north, to.velocity_m_s.north, to.displacement_m.north);
+  axis(acceleration_mps2.east, to.velocity_mps.east, to.displacement_m.east);
+  axis(acceleration_mps2.north, to.velocity_mps.north, to.displacement_m.north);
   to.known_s += accelerated_s;
   return to;
 }
@@ -48,8 +48,8 @@ void InertialMotion::on_message(double time_s, const AircraftAttitude& attitude)
 
 void InertialMotion::on_message(double time_s, const ImuSample& sample) {
   if (sample.instance != 1 || !attitude_ || time_s - attitude_s_ > kAttitudeGap_s) return;
-  const Plane acceleration = level(sample.acceleration_m_s2, *attitude_);
-  if (!(std::hypot(acceleration.east, acceleration.north) < kMaxSpecificForce_m_s2)) return;
+  const Plane acceleration = level(sample.acceleration_mps2, *attitude_);
+  if (!(std::hypot(acceleration.east, acceleration.north) < kMaxSpecificForce_mps2)) return;
   if (samples_.empty()) {
     samples_.push_back({{.time_s = time_s}, acceleration});
     return;
@@ -64,20 +64,20 @@ void InertialMotion::on_message(double time_s, const ImuSample& sample) {
 InertialMotion::Moment InertialMotion::moment(double time_s) const {
   if (samples_.empty()) return {.time_s = time_s};
   const auto after = std::ranges::lower_bound(samples_, time_s, {}, [](const Sample& s) { return s.until.time_s; });
-  if (after == samples_.end()) return propagated(samples_.back().until, samples_.back().acceleration_m_s2, kInertialGap_s, time_s);
+  if (after == samples_.end()) return propagated(samples_.back().until, samples_.back().acceleration_mps2, kInertialGap_s, time_s);
   if (after == samples_.begin()) return propagated(after->until, {}, 0, time_s);  // extrapolates backwards
   const Moment& before = std::prev(after)->until;
   const bool continuous = after->until.time_s - before.time_s <= kInertialGap_s;
-  return propagated(before, after->acceleration_m_s2, continuous ? kInertialGap_s : 0, time_s);
+  return propagated(before, after->acceleration_mps2, continuous ? kInertialGap_s : 0, time_s);
 }
 
 InertialMotion::Gain InertialMotion::gain(const Moment& from, double to_s) const {
   const double dt_s = to_s - from.time_s;
   const Moment to = moment(to_s);
   Gain gain;
-  gain.velocity_m_s = {to.velocity_m_s.east - from.velocity_m_s.east, to.velocity_m_s.north - from.velocity_m_s.north};
-  gain.displacement_m = {to.displacement_m.east - from.displacement_m.east - from.velocity_m_s.east * dt_s,
-                to.displacement_m.north - from.displacement_m.north - from.velocity_m_s.north * dt_s};
+  gain.velocity_mps = {to.velocity_mps.east - from.velocity_mps.east, to.velocity_mps.north - from.velocity_mps.north};
+  gain.displacement_m = {to.displacement_m.east - from.displacement_m.east - from.velocity_mps.east * dt_s,
+                to.displacement_m.north - from.displacement_m.north - from.velocity_mps.north * dt_s};
   gain.unknown_s = std::max(0.0, dt_s - (to.known_s - from.known_s));
   return gain;
 }

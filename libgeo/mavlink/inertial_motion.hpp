@@ -25,7 +25,7 @@ class InertialMotion {
 
   // Motion between two moments, relative to constant velocity.
   struct Gain {
-    Plane velocity_m_s;  // add to the velocity at the first
+    Plane velocity_mps;  // add to the velocity at the first
     Plane displacement_m;  // add to that velocity times the elapsed time
     double unknown_s = 0;  // without samples
   };
@@ -36,7 +36,7 @@ class InertialMotion {
   // A reference moment, at most kKept_s in the past when it is made. It stays valid however old it gets.
   struct Moment {
     double time_s = 0;
-    Plane velocity_m_s{}, displacement_m{};  // integrals since the first sample
+    Plane velocity_mps{}, displacement_m{};  // integrals since the first sample
     double known_s = 0;
   };
   Moment moment(double time_s) const;
@@ -45,7 +45,7 @@ class InertialMotion {
  private:
   struct Sample {
     Moment until;             // at its arrival
-    Plane acceleration_m_s2;  // since the sample before
+    Plane acceleration_mps2;  // since the sample before
   };
 
   static constexpr double kKept_s = 5;

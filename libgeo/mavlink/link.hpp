@@ -6,7 +6,7 @@
 #include <memory>
 #include <optional>
 
-#include "mavlink/codec.hpp"
+#include "mavlink/messages.hpp"
 #include "mavlink/signing.hpp"
 #include "mavlink/transport.hpp"
 

@@ -95,12 +95,12 @@ GpsRaw gps_raw(const Wire& w, int receiver) {
              .msl_m = w.alt * 1e-3,
              .hdop = scaled_unless(w.eph, UINT16_MAX, 0.01),
              .vdop = scaled_unless(w.epv, UINT16_MAX, 0.01),
-             .ground_speed_m_s = scaled_unless(w.vel, UINT16_MAX, 0.01),
+             .ground_speed_mps = scaled_unless(w.vel, UINT16_MAX, 0.01),
              .course_rad = heading_cdeg(w.cog),
              .satellites = std::nullopt,
              .horizontal_accuracy_m = scaled_unless(w.h_acc, 0, 1e-3),
              .vertical_accuracy_m = scaled_unless(w.v_acc, 0, 1e-3),
-             .speed_accuracy_m_s = scaled_unless(w.vel_acc, 0, 1e-3),
+             .speed_accuracy_mps = scaled_unless(w.vel_acc, 0, 1e-3),
              .yaw_rad = std::nullopt};
   if (w.satellites_visible != UINT8_MAX) raw.satellites = w.satellites_visible;
   if (w.yaw != 0) raw.yaw_rad = heading_cdeg(w.yaw);  // 0: none, 36000: north
@@ -115,7 +115,7 @@ ImuSample imu_sample(const Wire& w, int instance, std::uint64_t time_us) {
   constexpr double kAcceleration = kStandardGravity * 1e-3;
   return {.instance = instance,
           .time_us = time_us,
-          .acceleration_m_s2 = {w.xacc * kAcceleration, w.yacc * kAcceleration, w.zacc * kAcceleration},
+          .acceleration_mps2 = {w.xacc * kAcceleration, w.yacc * kAcceleration, w.zacc * kAcceleration},
           .rate_rad_s = {w.xgyro * 1e-3, w.ygyro * 1e-3, w.zgyro * 1e-3}};
 }
 
@@ -191,7 +191,7 @@ Decoded from_wire(const mavlink_sim_state_t& w) {
   return SimState{.roll_rad = w.roll,
                   .pitch_rad = w.pitch,
                   .yaw_rad = w.yaw,
-                  .acceleration_m_s2 = acceleration,
+                  .acceleration_mps2 = acceleration,
                   .rate_rad_s = rate,
                   .place = fine ? place_e7(w.lat_int, w.lon_int) : LonLat{w.lon, w.lat},
                   .msl_m = w.alt,
@@ -273,12 +273,12 @@ class Writer {
     w.vdop = given(m.vdop, GPS_INPUT_IGNORE_FLAG_VDOP);
     w.horiz_accuracy = given(m.horizontal_accuracy_m, GPS_INPUT_IGNORE_FLAG_HORIZONTAL_ACCURACY);
     w.vert_accuracy = given(m.vertical_accuracy_m, GPS_INPUT_IGNORE_FLAG_VERTICAL_ACCURACY);
-    w.speed_accuracy = given(m.speed_accuracy_m_s, GPS_INPUT_IGNORE_FLAG_SPEED_ACCURACY);
+    w.speed_accuracy = given(m.speed_accuracy_mps, GPS_INPUT_IGNORE_FLAG_SPEED_ACCURACY);
     if (!m.velocity) ignore |= GPS_INPUT_IGNORE_FLAG_VEL_HORIZ;
     const GpsVelocity velocity = m.velocity.value_or(GpsVelocity{});
-    w.vn = static_cast<float>(velocity.north_m_s);
-    w.ve = static_cast<float>(velocity.east_m_s);
-    w.vd = given(velocity.down_m_s, GPS_INPUT_IGNORE_FLAG_VEL_VERT);
+    w.vn = static_cast<float>(velocity.north_mps);
+    w.ve = static_cast<float>(velocity.east_mps);
+    w.vd = given(velocity.down_mps, GPS_INPUT_IGNORE_FLAG_VEL_VERT);
     w.ignore_flags = static_cast<std::uint16_t>(ignore);
     w.satellites_visible = rounded<std::uint8_t>(m.satellites);
     w.yaw = yaw_cdeg(m.yaw_rad);

@@ -27,9 +27,9 @@ struct Vector3 {
 };
 
 struct NedVelocity {
-  double north_m_s = 0;
-  double east_m_s = 0;
-  double down_m_s = 0;
+  double north_mps = 0;
+  double east_mps = 0;
+  double down_mps = 0;
 
   bool operator==(const NedVelocity&) const = default;
 };
@@ -100,12 +100,12 @@ struct GpsRaw {
   double msl_m = 0;
   std::optional<double> hdop{};
   std::optional<double> vdop{};
-  std::optional<double> ground_speed_m_s{};
+  std::optional<double> ground_speed_mps{};
   std::optional<double> course_rad{};
   std::optional<int> satellites{};
   std::optional<double> horizontal_accuracy_m{};
   std::optional<double> vertical_accuracy_m{};
-  std::optional<double> speed_accuracy_m_s{};
+  std::optional<double> speed_accuracy_mps{};
   std::optional<double> yaw_rad{};
 };
 
@@ -113,7 +113,7 @@ struct GpsRaw {
 struct ImuSample {
   int instance = 1;
   std::uint64_t time_us = 0;
-  Vector3 acceleration_m_s2{};
+  Vector3 acceleration_mps2{};
   Vector3 rate_rad_s{};
 };
 
@@ -169,7 +169,7 @@ struct SimState {
   double roll_rad = 0;
   double pitch_rad = 0;
   double yaw_rad = 0;
-  Vector3 acceleration_m_s2{};
+  Vector3 acceleration_mps2{};
   Vector3 rate_rad_s{};
   LonLat place{};
   double msl_m = 0;
@@ -193,9 +193,9 @@ struct OwnHeartbeat {  // as an onboard computer
 
 // A receiver's velocity; a downward-looking camera may not observe the vertical component.
 struct GpsVelocity {
-  double north_m_s = 0;
-  double east_m_s = 0;
-  std::optional<double> down_m_s{};
+  double north_mps = 0;
+  double east_mps = 0;
+  std::optional<double> down_mps{};
 
   bool operator==(const GpsVelocity&) const = default;
 };
@@ -214,7 +214,7 @@ struct GpsInput {
   std::optional<GpsVelocity> velocity{};
   std::optional<double> horizontal_accuracy_m{};
   std::optional<double> vertical_accuracy_m{};
-  std::optional<double> speed_accuracy_m_s{};
+  std::optional<double> speed_accuracy_mps{};
   int satellites = 0;
   std::optional<double> yaw_rad{};
 };

@@ -35,7 +35,7 @@ WatchedStatus status_from(const json& state) {
     status.sigma_m = number(position, "sigma_m");
   }
   if (const json& velocity = state.at("velocity"); !velocity.is_null()) {
-    status.speed_m_s = std::hypot(number_or_zero(velocity, "east_m_s"), number_or_zero(velocity, "north_m_s"));
+    status.speed_mps = std::hypot(number_or_zero(velocity, "east_m_s"), number_or_zero(velocity, "north_m_s"));
   }
   status.anchor_age_s = number(state, "anchor_age_s");
   status.heading_deg = number(state, "heading_deg");

@@ -19,7 +19,7 @@ struct WatchedEvent {
 struct WatchedStatus {
   std::string boot, state, reason, source;
   double age_s = 0, state_for_s = 0;
-  std::optional<double> lon_deg, lat_deg, sigma_m, anchor_age_s, heading_deg, agl_m, speed_m_s;
+  std::optional<double> lon_deg, lat_deg, sigma_m, anchor_age_s, heading_deg, agl_m, speed_mps;
   double frames_per_s = 0;
   std::uint64_t frames_received = 0, frames_dropped = 0, anchors_accepted = 0, anchors_rejected = 0;
   bool link_connected = false, link_signed = false;

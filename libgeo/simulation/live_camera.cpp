@@ -24,7 +24,7 @@ double ground_height_m(const LiveCameraOptions& options, const WorldExtent& exte
 bool finite(const LivePose& pose) {
   return std::isfinite(pose.place.lon_deg) && std::abs(pose.place.lat_deg) <= 90 && std::isfinite(pose.height_m) &&
          std::isfinite(pose.attitude.heading_rad) && std::isfinite(pose.attitude.pitch_rad) &&
-         std::isfinite(pose.attitude.roll_rad) && pose.velocity_enu_m_s.allFinite();
+         std::isfinite(pose.attitude.roll_rad) && pose.velocity_enu_mps.allFinite();
 }
 
 }  // namespace
@@ -52,7 +52,7 @@ RenderedFrame LiveCamera::shoot(const LivePose& pose, std::uint64_t number) cons
   flight.agl_m = std::max(1.0, at.up_m - ground);
   flight.position = {at.east_m, at.north_m, ground + flight.agl_m};
   flight.attitude = pose.attitude;
-  flight.velocity = pose.velocity_enu_m_s.head<2>();
+  flight.velocity = pose.velocity_enu_mps.head<2>();
   const bool far = flight.agl_m > kFar_m || at.east_m < box_.west_m - kFar_m || at.east_m > box_.east_m + kFar_m ||
                    at.north_m < box_.south_m - kFar_m || at.north_m > box_.north_m + kFar_m;
   RenderedFrame shot = far ? nothing : renderer_.render(flight.position, flight.attitude);

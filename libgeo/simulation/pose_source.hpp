@@ -16,7 +16,7 @@ struct LivePose {
   LonLat place{};
   double height_m = 0;  // as the elevation model counts heights
   Attitude attitude{};
-  Eigen::Vector3d velocity_enu_m_s = Eigen::Vector3d::Zero();
+  Eigen::Vector3d velocity_enu_mps = Eigen::Vector3d::Zero();
 };
 
 class PoseSource {

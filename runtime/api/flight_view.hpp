@@ -43,7 +43,7 @@ struct PositionView {
 };
 
 struct VelocityView {
-  double east_m_s = 0, north_m_s = 0;
+  double east_mps = 0, north_mps = 0;
 };
 
 struct FramesView {

@@ -72,8 +72,8 @@ json state_json(const FlightView& view, double age_s) {
                 {"velocity", nullptr},
                 {"agl_m", number(view.agl_m)}};
   if (view.velocity) {
-    document["velocity"] = {{"east_m_s", number(view.velocity->east_m_s)},
-                            {"north_m_s", number(view.velocity->north_m_s)}};
+    document["velocity"] = {{"east_m_s", number(view.velocity->east_mps)},
+                            {"north_m_s", number(view.velocity->north_mps)}};
   }
   document["frames"] = {
       {"received", view.frames.received}, {"dropped", view.frames.dropped}, {"per_s", number(view.frames.per_s)}};

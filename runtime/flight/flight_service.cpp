@@ -69,9 +69,9 @@ VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double
   vision.time_us = std::llround(frame.telemetry.time_s * 1e6);
   vision.place = *estimate.position;
   vision.sigma_m = estimate.sigma_m;
-  vision.east_m_s = belief.velocity_mps.x();
-  vision.north_m_s = belief.velocity_mps.y();
-  vision.speed_sigma_m_s = belief.velocity_sigma_mps;
+  vision.east_mps = belief.velocity_mps.x();
+  vision.north_mps = belief.velocity_mps.y();
+  vision.speed_sigma_mps = belief.velocity_sigma_mps;
   if (ground_msl_m) vision.msl_m = *ground_msl_m + belief.agl_m;
   if (ground_msl_m) vision.vertical_sigma_m = belief.agl_sigma_m;
   vision.visual = is_visual(estimate.source);
@@ -276,7 +276,7 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     if (ours && gps->receiver != airframe_.gps_id + 1) {
       telemetry(*gps);
       publish(
-          GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_m_s, gps->horizontal_accuracy_m});
+          GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_mps, gps->horizontal_accuracy_m});
     }
   } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
@@ -309,7 +309,7 @@ void FlightService::run() {
   note_start();
   on_event(clock_.monotonic_s(), PackageVerified{map_ != nullptr, rejection_});
   if (restart_.position && restart_.position->sigma_m <= kNoFixSigma_m) {
-    on_event(clock_.monotonic_s(), EstimateRestored{restart_.position->sigma_m, restart_.position->speed_m_s});
+    on_event(clock_.monotonic_s(), EstimateRestored{restart_.position->sigma_m, restart_.position->speed_mps});
   }
   manager_.ready(map_ ? "flying" : "map package rejected: " + rejection_);
   Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());

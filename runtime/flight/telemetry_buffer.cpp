@@ -67,7 +67,7 @@ void TelemetryBuffer::on_message(double time_s, const ImuSample& sample) {
   if (sample.instance != 1) return;
   const auto aircraft = aircraft_at(time_s);
   if (!aircraft) return;
-  const Eigen::Vector3d force(sample.acceleration_m_s2.x, sample.acceleration_m_s2.y, sample.acceleration_m_s2.z);
+  const Eigen::Vector3d force(sample.acceleration_mps2.x, sample.acceleration_mps2.y, sample.acceleration_mps2.z);
   const Eigen::Vector3d ned = Eigen::AngleAxisd(aircraft->heading_rad, Eigen::Vector3d::UnitZ()) *
                               (Eigen::AngleAxisd(aircraft->pitch_rad, Eigen::Vector3d::UnitY()) *
                                (Eigen::AngleAxisd(aircraft->roll_rad, Eigen::Vector3d::UnitX()) * force));

@@ -57,7 +57,7 @@ void ViewBuilder::restrict_to_fix(const ServiceStatus& status, const std::option
   const double variance_m2 = last_fix->sigma_m * last_fix->sigma_m;
   view_.position = PositionView{last_fix->place, last_fix->sigma_m, variance_m2, variance_m2, 0};
   view_.source = SourceLabel::dead_reckoned;
-  if (last_fix->velocity) view_.velocity = VelocityView{last_fix->velocity->east_m_s, last_fix->velocity->north_m_s};
+  if (last_fix->velocity) view_.velocity = VelocityView{last_fix->velocity->east_mps, last_fix->velocity->north_mps};
   trail_.add({now_s, last_fix->place, last_fix->sigma_m, view_.source});
 }
 

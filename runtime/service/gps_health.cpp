@@ -25,8 +25,8 @@ double sigma_of(const GpsFix3d& fix) {
 }
 
 double speed_of(const GpsFix3d& fix) {
-  const double reported_m_s = fix.ground_speed_m_s.value_or(kMaxGroundSpeed_m_s);
-  return reported_m_s >= 0 ? std::min(reported_m_s, kMaxGroundSpeed_m_s) : kMaxGroundSpeed_m_s;
+  const double reported_mps = fix.ground_speed_mps.value_or(kMaxGroundSpeed_mps);
+  return reported_mps >= 0 ? std::min(reported_mps, kMaxGroundSpeed_mps) : kMaxGroundSpeed_mps;
 }
 
 bool lasts(double now_s, const std::optional<double>& since_s, double limit_s) {
@@ -51,15 +51,15 @@ void GpsHealth::on_event(const GpsFix3d& fix) {
 }
 
 void GpsHealth::check_step(const GpsFix3d& fix) {
-  if (fix.ground_speed_m_s && *fix.ground_speed_m_s > kMaxGroundSpeed_m_s) {
-    fault_ = fmt::format("ground speed {:.0f} m/s", *fix.ground_speed_m_s);
+  if (fix.ground_speed_mps && *fix.ground_speed_mps > kMaxGroundSpeed_mps) {
+    fault_ = fmt::format("ground speed {:.0f} m/s", *fix.ground_speed_mps);
     reset_stability();
   }
   if (!last_fix_) return;
   const double dt_s = fix.time_s - last_fix_->time_s;
   const double moved_m = distance_m(last_fix_->place, fix.place);
-  const double speed_m_s = std::max(speed_of(*last_fix_), speed_of(fix)) + kMaxAcceleration_m_s2 * dt_s / 2;
-  const double flown_m = std::min(speed_m_s, kMaxGroundSpeed_m_s) * dt_s;
+  const double speed_mps = std::max(speed_of(*last_fix_), speed_of(fix)) + kMaxAcceleration_mps2 * dt_s / 2;
+  const double flown_m = std::min(speed_mps, kMaxGroundSpeed_mps) * dt_s;
   if (moved_m <= flown_m + kStepMargin_m + 3 * (sigma_of(*last_fix_) + sigma_of(fix))) return;
   fault_ = fmt::format("a step of {:.0f} m in {:.1f} s", moved_m, dt_s);
   reset_stability();

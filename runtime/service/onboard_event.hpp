@@ -27,7 +27,7 @@ struct PackageVerified {
 // σ grows by the speed until the first estimate.
 struct EstimateRestored {
   double sigma_m = 0;
-  double speed_m_s = 0;
+  double speed_mps = 0;
 };
 
 struct StateSaveFailed {
@@ -47,7 +47,7 @@ struct GpsFix3d {
   double time_s = 0;
   bool has_fix = false;  // three-dimensional or better
   LonLat place;
-  std::optional<double> ground_speed_m_s;
+  std::optional<double> ground_speed_mps;
   std::optional<double> accuracy_m;  // horizontal, one sigma
 };
 

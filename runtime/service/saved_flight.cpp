@@ -25,7 +25,7 @@ using nlohmann::json;
 constexpr const char* kSchema = "nadir.flight/1";
 constexpr double kMaxMonotonic_s = 1e9;  // thirty years
 constexpr double kMaxLength_m = 1e6;
-constexpr double kMaxSpeed_m_s = 1e3;
+constexpr double kMaxSpeed_mps = 1e3;
 constexpr std::int64_t kMaxUnix_us = std::int64_t{1} << 53;
 
 constexpr std::array kStates{ServiceState::boot,         ServiceState::no_package, ServiceState::awaiting_autopilot,
@@ -39,8 +39,8 @@ LonLat read_place(const JsonReader& in) { return {in.number("lon_deg", -180, 180
 std::optional<SavedVelocity> read_velocity(const JsonReader& in) {
   const auto velocity = in.optional_object("velocity");
   if (!velocity) return std::nullopt;
-  return SavedVelocity{velocity->number("east_m_s", -kMaxSpeed_m_s, kMaxSpeed_m_s),
-                       velocity->number("north_m_s", -kMaxSpeed_m_s, kMaxSpeed_m_s)};
+  return SavedVelocity{velocity->number("east_m_s", -kMaxSpeed_mps, kMaxSpeed_mps),
+                       velocity->number("north_m_s", -kMaxSpeed_mps, kMaxSpeed_mps)};
 }
 
 SavedEstimate read_estimate(const JsonReader& in) {
@@ -48,7 +48,7 @@ SavedEstimate read_estimate(const JsonReader& in) {
           .unix_us = in.integer("unix_us", 0, kMaxUnix_us),
           .place = read_place(in),
           .sigma_m = in.number("sigma_m", 0, kMaxLength_m),
-          .ground_speed_m_s = in.number("ground_speed_m_s", 0, kMaxSpeed_m_s),
+          .ground_speed_mps = in.number("ground_speed_m_s", 0, kMaxSpeed_mps),
           .source = in.choice("source", kSources),
           .segment = in.integer<int>("segment", 0, 1 << 30),
           .velocity = read_velocity(in)};
@@ -79,12 +79,12 @@ json written(const SavedFlight& flight) {
   if (const auto& estimate = flight.estimate) {
     document["estimate"] = {{"monotonic_s", estimate->monotonic_s}, {"unix_us", estimate->unix_us},
                             {"lon_deg", estimate->place.lon_deg},   {"lat_deg", estimate->place.lat_deg},
-                            {"sigma_m", estimate->sigma_m},         {"ground_speed_m_s", estimate->ground_speed_m_s},
+                            {"sigma_m", estimate->sigma_m},         {"ground_speed_m_s", estimate->ground_speed_mps},
                             {"source", name_of(estimate->source)},  {"segment", estimate->segment}};
   }
   if (flight.estimate && flight.estimate->velocity) {
     const SavedVelocity& velocity = *flight.estimate->velocity;
-    document["estimate"]["velocity"] = {{"east_m_s", velocity.east_m_s}, {"north_m_s", velocity.north_m_s}};
+    document["estimate"]["velocity"] = {{"east_m_s", velocity.east_mps}, {"north_m_s", velocity.north_mps}};
   }
   if (const auto& hint = flight.hint) {
     document["hint"] = {
@@ -110,10 +110,10 @@ Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, 
 
 // Propagated with its velocity.
 RestartPosition propagated(const SavedEstimate& estimate, const SavedVelocity& velocity, double age_s) {
-  const double turn_m = 0.5 * kRestartTurn_m_s2 * age_s * age_s;
-  const double waiting_m = kFirstFrameAfterRestart_s * std::hypot(velocity.east_m_s, velocity.north_m_s);
-  return {.place = LocalFrame(estimate.place).lonlat_from_enu(velocity.east_m_s * age_s, velocity.north_m_s * age_s),
-          .sigma_m = estimate.sigma_m + std::hypot(turn_m, kRestartVelocitySigma_m_s * age_s, waiting_m)};
+  const double turn_m = 0.5 * kRestartTurn_mps2 * age_s * age_s;
+  const double waiting_m = kFirstFrameAfterRestart_s * std::hypot(velocity.east_mps, velocity.north_mps);
+  return {.place = LocalFrame(estimate.place).lonlat_from_enu(velocity.east_mps * age_s, velocity.north_mps * age_s),
+          .sigma_m = estimate.sigma_m + std::hypot(turn_m, kRestartVelocitySigma_mps * age_s, waiting_m)};
 }
 
 }  // namespace
@@ -194,13 +194,13 @@ Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock
     restart.reason = "the saved position is newer than its file";
     return restart;
   }
-  const double speed_m_s = std::max(estimate.ground_speed_m_s, kMinRestartSpeed_m_s);
-  RestartPosition position{.place = estimate.place, .sigma_m = estimate.sigma_m + age.s * speed_m_s};
+  const double speed_mps = std::max(estimate.ground_speed_mps, kMinRestartSpeed_mps);
+  RestartPosition position{.place = estimate.place, .sigma_m = estimate.sigma_m + age.s * speed_mps};
   if (estimate.velocity) {
     const RestartPosition moving = propagated(estimate, *estimate.velocity, age.s);
     if (moving.sigma_m < position.sigma_m) position = moving;
   }
-  position.speed_m_s = speed_m_s;
+  position.speed_mps = speed_mps;
   position.age_s = age.s;
   position.segment = estimate.segment;
   restart.position = position;

@@ -4,7 +4,7 @@
 // is rejected with a reason: a position from a damaged file would be wrong.
 //
 // After a restart the position is propagated with its velocity v for its age t, and σ grows with an unobserved turn
-// (kRestartTurn_m_s2), the error of v, and the distance until the first frame. Where σ + v t with the position as it was
+// (kRestartTurn_mps2), the error of v, and the distance until the first frame. Where σ + v t with the position as it was
 // is smaller, that is used instead:
 //   σ₁ = σ₀ + hypot(a t²/2, σ_v t, v t_f)        σ₂ = σ₀ + max(v, v_min) t
 //
@@ -27,8 +27,8 @@
 namespace nadir {
 
 struct SavedVelocity {
-  double east_m_s = 0;
-  double north_m_s = 0;
+  double east_mps = 0;
+  double north_mps = 0;
 };
 
 struct SavedEstimate {
@@ -36,7 +36,7 @@ struct SavedEstimate {
   std::int64_t unix_us = 0;
   LonLat place;
   double sigma_m = 0;  // one axis
-  double ground_speed_m_s = 0;
+  double ground_speed_mps = 0;
   SourceLabel source = SourceLabel::no_fix;
   int segment = 0;
   std::optional<SavedVelocity> velocity{};  // nullopt: only the speed is known
@@ -95,7 +95,7 @@ class StateDirectory {
 struct RestartPosition {
   LonLat place;
   double sigma_m = 0;    // one axis, with its growth; beyond kNoFixSigma_m a prior for the search, not a fix
-  double speed_m_s = 0;  // by which σ keeps growing
+  double speed_mps = 0;  // by which σ keeps growing
   double age_s = 0;
   int segment = 0;
 };

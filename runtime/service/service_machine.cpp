@@ -166,7 +166,7 @@ void ServiceMachine::on(const LocalizedFrame& frame) {
   source_ = estimate.source;
   has_position_ = source_ != SourceLabel::no_fix && std::isfinite(estimate.sigma_m) && estimate.sigma_m >= 0;
   sigma_m_ = has_position_ ? estimate.sigma_m : kNoFixAccuracy_m;
-  growth_m_per_s_ = kBlindGrowth_m_per_s;
+  growth_mps_ = kBlindGrowth_mps;
 
   if (!has_position_) anchored_ = false;
   const bool visual = has_position_ && is_visual(source_);
@@ -185,8 +185,8 @@ void ServiceMachine::on(const EstimateRestored& restored) {
   restored_ = has_position_ = std::isfinite(restored.sigma_m) && restored.sigma_m >= 0;
   source_ = restored_ ? SourceLabel::dead_reckoned : SourceLabel::no_fix;
   sigma_m_ = restored_ ? restored.sigma_m : kNoFixAccuracy_m;
-  growth_m_per_s_ =
-      std::isfinite(restored.speed_m_s) ? std::max(restored.speed_m_s, kBlindGrowth_m_per_s) : kNoFixSigma_m;
+  growth_mps_ =
+      std::isfinite(restored.speed_mps) ? std::max(restored.speed_mps, kBlindGrowth_mps) : kNoFixSigma_m;
   estimate_s_ = now_s_;
 }
 
@@ -199,7 +199,7 @@ void ServiceMachine::on(const GpsAssessment& gps) {
 }
 
 double ServiceMachine::sigma_now_m() const {
-  return estimate_s_ ? sigma_m_ + growth_m_per_s_ * (now_s_ - *estimate_s_) : kNoFixAccuracy_m;
+  return estimate_s_ ? sigma_m_ + growth_mps_ * (now_s_ - *estimate_s_) : kNoFixAccuracy_m;
 }
 
 ServiceStatus ServiceMachine::status() const {

@@ -136,7 +136,7 @@ class ServiceMachine {
   bool anchored_ = false;       // since the position was lost
   bool ever_anchored_ = false;  // so that the next anchor is a return
   double sigma_m_ = 0;
-  double growth_m_per_s_ = 0;  // of σ while blind
+  double growth_mps_ = 0;  // of σ while blind
   double sent_sigma_m_ = 0;    // never shrinks while blind
 
   GpsVerdict gps_ = GpsVerdict::unknown;

@@ -12,7 +12,7 @@ inline constexpr double kMissedFrames = 1.2;         // the same for slow camera
 inline constexpr double kLatestInIntervals = 2;      // however irregular, in median intervals
 inline constexpr double kEstimateOverdue_s = 1.0;    // frames arrive, but no estimates
 inline constexpr double kBlindNoFix_s = 30;          // blind for longer: no fix
-inline constexpr double kBlindGrowth_m_per_s = 5.0;  // of σ while blind, between estimates; the filter's own growth is
+inline constexpr double kBlindGrowth_mps = 5.0;  // of σ while blind, between estimates; the filter's own growth is
                                                      // smaller for the first 33 s (1.5 m/s per root second)
 
 // ---- required accuracy, one axis [design]
@@ -37,9 +37,9 @@ inline constexpr double kGpsSilent_s = 1.5;          // no message [design]
 inline constexpr double kGpsNoFix_s = 0.5;           // messages without a 3-D fix [design]
 inline constexpr double kEkfAlarm_s = 1.0;           // duration of an alarm of the autopilot's filter [design]
 inline constexpr double kOurFixInUse_s = 15;         // its alarms may be about our fix for so long after one [loop]
-inline constexpr double kMaxGroundSpeed_m_s = 100;   // with the wind [aircraft]
+inline constexpr double kMaxGroundSpeed_mps = 100;   // with the wind [aircraft]
 inline constexpr double kStepMargin_m = 30;          // beyond what speed and accuracies explain [design]
-inline constexpr double kMaxAcceleration_m_s2 = 15;  // between two fixes [aircraft]
+inline constexpr double kMaxAcceleration_mps2 = 15;  // between two fixes [aircraft]
 inline constexpr double kMaxGpsSigma_m = 10;         // a spoofer may claim any accuracy; larger values are capped [design]
 inline constexpr double kDefaultGpsSigma_m = 3;      // of a receiver that reports none [design]
 inline constexpr double kDisagreementSigmas = 4;     // [design]
@@ -57,9 +57,9 @@ inline constexpr double kGpsHintRadius_m = 150;  // of the search that a trusted
 // ---- restart in flight (saved_flight.hpp)
 inline constexpr double kMaxRestartAge_s = 1800;           // older: another flight [design]
 inline constexpr double kRebootAllowance_s = 60;           // of unobserved time [design]
-inline constexpr double kMinRestartSpeed_m_s = 15;         // in flight, whatever was measured last [aircraft]
-inline constexpr double kRestartTurn_m_s2 = 2.5;           // one sigma of an unobserved turn [aircraft]
-inline constexpr double kRestartVelocitySigma_m_s = 1;     // [design]
+inline constexpr double kMinRestartSpeed_mps = 15;         // in flight, whatever was measured last [aircraft]
+inline constexpr double kRestartTurn_mps2 = 2.5;           // one sigma of an unobserved turn [aircraft]
+inline constexpr double kRestartVelocitySigma_mps = 1;     // [design]
 inline constexpr double kFirstFrameAfterRestart_s = 0.5;   // between the restart and the first frame [design]
 
 // ---- attitude of an autopilot that navigates by our fix, one sigma: the airframe file's figures were measured with GPS,

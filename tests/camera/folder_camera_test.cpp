@@ -13,9 +13,8 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "camera/whole_picture.hpp"
 #include "imagery/codecs.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -47,8 +46,8 @@ class FolderCameraTest : public testing::Test {
   // The name of the next picture, or what there is instead.
   std::string name(CameraSource& camera) {
     const CameraReading reading = next(camera);
-    if (reading.news == CameraNews::frame) return reading.frame.name;
-    return reading.news == CameraNews::nothing ? "nothing" : "trouble";
+    if (reading.news == CameraStatus::frame) return reading.frame.name;
+    return reading.news == CameraStatus::nothing ? "nothing" : "trouble";
   }
 
   test::TemporaryFolder folder_;
@@ -65,7 +64,7 @@ TEST_F(FolderCameraTest, GivesWholePicturesWithTheirTimes) {
     const std::string file = fmt::format("frame_{}.{}", shade, name_of(format));
     write(file, bytes);
     const CameraReading reading = next(camera);
-    ASSERT_EQ(reading.news, CameraNews::frame) << reading.detail;
+    ASSERT_EQ(reading.news, CameraStatus::frame) << reading.detail;
     EXPECT_EQ(reading.frame.name, file);
     EXPECT_EQ(reading.frame.bytes, bytes);
     EXPECT_EQ(reading.frame.time_s, clock_.monotonic_s());
@@ -98,7 +97,7 @@ TEST_F(FolderCameraTest, APictureThatWasClosedCutOffIsTroubleUntilItIsWhole) {
       const std::string file = fmt::format("{}.{}", size, name_of(format));
       ::close(begin(file, bytes, size));
       const CameraReading reading = next(camera);
-      EXPECT_EQ(reading.news, CameraNews::trouble) << file;
+      EXPECT_EQ(reading.news, CameraStatus::trouble) << file;
       EXPECT_NE(reading.detail.find(file), std::string::npos) << reading.detail;
       EXPECT_EQ(name(camera), "nothing") << "told once";
       const int fd = ::open((folder_ / file).c_str(), O_WRONLY | O_APPEND);
@@ -129,7 +128,7 @@ TEST_F(FolderCameraTest, TheSameNameWithAnotherPictureIsAnotherPicture) {
     const Bytes bytes = picture(20 + 40 * i);
     write("latest.jpg", bytes);
     const CameraReading reading = next(camera);
-    ASSERT_EQ(reading.news, CameraNews::frame) << i;
+    ASSERT_EQ(reading.news, CameraStatus::frame) << i;
     EXPECT_EQ(reading.frame.bytes, bytes);
   }
 }
@@ -233,11 +232,11 @@ TEST_F(FolderCameraTest, AFolderThatGoesAwayIsTroubleUntilItIsBack) {
 TEST_F(FolderCameraTest, StopEndsTheWaitAndAPictureToo) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
-  CameraNews news = CameraNews::frame;
+  CameraStatus news = CameraStatus::frame;
   std::jthread reader([&](const std::stop_token& stop) { news = camera.next(1h, stop).news; });
   reader.request_stop();
   reader.join();
-  EXPECT_EQ(news, CameraNews::nothing);
+  EXPECT_EQ(news, CameraStatus::nothing);
   EXPECT_EQ(name(camera), "nothing");
 
   std::string got;
@@ -252,9 +251,9 @@ TEST_F(FolderCameraTest, StopEndsTheWaitAndAPictureToo) {
 TEST(WholePicture, KnowsEveryTruncation) {
   for (const ImageFormat format : {ImageFormat::jpeg, ImageFormat::png, ImageFormat::webp}) {
     const Bytes bytes = picture(70, format);
-    ASSERT_TRUE(is_whole_picture(bytes));
+    ASSERT_TRUE(is_complete_image(bytes));
     for (std::size_t size = 0; size < bytes.size(); ++size) {
-      ASSERT_FALSE(is_whole_picture(ByteView(bytes).first(size))) << name_of(format) << " " << size;
+      ASSERT_FALSE(is_complete_image(ByteView(bytes).first(size))) << name_of(format) << " " << size;
     }
   }
 }
@@ -262,11 +261,11 @@ TEST(WholePicture, KnowsEveryTruncation) {
 TEST(WholePicture, PaddingAfterTheEndIsAllowedOtherThingsAreNot) {
   Bytes padded = picture(70);
   padded.resize(padded.size() + 4000, 0);
-  EXPECT_TRUE(is_whole_picture(padded));
+  EXPECT_TRUE(is_complete_image(padded));
   padded.back() = 7;
-  EXPECT_FALSE(is_whole_picture(padded));
-  EXPECT_FALSE(is_whole_picture(Bytes(1000, 0)));
-  EXPECT_FALSE(is_whole_picture({}));
+  EXPECT_FALSE(is_complete_image(padded));
+  EXPECT_FALSE(is_complete_image(Bytes(1000, 0)));
+  EXPECT_FALSE(is_complete_image({}));
 }
 
 }  // namespace

@@ -6,8 +6,8 @@
 #include <thread>
 
 #include "base/error.hpp"
-#include "camera/open_camera.hpp"
-#include "service/manual_clock.hpp"
+#include "camera/camera_source.hpp"
+#include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -28,7 +28,7 @@ TEST_F(PluginCameraTest, GivesPixelsWithTheTimeOfTheirArrival) {
   for (const char* name : {"000000", "000001"}) {
     clock_.advance(0.3);
     const CameraReading reading = live.next(0ms, {});
-    ASSERT_EQ(reading.news, CameraNews::frame);
+    ASSERT_EQ(reading.news, CameraStatus::frame);
     EXPECT_EQ(reading.frame.name, name);
     EXPECT_EQ(reading.frame.time_s, clock_.monotonic_s());
     EXPECT_EQ(reading.frame.bytes, Bytes(18, 7));
@@ -41,37 +41,37 @@ TEST_F(PluginCameraTest, GivesPixelsWithTheTimeOfTheirArrival) {
 TEST_F(PluginCameraTest, PlaysARecordingAtItsSpeed) {
   PluginCamera video = camera("video:recording");
   const double start_s = clock_.monotonic_s();
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::frame);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::nothing) << "its time has not come";
+  EXPECT_EQ(video.next(0ms, {}).news, CameraStatus::frame);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraStatus::nothing) << "its time has not come";
   clock_.advance(0.49);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::nothing);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraStatus::nothing);
   clock_.advance(0.02);
   const CameraReading second = video.next(0ms, {});
-  ASSERT_EQ(second.news, CameraNews::frame);
+  ASSERT_EQ(second.news, CameraStatus::frame);
   EXPECT_NEAR(second.frame.time_s - start_s, 0.51, 1e-9);
   clock_.advance(0.5);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::frame);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::ended);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraStatus::frame);
+  EXPECT_EQ(video.next(0ms, {}).news, CameraStatus::ended);
 }
 
 TEST_F(PluginCameraTest, StopEndsTheWaitForARecordedFrame) {
   PluginCamera video = camera("video:recording");
-  ASSERT_EQ(video.next(0ms, {}).news, CameraNews::frame);
-  CameraNews news = CameraNews::frame;
+  ASSERT_EQ(video.next(0ms, {}).news, CameraStatus::frame);
+  CameraStatus news = CameraStatus::frame;
   std::jthread reader([&](std::stop_token stop) { news = video.next(1h, stop).news; });
   reader.request_stop();
   reader.join();
-  EXPECT_EQ(news, CameraNews::nothing);
+  EXPECT_EQ(news, CameraStatus::nothing);
 }
 
 TEST_F(PluginCameraTest, ACameraThatDropsOutIsOpenedAgain) {
   PluginCamera drops = camera("rtsp:drops");
-  EXPECT_EQ(drops.next(0ms, {}).news, CameraNews::frame);
+  EXPECT_EQ(drops.next(0ms, {}).news, CameraStatus::frame);
   const CameraReading gone = drops.next(0ms, {});
-  EXPECT_EQ(gone.news, CameraNews::trouble);
+  EXPECT_EQ(gone.news, CameraStatus::trouble);
   EXPECT_EQ(gone.detail, "the network is gone");
   const CameraReading again = drops.next(0ms, {});
-  EXPECT_EQ(again.news, CameraNews::frame);
+  EXPECT_EQ(again.news, CameraStatus::frame);
   EXPECT_EQ(again.frame.name, "000001");
 }
 
@@ -79,7 +79,7 @@ TEST_F(PluginCameraTest, ACameraThatCannotBeOpenedIsTrouble) {
   PluginCamera none = camera("rtsp:nowhere");
   for (int i = 0; i < 2; ++i) {
     const CameraReading reading = none.next(0ms, {});
-    EXPECT_EQ(reading.news, CameraNews::trouble);
+    EXPECT_EQ(reading.news, CameraStatus::trouble);
     EXPECT_THAT(reading.detail, HasSubstr("no such camera"));
   }
 }
@@ -87,9 +87,9 @@ TEST_F(PluginCameraTest, ACameraThatCannotBeOpenedIsTrouble) {
 TEST_F(PluginCameraTest, FramesThatCannotBeAreNotRead) {
   for (const char* source : {"rtsp:lies", "rtsp:huge"}) {
     PluginCamera camera_of_lies = camera(source);
-    EXPECT_EQ(camera_of_lies.next(0ms, {}).news, CameraNews::trouble) << source;
+    EXPECT_EQ(camera_of_lies.next(0ms, {}).news, CameraStatus::trouble) << source;
   }
-  EXPECT_EQ(camera("rtsp:none").next(0ms, {}).news, CameraNews::nothing);
+  EXPECT_EQ(camera("rtsp:none").next(0ms, {}).news, CameraStatus::nothing);
 }
 
 TEST_F(PluginCameraTest, WhatIsNoPluginOfThisVersionIsRefused) {

@@ -16,7 +16,7 @@
 #include "cli/interrupt.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 #include "trust/airframe_signature.hpp"
 
 namespace nadir {

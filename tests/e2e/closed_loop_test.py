@@ -107,7 +107,7 @@ class Rules(unittest.TestCase):
                 ("σ while blind", {"rows": self.rows(sigma=lambda t: 9.0 if t < 85 else 8.0)}),
                 ("pictures again: flying by them", {"summary": without(rules.SEES_AGAIN)}),
                 ("GPS well again to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
-                ("a fix follows nobody", {"summary": self.flight(self.TOLD, error=280.0)}),
+                ("no fix follows spoofed GPS", {"summary": self.flight(self.TOLD, error=280.0)}),
                 ("our GPS in the autopilot's eyes", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
                 ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
                 ("pictures dropped", {"service": {"pictures": 100, "dropped": 11}})):
@@ -167,7 +167,7 @@ class Proofs(unittest.TestCase):
 
     def test_a_fix_that_a_backlog_leads_astray_is_found_out(self):
         look = next(proof.look for proof in proofs.PROOFS if proof.row == "camera_silent")
-        said = [(10.4, "camera", "the camera hands out pictures that it had held back; they are left out")]
+        said = [(10.4, "camera", "the camera delivers stale frames from its buffer; they are dropped")]
         row = lambda error: [{"time_s": "12", "given_fix_type": "3", "given_error_m": error, "given_accuracy_m": "4"}]
         self.assertAlmostEqual(0.4, look(self.seen(events=said, done={"backlog": 10.0}, rows=row("9"))))
         self.assertIsNone(look(self.seen(events=said, done={"backlog": 10.0}, rows=row("90"))))
@@ -228,7 +228,7 @@ class Judging(support.EndToEnd):
             self.assertIn(word, found[0])
 
     def test_reads_what_nadird_says_of_itself(self):
-        log = ("710 pictures, 3 dropped; picture to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest pause 320 ms\n")
+        log = "710 frames, 3 dropped; frame to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest gap 320 ms\n"
         service = run_summary("something else\n" + log)
         self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("pictures", "dropped", "p95_ms",
                                                                                "longest_pause_ms")))

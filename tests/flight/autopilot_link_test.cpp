@@ -61,7 +61,7 @@ class AutopilotLinkTest : public ::testing::Test {
     link_->observe({.time_us = static_cast<std::int64_t>(clock_.monotonic_s() * 1e6),
                     .place = place,
                     .sigma_m = sigma_m,
-                    .speed_sigma_m_s = 0.1,
+                    .speed_sigma_mps = 0.1,
                     .msl_m = 600,
                     .vertical_sigma_m = 3},
                    clock_.monotonic_s());

@@ -10,7 +10,7 @@
 #include <deque>
 
 #include "imagery/codecs.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 
 namespace nadir {
 namespace {
@@ -39,9 +39,9 @@ class ScriptedCamera final : public CameraSource {
 };
 
 CameraReading picture(const std::string& name, double time_s, Bytes bytes) {
-  return {CameraNews::frame, {name, time_s, std::move(bytes), std::nullopt}, {}};
+  return {CameraStatus::frame, {name, time_s, std::move(bytes), std::nullopt}, {}};
 }
-CameraReading trouble(const std::string& text) { return {CameraNews::trouble, {}, text}; }
+CameraReading trouble(const std::string& text) { return {CameraStatus::trouble, {}, text}; }
 
 class CameraFeedTest : public ::testing::Test {
  protected:
@@ -61,7 +61,7 @@ class CameraFeedTest : public ::testing::Test {
 
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
-  LatestMailbox<FlightPicture> pictures_{8};
+  LatestMailbox<CapturedFrame> pictures_{8};
   std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<std::string> told_;

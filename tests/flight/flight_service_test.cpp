@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "flight/leaning_attitude.hpp"
+#include "service/service_rules.hpp"
 #include "flight/link_peer.hpp"
 #include "recorder/recording.hpp"
 #include "support/temporary_folder.hpp"
@@ -29,7 +29,7 @@ class RefusedFlight : public ::testing::Test {
     options.airframe.camera.uncertainty.tilt_rad = 0.01;
     Findings findings;
     findings.add({.code = "signature.invalid", .where = "manifest.sig"});
-    service_ = std::make_unique<FlightService>(options, JudgedPackage{nullptr, findings}, clock_, stop_);
+    service_ = std::make_unique<FlightService>(options, VerifiedPackage{nullptr, findings}, clock_, stop_);
     running_ = std::jthread([this] { service_->run(); });
     peer_.listen_until([&] { return heartbeats() >= 2; });
   }
@@ -102,7 +102,7 @@ TEST_F(RefusedFlight, NoAttitudeIsTakenForBetterThanOneThatLeansOnOurFix) {
   });
   ASSERT_TRUE(flown);
   EXPECT_DOUBLE_EQ(flown->heading_rad, 0.2);
-  EXPECT_DOUBLE_EQ(flown->tilt_rad, kLeaningTilt_rad);
+  EXPECT_DOUBLE_EQ(flown->tilt_rad, kFixAidedTilt_rad);
 }
 
 }  // namespace

@@ -10,7 +10,7 @@
 
 #include "base/error.hpp"
 #include "estimation/localizer_fixture.hpp"
-#include "flight/localizing.hpp"
+#include "flight/localization_thread.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
 #include "recorder/recorder.hpp"
@@ -76,7 +76,7 @@ class LocalizingReplay : public ::testing::Test {
   LocalizingReplay() : recorder_(recorder_options(), session(), [] { return std::uint64_t{1}; }) {}
 
   // A start that claims 5 m and is 190 m off: without the hint the localizer stays there.
-  static LocalizingSetup setup(const TileSource& tiles) {
+  static LocalizationSetup setup(const TileSource& tiles) {
     LocalizerConfig stubborn = config();
     stubborn.area = PlaneBox{-130, -130, 130, 130};
     stubborn.start_sigma_m = 5;
@@ -93,7 +93,7 @@ class LocalizingReplay : public ::testing::Test {
   }
 
   static SessionRecord session() {
-    const LocalizingSetup flown = setup(landscape_tiles());
+    const LocalizationSetup flown = setup(landscape_tiles());
     SessionRecord session;
     session.id = "test";
     session.camera = flown.camera;
@@ -155,7 +155,7 @@ class LocalizingReplay : public ::testing::Test {
   const TemporaryFolder folder_;
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
-  LatestMailbox<FlightPicture> pictures_;
+  LatestMailbox<CapturedFrame> pictures_;
   Heard heard_;
   int flown_ = 0;
   AnchorVerdict last_verdict_ = AnchorVerdict::not_tried;
@@ -227,7 +227,7 @@ TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
   }
   const RecordedFlight flight = recorded();
   const Telemetry& after = flight.flight.frames[2];
-  EXPECT_EQ(after.way.size(), kGap_s / kLongestStretch_s - 1);
+  EXPECT_EQ(after.way.size(), kGap_s / kMaxTelemetryInterval_s - 1);
   EXPECT_TRUE(after.way.front().heading_rad && after.way.front().imu_dv_mps);
   const Reproduction same = replay(flight);
   EXPECT_GE(same.compared, 5U);
@@ -242,7 +242,7 @@ TEST_F(LocalizingReplay, WhoWasSaidToBeHereAndHasNoHeightStands) {
   {
     GatedTiles tiles;
     tiles.open();
-    LocalizingSetup nowhere = setup(tiles);
+    LocalizationSetup nowhere = setup(tiles);
     nowhere.start.reset();
     nowhere.config.surface = &ground;
     LocalizationThread localizing(nowhere, pictures_, watch_, listener());
@@ -306,7 +306,7 @@ TEST_F(LocalizingReplay, ALookThatFailedIsNotMadeUpFor) {
   const std::vector<Moment> moments = flight(3);
   {
     GatedTiles tiles;
-    LocalizingSetup sound = setup(tiles);
+    LocalizationSetup sound = setup(tiles);
     LocalizationThread localizing(sound, pictures_, watch_, listener());
     fly(localizing, moments[0]);
     tiles.open(true);

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "estimation/localizer_fixture.hpp"
-#include "flight/localizing.hpp"
+#include "flight/localization_thread.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 
@@ -57,7 +57,7 @@ class EndlessTiles final : public TileSource {
 // A search of all the area for one picture, held in the middle of its first window.
 class LongSearch : public ::testing::Test {
  protected:
-  static LocalizingSetup setup(const TileSource& tiles) {
+  static LocalizationSetup setup(const TileSource& tiles) {
     LocalizerConfig lost = config();
     lost.area = kWide;
     return {flight_camera(), {}, LocalFrame(kOrigin), &tiles, std::nullopt, lost, 0};
@@ -99,7 +99,7 @@ class LongSearch : public ::testing::Test {
 
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
-  LatestMailbox<FlightPicture> pictures_;
+  LatestMailbox<CapturedFrame> pictures_;
   EndlessTiles tiles_;
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -1,4 +1,4 @@
-#include "flight/operator_texts.hpp"
+#include "flight/flight_journal.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -139,13 +139,13 @@ TEST(TelemetryBuffer, OfAWayLongForgottenItsLengthIsTold) {
   buffer.at(0);
   for (double t = 1; t <= 600; t += 0.1) buffer.hear(t, attitude(0, 0, 90));
   const Telemetry told = buffer.at(600);
-  ASSERT_EQ(told.way.size(), kTelemetryKept_s / kLongestStretch_s);
+  ASSERT_EQ(told.way.size(), kTelemetryKept_s / kMaxTelemetryInterval_s);
   EXPECT_NEAR(told.way.front().seconds, 600 - kTelemetryKept_s, 1e-6);
   EXPECT_FALSE(told.way.front().imu_dv_mps);
   double sum_s = 0;
   for (const TelemetryInterval& stretch : told.way) sum_s += stretch.seconds;
   EXPECT_LT(sum_s, 600);
-  EXPECT_GT(sum_s, 600 - 1.001 * kLongestStretch_s);
+  EXPECT_GT(sum_s, 600 - 1.001 * kMaxTelemetryInterval_s);
 }
 
 TEST(TelemetryBuffer, NonsenseIsLeftOut) {

@@ -13,7 +13,7 @@
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 #include "ortho/candidate_reader.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/synthetic_ground.hpp"
 

@@ -41,8 +41,8 @@ TEST(ViewBuilder, ThePlaceComesWithItsUncertaintyAndGoesWithTheFix) {
   EXPECT_EQ(view.position->place, (LonLat{8.5, 47.4}));
   EXPECT_EQ(view.position->sigma_m, 4);
   ASSERT_TRUE(view.velocity);
-  EXPECT_EQ(view.velocity->east_m_s, 3);
-  EXPECT_EQ(view.velocity->north_m_s, -4);
+  EXPECT_EQ(view.velocity->east_mps, 3);
+  EXPECT_EQ(view.velocity->north_mps, -4);
   EXPECT_EQ(view.track.size(), 1U);
   LocalizerEvent lost = spoke(11, AnchorVerdict::not_tried);
   lost.estimate.position.reset();
@@ -69,7 +69,7 @@ TEST(ViewBuilder, WhileBlindTheFixThatIsToldIsShownAndWithoutOneNothing) {
   EXPECT_EQ(view.position->place, (LonLat{8.6, 47.5}));
   EXPECT_EQ(view.position->sigma_m, 30);
   EXPECT_EQ(view.position->east_var_m2, 900);
-  EXPECT_EQ(view.velocity->east_m_s, 2);
+  EXPECT_EQ(view.velocity->east_mps, 2);
   EXPECT_EQ(view.source, SourceLabel::dead_reckoned);
   EXPECT_FALSE(view.heading_rad) << "the last picture's is old";
   EXPECT_EQ(view.track.size(), 2U);
@@ -155,7 +155,7 @@ TEST(ViewBuilder, StateAndGpsGoThroughByTheirNames) {
                                        {GpsVerdict::denied, GpsJudgement::denied},
                                        {GpsVerdict::spoofed, GpsJudgement::spoofed},
                                        {GpsVerdict::unknown, GpsJudgement::unknown}}) {
-    GpsJudged judged;
+    GpsAssessment judged;
     judged.verdict = verdict;
     views.gps(judged);
     EXPECT_EQ(view_of(views).gps.judgement, shown);

@@ -4,7 +4,7 @@
 
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "mavlink/codec.hpp"
+#include "mavlink/messages.hpp"
 
 namespace nadir::fuzz {
 namespace {

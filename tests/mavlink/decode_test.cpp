@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "geodesy/angles.hpp"
-#include "mavlink/codec.hpp"
+#include "mavlink/messages.hpp"
 #include "mavlink/judge.hpp"
 
 namespace nadir {
@@ -68,18 +68,18 @@ TEST(Decode, GpsWithAllItsUnknowns) {
   EXPECT_EQ(m.receiver, 1);
   EXPECT_EQ(m.fix, GpsFix::three_d);
   EXPECT_DOUBLE_EQ(*m.hdop, 1.21);
-  EXPECT_DOUBLE_EQ(*m.ground_speed_m_s, 25.0);
+  EXPECT_DOUBLE_EQ(*m.ground_speed_mps, 25.0);
   EXPECT_NEAR(*m.course_rad, kPi / 2, 1e-12);
   EXPECT_EQ(m.satellites, 10);
   EXPECT_DOUBLE_EQ(*m.horizontal_accuracy_m, 0.9);
-  EXPECT_DOUBLE_EQ(*m.speed_accuracy_m_s, 0.3);
+  EXPECT_DOUBLE_EQ(*m.speed_accuracy_mps, 0.3);
   EXPECT_NEAR(*m.yaw_rad, 2 * kPi, 1e-12);
 
   const auto blind = as<GpsRaw>(
       R"({"message":"GPS2_RAW","eph":65535,"epv":65535,"vel":65535,"cog":65535,"satellites_visible":255,"yaw":65535})");
   EXPECT_EQ(blind.receiver, 2);
   EXPECT_EQ(blind.fix, GpsFix::no_gps);
-  EXPECT_FALSE(blind.hdop || blind.vdop || blind.ground_speed_m_s || blind.course_rad || blind.satellites ||
+  EXPECT_FALSE(blind.hdop || blind.vdop || blind.ground_speed_mps || blind.course_rad || blind.satellites ||
                blind.yaw_rad || blind.horizontal_accuracy_m);
 }
 
@@ -92,8 +92,8 @@ TEST(Decode, FirstVersion) {
 TEST(Decode, ImuInStandardUnits) {
   const auto m = as<ImuSample>(R"({"message":"RAW_IMU","time_usec":9,"xacc":1000,"zacc":-1000,"xgyro":500,"id":1})");
   EXPECT_EQ(m.instance, 2);
-  EXPECT_NEAR(m.acceleration_m_s2.x, 9.80665, 1e-12);
-  EXPECT_NEAR(m.acceleration_m_s2.z, -9.80665, 1e-12);
+  EXPECT_NEAR(m.acceleration_mps2.x, 9.80665, 1e-12);
+  EXPECT_NEAR(m.acceleration_mps2.z, -9.80665, 1e-12);
   EXPECT_NEAR(m.rate_rad_s.x, 0.5, 1e-12);
   EXPECT_EQ(as<ImuSample>(R"({"message":"SCALED_IMU2","time_boot_ms":9})").time_us, 9000U);
   EXPECT_EQ(as<ImuSample>(R"({"message":"SCALED_IMU3"})").instance, 3);
@@ -122,7 +122,7 @@ TEST(Decode, SimulatorsTruthPrefersWholeNumbers) {
   const auto m = as<SimState>(
       R"({"message":"SIM_STATE","lat":47.5,"lon":8.25,"lat_int":471234567,"lon_int":81234567,"alt":500,"ve":20})");
   EXPECT_DOUBLE_EQ(m.place.lat_deg, 47.1234567);
-  EXPECT_DOUBLE_EQ(m.velocity.east_m_s, 20);
+  EXPECT_DOUBLE_EQ(m.velocity.east_mps, 20);
   EXPECT_DOUBLE_EQ(as<SimState>(R"({"message":"SIM_STATE","lat":47.5,"lon":8.25})").place.lon_deg, 8.25);
 }
 

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "geodesy/angles.hpp"
-#include "mavlink/codec.hpp"
+#include "mavlink/messages.hpp"
 #include "mavlink/commands.hpp"
 #include "mavlink/judge.hpp"
 
@@ -77,7 +77,7 @@ TEST(Encode, GpsInputFieldByField) {
                                   .velocity = GpsVelocity{20.5, -3.25, 0.5},
                                   .horizontal_accuracy_m = 4.5,
                                   .vertical_accuracy_m = 6.5,
-                                  .speed_accuracy_m_s = 0.5,
+                                  .speed_accuracy_mps = 0.5,
                                   .satellites = 10,
                                   .yaw_rad = radians(271.5)}})
                        .at(0);

@@ -1,4 +1,4 @@
-#include "mavlink/endpoint.hpp"
+#include "mavlink/transport.hpp"
 
 #include <gtest/gtest.h>
 

@@ -21,15 +21,15 @@ class Prediction : public ::testing::Test {
     return {.time_us = std::llround(time_s * 1e6),
             .place = frame_.lonlat_from_enu(20 * time_s, north_error_m),
             .sigma_m = sigma_m,
-            .east_m_s = 20,
-            .speed_sigma_m_s = 0.5};
+            .east_mps = 20,
+            .speed_sigma_mps = 0.5};
   }
   Enu enu(const PredictedFix& predicted) const { return frame_.enu_from_lonlat(predicted.fix->place); }
   // Level flight straight on, or pushed to the left, until then.
   void feel(double until_s) {
     for (; felt_s_ < until_s; felt_s_ += 0.05) {
       predictor_.hear(std::llround(felt_s_ * 1e6), AircraftAttitude{.yaw_rad = std::numbers::pi / 2});
-      predictor_.hear(std::llround(felt_s_ * 1e6), ImuSample{.acceleration_m_s2 = {0, -left_m_s2_, -9.8}});
+      predictor_.hear(std::llround(felt_s_ * 1e6), ImuSample{.acceleration_mps2 = {0, -left_m_s2_, -9.8}});
     }
   }
   PredictedFix at(double time_s) {
@@ -90,7 +90,7 @@ TEST_F(Prediction, AMomentMayBeThoughtOver) {
 TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
   VisionEstimate estimate = on_track(1);
   estimate.msl_m = 600;
-  estimate.down_m_s = -2;
+  estimate.down_mps = -2;
   ASSERT_TRUE(predictor_.observe(estimate, kSecond + 80'000));
   double sigma_m = 0;
   for (double time_s = 1.1; time_s < 5; time_s += 0.1) {
@@ -99,8 +99,8 @@ TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
     EXPECT_NEAR(enu(predicted).east_m, 20 * time_s, 1e-3);
     EXPECT_NEAR(enu(predicted).north_m, 0, 1e-3);
     EXPECT_NEAR(*predicted.fix->msl_m, 600 + 2 * (time_s - 1), 1e-9);
-    EXPECT_EQ(predicted.fix->velocity->east_m_s, 20);
-    EXPECT_EQ(predicted.fix->velocity->down_m_s, -2);
+    EXPECT_EQ(predicted.fix->velocity->east_mps, 20);
+    EXPECT_EQ(predicted.fix->velocity->down_mps, -2);
     EXPECT_GT(predicted.fix->sigma_m, sigma_m);
     sigma_m = predicted.fix->sigma_m;
   }
@@ -112,7 +112,7 @@ TEST_F(Prediction, AVerticalVelocityThatNobodyKnowsIsNotSaidToBeNone) {
   ASSERT_TRUE(predictor_.observe(on_track(1), kSecond + 80'000));
   const PredictedFix predicted = at(1.2);
   ASSERT_TRUE(predicted.fix && predicted.fix->velocity);
-  EXPECT_FALSE(predicted.fix->velocity->down_m_s);
+  EXPECT_FALSE(predicted.fix->velocity->down_mps);
 }
 
 TEST_F(Prediction, InABlackoutTheFixTurnsWithTheAircraft) {
@@ -123,7 +123,7 @@ TEST_F(Prediction, InABlackoutTheFixTurnsWithTheAircraft) {
   ASSERT_TRUE(predicted.fix);
   EXPECT_NEAR(enu(predicted).north_m, 0.5 * 3 * 5 * 5, 1);
   EXPECT_NEAR(enu(predicted).east_m, 20 * 6, 1);
-  EXPECT_NEAR(predicted.fix->velocity->north_m_s, 15, 0.2);
+  EXPECT_NEAR(predicted.fix->velocity->north_mps, 15, 0.2);
 }
 
 TEST_F(Prediction, WhoFeelsNothingAllowsForATurn) {
@@ -132,7 +132,7 @@ TEST_F(Prediction, WhoFeelsNothingAllowsForATurn) {
   at(1.1);
   const Fix fix = *at(5).fix;
   EXPECT_NEAR(fix.sigma_m, std::hypot(std::hypot(3, 0.5 * 4), 0.25 * 4 * 4, 0.5 * 2.5 * 4 * 4), 0.01);
-  EXPECT_NEAR(*fix.speed_sigma_m_s, std::hypot(0.5, 0.5 * 4, 2.5 * 4), 0.01);
+  EXPECT_NEAR(*fix.speed_sigma_mps, std::hypot(0.5, 0.5 * 4, 2.5 * 4), 0.01);
   EXPECT_FALSE(at(25).fix) << "five hundred metres are none";
 }
 
@@ -232,8 +232,8 @@ TEST_F(Prediction, WhatIsOldOrFromTheFutureOrNoNumberChangesNothing) {
     if (i == 0) estimate.sigma_m = std::nan("");
     if (i == 1) estimate.sigma_m = -1;
     if (i == 2) estimate.place.lat_deg = std::nan("");
-    if (i == 3) estimate.east_m_s = INFINITY;
-    if (i == 4) estimate.speed_sigma_m_s = std::nan("");
+    if (i == 3) estimate.east_mps = INFINITY;
+    if (i == 4) estimate.speed_sigma_mps = std::nan("");
     if (i == 5) estimate.place.lon_deg = 200;
     EXPECT_FALSE(predictor_.observe(estimate, 3 * kSecond)) << i;
   }

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "base/random.hpp"
-#include "mavlink/codec.hpp"
+#include "mavlink/messages.hpp"
 #include "mavlink/judge.hpp"
 
 namespace nadir {

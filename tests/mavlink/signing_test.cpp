@@ -6,7 +6,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/sha256.hpp"
-#include "mavlink/codec.hpp"
+#include "mavlink/messages.hpp"
 #include "mavlink/judge.hpp"
 #include "support/temporary_folder.hpp"
 

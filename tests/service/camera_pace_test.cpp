@@ -1,7 +1,7 @@
 // The camera's own rhythm and the state machine that goes by it: cameras of all speeds, uneven ones and bursts, each
 // flown for minutes with a clock that the test moves. The figures are the design's: a blackout is told after 400 ms or
 // when one picture is missing.
-#include "service/camera_pace.hpp"
+#include "service/service_machine.hpp"
 
 #include <gtest/gtest.h>
 
@@ -20,19 +20,19 @@ using test::MachineDriver;
 using Why = ServiceReason;
 
 double limit_after(double interval_s, int pictures) {
-  CameraPace pace(1.0 / 3);
+  FrameIntervalMonitor pace(1.0 / 3);
   for (int i = 0; i < pictures; ++i) pace.picture(50 + i * interval_s);
   return pace.silence_limit_s();
 }
 
-TEST(CameraPace, IsTheFirstGuessUntilThreeIntervalsAreKnown) {
-  EXPECT_DOUBLE_EQ(CameraPace(1.0 / 3).silence_limit_s(), 0.4);
-  EXPECT_DOUBLE_EQ(CameraPace(2).silence_limit_s(), 2.4);
+TEST(FrameIntervalMonitor, IsTheFirstGuessUntilThreeIntervalsAreKnown) {
+  EXPECT_DOUBLE_EQ(FrameIntervalMonitor(1.0 / 3).silence_limit_s(), 0.4);
+  EXPECT_DOUBLE_EQ(FrameIntervalMonitor(2).silence_limit_s(), 2.4);
   EXPECT_DOUBLE_EQ(limit_after(1, 3), 0.4);
   EXPECT_DOUBLE_EQ(limit_after(1, 4), 1.2);
 }
 
-TEST(CameraPace, IsOfTheCameraThatIsThere) {
+TEST(FrameIntervalMonitor, IsOfTheCameraThatIsThere) {
   EXPECT_NEAR(limit_after(0.02, 200), 0.4, 1e-9);
   EXPECT_NEAR(limit_after(0.1, 50), 0.4, 1e-9);
   EXPECT_NEAR(limit_after(1.0 / 3, 50), 0.4, 1e-9);
@@ -41,8 +41,8 @@ TEST(CameraPace, IsOfTheCameraThatIsThere) {
   EXPECT_NEAR(limit_after(100, 50), 3, 1e-9) << "what is slower is no camera";
 }
 
-TEST(CameraPace, AGapIsNotTheCamerasInterval) {
-  CameraPace pace(1.0 / 3);
+TEST(FrameIntervalMonitor, AGapIsNotTheCamerasInterval) {
+  FrameIntervalMonitor pace(1.0 / 3);
   double now_s = 0;
   for (int i = 0; i < 100; ++i) {
     now_s += i % 4 == 3 ? 5.0 : 1.0 / 3;  // every fourth picture comes after a blackout
@@ -51,8 +51,8 @@ TEST(CameraPace, AGapIsNotTheCamerasInterval) {
   EXPECT_LE(pace.silence_limit_s(), 2.0 / 3 + 1e-9);
 }
 
-TEST(CameraPace, TimesThatAreNoneOrRunBackwardsAreLeftOut) {
-  CameraPace pace(1.0 / 3);
+TEST(FrameIntervalMonitor, TimesThatAreNoneOrRunBackwardsAreLeftOut) {
+  FrameIntervalMonitor pace(1.0 / 3);
   for (int i = 0; i < 20; ++i) {
     pace.picture(i);
     pace.picture(std::nan(""));

@@ -4,8 +4,7 @@
 
 #include <thread>
 
-#include "service/cadence.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 
 namespace nadir {
 namespace {

@@ -44,11 +44,11 @@ TEST(FailsafeAndLead, FailsafeReturnsAfterTwoSteadySeconds) {
 TEST(FailsafeAndLead, WhileGpsIsTrustedThereIsAPosition) {
   MachineDriver flight;
   flight.boot_to_search();
-  flight.fact(GpsJudged{GpsVerdict::trusted});
+  flight.fact(GpsAssessment{GpsVerdict::trusted});
   flight.heard();
   flight.wait(20);
   EXPECT_EQ(flight.state(), relocalizing);
-  flight.fact(GpsJudged{GpsVerdict::denied, "the receiver has no fix"});
+  flight.fact(GpsAssessment{GpsVerdict::denied, "the receiver has no fix"});
   flight.wait(2.95);
   EXPECT_EQ(flight.state(), relocalizing);
   flight.wait(0.1);
@@ -63,14 +63,14 @@ TEST(FailsafeAndLead, FailsafeFromEveryStateBelowAFix) {
   EXPECT_EQ(booting.state(), failsafe);
 
   MachineDriver refused;
-  refused.fact(PackageJudged{false, "tiles.root"});
+  refused.fact(PackageVerified{false, "tiles.root"});
   refused.heard();
   refused.wait(3.1);
   EXPECT_EQ(refused.state(), failsafe);
   EXPECT_FALSE(refused.status().serves_fixes);
   refused.fly(5, satellite_anchored);
   EXPECT_EQ(refused.state(), failsafe) << "no package, no position of ours";
-  refused.fact(GpsJudged{GpsVerdict::trusted});
+  refused.fact(GpsAssessment{GpsVerdict::trusted});
   EXPECT_EQ(refused.state(), no_package);
 
   MachineDriver searching;
@@ -94,7 +94,7 @@ TEST(FailsafeAndLead, GpsAgainEndsFailsafeWithoutAPositionOfOurs) {
   flight.boot_to_normal();
   flight.wait(40);
   ASSERT_EQ(flight.state(), failsafe);
-  flight.fact(GpsJudged{GpsVerdict::trusted});
+  flight.fact(GpsAssessment{GpsVerdict::trusted});
   EXPECT_EQ(flight.state(), no_fix);
   EXPECT_FALSE(flight.status().fix);
 }
@@ -103,13 +103,13 @@ TEST(FailsafeAndLead, PromotesOurFixAtOnceWhenGpsFails) {
   for (const GpsVerdict verdict : {GpsVerdict::denied, GpsVerdict::spoofed}) {
     MachineDriver flight;
     flight.boot_to_normal();
-    flight.fact(GpsJudged{GpsVerdict::trusted});
+    flight.fact(GpsAssessment{GpsVerdict::trusted});
     EXPECT_EQ(flight.status().leader, PositionLeader::gps);
-    flight.fact(GpsJudged{verdict, "why"});
+    flight.fact(GpsAssessment{verdict, "why"});
     EXPECT_EQ(flight.status().leader, PositionLeader::vision);
     EXPECT_EQ(flight.events.back().reason, Why::vision_leads);
     EXPECT_EQ(flight.events.back().from, flight.events.back().to);
-    flight.fact(GpsJudged{GpsVerdict::trusted});
+    flight.fact(GpsAssessment{GpsVerdict::trusted});
     EXPECT_EQ(flight.status().leader, PositionLeader::gps);
     EXPECT_TRUE(flight.saw(Why::gps_leads));
   }
@@ -118,7 +118,7 @@ TEST(FailsafeAndLead, PromotesOurFixAtOnceWhenGpsFails) {
 TEST(FailsafeAndLead, PromotionWaitsForAPositionAndThenComesAtOnce) {
   MachineDriver flight;
   flight.boot_to_search();
-  flight.fact(GpsJudged{GpsVerdict::denied});
+  flight.fact(GpsAssessment{GpsVerdict::denied});
   EXPECT_EQ(flight.status().leader, PositionLeader::gps);
   flight.picture(satellite_anchored);
   EXPECT_EQ(flight.status().leader, PositionLeader::vision);
@@ -136,7 +136,7 @@ TEST(FailsafeAndLead, TellsALostLinkAfterFiveSecondsAndFliesOn) {
   EXPECT_FALSE(flight.status().link_up);
   EXPECT_EQ(flight.state(), normal);
   EXPECT_EQ(flight.count(Why::link_lost), 1);
-  flight.fact(AutopilotHeard{false, true});
+  flight.fact(AutopilotHeartbeat{false, true});
   EXPECT_FALSE(flight.status().link_up) << "a stranger is no autopilot";
   flight.heard();
   EXPECT_TRUE(flight.status().link_up);

@@ -24,7 +24,7 @@ class Flight {
     bool vision_speaks = true;
     bool glitch = false;
     bool ekf_knows = true;
-    std::optional<double> speed_m_s = 25;
+    std::optional<double> speed_mps = 25;
     std::optional<double> accuracy_m = 2;
     double vision_sigma_m = 8;
   };
@@ -35,7 +35,7 @@ class Flight {
     if (seen.vision_speaks)
       health.hear(VisionPosition{now_s - 0.1, at(east_m - 2.5, seen.vision_off_m), seen.vision_sigma_m});
     if (seen.gps_speaks) {
-      health.hear(GpsFix3d{now_s, seen.gps_fix, at(east_m, seen.gps_off_m), seen.speed_m_s, seen.accuracy_m});
+      health.hear(GpsFix3d{now_s, seen.gps_fix, at(east_m, seen.gps_off_m), seen.speed_mps, seen.accuracy_m});
     }
     health.hear(EkfReport{now_s, seen.ekf_knows, seen.glitch});
     return (judged = health.judge(now_s)).verdict;
@@ -48,7 +48,7 @@ class Flight {
 
   double now_s = 1000;
   GpsHealth health{now_s};
-  GpsJudged judged;
+  GpsAssessment judged;
 
  private:
   LonLat at(double east_m, double north_m) const { return frame_.lonlat_from_enu(east_m, north_m); }
@@ -156,8 +156,8 @@ TEST(GpsHealth, VaguePicturesAccuseNobody) {
 TEST(GpsHealth, ImpossibleSpeedIsSpoofing) {
   Flight flight;
   flight.fly(5, {});
-  EXPECT_EQ(flight.step({.speed_m_s = 99}), trusted);
-  EXPECT_EQ(flight.step({.speed_m_s = 101}), spoofed);
+  EXPECT_EQ(flight.step({.speed_mps = 99}), trusted);
+  EXPECT_EQ(flight.step({.speed_mps = 101}), spoofed);
 }
 
 TEST(GpsHealth, TheAutopilotsAlarmCountsAfterASecond) {
@@ -306,7 +306,7 @@ TEST(GpsHealth, NumbersThatAreNoneAreNoFix) {
     EXPECT_EQ(health.judge(1.2).verdict, denied);
   }
   Flight flight;
-  EXPECT_EQ(flight.fly(5, {.speed_m_s = NAN, .accuracy_m = NAN, .vision_sigma_m = NAN}), trusted);
+  EXPECT_EQ(flight.fly(5, {.speed_mps = NAN, .accuracy_m = NAN, .vision_sigma_m = NAN}), trusted);
 }
 
 TEST(GpsHealth, RepeatedAndLateMessagesChangeNothing) {

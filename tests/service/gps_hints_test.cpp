@@ -1,4 +1,4 @@
-#include "service/gps_hints.hpp"
+#include "service/gps_health.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "service/latency_histogram.hpp"
+#include "flight/autopilot_link.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "service/latest_mailbox.hpp"
+#include "service/mailbox.hpp"
 
 #include <gtest/gtest.h>
 

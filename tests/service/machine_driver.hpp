@@ -20,7 +20,7 @@ class MachineDriver {
 
   // One picture and at once its estimate.
   void picture(SourceLabel source, double sigma_m = 5) {
-    fact(FrameArrived{});
+    fact(FrameReceived{});
     fact(EstimateMade{source, sigma_m, false});
   }
 
@@ -47,30 +47,30 @@ class MachineDriver {
   }
 
   void boot_to_search() {
-    fact(PackageJudged{true});
-    fact(AutopilotHeard{true, false});
+    fact(PackageVerified{true});
+    fact(AutopilotHeartbeat{true, false});
   }
   void boot_to_normal() {
     boot_to_search();
     picture(SourceLabel::satellite_anchored);
   }
   // The autopilot goes on speaking through fly() and wait() only where a test says so.
-  void heard() { fact(AutopilotHeard{true, true}); }
+  void heard() { fact(AutopilotHeartbeat{true, true}); }
 
   ServiceState state() const { return machine_.status().state; }
   ServiceStatus status() const { return machine_.status(); }
   bool saw(ServiceReason reason) const { return count(reason) > 0; }
   int count(ServiceReason reason) const {
     int found = 0;
-    for (const ServiceEvent& event : events) found += event.reason == reason;
+    for (const StateTransition& event : events) found += event.reason == reason;
     return found;
   }
 
   double now_s = 1000;
-  std::vector<ServiceEvent> events;
+  std::vector<StateTransition> events;
 
  private:
-  void keep(const std::vector<ServiceEvent>& more) { events.insert(events.end(), more.begin(), more.end()); }
+  void keep(const std::vector<StateTransition>& more) { events.insert(events.end(), more.begin(), more.end()); }
 
   ServiceMachine machine_;
 };

@@ -1,13 +1,12 @@
-#include "service/restart.hpp"
+#include "service/saved_flight.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "geodesy/local_frame.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 #include "service/service_machine.hpp"
-#include "service/state_directory.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -22,7 +21,7 @@ SavedFlight saved_at(const FlightClock& clock) {
                                     .unix_us = clock.unix_us(),
                                     .place = {8.5, 47.3},
                                     .sigma_m = 10,
-                                    .ground_speed_m_s = 25,
+                                    .ground_speed_mps = 25,
                                     .source = SourceLabel::vo_extrapolated,
                                     .segment = 2},
           .hint = SavedHint{{8.4, 47.2}, 300}};
@@ -39,7 +38,7 @@ TEST(Restart, SigmaGrowsByAgeTimesSpeed) {
   EXPECT_EQ(restart.position->place, (LonLat{8.5, 47.3}));
   EXPECT_NEAR(restart.position->age_s, 4, 1e-9);
   EXPECT_NEAR(restart.position->sigma_m, 10 + 4 * 25, 1e-6);
-  EXPECT_EQ(restart.position->speed_m_s, 25);
+  EXPECT_EQ(restart.position->speed_mps, 25);
   EXPECT_EQ(restart.position->segment, 2);
   ASSERT_TRUE(restart.hint);
 }
@@ -54,7 +53,7 @@ TEST(Restart, ForSomeSecondsTheAircraftFlewOnAsItDid) {
   EXPECT_NEAR(way.east_m, 30, 1e-3);
   EXPECT_NEAR(way.north_m, -40, 1e-3);
   EXPECT_NEAR(soon.position->sigma_m, 10 + std::sqrt(5.0 * 5 + 2 * 2 + 12.5 * 12.5), 1e-6);
-  EXPECT_EQ(soon.position->speed_m_s, 25);
+  EXPECT_EQ(soon.position->speed_mps, 25);
   clock.advance(30);
   const Restart late = after(flight, clock);
   EXPECT_EQ(late.position->place, (LonLat{8.5, 47.3})) << "who knows where it turned";
@@ -64,7 +63,7 @@ TEST(Restart, ForSomeSecondsTheAircraftFlewOnAsItDid) {
 TEST(Restart, AnAircraftNeverStandsStill) {
   ManualClock clock;
   SavedFlight flight = saved_at(clock);
-  flight.estimate->ground_speed_m_s = 0;
+  flight.estimate->ground_speed_mps = 0;
   clock.advance(4);
   EXPECT_NEAR(after(flight, clock).position->sigma_m, 10 + 4 * 15, 1e-6);
 }
@@ -153,11 +152,11 @@ TEST(Restart, InFlightThereIsAPositionWithinFiveSeconds) {
   ServiceMachine machine(clock.monotonic_s());
   const Restart restart = restart_from(StateDirectory(folder.path()).load(), clock);
   ASSERT_TRUE(restart.position);
-  machine.update(clock.monotonic_s(), EstimateRestored{restart.position->sigma_m, restart.position->speed_m_s});
+  machine.update(clock.monotonic_s(), EstimateRestored{restart.position->sigma_m, restart.position->speed_mps});
   clock.advance(1.5);
-  machine.update(clock.monotonic_s(), PackageJudged{true});
+  machine.update(clock.monotonic_s(), PackageVerified{true});
   clock.advance(1);
-  machine.update(clock.monotonic_s(), AutopilotHeard{true, true});
+  machine.update(clock.monotonic_s(), AutopilotHeartbeat{true, true});
   EXPECT_TRUE(machine.status().fix);
   EXPECT_LE(clock.monotonic_s() - killed_s, 5);
   EXPECT_NEAR(machine.status().sigma_m, 10 + 4.5 * 25, 1e-6);

@@ -23,9 +23,9 @@ TEST(ServiceMachine, ComesUpStepByStep) {
   MachineDriver flight;
   EXPECT_EQ(flight.state(), boot);
   EXPECT_FALSE(flight.status().serves_fixes);
-  flight.fact(PackageJudged{true});
+  flight.fact(PackageVerified{true});
   EXPECT_EQ(flight.state(), awaiting_autopilot);
-  flight.fact(AutopilotHeard{true, false});
+  flight.fact(AutopilotHeartbeat{true, false});
   EXPECT_EQ(flight.state(), relocalizing);
   EXPECT_TRUE(flight.status().serves_fixes);
   EXPECT_FALSE(flight.status().fix);
@@ -44,9 +44,9 @@ TEST(ServiceMachine, ComesUpStepByStep) {
 TEST(ServiceMachine, OrderOfTheBootDoesNotMatter) {
   MachineDriver flight;
   flight.picture(satellite_anchored);
-  flight.fact(AutopilotHeard{true, false});
+  flight.fact(AutopilotHeartbeat{true, false});
   EXPECT_EQ(flight.state(), boot);
-  flight.fact(PackageJudged{true});
+  flight.fact(PackageVerified{true});
   EXPECT_EQ(flight.state(), relocalizing);
   flight.picture(vo_extrapolated);  // found before; the next good picture confirms it
   EXPECT_EQ(flight.state(), normal);
@@ -54,7 +54,7 @@ TEST(ServiceMachine, OrderOfTheBootDoesNotMatter) {
 
 TEST(ServiceMachine, ARefusedPackageServesAndTellsNoPosition) {
   MachineDriver flight;
-  flight.fact(PackageJudged{false, "manifest.signature: no key that we trust"});
+  flight.fact(PackageVerified{false, "manifest.signature: no key that we trust"});
   flight.heard();
   flight.fly(10, satellite_anchored);
   EXPECT_EQ(flight.count(Why::package_refused), 1);
@@ -66,12 +66,12 @@ TEST(ServiceMachine, ARefusedPackageServesAndTellsNoPosition) {
 
 TEST(ServiceMachine, AnUnsignedLinkIsNoLink) {
   MachineDriver flight;
-  flight.fact(PackageJudged{true});
-  for (int i = 0; i < 20; ++i) flight.fact(AutopilotHeard{false, true});
+  flight.fact(PackageVerified{true});
+  for (int i = 0; i < 20; ++i) flight.fact(AutopilotHeartbeat{false, true});
   flight.picture(satellite_anchored);
   EXPECT_EQ(flight.state(), awaiting_autopilot);
   EXPECT_EQ(flight.count(Why::link_unsigned), 1);
-  flight.fact(AutopilotHeard{true, true});
+  flight.fact(AutopilotHeartbeat{true, true});
   EXPECT_EQ(flight.state(), relocalizing);
 }
 
@@ -134,11 +134,11 @@ TEST(ServiceMachine, PicturesWithoutEstimatesAreDeadReckoningAfterASecond) {
   MachineDriver flight;
   flight.boot_to_normal();
   flight.now_s += 0.2;
-  flight.fact(FrameArrived{});
+  flight.fact(FrameReceived{});
   const double first_s = flight.now_s;
   while (flight.now_s + 0.2 < first_s + 1) {
     flight.now_s += 0.2;
-    flight.fact(FrameArrived{});
+    flight.fact(FrameReceived{});
   }
   flight.now_s = first_s + 0.999;
   flight.tick();
@@ -267,7 +267,7 @@ TEST(ServiceMachine, NumbersThatAreNoneAreNoPosition) {
 TEST(ServiceMachine, FromNoFixOnlyAnAnchorAndASteadySecondLeadBack) {
   MachineDriver flight;
   flight.boot_to_normal();
-  flight.fact(GpsJudged{GpsVerdict::trusted});  // or failsafe would come first
+  flight.fact(GpsAssessment{GpsVerdict::trusted});  // or failsafe would come first
   flight.picture(SourceLabel::no_fix);
   flight.fly(5);
   EXPECT_EQ(flight.state(), no_fix) << "odometry alone knows no place";
@@ -324,7 +324,7 @@ TEST(ServiceMachine, SameFactsSameEvents) {
     flight.picture(satellite_anchored);
     flight.fly(5);
     std::string told;
-    for (const ServiceEvent& event : flight.events) told += std::to_string(event.time_s) + event.text + "\n";
+    for (const StateTransition& event : flight.events) told += std::to_string(event.time_s) + event.text + "\n";
     return told;
   };
   EXPECT_EQ(fly(), fly());

@@ -1,4 +1,4 @@
-#include "service/service_manager.hpp"
+#include "service/watchdog.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

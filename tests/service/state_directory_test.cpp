@@ -1,4 +1,4 @@
-#include "service/state_directory.hpp"
+#include "service/saved_flight.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -25,7 +25,7 @@ SavedFlight some_flight() {
                                     .unix_us = 1'749'999'999'873'456,
                                     .place = {8.551234567890123, -47.376543210987654},
                                     .sigma_m = 6.25,
-                                    .ground_speed_m_s = 24.5,
+                                    .ground_speed_mps = 24.5,
                                     .source = SourceLabel::vo_extrapolated,
                                     .segment = 3,
                                     .velocity = SavedVelocity{-3.25, 24.1}},
@@ -43,13 +43,13 @@ void expect_same(const SavedFlight& a, const SavedFlight& b) {
     EXPECT_EQ(a.estimate->unix_us, b.estimate->unix_us);
     EXPECT_EQ(a.estimate->place, b.estimate->place) << "to the last bit";
     EXPECT_EQ(a.estimate->sigma_m, b.estimate->sigma_m);
-    EXPECT_EQ(a.estimate->ground_speed_m_s, b.estimate->ground_speed_m_s);
+    EXPECT_EQ(a.estimate->ground_speed_mps, b.estimate->ground_speed_mps);
     EXPECT_EQ(a.estimate->source, b.estimate->source);
     EXPECT_EQ(a.estimate->segment, b.estimate->segment);
     ASSERT_EQ(a.estimate->velocity.has_value(), b.estimate->velocity.has_value());
     if (a.estimate->velocity) {
-      EXPECT_EQ(a.estimate->velocity->east_m_s, b.estimate->velocity->east_m_s);
-      EXPECT_EQ(a.estimate->velocity->north_m_s, b.estimate->velocity->north_m_s);
+      EXPECT_EQ(a.estimate->velocity->east_mps, b.estimate->velocity->east_mps);
+      EXPECT_EQ(a.estimate->velocity->north_mps, b.estimate->velocity->north_mps);
     }
   }
   ASSERT_EQ(a.hint.has_value(), b.hint.has_value());

@@ -7,7 +7,7 @@
 #include <atomic>
 #include <thread>
 
-#include "service/latest_mailbox.hpp"
+#include "service/mailbox.hpp"
 
 namespace nadir {
 namespace {

@@ -6,9 +6,8 @@
 #include <thread>
 #include <vector>
 
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 #include "service/notify_socket.hpp"
-#include "service/thread_watch.hpp"
 
 namespace nadir {
 namespace {

@@ -91,7 +91,7 @@ def _follows(seen):
 def _left_out(seen):
     """… and no fix is led astray by it."""
     at = seen.done.get("backlog")
-    said = seen.event(at, "held back", "camera")
+    said = seen.event(at, "stale frames", "camera")
     rows = [] if at is None else seen.happened.between(at, at + 8)
     astray = [row for row in rows if int(row["given_fix_type"]) >= 3 and row["given_error_m"]
               and float(row["given_error_m"]) > max(20.0, 3 * float(row["given_accuracy_m"]))]
@@ -167,11 +167,11 @@ PROOFS = [
     Proof("back from `failsafe`", "failsafe", "an anchor, then 2 s", LONG_DARK_S,
           _steady_first(2, lambda seen: seen.act("camera-restore"), "Nadir: position found again")),
     Proof("anchored_again", "failsafe", "the same, in the events", LONG_DARK_S,
-          lambda seen: seen.event(seen.act("camera-restore"), "found on the map again")),
+          lambda seen: seen.event(seen.act("camera-restore"), "matched to the map again")),
     Proof("nothing from the autopilot for 5 s", "failsafe", "in the events, after the link was cut",
-          LINK_LOST_S + 1 + SETTLES_S, lambda seen: seen.event(seen.act("link-cut"), "nothing from the autopilot")),
+          LINK_LOST_S + 1 + SETTLES_S, lambda seen: seen.event(seen.act("link-cut"), "no messages from the autopilot")),
     Proof("link_lost", "failsafe", "not before 5 s", LINK_LOST_S + 1 + SETTLES_S, lambda seen: next(
-        (after for after in [seen.event(seen.act("link-cut"), "nothing from the autopilot")]
+        (after for after in [seen.event(seen.act("link-cut"), "no messages from the autopilot")]
          if after is not None and after >= LINK_LOST_S - 1.2), None)),
     Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link restored")),
     Proof("spoofed", "lies", "told after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
@@ -188,10 +188,10 @@ PROOFS = [
           _between("gps-recover", "Nadir: GPS trusted", "Nadir: failsafe over, GPS has a position")),
     Proof("restored", "restart", "told after the kill", 5, _after_hand("killed", "Nadir: restarted, dead reckoning")),
     Proof("package_verified", "restart", "verified anew, in the events", 5,
-          lambda seen: seen.event(seen.done.get("killed"), "the package is signed and whole")),
+          lambda seen: seen.event(seen.done.get("killed"), "the package is signed and complete")),
     Proof("back from `failsafe`", "first", "the first position waits for nothing", BACK_S, _first_waits_for_nothing),
     Proof("package_refused", "refused", "told, and no fix ever", 10, _told_nothing),
     Proof("link_unsigned", "stranger", "in the events", 10,
-          lambda seen: seen.event(0.0, "not signed by a key that we know")),
+          lambda seen: seen.event(0.0, "without a valid signature")),
 ]
 

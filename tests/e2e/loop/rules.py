@@ -129,7 +129,7 @@ def _recovered(flight, at):
 
 def _not_followed(flight):
     error = flight.summary["fix_error_m"]
-    return Rule("a fix follows nobody", f"{FOLLOWS_M} m off at most", "no fix" if error is None else f"{error['max']:.1f} m",
+    return Rule("no fix follows spoofed GPS", f"{FOLLOWS_M} m off at most", "no fix" if error is None else f"{error['max']:.1f} m",
                 error is not None and error["max"] <= FOLLOWS_M)
 
 

@@ -10,7 +10,7 @@ namespace {
 constexpr std::int64_t kTruthHolds_us = 2'000'000;  // for so long the autopilot's belief is not asked for
 constexpr double kMaxGap_s = 1;                     // between position and attitude
 
-Eigen::Vector3d enu(const NedVelocity& v) { return {v.east_m_s, v.north_m_s, -v.down_m_s}; }
+Eigen::Vector3d enu(const NedVelocity& v) { return {v.east_mps, v.north_mps, -v.down_mps}; }
 
 }  // namespace
 
@@ -36,7 +36,7 @@ LivePose PoseAssembler::pose_of(const SimState& state, std::int64_t monotonic_us
   pose.place = state.place;
   pose.height_m = state.msl_m;
   pose.attitude = {state.yaw_rad, state.pitch_rad, state.roll_rad};
-  pose.velocity_enu_m_s = enu(state.velocity);
+  pose.velocity_enu_mps = enu(state.velocity);
   return pose;
 }
 
@@ -48,8 +48,8 @@ std::optional<LivePose> PoseAssembler::pose_of(const AircraftAttitude& attitude,
   if (!(std::abs(gap_s) <= kMaxGap_s)) return {};
   LivePose pose;
   pose.unix_us = by_boot_ ? by_boot_->unix_us + (std::int64_t{attitude.boot_ms} * 1000 - by_boot_->from_us) : unix_us;
-  pose.velocity_enu_m_s = enu(position_->velocity);
-  const Eigen::Vector3d moved = pose.velocity_enu_m_s * gap_s;
+  pose.velocity_enu_mps = enu(position_->velocity);
+  const Eigen::Vector3d moved = pose.velocity_enu_mps * gap_s;
   pose.place = LocalFrame(position_->place).lonlat_from_enu(moved.x(), moved.y());
   pose.height_m = position_->msl_m + moved.z();
   pose.attitude = {attitude.yaw_rad, attitude.pitch_rad, attitude.roll_rad};
