@@ -14,7 +14,7 @@
 namespace nadir {
 namespace {
 
-class RefusedFlight : public ::testing::Test {
+class RejectedFlight : public ::testing::Test {
  protected:
   void begin(std::optional<std::filesystem::path> link_key) {
     FlightOptions options;
@@ -71,7 +71,7 @@ class RefusedFlight : public ::testing::Test {
   std::jthread running_;
 };
 
-TEST_F(RefusedFlight, AnAutopilotThatComesLateIsToldAllTheSame) {
+TEST_F(RejectedFlight, ALateAutopilotGetsTheTexts) {
   begin(std::nullopt);
   EXPECT_TRUE(texts().empty()) << "nobody was there to hear it";
   autopilot_beats();
@@ -80,7 +80,7 @@ TEST_F(RefusedFlight, AnAutopilotThatComesLateIsToldAllTheSame) {
   EXPECT_TRUE(peer_.fixes().empty());
 }
 
-TEST_F(RefusedFlight, AnAutopilotThatDoesNotSignIsToldSoAndNothingElse) {
+TEST_F(RejectedFlight, AnUnsignedAutopilotGetsThatTextOnly) {
   write_file_atomic(folder_ / "link.key", std::string(64, 'a'), 0600);
   begin(folder_ / "link.key");
   autopilot_beats();
@@ -93,7 +93,7 @@ TEST_F(RefusedFlight, AnAutopilotThatDoesNotSignIsToldSoAndNothingElse) {
 
 // What was measured of an attitude with GPS is not true of one that leans on our fix; what is claimed worse is
 // believed.
-TEST_F(RefusedFlight, NoAttitudeIsTakenForBetterThanOneThatLeansOnOurFix) {
+TEST_F(RejectedFlight, TheAttitudeUncertaintyIsAtLeastThatOfAFixAidedAttitude) {
   begin(std::nullopt);
   end();
   std::optional<TelemetryUncertainty> flown;

@@ -74,13 +74,13 @@ TEST(GpsInput, AGoodFixPassesTheAutopilotsChecks) {
   EXPECT_EQ(*input.yaw_rad, 0);
 }
 
-TEST(GpsInput, WhatIsUnknownStaysUnknown) {
+TEST(GpsInput, UnknownValuesStayUnknown) {
   const GpsInput input = gps_input({.unix_us = kUnixUs, .place = {8.5, 47.25}, .sigma_m = 4});
   EXPECT_EQ(input.fix, GpsFix::three_d);
   EXPECT_FALSE(input.msl_m || input.vertical_accuracy_m || input.velocity || input.speed_accuracy_mps || input.yaw_rad);
 }
 
-TEST(GpsInput, NoNumberThatIsNoneGetsThrough) {
+TEST(GpsInput, NonFiniteNumbersAreNeverSent) {
   const double none = std::nan("");
   Fix fix = good_fix();
   fix.msl_m = none;
@@ -92,7 +92,7 @@ TEST(GpsInput, NoNumberThatIsNoneGetsThrough) {
   EXPECT_FALSE(input.msl_m || input.vertical_accuracy_m || input.velocity || input.speed_accuracy_mps || input.yaw_rad);
 }
 
-TEST(GpsInput, NoFixWhereThereIsNone) {
+TEST(GpsInput, InvalidFixesBecomeNoFix) {
   for (int i = 0; i < 8; ++i) {
     Fix fix = good_fix();
     if (i == 0) fix.sigma_m = kMaxFixSigma_m + 0.001;

@@ -40,9 +40,9 @@ class Turn : public ::testing::Test {
       attitude.yaw_rad = yaw(time_s);
       attitude.roll_rad = std::atan(kSpeed_mps * kRate_rad_s / kGravity_mps2);
       attitude.pitch_rad = 0.04;
-      motion_.hear(time_s, attitude);
+      motion_.on_message(time_s, attitude);
       const double push = kSpeed_mps * kRate_rad_s;
-      motion_.hear(time_s, felt(attitude, -push * std::sin(yaw(time_s)), push * std::cos(yaw(time_s))));
+      motion_.on_message(time_s, felt(attitude, -push * std::sin(yaw(time_s)), push * std::cos(yaw(time_s))));
     }
   }
 
@@ -61,8 +61,8 @@ TEST_F(Turn, IsFollowedThroughABlackout) {
   const double east_m = radius_m * (std::cos(yaw(18)) - std::cos(yaw(30))) - kSpeed_mps * std::sin(yaw(18)) * 12;
   const double north_m = radius_m * (std::sin(yaw(30)) - std::sin(yaw(18))) - kSpeed_mps * std::cos(yaw(18)) * 12;
   EXPECT_GT(std::hypot(east_m, north_m), 100) << "the line would be far off";
-  EXPECT_NEAR(gain.way_m.east, east_m, 1.0);
-  EXPECT_NEAR(gain.way_m.north, north_m, 1.0);
+  EXPECT_NEAR(gain.displacement_m.east, east_m, 1.0);
+  EXPECT_NEAR(gain.displacement_m.north, north_m, 1.0);
   EXPECT_NEAR(gain.unknown_s, 0, 1e-9);
 }
 
@@ -90,31 +90,31 @@ TEST_F(Turn, NonsenseIsPassedOver) {
   const auto from = motion_.moment(0);
   const InertialMotion::Gain before = motion_.gain(from, 1);
   AircraftAttitude level;
-  motion_.hear(1.01, level);
+  motion_.on_message(1.01, level);
   ImuSample sample = felt(level, 0, 0);
   sample.acceleration_mps2.x = std::nan("");
-  motion_.hear(1.01, sample);
+  motion_.on_message(1.01, sample);
   sample.acceleration_mps2.x = 1e6;
-  motion_.hear(1.01, sample);
+  motion_.on_message(1.01, sample);
   sample = felt(level, 50, 0);
-  motion_.hear(0.5, sample);  // older than the last
+  motion_.on_message(0.5, sample);  // older than the last
   sample.instance = 2;
-  motion_.hear(1.01, sample);
+  motion_.on_message(1.01, sample);
   AircraftAttitude broken;
   broken.yaw_rad = std::nan("");
-  motion_.hear(1.02, broken);
-  EXPECT_EQ(motion_.gain(from, 1).way_m.north, before.way_m.north);
+  motion_.on_message(1.02, broken);
+  EXPECT_EQ(motion_.gain(from, 1).displacement_m.north, before.displacement_m.north);
   EXPECT_EQ(motion_.gain(from, 1).velocity_mps.east, before.velocity_mps.east);
 }
 
-TEST(InertialMotion, WithoutAttitudeNothingIsFelt) {
+TEST(InertialMotion, WithoutAttitudeSamplesAreIgnored) {
   InertialMotion motion;
-  motion.hear(1, felt({}, 3, 0));
-  motion.hear(1.02, felt({}, 3, 0));
+  motion.on_message(1, felt({}, 3, 0));
+  motion.on_message(1.02, felt({}, 3, 0));
   EXPECT_NEAR(motion.gain(motion.moment(1), 1.02).unknown_s, 0.02, 1e-9);
   AircraftAttitude old;
-  motion.hear(1.03, old);
-  motion.hear(5, felt({}, 3, 0));
+  motion.on_message(1.03, old);
+  motion.on_message(5, felt({}, 3, 0));
   EXPECT_NEAR(motion.gain(motion.moment(1), 5).unknown_s, 4, 1e-9) << "an attitude of long ago turns nothing level";
 }
 
@@ -124,13 +124,13 @@ TEST(InertialMotion, MemoryIsBoundedAndSumsStayExact) {
   InertialMotion::Moment from;
   for (int i = 0; i <= 500'000; ++i) {  // almost three hours at 50 Hz, always pushed northwards
     const double time_s = 0.02 * i;
-    motion.hear(time_s, attitude);
-    motion.hear(time_s, felt(attitude, 0.1, 0));
+    motion.on_message(time_s, attitude);
+    motion.on_message(time_s, felt(attitude, 0.1, 0));
     if (i == 499'000) from = motion.moment(time_s);
   }
   const InertialMotion::Gain gain = motion.gain(from, 10'000);
   EXPECT_NEAR(gain.velocity_mps.north, 2.0, 1e-6);
-  EXPECT_NEAR(gain.way_m.north, 0.5 * 0.1 * 20 * 20, 1e-4);
+  EXPECT_NEAR(gain.displacement_m.north, 0.5 * 0.1 * 20 * 20, 1e-4);
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-TEST(Endpoints, AreReadAndWritten) {
+TEST(Endpoints, AreParsedAndFormatted) {
   for (const char* text : {"udpin:0.0.0.0:14550", "udpout:192.168.4.1:14550", "tcp:127.0.0.1:5760", "udpin:[::1]:0",
                            "serial:/dev/ttyAMA0:921600", "serial:/dev/serial/by-id/usb:1:57600"}) {
     EXPECT_EQ(to_string(parse_endpoint(text)), text);
@@ -17,7 +17,7 @@ TEST(Endpoints, AreReadAndWritten) {
   EXPECT_EQ(parse_endpoint("udpin:[::1]:14550").host, "::1");
 }
 
-TEST(Endpoints, RefusalsSayWhatIsWrong) {
+TEST(Endpoints, ErrorsSayWhatIsWrong) {
   const std::pair<const char*, const char*> wrong[] = {{"", "no address"},
                                                        {"udpin", "no address"},
                                                        {"udpin:14550", "no address"},

@@ -77,12 +77,12 @@ class LongSearch : public ::testing::Test {
             }};
   }
 
-  void search(LocalizationThread& localizing) {
+  void search(LocalizationThread& localization) {
     const Moment& moment = short_flight()[0];
-    const Telemetry& told = moment.telemetry;
-    localizing.hear(told.time_s, AircraftAttitude{0, *told.roll_rad, *told.pitch_rad, *told.heading_rad, {}});
-    localizing.hear(told.time_s, GroundHeight{{}, 0, *told.agl_m});
-    pictures_.put({told.frame, encode_image(moment.image, ImageFormat::png), told.time_s});
+    const Telemetry& telemetry = moment.telemetry;
+    localization.on_message(telemetry.time_s, AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
+    localization.on_message(telemetry.time_s, GroundHeight{{}, 0, *telemetry.agl_m});
+    frames_.put({telemetry.frame, encode_image(moment.image, ImageFormat::png), telemetry.time_s});
     ASSERT_TRUE(tiles_.await_reader());
   }
 
@@ -99,7 +99,7 @@ class LongSearch : public ::testing::Test {
 
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
-  LatestMailbox<CapturedFrame> pictures_;
+  LatestMailbox<CapturedFrame> frames_;
   EndlessTiles tiles_;
   std::mutex mutex_;
   std::condition_variable changed_;
@@ -107,11 +107,11 @@ class LongSearch : public ::testing::Test {
   int hints_ = 0;
 };
 
-TEST_F(LongSearch, AStopEndsItWithTheWindowAtHandAndNothingIsTold) {
+TEST_F(LongSearch, AStopCancelsItWithinTheWindowAndReportsNothing) {
   {
-    LocalizationThread localizing(setup(tiles_), pictures_, watch_, listener());
-    search(localizing);
-    localizing.request_stop();
+    LocalizationThread localization(setup(tiles_), frames_, watch_, listener());
+    search(localization);
+    localization.request_stop();
     tiles_.open();
   }
   expect_one_window();
@@ -119,11 +119,11 @@ TEST_F(LongSearch, AStopEndsItWithTheWindowAtHandAndNothingIsTold) {
 }
 
 // Somebody says where to look, in the middle of a search that began when nobody did.
-TEST_F(LongSearch, AHintEndsIt) {
+TEST_F(LongSearch, AHintCancelsIt) {
   {
-    LocalizationThread localizing(setup(tiles_), pictures_, watch_, listener());
-    search(localizing);
-    localizing.hint(kOrigin, 100, "operator");
+    LocalizationThread localization(setup(tiles_), frames_, watch_, listener());
+    search(localization);
+    localization.hint(kOrigin, 100, "operator");
     await([&] { return hints_ == 1; });
     tiles_.open();
     await([&] { return looks_.size() == 1; });

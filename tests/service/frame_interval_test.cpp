@@ -20,19 +20,19 @@ using test::MachineDriver;
 using Why = ServiceReason;
 
 double limit_after(double interval_s, int pictures) {
-  FrameIntervalMonitor pace(1.0 / 3);
-  for (int i = 0; i < pictures; ++i) pace.picture(50 + i * interval_s);
-  return pace.silence_limit_s();
+  FrameIntervalMonitor monitor(1.0 / 3);
+  for (int i = 0; i < pictures; ++i) monitor.on_frame(50 + i * interval_s);
+  return monitor.silence_limit_s();
 }
 
-TEST(FrameIntervalMonitor, IsTheFirstGuessUntilThreeIntervalsAreKnown) {
+TEST(FrameIntervalMonitor, UsesTheDefaultUntilThreeIntervalsAreMeasured) {
   EXPECT_DOUBLE_EQ(FrameIntervalMonitor(1.0 / 3).silence_limit_s(), 0.4);
   EXPECT_DOUBLE_EQ(FrameIntervalMonitor(2).silence_limit_s(), 2.4);
   EXPECT_DOUBLE_EQ(limit_after(1, 3), 0.4);
   EXPECT_DOUBLE_EQ(limit_after(1, 4), 1.2);
 }
 
-TEST(FrameIntervalMonitor, IsOfTheCameraThatIsThere) {
+TEST(FrameIntervalMonitor, MeasuresTheCamera) {
   EXPECT_NEAR(limit_after(0.02, 200), 0.4, 1e-9);
   EXPECT_NEAR(limit_after(0.1, 50), 0.4, 1e-9);
   EXPECT_NEAR(limit_after(1.0 / 3, 50), 0.4, 1e-9);
@@ -41,25 +41,25 @@ TEST(FrameIntervalMonitor, IsOfTheCameraThatIsThere) {
   EXPECT_NEAR(limit_after(100, 50), 3, 1e-9) << "what is slower is no camera";
 }
 
-TEST(FrameIntervalMonitor, AGapIsNotTheCamerasInterval) {
-  FrameIntervalMonitor pace(1.0 / 3);
+TEST(FrameIntervalMonitor, AGapIsNotTheInterval) {
+  FrameIntervalMonitor monitor(1.0 / 3);
   double now_s = 0;
   for (int i = 0; i < 100; ++i) {
     now_s += i % 4 == 3 ? 5.0 : 1.0 / 3;  // every fourth picture comes after a blackout
-    pace.picture(now_s);
+    monitor.on_frame(now_s);
   }
-  EXPECT_LE(pace.silence_limit_s(), 2.0 / 3 + 1e-9);
+  EXPECT_LE(monitor.silence_limit_s(), 2.0 / 3 + 1e-9);
 }
 
-TEST(FrameIntervalMonitor, TimesThatAreNoneOrRunBackwardsAreLeftOut) {
-  FrameIntervalMonitor pace(1.0 / 3);
+TEST(FrameIntervalMonitor, InvalidOrBackwardTimesAreIgnored) {
+  FrameIntervalMonitor monitor(1.0 / 3);
   for (int i = 0; i < 20; ++i) {
-    pace.picture(i);
-    pace.picture(std::nan(""));
-    pace.picture(std::numeric_limits<double>::infinity());
-    pace.picture(i - 10);
+    monitor.on_frame(i);
+    monitor.on_frame(std::nan(""));
+    monitor.on_frame(std::numeric_limits<double>::infinity());
+    monitor.on_frame(i - 10);
   }
-  EXPECT_DOUBLE_EQ(pace.silence_limit_s(), 1.2);
+  EXPECT_DOUBLE_EQ(monitor.silence_limit_s(), 1.2);
 }
 
 // A flight with a camera of this rhythm; the conductor's twenty turns a second between the pictures.
@@ -74,7 +74,7 @@ class Rhythm {
       flight_.tick();
     }
     flight_.now_s = at_s;
-    flight_.picture(vo_extrapolated);
+    flight_.frame(vo_extrapolated);
   }
   // How long after its last picture a camera that stops is told.
   double told_after_s() {
@@ -120,7 +120,7 @@ INSTANTIATE_TEST_SUITE_P(Cameras, UnevenCamera,
                                            Camera{0.1, 0, 0.41}, Camera{0.1, 0.5, 0.41}, Camera{1.0 / 30, 0.5, 0.41},
                                            Camera{2, 0.1, 2.7}));
 
-TEST(CameraRhythm, BurstsOfASlowCameraLeaveItsRhythmAlone) {
+TEST(CameraSilence, BurstsDoNotChangeTheIntervalOfASlowCamera) {
   Rhythm flight;
   for (int i = 0; i < 20; ++i) flight.picture_after(1);
   const int before = flight.silences();
@@ -133,7 +133,7 @@ TEST(CameraRhythm, BurstsOfASlowCameraLeaveItsRhythmAlone) {
 }
 
 // Ten times as many pictures for five seconds, then as before.
-TEST(CameraRhythm, AFastStretchCostsASlowCameraOneSpellOfDeadReckoningAtMost) {
+TEST(CameraSilence, AFastPeriodCostsASlowCameraOneDeadReckoningAtMost) {
   for (const double interval_s : {1.0 / 3, 1.0}) {
     Rhythm flight;
     for (int i = 0; i < 20; ++i) flight.picture_after(interval_s);
@@ -145,7 +145,7 @@ TEST(CameraRhythm, AFastStretchCostsASlowCameraOneSpellOfDeadReckoningAtMost) {
   }
 }
 
-TEST(CameraRhythm, ACameraThatSlowsDownIsBelievedAfterAWhileWithoutFlutter) {
+TEST(CameraSilence, ASlowerCameraIsAcceptedWithoutOscillation) {
   Rhythm flight;
   for (int i = 0; i < 50; ++i) flight.picture_after(0.1);
   const int before = flight.silences();
@@ -154,7 +154,7 @@ TEST(CameraRhythm, ACameraThatSlowsDownIsBelievedAfterAWhileWithoutFlutter) {
   EXPECT_EQ(flight.state(), ServiceState::normal);
 }
 
-TEST(CameraRhythm, EveryLongGapOfAnyCameraIsTold) {
+TEST(CameraSilence, EveryLongGapOfAnyCameraIsReported) {
   Rhythm flight;
   for (int gap = 0; gap < 20; ++gap) {
     for (int i = 0; i < 8; ++i) flight.picture_after(1.0 / 3);

@@ -53,7 +53,7 @@ class GatedTiles final : public TileSource {
 };
 
 // Counts what the localizer's thread says, so that the test can wait for the next of it.
-class Heard {
+class Progress {
  public:
   void say(int& counted) {
     const std::scoped_lock lock(mutex_);
@@ -71,9 +71,9 @@ class Heard {
   std::condition_variable changed_;
 };
 
-class LocalizingReplay : public ::testing::Test {
+class LocalizationReplay : public ::testing::Test {
  protected:
-  LocalizingReplay() : recorder_(recorder_options(), session(), [] { return std::uint64_t{1}; }) {}
+  LocalizationReplay() : recorder_(recorder_options(), session(), [] { return std::uint64_t{1}; }) {}
 
   // A start that claims 5 m and is 190 m off: without the hint the localizer stays there.
   static LocalizationSetup setup(const TileSource& tiles) {
@@ -106,8 +106,8 @@ class LocalizingReplay : public ::testing::Test {
   }
 
   LocalizationThread::Listener listener() {
-    return {[this](std::uint64_t index, const Telemetry& told, ByteView encoded) {
-              record_input(recorder_, index, told, encoded);
+    return {[this](std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
+              record_input(recorder_, index, telemetry, encoded);
             },
             [this](const LocalizedFrame& frame) {
               if (frame.late) {
@@ -116,21 +116,21 @@ class LocalizingReplay : public ::testing::Test {
               } else {
                 record_frame(recorder_, frame.index, frame.report);
               }
-              heard_.say(frame.late ? heard_.looks : heard_.frames);
+              progress_.say(frame.late ? progress_.looks : progress_.frames);
             },
             [this](const HintRecord& hint) {
               recorder_.record(hint);
-              heard_.say(heard_.hints);
+              progress_.say(progress_.hints);
             }};
   }
 
   // One picture, followed before this returns.
-  void fly(LocalizationThread& localizing, const Moment& moment) {
-    const Telemetry& told = moment.telemetry;
-    localizing.hear(told.time_s, AircraftAttitude{0, *told.roll_rad, *told.pitch_rad, *told.heading_rad, {}});
-    localizing.hear(told.time_s, GroundHeight{{}, 0, *told.agl_m});
-    pictures_.put({told.frame, encode_image(moment.image, ImageFormat::png), told.time_s});
-    heard_.wait(heard_.frames, ++flown_);
+  void fly(LocalizationThread& localization, const Moment& moment) {
+    const Telemetry& telemetry = moment.telemetry;
+    localization.on_message(telemetry.time_s, AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
+    localization.on_message(telemetry.time_s, GroundHeight{{}, 0, *telemetry.agl_m});
+    frames_.put({telemetry.frame, encode_image(moment.image, ImageFormat::png), telemetry.time_s});
+    progress_.wait(progress_.frames, ++flown_);
   }
 
   RecordedFlight recorded() {
@@ -155,36 +155,36 @@ class LocalizingReplay : public ::testing::Test {
   const TemporaryFolder folder_;
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
-  LatestMailbox<CapturedFrame> pictures_;
-  Heard heard_;
+  LatestMailbox<CapturedFrame> frames_;
+  Progress progress_;
   int flown_ = 0;
   AnchorVerdict last_verdict_ = AnchorVerdict::not_tried;
   Recorder recorder_;
 };
 
-TEST_F(LocalizingReplay, HintsAndLateAnchorsComeBackBitForBit) {
+TEST_F(LocalizationReplay, HintsAndLateAnchorsReplayBitForBit) {
   const std::vector<Moment> moments = flight(7);
   {
     GatedTiles tiles;
-    LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
-    fly(localizing, moments[0]);  // its look at the map lasts
-    localizing.hint(place_of({1e9, 1e9}), -1, "nobody");
+    LocalizationThread localization(setup(tiles), frames_, watch_, listener());
+    fly(localization, moments[0]);  // its look at the map lasts
+    localization.hint(place_of({1e9, 1e9}), -1, "nobody");
     const PlanePoint there = moments[1].truth.position;
-    localizing.hint(place_of({there.east_m + 30, there.north_m}), 60, "operator");
-    heard_.wait(heard_.hints, 1);
-    fly(localizing, moments[1]);
+    localization.hint(place_of({there.east_m + 30, there.north_m}), 60, "operator");
+    progress_.wait(progress_.hints, 1);
+    fly(localization, moments[1]);
     tiles.open();
-    heard_.wait(heard_.looks, 1);
+    progress_.wait(progress_.looks, 1);
     EXPECT_NE(last_verdict_, AnchorVerdict::accepted) << "the start is wrong, and nobody had said so";
     tiles.shut();
-    fly(localizing, moments[2]);  // the hint is heeded
-    fly(localizing, moments[3]);
+    fly(localization, moments[2]);  // the hint is heeded
+    fly(localization, moments[3]);
     tiles.open();
-    heard_.wait(heard_.looks, 2);
+    progress_.wait(progress_.looks, 2);
     EXPECT_EQ(last_verdict_, AnchorVerdict::accepted);
     for (std::size_t i = 4; i < 7; ++i) {
-      fly(localizing, moments[i]);
-      if (i < 6) heard_.wait(heard_.looks, static_cast<int>(i) - 1);
+      fly(localization, moments[i]);
+      if (i < 6) progress_.wait(progress_.looks, static_cast<int>(i) - 1);
     }
   }
   RecordedFlight flight = recorded();
@@ -204,26 +204,26 @@ TEST_F(LocalizingReplay, HintsAndLateAnchorsComeBackBitForBit) {
   EXPECT_EQ(other.first_other, moments[2].telemetry.frame) << "or the hint was of no account";
 }
 
-// Half a minute without pictures: what the autopilot told meanwhile is part of what came with the next one.
-TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
+// Half a minute without pictures: what the autopilot telemetry meanwhile is part of what came with the next one.
+TEST_F(LocalizationReplay, APathWithoutFramesReplaysBitForBit) {
   std::vector<Moment> moments = flight(3);
   constexpr double kGap_s = 33;
   const Telemetry before = moments[1].telemetry;
   {
     GatedTiles tiles;
     tiles.open();
-    LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
+    LocalizationThread localization(setup(tiles), frames_, watch_, listener());
     for (int looks = 0; const Moment* moment : {&moments[0], &moments[1]}) {
-      fly(localizing, *moment);
-      heard_.wait(heard_.looks, ++looks);
+      fly(localization, *moment);
+      progress_.wait(progress_.looks, ++looks);
     }
     for (double s = 0.1; s < kGap_s; s += 0.1) {
       const double turned = 2 * std::sin(s / kGap_s * kPi);
-      localizing.hear(before.time_s + s, AircraftAttitude{0, 0, 0, *before.heading_rad + turned, {}});
-      localizing.hear(before.time_s + s, ImuSample{1, 0, {0.1, 0, -9.8}, {}});
+      localization.on_message(before.time_s + s, AircraftAttitude{0, 0, 0, *before.heading_rad + turned, {}});
+      localization.on_message(before.time_s + s, ImuSample{1, 0, {0.1, 0, -9.8}, {}});
     }
     moments[2].telemetry.time_s = before.time_s + kGap_s;
-    fly(localizing, moments[2]);
+    fly(localization, moments[2]);
   }
   const RecordedFlight flight = recorded();
   const Telemetry& after = flight.flight.frames[2];
@@ -236,7 +236,7 @@ TEST_F(LocalizingReplay, AWayWithoutPicturesComesBackBitForBit) {
 
 // No height above the terrain means that it stands there where somebody said that it is; elsewhere it may be another
 // hill.
-TEST_F(LocalizingReplay, WhoWasSaidToBeHereAndHasNoHeightStands) {
+TEST_F(LocalizationReplay, WithAHintAndNoHeightTheAircraftIsOnTheGround) {
   const std::vector<Moment> moments = flight(3);
   const FlatGround ground;
   {
@@ -245,17 +245,17 @@ TEST_F(LocalizingReplay, WhoWasSaidToBeHereAndHasNoHeightStands) {
     LocalizationSetup nowhere = setup(tiles);
     nowhere.start.reset();
     nowhere.config.surface = &ground;
-    LocalizationThread localizing(nowhere, pictures_, watch_, listener());
+    LocalizationThread localization(nowhere, frames_, watch_, listener());
     const auto show = [&](const Moment& moment, double msl_m) {
-      const Telemetry& told = moment.telemetry;
-      localizing.hear(told.time_s, AircraftAttitude{0, 0, 0, *told.heading_rad, {}});
-      localizing.hear(told.time_s, GlobalPosition{0, kOrigin, msl_m, 0, {}, {}});
-      pictures_.put({told.frame, encode_image(moment.image, ImageFormat::png), told.time_s});
-      heard_.wait(heard_.frames, ++flown_);
+      const Telemetry& telemetry = moment.telemetry;
+      localization.on_message(telemetry.time_s, AircraftAttitude{0, 0, 0, *telemetry.heading_rad, {}});
+      localization.on_message(telemetry.time_s, GlobalPosition{0, kOrigin, msl_m, 0, {}, {}});
+      frames_.put({telemetry.frame, encode_image(moment.image, ImageFormat::png), telemetry.time_s});
+      progress_.wait(progress_.frames, ++flown_);
     };
     show(moments[0], -2);
-    localizing.hint(kOrigin, 150, "GPS");
-    heard_.wait(heard_.hints, 1);
+    localization.hint(kOrigin, 150, "GPS");
+    progress_.wait(progress_.hints, 1);
     show(moments[1], -2);
     show(moments[2], -20);
   }
@@ -267,19 +267,19 @@ TEST_F(LocalizingReplay, WhoWasSaidToBeHereAndHasNoHeightStands) {
 }
 
 // After a start in flight, before the autopilot is heard: with every heading possible the first look would last.
-TEST_F(LocalizingReplay, APictureBeforeTheFirstAttitudeIsLeftOut) {
+TEST_F(LocalizationReplay, AFrameBeforeTheFirstAttitudeIsSkipped) {
   std::vector<Moment> moments = flight(4);
   {
     GatedTiles tiles;
     tiles.open();
-    LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
+    LocalizationThread localization(setup(tiles), frames_, watch_, listener());
     const auto show = [&](const Moment& moment) {
-      pictures_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), moment.telemetry.time_s});
-      while (pictures_.counts().taken < pictures_.counts().put) std::this_thread::yield();
+      frames_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), moment.telemetry.time_s});
+      while (frames_.counts().taken < frames_.counts().put) std::this_thread::yield();
     };
     show(moments[0]);
-    fly(localizing, moments[1]);
-    heard_.wait(heard_.looks, 1);
+    fly(localization, moments[1]);
+    progress_.wait(progress_.looks, 1);
   }
   const RecordedFlight flight = recorded();
   ASSERT_EQ(flight.flight.frames.size(), 1);
@@ -288,34 +288,34 @@ TEST_F(LocalizingReplay, APictureBeforeTheFirstAttitudeIsLeftOut) {
 }
 
 // An autopilot that never speaks is no reason to see nothing.
-TEST_F(LocalizingReplay, WithoutAnyAttitudePicturesAreFollowedAfterAWhile) {
+TEST_F(LocalizationReplay, WithoutAnyAttitudeFramesAreProcessedAfterAWhile) {
   std::vector<Moment> moments = flight(2);
   GatedTiles tiles;
   tiles.open();
-  LocalizationThread localizing(setup(tiles), pictures_, watch_, listener());
+  LocalizationThread localization(setup(tiles), frames_, watch_, listener());
   double seconds = 0;
   for (const Moment& moment : moments) {
-    pictures_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), 100 + seconds});
-    while (pictures_.counts().taken < pictures_.counts().put) std::this_thread::yield();
+    frames_.put({moment.telemetry.frame, encode_image(moment.image, ImageFormat::png), 100 + seconds});
+    while (frames_.counts().taken < frames_.counts().put) std::this_thread::yield();
     seconds += 10;
   }
-  heard_.wait(heard_.frames, 1);
+  progress_.wait(progress_.frames, 1);
 }
 
-TEST_F(LocalizingReplay, ALookThatFailedIsNotMadeUpFor) {
+TEST_F(LocalizationReplay, AFailedMatchHasNoResult) {
   const std::vector<Moment> moments = flight(3);
   {
     GatedTiles tiles;
     LocalizationSetup sound = setup(tiles);
-    LocalizationThread localizing(sound, pictures_, watch_, listener());
-    fly(localizing, moments[0]);
+    LocalizationThread localization(sound, frames_, watch_, listener());
+    fly(localization, moments[0]);
     tiles.open(true);
-    heard_.wait(heard_.looks, 1);
+    progress_.wait(progress_.looks, 1);
     EXPECT_EQ(last_verdict_, AnchorVerdict::not_tried);
     tiles.open();
-    fly(localizing, moments[1]);
-    heard_.wait(heard_.looks, 2);
-    fly(localizing, moments[2]);
+    fly(localization, moments[1]);
+    progress_.wait(progress_.looks, 2);
+    fly(localization, moments[2]);
   }
   const RecordedFlight flight = recorded();
   ASSERT_FALSE(flight.between.empty());
