@@ -162,8 +162,8 @@ class Proofs(unittest.TestCase):
         self.assertIsNotNone(never(self.seen(told=[dark])))
         self.assertIsNone(never(self.seen(told=[dark, (41.0, "Nadir: GPS SPOOFED")])))
         lost = look["link_lost", "failsafe"]
-        self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "nothing from the autopilot: 5.0 s")])))
-        self.assertIsNone(lost(self.seen(events=[(13.0, "state", "nothing from the autopilot: 3.0 s")])))
+        self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "no messages from the autopilot: 5.0 s")])))
+        self.assertIsNone(lost(self.seen(events=[(13.0, "state", "no messages from the autopilot: 3.0 s")])))
 
     def test_a_fix_that_a_backlog_leads_astray_is_found_out(self):
         look = next(proof.look for proof in proofs.PROOFS if proof.row == "camera_silent")

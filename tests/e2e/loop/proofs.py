@@ -127,16 +127,16 @@ def _steady_first(least_s, start, text):
 BACK_S = 8  # found on the map, and steady: a look at the map takes its time
 LONG_DARK_S = 25  # blind for half a minute, the place is off the prediction: voices from different ground must agree
 PROOFS = [
-    Proof("a picture that shows nothing", "camera", "told after a black picture", SETTLES_S + 0.3,
+    Proof("a frame that shows nothing", "camera", "told after a black picture", SETTLES_S + 0.3,
           _after_hand("black", "Nadir: camera blind, dead reckoning")),
     Proof("frame_unfit", "camera", "told after the same picture again", SETTLES_S + 0.3,
           _after_hand("again", "Nadir: camera blind, dead reckoning")),
-    Proof("pictures, but no estimate", "camera", "told while the localizer stands still", 1 + SETTLES_S + 0.4,
+    Proof("frames, but no estimate", "camera", "told while the localizer stands still", 1 + SETTLES_S + 0.4,
           _after_hand("held", "Nadir: estimates late, dead reckoning"), needs="held"),
     Proof("localizer_late", "camera", "the same, in the events", 1 + SETTLES_S + 0.4,
           lambda seen: seen.event(seen.done.get("held"), "no estimate for"), needs="held"),
     Proof("camera_silent", "camera", "pictures that were held back are left out", 1, _left_out),
-    Proof("no picture", "camera", "told after the last picture", 0.4 + 0.34 + 0.25 + SETTLES_S,
+    Proof("no frame", "camera", "told after the last picture", 0.4 + 0.34 + 0.25 + SETTLES_S,
           _after("camera-cut", "Nadir: no camera frames, dead reckoning", 1)),
     Proof("σ while blind", "camera", "never shrinks, grows by 5 m/s", None, _grows),
     Proof("the fix while blind", "camera", "within three of its sigmas for 30 s", None, _follows),
