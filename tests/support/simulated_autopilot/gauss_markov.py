@@ -1,8 +1,8 @@
-"""Errors that wander: a Gauss-Markov process, exact for any step."""
+"""A Gauss-Markov process, exact for any step."""
 import math
 
 
-class Wander:
+class GaussMarkov:
     def __init__(self, random, sigma, time_constant):
         self.random, self.sigma, self.time_constant = random, sigma, time_constant
         self.value = random.gauss(0, sigma) if sigma > 0 else 0.0
