@@ -65,7 +65,7 @@ SigningKey SigningKey::read(const std::filesystem::path& path) {
   auto bytes = Sha256::from_hex(digits);  // 32 bytes as well
   OPENSSL_cleanse(text.data(), text.size());
   if (!bytes) {
-    throw UsageError({.what = "not a signing key",
+    throw UsageError({.what = "the file contains no signing key",
                       .where = path,
                       .expected = "64 lower-case hexadecimal digits and nothing else",
                       .found = "other content (not shown: it may be a secret)",

@@ -1,4 +1,4 @@
-// Who learns of an event: the recorder, the event list of the API, and the operator.
+// Where events are reported: the recorder, the event list of the API, and the operator.
 #pragma once
 
 #include <cstddef>
