@@ -18,9 +18,9 @@ TEST(Endpoints, AreParsedAndFormatted) {
 }
 
 TEST(Endpoints, ErrorsSayWhatIsWrong) {
-  const std::pair<const char*, const char*> wrong[] = {{"", "no address"},
-                                                       {"udpin", "no address"},
-                                                       {"udpin:14550", "no address"},
+  const std::pair<const char*, const char*> wrong[] = {{"", "not an autopilot address"},
+                                                       {"udpin", "not an autopilot address"},
+                                                       {"udpin:14550", "not an autopilot address"},
                                                        {"usb:/dev/x:9600", "kind"},
                                                        {"udpin:autopilot:1", "host"},
                                                        {"udpin::14550", "host"},
