@@ -34,8 +34,8 @@ CommandLong request_message(MavlinkAddress target, StreamedMessage message);
 // Reboots the autopilot: only on the ground.
 CommandLong restart_command(MavlinkAddress target);
 
-// MAV_CMD_EXTERNAL_POSITION_ESTIMATE, for an autopilot that flies by dead reckoning: the second output mode, one command
-// per anchor.
+// MAV_CMD_EXTERNAL_POSITION_ESTIMATE, for an autopilot that flies by dead reckoning: the second output mode, one
+// command per anchor.
 struct ExternalPosition {
   LonLat place{};
   double sigma_m = 0;

@@ -84,8 +84,8 @@ std::int64_t FixPredictor::next_due_us() const {
 
 std::optional<PredictedFix> FixPredictor::poll(std::int64_t now_us, std::int64_t unix_us) {
   if (now_us < next_due_us()) return std::nullopt;
-  // The grid continues while we keep up with it; after a stall, or an early fix for a new estimate, it restarts, so that
-  // fixes never come in bursts.
+  // The grid continues while we keep up with it; after a stall, or an early fix for a new estimate, it restarts, so
+  // that fixes never come in bursts.
   const std::int64_t late_us = now_us - grid_due_us_;
   const bool on_grid = grid_due_us_ != 0 && late_us >= 0 && late_us < options_.period_us;
   grid_due_us_ = (on_grid ? grid_due_us_ : now_us) + options_.period_us;

@@ -62,9 +62,9 @@ class FixPredictor {
     motion_.on_message(static_cast<double>(now_us) * 1e-6, message);
   }
 
-  // False, and nothing changes: older than the last estimate, in the future, or not finite. An estimate of the same time
-  // as the last one replaces it: that frame after a map match. Dead reckoning with a larger σ than the current fix is
-  // accepted and changes nothing.
+  // False, and nothing changes: older than the last estimate, in the future, or not finite. An estimate of the same
+  // time as the last one replaces it: that frame after a map match. Dead reckoning with a larger σ than the current fix
+  // is accepted and changes nothing.
   bool on_estimate(const VisionEstimate& estimate, std::int64_t now_us);
 
   // The next fix when it is due: every period_us, and soon after a new estimate. unix_us: the current UTC.

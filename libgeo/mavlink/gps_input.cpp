@@ -11,14 +11,14 @@ namespace {
 constexpr std::int64_t kGpsEpochUnix_s = 315'964'800;  // 1980-01-06T00:00:00Z
 constexpr std::int64_t kWeek_ms = 7 * 86'400'000LL;
 
-// Unix times at which a leap second takes effect (IERS Bulletin C); the last one is 2017-01-01. A test compares them with
-// the system's list, which is updated.
+// Unix times at which a leap second takes effect (IERS Bulletin C); the last one is 2017-01-01. A test compares them
+// with the system's list, which is updated.
 constexpr std::array<std::int64_t, 18> kLeapSeconds{
     362793600, 394329600, 425865600, 489024000, 567993600,  631152000,  662688000,  709948800,  741484800,
     773020800, 820454400, 867715200, 915148800, 1136073600, 1230768000, 1341100800, 1435708800, 1483228800};
 
-// There are no satellites and no dilution of precision: values that pass the autopilot's checks (2.5 and 6), so that the
-// accuracies, which are real, decide.
+// There are no satellites and no dilution of precision: values that pass the autopilot's checks (2.5 and 6), so that
+// the accuracies, which are real, decide.
 constexpr double kHdop = 1.0;
 constexpr double kVdop = 1.5;
 constexpr int kSatellites = 10;

@@ -64,7 +64,8 @@ void InertialMotion::on_message(double time_s, const ImuSample& sample) {
 InertialMotion::Moment InertialMotion::moment(double time_s) const {
   if (samples_.empty()) return {.time_s = time_s};
   const auto after = std::ranges::lower_bound(samples_, time_s, {}, [](const Sample& s) { return s.until.time_s; });
-  if (after == samples_.end()) return propagated(samples_.back().until, samples_.back().acceleration_mps2, kInertialGap_s, time_s);
+  if (after == samples_.end())
+    return propagated(samples_.back().until, samples_.back().acceleration_mps2, kInertialGap_s, time_s);
   if (after == samples_.begin()) return propagated(after->until, {}, 0, time_s);  // extrapolates backwards
   const Moment& before = std::prev(after)->until;
   const bool continuous = after->until.time_s - before.time_s <= kInertialGap_s;
@@ -77,7 +78,7 @@ InertialMotion::Gain InertialMotion::gain(const Moment& from, double to_s) const
   Gain gain;
   gain.velocity_mps = {to.velocity_mps.east - from.velocity_mps.east, to.velocity_mps.north - from.velocity_mps.north};
   gain.displacement_m = {to.displacement_m.east - from.displacement_m.east - from.velocity_mps.east * dt_s,
-                to.displacement_m.north - from.displacement_m.north - from.velocity_mps.north * dt_s};
+                         to.displacement_m.north - from.displacement_m.north - from.velocity_mps.north * dt_s};
   gain.unknown_s = std::max(0.0, dt_s - (to.known_s - from.known_s));
   return gain;
 }

@@ -25,7 +25,7 @@ class InertialMotion {
 
   // Motion between two moments, relative to constant velocity.
   struct Gain {
-    Plane velocity_mps;  // add to the velocity at the first
+    Plane velocity_mps;    // add to the velocity at the first
     Plane displacement_m;  // add to that velocity times the elapsed time
     double unknown_s = 0;  // without samples
   };

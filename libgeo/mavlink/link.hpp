@@ -36,8 +36,8 @@ class MavlinkLink {
   // For poll(), and whether the link is up.
   const Transport& transport() const { return *transport_; }
 
-  // Reads and writes what is possible. Frames that the signing rules reject are counted and dropped; `rejected` gets the
-  // sender that they claim. Our own frames that a network echoes are dropped too.
+  // Reads and writes what is possible. Frames that the signing rules reject are counted and dropped; `rejected` gets
+  // the sender that they claim. Our own frames that a network echoes are dropped too.
   void advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
                const std::function<void(MavlinkAddress claimed)>& rejected = {});
 

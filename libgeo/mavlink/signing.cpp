@@ -20,7 +20,8 @@ constexpr std::uint64_t kMaxTimestamp = (std::uint64_t{1} << 48) - 1;
 // Timestamps reserved by each write of the file; a restart skips at most so many.
 constexpr std::uint64_t kReservation = kSigningTicksPerSecond / 10;
 
-// take() writes the file itself when timestamps lag by so much: nobody calls save(). Receivers reject a lag of a minute.
+// take() writes the file itself when timestamps lag by so much: nobody calls save(). Receivers reject a lag of a
+// minute.
 constexpr std::uint64_t kMaxLag = 10 * kSigningTicksPerSecond;
 
 std::uint64_t read_reservation(const std::filesystem::path& path) {

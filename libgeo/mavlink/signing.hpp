@@ -15,8 +15,8 @@
 
 namespace nadir {
 
-// The secret key of a link: 32 bytes, shared by the autopilot, its operators and this computer. It never enters a log, a
-// record or an error text, and is wiped from memory on destruction.
+// The secret key of a link: 32 bytes, shared by the autopilot, its operators and this computer. It never enters a log,
+// a record or an error text, and is wiped from memory on destruction.
 class SigningKey {
  public:
   // A file with 64 hexadecimal digits, mode 0600 or narrower. Throws UsageError, Error.

@@ -144,7 +144,8 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
 // At the first heartbeat, and again periodically: the autopilot may have rebooted.
 void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message) {
   const auto* heartbeat = std::get_if<Heartbeat>(&message.message);
-  if (heartbeat == nullptr || !heartbeat->is_autopilot || (requested_s_ && now_s - *requested_s_ < kRequestPeriod_s)) return;
+  if (heartbeat == nullptr || !heartbeat->is_autopilot || (requested_s_ && now_s - *requested_s_ < kRequestPeriod_s))
+    return;
   requested_s_ = now_s;
   for (const auto& [stream, rate_hz] : kStreams) outgoing_.put(set_message_interval(message.source, stream, rate_hz));
 }
@@ -152,7 +153,8 @@ void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message
 // Between frames, and above all without them, the fix follows the aircraft's motion.
 void AutopilotLink::predict_motion(double now_s, const ReceivedMessage& received) {
   if (received.source.system != airframe_.system || received.source.component != airframe_.autopilot) return;
-  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) predictor_.on_message(us(now_s), *attitude);
+  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message))
+    predictor_.on_message(us(now_s), *attitude);
   if (const auto* imu = std::get_if<ImuSample>(&received.message)) predictor_.on_message(us(now_s), *imu);
 }
 

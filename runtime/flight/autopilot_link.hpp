@@ -122,9 +122,9 @@ class AutopilotLink {
     std::string error;  // why it is closed
     LinkCounts counts;
     std::uint64_t fixes_sent = 0;
-    double longest_gap_s = 0;  // between two GPS_INPUT
+    double longest_gap_s = 0;     // between two GPS_INPUT
     std::optional<Fix> last_fix;  // in the last of them; nullopt: "no fix"
-    LatencyHistogram latency;  // from the arrival of a frame to the first fix that uses it
+    LatencyHistogram latency;     // from the arrival of a frame to the first fix that uses it
   };
   State state() const;
 

@@ -1,5 +1,5 @@
-// The camera's thread: frames go into the localizer's mailbox, where the latest wins; failures are reported. Frames that
-// the camera buffered during a pause are dropped (backlog_guard.hpp).
+// The camera's thread: frames go into the localizer's mailbox, where the latest wins; failures are reported. Frames
+// that the camera buffered during a pause are dropped (backlog_guard.hpp).
 #pragma once
 
 #include <atomic>

@@ -25,9 +25,9 @@ std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& f
   return sha256(as_bytes(read_bearer_token(*file)));
 }
 
-// The autopilot navigates by our fix: its attitude depends on our fix, and our fix on its attitude. The uncertainty in the
-// airframe file was measured with GPS; with fixes of a localizer that trusted it, ArduPlane's attitude drifted by 17 and 5
-// degrees (docs/closed-loop.md).
+// The autopilot navigates by our fix: its attitude depends on our fix, and our fix on its attitude. The uncertainty in
+// the airframe file was measured with GPS; with fixes of a localizer that trusted it, ArduPlane's attitude drifted by
+// 17 and 5 degrees (docs/closed-loop.md).
 Airframe fix_aided(Airframe airframe) {
   TelemetryUncertainty& attitude = airframe.camera.uncertainty;
   attitude.heading_rad = std::max(attitude.heading_rad, kFixAidedHeading_rad);
@@ -128,8 +128,8 @@ FlightService::~FlightService() {
 
 // What the localizer starts from, and what the recorder says that it started from.
 LocalizationSetup FlightService::localization_setup() const {
-  LocalizationSetup setup{airframe_.camera, airframe_.mount,  map_->frame(),        &map_->package().imagery(),
-                          options_.start,   map_->config(), map_->plane_msl_m()};
+  LocalizationSetup setup{airframe_.camera, airframe_.mount, map_->frame(),      &map_->package().imagery(),
+                          options_.start,   map_->config(),  map_->plane_msl_m()};
   setup.config.anchor_every_m = options_.anchor_every_m;
   if (restart_.position) {
     setup.start = restart_.position->place;
@@ -178,8 +178,7 @@ void FlightService::start_localization() {
   listener.on_hint = [this](const HintRecord& hint) {
     if (recorder_) recorder_->record(hint);
   };
-  localization_ =
-      std::make_unique<LocalizationThread>(localization_setup(), frames_, watch_, std::move(listener));
+  localization_ = std::make_unique<LocalizationThread>(localization_setup(), frames_, watch_, std::move(listener));
   if (restart_.hint) localization_->hint(restart_.hint->place, restart_.hint->radius_m, "restart");
 }
 
@@ -347,9 +346,7 @@ void FlightService::on_event(double time_s, const OnboardEvent& event) {
 
 void FlightService::react(double, const LocalizedFrame& frame) { last_frame_ = frame; }
 
-void FlightService::react(double, const FixJumped& jumped) {
-  link_->send_text(TextSeverity::warning, text_of(jumped));
-}
+void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
 
 void FlightService::react(double, const PositionHinted& hint) {
   if (localization_) localization_->hint(hint.place, hint.radius_m, hint.source);
@@ -411,14 +408,10 @@ void FlightService::save(double now_s) {
     const Estimate& estimate = last_frame_->report.estimate;
     const Eigen::Vector2d& velocity_mps = last_frame_->report.belief.velocity_mps;
     const double captured_s = last_frame_->telemetry.time_s;
-    flight.estimate = SavedEstimate{captured_s,
-                                    clock_.unix_us() - std::llround((now_s - captured_s) * 1e6),
-                                    *estimate.position,
-                                    estimate.sigma_m,
-                                    velocity_mps.norm(),
-                                    estimate.source,
-                                    estimate.segment,
-                                    SavedVelocity{velocity_mps.x(), velocity_mps.y()}};
+    flight.estimate = SavedEstimate{captured_s,          clock_.unix_us() - std::llround((now_s - captured_s) * 1e6),
+                                    *estimate.position,  estimate.sigma_m,
+                                    velocity_mps.norm(), estimate.source,
+                                    estimate.segment,    SavedVelocity{velocity_mps.x(), velocity_mps.y()}};
   }
   if (options_.start) flight.hint = SavedHint{*options_.start, kGpsHintRadius_m};
   to_save_.put(std::move(flight));
@@ -450,12 +443,12 @@ void FlightService::note_end() {
   }
   const AutopilotLink::State link = link_->state();
   const MailboxCounts frames = frame_counts();
-  journal_->note(clock_.monotonic_s(), EventSeverity::info, "summary",
-                 fmt::format("{} frames, {} dropped; frame to fix p50 {:.0f}, p95 {:.0f}, max {:.0f} ms; {} fixes, "
-                             "longest gap {:.0f} ms",
-                             frames.put, frames.dropped, 1000 * link.latency.quantile_s(0.5),
-                             1000 * link.latency.quantile_s(0.95), 1000 * link.latency.largest_s(), link.fixes_sent,
-                             1000 * link.longest_gap_s));
+  journal_->note(
+      clock_.monotonic_s(), EventSeverity::info, "summary",
+      fmt::format("{} frames, {} dropped; frame to fix p50 {:.0f}, p95 {:.0f}, max {:.0f} ms; {} fixes, "
+                  "longest gap {:.0f} ms",
+                  frames.put, frames.dropped, 1000 * link.latency.quantile_s(0.5), 1000 * link.latency.quantile_s(0.95),
+                  1000 * link.latency.largest_s(), link.fixes_sent, 1000 * link.longest_gap_s));
 }
 
 // The stale frames that the camera's thread dropped never reached the mailbox.

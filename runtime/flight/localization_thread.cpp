@@ -16,7 +16,7 @@ constexpr double kTrackerLimit_s = 3;
 constexpr double kMatcherLimit_s = 120;
 constexpr double kMinHeight_m = 1;
 constexpr double kGroundTolerance_m = 10;  // error of terrain and barometer for an aircraft on the ground
-constexpr double kAwaitAttitude_s = 3;  // longest
+constexpr double kAwaitAttitude_s = 3;     // longest
 
 CameraFile shrunk(CameraFile file, int shrink) {
   file.camera = file.camera.scaled(1.0 / shrink);
@@ -70,8 +70,8 @@ void LocalizationThread::match_to_map(const std::stop_token& stop) {
     try {
       (*job)->run(cancel);
     } catch (const std::exception&) {
-      // A match that was cancelled or failed (an unreadable tile, an error in OpenCV) has no result: the job goes back as
-      // one that never ran.
+      // A match that was cancelled or failed (an unreadable tile, an error in OpenCV) has no result: the job goes back
+      // as one that never ran.
     }
     if (stop.stop_requested()) return;
     finished_.put(std::move(*job));
@@ -136,8 +136,9 @@ void LocalizationThread::apply_hint() {
   listener_.on_hint(*hint);
 }
 
-// Over terrain the height above ground follows from the height above sea level; a range finder is more accurate. Without
-// a position hint, a height of zero does not mean that the aircraft is on the ground: it may be over another hill.
+// Over terrain the height above ground follows from the height above sea level; a range finder is more accurate.
+// Without a position hint, a height of zero does not mean that the aircraft is on the ground: it may be over another
+// hill.
 Telemetry LocalizationThread::telemetry_at(const CapturedFrame& frame) {
   const std::scoped_lock lock(telemetry_mutex_);
   Telemetry telemetry = telemetry_.at(frame.captured_s);

@@ -96,7 +96,7 @@ class LocalizationThread {
   std::uint64_t next_index_ = 0, job_index_ = 0;
   std::optional<double> first_captured_s_;  // of all frames, processed or not
   PlanePoint position_{};
-  bool has_position_ = false;   // with the last frame
+  bool has_position_ = false;     // with the last frame
   bool position_hinted_ = false;  // position_ is that of a hint
   Telemetry last_telemetry_;
   OdometryReport last_odometry_;

@@ -1,5 +1,5 @@
-// The package of a flight as the localizer uses it: the plane of the estimates, the map, the terrain, the place index and
-// the area in which the aircraft may be.
+// The package of a flight as the localizer uses it: the plane of the estimates, the map, the terrain, the place index
+// and the area in which the aircraft may be.
 #pragma once
 
 #include <filesystem>

@@ -2,7 +2,8 @@
 //
 // Times are our monotonic seconds of arrival: the autopilot's clock is not ours, and the delay of a usable link is some
 // milliseconds. The autopilot's fused position is not an input, only attitude, heights and accelerations. The position
-// of its real receiver is passed on for the record, from which a boresight is calibrated later; the localizer ignores it.
+// of its real receiver is passed on for the record, from which a boresight is calibrated later; the localizer ignores
+// it.
 #pragma once
 
 #include <deque>
@@ -14,9 +15,9 @@
 
 namespace nadir {
 
-inline constexpr double kTelemetryKept_s = 120;  // much longer than the longest blackout with a fix
-inline constexpr double kMaxTelemetryInterval_s = 1;      // of the path between two frames: no aircraft turns back in less
-inline constexpr double kAttitudeGap_s = 0.5;    // between the messages around a frame, or from the last one to it
+inline constexpr double kTelemetryKept_s = 120;       // much longer than the longest blackout with a fix
+inline constexpr double kMaxTelemetryInterval_s = 1;  // of the path between two frames: no aircraft turns back in less
+inline constexpr double kAttitudeGap_s = 0.5;         // between the messages around a frame, or from the last one to it
 inline constexpr double kHeightGap_s = 2;
 inline constexpr double kImuGap_s = 0.15;
 inline constexpr double kPlaceGap_s = 1;  // between two fixes of the receiver

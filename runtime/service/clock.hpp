@@ -1,9 +1,9 @@
 // The service's clock: the only source of time.
 //
-// Every rule and every age uses monotonic seconds, which nobody can set. UTC is a label for people, the recorder and the
-// GPS week; it may step by hours when the autopilot or a time server sets it, and only the label changes. Monotonic time
-// continues while the computer sleeps (CLOCK_BOOTTIME) and, within one boot, from one run of the service to the next, so
-// that a restart knows the age of what was saved.
+// Every rule and every age uses monotonic seconds, which nobody can set. UTC is a label for people, the recorder and
+// the GPS week; it may step by hours when the autopilot or a time server sets it, and only the label changes. Monotonic
+// time continues while the computer sleeps (CLOCK_BOOTTIME) and, within one boot, from one run of the service to the
+// next, so that a restart knows the age of what was saved.
 #pragma once
 
 #include <cmath>
@@ -37,7 +37,6 @@ class SystemFlightClock final : public FlightClock {
  private:
   std::string boot_id_;
 };
-
 
 // Something periodic: fixes at 10 Hz, the state on disk at 1 Hz. Due times lie on a grid, so that a late call does not
 // shift the following ones; after a long stall it is due once, not in a burst.

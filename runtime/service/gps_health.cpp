@@ -164,7 +164,8 @@ GpsAssessment GpsHealth::assess(double now_s, bool link_up) {
     const bool spoofed = found->verdict == GpsVerdict::spoofed;
     spoofed_ = spoofed_ || spoofed;
     // A spoofed receiver that then falls silent stays spoofed.
-    if (spoofed || assessment_.verdict == GpsVerdict::trusted || assessment_.verdict == GpsVerdict::unknown) assessment_ = *found;
+    if (spoofed || assessment_.verdict == GpsVerdict::trusted || assessment_.verdict == GpsVerdict::unknown)
+      assessment_ = *found;
   } else if (assessment_.verdict != GpsVerdict::trusted && trustworthy_again(now_s)) {
     assessment_ = {GpsVerdict::trusted, spoofed_ ? "stable, agrees with vision" : "stable"};
     spoofed_ = false;

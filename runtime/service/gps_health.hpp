@@ -1,8 +1,8 @@
 // Whether the aircraft's real GPS receiver is usable: trusted, denied or spoofed. And when a trusted one suggests where
 // to search.
 //
-// Inputs: the receiver's messages (GPS_RAW_INT), the autopilot's filter (EKF_STATUS_REPORT), and visual positions. Never
-// pass it the fixes that we send (GPS_INPUT comes back as a receiver) nor the autopilot's fused position.
+// Inputs: the receiver's messages (GPS_RAW_INT), the autopilot's filter (EKF_STATUS_REPORT), and visual positions.
+// Never pass it the fixes that we send (GPS_INPUT comes back as a receiver) nor the autopilot's fused position.
 //
 // Spoofed: a step or a speed beyond what the aircraft can fly, the filter's glitch alarm, or a disagreement with vision
 // beyond both uncertainties, which is how a slow drag-off ends. Suspicion is quick, trust is slow: after denial or
@@ -36,14 +36,14 @@ class GpsHealth {
   void on_event(const EkfReport& report);
   void on_event(const LocalizedFrame& frame);  // its position, if it is visual
   void on_vision(const VisionPosition& vision);
-  // The autopilot receives a fix of ours: its filter's alarms are about that fix, not about the receiver. ArduPilot also
-  // reports a glitch when the fix in use has a speed accuracy of 1.5 m/s or worse.
+  // The autopilot receives a fix of ours: its filter's alarms are about that fix, not about the receiver. ArduPilot
+  // also reports a glitch when the fix in use has a speed accuracy of 1.5 m/s or worse.
   void our_fix_in_use(double now_s) { our_fix_s_ = now_s; }
   // The service was restarted in flight: a receiver without a fix now is denied one.
   void on_restart() { had_first_fix_ = true; }
 
-  // The assessment now. Call it several times a second: silence causes no event. While the link to the autopilot is down
-  // the receiver's silence means nothing, and the assessment stays.
+  // The assessment now. Call it several times a second: silence causes no event. While the link to the autopilot is
+  // down the receiver's silence means nothing, and the assessment stays.
   GpsAssessment assess(double now_s, bool link_up = true);
 
  private:
@@ -67,7 +67,7 @@ class GpsHealth {
   std::optional<double> ekf_lost_since_s_;
   std::optional<double> our_fix_s_;
   bool ekf_had_position_ = false;
-  std::string fault_;       // a step or a speed since the last assessment
+  std::string fault_;     // a step or a speed since the last assessment
   bool spoofed_ = false;  // since it was last trusted
   bool had_first_fix_ = false;
 };

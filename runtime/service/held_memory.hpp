@@ -2,8 +2,8 @@
 // must not be missing in the air, and leaks show in a process of constant size.
 //
 // glibc's allocator serves all threads from one heap, returns nothing to the system, and serves large buffers from that
-// heap too; then the heap is grown once, and every page of it is written. Measured in the closed loop at 3 FullHD frames
-// per second: 20 to 50 MB in use, 138 MB at the peak.
+// heap too; then the heap is grown once, and every page of it is written. Measured in the closed loop at 3 FullHD
+// frames per second: 20 to 50 MB in use, 138 MB at the peak.
 #pragma once
 
 #include <cstddef>
@@ -12,8 +12,8 @@ namespace nadir {
 
 inline constexpr int kUsualMemory_mb = 192;
 
-// Call it before the first thread starts. 0: no change. Does nothing where the C library is not glibc. Throws Error when
-// the system cannot provide so much.
+// Call it before the first thread starts. 0: no change. Does nothing where the C library is not glibc. Throws Error
+// when the system cannot provide so much.
 void hold_memory(std::size_t megabytes);
 
 }  // namespace nadir

@@ -1,5 +1,6 @@
 // The queue between two threads of the runtime: bounded, the latest wins. put() never waits and never fails; when the
-// mailbox is full, the oldest item is dropped and counted. Frames go to the localizer through a mailbox of capacity one.
+// mailbox is full, the oldest item is dropped and counted. Frames go to the localizer through a mailbox of capacity
+// one.
 #pragma once
 
 #include <chrono>

@@ -1,6 +1,6 @@
 // What happens on board: one type of event for the whole runtime. The threads of camera, link and localizer publish it,
-// the conductor (flight/flight_service.hpp) dispatches it, and the state machine, GpsHealth, the journal (recorder, event
-// list, operator) and the view of the API each take what concerns them in their on_event().
+// the conductor (flight/flight_service.hpp) dispatches it, and the state machine, GpsHealth, the journal (recorder,
+// event list, operator) and the view of the API each take what concerns them in their on_event().
 #pragma once
 
 #include <cstdint>
@@ -23,8 +23,8 @@ struct PackageVerified {
   std::string reason{};  // of a rejection: the first finding
 };
 
-// After a restart in flight the saved position is usable (saved_flight.hpp). It is fixed while the aircraft flies on, so
-// σ grows by the speed until the first estimate.
+// After a restart in flight the saved position is usable (saved_flight.hpp). It is fixed while the aircraft flies on,
+// so σ grows by the speed until the first estimate.
 struct EstimateRestored {
   double sigma_m = 0;
   double speed_mps = 0;
@@ -116,10 +116,9 @@ struct StateTransition {
   std::string text;  // for the recorder: the explanation, with figures
 };
 
-using OnboardEvent =
-    std::variant<PackageVerified, EstimateRestored, StateSaveFailed, AutopilotHeartbeat, GpsFix3d, EkfReport,
-                 PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame, TilesFailed, GpsAssessment,
-                 StateTransition>;
+using OnboardEvent = std::variant<PackageVerified, EstimateRestored, StateSaveFailed, AutopilotHeartbeat, GpsFix3d,
+                                  EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
+                                  TilesFailed, GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

@@ -181,7 +181,8 @@ Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock
 
   const Age saved = age_of(flight, flight.saved_monotonic_s, flight.saved_unix_us, clock);
   if (saved.s < 0) return {{}, {}, fmt::format("saved {:.0f} s in the future: cold start", -saved.s)};
-  if (saved.s > kMaxRestartAge_s) return {{}, {}, fmt::format("saved {:.0f} s ago, by another flight: cold start", saved.s)};
+  if (saved.s > kMaxRestartAge_s)
+    return {{}, {}, fmt::format("saved {:.0f} s ago, by another flight: cold start", saved.s)};
 
   Restart restart{{}, flight.hint, {}};
   if (!flight.estimate || flight.estimate->source == SourceLabel::no_fix) {

@@ -1,11 +1,12 @@
-// What survives a restart in flight: the saved flight, the state directory that holds it, and what a restart makes of it.
+// What survives a restart in flight: the saved flight, the state directory that holds it, and what a restart makes of
+// it.
 //
-// flight.json is one line of JSON ("nadir.flight/1") and, in a second line, its SHA-256. A file that is not exactly that
-// is rejected with a reason: a position from a damaged file would be wrong.
+// flight.json is one line of JSON ("nadir.flight/1") and, in a second line, its SHA-256. A file that is not exactly
+// that is rejected with a reason: a position from a damaged file would be wrong.
 //
 // After a restart the position is propagated with its velocity v for its age t, and σ grows with an unobserved turn
-// (kRestartTurn_mps2), the error of v, and the distance until the first frame. Where σ + v t with the position as it was
-// is smaller, that is used instead:
+// (kRestartTurn_mps2), the error of v, and the distance until the first frame. Where σ + v t with the position as it
+// was is smaller, that is used instead:
 //   σ₁ = σ₀ + hypot(a t²/2, σ_v t, v t_f)        σ₂ = σ₀ + max(v, v_min) t
 //
 // Within one boot of the computer the age is exact, whatever was done to the system clock. After a reboot only UTC
@@ -65,12 +66,11 @@ struct SavedFlightReading {
 };
 SavedFlightReading parse_saved_flight(std::string_view text);
 
-
-// The folder that carries a flight over a restart: flight.json, replaced atomically about once a second. Other parts keep
-// their own files beside it (the signing time of the link, the aircraft's memory of packages).
+// The folder that carries a flight over a restart: flight.json, replaced atomically about once a second. Other parts
+// keep their own files beside it (the signing time of the link, the aircraft's memory of packages).
 //
-// Writing syncs to disk and may be slow: it belongs to the state thread, never to the path of a frame. A full disk costs
-// the restart its memory, not the flight.
+// Writing syncs to disk and may be slow: it belongs to the state thread, never to the path of a frame. A full disk
+// costs the restart its memory, not the flight.
 class StateDirectory {
  public:
   // Creates the folder if it is missing and removes temporary files of a killed writer. Throws Error when that fails:
@@ -90,7 +90,6 @@ class StateDirectory {
 
   std::filesystem::path folder_;
 };
-
 
 struct RestartPosition {
   LonLat place;

@@ -13,8 +13,8 @@ namespace {
 using enum ServiceState;
 using enum ServiceReason;
 
-constexpr double kBurst_s = 0.1;         // closer frames are a burst, or a camera so fast that the 400 ms decide
-constexpr double kMaxInterval_s = 2.5;   // longer ones are capped: too slow a camera to fly by
+constexpr double kBurst_s = 0.1;        // closer frames are a burst, or a camera so fast that the 400 ms decide
+constexpr double kMaxInterval_s = 2.5;  // longer ones are capped: too slow a camera to fly by
 constexpr std::size_t kMinIntervals = 3;
 
 }  // namespace
@@ -185,8 +185,7 @@ void ServiceMachine::on(const EstimateRestored& restored) {
   restored_ = has_position_ = std::isfinite(restored.sigma_m) && restored.sigma_m >= 0;
   source_ = restored_ ? SourceLabel::dead_reckoned : SourceLabel::no_fix;
   sigma_m_ = restored_ ? restored.sigma_m : kNoFixAccuracy_m;
-  growth_mps_ =
-      std::isfinite(restored.speed_mps) ? std::max(restored.speed_mps, kBlindGrowth_mps) : kNoFixSigma_m;
+  growth_mps_ = std::isfinite(restored.speed_mps) ? std::max(restored.speed_mps, kBlindGrowth_mps) : kNoFixSigma_m;
   estimate_s_ = now_s_;
 }
 

@@ -136,8 +136,8 @@ class ServiceMachine {
   bool anchored_ = false;       // since the position was lost
   bool ever_anchored_ = false;  // so that the next anchor is a return
   double sigma_m_ = 0;
-  double growth_mps_ = 0;  // of σ while blind
-  double sent_sigma_m_ = 0;    // never shrinks while blind
+  double growth_mps_ = 0;    // of σ while blind
+  double sent_sigma_m_ = 0;  // never shrinks while blind
 
   GpsVerdict gps_ = GpsVerdict::unknown;
   PositionLeader leader_ = PositionLeader::gps;

@@ -7,13 +7,13 @@
 namespace nadir {
 
 // ---- blindness: no frame that odometry or a match can use [design]
-inline constexpr double kBlackout_s = 0.4;           // without a new frame: the camera is silent
-inline constexpr double kMissedFrames = 1.2;         // the same for slow cameras, in frame intervals: one frame is missing
-inline constexpr double kLatestInIntervals = 2;      // however irregular, in median intervals
-inline constexpr double kEstimateOverdue_s = 1.0;    // frames arrive, but no estimates
-inline constexpr double kBlindNoFix_s = 30;          // blind for longer: no fix
-inline constexpr double kBlindGrowth_mps = 5.0;  // of σ while blind, between estimates; the filter's own growth is
-                                                     // smaller for the first 33 s (1.5 m/s per root second)
+inline constexpr double kBlackout_s = 0.4;       // without a new frame: the camera is silent
+inline constexpr double kMissedFrames = 1.2;     // the same for slow cameras, in frame intervals: one frame is missing
+inline constexpr double kLatestInIntervals = 2;  // however irregular, in median intervals
+inline constexpr double kEstimateOverdue_s = 1.0;  // frames arrive, but no estimates
+inline constexpr double kBlindNoFix_s = 30;        // blind for longer: no fix
+inline constexpr double kBlindGrowth_mps = 5.0;    // of σ while blind, between estimates; the filter's own growth is
+                                                   // smaller for the first 33 s (1.5 m/s per root second)
 
 // ---- required accuracy, one axis [design]
 inline constexpr double kNoFixSigma_m = 500;
@@ -40,13 +40,13 @@ inline constexpr double kOurFixInUse_s = 15;         // its alarms may be about 
 inline constexpr double kMaxGroundSpeed_mps = 100;   // with the wind [aircraft]
 inline constexpr double kStepMargin_m = 30;          // beyond what speed and accuracies explain [design]
 inline constexpr double kMaxAcceleration_mps2 = 15;  // between two fixes [aircraft]
-inline constexpr double kMaxGpsSigma_m = 10;         // a spoofer may claim any accuracy; larger values are capped [design]
-inline constexpr double kDefaultGpsSigma_m = 3;      // of a receiver that reports none [design]
-inline constexpr double kDisagreementSigmas = 4;     // [design]
-inline constexpr double kMinDisagreement_m = 25;     // [design]
-inline constexpr double kDisagreement_s = 1.0;       // for so long [design]
-inline constexpr double kMaxVisionSigma_m = 60;      // less accurate visual positions prove nothing [design]
-inline constexpr double kMaxVisionAge_s = 1.0;       // nor do older ones [design]
+inline constexpr double kMaxGpsSigma_m = 10;      // a spoofer may claim any accuracy; larger values are capped [design]
+inline constexpr double kDefaultGpsSigma_m = 3;   // of a receiver that reports none [design]
+inline constexpr double kDisagreementSigmas = 4;  // [design]
+inline constexpr double kMinDisagreement_m = 25;  // [design]
+inline constexpr double kDisagreement_s = 1.0;    // for so long [design]
+inline constexpr double kMaxVisionSigma_m = 60;   // less accurate visual positions prove nothing [design]
+inline constexpr double kMaxVisionAge_s = 1.0;    // nor do older ones [design]
 
 // ---- GPS: trusted again [design]
 inline constexpr double kGpsStable_s = 10;       // undisturbed, and in agreement with vision
@@ -55,15 +55,15 @@ inline constexpr double kGpsStableAlone_s = 60;  // undisturbed, without vision 
 inline constexpr double kGpsHintRadius_m = 150;  // of the search that a trusted GPS suggests
 
 // ---- restart in flight (saved_flight.hpp)
-inline constexpr double kMaxRestartAge_s = 1800;           // older: another flight [design]
-inline constexpr double kRebootAllowance_s = 60;           // of unobserved time [design]
-inline constexpr double kMinRestartSpeed_mps = 15;         // in flight, whatever was measured last [aircraft]
-inline constexpr double kRestartTurn_mps2 = 2.5;           // one sigma of an unobserved turn [aircraft]
-inline constexpr double kRestartVelocitySigma_mps = 1;     // [design]
-inline constexpr double kFirstFrameAfterRestart_s = 0.5;   // between the restart and the first frame [design]
+inline constexpr double kMaxRestartAge_s = 1800;          // older: another flight [design]
+inline constexpr double kRebootAllowance_s = 60;          // of unobserved time [design]
+inline constexpr double kMinRestartSpeed_mps = 15;        // in flight, whatever was measured last [aircraft]
+inline constexpr double kRestartTurn_mps2 = 2.5;          // one sigma of an unobserved turn [aircraft]
+inline constexpr double kRestartVelocitySigma_mps = 1;    // [design]
+inline constexpr double kFirstFrameAfterRestart_s = 0.5;  // between the restart and the first frame [design]
 
-// ---- attitude of an autopilot that navigates by our fix, one sigma: the airframe file's figures were measured with GPS,
-// and are used only where they are larger [loop]
+// ---- attitude of an autopilot that navigates by our fix, one sigma: the airframe file's figures were measured with
+// GPS, and are used only where they are larger [loop]
 inline constexpr double kFixAidedHeading_rad = 0.087;  // 5 degrees
 inline constexpr double kFixAidedTilt_rad = 0.035;     // 2 degrees
 

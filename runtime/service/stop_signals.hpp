@@ -1,5 +1,5 @@
-// SIGINT and SIGTERM as a stop token for the service's threads. Create it in main before any other thread: later threads
-// inherit the blocked signals. A second signal ends the process at once.
+// SIGINT and SIGTERM as a stop token for the service's threads. Create it in main before any other thread: later
+// threads inherit the blocked signals. A second signal ends the process at once.
 #pragma once
 
 #include <csignal>

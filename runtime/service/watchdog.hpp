@@ -25,8 +25,8 @@ struct LateThread {
   std::string text() const;  // "localizer silent for 3.2 s (at most 2 s)"
 };
 
-// A beat is one store to an atomic; it never waits. A thread whose Beat is destroyed has ended in order and is no longer
-// watched; a thread that ends by an exception must end the service.
+// A beat is one store to an atomic; it never waits. A thread whose Beat is destroyed has ended in order and is no
+// longer watched; a thread that ends by an exception must end the service.
 class ThreadWatch {
   struct Watched {
     std::string name;
@@ -68,7 +68,6 @@ class ThreadWatch {
   mutable std::list<std::shared_ptr<Watched>> watched_;
 };
 
-
 // systemd's notification protocol (sd_notify(3)) over the datagram socket in NOTIFY_SOCKET, without libsystemd. Without
 // such a socket, started by hand, it does nothing. A message that cannot be sent is lost: the flight never waits.
 class ServiceManager {
@@ -99,7 +98,6 @@ struct ServiceEnvironment {
   std::optional<double> watchdog_interval_s;  // WATCHDOG_USEC, when WATCHDOG_PID is absent or ours
 };
 ServiceEnvironment read_service_environment();
-
 
 class Watchdog {
  public:

@@ -68,7 +68,8 @@ TEST(VideoPlugin, AnInvalidVideoIsAFailure) {
   const test::TemporaryFolder folder;
   ManualClock clock;
   for (const auto& file : {folder.write("text.avi", "no video"), folder / "missing.avi"}) {
-    EXPECT_EQ(open_camera("video:" + file.string(), clock, {PLUGIN_FOLDER})->next(0ms, {}).status, CameraStatus::failure);
+    EXPECT_EQ(open_camera("video:" + file.string(), clock, {PLUGIN_FOLDER})->next(0ms, {}).status,
+              CameraStatus::failure);
   }
 }
 

@@ -61,12 +61,12 @@ class AutopilotLinkTest : public ::testing::Test {
 
   void see(LonLat place, double sigma_m) {
     link_->on_estimate({.time_us = static_cast<std::int64_t>(clock_.monotonic_s() * 1e6),
-                    .place = place,
-                    .sigma_m = sigma_m,
-                    .speed_sigma_mps = 0.1,
-                    .msl_m = 600,
-                    .vertical_sigma_m = 3},
-                   clock_.monotonic_s());
+                        .place = place,
+                        .sigma_m = sigma_m,
+                        .speed_sigma_mps = 0.1,
+                        .msl_m = 600,
+                        .vertical_sigma_m = 3},
+                       clock_.monotonic_s());
   }
 
   void permit(bool serves, bool fix, double sigma_m) {

@@ -122,8 +122,7 @@ TEST_F(CameraFeedTest, StaleFramesAreDropped) {
 TEST_F(CameraFeedTest, TheFrameAfterAPauseIsDeliveredWhenNoneFollows) {
   ManualClock clock(14.5);
   std::deque<CameraReading> script;
-  for (const double at_s : {1.0, 2.0, 3.0, 4.0, 14.0})
-    script.push_back(image(fmt::format("{:.0f}", at_s), at_s, {1}));
+  for (const double at_s : {1.0, 2.0, 3.0, 4.0, 14.0}) script.push_back(image(fmt::format("{:.0f}", at_s), at_s, {1}));
   CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0, clock, frames_, watch_,
                   [](const OnboardEvent&) {});
   for (const char* name : {"1", "2", "3", "4"}) {

@@ -6,9 +6,9 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "service/service_rules.hpp"
 #include "flight/link_peer.hpp"
 #include "recorder/recording.hpp"
+#include "service/service_rules.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {

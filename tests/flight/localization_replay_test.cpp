@@ -127,7 +127,8 @@ class LocalizationReplay : public ::testing::Test {
   // One picture, followed before this returns.
   void fly(LocalizationThread& localization, const Moment& moment) {
     const Telemetry& telemetry = moment.telemetry;
-    localization.on_message(telemetry.time_s, AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
+    localization.on_message(telemetry.time_s,
+                            AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
     localization.on_message(telemetry.time_s, GroundHeight{{}, 0, *telemetry.agl_m});
     frames_.put({telemetry.frame, encode_image(moment.image, ImageFormat::png), telemetry.time_s});
     progress_.wait(progress_.frames, ++flown_);

@@ -80,7 +80,8 @@ class LongSearch : public ::testing::Test {
   void search(LocalizationThread& localization) {
     const Moment& moment = short_flight()[0];
     const Telemetry& telemetry = moment.telemetry;
-    localization.on_message(telemetry.time_s, AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
+    localization.on_message(telemetry.time_s,
+                            AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
     localization.on_message(telemetry.time_s, GroundHeight{{}, 0, *telemetry.agl_m});
     frames_.put({telemetry.frame, encode_image(moment.image, ImageFormat::png), telemetry.time_s});
     ASSERT_TRUE(tiles_.await_reader());

@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "base/random.hpp"
-#include "mavlink/messages.hpp"
 #include "mavlink/judge.hpp"
+#include "mavlink/messages.hpp"
 
 namespace nadir {
 namespace {

@@ -138,9 +138,8 @@ TEST(Decode, Commands) {
 
 TEST(Decode, NonFiniteNumbersMakeAMessageMalformed) {
   for (const char* json :
-       {R"({"message":"ATTITUDE","yaw":null})",
-        R"({"message":"EKF_STATUS_REPORT","velocity_variance":null})", R"({"message":"SIM_STATE","vn":null})",
-        R"({"message":"TERRAIN_REPORT","terrain_height":null})"}) {
+       {R"({"message":"ATTITUDE","yaw":null})", R"({"message":"EKF_STATUS_REPORT","velocity_variance":null})",
+        R"({"message":"SIM_STATE","vn":null})", R"({"message":"TERRAIN_REPORT","terrain_height":null})"}) {
     EXPECT_FALSE(decoded(json)) << json;
   }
 }

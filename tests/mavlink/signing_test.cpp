@@ -6,8 +6,8 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/sha256.hpp"
-#include "mavlink/messages.hpp"
 #include "mavlink/judge.hpp"
+#include "mavlink/messages.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {

@@ -18,8 +18,8 @@ namespace {
 // Timeouts of a network camera, shorter than the limit of the camera thread.
 constexpr int kOpenTimeout_ms = 4000, kReadTimeout_ms = 3000;
 
-// By default FFmpeg analyses a network stream for five seconds before it delivers a frame, and then delivers its buffer.
-// The localizer needs the current frame.
+// By default FFmpeg analyses a network stream for five seconds before it delivers a frame, and then delivers its
+// buffer. The localizer needs the current frame.
 constexpr const char* kLive =
     "rtsp_transport;tcp|analyzeduration;500000|fpsprobesize;0|fflags;nobuffer|flags;low_delay";
 
