@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 
 namespace nadir {
 namespace {
@@ -19,9 +20,9 @@ constexpr std::int64_t kMostSquare_mm2 = 1'000'000'000'000'000;  // (31 km)²
 constexpr std::size_t kMaxName = 64, kMaxFrame = 128;
 constexpr std::size_t kMembers = 19, kMembersPieced = 21;
 
-constexpr JsonReader::Complaint kComplaint{"cannot accept this candidate's sidecar"};
+constexpr JsonMembers::Complaint kComplaint{"cannot accept this candidate's sidecar"};
 
-std::string id(const JsonReader& in, const char* key, std::size_t longest, std::string_view also) {
+std::string id(const JsonMembers& in, const char* key, std::size_t longest, std::string_view also) {
   const std::string& value = in.text(key);
   const bool good = !value.empty() && value.size() <= longest && value.front() != '.' &&
                     std::all_of(value.begin(), value.end(), [also](char c) {
@@ -32,7 +33,7 @@ std::string id(const JsonReader& in, const char* key, std::size_t longest, std::
   return value;
 }
 
-CandidatePose read_pose(const JsonReader& in) {
+CandidatePose read_pose(const JsonMembers& in) {
   CandidatePose pose;
   pose.lat_e7 = in.whole("lat_e7", -900'000'000, 900'000'000);
   pose.lon_e7 = in.whole("lon_e7", -1'800'000'000, 1'800'000'000);
@@ -53,7 +54,7 @@ CandidatePose read_pose(const JsonReader& in) {
   return pose;
 }
 
-CandidateQuality read_quality(const JsonReader& in) {
+CandidateQuality read_quality(const JsonMembers& in) {
   return {.sharpness_ppm = in.whole("sharpness_ppm", 0, kMillion),
           .contrast_ppm = in.whole("contrast_ppm", 0, kMillion),
           .clipped_ppm = in.whole("clipped_ppm", 0, kMillion),
@@ -61,14 +62,14 @@ CandidateQuality read_quality(const JsonReader& in) {
           .overlap_ppm = in.whole("overlap_ppm", 0, kMillion)};
 }
 
-TileKey read_key(const JsonReader& in) {
+TileKey read_key(const JsonMembers& in) {
   const std::int64_t z = in.whole("z", 0, kMaxZoom);
   const std::int64_t last = (std::int64_t{1} << z) - 1;
   return {static_cast<std::uint8_t>(z), static_cast<std::uint32_t>(in.whole("x", 0, last)),
           static_cast<std::uint32_t>(in.whole("y", 0, last))};
 }
 
-SourceLabel read_source(const JsonReader& in) {
+SourceLabel read_source(const JsonMembers& in) {
   for (const auto label : {SourceLabel::satellite_anchored, SourceLabel::vo_extrapolated, SourceLabel::dead_reckoned,
                            SourceLabel::no_fix}) {
     if (in.text("source") == name_of(label)) return label;
@@ -76,7 +77,7 @@ SourceLabel read_source(const JsonReader& in) {
   in.refuse("source", "a source label", in.text("source"));
 }
 
-UtcMillis read_time(const JsonReader& in) {
+UtcMillis read_time(const JsonMembers& in) {
   const auto time = parse_utc_millis(in.text("captured_at"));
   if (!time) in.refuse("captured_at", "a time like 2026-05-01T12:00:00.250Z", in.text("captured_at"));
   return *time;
@@ -88,7 +89,7 @@ bool says_it_is_pieced(const json& document) {
   return schema != document.end() && schema->is_string() && schema->get_ref<const std::string&>() == kPiecedTileSchema;
 }
 
-CandidatePart read_part(const JsonReader& in) {
+CandidatePart read_part(const JsonMembers& in) {
   return {.frame = id(in, "frame", kMaxFrame, "_.-"),
           .captured_at = read_time(in),
           .share_ppm = in.whole("share_ppm", 0, kMillion),
@@ -96,7 +97,7 @@ CandidatePart read_part(const JsonReader& in) {
 }
 
 // What the whole says of itself must be the worst of its parts: nobody looks at the parts to find out.
-void read_parts(const JsonReader& in, CandidateSidecar& sidecar) {
+void read_parts(const JsonMembers& in, CandidateSidecar& sidecar) {
   sidecar.seam_mm = in.whole("seam_mm", 0, 10 * kMillion);
   const json& parts = in.member("parts");
   if (!parts.is_array() || parts.size() < 2 || parts.size() > kMaxCandidateParts) {
@@ -104,7 +105,7 @@ void read_parts(const JsonReader& in, CandidateSidecar& sidecar) {
   }
   std::int64_t shares_ppm = 0;
   for (const json& part : parts) {
-    const JsonReader one(part, fmt::format("{}: parts/{}", in.where(), sidecar.parts.size()), 4, kComplaint);
+    const JsonMembers one(part, fmt::format("{}: parts/{}", in.where(), sidecar.parts.size()), 4, kComplaint);
     const CandidatePart& read = sidecar.parts.emplace_back(read_part(one));
     shares_ppm += read.share_ppm;
     if (read.captured_at < sidecar.captured_at) in.refuse("captured_at", "the oldest part's", part["captured_at"]);
@@ -121,7 +122,7 @@ void read_parts(const JsonReader& in, CandidateSidecar& sidecar) {
 
 CandidateSidecar read_candidate(const json& document, std::string_view name) {
   const bool pieced = says_it_is_pieced(document);
-  const JsonReader in(document, std::string(name), pieced ? kMembersPieced : kMembers, kComplaint);
+  const JsonMembers in(document, std::string(name), pieced ? kMembersPieced : kMembers, kComplaint);
   if (!pieced && in.text("schema") != kCandidateSchema) {
     in.refuse("schema", fmt::format("{} or {}", kCandidateSchema, kPiecedTileSchema), in.text("schema"));
   }

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 #include "geodesy/angles.hpp"
 #include "ortho/candidate_sidecar.hpp"
 #include "replay/poses_file.hpp"
@@ -20,21 +21,21 @@ constexpr double kMostTurns_rad = 1e4;  // a heading is not wound back
 constexpr std::int64_t kMostFrames = 1'000'000'000;
 constexpr std::size_t kMembers = 7, kPoseMembers = 12;
 
-constexpr JsonReader::Complaint kComplaint{"cannot accept these poses", "let nadir replay write the file again"};
+constexpr JsonMembers::Complaint kComplaint{"cannot accept these poses", "let nadir replay write the file again"};
 
-std::uint64_t count(const JsonReader& in, const char* key) {
+std::uint64_t count(const JsonMembers& in, const char* key) {
   return static_cast<std::uint64_t>(in.whole(key, 0, kMostFrames));
 }
 
-std::string label(const JsonReader& in, const char* key) {
+std::string label(const JsonMembers& in, const char* key) {
   const std::string& value = in.text(key);
   if (value.empty() || frame_label(value) != value) in.refuse(key, "1 to 128 of A-Z a-z 0-9 . _ -", value);
   return value;
 }
 
-PosesSubject read_subject(const JsonReader& in) {
+PosesSubject read_subject(const JsonMembers& in) {
   if (in.text("schema") != kPosesSchema) in.refuse("schema", std::string(kPosesSchema), in.text("schema"));
-  const JsonReader origin = in.object("origin", 2);
+  const JsonMembers origin = in.object("origin", 2);
   return {.flight = label(in, "flight"),
           .frames = count(in, "frames"),
           .base_package = in.digest("base_package"),
@@ -42,7 +43,7 @@ PosesSubject read_subject(const JsonReader& in) {
           .origin = {origin.number("lon_deg", -180, 180), origin.number("lat_deg", -90, 90)}};
 }
 
-FramePose read_pose(const JsonReader& in) {
+FramePose read_pose(const JsonMembers& in) {
   FramePose said;
   said.pose.position = {in.number("east_m", -kFarthest_m, kFarthest_m),
                         in.number("north_m", -kFarthest_m, kFarthest_m)};
@@ -66,12 +67,12 @@ FramePose read_pose(const JsonReader& in) {
 
 PosesDocument parse_poses(std::string_view bytes, std::string_view name) {
   const json whole = parse_json(bytes, name, {.max_depth = 4, .allow_floats = true});
-  const JsonReader in(whole, std::string(name), kMembers, kComplaint);
+  const JsonMembers in(whole, std::string(name), kMembers, kComplaint);
   PosesDocument document{read_subject(in), {}};
   const json& poses = in.member("poses");
   if (!poses.is_array()) in.refuse("poses", "a list", poses);
   for (const json& object : poses) {
-    const JsonReader one(object, fmt::format("{}: poses/{}", name, document.poses.size()), kPoseMembers, kComplaint);
+    const JsonMembers one(object, fmt::format("{}: poses/{}", name, document.poses.size()), kPoseMembers, kComplaint);
     const std::uint64_t index = count(one, "index");
     if (index >= document.subject.frames) one.refuse("index", "less than the number of frames", index);
     if (!document.poses.empty() && index <= document.poses.back().index) {

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 #include "trust/signatures.hpp"
 
 namespace nadir {
@@ -15,9 +16,9 @@ using nlohmann::json;
 constexpr std::size_t kMaxText = 64;
 constexpr std::int64_t kMaxSequence = std::int64_t{1} << 53;
 
-constexpr JsonReader::Complaint kComplaint{"cannot accept this rollback permit"};
+constexpr JsonMembers::Complaint kComplaint{"cannot accept this rollback permit"};
 
-std::string text(const JsonReader& in, const char* key) {
+std::string text(const JsonMembers& in, const char* key) {
   const std::string& value = in.text(key);
   if (value.empty() || value.size() > kMaxText) in.refuse(key, fmt::format("text of 1 to {} bytes", kMaxText), value);
   return value;
@@ -25,7 +26,7 @@ std::string text(const JsonReader& in, const char* key) {
 
 RollbackPermit read_permit(const json& object, std::string_view name) {
   const bool of_one_airframe = object.contains("airframe");
-  const JsonReader in(object, std::string(name), of_one_airframe ? 6 : 5, kComplaint);
+  const JsonMembers in(object, std::string(name), of_one_airframe ? 6 : 5, kComplaint);
   if (text(in, "schema") != kPermitSchema) in.refuse("schema", fmt::format("\"{}\"", kPermitSchema), in.text("schema"));
   RollbackPermit permit;
   permit.series = text(in, "series");

@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "base/json.hpp"
+#include "base/json_members.hpp"
 #include "base/printable.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
@@ -20,23 +21,23 @@ using nlohmann::json;
 constexpr std::size_t kLongestDetail = 500;
 constexpr std::int64_t kLeastPart = 4096;
 
-constexpr JsonReader::Complaint kComplaint{"the service's answer is not what the contract says"};
+constexpr JsonMembers::Complaint kComplaint{"the service's answer is not what the contract says"};
 
 json parse(std::string_view body) {
   return parse_json(body, "the service's answer", {.max_depth = 8, .allow_floats = true});
 }
 
 // A later version of the service may say more: as many members as there are.
-JsonReader members_of(const json& object, const char* where) { return {object, where, object.size(), kComplaint}; }
+JsonMembers members_of(const json& object, const char* where) { return {object, where, object.size(), kComplaint}; }
 
-std::string text(const JsonReader& in, const char* name, std::size_t longest) {
+std::string text(const JsonMembers& in, const char* name, std::size_t longest) {
   const std::string& value = in.text(name);
   if (value.size() > longest) in.refuse(name, fmt::format("text of at most {} bytes", longest), value.substr(0, 80));
   return value;
 }
 
 // The name goes into paths: nothing but letters, digits, '_' and '-'.
-std::string upload_id(const JsonReader& in) {
+std::string upload_id(const JsonMembers& in) {
   std::string id = text(in, "upload_id", 64);
   const bool good =
       id.size() >= 8 && std::all_of(id.begin(), id.end(), [](char c) {
@@ -46,7 +47,7 @@ std::string upload_id(const JsonReader& in) {
   return id;
 }
 
-const json& list(const JsonReader& in, const char* name) {
+const json& list(const JsonMembers& in, const char* name) {
   const json& value = in.member(name);
   if (!value.is_array() || value.size() > kMaxBatchTiles) {
     in.refuse(name, fmt::format("a list of at most {}", kMaxBatchTiles), value.is_array() ? json(value.size()) : value);
@@ -54,7 +55,7 @@ const json& list(const JsonReader& in, const char* name) {
   return value;
 }
 
-std::vector<Sha256> digests(const JsonReader& in, const char* name) {
+std::vector<Sha256> digests(const JsonMembers& in, const char* name) {
   std::vector<Sha256> result;
   for (const json& item : list(in, name)) {
     const auto digest = item.is_string() ? Sha256::from_hex(item.get_ref<const std::string&>()) : std::nullopt;
@@ -64,15 +65,15 @@ std::vector<Sha256> digests(const JsonReader& in, const char* name) {
   return result;
 }
 
-std::string reason(const JsonReader& in) {
+std::string reason(const JsonMembers& in) {
   std::string code = text(in, "code", 64);
   if (!parse_reason_code(code)) in.refuse("code", "a reason of the closed list", code);
   return code;
 }
 
-std::string detail(const JsonReader& in) { return printable(text(in, "detail", 4 * kLongestDetail)); }
+std::string detail(const JsonMembers& in) { return printable(text(in, "detail", 4 * kLongestDetail)); }
 
-VerdictReply verdict(const JsonReader& in) {
+VerdictReply verdict(const JsonMembers& in) {
   VerdictReply result{.sha256 = in.digest("sha256")};
   const std::string word = text(in, "verdict", 16);
   if (word == "accepted") {
@@ -93,13 +94,13 @@ VerdictReply verdict(const JsonReader& in) {
 
 AnnouncementReply parse_announcement(std::string_view body) {
   const json document = parse(body);
-  const JsonReader in = members_of(document, "the announcement's answer");
+  const JsonMembers in = members_of(document, "the announcement's answer");
   AnnouncementReply result;
   result.upload = upload_id(in);
   result.missing = digests(in, "missing");
   result.known = digests(in, "known");
   for (const json& item : list(in, "refused")) {
-    const JsonReader tile = members_of(item, "refused");
+    const JsonMembers tile = members_of(item, "refused");
     result.refused.push_back({tile.digest("sha256"), reason(tile), detail(tile)});
   }
   result.part_max = static_cast<std::uint64_t>(in.whole("part_max", kLeastPart, kMaxPackSize));
@@ -111,7 +112,7 @@ AnnouncementReply parse_announcement(std::string_view body) {
 
 StatusReply parse_upload_status(std::string_view body) {
   const json document = parse(body);
-  const JsonReader in = members_of(document, "the upload's status");
+  const JsonMembers in = members_of(document, "the upload's status");
   StatusReply result{.upload = upload_id(in), .batch = text(in, "batch", 64)};
   const std::string state = text(in, "state", 16);
   if (state != "open" && state != "judging" && state != "judged") {
@@ -125,7 +126,7 @@ StatusReply parse_upload_status(std::string_view body) {
 std::string problem_text(std::string_view body) {
   try {
     const json document = parse(body);
-    const JsonReader in = members_of(document, "a problem");
+    const JsonMembers in = members_of(document, "a problem");
     const std::string title = text(in, "title", kLongestDetail);
     return printable(fmt::format("{}: {}", title, text(in, "detail", kLongestDetail)));
   } catch (const Error&) {
