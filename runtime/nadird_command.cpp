@@ -9,7 +9,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "flight/flight_service.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "ortho/tile_key_check.hpp"

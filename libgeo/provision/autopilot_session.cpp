@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "base/error.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 
 namespace nadir {
 namespace {

@@ -124,7 +124,7 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
                     .recorded = ready->recorded ? &*ready->recorded : nullptr};
   if (package_) {
     Opening opening =
-        open_flight_map({*package_, *trust_, airframe_}, judging_time(at_, context.clock), context.progress);
+        open_flight_map({*package_, *trust_, airframe_}, evaluation_time(at_, context.clock), context.progress);
     if (!opening.package) {
       ready->findings = std::move(opening.findings);
       return ready;

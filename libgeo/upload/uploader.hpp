@@ -40,14 +40,14 @@ using Tell = std::function<void(const std::string& line)>;
 
 class Uploader {
  public:
-  struct Surroundings {
+  struct Environment {
     Pace& pace;
     Random random;  // of the back-off
     Progress& progress;
     Tell tell;
   };
 
-  Uploader(OutboxDatabase& outbox, ServiceClient& service, Surroundings surroundings, UploadOptions options = {})
+  Uploader(OutboxDatabase& outbox, ServiceClient& service, Environment surroundings, UploadOptions options = {})
       : transfer_(outbox),
         service_(service),
         around_(std::move(surroundings)),
@@ -77,7 +77,7 @@ class Uploader {
 
   Transfer transfer_;
   ServiceClient& service_;
-  Surroundings around_;
+  Environment around_;
   UploadOptions options_;
   std::uint64_t part_bytes_;
   std::int64_t last_progress_ms_ = 0;

@@ -20,7 +20,7 @@ void VerifyRequest::setup(Options& options, Trust trust) {
 VerifyOptions VerifyRequest::open(const Clock& clock) {
   if (trust_file_.empty()) throw UsageError({.what = "--trust is missing", .expected = "--trust ROOT.json"});
   root_ = read_trusted_root(trust_file_);
-  judged_at_ = judging_time(at_, clock);
+  judged_at_ = evaluation_time(at_, clock);
   if (state_file_) {
     StateReading reading = check_state(*state_file_);
     findings_.add(reading.findings);

@@ -8,7 +8,7 @@
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
 #include "package/tile_mask.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

@@ -11,7 +11,7 @@
 #include "cli/program.hpp"
 #include "package/amend_package.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

@@ -14,7 +14,7 @@
 #include "package/package_maker.hpp"
 #include "package/root_folder.hpp"
 #include "package/sign_package.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "vision/place_index_check.hpp"
 #include "vision/place_table.hpp"
 

@@ -12,7 +12,7 @@
 #include "cli/program.hpp"
 #include "imagery/codecs.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

@@ -9,7 +9,7 @@
 #include "package_build/matchability_tiff.hpp"
 #include "package/open_package.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

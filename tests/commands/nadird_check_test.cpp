@@ -13,7 +13,7 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
 #include "service/manual_clock.hpp"

@@ -1,4 +1,4 @@
-#include "commands/simulate/camera_pose/pose_assembler.hpp"
+#include "commands/simulate/mavlink_poses.hpp"
 
 #include <gtest/gtest.h>
 

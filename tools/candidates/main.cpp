@@ -6,7 +6,7 @@
 #include "candidates/export.hpp"
 #include "candidates/serve.hpp"
 #include "candidates/status.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/program.hpp"
 
 int main(int argc, char** argv) {

@@ -11,7 +11,7 @@
 #include "candidates/data_folder.hpp"
 #include "candidates/service_work.hpp"
 #include "candidates/upload_server.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/options.hpp"
 
 namespace nadir {

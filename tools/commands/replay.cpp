@@ -1,9 +1,10 @@
-#include "commands/replay.hpp"
-
+// `nadir replay`: flies recorded pictures and telemetry through the localizer and reports how it went.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/error.hpp"
@@ -11,10 +12,13 @@
 #include "base/kept_memory.hpp"
 #include "base/printable.hpp"
 #include "base/sha256.hpp"
+#include "cli/command.hpp"
+#include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "cli/nadir_version.hpp"
+#include "commands/commands.hpp"
 #include "replay/flight_map.hpp"
+#include "replay/flight_request.hpp"
 #include "replay/replay_flight.hpp"
 #include "replay/report.hpp"
 #include "replay/summary.hpp"
@@ -67,7 +71,25 @@ void write_refined(const std::filesystem::path& path, const std::vector<Estimate
   for (const Estimate& estimate : refined) csv.write(estimate);
 }
 
-}  // namespace
+class ReplayCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "replay"; }
+  std::string_view summary() const override { return "fly recorded frames and telemetry through the localizer"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  FlightRequest request_{"nadir replay"};
+  std::optional<std::filesystem::path> truth_;
+  std::filesystem::path out_;
+  std::optional<std::filesystem::path> record_;
+  bool keep_frames_ = false;
+};
 
 std::string_view ReplayCommand::details() const {
   return "Reads pictures, telemetry and camera of a recorded flight and localizes every frame as the aircraft would: "
@@ -194,5 +216,9 @@ int ReplayCommand::run(Context& context) {
   }
   return reproduction && reproduction->same != reproduction->compared ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_replay() { return std::make_unique<ReplayCommand>(); }
 
 }  // namespace nadir

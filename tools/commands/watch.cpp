@@ -1,12 +1,38 @@
-#include "commands/watch.hpp"
-
+// nadir watch: what a running nadird says, on a terminal: live, once, or as lines for a log.
 #include <unistd.h>
 
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "cli/command.hpp"
 #include "cli/options.hpp"
-#include "trust/bearer_token.hpp"
+#include "commands/commands.hpp"
+#include "nadird_client/nadird_client.hpp"
 #include "nadird_client/watching.hpp"
+#include "trust/bearer_token.hpp"
 
 namespace nadir {
+namespace {
+
+class WatchCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "watch"; }
+  std::string_view summary() const override { return "show what a running nadird says"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string url_{kDefaultServiceUrl};
+  std::optional<std::filesystem::path> token_file_;
+  bool once_ = false;
+  double interval_s_ = 1;
+};
 
 std::string_view WatchCommand::details() const {
   return "State, position, σ, anchor age, rates and the last events. On a terminal the screen renews itself until "
@@ -37,5 +63,9 @@ int WatchCommand::run(Context& context) {
   keep_showing(service, context.out, form, interval_s_);
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_watch() { return std::make_unique<WatchCommand>(); }
 
 }  // namespace nadir

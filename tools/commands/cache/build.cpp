@@ -1,16 +1,52 @@
-#include "commands/cache/build.hpp"
-
+// `nadir cache build`: mission, imagery and elevation model to a signed package.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
+#include "cli/command.hpp"
+#include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/cache/imagery_options.hpp"
 #include "package_build/package_builder.hpp"
-#include "cli/nadir_version.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheBuildCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "build"; }
+  std::string_view summary() const override { return "build and sign the map package of a mission"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path mission_;
+  std::vector<std::filesystem::path> imagery_;
+  std::vector<std::string> stretches_;
+  std::optional<std::filesystem::path> dem_;
+  std::string format_ = "mbtiles";
+  std::string tile_format_ = "jpeg";
+  int quality_ = 75;
+  ImageryOptions imagery_options_{"priority"};
+  std::optional<std::filesystem::path> key_;
+  std::vector<std::filesystem::path> roots_;
+  std::optional<std::filesystem::path> trust_;
+  std::optional<UtcTime> at_;
+  std::filesystem::path out_;
+  bool resume_ = false;
+};
 
 std::string_view CacheBuildCommand::details() const {
   return "Warps the imagery to map tiles at the mission's zooms, with overviews, masks and a sidecar per tile, writes\n"
@@ -124,5 +160,9 @@ int CacheBuildCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_build() { return std::make_unique<CacheBuildCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,18 @@
-#include "commands/cache/diff.hpp"
-
+// nadir cache diff: what differs between two packages or tile sets.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/printable.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package/tile_set_diff.hpp"
 #include "commands/cache/tile_set_subject.hpp"
+#include "commands/commands.hpp"
+#include "package/tile_set_diff.hpp"
 
 namespace nadir {
 namespace {
@@ -71,7 +73,22 @@ void print(std::ostream& out, const TileSetDiff& diff) {
   for (const TileKey& key : diff.redescribed) out << fmt::format("~ sidecar {}\n", to_text(key));
 }
 
-}  // namespace
+class CacheDiffCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "diff"; }
+  std::string_view summary() const override { return "name the tiles and facts that differ between two sets"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path before_;
+  std::filesystem::path after_;
+};
 
 std::string_view CacheDiffCommand::details() const {
   return "Compares the tiles by address and bytes, what their sidecars say, and the metadata; of two packages also\n"
@@ -116,5 +133,9 @@ int CacheDiffCommand::run(Context& context) {
   }
   return same ? kAccepted : kRefused;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_diff() { return std::make_unique<CacheDiffCommand>(); }
 
 }  // namespace nadir

@@ -1,19 +1,90 @@
-#include "commands/cache/gaps.hpp"
-
+// nadir cache gaps: what a mission lacks in a tile set, as GeoJSON.
 #include <fmt/format.h>
 
+#include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <ostream>
+#include <span>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/cache/gaps_geojson.hpp"
-#include "package/validate.hpp"
 #include "commands/cache/tile_set_subject.hpp"
+#include "commands/commands.hpp"
+#include "package/gaps.hpp"
+#include "package/judge.hpp"
+#include "package/validate.hpp"
 
 namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+json ring_json(const TileKey& key, const PixelRing& ring) {
+  json points = json::array();
+  for (const PixelCorner& corner : ring) {
+    const LonLat place = place_of(key, corner);
+    // 1e-8 degrees are a millimetre; pixels of zoom 22 are 4 cm
+    points.push_back({rounded(place.lon_deg, 1e8), rounded(place.lat_deg, 1e8)});
+  }
+  return points;
+}
+
+json polygon_json(const TileKey& key, const PixelPolygon& polygon) {
+  json rings = json::array({ring_json(key, polygon.outer)});
+  for (const PixelRing& hole : polygon.holes) rings.push_back(ring_json(key, hole));
+  return rings;
+}
+
+// RFC 7946: WGS84 longitude first, outer rings counter-clockwise, one feature per tile.
+json gaps_geojson(const std::vector<Gap>& gaps, const Mission& mission, std::span<const Sidecar> tiles) {
+  const LocalFrame frame = mission_frame(mission);
+  json features = json::array();
+  for (const Gap& gap : gaps) {
+    json polygons = json::array();
+    for (const PixelPolygon& polygon : outlines_of(gap, mission, tiles)) {
+      polygons.push_back(polygon_json(gap.key, polygon));
+    }
+    const Sector* sector = deciding_sector(mission, frame, gap.key);
+    const bool one = polygons.size() == 1;
+    features.push_back(
+        {{"type", "Feature"},
+         {"geometry", {{"type", one ? "Polygon" : "MultiPolygon"}, {"coordinates", one ? polygons[0] : polygons}}},
+         {"properties",
+          {{"tile", to_text(gap.key)},
+           {"zoom", gap.key.z},
+           {"reason", gap.whole_tile ? "no tile" : "empty pixels"},
+           {"area_m2", rounded(gap.area_m2, 10)},
+           {"sector", sector == nullptr ? json() : json(sector->id)}}}});
+  }
+  return {{"type", "FeatureCollection"}, {"features", std::move(features)}};
+}
+
+class CacheGapsCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "gaps"; }
+  std::string_view summary() const override { return "outline what a mission lacks in a tile set, as GeoJSON"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path subject_;
+  std::optional<std::filesystem::path> mission_;
+  std::optional<std::int64_t> zoom_;
+  std::optional<std::filesystem::path> out_;
+};
 
 std::string_view CacheGapsCommand::details() const {
   return "Decodes the tiles and outlines, pixel by pixel, what the mission's sectors and corridor need and what is\n"
@@ -65,5 +136,9 @@ int CacheGapsCommand::run(Context& context) {
   }
   return gaps.empty() ? kAccepted : kRefused;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_gaps() { return std::make_unique<CacheGapsCommand>(); }
 
 }  // namespace nadir

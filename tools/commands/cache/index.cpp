@@ -1,22 +1,28 @@
-#include "commands/cache/index.hpp"
-
+// nadir cache index: adds a place index to a package, or asks the one that is there how good it is.
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/cache/place_evaluation.hpp"
+#include "commands/commands.hpp"
 #include "geodesy/angles.hpp"
-#include "package_build/package_parts.hpp"
 #include "package/amend_package.hpp"
+#include "package/manifest.hpp"
 #include "package/sign_package.hpp"
 #include "package/tile_container.hpp"
-#include "commands/cache/place_evaluation.hpp"
+#include "package_build/package_parts.hpp"
 #include "vision/place_index_builder.hpp"
 #include "vision/rectify.hpp"
 
@@ -72,7 +78,36 @@ std::string text_from(const PlaceRecall& recall) {
       100 * recall.share(recall.within_20), recall.query_ms_p50, recall.query_ms_max);
 }
 
-}  // namespace
+class CacheIndexCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "index"; }
+  std::string_view summary() const override { return "add a place index to a package, for cold starts"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  int make(Context& context, const Manifest& manifest, const Mission& mission) const;
+  int evaluate(Context& context, const Manifest& manifest, const Mission& mission) const;
+  std::vector<double> footprints_m(const Mission& mission) const;
+
+  std::filesystem::path package_;
+  std::optional<std::filesystem::path> key_;
+  std::optional<std::filesystem::path> camera_;
+  std::vector<double> agl_m_;
+  std::vector<double> footprints_m_;
+  std::optional<double> gsd_m_;
+  int overlap_percent_ = 75;
+  std::optional<int> threads_;
+  std::optional<std::string> evaluate_;
+  std::uint64_t views_ = 200;
+  std::uint64_t seed_ = 1;
+  double heading_range_deg_ = 15;
+};
 
 std::string_view CacheIndexCommand::details() const {
   return "Cuts the map into squares as large as a picture, overlapping by three quarters, and describes each by the "
@@ -224,5 +259,9 @@ int CacheIndexCommand::evaluate(Context& context, const Manifest& manifest, cons
                  {"heading unknown", text_from(evaluation.unknown)}});
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_index() { return std::make_unique<CacheIndexCommand>(); }
 
 }  // namespace nadir

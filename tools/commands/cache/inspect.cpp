@@ -1,21 +1,27 @@
-#include "commands/cache/inspect.hpp"
-
+// nadir cache inspect: what is in a package, an MBTiles file or a COG, without judging it.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "package/manifest.hpp"
 #include "package/tile_container.hpp"
 #include "trust/dsse.hpp"
 
 namespace nadir {
-namespace fs = std::filesystem;
 namespace {
+
+namespace fs = std::filesystem;
 
 using nlohmann::json;
 
@@ -98,7 +104,22 @@ const json& pick(const json& document, const std::string& key) {
   return document.at(at);
 }
 
-}  // namespace
+class CacheInspectCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "inspect"; }
+  std::string_view summary() const override { return "show what is in a package, an MBTiles file or a COG"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path subject_;
+  std::optional<std::string> get_;
+};
 
 std::string_view CacheInspectCommand::details() const {
   return "Shows, but does not judge: use `nadir cache verify` before you fly. --get prints one entry alone.";
@@ -136,5 +157,9 @@ int CacheInspectCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_inspect() { return std::make_unique<CacheInspectCommand>(); }
 
 }  // namespace nadir

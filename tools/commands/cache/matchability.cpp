@@ -1,18 +1,47 @@
-#include "commands/cache/matchability.hpp"
-
+// nadir cache matchability: where over the mission's ground will frames find their place on the map, and where not?
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/output.hpp"
-#include "package_build/matchability_tiff.hpp"
+#include "commands/cache/matchability_request.hpp"
+#include "commands/cache/tile_set_subject.hpp"
+#include "commands/commands.hpp"
 #include "package/amend_package.hpp"
 #include "package/sign_package.hpp"
-#include "commands/cache/tile_set_subject.hpp"
+#include "package_build/matchability_tiff.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheMatchabilityCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "matchability"; }
+  std::string_view summary() const override { return "map where frames will find their place, and where not"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  void check_options() const;
+  int put_into_package(Context& context);
+
+  std::filesystem::path subject_;
+  std::optional<std::filesystem::path> mission_;
+  std::optional<std::filesystem::path> out_;
+  bool into_package_ = false;
+  std::optional<std::filesystem::path> key_;
+  MatchabilityRequest request_;
+};
 
 std::string_view CacheMatchabilityCommand::details() const {
   return "For places all over the mission's sectors and corridor a piece of the map, worn as if another season and\n"
@@ -107,5 +136,9 @@ int CacheMatchabilityCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_matchability() { return std::make_unique<CacheMatchabilityCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,40 @@
-#include "commands/cache/sign.hpp"
-
+// nadir cache sign: signs a package that was built without a key, or adds a second signature.
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
+#include <string>
+#include <vector>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
 #include "package/root_folder.hpp"
 #include "package/sign_package.hpp"
-#include "commands/private_keys.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheSignCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "sign"; }
+  std::string_view summary() const override { return "sign a package, or add a signature to it"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path package_;
+  std::vector<std::filesystem::path> keys_;
+  std::vector<std::filesystem::path> roots_;
+  bool only_ = false;
+};
 
 std::string_view CacheSignCommand::details() const {
   return "Every file is hashed first: a package that is not what its manifest says is not signed (exit code 1).\n"
@@ -66,5 +90,9 @@ int CacheSignCommand::run(Context& context) {
   print_figures(context.out, figures);
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_sign() { return std::make_unique<CacheSignCommand>(); }
 
 }  // namespace nadir

@@ -1,15 +1,51 @@
-#include "commands/cache/update.hpp"
-
+// `nadir cache update`: the next package of a series from the one before and newer imagery.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/cache/imagery_options.hpp"
 #include "package_build/package_updater.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheUpdateCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "update"; }
+  std::string_view summary() const override { return "make the next package from an old one and newer imagery"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path old_;
+  std::filesystem::path trust_;
+  std::filesystem::path mission_;
+  std::vector<std::filesystem::path> imagery_;
+  std::vector<std::string> stretches_;
+  std::optional<std::filesystem::path> dem_;
+  int quality_ = 75;
+  std::optional<std::string> format_;
+  bool index_ = false;
+  ImageryOptions options_{"newest"};
+  std::optional<std::filesystem::path> key_;
+  std::vector<std::filesystem::path> roots_;
+  std::optional<UtcTime> at_;
+  std::filesystem::path out_;
+};
 
 std::string_view CacheUpdateCommand::details() const {
   return "The old package is verified with --trust; whether it may still fly does not matter. Tiles in which no new\n"
@@ -106,5 +142,9 @@ int CacheUpdateCommand::run(Context& context) {
                  {"signed by", key ? key->public_key().id() : "nobody"}});
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_update() { return std::make_unique<CacheUpdateCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,40 @@
-#include "commands/cache/validate.hpp"
-
+// nadir cache validate: anybody's MBTiles or COG against a mission, without signature.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
-#include "commands/cache/report/cache_report.hpp"
+#include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/cache/cache_report.hpp"
+#include "commands/commands.hpp"
 #include "package/validate.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheValidateCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "validate"; }
+  std::string_view summary() const override { return "judge any MBTiles file or COG against a mission"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path tiles_;
+  std::filesystem::path mission_;
+  std::optional<std::filesystem::path> report_folder_;
+  std::optional<UtcTime> at_;
+};
 
 std::string_view CacheValidateCommand::details() const {
   return "Decodes every tile and holds the set against the mission's sectors and corridor: gaps by place and area,\n"
@@ -34,7 +58,7 @@ void CacheValidateCommand::setup(Options& options) {
 
 int CacheValidateCommand::run(Context& context) {
   const Mission mission = read_mission(mission_);
-  const UtcTime at = judging_time(at_, context.clock);
+  const UtcTime at = evaluation_time(at_, context.clock);
   const Validation validation = validate_tile_set(tiles_, mission, at, context.progress);
   const Figures figures{{"file", tiles_.string()},
                         {"tiles", std::to_string(validation.tiles)},
@@ -57,5 +81,9 @@ int CacheValidateCommand::run(Context& context) {
                             {"has_sidecars", validation.has_sidecars}};
   return report_findings(context.out, context.json, validation.findings, more);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_validate() { return std::make_unique<CacheValidateCommand>(); }
 
 }  // namespace nadir

@@ -1,17 +1,48 @@
-#include "commands/cache/verify.hpp"
-
+// nadir cache verify: is this package what its makers signed, is it for us, and does it hold what its mission needs?
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
-#include "commands/cache/report/cache_report.hpp"
+#include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/cache/matchability_request.hpp"
+#include "commands/cache/cache_report.hpp"
 #include "commands/cache/tile_set_subject.hpp"
+#include "commands/commands.hpp"
+#include "verify_request/verify_request.hpp"
 #include "vision/place_index_check.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheVerifyCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "verify"; }
+  std::string_view summary() const override { return "verify a signed package before it flies"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  int report(Context& context, const Verification& verification, UtcTime at) const;
+
+  std::filesystem::path package_;
+  VerifyRequest request_;
+  std::string depth_ = "quick";
+  std::optional<std::filesystem::path> report_folder_;
+  bool matchability_ = false;
+  MatchabilityRequest matchability_request_;
+};
 
 std::string_view CacheVerifyCommand::details() const {
   return "The signature is checked before anything else is read; after that everything that is wrong is reported.\n"
@@ -101,5 +132,9 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
   if (!context.json) print_figures(context.out, figures);
   return report_findings(context.out, context.json, verification.findings, more);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_verify() { return std::make_unique<CacheVerifyCommand>(); }
 
 }  // namespace nadir

@@ -1,13 +1,16 @@
-#include "commands/catalogue/add.hpp"
-
+// nadir catalogue add: a package becomes layers of a spatial database.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
+#include "catalogue/catalogue_reading.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "catalogue/catalogue_reading.hpp"
+#include "commands/commands.hpp"
 #include "trust/root.hpp"
 
 namespace nadir {
@@ -22,7 +25,24 @@ const char* word_for(Catalogue::Added added) {
   return "conflict";
 }
 
-}  // namespace
+class CatalogueAddCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "add"; }
+  std::string_view summary() const override { return "enter a package into a catalogue (SpatiaLite or PostGIS)"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path package_;
+  std::string catalogue_;
+  std::optional<std::filesystem::path> trust_;
+  std::optional<UtcTime> at_;
+};
 
 std::string_view CatalogueAddCommand::details() const {
   return "Writes what the package was made from and for as layers that QGIS and GDAL open: packages, sources with\n"
@@ -56,7 +76,7 @@ int CatalogueAddCommand::run(Context& context) {
   if (trust_) {
     root = read_trusted_root(*trust_);
     options.root = &*root;
-    options.at = judging_time(at_, context.clock);
+    options.at = evaluation_time(at_, context.clock);
   }
   CatalogueReading reading = read_catalogue_entry(package_, trust_ ? &options : nullptr, context.progress);
   if (!reading.entry) return report_findings(context.out, context.json, reading.findings);
@@ -91,5 +111,9 @@ int CatalogueAddCommand::run(Context& context) {
   }
   return reading.findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_add() { return std::make_unique<CatalogueAddCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,19 @@
-#include "commands/catalogue/gaps.hpp"
-
+// nadir catalogue gaps: what no imagery of a catalogue serves of a mission.
 #include <fmt/format.h>
 
 #include <cmath>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/files.hpp"
+#include "catalogue/catalogue.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "catalogue/catalogue.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {
@@ -61,7 +64,24 @@ std::string summary_of(const std::vector<CatalogueGap>& gaps) {
   return text.empty() ? "no gaps\n" : text;
 }
 
-}  // namespace
+class CatalogueGapsCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "gaps"; }
+  std::string_view summary() const override { return "outline what no catalogued imagery covers of a mission"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string catalogue_;
+  std::filesystem::path mission_;
+  std::optional<std::filesystem::path> out_;
+  std::optional<UtcTime> at_;
+  bool store_ = false;
+};
 
 std::string_view CatalogueGapsCommand::details() const {
   return "Holds a mission's sectors and corridor against the footprints of all sources in the catalogue, whatever\n"
@@ -89,7 +109,7 @@ void CatalogueGapsCommand::setup(Options& options) {
 }
 
 int CatalogueGapsCommand::run(Context& context) {
-  const UtcTime at = judging_time(at_, context.clock);
+  const UtcTime at = evaluation_time(at_, context.clock);
   const Mission mission = read_mission(mission_);
   const CatalogueLocation location = parse_catalogue_location(catalogue_);
   std::vector<CatalogueSource> sources;
@@ -107,5 +127,9 @@ int CatalogueGapsCommand::run(Context& context) {
   }
   return gaps.empty() ? kAccepted : kRefused;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_gaps() { return std::make_unique<CatalogueGapsCommand>(); }
 
 }  // namespace nadir

@@ -1,14 +1,16 @@
-#include "commands/catalogue/list.hpp"
-
+// nadir catalogue list: which packages there are.
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/printable.hpp"
+#include "catalogue/catalogue.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "catalogue/catalogue.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {
@@ -39,7 +41,22 @@ std::string line_for(const CatalogueSource& source) {
                                source.tiles, source.zoom));
 }
 
-}  // namespace
+class CatalogueListCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "list"; }
+  std::string_view summary() const override { return "list the packages of a catalogue and what was made from what"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string catalogue_;
+  std::optional<UtcTime> at_;
+};
 
 std::string_view CatalogueListCommand::details() const {
   return "One line per package, by series and sequence, and below it the imagery that it was made from. current: the\n"
@@ -57,7 +74,7 @@ void CatalogueListCommand::setup(Options& options) {
 }
 
 int CatalogueListCommand::run(Context& context) {
-  const UtcTime at = judging_time(at_, context.clock);
+  const UtcTime at = evaluation_time(at_, context.clock);
   Catalogue catalogue(parse_catalogue_location(catalogue_), Catalogue::Access::read);
   const std::vector<CataloguedPackage> packages = catalogue.packages();
   const std::vector<CatalogueSource> sources = catalogue.sources();
@@ -93,5 +110,9 @@ int CatalogueListCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_list() { return std::make_unique<CatalogueListCommand>(); }
 
 }  // namespace nadir

@@ -1,15 +1,35 @@
-#include "commands/catalogue/remove.hpp"
-
+// nadir catalogue remove: a package and all that belongs to it goes.
 #include <fmt/format.h>
 
+#include <cstdint>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
-#include "cli/options.hpp"
 #include "catalogue/catalogue.hpp"
+#include "cli/command.hpp"
+#include "cli/options.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
+namespace {
+
+class CatalogueRemoveCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "remove"; }
+  std::string_view summary() const override { return "take a package out of a catalogue"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string series_;
+  std::int64_t sequence_ = 0;
+  std::string catalogue_;
+};
 
 std::string_view CatalogueRemoveCommand::details() const {
   return "Its sources, sectors, tiles and gaps go with it, in one transaction. The package itself is not touched. "
@@ -42,5 +62,9 @@ int CatalogueRemoveCommand::run(Context& context) {
   context.out << printable(fmt::format("removed {} {}\n", series_, sequence_));
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_remove() { return std::make_unique<CatalogueRemoveCommand>(); }
 
 }  // namespace nadir

@@ -1,13 +1,32 @@
-#include "commands/keys/create.hpp"
-
+// nadir keys create: a new Ed25519 key pair as two PEM files.
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "trust/keys.hpp"
 
 namespace nadir {
+namespace {
+
+class KeysCreateCommand final : public Command {
+ public:
+  std::string_view group() const override { return "keys"; }
+  std::string_view name() const override { return "create"; }
+  std::string_view summary() const override { return "make an Ed25519 key pair for signing packages or trust roots"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path out_;
+};
 
 std::string_view KeysCreateCommand::details() const {
   return "Writes NAME.key.pem (private, PKCS#8, mode 0600: keep it offline) and NAME.pub.pem (public). Nothing is\n"
@@ -36,5 +55,9 @@ int KeysCreateCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_keys_create() { return std::make_unique<KeysCreateCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,45 @@
-#include "commands/keys/permit_rollback.hpp"
-
+// nadir keys permit-rollback: allows aircraft to go back from one package to an older one.
+#include <cstdint>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/private_keys.hpp"
+#include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
 #include "trust/rollback_permit.hpp"
 
 namespace nadir {
+namespace {
+
+class KeysPermitRollbackCommand final : public Command {
+ public:
+  std::string_view group() const override { return "keys"; }
+  std::string_view name() const override { return "permit-rollback"; }
+  std::string_view summary() const override { return "permit aircraft to go back to an older package"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::vector<std::filesystem::path> keys_;
+  std::string series_;
+  std::int64_t from_ = 0;
+  std::int64_t to_ = 0;
+  std::optional<std::string> airframe_;
+  UtcTime expires_;
+  std::filesystem::path out_;
+};
 
 std::string_view KeysPermitRollbackCommand::details() const {
   return "For the case that a package proves bad after aircraft have accepted it. The permit holds for one series, "
@@ -72,5 +101,9 @@ int KeysPermitRollbackCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_keys_permit_rollback() { return std::make_unique<KeysPermitRollbackCommand>(); }
 
 }  // namespace nadir

@@ -1,11 +1,18 @@
-#include "commands/keys/revoke.hpp"
-
+// nadir keys revoke: the next root of trust, in which a key counts for nothing any more.
 #include <fmt/format.h>
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/sha256.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
-#include "commands/keys/new_root.hpp"
+#include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
+#include "trust/root.hpp"
 
 namespace nadir {
 namespace {
@@ -41,7 +48,29 @@ void revoke(TrustRoot& root, const std::string& id) {
   }
 }
 
-}  // namespace
+class KeysRevokeCommand final : public Command {
+ public:
+  std::string_view group() const override { return "keys"; }
+  std::string_view name() const override { return "revoke"; }
+  std::string_view summary() const override { return "make the next root, in which a key is revoked"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path previous_;
+  std::vector<std::string> revoked_;
+  std::vector<std::filesystem::path> root_keys_;
+  std::vector<std::filesystem::path> new_root_keys_;
+  std::vector<std::filesystem::path> new_package_signers_;
+  std::vector<std::filesystem::path> new_airframe_signers_;
+  std::optional<UtcTime> expires_;
+  bool incomplete_ = false;
+  std::filesystem::path out_;
+};
 
 std::string_view KeysRevokeCommand::details() const {
   return "Everything else stays as the previous root has it. The new root has to be signed by enough root keys of "
@@ -110,5 +139,9 @@ int KeysRevokeCommand::run(Context& context) {
   }
   return write_new_root(context, {std::move(root), previous, out_, incomplete_}, keys);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_keys_revoke() { return std::make_unique<KeysRevokeCommand>(); }
 
 }  // namespace nadir

@@ -1,14 +1,20 @@
-#include "commands/keys/sign.hpp"
-
+// nadir keys sign: one more signature for a root of trust or a rollback permit, so that several people can sign it.
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/private_keys.hpp"
+#include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
 #include "trust/rollback_permit.hpp"
+#include "trust/root.hpp"
 #include "trust/signatures.hpp"
 
 namespace nadir {
@@ -22,7 +28,28 @@ void require_key(bool known, const PrivateKey& key, const char* role) {
                     .fix = "sign with a key that has the role"});
 }
 
-}  // namespace
+class KeysSignCommand final : public Command {
+ public:
+  std::string_view group() const override { return "keys"; }
+  std::string_view name() const override { return "sign"; }
+  std::string_view summary() const override { return "add a signature to a root or to a rollback permit"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  Findings sign_root_file(const std::string& text, const std::vector<PrivateKey>& keys, std::string& result) const;
+  Findings sign_permit_file(const std::string& text, const std::vector<PrivateKey>& keys, UtcTime at,
+                            std::string& result) const;
+
+  std::filesystem::path file_;
+  std::vector<std::filesystem::path> keys_;
+  std::optional<std::filesystem::path> previous_;
+  std::optional<std::filesystem::path> trust_;
+};
 
 std::string_view KeysSignCommand::details() const {
   return "The file is replaced in one step; a key that has signed before is not counted twice. Whoever signs should\n"
@@ -110,5 +137,9 @@ int KeysSignCommand::run(Context& context) {
   if (!complete && !context.quiet) print_findings(context.err, missing);
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_keys_sign() { return std::make_unique<KeysSignCommand>(); }
 
 }  // namespace nadir

@@ -1,14 +1,16 @@
-#include "commands/mission/check.hpp"
-
+// nadir mission check: is this mission file sound, and what does it ask for?
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "package/judge.hpp"
 #include "package/mission.hpp"
 
@@ -32,7 +34,21 @@ Demand demand_of(const Mission& mission) {
   return demand;
 }
 
-}  // namespace
+class MissionCheckCommand final : public Command {
+ public:
+  std::string_view group() const override { return "mission"; }
+  std::string_view name() const override { return "check"; }
+  std::string_view summary() const override { return "check a mission file and say what it asks for"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path mission_;
+};
 
 std::string_view MissionCheckCommand::details() const {
   return "Shows everything that is wrong with the file, with line and column. Exit code 0: the mission is sound; 1: "
@@ -67,5 +83,9 @@ int MissionCheckCommand::run(Context& context) {
                  {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)}});
   return report_findings(context.out, false, reading.findings);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_mission_check() { return std::make_unique<MissionCheckCommand>(); }
 
 }  // namespace nadir

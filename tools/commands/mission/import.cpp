@@ -1,18 +1,22 @@
-#include "commands/mission/import.hpp"
-
+// nadir mission import: a mission file from a route and areas that were drawn in another program.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <optional>
 #include <ostream>
 #include <set>
+#include <string>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/printable.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package_build/drawn_plan.hpp"
+#include "commands/commands.hpp"
 #include "package/mission.hpp"
+#include "package_build/drawn_plan.hpp"
 
 namespace nadir {
 namespace {
@@ -66,7 +70,27 @@ std::string points_yaml(const std::vector<LonLat>& points) {
   return "[" + yaml + "]";
 }
 
-}  // namespace
+class MissionImportCommand final : public Command {
+ public:
+  std::string_view group() const override { return "mission"; }
+  std::string_view name() const override { return "import"; }
+  std::string_view summary() const override { return "begin a mission file from a drawn route and areas"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path file_;
+  std::string id_;
+  std::optional<std::string> route_;
+  std::string class_ = "active";
+  double half_width_m_ = 100;
+  double agl_m_ = 120;
+  double height_m_ = 0;
+  std::filesystem::path out_;
+};
 
 std::string_view MissionImportCommand::details() const {
   return "The one line of the file becomes the route, its first point the take-off; polygons become sectors, named\n"
@@ -131,5 +155,9 @@ int MissionImportCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_mission_import() { return std::make_unique<MissionImportCommand>(); }
 
 }  // namespace nadir

@@ -1,18 +1,25 @@
-#include "commands/provision/boresight.hpp"
-
+// nadir provision boresight: how the camera sits in the aircraft, from a flight during which GPS was good.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
-#include "estimation/map_sigma.hpp"
+#include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "estimation/map_sigma.hpp"
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
+#include "provision/boresight.hpp"
 #include "provision/boresight_sights.hpp"
+#include "replay/flight_folder.hpp"
 #include "replay/flight_map.hpp"
 #include "replay/flight_recording.hpp"
 
@@ -45,7 +52,32 @@ class ScratchFolder {
   std::filesystem::path path_;
 };
 
-}  // namespace
+class ProvisionBoresightCommand final : public Command {
+ public:
+  std::string_view group() const override { return "provision"; }
+  std::string_view name() const override { return "boresight"; }
+  std::string_view summary() const override { return "find how the camera is mounted from a flight with good GPS"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  Flight read_flight_segment(const std::filesystem::path& unpacked) const;
+  int report(Context& context, const Findings& findings, const std::optional<Boresight>& boresight,
+             std::size_t looked_at, double delay_s) const;
+
+  std::filesystem::path airframe_, package_, trust_;
+  std::optional<std::filesystem::path> frames_, telemetry_, recorder_, key_, out_;
+  std::optional<std::string> session_;
+  std::optional<double> from_s_, to_s_;
+  std::optional<UtcTime> at_;
+  double gps_sigma_m_ = 1.5;
+  int most_frames_ = 150;
+  BoresightLimits limits_;
+};
 
 std::string_view ProvisionBoresightCommand::details() const {
   return "Fly legs in all directions over the package's area while GPS is good. Each frame is found on the map by\n"
@@ -128,7 +160,7 @@ int ProvisionBoresightCommand::run(Context& context) {
   const ScratchFolder scratch;
   const Flight flight = read_flight_segment(scratch.path());
   Opening opening =
-      open_flight_map({package_, trust_, std::nullopt}, judging_time(at_, context.clock), context.progress);
+      open_flight_map({package_, trust_, std::nullopt}, evaluation_time(at_, context.clock), context.progress);
   if (!opening.package) return report_findings(context.out, context.json, opening.findings);
 
   const BoresightFlight from{flight, recorder_ ? airframe.mount : Attitude{}, static_cast<std::size_t>(most_frames_)};
@@ -187,5 +219,9 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
        {"written", findings.refuses() || !out_ ? "nothing" : out_->string()}});
   return findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_provision_boresight() { return std::make_unique<ProvisionBoresightCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,42 @@
-#include "commands/provision/camera.hpp"
-
+// nadir provision camera: a camera model from pictures of a checkerboard.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "provision/calibration.hpp"
 
 namespace nadir {
+namespace {
+
+class ProvisionCameraCommand final : public Command {
+ public:
+  std::string_view group() const override { return "provision"; }
+  std::string_view name() const override { return "camera"; }
+  std::string_view summary() const override { return "calibrate a camera from pictures of a checkerboard"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  int report(Context& context, const Findings& findings, const BoardPictures& pictures,
+             const Calibration& calibration) const;
+
+  std::filesystem::path pictures_, out_;
+  std::string board_;
+  double square_m_ = 0;
+  CalibrationLimits limits_;
+};
 
 std::string_view ProvisionCameraCommand::details() const {
   return "Take 10 to 30 sharp pictures of a flat checkerboard, in the size and with the focus that it flies with: the\n"
@@ -79,5 +105,9 @@ int ProvisionCameraCommand::report(Context& context, const Findings& findings, c
                  {"written", findings.refuses() ? "nothing" : out_.string()}});
   return findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_provision_camera() { return std::make_unique<ProvisionCameraCommand>(); }
 
 }  // namespace nadir

@@ -1,15 +1,17 @@
-#include "commands/recorder/info.hpp"
-
+// nadir recorder info: what is in a recording.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/printable.hpp"
 #include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "recorder/recording.hpp"
 
 namespace nadir {
@@ -87,7 +89,21 @@ void print(std::ostream& out, const SessionSum& sum) {
   print_figures(out, figures);
 }
 
-}  // namespace
+class RecorderInfoCommand final : public Command {
+ public:
+  std::string_view group() const override { return "recorder"; }
+  std::string_view name() const override { return "info"; }
+  std::string_view summary() const override { return "show what is in a recording"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path recording_;
+};
 
 std::string_view RecorderInfoCommand::details() const {
   return "RECORDING: a folder that the recorder wrote, or any MCAP file. Lists each session with its records by "
@@ -130,5 +146,9 @@ int RecorderInfoCommand::run(Context& context) {
   if (context.json) print_json(context.out, {{"sessions", std::move(list)}, {"files", std::move(files)}});
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_recorder_info() { return std::make_unique<RecorderInfoCommand>(); }
 
 }  // namespace nadir

@@ -1,14 +1,16 @@
-#include "commands/recorder/recover.hpp"
-
+// nadir recorder recover: finished files of what is left of a damaged or cut recording.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "recorder/recover.hpp"
 #include "recorder/segment_list.hpp"
 
@@ -29,7 +31,21 @@ nlohmann::json json_from(const fs::path& path, const McapContents& contents) {
           {"metadata_left_out", contents.metadata}};
 }
 
-}  // namespace
+class RecorderRecoverCommand final : public Command {
+ public:
+  std::string_view group() const override { return "recorder"; }
+  std::string_view name() const override { return "recover"; }
+  std::string_view summary() const override { return "write finished files of what can be read of a recording"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path recording_, out_;
+};
 
 std::string_view RecorderRecoverCommand::details() const {
   return "Copies every message that can be read, with its schema, times and number, into new files with index and "
@@ -76,5 +92,9 @@ int RecorderRecoverCommand::run(Context& context) {
   if (context.json) print_json(context.out, {{"files", std::move(files)}});
   return damaged ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_recorder_recover() { return std::make_unique<RecorderRecoverCommand>(); }
 
 }  // namespace nadir

@@ -1,12 +1,31 @@
-#include "commands/recorder/verify.hpp"
-
+// nadir recorder verify: can this recording be relied on?.
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "recorder/recording.hpp"
 
 namespace nadir {
+namespace {
+
+class RecorderVerifyCommand final : public Command {
+ public:
+  std::string_view group() const override { return "recorder"; }
+  std::string_view name() const override { return "verify"; }
+  std::string_view summary() const override { return "check a recording for damage, losses and a clean end"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path recording_;
+};
 
 std::string_view RecorderVerifyCommand::details() const {
   return "Reads every byte: chunks against their CRCs, indexes against what is there, payloads against their schemas,\n"
@@ -29,5 +48,9 @@ int RecorderVerifyCommand::run(Context& context) {
   return report_findings(context.out, context.json, check_recording(segments),
                          {{"files", segments.size()}, {"messages", messages}});
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_recorder_verify() { return std::make_unique<RecorderVerifyCommand>(); }
 
 }  // namespace nadir

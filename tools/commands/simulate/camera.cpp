@@ -1,5 +1,4 @@
-#include "commands/simulate/camera.hpp"
-
+// `nadir simulate camera`: pictures in real time of what an autopilot's simulator flies over.
 #include <fmt/format.h>
 
 #include <memory>
@@ -8,14 +7,41 @@
 #include <ostream>
 
 #include "base/error.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/command.hpp"
+#include "cli/terminal.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/simulate/camera_pose/mavlink_pose_source.hpp"
+#include "commands/commands.hpp"
+#include "commands/simulate/mavlink_poses.hpp"
+#include "simulation/film.hpp"
 #include "simulation/frame_folder.hpp"
 #include "simulation/frame_stream.hpp"
 
 namespace nadir {
+namespace {
+
+class SimulateCameraCommand final : public Command {
+ public:
+  std::string_view group() const override { return "simulate"; }
+  std::string_view name() const override { return "camera"; }
+  std::string_view summary() const override { return "see a world from where an autopilot's simulator flies"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  void report(Context& context, const CameraSimulationReport& report, bool on_stdout) const;
+
+  LiveCameraOptions camera_;
+  CameraSimulationOptions film_;
+  std::string poses_;
+  std::string noise_ = "real";
+  std::filesystem::path out_;
+  std::optional<int> keep_;
+  std::optional<double> delay_s_, wait_s_;
+};
 
 std::string_view SimulateCameraCommand::details() const {
   return "Takes pictures straight down at the poses that a MAVLink stream tells: SIM_STATE of a simulator, or "
@@ -103,5 +129,9 @@ void SimulateCameraCommand::report(Context& context, const CameraSimulationRepor
                  {"duration", fmt::format("{:.1f} s", report.seconds)},
                  {"CPU time a frame", fmt::format("{:.0f} ms", cpu_ms)}});
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_simulate_camera() { return std::make_unique<SimulateCameraCommand>(); }
 
 }  // namespace nadir

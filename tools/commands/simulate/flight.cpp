@@ -1,15 +1,36 @@
-#include "commands/simulate/flight.hpp"
-
+// `nadir simulate flight`: a flight over any georeferenced picture.
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "simulation/flight.hpp"
 
 namespace nadir {
+namespace {
+
+class SimulateFlightCommand final : public Command {
+ public:
+  std::string_view group() const override { return "simulate"; }
+  std::string_view name() const override { return "flight"; }
+  std::string_view summary() const override { return "fly a mission over a raster: frames, telemetry and exact truth"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  SimulatedFlightOptions options_;
+  std::filesystem::path mission_;
+  std::string noise_ = "real";
+  std::filesystem::path out_;
+};
 
 std::string_view SimulateFlightCommand::details() const {
   return "Flies the mission's route over a georeferenced picture and takes photos straight down: turns are rounded and "
@@ -66,5 +87,9 @@ int SimulateFlightCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_simulate_flight() { return std::make_unique<SimulateFlightCommand>(); }
 
 }  // namespace nadir

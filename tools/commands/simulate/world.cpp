@@ -1,16 +1,38 @@
-#include "commands/simulate/world.hpp"
-
+// `nadir simulate world`: a made-up landscape to try everything with.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "simulation/world.hpp"
 
 namespace nadir {
+namespace {
+
+class SimulateWorldCommand final : public Command {
+ public:
+  std::string_view group() const override { return "simulate"; }
+  std::string_view name() const override { return "world"; }
+  std::string_view summary() const override {
+    return "make a landscape: satellite map, the ground on the day, elevation";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  WorldOptions options_;
+  std::filesystem::path out_;
+};
 
 std::string_view SimulateWorldCommand::details() const {
   return "OUT receives ground.tif (the day of the flight), map.tif (the same land as a satellite saw it four months "
@@ -61,5 +83,9 @@ int SimulateWorldCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_simulate_world() { return std::make_unique<SimulateWorldCommand>(); }
 
 }  // namespace nadir

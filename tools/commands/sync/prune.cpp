@@ -1,15 +1,43 @@
-#include "commands/sync/prune.hpp"
-
+// nadir sync prune: gives the room of finished tiles back.
 #include <fmt/format.h>
 
+#include <cstdint>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
 #include "upload/outbox_upkeep.hpp"
 
 namespace nadir {
+namespace {
+
+class SyncPruneCommand final : public Command {
+ public:
+  explicit SyncPruneCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "prune"; }
+  std::string_view summary() const override {
+    return "delete the pictures of tiles that have had their verdict for a while";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  SyncEnvironment environment_;
+  std::filesystem::path outbox_;
+  std::int64_t keep_days_ = 30;
+  bool dry_run_ = false;
+};
 
 std::string_view SyncPruneCommand::details() const {
   return "Only pictures go, and only those of tiles with a final verdict. What is known of each tile stays, so that "
@@ -27,8 +55,8 @@ void SyncPruneCommand::setup(Options& options) {
 }
 
 int SyncPruneCommand::run(Context& context) {
-  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
-  const std::int64_t before_ms = surroundings_.pace()->now_ms() - keep_days_ * 86'400'000;
+  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
+  const std::int64_t before_ms = environment_.pace()->now_ms() - keep_days_ * 86'400'000;
   const PruneSum sum = prune_blobs(outbox, before_ms, dry_run_);
   if (context.json) {
     print_json(context.out, {{"tiles", sum.tiles}, {"bytes", sum.bytes}, {"dry_run", dry_run_}});
@@ -38,5 +66,12 @@ int SyncPruneCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_prune(SyncEnvironment environment) {
+  return std::make_unique<SyncPruneCommand>(std::move(environment));
+}
+std::unique_ptr<Command> make_sync_prune() { return make_sync_prune(SyncEnvironment{}); }
 
 }  // namespace nadir

@@ -1,18 +1,24 @@
-#include "commands/sync/push.hpp"
-
+// nadir sync push: brings the outbox to the candidate service.
 #include <fmt/format.h>
 
+#include <cstdint>
 #include <cstdlib>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
+#include "trust/bearer_token.hpp"
 #include "upload/curl_transport.hpp"
 #include "upload/outbox_report.hpp"
 #include "upload/uploader.hpp"
-#include "trust/bearer_token.hpp"
 
 namespace nadir {
 namespace {
@@ -42,7 +48,34 @@ nlohmann::json json_from(const UploadOutcome& outcome) {
           {"body_bytes", outcome.body_bytes}};
 }
 
-}  // namespace
+class SyncPushCommand final : public Command {
+ public:
+  explicit SyncPushCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "push"; }
+  std::string_view summary() const override {
+    return "send the outbox to the candidate service and fetch the verdicts";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string token() const;
+  int dry_run(Context& context) const;
+
+  SyncEnvironment environment_;
+  std::filesystem::path outbox_;
+  std::string to_;
+  std::optional<std::filesystem::path> token_file_;
+  std::optional<std::filesystem::path> authorities_;
+  std::int64_t patience_s_ = 900;
+  bool dry_run_ = false;
+};
 
 std::string_view SyncPushCommand::details() const {
   return "May be interrupted, killed and called again at any moment: it goes on where it was, at any byte, and no "
@@ -104,18 +137,18 @@ int SyncPushCommand::run(Context& context) {
   const std::string address = checked_service_address(to_);
   if (dry_run_) return dry_run(context);
   const std::string bearer = token();
-  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
-  const auto transport = surroundings_.transport(
+  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
+  const auto transport = environment_.transport(
       std::make_unique<CurlTransport>(CurlSettings{.address = address, .token = bearer, .authorities = authorities_},
                                       [&context] { context.progress.advance(0); }));
   ServiceClient service(*transport);
-  const auto pace = surroundings_.pace();
+  const auto pace = environment_.pace();
   const Tell tell = [&context](const std::string& line) {
     if (!context.quiet) context.err << line << std::endl;
   };
   Uploader uploader(outbox, service,
                     {.pace = *pace,
-                     .random = Random(seed_from(surroundings_.random_bytes())),
+                     .random = Random(seed_from(environment_.random_bytes())),
                      .progress = context.progress,
                      .tell = tell},
                     {.patience_ms = patience_s_ * 1'000});
@@ -132,5 +165,12 @@ int SyncPushCommand::run(Context& context) {
   }
   return exit_code(outcome);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_push(SyncEnvironment environment) {
+  return std::make_unique<SyncPushCommand>(std::move(environment));
+}
+std::unique_ptr<Command> make_sync_push() { return make_sync_push(SyncEnvironment{}); }
 
 }  // namespace nadir

@@ -1,19 +1,49 @@
-#include "commands/sync/retry.hpp"
-
+// nadir sync retry: tries again what was given up.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
 #include "base/error.hpp"
-#include "upload/reason_code.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
 #include "upload/outbox_mend.hpp"
 #include "upload/outbox_upkeep.hpp"
+#include "upload/reason_code.hpp"
 #include "upload/staging.hpp"
 
 namespace nadir {
+namespace {
+
+class SyncRetryCommand final : public Command {
+ public:
+  explicit SyncRetryCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "retry"; }
+  std::string_view summary() const override {
+    return "try again what was parked, or rejected for a reason that has gone";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  SyncEnvironment environment_;
+  std::filesystem::path outbox_;
+  std::vector<std::string> codes_;
+  std::optional<std::filesystem::path> key_;
+};
 
 std::string_view SyncRetryCommand::details() const {
   return "Parked batches will be announced again by the next push, and those that wait will not wait any longer. With\n"
@@ -47,8 +77,8 @@ int SyncRetryCommand::run(Context& context) {
   }
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);
-  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
-  const std::int64_t now_ms = surroundings_.pace()->now_ms();
+  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
+  const std::int64_t now_ms = environment_.pace()->now_ms();
   // First what retry_parked() would announce again as it is.
   MendedSum mended;
   if (key) mended = take_damaged_apart(outbox, key->public_key(), now_ms);
@@ -56,7 +86,7 @@ int SyncRetryCommand::run(Context& context) {
   std::int64_t tiles = mended.tiles;
   for (const std::string& code : codes_) tiles += restage(outbox, code, now_ms);
   SealedSum sealed;
-  if (key) sealed = seal_batches(outbox, *key, now_ms, surroundings_.random_bytes);
+  if (key) sealed = seal_batches(outbox, *key, now_ms, environment_.random_bytes);
   Findings findings = std::move(mended.findings);
   findings.add(sealed.findings);
   if (context.json) {
@@ -68,5 +98,12 @@ int SyncRetryCommand::run(Context& context) {
                              sealed.batches);
   return findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_retry(SyncEnvironment environment) {
+  return std::make_unique<SyncRetryCommand>(std::move(environment));
+}
+std::unique_ptr<Command> make_sync_retry() { return make_sync_retry(SyncEnvironment{}); }
 
 }  // namespace nadir

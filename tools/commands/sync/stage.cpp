@@ -1,14 +1,18 @@
-#include "commands/sync/stage.hpp"
-
+// nadir sync stage: takes a flight's candidate tiles into the outbox and signs what will be announced.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <set>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
 #include "ortho/candidate_reader.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "recorder/recording.hpp"
@@ -20,7 +24,44 @@ namespace {
 
 constexpr std::size_t kTilesPerTransaction = 256;
 
-}  // namespace
+class Findings;
+class CandidateReader;
+class PublicKey;
+class OutboxDatabase;
+struct TrustRoot;
+
+class SyncStageCommand final : public Command {
+ public:
+  explicit SyncStageCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "stage"; }
+  std::string_view summary() const override { return "take a flight's candidate tiles into the outbox"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  struct Sum {
+    std::int64_t seen = 0, staged = 0, known = 0;
+  };
+  bool flight_ended(const CandidateReader& reader, Findings& findings) const;
+  Sum take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root, const PublicKey& key, UtcTime at,
+           Context& context, Findings& findings) const;
+
+  SyncEnvironment environment_;
+  std::filesystem::path candidates_;
+  std::filesystem::path outbox_;
+  std::filesystem::path key_;
+  std::optional<std::filesystem::path> trust_;
+  std::optional<std::filesystem::path> recorder_;
+  std::optional<UtcTime> at_;
+  bool force_ = false;
+  bool dry_run_ = false;
+};
 
 std::string_view SyncStageCommand::details() const {
   return "CANDIDATES is the folder that nadird or `nadir ortho` wrote. Every tile is held against its sidecar and "
@@ -79,7 +120,7 @@ SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxData
                                              const PublicKey& key, UtcTime at, Context& context,
                                              Findings& findings) const {
   Sum sum;
-  const std::int64_t now_ms = surroundings_.pace()->now_ms();
+  const std::int64_t now_ms = environment_.pace()->now_ms();
   std::vector<Candidate> ready;
   std::set<std::string> checked;  // airframes whose batches the key may sign
   const auto flush = [&] {
@@ -112,7 +153,7 @@ SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxData
 
 int SyncStageCommand::run(Context& context) {
   const PrivateKey key = PrivateKey::read(key_);
-  const UtcTime at = judging_time(at_, context.clock);
+  const UtcTime at = evaluation_time(at_, context.clock);
   std::optional<TrustRoot> root;
   if (trust_) root = read_trusted_root(*trust_);
   CandidateReader reader(candidates_);
@@ -121,10 +162,10 @@ int SyncStageCommand::run(Context& context) {
   SealedSum sealed;
   if (flight_ended(reader, findings)) {
     std::optional<OutboxDatabase> outbox;
-    if (!dry_run_) outbox.emplace(outbox_, OutboxDatabase::Access::make, surroundings_.hook);
+    if (!dry_run_) outbox.emplace(outbox_, OutboxDatabase::Access::make, environment_.hook);
     sum = take(reader, outbox ? &*outbox : nullptr, root ? &*root : nullptr, key.public_key(), at, context, findings);
     if (outbox) {
-      sealed = seal_batches(*outbox, key, surroundings_.pace()->now_ms(), surroundings_.random_bytes);
+      sealed = seal_batches(*outbox, key, environment_.pace()->now_ms(), environment_.random_bytes);
       findings.add(sealed.findings);
     }
   }
@@ -146,5 +187,12 @@ int SyncStageCommand::run(Context& context) {
   }
   return findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_stage(SyncEnvironment environment) {
+  return std::make_unique<SyncStageCommand>(std::move(environment));
+}
+std::unique_ptr<Command> make_sync_stage() { return make_sync_stage(SyncEnvironment{}); }
 
 }  // namespace nadir

@@ -1,15 +1,17 @@
-#include "commands/sync/status.hpp"
-
+// nadir sync status: what is in the outbox and what keeps it.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/printable.hpp"
 #include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "upload/outbox_report.hpp"
 
 namespace nadir {
@@ -71,7 +73,22 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
   }
 }
 
-}  // namespace
+class SyncStatusCommand final : public Command {
+ public:
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "status"; }
+  std::string_view summary() const override { return "show what is in the outbox and what keeps it"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path outbox_;
+  int failed_ = 0;
+};
 
 std::string_view SyncStatusCommand::details() const {
   return "Counts the tiles by state, names the reasons of those that were rejected, refused or found damaged, and the\n"
@@ -104,5 +121,9 @@ int SyncStatusCommand::run(Context& context) {
                                 [](const auto& entry) { return !is_final(entry.first) && entry.second.tiles > 0; });
   return open ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_status() { return std::make_unique<SyncStatusCommand>(); }
 
 }  // namespace nadir
