@@ -134,8 +134,14 @@ PrivateKey::PrivateKey(PrivateKey&&) noexcept = default;
 PrivateKey& PrivateKey::operator=(PrivateKey&&) noexcept = default;
 
 PrivateKey PrivateKey::read(const fs::path& pem_file) {
-  require_private_mode(pem_file);
   std::string pem = read_text_file(pem_file, kMaxPemSize);
+  if (pem.find("BEGIN PUBLIC KEY") != std::string::npos) {  // before advice about its mode, which would not help
+    throw UsageError({.what = "this is a public key",
+                      .where = pem_file.string(),
+                      .expected = "the private key, NAME.key.pem",
+                      .found = "BEGIN PUBLIC KEY"});
+  }
+  require_private_mode(pem_file);
   const Bio bio = memory_bio(pem);
   Key key(PEM_read_bio_PrivateKey(bio.get(), nullptr, no_passphrase, nullptr));
   OPENSSL_cleanse(pem.data(), pem.size());

@@ -8,17 +8,17 @@
 namespace nadir {
 
 void VerifyRequest::setup(Options& options, Trust trust) {
-  Option trust_option = options.value("--trust", trust_file_, "ROOT.json", "the trust root");
+  Option trust_option = options.value("--trust", trust_file_, "ROOT.json", "root of trust");
   if (trust == Trust::required) trust_option.required();
-  options.value("--airframe", airframe_, "ID", "refuse packages that are not for this airframe");
-  options.value("--state", state_file_, "STATE.json", "what this aircraft has accepted before; updated on acceptance");
-  options.value("--permit", permit_file_, "PERMIT.json", "signed permit to go back to this older package")
+  options.value("--airframe", airframe_, "ID", "reject packages that are not for this airframe");
+  options.value("--state", state_file_, "STATE.json", "packages that this aircraft has accepted before; updated on acceptance");
+  options.value("--permit", permit_file_, "PERMIT.json", "signed permit for a rollback to this package")
       .needs("--state");
-  options.value("--at", at_, "TIME", "judge as if it were this time");
+  options.value("--at", at_, "TIME", "evaluate validity as of this time");
 }
 
 VerifyOptions VerifyRequest::open(const Clock& clock) {
-  if (trust_file_.empty()) throw UsageError({.what = "--trust is missing", .expected = "--trust ROOT.json"});
+  if (trust_file_.empty()) throw UsageError({.what = "--trust ROOT.json is required"});
   root_ = read_trusted_root(trust_file_);
   judged_at_ = evaluation_time(at_, clock);
   if (state_file_) {
@@ -45,7 +45,7 @@ void VerifyRequest::read_permit(const std::filesystem::path& path) {
                    .where = path.string(),
                    .expected = error.text().expected.empty() ? "a rollback permit" : error.text().expected,
                    .found = error.text().found.empty() ? error.text().what : error.text().found,
-                   .fix = "get the permit again from the signers"});
+                   .fix = "obtain the permit from the signers again"});
   }
 }
 

@@ -31,7 +31,7 @@ class Amended : public ::testing::Test {
   int index(const std::string& package) {
     out_.str(""), err_.str("");
     const std::string path = (folder_ / package).string();
-    return run_program(nadir_text(), all_commands(), {"cache", "index", path, "--key", key(), "--overlap", "10"},
+    return run_program(nadir_text(), all_commands(), {"cache", "index", path, "--key", key(), "--overlap-percent", "10"},
                        {out_, err_, clock_});
   }
   test::ProcessResult amend(const std::string& package, int event) {

@@ -31,7 +31,7 @@ class CacheIndex : public ::testing::Test {
     out_.str("");
     err_.str("");
     args.insert(args.begin(), {"cache", "index"});
-    args.insert(args.end(), {"--overlap", "40"});  // few squares, so that the tests are quick
+    args.insert(args.end(), {"--overlap-percent", "40"});  // few squares, so that the tests are quick
     return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
   }
   fs::path indexed(const std::string& name = "package") {

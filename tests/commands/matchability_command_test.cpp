@@ -36,7 +36,7 @@ class CacheMatchability : public ::testing::Test {
 TEST_F(CacheMatchability, FiguresJsonAndGeoTiffSayTheSame) {
   const std::string package = maker_.make(folder_).string();
   ASSERT_EQ(run({"cache", "matchability", package, "--footprint-m", "60", "--search-m", "60", "--step-m", "80",
-                 "--cruise-mps", "20", "--out", path("m.tif"), "--json"}),
+                 "--speed-mps", "20", "--out", path("m.tif"), "--json"}),
             0)
       << err_.str();
   const json result = json::parse(out_.str());
@@ -114,7 +114,7 @@ TEST_F(MatchabilityInPackage, IsSignedVerifiedAndTheFileThatOutWrites) {
   ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
   EXPECT_NE(out_.str().find("matchability/matchability.tif"), std::string::npos) << out_.str();
   EXPECT_EQ(read_file(package_ / kManifestFile), manifest);
-  ASSERT_EQ(run({"cache", "index", package_.string(), "--overlap", "10", "--key", path("p.key.pem")}), 0) << err_.str();
+  ASSERT_EQ(run({"cache", "index", package_.string(), "--overlap-percent", "10", "--key", path("p.key.pem")}), 0) << err_.str();
   EXPECT_TRUE(fs::exists(map()));
   EXPECT_TRUE(verify(VerifyDepth::full).empty());
 }

@@ -108,8 +108,8 @@ class Ortho(EndToEnd):
         f = self.folder
         for says, changed in ((["tile key", "tile-signer"], {"key": f / "other.key.pem"}),
                               (["--airframe"], {"airframe": None}),
-                              (["--captured-at"], {"captured-at": None}),
-                              (["--captured-at"], {"captured-at": "yesterday"}),
+                              (["--captured"], {"captured-at": None}),
+                              (["--captured"], {"captured-at": "yesterday"}),
                               (["names"], {"flight": "a/b"}),
                               (["none.csv"], {"telemetry": f / "none.csv"})):
             self.fails(2, *self.ask(f / "out", **changed), says=says, leaves_nothing=f / "out")

@@ -58,7 +58,7 @@ class Provision(support.EndToEnd):
         return [line[2:] for line in lines if len(line) > 2 and line[2] in ("parameter", "signing", "restart")]
 
     def args(self, *more, patience=60):
-        return ["provision", "autopilot", "--autopilot", self.url, "--patience-s", patience, *more]
+        return ["provision", "autopilot", "--autopilot", self.url, "--timeout-s", patience, *more]
 
     def all_of_it(self):
         return ["--apply", "--signing-key", self.key, "--airframe", "falcon-7", "--camera", self.folder / "camera.yaml",

@@ -85,7 +85,7 @@ class SimulateCamera(support.EndToEnd):
         self.assertFalse([name for name in os.listdir(self.folder / "frames") if not name.endswith(".jpg")])
 
     def test_says_when_nobody_sends(self):
-        self.fails(2, *self.args, "--out", self.folder / "frames", "--wait-s", "0.3", says=("no pose came", str(self.port)))
+        self.fails(2, *self.args, "--out", self.folder / "frames", "--timeout-s", "0.3", says=("no pose came", str(self.port)))
 
     def test_refuses_what_it_cannot_do(self):
         out = ["--out", self.folder / "frames"]

@@ -128,7 +128,7 @@ class Commands(unittest.TestCase):
         for address in ("http://tiles.example.org", "ftp://localhost", "localhost:8760", "https://user:word@example.org",
                         "https://example.org/?key=1", "file:///etc/passwd"):
             self.ends(2, sync(NADIR, "push", self.outbox, "--to", address), "address")
-        result = sync(NADIR, "push", self.outbox, "--to", "http://127.0.0.1:1", "--patience", 0)
+        result = sync(NADIR, "push", self.outbox, "--to", "http://127.0.0.1:1", "--timeout-s", 0)
         self.ends(2, result, "not done", "connect")
 
     def test_no_proxy_hears_the_token_in_the_clear(self):
@@ -147,7 +147,7 @@ class Commands(unittest.TestCase):
         threading.Thread(target=proxy.serve_forever, daemon=True).start()
         there = {name: f"http://127.0.0.1:{proxy.server_address[1]}" for name in ("http_proxy", "all_proxy", "ALL_PROXY")}
         self.ends(0, self.stage())
-        self.ends(0, self.push("--patience", 0, variables=there | {"no_proxy": "", "NO_PROXY": ""}), f"accepted {COUNT}")
+        self.ends(0, self.push("--timeout-s", 0, variables=there | {"no_proxy": "", "NO_PROXY": ""}), f"accepted {COUNT}")
         self.assertEqual([], heard)
 
     def test_a_key_that_the_service_would_not_take(self):
@@ -204,8 +204,8 @@ class Commands(unittest.TestCase):
         self.addCleanup(secure.shutdown)
         threading.Thread(target=secure.serve_forever, daemon=True).start()
         port = secure.server_address[1]
-        self.ends(2, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--patience", 0), "certificate")
-        wrong_name = sync(NADIR, "push", self.outbox, "--to", f"https://127.0.0.1:{port}", "--ca", certificate, "--patience", 0)
+        self.ends(2, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--timeout-s", 0), "certificate")
+        wrong_name = sync(NADIR, "push", self.outbox, "--to", f"https://127.0.0.1:{port}", "--ca", certificate, "--timeout-s", 0)
         self.ends(2, wrong_name, "not done")
         self.assertEqual(0, len(secure.service.uploads))
         self.ends(0, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--ca", certificate), f"accepted {COUNT}")

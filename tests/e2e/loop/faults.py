@@ -26,7 +26,7 @@ def fly(args, inputs, run):
     with SmallDisk(run / "disk", DISK_MB) as disk:
         setup = Setup(inputs, run, args.nadir, args.nadird, EVENTS, MINUTES, signed=True, package=package,
                       record=disk.folder and disk.folder / "record", environment=clock.environment(),
-                      nadird_options=["--keep-pictures"])
+                      nadird_options=["--keep-frames"])
         with Flight(setup) as flight:
             flight.start()
             seen = Hands(flight, clock, package, disk).work()

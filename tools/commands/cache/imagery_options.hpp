@@ -1,4 +1,4 @@
-// How imagery becomes a map: the options that commands which make tiles from rasters have in common.
+// The options that commands which make tiles from rasters have in common.
 #pragma once
 
 #include <optional>

@@ -97,7 +97,7 @@ const json& pick(const json& document, const std::string& key) {
   }
   const json::json_pointer at(pointer);
   if (!document.contains(at)) {
-    throw UsageError({.what = "there is no such entry",
+    throw UsageError({.what = "no such entry",
                       .where = "--get " + key,
                       .expected = "one of the entries that `nadir cache inspect` lists"});
   }
@@ -108,7 +108,9 @@ class CacheInspectCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "inspect"; }
-  std::string_view summary() const override { return "show what is in a package, an MBTiles file or a COG"; }
+  std::string_view summary() const override {
+    return "show the contents of a package, an MBTiles file or a COG";
+  }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -122,22 +124,22 @@ class CacheInspectCommand final : public Command {
 };
 
 std::string_view CacheInspectCommand::details() const {
-  return "Shows, but does not judge: use `nadir cache verify` before you fly. --get prints one entry alone.";
+  return R"(Shows, but does not check: run `nadir cache verify` before you fly. --get prints a single entry.)";
 }
 
 std::string_view CacheInspectCommand::examples() const {
-  return "nadir cache inspect package\n"
-         "nadir cache inspect package --get manifest.mission.sequence\n"
-         "nadir cache inspect base.mbtiles --json";
+  return R"(nadir cache inspect package
+nadir cache inspect package --get manifest.mission.sequence
+nadir cache inspect base.mbtiles --json)";
 }
 
 void CacheInspectCommand::setup(Options& options) {
-  options.positional("PACKAGE|FILE", subject_, "what to look at: a package, MBTiles or COG").required();
-  options.value("--get", get_, "KEY", "print this entry alone");
+  options.positional("PACKAGE|FILE", subject_, "package, MBTiles file or COG").required();
+  options.value("--get", get_, "KEY", "print only this entry");
 }
 
 int CacheInspectCommand::run(Context& context) {
-  if (!fs::exists(subject_)) throw UsageError({.what = "nothing of this name", .where = subject_});
+  if (!fs::exists(subject_)) throw UsageError({.what = "no such file or folder", .where = subject_});
   const json document = fs::is_directory(subject_) ? describe_package(subject_) : describe_tile_set(subject_);
   if (get_) {
     const json& value = pick(document, *get_);

@@ -45,34 +45,37 @@ class CacheVerifyCommand final : public Command {
 };
 
 std::string_view CacheVerifyCommand::details() const {
-  return "The signature is checked before anything else is read; after that everything that is wrong is reported.\n"
-         "quick: signature, sizes, the Merkle root over the stored digests, and the mission's demands. full: every\n"
-         "byte is hashed as well. With --state the package must not be older than what was accepted before, and an\n"
-         "accepted one is remembered; --permit allows a step back that the signers have signed. Newer roots of trust\n"
-         "that the package carries are followed when the older ones have signed them.\n\n"
-         "--report writes the findings as text, JSON, CSV and Markdown, and report.html: a page with a map of "
-         "coverage\n"
-         "and freshness that needs no network. Exit code 0: accepted; 1: refused; 2: could not be checked.";
+  return R"(The signature is checked before anything else is read; after that every problem is reported. quick:
+signature, sizes, the Merkle root over the stored digests, and the mission's requirements. full:
+every byte is hashed as well. With --state the package must not be older than what was accepted
+before, and an accepted one is recorded; --permit allows a rollback that the signers have signed.
+Newer roots of trust in the package are followed if their predecessors have signed them.
+
+--report writes the findings as text, JSON, CSV and Markdown, and report.html: a page with a map of
+coverage and age that needs no network.
+
+Exit codes: 0 accepted, 1 rejected, 2 the check could not be done.)";
 }
 
 std::string_view CacheVerifyCommand::examples() const {
-  return "nadir cache verify package --trust root.json\n"
-         "nadir cache verify package --trust root.json --depth full --airframe mini-07 --state state.json\n"
-         "nadir cache verify package --trust root.json --report report && xdg-open report/report.html";
+  return R"(nadir cache verify package --trust root.json
+nadir cache verify package --trust root.json --depth full --airframe mini-07 --state state.json
+nadir cache verify package --trust root.json --report report && xdg-open report/report.html)";
 }
 
 void CacheVerifyCommand::setup(Options& options) {
-  options.positional("PACKAGE", package_, "the package's folder").required();
+  options.positional("PACKAGE", package_, "package folder").required();
   request_.setup(options);
-  options.value("--depth", depth_, "DEPTH", "quick or full").one_of({"quick", "full"});
-  options.value("--report", report_folder_, "DIR", "write the findings and a page with a map into this folder as well");
-  options.flag("--matchability", matchability_, "with --report: show where frames will find their place")
+  options.value("--depth", depth_, "DEPTH", "depth of the check").one_of({"quick", "full"});
+  options.value("--report", report_folder_, "DIR", "also write the findings and a page with a map to this folder");
+  options.flag("--matchability", matchability_, "with --report: show where frames can be matched to the map")
       .needs("--report");
-  options.value("--camera", matchability_request_.camera, "FILE.yaml", "with --matchability: the camera that flies")
+  options.value("--camera", matchability_request_.camera, "FILE.yaml", "with --matchability: the camera of the flight")
       .needs("--matchability");
   options
-      .value("--cruise-mps", matchability_request_.cruise_mps, "V",
-             "with --matchability: speed, to tell stretches in seconds")
+      .value("--speed-mps", matchability_request_.cruise_mps, "V",
+             "with --matchability: ground speed, to give route segments in seconds")
+      .formerly("--cruise-mps")
       .between(1, 300)
       .needs("--matchability");
 }
@@ -106,7 +109,7 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
     figures.emplace_back(
         "mission", fmt::format("{} (series {}, sequence {})", manifest.mission_id, manifest.series, manifest.sequence));
     figures.emplace_back("expires", to_rfc3339(manifest.expires));
-    figures.emplace_back("imagery", fmt::format("{} tiles, {:.1f} MB in all", verification.tiles.size(),
+    figures.emplace_back("imagery", fmt::format("{}, {:.1f} MB in total", count(verification.tiles.size(), "tile"),
                                                 static_cast<double>(verification.bytes) / 1e6));
     figures.emplace_back("trust root", fmt::format("version {}", verification.root_version));
     for (const std::string& signer : verification.signers) figures.emplace_back("signed by", signer);

@@ -18,7 +18,7 @@ class CatalogueRemoveCommand final : public Command {
  public:
   std::string_view group() const override { return "catalogue"; }
   std::string_view name() const override { return "remove"; }
-  std::string_view summary() const override { return "take a package out of a catalogue"; }
+  std::string_view summary() const override { return "remove a package from a catalogue"; }
   std::string_view details() const override;
   std::string_view examples() const override;
 
@@ -32,19 +32,20 @@ class CatalogueRemoveCommand final : public Command {
 };
 
 std::string_view CatalogueRemoveCommand::details() const {
-  return "Its sources, sectors, tiles and gaps go with it, in one transaction. The package itself is not touched. "
-         "Exit\n"
-         "code 0: it is gone; 2: there was none, or it could not be done.";
+  return R"(Its sources, sectors, tiles and gaps are removed with it, in one transaction. The package itself is
+not touched.
+
+Exit codes: 0 removed, 2 there was no such package, or the job could not be done.)";
 }
 
 std::string_view CatalogueRemoveCommand::examples() const {
-  return "nadir catalogue remove village 3 --from fleet.sqlite";
+  return R"(nadir catalogue remove village 3 --from fleet.sqlite)";
 }
 
 void CatalogueRemoveCommand::setup(Options& options) {
-  options.positional("SERIES", series_, "the package's series").required();
-  options.positional("SEQUENCE", sequence_, "its sequence").required();
-  options.value("--from", catalogue_, "CATALOGUE", "a SpatiaLite file or \"PG:…\"").required();
+  options.positional("SERIES", series_, "series of the package").required();
+  options.positional("SEQUENCE", sequence_, "sequence of the package").required();
+  options.value("--from", catalogue_, "CATALOGUE", "SpatiaLite file or \"PG:…\"").required();
 }
 
 int CatalogueRemoveCommand::run(Context& context) {

@@ -137,7 +137,7 @@ Findings judge_estimate(const Mission& mission, const PlanEstimate& plan) {
                   .where = "the estimate",
                   .expected = fmt::format("at most {} MB", mission.budget_mb),
                   .found = fmt::format("about {:.1f} MB", plan.bytes / 1e6),
-                  .fix = "lower zoom.max or the quality, try webp, make the area smaller, or raise budget_mb"});
+                  .fix = "lower zoom.max or the quality, try webp, reduce the area, or raise budget_mb"});
   }
   return findings;
 }
@@ -167,21 +167,21 @@ json json_from(const PlanEstimate& plan) {
 void print(std::ostream& out, const Mission& mission, const PlanEstimate& plan, const FormatFigures& figures,
            double seconds, int threads) {
   Figures lines{{"mission", mission.id},
-                {"route", fmt::format("{:.2f} km, {:.0f} m to either side: {:.2f} km²", plan.route_km,
+                {"route", fmt::format("{:.2f} km, {:.0f} m to each side: {:.2f} km²", plan.route_km,
                                       mission.route.corridor_half_width_m, plan.corridor_km2)}};
   for (const SectorPlan& sector : plan.sectors) {
     lines.emplace_back("sector " + sector.id, fmt::format("{:.2f} km² ({})", sector.km2, name_of(sector.cls)));
   }
-  lines.emplace_back("needed", fmt::format("{:.2f} km² of ground, what they share counted once", plan.needed_km2));
+  lines.emplace_back("needed", fmt::format("{:.2f} km² of ground, overlaps counted once", plan.needed_km2));
   for (const ZoomPlan& level : plan.zooms) {
     lines.emplace_back(fmt::format("zoom {}", level.zoom),
-                       fmt::format("{} tiles, {:.1f} MB; {} of them required (their bounding box has {})", level.tiles,
+                       fmt::format("{}, {:.1f} MB; {} required (bounding box: {})", count(level.tiles, "tile"),
                                    level.bytes / 1e6, level.required, level.box_tiles));
   }
-  lines.emplace_back("package", fmt::format("{} tiles, about {:.1f} MB of {} MB allowed", plan.tiles, plan.bytes / 1e6,
+  lines.emplace_back("package", fmt::format("{}, about {:.1f} MB of {} MB allowed", count(plan.tiles, "tile"), plan.bytes / 1e6,
                                             mission.budget_mb));
   lines.emplace_back("building",
-                     fmt::format("about {} with {} thread{}", minutes_text(seconds), threads, threads == 1 ? "" : "s"));
+                     fmt::format("about {} with {}", minutes_text(seconds), count(static_cast<std::uint64_t>(threads), "thread")));
   lines.emplace_back("figures", fmt::format("{}: {:.1f} kB and {:.0f} ms per tile, measured", figures.format,
                                             figures.bytes_per_tile / 1e3, figures.cpu_ms_per_tile));
   print_figures(out, lines);
@@ -191,7 +191,9 @@ class MissionPlanCommand final : public Command {
  public:
   std::string_view group() const override { return "mission"; }
   std::string_view name() const override { return "plan"; }
-  std::string_view summary() const override { return "estimate tiles, megabytes and minutes before building"; }
+  std::string_view summary() const override {
+    return "estimate tiles, megabytes and minutes before building";
+  }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -206,23 +208,23 @@ class MissionPlanCommand final : public Command {
 };
 
 std::string_view MissionPlanCommand::details() const {
-  return "Counts the tiles that a build makes for the sectors and the corridor, with the margin around them, and "
-         "those\n"
-         "of them that the mission requires, zoom by zoom, and estimates the package from\n"
-         "measured bytes and milliseconds per tile, which are printed as well. Real imagery differs by its content:\n"
-         "expect half to one and a half times the megabytes. An estimate above the budget is a warning. Exit code 0:\n"
-         "estimated; 2: the mission is not valid.";
+  return R"(Counts the tiles that a build makes for the sectors and the corridor including their margin, and
+those of them that the mission requires, zoom by zoom. Estimates the package from measured bytes and
+milliseconds per tile, which are printed as well. Real imagery differs with its content: expect 0.5
+to 1.5 times the estimated megabytes. An estimate above the budget is a warning.
+
+Exit codes: 0 estimated, 2 the mission is not valid.)";
 }
 
 std::string_view MissionPlanCommand::examples() const {
-  return "nadir mission plan missions/demo-world.yaml\n"
-         "nadir mission plan mission.yaml --tile-format webp --threads 8 --json";
+  return R"(nadir mission plan missions/demo-world.yaml
+nadir mission plan mission.yaml --tile-format webp --threads 8 --json)";
 }
 
 void MissionPlanCommand::setup(Options& options) {
-  options.positional("MISSION.yaml", mission_, "the mission file").required();
-  options.value("--tile-format", tile_format_, "FORMAT", "how a tile is encoded").one_of({"jpeg", "webp", "png"});
-  options.value("--threads", threads_, "N", "threads that the build will have").between(1, 256);
+  options.positional("MISSION.yaml", mission_, "mission file").required();
+  options.value("--tile-format", tile_format_, "FORMAT", "encoding of the tiles").one_of({"jpeg", "webp", "png"});
+  options.value("--threads", threads_, "N", "threads of the build").between(1, 256);
 }
 
 int MissionPlanCommand::run(Context& context) {

@@ -32,7 +32,7 @@ UtcMillis first_frame_time(const std::optional<std::string>& asked, const ReadyF
   if (asked) {
     if (const auto time = parse_utc_millis(*asked)) return *time;
     if (const auto time = parse_utc(*asked)) return {time->unix_s * 1000};
-    throw UsageError({.what = "--captured-at is no time",
+    throw UsageError({.what = "--captured is not a time",
                       .expected = "a time like 2026-05-01T12:00:00Z or 2026-05-01T12:00:00.250Z",
                       .found = *asked});
   }
@@ -42,9 +42,9 @@ UtcMillis first_frame_time(const std::optional<std::string>& asked, const ReadyF
   const double first_s = ready.flight.frames.front().time_s;
   if (first_s >= kUnixFrom_s) return {static_cast<std::int64_t>(first_s * 1000)};
   throw UsageError(
-      {.what = "nobody knows when these frames were taken",
-       .expected = "--captured-at TIME of the first frame, a recording, or telemetry in seconds since 1970",
-       .fix = "give --captured-at 2026-05-01T12:00:00Z"});
+      {.what = "capture time unknown",
+       .expected = "--captured TIME of the first frame, a recording, or telemetry in seconds since 1970",
+       .fix = "give --captured 2026-05-01T12:00:00Z"});
 }
 
 // The ground of all tiles, which are of one zoom.
@@ -67,7 +67,7 @@ class OrthoCommand final : public Command {
  public:
   std::string_view group() const override { return {}; }
   std::string_view name() const override { return "ortho"; }
-  std::string_view summary() const override { return "make signed candidate tiles of what a flight saw"; }
+  std::string_view summary() const override { return "make signed candidate tiles from a flight"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -93,45 +93,42 @@ class OrthoCommand final : public Command {
 };
 
 std::string_view OrthoCommand::details() const {
-  return "The flight is replayed and smoothed. Every frame that the map has confirmed, whose place is known to 5 m "
-         "and\n"
-         "which is sharp, is resampled straight from above onto the mission's finest tiles, over the package's "
-         "terrain.\n"
-         "Each tile gets a sidecar that says how it was made, signed with the airframe's tile key; of two tiles for "
-         "one\n"
-         "place the better one stays. What no frame shows wholly is pieced together of several frames.\n"
-         "OUT is a folder with tiles.mbtiles; nothing is added to the package. With --estimates the poses of\n"
-         "a replay are taken instead of flying again: the tiles are the same.\n\n"
-         "Exit code 0: made, be it no tile at all; 1: the package was refused; 2: could not be done.";
+  return R"(The flight is replayed and smoothed. Every sharp frame that was matched to the map and whose
+position is known to 5 m is orthorectified over the package's terrain onto the mission's finest
+tiles. Each tile gets a sidecar that states how it was made, signed with the airframe's tile key; of
+two tiles of one place the better one is kept. Tiles that no single frame covers are mosaicked from
+several frames.
+
+OUT is a folder with tiles.mbtiles; the package does not change. With --estimates the poses of a
+replay are used instead of replaying again: the tiles are the same.
+
+Exit codes: 0 success, even without any tile, 1 the package was rejected, 2 the job could not be
+done.)";
 }
 
 std::string_view OrthoCommand::examples() const {
-  return "nadir ortho --package package --trust root.json --frames flight/frames --telemetry flight/telemetry.csv "
-         "--camera camera.yaml --key tile.key.pem --airframe mini-07 --captured-at 2026-05-01T12:00:00Z --out "
-         "candidates\n"
-         "nadir ortho --estimates result/poses.json --package package --trust root.json --frames flight/frames "
-         "--telemetry flight/telemetry.csv --camera camera.yaml --key tile.key.pem --airframe mini-07 --captured-at "
-         "2026-05-01T12:00:00Z --out candidates\n"
-         "nadir ortho --recorder recording --package package --trust root.json --key tile.key.pem --airframe mini-07 "
-         "--mosaic mosaic.tif --out candidates";
+  return R"(nadir ortho --package package --trust root.json --frames flight/frames --telemetry flight/telemetry.csv --camera camera.yaml --key tile.key.pem --airframe mini-07 --captured 2026-05-01T12:00:00Z --out candidates
+nadir ortho --estimates result/poses.json --package package --trust root.json --frames flight/frames --telemetry flight/telemetry.csv --camera camera.yaml --key tile.key.pem --airframe mini-07 --captured 2026-05-01T12:00:00Z --out candidates
+nadir ortho --recorder recording --package package --trust root.json --key tile.key.pem --airframe mini-07 --mosaic mosaic.tif --out candidates)";
 }
 
 void OrthoCommand::setup(Options& options) {
   request_.declare(options, FlightRequest::Map::required);
-  options.value("--key", key_, "KEY.pem", "the airframe's tile key").required();
-  options.value("--out", out_, "OUT", "folder that is made").required();
+  options.value("--key", key_, "KEY.pem", "private tile key of the airframe").required();
+  options.value("--out", out_, "OUT", "folder to create").required();
   options.value("--estimates", estimates_, "FILE.json",
-                "poses.json of a nadir replay of this flight, which is then not flown again");
-  options.value("--flight", flight_, "ID", "name of the flight; without it one is made from its telemetry");
-  options.value("--captured-at", captured_at_, "TIME", "when the first frame was taken, if the flight does not say");
-  options.value("--zoom", zoom_, "Z", "of the tiles; the mission's finest without it").between(0, kMaxZoom);
-  options.flag("--single-frame", single_frame_, "only tiles that one frame shows wholly");
-  options.value("--format", format_, "FORMAT", "of the tiles").one_of({"jpeg", "webp"});
-  options.value("--quality", quality_, "N", "of the tiles").between(1, 100);
-  options.value("--budget-mb", budget_mb_, "MB", "most that the tiles may take").between(1, 1'000'000);
-  options.value("--frame-ms", frame_ms_, "MS", "most for the tiles of one frame, as in flight; 0: no limit")
+                "poses.json of a nadir replay of this flight, instead of replaying it");
+  options.value("--flight", flight_, "ID", "id of the flight; default: derived from its telemetry");
+  options.value("--captured", captured_at_, "TIME", "capture time of the first frame, if the flight does not state it")
+      .formerly("--captured-at");
+  options.value("--zoom", zoom_, "Z", "zoom of the tiles; default: the mission's finest").between(0, kMaxZoom);
+  options.flag("--single-frame", single_frame_, "only tiles that a single frame covers completely");
+  options.value("--format", format_, "FORMAT", "encoding of the tiles").one_of({"jpeg", "webp"});
+  options.value("--quality", quality_, "N", "quality of the tiles").between(1, 100);
+  options.value("--budget-mb", budget_mb_, "MB", "maximum size of all tiles").between(1, 1'000'000);
+  options.value("--frame-ms", frame_ms_, "MS", "maximum time for the tiles of one frame, as in flight; 0: no limit")
       .between(0, 60'000);
-  options.value("--mosaic", mosaic_, "FILE.tif", "write the tiles as a COG as well, and FILE.html beside it");
+  options.value("--mosaic", mosaic_, "FILE.tif", "also write the tiles as a COG, and FILE.html beside it");
 }
 
 std::vector<std::optional<FramePose>> OrthoCommand::poses_of(Context& context, const ReadyFlight& ready) const {
@@ -143,11 +140,11 @@ std::vector<std::optional<FramePose>> OrthoCommand::poses_of(Context& context, c
 int OrthoCommand::run(Context& context) {
   request_.check();
   if (estimates_ && request_.says_how()) {
-    throw UsageError({.what = "nadir ortho --estimates does not fly the flight again",
-                      .fix = "leave out --start, --odometry and --matcher: nadir replay took them"});
+    throw UsageError({.what = "nadir ortho --estimates does not replay the flight",
+                      .fix = "omit --start, --odometry and --matcher: they belong to nadir replay"});
   }
   if (!request_.airframe()) {
-    throw UsageError({.what = "nadir ortho needs --airframe", .expected = "the airframe whose tile key signs"});
+    throw UsageError({.what = "--airframe is required", .expected = "the airframe whose tile key signs"});
   }
   const PrivateKey key = PrivateKey::read(key_);
   require_tile_key(*request_.trust(), *request_.airframe(), key.public_key());
@@ -186,7 +183,7 @@ int OrthoCommand::run(Context& context) {
     const MbtilesReader tiles(staging.path() / kCandidateFile);
     const LocalFrame& frame = ready->setup->frame;
     const ComparePage page{
-        .title = "What the flight saw",
+        .title = "Orthophoto of the flight",
         .subtitle = fmt::format("{} · flight {} · map package {}", *request_.airframe(),
                                 flight_.value_or(id_of(flight)), ready->package->manifest().mission_id),
         .headline = {{std::to_string(summary.tiles), "candidate tiles"},

@@ -117,7 +117,7 @@ class Exporter {
            .where = path,
            .expected = "a GDAL with the driver " + driver_name + " (Parquet: built with Apache Arrow, or its plug-in)",
            .found = std::string("GDAL ") + GDALVersionInfo("RELEASE_NAME") + " without it, as Debian 12 has it",
-           .fix = "export --format csv, or gpkg, and convert where there is such a GDAL"});
+           .fix = "export as csv or gpkg, and convert on a machine with such a GDAL"});
     }
     one_layer_ = driver_name == "Parquet";
     dataset_.reset(driver->Create(path.c_str(), 0, 0, 0, GDT_Unknown, nullptr));
@@ -227,7 +227,9 @@ class RecorderExportCommand final : public Command {
  public:
   std::string_view group() const override { return "recorder"; }
   std::string_view name() const override { return "export"; }
-  std::string_view summary() const override { return "write estimates, anchors and events for other programs"; }
+  std::string_view summary() const override {
+    return "export estimates, anchors and events for other programs";
+  }
   std::string_view details() const override;
   std::string_view examples() const override;
 
@@ -241,29 +243,31 @@ class RecorderExportCommand final : public Command {
 };
 
 std::string_view RecorderExportCommand::details() const {
-  return "csv: OUT is a folder with estimates.csv, anchors.csv and events.csv. geojson: one file with the track, the\n"
-         "estimates and the anchors, accepted and refused. kml and gpkg: one file with a layer for each. parquet: one\n"
-         "file with the estimates; needs a GDAL with Apache Arrow, which Debian 12 does not have.\n\n"
-         "Exit codes: 0 exported, 2 could not be done.";
+  return R"(csv: OUT is a folder with estimates.csv, anchors.csv and events.csv. geojson: one file with the
+track, the estimates and the anchors, accepted and rejected. kml and gpkg: one file with a layer for
+each. parquet: one file with the estimates; needs a GDAL built with Apache Arrow, which Debian 12
+does not provide.
+
+Exit codes: 0 exported, 2 the job could not be done.)";
 }
 
 std::string_view RecorderExportCommand::examples() const {
-  return "nadir recorder export recording --format geojson --out flight.geojson\n"
-         "nadir recorder export recording --format csv --out tables";
+  return R"(nadir recorder export recording --format geojson --out flight.geojson
+nadir recorder export recording --format csv --out tables)";
 }
 
 void RecorderExportCommand::setup(Options& options) {
-  options.positional("RECORDING", recording_, "a folder of segments, or an MCAP file").required();
-  options.value("--format", format_, "FORMAT", "csv, geojson, kml, gpkg or parquet")
+  options.positional("RECORDING", recording_, "folder of segments, or an MCAP file").required();
+  options.value("--format", format_, "FORMAT", "output format")
       .required()
       .one_of({"csv", "geojson", "kml", "gpkg", "parquet"});
-  options.value("--out", out_, "OUT", "folder (csv) or file that is made").required();
-  options.value("--session", session_, "ID", "when the recording holds several");
+  options.value("--out", out_, "OUT", "folder (csv) or file to create").required();
+  options.value("--session", session_, "ID", "session of the recording, if it holds several");
 }
 
 int RecorderExportCommand::run(Context& context) {
   if (fs::exists(out_)) {
-    throw UsageError({.what = "what is to be made is there already", .where = out_, .fix = "give another --out"});
+    throw UsageError({.what = "the output already exists", .where = out_, .fix = "choose another --out"});
   }
   const FlightTables tables = read_flight_tables(recording_, session_);
   if (format_ == "csv") {
@@ -276,8 +280,8 @@ int RecorderExportCommand::run(Context& context) {
     export_file(tables, format_, out_);
   }
   if (!context.quiet) {
-    context.err << fmt::format("{} estimates, {} anchors, {} events\n", tables.estimates.rows.size(),
-                               tables.anchors.rows.size(), tables.events.rows.size());
+    context.err << fmt::format("{}, {}, {}\n", count(tables.estimates.rows.size(), "estimate"),
+                               count(tables.anchors.rows.size(), "anchor"), count(tables.events.rows.size(), "event"));
   }
   return kAccepted;
 }

@@ -28,17 +28,20 @@ class RecorderVerifyCommand final : public Command {
 };
 
 std::string_view RecorderVerifyCommand::details() const {
-  return "Reads every byte: chunks against their CRCs, indexes against what is there, payloads against their schemas,\n"
-         "numbers of records for gaps, and the last record for clean_shutdown. A recording that was cut off or tells "
-         "of\n"
-         "losses is accepted with warnings: what it holds is sound. Damage refuses.\n\n"
-         "Exit codes: 0 sound, 1 damaged (the findings say where), 2 could not be read.";
+  return R"(Reads every byte: chunks against their CRCs, indexes against the messages, payloads against their
+schemas, sequence numbers for gaps, and the last record for clean_shutdown. A recording that was
+truncated or reports losses is accepted with warnings: what it contains is intact. A damaged
+recording is rejected.
+
+Exit codes: 0 intact, 1 damaged (the findings state where), 2 the recording cannot be read.)";
 }
 
-std::string_view RecorderVerifyCommand::examples() const { return "nadir recorder verify recording"; }
+std::string_view RecorderVerifyCommand::examples() const {
+  return R"(nadir recorder verify recording)";
+}
 
 void RecorderVerifyCommand::setup(Options& options) {
-  options.positional("RECORDING", recording_, "a folder of segments, or an MCAP file").required();
+  options.positional("RECORDING", recording_, "folder of segments, or an MCAP file").required();
 }
 
 int RecorderVerifyCommand::run(Context& context) {

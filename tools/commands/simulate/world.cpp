@@ -21,7 +21,7 @@ class SimulateWorldCommand final : public Command {
   std::string_view group() const override { return "simulate"; }
   std::string_view name() const override { return "world"; }
   std::string_view summary() const override {
-    return "make a landscape: satellite map, the ground on the day, elevation";
+    return "create a landscape: satellite map, ground on the day of flight, elevation";
   }
   std::string_view details() const override;
   std::string_view examples() const override;
@@ -35,21 +35,21 @@ class SimulateWorldCommand final : public Command {
 };
 
 std::string_view SimulateWorldCommand::details() const {
-  return "OUT receives ground.tif (the day of the flight), map.tif (the same land as a satellite saw it four months "
-         "earlier: other crops, sun, sensor, some roofs and fields changed), dem.tif, their STAC items, and "
-         "mission.yaml "
-         "and camera.yaml that fit. The same seed, size and ground sample distance give the same bytes.";
+  return R"(OUT receives ground.tif (the day of the flight), map.tif (the same land as a satellite saw it four
+months earlier: other crops, sun and sensor, some roofs and fields changed), dem.tif, their STAC
+Items, and a matching mission.yaml and camera.yaml. The same seed, size and ground sample distance
+give the same bytes.)";
 }
 
 std::string_view SimulateWorldCommand::examples() const {
-  return "nadir simulate world --seed 7 --size-km 2 --gsd-m 0.5 --out world";
+  return R"(nadir simulate world --seed 7 --size-km 2 --gsd-m 0.5 --out world)";
 }
 
 void SimulateWorldCommand::setup(Options& options) {
-  options.value("--seed", options_.seed, "N", "which world");
-  options.value("--size-km", options_.size_km, "S", "its side").between(0.2, 20);
-  options.value("--gsd-m", options_.gsd_m, "G", "size of a pixel on the ground").between(0.1, 20);
-  options.value("--out", out_, "DIR", "folder that is made").required();
+  options.value("--seed", options_.seed, "N", "random seed of the world");
+  options.value("--size-km", options_.size_km, "S", "side length").between(0.2, 20);
+  options.value("--gsd-m", options_.gsd_m, "G", "ground sample distance").between(0.1, 20);
+  options.value("--out", out_, "DIR", "folder to create").required();
 }
 
 int SimulateWorldCommand::run(Context& context) {

@@ -23,7 +23,7 @@ class SyncPruneCommand final : public Command {
   std::string_view group() const override { return "sync"; }
   std::string_view name() const override { return "prune"; }
   std::string_view summary() const override {
-    return "delete the pictures of tiles that have had their verdict for a while";
+    return "delete the images of tiles whose verdict is old enough";
   }
   std::string_view details() const override;
   std::string_view examples() const override;
@@ -40,18 +40,20 @@ class SyncPruneCommand final : public Command {
 };
 
 std::string_view SyncPruneCommand::details() const {
-  return "Only pictures go, and only those of tiles with a final verdict. What is known of each tile stays, so that "
-         "no\n"
-         "tile is staged again.\n\n"
-         "Exit codes: 0 done, 2 could not be done.";
+  return R"(Only images are deleted, and only those of tiles with a final verdict. The record of each tile
+stays, so that no tile is staged twice.
+
+Exit codes: 0 success, 2 the job could not be done.)";
 }
 
-std::string_view SyncPruneCommand::examples() const { return "nadir sync prune outbox --keep-days 14"; }
+std::string_view SyncPruneCommand::examples() const {
+  return R"(nadir sync prune outbox --keep-days 14)";
+}
 
 void SyncPruneCommand::setup(Options& options) {
-  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
-  options.value("--keep-days", keep_days_, "DAYS", "keep pictures so long after the verdict").between(0, 36'500);
-  options.flag("--dry-run", dry_run_, "say what would go, delete nothing");
+  options.positional("OUTBOX", outbox_, "outbox folder").required();
+  options.value("--keep-days", keep_days_, "DAYS", "days to keep images after the verdict").between(0, 36'500);
+  options.flag("--dry-run", dry_run_, "report what would be deleted, delete nothing");
 }
 
 int SyncPruneCommand::run(Context& context) {
@@ -61,8 +63,8 @@ int SyncPruneCommand::run(Context& context) {
   if (context.json) {
     print_json(context.out, {{"tiles", sum.tiles}, {"bytes", sum.bytes}, {"dry_run", dry_run_}});
   } else {
-    context.out << fmt::format("{} the pictures of {} tiles, {:.1f} MB\n", dry_run_ ? "would delete" : "deleted",
-                               sum.tiles, static_cast<double>(sum.bytes) / 1e6);
+    context.out << fmt::format("{} the images of {}, {:.1f} MB\n", dry_run_ ? "would delete" : "deleted",
+                               count(static_cast<std::uint64_t>(sum.tiles), "tile"), static_cast<double>(sum.bytes) / 1e6);
   }
   return kAccepted;
 }

@@ -78,38 +78,38 @@ class SyncPushCommand final : public Command {
 };
 
 std::string_view SyncPushCommand::details() const {
-  return "May be interrupted, killed and called again at any moment: it goes on where it was, at any byte, and no "
-         "tile\n"
-         "is lost or counted twice. When the service fails, it waits longer and longer (or as long as the service "
-         "says)\n"
-         "and gives up for now when nothing has come forward for --patience. The service's certificate is verified.\n"
-         "The token comes from --token-file or from the environment variable NADIR_SYNC_TOKEN.\n\n"
-         "Exit codes: 0 every tile has been accepted (or was before), 1 some were rejected, refused or parked (nadir\n"
-         "sync status says why), 2 not done: call it again; 130 interrupted.";
+  return R"(May be interrupted, killed and restarted at any time: it resumes at any byte, and no tile is lost or
+counted twice. If the service fails, it waits with increasing delays (or as long as the service
+requests) and gives up for now if there is no progress for --timeout-s. The service's certificate is
+verified. The token comes from --token-file or from the environment variable NADIR_SYNC_TOKEN.
+
+Exit codes: 0 every tile is accepted, 1 some were rejected, refused or parked (nadir sync status
+states why), 2 not complete: run it again, 130 interrupted.)";
 }
 
 std::string_view SyncPushCommand::examples() const {
-  return "nadir sync push outbox --to https://tiles.example.org --token-file token\n"
-         "nadir sync push outbox --to https://tiles.example.org --token-file token --patience 60 --json";
+  return R"(nadir sync push outbox --to https://tiles.example.org --token-file token
+nadir sync push outbox --to https://tiles.example.org --token-file token --timeout-s 60 --json)";
 }
 
 void SyncPushCommand::setup(Options& options) {
-  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
-  options.value("--to", to_, "URL", "the service: https://HOST[:PORT][/PATH], http:// only to localhost").required();
-  options.value("--token-file", token_file_, "FILE", "the service's token; only its owner may read the file");
-  options.value("--ca", authorities_, "FILE.pem", "trust these certificate authorities in the place of the system's");
-  options.value("--patience", patience_s_, "SECONDS", "give up for now when nothing comes forward for so long")
-      .between(0, 86'400);
-  options.flag("--dry-run", dry_run_, "say what would be sent; no connection is made");
+  options.positional("OUTBOX", outbox_, "outbox folder").required();
+  options.value("--to", to_, "URL", "service: https://HOST[:PORT][/PATH]; http:// only to localhost").required();
+  options.value("--token-file", token_file_, "FILE", "bearer token of the service; readable by its owner only");
+  options.value("--ca", authorities_, "FILE.pem", "trust these certificate authorities instead of the system's");
+  options.value("--timeout-s", patience_s_, "S", "give up for now without progress for this time")
+      .between(0, 86'400)
+      .formerly("--patience");
+  options.flag("--dry-run", dry_run_, "report what would be sent, without connecting");
 }
 
 std::string SyncPushCommand::token() const {
   if (token_file_) return read_bearer_token(*token_file_);
   const char* text = std::getenv(kTokenVariable);
   if (text == nullptr) {
-    throw UsageError({.what = "there is no token",
+    throw UsageError({.what = "no token given",
                       .expected = fmt::format("--token-file FILE, or {} in the environment", kTokenVariable),
-                      .fix = "ask the service's operator for one; it never goes on the command line"});
+                      .fix = "ask the operator of the service for one; never put it on the command line"});
   }
   return checked_bearer_token(text, kTokenVariable);
 }
@@ -127,8 +127,10 @@ int SyncPushCommand::dry_run(Context& context) const {
     print_json(context.out,
                {{"dry_run", true}, {"to_send", unsent.tiles}, {"bytes", unsent.bytes}, {"verdicts_awaited", awaited}});
   } else {
-    context.out << fmt::format("{} tiles would be sent, at most {:.1f} MB; {} verdicts are awaited\n", unsent.tiles,
-                               static_cast<double>(unsent.bytes) / 1e6, awaited);
+    context.out << fmt::format("{} would be sent, at most {:.1f} MB; {} pending\n",
+                               count(static_cast<std::uint64_t>(unsent.tiles), "tile"),
+                               static_cast<double>(unsent.bytes) / 1e6,
+                               count(static_cast<std::uint64_t>(awaited), "verdict"));
   }
   return kAccepted;
 }
@@ -161,7 +163,7 @@ int SyncPushCommand::run(Context& context) {
                              outcome.verdicts.accepted, outcome.verdicts.duplicate, outcome.verdicts.rejected,
                              outcome.refused, outcome.parked);
   if (!outcome.finished) {
-    context.out << fmt::format("not done: {}; call this again, it goes on where it was\n", outcome.waits_for);
+    context.out << fmt::format("not complete: {}; run this command again to resume\n", outcome.waits_for);
   }
   return exit_code(outcome);
 }

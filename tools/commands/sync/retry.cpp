@@ -29,7 +29,7 @@ class SyncRetryCommand final : public Command {
   std::string_view group() const override { return "sync"; }
   std::string_view name() const override { return "retry"; }
   std::string_view summary() const override {
-    return "try again what was parked, or rejected for a reason that has gone";
+    return "retry tiles that were parked, or rejected for a temporary reason";
   }
   std::string_view details() const override;
   std::string_view examples() const override;
@@ -46,34 +46,33 @@ class SyncRetryCommand final : public Command {
 };
 
 std::string_view SyncRetryCommand::details() const {
-  return "Parked batches will be announced again by the next push, and those that wait will not wait any longer. With\n"
-         "--code, tiles that were rejected or refused for this reason go into new batches, as far as their pictures "
-         "are\n"
-         "still there: for reasons that can pass, such as quota or base_package_unknown. With --key, parked batches "
-         "of\n"
-         "which something is damaged are taken apart: the damaged tiles are set aside, the others go into new "
-         "batches.\n\n"
-         "Exit codes: 0 done, 1 done, and damaged tiles were set aside (the findings name them), 2 could not be done.";
+  return R"(Parked batches are announced again by the next push, and waiting ones no longer wait. With --code,
+tiles that were rejected or refused for this reason go into new batches, if their images still
+exist: for temporary reasons, such as quota or base_package_unknown. With --key, parked batches with
+damaged tiles are split: the damaged tiles are set aside, the others go into new batches.
+
+Exit codes: 0 success, 1 success, but damaged tiles were set aside (the findings name them), 2 the
+job could not be done.)";
 }
 
 std::string_view SyncRetryCommand::examples() const {
-  return "nadir sync retry outbox\n"
-         "nadir sync retry outbox --code quota --key mini-07.key.pem";
+  return R"(nadir sync retry outbox
+nadir sync retry outbox --code quota --key mini-07.key.pem)";
 }
 
 void SyncRetryCommand::setup(Options& options) {
-  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
-  options.values("--code", codes_, "REASON", "try tiles again that failed for this reason; may be given several times")
+  options.positional("OUTBOX", outbox_, "outbox folder").required();
+  options.values("--code", codes_, "REASON", "retry tiles that failed for this reason; may be repeated")
       .needs("--key");
-  options.value("--key", key_, "KEY.pem", "the airframe's tile key, which signs the new batches");
+  options.value("--key", key_, "KEY.pem", "private tile key of the airframe, which signs the new batches");
 }
 
 int SyncRetryCommand::run(Context& context) {
   for (const std::string& code : codes_) {
     if (parse_reason_code(code)) continue;
-    throw UsageError({.what = "there is no such reason",
+    throw UsageError({.what = "unknown reason",
                       .found = code,
-                      .fix = "nadir sync status shows the reasons of this outbox's tiles"});
+                      .fix = "nadir sync status lists the reasons in this outbox"});
   }
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);
@@ -94,8 +93,10 @@ int SyncRetryCommand::run(Context& context) {
                            {{"batches", batches}, {"restaged", tiles}, {"new_batches", sealed.batches}});
   }
   if (!findings.empty()) print_findings(context.out, findings);
-  context.out << fmt::format("{} batches may be tried at once; {} tiles go into {} new batches\n", batches, tiles,
-                             sealed.batches);
+  context.out << fmt::format("{} can be retried now; {} put into {}\n",
+                             count(static_cast<std::uint64_t>(batches), "batch", "batches"),
+                             count(static_cast<std::uint64_t>(tiles), "tile"),
+                             count(static_cast<std::uint64_t>(sealed.batches), "new batch", "new batches"));
   return findings.refuses() ? kRefused : kAccepted;
 }
 
