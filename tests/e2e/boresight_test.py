@@ -91,7 +91,7 @@ class Boresight(EndToEnd):
         self.fails(1, *self.command(flight, "--to-s", "12", "--key", self.folder / "signer.key.pem", "--out", nothing),
                    says=["provision.few_anchors"], leaves_nothing=nothing)
         (flight / "gps.csv").write_text((flight / "telemetry.csv").read_text(encoding="utf-8"), encoding="utf-8")
-        self.fails(2, *self.command(flight), says=["no frame of this flight has a position of GPS"])
+        self.fails(2, *self.command(flight), says=["no frame of this flight has a GPS position"])
         self.fails(2, *self.command(flight, "--recorder", flight), says=["needs one flight"])
 
 

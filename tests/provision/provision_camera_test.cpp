@@ -24,7 +24,7 @@ TEST(ProvisionCamera, WritesACameraFileOnceAndNeverReplacesIt) {
   const auto result = provision(folder / "board", folder / "camera.yaml");
   ASSERT_EQ(result.code, 0) << result.out << result.err;
   EXPECT_EQ(result.err, "");
-  EXPECT_THAT(result.out, HasSubstr("12 used, 0 set aside"));
+  EXPECT_THAT(result.out, HasSubstr("12 used, 0 rejected"));
   const CameraModel camera = read_camera_file(folder / "camera.yaml").camera;
   EXPECT_EQ(camera.width, truth.width);
   EXPECT_NEAR(camera.fx, truth.fx, 0.003 * truth.fx);

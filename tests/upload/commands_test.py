@@ -52,7 +52,7 @@ class Commands(unittest.TestCase):
         self.ends(0, self.stage("--dry-run"), f"{COUNT} tiles could be staged")
         self.assertFalse(self.outbox.exists())
         self.ends(0, self.stage(), f"staged {COUNT} tiles")
-        self.ends(0, self.stage(), "staged 0 tiles", f"{COUNT} were there already")
+        self.ends(0, self.stage(), "staged 0 tiles", f"{COUNT} already staged")
         self.ends(1, sync(NADIR, "status", self.outbox), "SEALED")
         self.ends(0, self.push("--dry-run"), f"{COUNT} tiles would be sent")
         self.assertEqual(0, self.server.service.received)
@@ -129,7 +129,7 @@ class Commands(unittest.TestCase):
                         "https://example.org/?key=1", "file:///etc/passwd"):
             self.ends(2, sync(NADIR, "push", self.outbox, "--to", address), "address")
         result = sync(NADIR, "push", self.outbox, "--to", "http://127.0.0.1:1", "--timeout-s", 0)
-        self.ends(2, result, "not done", "connect")
+        self.ends(2, result, "not complete", "connect")
 
     def test_no_proxy_hears_the_token_in_the_clear(self):
         heard = []
@@ -206,7 +206,7 @@ class Commands(unittest.TestCase):
         port = secure.server_address[1]
         self.ends(2, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--timeout-s", 0), "certificate")
         wrong_name = sync(NADIR, "push", self.outbox, "--to", f"https://127.0.0.1:{port}", "--ca", certificate, "--timeout-s", 0)
-        self.ends(2, wrong_name, "not done")
+        self.ends(2, wrong_name, "not complete")
         self.assertEqual(0, len(secure.service.uploads))
         self.ends(0, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--ca", certificate), f"accepted {COUNT}")
 
