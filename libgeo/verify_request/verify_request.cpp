@@ -20,7 +20,7 @@ void VerifyRequest::setup(Options& options, Trust trust) {
 VerifyOptions VerifyRequest::open(const Clock& clock) {
   if (trust_file_.empty()) throw UsageError({.what = "--trust ROOT.json is required"});
   root_ = read_trusted_root(trust_file_);
-  judged_at_ = evaluation_time(at_, clock);
+  evaluated_at_ = evaluation_time(at_, clock);
   if (state_file_) {
     StateReading reading = check_state(*state_file_);
     findings_.add(reading.findings);
@@ -29,7 +29,7 @@ VerifyOptions VerifyRequest::open(const Clock& clock) {
   if (permit_file_) read_permit(*permit_file_);
   VerifyOptions options;
   options.root = &root_;
-  options.at = judged_at_;
+  options.at = evaluated_at_;
   options.airframe = airframe_;
   options.state = state_ ? &*state_ : nullptr;
   options.permit = permit_ ? &*permit_ : nullptr;
@@ -49,10 +49,10 @@ void VerifyRequest::read_permit(const std::filesystem::path& path) {
   }
 }
 
-void VerifyRequest::remember(const Manifest& manifest, std::int64_t root_version,
+void VerifyRequest::record_acceptance(const Manifest& manifest, std::int64_t root_version,
                              const std::map<std::int64_t, std::string>& newer_roots) {
   if (!state_) return;
-  state_->accept(manifest.series, manifest.sequence, root_version, judged_at_, newer_roots);
+  state_->accept(manifest.series, manifest.sequence, root_version, evaluated_at_, newer_roots);
   write_state(*state_file_, *state_);
 }
 

@@ -326,7 +326,7 @@ json document_of(const CacheReport& report) {
 std::string findings_text(const CacheReport& report) {
   std::ostringstream out;
   print_figures(out, report.figures);
-  out << "judged at " << to_rfc3339(report.at) << "\n\n";
+  out << "evaluated as of " << to_rfc3339(report.at) << "\n\n";
   print_findings(out, report.findings);
   return printable(out.str());
 }
@@ -344,8 +344,8 @@ std::string findings_csv(const Findings& findings) {
 }
 
 std::string findings_markdown(const CacheReport& report) {
-  std::string text = fmt::format("# {}\n\n**{}**, judged at {}.\n\n", markdown_cell(report.title),
-                                 report.findings.refuses() ? "Refused" : "Accepted", to_rfc3339(report.at));
+  std::string text = fmt::format("# {}\n\n**{}**, evaluated as of {}.\n\n", markdown_cell(report.title),
+                                 report.findings.refuses() ? "Rejected" : "Accepted", to_rfc3339(report.at));
   text += "| | |\n|---|---|\n";
   for (const auto& [name, value] : report.figures) {
     text += fmt::format("| {} | {} |\n", markdown_cell(name), markdown_cell(value));
@@ -376,10 +376,10 @@ void write_cache_report(const std::filesystem::path& folder, const CacheReport& 
   std::error_code problem;
   std::filesystem::create_directories(folder, problem);
   if (problem || !std::filesystem::is_directory(folder)) {
-    throw Error({.what = "the report's folder cannot be made",
+    throw Error({.what = "cannot create the report folder",
                  .where = folder.string(),
-                 .found = problem ? problem.message() : "something else of this name",
-                 .fix = "name another folder for --report"});
+                 .found = problem ? problem.message() : "not a folder",
+                 .fix = "choose another folder for --report"});
   }
   const std::string document = document_of(report).dump(2, ' ', false, json::error_handler_t::replace) + "\n";
   write_file_atomic(folder / "findings.txt", findings_text(report));

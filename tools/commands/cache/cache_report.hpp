@@ -29,7 +29,7 @@ namespace nadir {
 struct CacheReport {
   std::string title;  // what was checked
   std::string subtitle;
-  UtcTime at;  // the time that it was judged at
+  UtcTime at;  // the time as of which it was evaluated
   Findings findings;
   Figures figures;
   std::optional<Mission> mission;  // without it there is no map

@@ -1,4 +1,4 @@
-// nadir keys root: makes and signs a root of trust, the file that says whose packages an aircraft believes.
+// nadir keys root: makes and signs a root of trust, the file that defines whose packages an aircraft trusts.
 #include <fmt/format.h>
 
 #include <cstdint>

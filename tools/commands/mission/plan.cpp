@@ -128,7 +128,7 @@ std::string minutes_text(double seconds) {
   return seconds < 60 ? fmt::format("{:.0f} s", std::max(1.0, seconds)) : fmt::format("{:.1f} min", seconds / 60);
 }
 
-Findings judge_estimate(const Mission& mission, const PlanEstimate& plan) {
+Findings check_budget(const Mission& mission, const PlanEstimate& plan) {
   Findings findings;
   const double budget_bytes = static_cast<double>(mission.budget_mb) * 1e6;
   if (plan.bytes > budget_bytes) {
@@ -233,7 +233,7 @@ int MissionPlanCommand::run(Context& context) {
   if (!figures) throw UsageError({.what = "no figures for this tile format", .where = tile_format_});
   const PlanEstimate plan = estimate_plan(mission, *figures);
   const double seconds = plan.cpu_seconds / threads_;
-  const Findings findings = judge_estimate(mission, plan);
+  const Findings findings = check_budget(mission, plan);
   if (context.json) {
     json document = json_from(plan);
     document["mission"] = mission.id;

@@ -13,7 +13,7 @@
 namespace nadir {
 namespace {
 
-constexpr double kMaxPixels = 1800;  // longer side of the pictures
+constexpr double kMaxPixels = 1800;  // longer side of the images
 constexpr double kLeastGsd_m = 0.1;
 constexpr int kMapQuality = 80, kFlightQuality = 82;
 const cv::Scalar kNoMap(46, 38, 32);  // BGR
@@ -48,8 +48,8 @@ std::string compare_page(const ComparePage& page, const TileSource& map, const T
       {"headline", pairs(page.headline)},
       {"figures", pairs(page.figures)},
       {"note",
-       "Both pictures show the same ground at the same scale. Roads and field borders that run on across the "
-       "slider's line lie where the map has them."},
+       "Both images show the same ground at the same scale. Where roads and field borders continue across the "
+       "slider, the tiles agree with the map."},
       {"footer", std::string("nadir ") + kVersion}};
   return fill_page(compare_page_text::html, {{"title", html_escaped(page.title)},
                                              {"style", compare_page_text::style},

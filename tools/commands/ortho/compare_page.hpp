@@ -1,4 +1,4 @@
-// The page that lays a flight's tiles over the map: one file, pictures inside, nothing from a network.
+// The page that compares a flight's tiles with the map: one file with its images inside, no network needed.
 #pragma once
 
 #include <string>
@@ -23,7 +23,7 @@ struct ComparePage {
   Figures figures;   // name, value
 };
 
-// Both sets' pictures of the box in the plane of `frame`. Throws Error when one of them cannot be read.
+// Both tile sets over the box in the plane of `frame`. Throws Error when one of them cannot be read.
 std::string compare_page(const ComparePage& page, const TileSource& map, const TileSource& flight,
                          const LocalFrame& frame, const PlaneBox& box);
 

@@ -16,7 +16,7 @@ Bytes picture_bytes(const std::filesystem::path& path) {
   try {
     return read_file(path);
   } catch (const Error&) {
-    return {};  // a picture that was lost in flight; the maker calls the frame unfit
+    return {};  // an image that was lost in flight; the maker rejects the frame
   }
 }
 
@@ -75,9 +75,9 @@ TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, con
   summary.frames = flight.frames.size();
   progress.begin("tiles", flight.frames.size(), "frames");
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
-    const Telemetry& told = flight.frames[i];
-    const double since_s = told.time_s - flight.frames.front().time_s;
-    SeenFrame seen{told.frame, {first.unix_ms + std::llround(since_s * 1000)}, {}};
+    const Telemetry& telemetry = flight.frames[i];
+    const double since_s = telemetry.time_s - flight.frames.front().time_s;
+    SeenFrame seen{telemetry.frame, {first.unix_ms + std::llround(since_s * 1000)}, {}};
     if (poses[i]) seen.pose = *poses[i];
     const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(frame_ms);
     OutOfTime out_of_time;
@@ -116,14 +116,14 @@ nlohmann::json json_from(const TilesSummary& s) {
 Figures figures_from(const TilesSummary& s) {
   return {{"frames", std::to_string(s.frames)},
           {"frames used", std::to_string(s.used)},
-          {"frames left out", text_of<OrthoRefusal>(s.frames_refused)},
-          {"without a whole tile", std::to_string(s.narrow)},
+          {"frames rejected", text_of<OrthoRefusal>(s.frames_refused)},
+          {"frames without a complete tile", std::to_string(s.narrow)},
           {"candidate tiles", fmt::format("{}, {:.1f} MB", s.tiles, static_cast<double>(s.bytes) / 1e6)},
-          {"of several frames", fmt::format("{} tiles stored, {} unfinished", s.pieced, s.unfinished)},
-          {"pieces", text_of<PieceOutcome>(s.pieces)},
-          {"tiles left out", text_of<OrthoRefusal>(s.tiles_refused)},
-          {"of two the better", fmt::format("{} replaced, {} not taken", s.replaced, s.worse)},
-          {"no room", std::to_string(s.no_room)}};
+          {"from several frames", fmt::format("{} stored, {} incomplete", count(s.pieced, "tile"), s.unfinished)},
+          {"partial tiles", text_of<PieceOutcome>(s.pieces)},
+          {"tiles rejected", text_of<OrthoRefusal>(s.tiles_refused)},
+          {"duplicates", fmt::format("{} replaced, {} discarded", s.replaced, s.worse)},
+          {"beyond the budget", std::to_string(s.no_room)}};
 }
 
 }  // namespace nadir

@@ -1,4 +1,4 @@
-// All frames of a flight through the candidate maker, and what came of them.
+// Candidate tiles from all frames of a flight, and their counts.
 #pragma once
 
 #include <array>
@@ -13,17 +13,17 @@
 namespace nadir {
 
 struct TilesSummary {
-  std::uint64_t frames = 0, used = 0;  // used: frames that tiles could be made of …
-  std::uint64_t narrow = 0;            // … and those of them that show no tile wholly
-  std::uint64_t pieced = 0;            // times that a tile of several frames was stored
-  std::uint64_t unfinished = 0;  // tiles that all frames together do not show wholly, or not provably in one place
+  std::uint64_t frames = 0, used = 0;  // used: frames that tiles were made of …
+  std::uint64_t narrow = 0;            // … and those of them that cover no tile completely
+  std::uint64_t pieced = 0;            // tiles from several frames that were stored
+  std::uint64_t unfinished = 0;  // tiles that all frames together do not cover, or not verifiably
   std::array<std::uint64_t, kPieceFates> pieces{};
   std::array<std::uint64_t, kOrthoRefusals> frames_refused{}, tiles_refused{};
   std::uint64_t added = 0, replaced = 0, worse = 0, no_room = 0;
   std::uint64_t tiles = 0, bytes = 0;  // in the store at the end
 };
 
-// When each frame was taken: `first` is the first frame's time. frame_ms: most for the tiles of one frame; 0: no limit.
+// first: capture time of the first frame. frame_ms: maximum time for the tiles of one frame; 0: no limit.
 TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, const Flight& flight,
                                const std::vector<std::optional<FramePose>>& poses, UtcMillis first, int frame_ms,
                                Progress& progress);

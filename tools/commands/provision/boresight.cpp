@@ -30,7 +30,7 @@ std::string with_sigma(double value_rad, double sigma_rad) {
   return fmt::format("{:+.2f}° (σ {:.2f}°)", degrees(value_rad), degrees(sigma_rad));
 }
 
-// Where pictures out of a recording are unpacked; gone afterwards.
+// Where images from a recording are unpacked; removed afterwards.
 class ScratchFolder {
  public:
   ScratchFolder() {
@@ -175,10 +175,10 @@ int ProvisionBoresightCommand::run(Context& context) {
   settings.offset_sigma_m = std::hypot(settings.offset_sigma_m, map_sigma_m(opening.package->imagery()));
   const auto boresight = solve_boresight(seen.sights, settings);
   Findings findings = check_boresight(boresight, limits_);
-  const double told_delay_s = airframe.capture_delay_s;
+  const double configured_delay_s = airframe.capture_delay_s;
   if (boresight) {
     airframe.mount = boresight->mount;
-    airframe.capture_delay_s = std::max(told_delay_s + boresight->delay_s, 0.0);
+    airframe.capture_delay_s = std::max(configured_delay_s + boresight->delay_s, 0.0);
   }
   if (!findings.refuses() && out_) write_airframe(*out_, airframe, *key);
   return report(context, findings, boresight, seen.looked_at, airframe.capture_delay_s);

@@ -1,4 +1,4 @@
-// nadir provision camera: a camera model from pictures of a checkerboard.
+// nadir provision camera: a camera model from images of a checkerboard.
 #include <fmt/format.h>
 
 #include <filesystem>
