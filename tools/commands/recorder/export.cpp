@@ -15,6 +15,7 @@
 #include "base/files.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
+#include "cli/output.hpp"
 #include "commands/commands.hpp"
 #include "commands/recorder/flight_tables.hpp"
 
