@@ -67,7 +67,7 @@ std::string show(UtcTime) { return {}; }
 
 namespace {
 
-constexpr std::size_t kColumns = 92;
+constexpr std::size_t kColumns = 100;
 
 // Breaks lines that are longer than kColumns between words; line ends stay. Every line but the first starts with
 // `indent` blanks.

@@ -87,7 +87,7 @@ class Options {
   // UsageError.
   bool parse(const std::vector<std::string>& args);
 
-  // Arguments, required and optional options, in that order; lines of at most 92 columns.
+  // Arguments, required and optional options, in that order; lines of at most 100 columns.
   void print_help(std::ostream& out, std::string_view summary, std::string_view details,
                   std::string_view examples) const;
 
@@ -141,7 +141,7 @@ class Options {
 // The known word that was probably meant, or nothing.
 std::string nearest_word(const std::string& typed, const std::vector<std::string>& known);
 
-// Two columns; the right one is wrapped at 92 columns of the line.
+// Two columns; the right one is wrapped at 100 columns of the line.
 void print_entries(std::ostream& out, const std::vector<std::pair<std::string, std::string>>& entries);
 
 }  // namespace nadir

@@ -53,7 +53,7 @@ TEST_F(CacheMatchability, FiguresJsonAndGeoTiffSayTheSame) {
     EXPECT_NEAR(stretch["seconds"].get<double>() * 20, stretch["length_m"].get<double>(), 2);
   }
   ASSERT_EQ(run({"cache", "matchability", package, "--footprint-m", "60", "--search-m", "60", "--step-m", "80"}), 0);
-  EXPECT_NE(out_.str().find("longest without a good place"), std::string::npos);
+  EXPECT_NE(out_.str().find("longest segment without a good place"), std::string::npos);
 }
 
 TEST_F(CacheMatchability, TheReportOfVerifyShowsIt) {
@@ -62,7 +62,7 @@ TEST_F(CacheMatchability, TheReportOfVerifyShowsIt) {
   ASSERT_EQ(
       run({"cache", "verify", package, "--trust", path("root.json"), "--report", path("report"), "--matchability"}), 0)
       << out_.str() << err_.str();
-  EXPECT_NE(out_.str().find("longest without a good place"), std::string::npos);
+  EXPECT_NE(out_.str().find("longest segment without a good place"), std::string::npos);
   const std::string html = read_text_file(folder_ / "report" / "report.html");
   const std::string open = "<script type=\"application/json\" id=\"data\">";
   const auto begin = html.find(open) + open.size();

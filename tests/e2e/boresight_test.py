@@ -86,7 +86,7 @@ class Boresight(EndToEnd):
                           out / "airframe.json", "--at", self.created, "--check", "--json", program=NADIRD)
         self.assertEqual([], json.loads(ready.stdout)["findings"])
 
-        self.fails(2, *self.command(flight, "--key", self.folder / "signer.key.pem", "--out", out), says=["there already"])
+        self.fails(2, *self.command(flight, "--key", self.folder / "signer.key.pem", "--out", out), says=["already exists"])
         nothing = self.folder / "nothing"
         self.fails(1, *self.command(flight, "--to-s", "12", "--key", self.folder / "signer.key.pem", "--out", nothing),
                    says=["provision.few_anchors"], leaves_nothing=nothing)

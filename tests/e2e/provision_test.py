@@ -194,7 +194,7 @@ class Provision(support.EndToEnd):
         apply = self.all_of_it()
         self.fails(2, *self.args(*apply[1:]), says=("--apply",))
         self.out.mkdir()
-        self.fails(2, *self.args(*apply), says=("there already",))
+        self.fails(2, *self.args(*apply), says=("already exists",))
         self.out.rmdir()
         self.key.write_text("not a key\n")
         self.key.chmod(0o600)

@@ -31,7 +31,7 @@ TEST(ProvisionCamera, WritesACameraFileOnceAndNeverReplacesIt) {
 
   const auto again = provision(folder / "board", folder / "camera.yaml");
   EXPECT_EQ(again.code, 2);
-  EXPECT_THAT(again.err, HasSubstr("there already"));
+  EXPECT_THAT(again.err, HasSubstr("already exists"));
 }
 
 TEST(ProvisionCamera, SaysWhyPicturesAreTooFewAndWritesNothing) {

@@ -78,7 +78,7 @@ class CacheDiffCommand final : public Command {
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "diff"; }
   std::string_view summary() const override {
-    return "list the tiles and metadata that differ between two packages or tile sets";
+    return "list what differs between two packages or tile sets";
   }
   std::string_view details() const override;
   std::string_view examples() const override;

@@ -21,7 +21,7 @@ class SimulateWorldCommand final : public Command {
   std::string_view group() const override { return "simulate"; }
   std::string_view name() const override { return "world"; }
   std::string_view summary() const override {
-    return "create a landscape: satellite map, ground on the day of flight, elevation";
+    return "create a landscape: map, ground on the day of flight, elevation";
   }
   std::string_view details() const override;
   std::string_view examples() const override;
