@@ -92,7 +92,7 @@ class Boresight(EndToEnd):
                    says=["provision.few_anchors"], leaves_nothing=nothing)
         (flight / "gps.csv").write_text((flight / "telemetry.csv").read_text(encoding="utf-8"), encoding="utf-8")
         self.fails(2, *self.command(flight), says=["no frame of this flight has a GPS position"])
-        self.fails(2, *self.command(flight, "--recorder", flight), says=["needs one flight"])
+        self.fails(2, *self.command(flight, "--recorder", flight), says=["exactly one flight"])
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ class Commands(unittest.TestCase):
         self.ends(1, self.push(), f"rejected {COUNT}")
         self.ends(0, sync(NADIR, "status", self.outbox, "--failed", 3), "quota", "REJECTED")
         self.ends(2, sync(NADIR, "retry", self.outbox, "--code", "quota"), "--key")
-        self.ends(2, sync(NADIR, "retry", self.outbox, "--code", "qouta", "--key", self.flight.key), "no such reason")
+        self.ends(2, sync(NADIR, "retry", self.outbox, "--code", "qouta", "--key", self.flight.key), "unknown reason")
         service.judge = lambda sidecar: None
         self.ends(0, sync(NADIR, "retry", self.outbox, "--code", "quota", "--key", self.flight.key, seed=2), f"{COUNT} tiles")
         self.ends(0, self.push(), f"accepted {COUNT}")
