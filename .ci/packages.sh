@@ -13,7 +13,6 @@ packages_build=(
   libcsv-dev                 # telemetry and truth tables
   libssl-dev                 # SHA-256, Ed25519
   libsqlite3-dev             # MBTiles
-  libsqlitecpp-dev           # SQLite in C++
   libjpeg-dev                # JPEG, decoded at the scale that is needed
   libpng-dev                 # PNG
   libwebp-dev                # WebP tiles

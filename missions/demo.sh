@@ -51,7 +51,7 @@ for airframe in mini-07 mini-08; do
   flight=$out/flight; [[ $airframe == mini-08 ]] && flight=$out/flight2
   echo_and_run $nadir ortho --package $out/package --trust $out/root.json --at "$created" --frames $flight/frames \
     --telemetry $flight/telemetry.csv --camera $out/world/camera.yaml --start="$(start_of $flight)" \
-    --key $out/$airframe.key.pem --airframe $airframe --captured-at "$(date -u -d "$created + $day day" +%FT%TZ)" \
+    --key $out/$airframe.key.pem --airframe $airframe --captured "$(date -u -d "$created + $day day" +%FT%TZ)" \
     --out $out/candidates-$airframe
 done
 

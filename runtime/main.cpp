@@ -1,6 +1,6 @@
 #include <iostream>
 
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/program.hpp"
 #include "nadird_command.hpp"
 

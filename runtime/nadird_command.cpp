@@ -9,26 +9,26 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "flight/flight_service.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package/open_package.hpp"
-#include "trust/airframe_signature.hpp"
+#include "trust/signatures.hpp"
 #include "trust/bearer_token.hpp"
-#include "vision/airframe.hpp"
-#include "vision/place_index_check.hpp"
-#include "nadird_client/watching.hpp"
+#include "vision/camera.hpp"
+#include "vision/place_index.hpp"
+#include "nadird_client/watch.hpp"
 
 namespace nadir {
 namespace {
 
-// Not kFailed, after which nobody starts a service again (nadird.service): what could be read at the start can be now.
+// Not kFailed, after which systemd does not restart the service (nadird.service): the inputs were readable at the start.
 constexpr int kFailedInFlight = 70;
 
 constexpr std::uint64_t kMostAirframeBytes = std::uint64_t{1} << 20;
 
-// What cannot be read is no signature, but it is not none either.
+// An unreadable file counts as an invalid signature, not as a missing one.
 std::optional<Bytes> envelope_beside(const std::filesystem::path& airframe) {
   const std::filesystem::path file = airframe.string() + ".sig";
   if (!std::filesystem::exists(std::filesystem::symlink_status(file))) return std::nullopt;
@@ -48,71 +48,72 @@ Figures readiness(const OpenPackage& package) {
       {"valid until", to_rfc3339(manifest.expires)},
       {"map tiles", fmt::format("{}, zoom {} to {}", package.imagery().sidecars().size(), zooms.min, zooms.max)},
       {"terrain", package.terrain() != nullptr ? "elevation model" : "flat ground"},
-      {"camera and autopilot", "not looked at"}};
+      {"camera and autopilot", "not checked"}};
 }
 
 }  // namespace
 
 std::string_view NadirdCommand::details() const {
-  return "Verifies the mission package as the aircraft does before take-off (signature, files, dates, airframe, "
-         "sequence), then flies with it: pictures from the camera and telemetry from the autopilot become GPS_INPUT, "
-         "until SIGTERM. A package that is refused is told, and no position is.\n\n"
-         "--state is a folder for what survives a restart; with --check it may be a file that holds only what the "
-         "aircraft remembers of packages. A damaged memory or permit refuses the package.\n\n"
-         "Exit codes: 0 stopped in order, or ready (--check), 1 the package was refused (--check), or there is no "
-         "position (--status), 2 it could not be done, 70 it failed in flight and should be started again.";
+  return R"(Verifies the mission package as before take-off (signature, files, dates, airframe, sequence), then
+flies with it until SIGTERM: camera frames and telemetry from the autopilot become GPS_INPUT. If
+the package is rejected, the service reports it and sends no position.
+
+--state is a folder for what must survive a restart; with --check it may be a file with only the
+record of accepted packages. A damaged record or permit rejects the package.
+
+Exit codes: 0 clean shutdown, or ready (--check), 1 the package was rejected (--check), or there is
+no position (--status), 2 the job could not be done, 70 failure in flight: restart the service.)";
 }
 
 std::string_view NadirdCommand::examples() const {
-  return "nadird --package /data/valley --trust /etc/nadir/root.json --airframe mini-07 --state "
-         "/var/lib/nadir/state.json --check\n"
-         "nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state "
-         "/var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key "
-         "/etc/nadir/link.key --record /data/flights\n"
-         "nadird --status";
+  return R"(nadird --package /data/valley --trust /etc/nadir/root.json --airframe mini-07 --state /var/lib/nadir/state.json --check
+nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state /var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key /etc/nadir/link.key --record /data/flights
+nadird --status)";
 }
 
 void NadirdCommand::setup(Options& options) {
-  options.value("--package", package_, "PACKAGE", "the mission package");
+  options.value("--package", package_, "PACKAGE", "mission package");
   request_.setup(options, VerifyRequest::Trust::optional);
-  options.flag("--check", check_, "check the package, tell and end");
-  options.flag("--status", status_, "tell how the running service is, and end");
+  options.flag("--check", check_, "check the package and exit");
+  options.flag("--status", status_, "show the status of the running service and exit");
   options.flag("--unsigned-airframe", unsigned_airframe_,
-               "on the bench: fly although nobody has signed the airframe's file");
+               "for bench tests: run although the airframe file is not signed");
   options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0 or rtsp://…");
   options.value("--autopilot", flight_.autopilot, "URL",
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
-  options.value("--signing-key", flight_.link_key, "FILE", "64 hexadecimal digits that the link is signed with");
-  options.value("--record", flight_.record, "DIR", "record the flight there");
-  options.flag("--keep-pictures", flight_.keep_pictures, "record the pictures as well");
+  options.value("--signing-key", flight_.link_key, "FILE", "signing key of the link: 64 hexadecimal digits");
+  options.value("--record", flight_.record, "DIR", "record the flight in this folder");
+  options.flag("--keep-frames", flight_.keep_pictures, "record the frames' images as well").formerly("--keep-pictures");
   options
-      .value("--candidates", flight_.candidates, "DIR", "make signed tiles of what the flight sees, into this folder")
+      .value("--candidates", flight_.candidates, "DIR", "make signed candidate tiles from the flight, in this folder")
       .needs("--tile-key");
-  options.value("--tile-key", flight_.tile_key, "KEY.pem", "the airframe's tile key").needs("--candidates");
-  options.value("--candidates-mb", flight_.candidates_mb, "MB", "most that the tiles may take")
+  options.value("--tile-key", flight_.tile_key, "KEY.pem", "private tile key of the airframe").needs("--candidates");
+  options.value("--candidates-mb", flight_.candidates_mb, "MB", "maximum size of all tiles")
       .between(1, 1'000'000)
       .needs("--candidates");
-  options.value("--candidates-percent", flight_.candidates_percent, "N", "of one core's time, to make them")
+  options.value("--candidates-percent", flight_.candidates_percent, "N", "share of one core for making them")
       .between(1, 100)
       .needs("--candidates");
   options
-      .value("--candidates-frame-ms", flight_.candidates_frame_ms, "MS", "most for the tiles of one frame; 0: no limit")
+      .value("--candidates-frame-ms", flight_.candidates_frame_ms, "MS", "maximum time for the tiles of one frame; 0: no limit")
       .between(0, 60'000)
       .needs("--candidates");
-  options.value("--listen", flight_.listen, "ADDRESS", "where the API and the web page are served");
-  options.value("--token", flight_.token, "FILE", "bearer token for callers; needed to listen beyond loopback");
+  options.value("--listen", flight_.listen, "ADDRESS", "address of the API and the web page");
+  options.value("--token-file", flight_.token, "FILE", "bearer token for clients; required to listen beyond loopback")
+      .formerly("--token");
   options.value("--start", flight_.start, "LON,LAT",
-                "where the flight begins; without it the mission's area is searched");
+                "start of the flight; default: search the mission's area");
   options
-      .value("--anchor-every", flight_.anchor_every_m, "M",
-             "look at the map after so many metres while sure of the position; 0: always")
-      .between(0, 10'000);
+      .value("--anchor-every-m", flight_.anchor_every_m, "M",
+             "match to the map after this distance while the position is certain; 0: every frame")
+      .between(0, 10'000)
+      .formerly("--anchor-every");
   options
       .value("--memory-mb", memory_mb_, "MB",
-             "memory that is taken at the start and kept, so that the flight finds it; 0: as it comes")
+             "memory to reserve at the start for the flight; 0: none")
       .between(0, 4096);
   options.flag("--external-position", flight_.send_external_position,
-               "send MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor as well");
+               "also send MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor");
 }
 
 int NadirdCommand::run(Context& context) {
@@ -121,11 +122,11 @@ int NadirdCommand::run(Context& context) {
                                flight_.token ? read_bearer_token(*flight_.token) : std::string());
     return show_once(service, context.out, context.json);
   }
-  if (package_.empty()) throw UsageError({.what = "--package is missing", .expected = "--package PACKAGE"});
+  if (package_.empty()) throw UsageError({.what = "--package PACKAGE is required"});
   return check_ ? check(context) : serve(context);
 }
 
-// The airframe's file says its id; the folder holds what it remembers.
+// The airframe file gives the id; the state folder holds the record of accepted packages.
 void NadirdCommand::complete_request() {
   if (request_.airframe() && std::filesystem::path(*request_.airframe()).extension() == ".json") {
     airframe_file_ = *request_.airframe();
@@ -140,8 +141,8 @@ void NadirdCommand::complete_request() {
   }
 }
 
-// By the newest root that the package or the state lead to: it may have revoked the signer.
-Findings NadirdCommand::judge_airframe(const Opening& opening, UtcTime at) const {
+// By the newest root that package or state lead to: it may have revoked the signer.
+Findings NadirdCommand::evaluate_airframe(const Opening& opening, UtcTime at) const {
   if (airframe_file_.empty()) return {};
   return check_airframe(
       opening.newest_root, as_bytes(airframe_text_), envelope_beside(airframe_file_), at,
@@ -149,18 +150,18 @@ Findings NadirdCommand::judge_airframe(const Opening& opening, UtcTime at) const
       airframe_file_.string() + ".sig");
 }
 
-// Tiles that nobody would accept are not made. Before take-off that is refused; a service that is started, perhaps anew
-// in flight, goes without them: no tile is worth a position.
-Findings NadirdCommand::judge_tile_key(const Opening& opening, UtcTime at) {
+// Tiles that the service would not accept are not made. Before take-off a wrong key is an error; a service that starts,
+// perhaps again in flight, runs without tiles: positions matter more.
+Findings NadirdCommand::evaluate_tile_key(const Opening& opening, UtcTime at) {
   if (!flight_.tile_key || !opening.package) return {};
   if (!request_.airframe()) {
-    throw UsageError({.what = "--tile-key needs --airframe", .expected = "the airframe whose tiles it signs"});
+    throw UsageError({.what = "--tile-key requires --airframe", .expected = "the airframe whose tiles it signs"});
   }
   const PublicKey key = PrivateKey::read(*flight_.tile_key).public_key();
-  const Findings judged =
+  const Findings findings =
       check_tile_key(opening.newest_root, *request_.airframe(), key, at, flight_.tile_key->string());
   Findings found;
-  for (Finding finding : judged.items()) {
+  for (Finding finding : findings.items()) {
     if (!check_) finding.severity = Severity::warning;
     found.add(std::move(finding));
   }
@@ -168,23 +169,23 @@ Findings NadirdCommand::judge_tile_key(const Opening& opening, UtcTime at) {
   return found;
 }
 
-Opening NadirdCommand::open_it(Context& context) {
+Opening NadirdCommand::open_verified(Context& context) {
   const VerifyOptions options = request_.open(context.clock);
   Opening opening = open_package(package_, options, context.progress);
   verify_place_index(package_, options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
-  opening.findings.add(judge_airframe(opening, options.at));
-  opening.findings.add(judge_tile_key(opening, options.at));
+  opening.findings.add(evaluate_airframe(opening, options.at));
+  opening.findings.add(evaluate_tile_key(opening, options.at));
   if (opening.findings.refuses()) opening.package.reset();
-  if (opening.package) request_.remember(opening.package->manifest(), opening.root_version, opening.newer_roots);
+  if (opening.package) request_.record_acceptance(opening.package->manifest(), opening.root_version, opening.newer_roots);
   return opening;
 }
 
-// A large package takes a while to verify. Nothing: it was given up, for somebody wants the service to end.
+// A large package takes a while to verify. Nothing: SIGTERM came first.
 std::optional<Opening> NadirdCommand::open_unless_stopped(Context& context, const std::stop_token& stop) {
-  const std::stop_callback heard(stop, [] { request_interrupt(true); });
+  const std::stop_callback on_stop(stop, [] { request_interrupt(true); });
   try {
-    return open_it(context);
+    return open_verified(context);
   } catch (const Interrupted&) {
     request_interrupt(false);
     if (!context.quiet) context.err << "stopped before the package was verified\n";
@@ -194,7 +195,7 @@ std::optional<Opening> NadirdCommand::open_unless_stopped(Context& context, cons
 
 int NadirdCommand::check(Context& context) {
   complete_request();
-  const Opening opening = open_it(context);
+  const Opening opening = open_verified(context);
   if (!opening.package) return report_findings(context.out, context.json, opening.findings);
   const Manifest& manifest = opening.package->manifest();
   if (context.json) {
@@ -214,7 +215,7 @@ int NadirdCommand::check(Context& context) {
 int NadirdCommand::serve(Context& context) {
   complete_request();
   const auto require = [](bool there, const char* option) {
-    if (!there) throw UsageError({.what = std::string("nadird needs ") + option, .fix = "see nadird --help"});
+    if (!there) throw UsageError({.what = std::string(option) + " is required", .fix = "`nadird --help` lists the options"});
   };
   require(!airframe_file_.empty(), "--airframe FILE.json");
   require(!flight_.state.empty(), "--state DIR");
@@ -222,9 +223,9 @@ int NadirdCommand::serve(Context& context) {
   require(!flight_.autopilot.empty(), "--autopilot URL");
   flight_.package = package_;
   hold_memory(static_cast<std::size_t>(memory_mb_));
-  // Before there are other threads: they inherit that the signals are not theirs.
+  // Before any other thread starts: threads inherit the blocked signals.
   StopSignals stop;
-  cv::setNumThreads(1);  // the threads are ours: pictures are followed by one, the map is looked at by another
+  cv::setNumThreads(1);  // we have our own threads: one for odometry, one for map matching
   const SystemFlightClock system_clock;
   const FlightClock& clock = clock_ != nullptr ? *clock_ : system_clock;
   std::optional<Opening> opened = open_unless_stopped(context, stop.token());

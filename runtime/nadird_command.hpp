@@ -1,5 +1,5 @@
-// `nadird`: flies with a package. Before take-off `nadird --check` says whether it is fit to fly with; beside a running
-// service `nadird --status` says how that is.
+// `nadird`: flies with a package. `nadird --check` verifies it before take-off; `nadird --status` queries the running
+// service.
 #pragma once
 
 #include <filesystem>
@@ -7,7 +7,7 @@
 #include <stop_token>
 #include <string>
 
-#include "flight/flight_options.hpp"
+#include "flight/flight_service.hpp"
 #include "cli/command.hpp"
 #include "service/held_memory.hpp"
 #include "verify_request/verify_request.hpp"
@@ -35,9 +35,9 @@ class NadirdCommand final : public Command {
 
  private:
   void complete_request();
-  Findings judge_airframe(const Opening& opening, UtcTime at) const;
-  Findings judge_tile_key(const Opening& opening, UtcTime at);
-  Opening open_it(Context& context);
+  Findings evaluate_airframe(const Opening& opening, UtcTime at) const;
+  Findings evaluate_tile_key(const Opening& opening, UtcTime at);
+  Opening open_verified(Context& context);
   std::optional<Opening> open_unless_stopped(Context& context, const std::stop_token& stop);
   int check(Context& context);
   int serve(Context& context);

@@ -1,5 +1,6 @@
 #include "base/error.hpp"
 
+#include <algorithm>
 #include <system_error>
 
 #include "base/printable.hpp"
@@ -14,8 +15,9 @@ void append_line(std::string& message, const char* label, const std::string& val
   message += printable(value);
 }
 
-std::string render(const ErrorText& text) {
-  std::string message = printable(text.what);
+// The fields that errors and findings share.
+template <typename Text>
+std::string with_lines(std::string message, const Text& text) {
   append_line(message, "where:    ", text.where);
   append_line(message, "expected: ", text.expected);
   append_line(message, "found:    ", text.found);
@@ -25,8 +27,32 @@ std::string render(const ErrorText& text) {
 
 }  // namespace
 
-Error::Error(ErrorText text) : std::runtime_error(render(text)), text_(std::move(text)) {}
+Error::Error(ErrorText text) : std::runtime_error(with_lines(printable(text.what), text)), text_(std::move(text)) {}
 
 std::string system_error_text(int error_number) { return std::system_category().message(error_number); }
+
+std::string_view name_of(Severity severity) {
+  switch (severity) {
+    case Severity::note: return "note";
+    case Severity::warning: return "warning";
+    case Severity::refuse: return "refuse";
+  }
+  return "refuse";
+}
+
+void Findings::add(const Findings& others) { items_.insert(items_.end(), others.items_.begin(), others.items_.end()); }
+
+bool Findings::refuses() const {
+  return std::any_of(items_.begin(), items_.end(),
+                     [](const Finding& finding) { return finding.severity == Severity::refuse; });
+}
+
+bool Findings::contains(std::string_view code) const {
+  return std::any_of(items_.begin(), items_.end(), [code](const Finding& finding) { return finding.code == code; });
+}
+
+std::string to_text(const Finding& finding) {
+  return with_lines(finding.code + " (" + std::string(name_of(finding.severity)) + ")", finding);
+}
 
 }  // namespace nadir

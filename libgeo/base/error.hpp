@@ -1,12 +1,18 @@
-// The exception of this project: the job could not be done (exit code 2).
+// Exceptions and findings. An Error means that the job could not be done (exit code 2). What a check finds wrong with
+// its subject is not an exception but a Finding (exit code 1): checks collect everything that is wrong and let the
+// caller decide.
 //
-// What a check finds wrong with its subject is no exception but a Finding (finding.hpp, exit code 1).
-// Every error tells a tired operator five things: what went wrong, where, what was expected, what was found
-// instead, and what to do about it. Leave a field empty only where it would repeat another one.
+// Both tell a tired operator five things: what is wrong, where, what was expected, what was found instead, and what to
+// do about it. Leave a field empty only where it would repeat another one.
+//
+// Codes of findings are stable and documented in docs/findings.md ("tiles.root", "coverage.gap"); scripts may rely on
+// them.
 #pragma once
 
 #include <stdexcept>
 #include <string>
+#include <string_view>
+#include <vector>
 
 namespace nadir {
 
@@ -34,7 +40,7 @@ class UsageError : public Error {
   using Error::Error;
 };
 
-// The disk or the quota is full: what has been done so far is worth keeping.
+// The disk or the quota is full. Keep what has been done so far.
 class OutOfSpace : public Error {
  public:
   using Error::Error;
@@ -48,5 +54,36 @@ class Interrupted : public std::runtime_error {
 
 // The text of errno for messages: "No space left on device".
 std::string system_error_text(int error_number);
+
+enum class Severity { note, warning, refuse };
+
+std::string_view name_of(Severity severity);
+
+struct Finding {
+  std::string code;
+  Severity severity = Severity::refuse;
+  std::string where{};
+  std::string expected{};
+  std::string found{};
+  std::string fix{};
+};
+
+class Findings {
+ public:
+  void add(Finding finding) { items_.push_back(std::move(finding)); }
+  void add(const Findings& others);
+
+  // True when at least one finding means that the subject must not be used (exit code 1).
+  bool refuses() const;
+  bool contains(std::string_view code) const;
+  bool empty() const { return items_.empty(); }
+  const std::vector<Finding>& items() const { return items_; }
+
+ private:
+  std::vector<Finding> items_;
+};
+
+// One finding as lines for people: code, severity, where, expected, found, fix.
+std::string to_text(const Finding& finding);
 
 }  // namespace nadir

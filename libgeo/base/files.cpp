@@ -44,7 +44,7 @@ class FileDescriptor {
 
 void sync_path(const fs::path& path, int flags) {
   const FileDescriptor fd(::open(path.c_str(), flags | O_CLOEXEC));
-  if (fd.get() < 0 || ::fsync(fd.get()) != 0) fail("cannot bring to disk", path, errno);
+  if (fd.get() < 0 || ::fsync(fd.get()) != 0) fail("cannot sync to disk", path, errno);
 }
 
 fs::path parent_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
@@ -68,7 +68,7 @@ Bytes read_file(const fs::path& path, std::uint64_t max_size) {
   const FileDescriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (fd.get() < 0) fail("cannot open", path, errno);
   struct stat info {};
-  if (::fstat(fd.get(), &info) != 0) fail("cannot look at", path, errno);
+  if (::fstat(fd.get(), &info) != 0) fail("cannot stat", path, errno);
   if (!S_ISREG(info.st_mode)) {
     throw Error({.what = "not a file", .where = path, .expected = "a regular file", .found = "a folder or device"});
   }
@@ -85,7 +85,7 @@ Bytes read_file(const fs::path& path, std::uint64_t max_size) {
     const ssize_t got = ::read(fd.get(), bytes.data() + have, bytes.size() - have);
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) fail("cannot read", path, errno);
-    if (got == 0) break;  // it shrank while we read
+    if (got == 0) break;  // the file shrank meanwhile
     have += static_cast<std::size_t>(got);
   }
   bytes.resize(have);
@@ -104,7 +104,7 @@ void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) {
     if (fd.get() < 0) fail("cannot create", path, errno);
     try {
       write_all(fd.get(), bytes, path);
-      if (::fchmod(fd.get(), mode) != 0 || ::fsync(fd.get()) != 0) fail("cannot bring to disk", path, errno);
+      if (::fchmod(fd.get(), mode) != 0 || ::fsync(fd.get()) != 0) fail("cannot sync to disk", path, errno);
     } catch (...) {
       ::unlink(temporary.c_str());
       throw;
@@ -113,7 +113,7 @@ void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) {
   if (::rename(temporary.c_str(), path.c_str()) != 0) {
     const int error_number = errno;
     ::unlink(temporary.c_str());
-    fail("cannot put into place", path, error_number);
+    fail("cannot rename to", path, error_number);
   }
   sync_path(parent_of(path), O_RDONLY | O_DIRECTORY);
 }
@@ -121,6 +121,24 @@ void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) {
 void write_file_atomic(const fs::path& path, std::string_view text, unsigned mode) {
   write_file_atomic(path, as_bytes(text), mode);
 }
+
+void require_private_mode(const fs::path& path) {
+  struct stat info {};
+  if (::stat(path.c_str(), &info) != 0) {
+    throw Error({.what = "cannot open a key", .where = path, .found = system_error_text(errno)});
+  }
+  if ((info.st_mode & 07177) != 0) {
+    char mode[8];
+    std::snprintf(mode, sizeof mode, "%04o", static_cast<unsigned>(info.st_mode & 07777));
+    throw UsageError({.what = "private key file is accessible to other users",
+                      .where = path,
+                      .expected = "mode 0600 or stricter",
+                      .found = std::string("mode ") + mode,
+                      .fix = "chmod 600 " + path.string()});
+  }
+}
+
+void sync_to_disk(const fs::path& path) { sync_path(path, O_RDONLY); }
 
 StagingDirectory::StagingDirectory(fs::path final_path, Leftovers leftovers) : final_path_(std::move(final_path)) {
   if (!final_path_.has_filename()) final_path_ = final_path_.parent_path();  // "out/" means "out"
@@ -131,11 +149,11 @@ StagingDirectory::StagingDirectory(fs::path final_path, Leftovers leftovers) : f
   if (fs::exists(fs::symlink_status(final_path_))) {
     throw Error({.what = "the output exists already",
                  .where = final_path_,
-                 .expected = "a name that is free: what was built is never changed",
+                 .expected = "a path that does not exist: existing output is never changed",
                  .fix = "choose another --out, or remove the old one"});
   }
   if (!fs::is_directory(parent)) {
-    throw Error({.what = "the folder of the output does not exist", .where = parent, .fix = "create it first"});
+    throw Error({.what = "the parent folder of the output does not exist", .where = parent, .fix = "create it first"});
   }
   lock_ = ::open(lock_path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock_ < 0) fail("cannot create the output", final_path_, errno);
@@ -173,7 +191,7 @@ void StagingDirectory::commit() {
     sync_path(entry.path(), entry.is_directory() ? O_RDONLY | O_DIRECTORY : O_RDONLY);
   }
   sync_path(staging_path_, O_RDONLY | O_DIRECTORY);
-  if (rename_without_replacing(staging_path_, final_path_) != 0) fail("cannot put into place", final_path_, errno);
+  if (rename_without_replacing(staging_path_, final_path_) != 0) fail("cannot rename to", final_path_, errno);
   committed_ = true;
   sync_path(parent_of(final_path_), O_RDONLY | O_DIRECTORY);
 }
@@ -187,7 +205,7 @@ AppendFile::~AppendFile() { ::close(fd_); }
 
 std::uint64_t AppendFile::size() const {
   struct stat info {};
-  if (::fstat(fd_, &info) != 0) fail("cannot look at", path_, errno);
+  if (::fstat(fd_, &info) != 0) fail("cannot stat", path_, errno);
   return static_cast<std::uint64_t>(info.st_size);
 }
 
@@ -205,7 +223,7 @@ bool AppendFile::read(std::span<std::uint8_t> target) {
 }
 
 void AppendFile::cut(std::uint64_t position) {
-  if (::ftruncate(fd_, static_cast<off_t>(position)) != 0) fail("cannot shorten", path_, errno);
+  if (::ftruncate(fd_, static_cast<off_t>(position)) != 0) fail("cannot truncate", path_, errno);
   position_ = position;
 }
 

@@ -19,14 +19,21 @@ std::string read_text_file(const std::filesystem::path& path, std::uint64_t max_
 void write_file_atomic(const std::filesystem::path& path, ByteView bytes, unsigned mode = 0644);
 void write_file_atomic(const std::filesystem::path& path, std::string_view text, unsigned mode = 0644);
 
+// Throws UsageError when others than the owner may access the file (mode wider than 0600), Error when it is absent. A
+// secret that others can read is an error, not a warning.
+void require_private_mode(const std::filesystem::path& path);
+
+// Syncs a file or a folder: its contents survive a power cut once this returns. Throws Error.
+void sync_to_disk(const std::filesystem::path& path);
+
 // A folder that is filled under a hidden name beside its final one (".NAME.staging") and appears under the final name
-// in one step. A process that dies leaves the staging folder, which the next one takes over; two processes at once are
-// kept apart by a lock. Without commit() or keep() the destructor removes everything.
+// in one step. A process that dies leaves the staging folder behind and the next one takes it over; a lock keeps two
+// processes apart. Without commit() or keep() the destructor removes everything.
 class StagingDirectory {
  public:
   enum class Leftovers { discard, keep };  // what a process that died left in the staging folder
 
-  // Throws Error when the final path exists already, its parent does not, or another process is building it.
+  // Throws Error when the final path exists, its parent does not, or another process is building it.
   explicit StagingDirectory(std::filesystem::path final_path, Leftovers leftovers = Leftovers::discard);
   ~StagingDirectory();
   StagingDirectory(const StagingDirectory&) = delete;
@@ -35,7 +42,7 @@ class StagingDirectory {
   const std::filesystem::path& path() const { return staging_path_; }
   bool found_leftovers() const { return found_leftovers_; }
 
-  // Whether the folder stays for a later process when there is no commit.
+  // Whether the folder stays for a later process without a commit.
   void keep(bool stay) { keep_ = stay; }
 
   // Syncs every file and folder and renames. Never replaces something that appeared in the meantime.
@@ -51,17 +58,17 @@ class StagingDirectory {
   bool committed_ = false;
 };
 
-// A file that is read from its beginning and continued from the place that was reached.
+// A file that is read from its beginning and continued where reading stopped.
 class AppendFile {
  public:
-  explicit AppendFile(std::filesystem::path path);  // made when it is missing
+  explicit AppendFile(std::filesystem::path path);  // created when it is missing
   ~AppendFile();
   AppendFile(const AppendFile&) = delete;
   AppendFile& operator=(const AppendFile&) = delete;
 
   std::uint64_t size() const;
   std::uint64_t position() const { return position_; }
-  bool read(std::span<std::uint8_t> target);  // false, and no move, when there is less left
+  bool read(std::span<std::uint8_t> target);  // false, and the position stays, when fewer bytes are left
   void cut(std::uint64_t position);           // the file ends there from now on
   void append(ByteView bytes);                // at the position, which is the end
 

@@ -1,5 +1,5 @@
-// Work on numbered items by several threads, results taken one after the other in the items' order by the calling
-// thread: the outcome does not depend on how many threads there are, and only a few results wait at a time.
+// A parallel loop with ordered results: several threads work on numbered items, and the calling thread takes the results
+// in the items' order. The outcome does not depend on the number of threads, and only a few results wait at a time.
 #pragma once
 
 #include <algorithm>

@@ -8,6 +8,8 @@
 namespace nadir {
 namespace {
 
+constexpr std::int64_t kMilli = 1000;
+
 // Takes exactly `digits` digits from the front of `text`.
 std::optional<int> take_number(std::string_view& text, std::size_t digits) {
   if (text.size() < digits) return std::nullopt;
@@ -92,6 +94,28 @@ std::string to_rfc3339(UtcTime time) {
 UtcTime SystemClock::now() const {
   using namespace std::chrono;
   return UtcTime{duration_cast<seconds>(system_clock::now().time_since_epoch()).count()};
+}
+
+std::string to_rfc3339(UtcMillis time) {
+  const std::int64_t millis = ((time.unix_ms % kMilli) + kMilli) % kMilli;
+  std::string text = to_rfc3339(UtcTime{(time.unix_ms - millis) / kMilli});
+  text.pop_back();
+  return fmt::format("{}.{:03}Z", text, millis);
+}
+
+std::optional<UtcMillis> parse_utc_millis(std::string_view text) {
+  constexpr std::size_t kLength = 24, kDot = 19;
+  if (text.size() != kLength || text[kDot] != '.') return std::nullopt;
+  std::int64_t millis = 0;
+  for (const char digit : text.substr(kDot + 1, 3)) {
+    if (digit < '0' || digit > '9') return std::nullopt;
+    millis = millis * 10 + (digit - '0');
+  }
+  const auto seconds = parse_utc(text);
+  if (!seconds || seconds->unix_s < 0) return std::nullopt;
+  const UtcMillis time{seconds->unix_s * kMilli + millis};
+  if (to_rfc3339(time) != text) return std::nullopt;  // "t" for "T" and the like
+  return time;
 }
 
 }  // namespace nadir

@@ -1,5 +1,5 @@
-// Points in time (UTC) and the clock that tells them. Time always comes in from outside, so that every program can
-// be run again as if it were then (--at) and tests can stop the clock.
+// Points in time (UTC, to the second and to the millisecond) and clocks. Time always comes in from outside, so that
+// every program can be run as of another time (--at) and tests can stop the clock.
 #pragma once
 
 #include <compare>
@@ -22,6 +22,18 @@ std::optional<UtcTime> parse_utc(std::string_view text);
 
 // "2024-10-30T00:00:00Z"
 std::string to_rfc3339(UtcTime time);
+
+// To the millisecond, for what is signed: one spelling only, "2026-05-01T12:00:00.250Z".
+struct UtcMillis {
+  std::int64_t unix_ms = 0;  // since 1970-01-01T00:00:00Z, leap seconds not counted
+
+  auto operator<=>(const UtcMillis&) const = default;
+};
+
+std::string to_rfc3339(UtcMillis time);
+
+// Exactly the form above, years 1970 to 9999; everything else is nullopt.
+std::optional<UtcMillis> parse_utc_millis(std::string_view text);
 
 class Clock {
  public:

@@ -39,7 +39,7 @@ namespace {
 
 constexpr std::uint64_t kMaxYamlSize = std::uint64_t{1} << 20;
 
-// Refuses what can hide a value from a reader or make a small file endless: aliases, duplicate keys, deep nesting.
+// Rejects what can hide a value from a reader or blow up a small file: aliases, duplicate keys, deep nesting.
 class Guard final : public YAML::EventHandler {
  public:
   explicit Guard(std::string file) : file_(std::move(file)) {}
@@ -104,7 +104,7 @@ YamlNode YamlNode::read(const std::filesystem::path& path) {
 
 YamlNode YamlNode::parse(std::string_view text, std::string_view name) {
   if (text.size() > kMaxYamlSize) {
-    throw UsageError({.what = "too large for a file that people write",
+    throw UsageError({.what = "the YAML file is too large",
                       .where = std::string(name),
                       .expected = fmt::format("at most {} bytes", kMaxYamlSize),
                       .found = fmt::format("{} bytes", text.size())});
@@ -184,10 +184,10 @@ double YamlNode::number() const {
 
 std::int64_t YamlNode::integer() const {
   std::int64_t value = 0;
-  if (!is_scalar()) reject("a whole number");
+  if (!is_scalar()) reject("an integer");
   const std::string& text = place_->node.Scalar();
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) reject("a whole number");
+  if (error != std::errc{} || end != text.data() + text.size()) reject("an integer");
   return value;
 }
 

@@ -7,7 +7,7 @@
 #include "imagery/codecs.hpp"
 #include "package/manifest.hpp"
 #include "package/open_package.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "package/tile_container.hpp"
 
 namespace nadir {

@@ -9,8 +9,8 @@
 #include <optional>
 #include <span>
 
-#include "base/sha256.hpp"
-#include "geodesy/tile_key.hpp"
+#include "base/digest.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 

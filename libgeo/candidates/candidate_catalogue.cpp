@@ -2,20 +2,95 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <tuple>
 
 #include "base/error.hpp"
-#include "candidates/candidate_sql.hpp"
-#include "candidates/catalogue_transaction.hpp"
 #include "catalogue/geometry.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {
 
 using Insert = CatalogueDatabase::Insert;
+
+// Without commit() everything is taken back.
+class CatalogueTransaction {
+ public:
+  explicit CatalogueTransaction(CatalogueDatabase& database) : database_(database) { database_.begin(); }
+  ~CatalogueTransaction() {
+    if (!committed_) database_.roll_back();
+  }
+  CatalogueTransaction(const CatalogueTransaction&) = delete;
+  CatalogueTransaction& operator=(const CatalogueTransaction&) = delete;
+
+  void commit() {
+    database_.commit();
+    committed_ = true;
+  }
+
+ private:
+  CatalogueDatabase& database_;
+  bool committed_ = false;
+};
+
+CatalogueLayout candidate_catalogue_layout() {
+  return {.format = "nadir.candidate-catalogue/1",
+          .schema = "nadir_candidates",
+          .spatialite = candidate_sql::spatialite,
+          .postgis = candidate_sql::postgis,
+          .maker = "nadir-candidates serve"};
+}
+
+Sha256 digest_from(const CatalogueRow& row, const char* column) {
+  const auto parsed = Sha256::from_hex(row.text(column));
+  if (parsed) return *parsed;
+  throw Error({.what = "the catalogue holds a malformed digest",
+               .where = column,
+               .fix = "the tables were changed; restore the database from a copy"});
+}
+
+BlobPlace blob_from(const CatalogueRow& row) {
+  return {.pack = digest_from(row, "pack"),
+          .start = static_cast<std::uint64_t>(row.integer("start")),
+          .bytes = static_cast<std::uint64_t>(row.integer("bytes"))};
+}
+
+// For IN (…).
+std::string quoted(std::span<const Sha256> digests) {
+  std::string list;
+  for (const Sha256& digest : digests) list += fmt::format("{}'{}'", list.empty() ? "" : ",", digest.hex());
+  return list;
+}
+
+TileKey key_from(const CatalogueRow& row) {
+  return {static_cast<std::uint8_t>(row.integer("z")), static_cast<std::uint32_t>(row.integer("x")),
+          static_cast<std::uint32_t>(row.integer("y"))};
+}
+
+// Every tile of these addresses, which the caller has sorted.
+std::string at_any(const char* table, std::span<const Ballot> ballots) {
+  std::string text;
+  for (const Ballot& ballot : ballots) {
+    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, ballot.key.z,
+                        ballot.key.x, ballot.key.y);
+  }
+  return text;
+}
+
+Ballot& of(std::vector<Ballot>& ballots, const TileKey& key) {
+  return *std::lower_bound(ballots.begin(), ballots.end(), key,
+                           [](const Ballot& ballot, const TileKey& wanted) { return ballot.key < wanted; });
+}
+
+// The voters' ids as SQL lists them, to go on with after others.
+std::string ids_of(const Ballot& ballot, bool first) {
+  std::string text;
+  for (const Voter& voter : ballot.voters) text += fmt::format("{}{}", first && text.empty() ? "" : ",", voter.tile);
+  return text;
+}
 
 UploadRow upload_from(const CatalogueRow& row) {
   return {.id = row.integer("id"),
@@ -51,28 +126,6 @@ TileRow tile_from(const CatalogueRow& row, bool with_sidecar) {
 }
 
 }  // namespace
-
-Sha256 digest_from(const CatalogueRow& row, const char* column) {
-  const auto parsed = Sha256::from_hex(row.text(column));
-  if (parsed) return *parsed;
-  throw Error({.what = "the catalogue holds a digest that is none",
-               .where = column,
-               .fix = "somebody has changed the tables; restore the database from a copy"});
-}
-
-BlobPlace blob_from(const CatalogueRow& row) {
-  return {.pack = digest_from(row, "pack"),
-          .start = static_cast<std::uint64_t>(row.integer("start")),
-          .bytes = static_cast<std::uint64_t>(row.integer("bytes"))};
-}
-
-CatalogueLayout candidate_catalogue_layout() {
-  return {.format = "nadir.candidate-catalogue/1",
-          .schema = "nadir_candidates",
-          .spatialite = candidate_sql::spatialite,
-          .postgis = candidate_sql::postgis,
-          .maker = "nadir-candidates serve"};
-}
 
 CandidateCatalogue::CandidateCatalogue(const CatalogueLocation& location, Access access)
     : database_(location, access, candidate_catalogue_layout()) {}
@@ -225,7 +278,7 @@ void CandidateCatalogue::add_verdicts(std::span<const TileVerdict> verdicts, std
   if (!verdicts.empty()) database_.finish_bulk("verdicts");
 }
 
-void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide) {
+void CandidateCatalogue::add_evaluated(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide) {
   if (questions.empty()) return;
   CatalogueTransaction transaction(database_);
   std::set<Sha256> accepted;
@@ -256,17 +309,17 @@ void CandidateCatalogue::judge(std::vector<Question> questions, std::int64_t now
                           static_cast<std::uint32_t>(row.integer("y"))};
         take({row.text("airframe"), row.text("flight"), key}, row.integer("badness_mm"));
       });
-  std::set<std::int64_t> judged;  // by somebody else in the meantime
+  std::set<std::int64_t> decided;  // by another call in the meantime
   database_.select(fmt::format("SELECT tile FROM {} WHERE tile IN ({})", database_.of("verdicts"), ids),
-                   [&](const CatalogueRow& row) { judged.insert(row.integer("tile")); });
+                   [&](const CatalogueRow& row) { decided.insert(row.integer("tile")); });
   std::vector<TileVerdict> verdicts;
   std::vector<Sha256> damaged;
   for (Question& question : questions) {
     if (question.damaged) damaged.push_back(question.sidecar.sha256);
-    if (judged.contains(question.verdict.tile)) continue;
+    if (decided.contains(question.verdict.tile)) continue;
     const CandidateSidecar& sidecar = question.sidecar;
     const Seat seat{sidecar.airframe, sidecar.flight, sidecar.key};
-    Rivals rivals{.same_bytes = accepted.contains(sidecar.sha256)};
+    Competitors rivals{.same_bytes = accepted.contains(sidecar.sha256)};
     if (const auto best = best_mm.find(seat); best != best_mm.end()) rivals.of_flight_mm = best->second;
     decide(question.verdict, sidecar, rivals);
     if (question.verdict.verdict == Verdict::accepted) {
@@ -330,6 +383,267 @@ CatalogueCounts CandidateCatalogue::counts() {
                   database_.of("verdicts")),
       [&](const CatalogueRow& row) { counts.rejected_by.emplace_back(row.text("code"), row.integer("n")); });
   return counts;
+}
+
+// The catalogue's packs and blobs: which bytes are there, and where.
+
+void CandidateCatalogue::add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes,
+                                  std::span<const PackedTile> tiles, const std::function<void()>& keep) {
+  CatalogueTransaction transaction(database_);
+  if (!this->upload(upload)) throw Error({.what = "the upload of this pack is forgotten", .where = pack.hex()});
+  std::vector<Sha256> names;
+  for (const PackedTile& tile : tiles) names.push_back(tile.sha256);
+  std::map<std::string, std::string> there;  // the packs of tiles that another upload has brought
+  database_.select(
+      fmt::format("SELECT sha256, pack FROM {} WHERE sha256 IN ({})", database_.of("blobs"), quoted(names)),
+      [&there](const CatalogueRow& row) { there.emplace(row.text("sha256"), row.text("pack")); });
+  const bool needed = std::ranges::any_of(tiles, [&](const PackedTile& tile) {
+    const auto found = there.find(tile.sha256.hex());
+    return found == there.end() || found->second == pack.hex();  // a damaged copy of this pack is replaced
+  });
+  if (needed) keep();
+  if (pack_size(upload, pack)) return;
+  CatalogueRow row = database_.new_row("packs");
+  row.set("upload", upload).set("sha256", pack.hex()).set("bytes", static_cast<std::int64_t>(bytes));
+  database_.insert("packs", row, Insert::one);
+  for (const PackedTile& tile : tiles) {
+    if (!there.emplace(tile.sha256.hex(), pack.hex()).second) continue;
+    CatalogueRow blob = database_.new_row("blobs");
+    blob.set("sha256", tile.sha256.hex())
+        .set("pack", pack.hex())
+        .set("start", static_cast<std::int64_t>(tile.start))
+        .set("bytes", static_cast<std::int64_t>(tile.bytes));
+    database_.insert("blobs", blob, Insert::bulk);
+  }
+  database_.finish_bulk("blobs");
+  transaction.commit();
+}
+
+std::optional<std::uint64_t> CandidateCatalogue::pack_size(std::int64_t upload, const Sha256& pack) {
+  std::optional<std::uint64_t> size;
+  database_.select(fmt::format("SELECT bytes FROM {} WHERE upload = {} AND sha256 = '{}'", database_.of("packs"),
+                               upload, pack.hex()),
+                   [&size](const CatalogueRow& row) { size = static_cast<std::uint64_t>(row.integer("bytes")); });
+  return size;
+}
+
+std::vector<Sha256> CandidateCatalogue::forget_dead_packs(std::int64_t upload) {
+  CatalogueTransaction transaction(database_);
+  std::vector<Sha256> packs = drop_dead(packs_about(upload));
+  transaction.commit();
+  return packs;
+}
+
+// Its own, and those of others in which tiles of it lie: its verdicts may be the last that they waited for.
+std::set<Sha256> CandidateCatalogue::packs_about(std::int64_t upload) {
+  std::set<Sha256> packs;
+  database_.select(fmt::format("SELECT sha256 AS pack FROM {} WHERE upload = {} UNION "
+                               "SELECT b.pack AS pack FROM {} t JOIN {} b ON b.sha256 = t.sha256 WHERE t.upload = {}",
+                               database_.of("packs"), upload, database_.of("tiles"), database_.of("blobs"), upload),
+                   [&packs](const CatalogueRow& row) { packs.insert(digest_from(row, "pack")); });
+  return packs;
+}
+
+// Within a transaction.
+std::vector<Sha256> CandidateCatalogue::drop_dead(std::set<Sha256> packs) {
+  if (packs.empty()) return {};
+  // A pack lives while a tile with one of its digests is accepted or waits for its verdict.
+  const std::vector<Sha256> all(packs.begin(), packs.end());
+  database_.select(
+      fmt::format("SELECT DISTINCT b.pack AS pack FROM {} b JOIN {} t ON t.sha256 = b.sha256 LEFT JOIN {} v "
+                  "ON v.tile = t.id WHERE b.pack IN ({}) AND (v.verdict IS NULL OR v.verdict = 0)",
+                  database_.of("blobs"), database_.of("tiles"), database_.of("verdicts"), quoted(all)),
+      [&packs](const CatalogueRow& row) { packs.erase(digest_from(row, "pack")); });
+  std::vector<Sha256> dead(packs.begin(), packs.end());
+  if (!dead.empty()) {
+    database_.change(fmt::format("DELETE FROM {} WHERE pack IN ({})", database_.of("blobs"), quoted(dead)),
+                     "forgetting packs");
+  }
+  return dead;
+}
+
+void CandidateCatalogue::remove_unused(std::span<const Sha256> packs,
+                                       const std::function<void(const Sha256&)>& remove) {
+  if (packs.empty()) return;
+  CatalogueTransaction transaction(database_);  // nothing is changed: it keeps add_pack() waiting
+  std::set<std::string> used;
+  database_.select(fmt::format("SELECT DISTINCT pack FROM {} WHERE pack IN ({})", database_.of("blobs"), quoted(packs)),
+                   [&used](const CatalogueRow& row) { used.insert(row.text("pack")); });
+  for (const Sha256& pack : packs) {
+    if (!used.contains(pack.hex())) remove(pack);
+  }
+  transaction.commit();
+}
+
+void CandidateCatalogue::forget_bytes(std::span<const Sha256> tiles) {
+  if (tiles.empty()) return;
+  const std::string digests = quoted(tiles);
+  database_.change(
+      fmt::format("DELETE FROM {0} WHERE sha256 IN ({1}) AND sha256 NOT IN (SELECT t.sha256 FROM {2} t LEFT JOIN {3} v "
+                  "ON v.tile = t.id WHERE t.sha256 IN ({1}) AND (v.verdict IS NULL OR v.verdict = 0))",
+                  database_.of("blobs"), digests, database_.of("tiles"), database_.of("verdicts")),
+      "forgetting damaged tiles");
+}
+
+std::set<Sha256> CandidateCatalogue::packs() {
+  std::set<Sha256> packs;
+  database_.select(fmt::format("SELECT DISTINCT pack FROM {}", database_.of("blobs")),
+                   [&packs](const CatalogueRow& row) {
+                     if (const auto pack = Sha256::from_hex(row.text("pack"))) packs.insert(*pack);
+                   });
+  return packs;
+}
+
+// The catalogue's votes and promotions.
+std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit, const std::set<TileKey>& but) {
+  std::vector<Ballot> ballots;
+  std::string others;
+  for (const TileKey& key : but) {
+    others +=
+        fmt::format("{}({},{},{})", others.empty() ? " AND (t.z, t.x, t.y) NOT IN (VALUES " : ",", key.z, key.x, key.y);
+  }
+  if (!others.empty()) others += ")";
+  database_.select(fmt::format("SELECT DISTINCT t.z AS z, t.x AS x, t.y AS y FROM {} v JOIN {} t ON t.id = v.tile "
+                               "WHERE v.to_vote = 1{} LIMIT {}",
+                               database_.of("verdicts"), database_.of("tiles"), others, limit),
+                   [&ballots](const CatalogueRow& row) { ballots.push_back({.key = key_from(row)}); });
+  if (ballots.empty()) return ballots;
+  std::sort(ballots.begin(), ballots.end(), [](const Ballot& a, const Ballot& b) { return a.key < b.key; });
+  database_.select(
+      fmt::format("SELECT t.id AS id, t.z AS z, t.x AS x, t.y AS y, t.sidecar AS sidecar, b.pack AS pack, "
+                  "b.start AS start, b.bytes AS bytes FROM {} t JOIN {} v ON v.tile = t.id JOIN {} b ON "
+                  "b.sha256 = t.sha256 WHERE v.verdict = 0 AND ({}) ORDER BY t.id",
+                  database_.of("tiles"), database_.of("verdicts"), database_.of("blobs"), at_any("t", ballots)),
+      [&ballots](const CatalogueRow& row) {
+        of(ballots, key_from(row))
+            .voters.push_back({.tile = row.integer("id"),
+                               .sidecar = parse_candidate(row.text("sidecar"), "the catalogue's sidecar"),
+                               .blob = blob_from(row)});
+      });
+  database_.select(
+      fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, w.tile AS tile, w.other AS other, w.shift_mm AS "
+                  "shift_mm, w.allowed_mm AS allowed_mm, w.correlation_ppm AS correlation_ppm, w.agrees AS "
+                  "agrees FROM {} w JOIN {} t ON t.id = w.tile WHERE {} ORDER BY w.id",
+                  database_.of("votes"), database_.of("tiles"), at_any("t", ballots)),
+      [&ballots](const CatalogueRow& row) {
+        of(ballots, key_from(row))
+            .votes.push_back({.tile = row.integer("tile"),
+                              .other = row.integer("other"),
+                              .shift_mm = row.integer("shift_mm"),
+                              .allowed_mm = row.integer("allowed_mm"),
+                              .correlation_ppm = row.integer("correlation_ppm"),
+                              .agrees = row.integer("agrees") == 1});
+      });
+  database_.select(
+      fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile FROM {} p WHERE p.current = 1 AND ({})",
+                  database_.of("promotions"), at_any("p", ballots)),
+      [&ballots](const CatalogueRow& row) { of(ballots, key_from(row)).promoted = row.integer("tile"); });
+  return ballots;
+}
+
+void CandidateCatalogue::close(std::span<const Ballot> ballots, std::span<const Outcome> outcomes) {
+  CatalogueTransaction transaction(database_);
+  std::string voters;
+  for (const Ballot& ballot : ballots) voters += ids_of(ballot, voters.empty());
+  if (voters.empty()) return;
+  std::set<std::int64_t> gone;  // withdrawn while they were voted on
+  database_.select(
+      fmt::format("SELECT tile FROM {} WHERE verdict <> 0 AND tile IN ({})", database_.of("verdicts"), voters),
+      [&gone](const CatalogueRow& row) { gone.insert(row.integer("tile")); });
+  const auto stands = [&gone](const Ballot& ballot) {
+    return std::none_of(ballot.voters.begin(), ballot.voters.end(),
+                        [&gone](const Voter& voter) { return gone.contains(voter.tile); });
+  };
+  std::string closed;
+  bool voted = false;
+  for (std::size_t i = 0; i < ballots.size(); ++i) {
+    for (const Vote& vote : outcomes[i].new_votes) {
+      CatalogueRow row = database_.new_row("votes");
+      row.set("tile", vote.tile)
+          .set("other", vote.other)
+          .set("shift_mm", vote.shift_mm)
+          .set("allowed_mm", vote.allowed_mm)
+          .set("correlation_ppm", vote.correlation_ppm)
+          .set("agrees", std::int64_t{vote.agrees ? 1 : 0});
+      database_.insert("votes", row, Insert::bulk);
+      voted = true;
+    }
+    if (stands(ballots[i])) closed += ids_of(ballots[i], closed.empty());
+  }
+  if (voted) database_.finish_bulk("votes");
+  if (!closed.empty()) {
+    database_.change(
+        fmt::format("UPDATE {} SET to_vote = 0 WHERE to_vote = 1 AND tile IN ({})", database_.of("verdicts"), closed),
+        "closing a vote");
+  }
+  for (std::size_t i = 0; i < ballots.size(); ++i) {
+    if (outcomes[i].promotion && stands(ballots[i])) promote(*outcomes[i].promotion);
+  }
+  transaction.commit();
+}
+
+void CandidateCatalogue::promote(const Promotion& promotion) {
+  const TileKey& key = promotion.key;
+  database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND z = {} AND x = {} AND y = {}",
+                               database_.of("promotions"), key.z, key.x, key.y),
+                   "replacing a promoted tile");
+  CatalogueRow row = database_.new_row("promotions");
+  row.set("tile", promotion.tile)
+      .set("z", std::int64_t{key.z})
+      .set("x", std::int64_t{key.x})
+      .set("y", std::int64_t{key.y})
+      .set("decided_at", UtcTime{promotion.decided_ms / 1000})
+      .set("flights", promotion.flights)
+      .set("evidence", promotion.evidence)
+      .set("current", std::int64_t{1})
+      .shape(polygon_geometry(area_of(key)));
+  database_.insert("promotions", row, Insert::one);
+}
+
+std::int64_t CandidateCatalogue::withdraw(const std::set<std::string>& keys) {
+  std::string list;
+  for (const std::string& key : keys) {
+    if (Sha256::from_hex(key)) list += fmt::format("{}'{}'", list.empty() ? "" : ",", key);
+  }
+  if (list.empty()) return 0;
+  const std::string tiles = database_.of("tiles"), verdicts = database_.of("verdicts");
+  const std::string theirs = fmt::format("FROM {} t JOIN {} v ON v.tile = t.id WHERE v.verdict = 0 AND t.keyid IN ({})",
+                                         tiles, verdicts, list);
+  CatalogueTransaction transaction(database_);
+  const std::int64_t count = number("SELECT count(*) AS n " + theirs);
+  if (count == 0) return 0;
+  const std::string there = fmt::format("(z, x, y) IN (SELECT t.z, t.x, t.y {})", theirs);
+  database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND {}", database_.of("promotions"), there),
+                   "taking promotions back");
+  database_.change(fmt::format("UPDATE {} SET to_vote = 1 WHERE verdict = 0 AND tile IN (SELECT id FROM {} WHERE {})",
+                               verdicts, tiles, there),
+                   "asking for votes again");
+  database_.change(fmt::format("UPDATE {} SET verdict = {}, code = '{}', detail = '{}', to_vote = 0 WHERE verdict = 0 "
+                               "AND tile IN (SELECT id FROM {} WHERE keyid IN ({}))",
+                               verdicts, static_cast<int>(Verdict::rejected), name_of(ReasonCode::airframe_revoked),
+                               kRevokedLater, tiles, list),
+                   "taking verdicts back");
+  transaction.commit();
+  return count;
+}
+
+void CandidateCatalogue::each_promoted(const std::function<void(const PromotedTile&)>& visit) {
+  database_.select(
+      fmt::format(
+          "SELECT p.tile AS tile, p.z AS z, p.x AS x, p.y AS y, p.decided_at AS decided_at, p.flights AS flights, "
+          "p.evidence AS evidence, t.sidecar AS sidecar, b.pack AS pack, b.start AS start, b.bytes AS bytes "
+          "FROM {} p JOIN {} t ON t.id = p.tile JOIN {} b ON b.sha256 = t.sha256 WHERE p.current = 1 "
+          "ORDER BY p.z, p.x, p.y",
+          database_.of("promotions"), database_.of("tiles"), database_.of("blobs")),
+      [&visit](const CatalogueRow& row) {
+        visit({.promotion = {.tile = row.integer("tile"),
+                             .key = key_from(row),
+                             .decided_ms = row.time("decided_at").value_or(UtcTime()).unix_s * 1000,
+                             .flights = row.integer("flights"),
+                             .evidence = row.text("evidence")},
+               .sidecar = parse_candidate(row.text("sidecar"), "the catalogue's sidecar"),
+               .blob = blob_from(row)});
+      });
 }
 
 }  // namespace nadir

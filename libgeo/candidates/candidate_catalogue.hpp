@@ -1,17 +1,23 @@
-// The candidate service's memory: uploads, tiles, verdicts, votes and promotions, in a SpatiaLite file or in PostGIS
+// What the candidate service keeps: uploads, tiles, verdicts, votes and promotions, in a SpatiaLite file or in PostGIS
 // (CatalogueDatabase). Every change is one transaction and on the disk when the call returns.
 //
-// For one thread: the one that made it (catalogue_thread.hpp).
+// For one thread: the one that opened it (catalogue_thread.hpp).
 #pragma once
 
 #include <functional>
 #include <set>
 #include <span>
+#include <string_view>
 
 #include "candidates/catalogue_rows.hpp"
 #include "catalogue/database.hpp"
 
 namespace nadir {
+
+// The texts of catalogue_spatialite.sql and catalogue_postgis.sql.
+namespace candidate_sql {
+extern const std::string_view spatialite, postgis;
+}
 
 class CandidateCatalogue {
  public:
@@ -30,7 +36,7 @@ class CandidateCatalogue {
   std::int64_t open_upload(const UploadRow& upload, const Batch& batch,
                            std::span<const std::optional<Refusal>> refusals, std::int64_t now_ms);
   void set_state(std::int64_t upload, UploadState state);
-  // With its tiles and their verdicts. Returns the packs that nobody needs any more, for remove_unused().
+  // With its tiles and their verdicts. Returns the packs that are no longer needed, for remove_unused().
   std::vector<Sha256> forget_upload(std::int64_t upload);
 
   // In the batch's order.
@@ -41,7 +47,7 @@ class CandidateCatalogue {
 
   // From now on the pack's tiles are there. keep() puts its file into place within the transaction: whoever would
   // remove it (remove_unused()) comes before or after. It is not called for a pack all of whose tiles lie in other
-  // packs: nobody would read that file. Throws Error when the upload was forgotten meanwhile.
+  // packs: that file would never be read. Throws Error when the upload was forgotten meanwhile.
   struct PackedTile {
     Sha256 sha256;
     std::uint64_t start = 0, bytes = 0;
@@ -60,19 +66,19 @@ class CandidateCatalogue {
   // Asks decide() about one tile after the other, in one transaction: it changes the verdict, knowing what was accepted
   // before, also of those in front of it.
   struct Question {
-    TileVerdict verdict;  // as far as the tile alone tells
+    TileVerdict verdict;  // by the tile alone
     CandidateSidecar sidecar;
     std::string keyid;
     // The bytes that are there are not the tile's. Where they lie is forgotten, unless an accepted or a waiting tile
     // has the same digest: announced again, the tile is missing and can be sent.
     bool damaged = false;
   };
-  struct Rivals {
+  struct Competitors {
     bool same_bytes = false;                     // this very digest was accepted
     std::optional<std::int64_t> of_flight_mm{};  // badness of the flight's best tile at this address
   };
-  using Decide = std::function<void(TileVerdict& verdict, const CandidateSidecar& sidecar, const Rivals& rivals)>;
-  void judge(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide);
+  using Decide = std::function<void(TileVerdict& verdict, const CandidateSidecar& sidecar, const Competitors& rivals)>;
+  void add_evaluated(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide);
 
   Usage usage_of(const std::string& airframe, std::int64_t since_ms);
   std::int64_t refused_batches_of(const std::string& client, std::int64_t since_ms);  // every tile of them

@@ -16,12 +16,12 @@ struct CandidateRules {
   std::int64_t max_age_ms = std::int64_t{90} * 24 * 3600 * 1000;
   std::int64_t max_sigma_mm = 5'000;
   std::int64_t max_anchor_age_ms = 10'000;
-  double max_view_angle_rad = 1.05;  // of a tile's worst corner off nadir, 60°: nobody orthorectifies flatter
+  double max_view_angle_rad = 1.05;  // of a tile's worst corner off nadir, 60°: flatter views are not orthorectified
 
   std::int64_t min_contrast_ppm = 15'000;      // standard deviation of the grey levels, of 255: 4 levels
   std::int64_t min_sharpness_ppm = 100'000;    // blurred by some 3 pixels has 80 000, sharp ones 260 000 and more
   std::int64_t max_clipped_ppm = 300'000;      // black or blown out
-  std::int64_t min_correlation_ppm = 350'000;  // of two pictures laid upon each other: below it nothing is said
+  std::int64_t min_correlation_ppm = 350'000;  // of two aligned images: below it nothing is concluded
   double sigmas = 3;                           // two places may lie apart by so many standard deviations
   std::int64_t floor_mm = 1'500;               // and by this anyway: pixels, terrain
 

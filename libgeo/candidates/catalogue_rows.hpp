@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
+#include "ortho/candidate_store.hpp"
 #include "upload/batch.hpp"
 #include "upload/reason_code.hpp"
-#include "ortho/candidate_store.hpp"
 
 namespace nadir {
 
@@ -41,7 +41,7 @@ struct Refusal {
 };
 inline constexpr const char* kRevokedLater = "the key that signed it was revoked after its announcement";
 
-// What the service itself saw in a tile's picture.
+// What the service itself measured in a tile's image.
 struct OwnMeasures {
   std::int64_t contrast_ppm = 0;
   std::int64_t sharpness_ppm = 0;

@@ -1,15 +1,19 @@
 #include "candidates/pack_store.hpp"
 
 #include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <charconv>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sync.hpp"
 
 namespace nadir {
+
 namespace fs = std::filesystem;
 
 PackStore::PackStore(fs::path folder) : folder_(std::move(folder)) {
@@ -92,5 +96,101 @@ std::vector<Sha256> PackStore::packs() const {
 }
 
 std::uint64_t PackStore::free_bytes() const { return fs::space(folder_).available; }
+
+namespace {
+
+// "SHA256.LENGTH"; nullopt for a file that is not ours, or that another call has removed a moment ago.
+std::optional<IncomingPack> read_name(const fs::path& path) {
+  const std::string name = path.filename().string();
+  constexpr std::size_t kDigits = 64;
+  if (name.size() < kDigits + 2 || name[kDigits] != '.') return std::nullopt;
+  const auto sha256 = Sha256::from_hex(name.substr(0, kDigits));
+  std::uint64_t length = 0;
+  const char* const end = name.data() + name.size();
+  const auto [stopped, error] = std::from_chars(name.data() + kDigits + 1, end, length);
+  if (!sha256 || error != std::errc{} || stopped != end) return std::nullopt;
+  struct stat facts {};
+  if (::stat(path.c_str(), &facts) != 0) return std::nullopt;
+  return IncomingPack{.sha256 = *sha256,
+                      .length = length,
+                      .offset = static_cast<std::uint64_t>(facts.st_size),
+                      .grown_s = facts.st_mtim.tv_sec,
+                      .path = path};
+}
+
+void require_plain_name(const std::string& upload) {
+  const bool plain = !upload.empty() && upload.size() <= 64 && std::all_of(upload.begin(), upload.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
+  });
+  if (!plain) throw Error({.what = "no name of an upload", .found = fmt::format("{} characters", upload.size())});
+}
+
+}  // namespace
+
+IncomingPacks::IncomingPacks(fs::path folder) : folder_(std::move(folder)) { fs::create_directories(folder_); }
+
+std::vector<IncomingPack> IncomingPacks::of(const std::string& upload) const {
+  require_plain_name(upload);
+  std::vector<IncomingPack> packs;
+  std::error_code none;
+  for (fs::directory_iterator entry(folder_ / upload, none), end; entry != end; entry.increment(none)) {
+    if (auto pack = read_name(entry->path())) packs.push_back(std::move(*pack));
+  }
+  return packs;
+}
+
+std::optional<IncomingPack> IncomingPacks::find(const std::string& upload, const Sha256& sha256) const {
+  for (IncomingPack& pack : of(upload)) {
+    if (pack.sha256 == sha256) return std::move(pack);
+  }
+  return std::nullopt;
+}
+
+std::vector<std::string> IncomingPacks::uploads() const {
+  std::vector<std::string> names;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder_)) {
+    if (entry.is_directory()) names.push_back(entry.path().filename().string());
+  }
+  return names;
+}
+
+IncomingPack IncomingPacks::begin(const std::string& upload, const Sha256& sha256, std::uint64_t length) {
+  require_plain_name(upload);
+  if (fs::create_directory(folder_ / upload)) sync_to_disk(folder_);
+  return {.sha256 = sha256, .length = length, .path = folder_ / upload / fmt::format("{}.{}", sha256.hex(), length)};
+}
+
+void IncomingPacks::append(IncomingPack& pack, ByteView part, UtcTime now) {
+  {
+    AppendFile file(pack.path);
+    file.cut(pack.offset);
+    try {
+      file.append(part);
+    } catch (...) {
+      // What a full disk has taken of it is a good beginning all the same, but simpler is: nothing of this part.
+      file.cut(pack.offset);
+      throw;
+    }
+  }
+  // Not the disk's own clock: whether a pack rests is judged by the service's. A time that is lost costs nothing.
+  const timespec at{.tv_sec = now.unix_s, .tv_nsec = 0};
+  const timespec times[] = {at, at};
+  ::utimensat(AT_FDCWD, pack.path.c_str(), times, 0);
+  sync_to_disk(pack.path);
+  if (pack.offset == 0) sync_to_disk(pack.path.parent_path());
+  pack.offset += part.size();
+  pack.grown_s = now.unix_s;
+}
+
+void IncomingPacks::remove(const IncomingPack& pack) {
+  std::error_code ignored;
+  fs::remove(pack.path, ignored);
+}
+
+void IncomingPacks::remove_all_of(const std::string& upload) {
+  require_plain_name(upload);
+  std::error_code ignored;
+  fs::remove_all(folder_ / upload, ignored);
+}
 
 }  // namespace nadir

@@ -81,9 +81,9 @@ GdalHandle draw(std::span<const PromotedTile* const> tiles, const Extent& extent
   image->GetRasterBand(4)->SetColorInterpretation(GCI_AlphaBand);
   for (const PromotedTile* tile : tiles) {
     const Bytes bytes = packs.read(tile->blob, tile->sidecar.sha256);
-    cv::Mat picture = decode_image(bytes, Colour::bgr, "a promoted tile").image;
+    cv::Mat image_bgr = decode_image(bytes, Colour::bgr, "a promoted tile").image;
     cv::Mat planes[4];
-    cv::split(picture, planes);
+    cv::split(image_bgr, planes);
     std::swap(planes[0], planes[2]);
     planes[3] = cv::Mat(kTileSize, kTileSize, CV_8UC1, cv::Scalar(255));
     for (int band = 0; band < 4; ++band) {
@@ -125,14 +125,13 @@ nlohmann::json stac_item(const ExportedImage& image, const Extent& extent, const
           {"links", nlohmann::json::array()}};
 }
 
-// What the flights that agreed vouch for, whatever the promoted one says of itself.
-std::int64_t vouched_sigma_mm(const Promotion& promotion) {
+// What the agreeing flights corroborate, whatever the promoted one claims.
+std::int64_t corroborated_sigma_mm(const Promotion& promotion) {
   const nlohmann::json evidence = parse_json(promotion.evidence, "the catalogue's evidence");
-  const auto sigma_mm = evidence.find("sigma_mm");
-  if (sigma_mm != evidence.end() && sigma_mm->is_number_integer()) return sigma_mm->get<std::int64_t>();
-  throw Error({.what = "a promotion without its accuracy",
-               .where = to_text(promotion.key),
-               .fix = "it is of an older service: let its address be voted on again"});
+  const JsonReader in(evidence, {.name = to_text(promotion.key),
+                                 .what = "a promotion without its accuracy",
+                                 .fix = "it was made by an older service: have its address voted on again"});
+  return in.integer("sigma_mm", 0, std::int64_t{1} << 62);
 }
 
 ExportedImage write_sheet(std::span<const PromotedTile* const> tiles, const PackStore& packs, const fs::path& folder) {
@@ -142,7 +141,7 @@ ExportedImage write_sheet(std::span<const PromotedTile* const> tiles, const Pack
   std::set<std::string> airframes;
   for (const PromotedTile* tile : tiles) {
     image.captured_at = std::min(image.captured_at, UtcTime{tile->sidecar.captured_at.unix_ms / 1000});
-    sigma_mm = std::max({sigma_mm, tile->sidecar.pose.sigma_mm, vouched_sigma_mm(tile->promotion)});
+    sigma_mm = std::max({sigma_mm, tile->sidecar.pose.sigma_mm, corroborated_sigma_mm(tile->promotion)});
     gsd_mm = std::max(gsd_mm, tile->sidecar.gsd_mm);
     airframes.insert(tile->sidecar.airframe);
   }

@@ -8,8 +8,8 @@
 namespace nadir {
 namespace {
 
-// Why `next` may not follow `trusted`; empty: it may.
-std::string objection(const SignedRoot& trusted, const SignedRoot& next) {
+// Why `next` may not succeed `trusted`; empty: it may.
+std::string why_rejected(const SignedRoot& trusted, const SignedRoot& next) {
   if (next.signed_bytes == trusted.signed_bytes) return {};
   Findings findings = check_self(next);
   findings.add(check_succession(trusted.root, next));
@@ -31,33 +31,33 @@ TrustFile::TrustFile(std::filesystem::path path)
 
 std::shared_ptr<const TrustRoot> TrustFile::current() {
   const std::lock_guard lock(mutex_);
-  look_again();
+  reload();
   return root_;
 }
 
-std::string TrustFile::trouble() {
+std::string TrustFile::fault() {
   const std::lock_guard lock(mutex_);
-  look_again();
-  return trouble_;
+  reload();
+  return fault_;
 }
 
-// A few kilobytes: comparing them is simpler than believing in times of files.
-void TrustFile::look_again() {
+// A few kilobytes: comparing them is simpler than relying on file times.
+void TrustFile::reload() {
   try {
     std::string text = read_text_file(path_, kMaxRootSize);
     if (text == text_) return;
     text_ = std::move(text);
     SignedRoot next = parse_root(text_, path_.string());
-    trouble_ = objection(trusted_, next);
-    if (trouble_.empty()) {
+    fault_ = why_rejected(trusted_, next);
+    if (fault_.empty()) {
       trusted_ = std::move(next);
       root_ = std::make_shared<const TrustRoot>(trusted_.root);
     }
   } catch (const Error& error) {
-    trouble_ = error.what();
+    fault_ = error.what();
     text_.clear();
   }
-  if (!trouble_.empty()) trouble_ = "the trust root's file is not followed: " + trouble_;
+  if (!fault_.empty()) fault_ = "the trust root's file is rejected: " + fault_;
 }
 
 }  // namespace nadir

@@ -14,30 +14,30 @@ std::int64_t day_of(const CandidateSidecar& sidecar) {
 }
 
 // The best tile of each flight, newest first.
-std::vector<const Voter*> voices_of(const Ballot& ballot) {
-  std::vector<const Voter*> voices;
+std::vector<const Voter*> best_of_each_flight(const Ballot& ballot) {
+  std::vector<const Voter*> flights;
   for (const Voter& voter : ballot.voters) {
-    const auto same = std::find_if(voices.begin(), voices.end(), [&voter](const Voter* other) {
+    const auto same = std::find_if(flights.begin(), flights.end(), [&voter](const Voter* other) {
       return other->sidecar.airframe == voter.sidecar.airframe && other->sidecar.flight == voter.sidecar.flight;
     });
-    if (same == voices.end()) {
-      voices.push_back(&voter);
+    if (same == flights.end()) {
+      flights.push_back(&voter);
     } else if (cost_mm(voter.sidecar) < cost_mm((*same)->sidecar)) {
       *same = &voter;
     }
   }
-  std::sort(voices.begin(), voices.end(), [](const Voter* a, const Voter* b) {
+  std::sort(flights.begin(), flights.end(), [](const Voter* a, const Voter* b) {
     if (a->sidecar.captured_at != b->sidecar.captured_at) return a->sidecar.captured_at > b->sidecar.captured_at;
     return a->tile < b->tile;
   });
-  if (voices.size() > kMaxVoices) voices.resize(kMaxVoices);
-  return voices;
+  if (flights.size() > kMaxIndependentFlights) flights.resize(kMaxIndependentFlights);
+  return flights;
 }
 
 // Votes that were taken before, and those that are taken now.
 class Votes {
  public:
-  Votes(const Ballot& ballot, const ComparePictures& compare, std::vector<Vote>& taken)
+  Votes(const Ballot& ballot, const CompareImages& compare, std::vector<Vote>& taken)
       : known_(ballot.votes), compare_(compare), taken_(taken) {}
 
   const Vote& between(const Voter& a, const Voter& b) {
@@ -54,26 +54,25 @@ class Votes {
 
  private:
   std::vector<Vote> known_;
-  const ComparePictures& compare_;
+  const CompareImages& compare_;
   std::vector<Vote>& taken_;
 };
 
 // A flight that agrees with all others of the group, each independent of each; the first is the newest.
-std::vector<const Voter*> group_around(std::size_t first, std::span<const Voter* const> voices, Votes& votes,
+std::vector<const Voter*> group_around(std::size_t first, std::span<const Voter* const> flights, Votes& votes,
                                        const CandidateRules& rules) {
-  std::vector<const Voter*> group{voices[first]};
-  for (std::size_t i = first + 1; i < voices.size(); ++i) {
+  std::vector<const Voter*> group{flights[first]};
+  for (std::size_t i = first + 1; i < flights.size(); ++i) {
     const bool fits = std::all_of(group.begin(), group.end(), [&](const Voter* member) {
-      return independent(member->sidecar, voices[i]->sidecar, rules) && votes.between(*member, *voices[i]).agrees;
+      return independent(member->sidecar, flights[i]->sidecar, rules) && votes.between(*member, *flights[i]).agrees;
     });
-    if (fits) group.push_back(voices[i]);
+    if (fits) group.push_back(flights[i]);
   }
   return group;
 }
 
-// Of the most sure ones that were needed, the least sure one's: better than that nobody but the flight itself says
-// where it was.
-std::int64_t vouched_sigma_mm(std::span<const Voter* const> group, const CandidateRules& rules) {
+// The largest sigma among the needed number of most certain flights: a smaller one is claimed by its own flight alone.
+std::int64_t corroborated_sigma_mm(std::span<const Voter* const> group, const CandidateRules& rules) {
   std::vector<std::int64_t> sigmas_mm;
   for (const Voter* voter : group) sigmas_mm.push_back(voter->sidecar.pose.sigma_mm);
   std::sort(sigmas_mm.begin(), sigmas_mm.end());
@@ -83,7 +82,7 @@ std::int64_t vouched_sigma_mm(std::span<const Voter* const> group, const Candida
 std::string evidence_of(const Voter& promoted, std::span<const Voter* const> group, Votes& votes,
                         const CandidateRules& rules) {
   nlohmann::json evidence{{"needed", rules.flights_to_promote},
-                          {"sigma_mm", vouched_sigma_mm(group, rules)},
+                          {"sigma_mm", corroborated_sigma_mm(group, rules)},
                           {"flights", nlohmann::json::array()}};
   for (const Voter* voter : group) {
     nlohmann::json flight{{"airframe", voter->sidecar.airframe},
@@ -116,12 +115,12 @@ std::int64_t allowed_shift_mm(double sigma_one_mm, double sigma_other_mm, const 
   return std::max(rules.floor_mm, static_cast<std::int64_t>(rules.sigmas * std::hypot(sigma_one_mm, sigma_other_mm)));
 }
 
-Outcome decide(const Ballot& ballot, const ComparePictures& compare, std::int64_t now_ms, const CandidateRules& rules) {
+Outcome decide(const Ballot& ballot, const CompareImages& compare, std::int64_t now_ms, const CandidateRules& rules) {
   Outcome outcome;
-  const std::vector<const Voter*> voices = voices_of(ballot);
+  const std::vector<const Voter*> flights = best_of_each_flight(ballot);
   Votes votes(ballot, compare, outcome.new_votes);
-  for (std::size_t first = 0; first < voices.size(); ++first) {
-    const std::vector<const Voter*> group = group_around(first, voices, votes, rules);
+  for (std::size_t first = 0; first < flights.size(); ++first) {
+    const std::vector<const Voter*> group = group_around(first, flights, votes, rules);
     if (std::ssize(group) < rules.flights_to_promote) continue;
     const Voter& best = **std::min_element(group.begin(), group.end(), [](const Voter* a, const Voter* b) {
       return cost_mm(a->sidecar) < cost_mm(b->sidecar);

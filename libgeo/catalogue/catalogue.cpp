@@ -11,7 +11,7 @@
 #include "base/files.hpp"
 #include "base/printable.hpp"
 #include "catalogue/geometry.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "catalogue/coverage_gaps.hpp"
 #include "catalogue/database.hpp"

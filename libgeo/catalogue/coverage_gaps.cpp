@@ -7,10 +7,10 @@
 
 #include "catalogue/geometry.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "package/gaps.hpp"
-#include "package/judge.hpp"
-#include "package/tile_mask.hpp"
-#include "package/tile_need.hpp"
+#include "package/coverage_gaps.hpp"
+#include "package/mission_check.hpp"
+#include "package/tile_image.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {
@@ -71,7 +71,7 @@ Bytes PixelCover::pixels(const TileKey& key) const {
 namespace {
 
 CatalogueGap catalogue_gap(const Mission& mission, const LocalFrame& frame, const Gap& gap, std::string reason) {
-  const Sector* sector = deciding_sector(mission, frame, gap.key);
+  const Sector* sector = governing_sector(mission, frame, gap.key);
   return {.key = gap.key,
           .reason = std::move(reason),
           .area_m2 = gap.area_m2,
@@ -97,7 +97,7 @@ class SourceEvaluator {
   std::optional<Sidecar> tile(const TileKey& key) const {
     Bytes pixels = strict().pixels(key);
     if (!all(pixels)) {
-      const Sector* sector = deciding_sector(mission_, frame_, key);
+      const Sector* sector = governing_sector(mission_, frame_, key);
       const bool stable = sector != nullptr && sector->cls == SectorClass::stable;
       pixels = (stable ? stable_ : active_).pixels(key);
     }

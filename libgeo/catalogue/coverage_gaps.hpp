@@ -9,7 +9,7 @@
 #include "base/bytes.hpp"
 #include "base/time.hpp"
 #include "catalogue/geometry.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"
 

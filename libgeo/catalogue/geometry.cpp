@@ -4,8 +4,8 @@
 
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "package/gaps.hpp"
-#include "package/tile_mask.hpp"
+#include "package/coverage_gaps.hpp"
+#include "package/tile_image.hpp"
 #include "raster/gdal_dataset.hpp"
 
 namespace nadir {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "geodesy/lon_lat.hpp"
-#include "package/gaps.hpp"
+#include "package/coverage_gaps.hpp"
 #include "package/mission.hpp"
 #include "package/sidecar.hpp"
 

@@ -1,12 +1,16 @@
 #include "cli/options.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <list>
+#include <ostream>
 
-#include "cli/options_impl.hpp"
+#include "base/error.hpp"
 
 namespace nadir {
 namespace option_text {
@@ -61,44 +65,245 @@ std::string show(UtcTime) { return {}; }
 
 }  // namespace option_text
 
+namespace {
+
+constexpr std::size_t kColumns = 100;
+
+// Breaks lines that are longer than kColumns between words; line ends stay. Every line but the first starts with
+// `indent` blanks.
+std::string wrapped(std::string_view text, std::size_t indent) {
+  const std::string line_end = "\n" + std::string(indent, ' ');
+  std::string result;
+  std::size_t column = indent;
+  std::size_t at = 0;
+  while (at < text.size()) {
+    if (text[at] == '\n') {
+      result += text.substr(at + 1).starts_with('\n') ? "\n" : line_end;
+      column = indent;
+      ++at;
+      continue;
+    }
+    if (text[at] == ' ') {
+      ++at;
+      continue;
+    }
+    const std::size_t end = std::min(text.find_first_of(" \n", at), text.size());
+    const std::size_t length = end - at;
+    if (column > indent && column + 1 + length > kColumns) {
+      result += line_end;
+      column = indent;
+    } else if (column > indent) {
+      result += ' ';
+      ++column;
+    }
+    result += text.substr(at, length);
+    column += length;
+    at = end;
+  }
+  return result;
+}
+
+void print_examples(std::ostream& out, std::string_view examples) {
+  if (examples.empty()) return;
+  out << "\nExamples:\n";
+  while (!examples.empty()) {
+    const std::size_t end = std::min(examples.find('\n'), examples.size());
+    out << "  " << examples.substr(0, end) << '\n';
+    examples.remove_prefix(std::min(end + 1, examples.size()));
+  }
+}
+
+
+}  // namespace
+
+struct Option::State {
+  CLI::Option* option;
+  Options::Impl* owner;
+};
+
+struct Options::Impl {
+  CLI::App app;
+  std::string command;
+  std::list<Option::State> states;                              // a list, because Option keeps a pointer
+  std::vector<std::pair<CLI::Option*, std::string>> needs;      // the other one may be declared later
+  std::vector<std::pair<std::string, std::string>> old_names;  // with what they are called now
+
+  std::string hint() const { return fmt::format("`{} --help` lists the options", command); }
+
+  // "--out PACKAGE", "MISSION.yaml", "--force"
+  static std::string title(const CLI::Option& option) {
+    std::string title = option.get_name();
+    if (!option.get_positional() && option.get_type_size() != 0) title += " " + option.get_type_name();
+    return title;
+  }
+
+  std::vector<std::string> with_present_names(const std::vector<std::string>& args) const;
+  [[noreturn]] void reject(const CLI::ParseError& error) const;
+};
+
 Option& Option::required() {
-  state_->required = true;
-  state_->shown_default.clear();
+  state_->option->required()->default_str("");
   return *this;
 }
 
 Option& Option::between(double low, double high) {
-  state_->ranges.emplace_back(low, high);
+  state_->option->check(CLI::Validator(
+      [low, high](const std::string& text) {
+        const double number = std::strtod(text.c_str(), nullptr);
+        if (number >= low && number <= high) return std::string();
+        return fmt::format("{} is not in the range {} to {}", text, low, high);
+      },
+      ""));
   return *this;
 }
 
 Option& Option::one_of(std::initializer_list<std::string_view> choices) {
-  state_->choices.assign(choices.begin(), choices.end());
+  const std::vector<std::string> words(choices.begin(), choices.end());
+  state_->option->check(CLI::Validator(
+      [words](const std::string& text) {
+        if (std::find(words.begin(), words.end(), text) != words.end()) return std::string();
+        return fmt::format("\"{}\" is not one of {}", text, fmt::join(words, ", "));
+      },
+      ""));
+  state_->option->description(fmt::format("{} ({})", state_->option->get_description(), fmt::join(words, ", ")));
   return *this;
 }
 
 Option& Option::needs(std::string_view other) {
-  state_->needs.emplace_back(other);
+  state_->owner->needs.emplace_back(state_->option, other);
   return *this;
 }
 
-Option Options::flag(std::string_view name, bool& target, std::string_view help) {
-  Option option = add(name, {}, help, {}, {}, false, [&target](const std::string&) { return target = true; });
-  impl_->options.back().takes_value = false;
-  return option;
+Option& Option::formerly(std::string_view old_name) {
+  state_->owner->old_names.emplace_back(old_name, state_->option->get_name());
+  return *this;
 }
 
-Option Options::add(std::string_view name, std::string_view placeholder, std::string_view help,
-                    std::string shown_default, std::string form, bool many, Reader read) {
-  Option::State& state = impl_->options.emplace_back();
-  state.name = name;
-  state.placeholder = placeholder;
-  state.help = help;
-  state.shown_default = std::move(shown_default);
-  state.form = std::move(form);
-  state.many = many;
-  state.read = std::move(read);
-  return Option(state);
+Options::Options(std::string command) : impl_(std::make_unique<Impl>()) {
+  impl_->command = std::move(command);
+  impl_->app.set_help_flag();
+}
+Options::~Options() = default;
+
+Option Options::flag(std::string_view name, bool& target, std::string_view help) {
+  CLI::Option* option =
+      impl_->app.add_flag_callback(std::string(name), [&target] { target = true; }, std::string(help));
+  return Option(impl_->states.emplace_back(Option::State{option, impl_.get()}));
+}
+
+Option Options::add(const Declaration& declared, Reader read) {
+  const std::string name(declared.name), form(declared.form);
+  const auto store = [name, form, read = std::move(read)](const std::vector<std::string>& texts) {
+    for (const std::string& text : texts) {
+      if (!read(text)) throw CLI::ValidationError(name, fmt::format("expected {}, found \"{}\"", form, text));
+    }
+    return true;
+  };
+  CLI::Option* option = impl_->app.add_option(name, store, std::string(declared.help));
+  option->type_name(std::string(declared.placeholder))->default_str(declared.shown_default);
+  option->expected(1, declared.many ? CLI::detail::expected_max_vector_size : 1);
+  option->allow_extra_args(declared.many);
+  option->multi_option_policy(declared.many ? CLI::MultiOptionPolicy::TakeAll : CLI::MultiOptionPolicy::Throw);
+  return Option(impl_->states.emplace_back(Option::State{option, impl_.get()}));
+}
+
+std::vector<std::string> Options::Impl::with_present_names(const std::vector<std::string>& args) const {
+  std::vector<std::string> result;
+  for (const std::string& arg : args) {
+    const std::string typed = arg.substr(0, arg.find('='));
+    const auto old = std::find_if(old_names.begin(), old_names.end(),
+                                  [&](const auto& names) { return names.first == typed; });
+    result.push_back(old == old_names.end() ? arg : old->second + arg.substr(typed.size()));
+  }
+  return result;
+}
+
+// CLI11's own words, with what helps: the placeholder of a missing option, and the option that was probably meant.
+void Options::Impl::reject(const CLI::ParseError& error) const {
+  if (!app.remaining().empty()) {
+    const std::string extra = app.remaining().front();
+    if (!extra.starts_with('-')) {
+      throw UsageError({.what = fmt::format("unexpected argument \"{}\"", extra), .fix = hint()});
+    }
+    std::vector<std::string> known{"--help"};
+    for (const CLI::Option* option : app.get_options()) {
+      if (!option->get_positional()) known.push_back(option->get_name());
+    }
+    const std::string typed = extra.substr(0, extra.find('='));
+    const std::string guess = nearest_word(typed, known);
+    throw UsageError({.what = fmt::format("{} has no option {}", command, typed),
+                      .fix = guess.empty() ? hint() : fmt::format("did you mean {}? {}", guess, hint())});
+  }
+  if (dynamic_cast<const CLI::RequiredError*>(&error) != nullptr) {
+    for (const CLI::Option* option : app.get_options()) {
+      if (!option->get_required() || option->count() > 0) continue;
+      throw UsageError({.what = fmt::format("{} is required", title(*option)),
+                        .expected = option->get_description(),
+                        .fix = hint()});
+    }
+  }
+  throw UsageError({.what = error.what(), .fix = hint()});
+}
+
+bool Options::parse(const std::vector<std::string>& args) {
+  if (std::any_of(args.begin(), args.end(), [](const std::string& arg) { return arg == "--help" || arg == "-h"; })) {
+    return false;
+  }
+  for (const auto& [option, other] : impl_->needs) option->needs(impl_->app.get_option(other));
+  std::vector<std::string> reversed = impl_->with_present_names(args);
+  std::reverse(reversed.begin(), reversed.end());
+  try {
+    impl_->app.parse(std::move(reversed));
+  } catch (const CLI::ParseError& error) {
+    impl_->reject(error);
+  }
+  return true;
+}
+
+void print_entries(std::ostream& out, const std::vector<std::pair<std::string, std::string>>& entries) {
+  std::size_t width = 0;
+  for (const auto& [left, right] : entries) width = std::max(width, left.size());
+  width = std::min<std::size_t>(width, 34);
+  for (const auto& [left, right] : entries) {
+    if (left.size() > width) {
+      out << "  " << left << '\n' << std::string(width + 4, ' ');
+    } else {
+      out << "  " << left << std::string(width - left.size() + 2, ' ');
+    }
+    out << wrapped(right, width + 4) << '\n';
+  }
+}
+
+void Options::print_help(std::ostream& out, std::string_view summary, std::string_view details,
+                         std::string_view examples) const {
+  std::string usage = impl_->command;
+  std::vector<std::pair<std::string, std::string>> arguments, required, optional;
+  for (const CLI::Option* option : impl_->app.get_options()) {
+    const std::string title = Impl::title(*option) + (option->get_allow_extra_args() ? "..." : "");
+    std::string help = option->get_description();
+    if (!option->get_default_str().empty()) help += fmt::format(" [{}]", option->get_default_str());
+    if (option->get_positional()) {
+      usage += option->get_required() ? " " + title : " [" + title + "]";
+      arguments.emplace_back(title, help);
+    } else if (option->get_required()) {
+      usage += " " + title;
+      required.emplace_back(title, help);
+    } else {
+      optional.emplace_back(title, help);
+    }
+  }
+  optional.emplace_back("-h, --help", "show this help and exit");
+  out << impl_->command << ": " << summary << "\n\nUsage: " << wrapped(usage + " [OPTIONS]", 7) << '\n';
+  if (!details.empty()) out << '\n' << wrapped(details, 0) << '\n';
+  const auto section = [&out](const char* title, const auto& entries) {
+    if (entries.empty()) return;
+    out << '\n' << title << ":\n";
+    print_entries(out, entries);
+  };
+  section("Arguments", arguments);
+  section("Required", required);
+  section("Options", optional);
+  print_examples(out, examples);
 }
 
 std::string nearest_word(const std::string& typed, const std::vector<std::string>& known) {

@@ -1,4 +1,4 @@
-// Declares a command's options without showing the parser behind them (CLI11 costs 6 s per file that includes it).
+// A command's options: declared, parsed and shown by CLI11, which only options.cpp includes (it costs 6 s a file).
 //
 //   options.value("--out", out_, "PACKAGE", "folder that is made").required();
 //   options.values("--imagery", imagery_, "FILE", "one or more rasters").required();
@@ -7,18 +7,20 @@
 //   options.positional("MISSION.yaml", mission_, "the mission").required();
 //
 // Types: std::string, std::filesystem::path, int, std::int64_t, std::uint64_t, double, LonLat ("LON,LAT"), UtcTime and
-// std::optional of each; values() takes std::vector of each. A value that does not read is a UsageError naming the
-// option.
+// std::optional of each; values() takes std::vector of each. A value that cannot be read is a UsageError that names
+// the option.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <iosfwd>
 #include <initializer_list>
 #include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/time.hpp"
@@ -64,7 +66,9 @@ class Option {
   Option& required();
   Option& between(double low, double high);                         // inclusive
   Option& one_of(std::initializer_list<std::string_view> choices);  // exact words
-  Option& needs(std::string_view other);                            // another option that must be there as well
+  Option& needs(std::string_view other);                            // another option that must be given as well
+  // An older spelling that still works for one release; --help does not show it.
+  Option& formerly(std::string_view old_name);
 
   struct State;
   explicit Option(State& state) : state_(&state) {}
@@ -76,16 +80,27 @@ class Option {
 class Options {
  public:
   struct Impl;
-  explicit Options(Impl& impl) : impl_(&impl) {}
+  explicit Options(std::string command);  // "nadir cache build": names the help page in messages
+  ~Options();
+
+  // Parses and stores the values; false when --help was asked for, which wins over everything that is wrong. Throws
+  // UsageError.
+  bool parse(const std::vector<std::string>& args);
+
+  // Arguments, required and optional options, in that order; lines of at most 100 columns.
+  void print_help(std::ostream& out, std::string_view summary, std::string_view details,
+                  std::string_view examples) const;
 
   template <typename T>
   Option value(std::string_view name, T& target, std::string_view placeholder, std::string_view help) {
-    return add(name, placeholder, help, option_text::show(target), option_text::form(target), false,
+    return add({.name = name, .placeholder = placeholder, .help = help, .shown_default = option_text::show(target),
+                .form = option_text::form(target)},
                [&target](const std::string& text) { return option_text::read(text, target); });
   }
   template <typename T>
   Option value(std::string_view name, std::optional<T>& target, std::string_view placeholder, std::string_view help) {
-    return add(name, placeholder, help, {}, option_text::form(T{}), false, [&target](const std::string& text) {
+    return add({.name = name, .placeholder = placeholder, .help = help, .form = option_text::form(T{})},
+               [&target](const std::string& text) {
       T value{};
       if (!option_text::read(text, value)) return false;
       target = std::move(value);
@@ -94,7 +109,8 @@ class Options {
   }
   template <typename T>
   Option values(std::string_view name, std::vector<T>& target, std::string_view placeholder, std::string_view help) {
-    return add(name, placeholder, help, {}, option_text::form(T{}), true, [&target](const std::string& text) {
+    return add({.name = name, .placeholder = placeholder, .help = help, .form = option_text::form(T{}), .many = true},
+               [&target](const std::string& text) {
       T value{};
       if (!option_text::read(text, value)) return false;
       target.push_back(std::move(value));
@@ -110,11 +126,22 @@ class Options {
   }
 
  private:
+  struct Declaration {
+    std::string_view name, placeholder, help;
+    std::string shown_default{};
+    std::string_view form{};  // what a value looks like, for messages
+    bool many = false;
+  };
   using Reader = std::function<bool(const std::string&)>;
-  Option add(std::string_view name, std::string_view placeholder, std::string_view help, std::string shown_default,
-             std::string form, bool many, Reader read);
+  Option add(const Declaration& declared, Reader read);
 
-  Impl* impl_;
+  std::unique_ptr<Impl> impl_;
 };
+
+// The known word that was probably meant, or nothing.
+std::string nearest_word(const std::string& typed, const std::vector<std::string>& known);
+
+// Two columns; the right one is wrapped at 100 columns of the line.
+void print_entries(std::ostream& out, const std::vector<std::pair<std::string, std::string>>& entries);
 
 }  // namespace nadir

@@ -1,5 +1,7 @@
 #include "cli/output.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -7,11 +9,6 @@
 #include "cli/command.hpp"
 
 namespace nadir {
-namespace {
-
-const char* plural(std::size_t count) { return count == 1 ? "" : "s"; }
-
-}  // namespace
 
 nlohmann::json json_from(const Findings& findings) {
   auto items = nlohmann::json::array();
@@ -35,12 +32,10 @@ void print_findings(std::ostream& out, const Findings& findings) {
       out << to_text(finding) << '\n';
     }
   }
-  const std::size_t refusals = counts[static_cast<std::size_t>(Severity::refuse)];
+  const std::size_t errors = counts[static_cast<std::size_t>(Severity::refuse)];
   const std::size_t warnings = counts[static_cast<std::size_t>(Severity::warning)];
-  out << (refusals == 0 ? "accepted" : "REFUSED");
-  if (refusals != 0)
-    out << ": " << refusals << " finding" << plural(refusals) << " that refuse" << (refusals == 1 ? "s" : "");
-  if (warnings != 0) out << (refusals == 0 ? ": " : ", ") << warnings << " warning" << plural(warnings);
+  out << (errors == 0 ? "accepted" : "REJECTED: " + count(errors, "error"));
+  if (warnings != 0) out << ", " << count(warnings, "warning");
   out << '\n';
 }
 
@@ -69,6 +64,11 @@ void print_figures(std::ostream& out, const Figures& figures) {
   for (const auto& [name, value] : figures) out << name << std::string(width - name.size() + 2, ' ') << value << '\n';
 }
 
-UtcTime judging_time(const std::optional<UtcTime>& at, const Clock& clock) { return at ? *at : clock.now(); }
+std::string count(std::uint64_t number, std::string_view noun, std::string_view plural) {
+  if (number == 1) return fmt::format("1 {}", noun);
+  return plural.empty() ? fmt::format("{} {}s", number, noun) : fmt::format("{} {}", number, plural);
+}
+
+UtcTime evaluation_time(const std::optional<UtcTime>& at, const Clock& clock) { return at ? *at : clock.now(); }
 
 }  // namespace nadir

@@ -1,6 +1,7 @@
-// How commands print: findings for people and for programs, tables, figures.
+// How commands print: findings for people and for programs, figures, counts.
 #pragma once
 
+#include <cstdint>
 #include <iosfwd>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -8,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 
 namespace nadir {
@@ -16,7 +17,8 @@ namespace nadir {
 // {"accepted": true, "findings": [{code, severity, where, expected, found, fix}]}
 nlohmann::json json_from(const Findings& findings);
 
-// Every finding as to_text() gives it, refusals first, and a last line that counts them.
+// Every finding as to_text() gives it, errors first, and a last line with the verdict: "accepted, 1 warning",
+// "REJECTED: 2 errors, 1 warning".
 void print_findings(std::ostream& out, const Findings& findings);
 
 // `document` as indented UTF-8 with a line end.
@@ -31,7 +33,10 @@ int report_findings(std::ostream& out, bool as_json, const Findings& findings);
 using Figures = std::vector<std::pair<std::string, std::string>>;
 void print_figures(std::ostream& out, const Figures& figures);
 
-// --at when given, else the clock's present time.
-UtcTime judging_time(const std::optional<UtcTime>& at, const Clock& clock);
+// "1 sector", "2 sectors". `plural` where it is not the noun with an s.
+std::string count(std::uint64_t number, std::string_view noun, std::string_view plural = {});
+
+// --at when given, else the present time.
+UtcTime evaluation_time(const std::optional<UtcTime>& at, const Clock& clock);
 
 }  // namespace nadir

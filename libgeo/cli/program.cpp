@@ -1,18 +1,46 @@
 #include "cli/program.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <functional>
 #include <ostream>
 
 #include "base/error.hpp"
-#include "cli/help.hpp"
-#include "cli/interrupt.hpp"
-#include "cli/terminal_progress.hpp"
 #include "cli/nadir_version.hpp"
+#include "cli/options.hpp"
+#include "cli/terminal.hpp"
 
 namespace nadir {
 namespace {
+
+using CommandList = std::vector<std::unique_ptr<Command>>;
+
+void print_program_help(std::ostream& out, const ProgramText& text, const CommandList& commands) {
+  out << text.name << ": " << text.summary << "\n\nUsage: " << text.name << " COMMAND [OPTIONS]\n";
+  std::vector<std::pair<std::string, std::string>> entries;
+  for (const auto& command : commands) {
+    const std::string group(command->group());
+    entries.emplace_back(group.empty() ? std::string(command->name()) : fmt::format("{} {}", group, command->name()),
+                         std::string(command->summary()));
+  }
+  out << "\nCommands:\n";
+  print_entries(out, entries);
+  out << "\nOptions:\n";
+  print_entries(out,
+                {{"COMMAND --help", "what a command does, its options, examples"}, {"--version", "print the version"}});
+  if (!text.footer.empty()) out << '\n' << text.footer << '\n';
+}
+
+void print_group_help(std::ostream& out, const ProgramText& text, const CommandList& commands,
+                      const std::string& group) {
+  out << "Usage: " << text.name << ' ' << group << " VERB [OPTIONS]\n\nVerbs:\n";
+  std::vector<std::pair<std::string, std::string>> entries;
+  for (const auto& command : commands) {
+    if (command->group() == group) entries.emplace_back(std::string(command->name()), std::string(command->summary()));
+  }
+  print_entries(out, entries);
+}
 
 struct Choice {
   Command* command = nullptr;  // none: help was printed
@@ -25,7 +53,7 @@ bool asks_help(const std::string& word) { return word == "--help" || word == "-h
 [[noreturn]] void reject_word(const std::string& context, const std::string& kind, const std::string& typed,
                               const std::vector<std::string>& known) {
   const std::string guess = nearest_word(typed, known);
-  const std::string hint = fmt::format("`{} --help` lists what there is", context);
+  const std::string hint = fmt::format("`{} --help` lists the {}s", context, kind);
   throw UsageError({.what = fmt::format("{} has no {} \"{}\"", context, kind, typed),
                     .fix = guess.empty() ? hint : fmt::format("did you mean \"{}\"? {}", guess, hint)});
 }
@@ -69,40 +97,39 @@ Choice choose(const ProgramText& text, const CommandList& commands, const std::v
 }
 
 int run_command(Command& command, const std::string& full_name, const std::vector<std::string>& args,
-                const Surroundings& surroundings) {
-  Options::Impl declared;
-  Options options(declared);
+                const Environment& environment) {
+  Options options(full_name);
   bool json = false, quiet = false;
   command.setup(options);
   if (command.offers_json()) options.flag("--json", json, "print the result as JSON");
-  options.flag("--quiet", quiet, "no progress and no talk, only results and errors");
-  if (parse_options(declared, full_name, args).help) {
-    print_command_help(surroundings.out, full_name, command, declared);
+  options.flag("--quiet", quiet, "suppress progress and informational messages");
+  if (!options.parse(args)) {
+    options.print_help(environment.out, command.summary(), command.details(), command.examples());
     return kAccepted;
   }
-  TerminalProgress progress(surroundings.err, surroundings.err_is_terminal && !quiet, surroundings.err_columns);
-  Context context{surroundings.out, surroundings.err, surroundings.clock, progress, json, quiet};
+  TerminalProgress progress(environment.err, environment.err_is_terminal && !quiet, environment.err_columns);
+  Context context{environment.out, environment.err, environment.clock, progress, json, quiet};
   return command.run(context);
 }
 
 // The one ladder from exceptions to messages and exit codes.
-int guarded(const std::string& name, const Surroundings& surroundings, const std::function<int()>& work) {
+int guarded(const std::string& name, const Environment& environment, const std::function<int()>& work) {
   const auto say = [&](const std::string& message) {
-    surroundings.err << name << ": " << message << '\n' << std::flush;
+    environment.err << name << ": " << message << '\n' << std::flush;
   };
   try {
     const int code = work();
-    if (!surroundings.out.flush()) throw Error({.what = "the results could not be written to standard output"});
+    if (!environment.out.flush()) throw Error({.what = "cannot write the results to standard output"});
     return code;
   } catch (const Interrupted&) {
-    say("interrupted; nothing was left behind");
+    say("interrupted; no partial output was left behind");
     return kInterrupted;
   } catch (const Error& error) {
     say(error.what());
   } catch (const std::bad_alloc&) {
     say("out of memory");
   } catch (const std::exception& error) {
-    say(fmt::format("unexpected: {}\n  to do:    this is a fault of the program; please report it with the command",
+    say(fmt::format("unexpected error: {}\n  to do:    this is a defect in the program; please report it together with the command line",
                     error.what()));
   }
   return kFailed;
@@ -111,23 +138,23 @@ int guarded(const std::string& name, const Surroundings& surroundings, const std
 }  // namespace
 
 int run_program(const ProgramText& text, const CommandList& commands, const std::vector<std::string>& args,
-                const Surroundings& surroundings) {
-  return guarded(text.name, surroundings, [&] {
-    const Choice choice = choose(text, commands, args, surroundings.out);
+                const Environment& environment) {
+  return guarded(text.name, environment, [&] {
+    const Choice choice = choose(text, commands, args, environment.out);
     if (choice.command == nullptr) return kAccepted;
     const std::vector<std::string> rest(args.begin() + static_cast<std::ptrdiff_t>(choice.words), args.end());
-    return run_command(*choice.command, choice.full_name, rest, surroundings);
+    return run_command(*choice.command, choice.full_name, rest, environment);
   });
 }
 
 int run_single_command(const std::string& name, Command& command, const std::vector<std::string>& args,
-                       const Surroundings& surroundings) {
-  return guarded(name, surroundings, [&] {
+                       const Environment& environment) {
+  return guarded(name, environment, [&] {
     if (args.size() == 1 && args[0] == "--version") {
-      surroundings.out << name << ' ' << kVersion << '\n';
+      environment.out << name << ' ' << kVersion << '\n';
       return kAccepted;
     }
-    return run_command(command, name, args, surroundings);
+    return run_command(command, name, args, environment);
   });
 }
 

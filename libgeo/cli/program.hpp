@@ -17,7 +17,8 @@ struct ProgramText {
   std::string footer;
 };
 
-struct Surroundings {
+// What the program gets from outside.
+struct Environment {
   std::ostream& out;
   std::ostream& err;
   const Clock& clock;
@@ -27,10 +28,10 @@ struct Surroundings {
 
 // args: without the program's own name. Never throws.
 int run_program(const ProgramText& text, const std::vector<std::unique_ptr<Command>>& commands,
-                const std::vector<std::string>& args, const Surroundings& surroundings);
+                const std::vector<std::string>& args, const Environment& environment);
 
 // The same for a program that has one job and no command words.
 int run_single_command(const std::string& name, Command& command, const std::vector<std::string>& args,
-                       const Surroundings& surroundings);
+                       const Environment& environment);
 
 }  // namespace nadir

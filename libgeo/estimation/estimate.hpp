@@ -1,4 +1,4 @@
-// What the localizer says about one frame: position, how sure it is, and why.
+// Results of the localizer for one frame: position, uncertainty, and why.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,11 +12,11 @@
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 
-// Why an anchor was accepted or not: the first gate that refused.
+// Why an anchor was accepted or not: the first gate that rejected it (anchor_acceptance.hpp). The names are stable.
 enum class AnchorVerdict {
   not_tried,  // not triggered for this frame
   accepted,
@@ -25,8 +25,8 @@ enum class AnchorVerdict {
   ambiguous,       // another place fits nearly as well (ratio)
   few_inliers,     // the patches do not agree on one pose
   bad_geometry,    // residual, tilt, height or coverage of the frame beyond what is credible
-  off_prediction,  // contradicts a healthy filter (chi-square)
-  awaiting_votes,  // plausible, but must be confirmed by others
+  off_prediction,  // contradicts a healthy filter (χ²)
+  awaiting_votes,  // plausible, but needs support by other frames
 };
 
 std::string_view name_of(AnchorVerdict verdict);
@@ -40,8 +40,8 @@ struct AnchorReport {
   double residual_px = 0;  // RMS of the inliers, in pixels of the matching GSD
   double matching_gsd_m = 0;
   double chi2 = 0;                   // squared Mahalanobis distance to the prediction, 2 degrees of freedom
-  bool corroborated = false;             // a sharp prediction says the same: carried from an anchor, and within its 95 %
-  std::optional<PlanePoint> camera;  // matched camera position in the map's plane (also of refused ones)
+  bool corroborated = false;         // a sharp prediction agrees: propagated from an anchor, and within its 95 %
+  std::optional<PlanePoint> camera;  // matched camera position in the map's plane (of rejected ones too)
   double heading_rad = 0;            // matched heading of image-up
   double window_radius_m = 0;        // half the side of the searched window
   cv::Mat rectified;                 // BGR or grey: the frame as it was matched, north-up (for reports; may be empty)
@@ -58,7 +58,7 @@ struct Estimate {
   std::string frame;
   double time_s = 0;
   std::optional<LonLat> position;  // nothing with no_fix
-  double sigma_m = 0;              // one axis of the equivalent circular error, map error included
+  double sigma_m = 0;              // 1-σ error per axis of the equivalent circle, map error included
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // east, north
   SourceLabel source = SourceLabel::no_fix;
   int segment = 0;  // grows each time tracking is lost
@@ -68,7 +68,7 @@ struct Estimate {
   double latency_ms = 0;
 };
 
-// What is believed beside the position, at the estimate's frame.
+// The state beside the position, at the estimate's frame.
 struct StateEstimate {
   Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // east, north
   double velocity_sigma_mps = 0;                           // one axis
@@ -78,25 +78,25 @@ struct StateEstimate {
   double agl_sigma_m = 0;
 };
 
-// Where the camera was when a frame was taken, for whoever makes something of the frame itself.
+// Where the camera was when a frame was taken, for products made of the frame itself.
 struct FramePose {
   CameraPose pose;                                          // in the map's plane
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();  // of the position, east and north, map error included
   double sigma_m = 0;                                       // one axis of the equivalent circular error
   SourceLabel source = SourceLabel::no_fix;
   double anchor_age_s = 0;
-  // Another anchor says the same: it led here without a break, or (refined) stands beside it. Or this one is so clear
-  // in ratio and agreement at once that no wrong place ever came near (docs/safety.md).
+  // Another anchor supports this one: the prediction from it agrees, or (refined) odometry links both without a break. Or
+  // this one is so clear in ratio and agreement at once that no wrong place ever came near (docs/safety.md).
   bool confirmed = false;
-  bool refined = false;  // thought over with what came after
+  bool refined = false;  // smoothed with all later measurements
 };
 
 struct FrameReport {
   Estimate estimate;
-  StateEstimate belief;
+  StateEstimate state;
   AnchorReport anchor;
   OdometryReport odometry;
-  std::optional<FramePose> anchored;  // of the frame that the anchor report is about, when it was accepted
+  std::optional<FramePose> anchor_pose;  // of the frame that the anchor report is about, when it was accepted
 };
 
 }  // namespace nadir

@@ -1,22 +1,60 @@
-// Everything that is believed of the flight, in one Gaussian: position, velocity, height, heading and tilt of the frame
-// in work, and the lasting errors of the telemetry behind them.
+// Extended Kalman filter of the flight: one Gaussian over position, velocity, height, heading and tilt of the current
+// frame, and over the lasting errors of the telemetry.
 //
-// They belong together. A degree of tilt moves what the camera sees at 1500 m by 26 m, so the error of an anchor is the
-// tilt's error in disguise; odometry ties two frames' tilts, heights and headings to the motion between them. With all
-// correlations kept, good odometry averages the tilts of many frames, and a boresight learnt late corrects the past.
+// They belong together. One degree of tilt moves what the camera sees from 1500 m by 26 m, so that the error of an
+// absolute position fix is the tilt's error in disguise; odometry links the tilts, heights and headings of two frames to
+// the displacement between them. With all correlations kept, good odometry averages the tilts of many frames, and a
+// boresight that is estimated late corrects the past.
 //
-// A frame's turn: carry() for each stretch of a long way to it, advance(), then moved() when odometry tracked it, then
-// anchored() when the map confirmed it.
-// Sights come without any prior in them (what the picture alone says), so that nothing is counted twice.
+// State (enum Index; metres, m/s, radians):
+//
+//   p = (east, north)      position of the camera in the map's plane
+//   v                      velocity, east and north
+//   λ = ln(h / h_m)        true over measured height above ground
+//   ψ                      heading of image-up, clockwise from north
+//   τ = (θ, φ)             pitch and roll beyond the telemetry's
+//   b_ψ, b_τ               lasting error of the telemetry's heading; boresight (lasting error of pitch and roll)
+//   d, d⊥                  compass deviation on this course and on the one 90° to the right (coefficients B and C of the
+//                          Admiralty Manual for the Deviations of the Compass)
+//
+// Process model over Δt, with ψ_m the measured heading, Δψ its change, R(α) a clockwise rotation; w are white, and the
+// first-order Gauss-Markov processes keep their stationary variance σ² by innovations of variance σ² (1 - a²):
+//
+//   λ'   = a_h λ + w                           a_h² = 1 - (share of innovation)²
+//   b_τ' = a_τ b_τ + w                         a_τ = exp(-Δt / T_τ)
+//   τ'   = b_τ' + w_τ                          w_τ: white tilt, estimated in flight
+//   (d, d⊥)' = a_d R(Δψ) (d, d⊥) + w           a_d = exp(-Δt / T_d)
+//   ψ'   = ψ_m + b_ψ + d' + w_ψ                without a measured heading: ψ' = ψ + w, any heading
+//   v'   = R(ψ' - ψ) v + w_a + w_wind          an aircraft keeps its airspeed; the wind does not turn with it
+//   p'   = p + Δt (v + v') / 2
+//
+// w_a is white acceleration: variance q Δt³/3 of position, q Δt²/2 jointly, q Δt of velocity. w_wind has the variance
+// σ_wind² (Δψ)², summed coherently over a blind turn. With an accelerometer's change of velocity u, in axes rotated by
+// the measured heading, v' = v + R(b_ψ + d) u + w, and w also holds gravity that leaks in through an attitude error.
+//
+// Measurements, both free of any prior (what the image alone says), so that nothing is counted twice:
+//
+//   update_absolute   z = (p, λ, ψ, τ) + r                      an accepted match with the map
+//   update_relative   z = (m, Δλ, Δψ, τ_before, τ_now) + r      odometry, about linearization points ⁰ of both frames:
+//                     m  = p_now - p_before - (λ_before - λ⁰) m - (ψ_before - ψ⁰) (m_north, -m_east)
+//                     Δλ = (λ_now - λ_before) - (λ⁰_now - λ⁰_before), Δψ alike, τ less its linearization point
+//
+// Both are linear updates in Joseph's form. update_relative works on the joint density of two frames, so that the earlier
+// one is corrected as well; it stays joint until marginalize_previous().
+//
+// One frame: propagate() for each interval of a long way to it, predict(), then update_relative() if odometry tracked
+// it, then update_absolute() if a match with the map was accepted. smoothed() is Rauch-Tung-Striebel's smoother.
+// Noise and its origins: estimation_parameters.hpp (telemetry, flight_filter, FlightFilterOptions).
 #pragma once
 
 #include <Eigen/Core>
 #include <optional>
 #include <vector>
 
-#include "estimation/pose_sights.hpp"
+#include "vision/localizer_parameters.hpp"
+#include "estimation/pose_measurements.hpp"
 #include "estimation/telemetry.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
@@ -24,10 +62,7 @@ struct FlightPrediction;
 
 class FlightFilter {
  public:
-  // In this order: position east, north (m); velocity east, north (m/s); log of true over told height; heading (rad);
-  // pitch and roll beyond the telemetry's (rad); constant parts of the telemetry's errors in heading, pitch and roll;
-  // and what of the heading's error turns with the course, as a ship's compass deviation of coefficients B and C does
-  // (Admiralty Manual for the Deviations of the Compass): on this course, and on that 90 degrees to the right.
+  // Order of the state; units and meaning above.
   enum Index {
     east,
     north,
@@ -47,12 +82,7 @@ class FlightFilter {
   using State = Eigen::Matrix<double, states, 1>;
   using Covariance = Eigen::Matrix<double, states, states>;
 
-  struct Options {
-    double start_velocity_sigma_mps = 15;   // of each axis, when nothing is known
-    double acceleration_mps2 = 1.5;         // of unmodelled changes of velocity (per root second), heading unknown …
-    double steady_acceleration_mps2 = 1.0;  // … and known: a fixed wing keeps its airspeed through a turn
-    double wind_sigma_mps = 5;              // what of the velocity does not turn with the aircraft
-  };
+  using Options = FlightFilterOptions;
 
   // tilt_logged: the telemetry carries pitch and roll; otherwise the aircraft's own tilt is in what changes as well.
   FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, const Eigen::Vector2d& position_m,
@@ -61,26 +91,24 @@ class FlightFilter {
                double sigma_m)
       : FlightFilter(uncertainty, tilt_logged, position_m, sigma_m, Options{}) {}
 
-  // So much further without a frame: the way to the next one where it is long, as the telemetry tells it. seconds above
-  // 0.
-  void carry(const TelemetryInterval& stretch);
-  // A new frame, so many seconds after the last one or after what was carried. When the clock stands or runs backwards,
-  // the time is unknown: about what passed between the frames before, or none. tilt_measured: the telemetry has pitch and
-  // roll for this frame. imu_dv_mps: Telemetry's; with it the velocity does not drift but by what the camera file says
-  // of the sensor.
-  void advance(double seconds, std::optional<double> measured_heading_rad, bool tilt_measured = true,
+  // Over an interval at whose end there is no frame; interval.seconds > 0.
+  void propagate(const TelemetryInterval& interval);
+  // To a new frame, so many seconds after the last one or after what was propagated. When the clock stands still or runs
+  // backwards, the time is unknown: about the usual interval, or none. tilt_measured: the telemetry has pitch and roll
+  // for this frame. imu_dv_mps: Telemetry's; with it the velocity's only noise is what the camera file states.
+  void predict(double seconds, std::optional<double> measured_heading_rad, bool tilt_measured = true,
                const std::optional<Eigen::Vector2d>& imu_dv_mps = std::nullopt);
-  // After advance(): this frame's told height is not the last one's (another source, or a guess), so that nothing
-  // learnt of the old one's error is true of it.
-  void doubt_height(double log_sigma);
-  // The telemetry's headings may from now on be so much farther off than believed.
-  void doubt_heading(double sigma_rad);
-  // The place may be so much farther off than believed (one axis): what it was learnt from is contradicted.
-  void doubt_position(double sigma_m);
-  // Returns how far what was learnt moved the place of the frame before (east, north; m): a step also tells of heading,
-  // tilt and height, and so of the steps before it.
-  Eigen::Vector2d moved(const RelativeMotionMeasurement& sight);
-  void anchored(const PoseMeasurement& sight);
+  // After predict(): this frame's measured height has another source than the last one's (or is assumed), so that
+  // nothing estimated of the old one's error holds. log_sigma: of λ.
+  void reset_height(double log_sigma);
+  // The telemetry's headings may from now on be farther off, by this σ.
+  void inflate_heading(double sigma_rad);
+  // The position may be farther off (one axis): a measurement contradicts it.
+  void inflate_position(double sigma_m);
+  // Returns the correction of the previous frame's position (east, north; m): a displacement also measures heading, tilt
+  // and height, and so the displacements before it.
+  Eigen::Vector2d update_relative(const RelativeMotionMeasurement& measurement);
+  void update_absolute(const PoseMeasurement& measurement);
 
   const State& state() const { return mean_; }
   const Covariance& covariance() const { return covariance_; }
@@ -89,19 +117,18 @@ class FlightFilter {
   double position_sigma_m() const;  // one axis of the equivalent circle
   double sigma(Index index) const;
 
-  // How much tilt changes from frame to frame beyond its constant part: learnt, because a gimbal hardly does and a bare
-  // airframe without logged attitude does a lot.
-  double changing_tilt_sigma_rad() const;
-  bool tilt_missing() const { return tilt_missing_; }  // of the frame in work, though the telemetry has it otherwise
+  // σ of w_τ, estimated from accepted anchors: a gimbal hardly changes, a bare airframe without logged attitude does.
+  double white_tilt_sigma_rad() const;
+  bool tilt_missing() const { return tilt_missing_; }  // of the current frame, although other frames had it
 
   // From now on every frame is kept for smoothed(): 4 kB each.
-  void remember() { links_.emplace(); }
+  void keep_history() { links_.emplace(); }
 
-  // Every frame remembered with all that was learnt later (Rauch-Tung-Striebel); the last one alone without remember().
+  // Every kept frame given all measurements (Rauch-Tung-Striebel); without keep_history() the last one alone.
   struct Smoothed {
     Eigen::Vector2d position_m;
     Eigen::Matrix2d covariance_m2;
-    State state;  // all of it
+    State state;
   };
   std::vector<Smoothed> smoothed() const;
 
@@ -111,14 +138,14 @@ class FlightFilter {
   using JointCovariance = Eigen::Matrix<double, kJoint, kJoint>;
 
   struct Link;
-  void fly(const TelemetryInterval& stretch, bool tilt_measured);
-  FlightPrediction foretell(const TelemetryInterval& stretch);
-  void foretell_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad, double dt) const;
-  void settle();
-  void forget_velocity();
+  void propagate_joint(const TelemetryInterval& interval, bool tilt_measured);
+  FlightPrediction process_model(const TelemetryInterval& interval);
+  void process_model_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad, double dt) const;
+  void marginalize_previous();
+  void reset_velocity();
   Link link() const;
-  void take_motion(const RelativeMotionMeasurement& sight, const Eigen::Vector2d& step);
-  void learn_tilt_scatter(const PoseMeasurement& sight);
+  void apply_relative_motion(const RelativeMotionMeasurement& measurement, const Eigen::Vector2d& m);
+  void estimate_tilt_scatter(const PoseMeasurement& measurement);
   template <int Rows>
   void update_joint(const Eigen::Matrix<double, Rows, kJoint>& row, const Eigen::Matrix<double, Rows, 1>& innovation,
                     const Eigen::Matrix<double, Rows, Rows>& noise);
@@ -126,20 +153,20 @@ class FlightFilter {
   TelemetryUncertainty uncertainty_;
   bool tilt_logged_;
   Options options_;
-  State mean_ = State::Zero();  // of the frame in work
+  State mean_ = State::Zero();  // of the current frame
   Covariance covariance_ = Covariance::Zero();
-  std::optional<double> measured_heading_rad_;  // of the frame in work
+  std::optional<double> measured_heading_rad_;  // of the current frame
   std::optional<double> last_measured_heading_rad_;
   bool first_ = true;
-  bool on_the_way_ = false;    // carried since the last frame
-  double blind_turn_rad_ = 0;  // turned since odometry or an anchor last told of the velocity …
-  double blind_s_ = 0;         // … and flown
-  bool tilt_missing_ = false;  // in the frame in work, though others had it
-  double usual_seconds_ = 1;   // between frames
-  double tilt_scatter_sum_;  // of the changing part's variance, weighted by how well it was seen; begins with the prior
+  bool within_interval_ = false;  // propagated since the last frame
+  double blind_turn_rad_ = 0;     // turned since the velocity was last measured …
+  double blind_s_ = 0;            // … and flown
+  bool tilt_missing_ = false;
+  double usual_seconds_ = 1;  // between frames
+  double tilt_scatter_sum_;   // of the white tilt's variance, weighted by its information; begins with the prior
   double tilt_scatter_weight_;
 
-  // The last frame and the one in work (or a point on the way to it) together, until an anchor or the next frame comes.
+  // The last frame and the current one (or a point between them), until update_absolute() or the next frame.
   std::optional<std::pair<JointState, JointCovariance>> joint_;
   struct Link {  // of a frame to the one before it
     State before, now;

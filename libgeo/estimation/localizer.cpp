@@ -4,120 +4,295 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "estimation/anchor_job.hpp"
-#include "estimation/localizer_state.hpp"
-#include "estimation/plausible_telemetry.hpp"
-#include "vision/frame_quality.hpp"
+#include "base/error.hpp"
+#include "estimation/flight_smoother.hpp"
+#include "estimation/search_window.hpp"
+#include "estimation/terrain_surface.hpp"
+#include "estimation/tracking_state.hpp"
+#include "geodesy/angles.hpp"
+#include "geodesy/web_mercator.hpp"
+#include "package/open_package.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kLeastLostSigma_m = 1000;
-constexpr double kUnmodelled_rad = 0.015;  // 1.5 % of the height
+using namespace parameters::anchor_measurement;
+using namespace parameters::localizer;
+using namespace parameters::search_window;
+
+// What the telemetry gave the filter so far.
+struct TelemetryState {
+  Telemetry last;
+  std::optional<double> last_time_s;
+  TelemetryReference reference;  // of this frame; where it measures no height, the last one, or an assumed one
+  bool height_measured = false;  // in this frame
+  bool height_steady = false;    // in this frame and in the one before
+  bool tilt_logged = false;      // pitch and roll are measured, if not in each frame
+};
+
+struct LastAnchor {
+  double time_s = 0;
+  Eigen::Vector2d position_m;  // matched, east and north
+  int inliers = 0;
+  double ratio = 1;
+};
+
+// What is published beside the filter's own state.
+struct PublishedTrack {
+  // Corrections of the past that odometry has made since the last anchor. They are withheld: a track that odometry carries
+  // has no jumps but those of anchors, and refined() has it all.
+  Eigen::Vector2d withheld_m = Eigen::Vector2d::Zero();
+  Eigen::Vector2d contradiction_m = Eigen::Vector2d::Zero();  // AnchorDecision::contradiction_m, until an anchor
+  std::vector<Estimate> estimates;
+};
+
+struct MatchState {
+  bool job_out = false;  // a frame is being matched with the map
+  bool last_failed = false;
+};
+
+// Where a lost aircraft is searched: chosen with the frame, searched by its job.
+struct LostSearch {
+  PlaneBox area;
+  std::optional<PlaneBox> hint;
+  PlaneBox part;  // of the area, to be searched when suggestions fail
+};
+
+cv::Mat grey_of(const cv::Mat& image) {
+  cv::Mat grey = image;
+  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  return grey;
+}
+
+CameraPose pose_of(const FlightFilter::State& x, const TelemetryReference& reference) {
+  CameraPose pose;
+  pose.position = {x[FlightFilter::east], x[FlightFilter::north]};
+  pose.agl_m = reference.agl_m * std::exp(x[FlightFilter::log_height]);
+  pose.attitude = {x[FlightFilter::heading], reference.tilt_rad.x() + x[FlightFilter::pitch],
+                   reference.tilt_rad.y() + x[FlightFilter::roll]};
+  return pose;
+}
+
+LinearizationPoint linearization_point(const FlightFilter::State& x) {
+  return {x[FlightFilter::log_height], x[FlightFilter::heading], x[FlightFilter::pitch], x[FlightFilter::roll]};
+}
+
+StateEstimate state_estimate(const FlightFilter& filter, const TelemetryReference& reference) {
+  const auto& x = filter.state();
+  const auto& p = filter.covariance();
+  StateEstimate state;
+  state.velocity_mps = x.segment<2>(FlightFilter::velocity_east);
+  state.velocity_sigma_mps =
+      std::sqrt(0.5 * p.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace());
+  state.heading_rad = x[FlightFilter::heading];
+  state.heading_sigma_rad = filter.sigma(FlightFilter::heading);
+  state.agl_m = reference.agl_m * std::exp(x[FlightFilter::log_height]);
+  state.agl_sigma_m = state.agl_m * filter.sigma(FlightFilter::log_height);
+  return state;
+}
+
+// Another kept anchor that odometry leads to without a break.
+bool corroborated_by_another(const std::vector<FlightStep>& steps, const std::vector<bool>& kept, std::size_t at) {
+  double passed_s = 0;
+  for (std::size_t i = at; i > 0 && steps[i].relative_motion; --i) {
+    passed_s += steps[i].seconds;
+    if (passed_s > kCorroborationTime_s) break;
+    if (kept[i - 1]) return true;
+  }
+  passed_s = 0;
+  for (std::size_t i = at + 1; i < steps.size() && steps[i].relative_motion; ++i) {
+    passed_s += steps[i].seconds;
+    if (passed_s > kCorroborationTime_s) break;
+    if (kept[i]) return true;
+  }
+  return false;
+}
 
 }  // namespace
 
-double map_sigma_from_ce90(double ce90_m) { return ce90_m / 2.146; }  // sqrt(-2 ln(1 - 0.9))
+double map_sigma_from_ce90(double ce90_m) { return ce90_m / kCe90OverSigma; }
+
+double map_sigma_m(const CheckedTiles& tiles) {
+  std::int64_t ce90_mm = 0;
+  for (const Sidecar& tile : tiles.sidecars()) ce90_mm = std::max(ce90_mm, tile.ce90_mm);
+  return map_sigma_from_ce90(static_cast<double>(ce90_mm) / 1000);
+}
+
+struct Localizer::Impl {
+  Impl(const CameraFile& camera_file, const LocalFrame& local_frame, const TileSource* map_tiles,
+       std::optional<LonLat> known_start, const LocalizerConfig& localizer_config)
+      : camera(camera_file.camera),
+        uncertainty(camera_file.uncertainty),
+        frame(local_frame),
+        tiles(map_tiles),
+        start(known_start),
+        config(localizer_config),
+        surface(config.surface != nullptr ? config.surface : &flat),
+        matcher(tiles != nullptr ? config.matcher({camera, *tiles, frame, *surface}) : nullptr),
+        odometry(config.odometry()),
+        placed(known_start.has_value()),
+        tracking(known_start.has_value()),
+        acceptance(config.gates, config.resumed),
+        window(config.min_search_radius_m, config.max_search_radius_m, config.area) {}
+
+  // The steps of a frame, in order.
+  double predict(const Telemetry& plausible);
+  bool update_with_odometry(const cv::Mat& grey, OdometryReport& report);
+  OdometryFrame odometry_frame(const cv::Mat& grey) const;
+  void on_track_broken();
+  std::unique_ptr<AnchorJob> begin_match(const cv::Mat& grey);
+  FramePose update_with_anchor(const AnchorJob& job, const AnchorReport& report);
+  Estimate estimate(bool anchored) const;
+
+  std::pair<Eigen::Vector2d, double> start_position() const;
+  bool match_due() const;
+  bool too_low_to_match() const;
+  void apply_hint();
+  AnchorPrior anchor_prior() const;
+  LostSearch lost_search();
+  AnchorMatch match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where) const;
+  PoseMeasurement anchor_measurement(const AnchorJob& job, const AnchorReport& report) const;
+  FramePose anchor_pose(const AnchorJob& job) const;  // with the filter at the job's frame
+
+  double footprint_m() const { return footprint_side_m(camera, telemetry.reference.agl_m); }
+  bool lost() const { return window.lost(placed, filter->position_sigma_m()); }
+  Eigen::Matrix2d shared_error_m2() const;
+
+  // Fixed for the flight. A job that is out uses these and what it was given, nothing else.
+  CameraModel camera;
+  TelemetryUncertainty uncertainty;
+  LocalFrame frame;
+  const TileSource* tiles;
+  std::optional<LonLat> start;
+  LocalizerConfig config;
+  FlatGround flat;
+  const GroundSurface* surface;
+  std::unique_ptr<MapMatcher> matcher;  // none without a map
+
+  FrozenFrameDetector frozen_frame;
+  std::unique_ptr<OdometryFrontEnd> odometry;
+
+  std::optional<FlightFilter> filter;   // made with the first telemetry, which shows whether tilt is logged
+  std::optional<FlightFilter> initial;  // the same before the first frame
+  std::vector<FlightStep> steps;        // a frame each
+  TelemetryState telemetry;
+  bool placed;  // the start is known, or an anchor has been accepted since
+  TrackingState tracking;
+  CourseAmbiguity course;
+  std::optional<LastAnchor> last_anchor;
+  AnchorAcceptance acceptance;
+  SearchWindow window;
+  std::optional<OperatorHint> operator_hint;
+  MatchState matching;
+  PublishedTrack published;
+};
 
 Localizer::Localizer(const CameraFile& camera, const LocalFrame& frame, const TileSource* tiles,
                      std::optional<LonLat> start, const LocalizerConfig& config)
-    : state_(std::make_unique<State>(camera, frame, tiles, start, config)) {}
+    : impl_(std::make_unique<Impl>(camera, frame, tiles, start, config)) {}
 
 Localizer::~Localizer() = default;
 
-FrameReport Localizer::process(const cv::Mat& image, const Telemetry& told) {
-  Followed followed = follow(image, told);
-  if (!followed.job) return followed.report;
-  followed.job->run();
-  FrameReport report = finish(std::move(followed.job));
-  report.odometry = followed.report.odometry;
+// ---- The path of one frame (docs/localization.md)
+
+FrameReport Localizer::process(const cv::Mat& image, const Telemetry& measured) {
+  TrackedFrame tracked = track(image, measured);
+  if (!tracked.job) return tracked.report;
+  tracked.job->run();
+  FrameReport report = finish(std::move(tracked.job));
+  report.odometry = tracked.report.odometry;
   return report;
 }
 
-Localizer::Followed Localizer::follow(const cv::Mat& image, const Telemetry& told) {
-  State& s = *state_;
-  const Telemetry telemetry = plausible_telemetry(told, s.last_time_s.value_or(0));
-  Followed followed;
-  FrameReport& report = followed.report;
-  cv::Mat grey = image;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& measured) {
+  Impl& s = *impl_;
+  TrackedFrame result;
+  const cv::Mat grey = grey_of(image);
+  const bool usable = measure_frame_quality(grey).usable && !s.frozen_frame.repeats(grey);
+  s.telemetry.tilt_logged = s.telemetry.tilt_logged || measured.pitch_rad.has_value();  // NaN too: other frames have it
 
-  const bool usable = judge_frame(grey).usable && !s.frozen.again(grey);
-  const double seconds = s.last_time_s ? telemetry.time_s - *s.last_time_s : 0;
-  s.tilt_logged = s.tilt_logged || told.pitch_rad.has_value();  // a NaN as well: of a source that tells it otherwise
-  s.begin_frame(telemetry, seconds);
-  const bool continues = s.continues(seconds);
-  // Two pictures tell little of a motion when one may be tilted by 20 degrees.
-  const bool comparable = usable && !s.flight->tilt_missing();
-  if (comparable) {
-    report.odometry.tracked = s.follow(grey, telemetry, report.odometry);
+  const double seconds = s.predict(plausible_telemetry(measured, s.telemetry.last_time_s.value_or(0)));
+  // Two images say little of a motion when one may be tilted by 20 degrees.
+  FrameLink link{.first = s.steps.size() == 1, .comparable = usable && !s.filter->tilt_missing()};
+  link.expected_overlap = s.tracking.expects_overlap(*s.filter, seconds, s.footprint_m());
+  if (link.comparable) {
+    link.tracked = result.report.odometry.tracked = s.update_with_odometry(grey, result.report.odometry);
   } else {
     s.odometry->reset();
   }
-  if (!report.odometry.tracked) s.break_track();
-  s.torn = comparable && continues && !report.odometry.tracked;
-  s.last_in_line = comparable && (report.odometry.tracked || s.log.size() == 1);
-  s.last_time_s = telemetry.time_s;
-  s.last_telemetry = telemetry;
-  s.last_tracked = report.odometry.tracked;
+  s.tracking.on_frame(link);
+  if (!link.tracked) s.on_track_broken();
+
   if (usable) {
-    followed.job = s.anchor_job(grey, telemetry.time_s);
+    result.job = s.begin_match(grey);
   } else {
-    report.anchor.verdict = AnchorVerdict::frame_unfit;
+    result.report.anchor.verdict = AnchorVerdict::frame_unfit;
   }
-  report.estimate = s.tell(telemetry, false, report.odometry.tracked);
-  report.belief = s.belief();
-  s.told.push_back(report.estimate);
-  return followed;
+  result.report.estimate = s.estimate(false);
+  result.report.state = state_estimate(*s.filter, s.telemetry.reference);
+  s.published.estimates.push_back(result.report.estimate);
+  return result;
 }
 
 FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
-  State& s = *state_;
+  Impl& s = *impl_;
   FrameReport report;
-  if (job->match) report.anchor = s.judge(*job);
-  const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
-  if (anchored) {
-    const double heading_before_rad = s.believed().heading_rad;
-    s.take_anchor(*job, report.anchor);
-    s.forget_picture_if_turned(heading_before_rad);
-    report.anchored = s.taken_pose;
+  if (job->match) {
+    AnchorDecision decision = s.acceptance.decide(*job->match, job->context, s.last_anchor.has_value(),
+                                                  job->segment == s.tracking.segment());
+    report.anchor = std::move(decision.report);
+    s.window.record_attempt(report.anchor.verdict);
+    s.matching.last_failed = report.anchor.verdict != AnchorVerdict::accepted;
+    if (decision.contradiction_m) s.published.contradiction_m = *decision.contradiction_m;
+    if (decision.inflate_position_m) s.steps[job->step].contradicted_anchor_sigma_m = decision.inflate_position_m;
   }
-  s.job_out = false;
-  const bool last_frame = job->step + 1 == s.log.size();
-  report.estimate = s.tell(s.last_telemetry, anchored && last_frame, s.last_tracked);
-  report.belief = s.belief();
-  s.told.back() = report.estimate;
+  const bool anchored = report.anchor.verdict == AnchorVerdict::accepted;
+  if (anchored) report.anchor_pose = s.update_with_anchor(*job, report.anchor);
+  s.matching.job_out = false;
+  report.estimate = s.estimate(anchored && job->step + 1 == s.steps.size());
+  report.state = state_estimate(*s.filter, s.telemetry.reference);
+  s.published.estimates.back() = report.estimate;
   return report;
 }
 
-void Localizer::State::begin_frame(const Telemetry& telemetry, double seconds) {
-  const bool height_was_measured = height_measured;
-  height_measured = telemetry.agl_m.has_value();
-  height_steady = height_measured && height_was_measured;
-  if (height_measured) measured_agl_m = *telemetry.agl_m;
-  if (measured_agl_m <= 0) measured_agl_m = config.assumed_agl_m;
-  measured_tilt_rad = {telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
-  if (!flight) {
+// ---- Prediction
+
+// Returns the seconds since the last frame.
+double Localizer::Impl::predict(const Telemetry& plausible) {
+  const double seconds = telemetry.last_time_s ? plausible.time_s - *telemetry.last_time_s : 0;
+  telemetry.height_steady = telemetry.height_measured && plausible.agl_m;
+  telemetry.height_measured = plausible.agl_m.has_value();
+  TelemetryReference& reference = telemetry.reference;
+  if (telemetry.height_measured) reference.agl_m = *plausible.agl_m;
+  if (reference.agl_m <= 0) reference.agl_m = config.assumed_agl_m;
+  reference.tilt_rad = {plausible.pitch_rad.value_or(0), plausible.roll_rad.value_or(0)};
+  telemetry.last_time_s = plausible.time_s;
+  telemetry.last = plausible;
+
+  if (!filter) {
     const auto [position, sigma_m] = start_position();
-    flight.emplace(uncertainty, tilt_logged, position, sigma_m);
-    fresh = flight;
+    filter.emplace(uncertainty, telemetry.tilt_logged, position, sigma_m);
+    initial = filter;
   }
-  FlightStep& step = log.emplace_back();
+  FlightStep& step = steps.emplace_back();
   step.seconds = seconds;
-  step.way = telemetry.way;
-  step.measured_heading_rad = telemetry.heading_rad;
-  step.tilt_measured = telemetry.pitch_rad && telemetry.roll_rad;
-  step.imu_dv_mps = telemetry.imu_dv_mps;
-  step.measured_agl_m = measured_agl_m;
-  step.measured_tilt_rad = measured_tilt_rad;
-  carry_to(*flight, step);
-  if (height_steady) return;
-  step.height_doubt = height_measured ? uncertainty.agl_relative : kUnmeasuredHeightSigma;
-  flight->doubt_height(*step.height_doubt);
+  step.intervals = plausible.intervals;
+  step.measured_heading_rad = plausible.heading_rad;
+  step.tilt_measured = plausible.pitch_rad && plausible.roll_rad;
+  step.imu_dv_mps = plausible.imu_dv_mps;
+  step.reference = reference;
+  propagate_to(*filter, step);
+  if (!telemetry.height_steady) {
+    step.height_reset_sigma =
+        telemetry.height_measured ? uncertainty.agl_relative : parameters::tracking::kUnmeasuredHeightSigma;
+    filter->reset_height(*step.height_reset_sigma);
+  }
+  return seconds;
 }
 
 // Without a start: anywhere in the area.
-std::pair<Eigen::Vector2d, double> Localizer::State::start_position() const {
+std::pair<Eigen::Vector2d, double> Localizer::Impl::start_position() const {
   if (start) {
     const Enu at = frame.enu_from_lonlat(*start);
     return {{at.east_m, at.north_m}, config.start_sigma_m};
@@ -127,78 +302,302 @@ std::pair<Eigen::Vector2d, double> Localizer::State::start_position() const {
           std::max({kLeastLostSigma_m, box.east_m - box.west_m, box.north_m - box.south_m})};
 }
 
-Believed Localizer::State::believed() const {
-  const auto& x = flight->state();
-  return {x[FlightFilter::log_height], x[FlightFilter::heading], x[FlightFilter::pitch], x[FlightFilter::roll]};
+// ---- Odometry
+
+OdometryFrame Localizer::Impl::odometry_frame(const cv::Mat& grey) const {
+  using namespace parameters::tracking;
+  const CameraPose pose = pose_of(filter->state(), telemetry.reference);
+  const double footprint = footprint_side_m(camera, pose.agl_m);
+  OdometryFrame seen;
+  seen.grey = grey;
+  seen.camera = camera;
+  seen.linearization_point = linearization_point(filter->state());
+  seen.agl_m = pose.agl_m;
+  seen.attitude = pose.attitude;
+  seen.heading_sigma_rad = telemetry.last.heading_rad
+                               ? std::max(kMinTurnSigma_rad, kTurnSigmaShare * uncertainty.heading_rad)
+                               : kUnknownTurnSigma_rad;
+  seen.tilt_sigma_rad = filter->white_tilt_sigma_rad();
+  // An unknown slope of the ground tilts both images alike, as an unknown boresight does.
+  const double slope = surface->relief_sigma_m() / footprint;
+  seen.boresight_covariance_rad2 =
+      filter->covariance().block<2, 2>(FlightFilter::pitch_bias, FlightFilter::pitch_bias) +
+      slope * slope * Eigen::Matrix2d::Identity();
+  seen.ground_slope = ground_slope(*surface, pose.position, footprint / kSlopeBaselineDivisor);
+  seen.relief_sigma_m = surface->relief_sigma_m();
+  seen.relative_height_sigma =
+      telemetry.height_steady ? kSteadyHeightShare * uncertainty.agl_relative : kUnmeasuredHeightSigma;
+  return seen;
 }
 
-CameraPose Localizer::State::predicted_pose() const {
-  const Believed belief = believed();
-  CameraPose pose;
-  pose.agl_m = measured_agl_m * std::exp(belief.log_height);
-  pose.attitude = {belief.heading_rad, measured_tilt_rad.x() + belief.pitch_rad, measured_tilt_rad.y() + belief.roll_rad};
-  pose.position = {flight->position_m().x(), flight->position_m().y()};
+bool Localizer::Impl::update_with_odometry(const cv::Mat& grey, OdometryReport& report) {
+  const OdometryFrame seen = odometry_frame(grey);
+  const auto motion = odometry->track(seen);
+  if (!motion) return false;
+  report.inliers = motion->inliers;
+  report.step_m = motion->displacement_m.norm();
+  FlightStep& step = steps.back();
+  if (exceeds_reach(*filter, report.step_m, step.seconds, footprint_m())) return false;
+  RelativeMotionMeasurement measurement = motion->measurement;
+  inflate_unknown_slope(measurement, surface->relief_sigma_m() / footprint_side_m(camera, seen.agl_m));
+  const double turn_rad = std::abs(wrap_pi(measurement.value[3]));
+  const bool contradicted = contradicts_turn(turn_rad, seen.heading_sigma_rad);
+  if (contradicted) {
+    step.contradicted_turn_rad = turn_rad;
+    filter->inflate_heading(turn_rad);
+  } else {
+    published.withheld_m += filter->update_relative(measurement);
+    step.relative_motion = measurement;
+  }
+  step.wrong_course_sigma_m = course.on_step(contradicted, filter->sigma(FlightFilter::heading), report.step_m);
+  if (step.wrong_course_sigma_m) filter->inflate_position(*step.wrong_course_sigma_m);
+  return !contradicted;
+}
+
+void Localizer::Impl::on_track_broken() {
+  published.withheld_m.setZero();
+  acceptance.on_track_broken();
+}
+
+// ---- Matching with the map
+
+bool Localizer::Impl::match_due() const {
+  if (config.anchor_every_m <= 0 || !last_anchor || !tracking.unbroken() || matching.last_failed) return true;
+  return filter->position_sigma_m() > config.anchor_above_sigma_m ||
+         (filter->position_m() - last_anchor->position_m).norm() >= config.anchor_every_m;
+}
+
+// On the ground and right after take-off an image shows a few pixels of the map, which are everywhere: searching all of
+// the area for them takes a minute, in which no other frame is matched.
+bool Localizer::Impl::too_low_to_match() const {
+  const double map_gsd_m = ground_resolution_m(tiles->zooms().max, frame.origin().lat_deg);
+  return lost() && footprint_m() < kMinFootprint_px * map_gsd_m;
+}
+
+std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
+  if (matching.job_out || tiles == nullptr || (!placed && !config.area) || !match_due() || too_low_to_match()) {
+    return nullptr;
+  }
+  apply_hint();
+  AnchorContext context;
+  context.prior = anchor_prior();
+  context.prediction = {.sigma_m = filter->position_sigma_m(),
+                        .healthy = tracking.unbroken() && last_anchor,
+                        .lost = lost(),
+                        .before_first_anchor = !last_anchor,
+                        .odometry_linked = tracking.tracked(),
+                        .tracking_broken = tracking.broken()};
+  context.position_m = filter->position_m();
+  context.position_covariance_m2 = filter->position_covariance_m2();
+  context.measured_agl_m = telemetry.reference.agl_m;
+  context.footprint_m = footprint_m();
+  context.tilt_missing = filter->tilt_missing();
+  std::optional<LostSearch> where;
+  if (context.prediction.lost) where = lost_search();
+  auto match_frame = [this, grey, where, begin = context.prior](const Cancel& cancel) {
+    AnchorPrior prior = begin;
+    prior.cancel = cancel;
+    return where ? match_lost(grey, prior, *where) : matcher->match(grey, prior);
+  };
+  matching.job_out = true;
+  return std::make_unique<AnchorJob>(AnchorJob{.match_frame = std::move(match_frame),
+                                               .match = std::nullopt,
+                                               .step = steps.size() - 1,
+                                               .time_s = telemetry.last.time_s,
+                                               .segment = tracking.segment(),
+                                               .reference = telemetry.reference,
+                                               .flight = *filter,
+                                               .context = context,
+                                               .searches_everywhere = where && !where->hint});
+}
+
+AnchorPrior Localizer::Impl::anchor_prior() const {
+  AnchorPrior prior;
+  const double height_sigma = std::max(kMinHeightSigma, filter->sigma(FlightFilter::log_height));
+  prior.search.pose = pose_of(filter->state(), telemetry.reference);
+  prior.search.radius_m = window.radius_m(filter->position_sigma_m());
+  prior.heading_sigma_rad = filter->sigma(FlightFilter::heading);
+  prior.search.heading_range_rad = std::min(kPi, kHeadingSigmas * prior.heading_sigma_rad);
+  prior.search.scale_range = kScaleSigmas * height_sigma;
+  prior.log_agl_sigma = height_sigma;
+  prior.tilt_covariance_rad2 = filter->covariance().block<2, 2>(FlightFilter::pitch, FlightFilter::pitch) +
+                               kMinTiltVariance_rad2 * Eigen::Matrix2d::Identity();
+  return prior;
+}
+
+LostSearch Localizer::Impl::lost_search() {
+  const Eigen::Vector2d position = filter->position_m();
+  const double sigma_m = filter->position_sigma_m();
+  LostSearch where{window.reachable_area(placed, position, sigma_m), std::nullopt, {}};
+  if (operator_hint) where.hint = operator_hint->box(position, sigma_m, config.area);
+  where.part = window.next_part(where.area, position);
+  return where;
+}
+
+AnchorMatch Localizer::Impl::match_lost(const cv::Mat& grey, const AnchorPrior& prior, const LostSearch& where) const {
+  const auto plausible = [&](const AnchorMatch& match) {
+    const AnchorVerdict verdict = evaluate_anchor(match, prior, {.lost = true}, config.gates);
+    return verdict == AnchorVerdict::accepted || verdict == AnchorVerdict::awaiting_votes;
+  };
+  const auto among = [&](const SearchSuggestions& suggested) {
+    return matcher->match_among(grey, prior, where.area, suggested);
+  };
+  if (where.hint || config.places != nullptr) {
+    AnchorMatch match = among({where.hint, config.places});
+    if (plausible(match)) return match;
+  }
+  // The place index is right for most frames: for the others it suffices to search a part at a time.
+  if (config.places != nullptr) return among({where.part, nullptr});
+  return matcher->match_anywhere(grey, prior, where.area);
+}
+
+// ---- An operator's hint
+
+void Localizer::hint(const LonLat& at, double radius_m) {
+  const bool place = std::abs(at.lon_deg) <= 180 && std::abs(at.lat_deg) <= 90;  // false for NaN too
+  if (!place || !(radius_m > 0) || !std::isfinite(radius_m)) {
+    throw UsageError({.what = "the hint is no place",
+                      .expected = "longitude, latitude and a radius above 0 m",
+                      .found = std::to_string(at.lon_deg) + "," + std::to_string(at.lat_deg) + " within " +
+                               std::to_string(radius_m) + " m"});
+  }
+  const Enu there = impl_->frame.enu_from_lonlat(at);
+  impl_->operator_hint.emplace(Eigen::Vector2d(there.east_m, there.north_m), radius_m);
+}
+
+// A start that was given once is worth no more than a hint that is given now.
+void Localizer::Impl::apply_hint() {
+  if (!operator_hint || operator_hint->propagating()) return;
+  acceptance.on_hint();
+  const double off_m = (operator_hint->at_m() - filter->position_m()).norm();
+  const bool anchored = tracking.unbroken() && last_anchor;
+  if (placed && !anchored && off_m > operator_hint->radius_m() + kOutsideHintSigmas * filter->position_sigma_m()) {
+    steps.back().hint_sigma_m = off_m;
+    filter->inflate_position(off_m);
+  }
+  operator_hint->start_propagation(filter->position_m(), filter->position_sigma_m());
+}
+
+// ---- Update with an accepted anchor
+
+// The covariance is larger than the solver's: by what the solver does not model; by what anchors over the same ground
+// share (its slope and roofs, the map's own warps: those within a stretch count as one, however many frames there were);
+// and, where most patches matched something else, by the chance that those which agree are the wrong ones.
+PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const AnchorReport& report) const {
+  const SolvedPose& solved = *job.match->solved;
+  const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
+  double shared = 1;
+  if (last_anchor) {
+    const double stretch_m = kSharedErrorFootprints * job.context.footprint_m;
+    shared = std::max(1.0, stretch_m / std::max(1.0, (position - last_anchor->position_m).norm()));
+  }
+  double wrong_consensus_m2 = 0;
+  if (!report.corroborated && report.inliers < config.gates.most_inlier_share * report.patches) {
+    const double sigma_m = kWrongConsensusSigma_px * report.matching_gsd_m;
+    wrong_consensus_m2 = sigma_m * sigma_m;
+  }
+  PoseMeasurement measurement = pose_measurement(solved, job.reference);
+  measurement.covariance *= anchor_model_error_factor(job.context.tilt_missing) * shared;
+  measurement.covariance.topLeftCorner<2, 2>() += wrong_consensus_m2 * Eigen::Matrix2d::Identity();
+  measurement.covariance(2, 2) += kMinHeightSigma * kMinHeightSigma;
+  return measurement;
+}
+
+FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const AnchorReport& report) {
+  const double heading_before_rad = filter->state()[FlightFilter::heading];
+  const AnchorMatch& match = *job.match;
+  FlightStep& step = steps[job.step];
+  step.anchor = anchor_measurement(job, report);
+  step.anchor_unambiguous = match.search.ratio < config.gates.clear_ratio &&
+                            match.solved->inliers >= config.gates.sure_inlier_share * match.patches;
+  filter = job.flight;
+  if (step.contradicted_anchor_sigma_m) filter->inflate_position(*step.contradicted_anchor_sigma_m);
+  filter->update_absolute(*step.anchor);
+  const FramePose pose = anchor_pose(job);
+
+  const PlanePoint at = match.solved->pose.position;
+  last_anchor = LastAnchor{job.time_s, {at.east_m, at.north_m}, match.solved->inliers, match.search.ratio};
+  published.withheld_m.setZero();
+  published.contradiction_m.setZero();
+  acceptance.on_anchor();
+  operator_hint.reset();
+  placed = true;
+  tracking.on_anchor(job.segment == tracking.segment());
+
+  // The frames that were tracked meanwhile, again.
+  for (std::size_t i = job.step + 1; i < steps.size(); ++i) {
+    published.withheld_m += apply_step(*filter, steps[i], true);
+    if (!steps[i].relative_motion) published.withheld_m.setZero();
+  }
+  // The last frame was processed with the heading of before: no motion from it is linear about a far one.
+  if (std::abs(wrap_pi(filter->state()[FlightFilter::heading] - heading_before_rad)) >
+      parameters::tracking::kContradictedTurn_rad) {
+    odometry->reset();
+    tracking.unlink();
+  }
   return pose;
 }
 
-// What no number of anchors averages out: the map's own error, and what grows with height because no model has it
-// (lens, relief, the moment of the telemetry).
-Eigen::Matrix2d Localizer::State::shared_error_m2() const {
+// ---- Publishing
+
+// What no number of anchors averages out: the map's own error, and what grows with height because no model has it.
+Eigen::Matrix2d Localizer::Impl::shared_error_m2() const {
   if (tiles == nullptr) return Eigen::Matrix2d::Zero();
-  return Eigen::Matrix2d::Identity() * (config.map_sigma_m * config.map_sigma_m + unmodelled_m2(measured_agl_m));
+  return Eigen::Matrix2d::Identity() *
+         (config.map_sigma_m * config.map_sigma_m + unmodelled_variance_m2(telemetry.reference.agl_m));
 }
 
-double Localizer::State::unmodelled_m2(double agl_m) const {
-  const double sigma_m = kUnmodelled_rad * agl_m;
-  return sigma_m * sigma_m;
-}
-
-StateEstimate Localizer::State::belief() const {
-  const auto& x = flight->state();
-  const auto& p = flight->covariance();
-  StateEstimate belief;
-  belief.velocity_mps = x.segment<2>(FlightFilter::velocity_east);
-  belief.velocity_sigma_mps =
-      std::sqrt(0.5 * p.block<2, 2>(FlightFilter::velocity_east, FlightFilter::velocity_east).trace());
-  belief.heading_rad = x[FlightFilter::heading];
-  belief.heading_sigma_rad = flight->sigma(FlightFilter::heading);
-  belief.agl_m = measured_agl_m * std::exp(x[FlightFilter::log_height]);
-  belief.agl_sigma_m = belief.agl_m * flight->sigma(FlightFilter::log_height);
-  return belief;
-}
-
-Estimate Localizer::State::tell(const Telemetry& telemetry, bool anchored, bool tracked) {
+Estimate Localizer::Impl::estimate(bool anchored) const {
   Estimate estimate;
-  estimate.frame = telemetry.frame;
-  estimate.time_s = telemetry.time_s;
-  estimate.segment = segment;
-  if (last_anchor_s)
-    estimate.anchor_age_s = std::max(telemetry.time_s - *last_anchor_s, 0.0);  // clocks may be set back
-  estimate.anchor_inliers = last_anchor_inliers;
-  estimate.anchor_ratio = last_anchor_ratio;
+  estimate.frame = telemetry.last.frame;
+  estimate.time_s = telemetry.last.time_s;
+  estimate.segment = tracking.segment();
+  if (last_anchor) {
+    estimate.anchor_age_s = std::max(telemetry.last.time_s - last_anchor->time_s, 0.0);  // clocks may be set back
+    estimate.anchor_inliers = last_anchor->inliers;
+    estimate.anchor_ratio = last_anchor->ratio;
+  }
   if (!placed) return estimate;
-  estimate.covariance_m2 = flight->position_covariance_m2() + held_back_m * held_back_m.transpose() +
-                           contradicted_m * contradicted_m.transpose() +
-                           (last_anchor_s ? shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
+  const bool tracked = tracking.tracked();
+  estimate.covariance_m2 = filter->position_covariance_m2() + published.withheld_m * published.withheld_m.transpose() +
+                           published.contradiction_m * published.contradiction_m.transpose() +
+                           (last_anchor ? shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
   estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
-  estimate.source = anchored                                    ? SourceLabel::satellite_anchored
-                    : tracked && (unbroken || tiles == nullptr) ? SourceLabel::vo_extrapolated
-                                                                : SourceLabel::dead_reckoned;
-  if (log.size() == 1 && !anchored) estimate.source = SourceLabel::dead_reckoned;
+  estimate.source = anchored                                               ? SourceLabel::satellite_anchored
+                    : tracked && (tracking.unbroken() || tiles == nullptr) ? SourceLabel::vo_extrapolated
+                                                                           : SourceLabel::dead_reckoned;
+  if (steps.size() == 1 && !anchored) estimate.source = SourceLabel::dead_reckoned;
   if (estimate.sigma_m > config.no_fix_sigma_m) estimate.source = SourceLabel::no_fix;
   if (estimate.source != SourceLabel::no_fix) {
-    const Eigen::Vector2d at = flight->position_m() - held_back_m;
+    const Eigen::Vector2d at = filter->position_m() - published.withheld_m;
     estimate.position = frame.lonlat_from_enu(at.x(), at.y());
   }
   return estimate;
 }
 
+FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
+  FramePose result;
+  result.pose = pose_of(filter->state(), job.reference);
+  result.covariance_m2 = filter->position_covariance_m2() + shared_error_m2();
+  result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
+  result.source = SourceLabel::satellite_anchored;
+  const AnchorPrediction& prediction = job.context.prediction;
+  const Eigen::Vector2d correction_m = filter->position_m() - job.flight.position_m();
+  const bool predicted =
+      prediction.healthy && prediction.sigma_m <= kSharpPrediction_m && job.segment == tracking.segment() &&
+      correction_m.squaredNorm() <= config.gates.chi2_999 * prediction.sigma_m * prediction.sigma_m;
+  result.confirmed = predicted || steps[job.step].anchor_unambiguous;
+  return result;
+}
+
+// ---- After the flight
+
 std::vector<Estimate> Localizer::refined() const {
-  const State& s = *state_;
-  std::vector<Estimate> estimates = s.told;
-  if (!s.placed || !s.flight) return estimates;
-  const auto smoothed = smooth_flight(*s.fresh, s.log).frames;
-  const Eigen::Matrix2d map_error = s.last_anchor_s ? s.shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero());
+  const Impl& s = *impl_;
+  std::vector<Estimate> estimates = s.published.estimates;
+  if (!s.placed || !s.filter) return estimates;
+  const auto smoothed = smooth_flight(*s.initial, s.steps).frames;
+  const Eigen::Matrix2d map_error = s.last_anchor ? s.shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero());
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     Estimate& estimate = estimates[i];
     estimate.covariance_m2 = smoothed[i].covariance_m2 + map_error;
@@ -210,6 +609,27 @@ std::vector<Estimate> Localizer::refined() const {
     if (known) estimate.position = s.frame.lonlat_from_enu(smoothed[i].position_m.x(), smoothed[i].position_m.y());
   }
   return estimates;
+}
+
+std::vector<std::optional<FramePose>> Localizer::refined_poses() const {
+  const Impl& s = *impl_;
+  std::vector<std::optional<FramePose>> poses(s.steps.size());
+  if (!s.placed || !s.filter) return poses;
+  const SmoothedFlight smoothed = smooth_flight(*s.initial, s.steps);
+  std::vector<bool> kept(s.steps.size());
+  for (std::size_t i = 0; i < s.steps.size(); ++i) kept[i] = s.steps[i].anchor.has_value();
+  for (const std::size_t i : smoothed.rejected_anchors) kept[i] = false;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    if (!kept[i]) continue;
+    FramePose& result = poses[i].emplace();
+    result.pose = pose_of(smoothed.frames[i].state, s.steps[i].reference);
+    result.covariance_m2 = smoothed.frames[i].covariance_m2 + s.shared_error_m2();
+    result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
+    result.source = SourceLabel::satellite_anchored;
+    result.confirmed = s.steps[i].anchor_unambiguous || corroborated_by_another(s.steps, kept, i);
+    result.refined = true;
+  }
+  return poses;
 }
 
 }  // namespace nadir

@@ -1,56 +1,82 @@
 // The localizer: frames and telemetry in, estimates out. The same object flies in nadird, replays flights and stands
 // behind the API; it reads no clock and no files but the map's tiles.
 //
-// The path of one frame is Localizer::process(), which reads like the walk in docs/concepts.md. Looking at the map
-// takes longer than a frame may wait in flight: follow() and finish() are the same walk in two parts, and what lies
-// between them may run elsewhere while other frames are followed.
+// Localizer::process() is the path of one frame, as docs/localization.md walks it. Matching with the map takes longer
+// than a frame may wait in flight: track() and finish() are the same path in two parts, and the AnchorJob between them
+// may run elsewhere while other frames are tracked. An anchor counts for the frame that it was taken from: the filter
+// returns to that moment, is updated, and applies the later steps again.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <vector>
 
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 #include "estimation/estimate.hpp"
-#include "estimation/odometry.hpp"
+#include "vision/localizer_parameters.hpp"
+#include "estimation/flight_filter.hpp"
 #include "estimation/telemetry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/tile_source.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 #include "vision/ground_surface.hpp"
-#include "vision/place_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 
+class CheckedTiles;
+
 struct LocalizerConfig {
   GateLimits gates;
-  double start_sigma_m = 50;  // of the start position, one axis
+  double start_sigma_m = parameters::localizer::kStartSigma_m;  // of the start position, one axis
   // The start is what this flight knew before its program was restarted. The map has agreed with the flight before, so
-  // that frames which agree with each other overrule such a start; one told by others they do not, for maps may lie.
+  // that frames which agree with each other overrule such a start. Any other start they do not: the map may be wrong.
   bool resumed = false;
-  double min_search_radius_m = 60;  // half side of the searched square
-  double max_search_radius_m = 1200;
-  double no_fix_sigma_m = 500;  // beyond this no position is told
-  double map_sigma_m = 2.8;     // one axis of the map's own error, see map_sigma_from_ce90()
-  double assumed_agl_m = 120;   // only when telemetry never tells the height
-  // A healthy flight need not look at the map for every frame: after so much way, or when less sure than this (one
-  // axis). 0 m: every frame.
+  double min_search_radius_m = parameters::search_window::kMinRadius_m;  // half side of the searched square
+  double max_search_radius_m = parameters::search_window::kMaxRadius_m;
+  double no_fix_sigma_m = parameters::localizer::kNoFixSigma_m;  // beyond this no position is published
+  double map_sigma_m = parameters::localizer::kMapSigma_m;  // one axis of the map's own error, see map_sigma_from_ce90()
+  double assumed_agl_m = parameters::localizer::kAssumedAgl_m;  // only until telemetry has a height
+  // A healthy flight need not match every frame with the map: after so long a displacement, or when less certain than
+  // this (one axis). 0 m: every frame.
   double anchor_every_m = 0;
-  double anchor_above_sigma_m = 5;
+  double anchor_above_sigma_m = parameters::localizer::kMatchAboveSigma_m;
   std::optional<PlaneBox> area;            // where the flight can be at all: searched when the start is not known
   const GroundSurface* surface = nullptr;  // terrain; null: flat ground. Must outlive the localizer.
-  // Names places that look alike (a package's place index), so that one who is lost need not search all of the area at
+  // A package's place index: names places that look alike, so that a lost aircraft need not search all of the area at
   // once; null: it does. Must outlive the localizer.
   const PlaceRetrieval* places = nullptr;
   OdometryFactory odometry = make_feature_odometry;
   MapMatcherFactory matcher = make_channel_matcher;
 };
 
-// One axis' sigma of a circular error given as CE90.
+// 1-σ error per axis of a circular error given as CE90: CE90 / √(-2 ln(1 - 0.9)).
 double map_sigma_from_ce90(double ce90_m);
+// The same from the worst CE90 that a package's tiles state.
+double map_sigma_m(const CheckedTiles& tiles);
 
-class AnchorJob;
+// One frame to be matched with the map: a snapshot of what was predicted for it, and the result.
+class AnchorJob {
+ public:
+  // The heavy part, 0.1 s to some seconds. On any thread; the localizer hands out one job at a time.
+  // When cancelled, or when matching fails, it throws, and the job is one that never ran.
+  void run(const Cancel& cancel = {}) { match = match_frame(cancel); }
+
+  // The rest is the localizer's own.
+  std::function<AnchorMatch(const Cancel&)> match_frame;
+  std::optional<AnchorMatch> match;  // once it has run
+
+  std::size_t step = 0;  // in the flight's log
+  double time_s = 0;
+  int segment = 0;
+  TelemetryReference reference;
+  FlightFilter flight;  // as it was
+  AnchorContext context;
+  bool searches_everywhere = false;  // no prediction and no hint: all of the area, for half a minute perhaps
+};
 
 class Localizer {
  public:
@@ -61,22 +87,22 @@ class Localizer {
   ~Localizer();
 
   // image: CV_8UC1 or CV_8UC3 of the camera's size; empty when the frame could not be decoded.
-  FrameReport process(const cv::Mat& image, const Telemetry& told);
+  FrameReport process(const cv::Mat& image, const Telemetry& measured);
 
-  // The frame without the map. `job`: to be run and handed to finish(); none when there is nothing to look for, or
-  // while another one is out.
-  struct Followed {
+  // The frame without the map. `job`: to be run and handed to finish(); none when there is nothing to match, or while
+  // another one is out.
+  struct TrackedFrame {
     FrameReport report;
     std::unique_ptr<AnchorJob> job;
   };
-  Followed follow(const cv::Mat& image, const Telemetry& told);
-  // What the map said of the job's frame, however many were followed since. The anchor report is of that frame, the
-  // estimate of the last one followed: it has been thought over from the job's frame on.
+  TrackedFrame track(const cv::Mat& image, const Telemetry& measured);
+  // The result of matching the job's frame, however many were tracked since. The anchor report is of that frame, the
+  // estimate of the last one tracked, given the anchor.
   FrameReport finish(std::unique_ptr<AnchorJob> job);
 
-  // An operator says where the aircraft is, within radius_m. Looked at first while no healthy prediction is there, and
-  // forgotten with the next anchor. It moves no position: one that it contradicts, and that no anchor has confirmed
-  // without a break, is doubted by as much as the two lie apart. Throws UsageError for what is no place or no radius.
+  // An operator says where the aircraft is, within radius_m. Searched first while there is no healthy prediction, and
+  // dropped with the next anchor. It moves no position: one that it contradicts, and that no anchor supports without a
+  // break, is inflated by their distance. Throws UsageError for an invalid position or radius.
   void hint(const LonLat& at, double radius_m);
 
   // All frames so far after smoothing with all anchors: same order, same fields.
@@ -86,8 +112,8 @@ class Localizer {
   std::vector<std::optional<FramePose>> refined_poses() const;
 
  private:
-  struct State;
-  std::unique_ptr<State> state_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace nadir

@@ -1,4 +1,4 @@
-// Where a position comes from, in one word: what everybody downstream may make of it.
+// Where a position comes from: how far everything downstream may rely on it. The names are stable.
 #pragma once
 
 #include <string_view>
@@ -7,9 +7,9 @@ namespace nadir {
 
 enum class SourceLabel {
   satellite_anchored,  // this frame itself was matched with fresh, trusted map
-  vo_extrapolated,     // carried from the last anchor by visual odometry
-  dead_reckoned,       // carried by velocity or IMU alone
-  no_fix,              // not known well enough to be said
+  vo_extrapolated,     // propagated from the last anchor by visual odometry
+  dead_reckoned,       // propagated by velocity or IMU alone
+  no_fix,              // not known well enough to be published
 };
 
 constexpr std::string_view name_of(SourceLabel label) {

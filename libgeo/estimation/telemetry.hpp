@@ -1,4 +1,4 @@
-// What the autopilot knows at the moment of a picture. Everything but the time may be unknown.
+// What the autopilot measured at the moment of a frame. Everything but the time may be unknown.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,7 +10,7 @@
 
 namespace nadir {
 
-// A stretch of the way at whose end there was no picture.
+// A part of the time between two frames, at whose end there is no frame.
 struct TelemetryInterval {
   double seconds = 0;
   std::optional<double> heading_rad;          // at its end; as in Telemetry
@@ -18,19 +18,24 @@ struct TelemetryInterval {
 };
 
 struct Telemetry {
-  std::string frame;  // file name of the picture
+  std::string frame;  // file name of the image
   double time_s = 0;
   std::optional<double> agl_m;        // height above ground
   std::optional<double> heading_rad;  // of image-up, clockwise from true north
   std::optional<double> pitch_rad;    // see vision/camera_model.hpp for the signs
   std::optional<double> roll_rad;
-  // What was told between the last telemetry and this one, in order, where that is long: two opposite turns leave no
-  // trace in what is true at both ends. The stretches end before time_s.
-  std::vector<TelemetryInterval> way;
-  // Change of velocity since the last telemetry, or since the end of the way, east and north (m/s): the
-  // accelerometer's, gravity removed, turned by the autopilot's attitude. Who leaves frames out adds theirs up.
+  // What was measured between the last telemetry and this one, in order, where that is long: two opposite turns leave no
+  // trace in what is true at both ends. The intervals end before time_s.
+  std::vector<TelemetryInterval> intervals;
+  // Change of velocity since the last telemetry, or since the last interval, east and north (m/s): the accelerometer's,
+  // gravity removed, rotated by the autopilot's attitude. Whoever leaves frames out adds theirs up.
   std::optional<Eigen::Vector2d> imu_dv_mps;
-  std::optional<LonLat> place;  // if some other source knows it; never used by the localizer as truth
+  std::optional<LonLat> place;  // position from another source, if any; the localizer never uses it
 };
+
+// Implausible values become unknown: NaN, heights below 1 m or above 30 km, absurd angles and accelerations, intervals
+// longer than the time between the frames. An autopilot's NaN must not reach the filter, which would keep it for ever.
+// A time that is not finite becomes last_time_s.
+Telemetry plausible_telemetry(Telemetry telemetry, double last_time_s);
 
 }  // namespace nadir

@@ -9,8 +9,7 @@
 namespace nadir {
 namespace {
 
-constexpr double kLeastCell_m = 250;
-constexpr double kMostCells = 1000;  // a side
+using namespace parameters::terrain;
 
 // The smallest box of the plane around the raster: its border bulges a little, so it is walked.
 PlaneBox box_around(const TerrainGrid& grid, const LocalFrame& frame) {
@@ -59,13 +58,13 @@ std::vector<float> without_holes(std::span<const float> heights, const TerrainGr
   return filled;
 }
 
-// Where a place lies in a table: the cell before it and how far into that.
+// Where a position lies in a table: the cell before it and the share of that cell.
 struct Cell {
   std::size_t index = 0;
   double share = 0;
 };
 Cell cell_of(double at, int nodes) {
-  if (nodes < 2 || !(at > 0)) return {};  // also what is no number
+  if (nodes < 2 || !(at > 0)) return {};  // NaN too
   const double inside = std::min(at, nodes - 1.0);
   const auto index = std::min(static_cast<std::size_t>(inside), static_cast<std::size_t>(nodes - 2));
   return {index, inside - static_cast<double>(index)};
@@ -85,7 +84,7 @@ TerrainSurface::TerrainSurface(const TerrainRaster& raster, const LocalFrame& fr
     heights_m_ = filled_;
   }
   const double width_m = box_.east_m - box_.west_m, height_m = box_.north_m - box_.south_m;
-  cell_m_ = std::max(kLeastCell_m, std::max(width_m, height_m) / kMostCells);
+  cell_m_ = std::max(kMinCell_m, std::max(width_m, height_m) / kMaxCells);
   cell_columns_ = static_cast<int>(std::ceil(width_m / cell_m_)) + 1;
   cell_rows_ = static_cast<int>(std::ceil(height_m / cell_m_)) + 1;
   posts_.reserve(static_cast<std::size_t>(cell_columns_) * static_cast<std::size_t>(cell_rows_));
@@ -121,5 +120,13 @@ double TerrainSurface::raster_height_m(Post post) const {
 }
 
 double TerrainSurface::height_m(PlanePoint point) const { return raster_height_m(post_at(point)) - plane_height_m_; }
+
+Eigen::Vector2d ground_slope(const GroundSurface& surface, PlanePoint at, double baseline_m) {
+  const auto rise = [&](double east, double north) {
+    return surface.height_m({at.east_m + east * baseline_m, at.north_m + north * baseline_m}) -
+           surface.height_m({at.east_m - east * baseline_m, at.north_m - north * baseline_m});
+  };
+  return Eigen::Vector2d(rise(1, 0), rise(0, 1)) / (2 * baseline_m);
+}
 
 }  // namespace nadir

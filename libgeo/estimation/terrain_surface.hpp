@@ -1,28 +1,26 @@
 // The ground of a package's elevation model in the plane of the estimates.
 //
-// A place of the plane becomes a place of the raster by interpolation in a coarse table (250 m: a millimetre off), then
-// heights are bilinear between the raster's posts: two dozen multiplications a point. Beyond the raster, and where it
-// does not know, the nearest known height continues: a step down to nothing would look like a cliff.
+// A position in the plane becomes one in the raster by interpolation in a coarse table (250 m: a millimetre off), then
+// heights are bilinear between the raster's posts: two dozen multiplications a point. Beyond the raster, and in its
+// holes, the nearest known height continues: a step down to nothing would look like a cliff.
 #pragma once
 
+#include <Eigen/Core>
 #include <span>
 #include <vector>
 
+#include "vision/localizer_parameters.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "vision/ground_surface.hpp"
 
 namespace nadir {
 
-// What elevation models leave out over a frame's footprint. The global ones state 2 m (90 %) between neighbouring
-// posts, hence about a metre, one sigma; across 200 to 300 m that is a slope of 0.004.
-inline constexpr double kTerrainReliefSigma_m = 1.0;
-
 class TerrainSurface final : public GroundSurface {
  public:
   // raster: must outlive this. plane_height_m: of the plane, in the raster's own heights.
   TerrainSurface(const TerrainRaster& raster, const LocalFrame& frame, double plane_height_m = 0,
-                 double relief_sigma_m = kTerrainReliefSigma_m);
+                 double relief_sigma_m = parameters::terrain::kReliefSigma_m);
   TerrainSurface(const TerrainSurface&) = delete;
   TerrainSurface& operator=(const TerrainSurface&) = delete;
 
@@ -46,5 +44,9 @@ class TerrainSurface final : public GroundSurface {
   int cell_columns_ = 0, cell_rows_ = 0;
   std::vector<Post> posts_;  // at the corners of the table's cells
 };
+
+// Rise over run to the east and the north, over baseline_m to each side. The remaining relief is the surface's
+// relief_sigma_m().
+Eigen::Vector2d ground_slope(const GroundSurface& surface, PlanePoint at, double baseline_m);
 
 }  // namespace nadir

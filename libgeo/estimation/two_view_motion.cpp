@@ -1,25 +1,20 @@
 #include "estimation/two_view_motion.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
-#include "vision/independent_count.hpp"
+#include "vision/localizer_parameters.hpp"
+#include "vision/robust_gauss_newton.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kMinDownComponent = 0.2;  // of a ray: flatter ones see the horizon
+using namespace parameters::two_view_motion;
 
-constexpr double kMostIndependentSights = 100;  // whatever their residuals say
-constexpr double kWorstFit = 5;                 // times what pixels and relief explain: these sights show no one motion
-// Pictures turned so much farther than foretold are not pulled back: they show that the telemetry contradicts them.
-constexpr double kFarTurn_rad = 0.4, kFarTurnSigmas = 4;
-
-// Unknowns: east, north of the motion (m); log of the height ratio; change of heading; pitch and roll of the picture
-// before and of the one now (rad), the last six as corrections of the prior.
+// Unknowns: east, north of the displacement (m); log of the height ratio; change of heading; pitch and roll before and
+// now (rad), the last six as corrections of the prior.
 using Unknowns = Eigen::Matrix<double, 8, 1>;
 using Information = Eigen::Matrix<double, 8, 8>;
 using Jacobian = Eigen::Matrix<double, 2, 8>;
@@ -42,15 +37,15 @@ Poses poses_at(const TwoViewPrior& prior, const Unknowns& u) {
 }
 
 // Where a ray meets the sloping plane.
-std::optional<Eigen::Vector2d> hit(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
-                                   const Eigen::Vector3d& ray, const Eigen::Vector2d& slope) {
+std::optional<Eigen::Vector2d> ground_point(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
+                                            const Eigen::Vector3d& ray, const Eigen::Vector2d& slope) {
   const Eigen::Vector3d direction = enu_from_camera * ray;
   const double down = -direction.z() + slope.dot(direction.head<2>());
   if (down < kMinDownComponent * direction.norm()) return std::nullopt;
   return Eigen::Vector2d(pose.position.east_m, pose.position.north_m) + pose.agl_m / down * direction.head<2>();
 }
 
-// Both poses with their rotations, which all sights share.
+// Both poses with their rotations, shared by all ray pairs.
 class Views {
  public:
   Views(const TwoViewPrior& prior, const Unknowns& u)
@@ -59,18 +54,18 @@ class Views {
         now_(enu_from_camera(poses_.now.attitude)),
         slope_(prior.ground_slope) {}
 
-  struct Hits {
+  struct GroundPoints {
     Eigen::Vector2d before, now;
   };
-  // The two ground points that should be one.
-  std::optional<Hits> hits(const RayPair& sight) const {
-    const auto a = hit(poses_.before, before_, sight.ray_before, slope_);
-    const auto b = hit(poses_.now, now_, sight.ray_now, slope_);
+  // The two ground points that should coincide.
+  std::optional<GroundPoints> ground_points(const RayPair& pair) const {
+    const auto a = ground_point(poses_.before, before_, pair.ray_before, slope_);
+    const auto b = ground_point(poses_.now, now_, pair.ray_now, slope_);
     if (!a || !b) return std::nullopt;
-    return Hits{*a, *b};
+    return GroundPoints{*a, *b};
   }
-  std::optional<Eigen::Vector2d> gap(const RayPair& sight) const {
-    const auto both = hits(sight);
+  std::optional<Eigen::Vector2d> separation(const RayPair& pair) const {
+    const auto both = ground_points(pair);
     if (!both) return std::nullopt;
     return both->now - both->before;
   }
@@ -81,12 +76,12 @@ class Views {
   Eigen::Vector2d slope_;
 };
 
-// The views a small step to both sides of every unknown but the motion, whose derivative is one.
+// The views a small step to both sides of every unknown but the displacement, whose derivative is one.
 class Neighbours {
  public:
   Neighbours(const TwoViewPrior& prior, const Unknowns& u) {
     for (int k = 2; k < 8; ++k) {
-      for (const double step : {kStep, -kStep}) {
+      for (const double step : {kJacobianStep, -kJacobianStep}) {
         Unknowns near = u;
         near[k] += step;
         views_.emplace_back(prior, near);
@@ -94,30 +89,23 @@ class Neighbours {
     }
   }
 
-  std::optional<Jacobian> jacobian_of(const RayPair& sight) const {
-    Jacobian jacobian = Jacobian::Zero();
-    jacobian(0, 0) = jacobian(1, 1) = 1;
-    for (int k = 2; k < 8; ++k) {
-      const auto ahead = static_cast<std::size_t>(2 * (k - 2));
-      const auto a = views_[ahead].gap(sight), b = views_[ahead + 1].gap(sight);
-      if (!a || !b) return std::nullopt;
-      jacobian.col(k) = (*a - *b) / (2 * kStep);
-    }
-    return jacobian;
+  std::optional<Jacobian> jacobian_of(const RayPair& pair) const {
+    const auto view = [this](int k) { return static_cast<std::size_t>(2 * (k - 2)); };
+    return numeric_jacobian<8>([&](int k) { return views_[view(k)].separation(pair); },
+                               [&](int k) { return views_[view(k) + 1].separation(pair); });
   }
 
  private:
-  static constexpr double kStep = 1e-5;
   std::vector<Views> views_;
 };
 
-// How much farther clockwise the picture now is turned than the prior says.
-double turn_beyond(const TwoViewPrior& prior, const std::vector<RayPair>& sights) {
+// How much farther clockwise the current image is turned than the prior says.
+double turn_beyond(const TwoViewPrior& prior, const std::vector<RayPair>& pairs) {
   const Views views(prior, Unknowns::Zero());
-  std::vector<Views::Hits> points;
+  std::vector<Views::GroundPoints> points;
   Eigen::Vector2d before = Eigen::Vector2d::Zero(), now = Eigen::Vector2d::Zero();
-  for (const RayPair& sight : sights) {
-    const auto both = views.hits(sight);
+  for (const RayPair& pair : pairs) {
+    const auto both = views.ground_points(pair);
     if (!both) continue;
     points.push_back(*both);
     before += both->before;
@@ -125,7 +113,7 @@ double turn_beyond(const TwoViewPrior& prior, const std::vector<RayPair>& sights
   }
   const auto count = static_cast<double>(std::max<std::size_t>(1, points.size()));
   double along = 0, across = 0;
-  for (const Views::Hits& point : points) {
+  for (const Views::GroundPoints& point : points) {
     const Eigen::Vector2d a = point.before - before / count, b = point.now - now / count;
     along += a.dot(b);
     across += b.x() * a.y() - b.y() * a.x();
@@ -133,21 +121,23 @@ double turn_beyond(const TwoViewPrior& prior, const std::vector<RayPair>& sights
   return -std::atan2(across, along);
 }
 
-Eigen::Vector2d median_gap(const TwoViewPrior& prior, const Unknowns& u, const std::vector<RayPair>& sights) {
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+Eigen::Vector2d median_separation(const TwoViewPrior& prior, const Unknowns& u, const std::vector<RayPair>& pairs) {
   std::vector<double> east, north;
   const Views views(prior, u);
-  for (const RayPair& sight : sights) {
-    if (const auto g = views.gap(sight)) {
+  for (const RayPair& pair : pairs) {
+    if (const auto g = views.separation(pair)) {
       east.push_back(g->x());
       north.push_back(g->y());
     }
   }
   if (east.empty()) return Eigen::Vector2d::Zero();
-  const auto middle = [](std::vector<double>& v) {
-    std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
-    return v[v.size() / 2];
-  };
-  return {middle(east), middle(north)};
+  return {median(east), median(north)};
 }
 
 Information prior_information(const TwoViewPrior& prior) {
@@ -158,80 +148,108 @@ Information prior_information(const TwoViewPrior& prior) {
   return information;
 }
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
+// The robust Gauss-Newton problem. The scale of the kernel is graduated: it begins where the cost is nearly convex and
+// ends at what the residuals show. Then, once, the number of independent ray pairs is estimated from the residuals
+// (neighbouring features err alike: relief, rolling shutter), and the iteration settles again.
+class TwoViewProblem {
+ public:
+  TwoViewProblem(const std::vector<RayPair>& pairs, const TwoViewPrior& prior)
+      : pairs_(pairs),
+        prior_(prior),
+        prior_information_(prior_information(prior)),
+        least_sigma_m_(kPixelHeightShare * prior.now.agl_m),
+        explained_m_(least_sigma_m_),
+        sigma_m_(kFirstScalePixels * least_sigma_m_),
+        redundancy_(std::max(1.0, static_cast<double>(pairs.size()) / kMaxIndependentPairs)) {
+    const double turn_rad = turn_beyond(prior, pairs);
+    if (std::abs(turn_rad) > std::max(kFarTurn_rad, kFarTurnSigmas * prior.heading_sigma_rad)) {
+      u_[3] = turn_rad;
+      prior_information_(3, 3) = 1 / (std::numbers::pi * std::numbers::pi);
+    }
+    u_.head<2>() = -median_separation(prior, u_, pairs);
+  }
+
+  std::optional<NormalEquations<8>> linearize() {
+    NormalEquations<8> normal{prior_information_, -(prior_information_ * u_)};
+    inliers_ = 0;
+    const double scale_m = kInlierSigmas * sigma_m_;
+    residuals_m_.clear();
+    inlier_positions_.clear();
+    inlier_residuals_.clear();
+    const Views here(prior_, u_);
+    const Neighbours neighbours(prior_, u_);
+    for (const RayPair& pair : pairs_) {
+      const auto separation = here.separation(pair);
+      const auto jacobian = neighbours.jacobian_of(pair);
+      if (!separation || !jacobian) return std::nullopt;
+      const double squared = separation->squaredNorm();
+      residuals_m_.push_back(std::sqrt(squared));
+      const double weight = geman_mcclure_weight(squared, scale_m) / (sigma_m_ * sigma_m_ * redundancy_);
+      normal.add(*jacobian, weight, -*separation);
+      if (squared < scale_m * scale_m) {
+        ++inliers_;
+        inlier_positions_.emplace_back(pair.ray_now.x(), pair.ray_now.y());
+        inlier_residuals_.push_back(*separation);
+      }
+    }
+    information_ = normal.information;
+    return normal;
+  }
+
+  void apply(const Unknowns& step) { u_ += step; }
+
+  bool finished(bool converged) {
+    explained_m_ = std::max(least_sigma_m_, prior_.relief_sigma_m * u_.head<2>().norm() / prior_.now.agl_m);
+    const double residual_sigma_m = std::max(explained_m_, median(residuals_m_) / kMedianOverSigma);
+    if (converged && sigma_m_ <= kScaleSlack * residual_sigma_m) {
+      if (redundancy_known_) return true;
+      const double independent =
+          std::min(kMaxIndependentPairs, effective_sample_size(inlier_positions_, inlier_residuals_));
+      redundancy_ = std::max(1.0, static_cast<double>(inliers_) / independent);
+      redundancy_known_ = true;
+    }
+    sigma_m_ = std::max(residual_sigma_m, kScaleShrink * sigma_m_);
+    return false;
+  }
+
+  // Nothing when the residuals show that no single motion explains the pairs.
+  std::optional<TwoViewMotion> result() const {
+    if (sigma_m_ > kMaxResidualRatio * explained_m_) return std::nullopt;
+    const Information covariance = information_.inverse();
+    TwoViewMotion motion;
+    motion.inliers = inliers_;
+    motion.solved = u_;
+    motion.measurement_information = information_ - prior_information_;
+    motion.measurement_gradient = prior_information_ * u_;
+    motion.displacement_m = u_.head<2>();
+    motion.covariance_m2 = covariance.topLeftCorner<2, 2>();
+    motion.turn_rad = prior_.now.attitude.heading_rad + u_[3] - prior_.before.attitude.heading_rad;
+    return motion;
+  }
+
+ private:
+  const std::vector<RayPair>& pairs_;
+  const TwoViewPrior& prior_;
+  Unknowns u_ = Unknowns::Zero();
+  Information prior_information_;
+  Information information_ = Information::Zero();
+  double least_sigma_m_;
+  double explained_m_;  // residual that the image's resolution and the ground's relief explain
+  double sigma_m_;      // of the kernel
+  double redundancy_;   // how many ray pairs count as one
+  bool redundancy_known_ = false;
+  int inliers_ = 0;
+  std::vector<double> residuals_m_;
+  std::vector<Eigen::Vector2d> inlier_positions_, inlier_residuals_;
+};
 
 }  // namespace
 
-std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& sights, const TwoViewPrior& prior) {
-  if (sights.size() < 6) return std::nullopt;
-  const double least_sigma_m = 0.0015 * prior.now.agl_m;  // about a pixel of the working size
-  Information from_prior = prior_information(prior);
-  Unknowns u = Unknowns::Zero();
-  const double turn_rad = turn_beyond(prior, sights);
-  if (std::abs(turn_rad) > std::max(kFarTurn_rad, kFarTurnSigmas * prior.heading_sigma_rad)) {
-    u[3] = turn_rad;
-    from_prior(3, 3) = 1 / (std::numbers::pi * std::numbers::pi);
-  }
-  u.head<2>() = -median_gap(prior, u, sights);
-  TwoViewMotion motion;
-  Information information = Information::Zero();
-  double explained_m = least_sigma_m;   // by the picture's resolution and the ground's relief
-  double sigma_m = 30 * least_sigma_m;  // graduated: begin nearly convex, end at what the residuals show
-  // Neighbouring features err alike (relief, rolling shutter): how many count as one is seen when the rest is settled.
-  double crowd = std::max(1.0, static_cast<double>(sights.size()) / kMostIndependentSights);
-  bool crowd_known = false;
-  for (int iteration = 0; iteration < 30; ++iteration) {
-    information = from_prior;
-    Unknowns gradient = -(from_prior * u);
-    motion.inliers = 0;
-    const double scale_m = 3 * sigma_m;
-    std::vector<double> residuals_m;
-    std::vector<Eigen::Vector2d> places, residuals;
-    const Views here(prior, u);
-    const Neighbours neighbours(prior, u);
-    for (const RayPair& sight : sights) {
-      const auto residual = here.gap(sight);
-      const auto jacobian = neighbours.jacobian_of(sight);
-      if (!residual || !jacobian) return std::nullopt;
-      const double squared = residual->squaredNorm();
-      residuals_m.push_back(std::sqrt(squared));
-      const double shrink = scale_m * scale_m / (scale_m * scale_m + squared);
-      const double weight = shrink * shrink / (sigma_m * sigma_m * crowd);
-      information += weight * jacobian->transpose() * *jacobian;
-      gradient -= weight * jacobian->transpose() * *residual;
-      if (squared < scale_m * scale_m) {
-        ++motion.inliers;
-        places.emplace_back(sight.ray_now.x(), sight.ray_now.y());
-        residuals.push_back(*residual);
-      }
-    }
-    const Unknowns step = information.ldlt().solve(gradient);
-    if (!step.allFinite() || step.tail<6>().cwiseAbs().maxCoeff() > 1) return std::nullopt;
-    u += step;
-    explained_m = std::max(least_sigma_m, prior.relief_sigma_m * u.head<2>().norm() / prior.now.agl_m);
-    const double seen_sigma_m = std::max(explained_m, median(residuals_m) / 1.177);
-    const bool settled = step.head<2>().norm() < 1e-4 && step.tail<6>().norm() < 1e-6;
-    if (settled && sigma_m <= 1.01 * seen_sigma_m) {
-      if (crowd_known) break;
-      const double independent = std::min(kMostIndependentSights, effective_sample_size(places, residuals));
-      crowd = std::max(1.0, static_cast<double>(motion.inliers) / independent);
-      crowd_known = true;
-    }
-    sigma_m = std::max(seen_sigma_m, 0.6 * sigma_m);
-  }
-  if (sigma_m > kWorstFit * explained_m) return std::nullopt;
-  const Information covariance = information.inverse();
-  motion.solved = u;
-  motion.sighted_information = information - from_prior;
-  motion.sighted_pull = from_prior * u;
-  motion.moved_m = u.head<2>();
-  motion.covariance_m2 = covariance.topLeftCorner<2, 2>();
-  motion.turn_rad = prior.now.attitude.heading_rad + u[3] - prior.before.attitude.heading_rad;
-  return motion;
+std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& pairs, const TwoViewPrior& prior) {
+  if (pairs.size() < kMinRayPairs) return std::nullopt;
+  TwoViewProblem problem(pairs, prior);
+  if (!robust_gauss_newton(problem, kMaxIterations)) return std::nullopt;
+  return problem.result();
 }
 
 }  // namespace nadir

@@ -1,14 +1,23 @@
-// How a camera moved between two pictures of the same flat ground, from the rays to points that both saw.
+// Motion of the camera between two images of the same ground, from the rays to points that both see.
 //
-// Both tilts, the change of heading and of height are unknowns with priors: at the edge of a picture one degree of tilt
-// moves the ground as much as metres of flight, and telemetry is rarely better than that.
+// A ray r through the image of a camera with attitude R = enu_from_camera, h above the ground and at position p meets a
+// plane of slope s (rise over run) in
+//
+//   g(r) = p + h / (-(Rr)_up + s · (Rr)_east,north) · (Rr)_east,north
+//
+// For the pairs (r_before, r_now) the residual is g_now(r_now) - g_before(r_before), two metres each. Unknowns: the
+// displacement (east, north), the log of the height ratio, the change of heading, and both pitches and rolls. All but
+// the displacement have priors: at the edge of an image one degree of tilt moves the ground as much as metres of flight,
+// and telemetry is rarely better than that. Solved by robust Gauss-Newton (vision/robust_gauss_newton.hpp); σ of the
+// residuals comes from themselves, but is not below a pixel or what the relief explains by parallax.
 #pragma once
 
 #include <Eigen/Core>
 #include <optional>
 #include <vector>
 
-#include "vision/rectify.hpp"
+#include "vision/localizer_parameters.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 
@@ -20,28 +29,30 @@ struct RayPair {
 struct TwoViewPrior {
   CameraPose before;  // positions are ignored
   CameraPose now;
-  double heading_sigma_rad = 0.1;  // of the change of heading
+  double heading_sigma_rad = parameters::two_view_motion::kDefaultHeadingSigma_rad;  // of the change of heading
   // Of (pitch, roll) before and (pitch, roll) now. A tilt that both share (boresight) makes them correlate.
-  Eigen::Matrix4d tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-3;
-  // Of the plane that both pictures show: rise over run to the east and to the north. Heights are above it.
+  Eigen::Matrix4d tilt_covariance_rad2 =
+      Eigen::Matrix4d::Identity() * parameters::two_view_motion::kDefaultTiltVariance_rad2;
+  // Of the plane that both images show: rise over run to the east and to the north. Heights are above it.
   Eigen::Vector2d ground_slope = Eigen::Vector2d::Zero();
-  double log_height_sigma = 0.03;  // of the change of height
-  double relief_sigma_m = 1.5;     // of the ground's height beyond the plane: it moves points by parallax
+  double log_height_sigma = parameters::two_view_motion::kDefaultLogHeightSigma;  // of the change of height
+  double relief_sigma_m = parameters::two_view_motion::kDefaultReliefSigma_m;     // of the ground beyond the plane
 };
 
 struct TwoViewMotion {
-  Eigen::Vector2d moved_m = Eigen::Vector2d::Zero();  // east, north
+  Eigen::Vector2d displacement_m = Eigen::Vector2d::Zero();  // east, north
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
   double turn_rad = 0;
   int inliers = 0;
-  // What the sights alone say, with the priors taken away, about (motion; changes of the priors' log height ratio,
-  // change of heading, pitch and roll before, pitch and roll now): information, and where they pull to. See
-  // RelativeMotionMeasurement in pose_sights.hpp.
+  // All unknowns, in the order of RelativeMotionMeasurement (pose_measurements.hpp). Then what the images alone say, with
+  // the priors taken away: information Λ_images = Λ - Λ_prior, and where it pulls, Λ_prior · solved.
   Eigen::Matrix<double, 8, 1> solved = Eigen::Matrix<double, 8, 1>::Zero();
-  Eigen::Matrix<double, 8, 8> sighted_information = Eigen::Matrix<double, 8, 8>::Zero();
-  Eigen::Matrix<double, 8, 1> sighted_pull = Eigen::Matrix<double, 8, 1>::Zero();
+  Eigen::Matrix<double, 8, 8> measurement_information = Eigen::Matrix<double, 8, 8>::Zero();
+  Eigen::Matrix<double, 8, 1> measurement_gradient = Eigen::Matrix<double, 8, 1>::Zero();
 };
 
-std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& sights, const TwoViewPrior& prior);
+// Nothing with fewer than six pairs, when a ray sees the horizon, when the iteration diverges, and when the residuals
+// show no single motion.
+std::optional<TwoViewMotion> solve_two_view_motion(const std::vector<RayPair>& pairs, const TwoViewPrior& prior);
 
 }  // namespace nadir

@@ -1,7 +1,7 @@
 // East-north-up metres around an origin (usually the take-off point): GeographicLib's LocalCartesian.
 //
-// Plane work (corridors, windows, the filter) uses east and north alone; at 10 km from the origin the plane's height
-// error is 8 m and its horizontal error millimetres.
+// Computations in the plane (corridors, windows, the filter) use east and north alone; at 10 km from the origin the plane's
+// height error is 8 m and its horizontal error millimetres.
 #pragma once
 
 #include <memory>
@@ -18,7 +18,7 @@ struct Enu {
 
 struct Geodetic {
   LonLat place;
-  double height_m = 0;  // above the ellipsoid of the origin's choice
+  double height_m = 0;  // in the same height system as the origin's
 };
 
 class LocalFrame {
@@ -32,7 +32,7 @@ class LocalFrame {
   Enu enu_from_geodetic(const Geodetic& point) const;
   Geodetic geodetic_from_enu(const Enu& point) const;
 
-  // The same for places on the ground: the height is the origin's.
+  // The same for positions on the ground: at the height of the origin.
   Enu enu_from_lonlat(LonLat place) const;
   LonLat lonlat_from_enu(double east_m, double north_m) const;
 

@@ -1,5 +1,5 @@
-// A place on the WGS84 ellipsoid. Degrees, because that is what maps, files and GeographicLib speak; every other angle
-// in this code is in radians.
+// A position on the WGS84 ellipsoid. In degrees, as in maps, files and GeographicLib; every other angle in this code is in
+// radians.
 #pragma once
 
 namespace nadir {

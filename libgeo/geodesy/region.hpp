@@ -1,6 +1,5 @@
-// The ground that a mission needs: sectors (polygons) and the corridor along the route, in local metres.
-//
-// A Region answers "is this point needed?" for single points. Whoever needs areas (coverage) rasterises with it.
+// The area that a mission covers: sectors (polygons) and the corridor along the route, in local metres, and the plane
+// geometry for it. A Region answers containment for single points; coverage rasterises with it.
 #pragma once
 
 #include <vector>

@@ -1,19 +1,54 @@
 #include "http/access.hpp"
 
-#include <algorithm>
-#include <cctype>
-#include <string>
+#include <arpa/inet.h>
+
+#include <charconv>
+
+#include "base/error.hpp"
+#include "base/printable.hpp"
+#include "http/message.hpp"
 
 namespace nadir {
 namespace {
 
-std::string lower_case(std::string_view text) {
-  std::string lower(text);
-  std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
-  return lower;
+std::optional<std::string> ip_of(std::string_view host) {
+  unsigned char bytes[16];
+  if (host.size() > 2 && host.front() == '[' && host.back() == ']') {
+    std::string inner(host.substr(1, host.size() - 2));
+    return inet_pton(AF_INET6, inner.c_str(), bytes) == 1 ? std::optional(inner) : std::nullopt;
+  }
+  std::string plain(host);
+  return inet_pton(AF_INET, plain.c_str(), bytes) == 1 ? std::optional(plain) : std::nullopt;
 }
 
 }  // namespace
+
+bool ListenAddress::loopback() const { return ip == "::1" || ip.starts_with("127."); }
+
+ListenAddress parse_listen_address(std::string_view text) {
+  const std::size_t colon = text.rfind(':');
+  if (colon != std::string_view::npos) {
+    const std::optional<std::string> ip = ip_of(text.substr(0, colon));
+    ListenAddress address;
+    const char* const end = text.data() + text.size();
+    const auto [stopped, error] = std::from_chars(text.data() + colon + 1, end, address.port);
+    if (ip && error == std::errc{} && stopped == end) {
+      address.ip = *ip;
+      return address;
+    }
+  }
+  throw UsageError({.what = "not an address to listen on",
+                    .expected = "IP:PORT, as in 127.0.0.1:8750 or [::1]:8750",
+                    .found = printable(text)});
+}
+
+void require_token_beyond_loopback(const ListenAddress& address, const std::optional<Sha256>& token) {
+  if (address.loopback() || token) return;
+  throw UsageError({.what = "listening beyond loopback requires a token",
+                    .expected = "a token file, or a loopback address",
+                    .found = address.ip,
+                    .fix = "give a token file, or listen on 127.0.0.1 and reach it through ssh -L"});
+}
 
 bool names_loopback(std::string_view host) {
   const std::string name = lower_case(host.substr(0, host.starts_with('[') ? host.find(']') + 1 : host.find(':')));

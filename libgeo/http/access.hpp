@@ -1,19 +1,38 @@
-// Who calls, as its headers say it. Pure text work: what follows from it is each service's own.
+// Where a service listens and who may call it: beyond loopback only with a token. Pure text work; what follows from it
+// is up to each service.
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 
-// Whether a Host header names this machine as itself ("LOCALHOST:8750", "[::1]:8750"). A page of somebody else's that
-// a browser was led to by a name for 127.0.0.1 says another one.
+inline constexpr std::uint16_t kDefaultApiPort = 8750;
+
+struct ListenAddress {
+  std::string ip = "127.0.0.1";          // IPv4 or IPv6, as numbers
+  std::uint16_t port = kDefaultApiPort;  // 0: any free one
+
+  bool loopback() const;
+};
+
+// "127.0.0.1:8750", "[::1]:8750", "0.0.0.0:8750". Throws UsageError for anything else, host names included:
+// what they resolve to can change.
+ListenAddress parse_listen_address(std::string_view text);
+
+// Throws UsageError for an address beyond loopback without a token.
+void require_token_beyond_loopback(const ListenAddress& address, const std::optional<Sha256>& token);
+
+// Whether a Host header names this machine as itself ("LOCALHOST:8750", "[::1]:8750"). A page of another site that
+// reaches 127.0.0.1 under a name of its own (DNS rebinding) sends that name.
 bool names_loopback(std::string_view host);
 
-// The digest of the token in "Bearer TOKEN"; nullopt for any other Authorization header. Digests are compared, so that
-// the time it takes tells nothing about the token.
+// The digest of the token in "Bearer TOKEN"; nullopt for any other Authorization header. Comparing
+// digests instead of tokens leaks nothing through timing.
 std::optional<Sha256> bearer_digest(std::string_view authorization);
 
 }  // namespace nadir

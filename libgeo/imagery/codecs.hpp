@@ -1,8 +1,8 @@
-// Encoded pictures to pixels and back: JPEG, PNG and WebP through their own libraries.
+// Encoded images to pixels and back: JPEG, PNG and WebP through their own libraries.
 //
-// Bytes from outside are not trusted: the declared size is checked before anything is allocated, and bytes that are
-// truncated or damaged are an Error, never a half-filled picture. A camera's JPEG that is needed small is decoded small
-// (scaled inverse DCT), which costs a fraction of the full picture.
+// Bytes from outside are not trusted: the declared size is checked before anything is allocated, and truncated or damaged
+// data is an Error, never a partial image. A camera's JPEG that is needed at a reduced size is decoded at that size
+// (scaled inverse DCT), at a fraction of the cost.
 #pragma once
 
 #include <cstdint>
@@ -12,9 +12,11 @@
 #include <string_view>
 
 #include "base/bytes.hpp"
-#include "imagery/colour.hpp"
 
 namespace nadir {
+
+// The two forms in which images are held: one grey channel, or blue, green, red. 8 bit each.
+enum class Colour { grey, bgr };
 
 enum class ImageFormat { jpeg, png, webp };
 
@@ -35,10 +37,10 @@ struct ImageInfo {
 
 struct DecodedImage {
   cv::Mat image;  // CV_8UC1 or CV_8UC3 (BGR), as asked
-  cv::Mat alpha;  // CV_8UC1, 255 = opaque; empty for pictures without transparency
+  cv::Mat alpha;  // CV_8UC1, 255 = opaque; empty for images without transparency
 };
 
-// Header only. All of these throw Error naming `name` (a file, a tile) for what is no sound picture.
+// Header only. All of these throw Error naming `name` (a file, a tile) for anything but a complete image.
 ImageInfo read_image_info(ByteView bytes, std::string_view name);
 
 // shrink: 1, 2, 4 or 8; the result has ceil(side / shrink) pixels.
@@ -46,7 +48,14 @@ DecodedImage decode_image(ByteView bytes, Colour colour, std::string_view name, 
 cv::Mat read_image_file(const std::filesystem::path& path, Colour colour, int shrink = 1);
 
 // image: CV_8UC1, CV_8UC3 (BGR) or, but for JPEG, CV_8UC4 (BGRA). quality: 1 to 100, for JPEG (4:2:0) and WebP; PNG is
-// lossless. The same picture gives the same bytes.
+// lossless. The same image gives the same bytes.
 Bytes encode_image(const cv::Mat& image, ImageFormat format, int quality = 75);
+
+// Lossless WebP: what a COG holds where an MBTiles file would hold PNG (TIFF knows WebP, but not PNG).
+// image: CV_8UC3 (BGR). The same image gives the same bytes.
+Bytes encode_lossless_webp(const cv::Mat& image);
+
+// Whether the bytes are such an image; false for anything else.
+bool is_lossless_webp(ByteView bytes);
 
 }  // namespace nadir

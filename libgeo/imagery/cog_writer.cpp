@@ -7,14 +7,12 @@
 
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "imagery/cog_bytes.hpp"
-#include "imagery/cog_tags.hpp"
-#include "imagery/cog_tiff.hpp"
+#include "imagery/tiff.hpp"
 
 namespace nadir {
 namespace {
 
-// GDAL's driver for COG: what a reader may rely on. The length is that of what follows it.
+// Structural metadata of GDAL's COG driver: what a reader may rely on. The size is that of the text after it.
 constexpr std::string_view kStructure =
     "GDAL_STRUCTURAL_METADATA_SIZE=000140 bytes\n"
     "LAYOUT=IFDS_BEFORE_DATA\n"
@@ -24,11 +22,11 @@ constexpr std::string_view kStructure =
     "KNOWN_INCOMPATIBLE_EDITION=NO\n ";
 constexpr std::size_t kBlock = 1 << 20;
 
-// One zoom's picture: its size in tiles and where each tile lies in the file, row by row.
-struct Picture {
+// The image of one zoom: its size in tiles and the offset of each tile in the file, row by row.
+struct Level {
   int zoom = 0;
   std::uint64_t columns = 0, rows = 0;
-  std::vector<std::uint64_t> places;
+  std::vector<std::uint64_t> offsets;
   std::vector<std::uint32_t> sizes;
 };
 
@@ -37,19 +35,19 @@ void check(const CogShape& shape) {
   const std::uint64_t finest = (std::uint64_t{shape.columns} * shape.rows) << (2 * std::clamp(steps, 0, 24));
   if (steps >= 0 && shape.columns > 0 && shape.rows > 0 && finest <= kMaxCogTiles) return;
   throw UsageError(
-      {.what = "a COG would have too many places for tiles",
+      {.what = "a COG would have too many tile addresses",
        .where = fmt::format("zoom {} to {}", shape.zooms.min, shape.zooms.max),
        .expected = fmt::format("at most {}: the area is widened to whole tiles of the coarsest zoom", kMaxCogTiles),
        .found = std::to_string(finest),
        .fix = "raise zoom.min in the mission, or use --format mbtiles"});
 }
 
-TiffTags tags_of(const Picture& picture, const CogShape& shape, ImageFormat format, bool big) {
+TiffTags tags_of(const Level& level, const CogShape& shape, ImageFormat format, bool big) {
   TiffTags tags(big);
-  const bool finest = picture.zoom == shape.zooms.max, jpeg = format == ImageFormat::jpeg;
+  const bool finest = level.zoom == shape.zooms.max, jpeg = format == ImageFormat::jpeg;
   tags.long_(tiff::kSubfileType, finest ? 0 : tiff::kReducedImage);
-  tags.long_(tiff::kWidth, static_cast<std::uint32_t>(picture.columns * kTileSize));
-  tags.long_(tiff::kHeight, static_cast<std::uint32_t>(picture.rows * kTileSize));
+  tags.long_(tiff::kWidth, static_cast<std::uint32_t>(level.columns * kTileSize));
+  tags.long_(tiff::kHeight, static_cast<std::uint32_t>(level.rows * kTileSize));
   tags.shorts(tiff::kBitsPerSample, {8, 8, 8});
   tags.shorts(tiff::kCompression, {jpeg ? tiff::kJpeg : tiff::kWebp});
   tags.shorts(tiff::kPhotometric, {jpeg ? tiff::kYCbCr : tiff::kRgb});
@@ -57,8 +55,8 @@ TiffTags tags_of(const Picture& picture, const CogShape& shape, ImageFormat form
   tags.shorts(tiff::kPlanarConfig, {1});
   tags.shorts(tiff::kTileWidth, {kTileSize});
   tags.shorts(tiff::kTileHeight, {kTileSize});
-  tags.places(tiff::kTileOffsets, picture.places);
-  tags.longs(tiff::kTileSizes, picture.sizes);
+  tags.places(tiff::kTileOffsets, level.offsets);
+  tags.longs(tiff::kTileSizes, level.sizes);
   tags.shorts(tiff::kSampleFormat, {1, 1, 1});
   if (jpeg) tags.shorts(tiff::kChromaSubsampling, {2, 2});
   if (!finest) return tags;
@@ -68,7 +66,7 @@ TiffTags tags_of(const Picture& picture, const CogShape& shape, ImageFormat form
   tags.doubles(tiff::kPixelScale, {pixel_m, pixel_m, 0});
   tags.doubles(tiff::kTiepoint,
                {0, 0, 0, shape.first_x * tile_m - world_m / 2, world_m / 2 - shape.first_y * tile_m, 0});
-  // Key, place of the value (0: here), count, value. A projected picture whose pixels are areas, in EPSG:3857, metres.
+  // Key, place of the value (0: here), count, value. A projected image whose pixels are areas, in EPSG:3857, metres.
   tags.shorts(tiff::kGeoKeys,
               {1, 1, 0, 5, 1024, 0, 1, 1, 1025, 0, 1, 1, 1026, 34737, 25, 0, 3072, 0, 1, 3857, 3076, 0, 1, 9001});
   tags.text(tiff::kGeoTexts, "WGS 84 / Pseudo-Mercator|");
@@ -76,26 +74,26 @@ TiffTags tags_of(const Picture& picture, const CogShape& shape, ImageFormat form
 }
 
 // Coarse zooms first: the order of the tiles in the file.
-std::vector<Picture> pictures_of(const CogShape& shape) {
-  std::vector<Picture> pictures;
+std::vector<Level> levels_of(const CogShape& shape) {
+  std::vector<Level> levels;
   for (int zoom = shape.zooms.min; zoom <= shape.zooms.max; ++zoom) {
     const int steps = zoom - shape.zooms.min;
-    Picture picture{zoom, std::uint64_t{shape.columns} << steps, std::uint64_t{shape.rows} << steps, {}, {}};
-    picture.places.resize(picture.columns * picture.rows);
-    picture.sizes.resize(picture.columns * picture.rows);
-    pictures.push_back(std::move(picture));
+    Level level{zoom, std::uint64_t{shape.columns} << steps, std::uint64_t{shape.rows} << steps, {}, {}};
+    level.offsets.resize(level.columns * level.rows);
+    level.sizes.resize(level.columns * level.rows);
+    levels.push_back(std::move(level));
   }
-  return pictures;
+  return levels;
 }
 
-// Finest first, as readers expect them. Empty places take as many bytes as real ones.
-Bytes directories_of(const std::vector<Picture>& pictures, const CogShape& shape, ImageFormat format, bool big) {
+// Finest first, as readers expect them. Empty entries take as many bytes as others.
+Bytes directories_of(const std::vector<Level>& levels, const CogShape& shape, ImageFormat format, bool big) {
   const std::uint64_t head = (big ? 16 : 8) + kStructure.size();
   Bytes bytes = tiff_header(big, head + head % 2);
   bytes.insert(bytes.end(), kStructure.begin(), kStructure.end());
   bytes.resize(head + head % 2, 0);
-  for (std::size_t i = pictures.size(); i-- > 0;) {
-    const TiffTags tags = tags_of(pictures[i], shape, format, big);
+  for (std::size_t i = levels.size(); i-- > 0;) {
+    const TiffTags tags = tags_of(levels[i], shape, format, big);
     const Bytes written = tags.write(bytes.size(), i == 0 ? 0 : bytes.size() + tags.size());
     bytes.insert(bytes.end(), written.begin(), written.end());
   }
@@ -116,12 +114,12 @@ CogWriter::CogWriter(std::filesystem::path path, const CogShape& shape, ImageFor
       classic_limit_(classic_limit),
       spool_(spool_path_) {
   if (format != ImageFormat::jpeg && format != ImageFormat::webp) {
-    throw UsageError({.what = "a COG holds no tiles of this format",
+    throw UsageError({.what = "a COG cannot hold tiles of this format",
                       .expected = "jpeg or webp (lossless WebP instead of PNG)",
                       .found = std::string(name_of(format))});
   }
   if (std::filesystem::exists(path_)) {
-    throw Error({.what = "the file exists already", .where = path_.string(), .fix = "choose another name"});
+    throw Error({.what = "the file exists", .where = path_.string(), .fix = "choose another name"});
   }
   spool_.cut(0);
 }
@@ -137,43 +135,43 @@ void CogWriter::add(const TileKey& key, ByteView encoded) {
                       (key.y >> steps) >= shape_.first_y && (key.x >> steps) - shape_.first_x < shape_.columns &&
                       (key.y >> steps) - shape_.first_y < shape_.rows;
   if (!inside || encoded.empty() || encoded.size() > (64U << 20)) {
-    throw Error({.what = "this tile has no place in the COG", .where = "tile " + to_text(key)});
+    throw Error({.what = "this tile lies outside the COG", .where = "tile " + to_text(key)});
   }
   tiles_.push_back({key, static_cast<std::uint32_t>(encoded.size()), spool_.position()});
   spool_.append(encoded);
 }
 
 void CogWriter::finish() {
-  std::sort(tiles_.begin(), tiles_.end(), [](const Waiting& a, const Waiting& b) {
+  std::sort(tiles_.begin(), tiles_.end(), [](const SpooledTile& a, const SpooledTile& b) {
     return std::tie(a.key.z, a.key.y, a.key.x) < std::tie(b.key.z, b.key.y, b.key.x);
   });
   const auto twice = std::adjacent_find(tiles_.begin(), tiles_.end(),
-                                        [](const Waiting& a, const Waiting& b) { return a.key == b.key; });
+                                        [](const SpooledTile& a, const SpooledTile& b) { return a.key == b.key; });
   if (twice != tiles_.end()) throw Error({.what = "a tile was added twice", .where = "tile " + to_text(twice->key)});
 
-  std::vector<Picture> pictures = pictures_of(shape_);
+  std::vector<Level> levels = levels_of(shape_);
   const auto data_size = spool_.position() + 8 * tiles_.size();
-  const bool big = directories_of(pictures, shape_, format_, false).size() + data_size > classic_limit_;
-  std::uint64_t place = directories_of(pictures, shape_, format_, big).size();
-  for (const Waiting& tile : tiles_) {
+  const bool big = directories_of(levels, shape_, format_, false).size() + data_size > classic_limit_;
+  std::uint64_t place = directories_of(levels, shape_, format_, big).size();
+  for (const SpooledTile& tile : tiles_) {
     const int steps = tile.key.z - shape_.zooms.min;
-    Picture& picture = pictures[static_cast<std::size_t>(steps)];
+    Level& level = levels[static_cast<std::size_t>(steps)];
     const std::uint64_t x = tile.key.x - (std::uint64_t{shape_.first_x} << steps);
     const std::uint64_t y = tile.key.y - (std::uint64_t{shape_.first_y} << steps);
-    picture.places[y * picture.columns + x] = place + 4;
-    picture.sizes[y * picture.columns + x] = tile.size;
+    level.offsets[y * level.columns + x] = place + 4;
+    level.sizes[y * level.columns + x] = tile.size;
     place += std::uint64_t{tile.size} + 8;
   }
 
   AppendFile file(path_);
   const FileBytes spool(spool_path_);
-  Bytes block = directories_of(pictures, shape_, format_, big);
-  for (const Waiting& tile : tiles_) {
+  Bytes block = directories_of(levels, shape_, format_, big);
+  for (const SpooledTile& tile : tiles_) {
     append_u32(block, tile.size);
     const std::size_t begin = block.size();
     block.resize(begin + tile.size);
     if (!spool.read(tile.at, std::span(block).subspan(begin))) {
-      throw Error({.what = "tiles that waited on disk are gone", .where = spool_path_.string()});
+      throw Error({.what = "the temporary file with the tiles is incomplete", .where = spool_path_.string()});
     }
     for (std::size_t back = 4; back > 0; --back) {
       block.push_back(tile.size >= back ? block[begin + tile.size - back] : std::uint8_t{0});

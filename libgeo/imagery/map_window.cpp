@@ -14,8 +14,8 @@ namespace nadir {
 namespace {
 
 constexpr int kMaxSide = 20'000;
-constexpr int kBlock = 1024;  // output pixels that are cut at once: bounds memory whatever the window's size
-constexpr int kNode = 32;     // output pixels between exactly computed places; in between, the map is a plane
+constexpr int kBlock = 1024;  // output pixels that are processed at once: bounds memory
+constexpr int kNode = 32;     // output pixels between exact positions; linear in between
 
 struct Level {
   int zoom = 0;
@@ -23,7 +23,7 @@ struct Level {
   int samples = 1;      // samples per output pixel, each way
 };
 
-// What is left after tile_shrink is a factor below 2; above 1.25 one sample per pixel would alias.
+// The factor that remains after tile_shrink is below 2; above 1.25 one sample per pixel would alias.
 Level level_for(const ZoomRange& zooms, double gsd_m, double lat_deg) {
   constexpr double kRounding = 1.001;
   Level level{zooms.max, 1, 1};
@@ -84,7 +84,7 @@ class BlockCutter {
       samples.copyTo(image);
       sample_mask.copyTo(mask);
     }
-    // A pixel is ground when all that it was interpolated from is.
+    // A pixel is valid when all pixels that it was interpolated from are.
     cv::threshold(mask, mask, 254, 255, cv::THRESH_BINARY);
   }
 

@@ -1,9 +1,9 @@
-// A north-up piece of the map in local metres, cut out of tiles at any ground sample distance (GSD).
+// Map windows: north-up images of the map in local metres, resampled from tiles at any ground sample distance (GSD).
 //
 // Row 0 is the northern edge; the centre of pixel (column c, row r) lies at
 //   east  = west_m  + (c + 0.5) · gsd_m
 //   north = north_m − (r + 0.5) · gsd_m
-// in the plane of the LocalFrame that it was cut with.
+// in the plane of the LocalFrame that it was read with.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
-#include "imagery/colour.hpp"
+#include "imagery/codecs.hpp"
 #include "imagery/tile_source.hpp"
 
 namespace nadir {
@@ -24,7 +24,7 @@ struct MapWindow {
   double north_m = 0;
   double gsd_m = 1;
 
-  PlanePoint plane_from_pixel(double column, double row) const {  // continuous: a pixel's centre is at +0.5
+  PlanePoint plane_from_pixel(double column, double row) const {  // continuous: the centre of a pixel is at +0.5
     return {west_m + column * gsd_m, north_m - row * gsd_m};
   }
   cv::Point2d pixel_from_plane(PlanePoint point) const {
@@ -32,8 +32,8 @@ struct MapWindow {
   }
 };
 
-// Cuts windows one after the other and keeps the tiles that it decoded last, so that neighbouring windows are cheap.
-// Not for several threads at once: each takes a reader of its own. The tiles must outlive it.
+// Reads windows one after the other and caches the most recently decoded tiles, so that neighbouring windows are cheap.
+// Not thread-safe: each thread takes a reader of its own. The tiles must outlive it.
 class MapWindowReader {
  public:
   // 256 tiles are 16 MiB in grey, 48 MiB in colour.
@@ -53,7 +53,7 @@ class MapWindowReader {
 
 // Reads the tiles of the zoom whose pixels are the coarsest that are not coarser than gsd_m (or the finest there is),
 // averages where it shrinks, and leaves mask 0 where tiles are missing or transparent. Throws Error for a box or GSD
-// that makes no window of 1 to 20000 pixels a side, and for tiles that do not decode.
+// that does not give a window of 1 to 20000 pixels a side, and for tiles that do not decode.
 MapWindow read_map_window(const TileSource& tiles, const LocalFrame& frame, const PlaneBox& box, double gsd_m,
                           Colour colour);
 

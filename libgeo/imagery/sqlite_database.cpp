@@ -61,7 +61,7 @@ void refuse_journal_that_names_a_file(const std::filesystem::path& path) {
                .where = journal.string(),
                .expected = "what a killed program of ours leaves",
                .found = "a journal of several databases",
-               .fix = "get the folder from its makers again; nothing was changed"});
+               .fix = "get the folder again from its origin; nothing was changed"});
 }
 
 }  // namespace
@@ -70,14 +70,14 @@ void SqliteStatement::Finalize::operator()(sqlite3_stmt* statement) const { sqli
 void SqliteDatabase::Close::operator()(sqlite3* handle) const { sqlite3_close_v2(handle); }
 
 SqliteStatement& SqliteStatement::bind(int parameter, std::int64_t value) {
-  if (sqlite3_bind_int64(statement_.get(), parameter, value) != SQLITE_OK) database_->fail("binding a number");
+  if (sqlite3_bind_int64(statement_.get(), parameter, value) != SQLITE_OK) database_->fail("binding an integer");
   return *this;
 }
 
 SqliteStatement& SqliteStatement::bind(int parameter, std::string_view text) {
   if (sqlite3_bind_text64(statement_.get(), parameter, text.data(), text.size(), SQLITE_TRANSIENT, SQLITE_UTF8) !=
       SQLITE_OK) {
-    database_->fail("binding a text");
+    database_->fail("binding text");
   }
   return *this;
 }
@@ -90,7 +90,7 @@ SqliteStatement& SqliteStatement::bind(int parameter, ByteView blob) {
 }
 
 SqliteStatement& SqliteStatement::bind_null(int parameter) {
-  if (sqlite3_bind_null(statement_.get(), parameter) != SQLITE_OK) database_->fail("binding nothing");
+  if (sqlite3_bind_null(statement_.get(), parameter) != SQLITE_OK) database_->fail("binding null");
   return *this;
 }
 
@@ -210,8 +210,8 @@ void SqliteDatabase::fail(const char* doing) const {
     throw Error({.what = fmt::format("SQLite was stopped while {}", doing),
                  .where = path_.string(),
                  .expected = "as much work as a file of this size can need",
-                 .found = "a view or trigger that asks for much more",
-                 .fix = "the file is not what it claims to be: get it from its makers"});
+                 .found = "a view or trigger that needs much more",
+                 .fix = "the file is not what it claims to be: get it from its origin"});
   }
   throw Error({.what = fmt::format("SQLite failed while {}", doing),
                .where = path_.string(),

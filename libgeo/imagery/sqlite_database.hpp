@@ -1,6 +1,6 @@
-// SQLite with values and exceptions: just what tile sets need. Files from outside are opened so that they can neither
-// be changed nor change anything (read-only, immutable, defensive, no functions from their schema), and so that no view
-// in them can run for ever: a statement may do so much work as the file's size explains, then it is an Error.
+// SQLite with values and exceptions. Files from outside are opened so that they can neither be changed nor change
+// anything (read-only, immutable, defensive, no functions from their schema), and so that no view in them can run
+// forever: the work of a statement is limited by the size of the file; beyond that it is an Error.
 #pragma once
 
 #include <atomic>
@@ -57,21 +57,21 @@ class SqliteDatabase {
   // Throws Error when the file is missing, or is no SQLite database.
   static SqliteDatabase open_immutable(const std::filesystem::path& path);
   static SqliteDatabase create(const std::filesystem::path& path);  // Throws Error when the file exists.
-  // A database that this program goes on with: made when it is missing, and what a killed writer left unfinished is
-  // rolled back. Throws Error when it is no SQLite database, or what was left would do more than that.
+  // A database that this program continues: created when it is missing; what a killed writer left unfinished is rolled
+  // back. Throws Error when it is not an SQLite database, or its journal would do more than that.
   static SqliteDatabase open_writable(const std::filesystem::path& path);
   static SqliteDatabase in_memory();  // empty, without a file
 
-  // From now on a statement may do as much work as rows in so many bytes explain, then it is an Error.
+  // Limits the work of each statement to what rows of this many bytes can need; beyond that it is an Error.
   void limit_work(std::uint64_t bytes);
 
   SqliteStatement prepare(std::string_view sql) const;
   void execute(const std::string& sql) const;
   bool has_table(std::string_view name) const;  // or a view
-  void close();                                 // throws what the destructor would swallow
+  void close();                                 // throws where the destructor would swallow the error
 
   const std::filesystem::path& path() const { return path_; }
-  [[noreturn]] void fail(const char* doing) const;  // throws Error with SQLite's own words
+  [[noreturn]] void fail(const char* doing) const;  // throws Error with SQLite's message
 
  private:
   friend class SqliteStatement;

@@ -1,8 +1,8 @@
 // Heights of the ground on a grid of longitude and latitude: a package's terrain/dem.tif, read without GDAL.
 //
-// The file is a GeoTIFF of float32 metres in EPSG:4326, tiled, plain or deflated, with one value that stands for "not
-// known" (docs/formats.md). Whatever differs from that is an Error: files may come from anywhere, so sizes are bounded
-// before memory is taken, and no value but finite ones gets in.
+// The file is a GeoTIFF of float32 metres in EPSG:4326, tiled, plain or deflated, with one nodata
+// value (docs/formats.md). Anything else is an Error: files may come from anywhere, so sizes are bounded before memory is
+// allocated, and only finite values are accepted.
 #pragma once
 
 #include <cstddef>
@@ -45,14 +45,14 @@ struct TerrainGrid {
 
 class TerrainRaster {
  public:
-  // heights_m: by rows from the north; NaN where the height is not known. Throws Error when the grid is none.
+  // heights_m: by rows from the north; NaN where the height is not known. Throws Error for an invalid grid.
   TerrainRaster(const TerrainGrid& grid, std::vector<float> heights_m);
 
   const TerrainGrid& grid() const { return grid_; }
   std::span<const float> heights_m() const { return heights_m_; }
 
   // Bilinear between the posts, the nearest post's in the half step outside of them. Nothing beyond the grid, and
-  // nothing where a post that takes part is not known.
+  // nothing where one of the posts is unknown.
   std::optional<double> height_m(LonLat place) const;
 
   // Known at all posts of these columns and rows, both ends included, and all of them inside the grid.

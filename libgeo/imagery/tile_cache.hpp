@@ -1,4 +1,4 @@
-// Decoded tiles, the most recently used ones kept: windows that overlap decode their common tiles once.
+// A cache of decoded tiles (least recently used out first): overlapping windows decode their common tiles once.
 #pragma once
 
 #include <compare>
@@ -7,7 +7,7 @@
 #include <map>
 #include <opencv2/core/mat.hpp>
 
-#include "imagery/colour.hpp"
+#include "imagery/codecs.hpp"
 #include "imagery/tile_source.hpp"
 
 namespace nadir {
@@ -21,8 +21,8 @@ class TileCache {
  public:
   TileCache(const TileSource& tiles, std::size_t capacity) : tiles_(&tiles), capacity_(capacity) {}
 
-  // shrink: a power of two up to 256; the tile then has 256 / shrink pixels a side, averaged, and a pixel counts as
-  // ground when all that it averages are. Throws Error for tiles that do not decode to 256 x 256 pixels.
+  // shrink: a power of two up to 256; the tile then has 256 / shrink pixels a side, averaged, and a pixel is
+  // valid when all that it averages are. Throws Error for tiles that do not decode to 256 x 256 pixels.
   const DecodedTile& get(const TileKey& key, Colour colour, int shrink);
 
   const TileSource& source() const { return *tiles_; }

@@ -10,31 +10,26 @@ namespace {
 
 constexpr float kNotUsed = std::numeric_limits<float>::quiet_NaN();
 
-// The sender's time wraps, so that a single float holds it to about 20 µs.
-constexpr double kTimeWrapS = 250.0;
+// The sender's time wraps, so that a float resolves it to about 20 µs.
+constexpr double kTimeWrap_s = 250.0;
 
 }  // namespace
 
 std::uint32_t message_id(StreamedMessage message) {
   switch (message) {
-    case StreamedMessage::heartbeat: return MAVLINK_MSG_ID_HEARTBEAT;
     case StreamedMessage::system_time: return MAVLINK_MSG_ID_SYSTEM_TIME;
     case StreamedMessage::attitude: return MAVLINK_MSG_ID_ATTITUDE;
     case StreamedMessage::global_position: return MAVLINK_MSG_ID_GLOBAL_POSITION_INT;
     case StreamedMessage::gps_raw: return MAVLINK_MSG_ID_GPS_RAW_INT;
     case StreamedMessage::gps2_raw: return MAVLINK_MSG_ID_GPS2_RAW;
     case StreamedMessage::raw_imu: return MAVLINK_MSG_ID_RAW_IMU;
-    case StreamedMessage::scaled_pressure: return MAVLINK_MSG_ID_SCALED_PRESSURE;
-    case StreamedMessage::flight_figures: return MAVLINK_MSG_ID_VFR_HUD;
-    case StreamedMessage::wind: return MAVLINK_MSG_ID_WIND;
     case StreamedMessage::terrain_report: return MAVLINK_MSG_ID_TERRAIN_REPORT;
     case StreamedMessage::distance_sensor: return MAVLINK_MSG_ID_DISTANCE_SENSOR;
     case StreamedMessage::ekf_status: return MAVLINK_MSG_ID_EKF_STATUS_REPORT;
-    case StreamedMessage::system_status: return MAVLINK_MSG_ID_SYS_STATUS;
     case StreamedMessage::autopilot_version: return MAVLINK_MSG_ID_AUTOPILOT_VERSION;
     case StreamedMessage::sim_state: return MAVLINK_MSG_ID_SIM_STATE;
   }
-  return MAVLINK_MSG_ID_HEARTBEAT;
+  return 0;
 }
 
 CommandLong set_message_interval(MavlinkAddress target, StreamedMessage message, double rate_hz) {
@@ -55,11 +50,11 @@ CommandLong restart_command(MavlinkAddress target) {
   return {.target = target, .command = MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, .confirmation = 0, .parameters = {1.0F}};
 }
 
-CommandInt external_position_estimate(MavlinkAddress target, const PositionForDeadReckoning& position) {
+CommandInt external_position_estimate(MavlinkAddress target, const ExternalPosition& position) {
   return {.target = target,
           .command = MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
           .frame = MAV_FRAME_GLOBAL,
-          .parameters = {static_cast<float>(std::fmod(position.sent_s, kTimeWrapS)),
+          .parameters = {static_cast<float>(std::fmod(position.sent_s, kTimeWrap_s)),
                          static_cast<float>(position.processing_s), static_cast<float>(position.sigma_m), 0.0F},
           .place = position.place,
           .z = kNotUsed};

@@ -1,13 +1,16 @@
-// Fixes at a steady rate from estimates that come when pictures do.
+// Fixes at a constant rate from estimates at the frame rate.
 //
-// Between estimates the last one is carried by its velocity and by what the accelerometers say since, and σ grows with
-// the velocity's own σ and with what an aircraft may do meanwhile: little where they were heard, a turn where they were
-// not. A new estimate that disagrees with what was said last is not jumped to: the difference shrinks at a rate that
-// the autopilot's filter follows, and until it is gone σ covers it. Differences too large for that are jumped once, and
-// told.
+// The last estimate (p₀, v₀ at t₀, τ = t − t₀) is propagated with its velocity and the accelerometers
+// (inertial_motion.hpp: displacement d and velocity gain Δv since t₀; u seconds without samples):
+//   p(t) = p₀ + v₀ τ + d + r(t)          v(t) = v₀ + Δv
+//   σ(t)² = σ₀² + (σ_v τ)² + (σ_a τ²/2)² + (s (τ − u/2))² + |r(t)|²,   s = min(σ_u u, 2 |v₀|)
+// σ_a covers the attitude error of levelled accelerometers, σ_u an unobserved turn.
 //
-// Everything here comes from our own estimates. The autopilot's fused position has no way in: it would come back as its
-// own witness. Time is a steady clock's, in microseconds.
+// A new estimate that disagrees with the last fix is not jumped to: the difference r shrinks at a rate that the
+// autopilot's filter can follow, and σ covers it meanwhile. Larger differences are jumped once, and reported.
+//
+// Only our own estimates enter. The autopilot's fused position must not: it contains our fixes. Times are those of a
+// steady clock, in microseconds.
 #pragma once
 
 #include <cstdint>
@@ -18,57 +21,56 @@
 
 namespace nadir {
 
-// One of ours, at the moment of its picture.
+// An estimate of the localizer, valid at the capture time of its frame.
 struct VisionEstimate {
   std::int64_t time_us = 0;
   LonLat place{};
   double sigma_m = 0;
-  double north_m_s = 0;
-  double east_m_s = 0;
-  double speed_sigma_m_s = 0;
-  std::optional<double> down_m_s{};
+  double north_mps = 0;
+  double east_mps = 0;
+  double speed_sigma_mps = 0;
+  std::optional<double> down_mps{};
   std::optional<double> msl_m{};
   std::optional<double> vertical_sigma_m{};
   std::optional<double> yaw_rad{};
-  bool seen = true;  // by the camera; false: dead reckoning, which does not end a blackout
+  bool visual = true;  // false: dead reckoning, which does not end a blackout
 };
 
 struct PredictorOptions {
   std::int64_t period_us = 100'000;
-  std::int64_t least_gap_us = 40'000;  // a new estimate goes out at once, but not sooner after the last fix
-  double ramp_m_s = 5.0;
+  std::int64_t min_gap_us = 40'000;  // between the last fix and the first one of a new estimate
+  double ramp_mps = 5.0;
   double jump_beyond_m = 50.0;
-  double acceleration_sigma_m_s2 = 0.5;  // of accelerometers turned level by attitudes that are some degrees off
-  double unheard_sigma_m_s2 = 2.5;       // where none were heard: a turn
+  double acceleration_sigma_mps2 = 0.5;  // levelled by an attitude that is some degrees off
+  double unobserved_sigma_mps2 = 2.5;    // without samples: a turn
   std::int64_t blackout_us = 30'000'000;
 };
 
 struct PredictedFix {
-  std::optional<Fix> fix{};  // none: say "no fix"
+  std::optional<Fix> fix{};  // nullopt: send "no fix"
   double ramp_left_m = 0;
-  std::optional<double> jumped_m{};  // since the last one: tell the operator
+  std::optional<double> jumped_m{};  // distance from the last fix: tell the operator
 };
 
 class FixPredictor {
  public:
   explicit FixPredictor(const PredictorOptions& options = {}) : options_(options) {}
 
-  // Attitude and accelerometers of the aircraft, as they come.
+  // AircraftAttitude and ImuSample, as they arrive.
   template <typename Message>
-  void hear(std::int64_t now_us, const Message& message) {
-    motion_.hear(static_cast<double>(now_us) * 1e-6, message);
+  void on_message(std::int64_t now_us, const Message& message) {
+    motion_.on_message(static_cast<double>(now_us) * 1e-6, message);
   }
 
-  // Dead reckoning that is less sure than the fix already is, is taken and changes nothing. False, and nothing changes:
-  // it is older than what is known, from the future, or its numbers are none. One of the same moment is that moment
-  // thought over, with what the map said since.
-  bool observe(const VisionEstimate& estimate, std::int64_t now_us);
+  // False, and nothing changes: older than the last estimate, in the future, or not finite. An estimate of the same
+  // time as the last one replaces it: that frame after a map match. Dead reckoning with a larger σ than the current fix
+  // is accepted and changes nothing.
+  bool on_estimate(const VisionEstimate& estimate, std::int64_t now_us);
 
-  // A fix when one is due: every period_us at least, and soon after a new estimate. unix_us is now in UTC, for the
-  // message.
+  // The next fix when it is due: every period_us, and soon after a new estimate. unix_us: the current UTC.
   std::optional<PredictedFix> poll(std::int64_t now_us, std::int64_t unix_us);
 
-  // When the next is due; 0 before the first.
+  // When the next fix is due; 0 before the first.
   std::int64_t next_due_us() const;
 
  private:
@@ -78,9 +80,9 @@ class FixPredictor {
   };
 
   bool lost(std::int64_t now_us) const;
-  InertialMotion::Gain gain(std::int64_t now_us) const;  // since the last estimate's picture
-  double unheard_m_s(const InertialMotion::Gain& gain) const;
-  double sigma_m(std::int64_t now_us) const;  // without the ramp's share
+  InertialMotion::Gain gain(std::int64_t now_us) const;  // since the capture time of last_
+  double unobserved_mps(const InertialMotion::Gain& gain) const;
+  double sigma_m(std::int64_t now_us) const;  // without the ramp
   Offset ramp_at(std::int64_t now_us) const;
   LonLat place_at(std::int64_t now_us, const Offset& offset) const;
 
@@ -88,14 +90,14 @@ class FixPredictor {
   InertialMotion motion_;
   InertialMotion::Moment from_;  // of last_
   std::optional<VisionEstimate> last_;
-  std::optional<std::int64_t> last_seen_us_;
-  Offset offset_;  // what was said less what is estimated, at offset_us_
+  std::optional<std::int64_t> last_visual_us_;
+  Offset offset_;  // last fix minus estimate, at offset_us_
   std::int64_t offset_us_ = 0;
-  bool said_a_fix_ = false;  // the last message held one
+  bool had_fix_ = false;  // in the last poll()
   std::optional<double> jumped_m_;
   std::int64_t grid_due_us_ = 0;
   std::optional<std::int64_t> last_sent_us_;
-  bool fresh_ = false;  // an estimate has come since
+  bool fresh_ = false;  // a new estimate since
 };
 
 }  // namespace nadir

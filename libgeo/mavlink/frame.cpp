@@ -9,7 +9,7 @@ namespace {
 
 bool is_start(std::uint8_t byte) { return byte == MAVLINK_STX || byte == MAVLINK_STX_MAVLINK1; }
 
-// The generated parser's verdict on bytes that look like one frame.
+// Validates bytes that look like one frame with the generated parser.
 std::optional<mavlink_message_t> parsed(ByteView bytes) {
   mavlink_message_t working{};
   mavlink_message_t message{};
@@ -37,7 +37,7 @@ void FrameReader::skip(std::size_t count) {
   counts_.skipped_bytes += count;
 }
 
-// Bytes that the frame at at_ has by its header; 0: the header is not there yet.
+// Length of the frame at at_ according to its header; 0: the header is incomplete.
 std::size_t FrameReader::candidate_size() const {
   const std::size_t left = buffer_.size() - at_;
   if (left < 3) return 0;
@@ -47,8 +47,8 @@ std::size_t FrameReader::candidate_size() const {
   return MAVLINK_NUM_HEADER_BYTES + p[1] + MAVLINK_NUM_CHECKSUM_BYTES + signature;
 }
 
-// What starts here and is `size` long is no sound frame: the search goes on inside it. When another frame starts at its
-// end it was one, and nothing inside it is waited for or counted.
+// Rejects the candidate of `size` bytes at at_; the search resumes inside it. When another frame starts at its end, the
+// length was right: nothing inside it is waited for or counted.
 void FrameReader::reject(std::uint64_t& count, std::size_t size) {
   if (!inside_suspect()) {
     ++count;
@@ -97,6 +97,16 @@ std::optional<MavlinkFrame> FrameReader::next() {
     at_ += size;
     return frame;
   }
+}
+
+void mark_signed(Bytes& frame) {
+  frame[2] |= MAVLINK_IFLAG_SIGNED;
+  const std::uint32_t id = frame[7] | (std::uint32_t{frame[8]} << 8) | (std::uint32_t{frame[9]} << 16);
+  const std::size_t end = frame.size() - MAVLINK_NUM_CHECKSUM_BYTES;
+  std::uint16_t crc = crc_calculate(frame.data() + 1, static_cast<std::uint16_t>(end - 1));
+  crc_accumulate(mavlink_get_msg_entry(id)->crc_extra, &crc);
+  frame[end] = static_cast<std::uint8_t>(crc & 0xFF);
+  frame[end + 1] = static_cast<std::uint8_t>(crc >> 8);
 }
 
 }  // namespace nadir

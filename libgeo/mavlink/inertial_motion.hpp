@@ -1,10 +1,11 @@
-// What the aircraft's accelerometers say that it did since some moment: velocity gained and way gone beside the
-// velocity that it had then. Carries a position through a blackout in which the aircraft turns.
+// Velocity gain and displacement of the aircraft since some moment, integrated from its accelerometers. Propagates a
+// position through a blackout in which the aircraft turns.
 //
-// Specific force, turned level by the attitude that the autopilot told last: its horizontal part is the horizontal
-// acceleration. An attitude wrong by a degree pushes by 0.17 m/s². Where no samples came it is not known what the
-// aircraft did: then it is taken to have gone straight on, and the time is counted. Seconds of any one clock; metres
-// east and north.
+// Specific force f (body axes: forward, right, down) is levelled with the last attitude (roll φ, pitch θ, yaw ψ):
+//   a_NED = R_z(ψ) R_y(θ) R_x(φ) f + g;   gravity has no horizontal part, so a_N, a_E follow from f alone.
+// An attitude error of 1° causes 0.17 m/s². Each sample holds since the one before, for kInertialGap_s at most. Where
+// there are no samples the acceleration is taken as zero, and the time is counted as unknown. Times are seconds of any
+// one clock; metres east and north.
 #pragma once
 
 #include <deque>
@@ -14,7 +15,7 @@
 
 namespace nadir {
 
-inline constexpr double kInertialGap_s = 0.15;  // a sample stands for no longer than this
+inline constexpr double kInertialGap_s = 0.15;  // a sample holds for at most this long
 
 class InertialMotion {
  public:
@@ -22,20 +23,20 @@ class InertialMotion {
     double east = 0, north = 0;
   };
 
-  // What was gained between two moments.
+  // Motion between two moments, relative to constant velocity.
   struct Gain {
-    Plane velocity_m_s;  // to be added to the velocity at the first
-    Plane way_m;         // to be added to that velocity times the time between
-    double unknown_s = 0;
+    Plane velocity_mps;    // add to the velocity at the first
+    Plane displacement_m;  // add to that velocity times the elapsed time
+    double unknown_s = 0;  // without samples
   };
 
-  void hear(double time_s, const AircraftAttitude& attitude);
-  void hear(double time_s, const ImuSample& sample);
+  void on_message(double time_s, const AircraftAttitude& attitude);
+  void on_message(double time_s, const ImuSample& sample);
 
-  // A moment to count from, which may lie some seconds in the past (kKept_s). It stays good however long ago it gets.
+  // A reference moment, at most kKept_s in the past when it is made. It stays valid however old it gets.
   struct Moment {
     double time_s = 0;
-    Plane velocity_m_s{}, way_m{};  // sums since the first sample
+    Plane velocity_mps{}, displacement_m{};  // integrals since the first sample
     double known_s = 0;
   };
   Moment moment(double time_s) const;
@@ -43,8 +44,8 @@ class InertialMotion {
 
  private:
   struct Sample {
-    Moment until;     // when it came
-    Plane push_m_s2;  // from the sample before until then, and for a moment longer
+    Moment until;             // at its arrival
+    Plane acceleration_mps2;  // since the sample before
   };
 
   static constexpr double kKept_s = 5;

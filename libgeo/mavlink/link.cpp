@@ -8,20 +8,20 @@ MavlinkLink::MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress ow
     : transport_(std::move(transport)), own_(own), signing_(std::move(signing)) {}
 
 void MavlinkLink::advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
-                          const std::function<void(MavlinkAddress)>& refused) {
+                          const std::function<void(MavlinkAddress)>& rejected) {
   transport_->advance(monotonic_us, [&](const Transport::Arrival& arrival) {
     reader_.add(arrival.bytes);
     if (arrival.whole || arrival.lost) reader_.finish();
-    drain(monotonic_us, handle, refused);
+    drain(monotonic_us, handle, rejected);
   });
 }
 
 void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
-                        const std::function<void(MavlinkAddress)>& refused) {
+                        const std::function<void(MavlinkAddress)>& rejected) {
   while (const auto frame = reader_.next()) {
     if (frame->source == own_) continue;
     if (signing_ && signing_->check(*frame, monotonic_us) != SignatureVerdict::accepted) {
-      if (refused) refused(frame->source);
+      if (rejected) rejected(frame->source);
       continue;
     }
     transport_->trust_sender();

@@ -1,12 +1,12 @@
-// One link to the autopilot: a transport, frames, signatures and messages put together. It is used from one thread and
-// never waits; time comes from a steady clock, in microseconds.
+// One MAVLink connection: transport, frames, signatures and messages together. For one thread; never blocks. Times are
+// those of a steady clock, in microseconds.
 #pragma once
 
 #include <functional>
 #include <memory>
 #include <optional>
 
-#include "mavlink/codec.hpp"
+#include "mavlink/messages.hpp"
 #include "mavlink/signing.hpp"
 #include "mavlink/transport.hpp"
 
@@ -14,7 +14,7 @@ namespace nadir {
 
 struct ReceivedMessage {
   MavlinkAddress source;
-  bool is_signed = false;  // and the signature is right
+  bool is_signed = false;  // with a valid signature
   std::int64_t monotonic_us = 0;
   IncomingMessage message;
 };
@@ -23,32 +23,32 @@ struct LinkCounts {
   FrameCounts frames;
   SignatureCounts signatures;
   TransportCounts transport;
-  std::uint64_t malformed = 0;  // sound frames whose numbers are none
-  std::uint64_t messages = 0;   // handed on
+  std::uint64_t malformed = 0;  // valid frames with NaN or infinity where a number is required
+  std::uint64_t messages = 0;   // passed to the handler
   std::uint64_t sent = 0;
 };
 
 class MavlinkLink {
  public:
-  // Without `signing` nothing is signed and everything is believed: for simulators and the bench.
+  // Without `signing` nothing is signed and every frame is accepted: for simulators and the bench.
   MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing);
 
-  // What poll() needs, and whether the link is there.
+  // For poll(), and whether the link is up.
   const Transport& transport() const { return *transport_; }
 
-  // Reads and writes what can be. Frames that the signing rules refuse are counted and go no further, but for the news
-  // that `refused` gets of who claims to have sent them; so are our own that a network sends back.
+  // Reads and writes what is possible. Frames that the signing rules reject are counted and dropped; `rejected` gets
+  // the sender that they claim. Our own frames that a network echoes are dropped too.
   void advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
-               const std::function<void(MavlinkAddress claimed)>& refused = {});
+               const std::function<void(MavlinkAddress claimed)>& rejected = {});
 
-  // False: dropped, because the link is down or full.
+  // False: dropped because the link is down or its buffer is full.
   bool send(const OutgoingMessage& message, std::int64_t monotonic_us);
 
   LinkCounts counts() const;
 
  private:
   void drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
-             const std::function<void(MavlinkAddress)>& refused);
+             const std::function<void(MavlinkAddress)>& rejected);
 
   std::unique_ptr<Transport> transport_;
   MavlinkAddress own_;

@@ -1,29 +1,22 @@
-// What the link to the autopilot carries, as plain values in SI units, radians and degrees of longitude and latitude.
-// codec.hpp makes them from frames and frames from them; the protocol's own types never leave its sources.
+// MAVLink messages as plain values, and their encoding. SI units, radians, degrees of longitude and latitude; the wire
+// layout comes from the headers that the official generator makes from the official definitions, and those types never
+// leave messages.cpp.
 //
-// An optional field is one that the sender marked as unknown. Times: boot_ms counts from the autopilot's start;
-// unix_us is UTC, microseconds since 1970. Nothing that arrives is checked for plausibility here, but floating point
-// fields may hold NaN and infinities only where a comment says so: messages with such numbers are malformed.
+// An optional field is one that the sender marked as unknown. Times: boot_ms counts from the autopilot's boot, unix_us
+// is UTC in microseconds since 1970. Incoming values are not checked for plausibility here, but floating-point fields
+// hold NaN or infinity only where a comment says so: any other message with such a number is malformed.
 #pragma once
 
 #include <array>
-#include <compare>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <variant>
 
 #include "geodesy/lon_lat.hpp"
+#include "mavlink/frame.hpp"
 
 namespace nadir {
-
-// Who sent a message, or whom it is for; system 0 and component 0 mean everybody.
-struct MavlinkAddress {
-  std::uint8_t system = 0;
-  std::uint8_t component = 0;
-
-  auto operator<=>(const MavlinkAddress&) const = default;
-};
 
 struct Vector3 {
   double x = 0;
@@ -34,9 +27,9 @@ struct Vector3 {
 };
 
 struct NedVelocity {
-  double north_m_s = 0;
-  double east_m_s = 0;
-  double down_m_s = 0;
+  double north_mps = 0;
+  double east_mps = 0;
+  double down_mps = 0;
 
   bool operator==(const NedVelocity&) const = default;
 };
@@ -46,26 +39,13 @@ enum class TextSeverity : std::uint8_t { emergency, alert, critical, error, warn
 enum class SystemState : std::uint8_t { uninitialized, boot, calibrating, standby, active, critical, emergency };
 enum class CommandResult : std::uint8_t { accepted, temporarily_rejected, denied, unsupported, failed, in_progress };
 
-// ---- both ways
-
-struct Timesync {
-  std::int64_t answered_ns = 0;  // 0: a request
-  std::int64_t sent_ns = 0;
-};
+// ---- both directions
 
 struct StatusText {
   TextSeverity severity = TextSeverity::info;
   std::string text{};  // at most 50 bytes in each message
   std::uint16_t id = 0;
   std::uint8_t chunk = 0;
-};
-
-// The seven parameters may be NaN ("not used").
-struct CommandLong {
-  MavlinkAddress target{};
-  std::uint16_t command = 0;
-  std::uint8_t confirmation = 0;
-  std::array<float, 7> parameters{};
 };
 
 struct CommandInt {
@@ -77,13 +57,7 @@ struct CommandInt {
   float z = 0;
 };
 
-struct CommandAck {
-  std::uint16_t command = 0;
-  CommandResult result = CommandResult::accepted;
-  MavlinkAddress target{};  // whose command it was
-};
-
-// ---- from the autopilot
+// ---- incoming
 
 struct Heartbeat {
   std::uint8_t vehicle_type = 0;
@@ -108,7 +82,7 @@ struct AircraftAttitude {
   Vector3 rate_rad_s{};
 };
 
-// The autopilot's own fused position: what we said comes back in it, so that nothing may be built from it.
+// The autopilot's own fused position. It contains our own fixes, so that it must never be used as a measurement.
 struct GlobalPosition {
   std::uint32_t boot_ms = 0;
   LonLat place{};
@@ -126,40 +100,21 @@ struct GpsRaw {
   double msl_m = 0;
   std::optional<double> hdop{};
   std::optional<double> vdop{};
-  std::optional<double> ground_speed_m_s{};
+  std::optional<double> ground_speed_mps{};
   std::optional<double> course_rad{};
   std::optional<int> satellites{};
   std::optional<double> horizontal_accuracy_m{};
   std::optional<double> vertical_accuracy_m{};
-  std::optional<double> speed_accuracy_m_s{};
+  std::optional<double> speed_accuracy_mps{};
   std::optional<double> yaw_rad{};
 };
 
-// Of RAW_IMU and SCALED_IMU, 2 and 3; ArduPilot sends both in milli-g and milliradians per second.
+// RAW_IMU (any instance) and SCALED_IMU; ArduPilot sends both in milli-g and milliradians per second.
 struct ImuSample {
   int instance = 1;
   std::uint64_t time_us = 0;
-  Vector3 acceleration_m_s2{};
+  Vector3 acceleration_mps2{};
   Vector3 rate_rad_s{};
-};
-
-struct AirPressure {
-  std::uint32_t boot_ms = 0;
-  double absolute_hpa = 0;
-  double differential_hpa = 0;
-};
-
-struct FlightFigures {  // VFR_HUD
-  double airspeed_m_s = 0;
-  double ground_speed_m_s = 0;
-  double heading_rad = 0;
-  double msl_m = 0;
-  double climb_m_s = 0;
-};
-
-struct WindEstimate {
-  double from_rad = 0;
-  double speed_m_s = 0;
 };
 
 struct GroundHeight {  // TERRAIN_REPORT
@@ -182,7 +137,7 @@ struct EkfStatus {
   bool horizontal_position_relative = false;
   bool horizontal_position_absolute = false;
   bool vertical_position = false;
-  bool constant_position = false;  // it does not know where it is
+  bool constant_position = false;  // no position estimate
   bool uninitialized = false;
   bool gps_glitching = false;
   double velocity_variance = 0;
@@ -191,18 +146,12 @@ struct EkfStatus {
   double compass_variance = 0;
 };
 
-struct SystemStatus {  // SYS_STATUS
-  bool gps_present = false;
-  bool gps_enabled = false;
-  bool gps_healthy = false;
-};
-
 struct ParameterValue {
   std::string name{};
   double value = 0;  // may be NaN
   std::uint8_t type = 0;
   int count = 0;
-  int index = -1;  // -1: not said
+  int index = -1;  // -1: unknown
 };
 
 struct AutopilotVersion {
@@ -215,44 +164,43 @@ struct AutopilotVersion {
   std::array<std::uint8_t, 18> uid2{};
 };
 
-// A simulator's truth.
+// Ground truth of a simulator.
 struct SimState {
   double roll_rad = 0;
   double pitch_rad = 0;
   double yaw_rad = 0;
-  Vector3 acceleration_m_s2{};
+  Vector3 acceleration_mps2{};
   Vector3 rate_rad_s{};
   LonLat place{};
   double msl_m = 0;
   NedVelocity velocity{};
 };
 
-// Sound, but nothing that we use.
+// Valid, but not used here.
 struct OtherMessage {
   std::uint32_t id = 0;
 };
 
 using IncomingMessage =
-    std::variant<OtherMessage, Heartbeat, SystemTime, Timesync, AircraftAttitude, GlobalPosition, GpsRaw, ImuSample,
-                 AirPressure, FlightFigures, WindEstimate, GroundHeight, GroundDistance, EkfStatus, SystemStatus,
-                 StatusText, ParameterValue, CommandLong, CommandInt, CommandAck, AutopilotVersion, SimState>;
+    std::variant<OtherMessage, Heartbeat, SystemTime, AircraftAttitude, GlobalPosition, GpsRaw, ImuSample, GroundHeight,
+                 GroundDistance, EkfStatus, StatusText, ParameterValue, CommandInt, AutopilotVersion, SimState>;
 
-// ---- from us
+// ---- outgoing
 
 struct OwnHeartbeat {  // as an onboard computer
   SystemState state = SystemState::boot;
 };
 
-// A GPS fix for the autopilot; gps_input.hpp fills it by the autopilot's rules.
-// What a receiver tells of its velocity: one that looks at the ground may know nothing of the vertical.
+// A receiver's velocity; a downward-looking camera may not observe the vertical component.
 struct GpsVelocity {
-  double north_m_s = 0;
-  double east_m_s = 0;
-  std::optional<double> down_m_s{};
+  double north_mps = 0;
+  double east_mps = 0;
+  std::optional<double> down_mps{};
 
   bool operator==(const GpsVelocity&) const = default;
 };
 
+// A GPS fix for the autopilot; gps_input.hpp fills it by the autopilot's rules.
 struct GpsInput {
   std::int64_t unix_us = 0;
   std::uint16_t gps_week = 0;
@@ -266,18 +214,28 @@ struct GpsInput {
   std::optional<GpsVelocity> velocity{};
   std::optional<double> horizontal_accuracy_m{};
   std::optional<double> vertical_accuracy_m{};
-  std::optional<double> speed_accuracy_m_s{};
+  std::optional<double> speed_accuracy_mps{};
   int satellites = 0;
   std::optional<double> yaw_rad{};
+};
+
+// The seven parameters may be NaN ("not used").
+struct CommandLong {
+  MavlinkAddress target{};
+  std::uint16_t command = 0;
+  std::uint8_t confirmation = 0;
+  std::array<float, 7> parameters{};
+};
+
+struct CommandAck {
+  std::uint16_t command = 0;
+  CommandResult result = CommandResult::accepted;
+  MavlinkAddress target{};  // the sender of the command
 };
 
 struct ParameterRequest {
   MavlinkAddress target{};
   std::string name{};  // at most 16 bytes
-};
-
-struct ParameterListRequest {
-  MavlinkAddress target{};
 };
 
 struct ParameterSet {
@@ -287,14 +245,24 @@ struct ParameterSet {
   std::uint8_t type = 9;  // that of the ParameterValue; ArduPilot takes any
 };
 
-// Carries the secret: only over a link that nobody overhears, never into a log.
+// Carries the secret key: send it over a private link only, and never log it.
 struct SigningSetup {
   MavlinkAddress target{};
   std::array<std::uint8_t, 32> key{};
   std::uint64_t timestamp_10us = 0;
 };
 
-using OutgoingMessage = std::variant<OwnHeartbeat, GpsInput, Timesync, StatusText, CommandLong, CommandInt, CommandAck,
-                                     ParameterRequest, ParameterListRequest, ParameterSet, SigningSetup>;
+using OutgoingMessage = std::variant<OwnHeartbeat, GpsInput, StatusText, CommandLong, CommandInt, CommandAck,
+                                     ParameterRequest, ParameterSet, SigningSetup>;
+
+// ---- on the wire
+
+// Decodes a frame. nullopt: malformed, a NaN or infinity where a number is required. Fields that the sender left out
+// (version 2 truncates trailing zeros, version 1 has no extensions) are zero or unknown.
+std::optional<IncomingMessage> decode(const MavlinkFrame& frame);
+
+// Encodes a version 2 frame without a signature; signing.hpp signs it. Values beyond a field's range are clamped, long
+// texts are cut between two UTF-8 characters.
+Bytes encode(const OutgoingMessage& message, MavlinkAddress from, std::uint8_t sequence);
 
 }  // namespace nadir

@@ -1,18 +1,48 @@
 #include "mavlink/signing.hpp"
 
 #include <openssl/crypto.h>
+#include <openssl/rand.h>
 
-#include "base/sha256.hpp"
-#include "mavlink/codec.hpp"
+#include <algorithm>
+#include <charconv>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 namespace {
 
+constexpr std::int64_t kEpochUnix_us = 1'420'070'400'000'000;  // 2015-01-01T00:00:00Z
+constexpr std::uint64_t kMaxTimestamp = (std::uint64_t{1} << 48) - 1;
+
+// Timestamps reserved by each write of the file; a restart skips at most so many.
+constexpr std::uint64_t kReservation = kSigningTicksPerSecond / 10;
+
+// take() writes the file itself when timestamps lag by so much: nobody calls save(). Receivers reject a lag of a
+// minute.
+constexpr std::uint64_t kMaxLag = 10 * kSigningTicksPerSecond;
+
+std::uint64_t read_reservation(const std::filesystem::path& path) {
+  if (!std::filesystem::exists(path)) return 0;
+  const std::string text = read_text_file(path, 64);
+  std::uint64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || std::string_view(end) != "\n" || value > kMaxTimestamp) {
+    throw Error({.what = "the saved signing time is damaged",
+                 .where = path,
+                 .expected = "one integer: units of 10 µs since 2015",
+                 .found = std::to_string(text.size()) + " bytes of other content",
+                 .fix = "delete it if the system's clock is right; signatures could be replayed otherwise"});
+  }
+  return value;
+}
+
 constexpr std::size_t kTimestampSize = 6;
 constexpr std::size_t kTagSize = 6;
-constexpr std::uint64_t kOldest = 60 * kSigningTicksPerSecond;
+constexpr std::uint64_t kMaxAge = 60 * kSigningTicksPerSecond;
 
-// Holders of the key alone can open streams; a fleet in one network stays far below.
+// Only holders of the key can open streams; a fleet on one network stays far below.
 constexpr std::size_t kMaxStreams = 1024;
 
 // signed_part: the frame up to and with the timestamp.
@@ -24,6 +54,109 @@ Sha256 digest(const SigningKey& key, ByteView signed_part) {
 }
 
 }  // namespace
+
+SigningKey::~SigningKey() { OPENSSL_cleanse(bytes_.data(), bytes_.size()); }
+
+SigningKey SigningKey::read(const std::filesystem::path& path) {
+  require_private_mode(path);
+  std::string text = read_text_file(path, 1024);
+  std::string_view digits = text;
+  while (digits.ends_with('\n') || digits.ends_with('\r')) digits.remove_suffix(1);
+  auto bytes = Sha256::from_hex(digits);  // 32 bytes as well
+  OPENSSL_cleanse(text.data(), text.size());
+  if (!bytes) {
+    throw UsageError({.what = "the file contains no signing key",
+                      .where = path,
+                      .expected = "64 lower-case hexadecimal digits and nothing else",
+                      .found = "other content (not shown: it may be a secret)",
+                      .fix = "create a key with `openssl rand -hex 32` and install it on the autopilot too"});
+  }
+  SigningKey key(bytes->bytes);
+  OPENSSL_cleanse(bytes->bytes.data(), bytes->bytes.size());
+  return key;
+}
+
+SigningKey SigningKey::generate() {
+  std::array<std::uint8_t, 32> bytes{};
+  if (RAND_priv_bytes(bytes.data(), static_cast<int>(bytes.size())) != 1) {
+    throw Error({.what = "the operating system provides no randomness for a signing key"});
+  }
+  return SigningKey(bytes);
+}
+
+void SigningKey::write(const std::filesystem::path& path) const {
+  if (std::filesystem::exists(path)) {
+    throw UsageError({.what = "a signing key already exists",
+                      .where = path,
+                      .expected = "a path that does not exist",
+                      .fix = "move it away; an autopilot may still use it"});
+  }
+  std::string text = Sha256{bytes_}.hex() + "\n";
+  write_file_atomic(path, text, 0600);
+  OPENSSL_cleanse(text.data(), text.size());
+}
+
+std::uint64_t signing_time_of(std::int64_t unix_us) {
+  if (unix_us <= kEpochUnix_us) return 0;
+  return std::min(static_cast<std::uint64_t>(unix_us - kEpochUnix_us) / 10, kMaxTimestamp);
+}
+
+SigningTime::SigningTime(std::filesystem::path path, std::int64_t unix_us, std::int64_t monotonic_us)
+    : path_(std::move(path)), base_us_(monotonic_us), last_(read_reservation(path_)), allowed_(last_) {
+  base_ = std::max(signing_time_of(unix_us), last_);
+}
+
+std::uint64_t SigningTime::now_locked(std::int64_t monotonic_us) const {
+  const std::int64_t elapsed_us = std::max<std::int64_t>(monotonic_us - base_us_, 0);
+  return std::min(base_ + static_cast<std::uint64_t>(elapsed_us) / 10, kMaxTimestamp);
+}
+
+std::uint64_t SigningTime::now(std::int64_t monotonic_us) const {
+  const std::scoped_lock lock(mutex_);
+  return now_locked(monotonic_us);
+}
+
+std::uint64_t SigningTime::take(std::int64_t monotonic_us) {
+  {
+    const std::scoped_lock lock(mutex_);
+    if (last_ < allowed_ && now_locked(monotonic_us) < allowed_ + kMaxLag) return ++last_;
+  }
+  if (const std::unique_lock writing(writing_, std::try_to_lock); writing) write(monotonic_us);
+  const std::scoped_lock lock(mutex_);
+  if (last_ >= allowed_ && last_ < kMaxTimestamp) ++failed_;  // another write is blocked
+  last_ = std::min(last_ + 1, kMaxTimestamp);
+  return last_;
+}
+
+void SigningTime::adopt(std::uint64_t timestamp, std::int64_t monotonic_us) {
+  const std::scoped_lock lock(mutex_);
+  if (timestamp <= now_locked(monotonic_us)) return;
+  base_ = timestamp;
+  base_us_ = monotonic_us;
+}
+
+void SigningTime::save(std::int64_t monotonic_us) {
+  const std::scoped_lock writing(writing_);
+  write(monotonic_us);
+}
+
+void SigningTime::write(std::int64_t monotonic_us) {
+  std::uint64_t from = 0;
+  {
+    const std::scoped_lock lock(mutex_);
+    from = std::max(now_locked(monotonic_us), allowed_);
+  }
+  const std::uint64_t until = std::min(from + kReservation, kMaxTimestamp);
+  try {
+    write_file_atomic(path_, std::to_string(until) + "\n");
+  } catch (const Error&) {
+    ++failed_;
+  }
+  // Also after a failure: the next attempt comes when this reservation is used up or old, not with every frame.
+  const std::scoped_lock lock(mutex_);
+  last_ = std::max(last_, from);
+  allowed_ = until;
+}
 
 Signing::Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id)
     : key_(key), time_(time), link_id_(link_id) {}
@@ -52,7 +185,7 @@ SignatureVerdict Signing::verdict(const MavlinkFrame& frame, std::int64_t monoto
   const Stream stream{frame.source, block[0]};
   const auto known = streams_.find(stream);
   if (known != streams_.end() && timestamp <= known->second) return SignatureVerdict::replayed;
-  if (timestamp + kOldest < time_.now(monotonic_us)) return SignatureVerdict::too_old;
+  if (timestamp + kMaxAge < time_.now(monotonic_us)) return SignatureVerdict::too_old;
   if (known == streams_.end() && streams_.size() >= kMaxStreams) return SignatureVerdict::too_many_streams;
   streams_[stream] = timestamp;
   time_.adopt(timestamp, monotonic_us);

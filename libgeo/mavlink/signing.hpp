@@ -1,19 +1,95 @@
-// Signatures of one link (MAVLink 2, mavlink.io/en/guide/message_signing.html): the first 48 bits of
+// MAVLink 2 message signing (mavlink.io/en/guide/message_signing.html): the key, the timestamps and the signatures of
+// a link. A signature is the first 48 bits of
 //   SHA-256(key ‖ header ‖ payload ‖ checksum ‖ link id ‖ timestamp)
-//
-// Refused are frames without a signature where one is required, wrong signatures, timestamps that their stream (system,
-// component, link) has reached before, and those more than a minute behind us. What is accepted moves our clock.
 #pragma once
 
+#include <array>
+#include <atomic>
 #include <cstdint>
+#include <filesystem>
 #include <map>
+#include <mutex>
 #include <tuple>
 
 #include "mavlink/frame.hpp"
-#include "mavlink/signing_key.hpp"
-#include "mavlink/signing_time.hpp"
 
 namespace nadir {
+
+// The secret key of a link: 32 bytes, shared by the autopilot, its operators and this computer. It never enters a log,
+// a record or an error text, and is wiped from memory on destruction.
+class SigningKey {
+ public:
+  // A file with 64 hexadecimal digits, mode 0600 or narrower. Throws UsageError, Error.
+  static SigningKey read(const std::filesystem::path& path);
+  static SigningKey generate();  // from the operating system's randomness
+
+  explicit SigningKey(const std::array<std::uint8_t, 32>& bytes) : bytes_(bytes) {}
+  ~SigningKey();
+  SigningKey(const SigningKey&) = default;
+  SigningKey& operator=(const SigningKey&) = default;
+
+  // Never replaces a file: it may hold a key that an autopilot still uses.
+  void write(const std::filesystem::path& path) const;
+
+  const std::array<std::uint8_t, 32>& bytes() const { return bytes_; }
+
+ private:
+  std::array<std::uint8_t, 32> bytes_;
+};
+
+inline constexpr std::uint64_t kSigningTicksPerSecond = 100'000;
+
+// Timestamps count units of 10 µs since 2015-01-01 UTC. Zero before.
+std::uint64_t signing_time_of(std::int64_t unix_us);
+
+// The signing clock: strictly increasing timestamps that are never reused, not even by the next run.
+//
+// The system clock is read at the start only; from there the time advances with the monotonic clock, because a clock
+// that is set back in flight must not silence the link. It never falls behind an accepted timestamp of a peer, which is
+// how an aircraft without a battery-backed clock gets the time.
+//
+// now() is the time against which received frames are checked. take() returns timestamps at or slightly behind it: a
+// file holds the highest timestamp that may have been used, never more than now() plus a tenth of a second. A restart
+// continues from the file and does not run ahead of the peers' clocks, however often it happens.
+//
+// save() writes the file, once a second, from a thread that may wait for disks. take() writes it only when nobody has
+// called save() for ten seconds.
+class SigningTime {
+ public:
+  // path: the file with the highest timestamp that may have been used; missing on a new aircraft. monotonic_us: of any
+  // steady clock. Throws Error when the file is damaged.
+  SigningTime(std::filesystem::path path, std::int64_t unix_us, std::int64_t monotonic_us);
+
+  // The time against which received frames are checked.
+  std::uint64_t now(std::int64_t monotonic_us) const;
+
+  // A timestamp for one signature. Never waits for a concurrent save().
+  std::uint64_t take(std::int64_t monotonic_us);
+
+  // A holder of the key is ahead of us.
+  void adopt(std::uint64_t timestamp, std::int64_t monotonic_us);
+
+  // Reserves timestamps on disk. From any thread; as slow as the disk.
+  void save(std::int64_t monotonic_us);
+
+  // Failed writes (a full disk). The link goes on: losing it in flight is worse than a next start that has to rely on
+  // the system clock.
+  std::uint64_t failed_reservations() const { return failed_; }
+
+ private:
+  void write(std::int64_t monotonic_us);
+  std::uint64_t now_locked(std::int64_t monotonic_us) const;
+
+  const std::filesystem::path path_;
+  std::atomic<std::uint64_t> failed_ = 0;
+
+  std::mutex writing_;        // held while the file is written, so that an older value never replaces a newer one
+  mutable std::mutex mutex_;  // guards all below
+  std::uint64_t base_ = 0;    // the time at base_us_
+  std::int64_t base_us_ = 0;
+  std::uint64_t last_ = 0;     // returned by take()
+  std::uint64_t allowed_ = 0;  // reserved in the file
+};
 
 enum class SignatureVerdict { accepted, without, wrong, replayed, too_old, too_many_streams };
 
@@ -26,12 +102,15 @@ struct SignatureCounts {
   std::uint64_t too_many_streams = 0;
 };
 
+// Signs and verifies the frames of one link. Rejected are unsigned frames, wrong signatures, timestamps that their
+// stream (system, component, link) has already reached, and timestamps more than a minute behind ours. An accepted
+// timestamp advances our clock.
 class Signing {
  public:
-  // time outlives this; links of one aircraft share it.
+  // time must outlive this; the links of one aircraft share it.
   Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id);
 
-  // An encoded version 2 frame becomes a signed one.
+  // Signs an encoded version 2 frame.
   Bytes sign(Bytes frame, std::int64_t monotonic_us);
 
   SignatureVerdict check(const MavlinkFrame& frame, std::int64_t monotonic_us);
@@ -45,7 +124,7 @@ class Signing {
   SigningKey key_;
   SigningTime& time_;
   std::uint8_t link_id_;
-  std::map<Stream, std::uint64_t> streams_;  // the last timestamp of each
+  std::map<Stream, std::uint64_t> streams_;  // last timestamp of each
   SignatureCounts counts_;
 };
 

@@ -1,30 +1,51 @@
-// Bytes to and from the autopilot. Nothing here ever waits: poll() on descriptor() and events(), then call advance().
+// The byte transport of the autopilot link, named by an endpoint:
+//   udpin:HOST:PORT    listen, and answer whoever proves to be the autopilot
+//   udpout:HOST:PORT   send first
+//   tcp:HOST:PORT      connect
+//   serial:PATH:BAUD   a serial port: 8 data bits, no parity, no flow control
+// Hosts are addresses ("127.0.0.1", "[::1]") or "localhost": an aircraft does not wait for a name server.
 //
-// A link that is down is opened again every second; what is to be sent meanwhile is dropped, because an old fix is
-// worse than none. What cannot be written at once waits in a bounded buffer, whole frames or nothing.
+// Nothing here blocks: poll() on descriptor() and events(), then call advance(). A transport that is down is reopened
+// every second; frames sent meanwhile are dropped, because a stale fix is worse than none. Frames that cannot be
+// written at once wait in a bounded buffer, complete frames or nothing.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "base/bytes.hpp"
-#include "mavlink/endpoint.hpp"
 
 namespace nadir {
+
+struct Endpoint {
+  enum class Kind { udp_listen, udp_send, tcp, serial };
+  Kind kind = Kind::udp_listen;
+  std::string host{};      // without brackets
+  std::uint16_t port = 0;  // 0 with udpin only: any free port
+  std::string device{};
+  int baud = 0;
+
+  bool operator==(const Endpoint&) const = default;
+};
+
+// Throws UsageError.
+Endpoint parse_endpoint(std::string_view text);
+std::string to_string(const Endpoint& endpoint);
 
 struct TransportCounts {
   std::uint64_t bytes_in = 0;
   std::uint64_t bytes_out = 0;
-  std::uint64_t frames_dropped = 0;  // no connection, nobody to send to, or the buffer was full
+  std::uint64_t frames_dropped = 0;  // no connection, no peer, or the buffer was full
   std::uint64_t opened = 0;
   std::uint64_t lost = 0;
 };
 
 class Transport {
  public:
-  // What arrived. `whole`: a datagram, in which frames begin and end. `lost`: a connection ended; there are no bytes.
+  // `whole`: a datagram, which holds complete frames. `lost`: the connection ended; bytes is empty.
   struct Arrival {
     ByteView bytes;
     bool whole = false;
@@ -34,23 +55,23 @@ class Transport {
 
   virtual ~Transport() = default;
 
-  // Opens when it is time, writes what waits, hands over what arrived (at most about 64 KiB for one call).
+  // Opens when due, writes the buffer, passes on what arrived (at most about 64 KiB per call).
   virtual void advance(std::int64_t monotonic_us, const Sink& sink) = 0;
 
   // False: dropped, and counted.
   virtual bool send(ByteView frame) = 0;
 
-  // Whoever sent what the sink is looking at has proved to be the autopilot: answers go there. Only datagrams that come
-  // from anybody make a difference.
+  // The sender of the arrival that the sink is handling has proved to be the autopilot: send to it from now on. Only
+  // udpin depends on it.
   virtual void trust_sender() {}
 
   virtual bool is_open() const = 0;
-  virtual int descriptor() const = 0;  // -1: none, call advance() again within a second
+  virtual int descriptor() const = 0;  // -1: closed, call advance() again within a second
   virtual short events() const = 0;    // for poll()
   virtual std::uint16_t local_port() const { return 0; }
 
   const TransportCounts& counts() const { return counts_; }
-  const std::string& last_error() const { return last_error_; }  // why it is not open
+  const std::string& last_error() const { return last_error_; }  // why it is closed
 
  protected:
   TransportCounts counts_;

@@ -2,115 +2,130 @@
 
 #include <fmt/format.h>
 
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/http.hpp>
+#include <cmath>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "base/error.hpp"
+#include "base/json.hpp"
 #include "base/printable.hpp"
+#include "http/client.hpp"
 
 namespace nadir {
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-namespace http = beast::http;
-
-constexpr std::uint64_t kLargestAnswer = 8 << 20;
-constexpr std::size_t kMostOfAProblemShown = 400;
-
-// One request on a connection of its own, all of it within one time limit.
-class Call {
- public:
-  explicit Call(http::request<http::empty_body> request) : request_(std::move(request)) {
-    parser_.body_limit(kLargestAnswer);
-  }
-
-  // The error; none when parser() holds the answer.
-  beast::error_code run(const std::string& host, const std::string& port, std::chrono::milliseconds patience) {
-    resolver_.async_resolve(host, port, [this](beast::error_code error, const auto& places) {
-      if (failed(error)) return;
-      stream_.async_connect(places, [this](beast::error_code refused, const auto&) {
-        if (!failed(refused)) exchange();
-      });
-    });
-    io_.run_for(patience);
-    return io_.stopped() ? error_ : beast::error_code(beast::error::timeout);
-  }
-
-  http::response<http::string_body>& answer() { return parser_.get(); }
-
- private:
-  bool failed(beast::error_code error) {
-    error_ = error;
-    return static_cast<bool>(error);
-  }
-  void exchange() {
-    http::async_write(stream_, request_, [this](beast::error_code error, std::size_t) {
-      if (failed(error)) return;
-      http::async_read(stream_, buffer_, parser_, [this](beast::error_code broken, std::size_t) { failed(broken); });
-    });
-  }
-
-  http::request<http::empty_body> request_;
-  asio::io_context io_{1};
-  asio::ip::tcp::resolver resolver_{io_};
-  beast::tcp_stream stream_{io_};
-  beast::flat_buffer buffer_;
-  http::response_parser<http::string_body> parser_;
-  beast::error_code error_;
-};
+constexpr std::size_t kLongestProblem = 400;  // shown, bytes
 
 }  // namespace
 
-NadirdClient::NadirdClient(std::string_view url, std::string token, std::chrono::milliseconds patience)
-    : url_(url), token_(std::move(token)), patience_(patience) {
+NadirdClient::NadirdClient(std::string_view url, std::string token, std::chrono::milliseconds timeout)
+    : url_(url), token_(std::move(token)), timeout_(timeout) {
   constexpr std::string_view kScheme = "http://";
-  std::string_view place = url;
-  if (place.ends_with('/')) place.remove_suffix(1);
-  if (place.starts_with(kScheme)) {
-    place.remove_prefix(kScheme.size());
-    const std::size_t colon = place.rfind(':');
-    const bool has_port = colon != std::string_view::npos && place.find(']', colon) == std::string_view::npos;
-    host_ = place.substr(0, has_port ? colon : place.size());
-    port_ = has_port ? std::string(place.substr(colon + 1)) : "8750";
+  std::string_view address = url;
+  if (address.ends_with('/')) address.remove_suffix(1);
+  if (address.starts_with(kScheme)) {
+    address.remove_prefix(kScheme.size());
+    const std::size_t colon = address.rfind(':');
+    const bool has_port = colon != std::string_view::npos && address.find(']', colon) == std::string_view::npos;
+    host_ = address.substr(0, has_port ? colon : address.size());
+    port_ = has_port ? std::string(address.substr(colon + 1)) : "8750";
   }
   const auto all_of = [](const std::string& text, std::string_view allowed) {
     return !text.empty() && text.find_first_not_of(allowed) == std::string::npos;
   };
   if (!all_of(host_, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_:[]") ||
       !all_of(port_, "0123456789")) {
-    throw UsageError({.what = "the service's URL does not read",
+    throw UsageError({.what = "not the URL of a service",
                       .expected = fmt::format("http://HOST:PORT, as in {}", kDefaultServiceUrl),
                       .found = printable(url)});
   }
 }
 
 std::string NadirdClient::get(const std::string& path) const {
-  http::request<http::empty_body> request{http::verb::get, path, 11};
-  request.set(http::field::host, host_ + ":" + port_);
-  request.keep_alive(false);
-  if (!token_.empty()) request.set(http::field::authorization, "Bearer " + token_);
-  const bool bracketed = host_.starts_with('[') && host_.ends_with(']');
-  Call call(std::move(request));
-  if (const auto error = call.run(bracketed ? host_.substr(1, host_.size() - 2) : host_, port_, patience_)) {
+  auto result = http_get({.host = host_, .port = port_, .path = path, .bearer_token = token_}, timeout_);
+  if (const auto* none = std::get_if<NoHttpAnswer>(&result)) {
     throw Error({.what = "the service does not answer",
                  .where = url_ + path,
-                 .found = printable(error.message()),
-                 .fix = "start nadird, or name the address that it listens on"});
+                 .found = printable(none->reason),
+                 .fix = "start nadird, or give the address that it listens on"});
   }
-  const int status = static_cast<int>(call.answer().result_int());
-  if (status != 200) {
-    throw Error(
-        {.what = "the service refuses",
-         .where = url_ + path,
-         .expected = "200",
-         .found = fmt::format("{}: {}", status, printable(call.answer().body().substr(0, kMostOfAProblemShown))),
-         .fix = status == 401 ? "name the file with its token: --token-file FILE" : ""});
+  auto& answer = std::get<HttpAnswer>(result);
+  if (answer.status != 200) {
+    throw Error({.what = "the service refuses the request",
+                 .where = url_ + path,
+                 .expected = "200",
+                 .found = fmt::format("{}: {}", answer.status, printable(answer.body.substr(0, kLongestProblem))),
+                 .fix = answer.status == 401 ? "give the file with its token: --token-file FILE" : ""});
   }
-  return std::move(call.answer().body());
+  return std::move(answer.body);
+}
+
+namespace {
+
+std::string text(const JsonReader& in, const char* key) { return printable(in.text(key)); }
+
+std::optional<double> number(const JsonReader& in, const char* key) {
+  return in.is_null(key) ? std::nullopt : std::optional(in.number(key));
+}
+
+double number_or_zero(const JsonReader& in, const char* key) { return number(in, key).value_or(0); }
+
+std::uint64_t count(const JsonReader& in, const std::string& key) {
+  return static_cast<std::uint64_t>(in.integer(key, 0, std::int64_t{1} << 62));
+}
+
+}  // namespace
+
+// A newer service may send members that this program does not know.
+WatchedStatus parse_watched_status(std::string_view json_text) {
+  const nlohmann::json document = parse_json(json_text, "/v1/state");
+  const JsonReader in(document, {.name = "/v1/state",
+                                 .what = "the answer is not the state of a nadird",
+                                 .fix = "is this the address of nadird, of the same version as this program?"});
+  WatchedStatus status;
+  status.boot = text(in, "boot");
+  status.state = text(in, "state");
+  status.reason = text(in, "reason");
+  status.source = text(in, "source");
+  status.age_s = number_or_zero(in, "age_s");
+  status.state_for_s = number_or_zero(in, "state_for_s");
+  if (!in.is_null("position")) {
+    const JsonReader position = in.object("position");
+    status.lon_deg = number(position, "lon");
+    status.lat_deg = number(position, "lat");
+    status.sigma_m = number(position, "sigma_m");
+  }
+  if (!in.is_null("velocity")) {
+    const JsonReader velocity = in.object("velocity");
+    status.speed_mps = std::hypot(number_or_zero(velocity, "east_m_s"), number_or_zero(velocity, "north_m_s"));
+  }
+  status.anchor_age_s = number(in, "anchor_age_s");
+  status.heading_deg = number(in, "heading_deg");
+  status.agl_m = number(in, "agl_m");
+  const JsonReader frames = in.object("frames"), anchors = in.object("anchors"), link = in.object("link");
+  status.frames_per_s = number_or_zero(frames, "per_s");
+  status.frames_received = count(frames, "received");
+  status.frames_dropped = count(frames, "dropped");
+  status.anchors_accepted = count(anchors, "accepted");
+  status.anchors_rejected = count(anchors, "rejected");
+  status.link_connected = link.boolean("connected");
+  status.link_signed = link.boolean("signed");
+  status.fixes_sent = count(link, "fixes_sent");
+  const JsonReader rejected_by = link.object("rejected_by");
+  for (const std::string& reason : rejected_by.keys()) status.link_rejected += count(rejected_by, reason);
+  const JsonReader gps = in.object("gps"), recorder = in.object("recorder"), events = in.array("events");
+  status.gps = text(gps, "judgement");
+  status.gps_reason = text(gps, "reason");
+  status.recorder = text(recorder, "state");
+  status.recorder_reason = text(recorder, "reason");
+  for (std::size_t i = 0; i < events.size(); ++i) {
+    const JsonReader event = events.object(i);
+    status.events.push_back({.id = count(event, "id"),
+                             .age_s = number_or_zero(event, "age_s"),
+                             .severity = text(event, "severity"),
+                             .text = text(event, "text")});
+  }
+  return status;
 }
 
 }  // namespace nadir

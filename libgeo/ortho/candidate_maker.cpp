@@ -9,8 +9,8 @@
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "ortho/camera_digest.hpp"
-#include "ortho/picture_blur.hpp"
+#include "ortho/candidate_sidecar.hpp"
+#include "ortho/image_blur.hpp"
 
 namespace nadir {
 namespace {
@@ -21,19 +21,19 @@ std::int64_t mdeg(double rad) { return rounded(degrees(rad), 1e-3); }
 
 constexpr std::int64_t kFullTurn_mdeg = 360'000;
 
-// The picture in colour, decoded no larger than needed; empty when it is damaged or of another size.
+// The image in colour, decoded no larger than needed; empty when it is damaged or has another size.
 cv::Mat decoded(ByteView encoded, const CameraModel& camera, int shrink, const std::string& name) {
   try {
     cv::Mat image = decode_image(encoded, Colour::bgr, name, shrink).image;
     if (image.cols == camera.width / shrink && image.rows == camera.height / shrink) return image;
   } catch (const Error&) {
-    // Frames are damaged on their way now and then; this one makes no tiles.
+    // Frames are damaged in transit now and then; this one makes no tiles.
   }
   return {};
 }
 
-QuiltLimits quilt_limits(const CandidateFlight& flight) {
-  QuiltLimits limits = flight.quilt;
+MosaicLimits mosaic_limits(const CandidateFlight& flight) {
+  MosaicLimits limits = flight.mosaic;
   limits.candidate_sigma_m = flight.limits.candidate_sigma_m;
   limits.soft_sigma_m = flight.limits.soft_sigma_m;
   return limits;
@@ -44,25 +44,25 @@ void count(OrthoRefusal refusal, FrameTiles& report) { ++report.refused[static_c
 }  // namespace
 
 CandidateMaker::CandidateMaker(const CandidateFlight& flight)
-    : flight_(flight), camera_(camera_digest(flight.camera)), quilts_(quilt_limits(flight)) {
+    : flight_(flight), camera_(camera_digest(flight.camera)), mosaics_(mosaic_limits(flight)) {
   if (flight.zoom < 0 || flight.zoom > kMaxZoom) {
     throw UsageError({.what = "no such zoom", .expected = "0 to 24", .found = std::to_string(flight.zoom)});
   }
-  // A name that no sidecar can hold is found out before the flight, not with its first tile.
+  // A name that no sidecar can hold is refused before the flight, not with its first tile.
   CandidateSidecar probe = sidecar_of({"frame", {}, {}}, CandidateTrust::candidate);
   probe.size = 1;
   probe.gsd_mm = probe.pose.agl_mm = probe.pose.sigma_mm = 1;
   try {
     static_cast<void>(candidate_json(probe));
   } catch (const Error& error) {
-    throw UsageError({.what = "candidate tiles cannot be made under these names",
+    throw UsageError({.what = "cannot make candidate tiles with these names",
                       .where = error.text().where,
                       .expected = error.text().expected,
                       .found = error.text().found});
   }
 }
 
-CandidateSidecar CandidateMaker::sidecar_of(const SeenFrame& seen, CandidateTrust trust) const {
+CandidateSidecar CandidateMaker::sidecar_of(const PosedFrame& seen, CandidateTrust trust) const {
   CandidateSidecar sidecar;
   sidecar.airframe = flight_.airframe;
   sidecar.flight = flight_.flight;
@@ -91,14 +91,14 @@ CandidateSidecar CandidateMaker::sidecar_of(const SeenFrame& seen, CandidateTrus
   return sidecar;
 }
 
-std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const SeenFrame& seen, ByteView encoded,
-                                                                FrameTiles& report) const {
+std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const PosedFrame& seen, ByteView encoded,
+                                                                     FrameTiles& report) const {
   const CameraPose& pose = seen.pose.pose;
   const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
   const double tile_gsd_m = ground_resolution_m(flight_.zoom, place.lat_deg);
   const double frame_gsd_m = gsd_at(flight_.camera, pose.agl_m);
-  const FrameJudgement judged = judge_pose(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);
-  report.refusal = judged.refusal;
+  const FrameEligibility eligibility = check_pose_eligible(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);
+  report.refusal = eligibility.refusal;
   if (report.refusal) return std::nullopt;
   const int shrink = decoding_shrink(flight_.camera, pose.agl_m, tile_gsd_m);
   const cv::Mat picture = decoded(encoded, flight_.camera, shrink, seen.name);
@@ -106,26 +106,28 @@ std::optional<CandidateMaker::ReadyFrame> CandidateMaker::ready(const SeenFrame&
   if (picture.empty()) return std::nullopt;
   cv::Mat grey;
   cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
-  const FrameQuality quality = judge_frame(grey);
-  report.refusal = judge_picture(quality, flight_.limits);
+  const FrameQuality quality = measure_frame_quality(grey);
+  report.refusal = check_image_eligible(quality, flight_.limits);
   if (report.refusal) return std::nullopt;
-  ReadyFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
-                   sidecar_of(seen, judged.trust), tile_gsd_m};
+  PreparedFrame frame{reduce_frame(picture, flight_.camera.scaled(1.0 / shrink), pose.agl_m, tile_gsd_m),
+                      sidecar_of(seen, eligibility.trust), tile_gsd_m};
   cv::cvtColor(frame.reduced.image, grey, cv::COLOR_BGR2GRAY);
-  report.refusal = judge_blur(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
+  report.refusal =
+      check_blur_eligible(blur_of(grey), tile_gsd_m / gsd_at(frame.reduced.camera, pose.agl_m), flight_.limits);
   if (report.refusal) return std::nullopt;
   frame.sidecar.quality.sharpness_ppm = ppm(quality.sharpness);
   frame.sidecar.quality.overlap_ppm = ppm(1);
   return frame;
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const SeenFrame& seen, const ReadyFrame& frame,
-                                                              FrameTiles& report) const {
+std::vector<CandidateMaker::RawTile> CandidateMaker::make_whole_tiles(const PosedFrame& seen,
+                                                                      const PreparedFrame& frame,
+                                                                      FrameTiles& report) const {
   std::vector<ProjectedTile> wanted =
       whole_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
   report.whole = wanted.size();
   std::erase_if(wanted, [&](const ProjectedTile& tile) {
-    const auto refusal = judge_view(tile.projection, flight_.limits);
+    const auto refusal = check_view_eligible(tile.projection, flight_.limits);
     if (refusal) count(*refusal, report);
     return refusal.has_value();
   });
@@ -133,7 +135,7 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const SeenFrame& s
   std::vector<RawTile> tiles;
   for (std::size_t i = 0; i < made.size(); ++i) {
     const TilePixels pixels = measure_tile(made[i].image);
-    if (const auto refusal = judge_tile(pixels, flight_.limits)) {
+    if (const auto refusal = check_tile_eligible(pixels, flight_.limits)) {
       count(*refusal, report);
       continue;
     }
@@ -146,53 +148,53 @@ std::vector<CandidateMaker::RawTile> CandidateMaker::whole_of(const SeenFrame& s
   return tiles;
 }
 
-// Not where the store has better already than the best that could come of it.
-void CandidateMaker::add_pieces(const SeenFrame& seen, const ReadyFrame& frame, CandidateStore& store,
-                                const OutOfTime& out_of_time, FrameTiles& report) {
+// Not where the store already has a better tile than the best possible mosaic.
+void CandidateMaker::add_partial_tiles(const PosedFrame& seen, const PreparedFrame& frame, CandidateStore& store,
+                                       const DeadlinePassed& deadline_passed, FrameTiles& report) {
   std::vector<ProjectedTile> tiles =
-      part_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
+      partial_tiles(flight_.zoom, flight_.frame, frame.reduced.camera, seen.pose.pose, *flight_.surface);
   CandidateSidecar best = frame.sidecar;
   std::erase_if(tiles, [&](const ProjectedTile& tile) {
     best.key = tile.key;
     return tile.projection.slope > flight_.limits.max_slope || !store.wants(best);
   });
   for (const ProjectedTile& tile : tiles) {
-    if (out_of_time && out_of_time()) {
+    if (deadline_passed && deadline_passed()) {
       count(OrthoRefusal::late, report);
       continue;
     }
-    const auto patch = cut_patch(frame.reduced, tile, flight_.limits.max_view_angle_rad);
-    if (!patch) continue;
+    const auto partial = cut_partial_tile(frame.reduced, tile, flight_.limits.max_view_angle_rad);
+    if (!partial) continue;
     best.key = tile.key;
-    best.quality.view_angle_mdeg = mdeg(patch->least_view_rad);
+    best.quality.view_angle_mdeg = mdeg(partial->least_view_rad);
     if (!store.wants(best)) continue;
-    ++report.pieces[static_cast<std::size_t>(quilts_.add(*patch, frame.sidecar, frame.tile_gsd_m))];
+    ++report.partial_tiles[static_cast<std::size_t>(mosaics_.add(*partial, frame.sidecar, frame.tile_gsd_m))];
   }
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::judged(const std::vector<TileMosaic>& quilts,
-                                                            FrameTiles& report) const {
+std::vector<CandidateMaker::RawTile> CandidateMaker::eligible_mosaics(const std::vector<TileMosaic>& mosaics,
+                                                                      FrameTiles& report) const {
   std::vector<RawTile> tiles;
-  for (const TileMosaic& quilt : quilts) {
-    auto sidecar = quilt.sidecar();
-    const TilePixels pixels = measure_tile(quilt.image());
-    const auto refusal = sidecar ? judge_tile(pixels, flight_.limits) : OrthoRefusal::apart;
+  for (const TileMosaic& mosaic : mosaics) {
+    auto sidecar = mosaic.sidecar();
+    const TilePixels pixels = measure_tile(mosaic.image());
+    const auto refusal = sidecar ? check_tile_eligible(pixels, flight_.limits) : OrthoRefusal::apart;
     if (refusal) {
       count(*refusal, report);
       continue;
     }
     sidecar->quality.contrast_ppm = ppm(pixels.contrast);
     sidecar->quality.clipped_ppm = ppm(pixels.clipped_share);
-    tiles.push_back({std::move(*sidecar), quilt.image()});
+    tiles.push_back({std::move(*sidecar), mosaic.image()});
   }
   return tiles;
 }
 
-void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const OutOfTime& out_of_time,
-                               FrameTiles& report) const {
+void CandidateMaker::store_tiles(const std::vector<RawTile>& tiles, CandidateStore& store,
+                                 const DeadlinePassed& deadline_passed, FrameTiles& report) const {
   std::vector<Candidate> candidates;
   for (const RawTile& tile : tiles) {
-    if (out_of_time && out_of_time()) {
+    if (deadline_passed && deadline_passed()) {
       count(OrthoRefusal::late, report);
       continue;
     }
@@ -209,35 +211,35 @@ void CandidateMaker::store_all(const std::vector<RawTile>& tiles, CandidateStore
     candidate.signature = sign_candidate(*flight_.key, candidate.sidecar_bytes);
   }
   if (candidates.empty()) return;
-  const auto fates = store.put(candidates);
-  for (std::size_t i = 0; i < fates.size(); ++i) {
-    report.stored.emplace_back(candidates[i].sidecar.key, fates[i]);
-    const bool kept = fates[i] == CandidateOutcome::added || fates[i] == CandidateOutcome::replaced;
-    if (kept && !candidates[i].sidecar.parts.empty()) ++report.pieced;
+  const auto outcomes = store.put(candidates);
+  for (std::size_t i = 0; i < outcomes.size(); ++i) {
+    report.stored.emplace_back(candidates[i].sidecar.key, outcomes[i]);
+    const bool kept = outcomes[i] == CandidateOutcome::added || outcomes[i] == CandidateOutcome::replaced;
+    if (kept && !candidates[i].sidecar.parts.empty()) ++report.mosaics_stored;
   }
 }
 
-std::vector<CandidateMaker::RawTile> CandidateMaker::raw_tiles(const SeenFrame& seen, ByteView encoded,
+std::vector<CandidateMaker::RawTile> CandidateMaker::raw_tiles(const PosedFrame& seen, ByteView encoded,
                                                                FrameTiles& report) const {
-  const auto frame = ready(seen, encoded, report);
-  return frame ? whole_of(seen, *frame, report) : std::vector<RawTile>();
+  const auto frame = prepare(seen, encoded, report);
+  return frame ? make_whole_tiles(seen, *frame, report) : std::vector<RawTile>();
 }
 
-FrameTiles CandidateMaker::make(const SeenFrame& seen, ByteView encoded, CandidateStore& store,
-                                const OutOfTime& out_of_time) {
+FrameTiles CandidateMaker::make(const PosedFrame& seen, ByteView encoded, CandidateStore& store,
+                                const DeadlinePassed& deadline_passed) {
   FrameTiles report;
-  const auto frame = ready(seen, encoded, report);
+  const auto frame = prepare(seen, encoded, report);
   if (!frame) return report;
-  store_all(whole_of(seen, *frame, report), store, out_of_time, report);
-  if (!flight_.piece_together) return report;
-  add_pieces(seen, *frame, store, out_of_time, report);
-  store_all(judged(quilts_.take_finished(), report), store, {}, report);  // they would be lost
+  store_tiles(make_whole_tiles(seen, *frame, report), store, deadline_passed, report);
+  if (!flight_.merge_partial_tiles) return report;
+  add_partial_tiles(seen, *frame, store, deadline_passed, report);
+  store_tiles(eligible_mosaics(mosaics_.take_finished(), report), store, {}, report);  // they would be lost
   return report;
 }
 
 FrameTiles CandidateMaker::finish(CandidateStore& store) {
   FrameTiles report;
-  store_all(judged(quilts_.take_all_whole(), report), store, {}, report);
+  store_tiles(eligible_mosaics(mosaics_.take_all_complete(), report), store, {}, report);
   return report;
 }
 

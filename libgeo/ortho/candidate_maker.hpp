@@ -1,8 +1,9 @@
-// Candidates out of a flight's frames: the same code in flight (nadird, on a thread of its own) and afterwards (nadir
-// ortho, with refined poses). One call per frame does all: may it, decode, orthorectify, judge, encode, sign, store.
+// Makes candidate tiles of a flight's frames: the same code in flight (nadird, on its own thread) and afterwards (nadir
+// ortho, with refined poses). One call per frame does all steps: check eligibility, decode, orthorectify, check the
+// pixels, encode, sign, store.
 //
-// A tile that a frame shows wholly is made of that frame. What it shows in part waits for other frames that show the
-// rest (ortho/tile_quilts.hpp); finish() makes what is whole by then.
+// A tile that a frame shows completely is made of that frame. One that it shows in part goes into a mosaic with other
+// frames (ortho/tile_mosaic.hpp); finish() stores what is complete at the end.
 #pragma once
 
 #include <array>
@@ -15,7 +16,7 @@
 #include "ortho/candidate_store.hpp"
 #include "ortho/eligibility.hpp"
 #include "ortho/orthorectifier.hpp"
-#include "ortho/tile_quilts.hpp"
+#include "ortho/tile_mosaic.hpp"
 
 namespace nadir {
 
@@ -24,7 +25,7 @@ struct CandidateFlight {
   std::string airframe;
   std::string flight;
   Sha256 base_package;  // of its manifest.json
-  CameraModel camera;   // of the pictures as they are
+  CameraModel camera;   // of the images at full size
   LocalFrame frame;     // the plane of the poses
   const GroundSurface* surface = nullptr;
   const PrivateKey* key = nullptr;  // the airframe's tile key
@@ -32,67 +33,68 @@ struct CandidateFlight {
   ImageFormat format = ImageFormat::jpeg;
   int quality = 82;  // of the encoding
   EligibilityLimits limits{};
-  bool piece_together = true;  // tiles that no single frame shows wholly
-  QuiltLimits quilt{};         // its sigmas are those of `limits`
+  bool merge_partial_tiles = true;  // mosaics of tiles that no single frame shows completely
+  MosaicLimits mosaic{};            // its sigmas are those of `limits`
 };
 
-struct SeenFrame {
+struct PosedFrame {
   std::string name;
   UtcMillis captured_at;
   FramePose pose;
 };
 
-// What became of one frame.
+// What one frame contributed.
 struct FrameTiles {
-  std::optional<OrthoRefusal> refusal;                    // of the frame as a whole
-  std::array<int, kOrthoRefusals> refused{};              // whole tiles, by OrthoRefusal
-  std::vector<std::pair<TileKey, CandidateOutcome>> stored;  // or not: by their fate
-  std::size_t whole = 0;                                  // tiles that the frame shows wholly, refused ones as well
-  std::array<int, kPieceFates> pieces{};                  // by PieceOutcome
-  std::size_t pieced = 0;  // of `stored`: tiles of several frames, the last of them seen before this one
+  std::optional<OrthoRefusal> refusal;                       // of the frame as a whole
+  std::array<int, kOrthoRefusals> refused{};                 // whole tiles and mosaics, by OrthoRefusal
+  std::vector<std::pair<TileKey, CandidateOutcome>> stored;  // or not, with the reason
+  std::size_t whole = 0;  // tiles that the frame shows completely, including refused ones
+  std::array<int, kPartialTileOutcomes> partial_tiles{};  // by PartialTileOutcome
+  std::size_t mosaics_stored = 0;                         // of `stored`: mosaics, completed before this frame
 };
 
-using OutOfTime = std::function<bool()>;
+using DeadlinePassed = std::function<bool()>;
 
 class CandidateMaker {
  public:
   // Throws UsageError for an airframe or flight whose name no sidecar can hold, and for a zoom outside of the grid.
   explicit CandidateMaker(const CandidateFlight& flight);
 
-  // encoded: the picture as it came from the camera. Throws Error when the store fails (OutOfSpace: the disk is full);
-  // pictures that do not decode are refusals. out_of_time is asked before each tile: what comes after is left out
-  // (late), pieces of tiles first; without it time does not count, and the same frames give the same tiles.
-  FrameTiles make(const SeenFrame& seen, ByteView encoded, CandidateStore& store, const OutOfTime& out_of_time = {});
+  // encoded: the image as it came from the camera. Throws Error when the store fails (OutOfSpace: the disk is full);
+  // images that do not decode are refusals. deadline_passed is called before each tile: the tiles after that are left
+  // out (late). Without it there is no deadline, and the same frames give the same tiles.
+  FrameTiles make(const PosedFrame& seen, ByteView encoded, CandidateStore& store,
+                  const DeadlinePassed& deadline_passed = {});
 
-  // After the last frame: the tiles that several frames show wholly together.
+  // After the last frame: the mosaics that are complete.
   FrameTiles finish(CandidateStore& store);
-  std::uint64_t unfinished() const { return quilts_.dropped(); }  // tiles that never became whole
+  std::uint64_t unfinished() const { return mosaics_.dropped(); }  // mosaics that were never completed
 
   // Without encoding, signing and storing: for mosaics and tests. The sidecars have no digest and no size yet.
   struct RawTile {
     CandidateSidecar sidecar;
     cv::Mat image;
   };
-  std::vector<RawTile> raw_tiles(const SeenFrame& seen, ByteView encoded, FrameTiles& report) const;
+  std::vector<RawTile> raw_tiles(const PosedFrame& seen, ByteView encoded, FrameTiles& report) const;
 
  private:
-  struct ReadyFrame {
+  struct PreparedFrame {
     ReducedFrame reduced;
     CandidateSidecar sidecar;  // of its tiles, without what differs between them
     double tile_gsd_m = 0;
   };
-  CandidateSidecar sidecar_of(const SeenFrame& seen, CandidateTrust trust) const;
-  std::optional<ReadyFrame> ready(const SeenFrame& seen, ByteView encoded, FrameTiles& report) const;
-  std::vector<RawTile> whole_of(const SeenFrame& seen, const ReadyFrame& frame, FrameTiles& report) const;
-  void add_pieces(const SeenFrame& seen, const ReadyFrame& frame, CandidateStore& store, const OutOfTime& out_of_time,
-                  FrameTiles& report);
-  std::vector<RawTile> judged(const std::vector<TileMosaic>& quilts, FrameTiles& report) const;
-  void store_all(const std::vector<RawTile>& tiles, CandidateStore& store, const OutOfTime& out_of_time,
-                 FrameTiles& report) const;
+  CandidateSidecar sidecar_of(const PosedFrame& seen, CandidateTrust trust) const;
+  std::optional<PreparedFrame> prepare(const PosedFrame& seen, ByteView encoded, FrameTiles& report) const;
+  std::vector<RawTile> make_whole_tiles(const PosedFrame& seen, const PreparedFrame& frame, FrameTiles& report) const;
+  void add_partial_tiles(const PosedFrame& seen, const PreparedFrame& frame, CandidateStore& store,
+                         const DeadlinePassed& deadline_passed, FrameTiles& report);
+  std::vector<RawTile> eligible_mosaics(const std::vector<TileMosaic>& mosaics, FrameTiles& report) const;
+  void store_tiles(const std::vector<RawTile>& tiles, CandidateStore& store, const DeadlinePassed& deadline_passed,
+                   FrameTiles& report) const;
 
   CandidateFlight flight_;
   Sha256 camera_;
-  TileMosaics quilts_;
+  TileMosaics mosaics_;
 };
 
 }  // namespace nadir

@@ -1,28 +1,29 @@
-// What is known of a candidate tile: a tile that a flight made of the ground it saw. Somebody on the ground decides
-// whether maps are made of it; all that he needs for that stands here and is signed by the airframe's tile key.
+// What is known about a candidate tile: a tile that a flight made of the ground it saw. Whether maps are made of it is
+// decided on the ground; all that is needed for that stands here and is signed by the airframe's tile key.
 //
-// The signed bytes are canonical JSON (sorted keys, no blanks, whole numbers and texts only): a sidecar has exactly one
+// The signed bytes are canonical JSON (sorted keys, no blanks, integers and texts only): a sidecar has exactly one
 // spelling, and parse_candidate() takes no other. Units stand in the names. docs/formats/candidates.md.
 #pragma once
 
 #include <cstdint>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "base/time.hpp"
-#include "base/utc_millis.hpp"
 #include "estimation/source_label.hpp"
-#include "geodesy/tile_key.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 #include "trust/signatures.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
 inline constexpr std::string_view kCandidateSchema = "nadir.candidate/1";   // one frame shows all of the tile
-inline constexpr std::string_view kPiecedTileSchema = "nadir.candidate/2";  // several frames do, each a part
+inline constexpr std::string_view kMosaicTileSchema = "nadir.candidate/2";  // a mosaic of several frames
 inline constexpr std::string_view kCandidatePayloadType = "application/vnd.nadir.candidate-tile.v1+json";
 inline constexpr std::size_t kMaxCandidateSidecar = 4096;  // bytes
 inline constexpr std::uint64_t kMaxCandidateTile = 1U << 20;
@@ -54,7 +55,7 @@ struct CandidateQuality {
   bool operator==(const CandidateQuality&) const = default;
 };
 
-// One of the frames that a tile was pieced together of.
+// One of the frames of a mosaic.
 struct CandidatePart {
   std::string frame;  // see frame_label()
   UtcMillis captured_at;
@@ -64,8 +65,8 @@ struct CandidatePart {
   bool operator==(const CandidatePart&) const = default;
 };
 
-// Of a tile with parts every figure is the worst: `frame` and `pose` are those of the part whose place is known least,
-// its sigma and variances grown by what the parts were found to disagree; captured_at is the oldest part's.
+// Of a mosaic every value is the worst of its parts: `frame` and `pose` are those of the part with the most uncertain
+// position, its sigma and variances increased by the parts' displacement; captured_at is the oldest part's.
 struct CandidateSidecar {
   std::string airframe;
   std::string flight;   // 1 to 64 of A-Z a-z 0-9 _ -
@@ -84,18 +85,21 @@ struct CandidateSidecar {
   CandidateQuality quality;
   Sha256 camera;                     // of the canonical camera
   std::vector<CandidatePart> parts;  // none, or 2 to kMaxCandidateParts
-  std::int64_t seam_mm = 0;          // the most that parts were found to lie apart where both saw the ground
+  std::int64_t seam_mm = 0;          // largest displacement between parts, measured in their overlap
 
   bool operator==(const CandidateSidecar&) const = default;
 };
 
-// A picture's name as sidecars hold it: 1 to 128 of A-Z a-z 0-9 . _ -, not beginning with a dot; the rest becomes '_'.
+// A frame's name as sidecars hold it: 1 to 128 of A-Z a-z 0-9 . _ -, not beginning with a dot; the rest becomes '_'.
 std::string frame_label(std::string_view name);
 
 // The canonical bytes. Throws Error for values that parse_candidate() would refuse.
 std::string candidate_json(const CandidateSidecar& sidecar);
 
-// Throws Error, naming the member, for anything but the canonical bytes of a sidecar of this version.
+// Throws JsonError for a document that is not a sidecar of this version.
+CandidateSidecar read_candidate(const nlohmann::json& document, std::string_view name);
+
+// The same for text: throws Error for anything but the canonical bytes of a sidecar of this version.
 CandidateSidecar parse_candidate(std::string_view bytes, std::string_view name);
 
 EnvelopeSignature sign_candidate(const PrivateKey& key, std::string_view sidecar_bytes);
@@ -104,5 +108,10 @@ EnvelopeSignature sign_candidate(const PrivateKey& key, std::string_view sidecar
 SignatureCheck check_candidate_signature(const TrustRoot& root, const CandidateSidecar& sidecar,
                                          std::string_view sidecar_bytes, const EnvelopeSignature& signature,
                                          std::optional<UtcTime> at);
+
+// The identity of a camera: SHA-256 of its canonical form, JSON with sorted keys, no blanks and integers
+// (docs/formats/candidates.md), so that tiles of one lens can be told from those of another.
+std::string canonical_camera(const CameraModel& camera);
+Sha256 camera_digest(const CameraModel& camera);
 
 }  // namespace nadir

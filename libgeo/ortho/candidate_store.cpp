@@ -13,8 +13,8 @@
 namespace nadir {
 namespace {
 
-constexpr double kSharp_ppm = 100'000;  // sharper than this is as good
-constexpr double kSoft_mm = 1e6;        // beyond all that is not soft
+constexpr double kSharp_ppm = 100'000;  // sharper counts the same
+constexpr double kSoft_mm = 1e6;        // above every cost that is not soft
 
 std::string folder_made(const std::filesystem::path& folder) {
   std::error_code code;
@@ -22,7 +22,7 @@ std::string folder_made(const std::filesystem::path& folder) {
   if (!std::filesystem::is_directory(folder)) {
     throw UsageError({.what = "cannot use this folder for candidate tiles",
                       .where = folder.string(),
-                      .expected = "a folder, or a place where one can be made",
+                      .expected = "a folder, or a path where one can be created",
                       .found = code ? code.message() : "something else"});
   }
   return (folder / kCandidateFile).string();
@@ -38,14 +38,14 @@ double sharpness_factor(std::int64_t sharpness_ppm) {
 
 double cost_mm(const CandidateSidecar& sidecar) {
   const double view_rad = static_cast<double>(sidecar.quality.view_angle_mdeg) / 1000 * std::numbers::pi / 180;
-  const double aslant_mm = kUnknownRelief_mm * std::tan(std::min(view_rad, 1.5));
+  const double aslant_mm = kUnmodelledRelief_mm * std::tan(std::min(view_rad, 1.5));
   const double misplaced_mm = std::hypot(static_cast<double>(sidecar.pose.sigma_mm), aslant_mm);
   return misplaced_mm / sharpness_factor(sidecar.quality.sharpness_ppm) +
          (sidecar.trust == CandidateTrust::soft ? kSoft_mm : 0);
 }
 
-std::string_view name_of(CandidateOutcome fate) {
-  switch (fate) {
+std::string_view name_of(CandidateOutcome outcome) {
+  switch (outcome) {
     case CandidateOutcome::added: return "added";
     case CandidateOutcome::replaced: return "replaced";
     case CandidateOutcome::worse: return "worse";
@@ -65,7 +65,7 @@ CandidateStore::CandidateStore(const std::filesystem::path& folder, const Candid
       "PRAGMA cache_size = -4096; PRAGMA encoding = 'UTF-8';");
   database_->execute("BEGIN EXCLUSIVE");
   try {
-    lay_out();
+    create_or_check_tables();
     count();
     set_metadata("nadir_clean_shutdown", "0");
     database_->execute("COMMIT");
@@ -77,7 +77,7 @@ CandidateStore::CandidateStore(const std::filesystem::path& folder, const Candid
 
 CandidateStore::~CandidateStore() = default;
 
-void CandidateStore::lay_out() {
+void CandidateStore::create_or_check_tables() {
   auto count = database_->prepare("SELECT count(*) FROM sqlite_master");
   count.step();
   if (count.integer(0) == 0) {
@@ -100,18 +100,18 @@ void CandidateStore::lay_out() {
   }
   count.reset();
   if (!database_->has_table("nadir_candidates")) {
-    throw UsageError({.what = "this is no store of candidate tiles",
+    throw UsageError({.what = "not a candidate tile store",
                       .where = database_->path().string(),
-                      .expected = "a folder of its own, or the one of an earlier flight's candidates",
-                      .found = "a tile set of another kind",
+                      .expected = "an empty folder, or one with an earlier flight's candidate tiles",
+                      .found = "another kind of tile set",
                       .fix = "choose another folder; packages are never written to"});
   }
   auto format = database_->prepare("SELECT value FROM metadata WHERE name = 'format'");
   if (!format.step() || format.text(0) != mbtiles_name_of(options_.format)) {
-    throw UsageError({.what = "these candidate tiles are of another format",
+    throw UsageError({.what = "the candidate tiles have another format",
                       .where = database_->path().string(),
                       .expected = std::string(mbtiles_name_of(options_.format)),
-                      .fix = "choose another folder, or the format that is there"});
+                      .fix = "choose another folder, or the existing format"});
   }
 }
 
@@ -135,7 +135,7 @@ std::optional<CandidateStore::Kept> CandidateStore::kept(const TileKey& key) {
   try {
     kept.cost_mm = cost_mm(parse_candidate(sidecar, database_->path().string()));
   } catch (const Error&) {
-    // Whatever damaged it, anything is better.
+    // Damaged: any candidate is better.
   }
   return kept;
 }
@@ -167,17 +167,16 @@ CandidateOutcome CandidateStore::put_one(const Candidate& candidate) {
 }
 
 std::vector<CandidateOutcome> CandidateStore::put(std::span<const Candidate> candidates) {
-  std::vector<CandidateOutcome> fates;
+  std::vector<CandidateOutcome> outcomes;
   const std::uint64_t tiles_before = tiles_, bytes_before = bytes_;
   database_->execute("BEGIN IMMEDIATE");
   try {
     for (const Candidate& candidate : candidates) {
       if (sha256(candidate.tile) != candidate.sidecar.sha256 || candidate.tile.size() != candidate.sidecar.size ||
           candidate.sidecar.format != options_.format) {
-        throw Error(
-            {.what = "a candidate tile is not the one of its sidecar", .where = to_text(candidate.sidecar.key)});
+        throw Error({.what = "a candidate tile does not match its sidecar", .where = to_text(candidate.sidecar.key)});
       }
-      fates.push_back(put_one(candidate));
+      outcomes.push_back(put_one(candidate));
     }
     database_->execute("COMMIT");
   } catch (...) {
@@ -189,7 +188,7 @@ std::vector<CandidateOutcome> CandidateStore::put(std::span<const Candidate> can
     }
     throw;
   }
-  return fates;
+  return outcomes;
 }
 
 void CandidateStore::set_metadata(std::string_view name, std::string_view value) {
@@ -221,6 +220,97 @@ void CandidateStore::close() {
   set_metadata("nadir_clean_shutdown", "1");
   database_->execute("COMMIT; PRAGMA journal_mode = DELETE;");
   database_->close();
+}
+
+namespace {
+
+constexpr std::size_t kSignatureSize = 64;
+
+SqliteDatabase opened(const std::filesystem::path& folder) {
+  const std::filesystem::path path = folder / kCandidateFile;
+  std::filesystem::path journal = path;
+  journal += "-journal";
+  std::error_code code;
+  if (std::filesystem::exists(path, code) && std::filesystem::exists(journal, code)) {
+    // The writer was killed or is still at work. SQLite rolls back in the one case and is refused in the other.
+    SqliteDatabase database = SqliteDatabase::open_writable(path);
+    database.execute("PRAGMA journal_mode = DELETE; BEGIN EXCLUSIVE; COMMIT;");
+    database.close();
+  }
+  return SqliteDatabase::open_immutable(path);
+}
+
+[[noreturn]] void refuse(const char* expected, std::string found) {
+  throw Error({.what = "the row is not a candidate tile", .expected = expected, .found = std::move(found)});
+}
+
+}  // namespace
+
+CandidateReader::CandidateReader(const std::filesystem::path& folder)
+    : database_(std::make_unique<SqliteDatabase>(opened(folder))) {
+  for (const char* table : {"metadata", "tiles", "nadir_candidates"}) {
+    if (!database_->has_table(table)) {
+      throw Error({.what = "not a candidate tile store",
+                   .where = path().string(),
+                   .expected = "the tables metadata, tiles and nadir_candidates",
+                   .found = fmt::format("no table \"{}\"", table),
+                   .fix = "give the folder that a flight wrote its candidates to"});
+    }
+  }
+  rows_ = database_->prepare(
+      "SELECT c.zoom_level, c.tile_column, c.tile_row, c.sidecar, c.keyid, c.signature, t.tile_data "
+      "FROM nadir_candidates c LEFT JOIN tiles t USING (zoom_level, tile_column, tile_row) "
+      "ORDER BY c.zoom_level, c.tile_column, c.tile_row DESC");
+}
+
+Candidate CandidateReader::candidate_from_row() {
+  const std::int64_t z = rows_->integer(0), column = rows_->integer(1), row = rows_->integer(2);
+  if (z < 0 || z > kMaxZoom || column < 0 || row < 0 || column >> z != 0 || row >> z != 0) {
+    refuse("an address in the grid", fmt::format("{}/{}/{} (TMS)", z, column, row));
+  }
+  Candidate candidate;
+  candidate.sidecar_bytes = std::string(rows_->text(3));
+  candidate.sidecar = parse_candidate(candidate.sidecar_bytes, "its sidecar");
+  const TileKey key = TileKey::from_tms(static_cast<std::uint8_t>(z), static_cast<std::uint32_t>(column),
+                                        static_cast<std::uint32_t>(row));
+  if (candidate.sidecar.key != key) refuse("a sidecar with this address", to_text(candidate.sidecar.key));
+  candidate.signature.keyid = std::string(rows_->text(4));
+  if (!Sha256::from_hex(candidate.signature.keyid)) refuse("a key's id", "something else");
+  const ByteView signature = rows_->blob(5), tile = rows_->blob(6);
+  if (signature.size() != kSignatureSize) refuse("a signature of 64 bytes", fmt::format("{} bytes", signature.size()));
+  candidate.signature.signature.assign(signature.begin(), signature.end());
+  if (tile.size() != candidate.sidecar.size || sha256(tile) != candidate.sidecar.sha256) {
+    refuse("the tile described by the sidecar", tile.empty() ? "no tile" : "other bytes");
+  }
+  candidate.tile.assign(tile.begin(), tile.end());
+  return candidate;
+}
+
+std::optional<Candidate> CandidateReader::next(Findings& findings) {
+  while (rows_->step()) {
+    try {
+      return candidate_from_row();
+    } catch (const Error& error) {
+      findings.add({.code = "candidate.damaged",
+                    .where = fmt::format("{}: zoom {}, column {}, row {} (TMS)", path().string(), rows_->integer(0),
+                                         rows_->integer(1), rows_->integer(2)),
+                    .expected = error.text().expected,
+                    .found = error.text().found,
+                    .fix = "this tile is skipped; the others are read"});
+    }
+  }
+  return std::nullopt;
+}
+
+std::uint64_t CandidateReader::rows() const {
+  auto count = database_->prepare("SELECT count(*) FROM nadir_candidates");
+  count.step();
+  return static_cast<std::uint64_t>(count.integer(0));
+}
+
+bool CandidateReader::clean_shutdown() const {
+  auto mark = database_->prepare("SELECT value FROM metadata WHERE name = 'nadir_clean_shutdown'");
+  return mark.step() && mark.text(0) == "1";
 }
 
 }  // namespace nadir

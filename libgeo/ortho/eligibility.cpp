@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-// Clouds and fog from above: brighter than dry fields, without colour, and without texture.
+// Clouds and fog from above: brighter than dry fields, without colour and without texture.
 constexpr int kCloudBrightness = 205, kCloudColour = 18;
 constexpr float kCloudTexture = 6;  // gradient, grey levels a pixel
 
@@ -32,8 +32,8 @@ std::string_view name_of(OrthoRefusal refusal) {
   return "frame_unfit";
 }
 
-FrameJudgement judge_pose(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
-                          const EligibilityLimits& limits) {
+FrameEligibility check_pose_eligible(const FramePose& pose, double frame_gsd_m, double tile_gsd_m,
+                                     const EligibilityLimits& limits) {
   if (pose.source != SourceLabel::satellite_anchored ||
       !(pose.anchor_age_s >= 0 && pose.anchor_age_s <= limits.max_anchor_age_s)) {
     return {OrthoRefusal::not_anchored};
@@ -44,17 +44,18 @@ FrameJudgement judge_pose(const FramePose& pose, double frame_gsd_m, double tile
   return {std::nullopt, pose.sigma_m <= limits.candidate_sigma_m ? CandidateTrust::candidate : CandidateTrust::soft};
 }
 
-std::optional<OrthoRefusal> judge_picture(const FrameQuality& quality, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_image_eligible(const FrameQuality& quality, const EligibilityLimits& limits) {
   if (quality.usable && quality.sharpness >= limits.min_sharpness) return std::nullopt;
   return OrthoRefusal::frame_unfit;
 }
 
-std::optional<OrthoRefusal> judge_blur(std::optional<double> blur_px, double tile_px, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_blur_eligible(std::optional<double> blur_px, double tile_px,
+                                                const EligibilityLimits& limits) {
   const double most_px = std::max(limits.max_blur_px, limits.max_tile_blur_px * tile_px);
   return blur_px && !(*blur_px <= most_px) ? std::optional(OrthoRefusal::blurred) : std::nullopt;
 }
 
-std::optional<OrthoRefusal> judge_view(const TileProjection& projection, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_view_eligible(const TileProjection& projection, const EligibilityLimits& limits) {
   if (!(projection.view_angle_rad <= limits.max_view_angle_rad)) return OrthoRefusal::oblique;
   if (!(projection.slope <= limits.max_slope)) return OrthoRefusal::steep;
   return std::nullopt;
@@ -69,7 +70,7 @@ TilePixels measure_tile(const cv::Mat& bgr) {
   const auto all = static_cast<double>(grey.total());
   pixels.contrast = deviation[0] / 255;
   pixels.clipped_share = (cv::countNonZero(grey <= 2) + cv::countNonZero(grey >= 253)) / all;
-  // Clouds at a quarter of the size: noise is no texture, and it costs nothing.
+  // Clouds at a quarter of the size: suppresses noise, costs nothing.
   cv::Mat small, small_grey, dx, dy;
   cv::resize(bgr, small, cv::Size(), 0.25, 0.25, cv::INTER_AREA);
   cv::cvtColor(small, small_grey, cv::COLOR_BGR2GRAY);
@@ -88,7 +89,7 @@ TilePixels measure_tile(const cv::Mat& bgr) {
   return pixels;
 }
 
-std::optional<OrthoRefusal> judge_tile(const TilePixels& pixels, const EligibilityLimits& limits) {
+std::optional<OrthoRefusal> check_tile_eligible(const TilePixels& pixels, const EligibilityLimits& limits) {
   if (pixels.clipped_share > limits.max_clipped_share) return OrthoRefusal::clipped;
   if (pixels.cloud_share > limits.max_cloud_share) return OrthoRefusal::clouded;
   if (pixels.contrast < limits.min_contrast) return OrthoRefusal::low_contrast;

@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-// What else the root knows the key as: somebody has taken one file for another.
+// The role that the root does give to the key: usually two key files were confused.
 std::string other_role(const TrustRoot& root, const std::string& id) {
   if (root.package_signer.key_ids.contains(id)) return "a package signer's";
   if (root.root.key_ids.contains(id)) return "a root key";
@@ -30,21 +30,21 @@ Findings check_tile_key(const TrustRoot& root, const std::string& airframe, cons
   if (root.revoked.contains(id)) {
     findings.add({.code = "key.revoked",
                   .where = std::string(where),
-                  .expected = "a tile key that is still trusted",
+                  .expected = "a tile key that is not revoked",
                   .found = fmt::format("key {}, which root version {} revokes", id, root.version),
-                  .fix = "give the airframe a new tile key, and name it in the next root"});
+                  .fix = "give the airframe a new tile key and add it to the next root"});
   } else if (!given || known == root.keys.end()) {
     findings.add({.code = "key.unknown",
                   .where = std::string(where),
                   .expected = "a tile-signer of airframe " + airframe,
                   .found = fmt::format("key {}, {}", id, other_role(root, id)),
-                  .fix = "nadir keys root --tile-signer " + airframe + "=KEY.pub.pem makes a root that knows it"});
+                  .fix = "nadir keys root --tile-signer " + airframe + "=KEY.pub.pem creates a root that contains it"});
   } else if (at && known->second.expires && *known->second.expires <= *at) {
     findings.add({.code = "key.expired",
                   .where = std::string(where),
                   .expected = "a tile key that is valid at " + to_rfc3339(*at),
                   .found = fmt::format("key {}, expired {}", id, to_rfc3339(*known->second.expires)),
-                  .fix = "give the airframe a new tile key, and name it in the next root"});
+                  .fix = "give the airframe a new tile key and add it to the next root"});
   }
   return findings;
 }
@@ -54,7 +54,7 @@ void require_tile_key(const TrustRoot& root, const std::string& airframe, const 
   if (findings.empty()) return;
   const Finding& finding = findings.items().front();
   throw UsageError({.what = finding.code == "key.revoked"
-                                ? "this tile key is revoked"
+                                ? "the tile key is revoked"
                                 : "the trust root does not give this tile key to the airframe",
                     .where = "key " + key.id(),
                     .expected = finding.expected,

@@ -1,4 +1,4 @@
-// Before the first tile is made: would anybody accept what this key signs?
+// Before the first tile is made: would the ground accept what this key signs?
 #pragma once
 
 #include <filesystem>
@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "trust/root.hpp"
 

@@ -1,12 +1,175 @@
+// The parser is strict: it refuses members that this version does not know, except those whose names begin with "x-",
+// which are notes for people.
 #include "package/manifest.hpp"
+
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
+#include "base/json.hpp"
 
 namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t kMaxArtifacts = 1000;
+constexpr std::uint64_t kMaxInteger = std::uint64_t{1} << 53;  // every JSON reader keeps these exact
+constexpr JsonLength kTextLength{1, 64};
+constexpr std::string_view kNotePrefix = "x-";
+
+bool is_path_character(char c) {
+  return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
+}
+
+// Two names that are one name on a file system without upper and lower case fold to the same text.
+std::string case_fold(std::string_view path) {
+  std::string folded(path);
+  for (char& c : folded) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return folded;
+}
+
+UtcTime canonical_time(const JsonReader& in, const char* key) {
+  const auto time = parse_utc(in.text(key, kTextLength));
+  if (!time || to_rfc3339(*time) != in.text(key)) in.refuse(key, "a time like 2024-10-30T00:00:00Z");
+  return *time;
+}
+
+std::vector<std::string> read_airframes(const JsonReader& list) {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < list.size(); ++i) names.push_back(list.text(i, kTextLength));
+  return names;
+}
+
+// West, south, east, north.
+LonLatBox read_bounds(const JsonReader& list) {
+  const auto degrees = [&](std::size_t i, std::int64_t limit_e7) {
+    return static_cast<double>(list.integer(i, -limit_e7, limit_e7)) / 1e7;
+  };
+  constexpr std::int64_t kMaxLon_e7 = 1'800'000'000, kMaxLat_e7 = 900'000'000;
+  return {degrees(0, kMaxLon_e7), degrees(1, kMaxLat_e7), degrees(2, kMaxLon_e7), degrees(3, kMaxLat_e7)};
+}
+
+TileSetFacts read_tile_set(const JsonReader& in) {
+  TileSetFacts facts;
+  facts.count = in.integer<std::uint64_t>("count", 0, kMaxInteger);
+  facts.merkle_root = in.digest("merkle_root");
+  facts.sidecars_sha256 = in.digest("sidecars_sha256");
+  facts.zoom.min = in.integer<int>("zoom_min", 0, kMaxZoom);
+  facts.zoom.max = in.integer<int>("zoom_max", 0, kMaxZoom);
+  if (facts.zoom.min > facts.zoom.max) in.refuse("zoom_min not above zoom_max");
+  facts.format = in.choice("format", {"jpeg", "png", "webp"});
+  in.finish(kNotePrefix);
+  return facts;
+}
+
+Artifact read_artifact(const JsonReader& in) {
+  Artifact artifact;
+  artifact.path = in.text("path", {1, 4096});
+  artifact.role = in.text("role", kTextLength);
+  artifact.size = in.integer<std::uint64_t>("size", 0, kMaxInteger);
+  artifact.sha256 = in.digest("sha256");
+  if (const auto tiles = in.optional_object("tiles")) artifact.tiles = read_tile_set(*tiles);
+  in.finish(kNotePrefix);
+  return artifact;
+}
+
+Manifest read_manifest(const JsonReader& in) {
+  in.expect("schema", kManifestSchema);
+  Manifest manifest;
+  const JsonReader mission = in.object("mission");
+  manifest.mission_id = mission.text("id", kTextLength);
+  manifest.series = mission.text("series", kTextLength);
+  manifest.sequence = mission.integer("sequence", 0, static_cast<std::int64_t>(kMaxInteger));
+  mission.finish(kNotePrefix);
+  manifest.created = canonical_time(in, "created");
+  manifest.expires = canonical_time(in, "expires");
+  manifest.airframes = read_airframes(in.array("airframes", {1, 256}));
+  manifest.bounds = read_bounds(in.array("bounds_e7", {4, 4}));
+  const JsonReader artifacts = in.array("artifacts", {0, kMaxArtifacts});
+  for (std::size_t i = 0; i < artifacts.size(); ++i) manifest.artifacts.push_back(read_artifact(artifacts.object(i)));
+  in.finish(kNotePrefix);
+  return manifest;
+}
+
+Findings check_paths(const Manifest& manifest) {
+  Findings findings;
+  const auto report = [&findings](std::size_t i, const std::string& path, std::string found) {
+    findings.add({.code = "manifest.path",
+                  .where = fmt::format("manifest.json /artifacts/{}/path \"{}\"", i, path),
+                  .expected = "a relative name inside the package that no other artifact has",
+                  .found = std::move(found)});
+  };
+  std::map<std::string, std::string> seen{{std::string(kManifestFile), std::string(kManifestFile)},
+                                          {std::string(kSignatureFile), std::string(kSignatureFile)}};
+  for (std::size_t i = 0; i < manifest.artifacts.size(); ++i) {
+    const std::string& path = manifest.artifacts[i].path;
+    if (const auto problem = path_problem(path)) {
+      report(i, path, *problem);
+      continue;
+    }
+    const auto [twin, is_new] = seen.emplace(case_fold(path), path);
+    if (!is_new) report(i, path, "the same name as \"" + twin->second + "\" except for upper and lower case");
+  }
+  return findings;
+}
+
+}  // namespace
+
+std::optional<std::string> path_problem(std::string_view path) {
+  if (path.empty()) return "an empty name";
+  if (path.size() > kMaxPackagePath) return "a name of more than " + std::to_string(kMaxPackagePath) + " characters";
+  if (path.front() == '/') return "an absolute path";
+  std::size_t begin = 0;
+  while (begin <= path.size()) {
+    const std::size_t end = std::min(path.find('/', begin), path.size());
+    const std::string_view part = path.substr(begin, end - begin);
+    if (part.empty()) return "an empty part between slashes";
+    if (part == "..") return "\"..\", which leads out of the package";
+    if (part.front() == '.') return "a part that begins with a dot";
+    for (const char c : part) {
+      if (!is_path_character(c)) return "a character other than letters, digits, '.', '_' and '-'";
+    }
+    begin = end + 1;
+  }
+  return std::nullopt;
+}
+
+ManifestReading parse_manifest(ByteView bytes) {
+  ManifestReading reading;
+  const auto refuse = [&reading](std::string where, std::string expected, std::string found) {
+    reading.findings.add({.code = "manifest.schema",
+                          .where = std::move(where),
+                          .expected = std::move(expected),
+                          .found = std::move(found),
+                          .fix = "build the package again with this version"});
+  };
+  if (bytes.size() > kMaxManifestSize) {
+    refuse(std::string(kManifestFile), fmt::format("at most {} bytes", kMaxManifestSize),
+           fmt::format("{} bytes", bytes.size()));
+    return reading;
+  }
+  try {
+    const json document = parse_json(as_text(bytes), kManifestFile, {.max_depth = 8, .allow_floats = false});
+    const JsonReader in(document, {.name = std::string(kManifestFile), .what = "cannot accept this manifest"});
+    Manifest manifest = read_manifest(in);
+    reading.findings.add(check_paths(manifest));
+    if (reading.findings.empty()) reading.manifest = std::move(manifest);
+  } catch (const JsonError& error) {
+    refuse(error.text().where, error.text().expected, error.text().found);
+  } catch (const Error& error) {
+    refuse(std::string(kManifestFile), "strict JSON",
+           error.text().found.empty() ? error.text().what : error.text().found);
+  }
+  return reading;
+}
+
 namespace {
 
 using nlohmann::json;
@@ -43,7 +206,7 @@ Manifest manifest_for(const Mission& mission) {
   manifest.airframes = mission.airframes;
   const LocalFrame frame = mission_frame(mission);
   const PlaneBox box = required_region(mission, frame).bounds();
-  // The plane's box bulges in degrees: its four corners and the middles of its sides bound it well enough outwards.
+  // The sides of the plane's box are curves in degrees: its corners and the middles of its sides bound it well enough.
   LonLatBox& bounds = manifest.bounds = {180, 90, -180, -90};
   for (const double east_m : {box.west_m, (box.west_m + box.east_m) / 2, box.east_m}) {
     for (const double north_m : {box.south_m, (box.south_m + box.north_m) / 2, box.north_m}) {
@@ -65,7 +228,7 @@ Artifact describe_file(const std::filesystem::path& package, std::string_view re
   artifact.sha256 = sha256_file(file);
   std::error_code error;
   artifact.size = std::filesystem::file_size(file, error);
-  if (error) throw Error({.what = "cannot look at a file of the package", .where = file, .found = error.message()});
+  if (error) throw Error({.what = "cannot read the size of a package file", .where = file, .found = error.message()});
   return artifact;
 }
 

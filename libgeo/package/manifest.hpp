@@ -1,5 +1,5 @@
 // manifest.json: the exact bytes that are signed. It names every file of a package with size and SHA-256, for tile
-// sets also how many tiles there are and their Merkle root, and says for what mission, series and airframes it is.
+// sets also the number of tiles and their Merkle root, and states for which mission, series and airframes it is.
 //
 // Integers and strings only, keys sorted; coordinates are whole 1e-7 degrees. schemas/manifest.schema.json is the
 // reference, docs/package.md the explanation.
@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/finding.hpp"
-#include "base/sha256.hpp"
+#include "base/error.hpp"
+#include "base/digest.hpp"
 #include "base/time.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/mission.hpp"
@@ -39,6 +39,12 @@ inline constexpr std::string_view kRoleImagery = "imagery";
 inline constexpr std::string_view kRoleSidecars = "sidecars";  // with a COG
 inline constexpr std::string_view kRoleMission = "mission";
 inline constexpr std::string_view kRoleTerrain = "terrain";
+
+// What is wrong with the name of a file inside a package; nullopt when nothing is. Names come from a signed document
+// and are checked all the same: a name must mean the same file on every file system and must never lead out of the
+// package. Good: relative, parts of letters, digits, '.', '_' and '-' joined by single '/', no part beginning with '.'.
+inline constexpr std::size_t kMaxPackagePath = 200;
+std::optional<std::string> path_problem(std::string_view path);
 
 struct TileSetFacts {
   std::uint64_t count = 0;
@@ -69,13 +75,13 @@ struct Manifest {
   const Artifact* artifact(std::string_view role) const;  // the first of this role, or null
 };
 
-// The part of a manifest that follows from the mission alone; artifacts are the builder's to add.
+// The part of a manifest that follows from the mission; the builder adds the artifacts.
 Manifest manifest_for(const Mission& mission);
 
-// Describes a file that lies in the package folder already: hashes it.
+// Describes a file that is already in the package folder: hashes it.
 Artifact describe_file(const std::filesystem::path& package, std::string_view relative_path, std::string_view role);
 
-// The bytes to sign. Artifacts are sorted by path; the same manifest gives the same bytes.
+// The bytes to sign. Artifacts are sorted by path; equal manifests give equal bytes.
 std::string manifest_json(Manifest manifest);
 
 // Strict. Findings "manifest.schema" and "manifest.path"; `manifest` is there exactly when nothing is wrong.

@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/region.hpp"
@@ -22,7 +22,7 @@ namespace nadir {
 inline constexpr std::string_view kMissionSchema = "nadir.mission/1";
 inline constexpr std::string_view kAnyAirframe = "any";
 
-// How fast the ground changes; decides how old its imagery may be.
+// How fast the ground changes; determines how old its imagery may be.
 enum class SectorClass { stable, active };
 std::string_view name_of(SectorClass cls);
 
@@ -48,7 +48,7 @@ struct Route {
 // Ground without an elevation model is flat at one height.
 struct Terrain {
   bool flat = true;     // false: the package holds terrain/dem.tif
-  double height_m = 0;  // of the flat ground; with an elevation model of the plane alone in which positions are counted
+  double height_m = 0;  // of the flat ground; with an elevation model only of the local plane of coordinates
 };
 
 struct Mission {
@@ -60,7 +60,7 @@ struct Mission {
   LonLat takeoff;
   Terrain terrain;
   ZoomRange zoom;
-  double min_resolution_m = 0;  // the coarsest ground sample distance that will do
+  double min_resolution_m = 0;  // the coarsest acceptable ground sample distance
   std::int64_t budget_mb = 0;
   FreshnessDays freshness_days;
   std::vector<std::string> airframes;  // kAnyAirframe: every airframe
@@ -79,7 +79,7 @@ struct MissionReading {
 MissionReading check_mission(const std::filesystem::path& path);
 MissionReading parse_mission(std::string_view yaml, std::string_view name);
 
-// The same for those who need the mission or nothing: throws UsageError with the first finding.
+// The mission, or UsageError with the first finding.
 Mission read_mission(const std::filesystem::path& path);
 
 // Sectors and corridor in the plane of `frame`, which is usually mission_frame().

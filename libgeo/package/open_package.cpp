@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "base/error.hpp"
-#include "package/judge_terrain.hpp"
+#include "package/mission_check.hpp"
 #include "package/tile_container.hpp"
 
 namespace nadir {
@@ -32,10 +32,10 @@ std::optional<Bytes> CheckedTiles::read(const TileKey& key) const {
   try {
     auto bytes = reader_->read(key);
     if (bytes && sha256(*bytes) == signed_tile->sha256) return bytes;
-    complain("artifact.hash", key, bytes ? "other bytes than those that were signed" : "no tile any more");
+    report("artifact.hash", key, bytes ? "bytes that differ from the signed ones" : "no tile");
   } catch (const Error& error) {
-    const Finding fault = fault_of(error, {});
-    complain(fault.code.c_str(), key, fault.found);
+    const Finding fault = tile_set_finding(error, {});
+    report(fault.code.c_str(), key, fault.found);
   }
   return std::nullopt;
 }
@@ -51,14 +51,14 @@ Findings CheckedTiles::findings() const {
   return findings_;
 }
 
-void CheckedTiles::complain(const char* code, const TileKey& key, std::string found) const {
+void CheckedTiles::report(const char* code, const TileKey& key, std::string found) const {
   const std::lock_guard lock(mutex_);
-  if (findings_.items().size() >= kMaxFindings || !blamed_.insert(key).second) return;
+  if (findings_.items().size() >= kMaxFindings || !reported_.insert(key).second) return;
   findings_.add({.code = code,
                  .where = "tile " + to_text(key),
-                 .expected = "the tile that was signed",
+                 .expected = "the signed tile",
                  .found = std::move(found),
-                 .fix = "after the flight: verify the package in full, and check the medium that it lies on"});
+                 .fix = "after the flight: verify the package at full depth and check the storage medium"});
 }
 
 OpenPackage::OpenPackage(const std::filesystem::path& package, Verification accepted)

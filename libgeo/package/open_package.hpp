@@ -26,17 +26,18 @@ class CheckedTiles final : public TileSource {
   const Sidecar* sidecar(const TileKey& key) const;
   const std::vector<Sidecar>& sidecars() const { return sidecars_; }
 
-  // What reading has met so far: artifact.hash, sqlite.corrupt, tiff.corrupt. Each tile once, however often it is read.
+  // What reading has found so far: artifact.hash, sqlite.corrupt, tiff.corrupt. Each tile once, however often it is
+  // read.
   Findings findings() const;
 
  private:
-  void complain(const char* code, const TileKey& key, std::string found) const;
+  void report(const char* code, const TileKey& key, std::string found) const;
 
   std::unique_ptr<TileSource> reader_;
   std::vector<Sidecar> sidecars_;
   mutable std::mutex mutex_;
   mutable Findings findings_;
-  mutable std::set<TileKey> blamed_;
+  mutable std::set<TileKey> reported_;
 };
 
 class OpenPackage {

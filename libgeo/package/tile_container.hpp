@@ -1,7 +1,7 @@
-// A tile set in a file, whatever its container: MBTiles or COG. What checks, compares and shows tile sets walks them
-// through this; what flies reads single tiles through TileSource.
+// A tile set in a file of either container, MBTiles or COG. Code that checks, compares and displays tile sets iterates
+// over them with TileContainer; the aircraft reads single tiles through TileSource.
 //
-// Sidecars and metadata lie in the MBTiles file itself; those of a COG in sidecars.sqlite in the same folder.
+// Sidecars and metadata are in the MBTiles file itself; those of a COG are in sidecars.sqlite in the same folder.
 #pragma once
 
 #include <cstdint>
@@ -13,8 +13,8 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
-#include "imagery/cog_error.hpp"
+#include "base/error.hpp"
+#include "imagery/tiff.hpp"
 #include "imagery/sqlite_database.hpp"
 #include "imagery/tile_source.hpp"
 
@@ -28,7 +28,7 @@ class TileCursor {
   virtual std::optional<TileKey> key() const = 0;  // nullopt: an address outside of the grid
   virtual std::string address() const = 0;         // as the file has it, for messages
   virtual ByteView bytes() = 0;                    // until next(); throws Error when they cannot be had
-  virtual std::optional<Bytes> mask() = 0;         // what the container itself says about transparency
+  virtual std::optional<Bytes> mask() = 0;         // the container's own validity mask
 };
 
 struct ZoomSummary {
@@ -41,22 +41,22 @@ class TileContainer {
   virtual ~TileContainer() = default;
   virtual std::string_view kind() const = 0;  // "mbtiles", "cog"
   virtual std::unique_ptr<TileCursor> tiles(bool with_bytes) const = 0;
-  virtual std::uint64_t count() const = 0;  // how many the cursor will show, at most
+  virtual std::uint64_t count() const = 0;  // upper limit of what the cursor visits
   virtual std::vector<ZoomSummary> summary() const = 0;
   virtual std::map<std::string, std::string> metadata() const = 0;
   virtual const SqliteDatabase* sidecars() const = 0;                 // null: there are none
   virtual const SqliteDatabase* database() const { return nullptr; }  // of an MBTiles file: its rows
-  virtual Findings remarks() const { return {}; }                     // what the file holds that is not used
+  virtual Findings remarks() const { return {}; }                     // about parts of the file that are not used
 };
 
-// By the file's first bytes. Throws CogError for a TIFF that is no tile set, Error for a file that is neither, that is
-// no database, or that has no table "tiles". A database that is damaged further inside shows when it is walked.
+// By the file's first bytes. Throws TiffError for a TIFF that is no tile set, Error for a file that is neither, that is
+// no database, or that has no table "tiles". Damage further inside the database shows during iteration.
 std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& path);
 
-// For reading single tiles; stricter: an MBTiles file must have what the specification asks for.
+// For reading single tiles; stricter: an MBTiles file must have what the specification requires.
 std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path);
 
-// What an error while reading a tile set means: "sqlite.corrupt", "tiff.corrupt", "tiff.grid", "tiff.layout".
-Finding fault_of(const Error& error, std::string where);
+// An error while reading a tile set as a finding: "sqlite.corrupt", "tiff.corrupt", "tiff.grid", "tiff.layout".
+Finding tile_set_finding(const Error& error, std::string where);
 
 }  // namespace nadir

@@ -4,8 +4,9 @@
 
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "package/tile_container.hpp"
+#include "package/tile_image.hpp"
 #include "trust/merkle.hpp"
 
 namespace nadir {
@@ -13,10 +14,10 @@ namespace {
 
 constexpr std::size_t kNamed = 20;  // faults of one kind that are named one by one
 
-// Adds findings of one kind, but no more than a reader wants to see.
-class Limited {
+// Adds findings of one kind up to a limit.
+class LimitedFindings {
  public:
-  explicit Limited(Findings& findings) : findings_(findings) {}
+  explicit LimitedFindings(Findings& findings) : findings_(findings) {}
   void add(Finding finding) {
     if (++count_ <= kNamed) findings_.add(std::move(finding));
   }
@@ -47,7 +48,7 @@ void compare(const TileSetFacts& expected, const TileSetFacts& found, const std:
                   .where = name + ", " + what,
                   .expected = std::move(want),
                   .found = std::move(got),
-                  .fix = "the imagery is not what was signed: get the package again from its makers"});
+                  .fix = "the imagery differs from what was signed: get the package again from its producer"});
   };
   if (expected.count != found.count) {
     differ("tiles.count", "tiles with sidecars", std::to_string(expected.count), std::to_string(found.count));
@@ -93,19 +94,19 @@ class TileWalk {
         visit(*key, *rows);
       }
     }
-    while (next_ < check_.sidecars.size()) without_tile(check_.sidecars[next_++].key);
+    while (next_ < check_.sidecars.size()) report_missing_tile(check_.sidecars[next_++].key);
   }
 
  private:
   void visit(const TileKey& key, TileCursor& row) {
     while (next_ < check_.sidecars.size() && check_.sidecars[next_].key < key) {
-      without_tile(check_.sidecars[next_++].key);
+      report_missing_tile(check_.sidecars[next_++].key);
     }
     if (next_ == check_.sidecars.size() || check_.sidecars[next_].key != key) {
       lone_.add({.code = "tiles.count",
                  .where = "tile " + to_text(key),
                  .expected = "a sidecar for each tile",
-                 .found = "a tile that nobody signed"});
+                 .found = "an unsigned tile"});
       return;
     }
     const Sidecar& sidecar = check_.sidecars[next_++];
@@ -116,8 +117,8 @@ class TileWalk {
   void check_bytes(TileCursor& row, const Sidecar& sidecar) {
     try {
       check_bytes(row.bytes(), sidecar);
-    } catch (const CogError& error) {  // this block alone; a database that is damaged ends the walk
-      wrong_.add(fault_of(error, fmt::format("{}, tile {}", name_, to_text(sidecar.key))));
+    } catch (const TiffError& error) {  // this block alone; a database that is damaged ends the walk
+      wrong_.add(tile_set_finding(error, fmt::format("{}, tile {}", name_, to_text(sidecar.key))));
     }
   }
 
@@ -127,12 +128,12 @@ class TileWalk {
                   .where = fmt::format("{}, tile {}", name_, to_text(sidecar.key)),
                   .expected = sidecar.sha256.hex(),
                   .found = digest.hex(),
-                  .fix = "get the package again from its makers"});
+                  .fix = "get the package again from its producer"});
     }
     if (auto problem = tile_header_problem(bytes, sidecar.key)) wrong_.add(std::move(*problem));
   }
 
-  void without_tile(const TileKey& key) {
+  void report_missing_tile(const TileKey& key) {
     lone_.add({.code = "tiles.count",
                .where = "tile " + to_text(key),
                .expected = "a tile for each sidecar",
@@ -143,29 +144,12 @@ class TileWalk {
   std::string name_;
   VerifyDepth depth_;
   Progress& progress_;
-  Limited lone_, wrong_;
+  LimitedFindings lone_, wrong_;
   std::size_t next_ = 0;
   std::optional<TileKey> last_;
 };
 
 }  // namespace
-
-std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key) {
-  const std::string where = "tile " + to_text(key);
-  try {
-    const ImageInfo info = read_image_info(tile, where);
-    if (info.width == kTileSize && info.height == kTileSize) return std::nullopt;
-    return Finding{.code = "tile.size",
-                   .where = where,
-                   .expected = fmt::format("{0} x {0} pixels", kTileSize),
-                   .found = fmt::format("{} x {}", info.width, info.height)};
-  } catch (const Error& error) {
-    return Finding{.code = "tile.undecodable",
-                   .where = where,
-                   .expected = "a JPEG, PNG or WebP picture",
-                   .found = error.text().found.empty() ? error.text().what : error.text().found};
-  }
-}
 
 TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFacts& facts, VerifyDepth depth,
                             Progress& progress) {
@@ -178,20 +162,20 @@ TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFac
       check.findings.add({.code = "tiles.count",
                           .where = name,
                           .expected = "a sidecar for each tile",
-                          .found = "no table of sidecars",
-                          .fix = "get the package again from its makers"});
+                          .found = "no sidecar table",
+                          .fix = "get the package again from its producer"});
       return check;
     }
     SidecarRows rows = read_sidecars(*container->sidecars());
     check.sidecars = std::move(rows.sidecars);
     check.findings.add(rows.findings);
     compare(facts, facts_from(check.sidecars), name, check.findings);
-    progress.begin(depth == VerifyDepth::full ? "checking tiles" : "looking at tiles", check.sidecars.size(), "tiles");
+    progress.begin(depth == VerifyDepth::full ? "checking tiles" : "listing tiles", check.sidecars.size(), "tiles");
     TileWalk(check, name, depth, progress).run(*container);
     progress.end();
   } catch (const Error& error) {
-    Finding fault = fault_of(error, tiles.filename().string());
-    fault.fix = "get the package again from its makers";
+    Finding fault = tile_set_finding(error, tiles.filename().string());
+    fault.fix = "get the package again from its producer";
     check.findings.add(std::move(fault));
   }
   return check;
@@ -202,12 +186,12 @@ TileSetFacts tile_set_facts(const std::filesystem::path& tiles) {
   const auto container = open_tile_container(tiles);
   const SidecarRows rows = container->sidecars() == nullptr ? SidecarRows{} : read_sidecars(*container->sidecars());
   if (!rows.findings.empty() || rows.sidecars.empty()) {
-    throw Error({.what = "this tile set cannot be signed: its sidecars are not sound", .where = tiles});
+    throw Error({.what = "cannot sign this tile set: its sidecars are invalid", .where = tiles});
   }
   TileSetFacts facts = facts_from(rows.sidecars);
   const auto tile = reader->read(rows.sidecars.front().key);
   const auto format = tile ? sniff_image_format(*tile) : std::nullopt;
-  if (!format) throw Error({.what = "this tile set cannot be signed: a tile is missing", .where = tiles});
+  if (!format) throw Error({.what = "cannot sign this tile set: a tile is missing", .where = tiles});
   facts.format = name_of(*format);
   return facts;
 }

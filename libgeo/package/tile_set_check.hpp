@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "package/manifest.hpp"
 #include "package/sidecar.hpp"
@@ -27,8 +27,5 @@ TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFac
 
 // The facts for a manifest, from a finished tile set. Throws Error when it is not sound.
 TileSetFacts tile_set_facts(const std::filesystem::path& tiles);
-
-// What can be said about one tile's bytes from their header: tile.undecodable, tile.size. nullopt: nothing is wrong.
-std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key);
 
 }  // namespace nadir

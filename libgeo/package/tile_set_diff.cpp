@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "base/error.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "package/tile_container.hpp"
 
 namespace nadir {
@@ -51,20 +51,20 @@ class Side {
     SidecarRows rows = read_sidecars(*container_->sidecars());
     if (!rows.findings.empty()) {
       const Finding& first = rows.findings.items().front();
-      throw Error({.what = "the sidecars cannot be compared",
+      throw Error({.what = "cannot compare the sidecars",
                    .where = path_.string() + ": " + first.where,
                    .expected = first.expected,
                    .found = first.found,
-                   .fix = "`nadir cache validate` says all that is wrong with the file"});
+                   .fix = "`nadir cache validate` reports everything that is wrong with the file"});
     }
     return std::move(rows.sidecars);
   }
 
   [[noreturn]] void reject(const std::string& where, std::string expected) const {
-    throw Error({.what = "the tiles cannot be compared",
+    throw Error({.what = "cannot compare the tiles",
                  .where = path_.string() + ": " + where,
                  .expected = std::move(expected),
-                 .fix = "`nadir cache validate` says all that is wrong with the file"});
+                 .fix = "`nadir cache validate` reports everything that is wrong with the file"});
   }
 
   std::filesystem::path path_;

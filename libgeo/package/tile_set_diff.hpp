@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "base/progress.hpp"
-#include "base/sha256.hpp"
-#include "geodesy/tile_key.hpp"
+#include "base/digest.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 

@@ -1,12 +1,12 @@
-// Judges anybody's MBTiles or COG against a mission: no signature, no sidecars needed. Every tile is decoded; what is
-// missing is said by place and area.
+// Validates any MBTiles or COG against a mission: no signature, no sidecars needed. Every tile is decoded; what is
+// missing is reported by place and area.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "base/time.hpp"
 #include "package/mission.hpp"
@@ -21,8 +21,8 @@ struct Validation {
   std::uint64_t tiles = 0;
   std::uint64_t bytes = 0;  // of the file
   bool has_sidecars = false;
-  // What the judgement went by, in the order of TileKey. Without sidecars in the file: address, valid share and mask as
-  // decoded, captured_at as if it were now.
+  // What was validated, in the order of TileKey. Without sidecars in the file: address, valid share and mask as
+  // decoded, captured_at is the time of validation.
   std::vector<Sidecar> sidecars;
 };
 

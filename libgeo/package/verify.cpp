@@ -1,27 +1,335 @@
 #include "package/verify.hpp"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+
 #include "base/error.hpp"
-#include "package/judge.hpp"
-#include "package/judge_terrain.hpp"
-#include "package/root_folder.hpp"
-#include "package/verify_parts.hpp"
+#include "base/files.hpp"
+#include "package/mission_check.hpp"
+#include "package/package_roots.hpp"
+#include "trust/signed_document.hpp"
+#include "trust/signatures.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
 namespace {
+// A regular file of bounded size, or nothing and a finding.
+std::optional<Bytes> read_bounded(const fs::path& file, std::uint64_t max_size, const char* missing_code,
+                                  const char* invalid_code, Findings& findings) {
+  const fs::file_status status = fs::symlink_status(file);
+  if (!fs::exists(status)) {
+    findings.add({.code = missing_code,
+                  .where = file.filename().string(),
+                  .expected = "a file required in every package",
+                  .found = "none",
+                  .fix = "sign the package, or get a complete copy"});
+    return std::nullopt;
+  }
+  if (!fs::is_regular_file(status) || fs::file_size(file) > max_size) {
+    findings.add({.code = invalid_code,
+                  .where = file.filename().string(),
+                  .expected = "a regular file of at most " + std::to_string(max_size) + " bytes",
+                  .found = fs::is_regular_file(status) ? std::to_string(fs::file_size(file)) + " bytes"
+                                                       : "a link, folder or device"});
+    return std::nullopt;
+  }
+  return read_file(file, max_size);
+}
+
+std::optional<Envelope> read_envelope(ByteView bytes, Findings& findings) {
+  const auto refuse = [&findings](std::string expected, std::string found) {
+    findings.add({.code = "signature.invalid",
+                  .where = std::string(kSignatureFile),
+                  .expected = std::move(expected),
+                  .found = std::move(found),
+                  .fix = "get the package again from its producer"});
+  };
+  try {
+    Envelope envelope = parse_envelope(as_text(bytes), kSignatureFile);
+    if (envelope.payload_type == kManifestPayloadType) return envelope;
+    refuse("payload type " + std::string(kManifestPayloadType), envelope.payload_type.substr(0, 80));
+  } catch (const Error& error) {
+    refuse(error.text().expected.empty() ? "a signature envelope" : error.text().expected,
+           error.text().found.empty() ? error.text().what : error.text().found);
+  }
+  return std::nullopt;
+}
+
+// Signature over the manifest's exact bytes, then the manifest. Fills signers and manifest; without a manifest
+// nothing else may be looked at.
+void verify_signature(const fs::path& package, const TrustRoot& root, const VerifyOptions& options,
+                      Verification& result) {
+  const auto signature = read_bounded(package / kSignatureFile, kMaxEnvelopeSize, "signature.missing",
+                                      "signature.invalid", result.findings);
+  const auto manifest =
+      read_bounded(package / kManifestFile, kMaxManifestSize, "artifact.missing", "manifest.schema", result.findings);
+  if (!signature || !manifest) return;
+  const auto envelope = read_envelope(*signature, result.findings);
+  if (!envelope) return;
+  SignatureCheck check = check_signatures(root, root.package_signer, envelope->signatures, kManifestPayloadType,
+                                          *manifest, options.at, kSignatureFile);
+  result.findings.add(check.findings);
+  if (check.findings.refuses()) return;
+  result.signers = std::move(check.signers);
+  ManifestReading reading = parse_manifest(*manifest);
+  result.findings.add(reading.findings);
+  result.manifest = std::move(reading.manifest);
+}
+
+// Clocks of two machines differ, and missions are written the day before; more than this is no such thing.
+constexpr std::int64_t kClockTolerance_s = 86'400;
+
+void check_clock(const Manifest& manifest, const VerifyOptions& options, Findings& findings) {
+  std::optional<UtcTime> earliest;
+  std::string because;
+  if (options.at.unix_s + kClockTolerance_s < manifest.created.unix_s) {
+    earliest = manifest.created;
+    because = "when the package was created";
+  }
+  if (options.state != nullptr && options.state->last_trusted_time) {
+    const UtcTime last = *options.state->last_trusted_time;
+    if (options.at < last && (!earliest || *earliest < last)) {
+      earliest = last;
+      because = "when this aircraft last accepted a package";
+    }
+  }
+  if (!earliest) return;
+  findings.add({.code = "time.untrusted",
+                .where = "the clock",
+                .expected = fmt::format("not before {}, {}", to_rfc3339(*earliest), because),
+                .found = to_rfc3339(options.at),
+                .fix = "set the clock; expiry cannot be checked until then"});
+}
+
+void check_root(const TrustRoot& root, const VerifyOptions& options, Findings& findings) {
+  if (root.expires <= options.at) {
+    findings.add({.code = "key.expired",
+                  .where = fmt::format("root version {}", root.version),
+                  .expected = "a trust root that is valid at " + to_rfc3339(options.at),
+                  .found = "expired " + to_rfc3339(root.expires),
+                  .fix = "get the producer's newer root"});
+  }
+  if (options.state != nullptr && root.version < options.state->root_version) {
+    findings.add({.code = "root.rollback",
+                  .where = "the trust root",
+                  .expected = fmt::format("version {} or later, as seen before", options.state->root_version),
+                  .found = fmt::format("version {}", root.version),
+                  .fix = "use the newest trust root"});
+  }
+}
+
+void check_sequence(const Manifest& manifest, const TrustRoot& root, const VerifyOptions& options, Findings& findings) {
+  if (options.state == nullptr) return;
+  const auto seen = options.state->highest_sequence.find(manifest.series);
+  if (seen == options.state->highest_sequence.end() || manifest.sequence >= seen->second) return;
+  bool permitted = false;
+  if (options.permit != nullptr) {
+    const Findings objections = check_permit(
+        *options.permit, root, {manifest.series, seen->second, manifest.sequence, options.airframe, options.at});
+    findings.add(objections);
+    permitted = !objections.refuses();
+  }
+  findings.add({.code = "package.rollback",
+                .severity = permitted ? Severity::warning : Severity::refuse,
+                .where = "series " + manifest.series,
+                .expected = fmt::format("sequence {} or later, as accepted before", seen->second),
+                .found = fmt::format("sequence {}{}", manifest.sequence, permitted ? ", as the permit allows" : ""),
+                .fix = permitted ? "" : "use the newest package of this series, or get a rollback permit"});
+}
+
+void check_airframe(const Manifest& manifest, const VerifyOptions& options, Findings& findings) {
+  if (!options.airframe) return;
+  const auto allows = [&](const std::string& name) { return name == kAnyAirframe || name == *options.airframe; };
+  if (std::any_of(manifest.airframes.begin(), manifest.airframes.end(), allows)) return;
+  findings.add({.code = "airframe.mismatch",
+                .where = "manifest.json /airframes",
+                .expected = "a package for airframe " + *options.airframe,
+                .found = fmt::format("a package for {}", fmt::join(manifest.airframes, ", ")),
+                .fix = "load the package that was made for this airframe"});
+}
+
+// Dates, clock, sequences and the permit to go back, airframe.
+Findings verify_policy(const Manifest& manifest, const TrustRoot& root, const VerifyOptions& options) {
+  Findings findings;
+  check_clock(manifest, options, findings);
+  check_root(root, options, findings);
+  if (manifest.expires <= options.at) {
+    findings.add({.code = "package.expired",
+                  .where = "manifest.json /expires",
+                  .expected = "a package that is valid at " + to_rfc3339(options.at),
+                  .found = "expired " + to_rfc3339(manifest.expires),
+                  .fix = "build a new package with a later expiry"});
+  }
+  check_sequence(manifest, root, options, findings);
+  check_airframe(manifest, options, findings);
+  return findings;
+}
+
+// mission.yaml against the manifest. Fills mission.
+void verify_mission(const std::filesystem::path& package, Verification& result) {
+  const Manifest& manifest = *result.manifest;
+  const auto mismatch = [&result](std::string where, std::string expected, std::string found) {
+    result.findings.add({.code = "mission.mismatch",
+                         .where = std::move(where),
+                         .expected = std::move(expected),
+                         .found = std::move(found),
+                         .fix = "build the package again from its mission"});
+  };
+  const Artifact* artifact = manifest.artifact(kRoleMission);
+  if (artifact == nullptr) return mismatch("manifest.json", "an artifact of role \"mission\"", "none");
+  MissionReading reading =
+      parse_mission(read_text_file(package / artifact->path, std::uint64_t{1} << 20), artifact->path);
+  if (!reading.mission) {
+    return mismatch(reading.findings.items().front().where, reading.findings.items().front().expected,
+                    reading.findings.items().front().found);
+  }
+  const Mission& mission = *reading.mission;
+  const auto compare = [&](const char* what, const std::string& in_manifest, const std::string& in_mission) {
+    if (in_manifest != in_mission) mismatch(artifact->path + ", " + what, in_manifest, in_mission);
+  };
+  compare("id", manifest.mission_id, mission.id);
+  compare("series", manifest.series, mission.series);
+  compare("sequence", std::to_string(manifest.sequence), std::to_string(mission.sequence));
+  compare("created", to_rfc3339(manifest.created), to_rfc3339(mission.created));
+  compare("expires", to_rfc3339(manifest.expires), to_rfc3339(mission.expires));
+  compare("airframes", fmt::format("{}", fmt::join(manifest.airframes, ", ")),
+          fmt::format("{}", fmt::join(mission.airframes, ", ")));
+  result.mission = std::move(reading.mission);
+}
+
+constexpr std::size_t kMaxUnexpected = 50;
+constexpr std::size_t kMaxEntries = 10'000;
+constexpr std::size_t kBlock = 1 << 20;
+
+// The files on disk against the artifacts. Imagery and terrain are hashed at full depth only, everything else
+// always.
+struct FileCheck {
+  Findings findings;
+  std::set<std::string> sound;  // paths of artifacts that are there with their size (and, where hashed, their digest)
+};
+
+class FileVerifier {
+ public:
+  FileVerifier(const fs::path& package, const Manifest& manifest, VerifyDepth depth, Progress& progress)
+      : package_(package), manifest_(manifest), depth_(depth), progress_(progress) {}
+
+  FileCheck run() {
+    walk();
+    std::uint64_t to_hash = 0;
+    for (const Artifact& artifact : manifest_.artifacts) to_hash += hashes(artifact) ? artifact.size : 0;
+    progress_.begin("hashing", to_hash / kBlock + 1, "MiB");
+    for (const Artifact& artifact : manifest_.artifacts) verify(artifact);
+    progress_.end();
+    return std::move(check_);
+  }
+
+ private:
+  bool hashes(const Artifact& artifact) const {
+    return depth_ == VerifyDepth::full || (artifact.role != kRoleImagery && artifact.role != kRoleTerrain);
+  }
+
+  // Every file in the folder must be named in the manifest and be a regular file.
+  void walk() {
+    std::set<std::string> named{std::string(kManifestFile), std::string(kSignatureFile)};
+    for (const Artifact& artifact : manifest_.artifacts) named.insert(artifact.path);
+    std::size_t entries = 0;
+    for (fs::recursive_directory_iterator at(package_), end; at != end; ++at) {
+      const std::string path = at->path().lexically_relative(package_).generic_string();
+      const fs::file_status status = at->symlink_status();
+      if (fs::is_directory(status)) continue;
+      if (++entries > kMaxEntries) return unexpected(path, "more than 10000 files");
+      if (!fs::is_regular_file(status)) {
+        unexpected(path, fs::is_symlink(status) ? "a symbolic link" : "not a regular file");
+      } else if (named.contains(path)) {
+        present_.insert(path);
+      } else if (!is_root_file_name(path)) {  // checked by walk_package_roots()
+        unexpected(path, "a file");
+      }
+    }
+  }
+
+  void unexpected(const std::string& path, std::string found) {
+    if (++unexpected_ > kMaxUnexpected) return;
+    check_.findings.add({.code = "artifact.unexpected",
+                         .where = path,
+                         .expected = "only the files that the manifest names",
+                         .found = std::move(found),
+                         .fix = "get the package again from its producer"});
+  }
+
+  void verify(const Artifact& artifact) {
+    const auto report = [&](const char* code, std::string expected, std::string found) {
+      check_.findings.add({.code = code,
+                           .where = artifact.path,
+                           .expected = std::move(expected),
+                           .found = std::move(found),
+                           .fix = "get the package again from its producer"});
+    };
+    if (!present_.contains(artifact.path)) return report("artifact.missing", "a regular file", "none");
+    const std::uint64_t size = fs::file_size(package_ / artifact.path);
+    if (size != artifact.size) {
+      report("artifact.size", fmt::format("{} bytes", artifact.size), fmt::format("{} bytes", size));
+      if (artifact.role != kRoleImagery) return;
+    }
+    if (hashes(artifact) && size == artifact.size) {
+      const Sha256 digest = hash(artifact);
+      if (digest != artifact.sha256) {
+        report("artifact.hash", artifact.sha256.hex(), digest.hex());
+        // The imagery is examined all the same: its tiles show what was changed.
+        if (artifact.role != kRoleImagery) return;
+      }
+    }
+    check_.sound.insert(artifact.path);
+  }
+
+  // Never more than the size that was signed.
+  Sha256 hash(const Artifact& artifact) {
+    std::ifstream file(package_ / artifact.path, std::ios::binary);
+    if (!file) throw Error({.what = "cannot open a package file", .where = package_ / artifact.path});
+    Sha256Stream stream;
+    Bytes block(kBlock);
+    for (std::uint64_t left = artifact.size; left > 0;) {
+      const std::size_t want = static_cast<std::size_t>(std::min<std::uint64_t>(left, block.size()));
+      file.read(reinterpret_cast<char*>(block.data()), static_cast<std::streamsize>(want));
+      const auto got = static_cast<std::size_t>(file.gcount());
+      if (file.bad()) throw Error({.what = "cannot read a package file", .where = package_ / artifact.path});
+      stream.update(ByteView(block).first(got));
+      if (got < want) break;
+      left -= got;
+      progress_.advance();
+    }
+    return stream.finish();
+  }
+
+  const fs::path& package_;
+  const Manifest& manifest_;
+  VerifyDepth depth_;
+  Progress& progress_;
+  FileCheck check_;
+  std::set<std::string> present_;
+  std::size_t unexpected_ = 0;
+};
+
+FileCheck verify_files(const fs::path& package, const Manifest& manifest, VerifyDepth depth, Progress& progress) {
+  return FileVerifier(package, manifest, depth, progress).run();
+}
 
 void require_package(const fs::path& package) {
   const bool folder = fs::is_directory(package);
   const bool anything = folder && (fs::exists(fs::symlink_status(package / kManifestFile)) ||
                                    fs::exists(fs::symlink_status(package / kSignatureFile)));
   if (anything) return;
-  throw Error({.what = "this is no mission package",
+  throw Error({.what = "not a mission package",
                .where = package,
                .expected = "a folder with manifest.json and manifest.sig",
-               .found = folder                ? "a folder without both"
-                        : fs::exists(package) ? "something that is no folder"
-                                              : "nothing of this name",
-               .fix = "give the folder that `nadir cache build --out` made"});
+               .found = folder                ? "a folder with neither"
+                        : fs::exists(package) ? "not a folder"
+                                              : "no such path",
+               .fix = "give the folder that `nadir cache build --out` created"});
 }
 
 void verify_imagery(const fs::path& package, const VerifyOptions& options, const FileCheck& files, Progress& progress,
@@ -43,15 +351,15 @@ void verify_imagery(const fs::path& package, const VerifyOptions& options, const
   result.findings.add(check.findings);
   result.tiles = std::move(check.sidecars);
   if (readable && result.mission) {
-    result.findings.add(judge_tiles(*result.mission, result.tiles, result.bytes, options.at));
+    result.findings.add(check_tile_requirements(*result.mission, result.tiles, result.bytes, options.at));
   }
 }
 
-// At quick depth the terrain's bytes are left to whoever opens the package.
+// At quick depth open_package() reads the terrain.
 void verify_terrain(const fs::path& package, const VerifyOptions& options, const FileCheck& files,
                     Verification& result) {
   if (!result.mission) return;
-  result.findings.add(judge_terrain_presence(*result.manifest, *result.mission));
+  result.findings.add(check_terrain_presence(*result.manifest, *result.mission));
   const Artifact* terrain = result.manifest->artifact(kRoleTerrain);
   if (options.depth != VerifyDepth::full || terrain == nullptr || !files.sound.contains(terrain->path)) return;
   TerrainReading reading = read_package_terrain(package, *result.manifest, *result.mission);
@@ -69,7 +377,7 @@ void remember(AircraftState& state, const Verification& accepted, UtcTime at) {
 Verification verify_package(const fs::path& package, const VerifyOptions& options, Progress& progress) {
   require_package(package);
   Verification result;
-  RootWalk walk = walk_package_roots(package, *options.root, options.state);
+  RootSuccession walk = walk_package_roots(package, *options.root, options.state);
   result.findings.add(walk.findings);
   result.newest_root = walk.root;
   result.root_version = walk.root.version;
@@ -85,6 +393,18 @@ Verification verify_package(const fs::path& package, const VerifyOptions& option
   verify_terrain(package, options, files, result);
   verify_imagery(package, options, files, progress, result);
   return result;
+}
+
+Findings check_before_signing(const fs::path& package, Progress& progress) {
+  ManifestReading reading = parse_manifest(read_file(package / kManifestFile, kMaxManifestSize));
+  if (!reading.manifest) return reading.findings;
+  Verification result;
+  result.manifest = std::move(reading.manifest);
+  const FileCheck files = verify_files(package, *result.manifest, VerifyDepth::full, progress);
+  result.findings.add(files.findings);
+  const Artifact* mission = result.manifest->artifact(kRoleMission);
+  if (mission == nullptr || files.sound.contains(mission->path)) verify_mission(package, result);
+  return result.findings;
 }
 
 }  // namespace nadir

@@ -1,4 +1,4 @@
-// Is this package what its makers signed, is it meant for us, and does it hold what its mission needs?
+// Is this package what its producer signed, is it meant for this aircraft, and does it meet its mission's requirements?
 //
 // The signature comes first; nothing else of the package is looked at before it passes. After that everything that is
 // wrong is collected. Codes: docs/findings.md.
@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "base/time.hpp"
 #include "imagery/terrain_raster.hpp"
@@ -26,17 +26,17 @@
 namespace nadir {
 
 struct VerifyOptions {
-  const TrustRoot* root = nullptr;  // required; trusted by whoever calls. Newer ones may follow from it
+  const TrustRoot* root = nullptr;  // required; the caller's trusted root. Newer roots may follow from it
   VerifyDepth depth = VerifyDepth::quick;
   UtcTime at;
   std::optional<std::string> airframe;   // refuse packages that are not for it
   const AircraftState* state = nullptr;  // refuse what is older than what it has seen
-  const SignedPermit* permit = nullptr;  // looked at when the package is older than what the state has seen
+  const SignedPermit* permit = nullptr;  // used when the package is older than what the state has seen
 };
 
 struct Verification {
   Findings findings;
-  TrustRoot newest_root;                            // that could be reached, and judged
+  TrustRoot newest_root;                            // that could be reached
   std::int64_t root_version = 0;                    // its version
   std::map<std::int64_t, std::string> newer_roots;  // documents of those that the state or the package added
   std::vector<std::string> signers;                 // ids of the keys whose signatures are good
@@ -44,15 +44,19 @@ struct Verification {
   std::optional<Mission> mission;
   std::vector<Sidecar> tiles;            // in the order of TileKey
   std::optional<TerrainRaster> terrain;  // with terrain mode dem, at full depth
-  std::uint64_t bytes = 0;               // of all artifacts, as the manifest says
+  std::uint64_t bytes = 0;               // of all artifacts, according to the manifest
 
   bool accepted() const { return manifest.has_value() && !findings.refuses(); }
 };
 
-// What the aircraft remembers of a package that it accepted.
+// Records in the aircraft's state that it accepted this package.
 void remember(AircraftState& state, const Verification& accepted, UtcTime at);
 
 // Throws Error when the folder is no package at all or cannot be read.
 Verification verify_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress);
+
+// What a signer must know before signing: is every artifact of the manifest in the folder, byte for byte, and does the
+// mission match the manifest? Existing signatures are not checked. Throws Error when the folder is not a package.
+Findings check_before_signing(const std::filesystem::path& package, Progress& progress);
 
 }  // namespace nadir

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 namespace {

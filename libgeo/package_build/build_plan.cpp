@@ -8,8 +8,8 @@
 
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
-#include "package/judge.hpp"
-#include "package/tile_need.hpp"
+#include "package/mission_check.hpp"
+#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {
@@ -133,7 +133,7 @@ std::vector<Sidecar> plan_sidecars(const Mission& mission, std::span<const Image
       set_facts(sidecar, inputs, used);
       sidecar.valid_ppm = kWholeTile_ppm * count / kTilePixels;
       if (count < kTilePixels) sidecar.mask = encode_image(valid, ImageFormat::png);
-      if (const Sector* sector = deciding_sector(mission, frame, key); sector != nullptr) sidecar.sector = sector->id;
+      if (const Sector* sector = governing_sector(mission, frame, key); sector != nullptr) sidecar.sector = sector->id;
       sidecars.push_back(std::move(sidecar));
     }
   }
@@ -169,7 +169,7 @@ std::vector<TileKey> metatiles_of(const Mission& mission, const TileRange& range
   const TileRange tops = range.at_zoom(std::max(mission.zoom.min, range.zoom - kMetatileSteps));
   const LocalFrame frame = mission_frame(mission);
   const CoverageRequirement near_by(buffered(required_region(mission, frame), kMargin_m));
-  std::vector<TileKey> keys = tiles_needed(near_by, frame, tops.zoom);
+  std::vector<TileKey> keys = tiles_of_region(near_by, frame, tops.zoom);
   std::erase_if(keys, [&](const TileKey& key) { return !tops.contains(key); });
   std::sort(keys.begin(), keys.end(),
             [](const TileKey& a, const TileKey& b) { return morton_code(a) < morton_code(b); });

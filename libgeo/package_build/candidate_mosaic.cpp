@@ -14,7 +14,7 @@
 #include "base/files.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "ortho/candidate_store.hpp"
 #include "raster/gdal_dataset.hpp"
 
 namespace nadir {

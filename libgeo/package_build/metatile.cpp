@@ -5,8 +5,8 @@
 #include <opencv2/core.hpp>
 #include <type_traits>
 
-#include "imagery/lossless_webp.hpp"
-#include "package/judge.hpp"
+#include "imagery/codecs.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {
@@ -39,7 +39,7 @@ EncodedTile TileEncoder::encode(const TileKey& key, const TileCanvas& tile) cons
   EncodedTile result;
   result.sidecar.key = key;
   set_facts(result.sidecar, inputs_, tile.used);
-  if (const Sector* sector = deciding_sector(mission_, frame_, key); sector != nullptr) {
+  if (const Sector* sector = governing_sector(mission_, frame_, key); sector != nullptr) {
     result.sidecar.sector = sector->id;
   }
   const int valid = cv::countNonZero(tile.image.mask);

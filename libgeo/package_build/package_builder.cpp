@@ -4,10 +4,9 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sha256.hpp"
-#include "package/judge.hpp"
-#include "package/judge_terrain.hpp"
-#include "package/sign_package.hpp"
+#include "base/digest.hpp"
+#include "package/mission_check.hpp"
+#include "package/package_writer.hpp"
 #include "package_build/build_journal.hpp"
 #include "package_build/terrain_builder.hpp"
 #include "raster/gdal_dataset.hpp"
@@ -70,7 +69,7 @@ std::optional<TerrainRaster> prepare_terrain(const Mission& mission, const fs::p
     return std::nullopt;
   }
   TerrainRaster terrain = cut_terrain(*dem, mission);
-  findings.add(judge_terrain(mission, terrain));
+  findings.add(check_terrain(mission, terrain));
   return terrain;
 }
 
@@ -81,7 +80,7 @@ void complete_package(const fs::path& folder, const PackageParts& parts, Progres
     fs::create_directories(folder / fs::path(kTerrainFile).parent_path());
     write_terrain(*parts.terrain, folder / kTerrainFile);
   }
-  carry_roots(folder, parts.roots);
+  add_package_roots(folder, parts.roots);
   progress.advance();
 
   Manifest manifest = manifest_for(parts.mission);
@@ -155,9 +154,9 @@ Findings check_plan(const Mission& mission, const std::vector<ImageryInput>& inp
                     UtcTime at) {
   const std::vector<Sidecar> planned = plan_sidecars(mission, inputs, range);
   Findings findings = check_expiry(mission, at);
-  findings.add(judge_coverage(mission, planned));
-  findings.add(judge_freshness(mission, planned, at));
-  findings.add(judge_resolution(mission, planned));
+  findings.add(check_coverage(mission, planned));
+  findings.add(check_freshness(mission, planned, at));
+  findings.add(check_resolution(mission, planned));
   return findings;
 }
 
@@ -195,7 +194,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   fs::create_directories(tiles.parent_path());
   const TileSet set = build_tile_set(mission, inputs, range, request.tiles, tiles, journal, progress);
   if (set.over_budget) {
-    report.findings = judge_budget(mission, set.tile_bytes);
+    report.findings = check_budget(mission, set.tile_bytes);
     return;
   }
   progress.begin("completing the package", 3, "steps");
@@ -206,7 +205,7 @@ void fill_package(const fs::path& folder, const Plan& plan, BuildJournal& journa
   report.merkle_root = set.facts.merkle_root;
   report.bytes = package_size(folder);
   report.findings = check_expiry(mission, at);
-  report.findings.add(judge_tiles(mission, set.sidecars, report.bytes, at));
+  report.findings.add(check_tile_requirements(mission, set.sidecars, report.bytes, at));
 }
 
 }  // namespace

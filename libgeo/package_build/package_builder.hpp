@@ -12,12 +12,12 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "base/time.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "package/manifest.hpp"
-#include "package/root_folder.hpp"
+#include "package/package_roots.hpp"
 #include "package_build/tile_set_builder.hpp"
 #include "raster/imagery_input.hpp"
 #include "trust/keys.hpp"

@@ -8,11 +8,11 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "geodesy/angles.hpp"
-#include "imagery/lossless_webp.hpp"
-#include "package/judge.hpp"
-#include "package/root_folder.hpp"
+#include "imagery/codecs.hpp"
+#include "package/mission_check.hpp"
+#include "package/package_roots.hpp"
 #include "package/tile_container.hpp"
 #include "package/verify.hpp"
 #include "vision/place_index.hpp"
@@ -56,7 +56,7 @@ OldPackage read_old_package(const fs::path& package, const TrustRoot& trusted, U
   old.manifest = verification.manifest;
   old.tiles = verification.tiles;
   old.newest_root = walk_package_roots(package, trusted, nullptr).root;
-  old.roots = carried_roots(package);
+  old.roots = roots_in_package(package);
   return old;
 }
 
@@ -243,7 +243,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   const UpdatedTileSet updated = update_tile_set(mission, {request.old_package / imagery.path, std::move(old.tiles)},
                                                  rasters, range, options, file, progress);
   findings.add(updated.findings);
-  if (updated.set.over_budget) findings.add(judge_budget(mission, updated.set.tile_bytes));
+  if (updated.set.over_budget) findings.add(check_budget(mission, updated.set.tile_bytes));
   if (findings.refuses()) return report;
 
   std::optional<PlaceIndex> index;
@@ -259,7 +259,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   report.package.merkle_root = updated.set.facts.merkle_root;
   report.package.bytes = package_size(folder);
   if (terrain) report.package.terrain = terrain->grid();
-  findings.add(judge_tiles(mission, updated.set.sidecars, report.package.bytes, at));
+  findings.add(check_tile_requirements(mission, updated.set.sidecars, report.package.bytes, at));
   if (!findings.refuses()) {
     progress.advance();  // the last point of interruption
     staging.commit();

@@ -10,7 +10,7 @@
 
 #include "base/error.hpp"
 #include "base/ordered_work.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "package_build/build_plan.hpp"
 #include "package_build/metatile.hpp"
 #include "raster/single_opencv_thread.hpp"

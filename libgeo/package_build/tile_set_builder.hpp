@@ -14,7 +14,7 @@
 
 #include "base/progress.hpp"
 #include "imagery/cog_writer.hpp"
-#include "imagery/mbtiles_writer.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package/manifest.hpp"
 #include "package_build/build_journal.hpp"
 #include "package_build/build_plan.hpp"

@@ -16,9 +16,9 @@
 #include "base/error.hpp"
 #include "base/ordered_work.hpp"
 #include "geodesy/angles.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 #include "package/open_package.hpp"
-#include "package/tile_mask.hpp"
+#include "package/tile_image.hpp"
 #include "raster/mosaic.hpp"
 #include "raster/single_opencv_thread.hpp"
 
@@ -122,7 +122,7 @@ std::optional<EncodedTile> OldTiles::copy(const TileKey& key) const {
   std::optional<Bytes> bytes = tiles_.read(key);
   if (!bytes) return std::nullopt;
   EncodedTile tile{*sidecar, std::move(*bytes)};
-  const Sector* sector = deciding_sector(mission_, frame_, key);
+  const Sector* sector = governing_sector(mission_, frame_, key);
   tile.sidecar.sector = sector == nullptr ? std::string() : sector->id;
   return tile;
 }

@@ -11,7 +11,7 @@
 #include <span>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/progress.hpp"
 #include "package_build/tile_set_builder.hpp"
 

@@ -4,8 +4,8 @@
 
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
-#include "trust/airframe_signature.hpp"
-#include "trust/dsse.hpp"
+#include "trust/signatures.hpp"
+#include "trust/signed_document.hpp"
 
 namespace nadir {
 

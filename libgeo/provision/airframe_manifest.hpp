@@ -1,6 +1,6 @@
-// airframe.json and its signature, as a folder that appears whole or not at all.
+// Writes airframe.json and its signature, as a folder that appears complete or not at all.
 //
-// airframe.json.sig is a DSSE envelope with a detached payload (trust/airframe_signature.hpp), as a package's
+// airframe.json.sig is a DSSE envelope with a detached payload (trust/signatures.hpp), as a package's
 // manifest.sig.
 #pragma once
 
@@ -8,14 +8,14 @@
 #include <string>
 
 #include "trust/keys.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
 // The document that read_airframe() reads.
 std::string airframe_json(const Airframe& airframe);
 
-// Throws UsageError when the folder is there, or the reader would refuse the airframe.
+// Throws UsageError when the folder exists, or the reader would reject the airframe.
 void write_airframe(const std::filesystem::path& folder, const Airframe& airframe, const PrivateKey& key);
 
 }  // namespace nadir

@@ -1,5 +1,8 @@
-// Questions to an autopilot over its link, one at a time, each asked again until it is answered or patience ends. For
-// the bench: it waits, which the service in flight never does.
+// A blocking request/response session with an autopilot over its MAVLink link, for provisioning on the bench: each request
+// is repeated until it is answered or times out. The service in flight never waits like this.
+//
+// The session also knows the key that the autopilot signs its link with: installed over an unsigned link, and verified
+// by what the autopilot signs afterwards.
 #pragma once
 
 #include <filesystem>
@@ -14,42 +17,55 @@ namespace nadir {
 
 class AutopilotSession {
  public:
-  using Hear = std::function<bool(const ReceivedMessage&)>;  // true: that is the answer
+  using OnMessage = std::function<bool(const ReceivedMessage&)>;  // true: that is the answer
 
-  // url: mavlink/endpoint.hpp. Throws UsageError for one that does not read, Error when it cannot be listened at.
-  AutopilotSession(std::string url, double patience_s);
+  // url: mavlink/endpoint.hpp. Throws UsageError for a malformed one, Error when it cannot listen there.
+  AutopilotSession(std::string url, double timeout_s);
   ~AutopilotSession();
 
-  // The link anew, signed with a key or not. Each begins at the system's clock, which has moved on by more than was
-  // signed; time_file (SigningTime) is there only meanwhile.
+  // Reopens the link, unsigned or signed with a key. Signing time starts at the system's clock, which has advanced by
+  // more than was signed; time_file (SigningTime) exists only while the session is open.
   void open();
   void open_signed(const SigningKey& key, const std::filesystem::path& time_file);
 
-  // Sends the request, if any, every half second until `hear` says that it was answered. False: patience ended. Throws
-  // Interrupted after Ctrl-C, unless that is not to be heeded. `ended`: no need to wait any longer.
-  bool ask(
-      const std::optional<OutgoingMessage>& request, const Hear& hear,
+  // Sends the request, if any, every half second until `on_message` accepts an answer. False: timed out, or `ended` says
+  // that there is no point in waiting. Throws Interrupted after Ctrl-C, unless ignored.
+  bool request(
+      const std::optional<OutgoingMessage>& message, const OnMessage& on_message,
       const std::function<bool()>& ended = [] { return false; });
 
   void send(const OutgoingMessage& message);
   LinkCounts counts() const { return link_->counts(); }
   const std::string& url() const { return url_; }
-  double patience_s() const { return patience_s_; }
+  double timeout_s() const { return timeout_s_; }
 
-  // While what was changed is put back.
-  void heed_interrupts(bool heed) { heed_interrupts_ = heed; }
+  // Ctrl-C is ignored while changes are reverted.
+  void ignore_interrupts() { ignore_interrupts_ = true; }
 
  private:
   void forget_signing_time();
   void open_with(std::optional<Signing> signing);
 
   std::string url_;
-  double patience_s_;
+  double timeout_s_;
   std::filesystem::path time_file_;
   std::unique_ptr<SigningTime> signing_time_;
   std::unique_ptr<MavlinkLink> link_;
   std::int64_t next_heartbeat_us_ = 0;
-  bool heed_interrupts_ = true;
+  bool ignore_interrupts_ = false;
 };
+
+enum class LinkState { unsigned_link, signed_with_key };
+
+// Opens the session, signed if the autopilot signs with this key. Throws Error when it signs with another key.
+LinkState open_detected(AutopilotSession& session, const std::optional<SigningKey>& key,
+                            const std::filesystem::path& time_file);
+
+// Sends the key and reopens the session signed. Throws Error when the autopilot does not sign with it.
+void install_key(AutopilotSession& session, MavlinkAddress autopilot, const SigningKey& key,
+                 const std::filesystem::path& time_file);
+
+// Over the signed session. False: no unsigned frame was received afterwards.
+bool remove_key(AutopilotSession& session, MavlinkAddress autopilot);
 
 }  // namespace nadir

@@ -6,7 +6,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "estimation/anchor_acceptance.hpp"
+#include "estimation/pose_measurements.hpp"
+#include "estimation/terrain_surface.hpp"
 #include "geodesy/angles.hpp"
+#include "replay/flight_folder.hpp"
+#include "vision/camera_frame.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 namespace {
@@ -14,42 +20,42 @@ namespace {
 enum Unknown { yaw, pitch, roll, delay, east, north, log_height, kUnknowns };
 using Unknowns = Eigen::Matrix<double, kUnknowns, 1>;
 using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
-using Seen = Eigen::Matrix<double, 6, 1>;
+using Measured = Eigen::Matrix<double, 6, 1>;
 
-constexpr double kTelemetryMinute_s = 60;  // its errors last so long: the frames of a minute are one witness
-constexpr double kFarthest = 25;           // squared sigmas, six degrees of freedom: no anchor of this flight
-constexpr double kDelayPrior_s = 0.5, kDelaySeen_s = 0.05, kDelayAsTold_s = 0.005;
-constexpr double kFree_rad = 1;  // the mount may be anything
+constexpr double kTelemetryMinute_s = 60;  // its errors are correlated for so long: the frames of a minute count as one
+constexpr double kMaxChi2 = 25;  // squared sigmas, six degrees of freedom: an outlier
+constexpr double kDelayPrior_s = 0.5, kObservableDelay_s = 0.05, kFixedDelay_s = 0.005;
+constexpr double kFree_rad = 1;  // no prior on the mount
 constexpr int kRounds = 15;
-constexpr double kMostMisfit = 3;
+constexpr double kMaxMisfit = 3;
 
-Seen predicted(const BoresightSight& sight, const Unknowns& x) {
+Measured predicted(const BoresightMeasurement& measurement, const Unknowns& x) {
   const auto earlier = [&](double value, double rate) { return value - rate * x[delay]; };
-  const Attitude aircraft{earlier(sight.aircraft.heading_rad, sight.rate_rad_s.heading_rad),
-                          earlier(sight.aircraft.pitch_rad, sight.rate_rad_s.pitch_rad),
-                          earlier(sight.aircraft.roll_rad, sight.rate_rad_s.roll_rad)};
+  const Attitude aircraft{earlier(measurement.aircraft.heading_rad, measurement.rate_rad_s.heading_rad),
+                          earlier(measurement.aircraft.pitch_rad, measurement.rate_rad_s.pitch_rad),
+                          earlier(measurement.aircraft.roll_rad, measurement.rate_rad_s.roll_rad)};
   const Attitude camera = camera_attitude(aircraft, {x[yaw], x[pitch], x[roll]});
-  Seen seen;
-  seen << sight.gps_m.x() - sight.velocity_mps.x() * x[delay] + x[east],
-      sight.gps_m.y() - sight.velocity_mps.y() * x[delay] + x[north], x[log_height], camera.heading_rad,
+  Measured seen;
+  seen << measurement.gps_m.x() - measurement.velocity_mps.x() * x[delay] + x[east],
+      measurement.gps_m.y() - measurement.velocity_mps.y() * x[delay] + x[north], x[log_height], camera.heading_rad,
       camera.pitch_rad, camera.roll_rad;
   return seen;
 }
 
-Seen residual(const BoresightSight& sight, const Unknowns& x) {
-  Seen difference = sight.seen - predicted(sight, x);
+Measured residual(const BoresightMeasurement& measurement, const Unknowns& x) {
+  Measured difference = measurement.seen - predicted(measurement, x);
   for (int i = 3; i < 6; ++i) difference[i] = wrap_pi(difference[i]);
   return difference;
 }
 
-Eigen::Matrix<double, 6, kUnknowns> jacobian(const BoresightSight& sight, const Unknowns& x) {
+Eigen::Matrix<double, 6, kUnknowns> jacobian(const BoresightMeasurement& measurement, const Unknowns& x) {
   constexpr double kStep = 1e-5;
   Eigen::Matrix<double, 6, kUnknowns> slopes;
   for (int i = 0; i < kUnknowns; ++i) {
     Unknowns above = x, below = x;
     above[i] += kStep;
     below[i] -= kStep;
-    slopes.col(i) = (residual(sight, below) - residual(sight, above)) / (2 * kStep);
+    slopes.col(i) = (residual(measurement, below) - residual(measurement, above)) / (2 * kStep);
   }
   return slopes;
 }
@@ -63,18 +69,18 @@ struct Solution {
 
 class Solver {
  public:
-  Solver(const std::vector<BoresightSight>& sights, const BoresightSettings& settings)
-      : sights_(sights), settings_(settings) {
-    const double flown_s = std::max(sights.back().time_s - sights.front().time_s, 1.0);
-    const double in_a_minute = static_cast<double>(sights.size()) * std::min(kTelemetryMinute_s / flown_s, 1.0);
+  Solver(const std::vector<BoresightMeasurement>& measurements, const BoresightSettings& settings)
+      : measurements_(measurements), settings_(settings) {
+    const double flown_s = std::max(measurements.back().time_s - measurements.front().time_s, 1.0);
+    const double in_a_minute = static_cast<double>(measurements.size()) * std::min(kTelemetryMinute_s / flown_s, 1.0);
     const TelemetryUncertainty& u = settings.uncertainty;
-    Seen sigmas;
+    Measured sigmas;
     sigmas << settings.gps_sigma_m, settings.gps_sigma_m, u.agl_relative, u.heading_rad, u.tilt_rad, u.tilt_rad;
     const Eigen::Matrix<double, 6, 6> noise = sigmas.cwiseProduct(sigmas).asDiagonal();
-    for (const BoresightSight& sight : sights) {
-      const Eigen::Matrix<double, 6, 6> single = sight.covariance + noise;
+    for (const BoresightMeasurement& measurement : measurements) {
+      const Eigen::Matrix<double, 6, 6> single = measurement.covariance + noise;
       single_.push_back(single.inverse());
-      shared_.push_back((sight.covariance + noise * std::max(in_a_minute, 1.0)).inverse());
+      shared_.push_back((measurement.covariance + noise * std::max(in_a_minute, 1.0)).inverse());
     }
   }
 
@@ -90,17 +96,17 @@ class Solver {
       Unknowns right = weight.cwiseProduct(prior - solution.x);
       solution.used = 0;
       double squares = 0;
-      for (std::size_t i = 0; i < sights_.size(); ++i) {
-        const Seen difference = residual(sights_[i], solution.x);
+      for (std::size_t i = 0; i < measurements_.size(); ++i) {
+        const Measured difference = residual(measurements_[i], solution.x);
         const double squared = difference.dot(single_[i] * difference);
-        // The first rounds take everybody's word, less that of those who are far off.
-        const double vote = round < kRounds / 3 ? 1 / (1 + squared / kFarthest) : squared < kFarthest ? 1.0 : 0.0;
-        if (vote == 0) continue;
+        // The first rounds use all measurements with Cauchy weights, the others those inside the gate.
+        const double weight_of_frame = round < kRounds / 3 ? 1 / (1 + squared / kMaxChi2) : squared < kMaxChi2 ? 1.0 : 0.0;
+        if (weight_of_frame == 0) continue;
         ++solution.used;
         squares += squared;
-        const auto slopes = jacobian(sights_[i], solution.x);
-        normal += vote * slopes.transpose() * shared_[i] * slopes;
-        right += vote * slopes.transpose() * shared_[i] * difference;
+        const auto slopes = jacobian(measurements_[i], solution.x);
+        normal += weight_of_frame * slopes.transpose() * shared_[i] * slopes;
+        right += weight_of_frame * slopes.transpose() * shared_[i] * difference;
       }
       solution.covariance = normal.inverse();
       solution.x += solution.covariance * right;
@@ -110,31 +116,31 @@ class Solver {
   }
 
  private:
-  const std::vector<BoresightSight>& sights_;
+  const std::vector<BoresightMeasurement>& measurements_;
   const BoresightSettings& settings_;
-  std::vector<Eigen::Matrix<double, 6, 6>> single_;  // information of one frame …
-  std::vector<Eigen::Matrix<double, 6, 6>> shared_;  // … and as one of many that err alike
+  std::vector<Eigen::Matrix<double, 6, 6>> single_;  // information of one frame alone …
+  std::vector<Eigen::Matrix<double, 6, 6>> shared_;  // … and as one of many with a common error
 };
 
 }  // namespace
 
-std::optional<Boresight> solve_boresight(const std::vector<BoresightSight>& sights, const BoresightSettings& settings) {
-  if (sights.size() < 3) return std::nullopt;
-  const Solver solver(sights, settings);
+std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>& measurements, const BoresightSettings& settings) {
+  if (measurements.size() < 3) return std::nullopt;
+  const Solver solver(measurements, settings);
   Solution solution = solver.solve(kDelayPrior_s);
   Boresight result;
   result.delay_sigma_s = std::sqrt(solution.covariance(delay, delay));
-  result.delay_seen = result.delay_sigma_s < kDelaySeen_s;
-  if (!result.delay_seen) solution = solver.solve(kDelayAsTold_s);
+  result.delay_observable = result.delay_sigma_s < kObservableDelay_s;
+  if (!result.delay_observable) solution = solver.solve(kFixedDelay_s);
   if (!solution.x.allFinite()) return std::nullopt;
   const auto sigma = [&](Unknown of) { return std::sqrt(solution.covariance(of, of)); };
   result.mount = {wrap_pi(solution.x[yaw]), wrap_pi(solution.x[pitch]), wrap_pi(solution.x[roll])};
   result.mount_sigma = {sigma(yaw), sigma(pitch), sigma(roll)};
-  result.delay_s = result.delay_seen ? solution.x[delay] : 0;
+  result.delay_s = result.delay_observable ? solution.x[delay] : 0;
   result.offset_m = {solution.x[east], solution.x[north]};
   result.height_factor = std::exp(solution.x[log_height]);
   result.used = solution.used;
-  result.set_aside = sights.size() - solution.used;
+  result.outliers = measurements.size() - solution.used;
   result.misfit = solution.misfit;
   return result;
 }
@@ -155,18 +161,18 @@ Findings check_boresight(const std::optional<Boresight>& boresight, const Boresi
                   .expected = fmt::format("pitch and roll known to {:.1f}°, yaw to {:.1f}°", limits.max_tilt_sigma_deg,
                                           limits.max_yaw_sigma_deg),
                   .found = fmt::format("{:.2f}° and {:.2f}°", tilt_deg, yaw_deg),
-                  .fix = "fly legs in all directions, there and back: only they tell the mount from GPS's offset"});
+                  .fix = "fly legs in all directions, there and back: only they separate the mount from GPS's offset"});
   }
-  if (boresight->misfit > kMostMisfit) {
+  if (boresight->misfit > kMaxMisfit) {
     findings.add(
         {.code = "provision.boresight_misfit",
          .expected = "frames that agree within the telemetry's uncertainty",
          .found = fmt::format("{:.1f} times its square", boresight->misfit),
          .fix = "check that GPS was good throughout (--from-s, --to-s), the camera's file and its uncertainty"});
   }
-  constexpr double kMostTilt_deg = 45;  // airframe.json
-  if (std::abs(degrees(boresight->mount.pitch_rad)) > kMostTilt_deg ||
-      std::abs(degrees(boresight->mount.roll_rad)) > kMostTilt_deg) {
+  constexpr double kMaxTilt_deg = 45;  // airframe.json
+  if (std::abs(degrees(boresight->mount.pitch_rad)) > kMaxTilt_deg ||
+      std::abs(degrees(boresight->mount.roll_rad)) > kMaxTilt_deg) {
     findings.add({.code = "provision.boresight_range",
                   .expected = "a camera that looks down",
                   .found = fmt::format("pitch {:.0f}°, roll {:.0f}°", degrees(boresight->mount.pitch_rad),
@@ -174,6 +180,102 @@ Findings check_boresight(const std::optional<Boresight>& boresight, const Boresi
                   .fix = "check the mount in the airframe's file, from which the search began"});
   }
   return findings;
+}
+
+namespace {
+
+constexpr double kMountRange_rad = 0.2;  // search range around the expected mount, each angle
+constexpr double kLeastRadius_m = 60;    // of the search around GPS
+constexpr double kLongestStep_s = 3;     // between frames, for rates
+constexpr double kHealthySigma_m = 20;   // of the prediction that the gates weigh: GPS
+
+bool complete(const Telemetry& telemetry) {
+  return telemetry.place && telemetry.agl_m && telemetry.heading_rad && telemetry.pitch_rad && telemetry.roll_rad;
+}
+
+// Position, velocity, attitude and its rate at a frame, from its neighbours.
+BoresightMeasurement measurement_at(const std::vector<Telemetry>& frames, std::size_t at, const LocalFrame& frame,
+                        const Attitude& assumed_mount) {
+  const auto aircraft = [&](const Telemetry& telemetry) {
+    return aircraft_attitude({*telemetry.heading_rad, *telemetry.pitch_rad, *telemetry.roll_rad}, assumed_mount);
+  };
+  const auto place = [&](const Telemetry& telemetry) {
+    const Enu enu = frame.enu_from_lonlat(*telemetry.place);
+    return Eigen::Vector2d(enu.east_m, enu.north_m);
+  };
+  BoresightMeasurement measurement;
+  measurement.time_s = frames[at].time_s;
+  measurement.gps_m = place(frames[at]);
+  measurement.aircraft = aircraft(frames[at]);
+  const Telemetry& before = frames[at > 0 && complete(frames[at - 1]) ? at - 1 : at];
+  const Telemetry& after = frames[at + 1 < frames.size() && complete(frames[at + 1]) ? at + 1 : at];
+  const double step_s = after.time_s - before.time_s;
+  if (step_s <= 0 || step_s > 2 * kLongestStep_s) return measurement;
+  const Attitude first = aircraft(before), last = aircraft(after);
+  measurement.velocity_mps = (place(after) - place(before)) / step_s;
+  measurement.rate_rad_s = {wrap_pi(last.heading_rad - first.heading_rad) / step_s,
+                      (last.pitch_rad - first.pitch_rad) / step_s, wrap_pi(last.roll_rad - first.roll_rad) / step_s};
+  return measurement;
+}
+
+AnchorPrior prior_of(const BoresightMeasurement& measurement, const Attitude& mount, double agl_m,
+                     const TelemetryUncertainty& uncertainty) {
+  AnchorPrior prior;
+  prior.search.pose = {{measurement.gps_m.x(), measurement.gps_m.y()}, agl_m, camera_attitude(measurement.aircraft, mount)};
+  prior.search.radius_m = std::max(kLeastRadius_m, 1.5 * agl_m * std::tan(kMountRange_rad));
+  prior.heading_sigma_rad = std::hypot(uncertainty.heading_rad, kMountRange_rad / 2);
+  prior.search.heading_range_rad = 2 * prior.heading_sigma_rad;
+  prior.log_agl_sigma = uncertainty.agl_relative;
+  prior.search.scale_range = 2.5 * uncertainty.agl_relative;
+  const double tilt_rad = std::hypot(uncertainty.tilt_rad, kMountRange_rad / 2);
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * tilt_rad * tilt_rad;
+  return prior;
+}
+
+std::vector<std::size_t> chosen(const std::vector<Telemetry>& frames, std::size_t most) {
+  std::vector<std::size_t> usable, evenly;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (complete(frames[i])) usable.push_back(i);
+  }
+  if (usable.size() <= most) return usable;
+  for (std::size_t i = 0; i < most; ++i) evenly.push_back(usable[i * usable.size() / most]);
+  return evenly;
+}
+
+}  // namespace
+
+BoresightMeasurements measure_boresight(const BoresightFlight& from, const CameraFile& camera, const Attitude& mount,
+                                        const OpenPackage& package, Progress& progress) {
+  const LocalFrame frame = mission_frame(package.mission());
+  const FlatGround flat;
+  std::optional<TerrainSurface> terrain;
+  if (package.terrain() != nullptr) terrain.emplace(*package.terrain(), frame, package.mission().terrain.height_m);
+  const GroundSurface& surface = terrain ? static_cast<const GroundSurface&>(*terrain) : flat;
+  const int shrink = decode_reduction(camera.camera.width, camera.camera.height);
+  const CameraModel decoded = camera.camera.scaled(1.0 / shrink);
+  const auto matcher = make_channel_matcher({decoded, package.imagery(), frame, surface});
+
+  BoresightMeasurements result;
+  const auto& frames = from.flight.frames;
+  const std::vector<std::size_t> matched = chosen(frames, from.most_frames);
+  result.frames = matched.size();
+  progress.begin("matching with the map", matched.size(), "frames");
+  for (const std::size_t i : matched) {
+    progress.advance(1);
+    const cv::Mat grey = read_flight_image(from.flight.image_path(i), decoded, shrink);
+    if (grey.empty()) continue;
+    BoresightMeasurement measurement = measurement_at(frames, i, frame, from.assumed_mount);
+    const AnchorPrior prior = prior_of(measurement, mount, *frames[i].agl_m, camera.uncertainty);
+    const AnchorMatch match = matcher->match(grey, prior);
+    const AnchorPrediction gps{.chi2 = 0, .sigma_m = kHealthySigma_m, .healthy = true, .lost = false};
+    if (!match.solved || evaluate_anchor(match, prior, gps) != AnchorVerdict::accepted) continue;
+    const PoseMeasurement seen = pose_measurement(*match.solved, {*frames[i].agl_m, Eigen::Vector2d::Zero()});
+    measurement.seen = seen.value;
+    measurement.covariance = seen.covariance;
+    result.measurements.push_back(measurement);
+  }
+  progress.end();
+  return result;
 }
 
 }  // namespace nadir

@@ -1,22 +1,69 @@
 #include "recorder/mcap_reader.hpp"
 
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <vector>
 
-#include "recorder/chunk_compression.hpp"
-#include "recorder/mcap_records.hpp"
+#include "base/error.hpp"
 
 namespace nadir {
+
+bool MemorySource::read(std::uint64_t offset, std::uint64_t count, Bytes& into) const {
+  into.clear();
+  if (offset > bytes_.size() || count > bytes_.size() - offset) return false;
+  const ByteView piece = bytes_.subspan(static_cast<std::size_t>(offset), static_cast<std::size_t>(count));
+  into.assign(piece.begin(), piece.end());
+  return true;
+}
+
+FileSource::FileSource(const std::filesystem::path& path) : fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
+  struct stat info {};
+  if (fd_ < 0 || ::fstat(fd_, &info) != 0) {
+    const int error_number = errno;
+    if (fd_ >= 0) ::close(fd_);
+    throw Error({.what = "cannot open", .where = path, .found = system_error_text(error_number)});
+  }
+  if (!S_ISREG(info.st_mode)) {
+    ::close(fd_);
+    throw Error({.what = "not a file", .where = path, .expected = "a regular file", .found = "a folder or device"});
+  }
+  size_ = static_cast<std::uint64_t>(info.st_size);
+}
+
+FileSource::~FileSource() { ::close(fd_); }
+
+bool FileSource::read(std::uint64_t offset, std::uint64_t count, Bytes& into) const {
+  into.clear();
+  if (offset > size_ || count > size_ - offset) return false;
+  into.resize(static_cast<std::size_t>(count));
+  std::uint64_t done = 0;
+  while (done < count) {
+    const ssize_t got =
+        ::pread(fd_, into.data() + done, static_cast<std::size_t>(count - done), static_cast<off_t>(offset + done));
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) {
+      into.clear();
+      return false;
+    }
+    done += static_cast<std::uint64_t>(got);
+  }
+  return true;
+}
+
 namespace {
 
-constexpr std::uint64_t kLargestRecord = kLargestChunk + (std::uint64_t{1} << 20);
-constexpr std::size_t kMostFindings = 100;
+constexpr std::uint64_t kMaxRecord = kMaxChunk + (std::uint64_t{1} << 20);
+constexpr std::size_t kMaxFindings = 100;
 
-// What the summary says, and what was seen on the way to it.
+// What the summary contains, and what was seen on the way to it.
 struct Indexes {
-  std::vector<McapChunkIndex> seen, told;
+  std::vector<McapChunkIndex> seen, indexed;
   std::optional<McapStatistics> statistics;
   std::uint64_t summary_start = 0;
   std::uint32_t data_crc = 0;  // running, over the data section
@@ -24,8 +71,8 @@ struct Indexes {
 
 class Reader {
  public:
-  Reader(const ByteSource& source, std::string_view where, const McapTake& take)
-      : source_(source), where_(where), take_(take) {}
+  Reader(const ByteSource& source, std::string_view where, const McapMessageHandler& handler)
+      : source_(source), where_(where), handler_(handler) {}
 
   McapContents read() {
     contents_.size = source_.size();
@@ -34,11 +81,11 @@ class Reader {
     const bool begun = contents_.size < kMcapMagic.size();
     if (!source_.read(0, begun ? static_cast<std::size_t>(contents_.size) : kMcapMagic.size(), magic) ||
         !std::equal(magic.begin(), magic.end(), kMcapMagic.begin())) {
-      find("recorder.format", Severity::refuse, "an MCAP file", "other bytes at its beginning");
+      report("recorder.format", Severity::refuse, "an MCAP file", "different bytes at its beginning");
       return std::move(contents_);
     }
     if (begun) {
-      say_truncated();
+      report_truncated();
       return std::move(contents_);
     }
     indexes_.data_crc = crc32_of(magic);
@@ -47,20 +94,20 @@ class Reader {
     if (contents_.finished) {
       compare();
     } else if (!broken_) {
-      say_truncated();
+      report_truncated();
     }
     return std::move(contents_);
   }
 
  private:
-  void say_truncated() {
-    find("recorder.truncated", Severity::warning, "a footer at the end",
-         fmt::format("whole records up to byte {} of {}", contents_.whole_size, contents_.size),
-         "nadir recorder recover writes a finished file of what is there");
+  void report_truncated() {
+    report("recorder.truncated", Severity::warning, "a footer at the end",
+           fmt::format("complete records up to byte {} of {}", contents_.whole_size, contents_.size),
+           "`nadir recorder recover` writes a finished file with everything that is readable");
   }
 
-  void find(const char* code, Severity severity, std::string expected, std::string found, std::string fix = {}) {
-    if (contents_.findings.items().size() >= kMostFindings) return;
+  void report(const char* code, Severity severity, std::string expected, std::string found, std::string fix = {}) {
+    if (contents_.findings.items().size() >= kMaxFindings) return;
     contents_.findings.add({code, severity, where_, std::move(expected), std::move(found), std::move(fix)});
   }
 
@@ -72,8 +119,8 @@ class Reader {
     const auto opcode = cursor.number<std::uint8_t>();
     const auto length = cursor.number<std::uint64_t>();
     if (opcode == 0) return broken("a record", "opcode 0");
-    if (length > kLargestRecord && length <= contents_.size - position_) {
-      return broken(fmt::format("records of at most {} bytes", kLargestRecord), fmt::format("{} bytes", length));
+    if (length > kMaxRecord && length <= contents_.size - position_) {
+      return broken(fmt::format("records of at most {} bytes", kMaxRecord), fmt::format("{} bytes", length));
     }
     if (!source_.read(position_ + kMcapRecordHead, length, content)) return false;
     if (opcode == mcap_op::footer) return footer(content);
@@ -87,8 +134,8 @@ class Reader {
 
   bool broken(std::string expected, std::string found) {
     broken_ = true;
-    find("recorder.format", Severity::refuse, std::move(expected), fmt::format("{} at byte {}", found, position_),
-         "nadir recorder recover keeps what stands before");
+    report("recorder.format", Severity::refuse, std::move(expected), fmt::format("{} at byte {}", found, position_),
+           "`nadir recorder recover` keeps everything before that");
     return false;
   }
 
@@ -108,7 +155,7 @@ class Reader {
     } else if (opcode == mcap_op::chunk_index) {
       const auto index = read_mcap_chunk_index(content);
       sound = index.has_value();
-      if (index) indexes_.told.push_back(*index);
+      if (index) indexes_.indexed.push_back(*index);
     } else if (opcode == mcap_op::statistics) {
       indexes_.statistics = read_mcap_statistics(content);
       sound = indexes_.statistics.has_value();
@@ -122,7 +169,7 @@ class Reader {
     if (!sound) damage(opcode);
   }
 
-  // Records that stand in chunks as well.
+  // Records that may also be in chunks.
   bool part(std::uint8_t opcode, ByteView content) {
     if (opcode == mcap_op::schema) {
       const auto schema = read_mcap_schema(content);
@@ -142,13 +189,13 @@ class Reader {
     const std::uint64_t at = message->log_time_ns;
     contents_.first_ns = std::min(contents_.first_ns.value_or(at), at);
     contents_.last_ns = std::max(contents_.last_ns.value_or(at), at);
-    take_(contents_, *message);
+    handler_(contents_, *message);
     return true;
   }
 
   void damage(std::uint8_t opcode) {
-    find("recorder.format", Severity::refuse, "sound records",
-         fmt::format("a damaged record (opcode {}) at byte {}", opcode, position_));
+    report("recorder.format", Severity::refuse, "intact records",
+           fmt::format("a damaged record (opcode {}) at byte {}", opcode, position_));
   }
 
   void chunk(ByteView content) {
@@ -166,22 +213,24 @@ class Reader {
     seen.length = kMcapRecordHead + content.size();
     indexes_.seen.push_back(seen);
     const std::optional<Bytes> records = in.ok() ? decompress_chunk(seen.compression, packed, seen.size) : std::nullopt;
-    if (!records) return damaged_chunk("a chunk that unfolds", fmt::format("compression \"{}\"", seen.compression));
+    if (!records)
+      return damaged_chunk("a chunk that decompresses", fmt::format("compression \"{}\"", seen.compression));
     if (crc != 0 && crc32_of(*records) != crc) return damaged_chunk("the chunk's CRC", "another");
     McapCursor parts(*records);
     while (!parts.done()) {
       const auto opcode = parts.number<std::uint8_t>();
       const ByteView piece = parts.raw(parts.number<std::uint64_t>());
-      if (!parts.ok()) return damaged_chunk("whole records", "the last one is cut off");
-      if (!part(opcode, piece)) return damaged_chunk("sound records", fmt::format("a damaged one (opcode {})", opcode));
+      if (!parts.ok()) return damaged_chunk("complete records", "the last one is cut off");
+      if (!part(opcode, piece))
+        return damaged_chunk("intact records", fmt::format("a damaged one (opcode {})", opcode));
     }
   }
 
   void damaged_chunk(std::string expected, const std::string& found) {
     ++contents_.damaged_chunks;
-    find("recorder.chunk", Severity::refuse, std::move(expected),
-         fmt::format("{} in the chunk at byte {}: it is skipped", found, position_),
-         "nadir recorder recover keeps the other chunks");
+    report("recorder.chunk", Severity::refuse, std::move(expected),
+           fmt::format("{} in the chunk at byte {}: it is skipped", found, position_),
+           "`nadir recorder recover` keeps the other chunks");
   }
 
   void message_index(ByteView content) {
@@ -198,7 +247,7 @@ class Reader {
     const auto crc = in.number<std::uint32_t>();
     if (!in.ok()) return damage(mcap_op::data_end);
     if (crc != 0 && crc != indexes_.data_crc) {
-      find("recorder.index", Severity::refuse, "the checksum of all data", "another");
+      report("recorder.index", Severity::refuse, "the checksum of all data", "another");
     }
   }
 
@@ -215,16 +264,16 @@ class Reader {
     }
     contents_.finished = true;
     contents_.whole_size = end + kMcapMagic.size();
-    if (!in_summary_) find("recorder.format", Severity::refuse, "a record that ends the data", "none");
+    if (!in_summary_) report("recorder.format", Severity::refuse, "a record DataEnd", "none");
     const std::uint64_t start = indexes_.summary_start == 0 ? position_ : indexes_.summary_start;
     Bytes summary;
-    if (crc != 0 && (start > position_ || position_ - start > kLargestRecord ||
+    if (crc != 0 && (start > position_ || position_ - start > kMaxRecord ||
                      !source_.read(start, end - 4 - start, summary) || crc32_of(summary) != crc)) {
-      find("recorder.index", Severity::refuse, "the summary's checksum", "another");
+      report("recorder.index", Severity::refuse, "the summary's checksum", "another");
     }
     if (contents_.whole_size != contents_.size) {
-      find("recorder.format", Severity::warning, "the end of the file after its footer",
-           fmt::format("{} more bytes", contents_.size - contents_.whole_size));
+      report("recorder.format", Severity::warning, "the end of the file after its footer",
+             fmt::format("{} more bytes", contents_.size - contents_.whole_size));
     }
     return false;
   }
@@ -232,24 +281,25 @@ class Reader {
   void compare() {
     if (indexes_.summary_start == 0) return;
     // A writer may leave either out; what is there has to be right.
-    if (!indexes_.told.empty() && indexes_.told != indexes_.seen) {
-      find("recorder.index", Severity::refuse, fmt::format("an index of the {} chunks", indexes_.seen.size()),
-           fmt::format("{} entries that do not agree with them", indexes_.told.size()));
+    if (!indexes_.indexed.empty() && indexes_.indexed != indexes_.seen) {
+      report("recorder.index", Severity::refuse, fmt::format("an index of the {} chunks", indexes_.seen.size()),
+             fmt::format("{} entries that do not match them", indexes_.indexed.size()));
     }
     if (!indexes_.statistics) return;
-    const McapStatistics& told = *indexes_.statistics;
-    std::map<std::uint16_t, std::uint64_t> told_of = told.messages_of;
-    std::erase_if(told_of, [](const auto& entry) { return entry.second == 0; });
-    if (told.messages != contents_.messages || told_of != contents_.messages_of || told.chunks != contents_.chunks) {
-      find("recorder.index", Severity::refuse,
-           fmt::format("{} messages in {} chunks, as the statistics say", told.messages, told.chunks),
-           fmt::format("{} messages in {} chunks", contents_.messages, contents_.chunks));
+    const McapStatistics& stated = *indexes_.statistics;
+    std::map<std::uint16_t, std::uint64_t> stated_of = stated.messages_of;
+    std::erase_if(stated_of, [](const auto& entry) { return entry.second == 0; });
+    if (stated.messages != contents_.messages || stated_of != contents_.messages_of ||
+        stated.chunks != contents_.chunks) {
+      report("recorder.index", Severity::refuse,
+             fmt::format("{} messages in {} chunks, as the statistics say", stated.messages, stated.chunks),
+             fmt::format("{} messages in {} chunks", contents_.messages, contents_.chunks));
     }
   }
 
   const ByteSource& source_;
   std::string where_;
-  const McapTake& take_;
+  const McapMessageHandler& handler_;
   McapContents contents_;
   Indexes indexes_;
   std::uint64_t position_ = 0;
@@ -259,8 +309,8 @@ class Reader {
 
 }  // namespace
 
-McapContents read_mcap(const ByteSource& source, std::string_view where, const McapTake& take) {
-  return Reader(source, where, take).read();
+McapContents read_mcap(const ByteSource& source, std::string_view where, const McapMessageHandler& handler) {
+  return Reader(source, where, handler).read();
 }
 
 }  // namespace nadir

@@ -1,20 +1,54 @@
-// Reads any MCAP file from its front to its last whole record: chunked or not, compressed or not, with a summary or cut
-// off anywhere. The index is not needed for that, and not believed: what it says is compared with what is there.
+// Reads any MCAP file from its beginning to its last complete record: chunked or not, compressed or not, with a summary
+// or cut off anywhere. The index is not needed for that and not trusted: it is compared with what is there.
 //
-// Bytes are not trusted. Damage is a finding; a chunk that is damaged is skipped and the next one read.
+// Bytes are not trusted. Damage is a finding; a damaged chunk is skipped and the next one read.
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
 #include <string>
 
-#include "base/finding.hpp"
-#include "recorder/byte_source.hpp"
+#include "base/bytes.hpp"
+#include "base/error.hpp"
 #include "recorder/mcap_format.hpp"
 
 namespace nadir {
+
+class ByteSource {
+ public:
+  virtual ~ByteSource() = default;
+  virtual std::uint64_t size() const = 0;
+  // Exactly that many bytes into `into`; false, and an empty `into`, when they are not there or cannot be read.
+  virtual bool read(std::uint64_t offset, std::uint64_t count, Bytes& into) const = 0;
+};
+
+class MemorySource final : public ByteSource {
+ public:
+  explicit MemorySource(ByteView bytes) : bytes_(bytes) {}
+  std::uint64_t size() const override { return bytes_.size(); }
+  bool read(std::uint64_t offset, std::uint64_t count, Bytes& into) const override;
+
+ private:
+  ByteView bytes_;
+};
+
+// Not memory-mapped: a file that is truncated while it is read must not end the program.
+class FileSource final : public ByteSource {
+ public:
+  explicit FileSource(const std::filesystem::path& path);  // throws Error when it cannot be opened or is no file
+  ~FileSource() override;
+  FileSource(const FileSource&) = delete;
+  FileSource& operator=(const FileSource&) = delete;
+  std::uint64_t size() const override { return size_; }
+  bool read(std::uint64_t offset, std::uint64_t count, Bytes& into) const override;
+
+ private:
+  int fd_ = -1;
+  std::uint64_t size_ = 0;
+};
 
 // What is in a file apart from its messages.
 struct McapContents {
@@ -32,10 +66,10 @@ struct McapContents {
   Findings findings;  // recorder.format, recorder.truncated, recorder.chunk, recorder.index
 };
 
-// Called for each message in the order of the file. The channel, and its schema if it has one, lie in `contents`.
-using McapTake = std::function<void(const McapContents& contents, const McapMessage& message)>;
+// Called for each message in the order of the file. `contents` has its channel, and its schema if there is one.
+using McapMessageHandler = std::function<void(const McapContents& contents, const McapMessage& message)>;
 
 // where: names the file in findings.
-McapContents read_mcap(const ByteSource& source, std::string_view where, const McapTake& take);
+McapContents read_mcap(const ByteSource& source, std::string_view where, const McapMessageHandler& handler);
 
 }  // namespace nadir

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "recorder/chunk_compression.hpp"
+#include "recorder/mcap_format.hpp"
 
 namespace nadir {
 
@@ -20,7 +20,7 @@ void McapWriter::define(std::uint16_t id) {
   append(chunk_, channel);
 }
 
-// At the beginning of a chunk: what stands in one other alone.
+// At the beginning of a chunk: what has been written in one chunk only.
 void McapWriter::define_again() {
   for (const auto& [id, chunks] : written_schemas_) {
     if (chunks == 1 && chunk_schemas_.insert(id).second) append(chunk_, schemas_.at(id));

@@ -9,10 +9,16 @@
 #include <string>
 #include <vector>
 
-#include "recorder/mcap_records.hpp"
-#include "recorder/segment_file.hpp"
+#include "recorder/mcap_format.hpp"
 
 namespace nadir {
+
+// Where a file's bytes go. append() returns false, and the file keeps what it had, when there is no room.
+class McapSink {
+ public:
+  virtual ~McapSink() = default;
+  virtual bool append(ByteView bytes) = 0;
+};
 
 struct McapWriterOptions {
   std::string profile;
@@ -25,9 +31,9 @@ class McapWriter {
   // Nothing is written before the first flush(). The sink must outlive the writer.
   McapWriter(McapSink& sink, McapWriterOptions options);
 
-  // What is added before the first message stands in the first chunk; else in the one in which a channel is used first.
-  // It stands in the next chunk as well, so that a damaged chunk takes no other with it. Adding one again changes
-  // nothing.
+  // What is added before the first message goes into the first chunk, everything else into the chunk in which a channel
+  // is used first; and again into the next chunk, so that a damaged chunk does not make others unreadable. Adding one
+  // twice changes nothing.
   void add(const McapSchema& schema);
   void add(const McapChannel& channel);
 
@@ -57,7 +63,7 @@ class McapWriter {
   McapWriterOptions options_;
   std::map<std::uint16_t, McapSchema> schemas_;
   std::map<std::uint16_t, McapChannel> channels_;
-  std::map<std::uint16_t, int> written_schemas_, written_channels_;  // in how many chunks on the sink they stand
+  std::map<std::uint16_t, int> written_schemas_, written_channels_;  // in how many written chunks they are
 
   McapBytes chunk_;
   std::set<std::uint16_t> chunk_schemas_, chunk_channels_;                                     // defined in this chunk

@@ -1,11 +1,527 @@
+// One pair of encode() and decode() for each record. decode() is false for bytes that are no such record.
 #include "recorder/record_codec.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <cstddef>
+#include <limits>
 #include <memory>
+#include <string>
 
-#include "recorder/codec_parts.hpp"
+#include "base/bytes.hpp"
+#include "fbs/anchor_generated.h"
+#include "fbs/common_generated.h"
+#include "fbs/end_generated.h"
+#include "fbs/estimate_generated.h"
+#include "fbs/health_generated.h"
+#include "fbs/hint_generated.h"
+#include "fbs/input_generated.h"
+#include "fbs/picture_generated.h"
+#include "fbs/recorder_event_generated.h"
+#include "fbs/session_generated.h"
+#include "fbs/state_change_generated.h"
+#include "fbs/thumbnail_generated.h"
+#include "fbs/tile_event_generated.h"
+#include "geodesy/lon_lat.hpp"
+#include "recorder/records.hpp"
 
 namespace nadir {
 namespace {
+
+struct Name {
+  std::string_view name;
+  double GateLimits::*value;
+};
+
+constexpr std::array<Name, 23> kNames{{
+    {"clear_ratio", &GateLimits::clear_ratio},
+    {"clear_inlier_share", &GateLimits::clear_inlier_share},
+    {"alone_ratio", &GateLimits::alone_ratio},
+    {"alone_inlier_share", &GateLimits::alone_inlier_share},
+    {"vote_ratio", &GateLimits::vote_ratio},
+    {"vote_inlier_share", &GateLimits::vote_inlier_share},
+    {"most_inlier_share", &GateLimits::most_inlier_share},
+    {"sure_inlier_share", &GateLimits::sure_inlier_share},
+    {"expected_chi2", &GateLimits::expected_chi2},
+    {"max_chance_residual_px", &GateLimits::max_chance_residual_px},
+    {"open_tilt_rad", &GateLimits::open_tilt_rad},
+    {"telling_window_m", &GateLimits::telling_window_m},
+    {"sharp_sigma_m", &GateLimits::sharp_sigma_m},
+    {"min_score", &GateLimits::min_score},
+    {"min_sharp_score", &GateLimits::min_sharp_score},
+    {"min_frame_share", &GateLimits::min_frame_share},
+    {"max_residual_px", &GateLimits::max_residual_px},
+    {"max_tilt_sigmas", &GateLimits::max_tilt_sigmas},
+    {"chi2_999", &GateLimits::chi2_999},
+    {"chi2_99", &GateLimits::chi2_99},
+    {"healthy_sigma_m", &GateLimits::healthy_sigma_m},
+    {"lost_ratio", &GateLimits::lost_ratio},
+    {"lost_inlier_share", &GateLimits::lost_inlier_share},
+}};
+constexpr std::string_view kMinInliers = "min_inliers";
+
+// A threshold that is added to the gates must be added here as well.
+static_assert(sizeof(GateLimits) == kNames.size() * sizeof(double) + sizeof(double));
+
+std::vector<std::pair<std::string, double>> gate_values(const GateLimits& gates) {
+  std::vector<std::pair<std::string, double>> named;
+  for (const Name& gate : kNames) named.emplace_back(gate.name, gates.*gate.value);
+  named.emplace_back(kMinInliers, gates.min_inliers);
+  return named;
+}
+
+// Names that this version does not know change nothing.
+void set_gate(GateLimits& gates, std::string_view name, double value) {
+  for (const Name& gate : kNames) {
+    if (gate.name == name) gates.*gate.value = value;
+  }
+  const bool fits = std::abs(value) <= std::numeric_limits<int>::max();  // not so for NaN
+  if (name == kMinInliers && fits) gates.min_inliers = static_cast<int>(value);
+}
+
+namespace codec {
+
+namespace fbs = nadir::recorder;
+using flatbuffers::FlatBufferBuilder;
+
+std::string text(const flatbuffers::String* text) { return text == nullptr ? std::string() : text->str(); }
+
+Bytes bytes(const flatbuffers::Vector<std::uint8_t>* bytes) {
+  return bytes == nullptr ? Bytes() : Bytes(bytes->begin(), bytes->end());
+}
+
+template <typename Number>
+std::optional<double> optional(const Number& number) {
+  return number ? std::optional<double>(*number) : std::nullopt;
+}
+
+flatbuffers::Optional<double> optional(const std::optional<double>& number) {
+  return number ? flatbuffers::Optional<double>(*number) : flatbuffers::nullopt;
+}
+
+fbs::LonLat place(LonLat place) { return {place.lon_deg, place.lat_deg}; }
+
+std::optional<LonLat> place(const fbs::LonLat* place) {
+  if (place == nullptr) return std::nullopt;
+  return LonLat{place->lon_deg(), place->lat_deg()};
+}
+
+fbs::AnchorVerdict verdict(AnchorVerdict verdict) {
+  return static_cast<fbs::AnchorVerdict>(static_cast<std::uint8_t>(verdict));
+}
+
+// Verdicts of a later version are read as "not tried".
+AnchorVerdict verdict(fbs::AnchorVerdict verdict) {
+  if (verdict > fbs::AnchorVerdict::MAX) return AnchorVerdict::not_tried;
+  return static_cast<AnchorVerdict>(static_cast<std::uint8_t>(verdict));
+}
+
+template <typename Table>
+Bytes finish(FlatBufferBuilder& builder, flatbuffers::Offset<Table> root) {
+  builder.Finish(root);
+  return {builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize()};
+}
+
+// The table, or null for invalid bytes.
+template <typename Table>
+const Table* verified(ByteView bytes) {
+  flatbuffers::Verifier verifier(bytes.data(), bytes.size(), 16, 100'000);
+  if (bytes.size() < 8 || !verifier.VerifyBuffer<Table>(nullptr)) return nullptr;
+  return flatbuffers::GetRoot<Table>(bytes.data());
+}
+
+constexpr std::uint32_t kFormat = 1;
+
+flatbuffers::Offset<fbs::Camera> camera(FlatBufferBuilder& builder, const CameraFile& file) {
+  const CameraModel& c = file.camera;
+  const auto distortion = builder.CreateVector(c.distortion.data(), c.distortion.size());
+  return fbs::CreateCamera(builder, c.width, c.height, c.fx, c.fy, c.cx, c.cy, distortion, file.uncertainty.heading_rad,
+                           file.uncertainty.agl_relative, file.uncertainty.tilt_rad, file.uncertainty.imu_dv_mps);
+}
+
+CameraFile camera(const fbs::Camera& table) {
+  CameraFile file;
+  CameraModel& c = file.camera;
+  c.width = table.width();
+  c.height = table.height();
+  c.fx = table.fx();
+  c.fy = table.fy();
+  c.cx = table.cx();
+  c.cy = table.cy();
+  const auto* distortion = table.distortion();
+  for (unsigned i = 0; distortion != nullptr && i < distortion->size() && i < c.distortion.size(); ++i) {
+    c.distortion[i] = distortion->Get(i);
+  }
+  file.uncertainty = {table.heading_sigma_rad(), table.agl_sigma_relative(), table.tilt_sigma_rad(),
+                      table.imu_dv_sigma_mps()};
+  return file;
+}
+
+flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const SessionRecord& session) {
+  const LocalizerConfig& config = session.localizer;
+  std::vector<flatbuffers::Offset<fbs::Gate>> gates;
+  for (const auto& [name, value] : gate_values(config.gates)) {
+    gates.push_back(fbs::CreateGateDirect(builder, name.c_str(), value));
+  }
+  const auto gate_list = builder.CreateVector(gates);
+  std::optional<fbs::Box> area;
+  if (config.area) area.emplace(config.area->west_m, config.area->south_m, config.area->east_m, config.area->north_m);
+  return fbs::CreateLocalizer(builder, gate_list, config.start_sigma_m, config.min_search_radius_m,
+                              config.max_search_radius_m, config.no_fix_sigma_m, config.map_sigma_m,
+                              config.assumed_agl_m, area ? &*area : nullptr, session.terrain, config.anchor_every_m,
+                              config.anchor_above_sigma_m, session.places, config.resumed);
+}
+
+void localizer(const fbs::Localizer& table, SessionRecord& session) {
+  LocalizerConfig& config = session.localizer;
+  if (table.gates() != nullptr) {
+    for (const auto* gate : *table.gates()) set_gate(config.gates, text(gate->name()), gate->value());
+  }
+  config.start_sigma_m = table.start_sigma_m();
+  config.min_search_radius_m = table.min_search_radius_m();
+  config.max_search_radius_m = table.max_search_radius_m();
+  config.no_fix_sigma_m = table.no_fix_sigma_m();
+  config.map_sigma_m = table.map_sigma_m();
+  config.assumed_agl_m = table.assumed_agl_m();
+  if (const auto* area = table.area(); area != nullptr) {
+    config.area = PlaneBox{area->west_m(), area->south_m(), area->east_m(), area->north_m()};
+  }
+  config.anchor_every_m = table.anchor_every_m();
+  config.anchor_above_sigma_m = table.anchor_above_sigma_m();
+  config.resumed = table.resumed();
+  session.terrain = table.terrain();
+  session.places = table.places();
+}
+
+Bytes encode(const SessionRecord& session) {
+  FlatBufferBuilder builder;
+  std::vector<flatbuffers::Offset<fbs::Setting>> list;
+  for (const auto& [name, value] : session.settings) {
+    list.push_back(fbs::CreateSettingDirect(builder, name.c_str(), redacted_setting(name, value).c_str()));
+  }
+  const auto settings = builder.CreateVector(list);
+  const auto id = builder.CreateString(session.id), program = builder.CreateString(session.program),
+             version = builder.CreateString(session.version), airframe = builder.CreateString(session.airframe),
+             mission = builder.CreateString(session.mission);
+  flatbuffers::Offset<flatbuffers::String> package;
+  if (session.package) package = builder.CreateString(session.package->hex());
+  const auto camera_table = camera(builder, session.camera);
+  const auto localizer_table = localizer(builder, session);
+  const fbs::LonLat origin = place(session.origin), start = place(session.start.value_or(LonLat{}));
+  return finish(
+      builder, fbs::CreateSession(builder, kFormat, id, session.segment, session.started_ns, program, version, airframe,
+                                  package, mission, camera_table, &origin, session.start ? &start : nullptr,
+                                  static_cast<std::uint32_t>(session.picture_shrink), session.seed, localizer_table,
+                                  settings, session.looked_up_later));
+}
+
+bool decode(ByteView bytes, SessionRecord& session) {
+  const auto* table = verified<fbs::Session>(bytes);
+  if (table == nullptr || table->format() != kFormat) return false;
+  session.id = text(table->id());
+  session.segment = table->segment();
+  session.started_ns = table->started_ns();
+  session.program = text(table->program());
+  session.version = text(table->version());
+  session.airframe = text(table->airframe());
+  if (table->package_sha256() != nullptr) {
+    session.package = Sha256::from_hex(text(table->package_sha256()));
+    if (!session.package) return false;
+  }
+  session.mission = text(table->mission());
+  if (table->camera() != nullptr) session.camera = camera(*table->camera());
+  session.origin = place(table->origin()).value_or(LonLat{});
+  session.start = place(table->start());
+  if (table->picture_shrink() == 0 || table->picture_shrink() > 8) return false;
+  session.picture_shrink = static_cast<int>(table->picture_shrink());
+  session.seed = table->seed();
+  session.looked_up_later = table->looked_up_later();
+  if (table->localizer() != nullptr) localizer(*table->localizer(), session);
+  if (table->settings() != nullptr) {
+    for (const auto* setting : *table->settings()) {
+      session.settings.emplace_back(text(setting->name()), text(setting->value()));
+    }
+  }
+  return true;
+}
+
+std::optional<fbs::VelocityChange> velocity_change(const std::optional<Eigen::Vector2d>& dv_mps) {
+  if (!dv_mps) return std::nullopt;
+  return fbs::VelocityChange(dv_mps->x(), dv_mps->y());
+}
+
+std::optional<Eigen::Vector2d> velocity_change(const fbs::VelocityChange* dv) {
+  if (dv == nullptr) return std::nullopt;
+  return Eigen::Vector2d(dv->east_mps(), dv->north_mps());
+}
+
+flatbuffers::Offset<flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>> encode_intervals(
+    FlatBufferBuilder& builder, const std::vector<TelemetryInterval>& intervals) {
+  std::vector<flatbuffers::Offset<fbs::Stretch>> stretches;
+  for (const TelemetryInterval& interval : intervals) {
+    const auto dv = velocity_change(interval.imu_dv_mps);
+    stretches.push_back(
+        fbs::CreateStretch(builder, interval.seconds, optional(interval.heading_rad), dv ? &*dv : nullptr));
+  }
+  return builder.CreateVector(stretches);
+}
+
+std::vector<TelemetryInterval> decode_intervals(const flatbuffers::Vector<flatbuffers::Offset<fbs::Stretch>>* table) {
+  std::vector<TelemetryInterval> intervals;
+  if (table == nullptr) return intervals;
+  for (const fbs::Stretch* stretch : *table) {
+    intervals.push_back({stretch->seconds(), optional(stretch->heading_rad()), velocity_change(stretch->imu_dv())});
+  }
+  return intervals;
+}
+
+Bytes encode(const InputRecord& input) {
+  FlatBufferBuilder builder;
+  const Telemetry& telemetry = input.telemetry;
+  const auto frame = builder.CreateString(telemetry.frame);
+  const auto picture = builder.CreateString(input.picture.hex());
+  const fbs::LonLat at = place(telemetry.place.value_or(LonLat{}));
+  const auto dv = velocity_change(telemetry.imu_dv_mps);
+  const auto intervals = encode_intervals(builder, telemetry.intervals);
+  return finish(builder, fbs::CreateInput(builder, input.index, frame, telemetry.time_s, optional(telemetry.agl_m),
+                                          optional(telemetry.heading_rad), optional(telemetry.pitch_rad),
+                                          optional(telemetry.roll_rad), telemetry.place ? &at : nullptr, picture,
+                                          input.picture_bytes, dv ? &*dv : nullptr, intervals));
+}
+
+bool decode(ByteView bytes, InputRecord& input) {
+  const auto* table = verified<fbs::Input>(bytes);
+  if (table == nullptr) return false;
+  const auto digest = Sha256::from_hex(text(table->picture_sha256()));
+  if (!digest) return false;
+  input.index = table->index();
+  input.telemetry.frame = text(table->frame());
+  input.telemetry.time_s = table->time_s();
+  input.telemetry.agl_m = optional(table->agl_m());
+  input.telemetry.heading_rad = optional(table->heading_rad());
+  input.telemetry.pitch_rad = optional(table->pitch_rad());
+  input.telemetry.roll_rad = optional(table->roll_rad());
+  input.telemetry.place = place(table->place());
+  input.telemetry.imu_dv_mps = velocity_change(table->imu_dv());
+  input.telemetry.intervals = decode_intervals(table->way());
+  input.picture = *digest;
+  input.picture_bytes = table->picture_bytes();
+  return true;
+}
+
+Bytes encode(const PictureRecord& picture) {
+  FlatBufferBuilder builder(picture.encoded.size() + 256);
+  const auto frame = builder.CreateString(picture.frame);
+  const auto data = builder.CreateVector(picture.encoded);
+  return finish(builder, fbs::CreatePicture(builder, picture.index, frame, data));
+}
+
+bool decode(ByteView encoded, PictureRecord& picture) {
+  const auto* table = verified<fbs::Picture>(encoded);
+  if (table == nullptr) return false;
+  picture.index = table->index();
+  picture.frame = text(table->frame());
+  picture.encoded = bytes(table->data());
+  return true;
+}
+
+Bytes encode(const EstimateRecord& record) {
+  FlatBufferBuilder builder;
+  const Estimate& e = record.estimate;
+  const auto frame = builder.CreateString(e.frame);
+  const fbs::LonLat at = place(e.position.value_or(LonLat{}));
+  const fbs::Covariance covariance(e.covariance_m2(0, 0), e.covariance_m2(0, 1), e.covariance_m2(1, 0),
+                                   e.covariance_m2(1, 1));
+  const StateEstimate& b = record.state;
+  const fbs::Belief belief(b.velocity_mps.x(), b.velocity_mps.y(), b.velocity_sigma_mps, b.heading_rad,
+                           b.heading_sigma_rad, b.agl_m, b.agl_sigma_m);
+  return finish(builder,
+                fbs::CreateEstimate(builder, record.index, frame, e.time_s, e.position ? &at : nullptr, e.sigma_m,
+                                    &covariance, static_cast<fbs::Source>(static_cast<std::uint8_t>(e.source)),
+                                    e.segment, optional(e.anchor_age_s), e.anchor_inliers, e.anchor_ratio, e.latency_ms,
+                                    record.odometry.tracked, record.odometry.inliers, record.odometry.step_m, &belief));
+}
+
+bool decode(ByteView bytes, EstimateRecord& record) {
+  const auto* table = verified<fbs::Estimate>(bytes);
+  if (table == nullptr || table->source() > fbs::Source::MAX) return false;
+  record.index = table->index();
+  Estimate& e = record.estimate;
+  e.frame = text(table->frame());
+  e.time_s = table->time_s();
+  e.position = place(table->position());
+  e.sigma_m = table->sigma_m();
+  if (const auto* c = table->covariance(); c != nullptr) {
+    e.covariance_m2 << c->ee_m2(), c->en_m2(), c->ne_m2(), c->nn_m2();
+  }
+  e.source = static_cast<SourceLabel>(static_cast<std::uint8_t>(table->source()));
+  e.segment = table->segment();
+  e.anchor_age_s = optional(table->anchor_age_s());
+  e.anchor_inliers = table->anchor_inliers();
+  e.anchor_ratio = table->anchor_ratio();
+  e.latency_ms = table->latency_ms();
+  if (const auto* b = table->belief(); b != nullptr) {
+    record.state = {{b->east_mps(), b->north_mps()},
+                    b->velocity_sigma_mps(),
+                    b->heading_rad(),
+                    b->heading_sigma_rad(),
+                    b->agl_m(),
+                    b->agl_sigma_m()};
+  }
+  record.odometry = {table->tracked(), table->odometry_inliers(), table->odometry_step_m()};
+  return true;
+}
+
+Bytes encode(const AnchorRecord& record) {
+  FlatBufferBuilder builder;
+  const AnchorReport& a = record.anchor;
+  const auto frame = builder.CreateString(record.frame);
+  std::optional<fbs::PlanePoint> camera;
+  if (a.camera) camera.emplace(a.camera->east_m, a.camera->north_m);
+  return finish(builder,
+                fbs::CreateAnchor(builder, record.index, frame, record.time_s, verdict(a.verdict), a.score, a.ratio,
+                                  a.inliers, a.patches, a.residual_px, a.matching_gsd_m, a.chi2,
+                                  camera ? &*camera : nullptr, a.heading_rad, a.window_radius_m, record.taken_after));
+}
+
+bool decode(ByteView bytes, AnchorRecord& record) {
+  const auto* table = verified<fbs::Anchor>(bytes);
+  if (table == nullptr) return false;
+  record.index = table->index();
+  record.frame = text(table->frame());
+  record.time_s = table->time_s();
+  AnchorReport& a = record.anchor;
+  a.verdict = verdict(table->verdict());
+  a.score = table->score();
+  a.ratio = table->ratio();
+  a.inliers = table->inliers();
+  a.patches = table->patches();
+  a.residual_px = table->residual_px();
+  a.matching_gsd_m = table->matching_gsd_m();
+  a.chi2 = table->chi2();
+  if (table->camera() != nullptr) a.camera = PlanePoint{table->camera()->east_m(), table->camera()->north_m()};
+  a.heading_rad = table->heading_rad();
+  a.window_radius_m = table->window_radius_m();
+  record.taken_after = table->taken_after();
+  return true;
+}
+
+Bytes encode(const StateRecord& record) {
+  FlatBufferBuilder builder;
+  return finish(builder,
+                fbs::CreateStateChangeDirect(builder, record.from.c_str(), record.to.c_str(), record.reason.c_str()));
+}
+
+bool decode(ByteView bytes, StateRecord& record) {
+  const auto* table = verified<fbs::StateChange>(bytes);
+  if (table == nullptr) return false;
+  record = {text(table->from()), text(table->to()), text(table->reason())};
+  return true;
+}
+
+Bytes encode(const TileRecord& record) {
+  FlatBufferBuilder builder;
+  return finish(builder, fbs::CreateTileEventDirect(builder, record.key.z, record.key.x, record.key.y,
+                                                    record.code.c_str(), record.text.c_str()));
+}
+
+bool decode(ByteView bytes, TileRecord& record) {
+  const auto* table = verified<fbs::TileEvent>(bytes);
+  if (table == nullptr) return false;
+  if (table->zoom() < 0 || table->zoom() > kMaxZoom || table->x() < 0 || table->y() < 0) return false;
+  record.key = {static_cast<std::uint8_t>(table->zoom()), static_cast<std::uint32_t>(table->x()),
+                static_cast<std::uint32_t>(table->y())};
+  if (table->x() != record.key.x || table->y() != record.key.y || !record.key.valid()) return false;
+  record.code = text(table->code());
+  record.text = text(table->text());
+  return true;
+}
+
+Bytes encode(const HealthRecord& record) {
+  FlatBufferBuilder builder;
+  std::vector<flatbuffers::Offset<fbs::Measure>> list;
+  for (const auto& [name, value] : record.measures) {
+    list.push_back(fbs::CreateMeasureDirect(builder, name.c_str(), value));
+  }
+  const auto measures = builder.CreateVector(list);
+  const auto notes = builder.CreateVectorOfStrings(record.notes);
+  return finish(builder, fbs::CreateHealth(builder, record.healthy, measures, notes));
+}
+
+bool decode(ByteView bytes, HealthRecord& record) {
+  const auto* table = verified<fbs::Health>(bytes);
+  if (table == nullptr) return false;
+  record.healthy = table->healthy();
+  if (table->measures() != nullptr) {
+    for (const auto* measure : *table->measures())
+      record.measures.emplace_back(text(measure->name()), measure->value());
+  }
+  if (table->notes() != nullptr) {
+    for (const auto* note : *table->notes()) record.notes.push_back(text(note));
+  }
+  return true;
+}
+
+Bytes encode(const ThumbnailRecord& record) {
+  FlatBufferBuilder builder(record.seen.size() + record.map.size() + 256);
+  const auto frame = builder.CreateString(record.frame);
+  const auto seen = builder.CreateVector(record.seen), map = builder.CreateVector(record.map);
+  return finish(builder, fbs::CreateThumbnail(builder, record.index, frame, verdict(record.verdict), seen, map));
+}
+
+bool decode(ByteView encoded, ThumbnailRecord& record) {
+  const auto* table = verified<fbs::Thumbnail>(encoded);
+  if (table == nullptr) return false;
+  record = {table->index(), text(table->frame()), verdict(table->verdict()), bytes(table->seen()), bytes(table->map())};
+  return true;
+}
+
+Bytes encode(const RecorderRecord& record) {
+  FlatBufferBuilder builder;
+  const auto kind = static_cast<fbs::RecorderEventKind>(static_cast<std::uint8_t>(record.kind));
+  return finish(builder,
+                fbs::CreateRecorderEventDirect(builder, kind, record.topic.c_str(), record.count, record.text.c_str()));
+}
+
+bool decode(ByteView bytes, RecorderRecord& record) {
+  const auto* table = verified<fbs::RecorderEvent>(bytes);
+  if (table == nullptr || table->kind() > fbs::RecorderEventKind::MAX) return false;
+  record.kind = static_cast<RecorderEventKind>(static_cast<std::uint8_t>(table->kind()));
+  record.topic = text(table->topic());
+  record.count = table->count();
+  record.text = text(table->text());
+  return true;
+}
+
+Bytes encode(const EndRecord& record) {
+  FlatBufferBuilder builder;
+  return finish(builder, fbs::CreateEndDirect(builder, record.clean_shutdown, record.records, record.dropped,
+                                              record.reason.c_str()));
+}
+
+bool decode(ByteView bytes, EndRecord& record) {
+  const auto* table = verified<fbs::End>(bytes);
+  if (table == nullptr) return false;
+  record = {table->clean_shutdown(), table->records(), table->dropped(), text(table->reason())};
+  return true;
+}
+
+Bytes encode(const HintRecord& record) {
+  FlatBufferBuilder builder;
+  const fbs::LonLat at = place(record.place);
+  return finish(builder, fbs::CreateHintDirect(builder, record.before, &at, record.radius_m, record.by.c_str()));
+}
+
+bool decode(ByteView bytes, HintRecord& record) {
+  const auto* table = verified<fbs::Hint>(bytes);
+  if (table == nullptr || table->place() == nullptr) return false;
+  record = {table->before(), *place(table->place()), table->radius_m(), text(table->by())};
+  return true;
+}
+
+}  // namespace codec
 
 template <std::size_t Alternative = 0>
 std::optional<Record> decode_alternative(std::size_t which, ByteView bytes) {
@@ -19,19 +535,19 @@ std::optional<Record> decode_alternative(std::size_t which, ByteView bytes) {
   }
 }
 
-}  // namespace
-
 static_assert(std::variant_size_v<Record> == kTopics);
 
-std::string_view name_of(RecorderTrouble trouble) {
-  switch (trouble) {
-    case RecorderTrouble::dropped_by_queue: return "dropped_by_queue";
-    case RecorderTrouble::dropped_by_disk: return "dropped_by_disk";
-    case RecorderTrouble::stopped: return "stopped";
-    case RecorderTrouble::resumed: return "resumed";
-    case RecorderTrouble::segment_deleted: return "segment_deleted";
+}  // namespace
+
+std::string redacted_setting(std::string_view name, std::string_view value) {
+  std::string lower(name);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  bool secret = value.find("PRIVATE KEY") != std::string_view::npos;
+  for (const char* word : {"key", "signature", "passphrase", "password", "secret", "token"}) {
+    secret = secret || lower.find(word) != std::string::npos;
   }
-  return "stopped";
+  return secret ? "[withheld]" : std::string(value);
 }
 
 Bytes encode(const Record& record) {
@@ -39,7 +555,7 @@ Bytes encode(const Record& record) {
 }
 
 std::optional<Record> decode(Topic topic, ByteView bytes) {
-  // FlatBuffers reads numbers where they lie; a message may begin anywhere in its chunk.
+  // FlatBuffers needs aligned numbers; a message may begin anywhere in its chunk.
   constexpr std::size_t kAlignment = 16;
   if (reinterpret_cast<std::uintptr_t>(bytes.data()) % kAlignment == 0) {
     return decode_alternative(static_cast<std::size_t>(topic), bytes);

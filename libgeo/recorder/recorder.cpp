@@ -3,17 +3,39 @@
 #include <algorithm>
 #include <chrono>
 #include <exception>
+#include <opencv2/imgproc.hpp>
 
-#include "base/thread_rank.hpp"
-#include "recorder/thumbnail.hpp"
+#include "base/platform.hpp"
+#include "imagery/codecs.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr std::size_t kLeastItem = 1024;                        // what a small record costs in memory
-constexpr auto kLongestSleep = std::chrono::milliseconds(250);  // then the clock is asked what is due
+constexpr int kMaxSide_px = 320, kQuality = 70;
 
-// What goes wrong here (no memory, a picture that cannot be encoded) costs a record, not the flight.
+Bytes small_jpeg(const cv::Mat& picture) {
+  if (picture.empty()) return {};
+  cv::Mat small = picture;
+  const int side = std::max(picture.cols, picture.rows);
+  if (side > kMaxSide_px) {
+    const double factor = static_cast<double>(kMaxSide_px) / side;
+    cv::resize(picture, small, {}, factor, factor, cv::INTER_AREA);
+  }
+  return encode_image(small, ImageFormat::jpeg, kQuality);
+}
+
+}  // namespace
+
+ThumbnailRecord thumbnail_record(const ThumbnailImages& pictures) {
+  return {pictures.index, pictures.frame, pictures.verdict, small_jpeg(pictures.seen), small_jpeg(pictures.map)};
+}
+
+namespace {
+
+constexpr std::size_t kMinItem = 1024;                      // what a small record costs in memory
+constexpr auto kMaxSleep = std::chrono::milliseconds(250);  // then whatever is due is written
+
+// An error here (no memory, an image that cannot be encoded) costs a record, not the flight.
 template <typename Work>
 bool survive(const Work& work) {
   try {
@@ -28,7 +50,7 @@ std::size_t bytes_of(const cv::Mat& picture) { return picture.total() * picture.
 
 std::size_t bytes_of(const Record& record) {
   const auto* picture = std::get_if<PictureRecord>(&record);
-  return kLeastItem + (picture == nullptr ? 0 : picture->encoded.size());
+  return kMinItem + (picture == nullptr ? 0 : picture->encoded.size());
 }
 
 }  // namespace
@@ -59,14 +81,14 @@ void Recorder::record(Record record) {
   push({std::move(record), clock_(), bytes});
 }
 
-void Recorder::offer_thumbnail(ThumbnailPictures pictures) {
+void Recorder::offer_thumbnail(ThumbnailImages pictures) {
   const std::uint64_t now_ns = clock_();
   {
     const std::lock_guard lock(mutex_);
     if (last_thumbnail_ns_ && now_ns < *last_thumbnail_ns_ + options_.thumbnail_ns) return;
     last_thumbnail_ns_ = now_ns;
   }
-  const std::size_t bytes = kLeastItem + bytes_of(pictures.seen) + bytes_of(pictures.map);
+  const std::size_t bytes = kMinItem + bytes_of(pictures.seen) + bytes_of(pictures.map);
   push({std::move(pictures), now_ns, bytes});
 }
 
@@ -132,10 +154,10 @@ StoreStatus Recorder::status() const {
 }
 
 void Recorder::run() {
-  begin_thread("recorder", ThreadPriority::behind);
+  begin_thread("recorder", ThreadPriority::low);
   std::unique_lock lock(mutex_);
   while (true) {
-    work_.wait_for(lock, kLongestSleep, [&] { return stopping_ || !queue_.empty() || flushed_ < flush_wanted_; });
+    work_.wait_for(lock, kMaxSleep, [&] { return stopping_ || !queue_.empty() || flushed_ < flush_wanted_; });
     if (!queue_.empty()) {
       const Item item = std::move(queue_.front());
       queue_.pop_front();
@@ -168,23 +190,58 @@ void Recorder::run() {
   publish();
 }
 
-// Under the lock: what the queue lost goes to the store, what the store knows to whoever asks.
+// Under the lock: passes the losses of the queue to the store and copies its status.
 void Recorder::publish() {
   for (const auto& [topic, count] : std::exchange(dropped_, {})) {
-    store_.note_dropped(RecorderTrouble::dropped_by_queue, topic, count);
+    store_.count_dropped(RecorderEventKind::dropped_by_queue, topic, count);
   }
   status_ = store_.status();
 }
 
 void Recorder::write(const Item& item) {
   const bool written = survive([&] {
-    if (const auto* pictures = std::get_if<ThumbnailPictures>(&item.what)) {
+    if (const auto* pictures = std::get_if<ThumbnailImages>(&item.what)) {
       store_.put(thumbnail_record(*pictures), item.at_ns);
     } else {
       store_.put(std::get<Record>(item.what), item.at_ns);
     }
   });
-  if (!written) store_.note_dropped(RecorderTrouble::dropped_by_queue, item.topic(), 1);
+  if (!written) store_.count_dropped(RecorderEventKind::dropped_by_queue, item.topic(), 1);
+}
+
+namespace {
+
+bool failed(AnchorVerdict verdict) {
+  return verdict != AnchorVerdict::not_tried && verdict != AnchorVerdict::accepted &&
+         verdict != AnchorVerdict::awaiting_votes;
+}
+
+void record_attempt(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report) {
+  AnchorRecord anchor{index, report.estimate.frame, report.estimate.time_s, report.anchor, taken_after};
+  anchor.anchor.rectified.release();
+  anchor.anchor.matched_map.release();
+  recorder.record(std::move(anchor));
+  if (!failed(report.anchor.verdict) || report.anchor.rectified.empty()) return;
+  recorder.offer_thumbnail(
+      {index, report.estimate.frame, report.anchor.verdict, report.anchor.rectified, report.anchor.matched_map});
+}
+
+}  // namespace
+
+void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& report) {
+  recorder.record(EstimateRecord{index, report.estimate, report.odometry, report.state});
+  if (report.anchor.verdict != AnchorVerdict::not_tried) record_attempt(recorder, index, index, report);
+}
+
+void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report) {
+  record_attempt(recorder, index, taken_after, report);
+  recorder.record(EstimateRecord{taken_after, report.estimate, report.odometry, report.state});
+}
+
+void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
+  recorder.record(InputRecord{index, telemetry, sha256(encoded), encoded.size()});
+  if (!recorder.keeps_pictures()) return;
+  recorder.record(PictureRecord{index, telemetry.frame, Bytes(encoded.begin(), encoded.end())});
 }
 
 }  // namespace nadir

@@ -1,8 +1,8 @@
-// The flight recorder: records from any thread, to disk by a thread of its own.
+// The flight recorder: takes records from any thread and writes them to disk on its own thread.
 //
 // record() never waits for the disk: it puts the record into a queue of bounded size. When that is full, thumbnails go
-// first, then kept pictures, then what has just come; each loss is counted, and told in the recording. Nothing that
-// happens to the disk ends or delays the flight; status() says it.
+// first, then kept pictures, then what has just come; each loss is counted, and the losses are recorded. Nothing that
+// happens to the disk ends or delays the flight; status() reports it.
 //
 // Threads: record(), offer_thumbnail() and status() from any thread; the segments belong to the recorder's thread
 // alone. The clock is called from all of them.
@@ -35,12 +35,12 @@ struct RecorderOptions {
   StoreOptions store;
   std::size_t queue_bytes = std::size_t{32} << 20;
   WhenFull when_full = WhenFull::drop;
-  bool keep_pictures = false;                   // else frames are recorded by name and digest
+  bool keep_pictures = false;                   // images too; otherwise frames are recorded by name and digest
   std::uint64_t thumbnail_ns = 10'000'000'000;  // least time between two
 };
 
-// Pictures that are made small and encoded by the recorder's thread. Nobody may write into them any more.
-struct ThumbnailPictures {
+// Images that the recorder's thread scales down and encodes. They must not be modified any more.
+struct ThumbnailImages {
   std::uint64_t index = 0;
   std::string frame;
   AnchorVerdict verdict = AnchorVerdict::not_tried;
@@ -56,8 +56,8 @@ class Recorder {
   Recorder& operator=(const Recorder&) = delete;
 
   void record(Record record);
-  // Taken when the last one is long enough ago.
-  void offer_thumbnail(ThumbnailPictures pictures);
+  // Recorded when the last one is long enough ago.
+  void offer_thumbnail(ThumbnailImages pictures);
   bool keeps_pictures() const { return options_.keep_pictures; }
 
   // Waits until all that was recorded before has been handed to the disk, or dropped.
@@ -69,7 +69,7 @@ class Recorder {
 
  private:
   struct Item {
-    std::variant<Record, ThumbnailPictures> what;
+    std::variant<Record, ThumbnailImages> what;
     std::uint64_t at_ns = 0;
     std::size_t bytes = 0;
 
@@ -90,7 +90,7 @@ class Recorder {
   std::condition_variable work_, progress_;
   std::deque<Item> queue_;
   std::size_t queued_bytes_ = 0;            // with the one that is being written
-  std::map<Topic, std::uint64_t> dropped_;  // not yet told to the store
+  std::map<Topic, std::uint64_t> dropped_;  // not yet reported to the store
   std::uint64_t flush_wanted_ = 0, flushed_ = 0;
   std::optional<std::uint64_t> last_thumbnail_ns_;
   std::optional<std::string> closing_;  // the reason
@@ -99,7 +99,7 @@ class Recorder {
   std::thread thread_;  // last: it uses everything above
 };
 
-// What a frame gave: its estimate, its anchor attempt if there was one, and a thumbnail of an attempt that failed.
+// The results of a frame: its estimate, its anchor attempt if there was one, and a thumbnail of an attempt that failed.
 void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& report);
 
 // An attempt that was looked up while further frames were followed: of the frame `index`, taken in after the frame
@@ -107,7 +107,7 @@ void record_frame(Recorder& recorder, std::uint64_t index, const FrameReport& re
 // as well: the localizer may look again only when it is back.
 void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_after, const FrameReport& report);
 
-// What the localizer is about to get. encoded: the picture's bytes, kept when the recorder keeps pictures.
-void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& told, ByteView encoded);
+// The input of the localizer. encoded: the frame's image, recorded when keep_pictures is set.
+void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& telemetry, ByteView encoded);
 
 }  // namespace nadir

@@ -1,5 +1,5 @@
-// A recording as it lies on disk: a folder of segments, or a single file. Read whole, in the order of the segments;
-// what is damaged is skipped and said.
+// A recording on disk: a folder of segments or a single MCAP file. It is read completely, in the order of the segments;
+// damaged parts are skipped and reported. recover_mcap() makes a finished file of what can be read.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "recorder/mcap_reader.hpp"
-#include "recorder/segment_list.hpp"
+#include "recorder/segments.hpp"
 
 namespace nadir {
 
@@ -28,7 +28,7 @@ struct SegmentContents {
   std::map<Topic, std::uint64_t> records;
   std::map<Topic, SequenceRange> sequences;
   std::uint64_t foreign = 0;      // of topics that are not ours
-  std::uint64_t undecodable = 0;  // of ours, but no such record
+  std::uint64_t undecodable = 0;  // of ours, but invalid
   std::optional<EndRecord> end;   // when it is the last record
 };
 
@@ -38,15 +38,19 @@ struct Recorded {
   Record record;
 };
 
-using TakeRecord = std::function<void(Recorded recorded)>;
+using RecordHandler = std::function<void(Recorded recorded)>;
 
 // path: a folder as the recorder writes it, or any MCAP file. Throws Error when there is nothing of the kind.
-std::vector<SegmentContents> read_recording(const std::filesystem::path& path, const TakeRecord& take);
+std::vector<SegmentContents> read_recording(const std::filesystem::path& path, const RecordHandler& handler);
 
 // The sessions' ids in the order of their first segments.
 std::vector<std::string> sessions_of(const std::vector<SegmentContents>& segments);
 
-// What is wrong with a recording as a whole: damage, missing parts, losses that it tells of, no clean end.
+// Findings about a recording as a whole: damage, missing parts, recorded losses, no clean end.
 Findings check_recording(const std::vector<SegmentContents>& segments);
+
+// Every message that is readable, with its schema and channel, its times and its number. Atomic: `target` appears when
+// it is whole. Returns what was in the source; attachments and metadata are counted there but not carried over.
+McapContents recover_mcap(const std::filesystem::path& source, const std::filesystem::path& target);
 
 }  // namespace nadir

@@ -1,7 +1,8 @@
-// What the flight recorder records. schemas/recorder/*.fbs is the same as it lies on disk; docs/formats/recorder.md
-// says what each is for. `index` counts the frames of a session from 0.
+// What the flight recorder records, and how MCAP names it. schemas/recorder/*.fbs define the same on disk;
+// docs/formats/recorder.md says what each record is for. `index` counts the frames of a session from 0.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -11,16 +12,17 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/telemetry.hpp"
-#include "geodesy/tile_key.hpp"
-#include "vision/camera_model.hpp"
+#include "geodesy/web_mercator.hpp"
+#include "recorder/mcap_format.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
-// What the flight ran with: all that the localizer started from.
+// The configuration of the flight: everything that the localizer started from.
 struct SessionRecord {
   std::string id;
   std::uint32_t segment = 0;     // filled in by the recorder
@@ -31,19 +33,19 @@ struct SessionRecord {
   CameraFile camera;
   LonLat origin;                // of the plane in which everything is estimated
   std::optional<LonLat> start;  // where the flight began, if it was known
-  int picture_shrink = 1;       // pictures were decoded at 1 / this of their size
+  int picture_shrink = 1;       // images were decoded at 1 / this of their size
   std::uint64_t seed = 0;
   LocalizerConfig localizer;                                  // of its surface and places only whether there were any
   bool terrain = false;                                       // the package's terrain was the surface; else flat ground
-  bool places = true;                                         // the package's place index was asked, if it has one
-  std::vector<std::pair<std::string, std::string>> settings;  // whatever else was chosen
+  bool places = true;                                         // the package's place index was used, if it has one
+  std::vector<std::pair<std::string, std::string>> settings;  // other options
   bool looked_up_later = false;                               // Localizer::follow() and finish(); else process()
 };
 
-// One frame as the localizer got it.
+// The localizer's input for one frame.
 struct InputRecord {
   std::uint64_t index = 0;
-  Telemetry told;
+  Telemetry telemetry;
   Sha256 picture;  // of the encoded bytes
   std::uint64_t picture_bytes = 0;
 };
@@ -58,18 +60,18 @@ struct EstimateRecord {
   std::uint64_t index = 0;
   Estimate estimate;
   OdometryReport odometry;
-  StateEstimate belief;
+  StateEstimate state;
 };
 
 struct AnchorRecord {
   std::uint64_t index = 0;
   std::string frame;
   double time_s = 0;
-  AnchorReport anchor;            // without its pictures
+  AnchorReport anchor;            // without its images
   std::uint64_t taken_after = 0;  // the last frame that had been followed then: `index`, unless it was looked up later
 };
 
-// What Localizer::hint() was given.
+// A call of Localizer::hint().
 struct HintRecord {
   std::uint64_t before = 0;  // the frame that was followed next
   LonLat place;
@@ -100,13 +102,13 @@ struct ThumbnailRecord {
   Bytes seen, map;  // JPEG
 };
 
-enum class RecorderTrouble { dropped_by_queue, dropped_by_disk, stopped, resumed, segment_deleted };
+enum class RecorderEventKind { dropped_by_queue, dropped_by_disk, stopped, resumed, segment_deleted };
 
-std::string_view name_of(RecorderTrouble trouble);
+std::string_view name_of(RecorderEventKind kind);
 
 // The recorder about itself: what is not in the recording, and why.
 struct RecorderRecord {
-  RecorderTrouble trouble = RecorderTrouble::stopped;
+  RecorderEventKind kind = RecorderEventKind::stopped;
   std::string topic;
   std::uint64_t count = 0;  // records; bytes of a deleted segment
   std::string text;
@@ -119,8 +121,31 @@ struct EndRecord {
   std::string reason;
 };
 
-// In the order of Topic (topics.hpp).
+// In the order of Topic.
 using Record = std::variant<SessionRecord, InputRecord, PictureRecord, EstimateRecord, AnchorRecord, StateRecord,
                             TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord>;
+
+// In the order of Record's alternatives.
+enum class Topic { session, input, picture, estimate, anchor, state, tile, health, thumbnail, recorder, end, hint };
+inline constexpr std::size_t kTopics = 12;
+
+inline Topic topic_of(const Record& record) { return static_cast<Topic>(record.index()); }
+
+// Bulky records go into separate files, which can be deleted first when space is short.
+enum class Stream { flight, pictures, thumbnails };
+inline constexpr std::array<Stream, 3> kStreams{Stream::flight, Stream::pictures, Stream::thumbnails};
+
+std::string_view name_of(Stream stream);  // in file names
+std::optional<Stream> parse_stream(std::string_view name);
+
+std::string_view name_of(Topic topic);  // "/estimate"
+std::optional<Topic> parse_topic(std::string_view name);
+Stream stream_of(Topic topic);
+
+std::string_view schema_name_of(Topic topic);  // "nadir.recorder.Estimate"
+
+// As in every file: channel and schema of a topic have the number topic + 1.
+McapChannel mcap_channel(Topic topic);
+McapSchema mcap_schema(Topic topic);
 
 }  // namespace nadir

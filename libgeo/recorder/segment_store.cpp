@@ -16,20 +16,20 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr std::uint64_t kSegmentsPerBudget = 8;  // so that there is something to delete
-constexpr std::uint64_t kLeastBudget = std::uint64_t{1} << 20;
-constexpr std::size_t kMostUntold = 1000;
+constexpr std::uint64_t kMinBudget = std::uint64_t{1} << 20;
+constexpr std::size_t kMaxPendingEvents = 1000;
 
 bool means_no_room(int error) { return error == ENOSPC || error == EDQUOT || error == EFBIG; }
 
 int lock_folder(const fs::path& folder) {
   const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (fd < 0)
-    throw Error({.what = "cannot open the folder of recordings", .where = folder, .found = system_error_text(errno)});
+    throw Error({.what = "cannot open the recording folder", .where = folder, .found = system_error_text(errno)});
   if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return fd;
   ::close(fd);
-  throw Error({.what = "another recorder writes into this folder",
+  throw Error({.what = "another recorder is writing to this folder",
                .where = folder,
-               .fix = "give each recorder a folder of its own"});
+               .fix = "give each recorder its own folder"});
 }
 
 Topic topic_of_channel(std::uint16_t channel) { return static_cast<Topic>(channel - 1); }
@@ -38,17 +38,17 @@ Topic topic_of_channel(std::uint16_t channel) { return static_cast<Topic>(channe
 
 SegmentStore::SegmentStore(StoreOptions options, SessionRecord session)
     : options_(std::move(options)), session_(std::move(session)) {
-  if (options_.budget_bytes < kLeastBudget) {
-    throw UsageError({.what = "the budget of recordings is too small",
+  if (options_.budget_bytes < kMinBudget) {
+    throw UsageError({.what = "the recording budget is too small",
                       .where = options_.folder,
-                      .expected = fmt::format("at least {} bytes", kLeastBudget),
+                      .expected = fmt::format("at least {} bytes", kMinBudget),
                       .found = fmt::format("{} bytes", options_.budget_bytes)});
   }
   options_.segment_bytes = std::min(options_.segment_bytes, options_.budget_bytes / kSegmentsPerBudget);
   std::error_code error;
   fs::create_directories(options_.folder, error);
   if (error) {
-    throw Error({.what = "cannot make the folder of recordings", .where = options_.folder, .found = error.message()});
+    throw Error({.what = "cannot create the recording folder", .where = options_.folder, .found = error.message()});
   }
   folder_lock_ = lock_folder(options_.folder);
   closed_ = segments_in(options_.folder);
@@ -62,7 +62,7 @@ SegmentStore::~SegmentStore() {
 }
 
 void SegmentStore::put(const Record& record, std::uint64_t at_ns) {
-  tell_events(at_ns);
+  write_events(at_ns);
   write(record, at_ns);
   tick(at_ns);
 }
@@ -78,29 +78,29 @@ void SegmentStore::tick(std::uint64_t now_ns) {
 }
 
 void SegmentStore::flush(std::uint64_t now_ns) {
-  tell_events(now_ns);
+  write_events(now_ns);
   for (const Stream stream : kStreams) write_chunk(stream, now_ns);
 }
 
 void SegmentStore::close(const std::string& reason, std::uint64_t now_ns) {
   flush(now_ns);
-  tell_events(now_ns);  // what flushing had to say
+  write_events(now_ns);  // events of the flush
   std::uint64_t dropped = 0;
   for (const auto& [topic, count] : status_.dropped) dropped += count;
   write(EndRecord{.clean_shutdown = true, .records = status_.records, .dropped = dropped, .reason = reason}, now_ns);
   for (const Stream stream : {Stream::thumbnails, Stream::pictures, Stream::flight}) finish(stream);
 }
 
-void SegmentStore::note_dropped(RecorderTrouble trouble, Topic topic, std::uint64_t count) {
+void SegmentStore::count_dropped(RecorderEventKind kind, Topic topic, std::uint64_t count) {
   status_.dropped[topic] += count;
-  untold_drops_[{trouble, topic}] += count;
+  unreported_drops_[{kind, topic}] += count;
 }
 
-// While recording stands still they are only counted.
-void SegmentStore::tell_events(std::uint64_t now_ns) {
-  if (status_.stopped || (untold_.empty() && untold_drops_.empty())) return;
-  const std::vector<RecorderRecord> events = std::exchange(untold_, {});
-  const auto drops = std::exchange(untold_drops_, {});
+// While recording is stopped, losses are only counted.
+void SegmentStore::write_events(std::uint64_t now_ns) {
+  if (status_.stopped || (pending_events_.empty() && unreported_drops_.empty())) return;
+  const std::vector<RecorderRecord> events = std::exchange(pending_events_, {});
+  const auto drops = std::exchange(unreported_drops_, {});
   for (const RecorderRecord& event : events) write(event, now_ns);
   for (const auto& [what, count] : drops) {
     write(RecorderRecord{what.first, std::string(name_of(what.second)), count, {}}, now_ns);
@@ -111,7 +111,7 @@ void SegmentStore::write(const Record& record, std::uint64_t at_ns) {
   const Topic topic = topic_of(record);
   const Stream stream = stream_of(topic);
   if (!open_.contains(stream) && !open(stream, at_ns)) {
-    note_dropped(RecorderTrouble::dropped_by_disk, topic, 1);
+    count_dropped(RecorderEventKind::dropped_by_disk, topic, 1);
     return;
   }
   Open& segment = open_.at(stream);
@@ -122,7 +122,7 @@ void SegmentStore::write(const Record& record, std::uint64_t at_ns) {
   ++status_.records;
 }
 
-// A segment begins with a chunk of its own that holds the session and what every later chunk refers to.
+// A segment begins with a separate chunk that holds the session and the definitions that later chunks refer to.
 bool SegmentStore::open(Stream stream, std::uint64_t now_ns) {
   if (now_ns < next_open_ns_[stream]) return false;
   next_open_ns_[stream] = now_ns + options_.chunk_ns;
@@ -153,7 +153,7 @@ bool SegmentStore::open(Stream stream, std::uint64_t now_ns) {
     next_open_ns_[stream] = 0;
     return true;
   }
-  leave(stream, false);  // not even that: no empty file stays
+  leave(stream, false);  // not even that was written: remove the empty file
   return false;
 }
 
@@ -169,8 +169,8 @@ void SegmentStore::write_chunk(Stream stream, std::uint64_t now_ns) {
   }
   if (status_.stopped) {
     status_.stopped = false;
-    status_.trouble.clear();
-    if (untold_.size() < kMostUntold) untold_.push_back({RecorderTrouble::resumed, {}, 0, {}});
+    status_.error.clear();
+    if (pending_events_.size() < kMaxPendingEvents) pending_events_.push_back({RecorderEventKind::resumed, {}, 0, {}});
   }
   if (segment.file->size() >= options_.segment_bytes || now_ns - segment.since_ns >= options_.segment_ns)
     finish(stream);
@@ -206,7 +206,7 @@ void SegmentStore::leave(Stream stream, bool keep) {
   open_.erase(found);
 }
 
-// For a stream only what is more expendable than it goes.
+// Deletes only what is more expendable than this stream.
 bool SegmentStore::make_room(Stream stream) {
   if (stream == Stream::thumbnails) return false;
   const Stream up_to = stream == Stream::flight ? Stream::pictures : Stream::thumbnails;
@@ -236,24 +236,26 @@ void SegmentStore::keep_budget() {
 
 void SegmentStore::remove(std::vector<Segment>::const_iterator segment) {
   std::error_code ignored;
-  fs::remove(segment->path, ignored);  // one that cannot be deleted is not counted any more either: no endless loop
+  fs::remove(segment->path, ignored);  // if it cannot be deleted, it is not counted any more either: no endless loop
   ++status_.deleted_segments;
-  if (untold_.size() < kMostUntold) {
-    untold_.push_back({RecorderTrouble::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
+  if (pending_events_.size() < kMaxPendingEvents) {
+    pending_events_.push_back(
+        {RecorderEventKind::segment_deleted, {}, segment->bytes, segment->path.filename().string()});
   }
   closed_.erase(segment);
 }
 
 void SegmentStore::failed(const SegmentFile& file) {
-  status_.trouble = fmt::format("{}: {}", file.path().filename().string(), system_error_text(file.error()));
+  status_.error = fmt::format("{}: {}", file.path().filename().string(), system_error_text(file.error()));
   if (status_.stopped) return;
   status_.stopped = true;
-  if (untold_.size() < kMostUntold) untold_.push_back({RecorderTrouble::stopped, {}, 0, status_.trouble});
+  if (pending_events_.size() < kMaxPendingEvents)
+    pending_events_.push_back({RecorderEventKind::stopped, {}, 0, status_.error});
 }
 
 void SegmentStore::drop_chunk(Open& open) {
   for (const auto& [channel, count] : open.writer->drop_chunk()) {
-    note_dropped(RecorderTrouble::dropped_by_disk, topic_of_channel(channel), count);
+    count_dropped(RecorderEventKind::dropped_by_disk, topic_of_channel(channel), count);
     status_.records -= count;
   }
 }

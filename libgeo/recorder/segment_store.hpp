@@ -1,8 +1,8 @@
 // Records into the segments of a folder: chunks by size and time, a new segment by size and time, a budget for the
 // folder, and a full disk survived.
 //
-// Used by one thread. Trouble with the disk never throws: it stands in status(), and in the recording once there is
-// room again. Time comes in with each call (nanoseconds since 1970).
+// Used by one thread. Disk errors never throw: status() reports them, and the recording does once there is room
+// again. Time comes in with each call (nanoseconds since 1970).
 #pragma once
 
 #include <cstdint>
@@ -14,8 +14,7 @@
 
 #include "recorder/mcap_writer.hpp"
 #include "recorder/records.hpp"
-#include "recorder/segment_file.hpp"
-#include "recorder/segment_list.hpp"
+#include "recorder/segments.hpp"
 
 namespace nadir {
 
@@ -38,7 +37,7 @@ struct StoreStatus {
   std::map<Topic, std::uint64_t> dropped;
   std::uint64_t segments = 0, deleted_segments = 0;
   bool stopped = false;  // nothing can be written at present
-  std::string trouble;   // why
+  std::string error;     // why
 };
 
 class SegmentStore {
@@ -55,8 +54,8 @@ class SegmentStore {
   // The orderly end: the last record, and every segment finished.
   void close(const std::string& reason, std::uint64_t now_ns);
 
-  // Records that did not even come here; told in the recording.
-  void note_dropped(RecorderTrouble trouble, Topic topic, std::uint64_t count);
+  // Counts records that were dropped before put(); the recording reports them.
+  void count_dropped(RecorderEventKind kind, Topic topic, std::uint64_t count);
 
   const StoreStatus& status() const { return status_; }
 
@@ -69,7 +68,7 @@ class SegmentStore {
   };
 
   void write(const Record& record, std::uint64_t at_ns);
-  void tell_events(std::uint64_t now_ns);
+  void write_events(std::uint64_t now_ns);
   bool open(Stream stream, std::uint64_t now_ns);
   void write_chunk(Stream stream, std::uint64_t now_ns);
   void finish(Stream stream);
@@ -90,8 +89,8 @@ class SegmentStore {
   std::vector<Segment> closed_;
   std::uint32_t next_number_ = 1;
   std::map<Topic, std::uint32_t> sequence_;
-  std::map<std::pair<RecorderTrouble, Topic>, std::uint64_t> untold_drops_;
-  std::vector<RecorderRecord> untold_;
+  std::map<std::pair<RecorderEventKind, Topic>, std::uint64_t> unreported_drops_;
+  std::vector<RecorderRecord> pending_events_;
   StoreStatus status_;
 };
 

@@ -3,17 +3,49 @@
 #include <fmt/format.h>
 
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "ortho/camera_digest.hpp"
+#include "ortho/candidate_sidecar.hpp"
 #include "recorder/record_codec.hpp"
-#include "replay/backends.hpp"
-#include "replay/flight_map.hpp"
+#include "estimation/localizer.hpp"
+#include "trust/root.hpp"
+#include "vision/place_index.hpp"
 
 namespace nadir {
+namespace {
+
+OdometryFactory odometry_named(std::string_view name) {
+  if (name == "features") return make_feature_odometry;
+  throw UsageError({.what = "unknown odometry front end",
+                    .where = "--odometry",
+                    .expected = "features",
+                    .found = std::string(name)});
+}
+
+MapMatcherFactory matcher_named(std::string_view name) {
+  if (name == "channels") return make_channel_matcher;
+  throw UsageError({.what = "unknown map matcher",
+                    .where = "--matcher",
+                    .expected = "channels",
+                    .found = std::string(name)});
+}
+
+}  // namespace
+
+Opening open_flight_map(const FlightMapPaths& paths, UtcTime now, Progress& progress) {
+  const TrustRoot root = read_trusted_root(paths.trust);
+  VerifyOptions options;
+  options.root = &root;
+  options.at = now;
+  options.airframe = paths.airframe;
+  Opening opening = open_package(paths.package, options, progress);
+  verify_place_index(paths.package, options.depth, progress, opening);
+  return opening;
+}
 
 std::string id_of(const Flight& flight) {
   Sha256Stream digest;
@@ -22,11 +54,11 @@ std::string id_of(const Flight& flight) {
 }
 
 void FlightRequest::declare(Options& options, Map map) {
-  options.value("--frames", frames_, "DIR", "folder with the pictures");
-  options.value("--telemetry", telemetry_, "FILE.csv", "one row per picture, in the order of time");
+  options.value("--frames", frames_, "DIR", "folder with the frames");
+  options.value("--telemetry", telemetry_, "FILE.csv", "one row per frame, in the order of time");
   options.value("--camera", camera_, "FILE.yaml", "camera model and uncertainty of the telemetry");
   Option package = options.value("--package", package_, "PACKAGE", "the mission package to localize against");
-  Option trust = options.value("--trust", trust_, "FILE.json", "root of trust that the package must be signed under");
+  Option trust = options.value("--trust", trust_, "FILE.json", "root of trust for the package's signatures");
   if (map == Map::required) {
     package.required();
     trust.required();
@@ -35,20 +67,19 @@ void FlightRequest::declare(Options& options, Map map) {
     trust.needs("--package");
   }
   options.value("--airframe", airframe_, "ID", "the package must be made for this airframe").needs("--package");
-  options.value("--at", at_, "TIME", "judge the package as if it were then; the present time by default");
+  options.value("--at", at_, "TIME", "evaluate validity as of this time; the present by default");
   options.value("--start", start_, "LON,LAT",
-                "where the first frame was taken; without it all of the mission's area is searched");
+                "position of the first frame; without it the whole mission area is searched");
   options
       .value("--odometry", odometry_, "NAME",
-             "how motion is seen: features (SIFT), or flow (whole pictures and patches)")
-      .one_of({"features", "flow"});
+             "visual odometry: features (SIFT)").one_of({"features"});
   options
       .value("--matcher", matcher_, "NAME",
-             "how frames are matched with the map: channels (oriented gradients), or sift")
-      .one_of({"channels", "sift"})
+             "map matching: channels (oriented gradients)")
+      .one_of({"channels"})
       .needs("--package");
   options.value("--recorder", recorder_, "DIR",
-                "fly what the flight recorder holds instead of --telemetry and --camera");
+                "replay a recording of the flight recorder instead of --telemetry and --camera");
   options.value("--session", session_, "ID", "of the recording, when it holds several").needs("--recorder");
 }
 
@@ -83,7 +114,7 @@ Flight FlightRequest::flight_to_fly(Context& context, const std::filesystem::pat
     const std::optional<Sha256> package =
         package_ ? std::optional(sha256_file(*package_ / "manifest.json")) : std::nullopt;
     if (package != recorded->session.package) {
-      throw UsageError({.what = "the flight was flown with another map",
+      throw UsageError({.what = "the flight was recorded with another map",
                         .where = package_ ? package_->string() : std::string(),
                         .expected = mapped ? fmt::format("--package with a manifest of SHA-256 {} (mission {})",
                                                          recorded->session.package->hex(), recorded->session.mission)
@@ -94,8 +125,8 @@ Flight FlightRequest::flight_to_fly(Context& context, const std::filesystem::pat
   }
   const FlightPaths paths{*frames_, *telemetry_, *camera_};
   Flight flight = read_flight(paths);
-  if (flight.pictures_without_row != 0 && !context.quiet) {
-    context.err << fmt::format("note: {} pictures have no row in {} and are left out\n", flight.pictures_without_row,
+  if (flight.images_without_row != 0 && !context.quiet) {
+    context.err << fmt::format("note: {} pictures have no row in {} and are left out\n", flight.images_without_row,
                                paths.telemetry.string());
   }
   return flight;
@@ -124,7 +155,7 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
                     .recorded = ready->recorded ? &*ready->recorded : nullptr};
   if (package_) {
     Opening opening =
-        open_flight_map({*package_, *trust_, airframe_}, judging_time(at_, context.clock), context.progress);
+        open_flight_map({*package_, *trust_, airframe_}, evaluation_time(at_, context.clock), context.progress);
     if (!opening.package) {
       ready->findings = std::move(opening.findings);
       return ready;

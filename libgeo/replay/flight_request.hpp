@@ -1,5 +1,5 @@
-// Which flight is flown again, and over which map: the options that `nadir replay` and `nadir ortho` share, and what
-// both do with them.
+// Which flight is replayed, and over which map: the options that `nadir replay` and `nadir ortho` share, and what both do
+// with them.
 #pragma once
 
 #include <filesystem>
@@ -7,19 +7,32 @@
 #include <optional>
 #include <string>
 
-#include "estimation/terrain_surface.hpp"
+#include "base/progress.hpp"
+#include "base/time.hpp"
 #include "cli/command.hpp"
+#include "estimation/terrain_surface.hpp"
+#include "geodesy/local_frame.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/flight_recording.hpp"
+#include "replay/recorded_flight.hpp"
 #include "replay/poses_file.hpp"
 #include "replay/replay_flight.hpp"
 #include "vision/place_index.hpp"
 
 namespace nadir {
 
-// All that a replay needs, each part at an address that stays.
+struct FlightMapPaths {
+  std::filesystem::path package;
+  std::filesystem::path trust;  // root.json
+  std::optional<std::string> airframe;
+};
+
+// The map of a replay: a package that is verified as the aircraft would verify it. No package when there are findings of
+// severity refuse.
+Opening open_flight_map(const FlightMapPaths& paths, UtcTime now, Progress& progress);
+
+// All that a replay needs, each part at a stable address.
 struct ReadyFlight {
   Flight flight;
   std::optional<RecordedFlight> recorded;

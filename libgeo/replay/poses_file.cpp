@@ -2,10 +2,13 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/json.hpp"
+#include "geodesy/angles.hpp"
 #include "ortho/candidate_sidecar.hpp"
 
 namespace nadir {
@@ -18,11 +21,11 @@ constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 28;  // half a million 
 void require_same(const std::filesystem::path& path, const char* of_what, const std::string& wanted,
                   const std::string& found) {
   if (wanted == found) return;
-  throw UsageError({.what = fmt::format("these poses are of another {}", of_what),
+  throw UsageError({.what = fmt::format("these poses belong to another {}", of_what),
                     .where = path.string(),
                     .expected = wanted,
                     .found = found,
-                    .fix = "give the poses.json that nadir replay made of this flight, or leave --estimates out"});
+                    .fix = "give the poses.json that nadir replay wrote for this flight, or omit --estimates"});
 }
 
 std::string text_of(LonLat place) { return fmt::format("{}, {}", place.lon_deg, place.lat_deg); }
@@ -41,8 +44,8 @@ PosesDocument poses_document(const PosesSubject& subject, const std::vector<Tele
 std::string poses_json(const PosesDocument& document) {
   const PosesSubject& of = document.subject;
   json poses = json::array();
-  for (const auto& [index, frame, said] : document.poses) {
-    const CameraPose& pose = said.pose;
+  for (const auto& [index, frame, estimate] : document.poses) {
+    const CameraPose& pose = estimate.pose;
     poses.push_back({{"index", index},
                      {"frame", frame},
                      {"east_m", pose.position.east_m},
@@ -51,10 +54,10 @@ std::string poses_json(const PosesDocument& document) {
                      {"heading_rad", pose.attitude.heading_rad},
                      {"pitch_rad", pose.attitude.pitch_rad},
                      {"roll_rad", pose.attitude.roll_rad},
-                     {"cov_ee_m2", said.covariance_m2(0, 0)},
-                     {"cov_en_m2", said.covariance_m2(0, 1)},
-                     {"cov_nn_m2", said.covariance_m2(1, 1)},
-                     {"confirmed", said.confirmed}});
+                     {"cov_ee_m2", estimate.covariance_m2(0, 0)},
+                     {"cov_en_m2", estimate.covariance_m2(0, 1)},
+                     {"cov_nn_m2", estimate.covariance_m2(1, 1)},
+                     {"confirmed", estimate.confirmed}});
   }
   const json whole{
       {"schema", kPosesSchema},    {"flight", of.flight},
@@ -79,6 +82,74 @@ std::vector<std::optional<FramePose>> read_poses(const std::filesystem::path& pa
     poses[one.index] = one.pose;
   }
   return poses;
+}
+
+namespace {
+
+constexpr double kMaxEast_m = 1e6;  // and north, from the plane's origin
+constexpr double kMaxAgl_m = 1e5;
+constexpr double kMaxVariance_m2 = 1e9;  // (31 km)²
+constexpr double kMaxHeading_rad = 1e4;  // headings are not wrapped
+constexpr std::int64_t kMaxFrames = 1'000'000'000;
+
+std::string read_label(const JsonReader& in, const char* key) {
+  const std::string& value = in.text(key);
+  if (value.empty() || frame_label(value) != value) in.refuse(key, "1 to 128 of A-Z a-z 0-9 . _ -");
+  return value;
+}
+
+PosesSubject read_subject(const JsonReader& in) {
+  in.expect("schema", kPosesSchema);
+  const JsonReader origin = in.object("origin");
+  PosesSubject subject{.flight = read_label(in, "flight"),
+                       .frames = in.integer<std::uint64_t>("frames", 0, kMaxFrames),
+                       .base_package = in.digest("base_package"),
+                       .camera = in.digest("camera"),
+                       .origin = {origin.number("lon_deg", -180, 180), origin.number("lat_deg", -90, 90)}};
+  origin.finish();
+  return subject;
+}
+
+FramePose read_pose(const JsonReader& in) {
+  FramePose result;
+  result.pose.position = {in.number("east_m", -kMaxEast_m, kMaxEast_m), in.number("north_m", -kMaxEast_m, kMaxEast_m)};
+  result.pose.agl_m = in.number("agl_m", 0.001, kMaxAgl_m);
+  result.pose.attitude = {in.number("heading_rad", -kMaxHeading_rad, kMaxHeading_rad),
+                          in.number("pitch_rad", -kPi, kPi), in.number("roll_rad", -2 * kPi, 2 * kPi)};
+  const double ee_m2 = in.number("cov_ee_m2", 0, kMaxVariance_m2), nn_m2 = in.number("cov_nn_m2", 0, kMaxVariance_m2);
+  const double en_m2 = in.number("cov_en_m2", -kMaxVariance_m2, kMaxVariance_m2);
+  if (std::abs(en_m2) > std::sqrt(ee_m2) * std::sqrt(nn_m2) * (1 + 1e-9)) {
+    in.refuse("cov_en_m2", "a covariance: at most what the variances allow");
+  }
+  result.covariance_m2 << ee_m2, en_m2, en_m2, nn_m2;
+  result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
+  result.source = SourceLabel::satellite_anchored;
+  result.confirmed = in.boolean("confirmed");
+  result.refined = true;
+  return result;
+}
+
+}  // namespace
+
+PosesDocument parse_poses(std::string_view bytes, std::string_view name) {
+  const json whole = parse_json(bytes, name, {.max_depth = 4, .allow_floats = true});
+  const JsonReader in(whole, {.name = std::string(name),
+                              .what = "cannot accept these poses",
+                              .fix = "let nadir replay write the file again"});
+  PosesDocument document{read_subject(in), {}};
+  const JsonReader poses = in.array("poses");
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const JsonReader one = poses.object(i);
+    const auto index = one.integer<std::uint64_t>("index", 0, kMaxFrames);
+    if (index >= document.subject.frames) one.refuse("index", "less than the number of frames");
+    if (!document.poses.empty() && index <= document.poses.back().index) {
+      one.refuse("index", "more than the index of the previous pose");
+    }
+    document.poses.push_back({index, read_label(one, "frame"), read_pose(one)});
+    one.finish();
+  }
+  in.finish();
+  return document;
 }
 
 }  // namespace nadir

@@ -1,8 +1,8 @@
 // poses.json: where the camera was when each anchored frame of a flight was taken, in every bit of the smoothed flight.
 // `nadir replay` writes it, `nadir ortho --estimates` reads it (docs/formats/poses.md).
 //
-// It decides where a flight's tiles lie, so it says what it belongs to, and is refused for any other flight, map or
-// camera. Angles are radians, lengths metres, as the localizer has them: degrees would not be the same bits.
+// The file decides where a flight's tiles lie, so it names what it belongs to and is rejected for any other flight, map
+// or camera. Angles are radians and lengths metres, as in the localizer: degrees would not be the same bits.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "estimation/estimate.hpp"
 #include "estimation/telemetry.hpp"
 #include "geodesy/lon_lat.hpp"
@@ -46,8 +46,8 @@ PosesDocument poses_document(const PosesSubject& subject, const std::vector<Tele
                              const std::vector<std::optional<FramePose>>& poses);
 std::string poses_json(const PosesDocument& document);
 
-// Throws Error, naming the member, for bytes that are no such document: members missing or unknown, numbers that no
-// pose has, frames out of order. `name` is for messages.
+// Throws Error, naming the member, for anything else: missing or unknown members, numbers out of range, frames out of
+// order. `name` is for messages.
 PosesDocument parse_poses(std::string_view bytes, std::string_view name);
 
 // One entry per frame of the flight, as Localizer::refined_poses() returned them. Throws UsageError when the file

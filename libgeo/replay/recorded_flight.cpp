@@ -1,48 +1,116 @@
+#include "replay/recorded_flight.hpp"
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "recorder/record_codec.hpp"
 #include "recorder/recording.hpp"
-#include "replay/flight_recording.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-// A name from a recording is not believed to be one.
+// Empty for an image that cannot be read: the localizer could not decode it either.
+Bytes encoded_image(const fs::path& path) {
+  try {
+    return read_file(path);
+  } catch (const Error&) {
+    return {};
+  }
+}
+
+RecorderOptions lossless(const fs::path& folder, bool keep_images) {
+  RecorderOptions options;
+  options.store.folder = folder;
+  options.store.sync = false;  // the folder is synced when it is done
+  options.store.budget_bytes = std::uint64_t{1} << 50;
+  options.when_full = WhenFull::wait;
+  options.keep_pictures = keep_images;
+  return options;
+}
+
+}  // namespace
+
+ReplayRecording::ReplayRecording(const fs::path& folder, SessionRecord session, bool keep_images)
+    : folder_(folder),
+      recorder_(lossless(folder, keep_images), std::move(session), [this] { return now_ns_.load(); }) {}
+
+void ReplayRecording::before(std::uint64_t index, const Telemetry& telemetry, const fs::path& image) {
+  now_ns_ = static_cast<std::uint64_t>(std::clamp(telemetry.time_s, 0.0, 9e9) * 1e9);
+  record_input(recorder_, index, telemetry, encoded_image(image));
+}
+
+void ReplayRecording::after(std::uint64_t index, const FrameReport& report) { record_frame(recorder_, index, report); }
+
+void ReplayRecording::close() {
+  recorder_.close("replayed");
+  const StoreStatus status = recorder_.status();
+  if (!status.stopped && status.dropped.empty()) return;
+  throw Error({.what = "the recording is not complete", .where = folder_, .found = status.error});
+}
+
+Reproduction compare_estimates(const std::vector<EstimateRecord>& recorded, const std::vector<EstimateRecord>& flown) {
+  const auto bits = [](EstimateRecord record) {
+    record.estimate.latency_ms = 0;
+    return encode(Record(std::move(record)));
+  };
+  Reproduction result;
+  // Both are in the order of the flight; a recording that lost some has fewer.
+  auto at = flown.begin();
+  for (const EstimateRecord& one : recorded) {
+    const Bytes wanted = bits(one);
+    ++result.compared;
+    auto found = at;
+    while (found != flown.end() && found->index <= one.index && bits(*found) != wanted) ++found;
+    if (found != flown.end() && found->index == one.index) {
+      ++result.same;
+      at = found + 1;
+    } else if (!result.first_other) {
+      result.first_other = one.estimate.frame;
+    }
+  }
+  return result;
+}
+
+namespace fs = std::filesystem;
+namespace {
+
+// A name from a recording may be anything.
 bool plain_name(const std::string& name) {
   return !name.empty() && fs::path(name).filename() == name && name != ".." && name != ".";
 }
 
 void check_pictures(const RecordedFlight& recorded, const std::vector<InputRecord>& inputs) {
   for (std::size_t i = 0; i < inputs.size(); ++i) {
-    const fs::path path = recorded.flight.picture(i);
+    const fs::path path = recorded.flight.image_path(i);
     if (inputs[i].picture_bytes == 0) continue;  // it was missing then as well
-    const bool there = plain_name(recorded.flight.files.empty() ? inputs[i].told.frame : recorded.flight.files[i]) &&
+    const bool there = plain_name(recorded.flight.files.empty() ? inputs[i].telemetry.frame : recorded.flight.files[i]) &&
                        fs::is_regular_file(path);
     if (there && sha256_file(path) == inputs[i].picture) continue;
     throw UsageError(
-        {.what = there ? "this is not the picture of the flight" : "a picture of the flight is missing",
+        {.what = there ? "this is not the image of the flight" : "an image of the flight is missing",
          .where = path,
          .expected = fmt::format("{} bytes with SHA-256 {}", inputs[i].picture_bytes, inputs[i].picture.hex()),
-         .fix = "give the folder of the recorded flight's pictures with --frames"});
+         .fix = "give the folder of the recorded flight's frames with --frames"});
   }
 }
 
 }  // namespace
 
-std::string chosen_session(const fs::path& recording, const std::optional<std::string>& asked) {
+std::string chosen_session(const fs::path& recording, const std::optional<std::string>& requested) {
   const std::vector<std::string> ids = sessions_of(read_recording(recording, [](const Recorded&) {}));
-  if (asked && std::find(ids.begin(), ids.end(), *asked) != ids.end()) return *asked;
-  if (ids.size() == 1 && !asked) return ids.front();
-  throw UsageError({.what = ids.empty() ? "the recording has no session" : "it is not clear which session is meant",
+  if (requested && std::find(ids.begin(), ids.end(), *requested) != ids.end()) return *requested;
+  if (ids.size() == 1 && !requested) return ids.front();
+  throw UsageError({.what = ids.empty() ? "the recording has no session" : "the session is ambiguous",
                     .where = recording,
                     .expected = fmt::format("--session with one of: {}", fmt::join(ids, ", ")),
-                    .found = asked.value_or("none"),
+                    .found = requested.value_or("none"),
                     .fix = "nadir recorder info lists the sessions"});
 }
 
@@ -78,18 +146,18 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
   if (flown.empty()) {
     throw UsageError({.what = "the recording has no inputs from the beginning of its flight",
                       .where = source.recording,
-                      .fix = "older segments were deleted, or nothing was flown: nadir recorder info shows it"});
+                      .fix = "older segments were deleted, or nothing was flown: see nadir recorder info"});
   }
   recorded.unusable_inputs = inputs.size() - flown.size();
   if (pictures.empty() && !source.frames) {
-    throw UsageError({.what = "the recording names its pictures but does not hold them",
+    throw UsageError({.what = "the recording does not hold its images",
                       .where = source.recording,
-                      .fix = "give their folder with --frames"});
+                      .fix = "give the folder of the frames with --frames"});
   }
   recorded.flight.camera = recorded.session.camera;
   recorded.flight.frames_folder = source.frames.value_or(source.unpacked);
   for (const InputRecord& input : flown) {
-    recorded.flight.frames.push_back(input.told);
+    recorded.flight.frames.push_back(input.telemetry);
     const auto kept = pictures.find(input.index);
     if (!source.frames)
       recorded.flight.files.push_back(kept == pictures.end() ? fmt::format("{:08}", input.index) : kept->second);

@@ -1,4 +1,4 @@
-// Flies a recorded flight through the localizer, frame by frame, and writes each estimate as soon as it is made.
+// Runs a recorded flight through the localizer, frame by frame, and writes each estimate as soon as it is made.
 #pragma once
 
 #include <optional>
@@ -6,26 +6,26 @@
 
 #include "base/progress.hpp"
 #include "estimation/estimate.hpp"
-#include "estimation/odometry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
-#include "replay/estimates_csv.hpp"
+#include "replay/track_files.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/flight_recording.hpp"
-#include "replay/truth.hpp"
-#include "replay/worst_frames.hpp"
+#include "replay/recorded_flight.hpp"
+#include "replay/score.hpp"
+#include "replay/report.hpp"
 #include "vision/ground_surface.hpp"
-#include "vision/place_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
 
 struct ReplayedFlight {
-  std::vector<FrameReport> frames;   // without their pictures
-  std::vector<EstimateRecord> told;  // every estimate, those of late anchors as well
+  std::vector<FrameReport> frames;   // without their images
+  std::vector<EstimateRecord> told;  // every estimate, also those of late anchors
   std::vector<Estimate> refined;
   std::vector<std::optional<FramePose>> poses;  // Localizer::refined_poses()
-  std::vector<FramePictures> worst;
+  std::vector<FrameImages> worst;
 };
 
 // What the localizer starts from.
@@ -43,12 +43,12 @@ struct ReplaySetup {
   const RecordedFlight* recorded = nullptr;  // flown as it was then: its configuration, its late anchors
 };
 
-// What the localizer is to be, and at what part of their size pictures are decoded.
+// The localizer's configuration, and the factor by which images are reduced when they are decoded.
 LocalizerConfig localizer_config(const ReplaySetup& setup);
 int picture_shrink(const Flight& flight, const ReplaySetup& setup);
 
-// The truth only chooses whose pictures are kept for the report. csv: where estimates are written as they are made, or
-// null.
+// The truth only selects the frames whose images are kept for the report. csv: where estimates are written as they are
+// computed, or null.
 ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, const Truth& truth, EstimatesCsv* csv,
                              Progress& progress);
 

@@ -2,10 +2,15 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "cli/nadir_version.hpp"
+#include "base/bytes.hpp"
+#include "imagery/codecs.hpp"
+#include "imagery/map_window.hpp"
 #include "replay/report_page.hpp"
 #include "report/page_text.hpp"
 
@@ -104,7 +109,7 @@ json page_data(const ReportInput& input) {
     data["truth"].push_back(place_json(input.truth[i], input.frame));
   }
   for (const Estimate& estimate : input.refined) data["refined"].push_back(place_json(estimate.position, input.frame));
-  for (const FramePictures& pictures : input.worst) {
+  for (const FrameImages& pictures : input.worst) {
     data["worst"].push_back({{"index", pictures.index}, {"frame", pictures.frame_uri}, {"map", pictures.map_uri}});
   }
   if (const auto& map = input.map) {
@@ -119,11 +124,74 @@ json page_data(const ReportInput& input) {
 
 }  // namespace
 
+std::string jpeg_data_uri(const cv::Mat& image, int max_side, int quality) {
+  cv::Mat small = image;
+  const int side = std::max(image.cols, image.rows);
+  if (side > max_side) {
+    const double factor = static_cast<double>(max_side) / side;
+    cv::resize(image, small, {}, factor, factor, cv::INTER_AREA);
+  }
+  return "data:image/jpeg;base64," + to_base64(encode_image(small, ImageFormat::jpeg, quality));
+}
+
 std::string report_html(const ReportInput& input) {
   const std::string data = script_safe(page_data(input));
   const std::string title = html_escaped(input.title);
   return fill_page(report_page::html,
                    {{"title", title}, {"style", report_page::style}, {"data", data}, {"script", report_page::script}});
+}
+
+namespace {
+
+constexpr int kFrameSide = 360;  // pixels
+constexpr int kFrameQuality = 78;
+
+}  // namespace
+
+void WorstFrames::offer(std::size_t index, double cost, const AnchorReport& anchor) {
+  if (anchor.rectified.empty() || anchor.matched_map.empty()) return;
+  if (kept_.size() == capacity_ && cost <= kept_.back().cost) return;
+  const auto place = std::find_if(kept_.begin(), kept_.end(),
+                                  [cost](const FrameImages& other) { return cost > other.cost; });
+  kept_.insert(place, {index, cost, jpeg_data_uri(anchor.rectified, kFrameSide, kFrameQuality),
+                       jpeg_data_uri(anchor.matched_map, kFrameSide, kFrameQuality)});
+  if (kept_.size() > capacity_) kept_.pop_back();
+}
+
+double report_cost(const FrameReport& report, std::optional<double> error_m) {
+  if (error_m) return *error_m;
+  const bool rejected = report.anchor.verdict != AnchorVerdict::accepted;
+  return (rejected ? 10 : 0) + report.anchor.ratio;
+}
+
+namespace {
+
+constexpr double kMargin_share = 0.35;  // of the track's longer side, so that there is something to pan to
+constexpr double kMinMargin_m = 120;
+constexpr double kShape = 1.7;       // width over height
+constexpr double kMaxPixels = 1500;  // longer side of the picture
+constexpr int kMapQuality = 70;
+const cv::Scalar kNoMap(46, 38, 32);  // BGR
+
+}  // namespace
+
+std::optional<ReportMap> report_map(const TileSource& tiles, const LocalFrame& frame, PlaneBox track) {
+  const double longer = std::max(track.east_m - track.west_m, track.north_m - track.south_m);
+  const double margin = std::max(kMinMargin_m, kMargin_share * longer);
+  PlaneBox box{track.west_m - margin, track.south_m - margin, track.east_m + margin, track.north_m + margin};
+  // As wide as a laptop shows it.
+  const double missing = std::max(0.0, kShape * (box.north_m - box.south_m) - (box.east_m - box.west_m)) / 2;
+  box.west_m -= missing;
+  box.east_m += missing;
+  const double gsd_m = std::max(0.2, std::max(box.east_m - box.west_m, box.north_m - box.south_m) / kMaxPixels);
+  const MapWindow window = read_map_window(tiles, frame, box, gsd_m, Colour::bgr);
+  if (window.image.empty() || cv::countNonZero(window.mask) == 0) return std::nullopt;
+  const cv::Rect covered = cv::boundingRect(window.mask);
+  cv::Mat picture = window.image(covered).clone();
+  picture.setTo(kNoMap, window.mask(covered) == 0);
+  const PlanePoint corner = window.plane_from_pixel(covered.x, covered.y);
+  return ReportMap{jpeg_data_uri(picture, static_cast<int>(kMaxPixels) + 2, kMapQuality), corner.east_m, corner.north_m,
+                   window.gsd_m * picture.cols, window.gsd_m * picture.rows};
 }
 
 }  // namespace nadir

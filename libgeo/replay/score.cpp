@@ -1,10 +1,55 @@
 #include "replay/score.hpp"
 
+#include <fmt/format.h>
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <numeric>
+#include <unordered_map>
+
+#include "base/csv.hpp"
+#include "base/error.hpp"
 
 namespace nadir {
+
+Truth read_truth(const std::filesystem::path& path, const std::vector<Telemetry>& frames) {
+  const CsvTable table = CsvTable::read(path);
+  const std::size_t frame = table.required_column("frame");
+  const std::size_t lat = table.required_column("lat_deg");
+  const std::size_t lon = table.required_column("lon_deg");
+  std::unordered_map<std::string, std::size_t> index;
+  for (std::size_t i = 0; i < frames.size(); ++i) index.emplace(frames[i].frame, i);
+
+  Truth truth(frames.size());
+  std::size_t matched = 0;
+  for (std::size_t row = 0; row < table.rows(); ++row) {
+    const std::string where = fmt::format("{}:{}", path.string(), table.line_of(row));
+    const auto found = index.find(table.cell(row, frame));
+    if (found == index.end()) continue;  // truth of a longer flight
+    if (truth[found->second]) {
+      throw UsageError({.what = fmt::format("frame {} has two positions", found->first), .where = where});
+    }
+    const LonLat place{table.required_number(row, lon), table.required_number(row, lat)};
+    if (std::abs(place.lon_deg) > 180 || std::abs(place.lat_deg) > 90) {
+      throw UsageError({.what = "the position is out of range",
+                        .where = where,
+                        .expected = "lat_deg in -90 to 90, lon_deg in -180 to 180",
+                        .found = fmt::format("{}, {}", place.lat_deg, place.lon_deg)});
+    }
+    truth[found->second] = place;
+    ++matched;
+  }
+  if (matched == 0) {
+    throw UsageError({.what = "the truth has none of the flight's frames",
+                      .where = path.string(),
+                      .expected = fmt::format("frames like {}", frames.front().frame),
+                      .fix = "give the truth of this flight, or omit --truth"});
+  }
+  return truth;
+}
+
 namespace {
 
 // Quantiles of chi-square with two degrees of freedom: -2 ln(1 - p).
@@ -17,13 +62,13 @@ struct Offset {
 
 std::optional<Offset> offset_of(const Estimate& estimate, const std::optional<LonLat>& truth, const LocalFrame& frame) {
   if (!estimate.position || !truth) return std::nullopt;
-  const Enu said = frame.enu_from_lonlat(*estimate.position);
-  const Enu real = frame.enu_from_lonlat(*truth);
-  return Offset{said.east_m - real.east_m, said.north_m - real.north_m};
+  const Enu estimated = frame.enu_from_lonlat(*estimate.position);
+  const Enu actual = frame.enu_from_lonlat(*truth);
+  return Offset{estimated.east_m - actual.east_m, estimated.north_m - actual.north_m};
 }
 
 // Squared Mahalanobis distance. Without a usable covariance the circle of sigma_m stands for the ellipse.
-double surprise(const Estimate& estimate, const Offset& offset) {
+double mahalanobis2(const Estimate& estimate, const Offset& offset) {
   const auto& c = estimate.covariance_m2;
   const double determinant = c(0, 0) * c(1, 1) - c(0, 1) * c(1, 0);
   if (c(0, 0) > 0 && determinant > 0) {
@@ -48,7 +93,7 @@ ErrorFigures figures(const std::vector<Estimate>& estimates, const Truth& truth,
     const auto offset = offset_of(estimates[i], truth[i], frame);
     if (!offset) continue;
     const double error = std::hypot(offset->east_m, offset->north_m);
-    const double chi2 = surprise(estimates[i], *offset);
+    const double chi2 = mahalanobis2(estimates[i], *offset);
     errors.push_back(error);
     within_20 += error <= 20;
     within_50 += error <= 50;
@@ -103,6 +148,85 @@ Score score(const std::vector<Estimate>& estimates, const Truth& truth, const Lo
   const bool has_truth = std::any_of(truth.begin(), truth.end(), [](const auto& place) { return place.has_value(); });
   if (has_truth) result.errors = figures(estimates, truth, frame);
   return result;
+}
+
+namespace {
+
+constexpr SourceLabel kSources[] = {SourceLabel::satellite_anchored, SourceLabel::vo_extrapolated,
+                                    SourceLabel::dead_reckoned, SourceLabel::no_fix};
+
+// Figures are rounded: digits beyond a millimetre or a ten-thousandth mean nothing.
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+double millimetres(double value) { return rounded(value, 1000); }
+double share_of(double value) { return rounded(value, 10000); }
+
+nlohmann::json json_from(const ErrorFigures& e) {
+  return {{"scored", e.scored},
+          {"median_m", millimetres(e.median_m)},
+          {"mean_m", millimetres(e.mean_m)},
+          {"p95_m", millimetres(e.p95_m)},
+          {"max_m", millimetres(e.max_m)},
+          {"within_20_m_share", share_of(e.within_20_m_share)},
+          {"within_50_m_share", share_of(e.within_50_m_share)},
+          {"wrong_anchors", e.wrong_anchors},
+          {"inside_50_share", share_of(e.inside_50_share)},
+          {"inside_95_share", share_of(e.inside_95_share)}};
+}
+
+std::string percent(double share) { return fmt::format("{:.1f} %", 100 * share); }
+
+}  // namespace
+
+nlohmann::json json_from(const Summary& summary) {
+  const Score& s = summary.streamed;
+  nlohmann::json sources = nlohmann::json::object();
+  for (const SourceLabel label : kSources)
+    sources[std::string(name_of(label))] = s.by_source[static_cast<std::size_t>(label)];
+  nlohmann::json document = {{"schema", "nadir.replay-summary/1"},
+                             {"frames", s.frames},
+                             {"sources", std::move(sources)},
+                             {"localized_share", share_of(s.localized_share)},
+                             {"latency_p50_ms", rounded(s.latency.p50_ms, 10)},
+                             {"latency_p95_ms", rounded(s.latency.p95_ms, 10)},
+                             {"latency_max_ms", rounded(s.latency.max_ms, 10)},
+                             {"peak_memory_mb", rounded(summary.peak_memory_mb, 10)}};
+  if (s.errors) document.update(json_from(*s.errors));
+  if (summary.refined.errors) document["refined"] = json_from(*summary.refined.errors);
+  return document;
+}
+
+Figures figures_from(const Summary& summary) {
+  const Score& s = summary.streamed;
+  Figures figures{{"frames", fmt::format("{}", s.frames)}};
+  for (const SourceLabel label : kSources) {
+    const std::size_t count = s.by_source[static_cast<std::size_t>(label)];
+    if (count != 0) figures.emplace_back(std::string(name_of(label)), fmt::format("{}", count));
+  }
+  if (const auto& e = s.errors) {
+    figures.emplace_back("median error", fmt::format("{:.1f} m", e->median_m));
+    figures.emplace_back("mean error", fmt::format("{:.1f} m", e->mean_m));
+    figures.emplace_back("95 % of errors below", fmt::format("{:.1f} m", e->p95_m));
+    figures.emplace_back("largest error", fmt::format("{:.1f} m", e->max_m));
+    figures.emplace_back("within 20 m", percent(e->within_20_m_share));
+    figures.emplace_back("within 50 m", percent(e->within_50_m_share));
+    figures.emplace_back("anchors wrong by > 50 m", fmt::format("{}", e->wrong_anchors));
+    figures.emplace_back("truth inside the 50 % ellipse", percent(e->inside_50_share));
+    figures.emplace_back("truth inside the 95 % ellipse", percent(e->inside_95_share));
+  }
+  if (const auto& e = summary.refined.errors) {
+    figures.emplace_back("smoothed: median error", fmt::format("{:.1f} m", e->median_m));
+    figures.emplace_back("smoothed: 95 % of errors below", fmt::format("{:.1f} m", e->p95_m));
+  }
+  figures.emplace_back("time per frame, median", fmt::format("{:.0f} ms", s.latency.p50_ms));
+  figures.emplace_back("time per frame, 95 %", fmt::format("{:.0f} ms", s.latency.p95_ms));
+  figures.emplace_back("peak memory", fmt::format("{:.0f} MB", summary.peak_memory_mb));
+  return figures;
+}
+
+double peak_memory_mb() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) * 1024 / 1e6;
 }
 
 }  // namespace nadir

@@ -1,15 +1,30 @@
-// How good the estimates are: counts by source and, where truth is known, errors and whether they were honest.
+// How good the estimates of a replay are: ground truth, errors against it, and the summary of both.
+//
+// Figures are counts by source and, where truth is known, errors on the ground and the consistency of the stated
+// covariance: the squared Mahalanobis distance of the truth is chi-square distributed with two degrees of freedom, so
+// half of the truths should lie within 2 ln 2 (the 50 % ellipse) and 95 % within -2 ln 0.05. Truth never reaches the
+// localizer.
 #pragma once
 
 #include <array>
+#include <filesystem>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <vector>
 
+#include "cli/output.hpp"
 #include "estimation/estimate.hpp"
+#include "estimation/telemetry.hpp"
 #include "geodesy/local_frame.hpp"
-#include "replay/truth.hpp"
+#include "geodesy/lon_lat.hpp"
 
 namespace nadir {
+
+using Truth = std::vector<std::optional<LonLat>>;  // one per frame of the flight; nullopt where unknown
+
+// truth.csv: frame,lat_deg,lon_deg[,alt_m]. Throws UsageError for frames that the flight does not have or that come
+// twice, and for impossible positions.
+Truth read_truth(const std::filesystem::path& path, const std::vector<Telemetry>& frames);
 
 // An accepted anchor that is farther off than this is wrong, not inaccurate.
 inline constexpr double kWrongAnchor_m = 50;
@@ -42,5 +57,17 @@ Score score(const std::vector<Estimate>& estimates, const Truth& truth, const Lo
 
 // The smallest value that at least `share` of the values do not exceed (nearest rank). 0 for none.
 double quantile(std::vector<double> values, double share);
+
+// For summary.json, and for the table on the terminal and in the report.
+struct Summary {
+  Score streamed;
+  Score refined;
+  double peak_memory_mb = 0;  // of this process, 10^6 bytes
+};
+
+nlohmann::json json_from(const Summary& summary);
+Figures figures_from(const Summary& summary);
+
+double peak_memory_mb();
 
 }  // namespace nadir

@@ -8,7 +8,7 @@
 
 #include "simulation/flight_path.hpp"
 #include "simulation/noise.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -17,7 +17,7 @@
 #include "simulation/frame_renderer.hpp"
 #include "simulation/frame_sink.hpp"
 #include "simulation/world_raster.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

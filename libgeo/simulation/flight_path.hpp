@@ -7,7 +7,7 @@
 
 #include "geodesy/region.hpp"
 #include "simulation/world_raster.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

@@ -4,7 +4,7 @@
 #pragma once
 
 #include "simulation/world_raster.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 

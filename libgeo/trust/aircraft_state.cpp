@@ -14,49 +14,30 @@ namespace {
 using nlohmann::json;
 
 constexpr const char* kSchema = "nadir.state/1";
+constexpr std::int64_t kMaxSequence = std::int64_t{1} << 53;
 
-struct Refusal {
-  std::string expected;
-  std::string found;
-};
-
-bool counts(const json& value) {
-  return value.is_number_unsigned() && value.get<std::uint64_t>() <= (std::uint64_t{1} << 53);
-}
-
-std::map<std::int64_t, std::string> read_roots(const json& object) {
-  if (!object.is_object()) throw Refusal{"an object by version as roots", object.type_name()};
+std::map<std::int64_t, std::string> read_roots(const JsonReader& in) {
   std::map<std::int64_t, std::string> roots;
-  for (const auto& [version, document] : object.items()) {
-    std::string text = document.dump();
+  for (const std::string& version : in.keys()) {
+    std::string text = in.object(version).json().dump();
     const SignedRoot root = parse_root(text, "root " + version);
-    if (std::to_string(root.root.version) != version) throw Refusal{"root version " + version, "another version"};
+    if (std::to_string(root.root.version) != version) in.refuse(version, "a root of version " + version);
     roots.emplace(root.root.version, std::move(text));
   }
   return roots;
 }
 
-AircraftState read(const json& document) {
+AircraftState read(const JsonReader& in) {
   AircraftState state;
-  const bool form = document.is_object() && document.value("schema", json()) == kSchema &&
-                    document.contains("series") && document["series"].is_object() &&
-                    document.contains("root_version") && counts(document["root_version"]) &&
-                    document.contains("last_trusted_time") && document.size() == (document.contains("roots") ? 5U : 4U);
-  if (!form) {
-    throw Refusal{"an object with schema, series, root_version, last_trusted_time and perhaps roots",
-                  "another document"};
+  in.expect("schema", kSchema);
+  const JsonReader series = in.object("series");
+  for (const std::string& name : series.keys()) {
+    state.highest_sequence[name] = series.integer(name, 0, kMaxSequence);
   }
-  for (const auto& [series, sequence] : document["series"].items()) {
-    if (!counts(sequence)) throw Refusal{"whole numbers as sequences", sequence.dump()};
-    state.highest_sequence[series] = sequence.get<std::int64_t>();
-  }
-  state.root_version = document["root_version"].get<std::int64_t>();
-  const json& time = document["last_trusted_time"];
-  if (!time.is_null()) {
-    if (time.is_string()) state.last_trusted_time = parse_utc(time.get<std::string>());
-    if (!state.last_trusted_time) throw Refusal{"a time as last_trusted_time", time.dump()};
-  }
-  if (document.contains("roots")) state.roots = read_roots(document["roots"]);
+  state.root_version = in.integer("root_version", 0, kMaxSequence);
+  if (!in.is_null("last_trusted_time")) state.last_trusted_time = in.time("last_trusted_time");
+  if (const auto roots = in.optional_object("roots")) state.roots = read_roots(*roots);
+  in.finish();
   return state;
 }
 
@@ -65,7 +46,7 @@ Finding corrupt(std::string_view name, std::string expected, std::string found) 
           .where = std::string(name),
           .expected = std::move(expected),
           .found = std::move(found),
-          .fix = "bring back the aircraft's own file; removing it forgets which packages it has seen"};
+          .fix = "restore the aircraft's own file; without it the aircraft forgets which packages it has accepted"};
 }
 
 }  // namespace
@@ -82,11 +63,10 @@ void AircraftState::accept(const std::string& series, std::int64_t sequence, std
 StateReading parse_state(std::string_view text, std::string_view name) {
   StateReading reading;
   try {
-    reading.state = read(parse_json(text, name, {.max_depth = 12, .allow_floats = false}));
-  } catch (const Refusal& refusal) {
-    reading.findings.add(corrupt(name, refusal.expected, refusal.found));
+    const json document = parse_json(text, name, {.max_depth = 12, .allow_floats = false});
+    reading.state = read(JsonReader(document, {.name = std::string(name), .what = "the aircraft's state is corrupt"}));
   } catch (const Error& error) {
-    reading.findings.add(corrupt(name, error.text().expected.empty() ? "strict JSON" : error.text().expected,
+    reading.findings.add(corrupt(error.text().where, error.text().expected.empty() ? "strict JSON" : error.text().expected,
                                  error.text().found.empty() ? error.text().what : error.text().found));
   }
   return reading;
@@ -108,7 +88,7 @@ AircraftState read_state(const std::filesystem::path& path) {
   StateReading reading = check_state(path);
   if (reading.state) return std::move(*reading.state);
   const Finding& first = reading.findings.items().front();
-  throw Error({.what = "this is no state of an aircraft",
+  throw Error({.what = "the aircraft's state is corrupt",
                .where = first.where,
                .expected = first.expected,
                .found = first.found,

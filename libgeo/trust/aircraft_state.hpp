@@ -1,5 +1,5 @@
-// What an aircraft remembers from one package to the next, so that neither an older package nor an older root nor a
-// clock that was set back gets past it. A small JSON file that is replaced in one step.
+// What an aircraft remembers from one package to the next, so that it accepts neither an older package nor an older root
+// nor a clock that was set back. A small JSON file that is replaced in one step.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 
 namespace nadir {
@@ -20,8 +20,8 @@ struct AircraftState {
   std::map<std::string, std::int64_t> highest_sequence;  // accepted, by series
   std::int64_t root_version = 0;                         // 0: none seen
   std::optional<UtcTime> last_trusted_time;
-  // Documents of the roots that came with packages, by version. They are kept with their signatures, so that each is
-  // checked again from the installed root on and the state alone cannot appoint anybody.
+  // Documents of the roots that came with packages, by version, with their signatures: each is verified again from the
+  // installed root on, so that the state alone cannot appoint a signer.
   std::map<std::int64_t, std::string> roots;
 
   // Remembers an accepted package. Nothing ever goes down.
@@ -29,8 +29,7 @@ struct AircraftState {
               const std::map<std::int64_t, std::string>& newer_roots = {});
 };
 
-// `state` is there exactly when nothing is wrong. Finding state.corrupt: a damaged memory must not pass for an empty
-// one.
+// `state` is set exactly when there is no finding. Finding state.corrupt: a damaged state must not pass for an empty one.
 struct StateReading {
   std::optional<AircraftState> state;
   Findings findings;
@@ -40,7 +39,7 @@ StateReading parse_state(std::string_view json, std::string_view name);
 // A file that does not exist is a new aircraft: the empty state. Throws Error when the file cannot be read.
 StateReading check_state(const std::filesystem::path& path);
 
-// The same for those who need the state or nothing: throws Error with the finding.
+// The same, but throws Error with the finding.
 AircraftState read_state(const std::filesystem::path& path);
 void write_state(const std::filesystem::path& path, const AircraftState& state);
 

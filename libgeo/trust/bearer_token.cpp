@@ -12,18 +12,18 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kShortestToken = 16;
-constexpr std::uint64_t kLongestFile = 4096;
+constexpr std::size_t kMinToken = 16;
+constexpr std::uint64_t kMaxFile = 4096;
 
 }  // namespace
 
 std::string read_bearer_token(const fs::path& path) {
-  std::string token = read_text_file(path, kLongestFile);
+  std::string token = read_text_file(path, kMaxFile);
   const fs::perms of_others = fs::perms::group_all | fs::perms::others_all;
   if ((fs::status(path).permissions() & of_others) != fs::perms::none) {
-    throw Error({.what = "others can read the token",
+    throw Error({.what = "the token file is readable by other users",
                  .where = path.string(),
-                 .expected = "a file for its owner alone",
+                 .expected = "mode 0600 or stricter",
                  .fix = fmt::format("chmod 600 {}", path.string())});
   }
   return checked_bearer_token(std::move(token), path.string());
@@ -32,10 +32,10 @@ std::string read_bearer_token(const fs::path& path) {
 std::string checked_bearer_token(std::string token, std::string_view where) {
   while (!token.empty() && (token.back() == '\n' || token.back() == '\r')) token.pop_back();
   const bool printable = std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < 0x7f; });
-  if (token.size() < kShortestToken || !printable) {
-    throw Error({.what = "this is no token",
+  if (token.size() < kMinToken || !printable) {
+    throw Error({.what = "not a valid token",
                  .where = std::string(where),
-                 .expected = fmt::format("one line of at least {} printable characters without spaces", kShortestToken),
+                 .expected = fmt::format("one line of at least {} printable characters without spaces", kMinToken),
                  .fix = "(umask 077; openssl rand -hex 24 > FILE)"});
   }
   return token;

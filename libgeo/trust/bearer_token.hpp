@@ -1,4 +1,4 @@
-// The secret by which a caller of the service's API shows that it may call. Kept in a file, never on a command line.
+// The secret that authorizes callers of the service's API. Kept in a file, never on a command line.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +11,7 @@ namespace nadir {
 // Error otherwise.
 std::string read_bearer_token(const std::filesystem::path& path);
 
-// The same for a token that comes from elsewhere, with the name of the place for messages. The token is never in them.
+// The same for a token that comes from elsewhere; `where` is for messages, which never contain the token.
 std::string checked_bearer_token(std::string token, std::string_view where);
 
 }  // namespace nadir

@@ -9,8 +9,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/private_file.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -46,7 +45,7 @@ std::string text_of(BIO* bio) {
   return {data, static_cast<std::size_t>(length)};
 }
 
-// Encrypted keys would make OpenSSL ask on the terminal; we say that we do not take them.
+// OpenSSL would ask for the passphrase of an encrypted key on the terminal. We do not accept such keys.
 int no_passphrase(char*, int, int, void*) { return -1; }
 
 Key require_ed25519(Key key, std::string_view name, const char* kind) {
@@ -134,8 +133,14 @@ PrivateKey::PrivateKey(PrivateKey&&) noexcept = default;
 PrivateKey& PrivateKey::operator=(PrivateKey&&) noexcept = default;
 
 PrivateKey PrivateKey::read(const fs::path& pem_file) {
-  require_private_mode(pem_file);
   std::string pem = read_text_file(pem_file, kMaxPemSize);
+  if (pem.find("BEGIN PUBLIC KEY") != std::string::npos) {  // before advice about its mode, which would not help
+    throw UsageError({.what = "this is a public key",
+                      .where = pem_file.string(),
+                      .expected = "the private key, NAME.key.pem",
+                      .found = "BEGIN PUBLIC KEY"});
+  }
+  require_private_mode(pem_file);
   const Bio bio = memory_bio(pem);
   Key key(PEM_read_bio_PrivateKey(bio.get(), nullptr, no_passphrase, nullptr));
   OPENSSL_cleanse(pem.data(), pem.size());
@@ -186,7 +191,7 @@ KeyFiles create_key_files(const fs::path& name) {
   files.public_key += ".pub.pem";
   for (const fs::path& path : {files.private_key, files.public_key}) {
     if (fs::exists(fs::symlink_status(path))) {
-      throw UsageError({.what = "a key of this name exists already",
+      throw UsageError({.what = "a key of this name exists",
                         .where = path,
                         .fix = "choose another --out; keys are never overwritten"});
     }

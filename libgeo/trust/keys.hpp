@@ -1,7 +1,7 @@
 // Ed25519 keys (RFC 8032) in the files that OpenSSL reads and writes: PKCS#8 PEM for private keys, SubjectPublicKeyInfo
 // PEM for public ones. A key's id is the SHA-256 of its SubjectPublicKeyInfo in DER: 64 hexadecimal digits.
 //
-// The algorithm belongs to the key that we trust, never to what a package says about itself.
+// The algorithm belongs to the trusted key, never to what a package claims.
 #pragma once
 
 #include <array>
@@ -36,8 +36,8 @@ class PublicKey {
 
 class PrivateKey {
  public:
-  // Throws UsageError for everything that is not an unencrypted Ed25519 private key, and for a file that others than
-  // its owner may read or write (mode wider than 0600).
+  // Throws UsageError for everything that is not an unencrypted Ed25519 private key, and for a file that other users may
+  // access (mode wider than 0600).
   static PrivateKey read(const std::filesystem::path& pem_file);
   static PrivateKey generate();  // from the operating system's randomness
 

@@ -2,21 +2,21 @@
 //   leaf = SHA-256(0x00 ‖ z:u8 ‖ x:u32be ‖ y:u32be ‖ sha256 of the tile's bytes)
 //   node = SHA-256(0x01 ‖ left ‖ right), the left subtree being the largest full one; no leaves: SHA-256("")
 //
-// The leaf names the tile's address, so that two tiles cannot change places. Leaves stream in: memory is one digest
-// per level.
+// The leaf holds the tile's address, so that two tiles cannot be swapped. Leaves stream in: memory is one digest per
+// level.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
-#include "base/sha256.hpp"
-#include "geodesy/tile_key.hpp"
+#include "base/digest.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 
 class MerkleTree {
  public:
-  // Leaves come in the order of TileKey; whoever adds them sees to that.
+  // Leaves must be added in the order of TileKey.
   void add(const TileKey& key, const Sha256& tile_digest);
   void add_leaf(const Sha256& leaf);
 

@@ -1,5 +1,5 @@
 // A signed permit to go back from one package to an older one, when the newer one proves bad. It names the series, both
-// numbers and a date, and may name one airframe, so that it opens nothing but what its makers meant:
+// numbers and a date, and may name one airframe, so that it allows nothing but what its makers meant:
 //   {"signed": {"schema": "nadir.rollback-permit/1", "series", "from", "to", "expires"[, "airframe"]},
 //    "signatures": […]}
 // It is signed by those who may sign packages, with the same threshold.
@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "trust/root.hpp"
 #include "trust/signed_document.hpp"
@@ -37,11 +37,11 @@ struct SignedPermit {
 
 SignedPermit sign_permit(const RollbackPermit& permit, const std::vector<const PrivateKey*>& keys);
 
-// Form only; throws Error.
+// Checks the form alone; throws Error.
 SignedPermit parse_permit(std::string_view json, std::string_view name);
 
-// What somebody wants to do.
-struct RollbackWish {
+// What somebody asks for.
+struct RollbackRequest {
   std::string series;
   std::int64_t from = 0;
   std::int64_t to = 0;
@@ -49,7 +49,7 @@ struct RollbackWish {
   UtcTime at;
 };
 
-// Empty when the permit allows exactly this. Otherwise findings permit.invalid, and those of its signatures.
-Findings check_permit(const SignedPermit& permit, const TrustRoot& root, const RollbackWish& wish);
+// No findings when the permit allows exactly this. Otherwise permit.invalid, and those of its signatures.
+Findings check_permit(const SignedPermit& permit, const TrustRoot& root, const RollbackRequest& request);
 
 }  // namespace nadir

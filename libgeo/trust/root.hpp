@@ -10,6 +10,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <set>
@@ -17,9 +18,9 @@
 #include <string_view>
 #include <vector>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
-#include "trust/dsse.hpp"
+#include "trust/signed_document.hpp"
 #include "trust/keys.hpp"
 
 namespace nadir {
@@ -61,10 +62,10 @@ struct SignedRoot {
 
 SignedRoot sign_root(TrustRoot root, const std::vector<const PrivateKey*>& keys);
 
-// One more signature, so that several people can sign one root; replaces an older one by the same key.
+// Adds a signature, so that several people can sign one root; an older one by the same key is replaced.
 void add_signature(SignedRoot& root, const PrivateKey& key);
 
-// Form only; throws Error. Whoever trusts the file must call check_self() or check_succession().
+// Checks the form alone; throws Error. Before the root is trusted, check_self() or check_succession() must pass.
 SignedRoot parse_root(std::string_view json, std::string_view name);
 
 // Reads a root that the operator trusts and checks that it is signed by its own threshold. Throws Error.
@@ -76,5 +77,24 @@ Findings check_self(const SignedRoot& root);
 // Is `next` a valid successor of the trusted root? Findings root.rollback (its version is not exactly one more),
 // signature.invalid, signature.missing.
 Findings check_succession(const TrustRoot& trusted, const SignedRoot& next);
+
+struct RootDocument {
+  std::string text;
+  std::string where;  // for findings
+};
+
+// The root of this version, or nullopt when there is none.
+using RootLookup = std::function<std::optional<RootDocument>(std::int64_t version)>;
+
+struct RootSuccession {
+  TrustRoot root;                             // the newest that was reached
+  std::map<std::int64_t, std::string> newer;  // documents of the successors, by version
+  Findings findings;                          // why the chain ended before its last document
+};
+
+// From the root that an aircraft has to the newest that it can reach: N → N+1 → N+2, each step signed by the thresholds
+// of both sides. This is how an aircraft learns of new and of revoked keys without a network. Findings: root.invalid
+// (malformed), and those of check_succession(). Documents behind a bad root are ignored.
+RootSuccession follow_root_chain(TrustRoot trusted, const RootLookup& find);
 
 }  // namespace nadir

@@ -2,11 +2,14 @@
 
 #include <fmt/format.h>
 
+#include "base/error.hpp"
+#include "trust/signed_document.hpp"
+
 namespace nadir {
 namespace {
 
 // Why a signature does not count; nullopt when it does.
-std::optional<Finding> objection(const TrustRoot& root, const Role& role, const EnvelopeSignature& signature,
+std::optional<Finding> rejection_of(const TrustRoot& root, const Role& role, const EnvelopeSignature& signature,
                                  ByteView signed_bytes, std::optional<UtcTime> at) {
   const auto known = root.keys.find(signature.keyid);
   if (root.revoked.contains(signature.keyid)) {
@@ -19,7 +22,7 @@ std::optional<Finding> objection(const TrustRoot& root, const Role& role, const 
     return Finding{.code = "key.unknown",
                    .expected = "a key to which the trust root gives this role",
                    .found = "key " + signature.keyid,
-                   .fix = "check who made this, or use the trust root of its makers"};
+                   .fix = "check the origin, or use the trust root of its makers"};
   }
   if (!known->second.key.verifies(signed_bytes, signature.signature)) {
     return Finding{.code = "signature.invalid",
@@ -43,27 +46,27 @@ SignatureCheck check_signatures(const TrustRoot& root, const Role& role,
                                 ByteView body, std::optional<UtcTime> at, std::string_view where) {
   SignatureCheck check;
   const Bytes signed_bytes = pre_authentication_encoding(payload_type, body);
-  std::vector<Finding> objections;
+  std::vector<Finding> rejections;
   std::set<std::string> good;  // a key counts once, however often it signed
   for (const EnvelopeSignature& signature : signatures) {
-    if (auto finding = objection(root, role, signature, signed_bytes, at)) {
+    if (auto finding = rejection_of(root, role, signature, signed_bytes, at)) {
       finding->where = where;
-      objections.push_back(std::move(*finding));
+      rejections.push_back(std::move(*finding));
     } else {
       good.insert(signature.keyid);
     }
   }
   const bool enough = good.size() >= role.threshold;
-  for (Finding& finding : objections) {
+  for (Finding& finding : rejections) {
     if (enough && finding.code != "signature.invalid") finding.severity = Severity::warning;
     check.findings.add(std::move(finding));
   }
-  if (!enough && (objections.empty() || !good.empty())) {
+  if (!enough && (rejections.empty() || !good.empty())) {
     check.findings.add({.code = "signature.missing",
                         .where = std::string(where),
                         .expected = fmt::format("signatures by {} trusted keys", role.threshold),
                         .found = fmt::format("{}", good.size()),
-                        .fix = "let more of the signers sign"});
+                        .fix = "collect more signatures"});
   }
   check.signers.assign(good.begin(), good.end());
   return check;
@@ -76,7 +79,7 @@ SignatureCheck check_tile_signatures(const TrustRoot& root, const std::string& a
   if (role != root.tile_signers.end()) {
     return check_signatures(root, role->second, signatures, payload_type, body, at, where);
   }
-  // Whoever revokes an airframe's last key takes the airframe out of the root: then that is the reason.
+  // Revoking an airframe's last key removes the airframe from the root: report that reason.
   for (const EnvelopeSignature& signature : signatures) {
     if (root.revoked.contains(signature.keyid)) {
       return check_signatures(root, Role(), signatures, payload_type, body, at, where);
@@ -89,6 +92,53 @@ SignatureCheck check_tile_signatures(const TrustRoot& root, const std::string& a
                       .found = "airframe " + airframe,
                       .fix = "name its key in the next root: nadir keys root --tile-signer"});
   return check;
+}
+
+namespace {
+
+constexpr const char* kFix = "provision the aircraft again, signed by a key that the root trusts";
+
+Finding unsigned_airframe(const TrustRoot& root, UnsignedAirframe without, std::string_view where) {
+  const bool refused = root.airframe_signer && without != UnsignedAirframe::allowed;
+  return {.code = "airframe.unsigned",
+          .severity = refused ? Severity::refuse : Severity::warning,
+          .where = std::string(where),
+          .expected = "a signature beside the airframe's file",
+          .found = "none",
+          .fix = refused ? "sign it (nadir provision), or on the bench: --unsigned-airframe"
+                         : "sign it (nadir provision), and name its signers in the root: nadir keys root "
+                           "--airframe-signer"};
+}
+
+}  // namespace
+
+Findings check_airframe(const TrustRoot& root, ByteView airframe, const std::optional<Bytes>& envelope, UtcTime at,
+                        UnsignedAirframe without, std::string_view where) {
+  Findings findings;
+  if (!envelope) {
+    findings.add(unsigned_airframe(root, without, where));
+    return findings;
+  }
+  const auto invalid = [&](std::string expected, std::string found) {
+    findings.add({.code = "signature.invalid",
+                  .where = std::string(where),
+                  .expected = std::move(expected),
+                  .found = std::move(found),
+                  .fix = kFix});
+  };
+  try {
+    const Envelope read = parse_envelope(as_text(*envelope), where);
+    if (read.payload_type != kAirframePayloadType) {
+      invalid("payload type " + std::string(kAirframePayloadType), read.payload_type.substr(0, 80));
+      return findings;
+    }
+    const Role& role = root.airframe_signer ? *root.airframe_signer : root.package_signer;
+    findings.add(check_signatures(root, role, read.signatures, kAirframePayloadType, airframe, at, where).findings);
+  } catch (const Error& error) {
+    invalid(error.text().expected.empty() ? "a signature envelope" : error.text().expected,
+            error.text().found.empty() ? error.text().what : error.text().found);
+  }
+  return findings;
 }
 
 }  // namespace nadir

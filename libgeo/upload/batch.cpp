@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "base/error.hpp"
-#include "trust/base64.hpp"
+#include "base/json.hpp"
+#include "ortho/candidate_sidecar.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {
@@ -18,7 +21,63 @@ json json_from(const BatchTile& tile) {
           {"sig", to_base64(tile.signature.signature)}};
 }
 
+// Strict: whole numbers and texts only (parse_json()), no member twice, none unknown.
+JsonReader::Subject subject(std::string_view name) {
+  return {.name = std::string(name), .what = "cannot accept this batch"};
+}
+
+BatchTile read_tile(const JsonReader& in, const Batch& batch) {
+  BatchTile tile;
+  tile.sidecar = read_candidate(in.value("sidecar"), in.where("sidecar"));
+  tile.sidecar_bytes = in.json()["sidecar"].dump();
+  tile.signature = read_signature(in);
+  in.finish();
+  if (tile.sidecar.airframe != batch.airframe) in.refuse("sidecar", "the batch's airframe", tile.sidecar.airframe);
+  if (tile.sidecar.flight != batch.flight) in.refuse("sidecar", "the batch's flight", tile.sidecar.flight);
+  if (tile.sidecar.base_package != batch.base_package) {
+    in.refuse("sidecar", "the batch's base package", tile.sidecar.base_package.hex());
+  }
+  return tile;
+}
+
+Batch read_contents(const JsonReader& in) {
+  in.expect("schema", kBatchSchema);
+  Batch batch{in.text("batch"), in.text("airframe"), in.text("flight"), {}, {}, {}};
+  if (!is_uuid(batch.id)) in.refuse("batch", "a UUID in lower case");
+  batch.base_package = in.digest("base_package");
+  batch.created_at = in.time("created_at");
+  if (to_rfc3339(batch.created_at) != in.text("created_at")) {
+    in.refuse("created_at", "a time like 2030-01-01T00:00:00Z");
+  }
+  const JsonReader tiles = in.array("tiles", {.least = 1, .most = kMaxBatchTiles});
+  in.finish();
+  std::set<Sha256> seen;
+  batch.tiles.reserve(tiles.size());
+  for (std::size_t i = 0; i < tiles.size(); ++i) {
+    batch.tiles.push_back(read_tile(tiles.object(i), batch));
+    const Sha256& digest = batch.tiles.back().sidecar.sha256;
+    if (!seen.insert(digest).second) in.refuse("tiles", "each tile's digest once", digest.hex() + " twice");
+  }
+  return batch;
+}
+
 }  // namespace
+
+SignedBatch read_batch(const json& document, std::string_view name) {
+  SignedDocument split = split_signed_document(document, name);
+  const JsonReader in(document, subject(name));
+  return {read_contents(in.object("signed")), std::move(split)};
+}
+
+SignedBatch parse_batch(std::string_view text, std::string_view name) {
+  if (text.size() > kMaxBatchSize) {
+    throw Error({.what = "cannot accept this batch",
+                 .where = std::string(name),
+                 .expected = fmt::format("at most {} bytes", kMaxBatchSize),
+                 .found = fmt::format("{}", text.size())});
+  }
+  return read_batch(parse_json(text, name, {.max_depth = 8, .allow_floats = false}), name);
+}
 
 std::string uuid_from(std::array<std::uint8_t, 16> random) {
   random[6] = static_cast<std::uint8_t>((random[6] & 0x0F) | 0x40);

@@ -1,6 +1,6 @@
 // Why a candidate tile is refused or rejected: a closed list, the same on both sides of the upload
 // (schemas/candidates.openapi.yaml). A code keeps its meaning for ever; a new one needs a new version of the list, so
-// that nobody meets a word that he does not know.
+// that no reader meets an unknown word.
 #pragma once
 
 #include <cstdint>

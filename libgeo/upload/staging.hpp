@@ -1,20 +1,22 @@
-// Into the outbox, and into signed batches.
+// Puts candidates into the outbox and into signed batches, and checks what the outbox holds.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <string>
 
-#include "base/finding.hpp"
+#include "base/error.hpp"
 #include "ortho/candidate_store.hpp"
-#include "upload/outbox_database.hpp"
 #include "trust/keys.hpp"
+#include "upload/batch.hpp"
+#include "upload/outbox.hpp"
 
 namespace nadir {
 
 // Puts candidates in, all in one transaction; those that were staged before (the very same sidecar) are passed over,
-// but for those that were set aside as damaged: these take their place. How many are new or mended.
+// but for those that were set aside as damaged: these take their place. How many are new or repaired.
 std::int64_t stage_candidates(OutboxDatabase& outbox, std::span<const Candidate> candidates, std::int64_t now_ms);
 
 struct SealedSum {
@@ -27,5 +29,25 @@ struct SealedSum {
 // batch holds. Tiles that are not as they were staged are set aside, and no batch waits for them.
 SealedSum seal_batches(OutboxDatabase& outbox, const PrivateKey& key, std::int64_t now_ms,
                        const std::function<std::array<std::uint8_t, 16>()>& random_bytes);
+
+// A tile as the outbox holds it, checked against its own digests: a byte that was changed on disk is found
+// before it is signed or sent. A damaged tile is set aside (DAMAGED); the others proceed.
+struct StoredTile {
+  std::int64_t id = 0;
+  BatchTile tile;      // when it is sound
+  std::string damage;  // what is wrong with it; empty: nothing
+};
+
+// Reads what each row of this selection holds; the caller adds WHERE and ORDER BY.
+inline constexpr std::string_view kSelectStoredTiles =
+    "SELECT tile.id, candidate, tile.sha256, size, airframe, flight, base_package, sidecar, keyid, signature, bytes"
+    " FROM tile LEFT JOIN blob ON blob.tile = tile.id ";
+StoredTile read_stored_tile(const SqliteStatement& row);
+
+// Whether the bytes have this SHA-256.
+bool matches_digest(ByteView bytes, ByteView sha256);
+
+// Within a transition: the tile waits until a sound copy is staged. Returns the finding `outbox.damaged`.
+Finding set_aside(const OutboxDatabase& outbox, const StoredTile& tile, std::int64_t now_ms);
 
 }  // namespace nadir

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "upload/outbox_database.hpp"
-#include "upload/replies.hpp"
+#include "upload/outbox.hpp"
+#include "upload/service_client.hpp"
 
 namespace nadir {
 
@@ -24,7 +24,7 @@ struct OpenBatch {
   BatchStage stage = BatchStage::sealed;
   std::string upload;
   std::uint64_t part_max = 0;
-  int attempts = 0;  // in vain, since something last came forward
+  int attempts = 0;  // failed, since the last progress
   std::int64_t not_before_ms = 0;
 };
 
@@ -36,7 +36,7 @@ struct OpenPack {
   bool begun = false;  // the service may have bytes of it
 };
 
-// Which verdicts came.
+// Verdicts by kind.
 struct VerdictSum {
   std::int64_t accepted = 0, rejected = 0, duplicate = 0, pending = 0;
 };
@@ -58,9 +58,9 @@ class Transfer {
   explicit Transfer(OutboxDatabase& outbox) : outbox_(outbox) {}
 
   // A program that was killed left tiles SENDING: they are WAITING. An attempt that would be due in more than a day was
-  // put off by another clock: it is due in a day.
+  // set by another clock: it is due in a day.
   void recover(std::int64_t now_ms);
-  // Until when an earlier run was asked to leave the service alone, or meant to; 0: no longer.
+  // Until when an earlier run was asked to leave the service alone, or decided to; 0: no longer.
   std::int64_t service_not_before_ms() const;
 
   // The one whose turn it is: the earliest of those that may be tried now, else the one that may be tried next.
@@ -68,7 +68,7 @@ class Transfer {
   std::string document(const OpenBatch& batch) const;
   std::int64_t unsent_tiles() const;
 
-  // Throws WrongAnswer when it is not about just the tiles of the batch, DamagedBatch when a picture that the service
+  // Throws WrongAnswer when it is not about just the tiles of the batch, DamagedBatch when an image that the service
   // lacks is not what was staged.
   void announced(const OpenBatch& batch, const AnnouncementReply& answer, std::int64_t now_ms);
 
@@ -87,9 +87,9 @@ class Transfer {
   void delay(const OpenBatch& batch, int attempts, std::int64_t not_before_ms, const std::string& why);
   void await_verdicts(const OpenBatch& batch, int attempts, std::int64_t not_before_ms);
 
-  // How often this has gone wrong with the batch, this time included; kept until it is parked or tried again by hand.
-  int strike(const OpenBatch& batch, std::string_view kind);
-  void forgive(const OpenBatch& batch, std::initializer_list<std::string_view> kinds);
+  // How often this failure has occurred with the batch, this time included; kept until it is parked or retried by hand.
+  int count_failure(const OpenBatch& batch, std::string_view kind);
+  void reset_failures(const OpenBatch& batch, std::initializer_list<std::string_view> kinds);
 
  private:
   void interrupt(std::int64_t batch, std::int64_t now_ms);

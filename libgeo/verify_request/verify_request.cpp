@@ -8,19 +8,19 @@
 namespace nadir {
 
 void VerifyRequest::setup(Options& options, Trust trust) {
-  Option trust_option = options.value("--trust", trust_file_, "ROOT.json", "the trust root");
+  Option trust_option = options.value("--trust", trust_file_, "ROOT.json", "root of trust");
   if (trust == Trust::required) trust_option.required();
-  options.value("--airframe", airframe_, "ID", "refuse packages that are not for this airframe");
-  options.value("--state", state_file_, "STATE.json", "what this aircraft has accepted before; updated on acceptance");
-  options.value("--permit", permit_file_, "PERMIT.json", "signed permit to go back to this older package")
+  options.value("--airframe", airframe_, "ID", "reject packages that are not for this airframe");
+  options.value("--state", state_file_, "STATE.json", "packages that this aircraft has accepted before; updated on acceptance");
+  options.value("--permit", permit_file_, "PERMIT.json", "signed permit for a rollback to this package")
       .needs("--state");
-  options.value("--at", at_, "TIME", "judge as if it were this time");
+  options.value("--at", at_, "TIME", "evaluate validity as of this time");
 }
 
 VerifyOptions VerifyRequest::open(const Clock& clock) {
-  if (trust_file_.empty()) throw UsageError({.what = "--trust is missing", .expected = "--trust ROOT.json"});
+  if (trust_file_.empty()) throw UsageError({.what = "--trust ROOT.json is required"});
   root_ = read_trusted_root(trust_file_);
-  judged_at_ = judging_time(at_, clock);
+  evaluated_at_ = evaluation_time(at_, clock);
   if (state_file_) {
     StateReading reading = check_state(*state_file_);
     findings_.add(reading.findings);
@@ -29,7 +29,7 @@ VerifyOptions VerifyRequest::open(const Clock& clock) {
   if (permit_file_) read_permit(*permit_file_);
   VerifyOptions options;
   options.root = &root_;
-  options.at = judged_at_;
+  options.at = evaluated_at_;
   options.airframe = airframe_;
   options.state = state_ ? &*state_ : nullptr;
   options.permit = permit_ ? &*permit_ : nullptr;
@@ -45,14 +45,14 @@ void VerifyRequest::read_permit(const std::filesystem::path& path) {
                    .where = path.string(),
                    .expected = error.text().expected.empty() ? "a rollback permit" : error.text().expected,
                    .found = error.text().found.empty() ? error.text().what : error.text().found,
-                   .fix = "get the permit again from the signers"});
+                   .fix = "obtain the permit from the signers again"});
   }
 }
 
-void VerifyRequest::remember(const Manifest& manifest, std::int64_t root_version,
+void VerifyRequest::record_acceptance(const Manifest& manifest, std::int64_t root_version,
                              const std::map<std::int64_t, std::string>& newer_roots) {
   if (!state_) return;
-  state_->accept(manifest.series, manifest.sequence, root_version, judged_at_, newer_roots);
+  state_->accept(manifest.series, manifest.sequence, root_version, evaluated_at_, newer_roots);
   write_state(*state_file_, *state_);
 }
 

@@ -1,4 +1,4 @@
-// How a package is asked to be verified: the options of `nadir cache verify` and of `nadird --check`, and what both do
+// How a package is to be verified: the options of `nadir cache verify` and of `nadird --check`, and what both do
 // with them.
 #pragma once
 
@@ -15,7 +15,7 @@ class Options;
 
 class VerifyRequest {
  public:
-  // A program that also does things without a package asks for its trust root only when it opens one.
+  // Optional for a program that also works without a package; then open() requires it.
   enum class Trust { required, optional };
   void setup(Options& options, Trust trust = Trust::required);
 
@@ -30,12 +30,12 @@ class VerifyRequest {
   // cannot be read.
   VerifyOptions open(const Clock& clock);
 
-  // A damaged state or permit, to be joined to what verification finds. Such a state is neither taken for an empty one
+  // A damaged state or permit, to be added to those of the verification. Such a state is neither treated as empty
   // nor overwritten.
   const Findings& findings() const { return findings_; }
 
-  // Remembers an accepted package when there is a state.
-  void remember(const Manifest& manifest, std::int64_t root_version,
+  // Records an accepted package in the state, if there is one.
+  void record_acceptance(const Manifest& manifest, std::int64_t root_version,
                 const std::map<std::int64_t, std::string>& newer_roots);
 
  private:
@@ -50,7 +50,7 @@ class VerifyRequest {
   TrustRoot root_;
   std::optional<AircraftState> state_;
   std::optional<SignedPermit> permit_;
-  UtcTime judged_at_;
+  UtcTime evaluated_at_;
   Findings findings_;
 };
 

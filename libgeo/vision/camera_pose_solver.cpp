@@ -1,20 +1,20 @@
 #include "vision/camera_pose_solver.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include "vision/robust_gauss_newton.hpp"
 
 namespace nadir {
 namespace {
 
-// Unknowns: east, north (m), log height, heading, pitch, roll (rad), slope of the ground to the east and to the north.
 constexpr int kUnknowns = 8;
-using Vector = Eigen::Matrix<double, kUnknowns, 1>;
-using Matrix = Eigen::Matrix<double, kUnknowns, kUnknowns>;
-using Jacobian = Eigen::Matrix<double, 2, kUnknowns>;
-
-constexpr int kIterations = 25;
-constexpr double kMinDownComponent = 0.2;  // of a ray: flatter ones see the horizon
+using Normal = NormalEquations<kUnknowns>;
+using Vector = Normal::Vector;
+using Matrix = Normal::Matrix;
+using Jacobian = Normal::Jacobian;
 
 struct Scene {
   CameraPose pose;
@@ -33,68 +33,54 @@ Scene moved(const Scene& scene, const Vector& step) {
   return result;
 }
 
-// Where the ray meets the sloping ground at the sight's height.
-std::optional<Eigen::Vector2d> hit(const Scene& scene, const Eigen::Matrix3d& rotation, const GroundCorrespondence& sight) {
-  const Eigen::Vector3d direction = rotation * sight.ray;
-  const double down = -direction.z() + scene.slope.dot(direction.head<2>());
-  if (down < kMinDownComponent * direction.norm()) return std::nullopt;
-  const double along = (scene.pose.agl_m - sight.height_m) / down;
-  return Eigen::Vector2d(scene.pose.position.east_m, scene.pose.position.north_m) + along * direction.head<2>();
-}
+// A scene with its rotation, which all rays share.
+struct Oriented {
+  explicit Oriented(const Scene& at) : scene(at), rotation(enu_from_camera(at.pose.attitude)) {}
 
-// A scene with its rotation, and the scenes a small step to both sides of every unknown: central differences, because
-// cheap projections are clearer than the closed form and exact to 1e-9 here.
+  std::optional<Eigen::Vector2d> predicted(const GroundCorrespondence& correspondence) const {
+    return sloping_ground_from_ray(scene.pose, rotation, correspondence.ray, scene.slope, correspondence.height_m);
+  }
+
+  Scene scene;
+  Eigen::Matrix3d rotation;
+};
+
+// A scene, and the scenes a small step to both sides of every unknown but the position.
 class Linearised {
  public:
-  explicit Linearised(const Scene& scene) : here_{scene, enu_from_camera(scene.pose.attitude)} {
+  explicit Linearised(const Scene& scene) : here_(scene) {
     for (int k = 2; k < kUnknowns; ++k) {
       for (const double sign : {1.0, -1.0}) {
         Vector change = Vector::Zero();
-        change[k] = sign * kStep;
-        const Scene near = moved(scene, change);
-        near_.push_back({near, enu_from_camera(near.pose.attitude)});
+        change[k] = sign * kJacobianStep;
+        near_.emplace_back(moved(scene, change));
       }
     }
   }
 
-  std::optional<Eigen::Vector2d> hit_of(const GroundCorrespondence& sight) const {
-    return hit(here_.scene, here_.rotation, sight);
+  std::optional<Eigen::Vector2d> predicted(const GroundCorrespondence& correspondence) const {
+    return here_.predicted(correspondence);
   }
 
-  std::optional<Jacobian> jacobian_of(const GroundCorrespondence& sight) const {
-    Jacobian jacobian = Jacobian::Zero();
-    jacobian(0, 0) = jacobian(1, 1) = 1;
-    for (int k = 2; k < kUnknowns; ++k) {
-      const Oriented& up = near_[static_cast<std::size_t>(2 * (k - 2))];
-      const Oriented& down = near_[static_cast<std::size_t>(2 * (k - 2) + 1)];
-      const auto ahead = hit(up.scene, up.rotation, sight), behind = hit(down.scene, down.rotation, sight);
-      if (!ahead || !behind) return std::nullopt;
-      jacobian.col(k) = (*ahead - *behind) / (2 * kStep);
-    }
-    return jacobian;
+  std::optional<Jacobian> jacobian_of(const GroundCorrespondence& correspondence) const {
+    const auto ahead = [&](int k) { return near_[static_cast<std::size_t>(2 * (k - 2))].predicted(correspondence); };
+    const auto behind = [&](int k) {
+      return near_[static_cast<std::size_t>(2 * (k - 2) + 1)].predicted(correspondence);
+    };
+    return numeric_jacobian<kUnknowns>(ahead, behind);
   }
 
  private:
-  static constexpr double kStep = 1e-5;
-  struct Oriented {
-    Scene scene;
-    Eigen::Matrix3d rotation;
-  };
   Oriented here_;
   std::vector<Oriented> near_;
 };
 
-Eigen::Matrix2d information_of(const GroundCorrespondence& sight, const SolverOptions& options) {
+Eigen::Matrix2d information_of(const GroundCorrespondence& correspondence, const SolverOptions& options) {
   const Eigen::Matrix2d floor = Eigen::Matrix2d::Identity() * (options.min_sigma_m * options.min_sigma_m);
-  return (sight.information_m2.inverse() + floor).inverse();
+  return (correspondence.information_m2.inverse() + floor).inverse();
 }
 
-struct Normal {
-  Matrix information = Matrix::Zero();
-  Vector gradient = Vector::Zero();
-};
-
-// Prior terms on height, heading, tilt and slope as seen from the present scene.
+// Prior terms on height, heading, tilt and slope, linearised at the present scene.
 Normal prior_terms(const Scene& scene, const PosePrior& prior) {
   const CameraPose& pose = scene.pose;
   Normal normal;
@@ -110,64 +96,91 @@ Normal prior_terms(const Scene& scene, const PosePrior& prior) {
   return normal;
 }
 
-// What the sights say once the priors on the pose are taken away; the one on the slope stays.
-void tell_sighted(SolvedPose& solved, const Scene& scene, const Matrix& information, const PosePrior& prior) {
-  const Normal from_prior = prior_terms(scene, prior);
-  // Where the whole is settled, the sights pull exactly against the priors.
-  Matrix sights = information;
-  sights.topLeftCorner<6, 6>() -= from_prior.information.topLeftCorner<6, 6>();
-  const Vector pull = -from_prior.gradient;
-  const Eigen::Matrix<double, 6, 2> with_slope = sights.topRightCorner<6, 2>();
-  const Eigen::Matrix2d slope = sights.bottomRightCorner<2, 2>().inverse();
-  solved.sighted_information = sights.topLeftCorner<6, 6>() - with_slope * slope * with_slope.transpose();
-  solved.sighted_pull = pull.head<6>();
-}
+// See robust_gauss_newton().
+class PoseProblem {
+ public:
+  PoseProblem(const std::vector<GroundCorrespondence>& correspondences, const PosePrior& prior,
+              const SolverOptions& options)
+      : correspondences_(correspondences),
+        prior_(prior),
+        options_(options),
+        scene_{prior.pose},
+        scale_m_(kPoseBeginScale * options.inlier_m) {}
 
-}  // namespace
-
-std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundCorrespondence>& sights, const PosePrior& prior,
-                                            const SolverOptions& options) {
-  if (sights.size() < 4) return std::nullopt;
-  SolvedPose solved;
-  Scene scene{prior.pose};
-  Normal total;
-  double scale_m = 4 * options.inlier_m;  // graduated: begin nearly convex, end at the inlier bound
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
-    total = prior_terms(scene, prior);
-    const Linearised here(scene);
-    solved.inlier.assign(sights.size(), false);
-    solved.residual_m.resize(sights.size());
-    solved.inliers = 0;
+  std::optional<Normal> linearize() {
+    total_ = prior_terms(scene_, prior_);
+    const Linearised here(scene_);
+    solved_.inlier.assign(correspondences_.size(), false);
+    solved_.residual_m.resize(correspondences_.size());
+    solved_.inliers = 0;
     double squares = 0;
-    for (std::size_t i = 0; i < sights.size(); ++i) {
-      const auto at = here.hit_of(sights[i]);
-      const auto jacobian = here.jacobian_of(sights[i]);
+    for (std::size_t i = 0; i < correspondences_.size(); ++i) {
+      const GroundCorrespondence& correspondence = correspondences_[i];
+      const auto at = here.predicted(correspondence);
+      const auto jacobian = here.jacobian_of(correspondence);
       if (!at || !jacobian) return std::nullopt;
-      const Eigen::Vector2d residual = Eigen::Vector2d(sights[i].ground.east_m, sights[i].ground.north_m) - *at;
-      solved.residual_m[i] = residual;
+      const Eigen::Vector2d residual =
+          Eigen::Vector2d(correspondence.ground.east_m, correspondence.ground.north_m) - *at;
+      solved_.residual_m[i] = residual;
       const double squared = residual.squaredNorm();
-      const double shrink = scale_m * scale_m / (scale_m * scale_m + squared);
-      const Eigen::Matrix2d weight = shrink * shrink * information_of(sights[i], options);
-      total.information += jacobian->transpose() * weight * *jacobian;
-      total.gradient += jacobian->transpose() * weight * residual;
-      if (squared <= options.inlier_m * options.inlier_m) {
-        solved.inlier[i] = true;
-        ++solved.inliers;
+      const Eigen::Matrix2d weight = geman_mcclure_weight(squared, scale_m_) * information_of(correspondence, options_);
+      total_.add(*jacobian, weight, residual);
+      if (squared <= options_.inlier_m * options_.inlier_m) {
+        solved_.inlier[i] = true;
+        ++solved_.inliers;
         squares += squared;
       }
     }
-    solved.rms_m = solved.inliers > 0 ? std::sqrt(squares / solved.inliers) : 0;
-    const Vector step = total.information.ldlt().solve(total.gradient);
-    if (!step.allFinite() || step.tail<6>().cwiseAbs().maxCoeff() > 1.0) return std::nullopt;
-    scene = moved(scene, step);
-    const bool settled = step.head<2>().norm() < 1e-4 && step.tail<6>().norm() < 1e-6;
-    if (settled && scale_m <= options.inlier_m) break;
-    scale_m = std::max(options.inlier_m, scale_m * 0.7);
+    solved_.rms_m = solved_.inliers > 0 ? std::sqrt(squares / solved_.inliers) : 0;
+    return total_;
   }
-  solved.pose = scene.pose;
-  solved.covariance = total.information.inverse().topLeftCorner<6, 6>();
-  tell_sighted(solved, scene, total.information, prior);
-  return solved;
+
+  void apply(const Vector& step) { scene_ = moved(scene_, step); }
+
+  bool finished(bool converged) {
+    if (converged && scale_m_ <= options_.inlier_m) return true;
+    scale_m_ = std::max(options_.inlier_m, scale_m_ * kPoseNarrowing);
+    return false;
+  }
+
+  SolvedPose solved() && {
+    solved_.pose = scene_.pose;
+    solved_.covariance = total_.information.inverse().topLeftCorner<6, 6>();
+    separate_measurements();
+    return std::move(solved_);
+  }
+
+ private:
+  // What the correspondences say once the priors on the pose are taken away; the one on the slope stays. Where the
+  // whole has converged, the measurements' gradient balances the priors'.
+  void separate_measurements() {
+    const Normal from_prior = prior_terms(scene_, prior_);
+    Matrix measured = total_.information;
+    measured.topLeftCorner<6, 6>() -= from_prior.information.topLeftCorner<6, 6>();
+    const Vector pull = -from_prior.gradient;
+    const Eigen::Matrix<double, 6, 2> with_slope = measured.topRightCorner<6, 2>();
+    const Eigen::Matrix2d slope = measured.bottomRightCorner<2, 2>().inverse();
+    solved_.measurement_information = measured.topLeftCorner<6, 6>() - with_slope * slope * with_slope.transpose();
+    solved_.measurement_gradient = pull.head<6>();
+  }
+
+  const std::vector<GroundCorrespondence>& correspondences_;
+  const PosePrior& prior_;
+  const SolverOptions& options_;
+  Scene scene_;
+  double scale_m_;  // graduated: begin nearly convex, end at the inlier bound
+  Normal total_;
+  SolvedPose solved_;
+};
+
+}  // namespace
+
+std::optional<SolvedPose> solve_camera_pose(const std::vector<GroundCorrespondence>& correspondences,
+                                            const PosePrior& prior, const SolverOptions& options) {
+  if (correspondences.size() < kMinCorrespondences) return std::nullopt;
+  PoseProblem problem(correspondences, prior, options);
+  if (!robust_gauss_newton(problem, kPoseIterations)) return std::nullopt;
+  return std::move(problem).solved();
 }
 
 }  // namespace nadir

@@ -1,12 +1,19 @@
-// Masked, normalised cross-correlation of multi-channel pictures by FFT (after Padfield 2012, per channel and summed).
+// Masked, normalised cross-correlation of multi-channel images (after Padfield 2012, per channel and summed).
 //
 // For every placement of the template inside the window:
 //   score = Σ_c Σ_x (T_c(x) − mean T_c)(M_c(x+u) − mean M_c(u)) / (|T| |M(u)|)
 // with all means and norms under the template's mask. Subtracting each channel's mean matters: without it the score
 // follows the map's texture density and is hundreds of metres off.
+//
+// Two implementations of one score: by FFT for all placements in a window (WindowSpectra, correlate), and as a direct
+// sum over integers for the few placements around an expected position (LocalTemplate), where that is far cheaper, and
+// the same on every processor.
 #pragma once
 
+#include <cstdint>
+#include <memory>
 #include <opencv2/core/mat.hpp>
+#include <optional>
 #include <vector>
 
 #include "vision/oriented_channels.hpp"
@@ -36,7 +43,7 @@ class WindowSpectra {
 class TemplateNorm {
  public:
   // min_valid: share of the template that must lie on valid map for a placement to count.
-  TemplateNorm(const Channels& shape, const WindowSpectra& window, double min_valid = 0.6);
+  TemplateNorm(const Channels& shape, const WindowSpectra& window, double min_valid = kMinValidShare);
 
  private:
   friend cv::Mat correlate(const Channels&, const WindowSpectra&, const TemplateNorm&);
@@ -62,5 +69,72 @@ Peak best_peak(const cv::Mat& scores);
 
 // The strongest maxima that are at least min_distance_px apart, best first.
 std::vector<Peak> distinct_peaks(const cv::Mat& scores, std::size_t count, double min_distance_px);
+
+// Channels as integers (steps of 1/256, at most ±511), all channels of a pixel side by side.
+class QuantizedChannels {
+ public:
+  explicit QuantizedChannels(const Channels& channels);
+
+  cv::Size size() const { return mask_.size(); }
+  const cv::Mat& mask() const { return mask_; }
+
+ private:
+  friend class LocalTemplate;
+
+  cv::Mat mask_;
+  std::size_t channels_ = 0;
+  bool means_removed_ = true;
+  // Not vectors, because those would be filled with zeros first: megabytes for each image.
+  std::unique_ptr<std::int16_t[]> values_;   // row by row, pixel by pixel, less the mean, 0 where the mask is
+  std::unique_ptr<std::int32_t[]> sums_;     // of each channel from the row's start up to the pixel; one more per row
+  std::unique_ptr<std::int64_t[]> squares_;  // of all channels, likewise
+  std::unique_ptr<std::int32_t[]> valid_;    // pixels, likewise
+};
+
+// A part of an image as the template of direct correlations.
+class LocalTemplate {
+ public:
+  // `of` must outlive it; `part` lies inside.
+  LocalTemplate(const QuantizedChannels& of, const cv::Rect& part);
+
+  // Scores (CV_32FC1) with the template's top-left corner at `first` of `window` and at placements.width - 1 further
+  // ones to the right and placements.height - 1 down, `step` pixels apart, all inside the window. -1 where less than
+  // `min_valid` of the template lies on valid pixels of the window.
+  cv::Mat scores(const QuantizedChannels& window, cv::Point first, cv::Size placements,
+                 double min_valid = kMinValidShare, int step = 1) const;
+
+ private:
+  struct Run {  // of valid pixels in a row of the template
+    int row = 0, begin = 0, end = 0;
+  };
+  const QuantizedChannels* of_;
+  cv::Rect part_;
+  std::vector<Run> runs_;
+  double pixels_ = 0;
+  double energy_ = 0;         // sum of squares, the channels' means removed
+  std::vector<double> sums_;  // of each channel
+};
+
+// The channels of a region of the map, computed once for all templates that are compared with it.
+class MapChannels {
+ public:
+  // image: grey; mask: 0 where there is no map. Both are shared, not copied.
+  MapChannels(cv::Mat image, cv::Mat mask, ChannelSet set, const ChannelOptions& options);
+
+  cv::Size map_size() const { return image_.size(); }
+  // Computes them over `part` of the map's pixels and a margin, unless they are there already. What lies beyond the map
+  // is not valid.
+  void cover(const cv::Rect& part);
+  // Of the region covered last, and where in it a pixel of the map lies.
+  const QuantizedChannels& channels() const { return *channels_; }
+  cv::Point inside(cv::Point map_pixel) const { return map_pixel - part_.tl(); }
+
+ private:
+  cv::Mat image_, mask_;
+  ChannelSet set_;
+  ChannelOptions options_;
+  cv::Rect part_;
+  std::optional<QuantizedChannels> channels_;
+};
 
 }  // namespace nadir

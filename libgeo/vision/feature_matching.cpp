@@ -4,7 +4,7 @@
 #include <limits>
 #include <opencv2/core.hpp>
 
-#include "base/processor.hpp"
+#include "base/platform.hpp"
 
 namespace nadir {
 namespace {

@@ -1,4 +1,4 @@
-// Which features of two pictures are the same: nearest descriptors, where the second nearest is clearly farther.
+// Which features of two images are the same: nearest descriptors, by the ratio test (Lowe 2004).
 //
 // SIFT's descriptors are whole numbers from 0 to 255, so distances are computed in integers: exact, the same on every
 // processor, and a fraction of the cost of floats.

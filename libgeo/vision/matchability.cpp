@@ -13,27 +13,10 @@
 namespace nadir {
 namespace {
 
-// What another day does to a picture, as far as a flight's sweep leaves it over: half a step of heading and scale, and
-// noise of several sizes: sensors at one pixel, crops and shadows at many. The amounts are set so that scores become
-// those of real flights (docs/concepts.md, matchability).
-constexpr double kTurn_rad = 0.026;
-constexpr double kScale = 0.02;
-constexpr double kShift_px = 0.5;
-constexpr int kNoiseSide = 1024;
-struct NoiseLayer {
-  double sigma_px;     // of the blur that makes it
-  double grey_levels;  // one sigma
-};
-constexpr std::array<NoiseLayer, 3> kNoise{{{0.0, 6.0}, {1.5, 9.0}, {4.0, 9.0}}};
-// The noise above is for a map of this texture; one of more contrast is no easier to match for it. A dull map is not
-// given less noise: sensors have theirs.
-constexpr double kNoiseTexture = 4.5;
-constexpr double kMaxRatio = 2;
-
 cv::Mat make_noise(std::uint64_t seed) {
-  cv::Mat sum = cv::Mat::zeros(kNoiseSide, kNoiseSide, CV_32FC1);
+  cv::Mat sum = cv::Mat::zeros(kNoiseSide_px, kNoiseSide_px, CV_32FC1);
   Random random = Random(seed).fork("matchability");
-  for (const NoiseLayer& layer : kNoise) {
+  for (const NoiseLayer& layer : kWornNoise) {
     cv::Mat field(sum.size(), CV_32FC1);
     for (float& value : cv::Mat_<float>(field)) value = static_cast<float>(random.normal());
     if (layer.sigma_px > 0) cv::GaussianBlur(field, field, cv::Size(), layer.sigma_px);
@@ -51,11 +34,12 @@ struct Pattern {
 
 // The middle `side` pixels of the window as the frame of another day.
 Pattern worn_pattern(const MapWindow& window, int side, const cv::Mat& noise, double contrast, Random random) {
-  const double turn = random.uniform(-kTurn_rad, kTurn_rad), scale = 1 + random.uniform(-kScale, kScale);
+  const double turn = random.uniform(-kWornTurn_rad, kWornTurn_rad),
+               scale = 1 + random.uniform(-kWornScale, kWornScale);
   const double c = std::cos(turn) * scale, s = std::sin(turn) * scale;
   const double half = (side - 1) / 2.0;
-  const double x = (window.image.cols - 1) / 2.0 + random.uniform(-kShift_px, kShift_px);
-  const double y = (window.image.rows - 1) / 2.0 + random.uniform(-kShift_px, kShift_px);
+  const double x = (window.image.cols - 1) / 2.0 + random.uniform(-kWornShift_px, kWornShift_px);
+  const double y = (window.image.rows - 1) / 2.0 + random.uniform(-kWornShift_px, kWornShift_px);
   const cv::Matx23d window_from_pattern(c, -s, x - c * half + s * half, s, c, y - s * half - c * half);
   const cv::Size size(side, side);
   Pattern pattern;
@@ -65,25 +49,25 @@ Pattern worn_pattern(const MapWindow& window, int side, const cv::Mat& noise, do
   cv::warpAffine(window.mask, pattern.mask, window_from_pattern, size, kHow, cv::BORDER_CONSTANT, cv::Scalar(0));
   cv::threshold(pattern.mask, pattern.mask, 254, 255, cv::THRESH_BINARY);
   // Somewhere in the noise, mirrored at its borders where a footprint is larger than it.
-  const cv::Point at(random.integer(0, std::max(0, kNoiseSide - side)),
-                     random.integer(0, std::max(0, kNoiseSide - side)));
+  const cv::Point at(random.integer(0, std::max(0, kNoiseSide_px - side)),
+                     random.integer(0, std::max(0, kNoiseSide_px - side)));
   cv::Mat worn(size, CV_8UC1);
   const auto gain = static_cast<float>(contrast);
   const auto middle = static_cast<float>(cv::mean(grey, pattern.mask)[0]);
   for (int row = 0; row < side; ++row) {
     const auto* from = grey.ptr<std::uint8_t>(row);
-    const auto* add = noise.ptr<float>((at.y + row) % kNoiseSide);
+    const auto* add = noise.ptr<float>((at.y + row) % kNoiseSide_px);
     auto* to = worn.ptr<std::uint8_t>(row);
     for (int column = 0; column < side; ++column) {
       to[column] = cv::saturate_cast<std::uint8_t>(middle + gain * (static_cast<float>(from[column]) - middle) +
-                                                   add[(at.x + column) % kNoiseSide]);
+                                                   add[(at.x + column) % kNoiseSide_px]);
     }
   }
   pattern.image = worn;
   return pattern;
 }
 
-// Entropy of how the strength of the borders is shared out among the orientations.
+// Entropy of the distribution of edge strength over the orientations.
 double entropy_of(const std::vector<cv::Mat>& pairs, const cv::Rect& part, const cv::Mat& mask) {
   std::vector<double> shares;
   double sum = 0;
@@ -94,7 +78,7 @@ double entropy_of(const std::vector<cv::Mat>& pairs, const cv::Rect& part, const
       sum += share;
     }
   }
-  if (sum < 1e-9) return 0;
+  if (sum < kMinEdgeStrength) return 0;
   double entropy = 0;
   for (const double share : shares) {
     if (share > 0) entropy -= share / sum * std::log(share / sum);
@@ -122,11 +106,10 @@ MatchabilityProbe::MatchabilityProbe(const MatchabilityOptions& options)
 double MatchabilityProbe::reach_m() const { return options_.radius_m + options_.footprint_m / 2; }
 
 double MatchabilityProbe::texture_of(const cv::Mat& grey, const cv::Mat& mask) {
-  cv::Mat smooth, x, y;
+  cv::Mat smooth;
   grey.convertTo(smooth, CV_32F);
-  cv::GaussianBlur(smooth, smooth, cv::Size(), 1.0);
-  cv::Sobel(smooth, x, CV_32F, 1, 0, 3, 0.125);
-  cv::Sobel(smooth, y, CV_32F, 0, 1, 3, 0.125);
+  cv::GaussianBlur(smooth, smooth, cv::Size(), kTextureSigma_px);
+  const auto [x, y] = image_gradient(smooth);
   return std::sqrt(cv::mean(x.mul(x) + y.mul(y), mask)[0]);
 }
 
@@ -145,13 +128,13 @@ PlaceMatchability MatchabilityProbe::probe(const MapWindow& window, std::uint64_
   place.entropy = entropy_of(map.pairs, footprint, shown);
   place.texture = texture_of(window.image(footprint), shown);
 
-  const double contrast = std::min(1.0, kNoiseTexture / std::max(1e-6, options_.typical_texture));
+  const double contrast = std::min(1.0, kNoiseTexture / std::max(kMinTypicalTexture, options_.typical_texture));
   const Pattern pattern = worn_pattern(window, side, noise_, contrast, Random(options_.seed).fork("place", number));
   const Channels worn = oriented_channels(pattern.image, pattern.mask, ChannelSet::six_orientations);
   const WindowSpectra spectra(map);
   const cv::Mat scores = correlate(worn, spectra, TemplateNorm(worn, spectra, options_.limits.min_valid));
 
-  // Here: within the distance at which two places are one. Elsewhere: the rest.
+  // Here: within the distance below which two places are one. Elsewhere: the rest.
   cv::Mat here(scores.size(), CV_8UC1, cv::Scalar(0));
   cv::circle(here, corner, static_cast<int>(std::lround(options_.distinct_m / window.gsd_m)), cv::Scalar(255),
              cv::FILLED);
@@ -159,7 +142,8 @@ PlaceMatchability MatchabilityProbe::probe(const MapWindow& window, std::uint64_
   cv::minMaxLoc(scores, nullptr, &best_here, nullptr, nullptr, here);
   cv::minMaxLoc(scores, nullptr, &best_elsewhere, nullptr, nullptr, here == 0);
   place.score = std::max(0.0, best_here);
-  place.ratio = best_here > 0 ? std::clamp(best_elsewhere / best_here, 0.0, kMaxRatio) : kMaxRatio;
+  place.ratio =
+      best_here > 0 ? std::clamp(best_elsewhere / best_here, 0.0, kMaxMatchabilityRatio) : kMaxMatchabilityRatio;
   place.cls = class_of(place, options_.limits);
   return place;
 }

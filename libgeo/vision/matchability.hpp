@@ -1,27 +1,28 @@
-// How well could a frame taken here be placed on the map? Asked of the map alone, before anybody flies.
+// How well could a frame taken here be found on the map? Evaluated from the map alone, before any flight.
 //
-// The map at the place plays the frame: it is cut out a little turned, scaled and shifted, drowned in noise as if
-// another season and sensor had seen it, and correlated with the map around it as in flight (vision/place_search.hpp).
-// A village is found again far better than anything else fits; water, bare fields and endless rows of one crop are not.
+// The map at the place serves as the frame: it is cut out a little turned, scaled and shifted, degraded with noise as
+// if taken in another season by another sensor, and correlated with the map around it as in flight
+// (vision/map_search.hpp). A village is found far better than anything else fits; water, bare fields and endless rows
+// of one crop are not.
 #pragma once
 
 #include <cstdint>
 #include <opencv2/core/mat.hpp>
 
 #include "imagery/map_window.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
 enum class MatchClass : std::uint8_t {
-  outside = 0,  // not asked
+  outside = 0,  // not evaluated
   good = 1,     // a frame may anchor on its own
   weak = 2,     // only where a healthy prediction says the same
   poor = 3,     // no anchor is to be expected
 };
 const char* name_of(MatchClass cls);
 
-// Beyond these a flight's gates refuse; whoever asks fills them in from there (estimation/anchor_gates.hpp), because
-// there they stand.
+// Beyond these the localizer rejects an anchor. The caller fills them in from libgeo/estimation.
 struct MatchabilityLimits {
   double good_ratio = 0;
   double weak_ratio = 0;
@@ -30,11 +31,11 @@ struct MatchabilityLimits {
 };
 
 struct MatchabilityOptions {
-  double footprint_m = 120;    // side of the square that plays the frame
-  double gsd_m = 1;            // to correlate at
-  double radius_m = 100;       // half the side of the square of places that compete
-  double distinct_m = 25;      // places closer than this are one place
-  double typical_texture = 0;  // of the whole map, as PlaceMatchability::texture; the noise is set against it
+  double footprint_m = kMatchabilityFootprint_m;  // side of the square that serves as the frame
+  double gsd_m = kSearchGsd_m;                    // to correlate at
+  double radius_m = kMatchabilityRadius_m;        // half the side of the square of places that compete
+  double distinct_m = kDistinct_m;                // places closer than this are one place
+  double typical_texture = 0;  // of the whole map, as PlaceMatchability::texture; the noise is relative to it
   std::uint64_t seed = 1;      // of the noise
   MatchabilityLimits limits;
 };
@@ -42,8 +43,8 @@ struct MatchabilityOptions {
 struct PlaceMatchability {
   MatchClass cls = MatchClass::outside;
   double ratio = 2;    // best score elsewhere / score here; above 1 another place fits better; at most 2
-  double score = 0;    // here: how much of the likeness the noise left
-  double entropy = 0;  // of the orientations of all borders: 0 all alike, 1 every one as frequent
+  double score = 0;    // here: the correlation that the noise left
+  double entropy = 0;  // of the orientations of all edges: 0 one orientation, 1 all equally frequent
   double texture = 0;  // root mean square gradient, grey levels per pixel of gsd_m
   double valid = 0;    // share of the footprint that the map shows
 
@@ -56,10 +57,10 @@ class MatchabilityProbe {
 
   const MatchabilityOptions& options() const { return options_; }
 
-  // The ground that has to be in the window: this far to all sides of the place.
+  // The ground that the window must hold: this far to all sides of the place.
   double reach_m() const;
 
-  // Only what can be said without correlating; here for typical_texture.
+  // Of a part of the map, without correlating; for typical_texture.
   static double texture_of(const cv::Mat& grey, const cv::Mat& mask);
 
   // window: grey, of options.gsd_m, as large as reach_m() says around the place, which is its middle. number: of the

@@ -7,26 +7,15 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
-namespace {
-
-constexpr double kAreaWindow_m = 1600;      // side of the squares in which an area is searched
-constexpr double kFineTemplate_px = 400;    // longer side of the fine template
-constexpr double kCoarseTemplate_px = 170;  // still enough structure to find a place among thousands
-constexpr double kLeastSlack_m = 30;        // the refined pose may see beyond what the searched ones do …
-constexpr double kSlackShare = 0.15;        // … so much of a picture's longer side …
-constexpr double kTiltSigmas = 2;           // … or where the tilt is open
-
-}  // namespace
-
 PlaneBox square_around(PlanePoint middle, double half_side_m) {
   return {middle.east_m - half_side_m, middle.north_m - half_side_m, middle.east_m + half_side_m,
           middle.north_m + half_side_m};
 }
 
-MapWindow cropped_to_map(const MapWindow& map, double rim_m) {
-  const int rim = static_cast<int>(std::ceil(rim_m / map.gsd_m));
+MapWindow cropped_to_map(const MapWindow& map, double margin_m) {
+  const int margin = static_cast<int>(std::ceil(margin_m / map.gsd_m));
   const cv::Rect box = cv::boundingRect(map.mask);
-  const cv::Rect kept = cv::Rect(box.x - rim, box.y - rim, box.width + 2 * rim, box.height + 2 * rim) &
+  const cv::Rect kept = cv::Rect(box.x - margin, box.y - margin, box.width + 2 * margin, box.height + 2 * margin) &
                         cv::Rect(0, 0, map.image.cols, map.image.rows);
   MapWindow result = map;
   result.image = map.image(kept);
@@ -42,14 +31,14 @@ std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomR
   MatchingPlan plan;
   plan.scale = matching_scale(camera, prior.pose.agl_m, ground_resolution_m(zooms.max, middle.lat_deg));
   plan.options.gsd_m = plan.scale.coarse_gsd_m;
-  plan.options.distinct_m = std::max(25.0, 12 * plan.scale.coarse_gsd_m);
+  plan.options.distinct_m = std::max(kDistinct_m, kDistinct_px * plan.scale.coarse_gsd_m);
   CameraPose highest = prior.pose;
   highest.agl_m *= 1 + prior.scale_range;
   highest.position = {};
   const auto footprint = footprint_of(camera, highest);
   if (!footprint) return std::nullopt;
   plan.reach_m =
-      1.05 *
+      kReachMargin *
       std::max({std::hypot(footprint->west_m, footprint->north_m), std::hypot(footprint->east_m, footprint->north_m),
                 std::hypot(footprint->west_m, footprint->south_m), std::hypot(footprint->east_m, footprint->south_m)});
   return plan;
@@ -59,7 +48,7 @@ PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, co
   const SearchPrior& search = prior.search;
   const double turn_rad = search.heading_range_rad + plan.options.heading_step_rad;
   const double scale = search.scale_range + plan.options.scale_step;
-  PlaneBox seen = {plan.reach_m, plan.reach_m, -plan.reach_m, -plan.reach_m};
+  PlaneBox visible = {plan.reach_m, plan.reach_m, -plan.reach_m, -plan.reach_m};
   const int turns = static_cast<int>(std::ceil(turn_rad / plan.options.heading_step_rad));
   for (int i = -turns; i <= turns; ++i) {
     CameraPose pose = search.pose;
@@ -68,19 +57,20 @@ PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, co
     pose.attitude.heading_rad += i * turn_rad / turns;
     const auto box = footprint_of(camera, pose);
     if (!box) continue;
-    seen.west_m = std::min(seen.west_m, box->west_m), seen.east_m = std::max(seen.east_m, box->east_m);
-    seen.south_m = std::min(seen.south_m, box->south_m), seen.north_m = std::max(seen.north_m, box->north_m);
+    visible.west_m = std::min(visible.west_m, box->west_m), visible.east_m = std::max(visible.east_m, box->east_m);
+    visible.south_m = std::min(visible.south_m, box->south_m),
+    visible.north_m = std::max(visible.north_m, box->north_m);
   }
-  const double tilt_rad = kTiltSigmas * std::sqrt(prior.tilt_covariance_rad2.trace() / 2);
-  const double slack_m =
-      search.radius_m + std::max({kLeastSlack_m, kSlackShare * footprint_side_m(camera, search.pose.agl_m),
-                                  std::tan(std::min(tilt_rad, 0.5)) * search.pose.agl_m});
+  const double tilt_rad = kWindowTiltSigmas * std::sqrt(prior.tilt_covariance_rad2.trace() / 2);
+  const double margin_m =
+      search.radius_m + std::max({kWindowSlack_m, kWindowSlackShare * footprint_side_m(camera, search.pose.agl_m),
+                                  std::tan(std::min(tilt_rad, kWindowMaxTilt_rad)) * search.pose.agl_m});
   const PlanePoint& middle = search.pose.position;
-  return {middle.east_m + seen.west_m - slack_m, middle.north_m + seen.south_m - slack_m,
-          middle.east_m + seen.east_m + slack_m, middle.north_m + seen.north_m + slack_m};
+  return {middle.east_m + visible.west_m - margin_m, middle.north_m + visible.south_m - margin_m,
+          middle.east_m + visible.east_m + margin_m, middle.north_m + visible.north_m + margin_m};
 }
 
-AnchorMatch begun(const MatchingPlan& plan) {
+AnchorMatch begin_match(const MatchingPlan& plan) {
   AnchorMatch match;
   match.fine_gsd_m = plan.scale.fine_gsd_m;
   match.coarse_gsd_m = plan.scale.coarse_gsd_m;

@@ -5,32 +5,39 @@
 #include <vector>
 
 #include "geodesy/local_frame.hpp"
-#include "geodesy/region.hpp"
-#include "imagery/map_window.hpp"
 #include "imagery/tile_source.hpp"
-#include "vision/anchor_matcher.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir {
+
+// The ground sample distances to match at: fine enough for a template of some 400 pixels, never much finer than frame
+// or map.
+struct MatchingScale {
+  double fine_gsd_m = 0.5;
+  double coarse_gsd_m = 1.0;
+};
+MatchingScale matching_scale(const CameraModel& camera, double agl_m, double map_gsd_m);
 
 struct MatchingPlan {
   SearchOptions options;
   MatchingScale scale;
-  double reach_m = 0;  // how far from the camera's foot point a footprint may reach
+  double reach_m = 0;  // how far from the ground point under the camera a footprint may reach
 };
 
 // Nothing when the camera sees the horizon.
 std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomRange& zooms, const LocalFrame& frame,
                                           const SearchPrior& prior);
 
-AnchorMatch begun(const MatchingPlan& plan);
+// A match that knows its scales and has found nothing yet.
+AnchorMatch begin_match(const MatchingPlan& plan);
 
-// The ground that a frame taken in the searched square may show, with the attitude no better known than the prior says.
+// The ground that a frame taken in the searched square may show, with the attitude as uncertain as the prior says.
 PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, const MatchingPlan& plan);
 
 PlaneBox square_around(PlanePoint middle, double half_side_m);
 
-// Leaves out what no placement needs: the window beyond the map, but for a rim that a template may overhang.
-MapWindow cropped_to_map(const MapWindow& map, double rim_m);
+// Without what no placement needs: the window beyond the map, but for a margin that a template may overhang.
+MapWindow cropped_to_map(const MapWindow& map, double margin_m);
 
 // Squares that cover the area, each small enough to be searched at once.
 std::vector<SearchPrior> windows_over(const PlaneBox& area, const SearchPrior& prior);

@@ -1,16 +1,20 @@
 // What a piece of ground looks like, as 384 numbers: the six oriented-gradient channels (oriented_channels.hpp) of a
-// square patch, pooled softly into 8 x 8 cells.
+// square patch, pooled with Gaussian weights into 8 x 8 cells; and as 128 numbers, by principal components.
 //
-// Made to survive another season and sensor: the channels do not know bright-to-dark from dark-to-bright and are
-// levelled; each channel's mean over the seen cells is removed (without that the density of edges decides, and half of
-// the right places are lost); the root of each value keeps one bright roof from outvoting a hundred hedges. Cells that
-// the patch does not show are 0, which after the removal of the mean says nothing.
+// Made to survive another season and sensor: the channels do not distinguish bright-to-dark from dark-to-bright and are
+// normalised; each channel's mean over the cells with ground is removed (without that the density of edges decides, and
+// half of the right places are lost); the signed root of each value keeps one bright roof from outweighing a hundred
+// hedges. Cells that the patch does not show are 0, which is the mean after its removal.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <opencv2/core/mat.hpp>
 #include <optional>
+#include <span>
+#include <vector>
+
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
@@ -30,18 +34,17 @@ std::optional<RawPlaceDescriptor> describe_place(const PlacePatch& patch);
 
 // Root mean square gradient under the mask, grey levels per pixel: water and snow have next to none.
 double texture_of(const PlacePatch& patch);
-inline constexpr double kMinPlaceTexture = 0.8;
 
-// How a patch lies in a north-up picture.
+// How a patch lies in a north-up image.
 struct PatchPlacement {
-  cv::Point2d centre;        // in the picture's pixels, the top-left pixel's centre at (0.5, 0.5)
-  double turn_rad = 0;       // the patch's rows run clockwise of the picture's rows by this
-  double pixels_per_px = 1;  // picture pixels per pixel of the patch
+  cv::Point2d centre;        // in the image's pixels, the top-left pixel's centre at (0.5, 0.5)
+  double turn_rad = 0;       // the patch's rows run clockwise of the image's rows by this
+  double pixels_per_px = 1;  // image pixels per pixel of the patch
   cv::Point2d shift_px;      // the patch's middle from `centre`, along the patch's own rows and columns
-  int side_px = 96;
+  int side_px = kPlacePatch_px;
 };
 
-// Shrinks smoothly where the picture is finer than the patch.
+// Cuts patches out of an image, low-pass filtered where the image is finer than the patch.
 class PatchCutter {
  public:
   // pixels_per_px: of the patches that will be cut.
@@ -53,5 +56,22 @@ class PatchCutter {
   cv::Mat grey_;
   cv::Mat mask_;
 };
+
+inline constexpr std::size_t kPlaceSize = 128;
+
+using PlaceVector = std::array<float, kPlaceSize>;  // of length 1: inner products are cosines
+
+// Principal components of place descriptors: nearly all of the variance in a third of the numbers. Trained on the
+// ground that is indexed, stored with the index.
+struct PlaceProjection {
+  std::vector<float> mean;   // kRawPlaceSize
+  std::vector<float> basis;  // kPlaceSize rows of kRawPlaceSize, the strongest component first
+  double kept = 0;           // share of the variance
+
+  PlaceVector project(const RawPlaceDescriptor& descriptor) const;
+};
+
+// The same samples give the same projection: each component's largest coefficient is positive.
+PlaceProjection train_projection(std::span<const RawPlaceDescriptor> samples);
 
 }  // namespace nadir

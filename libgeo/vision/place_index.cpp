@@ -1,5 +1,6 @@
 #include "vision/place_index.hpp"
 
+#include <fmt/format.h>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,33 +9,33 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/random.hpp"
+#include "package/open_package.hpp"
+#include "package/tile_container.hpp"
+#include "package/verify.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kTurnStep_rad = std::numbers::pi / 18;  // 10 degrees, within a known range
-constexpr int kTurnsUnknown = 24;
-constexpr double kShift = 1.0 / 6;     // of a side
-constexpr std::size_t kPerQuery = 64;  // chunks that each variant of the picture may name
-
 std::vector<double> turns(const std::optional<double>& range_rad) {
   std::vector<double> result;
   if (!range_rad || *range_rad >= std::numbers::pi) {
-    for (int i = 0; i < kTurnsUnknown; ++i) {
-      result.push_back(2 * std::numbers::pi * (i > kTurnsUnknown / 2 ? i - kTurnsUnknown : i) / kTurnsUnknown);
+    for (int i = 0; i < kQueryTurns; ++i) {
+      result.push_back(2 * std::numbers::pi * (i > kQueryTurns / 2 ? i - kQueryTurns : i) / kQueryTurns);
     }
     return result;
   }
-  const double step = *range_rad > 12 * kTurnStep_rad ? 2 * std::numbers::pi / kTurnsUnknown : kTurnStep_rad;
+  const double step =
+      *range_rad > kFineTurnRange * kQueryTurn_rad ? 2 * std::numbers::pi / kQueryTurns : kQueryTurn_rad;
   const int n = std::max(0, static_cast<int>(std::ceil(*range_rad / step - 0.5)));
   for (int i = -n; i <= n; ++i) result.push_back(i * step);
   return result;
 }
 
-// One description of the picture: turned, shifted.
+// One description of the frame: turned, shifted.
 struct Variant {
   double turn_rad = 0;
-  cv::Point2d shift;  // of the patch's middle from the picture's, in sides, along the chunk's east and south
+  cv::Point2d shift;  // of the patch's middle from the frame's, in sides, along the chunk's east and south
 };
 
 Bytes read_checked(const std::filesystem::path& package, const Artifact& artifact, std::uint64_t max_size) {
@@ -42,7 +43,7 @@ Bytes read_checked(const std::filesystem::path& package, const Artifact& artifac
   Bytes bytes = read_file(path, std::min(artifact.size, max_size));
   const Sha256 digest = sha256(bytes);
   if (digest != artifact.sha256) {
-    throw Error({.what = "a file of the place index is not the one that was signed",
+    throw Error({.what = "a file of the place index is not the signed one",
                  .where = path,
                  .expected = artifact.sha256.hex(),
                  .found = digest.hex()});
@@ -50,12 +51,83 @@ Bytes read_checked(const std::filesystem::path& package, const Artifact& artifac
   return bytes;
 }
 
-[[noreturn]] void mismatch(const char* what, std::string where, std::string expected, std::string found) {
+[[noreturn]] void fail_mismatch(const char* what, std::string where, std::string expected, std::string found) {
   throw Error({.what = what,
                .where = std::move(where),
                .expected = std::move(expected),
                .found = std::move(found),
-               .fix = "make it again with `nadir cache index`"});
+               .fix = "rebuild it with `nadir cache index`"});
+}
+
+Finding mismatch_finding(std::string where, std::string expected, std::string found) {
+  return {.code = "index.mismatch",
+          .where = std::move(where),
+          .expected = std::move(expected),
+          .found = std::move(found),
+          .fix = "rebuild the index with `nadir cache index`"};
+}
+
+std::vector<std::size_t> sample_of(std::size_t chunks, const Manifest& manifest) {
+  const std::string bytes = manifest_json(manifest);
+  const Sha256 digest = sha256(as_bytes(bytes));
+  std::uint64_t seed = 0;
+  for (std::size_t i = 0; i < 8; ++i) seed = seed << 8 | digest.bytes[i];
+  std::vector<std::size_t> all(chunks);
+  for (std::size_t i = 0; i < chunks; ++i) all[i] = i;
+  const std::size_t wanted = std::min(chunks, std::max(kMinCheckedChunks, chunks / kCheckedChunksDivisor));
+  Random random(seed);
+  for (std::size_t i = 0; i < wanted; ++i) {  // the first steps of a shuffle
+    const std::size_t left = chunks - i;
+    const auto pick = static_cast<std::size_t>(random.uniform() * static_cast<double>(left));
+    std::swap(all[i], all[i + std::min(pick, left - 1)]);
+  }
+  all.resize(wanted);
+  std::sort(all.begin(), all.end());  // neighbours share tiles
+  return all;
+}
+
+Findings recompute(const PlaceIndex& index, const Manifest& manifest, const TileSource& tiles, Progress& progress) {
+  Findings findings;
+  const PlaceTable& table = index.table();
+  const std::vector<std::size_t> sample = sample_of(table.chunks.size(), manifest);
+  ChunkReader reader(tiles, table.origin());
+  progress.begin("describing places again", sample.size(), "places");
+  for (const std::size_t i : sample) {
+    progress.advance();
+    const auto layer = std::find_if(table.layers.begin(), table.layers.end(),
+                                    [i](const PlaceLayer& one) { return i < one.first + one.count; });
+    const std::string where = fmt::format("{} chunk {} (tile {})", kPlaceIndexFile, i, to_text(table.chunks[i].tile));
+    double cosine = 0;
+    try {
+      const auto raw = describe_place(reader.read(*layer, table.chunks[i]));
+      if (raw) {
+        const PlaceVector vector = table.projection.project(*raw);
+        const std::span<const float> stored = index.vectors().vector(i);
+        double length = 0;
+        for (std::size_t k = 0; k < kPlaceSize; ++k) {
+          cosine += static_cast<double>(vector[k]) * static_cast<double>(stored[k]);
+          length += static_cast<double>(stored[k]) * static_cast<double>(stored[k]);
+        }
+        if (!(std::abs(length - 1) < kCheckedLengthError)) cosine = 0;
+      }
+    } catch (const Error& error) {
+      findings.add(mismatch_finding(where, "tiles that can be described", error.text().what));
+      continue;
+    }
+    if (cosine >= kMinCheckedCosine) continue;
+    if (findings.items().size() == kMaxIndexFindings) break;
+    findings.add(mismatch_finding(where, "the description that its tiles give",
+                                  fmt::format("another one, with a cosine of {:.3f}", cosine)));
+  }
+  progress.end();
+  return findings;
+}
+
+bool damaged(const Findings& findings, const Artifact* artifact) {
+  return artifact != nullptr &&
+         std::any_of(findings.items().begin(), findings.items().end(), [artifact](const Finding& finding) {
+           return finding.code.starts_with("artifact.") && finding.where == artifact->path;
+         });
 }
 
 }  // namespace
@@ -63,8 +135,8 @@ Bytes read_checked(const std::filesystem::path& package, const Artifact& artifac
 PlaceIndex::PlaceIndex(PlaceTable table, PlaceVectors vectors)
     : table_(std::move(table)), vectors_(std::move(vectors)) {
   if (vectors_.size() != table_.chunks.size()) {
-    mismatch("the place index and its table do not belong together", std::string(kPlaceTableFile),
-             std::to_string(vectors_.size()) + " chunks", std::to_string(table_.chunks.size()));
+    fail_mismatch("the place index and its table do not belong together", std::string(kPlaceTableFile),
+                  std::to_string(vectors_.size()) + " chunks", std::to_string(table_.chunks.size()));
   }
 }
 
@@ -73,16 +145,16 @@ std::optional<PlaceIndex> PlaceIndex::open(const std::filesystem::path& package,
   const Artifact* table = manifest.artifact(kRolePlaceTable);
   if (vectors == nullptr && table == nullptr) return std::nullopt;
   if (vectors == nullptr || table == nullptr) {
-    mismatch("half of a place index", std::string(kManifestFile), "the vectors and their table",
-             vectors == nullptr ? "the table alone" : "the vectors alone");
+    fail_mismatch("incomplete place index", std::string(kManifestFile), "the vectors and their table",
+                  vectors == nullptr ? "the table alone" : "the vectors alone");
   }
   const Bytes text = read_checked(package, *table, kMaxPlaceTableSize);
   PlaceTable parsed = parse_place_table(as_text(text), table->path);
   const Artifact* imagery = manifest.artifact(kRoleImagery);
   if (imagery == nullptr || !imagery->tiles || imagery->tiles->merkle_root != parsed.imagery_root) {
-    mismatch("the place index was made of other imagery", table->path,
-             imagery != nullptr && imagery->tiles ? imagery->tiles->merkle_root.hex() : "imagery",
-             parsed.imagery_root.hex());
+    fail_mismatch("the place index was built from other imagery", table->path,
+                  imagery != nullptr && imagery->tiles ? imagery->tiles->merkle_root.hex() : "imagery",
+                  parsed.imagery_root.hex());
   }
   const Bytes file = read_checked(package, *vectors, std::uint64_t{1} << 30);
   PlaceVectors read(file, parsed.chunks.size(), vectors->path);
@@ -113,9 +185,9 @@ std::vector<PlaceCandidate> PlaceIndex::query(const PlaceQuery& query, std::size
     query.cancel.check();
     for (int i = -1; i <= 1; ++i) {
       for (int j = -1; j <= 1; ++j) {
-        const Variant variant{turn, {i * kShift, j * kShift}};
-        // Were the heading larger by `turn`, the picture would lie turned clockwise by it: what the chunk shows to its
-        // east lies anticlockwise of east in the picture as it is.
+        const Variant variant{turn, {i * kQueryShift, j * kQueryShift}};
+        // If the heading were larger by `turn`, the frame would lie turned clockwise by it: what the chunk shows to its
+        // east lies anticlockwise of east in the frame as it is.
         const PlacePatch patch = cutter.cut({.centre = {query.grey.cols / 2.0, query.grey.rows / 2.0},
                                              .turn_rad = -turn,
                                              .pixels_per_px = step,
@@ -128,7 +200,7 @@ std::vector<PlaceCandidate> PlaceIndex::query(const PlaceQuery& query, std::size
       }
     }
   }
-  const auto hits = vectors_.search(vectors, layer->first, layer->count, std::max(count, kPerQuery), query.cancel);
+  const auto hits = vectors_.search(vectors, layer->first, layer->count, std::max(count, kHitsPerQuery), query.cancel);
   std::vector<PlaceCandidate> best;
   for (std::size_t v = 0; v < hits.size(); ++v) {
     for (const PlaceVectors::Hit& hit : hits[v]) {
@@ -154,6 +226,64 @@ std::vector<PlaceCandidate> PlaceIndex::query(const PlaceQuery& query, std::size
   if (best.size() > count) best.resize(count);
   for (PlaceCandidate& candidate : best) candidate.centre = table_.chunks[candidate.chunk].centre();
   return best;
+}
+
+ChunkReader::ChunkReader(const TileSource& tiles, LonLat origin) : frame_(origin), windows_(tiles) {}
+
+MapWindow ChunkReader::around(const PlaceLayer& layer, const PlaceChunk& chunk, double sides) {
+  const Enu middle = frame_.enu_from_lonlat(chunk.centre());
+  const double half_m = std::round(static_cast<double>(layer.side_px) * sides) * layer.gsd_m() / 2;
+  return windows_.read(
+      frame_, {middle.east_m - half_m, middle.north_m - half_m, middle.east_m + half_m, middle.north_m + half_m},
+      layer.gsd_m(), Colour::grey);
+}
+
+PlacePatch ChunkReader::read(const PlaceLayer& layer, const PlaceChunk& chunk) {
+  const MapWindow window = around(layer, chunk, 1);
+  return {window.image, window.mask};
+}
+
+Findings check_place_index(const std::filesystem::path& package, const Manifest& manifest, const Mission& mission,
+                           const TileSource& tiles, VerifyDepth depth, Progress& progress) {
+  Findings findings;
+  try {
+    const std::optional<PlaceIndex> index = PlaceIndex::open(package, manifest);
+    if (!index) return findings;
+    const LonLat origin = index->table().origin();
+    if (std::abs(origin.lon_deg - mission.takeoff.lon_deg) > kSameOrigin_deg ||
+        std::abs(origin.lat_deg - mission.takeoff.lat_deg) > kSameOrigin_deg) {
+      findings.add(
+          mismatch_finding(std::string(kPlaceTableFile), "the mission's take-off point as origin", "another place"));
+      return findings;
+    }
+    if (depth == VerifyDepth::full) findings.add(recompute(*index, manifest, tiles, progress));
+  } catch (const Error& error) {
+    const ErrorText& text = error.text();
+    findings.add(mismatch_finding(text.where,
+                                  text.expected.empty() ? "a place index of this package's imagery" : text.expected,
+                                  text.found.empty() ? text.what : text.what + ": " + text.found));
+  }
+  return findings;
+}
+
+void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress,
+                        Verification& verification) {
+  if (!verification.manifest || !verification.mission) return;
+  const Manifest& manifest = *verification.manifest;
+  const Artifact* imagery = manifest.artifact(kRoleImagery);
+  for (const Artifact* artifact : {imagery, manifest.artifact(kRolePlaceIndex), manifest.artifact(kRolePlaceTable)}) {
+    if (damaged(verification.findings, artifact)) return;  // its own finding is there
+  }
+  if (imagery == nullptr || verification.tiles.empty()) return;
+  const std::unique_ptr<TileSource> tiles = open_tile_source(package / imagery->path);
+  verification.findings.add(check_place_index(package, manifest, *verification.mission, *tiles, depth, progress));
+}
+
+void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress, Opening& opening) {
+  if (!opening.package) return;
+  opening.findings.add(check_place_index(package, opening.package->manifest(), opening.package->mission(),
+                                         opening.package->imagery(), depth, progress));
+  if (opening.findings.refuses()) opening.package.reset();
 }
 
 }  // namespace nadir

@@ -1,9 +1,8 @@
-// Where on the whole map could this picture have been taken? The place index of a package answers within a fraction of
-// a second, for a cold start or after tracking was lost; the correlator (place_search.hpp) then decides.
+// Where on the whole map could this frame have been taken? The place index of a package answers within a fraction of a
+// second, for a cold start or after tracking was lost; correlation (map_search.hpp) then decides.
 //
-// One vector per chunk of the map. A picture is described at nine small shifts (chunks lie a quarter or a half of a
-// side apart, and the descriptor forgives a sixth) for every heading that is possible; a chunk's score is the best of
-// them.
+// One vector per chunk of the map. A frame is described at nine small shifts (chunks lie a quarter or a half of a side
+// apart, and the descriptor tolerates a sixth) for every heading that is possible; a chunk's score is the best of them.
 //
 // Everything is deterministic. Memory: the file's 512 bytes per chunk, the table's 32, and per query some megabytes.
 #pragma once
@@ -12,10 +11,16 @@
 #include <optional>
 #include <vector>
 
+#include "base/error.hpp"
+#include "base/progress.hpp"
+#include "geodesy/local_frame.hpp"
+#include "imagery/map_window.hpp"
+#include "imagery/tile_source.hpp"
 #include "package/manifest.hpp"
-#include "vision/place_memory.hpp"
-#include "vision/place_table.hpp"
-#include "vision/place_vectors.hpp"
+#include "package/open_package.hpp"
+#include "package/verify.hpp"
+#include "vision/map_search.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace nadir {
 
@@ -27,8 +32,7 @@ class PlaceIndex final : public PlaceRetrieval {
   // imagery; else throws Error, before FAISS sees a byte.
   static std::optional<PlaceIndex> open(const std::filesystem::path& package, const Manifest& manifest);
 
-  // The `count` best chunks, best first; none when the picture shows too little. The layer whose chunks are nearest in
-  // size to what the mask shows is searched.
+  // The layer whose chunks are nearest in size to what the mask shows is searched.
   std::vector<PlaceCandidate> query(const PlaceQuery& query, std::size_t count) const override;
 
   const PlaceTable& table() const { return table_; }
@@ -40,5 +44,33 @@ class PlaceIndex final : public PlaceRetrieval {
   PlaceTable table_;
   PlaceVectors vectors_;
 };
+
+// Reads the patch of a chunk from the tiles, as the builder described it.
+class ChunkReader {
+ public:
+  ChunkReader(const TileSource& tiles, LonLat origin);
+
+  PlacePatch read(const PlaceLayer& layer, const PlaceChunk& chunk);
+  // A larger piece around the chunk's middle, at the layer's GSD.
+  MapWindow around(const PlaceLayer& layer, const PlaceChunk& chunk, double sides);
+
+ private:
+  LocalFrame frame_;
+  MapWindowReader windows_;
+};
+
+// Does the index of a package belong to its imagery? package/verify.hpp has checked the files' bytes; their meaning can
+// only be checked here, with the descriptor at hand.
+//
+// "index.mismatch": the table cannot be read, is for other imagery or another plane, or does not fit the vectors; at
+// full depth also when a sample of the chunks (one in a hundred, 32 at least, drawn by the manifest's digest) is
+// described again from the tiles and differs. No findings for a package without an index.
+Findings check_place_index(const std::filesystem::path& package, const Manifest& manifest, const Mission& mission,
+                           const TileSource& tiles, VerifyDepth depth, Progress& progress);
+
+// What every command adds to verify_package() and open_package().
+void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress,
+                        Verification& verification);
+void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress, Opening& opening);
 
 }  // namespace nadir

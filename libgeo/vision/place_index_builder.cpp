@@ -17,13 +17,10 @@
 namespace nadir {
 namespace {
 
-constexpr int kSide_px = 96;
-constexpr int kMinSide_px = 32;
-constexpr double kMinValid = 0.5;  // share of a chunk that shows ground
-constexpr std::size_t kTrainingChunks = 6000;
-
 // How many views train the projection besides the chunks themselves.
-std::size_t training_views(std::size_t chunks) { return std::clamp<std::size_t>(8 * chunks, 500, 3000); }
+std::size_t training_views(std::size_t chunks) {
+  return std::clamp(kTrainingViewsPerChunk * chunks, kMinTrainingViews, kMaxTrainingViews);
+}
 
 std::int64_t e7(double degrees) { return std::llround(degrees * 1e7); }
 
@@ -36,12 +33,12 @@ PlaceLayer layer_of(std::size_t number, const IndexedMap& map, const PlaceIndexO
     return layer;
   }
   const double map_gsd_m = ground_resolution_m(map.keys.front().z, map.origin.lat_deg);
-  const double wanted = footprint_m / options.gsd_m.value_or(std::max(map_gsd_m, footprint_m / kSide_px));
-  const double side_px = std::clamp(std::floor(wanted + 0.01), 1.0, 256.0);
-  if (side_px < kMinSide_px) {
+  const double wanted = footprint_m / options.gsd_m.value_or(std::max(map_gsd_m, footprint_m / kPlacePatch_px));
+  const double side_px = std::clamp(std::floor(wanted + kPatchRounding_px), 1.0, kMaxPlacePatch_px);
+  if (side_px < kMinPlacePatch_px) {
     throw UsageError({.what = "chunks of this size show too little of this map",
                       .where = fmt::format("{:.0f} m", footprint_m),
-                      .expected = fmt::format("at least {} pixels a side", kMinSide_px),
+                      .expected = fmt::format("at least {} pixels a side", kMinPlacePatch_px),
                       .found = fmt::format("{:.0f} at {:.2f} m per pixel", side_px, footprint_m / wanted),
                       .fix = "index a larger footprint (--footprint-m), or a finer map"});
   }
@@ -96,9 +93,8 @@ struct Described {
 };
 
 using Run = std::vector<Described>;
-constexpr std::size_t kRun = 64;
 
-// A picture of the map as a frame may show it.
+// A view of the map as a frame may show it.
 struct View {
   std::size_t chunk = 0;
   const PlaceLayer* layer = nullptr;
@@ -122,7 +118,7 @@ class Builder {
     if (descriptors_.empty()) {
       throw UsageError({.what = "the map has nothing to index",
                         .expected = "ground with some structure",
-                        .found = "no chunk that is half covered and not bare"});
+                        .found = "no chunk that is half covered and has texture"});
     }
     table_.projection = train_projection(training_set());
     std::vector<PlaceVector> vectors;
@@ -142,12 +138,13 @@ class Builder {
     progress_.begin(fmt::format("describing places of {:.0f} m", layer.side_m()), chunks.size(), "places");
     layer.first = table_.chunks.size();
     // Runs of neighbours, because they share decoded tiles.
-    work_in_order<Run>((chunks.size() + kRun - 1) / kRun, options_.threads,
+    work_in_order<Run>((chunks.size() + kChunksPerTask - 1) / kChunksPerTask, options_.threads,
                        [&]() -> std::function<Run(std::size_t)> {
                          const auto reader = std::make_shared<ChunkReader>(*map_.tiles, table_.origin());
                          return [&, reader](std::size_t run) {
                            Run described;
-                           for (std::size_t i = run * kRun; i < std::min(chunks.size(), (run + 1) * kRun); ++i) {
+                           for (std::size_t i = run * kChunksPerTask;
+                                i < std::min(chunks.size(), (run + 1) * kChunksPerTask); ++i) {
                              described.push_back(describe(reader->read(layer, chunks[i])));
                            }
                            return described;
@@ -155,7 +152,7 @@ class Builder {
                        },
                        [&](std::size_t run, const Run& described) {
                          for (std::size_t i = 0; i < described.size(); ++i)
-                           add(layer, chunks[run * kRun + i], described[i]);
+                           add(layer, chunks[run * kChunksPerTask + i], described[i]);
                          progress_.advance(described.size());
                          return true;
                        });
@@ -165,7 +162,7 @@ class Builder {
   }
 
   static Described describe(const PlacePatch& patch) {
-    if (valid_share(patch.mask) < kMinValid) return {};
+    if (valid_share(patch.mask) < kMinChunkValid) return {};
     if (texture_of(patch) < kMinPlaceTexture) return {.valid = true};
     return {.valid = true, .descriptor = describe_place(patch)};
   }
@@ -180,13 +177,13 @@ class Builder {
     descriptors_.push_back(*described.descriptor);
   }
 
-  // The chunks, and pictures of the map as a frame may show it: anywhere, turned, a little larger or smaller.
+  // The chunks, and views of the map as a frame may show it: anywhere, turned, a little larger or smaller.
   std::vector<RawPlaceDescriptor> training_set() {
     std::vector<RawPlaceDescriptor> samples;
     const std::size_t step = descriptors_.size() / kTrainingChunks + 1;
     for (std::size_t i = 0; i < descriptors_.size(); i += step) samples.push_back(descriptors_[i]);
     const std::vector<View> views = draw_views();
-    progress_.begin("learning what tells them apart", views.size(), "views");
+    progress_.begin("training the projection", views.size(), "views");
     work_in_order<Described>(
         views.size(), options_.threads,
         [&]() -> std::function<Described(std::size_t)> {
@@ -210,16 +207,17 @@ class Builder {
       view.layer = &*std::find_if(table_.layers.begin(), table_.layers.end(),
                                   [&](const auto& one) { return view.chunk < one.first + one.count; });
       const double side_px = static_cast<double>(view.layer->side_px);
-      view.placement.shift_px = {random.uniform(-0.2, 0.2) * side_px, random.uniform(-0.2, 0.2) * side_px};
+      view.placement.shift_px = {random.uniform(-kTrainingShift, kTrainingShift) * side_px,
+                                 random.uniform(-kTrainingShift, kTrainingShift) * side_px};
       view.placement.turn_rad = random.uniform(0, 2 * std::numbers::pi);
-      view.placement.pixels_per_px = random.uniform(0.9, 1.1);
+      view.placement.pixels_per_px = random.uniform(kMinTrainingScale, kMaxTrainingScale);
       view.placement.side_px = static_cast<int>(view.layer->side_px);
     }
     return views;
   }
 
   PlacePatch cut(ChunkReader& reader, View view) const {
-    const MapWindow window = reader.around(*view.layer, table_.chunks[view.chunk], 2.1);
+    const MapWindow window = reader.around(*view.layer, table_.chunks[view.chunk], kTrainingWindow);
     view.placement.centre = {window.image.cols / 2.0, window.image.rows / 2.0};
     return PatchCutter(window.image, window.mask, 1).cut(view.placement);
   }
@@ -234,21 +232,6 @@ class Builder {
 }  // namespace
 
 double place_footprint_m(double width_m, double height_m) { return std::sqrt(width_m * height_m); }
-
-ChunkReader::ChunkReader(const TileSource& tiles, LonLat origin) : frame_(origin), windows_(tiles) {}
-
-MapWindow ChunkReader::around(const PlaceLayer& layer, const PlaceChunk& chunk, double sides) {
-  const Enu middle = frame_.enu_from_lonlat(chunk.centre());
-  const double half_m = std::round(static_cast<double>(layer.side_px) * sides) * layer.gsd_m() / 2;
-  return windows_.read(
-      frame_, {middle.east_m - half_m, middle.north_m - half_m, middle.east_m + half_m, middle.north_m + half_m},
-      layer.gsd_m(), Colour::grey);
-}
-
-PlacePatch ChunkReader::read(const PlaceLayer& layer, const PlaceChunk& chunk) {
-  const MapWindow window = around(layer, chunk, 1);
-  return {window.image, window.mask};
-}
 
 PlaceIndex build_place_index(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress) {
   return Builder(map, options, progress).run();

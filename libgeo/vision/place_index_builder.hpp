@@ -1,12 +1,10 @@
-// Makes a place index of a map: lays chunks over it, describes each, learns the projection from them.
+// Builds the place index of a map: lays chunks over it, describes each, trains the projection on them.
 #pragma once
 
 #include <vector>
 
 #include "base/progress.hpp"
-#include "base/sha256.hpp"
-#include "geodesy/local_frame.hpp"
-#include "imagery/map_window.hpp"
+#include "base/digest.hpp"
 #include "vision/place_index.hpp"
 
 namespace nadir {
@@ -30,21 +28,7 @@ struct IndexedMap {
 // The same map and options give the same bytes. Throws UsageError when no chunk is left or there would be too many.
 PlaceIndex build_place_index(const IndexedMap& map, const PlaceIndexOptions& options, Progress& progress);
 
-// The patch of one chunk, as the builder saw it: whoever checks an index describes it again.
-class ChunkReader {
- public:
-  ChunkReader(const TileSource& tiles, LonLat origin);
-
-  PlacePatch read(const PlaceLayer& layer, const PlaceChunk& chunk);
-  // A larger piece around the chunk's middle, at the layer's GSD.
-  MapWindow around(const PlaceLayer& layer, const PlaceChunk& chunk, double sides);
-
- private:
-  LocalFrame frame_;
-  MapWindowReader windows_;
-};
-
-// One side of the square that has the picture's area.
+// Side of the square that has the footprint's area.
 double place_footprint_m(double width_m, double height_m);
 
 }  // namespace nadir

@@ -5,22 +5,21 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
-#include "vision/independent_count.hpp"
+#include "vision/robust_gauss_newton.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kMostIndependentPatches = 30;  // they overlap: no more fit into a frame side by side
-
-std::vector<GroundCorrespondence> sights_of(const std::vector<PatchMatch>& matches, const CameraPose& pose,
-                                   const GroundSurface& surface) {
-  const double foot_m = surface.height_m(pose.position);
-  std::vector<GroundCorrespondence> sights;
+std::vector<GroundCorrespondence> correspondences_of(const std::vector<PatchMatch>& matches, const CameraPose& pose,
+                                                     const GroundSurface& surface) {
+  const double ground_m = surface.height_m(pose.position);
+  std::vector<GroundCorrespondence> correspondences;
   for (const PatchMatch& match : matches) {
     const Eigen::Vector3d point = camera_from_ground(pose, match.in_frame, surface);
-    sights.push_back({point / point.z(), match.on_map, match.information_m2, surface.height_m(match.on_map) - foot_m});
+    correspondences.push_back(
+        {point / point.z(), match.on_map, match.information_m2, surface.height_m(match.on_map) - ground_m});
   }
-  return sights;
+  return correspondences;
 }
 
 // Area of the hull around the agreeing patches over the footprint's area.
@@ -51,15 +50,15 @@ cv::Mat map_under(const MapWindow& map, const GroundGrid& grid) {
   return result;
 }
 
-// What the agreeing patches scatter on one axis, made larger by how many of them count as one.
-double crowd_sigma_m(const std::vector<PatchMatch>& matches, const SolvedPose& solved) {
-  std::vector<Eigen::Vector2d> places, residuals;
+// Scatter of the agreeing patches on one axis, inflated by how many of them count as one independent measurement.
+double inflated_sigma_m(const std::vector<PatchMatch>& matches, const SolvedPose& solved) {
+  std::vector<Eigen::Vector2d> positions, residuals;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     if (!solved.inlier[i]) continue;
-    places.emplace_back(matches[i].in_frame.east_m, matches[i].in_frame.north_m);
+    positions.emplace_back(matches[i].in_frame.east_m, matches[i].in_frame.north_m);
     residuals.push_back(solved.residual_m[i]);
   }
-  const double independent = std::min(kMostIndependentPatches, effective_sample_size(places, residuals));
+  const double independent = std::min(kMaxIndependentPatches, effective_sample_size(positions, residuals));
   return solved.rms_m / std::numbers::sqrt2 * std::sqrt(std::max(1.0, solved.inliers / independent));
 }
 
@@ -70,7 +69,7 @@ PoseRefinement::PoseRefinement(const CameraModel& camera, const AnchorPrior& pri
     : camera_(camera), map_(map), surface_(surface), pose_(begin) {
   prior_.pose = prior.search.pose;
   prior_.pose.attitude.heading_rad = begin.attitude.heading_rad;
-  prior_.heading_sigma_rad = std::max(prior.heading_sigma_rad, 0.05);  // the search has just measured it
+  prior_.heading_sigma_rad = std::max(prior.heading_sigma_rad, kRefinementHeadingSigma_rad);
   prior_.log_agl_sigma = prior.log_agl_sigma;
   prior_.tilt_covariance_rad2 = prior.tilt_covariance_rad2;
   prior_.slope_sigma = surface.relief_sigma_m() / footprint_side_m(camera, begin.agl_m);
@@ -96,13 +95,13 @@ bool PoseRefinement::solve(AnchorMatch& match, const PatchMatches& found, const 
   SolverOptions options;
   options.inlier_m = inlier_px * map_.gsd_m;
   options.min_sigma_m = std::max(map_.gsd_m, scatter_m_);
-  match.solved = solve_camera_pose(sights_of(found.found, rectified_with, surface_), prior_, options);
+  match.solved = solve_camera_pose(correspondences_of(found.found, rectified_with, surface_), prior_, options);
   match.patches = found.tried;
   match.rectified = rectified.image.clone();
   match.rectified.setTo(0, rectified.mask == 0);
   match.matched_map = map_under(map_, rectified.grid);
   if (!match.solved) return false;
-  scatter_m_ = crowd_sigma_m(found.found, *match.solved);
+  scatter_m_ = inflated_sigma_m(found.found, *match.solved);
   match.frame_share = spanned_share(found.found, *match.solved, rectified.mask, map_.gsd_m, found_px * map_.gsd_m);
   pose_ = match.solved->pose;
   return true;

@@ -1,18 +1,17 @@
-// The camera's pose from what of a rectified frame was found on the map, whoever found it. Solving and rectifying anew
-// with the pose solved take turns.
+// The camera's pose from what of a rectified frame was found on the map, whatever matched it. Solving, and rectifying
+// again with the solved pose, take turns.
 #pragma once
 
 #include <optional>
 
-#include "vision/anchor_matcher.hpp"
-#include "vision/patch_match.hpp"
+#include "vision/map_matcher.hpp"
+#include "vision/patch_matching.hpp"
 
 namespace nadir {
 
 class PoseRefinement {
  public:
-  // begin: the pose that the search came to. The map's pixels are the unit of what agrees. All but `begin` must outlive
-  // this.
+  // begin: the pose that the search found. Inliers are counted in the map's pixels. All but `begin` must outlive this.
   PoseRefinement(const CameraModel& camera, const AnchorPrior& prior, const CameraPose& begin, const MapWindow& map,
                  const GroundSurface& surface);
 
@@ -20,8 +19,9 @@ class PoseRefinement {
   // A grid over the pose's footprint, aligned with the map's pixels.
   std::optional<GroundGrid> grid() const;
 
-  // found: of `rectified`, which was made with `rectified_with`. Fills the match; false when no pose could be solved.
-  // inlier_px: what agrees. found_px: the side of what was found, as far as it counts for the share of the frame.
+  // found: in `rectified`, which was made with `rectified_with`. Fills the match; false when no pose could be solved.
+  // inlier_px: residual up to which a match agrees. found_px: side of the ground that each match covers, for the share
+  // of the frame that they span.
   bool solve(AnchorMatch& match, const PatchMatches& found, const RectifiedFrame& rectified,
              const CameraPose& rectified_with, double inlier_px, double found_px);
 

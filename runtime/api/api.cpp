@@ -7,11 +7,12 @@
 #include <exception>
 #include <nlohmann/json.hpp>
 
-#include "api/object_request.hpp"
 #include "api/page.hpp"
-#include "api/state_json.hpp"
+#include "api/requests.hpp"
+#include "api/view_formats.hpp"
+#include "base/platform.hpp"
 #include "http/access.hpp"
-#include "http/problem.hpp"
+#include "http/message.hpp"
 #include "imagery/codecs.hpp"
 
 namespace nadir {
@@ -33,7 +34,7 @@ ApiResponse json_answer(int status, const nlohmann::json& document) {
   return {.status = status, .body = document.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }
 
-// The page loads nothing from anywhere else, runs no script but its own, and is shown in nobody's frame.
+// The page loads nothing from elsewhere, runs no script but its own and cannot be framed.
 ApiResponse page_answer(std::string_view text, std::string type) {
   return {.content_type = std::move(type),
           .body = std::string(text),
@@ -45,7 +46,7 @@ ApiResponse page_answer(std::string_view text, std::string type) {
 
 }  // namespace
 
-Api::Api(const FlightBoard& board, Mailbox<Hint>& hints, ApiOptions options)
+Api::Api(const FlightBoard& board, LatestSlot<Hint>& hints, ApiOptions options)
     : board_(board), hints_(hints), options_(std::move(options)) {}
 
 void Api::use_package(ApiPackage package) {
@@ -66,6 +67,12 @@ std::string Api::next_of_stream(StreamCursor& cursor) const {
   return stream_text(*view, age_s(*view), cursor);
 }
 
+void Api::on_thread_start() const { begin_thread("api", ThreadPriority::low); }
+
+void Api::serve(ApiRequest request, const HttpAdmission&, const ServerCounts& counts, Respond respond) const {
+  respond(handle(request, counts));
+}
+
 ApiResponse Api::handle(const ApiRequest& request, const ServerCounts& server) const {
   try {
     ApiResponse response = route(request, server);
@@ -83,14 +90,14 @@ std::optional<Problem> Api::access(const ApiRequest& request, std::string_view p
           .status = 421, .type = "host", .detail = "this service is called by localhost, 127.0.0.1 or [::1]"};
     }
   }
-  // The page itself holds no secret, and must be there to ask for the token.
+  // The page itself holds no secret, and asks for the token.
   if (!options_.token || !path.starts_with("/v1/")) return std::nullopt;
   if (bearer_digest(request.authorization) == options_.token) return std::nullopt;
   return Problem{.status = 401, .type = "token", .detail = "send Authorization: Bearer TOKEN"};
 }
 
 ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) const {
-  const std::string_view path = std::string_view(request.target).substr(0, request.target.find('?'));
+  const std::string_view path = request.path();
   if (auto problem = access(request, path)) {
     ApiResponse refusal = answer(*problem);
     if (problem->status == 401) refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
@@ -114,7 +121,12 @@ ApiResponse Api::route(const ApiRequest& request, const ServerCounts& server) co
   if (path == "/v1/state") return state();
   if (path == "/v1/package") return json_answer(200, package_json(board_.snapshot()->package));
   if (path == "/v1/events") {
-    return {.content_type = "text/event-stream", .headers = {{"Cache-Control", "no-store"}}, .stream = true};
+    const std::string* const last_event_id = request.header("last-event-id");
+    return {.content_type = "text/event-stream",
+            .headers = {{"Cache-Control", "no-store"}},
+            .stream = [this, cursor = cursor_from(last_event_id ? *last_event_id : "")]() mutable {
+              return next_of_stream(cursor);
+            }};
   }
   if (path == "/v1/metrics") {
     const auto view = board_.snapshot();

@@ -1,5 +1,5 @@
-// The local API of the service as a function from request to answer: routes, access, what each path says. Reads the
-// FlightBoard and never touches the flight. The contract is schemas/nadird.openapi.yaml, the prose docs/api.md.
+// The local API of the service as a function from request to response: routes, access, the content of each path. Reads
+// the FlightBoard and never touches the flight. The contract is schemas/nadird.openapi.yaml, the prose docs/api.md.
 #pragma once
 
 #include <functional>
@@ -7,13 +7,12 @@
 #include <mutex>
 #include <optional>
 
-#include "api/event_stream.hpp"
-#include "api/flight_board.hpp"
-#include "api/hint.hpp"
-#include "api/metrics.hpp"
-#include "base/sha256.hpp"
+#include "api/flight_view.hpp"
+#include "api/requests.hpp"
+#include "api/view_formats.hpp"
+#include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
-#include "http/message.hpp"
+#include "http/server.hpp"
 #include "imagery/tile_source.hpp"
 #include "vision/ground_surface.hpp"
 
@@ -29,14 +28,14 @@ struct ApiPackage {
 struct ApiOptions {
   std::function<double()> now_s;  // the clock of FlightView::time_s
   std::optional<Sha256> token;    // digest of the bearer token that every call under /v1/ must bring
-  bool loopback = true;           // then the Host must be a loopback name: no web page of others gets in by a trick
+  bool loopback = true;           // then the Host must be a loopback name, against DNS rebinding
   double stalled_after_s = 2;     // the flight's thread is silent for so long: /v1/health says so
 };
 
-class Api {
+class Api final : public HttpHandler {
  public:
   // board, hints: must outlive this.
-  Api(const FlightBoard& board, Mailbox<Hint>& hints, ApiOptions options);
+  Api(const FlightBoard& board, LatestSlot<Hint>& hints, ApiOptions options);
 
   // Once it is open, from any thread; before, paths that need it say so.
   void use_package(ApiPackage package);
@@ -44,7 +43,11 @@ class Api {
   // From any thread. Never throws.
   ApiResponse handle(const ApiRequest& request, const ServerCounts& server = {}) const;
 
-  // What an event stream sends next (event_stream.hpp).
+  void on_thread_start() const override;
+  void serve(ApiRequest request, const HttpAdmission& admission, const ServerCounts& counts,
+             Respond respond) const override;
+
+  // What an event stream sends next (stream_text()).
   std::string next_of_stream(StreamCursor& cursor) const;
 
  private:
@@ -60,7 +63,7 @@ class Api {
   ApiResponse object_location(const ApiRequest& request) const;
 
   const FlightBoard& board_;
-  Mailbox<Hint>& hints_;
+  LatestSlot<Hint>& hints_;
   ApiOptions options_;
   mutable std::mutex package_mutex_;
   std::shared_ptr<const ApiPackage> package_ = std::make_shared<const ApiPackage>();

@@ -1,15 +1,20 @@
-// What the service says about its flight at one moment. The flight's thread fills a FlightView and publishes it on the
-// FlightBoard; the API, the web page and `nadir watch` show what is in it and nothing else.
+// The state of the flight at one moment: the flight thread fills a FlightView and publishes it on the FlightBoard; the
+// API, the web page and `nadir watch` show what is in it and nothing else.
 //
 // Times are seconds of the service's one monotonic clock, ages and durations are differences of them. Angles are in
 // radians, headings clockwise from true north, attitude as in vision/camera_model.hpp. What is not known is nullopt.
 #pragma once
 
+#include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <map>
+#include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/time.hpp"
@@ -21,7 +26,7 @@
 namespace nadir {
 
 enum class GpsJudgement { unknown, good, denied, spoofed };
-enum class RecorderState { off, recording, limited, failed };  // limited: the disk budget leaves things out
+enum class RecorderState { off, recording, limited, failed };  // limited: by the disk budget
 enum class EventSeverity { info, warning, critical };          // critical: the operator must know now
 
 std::string_view name_of(GpsJudgement judgement);
@@ -38,16 +43,16 @@ struct StateView {
 
 struct PositionView {
   LonLat place;
-  double sigma_m = 0;  // one axis of the equivalent circular error
+  double sigma_m = 0;  // 1-sigma error per axis (equivalent circular)
   double east_var_m2 = 0, north_var_m2 = 0, east_north_cov_m2 = 0;
 };
 
 struct VelocityView {
-  double east_m_s = 0, north_m_s = 0;
+  double east_mps = 0, north_mps = 0;
 };
 
 struct FramesView {
-  std::uint64_t received = 0, dropped = 0;  // dropped: a newer one was there first, or the camera had held it back
+  std::uint64_t received = 0, dropped = 0;  // dropped: superseded, or delivered late
   double per_s = 0;
 };
 
@@ -60,7 +65,7 @@ struct LinkView {
   bool connected = false;
   bool signed_frames = false;
   std::uint64_t fixes_sent = 0;
-  CountsByReason rejected_by;  // received frames that were not believed
+  CountsByReason rejected_by;  // received frames
 };
 
 struct GpsView {
@@ -122,6 +127,73 @@ struct FlightView {
   PackageView package;
   std::vector<FlightEvent> events;  // the last ones, oldest first (flight_history.hpp)
   std::vector<TrackPoint> track;    // the last minutes, oldest first
+};
+
+// The history that readers see: the last events and the track of the last minutes. Bounded, so that a long flight
+// costs no more than a short one.
+class EventRing {
+ public:
+  explicit EventRing(std::size_t capacity = 100) : capacity_(capacity) {}
+
+  void add(double time_s, EventSeverity severity, std::string kind, std::string text);
+  const std::vector<FlightEvent>& events() const { return events_; }  // oldest first
+
+ private:
+  std::size_t capacity_;
+  std::uint64_t last_id_ = 0;
+  std::vector<FlightEvent> events_;
+};
+
+// At most one point in each spacing_s; points older than length_s are forgotten.
+class FlightTrail {
+ public:
+  explicit FlightTrail(double length_s = 600, double spacing_s = 1) : length_s_(length_s), spacing_s_(spacing_s) {}
+
+  void add(const TrackPoint& point);
+  const std::vector<TrackPoint>& points() const { return points_; }  // oldest first
+
+ private:
+  double length_s_;
+  double spacing_s_;
+  std::vector<TrackPoint> points_;
+};
+
+// Hands the latest value from one thread to another; a value that was not taken is replaced. Neither side ever waits: a
+// value changes hands in one atomic exchange.
+template <typename Value>
+class LatestSlot {
+ public:
+  LatestSlot() = default;
+  ~LatestSlot() { delete value_.load(); }
+  LatestSlot(const LatestSlot&) = delete;
+  LatestSlot& operator=(const LatestSlot&) = delete;
+
+  void put(Value value) { delete value_.exchange(new Value(std::move(value)), std::memory_order_acq_rel); }
+
+  // Null when nothing has come since the last time.
+  std::unique_ptr<Value> take() { return std::unique_ptr<Value>(value_.exchange(nullptr, std::memory_order_acq_rel)); }
+
+ private:
+  std::atomic<Value*> value_{nullptr};
+};
+
+// Where the flight's thread publishes its latest FlightView and any number of readers look at it.
+//
+// publish() never waits for a reader: it is one atomic exchange. Readers
+// only wait for each other, for the moment that it takes to copy a pointer.
+class FlightBoard {
+ public:
+  // From one thread. Numbers the view.
+  void publish(FlightView view);
+
+  // From any thread. Before the first publish(): the view of a booting service.
+  std::shared_ptr<const FlightView> snapshot() const;
+
+ private:
+  std::uint64_t versions_ = 0;
+  mutable LatestSlot<FlightView> newest_;
+  mutable std::mutex readers_;
+  mutable std::shared_ptr<const FlightView> seen_ = std::make_shared<const FlightView>();
 };
 
 }  // namespace nadir

@@ -44,7 +44,7 @@ Eigen::Vector3d ray_in_enu(const Scene& scene, const Errors& errors) {
   attitude.heading_rad += errors.yaw_rad;
   attitude.pitch_rad += errors.pitch_rad;
   attitude.roll_rad += errors.roll_rad;
-  Eigen::Matrix3d down_camera_from_body;  // the camera that enu_from_camera() speaks of
+  Eigen::Matrix3d down_camera_from_body;  // the camera of enu_from_camera()
   down_camera_from_body << 0, 1, 0, -1, 0, 0, 0, 0, 1;
   const Eigen::Vector3d ray = scene.camera.ray_from_pixel(scene.pixel).normalized();
   return enu_from_camera(attitude) * down_camera_from_body * body_from_camera(scene.gimbal, errors.gimbal_pitch_rad) *

@@ -14,7 +14,7 @@
 
 #include "geodesy/angles.hpp"
 #include "geodesy/local_frame.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 #include "vision/ground_surface.hpp"
 
 namespace nadir {

@@ -7,15 +7,15 @@ namespace nadir {
 namespace {
 
 constexpr double kShortestPause_s = 0.5;
-constexpr double kPauseInIntervals = 2.5;  // one missing picture is none yet: cameras do not keep time so well
-constexpr double kQuickInIntervals = 0.75;
-constexpr std::size_t kEnough = 3;  // intervals
+constexpr double kPauseInIntervals = 2.5;  // a single missing frame is not a pause: cameras jitter
+constexpr double kFastInIntervals = 0.75;
+constexpr std::size_t kMinIntervals = 3;
 
 }  // namespace
 
-// The median; nothing while too little is known of the camera.
-std::optional<double> BacklogGuard::usual_s() const {
-  if (measured_ < kEnough) return std::nullopt;
+// The median; nullopt until enough intervals are measured.
+std::optional<double> BacklogGuard::usual_interval_s() const {
+  if (measured_ < kMinIntervals) return std::nullopt;
   auto sorted = intervals_s_;
   const auto end = sorted.begin() + static_cast<std::ptrdiff_t>(std::min(measured_, kKept));
   const auto middle = sorted.begin() + (end - sorted.begin()) / 2;
@@ -23,11 +23,11 @@ std::optional<double> BacklogGuard::usual_s() const {
   return *middle;
 }
 
-BacklogGuard::Verdict BacklogGuard::judge(double arrived_s) {
+BacklogGuard::Verdict BacklogGuard::classify(double arrived_s) {
   if (!std::isfinite(arrived_s)) return Verdict::fresh;
   const double interval_s = last_s_ ? arrived_s - *last_s_ : -1;
   last_s_ = arrived_s;
-  if (interval_s < 0) {  // the first one, or time that runs backwards
+  if (interval_s < 0) {  // the first one, or time ran backwards
     state_ = State::steady;
     return Verdict::fresh;
   }
@@ -35,20 +35,20 @@ BacklogGuard::Verdict BacklogGuard::judge(double arrived_s) {
 }
 
 BacklogGuard::Verdict BacklogGuard::steady(double interval_s) {
-  const auto usual = usual_s();
-  intervals_s_[measured_++ % kKept] = interval_s;  // of a pause as well: the camera may have become slower for good
+  const auto usual = usual_interval_s();
+  intervals_s_[measured_++ % kKept] = interval_s;  // also that of a pause: the camera may have become slower for good
   if (usual && interval_s > std::max(kShortestPause_s, kPauseInIntervals * *usual)) {
     state_ = State::holding;
     interval_before_s_ = *usual;
-    owed_s_ = interval_s - *usual;
-    return Verdict::wait;
+    backlog_s_ = interval_s - *usual;
+    return Verdict::hold;
   }
   return Verdict::fresh;
 }
 
 BacklogGuard::Verdict BacklogGuard::after_pause(double interval_s) {
-  owed_s_ -= interval_before_s_ - interval_s;
-  if (interval_s < kQuickInIntervals * interval_before_s_ && owed_s_ > 0) {
+  backlog_s_ -= interval_before_s_ - interval_s;
+  if (interval_s < kFastInIntervals * interval_before_s_ && backlog_s_ > 0) {
     state_ = State::draining;
     return Verdict::stale;
   }
@@ -58,7 +58,7 @@ BacklogGuard::Verdict BacklogGuard::after_pause(double interval_s) {
 
 std::optional<double> BacklogGuard::settled_s() const {
   if (state_ != State::holding) return std::nullopt;
-  return *last_s_ + kQuickInIntervals * interval_before_s_;
+  return *last_s_ + kFastInIntervals * interval_before_s_;
 }
 
 }  // namespace nadir

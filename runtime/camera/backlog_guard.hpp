@@ -1,13 +1,14 @@
-// Which pictures are of now? A camera, a network or a disk that stalls may hand out afterwards what it had held back,
-// and each such picture is as old as the stall was long. Nothing in a picture says so. What can be told from outside is
-// the pace: after a pause, pictures that come quicker than the camera takes them were taken before.
+// Detects stale frames. A camera, network or disk that stalls may deliver its buffer afterwards, and each of those
+// frames is as old as the stall was long. Nothing in a frame says so; only the frame interval shows it: after a pause,
+// frames that arrive faster than the camera captures them were captured before.
 //
-//   after a pause   the first picture is held until the next one would be due: comes another before, both are old
-//   while they come quicker than usual   they are old …
-//   until   one comes at the usual pace, or as many came as the pause can have held back
+//   after a pause                  the first frame is held until the next one would be due: if another arrives earlier,
+//                                  both are stale
+//   while frames arrive too fast   they are stale …
+//   until                          one arrives at the usual interval, or the backlog of the pause is used up
 //
-// What cannot be told: a stall shorter than that of a pause, a source that hands out its backlog hardly quicker than it
-// takes pictures, or that stays late for good (docs/onboard.md). Times are monotonic seconds, given by the caller.
+// Undetectable: a stall shorter than the threshold of a pause, a source that drains its backlog hardly faster than it
+// captures, or one that stays late for good (docs/onboard.md). Times are monotonic seconds, given by the caller.
 #pragma once
 
 #include <array>
@@ -20,14 +21,14 @@ class BacklogGuard {
  public:
   enum class Verdict {
     fresh,
-    wait,   // not known yet: hold it; it is fresh when no other has come until settled_s()
-    stale,  // and so is the one that is held
+    hold,   // undecided: keep it; it is fresh when no other arrives until settled_s()
+    stale,  // and so is the held one
   };
 
-  // A picture has come.
-  Verdict judge(double arrived_s);
+  // Classifies a frame.
+  Verdict classify(double arrived_s);
 
-  // While one is held: from then on it is fresh.
+  // While a frame is held: the time from which it counts as fresh.
   std::optional<double> settled_s() const;
 
  private:
@@ -35,15 +36,15 @@ class BacklogGuard {
 
   Verdict steady(double interval_s);
   Verdict after_pause(double interval_s);
-  std::optional<double> usual_s() const;
+  std::optional<double> usual_interval_s() const;
 
   static constexpr std::size_t kKept = 15;
 
   State state_ = State::steady;
   std::optional<double> last_s_;
-  // Of the pause: the camera's interval before it, and what may still have been held back.
-  double interval_before_s_ = 0, owed_s_ = 0;
-  std::array<double, kKept> intervals_s_{};  // but those of stale pictures
+  // The usual interval before the pause, and how much backlog may still follow.
+  double interval_before_s_ = 0, backlog_s_ = 0;
+  std::array<double, kKept> intervals_s_{};  // without those of stale frames
   std::size_t measured_ = 0;
 };
 

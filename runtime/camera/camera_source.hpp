@@ -1,17 +1,28 @@
-// Where pictures come from. A source is read by one thread of its own, which puts each picture into the localizer's
-// mailbox; it owns no clock but the one that it is given, and knows no picture library.
+// A source of camera frames, and the ones that --camera names:
+//
+//   FOLDER, folder:FOLDER   images that another program writes
+//   video:FILE              a recording, at its own speed      ┐
+//   v4l2:/dev/video0        a camera of this computer          │ through the plug-in nadir_camera_video.so
+//   rtsp://…                a network camera                   ┘
+//
+// One thread reads a source and puts each frame into the localizer's mailbox. A source has no clock but the one that it
+// is given, and no image library.
 #pragma once
 
 #include <chrono>
+#include <filesystem>
+#include <memory>
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 #include "base/bytes.hpp"
+#include "service/clock.hpp"
 
 namespace nadir {
 
-// Pixels as some cameras give them: rows from the top, without gaps, 1 (grey) or 3 (BGR) bytes a pixel.
+// Uncompressed pixels: rows from the top, without padding, 1 (grey) or 3 (BGR) bytes per pixel.
 struct RawPixels {
   int width = 0;
   int height = 0;
@@ -19,33 +30,44 @@ struct RawPixels {
 };
 
 struct CameraFrame {
-  std::string name;              // of the file, or a number that counts up
-  double time_s = 0;             // monotonic, when the picture was there
-  Bytes bytes;                   // an encoded picture (JPEG, PNG, WebP), or pixels
-  std::optional<RawPixels> raw;  // how to read them when they are pixels
+  std::string name;              // file name, or a sequence number
+  double time_s = 0;             // monotonic, on arrival
+  Bytes bytes;                   // an encoded image (JPEG, PNG, WebP), or pixels
+  std::optional<RawPixels> raw;  // the layout when bytes are pixels
 };
 
-enum class CameraNews {
-  frame,    // here is one
-  nothing,  // none within the time, or stop was requested
-  trouble,  // the camera is gone, or gives what is no picture; it may come back: ask again
-  ended,    // there will be no more: the end of a video
+enum class CameraStatus {
+  frame,
+  timeout,  // no frame within the time, or stop was requested
+  failure,  // the camera is gone or delivers invalid images; it may recover: try again
+  ended,    // no more frames: the end of a video
 };
 
 struct CameraReading {
-  CameraNews news = CameraNews::nothing;
-  CameraFrame frame{};   // with CameraNews::frame
-  std::string detail{};  // for the recorder, with trouble and ended
+  CameraStatus status = CameraStatus::timeout;
+  CameraFrame frame{};   // with CameraStatus::frame
+  std::string detail{};  // for the recorder, with failure and ended
 };
 
 class CameraSource {
  public:
   virtual ~CameraSource() = default;
 
-  // Waits for the next picture, but not for longer than at_most. Never throws for what a camera does in flight.
+  // Waits for the next frame, at most this long. Never throws for what a camera does in flight.
   virtual CameraReading next(std::chrono::milliseconds at_most, std::stop_token stop) = 0;
 
   virtual std::string describe() const = 0;  // "folder /data/frames"
 };
+
+// The search path of plug-ins: the folder of the program, and ../lib/nadir of an installation.
+std::vector<std::filesystem::path> plugin_folders();
+
+// Images that are in the folder when it is opened. In flight they are stale.
+enum class Backlog { skip, newest, all };
+
+// Throws UsageError for an unknown kind of source, Error when the plug-in is missing.
+std::unique_ptr<CameraSource> open_camera(const std::string& source, const FlightClock& clock,
+                                          const std::vector<std::filesystem::path>& plugins = plugin_folders(),
+                                          Backlog backlog = Backlog::skip);
 
 }  // namespace nadir

@@ -1,8 +1,8 @@
-// A folder into which another program writes pictures, one file each.
+// A folder into which another program writes images, one file each.
 //
-// A picture is handed out when its writer has closed it or moved it into place, and only when it is whole: never half
-// written. Of those that wait the first by name goes first. A file that was closed cut off is told as trouble and
-// handed out when its writer comes back and finishes it.
+// An image is delivered when its writer has closed it or moved it into place, and only when it is complete. Pending
+// images are delivered in the order of their names. A truncated file is reported as a failure, and delivered once its
+// writer has completed it.
 #pragma once
 
 #include <cstdint>
@@ -11,26 +11,33 @@
 #include <memory>
 #include <string>
 
+#include "base/bytes.hpp"
 #include "camera/camera_source.hpp"
-#include "camera/folder_watch.hpp"
 #include "service/clock.hpp"
 
 namespace nadir {
 
-// What lies in the folder when it is opened. In flight it is old: it shows where the aircraft was, not where it is.
-enum class Backlog { skip, newest, all };
+// Whether these bytes are a complete JPEG, PNG or WebP, by the markers at its begin and end. Nothing is decoded: this
+// detects truncation, not damage inside. Bytes after the end are ignored, as decoders do.
+bool is_complete_image(ByteView bytes);
+
+// Whether a file of this name counts as an image: .jpg, .jpeg, .png, .webp in any case, and not hidden.
+bool has_image_name(const std::filesystem::path& name);
+
+class FolderWatch;
 
 class FolderCamera final : public CameraSource {
  public:
   FolderCamera(std::filesystem::path folder, const FlightClock& clock, Backlog backlog = Backlog::skip);
+  ~FolderCamera() override;
 
-  // A folder that is missing or goes away is trouble until it is there again.
+  // A folder that is missing or vanishes is a failure until it is back.
   CameraReading next(std::chrono::milliseconds at_most, std::stop_token stop) override;
 
   std::string describe() const override { return "folder " + folder_.string(); }
 
  private:
-  // Which state of which file: tells a picture from its successor under the same name.
+  // A file and its state: distinguishes an image from its successor under the same name.
   struct Version {
     std::int64_t modified_ns = 0;
     std::uint64_t size = 0;
@@ -43,15 +50,15 @@ class FolderCamera final : public CameraSource {
   static std::optional<Version> version_of(const std::filesystem::path& file);
 
   std::optional<CameraReading> open();
-  void look_at_folder(bool all);
+  void scan_folder(bool all);
   std::optional<CameraReading> take(const std::string& name, double time_s);
 
   std::filesystem::path folder_;
   const FlightClock& clock_;
   Backlog backlog_;
   std::unique_ptr<FolderWatch> watch_;
-  std::map<std::string, double> waiting_;  // by name: when it was noticed
-  Version last_;                           // handed out
+  std::map<std::string, double> pending_;  // by name: when it was noticed
+  Version last_;                           // delivered last
 };
 
 }  // namespace nadir

@@ -21,10 +21,10 @@ using ErrorText256 = std::array<char, 256>;
 
 std::string text_of(ErrorText256& error) {
   error.back() = '\0';
-  return error.front() == '\0' ? "no reason was given" : error.data();
+  return error.front() == '\0' ? "no reason given" : error.data();
 }
 
-// What the plug-in claims about its frame is not trusted.
+// The plug-in's description of its frame is not trusted.
 bool plausible(const NadirPluginFrame& frame) {
   if (frame.data == nullptr || std::isnan(frame.media_time_s) || std::isinf(frame.media_time_s)) return false;
   if (frame.width == 0) return frame.size > 0 && frame.size <= kMaxEncodedSize;
@@ -44,7 +44,7 @@ class CameraPlugin {
       const char* why = ::dlerror();  // NOLINT(concurrency-mt-unsafe): glibc keeps one text per thread
       throw Error({.what = "cannot load the camera plug-in",
                    .where = library,
-                   .found = why == nullptr ? "no reason was given" : why,
+                   .found = why == nullptr ? "no reason given" : why,
                    .fix = "install the plug-in, or use a folder as the camera"});
     }
     using Entry = const NadirCameraPlugin* (*)();
@@ -53,11 +53,11 @@ class CameraPlugin {
     if (table_ == nullptr || table_->version != NADIR_CAMERA_PLUGIN_VERSION) {
       const std::string found = table_ == nullptr ? "none" : fmt::format("version {}", table_->version);
       ::dlclose(handle_);
-      throw Error({.what = "this is no camera plug-in for this service",
+      throw Error({.what = "not a camera plug-in for this service",
                    .where = library,
                    .expected = fmt::format("nadir_camera_plugin of version {}", NADIR_CAMERA_PLUGIN_VERSION),
                    .found = found,
-                   .fix = "build the plug-in with this version of the service"});
+                   .fix = "rebuild the plug-in with this version of the service"});
     }
   }
   ~CameraPlugin() { ::dlclose(handle_); }
@@ -77,7 +77,7 @@ PluginCamera::PluginCamera(const std::filesystem::path& library, std::string sou
 PluginCamera::~PluginCamera() { close(); }
 
 std::string PluginCamera::describe() const {
-  return fmt::format("{} (plug-in {})", source_, (*plugin_)->name == nullptr ? "without a name" : (*plugin_)->name);
+  return fmt::format("{} (plug-in {})", source_, (*plugin_)->name == nullptr ? "unnamed" : (*plugin_)->name);
 }
 
 void PluginCamera::close() {
@@ -89,41 +89,42 @@ std::optional<CameraReading> PluginCamera::open() {
   ErrorText256 error{};
   camera_ = (*plugin_)->open(source_.c_str(), error.data(), error.size());
   if (camera_ != nullptr) return std::nullopt;
-  return CameraReading{CameraNews::trouble, {}, fmt::format("cannot open {}: {}", source_, text_of(error))};
+  return CameraReading{CameraStatus::failure, {}, fmt::format("cannot open {}: {}", source_, text_of(error))};
 }
 
 CameraReading PluginCamera::read(std::chrono::milliseconds at_most) {
   NadirPluginFrame seen{};
   ErrorText256 error{};
   const auto timeout_ms = static_cast<std::int32_t>(std::clamp<std::int64_t>(at_most.count(), 0, 60'000));
-  const std::int32_t news = (*plugin_)->read(camera_, timeout_ms, &seen, error.data(), error.size());
-  if (news == NADIR_CAMERA_NOTHING) return {};
-  if (news == NADIR_CAMERA_ENDED) return {CameraNews::ended, {}, "the end of " + source_};
-  if (news != NADIR_CAMERA_FRAME || !plausible(seen)) {
+  const std::int32_t status = (*plugin_)->read(camera_, timeout_ms, &seen, error.data(), error.size());
+  if (status == NADIR_CAMERA_NOTHING) return {};
+  if (status == NADIR_CAMERA_ENDED) return {CameraStatus::ended, {}, "the end of " + source_};
+  if (status != NADIR_CAMERA_FRAME || !plausible(seen)) {
     close();
-    return {CameraNews::trouble, {}, news == NADIR_CAMERA_FRAME ? "a frame that cannot be" : text_of(error)};
+    return {
+        CameraStatus::failure, {}, status == NADIR_CAMERA_FRAME ? "invalid frame from the plug-in" : text_of(error)};
   }
   CameraFrame frame{fmt::format("{:06}", frames_++), clock_.monotonic_s(), Bytes(seen.data, seen.data + seen.size), {}};
   if (seen.width != 0) frame.raw = RawPixels{seen.width, seen.height, seen.channels};
-  if (seen.media_time_s < 0) return {CameraNews::frame, std::move(frame), {}};
+  if (seen.media_time_s < 0) return {CameraStatus::frame, std::move(frame), {}};
   if (!media_start_s_) media_start_s_ = frame.time_s - seen.media_time_s;
-  waiting_ = Waiting{std::move(frame), *media_start_s_ + seen.media_time_s};
+  pending_ = PendingFrame{std::move(frame), *media_start_s_ + seen.media_time_s};
   return {};
 }
 
 CameraReading PluginCamera::hold_until_due(double until_s, const std::stop_token& stop) {
-  clock_.wait_until(std::min(waiting_->due_s, until_s), stop);
+  clock_.wait_until(std::min(pending_->due_s, until_s), stop);
   const double now_s = clock_.monotonic_s();
-  if (now_s < waiting_->due_s) return {};
-  CameraReading reading{CameraNews::frame, std::move(waiting_->frame), {}};
+  if (now_s < pending_->due_s) return {};
+  CameraReading reading{CameraStatus::frame, std::move(pending_->frame), {}};
   reading.frame.time_s = now_s;
-  waiting_.reset();
+  pending_.reset();
   return reading;
 }
 
 CameraReading PluginCamera::next(std::chrono::milliseconds at_most, std::stop_token stop) {
   const double until_s = clock_.monotonic_s() + 1e-3 * static_cast<double>(at_most.count());
-  if (!waiting_) {
+  if (!pending_) {
     if (camera_ == nullptr) {
       if (auto failed = open()) {
         clock_.wait_until(until_s, stop);
@@ -131,7 +132,7 @@ CameraReading PluginCamera::next(std::chrono::milliseconds at_most, std::stop_to
       }
     }
     CameraReading reading = read(at_most);
-    if (!waiting_) return reading;
+    if (!pending_) return reading;
   }
   return hold_until_due(until_s, stop);
 }

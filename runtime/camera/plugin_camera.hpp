@@ -1,5 +1,5 @@
-// A camera behind a plug-in: a library that is loaded when it is asked for, so that the service itself links no video
-// library (plugin_abi.h). Recordings are played at their own speed by the service's clock.
+// A camera behind a plug-in: a library that is loaded on demand, so that the service itself links no video library
+// (plugin_abi.h). Recordings are played at their own speed by the service's clock.
 #pragma once
 
 #include <filesystem>
@@ -15,8 +15,8 @@ class CameraPlugin;  // the loaded library
 
 class PluginCamera final : public CameraSource {
  public:
-  // Loads the library; the camera itself is opened by next(), again and again if need be. Throws Error when the file is
-  // no plug-in, or one of another version.
+  // Loads the library; next() opens the camera and reopens it after failures. Throws Error when the file is not a
+  // plug-in, or of another version.
   PluginCamera(const std::filesystem::path& library, std::string source, const FlightClock& clock);
   ~PluginCamera() override;
 
@@ -24,7 +24,7 @@ class PluginCamera final : public CameraSource {
   std::string describe() const override;
 
  private:
-  struct Waiting {
+  struct PendingFrame {
     CameraFrame frame;
     double due_s = 0;
   };
@@ -39,8 +39,8 @@ class PluginCamera final : public CameraSource {
   const FlightClock& clock_;
   void* camera_ = nullptr;
   std::uint64_t frames_ = 0;
-  std::optional<double> media_start_s_;  // monotonic time of the recording's beginning
-  std::optional<Waiting> waiting_;       // a frame of a recording whose time has not come
+  std::optional<double> media_start_s_;  // monotonic time of the recording's start
+  std::optional<PendingFrame> pending_;  // a frame of a recording that is not due yet
 };
 
 }  // namespace nadir

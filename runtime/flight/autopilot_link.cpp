@@ -3,17 +3,16 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "mavlink/commands.hpp"
-#include "service/cadence.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kHeartbeatPeriod_s = 1, kAskAgain_s = 10, kStrangerPeriod_s = 1, kThreadLimit_s = 2;
-constexpr int kLongestWait_ms = 20;
+constexpr double kHeartbeatPeriod_s = 1, kRequestPeriod_s = 10, kUnauthenticatedPeriod_s = 1, kThreadLimit_s = 2;
+constexpr int kMaxWait_ms = 20;
 
-// ArduPlane looks fifty times a second, and tells the operator each time that more than forty are asked for.
+// ArduPlane sends at most every 20 ms, and warns the operator about any request above 40 Hz.
 constexpr std::pair<StreamedMessage, double> kStreams[] = {
     {StreamedMessage::attitude, 25},      {StreamedMessage::global_position, 5}, {StreamedMessage::gps_raw, 5},
     {StreamedMessage::gps2_raw, 5},       {StreamedMessage::raw_imu, 40},        {StreamedMessage::ekf_status, 4},
@@ -63,25 +62,25 @@ void AutopilotLink::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-void AutopilotLink::observe(const VisionEstimate& estimate, std::optional<double> arrived_s) {
+void AutopilotLink::on_estimate(const VisionEstimate& estimate, std::optional<double> arrived_s) {
   estimates_.put({estimate, arrived_s});
   wake_up_.call();
 }
 
-void AutopilotLink::permit(const ServiceStatus& status) {
+void AutopilotLink::on_status(const ServiceStatus& status) {
   const std::scoped_lock lock(mutex_);
-  permitted_ = status;
+  status_ = status;
 }
 
-void AutopilotLink::tell(TextSeverity severity, std::string text) { send(StatusText{severity, std::move(text)}); }
+void AutopilotLink::send_text(TextSeverity severity, std::string text) { send(StatusText{severity, std::move(text)}); }
 
 void AutopilotLink::send(OutgoingMessage message) {
   outgoing_.put(std::move(message));
   wake_up_.call();
 }
 
-void AutopilotLink::keep_signing_time() {
-  if (signing_time_) signing_time_->keep(us(clock_.monotonic_s()));
+void AutopilotLink::save_signing_time() {
+  if (signing_time_) signing_time_->save(us(clock_.monotonic_s()));
 }
 
 AutopilotLink::State AutopilotLink::state() const {
@@ -90,84 +89,86 @@ AutopilotLink::State AutopilotLink::state() const {
 }
 
 void AutopilotLink::run(const std::stop_token& stop) {
-  begin_thread("link", ThreadPriority::ahead);
+  begin_thread("link", ThreadPriority::high);
   Cadence heartbeats(kHeartbeatPeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
     beat_();
     const double now_s = clock_.monotonic_s();
-    const auto take = [&](const ReceivedMessage& message) {
-      ask_for_streams(now_s, message);
-      feel(now_s, message);
-      listener_.message(now_s, message);
+    const auto handle = [&](const ReceivedMessage& message) {
+      request_streams(now_s, message);
+      predict_motion(now_s, message);
+      listener_.on_message(now_s, message);
     };
-    link_.advance(us(now_s), take, [&](MavlinkAddress claimed) { tell_stranger(now_s, claimed); });
-    while (const auto observed = estimates_.try_take()) {
-      const bool taken = predictor_.observe(observed->estimate, us(now_s));
-      if (taken && observed->arrived_s) untold_since_s_ = observed->arrived_s;
+    link_.advance(us(now_s), handle, [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); });
+    while (const auto arrived = estimates_.try_take()) {
+      const bool accepted = predictor_.on_estimate(arrived->estimate, us(now_s));
+      if (accepted && arrived->arrived_s) unsent_since_s_ = arrived->arrived_s;
     }
-    const ServiceStatus permitted = this->permitted();
-    send_fix(now_s, permitted);
-    if (heartbeats.due(now_s)) link_.send(OwnHeartbeat{system_state(permitted.state)}, us(now_s));
+    const ServiceStatus status = this->status();
+    send_fix(now_s, status);
+    if (heartbeats.due(now_s)) link_.send(OwnHeartbeat{system_state(status.state)}, us(now_s));
     while (const auto message = outgoing_.try_take()) link_.send(*message, us(now_s));
     publish();
     const double until_due_ms = static_cast<double>(predictor_.next_due_us() - us(clock_.monotonic_s())) / 1000;
-    const int wait_ms = static_cast<int>(std::clamp(until_due_ms, 0.0, static_cast<double>(kLongestWait_ms)));
+    const int wait_ms = static_cast<int>(std::clamp(until_due_ms, 0.0, static_cast<double>(kMaxWait_ms)));
     wake_up_.wait(link_.transport().descriptor(), link_.transport().events(), wait_ms);
   }
 }
 
-ServiceStatus AutopilotLink::permitted() const {
+ServiceStatus AutopilotLink::status() const {
   const std::scoped_lock lock(mutex_);
-  return permitted_;
+  return status_;
 }
 
-void AutopilotLink::send_fix(double now_s, const ServiceStatus& permitted) {
+void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
   const auto predicted = predictor_.poll(us(now_s), clock_.unix_us());
-  if (!predicted || !permitted.serves_fixes) return;
-  if (predicted->jumped_m && permitted.fix) listener_.jumped(*predicted->jumped_m);
-  std::optional<Fix> told;
-  if (permitted.fix && predicted->fix) {
-    told = predicted->fix;
-    told->sigma_m = std::max(told->sigma_m, permitted.sigma_m);  // while blind it only grows
+  if (!predicted || !status.serves_fixes) return;
+  if (predicted->jumped_m && status.fix) listener_.on_jump(*predicted->jumped_m);
+  std::optional<Fix> fix;
+  if (status.fix && predicted->fix) {
+    fix = predicted->fix;
+    fix->sigma_m = std::max(fix->sigma_m, status.sigma_m);  // never shrinks while blind
   }
   const GpsInput input =
-      told ? gps_input(*told, airframe_.gps_id) : gps_input_without_fix(clock_.unix_us(), airframe_.gps_id);
+      fix ? gps_input(*fix, airframe_.gps_id) : gps_input_without_fix(clock_.unix_us(), airframe_.gps_id);
   if (!link_.send(input, us(now_s))) return;
   const std::scoped_lock lock(mutex_);
   ++state_.fixes_sent;
-  state_.told = told;
-  if (untold_since_s_) state_.latency.add(clock_.monotonic_s() - *untold_since_s_);
-  untold_since_s_.reset();
+  state_.last_fix = fix;
+  if (unsent_since_s_) state_.latency.add(clock_.monotonic_s() - *unsent_since_s_);
+  unsent_since_s_.reset();
   if (last_fix_s_) state_.longest_gap_s = std::max(state_.longest_gap_s, now_s - *last_fix_s_);
   last_fix_s_ = now_s;
 }
 
-// Once the autopilot is heard, and again now and then: it may have been started anew.
-void AutopilotLink::ask_for_streams(double now_s, const ReceivedMessage& message) {
+// At the first heartbeat, and again periodically: the autopilot may have rebooted.
+void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message) {
   const auto* heartbeat = std::get_if<Heartbeat>(&message.message);
-  if (heartbeat == nullptr || !heartbeat->is_autopilot || (asked_s_ && now_s - *asked_s_ < kAskAgain_s)) return;
-  asked_s_ = now_s;
+  if (heartbeat == nullptr || !heartbeat->is_autopilot || (requested_s_ && now_s - *requested_s_ < kRequestPeriod_s))
+    return;
+  requested_s_ = now_s;
   for (const auto& [stream, rate_hz] : kStreams) outgoing_.put(set_message_interval(message.source, stream, rate_hz));
 }
 
-// Between pictures, and above all without them, the fix follows what the aircraft does.
-void AutopilotLink::feel(double now_s, const ReceivedMessage& received) {
+// Between frames, and above all without them, the fix follows the aircraft's motion.
+void AutopilotLink::predict_motion(double now_s, const ReceivedMessage& received) {
   if (received.source.system != airframe_.system || received.source.component != airframe_.autopilot) return;
-  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) predictor_.hear(us(now_s), *attitude);
-  if (const auto* imu = std::get_if<ImuSample>(&received.message)) predictor_.hear(us(now_s), *imu);
+  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message))
+    predictor_.on_message(us(now_s), *attitude);
+  if (const auto* imu = std::get_if<ImuSample>(&received.message)) predictor_.on_message(us(now_s), *imu);
 }
 
-void AutopilotLink::tell_stranger(double now_s, MavlinkAddress claimed) {
-  const bool as_autopilot = claimed == MavlinkAddress{airframe_.system, airframe_.autopilot};
-  if (!as_autopilot || (stranger_s_ && now_s - *stranger_s_ < kStrangerPeriod_s)) return;
-  stranger_s_ = now_s;
-  if (listener_.stranger) listener_.stranger();
+void AutopilotLink::report_unauthenticated_peer(double now_s, MavlinkAddress claimed) {
+  const bool claims_autopilot = claimed == MavlinkAddress{airframe_.system, airframe_.autopilot};
+  if (!claims_autopilot || (unauthenticated_s_ && now_s - *unauthenticated_s_ < kUnauthenticatedPeriod_s)) return;
+  unauthenticated_s_ = now_s;
+  if (listener_.on_unauthenticated_peer) listener_.on_unauthenticated_peer();
 }
 
 void AutopilotLink::publish() {
   const std::scoped_lock lock(mutex_);
   state_.open = link_.transport().is_open();
-  state_.trouble = state_.open ? std::string() : link_.transport().last_error();
+  state_.error = state_.open ? std::string() : link_.transport().last_error();
   state_.counts = link_.counts();
 }
 

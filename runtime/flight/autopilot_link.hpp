@@ -1,7 +1,15 @@
-// The thread of the link: reads what the autopilot says, tells it our fixes ten times a second, and what the operator
-// must know. Nothing here waits for pictures, and pictures wait for nothing here.
+// The thread of the autopilot link: receives telemetry, sends our fixes ten times a second and the operator's texts. It
+// waits for no frame, and no frame waits for it.
 #pragma once
 
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -9,33 +17,89 @@
 #include <string>
 #include <thread>
 
-#include "flight/wake_up.hpp"
+#include "base/error.hpp"
 #include "mavlink/fix_predictor.hpp"
 #include "mavlink/link.hpp"
 #include "service/clock.hpp"
-#include "service/latency_histogram.hpp"
-#include "service/latest_mailbox.hpp"
+#include "service/mailbox.hpp"
 #include "service/service_machine.hpp"
-#include "service/thread_watch.hpp"
-#include "vision/airframe.hpp"
+#include "service/watchdog.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
+
+// Interrupts another thread's poll(). An eventfd: any number of calls wake it once.
+class WakeUp {
+ public:
+  WakeUp() : fd_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+    if (fd_ < 0) throw Error({.what = "cannot create an event descriptor", .fix = "raise the limit of open files"});
+  }
+  ~WakeUp() { ::close(fd_); }
+  WakeUp(const WakeUp&) = delete;
+  WakeUp& operator=(const WakeUp&) = delete;
+
+  void call() const {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const auto written = ::write(fd_, &one, sizeof one);  // full: already woken
+  }
+
+  // Until call(), one of these events of `descriptor` (-1: none), or the timeout.
+  void wait(int descriptor, short events, int at_most_ms) const {
+    pollfd waited[] = {{fd_, POLLIN, 0}, {descriptor, events, 0}};
+    ::poll(waited, 2, at_most_ms);
+    std::uint64_t calls = 0;
+    [[maybe_unused]] const auto taken = ::read(fd_, &calls, sizeof calls);
+  }
+
+ private:
+  int fd_;
+};
+
+// Durations in bins of a millisecond: constant memory however long the flight.
+class LatencyHistogram {
+ public:
+  void add(double seconds) {
+    const double ms = std::clamp(std::floor(seconds * 1000), 0.0, static_cast<double>(bins_.size() - 1));
+    ++bins_[static_cast<std::size_t>(ms)];
+    ++count_;
+    largest_s_ = std::max(largest_s_, seconds);
+  }
+
+  std::uint64_t count() const { return count_; }
+  double largest_s() const { return largest_s_; }
+
+  // Upper end of the bin of this quantile; 0 without any. Durations above two seconds count as two.
+  double quantile_s(double share) const {
+    const double wanted = share * static_cast<double>(count_);
+    std::uint64_t sum = 0;
+    for (std::size_t i = 0; i < bins_.size() && count_ != 0; ++i) {
+      sum += bins_[i];
+      if (static_cast<double>(sum) >= wanted) return static_cast<double>(i + 1) / 1000;
+    }
+    return 0;
+  }
+
+ private:
+  std::array<std::uint32_t, 2000> bins_{};
+  std::uint64_t count_ = 0;
+  double largest_s_ = 0;
+};
 
 struct AutopilotLinkSetup {
   Airframe airframe;
   std::unique_ptr<Transport> transport;
   std::optional<SigningKey> key;                      // none: simulators and the bench
-  std::optional<std::filesystem::path> signing_time;  // with a key: what a restart must not reuse
+  std::optional<std::filesystem::path> signing_time;  // with a key: the timestamps that a restart must not reuse
 };
 
 class AutopilotLink {
  public:
-  // On the link's thread; must be quick. jumped_m: the next fix lies so far from the last one. stranger: somebody
-  // speaks as the autopilot, with a signature that does not count or with none; told once a second at most.
+  // Called on the link's thread: must be quick.
   struct Listener {
-    std::function<void(double now_s, const ReceivedMessage&)> message;
-    std::function<void(double jumped_m)> jumped;
-    std::function<void()> stranger;
+    std::function<void(double now_s, const ReceivedMessage&)> on_message;
+    std::function<void(double distance_m)> on_jump;  // the next fix lies so far from the last one
+    // A peer claims to be the autopilot without a valid signature; at most once a second.
+    std::function<void()> on_unauthenticated_peer;
   };
 
   AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener);
@@ -43,34 +107,34 @@ class AutopilotLink {
   AutopilotLink(const AutopilotLink&) = delete;
   AutopilotLink& operator=(const AutopilotLink&) = delete;
 
-  void stop();  // its thread has ended then; what is sent later is lost
+  void stop();  // joins the thread; later messages are lost
 
   // From any thread.
-  // arrived_s: when its picture was there, to know how long it takes until a fix tells of it.
-  void observe(const VisionEstimate& estimate, std::optional<double> arrived_s);
-  void permit(const ServiceStatus& status);  // whether, and how surely, fixes may be told
-  void tell(TextSeverity severity, std::string text);
+  // arrived_s: when its frame arrived, to measure the latency of fixes.
+  void on_estimate(const VisionEstimate& estimate, std::optional<double> arrived_s);
+  void on_status(const ServiceStatus& status);  // whether fixes may be sent, and their accuracy
+  void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
-  void keep_signing_time();  // once a second, from a thread that has time for disks
+  void save_signing_time();  // once a second, from a thread that may wait for disks
 
   struct State {
     bool open = false;
-    std::string trouble;  // why it is not
+    std::string error;  // why it is closed
     LinkCounts counts;
     std::uint64_t fixes_sent = 0;
-    double longest_gap_s = 0;  // between two GPS_INPUT, since they began
-    std::optional<Fix> told;   // in the last of them; none: "no fix"
-    LatencyHistogram latency;  // from a picture to the first fix that tells of it
+    double longest_gap_s = 0;     // between two GPS_INPUT
+    std::optional<Fix> last_fix;  // in the last of them; nullopt: "no fix"
+    LatencyHistogram latency;     // from the arrival of a frame to the first fix that uses it
   };
   State state() const;
 
  private:
   void run(const std::stop_token& stop);
-  ServiceStatus permitted() const;
-  void send_fix(double now_s, const ServiceStatus& permitted);
-  void ask_for_streams(double now_s, const ReceivedMessage& message);
-  void feel(double now_s, const ReceivedMessage& received);
-  void tell_stranger(double now_s, MavlinkAddress claimed);
+  ServiceStatus status() const;
+  void send_fix(double now_s, const ServiceStatus& status);
+  void request_streams(double now_s, const ReceivedMessage& message);
+  void predict_motion(double now_s, const ReceivedMessage& received);
+  void report_unauthenticated_peer(double now_s, MavlinkAddress claimed);
   void publish();
 
   Airframe airframe_;
@@ -80,18 +144,18 @@ class AutopilotLink {
   MavlinkLink link_;
   FixPredictor predictor_;
 
-  struct Observed {
+  struct ArrivedEstimate {
     VisionEstimate estimate;
     std::optional<double> arrived_s;
   };
-  LatestMailbox<Observed> estimates_{8};
+  LatestMailbox<ArrivedEstimate> estimates_{8};
   LatestMailbox<OutgoingMessage> outgoing_{32};
   WakeUp wake_up_;
   mutable std::mutex mutex_;
-  ServiceStatus permitted_;
+  ServiceStatus status_;
   State state_;
 
-  std::optional<double> last_fix_s_, asked_s_, untold_since_s_, stranger_s_;
+  std::optional<double> last_fix_s_, requested_s_, unsent_since_s_, unauthenticated_s_;
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above
 };

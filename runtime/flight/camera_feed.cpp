@@ -3,16 +3,16 @@
 #include <algorithm>
 #include <utility>
 
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 #include "imagery/codecs.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr std::chrono::milliseconds kLongestWait{200};
-constexpr double kAfterTrouble_s = 0.2, kThreadLimit_s = 5;
+constexpr std::chrono::milliseconds kMaxWait{200};
+constexpr double kRetry_s = 0.2, kThreadLimit_s = 5;
 
-// The recorder and the localizer know encoded pictures. Lossless, because the recording must give the same bits again.
+// Recorder and localizer take encoded images. Lossless, because a replay must have the same pixels.
 Bytes encoded(CameraFrame& frame) {
   if (!frame.raw) return std::move(frame.bytes);
   const cv::Mat pixels(frame.raw->height, frame.raw->width, frame.raw->channels == 1 ? CV_8UC1 : CV_8UC3,
@@ -23,73 +23,73 @@ Bytes encoded(CameraFrame& frame) {
 }  // namespace
 
 CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_delay_s, const FlightClock& clock,
-                       LatestMailbox<FlightPicture>& pictures, ThreadWatch& watch,
-                       std::function<void(const std::string&)> told)
+                       LatestMailbox<CapturedFrame>& frames, ThreadWatch& watch,
+                       std::function<void(OnboardEvent)> on_event)
     : source_(std::move(source)),
       capture_delay_s_(capture_delay_s),
       clock_(clock),
-      pictures_(pictures),
-      told_(std::move(told)),
+      frames_(frames),
+      on_event_(std::move(on_event)),
       beat_(watch.watch("camera", kThreadLimit_s)),
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
 void CameraFeed::run(const std::stop_token& stop) {
-  begin_thread("camera", ThreadPriority::beside);
+  begin_thread("camera", ThreadPriority::normal);
   while (!stop.stop_requested()) {
     beat_();
-    CameraReading reading = source_->next(patience(), stop);
-    const bool frame = reading.news == CameraNews::frame;
-    hand_on_settled(frame ? reading.frame.time_s : clock_.monotonic_s());
-    if (reading.news == CameraNews::nothing) continue;
+    CameraReading reading = source_->next(max_wait(), stop);
+    const bool frame = reading.status == CameraStatus::frame;
+    deliver_settled(frame ? reading.frame.time_s : clock_.monotonic_s());
+    if (reading.status == CameraStatus::timeout) continue;
     if (frame) {
-      take(std::move(reading.frame));
+      on_frame(std::move(reading.frame));
       continue;
     }
-    tell(reading.detail);
-    clock_.wait_until(clock_.monotonic_s() + kAfterTrouble_s, stop);
+    on_failure(reading.detail);
+    clock_.wait_until(clock_.monotonic_s() + kRetry_s, stop);
   }
 }
 
-// Until the held picture may be handed on.
-std::chrono::milliseconds CameraFeed::patience() const {
+// At most until the held frame becomes fresh.
+std::chrono::milliseconds CameraFeed::max_wait() const {
   const auto settled_s = guard_.settled_s();
-  if (!held_ || !settled_s) return kLongestWait;
+  if (!held_ || !settled_s) return kMaxWait;
   const std::chrono::duration<double> left(std::clamp(*settled_s - clock_.monotonic_s(), 0.0, 1.0));
-  return std::min(kLongestWait, std::chrono::ceil<std::chrono::milliseconds>(left));
+  return std::min(kMaxWait, std::chrono::ceil<std::chrono::milliseconds>(left));
 }
 
-void CameraFeed::take(CameraFrame frame) {
-  switch (guard_.judge(frame.time_s)) {
-    case BacklogGuard::Verdict::fresh: hand_on(frame); break;
-    case BacklogGuard::Verdict::wait: held_ = std::move(frame); break;
-    case BacklogGuard::Verdict::stale: leave_out_with_held(); break;
+void CameraFeed::on_frame(CameraFrame frame) {
+  switch (guard_.classify(frame.time_s)) {
+    case BacklogGuard::Verdict::fresh: deliver(frame); break;
+    case BacklogGuard::Verdict::hold: held_ = std::move(frame); break;
+    case BacklogGuard::Verdict::stale: drop_with_held(); break;
   }
 }
 
-void CameraFeed::hand_on(CameraFrame& frame) {
+void CameraFeed::deliver(CameraFrame& frame) {
   held_.reset();
-  last_trouble_.clear();
-  told_({});
-  const double taken_s = frame.time_s - capture_delay_s_;
-  pictures_.put({frame.name, encoded(frame), taken_s});
+  last_failure_.clear();
+  on_event_(FrameReceived{});
+  const double captured_s = frame.time_s - capture_delay_s_;
+  frames_.put({frame.name, encoded(frame), captured_s});
 }
 
-void CameraFeed::hand_on_settled(double now_s) {
+void CameraFeed::deliver_settled(double now_s) {
   const auto settled_s = guard_.settled_s();
   if (!held_ || !settled_s || now_s < *settled_s) return;
   CameraFrame frame = std::move(*held_);
-  hand_on(frame);
+  deliver(frame);
 }
 
-void CameraFeed::leave_out_with_held() {
-  left_out_ += held_ ? 2 : 1;
+void CameraFeed::drop_with_held() {
+  stale_ += held_ ? 2 : 1;
   held_.reset();
-  tell("the camera hands out pictures that it had held back; they are left out");
+  on_failure("the camera delivers stale frames from its buffer; they are dropped");
 }
 
-void CameraFeed::tell(const std::string& trouble) {
-  if (trouble != last_trouble_) told_(trouble);
-  last_trouble_ = trouble;
+void CameraFeed::on_failure(const std::string& reason) {
+  if (reason != last_failure_) on_event_(CameraFailed{reason});
+  last_failure_ = reason;
 }
 
 }  // namespace nadir

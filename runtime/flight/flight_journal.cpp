@@ -1,5 +1,9 @@
 #include "flight/flight_journal.hpp"
 
+#include <fmt/format.h>
+
+#include <utility>
+
 namespace nadir {
 
 EventSeverity severity_of(OperatorSeverity severity) {
@@ -7,17 +11,60 @@ EventSeverity severity_of(OperatorSeverity severity) {
   return severity == OperatorSeverity::warning ? EventSeverity::warning : EventSeverity::info;
 }
 
-void FlightJournal::state(const ServiceEvent& event) {
-  const ReasonText& reason = text_of(event.reason);
-  events_.add(event.time_s, severity_of(reason.severity), "state", event.text);
-  if (recorder_ == nullptr) return;
-  recorder_->record(StateRecord{std::string(name_of(event.from)), std::string(name_of(event.to)),
-                                std::string(reason.name) + ": " + event.text});
+std::string text_of(const FixJumped& jumped) { return fmt::format("position jumps by {:.0f} m", jumped.distance_m); }
+
+void FlightJournal::on_event(double time_s, const OnboardEvent& event) {
+  const auto enter = [&](const auto& known) {
+    if constexpr (requires { on(time_s, known); }) on(time_s, known);
+  };
+  std::visit(enter, event);
 }
 
 void FlightJournal::note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text) {
   events_.add(time_s, severity, kind, text);
   if (recorder_ != nullptr) recorder_->record(HealthRecord{severity == EventSeverity::info, {}, {kind + ": " + text}});
+}
+
+void FlightJournal::on(double, const StateTransition& transition) {
+  const ReasonText& reason = text_of(transition.reason);
+  events_.add(transition.time_s, severity_of(reason.severity), "state", transition.text);
+  if (recorder_ == nullptr) return;
+  recorder_->record(StateRecord{std::string(name_of(transition.from)), std::string(name_of(transition.to)),
+                                std::string(reason.name) + ": " + transition.text});
+}
+
+void FlightJournal::on(double time_s, const CameraFailed& failed) {
+  note(time_s, EventSeverity::warning, "camera", failed.reason);
+}
+
+void FlightJournal::on(double time_s, const StateSaveFailed& failed) {
+  note(time_s, EventSeverity::warning, "state directory", failed.reason);
+}
+
+void FlightJournal::on(double time_s, const TilesFailed& failed) {
+  note(time_s, EventSeverity::warning, "candidate tiles", failed.reason);
+}
+
+void FlightJournal::on(double time_s, const FixJumped& jumped) {
+  note(time_s, EventSeverity::warning, "fix", text_of(jumped));
+}
+
+void FlightJournal::on(double time_s, const PositionHinted& hint) {
+  note(time_s, EventSeverity::info, "hint",
+       fmt::format("{}: within {:.0f} m of {:.5f}, {:.5f}", hint.source, hint.radius_m, hint.place.lat_deg,
+                   hint.place.lon_deg));
+}
+
+void OperatorTexts::add(TextSeverity severity, std::string text) {
+  if (text.empty()) return;
+  texts_.push_back({severity, std::move(text)});
+  if (texts_.size() <= capacity_) return;
+  texts_.pop_front();
+  ++dropped_;
+}
+
+void OperatorTexts::deliver(const Listener& listener) {
+  for (const Text& pending : std::exchange(texts_, {})) listener(pending.severity, pending.text);
 }
 
 }  // namespace nadir

@@ -1,31 +1,71 @@
-// What happens in a flight, told to everybody who must know: the recorder, the readers of the API, the operator.
+// Where events are reported: the recorder, the event list of the API, and the operator.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
-#include <memory>
+#include <deque>
+#include <functional>
 #include <string>
 
-#include "api/flight_history.hpp"
+#include "api/flight_view.hpp"
+#include "mavlink/messages.hpp"
 #include "recorder/recorder.hpp"
-#include "service/service_machine.hpp"
+#include "service/onboard_event.hpp"
 
 namespace nadir {
+
+EventSeverity severity_of(OperatorSeverity severity);
 
 class FlightJournal {
  public:
   // recorder: may be null, must outlive this.
   explicit FlightJournal(Recorder* recorder) : recorder_(recorder) {}
 
-  void state(const ServiceEvent& event);
+  // Events that are frequent or that only cause others leave no entry.
+  void on_event(double time_s, const OnboardEvent& event);
   void note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
 
   const EventRing& events() const { return events_; }
 
  private:
+  void on(double time_s, const StateTransition& transition);
+  void on(double time_s, const CameraFailed& failed);
+  void on(double time_s, const StateSaveFailed& failed);
+  void on(double time_s, const TilesFailed& failed);
+  void on(double time_s, const FixJumped& jumped);
+  void on(double time_s, const PositionHinted& hint);
+
   Recorder* recorder_;
   EventRing events_;
 };
 
-EventSeverity severity_of(OperatorSeverity severity);
+std::string text_of(const FixJumped& jumped);
+
+// The operator's texts, until an autopilot is connected: before the first heartbeat and while the link is lost the
+// latest texts wait, oldest first, however long. For one thread.
+class OperatorTexts {
+ public:
+  using Listener = std::function<void(TextSeverity severity, const std::string& text)>;
+
+  explicit OperatorTexts(std::size_t capacity = 12) : capacity_(capacity) {}
+
+  // Ignores an empty text. When the queue is full, the oldest text is dropped.
+  void add(TextSeverity severity, std::string text);
+
+  // Delivers all of them.
+  void deliver(const Listener& listener);
+
+  std::size_t pending() const { return texts_.size(); }
+  std::uint64_t dropped() const { return dropped_; }
+
+ private:
+  struct Text {
+    TextSeverity severity;
+    std::string text;
+  };
+  std::size_t capacity_;
+  std::deque<Text> texts_;
+  std::uint64_t dropped_ = 0;
+};
 
 }  // namespace nadir

@@ -2,185 +2,399 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "service/cadence.hpp"
+#include "base/error.hpp"
+#include "base/platform.hpp"
+#include "cli/nadir_version.hpp"
+#include "mavlink/commands.hpp"
 #include "service/service_rules.hpp"
+#include "trust/bearer_token.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr double kTurn_s = 0.05, kPublishPeriod_s = 0.2;
+constexpr double kTurn_s = 0.05, kViewPeriod_s = 0.2;
+constexpr std::chrono::milliseconds kStateThreadWait{500};
+
+std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
+  if (!file) return std::nullopt;
+  return sha256(as_bytes(read_bearer_token(*file)));
+}
+
+// The autopilot navigates by our fix: its attitude depends on our fix, and our fix on its attitude. The uncertainty in
+// the airframe file was measured with GPS; with fixes of a localizer that trusted it, ArduPlane's attitude drifted by
+// 17 and 5 degrees (docs/closed-loop.md).
+Airframe fix_aided(Airframe airframe) {
+  TelemetryUncertainty& attitude = airframe.camera.uncertainty;
+  attitude.heading_rad = std::max(attitude.heading_rad, kFixAidedHeading_rad);
+  attitude.tilt_rad = std::max(attitude.tilt_rad, kFixAidedTilt_rad);
+  return airframe;
+}
+
+// What the recorder writes first: the flight, and with add_start() everything that the localizer starts from, so that
+// `nadir replay --recorder` starts from the same.
+SessionRecord session_record(const Airframe& airframe, const FlightClock& clock) {
+  const std::int64_t unix_us = clock.unix_us();
+  SessionRecord session;
+  session.program = "nadird";
+  session.version = kVersion;
+  session.airframe = airframe.id;
+  session.started_ns = static_cast<std::uint64_t>(unix_us) * 1000;
+  session.id = fmt::format("{}-{:x}", airframe.id, unix_us);
+  session.camera = airframe.camera;
+  session.picture_shrink = decode_reduction(airframe.camera.camera.width, airframe.camera.camera.height);
+  session.looked_up_later = true;
+  return session;
+}
+
+void add_start(SessionRecord& session, const LocalizationSetup& setup, const MissionMap& map) {
+  session.package = sha256_file(map.folder() / kManifestFile);
+  session.mission = map.package().manifest().mission_id;
+  session.origin = setup.frame.origin();
+  session.start = setup.start;
+  session.localizer = setup.config;
+  session.terrain = setup.config.surface != nullptr;
+  session.places = setup.config.places != nullptr;
+  session.settings = {{"odometry", "features"}, {"matcher", "channels"}};  // the defaults of LocalizerConfig
+}
+
+VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double> ground_msl_m) {
+  const Estimate& estimate = frame.report.estimate;
+  const StateEstimate& belief = frame.report.state;
+  VisionEstimate vision;
+  vision.time_us = std::llround(frame.telemetry.time_s * 1e6);
+  vision.place = *estimate.position;
+  vision.sigma_m = estimate.sigma_m;
+  vision.east_mps = belief.velocity_mps.x();
+  vision.north_mps = belief.velocity_mps.y();
+  vision.speed_sigma_mps = belief.velocity_sigma_mps;
+  if (ground_msl_m) vision.msl_m = *ground_msl_m + belief.agl_m;
+  if (ground_msl_m) vision.vertical_sigma_m = belief.agl_sigma_m;
+  vision.visual = is_visual(estimate.source);
+  return vision;
+}
 
 }  // namespace
 
+// ---- start and end
+
+// Wrong names, keys and addresses are found before there are threads. The camera's thread comes last: before the first
+// frame nobody uses the link.
+FlightService::FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock,
+                             StopSignals& stop)
+    : options_(options),
+      clock_(clock),
+      stop_(stop),
+      airframe_(fix_aided(options.airframe)),
+      state_(options.state),
+      machine_(clock.monotonic_s()),
+      gps_(clock.monotonic_s()),
+      views_(fmt::format("{:x}", clock.unix_us())),
+      manager_(read_service_environment().notify_socket),
+      watch_(clock) {
+  if (verified.package) map_ = std::make_unique<MissionMap>(std::move(verified.package), options.package);
+  restart_ = restart_from(state_.load(), clock);  // after the map: reading a large place index takes seconds of flight
+  if (restart_.position) gps_.on_restart();
+  const PackageView view = map_ ? package_view(map_->package()) : refused_package(verified.findings);
+  views_.set_package(view);
+  rejection_ = view.reason;
+  warnings_ = std::move(verified.findings);
+  start_recorder();
+  journal_ = std::make_unique<FlightJournal>(recorder_.get());
+  start_api();
+  std::unique_ptr<CameraSource> camera;
+  if (map_) camera = open_camera(options_.camera, clock_);
+  if (map_) start_localization();
+  start_link();
+  if (map_) start_camera(std::move(camera));
+  state_thread_ = std::jthread([this](const std::stop_token& token) { save_state_loop(token); });
+}
+
+FlightService::~FlightService() {
+  if (localization_) localization_->request_stop();  // a map match takes longest to end
+  camera_.reset();
+  link_->stop();  // localizer and link use each other
+  localization_.reset();
+  tiles_.reset();
+  state_thread_ = {};
+  link_.reset();
+  server_.reset();
+  if (recorder_) recorder_->close("stopped");
+}
+
+// What the localizer starts from, and what the recorder says that it started from.
+LocalizationSetup FlightService::localization_setup() const {
+  LocalizationSetup setup{airframe_.camera, airframe_.mount, map_->frame(),      &map_->package().imagery(),
+                          options_.start,   map_->config(),  map_->plane_msl_m()};
+  setup.config.anchor_every_m = options_.anchor_every_m;
+  if (restart_.position) {
+    setup.start = restart_.position->place;
+    setup.config.start_sigma_m = restart_.position->sigma_m;
+    setup.config.resumed = true;
+  }
+  return setup;
+}
+
+// A recorder that fails costs the evidence, not the flight.
+void FlightService::start_recorder() {
+  if (!options_.record) return;
+  RecorderOptions recorder;
+  recorder.store.folder = *options_.record;
+  recorder.keep_pictures = options_.keep_pictures;
+  try {
+    SessionRecord session = session_record(airframe_, clock_);
+    if (map_) add_start(session, localization_setup(), *map_);
+    recorder_ = std::make_unique<Recorder>(recorder, std::move(session),
+                                           [this] { return static_cast<std::uint64_t>(clock_.unix_us()) * 1000; });
+  } catch (const Error& error) {
+    recorder_error_ = error.what();
+  }
+}
+
+void FlightService::start_api() {
+  const ListenAddress address = parse_listen_address(options_.listen);
+  ApiOptions api;
+  api.now_s = [this] { return clock_.monotonic_s(); };
+  api.token = token_digest(options_.token);
+  api.loopback = address.loopback();
+  require_token_beyond_loopback(address, api.token);
+  api_ = std::make_unique<Api>(board_, api_hints_, api);
+  if (map_) api_->use_package(map_->for_api());
+  server_ = std::make_unique<HttpServer>(*api_, address);
+}
+
+void FlightService::start_localization() {
+  start_tiles();
+  LocalizationThread::Listener listener;
+  listener.on_frame = [this](std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
+    if (recorder_) record_input(*recorder_, index, telemetry, encoded);
+    if (tiles_) tiles_->on_frame(index, telemetry, encoded);
+  };
+  listener.on_localized = [this](const LocalizedFrame& frame) { on_localized(frame); };
+  listener.on_hint = [this](const HintRecord& hint) {
+    if (recorder_) recorder_->record(hint);
+  };
+  localization_ = std::make_unique<LocalizationThread>(localization_setup(), frames_, watch_, std::move(listener));
+  if (restart_.hint) localization_->hint(restart_.hint->place, restart_.hint->radius_m, "restart");
+}
+
+void FlightService::start_tiles() {
+  if (!options_.candidates) return;
+  const LocalizerConfig config = map_->config();
+  TileMakingSetup setup{*options_.candidates,
+                        options_.tile_key.value_or(""),
+                        CandidateFlight{.airframe = airframe_.id,
+                                        .flight = fmt::format("{:x}", clock_.unix_us()),
+                                        .base_package = sha256_file(map_->folder() / kManifestFile),
+                                        .camera = airframe_.camera.camera,
+                                        .frame = map_->frame(),
+                                        .surface = config.surface,
+                                        .zoom = map_->package().mission().zoom.max},
+                        static_cast<std::uint64_t>(options_.candidates_mb) * 1'000'000,
+                        options_.candidates_percent / 100.0,
+                        options_.candidates_frame_ms / 1000.0};
+  TileMaking::Listener listener;
+  listener.on_tile = [this](const TileKey& key, CandidateOutcome outcome) {
+    if (recorder_) recorder_->record(TileRecord{key, fmt::format("candidate.{}", name_of(outcome)), {}});
+  };
+  listener.on_failure = [this](const std::string& reason) { publish(TilesFailed{reason}); };
+  tiles_ = std::make_unique<TileMaking>(setup, clock_, std::move(listener));
+}
+
+void FlightService::start_link() {
+  AutopilotLinkSetup setup{airframe_, make_transport(parse_endpoint(options_.autopilot)), std::nullopt, std::nullopt};
+  if (options_.link_key) {
+    setup.key = SigningKey::read(*options_.link_key);
+    setup.signing_time = state_.folder() / "signing-time";
+  }
+  AutopilotLink::Listener listener;
+  listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
+  listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
+  listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{.authentic = false, .armed = false}); };
+  link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
+}
+
+void FlightService::start_camera(std::unique_ptr<CameraSource> source) {
+  camera_ = std::make_unique<CameraFeed>(std::move(source), airframe_.capture_delay_s, clock_, frames_, watch_,
+                                         [this](OnboardEvent event) { publish(std::move(event)); });
+}
+
+// ---- on the threads of the parts: each passes on what it has and never waits
+
+void FlightService::publish(OnboardEvent event) { events_.put({clock_.monotonic_s(), std::move(event)}); }
+
+// On the localizer's thread.
+void FlightService::on_localized(const LocalizedFrame& frame) {
+  const Estimate& estimate = frame.report.estimate;
+  const double captured_s = frame.telemetry.time_s;
+  if (estimate.position) {
+    const std::optional<double> arrived_s =
+        frame.late ? std::nullopt : std::optional(captured_s + airframe_.capture_delay_s);
+    link_->on_estimate(vision_estimate(frame, map_->ground_msl_m(*estimate.position)), arrived_s);
+    if (options_.send_external_position && frame.report.anchor.verdict == AnchorVerdict::accepted) {
+      const double now_s = clock_.monotonic_s();
+      link_->send(external_position_estimate({airframe_.system, airframe_.autopilot},
+                                             {*estimate.position, estimate.sigma_m, now_s, now_s - captured_s}));
+    }
+  }
+  if (recorder_ && frame.late) record_anchor(*recorder_, frame.anchor_index, frame.index, frame.report);
+  if (recorder_ && !frame.late) record_frame(*recorder_, frame.index, frame.report);
+  if (tiles_ && frame.report.anchor_pose) tiles_->on_anchor(frame.anchor_index, *frame.report.anchor_pose);
+  LocalizedFrame event = frame;
+  event.report.anchor.rectified.release();  // only the recorder needs the images
+  event.report.anchor.matched_map.release();
+  publish(std::move(event));
+}
+
+// On the link's thread.
+void FlightService::on_message(double now_s, const ReceivedMessage& received) {
+  const bool ours = received.source.system == airframe_.system && received.source.component == airframe_.autopilot;
+  const auto telemetry = [&](const auto& message) {
+    if (ours && localization_) localization_->on_message(now_s, message);
+  };
+  if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
+    if (ours && heartbeat->is_autopilot) {
+      publish(AutopilotHeartbeat{received.is_signed || !options_.link_key, heartbeat->armed});
+    }
+  } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
+    telemetry(*attitude);
+  } else if (const auto* position = std::get_if<GlobalPosition>(&received.message)) {
+    telemetry(*position);
+  } else if (const auto* distance = std::get_if<GroundDistance>(&received.message)) {
+    telemetry(*distance);
+  } else if (const auto* height = std::get_if<GroundHeight>(&received.message)) {
+    telemetry(*height);
+  } else if (const auto* imu = std::get_if<ImuSample>(&received.message)) {
+    telemetry(*imu);
+  } else if (const auto* gps = std::get_if<GpsRaw>(&received.message)) {
+    // Our own GPS_INPUT comes back as the receiver of that number.
+    if (ours && gps->receiver != airframe_.gps_id + 1) {
+      telemetry(*gps);
+      publish(
+          GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_mps, gps->horizontal_accuracy_m});
+    }
+  } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
+    if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
+  } else if (const auto* command = std::get_if<CommandInt>(&received.message)) {
+    if (const auto hint = position_hint(*command)) {
+      publish(PositionHinted{hint->place, hint->radius_m, "operator"});
+      link_->send(CommandAck{command->command, CommandResult::accepted, received.source});
+    }
+  }
+}
+
+// Disks may be slow: apart from the recorder, only this thread uses them in flight.
+void FlightService::save_state_loop(const std::stop_token& stop) {
+  begin_thread("state", ThreadPriority::low);
+  std::string last_error;
+  Cadence signing_time(kSavePeriod_s, clock_.monotonic_s());
+  while (!stop.stop_requested()) {
+    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_time();
+    const auto flight = to_save_.take_within(kStateThreadWait, stop);
+    if (!flight) continue;
+    const std::string error = state_.save(*flight).value_or("");
+    if (error != last_error && !error.empty()) publish(StateSaveFailed{error});
+    last_error = error;
+  }
+}
+
+// ---- the conductor
+
 void FlightService::run() {
-  const auto restored = restart_.position;
-  journal_->note(clock_.monotonic_s(), EventSeverity::info, "state", restart_.reason);
-  if (!recorder_trouble_.empty()) {
-    journal_->note(clock_.monotonic_s(), EventSeverity::critical, "recorder", recorder_trouble_);
+  note_start();
+  on_event(clock_.monotonic_s(), PackageVerified{map_ != nullptr, rejection_});
+  if (restart_.position && restart_.position->sigma_m <= kNoFixSigma_m) {
+    on_event(clock_.monotonic_s(), EstimateRestored{restart_.position->sigma_m, restart_.position->speed_mps});
   }
-  note_cautions();
-  update(clock_.monotonic_s(), std::array<ServiceFact, 1>{PackageJudged{ground_ != nullptr, refusal_}});
-  if (restored && restored->sigma_m <= kNoFixSigma_m) {
-    update(clock_.monotonic_s(), std::array<ServiceFact, 1>{EstimateRestored{restored->sigma_m, restored->speed_m_s}});
-  }
-  manager_.ready(ground_ ? "flying" : "the package was refused: " + refusal_);
+  manager_.ready(map_ ? "flying" : "map package rejected: " + rejection_);
   Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());
-  Cadence publishing(kPublishPeriod_s, clock_.monotonic_s()), saving(kSavePeriod_s, clock_.monotonic_s());
+  Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s());
   double next_s = clock_.monotonic_s();
   while (clock_.wait_until(next_s, stop_.token())) {
     const double now_s = clock_.monotonic_s();
     next_s = now_s + kTurn_s;
-    while (const auto news = news_.try_take()) take(*news);
-    if (const auto hint = hints_.take()) learn(now_s, PlaceHinted{hint->place, hint->radius_m, "API"});
-    judge_gps(now_s);
-    update(now_s, {});
-    if (publishing.due(now_s)) publish(now_s);
-    if (saving.due(now_s)) save(now_s);
+    while (const auto published = events_.try_take()) on_event(published->time_s, published->event);
+    if (const auto hint = api_hints_.take()) on_event(now_s, PositionHinted{hint->place, hint->radius_m, "API"});
+    assess_gps(now_s);
+    on_transitions(machine_.update(now_s));
+    if (views.due(now_s)) update_view(now_s);
+    if (saves.due(now_s)) save(now_s);
     if (const auto late = watchdog.tick(now_s)) {
       journal_->note(now_s, late->empty() ? EventSeverity::info : EventSeverity::critical, "thread",
-                     late->empty() ? "all threads are alive again" : *late);
+                     late->empty() ? "all threads respond again" : *late);
     }
   }
   manager_.stopping("stopping");
-  sum_up();
+  note_end();
 }
 
-void FlightService::note_cautions() {
-  for (const Finding& finding : cautions_.items()) {
-    if (finding.severity != Severity::warning) continue;
-    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
-                   finding.code + ": " + finding.where + ": " + finding.found);
-  }
-  if (cautions_.contains("airframe.unsigned")) untold_.add(TextSeverity::warning, "Nadir: airframe file is not signed");
-  if (options_.tile_key && !options_.candidates)
-    untold_.add(TextSeverity::warning, "Nadir: tile key not accepted, no tiles");
+// Each part takes the events that concern it.
+void FlightService::on_event(double time_s, const OnboardEvent& event) {
+  const auto dispatch = [&](const auto& known) {
+    if constexpr (requires { gps_.on_event(known); }) gps_.on_event(known);
+    if constexpr (requires { views_.on_event(known); }) views_.on_event(known);
+    if constexpr (requires { react(time_s, known); }) react(time_s, known);
+  };
+  std::visit(dispatch, event);
+  journal_->on_event(time_s, event);
+  on_transitions(machine_.on_event(time_s, event));
 }
 
-void FlightService::sum_up() {
-  if (const std::size_t untold = untold_.waiting() + untold_.dropped(); untold > 0) {
-    journal_->note(clock_.monotonic_s(), EventSeverity::info, "operator",
-                   fmt::format("{} texts found nobody who heard them", untold));
-  }
-  const AutopilotLink::State link = link_->state();
-  const MailboxCounts pictures = picture_counts();
-  journal_->note(clock_.monotonic_s(), EventSeverity::info, "summary",
-                 fmt::format("{} pictures, {} dropped; picture to fix p50 {:.0f}, p95 {:.0f}, max {:.0f} ms; {} fixes, "
-                             "longest pause {:.0f} ms",
-                             pictures.put, pictures.dropped, 1000 * link.latency.quantile_s(0.5),
-                             1000 * link.latency.quantile_s(0.95), 1000 * link.latency.largest_s(), link.fixes_sent,
-                             1000 * link.longest_gap_s));
+void FlightService::react(double, const LocalizedFrame& frame) { last_frame_ = frame; }
+
+void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
+
+void FlightService::react(double, const PositionHinted& hint) {
+  if (localization_) localization_->hint(hint.place, hint.radius_m, hint.source);
 }
 
-// Those that the camera's thread left out never saw the mailbox.
-MailboxCounts FlightService::picture_counts() const {
-  MailboxCounts counts = pictures_.counts();
-  const std::uint64_t left_out = camera_ ? camera_->left_out() : 0;
-  counts.put += left_out;
-  counts.dropped += left_out;
-  return counts;
+// A trusted GPS says where to search first; never where we are.
+void FlightService::react(double time_s, const GpsFix3d& fix) {
+  if (gps_verdict_ != GpsVerdict::trusted || !fix.has_fix) return;
+  const bool position_known = last_frame_ && last_frame_->report.estimate.position;
+  if (gps_hints_.due(fix.place, position_known)) on_event(time_s, PositionHinted{fix.place, kGpsHintRadius_m, "GPS"});
 }
 
-std::string FlightService::summary() const { return journal_->events().events().back().text; }
-
-void FlightService::take(const TimedNews& timed) {
-  std::visit([&](const auto& news) { learn(timed.time_s, news); }, timed.news);
-}
-
-void FlightService::learn(double time_s, const AutopilotEvent& spoke) {
-  update(time_s, std::array<ServiceFact, 1>{AutopilotHeard{spoke.authentic, spoke.armed}});
-}
-
-void FlightService::learn(double time_s, const CameraEvent& spoke) {
-  if (spoke.frame) {
-    update(time_s, std::array<ServiceFact, 1>{FrameArrived{}});
-  } else {
-    journal_->note(time_s, EventSeverity::warning, "camera", spoke.trouble);
-  }
-}
-
-void FlightService::learn(double time_s, const LocalizerEvent& spoke) {
-  last_spoke_ = spoke;
-  views_.localizer(spoke);
-  const Estimate& estimate = spoke.estimate;
-  if (estimate.position &&
-      (estimate.source == SourceLabel::satellite_anchored || estimate.source == SourceLabel::vo_extrapolated)) {
-    gps_.hear(VisionPosition{spoke.taken_s, *estimate.position, estimate.sigma_m});
-  }
-  update(time_s, std::array<ServiceFact, 1>{
-                     EstimateMade{estimate.source, estimate.sigma_m, spoke.verdict == AnchorVerdict::accepted}});
-}
-
-void FlightService::learn(double time_s, const StateNotSaved& state) {
-  journal_->note(time_s, EventSeverity::warning, "state directory", state.trouble);
-}
-
-void FlightService::learn(double time_s, const TilesNotMade& tiles) {
-  journal_->note(time_s, EventSeverity::warning, "candidate tiles", tiles.trouble);
-}
-
-void FlightService::learn(double time_s, const FixJumped& jumped) {
-  const std::string text = fmt::format("position jumps by {:.0f} m", jumped.metres);
-  journal_->note(time_s, EventSeverity::warning, "fix", text);
-  link_->tell(TextSeverity::warning, text);
-}
-
-void FlightService::learn(double time_s, const PlaceHinted& hinted) {
-  if (localizing_) localizing_->hint(hinted.place, hinted.radius_m, hinted.by);
-  journal_->note(time_s, EventSeverity::info, "hint",
-                 fmt::format("{}: within {:.0f} m of {:.5f}, {:.5f}", hinted.by, hinted.radius_m, hinted.place.lat_deg,
-                             hinted.place.lon_deg));
-}
-
-void FlightService::learn(double time_s, const GpsFix3d& fix) {
-  gps_.hear(fix);
-  // While it is trusted it says where to look first; never where we are.
-  if (gps_judged_.verdict != GpsVerdict::trusted || !fix.has_fix) return;
-  const bool position_known = last_spoke_ && last_spoke_->estimate.position;
-  if (gps_hints_.due(fix.place, position_known)) learn(time_s, PlaceHinted{fix.place, kGpsHintRadius_m, "GPS"});
-}
-
-void FlightService::learn(double, const EkfReport& report) { gps_.hear(report); }
-
-void FlightService::judge_gps(double now_s) {
+void FlightService::assess_gps(double now_s) {
   const ServiceStatus status = machine_.status();
-  if (status.fix) gps_.led(now_s);
-  const GpsJudged judged = gps_.judge(now_s, status.link_up);
-  if (judged.verdict == gps_judged_.verdict) return;
-  gps_judged_ = judged;
-  views_.gps(judged);
-  update(now_s, std::array<ServiceFact, 1>{judged});
+  if (status.fix) gps_.our_fix_in_use(now_s);
+  const GpsAssessment assessment = gps_.assess(now_s, status.link_up);
+  if (assessment.verdict == gps_verdict_) return;
+  gps_verdict_ = assessment.verdict;
+  on_event(now_s, assessment);
 }
 
-void FlightService::update(double now_s, std::span<const ServiceFact> facts) {
-  for (const ServiceEvent& event : machine_.update(now_s, facts)) {
-    journal_->state(event);
-    if (event.from != event.to) last_reason_ = event.text;
-    const ReasonText& text = text_of(event.reason);
-    const auto severity = static_cast<TextSeverity>(text.severity);  // both are MAVLink's numbers
-    if (event.reason == ServiceReason::link_unsigned) {
-      link_->tell(severity, std::string(text.operator_text));  // who has no key may hear it now; later it is of no use
+void FlightService::on_transitions(std::span<const StateTransition> transitions) {
+  for (const StateTransition& transition : transitions) {
+    journal_->on_event(transition.time_s, transition);
+    if (transition.from != transition.to) last_reason_ = transition.text;
+    const ReasonText& text = text_of(transition.reason);
+    const auto severity = static_cast<TextSeverity>(text.severity);  // both have MAVLink's values
+    if (transition.reason == ServiceReason::link_unsigned) {
+      link_->send_text(severity, std::string(text.operator_text));  // now, without authentication: later it is useless
     } else {
-      untold_.add(severity, std::string(text.operator_text));
+      operator_texts_.add(severity, std::string(text.operator_text));
     }
-    manager_.status(event.text);
+    manager_.status(transition.text);
   }
   const ServiceStatus status = machine_.status();
-  link_->permit(status);
+  link_->on_status(status);
   if (!status.link_up) return;
-  untold_.tell([this](TextSeverity severity, const std::string& text) { link_->tell(severity, text); });
+  operator_texts_.deliver([this](TextSeverity severity, const std::string& text) { link_->send_text(severity, text); });
 }
 
-void FlightService::publish(double now_s) {
+void FlightService::update_view(double now_s) {
   const ServiceStatus status = machine_.status();
-  views_.status(status, last_reason_);
-  views_.frames(picture_counts(), now_s);
+  views_.set_status(status, last_reason_);
+  views_.set_frames(frame_counts(), now_s);
   const AutopilotLink::State link = link_->state();
-  views_.link(link, status.link_up, options_.link_key.has_value());
-  views_.recorder(recorder_.get(), recorder_trouble_);
-  views_.permit(status, link.told, now_s);
+  views_.set_link(link, status.link_up, options_.link_key.has_value());
+  views_.set_recorder(recorder_.get(), recorder_error_);
+  views_.restrict_to_fix(status, link.last_fix, now_s);
   board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events().events()));
 }
 
@@ -190,20 +404,62 @@ void FlightService::save(double now_s) {
   flight.saved_monotonic_s = now_s;
   flight.saved_unix_us = clock_.unix_us();
   flight.state = machine_.status().state;
-  if (last_spoke_ && last_spoke_->estimate.position) {
-    const Estimate& estimate = last_spoke_->estimate;
-    flight.estimate =
-        SavedEstimate{last_spoke_->taken_s,
-                      clock_.unix_us() - std::llround((now_s - last_spoke_->taken_s) * 1e6),
-                      *estimate.position,
-                      estimate.sigma_m,
-                      last_spoke_->belief.velocity_mps.norm(),
-                      estimate.source,
-                      estimate.segment,
-                      SavedVelocity{last_spoke_->belief.velocity_mps.x(), last_spoke_->belief.velocity_mps.y()}};
+  if (last_frame_ && last_frame_->report.estimate.position) {
+    const Estimate& estimate = last_frame_->report.estimate;
+    const Eigen::Vector2d& velocity_mps = last_frame_->report.state.velocity_mps;
+    const double captured_s = last_frame_->telemetry.time_s;
+    flight.estimate = SavedEstimate{captured_s,          clock_.unix_us() - std::llround((now_s - captured_s) * 1e6),
+                                    *estimate.position,  estimate.sigma_m,
+                                    velocity_mps.norm(), estimate.source,
+                                    estimate.segment,    SavedVelocity{velocity_mps.x(), velocity_mps.y()}};
   }
   if (options_.start) flight.hint = SavedHint{*options_.start, kGpsHintRadius_m};
   to_save_.put(std::move(flight));
 }
+
+void FlightService::note_start() {
+  journal_->note(clock_.monotonic_s(), EventSeverity::info, "state", restart_.reason);
+  if (!recorder_error_.empty()) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::critical, "recorder", recorder_error_);
+  }
+  for (const Finding& finding : warnings_.items()) {
+    if (finding.severity != Severity::warning) continue;
+    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
+                   finding.code + ": " + finding.where + ": " + finding.found);
+  }
+  if (warnings_.contains("airframe.unsigned")) {
+    operator_texts_.add(TextSeverity::warning, "Nadir: airframe file is not signed");
+  }
+  if (options_.tile_key && !options_.candidates) {
+    operator_texts_.add(TextSeverity::warning, "Nadir: tile key not accepted, no tiles");
+  }
+}
+
+void FlightService::note_end() {
+  if (const std::size_t undelivered = operator_texts_.pending() + operator_texts_.dropped(); undelivered > 0) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::info, "operator",
+                   fmt::format("{} {} never delivered: no autopilot connected", undelivered,
+                               undelivered == 1 ? "text was" : "texts were"));
+  }
+  const AutopilotLink::State link = link_->state();
+  const MailboxCounts frames = frame_counts();
+  journal_->note(
+      clock_.monotonic_s(), EventSeverity::info, "summary",
+      fmt::format("{} frames, {} dropped; frame to fix p50 {:.0f}, p95 {:.0f}, max {:.0f} ms; {} fixes, "
+                  "longest gap {:.0f} ms",
+                  frames.put, frames.dropped, 1000 * link.latency.quantile_s(0.5), 1000 * link.latency.quantile_s(0.95),
+                  1000 * link.latency.largest_s(), link.fixes_sent, 1000 * link.longest_gap_s));
+}
+
+// The stale frames that the camera's thread dropped never reached the mailbox.
+MailboxCounts FlightService::frame_counts() const {
+  MailboxCounts counts = frames_.counts();
+  const std::uint64_t stale = camera_ ? camera_->stale() : 0;
+  counts.put += stale;
+  counts.dropped += stale;
+  return counts;
+}
+
+std::string FlightService::summary() const { return journal_->events().events().back().text; }
 
 }  // namespace nadir

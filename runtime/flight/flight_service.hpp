@@ -1,125 +1,150 @@
-// One flight from start to stop: the parts of the service, put together.
+// One flight from start to stop.
 //
-//   camera ──pictures──► localizer ──estimates──► link ──GPS_INPUT──► autopilot
+//   camera ──frames──► localization ──estimates──► link ──GPS_INPUT──► autopilot
 //     │                    │    │                  ▲ │
-//     └──────news──────────┴────┼──────────────────┼─┘ telemetry
+//     └──────events────────┴────┼──────────────────┼─┘ telemetry
 //                               ▼                  │
-//                            conductor ────────────┘ permission: fix or no fix, how sure
+//                            conductor ────────────┘ status: fix or no fix, accuracy
 //                               │
-//                               ├──► journal: recorder, events
+//                               ├──► journal: recorder, event list, operator
 //                               ├──► board: API, web page, watch
-//                               └──► state directory (its own thread: disks may be slow)
+//                               └──► state directory (a thread of its own: disks may be slow)
 //
-// The conductor is this object's run(), twenty times a second on the caller's thread. It owns the state machine and the
-// verdict about GPS; everybody else sends it news and never waits for it.
+// The conductor is run(), twenty times a second on the caller's thread. It owns the state machine and the assessment of
+// GPS; all other threads publish OnboardEvents (service/onboard_event.hpp) and never wait for it.
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <thread>
 
-#include "api/http_server.hpp"
+#include "api/api.hpp"
 #include "flight/autopilot_link.hpp"
 #include "flight/camera_feed.hpp"
-#include "flight/flight_facts.hpp"
-#include "flight/flight_ground.hpp"
 #include "flight/flight_journal.hpp"
-#include "flight/flight_options.hpp"
-#include "flight/localizing.hpp"
-#include "flight/operator_texts.hpp"
+#include "flight/localization_thread.hpp"
+#include "flight/mission_map.hpp"
 #include "flight/tile_making.hpp"
 #include "flight/view_builder.hpp"
+#include "geodesy/lon_lat.hpp"
 #include "service/gps_health.hpp"
-#include "service/gps_hints.hpp"
-#include "service/restart.hpp"
-#include "service/state_directory.hpp"
+#include "service/onboard_event.hpp"
+#include "service/saved_flight.hpp"
+#include "service/service_machine.hpp"
 #include "service/stop_signals.hpp"
 #include "service/watchdog.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
-// The package as it was verified, or why it was refused.
-struct JudgedPackage {
-  std::unique_ptr<OpenPackage> package;  // null: refused
+// The options of nadird.
+struct FlightOptions {
+  std::filesystem::path package;
+  Airframe airframe;
+  std::filesystem::path state;                      // folder
+  std::string camera;                               // open_camera()
+  std::string autopilot;                            // parse_endpoint()
+  std::optional<std::filesystem::path> link_key;    // nullopt: the link is not signed
+  std::optional<std::filesystem::path> record;      // folder; nullopt: no recording
+  bool keep_pictures = false;                       // in the recording
+  std::optional<std::filesystem::path> candidates;  // folder for candidate tiles; nullopt: none are made
+  std::optional<std::filesystem::path> tile_key;    // signs the tiles; without candidates: the key was not accepted
+  std::int64_t candidates_mb = 2000;                // disk budget of the tiles
+  int candidates_percent = 25;                      // of one core, for the tiles
+  int candidates_frame_ms = 0;                      // for the tiles of one frame; 0: no limit
+  std::string listen = "127.0.0.1:8750";
+  std::optional<std::filesystem::path> token;  // file with the API's bearer token
+  std::optional<LonLat> start;
+  double anchor_every_m = 0;
+  bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
+};
+
+// The package as it was verified, or why it was rejected.
+struct VerifiedPackage {
+  std::unique_ptr<OpenPackage> package;  // null: rejected
   Findings findings;
 };
 
 class FlightService {
  public:
-  // Throws Error for what must be right before take-off: files that cannot be read, an address that is taken.
-  FlightService(const FlightOptions& options, JudgedPackage judged, const FlightClock& clock, StopSignals& stop);
+  // Throws Error for what must be right before take-off: unreadable files, an address in use.
+  FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock, StopSignals& stop);
   ~FlightService();
 
-  // Until stop is asked for.
+  // Until stop is requested.
   void run();
-  std::string summary() const;  // after run(): how it went
+  std::string summary() const;  // after run()
 
  private:
-  LocalizingSetup localizing_setup() const;
-  void note_cautions();
+  // Start
+  LocalizationSetup localization_setup() const;
   void start_recorder();
-  void start_flight();
-  void start_localizing();
+  void start_api();
+  void start_localization();
   void start_tiles();
-  void localized(const LocalizedFrame& frame);
-  void heard(double now_s, const ReceivedMessage& message);
-  void record(const LocalizedFrame& frame);
-  void tell(FlightNews news);
+  void start_link();
+  void start_camera(std::unique_ptr<CameraSource> source);
 
-  void sum_up();
-  MailboxCounts picture_counts() const;
-  void take(const TimedNews& timed);
-  void learn(double time_s, const AutopilotEvent& spoke);
-  void learn(double time_s, const CameraEvent& spoke);
-  void learn(double time_s, const LocalizerEvent& spoke);
-  void learn(double time_s, const StateNotSaved& state);
-  void learn(double time_s, const TilesNotMade& tiles);
-  void learn(double time_s, const FixJumped& jumped);
-  void learn(double time_s, const PlaceHinted& hinted);
-  void learn(double time_s, const GpsFix3d& fix);
-  void learn(double time_s, const EkfReport& report);
-  void judge_gps(double now_s);
-  void update(double now_s, std::span<const ServiceFact> facts);
-  void publish(double now_s);
-  void save(double now_s);
+  // On the threads of the parts
+  void publish(OnboardEvent event);  // from any thread
+  void on_localized(const LocalizedFrame& frame);
+  void on_message(double now_s, const ReceivedMessage& message);
   void save_state_loop(const std::stop_token& stop);
+
+  // The conductor
+  void note_start();
+  void note_end();
+  void on_event(double time_s, const OnboardEvent& event);
+  void react(double time_s, const FixJumped& jumped);
+  void react(double time_s, const PositionHinted& hint);
+  void react(double time_s, const GpsFix3d& fix);
+  void react(double time_s, const LocalizedFrame& frame);
+  void on_transitions(std::span<const StateTransition> transitions);
+  void assess_gps(double now_s);
+  void update_view(double now_s);
+  void save(double now_s);
+  MailboxCounts frame_counts() const;
 
   FlightOptions options_;
   const FlightClock& clock_;
   StopSignals& stop_;
   Airframe airframe_;
-  std::string refusal_;
-  Findings cautions_;  // that refused nothing
-  OperatorTexts untold_;
-  std::unique_ptr<FlightGround> ground_;  // null: the package was refused
+  std::string rejection_;
+  Findings warnings_;  // of the verification
+  OperatorTexts operator_texts_;
+  std::unique_ptr<MissionMap> map_;  // null: the package was rejected
   StateDirectory state_;
   Restart restart_;
 
   ServiceMachine machine_;
   GpsHealth gps_;
-  GpsJudged gps_judged_;
+  GpsVerdict gps_verdict_ = GpsVerdict::unknown;
+  GpsHints gps_hints_;
   ViewBuilder views_;
   FlightBoard board_;
-  Mailbox<Hint> hints_;
-  LatestMailbox<TimedNews> news_{512};
+  LatestSlot<Hint> api_hints_;
+  LatestMailbox<TimedEvent> events_{512};
   LatestMailbox<SavedFlight> to_save_;
-  std::optional<LocalizerEvent> last_spoke_;
+  std::optional<LocalizedFrame> last_frame_;
   std::string last_reason_;
-  GpsHints gps_hints_;
 
-  std::string recorder_trouble_;
+  std::string recorder_error_;
   std::unique_ptr<Recorder> recorder_;
   std::unique_ptr<FlightJournal> journal_;
   ServiceManager manager_;
   ThreadWatch watch_;
   std::unique_ptr<Api> api_;
   std::unique_ptr<HttpServer> server_;
-  LatestMailbox<FlightPicture> pictures_;
+  LatestMailbox<CapturedFrame> frames_;
   std::unique_ptr<AutopilotLink> link_;
   std::unique_ptr<TileMaking> tiles_;  // null: none are made
-  std::unique_ptr<LocalizationThread> localizing_;
+  std::unique_ptr<LocalizationThread> localization_;
   std::unique_ptr<CameraFeed> camera_;
-  std::jthread house_;  // last: it uses everything above
+  std::jthread state_thread_;  // last: it uses everything above
 };
 
 }  // namespace nadir

@@ -1,9 +1,9 @@
-// What the autopilot said lately, so that a picture gets what was true when it was taken.
+// The autopilot's recent telemetry, interpolated to the capture time of a frame.
 //
-// Times are our monotonic seconds of arrival: the autopilot's clock is not ours, and on a link that is fit to fly with
-// the delay is some milliseconds. The autopilot's own idea of where it is has no way in, only attitude, heights and
-// accelerations. What its real receiver says goes along for the record, from which a boresight is found later; the
-// localizer does not look at it.
+// Times are our monotonic seconds of arrival: the autopilot's clock is not ours, and the delay of a usable link is some
+// milliseconds. The autopilot's fused position is not an input, only attitude, heights and accelerations. The position
+// of its real receiver is passed on for the record, from which a boresight is calibrated later; the localizer ignores
+// it.
 #pragma once
 
 #include <deque>
@@ -11,13 +11,13 @@
 
 #include "estimation/telemetry.hpp"
 #include "mavlink/messages.hpp"
-#include "vision/airframe.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 
-inline constexpr double kTelemetryKept_s = 120;  // much longer than a blackout after which a fix is still told
-inline constexpr double kLongestStretch_s = 1;   // of the way between two pictures: no aircraft turns back in less
-inline constexpr double kAttitudeGap_s = 0.5;    // between the messages around a picture, or from the last one to it
+inline constexpr double kTelemetryKept_s = 120;       // much longer than the longest blackout with a fix
+inline constexpr double kMaxTelemetryInterval_s = 1;  // of the path between two frames: no aircraft turns back in less
+inline constexpr double kAttitudeGap_s = 0.5;         // between the messages around a frame, or from the last one to it
 inline constexpr double kHeightGap_s = 2;
 inline constexpr double kImuGap_s = 0.15;
 inline constexpr double kPlaceGap_s = 1;  // between two fixes of the receiver
@@ -26,37 +26,34 @@ class TelemetryBuffer {
  public:
   explicit TelemetryBuffer(const Attitude& mount) : mount_(mount) {}
 
-  void hear(double time_s, const AircraftAttitude& attitude);
-  void hear(double time_s, const GlobalPosition& position);  // its heights alone
-  void hear(double time_s, const GroundDistance& distance);
-  void hear(double time_s, const GroundHeight& height);
-  void hear(double time_s, const ImuSample& sample);
-  void hear(double time_s, const GpsRaw& fix);  // with a fix, and never our own
+  void on_message(double time_s, const AircraftAttitude& attitude);
+  void on_message(double time_s, const GlobalPosition& position);  // its heights alone
+  void on_message(double time_s, const GroundDistance& distance);
+  void on_message(double time_s, const GroundHeight& height);
+  void on_message(double time_s, const ImuSample& sample);
+  void on_message(double time_s, const GpsRaw& fix);  // with a fix, never our own
 
-  // The latest message is so old; nullopt: none yet.
-  std::optional<double> attitude_age_s(double now_s) const;
-  // By the barometer, mostly.
+  // Barometric, mostly.
   std::optional<double> above_home_m(double time_s) const;
   std::optional<double> msl_m(double time_s) const;
 
-  // What was true at time_s; what is not known is left out. Height above ground: a range finder's, else the autopilot's
-  // terrain, else nothing (who has a map can do better: msl_m). Successive calls: the way and the change of velocity
-  // are those since the call before.
+  // The telemetry at time_s; unknown values are empty. Height above ground: of a range finder, else of the autopilot's
+  // terrain, else none (with a terrain model use msl_m). Path and velocity change are those since the previous call.
   Telemetry at(double time_s);
 
  private:
-  struct HeldAttitude {
+  struct TimedAttitude {
     double time_s;
     Attitude aircraft;
   };
   struct Height {
     double time_s, value_m;
   };
-  struct Place {
+  struct TimedPlace {
     double time_s;
-    LonLat at;
+    LonLat place;
   };
-  struct Push {  // change of velocity per second, in the horizontal plane
+  struct TimedAcceleration {  // horizontal
     double time_s;
     Eigen::Vector2d east_north_mps2;
   };
@@ -64,15 +61,15 @@ class TelemetryBuffer {
   std::optional<Attitude> aircraft_at(double time_s) const;
   std::optional<LonLat> place_at(double time_s) const;
   std::optional<Attitude> camera_at(double time_s) const;
-  std::vector<TelemetryInterval> way(double from_s, double to_s) const;
+  std::vector<TelemetryInterval> path(double from_s, double to_s) const;
   std::optional<Eigen::Vector2d> velocity_change(double from_s, double to_s) const;
 
   Attitude mount_;
-  std::deque<HeldAttitude> attitudes_;
+  std::deque<TimedAttitude> attitudes_;
   std::deque<Height> home_heights_, msl_heights_, ranges_, terrain_heights_;
-  std::deque<Push> pushes_;
-  std::deque<Place> places_;
-  std::optional<double> last_asked_s_;
+  std::deque<TimedAcceleration> accelerations_;
+  std::deque<TimedPlace> places_;
+  std::optional<double> last_time_s_;
 };
 
 }  // namespace nadir

@@ -5,13 +5,13 @@
 #include <utility>
 
 #include "base/error.hpp"
-#include "base/thread_rank.hpp"
+#include "base/platform.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr std::size_t kMostPictureBytes = 48 << 20;  // that wait for the map's word
-constexpr std::size_t kMostPictures = 100;
+constexpr std::size_t kMaxKeptBytes = 48 << 20;  // of frames that wait for their anchor
+constexpr std::size_t kMaxKeptFrames = 100;
 constexpr std::chrono::milliseconds kWait{500};
 
 CandidateFlight completed(CandidateFlight flight, const GroundSurface& flat, const PrivateKey& key) {
@@ -37,36 +37,36 @@ TileMaking::~TileMaking() {
   work_.close();
   maker_thread_.join();
   try {
-    for (const auto& [key, fate] : maker_.finish(store_).stored) listener_.tile(key, fate);
+    for (const auto& [key, fate] : maker_.finish(store_).stored) listener_.on_tile(key, fate);
     store_.close();
   } catch (const std::exception&) {
-    // A full disk: what was put is there, and the missing mark says that the end was not in order.
+    // A full disk: the stored tiles are there, and the missing end marker says that the store was not closed.
   }
 }
 
-void TileMaking::seen(std::uint64_t index, const Telemetry& told, ByteView encoded) {
-  pictures_.push_back({index, told.frame, told.time_s, Bytes(encoded.begin(), encoded.end())});
-  picture_bytes_ += encoded.size();
-  while (picture_bytes_ > kMostPictureBytes || pictures_.size() > kMostPictures) {
-    picture_bytes_ -= pictures_.front().encoded.size();
-    pictures_.pop_front();
+void TileMaking::on_frame(std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
+  frames_.push_back({index, telemetry.frame, telemetry.time_s, Bytes(encoded.begin(), encoded.end())});
+  kept_bytes_ += encoded.size();
+  while (kept_bytes_ > kMaxKeptBytes || frames_.size() > kMaxKeptFrames) {
+    kept_bytes_ -= frames_.front().encoded.size();
+    frames_.pop_front();
   }
 }
 
-void TileMaking::anchored(std::uint64_t index, const FramePose& pose) {
-  while (!pictures_.empty() && pictures_.front().index <= index) {
-    Picture picture = std::move(pictures_.front());
-    pictures_.pop_front();
-    picture_bytes_ -= picture.encoded.size();
-    if (picture.index != index) continue;
-    const double ago_s = clock_.monotonic_s() - picture.taken_s;
+void TileMaking::on_anchor(std::uint64_t index, const FramePose& pose) {
+  while (!frames_.empty() && frames_.front().index <= index) {
+    KeptFrame frame = std::move(frames_.front());
+    frames_.pop_front();
+    kept_bytes_ -= frame.encoded.size();
+    if (frame.index != index) continue;
+    const double ago_s = clock_.monotonic_s() - frame.captured_s;
     const std::int64_t captured_ms = clock_.unix_us() / 1000 - std::llround(ago_s * 1000);
-    work_.put({{picture.name, {captured_ms}, pose}, std::move(picture.encoded)});
+    work_.put({{frame.name, {captured_ms}, pose}, std::move(frame.encoded)});
   }
 }
 
 void TileMaking::make_tiles(const std::stop_token& stop) {
-  begin_thread("tiles", ThreadPriority::behind);
+  begin_thread("tiles", ThreadPriority::low);
   while (!stop.stop_requested()) {
     const auto work = work_.take_within(kWait, stop);
     if (!work) continue;
@@ -80,15 +80,15 @@ void TileMaking::make_tiles(const std::stop_token& stop) {
 void TileMaking::make(const Work& work) {
   try {
     const double until_s = clock_.monotonic_s() + frame_limit_s_;
-    OutOfTime out_of_time;
+    DeadlinePassed out_of_time;
     if (frame_limit_s_ > 0) out_of_time = [this, until_s] { return clock_.monotonic_s() > until_s; };
     const FrameTiles made = maker_.make(work.frame, work.encoded, store_, out_of_time);
-    for (const auto& [key, fate] : made.stored) listener_.tile(key, fate);
-    if (listener_.frame) listener_.frame(made);
-    last_trouble_.clear();
+    for (const auto& [key, fate] : made.stored) listener_.on_tile(key, fate);
+    if (listener_.on_frame) listener_.on_frame(made);
+    last_failure_.clear();
   } catch (const std::exception& error) {
-    if (last_trouble_ != error.what()) listener_.trouble(error.what());
-    last_trouble_ = error.what();
+    if (last_failure_ != error.what()) listener_.on_failure(error.what());
+    last_failure_ = error.what();
   }
 }
 

@@ -17,49 +17,51 @@ GpsJudgement shown(GpsVerdict verdict) {
 
 }  // namespace
 
-void ViewBuilder::localizer(const LocalizerEvent& spoke) {
-  const Estimate& estimate = spoke.estimate;
+void ViewBuilder::on_event(const LocalizedFrame& frame) {
+  const Estimate& estimate = frame.report.estimate;
+  const StateEstimate& state = frame.report.state;
+  const AnchorVerdict verdict = frame.report.anchor.verdict;
   view_.position.reset();
   if (estimate.position) {
     const auto& p = estimate.covariance_m2;
     view_.position = PositionView{*estimate.position, estimate.sigma_m, p(0, 0), p(1, 1), p(0, 1)};
-    trail_.add({spoke.taken_s, *estimate.position, estimate.sigma_m, estimate.source});
+    trail_.add({frame.telemetry.time_s, *estimate.position, estimate.sigma_m, estimate.source});
   }
   view_.source = estimate.source;
   view_.anchor_age_s = estimate.anchor_age_s;
-  view_.heading_rad = spoke.belief.heading_rad;
-  view_.pitch_rad = spoke.pitch_rad;
-  view_.roll_rad = spoke.roll_rad;
-  view_.velocity = VelocityView{spoke.belief.velocity_mps.x(), spoke.belief.velocity_mps.y()};
-  view_.agl_m = spoke.belief.agl_m;
-  if (spoke.verdict == AnchorVerdict::accepted) ++view_.anchors.accepted;
-  if (spoke.verdict != AnchorVerdict::accepted && spoke.verdict != AnchorVerdict::not_tried) {
+  view_.heading_rad = state.heading_rad;
+  view_.pitch_rad = frame.telemetry.pitch_rad;
+  view_.roll_rad = frame.telemetry.roll_rad;
+  view_.velocity = VelocityView{state.velocity_mps.x(), state.velocity_mps.y()};
+  view_.agl_m = state.agl_m;
+  if (verdict == AnchorVerdict::accepted) ++view_.anchors.accepted;
+  if (verdict != AnchorVerdict::accepted && verdict != AnchorVerdict::not_tried) {
     ++view_.anchors.rejected;
-    ++view_.anchors.rejected_by[std::string(name_of(spoke.verdict))];
+    ++view_.anchors.rejected_by[std::string(name_of(verdict))];
   }
 }
 
-void ViewBuilder::gps(const GpsJudged& judged) { view_.gps = {shown(judged.verdict), judged.why}; }
+void ViewBuilder::on_event(const GpsAssessment& gps) { view_.gps = {shown(gps.verdict), gps.reason}; }
 
-void ViewBuilder::status(const ServiceStatus& status, const std::string& reason) {
+void ViewBuilder::set_status(const ServiceStatus& status, const std::string& reason) {
   view_.state = {status.state, reason, status.since_s};
 }
 
-void ViewBuilder::permit(const ServiceStatus& status, const std::optional<Fix>& told, double now_s) {
+void ViewBuilder::restrict_to_fix(const ServiceStatus& status, const std::optional<Fix>& last_fix, double now_s) {
   if (status.state == ServiceState::normal) return;
   view_.position.reset();
   view_.velocity.reset();
-  view_.heading_rad = view_.pitch_rad = view_.roll_rad = std::nullopt;  // the last picture's
+  view_.heading_rad = view_.pitch_rad = view_.roll_rad = std::nullopt;  // of the last frame
   view_.source = SourceLabel::no_fix;
-  if (status.state != ServiceState::degraded || !told) return;
-  const double variance_m2 = told->sigma_m * told->sigma_m;
-  view_.position = PositionView{told->place, told->sigma_m, variance_m2, variance_m2, 0};
+  if (status.state != ServiceState::degraded || !last_fix) return;
+  const double variance_m2 = last_fix->sigma_m * last_fix->sigma_m;
+  view_.position = PositionView{last_fix->place, last_fix->sigma_m, variance_m2, variance_m2, 0};
   view_.source = SourceLabel::dead_reckoned;
-  if (told->velocity) view_.velocity = VelocityView{told->velocity->east_m_s, told->velocity->north_m_s};
-  trail_.add({now_s, told->place, told->sigma_m, view_.source});
+  if (last_fix->velocity) view_.velocity = VelocityView{last_fix->velocity->east_mps, last_fix->velocity->north_mps};
+  trail_.add({now_s, last_fix->place, last_fix->sigma_m, view_.source});
 }
 
-void ViewBuilder::frames(const MailboxCounts& counts, double now_s) {
+void ViewBuilder::set_frames(const MailboxCounts& counts, double now_s) {
   view_.frames.received = counts.put;
   view_.frames.dropped = counts.dropped;
   if (now_s - rate_since_s_ < kRateWindow_s) return;
@@ -68,7 +70,7 @@ void ViewBuilder::frames(const MailboxCounts& counts, double now_s) {
   rate_from_ = counts.put;
 }
 
-void ViewBuilder::link(const AutopilotLink::State& state, bool connected, bool is_signed) {
+void ViewBuilder::set_link(const AutopilotLink::State& state, bool connected, bool is_signed) {
   const LinkCounts& counts = state.counts;
   view_.link.connected = connected;
   view_.link.signed_frames = is_signed;
@@ -82,16 +84,16 @@ void ViewBuilder::link(const AutopilotLink::State& state, bool connected, bool i
                             {"too_old", counts.signatures.too_old}};
 }
 
-void ViewBuilder::recorder(const Recorder* recorder, const std::string& trouble) {
+void ViewBuilder::set_recorder(const Recorder* recorder, const std::string& error) {
   view_.recorder = {};
   if (recorder == nullptr) {
-    view_.recorder.state = trouble.empty() ? RecorderState::off : RecorderState::failed;
-    view_.recorder.reason = trouble;
+    view_.recorder.state = error.empty() ? RecorderState::off : RecorderState::failed;
+    view_.recorder.reason = error;
     return;
   }
   const StoreStatus status = recorder->status();
   view_.recorder.state = status.stopped ? RecorderState::failed : RecorderState::recording;
-  view_.recorder.reason = status.trouble;
+  view_.recorder.reason = status.error;
   view_.recorder.written_bytes = status.bytes;
   view_.recorder.free_bytes = status.free_bytes;
   for (const auto& [topic, count] : status.dropped) view_.recorder.lost_records += count;

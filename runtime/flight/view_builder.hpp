@@ -1,10 +1,8 @@
-// The FlightView that readers get, put together from what the parts say of themselves.
+// Builds the FlightView of the API from events and from the status of the parts.
 #pragma once
 
-#include "api/flight_history.hpp"
 #include "api/flight_view.hpp"
 #include "flight/autopilot_link.hpp"
-#include "flight/flight_facts.hpp"
 #include "recorder/recorder.hpp"
 #include "service/service_machine.hpp"
 
@@ -14,16 +12,15 @@ class ViewBuilder {
  public:
   explicit ViewBuilder(std::string boot_id) { view_.boot_id = std::move(boot_id); }
 
-  void package(const PackageView& package) { view_.package = package; }
-  void localizer(const LocalizerEvent& spoke);
-  void gps(const GpsJudged& judged);
-  void status(const ServiceStatus& status, const std::string& reason);
-  // What may be told is what is shown: while blind the fix that the autopilot gets, and nothing when it gets none.
-  // Comes last, when all others have said what they know.
-  void permit(const ServiceStatus& status, const std::optional<Fix>& told, double now_s);
-  void frames(const MailboxCounts& counts, double now_s);
-  void link(const AutopilotLink::State& state, bool connected, bool is_signed);
-  void recorder(const Recorder* recorder, const std::string& trouble);
+  void set_package(const PackageView& package) { view_.package = package; }
+  void on_event(const LocalizedFrame& frame);
+  void on_event(const GpsAssessment& gps);
+  void set_status(const ServiceStatus& status, const std::string& reason);
+  void set_frames(const MailboxCounts& counts, double now_s);
+  void set_link(const AutopilotLink::State& state, bool connected, bool is_signed);
+  void set_recorder(const Recorder* recorder, const std::string& error);
+  // Shows what the autopilot gets: while blind the last fix, and nothing without one. Call it last.
+  void restrict_to_fix(const ServiceStatus& status, const std::optional<Fix>& last_fix, double now_s);
 
   FlightView view(double now_s, std::int64_t unix_us, const std::vector<FlightEvent>& events) const;
 

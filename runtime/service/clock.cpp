@@ -10,7 +10,7 @@
 namespace nadir {
 namespace {
 
-constexpr double kLongestWait_s = 3600;  // in one go: keeps sums of durations far from their limits
+constexpr double kLongestWait_s = 3600;  // per wait: keeps sums of durations far from overflow
 
 std::string read_boot_id() {
   std::string id;
@@ -35,7 +35,7 @@ std::int64_t SystemFlightClock::unix_us() const {
 
 bool SystemFlightClock::wait_until(double until_s, std::stop_token stop) const {
   std::mutex mutex;
-  std::condition_variable_any never;  // nobody notifies: only time and stop end the wait
+  std::condition_variable_any never;  // never notified: only time and stop end the wait
   std::unique_lock lock(mutex);
   while (!stop.stop_requested()) {
     const double left_s = until_s - monotonic_s();

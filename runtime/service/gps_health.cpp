@@ -15,18 +15,18 @@ double distance_m(LonLat from, LonLat to) {
   return std::hypot(to_there.east_m, to_there.north_m);
 }
 
-bool sound(LonLat place) {
+bool valid(LonLat place) {
   return std::abs(place.lat_deg) <= 90 && std::abs(place.lon_deg) <= 180;  // false for NaN
 }
 
 double sigma_of(const GpsFix3d& fix) {
-  const double told_m = fix.accuracy_m.value_or(kDefaultGpsSigma_m);
-  return told_m >= 0 ? std::min(told_m, kMaxGpsSigma_m) : kDefaultGpsSigma_m;
+  const double reported_m = fix.accuracy_m.value_or(kDefaultGpsSigma_m);
+  return reported_m >= 0 ? std::min(reported_m, kMaxGpsSigma_m) : kDefaultGpsSigma_m;
 }
 
 double speed_of(const GpsFix3d& fix) {
-  const double told_m_s = fix.ground_speed_m_s.value_or(kMaxGroundSpeed_m_s);
-  return told_m_s >= 0 ? std::min(told_m_s, kMaxGroundSpeed_m_s) : kMaxGroundSpeed_m_s;
+  const double reported_mps = fix.ground_speed_mps.value_or(kMaxGroundSpeed_mps);
+  return reported_mps >= 0 ? std::min(reported_mps, kMaxGroundSpeed_mps) : kMaxGroundSpeed_mps;
 }
 
 bool lasts(double now_s, const std::optional<double>& since_s, double limit_s) {
@@ -35,38 +35,38 @@ bool lasts(double now_s, const std::optional<double>& since_s, double limit_s) {
 
 }  // namespace
 
-void GpsHealth::hear(const GpsFix3d& fix) {
+void GpsHealth::on_event(const GpsFix3d& fix) {
   last_message_s_ = std::max(last_message_s_, fix.time_s);
-  if (!fix.has_fix || !sound(fix.place)) {
+  if (!fix.has_fix || !valid(fix.place)) {
     if (!no_fix_since_s_) no_fix_since_s_ = fix.time_s;
-    disturb();
+    reset_stability();
     return;
   }
   if (last_fix_ && fix.time_s <= last_fix_->time_s) return;
   no_fix_since_s_.reset();
-  look_for_step(fix);
+  check_step(fix);
   if (!good_since_s_) good_since_s_ = fix.time_s;
   compare_with_vision(fix);
   last_fix_ = fix;
 }
 
-void GpsHealth::look_for_step(const GpsFix3d& fix) {
-  if (fix.ground_speed_m_s && *fix.ground_speed_m_s > kMaxGroundSpeed_m_s) {
-    lie_ = fmt::format("ground speed {:.0f} m/s", *fix.ground_speed_m_s);
-    disturb();
+void GpsHealth::check_step(const GpsFix3d& fix) {
+  if (fix.ground_speed_mps && *fix.ground_speed_mps > kMaxGroundSpeed_mps) {
+    fault_ = fmt::format("ground speed {:.0f} m/s", *fix.ground_speed_mps);
+    reset_stability();
   }
   if (!last_fix_) return;
   const double dt_s = fix.time_s - last_fix_->time_s;
   const double moved_m = distance_m(last_fix_->place, fix.place);
-  const double speed_m_s = std::max(speed_of(*last_fix_), speed_of(fix)) + kMaxAcceleration_m_s2 * dt_s / 2;
-  const double flown_m = std::min(speed_m_s, kMaxGroundSpeed_m_s) * dt_s;
+  const double speed_mps = std::max(speed_of(*last_fix_), speed_of(fix)) + kMaxAcceleration_mps2 * dt_s / 2;
+  const double flown_m = std::min(speed_mps, kMaxGroundSpeed_mps) * dt_s;
   if (moved_m <= flown_m + kStepMargin_m + 3 * (sigma_of(*last_fix_) + sigma_of(fix))) return;
-  lie_ = fmt::format("a step of {:.0f} m in {:.1f} s", moved_m, dt_s);
-  disturb();
+  fault_ = fmt::format("a step of {:.0f} m in {:.1f} s", moved_m, dt_s);
+  reset_stability();
 }
 
 void GpsHealth::compare_with_vision(const GpsFix3d& fix) {
-  if (!vision_speaks(fix.time_s)) {
+  if (!vision_available(fix.time_s)) {
     agrees_since_s_.reset();
     disagrees_since_s_.reset();
     return;
@@ -84,11 +84,11 @@ void GpsHealth::compare_with_vision(const GpsFix3d& fix) {
   }
 }
 
-void GpsHealth::hear(const EkfReport& report) {
-  if (report.knows_position) {
-    ekf_knew_ = true;
+void GpsHealth::on_event(const EkfReport& report) {
+  if (report.has_position) {
+    ekf_had_position_ = true;
     ekf_lost_since_s_.reset();
-  } else if (ekf_knew_ && !ekf_lost_since_s_) {
+  } else if (ekf_had_position_ && !ekf_lost_since_s_) {
     ekf_lost_since_s_ = report.time_s;
   }
   if (!report.gps_glitch) {
@@ -98,72 +98,90 @@ void GpsHealth::hear(const EkfReport& report) {
   }
 }
 
-void GpsHealth::hear(const VisionPosition& vision) {
-  if (sound(vision.place) && vision.sigma_m >= 0 && vision.sigma_m <= kMaxVisionSigma_m) vision_ = vision;
+void GpsHealth::on_event(const LocalizedFrame& frame) {
+  const Estimate& estimate = frame.report.estimate;
+  if (estimate.position && is_visual(estimate.source)) {
+    on_vision({frame.telemetry.time_s, *estimate.position, estimate.sigma_m});
+  }
 }
 
-void GpsHealth::disturb() {
+void GpsHealth::on_vision(const VisionPosition& vision) {
+  if (valid(vision.place) && vision.sigma_m >= 0 && vision.sigma_m <= kMaxVisionSigma_m) vision_ = vision;
+}
+
+void GpsHealth::reset_stability() {
   good_since_s_.reset();
   agrees_since_s_.reset();
   disagrees_since_s_.reset();
 }
 
-bool GpsHealth::vision_speaks(double time_s) const {
+bool GpsHealth::vision_available(double time_s) const {
   return vision_ && std::abs(time_s - vision_->time_s) <= kMaxVisionAge_s;
 }
 
-// While, and soon after, the autopilot's filter was told a fix of ours it says nothing about the receiver.
-bool GpsHealth::filter_goes_by_it(double now_s) const { return !led_s_ || now_s - *led_s_ > kLed_s; }
+// While and soon after the autopilot's filter uses a fix of ours, its alarms say nothing about the receiver.
+bool GpsHealth::filter_uses_receiver(double now_s) const { return !our_fix_s_ || now_s - *our_fix_s_ > kOurFixInUse_s; }
 
-std::optional<GpsJudged> GpsHealth::trouble(double now_s) const {
+std::optional<GpsAssessment> GpsHealth::find_fault(double now_s) const {
   using enum GpsVerdict;
-  if (!lie_.empty()) return GpsJudged{spoofed, lie_};
+  if (!fault_.empty()) return GpsAssessment{spoofed, fault_};
   if (now_s - last_message_s_ > kGpsSilent_s) {
-    return GpsJudged{denied, fmt::format("nothing from the receiver for {:.1f} s", now_s - last_message_s_)};
+    return GpsAssessment{denied, fmt::format("no message from the receiver for {:.1f} s", now_s - last_message_s_)};
   }
-  if (lasts(now_s, no_fix_since_s_, kGpsNoFix_s)) return GpsJudged{denied, "the receiver has no fix"};
+  if (lasts(now_s, no_fix_since_s_, kGpsNoFix_s)) return GpsAssessment{denied, "the receiver has no fix"};
   if (lasts(now_s, disagrees_since_s_, kDisagreement_s)) {
     const double apart_m = distance_m(vision_->place, last_fix_->place);
-    return GpsJudged{spoofed, fmt::format("{:.0f} m from where pictures say", apart_m)};
+    return GpsAssessment{spoofed, fmt::format("{:.0f} m from the visual position", apart_m)};
   }
-  // With GPS already out of use the filter is where our fix took it.
-  if (judged_.verdict != GpsVerdict::trusted || !filter_goes_by_it(now_s)) return std::nullopt;
-  if (lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return GpsJudged{spoofed, "the autopilot reports a GPS glitch"};
+  // With GPS already out of use, the filter follows our fix.
+  if (assessment_.verdict != GpsVerdict::trusted || !filter_uses_receiver(now_s)) return std::nullopt;
+  if (lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return GpsAssessment{spoofed, "the autopilot reports a GPS glitch"};
   if (lasts(now_s, ekf_lost_since_s_, kEkfAlarm_s)) {
-    return GpsJudged{denied, "the autopilot no longer knows its position by GPS"};
+    return GpsAssessment{denied, "the autopilot has lost its GPS position"};
   }
   return std::nullopt;
 }
 
-bool GpsHealth::fit_again(double now_s) const {
+bool GpsHealth::trustworthy_again(double now_s) const {
   if (!good_since_s_) return false;
-  if (judged_.verdict == GpsVerdict::unknown) return true;  // nothing speaks against the first one
-  // The alarm would accuse it at once.
-  if (filter_goes_by_it(now_s) && lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return false;
+  if (assessment_.verdict == GpsVerdict::unknown) return true;  // nothing contradicts the first one
+  // The alarm would make it spoofed at once.
+  if (filter_uses_receiver(now_s) && lasts(now_s, glitch_since_s_, kEkfAlarm_s)) return false;
   if (agrees_since_s_ && now_s - *good_since_s_ >= kGpsStable_s && now_s - *agrees_since_s_ >= kGpsStable_s)
     return true;
-  const double alone_s = had_its_first_ ? kGpsStableAlone_s : kGpsFirst_s;
-  return !lied_ && !vision_speaks(now_s) && now_s - *good_since_s_ >= alone_s;
+  const double alone_s = had_first_fix_ ? kGpsStableAlone_s : kGpsFirst_s;
+  return !spoofed_ && !vision_available(now_s) && now_s - *good_since_s_ >= alone_s;
 }
 
-GpsJudged GpsHealth::judge(double now_s, bool link_up) {
+GpsAssessment GpsHealth::assess(double now_s, bool link_up) {
   if (!link_up) {
     last_message_s_ = std::max(last_message_s_, now_s);
-    return judged_;
+    return assessment_;
   }
-  if (auto found = trouble(now_s)) {
-    lie_.clear();
-    disturb();
-    const bool lies = found->verdict == GpsVerdict::spoofed;
-    lied_ = lied_ || lies;
-    // A receiver that lied and then falls silent stays a liar.
-    if (lies || judged_.verdict == GpsVerdict::trusted || judged_.verdict == GpsVerdict::unknown) judged_ = *found;
-  } else if (judged_.verdict != GpsVerdict::trusted && fit_again(now_s)) {
-    judged_ = {GpsVerdict::trusted, lied_ ? "stable, and where pictures say" : "stable"};
-    lied_ = false;
-    had_its_first_ = true;
+  if (auto found = find_fault(now_s)) {
+    fault_.clear();
+    reset_stability();
+    const bool spoofed = found->verdict == GpsVerdict::spoofed;
+    spoofed_ = spoofed_ || spoofed;
+    // A spoofed receiver that then falls silent stays spoofed.
+    if (spoofed || assessment_.verdict == GpsVerdict::trusted || assessment_.verdict == GpsVerdict::unknown)
+      assessment_ = *found;
+  } else if (assessment_.verdict != GpsVerdict::trusted && trustworthy_again(now_s)) {
+    assessment_ = {GpsVerdict::trusted, spoofed_ ? "stable, agrees with vision" : "stable"};
+    spoofed_ = false;
+    had_first_fix_ = true;
   }
-  return judged_;
+  return assessment_;
+}
+
+bool GpsHints::due(LonLat place, bool position_known) {
+  if (last_) {
+    if (position_known) return false;
+    const Enu moved = LocalFrame(*last_).enu_from_lonlat(place);
+    if (!(std::hypot(moved.east_m, moved.north_m) >= kGpsHintRadius_m / 2)) return false;
+  }
+  last_ = place;
+  return true;
 }
 
 }  // namespace nadir

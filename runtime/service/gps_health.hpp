@@ -1,59 +1,27 @@
-// Whether the aircraft's real GPS receiver can be trusted: denied, spoofed, or fit to be used (again).
+// Whether the aircraft's real GPS receiver is usable: trusted, denied or spoofed. And when a trusted one suggests where
+// to search.
 //
-// It goes by what the autopilot tells of the receiver (GPS_RAW_INT) and of its filter (EKF_STATUS_REPORT), and by where
-// pictures say that the aircraft is. Never hand it the GPS that we ourselves play (GPS_INPUT comes back as a receiver)
-// nor the autopilot's fused position.
+// Inputs: the receiver's messages (GPS_RAW_INT), the autopilot's filter (EKF_STATUS_REPORT), and visual positions.
+// Never pass it the fixes that we send (GPS_INPUT comes back as a receiver) nor the autopilot's fused position.
 //
-// Spoofed: a step that no aircraft flies, an impossible speed, the filter's own alarm, or a disagreement with pictures
-// beyond both uncertainties, as slow drag-off ends in. Suspicion is quick and trust is slow: after trouble GPS must be
-// undisturbed for a stable interval and agree with the pictures for as long. Only when it was merely denied, never
-// caught lying, and pictures have nothing to say, is a much longer stable interval enough. A receiver that has been
-// looking for its first fix since the service was started on the ground was not denied by anybody: seconds are enough.
+// Spoofed: a step or a speed beyond what the aircraft can fly, the filter's glitch alarm, or a disagreement with vision
+// beyond both uncertainties, which is how a slow drag-off ends. Suspicion is quick, trust is slow: after denial or
+// spoofing, GPS must be undisturbed for a stable interval and agree with vision for as long. If it was merely denied,
+// never spoofed, and there is no visual position, a much longer stable interval is enough. A receiver that has been
+// searching for its first fix since the service started on the ground was not denied: seconds are enough.
 //
-// Times are monotonic seconds of arrival; they come in with the facts.
+// The numbers are in service_rules.hpp. Times are monotonic seconds of arrival, and come in with the events.
 #pragma once
 
 #include <optional>
 #include <string>
 
 #include "geodesy/lon_lat.hpp"
-#include "service/service_facts.hpp"
+#include "service/onboard_event.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
 
-inline constexpr double kGpsSilent_s = 1.5;          // no message
-inline constexpr double kGpsNoFix_s = 0.5;           // messages without a 3-D fix
-inline constexpr double kEkfAlarm_s = 1.0;           // the autopilot's filter complains for so long
-inline constexpr double kLed_s = 15;                 // so long what it says may be about our fix
-inline constexpr double kMaxGroundSpeed_m_s = 100;   // of any aircraft that we fly on, with the wind
-inline constexpr double kStepMargin_m = 30;          // beyond what speed and accuracies explain
-inline constexpr double kMaxAcceleration_m_s2 = 15;  // between two fixes
-inline constexpr double kMaxGpsSigma_m = 10;         // a liar may claim any accuracy; more is not believed
-inline constexpr double kDefaultGpsSigma_m = 3;      // when the receiver tells none
-inline constexpr double kDisagreementSigmas = 4;
-inline constexpr double kMinDisagreement_m = 25;
-inline constexpr double kDisagreement_s = 1.0;   // for so long
-inline constexpr double kMaxVisionSigma_m = 60;  // vaguer positions accuse and acquit nobody
-inline constexpr double kMaxVisionAge_s = 1.0;   // nor do older ones
-inline constexpr double kGpsStable_s = 10;       // undisturbed, and in agreement
-inline constexpr double kGpsFirst_s = 5;         // undisturbed, after a search for its first fix
-inline constexpr double kGpsStableAlone_s = 60;  // undisturbed, with nobody to agree with
-
-struct GpsFix3d {
-  double time_s = 0;
-  bool has_fix = false;  // three-dimensional or better
-  LonLat place;
-  std::optional<double> ground_speed_m_s;
-  std::optional<double> accuracy_m;  // horizontal, one sigma
-};
-
-struct EkfReport {
-  double time_s = 0;
-  bool knows_position = false;  // absolute, horizontal
-  bool gps_glitch = false;
-};
-
-// Only what pictures carry: satellite_anchored and vo_extrapolated.
 struct VisionPosition {
   double time_s = 0;
   LonLat place;
@@ -64,44 +32,55 @@ class GpsHealth {
  public:
   explicit GpsHealth(double now_s) : last_message_s_(now_s) {}
 
-  void hear(const GpsFix3d& fix);
-  void hear(const EkfReport& report);
-  void hear(const VisionPosition& vision);
-  // The autopilot is being told a fix of ours. What its filter says is about that fix, and not about the receiver:
-  // ArduPilot also reports a glitch when the fix that it goes by claims a speed that is known to no better than 1.5
-  // m/s.
-  void led(double now_s) { led_s_ = now_s; }
-  // The service was started again in flight: who has no fix now is denied one.
-  void resumed() { had_its_first_ = true; }
+  void on_event(const GpsFix3d& fix);
+  void on_event(const EkfReport& report);
+  void on_event(const LocalizedFrame& frame);  // its position, if it is visual
+  void on_vision(const VisionPosition& vision);
+  // The autopilot receives a fix of ours: its filter's alarms are about that fix, not about the receiver. ArduPilot
+  // also reports a glitch when the fix in use has a speed accuracy of 1.5 m/s or worse.
+  void our_fix_in_use(double now_s) { our_fix_s_ = now_s; }
+  // The service was restarted in flight: a receiver without a fix now is denied one.
+  void on_restart() { had_first_fix_ = true; }
 
-  // The verdict now. Call it several times a second: silence is told by nobody. While the link to the autopilot is down
-  // the receiver's silence says nothing, and the verdict stays.
-  GpsJudged judge(double now_s, bool link_up = true);
+  // The assessment now. Call it several times a second: silence causes no event. While the link to the autopilot is
+  // down the receiver's silence means nothing, and the assessment stays.
+  GpsAssessment assess(double now_s, bool link_up = true);
 
  private:
-  void look_for_step(const GpsFix3d& fix);
+  void check_step(const GpsFix3d& fix);
   void compare_with_vision(const GpsFix3d& fix);
-  void disturb();
-  std::optional<GpsJudged> trouble(double now_s) const;
-  bool fit_again(double now_s) const;
-  bool vision_speaks(double time_s) const;
-  bool filter_goes_by_it(double now_s) const;
+  void reset_stability();
+  std::optional<GpsAssessment> find_fault(double now_s) const;
+  bool trustworthy_again(double now_s) const;
+  bool vision_available(double time_s) const;
+  bool filter_uses_receiver(double now_s) const;
 
-  GpsJudged judged_;
+  GpsAssessment assessment_;
   double last_message_s_;
   std::optional<GpsFix3d> last_fix_;
   std::optional<VisionPosition> vision_;
   std::optional<double> no_fix_since_s_;
   std::optional<double> good_since_s_;    // undisturbed
-  std::optional<double> agrees_since_s_;  // with pictures
+  std::optional<double> agrees_since_s_;  // with vision
   std::optional<double> disagrees_since_s_;
   std::optional<double> glitch_since_s_;
   std::optional<double> ekf_lost_since_s_;
-  std::optional<double> led_s_;
-  bool ekf_knew_ = false;
-  std::string lie_;    // a step or a speed since the last verdict
-  bool lied_ = false;  // since it was trusted last
-  bool had_its_first_ = false;
+  std::optional<double> our_fix_s_;
+  bool ekf_had_position_ = false;
+  std::string fault_;     // a step or a speed since the last assessment
+  bool spoofed_ = false;  // since it was last trusted
+  bool had_first_fix_ = false;
+};
+
+// When a trusted GPS suggests where to search first. Never where we are: only the map may confirm that.
+class GpsHints {
+ public:
+  // Whether to send this place as a hint: the first one, and while there is no visual position each one that is half a
+  // radius from the last, because a hint from before take-off is worthless in the air.
+  bool due(LonLat place, bool position_known);
+
+ private:
+  std::optional<LonLat> last_;
 };
 
 }  // namespace nadir

@@ -10,14 +10,14 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 
 namespace nadir {
 
 void hold_memory([[maybe_unused]] std::size_t megabytes) {
 #ifdef __GLIBC__
   if (megabytes == 0) return;
-  constexpr std::size_t kPiece = std::size_t{8} << 20;  // below the largest that the heap serves
+  constexpr std::size_t kPiece = std::size_t{8} << 20;  // below the largest size that the heap serves
   ::mallopt(M_ARENA_MAX, 1);
   keep_freed_memory();
   std::vector<void*> pieces((megabytes * (std::size_t{1} << 20) + kPiece - 1) / kPiece);
@@ -25,14 +25,14 @@ void hold_memory([[maybe_unused]] std::size_t megabytes) {
   for (void*& piece : pieces) {
     piece = std::malloc(kPiece);
     enough = enough && piece != nullptr;
-    // Not zeros: the compiler may not make a calloc() of it, which would leave the pages to be found later.
+    // Not zeros: the compiler might turn it into calloc(), which would leave the pages unmapped.
     if (piece != nullptr) std::memset(piece, 0x5a, kPiece);
   }
   for (void* piece : pieces) std::free(piece);
   if (enough) return;
-  throw Error({.what = "there is not enough memory for a flight",
+  throw Error({.what = "not enough memory for a flight",
                .expected = fmt::format("{} MB", megabytes),
-               .found = "the system refused to give so much",
+               .found = "the system cannot provide so much",
                .fix = "end other programs, or give --memory-mb less"});
 #endif
 }

@@ -1,14 +1,23 @@
 #include "service/saved_flight.hpp"
 
-#include <array>
-#include <cmath>
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <exception>
+#include <utility>
+
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "base/json.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
+#include "geodesy/local_frame.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
+namespace fs = std::filesystem;
 namespace {
 
 using nlohmann::json;
@@ -16,20 +25,8 @@ using nlohmann::json;
 constexpr const char* kSchema = "nadir.flight/1";
 constexpr double kMaxMonotonic_s = 1e9;  // thirty years
 constexpr double kMaxLength_m = 1e6;
-constexpr double kMaxSpeed_m_s = 1e3;
+constexpr double kMaxSpeed_mps = 1e3;
 constexpr std::int64_t kMaxUnix_us = std::int64_t{1} << 53;
-
-struct Refusal {
-  std::string text;
-};
-
-template <typename Names>
-auto named(const json& value, const Names& names, const char* what) {
-  for (const auto candidate : names) {
-    if (value.is_string() && value.get_ref<const std::string&>() == name_of(candidate)) return candidate;
-  }
-  throw Refusal{std::string("no such ") + what + ": " + value.dump()};
-}
 
 constexpr std::array kStates{ServiceState::boot,         ServiceState::no_package, ServiceState::awaiting_autopilot,
                              ServiceState::relocalizing, ServiceState::normal,     ServiceState::degraded,
@@ -37,63 +34,38 @@ constexpr std::array kStates{ServiceState::boot,         ServiceState::no_packag
 constexpr std::array kSources{SourceLabel::satellite_anchored, SourceLabel::vo_extrapolated, SourceLabel::dead_reckoned,
                               SourceLabel::no_fix};
 
-const json& member(const json& object, const char* key) {
-  if (!object.is_object() || !object.contains(key)) throw Refusal{std::string(key) + " is missing"};
-  return object[key];
+LonLat read_place(const JsonReader& in) { return {in.number("lon_deg", -180, 180), in.number("lat_deg", -90, 90)}; }
+
+std::optional<SavedVelocity> read_velocity(const JsonReader& in) {
+  const auto velocity = in.optional_object("velocity");
+  if (!velocity) return std::nullopt;
+  return SavedVelocity{velocity->number("east_m_s", -kMaxSpeed_mps, kMaxSpeed_mps),
+                       velocity->number("north_m_s", -kMaxSpeed_mps, kMaxSpeed_mps)};
 }
 
-double number(const json& object, const char* key, double min, double max) {
-  const json& value = member(object, key);
-  const double found = value.is_number() ? value.get<double>() : std::nan("");
-  if (std::isnan(found) || found < min || found > max)
-    throw Refusal{std::string(key) + " is out of range: " + value.dump()};
-  return found;
-}
-
-std::int64_t whole(const json& object, const char* key, std::int64_t max) {
-  const json& value = member(object, key);
-  if (!value.is_number_unsigned() || value.get<std::uint64_t>() > static_cast<std::uint64_t>(max)) {
-    throw Refusal{std::string(key) + " is out of range: " + value.dump()};
-  }
-  return value.get<std::int64_t>();
-}
-
-LonLat read_place(const json& object) {
-  return {number(object, "lon_deg", -180, 180), number(object, "lat_deg", -90, 90)};
-}
-
-std::optional<SavedVelocity> read_velocity(const json& object) {
-  if (!object.contains("velocity")) return std::nullopt;
-  const json& velocity = object["velocity"];
-  return SavedVelocity{number(velocity, "east_m_s", -kMaxSpeed_m_s, kMaxSpeed_m_s),
-                       number(velocity, "north_m_s", -kMaxSpeed_m_s, kMaxSpeed_m_s)};
-}
-
-SavedEstimate read_estimate(const json& object) {
-  return {.monotonic_s = number(object, "monotonic_s", 0, kMaxMonotonic_s),
-          .unix_us = whole(object, "unix_us", kMaxUnix_us),
-          .place = read_place(object),
-          .sigma_m = number(object, "sigma_m", 0, kMaxLength_m),
-          .ground_speed_m_s = number(object, "ground_speed_m_s", 0, kMaxSpeed_m_s),
-          .source = named(member(object, "source"), kSources, "source"),
-          .segment = static_cast<int>(whole(object, "segment", 1 << 30)),
-          .velocity = read_velocity(object)};
+SavedEstimate read_estimate(const JsonReader& in) {
+  return {.monotonic_s = in.number("monotonic_s", 0, kMaxMonotonic_s),
+          .unix_us = in.integer("unix_us", 0, kMaxUnix_us),
+          .place = read_place(in),
+          .sigma_m = in.number("sigma_m", 0, kMaxLength_m),
+          .ground_speed_mps = in.number("ground_speed_m_s", 0, kMaxSpeed_mps),
+          .source = in.choice("source", kSources),
+          .segment = in.integer<int>("segment", 0, 1 << 30),
+          .velocity = read_velocity(in)};
 }
 
 SavedFlight read_flight(const json& document) {
-  if (member(document, "schema") != kSchema) throw Refusal{"schema is " + document["schema"].dump()};
-  const json& boot = member(document, "boot_id");
-  if (!boot.is_string()) throw Refusal{"boot_id is no text"};
-  SavedFlight flight{.boot_id = boot.get<std::string>(),
-                     .saved_monotonic_s = number(document, "monotonic_s", 0, kMaxMonotonic_s),
-                     .saved_unix_us = whole(document, "unix_us", kMaxUnix_us),
-                     .state = named(member(document, "state"), kStates, "state"),
+  const JsonReader in(document, {.name = "saved flight", .what = "cannot restore the saved flight"});
+  in.expect("schema", kSchema);
+  SavedFlight flight{.boot_id = in.text("boot_id"),
+                     .saved_monotonic_s = in.number("monotonic_s", 0, kMaxMonotonic_s),
+                     .saved_unix_us = in.integer("unix_us", 0, kMaxUnix_us),
+                     .state = in.choice("state", kStates),
                      .estimate = {},
                      .hint = {}};
-  if (document.contains("estimate")) flight.estimate = read_estimate(document["estimate"]);
-  if (document.contains("hint")) {
-    const json& hint = document["hint"];
-    flight.hint = SavedHint{read_place(hint), number(hint, "radius_m", 0, kMaxLength_m)};
+  if (const auto estimate = in.optional_object("estimate")) flight.estimate = read_estimate(*estimate);
+  if (const auto hint = in.optional_object("hint")) {
+    flight.hint = SavedHint{read_place(*hint), hint->number("radius_m", 0, kMaxLength_m)};
   }
   return flight;
 }
@@ -107,12 +79,12 @@ json written(const SavedFlight& flight) {
   if (const auto& estimate = flight.estimate) {
     document["estimate"] = {{"monotonic_s", estimate->monotonic_s}, {"unix_us", estimate->unix_us},
                             {"lon_deg", estimate->place.lon_deg},   {"lat_deg", estimate->place.lat_deg},
-                            {"sigma_m", estimate->sigma_m},         {"ground_speed_m_s", estimate->ground_speed_m_s},
+                            {"sigma_m", estimate->sigma_m},         {"ground_speed_m_s", estimate->ground_speed_mps},
                             {"source", name_of(estimate->source)},  {"segment", estimate->segment}};
   }
   if (flight.estimate && flight.estimate->velocity) {
     const SavedVelocity& velocity = *flight.estimate->velocity;
-    document["estimate"]["velocity"] = {{"east_m_s", velocity.east_m_s}, {"north_m_s", velocity.north_m_s}};
+    document["estimate"]["velocity"] = {{"east_m_s", velocity.east_mps}, {"north_m_s", velocity.north_mps}};
   }
   if (const auto& hint = flight.hint) {
     document["hint"] = {
@@ -121,28 +93,121 @@ json written(const SavedFlight& flight) {
   return document;
 }
 
+constexpr std::uint64_t kMaxFileSize = 1 << 16;
+
+struct Age {
+  double s = 0;
+  bool same_boot = false;
+};
+
+Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, const FlightClock& clock) {
+  const double now_s = clock.monotonic_s();
+  if (!flight.boot_id.empty() && flight.boot_id == clock.boot_id()) return {now_s - monotonic_s, true};
+  const double by_utc_s = 1e-6 * static_cast<double>(clock.unix_us() - unix_us);
+  if (by_utc_s < 0) return {by_utc_s, false};
+  return {std::max(by_utc_s, now_s) + kRebootAllowance_s, false};
+}
+
+// Propagated with its velocity.
+RestartPosition propagated(const SavedEstimate& estimate, const SavedVelocity& velocity, double age_s) {
+  const double turn_m = 0.5 * kRestartTurn_mps2 * age_s * age_s;
+  const double waiting_m = kFirstFrameAfterRestart_s * std::hypot(velocity.east_mps, velocity.north_mps);
+  return {.place = LocalFrame(estimate.place).lonlat_from_enu(velocity.east_mps * age_s, velocity.north_mps * age_s),
+          .sigma_m = estimate.sigma_m + std::hypot(turn_m, kRestartVelocitySigma_mps * age_s, waiting_m)};
+}
+
 }  // namespace
 
 std::string to_text(const SavedFlight& flight) {
   const std::string line = written(flight).dump(-1, ' ', false, json::error_handler_t::replace);
   std::string text = line + "\n" + sha256(as_bytes(line)).hex() + "\n";
   const SavedFlightReading reading = parse_saved_flight(text);
-  if (!reading.flight) throw Error({.what = "this state of the flight cannot be saved", .found = reading.refusal});
+  if (!reading.flight) throw Error({.what = "cannot save this state of the flight", .found = reading.rejection});
   return text;
 }
 
 SavedFlightReading parse_saved_flight(std::string_view text) {
   const std::size_t end = text.find('\n');
-  if (end == std::string_view::npos) return {std::nullopt, "cut off"};
+  if (end == std::string_view::npos) return {std::nullopt, "truncated"};
   const std::string_view line = text.substr(0, end);
-  if (text.substr(end + 1) != sha256(as_bytes(line)).hex() + "\n") return {std::nullopt, "the digest does not fit"};
+  if (text.substr(end + 1) != sha256(as_bytes(line)).hex() + "\n") return {std::nullopt, "SHA-256 does not match"};
   try {
-    return {read_flight(parse_json(line, "saved flight", {.max_depth = 4})), {}};
-  } catch (const Refusal& refusal) {
-    return {std::nullopt, refusal.text};
+    const json document = parse_json(line, "saved flight", {.max_depth = 4});
+    return {read_flight(document), {}};
   } catch (const Error& error) {
-    return {std::nullopt, error.text().found.empty() ? error.text().what : error.text().found};
+    return {std::nullopt, error.what()};
   }
+}
+
+StateDirectory::StateDirectory(fs::path folder) : folder_(std::move(folder)) {
+  std::error_code error;
+  fs::create_directories(folder_, error);
+  if (error || !fs::is_directory(folder_)) {
+    throw Error({.what = "cannot use the state directory",
+                 .where = folder_,
+                 .expected = "a writable folder",
+                 .found = error ? error.message() : "not a folder",
+                 .fix = "give --state a folder that only the service uses"});
+  }
+  for (const auto& entry : fs::directory_iterator(folder_)) {
+    if (entry.path().filename().string().starts_with("flight.json.tmp")) fs::remove(entry.path(), error);
+  }
+  write_file_atomic(folder_ / ".writable", "");
+  fs::remove(folder_ / ".writable", error);
+}
+
+std::optional<std::string> StateDirectory::save(const SavedFlight& flight) const {
+  try {
+    write_file_atomic(file(), to_text(flight));
+    return std::nullopt;
+  } catch (const std::exception& error) {
+    return error.what();
+  }
+}
+
+SavedFlightReading StateDirectory::load() const {
+  std::error_code ignored;
+  if (!fs::exists(fs::symlink_status(file(), ignored))) return {std::nullopt, "no saved state: cold start"};
+  try {
+    return parse_saved_flight(read_text_file(file(), kMaxFileSize));
+  } catch (const Error& error) {
+    return {std::nullopt, error.what()};
+  }
+}
+
+Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock) {
+  if (!reading.flight) return {{}, {}, reading.rejection};
+  const SavedFlight& flight = *reading.flight;
+
+  const Age saved = age_of(flight, flight.saved_monotonic_s, flight.saved_unix_us, clock);
+  if (saved.s < 0) return {{}, {}, fmt::format("saved {:.0f} s in the future: cold start", -saved.s)};
+  if (saved.s > kMaxRestartAge_s)
+    return {{}, {}, fmt::format("saved {:.0f} s ago, by another flight: cold start", saved.s)};
+
+  Restart restart{{}, flight.hint, {}};
+  if (!flight.estimate || flight.estimate->source == SourceLabel::no_fix) {
+    restart.reason = fmt::format("saved {:.1f} s ago without a position", saved.s);
+    return restart;
+  }
+  const SavedEstimate& estimate = *flight.estimate;
+  const Age age = age_of(flight, estimate.monotonic_s, estimate.unix_us, clock);
+  if (age.s < saved.s) {
+    restart.reason = "the saved position is newer than its file";
+    return restart;
+  }
+  const double speed_mps = std::max(estimate.ground_speed_mps, kMinRestartSpeed_mps);
+  RestartPosition position{.place = estimate.place, .sigma_m = estimate.sigma_m + age.s * speed_mps};
+  if (estimate.velocity) {
+    const RestartPosition moving = propagated(estimate, *estimate.velocity, age.s);
+    if (moving.sigma_m < position.sigma_m) position = moving;
+  }
+  position.speed_mps = speed_mps;
+  position.age_s = age.s;
+  position.segment = estimate.segment;
+  restart.position = position;
+  restart.reason = fmt::format("restored the position of {:.1f} s ago{}, σ grown from {:.0f} m to {:.0f} m", age.s,
+                               age.same_boot ? "" : ", before a reboot", estimate.sigma_m, position.sigma_m);
+  return restart;
 }
 
 }  // namespace nadir

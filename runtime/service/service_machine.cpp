@@ -10,11 +10,38 @@
 namespace nadir {
 namespace {
 
-bool carried_by_pictures(SourceLabel source) {
-  return source == SourceLabel::satellite_anchored || source == SourceLabel::vo_extrapolated;
-}
+using enum ServiceState;
+using enum ServiceReason;
+
+constexpr double kBurst_s = 0.1;        // closer frames are a burst, or a camera so fast that the 400 ms decide
+constexpr double kMaxInterval_s = 2.5;  // longer ones are capped: too slow a camera to fly by
+constexpr std::size_t kMinIntervals = 3;
 
 }  // namespace
+
+// ---- frame interval
+
+void FrameIntervalMonitor::on_frame(double time_s) {
+  if (!std::isfinite(time_s)) return;
+  if (!last_s_) last_s_ = time_s;
+  const double interval_s = time_s - *last_s_;
+  if (interval_s < kBurst_s) return;
+  intervals_s_[measured_++ % kKept] = std::min(interval_s, kMaxInterval_s);
+  last_s_ = time_s;
+}
+
+double FrameIntervalMonitor::silence_limit_s() const {
+  double usual_s = default_interval_s_, late_s = default_interval_s_;
+  if (measured_ >= kMinIntervals) {
+    auto sorted = intervals_s_;
+    const auto end = sorted.begin() + static_cast<std::ptrdiff_t>(std::min(measured_, kKept));
+    std::sort(sorted.begin(), end);
+    const auto last = end - sorted.begin() - 1;
+    usual_s = sorted[static_cast<std::size_t>(last / 2)];
+    late_s = sorted[static_cast<std::size_t>((9 * last + 9) / 10)];
+  }
+  return std::max(kBlackout_s, std::min(kMissedFrames * late_s, kLatestInIntervals * usual_s));
+}
 
 std::string_view name_of(GpsVerdict verdict) {
   switch (verdict) {
@@ -29,33 +56,47 @@ std::string_view name_of(GpsVerdict verdict) {
 std::string_view name_of(PositionLeader leader) { return leader == PositionLeader::gps ? "gps" : "vision"; }
 
 ServiceMachine::ServiceMachine(double now_s, const ServiceConfig& config)
-    : pace_(config.camera_interval_s), now_s_(now_s), since_s_(now_s) {}
+    : frame_interval_(config.camera_interval_s), now_s_(now_s), since_s_(now_s) {}
 
-std::vector<ServiceEvent> ServiceMachine::update(double now_s, std::span<const ServiceFact> facts) {
-  events_.clear();
-  if (position_held()) held_s_ = now_s_;
+void ServiceMachine::begin_update(double now_s) {
+  transitions_.clear();
+  if (has_any_position()) position_s_ = now_s_;
   now_s_ = std::isfinite(now_s) ? std::max(now_s_, now_s) : now_s_;
-  settle();  // what time alone has done comes before what is new
-  for (const ServiceFact& fact : facts) {
-    std::visit([this](const auto& known) { learn(known); }, fact);
-    settle();
-  }
-  return std::move(events_);
+  apply_rules();  // the effects of time come before those of a new event
 }
 
-void ServiceMachine::settle() {
-  look_at_link();
-  look_at_vision();
+std::vector<StateTransition> ServiceMachine::update(double now_s) {
+  begin_update(now_s);
+  return std::move(transitions_);
+}
+
+std::vector<StateTransition> ServiceMachine::on_event(double now_s, const OnboardEvent& event) {
+  const auto input = [&](const auto& known) -> std::vector<StateTransition> {
+    if constexpr (requires { on(known); }) {
+      begin_update(now_s);
+      on(known);
+      apply_rules();
+      return std::move(transitions_);
+    } else {
+      return {};
+    }
+  };
+  return std::visit(input, event);
+}
+
+void ServiceMachine::apply_rules() {
+  check_link();
+  check_vision();
   while (const auto step = next_step()) enter(*step);
   choose_leader();
-  if (position_held()) held_s_ = now_s_;
-  if (state_ == ServiceState::degraded) told_sigma_m_ = std::max(told_sigma_m_, sigma_now_m());
+  if (has_any_position()) position_s_ = now_s_;
+  if (state_ == ServiceState::degraded) sent_sigma_m_ = std::max(sent_sigma_m_, sigma_now_m());
 }
 
 void ServiceMachine::enter(const Step& step) {
   std::string text(text_of(step.reason).explanation);
   if (!step.detail.empty()) text += ": " + step.detail;
-  events_.push_back({now_s_, state_, step.to, step.reason, std::move(text)});
+  transitions_.push_back({now_s_, state_, step.to, step.reason, std::move(text)});
   state_ = step.to;
   reason_ = step.reason;
   since_s_ = now_s_;
@@ -65,29 +106,29 @@ void ServiceMachine::enter(const Step& step) {
     return;
   }
   steady_since_s_.reset();
-  told_sigma_m_ = sigma_m_;
+  sent_sigma_m_ = sigma_m_;
   if (state_ == ServiceState::no_fix) anchored_ = restored_ = false;
 }
 
 void ServiceMachine::note(ServiceReason reason, const std::string& detail) {
   std::string text(text_of(reason).explanation);
   if (!detail.empty()) text += ": " + detail;
-  events_.push_back({now_s_, state_, state_, reason, std::move(text)});
+  transitions_.push_back({now_s_, state_, state_, reason, std::move(text)});
 }
 
-void ServiceMachine::look_at_link() {
-  if (!link_up_ || now_s_ - *heard_s_ <= kLinkLost_s) return;
+void ServiceMachine::check_link() {
+  if (!link_up_ || now_s_ - *heartbeat_s_ <= kLinkLost_s) return;
   link_up_ = false;
-  note(ServiceReason::link_lost, fmt::format("{:.1f} s", now_s_ - *heard_s_));
+  note(ServiceReason::link_lost, fmt::format("{:.1f} s", now_s_ - *heartbeat_s_));
 }
 
-void ServiceMachine::look_at_vision() {
+void ServiceMachine::check_vision() {
   if (blindness()) steady_since_s_.reset();
 }
 
 void ServiceMachine::choose_leader() {
   const bool gps_is_bad = gps_ == GpsVerdict::denied || gps_ == GpsVerdict::spoofed;
-  if (leader_ == PositionLeader::gps && gps_is_bad && tells_position()) {
+  if (leader_ == PositionLeader::gps && gps_is_bad && provides_position()) {
     leader_ = PositionLeader::vision;
     note(ServiceReason::vision_leads, fmt::format("GPS is {}", name_of(gps_)));
   } else if (leader_ == PositionLeader::vision && gps_ == GpsVerdict::trusted) {
@@ -96,75 +137,76 @@ void ServiceMachine::choose_leader() {
   }
 }
 
-void ServiceMachine::learn(const PackageJudged& package) { package_ = package; }
+void ServiceMachine::on(const PackageVerified& package) { package_ = package; }
 
-void ServiceMachine::learn(const AutopilotHeard& heard) {
-  if (!heard.authentic) {
-    if (!link_up_ && !stranger_noted_) note(ServiceReason::link_unsigned);
-    stranger_noted_ = true;
+void ServiceMachine::on(const AutopilotHeartbeat& heartbeat) {
+  if (!heartbeat.authentic) {
+    if (!link_up_ && !unauthenticated_peer_noted_) note(ServiceReason::link_unsigned);
+    unauthenticated_peer_noted_ = true;
     return;
   }
-  if (!link_up_ && heard_s_) note(ServiceReason::link_back, fmt::format("after {:.1f} s", now_s_ - *heard_s_));
+  if (!link_up_ && heartbeat_s_) note(ServiceReason::link_back, fmt::format("after {:.1f} s", now_s_ - *heartbeat_s_));
   link_up_ = true;
-  heard_s_ = now_s_;
-  stranger_noted_ = false;
-  if (heard.armed && !held_s_) held_s_ = now_s_;  // whoever flies should have a position
+  heartbeat_s_ = now_s_;
+  unauthenticated_peer_noted_ = false;
+  if (heartbeat.armed && !position_s_) position_s_ = now_s_;  // an armed aircraft needs a position
 }
 
-void ServiceMachine::learn(const FrameArrived&) {
+void ServiceMachine::on(const FrameReceived&) {
   frame_s_ = now_s_;
-  pace_.picture(now_s_);
+  frame_interval_.on_frame(now_s_);
   if (!unanswered_s_) unanswered_s_ = now_s_;
 }
 
-void ServiceMachine::learn(const EstimateMade& estimate) {
+void ServiceMachine::on(const LocalizedFrame& frame) {
+  const Estimate& estimate = frame.report.estimate;
   if (!frame_s_) frame_s_ = now_s_;
   unanswered_s_.reset();
   estimate_s_ = now_s_;
   source_ = estimate.source;
   has_position_ = source_ != SourceLabel::no_fix && std::isfinite(estimate.sigma_m) && estimate.sigma_m >= 0;
   sigma_m_ = has_position_ ? estimate.sigma_m : kNoFixAccuracy_m;
-  growth_m_per_s_ = kBlindGrowth_m_per_s;
+  growth_mps_ = kBlindGrowth_mps;
 
   if (!has_position_) anchored_ = false;
-  const bool seen = has_position_ && carried_by_pictures(source_);
-  if (seen) seen_s_ = now_s_;
-  if (!seen || sigma_m_ > kReturnSigma_m) {
+  const bool visual = has_position_ && is_visual(source_);
+  if (visual) visual_s_ = now_s_;
+  if (!visual || sigma_m_ > kReturnSigma_m) {
     steady_since_s_.reset();
     return;
   }
   if (!steady_since_s_) steady_since_s_ = now_s_;
-  if (source_ == SourceLabel::satellite_anchored || estimate.anchored) anchored_ = true;
+  const bool accepted = frame.report.anchor.verdict == AnchorVerdict::accepted;
+  if (source_ == SourceLabel::satellite_anchored || accepted) anchored_ = true;
 }
 
-void ServiceMachine::learn(const EstimateRestored& restored) {
-  if (estimate_s_) return;  // the localizer knows better by now
+void ServiceMachine::on(const EstimateRestored& restored) {
+  if (estimate_s_) return;  // an estimate is newer
   restored_ = has_position_ = std::isfinite(restored.sigma_m) && restored.sigma_m >= 0;
   source_ = restored_ ? SourceLabel::dead_reckoned : SourceLabel::no_fix;
   sigma_m_ = restored_ ? restored.sigma_m : kNoFixAccuracy_m;
-  growth_m_per_s_ =
-      std::isfinite(restored.speed_m_per_s) ? std::max(restored.speed_m_per_s, kBlindGrowth_m_per_s) : kNoFixSigma_m;
+  growth_mps_ = std::isfinite(restored.speed_mps) ? std::max(restored.speed_mps, kBlindGrowth_mps) : kNoFixSigma_m;
   estimate_s_ = now_s_;
 }
 
-void ServiceMachine::learn(const GpsJudged& gps) {
+void ServiceMachine::on(const GpsAssessment& gps) {
   if (gps.verdict == gps_) return;
   gps_ = gps.verdict;
-  if (gps_ == GpsVerdict::denied) note(ServiceReason::gps_denied, gps.why);
-  if (gps_ == GpsVerdict::spoofed) note(ServiceReason::gps_spoofed, gps.why);
-  if (gps_ == GpsVerdict::trusted) note(ServiceReason::gps_trusted, gps.why);
+  if (gps_ == GpsVerdict::denied) note(ServiceReason::gps_denied, gps.reason);
+  if (gps_ == GpsVerdict::spoofed) note(ServiceReason::gps_spoofed, gps.reason);
+  if (gps_ == GpsVerdict::trusted) note(ServiceReason::gps_trusted, gps.reason);
 }
 
 double ServiceMachine::sigma_now_m() const {
-  return estimate_s_ ? sigma_m_ + growth_m_per_s_ * (now_s_ - *estimate_s_) : kNoFixAccuracy_m;
+  return estimate_s_ ? sigma_m_ + growth_mps_ * (now_s_ - *estimate_s_) : kNoFixAccuracy_m;
 }
 
 ServiceStatus ServiceMachine::status() const {
   ServiceStatus status{.state = state_,
                        .reason = reason_,
                        .since_s = since_s_,
-                       .serves_fixes = package_verified() && heard_s_.has_value(),
-                       .fix = tells_position(),
+                       .serves_fixes = package_verified() && heartbeat_s_.has_value(),
+                       .fix = provides_position(),
                        .source = SourceLabel::no_fix,
                        .sigma_m = kNoFixAccuracy_m,
                        .leader = leader_,
@@ -175,9 +217,95 @@ ServiceStatus ServiceMachine::status() const {
     status.sigma_m = sigma_m_;
   } else if (state_ == ServiceState::degraded) {
     status.source = SourceLabel::dead_reckoned;
-    status.sigma_m = told_sigma_m_;
+    status.sigma_m = sent_sigma_m_;
   }
   return status;
+}
+
+// ---- the rules of docs/onboard.md, one after the other. Nothing changes here.
+
+std::optional<ServiceMachine::Step> ServiceMachine::next_step() const {
+  if (state_ == failsafe) return step_from_failsafe();
+  if (!has_any_position() && position_s_ && now_s_ - *position_s_ > kFailsafe_s) {
+    return Step{failsafe, no_position, fmt::format("for {:.1f} s", now_s_ - *position_s_)};
+  }
+  if (package_ && !package_->accepted && state_ != no_package) {
+    return Step{no_package, package_refused, package_->reason};
+  }
+  switch (state_) {
+    case boot:
+    case no_package:
+      if (package_verified()) return Step{awaiting_autopilot, ServiceReason::package_verified, {}};
+      return std::nullopt;
+    case awaiting_autopilot:
+      if (link_up_) return Step{relocalizing, link_authentic, {}};
+      return std::nullopt;
+    case relocalizing: return step_from_search();
+    case normal:
+    case degraded: return step_from_fix();
+    case no_fix:
+      if (anchored_ && steady_for(kReturnFromNoFix_s)) return Step{normal, anchored_again, {}};
+      return std::nullopt;
+    case failsafe: return std::nullopt;
+  }
+  return std::nullopt;
+}
+
+std::optional<ServiceMachine::Step> ServiceMachine::step_from_search() const {
+  if (anchored_ && steady_for(0)) return Step{normal, first_anchor, {}};
+  if (good_restored_position()) return Step{degraded, restored, fmt::format("σ {:.0f} m", sigma_now_m())};
+  return std::nullopt;
+}
+
+std::optional<ServiceMachine::Step> ServiceMachine::step_from_fix() const {
+  if (auto lost = loss()) return lost;
+  auto blind = blindness();
+  if (state_ == normal) return blind;
+  if (!blind && anchored_ && steady_for(kReturnFromDegraded_s)) return Step{normal, vision_back, {}};
+  return std::nullopt;
+}
+
+// A position of ours needs the package and an autopilot to send it to.
+std::optional<ServiceMachine::Step> ServiceMachine::step_from_failsafe() const {
+  const bool may_send = package_verified() && heartbeat_s_;
+  if (may_send && anchored_ && steady_for(ever_anchored_ ? kReturnFromFailsafe_s : 0)) {
+    return Step{normal, ever_anchored_ ? anchored_again : first_anchor, {}};
+  }
+  if (may_send && good_restored_position()) return Step{degraded, restored, fmt::format("σ {:.0f} m", sigma_now_m())};
+  if (gps_ != GpsVerdict::trusted) return std::nullopt;
+  ServiceState back = ever_anchored_ ? no_fix : relocalizing;
+  if (!heartbeat_s_) back = awaiting_autopilot;
+  if (!package_) back = boot;
+  if (package_ && !package_->accepted) back = no_package;
+  return Step{back, gps_position, {}};
+}
+
+std::optional<ServiceMachine::Step> ServiceMachine::blindness() const {
+  if (frame_s_ && now_s_ - *frame_s_ > frame_interval_.silence_limit_s()) {
+    return Step{degraded, camera_silent, fmt::format("no frame for {:.2f} s", now_s_ - *frame_s_)};
+  }
+  if (unanswered_s_ && now_s_ - *unanswered_s_ > kEstimateOverdue_s) {
+    return Step{degraded, localizer_late, fmt::format("no estimate for {:.2f} s", now_s_ - *unanswered_s_)};
+  }
+  if (source_ == SourceLabel::dead_reckoned) return Step{degraded, frame_unfit, {}};
+  return std::nullopt;
+}
+
+std::optional<ServiceMachine::Step> ServiceMachine::loss() const {
+  if (!has_position_) return Step{no_fix, localizer_lost, {}};
+  const double sigma_m = state_ == degraded ? sigma_now_m() : sigma_m_;
+  if (sigma_m > kNoFixSigma_m) {
+    return Step{no_fix, sigma_too_large, fmt::format("σ {:.0f} m, at most {:.0f} m", sigma_m, kNoFixSigma_m)};
+  }
+  const double blind_s = now_s_ - visual_s_.value_or(since_s_);
+  if (state_ == degraded && blind_s > kBlindNoFix_s) {
+    return Step{no_fix, blind_too_long, fmt::format("{:.1f} s, at most {:.0f} s", blind_s, kBlindNoFix_s)};
+  }
+  return std::nullopt;
+}
+
+bool ServiceMachine::good_restored_position() const {
+  return restored_ && has_position_ && sigma_now_m() <= kNoFixSigma_m;
 }
 
 }  // namespace nadir

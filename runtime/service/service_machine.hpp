@@ -1,31 +1,50 @@
-// The state machine of a flight: facts and the time in, state and events out. It reads no clock, starts nothing and
-// tells nobody; the same facts at the same times give the same events.
+// The state machine of a flight: events and the time in, state transitions out. It reads no clock, starts nothing and
+// notifies nobody; the same events at the same times give the same transitions.
 //
-// The conductor hands it every fact as it comes, calls it at least ten times a second without one, records each event,
-// sends the operator's texts, and tells the autopilot what status() says: fix or no fix, how sure, and who should lead.
+// The conductor passes it every event as it comes, calls update() at least ten times a second without one, records the
+// transitions, sends the operator's texts, and gives the autopilot what status() says: fix or no fix, its accuracy, and
+// which source should lead.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <optional>
-#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
-#include "service/camera_pace.hpp"
-#include "service/service_facts.hpp"
+#include "service/onboard_event.hpp"
 #include "service/service_state.hpp"
 
 namespace nadir {
 
-struct ServiceConfig {
-  double camera_interval_s = 1.0 / 3;  // between two pictures, until it has been measured
+// The frame interval of the camera, measured: so that a slow or irregular camera is not called silent between two
+// frames, and a fast one is called silent at once.
+//
+// Of the last intervals, the median is the usual interval and the 90th percentile the usual latest arrival. Frames of a
+// burst count as one; a gap in which the camera was silent is one interval among many. Times are monotonic seconds.
+class FrameIntervalMonitor {
+ public:
+  // default_interval_s: until enough intervals are measured.
+  explicit FrameIntervalMonitor(double default_interval_s) : default_interval_s_(default_interval_s) {}
+
+  void on_frame(double time_s);
+
+  // The camera is silent after so long without a frame: 400 ms; 1.2 intervals with slow cameras; more with irregular
+  // ones, at most two median intervals: then a whole frame is missing.
+  double silence_limit_s() const;
+
+ private:
+  static constexpr std::size_t kKept = 16;  // 5 s at 3 Hz
+
+  double default_interval_s_;
+  std::optional<double> last_s_;  // start of the current interval
+  std::array<double, kKept> intervals_s_{};
+  std::size_t measured_ = 0;
 };
 
-struct ServiceEvent {
-  double time_s = 0;
-  ServiceState from = ServiceState::boot;
-  ServiceState to = ServiceState::boot;  // the same: something to know that changes no state
-  ServiceReason reason = ServiceReason::started;
-  std::string text;  // for the recorder: the explanation, with figures
+struct ServiceConfig {
+  double camera_interval_s = 1.0 / 3;  // between two frames, until it is measured
 };
 
 enum class PositionLeader { gps, vision };
@@ -36,22 +55,23 @@ struct ServiceStatus {
   ServiceState state = ServiceState::boot;
   ServiceReason reason = ServiceReason::started;  // of the state
   double since_s = 0;
-  bool serves_fixes = false;                 // GPS_INPUT is sent at all: with the fix, or as "no fix"
-  bool fix = false;                          // the position may be told
+  bool serves_fixes = false;                 // GPS_INPUT is sent: with the fix, or as "no fix"
+  bool fix = false;                          // the position may be sent
   SourceLabel source = SourceLabel::no_fix;  // under this label
   double sigma_m = 0;                        // one axis, kNoFixAccuracy_m without a fix; while blind it only grows
   PositionLeader leader = PositionLeader::gps;
   GpsVerdict gps = GpsVerdict::unknown;
-  bool link_up = false;  // the autopilot has been heard lately, authentic
+  bool link_up = false;  // authentic messages from the autopilot lately
 };
 
 class ServiceMachine {
  public:
   explicit ServiceMachine(double now_s, const ServiceConfig& config = {});
 
-  // now_s: monotonic; a time before the last one counts as the last one. Returns what changed, in order.
-  std::vector<ServiceEvent> update(double now_s, std::span<const ServiceFact> facts = {});
-  std::vector<ServiceEvent> update(double now_s, const ServiceFact& fact) { return update(now_s, std::span(&fact, 1)); }
+  // Both return the transitions, in order. now_s: monotonic; a time before the last one counts as the last one.
+  // on_event() ignores events that are not its inputs.
+  std::vector<StateTransition> on_event(double now_s, const OnboardEvent& event);
+  std::vector<StateTransition> update(double now_s);
 
   ServiceStatus status() const;  // as of the last update
 
@@ -62,16 +82,17 @@ class ServiceMachine {
     std::string detail;
   };
 
-  void learn(const PackageJudged& package);
-  void learn(const AutopilotHeard& heard);
-  void learn(const FrameArrived&);
-  void learn(const EstimateMade& estimate);
-  void learn(const EstimateRestored& restored);
-  void learn(const GpsJudged& gps);
+  void on(const PackageVerified& package);
+  void on(const AutopilotHeartbeat& heartbeat);
+  void on(const FrameReceived&);
+  void on(const LocalizedFrame& frame);
+  void on(const EstimateRestored& restored);
+  void on(const GpsAssessment& gps);
 
-  void settle();  // what follows from the facts at this time
-  void look_at_link();
-  void look_at_vision();
+  void begin_update(double now_s);
+  void apply_rules();  // what follows from the inputs at this time
+  void check_link();
+  void check_vision();
   void choose_leader();
   void enter(const Step& step);
   void note(ServiceReason reason, const std::string& detail = {});
@@ -80,47 +101,47 @@ class ServiceMachine {
   std::optional<Step> step_from_search() const;
   std::optional<Step> step_from_fix() const;
   std::optional<Step> step_from_failsafe() const;
-  std::optional<Step> blindness() const;  // why pictures carry nothing now, as the step to degraded
-  std::optional<Step> loss() const;       // why the position may not be told, as the step to no_fix
+  std::optional<Step> blindness() const;  // why there is no visual position now, as the step to degraded
+  std::optional<Step> loss() const;       // why the position must not be sent, as the step to no_fix
 
-  bool package_verified() const { return package_ && package_->verified; }
-  bool tells_position() const { return state_ == ServiceState::normal || state_ == ServiceState::degraded; }
-  bool position_held() const { return tells_position() || gps_ == GpsVerdict::trusted; }
+  bool package_verified() const { return package_ && package_->accepted; }
+  bool provides_position() const { return state_ == ServiceState::normal || state_ == ServiceState::degraded; }
+  bool has_any_position() const { return provides_position() || gps_ == GpsVerdict::trusted; }
   bool good_restored_position() const;
   bool steady_for(double seconds) const { return steady_since_s_ && now_s_ - *steady_since_s_ >= seconds; }
   double sigma_now_m() const;  // with its growth since the estimate
 
-  CameraPace pace_;
+  FrameIntervalMonitor frame_interval_;
   double now_s_;
-  std::vector<ServiceEvent> events_;  // of the update that is going on
+  std::vector<StateTransition> transitions_;  // of the current update
 
   ServiceState state_ = ServiceState::boot;
   ServiceReason reason_ = ServiceReason::started;
   double since_s_;
 
-  std::optional<PackageJudged> package_;
+  std::optional<PackageVerified> package_;
 
-  std::optional<double> heard_s_;  // the autopilot, authentic
+  std::optional<double> heartbeat_s_;  // the last authentic one
   bool link_up_ = false;
-  bool stranger_noted_ = false;
+  bool unauthenticated_peer_noted_ = false;
 
-  std::optional<double> frame_s_;         // the newest picture
-  std::optional<double> unanswered_s_;    // the oldest picture since the last estimate
-  std::optional<double> estimate_s_;      // the newest estimate, or what was restored
-  std::optional<double> seen_s_;          // the newest estimate that pictures carried
-  std::optional<double> steady_since_s_;  // since when every estimate has been good
+  std::optional<double> frame_s_;         // the latest frame
+  std::optional<double> unanswered_s_;    // the oldest frame since the last estimate
+  std::optional<double> estimate_s_;      // the latest estimate, or the restored one
+  std::optional<double> visual_s_;        // the latest visual estimate
+  std::optional<double> steady_since_s_;  // since when every estimate is good
   SourceLabel source_ = SourceLabel::no_fix;
   bool has_position_ = false;
-  bool restored_ = false;       // a saved position stands until it is lost
+  bool restored_ = false;       // a saved position is in use
   bool anchored_ = false;       // since the position was lost
-  bool ever_anchored_ = false;  // so that what comes is a return
+  bool ever_anchored_ = false;  // so that the next anchor is a return
   double sigma_m_ = 0;
-  double growth_m_per_s_ = 0;  // of σ while blind
-  double told_sigma_m_ = 0;    // while blind it never shrinks
+  double growth_mps_ = 0;    // of σ while blind
+  double sent_sigma_m_ = 0;  // never shrinks while blind
 
   GpsVerdict gps_ = GpsVerdict::unknown;
   PositionLeader leader_ = PositionLeader::gps;
-  std::optional<double> held_s_;  // since when the lack of a position counts: armed, or the last one, ours or GPS's
+  std::optional<double> position_s_;  // the last position, ours or of GPS, or armed: failsafe counts from here
 };
 
 }  // namespace nadir

@@ -1,36 +1,70 @@
-// The figures of the service's rules, each in one place. docs/onboard.md explains them; seconds are monotonic.
+// The numbers of the service's rules in one table: name, unit (s: monotonic seconds), where it comes from. Origins:
+//   [design]  docs/onboard.md, which explains the rule
+//   [loop]    docs/closed-loop.md: measured with the simulated autopilot or with ArduPlane SITL
+//   [aircraft] limits of the aircraft that we fly on
 #pragma once
 
 namespace nadir {
 
-// Blindness: no picture that odometry or a match can use.
-inline constexpr double kBlackout_s = 0.4;       // without a new picture: the camera is silent
+// ---- blindness: no frame that odometry or a match can use [design]
+inline constexpr double kBlackout_s = 0.4;       // without a new frame: the camera is silent
 inline constexpr double kMissedFrames = 1.2;     // the same for slow cameras, in frame intervals: one frame is missing
-inline constexpr double kLatestInIntervals = 2;  // however unevenly they come, in their usual intervals
-inline constexpr double kEstimateOverdue_s = 1.0;    // pictures come, but nothing is said about them
-inline constexpr double kBlindNoFix_s = 30;          // blind for longer: no fix
-inline constexpr double kBlindGrowth_m_per_s = 5.0;  // of σ while blind, between estimates: the filter's own growth
-                                                     // stays below it for the first 33 s (1.5 m/s per root second)
+inline constexpr double kLatestInIntervals = 2;  // however irregular, in median intervals
+inline constexpr double kEstimateOverdue_s = 1.0;  // frames arrive, but no estimates
+inline constexpr double kBlindNoFix_s = 30;        // blind for longer: no fix
+inline constexpr double kBlindGrowth_mps = 5.0;    // of σ while blind, between estimates; the filter's own growth is
+                                                   // smaller for the first 33 s (1.5 m/s per root second)
 
-// How sure a position must be, one axis.
+// ---- required accuracy, one axis [design]
 inline constexpr double kNoFixSigma_m = 500;
-inline constexpr double kReturnSigma_m = 400;    // to be told again: no coming and going at the limit
-inline constexpr double kNoFixAccuracy_m = 999;  // what is told with "no fix"
+inline constexpr double kReturnSigma_m = 400;    // to provide fixes again: hysteresis
+inline constexpr double kNoFixAccuracy_m = 999;  // sent with "no fix"
 
-// Without any position, neither ours nor a GPS that is trusted.
+// ---- no position, neither ours nor that of a trusted GPS [design]
 inline constexpr double kFailsafe_s = 3;
 
-// Hysteresis: so long must everything be good without a break before the state is a better one again.
+// ---- hysteresis: everything must be good for so long without a break before a better state [design]
 inline constexpr double kReturnFromDegraded_s = 1;
 inline constexpr double kReturnFromNoFix_s = 1;
 inline constexpr double kReturnFromFailsafe_s = 2;
 
-// No message from the autopilot: the link is lost.
-inline constexpr double kLinkLost_s = 5;
+// ---- periods and timeouts [design]
+inline constexpr double kLinkLost_s = 5;    // no message from the autopilot
+inline constexpr double kSavePeriod_s = 1;  // of the state directory
 
-// How often what happens.
-inline constexpr double kFixPeriod_s = 0.1;           // GPS_INPUT, predicted between pictures
-inline constexpr double kGroundStatusPeriod_s = 1.0;  // to the ground station
-inline constexpr double kSavePeriod_s = 1.0;          // the state directory
+// ---- GPS: denied or spoofed (gps_health.hpp)
+inline constexpr double kGpsSilent_s = 1.5;          // no message [design]
+inline constexpr double kGpsNoFix_s = 0.5;           // messages without a 3-D fix [design]
+inline constexpr double kEkfAlarm_s = 1.0;           // duration of an alarm of the autopilot's filter [design]
+inline constexpr double kOurFixInUse_s = 15;         // its alarms may be about our fix for so long after one [loop]
+inline constexpr double kMaxGroundSpeed_mps = 100;   // with the wind [aircraft]
+inline constexpr double kStepMargin_m = 30;          // beyond what speed and accuracies explain [design]
+inline constexpr double kMaxAcceleration_mps2 = 15;  // between two fixes [aircraft]
+inline constexpr double kMaxGpsSigma_m = 10;      // a spoofer may claim any accuracy; larger values are capped [design]
+inline constexpr double kDefaultGpsSigma_m = 3;   // of a receiver that reports none [design]
+inline constexpr double kDisagreementSigmas = 4;  // [design]
+inline constexpr double kMinDisagreement_m = 25;  // [design]
+inline constexpr double kDisagreement_s = 1.0;    // for so long [design]
+inline constexpr double kMaxVisionSigma_m = 60;   // less accurate visual positions prove nothing [design]
+inline constexpr double kMaxVisionAge_s = 1.0;    // nor do older ones [design]
+
+// ---- GPS: trusted again [design]
+inline constexpr double kGpsStable_s = 10;       // undisturbed, and in agreement with vision
+inline constexpr double kGpsFirst_s = 5;         // undisturbed, after the search for its first fix
+inline constexpr double kGpsStableAlone_s = 60;  // undisturbed, without vision to compare
+inline constexpr double kGpsHintRadius_m = 150;  // of the search that a trusted GPS suggests
+
+// ---- restart in flight (saved_flight.hpp)
+inline constexpr double kMaxRestartAge_s = 1800;          // older: another flight [design]
+inline constexpr double kRebootAllowance_s = 60;          // of unobserved time [design]
+inline constexpr double kMinRestartSpeed_mps = 15;        // in flight, whatever was measured last [aircraft]
+inline constexpr double kRestartTurn_mps2 = 2.5;          // one sigma of an unobserved turn [aircraft]
+inline constexpr double kRestartVelocitySigma_mps = 1;    // [design]
+inline constexpr double kFirstFrameAfterRestart_s = 0.5;  // between the restart and the first frame [design]
+
+// ---- attitude of an autopilot that navigates by our fix, one sigma: the airframe file's figures were measured with
+// GPS, and are used only where they are larger [loop]
+inline constexpr double kFixAidedHeading_rad = 0.087;  // 5 degrees
+inline constexpr double kFixAidedTilt_rad = 0.035;     // 2 degrees
 
 }  // namespace nadir

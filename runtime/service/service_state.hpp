@@ -1,4 +1,4 @@
-// The states of a flight, why one follows another, and what the operator is told.
+// The states of a flight, the reasons of transitions, and the texts for the operator.
 //
 //   boot ── no_package
 //     │
@@ -6,9 +6,9 @@
 //     │
 //   relocalizing ──► normal ◄──► degraded ──► no_fix ──► normal
 //
-//   any of them ──► failsafe ──► normal, or back where a GPS that is trusted again leaves it
+//   any of them ──► failsafe ──► normal, or back to where GPS, trusted again, allows
 //
-// docs/onboard.md lists every reason; a test holds the page against this file.
+// docs/onboard.md lists every reason; a test compares the page with service_state.cpp.
 #pragma once
 
 #include <span>
@@ -18,13 +18,13 @@ namespace nadir {
 
 enum class ServiceState {
   boot,                // the package is being verified
-  no_package,          // it was refused: serves, says why, tells no position
-  awaiting_autopilot,  // the package is good; nobody trustworthy to tell
-  relocalizing,        // looks for the first place on the map
+  no_package,          // rejected: the service runs and says why, without a position
+  awaiting_autopilot,  // the package is accepted; no authenticated autopilot yet
+  relocalizing,        // searches for the first map match
   normal,              // satellite_anchored or vo_extrapolated
   degraded,            // dead_reckoned
-  no_fix,              // not known well enough to be said
-  failsafe,            // and neither does GPS know
+  no_fix,              // the position is not accurate enough to be sent
+  failsafe,            // and no trusted GPS either
 };
 
 std::string_view name_of(ServiceState state);
@@ -46,7 +46,7 @@ enum class ServiceReason {
   anchored_again,
   no_position,
   gps_position,
-  // The state stays what it is:
+  // Notices that change no state:
   link_unsigned,
   link_lost,
   link_back,
@@ -57,7 +57,7 @@ enum class ServiceReason {
   gps_leads,
 };
 
-// MAVLink's numbers.
+// The values of MAVLink's MAV_SEVERITY.
 enum class OperatorSeverity { emergency, alert, critical, error, warning, notice, info };
 
 struct ReasonText {
@@ -65,7 +65,7 @@ struct ReasonText {
   std::string_view name;         // stable: in the recorder, in the API, in scripts
   std::string_view explanation;  // for the recorder and docs/onboard.md
   OperatorSeverity severity;
-  std::string_view operator_text;  // empty: the operator need not know. At most 50 characters: one STATUSTEXT
+  std::string_view operator_text;  // empty: not sent. At most 50 characters: one STATUSTEXT
 };
 
 std::span<const ReasonText> all_reasons();

@@ -32,15 +32,15 @@ StopSignals::~StopSignals() {
 
 void StopSignals::listen() {
   const int signals = ::signalfd(-1, &signals_, SFD_CLOEXEC);
-  bool asked = false;  // by a signal before
+  bool requested = false;  // by an earlier signal
   for (;;) {
     pollfd waits[] = {{signals, POLLIN, 0}, {end_, POLLIN, 0}};
     if (::poll(waits, 2, -1) < 0 && errno == EINTR) continue;
     if (waits[1].revents != 0) break;
     signalfd_siginfo info{};
     if (::read(signals, &info, sizeof info) != static_cast<ssize_t>(sizeof info)) continue;
-    if (asked) ::_exit(128 + static_cast<int>(info.ssi_signo));
-    asked = true;
+    if (requested) ::_exit(128 + static_cast<int>(info.ssi_signo));
+    requested = true;
     stop_.request_stop();
   }
   ::close(signals);

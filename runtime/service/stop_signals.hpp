@@ -1,5 +1,5 @@
-// SIGINT and SIGTERM as a stop token for the service's threads. Make it before any other thread, in main: threads that
-// are started later inherit that the signals are not theirs. A second signal ends the process at once.
+// SIGINT and SIGTERM as a stop token for the service's threads. Create it in main before any other thread: later
+// threads inherit the blocked signals. A second signal ends the process at once.
 #pragma once
 
 #include <csignal>
@@ -16,7 +16,7 @@ class StopSignals {
   StopSignals& operator=(const StopSignals&) = delete;
 
   std::stop_token token() const { return stop_.get_token(); }
-  void request_stop() { stop_.request_stop(); }  // from inside, as when a thread has failed
+  void request_stop() { stop_.request_stop(); }  // from inside, when a thread has failed
 
  private:
   void listen();

@@ -41,7 +41,7 @@ class ApiFixture : public ::testing::Test {
   double now_s = 100;
   ScriptedFlight flight;
   FlightBoard board;
-  Mailbox<Hint> hints;
+  LatestSlot<Hint> hints;
   Api api{board, hints, options()};
 };
 

@@ -1,4 +1,4 @@
-#include "api/http_server.hpp"
+#include "http/server.hpp"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "api/api_fixture.hpp"
-#include "api/raw_client.hpp"
 #include "base/error.hpp"
+#include "http/raw_client.hpp"
 
 namespace nadir {
 namespace {

@@ -81,7 +81,7 @@ class Page(unittest.TestCase):
         service.say("stall")
         browser.wait_for("document.body.classList.contains('stale')")
         browser.wait_for("!document.getElementById('lost').hidden")
-        browser.wait_for(IS.format("state", "no news"))
+        browser.wait_for(IS.format("state", "stale"))
         self.keep(browser, "stale")
         service.say("go")
         browser.wait_for("!document.body.classList.contains('stale')")

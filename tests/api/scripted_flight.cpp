@@ -8,7 +8,7 @@
 namespace nadir::test {
 namespace {
 
-constexpr double kSpeed_m_s = 22;
+constexpr double kSpeed_mps = 22;
 constexpr double kLastAnchorStep_s = 3;
 
 struct Phase {
@@ -57,7 +57,7 @@ void ScriptedFlight::note_change(double time_s, ServiceState state) {
 FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   if (state != state_ || events_.events().empty()) note_change(time_s, state);
   const Phase phase = phase_of(state);
-  const double turn_rad = time_s * kSpeed_m_s / radius_m_;
+  const double turn_rad = time_s * kSpeed_mps / radius_m_;
   const LocalFrame frame(centre_);
 
   FlightView view;
@@ -70,7 +70,7 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   view.heading_rad = wrap_pi(turn_rad + kPi / 2);
   view.pitch_rad = radians(2);
   view.roll_rad = radians(4);
-  view.velocity = VelocityView{kSpeed_m_s * std::cos(turn_rad), -kSpeed_m_s * std::sin(turn_rad)};
+  view.velocity = VelocityView{kSpeed_mps * std::cos(turn_rad), -kSpeed_mps * std::sin(turn_rad)};
   view.agl_m = 118 + 4 * std::sin(time_s / 7);
   if (phase.source != SourceLabel::no_fix) {
     const double sigma_m = phase.sigma_m;

@@ -2,7 +2,6 @@
 // publish, for the tests of those who read it.
 #pragma once
 
-#include "api/flight_history.hpp"
 #include "api/flight_view.hpp"
 
 namespace nadir::test {

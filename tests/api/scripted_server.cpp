@@ -12,7 +12,7 @@
 #include <map>
 #include <string>
 
-#include "api/http_server.hpp"
+#include "api/api.hpp"
 #include "api/painted_tiles.hpp"
 #include "api/scripted_flight.hpp"
 #include "base/error.hpp"
@@ -59,7 +59,7 @@ int serve(std::map<std::string, std::string> options) {
 
   FlightBoard board;
   board.publish(flight.at(now_s(), state));
-  Mailbox<Hint> hints;
+  LatestSlot<Hint> hints;
   Api api(board, hints, {.now_s = now_s, .token = token, .loopback = address.loopback()});
   std::shared_ptr<const TileSource> tiles = std::make_shared<test::PaintedTiles>();
   if (options.contains("--tiles")) tiles = open_tile_source(options["--tiles"]);

@@ -59,7 +59,7 @@ class Watch(unittest.TestCase):
 
     def test_lines_for_a_log(self):
         service = self.serve()
-        process = self.watching(service.url, "--interval", "0.1", stdout=subprocess.PIPE, text=True)
+        process = self.watching(service.url, "--interval-s", "0.1", stdout=subprocess.PIPE, text=True)
         first = process.stdout.readline()
         self.assertTrue(first.startswith("event  "), first)
         service.say("degraded")
@@ -75,7 +75,7 @@ class Watch(unittest.TestCase):
 
     def test_goes_on_when_the_service_is_gone(self):
         service = self.serve()
-        process = self.watching(service.url, "--interval", "0.1", "--json", stdout=subprocess.PIPE, text=True)
+        process = self.watching(service.url, "--interval-s", "0.1", "--json", stdout=subprocess.PIPE, text=True)
         self.assertEqual("normal", json.loads(process.stdout.readline())["state"])
         service.stop()
         for line in process.stdout:
@@ -88,7 +88,7 @@ class Watch(unittest.TestCase):
     def test_a_terminal_gets_a_screen_and_its_own_back(self):
         service = self.serve()
         ours, theirs = pty.openpty()
-        process = self.watching(service.url, "--interval", "0.1", stdout=theirs)
+        process = self.watching(service.url, "--interval-s", "0.1", stdout=theirs)
         os.close(theirs)
         shown, asked = b"", False
         while True:

@@ -8,7 +8,7 @@ import support
 from simulated_autopilot.plan import Plan
 from simulated_autopilot.plane import MAX_BANK, Plane, rotate_to_body
 from simulated_autopilot.scenario import parse_event
-from simulated_autopilot.wander import Wander
+from simulated_autopilot.gauss_markov import GaussMarkov
 
 
 def events(*texts):
@@ -134,7 +134,7 @@ class Flight(unittest.TestCase):
 class Parts(unittest.TestCase):
     def test_turns_are_coordinated_and_bank_is_limited(self):
         plane = Plane(random.Random(1), 0, 0, 500, 0, 20)
-        plane.gusts = (Wander(random.Random(1), 0, 1), Wander(random.Random(1), 0, 1))
+        plane.gusts = (GaussMarkov(random.Random(1), 0, 1), GaussMarkov(random.Random(1), 0, 1))
         for _ in range(1000):
             plane.step(0.02, 100, 500)
         self.assertAlmostEqual(MAX_BANK, plane.bank, places=3)

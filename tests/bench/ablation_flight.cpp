@@ -4,9 +4,9 @@
 #include <cmath>
 
 #include "base/random.hpp"
-#include "replay/pictures.hpp"
+#include "replay/flight_folder.hpp"
 #include "replay/score.hpp"
-#include "vision/flight_picture.hpp"
+#include "vision/camera_frame.hpp"
 
 namespace nadir::bench {
 namespace {
@@ -56,10 +56,10 @@ RecordedFlight recorded_flight(const FlightPaths& paths, const std::filesystem::
   RecordedFlight recorded{read_flight(paths), {}, {}, {}};
   recorded.truth = read_truth(truth, recorded.flight.frames);
   recorded.camera = recorded.flight.camera;
-  const int shrink = harmless_shrink(recorded.camera.camera.width, recorded.camera.camera.height);
+  const int shrink = decode_reduction(recorded.camera.camera.width, recorded.camera.camera.height);
   recorded.camera.camera = recorded.camera.camera.scaled(1.0 / shrink);
   for (const Telemetry& told : recorded.flight.frames) {
-    recorded.pictures.push_back(read_picture(recorded.flight.frames_folder / told.frame, shrink));
+    recorded.pictures.push_back(read_grey_image(recorded.flight.frames_folder / told.frame, shrink));
   }
   return recorded;
 }

@@ -9,7 +9,7 @@
 #include "ablation_variants.hpp"
 #include "estimation/localizer.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/truth.hpp"
+#include "replay/score.hpp"
 
 namespace nadir::bench {
 

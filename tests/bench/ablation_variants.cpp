@@ -1,18 +1,19 @@
 #include "ablation_variants.hpp"
 
+#include "bench/sift_matcher.hpp"
 #include "cpu_time.hpp"
 
 namespace nadir::bench {
 namespace {
 
-MapMatcherFactory comparing(const Likeness& likeness) {
-  return [likeness](const MatcherMap& map) { return make_channel_matcher_with(map, likeness); };
+MapMatcherFactory comparing(const MatchFeatures& features) {
+  return [features](const MatcherMap& map) { return make_channel_matcher_with(map, features); };
 }
 
-Likeness without_means() {
-  Likeness likeness;
-  likeness.channels.means_removed = false;
-  return likeness;
+MatchFeatures without_means() {
+  MatchFeatures features;
+  features.channels.means_removed = false;
+  return features;
 }
 
 // Takes what the optical axis hits for the camera's position.

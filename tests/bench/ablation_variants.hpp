@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "estimation/odometry.hpp"
-#include "vision/place_matcher.hpp"
+#include "estimation/visual_odometry.hpp"
+#include "vision/map_matcher.hpp"
 
 namespace nadir::bench {
 

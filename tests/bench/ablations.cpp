@@ -8,10 +8,11 @@
 #include <opencv2/core/utility.hpp>
 
 #include "ablation_flight.hpp"
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "estimation/terrain_surface.hpp"
+#include "flow_odometry.hpp"
 #include "package/open_package.hpp"
-#include "replay/flight_map.hpp"
+#include "replay/flight_request.hpp"
 #include "replay/score.hpp"
 
 namespace nadir::bench {

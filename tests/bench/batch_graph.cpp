@@ -6,13 +6,13 @@
 #include <cmath>
 #include <ctime>
 
-#include "estimation/telemetry_model.hpp"
+#include "vision/localizer_parameters.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir::bench {
 namespace {
 
-namespace model = telemetry_model;
+namespace model = parameters::telemetry;
 
 // Of a frame: position and velocity east, north; log height; heading, pitch, roll; constant parts of pitch and roll;
 // the compass' deviation on this course and abeam.
@@ -90,15 +90,15 @@ struct Moved {
   template <typename T>
   bool operator()(const T* a, const T* b, T* r) const {
     using std::exp;
-    const Vec2<T> seen(T(sight.seen[0]), T(sight.seen[1]));
+    const Vec2<T> seen(T(sight.value[0]), T(sight.value[1]));
     const Vec2<T> step =
         exp(a[kHeight] - T(sight.before.log_height)) * clockwise(a[kHeading] - T(sight.before.heading_rad), seen);
     Eigen::Matrix<T, 8, 1> off;
     off << b[0] - a[0] - step.x(), b[1] - a[1] - step.y(),
-        (b[kHeight] - a[kHeight]) - T(sight.now.log_height - sight.before.log_height) - T(sight.seen[2]),
-        wrapped((b[kHeading] - a[kHeading]) - T(sight.now.heading_rad - sight.before.heading_rad) - T(sight.seen[3])),
-        a[kTilt] - T(sight.before.pitch_rad + sight.seen[4]), a[kTilt + 1] - T(sight.before.roll_rad + sight.seen[5]),
-        b[kTilt] - T(sight.now.pitch_rad + sight.seen[6]), b[kTilt + 1] - T(sight.now.roll_rad + sight.seen[7]);
+        (b[kHeight] - a[kHeight]) - T(sight.now.log_height - sight.before.log_height) - T(sight.value[2]),
+        wrapped((b[kHeading] - a[kHeading]) - T(sight.now.heading_rad - sight.before.heading_rad) - T(sight.value[3])),
+        a[kTilt] - T(sight.before.pitch_rad + sight.value[4]), a[kTilt + 1] - T(sight.before.roll_rad + sight.value[5]),
+        b[kTilt] - T(sight.now.pitch_rad + sight.value[6]), b[kTilt + 1] - T(sight.now.roll_rad + sight.value[7]);
     Eigen::Map<Eigen::Matrix<T, 8, 1>>(r, 8) = whiten.cast<T>() * off;
     return true;
   }
@@ -110,8 +110,8 @@ struct Anchored {
   template <typename T>
   bool operator()(const T* x, T* r) const {
     Eigen::Matrix<T, 6, 1> off;
-    off << x[0] - T(sight.seen[0]), x[1] - T(sight.seen[1]), x[kHeight] - T(sight.seen[2]),
-        wrapped(x[kHeading] - T(sight.seen[3])), x[kTilt] - T(sight.seen[4]), x[kTilt + 1] - T(sight.seen[5]);
+    off << x[0] - T(sight.value[0]), x[1] - T(sight.value[1]), x[kHeight] - T(sight.value[2]),
+        wrapped(x[kHeading] - T(sight.value[3])), x[kTilt] - T(sight.value[4]), x[kTilt + 1] - T(sight.value[5]);
     Eigen::Map<Eigen::Matrix<T, 6, 1>>(r, 6) = whiten.cast<T>() * off;
     return true;
   }
@@ -172,21 +172,21 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   sigma.head<4>() << 20, 20, filter.start_velocity_sigma_mps, filter.start_velocity_sigma_mps;
   sigma[kHeight] = uncertainty.agl_relative;
   sigma[kTiltBias] = sigma[kTiltBias + 1] = uncertainty.tilt_rad;
-  const double deviation_rad = model::kDeviation * uncertainty.heading_rad;
+  const double deviation_rad = model::kDeviationShare * uncertainty.heading_rad;
   sigma[kDeviation] = sigma[kDeviation + 1] = deviation_rad;
   for (std::size_t i = 0; i < n; ++i) {
     x[i].head<2>() = flight.frames[i].told_m;
     x[i][kHeading] = *flight.steps[i].measured_heading_rad;
     if (i > 0) x[i].segment<2>(kVelocity) = (x[i] - x[i - 1]).head<2>() / flight.steps[i].seconds;
   }
-  problem.AddResidualBlock(cost_of<Bias, 1, 1>({model::kConstantHeading * uncertainty.heading_rad}), nullptr,
+  problem.AddResidualBlock(cost_of<Bias, 1, 1>({model::kHeadingBiasShare * uncertainty.heading_rad}), nullptr,
                            &heading_bias);
   problem.AddResidualBlock(cost_of<Begin, 9, kStates>({State::Zero(), sigma}), nullptr, x[0].data());
   for (std::size_t i = 0; i < n; ++i) {
     const FlightStep& step = flight.steps[i];
     const double heading = *step.measured_heading_rad;
-    problem.AddResidualBlock(cost_of<Told, 3, kStates, 1>({heading, model::kChangingHeading * uncertainty.heading_rad,
-                                                           model::kChangingTiltLogged * uncertainty.tilt_rad}),
+    problem.AddResidualBlock(cost_of<Told, 3, kStates, 1>({heading, model::kWhiteHeadingShare * uncertainty.heading_rad,
+                                                           model::kWhiteTiltShareLogged * uncertainty.tilt_rad}),
                              nullptr, x[i].data(), &heading_bias);
     if (i > 0) {
       const double keep = std::exp(-step.seconds / model::kTiltTimeLogged_s),
@@ -194,17 +194,17 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
                    turn = wrap_pi(heading - *flight.steps[i - 1].measured_heading_rad);
       problem.AddResidualBlock(
           cost_of<Carry, 9, kStates, kStates>(
-              {step.seconds, std::sqrt(1 - model::kHeightWander * model::kHeightWander),
-               model::kHeightWander * uncertainty.agl_relative, keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep),
+              {step.seconds, std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare),
+               model::kHeightInnovationShare * uncertainty.agl_relative, keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep),
                turn, kept, deviation_rad * std::sqrt(1 - kept * kept), whitening<4>(carry_noise(step.seconds, turn))}),
           nullptr, x[i - 1].data(), x[i].data());
     }
-    if (step.moved) {
-      problem.AddResidualBlock(cost_of<Moved, 8, kStates, kStates>({*step.moved, whitening<8>(step.moved->covariance)}),
+    if (step.relative_motion) {
+      problem.AddResidualBlock(cost_of<Moved, 8, kStates, kStates>({*step.relative_motion, whitening<8>(step.relative_motion->covariance)}),
                                nullptr, x[i - 1].data(), x[i].data());
     }
-    if (step.anchored) {
-      problem.AddResidualBlock(cost_of<Anchored, 6, kStates>({*step.anchored, whitening<6>(step.anchored->covariance)}),
+    if (step.anchor) {
+      problem.AddResidualBlock(cost_of<Anchored, 6, kStates>({*step.anchor, whitening<6>(step.anchor->covariance)}),
                                &loss, x[i].data());
     }
   }

@@ -7,16 +7,15 @@
 #include <cstdio>
 #include <map>
 
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/terrain_surface.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/flight_map.hpp"
-#include "replay/pictures.hpp"
-#include "replay/truth.hpp"
-#include "vision/flight_picture.hpp"
+#include "replay/flight_request.hpp"
+#include "replay/score.hpp"
+#include "vision/camera_frame.hpp"
 #include "vision/place_index.hpp"
 
 namespace nadir {
@@ -70,7 +69,7 @@ int run(const std::vector<std::string>& arguments) {
   if (package.terrain() != nullptr) {
     config.surface = &surface.emplace(*package.terrain(), frame, package.mission().terrain.height_m);
   }
-  const int shrink = harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
+  const int shrink = decode_reduction(flight.camera.camera.width, flight.camera.camera.height);
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
   fmt::print("cold start over {:.1f} km², CPU ms of the first frame\n",
@@ -85,7 +84,7 @@ int run(const std::vector<std::string>& arguments) {
       if (!truth[i]) continue;
       Telemetry told = flight.frames[i];
       if (!way.heading) told.heading_rad = std::nullopt;
-      const cv::Mat picture = read_picture(flight.frames_folder / told.frame, shrink);
+      const cv::Mat picture = read_grey_image(flight.frames_folder / told.frame, shrink);
       const Enu there = frame.enu_from_lonlat(*truth[i]);
       Localizer localizer(camera, frame, &package.imagery(), std::nullopt, config);
       if (way.hint_off_m > 0) {

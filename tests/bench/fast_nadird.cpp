@@ -5,7 +5,7 @@
 #include <iostream>
 
 #include "base/error.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/program.hpp"
 #include "nadird_command.hpp"
 #include "service/clock.hpp"

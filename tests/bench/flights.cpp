@@ -6,7 +6,7 @@
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "long_flight.hpp"
 #include "seeded_runs.hpp"
 

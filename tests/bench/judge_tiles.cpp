@@ -1,16 +1,16 @@
 // What judging a package's sidecars costs: coverage by area, and freshness at a time when every tile has to be looked
 // up.
 //
-//   judge_tiles PACKAGE
+//   check_tile_requirements PACKAGE
 #include <fmt/format.h>
 
 #include <chrono>
 #include <cstdio>
 #include <exception>
 
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 #include "package/manifest.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "package/tile_container.hpp"
 
 namespace nadir {
@@ -32,9 +32,9 @@ void run(const std::filesystem::path& package) {
     const auto container = open_tile_container(package / kImageryFile);
     rows = read_sidecars(*container->sidecars());
   });
-  const double coverage_s = seconds([&] { gaps = judge_coverage(mission, rows.sidecars); });
+  const double coverage_s = seconds([&] { gaps = check_coverage(mission, rows.sidecars); });
   const UtcTime later{mission.created.unix_s + 10 * 365 * 86'400LL};
-  const double freshness_s = seconds([&] { stale = judge_freshness(mission, rows.sidecars, later); });
+  const double freshness_s = seconds([&] { stale = check_freshness(mission, rows.sidecars, later); });
   fmt::print("{} tiles: sidecars read in {:.2f} s; coverage {:.2f} s ({} findings); freshness {:.2f} s ({} findings)\n",
              rows.sidecars.size(), reading_s, coverage_s, gaps.items().size(), freshness_s, stale.items().size());
 }

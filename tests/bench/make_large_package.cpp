@@ -11,10 +11,10 @@
 
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
-#include "imagery/mbtiles_writer.hpp"
-#include "package/judge.hpp"
-#include "package/sidecar_table.hpp"
-#include "package/sign_package.hpp"
+#include "imagery/mbtiles.hpp"
+#include "package/mission_check.hpp"
+#include "package/sidecar.hpp"
+#include "package/package_writer.hpp"
 #include "package/tile_set_check.hpp"
 
 namespace nadir {

@@ -161,7 +161,7 @@ def whole_flight(f, frames):
               "--telemetry", f / "flight/telemetry.csv", "--camera", f / "world/camera.yaml"]
     spent, _ = nadir("replay", *common, f"--start={first['lon_deg']},{first['lat_deg']}", "--out", f / "result")
     return spent, [*common, "--estimates", f / "result/poses.json", "--key", f / "tile.key.pem", "--airframe", "mini-07",
-                   "--captured-at", "2025-09-20T10:00:00Z"]
+                   "--captured", "2025-09-20T10:00:00Z"]
 
 
 def several_frames(f, frames, zoom):

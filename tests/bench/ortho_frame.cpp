@@ -12,7 +12,7 @@
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
 #include "ortho/orthorectifier.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 using namespace nadir;
 

@@ -4,7 +4,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "base/files.hpp"
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "roc_table.hpp"
 #include "seeded_runs.hpp"
 

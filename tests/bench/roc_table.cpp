@@ -100,7 +100,7 @@ std::string tables(const Trials& trials) {
     }
   }
   const Shares gates = shares_if(trials, [](const Trial& t) { return t.accepted(); });
-  text += row("**all gates** (judge_anchor)", gates);
+  text += row("**all gates** (evaluate_anchor)", gates);
   const auto knocked_out =
       std::count_if(trials.begin(), trials.end(), [](const auto& entry) { return !entry.second.holds_place(); });
   text += fmt::format("\n{} windows hold the place, {} do not; the gates accepted {} wrong places",

@@ -7,7 +7,7 @@
 #include <sstream>
 
 #include "base/error.hpp"
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 #include "geodesy/angles.hpp"
 #include "simulation/camera_sensor.hpp"
 #include "simulation/noise.hpp"
@@ -85,8 +85,8 @@ Trial try_match(const Worlds& worlds, const Photographer& photographer, std::uin
                             : trial.window == "other"  ? worlds.neighbour(w).map
                             : trial.picture == "old"   ? *worlds.old_maps[w]
                                                        : world.map;
-  MapWindowReader map(tiles);
-  const AnchorMatch match = match_anchor(grey, camera_file().camera, map, frame(), prior, world.terrain);
+  const CameraModel camera = camera_file().camera;
+  const AnchorMatch match = make_channel_matcher({camera, tiles, frame(), world.terrain})->match(grey, prior);
   trial.ratio = match.search.ratio;
   if (!match.search.places.empty()) trial.score = match.search.places.front().score;
   trial.patches = match.patches;
@@ -94,11 +94,11 @@ Trial try_match(const Worlds& worlds, const Photographer& photographer, std::uin
   if (match.solved) {
     trial.inliers = match.solved->inliers;
     trial.residual_px = match.solved->rms_m / match.fine_gsd_m;
-    trial.surprise = attitude_surprise(*match.solved, prior);
+    trial.surprise = attitude_deviation_sigmas(*match.solved, prior);
     const PlanePoint at = match.solved->pose.position;
     trial.error_m = std::hypot(at.east_m - truth.position.east_m, at.north_m - truth.position.north_m);
   }
-  trial.verdict = name_of(judge_anchor(match, prior, {0, trial.radius_m / 3, false}));
+  trial.verdict = name_of(evaluate_anchor(match, prior, {0, trial.radius_m / 3, false}));
   return trial;
 }
 

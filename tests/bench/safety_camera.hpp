@@ -3,7 +3,7 @@
 
 #include "base/random.hpp"
 #include "safety_world.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir::bench {
 

@@ -3,7 +3,7 @@
 
 #include "estimation/estimate.hpp"
 #include "safety_record.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir::bench {
 

@@ -11,22 +11,21 @@
 #include <opencv2/core.hpp>
 #include <string>
 
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "circumstances.hpp"
 #include "cpu_time.hpp"
 #include "estimation/localizer.hpp"
-#include "estimation/odometry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "imagery/map_window.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/flight_map.hpp"
-#include "replay/pictures.hpp"
-#include "replay/truth.hpp"
-#include "vision/anchor_matcher.hpp"
-#include "vision/flight_picture.hpp"
+#include "replay/flight_request.hpp"
+#include "replay/score.hpp"
+#include "vision/map_matcher.hpp"
+#include "vision/camera_frame.hpp"
 #include "vision/matching_plan.hpp"
 #include "vision/oriented_channels.hpp"
-#include "vision/patch_match.hpp"
+#include "vision/patch_matching.hpp"
 
 namespace nadir {
 namespace {
@@ -57,20 +56,20 @@ class Stages {
 };
 
 // The stages of one attempt, from where the camera really was.
-void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, MapWindowReader& reader,
-             const LocalFrame& frame, const CameraPose& pose) {
+void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, MapMatcher& matcher,
+             MapWindowReader& reader, const LocalFrame& frame, const CameraPose& pose) {
   AnchorPrior prior;
   prior.search = {pose, kRadius_m, kHeadingRange_rad, kScaleRange};
-  const AnchorMatch match = stages.run("one attempt", [&] { return match_anchor(grey, camera, reader, frame, prior); });
+  const AnchorMatch match = stages.run("one attempt", [&] { return matcher.match(grey, prior); });
   if (match.fine_gsd_m <= 0 || match.search.places.empty()) return;
   const auto plan = matching_plan(camera, reader.zooms(), frame, prior.search);
-  const MapWindow map = stages.run("map window", [&] {
-    return reader.read(frame, searched_ground(camera, prior, *plan), match.fine_gsd_m, Colour::grey);
-  });
+  const auto read = [&] { return reader.read(frame, searched_ground(camera, prior, *plan), match.fine_gsd_m, Colour::grey); };
+  read();  // the tiles are decoded then, as they are for all but the first attempt
+  const MapWindow map = stages.run("map window", read);
   SearchOptions options = plan->options;
-  stages.run("search", [&] { return search_place(grey, camera, map, prior.search, options); });
+  stages.run("search", [&] { return search_window(grey, camera, map, prior.search, options); });
   options.candidates = 0;
-  stages.run("sweep", [&] { return search_place(grey, camera, map, prior.search, options); });
+  stages.run("sweep", [&] { return search_window(grey, camera, map, prior.search, options); });
 
   const CameraPose& found = match.search.places.front().pose;
   const auto box = footprint_of(camera, found);
@@ -113,19 +112,21 @@ int run(const std::vector<std::string>& arguments) {
   const TileSource& tiles = opening.package->imagery();
   const LocalFrame frame = mission_frame(opening.package->mission());
   LocalizerConfig config;
-  const int shrink = harmless_shrink(flight.camera.camera.width, flight.camera.camera.height);
+  const int shrink = decode_reduction(flight.camera.camera.width, flight.camera.camera.height);
   CameraFile camera = flight.camera;
   camera.camera = camera.camera.scaled(1.0 / shrink);
   Localizer localizer(camera, frame, &tiles, truth.front(), config);
   const auto odometry = make_feature_odometry();
-  MapWindowReader reader(tiles, 1024);
+  const FlatGround ground;
+  const auto matcher = make_channel_matcher({camera.camera, tiles, frame, ground});
+  MapWindowReader reader(tiles, kCachedMapTiles);
   Stages stages;
   int anchored = 0;
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     const Telemetry& told = flight.frames[i];
     cv::Mat picture;
     const FrameReport report = stages.run("whole frame", [&] {
-      picture = stages.run("decode", [&] { return read_picture(flight.frames_folder / told.frame, shrink); });
+      picture = stages.run("decode", [&] { return read_grey_image(flight.frames_folder / told.frame, shrink); });
       return localizer.process(picture, told);
     });
     if (report.anchor.verdict == AnchorVerdict::accepted) ++anchored;
@@ -135,7 +136,7 @@ int run(const std::vector<std::string>& arguments) {
                           told.agl_m.value_or(120),
                           {told.heading_rad.value_or(0), told.pitch_rad.value_or(0), told.roll_rad.value_or(0)}};
     follow(stages, *odometry, picture, camera.camera, pose);
-    attempt(stages, picture, camera.camera, reader, frame, pose);
+    attempt(stages, picture, camera.camera, *matcher, reader, frame, pose);
   }
   fmt::print("{} frames of {} x {}, {} anchors, decoded at 1/{}; CPU ms\n", flight.frames.size(),
              flight.camera.camera.width, flight.camera.camera.height, anchored, shrink);

@@ -171,8 +171,8 @@ TileTrial TileTrials::fly(std::uint64_t base_seed, std::uint64_t index) const {
   };
   for (const Shot& shot : flight.shots) {
     const FrameReport report = localizer.process(shot.picture, shot.told);
-    trial.anchored += report.anchored.has_value();
-    if (report.anchored) add(shot, *report.anchored);
+    trial.anchored += report.anchor_pose.has_value();
+    if (report.anchor_pose) add(shot, *report.anchor_pose);
   }
   const auto refined = localizer.refined_poses();
   for (std::size_t i = 0; i < refined.size(); ++i) {

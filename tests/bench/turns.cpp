@@ -7,7 +7,7 @@
 #include <iostream>
 #include <opencv2/imgproc.hpp>
 
-#include "estimation/odometry.hpp"
+#include "estimation/visual_odometry.hpp"
 #include "geodesy/angles.hpp"
 #include "safety_camera.hpp"
 #include "safety_world.hpp"
@@ -82,7 +82,7 @@ void fly(double interval_s, double tilt_rad, std::uint64_t seed, std::array<Turn
     if (!step) continue;
     for (Turns& some : turns) {
       if (turn_rad > some.up_to_rad) continue;
-      some.add(wrap_pi(step->sight.seen[3]), step->sight.covariance(3, 3));
+      some.add(wrap_pi(step->measurement.value[3]), step->measurement.covariance(3, 3));
       break;
     }
   }

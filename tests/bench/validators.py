@@ -128,7 +128,7 @@ def made_by_nadir(sets, work):
     """A package of each container, built from the same picture; the validators must accept its tile set."""
     for name in ("root", "signer"):
         run(NADIR, "keys", "create", "--out", work / name)
-    facts = ["--captured", "2024-10-01", "--gsd", "0.8", "--ce90", "4", "--provider", "test"]
+    facts = ["--captured", "2024-10-01", "--gsd-m", "0.8", "--ce90-m", "4", "--provider", "test"]
     rows = {}
     for container, file in (("mbtiles", "base.mbtiles"), ("cog", "base.tif")):
         out = work / f"package-{container}"

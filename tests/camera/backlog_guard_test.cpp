@@ -17,7 +17,7 @@ class Camera {
  public:
   explicit Camera(double interval_s) : interval_s_(interval_s) { pictures(8); }
 
-  Verdict after(double interval_s) { return guard.judge(now_s += interval_s); }
+  Verdict after(double interval_s) { return guard.classify(now_s += interval_s); }
   std::string pictures(int count) { return pictures(count, interval_s_); }
   std::string pictures(int count, double interval_s) {
     std::string said;
@@ -35,7 +35,7 @@ class Camera {
   double interval_s_;
 };
 
-TEST(BacklogGuard, LeavesASteadyCameraAlone) {
+TEST(BacklogGuard, FramesOfASteadyCameraAreFresh) {
   for (const double interval_s : {0.02, 1.0 / 3, 1.0}) {
     Camera camera(interval_s);
     EXPECT_EQ(camera.pictures(20), std::string(20, 'f')) << interval_s;
@@ -45,9 +45,9 @@ TEST(BacklogGuard, LeavesASteadyCameraAlone) {
   for (int i = 0; i < 20; ++i) EXPECT_EQ(uneven.after(i % 2 == 0 ? 0.1 : 0.5), Verdict::fresh) << i;
 }
 
-TEST(BacklogGuard, WaitsAfterAPauseUntilTheNextOneWouldBeDue) {
+TEST(BacklogGuard, HoldsAfterAPauseUntilTheNextFrameWouldBeDue) {
   Camera camera(0.4);
-  EXPECT_EQ(camera.after(6), Verdict::wait);
+  EXPECT_EQ(camera.after(6), Verdict::hold);
   ASSERT_TRUE(camera.guard.settled_s());
   EXPECT_NEAR(*camera.guard.settled_s(), camera.now_s + 0.3, 1e-9);
   EXPECT_EQ(camera.pictures(5), "fffff") << "the camera was silent, and held nothing back";
@@ -55,10 +55,10 @@ TEST(BacklogGuard, WaitsAfterAPauseUntilTheNextOneWouldBeDue) {
 }
 
 // Six seconds of pictures at once: old, but for the first that comes in its time.
-TEST(BacklogGuard, KnowsABacklogByItsHaste) {
+TEST(BacklogGuard, DetectsABacklogByItsShortIntervals) {
   for (const double quick_s : {0.0, 0.01, 0.2}) {
     Camera camera(0.4);
-    EXPECT_EQ(camera.after(6), Verdict::wait);
+    EXPECT_EQ(camera.after(6), Verdict::hold);
     EXPECT_EQ(camera.pictures(10, quick_s), std::string(10, 's')) << quick_s;
     EXPECT_FALSE(camera.guard.settled_s()) << "nothing is held";
     EXPECT_EQ(camera.pictures(3), "fff");
@@ -66,12 +66,12 @@ TEST(BacklogGuard, KnowsABacklogByItsHaste) {
 }
 
 // No more pictures can have been held back than were taken in the pause: a camera that comes back quicker is believed.
-TEST(BacklogGuard, ABacklogIsNoLongerThanThePause) {
+TEST(BacklogGuard, ABacklogIsNotLongerThanThePause) {
   Camera camera(0.5);
-  EXPECT_EQ(camera.after(2.5), Verdict::wait);  // four intervals are missing
+  EXPECT_EQ(camera.after(2.5), Verdict::hold);  // four intervals are missing
   EXPECT_EQ(camera.pictures(6, 0), "sssfff");
   Camera faster(0.5);
-  EXPECT_EQ(faster.after(2.5), Verdict::wait);
+  EXPECT_EQ(faster.after(2.5), Verdict::hold);
   EXPECT_EQ(faster.pictures(12, 0.11), "sssssfffffff");
 }
 
@@ -79,40 +79,40 @@ TEST(BacklogGuard, APauseInTheMiddleOfABacklogIsAnother) {
   Camera camera(0.4);
   camera.after(6);
   EXPECT_EQ(camera.pictures(3, 0), "sss");
-  EXPECT_EQ(camera.after(4), Verdict::wait);
+  EXPECT_EQ(camera.after(4), Verdict::hold);
   EXPECT_EQ(camera.pictures(3, 0), "sss");
   EXPECT_EQ(camera.after(0.4), Verdict::fresh);
 }
 
-TEST(BacklogGuard, GetsUsedToACameraThatHasBecomeSlower) {
+TEST(BacklogGuard, AdaptsToASlowerCamera) {
   Camera camera(0.3);
   std::string said;
-  for (int i = 0; i < 20; ++i) said += camera.after(1.0) == Verdict::wait ? 'w' : 'f';
+  for (int i = 0; i < 20; ++i) said += camera.after(1.0) == Verdict::hold ? 'w' : 'f';
   EXPECT_EQ(said.substr(8), std::string(12, 'f')) << said;
 }
 
-TEST(BacklogGuard, ShortGapsAndUnknownCamerasAreNoPause) {
+TEST(BacklogGuard, ShortGapsAndUnmeasuredCamerasAreNotPauses) {
   Camera fast(0.03);
   EXPECT_EQ(fast.after(0.45), Verdict::fresh);
   Camera slow(1);
   EXPECT_EQ(slow.after(2.4), Verdict::fresh) << "one picture is missing";
   BacklogGuard unknown;
-  for (const double at_s : {1.0, 2.0, 60.0, 60.0, 60.1}) EXPECT_EQ(unknown.judge(at_s), Verdict::fresh) << at_s;
+  for (const double at_s : {1.0, 2.0, 60.0, 60.0, 60.1}) EXPECT_EQ(unknown.classify(at_s), Verdict::fresh) << at_s;
 }
 
 // Pictures that always come in bunches tell nothing by their haste.
-TEST(BacklogGuard, ACameraThatAlwaysComesInBunchesIsLeftAlone) {
+TEST(BacklogGuard, AlwaysBurstyFramesAreFresh) {
   BacklogGuard guard;
   for (int bunch = 0; bunch < 30; ++bunch) {
-    for (int i = 0; i < 3; ++i) EXPECT_NE(guard.judge(bunch), Verdict::stale) << bunch;
+    for (int i = 0; i < 3; ++i) EXPECT_NE(guard.classify(bunch), Verdict::stale) << bunch;
   }
 }
 
-TEST(BacklogGuard, TimesThatAreNoneOrRunBackwardsAreLeftAlone) {
+TEST(BacklogGuard, InvalidOrBackwardTimesAreFresh) {
   Camera camera(0.4);
-  EXPECT_EQ(camera.guard.judge(std::numeric_limits<double>::quiet_NaN()), Verdict::fresh);
-  EXPECT_EQ(camera.after(6), Verdict::wait);
-  EXPECT_EQ(camera.guard.judge(5), Verdict::fresh);
+  EXPECT_EQ(camera.guard.classify(std::numeric_limits<double>::quiet_NaN()), Verdict::fresh);
+  EXPECT_EQ(camera.after(6), Verdict::hold);
+  EXPECT_EQ(camera.guard.classify(5), Verdict::fresh);
   EXPECT_FALSE(camera.guard.settled_s());
 }
 

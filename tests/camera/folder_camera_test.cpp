@@ -13,9 +13,8 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "camera/whole_picture.hpp"
 #include "imagery/codecs.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -47,15 +46,15 @@ class FolderCameraTest : public testing::Test {
   // The name of the next picture, or what there is instead.
   std::string name(CameraSource& camera) {
     const CameraReading reading = next(camera);
-    if (reading.news == CameraNews::frame) return reading.frame.name;
-    return reading.news == CameraNews::nothing ? "nothing" : "trouble";
+    if (reading.status == CameraStatus::frame) return reading.frame.name;
+    return reading.status == CameraStatus::timeout ? "nothing" : "trouble";
   }
 
   test::TemporaryFolder folder_;
   ManualClock clock_;
 };
 
-TEST_F(FolderCameraTest, GivesWholePicturesWithTheirTimes) {
+TEST_F(FolderCameraTest, DeliversCompleteImagesWithTheirTimes) {
   FolderCamera camera(folder_.path(), clock_);
   EXPECT_EQ(name(camera), "nothing");
   int shade = 0;
@@ -65,7 +64,7 @@ TEST_F(FolderCameraTest, GivesWholePicturesWithTheirTimes) {
     const std::string file = fmt::format("frame_{}.{}", shade, name_of(format));
     write(file, bytes);
     const CameraReading reading = next(camera);
-    ASSERT_EQ(reading.news, CameraNews::frame) << reading.detail;
+    ASSERT_EQ(reading.status, CameraStatus::frame) << reading.detail;
     EXPECT_EQ(reading.frame.name, file);
     EXPECT_EQ(reading.frame.bytes, bytes);
     EXPECT_EQ(reading.frame.time_s, clock_.monotonic_s());
@@ -74,7 +73,7 @@ TEST_F(FolderCameraTest, GivesWholePicturesWithTheirTimes) {
   EXPECT_EQ(name(camera), "nothing");
 }
 
-TEST_F(FolderCameraTest, NeverGivesAHalfWrittenPicture) {
+TEST_F(FolderCameraTest, NeverDeliversAPartialImage) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   const Bytes bytes = picture(90);
@@ -88,7 +87,7 @@ TEST_F(FolderCameraTest, NeverGivesAHalfWrittenPicture) {
   EXPECT_EQ(name(camera), "a.jpg");
 }
 
-TEST_F(FolderCameraTest, APictureThatWasClosedCutOffIsTroubleUntilItIsWhole) {
+TEST_F(FolderCameraTest, ATruncatedImageIsAFailureUntilItIsComplete) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   for (const ImageFormat format : {ImageFormat::jpeg, ImageFormat::png, ImageFormat::webp}) {
@@ -98,7 +97,7 @@ TEST_F(FolderCameraTest, APictureThatWasClosedCutOffIsTroubleUntilItIsWhole) {
       const std::string file = fmt::format("{}.{}", size, name_of(format));
       ::close(begin(file, bytes, size));
       const CameraReading reading = next(camera);
-      EXPECT_EQ(reading.news, CameraNews::trouble) << file;
+      EXPECT_EQ(reading.status, CameraStatus::failure) << file;
       EXPECT_NE(reading.detail.find(file), std::string::npos) << reading.detail;
       EXPECT_EQ(name(camera), "nothing") << "told once";
       const int fd = ::open((folder_ / file).c_str(), O_WRONLY | O_APPEND);
@@ -109,7 +108,7 @@ TEST_F(FolderCameraTest, APictureThatWasClosedCutOffIsTroubleUntilItIsWhole) {
   }
 }
 
-TEST_F(FolderCameraTest, GivesAPictureThatIsRenamedIntoPlaceOnce) {
+TEST_F(FolderCameraTest, DeliversAnImageThatIsRenamedIntoPlaceOnce) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   const int fd = begin(".a.jpg.part", picture(90), picture(90).size());
@@ -122,19 +121,19 @@ TEST_F(FolderCameraTest, GivesAPictureThatIsRenamedIntoPlaceOnce) {
   EXPECT_EQ(name(camera), "nothing");
 }
 
-TEST_F(FolderCameraTest, TheSameNameWithAnotherPictureIsAnotherPicture) {
+TEST_F(FolderCameraTest, ANewImageUnderTheSameNameIsDelivered) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   for (int i = 0; i < 5; ++i) {
     const Bytes bytes = picture(20 + 40 * i);
     write("latest.jpg", bytes);
     const CameraReading reading = next(camera);
-    ASSERT_EQ(reading.news, CameraNews::frame) << i;
+    ASSERT_EQ(reading.status, CameraStatus::frame) << i;
     EXPECT_EQ(reading.frame.bytes, bytes);
   }
 }
 
-TEST_F(FolderCameraTest, ABurstComesInTheOrderOfNames) {
+TEST_F(FolderCameraTest, ABurstIsDeliveredInTheOrderOfNames) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   for (int i = 29; i >= 0; --i) write(fmt::format("frame_{:04}.jpg", i), picture(i));
@@ -144,7 +143,7 @@ TEST_F(FolderCameraTest, ABurstComesInTheOrderOfNames) {
   EXPECT_EQ(name(camera), "frame_0000.jpg");
 }
 
-TEST_F(FolderCameraTest, WhenTheKernelLosesEventsTheFolderIsReadAgain) {
+TEST_F(FolderCameraTest, WhenTheKernelLosesEventsTheFolderIsScanned) {
   int limit = 0;
   std::ifstream("/proc/sys/fs/inotify/max_queued_events") >> limit;
   if (limit <= 0 || limit > 100'000) GTEST_SKIP() << "the kernel's queue is too long to be filled here";
@@ -162,7 +161,7 @@ TEST_F(FolderCameraTest, WhenTheKernelLosesEventsTheFolderIsReadAgain) {
   EXPECT_EQ(name(camera), "nothing") << "a.jpg was seen";
 }
 
-TEST_F(FolderCameraTest, WhatLiesThereAlreadyIsOldUnlessAskedFor) {
+TEST_F(FolderCameraTest, ExistingImagesAreStaleUnlessRequested) {
   for (const char* file : {"b.jpg", "a.jpg", "c.jpg"}) write(file, picture(10));
   write("notes.txt", {'x'});
   const Bytes bytes = picture(60);
@@ -182,7 +181,7 @@ TEST_F(FolderCameraTest, WhatLiesThereAlreadyIsOldUnlessAskedFor) {
   for (FolderCamera* camera : {&skips, &newest, &all}) EXPECT_EQ(name(*camera), "nothing");
 }
 
-TEST_F(FolderCameraTest, OtherThingsAreNoPictures) {
+TEST_F(FolderCameraTest, OtherFilesAreIgnored) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   write("log.txt", picture(10));
@@ -199,7 +198,7 @@ TEST_F(FolderCameraTest, OtherThingsAreNoPictures) {
   EXPECT_EQ(name(camera), "UPPER.JPG");
 }
 
-TEST_F(FolderCameraTest, APictureThatWasRemovedAgainIsNothing) {
+TEST_F(FolderCameraTest, ARemovedImageIsIgnored) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   write("a.jpg", picture(10));
@@ -208,7 +207,7 @@ TEST_F(FolderCameraTest, APictureThatWasRemovedAgainIsNothing) {
   EXPECT_EQ(name(camera), "b.jpg");
 }
 
-TEST_F(FolderCameraTest, AFolderThatGoesAwayIsTroubleUntilItIsBack) {
+TEST_F(FolderCameraTest, AMissingFolderIsAFailureUntilItIsBack) {
   const auto path = folder_ / "frames";
   FolderCamera camera(path, clock_);
   EXPECT_EQ(name(camera), "trouble");
@@ -230,14 +229,14 @@ TEST_F(FolderCameraTest, AFolderThatGoesAwayIsTroubleUntilItIsBack) {
   EXPECT_EQ(name(camera), "trouble");
 }
 
-TEST_F(FolderCameraTest, StopEndsTheWaitAndAPictureToo) {
+TEST_F(FolderCameraTest, StopAndAnImageEndTheWait) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
-  CameraNews news = CameraNews::frame;
-  std::jthread reader([&](const std::stop_token& stop) { news = camera.next(1h, stop).news; });
+  CameraStatus news = CameraStatus::frame;
+  std::jthread reader([&](const std::stop_token& stop) { news = camera.next(1h, stop).status; });
   reader.request_stop();
   reader.join();
-  EXPECT_EQ(news, CameraNews::nothing);
+  EXPECT_EQ(news, CameraStatus::timeout);
   EXPECT_EQ(name(camera), "nothing");
 
   std::string got;
@@ -249,24 +248,24 @@ TEST_F(FolderCameraTest, StopEndsTheWaitAndAPictureToo) {
   EXPECT_EQ(got, "a.jpg");
 }
 
-TEST(WholePicture, KnowsEveryTruncation) {
+TEST(CompleteImage, DetectsEveryTruncation) {
   for (const ImageFormat format : {ImageFormat::jpeg, ImageFormat::png, ImageFormat::webp}) {
     const Bytes bytes = picture(70, format);
-    ASSERT_TRUE(is_whole_picture(bytes));
+    ASSERT_TRUE(is_complete_image(bytes));
     for (std::size_t size = 0; size < bytes.size(); ++size) {
-      ASSERT_FALSE(is_whole_picture(ByteView(bytes).first(size))) << name_of(format) << " " << size;
+      ASSERT_FALSE(is_complete_image(ByteView(bytes).first(size))) << name_of(format) << " " << size;
     }
   }
 }
 
-TEST(WholePicture, PaddingAfterTheEndIsAllowedOtherThingsAreNot) {
+TEST(CompleteImage, PaddingAfterTheEndIsAllowedOtherBytesAreNot) {
   Bytes padded = picture(70);
   padded.resize(padded.size() + 4000, 0);
-  EXPECT_TRUE(is_whole_picture(padded));
+  EXPECT_TRUE(is_complete_image(padded));
   padded.back() = 7;
-  EXPECT_FALSE(is_whole_picture(padded));
-  EXPECT_FALSE(is_whole_picture(Bytes(1000, 0)));
-  EXPECT_FALSE(is_whole_picture({}));
+  EXPECT_FALSE(is_complete_image(padded));
+  EXPECT_FALSE(is_complete_image(Bytes(1000, 0)));
+  EXPECT_FALSE(is_complete_image({}));
 }
 
 }  // namespace

@@ -6,8 +6,8 @@
 #include <thread>
 
 #include "base/error.hpp"
-#include "camera/open_camera.hpp"
-#include "service/manual_clock.hpp"
+#include "camera/camera_source.hpp"
+#include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -22,13 +22,13 @@ class PluginCameraTest : public testing::Test {
   ManualClock clock_;
 };
 
-TEST_F(PluginCameraTest, GivesPixelsWithTheTimeOfTheirArrival) {
+TEST_F(PluginCameraTest, DeliversPixelsWithTheirArrivalTime) {
   PluginCamera live = camera("rtsp:live");
   EXPECT_EQ(live.describe(), "rtsp:live (plug-in fake)");
   for (const char* name : {"000000", "000001"}) {
     clock_.advance(0.3);
     const CameraReading reading = live.next(0ms, {});
-    ASSERT_EQ(reading.news, CameraNews::frame);
+    ASSERT_EQ(reading.status, CameraStatus::frame);
     EXPECT_EQ(reading.frame.name, name);
     EXPECT_EQ(reading.frame.time_s, clock_.monotonic_s());
     EXPECT_EQ(reading.frame.bytes, Bytes(18, 7));
@@ -41,58 +41,58 @@ TEST_F(PluginCameraTest, GivesPixelsWithTheTimeOfTheirArrival) {
 TEST_F(PluginCameraTest, PlaysARecordingAtItsSpeed) {
   PluginCamera video = camera("video:recording");
   const double start_s = clock_.monotonic_s();
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::frame);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::nothing) << "its time has not come";
+  EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::frame);
+  EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::timeout) << "its time has not come";
   clock_.advance(0.49);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::nothing);
+  EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::timeout);
   clock_.advance(0.02);
   const CameraReading second = video.next(0ms, {});
-  ASSERT_EQ(second.news, CameraNews::frame);
+  ASSERT_EQ(second.status, CameraStatus::frame);
   EXPECT_NEAR(second.frame.time_s - start_s, 0.51, 1e-9);
   clock_.advance(0.5);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::frame);
-  EXPECT_EQ(video.next(0ms, {}).news, CameraNews::ended);
+  EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::frame);
+  EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::ended);
 }
 
 TEST_F(PluginCameraTest, StopEndsTheWaitForARecordedFrame) {
   PluginCamera video = camera("video:recording");
-  ASSERT_EQ(video.next(0ms, {}).news, CameraNews::frame);
-  CameraNews news = CameraNews::frame;
-  std::jthread reader([&](std::stop_token stop) { news = video.next(1h, stop).news; });
+  ASSERT_EQ(video.next(0ms, {}).status, CameraStatus::frame);
+  CameraStatus news = CameraStatus::frame;
+  std::jthread reader([&](std::stop_token stop) { news = video.next(1h, stop).status; });
   reader.request_stop();
   reader.join();
-  EXPECT_EQ(news, CameraNews::nothing);
+  EXPECT_EQ(news, CameraStatus::timeout);
 }
 
-TEST_F(PluginCameraTest, ACameraThatDropsOutIsOpenedAgain) {
+TEST_F(PluginCameraTest, ACameraThatDropsOutIsReopened) {
   PluginCamera drops = camera("rtsp:drops");
-  EXPECT_EQ(drops.next(0ms, {}).news, CameraNews::frame);
+  EXPECT_EQ(drops.next(0ms, {}).status, CameraStatus::frame);
   const CameraReading gone = drops.next(0ms, {});
-  EXPECT_EQ(gone.news, CameraNews::trouble);
+  EXPECT_EQ(gone.status, CameraStatus::failure);
   EXPECT_EQ(gone.detail, "the network is gone");
   const CameraReading again = drops.next(0ms, {});
-  EXPECT_EQ(again.news, CameraNews::frame);
+  EXPECT_EQ(again.status, CameraStatus::frame);
   EXPECT_EQ(again.frame.name, "000001");
 }
 
-TEST_F(PluginCameraTest, ACameraThatCannotBeOpenedIsTrouble) {
+TEST_F(PluginCameraTest, ACameraThatCannotBeOpenedIsAFailure) {
   PluginCamera none = camera("rtsp:nowhere");
   for (int i = 0; i < 2; ++i) {
     const CameraReading reading = none.next(0ms, {});
-    EXPECT_EQ(reading.news, CameraNews::trouble);
+    EXPECT_EQ(reading.status, CameraStatus::failure);
     EXPECT_THAT(reading.detail, HasSubstr("no such camera"));
   }
 }
 
-TEST_F(PluginCameraTest, FramesThatCannotBeAreNotRead) {
+TEST_F(PluginCameraTest, InvalidFramesAreNotRead) {
   for (const char* source : {"rtsp:lies", "rtsp:huge"}) {
     PluginCamera camera_of_lies = camera(source);
-    EXPECT_EQ(camera_of_lies.next(0ms, {}).news, CameraNews::trouble) << source;
+    EXPECT_EQ(camera_of_lies.next(0ms, {}).status, CameraStatus::failure) << source;
   }
-  EXPECT_EQ(camera("rtsp:none").next(0ms, {}).news, CameraNews::nothing);
+  EXPECT_EQ(camera("rtsp:none").next(0ms, {}).status, CameraStatus::timeout);
 }
 
-TEST_F(PluginCameraTest, WhatIsNoPluginOfThisVersionIsRefused) {
+TEST_F(PluginCameraTest, APluginOfAnotherVersionIsRejected) {
   const test::TemporaryFolder folder;
   EXPECT_THROW((PluginCamera{folder / "missing.so", "x", clock_}), Error);
   EXPECT_THROW((PluginCamera{folder.write("text.so", "not a library"), "x", clock_}), Error);
@@ -105,7 +105,7 @@ TEST_F(PluginCameraTest, WhatIsNoPluginOfThisVersionIsRefused) {
   }
 }
 
-TEST_F(PluginCameraTest, OpenCameraFindsWhatTheSourceNames) {
+TEST_F(PluginCameraTest, OpenCameraOpensTheNamedSource) {
   const test::TemporaryFolder folder;
   std::filesystem::create_directory(folder / "a:b");
   EXPECT_EQ(open_camera("folder:/x/y", clock_)->describe(), "folder /x/y");

@@ -10,9 +10,9 @@
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "camera/open_camera.hpp"
+#include "camera/camera_source.hpp"
 #include "service/clock.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -52,23 +52,24 @@ TEST(VideoPlugin, PlaysARecordingToItsEnd) {
   const double start_s = clock.monotonic_s();
   for (int i = 0; i < kPictures; ++i) {
     CameraReading reading = camera->next(0ms, {});
-    ASSERT_NE(reading.news, CameraNews::ended) << i;
-    if (reading.news == CameraNews::nothing) {
+    ASSERT_NE(reading.status, CameraStatus::ended) << i;
+    if (reading.status == CameraStatus::timeout) {
       clock.advance(0.2001);
       reading = camera->next(0ms, {});
     }
-    ASSERT_EQ(reading.news, CameraNews::frame) << reading.detail;
+    ASSERT_EQ(reading.status, CameraStatus::frame) << reading.detail;
     EXPECT_EQ(picture_of(reading.frame), i);
     EXPECT_NEAR(reading.frame.time_s - start_s, 0.2 * i, 0.01);
   }
-  EXPECT_EQ(camera->next(0ms, {}).news, CameraNews::ended);
+  EXPECT_EQ(camera->next(0ms, {}).status, CameraStatus::ended);
 }
 
-TEST(VideoPlugin, WhatIsNoVideoIsTrouble) {
+TEST(VideoPlugin, AnInvalidVideoIsAFailure) {
   const test::TemporaryFolder folder;
   ManualClock clock;
   for (const auto& file : {folder.write("text.avi", "no video"), folder / "missing.avi"}) {
-    EXPECT_EQ(open_camera("video:" + file.string(), clock, {PLUGIN_FOLDER})->next(0ms, {}).news, CameraNews::trouble);
+    EXPECT_EQ(open_camera("video:" + file.string(), clock, {PLUGIN_FOLDER})->next(0ms, {}).status,
+              CameraStatus::failure);
   }
 }
 
@@ -109,7 +110,7 @@ class NetworkCamera {
 // The next news that is any, however long it takes: the test's own time limit ends what hangs.
 CameraReading news_of(CameraSource& camera) {
   CameraReading reading;
-  while (reading.news == CameraNews::nothing) reading = camera.next(100ms, {});
+  while (reading.status == CameraStatus::timeout) reading = camera.next(100ms, {});
   return reading;
 }
 
@@ -117,7 +118,7 @@ CameraReading news_of(CameraSource& camera) {
 void expect_pictures(CameraSource& camera, double& last_s) {
   for (int seen = 0; seen < 4;) {
     const CameraReading reading = news_of(camera);
-    if (reading.news != CameraNews::frame) continue;
+    if (reading.status != CameraStatus::frame) continue;
     EXPECT_GE(picture_of(reading.frame), 0);
     EXPECT_GT(reading.frame.time_s, last_s);
     last_s = reading.frame.time_s;
@@ -125,7 +126,7 @@ void expect_pictures(CameraSource& camera, double& last_s) {
   }
 }
 
-TEST(VideoPlugin, WatchesANetworkCameraAndFindsItAgain) {
+TEST(VideoPlugin, ReconnectsToANetworkCamera) {
   const test::TemporaryFolder folder;
   const SystemFlightClock clock;
   const std::string file = recording(folder);
@@ -135,7 +136,7 @@ TEST(VideoPlugin, WatchesANetworkCameraAndFindsItAgain) {
   double last_s = 0;
   expect_pictures(*camera, last_s);
   server.reset();
-  while (news_of(*camera).news == CameraNews::frame) {
+  while (news_of(*camera).status == CameraStatus::frame) {
   }  // what was under way; then it is trouble
   server = std::make_unique<NetworkCamera>(file, port);
   expect_pictures(*camera, last_s);

@@ -53,8 +53,8 @@ class AdoptedPack : public ::testing::Test {
     TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
                         .verdict = Verdict::rejected,
                         .refusal = Refusal{.code = ReasonCode::blurred, .detail = "test"}};
-    catalogue.judge({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid}}, 1,
-                    [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Rivals&) {});
+    catalogue.add_evaluated({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid}}, 1,
+                    [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
   }
   Bytes read(CandidateCatalogue& catalogue, std::int64_t upload) {
     const auto tiles = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts);
@@ -172,8 +172,8 @@ TEST_F(AdoptedPack, WhoseTilesWereAllForgottenGoesWithItsUpload) {
   TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
                       .verdict = Verdict::rejected,
                       .refusal = Refusal{.code = ReasonCode::hash_mismatch, .detail = "test"}};
-  catalogue.judge({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid, .damaged = true}}, 1,
-                  [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Rivals&) {});
+  catalogue.add_evaluated({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid, .damaged = true}}, 1,
+                  [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
   catalogue.remove_unused(catalogue.forget_dead_packs(upload), remove_);
   EXPECT_TRUE(store_.packs().empty());
 }

@@ -121,13 +121,13 @@ TEST_F(Attack, RevokedKeyTakesBackWhatItVouchedFor) {
   ASSERT_EQ(service().counts().promoted, 2);
 
   root(2, {first_.key().public_key().id()});
-  EXPECT_EQ(service().heed_revocations(), 3);
+  EXPECT_EQ(service().apply_revocations(), 3);
   EXPECT_EQ(service().counts().promoted, 0) << "its own, and those that it had a voice in";
   judge_all();
   EXPECT_EQ(service().counts().promoted, 1) << "two others agree about one place";
   EXPECT_EQ(service().counts().rejected_by,
             (std::vector<std::pair<std::string, std::int64_t>>{{"airframe_revoked", 3}}));
-  EXPECT_EQ(service().heed_revocations(), 0);
+  EXPECT_EQ(service().apply_revocations(), 0);
   service_.reset();
   {
     CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::read);

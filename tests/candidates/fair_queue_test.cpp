@@ -1,4 +1,4 @@
-#include "candidates/fair_queue.hpp"
+#include "nadir_candidates/work_queue.hpp"
 
 #include <gtest/gtest.h>
 

@@ -6,10 +6,10 @@
 #include <set>
 
 #include "base/time.hpp"
-#include "upload/batch.hpp"
-#include "upload/pack.hpp"
 #include "ortho/candidate_store.hpp"
 #include "trust/root.hpp"
+#include "upload/batch.hpp"
+#include "upload/pack.hpp"
 
 namespace nadir::test {
 

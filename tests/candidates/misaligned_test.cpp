@@ -5,7 +5,7 @@
 #include "candidates/service_fixture.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
-#include "package/judge.hpp"
+#include "package/mission_check.hpp"
 #include "package/manifest.hpp"
 #include "package/package_maker.hpp"
 

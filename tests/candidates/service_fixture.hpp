@@ -51,8 +51,8 @@ class ServiceFixture : public ::testing::Test {
                             {.offset = from, .length = pack.size(), .digest = sha256(part)}, part);
   }
   void judge_all() {
-    for (const auto& [client, upload] : service().to_judge()) {
-      while (service().judge_some(upload)) {
+    for (const auto& [client, upload] : service().pending_evaluations()) {
+      while (service().evaluate_some(upload)) {
       }
     }
     while (service().vote_some()) {
@@ -71,8 +71,8 @@ class ServiceFixture : public ::testing::Test {
       const auto sent = send(announcement.upload, pack_of(wanted));
       if (const auto* denial = std::get_if<Denial>(&sent)) ADD_FAILURE() << denial->detail;
     }
-    std::optional<std::int64_t> to_judge;
-    const auto completed = service().complete(client_, announcement.upload, to_judge);
+    std::optional<std::int64_t> pending_evaluations;
+    const auto completed = service().complete(client_, announcement.upload, pending_evaluations);
     if (const auto* denial = std::get_if<Denial>(&completed)) ADD_FAILURE() << denial->detail;
     judge_all();
     return verdicts(announcement.upload);
@@ -81,10 +81,10 @@ class ServiceFixture : public ::testing::Test {
   void accepted(const FlightMaker& flight, const std::vector<Candidate>& candidates, int number) {
     const std::string name = announced(flight.batch(candidates, number)).upload;
     ASSERT_TRUE(std::holds_alternative<PackOffset>(send(name, pack_of(candidates))));
-    std::optional<std::int64_t> to_judge;
-    service().complete(client_, name, to_judge);
-    ASSERT_TRUE(to_judge);
-    ASSERT_FALSE(service().judge_some(*to_judge));
+    std::optional<std::int64_t> pending_evaluations;
+    service().complete(client_, name, pending_evaluations);
+    ASSERT_TRUE(pending_evaluations);
+    ASSERT_FALSE(service().evaluate_some(*pending_evaluations));
     for (const TileRow& tile : verdicts(name)) ASSERT_EQ(tile.verdict, Verdict::accepted) << tile.detail;
   }
   std::vector<TileRow> verdicts(const std::string& upload) {

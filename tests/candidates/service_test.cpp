@@ -127,7 +127,7 @@ TEST_F(Service, JudgingGoesOnAfterARestart) {
   std::optional<std::int64_t> judge;
   ASSERT_TRUE(std::holds_alternative<Completion>(service().complete(client_, name, judge)));
   restarted();
-  ASSERT_EQ(service().to_judge().size(), 1U);
+  ASSERT_EQ(service().pending_evaluations().size(), 1U);
   judge_all();
   for (const TileRow& tile : verdicts(name)) EXPECT_EQ(tile.verdict, Verdict::accepted);
 }
@@ -222,12 +222,12 @@ TEST_F(DamagedPack, IsRejectedAndCanBeSentAgain) {
   std::int64_t id = 0;
   const std::string name = sent({one, {tiles[1], tiles[2]}}, id);
   damage(stored(test::pack_of(one)), kPackHeadSize + kPackEntrySize);
-  EXPECT_THROW(service().judge_some(id), Error) << "the operator must hear of it";
+  EXPECT_THROW(service().evaluate_some(id), Error) << "the operator must hear of it";
   const auto rows = verdicts(name);
   EXPECT_EQ(test::code_of(rows[0]), "hash_mismatch");
   EXPECT_EQ(rows[1].verdict, Verdict::accepted);
   EXPECT_EQ(rows[2].verdict, Verdict::accepted);
-  EXPECT_TRUE(service().to_judge().empty()) << "it is judged";
+  EXPECT_TRUE(service().pending_evaluations().empty()) << "it is judged";
   const auto again = upload(first_, one, 2);  // the very pack that is damaged
   EXPECT_EQ(again[0].verdict, Verdict::accepted) << again[0].detail;
 }
@@ -237,7 +237,7 @@ TEST_F(DamagedPack, LosesTheDamagedTileAlone) {
   std::int64_t id = 0;
   const std::string name = sent({tiles}, id);
   damage(stored(test::pack_of(tiles)), kPackHeadSize + 3 * kPackEntrySize + tiles[0].tile.size());
-  EXPECT_THROW(service().judge_some(id), Error);
+  EXPECT_THROW(service().evaluate_some(id), Error);
   const auto rows = verdicts(name);
   EXPECT_EQ(rows[0].verdict, Verdict::accepted);
   EXPECT_EQ(test::code_of(rows[1]), "hash_mismatch");
@@ -254,19 +254,19 @@ TEST_F(DamagedPack, ThatIsGoneWaitsForItsReturn) {
   const fs::path pack = stored(test::pack_of(many)), aside = folder_ / "aside";
   fs::rename(pack, aside);
   for (int round = 0; round < 2; ++round) {
-    EXPECT_TRUE(service().judge_some(id));
-    EXPECT_THROW(service().judge_some(id), Error);
+    EXPECT_TRUE(service().evaluate_some(id));
+    EXPECT_THROW(service().evaluate_some(id), Error);
     const auto rows = verdicts(name);
     EXPECT_FALSE(rows[0].verdict);
     EXPECT_FALSE(rows[128].verdict);
     EXPECT_EQ(rows[129].verdict, Verdict::accepted);
     EXPECT_EQ(rows[130].verdict, Verdict::accepted);
-    EXPECT_EQ(service().to_judge().size(), 1U);
+    EXPECT_EQ(service().pending_evaluations().size(), 1U);
   }
   fs::rename(aside, pack);
   judge_all();
   for (const TileRow& row : verdicts(name)) EXPECT_EQ(row.verdict, Verdict::accepted) << row.detail;
-  EXPECT_TRUE(service().to_judge().empty());
+  EXPECT_TRUE(service().pending_evaluations().empty());
 }
 
 TEST_F(DamagedPack, StaysWhereAnotherUploadWaitsForTheSameTile) {
@@ -276,10 +276,10 @@ TEST_F(DamagedPack, StaysWhereAnotherUploadWaitsForTheSameTile) {
   const Announcement other = announced(first_.batch(tiles, 2));
   EXPECT_EQ(other.known.size(), 1U);
   damage(stored(test::pack_of(tiles)), kPackHeadSize + kPackEntrySize);
-  EXPECT_THROW(service().judge_some(id), Error);
+  EXPECT_THROW(service().evaluate_some(id), Error);
   std::optional<std::int64_t> judge;
   ASSERT_TRUE(std::holds_alternative<Completion>(service().complete(client_, other.upload, judge)));
-  EXPECT_THROW(service().judge_some(*judge), Error);
+  EXPECT_THROW(service().evaluate_some(*judge), Error);
   EXPECT_EQ(test::code_of(verdicts(other.upload)[0]), "hash_mismatch");
   EXPECT_EQ(upload(first_, tiles, 3)[0].verdict, Verdict::accepted);
 }
@@ -323,7 +323,7 @@ TEST_F(Service, AFullDiskTakesNothing) {
   const auto answer = announce(first_.batch(candidates(first_, test::keys_in_a_row(1))));
   ASSERT_TRUE(std::holds_alternative<Denial>(answer));
   EXPECT_EQ(std::get<Denial>(answer).kind, Denial::Kind::storage_full);
-  EXPECT_TRUE(service().trouble().fails);
+  EXPECT_TRUE(service().fault().fails);
 }
 
 TEST_F(Service, ACatalogueThatGoesAwayIsToldAndFoundAgain) {
@@ -339,7 +339,7 @@ TEST_F(Service, ACatalogueThatGoesAwayIsToldAndFoundAgain) {
   EXPECT_THROW(service(), Error);
   fs::rename(aside, file);
   EXPECT_EQ(std::get<UploadStatus>(service().status(client_, name)).tiles.size(), 1U);
-  EXPECT_FALSE(service().trouble().fails);
+  EXPECT_FALSE(service().fault().fails);
 }
 
 }  // namespace

@@ -6,7 +6,6 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "candidates/flight_maker.hpp"
-#include "candidates/incoming_packs.hpp"
 #include "candidates/pack_store.hpp"
 #include "candidates/trust_file.hpp"
 #include "support/temporary_folder.hpp"
@@ -107,7 +106,7 @@ TEST_F(TrustFileTest, ASuccessorIsFollowedAtOnce) {
   write(2, {flight_.key().public_key().id()});
   EXPECT_EQ(trust.current()->version, 2);
   EXPECT_EQ(trust.current()->revoked.size(), 1U);
-  EXPECT_EQ(trust.trouble(), "");
+  EXPECT_EQ(trust.fault(), "");
 }
 
 TEST_F(TrustFileTest, WhatMayNotFollowChangesNothing) {
@@ -124,7 +123,7 @@ TEST_F(TrustFileTest, WhatMayNotFollowChangesNothing) {
     damage();
     EXPECT_EQ(trust.current()->version, 2);
     EXPECT_EQ(trust.current()->root.key_ids.count(signer_.public_key().id()), 1U);
-    EXPECT_NE(trust.trouble(), "");
+    EXPECT_NE(trust.fault(), "");
   }
   write(3);
   EXPECT_EQ(trust.current()->version, 3) << "and a good one is followed afterwards";

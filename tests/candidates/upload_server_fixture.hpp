@@ -5,10 +5,10 @@
 
 #include <nlohmann/json.hpp>
 
-#include "api/raw_client.hpp"
 #include "candidates/service_fixture.hpp"
-#include "candidates/upload_server.hpp"
-#include "trust/base64.hpp"
+#include "nadir_candidates/upload_server.hpp"
+#include "http/raw_client.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir::test {
 

@@ -1,5 +1,5 @@
 // The service behind HTTP: what its callers see, and what hostile ones cannot do.
-#include "candidates/upload_server.hpp"
+#include "nadir_candidates/upload_server.hpp"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -8,7 +8,7 @@
 
 #include "base/error.hpp"
 #include "candidates/upload_server_fixture.hpp"
-#include "trust/base64.hpp"
+#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

@@ -136,7 +136,7 @@ TEST_F(VoteTest, KnownVotesAreNotTakenAgainAndTheWorkIsBounded) {
   EXPECT_EQ(compared_, 0);
   for (int i = 0; i < 100; ++i) add(("x" + std::to_string(i)).c_str(), "f", 1, 100 + i);
   outcome();
-  EXPECT_LE(compared_, static_cast<int>(kMaxVoices * (kMaxVoices - 1) / 2));
+  EXPECT_LE(compared_, static_cast<int>(kMaxIndependentFlights * (kMaxIndependentFlights - 1) / 2));
 }
 
 TEST_F(VoteTest, PlacesMayLieApartAsTheirUncertaintySays) {

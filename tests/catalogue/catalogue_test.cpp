@@ -6,9 +6,9 @@
 
 #include "base/files.hpp"
 #include "cli/program.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "package/package_maker.hpp"
-#include "package/tile_mask.hpp"
+#include "package/tile_image.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

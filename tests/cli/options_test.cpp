@@ -2,8 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <sstream>
+
 #include "base/error.hpp"
-#include "cli/options_impl.hpp"
 
 namespace nadir {
 namespace {
@@ -21,8 +22,7 @@ struct Values {
 
 Values parse(const std::vector<std::string>& args) {
   Values values;
-  Options::Impl declared;
-  Options options(declared);
+  Options options("nadir t");
   options.positional("MISSION.yaml", values.mission, "the mission");
   options.values("--imagery", values.imagery, "FILE", "rasters");
   options.value("--quality", values.quality, "N", "JPEG quality").between(1, 100);
@@ -31,7 +31,7 @@ Values parse(const std::vector<std::string>& args) {
   options.value("--at", values.at, "TIME", "time");
   options.value("--seed", values.seed, "N", "seed");
   options.flag("--force", values.force, "force");
-  parse_options(declared, "nadir t", args);
+  options.parse(args);
   return values;
 }
 
@@ -69,7 +69,7 @@ TEST(Options, ManyValuesMayRepeatTheName) {
   EXPECT_EQ(parse({"--imagery", "a", "--imagery", "b", "--force"}).imagery.size(), 2U);
 }
 
-TEST(Options, NamesTheOptionWhoseValueDoesNotRead) {
+TEST(Options, NamesTheOptionWithAnInvalidValue) {
   EXPECT_THAT(complaint({"--quality", "high"}),
               ::testing::AllOf(::testing::HasSubstr("--quality"), ::testing::HasSubstr("high")));
   EXPECT_THAT(complaint({"--quality", "101"}), ::testing::HasSubstr("1 to 100"));
@@ -80,13 +80,27 @@ TEST(Options, NamesTheOptionWhoseValueDoesNotRead) {
   }
 }
 
-TEST(Options, RefusesWrongUse) {
+TEST(Options, RejectsWrongUsage) {
   EXPECT_NE(complaint({"--quality", "1", "--quality", "2"}), "");
   EXPECT_NE(complaint({"--quality"}), "");
   EXPECT_NE(complaint({"a.yaml", "b.yaml"}), "");
   EXPECT_NE(complaint({"--force=yes=no"}), "");
   EXPECT_THAT(complaint({"--start", "1,2"}), ::testing::HasSubstr("--at"));
   EXPECT_NE(complaint({"-x"}), "");
+}
+
+TEST(Options, AnOldSpellingStillWorksButIsNotShown) {
+  for (const std::vector<std::string>& args :
+       {std::vector<std::string>{"--gsd-m", "0.5"}, {"--gsd", "0.5"}, {"--gsd-m=0.5"}, {"--gsd=0.5"}}) {
+    double gsd_m = 0;
+    Options options("nadir t");
+    options.value("--gsd-m", gsd_m, "METRES", "resolution").required().between(0.1, 10).formerly("--gsd");
+    EXPECT_TRUE(options.parse(args));
+    EXPECT_EQ(gsd_m, 0.5);
+    std::ostringstream help;
+    options.print_help(help, "", "", "");
+    EXPECT_THAT(help.str(), ::testing::Not(::testing::ContainsRegex("--gsd[^-]")));
+  }
 }
 
 TEST(Options, NearestWordIsCareful) {

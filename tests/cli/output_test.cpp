@@ -17,11 +17,11 @@ Findings two_findings() {
   return findings;
 }
 
-TEST(Output, TextNamesRefusalsFirstAndCounts) {
+TEST(Output, TextListsErrorsFirstAndCounts) {
   std::ostringstream out;
   EXPECT_EQ(report_findings(out, false, two_findings()), kRefused);
   EXPECT_LT(out.str().find("coverage.gap"), out.str().find("freshness.stale"));
-  EXPECT_THAT(out.str(), ::testing::EndsWith("REFUSED: 1 finding that refuses, 1 warning\n"));
+  EXPECT_THAT(out.str(), ::testing::EndsWith("REJECTED: 1 error, 1 warning\n"));
 }
 
 TEST(Output, NothingFoundIsAccepted) {
@@ -40,6 +40,20 @@ TEST(Output, JsonHoldsEveryField) {
   const nlohmann::json expected = {{"code", "coverage.gap"}, {"severity", "refuse"}, {"where", "town"},
                                    {"expected", "all"},      {"found", "a hole"},    {"fix", "more imagery"}};
   EXPECT_EQ(document["findings"][1], expected);
+}
+
+TEST(Output, WarningsAloneAreAccepted) {
+  std::ostringstream out;
+  Findings findings;
+  findings.add({.code = "freshness.stale", .severity = Severity::warning, .where = "19/1/2"});
+  EXPECT_EQ(report_findings(out, false, findings), kAccepted);
+  EXPECT_THAT(out.str(), ::testing::EndsWith("accepted, 1 warning\n"));
+}
+
+TEST(Output, CountsInSingularAndPlural) {
+  EXPECT_EQ(count(1, "sector"), "1 sector");
+  EXPECT_EQ(count(0, "sector"), "0 sectors");
+  EXPECT_EQ(count(2, "batch", "batches"), "2 batches");
 }
 
 TEST(Output, FiguresStandInColumns) {

@@ -7,7 +7,7 @@
 #include <sstream>
 
 #include "base/error.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/options.hpp"
 
 namespace nadir {

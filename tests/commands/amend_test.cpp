@@ -9,9 +9,9 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "cli/program.hpp"
-#include "package/amend_package.hpp"
+#include "package/package_writer.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -31,7 +31,7 @@ class Amended : public ::testing::Test {
   int index(const std::string& package) {
     out_.str(""), err_.str("");
     const std::string path = (folder_ / package).string();
-    return run_program(nadir_text(), all_commands(), {"cache", "index", path, "--key", key(), "--overlap", "10"},
+    return run_program(nadir_text(), all_commands(), {"cache", "index", path, "--key", key(), "--overlap-percent", "10"},
                        {out_, err_, clock_});
   }
   test::ProcessResult amend(const std::string& package, int event) {
@@ -55,7 +55,7 @@ class Amended : public ::testing::Test {
             }};
   }
   AmendedPackage add_note(const fs::path& package, Progress& progress) {
-    return amend_package(package, read_package_manifest(package), read_mission(package / kMissionFile), note(),
+    return amend_package(package, load_package_manifest(package), read_mission(package / kMissionFile), note(),
                          &maker_.signer, progress);
   }
 
@@ -122,13 +122,13 @@ TEST_F(Amended, WhatIsAddedIsSignedAndReplacesWhatItHadBefore) {
     EXPECT_TRUE(amended.is_signed);
     EXPECT_EQ(amended.added_bytes, 5U);
     EXPECT_TRUE(maker_.verify(package, VerifyDepth::full).findings.empty());
-    const Manifest manifest = read_package_manifest(package);
+    const Manifest manifest = load_package_manifest(package);
     EXPECT_EQ(std::count_if(manifest.artifacts.begin(), manifest.artifacts.end(),
                             [](const Artifact& artifact) { return artifact.role == "note"; }),
               1);
   }
   fs::remove(package / kSignatureFile);
-  const AmendedPackage unsigned_one = amend_package(package, read_package_manifest(package),
+  const AmendedPackage unsigned_one = amend_package(package, load_package_manifest(package),
                                                     read_mission(package / kMissionFile), note(), nullptr, progress);
   EXPECT_FALSE(unsigned_one.is_signed);
   EXPECT_FALSE(fs::exists(package / kSignatureFile));
@@ -153,7 +153,7 @@ TEST_F(Amended, AFullDiskLosesNothing) {
                         }};
   NoProgress progress;
   const fs::path package = small / "package";
-  EXPECT_THROW(amend_package(package, read_package_manifest(package), read_mission(package / kMissionFile), large,
+  EXPECT_THROW(amend_package(package, load_package_manifest(package), read_mission(package / kMissionFile), large,
                              &maker_.signer, progress),
                OutOfSpace);
   EXPECT_TRUE(same("small/package", "plain"));
@@ -161,9 +161,9 @@ TEST_F(Amended, AFullDiskLosesNothing) {
 }
 
 TEST_F(Amended, WhatIsNoPackageIsNamed) {
-  EXPECT_THROW(read_package_manifest(folder_ / "none"), UsageError);
+  EXPECT_THROW(load_package_manifest(folder_ / "none"), UsageError);
   folder_.write("p/manifest.json", "{}");
-  EXPECT_THROW(read_package_manifest(folder_ / "p"), Error);
+  EXPECT_THROW(load_package_manifest(folder_ / "p"), Error);
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 #include "base/files.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {

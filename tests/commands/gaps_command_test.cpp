@@ -9,8 +9,8 @@
 #include "base/files.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "package/tile_mask.hpp"
-#include "commands/registry.hpp"
+#include "package/tile_image.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

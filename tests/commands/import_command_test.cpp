@@ -6,7 +6,7 @@
 #include "base/files.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -46,7 +46,7 @@ class MissionImport : public ::testing::Test {
 
 TEST_F(MissionImport, GeoJsonBecomesAMissionThatChecks) {
   ASSERT_EQ(import(folder_.write("plan.geojson", collection({kLine, kArea, kArea})).string(),
-                   {"--half-width", "80", "--agl", "150"}),
+                   {"--half-width-m", "80", "--agl-m", "150"}),
             0)
       << out_.str() << err_.str();
   EXPECT_EQ(run({"mission", "check", path("m.yaml")}), 0) << out_.str();

@@ -12,11 +12,11 @@
 #include "cli/program.hpp"
 #include "imagery/codecs.hpp"
 #include "package/package_maker.hpp"
-#include "package/root_folder.hpp"
-#include "package/sign_package.hpp"
-#include "commands/registry.hpp"
-#include "vision/place_index_check.hpp"
-#include "vision/place_table.hpp"
+#include "package/package_roots.hpp"
+#include "package/package_writer.hpp"
+#include "commands/commands.hpp"
+#include "vision/place_index.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace nadir {
 namespace {
@@ -31,7 +31,7 @@ class CacheIndex : public ::testing::Test {
     out_.str("");
     err_.str("");
     args.insert(args.begin(), {"cache", "index"});
-    args.insert(args.end(), {"--overlap", "40"});  // few squares, so that the tests are quick
+    args.insert(args.end(), {"--overlap-percent", "40"});  // few squares, so that the tests are quick
     return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
   }
   fs::path indexed(const std::string& name = "package") {

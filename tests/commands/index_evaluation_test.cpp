@@ -12,7 +12,7 @@
 #include "cli/program.hpp"
 #include "imagery/codecs.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -65,7 +65,7 @@ class IndexEvaluation : public ::testing::Test {
     const auto cut = test::run_process({"gdal_translate", "-q", "-of", "GTiff", "-b", "1", "-b", "2", "-b", "3",
                                         folder_ / "package/imagery/base.mbtiles", folder_ / "world.tif"});
     ASSERT_EQ(cut.code, 0) << cut.err;
-    ASSERT_EQ(run({"cache", "index", "@package", "--key", "@p.key.pem", "--camera", "@camera.yaml", "--overlap", "50"}),
+    ASSERT_EQ(run({"cache", "index", "@package", "--key", "@p.key.pem", "--camera", "@camera.yaml", "--overlap-percent", "50"}),
               0)
         << err_.str();
     ASSERT_EQ(run({"simulate", "flight", "--world", "@world.tif", "--mission", "@package/mission/mission.yaml",

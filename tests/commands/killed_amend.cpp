@@ -11,8 +11,8 @@
 
 #include "base/error.hpp"
 #include "package_build/die_at.hpp"
-#include "package/amend_package.hpp"
-#include "vision/place_table.hpp"
+#include "package/package_writer.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace {
 
@@ -28,7 +28,7 @@ int amend(std::span<char*> args) {
                                                  describe_file(folder, kPlaceTableFile, kRolePlaceTable)};
                             }};
   test::DieAt progress(std::stoi(args[4]));
-  const AmendedPackage amended = amend_package(package, read_package_manifest(package),
+  const AmendedPackage amended = amend_package(package, load_package_manifest(package),
                                                read_mission(package / kMissionFile), amendment, &key, progress);
   if (amended.findings.refuses()) return 1;
   fmt::print("{}\n", progress.seen());

@@ -9,7 +9,7 @@
 #include "package_build/matchability_survey.hpp"
 #include "package/open_package.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -36,7 +36,7 @@ class CacheMatchability : public ::testing::Test {
 TEST_F(CacheMatchability, FiguresJsonAndGeoTiffSayTheSame) {
   const std::string package = maker_.make(folder_).string();
   ASSERT_EQ(run({"cache", "matchability", package, "--footprint-m", "60", "--search-m", "60", "--step-m", "80",
-                 "--cruise-mps", "20", "--out", path("m.tif"), "--json"}),
+                 "--speed-mps", "20", "--out", path("m.tif"), "--json"}),
             0)
       << err_.str();
   const json result = json::parse(out_.str());
@@ -53,7 +53,7 @@ TEST_F(CacheMatchability, FiguresJsonAndGeoTiffSayTheSame) {
     EXPECT_NEAR(stretch["seconds"].get<double>() * 20, stretch["length_m"].get<double>(), 2);
   }
   ASSERT_EQ(run({"cache", "matchability", package, "--footprint-m", "60", "--search-m", "60", "--step-m", "80"}), 0);
-  EXPECT_NE(out_.str().find("longest without a good place"), std::string::npos);
+  EXPECT_NE(out_.str().find("longest segment without a good place"), std::string::npos);
 }
 
 TEST_F(CacheMatchability, TheReportOfVerifyShowsIt) {
@@ -62,7 +62,7 @@ TEST_F(CacheMatchability, TheReportOfVerifyShowsIt) {
   ASSERT_EQ(
       run({"cache", "verify", package, "--trust", path("root.json"), "--report", path("report"), "--matchability"}), 0)
       << out_.str() << err_.str();
-  EXPECT_NE(out_.str().find("longest without a good place"), std::string::npos);
+  EXPECT_NE(out_.str().find("longest segment without a good place"), std::string::npos);
   const std::string html = read_text_file(folder_ / "report" / "report.html");
   const std::string open = "<script type=\"application/json\" id=\"data\">";
   const auto begin = html.find(open) + open.size();
@@ -114,7 +114,7 @@ TEST_F(MatchabilityInPackage, IsSignedVerifiedAndTheFileThatOutWrites) {
   ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
   EXPECT_NE(out_.str().find("matchability/matchability.tif"), std::string::npos) << out_.str();
   EXPECT_EQ(read_file(package_ / kManifestFile), manifest);
-  ASSERT_EQ(run({"cache", "index", package_.string(), "--overlap", "10", "--key", path("p.key.pem")}), 0) << err_.str();
+  ASSERT_EQ(run({"cache", "index", package_.string(), "--overlap-percent", "10", "--key", path("p.key.pem")}), 0) << err_.str();
   EXPECT_TRUE(fs::exists(map()));
   EXPECT_TRUE(verify(VerifyDepth::full).empty());
 }

@@ -13,11 +13,11 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "service/manual_clock.hpp"
-#include "trust/airframe_signature.hpp"
+#include "support/manual_clock.hpp"
+#include "trust/signatures.hpp"
 
 namespace nadir {
 namespace {

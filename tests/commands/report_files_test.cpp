@@ -5,10 +5,10 @@
 #include <sstream>
 
 #include "base/files.hpp"
-#include "commands/cache/report/cache_report.hpp"
+#include "commands/cache/cache_report.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {

@@ -8,7 +8,7 @@
 #include "base/files.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {
@@ -44,6 +44,14 @@ class TrustCommands : public ::testing::Test {
   FixedClock clock_{test::kJudged};
   std::ostringstream out_, err_;
 };
+
+TEST_F(TrustCommands, APublicKeyAsPrivateKeyIsNamedAsWhatItIs) {
+  keys({"p"});
+  const std::string package = test::PackageMaker().make(folder_).string();
+  EXPECT_EQ(run({"cache", "sign", package, "--key", "@p.pub.pem"}), 2);
+  EXPECT_NE(err_.str().find("this is a public key"), std::string::npos) << err_.str();
+  EXPECT_EQ(err_.str().find("chmod"), std::string::npos) << err_.str();
+}
 
 TEST_F(TrustCommands, ALostKeyIsRevokedAndTheFleetLearnsOfIt) {
   first_root();

@@ -8,7 +8,7 @@
 #include "base/files.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -48,8 +48,8 @@ class CacheUpdate : public ::testing::Test {
                                      path("old/imagery/base.mbtiles") + "' '" + path(name) + "'");
     ASSERT_EQ(cut.code, 0) << cut.err;
   }
-  const std::vector<std::string> facts_{"--captured", "2024-04-10", "--gsd",      "0.3",
-                                        "--ce90",     "4",          "--provider", "gdal"};
+  const std::vector<std::string> facts_{"--captured", "2024-04-10", "--gsd-m",      "0.3",
+                                        "--ce90-m",     "4",          "--provider", "gdal"};
 
   // The next version of the maker's root, signed by `key`; another key signs packages when `signer` names one.
   TrustRoot root_after(const TrustRoot& before, const std::string& name, const PrivateKey& key) {

@@ -7,9 +7,9 @@
 #include "base/files.hpp"
 #include "cli/program.hpp"
 #include "package/package_maker.hpp"
-#include "commands/registry.hpp"
+#include "commands/commands.hpp"
 #include "support/process.hpp"
-#include "vision/place_table.hpp"
+#include "vision/place_index_files.hpp"
 
 namespace nadir {
 namespace {
@@ -38,7 +38,7 @@ class UpdatedIndex : public ::testing::Test {
     return run(args);
   }
   int index(const std::string& package, std::initializer_list<std::string> more = {}) {
-    std::vector<std::string> args{"cache", "index",         package, "--key",         "@p.key.pem", "--overlap",
+    std::vector<std::string> args{"cache", "index",         package, "--key",         "@p.key.pem", "--overlap-percent",
                                   "10",    "--footprint-m", "110",   "--footprint-m", "150"};
     args.insert(args.end(), more);
     return run(args);
@@ -89,8 +89,8 @@ TEST_F(UpdatedIndex, IsThatOfTheNewTiles) {
                                       folder_ / "new.tif"});
   ASSERT_EQ(cut.code, 0) << cut.err;
   ASSERT_EQ(update("@old", "@new",
-                   {"--index", "--threads", "3", "--imagery", "@new.tif", "--captured", "2024-04-10", "--gsd", "0.3",
-                    "--ce90", "4", "--provider", "gdal"}),
+                   {"--index", "--threads", "3", "--imagery", "@new.tif", "--captured", "2024-04-10", "--gsd-m", "0.3",
+                    "--ce90-m", "4", "--provider", "gdal"}),
             0)
       << out_.str() << err_.str();
   EXPECT_EQ(err_.str().find("not carried over"), std::string::npos) << err_.str();

@@ -88,7 +88,7 @@ def check_tests(root, _):
     yield from check_attacks(root / "docs/trust.md", "| attack | tests |\n|---|---|\n", ATTACKS, sources)
     yield from check_attacks(root / "docs/sync.md", "| attack | answer | tests |\n|---|---|---|\n", SERVICE_ATTACKS, sources)
     # What the service answers: reasons of the closed list, problems and statuses that it knows.
-    known = "".join((root / path).read_text() for path in ("libgeo/upload/reason_code.cpp", "tools/candidates/upload_json.cpp",
+    known = "".join((root / path).read_text() for path in ("libgeo/upload/reason_code.cpp", "tools/nadir_candidates/upload_api.cpp",
                                                           "schemas/candidates.openapi.yaml"))
     for row in rows_after((root / "docs/sync.md").read_text(), "| attack | answer | tests |\n|---|---|---|\n"):
         for code in re.findall(r"`([^`]+)`", row[1]):

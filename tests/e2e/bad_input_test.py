@@ -173,9 +173,9 @@ class Replay(EndToEnd):
         self.refused("--package", self.folder / "p", says=["--trust"])
         self.refused("--truth", self.folder / "none.csv", says=["none.csv"])
         self.refused("--at", "yesterday", says=["--at"])
-        self.refused("--odometry", "stars", says=["--odometry", "features", "flow", "stars"])
-        self.refused("--matcher", "sift", says=["--package"])
-        self.refused("--package", self.folder / "p", "--trust", self.folder / "r", "--matcher", "eye", says=["--matcher", "channels", "sift", "eye"])
+        self.refused("--odometry", "stars", says=["--odometry", "features", "stars"])
+        self.refused("--matcher", "channels", says=["--package"])
+        self.refused("--package", self.folder / "p", "--trust", self.folder / "r", "--matcher", "sift", says=["--matcher", "channels", "sift"])
         self.fails(2, *[a for a in self.replay_args(self.flown, self.out) if a not in ("--start", "8.499,47.4")], says=["--start"],
                    leaves_nothing=self.out)
 

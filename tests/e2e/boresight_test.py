@@ -86,13 +86,13 @@ class Boresight(EndToEnd):
                           out / "airframe.json", "--at", self.created, "--check", "--json", program=NADIRD)
         self.assertEqual([], json.loads(ready.stdout)["findings"])
 
-        self.fails(2, *self.command(flight, "--key", self.folder / "signer.key.pem", "--out", out), says=["there already"])
+        self.fails(2, *self.command(flight, "--key", self.folder / "signer.key.pem", "--out", out), says=["already exists"])
         nothing = self.folder / "nothing"
         self.fails(1, *self.command(flight, "--to-s", "12", "--key", self.folder / "signer.key.pem", "--out", nothing),
                    says=["provision.few_anchors"], leaves_nothing=nothing)
         (flight / "gps.csv").write_text((flight / "telemetry.csv").read_text(encoding="utf-8"), encoding="utf-8")
-        self.fails(2, *self.command(flight), says=["no frame of this flight has a position of GPS"])
-        self.fails(2, *self.command(flight, "--recorder", flight), says=["needs one flight"])
+        self.fails(2, *self.command(flight), says=["no frame of this flight has a GPS position"])
+        self.fails(2, *self.command(flight, "--recorder", flight), says=["exactly one flight"])
 
 
 if __name__ == "__main__":

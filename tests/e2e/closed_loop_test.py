@@ -38,7 +38,7 @@ class Flight(support.EndToEnd):
         out = self.folder / "flight"
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.9",
-             "--event", "25:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--nadird-option=--keep-pictures",
+             "--event", "25:gps-denied", "--fps", "2", "--width", "640", "--signed", "--json", "--nadird-option=--keep-frames",
              "--out", out, "--report", out / "live.html"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=500, check=False)
         self.assertEqual(0, result.returncode, result.stderr)
@@ -107,7 +107,7 @@ class Rules(unittest.TestCase):
                 ("σ while blind", {"rows": self.rows(sigma=lambda t: 9.0 if t < 85 else 8.0)}),
                 ("pictures again: flying by them", {"summary": without(rules.SEES_AGAIN)}),
                 ("GPS well again to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
-                ("a fix follows nobody", {"summary": self.flight(self.TOLD, error=280.0)}),
+                ("no fix follows spoofed GPS", {"summary": self.flight(self.TOLD, error=280.0)}),
                 ("our GPS in the autopilot's eyes", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
                 ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
                 ("pictures dropped", {"service": {"pictures": 100, "dropped": 11}})):
@@ -153,7 +153,7 @@ class Proofs(unittest.TestCase):
         self.assertAlmostEqual(2.0, again(self.seen(told=[(13.0, "Nadir: position found again")])))
         self.assertIsNone(again(self.seen(told=[(11.5, "Nadir: position found again")])), "steady for 1 s")
         leads = look["gps_leads", "lies"]
-        told = [(1.0, "Nadir: GPS trusted"), (21.0, "Nadir: GPS trusted"), (21.1, "Nadir: flying by GPS")]
+        told = [(1.0, "Nadir: GPS trusted"), (21.0, "Nadir: GPS trusted"), (21.1, "Nadir: autopilot navigating by GPS")]
         self.assertAlmostEqual(0.1, leads(self.seen(told=told)), msg="not from when it was trusted first")
         denied = look["denied", "failsafe"]
         self.assertAlmostEqual(0.7, denied(self.seen(told=[(5.0, "Nadir: GPS denied"), (10.7, "Nadir: GPS denied")])))
@@ -162,12 +162,12 @@ class Proofs(unittest.TestCase):
         self.assertIsNotNone(never(self.seen(told=[dark])))
         self.assertIsNone(never(self.seen(told=[dark, (41.0, "Nadir: GPS SPOOFED")])))
         lost = look["link_lost", "failsafe"]
-        self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "nothing from the autopilot: 5.0 s")])))
-        self.assertIsNone(lost(self.seen(events=[(13.0, "state", "nothing from the autopilot: 3.0 s")])))
+        self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "no messages from the autopilot: 5.0 s")])))
+        self.assertIsNone(lost(self.seen(events=[(13.0, "state", "no messages from the autopilot: 3.0 s")])))
 
     def test_a_fix_that_a_backlog_leads_astray_is_found_out(self):
         look = next(proof.look for proof in proofs.PROOFS if proof.row == "camera_silent")
-        said = [(10.4, "camera", "the camera hands out pictures that it had held back; they are left out")]
+        said = [(10.4, "camera", "the camera delivers stale frames from its buffer; they are dropped")]
         row = lambda error: [{"time_s": "12", "given_fix_type": "3", "given_error_m": error, "given_accuracy_m": "4"}]
         self.assertAlmostEqual(0.4, look(self.seen(events=said, done={"backlog": 10.0}, rows=row("9"))))
         self.assertIsNone(look(self.seen(events=said, done={"backlog": 10.0}, rows=row("90"))))
@@ -228,7 +228,7 @@ class Judging(support.EndToEnd):
             self.assertIn(word, found[0])
 
     def test_reads_what_nadird_says_of_itself(self):
-        log = ("710 pictures, 3 dropped; picture to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest pause 320 ms\n")
+        log = "710 frames, 3 dropped; frame to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest gap 320 ms\n"
         service = run_summary("something else\n" + log)
         self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("pictures", "dropped", "p95_ms",
                                                                                "longest_pause_ms")))

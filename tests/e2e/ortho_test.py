@@ -102,14 +102,14 @@ class Ortho(EndToEnd):
         (f / "changed.json").write_text(poses.read_text()[:-9])
         self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), says=["changed.json"], leaves_nothing=f / "out")
         self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), says=["none.json"], leaves_nothing=f / "out")
-        self.fails(2, *self.ask(f / "out", estimates=poses, matcher="sift"), says=["--matcher"], leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", estimates=poses, odometry="flow"), says=["--odometry"], leaves_nothing=f / "out")
 
     def test_it_says_why_it_makes_none(self):
         f = self.folder
         for says, changed in ((["tile key", "tile-signer"], {"key": f / "other.key.pem"}),
                               (["--airframe"], {"airframe": None}),
-                              (["--captured-at"], {"captured-at": None}),
-                              (["--captured-at"], {"captured-at": "yesterday"}),
+                              (["--captured"], {"captured-at": None}),
+                              (["--captured"], {"captured-at": "yesterday"}),
                               (["names"], {"flight": "a/b"}),
                               (["none.csv"], {"telemetry": f / "none.csv"})):
             self.fails(2, *self.ask(f / "out", **changed), says=says, leaves_nothing=f / "out")

@@ -58,7 +58,7 @@ class Provision(support.EndToEnd):
         return [line[2:] for line in lines if len(line) > 2 and line[2] in ("parameter", "signing", "restart")]
 
     def args(self, *more, patience=60):
-        return ["provision", "autopilot", "--autopilot", self.url, "--patience-s", patience, *more]
+        return ["provision", "autopilot", "--autopilot", self.url, "--timeout-s", patience, *more]
 
     def all_of_it(self):
         return ["--apply", "--signing-key", self.key, "--airframe", "falcon-7", "--camera", self.folder / "camera.yaml",
@@ -151,7 +151,7 @@ class Provision(support.EndToEnd):
             case.setUp()
             case.start("--fault", fault)
             result = case.fails(2, *case.args(*case.all_of_it(), patience=8), says=(faults[fault], "expected", "found"))
-            self.assertNotIn("still changed", result.stderr)
+            self.assertNotIn("not reverted", result.stderr)
             case.assert_untouched()
 
         with concurrent.futures.ThreadPoolExecutor(len(faults)) as pool:
@@ -166,7 +166,7 @@ class Provision(support.EndToEnd):
         self.start()
         args = self.all_of_it()
         args[args.index(self.out)] = self.folder / "missing" / "falcon-7"
-        self.fails(2, *self.args(*args), says=("missing", "as it was before"))
+        self.fails(2, *self.args(*args), says=("missing", "were reverted"))
         self.assert_untouched()
 
     def test_an_interrupt_leaves_everything_as_it_was(self):
@@ -194,7 +194,7 @@ class Provision(support.EndToEnd):
         apply = self.all_of_it()
         self.fails(2, *self.args(*apply[1:]), says=("--apply",))
         self.out.mkdir()
-        self.fails(2, *self.args(*apply), says=("there already",))
+        self.fails(2, *self.args(*apply), says=("already exists",))
         self.out.rmdir()
         self.key.write_text("not a key\n")
         self.key.chmod(0o600)

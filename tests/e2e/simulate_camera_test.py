@@ -81,11 +81,11 @@ class SimulateCamera(support.EndToEnd):
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=100)
         self.assertEqual(130, process.returncode)
-        self.assertIn("CPU time a frame", out)
+        self.assertIn("CPU time per frame", out)
         self.assertFalse([name for name in os.listdir(self.folder / "frames") if not name.endswith(".jpg")])
 
     def test_says_when_nobody_sends(self):
-        self.fails(2, *self.args, "--out", self.folder / "frames", "--wait-s", "0.3", says=("no pose came", str(self.port)))
+        self.fails(2, *self.args, "--out", self.folder / "frames", "--timeout-s", "0.3", says=("no pose received", str(self.port)))
 
     def test_refuses_what_it_cannot_do(self):
         out = ["--out", self.folder / "frames"]

@@ -108,7 +108,7 @@ class EndToEnd(unittest.TestCase):
         self.assertTrue(talk.strip(), f"{args}: no message")
         for word in says:
             self.assertIn(word, talk, f"{args}\n{talk}")
-        for word in ("terminate called", "what():", "core dumped", "unexpected:"):
+        for word in ("terminate called", "what():", "core dumped", "unexpected error:"):
             self.assertNotIn(word, talk)
         if leaves_nothing is not None:
             out = pathlib.Path(leaves_nothing)

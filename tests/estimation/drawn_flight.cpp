@@ -3,7 +3,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "estimation/telemetry_model.hpp"
+#include "vision/localizer_parameters.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir::test {
@@ -12,7 +12,7 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 using F = FlightFilter;
-namespace model = telemetry_model;
+namespace model = parameters::telemetry;
 
 constexpr double kStartSigma_m = 20, kAgl_m = 200;
 constexpr double kTurn_rad = 0.17;  // per second: a bank of 20 degrees
@@ -33,10 +33,10 @@ Matrix2d clockwise(double angle) {
 // What the filter believes sensors do, done: constant and changing errors.
 struct Truth {
   Truth(Random& random, const TelemetryUncertainty& sigma)
-      : heading_bias(random.normal(0, model::kConstantHeading * sigma.heading_rad)),
+      : heading_bias(random.normal(0, model::kHeadingBiasShare * sigma.heading_rad)),
         log_height(random.normal(0, sigma.agl_relative)),
         tilt_bias(sigma.tilt_rad * normals<2>(random)),
-        deviation(model::kDeviation * sigma.heading_rad * normals<2>(random)),
+        deviation(model::kDeviationShare * sigma.heading_rad * normals<2>(random)),
         place(kStartSigma_m * normals<2>(random)),
         wind(5 * normals<2>(random)),
         heading(random.uniform(-kPi, kPi)),
@@ -49,13 +49,13 @@ struct Truth {
       velocity = wind + 20 * Vector2d(std::sin(heading), std::cos(heading));
       place += velocity * seconds / kSmall;
     }
-    log_height = std::sqrt(1 - model::kHeightWander * model::kHeightWander) * log_height +
-                 random.normal(0, model::kHeightWander * sigma.agl_relative);
+    log_height = std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare) * log_height +
+                 random.normal(0, model::kHeightInnovationShare * sigma.agl_relative);
     const double keep = std::exp(-seconds / model::kTiltTimeLogged_s);
     tilt_bias = keep * tilt_bias + std::sqrt(1 - keep * keep) * sigma.tilt_rad * normals<2>(random);
     const double kept = std::exp(-seconds / model::kDeviationTime_s);
     deviation = kept * (clockwise(turn) * deviation) +
-                std::sqrt(1 - kept * kept) * model::kDeviation * sigma.heading_rad * normals<2>(random);
+                std::sqrt(1 - kept * kept) * model::kDeviationShare * sigma.heading_rad * normals<2>(random);
   }
 
   double heading_error() const { return heading_bias + deviation.x(); }
@@ -67,42 +67,42 @@ struct Truth {
   Vector2d tilt = Vector2d::Zero();  // beyond the telemetry's
 };
 
-Believed believed(const F& filter) {
+LinearizationPoint believed(const F& filter) {
   const auto& x = filter.state();
   return {x[F::log_height], x[F::heading], x[F::pitch], x[F::roll]};
 }
 
 // Tilt is seen vaguely, and the motion is as far off as that: together they are known well.
-RelativeMotionMeasurement see_motion(Random& random, const Believed& before, const Believed& now, const Truth& was, const Truth& is) {
+RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& before, const LinearizationPoint& now, const Truth& was, const Truth& is) {
   Eigen::Matrix<double, 8, 8> spread = Eigen::Matrix<double, 8, 8>::Zero();
   spread.diagonal() << 0.4, 0.4, 0.004, 0.004, 0.026, 0.026, 0.026, 0.026;
   spread.block<2, 2>(0, 4) = -0.026 * kAgl_m * Matrix2d::Identity();
   spread.block<2, 2>(0, 6) = 0.026 * kAgl_m * Matrix2d::Identity();
-  RelativeMotionMeasurement sight;
-  sight.before = before;
-  sight.now = now;
-  sight.covariance = spread * spread.transpose();
+  RelativeMotionMeasurement measurement;
+  measurement.before = before;
+  measurement.now = now;
+  measurement.covariance = spread * spread.transpose();
   // In the scale and directions of what was believed of the frame before.
-  sight.seen.head<2>() = std::exp(before.log_height - was.log_height) *
+  measurement.value.head<2>() = std::exp(before.log_height - was.log_height) *
                          (clockwise(before.heading_rad - was.heading) * (is.place - was.place));
-  sight.seen[2] = (is.log_height - was.log_height) - (now.log_height - before.log_height);
-  sight.seen[3] = wrap_pi((is.heading - was.heading) - (now.heading_rad - before.heading_rad));
-  sight.seen.tail<4>() << was.tilt - Vector2d(before.pitch_rad, before.roll_rad),
+  measurement.value[2] = (is.log_height - was.log_height) - (now.log_height - before.log_height);
+  measurement.value[3] = wrap_pi((is.heading - was.heading) - (now.heading_rad - before.heading_rad));
+  measurement.value.tail<4>() << was.tilt - Vector2d(before.pitch_rad, before.roll_rad),
       is.tilt - Vector2d(now.pitch_rad, now.roll_rad);
-  sight.seen += spread * normals<8>(random);
-  return sight;
+  measurement.value += spread * normals<8>(random);
+  return measurement;
 }
 
 PoseMeasurement see_place(Random& random, const Truth& truth, const Vector2d& off_m) {
   Eigen::Matrix<double, 6, 6> spread = Eigen::Matrix<double, 6, 6>::Zero();
   spread.diagonal() << 2, 2, 0.012, 0.006, 0.017, 0.017;
   spread.topRightCorner<2, 2>() = 0.017 * kAgl_m * Matrix2d::Identity();
-  PoseMeasurement sight;
-  sight.covariance = spread * spread.transpose();
-  sight.seen << truth.place + off_m, truth.log_height, truth.heading, truth.tilt;
-  sight.seen += spread * normals<6>(random);
-  sight.seen[3] = wrap_pi(sight.seen[3]);
-  return sight;
+  PoseMeasurement measurement;
+  measurement.covariance = spread * spread.transpose();
+  measurement.value << truth.place + off_m, truth.log_height, truth.heading, truth.tilt;
+  measurement.value += spread * normals<6>(random);
+  measurement.value[3] = wrap_pi(measurement.value[3]);
+  return measurement;
 }
 
 }  // namespace
@@ -120,36 +120,36 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
   for (int i = 0; i < options.frames; ++i) {
     const Truth was = is;
     if (i > 0) is.fly(random, sigma, i % 40 > 31 ? kTurn_rad * options.interval_s : 0, options.interval_s);
-    is.tilt = is.tilt_bias + model::kChangingTiltLogged * sigma.tilt_rad * normals<2>(random);
+    is.tilt = is.tilt_bias + model::kWhiteTiltShareLogged * sigma.tilt_rad * normals<2>(random);
     FlightStep step;
     step.seconds = i > 0 ? options.interval_s : 0;
     step.measured_heading_rad =
-        wrap_pi(is.heading - is.heading_error() - random.normal(0, model::kChangingHeading * sigma.heading_rad));
+        wrap_pi(is.heading - is.heading_error() - random.normal(0, model::kWhiteHeadingShare * sigma.heading_rad));
     if (options.imu && i > 0) {
       step.imu_dv_mps = clockwise(-was.heading_error()) * (is.velocity - was.velocity) +
                         sigma.imu_dv_mps * std::sqrt(options.interval_s) * normals<2>(random);
     }
-    const Believed before = believed(filter);
-    filter.advance(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
+    const LinearizationPoint before = believed(filter);
+    filter.predict(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
     DrawnFrame frame;
     frame.blind = options.blind_every > 0 && i % round >= options.blind_every;
     const bool was_blind = options.blind_every > 0 && i > 0 && (i - 1) % round >= options.blind_every;
     if (i > 0 && !frame.blind && !was_blind) {
-      step.moved = see_motion(random, before, believed(filter), was, is);
-      filter.moved(*step.moved);
+      step.relative_motion = see_motion(random, before, believed(filter), was, is);
+      filter.update_relative(*step.relative_motion);
     }
     if (!frame.blind && i % options.anchor_every == options.anchor_every / 2) {
       Vector2d off = Vector2d::Zero();
       if (random.chance(options.wrong_anchor_share)) {
         off = clockwise(random.uniform(-kPi, kPi)) * Vector2d(random.uniform(80, 400), 0);
       }
-      step.anchored = see_place(random, is, off);
-      const Vector2d ahead = step.anchored->seen.head<2>() - filter.position_m();
+      step.anchor = see_place(random, is, off);
+      const Vector2d ahead = step.anchor->value.head<2>() - filter.position_m();
       if (off.isZero()) {
         frame.anchor_chi2 =
-            normalised_error(ahead, filter.position_covariance_m2() + step.anchored->covariance.topLeftCorner<2, 2>());
+            normalised_error(ahead, filter.position_covariance_m2() + step.anchor->covariance.topLeftCorner<2, 2>());
       }
-      filter.anchored(*step.anchored);
+      filter.update_absolute(*step.anchor);
     }
     frame.truth_m = is.place;
     frame.told_m = filter.position_m();

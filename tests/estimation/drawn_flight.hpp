@@ -3,7 +3,7 @@
 #pragma once
 
 #include "base/random.hpp"
-#include "estimation/flight_log.hpp"
+#include "estimation/flight_smoother.hpp"
 
 namespace nadir::test {
 

@@ -6,8 +6,8 @@
 #include <cmath>
 
 #include "base/random.hpp"
-#include "estimation/flight_log.hpp"
-#include "estimation/position_sight.hpp"
+#include "estimation/flight_smoother.hpp"
+#include "estimation/position_measurement.hpp"
 #include "geodesy/angles.hpp"
 
 namespace nadir {
@@ -16,7 +16,7 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 using F = FlightFilter;
-using test::position_sight;
+using test::position_measurement;
 
 constexpr double kStep_s = 0.5, kSpeed_mps = 22, kRate_rps = 0.17;  // a turn with a bank of 21 degrees
 
@@ -62,7 +62,7 @@ struct Blackout {
                     -std::sin(bias) * dv.x() + std::cos(bias) * dv.y());
       for (double& axis : dv) axis += random.normal(0, sigma.imu_dv_mps * std::sqrt(kStep_s));
       if (imu) step.imu_dv_mps = dv;
-      if (i <= 20) step.anchored = position_sight(at + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
+      if (i <= 20) step.anchor = position_measurement(at + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
       steps.push_back(step);
       truth.push_back(at);
     }
@@ -80,18 +80,18 @@ End fly(const Blackout& flight) {
   for (std::size_t i = 0; i < flight.steps.size(); ++i) {
     const FlightStep& step = flight.steps[i];
     const Matrix2d before = filter.position_covariance_m2();
-    filter.advance(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
+    filter.predict(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
     const Matrix2d grown = filter.position_covariance_m2() - before;
     if (i >= flight.blind_from) {
       EXPECT_GE(Eigen::SelfAdjointEigenSolver<Matrix2d>(grown).eigenvalues()[0], -1e-9 * before.norm()) << i;
     }
-    if (step.anchored) filter.anchored(*step.anchored);
+    if (step.anchor) filter.update_absolute(*step.anchor);
   }
   const Vector2d error = filter.position_m() - flight.truth.back();
   return {error.norm(), filter.position_sigma_m(), error.dot(filter.position_covariance_m2().inverse() * error)};
 }
 
-TEST(FlightFilterImu, CarriesThroughABlackoutWithATurn) {
+TEST(FlightFilterImu, PropagatesThroughABlackoutWithATurn) {
   double imu_error = 0, imu_nees = 0, velocity_error = 0, velocity_nees = 0;
   int imu_inside = 0, velocity_inside = 0;
   constexpr int kFlights = 200;
@@ -111,19 +111,19 @@ TEST(FlightFilterImu, CarriesThroughABlackoutWithATurn) {
 }
 
 // Two whole circles: a wrong heading's share of the error comes and goes, but nobody has seen it go.
-TEST(FlightFilterImu, FlyingCirclesTeachesNothing) {
+TEST(FlightFilterImu, FlyingCirclesDoesNotReduceUncertainty) {
   F filter(sensors(), true, {0, 0}, 2);
-  filter.advance(0, 0.0);
+  filter.predict(0, 0.0);
   for (int i = 0; i < 10; ++i) {
-    filter.advance(1, 0.0, true, Vector2d::Zero());
-    filter.anchored(position_sight({0, 20.0 * (i + 1)}, 2));
+    filter.predict(1, 0.0, true, Vector2d::Zero());
+    filter.update_absolute(position_measurement({0, 20.0 * (i + 1)}, 2));
   }
   for (int i = 1; i <= 72; ++i) {
     const auto direction = [](int k) -> Vector2d {
       return 20 * Vector2d(std::sin(radians(10 * k)), std::cos(radians(10 * k)));
     };
     const Matrix2d before = filter.position_covariance_m2();
-    filter.advance(1, wrap_pi(radians(10 * i)), true, direction(i) - direction(i - 1));
+    filter.predict(1, wrap_pi(radians(10 * i)), true, direction(i) - direction(i - 1));
     const Matrix2d grown = filter.position_covariance_m2() - before;
     ASSERT_GE(Eigen::SelfAdjointEigenSolver<Matrix2d>(grown).eigenvalues()[0], -1e-9 * before.norm()) << i;
   }
@@ -133,7 +133,7 @@ TEST(FlightFilterImu, FlyingCirclesTeachesNothing) {
 // The blind stretch between two anchors: smoothing replays the accelerometer as well.
 TEST(FlightFilterImu, SmoothingReplaysIt) {
   Blackout flight(3, true);
-  flight.steps.back().anchored = position_sight(flight.truth.back(), 3);
+  flight.steps.back().anchor = position_measurement(flight.truth.back(), 3);
   const F fresh(sensors(), true, {0, 0}, 20);
   const auto with = smooth_flight(fresh, flight.steps).frames;
   for (FlightStep& step : flight.steps) step.imu_dv_mps.reset();
@@ -145,15 +145,15 @@ TEST(FlightFilterImu, SmoothingReplaysIt) {
 }
 
 // With a clock that stands the change of velocity is still true, but not how far it led.
-TEST(FlightFilterImu, AClockThatStandsDoubtsThePlaceButNotTheVelocity) {
+TEST(FlightFilterImu, AStoppedClockInflatesThePositionButNotTheVelocity) {
   F filter(sensors(), true, {0, 0}, 5);
-  filter.advance(0, 0.0);
+  filter.predict(0, 0.0);
   for (int i = 0; i < 5; ++i) {
-    filter.advance(1, 0.0, true, Vector2d::Zero());
-    filter.anchored(position_sight({0, 20.0 * (i + 1)}, 1));
+    filter.predict(1, 0.0, true, Vector2d::Zero());
+    filter.update_absolute(position_measurement({0, 20.0 * (i + 1)}, 1));
   }
   const Vector2d at = filter.position_m();
-  filter.advance(0, 0.0, true, Vector2d(4, 0));
+  filter.predict(0, 0.0, true, Vector2d(4, 0));
   EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
   EXPECT_NEAR(filter.state()[F::velocity_east], 4, 0.5);
   EXPECT_GT(filter.position_sigma_m(), 15);

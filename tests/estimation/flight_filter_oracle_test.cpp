@@ -19,11 +19,11 @@ using Eigen::VectorXd;
 using F = FlightFilter;
 
 PoseMeasurement place(const Vector2d& at, const Matrix2d& covariance) {
-  PoseMeasurement sight;
-  sight.seen << at, 0, 0, 0, 0;
-  sight.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
-  sight.covariance.topLeftCorner<2, 2>() = covariance;
-  return sight;
+  PoseMeasurement measurement;
+  measurement.value << at, 0, 0, 0, 0;
+  measurement.covariance = Eigen::Matrix<double, 6, 6>::Identity() * 1e8;
+  measurement.covariance.topLeftCorner<2, 2>() = covariance;
+  return measurement;
 }
 
 Matrix2d random_covariance(Random& random, double scale) {
@@ -71,16 +71,16 @@ TEST(FlightFilterOracle, EqualsTheDenseGaussianForwardsAndBackwards) {
   for (int trial = 0; trial < 5; ++trial) {
     constexpr int kFrames = 15;
     F filter(TelemetryUncertainty{}, true, {3, -2}, 20);
-    filter.remember();
+    filter.keep_history();
     Dense dense({3, -2}, 20, options.start_velocity_sigma_mps, kFrames);
     for (int i = 0; i < kFrames; ++i) {
       const double dt = i == 0 ? 0 : random.uniform(0.3, 2);
-      filter.advance(dt, std::nullopt);
+      filter.predict(dt, std::nullopt);
       if (i > 0) dense.predict(i, dt, options.acceleration_mps2);
       if (i % 4 == 2) {
         const Vector2d at(30.0 * i + random.normal(0, 5), random.normal(0, 5));
         const Matrix2d noise = random_covariance(random, 9);
-        filter.anchored(place(at, noise));
+        filter.update_absolute(place(at, noise));
         dense.see(i, at, noise);
       }
       EXPECT_LT((filter.position_m() - dense.mean.segment<2>(4 * i)).norm(), 1e-4) << i;
@@ -99,9 +99,9 @@ TEST(FlightFilterOracle, EqualsTheDenseGaussianForwardsAndBackwards) {
 
 TEST(FlightFilterOracle, TheLastFrameIsSmoothAsItIs) {
   F filter(TelemetryUncertainty{}, true, {0, 0}, 20);
-  filter.remember();
-  for (int i = 0; i < 5; ++i) filter.advance(1, radians(10 * i));
-  filter.anchored(place({9, 9}, Matrix2d::Identity()));
+  filter.keep_history();
+  for (int i = 0; i < 5; ++i) filter.predict(1, radians(10 * i));
+  filter.update_absolute(place({9, 9}, Matrix2d::Identity()));
   EXPECT_EQ(filter.smoothed().back().position_m, filter.position_m());
   EXPECT_EQ(filter.smoothed().back().covariance_m2, filter.position_covariance_m2());
   EXPECT_EQ(F(TelemetryUncertainty{}, true, {1, 2}, 3).smoothed().size(), 1U);

@@ -29,10 +29,10 @@ TelemetryUncertainty sensors() {
 
 // An anchor at a place, with (sigma of) position m, log height, heading, tilt.
 PoseMeasurement anchor(const Vector2d& at, double heading_rad, const Vector2d& tilt_rad, const Vector6d& sigma) {
-  PoseMeasurement sight;
-  sight.seen << at, 0, heading_rad, tilt_rad;
-  sight.covariance = sigma.cwiseProduct(sigma).asDiagonal();
-  return sight;
+  PoseMeasurement measurement;
+  measurement.value << at, 0, heading_rad, tilt_rad;
+  measurement.covariance = sigma.cwiseProduct(sigma).asDiagonal();
+  return measurement;
 }
 
 Vector6d vague_but(int index, double sigma) {
@@ -48,30 +48,30 @@ PoseMeasurement place_only(const Vector2d& at, double sigma_m) {
   return anchor(at, 0, Vector2d::Zero(), sigma);
 }
 
-Believed believed(const F& filter) {
+LinearizationPoint believed(const F& filter) {
   const auto& x = filter.state();
   return {x[F::log_height], x[F::heading], x[F::pitch], x[F::roll]};
 }
 
 // Odometry that says this motion, and of attitude and height only that they stayed as they are believed to be.
-RelativeMotionMeasurement step_of(const F& filter, const Believed& before, const Vector2d& moved, double sigma_m,
+RelativeMotionMeasurement step_of(const F& filter, const LinearizationPoint& before, const Vector2d& moved, double sigma_m,
                     double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
-  RelativeMotionMeasurement sight;
-  sight.before = before;
-  sight.now = believed(filter);
-  sight.seen.setZero();
-  sight.seen.head<2>() = moved;
+  RelativeMotionMeasurement measurement;
+  measurement.before = before;
+  measurement.now = believed(filter);
+  measurement.value.setZero();
+  measurement.value.head<2>() = moved;
   Eigen::Matrix<double, 8, 1> sigma;
   sigma << sigma_m, sigma_m, height_sigma, turn_sigma_rad, 100, 100, 100, 100;
-  sight.covariance = sigma.cwiseProduct(sigma).asDiagonal();
-  return sight;
+  measurement.covariance = sigma.cwiseProduct(sigma).asDiagonal();
+  return measurement;
 }
 
 void fly(F& filter, int frames, const Vector2d& step, double sigma_m, double heading_rad = 0) {
   for (int i = 0; i < frames; ++i) {
-    const Believed before = believed(filter);
-    filter.advance(1, heading_rad);
-    filter.moved(step_of(filter, before, step, sigma_m));
+    const LinearizationPoint before = believed(filter);
+    filter.predict(1, heading_rad);
+    filter.update_relative(step_of(filter, before, step, sigma_m));
   }
 }
 
@@ -81,14 +81,14 @@ double smallest_growth(const Matrix2d& before, const Matrix2d& after) {
 
 double off_deg(double a_rad, double b_rad) { return std::abs(degrees(wrap_pi(a_rad - b_rad))); }
 
-TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
+TEST(FlightFilter, WithoutMeasurementsUncertaintyOnlyGrows) {
   F filter(sensors(), true, {3, 4}, 10);
-  filter.advance(0, radians(20));
+  filter.predict(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
-  filter.anchored(place_only({63, 19}, 1));
+  filter.update_absolute(place_only({63, 19}, 1));
   for (int i = 0; i < 400; ++i) {
     const Matrix2d before = filter.position_covariance_m2();
-    filter.advance(i % 3 == 0 ? 0.1 : 2.0, i % 2 == 0 ? std::optional(radians(20 + i)) : kNoHeading);
+    filter.predict(i % 3 == 0 ? 0.1 : 2.0, i % 2 == 0 ? std::optional(radians(20 + i)) : kNoHeading);
     ASSERT_GE(smallest_growth(before, filter.position_covariance_m2()), -1e-9 * before.norm()) << i;
   }
   EXPECT_TRUE(filter.covariance().allFinite());
@@ -96,39 +96,39 @@ TEST(FlightFilter, BlindItOnlyGrowsLessSure) {
 }
 
 // Frames with the same time were not taken at the same time: somebody's clock stands.
-TEST(FlightFilter, AClockThatStandsMovesNothingButDoubtsThePlace) {
+TEST(FlightFilter, AStoppedClockMovesNothingButInflatesThePosition) {
   F filter(sensors(), true, {3, 4}, 10);
-  filter.advance(0, radians(20));
+  filter.predict(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
   const Matrix2d before = filter.position_covariance_m2();
   const Vector2d at = filter.position_m();
-  filter.advance(0, radians(20));
+  filter.predict(0, radians(20));
   EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
   EXPECT_NEAR(std::sqrt(filter.position_covariance_m2()(0, 0) - before(0, 0)), std::hypot(20, 5), 1.5);
-  filter.advance(-5, kNoHeading);
+  filter.predict(-5, kNoHeading);
   EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
   EXPECT_TRUE(filter.covariance().allFinite());
 }
 
-TEST(FlightFilter, TiltThatIsToldNoMoreIsDoubted) {
+TEST(FlightFilter, TiltThatIsNoLongerMeasuredIsUncertain) {
   F filter(sensors(), true, {0, 0}, 10);
-  filter.advance(0, radians(20), true);
+  filter.predict(0, radians(20), true);
   const double told = filter.sigma(F::roll);
-  filter.advance(1, radians(20), false);
+  filter.predict(1, radians(20), false);
   EXPECT_GT(filter.sigma(F::roll), radians(20));
-  EXPECT_GT(filter.changing_tilt_sigma_rad(), radians(20));
-  filter.advance(1, radians(20), true);
+  EXPECT_GT(filter.white_tilt_sigma_rad(), radians(20));
+  filter.predict(1, radians(20), true);
   EXPECT_NEAR(filter.sigma(F::roll), told, 1e-3);
 }
 
-TEST(FlightFilter, CarriesOnWithItsVelocityWhichTurnsWithTheAircraft) {
+TEST(FlightFilter, PropagatesWithItsVelocityWhichTurnsWithTheAircraft) {
   F straight(sensors(), true, {0, 0}, 1);
-  straight.advance(0, radians(90));
+  straight.predict(0, radians(90));
   fly(straight, 5, {20, 0}, 0.3, radians(90));
   F turning = straight;
-  straight.advance(3, radians(90));
+  straight.predict(3, radians(90));
   EXPECT_LT((straight.position_m() - Vector2d(160, 0)).norm(), 2);
-  for (int i = 1; i <= 18; ++i) turning.advance(1, radians(90 + 10 * i));  // half a circle to the right
+  for (int i = 1; i <= 18; ++i) turning.predict(1, radians(90 + 10 * i));  // half a circle to the right
   EXPECT_GT(turning.position_m().x(), 60);
   EXPECT_LT(turning.position_m().x(), 140) << "back abeam of where the turn began";
   EXPECT_NEAR(turning.position_m().y(), -2 * 20 / radians(10), 15) << "a diameter to the south";
@@ -141,7 +141,7 @@ TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
     uncertainty.heading_rad = radians(heading_deg);
     uncertainty.agl_relative = agl_relative;
     F filter(uncertainty, true, {0, 0}, 0.01);
-    filter.advance(0, radians(90));
+    filter.predict(0, radians(90));
     fly(filter, frames, {30, 0}, 0.01, radians(90));
     return filter.position_covariance_m2();
   };
@@ -153,43 +153,43 @@ TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
   EXPECT_LT(std::sqrt(after(10, 0.01, 0.03)(1, 1)), 0.5) << "not across";
 }
 
-TEST(FlightFilter, TwoOpinionsOfAPlaceAreCombinedAsTheTextbookSays) {
+TEST(FlightFilter, TwoMeasurementsOfAPositionAreFusedAsInTextbooks) {
   F filter(sensors(), true, {300, 0}, 20);
-  filter.advance(0, kNoHeading);
+  filter.predict(0, kNoHeading);
   const Matrix2d before = filter.position_covariance_m2();
   Matrix2d measured;
   measured << 4, 1, 1, 9;
-  PoseMeasurement sight = place_only({310, 5}, 1);
-  sight.covariance.topLeftCorner<2, 2>() = measured;
-  filter.anchored(sight);
+  PoseMeasurement measurement = place_only({310, 5}, 1);
+  measurement.covariance.topLeftCorner<2, 2>() = measured;
+  filter.update_absolute(measurement);
   const Matrix2d expected = (before.inverse() + measured.inverse()).inverse();
   EXPECT_LT((filter.position_covariance_m2() - expected).norm(), 1e-6);
   const Vector2d position = expected * (before.inverse() * Vector2d(300, 0) + measured.inverse() * Vector2d(310, 5));
   EXPECT_LT((filter.position_m() - position).norm(), 1e-6);
 }
 
-TEST(FlightFilter, UnknownHeadingIsUnsureUntilAnAnchorTellsIt) {
+TEST(FlightFilter, UnknownHeadingIsUncertainUntilAnAnchorMeasuresIt) {
   F filter(sensors(), true, {0, 0}, 5);
-  filter.advance(0, kNoHeading);
+  filter.predict(0, kNoHeading);
   EXPECT_GT(filter.sigma(F::heading), radians(90));
-  filter.anchored(anchor({0, 0}, radians(-100), {0, 0}, vague_but(3, radians(1))));
+  filter.update_absolute(anchor({0, 0}, radians(-100), {0, 0}, vague_but(3, radians(1))));
   EXPECT_LT(off_deg(filter.state()[F::heading], radians(-100)), 0.1);
   EXPECT_LT(filter.sigma(F::heading), radians(1.1));
 }
 
 // Doubted, the heading makes each step uncertain across, until an anchor tells it again.
-TEST(FlightFilter, ADoubtedHeadingMakesTheWayAheadUnsure) {
+TEST(FlightFilter, AnInflatedHeadingMakesTheCourseUncertain) {
   F filter(sensors(), true, {0, 0}, 5);
   fly(filter, 5, {0, 20}, 0.2);
   const double before_m = filter.position_sigma_m();
-  filter.doubt_heading(radians(170));
+  filter.inflate_heading(radians(170));
   EXPECT_GT(filter.sigma(F::heading), radians(100));
   fly(filter, 5, {0, 20}, 0.2);
   EXPECT_GT(std::sqrt(filter.position_covariance_m2()(0, 0)), 100) << "100 m flown in an unknown direction";
   EXPECT_LT(std::sqrt(filter.position_covariance_m2()(1, 1)), 2 * before_m) << "linear: along, it knows";
   EXPECT_GT(filter.sigma(F::heading), radians(60)) << "the telemetry's next headings are no better";
-  filter.anchored(anchor({0, 0}, radians(100), {0, 0}, vague_but(3, radians(1))));
-  filter.advance(1, 0);
+  filter.update_absolute(anchor({0, 0}, radians(100), {0, 0}, vague_but(3, radians(1))));
+  filter.predict(1, 0);
   EXPECT_LT(off_deg(filter.state()[F::heading], radians(100)), 5);
   EXPECT_LT(filter.sigma(F::heading), radians(4));
 }
@@ -207,13 +207,13 @@ struct Compass {
 void fly_anchored(F& filter, Random& random, const Compass& compass, double& truth_rad, int frames, double turn_rad) {
   for (int i = 0; i < frames; ++i) {
     truth_rad += turn_rad;
-    filter.advance(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
+    filter.predict(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
     const double seen_rad = wrap_pi(truth_rad + random.normal(0, radians(0.6)));
-    if (i % 3 == 0) filter.anchored(anchor({0, 0}, seen_rad, {0, 0}, vague_but(3, radians(0.6))));
+    if (i % 3 == 0) filter.update_absolute(anchor({0, 0}, seen_rad, {0, 0}, vague_but(3, radians(0.6))));
   }
 }
 
-TEST(FlightFilter, ACircleShowsWhatTheCompassIsOffByOnEveryCourse) {
+TEST(FlightFilter, ACircleRevealsTheDeviationOnEveryCourse) {
   for (const Compass compass : {Compass{radians(5), 0, 0}, Compass{radians(-2), radians(3), radians(-3)}}) {
     Random random(1);
     F filter(sensors(), true, {0, 0}, 5);
@@ -221,7 +221,7 @@ TEST(FlightFilter, ACircleShowsWhatTheCompassIsOffByOnEveryCourse) {
     fly_anchored(filter, random, compass, truth_rad, 72, radians(10));
     for (const double course_deg : {-120, -77, 10, 100}) {
       F later = filter;
-      later.advance(1, compass.told_rad(radians(course_deg)));
+      later.predict(1, compass.told_rad(radians(course_deg)));
       EXPECT_LT(off_deg(later.state()[F::heading], radians(course_deg)), 1.5) << course_deg;
       EXPECT_LT(later.sigma(F::heading), radians(2)) << course_deg;
     }
@@ -230,7 +230,7 @@ TEST(FlightFilter, ACircleShowsWhatTheCompassIsOffByOnEveryCourse) {
 
 // Learnt on a long leg, it says little of the course after a turn: an autopilot's heading may come off by degrees
 // there.
-TEST(FlightFilter, AfterATurnTheCompassIsDoubted) {
+TEST(FlightFilter, AfterATurnTheCompassIsUncertain) {
   Random random(2);
   F filter(sensors(), true, {0, 0}, 5);
   const Compass compass{radians(2), 0, radians(4)};
@@ -238,30 +238,30 @@ TEST(FlightFilter, AfterATurnTheCompassIsDoubted) {
   fly_anchored(filter, random, compass, truth_rad, 90, 0);
   EXPECT_LT(filter.sigma(F::heading), radians(2)) << "hardly more than what changes from frame to frame";
   F straight = filter, turned = filter;
-  straight.advance(1, compass.told_rad(0));
+  straight.predict(1, compass.told_rad(0));
   EXPECT_LT(off_deg(straight.state()[F::heading], 0), 1);
-  turned.advance(1, compass.told_rad(kPi));
+  turned.predict(1, compass.told_rad(kPi));
   EXPECT_GT(off_deg(turned.state()[F::heading], kPi), 2) << "nobody can know";
   EXPECT_LT(off_deg(turned.state()[F::heading], kPi), 3 * degrees(turned.sigma(F::heading)));
   EXPECT_GT(turned.sigma(F::heading), 1.5 * straight.sigma(F::heading));
 }
 
 // Pictures show a turn to a tenth of a degree. What the compass says otherwise is its own error.
-TEST(FlightFilter, InATurnPicturesAreBelievedRatherThanTheCompass) {
+TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
   Random random(3);
   F filter(sensors(), true, {0, 0}, 5);
   const Compass compass{0, 0, radians(5)};
   double truth_rad = 0;
   fly_anchored(filter, random, compass, truth_rad, 60, 0);
   for (int i = 0; i < 18; ++i) {
-    const Believed before = believed(filter);
+    const LinearizationPoint before = believed(filter);
     const double was_rad = truth_rad;
     truth_rad += radians(10);
-    filter.advance(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
-    RelativeMotionMeasurement sight = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
-    sight.seen[3] =
-        wrap_pi((truth_rad - was_rad) - (sight.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
-    filter.moved(sight);
+    filter.predict(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
+    RelativeMotionMeasurement measurement = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
+    measurement.value[3] =
+        wrap_pi((truth_rad - was_rad) - (measurement.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
+    filter.update_relative(measurement);
   }
   const double off = off_deg(filter.state()[F::heading], truth_rad);
   EXPECT_LT(off, 3) << "it is told 10 degrees less than it has turned";
@@ -274,24 +274,24 @@ TEST(FlightFilter, CrossesSouthWithoutAJump) {
   double truth = radians(150);
   for (int i = 0; i < 72; ++i) {
     truth += radians(10);
-    filter.advance(1, wrap_pi(truth));
-    if (i % 5 == 0) filter.anchored(anchor({0, 0}, wrap_pi(truth), {0, 0}, vague_but(3, radians(0.5))));
+    filter.predict(1, wrap_pi(truth));
+    if (i % 5 == 0) filter.update_absolute(anchor({0, 0}, wrap_pi(truth), {0, 0}, vague_but(3, radians(0.5))));
     ASSERT_LT(off_deg(filter.state()[F::heading], truth), 0.01) << i;
     ASSERT_LT(off_deg(filter.state()[F::heading_bias] + filter.state()[F::deviation], 0), 0.01) << i;
   }
 }
 
-TEST(FlightFilter, LearnsTheMounting) {
+TEST(FlightFilter, EstimatesTheBoresight) {
   Random random(2);
   F filter(sensors(), true, {0, 0}, 5);
   for (int i = 0; i < 80; ++i) {
-    filter.advance(0.1, kNoHeading);
+    filter.predict(0.1, kNoHeading);
     const double n = radians(0.8);
-    PoseMeasurement sight =
+    PoseMeasurement measurement =
         anchor({0, 0}, 0, {radians(6) + random.normal(0, radians(3.5)), radians(-2) + random.normal(0, radians(3.5))},
                vague_but(4, n));
-    sight.covariance(5, 5) = n * n;
-    filter.anchored(sight);
+    measurement.covariance(5, 5) = n * n;
+    filter.update_absolute(measurement);
   }
   EXPECT_NEAR(degrees(filter.state()[F::pitch_bias]), 6, 1.2);
   EXPECT_NEAR(degrees(filter.state()[F::roll_bias]), -2, 1.2);
@@ -299,32 +299,32 @@ TEST(FlightFilter, LearnsTheMounting) {
 }
 
 // A bare airframe without logged attitude tilts anew in every frame; a gimbal does not. The frames tell which it is.
-TEST(FlightFilter, LearnsHowMuchTiltChangesWhenNobodyLoggedIt) {
+TEST(FlightFilter, EstimatesTheTiltScatterWhenTiltIsNotLogged) {
   const auto learnt_deg = [](double wobble_rad) {
     Random random(3);
     F filter(sensors(), false, {0, 0}, 5);
     for (int i = 0; i < 200; ++i) {
       const double n = radians(0.3);
-      filter.advance(1, kNoHeading);
+      filter.predict(1, kNoHeading);
       const auto wobble = [&] { return random.normal(0, std::hypot(wobble_rad, n)); };
-      PoseMeasurement sight = anchor({0, 0}, 0, {radians(3) + wobble(), wobble()}, vague_but(4, n));
-      sight.covariance(5, 5) = n * n;
-      filter.anchored(sight);
+      PoseMeasurement measurement = anchor({0, 0}, 0, {radians(3) + wobble(), wobble()}, vague_but(4, n));
+      measurement.covariance(5, 5) = n * n;
+      filter.update_absolute(measurement);
     }
-    return degrees(filter.changing_tilt_sigma_rad());
+    return degrees(filter.white_tilt_sigma_rad());
   };
   EXPECT_NEAR(learnt_deg(radians(4)), 4, 0.8);
   EXPECT_LT(learnt_deg(radians(0.05)), 0.5);
 }
 
-TEST(FlightFilter, VagueSightsTeachNothing) {
+TEST(FlightFilter, VagueMeasurementsDoNotChangeTheTiltScatter) {
   F filter(sensors(), false, {0, 0}, 5);
-  filter.advance(0, radians(10));
+  filter.predict(0, radians(10));
   const F before = filter;
-  for (int i = 0; i < 50; ++i) filter.anchored(anchor({900, 0}, 2, {1, -1}, vague_but(0, 1e5)));
+  for (int i = 0; i < 50; ++i) filter.update_absolute(anchor({900, 0}, 2, {1, -1}, vague_but(0, 1e5)));
   EXPECT_LT((filter.position_m() - before.position_m()).norm(), 0.5);
   EXPECT_LT(std::abs(filter.state()[F::pitch]), radians(0.3));
-  EXPECT_DOUBLE_EQ(filter.changing_tilt_sigma_rad(), before.changing_tilt_sigma_rad());
+  EXPECT_DOUBLE_EQ(filter.white_tilt_sigma_rad(), before.white_tilt_sigma_rad());
 }
 
 }  // namespace

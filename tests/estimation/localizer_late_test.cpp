@@ -4,7 +4,7 @@
 
 #include <thread>
 
-#include "estimation/anchor_job.hpp"
+#include "estimation/localizer.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "support/cancel_after.hpp"
 
@@ -20,7 +20,7 @@ TEST(LateAnchor, CountsForTheFrameThatItWasTakenFrom) {
   std::unique_ptr<AnchorJob> job;
   FrameReport last;
   for (const Moment& moment : short_flight()) {
-    auto followed = late.follow(moment.image, moment.telemetry);
+    auto followed = late.track(moment.image, moment.telemetry);
     EXPECT_EQ(followed.report.anchor.verdict, AnchorVerdict::not_tried);
     EXPECT_EQ(followed.job == nullptr, job != nullptr) << "one at a time";
     if (!job) job = std::move(followed.job);
@@ -49,7 +49,7 @@ TEST(LateAnchor, AtOnceItIsProcess) {
   Localizer whole = fresh(), parts = fresh();
   for (const Moment& moment : short_flight()) {
     const FrameReport expected = whole.process(moment.image, moment.telemetry);
-    auto followed = parts.follow(moment.image, moment.telemetry);
+    auto followed = parts.track(moment.image, moment.telemetry);
     ASSERT_TRUE(followed.job);
     std::thread([&] { followed.job->run(); }).join();
     const FrameReport found = parts.finish(std::move(followed.job));
@@ -61,13 +61,13 @@ TEST(LateAnchor, AtOnceItIsProcess) {
   }
 }
 
-TEST(LateAnchor, FramesAreFollowedWhileItRuns) {
+TEST(LateAnchor, FramesAreTrackedWhileItRuns) {
   Localizer localizer = fresh();
-  auto first = localizer.follow(short_flight()[0].image, short_flight()[0].telemetry);
+  auto first = localizer.track(short_flight()[0].image, short_flight()[0].telemetry);
   ASSERT_TRUE(first.job);
   std::thread looking([&] { first.job->run(); });
   for (std::size_t i = 1; i < short_flight().size(); ++i) {
-    EXPECT_TRUE(localizer.follow(short_flight()[i].image, short_flight()[i].telemetry).report.odometry.tracked);
+    EXPECT_TRUE(localizer.track(short_flight()[i].image, short_flight()[i].telemetry).report.odometry.tracked);
   }
   looking.join();
   EXPECT_EQ(localizer.finish(std::move(first.job)).anchor.verdict, AnchorVerdict::accepted);
@@ -75,10 +75,10 @@ TEST(LateAnchor, FramesAreFollowedWhileItRuns) {
 
 TEST(LateAnchor, ATrackThatBrokeMeanwhileIsStillPlacedButNotWhole) {
   Localizer localizer = fresh();
-  auto first = localizer.follow(short_flight()[0].image, short_flight()[0].telemetry);
+  auto first = localizer.track(short_flight()[0].image, short_flight()[0].telemetry);
   first.job->run();
   const Moment& dark = short_flight()[1];
-  EXPECT_FALSE(localizer.follow(cv::Mat::zeros(dark.image.size(), CV_8UC1), dark.telemetry).report.odometry.tracked);
+  EXPECT_FALSE(localizer.track(cv::Mat::zeros(dark.image.size(), CV_8UC1), dark.telemetry).report.odometry.tracked);
   const FrameReport report = localizer.finish(std::move(first.job));
   EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted);
   EXPECT_EQ(report.estimate.source, SourceLabel::dead_reckoned);
@@ -86,7 +86,7 @@ TEST(LateAnchor, ATrackThatBrokeMeanwhileIsStillPlacedButNotWhole) {
   EXPECT_EQ(report.estimate.segment, 1);
 }
 
-TEST(LateAnchor, AHealthyFlightLooksAtTheMapWhenItHasFlownSomeWay) {
+TEST(LateAnchor, AHealthyFlightIsMatchedAfterSomeDistance) {
   LocalizerConfig sparing = config();
   sparing.anchor_every_m = 1000;
   sparing.anchor_above_sigma_m = 100;
@@ -101,27 +101,27 @@ TEST(LateAnchor, AHealthyFlightLooksAtTheMapWhenItHasFlownSomeWay) {
                                    AnchorVerdict::not_tried}));
 }
 
-TEST(LateAnchor, WhatIsBelievedComesAlong) {
+TEST(LateAnchor, TheStateEstimateIsReported) {
   Localizer localizer = fresh();
   FrameReport report;
   for (const Moment& moment : short_flight()) report = localizer.process(moment.image, moment.telemetry);
-  EXPECT_NEAR(report.belief.velocity_mps.norm(), 17, 2);
-  EXPECT_LT(report.belief.velocity_sigma_mps, 3);
-  EXPECT_NEAR(report.belief.agl_m, short_flight().back().truth.agl_m, 4 * report.belief.agl_sigma_m);
-  EXPECT_NEAR(report.belief.heading_rad, short_flight().back().truth.attitude.heading_rad, 0.05);
+  EXPECT_NEAR(report.state.velocity_mps.norm(), 17, 2);
+  EXPECT_LT(report.state.velocity_sigma_mps, 3);
+  EXPECT_NEAR(report.state.agl_m, short_flight().back().truth.agl_m, 4 * report.state.agl_sigma_m);
+  EXPECT_NEAR(report.state.heading_rad, short_flight().back().truth.attitude.heading_rad, 0.05);
 }
 
-TEST(LateAnchor, OneThatNeverRanSaysNothing) {
+TEST(LateAnchor, AJobThatNeverRanHasNoEffect) {
   Localizer localizer = fresh();
-  auto first = localizer.follow(short_flight()[0].image, short_flight()[0].telemetry);
+  auto first = localizer.track(short_flight()[0].image, short_flight()[0].telemetry);
   const FrameReport report = localizer.finish(std::move(first.job));
   EXPECT_EQ(report.anchor.verdict, AnchorVerdict::not_tried);
   EXPECT_EQ(report.estimate.sigma_m, first.report.estimate.sigma_m);
-  EXPECT_TRUE(localizer.follow(short_flight()[1].image, short_flight()[1].telemetry).job) << "the next one may";
+  EXPECT_TRUE(localizer.track(short_flight()[1].image, short_flight()[1].telemetry).job) << "the next one may";
 }
 
 // Given up is not "not found": no verdict, no failed look that would widen the search.
-TEST(LateAnchor, OneThatWasGivenUpIsOneThatNeverRan) {
+TEST(LateAnchor, ACancelledJobIsOneThatNeverRan) {
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};
   for (const auto& [begin, where] :
@@ -129,7 +129,7 @@ TEST(LateAnchor, OneThatWasGivenUpIsOneThatNeverRan) {
     Localizer given_up(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), begin, where);
     Localizer never_ran(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), begin, where);
     const Moment &first = short_flight()[0], &second = short_flight()[1];
-    auto cut = given_up.follow(first.image, first.telemetry), idle = never_ran.follow(first.image, first.telemetry);
+    auto cut = given_up.track(first.image, first.telemetry), idle = never_ran.track(first.image, first.telemetry);
     CancelAfter after(2);
     EXPECT_THROW(cut.job->run(after.cancel()), Interrupted);
     EXPECT_FALSE(cut.job->match);

@@ -1,14 +1,182 @@
-// Without a position to begin with, and after one was lost.
+// A lost aircraft: it may be given suggestions of where to search, by an operator or by the place index, none of which is
+// a position fix; without them it searches the area.
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
 
+#include "base/error.hpp"
 #include "estimation/localizer_fixture.hpp"
+#include "geodesy/angles.hpp"
 
 namespace nadir {
 namespace {
 
 using namespace test;
+
+constexpr PlaneBox kArea{-200, -200, 200, 200};
+
+LocalizerConfig anywhere() {
+  LocalizerConfig c = config();
+  c.area = kArea;
+  return c;
+}
+
+// Names what it was told to name, whatever it is asked.
+class Parrot final : public PlaceRetrieval {
+ public:
+  explicit Parrot(std::vector<PlanePoint> places, double turn_rad = 0)
+      : places_(std::move(places)), turn_rad_(turn_rad) {}
+  std::vector<PlaceCandidate> query(const PlaceQuery& query, std::size_t count) const override {
+    ++asked;
+    any_heading = !query.heading_range_rad;
+    EXPECT_EQ(query.grey.size(), query.mask.size());
+    EXPECT_EQ(query.grey.type(), CV_8UC1);
+    std::vector<PlaceCandidate> named;
+    for (const PlanePoint& place : places_) {
+      PlaceCandidate& candidate = named.emplace_back();
+      candidate.centre = place_of(place);
+      candidate.side_m = 110;
+      candidate.turn_rad = turn_rad_;
+    }
+    named.resize(std::min(named.size(), count));
+    return named;
+  }
+  mutable int asked = 0;
+  mutable bool any_heading = false;
+
+ private:
+  std::vector<PlanePoint> places_;
+  double turn_rad_;
+};
+
+Localizer lost_with(const LocalizerConfig& config) {
+  return {flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, config};
+}
+
+FrameReport fly(Localizer& localizer, const Moment& moment) {
+  return localizer.process(moment.image, moment.telemetry);
+}
+
+void expect_placed(const FrameReport& report, const Moment& moment) {
+  EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted)
+      << name_of(report.anchor.verdict) << " " << report.anchor.ratio << " " << report.anchor.inliers;
+  EXPECT_LT(off_m(report.estimate, moment), 3.0);
+}
+
+TEST(LostLocalizer, SearchesWhereThePlaceIndexPoints) {
+  const Moment& first = short_flight()[0];
+  const Parrot memory({{150, 150}, first.truth.position, {-150, 150}});
+  LocalizerConfig c = anywhere();
+  c.places = &memory;
+  Localizer localizer = lost_with(c);
+  expect_placed(fly(localizer, first), first);
+  EXPECT_EQ(memory.asked, 1);
+  expect_placed(fly(localizer, short_flight()[1]), short_flight()[1]);
+  EXPECT_EQ(memory.asked, 1) << "it is not lost any more";
+}
+
+TEST(LostLocalizer, RecoversWhereThePlaceIndexIsWrongOrEmpty) {
+  for (const std::vector<PlanePoint>& places : {std::vector<PlanePoint>{{150, 150}, {150, -150}}, {}, {{9e4, 0}}}) {
+    const Parrot memory(places);
+    LocalizerConfig c = anywhere();
+    c.places = &memory;
+    Localizer localizer = lost_with(c);
+    expect_placed(fly(localizer, short_flight()[0]), short_flight()[0]);
+    EXPECT_EQ(memory.asked, 1);
+  }
+}
+
+// The heading is not told. The camera's foot point lies off the picture's middle, on a side that turns with it.
+TEST(LostLocalizer, UsesTheHeadingThatThePlaceIndexNames) {
+  Moment first = short_flight()[0];
+  first.telemetry.heading_rad = std::nullopt;
+  const Parrot memory({first.truth.position}, first.truth.attitude.heading_rad + radians(4));  // assumed: north
+  LocalizerConfig c = anywhere();
+  c.places = &memory;
+  Localizer localizer = lost_with(c);
+  const FrameReport report = fly(localizer, first);
+  EXPECT_TRUE(memory.any_heading);
+  expect_placed(report, first);
+}
+
+// The ratio compares with all of the area: a memory that names one place only cannot make it look unique.
+TEST(LostLocalizer, OverAnotherLandscapeNeitherPlaceIndexNorHintMakesAnAnchor) {
+  const test::Landscape other(78, 160);
+  const Parrot memory({short_flight()[0].truth.position});
+  LocalizerConfig c = anywhere();
+  c.places = &memory;
+  Localizer localizer = lost_with(c);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Moment& moment = short_flight()[i];
+    localizer.hint(place_of(moment.truth.position), 60);
+    const cv::Mat image = photograph(other.ground(), flight_camera().camera, moment.truth);
+    const FrameReport report = localizer.process(image, moment.telemetry);
+    EXPECT_NE(report.anchor.verdict, AnchorVerdict::accepted) << report.anchor.ratio << " " << report.anchor.inliers;
+    EXPECT_EQ(report.estimate.source, SourceLabel::no_fix);
+  }
+}
+
+TEST(Hint, IsNoPosition) {
+  Localizer localizer = lost_with(anywhere());
+  localizer.hint(place_of({10, 20}), 50);
+  const cv::Mat black(240, 320, CV_8UC1, cv::Scalar(0));
+  const FrameReport report = localizer.process(black, short_flight()[0].telemetry);
+  EXPECT_EQ(report.estimate.source, SourceLabel::no_fix);
+  EXPECT_FALSE(report.estimate.position);
+}
+
+TEST(Hint, RightOrWrongTheFrameIsPlacedWhereItIs) {
+  const Moment& first = short_flight()[0];
+  const PlanePoint truth = first.truth.position;
+  for (const PlanePoint said : {PlanePoint{truth.east_m + 40, truth.north_m - 30}, {140, 140}, {5000, 5000}}) {
+    Localizer localizer = lost_with(anywhere());
+    localizer.hint(place_of(said), 80);
+    expect_placed(fly(localizer, first), first);
+    expect_placed(fly(localizer, short_flight()[1]), short_flight()[1]);
+  }
+}
+
+// The start claims 5 m and is 190 m off, so that no window around it holds the place. A hint makes it doubted.
+TEST(Hint, InflatesAStartThatNoAnchorConfirmed) {
+  LocalizerConfig sure = anywhere();
+  sure.start_sigma_m = 5;
+  const auto start = place_of({70, 90});
+  const Moment& first = short_flight()[0];
+  Localizer stubborn(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
+  EXPECT_NE(fly(stubborn, first).anchor.verdict, AnchorVerdict::accepted);
+
+  Localizer told(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
+  told.hint(place_of({first.truth.position.east_m + 30, first.truth.position.north_m}), 60);
+  expect_placed(fly(told, first), first);
+}
+
+TEST(Hint, DoesNotChangeWhatAnchorsConfirm) {
+  Localizer one(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
+  Localizer other(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
+  fly(one, short_flight()[0]);
+  ASSERT_EQ(fly(other, short_flight()[0]).anchor.verdict, AnchorVerdict::accepted);
+  other.hint(place_of({190, -190}), 50);
+  const Estimate plain = fly(one, short_flight()[1]).estimate, hinted = fly(other, short_flight()[1]).estimate;
+  EXPECT_EQ(plain.position->lon_deg, hinted.position->lon_deg);
+  EXPECT_EQ(plain.position->lat_deg, hinted.position->lat_deg);
+  EXPECT_EQ(plain.sigma_m, hinted.sigma_m);
+}
+
+TEST(Hint, RejectsInvalidPositions) {
+  Localizer localizer = lost_with(anywhere());
+  const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
+  using Said = std::array<double, 3>;
+  for (const auto& [lon, lat, radius_m] :
+       {Said{nan, 48, 50}, Said{11, nan, 50}, Said{11, 48, nan}, Said{11, 48, 0}, Said{11, 48, -5},
+        Said{11, 48, infinity}, Said{181, 48, 50}, Said{11, 90.5, 50}}) {
+    EXPECT_THROW(localizer.hint({lon, lat}, radius_m), UsageError) << lon << " " << lat << " " << radius_m;
+  }
+}
+
+// ---- Without a position at the start, and after it was lost
 
 // Nothing is known but the area: nothing is told before the first anchor, and then the truth.
 TEST(Localizer, ColdStartFindsItselfInTheArea) {
@@ -31,7 +199,7 @@ TEST(Localizer, ColdStartFindsItselfInTheArea) {
 }
 
 // A few pixels of the map are everywhere.
-TEST(Localizer, OnTheGroundItIsNotSearchedFor) {
+TEST(Localizer, OnTheGroundItIsNotMatched) {
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
@@ -48,7 +216,7 @@ TEST(Localizer, OnTheGroundItIsNotSearchedFor) {
             AnchorVerdict::accepted);
 }
 
-TEST(Localizer, ColdStartOverAnotherLandscapeTellsNothing) {
+TEST(Localizer, ColdStartOverAnotherLandscapePublishesNothing) {
   const test::Landscape other(78, 160);
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};
@@ -62,7 +230,7 @@ TEST(Localizer, ColdStartOverAnotherLandscapeTellsNothing) {
 }
 
 // The start is 45 m off and claims 5. Is it wrong, or the map? Nothing is anchored, but sigma owns up to both.
-TEST(Localizer, AStartThatFramesContradictIsDoubted) {
+TEST(Localizer, AStartThatFramesContradictIsUncertain) {
   LocalizerConfig sure = config();
   sure.start_sigma_m = 5;
   const PlanePoint truth = short_flight()[0].truth.position;

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "estimation/anchor_job.hpp"
 #include "estimation/localizer.hpp"
 #include "estimation/localizer_fixture.hpp"
 #include "geodesy/angles.hpp"
@@ -37,12 +36,12 @@ TEST(LocalizerPoses, AreThoseOfTheAnchoredFrames) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   for (std::size_t i = 0; i < short_flight().size(); ++i) {
     const FrameReport report = localizer.process(short_flight()[i].image, short_flight()[i].telemetry);
-    ASSERT_EQ(report.anchored.has_value(), report.anchor.verdict == AnchorVerdict::accepted);
-    ASSERT_TRUE(report.anchored);
-    expect_near(*report.anchored, short_flight()[i]);
-    EXPECT_EQ(report.anchored->confirmed, i > 0 || clear(report.anchor)) << "the first one is on its own";
-    EXPECT_FALSE(report.anchored->refined);
-    EXPECT_NEAR(report.anchored->sigma_m, report.estimate.sigma_m, 1e-9);
+    ASSERT_EQ(report.anchor_pose.has_value(), report.anchor.verdict == AnchorVerdict::accepted);
+    ASSERT_TRUE(report.anchor_pose);
+    expect_near(*report.anchor_pose, short_flight()[i]);
+    EXPECT_EQ(report.anchor_pose->confirmed, i > 0 || clear(report.anchor)) << "the first one is on its own";
+    EXPECT_FALSE(report.anchor_pose->refined);
+    EXPECT_NEAR(report.anchor_pose->sigma_m, report.estimate.sigma_m, 1e-9);
   }
   const auto refined = localizer.refined_poses();
   const auto estimates = localizer.refined();
@@ -64,7 +63,7 @@ TEST(LocalizerPoses, FramesWithoutAnAnchorHaveNone) {
   for (std::size_t i = 0; i < short_flight().size(); ++i) {
     const cv::Mat black(short_flight()[i].image.size(), CV_8UC1, cv::Scalar(0));
     const FrameReport report = localizer.process(i == 2 ? black : short_flight()[i].image, short_flight()[i].telemetry);
-    EXPECT_EQ(report.anchored.has_value(), i != 2);
+    EXPECT_EQ(report.anchor_pose.has_value(), i != 2);
     last_is_clear = clear(report.anchor);
   }
   const auto refined = localizer.refined_poses();
@@ -77,14 +76,14 @@ TEST(LocalizerPoses, FramesWithoutAnAnchorHaveNone) {
 TEST(LocalizerPoses, OfALateAnchorIsThatOfItsOwnFrame) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   localizer.process(short_flight()[0].image, short_flight()[0].telemetry);
-  auto followed = localizer.follow(short_flight()[1].image, short_flight()[1].telemetry);
+  auto followed = localizer.track(short_flight()[1].image, short_flight()[1].telemetry);
   ASSERT_TRUE(followed.job);
-  EXPECT_FALSE(followed.report.anchored);
+  EXPECT_FALSE(followed.report.anchor_pose);
   followed.job->run();
-  localizer.follow(short_flight()[2].image, short_flight()[2].telemetry);
+  localizer.track(short_flight()[2].image, short_flight()[2].telemetry);
   const FrameReport report = localizer.finish(std::move(followed.job));
-  ASSERT_TRUE(report.anchored);
-  expect_near(*report.anchored, short_flight()[1]);
+  ASSERT_TRUE(report.anchor_pose);
+  expect_near(*report.anchor_pose, short_flight()[1]);
 }
 
 TEST(LocalizerPoses, WithoutAMapThereAreNone) {

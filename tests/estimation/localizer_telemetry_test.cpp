@@ -48,15 +48,15 @@ INSTANTIATE_TEST_SUITE_P(
                            }},
                     Broken{"WayOfNoLength",
                            [](Telemetry& told) {
-                             told.way = {{kNaN, 0.0, {}}, {-3, 0.0, {}}};
+                             told.intervals = {{kNaN, 0.0, {}}, {-3, 0.0, {}}};
                            }},
                     Broken{"WayLongerThanTheTime",
                            [](Telemetry& told) {
-                             told.way = {{1e6, 0.0, {}}};
+                             told.intervals = {{1e6, 0.0, {}}};
                            }},
                     Broken{"WayOfNonsense",
                            [](Telemetry& told) {
-                             told.way = {{1e-3, kNaN, Eigen::Vector2d(kNaN, 1e9)}, {1e-3, 1e300, {}}};
+                             told.intervals = {{1e-3, kNaN, Eigen::Vector2d(kNaN, 1e9)}, {1e-3, 1e300, {}}};
                            }},
                     Broken{"NanTime", [](Telemetry& told) { told.time_s = kNaN; }},
                     Broken{"BackInTime", [](Telemetry& told) { told.time_s -= 100; }},

@@ -64,7 +64,7 @@ TEST(Localizer, AMinorityOfPatchesMakesAVagueAnchor) {
 
 // What no model has (lens, relief, the moment of the telemetry) is another over other ground and in a turn: several
 // anchors that erred alike do not shut out those that err otherwise.
-TEST(Localizer, AnAnchoredTrackDoesNotRefuseWhatNoModelHas) {
+TEST(Localizer, AnAnchoredTrackAllowsForUnmodelledErrors) {
   class OffByThen final : public MapMatcher {
    public:
     OffByThen(const MatcherMap& map, const double& off_m) : inner_(make_channel_matcher(map)), off_m_(off_m) {}
@@ -96,7 +96,7 @@ TEST(Localizer, AnAnchoredTrackDoesNotRefuseWhatNoModelHas) {
   }
 }
 
-TEST(Localizer, BetweenAnchorsItIsCarriedByOdometry) {
+TEST(Localizer, BetweenAnchorsItIsPropagatedByOdometry) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, place_of(short_flight()[0].truth.position), [] {
     LocalizerConfig c = config();
     c.start_sigma_m = 3;

@@ -50,12 +50,12 @@ Eigen::Vector2d moved(const Scene& scene) {
           scene.now.position.north_m - scene.before.position.north_m};
 }
 
-TEST(TwoViewMotion, ExactSightsGiveTheMotion) {
+TEST(TwoViewMotion, ExactRaysGiveTheMotion) {
   const Scene scene;
   Random random(1);
   const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior_of(scene));
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 1e-3);
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 1e-3);
   EXPECT_NEAR(motion->turn_rad, radians(18), 1e-6);
   EXPECT_EQ(motion->inliers, 60);
 }
@@ -72,7 +72,7 @@ TEST(TwoViewMotion, CorrectsHeadingAndHeight) {
   prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-8;
   const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 0.01);
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.01);
   EXPECT_NEAR(motion->turn_rad, radians(18), radians(0.02));
 }
 
@@ -85,11 +85,11 @@ TEST(TwoViewMotion, ScalesWithTheHeight) {
   prior.now.agl_m *= 1.1;
   const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - 1.1 * moved(scene)).norm(), 0.01);
+  EXPECT_LT((motion->displacement_m - 1.1 * moved(scene)).norm(), 0.01);
 }
 
 // Pictures that the telemetry turns the other way round show so: their own motion, and by how much they are turned.
-TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsToldAsItIs) {
+TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsReportedAsItIs) {
   for (const double lie_deg : {-150.0, 40.0, 90.0, 180.0}) {
     const Scene scene;
     Random random(6);
@@ -98,14 +98,14 @@ TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsToldAsItIs) {
     prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-8;
     const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
     ASSERT_TRUE(motion) << lie_deg;
-    EXPECT_LT((motion->moved_m - moved(scene)).norm(), 0.5) << lie_deg;
+    EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.5) << lie_deg;
     EXPECT_NEAR(wrap_pi(motion->turn_rad - radians(18)), 0, radians(0.5)) << lie_deg;
     EXPECT_NEAR(std::abs(wrap_pi(motion->solved[3])), radians(std::abs(lie_deg)), radians(0.5)) << lie_deg;
   }
 }
 
 // Every point moved another way: there is a solution of least squares, and it is none.
-TEST(TwoViewMotion, WhatNoMotionFitsIsRefused) {
+TEST(TwoViewMotion, WhatNoMotionExplainsIsRejected) {
   const Scene scene;
   Random random(7);
   auto sights = sights_of(scene, 60, random);
@@ -128,13 +128,13 @@ TEST(TwoViewMotion, IgnoresOutliers) {
   prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-6;
   const auto motion = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 0.01 * moved(scene).norm());
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.01 * moved(scene).norm());
   EXPECT_LE(motion->inliers, 70);
   EXPECT_GE(motion->inliers, 60);
 }
 
 // Its covariance is meant to be careful (neighbouring features err alike): errors as large as it says at most.
-TEST(TwoViewMotion, CovarianceIsHonest) {
+TEST(TwoViewMotion, CovarianceIsConsistent) {
   Random random(5);
   constexpr int kTrials = 200;
   double nees = 0;
@@ -153,7 +153,7 @@ TEST(TwoViewMotion, CovarianceIsHonest) {
     scene.now.agl_m *= std::exp(random.normal(0, height_sigma));
     const auto motion = solve_two_view_motion(sights_of(scene, 80, random, 0.0015), prior);
     ASSERT_TRUE(motion);
-    const Eigen::Vector2d off = motion->moved_m - moved(scene);
+    const Eigen::Vector2d off = motion->displacement_m - moved(scene);
     nees += off.dot(motion->covariance_m2.inverse() * off) / kTrials;
   }
   EXPECT_LT(nees, 2 + 3.3 * std::sqrt(4.0 / kTrials));
@@ -170,15 +170,15 @@ TEST(TwoViewMotion, KnowsTheSlopeOfTheGround) {
   prior.ground_slope = scene.slope;
   const auto motion = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(motion);
-  EXPECT_LT((motion->moved_m - moved(scene)).norm(), 1e-3);
+  EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 1e-3);
   prior.ground_slope.setZero();
   const auto level = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(level);
-  EXPECT_GT((level->moved_m - moved(scene)).norm(), 0.5);
+  EXPECT_GT((level->displacement_m - moved(scene)).norm(), 0.5);
 }
 
 // With the priors taken away, however wrong they were, the sights say what they always said.
-TEST(TwoViewMotion, WhatTheSightsSayForgetsThePriors) {
+TEST(TwoViewMotion, TheImagesInformationHoldsNoPriors) {
   const Scene scene;
   Random random(8);
   const auto sights = sights_of(scene, 200, random, 0.0005);
@@ -189,8 +189,8 @@ TEST(TwoViewMotion, WhatTheSightsSayForgetsThePriors) {
   const auto motion = solve_two_view_motion(sights, prior);
   ASSERT_TRUE(motion);
   // Strong opinions of the truth, as the flight filter would have them, instead of the wrong priors.
-  Eigen::Matrix<double, 8, 8> information = motion->sighted_information;
-  Eigen::Matrix<double, 8, 1> right = motion->sighted_information * motion->solved + motion->sighted_pull;
+  Eigen::Matrix<double, 8, 8> information = motion->measurement_information;
+  Eigen::Matrix<double, 8, 1> right = motion->measurement_information * motion->solved + motion->measurement_gradient;
   information.bottomRightCorner<4, 4>() += Eigen::Matrix4d::Identity() * 1e8;
   right[4] += 1e8 * radians(-1);
   const Eigen::Matrix<double, 8, 1> combined = information.inverse() * right;

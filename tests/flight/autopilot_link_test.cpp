@@ -2,6 +2,8 @@
 // says that a turn of the thread is over: what was due at that time has been sent before it.
 #include "flight/autopilot_link.hpp"
 
+#include <gtest/gtest.h>
+
 #include <atomic>
 #include <map>
 #include <mutex>
@@ -58,13 +60,13 @@ class AutopilotLinkTest : public ::testing::Test {
   }
 
   void see(LonLat place, double sigma_m) {
-    link_->observe({.time_us = static_cast<std::int64_t>(clock_.monotonic_s() * 1e6),
-                    .place = place,
-                    .sigma_m = sigma_m,
-                    .speed_sigma_m_s = 0.1,
-                    .msl_m = 600,
-                    .vertical_sigma_m = 3},
-                   clock_.monotonic_s());
+    link_->on_estimate({.time_us = static_cast<std::int64_t>(clock_.monotonic_s() * 1e6),
+                        .place = place,
+                        .sigma_m = sigma_m,
+                        .speed_sigma_mps = 0.1,
+                        .msl_m = 600,
+                        .vertical_sigma_m = 3},
+                       clock_.monotonic_s());
   }
 
   void permit(bool serves, bool fix, double sigma_m) {
@@ -73,7 +75,7 @@ class AutopilotLinkTest : public ::testing::Test {
     status.serves_fixes = serves;
     status.fix = fix;
     status.sigma_m = sigma_m;
-    link_->permit(status);
+    link_->on_status(status);
   }
 
   void autopilot_beats(std::uint8_t autopilot) {
@@ -105,7 +107,7 @@ class AutopilotLinkTest : public ::testing::Test {
   std::unique_ptr<AutopilotLink> link_;
 };
 
-TEST_F(AutopilotLinkTest, AsksForStreamsOnceAnAutopilotIsHeardAndAgainLater) {
+TEST_F(AutopilotLinkTest, RequestsStreamsAtTheFirstHeartbeatAndAgainLater) {
   autopilot_beats(MAV_AUTOPILOT_INVALID);  // a ground station
   second();
   EXPECT_TRUE(asked().empty());
@@ -129,7 +131,7 @@ TEST_F(AutopilotLinkTest, AsksForStreamsOnceAnAutopilotIsHeardAndAgainLater) {
   EXPECT_EQ(asked().size(), 18U) << "it may have been started anew";
 }
 
-TEST_F(AutopilotLinkTest, WhatIsHeardIsHandedOn) {
+TEST_F(AutopilotLinkTest, PassesMessagesOn) {
   mavlink_message_t message;
   mavlink_msg_attitude_pack(7, 1, &message, 5, 0.1F, 0.2F, 0.3F, 0, 0, 0);
   peer_.send(message);
@@ -143,7 +145,7 @@ TEST_F(AutopilotLinkTest, WhatIsHeardIsHandedOn) {
   EXPECT_NEAR(attitude->yaw_rad, 0.3, 1e-6);
 }
 
-TEST_F(AutopilotLinkTest, SaysNothingUntilFixesAreServed) {
+TEST_F(AutopilotLinkTest, SendsNoGpsInputUntilFixesAreServed) {
   permit(false, true, 5);
   see(kPlace, 5);
   second();
@@ -151,7 +153,7 @@ TEST_F(AutopilotLinkTest, SaysNothingUntilFixesAreServed) {
   EXPECT_TRUE(peer_.fixes().empty());
 }
 
-TEST_F(AutopilotLinkTest, WithoutPermissionItSaysThatThereIsNoFix) {
+TEST_F(AutopilotLinkTest, SendsNoFixWhenTheStatusForbids) {
   permit(true, false, 5);
   see(kPlace, 5);
   second();
@@ -167,7 +169,7 @@ TEST_F(AutopilotLinkTest, WithoutPermissionItSaysThatThereIsNoFix) {
   }
 }
 
-TEST_F(AutopilotLinkTest, WithPermissionItTellsThePlace) {
+TEST_F(AutopilotLinkTest, SendsFixesWhenTheStatusAllows) {
   permit(true, true, 5);
   see(kPlace, 5);
   second();
@@ -186,14 +188,14 @@ TEST_F(AutopilotLinkTest, WithPermissionItTellsThePlace) {
   EXPECT_EQ(peer_.fixes().back().fix_type, 0) << "it was taken back";
 }
 
-TEST_F(AutopilotLinkTest, NoEstimateIsNoFixWhateverIsPermitted) {
+TEST_F(AutopilotLinkTest, WithoutAnEstimateThereIsNoFix) {
   permit(true, true, 5);
   second();
   ASSERT_EQ(peer_.fixes().size(), 1U);
   EXPECT_EQ(peer_.fixes().front().fix_type, 0);
 }
 
-TEST_F(AutopilotLinkTest, SigmaIsNeverBelowThePermittedOne) {
+TEST_F(AutopilotLinkTest, SigmaIsNeverBelowThatOfTheStatus) {
   for (const double permitted_m : {1.0, 40.0, 80.0}) {
     permit(true, true, permitted_m);
     see(kPlace, 5);
@@ -203,7 +205,7 @@ TEST_F(AutopilotLinkTest, SigmaIsNeverBelowThePermittedOne) {
   }
 }
 
-TEST_F(AutopilotLinkTest, AJumpIsToldOnceAndOnlyOfFixesThatAreTold) {
+TEST_F(AutopilotLinkTest, AJumpIsReportedOnceAndOnlyForFixesThatAreSent) {
   const LonLat far = LocalFrame(kPlace).lonlat_from_enu(200, 0);
   const auto jumps = [&] {
     const std::scoped_lock lock(mutex_);
@@ -225,7 +227,7 @@ TEST_F(AutopilotLinkTest, AJumpIsToldOnceAndOnlyOfFixesThatAreTold) {
 }
 
 TEST_F(AutopilotLinkTest, TextsReachTheOperatorWithTheirSeverity) {
-  link_->tell(TextSeverity::warning, "position jumps by 200 m");
+  link_->send_text(TextSeverity::warning, "position jumps by 200 m");
   peer_.listen_until([&] { return !peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty(); });
   mavlink_statustext_t text;
   const mavlink_message_t message = peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).front();
@@ -236,21 +238,40 @@ TEST_F(AutopilotLinkTest, TextsReachTheOperatorWithTheirSeverity) {
   EXPECT_EQ(message.compid, 197);
 }
 
-TEST_F(AutopilotLinkTest, ItsStateSaysWhatWasSentAndAfterStopNothingIs) {
+TEST_F(AutopilotLinkTest, CountsWhatItSendsAndSendsNothingAfterStop) {
   permit(true, true, 5);
   see(kPlace, 5);
   for (int i = 0; i < 3; ++i) second();
   link_->stop();
   const AutopilotLink::State state = link_->state();
   EXPECT_TRUE(state.open);
-  EXPECT_EQ(state.trouble, "");
+  EXPECT_EQ(state.error, "");
   EXPECT_EQ(state.fixes_sent, 3U);
   EXPECT_EQ(state.longest_gap_s, 1);
   EXPECT_EQ(state.latency.count(), 1U) << "one picture, and two fixes that carry it on";
   EXPECT_EQ(state.latency.largest_s(), 1);
-  link_->tell(TextSeverity::info, "too late");
+  link_->send_text(TextSeverity::info, "too late");
   link_->stop();  // twice is once
   EXPECT_TRUE(peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty());
+}
+
+TEST(LatencyHistogram, KnowsItsQuantiles) {
+  LatencyHistogram histogram;
+  EXPECT_EQ(histogram.quantile_s(0.5), 0);
+  for (int i = 0; i < 100; ++i) histogram.add((i + 0.5) / 1000);
+  EXPECT_EQ(histogram.count(), 100U);
+  EXPECT_DOUBLE_EQ(histogram.quantile_s(0.5), 0.050);
+  EXPECT_DOUBLE_EQ(histogram.quantile_s(0.95), 0.095);
+  EXPECT_DOUBLE_EQ(histogram.largest_s(), 0.0995);
+}
+
+TEST(LatencyHistogram, ValuesBeyondTheRangeCountAtItsEnd) {
+  LatencyHistogram histogram;
+  histogram.add(60);
+  histogram.add(-1);
+  EXPECT_EQ(histogram.quantile_s(1), 2);
+  EXPECT_DOUBLE_EQ(histogram.quantile_s(0.5), 0.001);
+  EXPECT_EQ(histogram.largest_s(), 60);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// Pictures and troubles of a camera on their way to the localizer. The camera of the test gives what it was told to
-// give, then nothing more.
+// Frames and failures of a camera on their way to the localizer. The camera of the test follows a script, then times
+// out.
 #include "flight/camera_feed.hpp"
 
 #include <fmt/format.h>
@@ -10,12 +10,12 @@
 #include <deque>
 
 #include "imagery/codecs.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 
 namespace nadir {
 namespace {
 
-constexpr std::chrono::seconds kFarTooLong{120};  // only so that what hangs fails
+constexpr std::chrono::seconds kFarTooLong{120};  // a hanging test fails
 
 class ScriptedCamera final : public CameraSource {
  public:
@@ -38,54 +38,56 @@ class ScriptedCamera final : public CameraSource {
   std::deque<CameraReading> script_;
 };
 
-CameraReading picture(const std::string& name, double time_s, Bytes bytes) {
-  return {CameraNews::frame, {name, time_s, std::move(bytes), std::nullopt}, {}};
+CameraReading image(const std::string& name, double time_s, Bytes bytes) {
+  return {CameraStatus::frame, {name, time_s, std::move(bytes), std::nullopt}, {}};
 }
-CameraReading trouble(const std::string& text) { return {CameraNews::trouble, {}, text}; }
+CameraReading failure(const std::string& text) { return {CameraStatus::failure, {}, text}; }
 
 class CameraFeedTest : public ::testing::Test {
  protected:
   // Feeds the script, until `told` has been called so many times.
   void feed(std::deque<CameraReading> script, std::size_t calls) {
-    CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0.25, clock_, pictures_, watch_,
-                    [this](const std::string& text) {
+    CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0.25, clock_, frames_, watch_,
+                    [this](const OnboardEvent& event) {
+                      const auto* failed = std::get_if<CameraFailed>(&event);
+                      ASSERT_TRUE(failed != nullptr || std::holds_alternative<FrameReceived>(event));
                       const std::scoped_lock lock(mutex_);
-                      told_.push_back(text);
+                      reported_.push_back(failed != nullptr ? failed->reason : "");
                       changed_.notify_all();
                     });
     EXPECT_EQ(feed.describe(), "a script");
     std::unique_lock lock(mutex_);
-    EXPECT_TRUE(changed_.wait_for(lock, kFarTooLong, [&] { return told_.size() >= calls; }));
-    left_out_ = feed.left_out();
+    EXPECT_TRUE(changed_.wait_for(lock, kFarTooLong, [&] { return reported_.size() >= calls; }));
+    stale_ = feed.stale();
   }
 
   const SystemFlightClock clock_;
   ThreadWatch watch_{clock_};
-  LatestMailbox<FlightPicture> pictures_{8};
+  LatestMailbox<CapturedFrame> frames_{8};
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::vector<std::string> told_;
-  std::uint64_t left_out_ = 0;
+  std::vector<std::string> reported_;
+  std::uint64_t stale_ = 0;
 };
 
-TEST_F(CameraFeedTest, APictureCountsFromItsExposureAndItsBytesStayAsTheyAre) {
-  feed({picture("1.jpg", 12, {1, 2, 3}), picture("2.jpg", 13, {4}), trouble("the end")}, 3);
-  const auto first = pictures_.try_take(), second = pictures_.try_take();
+TEST_F(CameraFeedTest, CaptureTimeAllowsForTheDelayAndBytesAreUnchanged) {
+  feed({image("1.jpg", 12, {1, 2, 3}), image("2.jpg", 13, {4}), failure("the end")}, 3);
+  const auto first = frames_.try_take(), second = frames_.try_take();
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->name, "1.jpg");
   EXPECT_EQ(first->encoded, (Bytes{1, 2, 3}));
-  EXPECT_EQ(first->taken_s, 11.75);
+  EXPECT_EQ(first->captured_s, 11.75);
   EXPECT_EQ(second->name, "2.jpg");
-  EXPECT_EQ(told_, (std::vector<std::string>{"", "", "the end"}));
+  EXPECT_EQ(reported_, (std::vector<std::string>{"", "", "the end"}));
 }
 
-TEST_F(CameraFeedTest, PixelsAreEncodedWithoutLoss) {
+TEST_F(CameraFeedTest, PixelsAreEncodedLosslessly) {
   const Bytes grey{0, 50, 100, 150, 200, 255}, colour{9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 255, 128};
-  CameraReading one = picture("1", 1, grey), two = picture("2", 2, colour);
+  CameraReading one = image("1", 1, grey), two = image("2", 2, colour);
   one.frame.raw = RawPixels{3, 2, 1};
   two.frame.raw = RawPixels{2, 2, 3};
-  feed({one, two, trouble("the end")}, 3);
-  const auto first = pictures_.try_take(), second = pictures_.try_take();
+  feed({one, two, failure("the end")}, 3);
+  const auto first = frames_.try_take(), second = frames_.try_take();
   ASSERT_TRUE(first && second);
   const cv::Mat read = decode_image(first->encoded, Colour::grey, "test").image;
   ASSERT_EQ(read.size(), cv::Size(3, 2));
@@ -94,61 +96,60 @@ TEST_F(CameraFeedTest, PixelsAreEncodedWithoutLoss) {
   EXPECT_EQ(read_image_info(second->encoded, "test").format, ImageFormat::png);
 }
 
-TEST_F(CameraFeedTest, TroubleIsToldOnceUntilItIsOverOrAnother) {
-  feed({trouble("unplugged"), trouble("unplugged"), trouble("no room"), picture("1", 1, {1}), trouble("no room")}, 4);
-  EXPECT_EQ(told_, (std::vector<std::string>{"unplugged", "no room", "", "no room"}));
-  EXPECT_EQ(pictures_.counts().put, 1U);
+TEST_F(CameraFeedTest, AFailureIsReportedOnceUntilItEndsOrChanges) {
+  feed({failure("unplugged"), failure("unplugged"), failure("no room"), image("1", 1, {1}), failure("no room")}, 4);
+  EXPECT_EQ(reported_, (std::vector<std::string>{"unplugged", "no room", "", "no room"}));
+  EXPECT_EQ(frames_.counts().put, 1U);
 }
 
 // Ten seconds of pictures at once are ten seconds old, but for the one that comes in its time again.
-TEST_F(CameraFeedTest, WhatTheCameraHeldBackIsLeftOut) {
+TEST_F(CameraFeedTest, StaleFramesAreDropped) {
   std::deque<CameraReading> script;
-  for (const double at_s : {1.0, 2.0, 3.0, 4.0}) script.push_back(picture(fmt::format("{:.0f}", at_s), at_s, {1}));
-  for (const char* name : {"5", "6", "7"}) script.push_back(picture(name, 14, {1}));
-  script.push_back(picture("15", 15, {1}));
-  script.push_back(picture("25", 25, {1}));  // a pause, and nothing held back
-  script.push_back(picture("26", 26, {1}));
+  for (const double at_s : {1.0, 2.0, 3.0, 4.0}) script.push_back(image(fmt::format("{:.0f}", at_s), at_s, {1}));
+  for (const char* name : {"5", "6", "7"}) script.push_back(image(name, 14, {1}));
+  script.push_back(image("15", 15, {1}));
+  script.push_back(image("25", 25, {1}));  // a pause, and nothing held back
+  script.push_back(image("26", 26, {1}));
   feed(script, 8);
-  std::string handed_on;
-  while (const auto one = pictures_.try_take()) handed_on += one->name + ' ';
-  EXPECT_EQ(handed_on, "1 2 3 4 15 25 26 ");
-  EXPECT_EQ(left_out_, 3U) << "counted all the same";
-  EXPECT_EQ(std::count(told_.begin(), told_.end(), ""), 7);
-  EXPECT_EQ(told_[4], "the camera hands out pictures that it had held back; they are left out");
+  std::string delivered;
+  while (const auto one = frames_.try_take()) delivered += one->name + ' ';
+  EXPECT_EQ(delivered, "1 2 3 4 15 25 26 ");
+  EXPECT_EQ(stale_, 3U) << "counted all the same";
+  EXPECT_EQ(std::count(reported_.begin(), reported_.end(), ""), 7);
+  EXPECT_EQ(reported_[4], "the camera delivers stale frames from its buffer; they are dropped");
 }
 
-TEST_F(CameraFeedTest, ThePictureAfterAPauseIsHandedOnWhenNoneComesUponIt) {
+TEST_F(CameraFeedTest, TheFrameAfterAPauseIsDeliveredWhenNoneFollows) {
   ManualClock clock(14.5);
   std::deque<CameraReading> script;
-  for (const double at_s : {1.0, 2.0, 3.0, 4.0, 14.0})
-    script.push_back(picture(fmt::format("{:.0f}", at_s), at_s, {1}));
-  CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0, clock, pictures_, watch_,
-                  [](const std::string&) {});
+  for (const double at_s : {1.0, 2.0, 3.0, 4.0, 14.0}) script.push_back(image(fmt::format("{:.0f}", at_s), at_s, {1}));
+  CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0, clock, frames_, watch_,
+                  [](const OnboardEvent&) {});
   for (const char* name : {"1", "2", "3", "4"}) {
-    const auto one = pictures_.take_within(kFarTooLong, {});
+    const auto one = frames_.take_within(kFarTooLong, {});
     ASSERT_TRUE(one);
     EXPECT_EQ(one->name, name);
   }
   clock.advance(0.5);
-  const auto last = pictures_.take_within(kFarTooLong, {});
+  const auto last = frames_.take_within(kFarTooLong, {});
   ASSERT_TRUE(last);
   EXPECT_EQ(last->name, "14");
-  EXPECT_EQ(last->taken_s, 14) << "it counts from when it came";
+  EXPECT_EQ(last->captured_s, 14) << "it counts from when it came";
 }
 
-// The clock stands still: only the wish to stop can end the pause after a trouble.
-TEST_F(CameraFeedTest, StopsAtOnceAfterTrouble) {
+// The clock stands still: only the stop request can end the pause after a failure.
+TEST_F(CameraFeedTest, StopsAtOnceAfterAFailure) {
   const ManualClock clock;
-  std::condition_variable told;
-  bool in_trouble = false;
-  CameraFeed feed(std::make_unique<ScriptedCamera>(std::deque{trouble("unplugged")}), 0, clock, pictures_, watch_,
-                  [&](const std::string&) {
+  std::condition_variable reported;
+  bool failed = false;
+  CameraFeed feed(std::make_unique<ScriptedCamera>(std::deque{failure("unplugged")}), 0, clock, frames_, watch_,
+                  [&](const OnboardEvent&) {
                     const std::scoped_lock lock(mutex_);
-                    in_trouble = true;
-                    told.notify_all();
+                    failed = true;
+                    reported.notify_all();
                   });
   std::unique_lock lock(mutex_);
-  ASSERT_TRUE(told.wait_for(lock, kFarTooLong, [&] { return in_trouble; }));
+  ASSERT_TRUE(reported.wait_for(lock, kFarTooLong, [&] { return failed; }));
 }
 
 }  // namespace

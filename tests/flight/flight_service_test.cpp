@@ -6,15 +6,15 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "flight/leaning_attitude.hpp"
 #include "flight/link_peer.hpp"
 #include "recorder/recording.hpp"
+#include "service/service_rules.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
 namespace {
 
-class RefusedFlight : public ::testing::Test {
+class RejectedFlight : public ::testing::Test {
  protected:
   void begin(std::optional<std::filesystem::path> link_key) {
     FlightOptions options;
@@ -29,7 +29,7 @@ class RefusedFlight : public ::testing::Test {
     options.airframe.camera.uncertainty.tilt_rad = 0.01;
     Findings findings;
     findings.add({.code = "signature.invalid", .where = "manifest.sig"});
-    service_ = std::make_unique<FlightService>(options, JudgedPackage{nullptr, findings}, clock_, stop_);
+    service_ = std::make_unique<FlightService>(options, VerifiedPackage{nullptr, findings}, clock_, stop_);
     running_ = std::jthread([this] { service_->run(); });
     peer_.listen_until([&] { return heartbeats() >= 2; });
   }
@@ -71,29 +71,29 @@ class RefusedFlight : public ::testing::Test {
   std::jthread running_;
 };
 
-TEST_F(RefusedFlight, AnAutopilotThatComesLateIsToldAllTheSame) {
+TEST_F(RejectedFlight, ALateAutopilotGetsTheTexts) {
   begin(std::nullopt);
   EXPECT_TRUE(texts().empty()) << "nobody was there to hear it";
   autopilot_beats();
-  peer_.listen_until([&] { return told("Nadir: map package refused, no position"); });
-  EXPECT_EQ(std::ranges::count(texts(), "Nadir: map package refused, no position"), 1);
+  peer_.listen_until([&] { return told("Nadir: map package rejected, no position"); });
+  EXPECT_EQ(std::ranges::count(texts(), "Nadir: map package rejected, no position"), 1);
   EXPECT_TRUE(peer_.fixes().empty());
 }
 
-TEST_F(RefusedFlight, AnAutopilotThatDoesNotSignIsToldSoAndNothingElse) {
+TEST_F(RejectedFlight, AnUnsignedAutopilotGetsThatTextOnly) {
   write_file_atomic(folder_ / "link.key", std::string(64, 'a'), 0600);
   begin(folder_ / "link.key");
   autopilot_beats();
-  peer_.listen_until([&] { return told("Nadir: autopilot link not signed, waiting"); });
+  peer_.listen_until([&] { return told("Nadir: autopilot link not authenticated"); });
   autopilot_beats();
   const std::size_t before = heartbeats();
   peer_.listen_until([&] { return heartbeats() >= before + 2; });
-  EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not signed, waiting"}) << "once";
+  EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not authenticated"}) << "once";
 }
 
 // What was measured of an attitude with GPS is not true of one that leans on our fix; what is claimed worse is
 // believed.
-TEST_F(RefusedFlight, NoAttitudeIsTakenForBetterThanOneThatLeansOnOurFix) {
+TEST_F(RejectedFlight, TheAttitudeUncertaintyIsAtLeastThatOfAFixAidedAttitude) {
   begin(std::nullopt);
   end();
   std::optional<TelemetryUncertainty> flown;
@@ -102,7 +102,7 @@ TEST_F(RefusedFlight, NoAttitudeIsTakenForBetterThanOneThatLeansOnOurFix) {
   });
   ASSERT_TRUE(flown);
   EXPECT_DOUBLE_EQ(flown->heading_rad, 0.2);
-  EXPECT_DOUBLE_EQ(flown->tilt_rad, kLeaningTilt_rad);
+  EXPECT_DOUBLE_EQ(flown->tilt_rad, kFixAidedTilt_rad);
 }
 
 }  // namespace

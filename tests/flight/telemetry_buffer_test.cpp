@@ -16,10 +16,10 @@ AircraftAttitude attitude(double roll_deg, double pitch_deg, double yaw_deg) {
   return {0, radians(roll_deg), radians(pitch_deg), radians(yaw_deg), {}};
 }
 
-TEST(TelemetryBuffer, APictureGetsTheAttitudeOfItsMoment) {
+TEST(TelemetryBuffer, AttitudeIsInterpolatedToTheFrame) {
   TelemetryBuffer buffer({});
-  buffer.hear(10.0, attitude(0, 4, 350));
-  buffer.hear(10.2, attitude(20, 0, 10));
+  buffer.on_message(10.0, attitude(0, 4, 350));
+  buffer.on_message(10.2, attitude(20, 0, 10));
   const Telemetry told = buffer.at(10.05);
   EXPECT_NEAR(degrees(*told.heading_rad), -5, 1e-9) << "the short way round";
   EXPECT_NEAR(degrees(*told.roll_rad), 5, 1e-9);
@@ -28,15 +28,15 @@ TEST(TelemetryBuffer, APictureGetsTheAttitudeOfItsMoment) {
   EXPECT_FALSE(buffer.at(9.9).heading_rad) << "before all that is known";
 }
 
-TEST(TelemetryBuffer, TheMountTurnsTheCamera) {
+TEST(TelemetryBuffer, TheMountRotatesTheCamera) {
   TelemetryBuffer buffer({radians(180), radians(0), 0});
-  buffer.hear(1, attitude(0, 10, 30));
+  buffer.on_message(1, attitude(0, 10, 30));
   const Telemetry told = buffer.at(1);
   EXPECT_NEAR(degrees(wrap_pi(*told.heading_rad - radians(210))), 0, 1e-9);
   EXPECT_NEAR(degrees(*told.pitch_rad), -10, 1e-9) << "image-up is the tail, which is down";
 }
 
-TEST(TelemetryBuffer, TheReceiversPlaceGoesAlongForTheRecord) {
+TEST(TelemetryBuffer, TheReceiverPositionIsPassedOnForTheRecord) {
   TelemetryBuffer buffer({});
   const auto fix = [](double lon_deg, double lat_deg, GpsFix kind = GpsFix::three_d) {
     GpsRaw raw;
@@ -45,59 +45,58 @@ TEST(TelemetryBuffer, TheReceiversPlaceGoesAlongForTheRecord) {
     return raw;
   };
   EXPECT_FALSE(buffer.at(9).place);
-  buffer.hear(10.0, fix(8.0, 47.0));
+  buffer.on_message(10.0, fix(8.0, 47.0));
   EXPECT_FALSE(buffer.at(10.1).place) << "nothing is carried on";
-  buffer.hear(10.2, fix(8.1, 47.2));
-  buffer.hear(10.3, fix(50, 50, GpsFix::two_d));
+  buffer.on_message(10.2, fix(8.1, 47.2));
+  buffer.on_message(10.3, fix(50, 50, GpsFix::two_d));
   const Telemetry told = buffer.at(10.05);
   ASSERT_TRUE(told.place);
   EXPECT_NEAR(told.place->lon_deg, 8.025, 1e-9);
   EXPECT_NEAR(told.place->lat_deg, 47.05, 1e-9);
   EXPECT_EQ(buffer.at(10.2).place->lat_deg, 47.2);
-  buffer.hear(12, fix(8.1, 47.2));
+  buffer.on_message(12, fix(8.1, 47.2));
   EXPECT_FALSE(buffer.at(11).place) << "what was in between nobody knows";
   // Over the date line.
-  buffer.hear(13, fix(179.9, 0));
-  buffer.hear(13.5, fix(-179.9, 0));
+  buffer.on_message(13, fix(179.9, 0));
+  buffer.on_message(13.5, fix(-179.9, 0));
   EXPECT_NEAR(std::abs(buffer.at(13.25).place->lon_deg), 180, 1e-9);
 }
 
-TEST(TelemetryBuffer, OldAttitudeIsNone) {
+TEST(TelemetryBuffer, AnOldAttitudeIsNotUsed) {
   TelemetryBuffer buffer({});
-  buffer.hear(10, attitude(0, 0, 90));
+  buffer.on_message(10, attitude(0, 0, 90));
   EXPECT_TRUE(buffer.at(10 + kAttitudeGap_s).heading_rad) << "the next message is on its way";
   EXPECT_FALSE(buffer.at(10.01 + kAttitudeGap_s).heading_rad);
-  buffer.hear(12, attitude(0, 0, 90));
+  buffer.on_message(12, attitude(0, 0, 90));
   EXPECT_FALSE(buffer.at(11).heading_rad) << "what happened in between nobody knows";
-  EXPECT_EQ(buffer.attitude_age_s(12.5), 0.5);
 }
 
-TEST(TelemetryBuffer, ARangeFinderKnowsTheHeightBest) {
+TEST(TelemetryBuffer, ARangeFinderHasPrecedence) {
   TelemetryBuffer buffer({});
   EXPECT_FALSE(buffer.at(1).agl_m);
-  buffer.hear(1, GlobalPosition{0, {8, 47}, 500, 120, {}, {}});
+  buffer.on_message(1, GlobalPosition{0, {8, 47}, 500, 120, {}, {}});
   EXPECT_FALSE(buffer.at(1).agl_m) << "above home is not above ground";
   EXPECT_EQ(buffer.above_home_m(1.5), 120);
   EXPECT_EQ(buffer.msl_m(1.5), 500);
   EXPECT_FALSE(buffer.above_home_m(1.1 + kHeightGap_s));
-  buffer.hear(1, GroundHeight{{8, 47}, 400, 115});
+  buffer.on_message(1, GroundHeight{{8, 47}, 400, 115});
   EXPECT_EQ(buffer.at(1).agl_m, 115);
-  buffer.hear(1, GroundDistance{0, 100, 0.2, 50});
+  buffer.on_message(1, GroundDistance{0, 100, 0.2, 50});
   EXPECT_EQ(buffer.at(1).agl_m, 115) << "beyond its range";
-  buffer.hear(1.1, attitude(20, 0, 0));
-  buffer.hear(1.1, GroundDistance{0, 100, 0.2, 150});
+  buffer.on_message(1.1, attitude(20, 0, 0));
+  buffer.on_message(1.1, GroundDistance{0, 100, 0.2, 150});
   EXPECT_NEAR(*buffer.at(1.1).agl_m, 100 * std::cos(radians(20)), 1e-9) << "it looks along the aircraft's own axis";
 }
 
 // A coordinated turn: the specific force is along the aircraft's own axis, and tilted with it.
-TEST(TelemetryBuffer, AccelerationsAddUpToAChangeOfVelocity) {
+TEST(TelemetryBuffer, AccelerationsIntegrateToAVelocityChange) {
   TelemetryBuffer buffer({});
   const double bank = radians(30), inwards = kGravity * std::tan(bank), along_axis = kGravity / std::cos(bank);
   EXPECT_FALSE(buffer.at(0).imu_dv_mps) << "no picture before";
   for (double t = 0; t <= 1.001; t += 0.02) {
-    buffer.hear(t, attitude(30, 0, 0));
-    buffer.hear(t, ImuSample{1, 0, {0, 0, -along_axis}, {}});
-    buffer.hear(t, ImuSample{2, 0, {50, 0, 0}, {}});
+    buffer.on_message(t, attitude(30, 0, 0));
+    buffer.on_message(t, ImuSample{1, 0, {0, 0, -along_axis}, {}});
+    buffer.on_message(t, ImuSample{2, 0, {50, 0, 0}, {}});
   }
   const auto change = buffer.at(1.0).imu_dv_mps;
   ASSERT_TRUE(change);
@@ -107,19 +106,19 @@ TEST(TelemetryBuffer, AccelerationsAddUpToAChangeOfVelocity) {
 }
 
 // Half round to the right and back to the left between two pictures: both ends tell nothing of it.
-TEST(TelemetryBuffer, ALongWayIsToldInStretches) {
+TEST(TelemetryBuffer, ALongPathIsSplitIntoIntervals) {
   TelemetryBuffer buffer({radians(90), 0, 0});
   const auto yaw_deg = [](double t) { return t < 5 ? 36 * t : 36 * (10 - t); };
   for (double t = 0; t <= 10.001; t += 0.02) {
-    buffer.hear(t, attitude(0, 0, yaw_deg(t)));
-    buffer.hear(t, ImuSample{1, 0, {3, 0, -kGravity}, {}});  // along the nose
+    buffer.on_message(t, attitude(0, 0, yaw_deg(t)));
+    buffer.on_message(t, ImuSample{1, 0, {3, 0, -kGravity}, {}});  // along the nose
   }
-  EXPECT_TRUE(buffer.at(0).way.empty()) << "the first";
-  EXPECT_TRUE(buffer.at(0.9).way.empty()) << "a usual step";
+  EXPECT_TRUE(buffer.at(0).intervals.empty()) << "the first";
+  EXPECT_TRUE(buffer.at(0.9).intervals.empty()) << "a usual step";
   const Telemetry told = buffer.at(9.9);
-  ASSERT_EQ(told.way.size(), 8);
+  ASSERT_EQ(told.intervals.size(), 8);
   double end_s = 0.9;
-  for (const TelemetryInterval& stretch : told.way) {
+  for (const TelemetryInterval& stretch : told.intervals) {
     EXPECT_NEAR(stretch.seconds, 1, 1e-9);
     end_s += stretch.seconds;
     ASSERT_TRUE(stretch.heading_rad && stretch.imu_dv_mps);
@@ -133,29 +132,28 @@ TEST(TelemetryBuffer, ALongWayIsToldInStretches) {
   EXPECT_LT(told.imu_dv_mps->norm(), 3.1) << "of the last stretch alone";
 }
 
-TEST(TelemetryBuffer, OfAWayLongForgottenItsLengthIsTold) {
+TEST(TelemetryBuffer, OfTheTimeBeforeTheBufferOnlyItsLengthIsKnown) {
   TelemetryBuffer buffer({});
-  buffer.hear(0, attitude(0, 0, 90));
+  buffer.on_message(0, attitude(0, 0, 90));
   buffer.at(0);
-  for (double t = 1; t <= 600; t += 0.1) buffer.hear(t, attitude(0, 0, 90));
+  for (double t = 1; t <= 600; t += 0.1) buffer.on_message(t, attitude(0, 0, 90));
   const Telemetry told = buffer.at(600);
-  ASSERT_EQ(told.way.size(), kTelemetryKept_s / kLongestStretch_s);
-  EXPECT_NEAR(told.way.front().seconds, 600 - kTelemetryKept_s, 1e-6);
-  EXPECT_FALSE(told.way.front().imu_dv_mps);
+  ASSERT_EQ(told.intervals.size(), kTelemetryKept_s / kMaxTelemetryInterval_s);
+  EXPECT_NEAR(told.intervals.front().seconds, 600 - kTelemetryKept_s, 1e-6);
+  EXPECT_FALSE(told.intervals.front().imu_dv_mps);
   double sum_s = 0;
-  for (const TelemetryInterval& stretch : told.way) sum_s += stretch.seconds;
+  for (const TelemetryInterval& stretch : told.intervals) sum_s += stretch.seconds;
   EXPECT_LT(sum_s, 600);
-  EXPECT_GT(sum_s, 600 - 1.001 * kLongestStretch_s);
+  EXPECT_GT(sum_s, 600 - 1.001 * kMaxTelemetryInterval_s);
 }
 
-TEST(TelemetryBuffer, NonsenseIsLeftOut) {
+TEST(TelemetryBuffer, InvalidValuesAreIgnored) {
   TelemetryBuffer buffer({});
-  buffer.hear(std::numeric_limits<double>::quiet_NaN(), attitude(0, 0, 90));
-  EXPECT_FALSE(buffer.attitude_age_s(0));
-  buffer.hear(10, attitude(0, 0, 90));
-  buffer.hear(9, attitude(0, 0, 0));
+  buffer.on_message(std::numeric_limits<double>::quiet_NaN(), attitude(0, 0, 90));
+  buffer.on_message(10, attitude(0, 0, 90));
+  buffer.on_message(9, attitude(0, 0, 0));
   EXPECT_NEAR(degrees(*buffer.at(10).heading_rad), 90, 1e-9) << "older than the last one";
-  for (int i = 0; i < 100'000; ++i) buffer.hear(10 + i * 0.01, attitude(0, 0, 90));
+  for (int i = 0; i < 100'000; ++i) buffer.on_message(10 + i * 0.01, attitude(0, 0, 90));
   EXPECT_FALSE(buffer.at(10).heading_rad) << "what is kept is bounded";
 }
 

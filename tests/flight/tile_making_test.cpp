@@ -12,8 +12,8 @@
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
-#include "ortho/candidate_reader.hpp"
-#include "service/manual_clock.hpp"
+#include "ortho/candidate_store.hpp"
+#include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/synthetic_ground.hpp"
 
@@ -75,7 +75,7 @@ class TilesInFlight : public ::testing::Test {
     told.time_s = clock_.monotonic_s() - 2;
     cv::Mat colour;
     cv::cvtColor(test::photograph(test::waves, camera_, pose(east_m).pose), colour, cv::COLOR_GRAY2BGR);
-    tiles.seen(index, told, encode_image(colour, ImageFormat::jpeg, 92));
+    tiles.on_frame(index, told, encode_image(colour, ImageFormat::jpeg, 92));
   }
   std::size_t stored(bool clean = true) const {
     CandidateReader reader(folder_ / "candidates");
@@ -105,10 +105,10 @@ TEST_F(TilesInFlight, AreMadeOfTheFrameThatWasAnchored) {
   {
     TileMaking tiles(setup(), clock_, listener());
     for (std::uint64_t i = 0; i < 4; ++i) see(tiles, i, 10.0 * static_cast<double>(i));
-    tiles.anchored(1, pose(10));
+    tiles.on_anchor(1, pose(10));
     wait_until([&] { return fates_[CandidateOutcome::added] >= 6; });
-    tiles.anchored(1, pose(10));   // it is gone by now
-    tiles.anchored(77, pose(10));  // never seen
+    tiles.on_anchor(1, pose(10));   // it is gone by now
+    tiles.on_anchor(77, pose(10));  // never seen
     EXPECT_EQ(troubles_, 0);
   }
   EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
@@ -120,7 +120,7 @@ TEST_F(TilesInFlight, TakeNoMoreRoomThanTheyMay) {
   {
     TileMaking tiles(tight, clock_, listener());
     see(tiles, 1, 10);
-    tiles.anchored(1, pose(10));
+    tiles.on_anchor(1, pose(10));
     wait_until([&] { return fates_[CandidateOutcome::no_room] > 0; });
   }
   const std::scoped_lock lock(mutex_);
@@ -139,7 +139,7 @@ TEST_F(TilesInFlight, AreMadeOfSeveralFramesAsWell) {
     TileMaking tiles(low, clock_, listener());
     for (std::uint64_t i = 0; i < 2; ++i) {
       see(tiles, i, i == 0 ? -40 : 40);
-      tiles.anchored(i, pose(i == 0 ? -40 : 40));
+      tiles.on_anchor(i, pose(i == 0 ? -40 : 40));
       wait_until([&] { return frames_ == i + 1; });  // a frame takes the place of the one that waits
       clock_.advance(1);
     }
@@ -158,7 +158,7 @@ TEST_F(TilesInFlight, DoubtfulFramesMakeNone) {
     see(tiles, 0, 0);
     FramePose doubtful = pose(0);
     doubtful.confirmed = false;
-    tiles.anchored(0, doubtful);
+    tiles.on_anchor(0, doubtful);
   }
   EXPECT_EQ(stored(), 0U);
 }
@@ -174,12 +174,12 @@ TEST_F(TilesInFlight, AFullDiskIsToldOnceAndCostsTilesAlone) {
     getrlimit(RLIMIT_FSIZE, &old);
     const rlimit limit{1000, old.rlim_max};
     setrlimit(RLIMIT_FSIZE, &limit);
-    tiles.anchored(0, pose(0));
+    tiles.on_anchor(0, pose(0));
     wait_until([&] { return troubles_ == 1; });
     EXPECT_EQ(fates_[CandidateOutcome::added], 0U);
     setrlimit(RLIMIT_FSIZE, &old);
     std::signal(SIGXFSZ, old_handler);
-    tiles.anchored(1, pose(0));
+    tiles.on_anchor(1, pose(0));
     wait_until([&] { return fates_[CandidateOutcome::added] >= 6; });
     EXPECT_EQ(troubles_, 1);
   }
@@ -203,9 +203,9 @@ TEST_F(TilesInFlight, KeepOnlySoManyPictures) {
   TileMaking tiles(setup(), clock_, listener());
   Telemetry told;
   const Bytes large(1 << 20);
-  for (std::uint64_t i = 0; i < 200; ++i) tiles.seen(i, told, large);
-  tiles.anchored(3, pose(0));  // long gone
-  tiles.anchored(199, pose(0));
+  for (std::uint64_t i = 0; i < 200; ++i) tiles.on_frame(i, told, large);
+  tiles.on_anchor(3, pose(0));  // long gone
+  tiles.on_anchor(199, pose(0));
 }
 
 }  // namespace

@@ -7,23 +7,23 @@
 namespace nadir {
 namespace {
 
-LocalizerEvent spoke(double taken_s, AnchorVerdict verdict) {
-  LocalizerEvent spoke;
-  spoke.taken_s = taken_s;
-  spoke.verdict = verdict;
-  spoke.estimate.position = LonLat{8.5, 47.4};
-  spoke.estimate.sigma_m = 4;
-  spoke.estimate.covariance_m2 << 9, 2, 2, 23;
-  spoke.estimate.source = SourceLabel::satellite_anchored;
-  spoke.estimate.anchor_age_s = 0.5;
-  spoke.belief.velocity_mps = {3, -4};
-  spoke.belief.agl_m = 120;
-  return spoke;
+LocalizedFrame localized(double captured_s, AnchorVerdict verdict) {
+  LocalizedFrame frame;
+  frame.telemetry.time_s = captured_s;
+  frame.report.anchor.verdict = verdict;
+  frame.report.estimate.position = LonLat{8.5, 47.4};
+  frame.report.estimate.sigma_m = 4;
+  frame.report.estimate.covariance_m2 << 9, 2, 2, 23;
+  frame.report.estimate.source = SourceLabel::satellite_anchored;
+  frame.report.estimate.anchor_age_s = 0.5;
+  frame.report.state.velocity_mps = {3, -4};
+  frame.report.state.agl_m = 120;
+  return frame;
 }
 
 FlightView view_of(const ViewBuilder& views) { return views.view(20, 1'760'000'000'500'000, {}); }
 
-TEST(ViewBuilder, BeforeAnythingIsKnownNothingIsSaid) {
+TEST(ViewBuilder, IsEmptyAtTheStart) {
   const FlightView view = view_of(ViewBuilder("b00"));
   EXPECT_EQ(view.boot_id, "b00");
   EXPECT_EQ(view.time_s, 20);
@@ -33,60 +33,60 @@ TEST(ViewBuilder, BeforeAnythingIsKnownNothingIsSaid) {
   EXPECT_EQ(view.gps.judgement, GpsJudgement::unknown);
 }
 
-TEST(ViewBuilder, ThePlaceComesWithItsUncertaintyAndGoesWithTheFix) {
+TEST(ViewBuilder, ShowsThePositionWithItsUncertaintyWhileThereIsAFix) {
   ViewBuilder views("b");
-  views.localizer(spoke(10, AnchorVerdict::accepted));
+  views.on_event(localized(10, AnchorVerdict::accepted));
   FlightView view = view_of(views);
   ASSERT_TRUE(view.position);
   EXPECT_EQ(view.position->place, (LonLat{8.5, 47.4}));
   EXPECT_EQ(view.position->sigma_m, 4);
   ASSERT_TRUE(view.velocity);
-  EXPECT_EQ(view.velocity->east_m_s, 3);
-  EXPECT_EQ(view.velocity->north_m_s, -4);
+  EXPECT_EQ(view.velocity->east_mps, 3);
+  EXPECT_EQ(view.velocity->north_mps, -4);
   EXPECT_EQ(view.track.size(), 1U);
-  LocalizerEvent lost = spoke(11, AnchorVerdict::not_tried);
-  lost.estimate.position.reset();
-  lost.estimate.source = SourceLabel::no_fix;
-  views.localizer(lost);
+  LocalizedFrame lost = localized(11, AnchorVerdict::not_tried);
+  lost.report.estimate.position.reset();
+  lost.report.estimate.source = SourceLabel::no_fix;
+  views.on_event(lost);
   view = view_of(views);
   EXPECT_FALSE(view.position);
   EXPECT_EQ(view.source, SourceLabel::no_fix);
   EXPECT_EQ(view.track.size(), 1U) << "where it was stays known";
 }
 
-TEST(ViewBuilder, WhileBlindTheFixThatIsToldIsShownAndWithoutOneNothing) {
+TEST(ViewBuilder, WhileBlindShowsTheFixThatIsSentOrNothing) {
   ViewBuilder views("b");
-  views.localizer(spoke(10, AnchorVerdict::accepted));
+  views.on_event(localized(10, AnchorVerdict::accepted));
   ServiceStatus status;
   status.state = ServiceState::normal;
-  const Fix told{.unix_us = 0, .place = {8.6, 47.5}, .sigma_m = 30, .velocity = GpsVelocity{1, 2, 0}};
-  views.permit(status, told, 19);
+  const Fix last_fix{.unix_us = 0, .place = {8.6, 47.5}, .sigma_m = 30, .velocity = GpsVelocity{1, 2, 0}};
+  views.restrict_to_fix(status, last_fix, 19);
   EXPECT_EQ(view_of(views).position->place, (LonLat{8.5, 47.4})) << "pictures know better";
   status.state = ServiceState::degraded;
-  views.permit(status, told, 20);
+  views.restrict_to_fix(status, last_fix, 20);
   FlightView view = view_of(views);
   ASSERT_TRUE(view.position);
   EXPECT_EQ(view.position->place, (LonLat{8.6, 47.5}));
   EXPECT_EQ(view.position->sigma_m, 30);
   EXPECT_EQ(view.position->east_var_m2, 900);
-  EXPECT_EQ(view.velocity->east_m_s, 2);
+  EXPECT_EQ(view.velocity->east_mps, 2);
   EXPECT_EQ(view.source, SourceLabel::dead_reckoned);
   EXPECT_FALSE(view.heading_rad) << "the last picture's is old";
   EXPECT_EQ(view.track.size(), 2U);
   for (const ServiceState state : {ServiceState::no_fix, ServiceState::failsafe, ServiceState::relocalizing}) {
     status.state = state;
-    views.localizer(spoke(21, AnchorVerdict::accepted));
-    views.permit(status, told, 21);
+    views.on_event(localized(21, AnchorVerdict::accepted));
+    views.restrict_to_fix(status, last_fix, 21);
     EXPECT_FALSE(view_of(views).position);
     EXPECT_EQ(view_of(views).source, SourceLabel::no_fix);
   }
 }
 
-TEST(ViewBuilder, LooksAtTheMapAreCountedByWhatBecameOfThem) {
+TEST(ViewBuilder, CountsAnchorsByVerdict) {
   ViewBuilder views("b");
   for (const AnchorVerdict verdict : {AnchorVerdict::accepted, AnchorVerdict::ambiguous, AnchorVerdict::not_tried,
                                       AnchorVerdict::ambiguous, AnchorVerdict::few_inliers}) {
-    views.localizer(spoke(10, verdict));
+    views.on_event(localized(10, verdict));
   }
   const FlightView view = view_of(views);
   EXPECT_EQ(view.anchors.accepted, 1U);
@@ -95,22 +95,22 @@ TEST(ViewBuilder, LooksAtTheMapAreCountedByWhatBecameOfThem) {
   EXPECT_EQ(view.anchors.rejected_by.at("few_inliers"), 1U);
 }
 
-TEST(ViewBuilder, FramesAreCountedAndTheirRateIsOfTheLastSeconds) {
+TEST(ViewBuilder, CountsFramesAndTheirRecentRate) {
   ViewBuilder views("b");
-  views.frames({.put = 0, .taken = 0, .dropped = 0}, 100);
-  views.frames({.put = 6, .taken = 5, .dropped = 1}, 101);
+  views.set_frames({.put = 0, .taken = 0, .dropped = 0}, 100);
+  views.set_frames({.put = 6, .taken = 5, .dropped = 1}, 101);
   EXPECT_EQ(view_of(views).frames.received, 6U);
   EXPECT_EQ(view_of(views).frames.dropped, 1U);
   EXPECT_EQ(view_of(views).frames.per_s, 0) << "one second is too short to tell";
-  views.frames({.put = 12, .taken = 11, .dropped = 1}, 102);
+  views.set_frames({.put = 12, .taken = 11, .dropped = 1}, 102);
   EXPECT_EQ(view_of(views).frames.per_s, 6);
 }
 
-TEST(ViewBuilder, ARecorderThatFailedSaysWhyAndOneThatWorksHowMuch) {
+TEST(ViewBuilder, ShowsWhyTheRecorderFailedAndHowMuchItWrote) {
   ViewBuilder views("b");
-  views.recorder(nullptr, "");
+  views.set_recorder(nullptr, "");
   EXPECT_EQ(view_of(views).recorder.state, RecorderState::off);
-  views.recorder(nullptr, "no such folder");
+  views.set_recorder(nullptr, "no such folder");
   EXPECT_EQ(view_of(views).recorder.state, RecorderState::failed);
   EXPECT_EQ(view_of(views).recorder.reason, "no such folder");
   const test::TemporaryFolder folder;
@@ -119,19 +119,19 @@ TEST(ViewBuilder, ARecorderThatFailedSaysWhyAndOneThatWorksHowMuch) {
   options.store.sync = false;
   Recorder recorder(options, {}, [] { return std::uint64_t{1}; });
   recorder.flush();
-  views.recorder(&recorder, "");
+  views.set_recorder(&recorder, "");
   EXPECT_EQ(view_of(views).recorder.state, RecorderState::recording);
   EXPECT_EQ(view_of(views).recorder.lost_records, 0U);
   EXPECT_GT(view_of(views).recorder.free_bytes, 0U);
 }
 
-TEST(ViewBuilder, TheLinkCountsWhatItRefused) {
+TEST(ViewBuilder, CountsRejectedFramesOfTheLink) {
   AutopilotLink::State state;
   state.fixes_sent = 12;
   state.counts.malformed = 2;
   state.counts.signatures.wrong = 3;
   ViewBuilder views("b");
-  views.link(state, true, true);
+  views.set_link(state, true, true);
   const FlightView view = view_of(views);
   EXPECT_TRUE(view.link.connected);
   EXPECT_TRUE(view.link.signed_frames);
@@ -141,13 +141,13 @@ TEST(ViewBuilder, TheLinkCountsWhatItRefused) {
   EXPECT_EQ(view.link.rejected_by.at("replayed"), 0U);
 }
 
-TEST(ViewBuilder, StateAndGpsGoThroughByTheirNames) {
+TEST(ViewBuilder, ShowsStateAndGps) {
   ViewBuilder views("b");
   for (const ServiceState state : {ServiceState::normal, ServiceState::no_fix, ServiceState::failsafe}) {
     ServiceStatus status;
     status.state = state;
     status.since_s = 7;
-    views.status(status, "because");
+    views.set_status(status, "because");
     EXPECT_EQ(view_of(views).state.state, state);
     EXPECT_EQ(view_of(views).state.reason, "because");
   }
@@ -155,9 +155,9 @@ TEST(ViewBuilder, StateAndGpsGoThroughByTheirNames) {
                                        {GpsVerdict::denied, GpsJudgement::denied},
                                        {GpsVerdict::spoofed, GpsJudgement::spoofed},
                                        {GpsVerdict::unknown, GpsJudgement::unknown}}) {
-    GpsJudged judged;
-    judged.verdict = verdict;
-    views.gps(judged);
+    GpsAssessment assessment;
+    assessment.verdict = verdict;
+    views.on_event(assessment);
     EXPECT_EQ(view_of(views).gps.judgement, shown);
   }
 }

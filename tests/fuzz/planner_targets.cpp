@@ -4,13 +4,13 @@
 
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
-#include "package_build/vector_features.hpp"
-#include "raster/imagery_input.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/terrain_raster.hpp"
+#include "package_build/vector_features.hpp"
+#include "raster/imagery_input.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/poses_file.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir::fuzz {
 

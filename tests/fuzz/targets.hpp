@@ -5,9 +5,7 @@
 // every compiler.
 #pragma once
 
-#include <ostream>
 #include <string_view>
-#include <vector>
 
 namespace nadir::fuzz {
 
@@ -43,19 +41,12 @@ void mcap(std::string_view bytes);  // with the flight recorder's payloads
 void batch(std::string_view bytes);  // of uploaded tiles, and the packs that they come in
 void pack(std::string_view bytes);
 
-void upload_request(std::string_view bytes);  // to the candidate service …
-void reply(std::string_view bytes);           // … and what it answers
+void upload_request(std::string_view bytes);  // to the candidate service
+void reply(std::string_view bytes);           // of the candidate service
 void http_date(std::string_view bytes);
 void outbox(std::string_view bytes);       // a file's bytes
 void outbox_rows(std::string_view bytes);  // rows of an outbox that is otherwise sound, in any types
 
 void mavlink(std::string_view bytes);  // a stream from the autopilot
-
-struct Target {
-  const char* name;  // also the folder of its corpus
-  void (*run)(std::string_view);
-};
-inline void PrintTo(const Target& target, std::ostream* out) { *out << target.name; }  // in the names of tests
-const std::vector<Target>& targets();
 
 }  // namespace nadir::fuzz

@@ -2,8 +2,32 @@
 
 #include <gtest/gtest.h>
 
+#include "base/error.hpp"
+
 namespace nadir {
 namespace {
+
+TEST(Listen, ReadsAddresses) {
+  EXPECT_EQ(parse_listen_address("127.0.0.1:8750").ip, "127.0.0.1");
+  EXPECT_EQ(parse_listen_address("[::1]:80").ip, "::1");
+  EXPECT_EQ(parse_listen_address("0.0.0.0:65535").port, 65535);
+  for (const char* bad :
+       {"", ":", "8750", "localhost:8750", "127.0.0.1", "127.0.0.1:", "127.0.0.1:65536", "127.0.0.1:-1",
+        "127.0.0.1:80x", "::1:80", "[::1]", "[127.0.0.1]:80", "1.2.3:80", "127.0.0.1:80\n"}) {
+    EXPECT_THROW(parse_listen_address(bad), UsageError) << bad;
+  }
+}
+
+TEST(Listen, BeyondLoopbackATokenIsWanted) {
+  const Sha256 token;
+  for (const char* near : {"127.0.0.1:1", "127.9.9.9:1", "[::1]:1"}) {
+    EXPECT_NO_THROW(require_token_beyond_loopback(parse_listen_address(near), std::nullopt)) << near;
+  }
+  for (const char* far : {"0.0.0.0:1", "10.0.0.1:1", "[::]:1", "[::ffff:127.0.0.1]:1"}) {
+    EXPECT_THROW(require_token_beyond_loopback(parse_listen_address(far), std::nullopt), UsageError) << far;
+    EXPECT_NO_THROW(require_token_beyond_loopback(parse_listen_address(far), token)) << far;
+  }
+}
 
 TEST(Access, OnlyLoopbacksOwnNamesAreLoopback) {
   for (const char* near : {"localhost", "LOCALHOST:8750", "127.0.0.1", "127.0.0.1:1", "[::1]", "[::1]:8750"}) {

@@ -8,9 +8,9 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/cog_reader.hpp"
-#include "imagery/cog_tags.hpp"
+#include "imagery/tiff.hpp"
 #include "imagery/cog_tiles.hpp"
-#include "imagery/lossless_webp.hpp"
+#include "imagery/codecs.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -30,7 +30,7 @@ const char* code_of(const Bytes& bytes) {
   try {
     const CogReader reader(in_memory(bytes), "test");
     return "";
-  } catch (const CogError& error) {
+  } catch (const TiffError& error) {
     return error.code();
   }
 }
@@ -221,14 +221,14 @@ TEST(CogReading, ABlockBeyondTheEndIsNamed) {
   try {
     static_cast<void>(reader.read({17, 65543, 65535}));
     ADD_FAILURE();
-  } catch (const CogError& error) {
+  } catch (const TiffError& error) {
     EXPECT_STREQ(error.code(), "tiff.corrupt");
     EXPECT_NE(error.text().where.find("block 7, 3"), std::string::npos) << error.text().where;
   }
 }
 
 TEST(CogReading, SharedJpegTablesArePutBack) {
-  CogBlockForm form;
+  CogBlockLayout form;
   form.compression = tiff::kJpeg;
   form.photometric = tiff::kYCbCr;
   form.samples = 3;

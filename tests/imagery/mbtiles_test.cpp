@@ -4,8 +4,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "imagery/mbtiles_reader.hpp"
-#include "imagery/mbtiles_writer.hpp"
+#include "imagery/mbtiles.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 

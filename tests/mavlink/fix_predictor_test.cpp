@@ -21,15 +21,15 @@ class Prediction : public ::testing::Test {
     return {.time_us = std::llround(time_s * 1e6),
             .place = frame_.lonlat_from_enu(20 * time_s, north_error_m),
             .sigma_m = sigma_m,
-            .east_m_s = 20,
-            .speed_sigma_m_s = 0.5};
+            .east_mps = 20,
+            .speed_sigma_mps = 0.5};
   }
   Enu enu(const PredictedFix& predicted) const { return frame_.enu_from_lonlat(predicted.fix->place); }
   // Level flight straight on, or pushed to the left, until then.
   void feel(double until_s) {
     for (; felt_s_ < until_s; felt_s_ += 0.05) {
-      predictor_.hear(std::llround(felt_s_ * 1e6), AircraftAttitude{.yaw_rad = std::numbers::pi / 2});
-      predictor_.hear(std::llround(felt_s_ * 1e6), ImuSample{.acceleration_m_s2 = {0, -left_m_s2_, -9.8}});
+      predictor_.on_message(std::llround(felt_s_ * 1e6), AircraftAttitude{.yaw_rad = std::numbers::pi / 2});
+      predictor_.on_message(std::llround(felt_s_ * 1e6), ImuSample{.acceleration_mps2 = {0, -left_m_s2_, -9.8}});
     }
   }
   PredictedFix at(double time_s) {
@@ -51,7 +51,7 @@ TEST_F(Prediction, ThereIsNoFixBeforeTheFirstEstimate) {
   EXPECT_FALSE(predicted.jumped_m);
 }
 
-TEST_F(Prediction, TenInASecondOnAGridThatLatePollsDoNotShift) {
+TEST_F(Prediction, TenFixesPerSecondOnAGridThatLatePollsDoNotShift) {
   Random random(3);
   std::vector<std::int64_t> sent;
   for (std::int64_t now_us = kSecond; now_us < 61 * kSecond; now_us += random.integer(500, 30'000)) {
@@ -61,7 +61,7 @@ TEST_F(Prediction, TenInASecondOnAGridThatLatePollsDoNotShift) {
   for (std::size_t i = 1; i < sent.size(); ++i) EXPECT_LE(sent[i] - sent[i - 1], 130'000);
 }
 
-TEST_F(Prediction, AfterAStallNothingComesInBursts) {
+TEST_F(Prediction, AfterAStallThereAreNoBursts) {
   predictor_.poll(kSecond, 0);
   EXPECT_TRUE(predictor_.poll(5 * kSecond, 0));
   EXPECT_FALSE(predictor_.poll(5 * kSecond + 1, 0));
@@ -69,9 +69,9 @@ TEST_F(Prediction, AfterAStallNothingComesInBursts) {
   EXPECT_TRUE(predictor_.poll(5 * kSecond + 100'000, 0));
 }
 
-TEST_F(Prediction, NewsDoNotWaitForTheGrid) {
+TEST_F(Prediction, NewEstimatesDoNotWaitForTheGrid) {
   predictor_.poll(kSecond, 0);
-  ASSERT_TRUE(predictor_.observe(on_track(1), kSecond + 10'000));
+  ASSERT_TRUE(predictor_.on_estimate(on_track(1), kSecond + 10'000));
   EXPECT_FALSE(predictor_.poll(kSecond + 39'999, 0)) << "too soon after the last one";
   EXPECT_EQ(predictor_.next_due_us(), kSecond + 40'000);
   EXPECT_TRUE(predictor_.poll(kSecond + 40'000, 0));
@@ -79,19 +79,19 @@ TEST_F(Prediction, NewsDoNotWaitForTheGrid) {
   EXPECT_TRUE(predictor_.poll(kSecond + 140'000, 0)) << "never longer without";
 }
 
-TEST_F(Prediction, AMomentMayBeThoughtOver) {
-  ASSERT_TRUE(predictor_.observe(on_track(1, 0, 20), kSecond));
+TEST_F(Prediction, ALaterEstimateOfTheSameFrameReplacesIt) {
+  ASSERT_TRUE(predictor_.on_estimate(on_track(1, 0, 20), kSecond));
   at(1.1);
-  ASSERT_TRUE(predictor_.observe(on_track(1, 8, 2), kSecond + 200'000)) << "the map has spoken about that picture";
+  ASSERT_TRUE(predictor_.on_estimate(on_track(1, 8, 2), kSecond + 200'000)) << "the map has spoken about that picture";
   at(1.2);
   EXPECT_NEAR(enu(at(4)).north_m, 8, 0.01);
 }
 
-TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
+TEST_F(Prediction, PropagatesTheEstimateWithGrowingSigma) {
   VisionEstimate estimate = on_track(1);
   estimate.msl_m = 600;
-  estimate.down_m_s = -2;
-  ASSERT_TRUE(predictor_.observe(estimate, kSecond + 80'000));
+  estimate.down_mps = -2;
+  ASSERT_TRUE(predictor_.on_estimate(estimate, kSecond + 80'000));
   double sigma_m = 0;
   for (double time_s = 1.1; time_s < 5; time_s += 0.1) {
     const PredictedFix predicted = at(time_s);
@@ -99,8 +99,8 @@ TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
     EXPECT_NEAR(enu(predicted).east_m, 20 * time_s, 1e-3);
     EXPECT_NEAR(enu(predicted).north_m, 0, 1e-3);
     EXPECT_NEAR(*predicted.fix->msl_m, 600 + 2 * (time_s - 1), 1e-9);
-    EXPECT_EQ(predicted.fix->velocity->east_m_s, 20);
-    EXPECT_EQ(predicted.fix->velocity->down_m_s, -2);
+    EXPECT_EQ(predicted.fix->velocity->east_mps, 20);
+    EXPECT_EQ(predicted.fix->velocity->down_mps, -2);
     EXPECT_GT(predicted.fix->sigma_m, sigma_m);
     sigma_m = predicted.fix->sigma_m;
   }
@@ -108,38 +108,38 @@ TEST_F(Prediction, CarriesTheEstimateByItsVelocityWithGrowingSigma) {
   EXPECT_NEAR(sigma_m, std::hypot(3, 0.5 * 4.0, 0.25 * 4.0 * 4.0), 0.1);
 }
 
-TEST_F(Prediction, AVerticalVelocityThatNobodyKnowsIsNotSaidToBeNone) {
-  ASSERT_TRUE(predictor_.observe(on_track(1), kSecond + 80'000));
+TEST_F(Prediction, AnUnknownVerticalVelocityIsNotZero) {
+  ASSERT_TRUE(predictor_.on_estimate(on_track(1), kSecond + 80'000));
   const PredictedFix predicted = at(1.2);
   ASSERT_TRUE(predicted.fix && predicted.fix->velocity);
-  EXPECT_FALSE(predicted.fix->velocity->down_m_s);
+  EXPECT_FALSE(predicted.fix->velocity->down_mps);
 }
 
 TEST_F(Prediction, InABlackoutTheFixTurnsWithTheAircraft) {
   feel(1);
-  predictor_.observe(on_track(1), kSecond + 200'000);
+  predictor_.on_estimate(on_track(1), kSecond + 200'000);
   left_m_s2_ = 3;
   const PredictedFix predicted = at(6);
   ASSERT_TRUE(predicted.fix);
   EXPECT_NEAR(enu(predicted).north_m, 0.5 * 3 * 5 * 5, 1);
   EXPECT_NEAR(enu(predicted).east_m, 20 * 6, 1);
-  EXPECT_NEAR(predicted.fix->velocity->north_m_s, 15, 0.2);
+  EXPECT_NEAR(predicted.fix->velocity->north_mps, 15, 0.2);
 }
 
-TEST_F(Prediction, WhoFeelsNothingAllowsForATurn) {
+TEST_F(Prediction, WithoutAccelerometersSigmaAllowsForATurn) {
   feels_ = false;
-  predictor_.observe(on_track(1), kSecond);
+  predictor_.on_estimate(on_track(1), kSecond);
   at(1.1);
   const Fix fix = *at(5).fix;
   EXPECT_NEAR(fix.sigma_m, std::hypot(std::hypot(3, 0.5 * 4), 0.25 * 4 * 4, 0.5 * 2.5 * 4 * 4), 0.01);
-  EXPECT_NEAR(*fix.speed_sigma_m_s, std::hypot(0.5, 0.5 * 4, 2.5 * 4), 0.01);
+  EXPECT_NEAR(*fix.speed_sigma_mps, std::hypot(0.5, 0.5 * 4, 2.5 * 4), 0.01);
   EXPECT_FALSE(at(25).fix) << "five hundred metres are none";
 }
 
-TEST_F(Prediction, CorrectionsRampAndSigmaCoversWhatIsLeft) {
-  predictor_.observe(on_track(1), kSecond);
+TEST_F(Prediction, CorrectionsRampAndSigmaCoversTheRest) {
+  predictor_.on_estimate(on_track(1), kSecond);
   Enu before = enu(at(1.1));
-  predictor_.observe(on_track(1.15, 20), 1'150'000);
+  predictor_.on_estimate(on_track(1.15, 20), 1'150'000);
   double time_s = 1.2;
   for (int i = 0; i < 60; ++i, time_s += 0.1) {
     const PredictedFix predicted = at(time_s);
@@ -157,22 +157,22 @@ TEST_F(Prediction, CorrectionsRampAndSigmaCoversWhatIsLeft) {
   EXPECT_NEAR(before.north_m, 20, 1e-3) << "it ends where the estimate is";
 }
 
-TEST_F(Prediction, ANewCorrectionStartsFromWhatWasSaid) {
-  predictor_.observe(on_track(1), kSecond);
+TEST_F(Prediction, ANewCorrectionStartsFromTheLastFix) {
+  predictor_.on_estimate(on_track(1), kSecond);
   at(1.1);
   double north_m = 0, time_s = 1.2;
   for (int i = 0; i < 40; ++i, time_s += 0.1) {  // estimates that scatter on both sides, faster than the ramps end
-    predictor_.observe(on_track(time_s - 0.04, i % 2 == 0 ? 15 : -15), std::llround(time_s * 1e6) - 10'000);
+    predictor_.on_estimate(on_track(time_s - 0.04, i % 2 == 0 ? 15 : -15), std::llround(time_s * 1e6) - 10'000);
     const Enu now = enu(at(time_s));
     EXPECT_LE(std::abs(now.north_m - north_m), 0.5 + 1e-3) << time_s;
     north_m = now.north_m;
   }
 }
 
-TEST_F(Prediction, LargeCorrectionsJumpOnceAndAreTold) {
-  predictor_.observe(on_track(1), kSecond);
+TEST_F(Prediction, LargeCorrectionsJumpOnceAndAreReported) {
+  predictor_.on_estimate(on_track(1), kSecond);
   at(1.1);
-  predictor_.observe(on_track(1.15, 300), 1'150'000);
+  predictor_.on_estimate(on_track(1.15, 300), 1'150'000);
   const PredictedFix jumped = at(1.2);
   EXPECT_NEAR(enu(jumped).north_m, 300, 1e-3);
   EXPECT_NEAR(*jumped.jumped_m, 300, 0.1);
@@ -181,61 +181,61 @@ TEST_F(Prediction, LargeCorrectionsJumpOnceAndAreTold) {
 }
 
 TEST_F(Prediction, NoFixAfterTheBlackoutLimitAndADirectStartAfterIt) {
-  predictor_.observe(on_track(1), kSecond);
+  predictor_.on_estimate(on_track(1), kSecond);
   for (double time_s = 1.1; time_s < 31.0; time_s += 0.1) EXPECT_TRUE(at(time_s).fix) << time_s;
   EXPECT_FALSE(at(31.2).fix);
-  predictor_.observe(on_track(31.25, 30), 31'250'000);
+  predictor_.on_estimate(on_track(31.25, 30), 31'250'000);
   const PredictedFix again = at(31.3);
   EXPECT_NEAR(enu(again).north_m, 30, 1e-3) << "there is nothing to be continuous with";
   EXPECT_FALSE(again.jumped_m);
 }
 
 TEST_F(Prediction, DeadReckoningDoesNotEndABlackout) {
-  predictor_.observe(on_track(1), kSecond);
+  predictor_.on_estimate(on_track(1), kSecond);
   for (double time_s = 2; time_s < 40; time_s += 1) {
     VisionEstimate estimate = on_track(time_s, 0, 3 + time_s);
-    estimate.seen = false;
-    EXPECT_TRUE(predictor_.observe(estimate, estimate.time_us));
+    estimate.visual = false;
+    EXPECT_TRUE(predictor_.on_estimate(estimate, estimate.time_us));
   }
   EXPECT_FALSE(at(40).fix);
 }
 
-TEST_F(Prediction, DeadReckoningThatIsLessSureThanTheAccelerometersChangesNothing) {
+TEST_F(Prediction, DeadReckoningLessAccurateThanTheAccelerometersChangesNothing) {
   feel(1);
-  predictor_.observe(on_track(1), kSecond);
+  predictor_.on_estimate(on_track(1), kSecond);
   feel(5);
   VisionEstimate estimate = on_track(5, 80, 60);
-  estimate.seen = false;
-  EXPECT_TRUE(predictor_.observe(estimate, 5 * kSecond));
+  estimate.visual = false;
+  EXPECT_TRUE(predictor_.on_estimate(estimate, 5 * kSecond));
   const PredictedFix kept = at(5.1);
   EXPECT_NEAR(enu(kept).north_m, 0, 0.5);
   EXPECT_FALSE(kept.jumped_m);
   estimate.time_us += 100'000;
   estimate.sigma_m = 2;
-  EXPECT_TRUE(predictor_.observe(estimate, 5 * kSecond + 100'000));
+  EXPECT_TRUE(predictor_.on_estimate(estimate, 5 * kSecond + 100'000));
   EXPECT_TRUE(at(5.2).jumped_m) << "surer it counts";
 }
 
 TEST_F(Prediction, NoFixBeyondTheLargestSigma) {
-  predictor_.observe(on_track(1, 0, 501), kSecond);
+  predictor_.on_estimate(on_track(1, 0, 501), kSecond);
   EXPECT_FALSE(at(1.1).fix);
-  predictor_.observe(on_track(1.2, 0, 499), 1'200'000);
+  predictor_.on_estimate(on_track(1.2, 0, 499), 1'200'000);
   EXPECT_TRUE(at(1.2).fix);
 }
 
-TEST_F(Prediction, WhatIsOldOrFromTheFutureOrNoNumberChangesNothing) {
-  ASSERT_TRUE(predictor_.observe(on_track(2), 2 * kSecond));
-  EXPECT_FALSE(predictor_.observe(on_track(1.9, 40), 2 * kSecond));
-  EXPECT_FALSE(predictor_.observe(on_track(3, 40), 2 * kSecond));
+TEST_F(Prediction, OldFutureOrInvalidEstimatesChangeNothing) {
+  ASSERT_TRUE(predictor_.on_estimate(on_track(2), 2 * kSecond));
+  EXPECT_FALSE(predictor_.on_estimate(on_track(1.9, 40), 2 * kSecond));
+  EXPECT_FALSE(predictor_.on_estimate(on_track(3, 40), 2 * kSecond));
   for (int i = 0; i < 6; ++i) {
     VisionEstimate estimate = on_track(2.1, 40);
     if (i == 0) estimate.sigma_m = std::nan("");
     if (i == 1) estimate.sigma_m = -1;
     if (i == 2) estimate.place.lat_deg = std::nan("");
-    if (i == 3) estimate.east_m_s = INFINITY;
-    if (i == 4) estimate.speed_sigma_m_s = std::nan("");
+    if (i == 3) estimate.east_mps = INFINITY;
+    if (i == 4) estimate.speed_sigma_mps = std::nan("");
     if (i == 5) estimate.place.lon_deg = 200;
-    EXPECT_FALSE(predictor_.observe(estimate, 3 * kSecond)) << i;
+    EXPECT_FALSE(predictor_.on_estimate(estimate, 3 * kSecond)) << i;
   }
   EXPECT_NEAR(enu(at(2.2)).north_m, 0, 1e-3);
 }

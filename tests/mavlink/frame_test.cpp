@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "base/random.hpp"
-#include "mavlink/codec.hpp"
 #include "mavlink/judge.hpp"
+#include "mavlink/messages.hpp"
 
 namespace nadir {
 namespace {
@@ -66,7 +66,7 @@ TEST_F(Frames, BytesMayComeOneByOne) {
   EXPECT_EQ(got, good());
 }
 
-TEST_F(Frames, EveryFlippedBitIsRefusedAndTheNextFrameIsFound) {
+TEST_F(Frames, EveryFlippedBitIsRejectedAndTheNextFrameIsFound) {
   for (const auto* frames : {&good(), &first_version()}) {
     for (const Bytes& frame : *frames) {
       for (std::size_t bit = 0; bit < frame.size() * 8; ++bit) {
@@ -150,7 +150,7 @@ TEST_F(Frames, NoiseBetweenFramesLosesNone) {
   }
 }
 
-TEST_F(Frames, WhatIsMarkedAsSignedIsStillSound) {
+TEST_F(Frames, AFrameMarkedAsSignedIsStillValid) {
   Bytes frame = good()[0];
   mark_signed(frame);
   frame.resize(frame.size() + kSignatureSize);

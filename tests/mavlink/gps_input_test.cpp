@@ -6,8 +6,6 @@
 #include <fstream>
 #include <sstream>
 
-#include "mavlink/gps_time.hpp"
-
 namespace nadir {
 namespace {
 
@@ -20,7 +18,7 @@ Fix good_fix() {
           .msl_m = 600,
           .vertical_sigma_m = 6,
           .velocity = GpsVelocity{20, 1, 0},
-          .speed_sigma_m_s = 0.5,
+          .speed_sigma_mps = 0.5,
           .yaw_rad = 0.0};
 }
 
@@ -70,33 +68,33 @@ TEST(GpsInput, AGoodFixPassesTheAutopilotsChecks) {
   EXPECT_GE(input.satellites, 6);
   EXPECT_EQ(*input.horizontal_accuracy_m, 4);
   EXPECT_EQ(*input.vertical_accuracy_m, 6);
-  EXPECT_EQ(*input.speed_accuracy_m_s, 1) << "0.5 is surer than a velocity that leans on the autopilot's attitude";
+  EXPECT_EQ(*input.speed_accuracy_mps, 1) << "0.5 is surer than a velocity that leans on the autopilot's attitude";
   EXPECT_EQ(*input.velocity, (GpsVelocity{20, 1, 0}));
   EXPECT_EQ(*input.yaw_rad, 0);
 }
 
-TEST(GpsInput, WhatIsUnknownStaysUnknown) {
+TEST(GpsInput, UnknownValuesStayUnknown) {
   const GpsInput input = gps_input({.unix_us = kUnixUs, .place = {8.5, 47.25}, .sigma_m = 4});
   EXPECT_EQ(input.fix, GpsFix::three_d);
-  EXPECT_FALSE(input.msl_m || input.vertical_accuracy_m || input.velocity || input.speed_accuracy_m_s || input.yaw_rad);
+  EXPECT_FALSE(input.msl_m || input.vertical_accuracy_m || input.velocity || input.speed_accuracy_mps || input.yaw_rad);
 }
 
-TEST(GpsInput, NoNumberThatIsNoneGetsThrough) {
+TEST(GpsInput, NonFiniteNumbersAreNeverSent) {
   const double none = std::nan("");
   Fix fix = good_fix();
   fix.msl_m = none;
   fix.vertical_sigma_m = none;
-  fix.velocity->east_m_s = none;
+  fix.velocity->east_mps = none;
   fix.yaw_rad = none;
   const GpsInput input = gps_input(fix);
   EXPECT_EQ(input.fix, GpsFix::three_d);
-  EXPECT_FALSE(input.msl_m || input.vertical_accuracy_m || input.velocity || input.speed_accuracy_m_s || input.yaw_rad);
+  EXPECT_FALSE(input.msl_m || input.vertical_accuracy_m || input.velocity || input.speed_accuracy_mps || input.yaw_rad);
 }
 
-TEST(GpsInput, NoFixWhereThereIsNone) {
+TEST(GpsInput, InvalidFixesBecomeNoFix) {
   for (int i = 0; i < 8; ++i) {
     Fix fix = good_fix();
-    if (i == 0) fix.sigma_m = kMaxFixSigmaM + 0.001;
+    if (i == 0) fix.sigma_m = kMaxFixSigma_m + 0.001;
     if (i == 1) fix.sigma_m = std::nan("");
     if (i == 2) fix.sigma_m = -1;
     if (i == 3) fix.place.lat_deg = std::nan("");

@@ -5,9 +5,9 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sha256.hpp"
-#include "mavlink/codec.hpp"
+#include "base/digest.hpp"
 #include "mavlink/judge.hpp"
+#include "mavlink/messages.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -69,7 +69,7 @@ TEST_F(SignedLink, WeAcceptPymavlinks) {
   EXPECT_EQ(signing_.counts().accepted, 2U);
 }
 
-TEST_F(SignedLink, EveryFlippedBitIsRefused) {
+TEST_F(SignedLink, EveryFlippedBitIsRejected) {
   const Bytes frame = theirs(now_);
   std::uint64_t reached = 0;
   for (std::size_t bit = 0; bit < frame.size() * 8; ++bit) {
@@ -88,19 +88,19 @@ TEST_F(SignedLink, EveryFlippedBitIsRefused) {
   EXPECT_EQ(judged(frame), SignatureVerdict::accepted);
 }
 
-TEST_F(SignedLink, ForeignKeysAreRefused) {
+TEST_F(SignedLink, OtherKeysAreRejected) {
   const auto frame =
       test::frames_by_pymavlink(kAttitude, "--timestamp " + std::to_string(now_) + " --key " + std::string(64, 'a'));
   EXPECT_EQ(judged(frame.at(0)), SignatureVerdict::wrong);
 }
 
-TEST_F(SignedLink, FramesWithoutASignatureAreRefused) {
+TEST_F(SignedLink, FramesWithoutASignatureAreRejected) {
   EXPECT_EQ(judged(test::frames_by_pymavlink(kAttitude).at(0)), SignatureVerdict::without);
   EXPECT_EQ(judged(test::frames_by_pymavlink(kAttitude, "--version 1").at(0)), SignatureVerdict::without);
   EXPECT_EQ(signing_.counts().without, 2U);
 }
 
-TEST_F(SignedLink, ReplaysAreRefusedForEachStreamByItself) {
+TEST_F(SignedLink, ReplaysAreRejectedPerStream) {
   EXPECT_EQ(judged(theirs(now_ + 5)), SignatureVerdict::accepted);
   EXPECT_EQ(judged(theirs(now_ + 5)), SignatureVerdict::replayed);
   EXPECT_EQ(judged(theirs(now_ + 4)), SignatureVerdict::replayed);
@@ -109,7 +109,7 @@ TEST_F(SignedLink, ReplaysAreRefusedForEachStreamByItself) {
   EXPECT_EQ(signing_.counts().replayed, 2U);
 }
 
-TEST_F(SignedLink, LateClocksAreRefused) {
+TEST_F(SignedLink, OldTimestampsAreRejected) {
   const std::uint64_t minute = 60 * kSigningTicksPerSecond;
   EXPECT_EQ(judged(theirs(now_ - minute - 1)), SignatureVerdict::too_old);
   EXPECT_EQ(judged(theirs(now_ - minute)), SignatureVerdict::accepted);
@@ -125,7 +125,7 @@ TEST_F(SignedLink, TheAutopilotsTimeIsAdoptedWhenItIsAhead) {
   EXPECT_EQ(judged(theirs(now_, 1)), SignatureVerdict::too_old);
 }
 
-TEST_F(SignedLink, AWrongSignatureAdoptsNothing) {
+TEST_F(SignedLink, AWrongSignatureDoesNotMoveTheClock) {
   Bytes frame = theirs(now_ + 3600 * kSigningTicksPerSecond);
   frame.back() ^= 1U;
   EXPECT_EQ(judged(frame), SignatureVerdict::wrong);
@@ -139,7 +139,7 @@ TEST(SigningTimestamp, CountsFrom2015) {
   EXPECT_EQ(signing_time_of(kUnixUs), 31'022'129'600'000U);  // date -d 2024-10-30T12:34:56Z +%s, less 2015's, by 10^5
 }
 
-TEST(SigningTimestamp, NoneIsEverUsedTwiceWhateverTheClocksDo) {
+TEST(SigningTimestamp, NoneIsEverReusedWhateverTheClocksDo) {
   const test::TemporaryFolder folder;
   const std::int64_t clocks[] = {kUnixUs, kUnixUs, kUnixUs - 86'400'000'000, 0, kUnixUs + 5};
   std::uint64_t last = 0;
@@ -163,13 +163,13 @@ TEST(SigningTimestamp, IsReservedBeforeItIsUsed) {
 }
 
 // Others refuse what is a minute late, and what has been used.
-TEST(SigningTimestamp, StaysNearTheClockAndStrictlyIncreasingWithAndWithoutKeep) {
+TEST(SigningTimestamp, StaysNearTheClockAndStrictlyIncreasingWithAndWithoutSave) {
   const test::TemporaryFolder folder;
   for (const bool kept : {false, true}) {
     SigningTime time(folder / (kept ? "kept" : "alone"), kUnixUs, 0);
     std::uint64_t last = 0;
     for (std::int64_t us = 0; us < 120'000'000; us += 50'000) {
-      if (kept && us % 1'000'000 == 0) time.keep(us);
+      if (kept && us % 1'000'000 == 0) time.save(us);
       const std::uint64_t taken = time.take(us);
       ASSERT_GT(taken, last);
       ASSERT_LE(taken, time.now(us) + kSigningTicksPerSecond / 10);
@@ -179,7 +179,7 @@ TEST(SigningTimestamp, StaysNearTheClockAndStrictlyIncreasingWithAndWithoutKeep)
   }
 }
 
-TEST(SigningTimestamp, MoreFramesThanWereAllowedForAreReservedAnew) {
+TEST(SigningTimestamp, MoreFramesThanReservedCauseANewReservation) {
   const test::TemporaryFolder folder;
   SigningTime time(folder / "time", kUnixUs, 0);
   std::uint64_t last = 0;
@@ -192,7 +192,7 @@ TEST(SigningTimestamp, MoreFramesThanWereAllowedForAreReservedAnew) {
 }
 
 // A service that crashes again and again must still believe an autopilot whose clock is right.
-TEST(SigningTimestamp, ManyQuickRestartsRunAheadOfNobody) {
+TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
   const test::TemporaryFolder folder;
   std::uint64_t last = 0;
   for (std::int64_t start = 0; start < 20; ++start) {
@@ -214,14 +214,14 @@ TEST(SigningTimestamp, ManyQuickRestartsRunAheadOfNobody) {
 }
 
 // The same when the autopilot takes over whatever time it hears from us, and we take it back from there.
-TEST(SigningTimestamp, AnAutopilotThatAdoptsOurTimeCarriesNobodyAway) {
+TEST(SigningTimestamp, AnAutopilotThatAdoptsOurTimeCausesNoDrift) {
   const test::TemporaryFolder folder;
   std::uint64_t theirs = 0;
   std::int64_t unix_us = kUnixUs;
   for (int start = 0; start < 20; ++start, unix_us += 30'000'000) {  // killed twice a minute
     SigningTime time(folder / "time", unix_us, 0);
     for (std::int64_t us = 0; us < 30'000'000; us += 100'000) {
-      if (us % 1'000'000 == 0) time.keep(us);
+      if (us % 1'000'000 == 0) time.save(us);
       theirs = std::max(theirs + 10'000, time.take(us));
       time.adopt(theirs, us);
     }
@@ -229,14 +229,14 @@ TEST(SigningTimestamp, AnAutopilotThatAdoptsOurTimeCarriesNobodyAway) {
   }
 }
 
-TEST(SigningTimestamp, AFullDiskIsCountedAndTheLinkGoesOn) {
+TEST(SigningTimestamp, AFullDiskIsCountedAndTheLinkContinues) {
   SigningTime time("/proc/no-such-folder/time", kUnixUs, 0);
   const std::uint64_t first = time.take(0);
   EXPECT_GT(time.take(0), first);
   EXPECT_EQ(time.failed_reservations(), 1U) << "one try, not one for each frame";
 }
 
-TEST(SigningTimestamp, DamagedMemoryIsNoEmptyOne) {
+TEST(SigningTimestamp, ADamagedFileIsNotAMissingOne) {
   const test::TemporaryFolder folder;
   for (const char* text : {"", "\n", "12", "12\n\n", "-1\n", "x\n", "99999999999999999\n", "1 2\n"}) {
     const auto path = folder.write("time", text);
@@ -249,7 +249,7 @@ class KeyFile : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(KeyFile, IsWrittenForItsOwnerAlone) {
+TEST_F(KeyFile, IsWrittenForItsOwnerOnly) {
   const SigningKey made = SigningKey::generate();
   made.write(folder_ / "link.key");
   struct stat info {};
@@ -260,7 +260,7 @@ TEST_F(KeyFile, IsWrittenForItsOwnerAlone) {
   EXPECT_THROW(made.write(folder_ / "link.key"), UsageError) << "an autopilot may still ask for it";
 }
 
-TEST_F(KeyFile, OfOthersIsRefused) {
+TEST_F(KeyFile, ReadableByOthersIsRejected) {
   const auto path = folder_.write("link.key", kKeyHex + "\n");
   for (const mode_t mode : {0644U, 0640U, 0604U, 0602U}) {
     ::chmod(path.c_str(), mode);
@@ -270,7 +270,7 @@ TEST_F(KeyFile, OfOthersIsRefused) {
   EXPECT_EQ(SigningKey::read(path).bytes(), key().bytes());
 }
 
-TEST_F(KeyFile, ThatIsDamagedIsRefusedWithoutShowingIt) {
+TEST_F(KeyFile, ADamagedOneIsRejectedWithoutShowingIt) {
   for (const std::string& text : {std::string(), kKeyHex.substr(1), kKeyHex + "0", std::string(64, 'g'),
                                   kKeyHex + "\n" + kKeyHex, "  " + kKeyHex}) {
     const auto path = folder_.write("link.key", text);

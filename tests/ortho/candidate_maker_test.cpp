@@ -10,8 +10,8 @@
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "ortho/camera_digest.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "ortho/candidate_sidecar.hpp"
+#include "ortho/candidate_store.hpp"
 #include "support/temporary_folder.hpp"
 #include "vision/synthetic_ground.hpp"
 
@@ -35,8 +35,8 @@ class Making : public ::testing::Test {
     flight.limits.max_blur_px = 1e3;  // waves are as soft in the sharpest picture
     return flight;
   }
-  SeenFrame seen(double east_m = 0) const {
-    SeenFrame frame{"frame 1.jpg", {1'777'636'800'250}, {}};
+  PosedFrame seen(double east_m = 0) const {
+    PosedFrame frame{"frame 1.jpg", {1'777'636'800'250}, {}};
     frame.pose.pose = {{east_m, 0}, 100, {radians(-20), radians(3), radians(-4)}};
     frame.pose.covariance_m2 << 3, 0.5, 0.5, 5;
     frame.pose.sigma_m = 2;
@@ -44,7 +44,7 @@ class Making : public ::testing::Test {
     frame.pose.confirmed = true;
     return frame;
   }
-  Bytes photograph(const SeenFrame& frame) const {
+  Bytes photograph(const PosedFrame& frame) const {
     cv::Mat colour;
     cv::cvtColor(test::photograph(test::waves, camera_, frame.pose.pose), colour, cv::COLOR_GRAY2BGR);
     return encode_image(colour, ImageFormat::jpeg, 95);
@@ -127,14 +127,14 @@ TEST_F(Making, MakesTilesThatShowTheGroundWhereItIs) {
   }
 }
 
-TEST_F(Making, OfTwoFramesKeepsTheBetterTiles) {
+TEST_F(Making, KeepsTheBetterTilesOfTwoFrames) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   const std::size_t first = maker.make(seen(), photograph(seen()), store).stored.size();
   const FrameTiles again = maker.make(seen(), photograph(seen()), store);
   for (const auto& [key, fate] : again.stored) EXPECT_EQ(fate, CandidateOutcome::worse);
   EXPECT_EQ(again.stored.size(), first);
-  SeenFrame surer = seen();
+  PosedFrame surer = seen();
   surer.pose.sigma_m = 1;
   for (const auto& [key, fate] : maker.make(surer, photograph(surer), store).stored) {
     EXPECT_EQ(fate, CandidateOutcome::replaced);
@@ -146,10 +146,10 @@ TEST_F(Making, MakesNothingOfDoubtfulFrames) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   const Bytes picture = photograph(seen());
-  const auto refusal = [&](const SeenFrame& frame, ByteView encoded) {
+  const auto refusal = [&](const PosedFrame& frame, ByteView encoded) {
     return maker.make(frame, encoded, store).refusal;
   };
-  SeenFrame frame = seen();
+  PosedFrame frame = seen();
   frame.pose.source = SourceLabel::vo_extrapolated;
   EXPECT_EQ(refusal(frame, picture), OrthoRefusal::not_anchored);
   frame = seen();
@@ -186,7 +186,7 @@ TEST_F(Making, CountsTheTilesThatItLeavesOut) {
   EXPECT_TRUE(report.stored.empty());
 }
 
-TEST_F(Making, LeavesOutWhatTimeDoesNotAllow) {
+TEST_F(Making, LeavesOutTilesAfterTheDeadline) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   int asked = 0;
@@ -222,8 +222,8 @@ class MakingOfSeveralFrames : public Making {
     low.frame = LocalFrame({(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
     return low;
   }
-  SeenFrame at(double east_m, double sigma_m = 2) const {
-    SeenFrame frame = seen(east_m);
+  PosedFrame at(double east_m, double sigma_m = 2) const {
+    PosedFrame frame = seen(east_m);
     frame.name = fmt::format("frame_{}.jpg", east_m);
     frame.captured_at.unix_ms += std::llround(east_m * 100);
     frame.pose.pose.attitude = {};
@@ -234,23 +234,23 @@ class MakingOfSeveralFrames : public Making {
   FrameTiles fly(const CandidateFlight& flight, CandidateStore& store, double told_off_m = 0) const {
     CandidateMaker maker(flight);
     const FrameTiles west = maker.make(at(-40), photograph(at(-40)), store);
-    SeenFrame told = at(40);
+    PosedFrame told = at(40);
     told.pose.pose.position.east_m += told_off_m;
     FrameTiles east = maker.make(told, photograph(at(40)), store);
     EXPECT_FALSE(west.refusal || east.refusal);
     EXPECT_EQ(west.whole + east.whole, 0U);
     EXPECT_EQ(store.tiles(), tiles_before_) << "the next frame may show it better";
     FrameTiles made = maker.finish(store);
-    made.pieces = east.pieces;
+    made.partial_tiles = east.partial_tiles;
     return made;
   }
   std::uint64_t tiles_before_ = 0;
 };
 
-TEST_F(MakingOfSeveralFrames, PiecesThemTogetherWhereTheGroundIs) {
+TEST_F(MakingOfSeveralFrames, MosaicsThemWhereTheGroundIs) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store);
-  EXPECT_EQ(made.pieced, 1U);
+  EXPECT_EQ(made.mosaics_stored, 1U);
   store.close();
   const auto all = read();
   ASSERT_EQ(all.size(), 1U);
@@ -276,7 +276,7 @@ TEST_F(MakingOfSeveralFrames, PiecesThemTogetherWhereTheGroundIs) {
   EXPECT_LT(std::sqrt(squares / (kTileSize * kTileSize)), 3.5);
 }
 
-TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
+TEST_F(MakingOfSeveralFrames, IncludesTheDisagreementOfTheirPoses) {
   CandidateStore store(folder_ / "candidates");
   fly(low_flight(), store, 1.2);
   store.close();
@@ -286,10 +286,10 @@ TEST_F(MakingOfSeveralFrames, OwnsUpToWhatTheirPosesDisagreeBy) {
   EXPECT_NEAR(static_cast<double>(all[0].sidecar.pose.sigma_mm), std::hypot(2000, all[0].sidecar.seam_mm), 2);
 }
 
-TEST_F(MakingOfSeveralFrames, DoesNotPutTogetherWhatLiesApart) {
+TEST_F(MakingOfSeveralFrames, DoesNotMergeMisalignedFrames) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store, 3);
-  EXPECT_GE(made.pieces[static_cast<std::size_t>(PieceOutcome::apart)], 1);
+  EXPECT_GE(made.partial_tiles[static_cast<std::size_t>(PartialTileOutcome::misaligned)], 1);
   EXPECT_EQ(store.tiles(), 0U);
 }
 
@@ -301,7 +301,7 @@ TEST_F(MakingOfSeveralFrames, IsDeterministicAndCanBeLeftOut) {
   }
   EXPECT_EQ(sha256_file(folder_ / "a" / kCandidateFile), sha256_file(folder_ / "b" / kCandidateFile));
   CandidateFlight whole_only = low_flight();
-  whole_only.piece_together = false;
+  whole_only.merge_partial_tiles = false;
   CandidateStore store(folder_ / "candidates");
   EXPECT_EQ(fly(whole_only, store).stored.size(), 0U);
 }
@@ -310,7 +310,7 @@ TEST_F(MakingOfSeveralFrames, OfItAndATileOfOneFrameTheBetterStays) {
   CandidateStore store(folder_ / "candidates");
   fly(low_flight(), store);
   const auto fate_of_one = [&](double sigma_m) {
-    SeenFrame above = at(0, sigma_m);
+    PosedFrame above = at(0, sigma_m);
     above.pose.pose.agl_m = 120;
     const FrameTiles made = CandidateMaker(low_flight()).make(above, photograph(above), store);
     const auto here =
@@ -323,7 +323,7 @@ TEST_F(MakingOfSeveralFrames, OfItAndATileOfOneFrameTheBetterStays) {
   EXPECT_TRUE(fly(low_flight(), store).stored.empty()) << "it is not even begun";
 }
 
-TEST_F(Making, FindsNamesThatNoSidecarHoldsBeforeTheFlight) {
+TEST_F(Making, RefusesInvalidNamesBeforeTheFlight) {
   CandidateFlight wrong = flight();
   wrong.airframe = "mini 07";
   EXPECT_THROW(CandidateMaker{wrong}, UsageError);

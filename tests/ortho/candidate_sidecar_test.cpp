@@ -18,7 +18,7 @@ using nlohmann::json;
 
 constexpr TileKey kKey{19, 278'000, 182'000};
 
-TEST(CandidateSidecar, ComesBackAsItWasWritten) {
+TEST(CandidateSidecar, RoundTrips) {
   CandidateSidecar sidecar = test::sample_sidecar(kKey);
   EXPECT_EQ(parse_candidate(candidate_json(sidecar), "test"), sidecar);
   sidecar.format = ImageFormat::webp;
@@ -38,7 +38,7 @@ CandidateSidecar pieced_sidecar() {
   return sidecar;
 }
 
-TEST(CandidateSidecar, OfSeveralFramesComesBackToo) {
+TEST(CandidateSidecar, OfAMosaicRoundTrips) {
   EXPECT_EQ(parse_candidate(candidate_json(pieced_sidecar()), "test"), pieced_sidecar());
   EXPECT_EQ(json::parse(candidate_json(pieced_sidecar()))["schema"], "nadir.candidate/2");
   CandidateSidecar longest = pieced_sidecar();
@@ -49,7 +49,7 @@ TEST(CandidateSidecar, OfSeveralFramesComesBackToo) {
   EXPECT_EQ(parse_candidate(candidate_json(longest), "test"), longest) << "there is room for the longest names";
 }
 
-TEST(CandidateSidecar, OfSeveralFramesSaysTheWorstOfThem) {
+TEST(CandidateSidecar, OfAMosaicStatesTheWorstOfItsParts) {
   const std::vector<std::function<void(json&)>> edits{
       [](json& d) { d.erase("parts"); },
       [](json& d) { d.erase("seam_mm"); },
@@ -165,7 +165,7 @@ TEST(CandidateSidecar, RefusesForms) {
   }
 }
 
-TEST(CandidateSidecar, ThatNobodyWouldReadIsNotWritten) {
+TEST(CandidateSidecar, ThatAReaderWouldRefuseIsNotWritten) {
   CandidateSidecar sidecar = test::sample_sidecar(kKey);
   sidecar.airframe = "mini 07";
   EXPECT_THROW(static_cast<void>(candidate_json(sidecar)), Error);

@@ -10,9 +10,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "imagery/mbtiles_reader.hpp"
-#include "imagery/mbtiles_writer.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "imagery/mbtiles.hpp"
 #include "ortho/sample_candidates.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
@@ -44,7 +42,7 @@ class Candidates : public ::testing::Test {
   PrivateKey key_ = PrivateKey::generate();
 };
 
-TEST_F(Candidates, ComeBackInTheOrderOfTheirKeys) {
+TEST_F(Candidates, AreReadInTheOrderOfTheirKeys) {
   CandidateStore store(path());
   for (const std::uint32_t number : {9U, 3U, 17U, 0U}) {
     EXPECT_EQ(store.put(std::vector{make(number)}), std::vector{CandidateOutcome::added});
@@ -96,7 +94,7 @@ TEST_F(Candidates, OfTwoTheBetterStays) {
   EXPECT_EQ(read().front().tile, make(0, 1000, 3).tile);
 }
 
-TEST(CandidateBadness, GrowsWithSigmaViewAngleAndBlurAndSoftComesLast) {
+TEST(CandidateCost, GrowsWithSigmaViewAngleAndBlurAndSoftComesLast) {
   const CandidateSidecar base = test::sample_sidecar(key(0));
   CandidateSidecar other = base;
   other.pose.sigma_mm += 100;
@@ -125,7 +123,7 @@ TEST_F(Candidates, KeepToTheBudget) {
       << "a better one takes no more room";
 }
 
-TEST_F(Candidates, GoOnAfterAnOrderlyEndAndCountWhatIsThere) {
+TEST_F(Candidates, ContinueAfterACleanEndAndCountExistingTiles) {
   {
     CandidateStore store(path());
     store.put(std::vector{make(0), make(1)});
@@ -183,7 +181,7 @@ TEST_F(Candidates, OneThatIsNotItsSidecarsStoresNone) {
   EXPECT_EQ(read().size(), 1U);
 }
 
-TEST_F(Candidates, AreWhatTheirBytesSayNotTheirMaker) {
+TEST_F(Candidates, AreCheckedByTheirBytes) {
   CandidateStore store(path());
   store.put(std::vector{make(0), make(1), make(2), make(3), make(4), make(5)});
   store.close();
@@ -205,7 +203,7 @@ TEST_F(Candidates, AreWhatTheirBytesSayNotTheirMaker) {
 }
 
 // Cut anywhere, a file is an Error or fewer candidates, never a crash nor a false one.
-TEST_F(Candidates, StandCutFiles) {
+TEST_F(Candidates, SurviveTruncatedFiles) {
   CandidateStore store(path());
   store.put(std::vector{make(0), make(1), make(2)});
   store.close();
@@ -257,7 +255,7 @@ TEST_F(Candidates, SurviveTheirWritersKill) {
 }
 
 // Killed when half of a transaction is in the file already: the journal takes it back.
-TEST_F(Candidates, AHalfTransactionIsTakenBack) {
+TEST_F(Candidates, AnIncompleteTransactionIsRolledBack) {
   CandidateStore store(path());
   store.put(std::vector{make(0)});
   store.close();

@@ -20,8 +20,8 @@ FramePose good() {
   return pose;
 }
 
-FrameJudgement judged(const FramePose& pose, double frame_gsd_m = 0.1) {
-  return judge_pose(pose, frame_gsd_m, 0.2, {});
+FrameEligibility judged(const FramePose& pose, double frame_gsd_m = 0.1) {
+  return check_pose_eligible(pose, frame_gsd_m, 0.2, {});
 }
 
 TEST(Eligibility, GradesBySigma) {
@@ -62,26 +62,26 @@ TEST(Eligibility, TakesNoFramesMuchCoarserThanTheTiles) {
 
 TEST(Eligibility, TakesNoBlurredFrames) {
   FrameQuality quality{.mean = 120, .contrast = 40, .clipped_share = 0, .sharpness = 0.06, .usable = true};
-  EXPECT_FALSE(judge_picture(quality, {}));
+  EXPECT_FALSE(check_image_eligible(quality, {}));
   quality.sharpness = 0.01;
-  EXPECT_EQ(judge_picture(quality, {}), OrthoRefusal::frame_unfit);
+  EXPECT_EQ(check_image_eligible(quality, {}), OrthoRefusal::frame_unfit);
   quality.sharpness = 0.06;
   quality.usable = false;
-  EXPECT_EQ(judge_picture(quality, {}), OrthoRefusal::frame_unfit);
+  EXPECT_EQ(check_image_eligible(quality, {}), OrthoRefusal::frame_unfit);
 }
 
-TEST(Eligibility, TakesNoSteepGroundAndNothingSeenAslant) {
+TEST(Eligibility, RefusesSteepGroundAndLargeViewAngles) {
   TileProjection view;
-  EXPECT_FALSE(judge_view(view, {}));
+  EXPECT_FALSE(check_view_eligible(view, {}));
   view.view_angle_rad = 0.7;
-  EXPECT_EQ(judge_view(view, {}), OrthoRefusal::oblique);
+  EXPECT_EQ(check_view_eligible(view, {}), OrthoRefusal::oblique);
   view.view_angle_rad = kNan;
-  EXPECT_EQ(judge_view(view, {}), OrthoRefusal::oblique);
+  EXPECT_EQ(check_view_eligible(view, {}), OrthoRefusal::oblique);
   view = {};
   view.slope = 0.3;
-  EXPECT_EQ(judge_view(view, {}), OrthoRefusal::steep);
+  EXPECT_EQ(check_view_eligible(view, {}), OrthoRefusal::steep);
   view.slope = kNan;
-  EXPECT_EQ(judge_view(view, {}), OrthoRefusal::steep);
+  EXPECT_EQ(check_view_eligible(view, {}), OrthoRefusal::steep);
 }
 
 cv::Mat chequered(const cv::Scalar& one, const cv::Scalar& other, int size) {
@@ -99,11 +99,11 @@ TEST(Eligibility, MeasuresTiles) {
   EXPECT_NEAR(pixels.contrast, 60.0 / 255, 1e-6);
   EXPECT_EQ(pixels.clipped_share, 0);
   EXPECT_EQ(pixels.cloud_share, 0);
-  EXPECT_FALSE(judge_tile(pixels, {}));
+  EXPECT_FALSE(check_tile_eligible(pixels, {}));
 }
 
 TEST(Eligibility, TakesNoBlankClippedOrCloudedTiles) {
-  const auto judge = [](const cv::Mat& tile) { return judge_tile(measure_tile(tile), {}); };
+  const auto judge = [](const cv::Mat& tile) { return check_tile_eligible(measure_tile(tile), {}); };
   EXPECT_EQ(judge(cv::Mat(kTileSize, kTileSize, CV_8UC3, cv::Scalar::all(90))), OrthoRefusal::low_contrast);
   EXPECT_EQ(judge(cv::Mat(kTileSize, kTileSize, CV_8UC3, cv::Scalar::all(0))), OrthoRefusal::clipped);
   EXPECT_EQ(judge(chequered(cv::Scalar::all(120), cv::Scalar::all(255), 16)), OrthoRefusal::clipped);

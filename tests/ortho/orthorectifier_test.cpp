@@ -122,7 +122,7 @@ TEST(Orthorectifier, BetweenTheNodesErrsLessThanATenthOfAPixelOverTerrainAndLens
 }
 
 // Exactly the tiles all of whose pixels the frame shows, but for the pixel at its rim that interpolation needs.
-TEST(Orthorectifier, MakesWholeTilesAndAllOfThem) {
+TEST(Orthorectifier, MakesAllCompleteTiles) {
   const Hills hills(4);
   for (const Case& test : cases()) {
     SCOPED_TRACE(test.name);
@@ -156,7 +156,7 @@ TEST(Orthorectifier, MakesWholeTilesAndAllOfThem) {
   }
 }
 
-TEST(Orthorectifier, TellsViewAngleAndSlope) {
+TEST(Orthorectifier, MeasuresViewAngleAndSlope) {
   const CameraPose pose{{0, 0}, 100, {}};
   for (const ProjectedTile& tile : whole_tiles(kZoom, plane(), small_camera(), pose, FlatGround())) {
     double farthest_m = 0;

@@ -42,7 +42,7 @@ TEST_F(CogPackage, IsAcceptedAtBothDepths) {
   }
 }
 
-TEST_F(CogPackage, HasTheTilesAndTheRootOfAnMbtilesPackage) {
+TEST_F(CogPackage, HasTheTilesAndMerkleRootOfAnMbtilesPackage) {
   const Verification cog = maker_.verify(maker_.make(folder_, "cog"), VerifyDepth::full);
   maker_.cog = false;
   const Verification mbtiles = maker_.verify(maker_.make(folder_, "mbtiles"), VerifyDepth::full);
@@ -64,7 +64,7 @@ TEST_F(CogPackage, FullNamesTheTamperedTile) {
   }));
 }
 
-TEST_F(CogPackage, SwappedTilesAreNoticed) {
+TEST_F(CogPackage, DetectsSwappedTiles) {
   maker_.edit_tile = [](Sidecar&, Bytes& tile) {
     tile.resize(100'000, 0);  // all of one length, so that they can change places
     return true;
@@ -90,7 +90,7 @@ TEST_F(CogPackage, SwappedTilesAreNoticed) {
   expect("artifact.hash", maker_.verify(package));
 }
 
-TEST_F(CogPackage, SidecarsMustBeThereAndSigned) {
+TEST_F(CogPackage, RequiresSignedSidecars) {
   const fs::path gone = maker_.make(folder_, "gone");
   fs::remove(gone / kSidecarFile);
   expect("artifact.missing", maker_.verify(gone));
@@ -157,7 +157,7 @@ TEST_F(CogPackage, ATileWithoutSidecarAndASidecarWithoutTile) {
   expect("tiles.count", maker_.verify(package));
 }
 
-TEST_F(CogPackage, FliesAndTakesATamperedTileForNone) {
+TEST_F(CogPackage, ReadsATamperedTileAsMissing) {
   const fs::path package = maker_.make(folder_);
   const Opening good = open(package);
   ASSERT_TRUE(good.package) << codes(good.findings);

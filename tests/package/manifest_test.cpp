@@ -5,7 +5,6 @@
 #include <nlohmann/json.hpp>
 
 #include "package/package_maker.hpp"
-#include "package/package_path.hpp"
 
 namespace nadir {
 namespace {
@@ -45,7 +44,7 @@ TEST(Manifest, BytesDoNotDependOnTheOrderOfArtifacts) {
   EXPECT_EQ(manifest_json(other), manifest_json(sample()));
 }
 
-TEST(Manifest, BoundsHoldTheMissionInWholeUnits) {
+TEST(Manifest, BoundsContainTheMissionInWholeUnits) {
   const json document = json::parse(manifest_json(sample()));
   const auto bounds = document["bounds_e7"].get<std::vector<std::int64_t>>();
   EXPECT_LE(bounds[0], 109'990'000);
@@ -90,7 +89,7 @@ TEST_F(ManifestRefusal, Floats) {
   expect(text, "manifest.schema");
 }
 
-TEST_F(ManifestRefusal, NumbersBeyondWhatReadersKeep) {
+TEST_F(ManifestRefusal, NumbersBeyondExactIntegers) {
   std::string text = manifest_json(sample());
   text.replace(text.find("12345"), 5, "9007199254740993");
   expect(text, "manifest.schema");
@@ -105,7 +104,7 @@ TEST_F(ManifestRefusal, DeepNesting) {
   expect(std::string(500'000, '['), "manifest.schema");
 }
 
-TEST_F(ManifestRefusal, EndlessData) { expect(std::string((1 << 20) + 1, ' '), "manifest.schema"); }
+TEST_F(ManifestRefusal, OversizedDocument) { expect(std::string((1 << 20) + 1, ' '), "manifest.schema"); }
 
 TEST_F(ManifestRefusal, UnknownFieldsUnlessMarkedAsNotes) {
   expect_schema([](json& d) { d["must_understand"] = 1; });
@@ -140,7 +139,7 @@ TEST_F(ManifestRefusal, WrongTypes) {
   expect_schema([](json& d) { d["bounds_e7"][0] = -1'800'000'001; });
 }
 
-TEST_F(ManifestRefusal, PathsThatLeadAstray) {
+TEST_F(ManifestRefusal, PathsOutOfThePackage) {
   for (const char* path : {"../x", "a/../x", "/etc/passwd", "a//b", "a/", "./a", "a/.", ".hidden", "a\\b", "C:x", "a b",
                            "a\nb", "\xC3\xA4", "..", "/"}) {
     expect_path(path);
@@ -148,20 +147,20 @@ TEST_F(ManifestRefusal, PathsThatLeadAstray) {
   expect_path(std::string(201, 'a'));
 }
 
-TEST_F(ManifestRefusal, PathsThatAreTwins) {
+TEST_F(ManifestRefusal, PathsThatDifferInCaseOnly) {
   expect_path(std::string(kImageryFile));
   expect_path("Imagery/BASE.mbtiles");
   expect_path("manifest.json");
   expect_path("Manifest.sig");
 }
 
-TEST_F(ManifestRefusal, WhatIsNoJson) {
+TEST_F(ManifestRefusal, InvalidJson) {
   for (const char* text : {"", "{", "null", "[]", "{}", "\xFF\xFE", "{\"schema\":\"nadir.manifest/1\"} {}", "//\n{}"}) {
     expect(text, "manifest.schema");
   }
 }
 
-TEST(PackagePath, KnowsGoodNames) {
+TEST(PackagePath, AcceptsValidNames) {
   for (const char* path : {"a", "imagery/base.mbtiles", "root/2.root.json", "a-b_c.D/e..f"}) {
     EXPECT_FALSE(path_problem(path)) << path;
   }

@@ -63,7 +63,7 @@ void PrintTo(const Fault& fault, std::ostream* out) { *out << fault.name; }
 
 class MissionFault : public ::testing::TestWithParam<Fault> {};
 
-TEST_P(MissionFault, IsReportedWhereItStands) {
+TEST_P(MissionFault, IsReportedAtItsPlace) {
   const Fault& fault = GetParam();
   const MissionReading reading = parse_mission(mission_yaml({{fault.from, fault.to}}), "m.yaml");
   EXPECT_FALSE(reading.mission);
@@ -113,14 +113,14 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"alias", "series: village", "series: *x", "3:"}),
     [](const auto& param) { return param.param.name; });
 
-TEST(Mission, CollectsAllThatIsWrong) {
+TEST(Mission, CollectsAllErrors) {
   const MissionReading reading = parse_mission(
       mission_yaml({{"sequence: 3", "sequence: x"}, {"budget_mb: 20", "budget_mb: y"}, {"stable: 730", "stable: z"}}),
       "m.yaml");
   EXPECT_EQ(reading.findings.items().size(), 3U);
 }
 
-TEST(Mission, WhatIsNoMissionIsAFinding) {
+TEST(Mission, AnInvalidMissionIsAFinding) {
   for (const char* text : {"", "[]", "just text", "a: [", "\x01\x02", "{}"}) {
     const MissionReading reading = parse_mission(text, "m.yaml");
     EXPECT_FALSE(reading.mission) << text;
@@ -128,7 +128,7 @@ TEST(Mission, WhatIsNoMissionIsAFinding) {
   }
 }
 
-TEST(Mission, ReadingThrowsForWhoeverNeedsIt) {
+TEST(Mission, ReadMissionThrowsTheFirstFinding) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(read_mission(folder.write("m.yaml", mission_yaml({{"sequence: 3", "sequence: x"}}))), UsageError);
   EXPECT_THROW(read_mission(folder / "none.yaml"), Error);

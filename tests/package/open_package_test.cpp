@@ -40,7 +40,7 @@ TEST_F(OpenedPackage, GivesTilesAndSidecars) {
 }
 
 // Quick verification does not hash tiles; reading does.
-TEST_F(OpenedPackage, ATamperedTileIsAsIfItWereNotThere) {
+TEST_F(OpenedPackage, ReadsATamperedTileAsMissing) {
   const auto package = maker_.make(folder_);
   test::sqlite(package / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data)) WHERE rowid = 3");
   const Opening opening = open(package);
@@ -51,7 +51,7 @@ TEST_F(OpenedPackage, ATamperedTileIsAsIfItWereNotThere) {
   EXPECT_EQ(test::codes(tiles.findings()), "artifact.hash");
 }
 
-TEST_F(OpenedPackage, SwappedTilesAreNotHandedOut) {
+TEST_F(OpenedPackage, DoesNotReturnSwappedTiles) {
   maker_.edit_tile = [](Sidecar&, Bytes& tile) {
     tile.resize(100'000, 0);  // all of one length, so that the file keeps its size
     return true;

@@ -10,10 +10,10 @@
 #include "base/random.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/cog_writer.hpp"
-#include "imagery/mbtiles_writer.hpp"
-#include "package/judge.hpp"
-#include "package/sidecar_table.hpp"
-#include "package/sign_package.hpp"
+#include "imagery/mbtiles.hpp"
+#include "package/mission_check.hpp"
+#include "package/package_writer.hpp"
+#include "package/sidecar.hpp"
 
 namespace nadir::test {
 

@@ -6,8 +6,8 @@
 
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
-#include "imagery/mbtiles_writer.hpp"
-#include "package/judge.hpp"
+#include "imagery/mbtiles.hpp"
+#include "package/mission_check.hpp"
 #include "package/package_maker.hpp"
 
 namespace nadir {
@@ -56,7 +56,7 @@ class Validate : public ::testing::Test {
   int files_ = 0;
 };
 
-TEST_F(Validate, AcceptsAWholeSet) {
+TEST_F(Validate, AcceptsACompleteSet) {
   const Validation result = validate(make("good.mbtiles", [](TileKey&, Bytes&) { return true; }));
   EXPECT_TRUE(result.findings.empty()) << test::codes(result.findings);
   EXPECT_FALSE(result.has_sidecars);
@@ -90,7 +90,7 @@ TEST_F(Validate, TileBlank) {
 }
 
 // A lake is blue throughout and still a picture of the ground.
-TEST_F(Validate, OneColourIsAWarning) {
+TEST_F(Validate, ASingleColourIsAWarning) {
   const Findings findings = with_one_tile(encoded({120, 60, 20}, CV_8UC3, ImageFormat::png));
   EXPECT_TRUE(findings.contains("tile.blank"));
   EXPECT_FALSE(findings.refuses());
@@ -142,7 +142,7 @@ TEST_F(Validate, BudgetExceeded) {
   EXPECT_TRUE(findings.contains("budget.exceeded")) << test::codes(findings);
 }
 
-TEST_F(Validate, SqliteCorruptEndsTheWalkNotTheJudgement) {
+TEST_F(Validate, SqliteCorruptEndsTheIterationNotTheValidation) {
   const fs::path path = make("damaged.mbtiles", [](TileKey&, Bytes&) { return true; });
   fs::resize_file(path, fs::file_size(path) / 2);
   const Findings findings = validate(path).findings;
@@ -154,7 +154,7 @@ TEST_F(Validate, EmptySetIsAGap) {
   EXPECT_TRUE(findings_of([](TileKey&, Bytes&) { return false; }).contains("coverage.gap"));
 }
 
-TEST_F(Validate, WhatIsNoMbtilesCannotBeJudged) {
+TEST_F(Validate, ThrowsForOtherFiles) {
   EXPECT_THROW(validate(folder_ / "none.mbtiles"), Error);
   EXPECT_THROW(validate(folder_.write("text.mbtiles", "not a database")), Error);
   EXPECT_THROW(validate(folder_.path()), Error);
@@ -162,7 +162,7 @@ TEST_F(Validate, WhatIsNoMbtilesCannotBeJudged) {
   EXPECT_THROW(validate(folder_ / "other.db"), Error);
 }
 
-TEST_F(Validate, SidecarsOfOurOwnAreUsed) {
+TEST_F(Validate, UsesSidecars) {
   test::PackageMaker maker;
   maker.edit_tile = [](Sidecar& sidecar, Bytes&) {
     sidecar.captured_at = parse_utc("2020-01-01").value();

@@ -1,5 +1,3 @@
-// Signature, manifest and policy: one test per finding, so that the fault that it names is caught and nothing else
-// hides it.
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"
@@ -8,13 +6,17 @@
 namespace nadir {
 namespace {
 
-namespace fs = std::filesystem;
 using test::codes;
 using test::mission_yaml;
 using test::PackageMaker;
 using test::Verify;
 
-TEST_F(Verify, AcceptsASoundPackage) {
+// Signature, manifest and policy: one test per finding, so that the fault that it names is caught and nothing else
+// hides it.
+
+namespace fs = std::filesystem;
+
+TEST_F(Verify, AcceptsAnIntactPackage) {
   const fs::path package = maker_.make(folder_);
   for (const VerifyDepth depth : {VerifyDepth::quick, VerifyDepth::full}) {
     const Verification result = maker_.verify(package, depth);
@@ -95,7 +97,7 @@ TEST_F(Verify, ManifestSchema) {
   expect_only("manifest.schema", maker_.verify(maker_.make(folder_)));
 }
 
-TEST_F(Verify, ManifestSchemaForAnEndlessManifest) {
+TEST_F(Verify, ManifestSchemaForAnOversizedManifest) {
   const fs::path package = maker_.make(folder_);
   fs::resize_file(package / kManifestFile, (1 << 20) + 1);
   expect_only("manifest.schema", maker_.verify(package));
@@ -165,6 +167,248 @@ TEST_F(Verify, AnyAirframeMayFlyAPackageForAll) {
   VerifyOptions options = maker_.options();
   options.airframe = "whoever";
   EXPECT_TRUE(with_options(maker_.make(folder_), options).accepted());
+}
+
+// Files, tiles and the mission's demands: one test per finding.
+
+namespace fs = std::filesystem;
+
+TEST_F(Verify, ArtifactMissing) {
+  const fs::path package = maker_.make(folder_);
+  fs::remove(package / kMissionFile);
+  expect_only("artifact.missing", maker_.verify(package));
+}
+
+TEST_F(Verify, ArtifactUnexpected) {
+  const fs::path package = maker_.make(folder_);
+  std::ofstream(package / "imagery/extra") << "x";
+  expect_only("artifact.unexpected", maker_.verify(package));
+}
+
+// A write-ahead log beside the database would change what SQLite reads.
+TEST_F(Verify, ArtifactUnexpectedForAJournal) {
+  const fs::path package = maker_.make(folder_);
+  std::ofstream(package / "imagery/base.mbtiles-wal") << "x";
+  expect_only("artifact.unexpected", maker_.verify(package));
+}
+
+TEST_F(Verify, ArtifactUnexpectedForLinksAndDevices) {
+  const fs::path package = maker_.make(folder_);
+  fs::rename(package / kMissionFile, folder_ / "mission.yaml");
+  fs::create_symlink(folder_ / "mission.yaml", package / kMissionFile);
+  Verification result = maker_.verify(package);
+  expect("artifact.unexpected", result);
+  expect("artifact.missing", result);
+  fs::remove(package / kMissionFile);
+  ASSERT_EQ(::system(("mkfifo '" + (package / kMissionFile).string() + "'").c_str()), 0);
+  expect("artifact.unexpected", maker_.verify(package, VerifyDepth::full));  // and does not wait for a writer
+}
+
+TEST_F(Verify, ALinkedFolderIsUnexpected) {
+  const fs::path package = maker_.make(folder_);
+  fs::rename(package / "mission", folder_ / "elsewhere");
+  fs::create_directory_symlink(folder_ / "elsewhere", package / "mission");
+  expect("artifact.unexpected", maker_.verify(package));
+}
+
+TEST_F(Verify, LinkedManifestOrSignatureIsRefused) {
+  for (const std::string_view name : {kManifestFile, kSignatureFile}) {
+    const fs::path package = maker_.make(folder_, std::string(name));
+    fs::rename(package / name, folder_ / "moved");
+    fs::create_symlink(folder_ / "moved", package / name);
+    EXPECT_FALSE(maker_.verify(package).accepted()) << name;
+  }
+}
+
+TEST_F(Verify, ArtifactSize) {
+  const fs::path package = maker_.make(folder_);
+  std::ofstream(package / kImageryFile, std::ios::app) << "x";
+  expect("artifact.size", maker_.verify(package));
+  const fs::path second = maker_.make(folder_, "second");
+  std::ofstream(second / kMissionFile, std::ios::app) << "#";
+  expect_only("artifact.size", maker_.verify(second));
+}
+
+TEST_F(Verify, ArtifactHash) {
+  const fs::path package = maker_.make(folder_);
+  flip(package / kMissionFile, 30);
+  expect_only("artifact.hash", maker_.verify(package));
+}
+
+TEST_F(Verify, ArtifactHashForAByteOfEveryPage) {
+  const fs::path package = maker_.make(folder_);
+  const Bytes good = read_file(package / kImageryFile);
+  for (std::size_t page = 0; page * 4096 < good.size(); ++page) {
+    Bytes bad = good;
+    bad[page * 4096 + (page * 977) % 4096] ^= 0x10;
+    overwrite(package / kImageryFile, bad);
+    const Verification result = maker_.verify(package, VerifyDepth::full);
+    ASSERT_TRUE(result.findings.contains("artifact.hash")) << "page " << page << ": " << codes(result.findings);
+  }
+}
+
+TEST_F(Verify, FullNamesTheTamperedTile) {
+  const fs::path package = maker_.make(folder_);
+  test::sqlite(package / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data)) WHERE rowid = 5");
+  const Verification result = maker_.verify(package, VerifyDepth::full);
+  expect("artifact.hash", result);
+  expect("tile.undecodable", result);
+  const std::string wanted = "tile " + to_text(result.tiles[4].key);
+  EXPECT_TRUE(std::any_of(result.findings.items().begin(), result.findings.items().end(), [&](const Finding& finding) {
+    return finding.code == "artifact.hash" && finding.where.find(wanted) != std::string::npos;
+  })) << wanted;
+}
+
+TEST_F(Verify, TilesRootForSwappedTilesWithRecomputedDigests) {
+  const fs::path package = maker_.make(folder_);
+  // Two tiles of a zoom change places; so do their digests, as an attacker would do it.
+  test::sqlite(package / kImageryFile,
+               "CREATE TEMP TABLE t AS SELECT rowid AS i, * FROM tiles WHERE zoom_level = 18 ORDER BY rowid LIMIT 2;"
+               "CREATE TEMP TABLE s AS SELECT sha256, zoom_level, tile_column, tile_row FROM nadir_sidecars;"
+               "UPDATE tiles SET tile_data = (SELECT tile_data FROM t WHERE i <> tiles.rowid)"
+               " WHERE rowid IN (SELECT i FROM t);"
+               "UPDATE nadir_sidecars AS n SET sha256 = (SELECT s.sha256 FROM s, t a, t b WHERE a.i <> b.i"
+               " AND a.tile_column = n.tile_column AND a.tile_row = n.tile_row AND s.zoom_level = 18"
+               " AND s.tile_column = b.tile_column AND s.tile_row = b.tile_row)"
+               " WHERE zoom_level = 18 AND EXISTS (SELECT 1 FROM t WHERE t.tile_column = n.tile_column"
+               " AND t.tile_row = n.tile_row);");
+  expect("tiles.root", maker_.verify(package));
+}
+
+// Dates decide about freshness: they are signed like the pictures.
+TEST_F(Verify, TilesRootForForgedDates) {
+  maker_.edit_tile = [](Sidecar& sidecar, Bytes&) {
+    sidecar.captured_at = parse_utc("2020-01-01").value();
+    return true;
+  };
+  const fs::path package = maker_.make(folder_);
+  expect("freshness.stale", maker_.verify(package));
+  test::sqlite(package / kImageryFile, "UPDATE nadir_sidecars SET captured_at = '2024-04-01T00:00:00Z'");
+  expect("tiles.root", maker_.verify(package));
+}
+
+TEST_F(Verify, TilesRootForForgedMasks) {
+  const fs::path package = maker_.make(folder_);
+  test::sqlite(package / kImageryFile, "UPDATE nadir_sidecars SET mask = x'00' WHERE zoom_level = 17");
+  expect("tiles.root", maker_.verify(package));
+}
+
+TEST_F(Verify, TilesCount) {
+  const fs::path package = maker_.make(folder_);
+  test::sqlite(package / kImageryFile, "DELETE FROM tiles WHERE rowid = 3");
+  expect("tiles.count", maker_.verify(package));
+  const fs::path second = maker_.make(folder_, "second");
+  test::sqlite(second / kImageryFile, "DELETE FROM nadir_sidecars WHERE zoom_level = 17");
+  expect("tiles.count", maker_.verify(second));
+}
+
+TEST_F(Verify, TilesCountForATileWithoutSidecar) {
+  const fs::path package = maker_.make(folder_);
+  test::sqlite(package / kImageryFile, "INSERT INTO tiles VALUES (10, 1, 1, x'00')");
+  expect("tiles.count", maker_.verify(package));
+}
+
+TEST_F(Verify, TileUndecodable) {
+  maker_.edit_tile = [](Sidecar&, Bytes& tile) {
+    tile.assign(100, 7);
+    return true;
+  };
+  maker_.edit_manifest = [](Manifest& manifest) { manifest.artifacts[0].tiles->format = "jpeg"; };
+  expect("tile.undecodable", maker_.verify(maker_.make(folder_), VerifyDepth::full));
+}
+
+TEST_F(Verify, TileSize) {
+  maker_.edit_tile = [](Sidecar& sidecar, Bytes& tile) {
+    if (sidecar.key.z == 17) tile = test::noise_tile(1, 128);
+    return true;
+  };
+  expect_only("tile.size", maker_.verify(maker_.make(folder_), VerifyDepth::full));
+}
+
+TEST_F(Verify, TileMisaddressed) {
+  const fs::path package = maker_.make(folder_);
+  test::sqlite(package / kImageryFile, "INSERT INTO tiles VALUES (2, 4, 0, x'00')");
+  expect("tile.misaddressed", maker_.verify(package));
+  const fs::path second = maker_.make(folder_, "second");
+  test::sqlite(second / kImageryFile,
+               "UPDATE nadir_sidecars SET tile_row = -1 WHERE (tile_column, tile_row) ="
+               " (SELECT tile_column, tile_row FROM nadir_sidecars LIMIT 1)");
+  expect("tile.misaddressed", maker_.verify(second));
+}
+
+TEST_F(Verify, CoverageGapForAMissingTile) {
+  maker_.edit_tile = [n = 0](Sidecar& sidecar, Bytes&) mutable { return sidecar.key.z != 18 || ++n != 6; };
+  expect_only("coverage.gap", maker_.verify(maker_.make(folder_)));
+}
+
+TEST_F(Verify, FreshnessStale) {
+  maker_.edit_tile = [](Sidecar& sidecar, Bytes&) {
+    sidecar.captured_at = parse_utc("2022-01-01").value();
+    return true;
+  };
+  expect_only("freshness.stale", maker_.verify(maker_.make(folder_)));
+}
+
+TEST_F(Verify, ResolutionCoarse) {
+  maker_.edit_tile = [](Sidecar& sidecar, Bytes&) {
+    sidecar.gsd_mm = 501;
+    return true;
+  };
+  expect_only("resolution.coarse", maker_.verify(maker_.make(folder_)));
+}
+
+TEST_F(Verify, BudgetExceeded) {
+  maker_.mission = mission_yaml({{"budget_mb: 20", "budget_mb: 1"}});
+  maker_.edit_tile = [](Sidecar&, Bytes& tile) {
+    tile.resize(tile.size() + 100'000, 0);  // JPEG ends before; size is size
+    return true;
+  };
+  expect_only("budget.exceeded", maker_.verify(maker_.make(folder_)));
+}
+
+TEST_F(Verify, MissionMismatch) {
+  maker_.edit_manifest = [](Manifest& manifest) { manifest.mission_id = "another"; };
+  expect_only("mission.mismatch", maker_.verify(maker_.make(folder_)));
+}
+
+TEST_F(Verify, MissionMismatchWithoutMission) {
+  maker_.edit_manifest = [](Manifest& manifest) { manifest.artifacts[1].role = "notes"; };
+  expect_only("mission.mismatch", maker_.verify(maker_.make(folder_)));
+}
+
+TEST_F(Verify, SqliteCorrupt) {
+  const fs::path package = maker_.make(folder_);
+  const auto size = fs::file_size(package / kImageryFile);
+  fs::resize_file(package / kImageryFile, 0);
+  fs::resize_file(package / kImageryFile, size);
+  expect_only("sqlite.corrupt", maker_.verify(package));
+}
+
+TEST_F(Verify, MixAndMatchOfTwoValidPackages) {
+  const fs::path first = maker_.make(folder_, "first");
+  maker_.edit_tile = [](Sidecar& sidecar, Bytes& tile) {
+    tile = test::noise_tile(sidecar.key.x * 77 + sidecar.key.y);
+    return true;
+  };
+  const fs::path second = maker_.make(folder_, "second");
+  fs::copy_file(second / kImageryFile, first / kImageryFile, fs::copy_options::overwrite_existing);
+  expect("tiles.root", maker_.verify(first));
+  fs::copy_file(second / kSignatureFile, first / kSignatureFile, fs::copy_options::overwrite_existing);
+  expect_only("signature.invalid", maker_.verify(first));
+}
+
+TEST_F(Verify, QuotesNoEscapeSequences) {
+  const fs::path package = maker_.make(folder_);
+  std::ofstream(package / "imagery/\x1b[2Jgone") << "x";
+  const Verification result = maker_.verify(package);
+  expect_only("artifact.unexpected", result);
+  EXPECT_EQ(to_text(result.findings.items()[0]).find('\x1b'), std::string::npos);
+}
+
+TEST_F(Verify, ThrowsForAFolderThatIsNoPackage) {
+  EXPECT_THROW(maker_.verify(folder_ / "nothing"), Error);
+  EXPECT_THROW(maker_.verify(folder_.path()), Error);
+  EXPECT_THROW(maker_.verify(folder_.write("file", "x")), Error);
 }
 
 }  // namespace

@@ -6,7 +6,7 @@
 
 #include "base/error.hpp"
 #include "imagery/cog_reader.hpp"
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package_build/package_builder_fixture.hpp"
 
 namespace nadir {
@@ -148,7 +148,7 @@ TEST_F(CogPackages, ARasterOnAnotherGridIsReported) {
   try {
     const CogReader reader(folder_ / "map.tif");
     ADD_FAILURE();
-  } catch (const CogError& error) {
+  } catch (const TiffError& error) {
     EXPECT_STREQ(error.code(), "tiff.grid");
     EXPECT_EQ(error.text().found, "EPSG:32651");
   }

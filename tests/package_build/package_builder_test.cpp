@@ -12,7 +12,7 @@
 #include "base/files.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
-#include "imagery/mbtiles_reader.hpp"
+#include "imagery/mbtiles.hpp"
 #include "package_build/package_builder_fixture.hpp"
 
 namespace nadir {

@@ -7,9 +7,8 @@
 #include "base/error.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/cog_reader.hpp"
-#include "imagery/lossless_webp.hpp"
-#include "imagery/mbtiles_reader.hpp"
-#include "package/amend_package.hpp"
+#include "imagery/mbtiles.hpp"
+#include "package/package_writer.hpp"
 #include "package/tile_container.hpp"
 #include "package/tile_set_diff.hpp"
 #include "package/verify.hpp"
@@ -396,7 +395,7 @@ TEST_F(UpdateErrors, RootsAreCarriedOnAndMustBeConsecutive) {
   later.old_package = folder_ / "new";
   later.mission = folder_ / "third.yaml";
   ASSERT_FALSE(update(later).package.findings.refuses());
-  EXPECT_EQ(carried_roots(folder_ / "third").size(), 2U);
+  EXPECT_EQ(roots_in_package(folder_ / "third").size(), 2U);
 }
 
 TEST_F(UpdateErrors, WarnsWhenTheKeyMayNotSign) {
@@ -426,7 +425,7 @@ class UpdateOfCogs : public PackageUpdate {
   }
   void add_index(const std::string& name) {
     const fs::path package = folder_ / name;
-    const Manifest manifest = read_package_manifest(package);
+    const Manifest manifest = load_package_manifest(package);
     const Mission mission = read_mission(package / kMissionFile);
     const auto source = open_tile_source(tiles_of(name));
     IndexedMap map{source.get(), {}, manifest.artifact(kRoleImagery)->tiles->merkle_root, mission.takeoff};

@@ -12,7 +12,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/random.hpp"
-#include "package/judge_terrain.hpp"
+#include "package/mission_check.hpp"
 #include "package/verify.hpp"
 #include "package_build/package_builder.hpp"
 #include "raster/test_raster.hpp"

@@ -10,7 +10,7 @@
 
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
-#include "package/sidecar_table.hpp"
+#include "package/sidecar.hpp"
 #include "package_build/package_updater.hpp"
 #include "raster/test_raster.hpp"
 #include "support/process.hpp"

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <opencv2/core/mat.hpp>
 
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir::test {
 

@@ -37,17 +37,17 @@ struct World {
 
 constexpr double kGpsSigma_m = 0.5;
 
-std::vector<BoresightSight> flown(const World& world, unsigned seed = 3) {
+std::vector<BoresightMeasurement> flown(const World& world, unsigned seed = 3) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   const auto err = [&](double sigma) { return world.noise * sigma * normal(random); };
-  std::vector<BoresightSight> sights;
+  std::vector<BoresightMeasurement> sights;
   Eigen::Vector2d at(0, 0);
   for (int i = 0; i < 240; ++i) {
     const int leg = i * world.legs / 240;
     const double heading = radians(60.0 * leg + 3 * std::sin(0.7 * i));
     const double speed = 20 * (1 + world.speed_change * (leg % 2 == 0 ? 1 : -1));
-    BoresightSight sight;
+    BoresightMeasurement sight;
     sight.time_s = i * 2.5;
     sight.velocity_mps = speed * Eigen::Vector2d(std::sin(heading), std::cos(heading));
     at += 2.5 * sight.velocity_mps;
@@ -123,7 +123,7 @@ TEST(Boresight, WrongAnchorsAreSetAside) {
   for (std::size_t i = 0; i < sights.size(); i += 6) sights[i].seen[0] += 40 + static_cast<double>(i % 7) * 5;
   const auto found = solve_boresight(sights, settings());
   ASSERT_TRUE(found);
-  EXPECT_EQ(found->set_aside, 40U);
+  EXPECT_EQ(found->outliers, 40U);
   expect_mount(*found, World().mount, 3);
 }
 
@@ -136,23 +136,23 @@ TEST(Boresight, ADelayIsFoundWhereSpeedsDifferAndLeftAloneWhereNot) {
   precise.gps_sigma_m = 0.1;
   const auto found = solve_boresight(flown(world), precise);
   ASSERT_TRUE(found);
-  ASSERT_TRUE(found->delay_seen) << found->delay_sigma_s;
+  ASSERT_TRUE(found->delay_observable) << found->delay_sigma_s;
   EXPECT_NEAR(found->delay_s, 0.3, 3 * found->delay_sigma_s);
   expect_mount(*found, world.mount, 3);
 
   World steady;
   auto blind = flown(steady);
-  for (BoresightSight& sight : blind) sight.rate_rad_s = {}, sight.velocity_mps.setZero();
+  for (BoresightMeasurement& sight : blind) sight.rate_rad_s = {}, sight.velocity_mps.setZero();
   const auto unseen = solve_boresight(blind, settings());
   ASSERT_TRUE(unseen);
-  EXPECT_FALSE(unseen->delay_seen);
+  EXPECT_FALSE(unseen->delay_observable);
   EXPECT_EQ(unseen->delay_s, 0);
 }
 
 // Of flat ground far below: a tilt and a step to the side look the same, and only GPS tells them apart.
-std::vector<BoresightSight> flat(std::vector<BoresightSight> sights) {
+std::vector<BoresightMeasurement> flat(std::vector<BoresightMeasurement> sights) {
   constexpr double kHeight_m = 100, kTiltUnknown_rad2 = 0.25;
-  for (BoresightSight& sight : sights) {
+  for (BoresightMeasurement& sight : sights) {
     const double heading = sight.seen[3];
     Eigen::Matrix<double, 6, 1> nodding, rolling;
     nodding << -kHeight_m * std::sin(heading), -kHeight_m * std::cos(heading), 0, 0, 1, 0;

@@ -5,7 +5,7 @@
 #include "provision/board_scene.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {
@@ -13,7 +13,7 @@ namespace {
 using testing::HasSubstr;
 
 test::ProcessResult provision(const std::filesystem::path& pictures, const std::filesystem::path& out) {
-  return test::run_process({NADIR_PROGRAM, "provision", "camera", "--pictures", pictures, "--board", "9x6",
+  return test::run_process({NADIR_PROGRAM, "provision", "camera", "--images", pictures, "--board", "9x6",
                             "--square-m", "0.025", "--out", out});
 }
 
@@ -24,14 +24,14 @@ TEST(ProvisionCamera, WritesACameraFileOnceAndNeverReplacesIt) {
   const auto result = provision(folder / "board", folder / "camera.yaml");
   ASSERT_EQ(result.code, 0) << result.out << result.err;
   EXPECT_EQ(result.err, "");
-  EXPECT_THAT(result.out, HasSubstr("12 used, 0 set aside"));
+  EXPECT_THAT(result.out, HasSubstr("12 used, 0 rejected"));
   const CameraModel camera = read_camera_file(folder / "camera.yaml").camera;
   EXPECT_EQ(camera.width, truth.width);
   EXPECT_NEAR(camera.fx, truth.fx, 0.003 * truth.fx);
 
   const auto again = provision(folder / "board", folder / "camera.yaml");
   EXPECT_EQ(again.code, 2);
-  EXPECT_THAT(again.err, HasSubstr("there already"));
+  EXPECT_THAT(again.err, HasSubstr("already exists"));
 }
 
 TEST(ProvisionCamera, SaysWhyPicturesAreTooFewAndWritesNothing) {

@@ -1,12 +1,14 @@
-// Our writer and our reader against each other and against damage. Other people's readers: independent_test.py.
 #include <gtest/gtest.h>
+#include <lz4frame.h>
 
-#include "recorder/chunk_compression.hpp"
+#include "recorder/mcap_format.hpp"
 #include "recorder/mcap_writer.hpp"
 #include "recorder/sample_records.hpp"
 
 namespace nadir {
 namespace {
+
+// Our writer and our reader against each other and against damage. Other people's readers: independent_test.py.
 
 class MemorySink final : public McapSink {
  public:
@@ -50,7 +52,7 @@ MemorySink small_file(int zstd_level) {
   return sink;
 }
 
-TEST(Mcap, WhatIsWrittenIsRead) {
+TEST(Mcap, RoundTrips) {
   for (const int level : {0, 1}) {
     Random random(3);
     const std::vector<Record> records = test::sample_records(random);
@@ -77,7 +79,7 @@ TEST(Mcap, WhatIsWrittenIsRead) {
   }
 }
 
-TEST(Mcap, CutAnywhereItIsReadToItsLastWholeChunk) {
+TEST(Mcap, ATruncatedFileIsReadToItsLastCompleteChunk) {
   const MemorySink sink = small_file(1);
   for (std::size_t cut = 0; cut < sink.bytes.size(); ++cut) {
     const auto back = test::read_back(MemorySource(ByteView(sink.bytes).first(cut)));
@@ -93,7 +95,7 @@ TEST(Mcap, CutAnywhereItIsReadToItsLastWholeChunk) {
   }
 }
 
-TEST(Mcap, EveryFlippedByteIsNoticed) {
+TEST(Mcap, DetectsEveryFlippedByte) {
   const MemorySink sink = small_file(0);
   for (std::size_t at = 0; at < sink.bytes.size(); ++at) {
     Bytes bad = sink.bytes;
@@ -168,7 +170,7 @@ TEST(Mcap, MessagesWithoutChunksAreRead) {
   EXPECT_EQ(std::get<StateRecord>(back.records[0].second).to, "b");
 }
 
-TEST(Mcap, OtherBytesAreNoMcap) {
+TEST(Mcap, RefusesOtherBytes) {
   for (const std::string_view text : {"MCAP", "\x89MCAQ", "\x89PNG\r\n\x1a\n and more"}) {
     const auto back = test::read_back(MemorySource(as_bytes(text)));
     EXPECT_TRUE(back.contents.findings.contains("recorder.format"));
@@ -176,7 +178,7 @@ TEST(Mcap, OtherBytesAreNoMcap) {
   }
 }
 
-TEST(Mcap, AFullSinkKeepsTheChunkForAnotherTry) {
+TEST(Mcap, AFullSinkKeepsTheChunkForARetry) {
   MemorySink sink;
   McapWriter writer(sink, {.profile = "nadir", .library = "test", .zstd_level = 1});
   add_topics(writer);
@@ -201,6 +203,54 @@ TEST(Mcap, AFullSinkKeepsTheChunkForAnotherTry) {
   EXPECT_TRUE(back.contents.findings.empty());
   EXPECT_EQ(back.of(Topic::estimate).size(), 2U);
   EXPECT_EQ(back.of(Topic::state).size(), 1U);
+}
+
+Bytes text(std::size_t size) {
+  Bytes bytes;
+  while (bytes.size() < size) {
+    for (const char c : std::string_view("chunks of a flight, over and over; ")) {
+      bytes.push_back(static_cast<std::uint8_t>(c));
+    }
+  }
+  return bytes;
+}
+
+Bytes lz4(const Bytes& bytes) {
+  Bytes out(LZ4F_compressFrameBound(bytes.size(), nullptr));
+  out.resize(LZ4F_compressFrame(out.data(), out.size(), bytes.data(), bytes.size(), nullptr));
+  return out;
+}
+
+TEST(ChunkCompression, DecompressesEachKind) {
+  const Bytes plain = text(3'000'000);
+  EXPECT_EQ(decompress_chunk("", plain, plain.size()), plain);
+  EXPECT_EQ(decompress_chunk("zstd", compress_zstd(plain, 1), plain.size()), plain);
+  EXPECT_EQ(decompress_chunk("lz4", lz4(plain), plain.size()), plain);
+}
+
+TEST(ChunkCompression, AnotherSizeOrKindIsRefused) {
+  const Bytes plain = text(5000), packed = compress_zstd(plain, 1);
+  EXPECT_FALSE(decompress_chunk("zstd", packed, plain.size() - 1));
+  EXPECT_FALSE(decompress_chunk("zstd", packed, plain.size() + 1));
+  EXPECT_FALSE(decompress_chunk("zstd", packed, kMaxChunk + 1));
+  EXPECT_FALSE(decompress_chunk("brotli", packed, plain.size()));
+  EXPECT_FALSE(decompress_chunk("", packed, plain.size()));
+  EXPECT_FALSE(decompress_chunk("lz4", packed, plain.size()));
+}
+
+TEST(ChunkCompression, DamagedBytesAreRefused) {
+  const Bytes plain = text(20'000);
+  for (const auto& [kind, packed] : {std::pair("zstd", compress_zstd(plain, 1)), std::pair("lz4", lz4(plain))}) {
+    for (std::size_t cut = 0; cut < packed.size(); ++cut) {
+      EXPECT_FALSE(decompress_chunk(kind, ByteView(packed).first(cut), plain.size())) << kind << " cut at " << cut;
+    }
+  }
+}
+
+// RFC 1952's checksum of "123456789", as every catalogue of CRCs lists it.
+TEST(ChunkCompression, TheChecksumIsThatOfZip) {
+  EXPECT_EQ(crc32_of(as_bytes("123456789")), 0xCBF43926U);
+  EXPECT_EQ(crc32_of(as_bytes("6789"), crc32_of(as_bytes("12345"))), 0xCBF43926U);
 }
 
 }  // namespace

@@ -96,7 +96,7 @@ TEST_F(RecorderThread, WithoutCloseNothingIsLostButTheEndIsNotClean) {
   EXPECT_TRUE(all(Topic::end).empty());
 }
 
-TEST_F(RecorderThread, FlushBringsEverythingToTheDisk) {
+TEST_F(RecorderThread, FlushWritesEverythingToTheDisk) {
   Recorder recorder(options(), test::sample_session(), clock());
   for (std::uint64_t i = 0; i < 10; ++i) {
     recorder.record(test::sample_estimate(i));
@@ -129,7 +129,7 @@ TEST_F(RecorderThread, AFrameGivesItsEstimateItsAnchorAndSometimesAThumbnail) {
   EXPECT_EQ(info.height, 240);
 }
 
-TEST_F(RecorderThread, ALateAnchorGivesItsFrameASecondEstimateEvenWhenTheLookFailed) {
+TEST_F(RecorderThread, ALateAnchorGivesItsFrameASecondEstimateEvenWhenTheAttemptFailed) {
   {
     Recorder recorder(options(), test::sample_session(), clock());
     record_anchor(recorder, 3, 5, refused(3));
@@ -146,7 +146,7 @@ TEST_F(RecorderThread, ALateAnchorGivesItsFrameASecondEstimateEvenWhenTheLookFai
   EXPECT_EQ(std::get<EstimateRecord>(estimates[1]).index, 8U);
 }
 
-TEST_F(RecorderThread, PicturesAreKeptWhenAsked) {
+TEST_F(RecorderThread, KeepsFrameImagesWhenConfigured) {
   for (const bool keep : {false, true}) {
     const test::TemporaryFolder other;
     RecorderOptions kept = options();
@@ -171,7 +171,7 @@ TEST_F(RecorderThread, PicturesAreKeptWhenAsked) {
   }
 }
 
-TEST_F(RecorderThread, AFullQueueLosesThumbnailsFirstAndSaysSo) {
+TEST_F(RecorderThread, AFullQueueDropsThumbnailsFirstAndReportsIt) {
   RecorderOptions small = options();
   small.queue_bytes = 300'000;
   small.thumbnail_ns = 0;
@@ -196,7 +196,7 @@ TEST_F(RecorderThread, AFullQueueLosesThumbnailsFirstAndSaysSo) {
   std::map<std::string, std::uint64_t> told;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
-    EXPECT_EQ(record.trouble, RecorderTrouble::dropped_by_queue);
+    EXPECT_EQ(record.kind, RecorderEventKind::dropped_by_queue);
     told[record.topic] += record.count;
   }
   EXPECT_EQ(told["/thumbnail"], 3U);
@@ -215,7 +215,7 @@ TEST_F(RecorderThread, AReplayWaitsInsteadOfLosing) {
   EXPECT_EQ(all(Topic::estimate).size(), 500U);
 }
 
-TEST_F(RecorderThread, ThePrivateFolderOfNobodyIsAnError) {
+TEST_F(RecorderThread, AnUnwritableFolderIsAnError) {
   RecorderOptions nowhere = options();
   nowhere.store.folder = folder.write("file", "") / "below";
   EXPECT_THROW(Recorder(nowhere, test::sample_session(), clock()), Error);

@@ -13,7 +13,7 @@ Telemetry telemetry(Random& random) {
   if (random.chance(0.7)) told.roll_rad = random.normal();
   if (random.chance(0.5)) told.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
   while (random.chance(0.5)) {
-    TelemetryInterval& stretch = told.way.emplace_back();
+    TelemetryInterval& stretch = told.intervals.emplace_back();
     stretch.seconds = random.uniform(0, 1);
     if (random.chance(0.7)) stretch.heading_rad = random.normal();
     if (random.chance(0.7)) stretch.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
@@ -111,7 +111,7 @@ std::vector<Record> sample_records(Random& random) {
           TileRecord{{17, 70000, 45000}, "artifact.hash", "taken as missing"},
           HealthRecord{false, {{"memory_mb", 312.5}, {"frames_dropped", 3}}, {"camera is slow"}},
           ThumbnailRecord{1, "frame.jpg", AnchorVerdict::ambiguous, noise(random, 300), {}},
-          RecorderRecord{RecorderTrouble::dropped_by_disk, "/thumbnail", 17, "no room"},
+          RecorderRecord{RecorderEventKind::dropped_by_disk, "/thumbnail", 17, "no room"},
           EndRecord{true, 100, 3, "landed"},
           HintRecord{7, {random.uniform(-180, 180), random.uniform(-90, 90)}, random.uniform(1, 900), "operator"}};
 }

@@ -118,7 +118,7 @@ TEST_F(Store, SegmentsTurnBySizeAndByTime) {
   EXPECT_EQ(all(Topic::estimate).size(), 30U);
 }
 
-TEST_F(Store, ARestartGoesOnCounting) {
+TEST_F(Store, ARestartContinuesTheNumbers) {
   for (int flight = 0; flight < 3; ++flight) {
     SegmentStore store(options(), test::sample_session());
     store.put(test::sample_estimate(0), kStart);
@@ -129,7 +129,7 @@ TEST_F(Store, ARestartGoesOnCounting) {
   for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(segments[i].number, i + 1);
 }
 
-TEST_F(Store, TwoRecordersInOneFolderAreKeptApart) {
+TEST_F(Store, RefusesASecondRecorderInTheFolder) {
   const SegmentStore store(options(), test::sample_session());
   EXPECT_THROW(SegmentStore(options(), test::sample_session()), Error);
 }
@@ -165,7 +165,7 @@ TEST_F(Store, TheBudgetCostsThumbnailsBeforePicturesBeforeDecisions) {
   EXPECT_EQ(all(Topic::recorder).size(), store.status().deleted_segments);
 }
 
-TEST_F(Store, DecisionsGoLastOldestFirst) {
+TEST_F(Store, DecisionsAreDeletedLastOldestFirst) {
   StoreOptions tight = options();
   tight.budget_bytes = std::uint64_t{1} << 20;
   tight.zstd_level = 0;
@@ -189,7 +189,7 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
     const NoRoomBeyond limit(size + 1000);
     for (; i < 300; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
     EXPECT_TRUE(store.status().stopped);
-    EXPECT_NE(store.status().trouble.find("000001.flight.mcap"), std::string::npos);
+    EXPECT_NE(store.status().error.find("000001.flight.mcap"), std::string::npos);
     // What is on the disk is sound.
     const auto back = test::read_back(segments_in(folder / "recording").front().path);
     EXPECT_FALSE(back.contents.findings.refuses());
@@ -197,13 +197,13 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
   }
   for (; i < 310; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
   EXPECT_FALSE(store.status().stopped);
-  EXPECT_TRUE(store.status().trouble.empty());
+  EXPECT_TRUE(store.status().error.empty());
   store.close("", kStart + 310 * kSecond);
   EXPECT_EQ(all(Topic::estimate).size(), 310U);  // they waited in memory
   const auto events = all(Topic::recorder);
   ASSERT_EQ(events.size(), 2U);
-  EXPECT_EQ(std::get<RecorderRecord>(events[0]).trouble, RecorderTrouble::stopped);
-  EXPECT_EQ(std::get<RecorderRecord>(events[1]).trouble, RecorderTrouble::resumed);
+  EXPECT_EQ(std::get<RecorderRecord>(events[0]).kind, RecorderEventKind::stopped);
+  EXPECT_EQ(std::get<RecorderRecord>(events[1]).kind, RecorderEventKind::resumed);
 }
 
 TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
@@ -222,7 +222,7 @@ TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
   std::uint64_t told = 0;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
-    if (record.trouble == RecorderTrouble::dropped_by_disk) told += record.count;
+    if (record.kind == RecorderEventKind::dropped_by_disk) told += record.count;
   }
   EXPECT_EQ(told + all(Topic::estimate).size(), 2010U);
 }
@@ -242,7 +242,7 @@ TEST_F(Store, NoRoomForTheFirstSegmentIsSurvived) {
   EXPECT_EQ(all(Topic::end).size(), 1U);
 }
 
-TEST_F(Store, ABudgetThatHoldsNothingIsRefused) {
+TEST_F(Store, RefusesATooSmallBudget) {
   StoreOptions tiny = options();
   tiny.budget_bytes = 1000;
   EXPECT_THROW(SegmentStore(tiny, test::sample_session()), UsageError);

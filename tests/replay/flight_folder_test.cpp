@@ -9,7 +9,7 @@
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
-#include "replay/truth.hpp"
+#include "replay/score.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -68,17 +68,17 @@ TEST_F(FlightFolder, ReadsTheChangeOfVelocityWhereItIs) {
   folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,,\nb.jpg,1.5,121,,,,-3.25,\n");
   EXPECT_EQ(read().frames[1].imu_dv_mps, std::nullopt) << "half of it is unknown";
   folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,1e9,0\nb.jpg,1.5,121,,,,0,0\n");
-  EXPECT_THAT(complaint(), ::testing::HasSubstr("imu_dv_east_mps cannot be"));
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("imu_dv_east_mps is out of range"));
   folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,0,nan\nb.jpg,1.5,121,,,,0,0\n");
   EXPECT_THAT(complaint(), ::testing::HasSubstr("telemetry.csv:2"));
   folder_.write("telemetry.csv",
                 "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_north_mps\na.jpg,0,9,,,,0\n");
-  EXPECT_THAT(complaint(), ::testing::HasSubstr("imu_dv_north_mps alone"));
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("only imu_dv_north_mps"));
 }
 
 TEST_F(FlightFolder, CountsPicturesWithoutARow) {
   telemetry("a.jpg,0,120,90,,\n");
-  EXPECT_EQ(read().pictures_without_row, 1U);
+  EXPECT_EQ(read().images_without_row, 1U);
 }
 
 TEST_F(FlightFolder, RefusesNan) {
@@ -100,9 +100,9 @@ TEST_F(FlightFolder, RefusesDuplicateTimesAndFrames) {
 
 TEST_F(FlightFolder, RefusesUnknownFrames) {
   telemetry("a.jpg,0,120,90,,\nc.jpg,1,121,,,\n");
-  EXPECT_THAT(complaint(), ::testing::AllOf(::testing::HasSubstr("c.jpg"), ::testing::HasSubstr("not there")));
+  EXPECT_THAT(complaint(), ::testing::AllOf(::testing::HasSubstr("c.jpg"), ::testing::HasSubstr("missing")));
   telemetry("../a.jpg,0,120,90,,\n");
-  EXPECT_THAT(complaint(), ::testing::HasSubstr("no usable name"));
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("invalid name"));
 }
 
 TEST_F(FlightFolder, RefusesValuesThatCannotBe) {
@@ -120,7 +120,7 @@ TEST_F(FlightFolder, RefusesEmptyInputs) {
   fs::remove_all(folder_ / "frames");
   EXPECT_THAT(complaint(), ::testing::HasSubstr("cannot be read"));
   fs::create_directory(folder_ / "frames");
-  EXPECT_THAT(complaint(), ::testing::HasSubstr("no picture"));
+  EXPECT_THAT(complaint(), ::testing::HasSubstr("no images"));
 }
 
 TEST_F(FlightFolder, RefusesPicturesOfAnotherSize) {

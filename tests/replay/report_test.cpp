@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 
-#include "replay/pictures.hpp"
+#include "replay/flight_folder.hpp"
 
 namespace nadir {
 namespace {

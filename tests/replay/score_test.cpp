@@ -6,9 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/random.hpp"
-#include "replay/estimates_csv.hpp"
-#include "replay/summary.hpp"
-#include "replay/track_geojson.hpp"
+#include "replay/track_files.hpp"
 
 namespace nadir {
 namespace {

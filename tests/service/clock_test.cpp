@@ -4,13 +4,12 @@
 
 #include <thread>
 
-#include "service/cadence.hpp"
-#include "service/manual_clock.hpp"
+#include "support/manual_clock.hpp"
 
 namespace nadir {
 namespace {
 
-TEST(SystemFlightClock, RunsForwardsAndKnowsItsBoot) {
+TEST(SystemFlightClock, RunsForwardWithABootId) {
   const SystemFlightClock clock, again;
   EXPECT_EQ(clock.boot_id().size(), 36) << "a UUID";
   EXPECT_EQ(clock.boot_id(), again.boot_id());
@@ -23,7 +22,7 @@ TEST(SystemFlightClock, RunsForwardsAndKnowsItsBoot) {
   EXPECT_GT(clock.unix_us(), 1'700'000'000'000'000);
 }
 
-TEST(SystemFlightClock, WaitsUntilThenAndNotAtAllForThePast) {
+TEST(SystemFlightClock, WaitsUntilThenAndNotForThePast) {
   const SystemFlightClock clock;
   const double until_s = clock.monotonic_s() + 0.01;
   EXPECT_TRUE(clock.wait_until(until_s, {}));
@@ -40,7 +39,7 @@ TEST(SystemFlightClock, StopEndsTheWait) {
   EXPECT_FALSE(reached);
 }
 
-TEST(ManualClock, WaitersWakeWhenTimeHasCome) {
+TEST(ManualClock, WaitersWakeAtTheirTime) {
   ManualClock clock(100);
   bool reached = false;
   std::jthread waiting([&](std::stop_token stop) { reached = clock.wait_until(105, stop); });
@@ -50,7 +49,7 @@ TEST(ManualClock, WaitersWakeWhenTimeHasCome) {
   EXPECT_TRUE(reached);
 }
 
-TEST(ManualClock, StepsOfUtcMoveTheLabelAlone) {
+TEST(ManualClock, StepsOfUtcChangeTheLabelOnly) {
   ManualClock clock(100, 1'000'000);
   clock.step_utc(-3600);
   EXPECT_EQ(clock.monotonic_s(), 100);
@@ -69,7 +68,7 @@ TEST(Cadence, IsDueOnAGridAndOnceAfterAStall) {
   EXPECT_NEAR(tenth.next_s(), 75.1, 1e-9);
 }
 
-TEST(Cadence, NeverIsDueTwiceAtOneTime) {
+TEST(Cadence, IsNeverDueTwiceAtOneTime) {
   Cadence cadence(0.1, 0);
   for (int i = 0; i < 10000; ++i) {
     const double now_s = 0.1 * i;

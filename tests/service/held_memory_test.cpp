@@ -31,7 +31,7 @@ void come_and_go(unsigned seed) {
   for (int i = 0; i < 300; ++i) held[random() % held.size()].assign(1 + random() % 5'000'000, 'x');
 }
 
-TEST(HeldMemory, IsThereFromTheBeginningAndStaysAsItIs) {
+TEST(HeldMemory, IsReservedAtTheStartAndStaysConstant) {
   const double before_mb = resident_mb();
   hold_memory(128);
   const double held_mb = resident_mb();
@@ -45,7 +45,7 @@ TEST(HeldMemory, IsThereFromTheBeginningAndStaysAsItIs) {
   }
 }
 
-TEST(HeldMemory, NoneIsAsked) {
+TEST(HeldMemory, ZeroReservesNothing) {
   const double before_mb = resident_mb();
   hold_memory(0);
   EXPECT_LE(resident_mb(), before_mb + 10);
@@ -67,7 +67,7 @@ TEST(HeldMemory, NoneIsAsked) {
   std::_Exit(9);
 }
 
-TEST(HeldMemory, MoreThanThereIsIsRefused) { EXPECT_EXIT(ask_for_too_much(), ::testing::ExitedWithCode(7), ""); }
+TEST(HeldMemory, MoreThanAvailableIsRejected) { EXPECT_EXIT(ask_for_too_much(), ::testing::ExitedWithCode(7), ""); }
 
 #endif
 

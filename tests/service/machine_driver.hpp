@@ -1,4 +1,4 @@
-// Flies the state machine by hand: the clock is a number that the test moves.
+// Drives the state machine by hand: the clock is a number that the test advances.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -10,18 +10,27 @@
 
 namespace nadir::test {
 
+// What the state machine uses of an estimate. anchored: a map match was accepted with it.
+inline LocalizedFrame estimate(SourceLabel source, double sigma_m, bool anchored = false) {
+  LocalizedFrame frame;
+  frame.report.estimate.source = source;
+  frame.report.estimate.sigma_m = sigma_m;
+  if (anchored) frame.report.anchor.verdict = AnchorVerdict::accepted;
+  return frame;
+}
+
 class MachineDriver {
  public:
   explicit MachineDriver(double camera_interval_s = 1.0 / 3)
       : machine_(now_s, {.camera_interval_s = camera_interval_s}) {}
 
-  void fact(const ServiceFact& fact) { keep(machine_.update(now_s, fact)); }
+  void on(const OnboardEvent& event) { keep(machine_.on_event(now_s, event)); }
   void tick() { keep(machine_.update(now_s)); }
 
-  // One picture and at once its estimate.
-  void picture(SourceLabel source, double sigma_m = 5) {
-    fact(FrameArrived{});
-    fact(EstimateMade{source, sigma_m, false});
+  // One frame and at once its estimate.
+  void frame(SourceLabel source, double sigma_m = 5) {
+    on(FrameReceived{});
+    on(estimate(source, sigma_m));
   }
 
   // Time goes by at ten ticks a second; nothing else happens.
@@ -35,42 +44,42 @@ class MachineDriver {
     tick();
   }
 
-  // Pictures at 5 Hz, all alike, for so long; the last one at the end.
+  // Equal frames at 5 Hz for so long; the last one at the end.
   void fly(double seconds, SourceLabel source = SourceLabel::vo_extrapolated, double sigma_m = 5) {
     const double end_s = now_s + seconds;
     while (now_s + 0.2 < end_s) {
       wait(0.2);
-      picture(source, sigma_m);
+      frame(source, sigma_m);
     }
     wait(end_s - now_s);
-    picture(source, sigma_m);
+    frame(source, sigma_m);
   }
 
   void boot_to_search() {
-    fact(PackageJudged{true});
-    fact(AutopilotHeard{true, false});
+    on(PackageVerified{true});
+    on(AutopilotHeartbeat{true, false});
   }
   void boot_to_normal() {
     boot_to_search();
-    picture(SourceLabel::satellite_anchored);
+    frame(SourceLabel::satellite_anchored);
   }
-  // The autopilot goes on speaking through fly() and wait() only where a test says so.
-  void heard() { fact(AutopilotHeard{true, true}); }
+  // Heartbeats during fly() and wait() come only where a test sends them.
+  void heartbeat() { on(AutopilotHeartbeat{true, true}); }
 
   ServiceState state() const { return machine_.status().state; }
   ServiceStatus status() const { return machine_.status(); }
   bool saw(ServiceReason reason) const { return count(reason) > 0; }
   int count(ServiceReason reason) const {
     int found = 0;
-    for (const ServiceEvent& event : events) found += event.reason == reason;
+    for (const StateTransition& event : events) found += event.reason == reason;
     return found;
   }
 
   double now_s = 1000;
-  std::vector<ServiceEvent> events;
+  std::vector<StateTransition> events;
 
  private:
-  void keep(const std::vector<ServiceEvent>& more) { events.insert(events.end(), more.begin(), more.end()); }
+  void keep(const std::vector<StateTransition>& more) { events.insert(events.end(), more.begin(), more.end()); }
 
   ServiceMachine machine_;
 };

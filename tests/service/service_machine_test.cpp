@@ -19,18 +19,18 @@ using SourceLabel::dead_reckoned;
 using SourceLabel::satellite_anchored;
 using SourceLabel::vo_extrapolated;
 
-TEST(ServiceMachine, ComesUpStepByStep) {
+TEST(ServiceMachine, StartsUpStepByStep) {
   MachineDriver flight;
   EXPECT_EQ(flight.state(), boot);
   EXPECT_FALSE(flight.status().serves_fixes);
-  flight.fact(PackageJudged{true});
+  flight.on(PackageVerified{true});
   EXPECT_EQ(flight.state(), awaiting_autopilot);
-  flight.fact(AutopilotHeard{true, false});
+  flight.on(AutopilotHeartbeat{true, false});
   EXPECT_EQ(flight.state(), relocalizing);
   EXPECT_TRUE(flight.status().serves_fixes);
   EXPECT_FALSE(flight.status().fix);
   EXPECT_EQ(flight.status().sigma_m, 999);
-  flight.picture(satellite_anchored, 4);
+  flight.frame(satellite_anchored, 4);
   EXPECT_EQ(flight.state(), normal);
   EXPECT_TRUE(flight.status().fix);
   EXPECT_EQ(flight.status().source, satellite_anchored);
@@ -43,19 +43,19 @@ TEST(ServiceMachine, ComesUpStepByStep) {
 
 TEST(ServiceMachine, OrderOfTheBootDoesNotMatter) {
   MachineDriver flight;
-  flight.picture(satellite_anchored);
-  flight.fact(AutopilotHeard{true, false});
+  flight.frame(satellite_anchored);
+  flight.on(AutopilotHeartbeat{true, false});
   EXPECT_EQ(flight.state(), boot);
-  flight.fact(PackageJudged{true});
+  flight.on(PackageVerified{true});
   EXPECT_EQ(flight.state(), relocalizing);
-  flight.picture(vo_extrapolated);  // found before; the next good picture confirms it
+  flight.frame(vo_extrapolated);  // found before; the next good picture confirms it
   EXPECT_EQ(flight.state(), normal);
 }
 
-TEST(ServiceMachine, ARefusedPackageServesAndTellsNoPosition) {
+TEST(ServiceMachine, ARejectedPackageProvidesNoPosition) {
   MachineDriver flight;
-  flight.fact(PackageJudged{false, "manifest.signature: no key that we trust"});
-  flight.heard();
+  flight.on(PackageVerified{false, "manifest.signature: no key that we trust"});
+  flight.heartbeat();
   flight.fly(10, satellite_anchored);
   EXPECT_EQ(flight.count(Why::package_refused), 1);
   EXPECT_NE(flight.events[0].text.find("no key that we trust"), std::string::npos);
@@ -64,14 +64,14 @@ TEST(ServiceMachine, ARefusedPackageServesAndTellsNoPosition) {
   EXPECT_FALSE(flight.saw(Why::first_anchor));
 }
 
-TEST(ServiceMachine, AnUnsignedLinkIsNoLink) {
+TEST(ServiceMachine, AnUnauthenticatedLinkIsNoLink) {
   MachineDriver flight;
-  flight.fact(PackageJudged{true});
-  for (int i = 0; i < 20; ++i) flight.fact(AutopilotHeard{false, true});
-  flight.picture(satellite_anchored);
+  flight.on(PackageVerified{true});
+  for (int i = 0; i < 20; ++i) flight.on(AutopilotHeartbeat{false, true});
+  flight.frame(satellite_anchored);
   EXPECT_EQ(flight.state(), awaiting_autopilot);
   EXPECT_EQ(flight.count(Why::link_unsigned), 1);
-  flight.fact(AutopilotHeard{true, true});
+  flight.on(AutopilotHeartbeat{true, true});
   EXPECT_EQ(flight.state(), relocalizing);
 }
 
@@ -79,27 +79,27 @@ TEST(ServiceMachine, OnlyAnAnchorEndsTheSearch) {
   MachineDriver flight;
   flight.boot_to_search();
   flight.fly(5, vo_extrapolated);
-  flight.picture(dead_reckoned);
+  flight.frame(dead_reckoned);
   EXPECT_EQ(flight.state(), relocalizing);
   EXPECT_FALSE(flight.status().fix);
 }
 
-TEST(ServiceMachine, AnAnchorThatComesAfterTheNextPictureEndsTheSearchToo) {
+TEST(ServiceMachine, ALateAnchorEndsTheSearchToo) {
   MachineDriver flight;
   flight.boot_to_search();
   flight.fly(3);
   EXPECT_EQ(flight.state(), ServiceState::relocalizing);
-  flight.fact(EstimateMade{SourceLabel::dead_reckoned, 8, true});
+  flight.on(test::estimate(SourceLabel::dead_reckoned, 8, true));
   EXPECT_EQ(flight.state(), ServiceState::relocalizing) << "pictures must carry it";
-  flight.fact(EstimateMade{SourceLabel::vo_extrapolated, 8, true});
+  flight.on(test::estimate(SourceLabel::vo_extrapolated, 8, true));
   EXPECT_EQ(flight.state(), ServiceState::normal);
 }
 
-TEST(ServiceMachine, AnUnfitPictureIsDeadReckoningWithThatPicture) {
+TEST(ServiceMachine, AnUnusableFrameIsDeadReckoningAtOnce) {
   MachineDriver flight;
   flight.boot_to_normal();
   flight.now_s += 0.3;
-  flight.picture(dead_reckoned, 6);
+  flight.frame(dead_reckoned, 6);
   EXPECT_EQ(flight.state(), degraded);
   EXPECT_EQ(flight.status().source, dead_reckoned);
   EXPECT_TRUE(flight.status().fix);
@@ -119,7 +119,7 @@ TEST(ServiceMachine, ASilentCameraIsDeadReckoningAfter400Milliseconds) {
   EXPECT_TRUE(flight.saw(Why::camera_silent));
 }
 
-TEST(ServiceMachine, ASlowCameraIsSilentWhenOnePictureIsMissing) {
+TEST(ServiceMachine, ASlowCameraIsSilentWhenOneFrameIsMissing) {
   MachineDriver flight(2.0);
   flight.boot_to_normal();
   flight.now_s += 2.3;
@@ -130,15 +130,15 @@ TEST(ServiceMachine, ASlowCameraIsSilentWhenOnePictureIsMissing) {
   EXPECT_EQ(flight.state(), degraded);
 }
 
-TEST(ServiceMachine, PicturesWithoutEstimatesAreDeadReckoningAfterASecond) {
+TEST(ServiceMachine, FramesWithoutEstimatesAreDeadReckoningAfterASecond) {
   MachineDriver flight;
   flight.boot_to_normal();
   flight.now_s += 0.2;
-  flight.fact(FrameArrived{});
+  flight.on(FrameReceived{});
   const double first_s = flight.now_s;
   while (flight.now_s + 0.2 < first_s + 1) {
     flight.now_s += 0.2;
-    flight.fact(FrameArrived{});
+    flight.on(FrameReceived{});
   }
   flight.now_s = first_s + 0.999;
   flight.tick();
@@ -149,12 +149,12 @@ TEST(ServiceMachine, PicturesWithoutEstimatesAreDeadReckoningAfterASecond) {
   EXPECT_TRUE(flight.saw(Why::localizer_late));
 }
 
-TEST(ServiceMachine, DeadReckoningEndsAfterASteadySecond) {
+TEST(ServiceMachine, DeadReckoningEndsAfterAStableSecond) {
   MachineDriver flight;
   flight.boot_to_normal();
   flight.wait(5);
   ASSERT_EQ(flight.state(), degraded);
-  flight.picture(vo_extrapolated);
+  flight.frame(vo_extrapolated);
   flight.fly(0.9);
   EXPECT_EQ(flight.state(), degraded);
   EXPECT_EQ(flight.status().source, dead_reckoned) << "the better label waits as well";
@@ -164,13 +164,13 @@ TEST(ServiceMachine, DeadReckoningEndsAfterASteadySecond) {
   EXPECT_TRUE(flight.saw(Why::vision_back));
 }
 
-TEST(ServiceMachine, ABreakBeginsTheSteadySecondAnew) {
+TEST(ServiceMachine, ABreakRestartsTheStableSecond) {
   MachineDriver flight;
   flight.boot_to_normal();
-  flight.picture(dead_reckoned);
+  flight.frame(dead_reckoned);
   flight.fly(0.9);
   flight.now_s += 0.1;
-  flight.picture(dead_reckoned);
+  flight.frame(dead_reckoned);
   flight.fly(0.8);
   EXPECT_EQ(flight.state(), degraded);
   flight.wait(0.45);  // the camera pauses
@@ -180,12 +180,12 @@ TEST(ServiceMachine, ABreakBeginsTheSteadySecondAnew) {
   EXPECT_EQ(flight.state(), normal);
 }
 
-TEST(ServiceMachine, EveryOtherPictureUnfitDoesNotFlutter) {
+TEST(ServiceMachine, EveryOtherFrameUnusableDoesNotOscillate) {
   MachineDriver flight;
   flight.boot_to_normal();
   for (int i = 0; i < 50; ++i) {
     flight.now_s += 0.3;
-    flight.picture(i % 2 == 0 ? dead_reckoned : vo_extrapolated);
+    flight.frame(i % 2 == 0 ? dead_reckoned : vo_extrapolated);
   }
   EXPECT_EQ(flight.state(), degraded);
   EXPECT_EQ(flight.count(Why::frame_unfit), 1);
@@ -207,7 +207,7 @@ TEST(ServiceMachine, BlindForThirtySecondsIsNoFix) {
   EXPECT_TRUE(flight.saw(Why::blind_too_long));
 }
 
-TEST(ServiceMachine, UnfitPicturesForThirtySecondsAreNoFixToo) {
+TEST(ServiceMachine, UnusableFramesForThirtySecondsAreNoFixToo) {
   MachineDriver flight;
   flight.boot_to_normal();
   flight.fly(29.9, dead_reckoned, 40);
@@ -219,9 +219,9 @@ TEST(ServiceMachine, UnfitPicturesForThirtySecondsAreNoFixToo) {
 TEST(ServiceMachine, SigmaBeyond500MetresIsNoFix) {
   MachineDriver flight;
   flight.boot_to_normal();
-  flight.picture(vo_extrapolated, 500);
+  flight.frame(vo_extrapolated, 500);
   EXPECT_EQ(flight.state(), normal);
-  flight.picture(vo_extrapolated, 500.1);
+  flight.frame(vo_extrapolated, 500.1);
   EXPECT_EQ(flight.state(), no_fix);
   EXPECT_EQ(flight.status().sigma_m, 999);
   EXPECT_TRUE(flight.saw(Why::sigma_too_large));
@@ -234,7 +234,7 @@ TEST(ServiceMachine, SigmaGrowsMonotonicallyWhileBlind) {
   double last_m = flight.status().sigma_m;
   for (int i = 0; i < 250; ++i) {
     flight.now_s += 0.1;
-    if (i % 7 == 3) flight.picture(dead_reckoned, 5 + i * 0.01);  // the localizer is more confident than the machine
+    if (i % 7 == 3) flight.frame(dead_reckoned, 5 + i * 0.01);  // the localizer is more confident than the machine
     flight.tick();
     ASSERT_EQ(flight.state(), degraded);
     ASSERT_GE(flight.status().sigma_m, last_m) << i;
@@ -246,7 +246,7 @@ TEST(ServiceMachine, SigmaGrowsMonotonicallyWhileBlind) {
 TEST(ServiceMachine, SigmaThatGrowsBlindlyEndsTheFixAt500Metres) {
   MachineDriver flight;
   flight.boot_to_normal();
-  flight.picture(dead_reckoned, 450);
+  flight.frame(dead_reckoned, 450);
   flight.wait(9.9);
   EXPECT_EQ(flight.state(), degraded);
   EXPECT_GT(flight.status().sigma_m, 480);
@@ -254,26 +254,26 @@ TEST(ServiceMachine, SigmaThatGrowsBlindlyEndsTheFixAt500Metres) {
   EXPECT_EQ(flight.state(), no_fix);
 }
 
-TEST(ServiceMachine, NumbersThatAreNoneAreNoPosition) {
+TEST(ServiceMachine, NonFiniteNumbersAreNoPosition) {
   for (const double sigma_m : {std::nan(""), -1.0, std::numeric_limits<double>::infinity()}) {
     MachineDriver flight;
     flight.boot_to_normal();
-    flight.picture(satellite_anchored, sigma_m);
+    flight.frame(satellite_anchored, sigma_m);
     EXPECT_EQ(flight.state(), no_fix) << sigma_m;
     EXPECT_TRUE(flight.saw(Why::localizer_lost));
   }
 }
 
-TEST(ServiceMachine, FromNoFixOnlyAnAnchorAndASteadySecondLeadBack) {
+TEST(ServiceMachine, NoFixEndsOnlyWithAnAnchorAndAStableSecond) {
   MachineDriver flight;
   flight.boot_to_normal();
-  flight.fact(GpsJudged{GpsVerdict::trusted});  // or failsafe would come first
-  flight.picture(SourceLabel::no_fix);
+  flight.on(GpsAssessment{GpsVerdict::trusted});  // or failsafe would come first
+  flight.frame(SourceLabel::no_fix);
   flight.fly(5);
   EXPECT_EQ(flight.state(), no_fix) << "odometry alone knows no place";
   flight.fly(5, satellite_anchored, 401);
   EXPECT_EQ(flight.state(), no_fix) << "hysteresis of sigma";
-  flight.picture(satellite_anchored, 399);
+  flight.frame(satellite_anchored, 399);
   flight.fly(0.9, vo_extrapolated, 399);
   EXPECT_EQ(flight.state(), no_fix);
   EXPECT_FALSE(flight.status().fix);
@@ -286,17 +286,17 @@ TEST(ServiceMachine, TimeNeverRunsBackwards) {
   MachineDriver flight;
   flight.boot_to_normal();
   flight.now_s += 0.3;
-  flight.picture(vo_extrapolated);
+  flight.frame(vo_extrapolated);
   const double latest_s = flight.now_s;
   flight.now_s = 3;
-  flight.picture(dead_reckoned);
+  flight.frame(dead_reckoned);
   EXPECT_EQ(flight.events.back().time_s, latest_s);
   flight.now_s = std::nan("");
-  flight.picture(vo_extrapolated);
+  flight.frame(vo_extrapolated);
   EXPECT_EQ(flight.state(), degraded);
 }
 
-TEST(ServiceMachine, AStallOfTheServiceItselfIsSeen) {
+TEST(ServiceMachine, AStallOfTheServiceItselfIsDetected) {
   MachineDriver flight;
   flight.boot_to_normal();
   flight.now_s += 40;  // nobody called for so long: every rule still holds, one after the other
@@ -306,25 +306,25 @@ TEST(ServiceMachine, AStallOfTheServiceItselfIsSeen) {
   EXPECT_EQ(flight.state(), failsafe);
 }
 
-TEST(ServiceMachine, AnAnchorFromBeforeALossCountsNoMore) {
+TEST(ServiceMachine, AnAnchorBeforeALossDoesNotCount) {
   MachineDriver flight;
-  flight.picture(satellite_anchored);
-  flight.picture(SourceLabel::no_fix);
+  flight.frame(satellite_anchored);
+  flight.frame(SourceLabel::no_fix);
   flight.boot_to_search();
   flight.fly(2);
   EXPECT_EQ(flight.state(), relocalizing);
 }
 
-TEST(ServiceMachine, SameFactsSameEvents) {
+TEST(ServiceMachine, SameEventsSameTransitions) {
   const auto fly = [] {
     MachineDriver flight;
     flight.boot_to_normal();
     flight.fly(3);
     flight.wait(50);
-    flight.picture(satellite_anchored);
+    flight.frame(satellite_anchored);
     flight.fly(5);
     std::string told;
-    for (const ServiceEvent& event : flight.events) told += std::to_string(event.time_s) + event.text + "\n";
+    for (const StateTransition& event : flight.events) told += std::to_string(event.time_s) + event.text + "\n";
     return told;
   };
   EXPECT_EQ(fly(), fly());

@@ -7,7 +7,7 @@
 #include <atomic>
 #include <thread>
 
-#include "service/latest_mailbox.hpp"
+#include "service/mailbox.hpp"
 
 namespace nadir {
 namespace {
@@ -51,7 +51,7 @@ TEST(StopSignals, ASecondSignalEndsTheProcess) {
       testing::ExitedWithCode(128 + SIGTERM), "");
 }
 
-TEST(StopSignals, LeavesTheSignalsAsItFoundThem) {
+TEST(StopSignals, RestoresTheSignalMask) {
   sigset_t before, after;
   ::pthread_sigmask(SIG_SETMASK, nullptr, &before);
   { const StopSignals signals; }

@@ -9,13 +9,13 @@
 #include "base/csv.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/codecs.hpp"
 #include "simulation/test_world.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

@@ -1,4 +1,4 @@
-#include "commands/simulate/camera_pose/pose_assembler.hpp"
+#include "commands/simulate/mavlink_poses.hpp"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@ class PoseAssemblerTest : public ::testing::Test {
     return assembler_.hear(message, at_us, kMachine_us + at_us);
   }
   static GlobalPosition position(std::uint32_t boot_ms) {
-    return {.boot_ms = boot_ms, .place = {14, 48}, .msl_m = 600, .velocity = {.north_m_s = 20, .down_m_s = -2}};
+    return {.boot_ms = boot_ms, .place = {14, 48}, .msl_m = 600, .velocity = {.north_mps = 20, .down_mps = -2}};
   }
   static AircraftAttitude attitude(std::uint32_t boot_ms) {
     return {.boot_ms = boot_ms, .roll_rad = 0.1, .pitch_rad = 0.2, .yaw_rad = 0.3};
@@ -25,7 +25,7 @@ class PoseAssemblerTest : public ::testing::Test {
             .yaw_rad = 3,
             .place = {14.5, 48.5},
             .msl_m = 555,
-            .velocity = {.north_m_s = 1, .east_m_s = 2, .down_m_s = 3}};
+            .velocity = {.north_mps = 1, .east_mps = 2, .down_mps = 3}};
   }
 
   PoseAssembler assembler_;

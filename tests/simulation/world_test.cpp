@@ -8,14 +8,14 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/files.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "package/mission.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/imagery_input.hpp"
 #include "simulation/landscape.hpp"
 #include "simulation/landscape_rendering.hpp"
 #include "support/temporary_folder.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {

@@ -15,12 +15,12 @@ import sys
 ALLOWED = {
     # what everything stands on
     "base": "",
-    "geodesy": "base",
+    "geodesy": "",
     "imagery": "base geodesy",
     "trust": "base geodesy",
     "package": "base geodesy imagery trust",
     # where am I
-    "vision": "base geodesy imagery package trust",
+    "vision": "base geodesy imagery package",
     "estimation": "base geodesy imagery package vision",
     "ortho": "base geodesy imagery trust vision estimation",
     "recorder": "base geodesy imagery vision estimation",
@@ -29,12 +29,12 @@ ALLOWED = {
     "mavlink": "base geodesy",
     "http": "base",
     "cli": "base geodesy",
-    "report": "base geodesy",
+    "report": "",
     "verify_request": "base package cli",
     "nadird_client": "base http cli",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
-    "raster": "base geodesy imagery package",
+    "raster": "base geodesy package",
     "package_build": "base geodesy imagery trust package vision ortho raster",
     "catalogue": "base geodesy package raster",
     "upload": "base imagery trust ortho",
@@ -49,7 +49,7 @@ ALLOWED = {
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder replay mavlink upload raster package_build catalogue "
                 "simulation provision cli report verify_request nadird_client",
-    "nadir_candidates": "base trust upload candidates catalogue http cli",
+    "nadir_candidates": "base trust upload candidates http cli",
     "tools": "cli commands",
 }
 # Libraries that no header may include, and those that only the named folders may include at all.

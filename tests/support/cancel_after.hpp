@@ -1,7 +1,7 @@
 // Somebody who wants the work to end when it asks for the n-th time.
 #pragma once
 
-#include "base/cancel.hpp"
+#include "base/progress.hpp"
 
 namespace nadir::test {
 

@@ -7,7 +7,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {

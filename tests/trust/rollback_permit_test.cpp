@@ -25,12 +25,12 @@ class Permit : public ::testing::Test {
 
   PrivateKey packer_ = PrivateKey::generate(), second_ = PrivateKey::generate();
   TrustRoot root_;
-  const RollbackWish wish_{"valley", 8, 7, std::nullopt, {1000}};
+  const RollbackRequest wish_{"valley", 8, 7, std::nullopt, {1000}};
 };
 
 TEST_F(Permit, AllowsExactlyWhatItNames) {
   EXPECT_TRUE(check_permit(parse_permit(make().document.json(), "test"), root_, wish_).empty());
-  const std::vector<RollbackWish> others{
+  const std::vector<RollbackRequest> others{
       {"hills", 8, 7, std::nullopt, {1000}},
       {"valley", 9, 7, std::nullopt, {1000}},
       {"valley", 8, 6, std::nullopt, {1000}},
@@ -42,7 +42,7 @@ TEST_F(Permit, AllowsExactlyWhatItNames) {
 }
 
 TEST_F(Permit, ForOneAirframeHoldsForNoOther) {
-  RollbackWish wish = wish_;
+  RollbackRequest wish = wish_;
   EXPECT_TRUE(check_permit(make("mini-07"), root_, wish).contains("permit.invalid")) << "nobody was named";
   wish.airframe = "mini-08";
   EXPECT_TRUE(check_permit(make("mini-07"), root_, wish).contains("permit.invalid"));
@@ -64,7 +64,7 @@ TEST_F(Permit, NeedsTheThresholdOfPackageSigners) {
 TEST_F(Permit, IsWorthNothingWhenEditedOrForeign) {
   json edited = json::parse(make().document.json());
   edited["signed"]["to"] = 6;
-  RollbackWish wish = wish_;
+  RollbackRequest wish = wish_;
   wish.to = 6;
   EXPECT_TRUE(check_permit(parse_permit(edited.dump(), "test"), root_, wish).contains("signature.invalid"));
   const PrivateKey stranger = PrivateKey::generate();

@@ -52,7 +52,7 @@ class Commands(unittest.TestCase):
         self.ends(0, self.stage("--dry-run"), f"{COUNT} tiles could be staged")
         self.assertFalse(self.outbox.exists())
         self.ends(0, self.stage(), f"staged {COUNT} tiles")
-        self.ends(0, self.stage(), "staged 0 tiles", f"{COUNT} were there already")
+        self.ends(0, self.stage(), "staged 0 tiles", f"{COUNT} already staged")
         self.ends(1, sync(NADIR, "status", self.outbox), "SEALED")
         self.ends(0, self.push("--dry-run"), f"{COUNT} tiles would be sent")
         self.assertEqual(0, self.server.service.received)
@@ -85,7 +85,7 @@ class Commands(unittest.TestCase):
         self.ends(1, self.push(), f"rejected {COUNT}")
         self.ends(0, sync(NADIR, "status", self.outbox, "--failed", 3), "quota", "REJECTED")
         self.ends(2, sync(NADIR, "retry", self.outbox, "--code", "quota"), "--key")
-        self.ends(2, sync(NADIR, "retry", self.outbox, "--code", "qouta", "--key", self.flight.key), "no such reason")
+        self.ends(2, sync(NADIR, "retry", self.outbox, "--code", "qouta", "--key", self.flight.key), "unknown reason")
         service.judge = lambda sidecar: None
         self.ends(0, sync(NADIR, "retry", self.outbox, "--code", "quota", "--key", self.flight.key, seed=2), f"{COUNT} tiles")
         self.ends(0, self.push(), f"accepted {COUNT}")
@@ -119,7 +119,7 @@ class Commands(unittest.TestCase):
         file = self.folder / "token"
         file.write_text(TOKEN + "\n")
         file.chmod(0o644)
-        self.ends(2, self.push("--token-file", file, token=None), "others can read the token")
+        self.ends(2, self.push("--token-file", file, token=None), "readable by other users")
         file.chmod(0o600)
         self.ends(0, self.push("--token-file", file, token=None))
 
@@ -128,8 +128,8 @@ class Commands(unittest.TestCase):
         for address in ("http://tiles.example.org", "ftp://localhost", "localhost:8760", "https://user:word@example.org",
                         "https://example.org/?key=1", "file:///etc/passwd"):
             self.ends(2, sync(NADIR, "push", self.outbox, "--to", address), "address")
-        result = sync(NADIR, "push", self.outbox, "--to", "http://127.0.0.1:1", "--patience", 0)
-        self.ends(2, result, "not done", "connect")
+        result = sync(NADIR, "push", self.outbox, "--to", "http://127.0.0.1:1", "--timeout-s", 0)
+        self.ends(2, result, "not complete", "connect")
 
     def test_no_proxy_hears_the_token_in_the_clear(self):
         heard = []
@@ -147,7 +147,7 @@ class Commands(unittest.TestCase):
         threading.Thread(target=proxy.serve_forever, daemon=True).start()
         there = {name: f"http://127.0.0.1:{proxy.server_address[1]}" for name in ("http_proxy", "all_proxy", "ALL_PROXY")}
         self.ends(0, self.stage())
-        self.ends(0, self.push("--patience", 0, variables=there | {"no_proxy": "", "NO_PROXY": ""}), f"accepted {COUNT}")
+        self.ends(0, self.push("--timeout-s", 0, variables=there | {"no_proxy": "", "NO_PROXY": ""}), f"accepted {COUNT}")
         self.assertEqual([], heard)
 
     def test_a_key_that_the_service_would_not_take(self):
@@ -204,9 +204,9 @@ class Commands(unittest.TestCase):
         self.addCleanup(secure.shutdown)
         threading.Thread(target=secure.serve_forever, daemon=True).start()
         port = secure.server_address[1]
-        self.ends(2, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--patience", 0), "certificate")
-        wrong_name = sync(NADIR, "push", self.outbox, "--to", f"https://127.0.0.1:{port}", "--ca", certificate, "--patience", 0)
-        self.ends(2, wrong_name, "not done")
+        self.ends(2, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--timeout-s", 0), "certificate")
+        wrong_name = sync(NADIR, "push", self.outbox, "--to", f"https://127.0.0.1:{port}", "--ca", certificate, "--timeout-s", 0)
+        self.ends(2, wrong_name, "not complete")
         self.assertEqual(0, len(secure.service.uploads))
         self.ends(0, sync(NADIR, "push", self.outbox, "--to", f"https://localhost:{port}", "--ca", certificate), f"accepted {COUNT}")
 

@@ -90,8 +90,8 @@ class Damage(unittest.TestCase):
         self.assertEqual({"SEALED": COUNT - bad, "DAMAGED": bad}, self.states())
         self.assertEqual(COUNT - bad, self.push(0)["accepted"])
         status = self.call(0, "status", self.outbox, "--failed", 100)
-        for word in ("DAMAGED", "its picture is gone", "its picture is not the one", "its sidecar is not the one",
-                     "its row says something else", "its signature has no form"):
+        for word in ("DAMAGED", "its image is missing", "its image is not the one", "its sidecar is not the one",
+                     "its row contradicts its sidecar", "its signature is malformed"):
             self.assertIn(word, status)
         # The flight's folder still has them: what is sound takes the damaged ones' place.
         self.assertIn(f"staged {bad} tiles", self.stage(0))
@@ -112,7 +112,7 @@ class Damage(unittest.TestCase):
         self.damage("UPDATE blob SET bytes = x'00' WHERE tile = 5")
         outcome = self.push(1)
         self.assertEqual((COUNT, COUNT), (outcome["accepted"], outcome["parked"]))
-        self.assertIn("the outbox is damaged: the picture of tile", self.call(1, "status", self.outbox))
+        self.assertIn("the outbox is damaged: the image of tile", self.call(1, "status", self.outbox))
         self.assertIn("1 batches", self.call(0, "retry", self.outbox))
         self.assertEqual(COUNT, self.push(1)["parked"])
         told = self.retry(1)

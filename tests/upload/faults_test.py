@@ -158,7 +158,7 @@ class Faulty(unittest.TestCase):
     def test_an_endless_fault_ends_with_patience(self):
         outbox = self.flight(5, 5_000)
         server = self.serve(rate=1.0, kinds=("error_500",))
-        result = sync(KILLED, "push", outbox, "--to", server.url, "--patience", "3000", "--json")
+        result = sync(KILLED, "push", outbox, "--to", server.url, "--timeout-s", "3000", "--json")
         self.assertEqual(2, result.returncode)
         self.assertIn("500", json.loads(result.stdout)["waits_for"])
         self.assertEqual({"SEALED"}, {state for state, _ in tiles(outbox).values()})

@@ -9,13 +9,10 @@
 #include <iostream>
 #include <random>
 
-#include "cli/interrupt.hpp"
+#include "cli/terminal.hpp"
 #include "cli/program.hpp"
-#include "commands/sync/prune.hpp"
-#include "commands/sync/push.hpp"
-#include "commands/sync/retry.hpp"
-#include "commands/sync/stage.hpp"
-#include "commands/sync/status.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
 
 namespace nadir {
 namespace {
@@ -40,9 +37,9 @@ class Killer {
 };
 
 // Time goes on by what was to be waited.
-class HurriedPace final : public Pace {
+class HurriedClock final : public UploadClock {
  public:
-  std::int64_t now_ms() const override { return SystemPace().now_ms() + skipped_ms_; }
+  std::int64_t now_ms() const override { return SystemUploadClock().now_ms() + skipped_ms_; }
   void wait(std::int64_t duration_ms, const std::function<void()>& check) override {
     check();
     skipped_ms_ += duration_ms;
@@ -71,8 +68,8 @@ class WatchedTransport final : public HttpTransport {
 int run(const std::vector<std::string>& args) {
   Killer killer;
   std::mt19937_64 engine(static_cast<std::uint64_t>(std::atoll(environment("NADIR_TEST_SEED", "1").c_str())));
-  SyncSurroundings around;
-  around.pace = [] { return std::make_unique<HurriedPace>(); };
+  SyncEnvironment around;
+  around.pace = [] { return std::make_unique<HurriedClock>(); };
   around.random_bytes = [&engine] {
     std::array<std::uint8_t, 16> bytes{};
     for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(engine());
@@ -85,11 +82,11 @@ int run(const std::vector<std::string>& args) {
     return std::make_unique<WatchedTransport>(std::move(real), killer);
   };
   std::vector<std::unique_ptr<Command>> commands;
-  commands.push_back(std::make_unique<SyncStageCommand>(around));
-  commands.push_back(std::make_unique<SyncPushCommand>(around));
-  commands.push_back(std::make_unique<SyncStatusCommand>());
-  commands.push_back(std::make_unique<SyncRetryCommand>(around));
-  commands.push_back(std::make_unique<SyncPruneCommand>(around));
+  commands.push_back(make_sync_stage(around));
+  commands.push_back(make_sync_push(around));
+  commands.push_back(make_sync_status());
+  commands.push_back(make_sync_retry(around));
+  commands.push_back(make_sync_prune(around));
   const SystemClock clock;
   return run_program({"killed_sync", "nadir sync with a death wish", ""}, commands, args,
                      {std::cout, std::cerr, clock, false, 80});

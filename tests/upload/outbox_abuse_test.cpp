@@ -7,7 +7,6 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "upload/outbox_fixture.hpp"
-#include "upload/outbox_report.hpp"
 #include "upload/outbox_upkeep.hpp"
 
 namespace nadir {

@@ -2,11 +2,10 @@
 
 #include "base/error.hpp"
 #include "upload/batch.hpp"
-#include "upload/pack_reader.hpp"
+#include "upload/outbox.hpp"
 #include "upload/outbox_fixture.hpp"
-#include "upload/outbox_report.hpp"
-#include "upload/outbox_tables.hpp"
 #include "upload/outbox_upkeep.hpp"
+#include "upload/pack.hpp"
 
 namespace nadir {
 namespace {

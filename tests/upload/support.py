@@ -38,7 +38,7 @@ def sync(program, *arguments, kill_at=None, kill_count=None, seed=1, token=TOKEN
 
 
 def push(program, outbox, url, **more):
-    return sync(program, "push", outbox, "--to", url, "--patience", "86400", "--json", **more)
+    return sync(program, "push", outbox, "--to", url, "--timeout-s", "86400", "--json", **more)
 
 
 def tiles(outbox):

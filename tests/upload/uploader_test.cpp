@@ -1,5 +1,3 @@
-// The uploader's decisions, with a service of a few lines and a clock that does not tick by itself. The faults of real
-// lines and real kills are in faults_test.py.
 #include "upload/uploader.hpp"
 
 #include <gtest/gtest.h>
@@ -15,9 +13,42 @@
 namespace nadir {
 namespace {
 
+TEST(BackOff, IsRandomUpToADoublingLimit) {
+  Random random(1);
+  for (int failures = 0; failures < 30; ++failures) {
+    const std::int64_t limit_ms = std::min<std::int64_t>(900'000, std::int64_t{2'000} << std::min(failures, 20));
+    std::int64_t least = limit_ms, most = 0;
+    for (int draw = 0; draw < 500; ++draw) {
+      const std::int64_t wait_ms = back_off_ms(failures, std::nullopt, random);
+      least = std::min(least, wait_ms);
+      most = std::max(most, wait_ms);
+    }
+    EXPECT_GE(least, 0);
+    EXPECT_LT(most, limit_ms);
+    EXPECT_LT(least, limit_ms / 10) << failures;
+    EXPECT_GT(most, limit_ms - limit_ms / 10) << failures;
+  }
+}
+
+TEST(BackOff, WhatTheServiceAsksForGoesFirst) {
+  Random random(1);
+  EXPECT_EQ(back_off_ms(9, 7, random), 7'000);
+  EXPECT_EQ(back_off_ms(0, 0, random), 0);
+  EXPECT_EQ(back_off_ms(0, 1'000'000, random), 86'400'000) << "a day at most";
+  EXPECT_EQ(back_off_ms(0, -5, random), 0);
+}
+
+TEST(BackOff, IsTheSameForTheSameSeed) {
+  Random one(42), other(42);
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(back_off_ms(i, std::nullopt, one), back_off_ms(i, std::nullopt, other));
+}
+
+// The uploader's decisions, with a service of a few lines and a clock that does not tick by itself. The faults of real
+// lines and real kills are in faults_test.py.
+
 using nlohmann::json;
 
-class StoppedPace final : public Pace {
+class StoppedClock final : public UploadClock {
  public:
   std::int64_t now_ms() const override { return now_ms_; }
   void wait(std::int64_t duration_ms, const std::function<void()>&) override {
@@ -89,18 +120,18 @@ class Upload : public test::OutboxFixture {
   UploadOutcome run(UploadOptions options = {}) {
     ServiceClient client(service_);
     Uploader uploader(*outbox_, client,
-                      {pace_, Random(1), progress_, [this](const std::string& line) { told_.push_back(line); }},
+                      {clock_, Random(1), progress_, [this](const std::string& line) { log_.push_back(line); }},
                       options);
     return uploader.run();
   }
   static HttpReply problem(int status, std::map<std::string, std::string> headers = {}) {
-    return {status, std::move(headers), R"({"type":"x","title":"Trouble","status":0,"detail":"as wanted"})"};
+    return {status, std::move(headers), R"({"type":"x","title":"TransferError","status":0,"detail":"as wanted"})"};
   }
 
   SmallService service_;
-  StoppedPace pace_;
+  StoppedClock clock_;
   NoProgress progress_;
-  std::vector<std::string> told_;
+  std::vector<std::string> log_;
 };
 
 TEST_F(Upload, GoesTheWholeWay) {
@@ -111,8 +142,8 @@ TEST_F(Upload, GoesTheWholeWay) {
   EXPECT_EQ(outcome.verdicts.accepted, 3);
   EXPECT_EQ(outcome.retries, 0);
   EXPECT_EQ(tiles_in(TileState::accepted), 3);
-  EXPECT_TRUE(pace_.waits_ms.empty());
-  EXPECT_TRUE(told_.empty());
+  EXPECT_TRUE(clock_.waits_ms.empty());
+  EXPECT_TRUE(log_.empty());
   EXPECT_EQ(service_.calls.front(), "POST uploads");
   EXPECT_EQ(service_.calls.back(), "GET upload-0");
   EXPECT_EQ(run().verdicts.accepted, 0) << "nothing is left to do";
@@ -132,8 +163,8 @@ TEST_F(Upload, WaitsAsLongAsTheServiceSays) {
   seal();
   service_.first = {problem(429, {{"retry-after", "7"}}), problem(503, {{"retry-after", "120"}})};
   EXPECT_EQ(run().verdicts.accepted, 1);
-  EXPECT_EQ(pace_.waits_ms, (std::vector<std::int64_t>{7'000, 120'000}));
-  EXPECT_NE(told_.at(0).find("429"), std::string::npos);
+  EXPECT_EQ(clock_.waits_ms, (std::vector<std::int64_t>{7'000, 120'000}));
+  EXPECT_NE(log_.at(0).find("429"), std::string::npos);
 }
 
 // By the service's clock, which its own Date tells: ours may be wrong by years.
@@ -146,7 +177,7 @@ TEST_F(Upload, ADateToWaitUntilCountsFromTheReplysOwn) {
   service_.first = {until("Sun, 06 Nov 1994 08:51:37 GMT"), until("Mon, 07 Nov 1994 20:00:00 GMT"),
                     until("Sun, 06 Nov 1994 08:00:00 GMT")};
   EXPECT_EQ(run({.patience_ms = 1'000'000'000}).verdicts.accepted, 1);
-  EXPECT_EQ(pace_.waits_ms, (std::vector<std::int64_t>{120'000, 86'400'000})) << "a day at most; then at once";
+  EXPECT_EQ(clock_.waits_ms, (std::vector<std::int64_t>{120'000, 86'400'000})) << "a day at most; then at once";
 }
 
 TEST_F(Upload, ADateThatNobodyCanPlaceLeavesItToTheBackOff) {
@@ -155,9 +186,9 @@ TEST_F(Upload, ADateThatNobodyCanPlaceLeavesItToTheBackOff) {
   service_.first = {problem(503, {{"retry-after", "Sun, 06 Nov 2094 08:51:37 GMT"}}),
                     problem(503, {{"date", "now"}, {"retry-after", "soon"}})};
   EXPECT_EQ(run().verdicts.accepted, 1);
-  ASSERT_EQ(pace_.waits_ms.size(), 2U);
-  EXPECT_LT(pace_.waits_ms[0], 2'000);
-  EXPECT_LT(pace_.waits_ms[1], 4'000);
+  ASSERT_EQ(clock_.waits_ms.size(), 2U);
+  EXPECT_LT(clock_.waits_ms[0], 2'000);
+  EXPECT_LT(clock_.waits_ms[1], 4'000);
 }
 
 // Each run is a program of its own that gives up at the first wait.
@@ -171,14 +202,14 @@ TEST_F(Upload, ARestartForgetsNeitherWaitsNorStrikes) {
   EXPECT_FALSE(run(impatient).finished);
   EXPECT_FALSE(run(impatient).finished);
   EXPECT_EQ(service_.calls.size(), 1U) << "neither batch is tried before the service wants it";
-  EXPECT_EQ(transfer_.next_batch(pace_.now_ms() + 1'000'000)->attempts, 1);
+  EXPECT_EQ(transfer_.next_batch(clock_.now_ms() + 1'000'000)->attempts, 1);
 
   std::int64_t parked = 0;
   int runs = 0;
   for (; parked == 0 && runs < 50; ++runs) {
-    pace_.wait(1'000'000, [] {});
+    clock_.wait(1'000'000, [] {});
     service_.first = {HttpReply{204, {}, ""}};  // nonsense
-    parked += run({.patience_ms = -1, .most_nonsense = 5}).parked;
+    parked += run({.patience_ms = -1, .most_invalid = 5}).parked;
     service_.first.clear();
   }
   EXPECT_EQ(parked, 2);
@@ -188,23 +219,23 @@ TEST_F(Upload, ARestartForgetsNeitherWaitsNorStrikes) {
 TEST_F(Upload, TryingAgainByHandForgivesStrikes) {
   stage(1);
   seal();
-  const OpenBatch batch = *transfer_.next_batch(pace_.now_ms());
-  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 1);
-  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 2);
-  transfer_.forgive(batch, {"nonsense"});
-  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 3);
-  transfer_.forgive(batch, {"nonsense", "forgotten"});
-  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 1);
+  const OpenBatch batch = *transfer_.next_batch(clock_.now_ms());
+  EXPECT_EQ(transfer_.count_failure(batch, "forgotten"), 1);
+  EXPECT_EQ(transfer_.count_failure(batch, "forgotten"), 2);
+  transfer_.reset_failures(batch, {"nonsense"});
+  EXPECT_EQ(transfer_.count_failure(batch, "forgotten"), 3);
+  transfer_.reset_failures(batch, {"nonsense", "forgotten"});
+  EXPECT_EQ(transfer_.count_failure(batch, "forgotten"), 1);
   retry_parked(*outbox_, 1);
-  EXPECT_EQ(transfer_.strike(batch, "forgotten"), 1);
+  EXPECT_EQ(transfer_.count_failure(batch, "forgotten"), 1);
 }
 
 TEST_F(Upload, AnAttemptThatAWrongClockPutOffForYearsIsDueInADay) {
   stage(1);
   seal();
-  transfer_.delay(*transfer_.next_batch(0), 3, pace_.now_ms() + 900 * std::int64_t{86'400'000}, "no route");
+  transfer_.delay(*transfer_.next_batch(0), 3, clock_.now_ms() + 900 * std::int64_t{86'400'000}, "no route");
   EXPECT_EQ(run({.patience_ms = 1'000'000'000}).verdicts.accepted, 1);
-  EXPECT_EQ(pace_.waits_ms, (std::vector<std::int64_t>{86'400'000}));
+  EXPECT_EQ(clock_.waits_ms, (std::vector<std::int64_t>{86'400'000}));
 }
 
 TEST_F(Upload, WaitsLongerAndLongerOtherwise) {
@@ -212,9 +243,9 @@ TEST_F(Upload, WaitsLongerAndLongerOtherwise) {
   seal();
   for (int i = 0; i < 12; ++i) service_.first.push_back(NoReply{"no route"});
   EXPECT_EQ(run({.patience_ms = 1'000'000'000}).verdicts.accepted, 1);
-  ASSERT_EQ(pace_.waits_ms.size(), 12U);
+  ASSERT_EQ(clock_.waits_ms.size(), 12U);
   for (std::size_t i = 0; i < 12; ++i) {
-    EXPECT_LE(pace_.waits_ms[i], std::min<std::int64_t>(900'000, std::int64_t{2'000} << i)) << i;
+    EXPECT_LE(clock_.waits_ms[i], std::min<std::int64_t>(900'000, std::int64_t{2'000} << i)) << i;
   }
 }
 
@@ -235,8 +266,8 @@ TEST_F(Upload, AsksForTheOffsetAfterABreak) {
   stage(4);
   seal();
   // Announced, then the first part is lost.
-  transfer_.announced(*transfer_.next_batch(pace_.now_ms()), answer({2, 3}, {}, {}), 5);
-  service_.announced = json::parse(transfer_.document(*transfer_.next_batch(pace_.now_ms())))["signed"];
+  transfer_.announced(*transfer_.next_batch(clock_.now_ms()), answer({2, 3}, {}, {}), 5);
+  service_.announced = json::parse(transfer_.document(*transfer_.next_batch(clock_.now_ms())))["signed"];
   service_.calls.clear();
   service_.first = {NoReply{"reset"}};
   EXPECT_EQ(run().verdicts.accepted, 2);
@@ -268,7 +299,7 @@ TEST_F(Upload, WaitsForACallThatStillWritesThePack) {
   const UploadOutcome outcome = run();
   EXPECT_EQ(outcome.parked, 0);
   EXPECT_EQ(outcome.verdicts.accepted, 2);
-  EXPECT_EQ(pace_.waits_ms, std::vector<std::int64_t>(30, 2'000));
+  EXPECT_EQ(clock_.waits_ms, std::vector<std::int64_t>(30, 2'000));
 }
 
 TEST_F(Upload, StopsAtOnceForATokenThatIsNotAccepted) {
@@ -326,7 +357,7 @@ TEST_F(Upload, AnInterruptLeavesThePackWaiting) {
   seal();
   Stop stop;
   ServiceClient client(service_);
-  Uploader uploader(*outbox_, client, {pace_, Random(1), stop, [](const std::string&) {}}, {});
+  Uploader uploader(*outbox_, client, {clock_, Random(1), stop, [](const std::string&) {}}, {});
   EXPECT_THROW(uploader.run(), Interrupted);
   EXPECT_EQ(run().verdicts.accepted, 2);
 }

@@ -36,17 +36,17 @@ PlanePoint hit_of(const CameraPose& pose, const Eigen::Vector3d& ray, const Slop
   return {pose.position.east_m + out.x(), pose.position.north_m + out.y()};
 }
 
-// Rays over a picture of 64 x 48 degrees, and what they hit.
+// Rays over a image of 64 x 48 degrees, and what they hit.
 std::vector<GroundCorrespondence> sights_from(const CameraPose& pose, double sigma_m, int columns = 9, int rows = 6,
-                                     const Slope& slope = Slope::Zero()) {
-  std::vector<GroundCorrespondence> sights;
+                                              const Slope& slope = Slope::Zero()) {
+  std::vector<GroundCorrespondence> correspondences;
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
       const Eigen::Vector3d ray(0.625 * (2.0 * i / (columns - 1) - 1), 0.445 * (2.0 * j / (rows - 1) - 1), 1);
-      sights.push_back({ray, hit_of(pose, ray, slope), Eigen::Matrix2d::Identity() / (sigma_m * sigma_m)});
+      correspondences.push_back({ray, hit_of(pose, ray, slope), Eigen::Matrix2d::Identity() / (sigma_m * sigma_m)});
     }
   }
-  return sights;
+  return correspondences;
 }
 
 const CameraPose kTruth{{120, -340}, 110, {radians(160), radians(6), radians(-9)}};
@@ -68,7 +68,7 @@ PosePrior tight_prior() {
   return prior;
 }
 
-TEST(CameraPoseSolver, ExactSightsGiveThePose) {
+TEST(CameraPoseSolver, ExactCorrespondencesGiveThePose) {
   const auto solved = solve_camera_pose(sights_from(kTruth, 0.3), tight_prior(), {2.0, 0.1});
   ASSERT_TRUE(solved);
   EXPECT_LT(off_m(solved->pose, kTruth), 0.01);
@@ -79,7 +79,7 @@ TEST(CameraPoseSolver, ExactSightsGiveThePose) {
 }
 
 // With an idle prior the perspective alone tells tilt and position apart.
-TEST(CameraPoseSolver, ExactSightsOvercomeAWrongTilt) {
+TEST(CameraPoseSolver, ExactCorrespondencesOvercomeAWrongTilt) {
   PosePrior prior = tight_prior();
   prior.pose.attitude.pitch_rad += radians(3);
   prior.pose.attitude.roll_rad -= radians(2);
@@ -95,21 +95,21 @@ TEST(CameraPoseSolver, ExactSightsOvercomeAWrongTilt) {
 TEST(CameraPoseSolver, IgnoresFortyPercentOutliers) {
   Random random(4);
   for (int trial = 0; trial < 20; ++trial) {
-    auto sights = sights_from(kTruth, 0.3);
-    std::vector<bool> good(sights.size(), true);
-    for (std::size_t i = 0; i < sights.size(); ++i) {
+    auto correspondences = sights_from(kTruth, 0.3);
+    std::vector<bool> good(correspondences.size(), true);
+    for (std::size_t i = 0; i < correspondences.size(); ++i) {
       if (i % 5 < 2) {
         good[i] = false;
         const double far_m = random.uniform(9, 25), direction = random.uniform(0, 2 * kPi);
-        sights[i].ground.east_m += far_m * std::cos(direction);
-        sights[i].ground.north_m += far_m * std::sin(direction);
+        correspondences[i].ground.east_m += far_m * std::cos(direction);
+        correspondences[i].ground.north_m += far_m * std::sin(direction);
       }
     }
     PosePrior prior = tight_prior();
     prior.pose.position = {kTruth.position.east_m + 4, kTruth.position.north_m - 3};
     prior.pose.agl_m = 109;
     prior.pose.attitude.heading_rad = kTruth.attitude.heading_rad + radians(1);
-    const auto solved = solve_camera_pose(sights, prior, {2.0, 0.3});
+    const auto solved = solve_camera_pose(correspondences, prior, {2.0, 0.3});
     ASSERT_TRUE(solved) << trial;
     EXPECT_LT(off_m(solved->pose, kTruth), 0.15) << trial;
     EXPECT_EQ(solved->inlier, good) << trial;
@@ -117,7 +117,7 @@ TEST(CameraPoseSolver, IgnoresFortyPercentOutliers) {
 }
 
 // Normalised error squared over draws of prior and noise: a sum of chi-square with 6 degrees of freedom each.
-TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
+TEST(CameraPoseSolver, CovarianceIsConsistent) {
   Random random(5);
   constexpr int kTrials = 300;
   const double sight_sigma = 0.8, floor_sigma = 0.6, agl_sigma = 0.03, heading_sigma = 0.05, slope_sigma = 0.02;
@@ -140,13 +140,13 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
     truth.attitude.roll_rad += tilt_off.y();
     prior.slope_sigma = slope_sigma;
     const Slope slope(random.normal(0, slope_sigma), random.normal(0, slope_sigma));
-    auto sights = sights_from(truth, sight_sigma, 5, 4, slope);
-    for (GroundCorrespondence& sight : sights) {
+    auto correspondences = sights_from(truth, sight_sigma, 5, 4, slope);
+    for (GroundCorrespondence& correspondence : correspondences) {
       const double sigma = std::hypot(sight_sigma, floor_sigma);
-      sight.ground.east_m += random.normal(0, sigma);
-      sight.ground.north_m += random.normal(0, sigma);
+      correspondence.ground.east_m += random.normal(0, sigma);
+      correspondence.ground.north_m += random.normal(0, sigma);
     }
-    const auto solved = solve_camera_pose(sights, prior, {60.0, floor_sigma});
+    const auto solved = solve_camera_pose(correspondences, prior, {60.0, floor_sigma});
     ASSERT_TRUE(solved);
     Vector6 error;
     error << solved->pose.position.east_m - truth.position.east_m,
@@ -157,9 +157,9 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
     all += error.dot(solved->covariance.inverse() * error) / kTrials;
     const Eigen::Vector2d at = error.head<2>();
     position += at.dot(solved->covariance.topLeftCorner<2, 2>().inverse() * at) / kTrials;
-    // What the sights alone say must be honest as well.
-    const Vector6 alone = error + solved->sighted_information.inverse() * solved->sighted_pull;
-    sighted += alone.dot(solved->sighted_information * alone) / kTrials;
+    // What the correspondences alone say must be honest as well.
+    const Vector6 alone = error + solved->measurement_information.inverse() * solved->measurement_gradient;
+    sighted += alone.dot(solved->measurement_information * alone) / kTrials;
   }
   // Standard deviation of the mean of n chi-square of k degrees: sqrt(2k / n); bounds at 3.3 of it.
   EXPECT_NEAR(all, 6, 3.3 * std::sqrt(12.0 / kTrials));
@@ -167,9 +167,9 @@ TEST(CameraPoseSolver, CovarianceIsWhatItSays) {
   EXPECT_NEAR(sighted, 6, 3.3 * std::sqrt(12.0 / kTrials));
 }
 
-// Half the sum of squares of the sights and of the prior on the slope.
-double cost(const std::vector<GroundCorrespondence>& sights, const PosePrior& prior, double floor_m, CameraPose pose,
-            const Vector8& step) {
+// Half the sum of squares of the correspondences and of the prior on the slope.
+double cost(const std::vector<GroundCorrespondence>& correspondences, const PosePrior& prior, double floor_m,
+            CameraPose pose, const Vector8& step) {
   pose.position.east_m += step[0];
   pose.position.north_m += step[1];
   pose.agl_m *= std::exp(step[2]);
@@ -178,19 +178,20 @@ double cost(const std::vector<GroundCorrespondence>& sights, const PosePrior& pr
   pose.attitude.roll_rad += step[5];
   const Slope slope = step.tail<2>();
   double sum = 0.5 * slope.squaredNorm() / (prior.slope_sigma * prior.slope_sigma);
-  for (const GroundCorrespondence& sight : sights) {
-    const PlanePoint at = hit_of(pose, sight.ray, slope);
-    const Eigen::Vector2d off(sight.ground.east_m - at.east_m, sight.ground.north_m - at.north_m);
-    const Eigen::Matrix2d covariance = sight.information_m2.inverse() + floor_m * floor_m * Eigen::Matrix2d::Identity();
+  for (const GroundCorrespondence& correspondence : correspondences) {
+    const PlanePoint at = hit_of(pose, correspondence.ray, slope);
+    const Eigen::Vector2d off(correspondence.ground.east_m - at.east_m, correspondence.ground.north_m - at.north_m);
+    const Eigen::Matrix2d covariance =
+        correspondence.information_m2.inverse() + floor_m * floor_m * Eigen::Matrix2d::Identity();
     sum += 0.5 * off.dot(covariance.inverse() * off);
   }
   return sum;
 }
 
-TEST(CameraPoseSolver, SightedInformationIsTheHessianWithoutPriors) {
-  auto sights = sights_from(kTruth, 0.7, 6, 4);
-  for (std::size_t i = 0; i < sights.size(); i += 2) {  // uneven: ridges, and more on one side
-    sights[i].information_m2 << 3.0, 0.8, 0.8, 0.4;
+TEST(CameraPoseSolver, MeasurementInformationIsTheHessianWithoutPriors) {
+  auto correspondences = sights_from(kTruth, 0.7, 6, 4);
+  for (std::size_t i = 0; i < correspondences.size(); i += 2) {  // uneven: ridges, and more on one side
+    correspondences[i].information_m2 << 3.0, 0.8, 0.8, 0.4;
   }
   PosePrior prior;
   prior.pose = kTruth;
@@ -198,7 +199,7 @@ TEST(CameraPoseSolver, SightedInformationIsTheHessianWithoutPriors) {
   prior.heading_sigma_rad = 0.06;
   prior.tilt_covariance_rad2 << 3e-4, -1e-4, -1e-4, 5e-4;
   const double floor_m = 0.4;
-  const auto solved = solve_camera_pose(sights, prior, {5.0, floor_m});
+  const auto solved = solve_camera_pose(correspondences, prior, {5.0, floor_m});
   ASSERT_TRUE(solved);
   Vector8 scale;
   scale << 1e-2, 1e-2, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4;
@@ -206,15 +207,15 @@ TEST(CameraPoseSolver, SightedInformationIsTheHessianWithoutPriors) {
   for (int i = 0; i < 8; ++i) {
     for (int j = 0; j < 8; ++j) {
       const Vector8 a = scale[i] * Vector8::Unit(i), b = scale[j] * Vector8::Unit(j);
-      const auto at = [&](const Vector8& step) { return cost(sights, prior, floor_m, solved->pose, step); };
+      const auto at = [&](const Vector8& step) { return cost(correspondences, prior, floor_m, solved->pose, step); };
       hessian(i, j) = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / (4 * scale[i] * scale[j]);
     }
   }
   const Eigen::Matrix<double, 6, 2> with_slope = hessian.topRightCorner<6, 2>();
   const Eigen::Matrix<double, 6, 6> expected =
       hessian.topLeftCorner<6, 6>() - with_slope * hessian.bottomRightCorner<2, 2>().inverse() * with_slope.transpose();
-  EXPECT_LT((solved->sighted_information - expected).norm(), 1e-3 * expected.norm())
-      << solved->sighted_information << "\n\n"
+  EXPECT_LT((solved->measurement_information - expected).norm(), 1e-3 * expected.norm())
+      << solved->measurement_information << "\n\n"
       << expected;
   hessian(2, 2) += 1 / (prior.log_agl_sigma * prior.log_agl_sigma);
   hessian(3, 3) += 1 / (prior.heading_sigma_rad * prior.heading_sigma_rad);
@@ -223,17 +224,17 @@ TEST(CameraPoseSolver, SightedInformationIsTheHessianWithoutPriors) {
   EXPECT_LT((solved->covariance - covariance).norm(), 1e-3 * covariance.norm());
 }
 
-TEST(CameraPoseSolver, TheSightedPoseForgetsThePrior) {
-  const auto sights = sights_from(kTruth, 0.2);
+TEST(CameraPoseSolver, TheMeasuredPoseIsIndependentOfThePrior) {
+  const auto correspondences = sights_from(kTruth, 0.2);
   for (const double wrong : {-0.03, 0.0, 0.03}) {
     PosePrior prior;
     prior.pose = kTruth;
     prior.pose.attitude.pitch_rad += wrong;
     prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 4e-4;
     prior.slope_sigma = kLevel;
-    const auto solved = solve_camera_pose(sights, prior, {20.0, 0.5});
+    const auto solved = solve_camera_pose(correspondences, prior, {20.0, 0.5});
     ASSERT_TRUE(solved);
-    const Vector6 step = solved->sighted_information.inverse() * solved->sighted_pull;
+    const Vector6 step = solved->measurement_information.inverse() * solved->measurement_gradient;
     EXPECT_NEAR(solved->pose.attitude.pitch_rad + step[4], kTruth.attitude.pitch_rad, 0.001) << wrong;
     EXPECT_NEAR(solved->pose.attitude.roll_rad + step[5], kTruth.attitude.roll_rad, 0.001) << wrong;
     EXPECT_NEAR(solved->pose.position.east_m + step[0], kTruth.position.east_m, 0.1) << wrong;
@@ -241,19 +242,20 @@ TEST(CameraPoseSolver, TheSightedPoseForgetsThePrior) {
   }
 }
 
-// Roofs and hills: a sight knows how high its ground lies.
-TEST(CameraPoseSolver, UsesTheHeightsOfTheGround) {
-  auto sights = sights_from(kTruth, 0.3);
-  for (std::size_t i = 0; i < sights.size(); ++i) {
-    sights[i].height_m = i % 3 == 0 ? 12 : -4;
-    sights[i].ground = hit_of(kTruth, sights[i].ray, Slope::Zero(), sights[i].height_m);
+// Roofs and hills: a correspondence knows how high its ground lies.
+TEST(CameraPoseSolver, UsesTerrainHeights) {
+  auto correspondences = sights_from(kTruth, 0.3);
+  for (std::size_t i = 0; i < correspondences.size(); ++i) {
+    correspondences[i].height_m = i % 3 == 0 ? 12 : -4;
+    correspondences[i].ground = hit_of(kTruth, correspondences[i].ray, Slope::Zero(), correspondences[i].height_m);
   }
-  const auto solved = solve_camera_pose(sights, tight_prior(), {2.0, 0.1});
+  const auto solved = solve_camera_pose(correspondences, tight_prior(), {2.0, 0.1});
   ASSERT_TRUE(solved);
   EXPECT_LT(off_m(solved->pose, kTruth), 0.01);
 }
 
-// An unknown slope looks like a tilt: with a lax prior on it the sights say less about tilt, but the fit stays exact.
+// An unknown slope looks like a tilt: with a lax prior on it the correspondences say less about tilt, but the fit stays
+// exact.
 TEST(CameraPoseSolver, AnUnknownSlopeTakesInformationFromTheTilt) {
   PosePrior prior = tight_prior();
   prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 4e-4;
@@ -262,19 +264,19 @@ TEST(CameraPoseSolver, AnUnknownSlopeTakesInformationFromTheTilt) {
   const auto sloping = solve_camera_pose(sights_from(kTruth, 0.3, 9, 6, {0.03, -0.02}), prior, {2.0, 0.1});
   ASSERT_TRUE(level && sloping);
   const auto tilt_information = [](const SolvedPose& solved) {
-    const Eigen::Matrix<double, 6, 6> spread = solved.sighted_information.inverse();
+    const Eigen::Matrix<double, 6, 6> spread = solved.measurement_information.inverse();
     return Eigen::Matrix2d(spread.block<2, 2>(4, 4).inverse()).trace();  // nothing else being known
   };
   EXPECT_LT(tilt_information(*sloping), 0.5 * tilt_information(*level));
   EXPECT_LT(sloping->rms_m, 0.05);
 }
 
-TEST(CameraPoseSolver, RefusesWhatCannotBeSolved) {
-  auto sights = sights_from(kTruth, 0.3);
+TEST(CameraPoseSolver, RejectsWhatCannotBeSolved) {
+  auto correspondences = sights_from(kTruth, 0.3);
   EXPECT_FALSE(solve_camera_pose({}, tight_prior(), {}));
-  EXPECT_FALSE(solve_camera_pose({sights[0], sights[1], sights[2]}, tight_prior(), {}));
-  sights[5].ray = {1, 0, 0};  // sees no ground
-  EXPECT_FALSE(solve_camera_pose(sights, tight_prior(), {}));
+  EXPECT_FALSE(solve_camera_pose({correspondences[0], correspondences[1], correspondences[2]}, tight_prior(), {}));
+  correspondences[5].ray = {1, 0, 0};  // sees no ground
+  EXPECT_FALSE(solve_camera_pose(correspondences, tight_prior(), {}));
 }
 
 }  // namespace

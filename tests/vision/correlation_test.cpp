@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "base/random.hpp"
@@ -28,7 +29,7 @@ Channels random_channels(Random& random, int columns, int rows, std::size_t pair
   return channels;
 }
 
-// A disc or a wedge of the picture is invalid, as with frames that are tilted and maps that end.
+// A disc or a wedge of the image is invalid, as with frames that are tilted and maps that end.
 void punch(Channels& channels, const cv::Rect& hole) {
   channels.mask(hole).setTo(0);
   for (cv::Mat& pair : channels.pairs) pair(hole).setTo(cv::Scalar::all(0));
@@ -151,7 +152,7 @@ TEST(Correlation, TooLittleMapDoesNotCount) {
   }
 }
 
-TEST(Correlation, AWindowWithoutContentScoresNothing) {
+TEST(Correlation, AWindowWithoutTextureScoresNothing) {
   Random random(15);
   Channels flat = random_channels(random, 40, 40, 1);
   flat.pairs[0].setTo(cv::Scalar::all(0.3));
@@ -162,7 +163,7 @@ TEST(Correlation, AWindowWithoutContentScoresNothing) {
   EXPECT_TRUE(distinct_peaks(scores, 5, 3).empty());
 }
 
-TEST(Correlation, FindsACutOutPiece) {
+TEST(Correlation, FindsACutOutPatch) {
   Random random(16);
   const Channels window = random_channels(random, 50, 45, 3);
   Channels pattern;
@@ -190,7 +191,7 @@ cv::Mat hills(const std::vector<std::array<double, 3>>& tops, cv::Size size) {
   return scores;
 }
 
-TEST(Peaks, BetweenThePixels) {
+TEST(Peaks, InterpolatesBetweenPixels) {
   for (const auto& [x, y] : {std::pair{20.3, 14.8}, std::pair{7.5, 22.1}, std::pair{31.0, 9.49}}) {
     const Peak peak = best_peak(hills({{x, y, 0.9}}, {40, 30}));
     EXPECT_NEAR(peak.x, x, 0.03);
@@ -200,13 +201,13 @@ TEST(Peaks, BetweenThePixels) {
   }
 }
 
-TEST(Peaks, AtTheRimStaysInside) {
+TEST(Peaks, StaysInsideAtTheBorder) {
   const Peak peak = best_peak(hills({{-3, 29, 0.9}}, {40, 30}));
   EXPECT_EQ(peak.x, 0);
   EXPECT_EQ(peak.y, 29);
 }
 
-TEST(Peaks, DistinctOnesBestFirst) {
+TEST(Peaks, DistinctPeaksBestFirst) {
   const cv::Mat scores = hills({{10, 10, 0.5}, {30, 20, 0.9}, {50, 10, 0.7}, {36, 20, 0.6}}, {60, 30});
   const auto peaks = distinct_peaks(scores, 3, 10);
   ASSERT_EQ(peaks.size(), 3U);
@@ -221,6 +222,186 @@ TEST(Peaks, DistinctOnesBestFirst) {
   }
   EXPECT_EQ(distinct_peaks(scores, 1, 10).size(), 1U);
   EXPECT_TRUE(distinct_peaks(cv::Mat(20, 20, CV_32FC1, cv::Scalar(-1)), 5, 3).empty());
+}
+
+cv::Mat noise(cv::Size size, std::uint64_t seed) {
+  cv::Mat picture(size, CV_8UC1);
+  cv::RNG(seed).fill(picture, cv::RNG::UNIFORM, 0, 256);
+  cv::GaussianBlur(picture, picture, cv::Size(), 1.5);
+  return picture;
+}
+
+// The sum as it is defined in correlation.hpp, in double precision, pixel by pixel.
+double defined_score(const Channels& pattern, const Channels& window, cv::Point at) {
+  double product = 0, pattern_energy = 0, window_energy = 0;
+  for (std::size_t p = 0; p < pattern.pairs.size(); ++p) {
+    for (int k = 0; k < 2; ++k) {
+      double n = 0, t = 0, m = 0, tt = 0, mm = 0, tm = 0;
+      for (int r = 0; r < pattern.mask.rows; ++r) {
+        for (int c = 0; c < pattern.mask.cols; ++c) {
+          if (pattern.mask.at<std::uint8_t>(r, c) == 0) continue;
+          const double a = pattern.pairs[p].at<cv::Vec2f>(r, c)[k];
+          const double b = window.pairs[p].at<cv::Vec2f>(at.y + r, at.x + c)[k];
+          n += 1, t += a, m += b, tt += a * a, mm += b * b, tm += a * b;
+        }
+      }
+      product += tm - t * m / n;
+      pattern_energy += tt - t * t / n;
+      window_energy += mm - m * m / n;
+    }
+  }
+  return product / std::sqrt(pattern_energy * window_energy);
+}
+
+Channels cut(const Channels& channels, const cv::Rect& part) {
+  Channels result;
+  for (const cv::Mat& pair : channels.pairs) result.pairs.push_back(pair(part).clone());
+  result.mask = channels.mask(part).clone();
+  return result;
+}
+
+class DirectCorrelation : public testing::Test {
+ protected:
+  DirectCorrelation() {
+    cv::Mat mask(90, 110, CV_8UC1, cv::Scalar(255));
+    cv::line(mask, {0, 30}, {109, 70}, cv::Scalar(0), 5);  // rows of two runs
+    mask.rowRange(0, 6).setTo(0);
+    picture = oriented_channels(noise({110, 90}, 1), mask, ChannelSet::six_orientations);
+    map = oriented_channels(noise({110, 90}, 1) * 0.6 + noise({110, 90}, 2) * 0.4, {}, ChannelSet::six_orientations);
+  }
+
+  Channels picture, map;
+};
+
+TEST_F(DirectCorrelation, EqualsTheFormula) {
+  const QuantizedChannels whole_picture(picture), whole_map(map);
+  const cv::Rect part(20, 10, 48, 40);
+  const cv::Point first(16, 7);
+  const cv::Mat scores = LocalTemplate(whole_picture, part).scores(whole_map, first, {9, 7});
+  ASSERT_EQ(scores.size(), cv::Size(9, 7));
+  const Channels pattern = cut(picture, part);
+  for (int v = 0; v < 7; ++v) {
+    for (int u = 0; u < 9; ++u) {
+      const double expected = defined_score(pattern, map, first + cv::Point(u, v));
+      EXPECT_NEAR(scores.at<float>(v, u), expected, 0.01) << u << ' ' << v;  // 1/256 steps
+    }
+  }
+  const Peak peak = best_peak(scores);
+  EXPECT_NEAR(peak.x, part.x - first.x, 0.5);
+  EXPECT_NEAR(peak.y, part.y - first.y, 0.5);
+}
+
+TEST_F(DirectCorrelation, AgreesWithTransforms) {
+  const QuantizedChannels whole_picture(picture), whole_map(map);
+  const cv::Rect part(30, 20, 40, 44), wide(25, 14, 52, 56);
+  const Channels pattern = cut(picture, part);
+  const WindowSpectra window(cut(map, wide));
+  const cv::Mat expected = correlate(pattern, window, TemplateNorm(pattern, window));
+  const cv::Mat scores = LocalTemplate(whole_picture, part).scores(whole_map, wide.tl(), expected.size());
+  EXPECT_LT(cv::norm(scores, expected, cv::NORM_INF), 0.01);
+}
+
+TEST_F(DirectCorrelation, StepsAreASubsetOfAllPlacements) {
+  const QuantizedChannels whole_picture(picture), whole_map(map);
+  const LocalTemplate pattern(whole_picture, {20, 10, 48, 40});
+  const cv::Mat all = pattern.scores(whole_map, {12, 6}, {11, 9}),
+                some = pattern.scores(whole_map, {12, 6}, {4, 3}, 0.6, 3);
+  for (int v = 0; v < 3; ++v) {
+    for (int u = 0; u < 4; ++u) EXPECT_EQ(some.at<float>(v, u), all.at<float>(3 * v, 3 * u));
+  }
+}
+
+// What lies off the map counts as its mean, as in correlation.cpp.
+TEST_F(DirectCorrelation, AgreesWithTransformsBesideGapsOfTheMap) {
+  Channels torn = map;
+  torn.mask = map.mask.clone();
+  torn.mask(cv::Rect(40, 0, 40, 60)).setTo(0);
+  for (cv::Mat& pair : torn.pairs) {
+    pair = pair.clone();
+    pair.setTo(cv::Scalar::all(0), torn.mask == 0);
+  }
+  const QuantizedChannels whole_map(map), whole_torn(torn);
+  const cv::Rect part(30, 20, 40, 44);
+  const Channels pattern = cut(map, part);
+  const WindowSpectra window(torn);
+  for (const double min_valid : {0.2, 0.6}) {
+    const cv::Mat expected = correlate(pattern, window, TemplateNorm(pattern, window, min_valid));
+    const cv::Mat scores = LocalTemplate(whole_map, part).scores(whole_torn, {0, 0}, expected.size(), min_valid);
+    int differ = 0, left_out = 0;
+    for (int v = 0; v < scores.rows; ++v) {
+      for (int u = 0; u < scores.cols; ++u) {
+        const float a = scores.at<float>(v, u), b = expected.at<float>(v, u);
+        if (a == -1) ++left_out;
+        if (std::abs(a - b) > 0.01F) ++differ;  // rounding of transforms may miss the bound by a pixel
+      }
+    }
+    EXPECT_GT(left_out, 50);
+    EXPECT_LT(differ, 0.01 * static_cast<double>(scores.total())) << min_valid;
+  }
+}
+
+TEST_F(DirectCorrelation, TexturelessGroundMatchesNothing) {
+  const Channels flat = oriented_channels(cv::Mat(60, 60, CV_8UC1, cv::Scalar(90)), {}, ChannelSet::six_orientations);
+  const QuantizedChannels whole_flat(flat), whole_map(map);
+  const cv::Mat on_flat = LocalTemplate(whole_map, {5, 5, 48, 48}).scores(whole_flat, {2, 2}, {5, 5});
+  const cv::Mat of_flat = LocalTemplate(whole_flat, {5, 5, 48, 48}).scores(whole_map, {2, 2}, {5, 5});
+  EXPECT_EQ(cv::countNonZero(on_flat != -1), 0);
+  EXPECT_EQ(cv::countNonZero(of_flat != 0), 0);
+  Channels none = map;
+  none.mask = cv::Mat::zeros(map.mask.size(), CV_8UC1);
+  const QuantizedChannels whole_none(none);
+  EXPECT_EQ(cv::countNonZero(LocalTemplate(whole_none, {5, 5, 48, 48}).scores(whole_map, {2, 2}, {5, 5}) != -1), 0);
+}
+
+// Channels of the map that serve more than one comparison: the same scores as channels made for each.
+constexpr ChannelSet kSet = ChannelSet::six_orientations;
+
+class MapChannelsTest : public testing::Test {
+ protected:
+  cv::Mat image = noise({240, 200}, 1), mask{image.size(), CV_8UC1, cv::Scalar(255)};
+  QuantizedChannels pattern{oriented_channels(image({100, 80, 60, 50}), {}, kSet)};
+
+  // Of the pattern at the places up to 3 px around where it was cut out.
+  cv::Mat scores(MapChannels& map) const {
+    return LocalTemplate(pattern, cv::Rect(cv::Point(), pattern.size()))
+        .scores(map.channels(), map.inside({97, 77}), {7, 7});
+  }
+};
+
+TEST_F(MapChannelsTest, ALargerRegionScoresTheSame) {
+  MapChannels narrow(image, mask, kSet, {}), wide(image, mask, kSet, {});
+  narrow.cover({97, 77, 66, 56});
+  wide.cover({20, 20, 200, 160});
+  const cv::Mat one = scores(narrow), other = scores(wide);
+  EXPECT_LT(cv::norm(one, other, cv::NORM_INF), 0.03);  // the levelling sees another neighbourhood
+  cv::Point best;
+  cv::minMaxLoc(other, nullptr, nullptr, nullptr, &best);
+  EXPECT_EQ(best, cv::Point(3, 3));
+}
+
+TEST_F(MapChannelsTest, AreRecomputedOnlyWhenNeeded) {
+  MapChannels map(image, mask, kSet, {});
+  map.cover({50, 50, 120, 100});
+  const QuantizedChannels* first = &map.channels();
+  const cv::Mat first_mask = first->mask();
+  map.cover({97, 77, 66, 56});    // inside
+  map.cover({45, 45, 125, 100});  // a little beside
+  EXPECT_EQ(map.channels().mask().data, first_mask.data);
+  map.cover({97, 77, 140, 56});  // beyond
+  EXPECT_NE(map.channels().mask().data, first_mask.data);
+  EXPECT_GT(scores(map).at<float>(3, 3), 0.9F);
+}
+
+TEST_F(MapChannelsTest, NothingIsValidBeyondTheMap) {
+  MapChannels map(image, mask, kSet, {});
+  map.cover({-40, -30, 100, 90});
+  const cv::Point corner = map.inside({0, 0});
+  const cv::Mat& valid = map.channels().mask();
+  EXPECT_EQ(cv::countNonZero(valid.rowRange(0, corner.y)), 0);
+  EXPECT_EQ(cv::countNonZero(valid.colRange(0, corner.x)), 0);
+  EXPECT_EQ(valid.at<std::uint8_t>(corner.y + 40, corner.x + 30), 255);
+  map.cover({1000, 1000, 50, 50});  // nothing of it at all
+  EXPECT_EQ(cv::countNonZero(map.channels().mask()), 0);
 }
 
 }  // namespace

@@ -36,7 +36,7 @@ TEST(FeatureMatching, AgreesWithOpencvBruteForce) {
   EXPECT_GE(found.size(), 40U);
 }
 
-TEST(FeatureMatching, LargestDistanceThereCanBe) {
+TEST(FeatureMatching, TheLargestDistanceFits) {
   cv::Mat before(2, 128, CV_32FC1, cv::Scalar(255));
   before.row(1).setTo(254);
   const FeatureDescriptors dark(cv::Mat(1, 128, CV_32FC1, cv::Scalar(0)));
@@ -45,7 +45,7 @@ TEST(FeatureMatching, LargestDistanceThereCanBe) {
   EXPECT_EQ(found[0].second, 1U);
 }
 
-TEST(FeatureMatching, NothingWithoutASecondNearest) {
+TEST(FeatureMatching, NoMatchWithoutASecondNearest) {
   const FeatureDescriptors some(random_descriptors(5, 3)), one(random_descriptors(1, 4)), none{cv::Mat()};
   EXPECT_TRUE(unambiguous_matches(some, one, 0.85).empty());
   EXPECT_TRUE(unambiguous_matches(some, none, 0.85).empty());

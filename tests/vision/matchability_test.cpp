@@ -48,7 +48,7 @@ MapWindow rows() {
   return drawn([](PlanePoint p) { return 120 + 60 * std::sin(p.east_m * 0.5 + p.north_m * 0.2); });
 }
 
-TEST(Matchability, ParcelsAreFoundAgainWaterAndRowsAreNot) {
+TEST(Matchability, ParcelsAreMatchableWaterAndRowsAreNot) {
   const MatchabilityProbe probe(options());
   const PlaceMatchability village = probe.probe(parcels(), 1), sea = probe.probe(water(), 1),
                           crop = probe.probe(rows(), 1);
@@ -64,7 +64,7 @@ TEST(Matchability, ParcelsAreFoundAgainWaterAndRowsAreNot) {
   EXPECT_GE(crop.entropy, 0);
 }
 
-TEST(Matchability, TheSameAnswerEachTimeAndNoiseOfItsOwnForEachPlace) {
+TEST(Matchability, IsDeterministicAndEachPlaceHasItsOwnNoise) {
   const MapWindow window = parcels();
   const PlaceMatchability first = MatchabilityProbe(options()).probe(window, 7);
   EXPECT_EQ(first, MatchabilityProbe(options()).probe(window, 7));
@@ -75,8 +75,8 @@ TEST(Matchability, TheSameAnswerEachTimeAndNoiseOfItsOwnForEachPlace) {
   EXPECT_EQ(first.cls, other.cls);
 }
 
-// An equalised picture is no easier to match than the one it was made from.
-TEST(Matchability, ContrastOfTheWholeMapDoesNotCount) {
+// An equalised image is no easier to match than the one it was made from.
+TEST(Matchability, IsInvariantToTheContrastOfTheWholeMap) {
   const MapWindow strong = parcels();
   MapWindow middling = parcels();
   strong.image.convertTo(middling.image, CV_8U, 0.6, 40);
@@ -90,7 +90,7 @@ TEST(Matchability, ContrastOfTheWholeMapDoesNotCount) {
   EXPECT_NEAR(one.ratio, two.ratio, 0.08);
 }
 
-TEST(Matchability, WhereTheMapIsMissingNothingIsMatched) {
+TEST(Matchability, NothingMatchesWhereTheMapIsMissing) {
   const MatchabilityProbe probe(options());
   MapWindow window = parcels();
   window.mask.setTo(0);

@@ -31,7 +31,7 @@ bool holds(const PlaneBox& box, const PlaneBox& inner) {
 
 double area_m2(const PlaneBox& box) { return (box.east_m - box.west_m) * (box.north_m - box.south_m); }
 
-TEST(SearchedGround, HoldsEveryFootprintOfTheSearch) {
+TEST(SearchedGround, ContainsEveryFootprintOfTheSearch) {
   for (const double roll_deg : {0.0, 25.0, -25.0}) {
     const AnchorPrior prior = prior_at({300, -200}, radians(roll_deg));
     const PlaneBox ground = searched_ground(test::small_camera(), prior, plan_for(prior));
@@ -61,7 +61,7 @@ TEST(SearchedGround, IsLessThanTheSquareAroundTheCamera) {
   EXPECT_LT(area_m2(ground), 0.7 * 4 * half_m * half_m);
 }
 
-TEST(SearchedGround, GrowsWithAnOpenTilt) {
+TEST(SearchedGround, GrowsWithAnUncertainTilt) {
   AnchorPrior prior = prior_at({0, 0}, 0);
   const PlaneBox known = searched_ground(test::small_camera(), prior, plan_for(prior));
   prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 0.3 * 0.3;

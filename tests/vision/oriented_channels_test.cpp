@@ -28,7 +28,7 @@ class BothSets : public testing::TestWithParam<ChannelSet> {};
 INSTANTIATE_TEST_SUITE_P(OrientedChannels, BothSets,
                          testing::Values(ChannelSet::double_angle, ChannelSet::six_orientations));
 
-TEST_P(BothSets, ContrastReversalChangesNothing) {
+TEST_P(BothSets, AreInvariantToContrastReversal) {
   const cv::Mat image = picture();
   const Channels one = oriented_channels(image, {}, GetParam());
   const Channels other = oriented_channels(255 - image, {}, GetParam());
@@ -39,7 +39,7 @@ TEST_P(BothSets, ContrastReversalChangesNothing) {
   }
 }
 
-TEST_P(BothSets, ContrastIsLevelled) {
+TEST_P(BothSets, NormaliseContrast) {
   const cv::Mat image = picture();
   cv::Mat dim;
   image.convertTo(dim, CV_8U, 0.5, 60);
@@ -50,8 +50,8 @@ TEST_P(BothSets, ContrastIsLevelled) {
   }
 }
 
-// A quarter turn of the picture turns every orientation into its perpendicular: these share a pair and swap places.
-TEST(OrientedChannels, AQuarterTurnPermutes) {
+// A quarter turn of the image turns every orientation into its perpendicular: these share a pair and swap places.
+TEST(OrientedChannels, AQuarterTurnPermutesTheChannels) {
   const cv::Mat image = picture();
   cv::Mat turned;
   cv::rotate(image, turned, cv::ROTATE_90_CLOCKWISE);
@@ -70,7 +70,7 @@ TEST(OrientedChannels, AQuarterTurnPermutes) {
 }
 
 // A border of known direction lights the channel of its gradient.
-TEST(OrientedChannels, ABorderLightsItsOrientation) {
+TEST(OrientedChannels, AnEdgeActivatesItsOrientation) {
   cv::Mat image(100, 100, CV_8UC1, cv::Scalar(60));
   image(cv::Rect(50, 0, 50, 100)).setTo(180);  // gradient along x: orientation 0
   const auto all = planes(oriented_channels(image, {}, ChannelSet::six_orientations));
@@ -83,8 +83,8 @@ TEST(OrientedChannels, ABorderLightsItsOrientation) {
   EXPECT_NEAR(strength[1] + strength[3] + strength[4], 0, 1e-5) << "60 and 90 degrees off";
 }
 
-// What lies beyond the mask must not leak in: two pictures that differ only there have the same channels.
-TEST(OrientedChannels, TheMaskedRimIsExcluded) {
+// What lies beyond the mask must not leak in: two images that differ only there have the same channels.
+TEST(OrientedChannels, TheMaskedBorderIsExcluded) {
   const cv::Mat image = picture();
   cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(0));
   cv::circle(mask, {120, 120}, 80, cv::Scalar(255), cv::FILLED);
@@ -104,7 +104,7 @@ TEST(OrientedChannels, TheMaskedRimIsExcluded) {
   }
 }
 
-TEST(OrientedChannels, NothingIsNothing) {
+TEST(OrientedChannels, ABlankImageHasNoStructure) {
   const Channels flat = oriented_channels(cv::Mat(50, 60, CV_8UC1, cv::Scalar(90)), {}, ChannelSet::six_orientations);
   for (const cv::Mat& pair : flat.pairs) EXPECT_LT(cv::norm(pair, cv::NORM_INF), 1e-3);
   const cv::Mat nowhere(50, 60, CV_8UC1, cv::Scalar(0));

@@ -8,7 +8,6 @@
 
 #include "base/random.hpp"
 #include "geodesy/angles.hpp"
-#include "vision/place_projection.hpp"
 #include "vision/synthetic_ground.hpp"
 
 namespace nadir {
@@ -25,39 +24,39 @@ PlacePatch patch_at(cv::Point2d centre, double turn_rad = 0, bool reversed = fal
       .cut({.centre = centre, .turn_rad = turn_rad, .pixels_per_px = 1.2, .shift_px = {}, .side_px = 96});
 }
 
-double likeness(const RawPlaceDescriptor& a, const RawPlaceDescriptor& b) {
+double cosine(const RawPlaceDescriptor& a, const RawPlaceDescriptor& b) {
   return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
 }
 
-TEST(PlaceDescriptor, IsOfLengthOneAndTheSameTwice) {
+TEST(PlaceDescriptor, HasUnitLengthAndIsDeterministic) {
   const auto first = describe_place(patch_at({200, 200}));
   const auto again = describe_place(patch_at({200, 200}));
   ASSERT_TRUE(first && again);
-  EXPECT_NEAR(likeness(*first, *first), 1, 1e-5);
+  EXPECT_NEAR(cosine(*first, *first), 1, 1e-5);
   EXPECT_EQ(*first, *again);
 }
 
-TEST(PlaceDescriptor, DoesNotCareForLightAndSignOfContrast) {
+TEST(PlaceDescriptor, IsInvariantToLightAndContrastReversal) {
   const PlacePatch patch = patch_at({200, 200});
   PlacePatch negative = patch, dim = patch;
   negative.grey = 255 - patch.grey;
   dim.grey = patch.grey * 0.5 + 40;
   const auto a = describe_place(patch), b = describe_place(negative), c = describe_place(dim);
   ASSERT_TRUE(a && b && c);
-  EXPECT_GT(likeness(*a, *b), 0.9999);
-  EXPECT_GT(likeness(*a, *c), 0.95);
+  EXPECT_GT(cosine(*a, *b), 0.9999);
+  EXPECT_GT(cosine(*a, *c), 0.95);
 }
 
-TEST(PlaceDescriptor, TellsPlacesApartButForgivesASmallShift) {
+TEST(PlaceDescriptor, DistinguishesPlacesButToleratesASmallShift) {
   const auto here = describe_place(patch_at({150, 150}));
   const auto shifted = describe_place(patch_at({154, 147}, 0, true));
   const auto elsewhere = describe_place(patch_at({260, 240}, 0, true));
   ASSERT_TRUE(here && shifted && elsewhere);
-  EXPECT_GT(likeness(*here, *shifted), 0.5);
-  EXPECT_LT(likeness(*here, *elsewhere), 0.35);
+  EXPECT_GT(cosine(*here, *shifted), 0.5);
+  EXPECT_LT(cosine(*here, *elsewhere), 0.35);
 }
 
-TEST(PlaceDescriptor, EachChannelHasNoMeanOverTheSeenCells) {
+TEST(PlaceDescriptor, EachChannelHasZeroMeanOverTheCellsWithGround) {
   PlacePatch patch = patch_at({200, 200});
   cv::rectangle(patch.mask, cv::Rect(0, 0, 40, 96), cv::Scalar(0), cv::FILLED);
   const auto descriptor = describe_place(patch);
@@ -82,7 +81,7 @@ TEST(PlaceDescriptor, EachChannelHasNoMeanOverTheSeenCells) {
   }
 }
 
-TEST(PlaceDescriptor, WhatIsHiddenDoesNotMatter) {
+TEST(PlaceDescriptor, IgnoresMaskedPixels) {
   PlacePatch patch = patch_at({200, 200});
   cv::rectangle(patch.mask, cv::Rect(60, 0, 36, 96), cv::Scalar(0), cv::FILLED);
   PlacePatch other = patch;
@@ -96,10 +95,10 @@ TEST(PlaceDescriptor, WhatIsHiddenDoesNotMatter) {
   }
   const auto a = describe_place(patch), b = describe_place(other);
   ASSERT_TRUE(a && b);
-  EXPECT_GT(likeness(*a, *b), 0.99);
+  EXPECT_GT(cosine(*a, *b), 0.99);
 }
 
-TEST(PlaceDescriptor, NothingOfNothing) {
+TEST(PlaceDescriptor, NoDescriptorWithoutStructure) {
   const cv::Mat grey(96, 96, CV_8UC1, cv::Scalar(90)), all(96, 96, CV_8UC1, cv::Scalar(255));
   EXPECT_FALSE(describe_place({grey, all}));
   EXPECT_EQ(texture_of({grey, all}), 0);
@@ -116,7 +115,7 @@ TEST(PatchCutter, TurnsClockwiseAndShiftsAlongThePatch) {
   const PatchCutter cutter(grey, mask, 1);
   PatchPlacement placement{
       .centre = {100.5, 100.5}, .turn_rad = radians(-90), .pixels_per_px = 1, .shift_px = {}, .side_px = 101};
-  // The patch's rows run anticlockwise of the picture's: its east is the picture's north.
+  // The patch's rows run anticlockwise of the image's: its east is the image's north.
   EXPECT_EQ(cutter.cut(placement).grey.at<std::uint8_t>(50, 90), 255);
   placement.shift_px = {40, 0};
   EXPECT_EQ(cutter.cut(placement).grey.at<std::uint8_t>(50, 50), 255);

@@ -125,7 +125,7 @@ void expect_found(const std::vector<PlaceCandidate>& found, PlanePoint place, do
   EXPECT_LT(std::abs(centre.north_m + best.north_m - place.north_m), best.side_m / 4);
 }
 
-TEST(PlaceIndex, FindsAPictureOfAnotherLight) {
+TEST(PlaceIndex, FindsAFrameInOtherLight) {
   for (const PlanePoint place : {PlanePoint{-150, -120}, {60, 40}, {-31, 130}, {17, -200}}) {
     for (const double error_deg : {-12.0, 3.0}) {
       SCOPED_TRACE(testing::Message() << place.east_m << ' ' << place.north_m << ' ' << error_deg);
@@ -135,7 +135,7 @@ TEST(PlaceIndex, FindsAPictureOfAnotherLight) {
   }
 }
 
-TEST(PlaceIndex, FindsItUnderAnyHeading) {
+TEST(PlaceIndex, FindsAFrameUnderAnyHeading) {
   const PlanePoint place{-80, 35};
   for (const double error_deg : {100.0, -160.0}) {
     PlaceQuery query = picture_of(place, radians(error_deg));
@@ -146,7 +146,7 @@ TEST(PlaceIndex, FindsItUnderAnyHeading) {
   }
 }
 
-TEST(PlaceIndex, ALookUpEndsWhenItMust) {
+TEST(PlaceIndex, AQueryStopsWhenCancelled) {
   test::CancelAfter never(test::CancelAfter::kNever);
   PlaceQuery query = picture_of({60, 40}, 0);
   query.heading_range_rad = std::nullopt;
@@ -165,7 +165,7 @@ TEST(PlaceIndex, ALookUpEndsWhenItMust) {
   }
 }
 
-TEST(PlaceIndex, TakesTheLayerThatFitsThePicture) {
+TEST(PlaceIndex, SearchesTheLayerThatFitsTheFrame) {
   const PlaceTable& table = index().table();
   ASSERT_EQ(table.layers.size(), 2U);
   EXPECT_EQ(index().query(picture_of({60, 40}, 0), 1).at(0).side_m, 120);
@@ -175,7 +175,7 @@ TEST(PlaceIndex, TakesTheLayerThatFitsThePicture) {
   EXPECT_EQ(index().query(wide, 1).at(0).side_m, 180);
 }
 
-TEST(PlaceIndex, LeavesOutWaterAndWhatIsUnknown) {
+TEST(PlaceIndex, OmitsWaterAndMissingGround) {
   const PlaceTable& table = index().table();
   EXPECT_GT(table.layers[0].textureless, 0U);
   EXPECT_GT(table.layers[0].invalid, 0U);
@@ -188,7 +188,7 @@ TEST(PlaceIndex, LeavesOutWaterAndWhatIsUnknown) {
   }
 }
 
-TEST(PlaceIndex, NothingIsFoundInNothing) {
+TEST(PlaceIndex, ABlankFrameFindsNothing) {
   PlaceQuery query = picture_of({0, 0}, 0);
   query.mask.setTo(0);
   EXPECT_TRUE(index().query(query, 5).empty());
@@ -198,7 +198,7 @@ TEST(PlaceIndex, NothingIsFoundInNothing) {
   EXPECT_TRUE(index().query(picture_of({0, 0}, 0), 0).empty());
 }
 
-TEST(PlaceIndex, IsTheSameWhenItIsMadeAgain) {
+TEST(PlaceIndex, IsReproducible) {
   const PlaceIndex again = build({120, 180});
   EXPECT_EQ(place_table_json(again.table()), place_table_json(index().table()));
   EXPECT_EQ(again.vectors().file(), index().vectors().file());
@@ -216,7 +216,7 @@ TEST(PlaceIndex, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(three.vectors().file(), one.vectors().file());
 }
 
-TEST(PlaceIndex, RefusesWhatCannotBeIndexed) {
+TEST(PlaceIndex, RejectsWhatCannotBeIndexed) {
   EXPECT_THROW(build({20}), UsageError) << "too few pixels";
   NoProgress progress;
   const LocalFrame frame(kOrigin);
@@ -226,14 +226,14 @@ TEST(PlaceIndex, RefusesWhatCannotBeIndexed) {
                UsageError);
 }
 
-TEST(PlaceTable, SurvivesBeingWrittenAndRead) {
+TEST(PlaceTable, RoundTrips) {
   const std::string text = place_table_json(index().table());
   const PlaceTable read = parse_place_table(text, "test");
   EXPECT_EQ(place_table_json(read), text);
   EXPECT_EQ(read.projection.basis, index().table().projection.basis);
 }
 
-TEST(PlaceTable, RefusesEverythingElse) {
+TEST(PlaceTable, RejectsEverythingElse) {
   const std::string text = place_table_json(index().table());
   const auto with = [&](const std::string& from, const std::string& to) {
     std::string changed = text;
@@ -264,7 +264,7 @@ std::vector<PlaceVector> some_vectors(std::size_t count, std::uint64_t seed) {
   return vectors;
 }
 
-TEST(PlaceVectors, SearchAgreesWithTryingThemAll) {
+TEST(PlaceVectors, SearchAgreesWithBruteForce) {
   const auto all = some_vectors(300, 1), queries = some_vectors(45, 2);
   const PlaceVectors vectors(all);
   for (const auto& [first, count] : {std::pair<std::size_t, std::size_t>{0, 300}, {40, 100}, {299, 1}, {10, 0}}) {
@@ -288,7 +288,7 @@ TEST(PlaceVectors, SearchAgreesWithTryingThemAll) {
   }
 }
 
-TEST(PlaceVectors, TheFileIsReadBackAndNothingElseIs) {
+TEST(PlaceVectors, ReadsItsOwnFileAndNothingElse) {
   const auto all = some_vectors(5, 3);
   const Bytes file = PlaceVectors(all).file();
   EXPECT_EQ(as_text(ByteView(file).first(4)), "IxFI");

@@ -7,7 +7,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include "imagery/map_window.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir::test {
 

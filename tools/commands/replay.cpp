@@ -1,24 +1,27 @@
-#include "commands/replay.hpp"
-
+// `nadir replay`: flies recorded pictures and telemetry through the localizer and reports how it went.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/kept_memory.hpp"
+#include "base/platform.hpp"
 #include "base/printable.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
+#include "cli/command.hpp"
+#include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "cli/nadir_version.hpp"
-#include "replay/flight_map.hpp"
+#include "commands/commands.hpp"
+#include "replay/flight_request.hpp"
 #include "replay/replay_flight.hpp"
 #include "replay/report.hpp"
-#include "replay/summary.hpp"
-#include "replay/track_geojson.hpp"
+#include "replay/score.hpp"
+#include "replay/track_files.hpp"
 
 namespace nadir {
 namespace {
@@ -53,7 +56,7 @@ std::string name_of_flight(const std::filesystem::path& frames) {
 void print_reproduction(Context& context, const Reproduction& result) {
   context.out << fmt::format("reproduced  {} of {} recorded estimates bit for bit\n", result.same, result.compared);
   if (!result.first_other) return;
-  context.err << printable(fmt::format("the first other estimate: frame {}\n", *result.first_other));
+  context.err << printable(fmt::format("first estimate that differs: frame {}\n", *result.first_other));
 }
 
 nlohmann::json json_from(const Reproduction& result) {
@@ -67,38 +70,56 @@ void write_refined(const std::filesystem::path& path, const std::vector<Estimate
   for (const Estimate& estimate : refined) csv.write(estimate);
 }
 
-}  // namespace
+class ReplayCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "replay"; }
+  std::string_view summary() const override {
+    return "replay recorded frames and telemetry through the localizer";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  FlightRequest request_{"nadir replay"};
+  std::optional<std::filesystem::path> truth_;
+  std::filesystem::path out_;
+  std::optional<std::filesystem::path> record_;
+  bool keep_frames_ = false;
+};
 
 std::string_view ReplayCommand::details() const {
-  return "Reads pictures, telemetry and camera of a recorded flight and localizes every frame as the aircraft would: "
-         "against a signed package when one is given, else by odometry from --start alone. The truth is for scoring; "
-         "the localizer never sees it.\n\n"
-         "OUT receives estimates.csv, refined.csv, summary.json, track.geojson and report.html, and with a package "
-         "poses.json, of which nadir ortho --estimates makes tiles. All appear when it is done; until then the rows "
-         "can "
-         "be followed in the hidden folder .OUT.staging beside it.\n\n"
-         "With --record the replay is recorded as the aircraft records a flight. With --recorder a recorded flight is "
-         "flown "
-         "again with all that it was flown with, and every estimate compared.\n\n"
-         "Exit codes: 0 replayed, 1 the package was refused or an estimate is not the recorded one, 2 an input is "
-         "missing "
-         "or wrong.";
+  return R"(Reads frames, telemetry and camera of a recorded flight and localizes every frame as the aircraft
+would: against a signed package if one is given, else by odometry from --start only. Ground truth is
+for scoring; the localizer never sees it.
+
+OUT receives estimates.csv, refined.csv, summary.json, track.geojson and report.html, and with a
+package poses.json, from which nadir ortho --estimates makes tiles. All appear when the replay is
+complete; until then the rows can be followed in the hidden folder .OUT.staging beside it.
+
+With --record the replay is recorded as the aircraft records a flight. With --recorder a recorded
+flight is replayed with its recorded inputs and settings, and every estimate is compared.
+
+Exit codes: 0 replayed, 1 the package was rejected or an estimate differs from the recorded one, 2
+an input is missing or invalid.)";
 }
 
 std::string_view ReplayCommand::examples() const {
-  return "nadir replay --package valley --trust root.json --frames flight/frames --telemetry flight/telemetry.csv "
-         "--camera camera.yaml --start 8.5,47.4 --out result\n"
-         "nadir replay --recorder recording --package valley --trust root.json --out again\n"
-         "nadir replay --frames frames --telemetry telemetry.csv --camera camera.yaml --start=-83.30572,41.03467 --out "
-         "odometry";
+  return R"(nadir replay --package valley --trust root.json --frames flight/frames --telemetry flight/telemetry.csv --camera camera.yaml --start 8.5,47.4 --out result
+nadir replay --recorder recording --package valley --trust root.json --out again
+nadir replay --frames frames --telemetry telemetry.csv --camera camera.yaml --start=-83.30572,41.03467 --out odometry)";
 }
 
 void ReplayCommand::setup(Options& options) {
   request_.declare(options, FlightRequest::Map::optional);
-  options.value("--out", out_, "OUT", "folder that is made").required();
-  options.value("--truth", truth_, "FILE.csv", "real positions, for scoring only");
-  options.value("--record", record_, "DIR", "folder that is made: the replay as the flight recorder records it");
-  options.flag("--keep-frames", keep_frames_, "the recording holds the pictures themselves").needs("--record");
+  options.value("--out", out_, "OUT", "folder to create").required();
+  options.value("--truth", truth_, "FILE.csv", "ground truth positions, for scoring only");
+  options.value("--record", record_, "DIR", "folder to create: the replay as the flight recorder records it");
+  options.flag("--keep-frames", keep_frames_, "record the frames' images as well").needs("--record");
 }
 
 int ReplayCommand::run(Context& context) {
@@ -162,8 +183,8 @@ int ReplayCommand::run(Context& context) {
   ReportInput report{
       .title = "Replay of " + (recorded ? "session " + recorded->session.id : name_of_flight(*request_.frames())),
       .subtitle =
-          fmt::format("{} frames · {}", flight.frames.size(),
-                      package != nullptr ? "map package " + package->manifest().mission_id : "odometry alone, no map"),
+          fmt::format("{} · {}", count(flight.frames.size(), "frame"),
+                      package != nullptr ? "map package " + package->manifest().mission_id : "odometry only, no map"),
       .frame = frame,
       .frames = std::move(flown.frames),
       .refined = std::move(flown.refined),
@@ -194,5 +215,9 @@ int ReplayCommand::run(Context& context) {
   }
   return reproduction && reproduction->same != reproduction->compared ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_replay() { return std::make_unique<ReplayCommand>(); }
 
 }  // namespace nadir

@@ -1,8 +1,8 @@
-// Joins the parts. What is shown is live or marked as old: silence of the service, and of the flight's thread behind it,
-// must never look like a quiet flight.
+// Joins the parts. What is shown is live or marked as stale: a silent service, or a stalled flight thread behind it, must
+// never look like a quiet flight.
 
-const contactLimit = 6;  // s without a sign of the service
-const viewLimit = 2.5;   // s, age of what the flight's thread said last
+const contactLimit = 6;  // s without contact to the service
+const viewLimit = 2.5;   // s, age of the latest view of the flight
 
 const map = makeMap();
 let last = null, heard = 0, sign = 0, boot = null;
@@ -14,10 +14,10 @@ const showContact = () => {
   document.body.classList.toggle("stale", old);
   byId("lost").hidden = !old;
   if (!old) return;
-  byId("lost").textContent = silence > contactLimit ? `No contact with the service for ${duration(silence)}` : `No news of the flight for ${duration(age)}`;
-  byId("state").textContent = "no news";
+  byId("lost").textContent = silence > contactLimit ? `No contact with the service for ${duration(silence)}` : `No update from the flight for ${duration(age)}`;
+  byId("state").textContent = "stale";
   byId("since").textContent = "for " + duration(age);
-  byId("reason").textContent = `what stands here is old; it was ${words(last.state)}`;
+  byId("reason").textContent = `last known state: ${words(last.state)}`;
 };
 
 const refresh = async () => {
@@ -25,7 +25,7 @@ const refresh = async () => {
   showPackage(pack);
   map.setPackage(pack);
   map.setTrack(state.track);
-  if (boot !== null && boot !== state.boot) byId("events").replaceChildren();  // the service was started anew
+  if (boot !== null && boot !== state.boot) byId("events").replaceChildren();  // the service was restarted
   boot = state.boot;
 };
 

@@ -1,4 +1,4 @@
-// The figures, the parts of the service and the events, as text. Whatever comes from outside is set as text, never as HTML.
+// The figures, the subsystems and the events, as text. Whatever comes from outside is set as text, never as HTML.
 
 const byId = (id) => document.getElementById(id);
 const words = (name) => name.replaceAll("_", " ");
@@ -47,7 +47,7 @@ const showState = (state) => {
   const gate = worst(anchors.rejected_by);
   part("anchors", `${anchors.accepted} accepted, ${anchors.rejected} rejected` + (gate ? `, mostly ${words(gate[0])}` : ""), anchors.accepted === 0 ? "warn" : "good");
   const rejects = Object.values(link.rejected_by).reduce((sum, count) => sum + count, 0);
-  part("link", (link.connected ? "connected" : "not heard") + (link.signed ? ", signed" : ", not signed") + (rejects ? `, ${rejects} frames rejected` : ""),
+  part("link", (link.connected ? "connected" : "not connected") + (link.signed ? ", signed" : ", not signed") + (rejects ? `, ${rejects} frames rejected` : ""),
        !link.connected ? "bad" : link.signed && !rejects ? "good" : "warn");
   part("gps", gps.judgement + (gps.reason ? ": " + gps.reason : ""), { good: "good", denied: "warn", spoofed: "bad", unknown: "" }[gps.judgement]);
   part("recorder", recorder.state + (recorder.state === "recording" ? `, ${bytes(recorder.written_bytes)}` : "") + (recorder.reason ? ": " + recorder.reason : ""),

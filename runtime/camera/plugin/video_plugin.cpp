@@ -15,11 +15,11 @@
 
 namespace {
 
-// Then a silent network camera is trouble. Both are shorter than a thread may hang.
-constexpr int kOpeningPatience_ms = 4000, kNetworkPatience_ms = 3000;
+// Timeouts of a network camera, shorter than the limit of the camera thread.
+constexpr int kOpenTimeout_ms = 4000, kReadTimeout_ms = 3000;
 
-// FFmpeg studies a network stream for five seconds before it hands out a picture, and then all that have come
-// meanwhile. A pilot needs the picture of now.
+// By default FFmpeg analyses a network stream for five seconds before it delivers a frame, and then delivers its
+// buffer. The localizer needs the current frame.
 constexpr const char* kLive =
     "rtsp_transport;tcp|analyzeduration;500000|fpsprobesize;0|fflags;nobuffer|flags;low_delay";
 
@@ -30,14 +30,14 @@ struct Video {
   double media_time_s = -1;  // of the last frame
 };
 
-void say(std::string_view what, char* error, size_t size) {
+void set_error(std::string_view what, char* error, size_t size) {
   if (size == 0) return;
   const size_t length = std::min(what.size(), size - 1);
   std::memcpy(error, what.data(), length);
   error[length] = '\0';
 }
 
-// OpenCV has no other way to FFmpeg's options, and reads them while it opens. Who has set them knows better.
+// OpenCV has no other access to FFmpeg's options, and reads them while it opens. An existing setting has precedence.
 class LiveOptions {
  public:
   LiveOptions() : ours_(std::getenv(kName) == nullptr) {  // NOLINT(concurrency-mt-unsafe)
@@ -60,10 +60,10 @@ std::unique_ptr<Video> open_video(std::string_view source) {
     const LiveOptions options;
     video->capture.open(
         std::string(source), cv::CAP_FFMPEG,
-        {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, kOpeningPatience_ms, cv::CAP_PROP_READ_TIMEOUT_MSEC, kNetworkPatience_ms});
+        {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, kOpenTimeout_ms, cv::CAP_PROP_READ_TIMEOUT_MSEC, kReadTimeout_ms});
   } else if (source.starts_with("v4l2:")) {
     video->capture.open(std::string(source.substr(5)), cv::CAP_V4L2);
-    video->capture.set(cv::CAP_PROP_BUFFERSIZE, 1);  // the newest picture, not the oldest that waits
+    video->capture.set(cv::CAP_PROP_BUFFERSIZE, 1);  // the latest frame, not the oldest buffered one
   } else if (source.starts_with("video:")) {
     video->capture.open(std::string(source.substr(6)));
     video->recording = true;
@@ -71,10 +71,10 @@ std::unique_ptr<Video> open_video(std::string_view source) {
   return video->capture.isOpened() ? std::move(video) : nullptr;
 }
 
-// Of the frame that was just read. Some containers tell no times: then the frame rate does.
+// Of the frame that was just read. Containers without times: from the frame rate.
 double media_time_s(Video& video) {
-  const double told_s = video.capture.get(cv::CAP_PROP_POS_MSEC) / 1000;
-  if (std::isfinite(told_s) && told_s > video.media_time_s && told_s >= 0) return told_s;
+  const double reported_s = video.capture.get(cv::CAP_PROP_POS_MSEC) / 1000;
+  if (std::isfinite(reported_s) && reported_s > video.media_time_s && reported_s >= 0) return reported_s;
   if (video.media_time_s < 0) return 0;
   const double fps = video.capture.get(cv::CAP_PROP_FPS);
   return video.media_time_s + 1 / (fps > 0 ? fps : 25);
@@ -83,10 +83,10 @@ double media_time_s(Video& video) {
 void* open_camera(const char* source, char* error, size_t error_size) {
   try {
     auto video = open_video(source);
-    if (!video) say("OpenCV cannot open it", error, error_size);
+    if (!video) set_error("OpenCV cannot open it", error, error_size);
     return video.release();
   } catch (const std::exception& caught) {
-    say(caught.what(), error, error_size);
+    set_error(caught.what(), error, error_size);
     return nullptr;
   }
 }
@@ -96,12 +96,12 @@ int32_t read_camera(void* camera, int32_t, NadirPluginFrame* frame, char* error,
   try {
     if (!video.capture.read(video.frame) || video.frame.empty()) {
       if (video.recording) return NADIR_CAMERA_ENDED;
-      say("no more pictures", error, error_size);
+      set_error("no more frames", error, error_size);
       return NADIR_CAMERA_TROUBLE;
     }
     const int channels = video.frame.channels();
     if (video.frame.depth() != CV_8U || (channels != 1 && channels != 3)) {
-      say("pixels of an unknown kind", error, error_size);
+      set_error("unsupported pixel format", error, error_size);
       return NADIR_CAMERA_TROUBLE;
     }
     if (!video.frame.isContinuous()) video.frame = video.frame.clone();
@@ -111,7 +111,7 @@ int32_t read_camera(void* camera, int32_t, NadirPluginFrame* frame, char* error,
               channels,         video.media_time_s};
     return NADIR_CAMERA_FRAME;
   } catch (const std::exception& caught) {
-    say(caught.what(), error, error_size);
+    set_error(caught.what(), error, error_size);
     return NADIR_CAMERA_TROUBLE;
   }
 }

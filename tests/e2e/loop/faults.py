@@ -26,7 +26,7 @@ def fly(args, inputs, run):
     with SmallDisk(run / "disk", DISK_MB) as disk:
         setup = Setup(inputs, run, args.nadir, args.nadird, EVENTS, MINUTES, signed=True, package=package,
                       record=disk.folder and disk.folder / "record", environment=clock.environment(),
-                      nadird_options=["--keep-pictures"])
+                      nadird_options=["--keep-frames"])
         with Flight(setup) as flight:
             flight.start()
             seen = Hands(flight, clock, package, disk).work()
@@ -100,12 +100,12 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
 
     steady = ["normal"]
     findings = [
-        told("camera stalls for 6 s", "Nadir: no pictures, dead reckoning", STALL),
+        told("camera stalls for 6 s", "Nadir: no camera frames, dead reckoning", STALL),
         state("camera stalls for 6 s", "dead reckoning, then normal", (STALL[0], STALL[1] + 5), ["normal", "degraded"], "normal"),
         flies_on("camera stalls for 6 s", (STALL[0], STALL[1] + 5)),
         state("link cut for 8 s", "pictures without attitudes: degraded; then normal", (LINK[0], AUTOPILOT_CLOCK),
               ["normal", "degraded"], "normal"),
-        told("link restored", "Nadir: autopilot link is back", (LINK[1], LINK[1] + 5)),
+        told("link restored", "Nadir: autopilot link restored", (LINK[1], LINK[1] + 5)),
         flies_on("link restored", (LINK[1] + 1, LINK[1] + 10)),
         state("autopilot's clock steps", "no rule notices", (AUTOPILOT_CLOCK, HOST_FORTH - 1), steady, "normal"),
         flies_on("autopilot's clock steps", (AUTOPILOT_CLOCK, HOST_FORTH - 1))]
@@ -126,7 +126,7 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
         Finding("tiles whole again", "anchors again", f"{seen['mended']['anchors']['accepted'] - seen['spoilt']['anchors']['accepted']}"
                 " anchors", seen["mended"]["anchors"]["accepted"] > seen["spoilt"]["anchors"]["accepted"]),
         told("no pictures for 37 s", "Nadir: NO FIX, blind for too long", (DARK[0] + 30, DARK[0] + 33)),
-        told("no pictures for 37 s", "Nadir: FAILSAFE, no position at all", (DARK[0] + 33, DARK[0] + 36)),
+        told("no pictures for 37 s", "Nadir: FAILSAFE, no position", (DARK[0] + 33, DARK[0] + 36)),
         state("no pictures for 37 s", "degraded, no fix, failsafe, and found again", (DARK[0], MINUTES * 60),
               ["normal", "degraded", "no_fix", "failsafe"], "normal")]
     if disk.folder:

@@ -68,7 +68,7 @@ def _after_hand(name, text):
 
 def _grows(seen):
     """σ while blind, from the first row that says so to the last; in seconds of blindness that were looked at."""
-    begin = seen.happened.told("Nadir: no pictures, dead reckoning", seen.act("camera-cut", 1) or 0)
+    begin = seen.happened.told("Nadir: no camera frames, dead reckoning", seen.act("camera-cut", 1) or 0)
     end = None if begin is None else seen.happened.told("Nadir: NO FIX, blind for too long", begin)
     if end is None:
         return None
@@ -91,7 +91,7 @@ def _follows(seen):
 def _left_out(seen):
     """… and no fix is led astray by it."""
     at = seen.done.get("backlog")
-    said = seen.event(at, "held back", "camera")
+    said = seen.event(at, "stale frames", "camera")
     rows = [] if at is None else seen.happened.between(at, at + 8)
     astray = [row for row in rows if int(row["given_fix_type"]) >= 3 and row["given_error_m"]
               and float(row["given_error_m"]) > max(20.0, 3 * float(row["given_accuracy_m"]))]
@@ -106,13 +106,13 @@ def _never_accused(seen):
 
 
 def _told_nothing(seen):
-    told = seen.happened.told("Nadir: map package refused, no position")
+    told = seen.happened.told("Nadir: map package rejected, no position")
     return told if told is not None and seen.happened.first_fix() is None else None
 
 
 def _first_waits_for_nothing(seen):
     """From failsafe to normal with the first anchor: the event that ends failsafe is that of the anchor itself."""
-    lost = seen.happened.told("Nadir: FAILSAFE, no position at all")
+    lost = seen.happened.told("Nadir: FAILSAFE, no position")
     return None if lost is None else seen.after(seen.act("camera-restore"), "Nadir: position found")
 
 
@@ -127,17 +127,17 @@ def _steady_first(least_s, start, text):
 BACK_S = 8  # found on the map, and steady: a look at the map takes its time
 LONG_DARK_S = 25  # blind for half a minute, the place is off the prediction: voices from different ground must agree
 PROOFS = [
-    Proof("a picture that shows nothing", "camera", "told after a black picture", SETTLES_S + 0.3,
+    Proof("a frame that shows nothing", "camera", "told after a black picture", SETTLES_S + 0.3,
           _after_hand("black", "Nadir: camera blind, dead reckoning")),
     Proof("frame_unfit", "camera", "told after the same picture again", SETTLES_S + 0.3,
           _after_hand("again", "Nadir: camera blind, dead reckoning")),
-    Proof("pictures, but no estimate", "camera", "told while the localizer stands still", 1 + SETTLES_S + 0.4,
+    Proof("frames, but no estimate", "camera", "told while the localizer stands still", 1 + SETTLES_S + 0.4,
           _after_hand("held", "Nadir: estimates late, dead reckoning"), needs="held"),
     Proof("localizer_late", "camera", "the same, in the events", 1 + SETTLES_S + 0.4,
           lambda seen: seen.event(seen.done.get("held"), "no estimate for"), needs="held"),
     Proof("camera_silent", "camera", "pictures that were held back are left out", 1, _left_out),
-    Proof("no picture", "camera", "told after the last picture", 0.4 + 0.34 + 0.25 + SETTLES_S,
-          _after("camera-cut", "Nadir: no pictures, dead reckoning", 1)),
+    Proof("no frame", "camera", "told after the last picture", 0.4 + 0.34 + 0.25 + SETTLES_S,
+          _after("camera-cut", "Nadir: no camera frames, dead reckoning", 1)),
     Proof("σ while blind", "camera", "never shrinks, grows by 5 m/s", None, _grows),
     Proof("the fix while blind", "camera", "within three of its sigmas for 30 s", None, _follows),
     Proof("blind for longer than 30 s, or σ beyond 500 m", "camera", "told after the camera went dark", BLIND_S + 2,
@@ -147,33 +147,33 @@ PROOFS = [
          for row in seen.happened.between((seen.act("camera-cut", 1) or 0) + 20, seen.happened.end_s())
          if int(row["given_fix_type"]) < 3), None)),
     Proof("back from `degraded`", "camera", "not before 1 s of pictures", BACK_S,
-          _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: camera sees again")),
-    Proof("vision_back", "camera", "after a black picture", BACK_S, _after_hand("black", "Nadir: camera sees again")),
+          _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: visual position restored")),
+    Proof("vision_back", "camera", "after a black picture", BACK_S, _after_hand("black", "Nadir: visual position restored")),
     Proof("back from `no_fix`", "camera", "an anchor, then 1 s", LONG_DARK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore", 1), "Nadir: position found again")),
     Proof("first_anchor", "camera", "cold start", FIRST_FIX_S, lambda seen: seen.happened.first_fix()),
-    Proof("link_authentic", "camera", "told", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: looking for the position")),
+    Proof("link_authentic", "camera", "told", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: searching for the position")),
     Proof("denied", "failsafe", "told after GPS was lost", 1.5 + SETTLES_S, _after("gps-denied", "Nadir: GPS denied")),
     Proof("gps_denied", "failsafe", "the same, in the events", 1.5 + SETTLES_S,
           lambda seen: seen.event(seen.act("gps-denied"), "GPS is denied")),
     Proof("GPS denied or spoofed, and we have a position", "failsafe", "told after GPS was lost", 3,
-          _after("gps-denied", "Nadir: flying by map")),
-    Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("gps-denied", "Nadir: GPS denied", "Nadir: flying by map")),
+          _after("gps-denied", "Nadir: autopilot now navigating by Nadir")),
+    Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("gps-denied", "Nadir: GPS denied", "Nadir: autopilot now navigating by Nadir")),
     Proof("no position for longer than 3 s", "failsafe", "told after our fix was lost", FAILSAFE_S + SETTLES_S,
-          _between("camera-cut", "Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position at all")),
+          _between("camera-cut", "Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position")),
     Proof("no_position", "failsafe", "not before 3 s", FAILSAFE_S + SETTLES_S, _steady_first(
         FAILSAFE_S - 0.2, lambda seen: seen.happened.told("Nadir: NO FIX, blind for too long"),
-        "Nadir: FAILSAFE, no position at all")),
+        "Nadir: FAILSAFE, no position")),
     Proof("back from `failsafe`", "failsafe", "an anchor, then 2 s", LONG_DARK_S,
           _steady_first(2, lambda seen: seen.act("camera-restore"), "Nadir: position found again")),
     Proof("anchored_again", "failsafe", "the same, in the events", LONG_DARK_S,
-          lambda seen: seen.event(seen.act("camera-restore"), "found on the map again")),
+          lambda seen: seen.event(seen.act("camera-restore"), "matched to the map again")),
     Proof("nothing from the autopilot for 5 s", "failsafe", "in the events, after the link was cut",
-          LINK_LOST_S + 1 + SETTLES_S, lambda seen: seen.event(seen.act("link-cut"), "nothing from the autopilot")),
+          LINK_LOST_S + 1 + SETTLES_S, lambda seen: seen.event(seen.act("link-cut"), "no messages from the autopilot")),
     Proof("link_lost", "failsafe", "not before 5 s", LINK_LOST_S + 1 + SETTLES_S, lambda seen: next(
-        (after for after in [seen.event(seen.act("link-cut"), "nothing from the autopilot")]
+        (after for after in [seen.event(seen.act("link-cut"), "no messages from the autopilot")]
          if after is not None and after >= LINK_LOST_S - 1.2), None)),
-    Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link is back")),
+    Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link restored")),
     Proof("spoofed", "lies", "told after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
     Proof("spoofed", "camera", "never, of a GPS that is well", None,
           _never_accused),
@@ -181,17 +181,17 @@ PROOFS = [
     Proof("trusted again", "lies", "10 s undisturbed and in agreement", 16,
           _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_leads", "lies", "then", SETTLES_S,
-          _between("gps-recover", "Nadir: GPS trusted", "Nadir: flying by GPS")),
+          _between("gps-recover", "Nadir: GPS trusted", "Nadir: autopilot navigating by GPS")),
     Proof("gps_trusted", "silence", "merely denied, pictures silent: 60 s", 63,
           _steady_first(59.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_position", "silence", "failsafe is over with it", SETTLES_S,
           _between("gps-recover", "Nadir: GPS trusted", "Nadir: failsafe over, GPS has a position")),
     Proof("restored", "restart", "told after the kill", 5, _after_hand("killed", "Nadir: restarted, dead reckoning")),
     Proof("package_verified", "restart", "verified anew, in the events", 5,
-          lambda seen: seen.event(seen.done.get("killed"), "the package is signed and whole")),
+          lambda seen: seen.event(seen.done.get("killed"), "the package is signed and complete")),
     Proof("back from `failsafe`", "first", "the first position waits for nothing", BACK_S, _first_waits_for_nothing),
     Proof("package_refused", "refused", "told, and no fix ever", 10, _told_nothing),
     Proof("link_unsigned", "stranger", "in the events", 10,
-          lambda seen: seen.event(0.0, "not signed by a key that we know")),
+          lambda seen: seen.event(0.0, "without a valid signature")),
 ]
 

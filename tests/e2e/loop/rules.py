@@ -7,8 +7,8 @@ import dataclasses
 import re
 
 SPOOFED, DENIED, TRUSTED = "Nadir: GPS SPOOFED", "Nadir: GPS denied", "Nadir: GPS trusted"
-MAP_LEADS, GPS_LEADS = "Nadir: flying by map", "Nadir: flying by GPS"
-NO_PICTURES, SEES_AGAIN = "Nadir: no pictures, dead reckoning", "Nadir: camera sees again"
+MAP_LEADS, GPS_LEADS = "Nadir: autopilot now navigating by Nadir", "Nadir: autopilot navigating by GPS"
+NO_PICTURES, SEES_AGAIN = "Nadir: no camera frames, dead reckoning", "Nadir: visual position restored"
 COLD_START_S, PROMOTED_S, BLACKOUT_S, BLIND_S, UNDISTURBED_S = 30, 3, 0.4, 30, 10
 LOOKS_S = 0.15  # nadird looks every 0.05 s, and may be late; a camera that does not keep time gets 1.2 of its intervals
 FOLLOWS_M = 100
@@ -129,7 +129,7 @@ def _recovered(flight, at):
 
 def _not_followed(flight):
     error = flight.summary["fix_error_m"]
-    return Rule("a fix follows nobody", f"{FOLLOWS_M} m off at most", "no fix" if error is None else f"{error['max']:.1f} m",
+    return Rule("no fix follows spoofed GPS", f"{FOLLOWS_M} m off at most", "no fix" if error is None else f"{error['max']:.1f} m",
                 error is not None and error["max"] <= FOLLOWS_M)
 
 

@@ -1,8 +1,8 @@
 """What nadird says of a flight when it ends, in figures."""
 import re
 
-LINE = re.compile(r"(\d+) pictures, (\d+) dropped; picture to fix p50 (\d+), p95 (\d+), max (\d+) ms; (\d+) fixes, longest "
-                  r"pause (\d+) ms")
+LINE = re.compile(r"(\d+) frames, (\d+) dropped; frame to fix p50 (\d+), p95 (\d+), max (\d+) ms; (\d+) fixes, longest "
+                  r"gap (\d+) ms")
 NAMES = ("pictures", "dropped", "p50_ms", "p95_ms", "max_ms", "fixes", "longest_pause_ms")
 
 

@@ -1,6 +1,6 @@
 """What attitude the autopilot tells: not the truth, and not independent of where it believes to be.
 
-Roll and pitch wander. The compass is off by a constant and by a deviation that turns with the course (coefficients B and C
+Roll and pitch drift as Gauss-Markov processes. The compass is off by a constant and by a deviation that turns with the course (coefficients B and C
 of a ship's compass: sine and cosine of the heading). And as in every filter that is aided by GPS, an acceleration that the
 receiver's velocity shows and the accelerometers do not is taken for an error of attitude: of tilt at once, of heading
 where there is a horizontal acceleration to turn about, which is in a turn. A fix that runs off bends the attitude that the next
@@ -9,7 +9,7 @@ fix is made with.
 import math
 
 from .geo import wrap
-from .wander import Wander
+from .gauss_markov import GaussMarkov
 
 GRAVITY = 9.80665
 TILT_TIME_S, HEADING_TIME_S = 10.0, 10.0  # in which the filter takes an attitude's error in, and forgets it
@@ -19,7 +19,7 @@ USUAL_DEVIATION = math.radians(2)  # on the course where it is largest
 
 class ToldAttitude:
     def __init__(self, random):
-        self._wander = [Wander(random, math.radians(degrees), 60) for degrees in (0.35, 0.35)]
+        self._drift = [GaussMarkov(random, math.radians(degrees), 60) for degrees in (0.35, 0.35)]
         self._constant = random.gauss(0, math.radians(1.2))
         self.deviate(USUAL_DEVIATION, random.uniform(-math.pi, math.pi))
         self._leant = [0.0, 0.0]  # tilt to north and east, radians
@@ -32,8 +32,8 @@ class ToldAttitude:
 
     def step(self, dt, plane, believed_velocity):
         """believed_velocity: north, east, the position filter's."""
-        for wander in self._wander:
-            wander.step(dt)
+        for process in self._drift:
+            process.step(dt)
         error = [believed - true for believed, true in zip(believed_velocity, plane.velocity)]
         before, self._velocity_error = self._velocity_error or error, error
         feigned = [(now - then) / dt for now, then in zip(error, before)]  # m/s² that nobody felt
@@ -51,5 +51,5 @@ class ToldAttitude:
         c, s = math.cos(plane.yaw), math.sin(plane.yaw)
         ahead, right = c * self._leant[0] + s * self._leant[1], c * self._leant[1] - s * self._leant[0]
         compass = self._constant + self._deviation * math.cos(plane.yaw - self._most_on)
-        return (plane.roll + self._wander[0].value + right, plane.pitch + self._wander[1].value - ahead,
+        return (plane.roll + self._drift[0].value + right, plane.pitch + self._drift[1].value - ahead,
                 wrap(plane.yaw + compass + self._turned))

@@ -10,7 +10,7 @@ from .accuracy_alarm import AccuracyAlarm
 from .gps_input import GpsInputReceiver, alignment_refusals
 from .position_filter import PositionFilter
 from .receiver import Receiver
-from .wander import Wander
+from .gauss_markov import GaussMarkov
 
 UNAIDED_S = 30.0
 
@@ -22,8 +22,8 @@ class Navigation:
         self.own = Receiver(random)
         self.given = GpsInputReceiver(gps_input_instance, local)
         self.filter = PositionFilter(plane.north, plane.east, plane.velocity)
-        self.accelerometer = [Wander(random, 0.06, 120) for _ in range(2)]
-        self.height_error = Wander(random, 1.0, 120)
+        self.accelerometer = [GaussMarkov(random, 0.06, 120) for _ in range(2)]
+        self.height_error = GaussMarkov(random, 1.0, 120)
         self.accuracy_alarm = AccuracyAlarm()
         self.own_sample = None
         self.source = "none"

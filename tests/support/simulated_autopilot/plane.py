@@ -2,7 +2,7 @@
 import math
 
 from .geo import wrap
-from .wander import Wander
+from .gauss_markov import GaussMarkov
 
 GRAVITY = 9.80665
 MAX_BANK = math.radians(38)
@@ -16,8 +16,8 @@ class Plane:
         self.north, self.east, self.altitude = north, east, altitude
         self.heading, self.bank, self.climb = heading, 0.0, 0.0
         self.airspeed, self.wind = airspeed, wind
-        self.gusts = (Wander(random, 0.7, 8), Wander(random, 0.7, 8))
-        self.shake = [Wander(random, math.radians(degrees), 0.8) for degrees in (0.6, 0.4, 0.3)]
+        self.gusts = (GaussMarkov(random, 0.7, 8), GaussMarkov(random, 0.7, 8))
+        self.shake = [GaussMarkov(random, math.radians(degrees), 0.8) for degrees in (0.6, 0.4, 0.3)]
         self.velocity = self._velocity()
         self.acceleration = (0.0, 0.0, 0.0)  # north, east, down
         self.roll, self.pitch, self.yaw = self._attitude()
@@ -32,8 +32,8 @@ class Plane:
         self.heading = wrap(self.heading + GRAVITY * math.tan(self.bank) / self.airspeed * dt)
         climb = max(-MAX_CLIMB, min(MAX_CLIMB, 0.3 * (wanted_altitude - self.altitude)))
         self.climb += (climb - self.climb) * min(1, dt / 1.0)
-        for wander in (*self.gusts, *self.shake):
-            wander.step(dt)
+        for process in (*self.gusts, *self.shake):
+            process.step(dt)
         before, attitude_before = self.velocity, (self.roll, self.pitch, self.yaw)
         self.velocity = self._velocity()
         self.acceleration = tuple((now - then) / dt for now, then in zip(self.velocity, before))

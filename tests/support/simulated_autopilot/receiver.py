@@ -1,7 +1,7 @@
 """The aircraft's own GPS receiver, and what may be done to it: denied, moved by a step, dragged off, restored."""
 import math
 
-from .wander import Wander
+from .gauss_markov import GaussMarkov
 
 
 class GpsSample:
@@ -18,7 +18,7 @@ class Receiver:
 
     def __init__(self, random):
         self.random = random
-        self.drift = (Wander(random, 0.9, 60), Wander(random, 0.9, 60), Wander(random, 1.8, 60))
+        self.drift = (GaussMarkov(random, 0.9, 60), GaussMarkov(random, 0.9, 60), GaussMarkov(random, 1.8, 60))
         self.denied = False
         self.offset = [0.0, 0.0]
         self.drag = (0.0, 0.0)
@@ -38,8 +38,8 @@ class Receiver:
 
     def sample(self, plane):
         """Once every PERIOD. A spoofer tells velocities that fit what it does to the position."""
-        for wander in self.drift:
-            wander.step(self.PERIOD)
+        for process in self.drift:
+            process.step(self.PERIOD)
         for axis in (0, 1):
             self.offset[axis] += self.drag[axis] * self.PERIOD
         if self.denied:

@@ -1,71 +1,103 @@
-#include "commands/cache/build.hpp"
-
+// `nadir cache build`: mission, imagery and elevation model to a signed package.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
+#include "cli/command.hpp"
+#include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/cache/imagery_options.hpp"
 #include "package_build/package_builder.hpp"
-#include "cli/nadir_version.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheBuildCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "build"; }
+  std::string_view summary() const override { return "build and sign the map package of a mission"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path mission_;
+  std::vector<std::filesystem::path> imagery_;
+  std::vector<std::string> stretches_;
+  std::optional<std::filesystem::path> dem_;
+  std::string format_ = "mbtiles";
+  std::string tile_format_ = "jpeg";
+  int quality_ = 75;
+  ImageryOptions imagery_options_{"priority"};
+  std::optional<std::filesystem::path> key_;
+  std::vector<std::filesystem::path> roots_;
+  std::optional<std::filesystem::path> trust_;
+  std::optional<UtcTime> at_;
+  std::filesystem::path out_;
+  bool resume_ = false;
+};
 
 std::string_view CacheBuildCommand::details() const {
-  return "Warps the imagery to map tiles at the mission's zooms, with overviews, masks and a sidecar per tile, writes\n"
-         "the manifest and signs it. What `cache verify` would refuse is refused here: gaps in the area that the "
-         "mission\n"
-         "requires, imagery that is too old or too coarse, a package larger than the budget. The findings are "
-         "printed,\n"
-         "the exit code is 1 and nothing is left behind.\n\n"
-         "Capture time, GSD, provider and CE90 are read from the STAC Item beside each raster (map.tif + map.json).\n"
-         "Where rasters overlap, the one that is named first lies on top, or the newest or finest (--mosaic). With "
-         "--seam "
-         "feather\n"
-         "it fades into the next one over --feather-m metres instead of ending at once.\n\n"
-         "8 bit imagery keeps its values. 16 bit and float imagery needs --stretch: one straight line from MIN, "
-         "black, to\n"
-         "MAX, white, for all bands; the values that were used become part of each tile's source.\n\n"
-         "A mission with terrain: {mode: dem} needs an elevation model (--dem). It is cut out around the mission's "
-         "area and\n"
-         "becomes terrain/dem.tif of the package.\n\n"
-         "--carry-root puts newer roots of trust into the package, so that an aircraft which has the one before them\n"
-         "learns of new and of revoked keys; each must be signed by the one before, which --trust names.\n\n"
-         "The same inputs and the same key give the same bytes, whatever the number of threads. A build that was "
-         "killed, or\n"
-         "that ran out of disk, goes on with --resume and gives these bytes as well.";
+  return R"(Warps the imagery to map tiles at the mission's zooms, with overviews, masks and a sidecar per
+tile, writes the manifest and signs it. What `cache verify` would reject is rejected here: gaps in
+the area that the mission requires, imagery that is too old or too coarse, a package larger than
+the budget. The findings are printed, the exit code is 1 and no output is left behind.
+
+Capture time, GSD, provider and CE90 are read from the STAC Item beside each raster (map.tif +
+map.json). Where rasters overlap, the first one named lies on top, or the newest or finest
+(--mosaic). With --seam feather it fades into the next one over --feather-m metres.
+
+8-bit imagery keeps its values. 16-bit and float imagery needs --stretch: one linear mapping from
+MIN, black, to MAX, white, for all bands; the values used become part of each tile's source.
+
+A mission with terrain: {mode: dem} needs an elevation model (--dem). It is cropped to the
+mission's area plus a margin and becomes terrain/dem.tif of the package.
+
+--carry-root adds newer roots of trust to the package, so that an aircraft that holds their
+predecessor learns of new and revoked keys; each must be signed by its predecessor, the first one
+by the root that --trust names.
+
+The same inputs and the same key give the same bytes, whatever the number of threads. A build that
+was killed, or ran out of disk space, continues with --resume and gives the same bytes as well.)";
 }
 
 std::string_view CacheBuildCommand::examples() const {
-  return "nadir cache build --mission mission.yaml --imagery map.tif --key planner.key.pem --out package\n"
-         "nadir cache build --mission mission.yaml --imagery map.tif --dem dem.tif --key planner.key.pem --out "
-         "package\n"
-         "nadir cache build --mission mission.yaml --imagery new.tif --imagery old.tif --tile-format webp --out "
-         "package\n"
-         "nadir cache build --mission mission.yaml --imagery map.tif --captured 2024-03-01 --gsd 0.3 --ce90 5 "
-         "--provider survey --out package";
+  return R"(nadir cache build --mission mission.yaml --imagery map.tif --key planner.key.pem --out package
+nadir cache build --mission mission.yaml --imagery map.tif --dem dem.tif --key planner.key.pem --out package
+nadir cache build --mission mission.yaml --imagery new.tif --imagery old.tif --tile-format webp --out package
+nadir cache build --mission mission.yaml --imagery map.tif --captured 2024-03-01 --gsd-m 0.3 --ce90-m 5 --provider survey --out package)";
 }
 
 void CacheBuildCommand::setup(Options& options) {
-  options.value("--mission", mission_, "MISSION.yaml", "what the map is for").required();
-  options.values("--imagery", imagery_, "FILE", "rasters that GDAL reads, georeferenced; the first lies on top")
+  options.value("--mission", mission_, "MISSION.yaml", "mission that the map is for").required();
+  options.values("--imagery", imagery_, "FILE", "georeferenced rasters that GDAL reads; the first lies on top")
       .required();
   options.values("--stretch", stretches_, "MIN,MAX",
-                 "values of 16 bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
-                 "or one for each --imagery (none for an 8 bit one)");
-  options.value("--dem", dem_, "FILE", "elevation model, metres, that GDAL reads; for terrain: {mode: dem}");
-  options.value("--format", format_, "FORMAT", "container of the tiles").one_of({"mbtiles", "cog"});
-  options.value("--tile-format", tile_format_, "FORMAT", "how a tile is encoded").one_of({"jpeg", "webp", "png"});
-  options.value("--quality", quality_, "N", "of JPEG and WebP tiles").between(1, 100);
+                 "values of 16-bit or float imagery that become black and white, or percentile:LOW,HIGH; one for all, "
+                 "or one for each --imagery (none for an 8-bit one)");
+  options.value("--dem", dem_, "FILE", "elevation model in metres that GDAL reads; for terrain: {mode: dem}");
+  options.value("--format", format_, "FORMAT", "tile container").one_of({"mbtiles", "cog"});
+  options.value("--tile-format", tile_format_, "FORMAT", "encoding of the tiles").one_of({"jpeg", "webp", "png"});
+  options.value("--quality", quality_, "N", "quality of JPEG and WebP tiles").between(1, 100);
   imagery_options_.setup(options);
-  options.value("--key", key_, "KEY.pem", "private key that signs; without it the package stays unsigned");
-  options.values("--carry-root", roots_, "N.root.json", "newer root of trust that travels with the package");
-  options.value("--trust", trust_, "ROOT.json", "root that aircraft have: those that travel must lead on from it")
+  options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
+  options.value("--trust", trust_, "ROOT.json", "root that the aircraft hold: the added ones must follow from it")
       .needs("--carry-root");
-  options.value("--at", at_, "TIME", "judge dates at this time instead of the mission's `created`");
-  options.value("--out", out_, "PACKAGE", "folder that is made; must not exist").required();
-  options.flag("--resume", resume_, "go on with a build that was killed, with the same inputs and options");
+  options.value("--at", at_, "TIME", "evaluate ages as of this time instead of the mission's `created`");
+  options.value("--out", out_, "PACKAGE", "package folder to create; must not exist").required();
+  options.flag("--resume", resume_, "resume a build that was killed, with the same inputs and options");
 }
 
 int CacheBuildCommand::run(Context& context) {
@@ -97,7 +129,7 @@ int CacheBuildCommand::run(Context& context) {
 
   const PackageReport report = build_package(request, context.progress);
   if (report.findings.refuses()) {
-    if (!context.quiet) context.err << "refused: nothing was written\n";
+    if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, context.json, report.findings);
   }
   if (context.json) {
@@ -117,12 +149,16 @@ int CacheBuildCommand::run(Context& context) {
                                   : std::string("flat")},
        {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)},
        {"merkle root", report.merkle_root.hex()},
-       {"signed by", key ? key->public_key().id() : "nobody"}});
+       {"signed by", key ? key->public_key().id() : "unsigned"}});
   if (!key && !context.quiet) {
-    context.err << "The package is not signed. Sign it before an aircraft shall accept it: nadir cache sign PACKAGE "
+    context.err << "The package is not signed. Aircraft accept only signed packages: nadir cache sign PACKAGE "
                    "--key KEY.pem\n";
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_build() { return std::make_unique<CacheBuildCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,18 @@
-#include "commands/cache/diff.hpp"
-
+// nadir cache diff: what differs between two packages or tile sets.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/printable.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package/tile_set_diff.hpp"
 #include "commands/cache/tile_set_subject.hpp"
+#include "commands/commands.hpp"
+#include "package/tile_set_diff.hpp"
 
 namespace nadir {
 namespace {
@@ -71,22 +73,41 @@ void print(std::ostream& out, const TileSetDiff& diff) {
   for (const TileKey& key : diff.redescribed) out << fmt::format("~ sidecar {}\n", to_text(key));
 }
 
-}  // namespace
+class CacheDiffCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "diff"; }
+  std::string_view summary() const override {
+    return "list what differs between two packages or tile sets";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path before_;
+  std::filesystem::path after_;
+};
 
 std::string_view CacheDiffCommand::details() const {
-  return "Compares the tiles by address and bytes, what their sidecars say, and the metadata; of two packages also\n"
-         "what the manifests say. Nothing is verified. A line begins with - for what only A has, + for what only B\n"
-         "has, ~ for what is in both but differs. Exit code 0: the same; 1: they differ; 2: could not be compared.";
+  return R"(Compares tiles by address and content, their sidecars, and the metadata; for two packages also the
+manifests. Nothing is verified. A line begins with - for what only A has, + for what only B has,
+and ~ for what differs.
+
+Exit codes: 0 identical, 1 they differ, 2 the comparison could not be done.)";
 }
 
 std::string_view CacheDiffCommand::examples() const {
-  return "nadir cache diff monday tuesday\n"
-         "nadir cache diff package others.mbtiles --json";
+  return R"(nadir cache diff monday tuesday
+nadir cache diff package others.mbtiles --json)";
 }
 
 void CacheDiffCommand::setup(Options& options) {
-  options.positional("A", before_, "a package, an MBTiles file or a COG").required();
-  options.positional("B", after_, "the one that it is compared with").required();
+  options.positional("A", before_, "package, MBTiles file or COG").required();
+  options.positional("B", after_, "what it is compared with").required();
 }
 
 int CacheDiffCommand::run(Context& context) {
@@ -110,11 +131,15 @@ int CacheDiffCommand::run(Context& context) {
     print(context.out, "manifest", facts);
     print(context.out, "metadata", diff.metadata);
     print(context.out, diff);
-    context.out << fmt::format("{}: {} tiles added, {} removed, {} changed, {} described anew, {} unchanged\n",
-                               same ? "the same" : "they differ", diff.added.size(), diff.removed.size(),
-                               diff.changed.size(), diff.redescribed.size(), diff.same);
+    context.out << fmt::format("{}: {} added, {} removed, {} changed, {} with a new sidecar only, {} unchanged\n",
+                               same ? "identical" : "different", count(diff.added.size(), "tile"),
+                               diff.removed.size(), diff.changed.size(), diff.redescribed.size(), diff.same);
   }
   return same ? kAccepted : kRefused;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_diff() { return std::make_unique<CacheDiffCommand>(); }
 
 }  // namespace nadir

@@ -1,57 +1,132 @@
-#include "commands/cache/gaps.hpp"
-
+// nadir cache gaps: what a mission lacks in a tile set, as GeoJSON.
 #include <fmt/format.h>
 
+#include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <ostream>
+#include <span>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/cache/gaps_geojson.hpp"
-#include "package/validate.hpp"
 #include "commands/cache/tile_set_subject.hpp"
+#include "commands/commands.hpp"
+#include "package/coverage_gaps.hpp"
+#include "package/mission_check.hpp"
+#include "package/validate.hpp"
 
 namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+
+json ring_json(const TileKey& key, const PixelRing& ring) {
+  json points = json::array();
+  for (const PixelCorner& corner : ring) {
+    const LonLat place = place_of(key, corner);
+    // 1e-8 degrees are a millimetre; pixels of zoom 22 are 4 cm
+    points.push_back({rounded(place.lon_deg, 1e8), rounded(place.lat_deg, 1e8)});
+  }
+  return points;
+}
+
+json polygon_json(const TileKey& key, const PixelPolygon& polygon) {
+  json rings = json::array({ring_json(key, polygon.outer)});
+  for (const PixelRing& hole : polygon.holes) rings.push_back(ring_json(key, hole));
+  return rings;
+}
+
+// RFC 7946: WGS84 longitude first, outer rings counter-clockwise, one feature per tile.
+json gaps_geojson(const std::vector<Gap>& gaps, const Mission& mission, std::span<const Sidecar> tiles) {
+  const LocalFrame frame = mission_frame(mission);
+  json features = json::array();
+  for (const Gap& gap : gaps) {
+    json polygons = json::array();
+    for (const PixelPolygon& polygon : outlines_of(gap, mission, tiles)) {
+      polygons.push_back(polygon_json(gap.key, polygon));
+    }
+    const Sector* sector = governing_sector(mission, frame, gap.key);
+    const bool one = polygons.size() == 1;
+    features.push_back(
+        {{"type", "Feature"},
+         {"geometry", {{"type", one ? "Polygon" : "MultiPolygon"}, {"coordinates", one ? polygons[0] : polygons}}},
+         {"properties",
+          {{"tile", to_text(gap.key)},
+           {"zoom", gap.key.z},
+           {"reason", gap.whole_tile ? "no tile" : "empty pixels"},
+           {"area_m2", rounded(gap.area_m2, 10)},
+           {"sector", sector == nullptr ? json() : json(sector->id)}}}});
+  }
+  return {{"type", "FeatureCollection"}, {"features", std::move(features)}};
+}
+
+class CacheGapsCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "gaps"; }
+  std::string_view summary() const override {
+    return "outline a mission's coverage gaps in a tile set, as GeoJSON";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path subject_;
+  std::optional<std::filesystem::path> mission_;
+  std::optional<std::int64_t> zoom_;
+  std::optional<std::filesystem::path> out_;
+};
 
 std::string_view CacheGapsCommand::details() const {
-  return "Decodes the tiles and outlines, pixel by pixel, what the mission's sectors and corridor need and what is\n"
-         "not there: one feature per tile with its address, area and the sector that it lies in. At the finest zoom\n"
-         "empty pixels count as well as absent tiles, at the others absent tiles alone. Without --out the GeoJSON\n"
-         "goes to standard output. A package is held against its own mission unless --mission names another. Exit\n"
-         "code 0: no gaps; 1: there are some; 2: could not be judged.";
+  return R"(Decodes the tiles and outlines, pixel by pixel, the parts of the mission's sectors and corridor
+that are missing: one feature per tile with its address, area and sector. At the finest zoom both
+empty pixels and absent tiles count, at the others absent tiles only. Without --out the GeoJSON
+goes to standard output. A package is checked against its own mission unless --mission names
+another.
+
+Exit codes: 0 no gaps, 1 there are gaps, 2 the check could not be done.)";
 }
 
 std::string_view CacheGapsCommand::examples() const {
-  return "nadir cache gaps package --out gaps.geojson\n"
-         "nadir cache gaps others.mbtiles --mission mission.yaml --zoom 17 | jq .features[].properties";
+  return R"(nadir cache gaps package --out gaps.geojson
+nadir cache gaps others.mbtiles --mission mission.yaml --zoom 17 | jq .features[].properties)";
 }
 
 void CacheGapsCommand::setup(Options& options) {
-  options.positional("PACKAGE|FILE", subject_, "the tile set: a package, MBTiles or COG").required();
-  options.value("--mission", mission_, "MISSION.yaml", "what it is held against; a package has its own");
-  options.value("--zoom", zoom_, "N", "the zoom that is looked at; the mission's finest when not given")
+  options.positional("PACKAGE|FILE", subject_, "tile set: a package, MBTiles file or COG").required();
+  options.value("--mission", mission_, "MISSION.yaml", "mission to check against; a package contains its own");
+  options.value("--zoom", zoom_, "N", "zoom to check; default: the mission's finest")
       .between(0, kMaxZoom);
-  options.value("--out", out_, "FILE.geojson", "where the outlines go; standard output when not given");
+  options.value("--out", out_, "FILE.geojson", "where the outlines go; default: standard output");
 }
 
 int CacheGapsCommand::run(Context& context) {
   const TileSetSubject subject = find_tile_set(subject_);
   if (!mission_ && subject.mission.empty()) {
-    throw UsageError({.what = "no mission to hold the tile set against",
+    throw UsageError({.what = "no mission to check the tile set against",
                       .where = subject_.string(),
-                      .expected = "--mission MISSION.yaml, or a package, which has its mission inside"});
+                      .expected = "--mission MISSION.yaml, or a package, which contains its mission"});
   }
   const Mission mission = read_mission(mission_.value_or(subject.mission));
   const int zoom = static_cast<int>(zoom_.value_or(mission.zoom.max));
   if (zoom < mission.zoom.min || zoom > mission.zoom.max) {
-    throw UsageError({.what = "the mission does not ask for this zoom",
+    throw UsageError({.what = "the mission does not require this zoom",
                       .where = "--zoom",
                       .expected = fmt::format("{} to {}", mission.zoom.min, mission.zoom.max),
                       .found = std::to_string(zoom)});
   }
-  // Dates are nobody's business here: the mission's own will do.
+  // Ages do not matter here.
   const Validation validation = validate_tile_set(subject.tiles, mission, mission.created, context.progress);
   const std::vector<Gap> gaps = find_gaps(mission, validation.sidecars, zoom);
   const nlohmann::json document = gaps_geojson(gaps, mission, validation.sidecars);
@@ -59,11 +134,15 @@ int CacheGapsCommand::run(Context& context) {
     write_file_atomic(*out_, document.dump(1) + "\n");
     double area_m2 = 0;
     for (const Gap& gap : gaps) area_m2 += gap.area_m2;
-    context.out << fmt::format("zoom {}: {} tiles with gaps, {:.0f} m² in all\n", zoom, gaps.size(), area_m2);
+    context.out << fmt::format("zoom {}: {} with gaps, {:.0f} m² in total\n", zoom, count(gaps.size(), "tile"), area_m2);
   } else {
     print_json(context.out, document);
   }
   return gaps.empty() ? kAccepted : kRefused;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_gaps() { return std::make_unique<CacheGapsCommand>(); }
 
 }  // namespace nadir

@@ -1,24 +1,29 @@
-#include "commands/cache/index.hpp"
-
+// nadir cache index: adds a place index to a package, or asks the one that is there how good it is.
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "geodesy/angles.hpp"
-#include "package_build/package_builder.hpp"
-#include "package/amend_package.hpp"
-#include "package/sign_package.hpp"
-#include "package/tile_container.hpp"
 #include "commands/cache/place_evaluation.hpp"
+#include "commands/commands.hpp"
+#include "geodesy/angles.hpp"
+#include "package/package_writer.hpp"
+#include "package/manifest.hpp"
+#include "package/tile_container.hpp"
+#include "package_build/package_builder.hpp"
 #include "vision/place_index_builder.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {
@@ -67,53 +72,86 @@ nlohmann::json json_from(const PlaceRecall& recall) {
 
 std::string text_from(const PlaceRecall& recall) {
   return fmt::format(
-      "recall@1 {:.1f} %, @5 {:.1f} % (chance {:.1f} %), @20 {:.1f} %; {:.0f} ms a query, at most {:.0f}",
+      "recall@1 {:.1f} %, @5 {:.1f} % (chance {:.1f} %), @20 {:.1f} %; {:.0f} ms per query, at most {:.0f} ms",
       100 * recall.share(recall.within_1), 100 * recall.share(recall.within_5), 100 * recall.chance_5,
       100 * recall.share(recall.within_20), recall.query_ms_p50, recall.query_ms_max);
 }
 
-}  // namespace
+class CacheIndexCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "index"; }
+  std::string_view summary() const override { return "add a place index to a package, for cold starts"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  int make(Context& context, const Manifest& manifest, const Mission& mission) const;
+  int evaluate(Context& context, const Manifest& manifest, const Mission& mission) const;
+  std::vector<double> footprints_m(const Mission& mission) const;
+
+  std::filesystem::path package_;
+  std::optional<std::filesystem::path> key_;
+  std::optional<std::filesystem::path> camera_;
+  std::vector<double> agl_m_;
+  std::vector<double> footprints_m_;
+  std::optional<double> gsd_m_;
+  int overlap_percent_ = 75;
+  std::optional<int> threads_;
+  std::optional<std::string> evaluate_;
+  std::uint64_t views_ = 200;
+  std::uint64_t seed_ = 1;
+  double heading_range_deg_ = 15;
+};
 
 std::string_view CacheIndexCommand::details() const {
-  return "Cuts the map into squares as large as a picture, overlapping by three quarters, and describes each by the "
-         "directions of\n"
-         "its borders. An aircraft that does not know where it is asks the index for the places that look like what\n"
-         "it sees. Their size follows from the camera and the height above ground: the mission's planned height, or\n"
-         "--agl-m, several times where heights vary; or say it with --footprint-m. Water and other bare ground is "
-         "left\n"
-         "out and counted.\n\n"
-         "The package's manifest names the two files of the index, so a signed package has to be signed anew: give\n"
-         "--key. Everything is hashed first; a package that is not what its manifest says is not indexed (exit code\n"
-         "1). The package changes in one step or not at all. Index before the package is handed out: two packages of\n"
-         "one sequence, with and without index, should not both be around.\n\n"
-         "--evaluate changes nothing: it tells how often the right place is among the first 1, 5 and 20, for frames\n"
-         "with a truth (a folder with frames/, telemetry.csv, camera.yaml, truth.csv) or for views that are made of\n"
-         "the map as another day might show it (--evaluate simulated). A hit: the true place lies inside the square.";
+  return R"(Cuts the map into squares of an image's size, overlapping by three quarters, and describes each by
+the directions of its edges. An aircraft without a position asks the index for the places that look
+like its view. The size follows from the camera and the height above ground: the mission's planned
+height, or --agl-m, given several times where heights vary; or set it with --footprint-m. Water and
+other featureless ground is left out and counted.
+
+The package's manifest lists the two files of the index, so a signed package must be signed again:
+give --key. All files are hashed first; a package that does not match its manifest is rejected
+(exit code 1). The package changes in one step or not at all. Index before the package is
+distributed: two packages of one sequence, with and without index, should not both be in use.
+
+--evaluate changes nothing: it reports how often the correct place is among the first 1, 5 and 20,
+for frames with ground truth (a folder with frames/, telemetry.csv, camera.yaml, truth.csv) or for
+views synthesized from the map with another day's appearance (--evaluate simulated). A hit: the
+true position lies inside the square.)";
 }
 
 std::string_view CacheIndexCommand::examples() const {
-  return "nadir cache index package --camera camera.yaml --key planner.key.pem\n"
-         "nadir cache index package --camera camera.yaml --agl-m 100 --agl-m 250 --key planner.key.pem\n"
-         "nadir cache index package --evaluate simulated\n"
-         "nadir cache index package --evaluate flight --json";
+  return R"(nadir cache index package --camera camera.yaml --key planner.key.pem
+nadir cache index package --camera camera.yaml --agl-m 100 --agl-m 250 --key planner.key.pem
+nadir cache index package --evaluate simulated
+nadir cache index package --evaluate flight --json)";
 }
 
 void CacheIndexCommand::setup(Options& options) {
-  options.positional("PACKAGE", package_, "the package's folder").required();
-  options.value("--key", key_, "KEY.pem", "private key of a package signer; needed when the package is signed");
-  options.value("--camera", camera_, "FILE.yaml", "camera whose pictures will be looked up");
-  options.values("--agl-m", agl_m_, "METRES", "height above ground; the mission's when not given").between(1, 20000);
-  options.values("--footprint-m", footprints_m_, "METRES", "side of the squares, instead of camera and height")
+  options.positional("PACKAGE", package_, "package folder").required();
+  options.value("--key", key_, "KEY.pem", "private key of a package signer; required if the package is signed");
+  options.value("--camera", camera_, "FILE.yaml", "camera whose images will be looked up");
+  options.values("--agl-m", agl_m_, "METRES", "height above ground; default: the mission's").between(1, 20000);
+  options.values("--footprint-m", footprints_m_, "METRES", "side of the squares, instead of deriving it from camera and height")
       .between(10, 50000);
-  options.value("--gsd", gsd_m_, "METRES", "resolution of a square; 96 pixels a side when not given")
-      .between(0.01, 500);
-  options.value("--overlap", overlap_percent_, "PERCENT", "of neighbouring squares").between(0, 90);
-  options.value("--threads", threads_, "N", "all processors when not given; the result does not depend on it")
+  options.value("--gsd-m", gsd_m_, "METRES", "resolution of a square; default: 96 pixels per side")
+      .between(0.01, 500)
+      .formerly("--gsd");
+  options.value("--overlap-percent", overlap_percent_, "PERCENT", "overlap of neighbouring squares")
+      .between(0, 90)
+      .formerly("--overlap");
+  options.value("--threads", threads_, "N", "threads; default: one per processor. The result does not depend on it")
       .between(1, 256);
-  options.value("--evaluate", evaluate_, "DIR|simulated", "ask the index that is there, and change nothing");
-  options.value("--views", views_, "N", "with --evaluate simulated: how many").between(1, 100000);
-  options.value("--seed", seed_, "N", "with --evaluate: which views and which errors of heading");
-  options.value("--heading-range-deg", heading_range_deg_, "DEG", "with --evaluate: error of a known heading")
+  options.value("--evaluate", evaluate_, "DIR|simulated", "evaluate the existing index, without changing it");
+  options.value("--views", views_, "N", "with --evaluate simulated: number of views").between(1, 100000);
+  options.value("--seed", seed_, "N", "with --evaluate: random seed for views and heading errors");
+  options.value("--heading-range-deg", heading_range_deg_, "DEG", "with --evaluate: maximum error of a known heading")
       .between(0, 180);
 }
 
@@ -137,7 +175,7 @@ std::vector<double> CacheIndexCommand::footprints_m(const Mission& mission) cons
 }
 
 int CacheIndexCommand::run(Context& context) {
-  const Manifest manifest = read_package_manifest(package_);
+  const Manifest manifest = load_package_manifest(package_);
   if (!evaluate_) require_key_when_signed(package_, key_.has_value());
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.refuses()) return report_findings(context.out, context.json, findings);
@@ -163,7 +201,7 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
   const AmendedPackage indexed =
       amend_package(package_, manifest, mission, amendment, key ? &*key : nullptr, context.progress);
   if (indexed.findings.refuses()) {
-    if (!context.quiet) context.err << "refused: the package stays as it was\n";
+    if (!context.quiet) context.err << "rejected: the package is unchanged\n";
     return report_findings(context.out, context.json, indexed.findings);
   }
   nlohmann::json more{{"package", package_.string()},       {"chunks", index.table().chunks.size()},
@@ -177,17 +215,17 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
                               {"textureless", layer.textureless},
                               {"invalid", layer.invalid}});
     figures.emplace_back(fmt::format("places of {:.0f} m", layer.side_m()),
-                         fmt::format("{} at {:.2f} m per pixel; left out: {} without structure, {} without enough map",
+                         fmt::format("{} at {:.2f} m per pixel; left out: {} featureless, {} with too little map",
                                      layer.count, layer.gsd_m(), layer.textureless, layer.invalid));
   }
   figures.emplace_back(
       "index", fmt::format("{:.2f} MB, {:.1f} % of the variance kept", static_cast<double>(indexed.added_bytes) / 1e6,
                            100 * index.table().projection.kept));
-  figures.emplace_back("signed by", key ? key->public_key().id() : "nobody");
+  figures.emplace_back("signed by", key ? key->public_key().id() : "unsigned");
   if (context.json) return report_findings(context.out, true, indexed.findings, more);
   print_figures(context.out, figures);
   if (!camera_ && footprints_m_.empty() && !context.quiet) {
-    context.err << "No --camera was given: a picture is taken to be as wide as the aircraft is high.\n";
+    context.err << "No --camera was given: assuming an image footprint as wide as the height above ground.\n";
   }
   return kAccepted;
 }
@@ -199,7 +237,7 @@ int CacheIndexCommand::evaluate(Context& context, const Manifest& manifest, cons
                       .where = package_,
                       .expected = std::string(kPlaceIndexFile),
                       .found = "none",
-                      .fix = "make one first: nadir cache index PACKAGE"});
+                      .fix = "create one first: nadir cache index PACKAGE"});
   }
   const EvaluationOptions options{radians(heading_range_deg_), seed_};
   const std::unique_ptr<TileSource> tiles = open_tile_source(package_ / imagery_of(manifest).path);
@@ -224,5 +262,9 @@ int CacheIndexCommand::evaluate(Context& context, const Manifest& manifest, cons
                  {"heading unknown", text_from(evaluation.unknown)}});
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_index() { return std::make_unique<CacheIndexCommand>(); }
 
 }  // namespace nadir

@@ -1,21 +1,27 @@
-#include "commands/cache/inspect.hpp"
-
+// nadir cache inspect: what is in a package, an MBTiles file or a COG, without judging it.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "package/manifest.hpp"
 #include "package/tile_container.hpp"
-#include "trust/dsse.hpp"
+#include "trust/signed_document.hpp"
 
 namespace nadir {
-namespace fs = std::filesystem;
 namespace {
+
+namespace fs = std::filesystem;
 
 using nlohmann::json;
 
@@ -91,32 +97,49 @@ const json& pick(const json& document, const std::string& key) {
   }
   const json::json_pointer at(pointer);
   if (!document.contains(at)) {
-    throw UsageError({.what = "there is no such entry",
+    throw UsageError({.what = "no such entry",
                       .where = "--get " + key,
                       .expected = "one of the entries that `nadir cache inspect` lists"});
   }
   return document.at(at);
 }
 
-}  // namespace
+class CacheInspectCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "inspect"; }
+  std::string_view summary() const override {
+    return "show the contents of a package, an MBTiles file or a COG";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path subject_;
+  std::optional<std::string> get_;
+};
 
 std::string_view CacheInspectCommand::details() const {
-  return "Shows, but does not judge: use `nadir cache verify` before you fly. --get prints one entry alone.";
+  return R"(Shows, but does not check: run `nadir cache verify` before you fly. --get prints a single entry.)";
 }
 
 std::string_view CacheInspectCommand::examples() const {
-  return "nadir cache inspect package\n"
-         "nadir cache inspect package --get manifest.mission.sequence\n"
-         "nadir cache inspect base.mbtiles --json";
+  return R"(nadir cache inspect package
+nadir cache inspect package --get manifest.mission.sequence
+nadir cache inspect base.mbtiles --json)";
 }
 
 void CacheInspectCommand::setup(Options& options) {
-  options.positional("PACKAGE|FILE", subject_, "what to look at: a package, MBTiles or COG").required();
-  options.value("--get", get_, "KEY", "print this entry alone");
+  options.positional("PACKAGE|FILE", subject_, "package, MBTiles file or COG").required();
+  options.value("--get", get_, "KEY", "print only this entry");
 }
 
 int CacheInspectCommand::run(Context& context) {
-  if (!fs::exists(subject_)) throw UsageError({.what = "nothing of this name", .where = subject_});
+  if (!fs::exists(subject_)) throw UsageError({.what = "no such file or folder", .where = subject_});
   const json document = fs::is_directory(subject_) ? describe_package(subject_) : describe_tile_set(subject_);
   if (get_) {
     const json& value = pick(document, *get_);
@@ -136,5 +159,9 @@ int CacheInspectCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_inspect() { return std::make_unique<CacheInspectCommand>(); }
 
 }  // namespace nadir

@@ -1,60 +1,95 @@
-#include "commands/cache/matchability.hpp"
-
+// nadir cache matchability: where over the mission's ground will frames find their place on the map, and where not?
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/output.hpp"
-#include "package_build/matchability_survey.hpp"
-#include "package/amend_package.hpp"
-#include "package/sign_package.hpp"
+#include "commands/cache/matchability_request.hpp"
 #include "commands/cache/tile_set_subject.hpp"
+#include "commands/commands.hpp"
+#include "package/package_writer.hpp"
+#include "package/verify.hpp"
+#include "package_build/matchability_survey.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheMatchabilityCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "matchability"; }
+  std::string_view summary() const override {
+    return "map where frames can be matched to the map, and where not";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  void check_options() const;
+  int put_into_package(Context& context);
+
+  std::filesystem::path subject_;
+  std::optional<std::filesystem::path> mission_;
+  std::optional<std::filesystem::path> out_;
+  bool into_package_ = false;
+  std::optional<std::filesystem::path> key_;
+  MatchabilityRequest request_;
+};
 
 std::string_view CacheMatchabilityCommand::details() const {
-  return "For places all over the mission's sectors and corridor a piece of the map, worn as if another season and\n"
-         "sensor had seen it, is searched in the map around it as a flight does. A place is good where a frame may\n"
-         "anchor on its own, weak where a healthy prediction has to agree, poor where no anchor is to be expected:\n"
-         "water, bare fields, endless rows. Says how far the route runs without a good place.\n\n"
-         "--out writes a GeoTIFF in EPSG:3857 with the bands ratio, entropy, texture, class, score and valid.\n"
-         "--into-package puts it into the package, as a file that is signed and verified like every other; a package\n"
-         "that is not what its manifest says is refused (exit code 1). The package changes in one step or not at all.\n"
-         "Exit code 0: made; 2: could not be made.";
+  return R"(At points across the mission's sectors and corridor, a piece of the map, altered as if seen in
+another season by another sensor, is searched for in the surrounding map as a flight does. A place
+is good where a single frame may match on its own, weak where a healthy prediction has to agree,
+and poor where no match is to be expected: water, bare fields, repetitive rows. Reports the longest
+route segments without a good place.
+
+--out writes a GeoTIFF in EPSG:3857 with the bands ratio, entropy, texture, class, score and valid.
+--into-package adds it to the package, as a file that is signed and verified like every other; a
+package that does not match its manifest is rejected. The package changes in one step or not at
+all.
+
+Exit codes: 0 success, 1 the package was rejected, 2 the job could not be done.)";
 }
 
 std::string_view CacheMatchabilityCommand::examples() const {
-  return "nadir cache matchability package --camera camera.yaml --cruise-mps 22 --out matchability.tif\n"
-         "nadir cache matchability package --camera camera.yaml --into-package --key planner.key.pem\n"
-         "nadir cache matchability others.mbtiles --mission mission.yaml --footprint-m 150 --step-m 50 --json";
+  return R"(nadir cache matchability package --camera camera.yaml --speed-mps 22 --out matchability.tif
+nadir cache matchability package --camera camera.yaml --into-package --key planner.key.pem
+nadir cache matchability others.mbtiles --mission mission.yaml --footprint-m 150 --step-m 50 --json)";
 }
 
 void CacheMatchabilityCommand::setup(Options& options) {
-  options.positional("PACKAGE|FILE", subject_, "the tile set: a package, MBTiles or COG").required();
-  options.value("--mission", mission_, "MISSION.yaml", "whose ground is looked at; a package has its own");
+  options.positional("PACKAGE|FILE", subject_, "tile set: a package, MBTiles file or COG").required();
+  options.value("--mission", mission_, "MISSION.yaml", "mission whose area is surveyed; a package contains its own");
   options.value("--out", out_, "FILE.tif", "write the map as a GeoTIFF");
-  options.flag("--into-package", into_package_, "put the map into the package");
-  options.value("--key", key_, "KEY.pem", "with --into-package: private key of a package signer, if it is signed");
+  options.flag("--into-package", into_package_, "add the map to the package");
+  options.value("--key", key_, "KEY.pem", "with --into-package: private key of a package signer; required if the package is signed");
   request_.declare(options);
 }
 
 void CacheMatchabilityCommand::check_options() const {
   if (key_ && !into_package_) {
-    throw UsageError({.what = "--key is for --into-package", .fix = "give both, or leave --key away"});
+    throw UsageError({.what = "--key requires --into-package", .fix = "give both, or omit --key"});
   }
   if (mission_ && into_package_) {
-    throw UsageError({.what = "the map of another mission does not belong into this package",
+    throw UsageError({.what = "the map of another mission cannot be added to this package",
                       .where = subject_,
                       .found = "--mission and --into-package",
-                      .fix = "leave --mission away: the package has its own"});
+                      .fix = "omit --mission: the package contains its own"});
   }
 }
 
 // Everything is hashed before the survey: what is signed anew has to be what was signed before.
 int CacheMatchabilityCommand::put_into_package(Context& context) {
-  const Manifest manifest = read_package_manifest(subject_);
+  const Manifest manifest = load_package_manifest(subject_);
   require_key_when_signed(subject_, key_.has_value());
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);
@@ -71,7 +106,7 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
   const AmendedPackage amended =
       amend_package(subject_, manifest, mission, amendment, key ? &*key : nullptr, context.progress);
   if (amended.findings.refuses()) {
-    if (!context.quiet) context.err << "refused: the package stays as it was\n";
+    if (!context.quiet) context.err << "rejected: the package is unchanged\n";
     return report_findings(context.out, context.json, amended.findings);
   }
   if (out_) write_matchability_tiff(result.map, *out_);
@@ -83,7 +118,7 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
   }
   Figures figures = figures_of(result);
   figures.emplace_back("in the package", fmt::format("{}, {} bytes", kMatchabilityFile, amended.added_bytes));
-  figures.emplace_back("signed by", key ? key->public_key().id() : "nobody");
+  figures.emplace_back("signed by", key ? key->public_key().id() : "unsigned");
   print_figures(context.out, figures);
   return kAccepted;
 }
@@ -93,9 +128,9 @@ int CacheMatchabilityCommand::run(Context& context) {
   if (into_package_) return put_into_package(context);
   const auto [tiles, manifest, own_mission] = find_tile_set(subject_);
   if (!mission_ && own_mission.empty()) {
-    throw UsageError({.what = "no mission that says which ground is looked at",
+    throw UsageError({.what = "no mission that defines the area to survey",
                       .where = subject_.string(),
-                      .expected = "--mission MISSION.yaml, or a package, which has its mission inside"});
+                      .expected = "--mission MISSION.yaml, or a package, which contains its mission"});
   }
   const Mission mission = read_mission(mission_.value_or(own_mission));
   const MatchabilityResult result = make_matchability(tiles, mission, request_, context.progress);
@@ -107,5 +142,9 @@ int CacheMatchabilityCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_matchability() { return std::make_unique<CacheMatchabilityCommand>(); }
 
 }  // namespace nadir

@@ -7,10 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "estimation/anchor_gates.hpp"
+#include "estimation/anchor_acceptance.hpp"
 #include "package/tile_container.hpp"
-#include "vision/anchor_matcher.hpp"
-#include "vision/camera_model.hpp"
+#include "vision/matching_plan.hpp"
+#include "vision/map_matcher.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
 namespace {
@@ -69,15 +70,17 @@ std::string describe(const RouteSection& stretch, const std::optional<double>& c
 
 void MatchabilityRequest::declare(Options& options) {
   options.value("--camera", camera, "FILE.yaml",
-                "the camera that flies; with the mission's height it gives the footprint");
+                "camera of the flight; with the mission's height it gives the footprint");
   options
       .value("--footprint-m", footprint_m, "M",
-             "side of the square that a frame sees; without, and without a camera, the height")
+             "side of the square that a frame covers; default: from the camera, else the height above ground")
       .between(20, 5000);
-  options.value("--search-m", search_m, "M", "how far the flight searches to each side").between(60, 1200);
-  options.value("--step-m", step_m, "M", "between two places").between(5, 5000);
-  options.value("--cruise-mps", cruise_mps, "V", "speed, to tell stretches in seconds as well").between(1, 300);
-  options.value("--threads", threads, "N", "threads; all processors when not given").between(1, 256);
+  options.value("--search-m", search_m, "M", "search radius of the flight").between(60, 1200);
+  options.value("--step-m", step_m, "M", "spacing of the places").between(5, 5000);
+  options.value("--speed-mps", cruise_mps, "V", "ground speed, to give route segments in seconds as well")
+      .between(1, 300)
+      .formerly("--cruise-mps");
+  options.value("--threads", threads, "N", "threads; default: one per processor").between(1, 256);
 }
 
 MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
@@ -104,8 +107,8 @@ Figures figures_of(const MatchabilityResult& result) {
     figures.emplace_back(name_of(cls), fmt::format("{} of the places, {} of the route", percent(summary.share(cls)),
                                                    percent(summary.route_share(cls))));
   }
-  figures.emplace_back("longest without a good place", summary.without_good.empty()
-                                                           ? std::string("none: all of the route is good")
+  figures.emplace_back("longest segment without a good place", summary.without_good.empty()
+                                                           ? std::string("none: the whole route is good")
                                                            : describe(summary.without_good.front(), result.cruise_mps));
   return figures;
 }

@@ -9,10 +9,9 @@
 #include "base/random.hpp"
 #include "geodesy/angles.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/pictures.hpp"
-#include "replay/truth.hpp"
+#include "replay/score.hpp"
 #include "vision/place_index_builder.hpp"
-#include "vision/rectify.hpp"
+#include "vision/rectification.hpp"
 
 namespace nadir {
 namespace {
@@ -147,7 +146,7 @@ PlaceEvaluation evaluate_frames(const PlaceIndex& index, const Mission& mission,
     const Telemetry& row = flight.frames[i];
     const double error_rad = random.uniform(-options.heading_range_rad, options.heading_range_rad);
     const double any_rad = random.uniform(0, 2 * std::numbers::pi);
-    const cv::Mat grey = read_picture(flight.frames_folder / row.frame);
+    const cv::Mat grey = read_grey_image(flight.frames_folder / row.frame);
     if (!truth[i] || grey.empty() || !row.heading_rad) {
       ++evaluation.left_out;
       continue;

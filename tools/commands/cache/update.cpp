@@ -1,53 +1,93 @@
-#include "commands/cache/update.hpp"
-
+// `nadir cache update`: the next package of a series from the one before and newer imagery.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/cache/imagery_options.hpp"
 #include "package_build/package_updater.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheUpdateCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "update"; }
+  std::string_view summary() const override {
+    return "build the next package from an existing one and newer imagery";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path old_;
+  std::filesystem::path trust_;
+  std::filesystem::path mission_;
+  std::vector<std::filesystem::path> imagery_;
+  std::vector<std::string> stretches_;
+  std::optional<std::filesystem::path> dem_;
+  int quality_ = 75;
+  std::optional<std::string> format_;
+  bool index_ = false;
+  ImageryOptions options_{"newest"};
+  std::optional<std::filesystem::path> key_;
+  std::vector<std::filesystem::path> roots_;
+  std::optional<UtcTime> at_;
+  std::filesystem::path out_;
+};
 
 std::string_view CacheUpdateCommand::details() const {
-  return "The old package is verified with --trust; whether it may still fly does not matter. Tiles in which no new\n"
-         "imagery shows are copied byte for byte, each compared with the digest that was signed, and keep their date\n"
-         "and source. Tiles in which some shows are decoded, laid under or over it (--mosaic) and encoded once; so "
-         "are\n"
-         "the overviews above them. Tiles that the mission no longer requires are dropped. The mission has the same\n"
-         "series and zooms and a higher sequence.\n\n"
-         "The result is judged as a build's is: gaps, age, resolution, budget. The findings are printed, the exit\n"
-         "code is 1 and nothing is left behind. The same inputs and the same key give the same bytes.\n\n"
-         "The terrain is that of the old package unless --dem gives another, and newer roots of trust that it carries\n"
-         "travel on. A place index belongs to the old tiles: --index makes it anew, with squares of the same sizes.\n"
-         "The container is that of the old package unless --format gives the other one; tiles are copied either way.";
+  return R"(The old package is verified with --trust; it may have expired. Tiles without new imagery are copied
+byte for byte, each checked against its signed digest, and keep their date and source. Tiles with
+new imagery are decoded, merged above or below it (--mosaic) and encoded once, and so are the
+overviews above them. Tiles that the mission no longer requires are dropped. The mission must have
+the same series and zooms and a higher sequence.
+
+The result is checked as a build's is: gaps, age, resolution, budget. On rejection the findings are
+printed, the exit code is 1 and no output is left behind. The same inputs and the same key give the
+same bytes.
+
+The terrain is that of the old package unless --dem gives another; newer roots of trust in it are
+carried over. A place index belongs to the old tiles: --index rebuilds it with squares of the same
+sizes. The container is that of the old package unless --format selects the other one; tiles are
+copied either way.)";
 }
 
 std::string_view CacheUpdateCommand::examples() const {
-  return "nadir cache update package --trust root.json --mission next.yaml --imagery spring.tif --key planner.key.pem "
-         "--out package2\n"
-         "nadir cache update package --trust root.json --mission shorter.yaml --key planner.key.pem --out package2";
+  return R"(nadir cache update package --trust root.json --mission next.yaml --imagery spring.tif --key planner.key.pem --out package2
+nadir cache update package --trust root.json --mission shorter.yaml --key planner.key.pem --out package2)";
 }
 
 void CacheUpdateCommand::setup(Options& options) {
-  options.positional("OLD", old_, "the package that is updated").required();
-  options.value("--trust", trust_, "ROOT.json", "the trust root that the old package is verified with").required();
-  options.value("--mission", mission_, "MISSION.yaml", "what the new map is for").required();
-  options.values("--imagery", imagery_, "FILE", "newer rasters that GDAL reads; none when only the mission changes");
+  options.positional("OLD", old_, "package to update").required();
+  options.value("--trust", trust_, "ROOT.json", "root of trust that the old package is verified with").required();
+  options.value("--mission", mission_, "MISSION.yaml", "mission that the new map is for").required();
+  options.values("--imagery", imagery_, "FILE", "newer rasters that GDAL reads; none if only the mission changes");
   options.values("--stretch", stretches_, "MIN,MAX",
-                 "values of 16 bit or float imagery that become black and white, as for `cache build`");
+                 "values of 16-bit or float imagery that become black and white, as for `cache build`");
   options.value("--dem", dem_, "FILE", "elevation model instead of the old package's terrain");
-  options.value("--quality", quality_, "N", "of JPEG and WebP tiles that are made anew").between(1, 100);
-  options.value("--format", format_, "FORMAT", "container of the tiles, instead of the old package's")
+  options.value("--quality", quality_, "N", "quality of JPEG and WebP tiles that are re-encoded").between(1, 100);
+  options.value("--format", format_, "FORMAT", "tile container, instead of the old package's")
       .one_of({"mbtiles", "cog"});
-  options.flag("--index", index_, "make the old package's place index anew, for the new tiles");
+  options.flag("--index", index_, "rebuild the old package's place index for the new tiles");
   options_.setup(options);
-  options.value("--key", key_, "KEY.pem", "private key that signs; without it the package stays unsigned");
-  options.values("--carry-root", roots_, "N.root.json", "newer root of trust that travels with the package");
-  options.value("--at", at_, "TIME", "judge dates at this time instead of the mission's `created`");
-  options.value("--out", out_, "NEW", "folder that is made; must not exist").required();
+  options.value("--key", key_, "KEY.pem", "private key that signs the package; without it the package is unsigned");
+  options.values("--carry-root", roots_, "N.root.json", "newer root of trust to add to the package");
+  options.value("--at", at_, "TIME", "evaluate ages as of this time instead of the mission's `created`");
+  options.value("--out", out_, "NEW", "package folder to create; must not exist").required();
 }
 
 int CacheUpdateCommand::run(Context& context) {
@@ -75,7 +115,7 @@ int CacheUpdateCommand::run(Context& context) {
 
   const auto [report, counts, old_sequence, sequence] = update_package(request, context.progress);
   if (report.findings.refuses()) {
-    if (!context.quiet) context.err << "refused: nothing was written\n";
+    if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, context.json, report.findings);
   }
   if (context.json) {
@@ -98,13 +138,17 @@ int CacheUpdateCommand::run(Context& context) {
                  {"sequence", fmt::format("{} -> {}", old_sequence, sequence)},
                  {"tiles", fmt::format("{} (zoom {} to {})", report.tiles, report.zoom.min, report.zoom.max)},
                  {"copied", std::to_string(counts.copied)},
-                 {"encoded anew", std::to_string(counts.reencoded)},
+                 {"re-encoded", std::to_string(counts.reencoded)},
                  {"added", std::to_string(counts.added)},
                  {"dropped", std::to_string(counts.dropped)},
                  {"size", fmt::format("{:.1f} MB", static_cast<double>(report.bytes) / 1e6)},
                  {"merkle root", report.merkle_root.hex()},
-                 {"signed by", key ? key->public_key().id() : "nobody"}});
+                 {"signed by", key ? key->public_key().id() : "unsigned"}});
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_update() { return std::make_unique<CacheUpdateCommand>(); }
 
 }  // namespace nadir

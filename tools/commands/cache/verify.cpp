@@ -1,47 +1,81 @@
-#include "commands/cache/verify.hpp"
-
+// nadir cache verify: is this package what its makers signed, is it for us, and does it hold what its mission needs?
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
-#include "commands/cache/report/cache_report.hpp"
+#include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/cache/matchability_request.hpp"
+#include "commands/cache/cache_report.hpp"
 #include "commands/cache/tile_set_subject.hpp"
-#include "vision/place_index_check.hpp"
+#include "commands/commands.hpp"
+#include "verify_request/verify_request.hpp"
+#include "vision/place_index.hpp"
 
 namespace nadir {
+namespace {
+
+class CacheVerifyCommand final : public Command {
+ public:
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "verify"; }
+  std::string_view summary() const override { return "verify a signed package before it flies"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  int report(Context& context, const Verification& verification, UtcTime at) const;
+
+  std::filesystem::path package_;
+  VerifyRequest request_;
+  std::string depth_ = "quick";
+  std::optional<std::filesystem::path> report_folder_;
+  bool matchability_ = false;
+  MatchabilityRequest matchability_request_;
+};
 
 std::string_view CacheVerifyCommand::details() const {
-  return "The signature is checked before anything else is read; after that everything that is wrong is reported.\n"
-         "quick: signature, sizes, the Merkle root over the stored digests, and the mission's demands. full: every\n"
-         "byte is hashed as well. With --state the package must not be older than what was accepted before, and an\n"
-         "accepted one is remembered; --permit allows a step back that the signers have signed. Newer roots of trust\n"
-         "that the package carries are followed when the older ones have signed them.\n\n"
-         "--report writes the findings as text, JSON, CSV and Markdown, and report.html: a page with a map of "
-         "coverage\n"
-         "and freshness that needs no network. Exit code 0: accepted; 1: refused; 2: could not be checked.";
+  return R"(The signature is checked before anything else is read; after that every problem is reported. quick:
+signature, sizes, the Merkle root over the stored digests, and the mission's requirements. full:
+every byte is hashed as well. With --state the package must not be older than what was accepted
+before, and an accepted one is recorded; --permit allows a rollback that the signers have signed.
+Newer roots of trust in the package are followed if their predecessors have signed them.
+
+--report writes the findings as text, JSON, CSV and Markdown, and report.html: a page with a map of
+coverage and age that needs no network.
+
+Exit codes: 0 accepted, 1 rejected, 2 the check could not be done.)";
 }
 
 std::string_view CacheVerifyCommand::examples() const {
-  return "nadir cache verify package --trust root.json\n"
-         "nadir cache verify package --trust root.json --depth full --airframe mini-07 --state state.json\n"
-         "nadir cache verify package --trust root.json --report report && xdg-open report/report.html";
+  return R"(nadir cache verify package --trust root.json
+nadir cache verify package --trust root.json --depth full --airframe mini-07 --state state.json
+nadir cache verify package --trust root.json --report report && xdg-open report/report.html)";
 }
 
 void CacheVerifyCommand::setup(Options& options) {
-  options.positional("PACKAGE", package_, "the package's folder").required();
+  options.positional("PACKAGE", package_, "package folder").required();
   request_.setup(options);
-  options.value("--depth", depth_, "DEPTH", "quick or full").one_of({"quick", "full"});
-  options.value("--report", report_folder_, "DIR", "write the findings and a page with a map into this folder as well");
-  options.flag("--matchability", matchability_, "with --report: show where frames will find their place")
+  options.value("--depth", depth_, "DEPTH", "depth of the check").one_of({"quick", "full"});
+  options.value("--report", report_folder_, "DIR", "also write the findings and a page with a map to this folder");
+  options.flag("--matchability", matchability_, "with --report: show where frames can be matched to the map")
       .needs("--report");
-  options.value("--camera", matchability_request_.camera, "FILE.yaml", "with --matchability: the camera that flies")
+  options.value("--camera", matchability_request_.camera, "FILE.yaml", "with --matchability: the camera of the flight")
       .needs("--matchability");
   options
-      .value("--cruise-mps", matchability_request_.cruise_mps, "V",
-             "with --matchability: speed, to tell stretches in seconds")
+      .value("--speed-mps", matchability_request_.cruise_mps, "V",
+             "with --matchability: ground speed, to give route segments in seconds")
+      .formerly("--cruise-mps")
       .between(1, 300)
       .needs("--matchability");
 }
@@ -53,7 +87,7 @@ int CacheVerifyCommand::run(Context& context) {
   verify_place_index(package_, options.depth, context.progress, verification);
   verification.findings.add(request_.findings());
   if (verification.accepted()) {
-    request_.remember(*verification.manifest, verification.root_version, verification.newer_roots);
+    request_.record_acceptance(*verification.manifest, verification.root_version, verification.newer_roots);
   }
   return report(context, verification, options.at);
 }
@@ -75,7 +109,7 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
     figures.emplace_back(
         "mission", fmt::format("{} (series {}, sequence {})", manifest.mission_id, manifest.series, manifest.sequence));
     figures.emplace_back("expires", to_rfc3339(manifest.expires));
-    figures.emplace_back("imagery", fmt::format("{} tiles, {:.1f} MB in all", verification.tiles.size(),
+    figures.emplace_back("imagery", fmt::format("{}, {:.1f} MB in total", count(verification.tiles.size(), "tile"),
                                                 static_cast<double>(verification.bytes) / 1e6));
     figures.emplace_back("trust root", fmt::format("version {}", verification.root_version));
     for (const std::string& signer : verification.signers) figures.emplace_back("signed by", signer);
@@ -101,5 +135,9 @@ int CacheVerifyCommand::report(Context& context, const Verification& verificatio
   if (!context.json) print_figures(context.out, figures);
   return report_findings(context.out, context.json, verification.findings, more);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_cache_verify() { return std::make_unique<CacheVerifyCommand>(); }
 
 }  // namespace nadir

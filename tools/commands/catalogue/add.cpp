@@ -1,13 +1,16 @@
-#include "commands/catalogue/add.hpp"
-
+// nadir catalogue add: a package becomes layers of a spatial database.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
+#include "catalogue/catalogue.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "catalogue/catalogue.hpp"
+#include "commands/commands.hpp"
 #include "trust/root.hpp"
 
 namespace nadir {
@@ -22,31 +25,49 @@ const char* word_for(Catalogue::Added added) {
   return "conflict";
 }
 
-}  // namespace
+class CatalogueAddCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "add"; }
+  std::string_view summary() const override { return "add a package to a catalogue (SpatiaLite or PostGIS)"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path package_;
+  std::string catalogue_;
+  std::optional<std::filesystem::path> trust_;
+  std::optional<UtcTime> at_;
+};
 
 std::string_view CatalogueAddCommand::details() const {
-  return "Writes what the package was made from and for as layers that QGIS and GDAL open: packages, sources with\n"
-         "their footprints, sectors, routes, corridors, required tiles, tiles, gaps. The catalogue is a SpatiaLite\n"
-         "file, made when it is missing, or a PostgreSQL database with PostGIS, named as \"PG:dbname=… host=…\"\n"
-         "(libpq's words; keep the password in ~/.pgpass). A package goes in whole or not at all; one that is there\n"
-         "already changes nothing; another sequence of its series stands beside it.\n\n"
-         "With --trust the package is verified first (depth quick), and its signers are noted. Without, its parts "
-         "must\n"
-         "fit each other, and it is noted as not verified. Exit code 0: it is in the catalogue; 1: refused, or "
-         "another\n"
-         "package has its series and sequence; 2: could not be done.";
+  return R"(Writes the package's purpose and sources as layers that QGIS and GDAL open: packages, sources with
+their footprints, sectors, routes, corridors, required tiles, tiles, gaps. The catalogue is a
+SpatiaLite file, created if missing, or a PostgreSQL database with PostGIS, named as
+"PG:dbname=… host=…" (libpq's keywords; keep the password in ~/.pgpass). A package is added
+completely or not at all; adding it again changes nothing; other sequences of its series are kept.
+
+With --trust the package is verified first (depth quick), and its signers are recorded. Without it,
+the package's parts must be consistent, and it is recorded as not verified.
+
+Exit codes: 0 the package is in the catalogue, 1 rejected, or another package has its series and
+sequence, 2 the job could not be done.)";
 }
 
 std::string_view CatalogueAddCommand::examples() const {
-  return "nadir catalogue add package --to fleet.sqlite --trust root.json\n"
-         "nadir catalogue add package --to \"PG:dbname=fleet host=db.example.org user=planner\" --trust root.json";
+  return R"(nadir catalogue add package --to fleet.sqlite --trust root.json
+nadir catalogue add package --to "PG:dbname=fleet host=db.example.org user=planner" --trust root.json)";
 }
 
 void CatalogueAddCommand::setup(Options& options) {
-  options.positional("PACKAGE", package_, "the package's folder").required();
-  options.value("--to", catalogue_, "CATALOGUE", "a SpatiaLite file or \"PG:…\"").required();
-  options.value("--trust", trust_, "ROOT.json", "verify the package with this trust root first");
-  options.value("--at", at_, "TIME", "verify as if it were this time").needs("--trust");
+  options.positional("PACKAGE", package_, "package folder").required();
+  options.value("--to", catalogue_, "CATALOGUE", "SpatiaLite file or \"PG:…\"").required();
+  options.value("--trust", trust_, "ROOT.json", "verify the package with this root of trust first");
+  options.value("--at", at_, "TIME", "evaluate validity as of this time").needs("--trust");
 }
 
 int CatalogueAddCommand::run(Context& context) {
@@ -56,7 +77,7 @@ int CatalogueAddCommand::run(Context& context) {
   if (trust_) {
     root = read_trusted_root(*trust_);
     options.root = &*root;
-    options.at = judging_time(at_, context.clock);
+    options.at = evaluation_time(at_, context.clock);
   }
   CatalogueReading reading = read_catalogue_entry(package_, trust_ ? &options : nullptr, context.progress);
   if (!reading.entry) return report_findings(context.out, context.json, reading.findings);
@@ -68,10 +89,10 @@ int CatalogueAddCommand::run(Context& context) {
     reading.findings.add({.code = "catalogue.conflict",
                           .where = location.shown,
                           .expected = fmt::format("one package named {}", name),
-                          .found = "another one of this series and sequence, with other bytes",
+                          .found = "another one of this series and sequence, with different content",
                           .fix =
-                              "a change needs a higher sequence; if this one shall replace the other: nadir catalogue "
-                              "remove"});
+                              "give the changed package a higher sequence; to replace the other one, remove it first: nadir "
+                              "catalogue remove"});
   }
   if (context.json) {
     return report_findings(context.out, true, reading.findings,
@@ -84,12 +105,16 @@ int CatalogueAddCommand::run(Context& context) {
   }
   if (!reading.findings.empty()) print_findings(context.out, reading.findings);
   if (added == Catalogue::Added::added) {
-    context.out << fmt::format("added {}: {} tiles{}\n", name, entry.tiles.size(),
+    context.out << fmt::format("added {}: {}{}\n", name, count(entry.tiles.size(), "tile"),
                                entry.signers ? "" : ", not verified (no --trust)");
   } else if (added == Catalogue::Added::known) {
-    context.out << fmt::format("{} is there already; nothing has changed\n", name);
+    context.out << fmt::format("{} is already in the catalogue; nothing changed\n", name);
   }
   return reading.findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_add() { return std::make_unique<CatalogueAddCommand>(); }
 
 }  // namespace nadir

@@ -1,16 +1,19 @@
-#include "commands/catalogue/gaps.hpp"
-
+// nadir catalogue gaps: what no imagery of a catalogue serves of a mission.
 #include <fmt/format.h>
 
 #include <cmath>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/files.hpp"
+#include "catalogue/catalogue.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "catalogue/catalogue.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {
@@ -56,40 +59,58 @@ std::string summary_of(const std::vector<CatalogueGap>& gaps) {
   }
   std::string text;
   for (const auto& [reason, total] : reasons) {
-    text += fmt::format("{}: {} tiles, {:.0f} m²\n", reason, total.first, total.second);
+    text += fmt::format("{}: {}, {:.0f} m²\n", reason, count(total.first, "tile"), total.second);
   }
   return text.empty() ? "no gaps\n" : text;
 }
 
-}  // namespace
+class CatalogueGapsCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "gaps"; }
+  std::string_view summary() const override {
+    return "outline where the catalogued imagery does not cover a mission";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string catalogue_;
+  std::filesystem::path mission_;
+  std::optional<std::filesystem::path> out_;
+  std::optional<UtcTime> at_;
+  bool store_ = false;
+};
 
 std::string_view CatalogueGapsCommand::details() const {
-  return "Holds a mission's sectors and corridor against the footprints of all sources in the catalogue, whatever\n"
-         "package they came with: at the mission's finest zoom, pixel by pixel, by its freshness days at --at and its\n"
-         "min_resolution_m. One feature per tile; the reason is \"no imagery\", \"coarse imagery\", or \"stale "
-         "imagery\"\n"
-         "where there is some that is fine enough. Expired packages count: their imagery can be built into a new one.\n"
-         "Without --out the GeoJSON goes to standard output. --store puts the gaps into the catalogue's layer `gaps` "
-         "as\n"
-         "well, in place of those of this mission before. Exit code 0: no gaps; 1: there are some; 2: could not be\n"
-         "judged.";
+  return R"(Checks a mission's sectors and corridor against the footprints of all sources in the catalogue,
+whatever package they came with: at the mission's finest zoom, pixel by pixel, by its freshness
+days as of --at and its min_resolution_m. One feature per tile; the reason is "no imagery",
+"coarse imagery", or "stale imagery" where some is fine enough. Expired packages count: their
+imagery can be built into a new one. Without --out the GeoJSON goes to standard output. --store also
+writes the gaps to the catalogue's layer `gaps`, replacing earlier ones of this mission.
+
+Exit codes: 0 no gaps, 1 there are gaps, 2 the check could not be done.)";
 }
 
 std::string_view CatalogueGapsCommand::examples() const {
-  return "nadir catalogue gaps fleet.sqlite --mission next.yaml --out order.geojson\n"
-         "nadir catalogue gaps \"PG:dbname=fleet\" --mission next.yaml --at 2026-12-01 --store";
+  return R"(nadir catalogue gaps fleet.sqlite --mission next.yaml --out order.geojson
+nadir catalogue gaps "PG:dbname=fleet" --mission next.yaml --at 2026-12-01 --store)";
 }
 
 void CatalogueGapsCommand::setup(Options& options) {
-  options.positional("CATALOGUE", catalogue_, "a SpatiaLite file or \"PG:…\"").required();
-  options.value("--mission", mission_, "MISSION.yaml", "the mission that is planned").required();
-  options.value("--out", out_, "FILE.geojson", "where the outlines go; standard output when not given");
-  options.flag("--store", store_, "put the gaps into the catalogue's layer as well");
-  options.value("--at", at_, "TIME", "judge freshness as if it were this time");
+  options.positional("CATALOGUE", catalogue_, "SpatiaLite file or \"PG:…\"").required();
+  options.value("--mission", mission_, "MISSION.yaml", "planned mission").required();
+  options.value("--out", out_, "FILE.geojson", "where the outlines go; default: standard output");
+  options.flag("--store", store_, "also write the gaps to the catalogue's layer");
+  options.value("--at", at_, "TIME", "evaluate ages as of this time");
 }
 
 int CatalogueGapsCommand::run(Context& context) {
-  const UtcTime at = judging_time(at_, context.clock);
+  const UtcTime at = evaluation_time(at_, context.clock);
   const Mission mission = read_mission(mission_);
   const CatalogueLocation location = parse_catalogue_location(catalogue_);
   std::vector<CatalogueSource> sources;
@@ -107,5 +128,9 @@ int CatalogueGapsCommand::run(Context& context) {
   }
   return gaps.empty() ? kAccepted : kRefused;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_gaps() { return std::make_unique<CatalogueGapsCommand>(); }
 
 }  // namespace nadir

@@ -1,14 +1,16 @@
-#include "commands/catalogue/list.hpp"
-
+// nadir catalogue list: which packages there are.
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/printable.hpp"
+#include "catalogue/catalogue.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "catalogue/catalogue.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {
@@ -33,31 +35,47 @@ nlohmann::json json_from(const CatalogueSource& source) {
 }
 
 std::string line_for(const CatalogueSource& source) {
-  return printable(fmt::format("    {} {}, {:.2f} m, CE90 {:.1f} m, {} tiles of zoom {}\n",
+  return printable(fmt::format("    {} {}, {:.2f} m, CE90 {:.1f} m, {} at zoom {}\n",
                                to_rfc3339(source.captured_at).substr(0, 10), source.provider,
                                static_cast<double>(source.gsd_mm) / 1000, static_cast<double>(source.ce90_mm) / 1000,
-                               source.tiles, source.zoom));
+                               count(static_cast<std::uint64_t>(source.tiles), "tile"), source.zoom));
 }
 
-}  // namespace
+class CatalogueListCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "list"; }
+  std::string_view summary() const override { return "list the packages of a catalogue and their sources"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string catalogue_;
+  std::optional<UtcTime> at_;
+};
 
 std::string_view CatalogueListCommand::details() const {
-  return "One line per package, by series and sequence, and below it the imagery that it was made from. current: the\n"
-         "highest sequence of its series; superseded: there is a higher one; expired: not valid any more at --at.";
+  return R"(One line per package, by series and sequence, followed by the imagery that it was made from.
+current: the highest sequence of its series; superseded: there is a higher one; expired: no longer
+valid as of --at.)";
 }
 
 std::string_view CatalogueListCommand::examples() const {
-  return "nadir catalogue list fleet.sqlite\n"
-         "nadir catalogue list \"PG:dbname=fleet\" --json | jq '.packages[] | select(.state == \"expired\")'";
+  return R"(nadir catalogue list fleet.sqlite
+nadir catalogue list "PG:dbname=fleet" --json | jq '.packages[] | select(.state == "expired")')";
 }
 
 void CatalogueListCommand::setup(Options& options) {
-  options.positional("CATALOGUE", catalogue_, "a SpatiaLite file or \"PG:…\"").required();
-  options.value("--at", at_, "TIME", "judge what has expired as if it were this time");
+  options.positional("CATALOGUE", catalogue_, "SpatiaLite file or \"PG:…\"").required();
+  options.value("--at", at_, "TIME", "evaluate expiry as of this time");
 }
 
 int CatalogueListCommand::run(Context& context) {
-  const UtcTime at = judging_time(at_, context.clock);
+  const UtcTime at = evaluation_time(at_, context.clock);
   Catalogue catalogue(parse_catalogue_location(catalogue_), Catalogue::Access::read);
   const std::vector<CataloguedPackage> packages = catalogue.packages();
   const std::vector<CatalogueSource> sources = catalogue.sources();
@@ -93,5 +111,9 @@ int CatalogueListCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_list() { return std::make_unique<CatalogueListCommand>(); }
 
 }  // namespace nadir

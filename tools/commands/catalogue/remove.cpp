@@ -1,30 +1,51 @@
-#include "commands/catalogue/remove.hpp"
-
+// nadir catalogue remove: a package and all that belongs to it goes.
 #include <fmt/format.h>
 
+#include <cstdint>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
-#include "cli/options.hpp"
 #include "catalogue/catalogue.hpp"
+#include "cli/command.hpp"
+#include "cli/options.hpp"
+#include "commands/commands.hpp"
 
 namespace nadir {
+namespace {
+
+class CatalogueRemoveCommand final : public Command {
+ public:
+  std::string_view group() const override { return "catalogue"; }
+  std::string_view name() const override { return "remove"; }
+  std::string_view summary() const override { return "remove a package from a catalogue"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string series_;
+  std::int64_t sequence_ = 0;
+  std::string catalogue_;
+};
 
 std::string_view CatalogueRemoveCommand::details() const {
-  return "Its sources, sectors, tiles and gaps go with it, in one transaction. The package itself is not touched. "
-         "Exit\n"
-         "code 0: it is gone; 2: there was none, or it could not be done.";
+  return R"(Its sources, sectors, tiles and gaps are removed with it, in one transaction. The package itself is
+not touched.
+
+Exit codes: 0 removed, 2 there was no such package, or the job could not be done.)";
 }
 
 std::string_view CatalogueRemoveCommand::examples() const {
-  return "nadir catalogue remove village 3 --from fleet.sqlite";
+  return R"(nadir catalogue remove village 3 --from fleet.sqlite)";
 }
 
 void CatalogueRemoveCommand::setup(Options& options) {
-  options.positional("SERIES", series_, "the package's series").required();
-  options.positional("SEQUENCE", sequence_, "its sequence").required();
-  options.value("--from", catalogue_, "CATALOGUE", "a SpatiaLite file or \"PG:…\"").required();
+  options.positional("SERIES", series_, "series of the package").required();
+  options.positional("SEQUENCE", sequence_, "sequence of the package").required();
+  options.value("--from", catalogue_, "CATALOGUE", "SpatiaLite file or \"PG:…\"").required();
 }
 
 int CatalogueRemoveCommand::run(Context& context) {
@@ -42,5 +63,9 @@ int CatalogueRemoveCommand::run(Context& context) {
   context.out << printable(fmt::format("removed {} {}\n", series_, sequence_));
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_catalogue_remove() { return std::make_unique<CatalogueRemoveCommand>(); }
 
 }  // namespace nadir

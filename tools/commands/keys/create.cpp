@@ -1,26 +1,47 @@
-#include "commands/keys/create.hpp"
-
+// nadir keys create: a new Ed25519 key pair as two PEM files.
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "trust/keys.hpp"
 
 namespace nadir {
+namespace {
+
+class KeysCreateCommand final : public Command {
+ public:
+  std::string_view group() const override { return "keys"; }
+  std::string_view name() const override { return "create"; }
+  std::string_view summary() const override {
+    return "create an Ed25519 key pair for signing packages or roots of trust";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path out_;
+};
 
 std::string_view KeysCreateCommand::details() const {
-  return "Writes NAME.key.pem (private, PKCS#8, mode 0600: keep it offline) and NAME.pub.pem (public). Nothing is\n"
-         "overwritten. Keys that `openssl genpkey -algorithm ed25519` makes work as well.";
+  return R"(Writes NAME.key.pem (private, PKCS#8, mode 0600: keep it offline) and NAME.pub.pem (public).
+Existing files are never overwritten. Keys made by `openssl genpkey -algorithm ed25519` work too.)";
 }
 
 std::string_view KeysCreateCommand::examples() const {
-  return "nadir keys create --out planner\n"
-         "nadir keys create --out root";
+  return R"(nadir keys create --out planner
+nadir keys create --out root)";
 }
 
 void KeysCreateCommand::setup(Options& options) {
-  options.value("--out", out_, "NAME", "the files' name, without .key.pem and .pub.pem").required();
+  options.value("--out", out_, "NAME", "name of the files, without .key.pem and .pub.pem").required();
 }
 
 int KeysCreateCommand::run(Context& context) {
@@ -36,5 +57,9 @@ int KeysCreateCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_keys_create() { return std::make_unique<KeysCreateCommand>(); }
 
 }  // namespace nadir

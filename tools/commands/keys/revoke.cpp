@@ -1,11 +1,18 @@
-#include "commands/keys/revoke.hpp"
-
+// nadir keys revoke: the next root of trust, in which a key counts for nothing any more.
 #include <fmt/format.h>
 
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
 #include "base/error.hpp"
-#include "base/sha256.hpp"
+#include "base/digest.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
-#include "commands/keys/new_root.hpp"
+#include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
+#include "trust/root.hpp"
 
 namespace nadir {
 namespace {
@@ -16,7 +23,7 @@ std::string key_id(const std::string& id_or_file) {
 
 void require_threshold(const Role& role, const std::string& name, const char* fix) {
   if (role.threshold <= role.key_ids.size()) return;
-  throw UsageError({.what = fmt::format("without this key too few are left of role {}", name),
+  throw UsageError({.what = fmt::format("without this key role {} has too few keys", name),
                     .expected = fmt::format("at least {} keys", role.threshold),
                     .found = std::to_string(role.key_ids.size()),
                     .fix = fix});
@@ -24,10 +31,10 @@ void require_threshold(const Role& role, const std::string& name, const char* fi
 
 // Takes the key out of every role. An airframe that had no other key has no tile signer any more.
 void revoke(TrustRoot& root, const std::string& id) {
-  if (root.revoked.contains(id)) throw UsageError({.what = "this key is revoked already", .found = "key " + id});
+  if (root.revoked.contains(id)) throw UsageError({.what = "this key is already revoked", .found = "key " + id});
   if (root.keys.erase(id) == 0) {
-    throw UsageError({.what = "the root does not know this key",
-                      .expected = "a key that the root gives a role",
+    throw UsageError({.what = "the root does not contain this key",
+                      .expected = "a key with a role in the root",
                       .found = "key " + id,
                       .fix = "check --revoke and --previous"});
   }
@@ -41,35 +48,55 @@ void revoke(TrustRoot& root, const std::string& id) {
   }
 }
 
-}  // namespace
+class KeysRevokeCommand final : public Command {
+ public:
+  std::string_view group() const override { return "keys"; }
+  std::string_view name() const override { return "revoke"; }
+  std::string_view summary() const override { return "create the next root, with keys revoked"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path previous_;
+  std::vector<std::string> revoked_;
+  std::vector<std::filesystem::path> root_keys_;
+  std::vector<std::filesystem::path> new_root_keys_;
+  std::vector<std::filesystem::path> new_package_signers_;
+  std::vector<std::filesystem::path> new_airframe_signers_;
+  std::optional<UtcTime> expires_;
+  bool incomplete_ = false;
+  std::filesystem::path out_;
+};
 
 std::string_view KeysRevokeCommand::details() const {
-  return "Everything else stays as the previous root has it. The new root has to be signed by enough root keys of "
-         "both\n"
-         "(--root-key), and a revoked key that is the last of its role needs one in its place (--new-root-key,\n"
-         "--new-package-signer, --new-airframe-signer). Aircraft learn of it with their next package: nadir cache sign "
-         "--carry-root.";
+  return R"(Everything else stays as in the previous root. The new root must be signed by enough root keys of
+both (--root-key), and a revoked key that was the last of its role must be replaced
+(--new-root-key, --new-package-signer, --new-airframe-signer). Aircraft learn of it with their next
+package: nadir cache sign --carry-root.)";
 }
 
 std::string_view KeysRevokeCommand::examples() const {
-  return "nadir keys revoke --previous root.json --revoke lost.pub.pem --new-package-signer planner2.pub.pem "
-         "--root-key root.key.pem --out 2.root.json";
+  return R"(nadir keys revoke --previous root.json --revoke lost.pub.pem --new-package-signer planner2.pub.pem --root-key root.key.pem --out 2.root.json)";
 }
 
 void KeysRevokeCommand::setup(Options& options) {
-  options.value("--previous", previous_, "ROOT.json", "the root that this one follows").required();
-  options.values("--revoke", revoked_, "PUB.pem|KEYID", "the key that is lost; may be given several times").required();
+  options.value("--previous", previous_, "ROOT.json", "root that this one succeeds").required();
+  options.values("--revoke", revoked_, "PUB.pem|KEYID", "compromised or lost key; may be repeated").required();
   options
       .values("--root-key", root_keys_, "KEY.pem",
-              "private root key of the previous or of the new root; may be given several times")
+              "private root key of the previous or of the new root; may be repeated")
       .required();
-  options.values("--new-root-key", new_root_keys_, "KEY.pem", "private key that joins the root keys, and signs");
-  options.values("--new-package-signer", new_package_signers_, "PUB.pem", "public key that joins the package signers");
+  options.values("--new-root-key", new_root_keys_, "KEY.pem", "private key to add to the root keys; it signs as well");
+  options.values("--new-package-signer", new_package_signers_, "PUB.pem", "public key to add to the package signers");
   options.values("--new-airframe-signer", new_airframe_signers_, "PUB.pem",
-                 "public key that joins the airframe signers");
-  options.value("--expires", expires_, "DATE", "until when the new root is good; as the previous one by default");
-  options.flag("--incomplete", incomplete_, "write the root although more root keys have to sign it");
-  options.value("--out", out_, "ROOT.json", "file that is written").required();
+                 "public key to add to the airframe signers");
+  options.value("--expires", expires_, "DATE", "end of validity; default: as the previous root");
+  options.flag("--incomplete", incomplete_, "write the root although more root keys must sign it");
+  options.value("--out", out_, "ROOT.json", "root file to create").required();
 }
 
 int KeysRevokeCommand::run(Context& context) {
@@ -92,23 +119,27 @@ int KeysRevokeCommand::run(Context& context) {
   }
   for (const auto& [id, key] : root.keys) {
     if (!root.revoked.contains(id)) continue;
-    throw UsageError({.what = "a revoked key cannot come back", .found = "key " + id, .fix = "make a new key"});
+    throw UsageError({.what = "a revoked key cannot be added again", .found = "key " + id, .fix = "create a new key"});
   }
-  require_threshold(root.root, "root", "name one in its place with --new-root-key");
-  require_threshold(root.package_signer, "package-signer", "name one in its place with --new-package-signer");
+  require_threshold(root.root, "root", "add a replacement with --new-root-key");
+  require_threshold(root.package_signer, "package-signer", "add a replacement with --new-package-signer");
   if (root.airframe_signer) {  // without the role unsigned airframes would be accepted again
-    require_threshold(*root.airframe_signer, "airframe-signer", "name one in its place with --new-airframe-signer");
+    require_threshold(*root.airframe_signer, "airframe-signer", "add a replacement with --new-airframe-signer");
   }
   for (const auto& [airframe, role] : root.tile_signers) {
-    require_threshold(role, "tile-signer of " + airframe, "make the root anew: nadir keys root --previous");
+    require_threshold(role, "tile-signer of " + airframe, "create the next root from scratch: nadir keys root --previous");
   }
   for (const auto& path : root_keys_) {
     keys.push_back(PrivateKey::read(path));
     const std::string id = keys.back().public_key().id();
     if (previous.root.key_ids.contains(id) || root.root.key_ids.contains(id)) continue;
-    throw UsageError({.what = "this is no root key", .where = path, .found = "key " + id});
+    throw UsageError({.what = "this is not a root key", .where = path, .found = "key " + id});
   }
   return write_new_root(context, {std::move(root), previous, out_, incomplete_}, keys);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_keys_revoke() { return std::make_unique<KeysRevokeCommand>(); }
 
 }  // namespace nadir

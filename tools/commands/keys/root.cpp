@@ -1,51 +1,88 @@
-#include "commands/keys/root.hpp"
-
+// nadir keys root: makes and signs a root of trust, the file that defines whose packages an aircraft trusts.
 #include <fmt/format.h>
 
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
-#include "commands/keys/new_root.hpp"
-#include "commands/private_keys.hpp"
+#include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
+#include "trust/root.hpp"
 
 namespace nadir {
+namespace {
+
+class KeysRootCommand final : public Command {
+ public:
+  std::string_view group() const override { return "keys"; }
+  std::string_view name() const override { return "root"; }
+  std::string_view summary() const override {
+    return "create the root of trust: who may sign packages, until when";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  TrustRoot describe(const std::vector<PrivateKey>& root_keys, const std::optional<TrustRoot>& previous) const;
+
+  std::vector<std::filesystem::path> root_keys_;
+  std::vector<std::filesystem::path> previous_root_keys_;
+  std::vector<std::filesystem::path> root_public_keys_;
+  std::vector<std::filesystem::path> package_signers_;
+  std::vector<std::filesystem::path> airframe_signers_;
+  std::vector<std::string> tile_signers_;
+  int threshold_ = 1;
+  int root_threshold_ = 1;
+  UtcTime expires_;
+  bool incomplete_ = false;
+  std::optional<std::filesystem::path> previous_;
+  std::filesystem::path out_;
+};
 
 std::string_view KeysRootCommand::details() const {
-  return "Without --previous this is version 1, which is brought to the aircraft by hand. With --previous it is the\n"
-         "next version, and has to be signed by enough root keys of the previous one too: name those that stay with\n"
-         "--root-key and those that leave with --previous-root-key. Revocations carry over.\n\n"
-         "When the root keys lie with several people, name the keys of the others with --root-public-key and write "
-         "the\n"
-         "root with --incomplete; each of them then runs `nadir keys sign`. No aircraft accepts it before that.";
+  return R"(Without --previous this is version 1, which is installed on the aircraft by hand. With --previous it
+is the next version, and must be signed by enough root keys of the previous one too: name those that
+stay with --root-key and those that leave with --previous-root-key. Revocations carry over.
+
+If the root keys are held by several people, name the keys of the others with --root-public-key and
+write the root with --incomplete; each of them then runs `nadir keys sign`. No aircraft accepts it
+before that.)";
 }
 
 std::string_view KeysRootCommand::examples() const {
-  return "nadir keys root --root-key root.key.pem --package-signer planner.pub.pem --expires 2030-01-01 --out "
-         "root.json\n"
-         "nadir keys root --root-key root.key.pem --package-signer new.pub.pem --expires 2032-01-01 "
-         "--previous root.json --out 2.root.json\n"
-         "nadir keys root --root-key anna.key.pem --root-public-key ben.pub.pem --root-threshold 2 --package-signer "
-         "planner.pub.pem --expires 2030-01-01 --incomplete --out root.json";
+  return R"(nadir keys root --root-key root.key.pem --package-signer planner.pub.pem --expires 2030-01-01 --out root.json
+nadir keys root --root-key root.key.pem --package-signer new.pub.pem --expires 2032-01-01 --previous root.json --out 2.root.json
+nadir keys root --root-key anna.key.pem --root-public-key ben.pub.pem --root-threshold 2 --package-signer planner.pub.pem --expires 2030-01-01 --incomplete --out root.json)";
 }
 
 void KeysRootCommand::setup(Options& options) {
-  options.values("--root-key", root_keys_, "KEY.pem", "private key of the root; may be given several times").required();
+  options.values("--root-key", root_keys_, "KEY.pem", "private root key; may be repeated").required();
   options.values("--root-public-key", root_public_keys_, "PUB.pem",
-                 "root key whose owner signs elsewhere; may be given several times");
+                 "root key whose owner signs elsewhere; may be repeated");
   options.values("--package-signer", package_signers_, "PUB.pem", "public key that may sign packages").required();
   options.values("--tile-signer", tile_signers_, "AIRFRAME=PUB.pem",
-                 "public key with which an airframe signs tiles that it made");
+                 "public key with which an airframe signs the tiles it makes");
   options.values("--airframe-signer", airframe_signers_, "PUB.pem",
-                 "public key that may sign airframes; with one, aircraft refuse airframe files that nobody signed");
-  options.value("--threshold", threshold_, "N", "how many package signers must sign a package").between(1, 32);
-  options.value("--root-threshold", root_threshold_, "N", "how many root keys must sign the next root").between(1, 32);
-  options.value("--expires", expires_, "DATE", "until when the root is good").required();
-  options.value("--previous", previous_, "ROOT.json", "the root that this one follows");
+                 "public key that may sign airframe files; with one, aircraft reject unsigned airframe files");
+  options.value("--threshold", threshold_, "N", "number of package signers that must sign a package").between(1, 32);
+  options.value("--root-threshold", root_threshold_, "N", "number of root keys that must sign the next root").between(1, 32);
+  options.value("--expires", expires_, "DATE", "end of validity").required();
+  options.value("--previous", previous_, "ROOT.json", "root that this one succeeds");
   options
       .values("--previous-root-key", previous_root_keys_, "KEY.pem",
-              "private key of the previous root that is no key of the new one")
+              "private key of the previous root that is not a key of the new one")
       .needs("--previous");
-  options.flag("--incomplete", incomplete_, "write the root although more root keys have to sign it");
-  options.value("--out", out_, "ROOT.json", "file that is written").required();
+  options.flag("--incomplete", incomplete_, "write the root although more root keys must sign it");
+  options.value("--out", out_, "ROOT.json", "root file to create").required();
 }
 
 TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
@@ -58,7 +95,7 @@ TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
   root.expires = expires_;
   const auto check_threshold = [](const Role& role, const char* option, const char* keys) {
     if (role.threshold <= role.key_ids.size()) return;
-    throw UsageError({.what = fmt::format("{} asks for more signatures than there are keys", option),
+    throw UsageError({.what = fmt::format("{} requires more signatures than there are keys", option),
                       .expected = fmt::format("at most {}, the number of different {}", role.key_ids.size(), keys),
                       .found = std::to_string(role.threshold)});
   };
@@ -90,5 +127,9 @@ int KeysRootCommand::run(Context& context) {
   for (const auto& path : previous_root_keys_) keys.push_back(PrivateKey::read(path));
   return write_new_root(context, {std::move(root), std::move(previous), out_, incomplete_}, keys);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_keys_root() { return std::make_unique<KeysRootCommand>(); }
 
 }  // namespace nadir

@@ -1,15 +1,17 @@
-#include "commands/mission/check.hpp"
-
+// nadir mission check: is this mission file sound, and what does it ask for?
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package/judge.hpp"
+#include "commands/commands.hpp"
+#include "package/mission_check.hpp"
 #include "package/mission.hpp"
 
 namespace nadir {
@@ -32,18 +34,34 @@ Demand demand_of(const Mission& mission) {
   return demand;
 }
 
-}  // namespace
+class MissionCheckCommand final : public Command {
+ public:
+  std::string_view group() const override { return "mission"; }
+  std::string_view name() const override { return "check"; }
+  std::string_view summary() const override { return "check a mission file and show its requirements"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path mission_;
+};
 
 std::string_view MissionCheckCommand::details() const {
-  return "Shows everything that is wrong with the file, with line and column. Exit code 0: the mission is sound; 1: "
-         "it\n"
-         "is not; 2: the file cannot be read.";
+  return R"(Reports every problem in the file with line and column.
+
+Exit codes: 0 the mission is valid, 1 it is not, 2 the file cannot be read.)";
 }
 
-std::string_view MissionCheckCommand::examples() const { return "nadir mission check missions/example.yaml"; }
+std::string_view MissionCheckCommand::examples() const {
+  return R"(nadir mission check missions/example.yaml)";
+}
 
 void MissionCheckCommand::setup(Options& options) {
-  options.positional("MISSION.yaml", mission_, "the mission file").required();
+  options.positional("MISSION.yaml", mission_, "mission file").required();
 }
 
 int MissionCheckCommand::run(Context& context) {
@@ -62,10 +80,14 @@ int MissionCheckCommand::run(Context& context) {
                  {"valid", to_rfc3339(mission.created) + " to " + to_rfc3339(mission.expires)},
                  {"airframes", fmt::format("{}", fmt::join(mission.airframes, ", "))},
                  {"sectors", fmt::format("{}, {:.2f} km²", mission.sectors.size(), demand.sectors_km2)},
-                 {"route", fmt::format("{:.2f} km, {:.0f} m to either side", demand.route_km,
+                 {"route", fmt::format("{:.2f} km, {:.0f} m to each side", demand.route_km,
                                        mission.route.corridor_half_width_m)},
                  {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)}});
   return report_findings(context.out, false, reading.findings);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_mission_check() { return std::make_unique<MissionCheckCommand>(); }
 
 }  // namespace nadir

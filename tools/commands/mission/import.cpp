@@ -1,18 +1,22 @@
-#include "commands/mission/import.hpp"
-
+// nadir mission import: a mission file from a route and areas that were drawn in another program.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <optional>
 #include <ostream>
 #include <set>
+#include <string>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/printable.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package_build/vector_features.hpp"
+#include "commands/commands.hpp"
 #include "package/mission.hpp"
+#include "package_build/vector_features.hpp"
 
 namespace nadir {
 namespace {
@@ -22,20 +26,20 @@ constexpr std::int64_t kSecondsPerDay = 86'400;
 const VectorFeature& choose_route(const VectorFeatures& plan, const std::optional<std::string>& name,
                                const std::string& where) {
   const VectorFeature* chosen = nullptr;
-  std::size_t count = 0;
+  std::size_t matching = 0;
   std::string names;
   for (const VectorFeature& line : plan.lines) {
     names += (names.empty() ? "\"" : ", \"") + printable(line.name) + "\"";
     if (name && line.name != *name) continue;
     chosen = &line;
-    ++count;
+    ++matching;
   }
-  if (count == 1) return *chosen;
-  throw UsageError({.what = "which line is the route is not clear",
+  if (matching == 1) return *chosen;
+  throw UsageError({.what = "it is unclear which line is the route",
                     .where = where,
-                    .expected = name ? "one line of the name \"" + *name + "\"" : "one line",
-                    .found = plan.lines.empty() ? "no lines" : fmt::format("{} lines: {}", plan.lines.size(), names),
-                    .fix = plan.lines.empty() ? "draw the route as a line" : "name the one: --route NAME"});
+                    .expected = name ? "one line named \"" + *name + "\"" : "one line",
+                    .found = plan.lines.empty() ? "no lines" : fmt::format("{}: {}", count(plan.lines.size(), "line"), names),
+                    .fix = plan.lines.empty() ? "draw the route as a line" : "select one: --route NAME"});
 }
 
 // Ids take letters, digits, '-', '_' and '.'.
@@ -66,35 +70,60 @@ std::string points_yaml(const std::vector<LonLat>& points) {
   return "[" + yaml + "]";
 }
 
-}  // namespace
+class MissionImportCommand final : public Command {
+ public:
+  std::string_view group() const override { return "mission"; }
+  std::string_view name() const override { return "import"; }
+  std::string_view summary() const override { return "create a mission file from a drawn route and areas"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path file_;
+  std::string id_;
+  std::optional<std::string> route_;
+  std::string class_ = "active";
+  double half_width_m_ = 100;
+  double agl_m_ = 120;
+  double height_m_ = 0;
+  std::filesystem::path out_;
+};
 
 std::string_view MissionImportCommand::details() const {
-  return "The one line of the file becomes the route, its first point the take-off; polygons become sectors, named\n"
-         "after the features. What a drawing does not say is filled in with usual values, each on a line that ends\n"
-         "with \"# check\": look at them, then run `nadir mission check`. Exit code 0: written; 1: what was drawn "
-         "makes\n"
-         "no valid mission, nothing was written; 2: could not be read.";
+  return R"(The single line of the file becomes the route, its first point the take-off; polygons become
+sectors, named after the features. What a drawing does not state is filled in with typical values,
+each on a line that ends with "# check": review them, then run `nadir mission check`.
+
+Exit codes: 0 written, 1 the drawing does not give a valid mission; nothing was written, 2 the file
+cannot be read.)";
 }
 
 std::string_view MissionImportCommand::examples() const {
-  return "nadir mission import plan.kml --id harbour-a --out mission.yaml\n"
-         "nadir mission import plan.geojson --id harbour-a --route north --half-width 80 --agl 150 --out mission.yaml";
+  return R"(nadir mission import plan.kml --id harbour-a --out mission.yaml
+nadir mission import plan.geojson --id harbour-a --route north --half-width-m 80 --agl-m 150 --out mission.yaml)";
 }
 
 void MissionImportCommand::setup(Options& options) {
-  options.positional("FILE.kml|FILE.geojson", file_, "the drawing, or any vector file that GDAL reads").required();
-  options.value("--id", id_, "ID", "the mission's id and series").required();
-  options.value("--route", route_, "NAME", "the line that is the route, when there are several");
-  options.value("--class", class_, "CLASS", "how fast the ground of the sectors changes").one_of({"stable", "active"});
-  options.value("--half-width", half_width_m_, "METRES", "of the corridor, to either side").between(1, 10'000);
-  options.value("--agl", agl_m_, "METRES", "planned height above ground").between(1, 10'000);
-  options.value("--height", height_m_, "METRES", "height of the ground at the take-off").between(-500, 9000);
-  options.value("--out", out_, "MISSION.yaml", "the file that is made; must not exist").required();
+  options.positional("FILE.kml|FILE.geojson", file_, "drawing: any vector file that GDAL reads").required();
+  options.value("--id", id_, "ID", "id and series of the mission").required();
+  options.value("--route", route_, "NAME", "name of the line that is the route, if there are several");
+  options.value("--class", class_, "CLASS", "how fast the ground in the sectors changes").one_of({"stable", "active"});
+  options.value("--half-width-m", half_width_m_, "METRES", "half width of the corridor")
+      .between(1, 10'000)
+      .formerly("--half-width");
+  options.value("--agl-m", agl_m_, "METRES", "planned height above ground").between(1, 10'000).formerly("--agl");
+  options.value("--ground-m", height_m_, "METRES", "height of the ground above sea level at the take-off")
+      .between(-500, 9000)
+      .formerly("--height");
+  options.value("--out", out_, "MISSION.yaml", "mission file to create; must not exist").required();
 }
 
 int MissionImportCommand::run(Context& context) {
   if (std::filesystem::exists(out_)) {
-    throw UsageError({.what = "the file exists already", .where = out_.string(), .fix = "name another one with --out"});
+    throw UsageError({.what = "the file already exists", .where = out_.string(), .fix = "choose another --out"});
   }
   const VectorFeatures plan = read_vector_features(file_);
   const VectorFeature& route = choose_route(plan, route_, file_.string());
@@ -107,7 +136,7 @@ int MissionImportCommand::run(Context& context) {
       "terrain: {{mode: flat, height_m: {5}}}  # check\nzoom: {{min: 15, max: 19}}  # check\n"
       "min_resolution_m: 0.5  # check\nbudget_mb: 500  # check\nfreshness_days: {{stable: 730, active: 90}}  # check\n"
       "airframes: [any]  # check\n",
-      id_, to_rfc3339(today), to_rfc3339({today.unix_s + 30 * kSecondsPerDay}), route.points.front().lon_deg,
+      id_, to_rfc3339(today), to_rfc3339(UtcTime{today.unix_s + 30 * kSecondsPerDay}), route.points.front().lon_deg,
       route.points.front().lat_deg, height_m_);
   yaml += plan.areas.empty() ? "sectors: []\n" : "sectors:\n";
   std::set<std::string> taken;
@@ -121,15 +150,20 @@ int MissionImportCommand::run(Context& context) {
 
   const MissionReading reading = parse_mission(yaml, "the mission from " + file_.string());
   if (!reading.mission) {
-    if (!context.quiet) context.err << "refused: nothing was written\n";
+    if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, false, reading.findings);
   }
   write_file_atomic(out_, yaml);
   if (!context.quiet) {
-    context.err << fmt::format("{}: a route of {} points and {} sectors; look at the lines that end with \"# check\"\n",
-                               out_.string(), reading.mission->route.points.size(), reading.mission->sectors.size());
+    context.err << fmt::format("{}: a route of {} and {}; review the lines that end with \"# check\"\n",
+                               out_.string(), count(reading.mission->route.points.size(), "point"),
+                               count(reading.mission->sectors.size(), "sector"));
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_mission_import() { return std::make_unique<MissionImportCommand>(); }
 
 }  // namespace nadir

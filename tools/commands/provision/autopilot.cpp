@@ -1,59 +1,97 @@
-#include "commands/provision/autopilot.hpp"
-
+// nadir provision autopilot: parameters, signing key, smoke test and the signed airframe file.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
+#include "provision/autopilot_provisioning.hpp"
+#include "vision/camera.hpp"
 
 namespace nadir {
+namespace {
+
+class ProvisionAutopilotCommand final : public Command {
+ public:
+  std::string_view group() const override { return "provision"; }
+  std::string_view name() const override { return "autopilot"; }
+  std::string_view summary() const override {
+    return "configure an autopilot and write its signed airframe file";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  void check_usage() const;
+  std::optional<SigningKey> read_or_make_key(Context& context) const;
+  Airframe airframe() const;
+  void report(Context& context, const AutopilotIdentity& autopilot, const std::vector<AutopilotParameter>& parameters,
+              const std::optional<Provisioned>& done) const;
+
+  std::string url_;
+  std::optional<std::filesystem::path> signing_key_, camera_, key_, out_;
+  std::optional<std::string> id_;
+  double yaw_deg_ = 0, pitch_deg_ = 0, roll_deg_ = 0, capture_delay_s_ = 0, patience_s_ = 10;
+  int receiver_ = 1;
+  bool apply_ = false;
+};
 
 std::string_view ProvisionAutopilotCommand::details() const {
-  return "Shows who the autopilot is and which parameters it needs; with --apply it sets them and reads each back,\n"
-         "restarts the autopilot where that is needed, gives it the signing key, tries RAW_IMU and GPS_INPUT, and at\n"
-         "last writes airframe.json with its signature. A step that fails ends it, and what was changed is put "
-         "back.\n\n"
-         "The aircraft must be disarmed. The key crosses the link as it is: use a cable.\n\n"
-         "Exit codes: 0 done, or shown without --apply; 2 it could not be done.";
+  return R"(Shows the autopilot's identity and the parameters that it needs; with --apply it sets them and reads
+each back, restarts the autopilot where required, installs the signing key, tests RAW_IMU and
+GPS_INPUT, and finally writes airframe.json with its signature. If a step fails, the command stops
+and restores what it changed.
+
+The aircraft must be disarmed. The key crosses the link unencrypted: use a cable.
+
+Exit codes: 0 success, or shown without --apply, 2 the job could not be done.)";
 }
 
 std::string_view ProvisionAutopilotCommand::examples() const {
-  return "nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200\n"
-         "nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200 --apply --signing-key link.key --airframe "
-         "falcon-7 --camera camera.yaml --key planner.key.pem --out falcon-7";
+  return R"(nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200
+nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200 --apply --signing-key link.key --airframe falcon-7 --camera camera.yaml --key planner.key.pem --out falcon-7)";
 }
 
 void ProvisionAutopilotCommand::setup(Options& options) {
-  options.value("--autopilot", url_, "URL", "udpin:, udpout:, tcp:HOST:PORT or serial:PATH:BAUD").required();
-  options.flag("--apply", apply_, "change the autopilot; without, only show");
-  options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT plays").between(1, 2);
-  options.value("--signing-key", signing_key_, "FILE", "key of the link; made with --apply when it is not there");
+  options.value("--autopilot", url_, "URL", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD").required();
+  options.flag("--apply", apply_, "change the autopilot; without it, only show");
+  options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT takes the place of").between(1, 2);
+  options.value("--signing-key", signing_key_, "FILE", "signing key of the link; created with --apply if missing");
   options.value("--airframe", id_, "ID", "write an airframe file with this id").needs("--camera");
-  options.value("--camera", camera_, "FILE.yaml", "its camera").needs("--key");
+  options.value("--camera", camera_, "FILE.yaml", "camera of the airframe").needs("--key");
   options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
-  options.value("--out", out_, "DIR", "folder that is made for it").needs("--airframe");
-  options.value("--mount-yaw-deg", yaw_deg_, "DEG", "of image-up against the nose").between(-360, 360);
-  options.value("--mount-pitch-deg", pitch_deg_, "DEG", "of the camera in the aircraft").between(-45, 45);
-  options.value("--mount-roll-deg", roll_deg_, "DEG", "of the camera in the aircraft").between(-45, 45);
-  options.value("--capture-delay-s", capture_delay_s_, "S", "from the exposure to the picture").between(0, 5);
-  options.value("--patience-s", patience_s_, "S", "wait so long for each answer").between(0.1, 600);
+  options.value("--out", out_, "DIR", "folder to create for it").needs("--airframe");
+  options.value("--mount-yaw-deg", yaw_deg_, "DEG", "angle from the nose to image-up, clockwise").between(-360, 360);
+  options.value("--mount-pitch-deg", pitch_deg_, "DEG", "pitch of the camera in the aircraft").between(-45, 45);
+  options.value("--mount-roll-deg", roll_deg_, "DEG", "roll of the camera in the aircraft").between(-45, 45);
+  options.value("--capture-delay-s", capture_delay_s_, "S", "delay from the exposure to the image").between(0, 5);
+  options.value("--timeout-s", patience_s_, "S", "how long to wait for each answer")
+      .between(0.1, 600)
+      .formerly("--patience-s");
 }
 
 void ProvisionAutopilotCommand::check_usage() const {
   if (out_ && !apply_) {
     throw UsageError(
-        {.what = "an airframe file is the last step of provisioning", .expected = "--apply with --airframe"});
+        {.what = "the airframe file is the last step of provisioning", .expected = "--apply with --airframe"});
   }
   if (out_ && std::filesystem::exists(std::filesystem::symlink_status(*out_))) {
-    throw UsageError({.what = "the output is there already",
+    throw UsageError({.what = "the output already exists",
                       .where = *out_,
                       .expected = "a new folder",
-                      .fix = "move it away, or choose another name"});
+                      .fix = "move it away, or choose another --out"});
   }
 }
 
@@ -63,7 +101,7 @@ std::optional<SigningKey> ProvisionAutopilotCommand::read_or_make_key(Context& c
   if (!apply_) return {};
   SigningKey key = SigningKey::generate();
   key.write(*signing_key_);
-  if (!context.quiet) context.err << fmt::format("a new signing key: {}\n", signing_key_->string());
+  if (!context.quiet) context.err << fmt::format("created a new signing key: {}\n", signing_key_->string());
   return key;
 }
 
@@ -86,7 +124,7 @@ int ProvisionAutopilotCommand::run(Context& context) {
   }
   const std::filesystem::path signing_time = signing_key_ ? signing_key_->string() + ".time" : std::string();
   const std::optional<SigningKey> key = read_or_make_key(context);
-  const LinkState link = open_as_it_speaks(session, key, signing_time);
+  const LinkState link = open_detected(session, key, signing_time);
   const AutopilotIdentity autopilot = identify(session);
   const auto parameters = read_parameters(session, autopilot.address, receiver_);
   if (!apply_) {
@@ -140,7 +178,11 @@ void ProvisionAutopilotCommand::report(Context& context, const AutopilotIdentity
   if (done) figures.emplace_back("RAW_IMU", fmt::format("{:.1f} Hz", done->imu_rate_hz));
   if (done && out_) figures.emplace_back("written", out_->string());
   print_figures(context.out, figures);
-  if (!done && !context.quiet) context.err << "nothing was changed; --apply does\n";
+  if (!done && !context.quiet) context.err << "nothing was changed; use --apply to make the changes\n";
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_provision_autopilot() { return std::make_unique<ProvisionAutopilotCommand>(); }
 
 }  // namespace nadir

@@ -1,20 +1,26 @@
-#include "commands/provision/boresight.hpp"
-
+// nadir provision boresight: how the camera sits in the aircraft, from a flight during which GPS was good.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
-#include "estimation/map_sigma.hpp"
+#include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "estimation/localizer.hpp"
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
-#include "provision/boresight_sights.hpp"
-#include "replay/flight_map.hpp"
-#include "replay/flight_recording.hpp"
+#include "provision/boresight.hpp"
+#include "replay/flight_folder.hpp"
+#include "replay/flight_request.hpp"
+#include "replay/recorded_flight.hpp"
 
 namespace nadir {
 namespace {
@@ -23,13 +29,13 @@ std::string with_sigma(double value_rad, double sigma_rad) {
   return fmt::format("{:+.2f}° (σ {:.2f}°)", degrees(value_rad), degrees(sigma_rad));
 }
 
-// Where pictures out of a recording are unpacked; gone afterwards.
+// Where images from a recording are unpacked; removed afterwards.
 class ScratchFolder {
  public:
   ScratchFolder() {
     std::string name = (std::filesystem::temp_directory_path() / "nadir-boresight.XXXXXX").string();
     if (::mkdtemp(name.data()) == nullptr) {
-      throw Error({.what = "no temporary folder could be made", .where = name, .fix = "set TMPDIR to a folder"});
+      throw Error({.what = "cannot create a temporary folder", .where = name, .fix = "set TMPDIR to a folder"});
     }
     path_ = name;
   }
@@ -45,48 +51,78 @@ class ScratchFolder {
   std::filesystem::path path_;
 };
 
-}  // namespace
+class ProvisionBoresightCommand final : public Command {
+ public:
+  std::string_view group() const override { return "provision"; }
+  std::string_view name() const override { return "boresight"; }
+  std::string_view summary() const override {
+    return "determine how the camera is mounted from a flight with good GPS";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  Flight read_flight_segment(const std::filesystem::path& unpacked) const;
+  int report(Context& context, const Findings& findings, const std::optional<Boresight>& boresight,
+             std::size_t looked_at, double delay_s) const;
+
+  std::filesystem::path airframe_, package_, trust_;
+  std::optional<std::filesystem::path> frames_, telemetry_, recorder_, key_, out_;
+  std::optional<std::string> session_;
+  std::optional<double> from_s_, to_s_;
+  std::optional<UtcTime> at_;
+  double gps_sigma_m_ = 1.5;
+  int most_frames_ = 150;
+  BoresightLimits limits_;
+};
 
 std::string_view ProvisionBoresightCommand::details() const {
-  return "Fly legs in all directions over the package's area while GPS is good. Each frame is found on the map by\n"
-         "itself; what GPS, the autopilot's attitude and the map leave between them in all frames alike is the mount.\n"
-         "With --key and --out a signed airframe file with the new mount is written when it is known well enough.\n\n"
-         "Exit codes: 0 found, 1 the package was refused or the flight does not determine the mount, 2 it could not be "
-         "done.";
+  return R"(Fly legs in all directions over the package's area while GPS is good. Each frame is matched to the
+map on its own; the systematic difference between GPS, the autopilot's attitude and the map over all
+frames is the mount. With --key and --out a signed airframe file with the new mount is written if it
+is determined well enough.
+
+Exit codes: 0 success, 1 the package was rejected or the flight does not determine the mount, 2 the
+job could not be done.)";
 }
 
 std::string_view ProvisionBoresightCommand::examples() const {
-  return "nadir provision boresight --airframe airframe.json --package valley --trust root.json --recorder flight\n"
-         "nadir provision boresight --airframe airframe.json --package valley --trust root.json --frames frames "
-         "--telemetry telemetry.csv --key hangar.key.pem --out falcon-7";
+  return R"(nadir provision boresight --airframe airframe.json --package valley --trust root.json --recorder flight
+nadir provision boresight --airframe airframe.json --package valley --trust root.json --frames frames --telemetry telemetry.csv --key hangar.key.pem --out falcon-7)";
 }
 
 void ProvisionBoresightCommand::setup(Options& options) {
-  options.value("--airframe", airframe_, "FILE.json", "the airframe: its camera, and the mount that it flew with")
+  options.value("--airframe", airframe_, "FILE.json", "airframe file: its camera, and the mount that it flew with")
       .required();
-  options.value("--package", package_, "PACKAGE", "the mission package that was flown over").required();
+  options.value("--package", package_, "PACKAGE", "mission package of the flight's area").required();
   options.value("--trust", trust_, "FILE.json", "root of trust that the package must be signed under").required();
-  options.value("--recorder", recorder_, "DIR", "recording of the flight, with its pictures");
-  options.value("--session", session_, "ID", "of the recording, when it holds several").needs("--recorder");
-  options.value("--frames", frames_, "DIR", "folder with the pictures");
+  options.value("--recorder", recorder_, "DIR", "recording of the flight, with its frames");
+  options.value("--session", session_, "ID", "session of the recording, if it holds several").needs("--recorder");
+  options.value("--frames", frames_, "DIR", "folder with the frames");
   options
       .value("--telemetry", telemetry_, "FILE.csv",
-             "one row per picture: GPS's lat and lon, and the aircraft's own attitude")
+             "one row per frame: lat and lon from GPS, and the aircraft's own attitude")
       .needs("--frames");
-  options.value("--from-s", from_s_, "S", "only from this time of the flight on");
-  options.value("--to-s", to_s_, "S", "only until this time of the flight");
-  options.value("--most-frames", most_frames_, "N", "look at so many frames, evenly chosen").between(3, 100'000);
-  options.value("--min-frames", limits_.min_frames, "N", "refuse fewer that are found on the map").between(3, 100'000);
-  options.value("--gps-sigma-m", gps_sigma_m_, "M", "of GPS, one axis").between(0.01, 50);
+  options.value("--from-s", from_s_, "S", "start at this time of the flight");
+  options.value("--to-s", to_s_, "S", "end at this time of the flight");
+  options.value("--max-frames", most_frames_, "N", "maximum number of frames, evenly chosen")
+      .between(3, 100'000)
+      .formerly("--most-frames");
+  options.value("--min-frames", limits_.min_frames, "N", "minimum number of frames matched to the map").between(3, 100'000);
+  options.value("--gps-sigma-m", gps_sigma_m_, "M", "1-σ error of GPS per axis").between(0.01, 50);
   options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
-  options.value("--out", out_, "DIR", "folder that is made, with the airframe file and its signature").needs("--key");
-  options.value("--at", at_, "TIME", "judge the package as if it were then");
+  options.value("--out", out_, "DIR", "folder to create for the airframe file and its signature").needs("--key");
+  options.value("--at", at_, "TIME", "evaluate validity as of this time");
 }
 
 Flight ProvisionBoresightCommand::read_flight_segment(const std::filesystem::path& unpacked) const {
   if (recorder_.has_value() == telemetry_.has_value()) {
     throw UsageError(
-        {.what = "nadir provision boresight needs one flight", .expected = "--recorder, or --frames and --telemetry"});
+        {.what = "exactly one flight is required", .expected = "--recorder, or --frames and --telemetry"});
   }
   Flight flight;
   if (recorder_) {
@@ -106,11 +142,11 @@ Flight ProvisionBoresightCommand::read_flight_segment(const std::filesystem::pat
     if (!flight.files.empty()) segment.files.push_back(flight.files[i]);
   }
   if (with_gps == 0) {
-    throw UsageError({.what = "no frame of this flight has a position of GPS",
+    throw UsageError({.what = "no frame of this flight has a GPS position",
                       .where = recorder_ ? *recorder_ : *telemetry_,
-                      .expected = recorder_ ? "a flight during which the autopilot told its own receiver's position"
+                      .expected = recorder_ ? "a flight during which the autopilot sent its GPS receiver's position"
                                             : "columns lat and lon",
-                      .fix = "take another flight, or other times (--from-s, --to-s)"});
+                      .fix = "use another flight, or another interval (--from-s, --to-s)"});
   }
   return segment;
 }
@@ -120,31 +156,31 @@ int ProvisionBoresightCommand::run(Context& context) {
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);
   if (out_ && std::filesystem::exists(std::filesystem::symlink_status(*out_))) {
-    throw UsageError({.what = "the output is there already",
+    throw UsageError({.what = "the output already exists",
                       .where = *out_,
                       .expected = "a new folder",
-                      .fix = "move it away, or choose another name"});
+                      .fix = "move it away, or choose another --out"});
   }
   const ScratchFolder scratch;
   const Flight flight = read_flight_segment(scratch.path());
   Opening opening =
-      open_flight_map({package_, trust_, std::nullopt}, judging_time(at_, context.clock), context.progress);
+      open_flight_map({package_, trust_, std::nullopt}, evaluation_time(at_, context.clock), context.progress);
   if (!opening.package) return report_findings(context.out, context.json, opening.findings);
 
   const BoresightFlight from{flight, recorder_ ? airframe.mount : Attitude{}, static_cast<std::size_t>(most_frames_)};
-  const BoresightSights seen = find_sights(from, airframe.camera, airframe.mount, *opening.package, context.progress);
+  const BoresightMeasurements seen = measure_boresight(from, airframe.camera, airframe.mount, *opening.package, context.progress);
   BoresightSettings settings{airframe.mount, airframe.camera.uncertainty};
   settings.gps_sigma_m = gps_sigma_m_;
   settings.offset_sigma_m = std::hypot(settings.offset_sigma_m, map_sigma_m(opening.package->imagery()));
-  const auto boresight = solve_boresight(seen.sights, settings);
+  const auto boresight = solve_boresight(seen.measurements, settings);
   Findings findings = check_boresight(boresight, limits_);
-  const double told_delay_s = airframe.capture_delay_s;
+  const double configured_delay_s = airframe.capture_delay_s;
   if (boresight) {
     airframe.mount = boresight->mount;
-    airframe.capture_delay_s = std::max(told_delay_s + boresight->delay_s, 0.0);
+    airframe.capture_delay_s = std::max(configured_delay_s + boresight->delay_s, 0.0);
   }
   if (!findings.refuses() && out_) write_airframe(*out_, airframe, *key);
-  return report(context, findings, boresight, seen.looked_at, airframe.capture_delay_s);
+  return report(context, findings, boresight, seen.frames, airframe.capture_delay_s);
 }
 
 int ProvisionBoresightCommand::report(Context& context, const Findings& findings,
@@ -156,7 +192,7 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
     return report_findings(context.out, true, findings,
                            {{"frames", looked_at},
                             {"frames_used", b.used},
-                            {"frames_set_aside", b.set_aside},
+                            {"frames_set_aside", b.outliers},
                             {"mount_deg",
                              {{"yaw", degrees(b.mount.heading_rad)},
                               {"pitch", degrees(b.mount.pitch_rad)},
@@ -166,7 +202,7 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
                               {"pitch", degrees(b.mount_sigma.pitch_rad)},
                               {"roll", degrees(b.mount_sigma.roll_rad)}}},
                             {"capture_delay_s", delay_s},
-                            {"capture_delay_seen", b.delay_seen},
+                            {"capture_delay_seen", b.delay_observable},
                             {"capture_delay_sigma_s", b.delay_sigma_s},
                             {"offset_m", {b.offset_m.x(), b.offset_m.y()}},
                             {"height_factor", b.height_factor},
@@ -175,17 +211,21 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
   if (!findings.empty()) print_findings(context.out, findings);
   print_figures(
       context.out,
-      {{"frames", fmt::format("{} looked at, {} used, {} set aside", looked_at, b.used, b.set_aside)},
+      {{"frames", fmt::format("{} evaluated, {} used, {} rejected", looked_at, b.used, b.outliers)},
        {"yaw", with_sigma(b.mount.heading_rad, b.mount_sigma.heading_rad)},
        {"pitch", with_sigma(b.mount.pitch_rad, b.mount_sigma.pitch_rad)},
        {"roll", with_sigma(b.mount.roll_rad, b.mount_sigma.roll_rad)},
-       {"capture delay", b.delay_seen ? fmt::format("{:.3f} s (σ {:.3f} s)", delay_s, b.delay_sigma_s)
-                                      : fmt::format("{:.3f} s as told; this flight does not show it", delay_s)},
+       {"capture delay", b.delay_observable ? fmt::format("{:.3f} s (σ {:.3f} s)", delay_s, b.delay_sigma_s)
+                                      : fmt::format("{:.3f} s as configured; this flight does not determine it", delay_s)},
        {"GPS to map", fmt::format("{:+.1f} m east, {:+.1f} m north", b.offset_m.x(), b.offset_m.y())},
-       {"height", fmt::format("{:.3f} of what was told", b.height_factor)},
-       {"misfit", fmt::format("{:.2f} (1: as the uncertainty says)", b.misfit)},
+       {"height", fmt::format("{:.3f} of the reported height", b.height_factor)},
+       {"misfit", fmt::format("{:.2f} (1: residuals match the uncertainty)", b.misfit)},
        {"written", findings.refuses() || !out_ ? "nothing" : out_->string()}});
   return findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_provision_boresight() { return std::make_unique<ProvisionBoresightCommand>(); }
 
 }  // namespace nadir

@@ -1,17 +1,212 @@
-#include "commands/recorder/export.hpp"
+// nadir recorder export: a recording for other programs.
+#include <ogrsf_frmts.h>
 
 #include <fmt/format.h>
 
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
-#include "commands/recorder/export/export_gdal.hpp"
-#include "commands/recorder/export/export_text.hpp"
+#include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/recorder/flight_tables.hpp"
 
 namespace nadir {
 namespace {
+
+using nlohmann::json;
+
+std::string quoted(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string result = "\"";
+  for (const char c : text) result += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return result + '"';
+}
+
+std::string csv_cell(const Cell& cell) {
+  if (const auto* text = std::get_if<std::string>(&cell)) return quoted(*text);
+  if (const auto* number = std::get_if<double>(&cell)) return std::isfinite(*number) ? fmt::format("{}", *number) : "";
+  if (const auto* number = std::get_if<std::int64_t>(&cell)) return fmt::format("{}", *number);
+  return "";
+}
+
+std::string csv_of(const Table& table) {
+  std::string text;
+  for (const Column& column : table.columns) text += (text.empty() ? "" : ",") + column.name;
+  text += table.places ? ",lat_deg,lon_deg\n" : "\n";
+  for (const TableRow& row : table.rows) {
+    std::string line;
+    for (std::size_t i = 0; i < row.cells.size(); ++i) line += (i == 0 ? "" : ",") + csv_cell(row.cells[i]);
+    if (table.places) line += row.place ? fmt::format(",{:.9f},{:.9f}", row.place->lat_deg, row.place->lon_deg) : ",,";
+    text += line + "\n";
+  }
+  return text;
+}
+
+json json_of(const Cell& cell) {
+  if (const auto* text = std::get_if<std::string>(&cell)) return *text;
+  if (const auto* number = std::get_if<double>(&cell)) return std::isfinite(*number) ? json(*number) : json();
+  if (const auto* number = std::get_if<std::int64_t>(&cell)) return *number;
+  return {};
+}
+
+json position(LonLat place) {
+  return json::array({std::round(place.lon_deg * 1e9) / 1e9, std::round(place.lat_deg * 1e9) / 1e9});
+}
+
+void add_points(json& features, const Table& table, const char* kind) {
+  for (const TableRow& row : table.rows) {
+    if (!row.place) continue;
+    json properties{{"kind", kind}};
+    for (std::size_t i = 0; i < row.cells.size(); ++i) properties[table.columns[i].name] = json_of(row.cells[i]);
+    features.push_back({{"type", "Feature"},
+                        {"geometry", {{"type", "Point"}, {"coordinates", position(*row.place)}}},
+                        {"properties", std::move(properties)}});
+  }
+}
+
+// estimates.csv, anchors.csv and events.csv (RFC 4180) in a folder; positions as lat_deg and lon_deg.
+void export_csv(const FlightTables& tables, const std::filesystem::path& folder) {
+  for (const Table* table : {&tables.estimates, &tables.anchors, &tables.events}) {
+    write_file_atomic(folder / (table->name + ".csv"), csv_of(*table));
+  }
+}
+
+// One FeatureCollection (RFC 7946): the track as a line, estimates and anchors with positions as points, distinguished by
+// `kind`.
+std::string geojson_of(const FlightTables& tables) {
+  json features = json::array(), line = json::array();
+  for (const TableRow& row : tables.estimates.rows) {
+    if (row.place) line.push_back(position(*row.place));
+  }
+  if (line.size() >= 2) {
+    features.push_back({{"type", "Feature"},
+                        {"geometry", {{"type", "LineString"}, {"coordinates", std::move(line)}}},
+                        {"properties", {{"kind", "track"}, {"session", tables.session}}}});
+  }
+  add_points(features, tables.estimates, "estimate");
+  add_points(features, tables.anchors, "anchor");
+  const json document{{"type", "FeatureCollection"}, {"features", std::move(features)}};
+  return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+OGRFieldType field_type(CellType type) {
+  switch (type) {
+    case CellType::integer: return OFTInteger64;
+    case CellType::real: return OFTReal;
+    case CellType::text: return OFTString;
+  }
+  return OFTString;
+}
+
+class Exporter {
+ public:
+  Exporter(const std::string& driver_name, const std::filesystem::path& path) : path_(path) {
+    GDALAllRegister();
+    GDALDriver* driver = GetGDALDriverManager()->GetDriverByName(driver_name.c_str());
+    if (driver == nullptr) {
+      throw Error(
+          {.what = "this GDAL cannot write " + driver_name,
+           .where = path,
+           .expected = "a GDAL with the driver " + driver_name + " (Parquet: built with Apache Arrow, or its plug-in)",
+           .found = std::string("GDAL ") + GDALVersionInfo("RELEASE_NAME") + " without it, as Debian 12 has it",
+           .fix = "export as csv or gpkg, and convert on a machine with such a GDAL"});
+    }
+    one_layer_ = driver_name == "Parquet";
+    dataset_.reset(driver->Create(path.c_str(), 0, 0, 0, GDT_Unknown, nullptr));
+    if (!dataset_) fail();
+    wgs84_.SetWellKnownGeogCS("WGS84");
+    wgs84_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  }
+
+  void table(const Table& table) {
+    OGRLayer* layer = make_layer(table.name, table.places ? wkbPoint : wkbNone);
+    for (const Column& column : table.columns) {
+      OGRFieldDefn field(column.name.c_str(), field_type(column.type));
+      if (layer->CreateField(&field) != OGRERR_NONE) fail();
+    }
+    for (const TableRow& row : table.rows) {
+      OGRFeature feature(layer->GetLayerDefn());
+      for (std::size_t i = 0; i < row.cells.size(); ++i) set(feature, table.columns[i].name, row.cells[i]);
+      if (row.place) {
+        OGRPoint point(row.place->lon_deg, row.place->lat_deg);
+        feature.SetGeometry(&point);
+      }
+      if (layer->CreateFeature(&feature) != OGRERR_NONE) fail();
+    }
+  }
+
+  void track(const Table& estimates) {
+    OGRLineString line;
+    for (const TableRow& row : estimates.rows) {
+      if (row.place) line.addPoint(row.place->lon_deg, row.place->lat_deg);
+    }
+    if (line.getNumPoints() < 2) return;
+    OGRLayer* layer = make_layer("track", wkbLineString);
+    OGRFeature feature(layer->GetLayerDefn());
+    feature.SetGeometry(&line);
+    if (layer->CreateFeature(&feature) != OGRERR_NONE) fail();
+  }
+
+  bool one_layer() const { return one_layer_; }
+
+  void close() {
+    CPLErrorReset();
+    dataset_.reset();
+    if (CPLGetLastErrorType() >= CE_Failure) fail();
+  }
+
+ private:
+  struct Close {
+    void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
+  };
+
+  OGRLayer* make_layer(const std::string& name, OGRwkbGeometryType type) {
+    OGRLayer* layer = dataset_->CreateLayer(name.c_str(), type == wkbNone ? nullptr : &wgs84_, type, nullptr);
+    if (layer == nullptr) fail();
+    return layer;
+  }
+
+  static void set(OGRFeature& feature, const std::string& name, const Cell& cell) {
+    const int field = feature.GetFieldIndex(name.c_str());
+    if (field < 0) return;
+    if (const auto* text = std::get_if<std::string>(&cell)) feature.SetField(field, text->c_str());
+    if (const auto* number = std::get_if<double>(&cell); number != nullptr && std::isfinite(*number)) {
+      feature.SetField(field, *number);
+    }
+    if (const auto* number = std::get_if<std::int64_t>(&cell)) feature.SetField(field, static_cast<GIntBig>(*number));
+  }
+
+  [[noreturn]] void fail() const {
+    throw Error({.what = "the recording cannot be exported", .where = path_, .found = CPLGetLastErrorMsg()});
+  }
+
+  std::filesystem::path path_;
+  OGRSpatialReference wgs84_;
+  std::unique_ptr<GDALDataset, Close> dataset_;
+  bool one_layer_ = false;
+};
+
+// One file with a layer per table and one with the track. driver: "KML", "GPKG" or "Parquet"; throws Error where this
+// GDAL does not have it. A Parquet file holds one table: the estimates.
+void export_gdal(const FlightTables& tables, const std::string& driver, const std::filesystem::path& path) {
+  Exporter exporter(driver, path);
+  exporter.table(tables.estimates);
+  if (!exporter.one_layer()) {
+    exporter.table(tables.anchors);
+    if (driver != "KML") exporter.table(tables.events);
+    exporter.track(tables.estimates);
+  }
+  exporter.close();
+}
 
 namespace fs = std::filesystem;
 
@@ -29,32 +224,51 @@ void export_file(const FlightTables& tables, const std::string& format, const fs
   fs::rename(written, out);
 }
 
-}  // namespace
+class RecorderExportCommand final : public Command {
+ public:
+  std::string_view group() const override { return "recorder"; }
+  std::string_view name() const override { return "export"; }
+  std::string_view summary() const override {
+    return "export estimates, anchors and events for other programs";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path recording_, out_;
+  std::string format_;
+  std::optional<std::string> session_;
+};
 
 std::string_view RecorderExportCommand::details() const {
-  return "csv: OUT is a folder with estimates.csv, anchors.csv and events.csv. geojson: one file with the track, the\n"
-         "estimates and the anchors, accepted and refused. kml and gpkg: one file with a layer for each. parquet: one\n"
-         "file with the estimates; needs a GDAL with Apache Arrow, which Debian 12 does not have.\n\n"
-         "Exit codes: 0 exported, 2 could not be done.";
+  return R"(csv: OUT is a folder with estimates.csv, anchors.csv and events.csv. geojson: one file with the
+track, the estimates and the anchors, accepted and rejected. kml and gpkg: one file with a layer for
+each. parquet: one file with the estimates; needs a GDAL built with Apache Arrow, which Debian 12
+does not provide.
+
+Exit codes: 0 exported, 2 the job could not be done.)";
 }
 
 std::string_view RecorderExportCommand::examples() const {
-  return "nadir recorder export recording --format geojson --out flight.geojson\n"
-         "nadir recorder export recording --format csv --out tables";
+  return R"(nadir recorder export recording --format geojson --out flight.geojson
+nadir recorder export recording --format csv --out tables)";
 }
 
 void RecorderExportCommand::setup(Options& options) {
-  options.positional("RECORDING", recording_, "a folder of segments, or an MCAP file").required();
-  options.value("--format", format_, "FORMAT", "csv, geojson, kml, gpkg or parquet")
+  options.positional("RECORDING", recording_, "folder of segments, or an MCAP file").required();
+  options.value("--format", format_, "FORMAT", "output format")
       .required()
       .one_of({"csv", "geojson", "kml", "gpkg", "parquet"});
-  options.value("--out", out_, "OUT", "folder (csv) or file that is made").required();
-  options.value("--session", session_, "ID", "when the recording holds several");
+  options.value("--out", out_, "OUT", "folder (csv) or file to create").required();
+  options.value("--session", session_, "ID", "session of the recording, if it holds several");
 }
 
 int RecorderExportCommand::run(Context& context) {
   if (fs::exists(out_)) {
-    throw UsageError({.what = "what is to be made is there already", .where = out_, .fix = "give another --out"});
+    throw UsageError({.what = "the output already exists", .where = out_, .fix = "choose another --out"});
   }
   const FlightTables tables = read_flight_tables(recording_, session_);
   if (format_ == "csv") {
@@ -67,10 +281,14 @@ int RecorderExportCommand::run(Context& context) {
     export_file(tables, format_, out_);
   }
   if (!context.quiet) {
-    context.err << fmt::format("{} estimates, {} anchors, {} events\n", tables.estimates.rows.size(),
-                               tables.anchors.rows.size(), tables.events.rows.size());
+    context.err << fmt::format("{}, {}, {}\n", count(tables.estimates.rows.size(), "estimate"),
+                               count(tables.anchors.rows.size(), "anchor"), count(tables.events.rows.size(), "event"));
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_recorder_export() { return std::make_unique<RecorderExportCommand>(); }
 
 }  // namespace nadir

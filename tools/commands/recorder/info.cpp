@@ -1,15 +1,17 @@
-#include "commands/recorder/info.hpp"
-
+// nadir recorder info: what is in a recording.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/printable.hpp"
 #include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
 #include "recorder/recording.hpp"
 
 namespace nadir {
@@ -42,7 +44,7 @@ SessionSum sum_of(const std::vector<SegmentContents>& segments, const std::strin
 
 bool clean(const SessionSum& sum) { return sum.end != nullptr && sum.end->clean_shutdown; }
 
-std::string time_text(std::uint64_t at_ns) { return to_rfc3339({static_cast<std::int64_t>(at_ns / 1'000'000'000)}); }
+std::string time_text(std::uint64_t at_ns) { return to_rfc3339(UtcTime{static_cast<std::int64_t>(at_ns / 1'000'000'000)}); }
 
 double seconds(const SessionSum& sum) {
   if (!sum.first_ns || !sum.last_ns) return 0;
@@ -76,33 +78,47 @@ void print(std::ostream& out, const SessionSum& sum) {
   const SessionRecord& about = *sum.about;
   Figures figures{{"session", about.id},
                   {"program", about.program + " " + about.version},
-                  {"airframe", about.airframe.empty() ? "not said" : about.airframe},
+                  {"airframe", about.airframe.empty() ? "unknown" : about.airframe},
                   {"map", about.package ? about.mission + ", manifest " + about.package->hex().substr(0, 16) : "none"},
                   {"time", fmt::format("{} to {}, {:.1f} s", time_text(sum.first_ns.value_or(0)),
                                        time_text(sum.last_ns.value_or(0)), seconds(sum))},
                   {"files", fmt::format("{}, {:.2f} MB", sum.segments, static_cast<double>(sum.bytes) / 1e6)},
-                  {"end", clean(sum) ? "clean: " + sum.end->reason : "cut off"}};
+                  {"end", clean(sum) ? "clean: " + sum.end->reason : "truncated"}};
   for (const auto& [topic, count] : sum.records) figures.emplace_back(name_of(topic), std::to_string(count));
   for (auto& [name, value] : figures) value = printable(value);
   print_figures(out, figures);
 }
 
-}  // namespace
+class RecorderInfoCommand final : public Command {
+ public:
+  std::string_view group() const override { return "recorder"; }
+  std::string_view name() const override { return "info"; }
+  std::string_view summary() const override { return "show the contents of a recording"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path recording_;
+};
 
 std::string_view RecorderInfoCommand::details() const {
-  return "RECORDING: a folder that the recorder wrote, or any MCAP file. Lists each session with its records by "
-         "topic,\n"
-         "and how it ended. Damage does not stop it: nadir recorder verify judges that.\n\n"
-         "Exit codes: 0 shown, 2 could not be read.";
+  return R"(RECORDING: a folder written by the recorder, or any MCAP file. Lists each session with its records
+by topic, and how it ended. Damage is not an error here: nadir recorder verify checks for it.
+
+Exit codes: 0 shown, 2 the recording cannot be read.)";
 }
 
 std::string_view RecorderInfoCommand::examples() const {
-  return "nadir recorder info recording\n"
-         "nadir recorder info recording --json | jq '.sessions[].clean_shutdown'";
+  return R"(nadir recorder info recording
+nadir recorder info recording --json | jq '.sessions[].clean_shutdown')";
 }
 
 void RecorderInfoCommand::setup(Options& options) {
-  options.positional("RECORDING", recording_, "a folder of segments, or an MCAP file").required();
+  options.positional("RECORDING", recording_, "folder of segments, or an MCAP file").required();
 }
 
 int RecorderInfoCommand::run(Context& context) {
@@ -123,12 +139,17 @@ int RecorderInfoCommand::run(Context& context) {
                      {"chunks", mcap.chunks},
                      {"finished", mcap.finished}});
     if (segment.session || context.json) continue;
-    context.out << printable(fmt::format("{}  not of our recorder: {} messages in {} topics, profile \"{}\"\n",
-                                         segment.segment.path.filename().string(), mcap.messages, mcap.channels.size(),
+    context.out << printable(fmt::format("{}  not a Nadir recording: {} in {}, profile \"{}\"\n",
+                                         segment.segment.path.filename().string(), count(mcap.messages, "message"),
+                                         count(mcap.channels.size(), "topic"),
                                          mcap.profile));
   }
   if (context.json) print_json(context.out, {{"sessions", std::move(list)}, {"files", std::move(files)}});
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_recorder_info() { return std::make_unique<RecorderInfoCommand>(); }
 
 }  // namespace nadir

@@ -1,40 +1,65 @@
-#include "commands/simulate/flight.hpp"
-
+// `nadir simulate flight`: a flight over any georeferenced picture.
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "simulation/flight.hpp"
 
 namespace nadir {
+namespace {
+
+class SimulateFlightCommand final : public Command {
+ public:
+  std::string_view group() const override { return "simulate"; }
+  std::string_view name() const override { return "flight"; }
+  std::string_view summary() const override {
+    return "fly a mission over a raster: frames, telemetry and ground truth";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  SimulatedFlightOptions options_;
+  std::filesystem::path mission_;
+  std::string noise_ = "real";
+  std::filesystem::path out_;
+};
 
 std::string_view SimulateFlightCommand::details() const {
-  return "Flies the mission's route over a georeferenced picture and takes photos straight down: turns are rounded and "
-         "banked, the airframe sways, lens, shutter and sensor leave their marks. OUT receives frames/, telemetry.csv, "
-         "truth.csv and camera.yaml, as `nadir replay` reads them.\n\n"
-         "With --noise real the telemetry carries the errors of real sensors, as large as the camera file's "
-         "uncertainty says; with --noise none pictures and telemetry are exact.";
+  return R"(Flies the mission's route over a georeferenced raster and takes nadir images: turns are rounded and
+banked, the airframe sways, lens, shutter and sensor leave their artefacts. OUT receives frames/,
+telemetry.csv, truth.csv and camera.yaml, as `nadir replay` reads them.
+
+With --noise real the telemetry has the errors of real sensors, according to the camera file's
+uncertainty; with --noise none images and telemetry are exact.)";
 }
 
 std::string_view SimulateFlightCommand::examples() const {
-  return "nadir simulate flight --world world/ground.tif --dem world/dem.tif --mission world/mission.yaml --camera "
-         "world/camera.yaml --seed 7 --out flight";
+  return R"(nadir simulate flight --world world/ground.tif --dem world/dem.tif --mission world/mission.yaml --camera world/camera.yaml --seed 7 --out flight)";
 }
 
 void SimulateFlightCommand::setup(Options& options) {
-  options.value("--world", options_.world, "FILE.tif", "what the camera sees").required();
-  options.value("--dem", options_.dem, "FILE", "heights of the ground; flat without");
-  options.value("--mission", mission_, "MISSION.yaml", "whose route is flown").required();
+  options.value("--world", options_.world, "FILE.tif", "georeferenced image of the ground").required();
+  options.value("--dem", options_.dem, "FILE", "elevation model above sea level; default: flat ground");
+  options.value("--mission", mission_, "MISSION.yaml", "mission whose route is flown").required();
   options.value("--camera", options_.camera, "FILE.yaml", "camera model and uncertainty of the telemetry").required();
-  options.value("--out", out_, "DIR", "folder that is made").required();
-  options.value("--seed", options_.seed, "N", "which flight");
+  options.value("--out", out_, "DIR", "folder to create").required();
+  options.value("--seed", options_.seed, "N", "random seed of the flight");
   options.value("--noise", noise_, "none|real", "errors of camera and telemetry").one_of({"none", "real"});
-  options.value("--frames", options_.max_frames, "N", "at most so many; 400 without").between(1, 100000);
-  options.value("--interval-s", options_.interval_s, "S", "between frames; 70 % overlap without").between(0.01, 3600);
-  options.value("--speed-mps", options_.speed_mps, "V", "over ground").between(1, 300);
+  options.value("--max-frames", options_.max_frames, "N", "maximum number of frames; default: 400")
+      .between(1, 100000)
+      .formerly("--frames");
+  options.value("--interval-s", options_.interval_s, "S", "time between frames; default: 70 % overlap").between(0.01, 3600);
+  options.value("--speed-mps", options_.speed_mps, "V", "ground speed").between(1, 300);
 }
 
 int SimulateFlightCommand::run(Context& context) {
@@ -47,8 +72,8 @@ int SimulateFlightCommand::run(Context& context) {
     context.err << "the mission has terrain, but this flight is over flat ground: give --dem\n";
   }
   if (report.frames_beyond_world > 0 && !context.quiet) {
-    context.err << fmt::format("{} frames look beyond the world's edge; the missing part is grey\n",
-                               report.frames_beyond_world);
+    context.err << fmt::format("{} beyond the edge of the world; the missing part is grey\n",
+                               count(static_cast<std::uint64_t>(report.frames_beyond_world), "frame looks", "frames look"));
   }
   if (context.json) {
     print_json(context.out, {{"folder", out_.string()},
@@ -66,5 +91,9 @@ int SimulateFlightCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_simulate_flight() { return std::make_unique<SimulateFlightCommand>(); }
 
 }  // namespace nadir

@@ -1,33 +1,55 @@
-#include "commands/simulate/world.hpp"
-
+// `nadir simulate world`: a made-up landscape to try everything with.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "simulation/world.hpp"
 
 namespace nadir {
+namespace {
+
+class SimulateWorldCommand final : public Command {
+ public:
+  std::string_view group() const override { return "simulate"; }
+  std::string_view name() const override { return "world"; }
+  std::string_view summary() const override {
+    return "create a landscape: map, ground on the day of flight, elevation";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  WorldOptions options_;
+  std::filesystem::path out_;
+};
 
 std::string_view SimulateWorldCommand::details() const {
-  return "OUT receives ground.tif (the day of the flight), map.tif (the same land as a satellite saw it four months "
-         "earlier: other crops, sun, sensor, some roofs and fields changed), dem.tif, their STAC items, and "
-         "mission.yaml "
-         "and camera.yaml that fit. The same seed, size and ground sample distance give the same bytes.";
+  return R"(OUT receives ground.tif (the day of the flight), map.tif (the same land as a satellite saw it four
+months earlier: other crops, sun and sensor, some roofs and fields changed), dem.tif, their STAC
+Items, and a matching mission.yaml and camera.yaml. The same seed, size and ground sample distance
+give the same bytes.)";
 }
 
 std::string_view SimulateWorldCommand::examples() const {
-  return "nadir simulate world --seed 7 --size-km 2 --gsd-m 0.5 --out world";
+  return R"(nadir simulate world --seed 7 --size-km 2 --gsd-m 0.5 --out world)";
 }
 
 void SimulateWorldCommand::setup(Options& options) {
-  options.value("--seed", options_.seed, "N", "which world");
-  options.value("--size-km", options_.size_km, "S", "its side").between(0.2, 20);
-  options.value("--gsd-m", options_.gsd_m, "G", "size of a pixel on the ground").between(0.1, 20);
-  options.value("--out", out_, "DIR", "folder that is made").required();
+  options.value("--seed", options_.seed, "N", "random seed of the world");
+  options.value("--size-km", options_.size_km, "S", "side length").between(0.2, 20);
+  options.value("--gsd-m", options_.gsd_m, "G", "ground sample distance").between(0.1, 20);
+  options.value("--out", out_, "DIR", "folder to create").required();
 }
 
 int SimulateWorldCommand::run(Context& context) {
@@ -61,5 +83,9 @@ int SimulateWorldCommand::run(Context& context) {
   }
   return kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_simulate_world() { return std::make_unique<SimulateWorldCommand>(); }
 
 }  // namespace nadir

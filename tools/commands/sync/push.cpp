@@ -1,18 +1,24 @@
-#include "commands/sync/push.hpp"
-
+// nadir sync push: brings the outbox to the candidate service.
 #include <fmt/format.h>
 
+#include <cstdint>
 #include <cstdlib>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "upload/curl_transport.hpp"
-#include "upload/outbox_report.hpp"
-#include "upload/uploader.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
 #include "trust/bearer_token.hpp"
+#include "upload/transport.hpp"
+#include "upload/outbox_upkeep.hpp"
+#include "upload/uploader.hpp"
 
 namespace nadir {
 namespace {
@@ -42,41 +48,68 @@ nlohmann::json json_from(const UploadOutcome& outcome) {
           {"body_bytes", outcome.body_bytes}};
 }
 
-}  // namespace
+class SyncPushCommand final : public Command {
+ public:
+  explicit SyncPushCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "push"; }
+  std::string_view summary() const override {
+    return "send the outbox to the candidate service and fetch the verdicts";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::string token() const;
+  int dry_run(Context& context) const;
+
+  SyncEnvironment environment_;
+  std::filesystem::path outbox_;
+  std::string to_;
+  std::optional<std::filesystem::path> token_file_;
+  std::optional<std::filesystem::path> authorities_;
+  std::int64_t patience_s_ = 900;
+  bool dry_run_ = false;
+};
 
 std::string_view SyncPushCommand::details() const {
-  return "May be interrupted, killed and called again at any moment: it goes on where it was, at any byte, and no "
-         "tile\n"
-         "is lost or counted twice. When the service fails, it waits longer and longer (or as long as the service "
-         "says)\n"
-         "and gives up for now when nothing has come forward for --patience. The service's certificate is verified.\n"
-         "The token comes from --token-file or from the environment variable NADIR_SYNC_TOKEN.\n\n"
-         "Exit codes: 0 every tile has been accepted (or was before), 1 some were rejected, refused or parked (nadir\n"
-         "sync status says why), 2 not done: call it again; 130 interrupted.";
+  return R"(May be interrupted, killed and restarted at any time: it resumes at any byte, and no tile is lost or
+counted twice. If the service fails, it waits with increasing delays (or as long as the service
+requests) and gives up for now if there is no progress for --timeout-s. The service's certificate is
+verified. The token comes from --token-file or from the environment variable NADIR_SYNC_TOKEN.
+
+Exit codes: 0 every tile is accepted, 1 some were rejected, refused or parked (nadir sync status
+states why), 2 not complete: run it again, 130 interrupted.)";
 }
 
 std::string_view SyncPushCommand::examples() const {
-  return "nadir sync push outbox --to https://tiles.example.org --token-file token\n"
-         "nadir sync push outbox --to https://tiles.example.org --token-file token --patience 60 --json";
+  return R"(nadir sync push outbox --to https://tiles.example.org --token-file token
+nadir sync push outbox --to https://tiles.example.org --token-file token --timeout-s 60 --json)";
 }
 
 void SyncPushCommand::setup(Options& options) {
-  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
-  options.value("--to", to_, "URL", "the service: https://HOST[:PORT][/PATH], http:// only to localhost").required();
-  options.value("--token-file", token_file_, "FILE", "the service's token; only its owner may read the file");
-  options.value("--ca", authorities_, "FILE.pem", "trust these certificate authorities in the place of the system's");
-  options.value("--patience", patience_s_, "SECONDS", "give up for now when nothing comes forward for so long")
-      .between(0, 86'400);
-  options.flag("--dry-run", dry_run_, "say what would be sent; no connection is made");
+  options.positional("OUTBOX", outbox_, "outbox folder").required();
+  options.value("--to", to_, "URL", "service: https://HOST[:PORT][/PATH]; http:// only to localhost").required();
+  options.value("--token-file", token_file_, "FILE", "bearer token of the service; readable by its owner only");
+  options.value("--ca", authorities_, "FILE.pem", "trust these certificate authorities instead of the system's");
+  options.value("--timeout-s", patience_s_, "S", "give up for now without progress for this time")
+      .between(0, 86'400)
+      .formerly("--patience");
+  options.flag("--dry-run", dry_run_, "report what would be sent, without connecting");
 }
 
 std::string SyncPushCommand::token() const {
   if (token_file_) return read_bearer_token(*token_file_);
   const char* text = std::getenv(kTokenVariable);
   if (text == nullptr) {
-    throw UsageError({.what = "there is no token",
+    throw UsageError({.what = "no token given",
                       .expected = fmt::format("--token-file FILE, or {} in the environment", kTokenVariable),
-                      .fix = "ask the service's operator for one; it never goes on the command line"});
+                      .fix = "ask the operator of the service for one; never put it on the command line"});
   }
   return checked_bearer_token(text, kTokenVariable);
 }
@@ -94,8 +127,10 @@ int SyncPushCommand::dry_run(Context& context) const {
     print_json(context.out,
                {{"dry_run", true}, {"to_send", unsent.tiles}, {"bytes", unsent.bytes}, {"verdicts_awaited", awaited}});
   } else {
-    context.out << fmt::format("{} tiles would be sent, at most {:.1f} MB; {} verdicts are awaited\n", unsent.tiles,
-                               static_cast<double>(unsent.bytes) / 1e6, awaited);
+    context.out << fmt::format("{} would be sent, at most {:.1f} MB; {} pending\n",
+                               count(static_cast<std::uint64_t>(unsent.tiles), "tile"),
+                               static_cast<double>(unsent.bytes) / 1e6,
+                               count(static_cast<std::uint64_t>(awaited), "verdict"));
   }
   return kAccepted;
 }
@@ -104,20 +139,20 @@ int SyncPushCommand::run(Context& context) {
   const std::string address = checked_service_address(to_);
   if (dry_run_) return dry_run(context);
   const std::string bearer = token();
-  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
-  const auto transport = surroundings_.transport(
+  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
+  const auto transport = environment_.transport(
       std::make_unique<CurlTransport>(CurlSettings{.address = address, .token = bearer, .authorities = authorities_},
                                       [&context] { context.progress.advance(0); }));
   ServiceClient service(*transport);
-  const auto pace = surroundings_.pace();
-  const Tell tell = [&context](const std::string& line) {
+  const auto pace = environment_.pace();
+  const UploadLog tell = [&context](const std::string& line) {
     if (!context.quiet) context.err << line << std::endl;
   };
   Uploader uploader(outbox, service,
-                    {.pace = *pace,
-                     .random = Random(seed_from(surroundings_.random_bytes())),
+                    {.clock = *pace,
+                     .random = Random(seed_from(environment_.random_bytes())),
                      .progress = context.progress,
-                     .tell = tell},
+                     .log = tell},
                     {.patience_ms = patience_s_ * 1'000});
   const UploadOutcome outcome = uploader.run();
   if (context.json) {
@@ -128,9 +163,16 @@ int SyncPushCommand::run(Context& context) {
                              outcome.verdicts.accepted, outcome.verdicts.duplicate, outcome.verdicts.rejected,
                              outcome.refused, outcome.parked);
   if (!outcome.finished) {
-    context.out << fmt::format("not done: {}; call this again, it goes on where it was\n", outcome.waits_for);
+    context.out << fmt::format("not complete: {}; run this command again to resume\n", outcome.waits_for);
   }
   return exit_code(outcome);
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_push(SyncEnvironment environment) {
+  return std::make_unique<SyncPushCommand>(std::move(environment));
+}
+std::unique_ptr<Command> make_sync_push() { return make_sync_push(SyncEnvironment{}); }
 
 }  // namespace nadir

@@ -1,62 +1,90 @@
-#include "commands/sync/retry.hpp"
-
+// nadir sync retry: tries again what was given up.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
+#include <string>
+#include <vector>
 
 #include "base/error.hpp"
-#include "upload/reason_code.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "upload/outbox_mend.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
 #include "upload/outbox_upkeep.hpp"
+#include "upload/reason_code.hpp"
 #include "upload/staging.hpp"
 
 namespace nadir {
+namespace {
+
+class SyncRetryCommand final : public Command {
+ public:
+  explicit SyncRetryCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "retry"; }
+  std::string_view summary() const override {
+    return "retry tiles that were parked, or rejected for a temporary reason";
+  }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  SyncEnvironment environment_;
+  std::filesystem::path outbox_;
+  std::vector<std::string> codes_;
+  std::optional<std::filesystem::path> key_;
+};
 
 std::string_view SyncRetryCommand::details() const {
-  return "Parked batches will be announced again by the next push, and those that wait will not wait any longer. With\n"
-         "--code, tiles that were rejected or refused for this reason go into new batches, as far as their pictures "
-         "are\n"
-         "still there: for reasons that can pass, such as quota or base_package_unknown. With --key, parked batches "
-         "of\n"
-         "which something is damaged are taken apart: the damaged tiles are set aside, the others go into new "
-         "batches.\n\n"
-         "Exit codes: 0 done, 1 done, and damaged tiles were set aside (the findings name them), 2 could not be done.";
+  return R"(Parked batches are announced again by the next push, and waiting ones no longer wait. With --code,
+tiles that were rejected or refused for this reason go into new batches, if their images still
+exist: for temporary reasons, such as quota or base_package_unknown. With --key, parked batches with
+damaged tiles are split: the damaged tiles are set aside, the others go into new batches.
+
+Exit codes: 0 success, 1 success, but damaged tiles were set aside (the findings name them), 2 the
+job could not be done.)";
 }
 
 std::string_view SyncRetryCommand::examples() const {
-  return "nadir sync retry outbox\n"
-         "nadir sync retry outbox --code quota --key mini-07.key.pem";
+  return R"(nadir sync retry outbox
+nadir sync retry outbox --code quota --key mini-07.key.pem)";
 }
 
 void SyncRetryCommand::setup(Options& options) {
-  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
-  options.values("--code", codes_, "REASON", "try tiles again that failed for this reason; may be given several times")
+  options.positional("OUTBOX", outbox_, "outbox folder").required();
+  options.values("--code", codes_, "REASON", "retry tiles that failed for this reason; may be repeated")
       .needs("--key");
-  options.value("--key", key_, "KEY.pem", "the airframe's tile key, which signs the new batches");
+  options.value("--key", key_, "KEY.pem", "private tile key of the airframe, which signs the new batches");
 }
 
 int SyncRetryCommand::run(Context& context) {
   for (const std::string& code : codes_) {
     if (parse_reason_code(code)) continue;
-    throw UsageError({.what = "there is no such reason",
+    throw UsageError({.what = "unknown reason",
                       .found = code,
-                      .fix = "nadir sync status shows the reasons of this outbox's tiles"});
+                      .fix = "nadir sync status lists the reasons in this outbox"});
   }
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);
-  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, surroundings_.hook);
-  const std::int64_t now_ms = surroundings_.pace()->now_ms();
+  OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
+  const std::int64_t now_ms = environment_.pace()->now_ms();
   // First what retry_parked() would announce again as it is.
-  MendedSum mended;
-  if (key) mended = take_damaged_apart(outbox, key->public_key(), now_ms);
+  RepairSum mended;
+  if (key) mended = repair_damaged_batches(outbox, key->public_key(), now_ms);
   const std::int64_t batches = retry_parked(outbox, now_ms);
   std::int64_t tiles = mended.tiles;
   for (const std::string& code : codes_) tiles += restage(outbox, code, now_ms);
   SealedSum sealed;
-  if (key) sealed = seal_batches(outbox, *key, now_ms, surroundings_.random_bytes);
+  if (key) sealed = seal_batches(outbox, *key, now_ms, environment_.random_bytes);
   Findings findings = std::move(mended.findings);
   findings.add(sealed.findings);
   if (context.json) {
@@ -64,9 +92,18 @@ int SyncRetryCommand::run(Context& context) {
                            {{"batches", batches}, {"restaged", tiles}, {"new_batches", sealed.batches}});
   }
   if (!findings.empty()) print_findings(context.out, findings);
-  context.out << fmt::format("{} batches may be tried at once; {} tiles go into {} new batches\n", batches, tiles,
-                             sealed.batches);
+  context.out << fmt::format("{} can be retried now; {} put into {}\n",
+                             count(static_cast<std::uint64_t>(batches), "batch", "batches"),
+                             count(static_cast<std::uint64_t>(tiles), "tile"),
+                             count(static_cast<std::uint64_t>(sealed.batches), "new batch", "new batches"));
   return findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_retry(SyncEnvironment environment) {
+  return std::make_unique<SyncRetryCommand>(std::move(environment));
+}
+std::unique_ptr<Command> make_sync_retry() { return make_sync_retry(SyncEnvironment{}); }
 
 }  // namespace nadir

@@ -1,18 +1,22 @@
-#include "commands/sync/stage.hpp"
-
+// nadir sync stage: takes a flight's candidate tiles into the outbox and signs what will be announced.
 #include <fmt/format.h>
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <set>
 
 #include "base/error.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "ortho/candidate_reader.hpp"
+#include "commands/commands.hpp"
+#include "commands/sync/sync_environment.hpp"
+#include "ortho/candidate_store.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "recorder/recording.hpp"
-#include "upload/outbox_report.hpp"
+#include "upload/outbox_upkeep.hpp"
 #include "upload/staging.hpp"
 
 namespace nadir {
@@ -20,32 +24,62 @@ namespace {
 
 constexpr std::size_t kTilesPerTransaction = 256;
 
-}  // namespace
+class SyncStageCommand final : public Command {
+ public:
+  explicit SyncStageCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "stage"; }
+  std::string_view summary() const override { return "add a flight's candidate tiles to the outbox"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  struct Sum {
+    std::int64_t seen = 0, staged = 0, known = 0;
+  };
+  bool flight_ended(const CandidateReader& reader, Findings& findings) const;
+  Sum take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root, const PublicKey& key, UtcTime at,
+           Context& context, Findings& findings) const;
+
+  SyncEnvironment environment_;
+  std::filesystem::path candidates_;
+  std::filesystem::path outbox_;
+  std::filesystem::path key_;
+  std::optional<std::filesystem::path> trust_;
+  std::optional<std::filesystem::path> recorder_;
+  std::optional<UtcTime> at_;
+  bool force_ = false;
+  bool dry_run_ = false;
+};
 
 std::string_view SyncStageCommand::details() const {
-  return "CANDIDATES is the folder that nadird or `nadir ortho` wrote. Every tile is held against its sidecar and "
-         "goes\n"
-         "into the outbox once, however often this is called; what is new is signed in batches with the airframe's "
-         "tile\n"
-         "key. A flight that did not end orderly is refused: its recorder and its tiles should be looked at first.\n\n"
-         "Exit codes: 0 staged, 1 refused or some tiles were not sound (the findings say which; the others are "
-         "staged),\n"
-         "2 could not be done.";
+  return R"(CANDIDATES is the folder that nadird or `nadir ortho` wrote. Every tile is checked against its
+sidecar and added to the outbox once, however often this command runs; new tiles are signed in
+batches with the airframe's tile key. A flight without a clean shutdown is rejected: inspect its
+recording and its tiles first.
+
+Exit codes: 0 staged, 1 rejected, or some tiles were invalid (the findings name them; the others are
+staged), 2 the job could not be done.)";
 }
 
 std::string_view SyncStageCommand::examples() const {
-  return "nadir sync stage candidates --outbox outbox --key mini-07.key.pem\n"
-         "nadir sync stage candidates --outbox outbox --key mini-07.key.pem --trust root.json --recorder recording";
+  return R"(nadir sync stage candidates --outbox outbox --key mini-07.key.pem
+nadir sync stage candidates --outbox outbox --key mini-07.key.pem --trust root.json --recorder recording)";
 }
 
 void SyncStageCommand::setup(Options& options) {
-  options.positional("CANDIDATES", candidates_, "folder of candidate tiles").required();
-  options.value("--outbox", outbox_, "OUTBOX", "folder of the outbox; made when it is missing").required();
-  options.value("--key", key_, "KEY.pem", "the airframe's tile key, which signs the batches").required();
-  options.value("--trust", trust_, "ROOT.json", "check the tiles' and the key's signatures as the service will");
-  options.value("--recorder", recorder_, "RECORDING", "the flight's recording: it must have ended cleanly too");
-  options.value("--at", at_, "TIME", "judge keys as if it were this time");
-  options.flag("--force", force_, "stage although the flight did not end orderly");
+  options.positional("CANDIDATES", candidates_, "folder with the candidate tiles").required();
+  options.value("--outbox", outbox_, "OUTBOX", "outbox folder; created if missing").required();
+  options.value("--key", key_, "KEY.pem", "private tile key of the airframe, which signs the batches").required();
+  options.value("--trust", trust_, "ROOT.json", "check the signatures of tiles and key as the service will");
+  options.value("--recorder", recorder_, "RECORDING", "recording of the flight: it must have a clean shutdown too");
+  options.value("--at", at_, "TIME", "evaluate validity as of this time");
+  options.flag("--force", force_, "stage even without a clean shutdown");
   options.flag("--dry-run", dry_run_, "check everything, change nothing");
 }
 
@@ -56,9 +90,9 @@ bool SyncStageCommand::flight_ended(const CandidateReader& reader, Findings& fin
     findings.add({.code = "flight.unfinished",
                   .severity = severity,
                   .where = candidates_.string(),
-                  .expected = "the mark of an orderly end",
-                  .found = "none: the flight goes on, or its program was killed",
-                  .fix = "look at the flight first; --force stages what is there"});
+                  .expected = "the mark of a clean shutdown",
+                  .found = "none: the flight is still running, or its program was killed",
+                  .fix = "inspect the flight first; --force stages what exists"});
   }
   if (recorder_) {
     const auto segments = read_recording(*recorder_, [](const Recorded&) {});
@@ -68,8 +102,8 @@ bool SyncStageCommand::flight_ended(const CandidateReader& reader, Findings& fin
                     .severity = severity,
                     .where = recorder_->string(),
                     .expected = "a recording that ends with clean_shutdown",
-                    .found = "one that was cut off",
-                    .fix = "nadir recorder verify says more; --force stages all the same"});
+                    .found = "a truncated recording",
+                    .fix = "run nadir recorder verify for details; --force stages anyway"});
     }
   }
   return !findings.refuses();
@@ -79,7 +113,7 @@ SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxData
                                              const PublicKey& key, UtcTime at, Context& context,
                                              Findings& findings) const {
   Sum sum;
-  const std::int64_t now_ms = surroundings_.pace()->now_ms();
+  const std::int64_t now_ms = environment_.pace()->now_ms();
   std::vector<Candidate> ready;
   std::set<std::string> checked;  // airframes whose batches the key may sign
   const auto flush = [&] {
@@ -112,7 +146,7 @@ SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxData
 
 int SyncStageCommand::run(Context& context) {
   const PrivateKey key = PrivateKey::read(key_);
-  const UtcTime at = judging_time(at_, context.clock);
+  const UtcTime at = evaluation_time(at_, context.clock);
   std::optional<TrustRoot> root;
   if (trust_) root = read_trusted_root(*trust_);
   CandidateReader reader(candidates_);
@@ -121,10 +155,10 @@ int SyncStageCommand::run(Context& context) {
   SealedSum sealed;
   if (flight_ended(reader, findings)) {
     std::optional<OutboxDatabase> outbox;
-    if (!dry_run_) outbox.emplace(outbox_, OutboxDatabase::Access::make, surroundings_.hook);
+    if (!dry_run_) outbox.emplace(outbox_, OutboxDatabase::Access::make, environment_.hook);
     sum = take(reader, outbox ? &*outbox : nullptr, root ? &*root : nullptr, key.public_key(), at, context, findings);
     if (outbox) {
-      sealed = seal_batches(*outbox, key, surroundings_.pace()->now_ms(), surroundings_.random_bytes);
+      sealed = seal_batches(*outbox, key, environment_.pace()->now_ms(), environment_.random_bytes);
       findings.add(sealed.findings);
     }
   }
@@ -139,12 +173,21 @@ int SyncStageCommand::run(Context& context) {
   }
   if (!findings.empty()) print_findings(context.out, findings);
   if (dry_run_) {
-    context.out << fmt::format("{} tiles could be staged; nothing was changed\n", sum.seen);
+    context.out << fmt::format("{} could be staged; nothing was changed\n",
+                               count(static_cast<std::uint64_t>(sum.seen), "tile"));
   } else if (sum.seen > 0) {
-    context.out << fmt::format("staged {} tiles, {} were there already; {} signed in {} batches\n", sum.staged,
-                               sum.known, sealed.tiles, sealed.batches);
+    context.out << fmt::format("staged {}, {} already staged; {} signed in {}\n",
+                               count(static_cast<std::uint64_t>(sum.staged), "tile"), sum.known, sealed.tiles,
+                               count(static_cast<std::uint64_t>(sealed.batches), "batch", "batches"));
   }
   return findings.refuses() ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_stage(SyncEnvironment environment) {
+  return std::make_unique<SyncStageCommand>(std::move(environment));
+}
+std::unique_ptr<Command> make_sync_stage() { return make_sync_stage(SyncEnvironment{}); }
 
 }  // namespace nadir

@@ -1,16 +1,18 @@
-#include "commands/sync/status.hpp"
-
+// nadir sync status: what is in the outbox and what keeps it.
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 
 #include "base/printable.hpp"
 #include "base/time.hpp"
+#include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "upload/outbox_report.hpp"
+#include "commands/commands.hpp"
+#include "upload/outbox_upkeep.hpp"
 
 namespace nadir {
 namespace {
@@ -52,12 +54,12 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
   for (const auto& [state, sum] : report.states) {
     if (sum.tiles == 0) continue;
     figures.emplace_back(name_of(state),
-                         fmt::format("{} tiles, {:.1f} MB", sum.tiles, static_cast<double>(sum.bytes) / 1e6));
+                         fmt::format("{}, {:.1f} MB", count(static_cast<std::uint64_t>(sum.tiles), "tile"), static_cast<double>(sum.bytes) / 1e6));
   }
   if (figures.empty()) out << "the outbox is empty\n";
   for (const auto& [code, tiles] : report.reasons)
     figures.emplace_back("  " + printable(code), fmt::format("{}", tiles));
-  figures.emplace_back("pictures kept", fmt::format("{:.1f} MB", static_cast<double>(report.kept_bytes) / 1e6));
+  figures.emplace_back("images kept", fmt::format("{:.1f} MB", static_cast<double>(report.kept_bytes) / 1e6));
   print_figures(out, figures);
   for (const BatchReport& batch : report.batches) {
     out << printable(fmt::format("batch {} of flight {}: {}, {} of {} tiles open", batch.uuid, batch.flight,
@@ -71,23 +73,39 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
   }
 }
 
-}  // namespace
+class SyncStatusCommand final : public Command {
+ public:
+  std::string_view group() const override { return "sync"; }
+  std::string_view name() const override { return "status"; }
+  std::string_view summary() const override { return "show the state of the outbox"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path outbox_;
+  int failed_ = 0;
+};
 
 std::string_view SyncStatusCommand::details() const {
-  return "Counts the tiles by state, names the reasons of those that were rejected, refused or found damaged, and the\n"
-         "batches that are not done, with what keeps them. Works while a push is running.\n\n"
-         "Exit codes: 0 every tile has a final verdict or was set aside as damaged, 1 some have not, 2 could not be "
-         "read.";
+  return R"(Counts the tiles by state, lists the reasons of those that were rejected, refused or found damaged,
+and the incomplete batches with what blocks them. Works while a push is running.
+
+Exit codes: 0 every tile has a final verdict or was set aside as damaged, 1 some have not, 2 the
+outbox cannot be read.)";
 }
 
 std::string_view SyncStatusCommand::examples() const {
-  return "nadir sync status outbox\n"
-         "nadir sync status outbox --failed 100 --json | jq '.reasons'";
+  return R"(nadir sync status outbox
+nadir sync status outbox --failed 100 --json | jq '.reasons')";
 }
 
 void SyncStatusCommand::setup(Options& options) {
-  options.positional("OUTBOX", outbox_, "folder of the outbox").required();
-  options.value("--failed", failed_, "N", "list so many of the tiles that were rejected, refused or damaged")
+  options.positional("OUTBOX", outbox_, "outbox folder").required();
+  options.value("--failed", failed_, "N", "list this number of tiles that were rejected, refused or damaged")
       .between(0, 1e6);
 }
 
@@ -104,5 +122,9 @@ int SyncStatusCommand::run(Context& context) {
                                 [](const auto& entry) { return !is_final(entry.first) && entry.second.tiles > 0; });
   return open ? kRefused : kAccepted;
 }
+
+}  // namespace
+
+std::unique_ptr<Command> make_sync_status() { return std::make_unique<SyncStatusCommand>(); }
 
 }  // namespace nadir

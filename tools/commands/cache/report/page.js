@@ -10,7 +10,7 @@ const plural = (n, word) => n + " " + word + (n === 1 ? "" : "s");
 const headline = (value, unit, label, mood = "") => byId("headline").append(
   element("div", { class: "tile " + mood }, element("b", {}, value, element("small", {}, unit)), element("span", {}, label)));
 
-headline(data.accepted ? "accepted" : "refused", "", plural(count("refuse"), "refusal") + ", " + plural(count("warning"), "warning"), data.accepted ? "good" : "bad");
+headline(data.accepted ? "accepted" : "rejected", "", plural(count("refuse"), "error") + ", " + plural(count("warning"), "warning"), data.accepted ? "good" : "bad");
 if (map) {
   const missing = map.needed_m2 > 0 ? map.gap_m2 / map.needed_m2 : 0;
   const share = 100 * (1 - missing);
@@ -69,4 +69,4 @@ for (const finding of [...data.findings].sort((a, b) => order[a.severity] - orde
 if (data.findings.length === 0) byId("findings").append(element("p", { class: "note" }, "Nothing is wrong."));
 for (const { name, value } of data.figures)
   byId("figures").append(element("div", {}, element("span", {}, name), element("span", {}, value)));
-byId("figures").append(element("div", {}, element("span", {}, "judged at"), element("span", {}, data.judged_at)));
+byId("figures").append(element("div", {}, element("span", {}, "evaluated as of"), element("span", {}, data.judged_at)));

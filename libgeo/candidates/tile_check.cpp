@@ -1,0 +1,246 @@
+#include "candidates/tile_check.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
+#include "geodesy/local_frame.hpp"
+#include "geodesy/web_mercator.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kDegreesPerE7 = 1e-7;
+
+Refusal refusal(ReasonCode code, std::string detail) { return {.code = code, .detail = std::move(detail)}; }
+
+// Off the vertical, with the camera so many standard deviations nearer than it claims.
+double angle_to(const LonLat& corner, const CandidatePose& pose, double sigmas) {
+  const LocalFrame frame(
+      {static_cast<double>(pose.lon_e7) * kDegreesPerE7, static_cast<double>(pose.lat_e7) * kDegreesPerE7});
+  const Enu at = frame.enu_from_lonlat(corner);
+  // Beyond the horizon the plane's coordinates come back; what lies below it is far away.
+  const double distance_m = std::hypot(at.east_m, at.north_m, at.up_m);
+  const double slack_m = sigmas * static_cast<double>(pose.sigma_mm) / 1000;
+  return std::atan2(std::max(0.0, distance_m - slack_m), static_cast<double>(pose.agl_mm) / 1000);
+}
+
+std::optional<Refusal> check_time(UtcMillis captured_at, UtcTime announced_at, UtcTime now,
+                                  const CandidateRules& rules) {
+  constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
+  const std::int64_t captured_ms = captured_at.unix_ms, now_ms = now.unix_s * 1000;
+  if (captured_ms > now_ms + rules.max_clock_error_ms) {
+    return refusal(ReasonCode::captured_in_future,
+                   fmt::format("captured {} s ahead of this clock", (captured_ms - now_ms) / 1000));
+  }
+  if (captured_ms > announced_at.unix_s * 1000 + rules.max_clock_error_ms) {
+    return refusal(ReasonCode::captured_in_future, "captured after its batch was made");
+  }
+  if (captured_ms < now_ms - rules.max_age_ms) {
+    return refusal(ReasonCode::too_old, fmt::format("captured {} days ago; at most {}",
+                                                    (now_ms - captured_ms) / kDay_ms, rules.max_age_ms / kDay_ms));
+  }
+  return std::nullopt;
+}
+
+std::optional<Refusal> check_place(const CandidateSidecar& sidecar, const CandidateRules& rules) {
+  if (!sidecar.key.valid() || sidecar.key.z < rules.min_zoom || sidecar.key.z > rules.max_zoom) {
+    return refusal(ReasonCode::address_invalid,
+                   fmt::format("{}/{}/{}; zooms {} to {} are taken", sidecar.key.z, sidecar.key.x, sidecar.key.y,
+                               rules.min_zoom, rules.max_zoom));
+  }
+  if (sidecar.source != SourceLabel::satellite_anchored) {
+    return refusal(ReasonCode::pose_uncertain, "the frame was not anchored to the map");
+  }
+  if (sidecar.pose.sigma_mm > rules.max_sigma_mm) {
+    return refusal(ReasonCode::pose_uncertain,
+                   fmt::format("sigma {} mm; at most {}", sidecar.pose.sigma_mm, rules.max_sigma_mm));
+  }
+  if (sidecar.anchor_age_ms > rules.max_anchor_age_ms) {
+    return refusal(ReasonCode::anchor_too_old,
+                   fmt::format("anchored {} ms before; at most {}", sidecar.anchor_age_ms, rules.max_anchor_age_ms));
+  }
+  if (const double angle = view_angle_rad(sidecar, rules.sigmas); !(angle <= rules.max_view_angle_rad)) {
+    return refusal(ReasonCode::outside_footprint,
+                   fmt::format("seen from {:.0f} m above its worst corner lies {:.0f} degrees off the vertical",
+                               static_cast<double>(sidecar.pose.agl_mm) / 1000, angle * 180 / M_PI));
+  }
+  return std::nullopt;
+}
+
+std::optional<Refusal> check_quality(const CandidateQuality& quality, const CandidateRules& rules) {
+  constexpr std::int64_t kAll_ppm = 1'000'000;
+  if (quality.overlap_ppm < kAll_ppm) {
+    return refusal(ReasonCode::policy, "the frame saw a part of the tile only; whole tiles are taken");
+  }
+  if (quality.contrast_ppm < rules.min_contrast_ppm || quality.clipped_ppm > rules.max_clipped_ppm) {
+    return refusal(ReasonCode::low_texture, "its own figures say so");
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+// Of the tile's worst corner, each seen from the camera that had it most under itself: which part of a tile a frame
+// made is not said, but the corners are somebody's.
+double view_angle_rad(const CandidateSidecar& sidecar, double sigmas) {
+  const LonLatBox box = bounds_of(sidecar.key);
+  double worst_rad = 0;
+  for (const double lon : {box.west_deg, box.east_deg}) {
+    for (const double lat : {box.south_deg, box.north_deg}) {
+      double least_rad = M_PI;
+      if (sidecar.parts.empty()) least_rad = angle_to({lon, lat}, sidecar.pose, sigmas);
+      for (const CandidatePart& part : sidecar.parts) {
+        least_rad = std::min(least_rad, angle_to({lon, lat}, part.pose, sigmas));
+      }
+      worst_rad = std::max(worst_rad, least_rad);
+    }
+  }
+  return worst_rad;
+}
+
+std::optional<Refusal> check_announced(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
+                                       const CandidateRules& rules) {
+  if (sidecar.size < rules.min_tile_bytes || sidecar.size > rules.max_tile_bytes) {
+    return refusal(ReasonCode::size_out_of_range, fmt::format("{} bytes; {} to {} are taken", sidecar.size,
+                                                              rules.min_tile_bytes, rules.max_tile_bytes));
+  }
+  if (sidecar.format != ImageFormat::jpeg && sidecar.format != ImageFormat::webp) {
+    return refusal(ReasonCode::format_unsupported, "JPEG and WebP are taken");
+  }
+  if (auto wrong = check_place(sidecar, rules)) return wrong;
+  if (auto wrong = check_time(sidecar.captured_at, announced_at, now, rules)) return wrong;
+  for (const CandidatePart& part : sidecar.parts) {
+    if (auto wrong = check_time(part.captured_at, announced_at, now, rules)) return wrong;
+  }
+  return check_quality(sidecar.quality, rules);
+}
+
+namespace {
+
+constexpr double kPpm = 1e6;
+constexpr int kBlur_px = 5;
+
+// Mean length of the gradient, from differences of neighbours.
+double mean_gradient(const cv::Mat& grey) {
+  double sum = 0;
+  for (int row = 0; row + 1 < grey.rows; ++row) {
+    const std::uint8_t* here = grey.ptr<std::uint8_t>(row);
+    const std::uint8_t* below = grey.ptr<std::uint8_t>(row + 1);
+    for (int column = 0; column + 1 < grey.cols; ++column) {
+      const double right = here[column + 1] - here[column], down = below[column] - here[column];
+      sum += std::sqrt(right * right + down * down);
+    }
+  }
+  return sum / (static_cast<double>(grey.rows - 1) * (grey.cols - 1));
+}
+
+}  // namespace
+
+std::variant<cv::Mat, Refusal> read_candidate_image(ByteView bytes, const CandidateSidecar& sidecar) {
+  const auto unsupported = [](std::string detail) {
+    return Refusal{.code = ReasonCode::format_unsupported, .detail = std::move(detail)};
+  };
+  try {
+    const ImageInfo info = read_image_info(bytes, "tile");
+    if (info.format != sidecar.format) {
+      return unsupported(fmt::format("a {} that says it is {}", name_of(info.format), name_of(sidecar.format)));
+    }
+    if (info.width != kTileSize || info.height != kTileSize) {
+      return unsupported(
+          fmt::format("{} x {} pixels; tiles have {} x {}", info.width, info.height, kTileSize, kTileSize));
+    }
+    const DecodedImage decoded = decode_image(bytes, Colour::grey, "tile");
+    if (!decoded.alpha.empty() && cv::countNonZero(decoded.alpha != 255) > 0) {
+      return unsupported("it is transparent in places; whole tiles are taken");
+    }
+    return decoded.image;
+  } catch (const Error& error) {
+    return unsupported("not a valid image: " + error.text().what);
+  }
+}
+
+ImageMetrics image_metrics(const cv::Mat& grey) {
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(grey, mean, deviation);
+  const int clipped = cv::countNonZero(grey == 0) + cv::countNonZero(grey == 255);
+  cv::Mat blurred;
+  cv::blur(grey, blurred, {kBlur_px, kBlur_px});
+  const double before = mean_gradient(grey), after = mean_gradient(blurred);
+  return {.contrast_ppm = std::lround(deviation[0] / 255 * kPpm),
+          .sharpness_ppm = before > 0 ? std::lround(std::max(0.0, 1 - after / before) * kPpm) : 0,
+          .clipped_ppm = std::lround(static_cast<double>(clipped) / static_cast<double>(grey.total()) * kPpm)};
+}
+
+std::optional<Refusal> check_image_metrics(const ImageMetrics& metrics, const CandidateRules& rules) {
+  if (metrics.contrast_ppm < rules.min_contrast_ppm) {
+    return Refusal{.code = ReasonCode::low_texture,
+                   .detail = fmt::format("contrast {} ppm; at least {}", metrics.contrast_ppm, rules.min_contrast_ppm)};
+  }
+  if (metrics.clipped_ppm > rules.max_clipped_ppm) {
+    return Refusal{.code = ReasonCode::low_texture,
+                   .detail = fmt::format("{} ppm of the pixels are black or blown out; at most {}", metrics.clipped_ppm,
+                                         rules.max_clipped_ppm)};
+  }
+  if (metrics.sharpness_ppm < rules.min_sharpness_ppm) {
+    return Refusal{
+        .code = ReasonCode::blurred,
+        .detail = fmt::format("sharpness {} ppm; at least {}", metrics.sharpness_ppm, rules.min_sharpness_ppm)};
+  }
+  return std::nullopt;
+}
+
+namespace {
+
+constexpr int kMean_px = 25;
+
+cv::Mat fine_structure(const cv::Mat& grey) {
+  cv::Mat values, mean;
+  grey.convertTo(values, CV_32F);
+  cv::blur(values, mean, {kMean_px, kMean_px}, {-1, -1}, cv::BORDER_REFLECT);
+  return values - mean;
+}
+
+// Pearson's coefficient; 0 for an image without structure.
+double coefficient(const cv::Mat& one, const cv::Mat& other) {
+  cv::Scalar mean_one, deviation_one, mean_other, deviation_other;
+  cv::meanStdDev(one, mean_one, deviation_one);
+  cv::meanStdDev(other, mean_other, deviation_other);
+  const double product = deviation_one[0] * deviation_other[0];
+  if (!(product > 1e-9)) return 0;
+  return (one.dot(other) / static_cast<double>(one.total()) - mean_one[0] * mean_other[0]) / product;
+}
+
+// `other` moved by the shift, and of both what then lies upon each other.
+double coefficient_at(const cv::Mat& one, const cv::Mat& other, const cv::Point2d& shift) {
+  const cv::Mat move = (cv::Mat_<double>(2, 3) << 1, 0, -shift.x, 0, 1, -shift.y);
+  cv::Mat moved;
+  cv::warpAffine(other, moved, move, other.size(), cv::INTER_LINEAR, cv::BORDER_REFLECT);
+  const int left = std::max(0, static_cast<int>(std::ceil(-shift.x))),
+            top = std::max(0, static_cast<int>(std::ceil(-shift.y)));
+  const int right = one.cols - std::max(0, static_cast<int>(std::ceil(shift.x)));
+  const int bottom = one.rows - std::max(0, static_cast<int>(std::ceil(shift.y)));
+  // Less than a quarter of the tile says nothing.
+  if (right - left < one.cols / 2 || bottom - top < one.rows / 2) return 0;
+  const cv::Rect common(left, top, right - left, bottom - top);
+  return coefficient(one(common).clone(), moved(common).clone());
+}
+
+}  // namespace
+
+Agreement compare_images(const cv::Mat& one, const cv::Mat& other) {
+  const cv::Mat fine_one = fine_structure(one), fine_other = fine_structure(other);
+  cv::Mat window;
+  cv::createHanningWindow(window, one.size(), CV_32F);
+  const cv::Point2d shift = cv::phaseCorrelate(fine_one, fine_other, window);
+  if (!std::isfinite(shift.x) || !std::isfinite(shift.y)) return {};
+  // Where they lie already may be better than a false peak.
+  const double there = coefficient_at(fine_one, fine_other, shift), here = coefficient_at(fine_one, fine_other, {});
+  if (here >= there) return {.shift_px = 0, .correlation = here};
+  return {.shift_px = std::hypot(shift.x, shift.y), .correlation = there};
+}
+
+}  // namespace nadir

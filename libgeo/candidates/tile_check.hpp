@@ -1,0 +1,54 @@
+// Checks of a candidate tile: its sidecar before any byte of its image has come, the image itself, and whether two
+// images of one tile show the same ground at the same place.
+//
+// Signatures are checked first, by the caller: an unsigned sidecar proves nothing.
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <variant>
+
+#include "candidates/candidate_rules.hpp"
+#include "candidates/catalogue_rows.hpp"
+
+namespace nadir {
+
+// The first reason for refusing it, the most useful to an operator first.
+// announced_at: when its batch says that it was made.
+std::optional<Refusal> check_announced(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
+                                       const CandidateRules& rules);
+
+// How far a tile's worst corner lies off the vertical below the camera; the uncertainty of the pose is on the tile's
+// side. Flat ground.
+double view_angle_rad(const CandidateSidecar& sidecar, double sigmas);
+
+// The image's grey levels: CV_8UC1, kTileSize square. The header is checked first: nothing is decoded that has other
+// dimensions or another format than the sidecar names.
+std::variant<cv::Mat, Refusal> read_candidate_image(ByteView bytes, const CandidateSidecar& sidecar);
+
+// Measured by the service itself: the figures in the sidecar are its maker's. Sharpness is what a slight blur takes
+// away of the gradients: much of a sharp image's, hardly any of a blurred one's (Crete et al. 2007, "The blur effect").
+// The gradients alone depend on the ground.
+struct ImageMetrics {
+  std::int64_t contrast_ppm = 0;   // standard deviation of the grey levels, of 255
+  std::int64_t sharpness_ppm = 0;  // share of the mean gradient that is lost by averaging over 5 × 5 pixels
+  std::int64_t clipped_ppm = 0;    // of the pixels: 0 or 255
+};
+ImageMetrics image_metrics(const cv::Mat& grey);
+
+std::optional<Refusal> check_image_metrics(const ImageMetrics& metrics, const CandidateRules& rules);
+
+// Whether two images of one tile show the same ground, and how far they are shifted.
+//
+// Their local means over 25 pixels are subtracted: light and season change those more than the fine structure. The
+// shift is the peak of the phase correlation (cv::phaseCorrelate, Foroosh et al. 2002, to a fraction of a pixel);
+// agreement there is Pearson's correlation coefficient of the overlap (-1 to 1).
+struct Agreement {
+  double shift_px = 0;  // length
+  double correlation = 0;
+};
+
+// Both CV_8UC1 and of one size. Symmetric but for rounding.
+Agreement compare_images(const cv::Mat& one, const cv::Mat& other);
+
+}  // namespace nadir

@@ -1,0 +1,51 @@
+// The log of a flight and its fixed-interval smoother.
+//
+// FlightStep holds all that the flight filter was given for one frame; apply_step() gives it the same again, in the same
+// order. So a late anchor can be inserted where it belongs, and the whole flight can be smoothed afterwards.
+//
+// Online, an anchor that passed the gates is accepted. Afterwards all anchors are tested against each other: with z, R an
+// anchor's position and covariance, and x, P those of the smoothed track that it is part of, z - x has the covariance
+// R - P. The anchor with the largest χ² above the limit is rejected, wholly, and the flight is smoothed again without it,
+// until none is left (as with switchable constraints, Sünderhauf and Protzel 2012; a robust loss would still be pulled).
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "estimation/flight_filter.hpp"
+
+namespace nadir {
+
+struct FlightStep {
+  double seconds = 0;                        // since the last frame, intervals included
+  std::vector<TelemetryInterval> intervals;  // Telemetry's
+  std::optional<double> measured_heading_rad;
+  bool tilt_measured = true;
+  std::optional<Eigen::Vector2d> imu_dv_mps;
+  std::optional<double> height_reset_sigma;  // of the log height: its source has changed
+  std::optional<RelativeMotionMeasurement> relative_motion;
+  std::optional<double> contradicted_turn_rad;        // the images' turn beyond the telemetry's: inflates the heading
+  std::optional<double> wrong_course_sigma_m;         // inflates the position: the course may be another one
+  std::optional<double> hint_sigma_m;                 // the same, before the frame was matched: an operator's hint
+  std::optional<double> contradicted_anchor_sigma_m;  // the same, before the anchor: it contradicts the track
+  std::optional<PoseMeasurement> anchor;
+  bool anchor_unambiguous = false;  // so clear that no wrong place ever was: needs no corroboration by another anchor
+  TelemetryReference reference;     // for poses alone
+};
+
+// Brings the filter to the step's frame, through its intervals.
+void propagate_to(FlightFilter& filter, const FlightStep& step);
+
+// Applies a step to the filter, with its anchor or without. Returns the correction of the previous frame's position
+// (FlightFilter::update_relative()).
+Eigen::Vector2d apply_step(FlightFilter& filter, const FlightStep& step, bool with_anchor);
+
+struct SmoothedFlight {
+  std::vector<FlightFilter::Smoothed> frames;
+  std::vector<std::size_t> rejected_anchors;  // frames whose anchors the others contradict, in the order of rejection
+};
+
+// initial: the filter before the first step.
+SmoothedFlight smooth_flight(const FlightFilter& initial, const std::vector<FlightStep>& steps);
+
+}  // namespace nadir

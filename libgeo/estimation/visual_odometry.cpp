@@ -1,0 +1,154 @@
+#include "estimation/visual_odometry.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "geodesy/angles.hpp"
+#include "vision/feature_matching.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace parameters::visual_odometry;
+
+std::vector<RayPair> ray_pairs_of(const OdometryFrame& before, const OdometryFrame& now, const PixelPairs& pairs) {
+  std::vector<RayPair> rays;
+  if (pairs.before.size() < kMinInliers) return rays;
+  std::vector<std::uint8_t> inlier;
+  const cv::Mat homography =
+      cv::findHomography(pairs.before, pairs.now, cv::USAC_MAGSAC, kHomographyThreshold_px, inlier,
+                         kHomographyIterations, kHomographyConfidence);
+  if (homography.empty()) return rays;
+  const auto ray = [](const CameraModel& camera, const cv::Point2f& pixel) {
+    return camera.ray_from_pixel({static_cast<double>(pixel.x), static_cast<double>(pixel.y)});
+  };
+  for (std::size_t i = 0; i < inlier.size(); ++i) {
+    if (inlier[i] == 0) continue;
+    rays.push_back({ray(before.camera, pairs.before[i]), ray(now.camera, pairs.now[i])});
+  }
+  return rays;
+}
+
+TwoViewPrior prior_of(const OdometryFrame& before, const OdometryFrame& now) {
+  TwoViewPrior prior;
+  prior.before = {{}, before.agl_m, before.attitude};
+  prior.now = {{}, now.agl_m, now.attitude};
+  prior.heading_sigma_rad = now.heading_sigma_rad;
+  const Eigen::Matrix2d& shared = now.boresight_covariance_rad2;
+  prior.tilt_covariance_rad2 << shared, shared, shared, shared;
+  prior.tilt_covariance_rad2.diagonal().array() += now.tilt_sigma_rad * now.tilt_sigma_rad;
+  prior.ground_slope = (before.ground_slope + now.ground_slope) / 2;
+  prior.relief_sigma_m = now.relief_sigma_m;
+  prior.log_height_sigma = now.relative_height_sigma;
+  return prior;
+}
+
+// Directions of which the images say nothing get a variance that is as good as infinite.
+RelativeMotionMeasurement measurement_of(const TwoViewMotion& motion, const OdometryFrame& frame_before,
+                                         const OdometryFrame& frame_now) {
+  const LinearizationPoint &before = frame_before.linearization_point, &now = frame_now.linearization_point;
+  Eigen::Matrix<double, 8, 1> vague;
+  const double far_m = parameters::pose_measurement::kVagueMotionLengths * (1 + motion.displacement_m.norm());
+  vague << far_m, far_m, 1, 1, 1, 1, 1, 1;
+  const Eigen::Matrix<double, 8, 8> weak = vague.cwiseProduct(vague).cwiseInverse().asDiagonal();
+  RelativeMotionMeasurement measurement;
+  measurement.covariance = (motion.measurement_information + weak).inverse();
+  measurement.value = motion.solved + measurement.covariance * motion.measurement_gradient;
+  // What the model lacks (lens, rolling shutter, relief) grows with the displacement in the image.
+  const double unmodelled_m = kModelErrorShare * motion.displacement_m.norm();
+  const double turn_rad = wrap_pi(now.heading_rad - before.heading_rad + measurement.value[3]);
+  const double unmodelled_rad = std::hypot(unmodelled_m / frame_now.agl_m, kTurnErrorShare * turn_rad);
+  measurement.covariance.topLeftCorner<2, 2>().diagonal().array() += unmodelled_m * unmodelled_m;
+  measurement.covariance(3, 3) += unmodelled_rad * unmodelled_rad;
+  measurement.before = before;
+  measurement.now = now;
+  return measurement;
+}
+
+}  // namespace
+
+OdometryFrame at_working_size(const OdometryFrame& frame) {
+  OdometryFrame reduced = frame;
+  const double factor = std::min(1.0, kWorkingWidth_px / std::max(frame.grey.cols, frame.grey.rows));
+  if (factor < 1) {
+    reduced.camera = frame.camera.scaled(factor);
+    reduced.grey = cv::Mat();
+    cv::resize(frame.grey, reduced.grey, cv::Size(reduced.camera.width, reduced.camera.height), 0, 0, cv::INTER_AREA);
+  }
+  return reduced;
+}
+
+std::optional<MeasuredMotion> measure_motion(const OdometryFrame& before, const OdometryFrame& now,
+                                             const PixelPairs& pairs) {
+  const auto rays = ray_pairs_of(before, now, pairs);
+  if (static_cast<int>(rays.size()) < kMinInliers) return std::nullopt;
+  const auto motion = solve_two_view_motion(rays, prior_of(before, now));
+  if (!motion || motion->inliers < kMinInliers) return std::nullopt;
+  MeasuredMotion measured{{}, *motion};
+  OdometryStep& step = measured.step;
+  step.displacement_m = motion->displacement_m;
+  step.covariance_m2 = motion->covariance_m2;
+  step.measurement = measurement_of(*motion, before, now);
+  step.inliers = motion->inliers;
+  const auto box = footprint_of(now.camera, {{}, now.agl_m, now.attitude});
+  if (box) {
+    const double across = std::min(box->east_m - box->west_m, box->north_m - box->south_m);
+    step.overlap = std::max(0.0, 1.0 - step.displacement_m.norm() / across);
+  }
+  return measured;
+}
+
+namespace {
+
+struct FrameFeatures {
+  OdometryFrame frame;  // without its image
+  std::vector<cv::KeyPoint> points;
+  FeatureDescriptors descriptors;
+};
+
+FrameFeatures features_of(const OdometryFrame& frame, cv::Feature2D& detector) {
+  FrameFeatures features{at_working_size(frame), {}, {}};
+  cv::Mat descriptors;
+  detector.detectAndCompute(features.frame.grey, cv::noArray(), features.points, descriptors);
+  features.descriptors = FeatureDescriptors(descriptors);
+  features.frame.grey.release();
+  return features;
+}
+
+PixelPairs matched_pixels(const FrameFeatures& before, const FrameFeatures& now) {
+  PixelPairs pairs;
+  for (const FeatureMatch& match : unambiguous_matches(now.descriptors, before.descriptors, kMatchRatio)) {
+    pairs.before.push_back(before.points[match.second].pt);
+    pairs.now.push_back(now.points[match.first].pt);
+  }
+  return pairs;
+}
+
+class FeatureOdometry final : public OdometryFrontEnd {
+ public:
+  std::optional<OdometryStep> track(const OdometryFrame& frame) override {
+    FrameFeatures now = features_of(frame, *detector_);
+    std::optional<OdometryStep> step;
+    if (last_) {
+      if (auto measured = measure_motion(last_->frame, now.frame, matched_pixels(*last_, now))) step = measured->step;
+    }
+    last_ = std::move(now);
+    return step;
+  }
+
+  void reset() override { last_.reset(); }
+
+ private:
+  cv::Ptr<cv::Feature2D> detector_ = cv::SIFT::create(kMaxFeatures, kOctaveLayers, kSiftContrast);
+  std::optional<FrameFeatures> last_;
+};
+
+}  // namespace
+
+std::unique_ptr<OdometryFrontEnd> make_feature_odometry() { return std::make_unique<FeatureOdometry>(); }
+
+}  // namespace nadir

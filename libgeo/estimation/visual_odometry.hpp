@@ -1,0 +1,84 @@
+// Visual odometry: the camera's motion from one frame to the next over the ground.
+//
+// Backend-neutral: a front end receives a frame with its predicted attitude and height and returns how the camera moved
+// since the last one, in metres and in the world's directions as the predicted heading has them, or nothing. A
+// visual-inertial estimator can implement the same interface. tests/bench/flow_odometry.hpp is a second implementation,
+// which the contract tests run as well.
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
+#include <optional>
+#include <vector>
+
+#include "vision/localizer_parameters.hpp"
+#include "estimation/pose_measurements.hpp"
+#include "estimation/two_view_motion.hpp"
+#include "vision/rectification.hpp"
+
+namespace nadir {
+
+struct OdometryFrame {
+  cv::Mat grey;                            // CV_8UC1, full frame
+  CameraModel camera;                      // of `grey`
+  Attitude attitude;                       // predicted, boresight included
+  double agl_m = 0;                        // predicted
+  LinearizationPoint linearization_point;  // the same, as the flight filter has it; returned with the step
+  // Of this frame's heading against the last frame's.
+  double heading_sigma_rad = parameters::visual_odometry::kDefaultHeadingSigma_rad;
+  // Of the tilt that changes from frame to frame.
+  double tilt_sigma_rad = parameters::visual_odometry::kDefaultTiltSigma_rad;
+  Eigen::Matrix2d boresight_covariance_rad2 = Eigen::Matrix2d::Zero();  // of the tilt that all frames share
+  Eigen::Vector2d ground_slope = Eigen::Vector2d::Zero();               // rise over run to the east and north
+  double relief_sigma_m = parameters::visual_odometry::kDefaultReliefSigma_m;  // of the ground beyond a plane
+  // Of this frame's height against the last frame's.
+  double relative_height_sigma = parameters::visual_odometry::kDefaultRelativeHeightSigma;
+};
+
+struct OdometryStep {
+  Eigen::Vector2d displacement_m = Eigen::Vector2d::Zero();  // east, north, of the camera
+  Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Identity();
+  RelativeMotionMeasurement measurement;  // the same with both frames' attitudes and heights, without any prior
+  int inliers = 0;
+  double overlap = 0;  // share of the frame that both saw
+};
+
+class OdometryFrontEnd {
+ public:
+  virtual ~OdometryFrontEnd() = default;
+  // The motion since the last frame given; nothing for the first frame, without overlap or when unhealthy.
+  virtual std::optional<OdometryStep> track(const OdometryFrame& frame) = 0;
+  // Forgets the last frame.
+  virtual void reset() = 0;
+};
+
+using OdometryFactory = std::function<std::unique_ptr<OdometryFrontEnd>()>;
+
+// SIFT features and a robust homography for the inliers, then measure_motion().
+std::unique_ptr<OdometryFrontEnd> make_feature_odometry();
+
+// ---- What front ends that compare images have in common, however they find corresponding pixels.
+
+// Pixels of both frames at working size, the same points in the same order, outliers among them.
+struct PixelPairs {
+  std::vector<cv::Point2f> before, now;
+};
+
+struct MeasuredMotion {
+  OdometryStep step;
+  TwoViewMotion motion;
+};
+
+// The frame with its image and camera reduced to the size that front ends work at.
+OdometryFrame at_working_size(const OdometryFrame& frame);
+
+// A robust homography (MAGSAC++) selects the inliers; both attitudes and the displacement follow from their rays
+// (two_view_motion.hpp). The noise that the model lacks (lens, rolling shutter, relief) is added: a share of the
+// displacement, and a share of the turn. Nothing when too few agree. The frames' images are not used.
+std::optional<MeasuredMotion> measure_motion(const OdometryFrame& before, const OdometryFrame& now,
+                                             const PixelPairs& pairs);
+
+}  // namespace nadir

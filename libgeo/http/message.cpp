@@ -1,0 +1,59 @@
+#include "http/message.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <nlohmann/json.hpp>
+
+#include "base/printable.hpp"
+
+namespace nadir {
+namespace {
+
+const char* title_of(int status) {
+  switch (status) {
+    case 400: return "Bad request";
+    case 401: return "Token wanted";
+    case 403: return "Not allowed";
+    case 404: return "Not found";
+    case 405: return "Method not allowed";
+    case 409: return "Not possible in this state";
+    case 411: return "Length wanted";
+    case 413: return "Body too large";
+    case 415: return "Wrong media type";
+    case 421: return "Wrong host";
+    case 422: return "Refused";
+    case 429: return "Too many requests";
+    case 431: return "Header too large";
+    case 460: return "Checksum mismatch";
+    case 503: return "Not available";
+    case 507: return "Storage full";
+    default: return "Failed";
+  }
+}
+
+}  // namespace
+
+ApiResponse answer(const Problem& problem) {
+  nlohmann::json document{{"type", "urn:nadir:problem:" + problem.type},
+                          {"title", title_of(problem.status)},
+                          {"status", problem.status},
+                          {"detail", printable(problem.detail)}};
+  for (const FieldError& error : problem.errors) {
+    document["errors"].push_back({{"pointer", printable(error.pointer)}, {"detail", printable(error.detail)}});
+  }
+  return {.status = problem.status, .content_type = "application/problem+json", .body = document.dump()};
+}
+
+std::string lower_case(std::string_view text) {
+  std::string lower(text);
+  std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char c) { return std::tolower(c); });
+  return lower;
+}
+
+std::string media_type(std::string_view content_type) {
+  content_type = content_type.substr(0, content_type.find(';'));
+  while (content_type.ends_with(' ') || content_type.ends_with('\t')) content_type.remove_suffix(1);
+  return lower_case(content_type);
+}
+
+}  // namespace nadir

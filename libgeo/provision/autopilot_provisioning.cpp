@@ -1,0 +1,328 @@
+#include "provision/autopilot_provisioning.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <ranges>
+
+#include "base/error.hpp"
+#include "mavlink/commands.hpp"
+#include "mavlink/gps_input.hpp"
+
+namespace nadir {
+namespace {
+
+std::string uid_of(const AutopilotVersion& version) {
+  if (std::ranges::all_of(version.uid2, [](std::uint8_t byte) { return byte == 0; })) {
+    return version.uid == 0 ? std::string() : fmt::format("{:016x}", version.uid);
+  }
+  std::string text;
+  for (const std::uint8_t byte : version.uid2) text += fmt::format("{:02x}", byte);
+  return text;
+}
+
+void check(const AutopilotSession& session, const Heartbeat& heartbeat) {
+  if (!heartbeat.is_ardupilot) {
+    throw Error({.what = "this autopilot is not ArduPilot",
+                 .where = session.url(),
+                 .expected = "ArduPilot",
+                 .found = "another autopilot"});
+  }
+  if (heartbeat.armed) {
+    throw Error({.what = "the aircraft is armed",
+                 .where = session.url(),
+                 .expected = "an aircraft that is disarmed, on the ground",
+                 .found = "armed",
+                 .fix = "disarm it; an autopilot accepts no key while it is armed"});
+  }
+}
+
+}  // namespace
+
+AutopilotIdentity identify(AutopilotSession& session) {
+  AutopilotIdentity identity;
+  std::optional<Heartbeat> received;
+  session.request({}, [&](const ReceivedMessage& message) {
+    const auto* heartbeat = std::get_if<Heartbeat>(&message.message);
+    if (heartbeat == nullptr || !heartbeat->is_autopilot) return false;
+    received = *heartbeat;
+    identity.address = message.source;
+    return true;
+  });
+  if (!received) {
+    throw Error({.what = "no autopilot answers",
+                 .where = session.url(),
+                 .expected = "its HEARTBEAT",
+                 .found = fmt::format("none in {} s; {} valid frames of others, {} with a wrong checksum",
+                                      session.timeout_s(), session.counts().messages, session.counts().frames.bad_crc),
+                 .fix = "check power, cable, address and baud rate; a signed link needs --signing-key"});
+  }
+  check(session, *received);
+  const bool known = session.request(
+      request_message(identity.address, StreamedMessage::autopilot_version), [&](const ReceivedMessage& message) {
+        const auto* version = std::get_if<AutopilotVersion>(&message.message);
+        if (version == nullptr || message.source != identity.address) return false;
+        const std::uint32_t v = version->flight_software;
+        identity.version = fmt::format("{}.{}.{}", v >> 24, (v >> 16) & 0xFF, (v >> 8) & 0xFF);
+        identity.uid = uid_of(*version);
+        return true;
+      });
+  if (!known || identity.uid.empty()) {
+    throw Error({.what = "the autopilot does not identify itself",
+                 .where = session.url(),
+                 .expected = "AUTOPILOT_VERSION with the processor's identity",
+                 .found = known ? "an identity of zeros" : fmt::format("no answer in {} s", session.timeout_s()),
+                 .fix = "give its --signing-key if it has one, else update it: ArduPilot identifies itself since version 4.0"});
+  }
+  return identity;
+}
+
+namespace {
+
+constexpr double kMavlinkGps = 14;
+constexpr double kGpsDelay_ms = 10;  // our fixes are current; 0 would mean 200 to ArduPilot
+
+std::vector<AutopilotParameter> wanted(int receiver) {
+  return {{.name = fmt::format("GPS{}_TYPE", receiver), .wanted = kMavlinkGps},
+          {.name = fmt::format("GPS{}_DELAY_MS", receiver), .wanted = kGpsDelay_ms},
+          {.name = "EK3_SRC1_POSXY", .wanted = 3},
+          {.name = "EK3_SRC1_VELXY", .wanted = 3},
+          {.name = "EK3_SRC1_POSZ", .wanted = 1},
+          {.name = "EK3_SRC1_YAW", .wanted = 1}};
+}
+
+std::optional<ParameterValue> ask(AutopilotSession& session, MavlinkAddress autopilot, const std::string& name,
+                                  const OutgoingMessage& request, std::optional<double> until) {
+  std::optional<ParameterValue> answer;
+  session.request(request, [&](const ReceivedMessage& message) {
+    const auto* value = std::get_if<ParameterValue>(&message.message);
+    if (value == nullptr || message.source != autopilot || value->name != name) return false;
+    answer = *value;
+    return !until || value->value == *until;
+  });
+  return answer;
+}
+
+std::optional<ParameterValue> read(AutopilotSession& session, MavlinkAddress autopilot, const std::string& name) {
+  return ask(session, autopilot, name, ParameterRequest{autopilot, name}, {});
+}
+
+// The value that the autopilot reports when it is asked again.
+std::optional<ParameterValue> set(AutopilotSession& session, MavlinkAddress autopilot, const AutopilotParameter& one,
+                                  double value) {
+  const ParameterSet request{autopilot, one.name, static_cast<float>(value), one.type};
+  const auto answer = ask(session, autopilot, one.name, request, value);
+  return answer && answer->value == value ? read(session, autopilot, one.name) : answer;
+}
+
+}  // namespace
+
+std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, MavlinkAddress autopilot, int receiver) {
+  std::vector<AutopilotParameter> parameters = wanted(receiver);
+  for (AutopilotParameter& one : parameters) {
+    const auto answer = read(session, autopilot, one.name);
+    if (!answer) {
+      throw Error({.what = "the autopilot does not report a parameter",
+                   .where = one.name,
+                   .expected = "its value",
+                   .found = fmt::format("no answer in {} s", session.timeout_s()),
+                   .fix = "ArduPilot 4.6 or later with EKF3 is needed; GPS2_TYPE exists when GPS2 is enabled"});
+    }
+    one.present = answer->value;
+    one.type = answer->type;
+  }
+  return parameters;
+}
+
+void set_parameters(AutopilotSession& session, MavlinkAddress autopilot,
+                    const std::vector<AutopilotParameter>& parameters, std::vector<AutopilotParameter>& changed) {
+  for (const AutopilotParameter& one : parameters) {
+    if (!one.differs()) continue;
+    changed.push_back(one);  // first: the answer may be lost, but not the request
+    const auto answer = set(session, autopilot, one, one.wanted);
+    if (answer && answer->value == one.wanted) continue;
+    throw Error(
+        {.what = "the autopilot does not accept a parameter",
+         .where = one.name,
+         .expected = fmt::format("{}", one.wanted),
+         .found = answer ? fmt::format("{}", answer->value) : "no answer",
+         .fix = "look for the reason in the autopilot's messages (read-only parameters, a locked ground station)"});
+  }
+}
+
+std::vector<std::string> restore_parameters(AutopilotSession& session, MavlinkAddress autopilot,
+                                            const std::vector<AutopilotParameter>& changed) {
+  std::vector<std::string> failed;
+  for (const AutopilotParameter& one : std::views::reverse(changed)) {
+    const auto answer = set(session, autopilot, one, one.present);
+    if (!answer || answer->value != one.present) failed.push_back(one.name);
+  }
+  return failed;
+}
+
+namespace {
+
+constexpr int kImuSamples = 50;
+constexpr std::uint64_t kMaxMeasurement_us = 3'000'000;  // by the autopilot's clock
+constexpr double kSettling_s = 10;                           // ArduPlane 4.7 accepts no rate for 14 s after its start
+constexpr LonLat kNowhere{-11.2345678, 2.3456789};           // the Gulf of Guinea
+constexpr double kNowhereSigma_m = 100;                      // arming and the filter require 5
+constexpr double kSamePlace_deg = 1e-6;
+
+std::int64_t unix_us() {
+  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+// By the autopilot's clock; 0 when none came.
+double imu_rate_hz(AutopilotSession& session, MavlinkAddress autopilot) {
+  std::optional<std::uint64_t> first_us;
+  std::uint64_t last_us = 0;
+  int samples = 0;
+  const auto count = [&](const ReceivedMessage& message) {
+    const auto* imu = std::get_if<ImuSample>(&message.message);
+    if (imu == nullptr || message.source != autopilot || imu->instance != 1 || imu->time_us <= last_us) return false;
+    last_us = imu->time_us;
+    if (!first_us) first_us = last_us;
+    return ++samples > kImuSamples || last_us - *first_us > kMaxMeasurement_us;
+  };
+  session.request(set_message_interval(autopilot, StreamedMessage::raw_imu, kWantedImuRate_hz), count);
+  return samples < 2 ? 0 : (samples - 1) * 1e6 / static_cast<double>(last_us - *first_us);
+}
+
+}  // namespace
+
+double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot) {
+  const auto until =
+      std::chrono::steady_clock::now() + std::chrono::duration<double>(kSettling_s + session.timeout_s());
+  double rate_hz = 0;
+  do {
+    rate_hz = imu_rate_hz(session, autopilot);
+    if (rate_hz >= kMinImuRate_hz) return rate_hz;
+  } while (rate_hz > 0 && std::chrono::steady_clock::now() < until);
+  throw Error(
+      {.what = "the rate of the accelerometer is too low",
+       .where = session.url(),
+       .expected = fmt::format("RAW_IMU at {} Hz, as asked for; at least {}", kWantedImuRate_hz, kMinImuRate_hz),
+       .found = rate_hz > 0 ? fmt::format("{:.1f} Hz by the autopilot's clock", rate_hz) : "none",
+       .fix = "raise the link's baud rate, and lower the SRn_ rates of other streams on it"});
+}
+
+void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int receiver) {
+  const auto gps_id = static_cast<std::uint8_t>(receiver - 1);
+  std::optional<GpsRaw> last;
+  const Fix fix{.unix_us = unix_us(), .place = kNowhere, .sigma_m = kNowhereSigma_m};
+  const bool received = session.request(gps_input(fix, gps_id), [&](const ReceivedMessage& message) {
+    const auto* gps = std::get_if<GpsRaw>(&message.message);
+    if (gps == nullptr || message.source != autopilot || gps->receiver != receiver) return false;
+    last = *gps;
+    return std::abs(gps->place.lat_deg - kNowhere.lat_deg) < kSamePlace_deg &&
+           std::abs(gps->place.lon_deg - kNowhere.lon_deg) < kSamePlace_deg;
+  });
+  session.send(gps_input_without_fix(unix_us(), gps_id));
+  if (received) return;
+  throw Error({.what = "the autopilot does not receive GPS_INPUT",
+               .where = session.url(),
+               .expected = fmt::format("its receiver {} at {:.7f}, {:.7f}, as sent", receiver, kNowhere.lon_deg,
+                                       kNowhere.lat_deg),
+               .found = last ? fmt::format("{:.7f}, {:.7f}", last->place.lon_deg, last->place.lat_deg)
+                             : fmt::format("nothing of that receiver in {} s", session.timeout_s()),
+               .fix = "restart the autopilot, which reads the receivers' types at its start, and provision again"});
+}
+
+namespace {
+
+std::optional<std::uint32_t> boot_ms(AutopilotSession& session, MavlinkAddress autopilot,
+                                     std::optional<std::uint32_t> before) {
+  std::optional<std::uint32_t> answer;
+  session.request(request_message(autopilot, StreamedMessage::system_time), [&](const ReceivedMessage& message) {
+    const auto* time = std::get_if<SystemTime>(&message.message);
+    if (time == nullptr || message.source != autopilot || (before && time->boot_ms >= *before)) return false;
+    answer = time->boot_ms;
+    return true;
+  });
+  return answer;
+}
+
+// Whether the autopilot reads this parameter only at its start.
+bool needs_restart(const AutopilotParameter& parameter) {
+  return parameter.name.ends_with("_TYPE") || parameter.name.ends_with("_DELAY_MS");
+}
+
+struct Changes {
+  std::vector<AutopilotParameter> parameters;
+  bool key = false;
+};
+
+// What could not be reverted; empty when all is as before.
+std::string revert(AutopilotSession& session, MavlinkAddress autopilot, const Changes& changes) {
+  session.ignore_interrupts();
+  const SignatureCounts received = session.counts().signatures;
+  const bool signs = changes.key && received.accepted > 0;
+  std::string left;
+  try {
+    if (changes.key && !signs) session.open();  // as the autopilot continues
+  } catch (const Error& error) {
+    left = error.text().what + "; ";
+  }
+  const auto failed = restore_parameters(session, autopilot, changes.parameters);
+  if (!failed.empty()) left += fmt::format("not reverted: {}; ", fmt::join(failed, ", "));
+  const bool without_key = signs ? remove_key(session, autopilot) : !changes.key || received.without > 0;
+  if (!without_key) left += "it may still have the signing key: keep that key file; ";
+  return left;
+}
+
+}  // namespace
+
+void restart(AutopilotSession& session, MavlinkAddress autopilot) {
+  const auto before = boot_ms(session, autopilot, {});
+  if (before) {
+    session.send(restart_command(autopilot));
+    if (boot_ms(session, autopilot, before)) return;
+  }
+  throw Error({.what = "the autopilot does not restart",
+               .where = session.url(),
+               .expected = "a SYSTEM_TIME that counts from a new start",
+               .found = before ? fmt::format("none in {} s", session.timeout_s()) : "no SYSTEM_TIME",
+               .fix = "give it longer with --patience-s"});
+}
+
+Provisioned provision(AutopilotSession& session, const AutopilotIdentity& autopilot, LinkState link,
+                      const std::vector<AutopilotParameter>& parameters, const ProvisioningOptions& options,
+                      const std::function<void()>& last, const std::function<void(std::string_view)>& on_step) {
+  Provisioned result;
+  Changes changes;
+  try {
+    set_parameters(session, autopilot.address, parameters, changes.parameters);
+    on_step(fmt::format("{} parameters set", changes.parameters.size()));
+    if (std::ranges::any_of(changes.parameters, needs_restart)) {
+      restart(session, autopilot.address);
+      result.restarted = true;
+      on_step("restarted");
+    }
+    if (options.key && link == LinkState::unsigned_link) {
+      changes.key = true;
+      install_key(session, autopilot.address, *options.key, options.signing_time);
+      result.key_installed = true;
+      on_step("the link is signed");
+    }
+    result.imu_rate_hz = check_imu_rate(session, autopilot.address);
+    check_gps_input(session, autopilot.address, options.receiver);
+    on_step("RAW_IMU and GPS_INPUT work");
+    last();
+  } catch (const Error& error) {
+    ErrorText text = error.text();
+    const std::string left = revert(session, autopilot.address, changes);
+    text.fix = (left.empty() ? "all changes to the autopilot were reverted; " : left) + text.fix;
+    throw Error(text);
+  } catch (const Interrupted&) {
+    revert(session, autopilot.address, changes);
+    throw;
+  }
+  return result;
+}
+
+}  // namespace nadir

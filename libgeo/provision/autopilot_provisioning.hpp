@@ -1,0 +1,77 @@
+// Prepares an ArduPilot autopilot for flying with us: identify it, set the parameters that it needs (docs/autopilot.md),
+// install the key that its link is signed with, and test what only a try shows: that it sends its accelerometer often
+// enough and receives our GPS_INPUT. A step that fails stops with its reason and all changes are reverted: an aircraft is
+// provisioned or as it was before.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "provision/autopilot_session.hpp"
+
+namespace nadir {
+
+struct AutopilotIdentity {
+  MavlinkAddress address;
+  std::string uid;      // hexadecimal: of the processor, the same after every update
+  std::string version;  // "4.6.1"
+};
+
+// Throws Error when there is none, when it is not ArduPilot, is armed, or does not identify itself.
+AutopilotIdentity identify(AutopilotSession& session);
+
+struct AutopilotParameter {
+  std::string name;
+  double wanted = 0;
+  double present = 0;
+  std::uint8_t type = 0;
+
+  bool differs() const { return present != wanted; }
+};
+
+// receiver: 1 or 2, the GPS receiver that GPS_INPUT feeds. Throws Error for a parameter without an answer.
+std::vector<AutopilotParameter> read_parameters(AutopilotSession& session, MavlinkAddress autopilot, int receiver);
+
+// Sets those that differ, and reads each back. What may have been changed is in `changed`, also when it throws.
+void set_parameters(AutopilotSession& session, MavlinkAddress autopilot,
+                    const std::vector<AutopilotParameter>& parameters, std::vector<AutopilotParameter>& changed);
+
+// Restores the present values, newest first. Returns the names of those that failed.
+std::vector<std::string> restore_parameters(AutopilotSession& session, MavlinkAddress autopilot,
+                                            const std::vector<AutopilotParameter>& changed);
+
+inline constexpr double kWantedImuRate_hz = 40;  // the highest rate that ArduPlane sends evenly
+inline constexpr double kMinImuRate_hz = 30;
+
+// Asks for RAW_IMU and measures its rate by the autopilot's own clock, again while it is slow: an autopilot that has
+// just started takes its time. Throws Error below kMinImuRate_hz.
+double check_imu_rate(AutopilotSession& session, MavlinkAddress autopilot);
+
+// Sends a position where nobody flies, with an accuracy that fails every check of the autopilot, until its receiver
+// reports that position, and then "no fix". Throws Error when it does not. receiver: 1 or 2, as above.
+void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int receiver);
+
+struct ProvisioningOptions {
+  int receiver = 1;                      // that GPS_INPUT feeds
+  std::optional<SigningKey> key{};       // that the link is signed with afterwards
+  std::filesystem::path signing_time{};  // file of SigningTime while provisioning; with a key
+};
+
+struct Provisioned {
+  double imu_rate_hz = 0;
+  bool restarted = false;
+  bool key_installed = false;
+};
+
+// Restarts the autopilot and waits for it. Throws Error when it does not.
+void restart(AutopilotSession& session, MavlinkAddress autopilot);
+
+// Parameters, key, tests, then `last`: what must not happen unless all else succeeded. Throws the Error of the failed
+// step; its `fix` says what could not be reverted. on_step: a line for every finished step.
+Provisioned provision(AutopilotSession& session, const AutopilotIdentity& autopilot, LinkState link,
+                      const std::vector<AutopilotParameter>& parameters, const ProvisioningOptions& options,
+                      const std::function<void()>& last, const std::function<void(std::string_view)>& on_step);
+
+}  // namespace nadir

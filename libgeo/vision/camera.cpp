@@ -1,0 +1,258 @@
+#include "vision/camera.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <string_view>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/yaml.hpp"
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+// Brown-Conrady: where the undistorted image point (x, y) at z = 1 appears.
+Eigen::Vector2d distort(const std::array<double, 5>& d, const Eigen::Vector2d& point) {
+  const double x = point.x(), y = point.y();
+  const double r2 = x * x + y * y;
+  const double radial = 1 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
+  return {x * radial + 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x),
+          y * radial + d[2] * (r2 + 2 * y * y) + 2 * d[3] * x * y};
+}
+
+// Derivative of the distorted point with respect to the undistorted one.
+Eigen::Matrix2d distortion_jacobian(const std::array<double, 5>& d, const Eigen::Vector2d& point) {
+  const double x = point.x(), y = point.y();
+  const double r2 = x * x + y * y;
+  const double radial = 1 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
+  const double growth = 2 * (d[0] + r2 * (2 * d[1] + r2 * 3 * d[4]));  // of `radial` with r2, doubled
+  const double mixed = x * y * growth + 2 * d[2] * x + 2 * d[3] * y;
+  Eigen::Matrix2d jacobian;
+  jacobian << radial + x * x * growth + 2 * d[2] * y + 6 * d[3] * x, mixed,  //
+      mixed, radial + y * y * growth + 6 * d[2] * y + 2 * d[3] * x;
+  return jacobian;
+}
+
+// A barrel lens' polynomial turns back far outside of the image. The share of the way to `point` up to which the
+// distorted point still moves outwards.
+double share_before_fold(const std::array<double, 5>& d, const Eigen::Vector2d& point) {
+  const double r2 = point.squaredNorm();
+  const auto outwards = [&](double share) {
+    const double s = share * share * r2;
+    return 1 + s * (3 * d[0] + s * (5 * d[1] + s * 7 * d[4])) > 0;
+  };
+  for (int i = 1; i <= kFoldProbes; ++i) {
+    double before = (i - 1.0) / kFoldProbes, after = static_cast<double>(i) / kFoldProbes;
+    if (outwards(after)) continue;
+    for (int halving = 0; halving < kFoldBisections; ++halving) {
+      const double middle = 0.5 * (before + after);
+      (outwards(middle) ? before : after) = middle;
+    }
+    return before;
+  }
+  return 1;
+}
+
+double positive(const YamlNode& node) {
+  const double value = node.number();
+  if (!(value > 0)) node.reject("a number above 0");
+  return value;
+}
+
+int pixels(const YamlNode& node) {
+  const auto value = node.integer();
+  if (value < 16 || value > 20000) node.reject("a number of pixels from 16 to 20000");
+  return static_cast<int>(value);
+}
+
+std::array<double, 5> read_distortion(const YamlNode& node) {
+  std::array<double, 5> distortion{};
+  const auto items = node.items();
+  if (items.size() != 0 && items.size() != 4 && items.size() != 5) {
+    node.reject("no coefficients, or 4 or 5 of them: k1 k2 p1 p2 [k3]");
+  }
+  for (std::size_t i = 0; i < items.size(); ++i) distortion[i] = items[i].number();
+  return distortion;
+}
+
+// The lens must stay one-to-one inside the image, else a pixel would have two rays.
+void check_invertible(const CameraModel& camera, const YamlNode& node) {
+  for (int i = 0; i <= kInvertibilitySteps; ++i) {
+    for (int j = 0; j <= kInvertibilitySteps; ++j) {
+      const Eigen::Vector2d pixel((camera.width - 1.0) * i / kInvertibilitySteps,
+                                  (camera.height - 1.0) * j / kInvertibilitySteps);
+      const Eigen::Vector2d back = camera.pixel_from_point(camera.ray_from_pixel(pixel));
+      if (!((back - pixel).norm() < kInvertibilityError_px)) {
+        node.reject("a distortion that can be inverted over the whole image");
+      };
+    }
+  }
+}
+
+TelemetryUncertainty read_uncertainty(const YamlNode& node) {
+  node.allow_only({"heading_deg", "agl_relative", "tilt_deg", "imu_dv_mps"});
+  TelemetryUncertainty uncertainty;
+  uncertainty.heading_rad = radians(positive(node.required("heading_deg")));
+  uncertainty.agl_relative = positive(node.required("agl_relative"));
+  uncertainty.tilt_rad = radians(positive(node.required("tilt_deg")));
+  if (const auto imu = node.optional("imu_dv_mps")) uncertainty.imu_dv_mps = positive(*imu);
+  return uncertainty;
+}
+
+constexpr std::string_view kFormat = "nadir.airframe/1";
+constexpr double kLongestDelay_s = 5;
+constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 20;
+
+std::uint8_t number_of(const YamlNode& node, std::int64_t least) {
+  const auto value = node.integer();
+  if (value < least || value > 255) node.reject("a number from " + std::to_string(least) + " to 255");
+  return static_cast<std::uint8_t>(value);
+}
+
+double angle(const YamlNode& parent, std::string_view key, double most_deg) {
+  const auto node = parent.optional(key);
+  if (!node) return 0;
+  const double value_deg = node->number();
+  if (!(std::abs(value_deg) <= most_deg)) node->reject("degrees, at most " + std::to_string(std::lround(most_deg)));
+  return radians(value_deg);
+}
+
+void read_link(const YamlNode& node, Airframe& airframe) {
+  node.allow_only({"system", "autopilot", "component", "link", "gps_id"});
+  if (const auto value = node.optional("system")) airframe.system = number_of(*value, 1);
+  if (const auto value = node.optional("autopilot")) airframe.autopilot = number_of(*value, 1);
+  if (const auto value = node.optional("component")) airframe.component = number_of(*value, 1);
+  if (const auto value = node.optional("link")) airframe.link = number_of(*value, 0);
+  if (const auto value = node.optional("gps_id")) airframe.gps_id = number_of(*value, 0);
+}
+
+std::string read_id(const YamlNode& node) {
+  const std::string id = node.text();
+  const bool plain =
+      std::ranges::all_of(id, [](unsigned char c) { return std::isalnum(c) != 0 || c == '-' || c == '_'; });
+  if (id.empty() || id.size() > 64 || !plain) node.reject("a name of at most 64 letters, digits, '-' and '_'");
+  return id;
+}
+
+// The attitude whose enu_from_camera() is rotation * enu_from_camera({}).
+Attitude attitude_from_rotation(const Eigen::Matrix3d& rotation) {
+  Eigen::Matrix3d enu_from_ned;
+  enu_from_ned << 0, 1, 0, 1, 0, 0, 0, 0, -1;
+  const Eigen::Matrix3d r = enu_from_ned.transpose() * rotation * enu_from_ned;
+  return {std::atan2(r(1, 0), r(0, 0)), std::asin(std::clamp(-r(2, 0), -1.0, 1.0)), std::atan2(r(2, 1), r(2, 2))};
+}
+
+}  // namespace
+
+Eigen::Vector2d CameraModel::pixel_from_point(const Eigen::Vector3d& point) const {
+  Eigen::Vector2d image = point.head<2>() / point.z();
+  if (distorted()) {
+    const Eigen::Vector2d one_to_one = share_before_fold(distortion, image) * image;
+    image += distort(distortion, one_to_one) - one_to_one;  // beyond the fold, straight on
+  }
+  return {fx * image.x() + cx, fy * image.y() + cy};
+}
+
+Eigen::Vector3d CameraModel::ray_from_pixel(const Eigen::Vector2d& pixel) const {
+  const Eigen::Vector2d observed((pixel.x() - cx) / fx, (pixel.y() - cy) / fy);
+  Eigen::Vector2d image = observed;
+  if (distorted()) {
+    for (int i = 0; i < kUndistortIterations; ++i) {  // Newton
+      const Eigen::Vector2d error = distort(distortion, image) - observed;
+      image -= distortion_jacobian(distortion, image).inverse() * error;
+      if (error.squaredNorm() < kUndistortError2) break;
+    }
+  }
+  return {image.x(), image.y(), 1.0};
+}
+
+CameraModel CameraModel::scaled(double factor) const {
+  CameraModel result = *this;
+  result.width = static_cast<int>(std::lround(width * factor));
+  result.height = static_cast<int>(std::lround(height * factor));
+  const double sx = static_cast<double>(result.width) / width;
+  const double sy = static_cast<double>(result.height) / height;
+  result.fx = fx * sx;
+  result.fy = fy * sy;
+  result.cx = (cx + 0.5) * sx - 0.5;  // pixel centres are at whole numbers
+  result.cy = (cy + 0.5) * sy - 0.5;
+  return result;
+}
+
+Eigen::Matrix3d enu_from_camera(const Attitude& attitude) {
+  const double ch = std::cos(attitude.heading_rad), sh = std::sin(attitude.heading_rad);
+  const double cp = std::cos(attitude.pitch_rad), sp = std::sin(attitude.pitch_rad);
+  const double cr = std::cos(attitude.roll_rad), sr = std::sin(attitude.roll_rad);
+  // North-east-down from body (forward, right, down), yaw-pitch-roll.
+  Eigen::Matrix3d ned_from_body;
+  ned_from_body << ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr,  //
+      sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr,               //
+      -sp, cp * sr, cp * cr;
+  Eigen::Matrix3d enu_from_ned, body_from_camera;
+  enu_from_ned << 0, 1, 0, 1, 0, 0, 0, 0, -1;
+  body_from_camera << 0, -1, 0, 1, 0, 0, 0, 0, 1;  // image-up is forward, image-right is right
+  return enu_from_ned * ned_from_body * body_from_camera;
+}
+
+CameraFile read_camera_file(const std::filesystem::path& path) { return read_camera(YamlNode::read(path)); }
+
+CameraFile read_camera(const YamlNode& root) {
+  root.allow_only({"model", "width", "height", "fx", "fy", "cx", "cy", "distortion", "uncertainty"});
+  if (root.required("model").text() != "pinhole") root.required("model").reject("the model \"pinhole\"");
+  CameraFile file;
+  file.camera.width = pixels(root.required("width"));
+  file.camera.height = pixels(root.required("height"));
+  file.camera.fx = positive(root.required("fx"));
+  file.camera.fy = positive(root.required("fy"));
+  file.camera.cx = root.required("cx").number();
+  file.camera.cy = root.required("cy").number();
+  if (const auto distortion = root.optional("distortion")) {
+    file.camera.distortion = read_distortion(*distortion);
+    check_invertible(file.camera, *distortion);
+  }
+  if (const auto uncertainty = root.optional("uncertainty")) file.uncertainty = read_uncertainty(*uncertainty);
+  return file;
+}
+
+Airframe read_airframe(const std::filesystem::path& path) {
+  return parse_airframe(read_text_file(path, kMostBytes), path.string());
+}
+
+Airframe parse_airframe(std::string_view text, std::string_view name) {
+  const YamlNode root = YamlNode::parse(text, name);  // JSON is YAML
+  root.allow_only({"format", "airframe", "camera", "mount", "capture_delay_s", "mavlink"});
+  if (root.required("format").text() != kFormat) root.required("format").reject("\"nadir.airframe/1\"");
+  Airframe airframe;
+  airframe.id = read_id(root.required("airframe"));
+  airframe.camera = read_camera(root.required("camera"));
+  if (const auto mount = root.optional("mount")) {
+    mount->allow_only({"yaw_deg", "pitch_deg", "roll_deg"});
+    airframe.mount = {angle(*mount, "yaw_deg", 360), angle(*mount, "pitch_deg", 45), angle(*mount, "roll_deg", 45)};
+  }
+  if (const auto delay = root.optional("capture_delay_s")) {
+    airframe.capture_delay_s = delay->number();
+    if (!(airframe.capture_delay_s >= 0) || airframe.capture_delay_s > kLongestDelay_s) {
+      delay->reject("seconds from 0 to 5");
+    }
+  }
+  if (const auto link = root.optional("mavlink")) read_link(*link, airframe);
+  return airframe;
+}
+
+Attitude camera_attitude(const Attitude& aircraft, const Attitude& mount) {
+  if (mount.heading_rad == 0 && mount.pitch_rad == 0 && mount.roll_rad == 0) return aircraft;
+  // enu_from_camera({}) takes the camera frame to the axes of a body that points north.
+  const Eigen::Matrix3d north_body = enu_from_camera({});
+  const Eigen::Matrix3d rotation =
+      enu_from_camera(aircraft) * north_body.transpose() * enu_from_camera(mount) * north_body.transpose();
+  return attitude_from_rotation(rotation);
+}
+
+Attitude aircraft_attitude(const Attitude& camera, const Attitude& mount) {
+  if (mount.heading_rad == 0 && mount.pitch_rad == 0 && mount.roll_rad == 0) return camera;
+  return attitude_from_rotation(enu_from_camera(camera) * enu_from_camera(mount).transpose());
+}
+
+}  // namespace nadir

@@ -1,0 +1,84 @@
+#include "vision/camera_frame.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <opencv2/imgproc.hpp>
+
+#include "base/error.hpp"
+#include "imagery/codecs.hpp"
+#include "vision/oriented_channels.hpp"
+
+namespace nadir {
+namespace {
+
+// FNV-1a over words of eight bytes: quick, and a collision of two noisy frames is not to be expected in any flight.
+std::uint64_t fingerprint(const cv::Mat& frame) {
+  constexpr std::uint64_t kPrime = 0x100000001b3;
+  std::uint64_t hash = 0xcbf29ce484222325 ^ static_cast<std::uint64_t>(frame.cols);
+  const std::size_t bytes = static_cast<std::size_t>(frame.cols) * frame.elemSize();
+  for (int row = 0; row < frame.rows; ++row) {
+    const auto* at = frame.ptr<std::uint8_t>(row);
+    std::size_t i = 0;
+    for (; i + 8 <= bytes; i += 8) {
+      std::uint64_t word = 0;
+      std::memcpy(&word, at + i, 8);
+      hash = (hash ^ word) * kPrime;
+      hash ^= hash >> 29;
+    }
+    for (; i < bytes; ++i) hash = (hash ^ at[i]) * kPrime;
+  }
+  return hash;
+}
+
+}  // namespace
+
+int decode_reduction(int width, int height) {
+  constexpr int kLargest = 8;  // that JPEG decoders reduce by
+  int reduction = 1;
+  while (reduction < kLargest && std::max(width, height) / (2 * reduction) >= kMinDecodedSide_px &&
+         width % (2 * reduction) == 0 && height % (2 * reduction) == 0) {
+    reduction *= 2;
+  }
+  return reduction;
+}
+
+cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction) {
+  try {
+    cv::Mat frame = decode_image(encoded, Colour::grey, "frame", reduction).image;
+    if (frame.cols != camera.width || frame.rows != camera.height) return {};
+    return frame;
+  } catch (const Error&) {
+    return {};
+  }
+}
+
+FrameQuality measure_frame_quality(const cv::Mat& grey, const QualityLimits& limits) {
+  FrameQuality quality;
+  if (grey.empty()) return quality;
+  cv::Mat small;
+  const double factor = kQualityWidth_px / std::max(grey.cols, grey.rows);
+  cv::resize(grey, small, cv::Size(), factor, factor, factor < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(small, mean, deviation);
+  quality.mean = mean[0];
+  quality.contrast = deviation[0];
+  const int clipped = cv::countNonZero(small <= kClippedDark) + cv::countNonZero(small >= kClippedBright);
+  quality.clipped_share = clipped / static_cast<double>(small.total());
+  const ImageGradient gradient = image_gradient(small);
+  cv::Mat strength;
+  cv::magnitude(gradient.x, gradient.y, strength);
+  quality.sharpness = deviation[0] > 0 ? cv::mean(strength)[0] / deviation[0] : 0;
+  quality.usable = quality.contrast >= limits.min_contrast && quality.clipped_share <= limits.max_clipped_share &&
+                   quality.sharpness >= limits.min_sharpness;
+  return quality;
+}
+
+bool FrozenFrameDetector::repeats(const cv::Mat& frame) {
+  if (frame.empty()) return false;
+  const std::uint64_t now = fingerprint(frame);
+  const bool same = last_ == now;
+  last_ = now;
+  return same;
+}
+
+}  // namespace nadir

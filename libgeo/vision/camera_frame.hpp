@@ -1,0 +1,49 @@
+// A frame as the camera delivers it: decoded to grey, and checked for whether it can be matched at all. Black,
+// overexposed, textureless, blurred and repeated frames must not reach the matcher.
+#pragma once
+
+#include <cstdint>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+
+#include "base/bytes.hpp"
+#include "vision/camera.hpp"
+
+namespace nadir {
+
+// By how much frames of this camera may be decoded smaller without loss for the localizer, which looks at some 500
+// pixels across: a large JPEG costs a fraction then. 1, 2, 4 or 8; 1 where halves would not be whole.
+int decode_reduction(int width, int height);
+
+// CV_8UC1 of the frame's size divided by `reduction`; empty when the frame is damaged or not of the camera's size: the
+// localizer then calls it unfit. camera: scaled by the reduction.
+cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction);
+
+struct FrameQuality {
+  double mean = 0;           // grey level, 0-255
+  double contrast = 0;       // standard deviation of the grey levels
+  double clipped_share = 0;  // pixels at 0-2 or 253-255
+  double sharpness = 0;      // mean gradient over contrast, at a fixed width of 320 pixels
+  bool usable = false;
+};
+
+struct QualityLimits {
+  double min_contrast = kMinContrast;
+  double max_clipped_share = kMaxClippedShare;
+  double min_sharpness = kMinSharpness;
+};
+
+FrameQuality measure_frame_quality(const cv::Mat& grey, const QualityLimits& limits = {});
+
+// A camera that hangs delivers its last frame again and again, bit for bit. No sensor measures the same noise twice, so
+// such a frame says nothing of where the aircraft is now.
+class FrozenFrameDetector {
+ public:
+  // Whether this frame (8 bit, any channels) equals the one before, bit for bit. Empty frames never do.
+  bool repeats(const cv::Mat& frame);
+
+ private:
+  std::optional<std::uint64_t> last_;
+};
+
+}  // namespace nadir

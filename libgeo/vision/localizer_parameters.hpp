@@ -1,0 +1,515 @@
+// The numbers that decide in matching and estimation (libgeo/vision, libgeo/estimation), by module: value, unit, and where
+// each comes from. Nothing else in these folders holds one; what remains there is mathematics (0.5, 2π) and constants of file
+// formats. docs/parameters.md is made from this file; tests/structure/check_parameters.py holds both to it.
+//
+// Origins, in brackets: [safety N] is segment N of the Monte Carlo in docs/safety.md, [roc] its knock-out test, [turns],
+// [consistency], [flights], [ablations] the benches of that name in docs/benchmarks.md, all of November 2026.
+// "Chosen": an engineer's estimate, set when the module was written; no measurement of this number is recorded.
+// "Numerical": guards degenerate cases and stops iterations.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <numbers>
+
+namespace nadir {
+
+// ---- camera: lens model and camera file
+
+inline constexpr int kFoldProbes = 8;  // along the way to a point, for where the lens' polynomial turns back; chosen
+inline constexpr int kFoldBisections = 20;              // refine that share to 1e-7 of the way; numerical
+inline constexpr int kUndistortIterations = 50;         // at most; Newton needs a handful, up to the fold
+inline constexpr double kUndistortError2 = 1e-24;       // squared, at z = 1: below the 1e-9 that camera.hpp promises
+inline constexpr int kInvertibilitySteps = 8;           // grid over the image on which a camera file is checked; chosen
+inline constexpr double kInvertibilityError_px = 1e-3;  // there and back again; chosen
+// 1-sigma of the telemetry where a camera file states none; chosen.
+inline constexpr double kDefaultHeadingSigma_rad = 0.05;
+inline constexpr double kDefaultAglSigma = 0.05;  // relative
+inline constexpr double kDefaultTiltSigma_rad = 0.05;
+inline constexpr double kDefaultImuSigma_mps = 0.3;  // of the change of velocity, per root second; chosen
+
+// ---- rectification
+
+inline constexpr int kRectifyNodeStep_px =
+    8;  // between exactly projected nodes: < 0.1 px off (tests/vision/rectification_test)
+// z of a unit ray: beyond about 72 degrees off nadir no ground is used; chosen.
+inline constexpr double kMinGroundRayDown = 0.3;
+inline constexpr double kReducedOversampling = 1.2;  // a frame's pixels per grid cell after reduction; chosen
+inline constexpr double kWorthReducing = 0.9;        // a smaller factor is worth resampling for; chosen
+inline constexpr int kTerrainIterations = 8;  // of a ray with terrain: near nadir each leaves a tenth of the error
+inline constexpr double kTerrainConverged_m = 1e-6;  // numerical
+inline constexpr double kFlatGroundRelief_m = 1.5;   // 1-sigma of "flat": ditches, embankments, a gentle rise; chosen
+
+// ---- camera frame: decoding and quality
+
+inline constexpr int kMinDecodedSide_px = 1280;               // matching looks at some 500 px across; chosen with room
+inline constexpr double kQualityWidth_px = 320.0;             // sharpness is measured at this width; chosen
+inline constexpr int kClippedDark = 2, kClippedBright = 253;  // grey levels up to, and from, which a pixel is clipped
+inline constexpr double kMinContrast = 5;        // grey levels, 1-sigma; chosen; tests/vision/camera_frame_test
+inline constexpr double kMaxClippedShare = 0.6;  // chosen; likewise
+inline constexpr double kMinSharpness = 0.015;   // mean gradient over contrast, per px; chosen; likewise
+
+// ---- oriented channels
+
+inline constexpr double kChannelSigma_px = 1.0;     // smoothing in space; chosen
+inline constexpr double kChannelFloor = 0.35;       // of the mean gradient strength; chosen
+inline constexpr double kChannelPool_px = 2.0;      // over which the strength is normalised; chosen
+inline constexpr double kStrengthEpsilon = 1e-3;    // grey levels per px: no division by zero in a blank image
+inline constexpr float kGradientEpsilon = 1e-6F;    // likewise, of one pixel's gradient
+inline constexpr float kGradientEpsilon2 = 1e-12F;  // likewise, squared
+
+// ---- correlation
+
+inline constexpr double kMinValidShare = 0.6;  // of a template on valid map; chosen (docs/localization.md)
+// Energy per pixel below which ground has no texture and matches nothing. Channels are of the order of 1; numerical.
+inline constexpr double kMinVariance = 1e-6;
+inline constexpr double kMinTemplateEnergy = 1e-9;  // numerical
+inline constexpr float kMinPeakCurvature = 1e-9F;   // flatter: the peak is not interpolated; numerical
+inline constexpr int kMapChannelsMargin_px = 12;    // channels of the map are made with: the next request lies close by
+
+// ---- search in a window of the map
+
+inline constexpr double kSearchGsd_m = 1.0;          // default; a matching plan sets it
+inline constexpr double kDistinct_m = 25;            // closer hypotheses are one; chosen
+inline constexpr double kDistinct_px = 12;           // likewise, at the coarse scale; chosen
+inline constexpr std::size_t kSearchCandidates = 5;  // hypotheses that are confirmed; chosen
+inline constexpr double kHeadingStep_rad = 0.052;    // 3 degrees; chosen
+inline constexpr double kScaleStep = 0.04;           // relative height; chosen
+inline constexpr int kSweepReduction = 2;  // four times fewer pixels, and the confirmation corrects the sweep; chosen
+inline constexpr double kWideRadius_px = 190;  // a larger window holds more look-alikes: twice the candidates; chosen
+inline constexpr std::size_t kWideCandidates = 2;     // times kSearchCandidates in a wide window; chosen
+inline constexpr std::size_t kRefinedCandidates = 2;  // the best ones, between the sweep's steps: best and its rival
+inline constexpr int kRefineSlack_px = 2;             // around each of those; chosen
+inline constexpr double kWorthShrinking = 0.95;       // of the map, likewise as kWorthReducing; chosen
+
+// ---- search in an area
+
+inline constexpr std::size_t kChunksPerPlace = 8;  // neighbouring chunks overlap, and all of them look like the place
+// Of a chunk's side: the index is good to a sixth of it, and a frame is not as large as the chunk; chosen.
+inline constexpr double kRetrievedReach = 0.35;
+inline constexpr std::size_t kFewCandidates = 2;  // of a window where its one place or its best rival is asked for
+inline constexpr double kKnownTurn_rad = 0.12;    // half of the index's step of headings and some more …
+inline constexpr double kUnknownTurn_rad = 0.17;  // … where it tries all 24
+
+// ---- matching plan
+
+inline constexpr double kAreaWindow_m = 1600;      // side of the squares in which an area is searched; chosen
+inline constexpr double kFineTemplate_px = 400;    // longer side of the fine template; chosen
+inline constexpr double kCoarseTemplate_px = 170;  // still enough structure to find a place among thousands; chosen
+inline constexpr double kReachMargin = 1.05;       // of the footprint's farthest corner; chosen
+inline constexpr double kWindowSlack_m = 30;       // the refined pose may see beyond what the searched ones do …
+inline constexpr double kWindowSlackShare = 0.15;  // … so much of a frame's longer side …
+inline constexpr double kWindowTiltSigmas = 2;     // … or, where the tilt is open, so many sigmas of it …
+inline constexpr double kWindowMaxTilt_rad = 0.5;  // … up to here; chosen
+
+// ---- patch matching
+
+inline constexpr int kPatch_px = 48;                      // side; chosen (docs/localization.md)
+inline constexpr int kPatchColumns = 12, kPatchRows = 8;  // over the camera's image; chosen
+inline constexpr double kPatchSearch_px = 10;             // a patch may lie this far off; chosen
+inline constexpr double kMinPatchScore = 0.2;             // correlation below this is no match; chosen
+// A correlation of 1 whose peak falls by `curvature` over a pixel is located to about sqrt(noise / curvature); the
+// noise is what the best wrong placements reach; chosen.
+inline constexpr double kPatchScoreNoise = 0.04;
+inline constexpr double kPatchSigmaFloor_px = 0.3;     // no patch is located better; chosen
+inline constexpr double kPatchWeakInformation = 0.01;  // 1/px²: keeps a patch along one straight border invertible
+inline constexpr double kPatchMinValid = 0.8;          // share of a patch on valid map; chosen
+inline constexpr double kPatchMinCovered = 0.8;        // share of a patch that the frame covers; chosen
+inline constexpr double kPatchFrameMargin = 0.04;      // of the image: patches at its very edge stick out; chosen
+inline constexpr int kPatchStep_px = 2;                // first pass: the channels are smooth enough not to hide a peak
+inline constexpr int kPatchAround_px = 2;              // second pass, around the best of the first
+inline constexpr int kChannelReach_px = 8;             // of the channels' smoothing, for the map's margin
+
+// ---- robust Gauss-Newton
+
+inline constexpr double kJacobianStep = 1e-5;        // of central differences: truncation and rounding below 1e-9
+inline constexpr double kDivergedStep = 1.0;         // rad or log: a larger step is not a refinement
+inline constexpr double kConvergedStep_m = 1e-4;     // of the position; numerical
+inline constexpr double kConvergedStep = 1e-6;       // of the other unknowns; numerical
+inline constexpr std::size_t kCorrelationRings = 8;  // of distance, in which residuals are correlated; chosen
+inline constexpr double kCorrelationReach = 0.4;     // of the extent: farther apart nothing is learnt about correlation
+inline constexpr std::size_t kCorrelationSamples = 300;  // measurements used; more add no information
+
+// ---- camera pose
+
+inline constexpr int kPoseIterations = 25;             // chosen
+inline constexpr std::size_t kMinCorrespondences = 4;  // eight equations for eight unknowns with priors; chosen
+inline constexpr double kMinSolverRayDown = 0.2;       // of a ray's length: flatter rays see the horizon; chosen
+inline constexpr double kPoseBeginScale = 4;           // times the inlier bound: nearly convex; chosen
+inline constexpr double kPoseNarrowing = 0.7;          // of the scale, each iteration; chosen
+inline constexpr double kPoseInlier_m = 2.0;           // default; the refinement sets it
+inline constexpr double kPoseMinSigma_m = 0.5;         // default; the refinement sets it
+inline constexpr double kPriorHeadingSigma_rad = 0.2;  // defaults of a pose's prior; callers set them
+inline constexpr double kPriorLogAglSigma = 0.1;  // likewise
+inline constexpr double kPriorTiltVariance_rad2 = 0.01;  // likewise
+inline constexpr double kPriorSlopeSigma = 0.02;  // likewise
+
+// ---- map matcher: refinement of the best hypothesis
+
+struct RefinementRound {
+  int columns, rows;  // of patches
+  double search_px;
+  double inlier_px;  // of the map's pixels
+};
+// The search is good to some pixels, each round to fewer; chosen.
+inline constexpr std::array<RefinementRound, 3> kRefinementRounds{{{8, 6, 12, 7.0}, {12, 8, 8, 3.5}, {12, 8, 6, 3.5}}};
+inline constexpr double kRefinementSlack_m = 30;  // of map around the footprint at the best hypothesis; chosen
+// At least: the search has just measured the heading; chosen.
+inline constexpr double kRefinementHeadingSigma_rad = 0.05;
+inline constexpr double kMaxIndependentPatches = 30;  // they overlap: no more fit into a frame side by side
+inline constexpr double kHopelessRatio = 0.90;        // no gate accepts more, and rivals only raise it (estimation)
+inline constexpr std::size_t kRetrievedPlaces = 10;   // of the place index that are searched (docs/localization.md)
+inline constexpr double kMinWindowDistinct = 2.2;  // times kDistinct_m: room for another place to compare with; chosen
+inline constexpr std::size_t kCachedMapTiles = 1024;     // 64 MiB in grey, twice that where all have masks
+inline constexpr double kAnchorHeadingSigma_rad = 0.05;  // defaults of a prior; the localizer sets them
+inline constexpr double kAnchorLogAglSigma = 0.05;
+inline constexpr double kAnchorTiltVariance_rad2 = 0.003;
+
+// ---- place descriptor. What is here decides the vectors: a change is a new kPlaceDescriptorName.
+
+inline constexpr double kCellSoftness = 0.6;     // sigma of a cell's weight, in cells (docs/formats/place-index.md)
+inline constexpr double kMinCellWeight = 0.011;  // exp(-3² / 2): weights beyond 3 sigma are 0
+inline constexpr double kMinCellShare = 0.3;     // of a cell's weight on ground (docs/formats/place-index.md)
+inline constexpr double kMinDescriptorEnergy = 1e-9;  // no structure at all; numerical
+inline constexpr float kMinVectorLength = 1e-9F;      // after the projection; numerical
+inline constexpr double kTextureSigma_px = 1.0;       // smoothing before texture is measured; as kChannelSigma_px
+inline constexpr int kTextureMargin_px = 7;           // side of the erosion: reach of that smoothing and the gradient
+inline constexpr double kMinPlaceTexture = 0.8;  // rms gradient, grey levels per px: water and snow have less; chosen
+inline constexpr int kPlacePatch_px = 96;        // side of a patch: 12 px a cell; chosen
+inline constexpr double kAliasingScale = 1.3;    // source pixels per patch pixel from which it is smoothed; chosen
+inline constexpr double kAliasingSigma = 0.45;   // of that smoothing, per source pixel; chosen
+
+// ---- place index: query
+
+inline constexpr double kQueryTurn_rad = std::numbers::pi / 18;  // 10 degrees, within a known range; chosen
+inline constexpr int kQueryTurns = 24;                           // where nothing is known of the heading; chosen
+inline constexpr double kFineTurnRange = 12;      // times kQueryTurn_rad: a wider range is stepped as an unknown one
+inline constexpr double kQueryShift = 1.0 / 6;    // of a side: what the descriptor tolerates
+inline constexpr std::size_t kHitsPerQuery = 64;  // chunks that each variant of the frame may name; chosen
+
+// ---- place index: builder and check
+
+inline constexpr int kMinPlacePatch_px = 32;          // less shows too little structure; a format limit as well
+inline constexpr double kMaxPlacePatch_px = 256.0;    // likewise
+inline constexpr double kPatchRounding_px = 0.01;     // a footprint that is a whole number of pixels stays one
+inline constexpr double kMinChunkValid = 0.5;         // share of a chunk on ground; chosen
+inline constexpr std::size_t kTrainingChunks = 6000;  // for the projection, at most; chosen
+inline constexpr std::size_t kTrainingViewsPerChunk = 8, kMinTrainingViews = 500, kMaxTrainingViews = 3000;  // chosen
+inline constexpr double kTrainingShift = 0.2;  // ± of a side: a frame lies anywhere between chunks
+inline constexpr double kMinTrainingScale = 0.9, kMaxTrainingScale = 1.1;  // a little larger or smaller; chosen
+inline constexpr double kTrainingWindow = 2.1;             // sides: a turned and shifted patch lies inside
+inline constexpr std::size_t kChunksPerTask = 64;          // neighbouring chunks, which share decoded tiles; chosen
+inline constexpr std::size_t kMinCheckedChunks = 32;       // of an index that is checked at full depth …
+inline constexpr std::size_t kCheckedChunksDivisor = 100;  // … or one in so many; chosen
+inline constexpr double kMinCheckedCosine = 0.999;         // other processors round differently; chosen
+inline constexpr double kCheckedLengthError = 0.01;        // of a stored vector; chosen
+inline constexpr std::size_t kMaxIndexFindings = 20;       // then the check stops
+inline constexpr double kSameOrigin_deg = 1e-7;            // the table's resolution, 1 cm
+inline constexpr float kMaxUnitComponent = 1.001F;         // of a unit vector in single precision
+
+// ---- matchability: what another day does to an image
+
+// Amounts such that scores become those of real flights (docs/concepts.md, matchability).
+inline constexpr double kWornTurn_rad = 0.026;  // half a step of the search's headings
+inline constexpr double kWornScale = 0.02;      // and of its heights
+inline constexpr double kWornShift_px = 0.5;    // and of its pixels
+struct NoiseLayer {
+  double sigma_px;     // of the blur that makes it
+  double grey_levels;  // 1-sigma
+};
+// Sensors at one pixel, crops and shadows at many.
+inline constexpr std::array<NoiseLayer, 3> kWornNoise{{{0.0, 6.0}, {1.5, 9.0}, {4.0, 9.0}}};
+// The noise is for a map of this texture (grey levels per px); one of more contrast is no easier to match for it. A
+// dull map is not given less noise: sensors have theirs.
+inline constexpr double kNoiseTexture = 4.5;
+inline constexpr int kNoiseSide_px = 1024;          // of the noise field; a larger frame repeats it
+inline constexpr double kMinTypicalTexture = 1e-6;  // no division by zero
+inline constexpr double kMinEdgeStrength = 1e-9;    // no structure, no entropy; numerical
+inline constexpr double kMaxMatchabilityRatio = 2;  // above 1 another place fits better, by how much does not matter
+inline constexpr double kMatchabilityFootprint_m = 120, kMatchabilityRadius_m = 100;  // defaults; the survey sets them
+
+// ==== estimation
+
+// Thresholds of anchor acceptance (estimation/anchor_acceptance.hpp). They come from the knock-out test: search windows
+// that do not hold the place, where every acceptance is false by definition.
+struct GateLimits {
+  // A frame must satisfy two independent criteria: no other place fits as well (ratio), and the patches agree on one
+  // pose (inlier share). The weaker the one, the more the other must carry. [roc]: without a prediction 2 of 1194 wrong
+  // places still pass alone.
+  double clear_ratio = 0.45;         // below: hardly any other place is possible; [roc] 0.3 % of wrong places below 0.40
+  double clear_inlier_share = 0.10;  // of the patches tried; [roc]
+  double alone_ratio = 0.80;         // below: the frame may anchor on its own …; [roc]
+  double alone_inlier_share = 0.20;  // … when so many agree; [roc] 3.2 % of wrong places reach it
+  double vote_ratio = 0.90;          // below: only where a healthy prediction agrees; [roc]
+  double vote_inlier_share = 0.30;   // [roc] 0.3 % of wrong places reach it
+  // Patches that agree by chance are few: then one frame is not enough, unless a sharp prediction corroborates it (its
+  // 95 %), or the ratio is clear in a window where many places compete. Patches of a chance consensus also scatter evenly
+  // within the solver's bound, as they do about a pose to which half of a changed map pulls; they lie anywhere in the
+  // window; and where the tilt is unknown they have two more degrees of freedom. In each of these cases most must agree.
+  double sure_inlier_share = 0.40;         // [safety mirrored 286, heading 460]: fewer await votes
+  double most_inlier_share = 0.50;         // [safety old map 2220, 2547]
+  double max_chance_residual_px = 1.7;     // [roc]: half of the chance consensus lies beyond 1.8 px; [safety 286, 460]
+  double expected_chi2 = 5.991;            // 95 % of χ² with two degrees of freedom; [safety outlier 5896] for a start
+  double open_tilt_rad = 0.2;              // one sigma of each axis above which tilt counts as unknown; [safety NaN 755]
+  double telling_window_m = 200;           // half the side of a window in which many places compete; [roc]
+  double sharp_sigma_m = 20;               // a prediction up to this σ (one axis) is sharp; chosen; not measured
+  int min_inliers = 8;                     // chosen; not measured
+  double min_score = 0.16;                 // correlation of all channels; [roc] 26 % of wrong places reach it
+  double min_sharp_score = 0.12;           // where a sharp prediction agrees; chosen for faint real images, Nov 2026
+  double min_frame_share = 0.25;           // of the frame that the agreeing patches span; chosen; not measured
+  double max_residual_px = 2.5;            // RMS, pixels of the matching GSD; [roc]
+  double max_tilt_sigmas = 4;              // solved tilt and height against the prediction; chosen; see [safety 9950]
+  double chi2_999 = 13.816;                // 99.9 % of χ² with two degrees of freedom
+  double chi2_99 = 9.210;                  // 99 %; against a start, for frames that odometry is linked to; [safety 3574]
+  double healthy_sigma_m = 60;             // a prediction worse than this supports nothing; chosen; not measured
+  // Lost, thousands of places compete and nothing else supports the best one: it must stand out further, or be confirmed
+  // by votes.
+  double lost_ratio = 0.70;         // chosen with the cold starts of docs/benchmarks.md
+  double lost_inlier_share = 0.20;  // as alone_inlier_share
+};
+
+// Process noise of the flight filter. Used as FlightFilter::Options.
+struct FlightFilterOptions {
+  double start_velocity_sigma_mps = 15;   // each axis, when nothing is known: a small fixed wing; chosen
+  double acceleration_mps2 = 1.5;         // unmodelled changes of velocity (per root second), heading unknown; chosen …
+  double steady_acceleration_mps2 = 1.0;  // … and known: a fixed wing keeps its airspeed through a turn; [consistency]
+  double wind_sigma_mps = 5;              // part of the velocity that does not turn with the aircraft; [consistency]:
+                                          // blind NEES in 5 m/s of wind 1.1
+};
+
+namespace parameters {
+
+// How telemetry errs, as shares of the sigma that the camera file states. Shared with the batch solution that the
+// smoother is compared with (tests/bench/batch_graph.cpp).
+namespace telemetry {
+
+inline constexpr double kUnknownHeadingVariance_rad2 = 4.0;  // about 115 degrees: any heading
+
+// Heading: 0.8² + 0.6² = 1 of the stated variance lasts; 0.5 of σ is drawn anew for each frame. 22 Nov 2026, from
+// simulated flights whose compass error turns with the course ([safety] "compass deviates").
+inline constexpr double kHeadingBiasShare = 0.8;
+inline constexpr double kDeviationShare = 0.6;  // coefficients B and C of a compass' deviation
+inline constexpr double kWhiteHeadingShare = 0.5;
+// Correlation time of the deviation: an autopilot's filter uses more than a compass. Chosen; not measured.
+inline constexpr double kDeviationTime_s = 90;
+
+// Innovation share of relative height per frame: barometer noise, relief that passes by. Chosen; not measured.
+inline constexpr double kHeightInnovationShare = 0.25;
+
+// Tilt: the part that changes from frame to frame, by whether the telemetry logs attitude. Chosen; the unlogged part is
+// estimated in flight.
+inline constexpr double kWhiteTiltShareLogged = 0.7;
+inline constexpr double kWhiteTiltShareUnlogged = 0.3;
+inline constexpr double kTiltTimeLogged_s = 240;      // correlation time: an AHRS …; chosen; not measured
+inline constexpr double kTiltTimeUnlogged_s = 12000;  // … or a mount or gimbal; chosen; not measured
+// Share of the tilt's σ that tilts the accelerometer as well: neither the mount's nor of the moment. [flights] with IMU
+// and the 33 s blackout of closed-loop, 22 Nov 2026.
+inline constexpr double kLevelShare = 0.3;
+
+}  // namespace telemetry
+
+namespace flight_filter {
+
+inline constexpr double kGravity_mps2 = 9.80665;       // standard gravity (CGPM 1901)
+inline constexpr double kTiltScatterPriorFrames = 3;   // weight of the prior of the tilt's scatter; chosen
+// Measurements whose variance is beyond this many times the white tilt's teach nothing of it; chosen; not measured.
+inline constexpr double kVaguestTiltVarianceRatio = 16;
+inline constexpr double kMissingTilt_rad = 0.35;         // tilt not measured: 20°, a banked turn; [safety NaN attitude]
+inline constexpr double kNonlinearHeading_rad = 0.5;     // an update beyond it makes the velocity's linearization void
+inline constexpr double kLeastWhiteTilt_rad = 0.004;     // a quarter of a degree: no mount is stiffer; chosen
+// Ceiling of the velocity's variance over that of the start: however long blind, no aircraft becomes arbitrarily fast.
+inline constexpr double kMaxVelocityVarianceRatio = 4;
+inline constexpr double kStoppedClockSpeed_mps = 20;     // least speed assumed over an unknown interval; [safety time jumps]
+inline constexpr double kLongestUsualInterval_s = 5;     // of the interval that stands for an unknown one; chosen
+// Share of an interval's change of velocity times the interval: when within it the change came is unknown. Physics
+// bounds it by 0.5; chosen with [flights] IMU.
+inline constexpr double kUnknownMomentShare = 0.08;
+
+}  // namespace flight_filter
+
+namespace pose_measurement {
+
+// A direction that the image says nothing of gets this σ: as good as infinite, yet invertible.
+inline constexpr double kVaguePositionHeights = 10;  // of an absolute position, in heights above ground; numerics
+inline constexpr double kVagueMotionLengths = 100;   // of a relative motion, in (1 m + its length); numerics
+
+}  // namespace pose_measurement
+
+namespace smoother {
+
+inline constexpr double kContradiction_chi2 = 25;        // two degrees of freedom: 1 in 270 000, of many anchors
+inline constexpr std::size_t kMaxRejectedAnchors = 40;   // passes over the flight; bounds the time
+// Share of an anchor's own covariance that remains where it alone makes the track; numerics.
+inline constexpr double kSoleAnchorShare = 0.02;
+
+}  // namespace smoother
+
+namespace two_view_motion {
+
+inline constexpr double kMinDownComponent = 0.2;  // of a unit ray: flatter ones see the horizon; chosen
+inline constexpr std::size_t kMinRayPairs = 6;    // eight unknowns, six of them with priors; geometry
+// Ray pairs that count as independent at most, whatever their residuals say; [consistency] of simulated odometry.
+inline constexpr double kMaxIndependentPairs = 100;
+// Residuals beyond so many times what pixels and relief explain show no single motion: refused. Found by a turn that
+// was half a circle off, 22 Nov 2026.
+inline constexpr double kMaxResidualRatio = 5;
+// Images turned so much farther than predicted are not pulled back: they show that the telemetry contradicts them.
+inline constexpr double kFarTurn_rad = 0.4;  // chosen; below tracking::kContradictedTurn_rad
+inline constexpr double kFarTurnSigmas = 4;
+inline constexpr double kPixelHeightShare = 0.0015;      // a pixel of the working size on the ground, over the height
+inline constexpr double kFirstScalePixels = 30;          // graduated non-convexity begins here; chosen
+inline constexpr double kScaleShrink = 0.6;              // of the kernel's scale per iteration; chosen
+inline constexpr double kScaleSlack = 1.01;              // within which the scale counts as reached; numerics
+inline constexpr double kMedianOverSigma = 1.177;        // mathematics: median of a Rayleigh distribution, √(2 ln 2)
+inline constexpr int kMaxIterations = 30;                // chosen
+inline constexpr double kInlierSigmas = 3;               // bound of the robust kernel; chosen
+
+// Defaults of the prior; the localizer sets all of them.
+inline constexpr double kDefaultHeadingSigma_rad = 0.1;
+inline constexpr double kDefaultTiltVariance_rad2 = 1e-3;
+inline constexpr double kDefaultLogHeightSigma = 0.03;
+inline constexpr double kDefaultReliefSigma_m = 1.5;
+
+}  // namespace two_view_motion
+
+namespace visual_odometry {
+
+inline constexpr int kMaxFeatures = 900;              // 1500 cost a third more and lost nothing; [ablations], 22 Nov 2026
+inline constexpr int kOctaveLayers = 3;               // SIFT's own default (Lowe 2004)
+inline constexpr double kSiftContrast = 0.007;         // weaker than SIFT's 0.04, for half the size; [ablations]
+inline constexpr double kMatchRatio = 0.85;           // nearest over second nearest descriptor (Lowe 2004: 0.8); chosen
+// SIFT begins by doubling the image. At half the size it costs a third and drifts less; [ablations], 21 Nov 2026.
+inline constexpr double kWorkingWidth_px = 450;
+inline constexpr int kMinInliers = 12;                // chosen; not measured
+inline constexpr double kHomographyThreshold_px = 3;  // OpenCV's default
+inline constexpr int kHomographyIterations = 5000;    // chosen; not measured
+inline constexpr double kHomographyConfidence = 0.999;  // chosen; not measured
+inline constexpr double kModelErrorShare = 0.01;      // of the motion: lens, shutter, relief; [turns]
+inline constexpr double kTurnErrorShare = 0.05;       // of the turn: hills under a banked camera err by 3 %; [turns]
+
+// Defaults of a front end's input; the localizer sets all of them.
+inline constexpr double kDefaultHeadingSigma_rad = 0.05;
+inline constexpr double kDefaultTiltSigma_rad = 0.03;
+inline constexpr double kDefaultReliefSigma_m = 1.5;
+inline constexpr double kDefaultRelativeHeightSigma = 0.02;
+
+}  // namespace visual_odometry
+
+namespace tracking {
+
+inline constexpr double kOverlapReachShare = 0.5;   // of a footprint's longer side: a shorter displacement overlaps
+inline constexpr double kOverlapSpeedSigmas = 2;    // of the speed, for the same; chosen
+inline constexpr double kLeapSpeedSigmas = 4.5;     // a step beyond is no motion of the aircraft; [safety outlier 3754]
+inline constexpr double kGusts_mps = 5;             // least σ of the speed for the same; chosen
+inline constexpr double kLeapSlackShare = 0.1;      // of a footprint's longer side: what a tilt feigns; chosen
+inline constexpr double kContradictedTurn_rad = 0.5;  // image and telemetry disagree on a turn: 29°; chosen
+inline constexpr double kContradictedTurnSigmas = 5;  // … by more than this beyond what is uncertain; chosen
+inline constexpr double kResolvedHeading_rad = 0.5;  // below: the heading is known again; chosen
+inline constexpr double kWrongCourseFactor = 2;     // σ grows by so many step lengths: there and back; geometry
+inline constexpr double kMinTurnSigma_rad = 0.02;   // of the telemetry's change of heading; chosen
+inline constexpr double kTurnSigmaShare = 1.5;      // √2 of the white part and the deviation over a turn, rounded up
+inline constexpr double kUnknownTurnSigma_rad = 1;  // no heading measured
+inline constexpr double kSteadyHeightShare = 0.5;   // of the stated height σ, from one frame to the next; chosen
+inline constexpr double kUnmeasuredHeightSigma = 0.3;  // log height, no height measured; chosen
+inline constexpr double kSlopeBaselineDivisor = 3;  // footprint over the distance to each side that slope is taken over
+
+}  // namespace tracking
+
+namespace anchor_votes {
+
+inline constexpr int kVotes = 3;                // of five attempts; [safety], [roc]
+inline constexpr int kVotesAgainstAnchors = 6;  // of eight: odometry does not leap; [safety 164, 244, 305, 393]
+inline constexpr double kAgreement_m = 25;      // distance at which two attempts agree; chosen
+inline constexpr int kSpareAttempts = 2;        // attempts that may fail in between; chosen
+// Attempts kept. From 1000 m above ground a frame shows 2 km, and six votes must lie along most of that: at ten attempts
+// a second, 2 m apart, this reaches as far. Soak at three frames a second, 22 Nov 2026.
+inline constexpr std::size_t kKeptAttempts = 1024;
+inline constexpr double kChanceAgreement = 0.01;  // share of random pairs that may agree in a window; [safety 614]
+// By then a frame shows little of the first one's ground; [safety 614].
+inline constexpr double kSeparationFootprints = 0.8;
+
+}  // namespace anchor_votes
+
+namespace start_contradictions {
+
+inline constexpr double kSamePlace_m = 25;  // matches this near contradict the start alike; chosen
+inline constexpr double kDriftSigmas = 3;   // … and by so much of what the position's σ has grown since
+inline constexpr std::size_t kMaxPlaces = 8;  // chance matches lie elsewhere each time; chosen
+
+}  // namespace start_contradictions
+
+namespace anchor_measurement {
+
+// What the pose solver does not model (trees, roofs, shutter, the moment of the telemetry), as a factor of its
+// variance; from the normalised errors of simulated flights.
+inline constexpr double kModelErrorFactor = 4;
+inline constexpr double kUnknownTiltModelErrorFactor = 9;  // all of that looks like a tilt; [safety NaN attitude 755]
+// Sets of patches that agreed on a wrong pose nearby lay up to 26 px from the truth; [safety night 4734, height 5045].
+inline constexpr double kWrongConsensusSigma_px = 10;
+inline constexpr double kSharedErrorFootprints = 1.5;   // anchors within it count as one; [safety heading 73]
+inline constexpr double kMinHeightSigma = 0.012;        // log height: roofs, trees, rolling ground; chosen
+inline constexpr double kMinTiltVariance_rad2 = 1e-6;   // keeps the prior invertible; numerics
+// What roofs and rolling ground within a footprint feign, however well tilt and height are known; chosen.
+inline constexpr double kTiltModelError_rad = 0.015;
+inline constexpr double kHeightModelError = 0.015;
+// What no model has (lens, relief, the moment of the telemetry) and no number of anchors averages out, over the height;
+// 0.8 %, then 1 %, then 1.5 %: [safety 73, 3562, 1318].
+inline constexpr double kUnmodelledShare = 0.015;
+
+}  // namespace anchor_measurement
+
+namespace search_window {
+
+inline constexpr double kMinRadius_m = 60;    // half the side of the searched square; chosen
+inline constexpr double kMaxRadius_m = 1200;  // beyond: the area is searched; time of a search, docs/benchmarks.md
+inline constexpr int kFailuresPerRing = 3;    // frames that fit nowhere widen the window by its least radius; chosen
+inline constexpr int kMaxRings = 4;           // chosen
+inline constexpr double kReachSigmas = 3;     // half side in σ of the position
+inline constexpr double kPart_m = 1600;       // side of an area's part searched for one frame: its time
+inline constexpr double kHeadingSigmas = 3;   // searched headings
+inline constexpr double kScaleSigmas = 2.5;   // searched heights
+inline constexpr double kMinHintReach_m = 100;  // so that other places compete; chosen
+inline constexpr double kMinFootprint_px = 128;  // of the map, along a frame's longer side, to be searched for everywhere:
+                                                 // a runway in the image cost 84 s, 22 Nov 2026
+
+}  // namespace search_window
+
+namespace localizer {
+
+inline constexpr double kStartSigma_m = 50;      // start position, one axis; default, set by the caller
+inline constexpr double kNoFixSigma_m = 500;     // beyond this no position is published; chosen
+inline constexpr double kMapSigma_m = 2.8;       // CE90 of 6 m; default, set from the package
+inline constexpr double kAssumedAgl_m = 120;     // height until telemetry has one; chosen
+inline constexpr double kMatchAboveSigma_m = 5;  // one axis: the map is searched again; chosen
+inline constexpr double kLeastLostSigma_m = 1000;  // no start and no area: chosen
+inline constexpr double kCorroborationTime_s = 60;   // an anchor farther in time corroborates little; chosen
+inline constexpr double kSharpPrediction_m = 20;     // one axis: a wider prediction agrees with much; as sharp_sigma_m
+inline constexpr double kOutsideHintSigmas = 3;      // a position farther from a hint contradicts it; chosen
+inline constexpr double kCe90OverSigma = 2.146;      // mathematics: √(-2 ln(1 - 0.9))
+
+}  // namespace localizer
+
+namespace terrain {
+
+// What elevation models leave out over a frame's footprint. The global ones state 2 m (90 %) between neighbouring posts,
+// hence about a metre, one sigma; across 200 to 300 m that is a slope of 0.004.
+inline constexpr double kReliefSigma_m = 1.0;
+inline constexpr double kMinCell_m = 250;  // of the table of raster positions: a millimetre off
+inline constexpr double kMaxCells = 1000;  // a side; bounds the memory
+
+}  // namespace terrain
+
+// Beyond these telemetry is garbage and becomes unknown.
+namespace plausible {
+
+inline constexpr double kMinAgl_m = 1;  // nothing that flies looks at the map from lower; chosen
+inline constexpr double kMaxAgl_m = 30'000;  // above what carries a camera in air; physics
+inline constexpr double kMaxAngle_rad = 100;  // some turns, for sources that do not wrap; chosen
+inline constexpr double kMaxVelocityChange_mps = 200;   // from flying one way to flying the other
+inline constexpr double kMaxAcceleration_mps2 = 60;     // 6 g: what carries a camera does not survive it
+
+}  // namespace plausible
+
+}  // namespace parameters
+
+}  // namespace nadir

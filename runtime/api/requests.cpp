@@ -1,0 +1,302 @@
+#include "api/requests.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "api/object_location.hpp"
+#include "base/error.hpp"
+#include "base/json.hpp"
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+using Errors = std::vector<FieldError>;
+
+constexpr int kMaxDepth = 4;
+
+struct NumberRange {
+  double low = 0, high = 0;
+  bool above_low = false;  // low itself is out
+};
+
+// A JsonReader that notes what is wrong with an object's members instead of throwing, so that a caller learns all of it
+// from one answer. What is missing or wrong reads as 0; then the result means nothing.
+class BodyFields {
+ public:
+  BodyFields(JsonReader in, Errors& errors) : in_(std::move(in)), errors_(&errors) {}
+
+  std::optional<double> optional_number(const char* name, NumberRange range) {
+    if (!find(name)) return std::nullopt;
+    return checked(in_, name, range);
+  }
+
+  double number(const char* name, NumberRange range) {
+    if (find(name)) return checked(in_, name, range);
+    note(name, "is missing");
+    return 0;
+  }
+
+  int integer(const char* name, int low, int high) {
+    const std::size_t before = errors_->size();
+    const double value = number(name, {.low = static_cast<double>(low), .high = static_cast<double>(high)});
+    if (errors_->size() != before) return low;
+    if (value != std::floor(value)) note(name, "must be an integer");
+    return static_cast<int>(value);
+  }
+
+  std::optional<std::string> optional_word(const char* name, std::initializer_list<std::string_view> choices) {
+    if (!find(name)) return std::nullopt;
+    std::optional<std::string> word;
+    collect([&] { word = std::string(in_.choice(name, choices)); });
+    return word;
+  }
+
+  std::vector<double> optional_numbers(const char* name, std::size_t count, NumberRange range) {
+    std::vector<double> numbers;
+    if (!find(name)) return numbers;
+    collect([&] {
+      const JsonReader list = in_.array(name, {.least = count, .most = count});
+      for (std::size_t i = 0; i < count; ++i) numbers.push_back(checked(list, i, range));
+    });
+    return numbers;
+  }
+
+  std::optional<BodyFields> optional_object(const char* name) {
+    std::optional<BodyFields> fields;
+    if (find(name)) collect([&] { fields.emplace(in_.object(name), *errors_); });
+    return fields;
+  }
+
+  // Members that nobody asked for by now are errors: a misspelt name must not be silently left out.
+  void finish() const {
+    for (const std::string& name : in_.keys()) {
+      if (std::find(known_.begin(), known_.end(), name) == known_.end()) note(name, "is unknown");
+    }
+  }
+
+ private:
+  bool find(const char* name) {
+    known_.emplace_back(name);
+    return in_.has(name);
+  }
+
+  void note(std::string_view name, std::string detail) const {
+    errors_->push_back({fmt::format("{}/{}", in_.pointer(), name), std::move(detail)});
+  }
+
+  template <typename Read>
+  void collect(const Read& read) const {
+    try {
+      read();
+    } catch (const JsonError& error) {
+      errors_->push_back(
+          {error.pointer(), fmt::format("must be {}, is {}", error.text().expected, error.text().found)});
+    }
+  }
+
+  double checked(const JsonReader& in, JsonKey key, NumberRange range) const {
+    double number = 0;
+    collect([&] {
+      number = in.number(key);
+      const bool inside = number <= range.high && (range.above_low ? number > range.low : number >= range.low);
+      if (inside) return;
+      in.refuse(key,
+                fmt::format("{} {} and at most {}", range.above_low ? "above" : "at least", range.low, range.high));
+    });
+    return number;
+  }
+
+  JsonReader in_;
+  Errors* errors_;
+  std::vector<std::string> known_;
+};
+
+// Reads the body with read(fields, errors), or says everything that is wrong with it.
+template <typename Value, typename Read>
+std::variant<Value, Problem> read_body(const ApiRequest& request, const Read& read) {
+  if (media_type(request.content_type) != "application/json") {
+    return Problem{.status = 415, .type = "media-type", .detail = "send the body as Content-Type: application/json"};
+  }
+  nlohmann::json document;
+  try {
+    document = parse_json(request.body, "body", {.max_depth = kMaxDepth, .allow_floats = true});
+  } catch (const Error& error) {
+    return Problem{
+        .status = 400,
+        .type = "malformed",
+        .detail = fmt::format("the body is not acceptable JSON: {} {}", error.text().what, error.text().found)};
+  }
+  Errors errors;
+  Value value;
+  if (document.is_object()) {
+    BodyFields fields(JsonReader(document, {.name = "body", .what = "cannot accept this body"}), errors);
+    value = read(fields, errors);
+    fields.finish();
+  } else {
+    errors.push_back({"", "must be an object"});
+  }
+  if (errors.empty()) return value;
+  return Problem{.status = 400,
+                 .type = "invalid",
+                 .detail = "the body is not what this call takes; \"errors\" lists why",
+                 .errors = std::move(errors)};
+}
+
+constexpr NumberRange kTurn_deg{.low = -360, .high = 360};
+constexpr NumberRange kTilt_deg{.low = -90, .high = 90};
+constexpr int kMaxSide_px = 20'000;
+
+struct ObjectRequest {
+  CameraModel camera;
+  Eigen::Vector2d pixel{0, 0};
+  std::optional<double> zoom;
+  std::optional<GimbalAngles> gimbal;
+  std::optional<AircraftPose> pose;
+};
+
+Eigen::Vector2d parse_pixel(BodyFields& body, Errors& errors) {
+  std::optional<BodyFields> pixel = body.optional_object("pixel");
+  if (!pixel) {
+    errors.push_back({"/pixel", "is missing"});
+    return {0, 0};
+  }
+  const NumberRange side{.low = -0.5, .high = kMaxSide_px};
+  const Eigen::Vector2d place(pixel->number("x", side), pixel->number("y", side));
+  pixel->finish();
+  return place;
+}
+
+// fx and fy at zoom 1; the principal point is the image centre unless it is given.
+CameraModel parse_camera(BodyFields& body, std::optional<double>& zoom, Errors& errors) {
+  CameraModel model;
+  std::optional<BodyFields> camera = body.optional_object("camera");
+  if (!camera) {
+    errors.push_back({"/camera", "is missing"});
+    return model;
+  }
+  const NumberRange focal_px{.low = 1, .high = 1e6};
+  const NumberRange side{.low = -0.5, .high = kMaxSide_px};
+  model.width = camera->integer("width", 1, kMaxSide_px);
+  model.height = camera->integer("height", 1, kMaxSide_px);
+  model.fx = camera->number("fx", focal_px);
+  model.fy = camera->optional_number("fy", focal_px).value_or(model.fx);
+  model.cx = camera->optional_number("cx", side).value_or(0.5 * (model.width - 1));
+  model.cy = camera->optional_number("cy", side).value_or(0.5 * (model.height - 1));
+  const std::vector<double> distortion = camera->optional_numbers("distortion", 5, {.low = -10, .high = 10});
+  std::copy(distortion.begin(), distortion.end(), model.distortion.begin());
+  zoom = camera->optional_number("zoom", {.low = 0.1, .high = 200});
+  camera->finish();
+  return model;
+}
+
+std::optional<GimbalAngles> parse_gimbal(BodyFields& body) {
+  std::optional<BodyFields> fields = body.optional_object("gimbal");
+  if (!fields) return std::nullopt;
+  GimbalAngles gimbal;
+  gimbal.pitch_rad = radians(fields->number("pitch_deg", {.low = -180, .high = 90}));
+  gimbal.yaw_rad = radians(fields->optional_number("yaw_deg", kTurn_deg).value_or(0));
+  gimbal.roll_rad = radians(fields->optional_number("roll_deg", kTurn_deg).value_or(0));
+  gimbal.from_horizon = fields->optional_word("reference", {"airframe", "horizon"}) == "horizon";
+  fields->finish();
+  return gimbal;
+}
+
+std::optional<AircraftPose> parse_pose(BodyFields& body) {
+  std::optional<BodyFields> fields = body.optional_object("pose");
+  if (!fields) return std::nullopt;
+  AircraftPose pose;
+  pose.place.lat_deg = fields->number("lat", {.low = -85, .high = 85});
+  pose.place.lon_deg = fields->number("lon", {.low = -180, .high = 180});
+  pose.agl_m = fields->number("agl_m", {.low = 0, .high = 10'000, .above_low = true});
+  pose.attitude.heading_rad = radians(fields->number("heading_deg", kTurn_deg));
+  pose.attitude.pitch_rad = radians(fields->number("pitch_deg", kTilt_deg));
+  pose.attitude.roll_rad = radians(fields->number("roll_deg", {.low = -180, .high = 180}));
+  pose.sigma_m = fields->number("sigma_m", {.low = 0, .high = 100'000});
+  fields->finish();
+  return pose;
+}
+
+std::variant<AircraftPose, Problem> own_pose(const FlightView& view) {
+  const auto missing = [](const char* what) {
+    return Problem{.status = 422,
+                   .type = "pose-missing",
+                   .detail = std::string("the service itself has no ") + what + " now; send \"pose\", or ask again"};
+  };
+  if (!view.position || view.source == SourceLabel::no_fix) return missing("position");
+  if (!view.agl_m || !(*view.agl_m > 0)) return missing("height above ground");
+  if (!view.heading_rad || !view.pitch_rad || !view.roll_rad) return missing("attitude");
+  return AircraftPose{.place = view.position->place,
+                      .agl_m = *view.agl_m,
+                      .attitude = {*view.heading_rad, *view.pitch_rad, *view.roll_rad},
+                      .sigma_m = view.position->sigma_m};
+}
+
+Problem refused(std::string type, std::string detail) {
+  return {.status = 422, .type = std::move(type), .detail = std::move(detail)};
+}
+
+}  // namespace
+
+std::variant<Hint, Problem> parse_hint(const ApiRequest& request) {
+  return read_body<Hint>(request, [](BodyFields& body, Errors&) {
+    Hint hint;
+    hint.place.lat_deg = body.number("lat", {.low = -90, .high = 90});
+    hint.place.lon_deg = body.number("lon", {.low = -180, .high = 180});
+    hint.radius_m = body.number("radius_m", {.low = 0, .high = kMaxHintRadius_m, .above_low = true});
+    return hint;
+  });
+}
+
+ApiResponse answer_object_location(const ApiRequest& request, const FlightView& view, const GroundModel& ground) {
+  auto parsed = read_body<ObjectRequest>(request, [](BodyFields& body, Errors& errors) {
+    ObjectRequest wanted;
+    wanted.pixel = parse_pixel(body, errors);
+    wanted.camera = parse_camera(body, wanted.zoom, errors);
+    wanted.gimbal = parse_gimbal(body);
+    wanted.pose = parse_pose(body);
+    return wanted;
+  });
+  if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
+  ObjectRequest& wanted = std::get<ObjectRequest>(parsed);
+  if (!wanted.gimbal) {
+    return answer(refused("gimbal-missing", "without the gimbal's angles a pixel has no direction; send \"gimbal\""));
+  }
+  if (!wanted.zoom) {
+    return answer(
+        refused("zoom-missing", "without the zoom a pixel has no angle; send \"camera\"/\"zoom\", 1 if fixed"));
+  }
+  const Eigen::Vector2d& pixel = wanted.pixel;
+  if (pixel.x() > wanted.camera.width - 0.5 || pixel.y() > wanted.camera.height - 0.5) {
+    return answer(refused("pixel-outside", "the pixel lies outside of the image"));
+  }
+  const bool own = !wanted.pose;
+  if (own) {
+    auto pose = own_pose(view);
+    if (const auto* problem = std::get_if<Problem>(&pose)) return answer(*problem);
+    wanted.pose = std::get<AircraftPose>(pose);
+  }
+  wanted.camera.fx *= *wanted.zoom;
+  wanted.camera.fy *= *wanted.zoom;
+
+  const bool modelled = ground.frame != nullptr && ground.surface != nullptr;
+  const LocalFrame around(wanted.pose->place);
+  const FlatGround flat;
+  const auto located = locate_object(wanted.camera, pixel, *wanted.gimbal, *wanted.pose, {},
+                                     modelled ? *ground.frame : around, modelled ? *ground.surface : flat);
+  if (const auto* none = std::get_if<NoObjectPlace>(&located)) return answer(refused(none->type, none->reason));
+  const ObjectPlace& object = std::get<ObjectPlace>(located);
+  const nlohmann::json document{{"lon", object.place.lon_deg},
+                                {"lat", object.place.lat_deg},
+                                {"error_bound_m", object.error_bound_m},
+                                {"range_m", object.range_m},
+                                {"manoeuvring", object.manoeuvring},
+                                {"pose", own ? "service" : "request"},
+                                {"ground", modelled ? "package" : "flat"}};
+  return {.body = document.dump()};
+}
+
+}  // namespace nadir

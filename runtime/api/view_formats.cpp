@@ -1,0 +1,300 @@
+#include "api/view_formats.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <initializer_list>
+#include <iterator>
+#include <nlohmann/json.hpp>
+
+#include "base/printable.hpp"
+#include "geodesy/angles.hpp"
+
+namespace nadir {
+namespace {
+
+using nlohmann::json;
+
+json number(double value) { return std::isfinite(value) ? json(value) : json(); }
+json number(const std::optional<double>& value) { return value ? number(*value) : json(); }
+json angle_deg(const std::optional<double>& angle_rad) { return angle_rad ? number(degrees(*angle_rad)) : json(); }
+json heading_deg(const std::optional<double>& heading_rad) {
+  if (!heading_rad) return {};
+  const double turn = std::fmod(degrees(*heading_rad), 360);
+  return number(turn < 0 ? turn + 360 : turn);
+}
+json place(LonLat place) { return json::array({number(place.lon_deg), number(place.lat_deg)}); }
+json utc(const std::optional<UtcTime>& time) { return time ? json(to_rfc3339(*time)) : json(); }
+
+json counts(const CountsByReason& counts) {
+  json object = json::object();
+  for (const auto& [reason, count] : counts) object[printable(reason)] = count;
+  return object;
+}
+
+// The 1-sigma error ellipse of the covariance: semi-axes, and the bearing of the major one.
+json ellipse(const PositionView& position) {
+  const double mean = 0.5 * (position.east_var_m2 + position.north_var_m2);
+  const double half_gap = 0.5 * (position.east_var_m2 - position.north_var_m2);
+  const double radius = std::hypot(half_gap, position.east_north_cov_m2);
+  const double from_east_rad = 0.5 * std::atan2(position.east_north_cov_m2, half_gap);
+  double bearing_deg = 90 - degrees(from_east_rad);
+  if (bearing_deg >= 180) bearing_deg -= 180;
+  return {{"major_m", number(std::sqrt(std::max(0.0, mean + radius)))},
+          {"minor_m", number(std::sqrt(std::max(0.0, mean - radius)))},
+          {"bearing_deg", number(bearing_deg)}};
+}
+
+json position_json(const std::optional<PositionView>& position) {
+  if (!position) return {};
+  return {{"lon", number(position->place.lon_deg)},
+          {"lat", number(position->place.lat_deg)},
+          {"sigma_m", number(position->sigma_m)},
+          {"covariance_m2",
+           {number(position->east_var_m2), number(position->east_north_cov_m2), number(position->north_var_m2)}},
+          {"ellipse", ellipse(*position)}};
+}
+
+}  // namespace
+
+json state_json(const FlightView& view, double age_s) {
+  json document{{"boot", printable(view.boot_id)},
+                {"version", view.version},
+                {"time_s", number(view.time_s)},
+                {"utc", utc(view.utc)},
+                {"age_s", number(age_s)},
+                {"state", name_of(view.state.state)},
+                {"reason", printable(view.state.reason)},
+                {"state_for_s", number(view.time_s - view.state.since_s)},
+                {"position", position_json(view.position)},
+                {"source", name_of(view.source)},
+                {"anchor_age_s", number(view.anchor_age_s)},
+                {"heading_deg", heading_deg(view.heading_rad)},
+                {"pitch_deg", angle_deg(view.pitch_rad)},
+                {"roll_deg", angle_deg(view.roll_rad)},
+                {"velocity", nullptr},
+                {"agl_m", number(view.agl_m)}};
+  if (view.velocity) {
+    document["velocity"] = {{"east_m_s", number(view.velocity->east_mps)},
+                            {"north_m_s", number(view.velocity->north_mps)}};
+  }
+  document["frames"] = {
+      {"received", view.frames.received}, {"dropped", view.frames.dropped}, {"per_s", number(view.frames.per_s)}};
+  document["anchors"] = {{"accepted", view.anchors.accepted},
+                         {"rejected", view.anchors.rejected},
+                         {"rejected_by", counts(view.anchors.rejected_by)}};
+  document["link"] = {{"connected", view.link.connected},
+                      {"signed", view.link.signed_frames},
+                      {"fixes_sent", view.link.fixes_sent},
+                      {"rejected_by", counts(view.link.rejected_by)}};
+  document["gps"] = {{"judgement", name_of(view.gps.judgement)}, {"reason", printable(view.gps.reason)}};
+  document["recorder"] = {{"state", name_of(view.recorder.state)},
+                          {"reason", printable(view.recorder.reason)},
+                          {"written_bytes", view.recorder.written_bytes},
+                          {"free_bytes", view.recorder.free_bytes},
+                          {"lost_records", view.recorder.lost_records}};
+  return document;
+}
+
+json event_json(const FlightEvent& event, const FlightView& view) {
+  return {{"id", event.id},
+          {"time_s", number(event.time_s)},
+          {"age_s", number(view.time_s - event.time_s)},
+          {"severity", name_of(event.severity)},
+          {"kind", printable(event.kind)},
+          {"text", printable(event.text)}};
+}
+
+json track_json(const FlightView& view) {
+  json points = json::array();
+  for (const TrackPoint& point : view.track) {
+    points.push_back({{"lon", number(point.place.lon_deg)},
+                      {"lat", number(point.place.lat_deg)},
+                      {"sigma_m", number(point.sigma_m)},
+                      {"source", name_of(point.source)}});
+  }
+  return points;
+}
+
+json package_json(const PackageView& package) {
+  json route = json::array();
+  for (const LonLat& point : package.route) route.push_back(place(point));
+  json document{{"accepted", package.accepted},
+                {"reason", printable(package.reason)},
+                {"mission", printable(package.mission)},
+                {"series", printable(package.series)},
+                {"sequence", package.sequence},
+                {"expires", utc(package.expires)},
+                {"min_zoom", package.min_zoom},
+                {"max_zoom", package.max_zoom},
+                {"tiles", package.tiles},
+                {"terrain", package.terrain},
+                {"bounds", nullptr},
+                {"route", std::move(route)}};
+  if (package.bounds) {
+    const LonLatBox& box = *package.bounds;
+    document["bounds"] = {number(box.west_deg), number(box.south_deg), number(box.east_deg), number(box.north_deg)};
+  }
+  return document;
+}
+
+namespace {
+
+// Ids go into a line of their own: letters and digits alone.
+std::string plain(std::string_view text) {
+  std::string kept;
+  for (const char c : text) {
+    if ((c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z')) kept += c;
+  }
+  return kept;
+}
+
+}  // namespace
+
+StreamCursor cursor_from(std::string_view last_event_id) {
+  const std::size_t dash = last_event_id.rfind('-');
+  if (dash == std::string_view::npos) return {};
+  const std::string_view digits = last_event_id.substr(dash + 1);
+  StreamCursor cursor;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), cursor.last_event);
+  if (error != std::errc{} || end != digits.data() + digits.size()) return {};
+  cursor.boot_id = last_event_id.substr(0, dash);
+  return cursor;
+}
+
+std::string stream_text(const FlightView& view, double age_s, StreamCursor& cursor) {
+  const std::string boot = plain(view.boot_id);
+  if (cursor.boot_id != boot) cursor = {.boot_id = boot};
+  // A cursor ahead of every event is none of ours.
+  if (!view.events.empty() && cursor.last_event > view.events.back().id) cursor.last_event = 0;
+
+  std::string text;
+  const auto out = std::back_inserter(text);
+  if (!view.events.empty() && cursor.last_event != 0 && view.events.front().id > cursor.last_event + 1) {
+    fmt::format_to(out, "event: missed\ndata: {{\"count\":{}}}\n\n", view.events.front().id - cursor.last_event - 1);
+  }
+  for (const FlightEvent& event : view.events) {
+    if (event.id <= cursor.last_event) continue;
+    fmt::format_to(out, "id: {}-{}\nevent: log\ndata: {}\n\n", boot, event.id, event_json(event, view).dump());
+    cursor.last_event = event.id;
+  }
+  if (cursor.version != view.version) {
+    fmt::format_to(out, "event: state\ndata: {}\n\n", state_json(view, age_s).dump());
+    cursor.version = view.version;
+  }
+  return text;
+}
+
+namespace {
+
+// The label's value may hold anything: backslash, quote and line end are escaped.
+std::string escaped(std::string_view value) {
+  std::string text;
+  for (const char c : printable(value)) {
+    if (c == '\n') {
+      text += "\\n";
+      continue;
+    }
+    if (c == '\\' || c == '"') text += '\\';
+    text += c;
+  }
+  return text;
+}
+
+std::string shown(double value) {
+  if (std::isnan(value)) return "NaN";
+  if (std::isinf(value)) return value > 0 ? "+Inf" : "-Inf";
+  return fmt::format("{}", value);
+}
+
+class MetricsText {
+ public:
+  void gauge(std::string_view name, std::string_view help, double value) {
+    head(name, help, "gauge");
+    line(name, {}, shown(value));
+  }
+  // Absent when unknown: any number in its place would be plotted.
+  void gauge(std::string_view name, std::string_view help, const std::optional<double>& value) {
+    if (value) gauge(name, help, *value);
+  }
+  void counter(std::string_view name, std::string_view help, std::uint64_t value) {
+    head(name, help, "counter");
+    line(name, {}, std::to_string(value));
+  }
+  void counters(std::string_view name, std::string_view help, const CountsByReason& counts) {
+    if (counts.empty()) return;
+    head(name, help, "counter");
+    for (const auto& [reason, count] : counts) {
+      line(name, fmt::format("{{reason=\"{}\"}}", escaped(reason)), std::to_string(count));
+    }
+  }
+  // One of several: 1 for the one that holds, 0 for the others.
+  void one_of(std::string_view name, std::string_view help, std::string_view holds,
+              std::initializer_list<std::string_view> all, std::string_view label) {
+    head(name, help, "gauge");
+    for (const std::string_view value : all) {
+      line(name, fmt::format("{{{}=\"{}\"}}", label, value), value == holds ? "1" : "0");
+    }
+  }
+  std::string take() { return fmt::to_string(text_); }
+
+ private:
+  void head(std::string_view name, std::string_view help, std::string_view type) {
+    fmt::format_to(std::back_inserter(text_), "# HELP nadir_{} {}\n# TYPE nadir_{} {}\n", name, help, name, type);
+  }
+  void line(std::string_view name, std::string_view labels, std::string_view value) {
+    fmt::format_to(std::back_inserter(text_), "nadir_{}{} {}\n", name, labels, value);
+  }
+
+  fmt::memory_buffer text_;
+};
+
+std::optional<double> sigma_of(const FlightView& view) {
+  return view.position ? std::optional(view.position->sigma_m) : std::nullopt;
+}
+
+}  // namespace
+
+std::string metrics_text(const FlightView& view, double age_s, const ServerCounts& server) {
+  MetricsText text;
+  text.gauge("view_age_seconds", "Age of the latest view of the flight.", age_s);
+  text.one_of("state", "State of the service.", name_of(view.state.state),
+              {"boot", "no_package", "awaiting_autopilot", "relocalizing", "normal", "degraded", "no_fix", "failsafe"},
+              "state");
+  text.one_of("source", "Source of the position.", name_of(view.source),
+              {"satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"}, "source");
+  text.gauge("position_sigma_meters", "1-sigma position error per axis.", sigma_of(view));
+  text.gauge("anchor_age_seconds", "Time since the last accepted anchor.", view.anchor_age_s);
+  text.gauge("agl_meters", "Height above ground.", view.agl_m);
+  text.counter("frames_received_total", "Frames from the camera.", view.frames.received);
+  text.counter("frames_dropped_total", "Frames not processed: superseded by a newer one, or delivered late.",
+               view.frames.dropped);
+  text.gauge("frames_per_second", "Rate of frames.", view.frames.per_s);
+  text.counter("anchors_accepted_total", "Accepted anchors.", view.anchors.accepted);
+  text.counter("anchors_rejected_total", "Rejected anchors.", view.anchors.rejected);
+  text.counters("anchors_rejected_by_total", "Rejected anchors by gate.", view.anchors.rejected_by);
+  text.gauge("link_connected", "Whether the autopilot is connected.", view.link.connected ? 1.0 : 0.0);
+  text.gauge("link_signed", "Whether its frames are signed.", view.link.signed_frames ? 1.0 : 0.0);
+  text.counter("fixes_sent_total", "Positions sent to the autopilot.", view.link.fixes_sent);
+  text.counters("link_frames_rejected_total", "Rejected frames by reason.", view.link.rejected_by);
+  text.one_of("gps", "Assessment of the autopilot's GPS.", name_of(view.gps.judgement),
+              {"unknown", "good", "denied", "spoofed"}, "judgement");
+  text.one_of("recorder", "State of the flight recorder.", name_of(view.recorder.state),
+              {"off", "recording", "limited", "failed"}, "state");
+  text.counter("recorder_written_bytes_total", "Written by the recorder.", view.recorder.written_bytes);
+  text.counter("recorder_lost_records_total", "Records that the recorder lost.", view.recorder.lost_records);
+  text.gauge("package_accepted", "Whether the map package was verified.", view.package.accepted ? 1.0 : 0.0);
+  text.gauge("api_connections", "Open connections.", static_cast<double>(server.connections_open));
+  text.counter("api_connections_total", "Accepted connections.", server.connections_total);
+  text.counter("api_connections_refused_total", "Connections beyond the limit.", server.connections_refused);
+  text.counter("api_requests_total", "Answered requests.", server.requests_total);
+  text.gauge("api_streams", "Open event streams.", static_cast<double>(server.streams_open));
+  text.counter("api_streams_refused_total", "Event streams beyond the limit.", server.streams_refused);
+  text.counter("api_streams_dropped_total", "Event streams closed because their reader was too slow.",
+               server.streams_dropped);
+  return text.take();
+}
+
+}  // namespace nadir

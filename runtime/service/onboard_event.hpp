@@ -1,0 +1,133 @@
+// What happens on board: one type of event for the whole runtime. The threads of camera, link and localizer publish it,
+// the conductor (flight/flight_service.hpp) dispatches it, and the state machine, GpsHealth, the journal (recorder,
+// event list, operator) and the view of the API each take what concerns them in their on_event().
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+
+#include "estimation/estimate.hpp"
+#include "estimation/telemetry.hpp"
+#include "geodesy/lon_lat.hpp"
+#include "service/service_state.hpp"
+
+namespace nadir {
+
+// ---- package and restart
+
+struct PackageVerified {
+  bool accepted = false;
+  std::string reason{};  // of a rejection: the first finding
+};
+
+// After a restart in flight the saved position is usable (saved_flight.hpp). It is fixed while the aircraft flies on,
+// so σ grows by the speed until the first estimate.
+struct EstimateRestored {
+  double sigma_m = 0;
+  double speed_mps = 0;
+};
+
+struct StateSaveFailed {
+  std::string reason;
+};
+
+// ---- autopilot
+
+// authentic: signed with our key, or received on a link that requires no signature.
+struct AutopilotHeartbeat {
+  bool authentic = false;
+  bool armed = false;
+};
+
+// GPS_RAW_INT of a real receiver, never of the fixes that we send.
+struct GpsFix3d {
+  double time_s = 0;
+  bool has_fix = false;  // three-dimensional or better
+  LonLat place;
+  std::optional<double> ground_speed_mps;
+  std::optional<double> accuracy_m;  // horizontal, one sigma
+};
+
+// EKF_STATUS_REPORT.
+struct EkfReport {
+  double time_s = 0;
+  bool has_position = false;  // absolute, horizontal
+  bool gps_glitch = false;
+};
+
+// An approximate position from the operator, the API or a trusted GPS: where to search first.
+struct PositionHinted {
+  LonLat place;
+  double radius_m = 0;
+  std::string source;
+};
+
+// The next fix lies so far from the last one: too far to be smoothed.
+struct FixJumped {
+  double distance_m = 0;
+};
+
+// ---- camera and localizer
+
+struct FrameReceived {};
+
+struct CameraFailed {
+  std::string reason;
+};
+
+// The result for a frame, or of a map match, which takes longer than a frame and comes back later. Where matches take
+// longer than the frame interval, no estimate is ever labelled satellite_anchored: the anchor's verdict counts.
+struct LocalizedFrame {
+  std::uint64_t index = 0;         // of the last processed frame
+  std::uint64_t anchor_index = 0;  // of the frame that report.anchor is about
+  bool late = false;               // a map match came back; the frame itself was reported before
+  Telemetry telemetry;             // of the last processed frame
+  FrameReport report;
+};
+
+struct TilesFailed {
+  std::string reason;
+};
+
+// ---- conclusions of the service
+
+enum class GpsVerdict {
+  unknown,  // no message yet
+  trusted,
+  denied,   // silent, without a fix, or given up by the autopilot
+  spoofed,  // reports the impossible
+};
+
+std::string_view name_of(GpsVerdict verdict);
+
+struct GpsAssessment {
+  GpsVerdict verdict = GpsVerdict::unknown;
+  std::string reason{};
+};
+
+struct StateTransition {
+  double time_s = 0;
+  ServiceState from = ServiceState::boot;
+  ServiceState to = ServiceState::boot;  // equal: a notice that changes no state
+  ServiceReason reason = ServiceReason::started;
+  std::string text;  // for the recorder: the explanation, with figures
+};
+
+using OnboardEvent = std::variant<PackageVerified, EstimateRestored, StateSaveFailed, AutopilotHeartbeat, GpsFix3d,
+                                  EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
+                                  TilesFailed, GpsAssessment, StateTransition>;
+
+struct TimedEvent {
+  double time_s = 0;  // monotonic, when it was published
+  OnboardEvent event;
+};
+
+// Whether an estimate is based on images: satellite_anchored and vo_extrapolated.
+constexpr bool is_visual(SourceLabel source) {
+  return source == SourceLabel::satellite_anchored || source == SourceLabel::vo_extrapolated;
+}
+
+}  // namespace nadir

@@ -1,0 +1,137 @@
+#include "api/view_formats.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include "api/flight_view.hpp"
+#include "api/scripted_flight.hpp"
+
+namespace nadir {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class EventStream : public ::testing::Test {
+ protected:
+  FlightView view() {
+    FlightView result;
+    result.boot_id = "b1";
+    result.version = ++version_;
+    result.events = ring_.events();
+    return result;
+  }
+  void happen(const std::string& text) { ring_.add(1, EventSeverity::info, "state", text); }
+
+  EventRing ring_{5};
+  std::uint64_t version_ = 0;
+};
+
+int count(const std::string& text, const std::string& word) {
+  int found = 0;
+  for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) ++found;
+  return found;
+}
+
+TEST_F(EventStream, TellsEachEventOnceAndTheStateWhenItIsNew) {
+  happen("one");
+  StreamCursor cursor;
+  const FlightView first = view();
+  const std::string text = stream_text(first, 0, cursor);
+  EXPECT_THAT(text, HasSubstr("id: b1-1\nevent: log\ndata: {"));
+  EXPECT_EQ(count(text, "event: state\n"), 1);
+  EXPECT_EQ(text.substr(text.size() - 2), "\n\n");
+  EXPECT_EQ(stream_text(first, 0, cursor), "");
+  const std::string next = stream_text(view(), 0, cursor);
+  EXPECT_EQ(count(next, "event: log\n"), 0);
+  EXPECT_EQ(count(next, "event: state\n"), 1);
+}
+
+TEST_F(EventStream, GoesOnWhereItBrokeOff) {
+  for (const char* text : {"one", "two", "three"}) happen(text);
+  StreamCursor cursor = cursor_from("b1-2");
+  const std::string text = stream_text(view(), 0, cursor);
+  EXPECT_THAT(text, Not(HasSubstr("\"two\"")));
+  EXPECT_THAT(text, HasSubstr("\"three\""));
+  EXPECT_THAT(text, Not(HasSubstr("event: missed")));
+}
+
+TEST_F(EventStream, SaysHowManyWereMissed) {
+  for (int i = 1; i <= 20; ++i) happen(std::to_string(i));  // the ring holds 16 to 20
+  StreamCursor cursor = cursor_from("b1-4");
+  const std::string text = stream_text(view(), 0, cursor);
+  EXPECT_THAT(text, HasSubstr("event: missed\ndata: {\"count\":11}\n\n"));
+  EXPECT_EQ(count(text, "event: log\n"), 5);
+}
+
+TEST_F(EventStream, AnotherRunOfTheServiceStartsAfresh) {
+  happen("one");
+  for (const char* id :
+       {"b0-1", "b1-7", "", "b1", "b1-", "b1-x", "-1", "b1-99999999999999999999999", "b1--1", "\r\nb1-1"}) {
+    StreamCursor cursor = cursor_from(id);
+    EXPECT_EQ(count(stream_text(view(), 0, cursor), "event: log\n"), 1) << id;
+  }
+}
+
+// Text of an event cannot end its line and begin a message of its own.
+TEST_F(EventStream, TextStaysInItsLine) {
+  happen("harmless\n\nevent: state\ndata: {\"state\":\"normal\"}\r\n\r\n");
+  FlightView hostile = view();
+  hostile.boot_id = "b\n1: x";
+  StreamCursor cursor;
+  const std::string text = stream_text(hostile, 0, cursor);
+  EXPECT_EQ(count(text, "\nevent: state\n"), 1);
+  EXPECT_EQ(count(text, "\r"), 0);
+  EXPECT_THAT(text, HasSubstr("id: b1x-1\n"));
+}
+
+// The grammar of the text format, line by line: HELP, TYPE, then samples of that name.
+TEST(Metrics, FollowTheTextFormat) {
+  test::ScriptedFlight flight;
+  const std::string text = metrics_text(flight.at(100, ServiceState::normal), 0.1, {});
+  const std::regex help("# HELP (nadir_[a-z_]+) .+"), type("# TYPE (nadir_[a-z_]+) (gauge|counter)");
+  const std::regex sample(R"re((nadir_[a-z_]+)(\{[a-z]+="[^"\\]*"\})? [0-9.e+-]+)re");
+  std::istringstream lines(text);
+  std::smatch match;
+  std::set<std::string> seen;
+  std::string name;
+  for (std::string line; std::getline(lines, line);) {
+    if (std::regex_match(line, match, help)) {
+      name = match[1];
+      EXPECT_TRUE(seen.insert(name).second) << "twice: " << name;
+    } else if (std::regex_match(line, match, type)) {
+      EXPECT_EQ(match[1], name);
+      EXPECT_EQ(match[2] == "counter", name.ends_with("_total")) << name;
+    } else {
+      ASSERT_TRUE(std::regex_match(line, match, sample)) << line;
+      EXPECT_EQ(match[1], name);
+    }
+  }
+  EXPECT_EQ(text.back(), '\n');
+  EXPECT_THAT(text, HasSubstr("nadir_state{state=\"normal\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("nadir_state{state=\"no_fix\"} 0\n"));
+  EXPECT_THAT(text, HasSubstr("nadir_position_sigma_meters 2.8\n"));
+}
+
+TEST(Metrics, WhatIsNotKnownIsAbsent) {
+  const std::string text = metrics_text({}, 0, {});
+  EXPECT_THAT(text, Not(HasSubstr("sigma")));
+  EXPECT_THAT(text, Not(HasSubstr("nadir_anchor_age_seconds")));
+}
+
+TEST(Metrics, LabelsAreEscaped) {
+  FlightView view;
+  view.link.rejected_by["a\"b\\c\nd"] = 3;
+  view.agl_m = std::numeric_limits<double>::quiet_NaN();
+  const std::string text = metrics_text(view, 0, {});
+  EXPECT_THAT(text, HasSubstr("nadir_link_frames_rejected_total{reason=\"a\\\"b\\\\c\\nd\"} 3\n"));
+  EXPECT_THAT(text, HasSubstr("nadir_agl_meters NaN\n"));
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,172 @@
+// What every matcher must do: a known place is found with a covariance that owns up to the error, and where the place
+// is not, nothing is confident.
+#include "bench/flow_odometry.hpp"
+#include "bench/sift_matcher.hpp"
+#include "vision/map_matcher.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <cmath>
+
+#include "estimation/anchor_acceptance.hpp"
+#include "estimation/fault_maps.hpp"
+#include "estimation/localizer_fixture.hpp"
+#include "support/cancel_after.hpp"
+
+namespace nadir {
+namespace {
+
+using namespace test;
+
+struct Backend {
+  const char* name;
+  std::unique_ptr<MapMatcher> (*make)(const MatcherMap&);
+};
+
+class Matcher : public testing::TestWithParam<Backend> {
+ protected:
+  AnchorMatch match(const TileSource& tiles, const cv::Mat& grey, const AnchorPrior& prior) const {
+    return GetParam().make(map(tiles))->match(grey, prior);
+  }
+  MatcherMap map(const TileSource& tiles) const { return {camera_, tiles, frame_, ground_}; }
+
+  const CameraModel camera_ = flight_camera().camera;
+  const LocalFrame frame_{kOrigin};
+  const FlatGround ground_;
+};
+
+INSTANTIATE_TEST_SUITE_P(Backends, Matcher,
+                         testing::Values(Backend{"channels", make_channel_matcher}, Backend{"sift", make_sift_matcher}),
+                         [](const auto& tested) { return tested.param.name; });
+
+const Moment& moment() { return short_flight()[1]; }
+
+AnchorPrior prior_near(const CameraPose& truth) {
+  AnchorPrior prior;
+  prior.search.pose = truth;
+  prior.search.pose.position.east_m += 25;
+  prior.search.pose.position.north_m -= 18;
+  prior.search.pose.agl_m *= 1.01;
+  prior.search.pose.attitude.heading_rad += 0.02;
+  prior.search.radius_m = 60;
+  prior.search.heading_range_rad = 0.06;
+  prior.search.scale_range = 0.04;
+  prior.heading_sigma_rad = 0.02;
+  prior.log_agl_sigma = 0.015;
+  prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 1e-4;
+  return prior;
+}
+
+AnchorVerdict verdict_of(const AnchorMatch& match, const AnchorPrior& prior) {
+  return evaluate_anchor(match, prior, {0, 20, false, false});
+}
+
+void expect_place(const AnchorMatch& match, const AnchorPrior& prior) {
+  const CameraPose& truth = moment().truth;
+  EXPECT_EQ(verdict_of(match, prior), AnchorVerdict::accepted)
+      << match.search.ratio << " " << (match.solved ? match.solved->inliers : -1) << "/" << match.patches;
+  ASSERT_TRUE(match.solved);
+  const SolvedPose& solved = *match.solved;
+  const Eigen::Vector2d off(solved.pose.position.east_m - truth.position.east_m,
+                            solved.pose.position.north_m - truth.position.north_m);
+  EXPECT_LT(off.norm(), 3);
+  EXPECT_LT(off.dot(solved.covariance.topLeftCorner<2, 2>().inverse() * off), 4 * 13.8) << off.transpose();
+  EXPECT_NEAR(solved.pose.attitude.heading_rad, truth.attitude.heading_rad, 0.02);
+  EXPECT_NEAR(solved.pose.agl_m, truth.agl_m, 0.03 * truth.agl_m);
+  EXPECT_LE(solved.inliers, match.patches);
+  EXPECT_GT(match.frame_share, 0.25);
+  EXPECT_FALSE(match.rectified.empty());
+  EXPECT_EQ(match.rectified.size(), match.matched_map.size());
+}
+
+TEST_P(Matcher, FindsAKnownPlace) {
+  const AnchorPrior prior = prior_near(moment().truth);
+  expect_place(match(landscape_tiles(), moment().image, prior), prior);
+}
+
+TEST_P(Matcher, FindsItInTheWholeArea) {
+  const AnchorPrior prior = prior_near(moment().truth);
+  const auto matcher = GetParam().make(map(landscape_tiles()));
+  expect_place(matcher->match_anywhere(moment().image, prior, {-200, -200, 200, 200}), prior);
+}
+
+// Windows side by side: whoever cancels ends the search with the window at hand, and there is no match to judge.
+TEST_P(Matcher, GivesUpAnAreaWithoutAResult) {
+  constexpr PlaneBox kTwoWindows{-200, -200, 200, 1500};
+  AnchorPrior prior = prior_near(moment().truth);
+  const auto matcher = GetParam().make(map(landscape_tiles()));
+  for (const int at : {1, 2}) {
+    CancelAfter after(at);
+    prior.cancel = after.cancel();
+    EXPECT_THROW(matcher->match_anywhere(moment().image, prior, kTwoWindows), Interrupted) << at;
+    EXPECT_EQ(after.asked(), at);
+  }
+  CancelAfter at_once(1);
+  prior.cancel = at_once.cancel();
+  EXPECT_THROW(matcher->match_among(moment().image, prior, kTwoWindows, {kTwoWindows, nullptr}), Interrupted);
+}
+
+TEST_P(Matcher, IsDeterministic) {
+  const AnchorPrior prior = prior_near(moment().truth);
+  const auto matcher = GetParam().make(map(landscape_tiles()));
+  const AnchorMatch first = matcher->match(moment().image, prior);
+  matcher->match(short_flight()[3].image, prior_near(short_flight()[3].truth));
+  const AnchorMatch again = matcher->match(moment().image, prior);
+  ASSERT_TRUE(first.solved && again.solved);
+  EXPECT_EQ(first.solved->pose.position.east_m, again.solved->pose.position.east_m);
+  EXPECT_EQ(first.solved->pose.position.north_m, again.solved->pose.position.north_m);
+  EXPECT_EQ(first.search.ratio, again.search.ratio);
+}
+
+TEST_P(Matcher, AnotherPlaceGivesNoConfidentResult) {
+  const AnchorPrior prior = prior_near(moment().truth);
+  for (const TileSource* tiles : {&mirrored_tiles(), &rebuilt_tiles()}) {
+    EXPECT_NE(verdict_of(match(*tiles, moment().image, prior), prior), AnchorVerdict::accepted);
+  }
+  const Landscape other(78, 160);
+  const cv::Mat elsewhere = photograph(other.ground(), camera_, moment().truth);
+  EXPECT_NE(verdict_of(match(landscape_tiles(), elsewhere, prior), prior), AnchorVerdict::accepted);
+}
+
+TEST_P(Matcher, ABlackFrameGivesNoConfidentResult) {
+  const AnchorPrior prior = prior_near(moment().truth);
+  const cv::Mat black(camera_.height, camera_.width, CV_8UC1, cv::Scalar(0));
+  EXPECT_NE(verdict_of(match(landscape_tiles(), black, prior), prior), AnchorVerdict::accepted);
+}
+
+TEST_P(Matcher, OffTheMapThereIsNoMap) {
+  AnchorPrior prior = prior_near(moment().truth);
+  prior.search.pose.position = {5000, 5000};
+  const AnchorMatch nowhere = match(landscape_tiles(), moment().image, prior);
+  EXPECT_FALSE(nowhere.on_map);
+  EXPECT_EQ(verdict_of(nowhere, prior), AnchorVerdict::no_map);
+}
+
+// The horizon in the picture: no footprint, no match, no exception.
+TEST_P(Matcher, ACameraThatSeesTheHorizonMatchesNothing) {
+  AnchorPrior prior = prior_near(moment().truth);
+  prior.search.pose.attitude.pitch_rad = 1.2;
+  EXPECT_FALSE(match(landscape_tiles(), moment().image, prior).solved);
+}
+
+// The localizer takes any front end and any matcher.
+TEST_P(Matcher, WorksInTheLocalizer) {
+  LocalizerConfig configured = config();
+  configured.odometry = make_flow_odometry;
+  configured.matcher = GetParam().make;
+  Localizer localizer(flight_camera(), frame_, &landscape_tiles(), start(), configured);
+  for (const Moment& flown : short_flight()) {
+    const FrameReport report = localizer.process(flown.image, flown.telemetry);
+    expect_sound(report.estimate);
+    EXPECT_EQ(report.odometry.tracked, &flown != &short_flight().front());
+    EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted)
+        << name_of(report.anchor.verdict) << " " << report.anchor.ratio << " " << report.anchor.inliers << "/"
+        << report.anchor.patches;
+    EXPECT_LT(off_m(report.estimate, flown), 3.0) << flown.telemetry.frame;
+    EXPECT_LT(off_m(report.estimate, flown), 3 * report.estimate.sigma_m);
+  }
+}
+
+}  // namespace
+}  // namespace nadir

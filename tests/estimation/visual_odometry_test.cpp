@@ -1,0 +1,164 @@
+// What every odometry front end must do: a known motion is recovered, and without one to be seen nothing is made up.
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <cmath>
+
+#include "bench/flow_odometry.hpp"
+#include "estimation/visual_odometry.hpp"
+#include "geodesy/angles.hpp"
+#include "vision/synthetic_ground.hpp"
+
+namespace nadir {
+namespace {
+
+using test::Landscape;
+
+CameraModel camera() {
+  CameraModel model;
+  model.width = 480;
+  model.height = 360;
+  model.fx = model.fy = 320;
+  model.cx = 241;
+  model.cy = 178.5;
+  model.distortion = {-0.08, 0.01, 0.0005, -0.0005, 0};
+  return model;
+}
+
+const Landscape& landscape() {
+  static const Landscape world(9, 220);
+  return world;
+}
+
+OdometryFrame frame_at(const CameraPose& pose) {
+  OdometryFrame frame;
+  frame.grey = test::photograph(landscape().ground(), camera(), pose);
+  frame.camera = camera();
+  frame.attitude = pose.attitude;
+  frame.agl_m = pose.agl_m;
+  frame.heading_sigma_rad = 0.05;
+  frame.tilt_sigma_rad = 0.002;
+  return frame;
+}
+
+struct FrontEnd {
+  const char* name;
+  std::unique_ptr<OdometryFrontEnd> (*make)();
+};
+
+class Odometry : public testing::TestWithParam<FrontEnd> {
+ protected:
+  static std::unique_ptr<OdometryFrontEnd> make() { return GetParam().make(); }
+  static std::optional<OdometryStep> step_between(const CameraPose& a, const CameraPose& b);
+  static void expect_step(const CameraPose& a, const CameraPose& b);
+};
+
+INSTANTIATE_TEST_SUITE_P(FrontEnds, Odometry,
+                         testing::Values(FrontEnd{"features", make_feature_odometry},
+                                         FrontEnd{"flow", make_flow_odometry}),
+                         [](const auto& tested) { return tested.param.name; });
+
+std::optional<OdometryStep> Odometry::step_between(const CameraPose& a, const CameraPose& b) {
+  const auto odometry = make();
+  EXPECT_FALSE(odometry->track(frame_at(a))) << "the first frame has nothing to compare with";
+  return odometry->track(frame_at(b));
+}
+
+void Odometry::expect_step(const CameraPose& a, const CameraPose& b) {
+  const auto step = step_between(a, b);
+  ASSERT_TRUE(step);
+  const Eigen::Vector2d truth(b.position.east_m - a.position.east_m, b.position.north_m - a.position.north_m);
+  EXPECT_LT((step->displacement_m - truth).norm(), 0.01 * truth.norm()) << step->displacement_m.transpose();
+  EXPECT_NEAR(step->measurement.value[3], 0, radians(0.3)) << "the heading's change was told as it was";
+  EXPECT_GE(step->inliers, 15);
+  EXPECT_GT(step->covariance_m2.determinant(), 0);
+}
+
+// 120 m above ground the picture covers 180 m x 135 m.
+TEST_P(Odometry, StraightAhead) {
+  expect_step({{-20, -10}, 120, {radians(30), 0, 0}}, {{0, 25}, 120, {radians(30), 0, 0}});
+}
+
+TEST_P(Odometry, ThirtyPercentOverlap) {
+  const double heading = radians(60), step_m = 0.7 * 135;
+  expect_step({{-40, -20}, 120, {heading, 0, 0}},
+              {{-40 + step_m * std::sin(heading), -20 + step_m * std::cos(heading)}, 120, {heading, 0, 0}});
+}
+
+TEST_P(Odometry, ATurnOfTwentyFiveDegrees) {
+  expect_step({{-20, -10}, 120, {radians(-10), 0, 0}}, {{-12, 28}, 121, {radians(15), 0, 0}});
+}
+
+TEST_P(Odometry, Tilted) {
+  expect_step({{-20, -10}, 120, {radians(75), radians(6), radians(-4)}},
+              {{18, -2}, 118, {radians(82), radians(-3), radians(12)}});
+}
+
+// A tilt of the telemetry that is off by 2 degrees in one frame is found out, as far as its sigma lets it be.
+TEST_P(Odometry, SeesThroughAWrongTilt) {
+  const CameraPose a{{-20, -10}, 120, {radians(75), 0, 0}}, b{{18, -2}, 120, {radians(75), 0, 0}};
+  const auto odometry = make();
+  OdometryFrame first = frame_at(a), second = frame_at(b);
+  second.attitude.roll_rad += radians(2);  // 4.2 m on the ground
+  first.tilt_sigma_rad = second.tilt_sigma_rad = radians(2);
+  EXPECT_FALSE(odometry->track(first));
+  const auto step = odometry->track(second);
+  ASSERT_TRUE(step);
+  EXPECT_LT((step->displacement_m - Eigen::Vector2d(38, 8)).norm(), 1.5);
+}
+
+TEST_P(Odometry, NothingWithoutOverlap) { EXPECT_FALSE(step_between({{-120, -100}, 120, {}}, {{110, 120}, 120, {}})); }
+
+// The same ground in the frame before and in the one now, but over another landscape: nothing is shared.
+TEST_P(Odometry, NothingOverAnotherLandscape) {
+  static const Landscape other(10, 220);
+  const CameraPose a{{-20, -10}, 120, {}}, b{{0, 15}, 120, {}};
+  OdometryFrame elsewhere = frame_at(b);
+  elsewhere.grey = test::photograph(other.ground(), camera(), b);
+  const auto odometry = make();
+  EXPECT_FALSE(odometry->track(frame_at(a)));
+  EXPECT_FALSE(odometry->track(elsewhere));
+}
+
+// The error is what the covariance says: a motion in each direction, within its ellipse.
+TEST_P(Odometry, TheCovarianceCoversTheError) {
+  for (const double course : {0.3, 1.9, 3.4, 5.2}) {
+    const CameraPose a{{0, 0}, 120, {course, radians(2), radians(-3)}};
+    const CameraPose b{{35 * std::sin(course), 35 * std::cos(course)}, 121, {course + 0.05, radians(-1), radians(2)}};
+    const auto step = step_between(a, b);
+    ASSERT_TRUE(step) << course;
+    const Eigen::Vector2d off = step->displacement_m - Eigen::Vector2d(b.position.east_m, b.position.north_m);
+    EXPECT_LT(off.dot(step->covariance_m2.inverse() * off), 13.8) << course << ": " << off.transpose();
+  }
+}
+
+TEST_P(Odometry, NothingInTheDark) {
+  const CameraPose pose{{0, 0}, 120, {}};
+  const auto odometry = make();
+  OdometryFrame dark = frame_at(pose);
+  dark.grey.setTo(0);
+  EXPECT_FALSE(odometry->track(frame_at(pose)));
+  EXPECT_FALSE(odometry->track(dark));
+  EXPECT_FALSE(odometry->track(frame_at(pose))) << "the dark frame has nothing to compare with";
+  EXPECT_TRUE(odometry->track(frame_at(pose)));
+}
+
+TEST_P(Odometry, ARepeatedFrameHasNotMoved) {
+  const CameraPose pose{{10, 5}, 120, {radians(200), radians(3), 0}};
+  const auto step = step_between(pose, pose);
+  ASSERT_TRUE(step);
+  EXPECT_LT(step->displacement_m.norm(), 0.05);
+  EXPECT_NEAR(step->measurement.value[3], 0, 1e-3);
+  EXPECT_NEAR(step->overlap, 1, 0.01);
+}
+
+TEST_P(Odometry, ForgetsWhenReset) {
+  const CameraPose pose{{10, 5}, 120, {}};
+  const auto odometry = make();
+  EXPECT_FALSE(odometry->track(frame_at(pose)));
+  odometry->reset();
+  EXPECT_FALSE(odometry->track(frame_at(pose)));
+}
+
+}  // namespace
+}  // namespace nadir

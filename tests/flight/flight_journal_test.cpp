@@ -1,0 +1,83 @@
+#include "flight/flight_journal.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <utility>
+#include <vector>
+
+namespace nadir {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+using testing::Pair;
+
+struct Operator {
+  std::vector<std::pair<TextSeverity, std::string>> heard;
+  void hears(OperatorTexts& texts) {
+    texts.deliver([this](TextSeverity severity, const std::string& text) { heard.emplace_back(severity, text); });
+  }
+};
+
+TEST(OperatorTexts, WaitInOrderAndAreDeliveredOnce) {
+  OperatorTexts texts;
+  texts.add(TextSeverity::critical, "lost");
+  texts.add(TextSeverity::notice, "found");
+  EXPECT_EQ(texts.pending(), 2);
+  Operator first;
+  first.hears(texts);
+  EXPECT_THAT(first.heard, ElementsAre(Pair(TextSeverity::critical, "lost"), Pair(TextSeverity::notice, "found")));
+  EXPECT_EQ(texts.pending(), 0);
+  EXPECT_EQ(texts.dropped(), 0);
+  Operator later;
+  later.hears(texts);
+  EXPECT_THAT(later.heard, IsEmpty());
+  texts.add(TextSeverity::info, "link is back");
+  later.hears(texts);
+  EXPECT_THAT(later.heard, ElementsAre(Pair(TextSeverity::info, "link is back")));
+}
+
+TEST(OperatorTexts, TheOldestAreDroppedAndCounted) {
+  OperatorTexts texts(3);
+  for (const char* text : {"1", "2", "3", "4", "5"}) texts.add(TextSeverity::info, text);
+  EXPECT_EQ(texts.pending(), 3);
+  EXPECT_EQ(texts.dropped(), 2);
+  Operator late;
+  late.hears(texts);
+  EXPECT_THAT(late.heard, ElementsAre(Pair(testing::_, "3"), Pair(testing::_, "4"), Pair(testing::_, "5")));
+  texts.add(TextSeverity::info, "6");
+  EXPECT_EQ(texts.pending(), 1) << "there is room again";
+  EXPECT_EQ(texts.dropped(), 2);
+}
+
+TEST(OperatorTexts, AMillionUndeliveredTextsCostNoMoreThanTwelve) {
+  OperatorTexts texts;
+  for (int i = 0; i < 1'000'000; ++i) texts.add(TextSeverity::warning, "dead reckoning");
+  EXPECT_EQ(texts.pending(), 12) << "as docs/onboard.md says";
+  EXPECT_EQ(texts.dropped(), 999'988);
+}
+
+TEST(OperatorTexts, EmptyTextsAreIgnored) {
+  OperatorTexts texts;
+  texts.add(TextSeverity::info, "");
+  EXPECT_EQ(texts.pending(), 0);
+  EXPECT_EQ(texts.dropped(), 0);
+}
+
+TEST(OperatorTexts, TextsAddedDuringDeliveryWaitForTheNext) {
+  OperatorTexts texts(1);
+  texts.add(TextSeverity::info, "first");
+  std::vector<std::string> heard;
+  const auto hear = [&](TextSeverity severity, const std::string& text) {
+    heard.push_back(text);
+    if (text == "first") texts.add(severity, "second");
+  };
+  texts.deliver(hear);
+  EXPECT_THAT(heard, ElementsAre("first"));
+  texts.deliver(hear);
+  EXPECT_THAT(heard, ElementsAre("first", "second"));
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,104 @@
+// What a flight reads: the autopilot's stream, recordings, the table of a place index.
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "base/json.hpp"
+#include "fuzz/scratch.hpp"
+#include "fuzz/targets.hpp"
+#include "mavlink/messages.hpp"
+#include "recorder/mcap_reader.hpp"
+#include "recorder/record_codec.hpp"
+#include "vision/place_index_files.hpp"
+
+namespace nadir::fuzz {
+
+// What arrives over the autopilot's link: bytes into frames, frames into messages.
+
+namespace {
+
+std::vector<Bytes> frames_of(ByteView bytes, std::size_t piece) {
+  FrameReader reader;
+  std::vector<Bytes> frames;
+  const auto drain = [&] {
+    while (const auto frame = reader.next()) {
+      static_cast<void>(decode(*frame));
+      frames.push_back(frame->bytes);
+    }
+  };
+  for (std::size_t at = 0; at < bytes.size(); at += piece) {
+    reader.add(bytes.subspan(at, std::min(piece, bytes.size() - at)));
+    drain();
+  }
+  reader.finish();
+  drain();
+  std::size_t used = 0;
+  for (const Bytes& frame : frames) used += frame.size();
+  require(used + reader.counts().skipped_bytes == bytes.size(), "bytes that are neither frames nor skipped");
+  require(frames.size() == reader.counts().frames, "frames that are not counted");
+  return frames;
+}
+
+}  // namespace
+
+void mavlink(std::string_view bytes) {
+  const std::vector<Bytes> frames = frames_of(as_bytes(bytes), bytes.size() + 1);
+  frames_of(as_bytes(bytes), 1);
+  // What is sound alone is sound in a row.
+  Bytes joined;
+  for (const Bytes& frame : frames) joined.insert(joined.end(), frame.begin(), frame.end());
+  require(frames_of(joined, joined.size() + 1) == frames, "sound frames are not found again");
+}
+
+// MCAP files and the flight recorder's payloads in them.
+
+void mcap(std::string_view bytes) {
+  std::uint64_t messages = 0;
+  const auto take = [&](const McapContents& contents, const McapMessage& message) {
+    ++messages;
+    const auto topic = parse_topic(contents.channels.at(message.channel_id).topic);
+    if (!topic) return;
+    const auto record = decode(*topic, message.data);
+    if (!record) return;
+    const Bytes written = encode(*record);
+    const auto again = decode(*topic, written);
+    require(again && encode(*again) == written, "a record changes when it is written");
+  };
+  const McapContents contents = read_mcap(MemorySource(as_bytes(bytes)), "fuzz", take);
+  require(contents.messages == messages, "messages are not counted");
+  require(contents.whole_size <= contents.size, "more was read than there is");
+}
+
+// The table of a place index: what index/places.json may hold.
+
+namespace {
+
+// A sound table holds 264 kB of coefficients, which no fuzzer gets right by chance, and no corpus should have to keep:
+// "basis":"*" and "mean":"*" stand for as many zeros as there have to be. What is no JSON at all throws before that.
+std::string filled_in(std::string text) {
+  const bool marked = text.find("\"*\"") != std::string::npos;
+  if (marked) static_cast<void>(parse_json(text, "fuzz", {.max_depth = 4, .allow_floats = false}));
+  const auto fill = [&](std::string_view mark, std::size_t numbers) {
+    const std::size_t at = text.find(mark);
+    if (at != std::string::npos)
+      text.replace(at + mark.size() - 2, 1, std::string(numbers * sizeof(float) / 3 * 4, 'A'));
+  };
+  fill(R"("basis":"*")", kRawPlaceSize * kPlaceSize);
+  fill(R"("mean":"*")", kRawPlaceSize);
+  return text;
+}
+
+}  // namespace
+
+void place_table(std::string_view bytes) {
+  refusing([&] {
+    const PlaceTable first = parse_place_table(filled_in(std::string(bytes)), "fuzz");
+    std::size_t chunks = 0;
+    for (const PlaceLayer& layer : first.layers) chunks += layer.count;
+    require(chunks == first.chunks.size(), "layers that do not hold the chunks");
+    const std::string written = place_table_json(first);
+    require(place_table_json(parse_place_table(written, "again")) == written, "a table changes when it is written");
+  });
+}
+
+}  // namespace nadir::fuzz

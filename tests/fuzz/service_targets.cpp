@@ -1,0 +1,123 @@
+// Requests to the two services: the API of an aircraft and the candidate service.
+#include <nlohmann/json.hpp>
+
+#include "api/api.hpp"
+#include "api/view_formats.hpp"
+#include "nadir_candidates/upload_api.hpp"
+#include "fuzz/scratch.hpp"
+#include "fuzz/targets.hpp"
+
+namespace nadir::fuzz {
+
+// What callers send to the service: the bodies of its POSTs, and whole requests.
+
+namespace {
+
+// A service in flight, so that questions without a pose have one.
+struct Service {
+  Service() {
+    FlightView view;
+    view.boot_id = "fuzz";
+    view.source = SourceLabel::satellite_anchored;
+    view.position = PositionView{{8.5, 47.4}, 3, 9, 9, 0};
+    view.heading_rad = view.pitch_rad = view.roll_rad = 0.02;
+    view.agl_m = 100;
+    view.events.push_back({1, 0, EventSeverity::info, "state", "normal"});
+    board.publish(view);
+  }
+  FlightBoard board;
+  LatestSlot<Hint> hints;
+  Api api{board, hints, {.now_s = [] { return 0.0; }, .token = std::nullopt}};
+};
+
+Service& service() {
+  static Service one;
+  return one;
+}
+
+nlohmann::json check(const ApiResponse& response) {
+  require(response.status != 500, "a request that breaks the service");
+  if (response.content_type.find("json") == std::string::npos) return {};
+  const nlohmann::json document = nlohmann::json::parse(response.body, nullptr, false);
+  require(!document.is_discarded(), "an answer that is no JSON");
+  require((response.status >= 400) == (response.content_type == "application/problem+json"),
+          "a problem without its media type");
+  return document;
+}
+
+ApiRequest post(const char* target, std::string_view body) {
+  ApiRequest request;
+  request.method = "POST";
+  request.target = target;
+  request.host = "localhost";
+  request.content_type = "application/json";
+  request.body = body;
+  return request;
+}
+
+}  // namespace
+
+void api_hint(std::string_view bytes) {
+  const ApiResponse response = service().api.handle(post("/v1/hint", bytes));
+  check(response);
+  const auto hint = service().hints.take();
+  require((hint != nullptr) == (response.status == 202), "a refused hint that is handed on, or the reverse");
+  if (!hint) return;
+  require(hint->place.lat_deg >= -90 && hint->place.lat_deg <= 90, "a latitude that is none");
+  require(hint->place.lon_deg >= -180 && hint->place.lon_deg <= 180, "a longitude that is none");
+  require(hint->radius_m > 0 && hint->radius_m <= kMaxHintRadius_m, "a radius that is none");
+}
+
+void api_object(std::string_view bytes) {
+  const ApiResponse response = service().api.handle(post("/v1/object-location", bytes));
+  const nlohmann::json document = check(response);
+  if (response.status != 200) return;
+  for (const char* name : {"lon", "lat", "error_bound_m", "range_m"}) {
+    require(document.at(name).is_number(), "a place that is no number");
+  }
+  require(document.at("error_bound_m").get<double>() >= 0, "a bound below zero");
+}
+
+// The first line is the target, the second the host, the third the last event's id.
+void api_request(std::string_view bytes) {
+  std::string lines[3];
+  for (std::string& line : lines) {
+    const std::size_t end = std::min(bytes.find('\n'), bytes.size());
+    line = bytes.substr(0, end);
+    bytes.remove_prefix(std::min(end + 1, bytes.size()));
+  }
+  ApiRequest request;
+  request.method = "GET";
+  request.target = lines[0];
+  request.host = lines[1];
+  check(service().api.handle(request));
+  StreamCursor cursor = cursor_from(lines[2]);
+  require(!service().api.next_of_stream(cursor).empty(), "a fresh reader hears nothing");
+  require(service().api.next_of_stream(cursor).empty(), "the same is told twice");
+}
+
+// What anybody may send to the candidate service before a token is looked at: path, method, headers.
+
+// Lines: method, path, Upload-Offset, Upload-Length, Content-Digest, Content-Type.
+void upload_request(std::string_view bytes) {
+  const auto line = [&bytes] {
+    const std::size_t end = std::min(bytes.find('\n'), bytes.size());
+    std::string text(bytes.substr(0, end));
+    bytes.remove_prefix(std::min(end + 1, bytes.size()));
+    return text;
+  };
+  ApiRequest request;
+  request.method = line(), request.target = line();
+  for (const char* name : {"upload-offset", "upload-length", "content-digest"}) request.headers[name] = line();
+  const auto route = upload_route(request.target, request.method, 1 << 20);
+  require(!route || request.target.starts_with("/v1/"), "a path outside of the API");
+  require(!route || route->admission.upload.find('/') == std::string::npos, "an upload's name that is a path");
+  if (route) route->allows(request.method);
+  const auto header = part_header(request);
+  if (const auto* part = std::get_if<PartHeader>(&header)) {
+    require(!part->length || *part->length > 48, "a pack that holds no tile");
+  }
+  media_type(line());
+}
+
+}  // namespace nadir::fuzz

@@ -1,0 +1,104 @@
+// Records to FlatBuffers and back; that others read the same values is tests/recorder/independent_test.py.
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "recorder/record_codec.hpp"
+#include "recorder/sample_records.hpp"
+
+namespace nadir {
+namespace {
+
+TEST(RecordCodec, EveryKindRoundTripsBitForBit) {
+  Random random(11);
+  for (int round = 0; round < 50; ++round) {
+    for (const Record& record : test::sample_records(random)) {
+      const Bytes bytes = encode(record);
+      const auto back = decode(topic_of(record), bytes);
+      ASSERT_TRUE(back) << name_of(topic_of(record));
+      EXPECT_TRUE(test::same(*back, record)) << name_of(topic_of(record));
+    }
+  }
+}
+
+TEST(RecordCodec, TheSessionKeepsWhatTheLocalizerStartedFrom) {
+  const SessionRecord session = test::sample_session();
+  const auto back = decode(Topic::session, encode(Record(session)));
+  ASSERT_TRUE(back);
+  const auto& read = std::get<SessionRecord>(*back);
+  EXPECT_EQ(read.camera.camera.distortion, session.camera.camera.distortion);
+  EXPECT_EQ(read.camera.camera.fx, 1400.5);
+  EXPECT_EQ(read.camera.uncertainty.tilt_rad, 0.04);
+  EXPECT_EQ(read.camera.uncertainty.imu_dv_mps, 0.05);
+  EXPECT_EQ(read.localizer.gates.alone_ratio, 0.77);
+  EXPECT_EQ(read.localizer.gates.min_inliers, 9);
+  EXPECT_EQ(read.localizer.area->north_m, 400);
+  EXPECT_EQ(read.start, session.start);
+  EXPECT_EQ(read.package, session.package);
+  EXPECT_EQ(read.picture_shrink, 2);
+  EXPECT_TRUE(read.terrain);
+  EXPECT_FALSE(read.places);
+  EXPECT_TRUE(read.localizer.resumed);
+}
+
+TEST(RecordCodec, KeepsUnknownValuesAndSpecialNumbers) {
+  InputRecord input;
+  input.telemetry.time_s = std::numeric_limits<double>::quiet_NaN();
+  input.telemetry.agl_m = -0.0;
+  input.telemetry.pitch_rad = std::numeric_limits<double>::infinity();
+  const auto back = decode(Topic::input, encode(Record(input)));
+  ASSERT_TRUE(back);
+  const Telemetry& told = std::get<InputRecord>(*back).telemetry;
+  EXPECT_TRUE(std::isnan(told.time_s));
+  EXPECT_TRUE(told.agl_m && *told.agl_m == 0 && std::signbit(*told.agl_m));
+  EXPECT_FALSE(told.heading_rad);
+  EXPECT_EQ(told.pitch_rad, std::numeric_limits<double>::infinity());
+  EXPECT_FALSE(told.place);
+}
+
+TEST(RecordCodec, RandomBytesNeverCrash) {
+  Random random(5);
+  for (const Record& record : test::sample_records(random)) {
+    const Bytes good = encode(record);
+    for (std::size_t cut = 0; cut < good.size(); ++cut) {
+      static_cast<void>(decode(topic_of(record), ByteView(good).first(cut)));
+    }
+    for (int round = 0; round < 2000; ++round) {
+      Bytes bad = good;
+      const int flips = random.integer(1, 4);
+      for (int i = 0; i < flips; ++i) {
+        const auto at = static_cast<std::size_t>(random.integer(0, static_cast<int>(bad.size()) - 1));
+        bad[at] = static_cast<std::uint8_t>(random.integer(0, 255));
+      }
+      if (const auto read = decode(topic_of(record), bad)) static_cast<void>(encode(*read));
+    }
+    EXPECT_FALSE(decode(topic_of(record), {}));
+  }
+}
+
+TEST(RecordCodec, RedactsKeys) {
+  SessionRecord session = test::sample_session();
+  session.settings = {{"signing_key", "0123456789abcdef"},
+                      {"note", "-----BEGIN PRIVATE KEY-----\nMC4CAQ"},
+                      {"api Token", "abc"},
+                      {"matcher", "channels"}};
+  const Bytes bytes = encode(Record(session));
+  const std::string_view text = as_text(bytes);
+  EXPECT_EQ(text.find("0123456789abcdef"), std::string_view::npos);
+  EXPECT_EQ(text.find("MC4CAQ"), std::string_view::npos);
+  EXPECT_EQ(text.find("abc\0"), std::string_view::npos);
+  EXPECT_NE(text.find("channels"), std::string_view::npos);
+}
+
+TEST(Topics, NamesRoundTrip) {
+  for (std::size_t i = 0; i < kTopics; ++i) {
+    const auto topic = static_cast<Topic>(i);
+    EXPECT_EQ(parse_topic(name_of(topic)), topic);
+    EXPECT_FALSE(mcap_schema(topic).data.empty());
+    EXPECT_EQ(mcap_channel(topic).schema_id, mcap_schema(topic).id);
+  }
+  EXPECT_FALSE(parse_topic("/nothing"));
+}
+
+}  // namespace
+}  // namespace nadir

@@ -1,0 +1,37 @@
+#include "commands/cache/imagery_options.hpp"
+
+#include <algorithm>
+#include <thread>
+
+#include "cli/options.hpp"
+
+namespace nadir {
+
+void ImageryOptions::setup(Options& options) {
+  options.value("--mosaic", mosaic_, "ORDER", "which raster lies on top: the first, the newest or the finest")
+      .one_of({"priority", "newest", "finest"});
+  options.value("--seam", seam_, "KIND", "transition between rasters").one_of({"hard", "feather"});
+  options.value("--feather-m", feather_m_, "METRES", "width of a feathered seam").between(0.1, 1000);
+  options.value("--threads", threads_, "N", "threads; default: one per processor").between(1, 256);
+  options.value("--captured", captured_, "TIME", "capture time of the imagery, instead of the STAC Item's datetime");
+  options.value("--gsd-m", gsd_m_, "METRES", "ground sample distance, instead of the STAC Item's")
+      .between(1e-4, 1e4)
+      .formerly("--gsd");
+  options.value("--ce90-m", ce90_m_, "METRES", "90 % circular error, instead of the STAC Item's")
+      .between(1e-4, 1e5)
+      .formerly("--ce90");
+  options.value("--provider", provider_, "NAME", "provider of the imagery, instead of the STAC Item's");
+}
+
+MosaicOptions ImageryOptions::mosaic() const {
+  const MosaicOrder order = mosaic_ == "newest"   ? MosaicOrder::newest
+                            : mosaic_ == "finest" ? MosaicOrder::finest
+                                                  : MosaicOrder::priority;
+  return {order, seam_ == "feather" ? feather_m_ : 0};
+}
+
+int ImageryOptions::threads() const {
+  return threads_.value_or(static_cast<int>(std::max(1U, std::thread::hardware_concurrency())));
+}
+
+}  // namespace nadir

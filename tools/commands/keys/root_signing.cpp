@@ -1,0 +1,91 @@
+#include "commands/keys/root_signing.hpp"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "cli/output.hpp"
+
+namespace nadir {
+namespace {
+
+}  // namespace
+
+std::vector<PrivateKey> read_private_keys(std::span<const std::filesystem::path> files) {
+  std::vector<PrivateKey> keys;
+  for (const auto& file : files) keys.push_back(PrivateKey::read(file));
+  return keys;
+}
+
+std::vector<const PrivateKey*> pointers_to(const std::vector<PrivateKey>& keys) {
+  std::vector<const PrivateKey*> pointers;
+  for (const PrivateKey& key : keys) pointers.push_back(&key);
+  return pointers;
+}
+
+void check_new_root(const std::filesystem::path& out, UtcTime expires, const Clock& clock) {
+  if (std::filesystem::exists(std::filesystem::symlink_status(out))) {
+    throw UsageError({.what = "the output exists already",
+                      .where = out,
+                      .fix = "choose another --out; a root that is in use is never overwritten"});
+  }
+  if (expires <= clock.now()) {
+    throw UsageError({.what = "--expires lies in the past",
+                      .expected = "a time after " + to_rfc3339(clock.now()),
+                      .found = to_rfc3339(expires)});
+  }
+}
+
+void give_role(TrustRoot& root, Role& role, const PublicKey& key) {
+  root.add_key(key);
+  role.key_ids.insert(key.id());
+}
+
+int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKey>& keys) {
+  const SignedRoot signed_root = sign_root(std::move(wanted.root), pointers_to(keys));
+  const Findings findings = wanted.previous ? check_succession(*wanted.previous, signed_root) : check_self(signed_root);
+  // Only signatures that are still missing may come later; everything else stays wrong.
+  bool only_missing = true;
+  for (const Finding& finding : findings.items()) only_missing &= finding.code == "signature.missing";
+  if (findings.refuses() && !(wanted.incomplete && only_missing)) {
+    const Finding& first = findings.items().front();
+    throw UsageError({.what = "aircraft would refuse this root: it is not signed by enough root keys",
+                      .expected = first.expected,
+                      .found = first.found,
+                      .fix = wanted.previous ? "add the missing keys with --root-key or --previous-root-key, or let "
+                                               "others sign: --incomplete, then nadir keys sign"
+                                             : "add the missing keys with --root-key, or let others sign: "
+                                               "--incomplete, then nadir keys sign"});
+  }
+  write_file_atomic(wanted.out, signed_root.json());
+  const TrustRoot& root = signed_root.root;
+  const bool complete = !findings.refuses();
+  if (context.json) {
+    print_json(context.out, {{"root", wanted.out.string()},
+                             {"version", root.version},
+                             {"expires", to_rfc3339(root.expires)},
+                             {"root_keys", root.root.key_ids},
+                             {"root_threshold", root.root.threshold},
+                             {"package_signers", root.package_signer.key_ids},
+                             {"threshold", root.package_signer.threshold},
+                             {"revoked", root.revoked},
+                             {"complete", complete}});
+    return kAccepted;
+  }
+  print_figures(
+      context.out,
+      {{"root", wanted.out.string()},
+       {"version", std::to_string(root.version)},
+       {"expires", to_rfc3339(root.expires)},
+       {"package signers",
+        fmt::format("{} of {} must sign", root.package_signer.threshold, root.package_signer.key_ids.size())},
+       {"root keys", fmt::format("{} of {} must sign the next root", root.root.threshold, root.root.key_ids.size())},
+       {"revoked keys", std::to_string(root.revoked.size())},
+       {"complete", complete ? "yes" : "no: more root keys must sign (nadir keys sign)"}});
+  return kAccepted;
+}
+
+}  // namespace nadir

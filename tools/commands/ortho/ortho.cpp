@@ -1,0 +1,217 @@
+// `nadir ortho`: what a flight saw, as signed candidate tiles and as a mosaic for people.
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "cli/command.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
+#include "commands/commands.hpp"
+#include "commands/ortho/compare_page.hpp"
+#include "commands/ortho/flight_tiles.hpp"
+#include "geodesy/web_mercator.hpp"
+#include "imagery/mbtiles.hpp"
+#include "ortho/tile_key_check.hpp"
+#include "package_build/candidate_mosaic.hpp"
+#include "replay/flight_request.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr double kMargin_m = 20;               // around the flight's tiles on the page
+constexpr double kUnixFrom_s = 1'000'000'000;  // a clock that counts from 1970 shows it
+
+UtcMillis first_frame_time(const std::optional<std::string>& asked, const ReadyFlight& ready) {
+  if (asked) {
+    if (const auto time = parse_utc_millis(*asked)) return *time;
+    if (const auto time = parse_utc(*asked)) return {time->unix_s * 1000};
+    throw UsageError({.what = "--captured is not a time",
+                      .expected = "a time like 2026-05-01T12:00:00Z or 2026-05-01T12:00:00.250Z",
+                      .found = *asked});
+  }
+  if (ready.recorded && static_cast<double>(ready.recorded->first_input_ns) >= kUnixFrom_s * 1e9) {
+    return {static_cast<std::int64_t>(ready.recorded->first_input_ns / 1'000'000)};
+  }
+  const double first_s = ready.flight.frames.front().time_s;
+  if (first_s >= kUnixFrom_s) return {static_cast<std::int64_t>(first_s * 1000)};
+  throw UsageError(
+      {.what = "capture time unknown",
+       .expected = "--captured TIME of the first frame, a recording, or telemetry in seconds since 1970",
+       .fix = "give --captured 2026-05-01T12:00:00Z"});
+}
+
+// The ground of all tiles, which are of one zoom.
+PlaneBox ground_of(const MbtilesReader& tiles, const LocalFrame& frame) {
+  auto range = tiles.database().prepare(
+      "SELECT min(tile_column), max(tile_column), min(tile_row), max(tile_row), max(zoom_level) FROM tiles");
+  range.step();
+  const auto z = static_cast<std::uint8_t>(range.integer(4));
+  const auto bounds = [&](int column, int row) {
+    return bounds_of(TileKey::from_tms(z, static_cast<std::uint32_t>(range.integer(column)),
+                                       static_cast<std::uint32_t>(range.integer(row))));
+  };
+  const LonLatBox south_west = bounds(0, 2), north_east = bounds(1, 3);
+  const Enu low = frame.enu_from_lonlat({south_west.west_deg, south_west.south_deg});
+  const Enu high = frame.enu_from_lonlat({north_east.east_deg, north_east.north_deg});
+  return {low.east_m - kMargin_m, low.north_m - kMargin_m, high.east_m + kMargin_m, high.north_m + kMargin_m};
+}
+
+class OrthoCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "ortho"; }
+  std::string_view summary() const override { return "make signed candidate tiles from a flight"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::vector<std::optional<FramePose>> poses_of(Context& context, const ReadyFlight& ready) const;
+
+  FlightRequest request_{"nadir ortho"};
+  std::filesystem::path key_, out_;
+  std::optional<std::filesystem::path> estimates_;
+  std::optional<std::string> flight_;
+  std::optional<std::string> captured_at_;
+  std::optional<std::filesystem::path> mosaic_;
+  std::string format_ = "jpeg";
+  int quality_ = 82;
+  std::optional<int> zoom_;
+  bool single_frame_ = false;
+  int frame_ms_ = 0;
+  std::int64_t budget_mb_ = 4096;
+};
+
+std::string_view OrthoCommand::details() const {
+  return R"(The flight is replayed and smoothed. Every sharp frame that was matched to the map and whose
+position is known to 5 m is orthorectified over the package's terrain onto the mission's finest
+tiles. Each tile gets a sidecar that states how it was made, signed with the airframe's tile key; of
+two tiles of one place the better one is kept. Tiles that no single frame covers are mosaicked from
+several frames.
+
+OUT is a folder with tiles.mbtiles; the package does not change. With --estimates the poses of a
+replay are used instead of replaying again: the tiles are the same.
+
+Exit codes: 0 success, even without any tile, 1 the package was rejected, 2 the job could not be
+done.)";
+}
+
+std::string_view OrthoCommand::examples() const {
+  return R"(nadir ortho --package package --trust root.json --frames flight/frames --telemetry flight/telemetry.csv --camera camera.yaml --key tile.key.pem --airframe mini-07 --captured 2026-05-01T12:00:00Z --out candidates
+nadir ortho --estimates result/poses.json --package package --trust root.json --frames flight/frames --telemetry flight/telemetry.csv --camera camera.yaml --key tile.key.pem --airframe mini-07 --captured 2026-05-01T12:00:00Z --out candidates
+nadir ortho --recorder recording --package package --trust root.json --key tile.key.pem --airframe mini-07 --mosaic mosaic.tif --out candidates)";
+}
+
+void OrthoCommand::setup(Options& options) {
+  request_.declare(options, FlightRequest::Map::required);
+  options.value("--key", key_, "KEY.pem", "private tile key of the airframe").required();
+  options.value("--out", out_, "OUT", "folder to create").required();
+  options.value("--estimates", estimates_, "FILE.json",
+                "poses.json of a nadir replay of this flight, instead of replaying it");
+  options.value("--flight", flight_, "ID", "id of the flight; default: derived from its telemetry");
+  options.value("--captured", captured_at_, "TIME", "capture time of the first frame, if the flight does not state it")
+      .formerly("--captured-at");
+  options.value("--zoom", zoom_, "Z", "zoom of the tiles; default: the mission's finest").between(0, kMaxZoom);
+  options.flag("--single-frame", single_frame_, "only tiles that a single frame covers completely");
+  options.value("--format", format_, "FORMAT", "encoding of the tiles").one_of({"jpeg", "webp"});
+  options.value("--quality", quality_, "N", "quality of the tiles").between(1, 100);
+  options.value("--budget-mb", budget_mb_, "MB", "maximum size of all tiles").between(1, 1'000'000);
+  options.value("--frame-ms", frame_ms_, "MS", "maximum time for the tiles of one frame, as in flight; 0: no limit")
+      .between(0, 60'000);
+  options.value("--mosaic", mosaic_, "FILE.tif", "also write the tiles as a COG, and FILE.html beside it");
+}
+
+std::vector<std::optional<FramePose>> OrthoCommand::poses_of(Context& context, const ReadyFlight& ready) const {
+  if (estimates_) return read_poses(*estimates_, request_.poses_subject(ready), ready.flight.frames);
+  const Truth no_truth(ready.flight.frames.size());
+  return replay_flight(ready.flight, *ready.setup, no_truth, nullptr, context.progress).poses;
+}
+
+int OrthoCommand::run(Context& context) {
+  request_.check();
+  if (estimates_ && request_.says_how()) {
+    throw UsageError({.what = "nadir ortho --estimates does not replay the flight",
+                      .fix = "omit --start, --odometry and --matcher: they belong to nadir replay"});
+  }
+  if (!request_.airframe()) {
+    throw UsageError({.what = "--airframe is required", .expected = "the airframe whose tile key signs"});
+  }
+  const PrivateKey key = PrivateKey::read(key_);
+  require_tile_key(*request_.trust(), *request_.airframe(), key.public_key());
+  StagingDirectory staging(out_);
+  const std::filesystem::path unpacked = staging.path() / "unpacked";
+  std::filesystem::create_directory(unpacked);
+  const auto ready = request_.open(context, unpacked);
+  if (!ready->setup) return report_findings(context.out, context.json, ready->findings);
+  const UtcMillis first = first_frame_time(captured_at_, *ready);
+  const Flight& flight = ready->flight;
+  const FlatGround flat;
+  const GroundSurface* surface = ready->setup->surface != nullptr ? ready->setup->surface : &flat;
+  const ImageFormat format = *parse_image_format(format_);
+  CandidateMaker maker({.airframe = *request_.airframe(),
+                        .flight = flight_.value_or(id_of(flight)),
+                        .base_package = sha256_file(*request_.package() / "manifest.json"),
+                        .camera = flight.camera.camera,
+                        .frame = ready->setup->frame,
+                        .surface = surface,
+                        .key = &key,
+                        .zoom = zoom_.value_or(ready->package->mission().zoom.max),
+                        .format = format,
+                        .quality = quality_,
+                        .merge_partial_tiles = !single_frame_});
+  const auto poses = poses_of(context, *ready);
+  CandidateStore store(staging.path(),
+                       {.format = format, .budget_bytes = static_cast<std::uint64_t>(budget_mb_) * 1'000'000});
+  const TilesSummary summary = make_flight_tiles(maker, store, flight, poses, first, frame_ms_, context.progress);
+  store.close();
+  std::filesystem::remove_all(unpacked);
+
+  nlohmann::json document = json_from(summary);
+  Figures figures = figures_from(summary);
+  if (mosaic_ && summary.tiles > 0) {
+    const CandidateMosaic mosaic = write_candidate_mosaic(staging.path(), *mosaic_, context.progress);
+    const MbtilesReader tiles(staging.path() / kCandidateFile);
+    const LocalFrame& frame = ready->setup->frame;
+    const ComparePage page{
+        .title = "Orthophoto of the flight",
+        .subtitle = fmt::format("{} · flight {} · map package {}", *request_.airframe(),
+                                flight_.value_or(id_of(flight)), ready->package->manifest().mission_id),
+        .headline = {{std::to_string(summary.tiles), "candidate tiles"},
+                     {fmt::format("{} / {}", summary.used, summary.frames), "frames used"},
+                     {fmt::format("{:.1f} MB", static_cast<double>(summary.bytes) / 1e6), "stored"}},
+        .figures = figures};
+    const std::filesystem::path page_file = std::filesystem::path(*mosaic_).replace_extension(".html");
+    write_file_atomic(page_file, compare_page(page, ready->package->imagery(), tiles, frame, ground_of(tiles, frame)));
+    document["mosaic"] = {{"file", mosaic_->string()},
+                          {"page", page_file.string()},
+                          {"zoom", mosaic.zoom},
+                          {"width", mosaic.width},
+                          {"height", mosaic.height}};
+    figures.emplace_back("mosaic", fmt::format("{}, {} x {} pixels, zoom {}", mosaic_->string(), mosaic.width,
+                                               mosaic.height, mosaic.zoom));
+    figures.emplace_back("page", page_file.string());
+  }
+  staging.commit();
+  if (context.json) {
+    print_json(context.out, document);
+  } else {
+    print_figures(context.out, figures);
+  }
+  return kAccepted;
+}
+
+}  // namespace
+
+std::unique_ptr<Command> make_ortho() { return std::make_unique<OrthoCommand>(); }
+
+}  // namespace nadir

@@ -1,0 +1,408 @@
+#include "nadir_candidates/upload_api.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "base/error.hpp"
+#include "base/printable.hpp"
+#include "http/access.hpp"
+#include "base/bytes.hpp"
+#include "trust/bearer_token.hpp"
+#include "upload/batch.hpp"
+#include "upload/pack.hpp"
+
+namespace nadir {
+namespace fs = std::filesystem;
+
+Clients::Clients(const std::vector<std::string>& token_files) {
+  std::map<fs::path, std::vector<std::string>> airframes;  // of each file; empty: all
+  for (const std::string& text : token_files) {
+    const std::size_t equals = text.find('=');
+    const bool named = equals != std::string::npos && !fs::exists(text);
+    std::vector<std::string>& of_file = airframes[named ? text.substr(equals + 1) : text];
+    if (named) of_file.push_back(text.substr(0, equals));
+  }
+  for (auto& [file, names] : airframes) {
+    UploadClient client{.name = file.stem().string(), .airframes = std::move(names)};
+    const bool taken = std::any_of(clients_.begin(), clients_.end(),
+                                   [&client](const auto& known) { return known.second.name == client.name; });
+    if (taken) {
+      throw UsageError({.what = "two token files have the same name",
+                        .where = file,
+                        .expected = "distinct names: they identify the clients",
+                        .fix = "rename one of them"});
+    }
+    if (!clients_.emplace(sha256(as_bytes(read_bearer_token(file))), std::move(client)).second) {
+      throw UsageError({.what = "two clients have the same token",
+                        .where = file,
+                        .fix = "(umask 077; openssl rand -hex 24 > " + file.string() + ")"});
+    }
+  }
+}
+
+const UploadClient* Clients::find(std::string_view authorization) const {
+  const auto digest = bearer_digest(authorization);
+  const auto found = digest ? clients_.find(*digest) : clients_.end();
+  return found == clients_.end() ? nullptr : &found->second;
+}
+
+namespace {
+
+constexpr std::string_view kUploads = "/v1/uploads";
+
+std::optional<std::uint64_t> whole_number(const std::string& text) {
+  std::uint64_t value = 0;
+  const char* const end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc{} || stopped != end) return std::nullopt;
+  return value;
+}
+
+// "sha-256=:BASE64:" (RFC 9530), this one member. A spelling of which no digest is the canonical one is no bytes'
+// digest: what comes with it will not fit.
+std::optional<Sha256> part_digest(std::string_view text) {
+  constexpr std::string_view kBegin = "sha-256=:";
+  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  constexpr std::size_t kLength = 43;
+  if (text.size() != kBegin.size() + kLength + 2 || !text.starts_with(kBegin) || !text.ends_with("=:") ||
+      text.substr(kBegin.size(), kLength).find_first_not_of(kDigits) != std::string_view::npos) {
+    return std::nullopt;
+  }
+  Sha256 digest;
+  if (const auto bytes = from_base64(text.substr(kBegin.size(), kLength + 1))) {
+    std::copy(bytes->begin(), bytes->end(), digest.bytes.begin());
+  }
+  return digest;
+}
+
+}  // namespace
+
+std::optional<UploadRoute> upload_route(std::string_view path, std::string_view method, std::uint64_t part_max) {
+  if (path == "/v1/health") return UploadRoute{.admission = {.path = UploadPath::health}, .methods = "GET, HEAD"};
+  if (path == "/v1/reason-codes")
+    return UploadRoute{.admission = {.path = UploadPath::reason_codes}, .methods = "GET, HEAD"};
+  if (path == kUploads) {
+    return UploadRoute{.admission = {.path = UploadPath::uploads},
+                       .methods = "POST",
+                       .body_max = kMaxBatchSize,
+                       .media = "application/json"};
+  }
+  if (!path.starts_with(kUploads) || path[kUploads.size()] != '/') return std::nullopt;
+  path.remove_prefix(kUploads.size() + 1);
+  const std::size_t end = std::min(path.find('/'), path.size());
+  UploadRoute route{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
+                    .methods = "GET, HEAD"};
+  path.remove_prefix(end);
+  if (path.empty()) return route;
+  if (path == "/complete") {
+    route.admission.path = UploadPath::complete;
+    route.methods = "POST";
+    return route;
+  }
+  constexpr std::string_view kPacks = "/packs/";
+  if (!path.starts_with(kPacks)) return std::nullopt;
+  route.admission.path = UploadPath::pack;
+  route.admission.pack = Sha256::from_hex(path.substr(kPacks.size()));
+  route.methods = "HEAD, PATCH";
+  if (method == "PATCH") route.body_max = part_max, route.media = "application/octet-stream";
+  if (!route.admission.pack) return std::nullopt;
+  return route;
+}
+
+bool UploadRoute::allows(std::string_view method) const {
+  const std::size_t at = methods.find(method);
+  return !method.empty() && at != std::string_view::npos && (at == 0 || methods[at - 1] == ' ') &&
+         (at + method.size() == methods.size() || methods[at + method.size()] == ',');
+}
+
+std::variant<PartHeader, std::string> part_header(const ApiRequest& request) {
+  const std::string* const offset_text = request.header("upload-offset");
+  const std::string* const length_text = request.header("upload-length");
+  const std::string* const digest_text = request.header("content-digest");
+  const auto offset = offset_text ? whole_number(*offset_text) : std::nullopt;
+  if (!offset) return "Upload-Offset: where in the pack the part begins, an integer";
+  const auto digest = digest_text ? part_digest(*digest_text) : std::nullopt;
+  if (!digest) return "Content-Digest: sha-256=:BASE64: of the part";
+  const auto length = length_text ? whole_number(*length_text) : std::nullopt;
+  if (length_text && !length) return "Upload-Length: an integer";
+  if (length && *length <= kPackHeadSize + kPackEntrySize) return "Upload-Length: shorter than any pack";
+  return PartHeader{.offset = *offset, .length = length, .digest = *digest};
+}
+
+namespace {
+
+using nlohmann::json;
+using Kind = Denial::Kind;
+
+constexpr std::size_t kLongestDetail = 500;
+constexpr const char* kSoon_s = "2";
+
+ApiResponse json_answer(int status, const json& document) {
+  return {.status = status, .body = document.dump(-1, ' ', false, json::error_handler_t::replace)};
+}
+
+std::string short_detail(const std::string& text) {
+  std::string detail = printable(text);
+  if (detail.size() > kLongestDetail) detail.resize(kLongestDetail);
+  return detail;
+}
+
+json digests(const std::vector<Sha256>& list) {
+  json array = json::array();
+  for (const Sha256& sha256 : list) array.push_back(sha256.hex());
+  return array;
+}
+
+std::string time_text(std::int64_t ms) { return to_rfc3339(UtcTime{ms / 1000}); }
+
+const char* name_of(UploadState state) {
+  switch (state) {
+    case UploadState::open: return "open";
+    case UploadState::judging: return "judging";
+    case UploadState::judged: break;
+  }
+  return "judged";
+}
+
+const char* verdict_of(const TileRow& tile) {
+  if (!tile.verdict) return "pending";
+  switch (*tile.verdict) {
+    case Verdict::accepted: return "accepted";
+    case Verdict::rejected: return "rejected";
+    case Verdict::duplicate: break;
+  }
+  return "duplicate";
+}
+
+struct StatusAndType {
+  int status;
+  const char* type;
+};
+
+StatusAndType status_of(Kind kind) {
+  switch (kind) {
+    case Kind::malformed: return {400, "malformed"};
+    case Kind::forbidden: return {403, "forbidden"};
+    case Kind::not_found: return {404, "not-found"};
+    case Kind::key_reused: return {422, "key-reused"};
+    case Kind::batch_invalid: return {422, "batch-invalid"};
+    case Kind::pack_unknown: return {404, "pack-unknown"};
+    case Kind::pack_invalid: return {422, "pack-invalid"};
+    case Kind::pack_busy: return {409, "pack-busy"};
+    case Kind::offset_mismatch: return {409, "offset-mismatch"};
+    case Kind::digest_mismatch: return {460, "digest-mismatch"};
+    case Kind::too_large: return {413, "too-large"};
+    case Kind::too_many: return {429, "too-many-requests"};
+    case Kind::incomplete: return {409, "incomplete"};
+    case Kind::storage_full: return {507, "storage-full"};
+    case Kind::unavailable: break;
+  }
+  return {503, "busy"};
+}
+
+ApiResponse announcement_answer(const Announcement& announcement, std::uint64_t part_max) {
+  json refused = json::array();
+  for (const auto& [sha256, refusal] : announcement.refused) {
+    refused.push_back(
+        {{"sha256", sha256.hex()}, {"code", name_of(refusal.code)}, {"detail", short_detail(refusal.detail)}});
+  }
+  ApiResponse response =
+      json_answer(announcement.opened ? 201 : 200, {{"upload_id", announcement.upload},
+                                                    {"missing", digests(announcement.missing)},
+                                                    {"known", digests(announcement.known)},
+                                                    {"refused", std::move(refused)},
+                                                    {"part_max", part_max},
+                                                    {"expires_at", time_text(announcement.expires_ms)}});
+  response.headers.emplace_back("Location", "/v1/uploads/" + announcement.upload);
+  return response;
+}
+
+ApiResponse completion_answer(const Completion& completion) {
+  ApiResponse response = json_answer(202, {{"upload_id", completion.upload}, {"pending", completion.pending}});
+  if (completion.pending > 0) response.headers.emplace_back("Retry-After", kSoon_s);
+  return response;
+}
+
+ApiResponse status_answer(const UploadStatus& status) {
+  json tiles = json::array();
+  bool pending = false;
+  for (const TileRow& tile : status.tiles) {
+    const bool rejected = tile.verdict == Verdict::rejected;
+    const ReasonCode code = tile.code.value_or(ReasonCode::policy);
+    pending = pending || !tile.verdict;
+    tiles.push_back({{"sha256", tile.sha256.hex()},
+                     {"verdict", verdict_of(tile)},
+                     {"code", rejected ? json(name_of(code)) : json()},
+                     {"detail", short_detail(tile.detail)},
+                     {"retryable", rejected && retryable(code)}});
+  }
+  ApiResponse response = json_answer(200, {{"upload_id", status.upload.name},
+                                           {"batch", status.upload.batch},
+                                           {"state", name_of(status.upload.state)},
+                                           {"expires_at", time_text(status.upload.expires_ms)},
+                                           {"tiles", std::move(tiles)}});
+  response.headers.emplace_back("Cache-Control", "no-store");
+  if (pending) response.headers.emplace_back("Retry-After", kSoon_s);
+  return response;
+}
+
+ApiResponse reason_codes_answer() {
+  json codes = json::array();
+  for (const ReasonCode code : all_reason_codes()) {
+    codes.push_back({{"code", name_of(code)}, {"retryable", retryable(code)}, {"meaning", meaning_of(code)}});
+  }
+  return json_answer(200, {{"version", kReasonCodesVersion}, {"codes", std::move(codes)}});
+}
+
+ApiResponse health_answer(const std::string& fault, bool fails) {
+  const char* status = fault.empty() ? "pass" : fails ? "fail" : "warn";
+  ApiResponse response = json_answer(fails ? 503 : 200, {{"status", status}, {"reason", short_detail(fault)}});
+  response.headers.emplace_back("Cache-Control", "no-store");
+  return response;
+}
+
+ApiResponse denial_answer(const Denial& denial) {
+  const auto [status, type] = status_of(denial.kind);
+  ApiResponse response = answer({.status = status, .type = type, .detail = denial.detail});
+  if (denial.offset) response.headers.emplace_back("Upload-Offset", std::to_string(*denial.offset));
+  if (denial.kind == Kind::incomplete) {
+    json document = json::parse(response.body);
+    document["missing"] = digests(denial.missing);
+    response.body = document.dump();
+  }
+  if (denial.kind == Kind::unavailable || denial.kind == Kind::pack_busy || denial.kind == Kind::too_many) {
+    response.headers.emplace_back("Retry-After", kSoon_s);
+  }
+  constexpr const char* kMinutes_s = "300";
+  if (denial.kind == Kind::storage_full) response.headers.emplace_back("Retry-After", kMinutes_s);
+  return response;
+}
+
+ApiResponse problem(int status, const char* type, std::string detail) {
+  return answer({.status = status, .type = type, .detail = std::move(detail)});
+}
+
+}  // namespace
+
+ApiResponse later(int status, std::string type, std::string detail) {
+  ApiResponse response = answer({.status = status, .type = std::move(type), .detail = std::move(detail)});
+  response.headers.emplace_back("Retry-After", kSoon_s);
+  return response;
+}
+
+std::variant<Admission, ApiResponse> UploadApi::admit(const ApiRequest& header) const {
+  if (loopback_ && !names_loopback(header.host)) {
+    return problem(421, "host", "this service is called by localhost, 127.0.0.1 or [::1]");
+  }
+  const std::string_view path = header.path();
+  const UploadClient* client = clients_.find(header.authorization);
+  if (path != "/v1/health" && client == nullptr) {
+    ApiResponse refusal = problem(401, "unauthorized", "send Authorization: Bearer TOKEN");
+    refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
+    return refusal;
+  }
+  auto route = upload_route(path, header.method, service_.options().part_max);
+  if (!route) return problem(404, "not-found", "there is no such path; see schemas/candidates.openapi.yaml");
+  if (!route->allows(header.method)) {
+    ApiResponse refusal = problem(405, "method", fmt::format("this path takes {}", route->methods));
+    refusal.headers.emplace_back("Allow", route->methods);
+    return refusal;
+  }
+  route->admission.client = route->admission.path == UploadPath::health ? nullptr : client;
+  if (route->media.empty()) {
+    if (header.content_length.value_or(0) > 0 || header.other_encoding) {
+      return problem(413, "too-large", "this call has no body");
+    }
+    return route->admission;
+  }
+  if (!header.content_length || header.other_encoding) {
+    return problem(411, "length-required", "send the body as it is, with Content-Length");
+  }
+  if (*header.content_length > route->body_max) {
+    return problem(413, "too-large", fmt::format("at most {} bytes are taken here", route->body_max));
+  }
+  if (media_type(header.content_type) != route->media) {
+    return problem(415, "media-type", fmt::format("send Content-Type: {}", route->media));
+  }
+  route->admission.body_bytes = *header.content_length;
+  return route->admission;
+}
+
+ApiResponse UploadApi::answer(const Admission& admission, const ApiRequest& request) const {
+  ApiResponse response;
+  try {
+    response = route(admission, request);
+  } catch (const Error& error) {
+    // The catalogue or the disk; what was wrong with the request itself is a denial.
+    response = later(503, "busy", error.what());
+  } catch (const std::exception& error) {
+    response = problem(500, "internal", error.what());
+  }
+  response.headers.emplace_back("X-Content-Type-Options", "nosniff");
+  return response;
+}
+
+ApiResponse UploadApi::route(const Admission& admission, const ApiRequest& request) const {
+  switch (admission.path) {
+    case UploadPath::health: return health();
+    case UploadPath::reason_codes: return reason_codes_answer();
+    case UploadPath::uploads: return announce(*admission.client, request);
+    case UploadPath::upload: return status(*admission.client, admission.upload);
+    case UploadPath::complete: return complete(*admission.client, admission.upload);
+    case UploadPath::pack: break;
+  }
+  return pack(admission, request);
+}
+
+ApiResponse UploadApi::health() const {
+  const ServiceFault fault = service_.fault();
+  return health_answer(fault.reason, fault.fails);
+}
+
+ApiResponse UploadApi::announce(const UploadClient& client, const ApiRequest& request) const {
+  const std::string* const key = request.header("idempotency-key");
+  if (key == nullptr) return problem(400, "malformed", "Idempotency-Key: the batch's id");
+  const auto result = service_.announce(client, *key, request.body);
+  if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
+  return announcement_answer(std::get<Announcement>(result), service_.options().part_max);
+}
+
+ApiResponse UploadApi::status(const UploadClient& client, const std::string& upload) const {
+  const auto result = service_.status(client, upload);
+  if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
+  return status_answer(std::get<UploadStatus>(result));
+}
+
+ApiResponse UploadApi::complete(const UploadClient& client, const std::string& upload) const {
+  std::optional<std::int64_t> to_evaluate;
+  const auto result = service_.complete(client, upload, to_evaluate);
+  if (to_evaluate) evaluate_(client, *to_evaluate);
+  if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
+  return completion_answer(std::get<Completion>(result));
+}
+
+ApiResponse UploadApi::pack(const Admission& admission, const ApiRequest& request) const {
+  if (request.method == "HEAD") {
+    const auto result = service_.offset(*admission.client, admission.upload, *admission.pack);
+    if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
+    const auto& offset = std::get<PackOffset>(result);
+    ApiResponse response{.content_type = "application/octet-stream",
+                         .headers = {{"Upload-Offset", std::to_string(offset.offset)}, {"Cache-Control", "no-store"}}};
+    if (offset.length) response.headers.emplace_back("Upload-Length", std::to_string(*offset.length));
+    return response;
+  }
+  const auto header = part_header(request);
+  if (const auto* fault = std::get_if<std::string>(&header)) return problem(400, "malformed", *fault);
+  const auto result = service_.append(*admission.client, admission.upload, *admission.pack,
+                                      std::get<PartHeader>(header), as_bytes(request.body));
+  if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
+  return {.status = 204,
+          .content_type = "",
+          .headers = {{"Upload-Offset", std::to_string(std::get<PackOffset>(result).offset)}}};
+}
+
+}  // namespace nadir
