@@ -257,7 +257,7 @@ TEST_F(NadirdCheck, InFlightATileKeyThatNobodyWouldAcceptCostsTheTilesAlone) {
     const ShortFlight flight;
     err_.str("");
     EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem")}), 0) << err_.str();
-    EXPECT_NE(err_.str().find("0 pictures"), std::string::npos) << "it flew: " << err_.str();
+    EXPECT_NE(err_.str().find("0 frames"), std::string::npos) << "it flew: " << err_.str();
     EXPECT_EQ(err_.str().find("key.revoked") != std::string::npos, revoked != nullptr) << err_.str();
     EXPECT_EQ(std::filesystem::exists(folder_ / "tiles"), revoked == nullptr);
   }

@@ -151,7 +151,7 @@ class Replay(EndToEnd):
     def test_empty_folder(self):
         for picture in (self.flown / "frames").iterdir():
             picture.unlink()
-        self.refused(says=["no picture"])
+        self.refused(says=["no images"])
 
     def test_camera_of_another_size(self):
         camera = self.flown / "camera.yaml"

@@ -32,7 +32,7 @@ class Ortho(EndToEnd):
         f = self.folder
         options = {"package": f / "package", "trust": f / "root.json", "at": "2025-09-20", "frames": f / "flight/frames",
                    "telemetry": f / "flight/telemetry.csv", "camera": f / "world/camera.yaml", "key": f / "tile.key.pem",
-                   "airframe": "mini-07", "captured-at": "2025-09-20T10:00:00.500Z", "out": out} | changed
+                   "airframe": "mini-07", "captured": "2025-09-20T10:00:00.500Z", "out": out} | changed
         return ["ortho"] + ([self.start] if self.start else []) + [text for name, value in options.items() if value is not None
                                         for text in (f"--{name}", value)]
 
@@ -94,7 +94,7 @@ class Ortho(EndToEnd):
         for says, change in ((["flight", "expected"], {"flight": "0" * 12}), (["map"], {"base_package": "0" * 64}),
                              (["camera"], {"camera": "0" * 64}), (["plane"], {"origin": {"lon_deg": 8.0, "lat_deg": 47.0}}),
                              (["number of frames"], {"frames": 6}), (["schema", "nadir.poses/1"], {"schema": "nadir.poses/2"}),
-                             (["poses/0: agl_m"], {"poses": [document["poses"][0] | {"agl_m": None}]}),
+                             (["/poses/0/agl_m"], {"poses": [document["poses"][0] | {"agl_m": None}]}),
                              (["name of a frame"], {"poses": [document["poses"][0] | {"frame": "other.jpg"}]})):
             (f / "changed.json").write_text(json.dumps(document | change))
             self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), says=says + ["changed.json"],
@@ -108,8 +108,8 @@ class Ortho(EndToEnd):
         f = self.folder
         for says, changed in ((["tile key", "tile-signer"], {"key": f / "other.key.pem"}),
                               (["--airframe"], {"airframe": None}),
-                              (["--captured"], {"captured-at": None}),
-                              (["--captured"], {"captured-at": "yesterday"}),
+                              (["--captured"], {"captured": None}),
+                              (["--captured"], {"captured": "yesterday"}),
                               (["names"], {"flight": "a/b"}),
                               (["none.csv"], {"telemetry": f / "none.csv"})):
             self.fails(2, *self.ask(f / "out", **changed), says=says, leaves_nothing=f / "out")

@@ -113,7 +113,7 @@ class Commands(unittest.TestCase):
     def test_the_token(self):
         self.ends(0, self.stage())
         self.ends(2, self.push(token=None), "NADIR_SYNC_TOKEN")
-        self.ends(2, self.push(token="short"), "no token")
+        self.ends(2, self.push(token="short"), "not a valid token")
         self.ends(2, self.push(token="another-token-than-the-right-one"), "does not accept the token")
         self.assertEqual({"SEALED"}, {state for state, _ in tiles(self.outbox).values()})
         file = self.folder / "token"

@@ -103,8 +103,8 @@ class Damage(unittest.TestCase):
         self.damage("UPDATE blob SET bytes = x'00' WHERE tile = 2")
         self.stage(1)
         self.assertIn("0 tiles", self.call(0, "prune", self.outbox))
-        self.assertIn("1 tiles", self.call(0, "prune", self.outbox, "--keep-days", 0))
-        self.assertIn("staged 1 tiles", self.stage(0))
+        self.assertIn("1 tile,", self.call(0, "prune", self.outbox, "--keep-days", 0))
+        self.assertIn("staged 1 tile,", self.stage(0))
 
     def test_one_damaged_sealed_tile_keeps_no_other_batch_and_no_other_tile(self):
         self.stage(0)
@@ -113,14 +113,14 @@ class Damage(unittest.TestCase):
         outcome = self.push(1)
         self.assertEqual((COUNT, COUNT), (outcome["accepted"], outcome["parked"]))
         self.assertIn("the outbox is damaged: the image of tile", self.call(1, "status", self.outbox))
-        self.assertIn("1 batches", self.call(0, "retry", self.outbox))
+        self.assertIn("1 batch can", self.call(0, "retry", self.outbox))
         self.assertEqual(COUNT, self.push(1)["parked"])
         told = self.retry(1)
         self.assertEqual(1, told.count("outbox.damaged"), told)
-        self.assertIn(f"{COUNT - 1} tiles go into 1 new batches", told)
+        self.assertIn(f"{COUNT - 1} tiles put into 1 new batch\n", told)
         self.assertEqual(COUNT - 1, self.push(0)["accepted"])
         self.assertEqual({"ACCEPTED": 2 * COUNT - 1, "DAMAGED": 1}, self.states())
-        self.assertIn("staged 1 tiles", self.stage(0))
+        self.assertIn("staged 1 tile,", self.stage(0))
         self.assertEqual(1, self.push(0)["accepted"])
         self.assertEqual([], discrepancies(self.outbox, self.server.service, 2 * COUNT))
 
@@ -153,14 +153,14 @@ class Damage(unittest.TestCase):
                 self.begin(f"outbox-{number}")
                 self.stage(0)
                 self.damage(damage, "UPDATE batch SET stage = 'parked'", "UPDATE tile SET state = 'PARKED'")
-                self.assertIn(f"{COUNT} tiles go into 1 new batches", self.retry(0))
+                self.assertIn(f"{COUNT} tiles put into 1 new batch\n", self.retry(0))
                 self.push(0)
                 self.assertEqual({"ACCEPTED": COUNT}, self.states())
 
     def test_a_sound_parked_batch_stays_what_it_is(self):
         self.stage(0)
         self.damage("UPDATE batch SET stage = 'parked'", "UPDATE tile SET state = 'PARKED'")
-        self.assertIn("1 batches may be tried at once; 0 tiles go into 0 new batches", self.retry(0))
+        self.assertIn("1 batch can be retried now; 0 tiles put into 0 new batches", self.retry(0))
         self.assertEqual(COUNT, self.push(0)["accepted"])
 
     def test_killed_while_setting_aside_and_taking_apart(self):

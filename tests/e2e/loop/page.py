@@ -15,7 +15,7 @@ sys.path.insert(0, str(HERE.parents[1] / "support"))
 from simulated_autopilot.geo import LocalPlane
 from simulated_autopilot.plan import Plan
 
-STYLE = HERE.parents[2] / "tools" / "replay" / "report" / "page.css"
+STYLE = HERE.parents[2] / "libgeo" / "replay" / "report" / "page.css"
 SHOWN = ("scenario", "source", "reset", "statustext")
 PICTURE_PX = 1000
 TURN_RADIUS_M = 130.0  # the simulated autopilot's
