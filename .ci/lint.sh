@@ -6,10 +6,11 @@ failed=0
 clang-format --dry-run --Werror "${files[@]}" || failed=1
 mapfile -t sources < <(printf '%s\n' "${files[@]}" | grep '\.cpp$')
 # gcc's precompiled headers are no use to clang: it reads the sources without them.
-python3 - build/compile_commands.json <<'P' || exit 2
+# Each source by itself, as clang-tidy looks at it.
+cmake -G Ninja -B build/lint -DCMAKE_BUILD_TYPE=Release -DNADIR_UNITY=OFF >/dev/null && cmake --build build/lint --target nadir_mavlink_headers_generated >/dev/null || exit 2
+python3 - build/lint/compile_commands.json <<'P' || exit 2
 import json, os, re, sys
 commands = json.load(open(sys.argv[1]))
-os.makedirs("build/lint", exist_ok=True)
 for entry in commands:
     entry["command"] = re.sub(r"-include \S*cmake_pch\.hxx|-Winvalid-pch|-Wduplicated-cond|-Wlogical-op|-Wno-stringop-overflow|-Wno-maybe-uninitialized|-Wno-restrict", "", entry["command"])
 json.dump(commands, open("build/lint/compile_commands.json", "w"))

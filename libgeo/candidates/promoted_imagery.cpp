@@ -24,7 +24,7 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr double kCe90OfSigma = 2.146;
+constexpr double kCe90PerSigma = 2.146;
 constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
 
 // Zoom, day, block's column and row: what lies in one file.
@@ -146,7 +146,7 @@ ExportedImage write_sheet(std::span<const PromotedTile* const> tiles, const Pack
     airframes.insert(tile->sidecar.airframe);
   }
   image.gsd_m = static_cast<double>(gsd_mm) / 1000;
-  image.ce90_m = kCe90OfSigma * static_cast<double>(sigma_mm) / 1000;
+  image.ce90_m = kCe90PerSigma * static_cast<double>(sigma_mm) / 1000;
   image.file = folder / fmt::format("promoted-z{}-{}-{}-{}.tif", zoom,
                                     to_rfc3339(UtcTime{day * kDay_ms / 1000}).substr(0, 10), column, row);
   const Extent extent = extent_of(tiles);

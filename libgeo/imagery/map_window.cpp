@@ -13,20 +13,20 @@
 namespace nadir {
 namespace {
 
-constexpr int kMaxSide = 20'000;
-constexpr int kBlock = 1024;  // output pixels that are processed at once: bounds memory
+constexpr int kMaxWindowSide_px = 20'000;
+constexpr int kWarpBlock_px = 1024;  // output pixels that are processed at once: bounds memory
 constexpr int kNode = 32;     // output pixels between exact positions; linear in between
 
-struct Level {
+struct WindowLevel {
   int zoom = 0;
   int tile_shrink = 1;  // tiles are averaged down by this before they are sampled
   int samples = 1;      // samples per output pixel, each way
 };
 
 // The factor that remains after tile_shrink is below 2; above 1.25 one sample per pixel would alias.
-Level level_for(const ZoomRange& zooms, double gsd_m, double lat_deg) {
+WindowLevel level_for(const ZoomRange& zooms, double gsd_m, double lat_deg) {
   constexpr double kRounding = 1.001;
-  Level level{zooms.max, 1, 1};
+  WindowLevel level{zooms.max, 1, 1};
   while (level.zoom > zooms.min && ground_resolution_m(level.zoom - 1, lat_deg) <= gsd_m * kRounding) --level.zoom;
   double factor = gsd_m / ground_resolution_m(level.zoom, lat_deg);
   while (factor >= 2.0 && level.tile_shrink < kTileSize) {
@@ -51,7 +51,7 @@ struct Nodes {
 
 class BlockCutter {
  public:
-  BlockCutter(TileCache& cache, const LocalFrame& frame, const MapWindow& window, const Level& level, Colour colour)
+  BlockCutter(TileCache& cache, const LocalFrame& frame, const MapWindow& window, const WindowLevel& level, Colour colour)
       : cache_(cache), frame_(frame), window_(window), level_(level), colour_(colour) {}
 
   void cut(const cv::Rect& block, cv::Mat image, cv::Mat mask) const {
@@ -153,17 +153,17 @@ class BlockCutter {
   TileCache& cache_;
   const LocalFrame& frame_;
   const MapWindow& window_;
-  Level level_;
+  WindowLevel level_;
   Colour colour_;
 };
 
 MapWindow empty_window(const PlaneBox& box, double gsd_m, Colour colour) {
   const double columns = std::round((box.east_m - box.west_m) / gsd_m);
   const double rows = std::round((box.north_m - box.south_m) / gsd_m);
-  const bool fits = gsd_m > 0 && columns >= 1 && rows >= 1 && columns <= kMaxSide && rows <= kMaxSide;
+  const bool fits = gsd_m > 0 && columns >= 1 && rows >= 1 && columns <= kMaxWindowSide_px && rows <= kMaxWindowSide_px;
   if (!fits) {  // NaN does not fit either
     throw Error({.what = "a map window of this size cannot be cut",
-                 .expected = fmt::format("1 to {} pixels a side and a positive GSD", kMaxSide),
+                 .expected = fmt::format("1 to {} pixels a side and a positive GSD", kMaxWindowSide_px),
                  .found = fmt::format("{} x {} m at {} m per pixel", box.east_m - box.west_m, box.north_m - box.south_m,
                                       gsd_m)});
   }
@@ -194,12 +194,12 @@ ZoomRange MapWindowReader::zooms() const { return impl_->cache.source().zooms();
 MapWindow MapWindowReader::read(const LocalFrame& frame, const PlaneBox& box, double gsd_m, Colour colour) {
   MapWindow window = empty_window(box, gsd_m, colour);
   const LonLat centre = frame.lonlat_from_enu((box.west_m + box.east_m) / 2, (box.south_m + box.north_m) / 2);
-  const Level level = level_for(zooms(), gsd_m, centre.lat_deg);
+  const WindowLevel level = level_for(zooms(), gsd_m, centre.lat_deg);
   const BlockCutter cutter(impl_->cache, frame, window, level, colour);
-  for (int row = 0; row < window.image.rows; row += kBlock) {
-    for (int column = 0; column < window.image.cols; column += kBlock) {
-      const cv::Rect block(column, row, std::min(kBlock, window.image.cols - column),
-                           std::min(kBlock, window.image.rows - row));
+  for (int row = 0; row < window.image.rows; row += kWarpBlock_px) {
+    for (int column = 0; column < window.image.cols; column += kWarpBlock_px) {
+      const cv::Rect block(column, row, std::min(kWarpBlock_px, window.image.cols - column),
+                           std::min(kWarpBlock_px, window.image.rows - row));
       cutter.cut(block, window.image(block), window.mask(block));
     }
   }

@@ -12,14 +12,14 @@
 namespace nadir {
 namespace {
 
-constexpr std::size_t kNamed = 20;  // faults of one kind that are named one by one
+constexpr std::size_t kNamedTiles = 20;  // faults of one kind that are named one by one
 
 // Adds findings of one kind up to a limit.
 class LimitedFindings {
  public:
   explicit LimitedFindings(Findings& findings) : findings_(findings) {}
   void add(Finding finding) {
-    if (++count_ <= kNamed) findings_.add(std::move(finding));
+    if (++count_ <= kNamedTiles) findings_.add(std::move(finding));
   }
 
  private:

@@ -203,7 +203,7 @@ void verify_mission(const std::filesystem::path& package, Verification& result) 
 
 constexpr std::size_t kMaxUnexpected = 50;
 constexpr std::size_t kMaxEntries = 10'000;
-constexpr std::size_t kBlock = 1 << 20;
+constexpr std::size_t kReadBlock_bytes = 1 << 20;
 
 // The files on disk against the artifacts. Imagery and terrain are hashed at full depth only, everything else
 // always.
@@ -221,7 +221,7 @@ class FileVerifier {
     walk();
     std::uint64_t to_hash = 0;
     for (const Artifact& artifact : manifest_.artifacts) to_hash += hashes(artifact) ? artifact.size : 0;
-    progress_.begin("hashing", to_hash / kBlock + 1, "MiB");
+    progress_.begin("hashing", to_hash / kReadBlock_bytes + 1, "MiB");
     for (const Artifact& artifact : manifest_.artifacts) verify(artifact);
     progress_.end();
     return std::move(check_);
@@ -291,7 +291,7 @@ class FileVerifier {
     std::ifstream file(package_ / artifact.path, std::ios::binary);
     if (!file) throw Error({.what = "cannot open a package file", .where = package_ / artifact.path});
     Sha256Stream stream;
-    Bytes block(kBlock);
+    Bytes block(kReadBlock_bytes);
     for (std::uint64_t left = artifact.size; left > 0;) {
       const std::size_t want = static_cast<std::size_t>(std::min<std::uint64_t>(left, block.size()));
       file.read(reinterpret_cast<char*>(block.data()), static_cast<std::streamsize>(want));

@@ -108,7 +108,7 @@ std::optional<double> pixel_side_m(GDALDataset& dataset, LonLat place) {
   return kStep_m / std::sqrt(pixels);
 }
 
-struct Plan {
+struct TerrainPlan {
   TerrainGrid grid;
   const char* resampling = "bilinear";
 };
@@ -120,7 +120,7 @@ void span(double low, double high, double origin, double step, double& first, in
   count = static_cast<int>(std::clamp(to - from, 1.0, 1e6));
 }
 
-Plan plan_grid(GDALDataset& dataset, const Mission& mission) {
+TerrainPlan plan_grid(GDALDataset& dataset, const Mission& mission) {
   LonLatBox box = manifest_for(mission).bounds;
   const LonLat centre{(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2};
   const double narrowing = std::cos(radians(centre.lat_deg));
@@ -128,7 +128,7 @@ Plan plan_grid(GDALDataset& dataset, const Mission& mission) {
   box = {std::max(-180.0, box.west_deg - lon_margin), std::max(-90.0, box.south_deg - lat_margin),
          std::min(180.0, box.east_deg + lon_margin), std::min(90.0, box.north_deg + lat_margin)};
 
-  Plan plan;
+  TerrainPlan plan;
   TerrainGrid& grid = plan.grid;
   double lon_origin = 0, lat_origin = 0;
   const auto own = own_grid(dataset);
@@ -159,7 +159,7 @@ void check_size(const Source& source, const TerrainGrid& grid) {
       fmt::format("{} x {}", grid.columns, grid.rows), "resample it first: gdalwarp -tr … -r average IN.tif OUT.tif");
 }
 
-GdalHandle warp(const Source& source, const Plan& plan) {
+GdalHandle warp(const Source& source, const TerrainPlan& plan) {
   const TerrainGrid& grid = plan.grid;
   const auto number = [](double value) { return fmt::format("{}", value); };  // shortest text that reads back the same
   std::vector<std::string> words{"-of",
@@ -243,7 +243,7 @@ TerrainRaster cut_terrain(const fs::path& dem, const Mission& mission) {
   const Source source{dem, open_gdal_raster(dem)};
   const QuietGdal quiet;
   check_source(source);
-  const Plan plan = plan_grid(*source.dataset, mission);
+  const TerrainPlan plan = plan_grid(*source.dataset, mission);
   check_size(source, plan.grid);
   CPLErrorReset();
   const GdalHandle warped = warp(source, plan);

@@ -172,11 +172,6 @@ constexpr LonLat kNowhere{-11.2345678, 2.3456789};           // the Gulf of Guin
 constexpr double kNowhereSigma_m = 100;                      // arming and the filter require 5
 constexpr double kSamePlace_deg = 1e-6;
 
-std::int64_t unix_us() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
-
 // By the autopilot's clock; 0 when none came.
 double imu_rate_hz(AutopilotSession& session, MavlinkAddress autopilot) {
   std::optional<std::uint64_t> first_us;

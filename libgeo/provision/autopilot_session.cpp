@@ -107,11 +107,6 @@ std::string frames_received(const AutopilotSession& session) {
                      session.timeout_s(), counts.without, counts.wrong, counts.too_old + counts.replayed);
 }
 
-std::int64_t unix_us() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
-
 }  // namespace
 
 LinkState open_detected(AutopilotSession& session, const std::optional<SigningKey>& key,
@@ -159,6 +154,11 @@ bool remove_key(AutopilotSession& session, MavlinkAddress autopilot) {
   session.request(
       {}, [](const ReceivedMessage&) { return false; }, unsigned_again);
   return session.counts().signatures.without > before;
+}
+
+std::int64_t unix_us() {
+  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+      .count();
 }
 
 }  // namespace nadir

@@ -68,4 +68,7 @@ void install_key(AutopilotSession& session, MavlinkAddress autopilot, const Sign
 // Over the signed session. False: no unsigned frame was received afterwards.
 bool remove_key(AutopilotSession& session, MavlinkAddress autopilot);
 
+// This machine's UTC in microseconds since 1970, for signing times and new keys.
+std::int64_t unix_us();
+
 }  // namespace nadir

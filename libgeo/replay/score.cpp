@@ -156,9 +156,9 @@ constexpr SourceLabel kSources[] = {SourceLabel::satellite_anchored, SourceLabel
                                     SourceLabel::dead_reckoned, SourceLabel::no_fix};
 
 // Figures are rounded: digits beyond a millimetre or a ten-thousandth mean nothing.
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-double millimetres(double value) { return rounded(value, 1000); }
-double share_of(double value) { return rounded(value, 10000); }
+double rounded_to(double value, double steps) { return std::round(value * steps) / steps; }
+double millimetres(double value) { return rounded_to(value, 1000); }
+double share_of(double value) { return rounded_to(value, 10000); }
 
 nlohmann::json json_from(const ErrorFigures& e) {
   return {{"scored", e.scored},
@@ -186,10 +186,10 @@ nlohmann::json json_from(const Summary& summary) {
                              {"frames", s.frames},
                              {"sources", std::move(sources)},
                              {"localized_share", share_of(s.localized_share)},
-                             {"latency_p50_ms", rounded(s.latency.p50_ms, 10)},
-                             {"latency_p95_ms", rounded(s.latency.p95_ms, 10)},
-                             {"latency_max_ms", rounded(s.latency.max_ms, 10)},
-                             {"peak_memory_mb", rounded(summary.peak_memory_mb, 10)}};
+                             {"latency_p50_ms", rounded_to(s.latency.p50_ms, 10)},
+                             {"latency_p95_ms", rounded_to(s.latency.p95_ms, 10)},
+                             {"latency_max_ms", rounded_to(s.latency.max_ms, 10)},
+                             {"peak_memory_mb", rounded_to(summary.peak_memory_mb, 10)}};
   if (s.errors) document.update(json_from(*s.errors));
   if (summary.refined.errors) document["refined"] = json_from(*summary.refined.errors);
   return document;

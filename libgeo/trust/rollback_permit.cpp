@@ -13,15 +13,15 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kMaxText = 64;
-constexpr std::int64_t kMaxSequence = std::int64_t{1} << 53;
+constexpr std::int64_t kMaxPermittedSequence = std::int64_t{1} << 53;
 
 RollbackPermit read_permit(const JsonReader& in) {
   const JsonLength length{.least = 1, .most = kMaxText};
   in.expect("schema", kPermitSchema);
   RollbackPermit permit;
   permit.series = in.text("series", length);
-  permit.from = in.integer("from", 0, kMaxSequence);
-  permit.to = in.integer("to", 0, kMaxSequence);
+  permit.from = in.integer("from", 0, kMaxPermittedSequence);
+  permit.to = in.integer("to", 0, kMaxPermittedSequence);
   if (permit.to >= permit.from) in.refuse("to", "a number below \"from\"");
   permit.airframe = in.optional_text("airframe", length);
   permit.expires = in.time("expires");

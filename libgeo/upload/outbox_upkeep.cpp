@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::int64_t kLatest_ms = 253'402'300'799'999;  // 9999-12-31T23:59:59.999Z
 
-[[noreturn]] void refuse(std::string expected, std::string_view found) {
+[[noreturn]] void refuse_setting(std::string expected, std::string_view found) {
   throw Error({.what = "the outbox is damaged",
                .expected = std::move(expected),
                .found = std::string(found.substr(0, 80)),
@@ -26,7 +26,7 @@ OutboxReport report_outbox(const OutboxDatabase& outbox) {
   auto states = outbox.prepare("SELECT state, count(*), sum(size) FROM tile GROUP BY state");
   while (states.step()) {
     const auto state = parse_tile_state(states.text(0));
-    if (!state) refuse("a state of a tile", std::string(states.text(0)));
+    if (!state) refuse_setting("a state of a tile", std::string(states.text(0)));
     report.states[*state].tiles += states.integer(1);
     report.states[*state].bytes += states.integer(2);
   }
@@ -43,7 +43,7 @@ OutboxReport report_outbox(const OutboxDatabase& outbox) {
       " FROM batch WHERE stage <> 'done' ORDER BY id");
   while (batches.step()) {
     const std::int64_t not_before_ms = batches.integer(5);
-    if (not_before_ms < 0 || not_before_ms > kLatest_ms) refuse("a time before the year 10000", batches.text(5));
+    if (not_before_ms < 0 || not_before_ms > kLatest_ms) refuse_setting("a time before the year 10000", batches.text(5));
     report.batches.push_back({std::string(batches.text(0)), std::string(batches.text(1)), std::string(batches.text(2)),
                               std::string(batches.text(3)), batches.integer(7), batches.integer(8),
                               static_cast<int>(batches.integer(4)), not_before_ms, std::string(batches.text(6))});

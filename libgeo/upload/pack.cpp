@@ -19,7 +19,7 @@ void append_u32(Bytes& bytes, std::uint32_t value) {
   for (int shift = 24; shift >= 0; shift -= 8) bytes.push_back(static_cast<std::uint8_t>(value >> shift));
 }
 
-[[noreturn]] void refuse(std::string expected, std::string found) {
+[[noreturn]] void refuse_pack(std::string expected, std::string found) {
   throw Error({.what = "cannot accept this pack", .expected = std::move(expected), .found = std::move(found)});
 }
 
@@ -75,7 +75,7 @@ Bytes pack_head(std::span<const PackEntry> entries) {
 PackReader::PackReader(std::uint64_t length, Announced announced, Take take)
     : length_(length), announced_(std::move(announced)), take_(std::move(take)) {
   if (length_ > kMaxPackSize || length_ <= kPackHeadSize + kPackEntrySize) {
-    refuse(fmt::format("a pack of {} to {} bytes", kPackHeadSize + kPackEntrySize + 1, kMaxPackSize),
+    refuse_pack(fmt::format("a pack of {} to {} bytes", kPackHeadSize + kPackEntrySize + 1, kMaxPackSize),
            fmt::format("{} bytes", length_));
   }
 }
@@ -101,22 +101,22 @@ void PackReader::feed(ByteView bytes) {
       case Part::tiles:
         if (gather(bytes, entries_[next_tile_].size)) read_tile();
         break;
-      case Part::done: refuse(fmt::format("{} bytes", length_), "more");
+      case Part::done: refuse_pack(fmt::format("{} bytes", length_), "more");
     }
   }
 }
 
 void PackReader::read_head() {
   if (as_text(ByteView(gathered_).first(kPackMagic.size())) != kPackMagic) {
-    refuse(fmt::format("\"{}\" at the beginning", kPackMagic), "other bytes");
+    refuse_pack(fmt::format("\"{}\" at the beginning", kPackMagic), "other bytes");
   }
   count_ = u32_at(gathered_, kPackMagic.size());
   if (count_ == 0 || count_ > kMaxPackTiles) {
-    refuse(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{}", count_));
+    refuse_pack(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{}", count_));
   }
   // Each tile takes its entry and at least one byte.
   if (kPackHeadSize + count_ * (kPackEntrySize + 1) > length_) {
-    refuse(fmt::format("as many tiles as {} bytes can hold", length_), fmt::format("{}", count_));
+    refuse_pack(fmt::format("as many tiles as {} bytes can hold", length_), fmt::format("{}", count_));
   }
   gathered_.clear();
   part_ = Part::entries;
@@ -132,17 +132,17 @@ void PackReader::read_entries() {
     std::copy_n(bytes.begin(), entry.sha256.bytes.size(), entry.sha256.bytes.begin());
     entry.size = u32_at(bytes, entry.sha256.bytes.size());
     if (entry.size == 0 || entry.size > kMaxPackTileSize) {
-      refuse(fmt::format("tiles of 1 to {} bytes", kMaxPackTileSize),
+      refuse_pack(fmt::format("tiles of 1 to {} bytes", kMaxPackTileSize),
              fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
     }
-    if (!seen.insert(entry.sha256).second) refuse("each tile once", entry.sha256.hex() + " twice");
+    if (!seen.insert(entry.sha256).second) refuse_pack("each tile once", entry.sha256.hex() + " twice");
     if (!announced_(entry)) {
-      refuse("only tiles that were announced, with the size announced",
+      refuse_pack("only tiles that were announced, with the size announced",
              fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
     }
     size += entry.size;
   }
-  if (size != length_) refuse(fmt::format("tiles that fill {} bytes", length_), fmt::format("{} bytes", size));
+  if (size != length_) refuse_pack(fmt::format("tiles that fill {} bytes", length_), fmt::format("{} bytes", size));
   entries_ = std::move(entries);
   gathered_.clear();
   part_ = Part::tiles;
@@ -151,7 +151,7 @@ void PackReader::read_entries() {
 void PackReader::read_tile() {
   const PackEntry& entry = entries_[next_tile_];
   if (sha256(gathered_) != entry.sha256) {
-    refuse(fmt::format("the bytes of tile {}", entry.sha256.hex()), "other bytes at its place");
+    refuse_pack(fmt::format("the bytes of tile {}", entry.sha256.hex()), "other bytes at its place");
   }
   take_(entry, gathered_);
   gathered_.clear();
@@ -159,7 +159,7 @@ void PackReader::read_tile() {
 }
 
 void PackReader::finish() const {
-  if (part_ != Part::done) refuse(fmt::format("{} bytes", length_), fmt::format("{}", bytes_read_));
+  if (part_ != Part::done) refuse_pack(fmt::format("{} bytes", length_), fmt::format("{}", bytes_read_));
 }
 
 }  // namespace nadir

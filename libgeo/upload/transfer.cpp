@@ -211,7 +211,7 @@ struct TileRow {
   TileState state = TileState::sealed;
 };
 
-[[noreturn]] void refuse(std::string expected, std::string found) {
+[[noreturn]] void refuse_reply(std::string expected, std::string found) {
   throw WrongAnswer({.what = "the service's answer is not about this batch",
                      .where = "its tiles",
                      .expected = std::move(expected),
@@ -270,15 +270,15 @@ class Partition {
 
   const TileRow& take(const Sha256& digest) {
     const auto found = tiles_.find(digest);
-    if (found == tiles_.end()) refuse("tiles of the batch", digest.hex());
-    if (!taken_.emplace(digest, true).second) refuse("each tile once", digest.hex() + " twice");
+    if (found == tiles_.end()) refuse_reply("tiles of the batch", digest.hex());
+    if (!taken_.emplace(digest, true).second) refuse_reply("each tile once", digest.hex() + " twice");
     return found->second;
   }
 
   void check_whole() const {
     for (const auto& [digest, row] : tiles_) {
       if (row.state == awaited_ && !taken_.contains(digest))
-        refuse("every tile of the batch", "nothing of " + digest.hex());
+        refuse_reply("every tile of the batch", "nothing of " + digest.hex());
     }
   }
 
@@ -395,7 +395,7 @@ Bytes Transfer::pack_bytes(const OpenPack& pack) const {
 }
 
 VerdictSum Transfer::verdicts(const OpenBatch& batch, const StatusReply& answer, std::int64_t now_ms) {
-  if (answer.upload != batch.upload || answer.batch != batch.uuid) refuse("upload " + batch.upload, answer.upload);
+  if (answer.upload != batch.upload || answer.batch != batch.uuid) refuse_reply("upload " + batch.upload, answer.upload);
   const auto tiles = tiles_of(outbox_, batch.id);
   Partition partition(tiles, TileState::sent);
   VerdictSum sum;

@@ -14,7 +14,7 @@
 namespace nadir {
 namespace {
 
-using Errors = std::vector<FieldError>;
+using FieldErrors = std::vector<FieldError>;
 
 constexpr int kMaxDepth = 4;
 
@@ -27,7 +27,7 @@ struct NumberRange {
 // from one answer. What is missing or wrong reads as 0; then the result means nothing.
 class BodyFields {
  public:
-  BodyFields(JsonReader in, Errors& errors) : in_(std::move(in)), errors_(&errors) {}
+  BodyFields(JsonReader in, FieldErrors& errors) : in_(std::move(in)), errors_(&errors) {}
 
   std::optional<double> optional_number(const char* name, NumberRange range) {
     if (!find(name)) return std::nullopt;
@@ -111,7 +111,7 @@ class BodyFields {
   }
 
   JsonReader in_;
-  Errors* errors_;
+  FieldErrors* errors_;
   std::vector<std::string> known_;
 };
 
@@ -130,7 +130,7 @@ std::variant<Value, Problem> read_body(const ApiRequest& request, const Read& re
         .type = "malformed",
         .detail = fmt::format("the body is not acceptable JSON: {} {}", error.text().what, error.text().found)};
   }
-  Errors errors;
+  FieldErrors errors;
   Value value;
   if (document.is_object()) {
     BodyFields fields(JsonReader(document, {.name = "body", .what = "cannot accept this body"}), errors);
@@ -158,7 +158,7 @@ struct ObjectRequest {
   std::optional<AircraftPose> pose;
 };
 
-Eigen::Vector2d parse_pixel(BodyFields& body, Errors& errors) {
+Eigen::Vector2d parse_pixel(BodyFields& body, FieldErrors& errors) {
   std::optional<BodyFields> pixel = body.optional_object("pixel");
   if (!pixel) {
     errors.push_back({"/pixel", "is missing"});
@@ -171,7 +171,7 @@ Eigen::Vector2d parse_pixel(BodyFields& body, Errors& errors) {
 }
 
 // fx and fy at zoom 1; the principal point is the image centre unless it is given.
-CameraModel parse_camera(BodyFields& body, std::optional<double>& zoom, Errors& errors) {
+CameraModel parse_camera(BodyFields& body, std::optional<double>& zoom, FieldErrors& errors) {
   CameraModel model;
   std::optional<BodyFields> camera = body.optional_object("camera");
   if (!camera) {
@@ -242,7 +242,7 @@ Problem refused(std::string type, std::string detail) {
 }  // namespace
 
 std::variant<Hint, Problem> parse_hint(const ApiRequest& request) {
-  return read_body<Hint>(request, [](BodyFields& body, Errors&) {
+  return read_body<Hint>(request, [](BodyFields& body, FieldErrors&) {
     Hint hint;
     hint.place.lat_deg = body.number("lat", {.low = -90, .high = 90});
     hint.place.lon_deg = body.number("lon", {.low = -180, .high = 180});
@@ -252,7 +252,7 @@ std::variant<Hint, Problem> parse_hint(const ApiRequest& request) {
 }
 
 ApiResponse answer_object_location(const ApiRequest& request, const FlightView& view, const GroundModel& ground) {
-  auto parsed = read_body<ObjectRequest>(request, [](BodyFields& body, Errors& errors) {
+  auto parsed = read_body<ObjectRequest>(request, [](BodyFields& body, FieldErrors& errors) {
     ObjectRequest wanted;
     wanted.pixel = parse_pixel(body, errors);
     wanted.camera = parse_camera(body, wanted.zoom, errors);

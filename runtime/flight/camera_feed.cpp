@@ -10,7 +10,7 @@ namespace nadir {
 namespace {
 
 constexpr std::chrono::milliseconds kMaxWait{200};
-constexpr double kRetry_s = 0.2, kThreadLimit_s = 5;
+constexpr double kRetry_s = 0.2, kCameraThreadLimit_s = 5;
 
 // Recorder and localizer take encoded images. Lossless, because a replay must have the same pixels.
 Bytes encoded(CameraFrame& frame) {
@@ -30,7 +30,7 @@ CameraFeed::CameraFeed(std::unique_ptr<CameraSource> source, double capture_dela
       clock_(clock),
       frames_(frames),
       on_event_(std::move(on_event)),
-      beat_(watch.watch("camera", kThreadLimit_s)),
+      beat_(watch.watch("camera", kCameraThreadLimit_s)),
       thread_([this](const std::stop_token& stop) { run(stop); }) {}
 
 void CameraFeed::run(const std::stop_token& stop) {

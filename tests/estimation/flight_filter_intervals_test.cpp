@@ -19,10 +19,10 @@ using Eigen::Vector2d;
 using F = FlightFilter;
 using test::position_measurement;
 
-constexpr double kGravity_mps2 = 9.80665, kSpeed_mps = 22, kRate_rps = 0.17, kTick_s = 0.02;
+constexpr double kGravity_mps2 = 9.80665, kGroundSpeed_mps = 22, kTurnRate_rps = 0.17, kTick_s = 0.02;
 constexpr int kSeen_s = 12, kGap_s = 33;  // anchors each second; then nothing, but for the frame at the end
 
-TelemetryUncertainty sensors() {
+TelemetryUncertainty interval_sensors() {
   TelemetryUncertainty uncertainty;
   uncertainty.heading_rad = radians(3);
   uncertainty.tilt_rad = radians(2.5);
@@ -41,14 +41,14 @@ struct Gap {
   // In the gap: half round to the right, on for a while, half round to the left.
   Gap(std::uint64_t seed, bool imu) {
     Random random(seed);
-    const TelemetryUncertainty sigma = sensors();
+    const TelemetryUncertainty sigma = interval_sensors();
     const double bias = random.normal(0, sigma.heading_rad);
     const double level_rad = 0.3 * sigma.tilt_rad;
     const Vector2d lean(random.normal(0, level_rad), random.normal(0, level_rad));  // forward, right
     double heading = random.uniform(-kPi, kPi);
     const Vector2d wind(random.normal(0, 4), random.normal(0, 4));
     const auto over_ground = [&]() -> Vector2d {
-      return wind + kSpeed_mps * Vector2d(std::sin(heading), std::cos(heading));
+      return wind + kGroundSpeed_mps * Vector2d(std::sin(heading), std::cos(heading));
     };
     Vector2d velocity = over_ground();
     const auto fly_second = [&](double rate_rps) {
@@ -77,11 +77,11 @@ struct Gap {
       step.imu_dv_mps = told.imu_dv_mps;
       step.anchor = position_measurement(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
     }
-    const double half_s = kPi / kRate_rps / 2;
+    const double half_s = kPi / kTurnRate_rps / 2;
     FlightStep& last = steps.emplace_back();
     last.seconds = kGap_s;
     for (int i = 0; i < kGap_s; ++i) {
-      const double turn = i < half_s ? kRate_rps : i >= kGap_s - half_s ? -kRate_rps : 0;
+      const double turn = i < half_s ? kTurnRate_rps : i >= kGap_s - half_s ? -kTurnRate_rps : 0;
       last.intervals.push_back(fly_second(turn));
     }
     last.measured_heading_rad = last.intervals.back().heading_rad;
@@ -99,13 +99,13 @@ FlightStep without_way(FlightStep step) {
   return step;
 }
 
-struct End {
+struct IntervalEnd {
   double error_m, nees;
 };
 
-End fly(
+IntervalEnd fly(
     const Gap& flight, const std::function<FlightStep(FlightStep)>& told = [](const FlightStep& s) { return s; }) {
-  F filter(sensors(), true, {0, 0}, 20);
+  F filter(interval_sensors(), true, {0, 0}, 20);
   for (const FlightStep& step : flight.steps) apply_step(filter, told(step), true);
   const Vector2d error = filter.position_m() - flight.end;
   return {error.norm(), error.dot(filter.position_covariance_m2().inverse() * error)};
@@ -121,7 +121,7 @@ TEST_P(FlightFilterIntervals, OppositeTurnsArePropagated) {
   int inside = 0;
   for (std::uint64_t seed = 0; seed < kFlights; ++seed) {
     const Gap flight(seed, GetParam());
-    const End end = fly(flight);
+    const IntervalEnd end = fly(flight);
     error_m += end.error_m / kFlights, nees += end.nees / kFlights;
     inside += end.nees < 5.991;
     ends_alone_m += fly(flight, without_way).error_m / kFlights;
@@ -136,7 +136,7 @@ TEST_P(FlightFilterIntervals, OppositeTurnsArePropagated) {
 TEST(FlightFilterInterval, AnAnchorAtItsEndReachesBackOverIt) {
   Gap flight(5, true);
   flight.steps.back().anchor = position_measurement(flight.end, 2);
-  const F fresh(sensors(), true, {0, 0}, 20);
+  const F fresh(interval_sensors(), true, {0, 0}, 20);
   const auto smoothed = smooth_flight(fresh, flight.steps).frames;
   ASSERT_EQ(smoothed.size(), flight.steps.size()) << "the way has no frames";
   EXPECT_LT((smoothed.back().position_m - flight.end).norm(), 6);
@@ -145,7 +145,7 @@ TEST(FlightFilterInterval, AnAnchorAtItsEndReachesBackOverIt) {
 
 // One step in two halves is that step: what the last frame is tied to is not lost on the way.
 TEST(FlightFilterInterval, AnIntervalIsPartOfTheStep) {
-  F whole(sensors(), true, {0, 0}, 5), halves(sensors(), true, {0, 0}, 5);
+  F whole(interval_sensors(), true, {0, 0}, 5), halves(interval_sensors(), true, {0, 0}, 5);
   for (F* filter : {&whole, &halves}) {
     filter->predict(0, 0.3);
     for (int i = 0; i < 4; ++i) {
@@ -167,7 +167,7 @@ TEST(FlightFilterInterval, AnIntervalIsPartOfTheStep) {
 }
 
 TEST(FlightFilterInterval, BeforeTheFirstFrameIntervalsAreIgnored) {
-  F filter(sensors(), true, {3, 4}, 5);
+  F filter(interval_sensors(), true, {3, 4}, 5);
   filter.propagate({10, 0.0, Vector2d(1, 1)});
   filter.predict(0, 0.0);
   EXPECT_EQ(filter.position_m(), Vector2d(3, 4));

@@ -19,7 +19,7 @@ using F = FlightFilter;
 
 constexpr std::nullopt_t kNoHeading = std::nullopt;
 
-TelemetryUncertainty sensors() {
+TelemetryUncertainty filter_sensors() {
   TelemetryUncertainty uncertainty;
   uncertainty.heading_rad = radians(3);
   uncertainty.tilt_rad = radians(5);
@@ -82,7 +82,7 @@ double smallest_growth(const Matrix2d& before, const Matrix2d& after) {
 double off_deg(double a_rad, double b_rad) { return std::abs(degrees(wrap_pi(a_rad - b_rad))); }
 
 TEST(FlightFilter, WithoutMeasurementsUncertaintyOnlyGrows) {
-  F filter(sensors(), true, {3, 4}, 10);
+  F filter(filter_sensors(), true, {3, 4}, 10);
   filter.predict(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
   filter.update_absolute(place_only({63, 19}, 1));
@@ -97,7 +97,7 @@ TEST(FlightFilter, WithoutMeasurementsUncertaintyOnlyGrows) {
 
 // Frames with the same time were not taken at the same time: somebody's clock stands.
 TEST(FlightFilter, AStoppedClockMovesNothingButInflatesThePosition) {
-  F filter(sensors(), true, {3, 4}, 10);
+  F filter(filter_sensors(), true, {3, 4}, 10);
   filter.predict(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
   const Matrix2d before = filter.position_covariance_m2();
@@ -111,7 +111,7 @@ TEST(FlightFilter, AStoppedClockMovesNothingButInflatesThePosition) {
 }
 
 TEST(FlightFilter, TiltThatIsNoLongerMeasuredIsUncertain) {
-  F filter(sensors(), true, {0, 0}, 10);
+  F filter(filter_sensors(), true, {0, 0}, 10);
   filter.predict(0, radians(20), true);
   const double told = filter.sigma(F::roll);
   filter.predict(1, radians(20), false);
@@ -122,7 +122,7 @@ TEST(FlightFilter, TiltThatIsNoLongerMeasuredIsUncertain) {
 }
 
 TEST(FlightFilter, PropagatesWithItsVelocityWhichTurnsWithTheAircraft) {
-  F straight(sensors(), true, {0, 0}, 1);
+  F straight(filter_sensors(), true, {0, 0}, 1);
   straight.predict(0, radians(90));
   fly(straight, 5, {20, 0}, 0.3, radians(90));
   F turning = straight;
@@ -137,7 +137,7 @@ TEST(FlightFilter, PropagatesWithItsVelocityWhichTurnsWithTheAircraft) {
 // What all steps share grows with the distance.
 TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
   const auto after = [](int frames, double heading_deg, double agl_relative) {
-    TelemetryUncertainty uncertainty = sensors();
+    TelemetryUncertainty uncertainty = filter_sensors();
     uncertainty.heading_rad = radians(heading_deg);
     uncertainty.agl_relative = agl_relative;
     F filter(uncertainty, true, {0, 0}, 0.01);
@@ -154,7 +154,7 @@ TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
 }
 
 TEST(FlightFilter, TwoMeasurementsOfAPositionAreFusedAsInTextbooks) {
-  F filter(sensors(), true, {300, 0}, 20);
+  F filter(filter_sensors(), true, {300, 0}, 20);
   filter.predict(0, kNoHeading);
   const Matrix2d before = filter.position_covariance_m2();
   Matrix2d measured;
@@ -169,7 +169,7 @@ TEST(FlightFilter, TwoMeasurementsOfAPositionAreFusedAsInTextbooks) {
 }
 
 TEST(FlightFilter, UnknownHeadingIsUncertainUntilAnAnchorMeasuresIt) {
-  F filter(sensors(), true, {0, 0}, 5);
+  F filter(filter_sensors(), true, {0, 0}, 5);
   filter.predict(0, kNoHeading);
   EXPECT_GT(filter.sigma(F::heading), radians(90));
   filter.update_absolute(anchor({0, 0}, radians(-100), {0, 0}, vague_but(3, radians(1))));
@@ -179,7 +179,7 @@ TEST(FlightFilter, UnknownHeadingIsUncertainUntilAnAnchorMeasuresIt) {
 
 // Doubted, the heading makes each step uncertain across, until an anchor tells it again.
 TEST(FlightFilter, AnInflatedHeadingMakesTheCourseUncertain) {
-  F filter(sensors(), true, {0, 0}, 5);
+  F filter(filter_sensors(), true, {0, 0}, 5);
   fly(filter, 5, {0, 20}, 0.2);
   const double before_m = filter.position_sigma_m();
   filter.inflate_heading(radians(170));
@@ -216,7 +216,7 @@ void fly_anchored(F& filter, Random& random, const Compass& compass, double& tru
 TEST(FlightFilter, ACircleRevealsTheDeviationOnEveryCourse) {
   for (const Compass compass : {Compass{radians(5), 0, 0}, Compass{radians(-2), radians(3), radians(-3)}}) {
     Random random(1);
-    F filter(sensors(), true, {0, 0}, 5);
+    F filter(filter_sensors(), true, {0, 0}, 5);
     double truth_rad = radians(30);
     fly_anchored(filter, random, compass, truth_rad, 72, radians(10));
     for (const double course_deg : {-120, -77, 10, 100}) {
@@ -232,7 +232,7 @@ TEST(FlightFilter, ACircleRevealsTheDeviationOnEveryCourse) {
 // there.
 TEST(FlightFilter, AfterATurnTheCompassIsUncertain) {
   Random random(2);
-  F filter(sensors(), true, {0, 0}, 5);
+  F filter(filter_sensors(), true, {0, 0}, 5);
   const Compass compass{radians(2), 0, radians(4)};
   double truth_rad = 0;
   fly_anchored(filter, random, compass, truth_rad, 90, 0);
@@ -249,7 +249,7 @@ TEST(FlightFilter, AfterATurnTheCompassIsUncertain) {
 // Pictures show a turn to a tenth of a degree. What the compass says otherwise is its own error.
 TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
   Random random(3);
-  F filter(sensors(), true, {0, 0}, 5);
+  F filter(filter_sensors(), true, {0, 0}, 5);
   const Compass compass{0, 0, radians(5)};
   double truth_rad = 0;
   fly_anchored(filter, random, compass, truth_rad, 60, 0);
@@ -270,7 +270,7 @@ TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
 
 // A circle flown twice, told in (−180°, 180°]: no jump where the telemetry jumps.
 TEST(FlightFilter, CrossesSouthWithoutAJump) {
-  F filter(sensors(), true, {0, 0}, 5);
+  F filter(filter_sensors(), true, {0, 0}, 5);
   double truth = radians(150);
   for (int i = 0; i < 72; ++i) {
     truth += radians(10);
@@ -283,7 +283,7 @@ TEST(FlightFilter, CrossesSouthWithoutAJump) {
 
 TEST(FlightFilter, EstimatesTheBoresight) {
   Random random(2);
-  F filter(sensors(), true, {0, 0}, 5);
+  F filter(filter_sensors(), true, {0, 0}, 5);
   for (int i = 0; i < 80; ++i) {
     filter.predict(0.1, kNoHeading);
     const double n = radians(0.8);
@@ -302,7 +302,7 @@ TEST(FlightFilter, EstimatesTheBoresight) {
 TEST(FlightFilter, EstimatesTheTiltScatterWhenTiltIsNotLogged) {
   const auto learnt_deg = [](double wobble_rad) {
     Random random(3);
-    F filter(sensors(), false, {0, 0}, 5);
+    F filter(filter_sensors(), false, {0, 0}, 5);
     for (int i = 0; i < 200; ++i) {
       const double n = radians(0.3);
       filter.predict(1, kNoHeading);
@@ -318,7 +318,7 @@ TEST(FlightFilter, EstimatesTheTiltScatterWhenTiltIsNotLogged) {
 }
 
 TEST(FlightFilter, VagueMeasurementsDoNotChangeTheTiltScatter) {
-  F filter(sensors(), false, {0, 0}, 5);
+  F filter(filter_sensors(), false, {0, 0}, 5);
   filter.predict(0, radians(10));
   const F before = filter;
   for (int i = 0; i < 50; ++i) filter.update_absolute(anchor({900, 0}, 2, {1, -1}, vague_but(0, 1e5)));

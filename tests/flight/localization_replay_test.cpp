@@ -23,7 +23,7 @@ namespace {
 using namespace test;
 
 // Only so that what hangs fails; nothing waits for so long.
-constexpr std::chrono::seconds kFarTooLong{120};
+constexpr std::chrono::seconds kReplayLimit{120};
 
 // The map, behind a gate: a look at it ends when the test says so.
 class GatedTiles final : public TileSource {
@@ -31,7 +31,7 @@ class GatedTiles final : public TileSource {
   ZoomRange zooms() const override { return landscape_tiles().zooms(); }
   std::optional<Bytes> read(const TileKey& key) const override {
     std::unique_lock lock(mutex_);
-    changed_.wait_for(lock, kFarTooLong, [&] { return open_; });
+    changed_.wait_for(lock, kReplayLimit, [&] { return open_; });
     if (broken_) throw Error({.what = "the disk is gone"});
     return landscape_tiles().read(key);
   }
@@ -62,7 +62,7 @@ class Progress {
   }
   void wait(const int& counted, int wanted) {
     std::unique_lock lock(mutex_);
-    ASSERT_TRUE(changed_.wait_for(lock, kFarTooLong, [&] { return counted >= wanted; }));
+    ASSERT_TRUE(changed_.wait_for(lock, kReplayLimit, [&] { return counted >= wanted; }));
   }
   int frames = 0, looks = 0, hints = 0;
 

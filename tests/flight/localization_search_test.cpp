@@ -19,7 +19,7 @@ namespace {
 using namespace test;
 
 constexpr PlaneBox kWide{-3200, -3200, 3200, 3200};  // sixteen windows
-constexpr std::chrono::seconds kFarTooLong{120};     // only so that what hangs fails
+constexpr std::chrono::seconds kSearchLimit{120};     // only so that what hangs fails
 
 // A map without an end, every tile of it the same. Whoever reads waits until the gate is open.
 class EndlessTiles final : public TileSource {
@@ -29,13 +29,13 @@ class EndlessTiles final : public TileSource {
     std::unique_lock lock(mutex_);
     ++reads_;
     changed_.notify_all();
-    changed_.wait_for(lock, kFarTooLong, [&] { return open_; });
+    changed_.wait_for(lock, kSearchLimit, [&] { return open_; });
     return landscape_tiles().read(tile_at(kOrigin, zooms().max));
   }
 
   bool await_reader() const {
     std::unique_lock lock(mutex_);
-    return changed_.wait_for(lock, kFarTooLong, [&] { return reads_ > 0; });
+    return changed_.wait_for(lock, kSearchLimit, [&] { return reads_ > 0; });
   }
   void open() {
     const std::scoped_lock lock(mutex_);
@@ -89,7 +89,7 @@ class LongSearch : public ::testing::Test {
 
   void await(const std::function<bool()>& done) {
     std::unique_lock lock(mutex_);
-    ASSERT_TRUE(changed_.wait_for(lock, kFarTooLong, done));
+    ASSERT_TRUE(changed_.wait_for(lock, kSearchLimit, done));
   }
 
   void expect_one_window() const {

@@ -20,7 +20,7 @@
 namespace nadir {
 namespace {
 
-constexpr std::chrono::seconds kFarTooLong{120};  // only so that what hangs fails
+constexpr std::chrono::seconds kTileMakingLimit{120};  // only so that what hangs fails
 
 class TilesInFlight : public ::testing::Test {
  protected:
@@ -58,7 +58,7 @@ class TilesInFlight : public ::testing::Test {
   template <typename Condition>
   void wait_until(Condition condition) {
     std::unique_lock lock(mutex_);
-    ASSERT_TRUE(changed_.wait_for(lock, kFarTooLong, condition));
+    ASSERT_TRUE(changed_.wait_for(lock, kTileMakingLimit, condition));
   }
   FramePose pose(double east_m) const {
     FramePose pose;

@@ -152,13 +152,13 @@ TEST(Decode, UnusedMessagesAreIdentifiedByNumber) {
       1e-12);
 }
 
-constexpr MavlinkAddress kUs{1, 191};
+constexpr MavlinkAddress kSender{1, 191};
 constexpr MavlinkAddress kAutopilot{1, 1};
 
 std::vector<nlohmann::json> read(const std::vector<OutgoingMessage>& messages) {
   std::vector<Bytes> frames;
   for (const OutgoingMessage& message : messages) {
-    frames.push_back(encode(message, kUs, static_cast<std::uint8_t>(frames.size() + 7)));
+    frames.push_back(encode(message, kSender, static_cast<std::uint8_t>(frames.size() + 7)));
   }
   return test::read_by_pymavlink(frames);
 }
@@ -277,7 +277,7 @@ TEST(Encode, NumbersOutOfRangeAreClamped) {
 }
 
 TEST(Commands, OperatorHint) {
-  CommandInt command = external_position_estimate(kUs, {.place = {8.5, 47.25}, .sigma_m = 300});
+  CommandInt command = external_position_estimate(kSender, {.place = {8.5, 47.25}, .sigma_m = 300});
   ASSERT_TRUE(position_hint(command));
   EXPECT_EQ(position_hint(command)->place, (LonLat{8.5, 47.25}));
   EXPECT_EQ(position_hint(command)->radius_m, 300);

@@ -13,17 +13,17 @@
 namespace nadir {
 namespace {
 
-constexpr MavlinkAddress kUs{1, 191};
-constexpr std::int64_t kUnixUs = 1'730'291'696'000'000;  // 2024-10-30T12:34:56Z
-const std::string kKeyHex = "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff";
+constexpr MavlinkAddress kSigner{1, 191};
+constexpr std::int64_t kSigned_us = 1'730'291'696'000'000;  // 2024-10-30T12:34:56Z
+const std::string kSigningKeyHex = "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff";
 constexpr const char* kAttitude = R"({"message":"ATTITUDE","roll":0.25})";
 
-SigningKey key() { return SigningKey(Sha256::from_hex(kKeyHex)->bytes); }
+SigningKey key() { return SigningKey(Sha256::from_hex(kSigningKeyHex)->bytes); }
 
 class SignedLink : public ::testing::Test {
  protected:
   static std::string options(std::uint64_t timestamp, int link = 0, int system = 1) {
-    return "--key " + kKeyHex + " --timestamp " + std::to_string(timestamp) + " --link " + std::to_string(link) +
+    return "--key " + kSigningKeyHex + " --timestamp " + std::to_string(timestamp) + " --link " + std::to_string(link) +
            " --system " + std::to_string(system);
   }
   // A frame of pymavlink's, signed at that time.
@@ -39,9 +39,9 @@ class SignedLink : public ::testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  SigningTime time_{folder_ / "time", kUnixUs, 0};
+  SigningTime time_{folder_ / "time", kSigned_us, 0};
   Signing signing_{key(), time_, 3};
-  const std::uint64_t now_ = signing_time_of(kUnixUs);
+  const std::uint64_t now_ = signing_time_of(kSigned_us);
 };
 
 TEST_F(SignedLink, PymavlinkAcceptsEveryFrameThatWeSign) {
@@ -49,10 +49,10 @@ TEST_F(SignedLink, PymavlinkAcceptsEveryFrameThatWeSign) {
   for (int i = 0; i < 600; ++i) {  // over the sequence number's end, faster than the clock ticks
     frames.push_back(
         signing_.sign(encode(StatusText{TextSeverity::info, std::string(static_cast<std::size_t>(i % 50), 'x'), 0, 0},
-                             kUs, static_cast<std::uint8_t>(i)),
+                             kSigner, static_cast<std::uint8_t>(i)),
                       i));
   }
-  frames.push_back(signing_.sign(encode(GpsInput{.unix_us = kUnixUs}, kUs, 1), 700));
+  frames.push_back(signing_.sign(encode(GpsInput{.unix_us = kSigned_us}, kSigner, 1), 700));
   const auto read = test::read_by_pymavlink(frames, options(now_));
   ASSERT_EQ(read.size(), frames.size());
   for (const auto& message : read) {
@@ -136,12 +136,12 @@ TEST(SigningTimestamp, CountsFrom2015) {
   EXPECT_EQ(signing_time_of(1'420'070'400'000'000), 0U);
   EXPECT_EQ(signing_time_of(1'420'070'400'000'010), 1U);
   EXPECT_EQ(signing_time_of(0), 0U);
-  EXPECT_EQ(signing_time_of(kUnixUs), 31'022'129'600'000U);  // date -d 2024-10-30T12:34:56Z +%s, less 2015's, by 10^5
+  EXPECT_EQ(signing_time_of(kSigned_us), 31'022'129'600'000U);  // date -d 2024-10-30T12:34:56Z +%s, less 2015's, by 10^5
 }
 
 TEST(SigningTimestamp, NoneIsEverReusedWhateverTheClocksDo) {
   const test::TemporaryFolder folder;
-  const std::int64_t clocks[] = {kUnixUs, kUnixUs, kUnixUs - 86'400'000'000, 0, kUnixUs + 5};
+  const std::int64_t clocks[] = {kSigned_us, kSigned_us, kSigned_us - 86'400'000'000, 0, kSigned_us + 5};
   std::uint64_t last = 0;
   for (const std::int64_t unix_us : clocks) {  // each is a run that is killed
     SigningTime time(folder / "time", unix_us, 1000);
@@ -155,7 +155,7 @@ TEST(SigningTimestamp, NoneIsEverReusedWhateverTheClocksDo) {
 
 TEST(SigningTimestamp, IsReservedBeforeItIsUsed) {
   const test::TemporaryFolder folder;
-  SigningTime time(folder / "time", kUnixUs, 0);
+  SigningTime time(folder / "time", kSigned_us, 0);
   for (std::int64_t s = 0; s < 100; ++s) {
     const std::uint64_t taken = time.take(s * 1'000'000);
     EXPECT_GE(std::stoull(read_text_file(folder / "time")), taken);
@@ -166,7 +166,7 @@ TEST(SigningTimestamp, IsReservedBeforeItIsUsed) {
 TEST(SigningTimestamp, StaysNearTheClockAndStrictlyIncreasingWithAndWithoutSave) {
   const test::TemporaryFolder folder;
   for (const bool kept : {false, true}) {
-    SigningTime time(folder / (kept ? "kept" : "alone"), kUnixUs, 0);
+    SigningTime time(folder / (kept ? "kept" : "alone"), kSigned_us, 0);
     std::uint64_t last = 0;
     for (std::int64_t us = 0; us < 120'000'000; us += 50'000) {
       if (kept && us % 1'000'000 == 0) time.save(us);
@@ -181,7 +181,7 @@ TEST(SigningTimestamp, StaysNearTheClockAndStrictlyIncreasingWithAndWithoutSave)
 
 TEST(SigningTimestamp, MoreFramesThanReservedCauseANewReservation) {
   const test::TemporaryFolder folder;
-  SigningTime time(folder / "time", kUnixUs, 0);
+  SigningTime time(folder / "time", kSigned_us, 0);
   std::uint64_t last = 0;
   for (int i = 0; i < 25'000; ++i) {
     const std::uint64_t taken = time.take(0);
@@ -196,7 +196,7 @@ TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
   const test::TemporaryFolder folder;
   std::uint64_t last = 0;
   for (std::int64_t start = 0; start < 20; ++start) {
-    const std::int64_t unix_us = kUnixUs + start * 200'000;
+    const std::int64_t unix_us = kSigned_us + start * 200'000;
     SigningTime time(folder / "time", unix_us, 77);
     Signing signing(key(), time, 3);
     for (std::int64_t i = 0; i < 5; ++i) {
@@ -208,7 +208,7 @@ TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
     // An autopilot half a minute behind is still believed.
     const std::uint64_t theirs = signing_time_of(unix_us) - 30 * kSigningTicksPerSecond;
     FrameReader reader;
-    reader.add(test::frames_by_pymavlink(kAttitude, "--key " + kKeyHex + " --timestamp " + std::to_string(theirs))[0]);
+    reader.add(test::frames_by_pymavlink(kAttitude, "--key " + kSigningKeyHex + " --timestamp " + std::to_string(theirs))[0]);
     EXPECT_EQ(signing.check(*reader.next(), 77), SignatureVerdict::accepted);
   }
 }
@@ -217,7 +217,7 @@ TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
 TEST(SigningTimestamp, AnAutopilotThatAdoptsOurTimeCausesNoDrift) {
   const test::TemporaryFolder folder;
   std::uint64_t theirs = 0;
-  std::int64_t unix_us = kUnixUs;
+  std::int64_t unix_us = kSigned_us;
   for (int start = 0; start < 20; ++start, unix_us += 30'000'000) {  // killed twice a minute
     SigningTime time(folder / "time", unix_us, 0);
     for (std::int64_t us = 0; us < 30'000'000; us += 100'000) {
@@ -230,7 +230,7 @@ TEST(SigningTimestamp, AnAutopilotThatAdoptsOurTimeCausesNoDrift) {
 }
 
 TEST(SigningTimestamp, AFullDiskIsCountedAndTheLinkContinues) {
-  SigningTime time("/proc/no-such-folder/time", kUnixUs, 0);
+  SigningTime time("/proc/no-such-folder/time", kSigned_us, 0);
   const std::uint64_t first = time.take(0);
   EXPECT_GT(time.take(0), first);
   EXPECT_EQ(time.failed_reservations(), 1U) << "one try, not one for each frame";
@@ -240,7 +240,7 @@ TEST(SigningTimestamp, ADamagedFileIsNotAMissingOne) {
   const test::TemporaryFolder folder;
   for (const char* text : {"", "\n", "12", "12\n\n", "-1\n", "x\n", "99999999999999999\n", "1 2\n"}) {
     const auto path = folder.write("time", text);
-    EXPECT_THROW(SigningTime(path, kUnixUs, 0), Error) << text;
+    EXPECT_THROW(SigningTime(path, kSigned_us, 0), Error) << text;
   }
 }
 
@@ -261,7 +261,7 @@ TEST_F(KeyFile, IsWrittenForItsOwnerOnly) {
 }
 
 TEST_F(KeyFile, ReadableByOthersIsRejected) {
-  const auto path = folder_.write("link.key", kKeyHex + "\n");
+  const auto path = folder_.write("link.key", kSigningKeyHex + "\n");
   for (const mode_t mode : {0644U, 0640U, 0604U, 0602U}) {
     ::chmod(path.c_str(), mode);
     EXPECT_THROW(SigningKey::read(path), UsageError) << mode;
@@ -271,8 +271,8 @@ TEST_F(KeyFile, ReadableByOthersIsRejected) {
 }
 
 TEST_F(KeyFile, ADamagedOneIsRejectedWithoutShowingIt) {
-  for (const std::string& text : {std::string(), kKeyHex.substr(1), kKeyHex + "0", std::string(64, 'g'),
-                                  kKeyHex + "\n" + kKeyHex, "  " + kKeyHex}) {
+  for (const std::string& text : {std::string(), kSigningKeyHex.substr(1), kSigningKeyHex + "0", std::string(64, 'g'),
+                                  kSigningKeyHex + "\n" + kSigningKeyHex, "  " + kSigningKeyHex}) {
     const auto path = folder_.write("link.key", text);
     ::chmod(path.c_str(), 0600);
     try {

@@ -20,7 +20,7 @@ const LocalFrame& plane() {
   return frame;
 }
 
-constexpr int kZoom = 20;  // 0.1 m: 256 pixels are 26 m
+constexpr int kFineZoom = 20;  // 0.1 m: 256 pixels are 26 m
 
 CameraModel bent_camera() {
   CameraModel camera = small_camera();
@@ -77,7 +77,7 @@ std::vector<Case> cases() {
 TEST(Orthorectifier, TakesEachPixelFromWhereTheCameraSawIt) {
   for (const Case& test : cases()) {
     SCOPED_TRACE(test.name);
-    const auto projected = whole_tiles(kZoom, plane(), test.camera, test.pose, FlatGround());
+    const auto projected = whole_tiles(kFineZoom, plane(), test.camera, test.pose, FlatGround());
     ASSERT_GE(projected.size(), 4U);
     double worst_m = 0;
     for (const OrthoTile& tile : orthorectify({coordinates(test.camera), test.camera}, projected)) {
@@ -102,7 +102,7 @@ TEST(Orthorectifier, BetweenTheNodesErrsLessThanATenthOfAPixelOverTerrainAndLens
     SCOPED_TRACE(test.name);
     double worst_px = 0;
     int tiles = 0;
-    for (const ProjectedTile& tile : whole_tiles(kZoom, plane(), test.camera, test.pose, hills)) {
+    for (const ProjectedTile& tile : whole_tiles(kFineZoom, plane(), test.camera, test.pose, hills)) {
       const std::vector<ProjectedTile> one{tile};
       const cv::Mat taken = orthorectify({coordinates(test.camera), test.camera}, one).front().image;
       for (int r = 0; r < kTileSize; r += 3) {
@@ -126,7 +126,7 @@ TEST(Orthorectifier, MakesAllCompleteTiles) {
   const Hills hills(4);
   for (const Case& test : cases()) {
     SCOPED_TRACE(test.name);
-    const auto made = whole_tiles(kZoom, plane(), test.camera, test.pose, hills);
+    const auto made = whole_tiles(kFineZoom, plane(), test.camera, test.pose, hills);
     const auto least_inside = [&](const TileKey& key) {
       double least = 1e9;
       for (int i = 0; i < kTileSize; i += 3) {
@@ -140,11 +140,11 @@ TEST(Orthorectifier, MakesAllCompleteTiles) {
       return least;
     };
     const Enu foot = {test.pose.position.east_m, test.pose.position.north_m, 0};
-    const TileKey middle = tile_at(plane().lonlat_from_enu(foot.east_m, foot.north_m), kZoom);
+    const TileKey middle = tile_at(plane().lonlat_from_enu(foot.east_m, foot.north_m), kFineZoom);
     std::size_t expected = 0;
     for (std::uint32_t x = middle.x - 9; x <= middle.x + 9; ++x) {
       for (std::uint32_t y = middle.y - 9; y <= middle.y + 9; ++y) {
-        const TileKey key{kZoom, x, y};
+        const TileKey key{kFineZoom, x, y};
         const bool there = std::any_of(made.begin(), made.end(), [&](const auto& tile) { return tile.key == key; });
         const double inside = least_inside(key);
         const bool clear = inside >= 1.5 || inside < 0.9;
@@ -158,7 +158,7 @@ TEST(Orthorectifier, MakesAllCompleteTiles) {
 
 TEST(Orthorectifier, MeasuresViewAngleAndSlope) {
   const CameraPose pose{{0, 0}, 100, {}};
-  for (const ProjectedTile& tile : whole_tiles(kZoom, plane(), small_camera(), pose, FlatGround())) {
+  for (const ProjectedTile& tile : whole_tiles(kFineZoom, plane(), small_camera(), pose, FlatGround())) {
     double farthest_m = 0;
     for (const double c : {0.0, 256.0}) {
       for (const double r : {0.0, 256.0}) {
@@ -170,7 +170,7 @@ TEST(Orthorectifier, MeasuresViewAngleAndSlope) {
     EXPECT_EQ(tile.projection.slope, 0);
   }
   double steepest = 0;
-  for (const ProjectedTile& tile : whole_tiles(kZoom, plane(), small_camera(), pose, Hills(20))) {
+  for (const ProjectedTile& tile : whole_tiles(kFineZoom, plane(), small_camera(), pose, Hills(20))) {
     steepest = std::max(steepest, tile.projection.slope);
   }
   EXPECT_NEAR(steepest, 20.0 / 25, 0.08) << "the steepest place of these hills";
@@ -179,14 +179,14 @@ TEST(Orthorectifier, MeasuresViewAngleAndSlope) {
 TEST(Orthorectifier, SeesNothingNearTheHorizon) {
   for (const double pitch_deg : {50.0, 80.0, 90.0, 120.0, 180.0}) {
     const CameraPose pose{{0, 0}, 100, {0, radians(pitch_deg), 0}};
-    EXPECT_TRUE(tiles_seen(kZoom, plane(), small_camera(), pose, FlatGround()).empty()) << pitch_deg;
+    EXPECT_TRUE(tiles_seen(kFineZoom, plane(), small_camera(), pose, FlatGround()).empty()) << pitch_deg;
   }
   const CameraPose high{{0, 0}, 100'000, {}};
   EXPECT_TRUE(tiles_seen(22, plane(), small_camera(), high, FlatGround()).empty()) << "millions of them";
   const double nan = std::nan("");
-  EXPECT_TRUE(whole_tiles(kZoom, plane(), small_camera(), {{nan, 0}, 100, {}}, FlatGround()).empty());
-  EXPECT_TRUE(whole_tiles(kZoom, plane(), small_camera(), {{0, 0}, nan, {}}, FlatGround()).empty());
-  EXPECT_TRUE(whole_tiles(kZoom, plane(), small_camera(), {{0, 0}, 100, {nan, 0, 0}}, FlatGround()).empty());
+  EXPECT_TRUE(whole_tiles(kFineZoom, plane(), small_camera(), {{nan, 0}, 100, {}}, FlatGround()).empty());
+  EXPECT_TRUE(whole_tiles(kFineZoom, plane(), small_camera(), {{0, 0}, nan, {}}, FlatGround()).empty());
+  EXPECT_TRUE(whole_tiles(kFineZoom, plane(), small_camera(), {{0, 0}, 100, {nan, 0, 0}}, FlatGround()).empty());
 }
 
 // Stripes of one pixel, four times as fine as the tile's: averaged away, not turned into wide ones.

@@ -76,13 +76,13 @@ TEST(Seam, FlatAndUnrelatedImagesDoNotCorrelate) {
 
 // Tiles of several frames: by hand-made pieces here, by frames over a synthetic ground in candidate_maker_test.cpp.
 
-constexpr TileKey kKey{18, 139'000, 91'000};
+constexpr TileKey kMosaicKey{18, 139'000, 91'000};
 constexpr double kPixel_m = 0.4;
 
 // What a frame shows from column `from` to before `to`: the waves, moved by so many pixels to the east.
 PartialTile piece(int from, int to, double slant = 0.1, double moved_px = 0) {
   PartialTile patch;
-  patch.key = kKey;
+  patch.key = kMosaicKey;
   patch.image.create(kTileSize, kTileSize, CV_8UC3);
   for (int r = 0; r < kTileSize; ++r) {
     for (int c = 0; c < kTileSize; ++c) {
@@ -107,7 +107,7 @@ CandidateSidecar frame(int number, std::int64_t sigma_mm = 2000) {
 }
 
 TEST(TileMosaic, BecomesCompleteFromAlignedParts) {
-  TileMosaic mosaic(kKey, kPixel_m, {});
+  TileMosaic mosaic(kMosaicKey, kPixel_m, {});
   EXPECT_EQ(mosaic.add(piece(0, 150), frame(2)), PartialTileOutcome::merged);
   EXPECT_FALSE(mosaic.whole());
   EXPECT_EQ(mosaic.add(piece(90, 256), frame(1, 2500)), PartialTileOutcome::merged);
@@ -117,7 +117,7 @@ TEST(TileMosaic, BecomesCompleteFromAlignedParts) {
 
   const auto sidecar = mosaic.sidecar();
   ASSERT_TRUE(sidecar);
-  EXPECT_EQ(sidecar->key, kKey);
+  EXPECT_EQ(sidecar->key, kMosaicKey);
   ASSERT_EQ(sidecar->parts.size(), 2U);
   EXPECT_EQ(sidecar->parts[0].frame, "frame_2") << "the larger part first";
   EXPECT_EQ(sidecar->parts[0].share_ppm, std::llround(150e6 / 256));
@@ -137,7 +137,7 @@ TEST(TileMosaic, TakesEachPixelFromTheSmallestViewAngle) {
   }
   const cv::Mat light = west.image.clone();
   east.image = light - cv::Scalar::all(20);  // tells whose pixel it is
-  TileMosaic mosaic(kKey, kPixel_m, {});
+  TileMosaic mosaic(kMosaicKey, kPixel_m, {});
   EXPECT_EQ(mosaic.add(west, frame(1)), PartialTileOutcome::merged);
   EXPECT_EQ(mosaic.add(east, frame(2)), PartialTileOutcome::merged);
   EXPECT_EQ(mosaic.image().at<cv::Vec3b>(40, 50), light.at<cv::Vec3b>(40, 50));
@@ -150,7 +150,7 @@ TEST(TileMosaic, TakesEachPixelFromTheSmallestViewAngle) {
 }
 
 TEST(TileMosaic, DisplacementOfPartsIsPartOfItsSigma) {
-  TileMosaic mosaic(kKey, kPixel_m, {});
+  TileMosaic mosaic(kMosaicKey, kPixel_m, {});
   mosaic.add(piece(0, 150), frame(1));
   EXPECT_EQ(mosaic.add(piece(60, 256, 0.1, 3), frame(2)), PartialTileOutcome::merged);
   const auto sidecar = mosaic.sidecar();
@@ -163,7 +163,7 @@ TEST(TileMosaic, DisplacementOfPartsIsPartOfItsSigma) {
 }
 
 TEST(TileMosaic, MisalignedOrUnverifiedPartsStayOut) {
-  TileMosaic mosaic(kKey, kPixel_m, {});
+  TileMosaic mosaic(kMosaicKey, kPixel_m, {});
   mosaic.add(piece(0, 150), frame(1));
   EXPECT_EQ(mosaic.add(piece(60, 256, 0.1, 6), frame(2)), PartialTileOutcome::misaligned) << "2.4 m";
   EXPECT_EQ(mosaic.add(piece(140, 256), frame(3)), PartialTileOutcome::unverified) << "ten columns in common";
@@ -179,7 +179,7 @@ TEST(TileMosaic, MisalignedOrUnverifiedPartsStayOut) {
 TEST(TileMosaic, TooUncertainTogetherMakesNoTileAndSlightlyUncertainASoftOne) {
   for (const auto& [sigma_mm, moved_px, trust] :
        {std::tuple{4800, 4.0, std::optional<CandidateTrust>()}, {2900, 3.0, CandidateTrust::soft}}) {
-    TileMosaic mosaic(kKey, kPixel_m, {});
+    TileMosaic mosaic(kMosaicKey, kPixel_m, {});
     mosaic.add(piece(0, 150), frame(1, sigma_mm));
     ASSERT_EQ(mosaic.add(piece(60, 256, 0.1, moved_px), frame(2)), PartialTileOutcome::merged);
     const auto sidecar = mosaic.sidecar();
@@ -191,7 +191,7 @@ TEST(TileMosaic, TooUncertainTogetherMakesNoTileAndSlightlyUncertainASoftOne) {
 }
 
 TEST(TileMosaic, HasRoomForSixFrames) {
-  TileMosaic mosaic(kKey, kPixel_m, {});
+  TileMosaic mosaic(kMosaicKey, kPixel_m, {});
   for (int i = 0; i < 6; ++i) EXPECT_EQ(mosaic.add(piece(0, 60 + 20 * i), frame(i)), PartialTileOutcome::merged) << i;
   EXPECT_EQ(mosaic.add(piece(0, 256), frame(7)), PartialTileOutcome::full);
   EXPECT_EQ(mosaic.add(piece(0, 256), frame(8, 500)), PartialTileOutcome::full);

@@ -15,7 +15,7 @@ using test::mission_yaml;
 
 constexpr std::size_t kPixels = 256UL * 256UL;
 
-Mission sample(const std::map<std::string, std::string>& replacements = {}) {
+Mission sample_mission(const std::map<std::string, std::string>& replacements = {}) {
   return parse_mission(mission_yaml(replacements), "m.yaml").mission.value();
 }
 
@@ -49,7 +49,7 @@ std::uint64_t needed_pixels_brute_force(const Mission& mission, const TileKey& k
 }
 
 TEST(CoverageRequirement, CountsTheSamePixelsAsBruteForce) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   const LocalFrame frame = mission_frame(mission);
   const CoverageRequirement need(required_region(mission, frame));
   for (int zoom = 17; zoom <= 18; ++zoom) {
@@ -68,7 +68,7 @@ TEST(CoverageRequirement, CountsTheSamePixelsAsBruteForce) {
 }
 
 TEST(MissionCheck, RequiredTilesAreThoseThatTouchTheRegion) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   const std::vector<TileKey> keys = required_tiles(mission, 18);
   EXPECT_TRUE(std::is_sorted(keys.begin(), keys.end()));
   const TileKey middle = tile_at(mission.takeoff, 18);
@@ -82,12 +82,12 @@ TEST(MissionCheck, RequiredTilesAreThoseThatTouchTheRegion) {
 }
 
 TEST(MissionCheck, CompleteCoverageHasNoGaps) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   EXPECT_TRUE(check_tile_requirements(mission, all_tiles(mission), 1000, test::kJudged).empty());
 }
 
 TEST(MissionCheck, EveryMissingTileIsAGap) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   const std::vector<Sidecar> tiles = all_tiles(mission);
   for (std::size_t i = 0; i < tiles.size(); ++i) {
     std::vector<Sidecar> without = tiles;
@@ -99,13 +99,13 @@ TEST(MissionCheck, EveryMissingTileIsAGap) {
 }
 
 TEST(MissionCheck, AnEmptySetIsOneGap) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   EXPECT_TRUE(check_coverage(mission, {}).contains("coverage.gap"));
 }
 
 // A rim tile may be empty where nobody needs it, and only there.
 TEST(MissionCheck, CoverageIsByAreaNotByTile) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   const LocalFrame frame = mission_frame(mission);
   const Region region = required_region(mission, frame);
   std::vector<Sidecar> tiles = all_tiles(mission);
@@ -139,7 +139,7 @@ TEST(MissionCheck, CoverageIsByAreaNotByTile) {
 
 // A mask that cannot be read proves nothing.
 TEST(MissionCheck, AnUnreadableMaskIsAGap) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   std::vector<Sidecar> tiles = all_tiles(mission);
   tiles.back().valid_ppm = 999'999;
   tiles.back().mask = {1, 2, 3};
@@ -149,7 +149,7 @@ TEST(MissionCheck, AnUnreadableMaskIsAGap) {
 }
 
 TEST(MissionCheck, TheStrictestSectorGovernsFreshnessAndTheCorridorIsActive) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   std::vector<Sidecar> tiles = all_tiles(mission);
   const auto aged = [&](int days) {
     for (Sidecar& tile : tiles) tile.captured_at = {test::kJudged.unix_s - days * 86'400L};
@@ -165,7 +165,7 @@ TEST(MissionCheck, TheStrictestSectorGovernsFreshnessAndTheCorridorIsActive) {
 }
 
 TEST(MissionCheck, ChecksTheResolutionOfTheFinestZoom) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   std::vector<Sidecar> tiles = all_tiles(mission);
   tiles.front().gsd_mm = 9000;  // an overview
   EXPECT_TRUE(check_resolution(mission, tiles).empty());
@@ -174,7 +174,7 @@ TEST(MissionCheck, ChecksTheResolutionOfTheFinestZoom) {
 }
 
 TEST(MissionCheck, BudgetIsInMillionsOfBytes) {
-  const Mission mission = sample();
+  const Mission mission = sample_mission();
   EXPECT_TRUE(check_budget(mission, 20'000'000).empty());
   EXPECT_TRUE(check_budget(mission, 20'000'001).contains("budget.exceeded"));
 }

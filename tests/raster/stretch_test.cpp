@@ -16,7 +16,7 @@ namespace {
 
 using test::kValuePixels;
 using test::ValueRaster;
-using Kind = StretchRequest::Kind;
+using StretchKind = StretchRequest::Kind;
 
 class Stretching : public testing::Test {
  protected:
@@ -42,11 +42,11 @@ class Stretching : public testing::Test {
 };
 
 TEST(StretchText, Reads) {
-  EXPECT_EQ(parse_stretch("0,4000").kind, Kind::values);
+  EXPECT_EQ(parse_stretch("0,4000").kind, StretchKind::values);
   EXPECT_EQ(parse_stretch("-1.5,2e3").low, -1.5);
   EXPECT_EQ(parse_stretch("-1.5,2e3").high, 2000);
-  EXPECT_EQ(parse_stretch("percentile:2,98").kind, Kind::percentile);
-  EXPECT_EQ(parse_stretch("none").kind, Kind::none);
+  EXPECT_EQ(parse_stretch("percentile:2,98").kind, StretchKind::percentile);
+  EXPECT_EQ(parse_stretch("none").kind, StretchKind::none);
   EXPECT_EQ(to_text(Stretch{0, 0.1}), "0 to 0.1");
   for (const char* bad : {"", ",", "1", "1,", ",1", "2,1", "1,1", "nan,1", "0,inf", "0,1,2", "0;1",
                           "percentile:", "percentile:-1,50", "percentile:2,101", "percent:2,98", "0 ,1", "0x1,2"}) {
@@ -163,17 +163,17 @@ TEST_F(Stretching, AlphaAndMaskBands) {
 TEST_F(Stretching, PercentilesAreOfValidPixelsOfAllBands) {
   // 768 pixels: 1 to 768.
   write({.value = [](int, int column, int row) { return 1 + row * kValuePixels.width + column; }});
-  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{1, 768}));
-  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{384.5, 768}));
-  const auto tenths = resolve_stretch(path_, {Kind::percentile, 10, 90});
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::percentile, 0, 100}), (Stretch{1, 768}));
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::percentile, 50, 100}), (Stretch{384.5, 768}));
+  const auto tenths = resolve_stretch(path_, {StretchKind::percentile, 10, 90});
   EXPECT_NEAR(tenths->low, 77.7, 1e-9);  // a tenth of the way from the 1st to the 768th
   EXPECT_NEAR(tenths->high, 691.3, 1e-9);
-  EXPECT_EQ(resolve_stretch(path_, {Kind::values, 5, 6}), (Stretch{5, 6}));
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::values, 5, 6}), (Stretch{5, 6}));
   write({.bands = 3,
          .value = [](int band, int column, int) { return column < 16 ? 0 : 100 * band; },
          .nodata = {0, 0, 0}});
-  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{100, 300}));
-  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{200, 300}));
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::percentile, 0, 100}), (Stretch{100, 300}));
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::percentile, 50, 100}), (Stretch{200, 300}));
 }
 
 TEST_F(Stretching, ALargeRasterIsSampledEvenly) {
@@ -181,8 +181,8 @@ TEST_F(Stretching, ALargeRasterIsSampledEvenly) {
   write({.type = GDT_UInt16,
          .value = [](int, int column, int row) { return 1000 + column / 128 + 16 * (row / 128); },
          .size = {2048, 2048}});
-  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 0, 100}), (Stretch{1000, 1255}));
-  EXPECT_EQ(resolve_stretch(path_, {Kind::percentile, 50, 100}), (Stretch{1127.5, 1255}));
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::percentile, 0, 100}), (Stretch{1000, 1255}));
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::percentile, 50, 100}), (Stretch{1127.5, 1255}));
 }
 
 TEST_F(Stretching, WithoutAStretchTheErrorNamesTheRange) {
@@ -193,16 +193,16 @@ TEST_F(Stretching, WithoutAStretchTheErrorNamesTheRange) {
   }
   EXPECT_THROW(read({}), UsageError);
   write({.value = [](int, int, int) { return 5; }});
-  EXPECT_THAT(refusal({Kind::percentile, 2, 98}), testing::HasSubstr("5 at both"));
+  EXPECT_THAT(refusal({StretchKind::percentile, 2, 98}), testing::HasSubstr("5 at both"));
   write({.value = [](int, int, int) { return 5; }, .nodata = {5}});
-  EXPECT_THAT(refusal({Kind::percentile, 2, 98}), testing::HasSubstr("no valid pixel"));
+  EXPECT_THAT(refusal({StretchKind::percentile, 2, 98}), testing::HasSubstr("no valid pixel"));
   write({.type = GDT_CFloat32, .value = [](int, int, int) { return 5; }});
-  EXPECT_THAT(refusal({Kind::values, 0, 9}), testing::HasSubstr("complex"));
+  EXPECT_THAT(refusal({StretchKind::values, 0, 9}), testing::HasSubstr("complex"));
 }
 
 TEST_F(Stretching, EightBitAndPalettesKeepTheirColours) {
   write({.type = GDT_Byte, .value = [](int, int column, int) { return column; }});
-  EXPECT_EQ(resolve_stretch(path_, {Kind::values, 0, 10}), std::nullopt);
+  EXPECT_EQ(resolve_stretch(path_, {StretchKind::values, 0, 10}), std::nullopt);
   EXPECT_EQ(read(Stretch{0, 10}).bgr.at<cv::Vec3b>(0, 20), cv::Vec3b::all(20));
   for (const GDALDataType type : {GDT_Byte, GDT_UInt16}) {
     write({.type = type,

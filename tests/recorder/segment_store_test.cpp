@@ -13,7 +13,7 @@
 namespace nadir {
 namespace {
 
-constexpr std::uint64_t kSecond = 1'000'000'000, kStart = 1'760'000'000 * kSecond;
+constexpr std::uint64_t kOneSecond = 1'000'000'000, kStart = 1'760'000'000 * kOneSecond;
 
 // Writing beyond `bytes` of a file fails with EFBIG, as a full disk fails with ENOSPC.
 class NoRoomBeyond {
@@ -66,9 +66,9 @@ class Store : public ::testing::Test {
 
 TEST_F(Store, ACleanEndIsTheLastRecordAndEverySegmentIsFinished) {
   SegmentStore store(options(), test::sample_session());
-  for (std::uint64_t i = 0; i < 20; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond / 3);
-  store.put(thumbnail(0), kStart + 7 * kSecond);
-  store.close("landed", kStart + 8 * kSecond);
+  for (std::uint64_t i = 0; i < 20; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond / 3);
+  store.put(thumbnail(0), kStart + 7 * kOneSecond);
+  store.close("landed", kStart + 8 * kOneSecond);
   const auto segments = segments_in(folder / "recording");
   ASSERT_EQ(segments.size(), 2U);
   for (const Segment& segment : segments) {
@@ -92,12 +92,12 @@ TEST_F(Store, ChunksReachTheDiskByTimeAndBySize) {
   SegmentStore store(small, test::sample_session());
   store.put(test::sample_estimate(0), kStart);
   EXPECT_EQ(all(Topic::estimate).size(), 0U);
-  store.tick(kStart + kSecond - 1);
+  store.tick(kStart + kOneSecond - 1);
   EXPECT_EQ(all(Topic::estimate).size(), 0U);
-  store.tick(kStart + kSecond);
+  store.tick(kStart + kOneSecond);
   EXPECT_EQ(all(Topic::estimate).size(), 1U);
   std::uint64_t i = 1;
-  while (all(Topic::estimate).size() == 1U && i < 10'000) store.put(test::sample_estimate(i++), kStart + kSecond);
+  while (all(Topic::estimate).size() == 1U && i < 10'000) store.put(test::sample_estimate(i++), kStart + kOneSecond);
   EXPECT_GT(i, 100U);
   EXPECT_LT(i, 1000U);
 }
@@ -105,12 +105,12 @@ TEST_F(Store, ChunksReachTheDiskByTimeAndBySize) {
 TEST_F(Store, SegmentsTurnBySizeAndByTime) {
   StoreOptions small = options();
   small.segment_bytes = 100'000;
-  small.segment_ns = 100 * kSecond;
+  small.segment_ns = 100 * kOneSecond;
   {
     SegmentStore store(small, test::sample_session());
-    for (std::uint64_t i = 0; i < 30; ++i) store.put(thumbnail(i), kStart + i * 10 * kSecond);
-    for (std::uint64_t i = 0; i < 30; ++i) store.put(test::sample_estimate(i), kStart + i * 10 * kSecond);
-    store.close("", kStart + 300 * kSecond);
+    for (std::uint64_t i = 0; i < 30; ++i) store.put(thumbnail(i), kStart + i * 10 * kOneSecond);
+    for (std::uint64_t i = 0; i < 30; ++i) store.put(test::sample_estimate(i), kStart + i * 10 * kOneSecond);
+    store.close("", kStart + 300 * kOneSecond);
   }
   EXPECT_GE(count(Stream::thumbnails), 5U);
   EXPECT_EQ(count(Stream::flight), 3U);
@@ -143,21 +143,21 @@ TEST_F(Store, TheBudgetCostsThumbnailsBeforePicturesBeforeDecisions) {
   PictureRecord picture{0, "frame.jpg", Bytes(20'000)};
   for (std::uint8_t& byte : picture.encoded) byte = static_cast<std::uint8_t>(random.integer(0, 255));
   for (std::uint64_t i = 0; i < 40; ++i) {
-    store.put(thumbnail(i), kStart + i * kSecond);
-    store.put(picture, kStart + i * kSecond);
-    store.put(test::sample_estimate(i), kStart + i * kSecond);
+    store.put(thumbnail(i), kStart + i * kOneSecond);
+    store.put(picture, kStart + i * kOneSecond);
+    store.put(test::sample_estimate(i), kStart + i * kOneSecond);
   }
   ASSERT_EQ(store.status().deleted_segments, 0U);
   for (std::uint64_t i = 40; i < 90; ++i) {
-    store.put(picture, kStart + i * kSecond);
-    store.put(test::sample_estimate(i), kStart + i * kSecond);
+    store.put(picture, kStart + i * kOneSecond);
+    store.put(test::sample_estimate(i), kStart + i * kOneSecond);
   }
-  store.flush(kStart + 90 * kSecond);
+  store.flush(kStart + 90 * kOneSecond);
   EXPECT_GT(store.status().deleted_segments, 2U);
   EXPECT_LE(count(Stream::thumbnails), 1U);  // the open one
   EXPECT_EQ(all(Topic::estimate).size(), 90U);
-  for (std::uint64_t i = 90; i < 300; ++i) store.put(picture, kStart + i * kSecond);
-  store.close("", kStart + 300 * kSecond);
+  for (std::uint64_t i = 90; i < 300; ++i) store.put(picture, kStart + i * kOneSecond);
+  store.close("", kStart + 300 * kOneSecond);
   std::uint64_t bytes = 0;
   for (const Segment& segment : segments_in(folder / "recording")) bytes += segment.bytes;
   EXPECT_LE(bytes, tight.budget_bytes + 30'000);  // and the footers of the last three
@@ -170,8 +170,8 @@ TEST_F(Store, DecisionsAreDeletedLastOldestFirst) {
   tight.budget_bytes = std::uint64_t{1} << 20;
   tight.zstd_level = 0;
   SegmentStore store(tight, test::sample_session());
-  for (std::uint64_t i = 0; i < 8000; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond / 10);
-  store.close("", kStart + 800 * kSecond);
+  for (std::uint64_t i = 0; i < 8000; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond / 10);
+  store.close("", kStart + 800 * kOneSecond);
   const auto left = all(Topic::estimate);
   ASSERT_FALSE(left.empty());
   EXPECT_LT(left.size(), 8000U);
@@ -187,7 +187,7 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
   std::uint64_t i = 1;
   {
     const NoRoomBeyond limit(size + 1000);
-    for (; i < 300; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
+    for (; i < 300; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond);
     EXPECT_TRUE(store.status().stopped);
     EXPECT_NE(store.status().error.find("000001.flight.mcap"), std::string::npos);
     // What is on the disk is sound.
@@ -195,10 +195,10 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
     EXPECT_FALSE(back.contents.findings.refuses());
     EXPECT_GE(back.of(Topic::estimate).size(), 1U);
   }
-  for (; i < 310; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
+  for (; i < 310; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond);
   EXPECT_FALSE(store.status().stopped);
   EXPECT_TRUE(store.status().error.empty());
-  store.close("", kStart + 310 * kSecond);
+  store.close("", kStart + 310 * kOneSecond);
   EXPECT_EQ(all(Topic::estimate).size(), 310U);  // they waited in memory
   const auto events = all(Topic::recorder);
   ASSERT_EQ(events.size(), 2U);
@@ -214,11 +214,11 @@ TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
   store.flush(kStart);
   {
     const NoRoomBeyond limit(100);
-    for (std::uint64_t i = 1; i < 2000; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
+    for (std::uint64_t i = 1; i < 2000; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond);
     EXPECT_GT(store.status().dropped.at(Topic::estimate), 1000U);
   }
-  for (std::uint64_t i = 2000; i < 2010; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
-  store.close("", kStart + 2010 * kSecond);
+  for (std::uint64_t i = 2000; i < 2010; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond);
+  store.close("", kStart + 2010 * kOneSecond);
   std::uint64_t told = 0;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
@@ -231,12 +231,12 @@ TEST_F(Store, NoRoomForTheFirstSegmentIsSurvived) {
   SegmentStore store(options(), test::sample_session());
   {
     const NoRoomBeyond limit(0);
-    for (std::uint64_t i = 0; i < 10; ++i) store.put(test::sample_estimate(i), kStart + i * kSecond);
+    for (std::uint64_t i = 0; i < 10; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond);
     EXPECT_TRUE(store.status().stopped);
     EXPECT_TRUE(segments_in(folder / "recording").empty());
   }
-  store.put(test::sample_estimate(10), kStart + 10 * kSecond);
-  store.close("", kStart + 11 * kSecond);
+  store.put(test::sample_estimate(10), kStart + 10 * kOneSecond);
+  store.close("", kStart + 11 * kOneSecond);
   EXPECT_FALSE(store.status().stopped);
   EXPECT_EQ(all(Topic::estimate).size(), 1U);
   EXPECT_EQ(all(Topic::end).size(), 1U);

@@ -19,9 +19,9 @@ using std::chrono::hours;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-constexpr std::int64_t kStart_us = 1'750'000'000'000'000;
+constexpr std::int64_t kFirst_us = 1'750'000'000'000'000;
 
-class RecordingSink final : public FrameSink {
+class ListingSink final : public FrameSink {
  public:
   void put(ByteView jpeg, std::int64_t unix_us) override {
     if (jpeg.empty()) throw std::runtime_error("no room");
@@ -33,7 +33,7 @@ class RecordingSink final : public FrameSink {
 };
 
 TEST(DelayedSink, DeliversInOrderAndNotBeforeTheDueTime) {
-  RecordingSink kept;
+  ListingSink kept;
   const auto now = steady_clock::now();
   {
     DelayedSink sink(kept);
@@ -47,14 +47,14 @@ TEST(DelayedSink, DeliversInOrderAndNotBeforeTheDueTime) {
 
 // The producer does not wait until a frame is due.
 TEST(DelayedSink, AcceptsFramesWhileOneWaits) {
-  RecordingSink kept;
+  ListingSink kept;
   DelayedSink sink(kept);
   for (int i = 0; i < 100; ++i) sink.put({1}, i, steady_clock::now() + hours(1));
   EXPECT_EQ(sink.delivered(), 0);
 }  // and ends at once, dropping them
 
 TEST(DelayedSink, RethrowsTheErrorOfTheSink) {
-  RecordingSink kept;
+  ListingSink kept;
   DelayedSink sink(kept);
   sink.put({1}, 1, steady_clock::now());
   sink.put({}, 2, steady_clock::now());
@@ -65,7 +65,7 @@ TEST(DelayedSink, RethrowsTheErrorOfTheSink) {
 }
 
 TEST(DelayedSink, AnEmptyQueueFinishesAtOnce) {
-  RecordingSink kept;
+  ListingSink kept;
   DelayedSink sink(kept);
   sink.finish();
   EXPECT_EQ(sink.delivered(), 0);
@@ -82,7 +82,7 @@ TEST(FrameFolder, FramesAppearAtomicallyNamedByTheirTime) {
   const std::filesystem::path path = folder.path() / "a" / "b";
   FrameFolder frames(path);
   const Bytes jpeg = {1, 2, 3};
-  frames.put(jpeg, kStart_us);
+  frames.put(jpeg, kFirst_us);
   frames.put(jpeg, 5);
   EXPECT_EQ(names_in(path), (std::set<std::string>{"frame_1750000000000000.jpg", "frame_0000000000000005.jpg"}));
   EXPECT_EQ(read_file(path / "frame_0000000000000005.jpg"), jpeg);

@@ -120,8 +120,8 @@ class AirframeSignature : public ::testing::Test {
 
   static Bytes signed_by(const PrivateKey& key, std::string_view text = kText,
                          std::string_view type = kAirframePayloadType) {
-    const std::string json = envelope_json({std::string(type), {sign_payload(key, type, as_bytes(text))}});
-    return {json.begin(), json.end()};
+    const std::string envelope = envelope_json({std::string(type), {sign_payload(key, type, as_bytes(text))}});
+    return {envelope.begin(), envelope.end()};
   }
   Findings judged(const std::optional<Bytes>& envelope,
                   UnsignedAirframe without = refused_when_signers_are_known) const {

@@ -17,7 +17,7 @@ using test::Landscape;
 using test::photograph;
 using test::small_camera;
 
-const Landscape& landscape() {
+const Landscape& patch_landscape() {
   static const Landscape world(6, 150);
   return world;
 }
@@ -51,8 +51,8 @@ void expect_sound(const PatchMatches& matches) {
 
 TEST(PatchMatching, MeasuresThePoseError) {
   const CameraPose truth{{10, -15}, 100, {radians(40), radians(5), radians(-4)}};
-  const MapWindow map = landscape().map(0.5, true);
-  const cv::Mat picture = photograph(landscape().ground(), small_camera(), truth);
+  const MapWindow map = patch_landscape().map(0.5, true);
+  const cv::Mat picture = photograph(patch_landscape().ground(), small_camera(), truth);
   CameraPose claimed = truth;
   claimed.position = {12.2, -16.3};
   const PatchMatches matches = matches_at(picture, claimed, map);
@@ -70,8 +70,8 @@ TEST(PatchMatching, MeasuresThePoseError) {
 
 TEST(PatchMatching, FindsTheCameraWithTheSolver) {
   const CameraPose truth{{10, -15}, 100, {radians(40), radians(5), radians(-4)}};
-  const MapWindow map = landscape().map(0.5, true);
-  const cv::Mat picture = photograph(landscape().ground(), small_camera(), truth);
+  const MapWindow map = patch_landscape().map(0.5, true);
+  const cv::Mat picture = photograph(patch_landscape().ground(), small_camera(), truth);
   CameraPose pose = truth;
   pose.position = {11.5, -16};
   pose.agl_m *= 1.01;
@@ -100,8 +100,8 @@ TEST(PatchMatching, FindsTheCameraWithTheSolver) {
 
 TEST(PatchMatching, BareGroundGivesNoMatch) {
   const CameraPose pose{{0, 0}, 100, {}};
-  MapWindow map = landscape().map(0.5);
-  const cv::Mat picture = photograph(landscape().ground(), small_camera(), pose);
+  MapWindow map = patch_landscape().map(0.5);
+  const cv::Mat picture = photograph(patch_landscape().ground(), small_camera(), pose);
   map.image.setTo(128);
   EXPECT_TRUE(matches_at(picture, pose, map).found.empty());
 }
@@ -116,7 +116,7 @@ TEST(PatchMatching, AnEdgeIsPreciseAcrossAndUncertainAlong) {
     const auto ground = [&](PlanePoint p) {
       return 120 + 60 * std::tanh(p.east_m * across.x() + p.north_m * across.y());
     };
-    MapWindow map = landscape().map(0.5);
+    MapWindow map = patch_landscape().map(0.5);
     for (int r = 0; r < map.image.rows; ++r) {
       for (int c = 0; c < map.image.cols; ++c) {
         map.image.at<std::uint8_t>(r, c) =
@@ -137,9 +137,9 @@ TEST(PatchMatching, AnEdgeIsPreciseAcrossAndUncertainAlong) {
 }
 
 TEST(PatchMatching, InformationIsNeverNegative) {
-  const MapWindow map = landscape().map(0.5);
+  const MapWindow map = patch_landscape().map(0.5);
   const CameraPose truth{{0, 0}, 100, {}};
-  const cv::Mat picture = photograph(landscape().ground(), small_camera(), truth);
+  const cv::Mat picture = photograph(patch_landscape().ground(), small_camera(), truth);
   for (const double wrong_m : {15.0, 22.0, 29.0, 36.0}) {  // the content lies elsewhere: whatever is found is noise
     CameraPose claimed = truth;
     claimed.position = {wrong_m, -wrong_m / 2};
@@ -149,7 +149,7 @@ TEST(PatchMatching, InformationIsNeverNegative) {
 
 TEST(PatchMatching, NothingIsFoundOffTheMap) {
   const CameraPose truth{{0, 0}, 100, {}};
-  const MapWindow map = landscape().map(0.5);
+  const MapWindow map = patch_landscape().map(0.5);
   CameraPose away = truth;
   away.position = {5000, 5000};
   const PatchMatches matches = matches_at(photograph(test::waves, small_camera(), truth), away, map);

@@ -13,13 +13,13 @@
 namespace nadir {
 namespace {
 
-const test::Landscape& landscape() {
+const test::Landscape& descriptor_landscape() {
   static const test::Landscape world(11, 200);
   return world;
 }
 
 PlacePatch patch_at(cv::Point2d centre, double turn_rad = 0, bool reversed = false) {
-  const MapWindow map = landscape().map(1.0, reversed);
+  const MapWindow map = descriptor_landscape().map(1.0, reversed);
   return PatchCutter(map.image, map.mask, 1.2)
       .cut({.centre = centre, .turn_rad = turn_rad, .pixels_per_px = 1.2, .shift_px = {}, .side_px = 96});
 }

@@ -23,12 +23,12 @@ namespace {
 constexpr LonLat kOrigin{8.5, 47.4};
 constexpr int kZoom = 17;
 
-const test::Landscape& landscape() {
+const test::Landscape& index_landscape() {
   static const test::Landscape world(5, 400, 1.0);
   return world;
 }
 
-// The landscape as tiles. What lies east of 200 m is a lake; what lies north of 250 m is unknown.
+// The index_landscape as tiles. What lies east of 200 m is a lake; what lies north of 250 m is unknown.
 class Tiles final : public TileSource {
  public:
   Tiles() : frame_(kOrigin) {
@@ -65,7 +65,7 @@ class Tiles final : public TileSource {
       for (int column = 0; column < kTileSize; ++column) {
         const Enu at =
             frame_.enu_from_lonlat(lonlat_from_pixel({key.x * 256.0 + column + 0.5, key.y * 256.0 + row + 0.5}, kZoom));
-        const double grey = at.east_m > 200 ? 60 : landscape().grey({at.east_m, at.north_m});
+        const double grey = at.east_m > 200 ? 60 : index_landscape().grey({at.east_m, at.north_m});
         const auto value = static_cast<std::uint8_t>(std::clamp(grey, 0.0, 255.0));
         const std::uint8_t alpha = at.north_m > 250 ? 0 : 255;
         image.at<cv::Vec4b>(row, column) = {value, value, value, alpha};
@@ -106,7 +106,7 @@ PlaceQuery picture_of(PlanePoint place, double error_rad, double gsd_m = 1.0) {
       const double x = (column + 0.5 - side / 2.0) * gsd_m, south = (row + 0.5 - side / 2.0) * gsd_m;
       const double east_m = std::cos(error_rad) * x + std::sin(error_rad) * south;
       const double north_m = std::sin(error_rad) * x - std::cos(error_rad) * south;
-      const double grey = 255 - 0.7 * landscape().grey({place.east_m + east_m, place.north_m + north_m});
+      const double grey = 255 - 0.7 * index_landscape().grey({place.east_m + east_m, place.north_m + north_m});
       query.grey.at<std::uint8_t>(row, column) = static_cast<std::uint8_t>(std::clamp(grey, 0.0, 255.0));
       if (std::abs(x) < 75 && std::abs(south) < 52) query.mask.at<std::uint8_t>(row, column) = 255;
     }

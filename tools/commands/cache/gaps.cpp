@@ -26,14 +26,14 @@ namespace {
 
 using nlohmann::json;
 
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
+double rounded_to(double value, double steps) { return std::round(value * steps) / steps; }
 
 json ring_json(const TileKey& key, const PixelRing& ring) {
   json points = json::array();
   for (const PixelCorner& corner : ring) {
     const LonLat place = place_of(key, corner);
     // 1e-8 degrees are a millimetre; pixels of zoom 22 are 4 cm
-    points.push_back({rounded(place.lon_deg, 1e8), rounded(place.lat_deg, 1e8)});
+    points.push_back({rounded_to(place.lon_deg, 1e8), rounded_to(place.lat_deg, 1e8)});
   }
   return points;
 }
@@ -62,7 +62,7 @@ json gaps_geojson(const std::vector<Gap>& gaps, const Mission& mission, std::spa
           {{"tile", to_text(gap.key)},
            {"zoom", gap.key.z},
            {"reason", gap.whole_tile ? "no tile" : "empty pixels"},
-           {"area_m2", rounded(gap.area_m2, 10)},
+           {"area_m2", rounded_to(gap.area_m2, 10)},
            {"sector", sector == nullptr ? json() : json(sector->id)}}}});
   }
   return {{"type", "FeatureCollection"}, {"features", std::move(features)}};
