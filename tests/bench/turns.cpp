@@ -72,7 +72,7 @@ void fly(double interval_s, double tilt_rad, std::uint64_t seed, std::array<Turn
     frame.attitude.pitch_rad += 0.7 * (constant.x() + random.normal(0, tilt_rad));
     frame.attitude.roll_rad += 0.7 * (constant.y() + random.normal(0, tilt_rad));
     frame.agl_m = pose.agl_m * 1.02;
-    frame.believed.heading_rad = pose.attitude.heading_rad;
+    frame.linearization_point.heading_rad = pose.attitude.heading_rad;
     frame.tilt_sigma_rad = tilt_rad;
     frame.boresight_covariance_rad2 = 0.5 * tilt_rad * tilt_rad * Eigen::Matrix2d::Identity();
     frame.relief_sigma_m = 4;
