@@ -28,11 +28,6 @@ build_programs() {
   build nadir nadird nadir-candidates
 }
 
-# The headers that a build makes: clang-tidy reads sources that include them.
-generate() {
-  cmake --build "$build_folder" --target nadir_mavlink_headers_generated
-}
-
 run_tests() {
   # ThreadSanitizer takes the pool of OpenMP, which was not built with it, for races.
   [[ $preset != tsan ]] || export OMP_NUM_THREADS=1

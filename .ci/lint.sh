@@ -5,9 +5,10 @@ if [[ $# -gt 0 ]]; then files=("$@"); else mapfile -t files < <(git ls-files '*.
 failed=0
 clang-format --dry-run --Werror "${files[@]}" || failed=1
 mapfile -t sources < <(printf '%s\n' "${files[@]}" | grep '\.cpp$')
+# Each source by itself, as clang-tidy looks at it, with the headers that a build makes.
+cmake -G Ninja -B build/lint -DCMAKE_BUILD_TYPE=Release -DNADIR_UNITY=OFF >/dev/null &&
+  cmake --build build/lint --target nadir_mavlink_headers_generated >/dev/null || exit 2
 # gcc's precompiled headers are no use to clang: it reads the sources without them.
-# Each source by itself, as clang-tidy looks at it.
-cmake -G Ninja -B build/lint -DCMAKE_BUILD_TYPE=Release -DNADIR_UNITY=OFF >/dev/null && cmake --build build/lint --target nadir_mavlink_headers_generated >/dev/null || exit 2
 python3 - build/lint/compile_commands.json <<'P' || exit 2
 import json, os, re, sys
 commands = json.load(open(sys.argv[1]))

@@ -6,6 +6,9 @@
 
 namespace nadir {
 
+inline constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
+inline constexpr double kCe90OverSigma = 2.146;  // mathematics: √(-2 ln(1 - 0.9)), of one axis' sigma
+
 struct CandidateRules {
   int min_zoom = 12;
   int max_zoom = 22;

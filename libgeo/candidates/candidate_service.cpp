@@ -447,7 +447,6 @@ void CandidateService::forget_expired() {
 namespace {
 
 constexpr std::size_t kTilesAtOnce = 128;  // other callers come in between
-constexpr double kCe90OfSigma = 2.146;
 constexpr const char* kDamagedHere = "the service's copy of this tile is damaged; send it again";
 
 double pixel_mm(const TileKey& key) {
@@ -514,7 +513,7 @@ TileVerdict CandidateService::evaluate_tile(const TileRow& tile, const Candidate
   if (*verdict.measures->correlation_ppm < options_.rules.min_correlation_ppm)
     return verdict;  // the ground may have changed
   const std::int64_t allowed_mm = allowed_shift_mm(static_cast<double>(sidecar.pose.sigma_mm),
-                                                   static_cast<double>(base->ce90_mm) / kCe90OfSigma, options_.rules);
+                                                   static_cast<double>(base->ce90_mm) / kCe90OverSigma, options_.rules);
   if (shift_mm > allowed_mm) {
     return rejected({.code = ReasonCode::misaligned,
                      .detail = fmt::format("{} mm beside the base package's map; at most {}", shift_mm, allowed_mm)});

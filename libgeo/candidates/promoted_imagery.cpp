@@ -16,6 +16,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/json.hpp"
+#include "candidates/candidate_rules.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/imagery_input.hpp"
@@ -24,8 +25,6 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr double kCe90PerSigma = 2.146;
-constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
 
 // Zoom, day, block's column and row: what lies in one file.
 using Sheet = std::tuple<int, std::int64_t, std::uint32_t, std::uint32_t>;
@@ -146,7 +145,7 @@ ExportedImage write_sheet(std::span<const PromotedTile* const> tiles, const Pack
     airframes.insert(tile->sidecar.airframe);
   }
   image.gsd_m = static_cast<double>(gsd_mm) / 1000;
-  image.ce90_m = kCe90PerSigma * static_cast<double>(sigma_mm) / 1000;
+  image.ce90_m = kCe90OverSigma * static_cast<double>(sigma_mm) / 1000;
   image.file = folder / fmt::format("promoted-z{}-{}-{}-{}.tif", zoom,
                                     to_rfc3339(UtcTime{day * kDay_ms / 1000}).substr(0, 10), column, row);
   const Extent extent = extent_of(tiles);

@@ -30,7 +30,6 @@ double angle_to(const LonLat& corner, const CandidatePose& pose, double sigmas) 
 
 std::optional<Refusal> check_time(UtcMillis captured_at, UtcTime announced_at, UtcTime now,
                                   const CandidateRules& rules) {
-  constexpr std::int64_t kDayLength_ms = std::int64_t{24} * 3600 * 1000;
   const std::int64_t captured_ms = captured_at.unix_ms, now_ms = now.unix_s * 1000;
   if (captured_ms > now_ms + rules.max_clock_error_ms) {
     return refusal(ReasonCode::captured_in_future,
@@ -41,7 +40,7 @@ std::optional<Refusal> check_time(UtcMillis captured_at, UtcTime announced_at, U
   }
   if (captured_ms < now_ms - rules.max_age_ms) {
     return refusal(ReasonCode::too_old, fmt::format("captured {} days ago; at most {}",
-                                                    (now_ms - captured_ms) / kDayLength_ms, rules.max_age_ms / kDayLength_ms));
+                                                    (now_ms - captured_ms) / kDay_ms, rules.max_age_ms / kDay_ms));
   }
   return std::nullopt;
 }

@@ -9,7 +9,6 @@ namespace nadir {
 namespace {
 
 std::int64_t day_of(const CandidateSidecar& sidecar) {
-  constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
   return sidecar.captured_at.unix_ms / kDay_ms;
 }
 

@@ -96,8 +96,8 @@ ImageryFacts read_imagery_facts(const std::filesystem::path& raster, const Image
   const StacItem item(raster);
   return {
       .captured_at = overrides.captured_at ? *overrides.captured_at : item.datetime(),
-      .gsd_m = overrides.gsd_m ? *overrides.gsd_m : item.positive("gsd", "ground sample distance", "--gsd"),
-      .ce90_m = overrides.ce90_m ? *overrides.ce90_m : item.positive("nadir:ce90_m", "accuracy (CE90)", "--ce90"),
+      .gsd_m = overrides.gsd_m ? *overrides.gsd_m : item.positive("gsd", "ground sample distance", "--gsd-m"),
+      .ce90_m = overrides.ce90_m ? *overrides.ce90_m : item.positive("nadir:ce90_m", "accuracy (CE90)", "--ce90-m"),
       .provider = overrides.provider ? *overrides.provider : item.provider(),
   };
 }

@@ -49,7 +49,7 @@ Opening open_flight_map(const FlightMapPaths& paths, UtcTime now, Progress& prog
 
 std::string id_of(const Flight& flight) {
   Sha256Stream digest;
-  for (const Telemetry& told : flight.frames) digest.update(encode(Record(InputRecord{0, told, {}, 0})));
+  for (const Telemetry& telemetry : flight.frames) digest.update(encode(Record(InputRecord{0, telemetry, {}, 0})));
   return digest.finish().hex().substr(0, 12);
 }
 

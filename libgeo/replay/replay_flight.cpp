@@ -130,7 +130,7 @@ ReplayedFlight replay_flight(const Flight& flight, const ReplaySetup& setup, con
     if (setup.recording != nullptr) setup.recording->before(i, flight.frames[i], flight.image_path(i));
     const auto before = std::chrono::steady_clock::now();
     const cv::Mat image = read_flight_image(flight.image_path(i), camera.camera, shrink);
-    FrameReport report = order.frame(image, flight.frames[i], result.told);
+    FrameReport report = order.frame(image, flight.frames[i], result.published);
     const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - before;
     report.estimate.latency_ms = spent.count();  // including decoding
     if (csv != nullptr) csv->write(report.estimate);

@@ -22,7 +22,7 @@ namespace nadir {
 
 struct ReplayedFlight {
   std::vector<FrameReport> frames;   // without their images
-  std::vector<EstimateRecord> told;  // every estimate, also those of late anchors
+  std::vector<EstimateRecord> published;  // every estimate, also those of late anchors
   std::vector<Estimate> refined;
   std::vector<std::optional<FramePose>> poses;  // Localizer::refined_poses()
   std::vector<FrameImages> worst;

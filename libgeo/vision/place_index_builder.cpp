@@ -78,7 +78,7 @@ std::vector<PlaceChunk> lay_out(const IndexedMap& map, const LocalFrame& frame, 
         throw UsageError({.what = "too many chunks for one index",
                           .expected = fmt::format("at most {}", kMaxPlaceChunks),
                           .found = fmt::format("more, {:.0f} m wide", layer.side_m()),
-                          .fix = "index a larger footprint (--footprint-m) or overlap less (--overlap)"});
+                          .fix = "index a larger footprint (--footprint-m) or overlap less (--overlap-percent)"});
       }
     }
   }

@@ -50,11 +50,11 @@ TEST(ImageryFacts, MissingFactsAreErrors) {
   item(R"({"gsd":1,"providers":[{"name":"a"}],"nadir:ce90_m":5})");
   expect_refused(folder / "map.tif", "--captured");
   item(R"({"datetime":"2024-01-01T00:00:00Z","providers":[{"name":"a"}],"nadir:ce90_m":5})");
-  expect_refused(folder / "map.tif", "--gsd");
+  expect_refused(folder / "map.tif", "--gsd-m");
   item(R"({"datetime":"2024-01-01T00:00:00Z","gsd":1,"nadir:ce90_m":5})");
   expect_refused(folder / "map.tif", "--provider");
   item(R"({"datetime":"2024-01-01T00:00:00Z","gsd":1,"providers":[{"name":"a"}]})");
-  expect_refused(folder / "map.tif", "--ce90");
+  expect_refused(folder / "map.tif", "--ce90-m");
   item(R"({"datetime":"in March","gsd":1,"providers":[{"name":"a"}],"nadir:ce90_m":5})");
   expect_refused(folder / "map.tif", "in March");
   item(R"({"datetime":"2024-01-01T00:00:00Z","gsd":-1,"providers":[{"name":"a"}],"nadir:ce90_m":5})");

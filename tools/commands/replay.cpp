@@ -199,7 +199,7 @@ int ReplayCommand::run(Context& context) {
   staging.commit();
 
   std::optional<Reproduction> reproduction;
-  if (recorded) reproduction = compare_estimates(recorded->estimates, flown.told);
+  if (recorded) reproduction = compare_estimates(recorded->estimates, flown.published);
   if (reproduction) document["reproduced"] = json_from(*reproduction);
   if (context.json) {
     print_json(context.out, document);

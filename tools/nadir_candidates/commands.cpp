@@ -103,7 +103,6 @@ void ServeCommand::setup(Options& options) {
 }
 
 void ServeCommand::complete_rules() {
-  constexpr std::int64_t kDay_ms = std::int64_t{24} * 3600 * 1000;
   service_.rules.airframes_differ = independent_ == "airframes";
   service_.rules.max_age_ms = max_age_days_ * kDay_ms;
   service_.rules.quota_bytes = std::int64_t{quota_mb_} * 1'000'000;

@@ -78,14 +78,14 @@ int SyncRetryCommand::run(Context& context) {
   OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
   const std::int64_t now_ms = environment_.pace()->now_ms();
   // First what retry_parked() would announce again as it is.
-  RepairSum mended;
-  if (key) mended = repair_damaged_batches(outbox, key->public_key(), now_ms);
+  RepairSum repaired;
+  if (key) repaired = repair_damaged_batches(outbox, key->public_key(), now_ms);
   const std::int64_t batches = retry_parked(outbox, now_ms);
-  std::int64_t tiles = mended.tiles;
+  std::int64_t tiles = repaired.tiles;
   for (const std::string& code : codes_) tiles += restage(outbox, code, now_ms);
   SealedSum sealed;
   if (key) sealed = seal_batches(outbox, *key, now_ms, environment_.random_bytes);
-  Findings findings = std::move(mended.findings);
+  Findings findings = std::move(repaired.findings);
   findings.add(sealed.findings);
   if (context.json) {
     return report_findings(context.out, true, findings,
