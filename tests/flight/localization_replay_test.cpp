@@ -150,7 +150,7 @@ class LocalizationReplay : public ::testing::Test {
     EstimatesCsv csv(folder_ / "estimates.csv");
     NoProgress progress;
     const auto flown = replay_flight(flight.flight, again, Truth(flight.flight.frames.size()), &csv, progress);
-    return compare_estimates(flight.estimates, flown.told);
+    return compare_estimates(flight.estimates, flown.published);
   }
 
   const TemporaryFolder folder_;
