@@ -22,7 +22,7 @@ std::string header(const ApiResponse& response, const std::string& name) {
   return {};
 }
 
-TEST_F(ApiTest, TellsTheState) {
+TEST_F(ApiTest, ReportsTheState) {
   const auto state = json(api.handle(get("/v1/state")));
   EXPECT_EQ(state["state"], "normal");
   EXPECT_EQ(state["version"], 1);
@@ -32,7 +32,7 @@ TEST_F(ApiTest, TellsTheState) {
   EXPECT_EQ(state["track"][0]["source"], "satellite_anchored");
 }
 
-TEST_F(ApiTest, WithoutAPositionThereIsNone) {
+TEST_F(ApiTest, OmitsAnUnknownPosition) {
   publish(ServiceState::no_fix);
   const auto state = json(api.handle(get("/v1/state")));
   EXPECT_TRUE(state["position"].is_null());
@@ -40,7 +40,7 @@ TEST_F(ApiTest, WithoutAPositionThereIsNone) {
 }
 
 // The longer axis of the ellipse, by hand: variances 9 along north-east, 1 across.
-TEST_F(ApiTest, DrawsTheCovarianceAsAnEllipse) {
+TEST_F(ApiTest, ReportsTheCovarianceAsAnEllipse) {
   FlightView view = flight.at(now_s, ServiceState::normal);
   view.position = PositionView{{8.5, 47.4}, 2, 5, 5, 4};
   board.publish(view);
@@ -50,7 +50,7 @@ TEST_F(ApiTest, DrawsTheCovarianceAsAnEllipse) {
   EXPECT_NEAR(ellipse["bearing_deg"].get<double>(), 45, 1e-9);
 }
 
-TEST_F(ApiTest, HostileNumbersAndTextStayReadable) {
+TEST_F(ApiTest, HostileNumbersAndTextAreEscaped) {
   FlightView view = flight.at(now_s, ServiceState::normal);
   view.position->sigma_m = std::numeric_limits<double>::quiet_NaN();
   view.anchor_age_s = std::numeric_limits<double>::infinity();
@@ -73,14 +73,14 @@ TEST_F(ApiTest, HealthFollowsTheFlightsThread) {
   EXPECT_EQ(json(silent)["status"], "fail");
 }
 
-TEST_F(ApiTest, BeforeTheFirstViewItIsNotHealthy) {
+TEST_F(ApiTest, IsUnhealthyBeforeTheFirstView) {
   const FlightBoard empty;
   const Api starting(empty, hints, options());
   EXPECT_EQ(starting.handle(get("/v1/health")).status, 503);
   EXPECT_EQ(json(starting.handle(get("/v1/state")))["state"], "boot");
 }
 
-TEST_F(ApiTest, TilesComeFromThePackage) {
+TEST_F(ApiTest, ServesTilesFromThePackage) {
   expect_problem(api.handle(get("/v1/tiles/16/34315/22950")), 404, "tile");
   api.use_package({.tiles = std::make_shared<test::PaintedTiles>(), .frame = nullptr, .surface = nullptr});
   const ApiResponse tile = api.handle(get("/v1/tiles/16/34315/22950?x=y"));
@@ -102,13 +102,13 @@ class BrokenTiles final : public TileSource {
   }
 };
 
-TEST_F(ApiTest, ABrokenTileSetIsAProblemNotACrash) {
+TEST_F(ApiTest, ADamagedTileSetIsReported) {
   api.use_package({.tiles = std::make_shared<BrokenTiles>(), .frame = nullptr, .surface = nullptr});
   expect_problem(api.handle(get("/v1/tiles/2/0/0")), 500, "internal");
   expect_problem(api.handle(get("/v1/tiles/1/0/0")), 404, "tile");
 }
 
-TEST_F(ApiTest, AHintIsHandedOn) {
+TEST_F(ApiTest, PassesOnAHint) {
   const ApiResponse taken = api.handle(post("/v1/hint", R"({"lat": 47.5, "lon": 8.6, "radius_m": 800})"));
   EXPECT_EQ(taken.status, 202);
   const auto hint = hints.take();
@@ -117,7 +117,7 @@ TEST_F(ApiTest, AHintIsHandedOn) {
   EXPECT_EQ(hint->radius_m, 800);
 }
 
-TEST_F(ApiTest, ABadHintIsRefusedWithEverythingThatIsWrong) {
+TEST_F(ApiTest, RejectsAnInvalidHintWithAllErrors) {
   const ApiResponse refused = api.handle(post("/v1/hint", R"({"lat": 91, "lon": "x", "radius": 5})"));
   expect_problem(refused, 400, "invalid");
   const std::string errors = json(refused)["errors"].dump();
@@ -134,7 +134,7 @@ TEST_F(ApiTest, ABadHintIsRefusedWithEverythingThatIsWrong) {
 }
 
 // What another site's page can make a browser send is no JSON by its media type.
-TEST_F(ApiTest, OnlyJsonIsTaken) {
+TEST_F(ApiTest, AcceptsOnlyJson) {
   ApiRequest request = post("/v1/hint", R"({"lat": 1, "lon": 1, "radius_m": 5})");
   for (const char* type : {"", "text/plain", "application/x-www-form-urlencoded", "application/jsonp"}) {
     request.content_type = type;
@@ -144,7 +144,7 @@ TEST_F(ApiTest, OnlyJsonIsTaken) {
   EXPECT_EQ(api.handle(request).status, 202);
 }
 
-TEST_F(ApiTest, OtherMethodsAndPathsAreRefused) {
+TEST_F(ApiTest, RejectsOtherMethodsAndPaths) {
   for (const char* method : {"POST", "PUT", "DELETE", "OPTIONS", "TRACE", "", "get"}) {
     ApiRequest request = get("/v1/state");
     request.method = method;
@@ -158,7 +158,7 @@ TEST_F(ApiTest, OtherMethodsAndPathsAreRefused) {
   }
 }
 
-TEST_F(ApiTest, OnLoopbackOnlyLoopbackNamesAreServed) {
+TEST_F(ApiTest, OnLoopbackServesOnlyLoopbackNames) {
   for (const char* host : {"localhost", "LOCALHOST:1", "127.0.0.1:8750", "[::1]:8750"}) {
     ApiRequest request = get("/v1/state");
     request.host = host;
@@ -171,7 +171,7 @@ TEST_F(ApiTest, OnLoopbackOnlyLoopbackNamesAreServed) {
   }
 }
 
-TEST_F(ApiTest, WithATokenEveryCallNeedsIt) {
+TEST_F(ApiTest, AConfiguredTokenIsRequiredForEveryCall) {
   ApiOptions guarded = options();
   guarded.token = sha256(as_bytes("0123456789abcdef"));
   guarded.loopback = false;
@@ -194,7 +194,7 @@ TEST_F(ApiTest, WithATokenEveryCallNeedsIt) {
   EXPECT_EQ(served.handle(get("/")).status, 200);
 }
 
-TEST_F(ApiTest, ThePageLoadsNothingFromElsewhere) {
+TEST_F(ApiTest, ThePageLoadsNoExternalResources) {
   const ApiResponse page = api.handle(get("/"));
   EXPECT_THAT(page.content_type, HasSubstr("text/html"));
   EXPECT_THAT(header(page, "Content-Security-Policy"), HasSubstr("default-src 'none'"));

@@ -22,7 +22,7 @@ TEST(FlightBoard, ShowsABootingServiceBeforeTheFirstPublish) {
   EXPECT_EQ(board.snapshot()->state.state, ServiceState::boot);
 }
 
-TEST(FlightBoard, ShowsTheLatestAndNumbersIt) {
+TEST(FlightBoard, ReturnsTheLatestViewWithItsNumber) {
   FlightBoard board;
   board.publish(view_at(1));
   board.publish(view_at(2));
@@ -31,7 +31,7 @@ TEST(FlightBoard, ShowsTheLatestAndNumbersIt) {
   EXPECT_EQ(board.snapshot(), board.snapshot()) << "the same view, not a copy of it";
 }
 
-TEST(FlightBoard, WhatAReaderHoldsStaysAsItWas) {
+TEST(FlightBoard, AViewInUseIsNeverModified) {
   FlightBoard board;
   board.publish(view_at(1));
   const auto held = board.snapshot();
@@ -41,7 +41,7 @@ TEST(FlightBoard, WhatAReaderHoldsStaysAsItWas) {
 }
 
 // Readers that look without pause see whole views in their order, and the last one is seen by all.
-TEST(FlightBoard, ManyReadersSeeWholeViewsInOrder) {
+TEST(FlightBoard, ConcurrentReadersSeeConsistentViewsInOrder) {
   constexpr int kViews = 2000, kReaders = 4;
   FlightBoard board;
   std::atomic<int> broken{0};
@@ -63,7 +63,7 @@ TEST(FlightBoard, ManyReadersSeeWholeViewsInOrder) {
   EXPECT_EQ(broken, 0);
 }
 
-TEST(LatestSlot, TheLatestIsTakenOnce) {
+TEST(LatestSlot, ReturnsTheLatestValueOnce) {
   LatestSlot<int> box;
   EXPECT_EQ(box.take(), nullptr);
   box.put(1);
@@ -74,7 +74,7 @@ TEST(LatestSlot, TheLatestIsTakenOnce) {
   EXPECT_EQ(box.take(), nullptr);
 }
 
-TEST(EventRing, KeepsTheLastOnesAndCountsOn) {
+TEST(EventRing, KeepsTheLatestEventsAndContinuesNumbering) {
   EventRing ring(3);
   for (int i = 1; i <= 5; ++i) ring.add(i, EventSeverity::info, "state", std::to_string(i));
   ASSERT_EQ(ring.events().size(), 3U);
@@ -83,7 +83,7 @@ TEST(EventRing, KeepsTheLastOnesAndCountsOn) {
   EXPECT_EQ(ring.events().back().text, "5");
 }
 
-TEST(FlightTrail, ThinsAndForgets) {
+TEST(FlightTrail, ThinsAndDropsOldPoints) {
   FlightTrail trail(10, 1);
   for (int i = 0; i <= 240; ++i) {
     TrackPoint point;

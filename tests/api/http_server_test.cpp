@@ -45,7 +45,7 @@ class HttpServerTest : public test::ApiFixture {
   std::optional<HttpServer> server;
 };
 
-TEST_F(HttpServerTest, AnswersOneRequestAfterTheOtherOnAConnection) {
+TEST_F(HttpServerTest, AnswersSuccessiveRequestsOnAConnection) {
   serve();
   RawClient client = connect();
   for (int i = 0; i < 3; ++i) {
@@ -65,7 +65,7 @@ TEST_F(HttpServerTest, HeadHasNoBody) {
   EXPECT_THAT(text, EndsWith("\r\n\r\n"));
 }
 
-TEST_F(HttpServerTest, WhatIsNoHttpIsAnsweredAndClosed) {
+TEST_F(HttpServerTest, AnswersInvalidHttpAndCloses) {
   serve();
   for (const char* nonsense :
        {"\r\n\r\n\r\n\r\nx\r\n\r\n", "GET\r\n\r\n", "\x16\x03\x01\x02 hello\r\n\r\n", "GET / HTTP/9.9\r\n\r\n",
@@ -77,7 +77,7 @@ TEST_F(HttpServerTest, WhatIsNoHttpIsAnsweredAndClosed) {
   }
 }
 
-TEST_F(HttpServerTest, TooLargeIsRefused) {
+TEST_F(HttpServerTest, RejectsOversizedRequests) {
   serve();
   RawClient header = connect();
   header.send("GET / HTTP/1.1\r\nHost: localhost\r\nX: " + std::string(20'000, 'x') + "\r\n\r\n");
@@ -93,7 +93,7 @@ TEST_F(HttpServerTest, TooLargeIsRefused) {
 }
 
 // A client that dribbles its request, or sends none, does not keep its connection.
-TEST_F(HttpServerTest, AnUnfinishedRequestEndsWithItsTime) {
+TEST_F(HttpServerTest, TimesOutAnIncompleteRequest) {
   HttpLimits limits;
   limits.request_time = std::chrono::milliseconds(50);
   serve(limits);
@@ -104,7 +104,7 @@ TEST_F(HttpServerTest, AnUnfinishedRequestEndsWithItsTime) {
   EXPECT_TRUE(eventually([](const ServerCounts& counts) { return counts.connections_open == 0; }));
 }
 
-TEST_F(HttpServerTest, ConnectionsBeyondTheLimitAreClosed) {
+TEST_F(HttpServerTest, ClosesConnectionsBeyondTheLimit) {
   HttpLimits limits;
   limits.connections = 3;
   serve(limits);
@@ -123,7 +123,7 @@ TEST_F(HttpServerTest, ConnectionsBeyondTheLimitAreClosed) {
   EXPECT_THAT(next.read_until("}"), HasSubstr("200 OK"));
 }
 
-TEST_F(HttpServerTest, StreamsWhatHappens) {
+TEST_F(HttpServerTest, StreamsEvents) {
   HttpLimits limits;
   limits.stream_interval = std::chrono::milliseconds(1);
   limits.heartbeat = std::chrono::milliseconds(20);
@@ -144,7 +144,7 @@ TEST_F(HttpServerTest, StreamsWhatHappens) {
   EXPECT_EQ(rest.find("id: script-2\n"), std::string::npos);
 }
 
-TEST_F(HttpServerTest, StreamsBeyondTheLimitAreRefused) {
+TEST_F(HttpServerTest, RejectsStreamsBeyondTheLimit) {
   HttpLimits limits;
   limits.streams = 2;
   serve(limits);
@@ -158,7 +158,7 @@ TEST_F(HttpServerTest, StreamsBeyondTheLimitAreRefused) {
   EXPECT_EQ(server->counts().streams_refused, 1U);
 }
 
-TEST_F(HttpServerTest, AReaderThatLeavesIsForgotten) {
+TEST_F(HttpServerTest, ReleasesADisconnectedReader) {
   serve();
   {
     RawClient client = connect();
@@ -172,7 +172,7 @@ TEST_F(HttpServerTest, AReaderThatLeavesIsForgotten) {
 
 // 50 readers that never read and 20 connections that never ask: the flight publishes all that it has, and somebody who
 // asks gets the latest. Nothing is queued for the dead: once one of them reads, it finds fewer states than its share.
-TEST_F(HttpServerTest, DeadClientsCostTheFlightNothing) {
+TEST_F(HttpServerTest, DeadClientsDoNotDelayTheFlight) {
   HttpLimits limits;
   limits.stream_interval = std::chrono::milliseconds(1);
   serve(limits);
@@ -202,7 +202,7 @@ TEST_F(HttpServerTest, DeadClientsCostTheFlightNothing) {
   EXPECT_LT(states, 1000U) << "states pile up for a reader that does not read";
 }
 
-TEST_F(HttpServerTest, AReaderThatTakesNothingIsDropped) {
+TEST_F(HttpServerTest, DropsAStalledReader) {
   HttpLimits limits;
   limits.stream_interval = std::chrono::milliseconds(1);
   limits.answer_time = std::chrono::milliseconds(100);
@@ -217,7 +217,7 @@ TEST_F(HttpServerTest, AReaderThatTakesNothingIsDropped) {
   }));
 }
 
-TEST_F(HttpServerTest, WhatFailsForOneReaderEndsThatReaderAlone) {
+TEST_F(HttpServerTest, AFailureEndsOnlyTheAffectedReader) {
   std::atomic<bool> fails = false;
   ApiOptions chosen = options();
   chosen.now_s = [&] { return fails ? throw std::bad_alloc() : now_s; };
@@ -250,7 +250,7 @@ TEST_F(HttpServerTest, StopsWithClientsOfEveryKind) {
   EXPECT_EQ(silent.read_to_the_end(), "");
 }
 
-TEST_F(HttpServerTest, AnAddressThatIsTakenIsAnError) {
+TEST_F(HttpServerTest, AnAddressInUseIsAnError) {
   serve();
   ListenAddress taken;
   taken.port = server->port();

@@ -40,7 +40,7 @@ Found find(const Look& look, const GroundSurface& surface = FlatGround(0)) {
   return {enu.east_m, enu.north_m, place->error_bound_m, place->manoeuvring};
 }
 
-TEST(ObjectLocation, StraightDownPixelsAreMetresByTheFocalLength) {
+TEST(ObjectLocation, AtNadirOffsetsScaleWithHeightOverFocalLength) {
   Look look;
   EXPECT_NEAR(find(look).east_m, 0, 1e-3);
   look.pixel = {1060, 340};  // right and up in the picture: east and north of an aircraft that flies north
@@ -85,7 +85,7 @@ TEST(ObjectLocation, TheRayMeetsTheTerrain) {
   EXPECT_NEAR(find(look, Slope()).north_m, 100 / 1.2, 1e-3);
 }
 
-TEST(ObjectLocation, TheBoundOfAPositionErrorIsItsOwn) {
+TEST(ObjectLocation, APositionErrorIsItsOwnBound) {
   Look look;
   look.pose.sigma_m = 10;
   look.uncertainty = {.heading_rad = 0, .tilt_rad = 0, .agl_relative = 0};
@@ -93,7 +93,7 @@ TEST(ObjectLocation, TheBoundOfAPositionErrorIsItsOwn) {
 }
 
 // The bound holds at least 95 % of objects whose errors are drawn at random.
-TEST(ObjectLocation, TheBoundHoldsWhatItSays) {
+TEST(ObjectLocation, TheBoundCoversTheError) {
   std::mt19937 engine(7);
   std::normal_distribution<double> normal;
   for (const double pitch_deg : {-90.0, -60.0, -35.0}) {
@@ -134,7 +134,7 @@ TEST(ObjectLocation, ManoeuvresWidenTheBound) {
   EXPECT_TRUE(find(level).manoeuvring);
 }
 
-TEST(ObjectLocation, TheSkyIsRefused) {
+TEST(ObjectLocation, RejectsPixelsInTheSky) {
   Look look;
   const LocalFrame frame(kHere);
   for (const auto& [pitch_deg, type] :
@@ -182,7 +182,7 @@ TEST_F(ObjectRequests, ZoomNarrowsTheAngle) {
   EXPECT_NEAR(json(ask(body))["lon"].get<double>() - 8.5, wide / 4, 1e-9);
 }
 
-TEST_F(ObjectRequests, RefusesWithoutGimbalZoomOrPose) {
+TEST_F(ObjectRequests, RejectsRequestsWithoutGimbalZoomOrPose) {
   auto body = question();
   body.erase("gimbal");
   expect_problem(ask(body), 422, "gimbal-missing");
@@ -203,7 +203,7 @@ TEST_F(ObjectRequests, RefusesWithoutGimbalZoomOrPose) {
   }
 }
 
-TEST_F(ObjectRequests, RefusesWhatIsWrong) {
+TEST_F(ObjectRequests, RejectsInvalidRequests) {
   auto outside = question();
   outside["pixel"]["x"] = 1920;
   expect_problem(ask(outside), 422, "pixel-outside");

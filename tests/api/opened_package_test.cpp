@@ -19,7 +19,7 @@ class OpenedForTheApi : public test::ApiFixture {
   test::PackageMaker maker_;
 };
 
-TEST_F(OpenedForTheApi, ShowsItsFactsAndServesItsTiles) {
+TEST_F(OpenedForTheApi, ShowsItsMetadataAndServesItsTiles) {
   const auto folder = maker_.make(folder_);
   Opening opening = open(folder);
   ASSERT_TRUE(opening.package) << test::codes(opening.findings);
@@ -41,7 +41,7 @@ TEST_F(OpenedForTheApi, ShowsItsFactsAndServesItsTiles) {
 }
 
 // What is shown to people has the digest that was signed, or is not shown.
-TEST_F(OpenedForTheApi, ATamperedTileIsNotShown) {
+TEST_F(OpenedForTheApi, DoesNotServeATamperedTile) {
   const auto folder = maker_.make(folder_);
   test::sqlite(folder / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data)) WHERE rowid = 1");
   Opening opening = open(folder);
@@ -55,7 +55,7 @@ TEST_F(OpenedForTheApi, ATamperedTileIsNotShown) {
   EXPECT_EQ(shown + 1, static_cast<int>(package->imagery().sidecars().size()));
 }
 
-TEST_F(OpenedForTheApi, ARefusedOneSaysWhy) {
+TEST_F(OpenedForTheApi, ARejectedPackageStatesTheReason) {
   const auto folder = maker_.make(folder_);
   std::filesystem::remove(folder / kSignatureFile);
   const PackageView view = refused_package(open(folder).findings);

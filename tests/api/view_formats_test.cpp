@@ -38,7 +38,7 @@ int count(const std::string& text, const std::string& word) {
   return found;
 }
 
-TEST_F(EventStream, TellsEachEventOnceAndTheStateWhenItIsNew) {
+TEST_F(EventStream, SendsEachEventOnceAndEveryNewState) {
   happen("one");
   StreamCursor cursor;
   const FlightView first = view();
@@ -52,7 +52,7 @@ TEST_F(EventStream, TellsEachEventOnceAndTheStateWhenItIsNew) {
   EXPECT_EQ(count(next, "event: state\n"), 1);
 }
 
-TEST_F(EventStream, GoesOnWhereItBrokeOff) {
+TEST_F(EventStream, ResumesAfterTheLastEventReceived) {
   for (const char* text : {"one", "two", "three"}) happen(text);
   StreamCursor cursor = cursor_from("b1-2");
   const std::string text = stream_text(view(), 0, cursor);
@@ -61,7 +61,7 @@ TEST_F(EventStream, GoesOnWhereItBrokeOff) {
   EXPECT_THAT(text, Not(HasSubstr("event: missed")));
 }
 
-TEST_F(EventStream, SaysHowManyWereMissed) {
+TEST_F(EventStream, ReportsTheNumberOfMissedEvents) {
   for (int i = 1; i <= 20; ++i) happen(std::to_string(i));  // the ring holds 16 to 20
   StreamCursor cursor = cursor_from("b1-4");
   const std::string text = stream_text(view(), 0, cursor);
@@ -69,7 +69,7 @@ TEST_F(EventStream, SaysHowManyWereMissed) {
   EXPECT_EQ(count(text, "event: log\n"), 5);
 }
 
-TEST_F(EventStream, AnotherRunOfTheServiceStartsAfresh) {
+TEST_F(EventStream, StartsOverAfterAServiceRestart) {
   happen("one");
   for (const char* id :
        {"b0-1", "b1-7", "", "b1", "b1-", "b1-x", "-1", "b1-99999999999999999999999", "b1--1", "\r\nb1-1"}) {
@@ -79,7 +79,7 @@ TEST_F(EventStream, AnotherRunOfTheServiceStartsAfresh) {
 }
 
 // Text of an event cannot end its line and begin a message of its own.
-TEST_F(EventStream, TextStaysInItsLine) {
+TEST_F(EventStream, KeepsTextOnOneLine) {
   happen("harmless\n\nevent: state\ndata: {\"state\":\"normal\"}\r\n\r\n");
   FlightView hostile = view();
   hostile.boot_id = "b\n1: x";
@@ -91,7 +91,7 @@ TEST_F(EventStream, TextStaysInItsLine) {
 }
 
 // The grammar of the text format, line by line: HELP, TYPE, then samples of that name.
-TEST(Metrics, FollowTheTextFormat) {
+TEST(Metrics, ConformToTheTextFormat) {
   test::ScriptedFlight flight;
   const std::string text = metrics_text(flight.at(100, ServiceState::normal), 0.1, {});
   const std::regex help("# HELP (nadir_[a-z_]+) .+"), type("# TYPE (nadir_[a-z_]+) (gauge|counter)");
@@ -118,7 +118,7 @@ TEST(Metrics, FollowTheTextFormat) {
   EXPECT_THAT(text, HasSubstr("nadir_position_sigma_meters 2.8\n"));
 }
 
-TEST(Metrics, WhatIsNotKnownIsAbsent) {
+TEST(Metrics, OmitUnknownValues) {
   const std::string text = metrics_text({}, 0, {});
   EXPECT_THAT(text, Not(HasSubstr("sigma")));
   EXPECT_THAT(text, Not(HasSubstr("nadir_anchor_age_seconds")));

@@ -6,7 +6,7 @@ namespace nadir {
 namespace {
 
 // The vectors of RFC 4648, section 10.
-TEST(Base64, KnowsTheVectorsOfTheRfc) {
+TEST(Base64, MatchesTheVectorsOfTheRfc) {
   const std::pair<const char*, const char*> vectors[] = {{"", ""},
                                                          {"f", "Zg=="},
                                                          {"fo", "Zm8="},
@@ -21,7 +21,7 @@ TEST(Base64, KnowsTheVectorsOfTheRfc) {
   }
 }
 
-TEST(Base64, HasOneSpellingOnly) {
+TEST(Base64, AcceptsOneSpellingOnly) {
   for (const char* text :
        {"Zg", "Zg=", "Zh==", "Zm9=", " Zg==", "Zg==\n", "Zg==Zg==", "Z===", "====", "Zm8-", "Zm9v="}) {
     EXPECT_FALSE(from_base64(text)) << text;

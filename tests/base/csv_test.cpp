@@ -32,20 +32,20 @@ TEST_F(Csv, ReadsRowsByColumnName) {
   EXPECT_EQ(table.column("heading_deg"), std::nullopt);
 }
 
-TEST_F(Csv, UnderstandsQuotesAndWindowsLineEnds) {
+TEST_F(Csv, ParsesQuotesAndWindowsLineEndings) {
   const CsvTable table = read("a,b\r\n\"x,\"\"y\"\"\",2\r\n");
   ASSERT_EQ(table.rows(), 1U);
   EXPECT_EQ(table.cell(0, 0), "x,\"y\"");
 }
 
-TEST_F(Csv, RefusesNumbersThatAreNone) {
+TEST_F(Csv, RejectsInvalidNumbers) {
   for (const char* bad : {"nan", "NaN", "inf", "-inf", "1.5x", "abc", "1,5", "0x10"}) {
     const CsvTable table = read(std::string("a,b\n\"") + bad + "\",1\n");
     EXPECT_THROW(table.number(0, 0), Error) << bad;
   }
 }
 
-TEST_F(Csv, NamesFileLineAndCellOfABadNumber) {
+TEST_F(Csv, ErrorsNameFileLineAndCell) {
   const CsvTable table = read("frame,agl_m\na,1\nb,oops\n");
   try {
     table.number(1, 1);
@@ -57,19 +57,19 @@ TEST_F(Csv, NamesFileLineAndCellOfABadNumber) {
   }
 }
 
-TEST_F(Csv, RefusesARowWithAnotherNumberOfCells) {
+TEST_F(Csv, RejectsARowWithAnotherNumberOfCells) {
   EXPECT_THAT(complaint("a,b\n1,2\n3\n"), ::testing::HasSubstr("t.csv:3"));
   EXPECT_NE(complaint("a,b\n1,2,3\n"), "");
 }
 
-TEST_F(Csv, RefusesWhatIsNoTable) {
+TEST_F(Csv, RejectsOtherFiles) {
   EXPECT_NE(complaint(""), "");
   EXPECT_NE(complaint(std::string_view("a,b\n\0\0,1\n", 9)), "");
   EXPECT_THROW(CsvTable::read(folder_ / "missing.csv"), Error);
   EXPECT_THROW(CsvTable::read(folder_.path()), Error);
 }
 
-TEST_F(Csv, NamesTheColumnThatIsMissing) {
+TEST_F(Csv, NamesTheMissingColumn) {
   const CsvTable table = read("a,b\n1,2\n");
   try {
     table.required_column("frame");

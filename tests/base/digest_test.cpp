@@ -29,7 +29,7 @@ TEST(Sha256, AgreesWithSha256sum) {
   }
 }
 
-TEST(Sha256, StreamsInAnyPieces) {
+TEST(Sha256, IsIndependentOfChunking) {
   Sha256Stream stream;
   stream.update(as_bytes("a"));
   stream.update({});
@@ -38,7 +38,7 @@ TEST(Sha256, StreamsInAnyPieces) {
   EXPECT_EQ(stream.finish(), sha256({}));  // starts afresh
 }
 
-TEST(Sha256, HexHasOneSpelling) {
+TEST(Sha256, AcceptsOneSpellingOfHex) {
   const Sha256 digest = sha256(as_bytes("abc"));
   EXPECT_EQ(Sha256::from_hex(digest.hex()), digest);
   std::string upper = digest.hex();
@@ -49,7 +49,7 @@ TEST(Sha256, HexHasOneSpelling) {
   EXPECT_EQ(Sha256::from_hex(std::string(64, 'g')), std::nullopt);
 }
 
-TEST(Sha256, RefusesMissingFiles) { EXPECT_THROW(sha256_file("/nonexistent/file"), Error); }
+TEST(Sha256, RejectsMissingFiles) { EXPECT_THROW(sha256_file("/nonexistent/file"), Error); }
 
 std::string md5_of(std::initializer_list<std::string_view> pieces) {
   Md5Stream stream;

@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-TEST(Findings, OnlyRefusalsRefuse) {
+TEST(Findings, OnlyErrorsReject) {
   Findings findings;
   EXPECT_FALSE(findings.refuses());
   findings.add({.code = "a.note", .severity = Severity::note});
@@ -21,28 +21,28 @@ TEST(Findings, OnlyRefusalsRefuse) {
   EXPECT_FALSE(findings.contains("a.ba"));
 }
 
-TEST(Findings, TextSaysEverythingThatIsKnownAndNothingElse) {
+TEST(Findings, TextContainsOnlyKnownFields) {
   EXPECT_EQ(to_text({.code = "tiles.root", .where = "base.mbtiles", .expected = "aa", .found = "bb", .fix = "rebuild"}),
             "tiles.root (refuse)\n  where:    base.mbtiles\n  expected: aa\n  found:    bb\n  to do:    rebuild");
   EXPECT_EQ(to_text({.code = "x", .severity = Severity::warning}), "x (warning)");
 }
 
-TEST(Error, RendersItsParts) {
+TEST(Error, PrintsItsParts) {
   EXPECT_STREQ(Error({.what = "cannot read", .where = "a.csv:3"}).what(), "cannot read\n  where:    a.csv:3");
 }
 
-TEST(Printable, LeavesTextAlone) {
+TEST(Printable, KeepsPlainText) {
   for (const char* text : {"", "plain", "zwölf m² → \xF0\x9F\x9B\xA9", "two\nlines"}) EXPECT_EQ(printable(text), text);
 }
 
-TEST(Printable, SendsNoEscapeSequences) {
+TEST(Printable, ReplacesEscapeSequences) {
   EXPECT_EQ(printable("a\x1b[2Jb\r\x7f\t"), "a?[2Jb???");
   EXPECT_EQ(printable("\xC2\x9B"
                       "31m"),
             "?31m");  // the one-character form of ESC [
 }
 
-TEST(Printable, GivesValidUtf8) {
+TEST(Printable, ReturnsValidUtf8) {
   EXPECT_EQ(printable("\xD7x"), "?x");
   EXPECT_EQ(printable("\xC0\xAF"), "??");            // overlong
   EXPECT_EQ(printable("\xED\xA0\x80"), "???");       // surrogate

@@ -19,7 +19,7 @@ TEST(Files, ReadsWhatWasWritten) {
   EXPECT_EQ(read_text_file(folder / "f"), std::string("abc\0def", 7));
 }
 
-TEST(Files, GivesPrivateKeysTheirMode) {
+TEST(Files, WritesPrivateKeysWithMode0600) {
   const test::TemporaryFolder folder;
   write_file_atomic(folder / "key", std::string_view("secret"), 0600);
   struct stat status {};
@@ -27,7 +27,7 @@ TEST(Files, GivesPrivateKeysTheirMode) {
   EXPECT_EQ(status.st_mode & 0777U, 0600U);
 }
 
-TEST(Files, RefusesWhatIsNoFileOrTooLarge) {
+TEST(Files, RejectsOversizedOrIrregularFiles) {
   const test::TemporaryFolder folder;
   folder.write("f", "12345");
   EXPECT_THROW(read_file(folder / "none"), Error);
@@ -36,7 +36,7 @@ TEST(Files, RefusesWhatIsNoFileOrTooLarge) {
   EXPECT_EQ(read_file(folder / "f", 5).size(), 5U);
 }
 
-TEST(Files, LeavesNothingBesideTheTarget) {
+TEST(Files, LeavesNoTemporaryFiles) {
   const test::TemporaryFolder folder;
   write_file_atomic(folder / "f", std::string_view("one"));
   write_file_atomic(folder / "f", std::string_view("two"));
@@ -44,7 +44,7 @@ TEST(Files, LeavesNothingBesideTheTarget) {
   EXPECT_THROW(write_file_atomic(folder / "no" / "f", std::string_view("x")), Error);
 }
 
-TEST(StagingDirectory, AppearsAtOnceOnCommit) {
+TEST(StagingDirectory, AppearsAtomicallyOnCommit) {
   const test::TemporaryFolder folder;
   {
     StagingDirectory staging(folder / "out");
@@ -75,13 +75,13 @@ TEST(StagingDirectory, NeverReplaces) {
   EXPECT_EQ(read_text_file(folder / "later"), "in the meantime");
 }
 
-TEST(StagingDirectory, KeepsTwoBuildersApart) {
+TEST(StagingDirectory, SeparatesConcurrentBuilders) {
   const test::TemporaryFolder folder;
   StagingDirectory first(folder / "out");
   EXPECT_THROW(StagingDirectory(folder / "out"), Error);
 }
 
-TEST(StagingDirectory, TakesOverWhatADeadProcessLeft) {
+TEST(StagingDirectory, TakesOverTheFilesOfADeadProcess) {
   const test::TemporaryFolder folder;
   const pid_t child = ::fork();
   if (child == 0) {

@@ -15,20 +15,20 @@ TEST(Json, ReadsOneDocument) {
   EXPECT_EQ(document["a"][2], "x");
 }
 
-TEST(Json, RefusesWhatIsNotExactlyOneDocument) {
+TEST(Json, RejectsAnythingButOneDocument) {
   for (const char* bad : {"", " ", "{", "{}{}", "{} x", "{'a': 1}", "{\"a\": 1,}", "[1 2]", "nul", "\"\xff\"",
                           "{\"a\": NaN}", "// comment\n{}", "{\"a\": 01}"}) {
     EXPECT_THROW(parse_json(bad, "t"), Error) << bad;
   }
 }
 
-TEST(Json, RefusesDuplicateKeysAtAnyDepth) {
+TEST(Json, RejectsDuplicateKeysAtAnyDepth) {
   EXPECT_THROW(parse_json(R"({"a": 1, "a": 2})", "t"), Error);
   EXPECT_THROW(parse_json(R"({"x": [{"a": 1, "\u0061": 2}]})", "t"), Error);
   EXPECT_NO_THROW(parse_json(R"([{"a": 1}, {"a": 2}])", "t"));
 }
 
-TEST(Json, RefusesFloatsWhereTheyAreNotAllowed) {
+TEST(Json, RejectsFloatsWhereTheyAreNotAllowed) {
   const JsonLimits whole_numbers{.allow_floats = false};
   EXPECT_NO_THROW(parse_json(R"({"a": -12345678901234})", "t", whole_numbers));
   for (const char* bad : {"[1.0]", "[1e3]", "[99999999999999999999999]"}) {
@@ -88,7 +88,7 @@ TEST(JsonReader, ReadsMembersOfEachType) {
   in.finish();
 }
 
-TEST(JsonReader, SaysWhereAndWhatWasExpectedAndFound) {
+TEST(JsonReader, ErrorsStateWhereExpectedAndFound) {
   const json whole{{"o", {{"a/b", {1, 8}}}}};
   const ErrorText text = refused([&] { JsonReader(whole, kSubject).object("o").array("a/b").integer(1, 0, 7); });
   EXPECT_EQ(text.what, "cannot accept this");
@@ -98,7 +98,7 @@ TEST(JsonReader, SaysWhereAndWhatWasExpectedAndFound) {
   EXPECT_EQ(text.fix, "write it again");
 }
 
-TEST(JsonReader, RefusesAbsentAndUnknownMembers) {
+TEST(JsonReader, RejectsMissingAndUnknownMembers) {
   const json list = json::array();
   EXPECT_EQ(refused([&] { JsonReader(list, kSubject); }).expected, "an object");
   const json two{{"a", 1}, {"b", 2}};
@@ -115,7 +115,7 @@ TEST(JsonReader, RefusesAbsentAndUnknownMembers) {
   EXPECT_NO_THROW(other.finish());
 }
 
-TEST(JsonReader, OptionalMembersAreAbsentOrAsStrictAsOthers) {
+TEST(JsonReader, OptionalMembersAreCheckedWhenPresent) {
   const json whole{{"n", nullptr}, {"t", "x"}};
   const JsonReader in(whole, kSubject);
   EXPECT_EQ(in.optional_number("absent", 0, 1), std::nullopt);
@@ -144,7 +144,7 @@ TEST(JsonReader, LimitsLengthsOfArraysAndTexts) {
   refused([&] { in.array("t"); });
 }
 
-TEST(JsonReader, RefusesOtherTypesAndWhatIsOutOfRange) {
+TEST(JsonReader, RejectsOtherTypesAndValuesOutOfRange) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinity = std::numeric_limits<double>::infinity();
   for (const json& value : {json(nullptr), json("7"), json(true), json(json::array()), json(nan), json(infinity),
@@ -166,7 +166,7 @@ TEST(JsonReader, RefusesOtherTypesAndWhatIsOutOfRange) {
   refused([&] { JsonReader(half, kSubject).integer("a", 0, 1); });
 }
 
-TEST(JsonReader, QuotesHostileTextShortAndAsValidText) {
+TEST(JsonReader, QuotesHostileTextTruncatedAndEscaped) {
   const std::string hostile = "\xff\x1b" + std::string(1000, 'x');
   const json object{{"a", hostile}, {hostile, 1}};
   const JsonReader in(object, kSubject);

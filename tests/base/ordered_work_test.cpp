@@ -17,7 +17,7 @@ std::function<int(std::size_t)> uneven_worker() {
   };
 }
 
-TEST(OrderedWork, ResultsComeInOrderWithAnyNumberOfThreads) {
+TEST(OrderedWork, ReturnsResultsInOrderForAnyNumberOfThreads) {
   for (const int threads : {1, 2, 7}) {
     std::vector<int> taken;
     work_in_order<int>(100, threads, uneven_worker, [&](std::size_t, int value) {
@@ -30,7 +30,7 @@ TEST(OrderedWork, ResultsComeInOrderWithAnyNumberOfThreads) {
   }
 }
 
-TEST(OrderedWork, StopsWhenToldTo) {
+TEST(OrderedWork, StopsOnRequest) {
   int taken = 0;
   std::atomic<int> worked = 0;
   work_in_order<int>(
@@ -40,7 +40,7 @@ TEST(OrderedWork, StopsWhenToldTo) {
   EXPECT_LT(worked, 30);  // nobody runs far ahead
 }
 
-TEST(OrderedWork, PassesErrorsOnFromEverywhere) {
+TEST(OrderedWork, PropagatesErrorsFromEveryStage) {
   const auto fine = [](std::size_t, int) { return true; };
   const auto failing_start = []() -> std::function<int(std::size_t)> { throw std::runtime_error("start"); };
   EXPECT_THROW(work_in_order<int>(5, 2, failing_start, fine), std::runtime_error);
@@ -56,7 +56,7 @@ TEST(OrderedWork, PassesErrorsOnFromEverywhere) {
       std::logic_error);
 }
 
-TEST(OrderedWork, NothingToDo) {
+TEST(OrderedWork, AcceptsNoWork) {
   work_in_order<int>(0, 4, uneven_worker, [](std::size_t, int) { return true; });
 }
 

@@ -5,7 +5,7 @@
 namespace nadir {
 namespace {
 
-TEST(Random, SameSeedSameNumbersForEver) {
+TEST(Random, TheSameSeedGivesTheSameNumbers) {
   // std::mt19937_64 with seed 5489 gives 9981545732273789042 as its 10000th number (the C++ standard, [rand.predef]).
   std::mt19937_64 engine(5489);
   engine.discard(9999);
@@ -24,7 +24,7 @@ TEST(Random, ForksDoNotDependOnDraws) {
   EXPECT_NE(a.fork("trees", 1).uniform(), a.fork("trees", 2).uniform());
 }
 
-TEST(Random, DistributionsHaveTheirMoments) {
+TEST(Random, DistributionsHaveTheExpectedMoments) {
   Random random(1);
   constexpr int kDraws = 200'000;
   double sum = 0, squares = 0, uniform = 0;

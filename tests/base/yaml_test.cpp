@@ -25,7 +25,7 @@ TEST(Yaml, ReadsTypedValues) {
   EXPECT_FALSE(node.optional("nothing").has_value());
 }
 
-TEST(Yaml, PointsAtWhatIsWrong) {
+TEST(Yaml, ErrorsStateThePosition) {
   const YamlNode node = YamlNode::parse("id: x\nzoom:\n  min: many\n", "m.yaml");
   const auto text = complaint([&] { node.required("zoom").required("min").integer(); });
   EXPECT_THAT(text, ::testing::HasSubstr("m.yaml:3:"));
@@ -34,18 +34,18 @@ TEST(Yaml, PointsAtWhatIsWrong) {
   EXPECT_THAT(complaint([&] { node.required("zoom").required("max"); }), ::testing::HasSubstr("max"));
 }
 
-TEST(Yaml, RefusesMisspeltKeys) {
+TEST(Yaml, RejectsMisspeltKeys) {
   const YamlNode node = YamlNode::parse("id: x\nexpries: 2020-01-01\n", "m.yaml");
   EXPECT_THAT(complaint([&] { node.allow_only({"id", "expires"}); }), ::testing::HasSubstr("expries"));
 }
 
-TEST(Yaml, RefusesWhatHidesValues) {
+TEST(Yaml, RejectsAliasesAndDuplicateKeys) {
   for (const char* bad : {"a: 1\na: 2\n", "a: &x 1\nb: *x\n", "a: [1, 2\n", "\t- x", "a: 1\n---\nb: 2\n"}) {
     EXPECT_NE(complaint([&] { YamlNode::parse(bad, "m.yaml"); }), "") << bad;
   }
 }
 
-TEST(Yaml, RefusesNumbersThatAreNone) {
+TEST(Yaml, RejectsInvalidNumbers) {
   for (const char* bad : {"a: .nan", "a: .inf", "a: 1x", "a: ", "a: [1]", "a: nan"}) {
     EXPECT_NE(complaint([&] { YamlNode::parse(bad, "m").required("a").number(); }), "") << bad;
   }

@@ -73,7 +73,7 @@ class AdoptedPack : public ::testing::Test {
   std::function<void(const Sha256&)> remove_ = [this](const Sha256& pack) { store_.remove(pack); };
 };
 
-TEST_F(AdoptedPack, StaysWhenItCameBetweenForgettingAndRemoving) {
+TEST_F(AdoptedPack, SurvivesAConcurrentRemoval) {
   CandidateCatalogue judging(location(), CandidateCatalogue::Access::write);
   CandidateCatalogue taking_in(location(), CandidateCatalogue::Access::write);
   const std::int64_t first = open_upload(judging);
@@ -92,7 +92,7 @@ TEST_F(AdoptedPack, StaysWhenItCameBetweenForgettingAndRemoving) {
   EXPECT_TRUE(store_.packs().empty()) << "now nobody needs it";
 }
 
-TEST_F(AdoptedPack, IsPutIntoPlaceWhileNobodyCanRemoveIt) {
+TEST_F(AdoptedPack, IsMovedIntoPlaceUnderTheLock) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const std::int64_t upload = open_upload(catalogue);
   const CandidateCatalogue::PackedTile packed{tile_.sidecar.sha256, start_, tile_.tile.size()};
@@ -104,7 +104,7 @@ TEST_F(AdoptedPack, IsPutIntoPlaceWhileNobodyCanRemoveIt) {
   EXPECT_EQ(read(catalogue, upload), tile_.tile);
 }
 
-TEST_F(AdoptedPack, OfAForgottenUploadIsNotTaken) {
+TEST_F(AdoptedPack, OfARemovedUploadIsNotStored) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const std::int64_t upload = open_upload(catalogue);
   catalogue.remove_unused(catalogue.forget_upload(upload), remove_);
@@ -113,7 +113,7 @@ TEST_F(AdoptedPack, OfAForgottenUploadIsNotTaken) {
 }
 
 // Two uploads announce the same tiles before either has sent them, and pack them differently.
-TEST_F(AdoptedPack, OfTilesThatAllLieInOthersLeavesNoFile) {
+TEST_F(AdoptedPack, WithoutNewTilesLeavesNoFile) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const Candidate other = flight_.candidate(test::keys_in_a_row(2).at(1)),
                   third = flight_.candidate(test::keys_in_a_row(3).at(2));
@@ -128,7 +128,7 @@ TEST_F(AdoptedPack, OfTilesThatAllLieInOthersLeavesNoFile) {
   EXPECT_EQ(read(catalogue, second), tile_.tile);
 }
 
-TEST_F(AdoptedPack, ThatIsDamagedIsReplacedWhenItComesAgain) {
+TEST_F(AdoptedPack, ThatIsDamagedIsReplacedWhenSentAgain) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   bring(catalogue, open_upload(catalogue));
   const std::string name = pack_.hex();
@@ -141,7 +141,7 @@ TEST_F(AdoptedPack, ThatIsDamagedIsReplacedWhenItComesAgain) {
   EXPECT_EQ(read(catalogue, second), tile_.tile);
 }
 
-TEST_F(AdoptedPack, GoesWithTheLastVerdictThatWaitedForIt) {
+TEST_F(AdoptedPack, IsRemovedWithTheLastPendingVerdict) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
   bring(catalogue, first);
@@ -153,7 +153,7 @@ TEST_F(AdoptedPack, GoesWithTheLastVerdictThatWaitedForIt) {
   EXPECT_TRUE(store_.packs().empty());
 }
 
-TEST_F(AdoptedPack, GoesWithAnUploadThatIsForgottenAsTheLastThatWaitedForIt) {
+TEST_F(AdoptedPack, IsRemovedWithTheLastUploadThatNeedsIt) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
   bring(catalogue, first);
@@ -165,7 +165,7 @@ TEST_F(AdoptedPack, GoesWithAnUploadThatIsForgottenAsTheLastThatWaitedForIt) {
 }
 
 // Whatever was damaged in it: nothing lies there any more.
-TEST_F(AdoptedPack, WhoseTilesWereAllForgottenGoesWithItsUpload) {
+TEST_F(AdoptedPack, WithoutRemainingTilesIsRemovedWithItsUpload) {
   CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
   const std::int64_t upload = open_upload(catalogue);
   bring(catalogue, upload);
@@ -204,7 +204,7 @@ TEST_F(SparePack, OfAnotherUploadLeavesNoFile) {
 }
 
 // Killed when the last part had come, and before the pack was looked at.
-TEST_F(SparePack, ThatCameWholeBeforeAKillLeavesNoFileEither) {
+TEST_F(SparePack, ReceivedCompletelyBeforeAKillLeavesNoFile) {
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   const std::string one = announced(first_.batch(tiles, 1)).upload,
                     other = announced(first_.batch({tiles[0]}, 2)).upload;
@@ -222,7 +222,7 @@ TEST_F(SparePack, ThatCameWholeBeforeAKillLeavesNoFileEither) {
 }
 
 // Killed when its file was in place, and before its rows were: put there by hand.
-TEST_F(SparePack, ThatWasPutIntoPlaceBeforeAKillIsRemovedAtTheStart) {
+TEST_F(SparePack, MovedIntoPlaceBeforeAKillIsRemovedAtStart) {
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   ASSERT_TRUE(std::holds_alternative<PackOffset>(send(announced(first_.batch(tiles, 1)).upload, test::pack_of(tiles))));
   PackStore store(options_.data / "packs");

@@ -42,13 +42,13 @@ TEST_F(Attack, ReplayedBatchGainsNothing) {
   EXPECT_EQ(service().counts().promoted, 0);
 }
 
-TEST_F(Attack, SwappedSidecarIsRefused) {
+TEST_F(Attack, SwappedSidecarIsRejected) {
   auto tiles = candidates(first_, test::keys_in_a_row(2));
   std::swap(tiles[0].signature, tiles[1].signature);
   all_refused(first_.batch(tiles), "batch_signature");
 }
 
-TEST_F(Attack, SwappedTileIsRefusedWithItsPack) {
+TEST_F(Attack, SwappedTileIsRejectedWithItsPack) {
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   const std::string name = announced(first_.batch(tiles)).upload;
   auto swapped = tiles;
@@ -57,13 +57,13 @@ TEST_F(Attack, SwappedTileIsRefusedWithItsPack) {
   denied(service().offset(client_, name, sha256(test::pack_of(swapped))), Kind::pack_unknown);
 }
 
-TEST_F(Attack, TileThatNobodyAnnouncedIsRefusedWithItsPack) {
+TEST_F(Attack, UnannouncedTileIsRejectedWithItsPack) {
   const auto tiles = candidates(first_, test::keys_in_a_row(3));
   const std::string name = announced(first_.batch({tiles[0]})).upload;
   denied(send(name, test::pack_of({tiles[0], tiles[1]})), Kind::pack_invalid);
 }
 
-TEST_F(Attack, ForgedAirframeIsRefused) {
+TEST_F(Attack, ForgedAirframeIsRejected) {
   test::FlightMaker stranger{{.airframe = "mini-07"}};  // our name, his own key
   all_refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 1), "batch_signature");
   test::FlightMaker unknown{{.airframe = "mini-99"}};
@@ -76,14 +76,14 @@ TEST_F(Attack, ForgedAirframeIsRefused) {
   EXPECT_ANY_THROW(sign_batch(batch.batch, second_.key())) << "a batch's tiles are its airframe's";
 }
 
-TEST_F(Attack, TilesOfAnotherInTheOwnBatchAreRefused) {
+TEST_F(Attack, TilesOfAnotherAirframeAreRejected) {
   // mini-08 sends tiles in mini-07's name, signed by itself.
   test::FlightMaker liar{{.airframe = "mini-07"}, PrivateKey::generate()};
   write_file_atomic(folder_ / "root.json", test::root_text({&first_, &second_}, signer_));
   all_refused(liar.batch(candidates(liar, test::keys_in_a_row(1))), "batch_signature");
 }
 
-TEST_F(Attack, RevokedKeyIsRefusedAtOnce) {
+TEST_F(Attack, RevokedKeyIsRejectedImmediately) {
   upload(first_, candidates(first_, test::keys_in_a_row(1)), 1);
   write_root(2, {first_.key().public_key().id()});
   all_refused(first_.batch(candidates(first_, test::keys_in_a_row(2, 1)), 2), "airframe_revoked");
@@ -106,7 +106,7 @@ TEST_F(Attack, RevokedKeyBetweenAnnouncementAndVerdictIsRejected) {
   for (const TileRow& tile : verdicts(name)) EXPECT_EQ(test::code_of(tile), "airframe_revoked");
 }
 
-TEST_F(Attack, RevokedKeyTakesBackWhatItVouchedFor) {
+TEST_F(Attack, RevokedKeyInvalidatesItsVotes) {
   test::FlightMaker third{{.airframe = "mini-09", .flight = "flight-3", .noise = 3}};
   const auto root = [&](std::int64_t version, const std::set<std::string>& revoked) {
     write_file_atomic(folder_ / "root.json", test::root_text({&first_, &second_, &third}, signer_, version, revoked));
@@ -156,12 +156,12 @@ TEST_F(Attack, RevokedKeyDuringAVotePromotesNothing) {
   EXPECT_EQ(catalogue.counts().to_vote, 1) << "the other one is asked again, alone";
 }
 
-TEST_F(Attack, WrongTokenMayNotUploadForAnAirframe) {
+TEST_F(Attack, WrongTokenCannotUploadForAnAirframe) {
   client_.airframes = {"mini-08"};
   denied(announce(first_.batch(candidates(first_, test::keys_in_a_row(1)))), Kind::forbidden);
 }
 
-TEST_F(Attack, UploadOfAnotherClientIsOutOfReach) {
+TEST_F(Attack, UploadOfAnotherClientIsInaccessible) {
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   const std::string name = announced(first_.batch(tiles)).upload;
   client_.name = "ground-2";
@@ -190,7 +190,7 @@ TEST_F(Attack, NamesWithQuotesStayText) {
   EXPECT_EQ(upload(first_, tiles)[0].verdict, Verdict::accepted);
 }
 
-TEST_F(Attack, OversizedPackIsRefusedBeforeItComes) {
+TEST_F(Attack, OversizedPackIsRejectedBeforeTransfer) {
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   const std::string name = announced(first_.batch(tiles)).upload;
   const Bytes part(100, 1);
@@ -201,7 +201,7 @@ TEST_F(Attack, OversizedPackIsRefusedBeforeItComes) {
   EXPECT_TRUE(fs::is_empty(options_.data / "incoming") || IncomingPacks(options_.data / "incoming").of(name).empty());
 }
 
-TEST_F(Attack, PackThatPromisesMoreThanItHoldsIsRefused) {
+TEST_F(Attack, PackWithAFalseTileCountIsRejected) {
   // As a bomb would: a short pack whose list says that gigabytes follow.
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   const std::string name = announced(first_.batch(tiles)).upload;
@@ -214,7 +214,7 @@ TEST_F(Attack, PackThatPromisesMoreThanItHoldsIsRefused) {
   denied(send(name, Bytes(100, 0x1f)), Kind::pack_invalid);
 }
 
-TEST_F(Attack, LyingSizesAreRefused) {
+TEST_F(Attack, FalseSizesAreRejected) {
   // The sidecar says another size than the tile has.
   const Candidate lying =
       first_.candidate(test::keys_in_a_row(1)[0], [](CandidateSidecar& sidecar) { sidecar.size += 1; });
@@ -230,7 +230,7 @@ TEST_F(Attack, LyingSizesAreRefused) {
          Kind::pack_invalid);
 }
 
-TEST_F(Attack, PartThatIsNotItsDigestIsNotKept) {
+TEST_F(Attack, PartWithAWrongDigestIsDiscarded) {
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   const std::string name = announced(first_.batch(tiles)).upload;
   const Bytes pack = test::pack_of(tiles);
@@ -252,14 +252,14 @@ TEST_F(Attack, HoardingUnfinishedPacksIsBounded) {
          Kind::too_many);
 }
 
-TEST_F(Attack, ClockTricksAreRefused) {
+TEST_F(Attack, ManipulatedTimesAreRejected) {
   first_.options().captured_at = {clock_.now().unix_s + test::kDay_s};
   all_refused(first_.batch(candidates(first_, test::keys_in_a_row(1)), 1), "captured_in_future");
   first_.options().captured_at = {clock_.now().unix_s - 91 * test::kDay_s};
   all_refused(first_.batch(candidates(first_, test::keys_in_a_row(1)), 2), "too_old");
 }
 
-TEST_F(Attack, QuotaBoundsWhatAnAirframeMaySend) {
+TEST_F(Attack, QuotaLimitsAnAirframe) {
   const auto tiles = candidates(first_, test::keys_in_a_row(3));
   std::int64_t bytes = std::ssize(tiles) * options_.rules.catalogue_bytes;
   for (const Candidate& tile : tiles) bytes += static_cast<std::int64_t>(tile.sidecar.size);
@@ -271,7 +271,7 @@ TEST_F(Attack, QuotaBoundsWhatAnAirframeMaySend) {
 }
 
 // Rows cost room as well, of tiles that say that they are tiny and of batches that nobody may send.
-TEST_F(Attack, RefusedBatchesDoNotFillTheDisk) {
+TEST_F(Attack, RejectedBatchesDoNotFillTheDisk) {
   options_.rules.refused_batches = 2;
   const test::FlightMaker stranger{{.airframe = "mini-07", .flight = "flight-9"}};  // another key
   for (const int number : {1, 2, 2, 1})
@@ -294,7 +294,7 @@ TEST_F(Attack, OneAirframeAloneCannotPromoteOnOneDay) {
   EXPECT_EQ(service().counts().promoted, 0);
 }
 
-TEST_F(Attack, StolenPictureIsNoSecondVoice) {
+TEST_F(Attack, CopiedImageIsNotASecondVote) {
   // Another airframe sends the very bytes that the first one made, under its own name.
   const Candidate original = first_.candidate(test::keys_in_a_row(1)[0]);
   upload(first_, {original}, 1);
@@ -307,7 +307,7 @@ TEST_F(Attack, StolenPictureIsNoSecondVoice) {
   EXPECT_EQ(service().counts().promoted, 0);
 }
 
-TEST_F(Attack, DocumentsThatAreNoneAreRefused) {
+TEST_F(Attack, InvalidDocumentsAreRejected) {
   const std::string key = "0f8b4a52-6c1e-4d0b-9a7e-3b5c2d1e0f9a";
   denied(service().announce(client_, key, ""), Kind::malformed);
   denied(service().announce(client_, key, "{\"a\":1,\"a\":2}"), Kind::malformed);

@@ -8,7 +8,7 @@
 namespace nadir {
 namespace {
 
-TEST(FairQueue, LanesTakeTurns) {
+TEST(FairQueue, ServesLanesInTurn) {
   std::promise<void> go, done;  // before the queue, as all that its threads touch: they end with it
   std::string order;
   FairQueue queue(1, 100);
@@ -23,7 +23,7 @@ TEST(FairQueue, LanesTakeTurns) {
   EXPECT_EQ(order, "gmlgggg");
 }
 
-TEST(FairQueue, AFullLaneTakesNoMoreAndOthersDo) {
+TEST(FairQueue, AFullLaneDoesNotBlockOthers) {
   std::promise<void> go, begun;
   FairQueue queue(1, 2);
   queue.put("greedy", [&] { begun.set_value(), go.get_future().wait(); });
@@ -35,7 +35,7 @@ TEST(FairQueue, AFullLaneTakesNoMoreAndOthersDo) {
   go.set_value();
 }
 
-TEST(FairQueue, ALaneNeverHoldsAllThreads) {
+TEST(FairQueue, ALaneNeverOccupiesAllThreads) {
   std::counting_semaphore<> go(0);
   std::promise<void> done;
   FairQueue queue(2, 100);
@@ -45,7 +45,7 @@ TEST(FairQueue, ALaneNeverHoldsAllThreads) {
   go.release(10);
 }
 
-TEST(FairQueue, WhatWaitsAtTheEndIsDropped) {
+TEST(FairQueue, DropsWaitingWorkAtTheEnd) {
   std::promise<void> go, begun;
   bool ran = false;
   FairQueue queue(1, 10'000'000);  // never full, so that a refusal means the end

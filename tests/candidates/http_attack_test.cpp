@@ -61,7 +61,7 @@ TEST_F(HttpAttack, ReplayedBatchIsTheSameUpload) {
   EXPECT_THAT(ask(request("POST", "/v1/uploads", headers, other)), is("422", "key-reused"));
 }
 
-TEST_F(HttpAttack, SwappedTileIsRefusedWithItsPack) {
+TEST_F(HttpAttack, SwappedTileIsRejectedWithItsPack) {
   auto swapped = tiles(2);
   const std::string upload = open(first_.batch(swapped));
   swapped[0].tile = first_.candidate(test::keys_in_a_row(3)[2]).tile;
@@ -70,13 +70,13 @@ TEST_F(HttpAttack, SwappedTileIsRefusedWithItsPack) {
   EXPECT_THAT(ask(request("HEAD", upload + "/packs/" + sha256(pack).hex())), StartsWith("HTTP/1.1 404 "));
 }
 
-TEST_F(HttpAttack, ForgedAirframeIsRefused) {
+TEST_F(HttpAttack, ForgedAirframeIsRejected) {
   const test::FlightMaker stranger{{.airframe = "mini-07"}}, unknown{{.airframe = "mini-99"}};
   refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 1), "batch_signature");
   refused(unknown.batch(candidates(unknown, test::keys_in_a_row(2)), 2), "batch_signature");
 }
 
-TEST_F(HttpAttack, RevokedKeyIsRefused) {
+TEST_F(HttpAttack, RevokedKeyIsRejected) {
   write_root(2, {first_.key().public_key().id()});
   refused(first_.batch(tiles(2)), "airframe_revoked");
 }
@@ -96,7 +96,7 @@ TEST_F(HttpAttack, PathTricksInNamesAreNotFound) {
   EXPECT_TRUE(IncomingPacks(options_.data / "incoming").uploads().empty()) << "no file came of it";
 }
 
-TEST_F(HttpAttack, OversizedPackIsRefusedBeforeItComes) {
+TEST_F(HttpAttack, OversizedPackIsRejectedBeforeTransfer) {
   const std::string upload = open(first_.batch(tiles(1)));
   const std::string pack = upload + "/packs/" + std::string(64, 'a');
   EXPECT_THAT(ask(request("PATCH", pack, patch_headers(0, kMaxPackSize + 1, "x"), "x")), is("413", "too-large"));
@@ -105,7 +105,7 @@ TEST_F(HttpAttack, OversizedPackIsRefusedBeforeItComes) {
   EXPECT_THAT(ask(request("PATCH", pack, type)), StartsWith("HTTP/1.1 413 "));
 }
 
-TEST_F(HttpAttack, ZipBombsAreNotUnfolded) {
+TEST_F(HttpAttack, ZipBombsAreNotDecompressed) {
   // No encoding that unfolds is taken.
   const std::string upload = open(first_.batch(tiles(1)));
   EXPECT_THAT(patch(upload, test::pack_of(tiles(1)), "Content-Encoding: gzip\r\n"), StartsWith("HTTP/1.1 411 "));
@@ -125,7 +125,7 @@ TEST_F(HttpAttack, ZipBombsAreNotUnfolded) {
   EXPECT_EQ(tile["code"], "format_unsupported");
 }
 
-TEST_F(HttpAttack, LyingSizesAreRefused) {
+TEST_F(HttpAttack, FalseSizesAreRejected) {
   const Candidate lying =
       first_.candidate(test::keys_in_a_row(1)[0], [](CandidateSidecar& sidecar) { sidecar.size += 1; });
   const std::string upload = open(first_.batch({lying}));
@@ -136,7 +136,7 @@ TEST_F(HttpAttack, LyingSizesAreRefused) {
   EXPECT_THAT(ask(request("PATCH", path, patch_headers(1'000, pack.size(), text), text)), is("409", "offset-mismatch"));
 }
 
-TEST_F(HttpAttack, ClockTricksAreRefused) {
+TEST_F(HttpAttack, ManipulatedTimesAreRejected) {
   first_.options().captured_at = {clock_.now().unix_s + test::kDay_s};
   refused(first_.batch(tiles(1), 1), "captured_in_future");
   first_.options().captured_at = {clock_.now().unix_s - 91 * test::kDay_s};

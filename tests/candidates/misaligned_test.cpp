@@ -46,32 +46,32 @@ class Misaligned : public test::ServiceFixture {
 };
 
 // 3 sigma of both: 3 · hypot(1.5, 1.86) = 7.2 m.
-TEST_F(Misaligned, BesideTheMapIsRefused) {
+TEST_F(Misaligned, ATileDisplacedFromTheMapIsRejected) {
   const TileRow tile = judged(8, 1'500);
   EXPECT_EQ(test::code_of(tile), "misaligned");
   EXPECT_NE(tile.detail.find("beside the base package's map; at most 717"), std::string::npos) << tile.detail;
 }
 
-TEST_F(Misaligned, NearlyAsFarOffPasses) {
+TEST_F(Misaligned, ADisplacementJustBelowTheLimitIsAccepted) {
   const TileRow tile = judged(6.4, 1'500);
   EXPECT_EQ(tile.verdict, Verdict::accepted) << test::code_of(tile) << " " << tile.detail;
 }
 
 // 3 · hypot(0.3, 1.86) = 5.7 m: who says that he is sure is held to it.
-TEST_F(Misaligned, WhoIsSurerIsHeldToIt) { EXPECT_EQ(test::code_of(judged(6.4, 300)), "misaligned"); }
+TEST_F(Misaligned, AMoreCertainTileHasAStricterLimit) { EXPECT_EQ(test::code_of(judged(6.4, 300)), "misaligned"); }
 
 // Other ground does not correlate: it has changed, or it is another place; the map cannot tell, other flights will.
-TEST_F(Misaligned, GroundThatHasChangedIsNotCalledMisaligned) {
+TEST_F(Misaligned, ChangedGroundIsNotMisaligned) {
   EXPECT_EQ(judged(8, 1'500, 5).verdict, Verdict::accepted);
 }
 
-TEST_F(Misaligned, WhereTheMapHasNoTileNothingIsSaid) {
+TEST_F(Misaligned, WithoutAMapTileAlignmentIsUnknown) {
   key_.x += 40;
   EXPECT_EQ(judged(8, 1'500).verdict, Verdict::accepted);
 }
 
 // Between flights, 3 · hypot(1.5, 1.5) = 6.4 m: nobody is refused, but only those that agree are promoted.
-TEST_F(Misaligned, FlightsPromoteEachOtherOnlyAsFarOffAsTheyMayBe) {
+TEST_F(Misaligned, FlightsAgreeOnlyWithinTheAllowedDisplacement) {
   options_.packages.clear();
   const auto promoted = [this](double off_m, std::uint32_t row) {
     const auto keys = test::keys_in_a_row(1, row);

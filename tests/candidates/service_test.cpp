@@ -41,7 +41,7 @@ TEST_F(Service, FlightsThatAgreePromote) {
   catalogue.each_promoted([](const PromotedTile& tile) { EXPECT_EQ(tile.sidecar.airframe, "mini-08"); });
 }
 
-TEST_F(Service, APromotedTileIsNoSurerThanTheFlightsThatVouchForIt) {
+TEST_F(Service, APromotedTileIsNoMoreCertainThanItsFlights) {
   const auto keys = test::keys_in_a_row(1);
   first_.options().sigma_mm = 1;  // as it says
   second_.options().sigma_mm = 2'400;
@@ -60,7 +60,7 @@ TEST_F(Service, APromotedTileIsNoSurerThanTheFlightsThatVouchForIt) {
   EXPECT_NEAR(images[0].ce90_m, 2.146 * 2.4, 1e-9);
 }
 
-TEST_F(Service, FlightsThatLieApartFurtherThanTheyMayDoNotPromote) {
+TEST_F(Service, FlightsBeyondTheAllowedDisplacementDoNotPromote) {
   second_.options().off_px = 25;  // 10 m; 6.4 are allowed
   const auto keys = test::keys_in_a_row(2);
   upload(first_, candidates(first_, keys), 1);
@@ -85,7 +85,7 @@ TEST_F(Service, TheSameBatchIsTheSameUpload) {
   EXPECT_EQ(std::get<Denial>(answer).kind, Denial::Kind::key_reused);
 }
 
-TEST_F(Service, APackGoesOnAtAnyByteAfterAnyRestart) {
+TEST_F(Service, APackResumesAtAnyByteAfterARestart) {
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   const Bytes pack = test::pack_of(tiles);
   const std::string name = announced(first_.batch(tiles)).upload;
@@ -105,7 +105,7 @@ TEST_F(Service, APackGoesOnAtAnyByteAfterAnyRestart) {
   EXPECT_EQ(std::get<Denial>(again).offset, pack.size());
 }
 
-TEST_F(Service, APackThatCameWholeBeforeAKillIsTakenIn) {
+TEST_F(Service, APackReceivedCompletelyBeforeAKillIsStored) {
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   const Bytes pack = test::pack_of(tiles);
   const std::string name = announced(first_.batch(tiles)).upload;
@@ -120,7 +120,7 @@ TEST_F(Service, APackThatCameWholeBeforeAKillIsTakenIn) {
   EXPECT_TRUE(fs::is_empty(options_.data / "incoming"));
 }
 
-TEST_F(Service, JudgingGoesOnAfterARestart) {
+TEST_F(Service, EvaluationContinuesAfterARestart) {
   const auto tiles = candidates(first_, test::keys_in_a_row(3));
   const std::string name = announced(first_.batch(tiles)).upload;
   send(name, test::pack_of(tiles));
@@ -132,7 +132,7 @@ TEST_F(Service, JudgingGoesOnAfterARestart) {
   for (const TileRow& tile : verdicts(name)) EXPECT_EQ(tile.verdict, Verdict::accepted);
 }
 
-TEST_F(Service, PacksThatNobodyKnowsAreRemoved) {
+TEST_F(Service, UnknownPacksAreRemoved) {
   service();
   PackStore packs(options_.data / "packs");
   write_file_atomic(folder_ / "orphan", "orphan");
@@ -141,7 +141,7 @@ TEST_F(Service, PacksThatNobodyKnowsAreRemoved) {
   EXPECT_TRUE(packs.packs().empty());
 }
 
-TEST_F(Service, CompleteNamesWhatIsMissing) {
+TEST_F(Service, CompleteListsMissingPacks) {
   const auto tiles = candidates(first_, test::keys_in_a_row(3));
   const std::string name = announced(first_.batch(tiles)).upload;
   send(name, test::pack_of({tiles[1]}));
@@ -164,14 +164,14 @@ TEST_F(Service, ABetterTileOfTheSameFlightStays) {
   EXPECT_EQ(upload(first_, {first_.candidate(key)}, 3)[0].verdict, Verdict::accepted);
 }
 
-TEST_F(Service, ABadPictureIsRejectedAndItsPackForgotten) {
+TEST_F(Service, ABadImageIsRejectedAndItsPackRemoved) {
   const cv::Mat grey(256, 256, CV_8UC3, cv::Scalar(90, 91, 92));
   const auto rows = upload(first_, {first_.candidate(test::keys_in_a_row(1)[0], grey)});
   EXPECT_EQ(test::code_of(rows[0]), "low_texture") << "whatever its sidecar says";
   EXPECT_TRUE(PackStore(options_.data / "packs").packs().empty());
 }
 
-TEST_F(Service, ADamagedPackKeepsNoOtherAddressFromItsVote) {
+TEST_F(Service, ADamagedPackDoesNotBlockOtherVotes) {
   const auto keys = test::keys_in_a_row(3);
   const std::vector<Candidate> one{first_.candidate(keys[0])};
   accepted(first_, one, 1);
@@ -232,7 +232,7 @@ TEST_F(DamagedPack, IsRejectedAndCanBeSentAgain) {
   EXPECT_EQ(again[0].verdict, Verdict::accepted) << again[0].detail;
 }
 
-TEST_F(DamagedPack, LosesTheDamagedTileAlone) {
+TEST_F(DamagedPack, LosesOnlyTheDamagedTile) {
   const auto tiles = candidates(first_, test::keys_in_a_row(3));
   std::int64_t id = 0;
   const std::string name = sent({tiles}, id);
@@ -246,7 +246,7 @@ TEST_F(DamagedPack, LosesTheDamagedTileAlone) {
   EXPECT_EQ(again[0].verdict, Verdict::accepted) << again[0].detail;
 }
 
-TEST_F(DamagedPack, ThatIsGoneWaitsForItsReturn) {
+TEST_F(DamagedPack, AMissingPackIsAwaited) {
   const auto tiles = candidates(first_, test::keys_in_a_row(131));
   const std::vector<Candidate> many(tiles.begin(), tiles.end() - 2), few(tiles.end() - 2, tiles.end());
   std::int64_t id = 0;
@@ -269,7 +269,7 @@ TEST_F(DamagedPack, ThatIsGoneWaitsForItsReturn) {
   EXPECT_TRUE(service().pending_evaluations().empty());
 }
 
-TEST_F(DamagedPack, StaysWhereAnotherUploadWaitsForTheSameTile) {
+TEST_F(DamagedPack, IsKeptWhileAnotherUploadNeedsTheTile) {
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   std::int64_t id = 0;
   const std::string name = sent({tiles}, id);
@@ -318,7 +318,7 @@ TEST_F(Service, AnUploadThatIsNotCompleteExpires) {
   EXPECT_NE(next.upload, one.upload);
 }
 
-TEST_F(Service, AFullDiskTakesNothing) {
+TEST_F(Service, AFullDiskAcceptsNothing) {
   options_.keep_free_bytes = ~std::uint64_t{0} / 2;
   const auto answer = announce(first_.batch(candidates(first_, test::keys_in_a_row(1))));
   ASSERT_TRUE(std::holds_alternative<Denial>(answer));
@@ -326,7 +326,7 @@ TEST_F(Service, AFullDiskTakesNothing) {
   EXPECT_TRUE(service().fault().fails);
 }
 
-TEST_F(Service, ACatalogueThatGoesAwayIsToldAndFoundAgain) {
+TEST_F(Service, ReportsALostCatalogueAndReconnects) {
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   const std::string name = announced(first_.batch(tiles)).upload;
   const fs::path file = options_.data / "catalogue.sqlite", aside = options_.data / "aside.sqlite";

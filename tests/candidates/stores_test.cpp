@@ -22,7 +22,7 @@ class Stores : public ::testing::Test {
   Sha256 name_ = sha256(bytes_);
 };
 
-TEST_F(Stores, AnIncomingPackGrowsAndOutlivesItsProcess) {
+TEST_F(Stores, AnIncomingPackSurvivesARestart) {
   {
     IncomingPacks incoming(folder_ / "incoming");
     IncomingPack pack = incoming.begin("abc", name_, bytes_.size());
@@ -43,7 +43,7 @@ TEST_F(Stores, AnIncomingPackGrowsAndOutlivesItsProcess) {
   EXPECT_FALSE(incoming.find("abc", name_));
 }
 
-TEST_F(Stores, NamesFromOutsideBecomeNoPaths) {
+TEST_F(Stores, ExternalNamesAreNotUsedAsPaths) {
   IncomingPacks incoming(folder_ / "incoming");
   fs::create_directories(folder_ / "outside");
   for (const char* name : {"", "..", "../outside", "a/b", "/etc", "a\\b", "a b", "%2e%2e", ".", "x.y"}) {
@@ -55,7 +55,7 @@ TEST_F(Stores, NamesFromOutsideBecomeNoPaths) {
   EXPECT_TRUE(fs::exists(folder_ / "outside"));
 }
 
-TEST_F(Stores, ForeignFilesAmongIncomingPacksArePassedOver) {
+TEST_F(Stores, IgnoresForeignFilesAmongIncomingPacks) {
   IncomingPacks incoming(folder_ / "incoming");
   fs::create_directories(folder_ / "incoming/abc");
   for (const char* name : {"notes.txt", "aa.12", ".hidden"}) std::ofstream(folder_ / "incoming/abc" / name) << "x";
@@ -65,7 +65,7 @@ TEST_F(Stores, ForeignFilesAmongIncomingPacksArePassedOver) {
   EXPECT_TRUE(incoming.of("abc").empty());
 }
 
-TEST_F(Stores, AKeptPackGivesItsTilesAndNoOthers) {
+TEST_F(Stores, AStoredPackReturnsOnlyItsTiles) {
   PackStore packs(folder_ / "packs");
   write_file_atomic(folder_ / "whole", ByteView(bytes_));
   packs.adopt(folder_ / "whole", name_);
@@ -99,7 +99,7 @@ class TrustFileTest : public ::testing::Test {
   test::FlightMaker flight_;
 };
 
-TEST_F(TrustFileTest, ASuccessorIsFollowedAtOnce) {
+TEST_F(TrustFileTest, AppliesASuccessorImmediately) {
   write(1);
   TrustFile trust(folder_ / "root.json");
   EXPECT_EQ(trust.current()->version, 1);
@@ -109,7 +109,7 @@ TEST_F(TrustFileTest, ASuccessorIsFollowedAtOnce) {
   EXPECT_EQ(trust.fault(), "");
 }
 
-TEST_F(TrustFileTest, WhatMayNotFollowChangesNothing) {
+TEST_F(TrustFileTest, IgnoresAnInvalidSuccessor) {
   write(2);
   TrustFile trust(folder_ / "root.json");
   const PrivateKey stranger = PrivateKey::generate();

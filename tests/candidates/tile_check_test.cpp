@@ -26,11 +26,11 @@ class AnnouncedTile : public ::testing::Test {
   CandidateRules rules_;
 };
 
-TEST_F(AnnouncedTile, AGoodOneIsTaken) {
+TEST_F(AnnouncedTile, AValidTileIsAccepted) {
   EXPECT_EQ(code([](CandidateSidecar&) {}), "");
 }
 
-TEST_F(AnnouncedTile, EachFaultHasItsCode) {
+TEST_F(AnnouncedTile, EachFaultHasItsReasonCode) {
   using Side = CandidateSidecar;
   EXPECT_EQ(code([](Side& s) { s.size = 100; }), "size_out_of_range");
   EXPECT_EQ(code([](Side& s) { s.size = 300'000; }), "size_out_of_range");
@@ -48,7 +48,7 @@ TEST_F(AnnouncedTile, EachFaultHasItsCode) {
   EXPECT_EQ(code([](Side& s) { s.quality.overlap_ppm = 999'999; }), "policy");
 }
 
-TEST_F(AnnouncedTile, ClockTricksAreSeenThrough) {
+TEST_F(AnnouncedTile, DetectsManipulatedTimes) {
   const auto at = [this](std::int64_t ms) { return code([ms](CandidateSidecar& s) { s.captured_at = {ms}; }); };
   EXPECT_EQ(at(now_.unix_s * 1000 + 6 * 60'000), "captured_in_future");
   EXPECT_EQ(at(test::kNoon.unix_s * 1000 + 6 * 60'000), "captured_in_future") << "after its batch was made";
@@ -58,7 +58,7 @@ TEST_F(AnnouncedTile, ClockTricksAreSeenThrough) {
 }
 
 // Each corner was seen by somebody, and everybody's clock counts.
-TEST_F(AnnouncedTile, OfSeveralFramesIsJudgedByEachOfThem) {
+TEST_F(AnnouncedTile, AMosaicIsCheckedByEachOfItsFrames) {
   const auto pieced = [this](const std::function<void(CandidateSidecar&)>& change) {
     return code([&](CandidateSidecar& s) {
       s.pose.agl_mm = 36'000;
@@ -76,7 +76,7 @@ TEST_F(AnnouncedTile, OfSeveralFramesIsJudgedByEachOfThem) {
             "captured_in_future");
 }
 
-TEST_F(AnnouncedTile, UncertaintyIsOnTheTilesSide) {
+TEST_F(AnnouncedTile, UncertaintyFavoursTheTile) {
   const double exact = view_angle_rad(good_, 0);
   EXPECT_NEAR(exact, std::atan2(std::hypot(51.7, 51.7), 400), 0.02) << "half a tile of 103 m each way, from 400 m";
   EXPECT_LT(view_angle_rad(good_, 3), exact);
@@ -101,7 +101,7 @@ std::string read_code(ByteView bytes, const CandidateSidecar& sidecar) {
   return std::holds_alternative<Refusal>(read) ? std::string(name_of(std::get<Refusal>(read).code)) : "";
 }
 
-TEST(TileImageCheck, FiguresTellGoodPicturesFromBadOnes) {
+TEST(TileImageCheck, MetricsSeparateGoodImagesFromBadOnes) {
   const cv::Mat good = grey_of(test::FlightMaker().picture(kPlace));
   EXPECT_EQ(code_of(good), "");
   cv::Mat blurred;
@@ -131,7 +131,7 @@ TEST(TileImageCheck, OnlyTheNamedFormatAndSizeIsDecoded) {
   }
 }
 
-TEST(TileImageCheck, APictureThatUnfoldsIsNotDecoded) {
+TEST(TileImageCheck, ADecompressionBombIsNotDecoded) {
   // A few kilobytes that would become 400 million pixels: the header alone is read.
   const Bytes large = encode_image(cv::Mat(4000, 4000, CV_8UC1, cv::Scalar(7)), ImageFormat::jpeg, 10);
   CandidateSidecar sidecar = test::FlightMaker().candidate(kPlace).sidecar;
@@ -147,7 +147,7 @@ TEST(Agreement, MeasuresTheShiftOfTheSameGround) {
   EXPECT_NEAR(back.shift_px, agreement.shift_px, 0.1);
 }
 
-TEST(Agreement, LightDoesNotMatterAndOtherGroundDoesNotAgree) {
+TEST(Agreement, IsInvariantToLightAndRejectsOtherGround) {
   const cv::Mat one = grey_of(test::FlightMaker({.noise = 1}).picture(kPlace));
   cv::Mat darker;
   grey_of(test::FlightMaker({.noise = 2}).picture(kPlace)).convertTo(darker, CV_8U, 0.5, 10);
@@ -158,7 +158,7 @@ TEST(Agreement, LightDoesNotMatterAndOtherGroundDoesNotAgree) {
   EXPECT_LT(compare_images(one, elsewhere).correlation, 0.35);
 }
 
-TEST(Agreement, PicturesWithoutStructureAgreeWithNothing) {
+TEST(Agreement, TexturelessImagesAgreeWithNothing) {
   const cv::Mat flat(256, 256, CV_8UC1, cv::Scalar(90));
   const cv::Mat good = grey_of(test::FlightMaker().picture(kPlace));
   EXPECT_LT(compare_images(flat, flat).correlation, 0.35);

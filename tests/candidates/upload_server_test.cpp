@@ -20,7 +20,7 @@ using ::testing::StartsWith;
 using test::kToken;
 using test::UploadServerTest;
 
-TEST_F(UploadServerTest, ABatchComesHomeOverHttp) {
+TEST_F(UploadServerTest, UploadsABatchOverHttp) {
   serve();
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   const SignedBatch batch = first_.batch(tiles);
@@ -53,7 +53,7 @@ TEST_F(UploadServerTest, ABatchComesHomeOverHttp) {
   EXPECT_THAT(status, HasSubstr("\"judged\""));
 }
 
-TEST_F(UploadServerTest, WithoutATokenThereIsHealthAndNothingElse) {
+TEST_F(UploadServerTest, WithoutATokenOnlyHealthIsServed) {
   serve();
   EXPECT_THAT(ask(request("GET", "/v1/health", {}, {}, nullptr)), HasSubstr("\"pass\""));
   for (const char* path : {"/v1/reason-codes", "/v1/uploads/x", "/nothing", "/"}) {
@@ -65,7 +65,7 @@ TEST_F(UploadServerTest, WithoutATokenThereIsHealthAndNothingElse) {
   EXPECT_THAT(ask(request("GET", "/v1/reason-codes")), HasSubstr("better_tile_exists"));
 }
 
-TEST_F(UploadServerTest, RefusesWhatIsNotInTheContract) {
+TEST_F(UploadServerTest, RejectsRequestsOutsideTheContract) {
   serve();
   const auto is = [this](const std::string& text, const char* status) {
     const std::string answer = ask(text);
@@ -95,7 +95,7 @@ TEST_F(UploadServerTest, RefusesWhatIsNotInTheContract) {
   is(request("PATCH", "/v1/uploads/x/packs/..%2f..%2fetc", type, "x"), "404");
 }
 
-TEST_F(UploadServerTest, AClientThatWantsToBeToldToGoOnIsTold) {
+TEST_F(UploadServerTest, AnswersExpect100Continue) {
   serve();
   RawClient client = connect();
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
@@ -111,7 +111,7 @@ TEST_F(UploadServerTest, AClientThatWantsToBeToldToGoOnIsTold) {
   EXPECT_THAT(client.read_until("expires_at"), StartsWith("HTTP/1.1 201 "));
 }
 
-TEST_F(UploadServerTest, SlowLorisIsClosed) {
+TEST_F(UploadServerTest, ClosesASlowLorisConnection) {
   serve({.header_time = std::chrono::milliseconds(300), .body_time = std::chrono::milliseconds(300)});
   RawClient in_header = connect(), in_body = connect();
   in_header.send("GET /v1/health HTTP/1.1\r\nHost: local");
@@ -122,7 +122,7 @@ TEST_F(UploadServerTest, SlowLorisIsClosed) {
   EXPECT_THAT(ask(request("GET", "/v1/health")), StartsWith("HTTP/1.1 200 "));
 }
 
-TEST_F(UploadServerTest, ManySilentConnectionsDoNotKeepOthersOut) {
+TEST_F(UploadServerTest, ManyIdleConnectionsDoNotBlockOthers) {
   serve({.connections = 8});
   std::vector<RawClient> silent;
   for (int i = 0; i < 40; ++i) {
@@ -134,7 +134,7 @@ TEST_F(UploadServerTest, ManySilentConnectionsDoNotKeepOthersOut) {
 }
 
 // Who asks and asks and takes no answer makes room as well, and holds his share for as long.
-TEST_F(UploadServerTest, AnswersThatNobodyTakesDoNotKeepOthersOut) {
+TEST_F(UploadServerTest, UnreadResponsesDoNotBlockOthers) {
   serve({.connections = 4, .answer_time = std::chrono::hours(1)});
   std::string many;
   for (int i = 0; i < 3000; ++i) many += request("GET", "/v1/reason-codes");
@@ -169,13 +169,13 @@ TEST_F(UploadServerTest, OneClientsOpenBodiesLeaveRoomForOthers) {
   EXPECT_THAT(ask(request("GET", "/v1/reason-codes", {}, {}, "another-token-0123456789")), StartsWith("HTTP/1.1 200 "));
 }
 
-TEST_F(UploadServerTest, TheBodiesOfAClientAreBoundedTogether) {
+TEST_F(UploadServerTest, LimitsTheTotalBodySizeOfAClient) {
   serve({.shares = {.client_bodies_bytes = 1000}});
   const std::string head = "Content-Type: application/json\r\nContent-Length: 1001\r\n";
   EXPECT_THAT(ask(request("POST", "/v1/uploads", head)), StartsWith("HTTP/1.1 429 "));
 }
 
-TEST_F(UploadServerTest, ItEndsWhileClientsAreInTheMiddle) {
+TEST_F(UploadServerTest, StopsDuringRequests) {
   serve();
   RawClient waiting = connect(), sending = connect();
   sending.send(request("POST", "/v1/uploads", "Content-Type: application/json\r\nContent-Length: 1000\r\n") + "{");
@@ -184,7 +184,7 @@ TEST_F(UploadServerTest, ItEndsWhileClientsAreInTheMiddle) {
   EXPECT_EQ(sending.read_to_the_end(), "");
 }
 
-TEST_F(UploadServerTest, TokensTellClientsApart) {
+TEST_F(UploadServerTest, TokensIdentifyClients) {
   const auto one = folder_.write("a.token", "0123456789abcdef\n"),
              same = folder_.write("b.token", "0123456789abcdef\n");
   std::filesystem::create_directories(folder_ / "x");

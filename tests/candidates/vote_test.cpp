@@ -72,7 +72,7 @@ TEST_F(VoteTest, TwoIndependentFlightsThatAgreePromoteTheBest) {
   EXPECT_EQ(evidence["flights"][0]["airframe"], "a") << "the newest first, ties by their order";
 }
 
-TEST_F(VoteTest, AnotherDayIsIndependentUnlessAirframesAreAskedFor) {
+TEST_F(VoteTest, AnotherDayIsIndependentUnlessAirframesAreRequired) {
   add("a", "f1", 0);
   add("a", "f2", 1);
   EXPECT_NE(promoted(), 0);
@@ -80,7 +80,7 @@ TEST_F(VoteTest, AnotherDayIsIndependentUnlessAirframesAreAskedFor) {
   EXPECT_EQ(promoted(), 0);
 }
 
-TEST_F(VoteTest, AFlightOverMidnightIsOne) {
+TEST_F(VoteTest, AFlightAcrossMidnightIsOneFlight) {
   add("a", "f1", 0);
   add("a", "f2", 0);  // begun anew in the air
   const std::int64_t midnight_ms = (test::kNoon.unix_s / test::kDay_s + 1) * test::kDay_s * 1000;
@@ -100,7 +100,7 @@ TEST_F(VoteTest, DisagreementPromotesNothing) {
   EXPECT_EQ(promoted(), 0);
 }
 
-TEST_F(VoteTest, AsManyAsAreAskedForMustAllAgree) {
+TEST_F(VoteTest, TheRequiredNumberOfFlightsMustAllAgree) {
   rules_.flights_to_promote = 3;
   add("a", "f1", 0, 1);
   add("b", "f2", 0, 1);
@@ -110,7 +110,7 @@ TEST_F(VoteTest, AsManyAsAreAskedForMustAllAgree) {
   EXPECT_NE(promoted(), 0);
 }
 
-TEST_F(VoteTest, ChangedGroundWinsOnceEnoughHaveSeenIt) {
+TEST_F(VoteTest, ChangedGroundWinsOnceEnoughFlightsShowIt) {
   add("a", "f1", 0, 1, 500);
   add("b", "f2", 0, 1, 500);
   add("a", "f3", 5, 2);
@@ -119,14 +119,14 @@ TEST_F(VoteTest, ChangedGroundWinsOnceEnoughHaveSeenIt) {
   EXPECT_GE(promoted(), 3);
 }
 
-TEST_F(VoteTest, WhatIsPromotedAlreadyStays) {
+TEST_F(VoteTest, APromotedTileStaysPromoted) {
   add("a", "f1", 0, 1, 900);
   add("b", "f2", 0, 1);
   ballot_.promoted = 1;
   EXPECT_FALSE(outcome().promotion);
 }
 
-TEST_F(VoteTest, KnownVotesAreNotTakenAgainAndTheWorkIsBounded) {
+TEST_F(VoteTest, KnownComparisonsAreNotRepeatedAndTheWorkIsBounded) {
   add("a", "f1", 0);
   add("b", "f2", 0);
   ballot_.votes = outcome().new_votes;
@@ -139,7 +139,7 @@ TEST_F(VoteTest, KnownVotesAreNotTakenAgainAndTheWorkIsBounded) {
   EXPECT_LE(compared_, static_cast<int>(kMaxIndependentFlights * (kMaxIndependentFlights - 1) / 2));
 }
 
-TEST_F(VoteTest, PlacesMayLieApartAsTheirUncertaintySays) {
+TEST_F(VoteTest, TheAllowedDisplacementFollowsTheUncertainty) {
   EXPECT_EQ(allowed_shift_mm(3'000, 4'000, rules_), 15'000);
   EXPECT_EQ(allowed_shift_mm(100, 100, rules_), rules_.floor_mm);
 }

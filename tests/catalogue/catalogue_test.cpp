@@ -51,7 +51,7 @@ class CatalogueCommands : public ::testing::Test {
   test::PackageMaker maker_;
 };
 
-TEST_F(CatalogueCommands, GdalSeesEveryLayer) {
+TEST_F(CatalogueCommands, GdalReadsEveryLayer) {
   ASSERT_EQ(add(make(3, "package")), 0) << out_.str() << err_.str();
   const auto result = test::run_process({"ogrinfo", "-so", "-al", "-ro", file()});
   ASSERT_EQ(result.code, 0) << result.err;

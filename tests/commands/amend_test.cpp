@@ -66,7 +66,7 @@ class Amended : public ::testing::Test {
 };
 
 // Between any two steps, also when the new package lies there whole and the names are not exchanged yet.
-TEST_F(Amended, AKilledOneIsTheOldOrTheNewPackageAndTheNextOneWorks) {
+TEST_F(Amended, AfterAKillThePackageIsOldOrNewAndTheNextRunWorks) {
   make_both();
   fs::copy(folder_ / "plain", folder_ / "package", fs::copy_options::recursive);
   const auto whole = amend("package", 0);
@@ -90,7 +90,7 @@ TEST_F(Amended, AKilledOneIsTheOldOrTheNewPackageAndTheNextOneWorks) {
   EXPECT_THAT(names_in(folder_.path()), testing::UnorderedElementsAre("plain", "indexed", "package", "p.key.pem"));
 }
 
-TEST_F(Amended, AnInterruptedOneStaysAsItWas) {
+TEST_F(Amended, AnInterruptionLeavesThePackageUnchanged) {
   const fs::path package = maker_.make(folder_, "plain");
   fs::copy(package, folder_ / "package", fs::copy_options::recursive);
   class Interrupting final : public Progress {
@@ -114,7 +114,7 @@ TEST_F(Amended, AnInterruptedOneStaysAsItWas) {
   }
 }
 
-TEST_F(Amended, WhatIsAddedIsSignedAndReplacesWhatItHadBefore) {
+TEST_F(Amended, AdditionsAreSignedAndReplaceEarlierOnes) {
   const fs::path package = maker_.make(folder_);
   NoProgress progress;
   for (int time = 0; time < 2; ++time) {
@@ -160,7 +160,7 @@ TEST_F(Amended, AFullDiskLosesNothing) {
   EXPECT_THAT(names_in(small), testing::ElementsAre("package"));
 }
 
-TEST_F(Amended, WhatIsNoPackageIsNamed) {
+TEST_F(Amended, NamesAFolderThatIsNotAPackage) {
   EXPECT_THROW(load_package_manifest(folder_ / "none"), UsageError);
   folder_.write("p/manifest.json", "{}");
   EXPECT_THROW(load_package_manifest(folder_ / "p"), Error);

@@ -54,7 +54,7 @@ TEST_F(Commands, KeysAndRootsOverTwoGenerations) {
   EXPECT_EQ(nlohmann::json::parse(out_.str())["version"], 2);
 }
 
-TEST_F(Commands, RootsThatCannotWorkAreRefused) {
+TEST_F(Commands, RejectsRootsThatCannotWork) {
   ASSERT_EQ(run({"keys", "create", "--out", path("k")}), 0);
   const auto root = [&](std::initializer_list<std::string> more) {
     std::vector<std::string> args{

@@ -36,7 +36,7 @@ class CacheDiff : public ::testing::Test {
   test::PackageMaker maker_;
 };
 
-TEST_F(CacheDiff, AThingIsTheSameAsItself) {
+TEST_F(CacheDiff, APackageEqualsItself) {
   const fs::path package = maker_.make(folder_);
   EXPECT_EQ(diff(package, package), 0) << out_.str() << err_.str();
   EXPECT_EQ(diff(package, package / kImageryFile), 0) << "a package and its tile set hold the same tiles";
@@ -83,7 +83,7 @@ TEST_F(CacheDiff, NamesAddedRemovedAndChangedTilesWithTheirDigests) {
   EXPECT_EQ(back["changed"][0]["before"], found["changed"][0]["after"]);
 }
 
-TEST_F(CacheDiff, SeesManifestsAndSidecars) {
+TEST_F(CacheDiff, ComparesManifestsAndSidecars) {
   const fs::path a = maker_.make(folder_, "a");
   maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
   maker_.edit_tile = [](Sidecar& sidecar, Bytes&) {
@@ -99,7 +99,7 @@ TEST_F(CacheDiff, SeesManifestsAndSidecars) {
       << found["manifest"];
 }
 
-TEST_F(CacheDiff, WhatCannotBeComparedIsNotCalledDifferent) {
+TEST_F(CacheDiff, InputsThatCannotBeComparedAreAnError) {
   const fs::path package = maker_.make(folder_);
   EXPECT_EQ(diff(package, folder_ / "none"), 2);
   folder_.write("text.mbtiles", "no database");
@@ -114,7 +114,7 @@ TEST_F(CacheDiff, WhatCannotBeComparedIsNotCalledDifferent) {
   EXPECT_TRUE(out_.str().empty());
 }
 
-TEST_F(CacheDiff, NamesInsideFilesSendNothingToTheTerminal) {
+TEST_F(CacheDiff, NamesInFilesAreEscapedForTheTerminal) {
   const fs::path a = maker_.make(folder_, "a") / kImageryFile, b = folder_ / "b.mbtiles";
   fs::copy_file(a, b);
   test::sqlite(b, "INSERT INTO metadata VALUES ('x' || char(27) || '[31m', char(27) || ']0;owned' || char(7))");

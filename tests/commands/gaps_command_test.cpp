@@ -51,7 +51,7 @@ class CacheGaps : public ::testing::Test {
   test::PackageMaker maker_;
 };
 
-TEST_F(CacheGaps, AWholePackageHasNone) {
+TEST_F(CacheGaps, ACompletePackageHasNone) {
   const fs::path package = maker_.make(folder_);
   EXPECT_EQ(gaps({package.string()}), 0) << out_.str() << err_.str();
   const json document = json::parse(out_.str());
@@ -145,7 +145,7 @@ TEST_F(CacheGaps, EmptyPixelsAreOutlinedWithTheirHoles) {
   EXPECT_NEAR(said_m2, numbers[2], 0.005 * said_m2);
 }
 
-TEST_F(CacheGaps, AsksForWhatItNeeds) {
+TEST_F(CacheGaps, NamesMissingOptions) {
   const fs::path package = maker_.make(folder_);
   EXPECT_EQ(gaps({(package / kImageryFile).string()}), 2);
   EXPECT_NE(err_.str().find("--mission"), std::string::npos);

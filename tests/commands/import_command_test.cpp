@@ -44,7 +44,7 @@ class MissionImport : public ::testing::Test {
   std::ostringstream out_, err_;
 };
 
-TEST_F(MissionImport, GeoJsonBecomesAMissionThatChecks) {
+TEST_F(MissionImport, GeoJsonBecomesAValidMission) {
   ASSERT_EQ(import(folder_.write("plan.geojson", collection({kLine, kArea, kArea})).string(),
                    {"--half-width-m", "80", "--agl-m", "150"}),
             0)
@@ -81,7 +81,7 @@ TEST_F(MissionImport, KmlAndOtherReferenceSystemsGiveTheSameMission) {
   }
 }
 
-TEST_F(MissionImport, WhichLineIsTheRouteMustBeClear) {
+TEST_F(MissionImport, TheRouteMustBeUnambiguous) {
   std::string south = kLine;
   south.replace(south.find("north"), 5, "south");
   folder_.write("two.geojson", collection({kLine, south}));
@@ -93,7 +93,7 @@ TEST_F(MissionImport, WhichLineIsTheRouteMustBeClear) {
   EXPECT_EQ(import(path("two.geojson"), {"--route", "south"}), 0) << err_.str();
 }
 
-TEST_F(MissionImport, WhatMakesNoMissionIsNotWritten) {
+TEST_F(MissionImport, WritesNothingForAnInvalidMission) {
   std::string crossed = kArea;
   crossed.replace(crossed.find("[11.001,48.001],[10.999,48.001]"), 31, "[10.999,48.001],[11.001,48.001]");
   EXPECT_EQ(import(folder_.write("crossed.geojson", collection({kLine, crossed})).string()), 1);

@@ -70,7 +70,7 @@ class CacheIndex : public ::testing::Test {
   test::PackageMaker maker_;
 };
 
-TEST_F(CacheIndex, TheIndexedPackageIsAcceptedAndTheSameEachTime) {
+TEST_F(CacheIndex, TheIndexedPackageIsAcceptedAndReproducible) {
   const fs::path package = indexed();
   EXPECT_NE(out_.str().find("places of 120 m"), std::string::npos) << out_.str();
   EXPECT_TRUE(verify(package, VerifyDepth::quick).empty()) << test::codes(verify(package, VerifyDepth::quick));
@@ -107,7 +107,7 @@ TEST_F(CacheIndex, AnUnsignedPackageStaysUnsigned) {
   EXPECT_TRUE(verify(package, VerifyDepth::full).empty());
 }
 
-TEST_F(CacheIndex, WhatLiesInThePackageBesidesStaysAndLeftoversGo) {
+TEST_F(CacheIndex, KeepsOtherFilesAndRemovesLeftovers) {
   const fs::path package = maker_.make(folder_);
   fs::create_directories(package / kRootFolder);
   folder_.write("package/root/1.root.json", "{}");
@@ -118,7 +118,7 @@ TEST_F(CacheIndex, WhatLiesInThePackageBesidesStaysAndLeftoversGo) {
   EXPECT_FALSE(fs::exists(folder_ / ".package.amended"));
 }
 
-TEST_F(CacheIndex, RefusesDamagedPackagesAndBudgetsThatDoNotHold) {
+TEST_F(CacheIndex, RejectsDamagedPackagesAndExceededBudgets) {
   const fs::path damaged = maker_.make(folder_, "damaged");
   overwrite(damaged / kMissionFile, maker_.mission + "\n");
   EXPECT_EQ(index({damaged.string(), "--key", key().string()}), 1);
@@ -132,7 +132,7 @@ TEST_F(CacheIndex, RefusesDamagedPackagesAndBudgetsThatDoNotHold) {
   EXPECT_EQ(contents(tight), before);
 }
 
-TEST_F(CacheIndex, AsksForWhatItNeeds) {
+TEST_F(CacheIndex, NamesMissingOptions) {
   EXPECT_EQ(index({(folder_ / "none").string()}), 2);
   const fs::path package = maker_.make(folder_);
   EXPECT_EQ(index({package.string(), "--evaluate", "simulated"}), 2);
@@ -144,7 +144,7 @@ TEST_F(CacheIndex, AsksForWhatItNeeds) {
   EXPECT_TRUE(verify(package, VerifyDepth::full).empty());
 }
 
-TEST_F(CacheIndex, TellsHowGoodItIs) {
+TEST_F(CacheIndex, ReportsItsRecall) {
   const fs::path package = indexed();
   const auto before = contents(package);
   ASSERT_EQ(index({package.string(), "--evaluate", "simulated", "--views", "12", "--json"}), 0) << err_.str();
@@ -158,7 +158,7 @@ TEST_F(CacheIndex, TellsHowGoodItIs) {
   EXPECT_EQ(index({package.string(), "--evaluate", (folder_ / "none").string()}), 2);
 }
 
-TEST_F(CacheIndex, OfOtherImageryIsFound) {
+TEST_F(CacheIndex, DetectsAnIndexOfOtherImagery) {
   const fs::path package = indexed();
   maker_.edit_tile = [](Sidecar& sidecar, Bytes& tile) {
     tile = test::noise_tile(7 + sidecar.key.x * 31 + sidecar.key.y);
@@ -181,7 +181,7 @@ TEST_F(CacheIndex, OfOtherImageryIsFound) {
   EXPECT_TRUE(verify(package, VerifyDepth::full).contains("index.mismatch"));
 }
 
-TEST_F(CacheIndex, HalvesCutsAndOtherOriginsAreFound) {
+TEST_F(CacheIndex, DetectsIncompleteTruncatedOrForeignIndexes) {
   const fs::path package = indexed();
   const std::string table = read_text_file(package / kPlaceTableFile);
   const Bytes vectors = read_file(package / kPlaceIndexFile);
@@ -216,7 +216,7 @@ TEST_F(CacheIndex, HalvesCutsAndOtherOriginsAreFound) {
   EXPECT_TRUE(verify(package, VerifyDepth::full).empty());
 }
 
-TEST_F(CacheIndex, EveryFlippedByteIsRefused) {
+TEST_F(CacheIndex, DetectsEveryFlippedByte) {
   const fs::path package = indexed();
   for (const auto name : {kPlaceIndexFile, kPlaceTableFile}) {
     const Bytes sound = read_file(package / name);

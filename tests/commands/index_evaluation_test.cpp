@@ -101,7 +101,7 @@ class IndexEvaluation : public ::testing::Test {
   test::PackageMaker maker_;
 };
 
-TEST_F(IndexEvaluation, CountsFramesWhosePlaceIsAmongTheFirst) {
+TEST_F(IndexEvaluation, CountsFramesRecalledAtEachRank) {
   const Sha256 before = sha256_file(folder_ / "package/manifest.json");
   const std::size_t frames = CsvTable::read(folder_ / "flight/telemetry.csv").rows();
   ASSERT_GE(frames, 5U);
@@ -131,7 +131,7 @@ TEST_F(IndexEvaluation, CountsFramesWhosePlaceIsAmongTheFirst) {
 }
 
 // With a truth somewhere else no answer is right, and chance knows it as well.
-TEST_F(IndexEvaluation, TruthDecidesAndFramesWithoutItOrAPictureAreLeftOut) {
+TEST_F(IndexEvaluation, SkipsFramesWithoutTruthOrImage) {
   const CsvTable truth = CsvTable::read(folder_ / "flight/truth.csv");
   std::string elsewhere = "frame,lat_deg,lon_deg\n";
   for (std::size_t row = 0; row + 2 < truth.rows(); ++row) {
@@ -151,7 +151,7 @@ TEST_F(IndexEvaluation, TruthDecidesAndFramesWithoutItOrAPictureAreLeftOut) {
   }
 }
 
-TEST_F(IndexEvaluation, FoldersThatAreNoFlightAreNamed) {
+TEST_F(IndexEvaluation, NamesFoldersThatAreNotFlights) {
   fs::create_directory(folder_ / "empty");
   expect_bad("empty", "camera.yaml");
   expect_bad("nowhere", "nowhere");

@@ -33,7 +33,7 @@ class CacheMatchability : public ::testing::Test {
   test::PackageMaker maker_;
 };
 
-TEST_F(CacheMatchability, FiguresJsonAndGeoTiffSayTheSame) {
+TEST_F(CacheMatchability, FiguresJsonAndGeoTiffAgree) {
   const std::string package = maker_.make(folder_).string();
   ASSERT_EQ(run({"cache", "matchability", package, "--footprint-m", "60", "--search-m", "60", "--step-m", "80",
                  "--speed-mps", "20", "--out", path("m.tif"), "--json"}),
@@ -56,7 +56,7 @@ TEST_F(CacheMatchability, FiguresJsonAndGeoTiffSayTheSame) {
   EXPECT_NE(out_.str().find("longest segment without a good place"), std::string::npos);
 }
 
-TEST_F(CacheMatchability, TheReportOfVerifyShowsIt) {
+TEST_F(CacheMatchability, IsShownInTheReportOfVerify) {
   const std::string package = maker_.make(folder_).string();
   write_file_atomic(folder_ / "root.json", sign_root(maker_.root, {&maker_.signer}).json());
   ASSERT_EQ(
@@ -96,7 +96,7 @@ class MatchabilityInPackage : public CacheMatchability {
   fs::path package_;
 };
 
-TEST_F(MatchabilityInPackage, IsSignedVerifiedAndTheFileThatOutWrites) {
+TEST_F(MatchabilityInPackage, IsSignedVerifiedAndEqualToTheFileOfOut) {
   ASSERT_EQ(put({"--key", path("p.key.pem"), "--out", path("m.tif"), "--json"}), 0) << out_.str() << err_.str();
   EXPECT_EQ(read_file(map()), read_file(folder_ / "m.tif"));
   const json result = json::parse(out_.str());
@@ -119,7 +119,7 @@ TEST_F(MatchabilityInPackage, IsSignedVerifiedAndTheFileThatOutWrites) {
   EXPECT_TRUE(verify(VerifyDepth::full).empty());
 }
 
-TEST_F(MatchabilityInPackage, EveryFlippedByteAndItsLossAreFound) {
+TEST_F(MatchabilityInPackage, DetectsEveryFlippedByteAndItsRemoval) {
   ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
   const Bytes sound = read_file(map());
   for (std::size_t at = 0; at < sound.size(); at += 1 + sound.size() / 7) {
@@ -133,7 +133,7 @@ TEST_F(MatchabilityInPackage, EveryFlippedByteAndItsLossAreFound) {
 }
 
 // The map is of the old tiles.
-TEST_F(MatchabilityInPackage, StaysBehindInAnUpdate) {
+TEST_F(MatchabilityInPackage, IsNotCarriedOverByAnUpdate) {
   ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
   folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}}));
   ASSERT_EQ(run({"cache", "update", package_.string(), "--trust", path("root.json"), "--mission", path("next.yaml"),
@@ -144,7 +144,7 @@ TEST_F(MatchabilityInPackage, StaysBehindInAnUpdate) {
   EXPECT_FALSE(fs::exists(folder_ / "new/matchability"));
 }
 
-TEST_F(MatchabilityInPackage, AsksForWhatItNeedsAndChangesNothing) {
+TEST_F(MatchabilityInPackage, NamesMissingOptionsAndChangesNothing) {
   const Bytes manifest = read_file(package_ / kManifestFile);
   EXPECT_EQ(put({}), 2);
   EXPECT_NE(err_.str().find("--key"), std::string::npos) << err_.str();
@@ -160,7 +160,7 @@ TEST_F(MatchabilityInPackage, AsksForWhatItNeedsAndChangesNothing) {
   EXPECT_FALSE(fs::exists(map()));
 }
 
-TEST_F(CacheMatchability, AsksForWhatItNeeds) {
+TEST_F(CacheMatchability, NamesMissingOptions) {
   const fs::path package = maker_.make(folder_);
   EXPECT_EQ(run({"cache", "matchability", (package / kImageryFile).string()}), 2);
   EXPECT_NE(err_.str().find("--mission"), std::string::npos);

@@ -145,7 +145,7 @@ class NadirdCheck : public ::testing::Test {
   std::string older_, newer_;
 };
 
-TEST_F(NadirdCheck, RemembersAndRefusesWhatIsOlder) {
+TEST_F(NadirdCheck, RejectsAnOlderPackage) {
   EXPECT_EQ(check(older_), 0) << out_.str() << err_.str();
   EXPECT_EQ(check(newer_), 0) << out_.str();
   EXPECT_TRUE(json::parse(out_.str())["ready"]);
@@ -179,7 +179,7 @@ TEST_F(NadirdCheck, ADamagedStateIsAFindingAndStaysAsItIs) {
   }
 }
 
-TEST_F(NadirdCheck, AnAirframeThatNobodySignedIsToldAndRefusedOnceTheRootKnowsItsSigners) {
+TEST_F(NadirdCheck, AnUnsignedAirframeIsReportedAndRejectedOnceTheRootNamesSigners) {
   airframe("bare.json", nullptr);
   EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 0) << out_.str() << err_.str();
   EXPECT_EQ(first_code(), "airframe.unsigned");
@@ -209,7 +209,7 @@ TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
   EXPECT_EQ(first_code(), "signature.invalid");
 }
 
-TEST_F(NadirdCheck, WhatFailsInFlightIsNoReasonNotToStartAgain) {
+TEST_F(NadirdCheck, AFailureInFlightDoesNotPreventARestart) {
   const NoMemoryInFlight clock;
   EXPECT_EQ(serve(clock_, &clock), 70);
   EXPECT_NE(err_.str().find("failed in flight"), std::string::npos) << err_.str();
@@ -223,7 +223,7 @@ TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
   EXPECT_FALSE(interrupt_requested());
 }
 
-TEST_F(NadirdCheck, ATileKeyThatNobodyWouldAcceptIsRefusedBeforeTakeOff) {
+TEST_F(NadirdCheck, AnUntrustedTileKeyIsRejectedBeforeTakeOff) {
   const PrivateKey ours = PrivateKey::generate(), other = PrivateKey::generate(), stranger = PrivateKey::generate();
   name_tile_signers({{"mini-07", &ours}, {"mini-08", &other}}, std::nullopt, nullptr);
   EXPECT_EQ(check_tiles(ours), 0) << out_.str() << err_.str();
@@ -249,7 +249,7 @@ TEST_F(NadirdCheck, ATileKeyThatNobodyWouldAcceptIsRefusedBeforeTakeOff) {
 }
 
 // A service may be started anew in flight, after the key was revoked: it goes without tiles rather than not at all.
-TEST_F(NadirdCheck, InFlightATileKeyThatNobodyWouldAcceptCostsTheTilesAlone) {
+TEST_F(NadirdCheck, InFlightAnUntrustedTileKeyDisablesOnlyTheTiles) {
   const PrivateKey ours = PrivateKey::generate();
   write_file_atomic(folder_ / "tile.pem", ours.pem(), 0600);
   for (const PrivateKey* revoked : {&ours, static_cast<const PrivateKey*>(nullptr)}) {

@@ -60,7 +60,7 @@ TEST_F(MissionPlan, ADiagonalCorridorNeedsFarLessThanItsBox) {
   EXPECT_LT(level["required_tiles"].get<double>(), 0.1 * level["bounding_box_tiles"].get<double>());
 }
 
-TEST_F(MissionPlan, WarnsOfTheBudgetAndNamesItsFigures) {
+TEST_F(MissionPlan, WarnsAboutTheBudgetWithFigures) {
   const std::string yaml = test::mission_yaml({{"max: 18", "max: 22"}, {"budget_mb: 20", "budget_mb: 5"}});
   EXPECT_EQ(plan(yaml, {"--tile-format", "png"}), 0) << "an estimate is no verdict";
   EXPECT_NE(out_.str().find("budget.exceeded"), std::string::npos) << out_.str();
@@ -71,7 +71,7 @@ TEST_F(MissionPlan, WarnsOfTheBudgetAndNamesItsFigures) {
   EXPECT_NEAR(document()["build_minutes"].get<double>() * 4, one["build_minutes"].get<double>(), 1e-9);
 }
 
-TEST_F(MissionPlan, RefusesWhatIsNoMission) {
+TEST_F(MissionPlan, RejectsOtherFiles) {
   EXPECT_EQ(plan(test::mission_yaml({{"sequence: 3", "sequence: x"}})), 2);
   EXPECT_NE(err_.str().find("mission.yaml:4"), std::string::npos) << err_.str();
   EXPECT_EQ(plan(test::mission_yaml(), {"--tile-format", "gif"}), 2);

@@ -94,7 +94,7 @@ TEST_F(ReportFiles, APackageThatIsNotTrustedIsNotDrawn) {
   EXPECT_NE(read("findings.md").find("signature.missing"), std::string::npos);
 }
 
-TEST_F(ReportFiles, AFolderThatCannotBeMadeIsSaid) {
+TEST_F(ReportFiles, ReportsAFolderThatCannotBeCreated) {
   const fs::path package = maker_.make(folder_);
   folder_.write("mission.yaml", test::mission_yaml());
   folder_.write("taken", "a file");
@@ -104,7 +104,7 @@ TEST_F(ReportFiles, AFolderThatCannotBeMadeIsSaid) {
   EXPECT_NE(err_.str().find("taken"), std::string::npos);
 }
 
-TEST(CacheReport, WhatComesFromFilesCannotBreakOut) {
+TEST(CacheReport, TextFromFilesIsEscaped) {
   CacheReport report;
   report.title = "</title><script>alert(1)</script>";
   report.findings.add({.code = "artifact.unexpected",

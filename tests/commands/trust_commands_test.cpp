@@ -45,7 +45,7 @@ class TrustCommands : public ::testing::Test {
   std::ostringstream out_, err_;
 };
 
-TEST_F(TrustCommands, APublicKeyAsPrivateKeyIsNamedAsWhatItIs) {
+TEST_F(TrustCommands, APublicKeyPassedAsPrivateKeyIsNamed) {
   keys({"p"});
   const std::string package = test::PackageMaker().make(folder_).string();
   EXPECT_EQ(run({"cache", "sign", package, "--key", "@p.pub.pem"}), 2);
@@ -53,7 +53,7 @@ TEST_F(TrustCommands, APublicKeyAsPrivateKeyIsNamedAsWhatItIs) {
   EXPECT_EQ(err_.str().find("chmod"), std::string::npos) << err_.str();
 }
 
-TEST_F(TrustCommands, ALostKeyIsRevokedAndTheFleetLearnsOfIt) {
+TEST_F(TrustCommands, ARevokedKeyIsRejectedByTheFleet) {
   first_root();
   keys({"p2"});
   const std::string package = test::PackageMaker().make(folder_).string();
@@ -107,7 +107,7 @@ TEST_F(TrustCommands, RevokingNeedsTheRootKeysOfBothSides) {
 }
 
 // The role must not vanish with its last key: unsigned airframes would be accepted again.
-TEST_F(TrustCommands, AnAirframeSignerIsNamedAndRevokedOnlyForAnother) {
+TEST_F(TrustCommands, AnAirframeSignerIsRevokedOnlyWithAReplacement) {
   keys({"r", "p", "hangar", "hangar2"});
   ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@p.pub.pem", "--airframe-signer",
                  "@hangar.pub.pem", "--expires", "2030-01-01", "--out", "@root.json"}),
@@ -156,7 +156,7 @@ TEST_F(TrustCommands, SeveralPeopleSignOneRoot) {
   EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json"}), 0) << out_.str();
 }
 
-TEST_F(TrustCommands, PackagesNeedAsManySignersAsTheRootSays) {
+TEST_F(TrustCommands, PackagesNeedTheThresholdOfTheRoot) {
   keys({"r", "p", "q"});
   ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@p.pub.pem", "--package-signer",
                  "@q.pub.pem", "--threshold", "2", "--expires", "2030-01-01", "--out", "@root.json"}),
@@ -216,7 +216,7 @@ TEST_F(TrustCommands, APermitAllowsOneStepBack) {
   EXPECT_TRUE(result()["complete"]);
 }
 
-TEST_F(TrustCommands, ADamagedStateRefusesAndStaysAsItIs) {
+TEST_F(TrustCommands, ADamagedStateIsRejectedAndKept) {
   test::PackageMaker maker;
   write_file_atomic(folder_ / "root.json", sign_root(maker.root, {&maker.signer}).json());
   const std::string package = maker.make(folder_).string();

@@ -87,7 +87,7 @@ TEST_F(CacheUpdate, ANewMissionAloneCopiesEveryTile) {
   EXPECT_EQ(differences.out, "0\n0\n0\nok\n") << differences.err;
 }
 
-TEST_F(CacheUpdate, NewImageryChangesWhatCacheDiffSays) {
+TEST_F(CacheUpdate, NewImageryChangesTheTilesThatCacheDiffLists) {
   if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: no gdal_translate";
   cut_imagery("new.tif", "-srcwin 300 300 250 250");
   std::vector<std::string> args{"cache", "update",     "@old",  "--trust", "@root.json", "--mission", "@next.yaml",
@@ -109,7 +109,7 @@ TEST_F(CacheUpdate, NewImageryChangesWhatCacheDiffSays) {
   EXPECT_EQ(test::run_process({"diff", "-r", path("new"), path("again")}).code, 0);
 }
 
-TEST_F(CacheUpdate, RefusesWithFindingsAndLeavesNothing) {
+TEST_F(CacheUpdate, ARejectionListsFindingsAndLeavesNoOutput) {
   folder_.write("next.yaml", test::mission_yaml());
   EXPECT_EQ(update({"--json"}), 1);
   EXPECT_EQ(result()["findings"][0]["code"], "package.rollback");
@@ -128,7 +128,7 @@ TEST_F(CacheUpdate, WrongUsageIsNamed) {
   EXPECT_FALSE(fs::exists(folder_ / "new"));
 }
 
-TEST_F(CacheUpdate, CarriedRootsMustLeadOn) {
+TEST_F(CacheUpdate, CarriedRootsMustBeConsecutive) {
   const TrustRoot second = root_after(maker_.root, "2.json", maker_.signer);
   root_after(second, "3.json", maker_.signer);
   root_after(second, "forged.json", PrivateKey::generate());
@@ -178,7 +178,7 @@ TEST_F(BuildWithRoots, PngTilesAreNotPutIntoACog) {
   EXPECT_FALSE(fs::exists(folder_ / "cog"));
 }
 
-TEST_F(BuildWithRoots, RootsThatNobodyCouldFollowAreRefused) {
+TEST_F(BuildWithRoots, RejectsRootsThatAircraftCannotFollow) {
   root_after(second_, "3.json", maker_.signer);
   const PrivateKey thief = PrivateKey::generate();
   TrustRoot stolen = maker_.root;
@@ -195,7 +195,7 @@ TEST_F(BuildWithRoots, RootsThatNobodyCouldFollowAreRefused) {
   EXPECT_FALSE(fs::exists(folder_ / "new"));
 }
 
-TEST_F(BuildWithRoots, ARootThatRevokesTheSignerIsHeeded) {
+TEST_F(BuildWithRoots, RespectsARootThatRevokesTheSigner) {
   TrustRoot next = maker_.root;
   next.version = 2;
   const PrivateKey other = PrivateKey::generate();

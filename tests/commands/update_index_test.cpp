@@ -103,7 +103,7 @@ TEST_F(UpdatedIndex, IsThatOfTheNewTiles) {
 }
 
 // With the mission alone the descriptors stay what they were, whatever the containers are.
-TEST_F(UpdatedIndex, FollowsIntoAnotherContainer) {
+TEST_F(UpdatedIndex, IsRebuiltForAnotherContainer) {
   maker_.cog = true;
   maker_.make(folder_, "old");
   ASSERT_EQ(index("@old"), 0) << err_.str();
@@ -112,7 +112,7 @@ TEST_F(UpdatedIndex, FollowsIntoAnotherContainer) {
   expect_accepted("@new");
 }
 
-TEST_F(UpdatedIndex, StaysBehindUnlessItIsAskedFor) {
+TEST_F(UpdatedIndex, IsNotCarriedOverUnlessRequested) {
   maker_.make(folder_, "old");
   ASSERT_EQ(index("@old"), 0) << err_.str();
   ASSERT_EQ(update("@old", "@new", {}), 0) << err_.str();

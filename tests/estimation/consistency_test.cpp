@@ -8,13 +8,13 @@ namespace {
 
 using namespace test;
 
-TEST(Consistency, TheIntervalIsThatOfTheTables) {
+TEST(Consistency, TheIntervalMatchesThePublishedTables) {
   const auto [low, high] = chi2_mean_interval(50);  // chi-square with 100 degrees: 74.22 to 129.56
   EXPECT_NEAR(low, 74.22 / 50, 0.005);
   EXPECT_NEAR(high, 129.56 / 50, 0.005);
 }
 
-TEST(Consistency, ErrsAsMuchAsItSays) {
+TEST(Consistency, ErrorsMatchTheStatedSigma) {
   DrawnOptions options;
   options.frames = 80;
   const Consistency flown = measure_consistency(60, 7, options);

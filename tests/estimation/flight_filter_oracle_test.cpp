@@ -97,7 +97,7 @@ TEST(FlightFilterOracle, EqualsTheDenseGaussianForwardsAndBackwards) {
   }
 }
 
-TEST(FlightFilterOracle, TheLastFrameIsSmoothAsItIs) {
+TEST(FlightFilterOracle, TheLastSmoothedFrameEqualsTheFiltered) {
   F filter(TelemetryUncertainty{}, true, {0, 0}, 20);
   filter.keep_history();
   for (int i = 0; i < 5; ++i) filter.predict(1, radians(10 * i));

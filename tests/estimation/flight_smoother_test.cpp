@@ -86,7 +86,7 @@ TEST(FlightSmoother, AloneInAGapNothingContradictsIt) {
   EXPECT_TRUE(smooth_flight(flight.fresh, flight.steps).rejected_anchors.empty());
 }
 
-TEST(FlightSmoother, EmptyIsEmpty) {
+TEST(FlightSmoother, AcceptsAnEmptyFlight) {
   const Flight flight(1);
   EXPECT_EQ(smooth_flight(flight.fresh, {}).frames.size(), 1U) << "the filter's own beginning";
 }

@@ -124,7 +124,7 @@ TEST(FaultyFrames, OneFrameOfFiveIsBlack) {
 class JumpingClock : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(FaultyFrames, JumpingClock, testing::Values(300.0, -60.0, 0.0));
 
-TEST_P(JumpingClock, AnchorsRightlyOrNotAtAll) {
+TEST_P(JumpingClock, AnchorsCorrectlyOrNotAtAll) {
   const auto& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   for (std::size_t i = 0; i < 2; ++i) {
@@ -184,7 +184,7 @@ TEST(FaultyFrames, ATurnThatTheImagesDoNotShowIsUncertain) {
 }
 
 // Over its map such a flight finds its heading and its place again.
-TEST(FaultyFrames, OverAMapAHeadingThatJumpsIsFoundAnew) {
+TEST(FaultyFrames, OverAMapAHeadingJumpIsRecovered) {
   std::vector<Moment> moments = flight(6);
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   for (std::size_t i = 0; i < moments.size(); ++i) {

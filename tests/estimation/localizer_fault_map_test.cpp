@@ -39,10 +39,10 @@ void expect_no_anchor(const TileSource& tiles, double start_sigma_m) {
 
 TEST(FaultyMap, MirroredIsNotAnchored) { expect_no_anchor(mirrored_tiles(), 20); }
 
-TEST(FaultyMap, AllBuiltAnewIsNotAnchored) { expect_no_anchor(rebuilt_tiles(), 20); }
+TEST(FaultyMap, CompletelyRebuiltGroundIsNotAnchored) { expect_no_anchor(rebuilt_tiles(), 20); }
 
 // What is left of an old map may serve; then the place must be right.
-TEST(FaultyMap, OldMapAnchorsRightlyOrNotAtAll) {
+TEST(FaultyMap, AnOutdatedMapAnchorsCorrectlyOrNotAtAll) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &outdated_tiles(), start(), config());
   for (const Moment& moment : first_moments()) {
     const FrameReport report = localizer.process(moment.image, moment.telemetry);
@@ -61,7 +61,7 @@ TEST(FaultyMap, OldMapAnchorsRightlyOrNotAtAll) {
 class ShiftedMap : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(FaultyMap, ShiftedMap, testing::Values(50.0, 200.0, 1000.0));
 
-TEST_P(ShiftedMap, IsNotAnchoredByAFlightThatKnowsWhereItBegan) {
+TEST_P(ShiftedMap, IsNotAnchoredWithAKnownStart) {
   const double shift = GetParam() / std::sqrt(2.0);
   const auto truth = [&](const Moment& moment) {
     return PlanePoint{moment.truth.position.east_m - shift, moment.truth.position.north_m - shift};

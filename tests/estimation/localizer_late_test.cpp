@@ -45,7 +45,7 @@ TEST(LateAnchor, CountsForTheFrameThatItWasTakenFrom) {
   for (std::size_t i = 0; i < refined.size(); ++i) EXPECT_LT(off_m(refined[i], short_flight()[i]), 4) << i;
 }
 
-TEST(LateAnchor, AtOnceItIsProcess) {
+TEST(LateAnchor, RunImmediatelyItEqualsProcess) {
   Localizer whole = fresh(), parts = fresh();
   for (const Moment& moment : short_flight()) {
     const FrameReport expected = whole.process(moment.image, moment.telemetry);

@@ -247,7 +247,7 @@ TEST(Localizer, AStartThatFramesContradictIsUncertain) {
 
 // The same after a restart in flight: the map has agreed with this flight before, so that several frames overrule what
 // was saved.
-TEST(Localizer, APlaceFromBeforeARestartIsOverruled) {
+TEST(Localizer, APositionFromBeforeARestartIsOverruled) {
   LocalizerConfig resumed = config();
   resumed.start_sigma_m = 5;
   resumed.resumed = true;

@@ -116,7 +116,7 @@ TEST(Localizer, BetweenAnchorsItIsPropagatedByOdometry) {
   EXPECT_LT(last_sigma, 20);
 }
 
-TEST(Localizer, TwiceTheSame) {
+TEST(Localizer, IsDeterministic) {
   std::vector<Estimate> told[2];
   for (auto& run : told) {
     Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
@@ -158,7 +158,7 @@ TEST(Localizer, WithoutMapAndStartThereIsNoFix) {
   for (const Estimate& estimate : localizer.refined()) EXPECT_FALSE(estimate.position);
 }
 
-TEST(Localizer, OffTheMap) {
+TEST(Localizer, OffTheMapItIsNotAnchored) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), place_of({5000, 5000}), config());
   const FrameReport report = localizer.process(short_flight()[0].image, short_flight()[0].telemetry);
   EXPECT_EQ(report.anchor.verdict, AnchorVerdict::no_map);

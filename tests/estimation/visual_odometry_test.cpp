@@ -95,7 +95,7 @@ TEST_P(Odometry, Tilted) {
 }
 
 // A tilt of the telemetry that is off by 2 degrees in one frame is found out, as far as its sigma lets it be.
-TEST_P(Odometry, SeesThroughAWrongTilt) {
+TEST_P(Odometry, CorrectsAWrongTilt) {
   const CameraPose a{{-20, -10}, 120, {radians(75), 0, 0}}, b{{18, -2}, 120, {radians(75), 0, 0}};
   const auto odometry = make();
   OdometryFrame first = frame_at(a), second = frame_at(b);

@@ -101,7 +101,7 @@ class TilesInFlight : public ::testing::Test {
   std::uint64_t frames_ = 0;
 };
 
-TEST_F(TilesInFlight, AreMadeOfTheFrameThatWasAnchored) {
+TEST_F(TilesInFlight, AreMadeFromAnchoredFrames) {
   {
     TileMaking tiles(setup(), clock_, listener());
     for (std::uint64_t i = 0; i < 4; ++i) see(tiles, i, 10.0 * static_cast<double>(i));
@@ -114,7 +114,7 @@ TEST_F(TilesInFlight, AreMadeOfTheFrameThatWasAnchored) {
   EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
 }
 
-TEST_F(TilesInFlight, TakeNoMoreRoomThanTheyMay) {
+TEST_F(TilesInFlight, StayWithinTheirBudget) {
   TileMakingSetup tight = setup();
   tight.budget_bytes = 20'000;  // a few
   {
@@ -129,7 +129,7 @@ TEST_F(TilesInFlight, TakeNoMoreRoomThanTheyMay) {
 }
 
 // A zoom coarser no frame shows a tile wholly: what is whole is made at the latest when the flight ends.
-TEST_F(TilesInFlight, AreMadeOfSeveralFramesAsWell) {
+TEST_F(TilesInFlight, AreAlsoMadeFromSeveralFrames) {
   TileMakingSetup low = setup();
   low.share = 1;  // no rest: the clock may be moved while the maker has not yet read how long it worked
   low.flight.zoom = 18;
@@ -152,7 +152,7 @@ TEST_F(TilesInFlight, AreMadeOfSeveralFramesAsWell) {
   EXPECT_EQ(made->sidecar.parts.size(), 2U);
 }
 
-TEST_F(TilesInFlight, DoubtfulFramesMakeNone) {
+TEST_F(TilesInFlight, AreNotMadeFromUncertainFrames) {
   {
     TileMaking tiles(setup(), clock_, listener());
     see(tiles, 0, 0);
@@ -164,7 +164,7 @@ TEST_F(TilesInFlight, DoubtfulFramesMakeNone) {
 }
 
 // The file may not grow any more, as on a full disk.
-TEST_F(TilesInFlight, AFullDiskIsToldOnceAndCostsTilesAlone) {
+TEST_F(TilesInFlight, AFullDiskIsReportedOnceAndAffectsTilesOnly) {
   {
     TileMaking tiles(setup(), clock_, listener());
     see(tiles, 0, 0);
@@ -186,7 +186,7 @@ TEST_F(TilesInFlight, AFullDiskIsToldOnceAndCostsTilesAlone) {
   EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
 }
 
-TEST_F(TilesInFlight, WhatIsWrongIsFoundOutBeforeTakeOff) {
+TEST_F(TilesInFlight, ConfigurationErrorsAreFoundBeforeTakeOff) {
   TileMakingSetup wrong = setup();
   wrong.key = folder_ / "none.pem";
   EXPECT_THROW(TileMaking(wrong, clock_, listener()), Error);
@@ -199,7 +199,7 @@ TEST_F(TilesInFlight, WhatIsWrongIsFoundOutBeforeTakeOff) {
 }
 
 // Pictures that the map never spoke of do not pile up.
-TEST_F(TilesInFlight, KeepOnlySoManyPictures) {
+TEST_F(TilesInFlight, KeepALimitedNumberOfFrames) {
   TileMaking tiles(setup(), clock_, listener());
   Telemetry told;
   const Bytes large(1 << 20);

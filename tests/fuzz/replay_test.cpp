@@ -84,7 +84,7 @@ TEST_P(Fuzz, ReplaysTheCorpus) {
   }
 }
 
-TEST_P(Fuzz, StandsCutsAndFlips) {
+TEST_P(Fuzz, WithstandsTruncationAndBitFlips) {
   for (const fs::path& file : corpus()) {
     SCOPED_TRACE(file);
     const std::string whole = read_text_file(file);

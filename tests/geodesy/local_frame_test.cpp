@@ -8,7 +8,7 @@ namespace nadir {
 namespace {
 
 // GeographicLib's manual of CartConvert: echo 33.3 44.4 6000 | CartConvert -l 33 44 20 gives 37288.97 33374.29 5783.65.
-TEST(LocalFrame, GeographicLibsOwnExample) {
+TEST(LocalFrame, MatchesTheExampleOfGeographicLib) {
   const LocalFrame frame({44, 33}, 20);
   const Enu enu = frame.enu_from_geodetic({{44.4, 33.3}, 6000});
   EXPECT_NEAR(enu.east_m, 37288.97, 0.006);
@@ -17,7 +17,7 @@ TEST(LocalFrame, GeographicLibsOwnExample) {
 }
 
 // The second example: echo 37288.97 33374.29 5783.65 | CartConvert -l 33 44 20 -r gives 33.3 44.4 6000.
-TEST(LocalFrame, GeographicLibsOwnExampleReversed) {
+TEST(LocalFrame, MatchesTheExampleOfGeographicLibReversed) {
   const Geodetic point = LocalFrame({44, 33}, 20).geodetic_from_enu({37288.97, 33374.29, 5783.65});
   EXPECT_NEAR(point.place.lat_deg, 33.3, 1e-7);
   EXPECT_NEAR(point.place.lon_deg, 44.4, 1e-7);
@@ -45,7 +45,7 @@ TEST(LocalFrame, AgreesWithTheEllipsoidsEquations) {
   }
 }
 
-TEST(LocalFrame, ComesBackToTheSamePlace) {
+TEST(LocalFrame, RoundTrips) {
   const LocalFrame frame({-83.3, 41.03}, 200);
   for (const double east : {-12000.0, 0.0, 900.0}) {
     for (const double north : {-500.0, 0.0, 15000.0}) {
@@ -58,7 +58,7 @@ TEST(LocalFrame, ComesBackToTheSamePlace) {
   }
 }
 
-TEST(LocalFrame, CopiesAreWhole) {
+TEST(LocalFrame, CopiesAreIndependent) {
   const LocalFrame a({10, 50});
   LocalFrame b({0, 0});
   b = a;

@@ -11,7 +11,7 @@ namespace {
 const PlaneRing kSquare{{0, 0}, {10, 0}, {10, 10}, {0, 10}};
 const PlaneRing kHook{{0, 0}, {30, 0}, {30, 30}, {20, 30}, {20, 10}, {10, 10}, {10, 30}, {0, 30}};
 
-TEST(Region, AreaHasASign) {
+TEST(Region, AreaIsSigned) {
   EXPECT_DOUBLE_EQ(area_m2(kSquare), 100);
   PlaneRing clockwise = kSquare;
   std::reverse(clockwise.begin(), clockwise.end());
@@ -35,7 +35,7 @@ TEST(Region, ContainsAgreesWithTheArea) {
   EXPECT_NEAR(inside * 0.01, 700, 1);
 }
 
-TEST(Region, SeesRingsThatCrossThemselves) {
+TEST(Region, DetectsSelfIntersectingRings) {
   EXPECT_FALSE(self_intersects(kSquare));
   EXPECT_FALSE(self_intersects(kHook));
   EXPECT_TRUE(self_intersects({{0, 0}, {10, 10}, {10, 0}, {0, 10}}));
@@ -55,7 +55,7 @@ TEST(Region, DistanceToAPathIsTheNearestSampledPoint) {
   }
 }
 
-TEST(Region, IsRingsAndCorridorsTogether) {
+TEST(Region, IsTheUnionOfRingsAndCorridors) {
   const Region region{{kSquare}, {{{{20, 0}, {40, 0}}, 5}}};
   EXPECT_TRUE(region.contains({5, 5}));
   EXPECT_TRUE(region.contains({30, 4.9}));

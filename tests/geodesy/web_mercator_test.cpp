@@ -78,7 +78,7 @@ TEST(WebMercator, TilesAgreeWithProj) {
   }
 }
 
-TEST(WebMercator, BoundsHoldTheirPlace) {
+TEST(WebMercator, TileBoundsContainThePoint) {
   for (const LonLat place : some_places()) {
     const LonLatBox box = bounds_of(tile_at(place, 17));
     EXPECT_LE(box.west_deg, place.lon_deg + 1e-12);
@@ -88,7 +88,7 @@ TEST(WebMercator, BoundsHoldTheirPlace) {
   }
 }
 
-TEST(WebMercator, PixelsComeBack) {
+TEST(WebMercator, PixelsRoundTrip) {
   for (const LonLat place : some_places()) {
     const LonLat back = lonlat_from_pixel(pixel_from_lonlat(place, 19), 19);
     EXPECT_NEAR(back.lon_deg, place.lon_deg, 1e-10);
@@ -126,7 +126,7 @@ TEST(TileKey, TmsIsItsOwnInverseAtEveryZoom) {
   }
 }
 
-TEST(TileKey, KnowsWhatIsValid) {
+TEST(TileKey, RecognizesValidAddresses) {
   EXPECT_TRUE((TileKey{0, 0, 0}).valid());
   EXPECT_FALSE((TileKey{0, 1, 0}).valid());
   EXPECT_TRUE((TileKey{24, (1U << 24U) - 1, 0}).valid());
@@ -134,7 +134,7 @@ TEST(TileKey, KnowsWhatIsValid) {
   EXPECT_EQ((TileKey{5, 9, 12}).parent(), (TileKey{4, 4, 6}));
 }
 
-TEST(TileKey, TextHasOneSpelling) {
+TEST(TileKey, AcceptsOneSpellingOnly) {
   const TileKey key{19, 438048, 225763};
   EXPECT_EQ(to_text(key), "19/438048/225763");
   EXPECT_EQ(parse_tile_key("19/438048/225763"), key);

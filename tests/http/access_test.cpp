@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-TEST(Listen, ReadsAddresses) {
+TEST(Listen, ParsesAddresses) {
   EXPECT_EQ(parse_listen_address("127.0.0.1:8750").ip, "127.0.0.1");
   EXPECT_EQ(parse_listen_address("[::1]:80").ip, "::1");
   EXPECT_EQ(parse_listen_address("0.0.0.0:65535").port, 65535);
@@ -18,7 +18,7 @@ TEST(Listen, ReadsAddresses) {
   }
 }
 
-TEST(Listen, BeyondLoopbackATokenIsWanted) {
+TEST(Listen, RequiresATokenBeyondLoopback) {
   const Sha256 token;
   for (const char* near : {"127.0.0.1:1", "127.9.9.9:1", "[::1]:1"}) {
     EXPECT_NO_THROW(require_token_beyond_loopback(parse_listen_address(near), std::nullopt)) << near;
@@ -29,7 +29,7 @@ TEST(Listen, BeyondLoopbackATokenIsWanted) {
   }
 }
 
-TEST(Access, OnlyLoopbacksOwnNamesAreLoopback) {
+TEST(Access, RecognizesOnlyLoopbackNames) {
   for (const char* near : {"localhost", "LOCALHOST:8750", "127.0.0.1", "127.0.0.1:1", "[::1]", "[::1]:8750"}) {
     EXPECT_TRUE(names_loopback(near)) << near;
   }
@@ -39,7 +39,7 @@ TEST(Access, OnlyLoopbacksOwnNamesAreLoopback) {
   }
 }
 
-TEST(Access, TheTokenIsWhatFollowsBearer) {
+TEST(Access, ReadsTheTokenAfterBearer) {
   const Sha256 token = sha256(as_bytes("0123456789abcdef"));
   EXPECT_EQ(bearer_digest("Bearer 0123456789abcdef"), token);
   EXPECT_EQ(bearer_digest("bEARER 0123456789abcdef"), token);

@@ -33,7 +33,7 @@ class EveryFormat : public testing::TestWithParam<ImageFormat> {};
 INSTANTIATE_TEST_SUITE_P(Codecs, EveryFormat, testing::Values(ImageFormat::jpeg, ImageFormat::png, ImageFormat::webp),
                          [](const auto& test) { return std::string(name_of(test.param)); });
 
-TEST_P(EveryFormat, SurvivesARoundTrip) {
+TEST_P(EveryFormat, RoundTrips) {
   const Bytes bytes = encode_image(picture(), GetParam(), 95);
   EXPECT_EQ(sniff_image_format(bytes), GetParam());
   const ImageInfo info = read_image_info(bytes, "picture");
@@ -47,7 +47,7 @@ TEST_P(EveryFormat, SurvivesARoundTrip) {
   EXPECT_LE(mean_difference(decode_image(bytes, Colour::grey, "picture").image, grey), 1.6);
 }
 
-TEST_P(EveryFormat, ShrinksToAverages) {
+TEST_P(EveryFormat, ReducesByAveraging) {
   const Bytes bytes = encode_image(picture(161, 117), GetParam(), 95);
   for (const int shrink : {2, 4, 8}) {
     const cv::Mat small = decode_image(bytes, Colour::bgr, "picture", shrink).image;
@@ -59,11 +59,11 @@ TEST_P(EveryFormat, ShrinksToAverages) {
   }
 }
 
-TEST_P(EveryFormat, SameBytesTwice) {
+TEST_P(EveryFormat, EncodesDeterministically) {
   EXPECT_EQ(encode_image(picture(), GetParam()), encode_image(picture(), GetParam()));
 }
 
-TEST_P(EveryFormat, RefusesEveryTruncation) {
+TEST_P(EveryFormat, RejectsEveryTruncation) {
   const Bytes bytes = encode_image(picture(64, 48), GetParam(), 75);
   for (std::size_t length = 0; length < bytes.size(); ++length) {
     // A WebP chunk is padded to an even size; its decoder does not miss the padding.
@@ -89,7 +89,7 @@ TEST_P(EveryFormat, FlippedBitsNeverCrash) {
   EXPECT_GT(refused, 0);
 }
 
-TEST(Codecs, AlphaComesApart) {
+TEST(Codecs, SeparatesAlpha) {
   cv::Mat image(40, 40, CV_8UC4, cv::Scalar(10, 20, 30, 255));
   image(cv::Rect(0, 0, 20, 40)).setTo(cv::Scalar(10, 20, 30, 0));
   for (const ImageFormat format : {ImageFormat::png, ImageFormat::webp}) {
@@ -102,7 +102,7 @@ TEST(Codecs, AlphaComesApart) {
   EXPECT_THROW(encode_image(image, ImageFormat::jpeg), Error);
 }
 
-TEST(Codecs, GreyStaysGrey) {
+TEST(Codecs, PreservesGrey) {
   const cv::Mat grey(30, 50, CV_8UC1, cv::Scalar(77));
   for (const ImageFormat format : {ImageFormat::jpeg, ImageFormat::png, ImageFormat::webp}) {
     const cv::Mat back = decode_image(encode_image(grey, format, 90), Colour::grey, "grey").image;
@@ -111,7 +111,7 @@ TEST(Codecs, GreyStaysGrey) {
 }
 
 // The header claims a size that must not be allocated.
-TEST(Codecs, RefusesDeclaredGiants) {
+TEST(Codecs, RejectsHugeDeclaredSizes) {
   Bytes png = encode_image(picture(), ImageFormat::png);
   png[16] = 0x7f;  // IHDR's width
   EXPECT_THROW(read_image_info(png, "giant"), Error);
@@ -130,7 +130,7 @@ TEST(Codecs, RefusesDeclaredGiants) {
   }
 }
 
-TEST(Codecs, RefusesOtherBytes) {
+TEST(Codecs, RejectsOtherBytes) {
   EXPECT_FALSE(sniff_image_format({}));
   EXPECT_FALSE(sniff_image_format(as_bytes("GIF89a")));
   EXPECT_THROW(decode_image(as_bytes("GIF89a and more"), Colour::bgr, "a gif"), Error);
@@ -149,7 +149,7 @@ TEST(Codecs, ReadsFiles) {
   EXPECT_THROW(read_image_file(folder / "b.jpg", Colour::grey), Error);
 }
 
-TEST(Codecs, GdalSeesTheSamePixels) {
+TEST(Codecs, GdalReadsTheSamePixels) {
   if (test::run_shell("command -v gdal_translate").code != 0)
     GTEST_SKIP() << "NOT TESTED: gdal_translate is not installed";
   const test::TemporaryFolder folder;

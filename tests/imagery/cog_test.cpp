@@ -42,7 +42,7 @@ class Cog : public ::testing::TestWithParam<std::tuple<ImageFormat, std::uint64_
   test::TemporaryFolder folder_;
 };
 
-TEST_P(Cog, ABlocksBytesAreTheTiles) {
+TEST_P(Cog, BlocksHoldTheBytesOfTheTiles) {
   const auto tiles = tiles_of(kShape, format());
   write_cog(folder_ / "set.tif", tiles, format(), limit());
   EXPECT_FALSE(fs::exists(folder_ / "set.tif.tiles"));
@@ -63,7 +63,7 @@ TEST_P(Cog, ABlocksBytesAreTheTiles) {
   EXPECT_FALSE(reader.read({17, 1U << 20, 0}));
 }
 
-TEST_P(Cog, SameTilesSameBytesInAnyOrder) {
+TEST_P(Cog, IsDeterministicForAnyOrderOfTiles) {
   const auto tiles = tiles_of(kShape, format());
   write_cog(folder_ / "a.tif", tiles, format(), limit());
   {
@@ -75,7 +75,7 @@ TEST_P(Cog, SameTilesSameBytesInAnyOrder) {
 }
 
 // What GDAL's note at the beginning of the file promises.
-TEST_P(Cog, TilesLieAsTheNoteSays) {
+TEST_P(Cog, TileLayoutMatchesTheGdalMetadata) {
   write_cog(folder_ / "set.tif", tiles_of(kShape, format()), format(), limit());
   const Bytes file = read_file(folder_ / "set.tif");
   const CogReader reader(folder_ / "set.tif");
@@ -102,7 +102,7 @@ INSTANTIATE_TEST_SUITE_P(Forms, Cog,
                          ::testing::Combine(::testing::Values(ImageFormat::jpeg, ImageFormat::webp),
                                             ::testing::Values(0xffff'0000, kAlwaysBig)));
 
-TEST(CogWriting, RefusesWhatHasNoPlace) {
+TEST(CogWriting, RejectsTilesOutsideTheGrid) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(CogWriter(folder / "png.tif", kShape, ImageFormat::png), UsageError);
   EXPECT_THROW(CogWriter(folder / "wide.tif", {{2, 22}, 0, 0, 1, 1}, ImageFormat::jpeg), UsageError);
@@ -119,7 +119,7 @@ TEST(CogWriting, RefusesWhatHasNoPlace) {
   EXPECT_THROW(CogWriter(folder / "there.tif", kShape, ImageFormat::jpeg), Error);
 }
 
-TEST(CogReading, WhatIsNoTiffIsCorrupt) {
+TEST(CogReading, RejectsOtherFiles) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(CogReader(folder / "missing.tif"), Error);
   EXPECT_THROW(CogReader(folder.path()), Error);
@@ -141,7 +141,7 @@ TEST(CogReading, ACycleOfDirectoriesEnds) {
 }
 
 // Counts and places that no file of this size can hold, in each field of each directory in turn.
-TEST(CogReading, HugeCountsAndPlacesAllocateNothing) {
+TEST(CogReading, HugeCountsAndOffsetsAllocateNothing) {
   const test::TemporaryFolder folder;
   write_cog(folder / "set.tif", tiles_of(kShape, ImageFormat::jpeg), ImageFormat::jpeg);
   const Bytes file = read_file(folder / "set.tif");
@@ -162,7 +162,7 @@ TEST(CogReading, HugeCountsAndPlacesAllocateNothing) {
 }
 
 // Blocks of 4096 pixels are 256 tiles each: a file of some megabytes could make a list of gigabytes.
-TEST(CogReading, MoreTilesThanAListOfThemMayHoldAreRefused) {
+TEST(CogReading, RejectsTooManyTiles) {
   const auto file_of = [](std::uint32_t blocks) {
     const std::uint32_t side = blocks * 4096;
     const double half_m = kPi * kMercatorRadius_m, pixel_m = half_m / (1 << 21);  // zoom 14 has 2²² pixels a side
@@ -189,7 +189,7 @@ TEST(CogReading, MoreTilesThanAListOfThemMayHoldAreRefused) {
   EXPECT_STREQ(code_of(file_of(1024)), "tiff.layout");
 }
 
-TEST(CogReading, CutsAndFlipsAreErrorsOrOtherTiles) {
+TEST(CogReading, TruncationAndBitFlipsNeverCrash) {
   const test::TemporaryFolder folder;
   write_cog(folder / "set.tif", tiles_of(kShape, ImageFormat::webp), ImageFormat::webp);
   const Bytes whole = read_file(folder / "set.tif");
@@ -227,7 +227,7 @@ TEST(CogReading, ABlockBeyondTheEndIsNamed) {
   }
 }
 
-TEST(CogReading, SharedJpegTablesArePutBack) {
+TEST(CogReading, RestoresSharedJpegTables) {
   CogBlockLayout form;
   form.compression = tiff::kJpeg;
   form.photometric = tiff::kYCbCr;
@@ -254,7 +254,7 @@ TEST(CogReading, SharedJpegTablesArePutBack) {
   EXPECT_THROW(decode_cog_block(form, rest, "another size"), Error);
 }
 
-TEST(LosslessWebp, LosesNothing) {
+TEST(LosslessWebp, PreservesEveryPixel) {
   const cv::Mat picture = test::picture_of({17, 1, 2});
   const Bytes bytes = encode_lossless_webp(picture);
   EXPECT_EQ(sniff_image_format(bytes), ImageFormat::webp);

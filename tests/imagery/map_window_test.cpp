@@ -50,7 +50,7 @@ INSTANTIATE_TEST_SUITE_P(AtAnyScale, MapWindowPlaces,
                          testing::Values(Scale{0.6, {15, 18}}, Scale{1.0, {15, 18}}, Scale{1.7, {15, 18}},
                                          Scale{3.3, {15, 18}}, Scale{5.3, {18, 18}}, Scale{2.0, {18, 18}}));
 
-TEST_P(MapWindowPlaces, AreRightToATwentiethOfAPixel) {
+TEST_P(MapWindowPlaces, AreAccurateToATwentiethOfAPixel) {
   const test::WaveTiles tiles(GetParam().zooms, kFinest);
   // Away from the frame's origin the map is turned and scaled against it.
   const LocalFrame frame({kPlace.lon_deg + 0.03, kPlace.lat_deg - 0.04});
@@ -75,7 +75,7 @@ TEST(MapWindow, LargeWindowsHaveNoSeams) {
   EXPECT_LT(worst_displacement(window, frame), 0.05);
 }
 
-TEST(MapWindow, TakesTheCoarsestZoomThatIsFineEnough) {
+TEST(MapWindow, UsesTheCoarsestSufficientZoom) {
   const test::WaveTiles tiles({15, 18}, kFinest);
   const LocalFrame frame(kPlace);
   const auto zoom_at = [&](double gsd_m) {
@@ -106,7 +106,7 @@ TEST(MapWindow, MasksWhatIsMissing) {
   EXPECT_LE(valid, 50);
 }
 
-TEST(MapWindow, HonoursTheTilesMasks) {
+TEST(MapWindow, AppliesTheMasksOfTheTiles) {
   test::WaveTiles tiles({18, 18}, kFinest);
   cv::Mat half(kTileSize, kTileSize, CV_8UC1, cv::Scalar(255));
   half.rowRange(0, kTileSize / 2).setTo(0);  // the north shows no ground
@@ -136,7 +136,7 @@ TEST(MapWindow, NeighboursShareDecodedTiles) {
   EXPECT_EQ(cv::norm(first.image, second.image, cv::NORM_INF), 0.0);
 }
 
-TEST(MapWindow, RefusesImpossibleWindows) {
+TEST(MapWindow, RejectsImpossibleWindows) {
   const test::WaveTiles tiles({18, 18}, kFinest);
   const LocalFrame frame(kPlace);
   EXPECT_THROW(read_map_window(tiles, frame, {0, 0, 10, 10}, 0, Colour::grey), Error);

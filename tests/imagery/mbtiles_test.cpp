@@ -27,7 +27,7 @@ std::string sql(const std::filesystem::path& file, const std::string& query) {
   return result.out;
 }
 
-TEST(Mbtiles, RowsCountFromTheSouthAsTheSpecificationSays) {
+TEST(Mbtiles, RowsCountFromTheSouth) {
   const test::TemporaryFolder folder;
   const auto file = folder / "set.mbtiles";
   write_set(file);
@@ -50,7 +50,7 @@ TEST(Mbtiles, RowsCountFromTheSouthAsTheSpecificationSays) {
 }
 
 // Python's word on the digest that `mbtiles validate` computes.
-TEST(Mbtiles, HoldsTheDigestThatMbtilesValidateAsksFor) {
+TEST(Mbtiles, StoresTheDigestForMbtilesValidate) {
   const test::TemporaryFolder folder;
   const auto file = folder / "set.mbtiles";
   MbtilesWriter writer(file);
@@ -83,14 +83,14 @@ TEST(Mbtiles, MasksComeFromTheSidecars) {
   EXPECT_FALSE(reader.read_mask({10, 163, 395}));
 }
 
-TEST(Mbtiles, SameTilesSameBytes) {
+TEST(Mbtiles, IsDeterministic) {
   const test::TemporaryFolder folder;
   write_set(folder / "a.mbtiles");
   write_set(folder / "b.mbtiles");
   EXPECT_EQ(read_file(folder / "a.mbtiles"), read_file(folder / "b.mbtiles"));
 }
 
-TEST(Mbtiles, AwkwardNamesAreOnlyNames) {
+TEST(Mbtiles, QuotesAwkwardNames) {
   const test::TemporaryFolder folder;
   const auto file = folder / "50% of #1?mode=rwc.mbtiles";
   write_set(file);
@@ -111,7 +111,7 @@ TEST(Mbtiles, ReadingWritesNothing) {
   EXPECT_EQ(read_file(file), before);
 }
 
-TEST(Mbtiles, ATileTwiceIsRefused) {
+TEST(Mbtiles, RejectsADuplicateTile) {
   const test::TemporaryFolder folder;
   MbtilesWriter writer(folder / "set.mbtiles");
   writer.add(kSpecTile, as_bytes("a"));
@@ -120,7 +120,7 @@ TEST(Mbtiles, ATileTwiceIsRefused) {
   EXPECT_THROW(MbtilesWriter(folder / "set.mbtiles"), Error);  // never overwrites
 }
 
-TEST(Mbtiles, RefusesWhatIsNoTileSet) {
+TEST(Mbtiles, RejectsOtherFiles) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(MbtilesReader(folder / "missing.mbtiles"), Error);
   EXPECT_THROW(MbtilesReader(folder.path()), Error);

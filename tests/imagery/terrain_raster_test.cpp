@@ -44,7 +44,7 @@ class TerrainFile : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(TerrainFile, GivesTheHeightsThatGdalGives) {
+TEST_F(TerrainFile, ReturnsTheHeightsThatGdalReturns) {
   const auto path = test::write_terrain_file(folder_, "dem.tif", kGrid, hills);
   const TerrainRaster raster = read_terrain_raster(path);
   EXPECT_EQ(raster.grid().columns, 50);
@@ -71,7 +71,7 @@ TEST_F(TerrainFile, GivesTheHeightsThatGdalGives) {
   }
 }
 
-TEST_F(TerrainFile, IsBilinearBetweenPostsAndConstantInTheRim) {
+TEST_F(TerrainFile, IsBilinearBetweenPostsAndConstantBeyondThem) {
   const TerrainRaster raster = parse_terrain_raster(make(test::kAsPackagesHoldIt), "dem.tif");
   Random random(2);
   for (int i = 0; i < 200; ++i) {
@@ -90,7 +90,7 @@ TEST_F(TerrainFile, IsBilinearBetweenPostsAndConstantInTheRim) {
   EXPECT_FALSE(raster.height_m({std::nan(""), 48}));
 }
 
-TEST_F(TerrainFile, UnknownPostsAreUnknownAroundThemselvesOnly) {
+TEST_F(TerrainFile, AnUnknownPostAffectsOnlyItsNeighbourhood) {
   const TerrainRaster raster = parse_terrain_raster(
       make(test::kAsPackagesHoldIt, [](int c, int r) { return c == 20 && r == 10 ? test::kNodata : hills(c, r); }),
       "dem.tif");
@@ -102,12 +102,12 @@ TEST_F(TerrainFile, UnknownPostsAreUnknownAroundThemselvesOnly) {
   EXPECT_FALSE(raster.known(0, 0, 50, 39)) << "beyond the grid nothing is known";
 }
 
-TEST_F(TerrainFile, PlainFilesAreTaken) {
+TEST_F(TerrainFile, AcceptsUncompressedFiles) {
   EXPECT_NO_THROW(parse_terrain_raster(
       make({"-ot", "Float32", "-a_srs", "EPSG:4326", "-a_nodata", "-32767", "-co", "TILED=YES"}), "dem.tif"));
 }
 
-TEST_F(TerrainFile, OtherKindsOfFilesAreRefused) {
+TEST_F(TerrainFile, RejectsOtherKindsOfFiles) {
   expect_refused(make(with("Float32", "Float64")), "bits per sample");
   expect_refused(make({"-ot", "Int32", "-a_srs", "EPSG:4326", "-a_nodata", "-32767", "-co", "TILED=YES"}),
                  "sample format");
@@ -130,7 +130,7 @@ TEST_F(TerrainFile, OtherKindsOfFilesAreRefused) {
   expect_refused(Bytes(1000, 0x49), "TIFF");
 }
 
-TEST_F(TerrainFile, NumbersThatAreNoHeightsAreRefused) {
+TEST_F(TerrainFile, RejectsImplausibleHeights) {
   Bytes bytes = make({"-ot", "Float32", "-a_srs", "EPSG:4326", "-a_nodata", "-32767", "-co", "TILED=YES"});
   const float marked = static_cast<float>(hills(3, 0)), infinite = std::numeric_limits<float>::infinity();
   const auto* pattern = reinterpret_cast<const std::uint8_t*>(&marked);
@@ -156,7 +156,7 @@ void expect_no_harm(const Bytes& bytes, std::size_t& taken) {
   }
 }
 
-TEST_F(TerrainFile, TruncatedFilesAreRefused) {
+TEST_F(TerrainFile, RejectsTruncatedFiles) {
   const Bytes whole = make(test::kAsPackagesHoldIt);
   std::size_t taken = 0;
   for (std::size_t size = 0; size < whole.size(); size += 1 + size / 200) {
@@ -165,7 +165,7 @@ TEST_F(TerrainFile, TruncatedFilesAreRefused) {
   EXPECT_EQ(taken, 0U);
 }
 
-TEST_F(TerrainFile, FlippedBytesDoNoHarm) {
+TEST_F(TerrainFile, FlippedBytesNeverCrash) {
   for (const auto& options :
        {test::kAsPackagesHoldIt, std::vector<std::string>{"-ot", "Float32", "-a_srs", "EPSG:4326", "-a_nodata",
                                                           "-32767", "-co", "TILED=YES", "-co", "BIGTIFF=YES"}}) {
@@ -192,7 +192,7 @@ TEST_F(TerrainFile, FlippedBytesDoNoHarm) {
   }
 }
 
-TEST(TerrainGrids, OfImpossibleSizeAreRefusedBeforeMemoryIsTaken) {
+TEST(TerrainGrids, RejectsImpossibleSizesBeforeAllocating) {
   EXPECT_THROW(TerrainRaster({0, 10, 1e-4, 1e-4, 20'001, 1}, std::vector<float>(20'001)), Error);
   EXPECT_THROW(TerrainRaster({0, 10, 1e-4, 1e-4, 3, 3}, std::vector<float>(8)), Error);
   EXPECT_THROW(TerrainRaster({0, 10, 0, 1e-4, 1, 1}, std::vector<float>(1)), Error);

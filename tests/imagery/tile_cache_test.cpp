@@ -18,7 +18,7 @@ class OneTile final : public TileSource {
   Bytes bytes_;
 };
 
-TEST(TileCache, ForgetsTheOldest) {
+TEST(TileCache, EvictsTheLeastRecentlyUsed) {
   const test::WaveTiles tiles({10, 10}, 10);
   TileCache cache(tiles, 2);
   const TileKey a{10, 1, 1}, b{10, 2, 1}, c{10, 3, 1};
@@ -28,7 +28,7 @@ TEST(TileCache, ForgetsTheOldest) {
   EXPECT_EQ(tiles.reads.at(c), 1);
 }
 
-TEST(TileCache, AveragesAndKeepsTheMaskHonest) {
+TEST(TileCache, ReducesImageAndMaskConsistently) {
   cv::Mat picture(kTileSize, kTileSize, CV_8UC4, cv::Scalar(0, 0, 0, 255));
   for (int column = 0; column < kTileSize; column += 2) picture.col(column).setTo(cv::Scalar(200, 200, 200, 255));
   picture.at<cv::Vec4b>(9, 6)[3] = 0;  // one transparent pixel, in the cell (row 2, column 1)
@@ -41,7 +41,7 @@ TEST(TileCache, AveragesAndKeepsTheMaskHonest) {
   EXPECT_EQ(cv::countNonZero(tile.mask), 64 * 64 - 1);
 }
 
-TEST(TileCache, RefusesBadTiles) {
+TEST(TileCache, RejectsBadTiles) {
   const OneTile small(encode_image(cv::Mat(128, 128, CV_8UC3, cv::Scalar::all(9)), ImageFormat::png));
   const OneTile rubbish(Bytes{1, 2, 3});
   EXPECT_THROW(TileCache(small, 4).get({0, 0, 0}, Colour::grey, 1), Error);

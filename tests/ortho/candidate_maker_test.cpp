@@ -65,7 +65,7 @@ class Making : public ::testing::Test {
 };
 
 // Parcels, roads and roofs, as they are and as a camera sees them that is out of focus, or that moves too fast.
-TEST_F(Making, MakesNothingOfABlurredFrame) {
+TEST_F(Making, MakesNoTilesFromABlurredFrame) {
   const test::Landscape land(8, 130, 0.2);
   const cv::Mat grey = test::photograph(land.ground(), camera_, seen().pose.pose, 2);
   CandidateStore store(folder_ / "candidates");
@@ -89,7 +89,7 @@ TEST_F(Making, MakesNothingOfABlurredFrame) {
   EXPECT_GT(store.tiles(), 0U);
 }
 
-TEST_F(Making, MakesTilesThatShowTheGroundWhereItIs) {
+TEST_F(Making, MakesGeoreferencedTiles) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   const FrameTiles report = maker.make(seen(), photograph(seen()), store);
@@ -142,7 +142,7 @@ TEST_F(Making, KeepsTheBetterTilesOfTwoFrames) {
   EXPECT_EQ(store.tiles(), first);
 }
 
-TEST_F(Making, MakesNothingOfDoubtfulFrames) {
+TEST_F(Making, MakesNoTilesFromUncertainFrames) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   const Bytes picture = photograph(seen());
@@ -176,7 +176,7 @@ TEST_F(Making, MakesNothingOfDoubtfulFrames) {
   EXPECT_FALSE(refusal(seen(), picture)) << "the same without any doubt";
 }
 
-TEST_F(Making, CountsTheTilesThatItLeavesOut) {
+TEST_F(Making, CountsRejectedTiles) {
   CandidateStore store(folder_ / "candidates");
   CandidateFlight strict = flight();
   strict.limits.max_view_angle_rad = 0.1;
@@ -186,7 +186,7 @@ TEST_F(Making, CountsTheTilesThatItLeavesOut) {
   EXPECT_TRUE(report.stored.empty());
 }
 
-TEST_F(Making, LeavesOutTilesAfterTheDeadline) {
+TEST_F(Making, SkipsTilesAfterTheDeadline) {
   CandidateStore store(folder_ / "candidates");
   CandidateMaker maker(flight());
   int asked = 0;
@@ -247,7 +247,7 @@ class MakingOfSeveralFrames : public Making {
   std::uint64_t tiles_before_ = 0;
 };
 
-TEST_F(MakingOfSeveralFrames, MosaicsThemWhereTheGroundIs) {
+TEST_F(MakingOfSeveralFrames, MakesGeoreferencedMosaics) {
   CandidateStore store(folder_ / "candidates");
   const FrameTiles made = fly(low_flight(), store);
   EXPECT_EQ(made.mosaics_stored, 1U);
@@ -293,7 +293,7 @@ TEST_F(MakingOfSeveralFrames, DoesNotMergeMisalignedFrames) {
   EXPECT_EQ(store.tiles(), 0U);
 }
 
-TEST_F(MakingOfSeveralFrames, IsDeterministicAndCanBeLeftOut) {
+TEST_F(MakingOfSeveralFrames, IsDeterministicAndOptional) {
   for (const char* name : {"a", "b"}) {
     CandidateStore store(folder_ / name);
     fly(low_flight(), store);
@@ -306,7 +306,7 @@ TEST_F(MakingOfSeveralFrames, IsDeterministicAndCanBeLeftOut) {
   EXPECT_EQ(fly(whole_only, store).stored.size(), 0U);
 }
 
-TEST_F(MakingOfSeveralFrames, OfItAndATileOfOneFrameTheBetterStays) {
+TEST_F(MakingOfSeveralFrames, KeepsTheBetterOfAMosaicAndASingleFrameTile) {
   CandidateStore store(folder_ / "candidates");
   fly(low_flight(), store);
   const auto fate_of_one = [&](double sigma_m) {
@@ -335,7 +335,7 @@ TEST_F(Making, RefusesInvalidNamesBeforeTheFlight) {
   EXPECT_THROW(CandidateMaker{wrong}, UsageError);
 }
 
-TEST(CameraDigest, IsOfTheCanonicalForm) {
+TEST(CameraDigest, IsComputedFromTheCanonicalForm) {
   CameraModel camera{1280, 720, 1002.5, 1001.8, 643.2, 356.9, {-0.085, 0.032, 0.0004, -0.0003, 0}};
   EXPECT_EQ(canonical_camera(camera),
             R"({"cx_e6":643200000,"cy_e6":356900000,"distortion_e9":[-85000000,32000000,400000,-300000,0],)"

@@ -82,7 +82,7 @@ TEST(CandidateSidecar, OfAMosaicStatesTheWorstOfItsParts) {
 }
 
 // Python writes the same document by itself: sorted, without blanks.
-TEST(CandidateSidecar, IsCanonicalAsOthersWriteIt) {
+TEST(CandidateSidecar, IsCanonicalJson) {
   const std::string bytes = candidate_json(test::sample_sidecar(kKey));
   const test::TemporaryFolder folder;
   folder.write("sidecar.json", bytes);
@@ -94,7 +94,7 @@ TEST(CandidateSidecar, IsCanonicalAsOthersWriteIt) {
   EXPECT_EQ(python.out, bytes);
 }
 
-TEST(CandidateSidecar, HasOneSpellingOnly) {
+TEST(CandidateSidecar, AcceptsOneSpellingOnly) {
   const std::string bytes = candidate_json(test::sample_sidecar(kKey));
   const json document = json::parse(bytes);
   EXPECT_THROW(parse_candidate(document.dump(1), "test"), Error);
@@ -111,7 +111,7 @@ TEST(CandidateSidecar, HasOneSpellingOnly) {
   EXPECT_THROW(parse_candidate(other, "test"), Error);
 }
 
-TEST(CandidateSidecar, RefusesForms) {
+TEST(CandidateSidecar, RejectsInvalidForms) {
   const std::vector<std::function<void(json&)>> edits{
       [](json& d) { d["extra"] = 1; },
       [](json& d) { d.erase("gsd_mm"); },
@@ -165,7 +165,7 @@ TEST(CandidateSidecar, RefusesForms) {
   }
 }
 
-TEST(CandidateSidecar, ThatAReaderWouldRefuseIsNotWritten) {
+TEST(CandidateSidecar, ThatAReaderWouldRejectIsNotWritten) {
   CandidateSidecar sidecar = test::sample_sidecar(kKey);
   sidecar.airframe = "mini 07";
   EXPECT_THROW(static_cast<void>(candidate_json(sidecar)), Error);
@@ -197,11 +197,11 @@ class CandidateSignature : public ::testing::Test {
   TrustRoot root_;
 };
 
-TEST_F(CandidateSignature, CountsWhenTheAirframesKeyMadeIt) {
+TEST_F(CandidateSignature, IsAcceptedFromTheAirframesKey) {
   EXPECT_TRUE(check(test::sample_candidate(key_, kKey)).findings.empty());
 }
 
-TEST_F(CandidateSignature, CountsForNoOtherAirframeKeyBytesOrKindOfDocument) {
+TEST_F(CandidateSignature, IsRejectedForAnotherAirframeKeyDocumentOrKind) {
   EXPECT_TRUE(check(test::sample_candidate(other_, kKey)).findings.contains("key.unknown"));
   Candidate forged = test::sample_candidate(key_, kKey);
   forged.sidecar.airframe = "mini-08";

@@ -81,7 +81,7 @@ TEST_F(Candidates, AreAnMbtilesFileForOthers) {
   EXPECT_NE(gdal.out.find("Size is 512, 512"), std::string::npos) << gdal.out;
 }
 
-TEST_F(Candidates, OfTwoTheBetterStays) {
+TEST_F(Candidates, KeepTheBetterOfTwo) {
   CandidateStore store(path());
   store.put(std::vector{make(0, 2000, 1)});
   EXPECT_FALSE(store.wants(make(0, 2000).sidecar)) << "as good is not better";
@@ -142,7 +142,7 @@ TEST_F(Candidates, ContinueAfterACleanEndAndCountExistingTiles) {
   EXPECT_EQ(read().size(), 3U);
 }
 
-TEST_F(Candidates, NeverGoIntoAPackagesTiles) {
+TEST_F(Candidates, AreNeverWrittenIntoAPackage) {
   std::filesystem::create_directories(path());
   {
     MbtilesWriter package(file());
@@ -156,7 +156,7 @@ TEST_F(Candidates, NeverGoIntoAPackagesTiles) {
   EXPECT_THROW(CandidateReader{path()}, Error);
 }
 
-TEST_F(Candidates, RefuseOtherFormatsAndWhatIsNoDatabase) {
+TEST_F(Candidates, RejectOtherFormatsAndFiles) {
   { CandidateStore(path()).close(); }
   EXPECT_THROW(CandidateStore(path(), {.format = ImageFormat::webp}), UsageError);
   EXPECT_THROW(CandidateStore(folder_ / "png", {.format = ImageFormat::png}), UsageError);
@@ -169,7 +169,7 @@ TEST_F(Candidates, RefuseOtherFormatsAndWhatIsNoDatabase) {
   EXPECT_THROW(CandidateReader{folder_ / "missing"}, Error);
 }
 
-TEST_F(Candidates, OneThatIsNotItsSidecarsStoresNone) {
+TEST_F(Candidates, AMismatchWithTheSidecarStoresNothing) {
   CandidateStore store(path());
   Candidate swapped = make(1);
   swapped.tile = make(1, 2000, 5).tile;
@@ -181,7 +181,7 @@ TEST_F(Candidates, OneThatIsNotItsSidecarsStoresNone) {
   EXPECT_EQ(read().size(), 1U);
 }
 
-TEST_F(Candidates, AreCheckedByTheirBytes) {
+TEST_F(Candidates, AreVerifiedByTheirDigest) {
   CandidateStore store(path());
   store.put(std::vector{make(0), make(1), make(2), make(3), make(4), make(5)});
   store.close();
@@ -221,7 +221,7 @@ TEST_F(Candidates, SurviveTruncatedFiles) {
 }
 
 // A child puts tiles and tells of each; it is killed after some. What it told of is there, whole.
-TEST_F(Candidates, SurviveTheirWritersKill) {
+TEST_F(Candidates, SurviveAKilledWriter) {
   for (const int told : {1, 4, 9}) {
     std::filesystem::remove_all(path());
     int ends[2];
@@ -280,7 +280,7 @@ TEST_F(Candidates, AnIncompleteTransactionIsRolledBack) {
 }
 
 // Writing beyond so many bytes of a file fails, as on a full disk. In a child: the limit is the process'.
-TEST_F(Candidates, AFullDiskCostsTheTilesThatItHasNoRoomFor) {
+TEST_F(Candidates, AFullDiskLosesOnlyTheTilesThatDoNotFit) {
   const pid_t child = fork();
   if (child == 0) {
     std::signal(SIGXFSZ, SIG_IGN);

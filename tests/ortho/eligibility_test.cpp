@@ -39,7 +39,7 @@ TEST(Eligibility, GradesBySigma) {
   }
 }
 
-TEST(Eligibility, TakesOnlyWhatTheMapHasConfirmedNow) {
+TEST(Eligibility, RequiresACurrentAnchor) {
   FramePose pose = good();
   for (const auto source : {SourceLabel::vo_extrapolated, SourceLabel::dead_reckoned, SourceLabel::no_fix}) {
     pose.source = source;
@@ -55,12 +55,12 @@ TEST(Eligibility, TakesOnlyWhatTheMapHasConfirmedNow) {
   EXPECT_EQ(judged(pose).refusal, OrthoRefusal::unconfirmed);
 }
 
-TEST(Eligibility, TakesNoFramesMuchCoarserThanTheTiles) {
+TEST(Eligibility, RejectsFramesMuchCoarserThanTheTiles) {
   EXPECT_FALSE(judged(good(), 0.4).refusal);
   for (const double gsd_m : {0.41, 0.0, kNan}) EXPECT_EQ(judged(good(), gsd_m).refusal, OrthoRefusal::too_coarse);
 }
 
-TEST(Eligibility, TakesNoBlurredFrames) {
+TEST(Eligibility, RejectsBlurredFrames) {
   FrameQuality quality{.mean = 120, .contrast = 40, .clipped_share = 0, .sharpness = 0.06, .usable = true};
   EXPECT_FALSE(check_image_eligible(quality, {}));
   quality.sharpness = 0.01;
@@ -70,7 +70,7 @@ TEST(Eligibility, TakesNoBlurredFrames) {
   EXPECT_EQ(check_image_eligible(quality, {}), OrthoRefusal::frame_unfit);
 }
 
-TEST(Eligibility, RefusesSteepGroundAndLargeViewAngles) {
+TEST(Eligibility, RejectsSteepGroundAndLargeViewAngles) {
   TileProjection view;
   EXPECT_FALSE(check_view_eligible(view, {}));
   view.view_angle_rad = 0.7;
@@ -102,7 +102,7 @@ TEST(Eligibility, MeasuresTiles) {
   EXPECT_FALSE(check_tile_eligible(pixels, {}));
 }
 
-TEST(Eligibility, TakesNoBlankClippedOrCloudedTiles) {
+TEST(Eligibility, RejectsBlankClippedOrCloudedTiles) {
   const auto judge = [](const cv::Mat& tile) { return check_tile_eligible(measure_tile(tile), {}); };
   EXPECT_EQ(judge(cv::Mat(kTileSize, kTileSize, CV_8UC3, cv::Scalar::all(90))), OrthoRefusal::low_contrast);
   EXPECT_EQ(judge(cv::Mat(kTileSize, kTileSize, CV_8UC3, cv::Scalar::all(0))), OrthoRefusal::clipped);
@@ -116,7 +116,7 @@ TEST(Eligibility, TakesNoBlankClippedOrCloudedTiles) {
   EXPECT_FALSE(judge(roof)) << "a bright roof is no cloud";
 }
 
-TEST(Eligibility, EveryRefusalHasAName) {
+TEST(Eligibility, EveryRejectionHasAName) {
   std::set<std::string_view> names;
   for (int i = 0; i < kOrthoRefusals; ++i) names.insert(name_of(static_cast<OrthoRefusal>(i)));
   EXPECT_EQ(names.size(), static_cast<std::size_t>(kOrthoRefusals));

@@ -63,7 +63,7 @@ cv::Mat with_contrast(const cv::Mat& picture, double factor, double level) {
 
 bool refused(const cv::Mat& picture) { return check_blur_eligible(blur_of(picture), 1.2, {}).has_value(); }
 
-TEST(ImageBlur, MeasuresAGaussianThatItDoesNotKnow) {
+TEST(ImageBlur, MeasuresAnUnknownGaussian) {
   // Edges far from each other, whose blur is known exactly.
   cv::Mat bars(400, 400, CV_8UC1, cv::Scalar(60));
   for (int from = 40; from < bars.cols; from += 80) bars.colRange(from, from + 40) = 190;
@@ -94,7 +94,7 @@ TEST(ImageBlur, GrowsWithDefocusAndMotion) {
   }
 }
 
-TEST(ImageBlur, DefocusOfFivePixelsIsRefusedAndOfOneIsNot) {
+TEST(ImageBlur, RejectsFivePixelsOfDefocusAndAcceptsOne) {
   for (const std::uint64_t seed : {8U, 9U, 10U}) {
     const cv::Mat& picture = sharp(seed);
     for (const double sigma : {0.0, 2.0}) {
@@ -106,7 +106,7 @@ TEST(ImageBlur, DefocusOfFivePixelsIsRefusedAndOfOneIsNot) {
   }
 }
 
-TEST(ImageBlur, AStreakOfElevenPixelsIsRefusedAndOfThreeIsNot) {
+TEST(ImageBlur, RejectsElevenPixelsOfMotionBlurAndAcceptsThree) {
   for (const std::uint64_t seed : {8U, 9U, 10U}) {
     const cv::Mat& picture = sharp(seed);
     for (const double sigma : {0.0, 2.0}) {
@@ -119,7 +119,7 @@ TEST(ImageBlur, AStreakOfElevenPixelsIsRefusedAndOfThreeIsNot) {
   }
 }
 
-TEST(ImageBlur, FieldsAndSnowAreNoBlur) {
+TEST(ImageBlur, FieldsAndSnowAreNotBlurred) {
   for (const std::uint64_t seed : {8U, 9U, 10U}) {
     for (const double sigma : {0.0, 2.0, 5.0}) {
       EXPECT_FALSE(refused(noisy(with_contrast(sharp(seed), 0.3, 120), sigma))) << "fields in haze";

@@ -74,7 +74,7 @@ std::vector<Case> cases() {
 
 // The oracle is a ray caster of its own (vision/synthetic_ground.hpp): the frame's pixel that a tile's pixel was taken
 // from must see the place of the tile's pixel.
-TEST(Orthorectifier, TakesEachPixelFromWhereTheCameraSawIt) {
+TEST(Orthorectifier, SamplesEachPixelWhereTheCameraSawIt) {
   for (const Case& test : cases()) {
     SCOPED_TRACE(test.name);
     const auto projected = whole_tiles(kFineZoom, plane(), test.camera, test.pose, FlatGround());
@@ -176,7 +176,7 @@ TEST(Orthorectifier, MeasuresViewAngleAndSlope) {
   EXPECT_NEAR(steepest, 20.0 / 25, 0.08) << "the steepest place of these hills";
 }
 
-TEST(Orthorectifier, SeesNothingNearTheHorizon) {
+TEST(Orthorectifier, IgnoresGroundNearTheHorizon) {
   for (const double pitch_deg : {50.0, 80.0, 90.0, 120.0, 180.0}) {
     const CameraPose pose{{0, 0}, 100, {0, radians(pitch_deg), 0}};
     EXPECT_TRUE(tiles_seen(kFineZoom, plane(), small_camera(), pose, FlatGround()).empty()) << pitch_deg;

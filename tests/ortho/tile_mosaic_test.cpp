@@ -176,7 +176,7 @@ TEST(TileMosaic, MisalignedOrUnverifiedPartsStayOut) {
   EXPECT_TRUE(mosaic.whole());
 }
 
-TEST(TileMosaic, TooUncertainTogetherMakesNoTileAndSlightlyUncertainASoftOne) {
+TEST(TileMosaic, ALargeTotalSigmaIsRejectedAndAModerateOneIsSoft) {
   for (const auto& [sigma_mm, moved_px, trust] :
        {std::tuple{4800, 4.0, std::optional<CandidateTrust>()}, {2900, 3.0, CandidateTrust::soft}}) {
     TileMosaic mosaic(kMosaicKey, kPixel_m, {});

@@ -111,7 +111,7 @@ TEST_F(CogPackage, TilesRootForSidecarsOfAnotherSet) {
   expect_only("tiles.root", maker_.verify(maker_.make(folder_)));
 }
 
-TEST_F(CogPackage, TruncatedIsRefused) {
+TEST_F(CogPackage, TruncatedIsRejected) {
   const fs::path package = maker_.make(folder_);
   const Bytes good = read_file(package / kCogFile);
   for (const std::size_t size : {std::size_t{0}, std::size_t{7}, std::size_t{300}, good.size() / 2, good.size() - 1}) {

@@ -54,7 +54,7 @@ TEST(Manifest, BoundsContainTheMissionInWholeUnits) {
   EXPECT_LT(bounds[2], 110'050'000);
 }
 
-TEST(Manifest, HoldsNoFloats) { EXPECT_EQ(manifest_json(sample()).find('.' + std::string("0")), std::string::npos); }
+TEST(Manifest, ContainsNoFloats) { EXPECT_EQ(manifest_json(sample()).find('.' + std::string("0")), std::string::npos); }
 
 class ManifestRefusal : public ::testing::Test {
  protected:

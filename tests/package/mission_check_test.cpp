@@ -179,7 +179,7 @@ TEST(MissionCheck, BudgetIsInMillionsOfBytes) {
   EXPECT_TRUE(check_budget(mission, 20'000'001).contains("budget.exceeded"));
 }
 
-TEST(TileMask, RoundTripsAndRefusesOtherImages) {
+TEST(TileMask, RoundTripsAndRejectsOtherImages) {
   Random random(3);
   Bytes pixels(kPixels);
   for (auto& pixel : pixels) pixel = random.chance(0.5) ? 255 : 0;

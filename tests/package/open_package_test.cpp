@@ -20,7 +20,7 @@ class OpenedPackage : public ::testing::Test {
   PackageMaker maker_;
 };
 
-TEST_F(OpenedPackage, GivesTilesAndSidecars) {
+TEST_F(OpenedPackage, ReturnsTilesAndSidecars) {
   const Opening opening = open(maker_.make(folder_));
   ASSERT_TRUE(opening.package) << test::codes(opening.findings);
   const CheckedTiles& tiles = opening.package->imagery();
@@ -66,7 +66,7 @@ TEST_F(OpenedPackage, DoesNotReturnSwappedTiles) {
   EXPECT_FALSE(opening.package->imagery().read(opening.package->imagery().sidecars()[1].key));
 }
 
-TEST_F(OpenedPackage, ARefusedPackageIsNotOpened) {
+TEST_F(OpenedPackage, ARejectedPackageIsNotOpened) {
   const auto package = maker_.make(folder_);
   std::filesystem::remove(package / kSignatureFile);
   const Opening opening = open(package);

@@ -95,7 +95,7 @@ TEST_F(CarriedRoots, TheStateCannotAppointSigners) {
   EXPECT_FALSE(with_options(maker_.make(folder_), options).accepted());
 }
 
-TEST_F(CarriedRoots, FalseRootsRefuseThePackage) {
+TEST_F(CarriedRoots, InvalidRootsRejectThePackage) {
   const PrivateKey thief = PrivateKey::generate();
   TrustRoot false_root = second_;
   false_root.add_key(thief.public_key());

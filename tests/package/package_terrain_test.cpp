@@ -55,7 +55,7 @@ TEST_F(PackageWithTerrain, IsAcceptedAndReturnsTheTerrain) {
   EXPECT_NEAR(opening.package->terrain()->height_m(kGrid.place(30, 20)).value_or(0), slope(30, 20), 1e-3);
 }
 
-TEST_F(PackageWithTerrain, RefusesAlteredHeights) {
+TEST_F(PackageWithTerrain, RejectsAlteredHeights) {
   const auto package = maker_.make(folder_);
   Bytes bytes = read_file(package / kTerrainFile);
   bytes[bytes.size() / 2] = static_cast<std::uint8_t>(bytes[bytes.size() / 2] ^ 1);
@@ -99,7 +99,7 @@ TEST_F(PackageWithTerrain, ARasterElsewhereIsAGap) {
   EXPECT_TRUE(verify(maker_.make(folder_)).contains("dem.gap"));
 }
 
-TEST_F(PackageWithTerrain, RefusesImplausibleHeights) {
+TEST_F(PackageWithTerrain, RejectsImplausibleHeights) {
   height_ = [](int column, int row) { return column == 3 && row == 3 ? 32'767 : slope(column, row); };
   EXPECT_EQ(test::codes(verify(maker_.make(folder_))), "dem.implausible");
 }
@@ -123,7 +123,7 @@ TEST_F(PackageWithTerrain, MissingTerrainOfADemMissionIsAGap) {
   EXPECT_EQ(test::codes(verify(package, VerifyDepth::quick)), "dem.gap");
 }
 
-TEST_F(PackageWithTerrain, RefusesTerrainOfAFlatMission) {
+TEST_F(PackageWithTerrain, RejectsTerrainOfAFlatMission) {
   maker_.mission = test::mission_yaml();
   EXPECT_EQ(test::codes(verify(maker_.make(folder_))), "mission.mismatch");
 }

@@ -41,7 +41,7 @@ TEST_F(Verify, SignatureInvalidForEveryFlippedByteOfTheManifest) {
   }
 }
 
-TEST_F(Verify, RefusesEveryFlippedBitOfTheSignatureFile) {
+TEST_F(Verify, RejectsEveryFlippedBitOfTheSignatureFile) {
   const fs::path package = maker_.make(folder_);
   const Bytes good = read_file(package / kSignatureFile);
   for (std::size_t at = 0; at < good.size(); ++at) {
@@ -211,7 +211,7 @@ TEST_F(Verify, ALinkedFolderIsUnexpected) {
   expect("artifact.unexpected", maker_.verify(package));
 }
 
-TEST_F(Verify, LinkedManifestOrSignatureIsRefused) {
+TEST_F(Verify, LinkedManifestOrSignatureIsRejected) {
   for (const std::string_view name : {kManifestFile, kSignatureFile}) {
     const fs::path package = maker_.make(folder_, std::string(name));
     fs::rename(package / name, folder_ / "moved");
@@ -405,7 +405,7 @@ TEST_F(Verify, QuotesNoEscapeSequences) {
   EXPECT_EQ(to_text(result.findings.items()[0]).find('\x1b'), std::string::npos);
 }
 
-TEST_F(Verify, ThrowsForAFolderThatIsNoPackage) {
+TEST_F(Verify, ThrowsForAFolderThatIsNotAPackage) {
   EXPECT_THROW(maker_.verify(folder_ / "nothing"), Error);
   EXPECT_THROW(maker_.verify(folder_.path()), Error);
   EXPECT_THROW(maker_.verify(folder_.write("file", "x")), Error);

@@ -106,7 +106,7 @@ TEST(Boresight, ExactFramesGiveTheExactMount) {
   EXPECT_NEAR(found->offset_m.y(), -2, 0.3);
 }
 
-TEST(Boresight, TheSigmasTellTheTruth) {
+TEST(Boresight, SigmasAreConsistentWithTheErrors) {
   for (unsigned seed = 1; seed <= 10; ++seed) {
     const auto found = solve_boresight(flown({}, seed), settings());
     ASSERT_TRUE(found);
@@ -118,7 +118,7 @@ TEST(Boresight, TheSigmasTellTheTruth) {
   }
 }
 
-TEST(Boresight, WrongAnchorsAreSetAside) {
+TEST(Boresight, RejectsWrongAnchors) {
   auto sights = flown({});
   for (std::size_t i = 0; i < sights.size(); i += 6) sights[i].seen[0] += 40 + static_cast<double>(i % 7) * 5;
   const auto found = solve_boresight(sights, settings());
@@ -127,7 +127,7 @@ TEST(Boresight, WrongAnchorsAreSetAside) {
   expect_mount(*found, World().mount, 3);
 }
 
-TEST(Boresight, ADelayIsFoundWhereSpeedsDifferAndLeftAloneWhereNot) {
+TEST(Boresight, EstimatesTheDelayOnlyWhenSpeedsDiffer) {
   World world;
   world.delay_s = 0.3;
   world.speed_change = 0.4;
@@ -164,7 +164,7 @@ std::vector<BoresightMeasurement> flat(std::vector<BoresightMeasurement> sights)
   return sights;
 }
 
-TEST(Boresight, OneLegDoesNotTellTheMountFromGpsOffset) {
+TEST(Boresight, OneLegDoesNotSeparateTheMountFromAGpsOffset) {
   World straight, turning;
   straight.legs = 1;
   const auto unsure = solve_boresight(flat(flown(straight)), settings());
@@ -175,7 +175,7 @@ TEST(Boresight, OneLegDoesNotTellTheMountFromGpsOffset) {
   EXPECT_FALSE(check_boresight(sure, {}).refuses());
 }
 
-TEST(Boresight, WhatDoesNotDetermineItIsAFinding) {
+TEST(Boresight, AnUndeterminedMountIsAFinding) {
   EXPECT_TRUE(check_boresight(std::nullopt, {}).contains("provision.few_anchors"));
   EXPECT_FALSE(solve_boresight({}, settings()));
   auto few = flown({});
@@ -197,7 +197,7 @@ TEST(Boresight, WhatDoesNotDetermineItIsAFinding) {
   EXPECT_TRUE(check_boresight(result, {}).contains("provision.boresight_range"));
 }
 
-TEST(Boresight, TheAircraftUnderACameraIsFoundAgain) {
+TEST(Boresight, RecoversTheAttitudeOfTheAircraft) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> any(-1, 1);
   for (int i = 0; i < 100; ++i) {

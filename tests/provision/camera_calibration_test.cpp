@@ -28,7 +28,7 @@ BoardImages find(const std::filesystem::path& folder) {
 
 test::BoardPose in_the_middle() { return {.tilt_x_rad = 0.3, .middle_px = {320, 240}, .depth_m = 0.5}; }
 
-TEST(Board, IsReadFromText) {
+TEST(Board, IsParsedFromText) {
   const Board board = parse_board("9x6", 0.025);
   EXPECT_EQ(board.columns, 9);
   EXPECT_EQ(board.rows, 6);
@@ -37,12 +37,12 @@ TEST(Board, IsReadFromText) {
   }
 }
 
-TEST(Board, MustNotLookTheSameTurnedRound) {
+TEST(Board, MustNotBeSymmetric) {
   EXPECT_THROW(parse_board("9x7", 0.025), UsageError);
   EXPECT_THROW(parse_board("8x6", 0.025), UsageError);
 }
 
-TEST(BoardImages, SetsAsideWhatDoesNotHelp) {
+TEST(BoardImages, SkipUnusableImages) {
   const test::TemporaryFolder folder;
   const test::BoardScene scene(test::test_camera());
   const auto write = [&](const char* name, const cv::Mat& picture) {
@@ -69,21 +69,21 @@ TEST(BoardImages, SetsAsideWhatDoesNotHelp) {
                                             HasSubstr("text.jpg: damaged")));
 }
 
-TEST(BoardImages, AnotherBoardIsNotTheBoard) {
+TEST(BoardImages, AnotherBoardIsNotFound) {
   const test::BoardScene scene(test::test_camera());
   const cv::Mat picture = scene.picture(in_the_middle(), 0.6, 1);
   EXPECT_TRUE(find_board(picture, kBoard, "p"));
   EXPECT_FALSE(find_board(picture, {.columns = 10, .rows = 7, .square_m = 0.025}, "p"));
 }
 
-TEST(BoardImages, AreOfOneSize) {
+TEST(BoardImages, MustHaveOneSize) {
   const test::TemporaryFolder folder;
   write_file_atomic(folder / "a.png", encode_image(cv::Mat(480, 640, CV_8UC1, cv::Scalar(90)), ImageFormat::png));
   write_file_atomic(folder / "b.png", encode_image(cv::Mat(240, 320, CV_8UC1, cv::Scalar(90)), ImageFormat::png));
   EXPECT_THROW(find(folder.path()), UsageError);
 }
 
-TEST(BoardImages, NeedsAFolderWithPictures) {
+TEST(BoardImages, RequireAFolderWithImages) {
   const test::TemporaryFolder folder;
   EXPECT_THROW(find(folder.path()), UsageError);
   EXPECT_THROW(find(folder / "missing"), UsageError);
@@ -109,7 +109,7 @@ BoardImages seen(const std::vector<BoardPose>& poses) {
 
 BoardImages good_views() { return seen(test::good_poses(test::test_camera())); }
 
-TEST(Calibration, FindsTheCameraThatTookThePictures) {
+TEST(Calibration, RecoversTheCamera) {
   const test::TemporaryFolder folder;
   test::write_pictures(folder.path(), test::test_camera(), test::good_poses(test::test_camera()), 0.6);
   NoProgress progress;
@@ -134,7 +134,7 @@ TEST(Calibration, FindsTheCameraThatTookThePictures) {
   }
 }
 
-TEST(Calibration, WritesWhatTheLocalizerReads) {
+TEST(Calibration, WritesAFileThatTheLocalizerReads) {
   const Calibration found = calibrate(good_views(), kBoard);
   const CameraModel read = read_camera(YamlNode::parse(camera_yaml(found.camera), "camera.yaml")).camera;
   EXPECT_EQ(read.width, 640);
@@ -143,7 +143,7 @@ TEST(Calibration, WritesWhatTheLocalizerReads) {
   EXPECT_NEAR(read.distortion[1], found.camera.distortion[1], 1e-8);
 }
 
-TEST(Calibration, RefusesTooFewPictures) {
+TEST(Calibration, RejectsTooFewImages) {
   BoardImages few = good_views();
   few.views.resize(5);
   EXPECT_TRUE(check_views(few, {}).contains("provision.few_pictures"));
@@ -151,7 +151,7 @@ TEST(Calibration, RefusesTooFewPictures) {
   EXPECT_THROW(calibrate(few, kBoard), Error);
 }
 
-TEST(Calibration, RefusesABoardThatStaysInTheMiddle) {
+TEST(Calibration, RejectsABoardThatStaysInTheMiddle) {
   std::vector<BoardPose> poses = test::good_poses(test::test_camera());
   for (BoardPose& pose : poses) {
     pose.middle_px = {320, 240};
@@ -160,14 +160,14 @@ TEST(Calibration, RefusesABoardThatStaysInTheMiddle) {
   EXPECT_TRUE(check_views(seen(poses), {}).contains("provision.coverage"));
 }
 
-TEST(Calibration, RefusesABoardThatIsNeverTilted) {
+TEST(Calibration, RejectsABoardThatIsNeverTilted) {
   std::vector<BoardPose> poses = test::good_poses(test::test_camera());
   for (BoardPose& pose : poses) pose.tilt_x_rad = pose.tilt_y_rad = 0;
   const Calibration found = calibrate(seen(poses), kBoard);
   EXPECT_TRUE(check_calibration(found, {}).contains("provision.tilt")) << found.tilt_rad;
 }
 
-TEST(Calibration, RefusesABoardThatWasNotFlat) {
+TEST(Calibration, RejectsABoardThatIsNotFlat) {
   BoardImages bent = good_views();
   for (BoardView& view : bent.views) {
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
@@ -177,7 +177,7 @@ TEST(Calibration, RefusesABoardThatWasNotFlat) {
   EXPECT_TRUE(check_calibration(calibrate(bent, kBoard), {}).contains("provision.residual"));
 }
 
-TEST(Calibration, RefusesALensThatCannotBeUndone) {
+TEST(Calibration, RejectsALensThatCannotBeInverted) {
   Calibration found = calibrate(good_views(), kBoard);
   found.camera.distortion = {-3, 0, 0, 0, 0};
   EXPECT_TRUE(check_calibration(found, {}).contains("provision.lens"));

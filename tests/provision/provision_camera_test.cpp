@@ -34,7 +34,7 @@ TEST(ProvisionCamera, WritesACameraFileOnceAndNeverReplacesIt) {
   EXPECT_THAT(again.err, HasSubstr("already exists"));
 }
 
-TEST(ProvisionCamera, SaysWhyPicturesAreTooFewAndWritesNothing) {
+TEST(ProvisionCamera, TooFewImagesAreExplainedAndNothingIsWritten) {
   const test::TemporaryFolder folder;
   const CameraModel truth = test::test_camera();
   auto poses = test::good_poses(truth);

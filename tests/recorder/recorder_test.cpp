@@ -105,7 +105,7 @@ TEST_F(RecorderThread, FlushWritesEverythingToTheDisk) {
   }
 }
 
-TEST_F(RecorderThread, AFrameGivesItsEstimateItsAnchorAndSometimesAThumbnail) {
+TEST_F(RecorderThread, AFrameIsRecordedWithEstimateAnchorAndSomeThumbnails) {
   {
     Recorder recorder(options(), test::sample_session(), clock());
     for (int i = 0; i < 40; ++i) {

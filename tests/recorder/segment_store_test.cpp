@@ -102,7 +102,7 @@ TEST_F(Store, ChunksReachTheDiskByTimeAndBySize) {
   EXPECT_LT(i, 1000U);
 }
 
-TEST_F(Store, SegmentsTurnBySizeAndByTime) {
+TEST_F(Store, SegmentsRotateBySizeAndByTime) {
   StoreOptions small = options();
   small.segment_bytes = 100'000;
   small.segment_ns = 100 * kOneSecond;
@@ -134,7 +134,7 @@ TEST_F(Store, RefusesASecondRecorderInTheFolder) {
   EXPECT_THROW(SegmentStore(options(), test::sample_session()), Error);
 }
 
-TEST_F(Store, TheBudgetCostsThumbnailsBeforePicturesBeforeDecisions) {
+TEST_F(Store, TheBudgetDropsThumbnailsBeforeFramesBeforeDecisions) {
   StoreOptions tight = options();
   tight.budget_bytes = std::uint64_t{2} << 20;
   tight.zstd_level = 0;

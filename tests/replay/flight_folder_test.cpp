@@ -59,7 +59,7 @@ TEST_F(FlightFolder, ReadsRowsWithUnknownCells) {
   EXPECT_EQ(flight.camera.camera.width, 64);
 }
 
-TEST_F(FlightFolder, ReadsTheChangeOfVelocityWhereItIs) {
+TEST_F(FlightFolder, ReadsTheVelocityChangeIfPresent) {
   const std::string header = "frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg,imu_dv_east_mps,imu_dv_north_mps\n";
   folder_.write("telemetry.csv", header + "a.jpg,0,120,90,1,-2,,\nb.jpg,1.5,121,,,,-3.25,0.5\n");
   const Flight flight = read();
@@ -76,36 +76,36 @@ TEST_F(FlightFolder, ReadsTheChangeOfVelocityWhereItIs) {
   EXPECT_THAT(complaint(), ::testing::HasSubstr("only imu_dv_north_mps"));
 }
 
-TEST_F(FlightFolder, CountsPicturesWithoutARow) {
+TEST_F(FlightFolder, CountsImagesWithoutARow) {
   telemetry("a.jpg,0,120,90,,\n");
   EXPECT_EQ(read().images_without_row, 1U);
 }
 
-TEST_F(FlightFolder, RefusesNan) {
+TEST_F(FlightFolder, RejectsNan) {
   telemetry("a.jpg,0,nan,90,,\nb.jpg,1,121,,,\n");
   EXPECT_THAT(complaint(), ::testing::HasSubstr("telemetry.csv:2"));
 }
 
-TEST_F(FlightFolder, RefusesShuffledRows) {
+TEST_F(FlightFolder, RejectsUnorderedRows) {
   telemetry("b.jpg,1.5,121,,,\na.jpg,0,120,90,,\n");
   EXPECT_THAT(complaint(), ::testing::HasSubstr("order of time"));
 }
 
-TEST_F(FlightFolder, RefusesDuplicateTimesAndFrames) {
+TEST_F(FlightFolder, RejectsDuplicateTimesAndFrames) {
   telemetry("a.jpg,0,120,90,,\nb.jpg,0,121,,,\n");
   EXPECT_THAT(complaint(), ::testing::HasSubstr("order of time"));
   telemetry("a.jpg,0,120,90,,\na.jpg,1,121,,,\n");
   EXPECT_THAT(complaint(), ::testing::HasSubstr("two rows"));
 }
 
-TEST_F(FlightFolder, RefusesUnknownFrames) {
+TEST_F(FlightFolder, RejectsUnknownFrames) {
   telemetry("a.jpg,0,120,90,,\nc.jpg,1,121,,,\n");
   EXPECT_THAT(complaint(), ::testing::AllOf(::testing::HasSubstr("c.jpg"), ::testing::HasSubstr("missing")));
   telemetry("../a.jpg,0,120,90,,\n");
   EXPECT_THAT(complaint(), ::testing::HasSubstr("invalid name"));
 }
 
-TEST_F(FlightFolder, RefusesValuesThatCannotBe) {
+TEST_F(FlightFolder, RejectsImpossibleValues) {
   for (const char* row :
        {"a.jpg,0,-5,90,,", "a.jpg,0,120,900,,", "a.jpg,0,120,90,95,", "a.jpg,,120,90,,", "a.jpg,0,120,90,,,"}) {
     telemetry(std::string(row) + "\n");
@@ -113,7 +113,7 @@ TEST_F(FlightFolder, RefusesValuesThatCannotBe) {
   }
 }
 
-TEST_F(FlightFolder, RefusesEmptyInputs) {
+TEST_F(FlightFolder, RejectsEmptyInputs) {
   telemetry("");
   EXPECT_NE(complaint(), "");
   telemetry("a.jpg,0,120,90,,\n");
@@ -123,20 +123,20 @@ TEST_F(FlightFolder, RefusesEmptyInputs) {
   EXPECT_THAT(complaint(), ::testing::HasSubstr("no images"));
 }
 
-TEST_F(FlightFolder, RefusesPicturesOfAnotherSize) {
+TEST_F(FlightFolder, RejectsImagesOfAnotherSize) {
   picture("b.jpg", 48, 64);
   EXPECT_THAT(complaint(), ::testing::AllOf(::testing::HasSubstr("64×48"), ::testing::HasSubstr("48×64"),
                                             ::testing::HasSubstr("b.jpg")));
 }
 
-TEST_F(FlightFolder, RefusesFilesThatAreNoPictures) {
+TEST_F(FlightFolder, RejectsFilesThatAreNotImages) {
   write_file_atomic(folder_ / "frames" / "b.jpg", std::string_view("not a picture"));
   EXPECT_THAT(complaint(), ::testing::HasSubstr("b.jpg"));
   write_file_atomic(folder_ / "frames" / "b.jpg", std::string_view(""));
   EXPECT_NE(complaint(), "");
 }
 
-TEST_F(FlightFolder, TruthMayBeShorterButNotForeign) {
+TEST_F(FlightFolder, TruthMayCoverPartOfTheFlight) {
   const auto frames = read().frames;
   const Truth truth =
       read_truth(folder_.write("t.csv", "frame,lat_deg,lon_deg\nb.jpg,24.5,120.5\nz.jpg,1,1\n"), frames);

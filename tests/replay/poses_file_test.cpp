@@ -90,7 +90,7 @@ class PosesFile : public ::testing::Test {
   std::vector<std::optional<FramePose>> poses_{4};
 };
 
-TEST_F(PosesFile, GivesBackTheSameBits) {
+TEST_F(PosesFile, RoundTripsBitForBit) {
   const auto again = read(text());
   ASSERT_EQ(again.size(), 4U);
   EXPECT_FALSE(again[0] || again[2]);
@@ -110,7 +110,7 @@ TEST_F(PosesFile, AFlightWithoutAnchorsHasNoPoses) {
   for (const auto& pose : again) EXPECT_FALSE(pose);
 }
 
-TEST_F(PosesFile, IsOfOneFlightMapAndCamera) {
+TEST_F(PosesFile, BelongsToOneFlightMapAndCamera) {
   PosesSubject other = subject();
   other.flight = "ba9876543210";
   EXPECT_THAT(complaint(text(), other), HasSubstr("another flight"));
@@ -126,7 +126,7 @@ TEST_F(PosesFile, IsOfOneFlightMapAndCamera) {
   EXPECT_THAT(changed("frame", "pic_2.jpg"), HasSubstr("name of a frame"));
 }
 
-TEST_F(PosesFile, RefusesWhatIsNoPose) {
+TEST_F(PosesFile, RejectsInvalidPoses) {
   EXPECT_EQ(changed("confirmed", true), "") << "unchanged";
   for (const char* member : {"east_m", "north_m", "agl_m", "heading_rad", "pitch_rad", "roll_rad", "cov_ee_m2",
                              "cov_en_m2", "cov_nn_m2", "index", "frame", "confirmed"}) {
@@ -145,7 +145,7 @@ TEST_F(PosesFile, RefusesWhatIsNoPose) {
   EXPECT_THAT(changed("note", 1), HasSubstr("only members that this version knows"));
 }
 
-TEST_F(PosesFile, RefusesWhatIsCutOrNoDocument) {
+TEST_F(PosesFile, RejectsTruncatedOrInvalidDocuments) {
   const std::string whole = text();
   for (std::size_t length = 0; length + 2 < whole.size(); length += 23) {
     EXPECT_NE(complaint(whole.substr(0, length)), "") << length;

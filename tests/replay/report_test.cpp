@@ -35,7 +35,7 @@ nlohmann::json data_of(const std::string& html) {
   return nlohmann::json::parse(html.substr(begin, html.find("</script>", begin) - begin));
 }
 
-TEST(Report, HoldsTheFrames) {
+TEST(Report, ContainsTheFrames) {
   const auto data = data_of(report_html(small_input()));
   ASSERT_EQ(data["frames"].size(), 3U);
   EXPECT_NEAR(data["frames"][0]["east"].get<double>(), 7.55, 0.02);
@@ -45,21 +45,21 @@ TEST(Report, HoldsTheFrames) {
   EXPECT_TRUE(data["map"].is_null());
 }
 
-TEST(Report, NamesFromOutsideCannotBreakOut) {
+TEST(Report, ExternalNamesAreEscaped) {
   const std::string html = report_html(small_input());
   EXPECT_EQ(html.find("<img src=x>"), std::string::npos);
   EXPECT_EQ(html.find("<script>alert"), std::string::npos);
   EXPECT_EQ(data_of(html)["frames"][0]["name"], "</script><img src=x>.jpg");
 }
 
-TEST(Report, LoadsNothingFromANetwork) {
+TEST(Report, LoadsNoExternalResources) {
   const std::string html = report_html(small_input());
   for (const char* word : {"src=\"http", "href=\"http", "url(http", "@import", "fetch(", "XMLHttpRequest", "{{"}) {
     EXPECT_EQ(html.find(word), std::string::npos) << word;
   }
 }
 
-TEST(WorstFrames, KeepsTheWorstInBoundedMemory) {
+TEST(WorstFrames, KeepsTheWorstFramesInBoundedMemory) {
   WorstFrames worst(3);
   AnchorReport anchor;
   worst.offer(0, 1000, anchor);  // no pictures: nothing to show

@@ -53,7 +53,7 @@ TEST(Score, WithoutTruthThereAreNoErrors) {
 }
 
 // Errors drawn from the stated covariance fall into its ellipses as often as they should.
-TEST(Score, EllipsesHoldTheirShare) {
+TEST(Score, EllipsesContainTheirShare) {
   Random random(4);
   std::vector<Estimate> estimates;
   for (int i = 0; i < 20'000; ++i) {
@@ -89,7 +89,7 @@ TEST(Track, IsGeoJson) {
   EXPECT_NEAR(document["features"][1]["geometry"]["coordinates"][0].get<double>(), 8.5, 1e-8);
 }
 
-TEST(Summary, SaysWhatTheScoreSays) {
+TEST(Summary, MatchesTheScore) {
   Summary summary;
   summary.streamed = score({estimate_at(3, 4)}, {LonLat{8.5, 47.4}}, kFrame);
   const auto document = json_from(summary);

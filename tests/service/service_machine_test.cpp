@@ -315,7 +315,7 @@ TEST(ServiceMachine, AnAnchorBeforeALossDoesNotCount) {
   EXPECT_EQ(flight.state(), relocalizing);
 }
 
-TEST(ServiceMachine, SameEventsSameTransitions) {
+TEST(ServiceMachine, IsDeterministic) {
   const auto fly = [] {
     MachineDriver flight;
     flight.boot_to_normal();

@@ -90,7 +90,7 @@ TEST(World, TheMapIsMisplacedByUpToTwoMetresAndStatesIt) {
 }
 
 // A piece painted alone equals the same part of a larger one: nothing depends on how the work is divided.
-TEST(World, PiecesFitTogether) {
+TEST(World, TilesOfTheWorldFitTogether) {
   const Landscape land = generate_landscape(9, 600);
   const Painter painter(land, Season::september);
   const cv::Mat_<cv::Vec3b> whole = render_view(land, painter, View::day, {1.0, 600, 100, 150, 300, 200});

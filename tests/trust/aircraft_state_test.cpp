@@ -18,7 +18,7 @@ TEST(AircraftState, ANewAircraftRemembersNothing) {
   EXPECT_FALSE(state.last_trusted_time);
 }
 
-TEST(AircraftState, RoundTripsAndNeverGoesDown) {
+TEST(AircraftState, RoundTripsAndNeverDecreases) {
   const test::TemporaryFolder folder;
   AircraftState state;
   state.accept("a", 5, 2, {1000});
@@ -33,7 +33,7 @@ TEST(AircraftState, RoundTripsAndNeverGoesDown) {
 }
 
 // A damaged memory must not pass for an empty one: that would allow every rollback.
-TEST(AircraftState, RefusesADamagedFile) {
+TEST(AircraftState, RejectsADamagedFile) {
   const test::TemporaryFolder folder;
   const char* texts[] = {
       "",
@@ -62,7 +62,7 @@ TEST(AircraftState, RefusesADamagedFile) {
   EXPECT_THROW(read_state(folder / "folder"), Error);
 }
 
-TEST(AircraftState, KeepsTheRootsThatCameWithPackages) {
+TEST(AircraftState, KeepsTheRootsReceivedWithPackages) {
   const test::TemporaryFolder folder;
   const PrivateKey key = PrivateKey::generate();
   TrustRoot root;
@@ -83,7 +83,7 @@ TEST(AircraftState, KeepsTheRootsThatCameWithPackages) {
 }
 
 // A power cut leaves the old file or the new one; half of one would be noticed at every length.
-TEST(AircraftState, EveryTruncationIsNoticed) {
+TEST(AircraftState, DetectsEveryTruncation) {
   const test::TemporaryFolder folder;
   AircraftState state;
   state.accept("a", 5, 2, {1000});
@@ -94,7 +94,7 @@ TEST(AircraftState, EveryTruncationIsNoticed) {
   }
 }
 
-TEST(AircraftState, EndlessDataIsNotRead) {
+TEST(AircraftState, LimitsTheSizeOfItsFile) {
   const test::TemporaryFolder folder;
   std::filesystem::resize_file(folder.write("state.json", "{}"), std::uintmax_t{1} << 40);  // sparse
   EXPECT_TRUE(check_state(folder / "state.json").findings.contains("state.corrupt"));

@@ -10,7 +10,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-TEST(BearerToken, IsOneLongLineForItsOwnerAlone) {
+TEST(BearerToken, IsOneLongLineReadableByItsOwnerOnly) {
   const test::TemporaryFolder folder;
   const auto file = [&](const std::string& text, fs::perms perms) {
     const fs::path path = folder.write("token", text);

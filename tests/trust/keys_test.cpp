@@ -27,7 +27,7 @@ unsigned mode_of(const std::filesystem::path& path) {
   return info.st_mode & 07777;
 }
 
-TEST(Keys, CreatedFilesAreOpenSslsOwn) {
+TEST(Keys, CreatedFilesEqualThoseOfOpenSsl) {
   const TemporaryFolder folder;
   const KeyFiles files = create_key_files(folder / "k");
   EXPECT_EQ(mode_of(files.private_key), 0600U);
@@ -35,7 +35,7 @@ TEST(Keys, CreatedFilesAreOpenSslsOwn) {
   EXPECT_EQ(read_text_file(folder / "theirs.pem"), read_text_file(files.public_key));
 }
 
-TEST(Keys, IdIsTheDigestOfTheDer) {
+TEST(Keys, IdIsTheDigestOfTheDerEncoding) {
   const TemporaryFolder folder;
   create_key_files(folder / "k");
   ASSERT_EQ(openssl(folder, "pkey -pubin -in k.pub.pem -outform DER -out k.der"), 0);
@@ -70,7 +70,7 @@ TEST(Keys, WeVerifyOpenSslsSignature) {
 }
 
 // RFC 8032, 7.1, test 2.
-TEST(Keys, KnowsTheVectorOfTheRfc) {
+TEST(Keys, MatchesTheVectorOfTheRfc) {
   const auto from_hex = [](std::string_view hex) {
     Bytes bytes;
     for (std::size_t i = 0; i < hex.size(); i += 2) {
@@ -84,7 +84,7 @@ TEST(Keys, KnowsTheVectorOfTheRfc) {
                                             "085ac1e43e15996e458f3613d0f11d8c387b2eaeb4302aeeb00d291612bb0c00")));
 }
 
-TEST(Keys, RefusesPrivateKeysThatOthersMayUse) {
+TEST(Keys, RejectsPrivateKeysReadableByOthers) {
   const TemporaryFolder folder;
   const KeyFiles files = create_key_files(folder / "k");
   for (const unsigned mode : {0640U, 0604U, 0660U, 0644U, 0601U, 0700U}) {
@@ -95,7 +95,7 @@ TEST(Keys, RefusesPrivateKeysThatOthersMayUse) {
   EXPECT_NO_THROW(PrivateKey::read(files.private_key));
 }
 
-TEST(Keys, RefusesEverythingElse) {
+TEST(Keys, RejectsOtherFiles) {
   const TemporaryFolder folder;
   ASSERT_EQ(openssl(folder, "genpkey -algorithm x25519 -out x.key.pem"), 0);
   ASSERT_EQ(openssl(folder, "ecparam -genkey -name prime256v1 -noout -out ec.key.pem"), 0);

@@ -37,7 +37,7 @@ TEST(Merkle, EqualsTheDefinitionForEveryCount) {
   EXPECT_EQ(tree.count(), 300U);
 }
 
-TEST(Merkle, EmptyTreeIsTheDigestOfNothing) {
+TEST(Merkle, EmptyTreeIsTheDigestOfNoBytes) {
   EXPECT_EQ(MerkleTree().root().hex(), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
 }
 
@@ -50,7 +50,7 @@ TEST(Merkle, LeafHasItsDocumentedBytes) {
   EXPECT_EQ(MerkleTree::leaf({19, 438038, 225763}, digest), sha256(bytes));
 }
 
-TEST(Merkle, TilesCannotChangePlaces) {
+TEST(Merkle, DetectsSwappedTiles) {
   const Sha256 a = sha256(as_bytes("a")), b = sha256(as_bytes("b"));
   MerkleTree honest, swapped;
   honest.add({1, 0, 0}, a), honest.add({1, 0, 1}, b);

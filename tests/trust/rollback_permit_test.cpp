@@ -41,7 +41,7 @@ TEST_F(Permit, AllowsExactlyWhatItNames) {
   }
 }
 
-TEST_F(Permit, ForOneAirframeHoldsForNoOther) {
+TEST_F(Permit, ForOneAirframeIsInvalidForOthers) {
   RollbackRequest wish = wish_;
   EXPECT_TRUE(check_permit(make("mini-07"), root_, wish).contains("permit.invalid")) << "nobody was named";
   wish.airframe = "mini-08";
@@ -61,7 +61,7 @@ TEST_F(Permit, NeedsTheThresholdOfPackageSigners) {
   EXPECT_TRUE(check_permit(permit, root_, wish_).refuses());
 }
 
-TEST_F(Permit, IsWorthNothingWhenEditedOrForeign) {
+TEST_F(Permit, IsRejectedWhenEditedOrOfAnotherAuthority) {
   json edited = json::parse(make().document.json());
   edited["signed"]["to"] = 6;
   RollbackRequest wish = wish_;
@@ -76,7 +76,7 @@ TEST_F(Permit, IsWorthNothingWhenEditedOrForeign) {
   EXPECT_TRUE(check_permit(confused, root_, wish_).contains("signature.invalid"));
 }
 
-TEST_F(Permit, RefusesForms) {
+TEST_F(Permit, RejectsInvalidForms) {
   const std::vector<std::function<void(json&)>> edits{
       [](json& d) { d["extra"] = 1; },
       [](json& d) { d["signed"]["extra"] = 1; },

@@ -52,7 +52,7 @@ TEST_F(Root, RoundTrips) {
   EXPECT_TRUE(check_self(back).empty());
 }
 
-TEST_F(Root, ReadsWhatIsSignedAndNothingElse) {
+TEST_F(Root, RejectsUnsignedContent) {
   const test::TemporaryFolder folder;
   const auto good = folder.write("root.json", document().dump());
   EXPECT_EQ(read_trusted_root(good).version, 1);
@@ -65,12 +65,12 @@ TEST_F(Root, ReadsWhatIsSignedAndNothingElse) {
 }
 
 // Layout of the file does not matter, its content does.
-TEST_F(Root, IsIndependentOfBlanks) {
+TEST_F(Root, IsIndependentOfWhitespace) {
   const test::TemporaryFolder folder;
   EXPECT_EQ(read_trusted_root(folder.write("root.json", document().dump(7))).version, 1);
 }
 
-TEST_F(Root, RefusesForms) {
+TEST_F(Root, RejectsInvalidForms) {
   const std::vector<std::function<void(json&)>> edits{
       [](json& d) { d.erase("signatures"); },
       [](json& d) { d["extra"] = 1; },
@@ -102,7 +102,7 @@ TEST_F(Root, RefusesForms) {
 }
 
 // A key whose id does not follow from it could pass under a revoked key's name.
-TEST_F(Root, RefusesKeysUnderAnothersId) {
+TEST_F(Root, RejectsKeysUnderAnotherKeysId) {
   json edited = document();
   json& keys = edited["signed"]["keys"];
   const std::string own = first_.public_key().id(), other = packer_.public_key().id();
@@ -110,7 +110,7 @@ TEST_F(Root, RefusesKeysUnderAnothersId) {
   EXPECT_THROW(parse_root(edited.dump(), "test"), Error);
 }
 
-TEST_F(Root, SuccessorNeedsBothSides) {
+TEST_F(Root, SuccessorNeedsSignaturesOfOldAndNewKeys) {
   const TrustRoot now = version(1, first_);
   const TrustRoot next = version(2, second_);
   EXPECT_TRUE(check_succession(now, sign_root(next, {&first_, &second_})).empty());
@@ -118,7 +118,7 @@ TEST_F(Root, SuccessorNeedsBothSides) {
   EXPECT_TRUE(check_succession(now, sign_root(next, {&first_})).contains("signature.missing"));
 }
 
-TEST_F(Root, SuccessorIsExactlyTheNext) {
+TEST_F(Root, SuccessorIsTheNextVersion) {
   const TrustRoot now = version(5, first_);
   for (const std::int64_t number : {1, 4, 5, 7}) {
     EXPECT_TRUE(check_succession(now, sign_root(version(number, first_), {&first_})).contains("root.rollback"))
@@ -134,7 +134,7 @@ TEST_F(Root, RevokedRootKeyCannotAppoint) {
   EXPECT_TRUE(check_succession(now, sign_root(version(2, second_), {&first_, &second_})).refuses());
 }
 
-TEST_F(Root, NotSignedByItselfIsNotTrusted) {
+TEST_F(Root, RootWithoutItsOwnSignaturesIsNotTrusted) {
   EXPECT_TRUE(check_self(sign_root(version(1, first_), {&packer_})).refuses());
 }
 
@@ -165,14 +165,14 @@ class RootWalking : public ::testing::Test {
   std::map<std::int64_t, std::string> documents_;
 };
 
-TEST_F(RootWalking, WithoutNewerRootsStaysWhereItIs) {
+TEST_F(RootWalking, WithoutNewerRootsKeepsTheCurrentOne) {
   const RootSuccession result = walk();
   EXPECT_EQ(result.root.version, 1);
   EXPECT_TRUE(result.newer.empty());
   EXPECT_TRUE(result.findings.empty());
 }
 
-TEST_F(RootWalking, GoesEveryStepWithNewKeys) {
+TEST_F(RootWalking, FollowsEveryVersionWithNewKeys) {
   put(2, b_, {&a_, &b_});
   put(3, c_, {&b_, &c_});
   const RootSuccession result = walk();
@@ -182,7 +182,7 @@ TEST_F(RootWalking, GoesEveryStepWithNewKeys) {
   EXPECT_TRUE(result.findings.empty());
 }
 
-TEST_F(RootWalking, StopsBeforeARootThatTheOldKeysHaveNotSigned) {
+TEST_F(RootWalking, StopsBeforeARootNotSignedByTheOldKeys) {
   put(2, b_, {&b_});
   put(3, c_, {&b_, &c_});
   const RootSuccession result = walk();
@@ -191,7 +191,7 @@ TEST_F(RootWalking, StopsBeforeARootThatTheOldKeysHaveNotSigned) {
 }
 
 // The first root's key may not appoint the third: it has no say after the second.
-TEST_F(RootWalking, RetiredKeyHasNoSayLaterOn) {
+TEST_F(RootWalking, RetiredKeyCannotSignLaterRoots) {
   put(2, b_, {&a_, &b_});
   put(3, c_, {&a_, &c_});
   const RootSuccession result = walk();
@@ -199,7 +199,7 @@ TEST_F(RootWalking, RetiredKeyHasNoSayLaterOn) {
   EXPECT_TRUE(result.findings.refuses());
 }
 
-TEST_F(RootWalking, RevokedKeyHasNoSay) {
+TEST_F(RootWalking, RevokedKeyCannotSign) {
   TrustRoot second = version(2, b_);
   second.revoked.insert(a_.public_key().id());
   documents_[2] = sign_root(second, {&a_, &b_}).json();
@@ -210,7 +210,7 @@ TEST_F(RootWalking, RevokedKeyHasNoSay) {
   EXPECT_EQ(walk().root.version, 2);
 }
 
-TEST_F(RootWalking, AnotherVersionUnderTheNameIsARollback) {
+TEST_F(RootWalking, AnotherVersionUnderThisNameIsARollback) {
   documents_[2] = sign_root(version(1, a_), {&a_}).json();
   EXPECT_TRUE(walk().findings.contains("root.rollback"));
   documents_[2] = sign_root(version(3, a_), {&a_}).json();

@@ -32,21 +32,21 @@ TEST_F(Signatures, AcceptsATrustedKey) {
   EXPECT_EQ(result.signers, std::vector{a_.public_key().id()});
 }
 
-TEST_F(Signatures, RefusesOtherBytes) {
+TEST_F(Signatures, RejectsOtherBytes) {
   EXPECT_TRUE(check({by(a_)}, "bodY").findings.contains("signature.invalid"));
   EXPECT_TRUE(check({sign_payload(a_, "another type", as_bytes("body"))}).findings.contains("signature.invalid"));
 }
 
-TEST_F(Signatures, RefusesStrangers) {
+TEST_F(Signatures, RejectsUnknownKeys) {
   const SignatureCheck result = check({by(stranger_)});
   EXPECT_TRUE(result.findings.refuses());
   EXPECT_TRUE(result.findings.contains("key.unknown"));
 }
 
 // A known key may not do what its role does not say.
-TEST_F(Signatures, RefusesKeysOfAnotherRole) { EXPECT_TRUE(check({by(root_key_)}).findings.contains("key.unknown")); }
+TEST_F(Signatures, RejectsKeysOfAnotherRole) { EXPECT_TRUE(check({by(root_key_)}).findings.contains("key.unknown")); }
 
-TEST_F(Signatures, RefusesRevokedAndExpiredKeys) {
+TEST_F(Signatures, RejectsRevokedAndExpiredKeys) {
   root_.revoked.insert(a_.public_key().id());
   EXPECT_TRUE(check({by(a_)}).findings.contains("key.revoked"));
   EXPECT_TRUE(check({by(a_)}).findings.refuses());
@@ -63,22 +63,22 @@ TEST_F(Signatures, ThresholdCountsKeysOnce) {
   EXPECT_TRUE(check({by(a_), by(stranger_)}).findings.refuses());
 }
 
-TEST_F(Signatures, BeyondTheThresholdStrangersAreAWarning) {
+TEST_F(Signatures, BeyondTheThresholdUnknownKeysAreAWarning) {
   const SignatureCheck result = check({by(a_), by(stranger_)});
   EXPECT_FALSE(result.findings.refuses());
   EXPECT_TRUE(result.findings.contains("key.unknown"));
 }
 
-TEST_F(Signatures, ADamagedSignatureRefusesAlways) {
+TEST_F(Signatures, ADamagedSignatureIsAlwaysAnError) {
   EnvelopeSignature damaged = by(b_);
   damaged.signature[10] ^= 1;
   EXPECT_TRUE(check({by(a_), damaged}).findings.refuses());
 }
 
-TEST_F(Signatures, NoneAreNotEnough) { EXPECT_TRUE(check({}).findings.contains("signature.missing")); }
+TEST_F(Signatures, NoSignaturesAreNotEnough) { EXPECT_TRUE(check({}).findings.contains("signature.missing")); }
 
 // What one airframe signs with says nothing about the tiles of another, nor about packages.
-TEST_F(Signatures, TileSignersAreOfOneAirframe) {
+TEST_F(Signatures, TileSignersBelongToOneAirframe) {
   const PrivateKey seven = PrivateKey::generate(), eight = PrivateKey::generate();
   TrustRoot root = root_;
   for (const auto& [airframe, key] : {std::pair{"mini-07", &seven}, std::pair{"mini-08", &eight}}) {
@@ -146,14 +146,14 @@ TEST_F(AirframeSignature, ByItsSignersIsAccepted) {
   EXPECT_TRUE(judged(signed_by(hangar_)).empty());
 }
 
-TEST_F(AirframeSignature, WithoutTheRoleThePackageSignersSign) {
+TEST_F(AirframeSignature, WithoutTheRolePackageSignersApply) {
   EXPECT_TRUE(judged(signed_by(planner_)).empty());
   expect_refused(signed_by(hangar_), "key.unknown");
   name_signers();
   expect_refused(signed_by(planner_), "key.unknown");
 }
 
-TEST_F(AirframeSignature, NoneIsAWarningUntilTheRootKnowsWhoSigns) {
+TEST_F(AirframeSignature, MissingIsAWarningUntilTheRootNamesSigners) {
   const Findings early = judged(std::nullopt);
   ASSERT_EQ(early.items().size(), 1U);
   EXPECT_EQ(early.items()[0].code, "airframe.unsigned");
@@ -166,7 +166,7 @@ TEST_F(AirframeSignature, NoneIsAWarningUntilTheRootKnowsWhoSigns) {
 }
 
 // A false signature is no missing one: the bench does not accept it either.
-TEST_F(AirframeSignature, FalseOnesAreRefusedEverywhere) {
+TEST_F(AirframeSignature, InvalidIsAlwaysRejected) {
   name_signers();
   expect_refused(signed_by(stranger_), "key.unknown");
   expect_refused(signed_by(hangar_, "{}"), "signature.invalid");
@@ -180,7 +180,7 @@ TEST_F(AirframeSignature, FalseOnesAreRefusedEverywhere) {
   expect_refused(signed_by(hangar_), "key.revoked");
 }
 
-TEST_F(AirframeSignature, AnExpiredKeySignsNoMore) {
+TEST_F(AirframeSignature, ByAnExpiredKeyIsRejected) {
   name_signers();
   root_.keys.at(hangar_.public_key().id()).expires = kNow;
   expect_refused(signed_by(hangar_), "key.expired");

@@ -9,7 +9,7 @@ namespace nadir {
 namespace {
 
 // The protocol's own example.
-TEST(Dsse, EncodesAsTheProtocolShows) {
+TEST(Dsse, MatchesTheExampleOfTheProtocol) {
   EXPECT_EQ(as_text(pre_authentication_encoding("http://example.com/HelloWorld", as_bytes("hello world"))),
             "DSSEv1 29 http://example.com/HelloWorld 11 hello world");
 }
@@ -24,7 +24,7 @@ TEST(Dsse, RoundTrips) {
   EXPECT_TRUE(key.public_key().verifies(as_bytes("DSSEv1 4 type 4 body"), back.signatures[0].signature));
 }
 
-TEST(Dsse, RefusesWhatIsNoEnvelope) {
+TEST(Dsse, RejectsInvalidEnvelopes) {
   const std::string id(64, 'a'), sig = to_base64(Bytes(64));
   const std::string good = R"({"keyid":")" + id + R"(","sig":")" + sig + R"("})";
   EXPECT_NO_THROW(parse_envelope(R"({"payloadType":"t","signatures":[)" + good + "]}", "test"));
@@ -50,7 +50,7 @@ TEST(Dsse, RefusesWhatIsNoEnvelope) {
   for (const std::string& text : bad) EXPECT_THROW(parse_envelope(text, "test"), Error) << text;
 }
 
-TEST(Dsse, BoundsTheNumberOfSignatures) {
+TEST(Dsse, LimitsTheNumberOfSignatures) {
   std::string list;
   for (int i = 0; i < 33; ++i) {
     char id[65];

@@ -41,7 +41,7 @@ class BatchDocument : public ::testing::Test {
   PrivateKey key_ = PrivateKey::generate(), other_ = PrivateKey::generate();
 };
 
-TEST_F(BatchDocument, ComesBackAsItWasSigned) {
+TEST_F(BatchDocument, RoundTripsAsSigned) {
   const SignedBatch made = sign_batch(batch(3), key_);
   const SignedBatch read = parse_batch(made.json(), "test");
   EXPECT_EQ(read.document.signed_bytes, made.document.signed_bytes);
@@ -57,7 +57,7 @@ TEST_F(BatchDocument, ComesBackAsItWasSigned) {
   EXPECT_TRUE(check_batch_signature(root_for(read.batch.airframe, key_), read, std::nullopt).findings.empty());
 }
 
-TEST_F(BatchDocument, IsSignedByTheAirframeThatItNames) {
+TEST_F(BatchDocument, IsSignedByItsAirframe) {
   const SignedBatch made = sign_batch(batch(1), key_);
   const std::string airframe = made.batch.airframe;
   EXPECT_TRUE(check_batch_signature(root_for(airframe, other_), made, std::nullopt).findings.contains("key.unknown"));
@@ -72,7 +72,7 @@ TEST_F(BatchDocument, IsSignedByTheAirframeThatItNames) {
       check_batch_signature(root_for(airframe, key_), changed, std::nullopt).findings.contains("signature.invalid"));
 }
 
-TEST_F(BatchDocument, RefusesForms) {
+TEST_F(BatchDocument, RejectsInvalidForms) {
   const std::string good = sign_batch(batch(2), key_).json();
   const std::vector<std::pair<const char*, std::function<void(json&)>>> damages{
       {"another schema", [](json& d) { d["signed"]["schema"] = "nadir.batch/2"; }},
@@ -104,7 +104,7 @@ TEST_F(BatchDocument, RefusesForms) {
   EXPECT_NO_THROW(parse_batch(json::parse(good).dump(2), "test")) << "blanks change nothing";
 }
 
-TEST_F(BatchDocument, RefusesCutsAndDuplicateMembers) {
+TEST_F(BatchDocument, RejectsTruncationAndDuplicateMembers) {
   const std::string good = sign_batch(batch(1), key_).json();
   for (std::size_t size = 0; size < good.size(); size += 13) {
     EXPECT_THROW(parse_batch(good.substr(0, size), "test"), Error) << size;
@@ -118,14 +118,14 @@ TEST_F(BatchDocument, RefusesCutsAndDuplicateMembers) {
   EXPECT_THROW(parse_batch(std::string((4U << 20) + 1, ' '), "test"), Error);
 }
 
-TEST_F(BatchDocument, LimitsHoldForItsMakersToo) {
+TEST_F(BatchDocument, LimitsApplyToWritersToo) {
   EXPECT_THROW(sign_batch(batch(2001), key_), Error);
   Batch twice = batch(2);
   twice.tiles[1] = twice.tiles[0];
   EXPECT_THROW(sign_batch(twice, key_), Error);
 }
 
-TEST_F(BatchDocument, ItsSizeIsKnownBefore) {
+TEST_F(BatchDocument, ItsSizeIsKnownBeforeEncoding) {
   const Batch two = batch(2), three = batch(3);
   const std::uint64_t growth = sign_batch(three, key_).json().size() - sign_batch(two, key_).json().size();
   EXPECT_GE(batch_share(three.tiles[2]), growth);
@@ -133,7 +133,7 @@ TEST_F(BatchDocument, ItsSizeIsKnownBefore) {
   EXPECT_LE(sign_batch(two, key_).json().size(), kBatchFrame + 2 * batch_share(two.tiles[0]) + 10);
 }
 
-TEST_F(BatchDocument, TheExampleOfTheContractIsRead) {
+TEST_F(BatchDocument, ParsesTheExampleOfTheContract) {
   const test::TemporaryFolder folder;
   const auto python =
       test::run_process({NADIR_PYTHON, "-c",

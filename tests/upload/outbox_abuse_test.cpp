@@ -44,7 +44,7 @@ TEST_F(OutboxAbuse, AJournalThatNamesAnotherFileDeletesNothing) {
   EXPECT_NO_THROW(OutboxDatabase(folder_ / "outbox", Access::read));
 }
 
-TEST_F(OutboxAbuse, OtherTablesOrRulesAreRefused) {
+TEST_F(OutboxAbuse, RejectsOtherTablesOrConstraints) {
   stage(2);
   int number = 0;
   for (const char* sql :
@@ -68,7 +68,7 @@ TEST_F(OutboxAbuse, OtherTablesOrRulesAreRefused) {
 }
 
 // What the triggers go by is a table: with another row, a tile goes another way.
-TEST_F(OutboxAbuse, OtherStepsThanOursAreRefusedAndNamed) {
+TEST_F(OutboxAbuse, RejectsUnexpectedStateTransitionsAndNamesThem) {
   stage(1);
   int number = 0;
   for (const auto& [sql, named] : std::initializer_list<std::pair<const char*, const char*>>{
@@ -99,7 +99,7 @@ TEST_F(OutboxAbuse, OtherStepsThanOursAreRefusedAndNamed) {
   }
 }
 
-TEST_F(OutboxAbuse, AForeignDatabaseGetsNoTables) {
+TEST_F(OutboxAbuse, DoesNotCreateTablesInAForeignDatabase) {
   const std::filesystem::path other = folder_ / "foreign";
   std::filesystem::create_directory(other);
   SqliteDatabase::create(other / kOutboxFile).execute("CREATE TABLE letters (a)");
@@ -107,7 +107,7 @@ TEST_F(OutboxAbuse, AForeignDatabaseGetsNoTables) {
   EXPECT_FALSE(SqliteDatabase::open_writable(other / kOutboxFile).has_table("tile"));
 }
 
-TEST_F(OutboxAbuse, AStateOrTimeThatCannotBeIsToldOf) {
+TEST_F(OutboxAbuse, ReportsAnImpossibleStateOrTime) {
   stage(1);
   seal();
   change("UPDATE tile SET state = 'NOWHERE'");
@@ -120,7 +120,7 @@ TEST_F(OutboxAbuse, AStateOrTimeThatCannotBeIsToldOf) {
   }
 }
 
-TEST_F(OutboxAbuse, APackOfAnotherSizeThanItsRowSaysIsNotSent) {
+TEST_F(OutboxAbuse, DoesNotSendAPackWhoseSizeDiffersFromItsRow) {
   stage(1);
   seal();
   transfer_.announced(*transfer_.next_batch(0), answer({0}, {}, {}), 5);

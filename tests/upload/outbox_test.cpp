@@ -36,7 +36,7 @@ TEST_F(Outbox, SealsSignedBatchesOfOneFlightEach) {
 }
 
 // The same bytes at two places: an upload knows tiles by their digest, so they go in two batches.
-TEST_F(Outbox, OneDigestOnceInABatch) {
+TEST_F(Outbox, ABatchContainsEachDigestOnce) {
   std::vector<Candidate> twice{candidate(1), candidate(1)};
   twice[1].sidecar.key.x += 1;
   twice[1].sidecar_bytes = candidate_json(twice[1].sidecar);
@@ -44,7 +44,7 @@ TEST_F(Outbox, OneDigestOnceInABatch) {
   EXPECT_EQ(seal().batches, 2);
 }
 
-TEST_F(Outbox, AnswersMoveTilesAndMakeReadablePacks) {
+TEST_F(Outbox, RepliesAdvanceTilesAndCreateReadablePacks) {
   stage(4);
   seal();
   const OpenBatch batch = *transfer_.next_batch(0);
@@ -75,7 +75,7 @@ TEST_F(Outbox, AnswersMoveTilesAndMakeReadablePacks) {
   EXPECT_FALSE(transfer_.next_pack(batch));
 }
 
-TEST_F(Outbox, AnswersAboutOtherTilesChangeNothing) {
+TEST_F(Outbox, RepliesAboutOtherTilesChangeNothing) {
   stage(3);
   seal();
   const OpenBatch batch = *transfer_.next_batch(0);
@@ -115,7 +115,7 @@ TEST_F(Outbox, VerdictsAreFinal) {
   EXPECT_THROW(transfer_.verdicts(batch, status, 8), WrongAnswer);
 }
 
-TEST_F(Outbox, AForgottenUploadBeginsAgainWithoutThoseThatHaveTheirVerdict) {
+TEST_F(Outbox, AnExpiredUploadRestartsWithoutTilesThatHaveVerdicts) {
   stage(4);
   seal();
   transfer_.announced(*transfer_.next_batch(0), answer({0, 1}, {2}, {3}), 5);
@@ -133,7 +133,7 @@ TEST_F(Outbox, AForgottenUploadBeginsAgainWithoutThoseThatHaveTheirVerdict) {
 }
 
 // It was restored from an older copy, say: tiles that it has judged, and told of, it lacks like all others.
-TEST_F(Outbox, AServiceThatLostWhatItHadJudgedGetsItAgain) {
+TEST_F(Outbox, ResendsTilesThatTheServiceHasLost) {
   stage(3);
   seal();
   transfer_.announced(*transfer_.next_batch(0), answer({}, {0, 1, 2}, {}), 5);
@@ -171,7 +171,7 @@ TEST_F(Outbox, ParkedTilesWaitForTheOperator) {
   EXPECT_TRUE(transfer_.next_batch(0));
 }
 
-TEST_F(Outbox, WhoWaitsLetsOthersGoFirst) {
+TEST_F(Outbox, ADelayedBatchLetsOthersGoFirst) {
   stage(1);
   seal();
   stage(2);
@@ -183,7 +183,7 @@ TEST_F(Outbox, WhoWaitsLetsOthersGoFirst) {
   EXPECT_EQ(transfer_.next_batch(5'000)->attempts, 3);
 }
 
-TEST_F(Outbox, PicturesStayUntilAfterTheVerdict) {
+TEST_F(Outbox, ImagesAreKeptUntilTheVerdict) {
   stage(2);
   seal();
   EXPECT_EQ(prune_blobs(*outbox_, 1'000'000, false).tiles, 0);
@@ -195,7 +195,7 @@ TEST_F(Outbox, PicturesStayUntilAfterTheVerdict) {
   EXPECT_EQ(restage(*outbox_, "too_old", 600), 0) << "without its picture it cannot be sent again";
 }
 
-TEST_F(Outbox, TilesAreTriedAgainOnceTheirBatchIsDone) {
+TEST_F(Outbox, TilesAreRetriedOnceTheirBatchIsDone) {
   stage(2);
   seal();
   transfer_.announced(*transfer_.next_batch(0), answer({}, {0}, {1}), 5);
@@ -209,7 +209,7 @@ TEST_F(Outbox, TilesAreTriedAgainOnceTheirBatchIsDone) {
   EXPECT_EQ(tiles_in(TileState::staged), 1);
 }
 
-TEST_F(Outbox, AFailedTransitionLeavesNothing) {
+TEST_F(Outbox, AFailedTransitionIsRolledBack) {
   stage(2);
   seal();
   EXPECT_THROW(outbox_->transition("test",
@@ -235,14 +235,14 @@ TEST_F(Outbox, DamagedBytesAreNotSent) {
   EXPECT_THROW(transfer_.pack_bytes(pack), Error);
 }
 
-TEST_F(Outbox, OneWriterAndManyReaders) {
+TEST_F(Outbox, AllowsOneWriterAndManyReaders) {
   EXPECT_THROW(OutboxDatabase(folder_ / "outbox", OutboxDatabase::Access::write), Error);
   const OutboxDatabase reader(folder_ / "outbox", OutboxDatabase::Access::read);
   stage(1);
   EXPECT_EQ(report_outbox(reader).states.at(TileState::staged).tiles, 1);
 }
 
-TEST(OldOutbox, IsReadAsItIsAndBroughtUpToDateByWhoeverWrites) {
+TEST(OldOutbox, IsReadUnchangedAndMigratedByTheFirstWriter) {
   const test::TemporaryFolder folder;
   {
     const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::make);

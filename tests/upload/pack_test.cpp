@@ -14,7 +14,7 @@ PackEntry entry_of(std::uint8_t name, std::uint32_t size) {
   return entry;
 }
 
-TEST(Pack, HeadIsWhatTheContractSays) {
+TEST(Pack, HeaderMatchesTheContract) {
   const std::vector<std::string> tiles{"one", std::string(300, 'x')};
   std::vector<PackEntry> entries;
   for (const std::string& tile : tiles) {
@@ -27,7 +27,7 @@ TEST(Pack, HeadIsWhatTheContractSays) {
   EXPECT_EQ(head.size(), whole.size() - 303);
 }
 
-TEST(Pack, RefusesWhatNoPackMayHold) {
+TEST(Pack, RejectsInvalidContents) {
   EXPECT_THROW(pack_size({}), Error);
   const std::vector<std::vector<PackEntry>> wrong{{entry_of(1, 0)},
                                                   {entry_of(1, (1U << 20) + 1)},
@@ -42,7 +42,7 @@ TEST(Pack, RefusesWhatNoPackMayHold) {
   EXPECT_THROW(pack_size(nine), Error) << "nine tiles of 1 MiB are more than 8 MiB";
 }
 
-TEST(Pack, IsFilledButNeverOverfilled) {
+TEST(Pack, IsFilledUpToItsLimit) {
   EXPECT_EQ(entries_of_next_pack({}), 0U);
   EXPECT_EQ(entries_of_next_pack(std::vector{entry_of(1, 10)}), 1U);
   std::vector<PackEntry> entries;
@@ -81,21 +81,21 @@ std::vector<std::string> read(
   return tiles;
 }
 
-TEST(PackReader, GivesTheTilesWhateverThePieces) {
+TEST(PackReader, ReturnsTheTilesForAnyChunking) {
   const std::string pack = pack_of(kTiles);
   for (const std::size_t piece : {std::size_t{1}, std::size_t{7}, std::size_t{12}, std::size_t{4096}, pack.size()}) {
     EXPECT_EQ(read(pack, piece), kTiles) << piece;
   }
 }
 
-TEST(PackReader, RefusesEveryCut) {
+TEST(PackReader, RejectsEveryTruncation) {
   const std::string pack = pack_of(kTiles);
   for (std::size_t size = 0; size < pack.size(); size += 11) {
     EXPECT_THROW(read(pack.substr(0, size), 64, pack.size()), Error) << size;
   }
 }
 
-TEST(PackReader, RefusesLyingSizes) {
+TEST(PackReader, RejectsFalseSizes) {
   const std::string pack = pack_of(kTiles);
   EXPECT_THROW(read(pack, 64, pack.size() - 1), Error);
   EXPECT_THROW(read(pack, 64, pack.size() + 1), Error);
@@ -115,19 +115,19 @@ TEST(PackReader, RefusesLyingSizes) {
 }
 
 // A small head that promises much must not make the reader allocate it: the claimed length bounds the count first.
-TEST(PackReader, AFewBytesCannotPromiseThousandsOfTiles) {
+TEST(PackReader, RejectsMoreTilesThanTheBytesCanHold) {
   const std::string pack = "NADIRPK1" + big_endian(2000) + std::string(60, 'x');
   EXPECT_THROW(read(pack, 64), Error);
 }
 
-TEST(PackReader, RefusesSwappedTiles) {
+TEST(PackReader, RejectsSwappedTiles) {
   std::string pack = pack_of({"aaaa", "bbbb"});
   std::swap_ranges(pack.end() - 8, pack.end() - 4, pack.end() - 4);
   EXPECT_THROW(read(pack, 64), Error);
   EXPECT_THROW(read(pack_of({"aaaa", "aaaa"}), 64), Error) << "one twice";
 }
 
-TEST(PackReader, RefusesWhatWasNotAnnouncedBeforeAnyTileIsTaken) {
+TEST(PackReader, RejectsUnannouncedTilesBeforeAcceptingAny) {
   int taken = 0;
   const std::string pack = pack_of(kTiles);
   PackReader reader(
@@ -137,7 +137,7 @@ TEST(PackReader, RefusesWhatWasNotAnnouncedBeforeAnyTileIsTaken) {
   EXPECT_EQ(taken, 0);
 }
 
-TEST(PackReader, EveryFlippedBitIsNoticed) {
+TEST(PackReader, DetectsEveryFlippedBit) {
   const std::string pack = pack_of({"some tile", "another tile"});
   for (std::size_t at = 0; at < pack.size(); ++at) {
     std::string flipped = pack;

@@ -9,7 +9,7 @@
 namespace nadir {
 namespace {
 
-TEST(ReasonCode, NamesComeBack) {
+TEST(ReasonCode, NamesRoundTrip) {
   std::set<std::string_view> names;
   for (const ReasonCode code : all_reason_codes()) {
     EXPECT_TRUE(names.insert(name_of(code)).second);
@@ -23,7 +23,7 @@ TEST(ReasonCode, NamesComeBack) {
 }
 
 // The contract lists the same codes: one text for both sides.
-TEST(ReasonCode, IsTheListOfTheContract) {
+TEST(ReasonCode, MatchesTheListOfTheContract) {
   const std::string contract = read_text_file(std::filesystem::path(NADIR_SCHEMAS) / "candidates.openapi.yaml");
   const std::size_t from = contract.find("enum: [", contract.find("    ReasonCode:\n"));
   ASSERT_NE(from, std::string::npos);

@@ -37,7 +37,7 @@ json status() {
         {{"sha256", kC}, {"verdict", "pending"}, {"code", nullptr}, {"detail", ""}, {"retryable", false}}}}};
 }
 
-TEST(Replies, AreRead) {
+TEST(Replies, AreParsed) {
   const AnnouncementReply read = parse_announcement(announcement().dump());
   EXPECT_EQ(read.upload, "upload-01");
   EXPECT_EQ(read.missing.at(0).hex(), kA);
@@ -52,7 +52,7 @@ TEST(Replies, AreRead) {
   EXPECT_EQ(judged.tiles[2].kind, VerdictReply::Kind::pending);
 }
 
-TEST(Replies, RefuseForms) {
+TEST(Replies, RejectInvalidForms) {
   const std::vector<std::function<void(json&)>> damages{
       [](json& d) { d["upload_id"] = "../../admin"; },
       [](json& d) { d["upload_id"] = "short"; },
@@ -88,7 +88,7 @@ TEST(Replies, RefuseForms) {
   EXPECT_THROW(parse_upload_status(unknown.dump()), Error) << "rejected for no reason";
 }
 
-TEST(Replies, RefuseCutsAndNoise) {
+TEST(Replies, RejectTruncationAndNoise) {
   const std::string good = announcement().dump();
   for (std::size_t size = 0; size < good.size(); ++size) {
     EXPECT_THROW(parse_announcement(good.substr(0, size)), Error) << size;
@@ -98,7 +98,7 @@ TEST(Replies, RefuseCutsAndNoise) {
   EXPECT_THROW(parse_announcement(std::string(100'000, '[')), Error);
 }
 
-TEST(Replies, ProblemsAreToldSafely) {
+TEST(Replies, ProblemsAreReportedWithoutEscapeSequences) {
   EXPECT_EQ(problem_text(R"({"title":"Conflict","detail":"byte 7","status":409,"type":"x"})"), "Conflict: byte 7");
   EXPECT_EQ(problem_text(R"({"title":"A\u001b[2J","detail":"b"})"), "A?[2J: b");
   EXPECT_EQ(problem_text(""), "without a body");
@@ -108,7 +108,7 @@ TEST(Replies, ProblemsAreToldSafely) {
 constexpr std::int64_t kExample_s = 784'111'777;  // date -u -d "1994-11-06 08:49:37" +%s
 
 // The examples of RFC 9110.
-TEST(HttpDate, ReadsItsThreeForms) {
+TEST(HttpDate, ParsesTheThreeFormats) {
   for (const char* text :
        {"Sun, 06 Nov 1994 08:49:37 GMT", "Sunday, 06-Nov-94 08:49:37 GMT", "Sun Nov  6 08:49:37 1994"}) {
     const auto time = parse_http_date(text);
@@ -122,7 +122,7 @@ TEST(HttpDate, ReadsItsThreeForms) {
   EXPECT_EQ(parse_http_date("Tuesday, 31-Dec-69 23:59:59 GMT")->unix_s, 3'155'759'999);
 }
 
-TEST(HttpDate, ReadsNothingElse) {
+TEST(HttpDate, RejectsOtherFormats) {
   const std::string good = "Sun, 06 Nov 1994 08:49:37 GMT";
   for (std::size_t length = 0; length < good.size(); ++length) EXPECT_FALSE(parse_http_date(good.substr(0, length)));
   for (const std::string good_too : {"Sunday, 06-Nov-94 08:49:37 GMT", "Sun Nov  6 08:49:37 1994"}) {
@@ -145,7 +145,7 @@ TEST(HttpDate, ReadsNothingElse) {
   }
 }
 
-TEST(ServiceAddress, IsSecureOrHere) {
+TEST(ServiceAddress, IsHttpsOrLocalhost) {
   EXPECT_EQ(checked_service_address("https://tiles.example.org"), "https://tiles.example.org");
   EXPECT_EQ(checked_service_address("https://tiles.example.org:8443/nadir//"), "https://tiles.example.org:8443/nadir");
   EXPECT_EQ(checked_service_address("http://localhost:8760/"), "http://localhost:8760");
@@ -153,7 +153,7 @@ TEST(ServiceAddress, IsSecureOrHere) {
   EXPECT_NO_THROW(checked_service_address("http://[::1]:8760"));
 }
 
-TEST(ServiceAddress, RefusesTheRest) {
+TEST(ServiceAddress, RejectsOtherAddresses) {
   for (const char* text : {"", "/", "tiles.example.org", "http://tiles.example.org", "http://localhost.example.org",
                            "http://127.0.0.1.example.org", "ftp://localhost", "file:///etc/passwd", "https://",
                            "https://me:secret@example.org", "https://example.org/?a=b", "https://example.org/#a",

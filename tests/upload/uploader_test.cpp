@@ -30,7 +30,7 @@ TEST(BackOff, IsRandomUpToADoublingLimit) {
   }
 }
 
-TEST(BackOff, WhatTheServiceAsksForGoesFirst) {
+TEST(BackOff, TheDelayRequestedByTheServiceHasPrecedence) {
   Random random(1);
   EXPECT_EQ(back_off_ms(9, 7, random), 7'000);
   EXPECT_EQ(back_off_ms(0, 0, random), 0);
@@ -134,7 +134,7 @@ class Upload : public test::OutboxFixture {
   std::vector<std::string> log_;
 };
 
-TEST_F(Upload, GoesTheWholeWay) {
+TEST_F(Upload, GoesFromAnnouncementToVerdict) {
   stage(3);
   seal();
   const UploadOutcome outcome = run();
@@ -149,7 +149,7 @@ TEST_F(Upload, GoesTheWholeWay) {
   EXPECT_EQ(run().verdicts.accepted, 0) << "nothing is left to do";
 }
 
-TEST_F(Upload, PartsAreNeverLargerThanTheServiceTakes) {
+TEST_F(Upload, PartsAreNeverLargerThanTheServiceAccepts) {
   stage(3);
   seal();
   const UploadOutcome outcome = run();
@@ -168,7 +168,7 @@ TEST_F(Upload, WaitsAsLongAsTheServiceSays) {
 }
 
 // By the service's clock, which its own Date tells: ours may be wrong by years.
-TEST_F(Upload, ADateToWaitUntilCountsFromTheReplysOwn) {
+TEST_F(Upload, ARetryDateIsRelativeToTheDateOfTheReply) {
   stage(1);
   seal();
   const auto until = [](const char* time) {
@@ -180,7 +180,7 @@ TEST_F(Upload, ADateToWaitUntilCountsFromTheReplysOwn) {
   EXPECT_EQ(clock_.waits_ms, (std::vector<std::int64_t>{120'000, 86'400'000})) << "a day at most; then at once";
 }
 
-TEST_F(Upload, ADateThatNobodyCanPlaceLeavesItToTheBackOff) {
+TEST_F(Upload, AnInvalidRetryDateFallsBackToTheBackOff) {
   stage(1);
   seal();
   service_.first = {problem(503, {{"retry-after", "Sun, 06 Nov 2094 08:51:37 GMT"}}),
@@ -192,7 +192,7 @@ TEST_F(Upload, ADateThatNobodyCanPlaceLeavesItToTheBackOff) {
 }
 
 // Each run is a program of its own that gives up at the first wait.
-TEST_F(Upload, ARestartForgetsNeitherWaitsNorStrikes) {
+TEST_F(Upload, ARestartKeepsDelaysAndFailureCounts) {
   stage(2);
   seal();
   stage(4);
@@ -216,7 +216,7 @@ TEST_F(Upload, ARestartForgetsNeitherWaitsNorStrikes) {
   EXPECT_EQ(runs, 5);
 }
 
-TEST_F(Upload, TryingAgainByHandForgivesStrikes) {
+TEST_F(Upload, AManualRetryResetsFailureCounts) {
   stage(1);
   seal();
   const OpenBatch batch = *transfer_.next_batch(clock_.now_ms());
@@ -230,7 +230,7 @@ TEST_F(Upload, TryingAgainByHandForgivesStrikes) {
   EXPECT_EQ(transfer_.count_failure(batch, "forgotten"), 1);
 }
 
-TEST_F(Upload, AnAttemptThatAWrongClockPutOffForYearsIsDueInADay) {
+TEST_F(Upload, AnAttemptDelayedByAWrongClockIsDueWithinADay) {
   stage(1);
   seal();
   transfer_.delay(*transfer_.next_batch(0), 3, clock_.now_ms() + 900 * std::int64_t{86'400'000}, "no route");
@@ -238,7 +238,7 @@ TEST_F(Upload, AnAttemptThatAWrongClockPutOffForYearsIsDueInADay) {
   EXPECT_EQ(clock_.waits_ms, (std::vector<std::int64_t>{86'400'000}));
 }
 
-TEST_F(Upload, WaitsLongerAndLongerOtherwise) {
+TEST_F(Upload, BacksOffExponentiallyOtherwise) {
   stage(1);
   seal();
   for (int i = 0; i < 12; ++i) service_.first.push_back(NoReply{"no route"});
@@ -249,7 +249,7 @@ TEST_F(Upload, WaitsLongerAndLongerOtherwise) {
   }
 }
 
-TEST_F(Upload, PatienceEnds) {
+TEST_F(Upload, GivesUpAfterThePatienceLimit) {
   stage(1);
   seal();
   for (int i = 0; i < 100; ++i) service_.first.push_back(NoReply{"no route"});
@@ -259,7 +259,7 @@ TEST_F(Upload, PatienceEnds) {
   EXPECT_EQ(tiles_in(TileState::sealed), 1);
 }
 
-TEST_F(Upload, AsksForTheOffsetAfterABreak) {
+TEST_F(Upload, RequestsTheOffsetAfterAnInterruption) {
   stage(2);
   seal();
   ASSERT_EQ(run().verdicts.accepted, 2);
@@ -287,7 +287,7 @@ TEST_F(Upload, TakesTheRightOffsetFromAConflict) {
   EXPECT_EQ(outcome.body_bytes, pack.size) << "sent once, and then the service had it all";
 }
 
-TEST_F(Upload, WaitsForACallThatStillWritesThePack) {
+TEST_F(Upload, WaitsForAConcurrentWriteOfThePack) {
   stage(2);
   seal();
   transfer_.announced(*transfer_.next_batch(0), answer({0, 1}, {}, {}), 5);
@@ -302,7 +302,7 @@ TEST_F(Upload, WaitsForACallThatStillWritesThePack) {
   EXPECT_EQ(clock_.waits_ms, std::vector<std::int64_t>(30, 2'000));
 }
 
-TEST_F(Upload, StopsAtOnceForATokenThatIsNotAccepted) {
+TEST_F(Upload, StopsImmediatelyOnARejectedToken) {
   stage(1);
   seal();
   for (const int status : {401, 403}) {
@@ -314,7 +314,7 @@ TEST_F(Upload, StopsAtOnceForATokenThatIsNotAccepted) {
   EXPECT_THROW(run(), Error);
 }
 
-TEST_F(Upload, ParksWhatTheServiceWillNeverTake) {
+TEST_F(Upload, ParksTilesThatTheServiceWillNeverAccept) {
   for (const int status : {400, 411, 415, 422}) {
     stage(status - 399);  // each time at least one more
     seal();
@@ -323,7 +323,7 @@ TEST_F(Upload, ParksWhatTheServiceWillNeverTake) {
   }
 }
 
-TEST_F(Upload, AnnouncesAgainWhatTheServiceForgot) {
+TEST_F(Upload, AnnouncesAgainWhatTheServiceNoLongerKnows) {
   stage(2);
   seal();
   transfer_.announced(*transfer_.next_batch(0), answer({0, 1}, {}, {}), 5);
@@ -332,7 +332,7 @@ TEST_F(Upload, AnnouncesAgainWhatTheServiceForgot) {
   EXPECT_EQ(service_.calls.at(1), "POST uploads");
 }
 
-TEST_F(Upload, NonsenseIsTriedAgainButNotForEver) {
+TEST_F(Upload, InvalidRepliesAreRetriedALimitedNumberOfTimes) {
   stage(1);
   seal();
   for (int i = 0; i < 3; ++i) service_.first.push_back(HttpReply{200, {}, "<html>"});

@@ -45,7 +45,7 @@ TEST(FeatureMatching, TheLargestDistanceFits) {
   EXPECT_EQ(found[0].second, 1U);
 }
 
-TEST(FeatureMatching, NoMatchWithoutASecondNearest) {
+TEST(FeatureMatching, NoMatchWithoutASecondNearestNeighbour) {
   const FeatureDescriptors some(random_descriptors(5, 3)), one(random_descriptors(1, 4)), none{cv::Mat()};
   EXPECT_TRUE(unambiguous_matches(some, one, 0.85).empty());
   EXPECT_TRUE(unambiguous_matches(some, none, 0.85).empty());
