@@ -176,7 +176,7 @@ Opening NadirdCommand::open_verified(Context& context) {
   opening.findings.add(request_.findings());
   opening.findings.add(evaluate_airframe(opening, options.at));
   opening.findings.add(evaluate_tile_key(opening, options.at));
-  if (opening.findings.refuses()) opening.package.reset();
+  if (opening.findings.has_errors()) opening.package.reset();
   if (opening.package) request_.record_acceptance(opening.package->manifest(), opening.root_version, opening.newer_roots);
   return opening;
 }

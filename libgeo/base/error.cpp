@@ -35,16 +35,16 @@ std::string_view name_of(Severity severity) {
   switch (severity) {
     case Severity::note: return "note";
     case Severity::warning: return "warning";
-    case Severity::refuse: return "refuse";
+    case Severity::error: return "refuse";
   }
   return "refuse";
 }
 
 void Findings::add(const Findings& others) { items_.insert(items_.end(), others.items_.begin(), others.items_.end()); }
 
-bool Findings::refuses() const {
+bool Findings::has_errors() const {
   return std::any_of(items_.begin(), items_.end(),
-                     [](const Finding& finding) { return finding.severity == Severity::refuse; });
+                     [](const Finding& finding) { return finding.severity == Severity::error; });
 }
 
 bool Findings::contains(std::string_view code) const {
@@ -52,7 +52,8 @@ bool Findings::contains(std::string_view code) const {
 }
 
 std::string to_text(const Finding& finding) {
-  return with_lines(finding.code + " (" + std::string(name_of(finding.severity)) + ")", finding);
+  const std::string_view severity = finding.severity == Severity::error ? "error" : name_of(finding.severity);
+  return with_lines(fmt::format("{} ({})", finding.code, severity), finding);
 }
 
 }  // namespace nadir

@@ -55,13 +55,15 @@ class Interrupted : public std::runtime_error {
 // The text of errno for messages: "No space left on device".
 std::string system_error_text(int error_number);
 
-enum class Severity { note, warning, refuse };
+// An error means that the subject must not be used.
+enum class Severity { note, warning, error };
 
+// The name in JSON, CSV and Markdown: an error is "refuse" there.
 std::string_view name_of(Severity severity);
 
 struct Finding {
   std::string code;
-  Severity severity = Severity::refuse;
+  Severity severity = Severity::error;
   std::string where{};
   std::string expected{};
   std::string found{};
@@ -73,8 +75,8 @@ class Findings {
   void add(Finding finding) { items_.push_back(std::move(finding)); }
   void add(const Findings& others);
 
-  // True when at least one finding means that the subject must not be used (exit code 1).
-  bool refuses() const;
+  // True when the subject is rejected (exit code 1).
+  bool has_errors() const;
   bool contains(std::string_view code) const;
   bool empty() const { return items_.empty(); }
   const std::vector<Finding>& items() const { return items_; }

@@ -223,7 +223,7 @@ std::vector<Sha256> CandidateCatalogue::forget_upload(std::int64_t upload) {
   const std::set<Sha256> about = packs_about(upload);
   database_.change(fmt::format("DELETE FROM {} WHERE tile IN (SELECT id FROM {} WHERE upload = {})",
                                database_.of("verdicts"), database_.of("tiles"), upload),
-                   "forgetting an upload");
+                   "removing an upload");
   database_.erase("tiles", "upload", upload);
   std::vector<Sha256> packs = drop_dead(about);
   database_.erase("packs", "upload", upload);
@@ -390,7 +390,7 @@ CatalogueCounts CandidateCatalogue::counts() {
 void CandidateCatalogue::add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes,
                                   std::span<const PackedTile> tiles, const std::function<void()>& keep) {
   CatalogueTransaction transaction(database_);
-  if (!this->upload(upload)) throw Error({.what = "the upload of this pack is forgotten", .where = pack.hex()});
+  if (!this->upload(upload)) throw Error({.what = "the upload of this pack has been removed", .where = pack.hex()});
   std::vector<Sha256> names;
   for (const PackedTile& tile : tiles) names.push_back(tile.sha256);
   std::map<std::string, std::string> there;  // the packs of tiles that another upload has brought
@@ -457,7 +457,7 @@ std::vector<Sha256> CandidateCatalogue::drop_dead(std::set<Sha256> packs) {
   std::vector<Sha256> dead(packs.begin(), packs.end());
   if (!dead.empty()) {
     database_.change(fmt::format("DELETE FROM {} WHERE pack IN ({})", database_.of("blobs"), quoted(dead)),
-                     "forgetting packs");
+                     "removing packs");
   }
   return dead;
 }
@@ -482,7 +482,7 @@ void CandidateCatalogue::forget_bytes(std::span<const Sha256> tiles) {
       fmt::format("DELETE FROM {0} WHERE sha256 IN ({1}) AND sha256 NOT IN (SELECT t.sha256 FROM {2} t LEFT JOIN {3} v "
                   "ON v.tile = t.id WHERE t.sha256 IN ({1}) AND (v.verdict IS NULL OR v.verdict = 0))",
                   database_.of("blobs"), digests, database_.of("tiles"), database_.of("verdicts")),
-      "forgetting damaged tiles");
+      "removing damaged tiles");
 }
 
 std::set<Sha256> CandidateCatalogue::packs() {
@@ -614,15 +614,15 @@ std::int64_t CandidateCatalogue::withdraw(const std::set<std::string>& keys) {
   if (count == 0) return 0;
   const std::string there = fmt::format("(z, x, y) IN (SELECT t.z, t.x, t.y {})", theirs);
   database_.change(fmt::format("UPDATE {} SET current = 0 WHERE current = 1 AND {}", database_.of("promotions"), there),
-                   "taking promotions back");
+                   "revoking promotions");
   database_.change(fmt::format("UPDATE {} SET to_vote = 1 WHERE verdict = 0 AND tile IN (SELECT id FROM {} WHERE {})",
                                verdicts, tiles, there),
-                   "asking for votes again");
+                   "requesting new votes");
   database_.change(fmt::format("UPDATE {} SET verdict = {}, code = '{}', detail = '{}', to_vote = 0 WHERE verdict = 0 "
                                "AND tile IN (SELECT id FROM {} WHERE keyid IN ({}))",
                                verdicts, static_cast<int>(Verdict::rejected), name_of(ReasonCode::airframe_revoked),
                                kRevokedLater, tiles, list),
-                   "taking verdicts back");
+                   "revoking verdicts");
   transaction.commit();
   return count;
 }

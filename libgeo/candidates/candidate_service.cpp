@@ -43,7 +43,7 @@ Refusal refusal_from(const Findings& findings) {
   const bool revoked = findings.contains("key.revoked");
   std::string detail;
   for (const Finding& finding : findings.items()) {
-    if (finding.severity == Severity::refuse && detail.empty())
+    if (finding.severity == Severity::error && detail.empty())
       detail = fmt::format("{}: {}", finding.code, finding.found);
   }
   return {.code = revoked ? ReasonCode::airframe_revoked : ReasonCode::batch_signature, .detail = std::move(detail)};
@@ -68,7 +68,7 @@ ServiceFault CandidateService::fault() {
   try {
     catalogue_.call([](CandidateCatalogue& catalogue) { catalogue.probe(); });
   } catch (const Error& error) {
-    return {.reason = "the catalogue does not answer: " + error.text().what, .fails = true};
+    return {.reason = "the catalogue does not respond: " + error.text().what, .fails = true};
   }
   if (trust_.current()->expires <= clock_.now()) return {.reason = "the trust root has expired", .fails = true};
   if (no_room(0)) return {.reason = "the disk is full", .fails = true};
@@ -92,11 +92,11 @@ std::vector<std::optional<Refusal>> CandidateService::check_batch(const SignedBa
     return refusals;
   };
   const auto root = trust_.current();
-  if (const SignatureCheck check = check_batch_signature(*root, signed_batch, now); check.findings.refuses()) {
+  if (const SignatureCheck check = check_batch_signature(*root, signed_batch, now); check.findings.has_errors()) {
     return all(refusal_from(check.findings));
   }
   if (batch.created_at.unix_s * 1000 > now.unix_s * 1000 + options_.rules.max_clock_error_ms) {
-    return all({.code = ReasonCode::captured_in_future, .detail = "the batch was made ahead of this clock"});
+    return all({.code = ReasonCode::captured_in_future, .detail = "the batch's time is ahead of this clock"});
   }
   if (!maps_.takes(batch.base_package)) {
     return all({.code = ReasonCode::base_package_unknown, .detail = "this package was not given to the service"});
@@ -110,13 +110,13 @@ std::vector<std::optional<Refusal>> CandidateService::check_batch(const SignedBa
   if (used + bytes > options_.rules.quota_bytes) {
     return all(
         {.code = ReasonCode::quota,
-         .detail = fmt::format("{} bytes lately, and {} more; at most {}", used, bytes, options_.rules.quota_bytes)});
+         .detail = fmt::format("{} bytes recently, and {} more; at most {}", used, bytes, options_.rules.quota_bytes)});
   }
   for (std::size_t i = 0; i < refusals.size(); ++i) {
     const BatchTile& tile = batch.tiles[i];
     const SignatureCheck check =
         check_candidate_signature(*root, tile.sidecar, tile.sidecar_bytes, tile.signature, now);
-    refusals[i] = check.findings.refuses() ? std::optional(refusal_from(check.findings))
+    refusals[i] = check.findings.has_errors() ? std::optional(refusal_from(check.findings))
                                            : check_announced(tile.sidecar, batch.created_at, now, options_.rules);
   }
   return refusals;
@@ -201,7 +201,7 @@ Answer<Announcement> CandidateService::announce(const UploadClient& client, cons
     });
     if (refused >= options_.rules.refused_batches) {
       return Denial{.kind = Kind::too_many,
-                    .detail = "too many batches of which no tile is taken; the first is: " + refusals.front()->detail};
+                    .detail = "too many batches without an accepted tile; the first reason: " + refusals.front()->detail};
     }
   }
   const auto stored = catalogue_.call([&](CandidateCatalogue& catalogue) {
@@ -331,7 +331,7 @@ Answer<PackOffset> CandidateService::offset(const UploadClient& client, const st
     return PackOffset{.offset = pack->length, .length = pack->length};
   }
   if (pack) return PackOffset{.offset = pack->offset};
-  return Denial{.kind = Kind::pack_unknown, .detail = "nothing of this pack has come"};
+  return Denial{.kind = Kind::pack_unknown, .detail = "no part of this pack has been received"};
 }
 
 // Removes the pack that has rested for longest; its sender would begin again. True: there is room.
@@ -352,14 +352,14 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
   if (const auto* denial = std::get_if<Denial>(&found)) return *denial;
   const auto& upload = std::get<UploadRow>(found);
   if (nadir::sha256(part) != header.digest) {
-    return Denial{.kind = Kind::digest_mismatch, .detail = "the part's SHA-256 is another one; nothing of it is kept"};
+    return Denial{.kind = Kind::digest_mismatch, .detail = "the part's SHA-256 does not match; the part was discarded"};
   }
   if (part.empty()) return Denial{.kind = Kind::malformed, .detail = "a part has at least one byte"};
   const auto size =
       catalogue_.call([&](CandidateCatalogue& catalogue) { return catalogue.pack_size(upload.id, sha256); });
   const auto elsewhere = [](std::uint64_t offset) {
     return Denial{
-        .kind = Kind::offset_mismatch, .detail = fmt::format("the pack goes on at byte {}", offset), .offset = offset};
+        .kind = Kind::offset_mismatch, .detail = fmt::format("the pack continues at byte {}", offset), .offset = offset};
   };
   if (size) return elsewhere(*size);
   const PackClaim busy(*this, name, sha256);
@@ -495,7 +495,7 @@ TileVerdict CandidateService::evaluate_tile(const TileRow& tile, const Candidate
     return verdict;
   };
   if (tile.blob->bytes != sidecar.size) {
-    return rejected({.code = ReasonCode::hash_mismatch, .detail = "the bytes that are there have another size"});
+    return rejected({.code = ReasonCode::hash_mismatch, .detail = "the existing bytes have a different size"});
   }
   const auto read = read_candidate_image(packs_.read(*tile.blob, sidecar.sha256), sidecar);
   if (const auto* refusal = std::get_if<Refusal>(&read)) return rejected(*refusal);
@@ -516,7 +516,7 @@ TileVerdict CandidateService::evaluate_tile(const TileRow& tile, const Candidate
                                                    static_cast<double>(base->ce90_mm) / kCe90OverSigma, options_.rules);
   if (shift_mm > allowed_mm) {
     return rejected({.code = ReasonCode::misaligned,
-                     .detail = fmt::format("{} mm beside the base package's map; at most {}", shift_mm, allowed_mm)});
+                     .detail = fmt::format("{} mm off the base package's map; at most {}", shift_mm, allowed_mm)});
   }
   return verdict;
 }
@@ -594,11 +594,11 @@ bool CandidateService::evaluate_some(std::int64_t id) {
           if (verdict.verdict != Verdict::accepted) return;
           if (rivals.same_bytes) {
             verdict.verdict = Verdict::duplicate;
-            verdict.detail = "this very tile was accepted before";
+            verdict.detail = "this tile was already accepted";
           } else if (rivals.of_flight_mm && static_cast<double>(*rivals.of_flight_mm) <= cost_mm(sidecar)) {
             verdict.verdict = Verdict::rejected;
             verdict.refusal = Refusal{.code = ReasonCode::better_tile_exists,
-                                      .detail = "this flight has sent a better one of this place"};
+                                      .detail = "this flight has sent a better tile of this address"};
           }
         });
     if (!done) return;

@@ -39,7 +39,7 @@ void PackStore::adopt(const fs::path& file, const Sha256& pack) {
     if (!code) fs::rename(beside, target, code);
   }
   if (code && !fs::exists(target)) {
-    throw Error({.what = "a pack cannot be put into place", .where = target, .found = code.message()});
+    throw Error({.what = "cannot move a pack into place", .where = target, .found = code.message()});
   }
   sync_to_disk(target);  // a part that a killed process wrote may not be there yet
   sync_to_disk(target.parent_path());

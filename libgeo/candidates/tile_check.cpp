@@ -36,7 +36,7 @@ std::optional<Refusal> check_time(UtcMillis captured_at, UtcTime announced_at, U
                    fmt::format("captured {} s ahead of this clock", (captured_ms - now_ms) / 1000));
   }
   if (captured_ms > announced_at.unix_s * 1000 + rules.max_clock_error_ms) {
-    return refusal(ReasonCode::captured_in_future, "captured after its batch was made");
+    return refusal(ReasonCode::captured_in_future, "captured after its batch was created");
   }
   if (captured_ms < now_ms - rules.max_age_ms) {
     return refusal(ReasonCode::too_old, fmt::format("captured {} days ago; at most {}",
@@ -48,7 +48,7 @@ std::optional<Refusal> check_time(UtcMillis captured_at, UtcTime announced_at, U
 std::optional<Refusal> check_place(const CandidateSidecar& sidecar, const CandidateRules& rules) {
   if (!sidecar.key.valid() || sidecar.key.z < rules.min_zoom || sidecar.key.z > rules.max_zoom) {
     return refusal(ReasonCode::address_invalid,
-                   fmt::format("{}/{}/{}; zooms {} to {} are taken", sidecar.key.z, sidecar.key.x, sidecar.key.y,
+                   fmt::format("{}/{}/{}; zooms {} to {} are accepted", sidecar.key.z, sidecar.key.x, sidecar.key.y,
                                rules.min_zoom, rules.max_zoom));
   }
   if (sidecar.source != SourceLabel::satellite_anchored) {
@@ -73,10 +73,10 @@ std::optional<Refusal> check_place(const CandidateSidecar& sidecar, const Candid
 std::optional<Refusal> check_quality(const CandidateQuality& quality, const CandidateRules& rules) {
   constexpr std::int64_t kAll_ppm = 1'000'000;
   if (quality.overlap_ppm < kAll_ppm) {
-    return refusal(ReasonCode::policy, "the frame saw a part of the tile only; whole tiles are taken");
+    return refusal(ReasonCode::policy, "the frame shows only part of the tile; only complete tiles are accepted");
   }
   if (quality.contrast_ppm < rules.min_contrast_ppm || quality.clipped_ppm > rules.max_clipped_ppm) {
-    return refusal(ReasonCode::low_texture, "its own figures say so");
+    return refusal(ReasonCode::low_texture, "according to its own sidecar");
   }
   return std::nullopt;
 }
@@ -104,11 +104,11 @@ double view_angle_rad(const CandidateSidecar& sidecar, double sigmas) {
 std::optional<Refusal> check_announced(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
                                        const CandidateRules& rules) {
   if (sidecar.size < rules.min_tile_bytes || sidecar.size > rules.max_tile_bytes) {
-    return refusal(ReasonCode::size_out_of_range, fmt::format("{} bytes; {} to {} are taken", sidecar.size,
+    return refusal(ReasonCode::size_out_of_range, fmt::format("{} bytes; {} to {} are accepted", sidecar.size,
                                                               rules.min_tile_bytes, rules.max_tile_bytes));
   }
   if (sidecar.format != ImageFormat::jpeg && sidecar.format != ImageFormat::webp) {
-    return refusal(ReasonCode::format_unsupported, "JPEG and WebP are taken");
+    return refusal(ReasonCode::format_unsupported, "JPEG and WebP are accepted");
   }
   if (auto wrong = check_place(sidecar, rules)) return wrong;
   if (auto wrong = check_time(sidecar.captured_at, announced_at, now, rules)) return wrong;
@@ -154,7 +154,7 @@ std::variant<cv::Mat, Refusal> read_candidate_image(ByteView bytes, const Candid
     }
     const DecodedImage decoded = decode_image(bytes, Colour::grey, "tile");
     if (!decoded.alpha.empty() && cv::countNonZero(decoded.alpha != 255) > 0) {
-      return unsupported("it is transparent in places; whole tiles are taken");
+      return unsupported("partly transparent; only complete tiles are accepted");
     }
     return decoded.image;
   } catch (const Error& error) {

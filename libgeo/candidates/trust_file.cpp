@@ -14,7 +14,7 @@ std::string why_rejected(const SignedRoot& trusted, const SignedRoot& next) {
   Findings findings = check_self(next);
   findings.add(check_succession(trusted.root, next));
   for (const Finding& finding : findings.items()) {
-    if (finding.severity == Severity::refuse) {
+    if (finding.severity == Severity::error) {
       return fmt::format("{}: expected {}, found {}", finding.code, finding.expected, finding.found);
     }
   }

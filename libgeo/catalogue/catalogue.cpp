@@ -277,7 +277,7 @@ void check_mission_file(const std::filesystem::path& package, const Manifest& ma
     reading.findings.add({.code = "artifact.hash",
                           .where = std::string(kMissionFile),
                           .expected = "the digest in the manifest",
-                          .found = "other bytes",
+                          .found = "different bytes",
                           .fix = "get the package again from its source"});
     return;
   }
@@ -303,7 +303,7 @@ CatalogueReading read_unverified(const std::filesystem::path& package, Progress&
   }
   TileSetCheck check = check_tile_set(package / imagery->path, *imagery->tiles, VerifyDepth::quick, progress);
   reading.findings.add(check.findings);
-  if (reading.findings.refuses() || !mission) return reading;
+  if (reading.findings.has_errors() || !mission) return reading;
   reading.entry = CatalogueEntry{std::move(*manifest.manifest), {}, std::move(*mission), std::move(check.sidecars), {}};
   return reading;
 }

@@ -20,19 +20,19 @@ nlohmann::json json_from(const Findings& findings) {
                      {"found", finding.found},
                      {"fix", finding.fix}});
   }
-  return {{"accepted", !findings.refuses()}, {"findings", std::move(items)}};
+  return {{"accepted", !findings.has_errors()}, {"findings", std::move(items)}};
 }
 
 void print_findings(std::ostream& out, const Findings& findings) {
   std::size_t counts[3] = {};
-  for (const Severity severity : {Severity::refuse, Severity::warning, Severity::note}) {
+  for (const Severity severity : {Severity::error, Severity::warning, Severity::note}) {
     for (const Finding& finding : findings.items()) {
       if (finding.severity != severity) continue;
       ++counts[static_cast<std::size_t>(severity)];
       out << to_text(finding) << '\n';
     }
   }
-  const std::size_t errors = counts[static_cast<std::size_t>(Severity::refuse)];
+  const std::size_t errors = counts[static_cast<std::size_t>(Severity::error)];
   const std::size_t warnings = counts[static_cast<std::size_t>(Severity::warning)];
   out << (errors == 0 ? "accepted" : "REJECTED: " + count(errors, "error"));
   if (warnings != 0) out << ", " << count(warnings, "warning");
@@ -51,7 +51,7 @@ int report_findings(std::ostream& out, bool as_json, const Findings& findings, c
   } else {
     print_findings(out, findings);
   }
-  return findings.refuses() ? kRefused : kAccepted;
+  return findings.has_errors() ? kRefused : kAccepted;
 }
 
 int report_findings(std::ostream& out, bool as_json, const Findings& findings) {

@@ -456,7 +456,7 @@ AnchorMatch Localizer::Impl::match_lost(const cv::Mat& grey, const AnchorPrior& 
 void Localizer::hint(const LonLat& at, double radius_m) {
   const bool place = std::abs(at.lon_deg) <= 180 && std::abs(at.lat_deg) <= 90;  // false for NaN too
   if (!place || !(radius_m > 0) || !std::isfinite(radius_m)) {
-    throw UsageError({.what = "the hint is no place",
+    throw UsageError({.what = "the hint is not a valid place",
                       .expected = "longitude, latitude and a radius above 0 m",
                       .found = std::to_string(at.lon_deg) + "," + std::to_string(at.lat_deg) + " within " +
                                std::to_string(radius_m) + " m"});

@@ -12,12 +12,12 @@ namespace {
 const char* title_of(int status) {
   switch (status) {
     case 400: return "Bad request";
-    case 401: return "Token wanted";
+    case 401: return "Token required";
     case 403: return "Not allowed";
     case 404: return "Not found";
     case 405: return "Method not allowed";
     case 409: return "Not possible in this state";
-    case 411: return "Length wanted";
+    case 411: return "Length required";
     case 413: return "Body too large";
     case 415: return "Wrong media type";
     case 421: return "Wrong host";

@@ -341,7 +341,7 @@ bool begins_with(ByteView bytes, std::string_view magic, std::size_t at = 0) {
 
 ImageFormat format_of(ByteView bytes, std::string_view name) {
   const auto format = sniff_image_format(bytes);
-  if (!format) reject(name, "JPEG, PNG or WebP", bytes.empty() ? "no bytes" : "bytes of another kind");
+  if (!format) reject(name, "JPEG, PNG or WebP", bytes.empty() ? "no bytes" : "bytes of a different kind");
   return *format;
 }
 

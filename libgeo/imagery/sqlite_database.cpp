@@ -41,7 +41,7 @@ void check_magic(const std::filesystem::path& path) {
     throw Error({.what = "not an SQLite database",
                  .where = path.string(),
                  .expected = "a file that begins with \"SQLite format 3\"",
-                 .found = file.gcount() == 0 ? "an unreadable or empty file" : "other bytes",
+                 .found = file.gcount() == 0 ? "an unreadable or empty file" : "different bytes",
                  .fix = "give an MBTiles file"});
   }
 }
@@ -59,7 +59,7 @@ void refuse_journal_that_names_a_file(const std::filesystem::path& path) {
   if (!file || std::string_view(end.data(), end.size()) != kMagic) return;
   throw Error({.what = "this database's journal names another file, which would be deleted",
                .where = journal.string(),
-               .expected = "what a killed program of ours leaves",
+               .expected = "the files that a killed process leaves behind",
                .found = "a journal of several databases",
                .fix = "get the folder again from its origin; nothing was changed"});
 }
@@ -209,7 +209,7 @@ void SqliteDatabase::fail(const char* doing) const {
   if (code == SQLITE_INTERRUPT) {
     throw Error({.what = fmt::format("SQLite was stopped while {}", doing),
                  .where = path_.string(),
-                 .expected = "as much work as a file of this size can need",
+                 .expected = "no more work than a file of this size requires",
                  .found = "a view or trigger that needs much more",
                  .fix = "the file is not what it claims to be: get it from its origin"});
   }

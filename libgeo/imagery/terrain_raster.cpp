@@ -30,7 +30,7 @@ class TerrainTiff {
  public:
   TerrainTiff(ByteView file, std::string_view name) : name_(name), memory_{file} {
     tiff_ = open_tiff(memory_, "terrain", kMaxAllocation);
-    if (!tiff_) refuse("a whole TIFF file", memory_.complaint);
+    if (!tiff_) refuse("a complete TIFF file", memory_.complaint);
   }
 
   TerrainRaster read() {
@@ -61,7 +61,7 @@ class TerrainTiff {
   }
 
   void check_layout() {
-    if (TIFFLastDirectory(tiff_.get()) == 0) refuse("one picture", "several");
+    if (TIFFLastDirectory(tiff_.get()) == 0) refuse("one image", "several");
     if (TIFFIsTiled(tiff_.get()) == 0) refuse("a tiled file", "one in strips");
     expect("samples per pixel", tag<std::uint16_t>(TIFFTAG_SAMPLESPERPIXEL), {1});
     expect("bits per sample", tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE), {32});
@@ -162,7 +162,7 @@ class TerrainTiff {
       for (std::uint32_t left = 0; left < columns; left += tile_columns_) {
         const std::uint32_t index = TIFFComputeTile(tiff_.get(), left, top, 0, 0);
         if (TIFFReadEncodedTile(tiff_.get(), index, tile.data(), tile_size) != tile_size) {
-          refuse(fmt::format("a whole tile at column {}, row {}", left, top), memory_.complaint);
+          refuse(fmt::format("a complete tile at column {}, row {}", left, top), memory_.complaint);
         }
         const std::uint32_t width = std::min(tile_columns_, columns - left);
         for (std::uint32_t row = top; row < std::min(rows, top + tile_rows_); ++row) {

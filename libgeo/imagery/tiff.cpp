@@ -105,7 +105,7 @@ void TiffFile::read_chain() {
   big_endian_ = head[0] == 'M';
   const std::uint64_t version = integer(head.data() + 2, 2);
   if (!read || head[0] != head[1] || (head[0] != 'I' && head[0] != 'M') || (version != 42 && version != 43)) {
-    corrupt("a file that begins as TIFF or BigTIFF", bytes_.size() == 0 ? "an empty file" : "other bytes");
+    corrupt("a file that begins as TIFF or BigTIFF", bytes_.size() == 0 ? "an empty file" : "different bytes");
   }
   big_ = version == 43;
   if (big_ && (integer_at(4, 2) != 8 || integer_at(6, 2) != 0)) corrupt("a BigTIFF with offsets of 8 bytes", "others");

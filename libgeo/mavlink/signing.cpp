@@ -68,7 +68,7 @@ SigningKey SigningKey::read(const std::filesystem::path& path) {
     throw UsageError({.what = "the file contains no signing key",
                       .where = path,
                       .expected = "64 lower-case hexadecimal digits and nothing else",
-                      .found = "other content (not shown: it may be a secret)",
+                      .found = "different content (not shown: it may be a secret)",
                       .fix = "create a key with `openssl rand -hex 32` and install it on the autopilot too"});
   }
   SigningKey key(bytes->bytes);

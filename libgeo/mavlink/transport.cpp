@@ -369,7 +369,7 @@ void StreamTransport::finish_connecting(std::int64_t monotonic_us, const Sink& s
 }
 
 void StreamTransport::lose(int error, const Sink& sink) {
-  last_error_ = to_string(endpoint_) + ": " + (error == 0 ? "closed by the other end" : system_error_text(error));
+  last_error_ = to_string(endpoint_) + ": " + (error == 0 ? "closed by the peer" : system_error_text(error));
   fd_.close();
   queue_.clear();
   if (!connecting_) {

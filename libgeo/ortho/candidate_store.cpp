@@ -280,7 +280,7 @@ Candidate CandidateReader::candidate_from_row() {
   if (signature.size() != kSignatureSize) refuse("a signature of 64 bytes", fmt::format("{} bytes", signature.size()));
   candidate.signature.signature.assign(signature.begin(), signature.end());
   if (tile.size() != candidate.sidecar.size || sha256(tile) != candidate.sidecar.sha256) {
-    refuse("the tile described by the sidecar", tile.empty() ? "no tile" : "other bytes");
+    refuse("the tile described by the sidecar", tile.empty() ? "no tile" : "different bytes");
   }
   candidate.tile.assign(tile.begin(), tile.end());
   return candidate;

@@ -377,7 +377,7 @@ TerrainReading read_package_terrain(const std::filesystem::path& package, const 
     return reading;
   }
   reading.findings = check_terrain(mission, *reading.terrain);
-  if (reading.findings.refuses()) reading.terrain.reset();
+  if (reading.findings.has_errors()) reading.terrain.reset();
   return reading;
 }
 

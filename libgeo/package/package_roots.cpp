@@ -73,7 +73,7 @@ void check_chain(const RootChain& chain, const TrustRoot* installed) {
     }
     if (before) {
       const Findings findings = check_succession(*before, next);
-      if (findings.refuses()) {
+      if (findings.has_errors()) {
         refuse_chain(version, findings.items().front().expected, findings.items().front().found);
       }
     }
@@ -103,7 +103,7 @@ RootSuccession walk_package_roots(const fs::path& package, const TrustRoot& trus
   });
   const std::set<std::int64_t> versions = root_versions_in(package);
   const std::int64_t highest = versions.empty() ? 0 : *versions.rbegin();
-  if (!walk.findings.refuses() && highest > walk.root.version) {
+  if (!walk.findings.has_errors() && highest > walk.root.version) {
     walk.findings.add({.code = "root.rollback",
                        .where = root_file_name(highest),
                        .expected = fmt::format("{}, the next version", root_file_name(walk.root.version + 1)),

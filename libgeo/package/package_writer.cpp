@@ -147,7 +147,7 @@ AmendedPackage amend_package(const fs::path& package, const Manifest& manifest, 
   progress.advance();
   for (const Artifact& artifact : with.artifacts) result.bytes += artifact.size;
   result.findings = check_budget(mission, result.bytes);
-  if (result.findings.refuses()) {
+  if (result.findings.has_errors()) {
     progress.end();
     return result;
   }

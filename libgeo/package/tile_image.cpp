@@ -167,7 +167,7 @@ TileImageCheck check_tile_image(ByteView tile, const TileKey& key) {
       const cv::Vec3b colour = decoded.image.at<cv::Vec3b>(0, 0);
       const bool fill = colour == cv::Vec3b(0, 0, 0) || colour == cv::Vec3b(255, 255, 255);
       // Black or white throughout is fill; another single colour may be a lake.
-      result.problem = blank(key, fill ? Severity::refuse : Severity::warning,
+      result.problem = blank(key, fill ? Severity::error : Severity::warning,
                              fill ? "a single colour: black or white fill" : "a single colour");
       if (fill) {
         result.valid_ppm = 0;

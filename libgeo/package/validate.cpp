@@ -318,7 +318,7 @@ class Validator {
         add({.code = "artifact.hash",
              .where = "tile " + to_text(key),
              .expected = "the digest in its sidecar",
-             .found = "other bytes"});
+             .found = "different bytes"});
       }
     } else {
       tile.key = key;

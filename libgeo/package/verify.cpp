@@ -73,7 +73,7 @@ void verify_signature(const fs::path& package, const TrustRoot& root, const Veri
   SignatureCheck check = check_signatures(root, root.package_signer, envelope->signatures, kManifestPayloadType,
                                           *manifest, options.at, kSignatureFile);
   result.findings.add(check.findings);
-  if (check.findings.refuses()) return;
+  if (check.findings.has_errors()) return;
   result.signers = std::move(check.signers);
   ManifestReading reading = parse_manifest(*manifest);
   result.findings.add(reading.findings);
@@ -131,10 +131,10 @@ void check_sequence(const Manifest& manifest, const TrustRoot& root, const Verif
     const Findings objections = check_permit(
         *options.permit, root, {manifest.series, seen->second, manifest.sequence, options.airframe, options.at});
     findings.add(objections);
-    permitted = !objections.refuses();
+    permitted = !objections.has_errors();
   }
   findings.add({.code = "package.rollback",
-                .severity = permitted ? Severity::warning : Severity::refuse,
+                .severity = permitted ? Severity::warning : Severity::error,
                 .where = "series " + manifest.series,
                 .expected = fmt::format("sequence {} or later, as accepted before", seen->second),
                 .found = fmt::format("sequence {}{}", manifest.sequence, permitted ? ", as the permit allows" : ""),

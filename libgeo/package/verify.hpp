@@ -46,7 +46,7 @@ struct Verification {
   std::optional<TerrainRaster> terrain;  // with terrain mode dem, at full depth
   std::uint64_t bytes = 0;               // of all artifacts, according to the manifest
 
-  bool accepted() const { return manifest.has_value() && !findings.refuses(); }
+  bool accepted() const { return manifest.has_value() && !findings.has_errors(); }
 };
 
 // Records in the aircraft's state that it accepted this package.

@@ -224,7 +224,7 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
   report.zoom = mission.zoom;
   report.findings = check_plan(mission, inputs, range, at);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, request.dem, report.findings);
-  if (report.findings.refuses()) return report;
+  if (report.findings.has_errors()) return report;
 
   const std::string configuration = describe_build(request, mission_text, inputs);
   StagingDirectory staging(request.out,
@@ -238,7 +238,7 @@ PackageReport build_package(const PackageRequest& request, Progress& progress) {
     staging.keep(false);
     fill_package(staging.path(), {request, mission, mission_text, inputs, range, terrain, at}, journal, progress,
                  report);
-    if (report.findings.refuses()) {
+    if (report.findings.has_errors()) {
       progress.end();
       return report;
     }

@@ -97,7 +97,7 @@ std::optional<fs::path> old_terrain(const fs::path& package, const Manifest& man
   findings.add({.code = "artifact.hash",
                 .where = fmt::format("{}: {}", package.string(), terrain->path),
                 .expected = terrain->sha256.hex(),
-                .found = "other bytes",
+                .found = "different bytes",
                 .fix = "get the package again from its source, or pass an elevation model with --dem"});
   return std::nullopt;
 }
@@ -218,13 +218,13 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   Findings& findings = report.package.findings;
   OldPackage old = read_old_package(request.old_package, *request.trust, at, progress);
   findings = old.findings;
-  if (findings.refuses()) return report;
+  if (findings.has_errors()) return report;
   report.old_sequence = old.manifest->sequence;
   findings.add(check_succession(*old.manifest, mission, request.mission));
   findings.add(check_expiry(mission, at));
   std::optional<fs::path> dem = request.dem;
   if (!dem && !mission.terrain.flat) dem = old_terrain(request.old_package, *old.manifest, findings);
-  if (findings.refuses()) return report;
+  if (findings.has_errors()) return report;
   const Artifact& imagery = *old.manifest->artifact(kRoleImagery);
   const TileSetOptions options = options_after(request, imagery, old.tiles);
   std::optional<PlaceTable> old_index;
@@ -232,7 +232,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
   const RootChain roots = read_root_chain(request.roots, old.roots, request.trust);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, dem, findings);
-  if (findings.refuses()) return report;
+  if (findings.has_errors()) return report;
   report_dropped_artifacts(request, old, newest_of(roots, old.newest_root));
 
   const TileRange range = range_of(mission, rasters, old.tiles);
@@ -244,7 +244,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
                                                  rasters, range, options, file, progress);
   findings.add(updated.findings);
   if (updated.set.over_budget) findings.add(check_budget(mission, updated.set.tile_bytes));
-  if (findings.refuses()) return report;
+  if (findings.has_errors()) return report;
 
   std::optional<PlaceIndex> index;
   if (old_index) {
@@ -260,7 +260,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   report.package.bytes = package_size(folder);
   if (terrain) report.package.terrain = terrain->grid();
   findings.add(check_tile_requirements(mission, updated.set.sidecars, report.package.bytes, at));
-  if (!findings.refuses()) {
+  if (!findings.has_errors()) {
     progress.advance();  // the last point of interruption
     staging.commit();
   }

@@ -224,7 +224,7 @@ void check_gps_input(AutopilotSession& session, MavlinkAddress autopilot, int re
                .expected = fmt::format("its receiver {} at {:.7f}, {:.7f}, as sent", receiver, kNowhere.lon_deg,
                                        kNowhere.lat_deg),
                .found = last ? fmt::format("{:.7f}, {:.7f}", last->place.lon_deg, last->place.lat_deg)
-                             : fmt::format("nothing of that receiver in {} s", session.timeout_s()),
+                             : fmt::format("no message from that receiver in {} s", session.timeout_s()),
                .fix = "restart the autopilot, which reads the receivers' types at its start, and provision again"});
 }
 
@@ -282,7 +282,7 @@ void restart(AutopilotSession& session, MavlinkAddress autopilot) {
                .where = session.url(),
                .expected = "a SYSTEM_TIME that counts from a new start",
                .found = before ? fmt::format("none in {} s", session.timeout_s()) : "no SYSTEM_TIME",
-               .fix = "give it longer with --patience-s"});
+               .fix = "allow more time with --timeout-s"});
 }
 
 Provisioned provision(AutopilotSession& session, const AutopilotIdentity& autopilot, LinkState link,

@@ -71,7 +71,7 @@ void find_in(const std::filesystem::path& path, const Board& board, BoardImages&
         {path.filename(), fmt::format("no whole board of {} x {} inner corners", board.columns, board.rows)});
   } else if (!(view->edge_width_px <= kMaxEdgeWidth_px)) {
     result.rejected.push_back(
-        {path.filename(), fmt::format("blurred: edges are {:.1f} pixels wide, at most {:.0f} wanted",
+        {path.filename(), fmt::format("blurred: edges are {:.1f} pixels wide, at most {:.0f} allowed",
                                       view->edge_width_px, kMaxEdgeWidth_px)});
   } else {
     result.views.push_back(std::move(*view));
@@ -256,7 +256,7 @@ Findings check_calibration(const Calibration& calibration, const CalibrationLimi
   }
   if (!(calibration.tilt_rad >= limits.min_tilt_rad)) {
     findings.add({.code = "provision.tilt",
-                  .expected = fmt::format("boards tilted against each other by {:.0f} degrees or more",
+                  .expected = fmt::format("boards tilted relative to each other by {:.0f} degrees or more",
                                           degrees(limits.min_tilt_rad)),
                   .found = fmt::format("{:.0f} degrees", degrees(calibration.tilt_rad)),
                   .fix = "add images with the board tilted by 20 to 45 degrees, each way"});
@@ -271,7 +271,7 @@ Findings check_calibration(const Calibration& calibration, const CalibrationLimi
     read_camera(YamlNode::parse(camera_yaml(calibration.camera), "camera.yaml"));
   } catch (const UsageError& error) {
     findings.add({.code = "provision.lens",
-                  .expected = "a lens whose distortion can be undone over the whole image",
+                  .expected = "a lens whose distortion can be inverted over the whole image",
                   .found = error.text().what,
                   .fix = "take images with the board in the corners; very wide lenses are not supported"});
   }

@@ -81,7 +81,7 @@ class Reader {
     const bool begun = contents_.size < kMcapMagic.size();
     if (!source_.read(0, begun ? static_cast<std::size_t>(contents_.size) : kMcapMagic.size(), magic) ||
         !std::equal(magic.begin(), magic.end(), kMcapMagic.begin())) {
-      report("recorder.format", Severity::refuse, "an MCAP file", "different bytes at its beginning");
+      report("recorder.format", Severity::error, "an MCAP file", "different bytes at its beginning");
       return std::move(contents_);
     }
     if (begun) {
@@ -134,7 +134,7 @@ class Reader {
 
   bool broken(std::string expected, std::string found) {
     broken_ = true;
-    report("recorder.format", Severity::refuse, std::move(expected), fmt::format("{} at byte {}", found, position_),
+    report("recorder.format", Severity::error, std::move(expected), fmt::format("{} at byte {}", found, position_),
            "`nadir recorder recover` keeps everything before that");
     return false;
   }
@@ -194,7 +194,7 @@ class Reader {
   }
 
   void damage(std::uint8_t opcode) {
-    report("recorder.format", Severity::refuse, "intact records",
+    report("recorder.format", Severity::error, "intact records",
            fmt::format("a damaged record (opcode {}) at byte {}", opcode, position_));
   }
 
@@ -228,7 +228,7 @@ class Reader {
 
   void damaged_chunk(std::string expected, const std::string& found) {
     ++contents_.damaged_chunks;
-    report("recorder.chunk", Severity::refuse, std::move(expected),
+    report("recorder.chunk", Severity::error, std::move(expected),
            fmt::format("{} in the chunk at byte {}: it is skipped", found, position_),
            "`nadir recorder recover` keeps the other chunks");
   }
@@ -247,7 +247,7 @@ class Reader {
     const auto crc = in.number<std::uint32_t>();
     if (!in.ok()) return damage(mcap_op::data_end);
     if (crc != 0 && crc != indexes_.data_crc) {
-      report("recorder.index", Severity::refuse, "the checksum of all data", "another");
+      report("recorder.index", Severity::error, "the checksum of all data", "another");
     }
   }
 
@@ -264,12 +264,12 @@ class Reader {
     }
     contents_.finished = true;
     contents_.whole_size = end + kMcapMagic.size();
-    if (!in_summary_) report("recorder.format", Severity::refuse, "a record DataEnd", "none");
+    if (!in_summary_) report("recorder.format", Severity::error, "a record DataEnd", "none");
     const std::uint64_t start = indexes_.summary_start == 0 ? position_ : indexes_.summary_start;
     Bytes summary;
     if (crc != 0 && (start > position_ || position_ - start > kMaxRecord ||
                      !source_.read(start, end - 4 - start, summary) || crc32_of(summary) != crc)) {
-      report("recorder.index", Severity::refuse, "the summary's checksum", "another");
+      report("recorder.index", Severity::error, "the summary's checksum", "another");
     }
     if (contents_.whole_size != contents_.size) {
       report("recorder.format", Severity::warning, "the end of the file after its footer",
@@ -282,7 +282,7 @@ class Reader {
     if (indexes_.summary_start == 0) return;
     // A writer may leave either out; what is there has to be right.
     if (!indexes_.indexed.empty() && indexes_.indexed != indexes_.seen) {
-      report("recorder.index", Severity::refuse, fmt::format("an index of the {} chunks", indexes_.seen.size()),
+      report("recorder.index", Severity::error, fmt::format("an index of the {} chunks", indexes_.seen.size()),
              fmt::format("{} entries that do not match them", indexes_.indexed.size()));
     }
     if (!indexes_.statistics) return;
@@ -291,7 +291,7 @@ class Reader {
     std::erase_if(stated_of, [](const auto& entry) { return entry.second == 0; });
     if (stated.messages != contents_.messages || stated_of != contents_.messages_of ||
         stated.chunks != contents_.chunks) {
-      report("recorder.index", Severity::refuse,
+      report("recorder.index", Severity::error,
              fmt::format("{} messages in {} chunks, as the statistics say", stated.messages, stated.chunks),
              fmt::format("{} messages in {} chunks", contents_.messages, contents_.chunks));
     }

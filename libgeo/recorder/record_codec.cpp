@@ -311,14 +311,14 @@ bool decode(ByteView bytes, InputRecord& input) {
   return true;
 }
 
-Bytes encode(const PictureRecord& picture) {
+Bytes encode(const FrameRecord& picture) {
   FlatBufferBuilder builder(picture.encoded.size() + 256);
   const auto frame = builder.CreateString(picture.frame);
   const auto data = builder.CreateVector(picture.encoded);
   return finish(builder, fbs::CreatePicture(builder, picture.index, frame, data));
 }
 
-bool decode(ByteView encoded, PictureRecord& picture) {
+bool decode(ByteView encoded, FrameRecord& picture) {
   const auto* table = verified<fbs::Picture>(encoded);
   if (table == nullptr) return false;
   picture.index = table->index();

@@ -49,7 +49,7 @@ bool survive(const Work& work) {
 std::size_t bytes_of(const cv::Mat& picture) { return picture.total() * picture.elemSize(); }
 
 std::size_t bytes_of(const Record& record) {
-  const auto* picture = std::get_if<PictureRecord>(&record);
+  const auto* picture = std::get_if<FrameRecord>(&record);
   return kMinItem + (picture == nullptr ? 0 : picture->encoded.size());
 }
 
@@ -241,7 +241,7 @@ void record_anchor(Recorder& recorder, std::uint64_t index, std::uint64_t taken_
 void record_input(Recorder& recorder, std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
   recorder.record(InputRecord{index, telemetry, sha256(encoded), encoded.size()});
   if (!recorder.keeps_pictures()) return;
-  recorder.record(PictureRecord{index, telemetry.frame, Bytes(encoded.begin(), encoded.end())});
+  recorder.record(FrameRecord{index, telemetry.frame, Bytes(encoded.begin(), encoded.end())});
 }
 
 }  // namespace nadir

@@ -107,10 +107,10 @@ void check_segment(const SegmentContents& segment, Findings& findings) {
   findings.add(segment.mcap.findings);
   if (segment.mcap.damaged_chunks == 0 && !segment.session && segment.mcap.messages != 0) {
     findings.add(
-        {"recorder.session", Severity::refuse, where, "a session record", "none: not written by our recorder"});
+        {"recorder.session", Severity::error, where, "a session record", "none: not written by our recorder"});
   }
   if (segment.undecodable != 0) {
-    findings.add({"recorder.payload", Severity::refuse, where, "FlatBuffers of the schemas in the file",
+    findings.add({"recorder.payload", Severity::error, where, "FlatBuffers of the schemas in the file",
                   fmt::format("{} invalid records", segment.undecodable)});
   }
 }
@@ -144,8 +144,8 @@ void check_session(const std::string& id, const std::vector<const SegmentContent
 Findings check_recording(const std::vector<SegmentContents>& segments) {
   Findings findings;
   for (const SegmentContents& segment : segments) check_segment(segment, findings);
-  if (sessions_of(segments).empty() && !findings.refuses() && !segments.empty()) {
-    findings.add({"recorder.session", Severity::refuse, segments.front().segment.path.string(), "a session record",
+  if (sessions_of(segments).empty() && !findings.has_errors() && !segments.empty()) {
+    findings.add({"recorder.session", Severity::error, segments.front().segment.path.string(), "a session record",
                   "none: nothing was recorded"});
   }
   for (const std::string& id : sessions_of(segments)) {

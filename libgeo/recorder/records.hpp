@@ -50,7 +50,7 @@ struct InputRecord {
   std::uint64_t picture_bytes = 0;
 };
 
-struct PictureRecord {
+struct FrameRecord {
   std::uint64_t index = 0;
   std::string frame;
   Bytes encoded;  // JPEG, PNG or WebP, as it came
@@ -122,7 +122,7 @@ struct EndRecord {
 };
 
 // In the order of Topic.
-using Record = std::variant<SessionRecord, InputRecord, PictureRecord, EstimateRecord, AnchorRecord, StateRecord,
+using Record = std::variant<SessionRecord, InputRecord, FrameRecord, EstimateRecord, AnchorRecord, StateRecord,
                             TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord>;
 
 // In the order of Record's alternatives.

@@ -108,7 +108,7 @@ Flight FlightRequest::flight_to_fly(Context& context, const std::filesystem::pat
   if (recorder_) {
     recorded = read_recorded_flight({*recorder_, session_, frames_, unpacked});
     if (recorded->unusable_inputs != 0 && !context.quiet) {
-      context.err << fmt::format("note: {} inputs after a missing one are left out\n", recorded->unusable_inputs);
+      context.err << fmt::format("note: {} inputs after a missing one are skipped\n", recorded->unusable_inputs);
     }
     const bool mapped = recorded->session.package.has_value();
     const std::optional<Sha256> package =

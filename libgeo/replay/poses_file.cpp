@@ -135,7 +135,7 @@ PosesDocument parse_poses(std::string_view bytes, std::string_view name) {
   const json whole = parse_json(bytes, name, {.max_depth = 4, .allow_floats = true});
   const JsonReader in(whole, {.name = std::string(name),
                               .what = "cannot accept these poses",
-                              .fix = "let nadir replay write the file again"});
+                              .fix = "create the file again with nadir replay"});
   PosesDocument document{read_subject(in), {}};
   const JsonReader poses = in.array("poses");
   for (std::size_t i = 0; i < poses.size(); ++i) {

@@ -132,7 +132,7 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
           LateAnchor{anchor->index, anchor->taken_after, anchor->anchor.verdict != AnchorVerdict::not_tried});
     }
     if (const auto* hint = std::get_if<HintRecord>(&one.record)) recorded.between.emplace_back(*hint);
-    const auto* picture = std::get_if<PictureRecord>(&one.record);
+    const auto* picture = std::get_if<FrameRecord>(&one.record);
     if (picture == nullptr || source.frames) return;
     std::string name = fmt::format("{:08}", picture->index);
     write_file_atomic(source.unpacked / name, ByteView(picture->encoded));

@@ -95,7 +95,7 @@ json page_data(const ReportInput& input) {
 
   json data = {{"title", input.title},
                {"subtitle", input.subtitle},
-               {"generator", fmt::format("Made by nadir {}", kVersion)},
+               {"generator", fmt::format("Created by nadir {}", kVersion)},
                {"tiles", tiles_json(input.score)},
                {"figures", json::array()},
                {"frames", json::array()},

@@ -23,7 +23,7 @@ void EstimatesCsv::check() {
   if (file_) return;
   throw Error({.what = "the estimates cannot be written",
                .where = path_.string(),
-               .fix = "see whether the disk is full and the folder may be written"});
+               .fix = "check whether the disk is full and the folder is writable"});
 }
 
 std::string EstimatesCsv::header() {

@@ -119,7 +119,7 @@ SignedRoot parse_root(std::string_view text, std::string_view name) {
 TrustRoot read_trusted_root(const std::filesystem::path& path) {
   SignedRoot file = parse_root(read_text_file(path, kMaxRootSize), path.string());
   const Findings findings = check_self(file);
-  if (findings.refuses()) {
+  if (findings.has_errors()) {
     const Finding& first = findings.items().front();
     throw Error({.what = "this trust root is not signed by its own keys",
                  .where = path,
@@ -169,7 +169,7 @@ RootSuccession follow_root_chain(TrustRoot trusted, const RootLookup& find) {
       SignedRoot next = parse_root(document->text, document->where);
       const Findings findings = check_succession(chain.root, next);
       chain.findings.add(findings);
-      if (findings.refuses()) break;
+      if (findings.has_errors()) break;
       chain.root = std::move(next.root);
       chain.newer.emplace(chain.root.version, document->text);
     } catch (const Error& error) {

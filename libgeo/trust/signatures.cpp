@@ -27,7 +27,7 @@ std::optional<Finding> rejection_of(const TrustRoot& root, const Role& role, con
   if (!known->second.key.verifies(signed_bytes, signature.signature)) {
     return Finding{.code = "signature.invalid",
                    .expected = "the bytes that key " + signature.keyid + " signed",
-                   .found = "other bytes, or a damaged signature",
+                   .found = "different bytes, or a damaged signature",
                    .fix = "get the package again from its makers"};
   }
   if (at && known->second.expires && *known->second.expires <= *at) {
@@ -101,7 +101,7 @@ constexpr const char* kFix = "provision the aircraft again, signed by a key that
 Finding unsigned_airframe(const TrustRoot& root, UnsignedAirframe without, std::string_view where) {
   const bool refused = root.airframe_signer && without != UnsignedAirframe::allowed;
   return {.code = "airframe.unsigned",
-          .severity = refused ? Severity::refuse : Severity::warning,
+          .severity = refused ? Severity::error : Severity::warning,
           .where = std::string(where),
           .expected = "a signature beside the airframe's file",
           .found = "none",

@@ -108,7 +108,7 @@ void PackReader::feed(ByteView bytes) {
 
 void PackReader::read_head() {
   if (as_text(ByteView(gathered_).first(kPackMagic.size())) != kPackMagic) {
-    refuse_pack(fmt::format("\"{}\" at the beginning", kPackMagic), "other bytes");
+    refuse_pack(fmt::format("\"{}\" at the beginning", kPackMagic), "different bytes");
   }
   count_ = u32_at(gathered_, kPackMagic.size());
   if (count_ == 0 || count_ > kMaxPackTiles) {
@@ -151,7 +151,7 @@ void PackReader::read_entries() {
 void PackReader::read_tile() {
   const PackEntry& entry = entries_[next_tile_];
   if (sha256(gathered_) != entry.sha256) {
-    refuse_pack(fmt::format("the bytes of tile {}", entry.sha256.hex()), "other bytes at its place");
+    refuse_pack(fmt::format("the bytes of tile {}", entry.sha256.hex()), "different bytes at its place");
   }
   take_(entry, gathered_);
   gathered_.clear();

@@ -14,29 +14,29 @@ struct Entry {
 };
 
 constexpr std::array kEntries{
-    Entry{ReasonCode::hash_mismatch, "hash_mismatch", true, "the tile's bytes are not those that the sidecar names"},
+    Entry{ReasonCode::hash_mismatch, "hash_mismatch", true, "the tile's bytes do not match the digest in its sidecar"},
     Entry{ReasonCode::size_out_of_range, "size_out_of_range", false, "the tile has too many or too few bytes"},
     Entry{ReasonCode::format_unsupported, "format_unsupported", false,
-          "no JPEG or WebP picture of 256 x 256 pixels, or not the one that the sidecar names"},
+          "not a JPEG or WebP image of 256 x 256 pixels, or not the format that the sidecar states"},
     Entry{ReasonCode::address_invalid, "address_invalid", false, "no tile has this zoom, column and row"},
     Entry{ReasonCode::outside_footprint, "outside_footprint", false,
           "the tile lies outside of the base package's area, or of what the frame can have seen"},
     Entry{ReasonCode::captured_in_future, "captured_in_future", false, "the capture time lies in the future"},
-    Entry{ReasonCode::too_old, "too_old", false, "the picture was taken too long ago"},
+    Entry{ReasonCode::too_old, "too_old", false, "the image was captured too long ago"},
     Entry{ReasonCode::pose_uncertain, "pose_uncertain", false, "the frame's position is too uncertain"},
     Entry{ReasonCode::anchor_too_old, "anchor_too_old", false, "the frame's position was extrapolated for too long"},
-    Entry{ReasonCode::low_texture, "low_texture", false, "the picture has too little contrast to be told apart"},
-    Entry{ReasonCode::blurred, "blurred", false, "the picture is not sharp enough"},
+    Entry{ReasonCode::low_texture, "low_texture", false, "the image has too little contrast to be distinctive"},
+    Entry{ReasonCode::blurred, "blurred", false, "the image is not sharp enough"},
     Entry{ReasonCode::misaligned, "misaligned", false,
-          "the picture lies beside the map, or beside other flights' tiles"},
-    Entry{ReasonCode::better_tile_exists, "better_tile_exists", false, "a better tile of this place is there"},
+          "the image is misaligned with the map or with other flights' tiles"},
+    Entry{ReasonCode::better_tile_exists, "better_tile_exists", false, "a better tile of this address exists"},
     Entry{ReasonCode::batch_signature, "batch_signature", false,
           "the batch's or the tile's signature is not one of this airframe's"},
     Entry{ReasonCode::airframe_revoked, "airframe_revoked", false, "the airframe's key is revoked"},
     Entry{ReasonCode::base_package_unknown, "base_package_unknown", true,
-          "the service does not know the package that was flown with"},
-    Entry{ReasonCode::quota, "quota", true, "the airframe has used up what it may store"},
-    Entry{ReasonCode::policy, "policy", false, "the service's operator does not want it"}};
+          "the service does not know the package used in flight"},
+    Entry{ReasonCode::quota, "quota", true, "the airframe has exceeded its quota"},
+    Entry{ReasonCode::policy, "policy", false, "the service's operator excludes it"}};
 
 constexpr auto kCodes = [] {
   std::array<ReasonCode, kEntries.size()> codes{};

@@ -60,7 +60,7 @@ Finding set_aside(const OutboxDatabase& outbox, const StoredTile& tile, std::int
           .where = printable(fmt::format("candidate {:.64} of flight {:.64}", update.text(0), update.text(1))),
           .expected = "a tile as it was staged",
           .found = tile.damage,
-          .fix = "check the disk; stage the flight again: a sound copy takes this one's place"};
+          .fix = "check the disk; stage the flight again: an intact copy replaces this one"};
 }
 
 namespace {

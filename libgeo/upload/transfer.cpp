@@ -223,7 +223,7 @@ struct TileRow {
                       .where = fmt::format("{} {}", what, digest.hex()),
                       .expected = "the bytes that were staged",
                       .found = "others, or none",
-                      .fix = "check the disk; nadir sync retry --key takes the sound tiles into a new batch"});
+                      .fix = "check the disk; nadir sync retry --key puts the intact tiles into a new batch"});
 }
 
 // Rows that make no pack are no rows of ours.
@@ -278,7 +278,7 @@ class Partition {
   void check_whole() const {
     for (const auto& [digest, row] : tiles_) {
       if (row.state == awaited_ && !taken_.contains(digest))
-        refuse_reply("every tile of the batch", "nothing of " + digest.hex());
+        refuse_reply("every tile of the batch", "no verdict for " + digest.hex());
     }
   }
 

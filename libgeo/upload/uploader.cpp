@@ -143,7 +143,7 @@ void Uploader::handle(const OpenBatch& batch, const TransferError& error, int mo
            .fix = "ask its operator for a token for this airframe, and put it into the file or NADIR_SYNC_TOKEN"});
     case TransferError::Kind::elsewhere:
       throw Error({.what = "this is not the address of a candidate service",
-                   .expected = "an answer; redirects are not followed, they could lead the token elsewhere",
+                   .expected = "a direct answer: redirects are not followed, because they could leak the token",
                    .found = error.text,
                    .fix = "give the service's own address with --to"});
     case TransferError::Kind::later: return try_later(batch, error);

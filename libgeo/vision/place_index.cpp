@@ -91,7 +91,7 @@ Findings recompute(const PlaceIndex& index, const Manifest& manifest, const Tile
   const PlaceTable& table = index.table();
   const std::vector<std::size_t> sample = sample_of(table.chunks.size(), manifest);
   ChunkReader reader(tiles, table.origin());
-  progress.begin("describing places again", sample.size(), "places");
+  progress.begin("recomputing place descriptors", sample.size(), "places");
   for (const std::size_t i : sample) {
     progress.advance();
     const auto layer = std::find_if(table.layers.begin(), table.layers.end(),
@@ -146,7 +146,7 @@ std::optional<PlaceIndex> PlaceIndex::open(const std::filesystem::path& package,
   if (vectors == nullptr && table == nullptr) return std::nullopt;
   if (vectors == nullptr || table == nullptr) {
     fail_mismatch("incomplete place index", std::string(kManifestFile), "the vectors and their table",
-                  vectors == nullptr ? "the table alone" : "the vectors alone");
+                  vectors == nullptr ? "only the table" : "only the vectors");
   }
   const Bytes text = read_checked(package, *table, kMaxPlaceTableSize);
   PlaceTable parsed = parse_place_table(as_text(text), table->path);
@@ -283,7 +283,7 @@ void verify_place_index(const std::filesystem::path& package, VerifyDepth depth,
   if (!opening.package) return;
   opening.findings.add(check_place_index(package, opening.package->manifest(), opening.package->mission(),
                                          opening.package->imagery(), depth, progress));
-  if (opening.findings.refuses()) opening.package.reset();
+  if (opening.findings.has_errors()) opening.package.reset();
 }
 
 }  // namespace nadir

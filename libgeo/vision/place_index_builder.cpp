@@ -117,7 +117,7 @@ class Builder {
     for (std::size_t i = 0; i < options_.footprints_m.size(); ++i) describe(layer_of(i, map_, options_), frame);
     if (descriptors_.empty()) {
       throw UsageError({.what = "the map has nothing to index",
-                        .expected = "ground with some structure",
+                        .expected = "ground with some texture",
                         .found = "no chunk that is half covered and has texture"});
     }
     table_.projection = train_projection(training_set());

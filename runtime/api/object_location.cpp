@@ -120,7 +120,7 @@ std::variant<ObjectPlace, NoObjectPlace> locate_object(const CameraModel& camera
     const auto moved = effect(scene, which, sigma);
     if (!moved) {
       return NoObjectPlace{"no-bound",
-                           "so near to the horizon the attitude's own error reaches the sky: look further down"};
+                           "too close to the horizon for the attitude's uncertainty: point the camera lower"};
     }
     covariance += *moved * moved->transpose();
   }

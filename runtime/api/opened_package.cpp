@@ -42,7 +42,7 @@ PackageView refused_package(const Findings& findings) {
   PackageView view;
   view.reason = "refused";
   for (const Finding& finding : findings.items()) {
-    if (finding.severity != Severity::refuse) continue;
+    if (finding.severity != Severity::error) continue;
     view.reason = finding.code + ": " + finding.where;
     break;
   }

@@ -142,7 +142,7 @@ std::variant<Value, Problem> read_body(const ApiRequest& request, const Read& re
   if (errors.empty()) return value;
   return Problem{.status = 400,
                  .type = "invalid",
-                 .detail = "the body is not what this call takes; \"errors\" lists why",
+                 .detail = "the body does not match this call; \"errors\" lists why",
                  .errors = std::move(errors)};
 }
 

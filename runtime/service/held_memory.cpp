@@ -32,8 +32,8 @@ void hold_memory([[maybe_unused]] std::size_t megabytes) {
   if (enough) return;
   throw Error({.what = "not enough memory for a flight",
                .expected = fmt::format("{} MB", megabytes),
-               .found = "the system cannot provide so much",
-               .fix = "end other programs, or give --memory-mb less"});
+               .found = "the system cannot provide that much",
+               .fix = "stop other programs, or lower --memory-mb"});
 #endif
 }
 

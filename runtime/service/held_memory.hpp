@@ -13,7 +13,7 @@ namespace nadir {
 inline constexpr int kUsualMemory_mb = 192;
 
 // Call it before the first thread starts. 0: no change. Does nothing where the C library is not glibc. Throws Error
-// when the system cannot provide so much.
+// when the system cannot provide that much.
 void hold_memory(std::size_t megabytes);
 
 }  // namespace nadir

@@ -9,21 +9,21 @@ namespace {
 
 TEST(Findings, OnlyErrorsReject) {
   Findings findings;
-  EXPECT_FALSE(findings.refuses());
+  EXPECT_FALSE(findings.has_errors());
   findings.add({.code = "a.note", .severity = Severity::note});
   findings.add({.code = "a.warning", .severity = Severity::warning});
-  EXPECT_FALSE(findings.refuses());
+  EXPECT_FALSE(findings.has_errors());
   Findings more;
   more.add({.code = "a.bad"});
   findings.add(more);
-  EXPECT_TRUE(findings.refuses());
+  EXPECT_TRUE(findings.has_errors());
   EXPECT_TRUE(findings.contains("a.bad"));
   EXPECT_FALSE(findings.contains("a.ba"));
 }
 
 TEST(Findings, TextContainsOnlyKnownFields) {
   EXPECT_EQ(to_text({.code = "tiles.root", .where = "base.mbtiles", .expected = "aa", .found = "bb", .fix = "rebuild"}),
-            "tiles.root (refuse)\n  where:    base.mbtiles\n  expected: aa\n  found:    bb\n  to do:    rebuild");
+            "tiles.root (error)\n  where:    base.mbtiles\n  expected: aa\n  found:    bb\n  to do:    rebuild");
   EXPECT_EQ(to_text({.code = "x", .severity = Severity::warning}), "x (warning)");
 }
 

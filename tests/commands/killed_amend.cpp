@@ -30,7 +30,7 @@ int amend(std::span<char*> args) {
   test::DieAt progress(std::stoi(args[4]));
   const AmendedPackage amended = amend_package(package, load_package_manifest(package),
                                                read_mission(package / kMissionFile), amendment, &key, progress);
-  if (amended.findings.refuses()) return 1;
+  if (amended.findings.has_errors()) return 1;
   fmt::print("{}\n", progress.seen());
   return 0;
 }

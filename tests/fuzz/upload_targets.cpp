@@ -59,7 +59,7 @@ void candidate_rows(std::string_view bytes) {
       require(candidate_json(candidate->sidecar) == candidate->sidecar_bytes,
               "another sidecar than the one that is read");
     }
-    require(findings.refuses() == !findings.items().empty(), "a damaged row that is no refusal");
+    require(findings.has_errors() == !findings.items().empty(), "a damaged row that is no refusal");
     // A candidate comes once for each of its tiles: a table without a key may hold several.
     require(read + findings.items().size() >= reader.rows(), "a row that is neither read nor told of");
   });

@@ -93,7 +93,7 @@ TEST_F(Validate, TileBlank) {
 TEST_F(Validate, ASingleColourIsAWarning) {
   const Findings findings = with_one_tile(encoded({120, 60, 20}, CV_8UC3, ImageFormat::png));
   EXPECT_TRUE(findings.contains("tile.blank"));
-  EXPECT_FALSE(findings.refuses());
+  EXPECT_FALSE(findings.has_errors());
 }
 
 TEST_F(Validate, TransparentPixelsAreGaps) {

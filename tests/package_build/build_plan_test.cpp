@@ -19,7 +19,7 @@ TEST_F(PackageBuilder, ThePlanCountsTheTilesThatAreBuilt) {
   (*spec_.transform) = {268'000 - 560, 1.0, 0, 2'685'300 + 560, 0, -1.0};
   write_map("map.tif");
   const PackageReport report = build(request("package"));
-  ASSERT_FALSE(report.findings.refuses());
+  ASSERT_FALSE(report.findings.has_errors());
   const MissionReading reading = check_mission(folder_ / "mission.yaml");
   ASSERT_TRUE(reading.mission);
   std::uint64_t tiles = 0;

@@ -69,7 +69,7 @@ class CogPackages : public test::PackageBuilder {
 
 TEST_F(CogPackages, HoldTheTilesOfAnMbtilesPackage) {
   const PackageReport mbtiles = build(request("mbtiles")), in_cog = build(cog("cog"));
-  ASSERT_FALSE(in_cog.findings.refuses());
+  ASSERT_FALSE(in_cog.findings.has_errors());
   EXPECT_EQ(in_cog.merkle_root, mbtiles.merkle_root);
   const MbtilesReader a(folder_ / "mbtiles" / kImageryFile);
   const CogReader b(folder_ / "cog" / kCogFile);
@@ -83,13 +83,13 @@ TEST_F(CogPackages, GdalReadsTheSamePixels) {
   for (const auto& [name, encoding] : {std::pair{"jpeg", TileEncoding{}},
                                        {"webp", TileEncoding{ImageFormat::webp, 80}},
                                        {"lossless", TileEncoding{ImageFormat::webp, 75, true}}}) {
-    ASSERT_FALSE(build(cog(name, encoding)).findings.refuses());
+    ASSERT_FALSE(build(cog(name, encoding)).findings.has_errors());
     expect_gdal_sees_the_same(folder_ / name / kCogFile);
   }
 }
 
 TEST_F(CogPackages, AreGeoreferencedAndLaidOutAsACog) {
-  ASSERT_FALSE(build(cog("cog")).findings.refuses());
+  ASSERT_FALSE(build(cog("cog")).findings.has_errors());
   const fs::path path = folder_ / "cog" / kCogFile;
   const Dataset file = open_raster(path);
   ASSERT_NE(file, nullptr);
@@ -106,7 +106,7 @@ TEST_F(CogPackages, AreGeoreferencedAndLaidOutAsACog) {
 }
 
 TEST_F(CogPackages, AResumedBuildIsIdentical) {
-  ASSERT_FALSE(build(cog("whole")).findings.refuses());
+  ASSERT_FALSE(build(cog("whole")).findings.has_errors());
   class StopLater final : public Progress {
    public:
     void begin(std::string_view, std::uint64_t, std::string_view) override {}
@@ -124,7 +124,7 @@ TEST_F(CogPackages, AResumedBuildIsIdentical) {
 // Others' COGs on the same grid: shared JPEG tables, deflate, blocks of 512 pixels.
 TEST_F(CogPackages, ReadsCogsMadeByGdal) {
   if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: gdal_translate is missing";
-  ASSERT_FALSE(build(cog("cog")).findings.refuses());
+  ASSERT_FALSE(build(cog("cog")).findings.has_errors());
   // 8 x 8 tiles in the middle are enough, and save seconds.
   const CogReader whole(folder_ / "cog" / kCogFile);
   std::vector<TileKey> keys = whole.keys();

@@ -28,7 +28,7 @@ int build(std::span<char*> args) {
   request.resume = args[6] == std::string_view("resume");
   if (args[7] == std::string_view("cog")) request.tiles.container = nadir::TileSetKind::cog;
   nadir::test::DieAt progress(std::stoi(args[8]));
-  if (nadir::build_package(request, progress).findings.refuses()) return 1;
+  if (nadir::build_package(request, progress).findings.has_errors()) return 1;
   fmt::print("{}\n", progress.seen());
   return 0;
 }

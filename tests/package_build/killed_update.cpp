@@ -32,7 +32,7 @@ int update(std::span<char*> args) {
   }
   request.index = args.size() > 9;
   nadir::test::DieAt progress(std::stoi(args[7]));
-  if (nadir::update_package(request, progress).package.findings.refuses()) return 1;
+  if (nadir::update_package(request, progress).package.findings.has_errors()) return 1;
   fmt::print("{}\n", progress.seen());
   return 0;
 }

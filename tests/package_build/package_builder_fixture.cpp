@@ -87,7 +87,7 @@ std::vector<std::string> PackageBuilder::left_behind() const {
 
 void PackageBuilder::expect_refused(const PackageRequest& request, std::string_view code) {
   const PackageReport report = build(request);
-  EXPECT_TRUE(report.findings.refuses());
+  EXPECT_TRUE(report.findings.has_errors());
   EXPECT_TRUE(report.findings.contains(code)) << code;
   EXPECT_THAT(left_behind(), testing::IsEmpty());
 }

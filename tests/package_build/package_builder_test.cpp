@@ -24,7 +24,7 @@ using test::ResumedBuild;
 
 TEST_F(PackageBuilder, MakesACompletePackage) {
   const PackageReport report = build(request("package"));
-  ASSERT_FALSE(report.findings.refuses());
+  ASSERT_FALSE(report.findings.has_errors());
   const fs::path package = folder_ / "package";
   for (const auto name : {kManifestFile, kSignatureFile, kMissionFile, kImageryFile}) {
     EXPECT_TRUE(fs::is_regular_file(package / name)) << name;
@@ -52,7 +52,7 @@ TEST_F(PackageBuilder, MakesACompletePackage) {
 }
 
 TEST_F(PackageBuilder, TheMapShowsTheRastersColoursAtEveryZoom) {
-  ASSERT_FALSE(build(request("package")).findings.refuses());
+  ASSERT_FALSE(build(request("package")).findings.has_errors());
   const MbtilesReader reader(folder_ / "package" / kImageryFile);
   const auto& t = *spec_.transform;
   // The centres of a bright and a dark check.
@@ -71,7 +71,7 @@ TEST_F(PackageBuilder, TheMapShowsTheRastersColoursAtEveryZoom) {
 
 TEST_F(PackageBuilder, GdalOpensTheTiles) {
   if (test::run_shell("command -v gdalinfo").code != 0) GTEST_SKIP() << "NOT TESTED: gdalinfo is not installed";
-  ASSERT_FALSE(build(request("package")).findings.refuses());
+  ASSERT_FALSE(build(request("package")).findings.has_errors());
   const auto result = test::run_process({"gdalinfo", "-checksum", (folder_ / "package" / kImageryFile).string()});
   EXPECT_EQ(result.code, 0) << result.err;
   EXPECT_THAT(result.out, testing::HasSubstr("Driver: MBTiles"));
@@ -91,7 +91,7 @@ TEST_F(PackageBuilder, EveryTileFormat) {
   for (const ImageFormat format : {ImageFormat::png, ImageFormat::webp}) {
     PackageRequest wanted = request(std::string(name_of(format)));
     wanted.tiles.encoding = {format, 80};
-    ASSERT_FALSE(build(wanted).findings.refuses());
+    ASSERT_FALSE(build(wanted).findings.has_errors());
     const MbtilesReader reader(wanted.out / kImageryFile);
     auto tile = reader.database().prepare("SELECT tile_data FROM tiles");
     while (tile.step()) EXPECT_EQ(sniff_image_format(tile.blob(0)), format);
@@ -103,7 +103,7 @@ TEST_F(PackageBuilder, EdgesAreMaskedAndNeverBlack) {
   spec_.nodata = 0;
   hole_ = [](int column, int row) { return column < 300 || row < 250 || column >= 1300; };
   write_map("map.tif");
-  ASSERT_FALSE(build(request("package")).findings.refuses());
+  ASSERT_FALSE(build(request("package")).findings.has_errors());
   const MbtilesReader reader(folder_ / "package" / kImageryFile);
   auto rows = reader.database().prepare(
       "SELECT zoom_level, tile_column, tile_row, valid_ppm FROM nadir_sidecars WHERE valid_ppm < 1000000");
@@ -128,7 +128,7 @@ TEST_F(PackageBuilder, EdgesAreMaskedAndNeverBlack) {
 TEST_F(PackageBuilder, WithoutAKeyThereIsNoSignature) {
   PackageRequest unsigned_one = request("package");
   unsigned_one.key = nullptr;
-  ASSERT_FALSE(build(unsigned_one).findings.refuses());
+  ASSERT_FALSE(build(unsigned_one).findings.has_errors());
   EXPECT_FALSE(fs::exists(unsigned_one.out / kSignatureFile));
 }
 
@@ -148,7 +148,7 @@ TEST_P(BuildFrom, ShowsTheSameMap) {
   PackageRequest wanted = request("package");
   wanted.imagery = {other};
   const PackageReport from_other = build(wanted), from_tif = build(request("whole"));
-  ASSERT_FALSE(from_other.findings.refuses());
+  ASSERT_FALSE(from_other.findings.has_errors());
   EXPECT_EQ(from_other.tiles, from_tif.tiles);
   const MbtilesReader ours(folder_ / "package" / kImageryFile), theirs(folder_ / "whole" / kImageryFile);
   int compared = 0;
@@ -175,7 +175,7 @@ TEST_F(PackageBuilder, TheFirstRasterLiesOnTop) {
   write_map("map.tif");
   PackageRequest both = request("package");
   both.imagery = {folder_ / "map.tif", folder_ / "old.tif"};
-  ASSERT_FALSE(build(both).findings.refuses());
+  ASSERT_FALSE(build(both).findings.has_errors());
   const auto sources = test::run_process({"sqlite3", (both.out / kImageryFile).string(),
                                           "SELECT DISTINCT source, substr(captured_at, 1, 10), gsd_mm FROM "
                                           "nadir_sidecars WHERE zoom_level = 19 ORDER BY 1"});
@@ -191,7 +191,7 @@ TEST_F(PackageBuilder, TheNewestOrFinestLiesOnTopWhenAskedFor) {
     PackageRequest both = request(fmt::format("map.{}", static_cast<int>(order)));
     both.imagery = {folder_ / "old.tif", folder_ / "map.tif"};
     both.tiles.mosaic.order = order;
-    ASSERT_FALSE(build(both).findings.refuses());
+    ASSERT_FALSE(build(both).findings.has_errors());
     const auto sources = test::run_process(
         {"sqlite3", (both.out / kImageryFile).string(), "SELECT DISTINCT source FROM nadir_sidecars"});
     EXPECT_EQ(sources.out, source);
@@ -205,10 +205,10 @@ TEST_F(PackageBuilder, FeatheredSeamsAreTheSameForAnyNumberOfThreadsAndNotWithou
   PackageRequest both = request("map.1", 1);
   both.imagery = {folder_ / "map.tif", folder_ / "old.tif"};
   both.tiles.mosaic.feather_m = 8;
-  ASSERT_FALSE(build(both).findings.refuses());
+  ASSERT_FALSE(build(both).findings.has_errors());
   both.out = folder_ / "map.3";
   both.tiles.threads = 3;
-  ASSERT_FALSE(build(both).findings.refuses());
+  ASSERT_FALSE(build(both).findings.has_errors());
   expect_same_files(folder_ / "map.1", folder_ / "map.3");
   both.out = folder_ / "map.far";
   both.tiles.mosaic.feather_m = 500;
@@ -299,7 +299,7 @@ TEST_F(PackageBuilder, AnInterruptedBuildLeavesNothing) {
 TEST_F(PackageBuilder, AKilledBuildLeavesNoPackageAndTheNextOneWorks) {
   build_and_kill(request("package"), kFirstTiles);
   EXPECT_FALSE(fs::exists(folder_ / "package"));
-  EXPECT_FALSE(build(request("package")).findings.refuses());
+  EXPECT_FALSE(build(request("package")).findings.has_errors());
   EXPECT_THAT(left_behind(), testing::ElementsAre("package"));
 }
 
@@ -329,7 +329,7 @@ TEST_P(ResumedBuildOf, IsIdenticalWhereverItWasKilled) {
     EXPECT_FALSE(fs::exists(folder_ / "package")) << event;
     if (event == last_tiles) build_and_kill(resumed("package", threads), kFirstTiles);  // may happen as well
     const PackageReport report = build(resumed("package"));
-    ASSERT_FALSE(report.findings.refuses());
+    ASSERT_FALSE(report.findings.has_errors());
     // From the first metatile until the journal is removed, right before the commit.
     EXPECT_EQ(report.resumed > 0, event >= kFirstTiles && event < events - 1) << event;
     expect_same_files(folder_ / "whole", folder_ / "package");
@@ -347,7 +347,7 @@ TEST_F(ResumedBuild, TakesMetatilesFromTheJournal) {
   const PackageReport report = build(resuming("package"));
   EXPECT_GT(report.resumed, 0);
   EXPECT_THAT(remarks_, testing::IsEmpty());
-  ASSERT_FALSE(build(request("whole")).findings.refuses());
+  ASSERT_FALSE(build(request("whole")).findings.has_errors());
   expect_same_files(folder_ / "whole", folder_ / "package");
 }
 
@@ -393,7 +393,7 @@ TEST_F(ResumedBuild, AFullDiskLosesNothing) {
     ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
     fs::path path;
   } unmount{small};
-  ASSERT_FALSE(build(request("whole")).findings.refuses());
+  ASSERT_FALSE(build(request("whole")).findings.has_errors());
   PackageRequest wanted = resuming("map.small/package");
   try {
     build(wanted);

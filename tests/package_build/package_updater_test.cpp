@@ -47,9 +47,9 @@ class UpdatedPackage : public PackageUpdate {
 };
 
 TEST_F(UpdatedPackage, ReencodesExactlyTheTilesThatNewImageryTouches) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   const UpdateReport report = update(request({"patch.tif"}));
-  ASSERT_FALSE(report.package.findings.refuses());
+  ASSERT_FALSE(report.package.findings.has_errors());
   const std::set<TileKey> touched = touched_by(kPatch);
   const TileSetDiff found = diff("old", "new");
   std::set<TileKey> changed;
@@ -66,9 +66,9 @@ TEST_F(UpdatedPackage, ReencodesExactlyTheTilesThatNewImageryTouches) {
 }
 
 TEST_F(UpdatedPackage, SidecarsEqualThoseOfABuildFromBoth) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
-  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.refuses());
-  ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.has_errors());
+  ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}).findings.has_errors());
   const std::vector<Sidecar> updated = sidecars("new"), built = sidecars("both");
   ASSERT_EQ(updated.size(), built.size());
   std::set<std::string> sources;
@@ -84,9 +84,9 @@ TEST_F(UpdatedPackage, SidecarsEqualThoseOfABuildFromBoth) {
 }
 
 TEST_F(UpdatedPackage, PixelsEqualThoseOfABuildFromBothWithinJpegsError) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
-  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.refuses());
-  ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.has_errors());
+  ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}).findings.has_errors());
   const MbtilesReader old(folder_ / "old" / kImageryFile), updated(folder_ / "new" / kImageryFile),
       built(folder_ / "both" / kImageryFile);
   const std::set<TileKey> touched = touched_by(kPatch);
@@ -105,29 +105,29 @@ TEST_F(UpdatedPackage, PixelsEqualThoseOfABuildFromBothWithinJpegsError) {
 // Without loss there is no difference at all between updating and building from everything.
 TEST_F(UpdatedPackage, WithPngItEqualsTheBuildFromBothByteForByte) {
   write_map("old.tif", {0, 0, 2560, 2560}, 0, "2024-03-01T00:00:00Z", "archive", cv::Rect(100, 100, 300, 500));
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}, ImageFormat::png).findings.refuses());
-  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.refuses());
-  ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}, ImageFormat::png).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}, ImageFormat::png).findings.has_errors());
+  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.has_errors());
+  ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}, ImageFormat::png).findings.has_errors());
   expect_same_files(folder_ / "new", folder_ / "both");
 }
 
 TEST_F(UpdatedPackage, ImageryThatCoversEverythingGivesTheBytesOfABuild) {
   write_map("all.tif", {0, 0, 2560, 2560}, 2, "2024-09-01T00:00:00Z", "survey");
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   const UpdateReport report = update(request({"all.tif"}));
   EXPECT_EQ(report.counts.copied, 0U);
-  ASSERT_FALSE(build("alone", "new.yaml", {"all.tif"}).findings.refuses());
+  ASSERT_FALSE(build("alone", "new.yaml", {"all.tif"}).findings.has_errors());
   expect_same_files(folder_ / "new", folder_ / "alone");
 }
 
 TEST_F(UpdatedPackage, SameBytesForAnyNumberOfThreadsHardAndFeathered) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   for (const double feather_m : {0.0, 6.0}) {
     for (const int threads : {1, 3}) {
       UpdateRequest wanted = request({"patch.tif"}, fmt::format("new{}.{}", feather_m, threads));
       wanted.tiles.threads = threads;
       wanted.tiles.mosaic.feather_m = feather_m;
-      ASSERT_FALSE(update(wanted).package.findings.refuses());
+      ASSERT_FALSE(update(wanted).package.findings.has_errors());
     }
     expect_same_files(folder_ / fmt::format("new{}.1", feather_m), folder_ / fmt::format("new{}.3", feather_m));
   }
@@ -138,9 +138,9 @@ TEST_F(UpdatedPackage, OlderImageryOnlyFillsHolesUnlessItHasPriority) {
   const cv::Rect hole(20, 30, 200, 100);
   write_map("old.tif", {0, 0, 2560, 2560}, 0, "2024-03-01T00:00:00Z", "archive", hole);
   write_map("older.tif", {0, 0, 1000, 300}, 1, "2024-02-01T00:00:00Z", "survey");
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   const UpdateReport report = update(request({"older.tif"}));
-  ASSERT_FALSE(report.package.findings.refuses());
+  ASSERT_FALSE(report.package.findings.has_errors());
   EXPECT_EQ(report.counts.reencoded, touched_by(hole).size());
   UpdateRequest on_top = request({"older.tif"}, "top");
   on_top.tiles.mosaic.order = MosaicOrder::priority;
@@ -152,12 +152,12 @@ TEST_F(UpdatedPackage, AnUpdateCanBeUpdated) {
   const cv::Rect second(1500, 1200, 600, 700);
   write_map("second.tif", second, 2, "2024-08-01T00:00:00Z", "other");  // older than the patch, newer than the rest
   write_mission("third.yaml", 3);
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}, ImageFormat::png).findings.refuses());
-  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}, ImageFormat::png).findings.has_errors());
+  ASSERT_FALSE(update(request({"patch.tif"})).package.findings.has_errors());
   UpdateRequest next = request({"second.tif"}, "third");
   next.old_package = folder_ / "new";
   next.mission = folder_ / "third.yaml";
-  ASSERT_FALSE(update(next).package.findings.refuses());
+  ASSERT_FALSE(update(next).package.findings.has_errors());
   expect_accepted("third");
   // A tile of both counts as old as its oldest part, so the second raster lies on top in tiles where the patch is not
   // alone; where it is, the patch stays.
@@ -172,10 +172,10 @@ TEST_F(UpdatedPackage, AnUpdateCanBeUpdated) {
 }
 
 TEST_F(UpdatedPackage, ASmallerMissionDropsTilesAndNeedsNoImagery) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   write_mission("new.yaml", 2, 0, 1);
   const UpdateReport report = update(request({}));
-  ASSERT_FALSE(report.package.findings.refuses());
+  ASSERT_FALSE(report.package.findings.has_errors());
   const TileSetDiff found = diff("old", "new");
   EXPECT_EQ(report.counts.dropped, found.removed.size());
   EXPECT_GT(report.counts.dropped, 20U);
@@ -185,12 +185,12 @@ TEST_F(UpdatedPackage, ASmallerMissionDropsTilesAndNeedsNoImagery) {
 }
 
 TEST_F(UpdatedPackage, ALargerMissionNeedsImageryForTheAddedArea) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   write_mission("new.yaml", 2, 6, 11);
   expect_refused(request({}), "coverage.gap");
   write_map("east.tif", {2300, 0, 1024, 2560}, 1, "2024-09-01T00:00:00Z", "survey");
   const UpdateReport report = update(request({"east.tif"}));
-  ASSERT_FALSE(report.package.findings.refuses());
+  ASSERT_FALSE(report.package.findings.has_errors());
   const TileSetDiff found = diff("old", "new");
   EXPECT_EQ(report.counts.added, found.added.size());
   EXPECT_EQ(report.counts.reencoded, found.changed.size());
@@ -200,9 +200,9 @@ TEST_F(UpdatedPackage, ALargerMissionNeedsImageryForTheAddedArea) {
 }
 
 TEST_F(UpdatedPackage, SectorsAreThoseOfTheNewMission) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   write_mission("new.yaml", 2, 3, 6, {{"id: middle", "id: centre"}});
-  ASSERT_FALSE(update(request({})).package.findings.refuses());
+  ASSERT_FALSE(update(request({})).package.findings.has_errors());
   std::set<std::string> sectors;
   for (const Sidecar& tile : sidecars("new")) sectors.insert(tile.sector);
   EXPECT_THAT(sectors, testing::ElementsAre("", "centre"));
@@ -213,7 +213,7 @@ TEST_F(UpdatedPackage, SectorsAreThoseOfTheNewMission) {
 class UpdateErrors : public PackageUpdate {
  protected:
   UpdateErrors() { write_map("patch.tif", {700, 900, 900, 500}, 1, "2024-09-01T00:00:00Z", "survey"); }
-  void make_old() { ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.refuses()); }
+  void make_old() { ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors()); }
 
   void make_old_with_terrain() {
     const std::map<std::string, std::string> dem{{"mode: flat", "mode: dem"}};
@@ -233,7 +233,7 @@ class UpdateErrors : public PackageUpdate {
     PackageRequest wanted = build_request("old", "old.yaml", {"old.tif"});
     wanted.dem = folder_ / "dem.tif";
     NoProgress progress;
-    ASSERT_FALSE(build_package(wanted, progress).findings.refuses());
+    ASSERT_FALSE(build_package(wanted, progress).findings.has_errors());
   }
 
   // Changes the blob of one tile in place; the file keeps its size and its sidecars.
@@ -321,7 +321,7 @@ TEST_F(UpdateErrors, AnOldPackageThatMayNotFlyAnyMoreIsAccepted) {
   make_old();
   write_map("all.tif", {0, 0, 2560, 2560}, 2, "2026-09-01T00:00:00Z", "survey");
   write_mission("new.yaml", 2, 3, 6, {{"created: 2024", "created: 2026"}, {"expires: 2024", "expires: 2026"}});
-  EXPECT_FALSE(update(request({"all.tif"})).package.findings.refuses());
+  EXPECT_FALSE(update(request({"all.tif"})).package.findings.has_errors());
 }
 
 TEST_F(UpdateErrors, ErrorsLeaveNothing) {
@@ -359,7 +359,7 @@ TEST_F(UpdateErrors, AKilledUpdateLeavesNothingAndTheNextOneWorks) {
 TEST_F(UpdateErrors, ADamagedTerrainIsNotCopied) {
   make_old_with_terrain();
   const fs::path terrain = folder_ / "old" / kTerrainFile;
-  EXPECT_FALSE(update(request({"patch.tif"}, "sound")).package.findings.refuses());
+  EXPECT_FALSE(update(request({"patch.tif"}, "sound")).package.findings.has_errors());
   EXPECT_EQ(read_file(folder_ / "sound" / kTerrainFile), read_file(terrain));
   Bytes bytes = read_file(terrain);
   bytes.back() ^= 1;
@@ -367,7 +367,7 @@ TEST_F(UpdateErrors, ADamagedTerrainIsNotCopied) {
   expect_refused(request({"patch.tif"}), "artifact.hash");
   UpdateRequest fresh = request({"patch.tif"});
   fresh.dem = folder_ / "dem.tif";
-  EXPECT_FALSE(update(fresh).package.findings.refuses());
+  EXPECT_FALSE(update(fresh).package.findings.has_errors());
 }
 
 TEST_F(UpdateErrors, RootsAreCarriedOnAndMustBeConsecutive) {
@@ -387,14 +387,14 @@ TEST_F(UpdateErrors, RootsAreCarriedOnAndMustBeConsecutive) {
   wanted.roots = {folder_ / "false.json"};
   EXPECT_THROW(update(wanted), Error) << "not signed by the first";
   wanted.roots = {folder_ / "3.json", folder_ / "2.json"};
-  ASSERT_FALSE(update(wanted).package.findings.refuses());
+  ASSERT_FALSE(update(wanted).package.findings.has_errors());
   EXPECT_TRUE(fs::exists(folder_ / "new" / root_file_name(3)));
   // From there on they travel without being named.
   write_mission("third.yaml", 3);
   UpdateRequest later = request({}, "third");
   later.old_package = folder_ / "new";
   later.mission = folder_ / "third.yaml";
-  ASSERT_FALSE(update(later).package.findings.refuses());
+  ASSERT_FALSE(update(later).package.findings.has_errors());
   EXPECT_EQ(roots_in_package(folder_ / "third").size(), 2U);
 }
 
@@ -403,7 +403,7 @@ TEST_F(UpdateErrors, WarnsWhenTheKeyMayNotSign) {
   const PrivateKey unknown_key = PrivateKey::generate();
   UpdateRequest wanted = request({"patch.tif"});
   wanted.key = &unknown_key;
-  EXPECT_FALSE(update(wanted).package.findings.refuses());
+  EXPECT_FALSE(update(wanted).package.findings.has_errors());
   EXPECT_THAT(remarks_, testing::ElementsAre(testing::HasSubstr("aircraft will reject")));
 }
 
@@ -421,7 +421,7 @@ class UpdateOfCogs : public PackageUpdate {
     wanted.tiles.container = container;
     wanted.tiles.encoding = encoding;
     NoProgress progress;
-    ASSERT_FALSE(build_package(wanted, progress).findings.refuses());
+    ASSERT_FALSE(build_package(wanted, progress).findings.has_errors());
   }
   void add_index(const std::string& name) {
     const fs::path package = folder_ / name;
@@ -462,7 +462,7 @@ class ContainerConversion : public UpdateOfCogs,
 TEST_P(ContainerConversion, WithoutChangesItEqualsTheBuildByteForByte) {
   make("old", "old.yaml", {"old.tif"}, before(), kJpeg);
   const UpdateReport report = update(wanted({}));
-  ASSERT_FALSE(report.package.findings.refuses());
+  ASSERT_FALSE(report.package.findings.has_errors());
   EXPECT_EQ(report.counts.copied, report.package.tiles);
   make("whole", "new.yaml", {"old.tif"}, after(), kJpeg);
   expect_same_files(folder_ / "new", folder_ / "whole");
@@ -474,7 +474,7 @@ TEST_P(ContainerConversion, WithLosslessTilesItEqualsTheBuildFromBothByteForByte
   write_map("old.tif", {512, 512, 1536, 1536}, 0, "2024-03-01T00:00:00Z", "archive", cv::Rect(550, 600, 150, 500));
   make("old", "old.yaml", {"old.tif"}, before(), kLossless);
   const UpdateReport report = update(wanted({"patch.tif"}));
-  ASSERT_FALSE(report.package.findings.refuses());
+  ASSERT_FALSE(report.package.findings.has_errors());
   EXPECT_GT(report.counts.reencoded, 20U);
   EXPECT_GT(report.counts.copied, 10U);
   make("both", "new.yaml", {"old.tif", "patch.tif"}, after(), kLossless);
@@ -507,15 +507,15 @@ TEST_F(UpdateOfCogs, ConvertingBackGivesTheSamePackage) {
   make("old", "old.yaml", {"old.tif"}, TileSetKind::mbtiles, kJpeg);
   UpdateRequest there = request({"patch.tif"});
   there.container = TileSetKind::cog;
-  ASSERT_FALSE(update(there).package.findings.refuses());
-  ASSERT_FALSE(update(request({"patch.tif"}, "straight")).package.findings.refuses());
+  ASSERT_FALSE(update(there).package.findings.has_errors());
+  ASSERT_FALSE(update(request({"patch.tif"}, "straight")).package.findings.has_errors());
   write_mission("third.yaml", 3);
   for (const auto& [from, to] : {std::pair{"new", "back"}, {"straight", "third"}}) {
     UpdateRequest next = request({}, to);
     next.old_package = folder_ / from;
     next.mission = folder_ / "third.yaml";
     next.container = TileSetKind::mbtiles;
-    ASSERT_FALSE(update(next).package.findings.refuses());
+    ASSERT_FALSE(update(next).package.findings.has_errors());
   }
   expect_same_files(folder_ / "back", folder_ / "third");
 }
@@ -525,13 +525,13 @@ TEST_F(UpdateOfCogs, SameBytesForAnyNumberOfThreads) {
   for (const int threads : {1, 3}) {
     UpdateRequest wanted = request({"patch.tif"}, "new" + std::to_string(threads));
     wanted.tiles.threads = threads;
-    ASSERT_FALSE(update(wanted).package.findings.refuses());
+    ASSERT_FALSE(update(wanted).package.findings.has_errors());
   }
   expect_same_files(folder_ / "new1", folder_ / "new3");
 }
 
 TEST_F(UpdateOfCogs, PngTilesCannotBeCopiedIntoACog) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}, ImageFormat::png).findings.refuses());
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}, ImageFormat::png).findings.has_errors());
   UpdateRequest wanted = request({"patch.tif"});
   wanted.container = TileSetKind::cog;
   try {
@@ -562,7 +562,7 @@ TEST_F(UpdateOfCogs, ADamagedTileIsNotCopied) {
   spoil(4, 4);  // under the patch
   expect_refused(request({"patch.tif"}), "artifact.hash");
   spoil(4, 4);  // back to what it was
-  ASSERT_FALSE(update(request({"patch.tif"}, "sound")).package.findings.refuses());
+  ASSERT_FALSE(update(request({"patch.tif"}, "sound")).package.findings.has_errors());
   spoil(0, 0);
   for (const auto container : {TileSetKind::cog, TileSetKind::mbtiles}) {
     UpdateRequest wanted = request({"patch.tif"});

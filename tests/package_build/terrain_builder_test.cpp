@@ -253,7 +253,7 @@ TEST_F(TerrainBuilder, ThePackageHoldsItAndIsReproducible) {
   write_map();
   NoProgress progress;
   const PackageReport report = build_package(request("one"), progress);
-  ASSERT_FALSE(report.findings.refuses()) << (report.findings.empty() ? "" : to_text(report.findings.items().front()));
+  ASSERT_FALSE(report.findings.has_errors()) << (report.findings.empty() ? "" : to_text(report.findings.items().front()));
   ASSERT_TRUE(report.terrain);
   const auto manifest = parse_manifest(read_file(folder_ / "one" / kManifestFile)).manifest;
   ASSERT_TRUE(manifest);
@@ -273,7 +273,7 @@ TEST_F(TerrainBuilder, GapsMissingModelsAndFlatMissionsAreRejectedWithoutLeftove
   NoProgress progress;
   const auto expect_refused = [&](const PackageRequest& request, const char* code) {
     const PackageReport report = build_package(request, progress);
-    EXPECT_TRUE(report.findings.refuses());
+    EXPECT_TRUE(report.findings.has_errors());
     EXPECT_TRUE(report.findings.contains(code)) << code;
     EXPECT_FALSE(fs::exists(folder_ / "package"));
     EXPECT_FALSE(fs::exists(folder_ / ".package.staging"));
@@ -326,7 +326,7 @@ TEST_F(TerrainBuilder, AFullDiskAtTheTerrainLosesNothing) {
     fs::path filler_;
   } fill(filler);
   NoProgress progress;
-  ASSERT_FALSE(build_package(request("whole"), progress).findings.refuses());
+  ASSERT_FALSE(build_package(request("whole"), progress).findings.has_errors());
   ASSERT_GT(fs::file_size(folder_ / "whole" / kTerrainFile), 50'000U);
 
   PackageRequest wanted = request("small/package");

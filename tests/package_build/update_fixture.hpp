@@ -131,7 +131,7 @@ route:
   void expect_refused(const UpdateRequest& request, std::string_view code) {
     const UpdateReport report = update(request);
     EXPECT_TRUE(report.package.findings.contains(code)) << code;
-    EXPECT_TRUE(report.package.findings.refuses());
+    EXPECT_TRUE(report.package.findings.has_errors());
     EXPECT_FALSE(std::filesystem::exists(request.out));
     EXPECT_FALSE(std::filesystem::exists(folder_ / ("." + request.out.filename().string() + ".staging")));
   }

@@ -111,7 +111,7 @@ TEST(Boresight, SigmasAreConsistentWithTheErrors) {
     const auto found = solve_boresight(flown({}, seed), settings());
     ASSERT_TRUE(found);
     expect_mount(*found, World().mount, 3);
-    EXPECT_FALSE(check_boresight(found, {}).refuses());
+    EXPECT_FALSE(check_boresight(found, {}).has_errors());
     EXPECT_LT(degrees(found->mount_sigma.pitch_rad), 0.5);
     EXPECT_LT(degrees(found->mount_sigma.heading_rad), 1.0);
     EXPECT_LT(found->misfit, 1.5);
@@ -172,7 +172,7 @@ TEST(Boresight, OneLegDoesNotSeparateTheMountFromAGpsOffset) {
   ASSERT_TRUE(unsure && sure);
   EXPECT_GT(unsure->mount_sigma.pitch_rad, 2 * sure->mount_sigma.pitch_rad);
   EXPECT_TRUE(check_boresight(unsure, {}).contains("provision.boresight_unsure"));
-  EXPECT_FALSE(check_boresight(sure, {}).refuses());
+  EXPECT_FALSE(check_boresight(sure, {}).has_errors());
 }
 
 TEST(Boresight, AnUndeterminedMountIsAFinding) {

@@ -89,7 +89,7 @@ TEST(Mcap, ATruncatedFileIsReadToItsLastCompleteChunk) {
     ASSERT_GE(back.records.size(), whole) << "cut at " << cut;
     ASSERT_LE(back.records.size(), whole + 3) << "cut at " << cut;
     ASSERT_FALSE(back.contents.finished);
-    ASSERT_FALSE(back.contents.findings.refuses()) << "cut at " << cut;
+    ASSERT_FALSE(back.contents.findings.has_errors()) << "cut at " << cut;
     ASSERT_TRUE(back.contents.findings.contains("recorder.truncated")) << "cut at " << cut;
     ASSERT_LE(back.contents.whole_size, cut);
   }
@@ -174,7 +174,7 @@ TEST(Mcap, RefusesOtherBytes) {
   for (const std::string_view text : {"MCAP", "\x89MCAQ", "\x89PNG\r\n\x1a\n and more"}) {
     const auto back = test::read_back(MemorySource(as_bytes(text)));
     EXPECT_TRUE(back.contents.findings.contains("recorder.format"));
-    EXPECT_TRUE(back.contents.findings.refuses());
+    EXPECT_TRUE(back.contents.findings.has_errors());
   }
 }
 

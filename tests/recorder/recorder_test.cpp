@@ -167,7 +167,7 @@ TEST_F(RecorderThread, KeepsFrameImagesWhenConfigured) {
     EXPECT_EQ(std::get<InputRecord>(inputs[0]).picture, sha256(as_bytes("picture bytes")));
     ASSERT_EQ(pictures.size(), keep ? 1U : 0U);
     if (!keep) continue;
-    EXPECT_EQ(as_text(std::get<PictureRecord>(pictures[0]).encoded), "picture bytes");
+    EXPECT_EQ(as_text(std::get<FrameRecord>(pictures[0]).encoded), "picture bytes");
   }
 }
 

@@ -104,7 +104,7 @@ EstimateRecord sample_estimate(std::uint64_t index) {
 std::vector<Record> sample_records(Random& random) {
   return {sample_session(),
           InputRecord{1, telemetry(random), sha256(as_bytes("picture")), 1234},
-          PictureRecord{1, "frame.jpg", noise(random, 500)},
+          FrameRecord{1, "frame.jpg", noise(random, 500)},
           EstimateRecord{1, estimate(random), {true, 55, 4.5}, {}},
           AnchorRecord{1, "frame.jpg", 12.5, anchor(random), 3},
           StateRecord{"normal", "degraded", "no anchor for 30 s"},

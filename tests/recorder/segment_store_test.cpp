@@ -140,7 +140,7 @@ TEST_F(Store, TheBudgetDropsThumbnailsBeforeFramesBeforeDecisions) {
   tight.zstd_level = 0;
   SegmentStore store(tight, test::sample_session());
   Random random(2);
-  PictureRecord picture{0, "frame.jpg", Bytes(20'000)};
+  FrameRecord picture{0, "frame.jpg", Bytes(20'000)};
   for (std::uint8_t& byte : picture.encoded) byte = static_cast<std::uint8_t>(random.integer(0, 255));
   for (std::uint64_t i = 0; i < 40; ++i) {
     store.put(thumbnail(i), kStart + i * kOneSecond);
@@ -192,7 +192,7 @@ TEST_F(Store, AFullDiskStopsRecordingAndRoomResumesIt) {
     EXPECT_NE(store.status().error.find("000001.flight.mcap"), std::string::npos);
     // What is on the disk is sound.
     const auto back = test::read_back(segments_in(folder / "recording").front().path);
-    EXPECT_FALSE(back.contents.findings.refuses());
+    EXPECT_FALSE(back.contents.findings.has_errors());
     EXPECT_GE(back.of(Topic::estimate).size(), 1U);
   }
   for (; i < 310; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond);

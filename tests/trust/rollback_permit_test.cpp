@@ -58,7 +58,7 @@ TEST_F(Permit, NeedsTheThresholdOfPackageSigners) {
   permit.document.put(sign_payload(second_, kPermitPayloadType, as_bytes(permit.document.signed_bytes)));
   EXPECT_TRUE(check_permit(permit, root_, wish_).empty());
   root_.revoked.insert(second_.public_key().id());
-  EXPECT_TRUE(check_permit(permit, root_, wish_).refuses());
+  EXPECT_TRUE(check_permit(permit, root_, wish_).has_errors());
 }
 
 TEST_F(Permit, IsRejectedWhenEditedOrOfAnotherAuthority) {

@@ -124,18 +124,18 @@ TEST_F(Root, SuccessorIsTheNextVersion) {
     EXPECT_TRUE(check_succession(now, sign_root(version(number, first_), {&first_})).contains("root.rollback"))
         << number;
   }
-  EXPECT_FALSE(check_succession(now, sign_root(version(6, first_), {&first_})).refuses());
+  EXPECT_FALSE(check_succession(now, sign_root(version(6, first_), {&first_})).has_errors());
 }
 
 // A revoked root key has no voice in the succession.
 TEST_F(Root, RevokedRootKeyCannotAppoint) {
   TrustRoot now = version(1, first_);
   now.revoked.insert(first_.public_key().id());
-  EXPECT_TRUE(check_succession(now, sign_root(version(2, second_), {&first_, &second_})).refuses());
+  EXPECT_TRUE(check_succession(now, sign_root(version(2, second_), {&first_, &second_})).has_errors());
 }
 
 TEST_F(Root, RootWithoutItsOwnSignaturesIsNotTrusted) {
-  EXPECT_TRUE(check_self(sign_root(version(1, first_), {&packer_})).refuses());
+  EXPECT_TRUE(check_self(sign_root(version(1, first_), {&packer_})).has_errors());
 }
 
 class RootWalking : public ::testing::Test {
@@ -187,7 +187,7 @@ TEST_F(RootWalking, StopsBeforeARootNotSignedByTheOldKeys) {
   put(3, c_, {&b_, &c_});
   const RootSuccession result = walk();
   EXPECT_EQ(result.root.version, 1);
-  EXPECT_TRUE(result.findings.refuses());
+  EXPECT_TRUE(result.findings.has_errors());
 }
 
 // The first root's key may not appoint the third: it has no say after the second.
@@ -196,7 +196,7 @@ TEST_F(RootWalking, RetiredKeyCannotSignLaterRoots) {
   put(3, c_, {&a_, &c_});
   const RootSuccession result = walk();
   EXPECT_EQ(result.root.version, 2);
-  EXPECT_TRUE(result.findings.refuses());
+  EXPECT_TRUE(result.findings.has_errors());
 }
 
 TEST_F(RootWalking, RevokedKeyCannotSign) {
@@ -228,7 +228,7 @@ TEST_F(RootWalking, DamagedDocumentsAreFindings) {
       // Blanks between the members are not signed; everything that is must be as it was.
       EXPECT_EQ(parse_root(documents_[2], "test").signed_bytes, parse_root(good, "test").signed_bytes) << at;
     } else {
-      EXPECT_TRUE(result.findings.refuses()) << at;
+      EXPECT_TRUE(result.findings.has_errors()) << at;
     }
   }
   documents_[2].clear();

@@ -39,7 +39,7 @@ TEST_F(Signatures, RejectsOtherBytes) {
 
 TEST_F(Signatures, RejectsUnknownKeys) {
   const SignatureCheck result = check({by(stranger_)});
-  EXPECT_TRUE(result.findings.refuses());
+  EXPECT_TRUE(result.findings.has_errors());
   EXPECT_TRUE(result.findings.contains("key.unknown"));
 }
 
@@ -49,7 +49,7 @@ TEST_F(Signatures, RejectsKeysOfAnotherRole) { EXPECT_TRUE(check({by(root_key_)}
 TEST_F(Signatures, RejectsRevokedAndExpiredKeys) {
   root_.revoked.insert(a_.public_key().id());
   EXPECT_TRUE(check({by(a_)}).findings.contains("key.revoked"));
-  EXPECT_TRUE(check({by(a_)}).findings.refuses());
+  EXPECT_TRUE(check({by(a_)}).findings.has_errors());
   root_.keys.at(b_.public_key().id()).expires = UtcTime{1000};
   EXPECT_TRUE(check({by(b_)}).findings.contains("key.expired"));
   EXPECT_TRUE(check({by(b_)}, "body", {999}).findings.empty());
@@ -59,20 +59,20 @@ TEST_F(Signatures, ThresholdCountsKeysOnce) {
   root_.package_signer.threshold = 2;
   EXPECT_TRUE(check({by(a_)}).findings.contains("signature.missing"));
   EXPECT_TRUE(check({by(a_), by(a_)}).findings.contains("signature.missing"));
-  EXPECT_FALSE(check({by(a_), by(b_)}).findings.refuses());
-  EXPECT_TRUE(check({by(a_), by(stranger_)}).findings.refuses());
+  EXPECT_FALSE(check({by(a_), by(b_)}).findings.has_errors());
+  EXPECT_TRUE(check({by(a_), by(stranger_)}).findings.has_errors());
 }
 
 TEST_F(Signatures, BeyondTheThresholdUnknownKeysAreAWarning) {
   const SignatureCheck result = check({by(a_), by(stranger_)});
-  EXPECT_FALSE(result.findings.refuses());
+  EXPECT_FALSE(result.findings.has_errors());
   EXPECT_TRUE(result.findings.contains("key.unknown"));
 }
 
 TEST_F(Signatures, ADamagedSignatureIsAlwaysAnError) {
   EnvelopeSignature damaged = by(b_);
   damaged.signature[10] ^= 1;
-  EXPECT_TRUE(check({by(a_), damaged}).findings.refuses());
+  EXPECT_TRUE(check({by(a_), damaged}).findings.has_errors());
 }
 
 TEST_F(Signatures, NoSignaturesAreNotEnough) { EXPECT_TRUE(check({}).findings.contains("signature.missing")); }
@@ -130,7 +130,7 @@ class AirframeSignature : public ::testing::Test {
   void expect_refused(const std::optional<Bytes>& envelope, std::string_view code) const {
     for (const auto without : {refused_when_signers_are_known, allowed}) {
       const Findings findings = judged(envelope, without);
-      EXPECT_TRUE(findings.refuses());
+      EXPECT_TRUE(findings.has_errors());
       ASSERT_FALSE(findings.empty());
       EXPECT_EQ(findings.items()[0].code, code);
       EXPECT_EQ(findings.items()[0].where, "airframe.json.sig");
@@ -157,12 +157,12 @@ TEST_F(AirframeSignature, MissingIsAWarningUntilTheRootNamesSigners) {
   const Findings early = judged(std::nullopt);
   ASSERT_EQ(early.items().size(), 1U);
   EXPECT_EQ(early.items()[0].code, "airframe.unsigned");
-  EXPECT_FALSE(early.refuses());
+  EXPECT_FALSE(early.has_errors());
   name_signers();
-  EXPECT_TRUE(judged(std::nullopt).refuses());
+  EXPECT_TRUE(judged(std::nullopt).has_errors());
   const Findings bench = judged(std::nullopt, allowed);
   EXPECT_TRUE(bench.contains("airframe.unsigned")) << "said all the same";
-  EXPECT_FALSE(bench.refuses());
+  EXPECT_FALSE(bench.has_errors());
 }
 
 // A false signature is no missing one: the bench does not accept it either.

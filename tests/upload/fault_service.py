@@ -108,7 +108,7 @@ class Service:
         pack = self.packs.setdefault((upload_id, sha), {"data": bytearray(), "length": length, "done": False})
         reached = pack["length"] if pack["done"] else len(pack["data"])
         if offset != reached:
-            raise Problem(409, "offset-mismatch", f"the pack goes on at byte {reached}", {"Upload-Offset": str(reached)})
+            raise Problem(409, "offset-mismatch", f"the pack continues at byte {reached}", {"Upload-Offset": str(reached)})
         if not whole:
             if self.keep_partial:
                 pack["data"] += body

@@ -88,11 +88,11 @@ void ServeCommand::setup(Options& options) {
   options.value("--catalogue", catalogue_, "CATALOGUE",
                 "a SpatiaLite file or \"PG:…\"; DATA/catalogue.sqlite without it");
   options.values("--package", service_.packages, "PACKAGE",
-                 "base packages of the flights; tiles of others are refused");
+                 "base packages of the flights; tiles of other packages are rejected");
   options.value("--votes", service_.rules.flights_to_promote, "N", "flights that must agree").between(2, 10);
   options
       .value("--independent", independent_, "WHAT",
-             "flights that count as independent: of other airframes, or also of other days")
+             "which flights count as independent: only those of other airframes, or also those of other days")
       .one_of({"airframes", "days"});
   options.value("--max-age-days", max_age_days_, "N", "older tiles are refused").between(1, 3650);
   options.value("--quota-mb", quota_mb_, "N", "megabytes that an airframe may announce per day").between(1, 1'000'000);

@@ -4,7 +4,7 @@ const data = JSON.parse(document.getElementById("data").textContent);
 
 const sources = {
   satellite_anchored: { label: "anchored to the map", colour: "var(--anchored)" },
-  vo_extrapolated: { label: "carried by odometry", colour: "var(--vo)" },
+  vo_extrapolated: { label: "propagated by odometry", colour: "var(--vo)" },
   dead_reckoned: { label: "dead reckoned", colour: "var(--dead)" },
   no_fix: { label: "no fix", colour: "var(--none)" },
 };

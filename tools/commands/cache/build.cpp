@@ -128,7 +128,7 @@ int CacheBuildCommand::run(Context& context) {
   if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << remark << '\n'; };
 
   const PackageReport report = build_package(request, context.progress);
-  if (report.findings.refuses()) {
+  if (report.findings.has_errors()) {
     if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, context.json, report.findings);
   }

@@ -345,7 +345,7 @@ std::string findings_csv(const Findings& findings) {
 
 std::string findings_markdown(const CacheReport& report) {
   std::string text = fmt::format("# {}\n\n**{}**, evaluated as of {}.\n\n", markdown_cell(report.title),
-                                 report.findings.refuses() ? "Rejected" : "Accepted", to_rfc3339(report.at));
+                                 report.findings.has_errors() ? "Rejected" : "Accepted", to_rfc3339(report.at));
   text += "| | |\n|---|---|\n";
   for (const auto& [name, value] : report.figures) {
     text += fmt::format("| {} | {} |\n", markdown_cell(name), markdown_cell(value));
@@ -364,7 +364,7 @@ std::string cache_report_html(const CacheReport& report) {
   json data = document_of(report);
   data["title"] = report.title;
   data["subtitle"] = report.subtitle;
-  data["generator"] = fmt::format("Made by nadir {}", kVersion);
+  data["generator"] = fmt::format("Created by nadir {}", kVersion);
   data["map"] = report.mission ? coverage_map(report) : json();
   const std::string text = script_safe(data), title = html_escaped(report.title);
   return fill_page(

@@ -178,7 +178,7 @@ int CacheIndexCommand::run(Context& context) {
   const Manifest manifest = load_package_manifest(package_);
   if (!evaluate_) require_key_when_signed(package_, key_.has_value());
   const Findings findings = check_before_signing(package_, context.progress);
-  if (findings.refuses()) return report_findings(context.out, context.json, findings);
+  if (findings.has_errors()) return report_findings(context.out, context.json, findings);
   const Mission mission = read_mission(package_ / kMissionFile);
   return evaluate_ ? evaluate(context, manifest, mission) : make(context, manifest, mission);
 }
@@ -200,7 +200,7 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
                             [&](const std::filesystem::path& folder) { return write_place_index(folder, index); }};
   const AmendedPackage indexed =
       amend_package(package_, manifest, mission, amendment, key ? &*key : nullptr, context.progress);
-  if (indexed.findings.refuses()) {
+  if (indexed.findings.has_errors()) {
     if (!context.quiet) context.err << "rejected: the package is unchanged\n";
     return report_findings(context.out, context.json, indexed.findings);
   }

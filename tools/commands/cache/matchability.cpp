@@ -94,7 +94,7 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);
   const Findings findings = check_before_signing(subject_, context.progress);
-  if (findings.refuses()) return report_findings(context.out, context.json, findings);
+  if (findings.has_errors()) return report_findings(context.out, context.json, findings);
   const Mission mission = read_mission(subject_ / kMissionFile);
   const MatchabilityResult result =
       make_matchability(find_tile_set(subject_).tiles, mission, request_, context.progress);
@@ -105,7 +105,7 @@ int CacheMatchabilityCommand::put_into_package(Context& context) {
                             }};
   const AmendedPackage amended =
       amend_package(subject_, manifest, mission, amendment, key ? &*key : nullptr, context.progress);
-  if (amended.findings.refuses()) {
+  if (amended.findings.has_errors()) {
     if (!context.quiet) context.err << "rejected: the package is unchanged\n";
     return report_findings(context.out, context.json, amended.findings);
   }

@@ -68,7 +68,7 @@ int CacheSignCommand::run(Context& context) {
   }
   const std::vector<PrivateKey> keys = read_private_keys(keys_);
   const Findings findings = check_before_signing(package_, context.progress);
-  if (findings.refuses()) return report_findings(context.out, context.json, findings);
+  if (findings.has_errors()) return report_findings(context.out, context.json, findings);
 
   add_package_roots(package_, read_root_chain(roots_, roots_in_package(package_)));
   std::size_t signatures = 0;

@@ -10,7 +10,7 @@ namespace fs = std::filesystem;
 
 TileSetSubject find_tile_set(const fs::path& path) {
   if (!fs::exists(path)) {
-    throw UsageError({.what = "nothing of this name",
+    throw UsageError({.what = "nothing with this name",
                       .where = path.string(),
                       .expected = "a package's folder, an MBTiles file or a COG"});
   }

@@ -114,7 +114,7 @@ int CacheUpdateCommand::run(Context& context) {
   if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << remark << '\n'; };
 
   const auto [report, counts, old_sequence, sequence] = update_package(request, context.progress);
-  if (report.findings.refuses()) {
+  if (report.findings.has_errors()) {
     if (!context.quiet) context.err << "rejected: nothing was written\n";
     return report_findings(context.out, context.json, report.findings);
   }

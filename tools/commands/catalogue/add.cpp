@@ -110,7 +110,7 @@ int CatalogueAddCommand::run(Context& context) {
   } else if (added == Catalogue::Added::known) {
     context.out << fmt::format("{} is already in the catalogue; nothing changed\n", name);
   }
-  return reading.findings.refuses() ? kRefused : kAccepted;
+  return reading.findings.has_errors() ? kRefused : kAccepted;
 }
 
 }  // namespace

@@ -50,7 +50,7 @@ int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKe
   // Only signatures that are still missing may come later; everything else stays wrong.
   bool only_missing = true;
   for (const Finding& finding : findings.items()) only_missing &= finding.code == "signature.missing";
-  if (findings.refuses() && !(wanted.incomplete && only_missing)) {
+  if (findings.has_errors() && !(wanted.incomplete && only_missing)) {
     const Finding& first = findings.items().front();
     throw UsageError({.what = "aircraft would refuse this root: it is not signed by enough root keys",
                       .expected = first.expected,
@@ -62,7 +62,7 @@ int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKe
   }
   write_file_atomic(wanted.out, signed_root.json());
   const TrustRoot& root = signed_root.root;
-  const bool complete = !findings.refuses();
+  const bool complete = !findings.has_errors();
   if (context.json) {
     print_json(context.out, {{"root", wanted.out.string()},
                              {"version", root.version},

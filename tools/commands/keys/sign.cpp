@@ -131,7 +131,7 @@ int KeysSignCommand::run(Context& context) {
                       .fix = "packages are signed with `nadir cache sign`"});
   }
   write_file_atomic(file_, result);
-  const bool complete = !missing.refuses();
+  const bool complete = !missing.has_errors();
   if (context.json) {
     print_json(context.out, {{"file", file_.string()}, {"complete", complete}});
     return kAccepted;

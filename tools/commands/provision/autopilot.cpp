@@ -172,7 +172,7 @@ void ProvisionAutopilotCommand::report(Context& context, const AutopilotIdentity
                   {"identity", autopilot.uid}};
   for (const AutopilotParameter& one : parameters) {
     const std::string change = done ? fmt::format("was {}, is {}", one.present, one.wanted)
-                                    : fmt::format("is {}, wanted {}", one.present, one.wanted);
+                                    : fmt::format("is {}, should be {}", one.present, one.wanted);
     figures.emplace_back(one.name, one.differs() ? change : fmt::format("{}", one.present));
   }
   if (done) figures.emplace_back("RAW_IMU", fmt::format("{:.1f} Hz", done->imu_rate_hz));

@@ -179,7 +179,7 @@ int ProvisionBoresightCommand::run(Context& context) {
     airframe.mount = boresight->mount;
     airframe.capture_delay_s = std::max(configured_delay_s + boresight->delay_s, 0.0);
   }
-  if (!findings.refuses() && out_) write_airframe(*out_, airframe, *key);
+  if (!findings.has_errors() && out_) write_airframe(*out_, airframe, *key);
   return report(context, findings, boresight, seen.frames, airframe.capture_delay_s);
 }
 
@@ -220,8 +220,8 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
        {"GPS to map", fmt::format("{:+.1f} m east, {:+.1f} m north", b.offset_m.x(), b.offset_m.y())},
        {"height", fmt::format("{:.3f} of the reported height", b.height_factor)},
        {"misfit", fmt::format("{:.2f} (1: residuals match the uncertainty)", b.misfit)},
-       {"written", findings.refuses() || !out_ ? "nothing" : out_->string()}});
-  return findings.refuses() ? kRefused : kAccepted;
+       {"written", findings.has_errors() || !out_ ? "nothing" : out_->string()}});
+  return findings.has_errors() ? kRefused : kAccepted;
 }
 
 }  // namespace

@@ -73,10 +73,10 @@ int ProvisionCameraCommand::run(Context& context) {
   const Board board = parse_board(board_, square_m_);
   const BoardImages pictures = find_boards(pictures_, board, context.progress);
   Findings findings = check_views(pictures, limits_);
-  if (findings.refuses()) return report_findings(context.out, context.json, findings);
+  if (findings.has_errors()) return report_findings(context.out, context.json, findings);
   const Calibration calibration = calibrate(pictures, board);
   findings.add(check_calibration(calibration, limits_));
-  if (!findings.refuses()) write_file_atomic(out_, camera_yaml(calibration.camera));
+  if (!findings.has_errors()) write_file_atomic(out_, camera_yaml(calibration.camera));
   return report(context, findings, pictures, calibration);
 }
 
@@ -106,8 +106,8 @@ int ProvisionCameraCommand::report(Context& context, const Findings& findings, c
                  {"centre", fmt::format("{:.2f}, {:.2f} px", camera.cx, camera.cy)},
                  {"residual", fmt::format("{:.3f} px, at most {:.3f} px in {}", calibration.residual_px,
                                           calibration.worst_view_px, calibration.worst_view)},
-                 {"written", findings.refuses() ? "nothing" : out_.string()}});
-  return findings.refuses() ? kRefused : kAccepted;
+                 {"written", findings.has_errors() ? "nothing" : out_.string()}});
+  return findings.has_errors() ? kRefused : kAccepted;
 }
 
 }  // namespace

@@ -73,7 +73,7 @@ int RecorderRecoverCommand::run(Context& context) {
   bool damaged = false;
   const auto recover = [&](const fs::path& source, const fs::path& target) {
     const McapContents contents = recover_mcap(source, target);
-    damaged = damaged || contents.findings.refuses();
+    damaged = damaged || contents.findings.has_errors();
     files.push_back(json_from(source, contents));
     if (context.json) return;
     context.out << fmt::format("{}  {}, {} left out, {} of {} bytes readable\n", source.filename().string(),

@@ -83,11 +83,11 @@ MavlinkPoseSource::MavlinkPoseSource(std::string_view endpoint)
   take_what_came();
   const bool waits = parse_endpoint(endpoint).kind == Endpoint::Kind::udp_listen;
   if (waits && !link_.transport().is_open()) {
-    throw Error({.what = "the poses cannot be listened for",
+    throw Error({.what = "cannot listen for poses",
                  .where = std::string(endpoint),
                  .expected = "an address of this machine with a free port",
                  .found = link_.transport().last_error(),
-                 .fix = "choose another port, or end the program that uses it"});
+                 .fix = "choose another port, or stop the program that uses it"});
   }
 }
 

@@ -96,7 +96,7 @@ int SyncRetryCommand::run(Context& context) {
                              count(static_cast<std::uint64_t>(batches), "batch", "batches"),
                              count(static_cast<std::uint64_t>(tiles), "tile"),
                              count(static_cast<std::uint64_t>(sealed.batches), "new batch", "new batches"));
-  return findings.refuses() ? kRefused : kAccepted;
+  return findings.has_errors() ? kRefused : kAccepted;
 }
 
 }  // namespace

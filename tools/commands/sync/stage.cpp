@@ -85,7 +85,7 @@ void SyncStageCommand::setup(Options& options) {
 
 // Whether the flight came to an orderly end, by the marks that its programs leave.
 bool SyncStageCommand::flight_ended(const CandidateReader& reader, Findings& findings) const {
-  const Severity severity = force_ ? Severity::warning : Severity::refuse;
+  const Severity severity = force_ ? Severity::warning : Severity::error;
   if (!reader.clean_shutdown()) {
     findings.add({.code = "flight.unfinished",
                   .severity = severity,
@@ -106,7 +106,7 @@ bool SyncStageCommand::flight_ended(const CandidateReader& reader, Findings& fin
                     .fix = "run nadir recorder verify for details; --force stages anyway"});
     }
   }
-  return !findings.refuses();
+  return !findings.has_errors();
 }
 
 SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root,
@@ -131,7 +131,7 @@ SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxData
       const auto check =
           check_candidate_signature(*root, candidate->sidecar, candidate->sidecar_bytes, candidate->signature, at);
       findings.add(check.findings);
-      if (check.findings.refuses()) continue;  // whatever airframe it names keeps no other tile
+      if (check.findings.has_errors()) continue;  // whatever airframe it names keeps no other tile
       if (checked.insert(candidate->sidecar.airframe).second) {
         require_tile_key(*root, candidate->sidecar.airframe, key);
       }
@@ -180,7 +180,7 @@ int SyncStageCommand::run(Context& context) {
                                count(static_cast<std::uint64_t>(sum.staged), "tile"), sum.known, sealed.tiles,
                                count(static_cast<std::uint64_t>(sealed.batches), "batch", "batches"));
   }
-  return findings.refuses() ? kRefused : kAccepted;
+  return findings.has_errors() ? kRefused : kAccepted;
 }
 
 }  // namespace

@@ -16,8 +16,8 @@ const colourOf = (cell) => {
                    : `color-mix(in srgb, var(--old) ${200 * used - 100}%, var(--mid))`;
 };
 const stateWords = {
-  good: "there, and fresh enough", stale: "older than its sector allows", gap: "missing",
-  partial: "partly missing", spare: "there, but not needed",
+  good: "present and fresh enough", stale: "older than its sector allows", gap: "missing",
+  partial: "partly missing", spare: "present, but not required",
 };
 
 const drawMap = (host, onHover) => {
