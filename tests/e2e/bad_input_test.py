@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Bad input to each command: exit code 2, a clear message, nothing left behind."""
+"""Bad input to each command: exit code 2, a clear message, no output left behind."""
 import subprocess
 
 from support import AT, EndToEnd, main, write_jpeg
@@ -69,9 +69,9 @@ class Build(EndToEnd):
         self.fails(2, *self.args(imagery=plain), says=["plain.tif"], leaves_nothing=self.out)
 
     def test_no_metadata(self):
-        picture = self.map()
-        picture.with_suffix(".json").unlink()
-        self.fails(2, *self.args(imagery=picture), leaves_nothing=self.out)
+        raster = self.map()
+        raster.with_suffix(".json").unlink()
+        self.fails(2, *self.args(imagery=raster), leaves_nothing=self.out)
 
     def test_output_exists(self):
         self.out.mkdir()
@@ -149,8 +149,8 @@ class Replay(EndToEnd):
         self.refused(says=["telemetry.csv"])
 
     def test_empty_folder(self):
-        for picture in (self.flown / "frames").iterdir():
-            picture.unlink()
+        for frame in (self.flown / "frames").iterdir():
+            frame.unlink()
         self.refused(says=["no images"])
 
     def test_camera_of_another_size(self):
@@ -166,7 +166,7 @@ class Replay(EndToEnd):
         self.refused(says=["camera.yaml"])
 
     def test_files_that_are_no_pictures(self):
-        (self.flown / "frames" / "1.jpg").write_text("no picture")
+        (self.flown / "frames" / "1.jpg").write_text("not an image")
         self.refused(says=["1.jpg"])
 
     def test_options(self):

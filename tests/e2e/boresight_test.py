@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""nadir provision boresight: a simulated flight whose camera sits askew by angles that the test knows."""
+"""nadir provision boresight: a simulated flight whose camera is misaligned by known angles."""
 import csv
 import json
 import math
@@ -52,7 +52,7 @@ class Boresight(EndToEnd):
 
     @staticmethod
     def askew(flight):
-        """The telemetry of an aircraft whose camera sits askew, with GPS's positions beside it."""
+        """The telemetry of an aircraft with a misaligned camera, and its GPS positions."""
         with open(flight / "truth.csv", encoding="utf-8") as file:
             truth = {row["frame"]: row for row in csv.DictReader(file)}
         with open(flight / "telemetry.csv", encoding="utf-8") as file:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""What flights do to software, done to nadird in the closed loop: it is killed again and again; disk full, link cut, clocks
-set, tiles spoilt, camera stalled, ten times the pictures. Prints a table of what was expected and what was found; the exit
-code is 1 when something is off. docs/closed-loop.md.
+"""Faults injected into nadird in the closed loop: it is killed repeatedly; disk full, link cut, clocks
+set, tiles spoilt, camera stalled, ten times the frames. Prints a table of what was expected and what was found; the exit
+code is 1 when something is wrong. docs/closed-loop.md.
 """
 import argparse
 import os

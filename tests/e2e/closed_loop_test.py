@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The harness of the closed loop, with a stand-in for the service: the loop closes, and the verdict is right."""
+"""The harness of the closed loop, with a stand-in for the service: the loop closes, and the verdict is correct."""
 import csv
 import json
 import pathlib
@@ -32,7 +32,7 @@ class Loop(support.EndToEnd):
 
 
 class Flight(support.EndToEnd):
-    """nadird itself, in real time, over a signed link. What depends on how busy the machine is, is not judged."""
+    """nadird itself, in real time, over a signed link. What depends on the load of the machine is not checked."""
 
     def test_nadird_carries_an_aircraft_that_loses_gps(self):
         out = self.folder / "flight"
@@ -50,7 +50,7 @@ class Flight(support.EndToEnd):
         self.assertEqual(0, summary["link"]["refused"])
         self.assertNotIn("Nadir: airframe file is not signed", [event.get("text") for event in summary["events"]])
         page = (out / "live.html").read_text(encoding="utf-8")
-        for part in ('class="track given"', 'class="curve sigma"', "GPS denied to flying by our fix", "data:image/jpeg"):
+        for part in ('class="track given"', 'class="curve sigma"', "GPS denied to navigating by our fix", "data:image/jpeg"):
             self.assertIn(part, page)
         self.assertNotIn("{{", page)
         recorded = subprocess.run([support.NADIR, "recorder", "verify", out / "run/record"], capture_output=True,
@@ -59,7 +59,7 @@ class Flight(support.EndToEnd):
         self.flies_again(out)
 
     def flies_again(self, out):
-        """What was recorded in the air gives the same estimates on the ground, to the last bit."""
+        """A recording of the flight replays bit for bit."""
         created = Inputs(out / "inputs", support.NADIR, width=640).created
         again = self.good("replay", "--recorder", out / "run/record", "--package", out / "inputs/package", "--trust",
                           out / "inputs/root.json", "--at", created, "--out", out / "again", "--json", "--quiet")
@@ -69,9 +69,9 @@ class Flight(support.EndToEnd):
 
 
 class Rules(unittest.TestCase):
-    """A flight as it should be, and what becomes of each rule when it is not."""
+    """A nominal flight meets every rule; a faulty one violates the rule concerned."""
 
-    SERVICE = {"pictures": 100, "dropped": 2}
+    SERVICE = {"frames": 100, "dropped": 2}
 
     def flight(self, told=(), rows=None, error=4.0, **summary):
         events = [(60, "scenario", "gps-step=300@70"), (80, "scenario", "camera-cut"), (92, "scenario", "camera-restore"),
@@ -83,7 +83,7 @@ class Rules(unittest.TestCase):
 
     TOLD = ((60.5, rules.SPOOFED), (60.6, rules.MAP_LEADS), (80.7, rules.NO_PICTURES), (93.5, rules.SEES_AGAIN),
             (112, rules.TRUSTED), (112.1, rules.GPS_LEADS))
-    CHANGES = ((1.0, "state", "normal", "degraded", "the camera gives no pictures: no picture for 0.42 s"),)
+    CHANGES = ((1.0, "state", "normal", "degraded", "no camera frames: no frame for 0.42 s"),)
 
     def rows(self, sigma=lambda t: 3.0 if t < 80 else 3.0 + t - 80, first=5, source="gps_input"):
         return [{"time_s": str(t), "given_fix_type": "3" if t >= first else "0", "given_accuracy_m": str(sigma(t)),
@@ -101,16 +101,16 @@ class Rules(unittest.TestCase):
         without = lambda *texts: self.flight([pair for pair in self.TOLD if pair[1] not in texts])
         for name, broken in (
                 ("cold start to the first fix", {"rows": self.rows(first=40)}),
-                ("GPS spoofed to flying by our fix", {"summary": without(rules.MAP_LEADS)}),
-                ("GPS spoofed to flying by our fix", {"rows": self.rows(source="own")}),
-                ("no picture to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no picture for 0.91 s")]}),
+                ("GPS spoofed to navigating by our fix", {"summary": without(rules.MAP_LEADS)}),
+                ("GPS spoofed to navigating by our fix", {"rows": self.rows(source="own")}),
+                ("camera loss to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no frame for 0.91 s")]}),
                 ("σ while blind", {"rows": self.rows(sigma=lambda t: 9.0 if t < 85 else 8.0)}),
-                ("pictures again: flying by them", {"summary": without(rules.SEES_AGAIN)}),
-                ("GPS well again to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
+                ("visual position restored", {"summary": without(rules.SEES_AGAIN)}),
+                ("GPS recovery to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
                 ("no fix follows spoofed GPS", {"summary": self.flight(self.TOLD, error=280.0)}),
-                ("our GPS in the autopilot's eyes", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
+                ("our GPS as the autopilot sees it", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
                 ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
-                ("pictures dropped", {"service": {"pictures": 100, "dropped": 11}})):
+                ("frames dropped", {"service": {"frames": 100, "dropped": 11}})):
             self.assertIn(name, self.missed(**broken), broken)
 
 
@@ -125,7 +125,7 @@ class Proofs(unittest.TestCase):
         return [row.strip("`") if row.startswith("`") else row for row in rows]
 
     def seen(self, told=(), events=(), done=(), rows=()):
-        """A flight that was told these texts, with every hand and every action at 10 s."""
+        """A flight with these texts to the operator and every action at 10 s."""
         actions = {event.partition(":")[2].partition("=")[0] for scene in scenes.SCENES.values() for event in scene.events}
         happened = [{"time_s": 10.0 + again, "kind": "scenario", "what": action} for action in actions for again in (0, 1)]
         happened += [{"time_s": at, "kind": "statustext", "text": text} for at, text in told]
@@ -230,7 +230,7 @@ class Judging(support.EndToEnd):
     def test_reads_what_nadird_says_of_itself(self):
         log = "710 frames, 3 dropped; frame to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest gap 320 ms\n"
         service = run_summary("something else\n" + log)
-        self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("pictures", "dropped", "p95_ms",
+        self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("frames", "dropped", "p95_ms",
                                                                                "longest_pause_ms")))
         self.assertIsNone(run_summary("it ended before"))
         self.assertIn("392 ms", self.verdict(service=service).shortfalls()[0])

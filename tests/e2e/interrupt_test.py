@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Ctrl-C ends a command with 130 and leaves nothing; rows of a replay can be followed while it runs."""
+"""Ctrl-C ends a command with exit code 130 and leaves no output; rows of a replay can be followed while it runs."""
 import os
 import signal
 import subprocess
@@ -11,7 +11,7 @@ from support import NADIR, EndToEnd, main
 class Interrupt(EndToEnd):
     def start(self):
         flight = self.flight(frames=2, width=1024, height=768)
-        # The same two pictures over and over: quick to make, and far too long to end before it is interrupted.
+        # The same two frames repeated: quick to create, and too long to finish before the interrupt.
         rows = ["frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg"]
         for i in range(4000):
             name = f"x{i:05}.jpg"
@@ -24,7 +24,7 @@ class Interrupt(EndToEnd):
 
     def wait_for_rows(self, process):
         rows = self.folder / ".out.staging" / "estimates.csv"
-        while process.poll() is None:  # without a limit of its own: ctest has one
+        while process.poll() is None:  # no limit here: ctest has one
             if rows.exists() and rows.read_text().count("\n") >= 3:
                 return
             time.sleep(0.05)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""nadir ortho as a user calls it: a flight over a small world becomes signed tiles, twice the same; or it says why not."""
+"""nadir ortho as a user calls it: a flight over a small world becomes signed tiles, reproducibly; or it states why not."""
 import hashlib
 import json
 import shutil
@@ -89,7 +89,7 @@ class Ortho(EndToEnd):
         tiles = sqlite3.connect(f"file:{f}/read/tiles.mbtiles?mode=ro", uri=True)
         self.assertGreaterEqual(tiles.execute("SELECT count(*) FROM tiles").fetchone()[0], 1)
 
-        # Of another flight, map or camera; moved ones are nobody's business but the writer's, damaged ones are.
+        # Poses of another flight, map or camera, and damaged ones.
         document = json.loads(poses.read_text())
         for says, change in ((["flight", "expected"], {"flight": "0" * 12}), (["map"], {"base_package": "0" * 64}),
                              (["camera"], {"camera": "0" * 64}), (["plane"], {"origin": {"lon_deg": 8.0, "lat_deg": 47.0}}),

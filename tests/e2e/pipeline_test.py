@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Keys, package, verification, replay, report: the small pipeline with the programs as a user calls them."""
+"""Keys, package, verification, replay, report: the whole pipeline with the programs as a user calls them."""
 import contextlib
 import csv
 import json
@@ -59,7 +59,7 @@ class Pipeline(EndToEnd):
         self.good(*args, "--package", package, "--trust", self.folder / "root.json", "--at", AT)
         rows = list(csv.DictReader((self.folder / "out" / "estimates.csv").read_text().splitlines()))
         self.assertEqual(3, len(rows))
-        for row in rows:  # pictures of noise, which are nowhere on the map
+        for row in rows:  # noise frames, which match nowhere
             self.assertEqual(("no_fix", "", ""), (row["source"], row["lat_deg"], row["lon_deg"]))
 
     def test_json_is_the_summary(self):
@@ -95,7 +95,7 @@ class Pipeline(EndToEnd):
         bytes_of_file = bytearray(file.read_bytes())
         with contextlib.closing(sqlite3.connect(f"file:{file}?mode=ro&immutable=1", uri=True)) as database:
             tiles = [bytes(row[0]) for row in database.execute("SELECT tile_data FROM tiles")]
-        for tile in tiles:  # a byte of each one's picture, wherever it lies in one piece
+        for tile in tiles:  # a byte of each tile's image, where it is stored contiguously
             at = bytes_of_file.find(tile[300:364])
             if at >= 0:
                 bytes_of_file[at + 32] ^= 1

@@ -46,12 +46,12 @@ class Provision(support.EndToEnd):
                                             stdin=subprocess.DEVNULL)
         self.addCleanup(self.process.wait)
         self.addCleanup(self.process.kill)
-        while not self.log.stat().st_size:  # it says at once who steers
+        while not self.log.stat().st_size:  # it reports immediately who navigates
             self.assertIsNone(self.process.poll())
             time.sleep(0.01)
 
     def events(self):
-        """What the autopilot says that happened to its parameters, its key, and itself. Ends it."""
+        """Stops the autopilot and returns what happened to its parameters and its key."""
         self.process.send_signal(signal.SIGTERM)
         self.process.wait()
         lines = [line.split() for line in self.log.read_text().splitlines()]
@@ -73,7 +73,7 @@ class Provision(support.EndToEnd):
         return now
 
     def assert_untouched(self, key="removed"):
-        """As it was before: every parameter put back, no key, no airframe file."""
+        """As before: every parameter restored, no key, no airframe file."""
         events = self.events()
         self.assertEqual(WRONG, self.parameters_now(events))
         keys = [line[1] for line in events if line[0] == "signing"]
@@ -102,7 +102,7 @@ class Provision(support.EndToEnd):
         self.assertEqual(("falcon-7", 0.08, 250.0), (airframe["airframe"], airframe["capture_delay_s"],
                                                      airframe["camera"]["fx"]))
         self.check_signature(text)
-        # Nobody without the key is heard from now on; whoever has it is.
+        # From now on only peers with the key are accepted.
         self.fails(2, *self.args(patience=1), says=("autopilot",))
         told = json.loads(self.good(*self.args("--apply", "--signing-key", self.key, "--json")).stdout)
         self.assertFalse(told["key_installed"])
@@ -114,7 +114,7 @@ class Provision(support.EndToEnd):
         self.assertNotIn(self.key.read_text().strip(), self.log.read_text())
 
     def check_signature(self, text):
-        """openssl is the judge; the encoding is DSSE's."""
+        """openssl verifies; the encoding is DSSE's."""
         envelope = json.loads((self.out / "airframe.json.sig").read_text())
         kind = envelope["payloadType"].encode()
         (self.folder / "signed").write_bytes(b"DSSEv1 %d %s %d %s" % (len(kind), kind, len(text), text))
@@ -140,7 +140,7 @@ class Provision(support.EndToEnd):
         self.fails(2, *self.args(*self.all_of_it(), patience=0.3), says=("no autopilot", self.url), leaves_nothing=self.out)
 
     def test_a_step_that_fails_says_why_and_leaves_everything_as_it_was(self):
-        """All at once: each does little but wait until patience ends."""
+        """In parallel: each mostly waits for its timeout."""
         faults = {"no-version": "AUTOPILOT_VERSION", "command-silent": "AUTOPILOT_VERSION", "param-silent": "GPS1_TYPE",
                   "param-refuses=EK3_SRC1_YAW": "EK3_SRC1_YAW", "signing-deaf": "does not sign", "imu-slow": "RAW_IMU",
                   "gps-input-deaf": "GPS_INPUT"}

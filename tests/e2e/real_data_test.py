@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Real photos against an independent satellite picture; skipped where the data set is not."""
+"""Real photos against independent satellite imagery; skipped without the data set."""
 import json
 
 from support import EndToEnd, data_set, main

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A replay is recorded, and the recording flown again, bit for bit."""
+"""A replay is recorded, and the recording replays bit for bit."""
 import json
 import shutil
 import unittest
@@ -46,12 +46,12 @@ class Recorder(EndToEnd):
 
     def test_other_pictures_are_refused(self):
         recording = self.record("r")
-        picture = self.frames / "1.jpg"
-        picture.write_bytes(picture.read_bytes() + b"\0")
+        frame = self.frames / "1.jpg"
+        frame.write_bytes(frame.read_bytes() + b"\0")
         result = self.again(recording, "--frames", self.frames)
         self.assertEqual(2, result.returncode)
         self.assertIn("1.jpg", result.stderr)
-        picture.unlink()
+        frame.unlink()
         self.assertEqual(2, self.again(recording, "--frames", self.frames).returncode)
         result = self.again(recording)
         self.assertEqual(2, result.returncode)

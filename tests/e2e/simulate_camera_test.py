@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""`nadir simulate camera` as a user calls it: poses of the simulated autopilot in, pictures out."""
+"""`nadir simulate camera` as a user calls it: poses of the simulated autopilot in, frames out."""
 import json
 import os
 import re

@@ -3,7 +3,7 @@
 
 --arduplane PATH is the program that ArduPilot's sources build (`build/sitl/bin/arduplane`); without it nothing is flown.
 It takes off with its own GPS, climbs to the circuit, and its GPS is denied or moved. Prints how far the true track was
-from the plan, how far the filter and the fixes were from the truth, and what was said. docs/closed-loop.md.
+from the plan, how far the filter and the fixes were from the truth, and the status texts. docs/closed-loop.md.
 """
 import argparse
 import json
@@ -28,10 +28,10 @@ def arguments():
     parser.add_argument("--at-s", type=float, default=60, help="when that happens, from when the circuit was reached")
     parser.add_argument("--minutes", type=float, default=4, help="on the circuit")
     parser.add_argument("--fps", type=float, default=3)
-    parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to picture, as airframe.json says")
+    parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to frame, as airframe.json says")
     parser.add_argument("--signed", action="store_true", help="first `nadir provision autopilot`, with a key for the link")
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help="one more of ArduPlane's")
-    parser.add_argument("--check", action="store_true", help="exit code 1 when something falls short")
+    parser.add_argument("--check", action="store_true", help="exit code 1 when a limit is violated")
     parser.add_argument("--json", metavar="FILE", help="write every position that was compared")
     harness.add_words(parser, width=1920)
     return parser.parse_args()

@@ -101,7 +101,7 @@ class EndToEnd(unittest.TestCase):
         return result
 
     def fails(self, code, *args, says=(), leaves_nothing=None, **kwargs):
-        """The command ends with this code, says something useful, and its output does not exist."""
+        """The command exits with this code and a useful message, and its output does not exist."""
         result = run(*args, **kwargs)
         self.assertEqual(code, result.returncode, f"{args}\n{result.stdout}\n{result.stderr}")
         talk = result.stderr if code == 2 else result.stdout + result.stderr

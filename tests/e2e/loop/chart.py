@@ -1,17 +1,17 @@
-"""σ and errors over the time of a flight, with what was done to the aircraft, as SVG."""
+"""σ and errors over a flight, with the injected faults, as SVG."""
 import html
 import math
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1200, 330, 56, 12, 40, 26
 BANDS = {"gps-step": "spoofed", "gps-drag": "spoofed", "gps-denied": "spoofed", "camera-cut": "blind", "link-cut": "blind"}
 ENDS = {"gps-recover": "spoofed", "camera-restore": "blind", "link-restore": "blind"}
-WORDS = {"gps-step": "GPS spoofed", "gps-drag": "GPS dragged off", "gps-denied": "GPS denied", "camera-cut": "no pictures",
+WORDS = {"gps-step": "GPS spoofed", "gps-drag": "GPS dragged off", "gps-denied": "GPS denied", "camera-cut": "no frames",
          "link-cut": "no link"}
 CURVES = (("given_accuracy_m", "sigma"), ("given_error_m", "error"), ("deviation_m", "deviation"))
 
 
 def frame(rows):
-    """What the page must know to find a moment in the drawing."""
+    """What the page needs to map a time to a position in the chart."""
     return {"left": LEFT, "right": WIDTH - RIGHT, "end_s": float(rows[-1]["time_s"])}
 
 

@@ -1,10 +1,10 @@
-"""The figures of a flight of ArduPlane's simulator, its timeline, and whether they are what they should be."""
+"""The figures of a flight of ArduPlane's simulator, its timeline, and their limits."""
 from .arduplane import version
 from .evidence import WRONG_M, WRONG_SIGMAS
 
 MAX_FILTER_ERROR_M, MAX_FIX_ERROR_M = 50, 50
-MAX_DEVIATION_M = 150  # at its sharp corners it swings out by 105 m, however well it knows where it is
-SETTLED_S = 3  # after the trouble
+MAX_DEVIATION_M = 150  # at its sharp corners it overshoots by 105 m, however accurate its position
+SETTLED_S = 3  # after the fault
 
 
 def spread(pairs):
@@ -45,7 +45,7 @@ class SitlVerdict:
             yield "  filter says", "nothing" if flags is None else (
                 f"position known {100 * flags[0]:.0f} %, GPS glitch {100 * flags[1]:.0f} % of the time, position variance "
                 f"at most {flags[2]:.2f}")
-        yield "picture to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} pictures dropped".format(
+        yield "frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {frames} frames dropped".format(
             **self.service)
 
     def shortfalls(self):
@@ -56,9 +56,9 @@ class SitlVerdict:
                 ("a given fix was off by", track.fix_errors(track.given, from_s, to_s), MAX_FIX_ERROR_M),
                 ("the true track left the legs by", track.deviations(from_s, to_s), MAX_DEVIATION_M)):
             if not pairs:
-                found.append(f"{what} nobody knows how much")
+                found.append(f"{what} an unknown distance")
             elif (worst := max(value for _, value in pairs)) > allowed:
-                found.append(f"{what} {worst:.0f} m, allowed are {allowed}")
+                found.append(f"{what} {worst:.0f} m, at most {allowed}")
         if (wrong := track.wrong_and_sure(from_s, to_s)[0]) > 0:
             found.append(f"{wrong} fixes were beyond {WRONG_M} m and {WRONG_SIGMAS} of their sigmas")
         return found
