@@ -189,7 +189,7 @@ TEST_F(ApiTest, AConfiguredTokenIsRequiredForEveryCall) {
     request.authorization = sent;
     EXPECT_EQ(served.handle(request).status, 200);
   }
-  // Even what does not exist is not told without it; the page alone is, because it asks for the token.
+  // Without it even missing paths are not revealed; only the page is served, because it asks for the token.
   EXPECT_EQ(served.handle(get("/v1/none")).status, 401);
   EXPECT_EQ(served.handle(get("/")).status, 200);
 }

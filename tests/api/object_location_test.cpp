@@ -43,7 +43,7 @@ Found find(const Look& look, const GroundSurface& surface = FlatGround(0)) {
 TEST(ObjectLocation, AtNadirOffsetsScaleWithHeightOverFocalLength) {
   Look look;
   EXPECT_NEAR(find(look).east_m, 0, 1e-3);
-  look.pixel = {1060, 340};  // right and up in the picture: east and north of an aircraft that flies north
+  look.pixel = {1060, 340};  // right and up in the image: east and north of an aircraft that flies north
   EXPECT_NEAR(find(look).east_m, 10, 1e-3);
   EXPECT_NEAR(find(look).north_m, 20, 1e-3);
   look.pose.attitude.heading_rad = radians(90);

@@ -122,7 +122,7 @@ class Watch(unittest.TestCase):
             self.assertIn("chmod 600", self.watch(service.url, "--once", "--token-file", token).stderr)
 
     def test_nobody_there(self):
-        with socket.socket() as taken:  # bound, but nobody listens
+        with socket.socket() as taken:  # bound, but not listening
             taken.bind(("127.0.0.1", 0))
             result = self.watch(f"http://127.0.0.1:{taken.getsockname()[1]}", "--once")
         self.assertEqual(2, result.returncode)

@@ -37,7 +37,7 @@ TEST(OrderedWork, StopsOnRequest) {
       10'000, 3, [&] { return std::function<int(std::size_t)>([&](std::size_t) { return ++worked; }); },
       [&](std::size_t, int) { return ++taken < 10; });
   EXPECT_EQ(taken, 10);
-  EXPECT_LT(worked, 30);  // nobody runs far ahead
+  EXPECT_LT(worked, 30);  // no thread runs far ahead
 }
 
 TEST(OrderedWork, PropagatesErrorsFromEveryStage) {

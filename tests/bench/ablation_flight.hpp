@@ -1,4 +1,4 @@
-// A recorded flight, flown again and again with different parts of the localizer.
+// A recorded flight, replayed with different parts of the localizer.
 #pragma once
 
 #include <opencv2/core/mat.hpp>
@@ -15,14 +15,14 @@ namespace nadir::bench {
 
 struct RecordedFlight {
   Flight flight;
-  CameraFile camera;  // of the pictures as they were decoded
+  CameraFile camera;  // of the frames as decoded
   Truth truth;
   std::vector<cv::Mat> pictures;
 };
 
 RecordedFlight recorded_flight(const FlightPaths& paths, const std::filesystem::path& truth);
 
-// What a matcher is held against.
+// What a matcher is tested against.
 struct FlownMap {
   const TileSource& tiles;
   LocalFrame frame;
@@ -32,8 +32,8 @@ struct FlownMap {
 struct MatchingFigures {
   std::size_t frames = 0;
   std::size_t anchored = 0, wrong = 0;           // wrong: accepted, the matched position more than kWrongAnchor_m off
-  std::size_t awaiting = 0, awaiting_wrong = 0;  // that nothing but the sequence test held back
-  std::vector<double> error_m;                   // of what was told in the anchored frames
+  std::size_t awaiting = 0, awaiting_wrong = 0;  // that only the sequence test rejected
+  std::vector<double> error_m;                   // of the estimates in the anchored frames
   std::vector<double> attempt_ms;                // CPU
 };
 

@@ -16,7 +16,7 @@ MatchFeatures without_means() {
   return features;
 }
 
-// Takes what the optical axis hits for the camera's position.
+// Takes the point on the optical axis for the camera's position.
 class PictureCentre final : public MapMatcher {
  public:
   explicit PictureCentre(const MatcherMap& map) : map_(map), matcher_(make_channel_matcher(map)) {}
@@ -92,7 +92,7 @@ std::vector<Variant> matcher_variants() {
           {"one channel", comparing({ChannelSet::strength, ChannelSet::strength, {}})},
           {"grey NCC", comparing({ChannelSet::grey, ChannelSet::grey, {}})},
           {"SIFT", make_sift_matcher},
-          {"picture's centre", [](const MatcherMap& map) { return std::make_unique<PictureCentre>(map); }}};
+          {"image centre", [](const MatcherMap& map) { return std::make_unique<PictureCentre>(map); }}};
 }
 
 MapMatcherFactory timed(MapMatcherFactory made, std::vector<double>& spent_ms) {

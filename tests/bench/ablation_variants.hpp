@@ -15,7 +15,7 @@ struct Variant {
   MapMatcherFactory matcher;
 };
 
-// full; no means removed; one channel; grey; SIFT; the picture's centre.
+// full; no means removed; one channel; grey; SIFT; the image centre.
 std::vector<Variant> matcher_variants();
 
 // The same matcher or front end; each call's CPU time in ms is added to the list, which must outlive what is made.

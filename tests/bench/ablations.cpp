@@ -1,4 +1,4 @@
-// What each step of the method is worth: a flight with the step left out, or with another backend.
+// The contribution of each step of the method: a flight without the step, or with another backend.
 //
 //   ablations FRAMES TELEMETRY CAMERA TRUTH [PACKAGE ROOT.json AT]
 #include <fmt/format.h>
@@ -37,7 +37,7 @@ void print_flight(const std::string& name, const MatchingFigures& f) {
   std::fflush(stdout);
 }
 
-// Frames that waited for others to say the same, believed at once.
+// Frames that awaited corroboration, accepted immediately.
 void print_without_sequence(const std::string& name, const MatchingFigures& f) {
   fmt::print("| {} | {:.0f} | {} | | | | |\n", name, percent(f.anchored + f.awaiting, f.frames),
              f.wrong + f.awaiting_wrong);
@@ -64,7 +64,7 @@ void print_searches(const RecordedFlight& recorded, const FlownMap& map) {
       "|\n|---|---|---|---|\n",
       kSearchRadius_m);
   for (const Variant& variant : matcher_variants()) {
-    if (variant.name == "picture's centre") continue;  // searches as the full one
+    if (variant.name == "image centre") continue;  // searches as the full one
     const SearchFigures f = search(recorded, map, variant.matcher, kSearchRadius_m, kSearchEvery);
     fmt::print("| {} | {:.0f} | {:.2f} | {:.0f} |\n", variant.name, percent(f.right, f.frames), quantile(f.ratio, 0.5),
                mean(f.attempt_ms));
@@ -92,7 +92,7 @@ int run(const std::vector<std::string>& arguments) {
   NoProgress progress;
   const Opening opening =
       open_flight_map({arguments[4], arguments[5], std::nullopt}, parse_utc(arguments[6]).value(), progress);
-  if (!opening.package) return std::fputs("ablations: the package is refused\n", stderr), 1;
+  if (!opening.package) return std::fputs("ablations: the package is rejected\n", stderr), 1;
   const OpenPackage& package = *opening.package;
   FlownMap map{package.imagery(), mission_frame(package.mission()), {}};
   map.config.map_sigma_m = map_sigma_m(package.imagery());

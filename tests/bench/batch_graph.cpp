@@ -212,7 +212,7 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
   options.max_num_iterations = 50;
   options.num_threads = 1;
-  // From a loss that believes all to one that gives up those beyond 50 (six degrees of freedom).
+  // From a loss that accepts all to one that rejects those beyond 50 (six degrees of freedom).
   for (bound = 50.0 * 4096; bound >= 50; bound /= 8) {
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem, &summary);

@@ -1,5 +1,5 @@
-// The flight log as one batch for Ceres: a pose graph with the same beliefs about sensors as the flight filter, solved
-// again from where it stands after every step, with Geman and McClure's loss on anchors instead of switching them off.
+// The flight log as one batch for Ceres: a pose graph with the same sensor models as the flight filter, solved
+// again from its current state after every step, with Geman and McClure's loss on anchors instead of switching them off.
 #pragma once
 
 #include "estimation/drawn_flight.hpp"
@@ -11,7 +11,7 @@ struct BatchGraph {
   double solve_s = 0, covariance_s = 0;  // CPU time
 };
 
-// Begins at what the filter told online.
+// Starts from the filter's online estimates.
 BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertainty& uncertainty, bool covariances);
 
 }  // namespace nadir::bench

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a clean build costs: CPU seconds of every compiler call without ccache, by folder, and the slowest units.
+"""The cost of a clean build: CPU seconds of every compiler call without ccache, by folder, and the slowest units.
 
 usage: ./run bench build [--against COMMIT] [--demo] [--jobs N] [--keep DIR]
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The candidate service under load: two flights over the same ground, sent by two ground stations at once, in both catalogues.
-From the first announcement until every tile is judged, every vote closed and every address promoted.
+From the first announcement until every tile is evaluated, every vote closed and every address promoted.
 
 usage: ./run bench candidates [--tiles N] [--keep DIR]     N: of both flights together (100 000)
 """
@@ -39,7 +39,7 @@ def send_all(service, made, flight, failures):
             verdicts = {tile["verdict"] for tile in station.judged(upload)["tiles"]}
             if verdicts != {"accepted"}:
                 raise RuntimeError(f"{upload}: {verdicts}")
-    except Exception as error:  # the other station goes on; the figures would mean nothing
+    except Exception as error:  # the other station continues; the figures would be meaningless
         failures.append(error)
 
 

@@ -1,4 +1,4 @@
-// What figures come from: their spread, and what else the machine was doing.
+// The circumstances of a measurement: its spread and the load of the machine.
 #pragma once
 
 #include <fmt/format.h>

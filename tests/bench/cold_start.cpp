@@ -1,8 +1,8 @@
-// What it costs to find a frame in all of a mission's area, and whether it is found: each frame by a localizer that
-// knows nothing but the area, with the package's place index and without, with the heading told and untold.
+// The cost and success of finding a frame in the whole area of a mission: each frame by a localizer that
+// knows only the area, with and without the package's place index, and with and without heading.
 //
 //   cold_start PACKAGE ROOT.json AT FRAMES TELEMETRY CAMERA TRUTH WAY…
-//   WAY: index, index-any, all, all-any, hint, far-hint (-any: no heading is told)
+//   WAY: index, index-any, all, all-any, hint, far-hint (-any: without heading)
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -58,7 +58,7 @@ int run(const std::vector<std::string>& arguments) {
   NoProgress progress;
   const Opening opening =
       open_flight_map({arguments[0], arguments[1], std::nullopt}, parse_utc(arguments[2]).value(), progress);
-  if (!opening.package) return std::fputs("cold_start: the package is refused\n", stderr), 1;
+  if (!opening.package) return std::fputs("cold_start: the package is rejected\n", stderr), 1;
   const OpenPackage& package = *opening.package;
   const LocalFrame frame = mission_frame(package.mission());
   const auto index = PlaceIndex::open(arguments[0], package.manifest());

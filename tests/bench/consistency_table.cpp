@@ -36,11 +36,11 @@ std::string tally(const Tally& t) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Is the flight filter as far off as it says? Drawn flights, no pictures.", "consistency");
+  CLI::App app("Is the flight filter consistent? Random flights without frames.", "consistency");
   int flights = 500;
   std::uint64_t seed = 1;
   app.add_option("--flights", flights, "of each kind")->check(CLI::Range(1, 1000000))->capture_default_str();
-  app.add_option("--seed", seed, "everything follows from it")->capture_default_str();
+  app.add_option("--seed", seed, "determines everything")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   const auto [low, high] = chi2_mean_interval(flights);
   std::cout

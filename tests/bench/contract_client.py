@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Somebody else's reading of the contract: openapi-spec-validator judges schemas/candidates.openapi.yaml, and a client
+"""An independent reading of the contract: openapi-spec-validator checks schemas/candidates.openapi.yaml, and a client
 that openapi-python-client generates from it uploads a batch of tiles and fetches the verdicts. The only code here is what
-the contract says in words: how a pack is made.
+the contract states in prose: how a pack is made.
 
 usage: ./run bench contract [--url URL --token-file FILE --candidates FOLDER --key KEY.pem]
 Without --url the tests' own server is the other end; with it a service that trusts the key.
@@ -33,7 +33,7 @@ def pack_of(pictures):
 
 
 def upload(folder, url, token, document, pictures):
-    """With nothing but the generated client."""
+    """With only the generated client."""
     sys.path.insert(0, str(folder))
     from generated import AuthenticatedClient
     from generated.api.service import get_health, get_reason_codes

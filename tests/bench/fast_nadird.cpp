@@ -1,4 +1,4 @@
-// nadird with a clock that goes so many times as fast as the computer's, so that hours are flown in minutes:
+// nadird with a clock that runs a multiple of real time, so that hours are flown in minutes:
 // NADIR_SOAK_SPEED=8 bench_fast_nadird OPTIONS… Everything else is nadird's own. `./run bench soak` flies it.
 #include <cmath>
 #include <cstdlib>

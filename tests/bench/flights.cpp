@@ -1,4 +1,4 @@
-// Long flights with turns, outliers, blackouts, wrong height and heading: how near, how honest, and whether every loss
+// Long flights with turns, outliers, blackouts, wrong height and heading: errors, consistency, and whether every loss
 // is recovered. docs/benchmarks.md.
 #include <fmt/format.h>
 
@@ -36,7 +36,7 @@ int run(const RunOptions& options, int frames, const std::vector<std::uint64_t>&
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Long simulated flights with turns and faults: near, honest, and recovered after every loss?",
+  CLI::App app("Long simulated flights with turns and faults: accurate, consistent, and recovered after every loss?",
                "flights");
   RunOptions options;
   options.count = 2 * long_conditions().size();

@@ -1,4 +1,4 @@
-// What judging a package's sidecars costs: coverage by area, and freshness at a time when every tile has to be looked
+// The cost of checking a package's sidecars: coverage by area, and freshness at a time when every tile must be looked
 // up.
 //
 //   check_tile_requirements PACKAGE

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Kills `nadir cache build` (SIGKILL) at random moments: never another package under the final name, and --resume
-always ends identical to a build that nobody disturbed. Every third resume is killed as well, and resumed once more.
+"""Kills `nadir cache build` (SIGKILL) at random moments: the final name never holds a different package, and --resume
+always gives the result of an undisturbed build. Every third resume is killed as well, and resumed once more.
 
   tests/bench/kill_resume.py [--times 50] [--seed N] [--containers mbtiles cog]
   tests/bench/kill_resume.py --mission mission.yaml --imagery map.tif [-- --dem dem.tif --threads 1]"""
@@ -28,7 +28,7 @@ class Killer:
         self.took_s = must([*command, "--out", self.whole]).wall_s
 
     def killed(self, *options):
-        """Whether the kill came before the package was there; what is there must be whole."""
+        """Whether the kill came before the package existed; an existing package must be complete."""
         process = subprocess.Popen([str(c) for c in [*self.command, "--out", self.out, *options]],
                                    stdout=subprocess.DEVNULL)
         time.sleep(self.generator.uniform(0, self.took_s))
@@ -41,7 +41,7 @@ class Killer:
 
     def check(self, what):
         if self.out.exists() and not same(self.out, self.whole):
-            raise SystemExit(f"{what} left another package under the final name")
+            raise SystemExit(f"{what} left a different package under the final name")
 
     def round(self, also_the_resume):
         """How many builds and how many resumes were killed before their end."""
@@ -82,7 +82,7 @@ def main():
                 first, second = killer.round(runs % 3 == 0)
                 runs, killed, resumes_killed = runs + 1, killed + first, resumes_killed + second
             print(f"{container}: {runs} builds of {killer.took_s:.1f} s, {killed} killed before their end, "
-                  f"{resumes_killed} of them killed again while they resumed: never another package under the final "
+                  f"{resumes_killed} of them killed again while they resumed: never a different package under the final "
                   f"name, every resumed one identical ({time.monotonic() - begun:.0f} s)", flush=True)
             shutil.rmtree(killer.whole)
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A set of 100 000 tiles and 10 GB, valid in every respect but its pictures: quick and full verification, coverage and
+"""A set of 100 000 tiles and 10 GB, valid in every respect except its images: quick and full verification, coverage and
 freshness, entry into a catalogue and the gaps that it finds.
 
   tests/bench/large.py [--side-km 14] [--tile-bytes 100000] [--tries 2]"""

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Where the CPU time of a frame goes, stage by stage, over flights above the day's landscape with three cameras; then
-# what it costs to find a frame in 20 km². --far-world DIR: a world of 5.5 km that is there; otherwise one is made, which
+# what it costs to find a frame in 20 km². --far-world DIR: an existing world of 5.5 km; else one is generated, which
 # takes some minutes.
 set -euo pipefail
 far_world=

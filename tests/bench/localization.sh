@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A flight of sixty frames over the day's landscape, against the satellite's: how far off, and how sure.
+# A flight of sixty frames over the day's landscape, against the satellite's: errors and stated accuracy.
 set -euo pipefail
 . tests/bench/flight.sh
 start=$(awk -F, 'NR == 1 { for (i = 1; i <= NF; ++i) column[$i] = i }

@@ -15,7 +15,7 @@
 namespace nadir::bench {
 namespace {
 
-constexpr double kLeg_m = 900, kRow_m = 150;  // so that a banked picture still sees the world
+constexpr double kLeg_m = 900, kRow_m = 150;  // so that a banked frame still sees the world
 constexpr double kStartSigma_m = 30;
 constexpr int kOutlierEvery = 50;
 
@@ -31,7 +31,7 @@ constexpr std::array kConditions = {
         .name = "all of these", .outliers = true, .blackout = true, .height_factor = 1.15, .heading_off_deg = 8},
 };
 
-// Rows to and fro over the world's middle, in a direction of the seed's choice: a turn of 90 degrees twice a row.
+// Parallel rows over the middle of the world, in a direction drawn from the seed, with two 90 degree turns per row.
 std::vector<FlightPose> path_of(Random random, std::uint64_t seed, int frames) {
   FlightPathOptions options;
   options.agl_m = random.uniform(160, 240);
@@ -50,7 +50,7 @@ std::vector<FlightPose> path_of(Random random, std::uint64_t seed, int frames) {
   return simulate_flight_path(route, GroundShape(), options, seed);
 }
 
-// Which frames nobody can decode.
+// Which frames cannot be decoded.
 std::vector<bool> black_frames(Random random, std::size_t frames) {
   std::vector<bool> black(frames, false);
   std::size_t left = frames / 5;
@@ -66,7 +66,7 @@ std::vector<bool> black_frames(Random random, std::size_t frames) {
   return black;
 }
 
-// Counts a loss when the track breaks, and whether and when an anchor mends it.
+// Counts a loss when the track breaks, and whether and when an anchor recovers it.
 class Losses {
  public:
   void see(const FrameReport& report, bool first, LongRecord& record) {
@@ -100,7 +100,7 @@ LongFlights::LongFlights(int worlds, int frames) : frames_(frames), photographer
 LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
                             const std::function<void(const std::string&)>& talk) const {
   const LongCondition& condition = kConditions[index % kConditions.size()];
-  // Flights of one round differ by their condition alone.
+  // Flights of one round differ only in their condition.
   const std::uint64_t round = index / kConditions.size(), seed = hash_of(base_seed, static_cast<std::int64_t>(round));
   const World& world = *worlds_[round % worlds_.size()];
   const Random base(seed);

@@ -1,4 +1,4 @@
-// A flight of hundreds of frames up and down over a world in memory, with one thing wrong all the way, or everything.
+// A flight of hundreds of frames up and down over a world in memory, with one fault throughout, or all of them.
 #pragma once
 
 #include <functional>
@@ -25,7 +25,7 @@ class LongFlights {
   LongFlights(int worlds, int frames);
 
   // The same record for the same seeds; may be called by several threads. The condition is index modulo how many there
-  // are. talk: told a line for every frame.
+  // are. talk: receives a line for every frame.
   LongRecord run(std::uint64_t base_seed, std::uint64_t index,
                  const std::function<void(const std::string&)>& talk) const;
 

@@ -1,5 +1,5 @@
-// Makes a large package that is valid in every respect but its pictures: one picture, told apart by a comment of as
-// many bytes as are asked for. For measuring what verification costs in sets that nobody wants to warp first.
+// Makes a large package that is valid in every respect except its images: one image, made distinct by a comment of
+// the requested size. Measures verification without warping a large set first.
 //
 //   make_large_package OUT KEY.pem SIDE_KM BYTES_PER_TILE
 #include <fmt/format.h>
@@ -48,7 +48,7 @@ route:
                      east - (east - west) / 4, north - (north - south) / 4);
 }
 
-// JPEG comments (marker FFFE) between the start of the picture and its first table.
+// JPEG comments (marker FFFE) between the start of the image and its first table.
 Bytes with_comment(const Bytes& picture, std::size_t size, std::uint64_t number) {
   Bytes tile(picture.begin(), picture.begin() + 2);
   while (tile.size() + picture.size() < size + 2) {

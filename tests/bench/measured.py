@@ -1,4 +1,4 @@
-"""Runs commands and says what they took: CPU seconds of the command and its children, wall seconds, peak memory of the
+"""Runs commands and measures them: CPU seconds of the command and its children, wall seconds, peak memory of the
 largest process. Also the few things that every script here needs."""
 import os
 import pathlib
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 HERE = pathlib.Path(__file__).resolve().parent
 BUILD = HERE.parent.parent / "build/bin"
-AT = "2025-09-17"  # a day on which simulated worlds are fresh
+AT = "2025-09-17"  # a date on which simulated worlds are fresh
 
 
 @dataclass
@@ -45,7 +45,7 @@ def must(command, **environment):
 
 
 def best(times, prepare, command):
-    """The fewest CPU seconds and the shortest wall time of several runs: what else the machine does only adds."""
+    """The least CPU and wall time of several runs: other load on the machine can only add to them."""
     all_taken = []
     for _ in range(times):
         prepare()

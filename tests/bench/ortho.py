@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The same frames with the same poses through Nadir and through Orthority: do they put the ground in the same place, and
-what does it cost?
+"""The same frames with the same poses through Nadir and through Orthority: displacement between their results, and
+CPU time.
 
 usage: ./run bench ortho [--frames N] [--zoom Z] [--flight-frames N]
 
@@ -9,8 +9,8 @@ orthorectified by both over flat ground with the same camera and pose: Orthority
 the tile's pixel, from there by GDAL onto each tile. The displacement between the two tiles is measured by correlation to
 a fraction of a pixel; times are CPU times, the least of several.
 
-Then a whole flight, one zoom coarser, so that few frames show a tile wholly: replayed once, made into tiles with pieces of
-several frames and without, and each tile looked for in the world's own raster.
+Then a whole flight, one zoom coarser, so that few frames show a complete tile: replayed once, made into tiles with and
+without mosaics of several frames, and each tile located in the world's own raster by correlation.
 """
 import argparse
 import csv
@@ -69,7 +69,7 @@ def camera_of(path):
 
 
 def flight(folder, frames):
-    """A world and a flight over it; nothing of them matters but that the pictures have texture."""
+    """A world and a flight over it; all that matters is that the frames have texture."""
     world, out = folder / "world", folder / "flight"
     for args in (["simulate", "world", "--seed", "5", "--size-km", "1", "--gsd-m", "0.3", "--out", world],
                  ["simulate", "flight", "--world", world / "ground.tif", "--dem", world / "dem.tif", "--mission",
@@ -129,14 +129,14 @@ def on_tile(ortho, x, y, zoom):
 
 
 def displacement(one, other):
-    """By correlation, in pixels, and how alike the two are."""
+    """The displacement by correlation, in pixels, and the correlation."""
     window = cv2.createHanningWindow((256, 256), cv2.CV_32F)
     (dx, dy), _ = cv2.phaseCorrelate(one.astype("float32"), other.astype("float32"), window)
     return math.hypot(dx, dy), float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
 
 def nadir(*args):
-    """CPU seconds of a command that must succeed, and what it says."""
+    """CPU seconds of a command that must succeed, and its output."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     result = subprocess.run([BIN / "nadir", *map(str, args)], capture_output=True, text=True)
     if result.returncode != 0:

@@ -1,4 +1,4 @@
-// One frame with a given pose as map tiles, and the CPU time that each step takes: the other side of ortho.py.
+// One frame with a given pose as map tiles, and the CPU time of each step: Nadir's side of ortho.py.
 #include <ctime>
 
 #include <CLI/CLI.hpp>

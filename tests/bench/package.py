@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Tile sets from one picture, side by side: nadir cache build (MBTiles and COG, one and two threads), gdal_translate +
-gdaladdo, gdal2tiles.py, rio-mbtiles and rio-cogeo. CPU seconds, wall, peak memory, bytes and PSNR against the picture
+"""Tile sets from one raster, side by side: nadir cache build (MBTiles and COG, one and two threads), gdal_translate +
+gdaladdo, gdal2tiles.py, rio-mbtiles and rio-cogeo. CPU seconds, wall, peak memory, bytes and PSNR against the raster
 that gdalwarp makes on the same grid. Then memory for one and for four times the area.
 
   tests/bench/package.py [--size-km 2] [--tries 3] [--skip-slow]
@@ -37,7 +37,7 @@ class Bench:
         self.reference = self.warp()
 
     def warp(self):
-        """Aligned with the pixels of the finest zoom, lossless, alpha where there is no picture."""
+        """Aligned with the pixels of the finest zoom, lossless, alpha outside the raster."""
         pixel_m = 2 * HALF_WORLD_M / (256 << self.finest)
         out = self.work / "reference.tif"
         must(["gdalwarp", "-q", "-t_srs", "EPSG:3857", "-tr", repr(pixel_m), repr(pixel_m), "-tap", "-r", "bilinear",
@@ -76,7 +76,7 @@ class Bench:
         return walls
 
     def strategy(self):
-        """Of the two zooms around the picture's own resolution the one that makes GDAL's finest tiles the mission's."""
+        """Of the two zooms around the raster's resolution, the one with which GDAL's finest tiles are the mission's."""
         warped = self.work / "warped.vrt"
         must(["gdalwarp", "-q", "-of", "VRT", "-t_srs", "EPSG:3857", self.map, warped])
         pixel_m = json.loads(must(["gdalinfo", "-json", warped]).output)["geoTransform"][1]
@@ -116,7 +116,7 @@ class Bench:
                                        "256", "--add-mask", "-r", "bilinear", "--overview-resampling", "average",
                                        "--overview-level", str(self.finest - self.coarsest), "--zoom-level",
                                        str(self.finest), "--co", f"QUALITY={QUALITY}", "-q"], "cogeo")
-        if taken:  # blocks are its tiles; the file's size holds masks and tables as well
+        if taken:  # blocks are its tiles; the file size includes masks and tables
             count = int(must([self.nadir, "cache", "inspect", out, "--get", "tiles"]).output or 0)
             self.row("rio-cogeo", taken, max(count, 1), out.stat().st_size, self.psnr(out))
 

@@ -1,5 +1,5 @@
-// How much the finest tiles of a set differ from a lossless picture on the same grid: peak signal to noise ratio in dB,
-// over the pixels of tiles that the picture shows wholly. Prints the ratio and the number of such tiles.
+// How much the finest tiles of a set differ from a lossless raster on the same grid: peak signal to noise ratio in dB,
+// over the pixels of tiles that the raster covers completely. Prints the ratio and the number of such tiles.
 //
 //   psnr REFERENCE.tif FILE.mbtiles|FILE.tif|FOLDER     (a folder of z/x/y.png, y from the north)
 //
@@ -27,7 +27,7 @@ class Reference {
  public:
   explicit Reference(const char* path) : set_(static_cast<GDALDataset*>(GDALOpen(path, GA_ReadOnly))) {
     if (set_ == nullptr || set_->GetRasterCount() != 4 || set_->GetGeoTransform(place_) != CE_None) {
-      throw Error({.what = "no picture with red, green, blue, alpha and a place", .where = path});
+      throw Error({.what = "not a georeferenced raster with red, green, blue and alpha", .where = path});
     }
     zoom = static_cast<int>(std::lround(std::log2(2 * kHalfWorld_m / (256 * place_[1]))));
   }
@@ -35,7 +35,7 @@ class Reference {
   Reference(const Reference&) = delete;
   Reference& operator=(const Reference&) = delete;
 
-  // Blue, green, red; empty where the picture does not show the whole tile.
+  // Blue, green, red; empty where the raster does not cover the whole tile.
   cv::Mat tile(const TileKey& key) const {
     const double tile_m = 256 * place_[1];
     const int x = static_cast<int>(std::lround((key.x * tile_m - kHalfWorld_m - place_[0]) / place_[1]));
@@ -93,7 +93,7 @@ void compare(const char* reference_file, const char* tiles) {
     const double error = cv::norm(expected, decode_image(bytes, Colour::bgr, to_text(key)).image, cv::NORM_L2);
     squares += error * error, ++count;
   });
-  if (count == 0) throw Error({.what = "no tile lies wholly on the reference", .where = tiles});
+  if (count == 0) throw Error({.what = "no tile lies completely inside the reference", .where = tiles});
   const double mean = squares / (static_cast<double>(count) * 256 * 256 * 3);
   fmt::print("{:.3f} {}\n", 10 * std::log10(255 * 255 / mean), count);
 }

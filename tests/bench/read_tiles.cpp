@@ -1,6 +1,6 @@
 // What one tile costs onboard: read from the package, compared with its signed digest, decoded to pixels. Beside it
 // GDAL reads the same tiles, in the same random order, from the same file; it compares nothing. Wall time, and the CPU
-// time of this thread, which other programs on the machine disturb less.
+// time of this thread, which is less sensitive to other load.
 //
 //   read_tiles PACKAGE ROOT.json TILES AT
 #include <fmt/format.h>
@@ -27,7 +27,7 @@ double now_ms(clockid_t clock) {
   return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
 }
 
-// How long each piece of work took.
+// The time of each step.
 struct Times {
   std::vector<double> wall_ms, cpu_ms;
 
@@ -64,7 +64,7 @@ std::vector<TileKey> some_tiles(const OpenPackage& package, std::size_t count) {
   return keys;
 }
 
-// Each tile once: GDAL's cache of blocks never answers.
+// Each tile once, so that GDAL's block cache never hits.
 Times with_gdal(const std::filesystem::path& file, const std::vector<TileKey>& keys) {
   GDALAllRegister();
   Times times;
@@ -105,7 +105,7 @@ int run(const std::filesystem::path& folder, const std::filesystem::path& root_f
                             .permit = nullptr},
                            progress);
   });
-  if (!opening.package) return std::fputs("read_tiles: the package is refused\n", stderr), 1;
+  if (!opening.package) return std::fputs("read_tiles: the package is rejected\n", stderr), 1;
   const CheckedTiles& imagery = opening.package->imagery();
   const std::vector<TileKey> keys = some_tiles(*opening.package, count);
   Times grey, colour;

@@ -14,13 +14,13 @@ ResultsFile::ResultsFile(const std::filesystem::path& path, const std::string& h
                       .where = path.string(),
                       .expected = header.substr(0, header.find('\n')),
                       .found = text.substr(0, text.find('\n')),
-                      .fix = "name another file or give the --seed that it was begun with"});
+                      .fix = "name another file, or pass the --seed of its run"});
   }
   std::size_t at = header.size();
   for (std::size_t end = 0; (end = text.find('\n', at)) != std::string::npos; at = end + 1) {
     lines_.push_back(text.substr(at, end - at));
   }
-  if (at < text.size()) write_file_atomic(path, text.substr(0, at));  // a line that a kill left unfinished
+  if (at < text.size()) write_file_atomic(path, text.substr(0, at));  // an incomplete line after a kill
   out_.open(path, std::ios::app);
 }
 

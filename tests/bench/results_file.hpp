@@ -1,4 +1,4 @@
-// Results as lines of text that survive a kill: a run that is started again goes on behind the last whole line.
+// Results as lines of text that survive a kill: a restarted run continues after the last complete line.
 #pragma once
 
 #include <filesystem>

@@ -12,7 +12,7 @@ using namespace nadir;
 using namespace nadir::bench;
 
 int main(int argc, char** argv) {
-  CLI::App app("What thresholds let through of right and of wrong places.", "roc");
+  CLI::App app("What thresholds accept of correct and of wrong matches.", "roc");
   RunOptions options;
   options.count = 2000;
   options.add_to(app, "trials");

@@ -42,7 +42,7 @@ std::string axes(double least) {
   for (int percent = 0; percent <= 100; percent += 20) {
     svg += text(kLeft - 8, y_of(percent / 100.0) + 4, fmt::format("{} %", percent), "end");
   }
-  for (double share = 1; share > least * 2; share /= 10) {  // nearer to "none" there is no room for words
+  for (double share = 1; share > least * 2; share /= 10) {  // no room for labels closer to "none"
     svg += text(x_of(share, least), kTop + kHeight + 18, fmt::format("{:g} %", 100 * share), "middle");
   }
   svg += text(kLeft, kTop + kHeight + 18, "none", "middle");

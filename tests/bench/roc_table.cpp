@@ -12,7 +12,7 @@ std::string row(const std::string& name, const Shares& shares) {
                      shares.wrong_count);
 }
 
-// How far wrong places get in one measure while they are as good as this in another: what the gates must exclude.
+// How good wrong matches are in one measure for a given value of another: what the gates must exclude.
 std::string reach_of_wrong(const Trials& trials) {
   std::string text =
       "| wrong places with a ratio of | number | highest score | highest share of agreeing patches | highest patches | "
@@ -33,7 +33,7 @@ std::string reach_of_wrong(const Trials& trials) {
   return text;
 }
 
-// Patches that agree by chance scatter evenly within what counts as agreeing; those of the right place do not.
+// Patches that agree by chance scatter evenly within the tolerance; those of the correct place do not.
 std::string reach_by_share(const Trials& trials) {
   std::string text =
       "| share of agreeing patches | right places | their median and largest residual, px | wrong places | their "

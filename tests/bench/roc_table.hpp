@@ -1,4 +1,4 @@
-// Trials as tables and curves: what a threshold lets through of right and of wrong places.
+// Trials as tables and curves: what a threshold accepts of correct and of wrong matches.
 #pragma once
 
 #include <functional>

@@ -15,7 +15,7 @@
 namespace nadir::bench {
 namespace {
 
-constexpr double kClear_m = 60;  // so far from the searched positions is a place that they do not hold
+constexpr double kClear_m = 60;  // distance of a place outside the searched positions
 
 cv::Mat picture_of(Trial& trial, const Photographer& photographer, const World& world, const CameraPose& truth,
                    Random& random) {
@@ -55,7 +55,7 @@ PlanePoint window_middle(const Trial& trial, PlanePoint truth, Random& random) {
   if (trial.window != "elsewhere") {
     return {truth.east_m + random.uniform(-0.8, 0.8) * r, truth.north_m + random.uniform(-0.8, 0.8) * r};
   }
-  // Towards the world's middle, so that there is map.
+  // Towards the middle of the world, where there is map.
   const bool along_east = random.chance(0.5);
   const double away = r + kClear_m + random.uniform(0, 100), aside = random.uniform(-0.8, 0.8) * r;
   const auto inward = [](double from, double by) { return from > 0 ? from - by : from + by; };

@@ -8,7 +8,7 @@
 
 namespace nadir::bench {
 
-inline constexpr double kRight_m = 25;  // a match so near to the truth is right
+inline constexpr double kRight_m = 25;  // a match this close to the truth is correct
 
 struct Trial {
   std::uint64_t index = 0;
@@ -19,7 +19,7 @@ struct Trial {
   int inliers = 0, patches = 0;
   double frame_share = 0, residual_px = 0, surprise = 0;
   double error_m = -1;  // of the solved position; −1: none
-  std::string verdict;  // of the gates, without a prediction to hold it against
+  std::string verdict;  // of the gates, without a prediction to compare with
 
   bool holds_place() const { return window == "right"; }
   bool right() const { return holds_place() && error_m >= 0 && error_m <= kRight_m; }

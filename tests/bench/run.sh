@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Figures against the tools that a user would pick instead, run side by side. docs/benchmarks.md says what each part
-# compares and what it said last. Ratios count, not seconds: machines differ.
+# Figures against the tools that a user would choose instead, run side by side. docs/benchmarks.md describes each part
+# and its latest results. Ratios count, not seconds: machines differ.
 #
 # usage: ./run bench [PART [OPTIONS]]
 set -euo pipefail

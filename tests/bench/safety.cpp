@@ -1,5 +1,5 @@
-// Monte Carlo of misleading information: many short flights over made-up worlds, each under one fault, and how often
-// the localizer said something false with confidence. docs/safety.md.
+// Monte Carlo of misleading information: many short flights over synthetic worlds, each with one fault, and how often
+// the localizer was wrong with confidence. docs/safety.md.
 #include <fmt/format.h>
 
 #include <algorithm>

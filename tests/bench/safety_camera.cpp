@@ -27,7 +27,7 @@ cv::Mat Photographer::photograph(const World& world, const CameraPose& pose) con
     const Eigen::Vector3d ray = rotation * rays_[i];
     const double fall = std::max(0.1, -ray.z());
     PlanePoint place = pose.position;
-    for (int round = 0; round < 3; ++round) {  // gentle hills: the height of the last round's place is near enough
+    for (int round = 0; round < 3; ++round) {  // gentle hills: the height at the previous iterate is close enough
       const double along = (pose.agl_m + ground_m - world.terrain.height_m(place)) / fall;
       place = {pose.position.east_m + along * ray.x(), pose.position.north_m + along * ray.y()};
     }

@@ -1,4 +1,4 @@
-// The bench's camera over a world in memory, and what may go wrong with its pictures.
+// The bench's camera over a world in memory, and the faults of its frames.
 #pragma once
 
 #include "base/random.hpp"
@@ -7,14 +7,14 @@
 
 namespace nadir::bench {
 
-// Small, so that an attempt is cheap: 320 x 240 pixels, 65 degrees across, a mild barrel; telemetry as of a light
+// Small, so that an attempt is cheap: 320 x 240 pixels, 65 degrees across, a mild barrel; telemetry of a light
 // drone.
 CameraFile camera_file();
 
 class Photographer {
  public:
   explicit Photographer(const CameraModel& camera);
-  // Every pixel's ray, met with the terrain; BGR, without a sensor's faults.
+  // Intersects every pixel's ray with the terrain; BGR, without sensor noise.
   cv::Mat photograph(const World& world, const CameraPose& pose) const;
 
  private:

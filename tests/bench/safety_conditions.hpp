@@ -1,4 +1,4 @@
-// Under what a segment is flown: one thing that is wrong, or nothing.
+// The condition of a segment: one fault, or none.
 #pragma once
 
 #include <span>
@@ -18,8 +18,8 @@ enum class Fault {
   map_part,      // what lies beyond a border across the flight path, as a scene of a mosaic
   mirrored_map,
   other_region,
-  frozen,    // the same picture from some frame on
-  repeated,  // one picture twice
+  frozen,    // the same image from some frame on
+  repeated,  // one image twice
   black,
   clouds,
   blur,

@@ -45,7 +45,7 @@ Border border_at(const CameraPose& pose, const CameraPose& before, bool forwards
 }
 
 bool sees_beyond(const Border& border, const CameraPose& pose) {
-  const double reach_m = 0.6 * pose.agl_m;  // to the picture's sides
+  const double reach_m = 0.6 * pose.agl_m;  // to the sides of the image
   for (const double east : {-reach_m, 0.0, reach_m}) {
     for (const double north : {-reach_m, 0.0, reach_m}) {
       const PlanePoint seen{pose.position.east_m + east, pose.position.north_m + north};

@@ -1,4 +1,4 @@
-// One simulated piece of flight: where the aircraft really was, what its sensors told, what its camera saw.
+// One simulated piece of flight: the true poses, the telemetry, and the frames.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +25,7 @@ struct Flight {
   std::vector<Shot> shots;
   std::optional<LonLat> start;
   double start_sigma_m = 0;
-  PlaneBox area;                 // that holds the start, for those who do not know it
+  PlaneBox area;                 // that contains the start, for runs without one
   PlanePoint shift;              // of the map, where there is one
   std::optional<Border> border;  // beyond which the map is shifted; none: everywhere
 };

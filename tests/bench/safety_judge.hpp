@@ -1,4 +1,4 @@
-// What the localizer said of one frame, held against the truth.
+// The localizer's result for one frame, compared with the truth.
 #pragma once
 
 #include "estimation/estimate.hpp"
@@ -7,10 +7,10 @@
 
 namespace nadir::bench {
 
-// How far the told position is from the truth, metres; nothing when none is told.
+// Error of the estimated position in metres; nothing without an estimate.
 std::optional<double> error_m(const Estimate& estimate, const CameraPose& truth);
 
-// unknowable: what is wrong cannot be known by whoever has only this map, and is counted apart.
+// unknowable: the fault cannot be detected with this map alone, and is counted separately.
 void judge(const FrameReport& report, const CameraPose& truth, bool unknowable, Record& record);
 
 // One line for people.

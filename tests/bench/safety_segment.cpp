@@ -16,8 +16,8 @@ constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, a
 
 Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
 
-// On a map that is out of place from the start the flight looks like one that began elsewhere. Only a start that says
-// otherwise could tell.
+// On a map that is displaced from the start, the flight looks like one that began elsewhere. Only a known start could
+// contradict it.
 bool start_tells(const Flight& flight) {
   if (!flight.start) return false;
   const Enu told = frame().enu_from_lonlat(*flight.start);

@@ -1,4 +1,4 @@
-// A flight through the localizer, and what it said held against the truth.
+// A flight through the localizer, and its results compared with the truth.
 #pragma once
 
 #include <functional>

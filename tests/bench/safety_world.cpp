@@ -68,7 +68,7 @@ std::optional<Bytes> PictureTiles::cut(const TileKey& key) const {
     const PlanePoint place{at.east_m - shift_.east_m, at.north_m - shift_.north_m};
     return cv::Point2f(pixel_of({mirrored_ ? -place.east_m : place.east_m, place.north_m}));
   };
-  // Within a tile the plane is as good as affine. Pixel centres lie half a pixel inside of the corners.
+  // Within a tile the plane is practically affine. Pixel centres lie half a pixel inside of the corners.
   const cv::Point2f from[] = {source(0, 0), source(kTileSize, 0), source(0, kTileSize)};
   const cv::Point2f to[] = {{-0.5F, -0.5F}, {kTileSize - 0.5F, -0.5F}, {-0.5F, kTileSize - 0.5F}};
   const cv::Point2f far = from[1] + from[2] - from[0];

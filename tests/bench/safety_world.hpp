@@ -1,4 +1,4 @@
-// Made-up worlds in memory: what the camera sees on the day, the satellite's picture of another season, the same years
+// Synthetic worlds in memory: the ground on the day of the flight, the satellite image of another season, the same years
 // older, and each of them as map tiles. Positions are metres in the plane of frame(), (0, 0) in the world's middle.
 #pragma once
 
@@ -20,7 +20,7 @@ inline constexpr int kMapZoom = 17;  // 0.79 m
 
 const LocalFrame& frame();
 
-// A picture of the whole world, 8 bit BGR, north up.
+// An image of the whole world, 8 bit BGR, north up.
 cv::Point2d pixel_of(PlanePoint place);  // pixel centres at +0.0, as OpenCV resamples
 
 class Terrain final : public GroundSurface {
@@ -36,10 +36,10 @@ class Terrain final : public GroundSurface {
 
 TileKey tile_under(PlanePoint place);
 
-// A picture as tiles, encoded when first asked for. Safe for several threads.
+// An image as tiles, encoded on first use. Safe for several threads.
 class PictureTiles final : public TileSource {
  public:
-  // shift: what lies at p appears at p + shift. mirrored: east is west. The picture must outlive the tiles.
+  // shift: what lies at p appears at p + shift. mirrored: east is west. The image must outlive the tiles.
   PictureTiles(const cv::Mat& picture, PlanePoint shift = {}, bool mirrored = false)
       : picture_(picture), shift_(shift), mirrored_(mirrored) {}
 
@@ -56,7 +56,7 @@ class PictureTiles final : public TileSource {
   mutable std::map<TileKey, std::optional<Bytes>> known_;
 };
 
-// A line across the world; what lies beyond it, whole tiles, belongs to another picture.
+// A line across the world; the tiles beyond it belong to another image.
 struct Border {
   PlanePoint at, towards;  // towards: any length
 
@@ -81,7 +81,7 @@ class JoinedTiles final : public TileSource {
   Border border_;
 };
 
-// The pictures of one seed. Not to be moved: its parts point at each other.
+// The images of one seed. Not movable: its parts point at each other.
 struct World {
   explicit World(std::uint64_t seed);
 
@@ -92,7 +92,7 @@ struct World {
   PictureTiles map, mirrored_map;
 };
 
-// The satellite's picture with half of it as it was before everything was built anew: pieces of another world.
+// The satellite image with half of the ground rebuilt: parts of another world.
 cv::Mat outdated(const World& world, const World& donor, std::uint64_t seed);
 
 // As many as asked for, and an outdated map of each.

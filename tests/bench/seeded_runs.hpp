@@ -1,5 +1,5 @@
 // Many independent trials, each of which follows from the base seed and its index: in any order, by several threads,
-// kept in a file and gone on with after a kill.
+// kept in a file and resumed after a kill.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -21,15 +21,15 @@ struct RunOptions {
 
   void add_to(CLI::App& app, const std::string& what) {
     app.add_option("--" + what, count, "how many in all")->capture_default_str();
-    app.add_option("--seed", seed, "base seed: everything follows from it and an index")->capture_default_str();
-    app.add_option("--threads", threads, "how many at a time; the results are the same")
+    app.add_option("--seed", seed, "base seed: it and an index determine everything")->capture_default_str();
+    app.add_option("--threads", threads, "number of threads; the results are the same")
         ->check(CLI::Range(1, 64))
         ->capture_default_str();
-    app.add_option("--worlds", worlds, "made in memory first, some seconds each")
+    app.add_option("--worlds", worlds, "generated in memory first, some seconds each")
         ->check(CLI::Range(2, 64))
         ->capture_default_str();
-    app.add_option("--minutes", minutes, "begin none after so long");
-    app.add_option("--resume", results, "keep results in this CSV file and go on where it ends");
+    app.add_option("--minutes", minutes, "start no trial after this time");
+    app.add_option("--resume", results, "keep results in this CSV file and resume where it ends");
   }
 };
 

@@ -68,7 +68,7 @@ int main(int argc, char** argv) {
   bool covariances = true;
   app.add_option("--frames", frames, "of each flight")->check(CLI::Range(20, 100000))->capture_default_str();
   app.add_option("--flights", flights, "of each kind")->check(CLI::Range(1, 100000))->capture_default_str();
-  app.add_option("--seed", seed, "everything follows from it")->capture_default_str();
+  app.add_option("--seed", seed, "determines everything")->capture_default_str();
   app.add_flag("!--no-covariances", covariances, "leave the batch's covariances out");
   CLI11_PARSE(app, argc, argv);
   std::cout

@@ -108,7 +108,7 @@ int run(const std::vector<std::string>& arguments) {
   NoProgress progress;
   const Opening opening =
       open_flight_map({arguments[0], arguments[1], std::nullopt}, parse_utc(arguments[2]).value(), progress);
-  if (!opening.package) return std::fputs("stages: the package is refused\n", stderr), 1;
+  if (!opening.package) return std::fputs("stages: the package is rejected\n", stderr), 1;
   const TileSource& tiles = opening.package->imagery();
   const LocalFrame frame = mission_frame(opening.package->mission());
   LocalizerConfig config;

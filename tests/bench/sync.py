@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""`nadir sync` over lines that break: what is lost, what counts twice, what it costs; and what curl and rsync, called
-until they succeed, need for the same tiles over the same line.
+"""`nadir sync` over unreliable connections: losses, duplicates and cost; and what curl and rsync, repeated until they
+succeed, need for the same tiles over the same connection.
 
 usage: ./run bench sync [--tiles N] [--mean-bytes N] [--seeds N…] [--kills N] [--cuts N]
 """
@@ -83,7 +83,7 @@ class Relay:
 
 
 class TileFolder(http.server.BaseHTTPRequestHandler):
-    """What a user would put up for curl: takes PUT, keeps the bytes."""
+    """A minimal server for curl: accepts PUT and stores the bytes."""
     protocol_version = "HTTP/1.1"
 
     def do_PUT(self):
@@ -202,7 +202,7 @@ def curl_per_tile(folder, pictures, cuts):
     relay, calls = Relay(server.server_address[1], cuts), 0
     config = folder / "curl.txt"
     left = sorted(pictures.iterdir())
-    while left:  # what has not arrived, in one call; a break ends one transfer, curl goes on with the next
+    while left:  # what has not arrived, in one call; a break ends one transfer, curl continues with the next
         calls += 1
         config.write_text("".join(f'upload-file = "{p}"\nurl = "{relay.url}/{p.name}"\noutput = "/dev/null"\n' for p in left))
         subprocess.run(["curl", "-sS", "-H", "Expect:", "-K", config], capture_output=True)

@@ -14,9 +14,9 @@
 namespace nadir::bench {
 namespace {
 
-constexpr int kReach_px = 40;        // how far off a tile is looked for: 16 m
+constexpr int kReach_px = 40;        // search radius of a tile: 16 m
 constexpr int kPatch_px = 160;       // of the tile's middle
-constexpr double kRecognised = 0.5;  // correlation; the right place has 0.9
+constexpr double kRecognised = 0.5;  // correlation; the correct place has 0.9
 constexpr double kSeen_px = 0.5;
 
 PlanePoint place_of(const TileKey& key, double column, double row) {
@@ -51,7 +51,7 @@ double peak(double before, double at, double after) {
   return bend < 0 ? kSeen_px * (before - after) / bend : 0;
 }
 
-// The tile's middle looked for in the world's raster around its place.
+// The centre of the tile located in the world's raster around its place.
 double raster_off_m(const TileKey& key, const cv::Mat& tile, const cv::Mat& day) {
   constexpr int side = kPatch_px + 2 * kReach_px, first = (kTileSize - side) / 2;
   cv::Mat_<cv::Vec2f> from(side, side);

@@ -1,4 +1,4 @@
-// A short simulated flight whose frames become tiles, and where these tiles lie really: against the world's own raster,
+// A short simulated flight whose frames become tiles, and the true place of these tiles: against the world's own raster,
 // and by the true pose. Positions in metres.
 #pragma once
 

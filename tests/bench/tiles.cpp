@@ -1,5 +1,5 @@
-// How far from their places are the tiles that flights make? Short simulated flights, half of them with something
-// wrong; docs/benchmarks.md has the bars.
+// Errors of the tiles that flights make: short simulated flights, half of them with a
+// fault; docs/benchmarks.md has the bars.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -46,7 +46,7 @@ struct Sum {
   }
 };
 
-// A map in the wrong place puts its tiles there as well, and no flight can know.
+// A displaced map displaces its tiles as well, which no flight can detect.
 bool wrong_map(const std::string& condition) {
   return condition.find("map") != std::string::npos || condition.find("region") != std::string::npos ||
          condition.starts_with("part ");
@@ -55,7 +55,7 @@ bool wrong_map(const std::string& condition) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Where tiles made of simulated flights lie.", "tiles");
+  CLI::App app("Errors of tiles made from simulated flights.", "tiles");
   RunOptions options;
   options.count = 200;
   options.add_to(app, "flights");

@@ -1,4 +1,4 @@
-// How well odometry measures a turn: what it says of the change of heading, against the truth. docs/benchmarks.md.
+// How well odometry measures a turn: its change of heading against the truth. docs/benchmarks.md.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -34,7 +34,7 @@ struct Turns {
   }
 };
 
-// Rows to and fro with a turn of 90 degrees twice a row: as many frames turn as do not.
+// Parallel rows with two 90 degree turns per row: half of the frames are in turns.
 std::vector<FlightPose> path_of(double interval_s, std::uint64_t seed) {
   FlightPathOptions options;
   options.agl_m = kAgl_m;
@@ -50,7 +50,7 @@ std::vector<FlightPose> path_of(double interval_s, std::uint64_t seed) {
   return simulate_flight_path(route, GroundShape(), options, seed);
 }
 
-// The attitude is known as an autopilot tells it, the heading exactly: what comes out for it is odometry's error.
+// The attitude has an autopilot's accuracy, the heading is exact: its error is that of odometry.
 void fly(double interval_s, double tilt_rad, std::uint64_t seed, std::array<Turns, 3>& turns) {
   const World world(seed);
   const CameraFile file = camera_file();
@@ -91,7 +91,7 @@ void fly(double interval_s, double tilt_rad, std::uint64_t seed, std::array<Turn
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("How far off is what odometry says of a turn?", "turns");
+  CLI::App app("Errors of odometry in turns.", "turns");
   int flights = 4;
   double tilt_deg = 0.8;
   app.add_option("--flights", flights, "over a world each")->check(CLI::Range(1, 1000))->capture_default_str();

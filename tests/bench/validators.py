@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""What validators say about damaged tile sets, side by side: nadir cache validate, mbtiles validate (martin), pmtiles
+"""Validators on damaged tile sets, side by side: nadir cache validate, mbtiles validate (martin), pmtiles
 convert + verify, rio cogeo validate --strict, GDAL's validate_cloud_optimized_geotiff.py, gdalinfo, SQLite's
-integrity_check. Prints Markdown tables; what is not installed says "not run". Packages that Nadir made are in them too.
+integrity_check. Prints Markdown tables; tools that are not installed are
+reported as "not run". Packages that Nadir made are in them too.
 
   tests/bench/validators.py [NADIR]        tools from PATH: mbtiles, pmtiles, rio; python3 of Debian with GDAL"""
 import json
@@ -40,7 +41,7 @@ def tool(name, *command):
 
 
 def mbtiles(path, work):
-    # By default it asks for a digest of its own in the metadata and refuses whatever it has not stamped itself.
+    # By default it requires its own digest in the metadata and rejects files that it has not stamped.
     return tool("mbtiles", "validate", "--agg-hash", "off", path)
 
 
@@ -105,7 +106,7 @@ def table(title, container, rows, mission, work):
 
 
 def made_by_others(sets, work):
-    """What the tools of PyPI and GDAL's Python make of the same picture, where they are installed."""
+    """The tile sets of PyPI's tools and GDAL's Python from the same raster, where they are installed."""
     recipes = [
         ("rio-mbtiles", "rio.mbtiles", [["rio", "mbtiles", sets.map, work / "rio.mbtiles", "--zoom-levels", "16..17",
                                          "--format", "JPEG"]]),
@@ -125,7 +126,7 @@ def made_by_others(sets, work):
 
 
 def made_by_nadir(sets, work):
-    """A package of each container, built from the same picture; the validators must accept its tile set."""
+    """A package of each container, built from the same raster; the validators must accept its tile set."""
     for name in ("root", "signer"):
         run(NADIR, "keys", "create", "--out", work / name)
     facts = ["--captured", "2024-10-01", "--gsd-m", "0.8", "--ce90-m", "4", "--provider", "test"]

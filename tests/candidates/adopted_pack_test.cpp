@@ -1,5 +1,5 @@
 // A pack is forgotten, and before its file goes, another upload brings the very same pack; or one of its tiles in
-// another pack, whose file nobody needs. In a SpatiaLite file, or in the catalogue that NADIR_TEST_CATALOGUE names
+// another pack, whose file is not needed. In a SpatiaLite file, or in the catalogue that NADIR_TEST_CATALOGUE names
 // (postgis_test.py).
 #include <gtest/gtest.h>
 
@@ -89,7 +89,7 @@ TEST_F(AdoptedPack, SurvivesAConcurrentRemoval) {
   EXPECT_EQ(read(taking_in, second), tile_.tile) << "the second upload's tile can be judged";
   reject(judging, second);
   judging.remove_unused(judging.forget_dead_packs(second), remove_);
-  EXPECT_TRUE(store_.packs().empty()) << "now nobody needs it";
+  EXPECT_TRUE(store_.packs().empty()) << "now it is not needed";
 }
 
 TEST_F(AdoptedPack, IsMovedIntoPlaceUnderTheLock) {
@@ -180,7 +180,7 @@ TEST_F(AdoptedPack, WithoutRemainingTilesIsRemovedWithItsUpload) {
 
 class SparePack : public test::ServiceFixture {};
 
-// Both announce it before either has sent it: each is told to send, and the bytes are kept once.
+// Both announce it before either has sent it: each is asked to send, and the bytes are stored once.
 TEST_F(SparePack, OfAnotherUploadLeavesNoFile) {
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   const std::string one = announced(first_.batch(tiles, 1)).upload;

@@ -64,7 +64,7 @@ TEST_F(Attack, UnannouncedTileIsRejectedWithItsPack) {
 }
 
 TEST_F(Attack, ForgedAirframeIsRejected) {
-  test::FlightMaker stranger{{.airframe = "mini-07"}};  // our name, his own key
+  test::FlightMaker stranger{{.airframe = "mini-07"}};  // our name, another key
   all_refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 1), "batch_signature");
   test::FlightMaker unknown{{.airframe = "mini-99"}};
   all_refused(unknown.batch(candidates(unknown, test::keys_in_a_row(2)), 2), "batch_signature");
@@ -270,7 +270,7 @@ TEST_F(Attack, QuotaLimitsAnAirframe) {
       << "others may";
 }
 
-// Rows cost room as well, of tiles that say that they are tiny and of batches that nobody may send.
+// Rows need space as well: those of tiles with false small sizes, and of rejected batches.
 TEST_F(Attack, RejectedBatchesDoNotFillTheDisk) {
   options_.rules.refused_batches = 2;
   const test::FlightMaker stranger{{.airframe = "mini-07", .flight = "flight-9"}};  // another key

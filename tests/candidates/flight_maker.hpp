@@ -20,7 +20,7 @@ struct FlightOptions {
   std::string airframe = "mini-07";
   std::string flight = "flight-1";
   UtcTime captured_at = kNoon;
-  double off_px = 0;         // east, of its pictures
+  double off_px = 0;         // east, of its images
   std::uint64_t ground = 1;  // which ground is seen
   std::uint64_t noise = 1;   // seed of the sensor's noise
   std::int64_t sigma_mm = 1'500;
@@ -33,7 +33,7 @@ class FlightMaker {
       : options_(std::move(options)), key_(std::move(key)) {}
 
   Candidate candidate(const TileKey& at) const;
-  // With another picture, or after a change of what the sidecar says.
+  // With another image, or after a change of the sidecar.
   Candidate candidate(const TileKey& at, const cv::Mat& picture) const;
   Candidate candidate(const TileKey& at, const std::function<void(CandidateSidecar&)>& change) const;
   Candidate encoded_candidate(const TileKey& at, Bytes tile) const;

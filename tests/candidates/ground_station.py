@@ -83,7 +83,7 @@ class Station:
         return json.loads(answer)
 
     def send(self, upload, pack_file, part=1 << 20, acknowledged=None):
-        """acknowledged: told of every offset that the service has answered."""
+        """acknowledged: called with every offset that the service has confirmed."""
         pack = pack_file.read_bytes()
         path = f"/v1/uploads/{upload}/packs/{hashlib.sha256(pack).hexdigest()}"
         status, headers, _ = self.ask("HEAD", path)

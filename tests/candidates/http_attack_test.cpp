@@ -100,7 +100,7 @@ TEST_F(HttpAttack, OversizedPackIsRejectedBeforeTransfer) {
   const std::string upload = open(first_.batch(tiles(1)));
   const std::string pack = upload + "/packs/" + std::string(64, 'a');
   EXPECT_THAT(ask(request("PATCH", pack, patch_headers(0, kMaxPackSize + 1, "x"), "x")), is("413", "too-large"));
-  // A body larger than any part: nobody waits for it.
+  // A body larger than any part: it is not awaited.
   const std::string type = "Content-Type: application/octet-stream\r\nContent-Length: 1000000000\r\n";
   EXPECT_THAT(ask(request("PATCH", pack, type)), StartsWith("HTTP/1.1 413 "));
 }
@@ -113,7 +113,7 @@ TEST_F(HttpAttack, ZipBombsAreNotDecompressed) {
   Bytes bomb = test::pack_of(tiles(1));
   std::fill_n(bomb.begin() + 8, 4, std::uint8_t{0xff});
   EXPECT_THAT(patch(upload, bomb), is("422", "pack-invalid"));
-  // A picture of few bytes and 16 million pixels.
+  // An image of few bytes and 16 million pixels.
   const Bytes unfolds = encode_image(cv::Mat(4000, 4000, CV_8UC3, cv::Scalar(7, 7, 7)), ImageFormat::jpeg, 10);
   const Candidate large = first_.encoded_candidate(test::keys_in_a_row(2)[1], unfolds);
   const std::string other = open(first_.batch({large}, 2));

@@ -1,8 +1,8 @@
 // Writes flights as their ground stations would send them, for tests and figures that talk to a running service:
 //   OUT/root.json, OUT/root.key.pem, OUT/ground-1.token, and for each flight OUT/flight-N/: batch-M.json, M-K.pack
 // and, of its first thousand tiles, as it leaves the aircraft: candidates/, with tile.key.pem
-// Pictures repeat after some hundred places, and a comment in each JPEG makes its bytes its own: drawing and encoding
-// each anew would take longer than all that is measured with them.
+// Images repeat after some hundred places, and a comment in each JPEG makes its bytes unique: drawing and encoding
+// every one would take longer than the measurement itself.
 // usage: make_flights OUT FLIGHTS TILES [UNIX_TIME]
 #include <fmt/format.h>
 

@@ -49,7 +49,7 @@ class Misaligned : public test::ServiceFixture {
 TEST_F(Misaligned, ATileDisplacedFromTheMapIsRejected) {
   const TileRow tile = judged(8, 1'500);
   EXPECT_EQ(test::code_of(tile), "misaligned");
-  EXPECT_NE(tile.detail.find("beside the base package's map; at most 717"), std::string::npos) << tile.detail;
+  EXPECT_NE(tile.detail.find("off the base package's map; at most 717"), std::string::npos) << tile.detail;
 }
 
 TEST_F(Misaligned, ADisplacementJustBelowTheLimitIsAccepted) {
@@ -70,7 +70,7 @@ TEST_F(Misaligned, WithoutAMapTileAlignmentIsUnknown) {
   EXPECT_EQ(judged(8, 1'500).verdict, Verdict::accepted);
 }
 
-// Between flights, 3 · hypot(1.5, 1.5) = 6.4 m: nobody is refused, but only those that agree are promoted.
+// Between flights, 3 · hypot(1.5, 1.5) = 6.4 m: none is rejected, but only those that agree are promoted.
 TEST_F(Misaligned, FlightsAgreeOnlyWithinTheAllowedDisplacement) {
   options_.packages.clear();
   const auto promoted = [this](double off_m, std::uint32_t row) {

@@ -51,13 +51,13 @@ TEST_F(AnnouncedTile, EachFaultHasItsReasonCode) {
 TEST_F(AnnouncedTile, DetectsManipulatedTimes) {
   const auto at = [this](std::int64_t ms) { return code([ms](CandidateSidecar& s) { s.captured_at = {ms}; }); };
   EXPECT_EQ(at(now_.unix_s * 1000 + 6 * 60'000), "captured_in_future");
-  EXPECT_EQ(at(test::kNoon.unix_s * 1000 + 6 * 60'000), "captured_in_future") << "after its batch was made";
+  EXPECT_EQ(at(test::kNoon.unix_s * 1000 + 6 * 60'000), "captured_in_future") << "after its batch was created";
   EXPECT_EQ(at(test::kNoon.unix_s * 1000 + 4 * 60'000), "") << "clocks differ a little";
   EXPECT_EQ(at(now_.unix_s * 1000 - rules_.max_age_ms - kDay_ms), "too_old");
   EXPECT_EQ(at(0), "too_old");
 }
 
-// Each corner was seen by somebody, and everybody's clock counts.
+// Each corner was seen by some frame, and the time of each frame counts.
 TEST_F(AnnouncedTile, AMosaicIsCheckedByEachOfItsFrames) {
   const auto pieced = [this](const std::function<void(CandidateSidecar&)>& change) {
     return code([&](CandidateSidecar& s) {

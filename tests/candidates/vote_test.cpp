@@ -13,7 +13,7 @@ const TileKey kPlace = test::keys_in_a_row(1)[0];
 
 class VoteTest : public ::testing::Test {
  protected:
-  // day: of the capture; ground: which pictures agree.
+  // day: of the capture; ground: which images agree.
   void add(const char* airframe, const char* flight, int day, int ground = 1, std::int64_t sigma_mm = 1'500) {
     Voter voter;
     voter.tile = static_cast<std::int64_t>(ballot_.voters.size()) + 1;
@@ -82,7 +82,7 @@ TEST_F(VoteTest, AnotherDayIsIndependentUnlessAirframesAreRequired) {
 
 TEST_F(VoteTest, AFlightAcrossMidnightIsOneFlight) {
   add("a", "f1", 0);
-  add("a", "f2", 0);  // begun anew in the air
+  add("a", "f2", 0);  // restarted in the air
   const std::int64_t midnight_ms = (test::kNoon.unix_s / test::kDay_s + 1) * test::kDay_s * 1000;
   for (const std::int64_t apart_ms : {std::int64_t{1'000}, std::int64_t{5} * 3600 * 1000}) {
     ballot_.voters[0].sidecar.captured_at = {midnight_ms - apart_ms / 2};

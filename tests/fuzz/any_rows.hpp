@@ -1,4 +1,4 @@
-// Rows of any values for tables of SQLite, made of a fuzzer's bytes.
+// Rows of arbitrary values for SQLite tables, from a fuzzer's bytes.
 #pragma once
 
 #include <array>
@@ -9,7 +9,7 @@
 
 namespace nadir::fuzz {
 
-// Takes values off the front of the bytes; zeros when they are used up.
+// Takes values from the front of the bytes; zeros when they are exhausted.
 class Source {
  public:
   explicit Source(std::string_view bytes) : bytes_(bytes) {}
@@ -32,7 +32,7 @@ class Source {
   std::string_view bytes_;
 };
 
-// One column's value, of any of SQLite's types: the schema's types bind nobody.
+// One column's value, of any of SQLite's types: SQLite does not enforce the schema's types.
 inline void bind_any(SqliteStatement& statement, int column, Source& source) {
   static constexpr std::array<std::int64_t, 9> kExtremes{INT64_MIN, -1,        24,          25,       1 << 24,
                                                          INT32_MAX, 1LL << 32, (1LL << 53), INT64_MAX};

@@ -44,7 +44,7 @@ std::vector<Bytes> frames_of(ByteView bytes, std::size_t piece) {
 void mavlink(std::string_view bytes) {
   const std::vector<Bytes> frames = frames_of(as_bytes(bytes), bytes.size() + 1);
   frames_of(as_bytes(bytes), 1);
-  // What is sound alone is sound in a row.
+  // What is valid alone is valid in a sequence.
   Bytes joined;
   for (const Bytes& frame : frames) joined.insert(joined.end(), frame.begin(), frame.end());
   require(frames_of(joined, joined.size() + 1) == frames, "sound frames are not found again");
@@ -73,8 +73,8 @@ void mcap(std::string_view bytes) {
 
 namespace {
 
-// A sound table holds 264 kB of coefficients, which no fuzzer gets right by chance, and no corpus should have to keep:
-// "basis":"*" and "mean":"*" stand for as many zeros as there have to be. What is no JSON at all throws before that.
+// A valid table holds 264 kB of coefficients, which no fuzzer gets right by chance and no corpus should store:
+// "basis":"*" and "mean":"*" stand for the required number of zeros. Invalid JSON throws before that.
 std::string filled_in(std::string text) {
   const bool marked = text.find("\"*\"") != std::string::npos;
   if (marked) static_cast<void>(parse_json(text, "fuzz", {.max_depth = 4, .allow_floats = false}));

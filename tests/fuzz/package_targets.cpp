@@ -20,7 +20,7 @@
 
 namespace nadir::fuzz {
 
-// What is signed or decides about trust, and the mission: documents as text.
+// Signed documents, documents that decide about trust, and the mission.
 
 void root(std::string_view bytes) {
   refusing([&] {
@@ -71,11 +71,11 @@ void permit(std::string_view bytes) {
   });
 }
 
-// MBTiles from anybody: a whole file's bytes, and the rows of a sound file.
+// Untrusted MBTiles: a whole file's bytes, and the rows of a valid file.
 
 namespace {
 
-// A corridor of one or two tiles: judging it takes no time.
+// A corridor of one or two tiles: checking it is fast.
 const Mission& small_mission() {
   static const Mission mission = parse_mission(R"(schema: nadir.mission/1
 id: fuzz
@@ -158,7 +158,7 @@ void tile_rows(std::string_view bytes) {
   std::filesystem::remove(path);
 }
 
-// COGs from anybody: a whole file's bytes, through the reader that aircraft use (no GDAL).
+// Untrusted COGs: a whole file's bytes, through the reader that aircraft use (no GDAL).
 
 namespace {
 

@@ -1,4 +1,4 @@
-// What the planner and the replay read: items beside imagery, drawings, cameras, telemetry, poses, terrain, pictures.
+// What the planner and the replay read: STAC Items, drawings, cameras, telemetry, poses, terrain, images.
 #include <array>
 #include <cmath>
 

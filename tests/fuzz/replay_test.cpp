@@ -1,6 +1,6 @@
-// The corpus with every compiler: as it is, cut short everywhere, and with a bit flipped everywhere. Whatever fuzzing
-// finds is added to the corpus and so stays found. What lies in a folder TARGET/reached was found by libFuzzer to cover
-// the reader's code, or is one case among many: replayed as it is.
+// The corpus with every compiler: unchanged, truncated everywhere, and with every bit flipped. Whatever fuzzing finds is
+// added to the corpus as a regression test. Files in a folder TARGET/reached were found by libFuzzer to cover the
+// reader's code, or are one case among many: replayed unchanged.
 #include <gtest/gtest.h>
 
 #include <ostream>

@@ -30,7 +30,7 @@ inline void require(bool holds, const char* what) {
   std::abort();
 }
 
-// The reader's own refusal; everything else ends the program.
+// The reader's own error; anything else terminates the program.
 template <typename Work>
 void refusing(const Work& work) {
   try {

@@ -9,11 +9,11 @@
 
 namespace nadir::fuzz {
 
-// What callers send to the service: the bodies of its POSTs, and whole requests.
+// What clients send to the service: the bodies of its POSTs, and whole requests.
 
 namespace {
 
-// A service in flight, so that questions without a pose have one.
+// A service in flight, so that requests without a pose have one.
 struct Service {
   Service() {
     FlightView view;
@@ -96,7 +96,7 @@ void api_request(std::string_view bytes) {
   require(service().api.next_of_stream(cursor).empty(), "the same is told twice");
 }
 
-// What anybody may send to the candidate service before a token is looked at: path, method, headers.
+// What anyone may send to the candidate service before its token is checked: path, method, headers.
 
 // Lines: method, path, Upload-Offset, Upload-Length, Content-Digest, Content-Type.
 void upload_request(std::string_view bytes) {

@@ -1,4 +1,4 @@
-// Candidate tiles on their way: sidecars and stores, uploaded batches, the service's replies, the outbox.
+// The upload of candidate tiles: sidecars and stores, uploaded batches, the service's replies, the outbox.
 #include "base/files.hpp"
 #include "base/printable.hpp"
 #include "base/digest.hpp"
@@ -16,7 +16,7 @@
 
 namespace nadir::fuzz {
 
-// Candidate tiles from an aircraft that somebody may have had in his hands: sidecars, and the rows of a store.
+// Candidate tiles from an aircraft that an attacker may have accessed: sidecars, and the rows of a store.
 
 void candidate(std::string_view bytes) {
   refusing([&] {
@@ -65,7 +65,7 @@ void candidate_rows(std::string_view bytes) {
   });
 }
 
-// What a stranger may upload: announcements and packs of tiles.
+// What an attacker may upload: announcements and packs of tiles.
 
 void batch(std::string_view bytes) {
   refusing([&] {
@@ -88,7 +88,7 @@ void pack(std::string_view bytes) {
           require(sha256(tile) == entry.sha256, "a tile of another digest");
           tiles.insert(tiles.end(), tile.begin(), tile.end());
         });
-    // Pieces of growing sizes: every boundary is crossed somewhere.
+    // Chunks of growing sizes, so that every boundary is crossed.
     for (std::size_t at = 0, piece = 1; at < bytes.size(); at += piece, ++piece) {
       reader.feed(as_bytes(bytes.substr(at, piece)));
     }
@@ -99,11 +99,11 @@ void pack(std::string_view bytes) {
   });
 }
 
-// What a candidate service, or whoever stands in for it, answers to the uploader.
+// The replies of a candidate service, or of an impostor, to the uploader.
 
 namespace {
 
-// A name that the service gives goes into paths.
+// A name from the service is used in paths.
 void require_plain(const std::string& upload) {
   require(!upload.empty() && upload.find_first_of("/.%?# \r\n") == std::string::npos, "a name that is more than one");
 }
@@ -136,8 +136,8 @@ void http_date(std::string_view bytes) {
   require(!time || parse_utc(to_rfc3339(*time)) == *time, "a date that is none");
 }
 
-// An outbox from a damaged disk or from somebody who had it in his hands: what nadir sync status, retry, stage, push
-// and prune read of it, as a whole file and as rows between sound tables.
+// An outbox from a damaged disk or an attacker: what nadir sync status, retry, stage, push and prune read from it, as a
+// whole file and as rows of valid tables.
 
 namespace {
 
@@ -149,7 +149,7 @@ std::int64_t number(const OutboxDatabase& outbox, std::string_view sql) {
   return row.integer(0);
 }
 
-// Pictures of tiles without a final verdict.
+// Images of tiles without a final verdict.
 std::int64_t needed(const OutboxDatabase& outbox) {
   return number(outbox,
                 "SELECT count(*) FROM blob JOIN tile ON tile.id = blob.tile"
@@ -201,7 +201,7 @@ void walk(const std::filesystem::path& folder) {
   });
 }
 
-// A file beside the folder, that no outbox may reach.
+// A file beside the folder, which no outbox may access.
 std::filesystem::path fresh_folder() {
   const std::filesystem::path folder = scratch_folder() / "outbox";
   std::filesystem::remove_all(folder);
@@ -235,7 +235,7 @@ void put_rows(const SqliteDatabase& database, Source source) {
     const Table& table = kTables.at(source.byte() % kTables.size());
     auto insert = database.prepare(std::string("INSERT OR IGNORE INTO ") + table.insert);
     for (int column = 1; column <= table.columns; ++column) bind_any(insert, column, source);
-    // A column that is the row's number takes nothing else.
+    // A rowid column accepts integers only.
     refusing([&] { insert.run(); });
   }
 }

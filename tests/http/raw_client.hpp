@@ -1,4 +1,4 @@
-// A TCP client that says exactly what a test wants and reads only when it is told to.
+// A TCP client that sends exactly the given bytes and reads only on request.
 #pragma once
 
 #include <cstdint>

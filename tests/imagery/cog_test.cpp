@@ -58,7 +58,7 @@ TEST_P(Cog, BlocksHoldTheBytesOfTheTiles) {
   }
   EXPECT_EQ(reader.keys(), keys);
   EXPECT_FALSE(reader.read({17, 65536, 65534}));  // missing: (x + y) % 3 = 0
-  EXPECT_FALSE(reader.read({17, 65535, 65535}));  // beside the picture
+  EXPECT_FALSE(reader.read({17, 65535, 65535}));  // outside the image
   EXPECT_FALSE(reader.read({14, 8192, 8191}));    // above the coarsest zoom
   EXPECT_FALSE(reader.read({17, 1U << 20, 0}));
 }

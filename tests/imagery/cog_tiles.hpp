@@ -1,4 +1,4 @@
-// A small tile set for the tests of COG files: pictures that differ from tile to tile, some tiles missing.
+// A small tile set for the tests of COG files: images that differ from tile to tile, some tiles missing.
 #pragma once
 
 #include <map>

@@ -80,7 +80,7 @@ TEST(MapWindow, UsesTheCoarsestSufficientZoom) {
   const LocalFrame frame(kPlace);
   const auto zoom_at = [&](double gsd_m) {
     const MapWindow window = read_map_window(tiles, frame, {0, 0, 20 * gsd_m, 20 * gsd_m}, gsd_m, Colour::bgr);
-    return window.image.at<cv::Vec3b>(10, 10)[2] / 10;  // red tells the zoom
+    return window.image.at<cv::Vec3b>(10, 10)[2] / 10;  // red encodes the zoom
   };
   EXPECT_EQ(zoom_at(ground_resolution_m(18, kPlace.lat_deg) / 3), 18);
   EXPECT_EQ(zoom_at(ground_resolution_m(18, kPlace.lat_deg)), 18);

@@ -58,7 +58,7 @@ TEST_F(TerrainFile, ReturnsTheHeightsThatGdalReturns) {
   }
   const auto nearest =
       test::run_shell(fmt::format("printf '{}' | gdallocationinfo -valonly -geoloc '{}'", places, path.string()));
-  // It tells the pixel's own height: the nearest post's.
+  // Returns the pixel's own height: that of the nearest post.
   std::istringstream told(nearest.out);
   for (const LonLat& place : asked) {
     double expected = 0;

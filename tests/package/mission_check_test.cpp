@@ -103,7 +103,7 @@ TEST(MissionCheck, AnEmptySetIsOneGap) {
   EXPECT_TRUE(check_coverage(mission, {}).contains("coverage.gap"));
 }
 
-// A rim tile may be empty where nobody needs it, and only there.
+// A tile at the edge may be empty where it is not required, and only there.
 TEST(MissionCheck, CoverageIsByAreaNotByTile) {
   const Mission mission = sample_mission();
   const LocalFrame frame = mission_frame(mission);

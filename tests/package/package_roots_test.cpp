@@ -1,4 +1,4 @@
-// Roots that travel with packages: an aircraft that was away learns of new keys, and nobody can teach it false ones.
+// Roots carried by packages: an offline aircraft learns of new keys, and accepts no false ones.
 #include "package/package_roots.hpp"
 
 #include <gtest/gtest.h>

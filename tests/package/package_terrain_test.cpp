@@ -61,7 +61,7 @@ TEST_F(PackageWithTerrain, RejectsAlteredHeights) {
   bytes[bytes.size() / 2] = static_cast<std::uint8_t>(bytes[bytes.size() / 2] ^ 1);
   write_file_atomic(package / kTerrainFile, ByteView(bytes));
   EXPECT_EQ(test::codes(verify(package)), "artifact.hash");
-  EXPECT_EQ(test::codes(verify(package, VerifyDepth::quick)), "") << "quick leaves the bytes to whoever opens it";
+  EXPECT_EQ(test::codes(verify(package, VerifyDepth::quick)), "") << "quick leaves the bytes to the reader";
   const Opening opening = open(package);
   EXPECT_FALSE(opening.package);
   EXPECT_EQ(test::codes(opening.findings), "artifact.hash");

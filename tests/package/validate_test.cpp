@@ -89,7 +89,7 @@ TEST_F(Validate, TileBlank) {
   EXPECT_TRUE(with_one_tile(encoded({0, 0, 0, 0}, CV_8UC4, ImageFormat::png)).contains("coverage.gap"));
 }
 
-// A lake is blue throughout and still a picture of the ground.
+// A lake is blue throughout and still an image of the ground.
 TEST_F(Validate, ASingleColourIsAWarning) {
   const Findings findings = with_one_tile(encoded({120, 60, 20}, CV_8UC3, ImageFormat::png));
   EXPECT_TRUE(findings.contains("tile.blank"));
@@ -136,7 +136,7 @@ TEST_F(Validate, TileMisaddressedWhenTwice) {
 TEST_F(Validate, BudgetExceeded) {
   mission_.budget_mb = 1;
   const Findings findings = findings_of([](TileKey&, Bytes& tile) {
-    tile.resize(tile.size() + 100'000, 0);  // behind the picture's end
+    tile.resize(tile.size() + 100'000, 0);  // after the end of the image
     return true;
   });
   EXPECT_TRUE(findings.contains("budget.exceeded")) << test::codes(findings);

@@ -275,7 +275,7 @@ TEST_F(Verify, TilesRootForSwappedTilesWithRecomputedDigests) {
   expect("tiles.root", maker_.verify(package));
 }
 
-// Dates decide about freshness: they are signed like the pictures.
+// Dates decide about freshness: they are signed like the images.
 TEST_F(Verify, TilesRootForForgedDates) {
   maker_.edit_tile = [](Sidecar& sidecar, Bytes&) {
     sidecar.captured_at = parse_utc("2020-01-01").value();

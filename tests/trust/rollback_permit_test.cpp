@@ -43,7 +43,7 @@ TEST_F(Permit, AllowsExactlyWhatItNames) {
 
 TEST_F(Permit, ForOneAirframeIsInvalidForOthers) {
   RollbackRequest wish = wish_;
-  EXPECT_TRUE(check_permit(make("mini-07"), root_, wish).contains("permit.invalid")) << "nobody was named";
+  EXPECT_TRUE(check_permit(make("mini-07"), root_, wish).contains("permit.invalid")) << "no airframe was named";
   wish.airframe = "mini-08";
   EXPECT_TRUE(check_permit(make("mini-07"), root_, wish).contains("permit.invalid"));
   wish.airframe = "mini-07";

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Every request of `nadir sync push`, and every answer of the tests' own server, held against
+"""Every request of `nadir sync push`, and every answer of the tests' own server, checked against
 schemas/candidates.openapi.yaml: what the tests of the uploader prove, they prove about the contract.
 
 usage: contract_test.py TEST_KILLED_SYNC TEST_MAKE_CANDIDATES PROJECT_ROOT

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A candidate service that misbehaves as it is told to: the other end of the contract for tests of the uploader.
+"""A candidate service that misbehaves on request: the other end of the contract for tests of the uploader.
 
 fault_service.py is what it remembers; here is how it speaks, and how it fails.
 

@@ -116,7 +116,7 @@ class Service:
         if length != pack["length"] or offset + len(body) > length or length > MAX_PACK:
             raise Problem(422, "pack-invalid", "lengths that do not fit")
         if digest != hashlib.sha256(body).digest():
-            raise Problem(460, "digest-mismatch", "the part's SHA-256 is another one")
+            raise Problem(460, "digest-mismatch", "the part's SHA-256 does not match")
         pack["data"] += body
         if len(pack["data"]) < length:
             return len(pack["data"])

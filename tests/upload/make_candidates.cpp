@@ -1,5 +1,5 @@
 // make_candidates FOLDER KEY.pem COUNT MEAN_BYTES SEED [unclean]: a store of candidate tiles as a flight leaves it, but
-// for the pictures: bytes that no two tiles share stand for them.
+// for the images: distinct bytes stand in for them.
 #include <cstdlib>
 #include <iostream>
 

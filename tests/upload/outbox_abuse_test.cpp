@@ -1,4 +1,4 @@
-// Outboxes that somebody has had in his hands, or a disk has damaged.
+// Outboxes that an attacker or a disk has damaged.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -132,7 +132,7 @@ TEST_F(Outbox, AnExpiredUploadRestartsWithoutTilesThatHaveVerdicts) {
   EXPECT_FALSE(transfer_.next_pack(batch)->begun);
 }
 
-// It was restored from an older copy, say: tiles that it has judged, and told of, it lacks like all others.
+// For example, it was restored from an older copy: it no longer knows tiles that it has evaluated.
 TEST_F(Outbox, ResendsTilesThatTheServiceHasLost) {
   stage(3);
   seal();
@@ -192,7 +192,7 @@ TEST_F(Outbox, ImagesAreKeptUntilTheVerdict) {
   EXPECT_EQ(prune_blobs(*outbox_, 501, true).tiles, 1);
   EXPECT_EQ(prune_blobs(*outbox_, 501, false).tiles, 1);
   EXPECT_EQ(prune_blobs(*outbox_, 501, false).tiles, 0);
-  EXPECT_EQ(restage(*outbox_, "too_old", 600), 0) << "without its picture it cannot be sent again";
+  EXPECT_EQ(restage(*outbox_, "too_old", 600), 0) << "without its image it cannot be sent again";
 }
 
 TEST_F(Outbox, TilesAreRetriedOnceTheirBatchIsDone) {
@@ -201,7 +201,7 @@ TEST_F(Outbox, TilesAreRetriedOnceTheirBatchIsDone) {
   transfer_.announced(*transfer_.next_batch(0), answer({}, {0}, {1}), 5);
   const OpenBatch batch = *transfer_.next_batch(0);
   EXPECT_EQ(restage(*outbox_, "too_old", 6), 0);
-  // The service speaks of all its tiles, also of the one that it refused.
+  // The service reports all its tiles, also the one that it refused.
   StatusReply status = verdicts(batch, {VerdictReply::Kind::accepted, VerdictReply::Kind::rejected});
   EXPECT_NO_THROW(transfer_.verdicts(batch, status, 7));
   EXPECT_EQ(tiles_in(TileState::accepted), 1);

@@ -48,7 +48,7 @@ def tiles(outbox):
 
 
 def discrepancies(outbox, service, count):
-    """What the outbox believes against what the service has done: nothing lost, nothing twice."""
+    """The outbox compared with the service: nothing lost, nothing twice."""
     found, ours = [], tiles(outbox)
     if len(ours) != count:
         found.append(f"{len(ours)} tiles in the outbox, {count} were made")

@@ -167,7 +167,7 @@ TEST_F(Upload, WaitsAsLongAsTheServiceSays) {
   EXPECT_NE(log_.at(0).find("429"), std::string::npos);
 }
 
-// By the service's clock, which its own Date tells: ours may be wrong by years.
+// By the service's clock, from its Date header: ours may be wrong by years.
 TEST_F(Upload, ARetryDateIsRelativeToTheDateOfTheReply) {
   stage(1);
   seal();

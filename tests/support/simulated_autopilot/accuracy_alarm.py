@@ -11,7 +11,7 @@ class AccuracyAlarm:
         self._smooth, self._peak, self._last_s = 0.0, 0.0, None
 
     def hear(self, now_s, speed_accuracy):
-        """speed_accuracy: m/s, None when the receiver tells none."""
+        """speed_accuracy: m/s, None when the receiver reports none."""
         dt = 0.0 if self._last_s is None else now_s - self._last_s
         self._last_s = now_s
         self._smooth = min(10.0, SHARE * (speed_accuracy or 0.0) + (1 - SHARE) * self._smooth)

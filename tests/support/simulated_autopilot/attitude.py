@@ -1,4 +1,4 @@
-"""What attitude the autopilot tells: not the truth, and not independent of where it believes to be.
+"""The autopilot's attitude estimate: not the truth, and correlated with its position estimate.
 
 Roll and pitch drift as Gauss-Markov processes. The compass is off by a constant and by a deviation that turns with the course (coefficients B and C
 of a ship's compass: sine and cosine of the heading). And as in every filter that is aided by GPS, an acceleration that the
@@ -36,7 +36,7 @@ class ToldAttitude:
             process.step(dt)
         error = [believed - true for believed, true in zip(believed_velocity, plane.velocity)]
         before, self._velocity_error = self._velocity_error or error, error
-        feigned = [(now - then) / dt for now, then in zip(error, before)]  # m/s² that nobody felt
+        feigned = [(now - then) / dt for now, then in zip(error, before)]  # m/s² of apparent acceleration
         for axis in (0, 1):
             self._leant[axis] += (dt * feigned[axis] / GRAVITY - dt * self._leant[axis]) / TILT_TIME_S
         felt = plane.acceleration

@@ -1,4 +1,4 @@
-"""Steers along the plan by the position that the filter believes in: pursuit of a point ahead (Park, Deyst, How 2004)."""
+"""Steers along the plan by the filter's position estimate: pursuit of a point ahead (Park, Deyst, How 2004)."""
 import math
 
 from .geo import wrap

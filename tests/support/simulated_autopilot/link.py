@@ -19,7 +19,7 @@ class Udp:
     def write(self, data):
         try:
             self.socket.sendto(data, self.address)
-        except OSError:  # nobody listens yet, or the buffer is full: a datagram is lost, as on any link
+        except OSError:  # no listener yet, or the buffer is full: a datagram is lost, as on any link
             pass
 
     def read(self):

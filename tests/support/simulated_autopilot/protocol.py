@@ -2,7 +2,7 @@
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 FLOAT = dialect.MAV_PARAM_TYPE_REAL32
-SIGNING_MINUTE = 6_000_000  # ArduPilot begins so far ahead of what it was told
+SIGNING_MINUTE = 6_000_000  # ArduPilot starts this far ahead of the time that it was given
 # Those that provisioning looks at, as a fresh aircraft has them.
 PARAMETERS = {"GPS1_TYPE": 14, "GPS2_TYPE": 1, "GPS1_DELAY_MS": 0, "GPS2_DELAY_MS": 0, "GPS_AUTO_SWITCH": 4, "GPS_PRIMARY": 0,
               "EK3_ENABLE": 1, "AHRS_EKF_TYPE": 3,

@@ -5,7 +5,7 @@ from .gauss_markov import GaussMarkov
 
 
 class GpsSample:
-    """What any receiver tells at once. Unknown values are None. place is (north, east), velocity north, east, down."""
+    """One measurement of a receiver. Unknown values are None. place is (north, east), velocity north, east, down."""
 
     def __init__(self, fix_type, north=0.0, east=0.0, altitude=0.0, velocity=None, h_acc=None, v_acc=None, s_acc=None,
                  hdop=99.99, satellites=0):
@@ -37,7 +37,7 @@ class Receiver:
         self.denied, self.offset, self.drag = False, [0.0, 0.0], (0.0, 0.0)
 
     def sample(self, plane):
-        """Once every PERIOD. A spoofer tells velocities that fit what it does to the position."""
+        """Once every PERIOD. A spoofer reports velocities consistent with its positions."""
         for process in self.drift:
             process.step(self.PERIOD)
         for axis in (0, 1):

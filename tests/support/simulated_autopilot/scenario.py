@@ -5,14 +5,14 @@ ACTIONS = {
     "gps-denied": None,     # the own receiver has no fix
     "gps-step": 300.0,      # its position moves by so many metres at once
     "gps-drag": 2.0,        # and by so many metres a second
-    "gps-recover": None,    # it is well again
+    "gps-recover": None,    # it recovers
     "link-cut": None,       # the link to the companion carries nothing, either way
     "link-restore": None,
     "clock-step": 3600.0,   # the autopilot's UTC jumps by so many seconds
     "camera-cut": None,     # the truth stops, so that the renderer has nothing to show
     "camera-restore": None,
     "compass": 9.0,         # it deviates by up to so many degrees, most on the course of the bearing
-    "reboot": None,         # the time since boot begins anew
+    "reboot": None,         # the time since boot restarts
 }
 DEFAULT_BEARING = 70.0
 

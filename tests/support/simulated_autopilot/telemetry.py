@@ -1,4 +1,4 @@
-"""What the autopilot tells, and how often. SET_MESSAGE_INTERVAL changes the rates, as on the real one."""
+"""The autopilot's telemetry and its rates. SET_MESSAGE_INTERVAL changes the rates, as on the real one."""
 import math
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -162,7 +162,7 @@ class Telemetry:
         return dialect.MAVLink_ekf_status_report_message(flags, 0.1, variance, 0.1, 0.05, 0.0, 0.0)
 
     def sim_state(self):
-        """The truth, for whoever paints what the camera sees."""
+        """The truth, for the camera's renderer."""
         v = self.vehicle
         p = v.plane
         lat, lon = v.local.to_degrees(p.north, p.east)
