@@ -117,7 +117,7 @@ std::vector<std::optional<Refusal>> CandidateService::check_batch(const SignedBa
     const SignatureCheck check =
         check_candidate_signature(*root, tile.sidecar, tile.sidecar_bytes, tile.signature, now);
     refusals[i] = check.findings.has_errors() ? std::optional(refusal_from(check.findings))
-                                           : check_announced(tile.sidecar, batch.created_at, now, options_.rules);
+                                              : check_announced(tile.sidecar, batch.created_at, now, options_.rules);
   }
   return refusals;
 }
@@ -200,8 +200,9 @@ Answer<Announcement> CandidateService::announce(const UploadClient& client, cons
       return catalogue.refused_batches_of(client.name, now_ms - options_.rules.quota_window_ms);
     });
     if (refused >= options_.rules.refused_batches) {
-      return Denial{.kind = Kind::too_many,
-                    .detail = "too many batches without an accepted tile; the first reason: " + refusals.front()->detail};
+      return Denial{
+          .kind = Kind::too_many,
+          .detail = "too many batches without an accepted tile; the first reason: " + refusals.front()->detail};
     }
   }
   const auto stored = catalogue_.call([&](CandidateCatalogue& catalogue) {
@@ -358,8 +359,9 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
   const auto size =
       catalogue_.call([&](CandidateCatalogue& catalogue) { return catalogue.pack_size(upload.id, sha256); });
   const auto elsewhere = [](std::uint64_t offset) {
-    return Denial{
-        .kind = Kind::offset_mismatch, .detail = fmt::format("the pack continues at byte {}", offset), .offset = offset};
+    return Denial{.kind = Kind::offset_mismatch,
+                  .detail = fmt::format("the pack continues at byte {}", offset),
+                  .offset = offset};
   };
   if (size) return elsewhere(*size);
   const PackClaim busy(*this, name, sha256);

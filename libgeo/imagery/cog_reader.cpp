@@ -410,10 +410,10 @@ std::optional<Bytes> CogReader::block(const CogBlocks& blocks, std::int64_t colu
   if (inside) bytes.resize(size);
   if (inside && bytes_->read(blocks.places[index], bytes)) return bytes;
   throw TiffError("tiff.corrupt", {.what = "a block lies outside the file",
-                                  .where = fmt::format("{}, block {}, {}", name_, column, row),
-                                  .expected = fmt::format("an offset within {} bytes", bytes_->size()),
-                                  .found = fmt::format("{} bytes at {}", size, blocks.places[index]),
-                                  .fix = "create the file again; copies of a damaged file are damaged as well"});
+                                   .where = fmt::format("{}, block {}, {}", name_, column, row),
+                                   .expected = fmt::format("an offset within {} bytes", bytes_->size()),
+                                   .found = fmt::format("{} bytes at {}", size, blocks.places[index]),
+                                   .fix = "create the file again; copies of a damaged file are damaged as well"});
 }
 
 // Blocks that are tiles: the tile's own, when the picture has one there.

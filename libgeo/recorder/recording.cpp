@@ -106,8 +106,7 @@ void check_segment(const SegmentContents& segment, Findings& findings) {
   const std::string where = segment.segment.path.string();
   findings.add(segment.mcap.findings);
   if (segment.mcap.damaged_chunks == 0 && !segment.session && segment.mcap.messages != 0) {
-    findings.add(
-        {"recorder.session", Severity::error, where, "a session record", "none: not written by our recorder"});
+    findings.add({"recorder.session", Severity::error, where, "a session record", "none: not written by our recorder"});
   }
   if (segment.undecodable != 0) {
     findings.add({"recorder.payload", Severity::error, where, "FlatBuffers of the schemas in the file",

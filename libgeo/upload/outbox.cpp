@@ -64,11 +64,12 @@ std::string plain(std::string_view sql) {
 }
 
 [[noreturn]] void refuse(const SqliteDatabase& database, std::string expected, std::string found) {
-  throw UsageError({.what = "not an outbox created by nadir sync stage",
-                    .where = database.path().string(),
-                    .expected = std::move(expected),
-                    .found = std::move(found),
-                    .fix = "it was modified: stage the flight into a new outbox; tiles that have arrived are not sent twice"});
+  throw UsageError(
+      {.what = "not an outbox created by nadir sync stage",
+       .where = database.path().string(),
+       .expected = std::move(expected),
+       .found = std::move(found),
+       .fix = "it was modified: stage the flight into a new outbox; tiles that have arrived are not sent twice"});
 }
 
 struct Kind {

@@ -12,10 +12,11 @@ namespace {
 constexpr std::int64_t kLatest_ms = 253'402'300'799'999;  // 9999-12-31T23:59:59.999Z
 
 [[noreturn]] void refuse_setting(std::string expected, std::string_view found) {
-  throw Error({.what = "the outbox is damaged",
-               .expected = std::move(expected),
-               .found = std::string(found.substr(0, 80)),
-               .fix = "check the disk; stage the flight into a new outbox: tiles that have arrived are not sent twice"});
+  throw Error(
+      {.what = "the outbox is damaged",
+       .expected = std::move(expected),
+       .found = std::string(found.substr(0, 80)),
+       .fix = "check the disk; stage the flight into a new outbox: tiles that have arrived are not sent twice"});
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 // The flight log as one batch for Ceres: a pose graph with the same sensor models as the flight filter, solved
-// again from its current state after every step, with Geman and McClure's loss on anchors instead of switching them off.
+// again from its current state after every step, with Geman and McClure's loss on anchors instead of switching them
+// off.
 #pragma once
 
 #include "estimation/drawn_flight.hpp"

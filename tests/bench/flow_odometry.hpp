@@ -1,5 +1,5 @@
-// A second odometry front end, which shows that the interface is independent of the backend. It is no faster than features and loses
-// what they keep where little ground is shared or the heading is poorly known (docs/benchmarks.md).
+// A second odometry front end, which shows that the interface is independent of the backend. It is no faster than
+// features and loses what they keep where little ground is shared or the heading is poorly known (docs/benchmarks.md).
 #pragma once
 
 #include "estimation/visual_odometry.hpp"

@@ -16,7 +16,7 @@ struct Record {
   int wrong = 0;            // of these more than 50 m from the truth
   int anchored = 0;         // frames labelled satellite_anchored
   int misleading = 0;       // of these more than 3 sigma from the truth
-  int unknowable = 0;       // wrong or misleading because the map is displaced by less than the uncertainty of the start
+  int unknowable = 0;  // wrong or misleading because the map is displaced by less than the uncertainty of the start
   int told = 0;             // frames with a position
   int overconfident = 0;    // of these, under another label, more than 3 sigma from the truth
   int in_50 = 0;            // of these within the 50 % ellipse …

@@ -1,5 +1,6 @@
-// Synthetic worlds in memory: the ground on the day of the flight, the satellite image of another season, the same years
-// older, and each of them as map tiles. Positions are metres in the plane of frame(), (0, 0) in the world's middle.
+// Synthetic worlds in memory: the ground on the day of the flight, the satellite image of another season, the same
+// years older, and each of them as map tiles. Positions are metres in the plane of frame(), (0, 0) in the world's
+// middle.
 #pragma once
 
 #include <map>

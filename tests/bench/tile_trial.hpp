@@ -1,5 +1,5 @@
-// A short simulated flight whose frames become tiles, and the true place of these tiles: against the world's own raster,
-// and by the true pose. Positions in metres.
+// A short simulated flight whose frames become tiles, and the true place of these tiles: against the world's own
+// raster, and by the true pose. Positions in metres.
 #pragma once
 
 #include <cstdint>

@@ -61,9 +61,7 @@ TEST_F(Misaligned, ADisplacementJustBelowTheLimitIsAccepted) {
 TEST_F(Misaligned, AMoreCertainTileHasAStricterLimit) { EXPECT_EQ(test::code_of(judged(6.4, 300)), "misaligned"); }
 
 // Other ground does not correlate: it has changed, or it is another place; the map cannot tell, other flights will.
-TEST_F(Misaligned, ChangedGroundIsNotMisaligned) {
-  EXPECT_EQ(judged(8, 1'500, 5).verdict, Verdict::accepted);
-}
+TEST_F(Misaligned, ChangedGroundIsNotMisaligned) { EXPECT_EQ(judged(8, 1'500, 5).verdict, Verdict::accepted); }
 
 TEST_F(Misaligned, WithoutAMapTileAlignmentIsUnknown) {
   key_.x += 40;

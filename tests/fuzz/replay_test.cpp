@@ -1,5 +1,5 @@
-// The corpus with every compiler: unchanged, truncated everywhere, and with every bit flipped. Whatever fuzzing finds is
-// added to the corpus as a regression test. Files in a folder TARGET/reached were found by libFuzzer to cover the
+// The corpus with every compiler: unchanged, truncated everywhere, and with every bit flipped. Whatever fuzzing finds
+// is added to the corpus as a regression test. Files in a folder TARGET/reached were found by libFuzzer to cover the
 // reader's code, or are one case among many: replayed unchanged.
 #include <gtest/gtest.h>
 

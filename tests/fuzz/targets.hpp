@@ -1,5 +1,5 @@
-// Readers of untrusted bytes. Each target accepts any bytes; it must not crash, hang, or throw anything but the reader's
-// own exceptions, and what it accepts must round-trip through writing and reading.
+// Readers of untrusted bytes. Each target accepts any bytes; it must not crash, hang, or throw anything but the
+// reader's own exceptions, and what it accepts must round-trip through writing and reading.
 //
 // With clang and NADIR_FUZZ=ON each becomes a libFuzzer program, fuzz_NAME; the test `fuzz` replays the corpus with
 // every compiler.

@@ -253,7 +253,8 @@ TEST_F(TerrainBuilder, ThePackageHoldsItAndIsReproducible) {
   write_map();
   NoProgress progress;
   const PackageReport report = build_package(request("one"), progress);
-  ASSERT_FALSE(report.findings.has_errors()) << (report.findings.empty() ? "" : to_text(report.findings.items().front()));
+  ASSERT_FALSE(report.findings.has_errors())
+      << (report.findings.empty() ? "" : to_text(report.findings.items().front()));
   ASSERT_TRUE(report.terrain);
   const auto manifest = parse_manifest(read_file(folder_ / "one" / kManifestFile)).manifest;
   ASSERT_TRUE(manifest);

@@ -215,8 +215,9 @@ int ProvisionBoresightCommand::report(Context& context, const Findings& findings
        {"yaw", with_sigma(b.mount.heading_rad, b.mount_sigma.heading_rad)},
        {"pitch", with_sigma(b.mount.pitch_rad, b.mount_sigma.pitch_rad)},
        {"roll", with_sigma(b.mount.roll_rad, b.mount_sigma.roll_rad)},
-       {"capture delay", b.delay_observable ? fmt::format("{:.3f} s (σ {:.3f} s)", delay_s, b.delay_sigma_s)
-                                      : fmt::format("{:.3f} s as configured; this flight does not determine it", delay_s)},
+       {"capture delay", b.delay_observable
+                             ? fmt::format("{:.3f} s (σ {:.3f} s)", delay_s, b.delay_sigma_s)
+                             : fmt::format("{:.3f} s as configured; this flight does not determine it", delay_s)},
        {"GPS to map", fmt::format("{:+.1f} m east, {:+.1f} m north", b.offset_m.x(), b.offset_m.y())},
        {"height", fmt::format("{:.3f} of the reported height", b.height_factor)},
        {"misfit", fmt::format("{:.2f} (1: residuals match the uncertainty)", b.misfit)},
