@@ -1,5 +1,7 @@
 #include "base/error.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <system_error>
 

@@ -64,11 +64,6 @@ void print_figures(std::ostream& out, const Figures& figures) {
   for (const auto& [name, value] : figures) out << name << std::string(width - name.size() + 2, ' ') << value << '\n';
 }
 
-std::string count(std::uint64_t number, std::string_view noun, std::string_view plural) {
-  if (number == 1) return fmt::format("1 {}", noun);
-  return plural.empty() ? fmt::format("{} {}s", number, noun) : fmt::format("{} {}", number, plural);
-}
-
 UtcTime evaluation_time(const std::optional<UtcTime>& at, const Clock& clock) { return at ? *at : clock.now(); }
 
 }  // namespace nadir

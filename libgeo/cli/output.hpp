@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/error.hpp"
+#include "base/plural.hpp"
 #include "base/time.hpp"
 
 namespace nadir {
@@ -32,9 +33,6 @@ int report_findings(std::ostream& out, bool as_json, const Findings& findings);
 // Two columns: the left one padded to its longest entry.
 using Figures = std::vector<std::pair<std::string, std::string>>;
 void print_figures(std::ostream& out, const Figures& figures);
-
-// "1 sector", "2 sectors". `plural` where it is not the noun with an s.
-std::string count(std::uint64_t number, std::string_view noun, std::string_view plural = {});
 
 // --at when given, else the present time.
 UtcTime evaluation_time(const std::optional<UtcTime>& at, const Clock& clock);

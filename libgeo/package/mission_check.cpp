@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/plural.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/coverage_gaps.hpp"
@@ -18,10 +19,6 @@ namespace {
 
 constexpr std::size_t kNamedPerZoom = 20;  // holes that are named one by one; more are only counted
 constexpr std::int64_t kSecondsPerDay = 86'400;
-
-std::string counted(std::size_t count, std::string_view noun) {
-  return fmt::format("{} {}{}", count, noun, count == 1 ? "" : "s");
-}
 
 std::string place_text(const TileKey& key) {
   const LonLatBox box = bounds_of(key);
@@ -35,7 +32,7 @@ void report_gaps(const std::vector<Gap>& gaps, int zoom, Findings& findings) {
   findings.add({.code = "coverage.gap",
                 .where = fmt::format("zoom {}", zoom),
                 .expected = "valid pixels for every part of the sectors and of the corridor",
-                .found = fmt::format("{} with gaps, {:.0f} m² in total", counted(gaps.size(), "tile"), total_m2),
+                .found = fmt::format("{} with gaps, {:.0f} m² in total", count(gaps.size(), "tile"), total_m2),
                 .fix = "use imagery that covers the mission, or reduce the mission's area"});
   for (std::size_t i = 0; i < std::min(gaps.size(), kNamedPerZoom); ++i) {
     const Gap& gap = gaps[i];
@@ -112,13 +109,13 @@ Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles,
     const int days = mission.freshness_days.of(areas[area].cls);
     findings.add(
         {.code = "freshness.stale",
-         .where = fmt::format("{}, {}, for example {}", areas[area].name, counted(entry.count, "tile"),
+         .where = fmt::format("{}, {}, for example {}", areas[area].name, count(entry.count, "tile"),
                               to_text(entry.example)),
-         .expected = fmt::format("imagery at most {} old ({}) at {}", counted(static_cast<std::size_t>(days), "day"),
+         .expected = fmt::format("imagery at most {} old ({}) at {}", count(static_cast<std::size_t>(days), "day"),
                                  name_of(areas[area].cls), to_rfc3339(at)),
          .found =
              fmt::format("captured {}, {} earlier", to_rfc3339(entry.oldest),
-                         counted(static_cast<std::size_t>((at.unix_s - entry.oldest.unix_s) / kSecondsPerDay), "day")),
+                         count(static_cast<std::size_t>((at.unix_s - entry.oldest.unix_s) / kSecondsPerDay), "day")),
          .fix = "get newer imagery, or raise freshness_days if the ground has not changed"});
   }
   return findings;
@@ -126,17 +123,17 @@ Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles,
 
 Findings check_resolution(const Mission& mission, std::span<const Sidecar> tiles) {
   const auto limit_mm = static_cast<std::int64_t>(std::llround(mission.min_resolution_m * 1000));
-  std::size_t count = 0;
+  std::size_t tiles = 0;
   const Sidecar* coarsest = nullptr;
   for (const Sidecar& tile : tiles) {
     if (tile.key.z != mission.zoom.max || tile.gsd_mm <= limit_mm) continue;
-    ++count;
+    ++tiles;
     if (coarsest == nullptr || tile.gsd_mm > coarsest->gsd_mm) coarsest = &tile;
   }
   Findings findings;
   if (coarsest != nullptr) {
     findings.add({.code = "resolution.coarse",
-                  .where = fmt::format("{}, for example {}", counted(count, "tile"), to_text(coarsest->key)),
+                  .where = fmt::format("{}, for example {}", count(tiles, "tile"), to_text(coarsest->key)),
                   .expected = fmt::format("imagery of {} m or finer", mission.min_resolution_m),
                   .found = fmt::format("{} m", static_cast<double>(coarsest->gsd_mm) / 1000),
                   .fix = "get finer imagery, or raise min_resolution_m"});
@@ -301,20 +298,20 @@ void check_terrain_gaps(const Mission& mission, const TerrainRaster& terrain, Fi
 }
 
 void check_terrain_heights(const TerrainRaster& terrain, Findings& findings) {
-  std::size_t count = 0, first = 0;
+  std::size_t posts = 0, first = 0;
   const auto heights = terrain.heights_m();
   double lowest = 0, highest = 0;
   for (std::size_t i = 0; i < heights.size(); ++i) {
     const double height = static_cast<double>(heights[i]);
     if (std::isnan(height) || (height >= kLowestGround_m && height <= kHighestGround_m)) continue;
-    if (count++ == 0) first = i;
+    if (posts++ == 0) first = i;
     lowest = std::min(lowest, height), highest = std::max(highest, height);
   }
-  if (count == 0) return;
+  if (posts == 0) return;
   const auto columns = static_cast<std::size_t>(terrain.grid().columns);
   const LonLat at = terrain.grid().place(static_cast<double>(first % columns), static_cast<double>(first / columns));
   findings.add({.code = "dem.implausible",
-                .where = fmt::format("{}, {}, for example at {:.6f},{:.6f}", kTerrainFile, counted(count, "post"),
+                .where = fmt::format("{}, {}, for example at {:.6f},{:.6f}", kTerrainFile, count(posts, "post"),
                                      at.lon_deg, at.lat_deg),
                 .expected = fmt::format("metres from {:.0f} to {:.0f}", kLowestGround_m, kHighestGround_m),
                 .found = lowest < kLowestGround_m ? fmt::format("{}", lowest) : fmt::format("{}", highest),

@@ -9,6 +9,7 @@
 #include <ranges>
 
 #include "base/error.hpp"
+#include "base/plural.hpp"
 #include "mavlink/commands.hpp"
 #include "mavlink/gps_input.hpp"
 
@@ -292,7 +293,7 @@ Provisioned provision(AutopilotSession& session, const AutopilotIdentity& autopi
   Changes changes;
   try {
     set_parameters(session, autopilot.address, parameters, changes.parameters);
-    on_step(fmt::format("{} parameters set", changes.parameters.size()));
+    on_step(count(changes.parameters.size(), "parameter") + " set");
     if (std::ranges::any_of(changes.parameters, needs_restart)) {
       restart(session, autopilot.address);
       result.restarted = true;

@@ -108,7 +108,7 @@ Flight FlightRequest::flight_to_fly(Context& context, const std::filesystem::pat
   if (recorder_) {
     recorded = read_recorded_flight({*recorder_, session_, frames_, unpacked});
     if (recorded->unusable_inputs != 0 && !context.quiet) {
-      context.err << fmt::format("note: {} inputs after a missing one are skipped\n", recorded->unusable_inputs);
+      context.err << fmt::format("note: skipped {} after a missing one\n", count(recorded->unusable_inputs, "input"));
     }
     const bool mapped = recorded->session.package.has_value();
     const std::optional<Sha256> package =
@@ -126,7 +126,7 @@ Flight FlightRequest::flight_to_fly(Context& context, const std::filesystem::pat
   const FlightPaths paths{*frames_, *telemetry_, *camera_};
   Flight flight = read_flight(paths);
   if (flight.images_without_row != 0 && !context.quiet) {
-    context.err << fmt::format("note: {} pictures have no row in {} and are left out\n", flight.images_without_row,
+    context.err << fmt::format("note: skipped {} without a row in {}\n", count(flight.images_without_row, "image"),
                                paths.telemetry.string());
   }
   return flight;

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "base/error.hpp"
+#include "base/plural.hpp"
 
 namespace nadir {
 
@@ -120,7 +121,7 @@ void Uploader::ask_verdicts(const OpenBatch& batch) {
   outcome_.verdicts.duplicate += sum.duplicate;
   if (sum.accepted + sum.rejected + sum.duplicate > 0) progressed(batch);
   if (sum.pending == 0) return;
-  outcome_.waits_for = fmt::format("{} verdicts", sum.pending);
+  outcome_.waits_for = count(static_cast<std::uint64_t>(sum.pending), "verdict");
   const std::int64_t wait_ms = std::min<std::int64_t>(back_off_ms(batch.attempts, wait_s, env_.random), 60'000);
   transfer_.await_verdicts(batch, batch.attempts + 1, env_.clock.now_ms() + wait_ms);
 }
@@ -176,7 +177,8 @@ void Uploader::try_later(const OpenBatch& batch, const TransferError& error) {
 void Uploader::park(const OpenBatch& batch, const std::string& why) {
   const std::int64_t tiles = transfer_.park(batch, why, env_.clock.now_ms());
   outcome_.parked += tiles;
-  env_.log(fmt::format("batch {} with {} tiles is parked: {}", batch.uuid, tiles, why));
+  env_.log(
+      fmt::format("batch {} with {} is parked: {}", batch.uuid, count(static_cast<std::uint64_t>(tiles), "tile"), why));
 }
 
 // Sending one pack: in parts, from wherever the service has got to.

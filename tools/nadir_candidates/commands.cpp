@@ -220,7 +220,7 @@ int ExportCommand::run(Context& context) {
                     {"gsd_m", image.gsd_m},
                     {"ce90_m", image.ce90_m}});
     if (!context.json) {
-      context.out << fmt::format("{}  {} tiles, {}, GSD {:.2f} m, CE90 {:.1f} m\n", file, image.tiles,
+      context.out << fmt::format("{}  {}, {}, GSD {:.2f} m, CE90 {:.1f} m\n", file, count(image.tiles, "tile"),
                                  to_rfc3339(image.captured_at).substr(0, 10), image.gsd_m, image.ce90_m);
     }
   }

@@ -2,9 +2,12 @@
 
 const drawChart = (host) => {
   const scored = data.frames.some((frame) => frame.error != null);
-  document.getElementById("chart-title").textContent = scored ? "Error and stated accuracy over time" : "Stated accuracy over time";
+  document.getElementById('chart-title').textContent =
+      scored ? 'Error and stated accuracy over time' : 'Stated accuracy over time';
   const legend = document.getElementById("chart-legend");
-  legend.append(element("span", {}, element("i", { style: "background:var(--band);border:1px solid var(--band-line)" }), "stated 95 % radius (2.45 σ)"));
+  legend.append(element(
+      'span', {}, element('i', {style: 'background:var(--band);border:1px solid var(--band-line)'}),
+      'stated 95 % radius (2.45 σ)'));
   if (scored) {
     for (const [code, { label, colour }] of Object.entries(sources)) {
       if (data.frames.some((frame) => frame.source === code && frame.error != null))

@@ -45,7 +45,7 @@ const drawReadout = (host) => {
     if (frame.age != null) row("anchor age", frame.age.toFixed(1) + " s");
     row("segment", frame.segment);
     row("odometry", frame.odometry.tracked ? `${frame.odometry.inliers} points, ${metres(frame.odometry.step)}` : "not tracked");
-    row("processing time", frame.latency.toFixed(0) + " ms");
+    row('processing time', frame.latency.toFixed(0) + ' ms');
     const tried = anchor.verdict !== "not_tried";
     const verdict = element("div", { class: "verdict " + (anchor.verdict === "accepted" ? "ok" : tried ? "no" : "") },
       element("b", {}, "match " + words(anchor.verdict)), element("br"), verdicts[anchor.verdict]);

@@ -3,10 +3,10 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 
 const sources = {
-  satellite_anchored: { label: "anchored to the map", colour: "var(--anchored)" },
-  vo_extrapolated: { label: "propagated by odometry", colour: "var(--vo)" },
-  dead_reckoned: { label: "dead reckoned", colour: "var(--dead)" },
-  no_fix: { label: "no fix", colour: "var(--none)" },
+  satellite_anchored: {label: 'anchored to the map', colour: 'var(--anchored)'},
+  vo_extrapolated: {label: 'propagated by odometry', colour: 'var(--vo)'},
+  dead_reckoned: {label: 'dead reckoned', colour: 'var(--dead)'},
+  no_fix: {label: 'no fix', colour: 'var(--none)'},
 };
 
 const verdicts = {

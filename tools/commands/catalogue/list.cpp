@@ -82,10 +82,11 @@ int CatalogueListCommand::run(Context& context) {
   nlohmann::json list = nlohmann::json::array();
   for (const CataloguedPackage& package : packages) {
     nlohmann::json made_from = nlohmann::json::array();
-    std::string lines = printable(fmt::format(
-        "{} {}  {}  mission {}, expires {}, {} tiles, {:.1f} MB{}\n", package.series, package.sequence,
-        state_of(package, packages, at), package.mission, to_rfc3339(package.expires).substr(0, 10), package.tiles,
-        static_cast<double>(package.bytes) / 1e6, package.signers.empty() ? ", not verified" : ""));
+    std::string lines = printable(
+        fmt::format("{} {}  {}  mission {}, expires {}, {}, {:.1f} MB{}\n", package.series, package.sequence,
+                    state_of(package, packages, at), package.mission, to_rfc3339(package.expires).substr(0, 10),
+                    count(static_cast<std::uint64_t>(package.tiles), "tile"), static_cast<double>(package.bytes) / 1e6,
+                    package.signers.empty() ? ", not verified" : ""));
     for (const CatalogueSource& source : sources) {
       if (source.package_id != package.id) continue;
       made_from.push_back(json_from(source));
