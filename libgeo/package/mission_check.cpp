@@ -123,17 +123,17 @@ Findings check_freshness(const Mission& mission, std::span<const Sidecar> tiles,
 
 Findings check_resolution(const Mission& mission, std::span<const Sidecar> tiles) {
   const auto limit_mm = static_cast<std::int64_t>(std::llround(mission.min_resolution_m * 1000));
-  std::size_t tiles = 0;
+  std::size_t coarse = 0;
   const Sidecar* coarsest = nullptr;
   for (const Sidecar& tile : tiles) {
     if (tile.key.z != mission.zoom.max || tile.gsd_mm <= limit_mm) continue;
-    ++tiles;
+    ++coarse;
     if (coarsest == nullptr || tile.gsd_mm > coarsest->gsd_mm) coarsest = &tile;
   }
   Findings findings;
   if (coarsest != nullptr) {
     findings.add({.code = "resolution.coarse",
-                  .where = fmt::format("{}, for example {}", count(tiles, "tile"), to_text(coarsest->key)),
+                  .where = fmt::format("{}, for example {}", count(coarse, "tile"), to_text(coarsest->key)),
                   .expected = fmt::format("imagery of {} m or finer", mission.min_resolution_m),
                   .found = fmt::format("{} m", static_cast<double>(coarsest->gsd_mm) / 1000),
                   .fix = "get finer imagery, or raise min_resolution_m"});
