@@ -44,7 +44,7 @@ class Contract(unittest.TestCase):
         self.assertEqual(0, result.returncode, result.stdout + result.stderr)
         print(result.stdout[-900:])
 
-    def test_events_are_what_the_contract_says(self):
+    def test_events_match_the_contract(self):
         """The stream by hand: each state and event against its schema."""
         import jsonschema_rs
         import yaml

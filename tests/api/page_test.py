@@ -73,7 +73,7 @@ class Page(unittest.TestCase):
         foreign = [url for url in browser.requested() if not url.startswith((service.url, "data:", "blob:", "about:"))]
         self.assertEqual([], foreign, "the page asks others")
 
-    def test_what_is_old_does_not_look_alive(self):
+    def test_stale_data_is_marked(self):
         service = self.serve()
         browser = self.browse(service.url)
         browser.wait_for(IS.format("state", "normal"))

@@ -73,7 +73,7 @@ class Watch(unittest.TestCase):
         process.stdout.close()
         self.assertEqual(0, process.wait(timeout=60))
 
-    def test_goes_on_when_the_service_is_gone(self):
+    def test_continues_without_the_service(self):
         service = self.serve()
         process = self.watching(service.url, "--interval-s", "0.1", "--json", stdout=subprocess.PIPE, text=True)
         self.assertEqual("normal", json.loads(process.stdout.readline())["state"])
@@ -85,7 +85,7 @@ class Watch(unittest.TestCase):
         process.stdout.close()
         self.assertEqual(0, process.wait(timeout=60))
 
-    def test_a_terminal_gets_a_screen_and_its_own_back(self):
+    def test_a_terminal_is_restored(self):
         service = self.serve()
         ours, theirs = pty.openpty()
         process = self.watching(service.url, "--interval-s", "0.1", stdout=theirs)
@@ -121,14 +121,14 @@ class Watch(unittest.TestCase):
             token.chmod(0o644)
             self.assertIn("chmod 600", self.watch(service.url, "--once", "--token-file", token).stderr)
 
-    def test_nobody_there(self):
+    def test_no_server_responds(self):
         with socket.socket() as taken:  # bound, but not listening
             taken.bind(("127.0.0.1", 0))
             result = self.watch(f"http://127.0.0.1:{taken.getsockname()[1]}", "--once")
         self.assertEqual(2, result.returncode)
         self.assertIn("does not answer", result.stderr)
 
-    def test_somebody_else_there(self):
+    def test_another_server_responds(self):
         for answer in (b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}", b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\n[[[[[", b"SSH-2.0-x\r\n", b"",
                        b"HTTP/1.1 500 \x1b[2J\r\nContent-Length: 4\r\n\r\n\x1b[2J", b"HTTP/1.1 200 OK\r\nContent-Length: 99999999999\r\n\r\n"):
             with self.subTest(answer), socket.socket() as other:

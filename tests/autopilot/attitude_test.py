@@ -36,7 +36,7 @@ class Attitude(unittest.TestCase):
             self.plane.step(STEP_S, acceleration, 300)
             self.attitude.step(STEP_S, self.plane, believed(self.plane.velocity, i * STEP_S))
 
-    def test_the_compass_errs_by_the_course(self):
+    def test_the_compass_error_depends_on_the_course(self):
         self.attitude.deviate(math.radians(9), math.radians(90))
         errors = {}
         for course in (0, 90, 180, 270):
@@ -45,7 +45,7 @@ class Attitude(unittest.TestCase):
         self.assertAlmostEqual(18, errors[90] - errors[270], delta=1e-6)
         self.assertAlmostEqual(errors[0], errors[180], delta=1e-6)
 
-    def test_with_the_true_velocity_it_leans_on_nothing(self):
+    def test_with_the_true_velocity_it_has_no_tilt_error(self):
         self.attitude.deviate(0, 0)
         before = yaw_error(self.attitude, self.plane)
         self.fly(40, lambda velocity, _: velocity)

@@ -48,7 +48,7 @@ class Filter(unittest.TestCase):
         self.assertEqual(("test", "out of the gate"), self.filter.resets[0][1:3])
         self.assertAlmostEqual(300, self.filter.resets[0][3], delta=10)
 
-    def test_another_receiver_is_taken_at_once_however_far_off_it_is(self):
+    def test_another_receiver_is_used_immediately_at_any_distance(self):
         self.fly(20)
         place = self.filter.position[0]
         self.assertTrue(self.filter.fuse(self.t, sample(place + 300), "other"))
@@ -70,7 +70,7 @@ class Filter(unittest.TestCase):
         # The velocities deny it, so that it lags.
         self.assertAlmostEqual(20 * self.t + 49.5, self.filter.position[0], delta=8)
 
-    def test_blind_it_grows_unsure_and_is_reset_afterwards(self):
+    def test_without_fixes_its_uncertainty_grows_and_it_is_reset_afterwards(self):
         self.fly(30)
         sigma = self.filter.sigma()
         for _ in range(8):
@@ -81,13 +81,13 @@ class Filter(unittest.TestCase):
         self.fly(1)
         self.assertEqual("ten seconds without", self.filter.resets[0][2])
 
-    def test_blind_it_knows_the_wind(self):
+    def test_without_fixes_it_uses_the_wind(self):
         self.fly(120, air=14.0)  # 6 m/s from behind
         self.assertAlmostEqual(6, self.filter.wind[0], delta=0.5)
         self.fly(30, receiver=False, air=14.0)
         self.assertAlmostEqual(20, self.filter.velocity[0], delta=1)
 
-    def test_its_uncertainty_is_honest_against_random_receivers(self):
+    def test_its_uncertainty_is_consistent_with_random_receivers(self):
         generator = random.Random(4)
         normalized = []
         for _ in range(40):

@@ -16,7 +16,7 @@ def events(*texts):
 
 
 class Flight(unittest.TestCase):
-    def test_by_its_own_receiver_it_keeps_to_the_plan(self):
+    def test_with_its_own_receiver_it_follows_the_plan(self):
         aircraft, _ = support.vehicle(wind=(4, -3))
         support.fly(aircraft, 300)
         summary = aircraft.summary()
@@ -33,7 +33,7 @@ class Flight(unittest.TestCase):
         self.assertEqual(track(3), track(3))
         self.assertNotEqual(track(3), track(4))
 
-    def test_denied_it_flies_by_what_it_is_given(self):
+    def test_denied_it_navigates_by_the_given_position(self):
         aircraft, companion = support.vehicle(events("20:gps-denied"))
         support.fly(aircraft, 240, support.TruthfulCompanion(aircraft, companion))
         summary = aircraft.summary()
@@ -43,7 +43,7 @@ class Flight(unittest.TestCase):
         self.assertLess(summary["fix_error_m"]["max"], 3)
         self.assertGreater(aircraft.log.verdicts["accepted"], 2300)
 
-    def test_what_is_given_counts_as_old_unless_it_is_told_better(self):
+    def test_a_given_position_is_delayed_by_default(self):
         for delay_ms, metres in ((0, 4.4), (10, 0.2)):  # 22 m/s
             aircraft, companion = support.vehicle()
             aircraft.protocol.parameters["GPS1_DELAY_MS"] = delay_ms
@@ -51,7 +51,7 @@ class Flight(unittest.TestCase):
             late = aircraft.filter_errors[-300:]
             self.assertAlmostEqual(metres, sum(late) / len(late), delta=0.6)
 
-    def test_a_speed_that_is_told_to_be_vague_is_called_a_glitch(self):
+    def test_an_inaccurate_speed_is_reported_as_a_glitch(self):
         for accuracy, glitch in ((0.5, False), (2.0, True)):
             aircraft, companion = support.vehicle()
             giver = support.TruthfulCompanion(aircraft, companion)
@@ -61,7 +61,7 @@ class Flight(unittest.TestCase):
             self.assertEqual(glitch, bool(report.flags & support.dialect.EKF_GPS_GLITCHING))
             self.assertEqual([], aircraft.summary()["resets"])
 
-    def test_it_flies_where_a_lying_companion_leads_it(self):
+    def test_it_follows_a_companion_with_false_positions(self):
         aircraft, companion = support.vehicle(events("20:gps-denied"))
         giver = support.TruthfulCompanion(aircraft, companion)
         support.fly(aircraft, 60, giver)
@@ -87,7 +87,7 @@ class Flight(unittest.TestCase):
         self.assertEqual("none", aircraft.navigation.source)
         self.assertGreater(aircraft.navigation.filter.sigma(), 15)
 
-    def test_a_step_of_its_own_receiver_is_seen_by_the_filter_alone(self):
+    def test_a_step_of_its_own_receiver_is_seen_only_by_the_filter(self):
         aircraft, companion = support.vehicle(events("20:gps-step=300@90"))
         support.fly(aircraft, 25)
         report = [m for m in companion.read() if m.get_type() == "EKF_STATUS_REPORT"][-1]
@@ -97,7 +97,7 @@ class Flight(unittest.TestCase):
         self.assertEqual("own", aircraft.summary()["resets"][0]["source"])
         self.assertGreater(max(aircraft.filter_errors), 250)
 
-    def test_what_is_given_leads_while_it_has_a_fix(self):
+    def test_the_given_position_has_precedence_while_it_has_a_fix(self):
         aircraft, companion = support.vehicle(events("20:gps-drag=3@0"))
         giver = support.TruthfulCompanion(aircraft, companion)
         support.fly(aircraft, 80, giver)
@@ -106,7 +106,7 @@ class Flight(unittest.TestCase):
         support.fly(aircraft, 40, giver)
         self.assertEqual("own", aircraft.navigation.source)
 
-    def test_drag_off_is_followed_when_nobody_says_otherwise(self):
+    def test_a_drag_is_followed_when_uncontradicted(self):
         aircraft, _ = support.vehicle(events("20:gps-drag=2@0", "120:gps-recover"))
         support.fly(aircraft, 110)
         self.assertGreater(aircraft.filter_errors[-1], 120)
@@ -114,7 +114,7 @@ class Flight(unittest.TestCase):
         support.fly(aircraft, 40)
         self.assertEqual(1, len(aircraft.summary()["resets"]))
 
-    def test_the_clock_steps_and_a_reboot_begins_time_anew(self):
+    def test_the_clock_steps_and_a_reboot_restarts_it(self):
         aircraft, companion = support.vehicle(events("5:clock-step=-100", "10:reboot"))
         support.fly(aircraft, 4.9)
         companion.read()
@@ -125,7 +125,7 @@ class Flight(unittest.TestCase):
         support.fly(aircraft, 5)
         self.assertLess([m for m in companion.read() if m.get_type() == "SYSTEM_TIME"][-1].time_boot_ms, 3_000)
 
-    def test_a_bad_event_is_refused(self):
+    def test_an_invalid_event_is_rejected(self):
         for text in ("gps-denied", "5:nothing", "x:gps-denied", "5:gps-denied=3", "5:gps-step=nan", "-1:gps-denied"):
             with self.assertRaises(ValueError, msg=text):
                 parse_event(text)

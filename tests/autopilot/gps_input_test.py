@@ -21,12 +21,12 @@ class GpsInput(unittest.TestCase):
         self.assertAlmostEqual(0.1, self.receiver.longest_s)
         self.assertEqual(0, self.receiver.late)
 
-    def test_another_instance_is_not_heard(self):
+    def test_another_instance_is_ignored(self):
         self.assertEqual([False], self.hear([0], gps_id=1))
         self.assertEqual({"gps_id": 1}, self.receiver.refused)
         self.assertEqual(0, self.receiver.count)
 
-    def test_without_a_fix_it_is_told_and_not_used(self):
+    def test_without_a_fix_it_is_reported_and_not_used(self):
         self.assertEqual([True, True], self.hear([0, 0.1]))
         for fix_type in (0, 1, 2):
             self.assertEqual([False], self.hear([0.2], fix_type=fix_type))
@@ -55,7 +55,7 @@ class GpsInput(unittest.TestCase):
         self.assertTrue(all(self.hear([i * 0.214 for i in range(300)])))
         self.assertFalse(all(self.hear([300 * 0.214 + i * 0.22 for i in range(300)])))
 
-    def test_after_four_seconds_of_silence_it_is_gone(self):
+    def test_after_four_seconds_of_silence_it_is_lost(self):
         self.hear([0, 0.1])
         self.assertFalse(self.receiver.gone(4.0))
         self.assertTrue(self.receiver.gone(4.2))
@@ -63,12 +63,12 @@ class GpsInput(unittest.TestCase):
         self.assertEqual(0, self.receiver.status)
         self.assertEqual([True], self.hear([9.1]))
 
-    def test_numbers_that_are_none(self):
+    def test_invalid_numbers(self):
         for fields in ({"alt": math.nan}, {"h_acc": math.inf}, {"velocity": (math.nan, 0, 0)}, {"lat_deg": 91}):
             self.assertEqual([False], self.hear([0], **fields), fields)
         self.assertEqual({"numbers": 4}, self.receiver.refused)
 
-    def test_what_is_to_be_ignored_is_unknown(self):
+    def test_ignored_fields_are_unknown(self):
         self.hear([0], ignore=IGNORE_ALT | IGNORE_VEL_HORIZ | IGNORE_HORIZONTAL_ACCURACY)
         sample = self.receiver.sample
         self.assertEqual((None, None, None), (sample.altitude, sample.velocity, sample.h_acc))

@@ -16,7 +16,7 @@ def kinds(messages):
 
 
 class LinkTest(unittest.TestCase):
-    def test_tells_everything_at_its_rate(self):
+    def test_sends_each_message_at_its_rate(self):
         aircraft, companion = support.vehicle()
         support.fly(aircraft, 1)
         companion.read()
@@ -49,7 +49,7 @@ class LinkTest(unittest.TestCase):
         self.assertAlmostEqual(lat, messages[-1].lat_int * 1e-7, places=6)
         self.assertAlmostEqual(lon, messages[-1].lon_int * 1e-7, places=6)
 
-    def test_signed_it_hears_only_who_holds_the_key(self):
+    def test_signed_it_accepts_only_holders_of_the_key(self):
         aircraft, companion = support.vehicle(key=KEY)
         foreign, unsigned = support.Companion(companion.wire, bytes(32)), support.Companion(companion.wire)
         for sender in (foreign, unsigned):
@@ -77,7 +77,7 @@ class LinkTest(unittest.TestCase):
         self.assertNotIn("GPS_INPUT", aircraft.protocol.heard)
         self.assertNotIn(KEY.hex(), repr(aircraft.log.events))
 
-    def test_cut_nothing_passes_either_way(self):
+    def test_a_cut_link_passes_nothing(self):
         aircraft, companion = support.vehicle([parse_event("2:link-cut"), parse_event("4:link-restore")])
         support.fly(aircraft, 2)
         companion.read()
@@ -106,7 +106,7 @@ class LinkTest(unittest.TestCase):
         answers = [(m.param_id, m.param_value) for m in companion.read() if m.get_type() == "PARAM_VALUE"]
         self.assertEqual([("EK3_SRC1_YAW", 8.0)] * 2, answers)
 
-    def test_faults_are_what_they_are_called(self):
+    def test_faults_match_their_names(self):
         def answers(fault, message):
             aircraft, companion = support.vehicle(faults=(fault,))
             companion.send(message)

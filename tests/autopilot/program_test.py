@@ -31,7 +31,7 @@ class Program(unittest.TestCase):
                                "--altitude-m", altitude, "--speed", "0", *map(str, args)], capture_output=True, text=True,
                               timeout=100, stdin=subprocess.DEVNULL, check=False)
 
-    def test_keeps_a_log_that_repeats(self):
+    def test_writes_a_reproducible_log(self):
         for name in ("a", "b"):
             result = self.run_program("--duration", 30, "--event", "10:gps-denied", "--epoch-us", 10 ** 15, "--log",
                                       self.folder / name)
@@ -47,7 +47,7 @@ class Program(unittest.TestCase):
         self.assertAlmostEqual(summary["deviation_m"]["max"], worst, delta=0.01)
         self.assertEqual(["own", "none"], [event["now"] for event in summary["events"] if event["kind"] == "source"])
 
-    def test_speaks_over_datagrams(self):
+    def test_communicates_over_datagrams(self):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
             end.bind(("127.0.0.1", 0))
             self.run_program("--duration", 1, link=f"udpout:127.0.0.1:{end.getsockname()[1]}")
@@ -55,7 +55,7 @@ class Program(unittest.TestCase):
             mav = support.dialect.MAVLink(None)
             self.assertEqual("HEARTBEAT", mav.parse_buffer(end.recv(65536))[0].get_type())
 
-    def test_speaks_over_a_pseudo_terminal(self):
+    def test_communicates_over_a_pseudo_terminal(self):
         ours, theirs = os.openpty()
         tty.setraw(theirs)
         try:
@@ -76,7 +76,7 @@ class Program(unittest.TestCase):
             os.close(ours)
             os.close(theirs)
 
-    def test_refuses_what_it_cannot_fly(self):
+    def test_rejects_invalid_missions(self):
         for args, word in ((("--event", "5:nothing"), "nothing"), (("--key-file", self.folder / "none"), "none"),
                            (("--terrain", self.folder / "none.asc"), "none.asc")):
             result = self.run_program("--duration", 1, *args)

@@ -135,7 +135,7 @@ class Candidates(unittest.TestCase):
         self.assertEqual(2 * TILES, found["tiles"]["accepted"], found)
         self.assertEqual(TILES, found["tiles"]["promoted"], found)
 
-    def test_a_revoked_airframe_takes_its_promotions_with_it(self):
+    def test_revoking_an_airframe_revokes_its_promotions(self):
         """The aircraft was lost and its key with it: nadir keys revoke, and no map is made of what it vouched for."""
         self.service.made = shutil.copytree(self.made, self.folder / "made")
         root = self.service.made / "root.json"
@@ -154,7 +154,7 @@ class Candidates(unittest.TestCase):
         self.assertEqual(TILES, found["tiles"]["accepted"], found)
         self.assertEqual({"airframe_revoked": TILES}, found["rejected"], found)
 
-    def test_nothing_promoted_is_told(self):
+    def test_reports_that_nothing_is_promoted(self):
         self.service.start()
         self.station.judged(self.station.upload(flights_in(self.made)[0]))
         self.service.stop()
@@ -279,7 +279,7 @@ class Candidates(unittest.TestCase):
             second.start()
         second.kill()
 
-    def test_bad_options_are_told(self):
+    def test_invalid_options_are_reported(self):
         for options, word in ((["--votes", "1"], "votes"), (["--max-age-days", "x"], "max-age-days"),
                               (["--package", str(self.folder)], "manifest.json"), (["--catalogue", "/vsimem/x"], "catalogue")):
             service = Service(PROGRAM, self.made, self.data, *options, env=self.env)

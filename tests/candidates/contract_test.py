@@ -51,7 +51,7 @@ class Contract(unittest.TestCase):
         self.assertEqual(0, result.returncode, result.stdout + result.stderr)
         print(result.stdout[-900:])
 
-    def test_an_upload_is_what_the_contract_says(self):
+    def test_an_upload_matches_the_contract(self):
         import jsonschema_rs
         import yaml
         contract = yaml.safe_load(CONTRACT.read_text())

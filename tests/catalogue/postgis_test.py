@@ -119,7 +119,7 @@ class PostGis(EndToEnd):
         self.assertEqual(self.nadir("gaps", self.there, *stale, code=1).stdout, self.nadir("gaps", file, *stale, code=1).stdout)
         self.assertNotEqual("0", self.psql("SELECT count(*) FROM nadir.gaps WHERE reason = 'stale imagery'"))
 
-    def test_twice_and_away(self):
+    def test_added_twice_and_removed(self):
         self.nadir("add", self.first, "--to", self.there)
         self.nadir("add", self.first, "--to", self.there, says=["already"])
         self.assertEqual("1", self.psql("SELECT count(*) FROM nadir.packages"))
@@ -140,7 +140,7 @@ class PostGis(EndToEnd):
         self.assertEqual("0", self.psql("SELECT count(*) FROM nadir.packages p WHERE tiles <> "
                                         "(SELECT count(*) FROM nadir.tiles t WHERE t.package_id = p.id)"))
 
-    def test_server_that_goes_away(self):
+    def test_a_lost_server(self):
         self.nadir("add", self.first, "--to", self.there)
         self.holding("nadir.tiles")
         process = self.starts("add", self.second, "--to", self.there)
@@ -157,7 +157,7 @@ class PostGis(EndToEnd):
                                         "(SELECT id FROM nadir.packages)"))
         self.nadir("add", self.second, "--to", self.there, says=["added"])
 
-    def test_session_that_is_ended(self):
+    def test_a_terminated_session(self):
         self.nadir("add", self.first, "--to", self.there)
         self.holding("nadir.tiles")
         process = self.starts("add", self.second, "--to", self.there)

@@ -79,7 +79,7 @@ class Build(EndToEnd):
         result = self.fails(2, *self.args(), says=["package"])
         self.assertEqual("mine", (self.out / "mine").read_text(), result.stderr)
 
-    def test_a_refused_build_leaves_nothing(self):
+    def test_a_rejected_build_leaves_nothing(self):
         wide = self.mission(change=lambda text: text.replace("8.4985", "8.4900"))
         self.fails(1, *self.args(mission=wide), says=["coverage.gap"], leaves_nothing=self.out)
         stale = self.mission(change=lambda text: text.replace("stable: 730, active: 400", "stable: 3, active: 3"))
@@ -165,7 +165,7 @@ class Replay(EndToEnd):
         camera.unlink()
         self.refused(says=["camera.yaml"])
 
-    def test_files_that_are_no_pictures(self):
+    def test_files_that_are_not_images(self):
         (self.flown / "frames" / "1.jpg").write_text("not an image")
         self.refused(says=["1.jpg"])
 
@@ -184,7 +184,7 @@ class Replay(EndToEnd):
         self.fails(2, *self.replay_args(self.flown, self.out), says=["out"])
         self.assertEqual([], list(self.out.iterdir()))
 
-    def test_package_that_is_none(self):
+    def test_a_folder_that_is_not_a_package(self):
         self.keys()
         self.refused("--package", self.folder / "none", "--trust", self.folder / "root.json", "--at", AT)
 

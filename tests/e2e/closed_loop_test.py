@@ -18,7 +18,7 @@ HARNESS = pathlib.Path(__file__).resolve().parent / "closed_loop.py"
 
 
 class Loop(support.EndToEnd):
-    def test_closes_with_pictures_and_fixes(self):
+    def test_closes_with_frames_and_fixes(self):
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--stand-in", "0", "--minutes", "0.12", "--event",
              "3:gps-denied", "--size-km", "0.8", "--width", "320", "--signed", "--json", "--out", self.folder / "loop"],
@@ -34,7 +34,7 @@ class Loop(support.EndToEnd):
 class Flight(support.EndToEnd):
     """nadird itself, in real time, over a signed link. What depends on the load of the machine is not checked."""
 
-    def test_nadird_carries_an_aircraft_that_loses_gps(self):
+    def test_nadird_navigates_an_aircraft_without_gps(self):
         out = self.folder / "flight"
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.9",
@@ -133,7 +133,7 @@ class Proofs(unittest.TestCase):
                                           list(rows) or [{"time_s": "0", "given_fix_type": "0", "given_error_m": "",
                                                           "given_accuracy_m": ""}]), list(events), dict(done))
 
-    def test_no_rule_is_without_one(self):
+    def test_every_rule_has_a_proof(self):
         proven = {proof.row for proof in proofs.PROOFS}
         rows = self.rows("Rules") + self.rows("GPS") + self.rows("Why the state changes")
         self.assertEqual(12 + 3 + 24, len(rows))
@@ -147,7 +147,7 @@ class Proofs(unittest.TestCase):
             for proof in proofs.PROOFS:
                 self.assertIsNone(proof.look(flight), proof)
 
-    def test_what_was_told_too_late_or_too_early_is_found_out(self):
+    def test_late_and_early_notifications_are_detected(self):
         look = {(proof.row, proof.scene): proof.look for proof in proofs.PROOFS}
         again = look["back from `no_fix`", "camera"]
         self.assertAlmostEqual(2.0, again(self.seen(told=[(13.0, "Nadir: position found again")])))
@@ -165,7 +165,7 @@ class Proofs(unittest.TestCase):
         self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "no messages from the autopilot: 5.0 s")])))
         self.assertIsNone(lost(self.seen(events=[(13.0, "state", "no messages from the autopilot: 3.0 s")])))
 
-    def test_a_fix_that_a_backlog_leads_astray_is_found_out(self):
+    def test_a_fix_disturbed_by_a_backlog_is_detected(self):
         look = next(proof.look for proof in proofs.PROOFS if proof.row == "camera_silent")
         said = [(10.4, "camera", "the camera delivers stale frames from its buffer; they are dropped")]
         row = lambda error: [{"time_s": "12", "given_fix_type": "3", "given_error_m": error, "given_accuracy_m": "4"}]
@@ -179,14 +179,14 @@ class Evidence(unittest.TestCase):
         return {"given_fix_type": str(fix), "given_error_m": str(error), "given_accuracy_m": str(accuracy),
                 "given_age_s": str(age)}
 
-    def test_wrong_is_far_off_and_sure(self):
+    def test_wrong_means_far_off_with_a_small_sigma(self):
         right = [self.row(40, 3), self.row(200, 100), self.row(300, 3, age=2), self.row(300, 3, fix=0)]
         self.assertEqual([], evidence.wrong_and_sure(right))
         self.assertTrue(evidence.judged_right("x", right).met)
         self.assertFalse(evidence.judged_right("x", [*right, self.row(60, 15)]).met)
         self.assertFalse(evidence.judged_right("x", []).met, "no fix is no evidence")
 
-    def test_states_are_those_that_held_meanwhile(self):
+    def test_states_within_an_interval(self):
         changes = [(100.0, "state", None, "normal", ""), (105.0, "gps", "good", "denied", ""),
                    (110.0, "state", "normal", "degraded", ""), (112.0, "state", "degraded", "normal", "")]
         states = evidence.States(changes, 100.0)
@@ -195,7 +195,7 @@ class Evidence(unittest.TestCase):
         self.assertEqual(["normal"], states.during(13, 20))
         self.assertEqual([], evidence.States([], 0.0).during(0, 1))
 
-    def test_the_first_fix_after_a_kill_is_not_one_that_is_remembered(self):
+    def test_the_first_fix_after_a_kill_is_a_new_one(self):
         row = lambda t, age, fix=3: {**self.row(2, 3, age, fix), "unix_us": str(int(t * 1e6))}
         rows = [row(99.9, 0.1), row(100.1, 0.2), row(100.4, 0.5), row(101, 1.1), row(101.2, 0.05, 0), row(101.4, 0.05)]
         seconds, fix = kills.back_after_s(rows, 100.0)
@@ -216,7 +216,7 @@ class Judging(support.EndToEnd):
                    "gps_input": {"accepted": 3}, "events": []}
         return Verdict({**summary, **changes}, path, 2, service)
 
-    def test_finds_what_falls_short(self):
+    def test_finds_violated_limits(self):
         self.assertEqual([], self.verdict().shortfalls())
         bad = {"median": 11, "p95": 90, "max": 120, "count": 9}
         for changes, word in (({"deviation_m": {**bad, "median": 1}}, "leaves the plan"),
@@ -227,7 +227,7 @@ class Judging(support.EndToEnd):
             self.assertEqual(1, len(found), found)
             self.assertIn(word, found[0])
 
-    def test_reads_what_nadird_says_of_itself(self):
+    def test_reads_the_summary_of_nadird(self):
         log = "710 frames, 3 dropped; frame to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest gap 320 ms\n"
         service = run_summary("something else\n" + log)
         self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("frames", "dropped", "p95_ms",
@@ -237,7 +237,7 @@ class Judging(support.EndToEnd):
         self.assertEqual([], self.verdict(service={**service, "p95_ms": 100}).shortfalls())
         self.assertIn("dropped", self.verdict(service={**service, "p95_ms": 100, "dropped": 200}).shortfalls()[0])
 
-    def test_counts_from_the_trouble_on(self):
+    def test_counts_from_the_first_fault(self):
         rows = [(0, "own"), (2, "none"), (4, "gps_input"), (6, "gps_input"), (8, "none")]
         verdict = self.verdict(rows)
         self.assertEqual(2, verdict.promotion_s())

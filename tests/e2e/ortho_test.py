@@ -36,7 +36,7 @@ class Ortho(EndToEnd):
         return ["ortho"] + ([self.start] if self.start else []) + [text for name, value in options.items() if value is not None
                                         for text in (f"--{name}", value)]
 
-    def test_a_flight_becomes_signed_tiles_twice_the_same(self):
+    def test_a_flight_becomes_signed_tiles_reproducibly(self):
         f = self.folder
         summary = json.loads(self.good(*self.ask(f / "a", mosaic=f / "a.tif"), "--json").stdout)
         self.assertEqual(5, summary["frames"])
@@ -104,7 +104,7 @@ class Ortho(EndToEnd):
         self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), says=["none.json"], leaves_nothing=f / "out")
         self.fails(2, *self.ask(f / "out", estimates=poses, odometry="flow"), says=["--odometry"], leaves_nothing=f / "out")
 
-    def test_it_says_why_it_makes_none(self):
+    def test_it_explains_why_there_are_no_tiles(self):
         f = self.folder
         for says, changed in ((["tile key", "tile-signer"], {"key": f / "other.key.pem"}),
                               (["--airframe"], {"airframe": None}),

@@ -52,7 +52,7 @@ class Pipeline(EndToEnd):
             texts.append([row[:10] for row in rows])
         self.assertEqual(texts[0], texts[1])
 
-    def test_without_a_start_nothing_is_told_until_a_frame_is_found(self):
+    def test_without_a_start_there_is_no_estimate_until_a_match(self):
         self.keys()
         package = self.build()
         args = [a for a in self.replay_args(self.flight(), self.folder / "out") if a not in ("--start", "8.499,47.4")]
@@ -67,7 +67,7 @@ class Pipeline(EndToEnd):
         result = self.good(*self.replay_args(flight, self.folder / "out"), "--json")
         self.assertEqual(json.loads((self.folder / "out" / "summary.json").read_text()), json.loads(result.stdout))
 
-    def test_a_damaged_picture_in_the_middle_does_not_stop_the_flight(self):
+    def test_a_damaged_frame_does_not_stop_the_flight(self):
         flight = self.flight()
         picture = flight / "frames" / "1.jpg"
         picture.write_bytes(picture.read_bytes()[:1500])
@@ -76,7 +76,7 @@ class Pipeline(EndToEnd):
         self.assertEqual(3, len(rows))
         self.assertNotEqual("satellite_anchored", rows[1]["source"])
 
-    def test_a_refused_package_is_not_flown(self):
+    def test_a_rejected_package_is_not_flown(self):
         self.keys()
         package = self.build()
         flight = self.flight()
@@ -88,7 +88,7 @@ class Pipeline(EndToEnd):
         self.fails(1, "--package", package, "--trust", self.folder / "root.json", "--at", AT, "--airframe", "other", "--check",
                    program=NADIRD, says=["airframe.mismatch"])
 
-    def test_tiles_that_were_changed_are_missed_and_told(self):
+    def test_altered_tiles_are_reported_missing(self):
         self.keys()
         package = self.build()
         file = package / "imagery" / "base.mbtiles"
@@ -108,7 +108,7 @@ class Pipeline(EndToEnd):
         self.assertEqual(sorted(set(blamed)), sorted(blamed), "each of them once")
         self.assertEqual(3, json.loads((out / "summary.json").read_text())["frames"], "the flight goes on without them")
 
-    def test_the_aircraft_remembers(self):
+    def test_the_aircraft_records_what_it_accepted(self):
         self.keys()
         old = self.build("old")
         new = self.build("new", sequence=2, name="m2.yaml")
@@ -130,13 +130,13 @@ class FirstImpressions(EndToEnd):
             self.assertIn("nadir " + " ".join(command), page.stdout)
         self.assertIn("--check", self.good("--help", program=NADIRD).stdout)
 
-    def test_talk_goes_to_stderr_and_results_to_stdout(self):
+    def test_messages_go_to_stderr_and_results_to_stdout(self):
         result = run("replay", "--framse", "x")
         self.assertEqual((2, ""), (result.returncode, result.stdout))
         self.assertIn("--frames", result.stderr)
         self.assertEqual(2, run("--package", "p", "--trust", "t", program=NADIRD).returncode)
 
-    def test_a_full_disk_is_said(self):
+    def test_a_full_disk_is_reported(self):
         with open("/dev/full", "w") as full:
             result = subprocess.run([pathlib.Path(run.__globals__["NADIR"]), "--help"], stdout=full, stderr=subprocess.PIPE, text=True)
         self.assertEqual(2, result.returncode)

@@ -136,10 +136,10 @@ class Provision(support.EndToEnd):
         told = json.loads(self.good(*self.args("--json")).stdout)
         self.assertEqual(1, told["system"])
 
-    def test_nobody_is_there(self):
+    def test_no_autopilot_responds(self):
         self.fails(2, *self.args(*self.all_of_it(), patience=0.3), says=("no autopilot", self.url), leaves_nothing=self.out)
 
-    def test_a_step_that_fails_says_why_and_leaves_everything_as_it_was(self):
+    def test_a_failed_step_is_explained_and_reverted(self):
         """In parallel: each mostly waits for its timeout."""
         faults = {"no-version": "AUTOPILOT_VERSION", "command-silent": "AUTOPILOT_VERSION", "param-silent": "GPS1_TYPE",
                   "param-refuses=EK3_SRC1_YAW": "EK3_SRC1_YAW", "signing-deaf": "does not sign", "imu-slow": "RAW_IMU",
@@ -162,14 +162,14 @@ class Provision(support.EndToEnd):
         self.fails(2, *self.args(*self.all_of_it()), says=("armed",))
         self.assert_untouched()
 
-    def test_a_file_that_cannot_be_written_leaves_everything_as_it_was(self):
+    def test_an_unwritable_file_reverts_all_changes(self):
         self.start()
         args = self.all_of_it()
         args[args.index(self.out)] = self.folder / "missing" / "falcon-7"
         self.fails(2, *self.args(*args), says=("missing", "were reverted"))
         self.assert_untouched()
 
-    def test_an_interrupt_leaves_everything_as_it_was(self):
+    def test_an_interrupt_reverts_all_changes(self):
         self.start("--fault", "gps-input-deaf")
         process = subprocess.Popen([support.NADIR, *map(str, self.args(*self.all_of_it()))], stdin=subprocess.DEVNULL,
                                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -190,7 +190,7 @@ class Provision(support.EndToEnd):
         self.fails(2, *self.args(*self.all_of_it()), says=("another key",))
         self.assert_untouched()
 
-    def test_refuses_wrong_input_before_it_speaks(self):
+    def test_rejects_invalid_input_before_connecting(self):
         apply = self.all_of_it()
         self.fails(2, *self.args(*apply[1:]), says=("--apply",))
         self.out.mkdir()

@@ -6,7 +6,7 @@ from support import EndToEnd, data_set, main
 
 
 class Fengyuan(EndToEnd):
-    def test_photos_are_localized_against_the_satellite_picture(self):
+    def test_photos_are_localized_against_satellite_imagery(self):
         data = data_set("fengyuan")
         self.keys()
         self.good("cache", "build", "--mission", data / "mission.yaml", "--imagery", data / "map.tif", "--key",

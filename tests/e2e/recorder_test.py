@@ -44,7 +44,7 @@ class Recorder(EndToEnd):
         self.assertEqual(3, json.loads(result.stdout)["reproduced"]["same"])
         self.assertFalse((self.folder / "again" / "unpacked").exists())
 
-    def test_other_pictures_are_refused(self):
+    def test_other_frames_are_rejected(self):
         recording = self.record("r")
         frame = self.frames / "1.jpg"
         frame.write_bytes(frame.read_bytes() + b"\0")
@@ -83,7 +83,7 @@ class Recorder(EndToEnd):
         self.assertEqual(0, run("recorder", "verify", self.folder / "left").returncode)
         self.assertEqual(1, run("recorder", "verify", recording / "000010.flight.mcap").returncode)
 
-    def test_nothing_of_the_kind_is_said(self):
+    def test_no_such_message_is_sent(self):
         for path in (self.folder / "nothing", self.frames, self.flown / "telemetry.csv"):
             for command in ("info", "verify"):
                 result = run("recorder", command, path)

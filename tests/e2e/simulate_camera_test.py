@@ -41,7 +41,7 @@ class SimulateCamera(support.EndToEnd):
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
 
-    def test_fills_a_folder_with_whole_pictures(self):
+    def test_fills_a_folder_with_complete_frames(self):
         self.fly()
         out = self.folder / "frames"
         result = self.good(*self.args, "--out", out, "--max-frames", 6, "--keep", 4, "--fps", 10, "--json")
@@ -71,7 +71,7 @@ class SimulateCamera(support.EndToEnd):
             data, frames = rest[size + 2:], frames + 1
         self.assertEqual(3, frames)
 
-    def test_an_interrupt_ends_it_with_its_figures(self):
+    def test_an_interrupt_prints_the_figures(self):
         self.fly()
         process = subprocess.Popen([support.NADIR, *map(str, self.args), "--out", self.folder / "frames"],
                                    stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -84,10 +84,10 @@ class SimulateCamera(support.EndToEnd):
         self.assertIn("CPU time per frame", out)
         self.assertFalse([name for name in os.listdir(self.folder / "frames") if not name.endswith(".jpg")])
 
-    def test_says_when_nobody_sends(self):
+    def test_reports_that_no_poses_arrive(self):
         self.fails(2, *self.args, "--out", self.folder / "frames", "--timeout-s", "0.3", says=("no pose received", str(self.port)))
 
-    def test_refuses_what_it_cannot_do(self):
+    def test_rejects_unsupported_requests(self):
         out = ["--out", self.folder / "frames"]
         self.fails(2, *self.args[:-1], "carrier:pigeon", *out, says=("pigeon",))
         self.fails(2, *self.args, "--out", "-", "--json", says=("standard output",))

@@ -48,7 +48,7 @@ class Doctor(unittest.TestCase):
         self.assertEqual(0, run(RECORD_SAMPLE, self.folder / "r").returncode)
         return self.folder / "r"
 
-    def test_finds_nothing_in_what_ended_cleanly(self):
+    def test_accepts_a_clean_recording(self):
         self.healthy(self.record())
 
     def test_finds_damage(self):
@@ -58,7 +58,7 @@ class Doctor(unittest.TestCase):
         spoilt.write_bytes(bytes(data))
         self.assertFalse(doctor(spoilt)[0])
 
-    def test_finds_nothing_in_what_was_recovered_after_a_kill(self):
+    def test_accepts_a_recording_recovered_after_a_kill(self):
         choice = random.Random(5)
         for attempt in range(3):
             killed, recovered = self.folder / str(attempt), self.folder / f"{attempt}.recovered"
@@ -76,7 +76,7 @@ class Doctor(unittest.TestCase):
             self.assertEqual(0, result.returncode, result.stderr)
             self.healthy(recovered)
 
-    def test_counts_as_many_records_as_we_do(self):
+    def test_counts_the_same_number_of_records(self):
         told = json.loads(run(NADIR, "recorder", "info", self.record(), "--json").stdout)["sessions"][0]["records"]
         counted = 0
         for file in (self.folder / "r").glob("*.mcap"):

@@ -145,7 +145,7 @@ class Independent(unittest.TestCase):
         count = run("ogrinfo", "-ro", "-sql", "SELECT COUNT(*) AS n FROM estimates WHERE geom IS NOT NULL", self.folder / "f.gpkg")
         self.assertIn(f"n (Integer) = {len(estimates)}", count)
 
-    def test_parquet_is_written_or_the_reason_said(self):
+    def test_parquet_is_written_or_the_reason_stated(self):
         run(RECORD_SAMPLE, self.folder / "r")
         result = subprocess.run([NADIR, "recorder", "export", str(self.folder / "r"), "--format", "parquet", "--out",
                                  str(self.folder / "f.parquet")], capture_output=True, text=True)

@@ -48,7 +48,7 @@ class Commands(unittest.TestCase):
         self.assertNotIn(TOKEN, result.stdout + result.stderr)
         return result
 
-    def test_the_whole_way(self):
+    def test_from_staging_to_verdict(self):
         self.ends(0, self.stage("--dry-run"), f"{COUNT} tiles could be staged")
         self.assertFalse(self.outbox.exists())
         self.ends(0, self.stage(), f"staged {COUNT} tiles")
@@ -66,7 +66,7 @@ class Commands(unittest.TestCase):
         self.ends(0, self.push(), "accepted 0")
         self.ends(0, self.stage(), "staged 0 tiles")
 
-    def test_a_flight_without_an_orderly_end_is_refused(self):
+    def test_a_flight_without_a_clean_end_is_rejected(self):
         with tempfile.TemporaryDirectory(dir=TEMPORARY) as folder:
             self.flight = Flight(folder, MAKE, COUNT, 1_000, clean=False)
             self.ends(1, self.stage(), "flight.unfinished")
@@ -78,7 +78,7 @@ class Commands(unittest.TestCase):
             database.execute("UPDATE tiles SET tile_data = x'ffd8ff00' WHERE rowid = (SELECT min(rowid) FROM tiles)")
         self.ends(1, self.stage(), "candidate.damaged", f"staged {COUNT - 1}")
 
-    def test_rejected_tiles_are_told_and_tried_again(self):
+    def test_rejected_tiles_are_reported_and_retried(self):
         service = self.server.service
         service.judge = lambda sidecar: "quota"
         self.ends(0, self.stage())
@@ -90,7 +90,7 @@ class Commands(unittest.TestCase):
         self.ends(0, sync(NADIR, "retry", self.outbox, "--code", "quota", "--key", self.flight.key, seed=2), f"{COUNT} tiles")
         self.ends(0, self.push(), f"accepted {COUNT}")
 
-    def test_pictures_go_only_after_verdict_and_retention(self):
+    def test_images_are_deleted_only_after_verdict_and_retention(self):
         self.ends(0, self.stage())
         self.ends(0, sync(NADIR, "prune", self.outbox, "--keep-days", 0), "0 tiles")
         self.ends(0, self.push())
@@ -101,7 +101,7 @@ class Commands(unittest.TestCase):
         self.assertLess((self.outbox / "outbox.sqlite").stat().st_size, size)
         self.ends(0, self.stage(), "staged 0 tiles")
 
-    def test_the_outbox_guards_itself(self):
+    def test_the_outbox_is_locked(self):
         self.ends(0, self.stage())
         database = sqlite3.connect(self.outbox / "outbox.sqlite")
         self.addCleanup(database.close)
@@ -131,7 +131,7 @@ class Commands(unittest.TestCase):
         result = sync(NADIR, "push", self.outbox, "--to", "http://127.0.0.1:1", "--timeout-s", 0)
         self.ends(2, result, "not complete", "connect")
 
-    def test_no_proxy_hears_the_token_in_the_clear(self):
+    def test_the_token_never_reaches_a_proxy_unencrypted(self):
         heard = []
 
         class Proxy(http.server.BaseHTTPRequestHandler):
@@ -150,7 +150,7 @@ class Commands(unittest.TestCase):
         self.ends(0, self.push("--timeout-s", 0, variables=there | {"no_proxy": "", "NO_PROXY": ""}), f"accepted {COUNT}")
         self.assertEqual([], heard)
 
-    def test_a_key_that_the_service_would_not_take(self):
+    def test_a_key_that_the_service_rejects(self):
         def key(name):
             path = self.folder / f"{name}.key.pem"
             subprocess.run(["openssl", "genpkey", "-algorithm", "ed25519", "-out", path], check=True, capture_output=True)
@@ -218,7 +218,7 @@ class Commands(unittest.TestCase):
             self.ends(2, self.push(), "another program works on this outbox")
             self.ends(1, sync(NADIR, "status", self.outbox), "SEALED")
 
-    def test_what_is_no_outbox(self):
+    def test_a_folder_that_is_not_an_outbox(self):
         self.ends(2, self.push(), "there is no outbox")
         self.outbox.mkdir()
         (self.outbox / "outbox.sqlite").write_text("hello, this is no database at all")
@@ -229,7 +229,7 @@ class Commands(unittest.TestCase):
         self.ends(2, self.push(), "not an outbox")
         self.ends(2, sync(NADIR, "stage", self.folder, "--outbox", self.outbox, "--key", self.flight.key))
 
-    def test_an_interrupt_leaves_everything_in_order(self):
+    def test_an_interrupt_leaves_a_consistent_state(self):
         self.ends(0, self.stage())
         held, go_on = threading.Event(), threading.Event()
         original = Service.announce

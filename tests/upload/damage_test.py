@@ -98,7 +98,7 @@ class Damage(unittest.TestCase):
         self.assertEqual(bad, self.push(0)["accepted"])
         self.assertEqual([], discrepancies(self.outbox, self.server.service, COUNT))
 
-    def test_pictures_of_damaged_tiles_go_with_prune(self):
+    def test_prune_deletes_images_of_damaged_tiles(self):
         self.stage(-9, kill_at="seal:before")
         self.damage("UPDATE blob SET bytes = x'00' WHERE tile = 2")
         self.stage(1)
@@ -106,7 +106,7 @@ class Damage(unittest.TestCase):
         self.assertIn("1 tile,", self.call(0, "prune", self.outbox, "--keep-days", 0))
         self.assertIn("staged 1 tile,", self.stage(0))
 
-    def test_one_damaged_sealed_tile_keeps_no_other_batch_and_no_other_tile(self):
+    def test_one_damaged_sealed_tile_blocks_nothing_else(self):
         self.stage(0)
         self.stage(0, candidates=self.another_flight())
         self.damage("UPDATE blob SET bytes = x'00' WHERE tile = 5")
@@ -124,7 +124,7 @@ class Damage(unittest.TestCase):
         self.assertEqual(1, self.push(0)["accepted"])
         self.assertEqual([], discrepancies(self.outbox, self.server.service, 2 * COUNT))
 
-    def test_a_picture_that_goes_bad_after_the_announcement(self):
+    def test_an_image_damaged_after_the_announcement(self):
         for number, damage in enumerate(("UPDATE blob SET bytes = x'00' WHERE tile = 2", "DELETE FROM blob WHERE tile = 2")):
             with self.subTest(damage):
                 self.begin(f"outbox-{number}")
@@ -137,7 +137,7 @@ class Damage(unittest.TestCase):
                 self.push(0)
                 self.assertEqual({"ACCEPTED": COUNT - 1, "DAMAGED": 1}, self.states())
 
-    def test_a_pack_of_nothing_but_a_lost_picture(self):
+    def test_a_pack_of_one_lost_image(self):
         self.stage(0)
         self.damage("UPDATE tile SET state = 'REJECTED', code = 'quota' WHERE id > 1")
         self.assertEqual(-9, push(KILLED, self.outbox, self.server.url, kill_at="announce:after").returncode)
@@ -146,7 +146,7 @@ class Damage(unittest.TestCase):
         self.assertIn("outbox.damaged", self.retry(1))
         self.assertEqual(0, self.push(0)["accepted"])
 
-    def test_a_damaged_document_is_signed_anew(self):
+    def test_a_damaged_document_is_signed_again(self):
         for number, damage in enumerate(("UPDATE document SET text = '{}'", "DELETE FROM document",
                                          "UPDATE document SET text = replace(text, '\"gsd_mm\":120', '\"gsd_mm\":121')")):
             with self.subTest(damage):
@@ -157,7 +157,7 @@ class Damage(unittest.TestCase):
                 self.push(0)
                 self.assertEqual({"ACCEPTED": COUNT}, self.states())
 
-    def test_a_sound_parked_batch_stays_what_it_is(self):
+    def test_an_intact_parked_batch_is_unchanged(self):
         self.stage(0)
         self.damage("UPDATE batch SET stage = 'parked'", "UPDATE tile SET state = 'PARKED'")
         self.assertIn("1 batch can be retried now; 0 tiles put into 0 new batches", self.retry(0))
@@ -181,7 +181,7 @@ class Damage(unittest.TestCase):
                 self.push(0)
                 self.assertEqual([], discrepancies(self.outbox, self.server.service, COUNT))
 
-    def test_a_forged_airframe_among_the_candidates_keeps_no_other_tile(self):
+    def test_a_forged_airframe_does_not_block_other_tiles(self):
         def public(key):
             subprocess.run(["openssl", "pkey", "-in", key, "-pubout", "-out", f"{key}.pub"], check=True)
             return f"{key}.pub"

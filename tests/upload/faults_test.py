@@ -73,7 +73,7 @@ class Killed(unittest.TestCase):
                 self.assertEqual(0, push(KILLED, outbox, server.url).returncode)
                 self.assertEqual([], discrepancies(outbox, server.service, self.COUNT))
 
-    def test_after_restart_it_goes_on_at_the_offset(self):
+    def test_a_restart_resumes_at_the_offset(self):
         outbox, server = self.outbox("offset"), self.server()
         # Two parts of half a MiB have arrived; they are not sent again.
         self.assertEqual(KILL, push(KILLED, outbox, server.url, kill_at="request:PATCH", kill_count=3).returncode)
@@ -155,7 +155,7 @@ class Faulty(unittest.TestCase):
                 self.assertEqual([], discrepancies(outbox, server.service, 20))
                 self.assertGreater(server.faults.done[kind], 0)
 
-    def test_an_endless_fault_ends_with_patience(self):
+    def test_a_permanent_fault_ends_at_the_timeout(self):
         outbox = self.flight(5, 5_000)
         server = self.serve(rate=1.0, kinds=("error_500",))
         result = sync(KILLED, "push", outbox, "--to", server.url, "--timeout-s", "3000", "--json")
@@ -165,7 +165,7 @@ class Faulty(unittest.TestCase):
         server.faults.left = 0
         self.assertEqual(0, push(KILLED, outbox, server.url).returncode)
 
-    def test_endless_nonsense_is_parked_and_can_be_retried(self):
+    def test_permanently_invalid_replies_park_the_batch_for_retry(self):
         outbox = self.flight(5, 5_000)
         server = self.serve(rate=1.0, kinds=("garbage",))
         result = push(KILLED, outbox, server.url)
