@@ -83,7 +83,7 @@ class Rules(unittest.TestCase):
 
     TOLD = ((60.5, rules.SPOOFED), (60.6, rules.MAP_LEADS), (80.7, rules.NO_PICTURES), (93.5, rules.SEES_AGAIN),
             (112, rules.TRUSTED), (112.1, rules.GPS_LEADS))
-    CHANGES = ((1.0, "state", "normal", "degraded", "the camera gives no pictures: no picture for 0.42 s"),)
+    CHANGES = ((1.0, "state", "normal", "degraded", "no frames from the camera: no frame for 0.42 s"),)
 
     def rows(self, sigma=lambda t: 3.0 if t < 80 else 3.0 + t - 80, first=5, source="gps_input"):
         return [{"time_s": str(t), "given_fix_type": "3" if t >= first else "0", "given_accuracy_m": str(sigma(t)),
@@ -103,14 +103,14 @@ class Rules(unittest.TestCase):
                 ("cold start to the first fix", {"rows": self.rows(first=40)}),
                 ("GPS spoofed to flying by our fix", {"summary": without(rules.MAP_LEADS)}),
                 ("GPS spoofed to flying by our fix", {"rows": self.rows(source="own")}),
-                ("no picture to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no picture for 0.91 s")]}),
+                ("no frame to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no frame for 0.91 s")]}),
                 ("σ while blind", {"rows": self.rows(sigma=lambda t: 9.0 if t < 85 else 8.0)}),
-                ("pictures again: flying by them", {"summary": without(rules.SEES_AGAIN)}),
-                ("GPS well again to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
+                ("frames again: visual position restored", {"summary": without(rules.SEES_AGAIN)}),
+                ("GPS good again to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
                 ("no fix follows spoofed GPS", {"summary": self.flight(self.TOLD, error=280.0)}),
-                ("our GPS in the autopilot's eyes", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
+                ("GPS_INPUT as the autopilot sees it", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
                 ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
-                ("pictures dropped", {"service": {"pictures": 100, "dropped": 11}})):
+                ("frames dropped", {"service": {"pictures": 100, "dropped": 11}})):
             self.assertIn(name, self.missed(**broken), broken)
 
 

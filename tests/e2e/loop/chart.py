@@ -5,7 +5,7 @@ import math
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1200, 330, 56, 12, 40, 26
 BANDS = {"gps-step": "spoofed", "gps-drag": "spoofed", "gps-denied": "spoofed", "camera-cut": "blind", "link-cut": "blind"}
 ENDS = {"gps-recover": "spoofed", "camera-restore": "blind", "link-restore": "blind"}
-WORDS = {"gps-step": "GPS spoofed", "gps-drag": "GPS dragged off", "gps-denied": "GPS denied", "camera-cut": "no pictures",
+WORDS = {"gps-step": "GPS spoofed", "gps-drag": "GPS dragged off", "gps-denied": "GPS denied", "camera-cut": "no frames",
          "link-cut": "no link"}
 CURVES = (("given_accuracy_m", "sigma"), ("given_error_m", "error"), ("deviation_m", "deviation"))
 

@@ -103,7 +103,7 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
         told("camera stalls for 6 s", "Nadir: no camera frames, dead reckoning", STALL),
         state("camera stalls for 6 s", "dead reckoning, then normal", (STALL[0], STALL[1] + 5), ["normal", "degraded"], "normal"),
         flies_on("camera stalls for 6 s", (STALL[0], STALL[1] + 5)),
-        state("link cut for 8 s", "pictures without attitudes: degraded; then normal", (LINK[0], AUTOPILOT_CLOCK),
+        state("link cut for 8 s", "frames without attitudes: degraded; then normal", (LINK[0], AUTOPILOT_CLOCK),
               ["normal", "degraded"], "normal"),
         told("link restored", "Nadir: autopilot link restored", (LINK[1], LINK[1] + 5)),
         flies_on("link restored", (LINK[1] + 1, LINK[1] + 10)),
@@ -115,7 +115,7 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
     dropped = seen["after"]["frames"]["dropped"] - seen["before"]["frames"]["dropped"]
     came = seen["after"]["frames"]["received"] - seen["before"]["frames"]["received"]
     grown = 100 * (seen["after"]["memory_mb"] / seen["before"]["memory_mb"] - 1)
-    burst, bursting = f"{BURST_TIMES} times the pictures", seen["burst"]
+    burst, bursting = f"{BURST_TIMES} times the frames", seen["burst"]
     findings += [
         state(burst, "normal", (bursting[0], bursting[1] + 3), steady, "normal"),
         flies_on(burst, (bursting[0], bursting[1] + 3)),
@@ -125,9 +125,9 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
         flies_on("tiles spoilt", (TILES[0], DARK[0])),
         Finding("tiles whole again", "anchors again", f"{seen['mended']['anchors']['accepted'] - seen['spoilt']['anchors']['accepted']}"
                 " anchors", seen["mended"]["anchors"]["accepted"] > seen["spoilt"]["anchors"]["accepted"]),
-        told("no pictures for 37 s", "Nadir: NO FIX, blind for too long", (DARK[0] + 30, DARK[0] + 33)),
-        told("no pictures for 37 s", "Nadir: FAILSAFE, no position", (DARK[0] + 33, DARK[0] + 36)),
-        state("no pictures for 37 s", "degraded, no fix, failsafe, and found again", (DARK[0], MINUTES * 60),
+        told("no frames for 37 s", "Nadir: NO FIX, blind for too long", (DARK[0] + 30, DARK[0] + 33)),
+        told("no frames for 37 s", "Nadir: FAILSAFE, no position", (DARK[0] + 33, DARK[0] + 36)),
+        state("no frames for 37 s", "degraded, no fix, failsafe, and found again", (DARK[0], MINUTES * 60),
               ["normal", "degraded", "no_fix", "failsafe"], "normal")]
     if disk.folder:
         recorder = seen["mended"]["recorder"]

@@ -127,16 +127,16 @@ def _steady_first(least_s, start, text):
 BACK_S = 8  # found on the map, and steady: a look at the map takes its time
 LONG_DARK_S = 25  # blind for half a minute, the place is off the prediction: voices from different ground must agree
 PROOFS = [
-    Proof("a frame that shows nothing", "camera", "told after a black picture", SETTLES_S + 0.3,
+    Proof("a frame that shows nothing", "camera", "reported after a black frame", SETTLES_S + 0.3,
           _after_hand("black", "Nadir: camera blind, dead reckoning")),
-    Proof("frame_unfit", "camera", "told after the same picture again", SETTLES_S + 0.3,
+    Proof("frame_unfit", "camera", "reported after a repeated frame", SETTLES_S + 0.3,
           _after_hand("again", "Nadir: camera blind, dead reckoning")),
     Proof("frames, but no estimate", "camera", "told while the localizer stands still", 1 + SETTLES_S + 0.4,
           _after_hand("held", "Nadir: estimates late, dead reckoning"), needs="held"),
     Proof("localizer_late", "camera", "the same, in the events", 1 + SETTLES_S + 0.4,
           lambda seen: seen.event(seen.done.get("held"), "no estimate for"), needs="held"),
-    Proof("camera_silent", "camera", "pictures that were held back are left out", 1, _left_out),
-    Proof("no frame", "camera", "told after the last picture", 0.4 + 0.34 + 0.25 + SETTLES_S,
+    Proof("camera_silent", "camera", "backlog dropped", 1, _left_out),
+    Proof("no frame", "camera", "reported after the last frame", 0.4 + 0.34 + 0.25 + SETTLES_S,
           _after("camera-cut", "Nadir: no camera frames, dead reckoning", 1)),
     Proof("σ while blind", "camera", "never shrinks, grows by 5 m/s", None, _grows),
     Proof("the fix while blind", "camera", "within three of its sigmas for 30 s", None, _follows),
@@ -146,9 +146,9 @@ PROOFS = [
         (float(row["time_s"]) - seen.act("camera-cut", 1)
          for row in seen.happened.between((seen.act("camera-cut", 1) or 0) + 20, seen.happened.end_s())
          if int(row["given_fix_type"]) < 3), None)),
-    Proof("back from `degraded`", "camera", "not before 1 s of pictures", BACK_S,
+    Proof("back from `degraded`", "camera", "not before 1 s of frames", BACK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore"), "Nadir: visual position restored")),
-    Proof("vision_back", "camera", "after a black picture", BACK_S, _after_hand("black", "Nadir: visual position restored")),
+    Proof("vision_back", "camera", "after a black frame", BACK_S, _after_hand("black", "Nadir: visual position restored")),
     Proof("back from `no_fix`", "camera", "an anchor, then 1 s", LONG_DARK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore", 1), "Nadir: position found again")),
     Proof("first_anchor", "camera", "cold start", FIRST_FIX_S, lambda seen: seen.happened.first_fix()),
@@ -182,7 +182,7 @@ PROOFS = [
           _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_leads", "lies", "then", SETTLES_S,
           _between("gps-recover", "Nadir: GPS trusted", "Nadir: autopilot navigating by GPS")),
-    Proof("gps_trusted", "silence", "merely denied, pictures silent: 60 s", 63,
+    Proof("gps_trusted", "silence", "merely denied, no frames: 60 s", 63,
           _steady_first(59.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_position", "silence", "failsafe is over with it", SETTLES_S,
           _between("gps-recover", "Nadir: GPS trusted", "Nadir: failsafe over, GPS has a position")),

@@ -96,8 +96,8 @@ def _blackouts(flight):
 
 def _blackout(flight, cut, restored):
     told = flight.told(NO_PICTURES, cut)
-    blind = flight.reason(r"no picture for ([\d.]+) s")
-    rules = [Rule("no picture to dead reckoning", f"{BLACKOUT_S} s after the last one",
+    blind = flight.reason(r"no frame for ([\d.]+) s")
+    rules = [Rule("no frame to dead reckoning", f"{BLACKOUT_S} s after the last one",
                   _seconds(blind if told is not None else None),
                   told is not None and blind is not None and blind <= BLACKOUT_S + LOOKS_S)]
     sigmas = [float(row["given_accuracy_m"]) for row in flight.between(told or cut, restored) if row["given_accuracy_m"]]
@@ -112,7 +112,7 @@ def _blackout(flight, cut, restored):
     if restored < flight.end_s() - 5:
         again = next((at for text in (SEES_AGAIN, "Nadir: position found again")
                       if (at := flight.told(text, restored)) is not None), None)
-        rules.append(Rule("pictures again: flying by them", "seen", _seconds(None if again is None else again - restored),
+        rules.append(Rule("frames again: visual position restored", "seen", _seconds(None if again is None else again - restored),
                           again is not None))
     return rules
 
@@ -120,7 +120,7 @@ def _blackout(flight, cut, restored):
 def _recovered(flight, at):
     trusted, leads = flight.told(TRUSTED, at), flight.told(GPS_LEADS, at)
     after = None if trusted is None else trusted - at
-    yield Rule("GPS well again to trusted", f"not before {UNDISTURBED_S} s, and in agreement with pictures", _seconds(after),
+    yield Rule("GPS good again to trusted", f"not before {UNDISTURBED_S} s, and in agreement with vision", _seconds(after),
                (after is not None and after >= UNDISTURBED_S - LOOKS_S)
                or (after is None and flight.end_s() - at < 2 * UNDISTURBED_S))
     if trusted is not None:
@@ -135,7 +135,7 @@ def _not_followed(flight):
 
 def _healthy(flight):
     bad = flight.summary["gps_input"].get("unhealthy", 0)
-    return Rule("our GPS in the autopilot's eyes", "healthy (GPS_INPUT in less than 245 ms)",
+    return Rule("GPS_INPUT as the autopilot sees it", "healthy (GPS_INPUT in less than 245 ms)",
                 f"longest pause {flight.summary['gps_input_spacing_max_s']:.2f} s"
                 + (f", {bad} refused as unhealthy" if bad else ""), bad == 0)
 
@@ -147,7 +147,7 @@ def _heartbeats(flight):
 
 def _dropped(service):
     share = service["dropped"] / max(service["pictures"], 1)
-    return Rule("pictures dropped", f"{100 * DROPPED_SHARE:.0f} %", f"{100 * share:.1f} % of {service['pictures']}",
+    return Rule("frames dropped", f"{100 * DROPPED_SHARE:.0f} %", f"{100 * share:.1f} % of {service['pictures']}",
                 share <= DROPPED_SHARE)
 
 

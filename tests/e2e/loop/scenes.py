@@ -63,11 +63,11 @@ SCENES = {
     "camera": Scene("a camera in every kind of trouble; GPS is well", 132, [
         "48:camera-cut", "56:camera-restore", "66:camera-cut", "99:camera-restore"], [
         (20, Stage.black_picture), (28, Stage.same_picture), (36, Stage.hold_localizer), (54, Stage.backlog)]),
-    "failsafe": Scene("no GPS, no pictures, no link", 104, [
+    "failsafe": Scene("no GPS, no frames, no link", 104, [
         "15:gps-denied", "20:camera-cut", "57:camera-restore", "88:link-cut", "96:link-restore"]),
     "lies": Scene("a GPS that jumps, recovers, and is dragged off", 78, [
         "20:gps-step=300@70", "32:gps-recover", "52:gps-drag=4@70"]),
-    "silence": Scene("GPS is denied and comes back while there are no pictures", 104, [
+    "silence": Scene("GPS is denied and comes back while there are no frames", 104, [
         "18:camera-cut", "20:gps-denied", "32:gps-recover"]),
     "restart": Scene("killed in flight", 45, ["15:gps-denied"], [(25, Stage.kill)]),
     "first": Scene("in the air without any position", 32, ["0:gps-denied", "0:camera-cut", "10:camera-restore"]),

@@ -45,7 +45,7 @@ class SitlVerdict:
             yield "  filter says", "nothing" if flags is None else (
                 f"position known {100 * flags[0]:.0f} %, GPS glitch {100 * flags[1]:.0f} % of the time, position variance "
                 f"at most {flags[2]:.2f}")
-        yield "picture to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} pictures dropped".format(
+        yield "frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} frames dropped".format(
             **self.service)
 
     def shortfalls(self):

@@ -55,9 +55,9 @@ class Verdict:
             found.append(f"GPS_INPUT paused for {self.summary['gps_input_spacing_max_s']:.2f} s, allowed are "
                          f"{MAX_SPACING_S}")
         if self.service is not None and self.service["p95_ms"] > LATENCY_P95_MS:
-            found.append(f"from picture to fix {self.service['p95_ms']} ms (p95), allowed are {LATENCY_P95_MS}")
+            found.append(f"from frame to fix {self.service['p95_ms']} ms (p95), allowed are {LATENCY_P95_MS}")
         if self.service is not None and self.service["dropped"] > DROPPED_SHARE * self.service["pictures"]:
-            found.append(f"{self.service['dropped']} of {self.service['pictures']} pictures were dropped")
+            found.append(f"{self.service['dropped']} of {self.service['pictures']} frames were dropped")
         if (self.memory_growth_percent or 0) > MEMORY_GROWTH_PERCENT:
             found.append(f"memory grew by {self.memory_growth_percent:.0f} % after the first minute")
         return found
@@ -66,7 +66,7 @@ class Verdict:
         deviation, fix = self.summary["deviation_m"], self.summary["fix_error_m"]
         promotion = self.promotion_s()
         service = [] if self.service is None else [
-            ("picture to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} pictures dropped; longest "
+            ("frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} frames dropped; longest "
                                "pause of fixes {longest_pause_ms} ms".format(**self.service))]
         return [
             ("flown", f"{self.summary['duration_s']:.0f} s, laps of {self.summary['plan_m']:.0f} m"),
