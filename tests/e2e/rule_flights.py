@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Every rule of docs/onboard.md in real time: eight short flights in which each has its occasion, and a table of what was
-seen, and when. The exit code is 1 when a rule was not seen, or too late. docs/closed-loop.md.
+"""Every rule of docs/onboard.md in real time: eight short flights that trigger each of them, and a table of what was
+observed, and when. The exit code is 1 if a rule was not observed, or too late. docs/closed-loop.md.
 """
 import argparse
 import json
@@ -17,8 +17,8 @@ from loop.rules import Happened
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", action="append", choices=scenes.SCENES, help="one flight; may be given several times")
-    parser.add_argument("--list", action="store_true", help="say which flight proves what, and end")
+    parser.add_argument("--only", action="append", choices=scenes.SCENES, help="this flight only; may be repeated")
+    parser.add_argument("--list", action="store_true", help="list which flight covers which rule, and exit")
     parser.add_argument("--json", action="store_true")
     harness.add_words(parser, width=1280)
     return parser.parse_args()

@@ -67,17 +67,17 @@ class Verdict:
         promotion = self.promotion_s()
         service = [] if self.service is None else [
             ("frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} frames dropped; longest "
-                               "pause of fixes {longest_pause_ms} ms".format(**self.service))]
+                               "gap between fixes {longest_pause_ms} ms".format(**self.service))]
         return [
             ("flown", f"{self.summary['duration_s']:.0f} s, laps of {self.summary['plan_m']:.0f} m"),
             ("true track from plan", f"median {deviation['median']:.1f}, p95 {deviation['p95']:.1f}, max "
                                      f"{deviation['max']:.1f} m"),
-            ("given fix from truth", "none was given" if fix is None else
+            ("fix from truth", "no fix" if fix is None else
              f"median {fix['median']:.1f}, p95 {fix['p95']:.1f}, max {fix['max']:.1f} m over {fix['count']} fixes"),
-            ("flown by given fixes", f"{100 * self.share_given():.1f} % after the first trouble"
+            ("our fixes in use", f"{100 * self.share_given():.1f} % after the first fault"
                                      + ("" if promotion is None else f", from {promotion:.1f} s after it on")),
             ("GPS_INPUT", ", ".join(f"{n} {word}" for word, n in sorted(self.summary["gps_input"].items())) or "none"),
-            ("longest pause", f"{self.summary['gps_input_spacing_max_s']:.2f} s, {self.summary['gps_input_late']} later than "
+            ("longest gap", f"{self.summary['gps_input_spacing_max_s']:.2f} s, {self.summary['gps_input_late']} later than "
                               "0.245 s"),
             ("filter resets", ", ".join(f"{r['time_s']:.0f} s by {r['source']} ({r['reason']}, {r['metres']:.0f} m)"
                                         for r in self.summary["resets"]) or "none"),
