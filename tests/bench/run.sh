@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Figures of Nadir and of comparable tools, run side by side. docs/benchmarks.md explains each part and has its latest
-# figures. Compare ratios, not seconds: machines differ.
+# Figures against the tools that a user would choose instead, run side by side. docs/benchmarks.md describes each part
+# and its latest results. Ratios count, not seconds: machines differ.
 #
 # usage: ./run bench [PART [OPTIONS]]
 set -euo pipefail
@@ -12,9 +12,9 @@ usage() {
   cat <<'TEXT'
 usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
 
-  build         CPU seconds of a clean build by folder, slowest units (--against COMMIT; 20 minutes)
-  package       tile sets from one image: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
-  validators    validators on damaged tile sets and on Nadir's own
+  build         what a clean build costs: CPU seconds by folder, slowest units (--against COMMIT; 20 minutes)
+  package       tile sets from one picture: Nadir, gdal_translate + gdaladdo, gdal2tiles.py, rio-mbtiles, rio-cogeo
+  validators    what validators say about damaged tile sets and about Nadir's own
   kill          builds and resumes killed at random moments
   area          20 km² at zoom 19: built, verified in full, indexed, read tile by tile (15 minutes)
   large         100 000 tiles, 10 GB: quick and full verification, coverage and freshness, catalogue (10 minutes, 11 GB)
@@ -24,23 +24,23 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   ablations     the method with steps left out and with other backends (--data DIR: over a recorded flight)
   safety        10 000 short flights under faults: how often is a position wrong with confidence? (hours; --resume FILE)
   flights       long flights with turns, outliers, blackouts, wrong height and heading (--resume FILE; half an hour)
-  turns         errors of odometry in turns (two minutes)
-  consistency   consistency of the flight filter: NEES and NIS of drawn flights
+  turns         how far off what odometry says of a turn is (two minutes)
+  consistency   is the flight filter as far off as it says? NEES and NIS of drawn flights
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
-  closed-loop   an autopilot that navigates by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
-  chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles damaged (15 minutes)
-  rules         every rule of docs/onboard.md in real time: eight short flights (9 minutes; --only NAME)
+  closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
+  chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt (15 minutes)
+  rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
   sitl          ArduPlane itself, in its own simulator, by nadird's fixes (--arduplane PATH; NOT RUN without; 6 minutes)
   soak          two hours of simulated flight at eight times real time: memory, file handles, threads
-  sync          10 000 tiles uploaded over unreliable connections, with every fault and 60 kills; and curl, rsync (5 minutes)
+  sync          10 000 tiles uploaded over breaking lines, through every fault and 60 kills; and curl, rsync (5 minutes)
   contract      a client generated from the upload's OpenAPI file sends a batch (NADIR_BENCH_VENV with openapi-python-client)
-  tiles         position errors of tiles from simulated flights (--resume FILE; half an hour)
-  ortho         frames with their poses, orthorectified by Nadir and by Orthority: displacement and CPU time
-  roc           frames matched in windows with and without their place: what each threshold accepts (--resume FILE)
+  tiles         where the tiles lie that simulated flights make (--resume FILE; half an hour)
+  ortho         frames with their poses through Nadir and through Orthority: the same place, and at what cost
+  roc           frames matched where their place is and where it is not: what each threshold lets through (--resume FILE)
 
 Without PART: package, validators, kill and localization with small inputs (5 minutes).
 NADIR_BENCH_VENV=DIR: a Python virtual environment with rio-mbtiles and rio-cogeo. mbtiles and pmtiles are taken from
-PATH. Missing tools are reported as NOT RUN.
+PATH. What is missing says NOT RUN.
 TEXT
 }
 

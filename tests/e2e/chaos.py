@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Faults injected into the closed loop: nadird killed repeatedly; disk full, link cut, clocks set, tiles damaged, camera
-stalled, ten times the frames. Prints a table of expected and found results; the exit code is 1 if they differ. docs/closed-loop.md.
+"""Faults injected into nadird in the closed loop: it is killed repeatedly; disk full, link cut, clocks
+set, tiles spoilt, camera stalled, ten times the frames. Prints a table of what was expected and what was found; the exit
+code is 1 when something is wrong. docs/closed-loop.md.
 """
 import argparse
 import os
@@ -18,7 +19,7 @@ PARTS = {"kill": kills.fly, "faults": faults.fly}
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=PARTS)
-    parser.add_argument("--kill-minutes", type=float, default=10, help="duration of the part in which nadird is killed every 30 s")
+    parser.add_argument("--kill-minutes", type=float, default=10, help="killed every 30 s for so long")
     harness.add_words(parser, width=1280)
     return parser.parse_args()
 

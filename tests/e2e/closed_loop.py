@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """The closed loop: autopilot -> frame -> nadird -> GPS_INPUT -> autopilot.
 
-The simulated autopilot flies a circuit over a simulated world by the position that it gets; `nadir simulate camera`
+The simulated autopilot flies a circuit over a simulated world by the position that it receives; `nadir simulate camera`
 renders what its camera sees; `nadird` localizes the frames. Prints how far the true track was from the plan,
-how far the fixes were from the truth, the filter's resets, and a timeline. With --check the exit code is 1 if a limit is
-exceeded. docs/closed-loop.md.
+how far the fixes were from the truth, the filter's resets, and a timeline. With --check the exit code is 1 when something
+is out of bounds. docs/closed-loop.md.
 """
 import argparse
 import json
@@ -40,24 +40,24 @@ def arguments():
     parser.add_argument("--event", action="append", metavar="S:ACTION[=VALUE]", help="instead of a scenario's")
     parser.add_argument("--minutes", type=float, default=11)
     parser.add_argument("--fps", type=float, default=3)
-    parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to frame, as in airframe.json")
-    parser.add_argument("--seed", type=int, default=1, help="random seed of the flight")
+    parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to frame, as airframe.json says")
+    parser.add_argument("--seed", type=int, default=1, help="of the flight")
     parser.add_argument("--world-seed", type=int, default=7)
     parser.add_argument("--size-km", type=float, default=2)
     parser.add_argument("--airframe", default="any", help="its id; the package must be made for it")
     parser.add_argument("--report", metavar="FILE.html", help="a page with map, timeline and rules")
-    parser.add_argument("--readers", type=int, default=0, help="number of slow and dead readers of the API's events")
+    parser.add_argument("--readers", type=int, default=0, help="slow and dead readers of the API's events meanwhile")
     parser.add_argument("--own-receiver", choices=("first", "second"), default="second",
                         help="which GPS instance is real; GPS_INPUT plays the other")
     parser.add_argument("--signed", action="store_true", help="sign the link")
     parser.add_argument("--unfavoured", action="store_true",
-                        help="normal CPU weight instead of a service's (where permitted)")
+                        help="the CPU weight of an ordinary program instead of a service's")
     parser.add_argument("--check", nargs="?", const="all", choices=("rules", "all"),
-                        help="exit code 1 if a limit is exceeded; rules: those of docs/onboard.md and of the track, "
-                             "which do not depend on the machine's load; all: latency, gaps and memory as well")
+                        help="exit code 1 when a limit is violated; rules: of docs/onboard.md and of the track, whatever else "
+                             "keeps the machine busy; all: how quick it was and how much memory it took as well")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--nadird-option", action="append", default=[], metavar="WORD", help="additional option for nadird")
-    parser.add_argument("--stand-in", metavar="OFFSET_M", type=float, help="no nadird: fixes are the truth, displaced by this much")
+    parser.add_argument("--nadird-option", action="append", default=[], metavar="WORD", help="one more word for nadird")
+    parser.add_argument("--stand-in", metavar="OFFSET_M", type=float, help="no nadird: the truth with this offset as fixes")
     harness.add_words(parser, width=1920)
     return parser.parse_args()
 
@@ -83,7 +83,7 @@ def report(args, flight, verdict, rules, readers, camera):
     print("\n".join(f"{'camera: ' + line.strip()}" for line in camera.splitlines()))
     if rules:
         print("\n" + "\n".join(lines_of(rules)) + "\n")
-    print("\n".join(f"FAILED  {text}" for text in found) if found else "all checks passed")
+    print("\n".join(f"FALLS SHORT  {text}" for text in found) if found else "all as it should be")
     return found
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The harness of the closed loop, with a stand-in for the service: the loop closes, and the verdict is right."""
+"""The harness of the closed loop, with a stand-in for the service: the loop closes, and the verdict is correct."""
 import csv
 import json
 import pathlib
@@ -18,7 +18,7 @@ HARNESS = pathlib.Path(__file__).resolve().parent / "closed_loop.py"
 
 
 class Loop(support.EndToEnd):
-    def test_closes_with_pictures_and_fixes(self):
+    def test_closes_with_frames_and_fixes(self):
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--stand-in", "0", "--minutes", "0.12", "--event",
              "3:gps-denied", "--size-km", "0.8", "--width", "320", "--signed", "--json", "--out", self.folder / "loop"],
@@ -32,9 +32,9 @@ class Loop(support.EndToEnd):
 
 
 class Flight(support.EndToEnd):
-    """nadird itself, in real time, over a signed link. What depends on how busy the machine is, is not judged."""
+    """nadird itself, in real time, over a signed link. What depends on the load of the machine is not checked."""
 
-    def test_nadird_carries_an_aircraft_that_loses_gps(self):
+    def test_nadird_navigates_an_aircraft_without_gps(self):
         out = self.folder / "flight"
         result = subprocess.run(
             [sys.executable, "-B", HARNESS, "--nadir", support.NADIR, "--nadird", support.NADIRD, "--minutes", "0.9",
@@ -50,7 +50,7 @@ class Flight(support.EndToEnd):
         self.assertEqual(0, summary["link"]["refused"])
         self.assertNotIn("Nadir: airframe file is not signed", [event.get("text") for event in summary["events"]])
         page = (out / "live.html").read_text(encoding="utf-8")
-        for part in ('class="track given"', 'class="curve sigma"', "GPS denied to flying by our fix", "data:image/jpeg"):
+        for part in ('class="track given"', 'class="curve sigma"', "GPS denied to navigating by our fix", "data:image/jpeg"):
             self.assertIn(part, page)
         self.assertNotIn("{{", page)
         recorded = subprocess.run([support.NADIR, "recorder", "verify", out / "run/record"], capture_output=True,
@@ -59,7 +59,7 @@ class Flight(support.EndToEnd):
         self.flies_again(out)
 
     def flies_again(self, out):
-        """What was recorded in the air gives the same estimates on the ground, to the last bit."""
+        """A recording of the flight replays bit for bit."""
         created = Inputs(out / "inputs", support.NADIR, width=640).created
         again = self.good("replay", "--recorder", out / "run/record", "--package", out / "inputs/package", "--trust",
                           out / "inputs/root.json", "--at", created, "--out", out / "again", "--json", "--quiet")
@@ -69,9 +69,9 @@ class Flight(support.EndToEnd):
 
 
 class Rules(unittest.TestCase):
-    """A flight as it should be, and what becomes of each rule when it is not."""
+    """A nominal flight meets every rule; a faulty one violates the rule concerned."""
 
-    SERVICE = {"pictures": 100, "dropped": 2}
+    SERVICE = {"frames": 100, "dropped": 2}
 
     def flight(self, told=(), rows=None, error=4.0, **summary):
         events = [(60, "scenario", "gps-step=300@70"), (80, "scenario", "camera-cut"), (92, "scenario", "camera-restore"),
@@ -83,7 +83,7 @@ class Rules(unittest.TestCase):
 
     TOLD = ((60.5, rules.SPOOFED), (60.6, rules.MAP_LEADS), (80.7, rules.NO_PICTURES), (93.5, rules.SEES_AGAIN),
             (112, rules.TRUSTED), (112.1, rules.GPS_LEADS))
-    CHANGES = ((1.0, "state", "normal", "degraded", "no frames from the camera: no frame for 0.42 s"),)
+    CHANGES = ((1.0, "state", "normal", "degraded", "no camera frames: no frame for 0.42 s"),)
 
     def rows(self, sigma=lambda t: 3.0 if t < 80 else 3.0 + t - 80, first=5, source="gps_input"):
         return [{"time_s": str(t), "given_fix_type": "3" if t >= first else "0", "given_accuracy_m": str(sigma(t)),
@@ -101,16 +101,16 @@ class Rules(unittest.TestCase):
         without = lambda *texts: self.flight([pair for pair in self.TOLD if pair[1] not in texts])
         for name, broken in (
                 ("cold start to the first fix", {"rows": self.rows(first=40)}),
-                ("GPS spoofed to flying by our fix", {"summary": without(rules.MAP_LEADS)}),
-                ("GPS spoofed to flying by our fix", {"rows": self.rows(source="own")}),
-                ("no frame to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no frame for 0.91 s")]}),
+                ("GPS spoofed to navigating by our fix", {"summary": without(rules.MAP_LEADS)}),
+                ("GPS spoofed to navigating by our fix", {"rows": self.rows(source="own")}),
+                ("camera loss to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no frame for 0.91 s")]}),
                 ("σ while blind", {"rows": self.rows(sigma=lambda t: 9.0 if t < 85 else 8.0)}),
-                ("frames again: visual position restored", {"summary": without(rules.SEES_AGAIN)}),
-                ("GPS good again to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
+                ("visual position restored", {"summary": without(rules.SEES_AGAIN)}),
+                ("GPS recovery to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
                 ("no fix follows spoofed GPS", {"summary": self.flight(self.TOLD, error=280.0)}),
-                ("GPS_INPUT as the autopilot sees it", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
+                ("our GPS as the autopilot sees it", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
                 ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
-                ("frames dropped", {"service": {"pictures": 100, "dropped": 11}})):
+                ("frames dropped", {"service": {"frames": 100, "dropped": 11}})):
             self.assertIn(name, self.missed(**broken), broken)
 
 
@@ -125,7 +125,7 @@ class Proofs(unittest.TestCase):
         return [row.strip("`") if row.startswith("`") else row for row in rows]
 
     def seen(self, told=(), events=(), done=(), rows=()):
-        """A flight that was told these texts, with every hand and every action at 10 s."""
+        """A flight with these texts to the operator and every action at 10 s."""
         actions = {event.partition(":")[2].partition("=")[0] for scene in scenes.SCENES.values() for event in scene.events}
         happened = [{"time_s": 10.0 + again, "kind": "scenario", "what": action} for action in actions for again in (0, 1)]
         happened += [{"time_s": at, "kind": "statustext", "text": text} for at, text in told]
@@ -133,7 +133,7 @@ class Proofs(unittest.TestCase):
                                           list(rows) or [{"time_s": "0", "given_fix_type": "0", "given_error_m": "",
                                                           "given_accuracy_m": ""}]), list(events), dict(done))
 
-    def test_no_rule_is_without_one(self):
+    def test_every_rule_has_a_proof(self):
         proven = {proof.row for proof in proofs.PROOFS}
         rows = self.rows("Rules") + self.rows("GPS") + self.rows("Why the state changes")
         self.assertEqual(12 + 3 + 24, len(rows))
@@ -147,7 +147,7 @@ class Proofs(unittest.TestCase):
             for proof in proofs.PROOFS:
                 self.assertIsNone(proof.look(flight), proof)
 
-    def test_what_was_told_too_late_or_too_early_is_found_out(self):
+    def test_late_and_early_notifications_are_detected(self):
         look = {(proof.row, proof.scene): proof.look for proof in proofs.PROOFS}
         again = look["back from `no_fix`", "camera"]
         self.assertAlmostEqual(2.0, again(self.seen(told=[(13.0, "Nadir: position found again")])))
@@ -165,7 +165,7 @@ class Proofs(unittest.TestCase):
         self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "no messages from the autopilot: 5.0 s")])))
         self.assertIsNone(lost(self.seen(events=[(13.0, "state", "no messages from the autopilot: 3.0 s")])))
 
-    def test_a_fix_that_a_backlog_leads_astray_is_found_out(self):
+    def test_a_fix_disturbed_by_a_backlog_is_detected(self):
         look = next(proof.look for proof in proofs.PROOFS if proof.row == "camera_silent")
         said = [(10.4, "camera", "the camera delivers stale frames from its buffer; they are dropped")]
         row = lambda error: [{"time_s": "12", "given_fix_type": "3", "given_error_m": error, "given_accuracy_m": "4"}]
@@ -179,14 +179,14 @@ class Evidence(unittest.TestCase):
         return {"given_fix_type": str(fix), "given_error_m": str(error), "given_accuracy_m": str(accuracy),
                 "given_age_s": str(age)}
 
-    def test_wrong_is_far_off_and_sure(self):
+    def test_wrong_means_far_off_with_a_small_sigma(self):
         right = [self.row(40, 3), self.row(200, 100), self.row(300, 3, age=2), self.row(300, 3, fix=0)]
         self.assertEqual([], evidence.wrong_and_sure(right))
         self.assertTrue(evidence.judged_right("x", right).met)
         self.assertFalse(evidence.judged_right("x", [*right, self.row(60, 15)]).met)
         self.assertFalse(evidence.judged_right("x", []).met, "no fix is no evidence")
 
-    def test_states_are_those_that_held_meanwhile(self):
+    def test_states_within_an_interval(self):
         changes = [(100.0, "state", None, "normal", ""), (105.0, "gps", "good", "denied", ""),
                    (110.0, "state", "normal", "degraded", ""), (112.0, "state", "degraded", "normal", "")]
         states = evidence.States(changes, 100.0)
@@ -195,7 +195,7 @@ class Evidence(unittest.TestCase):
         self.assertEqual(["normal"], states.during(13, 20))
         self.assertEqual([], evidence.States([], 0.0).during(0, 1))
 
-    def test_the_first_fix_after_a_kill_is_not_one_that_is_remembered(self):
+    def test_the_first_fix_after_a_kill_is_a_new_one(self):
         row = lambda t, age, fix=3: {**self.row(2, 3, age, fix), "unix_us": str(int(t * 1e6))}
         rows = [row(99.9, 0.1), row(100.1, 0.2), row(100.4, 0.5), row(101, 1.1), row(101.2, 0.05, 0), row(101.4, 0.05)]
         seconds, fix = kills.back_after_s(rows, 100.0)
@@ -216,7 +216,7 @@ class Judging(support.EndToEnd):
                    "gps_input": {"accepted": 3}, "events": []}
         return Verdict({**summary, **changes}, path, 2, service)
 
-    def test_finds_what_falls_short(self):
+    def test_finds_violated_limits(self):
         self.assertEqual([], self.verdict().shortfalls())
         bad = {"median": 11, "p95": 90, "max": 120, "count": 9}
         for changes, word in (({"deviation_m": {**bad, "median": 1}}, "leaves the plan"),
@@ -227,17 +227,17 @@ class Judging(support.EndToEnd):
             self.assertEqual(1, len(found), found)
             self.assertIn(word, found[0])
 
-    def test_reads_what_nadird_says_of_itself(self):
+    def test_reads_the_summary_of_nadird(self):
         log = "710 frames, 3 dropped; frame to fix p50 117, p95 392, max 1270 ms; 2300 fixes, longest gap 320 ms\n"
         service = run_summary("something else\n" + log)
-        self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("pictures", "dropped", "p95_ms",
+        self.assertEqual((710, 3, 392, 320), tuple(service[name] for name in ("frames", "dropped", "p95_ms",
                                                                                "longest_pause_ms")))
         self.assertIsNone(run_summary("it ended before"))
         self.assertIn("392 ms", self.verdict(service=service).shortfalls()[0])
         self.assertEqual([], self.verdict(service={**service, "p95_ms": 100}).shortfalls())
         self.assertIn("dropped", self.verdict(service={**service, "p95_ms": 100, "dropped": 200}).shortfalls()[0])
 
-    def test_counts_from_the_trouble_on(self):
+    def test_counts_from_the_first_fault(self):
         rows = [(0, "own"), (2, "none"), (4, "gps_input"), (6, "gps_input"), (8, "none")]
         verdict = self.verdict(rows)
         self.assertEqual(2, verdict.promotion_s())

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Every rule of docs/onboard.md in real time: eight short flights that trigger each of them, and a table of what was
-observed, and when. The exit code is 1 if a rule was not observed, or too late. docs/closed-loop.md.
+seen, and when. The exit code is 1 when a rule was not seen, or too late. docs/closed-loop.md.
 """
 import argparse
 import json
@@ -17,8 +17,8 @@ from loop.rules import Happened
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", action="append", choices=scenes.SCENES, help="this flight only; may be repeated")
-    parser.add_argument("--list", action="store_true", help="list which flight covers which rule, and exit")
+    parser.add_argument("--only", action="append", choices=scenes.SCENES, help="one flight; may be given several times")
+    parser.add_argument("--list", action="store_true", help="list which flight proves what, and exit")
     parser.add_argument("--json", action="store_true")
     harness.add_words(parser, width=1280)
     return parser.parse_args()
@@ -31,7 +31,7 @@ def seen_in(setup, flight, stage, summary):
 
 
 def judged(proof, seen, missed):
-    """(verdict, seconds): "yes", "NO", "LATE", or why it could not be tried. missed: what hands could not do, and why."""
+    """(verdict, seconds): "yes", "NO", "LATE", or why it could not be tested. missed: the faults that could not be injected, and why."""
     if proof.needs in missed:
         return f"NOT TESTED: {missed[proof.needs]}", None
     seconds = proof.look(seen)

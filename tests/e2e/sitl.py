@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""ArduPlane navigating by nadird's fixes: the autopilot's real code in its own simulator (SITL), over a simulated world.
+"""ArduPlane itself by nadird's fixes: the autopilot's real code in its own simulator (SITL), over a simulated world.
 
 --arduplane PATH is the program that ArduPilot's sources build (`build/sitl/bin/arduplane`); without it nothing is flown.
 It takes off with its own GPS, climbs to the circuit, and its GPS is denied or moved. Prints how far the true track was
-from the plan, how far the filter and the fixes were from the truth, and all messages. docs/closed-loop.md.
+from the plan, how far the filter and the fixes were from the truth, and the status texts. docs/closed-loop.md.
 """
 import argparse
 import json
@@ -25,14 +25,14 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arduplane", metavar="PATH", help="ArduPilot's program, built for SITL")
     parser.add_argument("--scenario", choices=SCENARIOS, default="denied")
-    parser.add_argument("--at-s", type=float, default=60, help="time of the fault, counted from reaching the circuit")
+    parser.add_argument("--at-s", type=float, default=60, help="when that happens, from when the circuit was reached")
     parser.add_argument("--minutes", type=float, default=4, help="on the circuit")
     parser.add_argument("--fps", type=float, default=3)
-    parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to frame, as in airframe.json")
+    parser.add_argument("--delay-s", type=float, default=0.25, help="from exposure to frame, as airframe.json says")
     parser.add_argument("--signed", action="store_true", help="first `nadir provision autopilot`, with a key for the link")
-    parser.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help="additional ArduPlane parameter")
-    parser.add_argument("--check", action="store_true", help="exit code 1 if a limit is exceeded")
-    parser.add_argument("--json", metavar="FILE", help="write all compared positions")
+    parser.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help="one more of ArduPlane's")
+    parser.add_argument("--check", action="store_true", help="exit code 1 when a limit is violated")
+    parser.add_argument("--json", metavar="FILE", help="write every position that was compared")
     harness.add_words(parser, width=1920)
     return parser.parse_args()
 
@@ -63,7 +63,7 @@ def main():
         for name, text in verdict.figures():
             print(f"{name:26}{text}")
         found = verdict.shortfalls()
-        print("\n".join(f"FAILED  {text}" for text in found) if found else "all checks passed")
+        print("\n".join(f"FALLS SHORT  {text}" for text in found) if found else "all as it should be")
         if args.json:
             write_rows(args.json, flight.track)
     return 1 if args.check and found else 0

@@ -1,5 +1,5 @@
-"""Readers of the service's events that are slow (a few bytes a second) or dead (nothing at all). Those that the service
-drops come again, and dead ones every 20 s: they do not notice."""
+"""Readers of the service's events that are slow (a few bytes a second) or dead (nothing at all). They reconnect when the
+service drops them; dead ones every 20 s, because they do not notice."""
 import socket
 import threading
 import time
@@ -60,7 +60,7 @@ class BadReaders:
 
     @staticmethod
     def _sips(end):
-        """A few bytes; False when the service has hung up."""
+        """Reads a few bytes; False when the service has closed the connection."""
         try:
             return len(end.recv(16)) > 0
         except BlockingIOError:

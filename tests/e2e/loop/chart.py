@@ -1,4 +1,4 @@
-"""σ and errors over the time of a flight, with what was done to the aircraft, as SVG."""
+"""σ and errors over a flight, with the injected faults, as SVG."""
 import html
 import math
 
@@ -11,7 +11,7 @@ CURVES = (("given_accuracy_m", "sigma"), ("given_error_m", "error"), ("deviation
 
 
 def frame(rows):
-    """What the page must know to find a moment in the drawing."""
+    """What the page needs to map a time to a position in the chart."""
     return {"left": LEFT, "right": WIDTH - RIGHT, "end_s": float(rows[-1]["time_s"])}
 
 

@@ -1,11 +1,11 @@
-"""What a flight under faults left behind, looked at from outside: the autopilot's rows, the watched states, recordings."""
+"""The evidence of a flight under faults: the autopilot's rows, the states polled from the API, and the recordings."""
 import dataclasses
 import subprocess
 
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
-FRESH_S = 0.3  # a row's fix is one that has just come, not one that is remembered
+FRESH_S = 0.3  # count new fixes only, not the last one repeated
 WRONG_M, WRONG_SIGMAS = 50, 3
 
 
@@ -23,13 +23,13 @@ def fresh_fixes(rows):
 
 
 def wrong_and_sure(rows):
-    """Fixes that are far off and say that they are not."""
+    """Fixes that are far off without stating so."""
     return [row for row in fresh_fixes(rows) if float(row["given_error_m"]) > WRONG_M
             and float(row["given_error_m"]) > WRONG_SIGMAS * float(row["given_accuracy_m"])]
 
 
 def judged_right(fault, rows):
-    """Nothing wrong is ever labelled right."""
+    """No wrong position is ever labelled good."""
     fixes, wrong = fresh_fixes(rows), wrong_and_sure(rows)
     worst = max((float(row["given_error_m"]) for row in fixes), default=0.0)
     return Finding(fault, f"no fix more than {WRONG_M} m off and beyond {WRONG_SIGMAS} of its sigmas",
@@ -37,7 +37,7 @@ def judged_right(fault, rows):
 
 
 def longest_pause_s(rows):
-    """Between fixes, as the autopilot saw it."""
+    """The interval between fixes, as the autopilot saw it."""
     return max((float(row["given_age_s"]) for row in rows if row["given_age_s"]), default=float("inf"))
 
 
@@ -68,7 +68,7 @@ class States:
 
 
 def readable(fault, nadir, folder):
-    """The recording, in the eyes of `nadir recorder verify` and of the mcap package from PyPI."""
+    """The recording, checked by `nadir recorder verify` and by the mcap package from PyPI."""
     verified = subprocess.run([str(nadir), "recorder", "verify", str(folder)], capture_output=True, text=True, check=False)
     segments = sorted(folder.glob("*.flight.mcap"))
     records, cut = 0, 0
@@ -80,7 +80,7 @@ def readable(fault, nadir, folder):
             except (McapError, EOFError):
                 cut += 1  # by a kill, or by a disk that was full
     said = "accepted" if verified.returncode == 0 else verified.stdout.strip()[:160]
-    return Finding(fault, "recorder verify accepts it, and another reader reads it",
+    return Finding(fault, "accepted by recorder verify and readable by another reader",
                    f"{said}; {records} records in {len(segments)} segments, {cut} of them cut off",
                    verified.returncode == 0 and records > 0)
 

@@ -1,11 +1,11 @@
-"""One flight in which much goes wrong, one thing after the other, and what nadird must make of each."""
+"""One flight with a sequence of faults, and the response of nadird that each requires."""
 import shutil
 import time
 
 from .evidence import Finding, States, judged_right, longest_pause_s, readable, within
 from .flight import Flight, Setup
 from .hands import HostClock, spoil_tiles
-from .made_pictures import carried
+from .camera_faults import carried
 from .small_disk import SmallDisk
 
 DISK_MB = 6
@@ -37,7 +37,7 @@ def fly(args, inputs, run):
 
 
 class Hands:
-    """Does to the flight what is not the autopilot's to do, at its time, and notes what nadird said then."""
+    """Injects the faults outside the autopilot on schedule and records what nadird reported."""
 
     def __init__(self, flight, clock, package, disk):
         self.flight, self.disk, self.seen = flight, disk, {}
@@ -68,7 +68,7 @@ class Hands:
         return act
 
     def burst(self):
-        """A second renderer, nine times as busy as the first; it reads the world before it begins."""
+        """A second renderer at nine times the rate of the first; it loads the world before it starts."""
         flight, beside = self.flight, self.flight.run / "burst"
         painter = flight.painter("burst", flight.other_port, flight.setup.fps * (BURST_TIMES - 1), beside)
         flight.programs.wait_until_says(painter, "waiting for poses")
@@ -96,7 +96,7 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
         at = next((event["time_s"] for event in summary["events"] if event["kind"] == "statustext" and event["text"] == text
                    and window[0] <= event["time_s"] <= window[1]), None)
         return Finding(fault, f"operator: {text.removeprefix('Nadir: ')}", "not told" if at is None else
-                       f"told {at - window[0]:.1f} s after", at is not None)
+                       f"notified {at - window[0]:.1f} s after", at is not None)
 
     steady = ["normal"]
     findings = [
@@ -119,23 +119,23 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
     findings += [
         state(burst, "normal", (bursting[0], bursting[1] + 3), steady, "normal"),
         flies_on(burst, (bursting[0], bursting[1] + 3)),
-        Finding(burst, "the latest wins, nothing piles up", f"{came} came, {dropped} dropped; memory {grown:+.0f} %",
+        Finding(burst, "the latest is processed, no backlog", f"{came} received, {dropped} dropped; memory {grown:+.0f} %",
                 came > 5 * 3 * BURST_S and grown < 25),
-        state("tiles spoilt", "flies on; anchored again afterwards", (TILES[0], DARK[0]), ["normal", "degraded"], "normal"),
+        state("tiles spoilt", "the flight continues; anchored again afterwards", (TILES[0], DARK[0]), ["normal", "degraded"], "normal"),
         flies_on("tiles spoilt", (TILES[0], DARK[0])),
         Finding("tiles whole again", "anchors again", f"{seen['mended']['anchors']['accepted'] - seen['spoilt']['anchors']['accepted']}"
                 " anchors", seen["mended"]["anchors"]["accepted"] > seen["spoilt"]["anchors"]["accepted"]),
         told("no frames for 37 s", "Nadir: NO FIX, blind for too long", (DARK[0] + 30, DARK[0] + 33)),
         told("no frames for 37 s", "Nadir: FAILSAFE, no position", (DARK[0] + 33, DARK[0] + 36)),
-        state("no frames for 37 s", "degraded, no fix, failsafe, and found again", (DARK[0], MINUTES * 60),
+        state("no frames for 37 s", "degraded, no fix, failsafe, then recovered", (DARK[0], MINUTES * 60),
               ["normal", "degraded", "no_fix", "failsafe"], "normal")]
     if disk.folder:
         recorder = seen["mended"]["recorder"]
-        findings.append(Finding(f"disk of {DISK_MB} MB full", "the recorder says so, the flight goes on",
+        findings.append(Finding(f"disk of {DISK_MB} MB full", "the recorder reports it, the flight continues",
                                 f"{100 * seen['used']:.0f} % full; recorder {recorder['state']}, {recorder['lost_records']} "
                                 "records lost", seen["used"] > 0.8 and (recorder["lost_records"] > 0
                                                                        or recorder["state"] != "recording")))
     findings.append(readable(f"disk of {DISK_MB} MB full" if disk.folder else "all of these", nadir, record))
-    findings.append(Finding("all of these", "no frame of ours refused by the autopilot", str(summary["link"]["refused"]),
+    findings.append(Finding("all of these", "no message of ours rejected by the autopilot", str(summary["link"]["refused"]),
                             summary["link"]["refused"] == 0))
     return findings + [judged_right("all of these", rows)]

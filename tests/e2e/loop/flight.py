@@ -1,4 +1,4 @@
-"""One flight of the closed loop: camera, service and autopilot, started in order and ended whatever happens."""
+"""One flight of the closed loop: camera, service and autopilot, started in order and always stopped."""
 import csv
 import dataclasses
 import json
@@ -17,7 +17,7 @@ AUTOPILOT = HERE.parent.parent / "support" / "autopilot.py"
 
 @dataclasses.dataclass
 class Setup:
-    """What is flown, with what, and what happens on the way."""
+    """The setup of a flight: inputs, options and events."""
     inputs: object  # Inputs
     run: pathlib.Path  # for frames, state, record, logs and results; is there and empty
     nadir: object
@@ -38,7 +38,7 @@ class Setup:
     environment: dict = dataclasses.field(default_factory=dict)  # of nadird, besides ours
 
     def rows(self):
-        """What the autopilot wrote down, ten rows a second."""
+        """The autopilot's log, ten rows a second."""
         with open(self.run / "flight" / "track.csv", newline="", encoding="utf-8") as file:
             return list(csv.DictReader(file))
 
@@ -86,7 +86,7 @@ class Flight:
         self.programs.wait_until_says(self.camera, "waiting for poses")
 
     def painter(self, name, port, fps, out=None):
-        """A renderer that writes into the folder of pictures or another, at the poses that come to that port."""
+        """A renderer that writes into the folder of frames or another, at the poses received on that port."""
         setup, inputs = self.setup, self.inputs
         return self.programs.start(name, [
             setup.nadir, "simulate", "camera", "--world", inputs.world / "ground.tif", "--dem", inputs.world / "dem.tif",
@@ -94,7 +94,7 @@ class Flight:
             fps, "--keep", 30, "--delay-s", setup.delay_s / setup.speed])
 
     def start_service(self, name="service"):
-        """nadird, or the stand-in. Another name is another log."""
+        """nadird, or the stand-in. The name selects the log."""
         self.service = self.programs.start(name, self._service_command(), self.setup.environment)
         if self.setup.stand_in is not None:
             self.programs.wait_until_says(self.service, "listening")
@@ -112,7 +112,7 @@ class Flight:
         self.begun_flying = time.monotonic()
 
     def elapsed_s(self):
-        """Seconds of the autopilot's flight, nearly: it says when it begins."""
+        """Approximate seconds of flight: the autopilot reports its start."""
         return time.monotonic() - self.begun_flying
 
     def must_be_running(self):
@@ -122,11 +122,11 @@ class Flight:
                 raise SystemExit(f"{program.name} ended with {program.process.returncode}:\n{program.tail()}")
 
     def wait(self):
-        """Until the autopilot has flown its minutes. SystemExit when a program ends before."""
+        """Waits until the autopilot has flown its minutes. SystemExit when a program ends before."""
         self.programs.wait_for(self.autopilot, self.setup.minutes * 60 * 2 + 60)
 
     def finish(self):
-        """Ends service and camera in order. (the autopilot's summary, what nadird says of itself or None)"""
+        """Ends service and camera in order. (the autopilot's summary, nadird's own summary or None)"""
         if self.watch is not None:
             self.watch.stop()
         code = self.service.end()

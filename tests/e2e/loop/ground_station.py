@@ -1,4 +1,4 @@
-"""A ground station's end of a link to ArduPlane, with pymavlink: parameters, a mission, arming, and what the aircraft says."""
+"""A ground station's end of a link to ArduPlane, with pymavlink: parameters, a mission, arming, and status texts."""
 import time
 
 from pymavlink import mavutil

@@ -1,4 +1,4 @@
-"""What is done to a flight from outside: the time of day set, tiles spoilt."""
+"""Faults injected from outside: system time changed, tiles corrupted."""
 import mmap
 import pathlib
 import struct
@@ -28,7 +28,7 @@ class HostClock:
 
 
 def spoil_tiles(package):
-    """Every second kilobyte of the imagery's middle is turned over; done twice it is as it was."""
+    """Inverts every second kilobyte in the middle of the imagery; a second call restores it."""
     files = sorted((path for path in package.rglob("*") if path.suffix in (".mbtiles", ".tif")),
                    key=lambda path: path.stat().st_size)
     with open(files[-1], "r+b") as file:

@@ -1,4 +1,4 @@
-"""What the programs that close the loop begin with: the words of their command lines that they share, their folders."""
+"""What the closed-loop programs share: command line options and folders."""
 import contextlib
 import pathlib
 import shutil
@@ -9,9 +9,9 @@ BUILT = pathlib.Path(__file__).resolve().parents[3] / "build" / "bin"
 
 def add_words(parser, width, nadird="nadird"):
     """--width, --inputs, --out, --nadir and --nadird."""
-    parser.add_argument("--width", type=int, default=width, help="of the frames, in pixels")
-    parser.add_argument("--inputs", help="existing folder with world, package and the other inputs")
-    parser.add_argument("--out", help="folder for inputs, logs and results; default: a temporary one")
+    parser.add_argument("--width", type=int, default=width, help="of the frames")
+    parser.add_argument("--inputs", help="existing folder with world, package and the rest")
+    parser.add_argument("--out", help="folder for inputs, logs and results; default: temporary")
     parser.add_argument("--nadir", default=BUILT / "nadir")
     parser.add_argument("--nadird", default=BUILT / nadird)
 

@@ -1,4 +1,4 @@
-"""One thread of a program held still while the others go on, as by a page fault or a computer with too much to do.
+"""Stops one thread of a program while the others continue, as a page fault or an overloaded computer does.
 ptrace(2), Linux; not everywhere allowed."""
 import contextlib
 import ctypes
@@ -27,7 +27,7 @@ def _ptrace(request, thread):
 
 @contextlib.contextmanager
 def held(pid, name):
-    """The thread of that name stands still inside. OSError where that is not allowed."""
+    """The thread of that name is stopped inside the context. OSError where that is not allowed."""
     thread = thread_of(pid, name)
     if thread is None:
         raise OSError(f"{pid} has no thread {name}")

@@ -1,4 +1,4 @@
-"""What a closed loop flies over and with: a world, a package that is signed for it, a camera, an airframe, a circuit."""
+"""The inputs of a closed loop: a world, its signed package, a camera, an airframe, a circuit."""
 import json
 import pathlib
 import re
@@ -22,7 +22,7 @@ def must(*command):
 
 
 class Inputs:
-    """Files under `folder`, made once: a folder that holds them already is used as it is."""
+    """Files under `folder`, created once: an existing folder is used unchanged."""
 
     def __init__(self, folder, nadir, seed=7, size_km=2.0, gsd_m=0.4, width=1920, delay_s=0.25, gps_id=0,
                  with_package=True, airframe="any", uncertainty=None):

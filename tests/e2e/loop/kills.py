@@ -1,4 +1,4 @@
-"""nadird killed again and again in flight, and started anew as systemd does."""
+"""nadird killed repeatedly in flight, and restarted as systemd does."""
 import statistics
 import time
 

@@ -1,4 +1,4 @@
-"""The report of a closed loop: one HTML file with the map, what was sure when, the rules, and what happened."""
+"""The report of a closed loop: one HTML file with the map, accuracy over time, the rules, and the events."""
 import base64
 import html
 import json
@@ -35,7 +35,7 @@ def picture(raster, folder):
 
 
 def places(rows, whose):
-    """(seconds, lat, lon) where it told one; None where it stopped telling."""
+    """(seconds, lat, lon) of each fix; None where there was none."""
     for row in rows:
         lat = row[f"{whose}lat_deg"]
         yield (float(row["time_s"]), float(lat), float(row[f"{whose}lon_deg"])) if lat else None

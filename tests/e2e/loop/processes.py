@@ -1,4 +1,4 @@
-"""Programs that run beside each other, each with its own log, ended in order."""
+"""Programs that run concurrently, each with its own log, stopped in order."""
 import os
 import pathlib
 import resource
@@ -10,8 +10,8 @@ SERVICE_NICENESS = -10  # of a process or of a kernel's autogroup: as heavy as C
 
 
 def favour():
-    """This process and its session weigh as a service does: what else the machine has to do is not the aircraft's matter,
-    and what stands for its hardware must not be late. Nothing where the kernel or our rights do not allow it."""
+    """Gives this process and its session the CPU weight of a service, because what stands in for the aircraft's hardware
+    must not be delayed by other work. No effect where the kernel or permissions do not allow it."""
     try:
         os.nice(SERVICE_NICENESS)
         pathlib.Path("/proc/self/autogroup").write_text(f"{SERVICE_NICENESS}\n", encoding="ascii")

@@ -1,5 +1,5 @@
 """Which flight proves which rule of docs/onboard.md in real time, and what must be seen there. A row of the page's tables
-that is named nowhere here is found out by closed_loop_test.py."""
+without a proof here fails closed_loop_test.py."""
 import dataclasses
 
 from .rules import Happened
@@ -7,7 +7,7 @@ from .rules import Happened
 SETTLES_S = 0.5  # a look every 0.05 s, a STATUSTEXT on its way, an autopilot that hears it fifty times a second
 FIRST_FIX_S, FAILSAFE_S, BLIND_S, LINK_LOST_S = 30, 3, 30, 5
 
-# Rows that no flight here gives an occasion for.
+# Rows that no flight here triggers.
 UNIT_TESTS_ALONE = {
     "sigma_too_large": "blind, σ grows to some 200 m before 30 s are over",
     "localizer_lost": "the same: by then the state says so",
@@ -22,19 +22,19 @@ class Proof:
     asked: str  # in words
     within_s: float  # … and so quickly; None: whenever
     look: object  # f(Seen) -> seconds, or None when it was not seen
-    needs: str = None  # what hands must have been able to do
+    needs: str = None  # the fault injection that must have been possible
 
 
 @dataclasses.dataclass
 class Seen:
-    """One flight: the autopilot's side (Happened), the API's events (seconds of flight, kind, text), and when hands did
-    what."""
+    """One flight: the autopilot's side (Happened), the API's events (seconds of flight, kind, text), and when each fault
+    was injected."""
     happened: Happened
     events: list
     done: dict
 
     def after(self, start, text):
-        """From `start` until the operator was told; None when never, or when nothing started it."""
+        """From `start` until the operator was notified; None when never, or when nothing started it."""
         at = None if start is None else self.happened.told(text, start - 0.05)
         return None if at is None else max(0.0, at - start)
 
@@ -67,7 +67,7 @@ def _after_hand(name, text):
 
 
 def _grows(seen):
-    """σ while blind, from the first row that says so to the last; in seconds of blindness that were looked at."""
+    """σ while blind, from the first such row to the last; the result is the seconds examined."""
     begin = seen.happened.told("Nadir: no camera frames, dead reckoning", seen.act("camera-cut", 1) or 0)
     end = None if begin is None else seen.happened.told("Nadir: NO FIX, blind for too long", begin)
     if end is None:
@@ -80,7 +80,7 @@ def _grows(seen):
 
 
 def _follows(seen):
-    """The fix while blind stays within three of the sigmas that it claims, and turns with the aircraft."""
+    """The fix while blind stays within three of the stated sigmas, and turns with the aircraft."""
     begin = seen.act("camera-cut", 1)
     rows = [] if begin is None else [row for row in seen.happened.between(begin, begin + BLIND_S)
                                      if int(row["given_fix_type"]) >= 3 and row["given_error_m"]]
@@ -89,7 +89,7 @@ def _follows(seen):
 
 
 def _left_out(seen):
-    """… and no fix is led astray by it."""
+    """… and does not disturb any fix."""
     at = seen.done.get("backlog")
     said = seen.event(at, "stale frames", "camera")
     rows = [] if at is None else seen.happened.between(at, at + 8)
@@ -99,7 +99,7 @@ def _left_out(seen):
 
 
 def _never_accused(seen):
-    """Not even when the filter complains, after half a minute by our dead reckoning."""
+    """Not even while the filter reports a glitch after half a minute of our dead reckoning."""
     given_up = seen.happened.told("Nadir: NO FIX, blind for too long", seen.act("camera-cut", 1) or 0)
     accused = seen.happened.told("Nadir: GPS SPOOFED")
     return seen.happened.end_s() - given_up if given_up is not None and accused is None else None
@@ -124,23 +124,23 @@ def _steady_first(least_s, start, text):
     return look
 
 
-BACK_S = 8  # found on the map, and steady: a look at the map takes its time
-LONG_DARK_S = 25  # blind for half a minute, the place is off the prediction: voices from different ground must agree
+BACK_S = 8  # matched and stable: matching takes its time
+LONG_DARK_S = 25  # blind for half a minute, the match contradicts the prediction: votes from different ground must agree
 PROOFS = [
-    Proof("a frame that shows nothing", "camera", "reported after a black frame", SETTLES_S + 0.3,
+    Proof("a frame that shows nothing", "camera", "notified after a black frame", SETTLES_S + 0.3,
           _after_hand("black", "Nadir: camera blind, dead reckoning")),
-    Proof("frame_unfit", "camera", "reported after a repeated frame", SETTLES_S + 0.3,
+    Proof("frame_unfit", "camera", "notified after a repeated frame", SETTLES_S + 0.3,
           _after_hand("again", "Nadir: camera blind, dead reckoning")),
-    Proof("frames, but no estimate", "camera", "told while the localizer stands still", 1 + SETTLES_S + 0.4,
+    Proof("frames, but no estimate", "camera", "notified while the localizer is stopped", 1 + SETTLES_S + 0.4,
           _after_hand("held", "Nadir: estimates late, dead reckoning"), needs="held"),
     Proof("localizer_late", "camera", "the same, in the events", 1 + SETTLES_S + 0.4,
           lambda seen: seen.event(seen.done.get("held"), "no estimate for"), needs="held"),
-    Proof("camera_silent", "camera", "backlog dropped", 1, _left_out),
-    Proof("no frame", "camera", "reported after the last frame", 0.4 + 0.34 + 0.25 + SETTLES_S,
+    Proof("camera_silent", "camera", "delayed frames are dropped", 1, _left_out),
+    Proof("no frame", "camera", "notified after the last frame", 0.4 + 0.34 + 0.25 + SETTLES_S,
           _after("camera-cut", "Nadir: no camera frames, dead reckoning", 1)),
     Proof("σ while blind", "camera", "never shrinks, grows by 5 m/s", None, _grows),
     Proof("the fix while blind", "camera", "within three of its sigmas for 30 s", None, _follows),
-    Proof("blind for longer than 30 s, or σ beyond 500 m", "camera", "told after the camera went dark", BLIND_S + 2,
+    Proof("blind for longer than 30 s, or σ beyond 500 m", "camera", "notified after the camera failed", BLIND_S + 2,
           _after("camera-cut", "Nadir: NO FIX, blind for too long", 1)),
     Proof("blind_too_long", "camera", "and the fix is gone", BLIND_S + 2, lambda seen: next(
         (float(row["time_s"]) - seen.act("camera-cut", 1)
@@ -152,14 +152,14 @@ PROOFS = [
     Proof("back from `no_fix`", "camera", "an anchor, then 1 s", LONG_DARK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore", 1), "Nadir: position found again")),
     Proof("first_anchor", "camera", "cold start", FIRST_FIX_S, lambda seen: seen.happened.first_fix()),
-    Proof("link_authentic", "camera", "told", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: searching for the position")),
-    Proof("denied", "failsafe", "told after GPS was lost", 1.5 + SETTLES_S, _after("gps-denied", "Nadir: GPS denied")),
+    Proof("link_authentic", "camera", "notified", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: searching for the position")),
+    Proof("denied", "failsafe", "notified after GPS was lost", 1.5 + SETTLES_S, _after("gps-denied", "Nadir: GPS denied")),
     Proof("gps_denied", "failsafe", "the same, in the events", 1.5 + SETTLES_S,
           lambda seen: seen.event(seen.act("gps-denied"), "GPS is denied")),
-    Proof("GPS denied or spoofed, and we have a position", "failsafe", "told after GPS was lost", 3,
+    Proof("GPS denied or spoofed, and we have a position", "failsafe", "notified after GPS was lost", 3,
           _after("gps-denied", "Nadir: autopilot now navigating by Nadir")),
     Proof("vision_leads", "failsafe", "after the verdict", SETTLES_S, _between("gps-denied", "Nadir: GPS denied", "Nadir: autopilot now navigating by Nadir")),
-    Proof("no position for longer than 3 s", "failsafe", "told after our fix was lost", FAILSAFE_S + SETTLES_S,
+    Proof("no position for longer than 3 s", "failsafe", "notified after our fix was lost", FAILSAFE_S + SETTLES_S,
           _between("camera-cut", "Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position")),
     Proof("no_position", "failsafe", "not before 3 s", FAILSAFE_S + SETTLES_S, _steady_first(
         FAILSAFE_S - 0.2, lambda seen: seen.happened.told("Nadir: NO FIX, blind for too long"),
@@ -173,24 +173,24 @@ PROOFS = [
     Proof("link_lost", "failsafe", "not before 5 s", LINK_LOST_S + 1 + SETTLES_S, lambda seen: next(
         (after for after in [seen.event(seen.act("link-cut"), "no messages from the autopilot")]
          if after is not None and after >= LINK_LOST_S - 1.2), None)),
-    Proof("link_back", "failsafe", "told", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link restored")),
-    Proof("spoofed", "lies", "told after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
-    Proof("spoofed", "camera", "never, of a GPS that is well", None,
+    Proof("link_back", "failsafe", "notified", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link restored")),
+    Proof("spoofed", "lies", "notified after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
+    Proof("spoofed", "camera", "never while GPS is good", None,
           _never_accused),
     Proof("gps_spoofed", "lies", "dragged off by 4 m/s", 25, _after("gps-drag", "Nadir: GPS SPOOFED")),
     Proof("trusted again", "lies", "10 s undisturbed and in agreement", 16,
           _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
     Proof("gps_leads", "lies", "then", SETTLES_S,
           _between("gps-recover", "Nadir: GPS trusted", "Nadir: autopilot navigating by GPS")),
-    Proof("gps_trusted", "silence", "merely denied, no frames: 60 s", 63,
+    Proof("gps_trusted", "silence", "denied only, without frames: 60 s", 63,
           _steady_first(59.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
-    Proof("gps_position", "silence", "failsafe is over with it", SETTLES_S,
+    Proof("gps_position", "silence", "ends failsafe", SETTLES_S,
           _between("gps-recover", "Nadir: GPS trusted", "Nadir: failsafe over, GPS has a position")),
-    Proof("restored", "restart", "told after the kill", 5, _after_hand("killed", "Nadir: restarted, dead reckoning")),
-    Proof("package_verified", "restart", "verified anew, in the events", 5,
+    Proof("restored", "restart", "notified after the kill", 5, _after_hand("killed", "Nadir: restarted, dead reckoning")),
+    Proof("package_verified", "restart", "verified again, in the events", 5,
           lambda seen: seen.event(seen.done.get("killed"), "the package is signed and complete")),
-    Proof("back from `failsafe`", "first", "the first position waits for nothing", BACK_S, _first_waits_for_nothing),
-    Proof("package_refused", "refused", "told, and no fix ever", 10, _told_nothing),
+    Proof("back from `failsafe`", "first", "the first position is used immediately", BACK_S, _first_waits_for_nothing),
+    Proof("package_refused", "refused", "notified, and never a fix", 10, _told_nothing),
     Proof("link_unsigned", "stranger", "in the events", 10,
           lambda seen: seen.event(0.0, "without a valid signature")),
 ]

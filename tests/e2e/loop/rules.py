@@ -1,7 +1,7 @@
-"""The table of rules that nadird is held to (docs/onboard.md), looked up in what happened to the aircraft.
+"""The rules of docs/onboard.md, checked against what happened to the aircraft.
 
-The times are the autopilot's: when the operator was told, when a fix came. Rules that a flight had no occasion for are
-left out.
+Times are the autopilot's: when the operator was notified, when a fix arrived. Rules that a flight did not trigger are
+omitted.
 """
 import dataclasses
 import re
@@ -10,7 +10,7 @@ SPOOFED, DENIED, TRUSTED = "Nadir: GPS SPOOFED", "Nadir: GPS denied", "Nadir: GP
 MAP_LEADS, GPS_LEADS = "Nadir: autopilot now navigating by Nadir", "Nadir: autopilot navigating by GPS"
 NO_PICTURES, SEES_AGAIN = "Nadir: no camera frames, dead reckoning", "Nadir: visual position restored"
 COLD_START_S, PROMOTED_S, BLACKOUT_S, BLIND_S, UNDISTURBED_S = 30, 3, 0.4, 30, 10
-LOOKS_S = 0.15  # nadird looks every 0.05 s, and may be late; a camera that does not keep time gets 1.2 of its intervals
+LOOKS_S = 0.15  # nadird looks every 0.05 s, and may be late; an irregular camera is allowed 1.2 of its intervals
 FOLLOWS_M = 100
 DROPPED_SHARE = 0.1
 
@@ -24,7 +24,7 @@ class Rule:
 
 
 class Happened:
-    """What can be asked of a flight. summary and rows: the autopilot's. changes: what Watch saw."""
+    """Queries about a flight. summary and rows: the autopilot's. changes: what Watch saw."""
 
     def __init__(self, summary, rows, changes=()):
         self.summary, self.rows, self.changes = summary, rows, changes
@@ -35,7 +35,7 @@ class Happened:
                 if event["kind"] == "scenario" and event["what"].partition("=")[0] in actions]
 
     def told(self, text, after_s=0.0):
-        """When the operator was told so, first after that time; None when never."""
+        """When the operator first received this text after that time; None when never."""
         return next((event["time_s"] for event in self.summary["events"]
                      if event["kind"] == "statustext" and event["text"] == text and event["time_s"] >= after_s), None)
 
@@ -49,12 +49,12 @@ class Happened:
         return float(self.rows[-1]["time_s"])
 
     def reason(self, pattern):
-        """The first number that such a reason of a change of state names."""
+        """The first number in a matching reason of a state change."""
         return next((float(found.group(1)) for *_, reason in self.changes if (found := re.search(pattern, reason))), None)
 
 
 def judge(summary, rows, service, changes=()):
-    """The rules that this flight had an occasion for, in the order of the table. service: run_summary()'s."""
+    """The rules that this flight triggered, in the order of the table. service: run_summary()'s."""
     flight = Happened(summary, rows, changes)
     rules = [_cold_start(flight)]
     for action, text in (("gps-step", SPOOFED), ("gps-drag", SPOOFED), ("gps-denied", DENIED)):
@@ -76,7 +76,7 @@ def _cold_start(flight):
 
 
 def _promoted(flight, action, text, at):
-    """A drag is slow by its nature: it counts from when the operator is told of it."""
+    """A drag is slow: it counts from when the operator is notified."""
     told = flight.told(text, at)
     since = told if action == "gps-drag" else at
     lead = None if since is None else flight.told(MAP_LEADS, at)
@@ -84,7 +84,7 @@ def _promoted(flight, action, text, at):
     flown = since is not None and all(row["source"] == "gps_input"
                                       for row in flight.between(since + PROMOTED_S, since + PROMOTED_S + 3))
     what = "denied" if text == DENIED else "spoofed"
-    return Rule(f"GPS {what} to flying by our fix", f"{PROMOTED_S} s", _seconds(after) + ("" if flown else ", not flown by it"),
+    return Rule(f"GPS {what} to navigating by our fix", f"{PROMOTED_S} s", _seconds(after) + ("" if flown else ", not navigating by it"),
                 after is not None and after <= PROMOTED_S and flown)
 
 
@@ -97,12 +97,12 @@ def _blackouts(flight):
 def _blackout(flight, cut, restored):
     told = flight.told(NO_PICTURES, cut)
     blind = flight.reason(r"no frame for ([\d.]+) s")
-    rules = [Rule("no frame to dead reckoning", f"{BLACKOUT_S} s after the last one",
+    rules = [Rule("camera loss to dead reckoning", f"{BLACKOUT_S} s after the last one",
                   _seconds(blind if told is not None else None),
                   told is not None and blind is not None and blind <= BLACKOUT_S + LOOKS_S)]
     sigmas = [float(row["given_accuracy_m"]) for row in flight.between(told or cut, restored) if row["given_accuracy_m"]]
     shrinks = max((a - b for a, b in zip(sigmas, sigmas[1:])), default=0.0)
-    grown = f"{sigmas[0]:.1f} m to {sigmas[-1]:.1f} m" if sigmas else "none told"
+    grown = f"{sigmas[0]:.1f} m to {sigmas[-1]:.1f} m" if sigmas else "none reported"
     rules.append(Rule("σ while blind", "never shrinks", grown + (f", shrinks by {shrinks:.2f} m" if shrinks > 0.011 else ""),
                       bool(sigmas) and shrinks <= 0.011))
     if restored - cut > BLIND_S + 2:
@@ -112,7 +112,7 @@ def _blackout(flight, cut, restored):
     if restored < flight.end_s() - 5:
         again = next((at for text in (SEES_AGAIN, "Nadir: position found again")
                       if (at := flight.told(text, restored)) is not None), None)
-        rules.append(Rule("frames again: visual position restored", "seen", _seconds(None if again is None else again - restored),
+        rules.append(Rule("visual position restored", "seen", _seconds(None if again is None else again - restored),
                           again is not None))
     return rules
 
@@ -120,11 +120,11 @@ def _blackout(flight, cut, restored):
 def _recovered(flight, at):
     trusted, leads = flight.told(TRUSTED, at), flight.told(GPS_LEADS, at)
     after = None if trusted is None else trusted - at
-    yield Rule("GPS good again to trusted", f"not before {UNDISTURBED_S} s, and in agreement with vision", _seconds(after),
+    yield Rule("GPS recovery to trusted", f"not before {UNDISTURBED_S} s, and in agreement with frames", _seconds(after),
                (after is not None and after >= UNDISTURBED_S - LOOKS_S)
                or (after is None and flight.end_s() - at < 2 * UNDISTURBED_S))
     if trusted is not None:
-        yield Rule("… and flown by again", "then", _seconds(None if leads is None else leads - at), leads is not None)
+        yield Rule("… and used for navigation again", "then", _seconds(None if leads is None else leads - at), leads is not None)
 
 
 def _not_followed(flight):
@@ -135,9 +135,9 @@ def _not_followed(flight):
 
 def _healthy(flight):
     bad = flight.summary["gps_input"].get("unhealthy", 0)
-    return Rule("GPS_INPUT as the autopilot sees it", "healthy (GPS_INPUT in less than 245 ms)",
+    return Rule("our GPS as the autopilot sees it", "healthy (GPS_INPUT in less than 245 ms)",
                 f"longest pause {flight.summary['gps_input_spacing_max_s']:.2f} s"
-                + (f", {bad} refused as unhealthy" if bad else ""), bad == 0)
+                + (f", {bad} rejected as unhealthy" if bad else ""), bad == 0)
 
 
 def _heartbeats(flight):
@@ -146,8 +146,8 @@ def _heartbeats(flight):
 
 
 def _dropped(service):
-    share = service["dropped"] / max(service["pictures"], 1)
-    return Rule("frames dropped", f"{100 * DROPPED_SHARE:.0f} %", f"{100 * share:.1f} % of {service['pictures']}",
+    share = service["dropped"] / max(service["frames"], 1)
+    return Rule("frames dropped", f"{100 * DROPPED_SHARE:.0f} %", f"{100 * share:.1f} % of {service['frames']}",
                 share <= DROPPED_SHARE)
 
 

@@ -1,9 +1,9 @@
-"""What nadird says of a flight when it ends, in figures."""
+"""The figures of nadird's summary at the end of a flight."""
 import re
 
 LINE = re.compile(r"(\d+) frames, (\d+) dropped; frame to fix p50 (\d+), p95 (\d+), max (\d+) ms; (\d+) fixes, longest "
                   r"gap (\d+) ms")
-NAMES = ("pictures", "dropped", "p50_ms", "p95_ms", "max_ms", "fixes", "longest_pause_ms")
+NAMES = ("frames", "dropped", "p50_ms", "p95_ms", "max_ms", "fixes", "longest_pause_ms")
 
 
 def run_summary(log):

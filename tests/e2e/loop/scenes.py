@@ -1,9 +1,9 @@
-"""Short flights in which the rules of docs/onboard.md have their occasions, one after the other."""
+"""Short flights that trigger the rules of docs/onboard.md one after the other."""
 import dataclasses
 import shutil
 import time
 
-from . import made_pictures
+from . import camera_faults
 from .flight import Flight, Setup
 from .held_thread import held
 
@@ -21,7 +21,7 @@ class Scene:
 
 
 class Stage:
-    """A flight under way, and what hands may do to it. missed: what this machine does not allow, by the hand's name."""
+    """A flight in progress and the faults to inject. missed: what this machine does not permit, by the fault's name."""
 
     def __init__(self, flight, width, height):
         self.flight, self.frames, self.size = flight, flight.run / "frames", (width, height)
@@ -29,15 +29,15 @@ class Stage:
 
     def black_picture(self):
         self.note("black")
-        made_pictures.black(self.frames, *self.size)
+        camera_faults.black(self.frames, *self.size)
 
     def same_picture(self):
-        made_pictures.again(self.frames)
+        camera_faults.again(self.frames)
         self.note("again")
 
     def backlog(self):
         self.note("backlog")
-        made_pictures.backlog(self.frames, 12)
+        camera_faults.backlog(self.frames, 12)
 
     def hold_localizer(self):
         try:
@@ -60,7 +60,7 @@ class Stage:
 
 
 SCENES = {
-    "camera": Scene("a camera in every kind of trouble; GPS is well", 132, [
+    "camera": Scene("every camera fault; GPS is good", 132, [
         "48:camera-cut", "56:camera-restore", "66:camera-cut", "99:camera-restore"], [
         (20, Stage.black_picture), (28, Stage.same_picture), (36, Stage.hold_localizer), (54, Stage.backlog)]),
     "failsafe": Scene("no GPS, no frames, no link", 104, [
@@ -70,7 +70,7 @@ SCENES = {
     "silence": Scene("GPS is denied and comes back while there are no frames", 104, [
         "18:camera-cut", "20:gps-denied", "32:gps-recover"]),
     "restart": Scene("killed in flight", 45, ["15:gps-denied"], [(25, Stage.kill)]),
-    "first": Scene("in the air without any position", 32, ["0:gps-denied", "0:camera-cut", "10:camera-restore"]),
+    "first": Scene("in flight without any position", 32, ["0:gps-denied", "0:camera-cut", "10:camera-restore"]),
     "refused": Scene("a package that does not verify", 14, [], spoilt_package=True),
     "stranger": Scene("an autopilot that does not sign", 14, [], autopilot_signs=False),
 }

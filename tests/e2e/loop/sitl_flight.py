@@ -1,5 +1,5 @@
-"""One flight of ArduPlane's simulator by nadird's fixes: take-off by its own GPS, a climb to the circuit, laps, and what
-is done to its GPS on the way."""
+"""One flight of ArduPlane's simulator by nadird's fixes: take-off by its own GPS, a climb to the circuit, laps, and faults
+of its GPS on the way."""
 import csv
 import math
 import pathlib
@@ -69,7 +69,7 @@ class SitlFlight(Flight):
         folder = self.run / "arduplane"
         folder.mkdir()
         port = free_port()
-        # Link 0 is taken for a cable, which ArduPilot believes without a signature: the painter of the pictures is there.
+        # ArduPilot treats link 0 as a cable and accepts it unsigned: the renderer uses it.
         self.autopilot = self.programs.start("arduplane", arduplane.command(
             self.program, folder, self._home(), (self.truth_port, port, self.link_port),
             {**(arduplane.UNPROVISIONED if self.setup.signed else {}), **self.parameters}))
@@ -101,7 +101,7 @@ class SitlFlight(Flight):
                 raise SystemExit(f"{program.name} ended with {program.process.returncode}:\n{program.tail()}")
 
     def finish(self):
-        """What nadird says of itself."""
+        """nadird's own summary."""
         self.watch.stop()
         code = self.service.end()
         self.camera.end()
@@ -110,7 +110,7 @@ class SitlFlight(Flight):
         return run_summary(self.service.text())
 
     def _provision(self):
-        """Parameters, restart and key, as a user does it; the texts go on meanwhile."""
+        """Parameters, restart and key, as a user provisions them; texts are received meanwhile."""
         command = self.programs.start("provision", [
             self.setup.nadir, "provision", "autopilot", "--autopilot", f"udpin:127.0.0.1:{self.link_port}", "--apply",
             "--signing-key", self.inputs.key])
@@ -119,7 +119,7 @@ class SitlFlight(Flight):
         if command.end() != 0:
             raise SystemExit(f"provisioning failed:\n{command.tail()}")
         self.station.sign(bytes.fromhex(self.inputs.key.read_text(encoding="ascii").strip()))
-        self.station.ask_for_all()  # it was started anew
+        self.station.ask_for_all()  # it was restarted
 
     def _home(self):
         """The first corner, on the ground, towards the second."""
@@ -128,7 +128,7 @@ class SitlFlight(Flight):
         return lat, lon, Grid(self.inputs.terrain).height(lat, lon), math.degrees(math.atan2(east, north)) % 360
 
     def _be_ready(self):
-        """Until its filter knows the place, by its own GPS."""
+        """Waits until its filter has a position from its own GPS."""
         self.station.wait_for("position", lambda _: self.track.filter and bool(self.track.filter[-1][1] & POSITION_KNOWN),
                               patience_s=READY_S)
 

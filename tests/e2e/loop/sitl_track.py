@@ -1,4 +1,4 @@
-"""What a ground station hears of a flight, laid beside the truth that the simulator tells (SIM_STATE)."""
+"""What a ground station receives during a flight, compared with the simulator's truth (SIM_STATE)."""
 import bisect
 import math
 import pathlib
@@ -45,8 +45,8 @@ class Track:
 
     def _attitude(self, message, now):
         if self.now_s is not None and message.time_boot_ms / 1000 < self.now_s:
-            self._begin()  # it was started anew
-        # The least delay of all that came is nearly none.
+            self._begin()  # it was restarted
+        # The smallest delay observed is nearly zero.
         ahead = message.time_boot_ms / 1000 - now
         self._ahead_s = ahead if self._ahead_s is None else max(self._ahead_s - 1e-5, ahead)
         self.now_s = message.time_boot_ms / 1000
@@ -103,19 +103,19 @@ class Track:
         return self.errors([row for row in rows if row[1] >= FIX_3D], from_s, to_s, (2, 3))
 
     def wrong_and_sure(self, from_s, to_s):
-        """(given fixes that are far off and say that they are not, all of them)"""
+        """(number of fixes that are far off without stating so, number of fixes)"""
         accuracies = {row[0]: row[4] for row in self.given}
         errors = self.fix_errors(self.given, from_s, to_s)
         return sum(metres > max(WRONG_M, WRONG_SIGMAS * accuracies[at]) for at, metres in errors), len(errors)
 
     def deviations(self, from_s, to_s):
-        """Of the true track from the legs of the circuit, in metres."""
+        """Distances of the true track from the legs of the circuit, in metres."""
         legs = list(zip(self.corners, self.corners[1:] + self.corners[:1]))
         return [(row[0], min(_to_leg(a, b, row[1:3]) for a, b in legs)) for row in self.truth[::3]
                 if from_s <= row[0] <= to_s]
 
     def resets(self, from_s, to_s):
-        """[(time, metres)]: the autopilot's position was set, not moved."""
+        """[(time, metres)]: the autopilot's position was reset."""
         found = []
         for a, b in zip(self.believed, self.believed[1:]):
             dt = b[0] - a[0]
@@ -125,7 +125,7 @@ class Track:
         return found
 
     def attitude_errors(self, from_s, to_s):
-        """Of roll, pitch and heading: [mean, spread], degrees; None when nothing was heard."""
+        """Of roll, pitch and heading: [mean, spread], degrees; None when nothing was received."""
         columns = list(zip(*(row[1:] for row in self.attitude if from_s <= row[0] <= to_s)))
         return [(statistics.mean(column), statistics.pstdev(column)) for column in columns] or None
 

@@ -1,10 +1,10 @@
-"""The figures of a flight of ArduPlane's simulator, its timeline, and whether they are what they should be."""
+"""The figures of a flight of ArduPlane's simulator, its timeline, and their limits."""
 from .arduplane import version
 from .evidence import WRONG_M, WRONG_SIGMAS
 
 MAX_FILTER_ERROR_M, MAX_FIX_ERROR_M = 50, 50
-MAX_DEVIATION_M = 150  # at its sharp corners it swings out by 105 m, however well it knows where it is
-SETTLED_S = 3  # after the trouble
+MAX_DEVIATION_M = 150  # at its sharp corners it overshoots by 105 m, however accurate its position
+SETTLED_S = 3  # after the fault
 
 
 def spread(pairs):
@@ -32,8 +32,8 @@ class SitlVerdict:
             yield f"{name} the trouble", f"{to_s - from_s:.0f} s"
             yield "  true track from legs", spread(track.deviations(from_s, to_s))
             yield "  filter from truth", spread(track.errors(track.believed, from_s, to_s))
-            yield "  fix from truth", spread(track.fix_errors(track.given, from_s, to_s))
-            yield "  wrong with confidence", "{} of {} fixes beyond {} m and {} σ".format(
+            yield "  given fix from truth", spread(track.fix_errors(track.given, from_s, to_s))
+            yield "  wrong and sure", "{} of {} fixes beyond {} m and {} of their sigmas".format(
                 *track.wrong_and_sure(from_s, to_s), WRONG_M, WRONG_SIGMAS)
             yield "  own receiver from truth", spread(track.fix_errors(track.own, from_s, to_s))
             if (off := track.attitude_errors(from_s, to_s)) is not None:
@@ -42,10 +42,10 @@ class SitlVerdict:
             yield "  filter's resets", ", ".join(f"{metres:.0f} m at {self.clock(at)}" for at, metres in
                                                  track.resets(from_s - SETTLED_S, to_s)) or "none"
             flags = track.filter_flags(from_s, to_s)
-            yield "  filter status", "none" if flags is None else (
+            yield "  filter says", "nothing" if flags is None else (
                 f"position known {100 * flags[0]:.0f} %, GPS glitch {100 * flags[1]:.0f} % of the time, position variance "
                 f"at most {flags[2]:.2f}")
-        yield "frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} frames dropped".format(
+        yield "frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {frames} frames dropped".format(
             **self.service)
 
     def shortfalls(self):
@@ -53,12 +53,12 @@ class SitlVerdict:
         track, found = self.track, []
         for what, pairs, allowed in (
                 ("the autopilot's position was off by", track.errors(track.believed, from_s, to_s), MAX_FILTER_ERROR_M),
-                ("a fix was off by", track.fix_errors(track.given, from_s, to_s), MAX_FIX_ERROR_M),
+                ("a given fix was off by", track.fix_errors(track.given, from_s, to_s), MAX_FIX_ERROR_M),
                 ("the true track left the legs by", track.deviations(from_s, to_s), MAX_DEVIATION_M)):
             if not pairs:
-                found.append(f"{what} nobody knows how much")
+                found.append(f"{what} an unknown distance")
             elif (worst := max(value for _, value in pairs)) > allowed:
-                found.append(f"{what} {worst:.0f} m, allowed are {allowed}")
+                found.append(f"{what} {worst:.0f} m, at most {allowed}")
         if (wrong := track.wrong_and_sure(from_s, to_s)[0]) > 0:
             found.append(f"{wrong} fixes were beyond {WRONG_M} m and {WRONG_SIGMAS} of their sigmas")
         return found

@@ -1,4 +1,4 @@
-"""A folder on a disk of its own that is soon full. Needs the right to mount; a context whose `folder` is None without."""
+"""A folder on a small file system of its own. Requires permission to mount; otherwise a context whose `folder` is None."""
 import shutil
 import subprocess
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Stands in for the service in the harness's own test: gives the truth, with noise, as GPS_INPUT ten times a second.
+"""Stands in for the service in the harness's own test: sends the truth, with noise, as GPS_INPUT ten times a second.
 
 usage: stand_in.py LINK_PORT TRUTH_PORT [--offset-m M] [--key-file FILE]
 """

@@ -1,10 +1,10 @@
-"""The figures of a closed loop, its timeline, and whether they are what they should be."""
+"""The figures of a closed loop, its timeline, and their limits."""
 import csv
 
 MAX_DEVIATION_M = 50
 MEDIAN_DEVIATION_M = 10
 MAX_SPACING_S = 0.2
-FOLLOWS_SPOOF_M = 100  # a fix that is so far off follows a spoofer of 300 m
+FOLLOWS_SPOOF_M = 100  # a fix this far off follows a 300 m spoofing step
 LATENCY_P95_MS = 120
 DROPPED_SHARE = 0.1
 BY_PICTURES = ("satellite_anchored", "vo_extrapolated")  # they change all the time
@@ -22,42 +22,42 @@ class Verdict:
         self.after_s = after_s
 
     def share_given(self):
-        """Of the time after the denial, flown by what was given."""
+        """The share of the time after the denial navigated by the given position."""
         later = [row["source"] for row in self.rows if float(row["time_s"]) > self.after_s + 3]
         return sum(source == "gps_input" for source in later) / len(later) if later else 0.0
 
     def promotion_s(self):
-        """From the denial until the autopilot flew by what it was given."""
+        """From the denial until the autopilot navigated by the given position."""
         for row in self.rows:
             if float(row["time_s"]) >= self.after_s and row["source"] == "gps_input":
                 return float(row["time_s"]) - self.after_s
         return None
 
     def shortfalls(self, everything=True):
-        """What is not as it should be, in words. everything: what depends on how busy the machine is as well."""
+        """The violated limits as text. everything: also those that depend on the load of the machine."""
         found = []
         deviation, fix = self.summary["deviation_m"], self.summary["fix_error_m"]
         if deviation["max"] > MAX_DEVIATION_M:
-            found.append(f"the true track leaves the plan by {deviation['max']} m, allowed are {MAX_DEVIATION_M}")
+            found.append(f"the true track leaves the plan by {deviation['max']} m, at most {MAX_DEVIATION_M}")
         if deviation["median"] > MEDIAN_DEVIATION_M:
-            found.append(f"the median deviation is {deviation['median']} m, allowed are {MEDIAN_DEVIATION_M}")
+            found.append(f"the median deviation is {deviation['median']} m, at most {MEDIAN_DEVIATION_M}")
         if self.summary["resets_by_gps_input"] > 0:
             found.append(f"the autopilot's filter was reset {self.summary['resets_by_gps_input']} times by GPS_INPUT")
         if fix is None:
             found.append("no fix was given")
         elif fix["max"] > FOLLOWS_SPOOF_M:
-            found.append(f"a given fix was {fix['max']} m off, allowed are {FOLLOWS_SPOOF_M}")
+            found.append(f"a given fix was {fix['max']} m off, at most {FOLLOWS_SPOOF_M}")
         return found + (self._slow() if everything else [])
 
     def _slow(self):
         found = []
         if self.summary["gps_input_spacing_max_s"] > MAX_SPACING_S + 0.02:  # the autopilot looks fifty times a second
-            found.append(f"GPS_INPUT paused for {self.summary['gps_input_spacing_max_s']:.2f} s, allowed are "
+            found.append(f"GPS_INPUT paused for {self.summary['gps_input_spacing_max_s']:.2f} s, at most "
                          f"{MAX_SPACING_S}")
         if self.service is not None and self.service["p95_ms"] > LATENCY_P95_MS:
-            found.append(f"from frame to fix {self.service['p95_ms']} ms (p95), allowed are {LATENCY_P95_MS}")
-        if self.service is not None and self.service["dropped"] > DROPPED_SHARE * self.service["pictures"]:
-            found.append(f"{self.service['dropped']} of {self.service['pictures']} frames were dropped")
+            found.append(f"from frame to fix {self.service['p95_ms']} ms (p95), at most {LATENCY_P95_MS}")
+        if self.service is not None and self.service["dropped"] > DROPPED_SHARE * self.service["frames"]:
+            found.append(f"{self.service['dropped']} of {self.service['frames']} frames were dropped")
         if (self.memory_growth_percent or 0) > MEMORY_GROWTH_PERCENT:
             found.append(f"memory grew by {self.memory_growth_percent:.0f} % after the first minute")
         return found
@@ -66,18 +66,18 @@ class Verdict:
         deviation, fix = self.summary["deviation_m"], self.summary["fix_error_m"]
         promotion = self.promotion_s()
         service = [] if self.service is None else [
-            ("frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {pictures} frames dropped; longest "
-                               "gap between fixes {longest_pause_ms} ms".format(**self.service))]
+            ("frame to fix", "p50 {p50_ms}, p95 {p95_ms}, max {max_ms} ms; {dropped} of {frames} frames dropped; longest "
+                               "pause of fixes {longest_pause_ms} ms".format(**self.service))]
         return [
             ("flown", f"{self.summary['duration_s']:.0f} s, laps of {self.summary['plan_m']:.0f} m"),
             ("true track from plan", f"median {deviation['median']:.1f}, p95 {deviation['p95']:.1f}, max "
                                      f"{deviation['max']:.1f} m"),
-            ("fix from truth", "no fix" if fix is None else
+            ("given fix from truth", "none was given" if fix is None else
              f"median {fix['median']:.1f}, p95 {fix['p95']:.1f}, max {fix['max']:.1f} m over {fix['count']} fixes"),
-            ("our fixes in use", f"{100 * self.share_given():.1f} % after the first fault"
+            ("flown by given fixes", f"{100 * self.share_given():.1f} % after the first trouble"
                                      + ("" if promotion is None else f", from {promotion:.1f} s after it on")),
             ("GPS_INPUT", ", ".join(f"{n} {word}" for word, n in sorted(self.summary["gps_input"].items())) or "none"),
-            ("longest gap", f"{self.summary['gps_input_spacing_max_s']:.2f} s, {self.summary['gps_input_late']} later than "
+            ("longest pause", f"{self.summary['gps_input_spacing_max_s']:.2f} s, {self.summary['gps_input_late']} later than "
                               "0.245 s"),
             ("filter resets", ", ".join(f"{r['time_s']:.0f} s by {r['source']} ({r['reason']}, {r['metres']:.0f} m)"
                                         for r in self.summary["resets"]) or "none"),
@@ -86,7 +86,7 @@ class Verdict:
 
 
 def timeline(summary, changes, begun):
-    """Lines in order of time: what was done to the aircraft, and what the service made of it. begun: monotonic seconds
+    """Lines in order of time: the faults, and the service's response. begun: monotonic seconds
     of the autopilot's start."""
     lines = [(event["time_s"], "aircraft", " ".join(f"{value}" for key, value in event.items()
                                                    if key not in ("time_s", "kind") and value != "") or event["kind"])

@@ -1,4 +1,4 @@
-"""Asks the service's API how it is, a few times a second, and keeps what changes."""
+"""Polls the service's API a few times a second and keeps the changes."""
 import json
 import threading
 import time
@@ -10,7 +10,7 @@ PERIOD_S = 0.25
 
 class Watch(threading.Thread):
     def __init__(self, url, program=None):
-        """url: of the service, "http://127.0.0.1:8480". program: whose memory is watched."""
+        """url: of the service, "http://127.0.0.1:8480". program: whose memory is sampled."""
         super().__init__(daemon=True)
         self.url, self.program = url, program
         self.changes = []  # (monotonic seconds, what, from, to, reason)
@@ -50,6 +50,6 @@ class Watch(threading.Thread):
             self.events.setdefault((state.get("boot"), event.get("id")), happened)
 
     def memory_growth(self, after_s=60):
-        """Largest over smallest after the first minute, in percent; None when it was not watched for long enough."""
+        """Largest over smallest after the first minute, in percent; None when it was not sampled for long enough."""
         later = [mb for t, mb in self.memory if t - self.memory[0][0] > after_s]
         return None if len(later) < 10 else 100 * (max(later) / min(later) - 1)

@@ -1,4 +1,4 @@
-"""Pictures that no renderer paints: what a camera in trouble puts into the folder."""
+"""Frames that the renderer does not produce: those of a faulty camera."""
 import contextlib
 import os
 import shutil
@@ -9,7 +9,7 @@ import zlib
 
 
 def black(frames, width, height):
-    """One picture that shows nothing: a PNG, for which Python needs no library."""
+    """One black frame: a PNG, for which Python needs no library."""
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
@@ -25,12 +25,12 @@ def put(frames, data, name):
 
 
 def newest(frames, count=1):
-    """The latest pictures of the renderer, the oldest of them first."""
+    """The latest frames of the renderer, the oldest of them first."""
     return sorted(frames.glob("frame_*.jpg"))[-count:]
 
 
 def again(frames, patience_s=2.0):
-    """The renderer's next picture comes twice, bit for bit."""
+    """Delivers the renderer's next frame twice, bit for bit."""
     before, until = newest(frames), time.monotonic() + patience_s
     while newest(frames) == before and time.monotonic() < until:
         time.sleep(0.005)
@@ -38,25 +38,25 @@ def again(frames, patience_s=2.0):
 
 
 def backlog(frames, count):
-    """What the renderer painted last, all at once: a camera that had held it back."""
+    """Delivers the renderer's latest frames all at once, as a camera with a backlog."""
     held = frames.parent / "held"
     held.mkdir(exist_ok=True)
-    for picture in newest(frames, count):
-        shutil.copy(picture, held / picture.name)
-    for picture in sorted(held.iterdir()):
-        os.replace(picture, frames / f"{time.monotonic_ns()}-{picture.name}")
+    for frame in newest(frames, count):
+        shutil.copy(frame, held / frame.name)
+    for frame in sorted(held.iterdir()):
+        os.replace(frame, frames / f"{time.monotonic_ns()}-{frame.name}")
 
 
 @contextlib.contextmanager
 def carried(beside, frames):
-    """What a second renderer puts into `beside` goes on into the camera's folder, under a name of its own: two renderers
-    that hear the same pose would give their pictures the same one."""
+    """Moves what a second renderer writes into `beside` to the camera's folder under distinct names: two renderers
+    with the same pose would use the same name."""
     done = threading.Event()
 
     def carry():
         while not done.wait(0.005):
-            for picture in sorted(beside.glob("frame_*.jpg")):
-                os.replace(picture, frames / f"{picture.stem}_{beside.name}.jpg")
+            for frame in sorted(beside.glob("frame_*.jpg")):
+                os.replace(frame, frames / f"{frame.stem}_{beside.name}.jpg")
 
     carrier = threading.Thread(target=carry)
     carrier.start()
