@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
-# The whole way from imagery to a position, from what flights saw to the next map, and into the air, on a made-up
-# landscape, with the programs as a user calls them. Exit code 1: the live flight was not as docs/onboard.md says that it
-# must be.
+# From imagery to a position, from flown frames to the next map, and a live flight, over a simulated landscape, with the
+# programs as a user calls them. Exit code 1: the live flight violated a rule of docs/onboard.md.
 set -euo pipefail
 out=demo
 nadir=build/bin/nadir
@@ -18,15 +17,15 @@ echo_and_run() { printf '  $ %s\n' "$*"; "$@"; }
 rm -rf "$out"
 mkdir -p "$out"
 
-say "1  A landscape: as a satellite saw it (map.tif), and as it looks on the day of the flight (ground.tif)"
+say "1  A landscape: as a satellite image (map.tif), and on the day of the flight (ground.tif)"
 echo_and_run $nadir simulate world --seed 7 --size-km 2 --gsd-m 0.4 --out $out/world
 
-say "2  Keys, and the root of trust that the aircraft know: who signs maps, who provisions aircraft, who signs each aircraft's own tiles"
+say "2  Keys, and the root of trust: who signs maps, who provisions aircraft, who signs each aircraft's tiles"
 for key in root signer hangar mini-07 mini-08; do echo_and_run $nadir keys create --out $out/$key; done
 echo_and_run $nadir keys root --root-key $out/root.key.pem --package-signer $out/signer.pub.pem --airframe-signer $out/hangar.pub.pem \
   --tile-signer mini-07=$out/mini-07.pub.pem --tile-signer mini-08=$out/mini-08.pub.pem --expires 2035-01-01 --out $out/root.json
 
-say "3  The mission's map package: cut, checked, hashed, signed"
+say "3  The mission's map package: built, checked, hashed, signed"
 created=$(sed -n 's/^created: *//p' $out/world/mission.yaml)
 sed 's/^airframes: .*/airframes: [mini-07, mini-08]/' $out/world/mission.yaml > $out/mission.yaml
 echo_and_run $nadir cache build --mission $out/mission.yaml --imagery $out/world/map.tif --dem $out/world/dem.tif --key $out/signer.key.pem --out $out/package
@@ -34,7 +33,7 @@ echo_and_run $nadir cache build --mission $out/mission.yaml --imagery $out/world
 say "4  Verified as the aircraft does before take-off"
 echo_and_run $nadir cache verify $out/package --trust $out/root.json --depth full --at "$created"
 
-say "5  A flight over the landscape of the day, with sensors as bad as real ones"
+say "5  A flight over the landscape on that day, with realistic sensor errors"
 echo_and_run $nadir simulate flight --world $out/world/ground.tif --dem $out/world/dem.tif --mission $out/mission.yaml \
   --camera $out/world/camera.yaml --seed 11 --noise real --out $out/flight
 
@@ -42,7 +41,7 @@ say "6  Localized without GPS: frames and telemetry against the package"
 echo_and_run $nadir replay --package $out/package --trust $out/root.json --at "$created" --frames $out/flight/frames \
   --telemetry $out/flight/telemetry.csv --camera $out/world/camera.yaml --start="$(start_of $out/flight)" --truth $out/flight/truth.csv --out $out/report
 
-say "7  A second aircraft flies the same route on another day; what both saw becomes signed candidate tiles"
+say "7  A second aircraft flies the same route on another day; the frames of both become signed candidate tiles"
 echo_and_run $nadir simulate flight --world $out/world/ground.tif --dem $out/world/dem.tif --mission $out/mission.yaml \
   --camera $out/world/camera.yaml --seed 12 --noise real --out $out/flight2
 day=0
@@ -55,7 +54,7 @@ for airframe in mini-07 mini-08; do
     --out $out/candidates-$airframe
 done
 
-say "8  Home: the candidate service judges the tiles, the two flights vote, what they agree on is promoted"
+say "8  After landing: the candidate service checks the tiles, the two flights vote, and what they agree on is promoted"
 (umask 077; openssl rand -hex 24 > $out/ground-1.token)
 $service serve --data $out/service --trust $out/root.json --token-file $out/ground-1.token \
   --package $out/package --listen 127.0.0.1:0 --port-file $out/port --max-age-days 3650 --quiet &
@@ -65,14 +64,14 @@ while [[ ! -s $out/port ]]; do kill -0 $service_id; sleep 0.1; done
 for airframe in mini-07 mini-08; do
   echo_and_run $nadir sync stage $out/candidates-$airframe --outbox $out/outbox --key $out/$airframe.key.pem --trust $out/root.json
 done
-# Exit code 1: some tile was rejected. One in hundreds lies upon the map by chance as if it belonged elsewhere.
+# Exit code 1: some tile was rejected. One in hundreds correlates with the map at a wrong offset by chance.
 echo_and_run $nadir sync push $out/outbox --to "http://localhost:$(< $out/port)" --token-file $out/ground-1.token || [[ $? == 1 ]]
 while $service status --data $out/service | grep -qE '^waiting for a vote +[1-9]|^ +being judged +[1-9]'; do sleep 0.2; done
 echo_and_run $service status --data $out/service
 echo_and_run $service export --data $out/service --out $out/promoted
 kill $service_id && wait $service_id
 
-say "9  The next package: what was promoted lies on top of the satellite's picture"
+say "9  The next package: promoted tiles on top of the satellite image"
 sed -e "s/^sequence: .*/sequence: 2/" -e "s/^created: .*/created: $(date -u -d "$created + 3 day" +%FT%TZ)/" $out/mission.yaml > $out/next.yaml
 echo_and_run $nadir cache build --mission $out/next.yaml --imagery $out/promoted/*.tif --imagery $out/world/map.tif --dem $out/world/dem.tif \
   --key $out/signer.key.pem --out $out/next
@@ -80,7 +79,7 @@ echo_and_run $nadir cache verify $out/next --trust $out/root.json --depth full -
 printf '  $ %s\n' "$nadir cache diff $out/package $out/next | tail -n 1"
 { $nadir cache diff $out/package $out/next || [[ $? == 1 ]]; } | tail -n 1
 
-say "10  Live, in real time: an aircraft that steers by nadird's positions. GPS is spoofed after a minute, then the camera goes dark"
+say "10  Live, in real time: an aircraft that navigates by nadird's positions. GPS is spoofed after a minute, then the camera goes dark"
 judged=0
 echo_and_run build-venv/bin/python -B tests/e2e/closed_loop.py --scenario demo --minutes 2.2 --signed --inputs $out --airframe mini-07 --width 1280 \
   --out $out/live --report $out/live.html --check rules || judged=$?

@@ -23,12 +23,11 @@ NUMBER = re.compile(r"^\s*(?:inline constexpr |constexpr )?(?:double|float|int|s
 
 HEAD = """# Parameters of the localizer
 
-Every number of matching and estimation that was tuned, chosen or measured. The table is made from
-[`localizer_parameters.hpp`](../libgeo/vision/localizer_parameters.hpp), where they stand, by
-`tests/structure/check_parameters.py . --write`; a test compares the two, and refuses fractional literals elsewhere in
-`libgeo/vision` and `libgeo/estimation` that are not mathematics. A name ends with the unit; without one the number is a
-count or a ratio. [safety N] is segment N of the [Monte Carlo](safety.md), [roc] its knock-out test; the other names in brackets
-are parts of [`./run bench`](benchmarks.md).
+Every number of matching and estimation that was tuned, chosen or measured. `tests/structure/check_parameters.py . --write`
+makes this table from [`localizer_parameters.hpp`](../libgeo/vision/localizer_parameters.hpp). A test compares the two, and
+rejects other fractional literals in `libgeo/vision` and `libgeo/estimation` that are not mathematics. A name ends with the unit;
+without one the number is a count or a ratio. [safety N] is segment N of the [Monte Carlo](safety.md), [roc] its knock-out test;
+other names in brackets are parts of [`./run bench`](benchmarks.md).
 """
 
 
@@ -103,7 +102,7 @@ def read_table(text):
 def page(sections):
     lines = [HEAD]
     for title, rows in sections:
-        lines += [f"## {title[:1].upper()}{title[1:]}" if title else "## General", "", "| name | value | where it comes from |", "|---|---|---|"]
+        lines += [f"## {title[:1].upper()}{title[1:]}" if title else "## General", "", "| name | value | origin |", "|---|---|---|"]
         lines += [f"| `{name}` | {value} | {origin.replace('|', chr(92) + '|')} |" for name, value, origin in rows]
         lines.append("")
     return "\n".join(lines)

@@ -66,6 +66,7 @@ const drawMap = (host) => {
   };
   // "slice" crops the longer side, so the view takes the host's shape first.
   const fit = () => {
+    if (!host.clientWidth || !host.clientHeight) return;  // not laid out yet: the observer below calls again
     const shape = host.clientWidth / host.clientHeight;
     const w = Math.max(home.w, home.h * shape), h = w / shape;
     view = { x: home.x + (home.w - w) / 2, y: home.y + (home.h - h) / 2, w, h };

@@ -45,7 +45,7 @@ const showState = (state) => {
   const share = frames.received ? frames.dropped / frames.received : 0;
   part("frames", `${frames.per_s.toFixed(1)} per s, ${frames.dropped} of ${frames.received} dropped`, frames.per_s === 0 ? "bad" : share > .1 ? "warn" : "good");
   const gate = worst(anchors.rejected_by);
-  part("anchors", `${anchors.accepted} accepted, ${anchors.rejected} rejected` + (gate ? `, mostly ${words(gate[0])}` : ""), anchors.accepted === 0 ? "warn" : "good");
+  part("anchors", `${anchors.accepted} accepted, ${anchors.rejected} rejected` + (gate ? (gate[1] < anchors.rejected ? ", mostly " : ": ") + words(gate[0]) : ""), anchors.accepted === 0 ? "warn" : "good");
   const rejects = Object.values(link.rejected_by).reduce((sum, count) => sum + count, 0);
   part("link", (link.connected ? "connected" : "not connected") + (link.signed ? ", signed" : ", not signed") + (rejects ? `, ${rejects} frames rejected` : ""),
        !link.connected ? "bad" : link.signed && !rejects ? "good" : "warn");

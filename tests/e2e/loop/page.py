@@ -54,13 +54,13 @@ def tiles(verdict, rules):
     deviation, fix = verdict.summary["deviation_m"], verdict.summary["fix_error_m"]
     met = sum(rule.met for rule in rules)
     rows = [(f"{met}<small>of {len(rules)}</small>", "rules met", met == len(rules)),
-            (f"{deviation['max']:.0f}<small>m</small>", f"at most from the plan, median {deviation['median']:.1f} m", None),
-            (f"{fix['max']:.0f}<small>m</small>" if fix else "none", "at most from truth to our fix", None),
-            (str(verdict.summary["resets_by_gps_input"]), "resets of the autopilot's filter by us",
+            (f"{deviation['max']:.0f}<small>m</small>", f"largest deviation from the plan, median {deviation['median']:.1f} m", None),
+            (f"{fix['max']:.0f}<small>m</small>" if fix else "none", "largest error of our fixes", None),
+            (str(verdict.summary["resets_by_gps_input"]), "filter resets caused by our fixes",
              verdict.summary["resets_by_gps_input"] == 0)]
     if verdict.service is not None:
         rows.append((f"{verdict.service['p50_ms']}<small>ms</small>",
-                     f"from picture to fix, p95 {verdict.service['p95_ms']} ms", None))
+                     f"from frame to fix, p95 {verdict.service['p95_ms']} ms", None))
     word = {True: " good", False: " bad", None: ""}
     return "".join(f'<div class="tile{word[good]}"><b>{number}</b><span>{text}</span></div>' for number, text, good in rows)
 
@@ -71,11 +71,11 @@ def table(rules):
     return f"<table><thead><tr><th>rule<th>allowed<th>found<th></tr></thead><tbody>{cells}</tbody></table>"
 
 
-DONE = {"gps-denied": "GPS is denied", "gps-step": "GPS is spoofed: {} m aside", "gps-drag": "GPS is dragged off: {} m/s",
-        "gps-recover": "GPS is well again", "link-cut": "the link is cut", "link-restore": "the link is back",
+DONE = {"gps-denied": "GPS is denied", "gps-step": "GPS is spoofed: offset by {} m", "gps-drag": "GPS is dragged off: {} m/s",
+        "gps-recover": "GPS is good again", "link-cut": "the link is cut", "link-restore": "the link is back",
         "clock-step": "the autopilot's clock jumps by {} s", "camera-cut": "the camera goes dark",
-        "camera-restore": "the camera sees again", "reboot": "the autopilot begins anew"}
-FLOWN_BY = {"own": "flies by its own GPS", "gps_input": "flies by our fixes", "none": "flies without a position"}
+        "camera-restore": "the camera is restored", "reboot": "the autopilot restarts"}
+FLOWN_BY = {"own": "navigates by its own GPS", "gps_input": "navigates by our fixes", "none": "navigates without a position"}
 
 
 def event_text(event):
@@ -85,7 +85,7 @@ def event_text(event):
     if event["kind"] == "source":
         return FLOWN_BY[event["now"]]
     if event["kind"] == "reset":
-        return f"the filter is reset by {FLOWN_BY[event['source']].removeprefix('flies by ')}: {event['metres']:.0f} m"
+        return f"the filter is reset by {FLOWN_BY[event['source']].removeprefix('navigates by ')}: {event['metres']:.0f} m"
     return event["text"]
 
 
