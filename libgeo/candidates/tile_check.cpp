@@ -21,7 +21,7 @@ Refusal refusal(ReasonCode code, std::string detail) { return {.code = code, .de
 double angle_to(const LonLat& corner, const CandidatePose& pose, double sigmas) {
   const LocalFrame frame(
       {static_cast<double>(pose.lon_e7) * kDegreesPerE7, static_cast<double>(pose.lat_e7) * kDegreesPerE7});
-  const Enu at = frame.enu_from_lonlat(corner);
+  const Enu at = frame.enu_from_geodetic({corner, 0});
   // Beyond the horizon the plane's coordinates come back; what lies below it is far away.
   const double distance_m = std::hypot(at.east_m, at.north_m, at.up_m);
   const double slack_m = sigmas * static_cast<double>(pose.sigma_mm) / 1000;

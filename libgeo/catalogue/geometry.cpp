@@ -131,7 +131,8 @@ GeoPolygon corridor_area(const Mission& mission) {
   if (area.size() != 1)
     throw Error({.what = "the route's corridor is not a polygon", .where = "mission " + mission.id});
   for (GeoRing& ring : area.front()) {
-    for (LonLat& place : ring) place = frame.lonlat_from_enu(place.lon_deg, place.lat_deg);  // was east, north
+    // GDAL's x and y are metres of the plane here, although area_from() took them for degrees.
+    for (LonLat& place : ring) place = frame.lonlat_from_plane({place.lon_deg, place.lat_deg});
   }
   return area.front();
 }

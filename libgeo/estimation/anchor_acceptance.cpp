@@ -106,14 +106,14 @@ double AnchorVotes::agreement_radius_m(double window_radius_m) {
                   2 * window_radius_m * std::sqrt(parameters::anchor_votes::kChanceAgreement / std::numbers::pi));
 }
 
-bool AnchorVotes::vote(const Eigen::Vector2d& offset_m, const Eigen::Vector2d& at_m, const Quorum& quorum) {
-  record({at_m, offset_m});
+bool AnchorVotes::vote(const Eigen::Vector2d& offset_m, PlanePoint at, const Quorum& quorum) {
+  record({at, offset_m});
   int agreeing = 0;
   double separation_m = 0;
   for (const Attempt& attempt : polled(quorum)) {
     if (!attempt.offset_m || (*attempt.offset_m - offset_m).norm() > quorum.agreement_radius_m) continue;
     ++agreeing;
-    separation_m = std::max(separation_m, (attempt.at_m - at_m).norm());
+    separation_m = std::max(separation_m, (attempt.at - at).norm());
   }
   return agreeing >= quorum.required_votes && separation_m >= quorum.min_separation_m;
 }
@@ -123,14 +123,14 @@ std::vector<AnchorVotes::Attempt> AnchorVotes::polled(const Quorum& quorum) cons
   const double spacing_m = quorum.min_separation_m / (quorum.required_votes + 1);
   std::vector<Attempt> polled;
   for (auto attempt = attempts_.rbegin(); attempt != attempts_.rend(); ++attempt) {
-    if (!polled.empty() && (attempt->at_m - polled.back().at_m).norm() < spacing_m) continue;
+    if (!polled.empty() && (attempt->at - polled.back().at).norm() < spacing_m) continue;
     polled.push_back(*attempt);
     if (std::ssize(polled) == quorum.required_votes + parameters::anchor_votes::kSpareAttempts) break;
   }
   return polled;
 }
 
-void AnchorVotes::abstain(const Eigen::Vector2d& at_m) { record({at_m, std::nullopt}); }
+void AnchorVotes::abstain(PlanePoint at) { record({at, std::nullopt}); }
 
 void AnchorVotes::record(const Attempt& attempt) {
   attempts_.push_back(attempt);
@@ -179,7 +179,7 @@ AnchorDecision AnchorAcceptance::decide(const AnchorMatch& match, const AnchorCo
     report.heading_rad = solved.pose.attitude.heading_rad;
     report.inliers = solved.inliers;
     report.residual_px = solved.rms_m / match.fine_gsd_m;
-    offset_m = Eigen::Vector2d(solved.pose.position.east_m, solved.pose.position.north_m) - context.position_m;
+    offset_m = solved.pose.position - context.position;
     Eigen::Matrix2d spread =
         anchor_model_error_factor(context.tilt_missing) * solved.covariance.topLeftCorner<2, 2>() +
         context.position_covariance_m2;
@@ -206,7 +206,7 @@ AnchorDecision AnchorAcceptance::decide(const AnchorMatch& match, const AnchorCo
   if (contradicts || waits) {
     count_votes(decision, *offset_m, context, anchored_before);
   } else {
-    votes_.abstain(context.position_m);
+    votes_.abstain(context.position);
   }
   return decision;
 }
@@ -222,7 +222,7 @@ void AnchorAcceptance::count_votes(AnchorDecision& decision, const Eigen::Vector
     quorum.agreement_radius_m = AnchorVotes::agreement_radius_m(context.prior.search.radius_m);
   }
   quorum.min_separation_m = parameters::anchor_votes::kSeparationFootprints * context.footprint_m;
-  const bool agreed = votes_.vote(offset_m, context.position_m, quorum);
+  const bool agreed = votes_.vote(offset_m, context.position, quorum);
   if (!agreed || (contradicts && !anchored_before && !start_may_be_overruled_)) return;
   decision.report.verdict = AnchorVerdict::accepted;
   if (contradicts) decision.inflate_position_m = offset_m.norm();

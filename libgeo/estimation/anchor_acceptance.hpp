@@ -7,7 +7,7 @@
 //   start contradictions StartContradictions: what the map has said against the start, while nothing is anchored
 //
 // All thresholds: GateLimits and the namespaces anchor_votes, start_contradictions and anchor_measurement of
-// estimation_parameters.hpp. Their evidence: docs/safety.md.
+// localizer_parameters.hpp. Their evidence: docs/safety.md.
 #pragma once
 
 #include <Eigen/Core>
@@ -71,15 +71,15 @@ class AnchorVotes {
   // In a small window offsets agree by chance: the radius within which less than one random pair in a hundred does.
   static double agreement_radius_m(double window_radius_m);
 
-  // offset_m: matched position minus the one that odometry propagated; at_m: the latter (east, north). True: the quorum
+  // offset_m: matched position minus the one that odometry propagated; at: the latter. True: the quorum
   // agrees with this one.
-  bool vote(const Eigen::Vector2d& offset_m, const Eigen::Vector2d& at_m, const Quorum& quorum);
-  void abstain(const Eigen::Vector2d& at_m);  // an attempt without a plausible match
+  bool vote(const Eigen::Vector2d& offset_m, PlanePoint at, const Quorum& quorum);
+  void abstain(PlanePoint at);  // an attempt without a plausible match
   void clear() { attempts_.clear(); }         // earlier votes are about another track
 
  private:
   struct Attempt {
-    Eigen::Vector2d at_m;
+    PlanePoint at;
     std::optional<Eigen::Vector2d> offset_m;  // none: it abstained
   };
   void record(const Attempt& attempt);
@@ -122,7 +122,7 @@ class StartContradictions {
 struct AnchorContext {
   AnchorPrior prior;
   AnchorPrediction prediction;  // without chi2
-  Eigen::Vector2d position_m = Eigen::Vector2d::Zero();  // predicted, east and north
+  PlanePoint position;          // predicted
   Eigen::Matrix2d position_covariance_m2 = Eigen::Matrix2d::Zero();
   double measured_agl_m = 0;
   double footprint_m = 0;  // longer side

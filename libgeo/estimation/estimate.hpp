@@ -11,7 +11,7 @@
 
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
-#include "geodesy/region.hpp"
+#include "geodesy/plane_point.hpp"
 #include "vision/rectification.hpp"
 
 namespace nadir {

@@ -148,14 +148,14 @@ void forbid_blind_certainty(FlightPrediction& prediction, const F::Covariance& b
 
 }  // namespace
 
-FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, const Eigen::Vector2d& position_m,
+FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position,
                            double sigma_m, const Options& options)
     : uncertainty_(uncertainty), tilt_logged_(tilt_logged), options_(options) {
   const double white =
       (tilt_logged ? model::kWhiteTiltShareLogged : model::kWhiteTiltShareUnlogged) * uncertainty.tilt_rad;
   tilt_scatter_weight_ = kTiltScatterPriorFrames;
   tilt_scatter_sum_ = tilt_scatter_weight_ * white * white;
-  mean_.segment<2>(east) = position_m;
+  mean_.segment<2>(east) = position.vector();
   const auto squared = [](double x) { return x * x; };
   covariance_.diagonal() << squared(sigma_m), squared(sigma_m), squared(options.start_velocity_sigma_mps),
       squared(options.start_velocity_sigma_mps), squared(uncertainty.agl_relative), model::kUnknownHeadingVariance_rad2, 0,

@@ -44,7 +44,7 @@
 //
 // One frame: propagate() for each interval of a long way to it, predict(), then update_relative() if odometry tracked
 // it, then update_absolute() if a match with the map was accepted. smoothed() is Rauch-Tung-Striebel's smoother.
-// Noise and its origins: estimation_parameters.hpp (telemetry, flight_filter, FlightFilterOptions).
+// Noise and its origins: localizer_parameters.hpp (telemetry, flight_filter, FlightFilterOptions).
 #pragma once
 
 #include <Eigen/Core>
@@ -85,11 +85,11 @@ class FlightFilter {
   using Options = FlightFilterOptions;
 
   // tilt_logged: the telemetry carries pitch and roll; otherwise the aircraft's own tilt is in what changes as well.
-  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, const Eigen::Vector2d& position_m,
+  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position,
                double sigma_m, const Options& options);
-  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, const Eigen::Vector2d& position_m,
+  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position,
                double sigma_m)
-      : FlightFilter(uncertainty, tilt_logged, position_m, sigma_m, Options{}) {}
+      : FlightFilter(uncertainty, tilt_logged, position, sigma_m, Options{}) {}
 
   // Over an interval at whose end there is no frame; interval.seconds > 0.
   void propagate(const TelemetryInterval& interval);
@@ -112,7 +112,7 @@ class FlightFilter {
 
   const State& state() const { return mean_; }
   const Covariance& covariance() const { return covariance_; }
-  Eigen::Vector2d position_m() const { return mean_.segment<2>(east); }
+  PlanePoint position() const { return PlanePoint(mean_.segment<2>(east)); }
   Eigen::Matrix2d position_covariance_m2() const { return covariance_.block<2, 2>(east, east); }
   double position_sigma_m() const;  // one axis of the equivalent circle
   double sigma(Index index) const;
@@ -126,7 +126,7 @@ class FlightFilter {
 
   // Every kept frame given all measurements (Rauch-Tung-Striebel); without keep_history() the last one alone.
   struct Smoothed {
-    Eigen::Vector2d position_m;
+    PlanePoint position;
     Eigen::Matrix2d covariance_m2;
     State state;
   };

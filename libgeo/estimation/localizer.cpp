@@ -33,7 +33,7 @@ struct TelemetryState {
 
 struct LastAnchor {
   double time_s = 0;
-  Eigen::Vector2d position_m;  // matched, east and north
+  PlanePoint position;  // matched
   int inliers = 0;
   double ratio = 1;
 };
@@ -145,7 +145,7 @@ struct Localizer::Impl {
   FramePose update_with_anchor(const AnchorJob& job, const AnchorReport& report);
   Estimate estimate(bool anchored) const;
 
-  std::pair<Eigen::Vector2d, double> start_position() const;
+  std::pair<PlanePoint, double> start_position() const;
   bool match_due() const;
   bool too_low_to_match() const;
   void apply_hint();
@@ -292,14 +292,10 @@ double Localizer::Impl::predict(const Telemetry& plausible) {
 }
 
 // Without a start: anywhere in the area.
-std::pair<Eigen::Vector2d, double> Localizer::Impl::start_position() const {
-  if (start) {
-    const Enu at = frame.enu_from_lonlat(*start);
-    return {{at.east_m, at.north_m}, config.start_sigma_m};
-  }
+std::pair<PlanePoint, double> Localizer::Impl::start_position() const {
+  if (start) return {frame.plane_from_lonlat(*start), config.start_sigma_m};
   const PlaneBox box = config.area.value_or(PlaneBox{});
-  return {{(box.west_m + box.east_m) / 2, (box.south_m + box.north_m) / 2},
-          std::max({kLeastLostSigma_m, box.east_m - box.west_m, box.north_m - box.south_m})};
+  return {box.middle(), std::max({kLeastLostSigma_m, box.east_m - box.west_m, box.north_m - box.south_m})};
 }
 
 // ---- Odometry
@@ -364,7 +360,7 @@ void Localizer::Impl::on_track_broken() {
 bool Localizer::Impl::match_due() const {
   if (config.anchor_every_m <= 0 || !last_anchor || !tracking.unbroken() || matching.last_failed) return true;
   return filter->position_sigma_m() > config.anchor_above_sigma_m ||
-         (filter->position_m() - last_anchor->position_m).norm() >= config.anchor_every_m;
+         (filter->position() - last_anchor->position).norm() >= config.anchor_every_m;
 }
 
 // On the ground and right after take-off an image shows a few pixels of the map, which are everywhere: searching all of
@@ -387,7 +383,7 @@ std::unique_ptr<AnchorJob> Localizer::Impl::begin_match(const cv::Mat& grey) {
                         .before_first_anchor = !last_anchor,
                         .odometry_linked = tracking.tracked(),
                         .tracking_broken = tracking.broken()};
-  context.position_m = filter->position_m();
+  context.position = filter->position();
   context.position_covariance_m2 = filter->position_covariance_m2();
   context.measured_agl_m = telemetry.reference.agl_m;
   context.footprint_m = footprint_m();
@@ -426,7 +422,7 @@ AnchorPrior Localizer::Impl::anchor_prior() const {
 }
 
 LostSearch Localizer::Impl::lost_search() {
-  const Eigen::Vector2d position = filter->position_m();
+  const PlanePoint position = filter->position();
   const double sigma_m = filter->position_sigma_m();
   LostSearch where{window.reachable_area(placed, position, sigma_m), std::nullopt, {}};
   if (operator_hint) where.hint = operator_hint->box(position, sigma_m, config.area);
@@ -461,21 +457,20 @@ void Localizer::hint(const LonLat& at, double radius_m) {
                       .found = std::to_string(at.lon_deg) + "," + std::to_string(at.lat_deg) + " within " +
                                std::to_string(radius_m) + " m"});
   }
-  const Enu there = impl_->frame.enu_from_lonlat(at);
-  impl_->operator_hint.emplace(Eigen::Vector2d(there.east_m, there.north_m), radius_m);
+  impl_->operator_hint.emplace(impl_->frame.plane_from_lonlat(at), radius_m);
 }
 
 // A start that was given once is worth no more than a hint that is given now.
 void Localizer::Impl::apply_hint() {
   if (!operator_hint || operator_hint->propagating()) return;
   acceptance.on_hint();
-  const double off_m = (operator_hint->at_m() - filter->position_m()).norm();
+  const double off_m = (operator_hint->at() - filter->position()).norm();
   const bool anchored = tracking.unbroken() && last_anchor;
   if (placed && !anchored && off_m > operator_hint->radius_m() + kOutsideHintSigmas * filter->position_sigma_m()) {
     steps.back().hint_sigma_m = off_m;
     filter->inflate_position(off_m);
   }
-  operator_hint->start_propagation(filter->position_m(), filter->position_sigma_m());
+  operator_hint->start_propagation(filter->position(), filter->position_sigma_m());
 }
 
 // ---- Update with an accepted anchor
@@ -485,11 +480,10 @@ void Localizer::Impl::apply_hint() {
 // and, where most patches matched something else, by the chance that those which agree are the wrong ones.
 PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const AnchorReport& report) const {
   const SolvedPose& solved = *job.match->solved;
-  const Eigen::Vector2d position(solved.pose.position.east_m, solved.pose.position.north_m);
   double shared = 1;
   if (last_anchor) {
     const double stretch_m = kSharedErrorFootprints * job.context.footprint_m;
-    shared = std::max(1.0, stretch_m / std::max(1.0, (position - last_anchor->position_m).norm()));
+    shared = std::max(1.0, stretch_m / std::max(1.0, (solved.pose.position - last_anchor->position).norm()));
   }
   double wrong_consensus_m2 = 0;
   if (!report.corroborated && report.inliers < config.gates.most_inlier_share * report.patches) {
@@ -515,8 +509,7 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
   filter->update_absolute(*step.anchor);
   const FramePose pose = anchor_pose(job);
 
-  const PlanePoint at = match.solved->pose.position;
-  last_anchor = LastAnchor{job.time_s, {at.east_m, at.north_m}, match.solved->inliers, match.search.ratio};
+  last_anchor = LastAnchor{job.time_s, match.solved->pose.position, match.solved->inliers, match.search.ratio};
   published.withheld_m.setZero();
   published.contradiction_m.setZero();
   acceptance.on_anchor();
@@ -569,8 +562,7 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
   if (steps.size() == 1 && !anchored) estimate.source = SourceLabel::dead_reckoned;
   if (estimate.sigma_m > config.no_fix_sigma_m) estimate.source = SourceLabel::no_fix;
   if (estimate.source != SourceLabel::no_fix) {
-    const Eigen::Vector2d at = filter->position_m() - published.withheld_m;
-    estimate.position = frame.lonlat_from_enu(at.x(), at.y());
+    estimate.position = frame.lonlat_from_plane(filter->position() - published.withheld_m);
   }
   return estimate;
 }
@@ -582,7 +574,7 @@ FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
   result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
   result.source = SourceLabel::satellite_anchored;
   const AnchorPrediction& prediction = job.context.prediction;
-  const Eigen::Vector2d correction_m = filter->position_m() - job.flight.position_m();
+  const Eigen::Vector2d correction_m = filter->position() - job.flight.position();
   const bool predicted =
       prediction.healthy && prediction.sigma_m <= kSharpPrediction_m && job.segment == tracking.segment() &&
       correction_m.squaredNorm() <= config.gates.chi2_999 * prediction.sigma_m * prediction.sigma_m;
@@ -606,7 +598,7 @@ std::vector<Estimate> Localizer::refined() const {
     if (!known) estimate.source = SourceLabel::no_fix;
     if (known && estimate.source == SourceLabel::no_fix) estimate.source = SourceLabel::dead_reckoned;
     estimate.position.reset();
-    if (known) estimate.position = s.frame.lonlat_from_enu(smoothed[i].position_m.x(), smoothed[i].position_m.y());
+    if (known) estimate.position = s.frame.lonlat_from_plane(smoothed[i].position);
   }
   return estimates;
 }

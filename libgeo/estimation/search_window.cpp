@@ -29,7 +29,7 @@ bool SearchWindow::lost(bool placed, double position_sigma_m) const {
   return !placed || (area_ && kReachSigmas * position_sigma_m > max_radius_m_);
 }
 
-PlaneBox SearchWindow::next_part(const PlaneBox& area, const Eigen::Vector2d& position_m) {
+PlaneBox SearchWindow::next_part(const PlaneBox& area, PlanePoint position) {
   const auto count = [](double side_m) { return std::max(1, static_cast<int>(std::ceil(side_m / kPart_m))); };
   const double east_m = area.east_m - area.west_m, north_m = area.north_m - area.south_m;
   const int columns = count(east_m), rows = count(north_m);
@@ -38,34 +38,33 @@ PlaneBox SearchWindow::next_part(const PlaneBox& area, const Eigen::Vector2d& po
     for (int column = 0; column < columns; ++column) {
       const PlaneBox part{area.west_m + column * east_m / columns, area.south_m + row * north_m / rows,
                           area.west_m + (column + 1) * east_m / columns, area.south_m + (row + 1) * north_m / rows};
-      const Eigen::Vector2d middle((part.west_m + part.east_m) / 2, (part.south_m + part.north_m) / 2);
-      parts.emplace_back((middle - position_m).norm(), part);
+      parts.emplace_back((part.middle() - position).norm(), part);
     }
   }
   std::stable_sort(parts.begin(), parts.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   return parts[parts_++ % parts.size()].second;
 }
 
-PlaneBox SearchWindow::reachable_area(bool placed, const Eigen::Vector2d& position_m, double position_sigma_m) const {
+PlaneBox SearchWindow::reachable_area(bool placed, PlanePoint position, double position_sigma_m) const {
   if (!placed) return *area_;
   const double reach_m = kReachSigmas * position_sigma_m;
   const PlaneBox both{
-      std::max(area_->west_m, position_m.x() - reach_m), std::max(area_->south_m, position_m.y() - reach_m),
-      std::min(area_->east_m, position_m.x() + reach_m), std::min(area_->north_m, position_m.y() + reach_m)};
+      std::max(area_->west_m, position.east_m - reach_m), std::max(area_->south_m, position.north_m - reach_m),
+      std::min(area_->east_m, position.east_m + reach_m), std::min(area_->north_m, position.north_m + reach_m)};
   return both.west_m < both.east_m && both.south_m < both.north_m ? both : *area_;
 }
 
-void OperatorHint::start_propagation(const Eigen::Vector2d& position_m, double sigma_m) {
-  from_m_ = position_m;
+void OperatorHint::start_propagation(PlanePoint position, double sigma_m) {
+  from_ = position;
   from_sigma_m_ = sigma_m;
 }
 
-std::optional<PlaneBox> OperatorHint::box(const Eigen::Vector2d& position_m, double sigma_m,
+std::optional<PlaneBox> OperatorHint::box(PlanePoint position, double sigma_m,
                                           const std::optional<PlaneBox>& area) const {
-  const Eigen::Vector2d at = from_m_ ? Eigen::Vector2d(at_m_ + position_m - *from_m_) : at_m_;
-  const double grown = from_m_ ? std::max(0.0, sigma_m * sigma_m - from_sigma_m_ * from_sigma_m_) : 0.0;
+  const PlanePoint at = from_ ? PlanePoint(at_.vector() + position.vector() - from_->vector()) : at_;
+  const double grown = from_ ? std::max(0.0, sigma_m * sigma_m - from_sigma_m_ * from_sigma_m_) : 0.0;
   const double reach_m = std::max(kMinHintReach_m, radius_m_) + kReachSigmas * std::sqrt(grown);
-  PlaneBox box{at.x() - reach_m, at.y() - reach_m, at.x() + reach_m, at.y() + reach_m};
+  PlaneBox box{at.east_m - reach_m, at.north_m - reach_m, at.east_m + reach_m, at.north_m + reach_m};
   if (!area) return box;
   box = {std::max(box.west_m, area->west_m), std::max(box.south_m, area->south_m), std::min(box.east_m, area->east_m),
          std::min(box.north_m, area->north_m)};

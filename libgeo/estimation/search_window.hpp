@@ -5,7 +5,6 @@
 // suggestions first (an operator's hint, the place index), else in parts of limited size, one for each frame.
 #pragma once
 
-#include <Eigen/Core>
 #include <optional>
 
 #include "estimation/estimate.hpp"
@@ -26,9 +25,9 @@ class SearchWindow {
   // No window of a search with a prediction surely holds the place. placed: a position is known at all.
   bool lost(bool placed, double position_sigma_m) const;
   // The parts of an area that is too large to be searched for every frame, one each time, nearest to the position first.
-  PlaneBox next_part(const PlaneBox& area, const Eigen::Vector2d& position_m);
+  PlaneBox next_part(const PlaneBox& area, PlanePoint position);
   // The part of the area that the aircraft can be in. The area must be known.
-  PlaneBox reachable_area(bool placed, const Eigen::Vector2d& position_m, double position_sigma_m) const;
+  PlaneBox reachable_area(bool placed, PlanePoint position, double position_sigma_m) const;
 
  private:
   double min_radius_m_, max_radius_m_;
@@ -42,23 +41,23 @@ class SearchWindow {
 class OperatorHint {
  public:
   // In the map's plane.
-  OperatorHint(const Eigen::Vector2d& at_m, double radius_m) : at_m_(at_m), radius_m_(radius_m) {}
+  OperatorHint(PlanePoint at, double radius_m) : at_(at), radius_m_(radius_m) {}
 
   // From the first frame after the hint on the filter's position propagates the hint.
-  void start_propagation(const Eigen::Vector2d& position_m, double sigma_m);
+  void start_propagation(PlanePoint position, double sigma_m);
   bool propagating() const { return from_m_.has_value(); }
 
-  const Eigen::Vector2d& at_m() const { return at_m_; }
+  PlanePoint at() const { return at_; }
   double radius_m() const { return radius_m_; }
 
   // Where to search now; nothing when that lies wholly outside the area. sigma_m: of the position, one axis.
-  std::optional<PlaneBox> box(const Eigen::Vector2d& position_m, double sigma_m,
+  std::optional<PlaneBox> box(PlanePoint position, double sigma_m,
                               const std::optional<PlaneBox>& area) const;
 
  private:
-  Eigen::Vector2d at_m_;
+  PlanePoint at_;
   double radius_m_;
-  std::optional<Eigen::Vector2d> from_m_;
+  std::optional<PlanePoint> from_;
   double from_sigma_m_ = 0;
 };
 

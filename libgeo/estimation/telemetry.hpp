@@ -22,7 +22,7 @@ struct Telemetry {
   double time_s = 0;
   std::optional<double> agl_m;        // height above ground
   std::optional<double> heading_rad;  // of image-up, clockwise from true north
-  std::optional<double> pitch_rad;    // see vision/camera_model.hpp for the signs
+  std::optional<double> pitch_rad;    // see vision/camera.hpp for the signs
   std::optional<double> roll_rad;
   // What was measured between the last telemetry and this one, in order, where that is long: two opposite turns leave no
   // trace in what is true at both ends. The intervals end before time_s.
@@ -30,7 +30,7 @@ struct Telemetry {
   // Change of velocity since the last telemetry, or since the last interval, east and north (m/s): the accelerometer's,
   // gravity removed, rotated by the autopilot's attitude. Whoever leaves frames out adds theirs up.
   std::optional<Eigen::Vector2d> imu_dv_mps;
-  std::optional<LonLat> place;  // position from another source, if any; the localizer never uses it
+  std::optional<LonLat> gps_position;  // if any; the localizer never uses it
 };
 
 // Implausible values become unknown: NaN, heights below 1 m or above 30 km, absurd angles and accelerations, intervals

@@ -17,9 +17,9 @@ PlaneBox box_around(const TerrainGrid& grid, const LocalFrame& frame) {
   constexpr double infinity = std::numeric_limits<double>::infinity();
   PlaneBox box{infinity, infinity, -infinity, -infinity};
   const auto include = [&](double across, double down) {
-    const Enu enu = frame.enu_from_lonlat(grid.place(across * grid.columns - 0.5, down * grid.rows - 0.5));
-    box.west_m = std::min(box.west_m, enu.east_m), box.east_m = std::max(box.east_m, enu.east_m);
-    box.south_m = std::min(box.south_m, enu.north_m), box.north_m = std::max(box.north_m, enu.north_m);
+    const PlanePoint at = frame.plane_from_lonlat(grid.place(across * grid.columns - 0.5, down * grid.rows - 0.5));
+    box.west_m = std::min(box.west_m, at.east_m), box.east_m = std::max(box.east_m, at.east_m);
+    box.south_m = std::min(box.south_m, at.north_m), box.north_m = std::max(box.north_m, at.north_m);
   };
   for (int i = 0; i <= kSteps; ++i) {
     const double along = static_cast<double>(i) / kSteps;
@@ -90,7 +90,7 @@ TerrainSurface::TerrainSurface(const TerrainRaster& raster, const LocalFrame& fr
   posts_.reserve(static_cast<std::size_t>(cell_columns_) * static_cast<std::size_t>(cell_rows_));
   for (int row = 0; row < cell_rows_; ++row) {
     for (int column = 0; column < cell_columns_; ++column) {
-      const LonLat place = frame.lonlat_from_enu(box_.west_m + column * cell_m_, box_.south_m + row * cell_m_);
+      const LonLat place = frame.lonlat_from_plane({box_.west_m + column * cell_m_, box_.south_m + row * cell_m_});
       posts_.push_back({grid_.column_of(place.lon_deg), grid_.row_of(place.lat_deg)});
     }
   }

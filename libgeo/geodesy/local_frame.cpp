@@ -36,10 +36,13 @@ Geodetic LocalFrame::geodetic_from_enu(const Enu& point) const {
   return result;
 }
 
-Enu LocalFrame::enu_from_lonlat(LonLat place) const { return enu_from_geodetic({place, origin_height_m_}); }
+PlanePoint LocalFrame::plane_from_lonlat(LonLat place) const {
+  const Enu enu = enu_from_geodetic({place, origin_height_m_});
+  return {enu.east_m, enu.north_m};
+}
 
-LonLat LocalFrame::lonlat_from_enu(double east_m, double north_m) const {
-  return geodetic_from_enu({east_m, north_m, 0}).place;
+LonLat LocalFrame::lonlat_from_plane(PlanePoint point) const {
+  return geodetic_from_enu({point.east_m, point.north_m, 0}).place;
 }
 
 }  // namespace nadir

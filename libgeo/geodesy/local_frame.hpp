@@ -1,12 +1,13 @@
 // East-north-up metres around an origin (usually the take-off point): GeographicLib's LocalCartesian.
 //
-// Computations in the plane (corridors, windows, the filter) use east and north alone; at 10 km from the origin the plane's
-// height error is 8 m and its horizontal error millimetres.
+// Computations in the plane (corridors, windows, the filter) use east and north alone: a PlanePoint. Enu is for what has a
+// height as well.
 #pragma once
 
 #include <memory>
 
 #include "geodesy/lon_lat.hpp"
+#include "geodesy/plane_point.hpp"
 
 namespace nadir {
 
@@ -32,9 +33,9 @@ class LocalFrame {
   Enu enu_from_geodetic(const Geodetic& point) const;
   Geodetic geodetic_from_enu(const Enu& point) const;
 
-  // The same for positions on the ground: at the height of the origin.
-  Enu enu_from_lonlat(LonLat place) const;
-  LonLat lonlat_from_enu(double east_m, double north_m) const;
+  // Horizontal positions: of the point at the height of the origin, and of the point in the plane.
+  PlanePoint plane_from_lonlat(LonLat place) const;
+  LonLat lonlat_from_plane(PlanePoint point) const;
 
  private:
   struct Impl;

@@ -58,7 +58,7 @@ bool contains(const PlaneRing& ring, PlanePoint point) {
 }
 
 double distance_to_path_m(const PlanePath& path, PlanePoint point) {
-  if (path.size() == 1) return std::hypot(point.east_m - path[0].east_m, point.north_m - path[0].north_m);
+  if (path.size() == 1) return distance_m(point, path[0]);
   double nearest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i + 1 < path.size(); ++i) {
     nearest = std::min(nearest, distance_to_segment_m(path[i], path[i + 1], point));
@@ -69,7 +69,7 @@ double distance_to_path_m(const PlanePath& path, PlanePoint point) {
 double length_m(const PlanePath& path) {
   double sum = 0;
   for (std::size_t i = 0; i + 1 < path.size(); ++i) {
-    sum += std::hypot(path[i + 1].east_m - path[i].east_m, path[i + 1].north_m - path[i].north_m);
+    sum += distance_m(path[i + 1], path[i]);
   }
   return sum;
 }
@@ -77,10 +77,7 @@ double length_m(const PlanePath& path) {
 PlaneRing to_plane(const LocalFrame& frame, const std::vector<LonLat>& points) {
   PlaneRing ring;
   ring.reserve(points.size());
-  for (const LonLat place : points) {
-    const Enu enu = frame.enu_from_lonlat(place);
-    ring.push_back({enu.east_m, enu.north_m});
-  }
+  for (const LonLat place : points) ring.push_back(frame.plane_from_lonlat(place));
   return ring;
 }
 

@@ -6,13 +6,9 @@
 
 #include "geodesy/local_frame.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "geodesy/plane_point.hpp"
 
 namespace nadir {
-
-struct PlanePoint {
-  double east_m = 0;
-  double north_m = 0;
-};
 
 using PlaneRing = std::vector<PlanePoint>;  // closed implicitly: the last point joins the first
 using PlanePath = std::vector<PlanePoint>;
@@ -28,6 +24,8 @@ PlaneRing to_plane(const LocalFrame& frame, const std::vector<LonLat>& points);
 
 struct PlaneBox {
   double west_m = 0, south_m = 0, east_m = 0, north_m = 0;
+
+  PlanePoint middle() const { return {(west_m + east_m) / 2, (south_m + north_m) / 2}; }
 };
 
 struct Corridor {

@@ -99,7 +99,7 @@ class BlockCutter {
       for (int column = 0; column < nodes.columns; ++column) {
         const PlanePoint point = window_.plane_from_pixel(block.x + (column * kNode + 0.5) / level_.samples,
                                                           block.y + (row * kNode + 0.5) / level_.samples);
-        const GlobalPixel pixel = pixel_from_lonlat(frame_.lonlat_from_enu(point.east_m, point.north_m), level_.zoom);
+        const GlobalPixel pixel = pixel_from_lonlat(frame_.lonlat_from_plane(point), level_.zoom);
         const GlobalPixel small{pixel.x / shrink, pixel.y / shrink};
         if (nodes.places.empty()) nodes.origin = {std::floor(small.x / tile) * tile, std::floor(small.y / tile) * tile};
         // cv::remap counts from pixel centres.
@@ -193,7 +193,7 @@ ZoomRange MapWindowReader::zooms() const { return impl_->cache.source().zooms();
 
 MapWindow MapWindowReader::read(const LocalFrame& frame, const PlaneBox& box, double gsd_m, Colour colour) {
   MapWindow window = empty_window(box, gsd_m, colour);
-  const LonLat centre = frame.lonlat_from_enu((box.west_m + box.east_m) / 2, (box.south_m + box.north_m) / 2);
+  const LonLat centre = frame.lonlat_from_plane(box.middle());
   const WindowLevel level = level_for(zooms(), gsd_m, centre.lat_deg);
   const BlockCutter cutter(impl_->cache, frame, window, level, colour);
   for (int row = 0; row < window.image.rows; row += kWarpBlock_px) {

@@ -49,8 +49,8 @@ LonLat FixPredictor::place_at(std::int64_t now_us, const Offset& offset) const {
   const double dt_s = seconds(now_us - last_->time_us);
   const InertialMotion::Plane displacement_m = gain(now_us).displacement_m;
   return LocalFrame(last_->place)
-      .lonlat_from_enu(last_->east_mps * dt_s + displacement_m.east + offset.east_m,
-                       last_->north_mps * dt_s + displacement_m.north + offset.north_m);
+      .lonlat_from_plane({last_->east_mps * dt_s + displacement_m.east + offset.east_m,
+                          last_->north_mps * dt_s + displacement_m.north + offset.north_m});
 }
 
 bool FixPredictor::on_estimate(const VisionEstimate& estimate, std::int64_t now_us) {
@@ -67,7 +67,8 @@ bool FixPredictor::on_estimate(const VisionEstimate& estimate, std::int64_t now_
   offset_us_ = now_us;
   if (!last_fix) return true;
 
-  const Enu difference = LocalFrame(place_at(now_us, {})).enu_from_lonlat(*last_fix);
+  // In a frame around the new position: the offset of the last fix from it.
+  const PlanePoint difference = LocalFrame(place_at(now_us, {})).plane_from_lonlat(*last_fix);
   const double size_m = std::hypot(difference.east_m, difference.north_m);
   if (size_m > options_.jump_beyond_m) {
     jumped_m_ = std::max(size_m, jumped_m_.value_or(0));

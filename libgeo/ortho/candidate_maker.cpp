@@ -75,7 +75,7 @@ CandidateSidecar CandidateMaker::sidecar_of(const PosedFrame& seen, CandidateTru
   sidecar.trust = trust;
   sidecar.camera = camera_;
   const CameraPose& pose = seen.pose.pose;
-  const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
+  const LonLat place = flight_.frame.lonlat_from_plane(pose.position);
   sidecar.gsd_mm = rounded(gsd_at(flight_.camera, pose.agl_m), 1e-3);
   sidecar.pose = {.lat_e7 = rounded(place.lat_deg, 1e-7),
                   .lon_e7 = rounded(place.lon_deg, 1e-7),
@@ -94,7 +94,7 @@ CandidateSidecar CandidateMaker::sidecar_of(const PosedFrame& seen, CandidateTru
 std::optional<CandidateMaker::PreparedFrame> CandidateMaker::prepare(const PosedFrame& seen, ByteView encoded,
                                                                      FrameTiles& report) const {
   const CameraPose& pose = seen.pose.pose;
-  const LonLat place = flight_.frame.lonlat_from_enu(pose.position.east_m, pose.position.north_m);
+  const LonLat place = flight_.frame.lonlat_from_plane(pose.position);
   const double tile_gsd_m = ground_resolution_m(flight_.zoom, place.lat_deg);
   const double frame_gsd_m = gsd_at(flight_.camera, pose.agl_m);
   const FrameEligibility eligibility = check_pose_eligible(seen.pose, frame_gsd_m, tile_gsd_m, flight_.limits);

@@ -37,7 +37,7 @@ struct CandidatePose {
   std::int64_t lat_e7 = 0, lon_e7 = 0;
   std::int64_t agl_mm = 0;
   std::int64_t heading_mdeg = 0;               // 0 to 359999, of image-up, clockwise from north
-  std::int64_t pitch_mdeg = 0, roll_mdeg = 0;  // as vision/camera_model.hpp has them
+  std::int64_t pitch_mdeg = 0, roll_mdeg = 0;  // as vision/camera.hpp has them
   std::int64_t sigma_mm = 0;                   // one axis of the equivalent circular error
   std::int64_t cov_ee_mm2 = 0, cov_en_mm2 = 0, cov_nn_mm2 = 0;
   bool refined = false;  // smoothed with what came after the frame
@@ -110,7 +110,7 @@ SignatureCheck check_candidate_signature(const TrustRoot& root, const CandidateS
                                          std::optional<UtcTime> at);
 
 // The identity of a camera: SHA-256 of its canonical form, JSON with sorted keys, no blanks and integers
-// (docs/formats/candidates.md), so that tiles of one lens can be told from those of another.
+// (docs/formats/candidates.md), so that tiles of one lens can be distinguished from those of another.
 std::string canonical_camera(const CameraModel& camera);
 Sha256 camera_digest(const CameraModel& camera);
 

@@ -12,7 +12,7 @@
 namespace nadir {
 namespace {
 
-constexpr double kMinDownComponent = 0.3;  // as vision/rectify.cpp: beyond 72 degrees off nadir nothing is usable
+constexpr double kMinDownComponent = 0.3;  // as vision/rectification.cpp: beyond 72 degrees off nadir nothing is usable
 constexpr double kMargin_px = 1.0;         // at the frame's border: what the interpolation reads
 
 struct GroundPoint {
@@ -25,8 +25,7 @@ GroundPoint ground_under(const TileKey& key, double column, double row, const Lo
   const LonLat place = lonlat_from_pixel(
       {static_cast<double>(key.x) * kTileSize + column + 0.5, static_cast<double>(key.y) * kTileSize + row + 0.5},
       key.z);
-  const Enu enu = frame.enu_from_lonlat(place);
-  const PlanePoint point{enu.east_m, enu.north_m};
+  const PlanePoint point = frame.plane_from_lonlat(place);
   return {point, surface.height_m(point)};
 }
 
@@ -77,8 +76,7 @@ TileProjection project_tile(const TileKey& key, const LocalFrame& frame, const C
       result.slants.at<float>(r, c) = ray.z() < 0 ? static_cast<float>(aside_m / -ray.z()) : NAN;
       result.view_angle_rad = std::max(result.view_angle_rad, std::atan2(aside_m, -ray.z()));
       const auto climb = [&](const GroundPoint& other) {
-        const double run_m =
-            std::hypot(here[i].place.east_m - other.place.east_m, here[i].place.north_m - other.place.north_m);
+        const double run_m = distance_m(here[i].place, other.place);
         result.slope = std::max(result.slope, std::abs(here[i].height_m - other.height_m) / run_m);
       };
       if (c > 0) climb(here[i - 1]);
@@ -98,7 +96,7 @@ std::vector<TileKey> tiles_seen(int zoom, const LocalFrame& frame, const CameraM
     for (const double y : {0.0, bottom / 2, bottom}) {
       const auto ground = ground_from_ray(pose, camera.ray_from_pixel({x, y}), surface);
       if (!ground) return {};
-      const GlobalPixel at = pixel_from_lonlat(frame.lonlat_from_enu(ground->east_m, ground->north_m), zoom);
+      const GlobalPixel at = pixel_from_lonlat(frame.lonlat_from_plane(*ground), zoom);
       least = {std::min(least.x, at.x), std::min(least.y, at.y)};
       last = {std::max(last.x, at.x), std::max(last.y, at.y)};
     }

@@ -7,7 +7,7 @@
 //
 // Projection: each node of a coarse grid (every 16 pixels) is projected exactly, from the tile's Mercator pixel over
 // longitude and latitude, the plane, the terrain, the pose and the lens; the pixels between are interpolated
-// (vision/node_grid.hpp), less than a tenth of a pixel off where eligibility lets a tile be made.
+// (vision/rectification.hpp), less than a tenth of a pixel off where eligibility lets a tile be made.
 //
 // A tile that the frame shows completely is a whole tile. One that it shows in part is a PartialTile, which a mosaic
 // can merge with those of other frames (ortho/tile_mosaic.hpp).

@@ -8,18 +8,13 @@
 namespace nadir {
 namespace {
 
-double distance_m(PlanePoint a, PlanePoint b) { return std::hypot(a.east_m - b.east_m, a.north_m - b.north_m); }
-
 }  // namespace
 
 TileFootprint::TileFootprint(const LocalFrame& frame, const TileKey& key) {
   const LonLatBox box = bounds_of(key);
   const std::array<LonLat, 4> corners{LonLat{box.west_deg, box.north_deg}, LonLat{box.east_deg, box.north_deg},
                                       LonLat{box.west_deg, box.south_deg}, LonLat{box.east_deg, box.south_deg}};
-  for (std::size_t i = 0; i < corners.size(); ++i) {
-    const Enu enu = frame.enu_from_lonlat(corners[i]);
-    corners_[i] = {enu.east_m, enu.north_m};
-  }
+  for (std::size_t i = 0; i < corners.size(); ++i) corners_[i] = frame.plane_from_lonlat(corners[i]);
 }
 
 PlanePoint TileFootprint::place(double column, double row) const {
@@ -126,10 +121,7 @@ struct Disc {
 // Around the whole tile. Its sides are curves in the plane: a tenth more than its corners need.
 Disc disc_around(const LocalFrame& frame, const TileKey& key) {
   const LonLatBox box = bounds_of(key);
-  const auto place = [&](double lon_deg, double lat_deg) {
-    const Enu enu = frame.enu_from_lonlat({lon_deg, lat_deg});
-    return PlanePoint{enu.east_m, enu.north_m};
-  };
+  const auto place = [&](double lon_deg, double lat_deg) { return frame.plane_from_lonlat({lon_deg, lat_deg}); };
   Disc disc{place((box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2)};
   for (const double lon_deg : {box.west_deg, box.east_deg}) {
     for (const double lat_deg : {box.south_deg, box.north_deg}) {
@@ -173,7 +165,7 @@ std::vector<TileKey> tiles_of_region(const CoverageRequirement& need, const Loca
   TileKey low{first, UINT32_MAX, UINT32_MAX}, high{first, 0, 0};
   for (const double east_m : {box.west_m, (box.west_m + box.east_m) / 2, box.east_m}) {
     for (const double north_m : {box.south_m, (box.south_m + box.north_m) / 2, box.north_m}) {
-      const TileKey key = tile_at(frame.lonlat_from_enu(east_m, north_m), first);
+      const TileKey key = tile_at(frame.lonlat_from_plane({east_m, north_m}), first);
       low.x = std::min(low.x, key.x), low.y = std::min(low.y, key.y);
       high.x = std::max(high.x, key.x), high.y = std::max(high.y, key.y);
     }

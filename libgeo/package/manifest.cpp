@@ -210,7 +210,7 @@ Manifest manifest_for(const Mission& mission) {
   LonLatBox& bounds = manifest.bounds = {180, 90, -180, -90};
   for (const double east_m : {box.west_m, (box.west_m + box.east_m) / 2, box.east_m}) {
     for (const double north_m : {box.south_m, (box.south_m + box.north_m) / 2, box.north_m}) {
-      const LonLat place = frame.lonlat_from_enu(east_m, north_m);
+      const LonLat place = frame.lonlat_from_plane({east_m, north_m});
       bounds.west_deg = std::min(bounds.west_deg, std::floor(place.lon_deg * 1e7) / 1e7);
       bounds.south_deg = std::min(bounds.south_deg, std::floor(place.lat_deg * 1e7) / 1e7);
       bounds.east_deg = std::max(bounds.east_deg, std::ceil(place.lon_deg * 1e7) / 1e7);

@@ -120,8 +120,7 @@ void check_near(const YamlNode& node, const std::vector<LonLat>& points, const s
   if (!takeoff) return;
   const LocalFrame frame(*takeoff);
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const Enu enu = frame.enu_from_lonlat(points[i]);
-    const double away_m = std::hypot(enu.east_m, enu.north_m);
+    const double away_m = distance_m(frame.plane_from_lonlat(points[i]), {});
     if (away_m > kMaxDistanceFromTakeoff_m) {
       refuse(node, fmt::format("points within {:.0f} km of take-off", kMaxDistanceFromTakeoff_m / 1000),
              fmt::format("point {} is {:.0f} km away", i + 1, away_m / 1000),

@@ -224,10 +224,7 @@ class GapSearch {
   // Far outside the grid is as good as just outside; a region of a degree has at most some 10^7 quads a side.
   static int quad(double post) { return static_cast<int>(std::floor(std::clamp(post, -2e7, 4e7))); }
 
-  PlanePoint plane(double column, double row) const {
-    const Enu enu = frame_.enu_from_lonlat(grid_.place(column, row));
-    return {enu.east_m, enu.north_m};
-  }
+  PlanePoint plane(double column, double row) const { return frame_.plane_from_lonlat(grid_.place(column, row)); }
 
   bool touches(PlanePoint centre, double radius_m) const {
     return std::any_of(region_.rings.begin(), region_.rings.end(),
@@ -244,8 +241,7 @@ class GapSearch {
     const PlanePoint centre = plane(column + size / 2.0, row + size / 2.0);
     const PlanePoint corner = plane(column, row), other = plane(column + size, row);
     // Longitudes and latitudes are not quite square in the plane: a little more than the half diagonal.
-    const auto away_m = [&](PlanePoint p) { return std::hypot(p.east_m - centre.east_m, p.north_m - centre.north_m); };
-    if (!touches(centre, 1.02 * std::max(away_m(corner), away_m(other)))) return;
+    if (!touches(centre, 1.02 * std::max(distance_m(corner, centre), distance_m(other, centre)))) return;
     if (size == 1) return sample(column, row);
     const int half = size / 2;
     search(column, row, half);

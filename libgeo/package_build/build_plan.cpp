@@ -64,7 +64,7 @@ PixelBox wanted_box(const Mission& mission) {
   PixelBox wanted;
   for (const double east : {bounds.west_m - kMargin_m, bounds.east_m + kMargin_m}) {
     for (const double north : {bounds.south_m - kMargin_m, bounds.north_m + kMargin_m}) {
-      wanted.add(pixel_from_lonlat(frame.lonlat_from_enu(east, north), zoom));
+      wanted.add(pixel_from_lonlat(frame.lonlat_from_plane({east, north}), zoom));
     }
   }
   return wanted;

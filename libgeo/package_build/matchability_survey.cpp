@@ -38,7 +38,7 @@ MatchabilityGrid grid_over(const Region& region, const LocalFrame& frame, int zo
   double west = 1e300, north = 1e300, east = -1e300, south = -1e300;
   for (const double x : {box.west_m, box.east_m}) {
     for (const double y : {box.south_m, box.north_m}) {
-      const GlobalPixel corner = pixel_from_lonlat(frame.lonlat_from_enu(x, y), zoom);
+      const GlobalPixel corner = pixel_from_lonlat(frame.lonlat_from_plane({x, y}), zoom);
       west = std::min(west, corner.x), east = std::max(east, corner.x);
       north = std::min(north, corner.y), south = std::max(south, corner.y);
     }
@@ -67,8 +67,7 @@ std::vector<std::size_t> needed_cells(const MatchabilityGrid& grid, const Region
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(column);
   };
   const auto asked = [&](double column, double row) {
-    const Enu point = frame.enu_from_lonlat(grid.lonlat_at(column, row));
-    return region.contains({point.east_m, point.north_m});
+    return region.contains(frame.plane_from_lonlat(grid.lonlat_at(column, row)));
   };
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {
@@ -80,7 +79,7 @@ std::vector<std::size_t> needed_cells(const MatchabilityGrid& grid, const Region
     }
   }
   const auto touch = [&](PlanePoint point) {
-    const GlobalPixel pixel = pixel_from_lonlat(frame.lonlat_from_enu(point.east_m, point.north_m), grid.zoom);
+    const GlobalPixel pixel = pixel_from_lonlat(frame.lonlat_from_plane(point), grid.zoom);
     const double column = std::floor(pixel.x / grid.step_px) - static_cast<double>(grid.first_column);
     const double row = std::floor(pixel.y / grid.step_px) - static_cast<double>(grid.first_row);
     if (column < 0 || row < 0 || column >= grid.columns || row >= grid.rows) return;
@@ -89,11 +88,11 @@ std::vector<std::size_t> needed_cells(const MatchabilityGrid& grid, const Region
   for (const Corridor& corridor : region.corridors) {
     for (std::size_t i = 1; i < corridor.path.size(); ++i) {
       const PlanePoint a = corridor.path[i - 1], b = corridor.path[i];
-      const double length_m = std::hypot(b.east_m - a.east_m, b.north_m - a.north_m);
+      const double length_m = distance_m(a, b);
       const int steps = std::max(1, static_cast<int>(std::ceil(length_m / step_m * kRouteSamples)));
       for (int k = 0; k <= steps; ++k) {
         const double share = static_cast<double>(k) / steps;
-        touch({a.east_m + share * (b.east_m - a.east_m), a.north_m + share * (b.north_m - a.north_m)});
+        touch(a + share * (b - a));
       }
     }
   }
@@ -110,7 +109,7 @@ LonLat centre_of(const MatchabilityGrid& grid, std::size_t cell) {
 }
 
 PlaneBox box_around(const LocalFrame& frame, LonLat position, double reach_m) {
-  const Enu centre = frame.enu_from_lonlat(position);
+  const PlanePoint centre = frame.plane_from_lonlat(position);
   return {centre.east_m - reach_m, centre.north_m - reach_m, centre.east_m + reach_m, centre.north_m + reach_m};
 }
 
@@ -195,12 +194,9 @@ class RouteSampler {
       : map_(map), frame_(frame), summary_(summary) {}
 
   void add_leg(PlanePoint from, PlanePoint to) {
-    const double length = std::hypot(to.east_m - from.east_m, to.north_m - from.north_m);
+    const double length = distance_m(from, to);
     const int steps = std::max(1, static_cast<int>(std::ceil(length / kRouteStep_m)));
-    const auto along = [&](double share) {
-      return frame_.lonlat_from_enu(from.east_m + share * (to.east_m - from.east_m),
-                                    from.north_m + share * (to.north_m - from.north_m));
-    };
+    const auto along = [&](double share) { return frame_.lonlat_from_plane(from + share * (to - from)); };
     for (int i = 0; i < steps; ++i) {
       const PlaceMatchability* place = map_.at(along((i + 0.5) / steps));
       const MatchClass cls = place == nullptr ? MatchClass::outside : place->cls;

@@ -19,7 +19,7 @@ class AutopilotSession {
  public:
   using OnMessage = std::function<bool(const ReceivedMessage&)>;  // true: that is the answer
 
-  // url: mavlink/endpoint.hpp. Throws UsageError for a malformed one, Error when it cannot listen there.
+  // url: mavlink/transport.hpp. Throws UsageError for a malformed one, Error when it cannot listen there.
   AutopilotSession(std::string url, double timeout_s);
   ~AutopilotSession();
 

@@ -36,8 +36,8 @@ Measured predicted(const BoresightMeasurement& measurement, const Unknowns& x) {
                           earlier(measurement.aircraft.roll_rad, measurement.rate_rad_s.roll_rad)};
   const Attitude camera = camera_attitude(aircraft, {x[yaw], x[pitch], x[roll]});
   Measured seen;
-  seen << measurement.gps_m.x() - measurement.velocity_mps.x() * x[delay] + x[east],
-      measurement.gps_m.y() - measurement.velocity_mps.y() * x[delay] + x[north], x[log_height], camera.heading_rad,
+  seen << measurement.gps_position.east_m - measurement.velocity_mps.x() * x[delay] + x[east],
+      measurement.gps_position.north_m - measurement.velocity_mps.y() * x[delay] + x[north], x[log_height], camera.heading_rad,
       camera.pitch_rad, camera.roll_rad;
   return seen;
 }
@@ -190,7 +190,7 @@ constexpr double kLongestStep_s = 3;     // between frames, for rates
 constexpr double kHealthySigma_m = 20;   // of the prediction that the gates weigh: GPS
 
 bool complete(const Telemetry& telemetry) {
-  return telemetry.place && telemetry.agl_m && telemetry.heading_rad && telemetry.pitch_rad && telemetry.roll_rad;
+  return telemetry.gps_position && telemetry.agl_m && telemetry.heading_rad && telemetry.pitch_rad && telemetry.roll_rad;
 }
 
 // Position, velocity, attitude and its rate at a frame, from its neighbours.
@@ -199,13 +199,10 @@ BoresightMeasurement measurement_at(const std::vector<Telemetry>& frames, std::s
   const auto aircraft = [&](const Telemetry& telemetry) {
     return aircraft_attitude({*telemetry.heading_rad, *telemetry.pitch_rad, *telemetry.roll_rad}, assumed_mount);
   };
-  const auto place = [&](const Telemetry& telemetry) {
-    const Enu enu = frame.enu_from_lonlat(*telemetry.place);
-    return Eigen::Vector2d(enu.east_m, enu.north_m);
-  };
+  const auto place = [&](const Telemetry& telemetry) { return frame.plane_from_lonlat(*telemetry.gps_position); };
   BoresightMeasurement measurement;
   measurement.time_s = frames[at].time_s;
-  measurement.gps_m = place(frames[at]);
+  measurement.gps_position = place(frames[at]);
   measurement.aircraft = aircraft(frames[at]);
   const Telemetry& before = frames[at > 0 && complete(frames[at - 1]) ? at - 1 : at];
   const Telemetry& after = frames[at + 1 < frames.size() && complete(frames[at + 1]) ? at + 1 : at];
@@ -221,7 +218,7 @@ BoresightMeasurement measurement_at(const std::vector<Telemetry>& frames, std::s
 AnchorPrior prior_of(const BoresightMeasurement& measurement, const Attitude& mount, double agl_m,
                      const TelemetryUncertainty& uncertainty) {
   AnchorPrior prior;
-  prior.search.pose = {{measurement.gps_m.x(), measurement.gps_m.y()}, agl_m, camera_attitude(measurement.aircraft, mount)};
+  prior.search.pose = {measurement.gps_position, agl_m, camera_attitude(measurement.aircraft, mount)};
   prior.search.radius_m = std::max(kLeastRadius_m, 1.5 * agl_m * std::tan(kMountRange_rad));
   prior.heading_sigma_rad = std::hypot(uncertainty.heading_rad, kMountRange_rad / 2);
   prior.search.heading_range_rad = 2 * prior.heading_sigma_rad;

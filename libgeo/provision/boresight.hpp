@@ -18,6 +18,7 @@
 
 #include "base/error.hpp"
 #include "base/progress.hpp"
+#include "geodesy/plane_point.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_folder.hpp"
 #include "vision/camera.hpp"
@@ -27,7 +28,7 @@ namespace nadir {
 // One frame. Position in the map's plane (m), angles in radians.
 struct BoresightMeasurement {
   double time_s = 0;
-  Eigen::Vector2d gps_m = Eigen::Vector2d::Zero();         // east, north
+  PlanePoint gps_position;
   Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // of the GPS position
   Attitude aircraft;
   Attitude rate_rad_s;  // rate of each of its angles

@@ -282,12 +282,12 @@ Bytes encode(const InputRecord& input) {
   const Telemetry& telemetry = input.telemetry;
   const auto frame = builder.CreateString(telemetry.frame);
   const auto picture = builder.CreateString(input.picture.hex());
-  const fbs::LonLat at = place(telemetry.place.value_or(LonLat{}));
+  const fbs::LonLat at = place(telemetry.gps_position.value_or(LonLat{}));
   const auto dv = velocity_change(telemetry.imu_dv_mps);
   const auto intervals = encode_intervals(builder, telemetry.intervals);
   return finish(builder, fbs::CreateInput(builder, input.index, frame, telemetry.time_s, optional(telemetry.agl_m),
                                           optional(telemetry.heading_rad), optional(telemetry.pitch_rad),
-                                          optional(telemetry.roll_rad), telemetry.place ? &at : nullptr, picture,
+                                          optional(telemetry.roll_rad), telemetry.gps_position ? &at : nullptr, picture,
                                           input.picture_bytes, dv ? &*dv : nullptr, intervals));
 }
 
@@ -303,7 +303,7 @@ bool decode(ByteView bytes, InputRecord& input) {
   input.telemetry.heading_rad = optional(table->heading_rad());
   input.telemetry.pitch_rad = optional(table->pitch_rad());
   input.telemetry.roll_rad = optional(table->roll_rad());
-  input.telemetry.place = place(table->place());
+  input.telemetry.gps_position = place(table->place());
   input.telemetry.imu_dv_mps = velocity_change(table->imu_dv());
   input.telemetry.intervals = decode_intervals(table->way());
   input.picture = *digest;

@@ -203,7 +203,7 @@ std::vector<Telemetry> read_telemetry(const std::filesystem::path& path) {
     if (imu_east && imu_north) telemetry.imu_dv_mps = {*imu_east, *imu_north};
     const auto lat = number_within(table, row, columns.lat, -90, 90);
     const auto lon = number_within(table, row, columns.lon, -180, 180);
-    if (lat && lon) telemetry.place = LonLat{*lon, *lat};
+    if (lat && lon) telemetry.gps_position = LonLat{*lon, *lat};
 
     const auto [other, fresh] = line_of_frame.emplace(telemetry.frame, table.line_of(row));
     if (!fresh) {

@@ -47,9 +47,9 @@ json frame_json(const FrameReport& report, const std::optional<double>& error_m,
                  {"inliers", report.odometry.inliers},
                  {"step", rounded(report.odometry.step_m)}}}};
   if (e.position) {
-    const Enu enu = frame.enu_from_lonlat(*e.position);
-    item["east"] = rounded(enu.east_m);
-    item["north"] = rounded(enu.north_m);
+    const PlanePoint at = frame.plane_from_lonlat(*e.position);
+    item["east"] = rounded(at.east_m);
+    item["north"] = rounded(at.north_m);
     item["lat"] = e.position->lat_deg;
     item["lon"] = e.position->lon_deg;
     item["covariance"] = {rounded(e.covariance_m2(0, 0)), rounded(e.covariance_m2(0, 1)),
@@ -60,8 +60,8 @@ json frame_json(const FrameReport& report, const std::optional<double>& error_m,
 
 json place_json(const std::optional<LonLat>& place, const LocalFrame& frame) {
   if (!place) return {};
-  const Enu enu = frame.enu_from_lonlat(*place);
-  return json::array({rounded(enu.east_m), rounded(enu.north_m)});
+  const PlanePoint at = frame.plane_from_lonlat(*place);
+  return json::array({rounded(at.east_m), rounded(at.north_m)});
 }
 
 json tile(std::string value, const char* unit, const char* label, const char* mood = "") {

@@ -56,28 +56,22 @@ namespace {
 constexpr double kChi2Half = 1.3862943611198906;
 constexpr double kChi2NineteenOf20 = 5.991464547107979;
 
-struct Offset {
-  double east_m = 0, north_m = 0;
-};
-
-std::optional<Offset> offset_of(const Estimate& estimate, const std::optional<LonLat>& truth, const LocalFrame& frame) {
+std::optional<Eigen::Vector2d> offset_of(const Estimate& estimate, const std::optional<LonLat>& truth, const LocalFrame& frame) {
   if (!estimate.position || !truth) return std::nullopt;
-  const Enu estimated = frame.enu_from_lonlat(*estimate.position);
-  const Enu actual = frame.enu_from_lonlat(*truth);
-  return Offset{estimated.east_m - actual.east_m, estimated.north_m - actual.north_m};
+  return frame.plane_from_lonlat(*estimate.position) - frame.plane_from_lonlat(*truth);
 }
 
 // Squared Mahalanobis distance. Without a usable covariance the circle of sigma_m stands for the ellipse.
-double mahalanobis2(const Estimate& estimate, const Offset& offset) {
+double mahalanobis2(const Estimate& estimate, const Eigen::Vector2d& offset) {
   const auto& c = estimate.covariance_m2;
   const double determinant = c(0, 0) * c(1, 1) - c(0, 1) * c(1, 0);
   if (c(0, 0) > 0 && determinant > 0) {
-    return (c(1, 1) * offset.east_m * offset.east_m - 2 * c(0, 1) * offset.east_m * offset.north_m +
-            c(0, 0) * offset.north_m * offset.north_m) /
+    return (c(1, 1) * offset.x() * offset.x() - 2 * c(0, 1) * offset.x() * offset.y() +
+            c(0, 0) * offset.y() * offset.y()) /
            determinant;
   }
   const double sigma = std::max(estimate.sigma_m, 1e-9);
-  return (offset.east_m * offset.east_m + offset.north_m * offset.north_m) / (sigma * sigma);
+  return (offset.x() * offset.x() + offset.y() * offset.y()) / (sigma * sigma);
 }
 
 double share(std::size_t part, std::size_t whole) {
@@ -92,7 +86,7 @@ ErrorFigures figures(const std::vector<Estimate>& estimates, const Truth& truth,
     known += truth[i].has_value();
     const auto offset = offset_of(estimates[i], truth[i], frame);
     if (!offset) continue;
-    const double error = std::hypot(offset->east_m, offset->north_m);
+    const double error = std::hypot(offset->x(), offset->y());
     const double chi2 = mahalanobis2(estimates[i], *offset);
     errors.push_back(error);
     within_20 += error <= 20;
@@ -128,7 +122,7 @@ std::vector<std::optional<double>> errors_m(const std::vector<Estimate>& estimat
   std::vector<std::optional<double>> errors(estimates.size());
   for (std::size_t i = 0; i < estimates.size() && i < truth.size(); ++i) {
     if (const auto offset = offset_of(estimates[i], truth[i], frame)) {
-      errors[i] = std::hypot(offset->east_m, offset->north_m);
+      errors[i] = std::hypot(offset->x(), offset->y());
     }
   }
   return errors;

@@ -51,7 +51,7 @@ RenderedFrame LiveCamera::capture(const LivePose& pose, std::uint64_t number) co
   RenderedFrame grey{cv::Mat(camera_.height, camera_.width, CV_8UC3, kGrey), 0};
   if (!finite(pose)) return grey;
   const Enu at = frame_.enu_from_geodetic({pose.place, pose.height_m});
-  const double ground = ground_.up_m(at.east_m, at.north_m);
+  const double ground = ground_.up_m({at.east_m, at.north_m});
   FlightPose flight;
   flight.time_s = static_cast<double>(pose.unix_us) * 1e-6;
   flight.agl_m = std::max(1.0, at.up_m - ground);

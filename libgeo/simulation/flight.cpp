@@ -32,18 +32,19 @@ PlaneBox box_around(const PlanePath& route, double reach_m) {
 void check_route(const WorldRaster& world, const GroundShape& ground, const std::vector<FlightPose>& poses,
                  const LocalFrame& frame, const SimulatedFlightOptions& options) {
   for (const FlightPose& pose : poses) {
-    if (!ground.covers(pose.position.x(), pose.position.y())) {
+    const PlanePoint at(pose.position.head<2>());
+    if (!ground.covers(at)) {
       throw UsageError({.what = "the elevation model does not cover the flight",
                         .where = options.dem->string(),
                         .expected = "heights under the whole route",
                         .fix = "use a larger model, or omit --dem to fly over flat ground"});
     }
-    if (world.covers(pose.position.x(), pose.position.y())) continue;
-    const LonLat at = frame.lonlat_from_enu(pose.position.x(), pose.position.y());
+    if (world.covers(at)) continue;
+    const LonLat place = frame.lonlat_from_plane(at);
     throw UsageError({.what = "the route leaves the world",
                       .where = options.world.string(),
                       .expected = "valid pixels under the whole route",
-                      .found = fmt::format("none at {:.6f}, {:.6f}", at.lon_deg, at.lat_deg),
+                      .found = fmt::format("none at {:.6f}, {:.6f}", place.lon_deg, place.lat_deg),
                       .fix = "use a larger raster, or the mission that belongs to it"});
   }
 }

@@ -13,21 +13,19 @@ namespace {
 constexpr double kGravity = 9.80665;
 constexpr double kUsualBank_rad = 0.38;  // 22 degrees
 
-Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
-
 // The route as points about a metre apart, corners replaced by arcs.
-std::vector<Eigen::Vector2d> rounded(const PlanePath& route, double radius_m, double step_m) {
-  std::vector<Eigen::Vector2d> corners;
-  for (const PlanePoint& p : route) {
-    if (corners.empty() || (vec(p) - corners.back()).norm() > 0.01) corners.push_back(vec(p));
+PlanePath rounded(const PlanePath& route, double radius_m, double step_m) {
+  PlanePath corners;
+  for (const PlanePoint p : route) {
+    if (corners.empty() || (p - corners.back()).norm() > 0.01) corners.push_back(p);
   }
-  std::vector<Eigen::Vector2d> line;
-  const auto straight = [&](const Eigen::Vector2d& to) {
+  PlanePath line;
+  const auto straight = [&](PlanePoint to) {
     if (line.empty()) {
       line.push_back(to);
       return;
     }
-    const Eigen::Vector2d from = line.back();
+    const PlanePoint from = line.back();
     const int steps = std::max(1, static_cast<int>((to - from).norm() / step_m));
     for (int i = 1; i <= steps; ++i) line.push_back(from + (to - from) * (static_cast<double>(i) / steps));
   };
@@ -43,10 +41,10 @@ std::vector<Eigen::Vector2d> rounded(const PlanePath& route, double radius_m, do
     }
     const double room = 0.49 * std::min(in.norm(), out.norm());
     const double tangent = std::min(radius_m * half, room), radius = tangent / half;
-    const Eigen::Vector2d start = corners[i] - a * tangent;
+    const PlanePoint start = corners[i] - a * tangent;
     straight(start);
     const double side = turn > 0 ? 1 : -1;
-    const Eigen::Vector2d centre = start + Eigen::Vector2d(-a.y(), a.x()) * (side * radius);
+    const PlanePoint centre = start + Eigen::Vector2d(-a.y(), a.x()) * (side * radius);
     const int steps = std::max(2, static_cast<int>(std::abs(turn) * radius / step_m));
     for (int k = 1; k <= steps; ++k) {
       const double angle = turn * k / steps;
@@ -79,7 +77,7 @@ std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const Groun
   const double speed = options.speed_mps;
   const double radius = speed * speed / (kGravity * std::tan(kUsualBank_rad));
   const double step = std::max(0.5, speed / 40);
-  const std::vector<Eigen::Vector2d> line = rounded(route, radius, step);
+  const PlanePath line = rounded(route, radius, step);
   if (line.size() < 2) return {};
   const std::size_t n = line.size();
   std::vector<double> arc(n, 0), course(n, 0), curvature(n, 0), terrain(n);
@@ -95,7 +93,7 @@ std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const Groun
   for (std::size_t i = 1; i + 1 < n; ++i)
     curvature[i] = (course[i + 1] - course[i - 1]) / std::max(1e-6, arc[i + 1] - arc[i - 1]);
   curvature = smoothed(curvature, static_cast<int>(0.5 * speed / step));
-  for (std::size_t i = 0; i < n; ++i) terrain[i] = ground.up_m(line[i].x(), line[i].y());
+  for (std::size_t i = 0; i < n; ++i) terrain[i] = ground.up_m(line[i]);
   const std::vector<double> smooth_terrain = smoothed(terrain, static_cast<int>(350 / step));
 
   Random random = Random(seed).fork("path");
@@ -115,12 +113,12 @@ std::vector<FlightPose> simulate_flight_path(const PlanePath& route, const Groun
     const auto between = [&](const std::vector<double>& v) { return std::lerp(v[at], v[at + 1], t); };
     FlightPose pose;
     pose.time_s = time;
-    const Eigen::Vector2d plane = line[at] + (line[at + 1] - line[at]) * t;
+    const PlanePoint plane = line[at] + (line[at + 1] - line[at]) * t;
     const double heading = between(course), rate = between(curvature) * speed;
     const double lift = options.calm ? 0 : 0.012 * options.agl_m * climb.at(time, 0.5);
     const double up = between(smooth_terrain) + options.agl_m + lift;
-    pose.position = {plane.x(), plane.y(), up};
-    pose.agl_m = up - ground.up_m(plane.x(), plane.y());
+    pose.position = {plane.east_m, plane.north_m, up};
+    pose.agl_m = up - ground.up_m(plane);
     pose.pressure_agl_m = options.agl_m + lift;
     pose.velocity_mps = Eigen::Vector2d(std::sin(heading), std::cos(heading)) * speed;
     // Coordinated turn: tan(bank) = v · rate / g, at most 30 degrees.

@@ -64,13 +64,13 @@ Eigen::Vector3d intersect_ground(const GroundShape& ground, const Eigen::Vector3
                                  const Eigen::Vector3d& direction) {
   const Eigen::Vector3d d = direction.normalized();
   const double fall = std::max(-d.z(), 0.05);  // rays near the horizon end far away
-  double up = ground.up_m(position.x(), position.y());
+  double up = ground.up_m(PlanePoint(position.head<2>()));
   Eigen::Vector3d point = position;
   double last_length = 0, last_gap = position.z() - up;
   double length = last_gap / fall;
   for (int i = 0; i < 30; ++i) {
     point = position + d * length;
-    const double gap = position.z() - fall * length - ground.up_m(point.x(), point.y());
+    const double gap = position.z() - fall * length - ground.up_m(PlanePoint(point.head<2>()));
     if (std::abs(gap) < 1e-4) break;
     // Secant on the height above ground; falls back to the plane's step where the ground is level.
     const double slope = (gap - last_gap) / (length - last_length);

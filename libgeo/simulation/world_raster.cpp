@@ -91,14 +91,14 @@ WorldExtent extent_of_world(const std::filesystem::path& path) {
   const double width = extent.size.width, height = extent.size.height;
   extent.centre = geo.lonlat_from_pixel(width / 2, height / 2);
   const LocalFrame frame(extent.centre);
-  const auto at = [&](double column, double row) { return frame.enu_from_lonlat(geo.lonlat_from_pixel(column, row)); };
-  const Enu right = at(width / 2 + 1, height / 2), down = at(width / 2, height / 2 + 1);
+  const auto at = [&](double column, double row) { return frame.plane_from_lonlat(geo.lonlat_from_pixel(column, row)); };
+  const PlanePoint right = at(width / 2 + 1, height / 2), down = at(width / 2, height / 2 + 1);
   extent.gsd_m = std::sqrt(std::abs(right.east_m * down.north_m - right.north_m * down.east_m));
   extent.box = {1e12, 1e12, -1e12, -1e12};
   constexpr int kSteps = 16;  // along each edge: a projection's edges are curved
   for (int i = 0; i <= kSteps; ++i) {
     const double t = static_cast<double>(i) / kSteps;
-    for (const Enu& p : {at(t * width, 0), at(t * width, height), at(0, t * height), at(width, t * height)}) {
+    for (const PlanePoint p : {at(t * width, 0), at(t * width, height), at(0, t * height), at(width, t * height)}) {
       extent.box.west_m = std::min(extent.box.west_m, p.east_m);
       extent.box.east_m = std::max(extent.box.east_m, p.east_m);
       extent.box.south_m = std::min(extent.box.south_m, p.north_m);
@@ -116,8 +116,8 @@ cv::Rect window_of(const Georeference& geo, cv::Size size, const LocalFrame& fra
   std::vector<double> x, y;
   for (int i = 0; i <= 16; ++i) {
     for (int j = 0; j <= 16; ++j) {
-      const LonLat p = frame.lonlat_from_enu(std::lerp(box.west_m, box.east_m, i / 16.0),
-                                             std::lerp(box.south_m, box.north_m, j / 16.0));
+      const LonLat p = frame.lonlat_from_plane(
+          {std::lerp(box.west_m, box.east_m, i / 16.0), std::lerp(box.south_m, box.north_m, j / 16.0)});
       x.push_back(p.lon_deg), y.push_back(p.lat_deg);
     }
   }
@@ -218,7 +218,7 @@ GroundShape::GroundShape(const std::filesystem::path& dem, const LocalFrame& fra
   for (int row = 0; row < up_.rows; ++row) {
     for (int column = 0; column < up_.cols; ++column) {
       const auto i = static_cast<std::size_t>(column);
-      places[i] = frame.lonlat_from_enu(west_m_ + column * step_m_, south_m_ + row * step_m_);
+      places[i] = frame.lonlat_from_plane({west_m_ + column * step_m_, south_m_ + row * step_m_});
       x[i] = places[i].lon_deg, y[i] = places[i].lat_deg;
     }
     if (!heights.geo.pixels_from_lonlat(x, y)) not_covered(dem);
@@ -234,15 +234,16 @@ GroundShape::GroundShape(const std::filesystem::path& dem, const LocalFrame& fra
   }
 }
 
-double GroundShape::up_m(double east_m, double north_m) const {
+double GroundShape::up_m(PlanePoint point) const {
   // Level ground follows the Earth: it falls below the frame's plane, by 8 cm at one kilometre.
-  if (up_.empty()) return -(east_m * east_m + north_m * north_m) / (2 * 6371000.0);
-  return sample(up_, (east_m - west_m_) / step_m_, (north_m - south_m_) / step_m_);
+  if (up_.empty()) return -(point.east_m * point.east_m + point.north_m * point.north_m) / (2 * 6371000.0);
+  return sample(up_, (point.east_m - west_m_) / step_m_, (point.north_m - south_m_) / step_m_);
 }
 
-bool GroundShape::covers(double east_m, double north_m) const {
+bool GroundShape::covers(PlanePoint point) const {
   if (up_.empty()) return true;
-  const auto column = std::lround((east_m - west_m_) / step_m_), row = std::lround((north_m - south_m_) / step_m_);
+  const auto column = std::lround((point.east_m - west_m_) / step_m_);
+  const auto row = std::lround((point.north_m - south_m_) / step_m_);
   if (column < 0 || row < 0 || column >= up_.cols || row >= up_.rows) return false;
   return covered_(static_cast<int>(row), static_cast<int>(column)) != 0;
 }
@@ -319,8 +320,8 @@ void WorldRaster::raster_from_enu(std::span<Eigen::Vector3d> points) const {
   }
 }
 
-bool WorldRaster::covers(double east_m, double north_m) const {
-  std::vector<Eigen::Vector3d> point = {{east_m, north_m, 0}};
+bool WorldRaster::covers(PlanePoint position) const {
+  std::vector<Eigen::Vector3d> point = {{position.east_m, position.north_m, 0}};
   raster_from_enu(point);
   const cv::Mat& mask = levels_.front().mask;
   const double x = point[0].x(), y = point[0].y();

@@ -25,9 +25,9 @@ class GroundShape {
   // Resamples the model's heights to a grid in the frame. Throws UsageError when it does not meet `box`.
   GroundShape(const std::filesystem::path& dem, const LocalFrame& frame, const PlaneBox& box);
 
-  double up_m(double east_m, double north_m) const;
+  double up_m(PlanePoint point) const;
   // False beyond the model, where up_m() continues with the heights of its edge.
-  bool covers(double east_m, double north_m) const;
+  bool covers(PlanePoint point) const;
   // The mean geodetic height of the model around a position, to choose a frame's origin.
   static double height_at(const std::filesystem::path& dem, LonLat place);
 
@@ -45,7 +45,7 @@ class WorldRaster {
   ~WorldRaster();
 
   // True when the position lies on valid pixels of the raster.
-  bool covers(double east_m, double north_m) const;
+  bool covers(PlanePoint position) const;
 
   // Raster coordinates (continuous, pixel centres at +0.5) of points given in the frame.
   void raster_from_enu(std::span<Eigen::Vector3d> points) const;

@@ -23,8 +23,7 @@ struct Scene {
 
 Scene moved(const Scene& scene, const Vector& step) {
   Scene result = scene;
-  result.pose.position.east_m += step[0];
-  result.pose.position.north_m += step[1];
+  result.pose.position = scene.pose.position + step.head<2>();
   result.pose.agl_m *= std::exp(step[2]);
   result.pose.attitude.heading_rad += step[3];
   result.pose.attitude.pitch_rad += step[4];
@@ -37,7 +36,7 @@ Scene moved(const Scene& scene, const Vector& step) {
 struct Oriented {
   explicit Oriented(const Scene& at) : scene(at), rotation(enu_from_camera(at.pose.attitude)) {}
 
-  std::optional<Eigen::Vector2d> predicted(const GroundCorrespondence& correspondence) const {
+  std::optional<PlanePoint> predicted(const GroundCorrespondence& correspondence) const {
     return sloping_ground_from_ray(scene.pose, rotation, correspondence.ray, scene.slope, correspondence.height_m);
   }
 
@@ -58,7 +57,7 @@ class Linearised {
     }
   }
 
-  std::optional<Eigen::Vector2d> predicted(const GroundCorrespondence& correspondence) const {
+  std::optional<PlanePoint> predicted(const GroundCorrespondence& correspondence) const {
     return here_.predicted(correspondence);
   }
 
@@ -119,8 +118,7 @@ class PoseProblem {
       const auto at = here.predicted(correspondence);
       const auto jacobian = here.jacobian_of(correspondence);
       if (!at || !jacobian) return std::nullopt;
-      const Eigen::Vector2d residual =
-          Eigen::Vector2d(correspondence.ground.east_m, correspondence.ground.north_m) - *at;
+      const Eigen::Vector2d residual = correspondence.ground - *at;
       solved_.residual_m[i] = residual;
       const double squared = residual.squaredNorm();
       const Eigen::Matrix2d weight = geman_mcclure_weight(squared, scale_m_) * information_of(correspondence, options_);

@@ -61,7 +61,7 @@ class ChannelMatcher final : public MapMatcher {
     found.places.insert(found.places.end(), others.begin(), others.end());
     SearchResult all = best_of(found.places, plan->options);
     const PlanePoint best = all.places.front().pose.position;
-    if (std::hypot(best.east_m - best_suggested.east_m, best.north_m - best_suggested.north_m) >=
+    if (distance_m(best, best_suggested) >=
         plan->options.distinct_m) {
       return refine_best(query, *plan, std::move(found), prior);
     }

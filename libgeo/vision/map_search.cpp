@@ -93,8 +93,6 @@ PlanePoint camera_of(const ScaledMap& map, const GroundGrid& grid, double x, dou
   return {map.west_m + x * map.gsd_m - grid.west_m, map.north_m - y * map.gsd_m - grid.north_m};
 }
 
-double distance_m(PlanePoint a, PlanePoint b) { return std::hypot(a.east_m - b.east_m, a.north_m - b.north_m); }
-
 // Keeps the best of the hypotheses that are one place.
 std::vector<MatchHypothesis> distinct(std::vector<MatchHypothesis> hypotheses, double distinct_m,
                                       double MatchHypothesis::*score, std::size_t count) {
@@ -220,8 +218,7 @@ bool inside(const PlaneBox& box, PlanePoint point, double margin_m) {
 }
 
 bool same_place(const SearchPrior& one, const SearchPrior& other) {
-  const double off_m = std::hypot(one.pose.position.east_m - other.pose.position.east_m,
-                                  one.pose.position.north_m - other.pose.position.north_m);
+  const double off_m = distance_m(one.pose.position, other.pose.position);
   const double turn_rad = wrap_pi(one.pose.attitude.heading_rad - other.pose.attitude.heading_rad);
   return off_m < one.radius_m && std::abs(turn_rad) < one.heading_range_rad;
 }
@@ -239,14 +236,14 @@ std::vector<SearchPrior> retrieved_windows(const AreaQuery& query, const PlaceRe
 
   std::vector<SearchPrior> windows;
   for (const PlaceCandidate& candidate : retrieval.query(place_query, count * kChunksPerPlace)) {
-    const Enu chunk = query.frame.enu_from_lonlat(candidate.centre);
+    const PlanePoint chunk = query.frame.plane_from_lonlat(candidate.centre);
     const double turn = candidate.turn_rad;
     SearchPrior window = prior;
     window.pose.attitude.heading_rad = wrap_pi(prior.pose.attitude.heading_rad + turn);
     // The ground point under the camera lies off the image's middle, on a side that turns with the heading (clockwise).
     window.pose.position = {
-        chunk.east_m + candidate.east_m - (std::cos(turn) * middle.east_m + std::sin(turn) * middle.north_m),
-        chunk.north_m + candidate.north_m - (std::cos(turn) * middle.north_m - std::sin(turn) * middle.east_m)};
+        chunk.east_m + candidate.offset_m.x() - (std::cos(turn) * middle.east_m + std::sin(turn) * middle.north_m),
+        chunk.north_m + candidate.offset_m.y() - (std::cos(turn) * middle.north_m - std::sin(turn) * middle.east_m)};
     window.radius_m = kRetrievedReach * candidate.side_m;
     window.heading_range_rad = std::min(prior.heading_range_rad, any_heading ? kUnknownTurn_rad : kKnownTurn_rad);
     if (!inside(area, window.pose.position, window.radius_m)) continue;

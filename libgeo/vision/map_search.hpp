@@ -94,9 +94,7 @@ struct PlaceCandidate {
   double side_m = 0;      // of the chunk, whose sides run north and east
   double score = -1;      // cosine, at most 1
   double turn_rad = 0;    // to be added to the assumed heading
-  // The middle of the query's image from the chunk's centre, good to a sixth of a side.
-  double east_m = 0;
-  double north_m = 0;
+  Eigen::Vector2d offset_m = Eigen::Vector2d::Zero();  // of the query's middle from the centre; good to side / 6
 };
 
 class PlaceRetrieval {

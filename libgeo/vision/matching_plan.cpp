@@ -27,7 +27,7 @@ MapWindow cropped_to_map(const MapWindow& map, double margin_m) {
 
 std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomRange& zooms, const LocalFrame& frame,
                                           const SearchPrior& prior) {
-  const LonLat middle = frame.lonlat_from_enu(prior.pose.position.east_m, prior.pose.position.north_m);
+  const LonLat middle = frame.lonlat_from_plane(prior.pose.position);
   MatchingPlan plan;
   plan.scale = matching_scale(camera, prior.pose.agl_m, ground_resolution_m(zooms.max, middle.lat_deg));
   plan.options.gsd_m = plan.scale.coarse_gsd_m;

@@ -209,8 +209,7 @@ std::vector<PlaceCandidate> PlaceIndex::query(const PlaceQuery& query, std::size
       candidate.score = static_cast<double>(hit.score);
       candidate.turn_rad = variants[v].turn_rad;
       candidate.side_m = layer->side_m();
-      candidate.east_m = -variants[v].shift.x * layer->side_m();
-      candidate.north_m = variants[v].shift.y * layer->side_m();
+      candidate.offset_m = {-variants[v].shift.x * layer->side_m(), variants[v].shift.y * layer->side_m()};
       best.push_back(candidate);
     }
   }
@@ -231,7 +230,7 @@ std::vector<PlaceCandidate> PlaceIndex::query(const PlaceQuery& query, std::size
 ChunkReader::ChunkReader(const TileSource& tiles, LonLat origin) : frame_(origin), windows_(tiles) {}
 
 MapWindow ChunkReader::around(const PlaceLayer& layer, const PlaceChunk& chunk, double sides) {
-  const Enu middle = frame_.enu_from_lonlat(chunk.centre());
+  const PlanePoint middle = frame_.plane_from_lonlat(chunk.centre());
   const double half_m = std::round(static_cast<double>(layer.side_px) * sides) * layer.gsd_m() / 2;
   return windows_.read(
       frame_, {middle.east_m - half_m, middle.north_m - half_m, middle.east_m + half_m, middle.north_m + half_m},

@@ -51,7 +51,7 @@ PlaneBox box_of(const IndexedMap& map, const LocalFrame& frame) {
   for (const TileKey& key : map.keys) {
     const LonLatBox tile = bounds_of(key);
     for (const LonLat corner : {LonLat{tile.west_deg, tile.south_deg}, LonLat{tile.east_deg, tile.north_deg}}) {
-      const Enu at = frame.enu_from_lonlat(corner);
+      const PlanePoint at = frame.plane_from_lonlat(corner);
       box.west_m = std::min(box.west_m, at.east_m), box.east_m = std::max(box.east_m, at.east_m);
       box.south_m = std::min(box.south_m, at.north_m), box.north_m = std::max(box.north_m, at.north_m);
     }
@@ -69,7 +69,7 @@ std::vector<PlaceChunk> lay_out(const IndexedMap& map, const LocalFrame& frame, 
   for (std::int64_t row = first(box.south_m); row <= last(box.north_m); ++row) {
     for (std::int64_t column = first(box.west_m); column <= last(box.east_m); ++column) {
       const LonLat place =
-          frame.lonlat_from_enu(static_cast<double>(column) * stride_m, static_cast<double>(row) * stride_m);
+          frame.lonlat_from_plane({static_cast<double>(column) * stride_m, static_cast<double>(row) * stride_m});
       PlaceChunk chunk{e7(place.lon_deg), e7(place.lat_deg), {}};
       chunk.tile = tile_at(chunk.centre(), map.keys.front().z);
       if (!std::binary_search(map.keys.begin(), map.keys.end(), chunk.tile)) continue;

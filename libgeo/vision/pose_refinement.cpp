@@ -55,7 +55,7 @@ double inflated_sigma_m(const std::vector<PatchMatch>& matches, const SolvedPose
   std::vector<Eigen::Vector2d> positions, residuals;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     if (!solved.inlier[i]) continue;
-    positions.emplace_back(matches[i].in_frame.east_m, matches[i].in_frame.north_m);
+    positions.push_back(matches[i].in_frame.vector());
     residuals.push_back(solved.residual_m[i]);
   }
   const double independent = std::min(kMaxIndependentPatches, effective_sample_size(positions, residuals));

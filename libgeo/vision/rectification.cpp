@@ -64,22 +64,22 @@ std::optional<PlanePoint> ground_from_ray(const CameraPose& pose, const Eigen::V
   PlanePoint ground = pose.position;
   for (int i = 0; i < kTerrainIterations; ++i) {
     const double along = (pose.agl_m + foot_m - surface.height_m(ground)) / -direction.z();
-    const PlanePoint next{pose.position.east_m + along * direction.x(), pose.position.north_m + along * direction.y()};
-    const double moved_m = std::hypot(next.east_m - ground.east_m, next.north_m - ground.north_m);
+    const PlanePoint next = pose.position + along * direction.head<2>();
+    const double moved_m = distance_m(next, ground);
     ground = next;
     if (i > 0 && moved_m < kTerrainConverged_m) break;
   }
   return ground;
 }
 
-std::optional<Eigen::Vector2d> sloping_ground_from_ray(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
-                                                       const Eigen::Vector3d& ray, const Eigen::Vector2d& slope,
-                                                       double height_m) {
+std::optional<PlanePoint> sloping_ground_from_ray(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
+                                                  const Eigen::Vector3d& ray, const Eigen::Vector2d& slope,
+                                                  double height_m) {
   const Eigen::Vector3d direction = enu_from_camera * ray;
   const double down = -direction.z() + slope.dot(direction.head<2>());
   if (down < kMinSolverRayDown * direction.norm()) return std::nullopt;
   const double along = (pose.agl_m - height_m) / down;
-  return Eigen::Vector2d(pose.position.east_m, pose.position.north_m) + along * direction.head<2>();
+  return pose.position + along * direction.head<2>();
 }
 
 std::optional<PlaneBox> footprint_of(const CameraModel& camera, const CameraPose& pose) {

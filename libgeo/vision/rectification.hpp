@@ -66,9 +66,9 @@ std::optional<PlanePoint> ground_from_ray(const CameraPose& pose, const Eigen::V
 // Where a ray meets a plane that slopes through the ground under the camera and lies `height_m` above it there; slope:
 // rise over run to the east and to the north. enu_from_camera: of the pose's attitude. Nothing near the horizon. This
 // is the measurement model of the pose solvers.
-std::optional<Eigen::Vector2d> sloping_ground_from_ray(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
-                                                       const Eigen::Vector3d& ray, const Eigen::Vector2d& slope,
-                                                       double height_m = 0);
+std::optional<PlanePoint> sloping_ground_from_ray(const CameraPose& pose, const Eigen::Matrix3d& enu_from_camera,
+                                                  const Eigen::Vector3d& ray, const Eigen::Vector2d& slope,
+                                                  double height_m = 0);
 
 // Image coordinates that are computed exactly at the nodes of a coarse grid and interpolated between them: for
 // perspective and lens a small fraction of a pixel off, and ten times as fast.

@@ -46,13 +46,14 @@ inline double geman_mcclure_weight(double squared, double scale) {
 
 // Central differences over the unknowns from the third on: predictions are cheap, this is clearer than the closed form,
 // and it is exact to 1e-9 for projections. The derivative with respect to the position (the first two) is one.
-// ahead(k), behind(k): the prediction with unknown k changed by ± kJacobianStep; nothing where there is none.
+// ahead(k), behind(k): the prediction (a position or a displacement) with unknown k changed by ± kJacobianStep; nothing
+// where there is none.
 template <int kUnknowns, typename Ahead, typename Behind>
 std::optional<Eigen::Matrix<double, 2, kUnknowns>> numeric_jacobian(const Ahead& ahead, const Behind& behind) {
   Eigen::Matrix<double, 2, kUnknowns> jacobian = Eigen::Matrix<double, 2, kUnknowns>::Zero();
   jacobian(0, 0) = jacobian(1, 1) = 1;
   for (int k = 2; k < kUnknowns; ++k) {
-    const std::optional<Eigen::Vector2d> a = ahead(k), b = behind(k);
+    const auto a = ahead(k), b = behind(k);
     if (!a || !b) return std::nullopt;
     jacobian.col(k) = (*a - *b) / (2 * kJacobianStep);
   }

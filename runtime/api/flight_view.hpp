@@ -2,7 +2,7 @@
 // API, the web page and `nadir watch` show what is in it and nothing else.
 //
 // Times are seconds of the service's one monotonic clock, ages and durations are differences of them. Angles are in
-// radians, headings clockwise from true north, attitude as in vision/camera_model.hpp. What is not known is nullopt.
+// radians, headings clockwise from true north, attitude as in vision/camera.hpp. What is not known is nullopt.
 #pragma once
 
 #include <atomic>
@@ -125,8 +125,8 @@ struct FlightView {
   GpsView gps;
   RecorderView recorder;
   PackageView package;
-  std::vector<FlightEvent> events;  // the last ones, oldest first (flight_history.hpp)
-  std::vector<TrackPoint> track;    // the last minutes, oldest first
+  std::vector<FlightEvent> events;  // the last ones, oldest first (EventRing)
+  std::vector<TrackPoint> track;    // the last minutes, oldest first (FlightTrail)
 };
 
 // The history that readers see: the last events and the track of the last minutes. Bounded, so that a long flight

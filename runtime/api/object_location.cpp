@@ -53,8 +53,8 @@ Eigen::Vector3d ray_in_enu(const Scene& scene, const Errors& errors) {
 
 // The first point of the ray on the ground.
 std::optional<Eigen::Vector3d> ground_point(const Scene& scene, const Errors& errors) {
-  const Enu below = scene.frame.enu_from_lonlat(scene.pose.place);
-  const double ground_m = scene.surface.height_m({below.east_m, below.north_m});
+  const PlanePoint below = scene.frame.plane_from_lonlat(scene.pose.place);
+  const double ground_m = scene.surface.height_m(below);
   const Eigen::Vector3d eye(below.east_m, below.north_m, ground_m + scene.pose.agl_m + errors.agl_m);
   const Eigen::Vector3d ray = ray_in_enu(scene, errors);
   if (!ray.allFinite()) return std::nullopt;  // a lens that shows nothing at this pixel
@@ -124,8 +124,8 @@ std::variant<ObjectPlace, NoObjectPlace> locate_object(const CameraModel& camera
     }
     covariance += *moved * moved->transpose();
   }
-  const Enu below = frame.enu_from_lonlat(pose.place);
-  result.place = frame.lonlat_from_enu(point->x(), point->y());
+  const PlanePoint below = frame.plane_from_lonlat(pose.place);
+  result.place = frame.lonlat_from_plane({point->x(), point->y()});
   result.error_bound_m =
       std::sqrt(kChi2Of95 * Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues().maxCoeff());
   result.range_m = std::hypot(point->x() - below.east_m, point->y() - below.north_m, pose.agl_m);

@@ -91,8 +91,7 @@ void LocalizationThread::process(const CapturedFrame& frame) {
   }
   const Estimate& estimate = followed.report.estimate;
   if (estimate.position) {
-    const Enu at = setup_.frame.enu_from_lonlat(*estimate.position);
-    position_ = {at.east_m, at.north_m};
+    position_ = setup_.frame.plane_from_lonlat(*estimate.position);
     position_hinted_ = false;
   }
   has_position_ = estimate.position.has_value();
@@ -127,8 +126,7 @@ void LocalizationThread::apply_hint() {
     return;
   }
   if (!has_position_) {  // take the ground height there
-    const Enu at = setup_.frame.enu_from_lonlat(hint->place);
-    position_ = {at.east_m, at.north_m};
+    position_ = setup_.frame.plane_from_lonlat(hint->place);
     position_hinted_ = true;
   }
   if (searches_everywhere_) cancel_job_ = true;

@@ -18,8 +18,7 @@ double MissionMap::plane_msl_m() const { return package_->mission().terrain.heig
 
 std::optional<double> MissionMap::ground_msl_m(const LonLat& place) const {
   if (!surface_) return std::nullopt;
-  const Enu at = frame_->enu_from_lonlat(place);
-  return plane_msl_m() + surface_->height_m({at.east_m, at.north_m});
+  return plane_msl_m() + surface_->height_m(frame_->plane_from_lonlat(place));
 }
 
 LocalizerConfig MissionMap::config() const {

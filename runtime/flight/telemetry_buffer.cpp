@@ -168,7 +168,7 @@ Telemetry TelemetryBuffer::at(double time_s) {
     telemetry.imu_dv_mps = velocity_change(from_s, time_s);
   }
   last_time_s_ = time_s;
-  telemetry.place = place_at(time_s);
+  telemetry.gps_position = place_at(time_s);
   return telemetry;
 }
 

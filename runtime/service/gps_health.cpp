@@ -11,8 +11,7 @@ namespace nadir {
 namespace {
 
 double distance_m(LonLat from, LonLat to) {
-  const Enu to_there = LocalFrame(from).enu_from_lonlat(to);
-  return std::hypot(to_there.east_m, to_there.north_m);
+  return distance_m(LocalFrame(from).plane_from_lonlat(to), {});
 }
 
 bool valid(LonLat place) {
@@ -177,8 +176,7 @@ GpsAssessment GpsHealth::assess(double now_s, bool link_up) {
 bool GpsHints::due(LonLat place, bool position_known) {
   if (last_) {
     if (position_known) return false;
-    const Enu moved = LocalFrame(*last_).enu_from_lonlat(place);
-    if (!(std::hypot(moved.east_m, moved.north_m) >= kGpsHintRadius_m / 2)) return false;
+    if (!(distance_m(*last_, place) >= kGpsHintRadius_m / 2)) return false;
   }
   last_ = place;
   return true;

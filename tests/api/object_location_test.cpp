@@ -36,7 +36,7 @@ Found find(const Look& look, const GroundSurface& surface = FlatGround(0)) {
     ADD_FAILURE() << std::get<NoObjectPlace>(result).reason;
     return {};
   }
-  const Enu enu = frame.enu_from_lonlat(place->place);
+  const PlanePoint enu = frame.plane_from_lonlat(place->place);
   return {enu.east_m, enu.north_m, place->error_bound_m, place->manoeuvring};
 }
 
@@ -101,7 +101,7 @@ TEST(ObjectLocation, TheBoundCoversTheError) {
     look.pixel = {1300, 400};
     look.gimbal.pitch_rad = radians(pitch_deg);
     look.pose.sigma_m = 4;
-    const Found believed = find(look);
+    const Found nominal = find(look);
     const ObjectUncertainty sigma;
     int held = 0;
     constexpr int kDraws = 1500;
@@ -113,12 +113,12 @@ TEST(ObjectLocation, TheBoundCoversTheError) {
       truth.pose.agl_m *= 1 + sigma.agl_relative * normal(engine);
       const double east_m = 4 * normal(engine), north_m = 4 * normal(engine);
       const Found real = find(truth);
-      if (std::hypot(real.east_m + east_m - believed.east_m, real.north_m + north_m - believed.north_m) <=
-          believed.bound_m)
+      if (std::hypot(real.east_m + east_m - nominal.east_m, real.north_m + north_m - nominal.north_m) <=
+          nominal.bound_m)
         ++held;
     }
     EXPECT_GE(held, 0.95 * kDraws) << pitch_deg;
-    EXPECT_GT(believed.bound_m, 8);
+    EXPECT_GT(nominal.bound_m, 8);
   }
 }
 

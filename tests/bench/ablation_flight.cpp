@@ -13,30 +13,27 @@ namespace {
 
 constexpr std::size_t kLeastSegment = 5;  // frames: shorter ones have no drift to speak of
 
-Eigen::Vector2d at(const LocalFrame& frame, const LonLat& place) {
-  const Enu enu = frame.enu_from_lonlat(place);
-  return {enu.east_m, enu.north_m};
-}
+Eigen::Vector2d at(const LocalFrame& frame, const LonLat& place) { return frame.plane_from_lonlat(place).vector(); }
 
 double off_m(const std::optional<PlanePoint>& camera, const std::optional<LonLat>& truth, const LocalFrame& frame) {
-  return camera && truth ? (Eigen::Vector2d(camera->east_m, camera->north_m) - at(frame, *truth)).norm() : 0;
+  return camera && truth ? (*camera - frame.plane_from_lonlat(*truth)).norm() : 0;
 }
 
 struct Track {
-  std::vector<Eigen::Vector2d> told, truth;
+  std::vector<Eigen::Vector2d> estimated, truth;
 };
 
 // Sum of squares after the best turn and shift of the track onto the truth; in the plane both have closed forms.
 double rigid_squares(const Track& track) {
-  const auto n = static_cast<double>(track.told.size());
-  Eigen::Vector2d told = Eigen::Vector2d::Zero(), truth = Eigen::Vector2d::Zero();
-  for (std::size_t i = 0; i < track.told.size(); ++i) {
-    told += track.told[i] / n;
+  const auto n = static_cast<double>(track.estimated.size());
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero(), truth = Eigen::Vector2d::Zero();
+  for (std::size_t i = 0; i < track.estimated.size(); ++i) {
+    middle += track.estimated[i] / n;
     truth += track.truth[i] / n;
   }
   double squares = 0, along = 0, across = 0;
-  for (std::size_t i = 0; i < track.told.size(); ++i) {
-    const Eigen::Vector2d a = track.told[i] - told, b = track.truth[i] - truth;
+  for (std::size_t i = 0; i < track.estimated.size(); ++i) {
+    const Eigen::Vector2d a = track.estimated[i] - middle, b = track.truth[i] - truth;
     squares += a.squaredNorm() + b.squaredNorm();
     along += a.dot(b);
     across += a.x() * b.y() - a.y() * b.x();
@@ -58,8 +55,8 @@ RecordedFlight recorded_flight(const FlightPaths& paths, const std::filesystem::
   recorded.camera = recorded.flight.camera;
   const int shrink = decode_reduction(recorded.camera.camera.width, recorded.camera.camera.height);
   recorded.camera.camera = recorded.camera.camera.scaled(1.0 / shrink);
-  for (const Telemetry& told : recorded.flight.frames) {
-    recorded.pictures.push_back(read_grey_image(recorded.flight.frames_folder / told.frame, shrink));
+  for (const Telemetry& telemetry : recorded.flight.frames) {
+    recorded.pictures.push_back(read_grey_image(recorded.flight.frames_folder / telemetry.frame, shrink));
   }
   return recorded;
 }
@@ -97,14 +94,14 @@ SearchFigures search(const RecordedFlight& recorded, const FlownMap& map, const 
   Random random(1);
   for (std::size_t i = 0; i < recorded.pictures.size(); i += every) {
     if (recorded.pictures[i].empty() || !recorded.truth[i]) continue;
-    const Telemetry& told = recorded.flight.frames[i];
+    const Telemetry& telemetry = recorded.flight.frames[i];
     const Eigen::Vector2d truth = at(map.frame, *recorded.truth[i]);
     AnchorPrior prior;
     CameraPose& pose = prior.search.pose;
     pose.position = {truth.x() + random.uniform(-0.8, 0.8) * radius_m,
                      truth.y() + random.uniform(-0.8, 0.8) * radius_m};
-    pose.agl_m = told.agl_m.value_or(map.config.assumed_agl_m);
-    pose.attitude = {told.heading_rad.value_or(0), told.pitch_rad.value_or(0), told.roll_rad.value_or(0)};
+    pose.agl_m = telemetry.agl_m.value_or(map.config.assumed_agl_m);
+    pose.attitude = {telemetry.heading_rad.value_or(0), telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
     prior.search.radius_m = radius_m;
     prior.search.heading_range_rad = 3 * sigma.heading_rad;
     prior.search.scale_range = 2.5 * sigma.agl_relative;
@@ -135,13 +132,13 @@ DriftFigures drift(const RecordedFlight& recorded, const OdometryFactory& odomet
     if (report.odometry.tracked) ++figures.tracked;
     if (!report.odometry.tracked || segments.empty()) segments.emplace_back();
     if (!report.estimate.position || !recorded.truth[i]) continue;
-    segments.back().told.push_back(at(frame, *report.estimate.position));
+    segments.back().estimated.push_back(at(frame, *report.estimate.position));
     segments.back().truth.push_back(at(frame, *recorded.truth[i]));
   }
   double error_m = 0, path_m = 0;
   for (const Track& track : segments) {
-    if (track.told.size() < kLeastSegment) continue;
-    error_m += std::sqrt(rigid_squares(track) / static_cast<double>(track.told.size()));
+    if (track.estimated.size() < kLeastSegment) continue;
+    error_m += std::sqrt(rigid_squares(track) / static_cast<double>(track.estimated.size()));
     path_m += length_m(track.truth);
   }
   figures.drift_share = path_m > 0 ? error_m / path_m : 0;

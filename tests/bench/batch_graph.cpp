@@ -45,21 +45,21 @@ struct Told {
   }
 };
 
-// From frame to frame: velocity that turns with the aircraft, heights, constant tilts and deviations that wander.
+// From frame to frame: velocity that turns with the aircraft, heights, constant tilts and Gauss-Markov deviations.
 struct Carry {
-  double dt, height_keep, height_sigma, bias_keep, bias_sigma, told_turn, deviation_keep, deviation_sigma;
+  double dt, height_keep, height_sigma, bias_keep, bias_sigma, measured_turn, deviation_keep, deviation_sigma;
   Eigen::Matrix4d whiten;
   template <typename T>
   bool operator()(const T* a, const T* b, T* r) const {
     const Vec2<T> va(a[kVelocity], a[kVelocity + 1]), vb(b[kVelocity], b[kVelocity + 1]);
-    const Vec2<T> foretold = clockwise(wrapped(b[kHeading] - a[kHeading]), va);
+    const Vec2<T> predicted = clockwise(wrapped(b[kHeading] - a[kHeading]), va);
     Eigen::Matrix<T, 4, 1> off;
-    off << b[0] - a[0] - T(dt / 2) * (va.x() + foretold.x()), b[1] - a[1] - T(dt / 2) * (va.y() + foretold.y()),
-        vb - foretold;
+    off << b[0] - a[0] - T(dt / 2) * (va.x() + predicted.x()), b[1] - a[1] - T(dt / 2) * (va.y() + predicted.y()),
+        vb - predicted;
     Eigen::Map<Eigen::Matrix<T, 4, 1>>(r, 4) = whiten.cast<T>() * off;
     r[4] = (b[kHeight] - T(height_keep) * a[kHeight]) / T(height_sigma);
     for (int i = 0; i < 2; ++i) r[5 + i] = (b[kTiltBias + i] - T(bias_keep) * a[kTiltBias + i]) / T(bias_sigma);
-    const Vec2<T> deviation = T(deviation_keep) * clockwise(T(told_turn), Vec2<T>(a[kDeviation], a[kDeviation + 1]));
+    const Vec2<T> deviation = T(deviation_keep) * clockwise(T(measured_turn), Vec2<T>(a[kDeviation], a[kDeviation + 1]));
     for (int i = 0; i < 2; ++i) r[7 + i] = (b[kDeviation + i] - deviation[i]) / T(deviation_sigma);
     return true;
   }
@@ -85,33 +85,33 @@ struct Bias {
 };
 
 struct Moved {
-  RelativeMotionMeasurement sight;
+  RelativeMotionMeasurement measurement;
   Eigen::Matrix<double, 8, 8> whiten;
   template <typename T>
   bool operator()(const T* a, const T* b, T* r) const {
     using std::exp;
-    const Vec2<T> seen(T(sight.value[0]), T(sight.value[1]));
+    const Vec2<T> seen(T(measurement.value[0]), T(measurement.value[1]));
     const Vec2<T> step =
-        exp(a[kHeight] - T(sight.before.log_height)) * clockwise(a[kHeading] - T(sight.before.heading_rad), seen);
+        exp(a[kHeight] - T(measurement.before.log_height)) * clockwise(a[kHeading] - T(measurement.before.heading_rad), seen);
     Eigen::Matrix<T, 8, 1> off;
     off << b[0] - a[0] - step.x(), b[1] - a[1] - step.y(),
-        (b[kHeight] - a[kHeight]) - T(sight.now.log_height - sight.before.log_height) - T(sight.value[2]),
-        wrapped((b[kHeading] - a[kHeading]) - T(sight.now.heading_rad - sight.before.heading_rad) - T(sight.value[3])),
-        a[kTilt] - T(sight.before.pitch_rad + sight.value[4]), a[kTilt + 1] - T(sight.before.roll_rad + sight.value[5]),
-        b[kTilt] - T(sight.now.pitch_rad + sight.value[6]), b[kTilt + 1] - T(sight.now.roll_rad + sight.value[7]);
+        (b[kHeight] - a[kHeight]) - T(measurement.now.log_height - measurement.before.log_height) - T(measurement.value[2]),
+        wrapped((b[kHeading] - a[kHeading]) - T(measurement.now.heading_rad - measurement.before.heading_rad) - T(measurement.value[3])),
+        a[kTilt] - T(measurement.before.pitch_rad + measurement.value[4]), a[kTilt + 1] - T(measurement.before.roll_rad + measurement.value[5]),
+        b[kTilt] - T(measurement.now.pitch_rad + measurement.value[6]), b[kTilt + 1] - T(measurement.now.roll_rad + measurement.value[7]);
     Eigen::Map<Eigen::Matrix<T, 8, 1>>(r, 8) = whiten.cast<T>() * off;
     return true;
   }
 };
 
 struct Anchored {
-  PoseMeasurement sight;
+  PoseMeasurement measurement;
   Eigen::Matrix<double, 6, 6> whiten;
   template <typename T>
   bool operator()(const T* x, T* r) const {
     Eigen::Matrix<T, 6, 1> off;
-    off << x[0] - T(sight.value[0]), x[1] - T(sight.value[1]), x[kHeight] - T(sight.value[2]),
-        wrapped(x[kHeading] - T(sight.value[3])), x[kTilt] - T(sight.value[4]), x[kTilt + 1] - T(sight.value[5]);
+    off << x[0] - T(measurement.value[0]), x[1] - T(measurement.value[1]), x[kHeight] - T(measurement.value[2]),
+        wrapped(x[kHeading] - T(measurement.value[3])), x[kTilt] - T(measurement.value[4]), x[kTilt + 1] - T(measurement.value[5]);
     Eigen::Map<Eigen::Matrix<T, 6, 1>>(r, 6) = whiten.cast<T>() * off;
     return true;
   }
@@ -175,7 +175,7 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   const double deviation_rad = model::kDeviationShare * uncertainty.heading_rad;
   sigma[kDeviation] = sigma[kDeviation + 1] = deviation_rad;
   for (std::size_t i = 0; i < n; ++i) {
-    x[i].head<2>() = flight.frames[i].told_m;
+    x[i].head<2>() = flight.frames[i].online_m;
     x[i][kHeading] = *flight.steps[i].measured_heading_rad;
     if (i > 0) x[i].segment<2>(kVelocity) = (x[i] - x[i - 1]).head<2>() / flight.steps[i].seconds;
   }

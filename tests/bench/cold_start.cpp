@@ -1,8 +1,8 @@
-// The cost and success of finding a frame in the whole area of a mission: each frame by a localizer that
-// knows only the area, with and without the package's place index, and with and without heading.
+// What it costs to find a frame in all of a mission's area, and whether it is found: each frame by a localizer that
+// knows nothing but the area, with the package's place index and without, with the heading measured and unknown.
 //
 //   cold_start PACKAGE ROOT.json AT FRAMES TELEMETRY CAMERA TRUTH WAY…
-//   WAY: index, index-any, all, all-any, hint, far-hint (-any: without heading)
+//   WAY: index, index-any, all, all-any, hint, far-hint (-any: no heading is measured)
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -82,23 +82,23 @@ int run(const std::vector<std::string>& arguments) {
     Tally tally;
     for (std::size_t i = 0; i < flight.frames.size(); ++i) {
       if (!truth[i]) continue;
-      Telemetry told = flight.frames[i];
-      if (!way.heading) told.heading_rad = std::nullopt;
-      const cv::Mat picture = read_grey_image(flight.frames_folder / told.frame, shrink);
-      const Enu there = frame.enu_from_lonlat(*truth[i]);
+      Telemetry telemetry = flight.frames[i];
+      if (!way.heading) telemetry.heading_rad = std::nullopt;
+      const cv::Mat picture = read_grey_image(flight.frames_folder / telemetry.frame, shrink);
+      const PlanePoint there = frame.plane_from_lonlat(*truth[i]);
       Localizer localizer(camera, frame, &package.imagery(), std::nullopt, config);
       if (way.hint_off_m > 0) {
-        localizer.hint(frame.lonlat_from_enu(there.east_m + 0.8 * way.hint_off_m, there.north_m - 0.6 * way.hint_off_m),
+        localizer.hint(frame.lonlat_from_plane({there.east_m + 0.8 * way.hint_off_m, there.north_m - 0.6 * way.hint_off_m}),
                        kHintRadius_m);
       }
       const double before = cpu_ms();
-      const FrameReport report = localizer.process(picture, told);
+      const FrameReport report = localizer.process(picture, telemetry);
       tally.ms.push_back(cpu_ms() - before);
       ++tally.verdicts[name_of(report.anchor.verdict)];
       tally.ratios += report.anchor.ratio;
       if (report.anchor.verdict != AnchorVerdict::accepted) continue;
-      const Enu at = frame.enu_from_lonlat(*report.estimate.position);
-      tally.wrong += std::hypot(at.east_m - there.east_m, at.north_m - there.north_m) > kWrong_m;
+      const PlanePoint at = frame.plane_from_lonlat(*report.estimate.position);
+      tally.wrong += distance_m(at, there) > kWrong_m;
     }
     tally.print(arguments[w]);
   }

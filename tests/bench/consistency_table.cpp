@@ -54,8 +54,8 @@ int main(int argc, char** argv) {
     const Consistency flown = measure_consistency(flights, seed, c.options);
     const auto [nis_low, nis_high] = chi2_mean_interval(flown.anchors.count);
     std::cout << fmt::format("| {} | {} | {} | {} | {} | {:.2f} to {:.2f} | {} of {} | {:.1f}, {:.1f} |\n", c.name,
-                             tally(flown.told), tally(flown.blind), tally(flown.smoothed), tally(flown.anchors),
-                             nis_low, nis_high, flown.frames_within, c.options.frames, std::sqrt(flown.told_error_m2),
+                             tally(flown.online), tally(flown.blind), tally(flown.smoothed), tally(flown.anchors),
+                             nis_low, nis_high, flown.frames_within, c.options.frames, std::sqrt(flown.online_error_m2),
                              std::sqrt(flown.smoothed_error_m2))
               << std::flush;
   }

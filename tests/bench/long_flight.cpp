@@ -116,9 +116,10 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
   config.start_sigma_m = kStartSigma_m;
   config.map_sigma_m = world.map_sigma_m;
   config.surface = &world.terrain;
-  const LonLat told_start = frame().lonlat_from_enu(path.front().position.x() + start.normal(0, kStartSigma_m),
-                                                    path.front().position.y() + start.normal(0, kStartSigma_m));
-  Localizer localizer(file, frame(), &world.map, told_start, config);
+  const double north_m = start.normal(0, kStartSigma_m), east_m = start.normal(0, kStartSigma_m);
+  const LonLat measured_start =
+      frame().lonlat_from_plane({path.front().position.x() + east_m, path.front().position.y() + north_m});
+  Localizer localizer(file, frame(), &world.map, measured_start, config);
 
   LongRecord record;
   record.index = index;
@@ -143,15 +144,15 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
       picture = photographer_.photograph(world, seen);
       sensor.expose(picture, exposure, i);
     }
-    const MeasuredPose told_pose = noise.measure(path[i]);
+    const MeasuredPose measured = noise.measure(path[i]);
     Telemetry telemetry;
-    telemetry.time_s = 100 + told_pose.time_s;
-    telemetry.agl_m = told_pose.agl_m * condition.height_factor;
-    telemetry.heading_rad = told_pose.attitude.heading_rad + radians(condition.heading_off_deg) +
+    telemetry.time_s = 100 + measured.time_s;
+    telemetry.agl_m = measured.agl_m * condition.height_factor;
+    telemetry.heading_rad = measured.attitude.heading_rad + radians(condition.heading_off_deg) +
                             radians(condition.deviation_deg) * std::sin(truth.attitude.heading_rad + abeam);
-    telemetry.pitch_rad = told_pose.attitude.pitch_rad;
-    telemetry.roll_rad = told_pose.attitude.roll_rad;
-    if (condition.imu) telemetry.imu_dv_mps = told_pose.imu_dv_mps;
+    telemetry.pitch_rad = measured.attitude.pitch_rad;
+    telemetry.roll_rad = measured.attitude.roll_rad;
+    if (condition.imu) telemetry.imu_dv_mps = measured.imu_dv_mps;
     const FrameReport report = localizer.process(picture, telemetry);
     judge(report, truth, false, record);
     losses.see(report, i == 0, record);
@@ -159,7 +160,7 @@ LongRecord LongFlights::run(std::uint64_t base_seed, std::uint64_t index,
     if (off) record.error_sum_m += *off;
     record.within_20 += off && *off < 20;
     record.within_50 += off && *off < 50;
-    if (talk) talk(told(i, report, truth));
+    if (talk) talk(frame_line(i, report, truth));
   }
   const std::vector<Estimate> refined = localizer.refined();
   for (std::size_t i = 0; i < refined.size(); ++i) {

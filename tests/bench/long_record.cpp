@@ -22,7 +22,7 @@ void add(LongRecord& sum, const LongRecord& r) {
   ++sum.index;  // of a sum: how many flights
   for (const auto count :
        {&Record::frames, &Record::attempts, &Record::accepted, &Record::wrong, &Record::anchored, &Record::misleading,
-        &Record::told, &Record::overconfident, &Record::in_50, &Record::in_95}) {
+        &Record::positioned, &Record::overconfident, &Record::in_50, &Record::in_95}) {
     sum.*count += r.*count;
   }
   const int longest = std::max(sum.longest_recovery, r.longest_recovery);
@@ -39,8 +39,8 @@ std::string row(const LongRecord& s) {
       "| "
       "{:.1f} |\n",
       s.condition, s.index, percent(s.within_20, s.frames), percent(s.within_50, s.frames),
-      s.told == 0 ? 0 : s.error_sum_m / s.told, percent(s.accepted, s.attempts), s.wrong, s.misleading, s.overconfident,
-      percent(s.in_50, s.told), percent(s.in_95, s.told), s.recovered, s.losses, s.longest_recovery,
+      s.positioned == 0 ? 0 : s.error_sum_m / s.positioned, percent(s.accepted, s.attempts), s.wrong, s.misleading, s.overconfident,
+      percent(s.in_50, s.positioned), percent(s.in_95, s.positioned), s.recovered, s.losses, s.longest_recovery,
       percent(s.refined_within_20, s.frames), percent(s.refined_within_50, s.frames),
       percent(s.refined_in_95, s.frames));
 }

@@ -96,7 +96,7 @@ Trial try_match(const Worlds& worlds, const Photographer& photographer, std::uin
     trial.residual_px = match.solved->rms_m / match.fine_gsd_m;
     trial.surprise = attitude_deviation_sigmas(*match.solved, prior);
     const PlanePoint at = match.solved->pose.position;
-    trial.error_m = std::hypot(at.east_m - truth.position.east_m, at.north_m - truth.position.north_m);
+    trial.error_m = distance_m(at, truth.position);
   }
   trial.verdict = name_of(evaluate_anchor(match, prior, {0, trial.radius_m / 3, false}));
   return trial;

@@ -73,11 +73,11 @@ void damage(Flight& flight, const World& world, const Photographer& photographer
     Shot& shot = shots[i];
     const bool from_hit = i >= hit;
     switch (fault) {
-      case Fault::heading_bias: *shot.told.heading_rad += radians(8); break;
+      case Fault::heading_bias: *shot.telemetry.heading_rad += radians(8); break;
       case Fault::deviation:
-        *shot.told.heading_rad += radians(9) * std::sin(shot.truth.attitude.heading_rad + direction);
+        *shot.telemetry.heading_rad += radians(9) * std::sin(shot.truth.attitude.heading_rad + direction);
         break;
-      case Fault::height_scale: *shot.told.agl_m *= 1 + 0.15 * sign; break;
+      case Fault::height_scale: *shot.telemetry.agl_m *= 1 + 0.15 * sign; break;
       case Fault::map_shift: shot.shifted = true; break;
       case Fault::map_part: shot.shifted = sees_beyond(*flight.border, shot.truth); break;
       case Fault::frozen:
@@ -104,10 +104,10 @@ void damage(Flight& flight, const World& world, const Photographer& photographer
         }
         break;
       case Fault::time_jump:
-        if (i == hit || (lasting && from_hit)) shot.told.time_s += jump_s;
+        if (i == hit || (lasting && from_hit)) shot.telemetry.time_s += jump_s;
         break;
       case Fault::no_attitude:
-        if (from_hit || lasting) shot.told.heading_rad = shot.told.pitch_rad = shot.told.roll_rad = nan;
+        if (from_hit || lasting) shot.telemetry.heading_rad = shot.telemetry.pitch_rad = shot.telemetry.roll_rad = nan;
         break;
       case Fault::none:
       case Fault::old_map:
@@ -121,9 +121,8 @@ void begin(Flight& flight, Random random) {
   const PlanePoint truth = flight.shots.front().truth.position;
   const double kind = random.uniform();
   flight.start_sigma_m = kind < 0.2 ? 8 : kind < 0.6 ? 20 : kind < 0.85 ? 60 : 120;
-  const LonLat told = frame().lonlat_from_enu(truth.east_m + random.normal(0, flight.start_sigma_m),
-                                              truth.north_m + random.normal(0, flight.start_sigma_m));
-  if (kind < 0.95) flight.start = told;
+  const double north_m = random.normal(0, flight.start_sigma_m), east_m = random.normal(0, flight.start_sigma_m);
+  if (kind < 0.95) flight.start = frame().lonlat_from_plane({truth.east_m + east_m, truth.north_m + north_m});
   const PlanePoint corner{truth.east_m - random.uniform(50, 750), truth.north_m - random.uniform(50, 750)};
   flight.area = {corner.east_m, corner.north_m, corner.east_m + 800, corner.north_m + 800};
 }
@@ -147,12 +146,12 @@ Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>
     shot.truth = {{pose.position.x(), pose.position.y()}, pose.agl_m, pose.attitude};
     shot.picture = photographer.photograph(world, shot.truth);
     expose(sensor, shot.picture, flight.shots.size(), light);
-    const MeasuredPose told = noise.measure(pose);
-    shot.told.time_s = 100 + told.time_s;
-    shot.told.agl_m = told.agl_m;
-    shot.told.heading_rad = told.attitude.heading_rad;
-    shot.told.pitch_rad = told.attitude.pitch_rad;
-    shot.told.roll_rad = told.attitude.roll_rad;
+    const MeasuredPose measured = noise.measure(pose);
+    shot.telemetry.time_s = 100 + measured.time_s;
+    shot.telemetry.agl_m = measured.agl_m;
+    shot.telemetry.heading_rad = measured.attitude.heading_rad;
+    shot.telemetry.pitch_rad = measured.attitude.pitch_rad;
+    shot.telemetry.roll_rad = measured.attitude.roll_rad;
     flight.shots.push_back(shot);
   }
   damage(flight, world, photographer, sensor, faults);

@@ -1,4 +1,4 @@
-// One simulated piece of flight: the true poses, the telemetry, and the frames.
+// One simulated piece of flight: where the aircraft really was, what its sensors measured, what its camera saw.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@ namespace nadir::bench {
 
 struct Shot {
   CameraPose truth;
-  Telemetry told;
+  Telemetry telemetry;
   cv::Mat picture;       // BGR; empty: could not be decoded
   bool shifted = false;  // some of the map under it is out of place
 };

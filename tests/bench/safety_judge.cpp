@@ -14,12 +14,10 @@ constexpr double kWrong_m = 50;
 constexpr double kFarSigmas = 3;
 constexpr double kChi2_50 = 1.386, kChi2_95 = 5.991;  // two degrees of freedom
 
-Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
-
 std::optional<Eigen::Vector2d> error_of(const Estimate& estimate, const CameraPose& truth) {
   if (!estimate.position) return std::nullopt;
-  const Enu at = frame().enu_from_lonlat(*estimate.position);
-  return Eigen::Vector2d(at.east_m, at.north_m) - vec(truth.position);
+  const PlanePoint at = frame().plane_from_lonlat(*estimate.position);
+  return at - truth.position;
 }
 
 }  // namespace
@@ -36,7 +34,7 @@ void judge(const FrameReport& report, const CameraPose& truth, bool unknowable, 
   bool bad = false;
   if (verdict == AnchorVerdict::accepted) {
     ++record.accepted;
-    bad = !report.anchor.camera || (vec(*report.anchor.camera) - vec(truth.position)).norm() > kWrong_m;
+    bad = !report.anchor.camera || (*report.anchor.camera - truth.position).norm() > kWrong_m;
     if (bad && !unknowable) ++record.wrong;
   }
   const Estimate& estimate = report.estimate;
@@ -46,7 +44,7 @@ void judge(const FrameReport& report, const CameraPose& truth, bool unknowable, 
     const bool anchored = estimate.source == SourceLabel::satellite_anchored, far = sigmas > kFarSigmas;
     bad = bad || (anchored && far);
     if (!unknowable) {
-      ++record.told;
+      ++record.positioned;
       if (nees <= kChi2_50) ++record.in_50;
       if (nees <= kChi2_95) ++record.in_95;
       if (far) ++(anchored ? record.misleading : record.overconfident);
@@ -61,9 +59,9 @@ void judge(const FrameReport& report, const CameraPose& truth, bool unknowable, 
   if (bad && unknowable) ++record.unknowable;
 }
 
-std::string told(std::size_t frame, const FrameReport& report, const CameraPose& truth) {
+std::string frame_line(std::size_t frame, const FrameReport& report, const CameraPose& truth) {
   const AnchorReport& a = report.anchor;
-  const double anchor_m = a.camera ? (vec(*a.camera) - vec(truth.position)).norm() : -1;
+  const double anchor_m = a.camera ? (*a.camera - truth.position).norm() : -1;
   const Eigen::Vector2d error = error_of(report.estimate, truth).value_or(Eigen::Vector2d::Zero());
   return fmt::format(
       "frame {}: {}, ratio {:.2f}, score {:.2f}, {} of {} patches, {:.2f} px, chi2 {:.2f}, window {:.0f} m, anchor "

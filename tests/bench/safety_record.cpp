@@ -21,7 +21,7 @@ std::string share(int part, int whole) { return whole == 0 ? "-" : fmt::format("
 void add(Record& sum, const Record& r) {
   ++sum.index;  // of a sum: how many segments
   sum.frames += r.frames, sum.attempts += r.attempts, sum.accepted += r.accepted, sum.wrong += r.wrong;
-  sum.anchored += r.anchored, sum.misleading += r.misleading, sum.unknowable += r.unknowable, sum.told += r.told,
+  sum.anchored += r.anchored, sum.misleading += r.misleading, sum.unknowable += r.unknowable, sum.positioned += r.positioned,
       sum.overconfident += r.overconfident;
   sum.in_50 += r.in_50, sum.in_95 += r.in_95, sum.nees += r.nees;
   sum.worst_sigmas = std::max(sum.worst_sigmas, r.worst_sigmas), sum.worst_m = std::max(sum.worst_m, r.worst_m);
@@ -30,7 +30,7 @@ void add(Record& sum, const Record& r) {
 std::string row(const Record& s) {
   return fmt::format("| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {:.1f} | {:.0f} |\n", s.condition,
                      s.index, s.attempts, share(s.accepted, s.attempts), s.wrong, s.misleading, s.unknowable,
-                     s.overconfident, share(s.in_50, s.told), share(s.in_95, s.told),
+                     s.overconfident, share(s.in_50, s.positioned), share(s.in_95, s.positioned),
                      s.anchored == 0 ? "-" : fmt::format("{:.2f}", s.nees / s.anchored), s.worst_sigmas, s.worst_m);
 }
 
@@ -42,7 +42,7 @@ std::string header(std::uint64_t base_seed, int worlds) {
 
 std::string line(const Record& r) {
   return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.4f},{:.3f},{:.2f}\n", r.index, r.condition, r.frames,
-                     r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.told, r.overconfident,
+                     r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.positioned, r.overconfident,
                      r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m);
 }
 
@@ -52,7 +52,7 @@ Record record_of(const std::string& text) {
   char comma = 0;
   in >> r.index >> comma;
   std::getline(in, r.condition, ',');
-  for (int* value : {&r.frames, &r.attempts, &r.accepted, &r.wrong, &r.anchored, &r.misleading, &r.unknowable, &r.told,
+  for (int* value : {&r.frames, &r.attempts, &r.accepted, &r.wrong, &r.anchored, &r.misleading, &r.unknowable, &r.positioned,
                      &r.overconfident, &r.in_50, &r.in_95}) {
     in >> *value >> comma;
   }

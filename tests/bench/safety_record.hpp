@@ -16,8 +16,8 @@ struct Record {
   int wrong = 0;            // of these more than 50 m from the truth
   int anchored = 0;         // frames labelled satellite_anchored
   int misleading = 0;       // of these more than 3 sigma from the truth
-  int unknowable = 0;  // wrong or misleading because the map is displaced by less than the uncertainty of the start
-  int told = 0;             // frames with a position
+  int unknowable = 0;       // wrong or misleading because the map is out of place by less than the start is unsure
+  int positioned = 0;       // frames with a position
   int overconfident = 0;    // of these, under another label, more than 3 sigma from the truth
   int in_50 = 0;            // of these within the 50 % ellipse …
   int in_95 = 0;            // … and the 95 % one

@@ -14,15 +14,12 @@ namespace {
 
 constexpr double kTellableSigmas = 4;  // the gate of the first anchor is 3.7, and the anchor itself errs
 
-Eigen::Vector2d vec(PlanePoint p) { return {p.east_m, p.north_m}; }
-
-// On a map that is displaced from the start, the flight looks like one that began elsewhere. Only a known start could
-// contradict it.
+// On a map that is out of place from the start the flight looks like one that began elsewhere. Only a start that says
+// otherwise could tell.
 bool start_tells(const Flight& flight) {
   if (!flight.start) return false;
-  const Enu told = frame().enu_from_lonlat(*flight.start);
-  const Eigen::Vector2d mapped = vec(flight.shots.front().truth.position) + vec(flight.shift);
-  return (mapped - Eigen::Vector2d(told.east_m, told.north_m)).norm() > kTellableSigmas * flight.start_sigma_m;
+  const PlanePoint mapped = flight.shots.front().truth.position + flight.shift.vector();
+  return (mapped - frame().plane_from_lonlat(*flight.start)).norm() > kTellableSigmas * flight.start_sigma_m;
 }
 
 }  // namespace
@@ -66,9 +63,9 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
     const Shot& shot = flight.shots[i];
     const bool unanchored = record.accepted == 0;
     if (shot.shifted && unanchored && !start_tells(flight)) unknowable = true;  // before anything was known
-    const FrameReport report = localizer.process(shot.picture, shot.told);
+    const FrameReport report = localizer.process(shot.picture, shot.telemetry);
     judge(report, shot.truth, unknowable, record);
-    if (talk) talk(told(i, report, shot.truth));
+    if (talk) talk(frame_line(i, report, shot.truth));
   }
   return record;
 }

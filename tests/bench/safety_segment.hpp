@@ -14,7 +14,7 @@ class Segments {
   // Makes the worlds, which takes some seconds each.
   explicit Segments(int worlds);
 
-  // The same record for the same seeds, whatever was run before; may be called by several threads. talk: told a line
+  // The same record for the same seeds, whatever was run before; may be called by several threads. talk: given a line
   // for every frame.
   Record run(std::uint64_t base_seed, std::uint64_t index, const std::function<void(const std::string&)>& talk) const;
 

@@ -40,13 +40,13 @@ Terrain::Terrain(const Relief& relief) : relief_(relief), level_m_(relief.at(spo
 
 double Terrain::height_m(PlanePoint point) const { return relief_.at(spot_of(point)) - level_m_; }
 
-TileKey tile_under(PlanePoint place) { return tile_at(frame().lonlat_from_enu(place.east_m, place.north_m), kMapZoom); }
+TileKey tile_under(PlanePoint place) { return tile_at(frame().lonlat_from_plane(place), kMapZoom); }
 
 bool Border::beyond(const TileKey& key) const {
   const LonLat middle = lonlat_from_pixel(
       {(static_cast<double>(key.x) + 0.5) * kTileSize, (static_cast<double>(key.y) + 0.5) * kTileSize}, key.z);
-  const Enu place = frame().enu_from_lonlat(middle);
-  return beyond(PlanePoint{place.east_m, place.north_m});
+  const PlanePoint place = frame().plane_from_lonlat(middle);
+  return beyond(place);
 }
 
 std::optional<Bytes> PictureTiles::read(const TileKey& key) const {
@@ -63,7 +63,7 @@ std::optional<Bytes> PictureTiles::read(const TileKey& key) const {
 std::optional<Bytes> PictureTiles::cut(const TileKey& key) const {
   if (key.z != zooms().max) return std::nullopt;
   const auto source = [&](int column, int row) {
-    const Enu at = frame().enu_from_lonlat(lonlat_from_pixel(
+    const PlanePoint at = frame().plane_from_lonlat(lonlat_from_pixel(
         {static_cast<double>(key.x) * kTileSize + column, static_cast<double>(key.y) * kTileSize + row}, key.z));
     const PlanePoint place{at.east_m - shift_.east_m, at.north_m - shift_.north_m};
     return cv::Point2f(pixel_of({mirrored_ ? -place.east_m : place.east_m, place.north_m}));

@@ -255,7 +255,7 @@ class SiftMatcher final : public MapMatcher {
       match.in_frame = plane_of(frame.grid, pairs.frame[i]);
       match.on_map = plane_of(map, pairs.map[i]);
       const double off_m =
-          std::hypot(match.on_map.east_m - match.in_frame.east_m, match.on_map.north_m - match.in_frame.north_m);
+          distance_m(match.on_map, match.in_frame);
       if (off_m > kGuidedReach_px * map.gsd_m) continue;
       match.score = 1;
       match.information_m2 = Eigen::Matrix2d::Identity() / (sigma_m * sigma_m);

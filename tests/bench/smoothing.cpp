@@ -41,7 +41,7 @@ struct Score {
 
   void add(const std::vector<FlightFilter::Smoothed>& frames, const DrawnFlight& flight) {
     for (std::size_t i = 0; i < frames.size(); ++i) {
-      const Eigen::Vector2d error = frames[i].position_m - flight.frames[i].truth_m;
+      const Eigen::Vector2d error = frames[i].position.vector() - flight.frames[i].truth_m;
       errors_m.push_back(error.norm());
       in_95 += normalised_error(error, frames[i].covariance_m2) <= 5.991;
     }

@@ -123,18 +123,18 @@ int run(const std::vector<std::string>& arguments) {
   Stages stages;
   int anchored = 0;
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
-    const Telemetry& told = flight.frames[i];
+    const Telemetry& telemetry = flight.frames[i];
     cv::Mat picture;
     const FrameReport report = stages.run("whole frame", [&] {
-      picture = stages.run("decode", [&] { return read_grey_image(flight.frames_folder / told.frame, shrink); });
-      return localizer.process(picture, told);
+      picture = stages.run("decode", [&] { return read_grey_image(flight.frames_folder / telemetry.frame, shrink); });
+      return localizer.process(picture, telemetry);
     });
     if (report.anchor.verdict == AnchorVerdict::accepted) ++anchored;
     if (picture.empty() || !truth[i]) continue;
-    const Enu at = frame.enu_from_lonlat(*truth[i]);
-    const CameraPose pose{{at.east_m, at.north_m},
-                          told.agl_m.value_or(120),
-                          {told.heading_rad.value_or(0), told.pitch_rad.value_or(0), told.roll_rad.value_or(0)}};
+    const PlanePoint at = frame.plane_from_lonlat(*truth[i]);
+    const CameraPose pose{at,
+                          telemetry.agl_m.value_or(120),
+                          {telemetry.heading_rad.value_or(0), telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)}};
     follow(stages, *odometry, picture, camera.camera, pose);
     attempt(stages, picture, camera.camera, *matcher, reader, frame, pose);
   }

@@ -23,8 +23,7 @@ PlanePoint place_of(const TileKey& key, double column, double row) {
   const LonLat place = lonlat_from_pixel(
       {static_cast<double>(key.x) * kTileSize + column + 0.5, static_cast<double>(key.y) * kTileSize + row + 0.5},
       key.z);
-  const Enu enu = frame().enu_from_lonlat(place);
-  return {enu.east_m, enu.north_m};
+  return frame().plane_from_lonlat(place);
 }
 
 // Where the true camera saw what the tile shows, on the mean over the tile.
@@ -78,10 +77,8 @@ double raster_off_m(const TileKey& key, const cv::Mat& tile, const cv::Mat& day)
     dy += peak(score(at.x, at.y - 1), best, score(at.x, at.y + 1));
   }
   const PlanePoint here = place_of(key, 128, 128), there = place_of(key, 128 + dx, 128 + dy);
-  return std::hypot(there.east_m - here.east_m, there.north_m - here.north_m);
+  return distance_m(there, here);
 }
-
-double distance_m(PlanePoint a, PlanePoint b) { return std::hypot(a.east_m - b.east_m, a.north_m - b.north_m); }
 
 }  // namespace
 
@@ -170,7 +167,7 @@ TileTrial TileTrials::fly(std::uint64_t base_seed, std::uint64_t index) const {
     }
   };
   for (const Shot& shot : flight.shots) {
-    const FrameReport report = localizer.process(shot.picture, shot.told);
+    const FrameReport report = localizer.process(shot.picture, shot.telemetry);
     trial.anchored += report.anchor_pose.has_value();
     if (report.anchor_pose) add(shot, *report.anchor_pose);
   }

@@ -15,7 +15,7 @@ struct TileOff {
   double geometric_m = 0;   // its pixels against where the true camera saw them
   double raster_m = 0;      // against the world's raster, by correlation; -1: not recognised
   double pose_error_m = 0;  // of its frame
-  double sigma_m = 0;       // told
+  double sigma_m = 0;       // claimed
 };
 
 struct TileTrial {

@@ -99,7 +99,7 @@ TEST_F(FolderCameraTest, ATruncatedImageIsAFailureUntilItIsComplete) {
       const CameraReading reading = next(camera);
       EXPECT_EQ(reading.status, CameraStatus::failure) << file;
       EXPECT_NE(reading.detail.find(file), std::string::npos) << reading.detail;
-      EXPECT_EQ(name(camera), "nothing") << "told once";
+      EXPECT_EQ(name(camera), "nothing") << "reported once";
       const int fd = ::open((folder_ / file).c_str(), O_WRONLY | O_APPEND);
       append(fd, bytes, size, bytes.size());
       ::close(fd);

@@ -78,19 +78,19 @@ class NetworkCamera {
  public:
   explicit NetworkCamera(const std::string& recording, int port = 0) {
     std::vector<std::string> words = {"python3", NETWORK_CAMERA, std::to_string(port), "5", recording};
-    std::array<int, 2> told{};
-    EXPECT_EQ(::pipe(told.data()), 0);
+    std::array<int, 2> pipe_ends{};
+    EXPECT_EQ(::pipe(pipe_ends.data()), 0);
     process_ = ::fork();
     if (process_ == 0) {
-      ::dup2(told[1], STDOUT_FILENO);
+      ::dup2(pipe_ends[1], STDOUT_FILENO);
       std::vector<char*> argv;
       for (std::string& word : words) argv.push_back(word.data());
       argv.push_back(nullptr);
       ::execvp(argv[0], argv.data());
       ::_exit(127);
     }
-    ::close(told[1]);
-    const std::unique_ptr<std::FILE, int (*)(std::FILE*)> said(::fdopen(told[0], "r"), std::fclose);
+    ::close(pipe_ends[1]);
+    const std::unique_ptr<std::FILE, int (*)(std::FILE*)> said(::fdopen(pipe_ends[0], "r"), std::fclose);
     EXPECT_EQ(std::fscanf(said.get(), "%d", &port_), 1);
   }
   ~NetworkCamera() {

@@ -25,17 +25,17 @@ Consistency measure_consistency(int flights, std::uint64_t seed, const DrawnOpti
     const auto smoothed = smooth_flight(flight.fresh, flight.steps).frames;
     for (std::size_t k = 0; k < flight.frames.size(); ++k) {
       const DrawnFrame& frame = flight.frames[k];
-      all.told.add(frame.nees);
+      all.online.add(frame.nees);
       if (frame.blind) all.blind.add(frame.nees);
       if (frame.anchor_chi2) all.anchors.add(*frame.anchor_chi2);
-      all.smoothed.add(normalised_error(smoothed[k].position_m - frame.truth_m, smoothed[k].covariance_m2));
-      all.told_error_m2 += (frame.told_m - frame.truth_m).squaredNorm();
-      all.smoothed_error_m2 += (smoothed[k].position_m - frame.truth_m).squaredNorm();
+      all.smoothed.add(normalised_error(smoothed[k].position.vector() - frame.truth_m, smoothed[k].covariance_m2));
+      all.online_error_m2 += (frame.online_m - frame.truth_m).squaredNorm();
+      all.smoothed_error_m2 += (smoothed[k].position.vector() - frame.truth_m).squaredNorm();
       of_index[k] += frame.nees / flights;
     }
   }
-  all.told_error_m2 /= all.told.count;
-  all.smoothed_error_m2 /= all.told.count;
+  all.online_error_m2 /= all.online.count;
+  all.smoothed_error_m2 /= all.online.count;
   const auto [low, high] = chi2_mean_interval(flights);
   for (const double mean : of_index) all.frames_within += mean >= low && mean <= high;
   return all;

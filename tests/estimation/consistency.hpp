@@ -17,8 +17,8 @@ struct Tally {
 };
 
 struct Consistency {
-  Tally told, blind, smoothed, anchors;             // NEES of all frames, of blind ones, after the flight; NIS
-  double told_error_m2 = 0, smoothed_error_m2 = 0;  // mean squares
+  Tally online, blind, smoothed, anchors;             // NEES of all frames, of blind ones, after the flight; NIS
+  double online_error_m2 = 0, smoothed_error_m2 = 0;  // mean squares
   int frames_within = 0;  // indices of frames whose mean over the flights lies in the 95 % interval of that mean
 };
 

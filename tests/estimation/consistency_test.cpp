@@ -18,22 +18,22 @@ TEST(Consistency, ErrorsMatchTheStatedSigma) {
   DrawnOptions options;
   options.frames = 80;
   const Consistency flown = measure_consistency(60, 7, options);
-  EXPECT_NEAR(flown.told.mean(), 2, 0.3);
+  EXPECT_NEAR(flown.online.mean(), 2, 0.3);
   EXPECT_NEAR(flown.smoothed.mean(), 2, 0.3);
   EXPECT_NEAR(flown.anchors.mean(), 2, 0.3);
-  EXPECT_NEAR(flown.told.share_50(), 0.5, 0.07);
-  EXPECT_NEAR(flown.told.share_95(), 0.95, 0.03);
-  EXPECT_LT(flown.smoothed_error_m2, 0.7 * flown.told_error_m2) << "what is learnt later helps";
+  EXPECT_NEAR(flown.online.share_50(), 0.5, 0.07);
+  EXPECT_NEAR(flown.online.share_95(), 0.95, 0.03);
+  EXPECT_LT(flown.smoothed_error_m2, 0.7 * flown.online_error_m2) << "what is learnt later helps";
 }
 
-// Tilt makes a single step's sight metres wrong; what a wrong scale does to many steps must not follow that.
+// Tilt makes a single step's measurement metres wrong; what a wrong scale does to many steps must not follow that.
 TEST(Consistency, AMinuteOfOdometryAlone) {
   DrawnOptions options;
   options.anchor_every = 60;
   const Consistency flown = measure_consistency(60, 3, options);
-  EXPECT_NEAR(flown.told.mean(), 2, 0.4);
+  EXPECT_NEAR(flown.online.mean(), 2, 0.4);
   EXPECT_NEAR(flown.anchors.mean(), 2, 0.7);
-  EXPECT_NEAR(flown.told.share_95(), 0.95, 0.03);
+  EXPECT_NEAR(flown.online.share_95(), 0.95, 0.03);
 }
 
 TEST(Consistency, BlindStretchesAreCovered) {
@@ -56,7 +56,7 @@ TEST(Consistency, SmoothingOverrulesWrongAnchors) {
   options.wrong_anchor_share = 0.05;
   const Consistency flown = measure_consistency(20, 9, options);
   EXPECT_GT(flown.smoothed.share_95(), 0.9);
-  EXPECT_LT(flown.smoothed_error_m2, 0.05 * flown.told_error_m2);
+  EXPECT_LT(flown.smoothed_error_m2, 0.05 * flown.online_error_m2);
 }
 
 }  // namespace

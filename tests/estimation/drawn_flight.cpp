@@ -67,7 +67,7 @@ struct Truth {
   Vector2d tilt = Vector2d::Zero();  // beyond the telemetry's
 };
 
-LinearizationPoint believed(const F& filter) {
+LinearizationPoint linearized_at(const F& filter) {
   const auto& x = filter.state();
   return {x[F::log_height], x[F::heading], x[F::pitch], x[F::roll]};
 }
@@ -82,7 +82,7 @@ RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& b
   measurement.before = before;
   measurement.now = now;
   measurement.covariance = spread * spread.transpose();
-  // In the scale and directions of what was believed of the frame before.
+  // In the scale and directions of what was estimated of the frame before.
   measurement.value.head<2>() = std::exp(before.log_height - was.log_height) *
                          (clockwise(before.heading_rad - was.heading) * (is.place - was.place));
   measurement.value[2] = (is.log_height - was.log_height) - (now.log_height - before.log_height);
@@ -129,13 +129,13 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
       step.imu_dv_mps = clockwise(-was.heading_error()) * (is.velocity - was.velocity) +
                         sigma.imu_dv_mps * std::sqrt(options.interval_s) * normals<2>(random);
     }
-    const LinearizationPoint before = believed(filter);
+    const LinearizationPoint before = linearized_at(filter);
     filter.predict(step.seconds, step.measured_heading_rad, step.tilt_measured, step.imu_dv_mps);
     DrawnFrame frame;
     frame.blind = options.blind_every > 0 && i % round >= options.blind_every;
     const bool was_blind = options.blind_every > 0 && i > 0 && (i - 1) % round >= options.blind_every;
     if (i > 0 && !frame.blind && !was_blind) {
-      step.relative_motion = see_motion(random, before, believed(filter), was, is);
+      step.relative_motion = see_motion(random, before, linearized_at(filter), was, is);
       filter.update_relative(*step.relative_motion);
     }
     if (!frame.blind && i % options.anchor_every == options.anchor_every / 2) {
@@ -144,7 +144,7 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
         off = clockwise(random.uniform(-kPi, kPi)) * Vector2d(random.uniform(80, 400), 0);
       }
       step.anchor = see_place(random, is, off);
-      const Vector2d ahead = step.anchor->value.head<2>() - filter.position_m();
+      const Vector2d ahead = step.anchor->value.head<2>() - filter.position().vector();
       if (off.isZero()) {
         frame.anchor_chi2 =
             normalised_error(ahead, filter.position_covariance_m2() + step.anchor->covariance.topLeftCorner<2, 2>());
@@ -152,9 +152,9 @@ DrawnFlight draw_flight(Random random, const DrawnOptions& options) {
       filter.update_absolute(*step.anchor);
     }
     frame.truth_m = is.place;
-    frame.told_m = filter.position_m();
+    frame.online_m = filter.position().vector();
     frame.covariance_m2 = filter.position_covariance_m2();
-    frame.nees = normalised_error(frame.told_m - frame.truth_m, frame.covariance_m2);
+    frame.nees = normalised_error(frame.online_m - frame.truth_m, frame.covariance_m2);
     flight.steps.push_back(step);
     flight.frames.push_back(frame);
   }

@@ -20,9 +20,9 @@ struct DrawnOptions {
 
 struct DrawnFrame {
   Eigen::Vector2d truth_m;
-  Eigen::Vector2d told_m;  // by the filter, online
+  Eigen::Vector2d online_m;  // estimated by the filter in flight
   Eigen::Matrix2d covariance_m2;
-  double nees = 0;                    // of what is told
+  double nees = 0;                    // of online_m
   std::optional<double> anchor_chi2;  // of a right anchor's place against the prediction, two degrees of freedom
   bool blind = false;
 };

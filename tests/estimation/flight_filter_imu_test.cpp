@@ -23,7 +23,7 @@ constexpr double kStep_s = 0.5, kSpeed_mps = 22, kRate_rps = 0.17;  // a turn wi
 TelemetryUncertainty sensors() {
   TelemetryUncertainty uncertainty;
   uncertainty.heading_rad = radians(3);
-  uncertainty.tilt_rad = radians(0.3);  // an attitude that levels well; see flight_filter_way_test.cpp for others
+  uncertainty.tilt_rad = radians(0.3);  // an attitude that levels well; see flight_filter_intervals_test.cpp for others
   uncertainty.imu_dv_mps = 0.1;
   return uncertainty;
 }
@@ -87,7 +87,7 @@ End fly(const Blackout& flight) {
     }
     if (step.anchor) filter.update_absolute(*step.anchor);
   }
-  const Vector2d error = filter.position_m() - flight.truth.back();
+  const Vector2d error = filter.position().vector() - flight.truth.back();
   return {error.norm(), filter.position_sigma_m(), error.dot(filter.position_covariance_m2().inverse() * error)};
 }
 
@@ -139,7 +139,7 @@ TEST(FlightFilterImu, SmoothingReplaysIt) {
   for (FlightStep& step : flight.steps) step.imu_dv_mps.reset();
   const auto without = smooth_flight(fresh, flight.steps).frames;
   const std::size_t middle = 40;
-  EXPECT_LT((with[middle].position_m - flight.truth[middle]).norm(),
+  EXPECT_LT((with[middle].position.vector() - flight.truth[middle]).norm(),
             3 * std::sqrt(with[middle].covariance_m2(0, 0)) + 3);
   EXPECT_LT(with[middle].covariance_m2.trace(), 0.5 * without[middle].covariance_m2.trace());
 }
@@ -152,9 +152,9 @@ TEST(FlightFilterImu, AStoppedClockInflatesThePositionButNotTheVelocity) {
     filter.predict(1, 0.0, true, Vector2d::Zero());
     filter.update_absolute(position_measurement({0, 20.0 * (i + 1)}, 1));
   }
-  const Vector2d at = filter.position_m();
+  const Vector2d at = filter.position().vector();
   filter.predict(0, 0.0, true, Vector2d(4, 0));
-  EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
+  EXPECT_LT((filter.position().vector() - at).norm(), 1e-9);
   EXPECT_NEAR(filter.state()[F::velocity_east], 4, 0.5);
   EXPECT_GT(filter.position_sigma_m(), 15);
 }

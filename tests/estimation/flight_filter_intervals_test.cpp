@@ -1,4 +1,4 @@
-// A long way without a frame, told by the telemetry alone: turns there and back, which the headings and the change of
+// A long way without a frame, known from the telemetry alone: turns there and back, which the headings and the change of
 // velocity at both ends know nothing of.
 #include <gtest/gtest.h>
 
@@ -52,7 +52,7 @@ struct Gap {
     };
     Vector2d velocity = over_ground();
     const auto fly_second = [&](double rate_rps) {
-      TelemetryInterval told{1, std::nullopt, Vector2d::Zero()};
+      TelemetryInterval interval{1, std::nullopt, Vector2d::Zero()};
       for (int i = 0; i < std::lround(1 / kTick_s); ++i) {
         heading += rate_rps * kTick_s;
         const Vector2d before = velocity;
@@ -61,20 +61,20 @@ struct Gap {
         const Vector2d leak = kGravity_mps2 * kTick_s *
                               (lean.x() * Vector2d(std::sin(heading), std::cos(heading)) +
                                lean.y() * Vector2d(std::cos(heading), -std::sin(heading)));
-        *told.imu_dv_mps += turned_clockwise(velocity - before + leak, -bias);
+        *interval.imu_dv_mps += turned_clockwise(velocity - before + leak, -bias);
       }
-      for (double& axis : *told.imu_dv_mps) axis += random.normal(0, sigma.imu_dv_mps);
-      told.heading_rad = wrap_pi(heading + bias + random.normal(0, radians(0.5)));
-      if (!imu) told.imu_dv_mps.reset();
-      return told;
+      for (double& axis : *interval.imu_dv_mps) axis += random.normal(0, sigma.imu_dv_mps);
+      interval.heading_rad = wrap_pi(heading + bias + random.normal(0, radians(0.5)));
+      if (!imu) interval.imu_dv_mps.reset();
+      return interval;
     };
     steps.emplace_back().measured_heading_rad = wrap_pi(heading + bias);
     for (int i = 0; i < kSeen_s; ++i) {
-      const TelemetryInterval told = fly_second(0);
+      const TelemetryInterval interval = fly_second(0);
       FlightStep& step = steps.emplace_back();
-      step.seconds = told.seconds;
-      step.measured_heading_rad = told.heading_rad;
-      step.imu_dv_mps = told.imu_dv_mps;
+      step.seconds = interval.seconds;
+      step.measured_heading_rad = interval.heading_rad;
+      step.imu_dv_mps = interval.imu_dv_mps;
       step.anchor = position_measurement(end + Vector2d(random.normal(0, 3), random.normal(0, 3)), 3);
     }
     const double half_s = kPi / kTurnRate_rps / 2;
@@ -90,7 +90,7 @@ struct Gap {
   }
 };
 
-// The same, told only at its end.
+// The same, measured only at its end.
 FlightStep without_way(FlightStep step) {
   for (const TelemetryInterval& stretch : step.intervals) {
     if (step.imu_dv_mps) *step.imu_dv_mps += *stretch.imu_dv_mps;
@@ -104,10 +104,10 @@ struct IntervalEnd {
 };
 
 IntervalEnd fly(
-    const Gap& flight, const std::function<FlightStep(FlightStep)>& told = [](const FlightStep& s) { return s; }) {
+    const Gap& flight, const std::function<FlightStep(FlightStep)>& altered = [](const FlightStep& s) { return s; }) {
   F filter(interval_sensors(), true, {0, 0}, 20);
-  for (const FlightStep& step : flight.steps) apply_step(filter, told(step), true);
-  const Vector2d error = filter.position_m() - flight.end;
+  for (const FlightStep& step : flight.steps) apply_step(filter, altered(step), true);
+  const Vector2d error = filter.position().vector() - flight.end;
   return {error.norm(), error.dot(filter.position_covariance_m2().inverse() * error)};
 }
 
@@ -139,7 +139,7 @@ TEST(FlightFilterInterval, AnAnchorAtItsEndReachesBackOverIt) {
   const F fresh(interval_sensors(), true, {0, 0}, 20);
   const auto smoothed = smooth_flight(fresh, flight.steps).frames;
   ASSERT_EQ(smoothed.size(), flight.steps.size()) << "the way has no frames";
-  EXPECT_LT((smoothed.back().position_m - flight.end).norm(), 6);
+  EXPECT_LT((smoothed.back().position.vector() - flight.end).norm(), 6);
   EXPECT_LT(smoothed[kSeen_s].covariance_m2.trace(), 2 * 9);
 }
 
@@ -156,13 +156,13 @@ TEST(FlightFilterInterval, AnIntervalIsPartOfTheStep) {
   whole.predict(2, 0.3, true, Vector2d(0.5, 0));
   halves.propagate({1, 0.3, Vector2d(0.25, 0)});
   halves.predict(1, 0.3, true, Vector2d(0.25, 0));
-  EXPECT_LT((whole.position_m() - halves.position_m()).norm(), 0.1);
+  EXPECT_LT((whole.position() - halves.position()).norm(), 0.1);
   RelativeMotionMeasurement measurement;
   measurement.value << 12, 38, 0, 0, 0, 0, 0, 0;
   measurement.covariance = Eigen::Matrix<double, 8, 8>::Identity() * 1e-4;
   whole.update_relative(measurement);
   halves.update_relative(measurement);
-  EXPECT_LT((whole.position_m() - halves.position_m()).norm(), 0.3);
+  EXPECT_LT((whole.position() - halves.position()).norm(), 0.3);
   EXPECT_NEAR(whole.position_sigma_m(), halves.position_sigma_m(), 0.05 * whole.position_sigma_m());
 }
 
@@ -170,7 +170,7 @@ TEST(FlightFilterInterval, BeforeTheFirstFrameIntervalsAreIgnored) {
   F filter(interval_sensors(), true, {3, 4}, 5);
   filter.propagate({10, 0.0, Vector2d(1, 1)});
   filter.predict(0, 0.0);
-  EXPECT_EQ(filter.position_m(), Vector2d(3, 4));
+  EXPECT_EQ(filter.position().vector(), Vector2d(3, 4));
 }
 
 }  // namespace

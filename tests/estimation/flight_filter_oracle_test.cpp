@@ -83,7 +83,7 @@ TEST(FlightFilterOracle, EqualsTheDenseGaussianForwardsAndBackwards) {
         filter.update_absolute(place(at, noise));
         dense.see(i, at, noise);
       }
-      EXPECT_LT((filter.position_m() - dense.mean.segment<2>(4 * i)).norm(), 1e-4) << i;
+      EXPECT_LT((filter.position().vector() - dense.mean.segment<2>(4 * i)).norm(), 1e-4) << i;
       EXPECT_LT((filter.position_covariance_m2() - dense.covariance.block<2, 2>(4 * i, 4 * i)).norm(), 1e-3) << i;
     }
     const auto smoothed = filter.smoothed();
@@ -91,7 +91,7 @@ TEST(FlightFilterOracle, EqualsTheDenseGaussianForwardsAndBackwards) {
     for (int i = 0; i < kFrames; ++i) {
       const auto& frame = smoothed[static_cast<std::size_t>(i)];
       const Matrix2d expected = dense.covariance.block<2, 2>(4 * i, 4 * i);
-      EXPECT_LT((frame.position_m - dense.mean.segment<2>(4 * i)).norm(), 1e-3) << i;
+      EXPECT_LT((frame.position.vector() - dense.mean.segment<2>(4 * i)).norm(), 1e-3) << i;
       EXPECT_LT((frame.covariance_m2 - expected).norm(), 1e-3 * expected.norm()) << i;
     }
   }
@@ -102,7 +102,7 @@ TEST(FlightFilterOracle, TheLastSmoothedFrameEqualsTheFiltered) {
   filter.keep_history();
   for (int i = 0; i < 5; ++i) filter.predict(1, radians(10 * i));
   filter.update_absolute(place({9, 9}, Matrix2d::Identity()));
-  EXPECT_EQ(filter.smoothed().back().position_m, filter.position_m());
+  EXPECT_EQ(filter.smoothed().back().position, filter.position());
   EXPECT_EQ(filter.smoothed().back().covariance_m2, filter.position_covariance_m2());
   EXPECT_EQ(F(TelemetryUncertainty{}, true, {1, 2}, 3).smoothed().size(), 1U);
 }

@@ -48,17 +48,17 @@ PoseMeasurement place_only(const Vector2d& at, double sigma_m) {
   return anchor(at, 0, Vector2d::Zero(), sigma);
 }
 
-LinearizationPoint believed(const F& filter) {
+LinearizationPoint estimated(const F& filter) {
   const auto& x = filter.state();
   return {x[F::log_height], x[F::heading], x[F::pitch], x[F::roll]};
 }
 
-// Odometry that says this motion, and of attitude and height only that they stayed as they are believed to be.
+// Odometry that says this motion, and of attitude and height only that they stayed as they are estimated.
 RelativeMotionMeasurement step_of(const F& filter, const LinearizationPoint& before, const Vector2d& moved, double sigma_m,
                     double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
   RelativeMotionMeasurement measurement;
   measurement.before = before;
-  measurement.now = believed(filter);
+  measurement.now = estimated(filter);
   measurement.value.setZero();
   measurement.value.head<2>() = moved;
   Eigen::Matrix<double, 8, 1> sigma;
@@ -69,7 +69,7 @@ RelativeMotionMeasurement step_of(const F& filter, const LinearizationPoint& bef
 
 void fly(F& filter, int frames, const Vector2d& step, double sigma_m, double heading_rad = 0) {
   for (int i = 0; i < frames; ++i) {
-    const LinearizationPoint before = believed(filter);
+    const LinearizationPoint before = estimated(filter);
     filter.predict(1, heading_rad);
     filter.update_relative(step_of(filter, before, step, sigma_m));
   }
@@ -101,24 +101,24 @@ TEST(FlightFilter, AStoppedClockMovesNothingButInflatesThePosition) {
   filter.predict(0, radians(20));
   fly(filter, 3, {20, 5}, 0.3, radians(20));
   const Matrix2d before = filter.position_covariance_m2();
-  const Vector2d at = filter.position_m();
+  const Vector2d at = filter.position().vector();
   filter.predict(0, radians(20));
-  EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
+  EXPECT_LT((filter.position().vector() - at).norm(), 1e-9);
   EXPECT_NEAR(std::sqrt(filter.position_covariance_m2()(0, 0) - before(0, 0)), std::hypot(20, 5), 1.5);
   filter.predict(-5, kNoHeading);
-  EXPECT_LT((filter.position_m() - at).norm(), 1e-9);
+  EXPECT_LT((filter.position().vector() - at).norm(), 1e-9);
   EXPECT_TRUE(filter.covariance().allFinite());
 }
 
 TEST(FlightFilter, TiltThatIsNoLongerMeasuredIsUncertain) {
   F filter(filter_sensors(), true, {0, 0}, 10);
   filter.predict(0, radians(20), true);
-  const double told = filter.sigma(F::roll);
+  const double measured = filter.sigma(F::roll);
   filter.predict(1, radians(20), false);
   EXPECT_GT(filter.sigma(F::roll), radians(20));
   EXPECT_GT(filter.white_tilt_sigma_rad(), radians(20));
   filter.predict(1, radians(20), true);
-  EXPECT_NEAR(filter.sigma(F::roll), told, 1e-3);
+  EXPECT_NEAR(filter.sigma(F::roll), measured, 1e-3);
 }
 
 TEST(FlightFilter, PropagatesWithItsVelocityWhichTurnsWithTheAircraft) {
@@ -127,11 +127,11 @@ TEST(FlightFilter, PropagatesWithItsVelocityWhichTurnsWithTheAircraft) {
   fly(straight, 5, {20, 0}, 0.3, radians(90));
   F turning = straight;
   straight.predict(3, radians(90));
-  EXPECT_LT((straight.position_m() - Vector2d(160, 0)).norm(), 2);
+  EXPECT_LT((straight.position() - PlanePoint(160, 0)).norm(), 2);
   for (int i = 1; i <= 18; ++i) turning.predict(1, radians(90 + 10 * i));  // half a circle to the right
-  EXPECT_GT(turning.position_m().x(), 60);
-  EXPECT_LT(turning.position_m().x(), 140) << "back abeam of where the turn began";
-  EXPECT_NEAR(turning.position_m().y(), -2 * 20 / radians(10), 15) << "a diameter to the south";
+  EXPECT_GT(turning.position().east_m, 60);
+  EXPECT_LT(turning.position().east_m, 140) << "back abeam of where the turn began";
+  EXPECT_NEAR(turning.position().north_m, -2 * 20 / radians(10), 15) << "a diameter to the south";
 }
 
 // What all steps share grows with the distance.
@@ -165,7 +165,7 @@ TEST(FlightFilter, TwoMeasurementsOfAPositionAreFusedAsInTextbooks) {
   const Matrix2d expected = (before.inverse() + measured.inverse()).inverse();
   EXPECT_LT((filter.position_covariance_m2() - expected).norm(), 1e-6);
   const Vector2d position = expected * (before.inverse() * Vector2d(300, 0) + measured.inverse() * Vector2d(310, 5));
-  EXPECT_LT((filter.position_m() - position).norm(), 1e-6);
+  EXPECT_LT((filter.position().vector() - position).norm(), 1e-6);
 }
 
 TEST(FlightFilter, UnknownHeadingIsUncertainUntilAnAnchorMeasuresIt) {
@@ -198,7 +198,7 @@ TEST(FlightFilter, AnInflatedHeadingMakesTheCourseUncertain) {
 struct Compass {
   double constant_rad, sine_rad, cosine_rad;
 
-  double told_rad(double truth_rad) const {
+  double measured_rad(double truth_rad) const {
     return wrap_pi(truth_rad - constant_rad - sine_rad * std::sin(truth_rad) - cosine_rad * std::cos(truth_rad));
   }
 };
@@ -207,7 +207,7 @@ struct Compass {
 void fly_anchored(F& filter, Random& random, const Compass& compass, double& truth_rad, int frames, double turn_rad) {
   for (int i = 0; i < frames; ++i) {
     truth_rad += turn_rad;
-    filter.predict(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
+    filter.predict(1, wrap_pi(compass.measured_rad(truth_rad) + random.normal(0, radians(0.5))));
     const double seen_rad = wrap_pi(truth_rad + random.normal(0, radians(0.6)));
     if (i % 3 == 0) filter.update_absolute(anchor({0, 0}, seen_rad, {0, 0}, vague_but(3, radians(0.6))));
   }
@@ -221,7 +221,7 @@ TEST(FlightFilter, ACircleRevealsTheDeviationOnEveryCourse) {
     fly_anchored(filter, random, compass, truth_rad, 72, radians(10));
     for (const double course_deg : {-120, -77, 10, 100}) {
       F later = filter;
-      later.predict(1, compass.told_rad(radians(course_deg)));
+      later.predict(1, compass.measured_rad(radians(course_deg)));
       EXPECT_LT(off_deg(later.state()[F::heading], radians(course_deg)), 1.5) << course_deg;
       EXPECT_LT(later.sigma(F::heading), radians(2)) << course_deg;
     }
@@ -238,9 +238,9 @@ TEST(FlightFilter, AfterATurnTheCompassIsUncertain) {
   fly_anchored(filter, random, compass, truth_rad, 90, 0);
   EXPECT_LT(filter.sigma(F::heading), radians(2)) << "hardly more than what changes from frame to frame";
   F straight = filter, turned = filter;
-  straight.predict(1, compass.told_rad(0));
+  straight.predict(1, compass.measured_rad(0));
   EXPECT_LT(off_deg(straight.state()[F::heading], 0), 1);
-  turned.predict(1, compass.told_rad(kPi));
+  turned.predict(1, compass.measured_rad(kPi));
   EXPECT_GT(off_deg(turned.state()[F::heading], kPi), 2) << "nobody can know";
   EXPECT_LT(off_deg(turned.state()[F::heading], kPi), 3 * degrees(turned.sigma(F::heading)));
   EXPECT_GT(turned.sigma(F::heading), 1.5 * straight.sigma(F::heading));
@@ -254,21 +254,21 @@ TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
   double truth_rad = 0;
   fly_anchored(filter, random, compass, truth_rad, 60, 0);
   for (int i = 0; i < 18; ++i) {
-    const LinearizationPoint before = believed(filter);
+    const LinearizationPoint before = estimated(filter);
     const double was_rad = truth_rad;
     truth_rad += radians(10);
-    filter.predict(1, wrap_pi(compass.told_rad(truth_rad) + random.normal(0, radians(0.5))));
+    filter.predict(1, wrap_pi(compass.measured_rad(truth_rad) + random.normal(0, radians(0.5))));
     RelativeMotionMeasurement measurement = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
     measurement.value[3] =
         wrap_pi((truth_rad - was_rad) - (measurement.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
     filter.update_relative(measurement);
   }
   const double off = off_deg(filter.state()[F::heading], truth_rad);
-  EXPECT_LT(off, 3) << "it is told 10 degrees less than it has turned";
+  EXPECT_LT(off, 3) << "the compass says 10 degrees less than it has turned";
   EXPECT_LT(off, 3 * degrees(filter.sigma(F::heading)));
 }
 
-// A circle flown twice, told in (−180°, 180°]: no jump where the telemetry jumps.
+// A circle flown twice, its headings in (−180°, 180°]: no jump where the telemetry jumps.
 TEST(FlightFilter, CrossesSouthWithoutAJump) {
   F filter(filter_sensors(), true, {0, 0}, 5);
   double truth = radians(150);
@@ -322,7 +322,7 @@ TEST(FlightFilter, VagueMeasurementsDoNotChangeTheTiltScatter) {
   filter.predict(0, radians(10));
   const F before = filter;
   for (int i = 0; i < 50; ++i) filter.update_absolute(anchor({900, 0}, 2, {1, -1}, vague_but(0, 1e5)));
-  EXPECT_LT((filter.position_m() - before.position_m()).norm(), 0.5);
+  EXPECT_LT((filter.position() - before.position()).norm(), 0.5);
   EXPECT_LT(std::abs(filter.state()[F::pitch]), radians(0.3));
   EXPECT_DOUBLE_EQ(filter.white_tilt_sigma_rad(), before.white_tilt_sigma_rad());
 }

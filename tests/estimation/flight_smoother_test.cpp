@@ -42,7 +42,7 @@ struct Flight {
   double worst_m(const SmoothedFlight& smoothed) const {
     double worst = 0;
     for (std::size_t i = 0; i < truth.size(); ++i)
-      worst = std::max(worst, (smoothed.frames[i].position_m - truth[i]).norm());
+      worst = std::max(worst, (smoothed.frames[i].position.vector() - truth[i]).norm());
     return worst;
   }
 };
@@ -59,7 +59,7 @@ TEST(FlightSmoother, AGoodFlightIsSmoothedAsTheFilterDoes) {
   EXPECT_TRUE(smoothed.rejected_anchors.empty());
   const auto expected = filter.smoothed();
   ASSERT_EQ(smoothed.frames.size(), expected.size());
-  for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(smoothed.frames[i].position_m, expected[i].position_m);
+  for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(smoothed.frames[i].position, expected[i].position);
 }
 
 TEST(FlightSmoother, AnchorsThatAllOthersContradictAreRejected) {

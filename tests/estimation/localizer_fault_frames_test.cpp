@@ -22,7 +22,7 @@ void expect_honest(const FrameReport& report, const Moment& moment) {
   EXPECT_LT(off_m(report.estimate, moment), 3 * report.estimate.sigma_m) << moment.telemetry.frame;
   if (!accepted) return;
   const PlanePoint truth = moment.truth.position;
-  EXPECT_LT(std::hypot(report.anchor.camera->east_m - truth.east_m, report.anchor.camera->north_m - truth.north_m), 8);
+  EXPECT_LT(distance_m(*report.anchor.camera, truth), 8);
 }
 
 cv::Mat clouded(const cv::Mat& frame, double share) {
@@ -74,11 +74,11 @@ TEST(FaultyFrames, NoStepIsLongerThanTheAircraftCanFly) {
   for (const bool soon : {false, true}) {
     Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, start(), config());
     localizer.process(moments[0].image, moments[0].telemetry);
-    Telemetry told = moments[3].telemetry;
-    if (soon) told.time_s = moments[0].telemetry.time_s + 0.2;
-    const FrameReport report = localizer.process(moments[3].image, told);
+    Telemetry telemetry = moments[3].telemetry;
+    if (soon) telemetry.time_s = moments[0].telemetry.time_s + 0.2;
+    const FrameReport report = localizer.process(moments[3].image, telemetry);
     EXPECT_EQ(report.odometry.tracked, !soon);
-    EXPECT_GT(report.odometry.step_m, 30) << "it was measured, and is told";
+    EXPECT_GT(report.odometry.step_m, 30) << "it was measured, and is reported";
     EXPECT_EQ(report.estimate.source, soon ? SourceLabel::dead_reckoned : SourceLabel::vo_extrapolated);
     expect_sound(report.estimate);
   }
@@ -92,9 +92,9 @@ TEST(FaultyFrames, AFrameFromElsewhereIsNoFirstAnchor) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), vague);
   const FrameReport first = localizer.process(clouded(moments[0].image, 0.9), moments[0].telemetry);
   EXPECT_NE(first.anchor.verdict, AnchorVerdict::accepted);
-  Telemetry told = moments[9].telemetry;
-  told.time_s = moments[1].telemetry.time_s;
-  const FrameReport report = localizer.process(moments[9].image, told);
+  Telemetry telemetry = moments[9].telemetry;
+  telemetry.time_s = moments[1].telemetry.time_s;
+  const FrameReport report = localizer.process(moments[9].image, telemetry);
   EXPECT_EQ(report.anchor.verdict, AnchorVerdict::awaiting_votes);
   EXPECT_LT(report.anchor.chi2, GateLimits().chi2_999) << "no gate could tell";
   expect_honest(report, moments[1]);
@@ -128,9 +128,9 @@ TEST_P(JumpingClock, AnchorsCorrectlyOrNotAtAll) {
   const auto& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   for (std::size_t i = 0; i < 2; ++i) {
-    Telemetry told = moments[i].telemetry;
-    if (i >= 1) told.time_s = moments[0].telemetry.time_s + GetParam() + static_cast<double>(i - 1);
-    expect_honest(localizer.process(moments[i].image, told), moments[i]);
+    Telemetry telemetry = moments[i].telemetry;
+    if (i >= 1) telemetry.time_s = moments[0].telemetry.time_s + GetParam() + static_cast<double>(i - 1);
+    expect_honest(localizer.process(moments[i].image, telemetry), moments[i]);
   }
 }
 
@@ -138,10 +138,10 @@ TEST_P(JumpingClock, AnchorsCorrectlyOrNotAtAll) {
 TEST(FaultyFrames, BlindLeapsOfTheClockNeverReduceUncertainty) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   double last_sigma = localizer.process(short_flight()[0].image, short_flight()[0].telemetry).estimate.sigma_m;
-  Telemetry told = short_flight()[1].telemetry;
+  Telemetry telemetry = short_flight()[1].telemetry;
   for (const double leap_s : {1.0, 60.0, -60.0, 0.0}) {
-    told.time_s += leap_s;
-    const FrameReport report = localizer.process(cv::Mat(), told);
+    telemetry.time_s += leap_s;
+    const FrameReport report = localizer.process(cv::Mat(), telemetry);
     EXPECT_EQ(report.anchor.verdict, AnchorVerdict::frame_unfit);
     EXPECT_NE(report.estimate.source, SourceLabel::satellite_anchored);
     if (leap_s > 0) {
@@ -173,9 +173,9 @@ TEST(FaultyFrames, ATurnThatTheImagesDoNotShowIsUncertain) {
   const std::vector<Moment>& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, start(), config());
   for (std::size_t i = 0; i < moments.size(); ++i) {
-    Telemetry told = moments[i].telemetry;
-    if (i >= 2) told.heading_rad = wrap_pi(*told.heading_rad + kPi);
-    const FrameReport report = localizer.process(moments[i].image, told);
+    Telemetry telemetry = moments[i].telemetry;
+    if (i >= 2) telemetry.heading_rad = wrap_pi(*telemetry.heading_rad + kPi);
+    const FrameReport report = localizer.process(moments[i].image, telemetry);
     EXPECT_EQ(report.odometry.tracked, i != 0 && i != 2) << i;
     EXPECT_EQ(report.estimate.segment, i < 2 ? 0 : 1) << i;
     EXPECT_EQ(report.state.heading_sigma_rad > radians(60), i >= 2) << i;
@@ -199,7 +199,7 @@ TEST(FaultyFrames, OverAMapAHeadingJumpIsRecovered) {
   }
 }
 
-// Tilt that is told no more is not level flight.
+// Tilt that is no longer measured is not level flight.
 TEST(FaultyFrames, AttitudeThatIsLostInABankIsUncertain) {
   std::vector<Moment> moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());

@@ -52,7 +52,7 @@ TEST(FaultyMap, AnOutdatedMapAnchorsCorrectlyOrNotAtAll) {
     EXPECT_EQ(report.estimate.source == SourceLabel::satellite_anchored, accepted);
     if (!accepted) continue;
     const PlanePoint truth = moment.truth.position;
-    EXPECT_LT(std::hypot(report.anchor.camera->east_m - truth.east_m, report.anchor.camera->north_m - truth.north_m),
+    EXPECT_LT(distance_m(*report.anchor.camera, truth),
               5);
   }
 }

@@ -28,12 +28,12 @@ class LandscapeTiles final : public TileSource {
     if (key.z != 18) return std::nullopt;
     const auto known = tiles_.find(key);
     if (known != tiles_.end()) return known->second;
-    const Enu north_west = corner(key, 0, 0), south_east = corner(key, kTileSize, kTileSize);
+    const PlanePoint north_west = corner(key, 0, 0), south_east = corner(key, kTileSize, kTileSize);
     const double reach = landscape().half_side_m();
     if (std::max({-south_east.east_m, north_west.east_m, south_east.north_m, -north_west.north_m}) > reach) {
       return tiles_[key] = std::nullopt;
     }
-    const Enu north_east = corner(key, kTileSize, 0), south_west = corner(key, 0, kTileSize);
+    const PlanePoint north_east = corner(key, kTileSize, 0), south_west = corner(key, 0, kTileSize);
     cv::Mat tile(kTileSize, kTileSize, CV_8UC1);
     for (int r = 0; r < kTileSize; ++r) {
       for (int c = 0; c < kTileSize; ++c) {  // within a tile the plane is as good as linear
@@ -50,8 +50,8 @@ class LandscapeTiles final : public TileSource {
   }
 
  private:
-  Enu corner(const TileKey& key, int column, int row) const {
-    return frame_.enu_from_lonlat(lonlat_from_pixel(
+  PlanePoint corner(const TileKey& key, int column, int row) const {
+    return frame_.plane_from_lonlat(lonlat_from_pixel(
         {static_cast<double>(key.x) * kTileSize + column, static_cast<double>(key.y) * kTileSize + row}, key.z));
   }
 
@@ -105,7 +105,7 @@ const std::vector<Moment>& short_flight() {
   return moments;
 }
 
-LonLat place_of(PlanePoint point) { return LocalFrame(kOrigin).lonlat_from_enu(point.east_m, point.north_m); }
+LonLat place_of(PlanePoint point) { return LocalFrame(kOrigin).lonlat_from_plane(point); }
 
 LonLat start() { return place_of({-48, -60}); }
 
@@ -118,8 +118,7 @@ LocalizerConfig config() {
 
 double off_m(const Estimate& estimate, const Moment& moment) {
   if (!estimate.position) return 1e9;
-  const Enu enu = LocalFrame(kOrigin).enu_from_lonlat(*estimate.position);
-  return std::hypot(enu.east_m - moment.truth.position.east_m, enu.north_m - moment.truth.position.north_m);
+  return distance_m(LocalFrame(kOrigin).plane_from_lonlat(*estimate.position), moment.truth.position);
 }
 
 void expect_sound(const Estimate& estimate) {

@@ -28,7 +28,7 @@ const std::vector<Moment>& short_flight();  // the first four
 LonLat place_of(PlanePoint point);
 LonLat start();  // 19 m off
 LocalizerConfig config();
-double off_m(const Estimate& estimate, const Moment& moment);  // very far when no position is told
+double off_m(const Estimate& estimate, const Moment& moment);  // very far without a position
 void expect_sound(const Estimate& estimate);
 
 }  // namespace nadir::test

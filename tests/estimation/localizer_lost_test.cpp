@@ -24,7 +24,7 @@ LocalizerConfig anywhere() {
   return c;
 }
 
-// Names what it was told to name, whatever it is asked.
+// Names the given places, whatever it is asked.
 class Parrot final : public PlaceRetrieval {
  public:
   explicit Parrot(std::vector<PlanePoint> places, double turn_rad = 0)
@@ -89,7 +89,7 @@ TEST(LostLocalizer, RecoversWhereThePlaceIndexIsWrongOrEmpty) {
   }
 }
 
-// The heading is not told. The camera's foot point lies off the picture's middle, on a side that turns with it.
+// The heading is not measured. The camera's foot point lies off the picture's middle, on a side that turns with it.
 TEST(LostLocalizer, UsesTheHeadingThatThePlaceIndexNames) {
   Moment first = short_flight()[0];
   first.telemetry.heading_rad = std::nullopt;
@@ -148,9 +148,9 @@ TEST(Hint, InflatesAStartThatNoAnchorConfirmed) {
   Localizer stubborn(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
   EXPECT_NE(fly(stubborn, first).anchor.verdict, AnchorVerdict::accepted);
 
-  Localizer told(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
-  told.hint(place_of({first.truth.position.east_m + 30, first.truth.position.north_m}), 60);
-  expect_placed(fly(told, first), first);
+  Localizer hinted(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
+  hinted.hint(place_of({first.truth.position.east_m + 30, first.truth.position.north_m}), 60);
+  expect_placed(fly(hinted, first), first);
 }
 
 TEST(Hint, DoesNotChangeWhatAnchorsConfirm) {
@@ -178,7 +178,7 @@ TEST(Hint, RejectsInvalidPositions) {
 
 // ---- Without a position at the start, and after it was lost
 
-// Nothing is known but the area: nothing is told before the first anchor, and then the truth.
+// Nothing is known but the area: nothing is published before the first anchor, and then the truth.
 TEST(Localizer, ColdStartFindsItselfInTheArea) {
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};

@@ -15,8 +15,7 @@ using namespace test;
 
 void expect_near(const FramePose& pose, const Moment& moment) {
   const CameraPose& truth = moment.truth;
-  const double off_m = std::hypot(pose.pose.position.east_m - truth.position.east_m,
-                                  pose.pose.position.north_m - truth.position.north_m);
+  const double off_m = distance_m(pose.pose.position, truth.position);
   EXPECT_LT(off_m, 3);
   EXPECT_LT(off_m, 4 * pose.sigma_m);
   EXPECT_NEAR(pose.pose.agl_m, truth.agl_m, 0.03 * truth.agl_m);
@@ -52,7 +51,7 @@ TEST(LocalizerPoses, AreThoseOfTheAnchoredFrames) {
     EXPECT_TRUE(refined[i]->confirmed);
     EXPECT_TRUE(refined[i]->refined);
     EXPECT_NEAR(refined[i]->sigma_m, estimates[i].sigma_m, 1e-9);
-    const Enu at = LocalFrame(kOrigin).enu_from_lonlat(*estimates[i].position);
+    const PlanePoint at = LocalFrame(kOrigin).plane_from_lonlat(*estimates[i].position);
     EXPECT_NEAR(refined[i]->pose.position.east_m, at.east_m, 1e-6);
   }
 }

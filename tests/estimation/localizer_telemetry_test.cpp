@@ -25,43 +25,43 @@ struct Broken {
 class BrokenTelemetry : public testing::TestWithParam<Broken> {};
 INSTANTIATE_TEST_SUITE_P(
     Localizer, BrokenTelemetry,
-    testing::Values(Broken{"NanHeight", [](Telemetry& told) { told.agl_m = kNaN; }},
-                    Broken{"NegativeHeight", [](Telemetry& told) { told.agl_m = -30; }},
-                    Broken{"ZeroHeight", [](Telemetry& told) { told.agl_m = 0; }},
+    testing::Values(Broken{"NanHeight", [](Telemetry& telemetry) { telemetry.agl_m = kNaN; }},
+                    Broken{"NegativeHeight", [](Telemetry& telemetry) { telemetry.agl_m = -30; }},
+                    Broken{"ZeroHeight", [](Telemetry& telemetry) { telemetry.agl_m = 0; }},
                     Broken{"InfiniteHeight",
-                           [](Telemetry& told) { told.agl_m = std::numeric_limits<double>::infinity(); }},
-                    Broken{"HugeHeight", [](Telemetry& told) { told.agl_m = 1e9; }},
-                    Broken{"NoHeight", [](Telemetry& told) { told.agl_m.reset(); }},
-                    Broken{"NanHeading", [](Telemetry& told) { told.heading_rad = kNaN; }},
-                    Broken{"HugeHeading", [](Telemetry& told) { told.heading_rad = 1e300; }},
-                    Broken{"NanPitch", [](Telemetry& told) { told.pitch_rad = kNaN; }},
-                    Broken{"NanRoll", [](Telemetry& told) { told.roll_rad = kNaN; }},
-                    Broken{"UpsideDown", [](Telemetry& told) { told.roll_rad = kPi; }},
-                    Broken{"NoTilt", [](Telemetry& told) { told.pitch_rad.reset(), told.roll_rad.reset(); }},
+                           [](Telemetry& telemetry) { telemetry.agl_m = std::numeric_limits<double>::infinity(); }},
+                    Broken{"HugeHeight", [](Telemetry& telemetry) { telemetry.agl_m = 1e9; }},
+                    Broken{"NoHeight", [](Telemetry& telemetry) { telemetry.agl_m.reset(); }},
+                    Broken{"NanHeading", [](Telemetry& telemetry) { telemetry.heading_rad = kNaN; }},
+                    Broken{"HugeHeading", [](Telemetry& telemetry) { telemetry.heading_rad = 1e300; }},
+                    Broken{"NanPitch", [](Telemetry& telemetry) { telemetry.pitch_rad = kNaN; }},
+                    Broken{"NanRoll", [](Telemetry& telemetry) { telemetry.roll_rad = kNaN; }},
+                    Broken{"UpsideDown", [](Telemetry& telemetry) { telemetry.roll_rad = kPi; }},
+                    Broken{"NoTilt", [](Telemetry& telemetry) { telemetry.pitch_rad.reset(), telemetry.roll_rad.reset(); }},
                     Broken{"NanImu",
-                           [](Telemetry& told) {
-                             told.imu_dv_mps = {0, kNaN};
+                           [](Telemetry& telemetry) {
+                             telemetry.imu_dv_mps = {0, kNaN};
                            }},
                     Broken{"HugeImu",
-                           [](Telemetry& told) {
-                             told.imu_dv_mps = {-1e9, 3};
+                           [](Telemetry& telemetry) {
+                             telemetry.imu_dv_mps = {-1e9, 3};
                            }},
                     Broken{"WayOfNoLength",
-                           [](Telemetry& told) {
-                             told.intervals = {{kNaN, 0.0, {}}, {-3, 0.0, {}}};
+                           [](Telemetry& telemetry) {
+                             telemetry.intervals = {{kNaN, 0.0, {}}, {-3, 0.0, {}}};
                            }},
                     Broken{"WayLongerThanTheTime",
-                           [](Telemetry& told) {
-                             told.intervals = {{1e6, 0.0, {}}};
+                           [](Telemetry& telemetry) {
+                             telemetry.intervals = {{1e6, 0.0, {}}};
                            }},
                     Broken{"WayOfNonsense",
-                           [](Telemetry& told) {
-                             told.intervals = {{1e-3, kNaN, Eigen::Vector2d(kNaN, 1e9)}, {1e-3, 1e300, {}}};
+                           [](Telemetry& telemetry) {
+                             telemetry.intervals = {{1e-3, kNaN, Eigen::Vector2d(kNaN, 1e9)}, {1e-3, 1e300, {}}};
                            }},
-                    Broken{"NanTime", [](Telemetry& told) { told.time_s = kNaN; }},
-                    Broken{"BackInTime", [](Telemetry& told) { told.time_s -= 100; }},
-                    Broken{"FarFuture", [](Telemetry& told) { told.time_s += 1e7; }},
-                    Broken{"SameTime", [](Telemetry& told) { told.time_s = 10; }}),
+                    Broken{"NanTime", [](Telemetry& telemetry) { telemetry.time_s = kNaN; }},
+                    Broken{"BackInTime", [](Telemetry& telemetry) { telemetry.time_s -= 100; }},
+                    Broken{"FarFuture", [](Telemetry& telemetry) { telemetry.time_s += 1e7; }},
+                    Broken{"SameTime", [](Telemetry& telemetry) { telemetry.time_s = 10; }}),
     [](const auto& test) { return test.param.name; });
 
 TEST_P(BrokenTelemetry, NeverThrowsAndRecovers) {
@@ -97,8 +97,8 @@ TEST(Localizer, BrokenTelemetryOverAMap) {
   const auto& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   const std::vector<std::function<void(Telemetry&)>> damages = {
-      [](Telemetry& told) { told.agl_m = kNaN; }, [](Telemetry& told) { told.agl_m = 1e9; },
-      [](Telemetry& told) { told.heading_rad = kNaN; }, [](Telemetry& told) { told.roll_rad = kPi; }};
+      [](Telemetry& telemetry) { telemetry.agl_m = kNaN; }, [](Telemetry& telemetry) { telemetry.agl_m = 1e9; },
+      [](Telemetry& telemetry) { telemetry.heading_rad = kNaN; }, [](Telemetry& telemetry) { telemetry.roll_rad = kPi; }};
   for (const auto& damage : damages) {
     Telemetry telemetry = moments[0].telemetry;
     damage(telemetry);

@@ -15,7 +15,7 @@ using namespace test;
 
 TEST(Localizer, FollowsAFlightOverItsMap) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
-  std::vector<Estimate> told;
+  std::vector<Estimate> online;
   for (const Moment& moment : short_flight()) {
     const FrameReport report = localizer.process(moment.image, moment.telemetry);
     expect_sound(report.estimate);
@@ -30,12 +30,12 @@ TEST(Localizer, FollowsAFlightOverItsMap) {
     EXPECT_LT(report.estimate.sigma_m, 10);
     EXPECT_FALSE(report.anchor.rectified.empty());
     EXPECT_EQ(report.anchor.rectified.size(), report.anchor.matched_map.size());
-    told.push_back(report.estimate);
+    online.push_back(report.estimate);
   }
   const auto refined = localizer.refined();
-  ASSERT_EQ(refined.size(), told.size());
+  ASSERT_EQ(refined.size(), online.size());
   for (std::size_t i = 0; i < refined.size(); ++i) {
-    EXPECT_EQ(refined[i].frame, told[i].frame);
+    EXPECT_EQ(refined[i].frame, online[i].frame);
     EXPECT_LT(off_m(refined[i], short_flight()[i]), 3.0);
     expect_sound(refined[i]);
   }
@@ -116,21 +116,21 @@ TEST(Localizer, BetweenAnchorsItIsPropagatedByOdometry) {
   EXPECT_LT(last_sigma, 20);
 }
 
-TEST(Localizer, IsDeterministic) {
-  std::vector<Estimate> told[2];
-  for (auto& run : told) {
+TEST(Localizer, TwiceTheSame) {
+  std::vector<Estimate> online[2];
+  for (auto& run : online) {
     Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
     for (std::size_t i = 0; i < 1; ++i) {
       run.push_back(localizer.process(short_flight()[i].image, short_flight()[i].telemetry).estimate);
     }
   }
   for (std::size_t i = 0; i < 1; ++i) {
-    EXPECT_EQ(told[0][i].position, told[1][i].position);
-    EXPECT_EQ(told[0][i].sigma_m, told[1][i].sigma_m);
-    EXPECT_EQ(told[0][i].covariance_m2, told[1][i].covariance_m2);
-    EXPECT_EQ(told[0][i].source, told[1][i].source);
-    EXPECT_EQ(told[0][i].anchor_inliers, told[1][i].anchor_inliers);
-    EXPECT_EQ(told[0][i].anchor_ratio, told[1][i].anchor_ratio);
+    EXPECT_EQ(online[0][i].position, online[1][i].position);
+    EXPECT_EQ(online[0][i].sigma_m, online[1][i].sigma_m);
+    EXPECT_EQ(online[0][i].covariance_m2, online[1][i].covariance_m2);
+    EXPECT_EQ(online[0][i].source, online[1][i].source);
+    EXPECT_EQ(online[0][i].anchor_inliers, online[1][i].anchor_inliers);
+    EXPECT_EQ(online[0][i].anchor_ratio, online[1][i].anchor_ratio);
   }
 }
 

@@ -22,7 +22,7 @@ class Threads {
   int before_;
 };
 
-// Every number that is told, as its bits.
+// Every number that is published, as its bits.
 std::vector<std::uint64_t> bits_of(const std::vector<Estimate>& estimates) {
   std::vector<std::uint64_t> bits;
   const auto put = [&](double value) { bits.push_back(std::bit_cast<std::uint64_t>(value)); };
@@ -37,7 +37,7 @@ std::vector<std::uint64_t> bits_of(const std::vector<Estimate>& estimates) {
 }
 
 struct Flown {
-  std::vector<Estimate> told, refined;
+  std::vector<Estimate> online, refined;
 };
 
 Flown fly(int threads) {
@@ -45,7 +45,7 @@ Flown fly(int threads) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   Flown flown;
   for (const Moment& moment : short_flight()) {
-    flown.told.push_back(localizer.process(moment.image, moment.telemetry).estimate);
+    flown.online.push_back(localizer.process(moment.image, moment.telemetry).estimate);
   }
   flown.refined = localizer.refined();
   return flown;
@@ -53,10 +53,10 @@ Flown fly(int threads) {
 
 TEST(LocalizerThreads, OneAndTwoGiveTheSameBits) {
   const Flown one = fly(1), two = fly(2), again = fly(2);
-  ASSERT_EQ(one.told.back().source, SourceLabel::satellite_anchored) << "else nothing is compared";
-  EXPECT_EQ(bits_of(one.told), bits_of(two.told));
+  ASSERT_EQ(one.online.back().source, SourceLabel::satellite_anchored) << "else nothing is compared";
+  EXPECT_EQ(bits_of(one.online), bits_of(two.online));
   EXPECT_EQ(bits_of(one.refined), bits_of(two.refined));
-  EXPECT_EQ(bits_of(two.told), bits_of(again.told));
+  EXPECT_EQ(bits_of(two.online), bits_of(again.online));
 }
 
 }  // namespace

@@ -32,7 +32,7 @@ TEST(Terrain, InThePlaneIsTheRasterAtTheSamePlace) {
   Random random(5);
   for (int i = 0; i < 500; ++i) {
     const PlanePoint point{random.uniform(-10'500, 10'500), random.uniform(-10'500, 10'500)};
-    const auto expected = raster.height_m(frame.lonlat_from_enu(point.east_m, point.north_m));
+    const auto expected = raster.height_m(frame.lonlat_from_plane(point));
     ASSERT_TRUE(expected);
     EXPECT_NEAR(surface.height_m(point), *expected - 550, 0.01);
   }
@@ -43,7 +43,7 @@ TEST(Terrain, BeyondTheRasterContinuesAtItsEdge) {
   const TerrainRaster raster = hills();
   const LocalFrame frame(kTakeoff);
   const TerrainSurface surface(raster, frame);
-  const Enu edge = frame.enu_from_lonlat(raster.grid().place(999, 500));
+  const PlanePoint edge = frame.plane_from_lonlat(raster.grid().place(999, 500));
   EXPECT_NEAR(surface.height_m({edge.east_m + 4000, edge.north_m}), surface.height_m({edge.east_m, edge.north_m}), 1.0);
   for (const double far : {-1e7, 1e7, std::numeric_limits<double>::infinity(), std::nan("")}) {
     EXPECT_TRUE(std::isfinite(surface.height_m({far, far})));
@@ -56,7 +56,7 @@ TEST(Terrain, HolesTakeTheHeightOfTheirRim) {
   const TerrainRaster whole = hills(), holed = hills(hole);
   const LocalFrame frame(kTakeoff);
   const TerrainSurface truth(whole, frame), surface(holed, frame);
-  const Enu middle = frame.enu_from_lonlat(whole.grid().place(500, 500));
+  const PlanePoint middle = frame.plane_from_lonlat(whole.grid().place(500, 500));
   EXPECT_NEAR(surface.height_m({middle.east_m, middle.north_m}), truth.height_m({middle.east_m, middle.north_m}), 30);
   EXPECT_DOUBLE_EQ(surface.height_m({middle.east_m + 1000, middle.north_m}),
                    truth.height_m({middle.east_m + 1000, middle.north_m}));

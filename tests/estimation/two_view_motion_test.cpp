@@ -18,9 +18,9 @@ struct Scene {
 };
 
 // Rays by rotation and projection of random ground points between the two cameras; `noise` on the ray of the second.
-std::vector<RayPair> sights_of(const Scene& scene, int count, Random& random, double noise = 0) {
-  std::vector<RayPair> sights;
-  while (static_cast<int>(sights.size()) < count) {
+std::vector<RayPair> pairs_of(const Scene& scene, int count, Random& random, double noise = 0) {
+  std::vector<RayPair> pairs;
+  while (static_cast<int>(pairs.size()) < count) {
     const PlanePoint ground{random.uniform(-20, 60), random.uniform(-50, 60)};
     const auto ray = [&](const CameraPose& pose) {
       const Eigen::Vector2d away(ground.east_m - pose.position.east_m, ground.north_m - pose.position.north_m);
@@ -31,9 +31,9 @@ std::vector<RayPair> sights_of(const Scene& scene, int count, Random& random, do
     Eigen::Vector3d after = ray(scene.now);
     after.x() += random.normal(0, noise);
     after.y() += random.normal(0, noise);
-    sights.push_back({ray(scene.before), after});
+    pairs.push_back({ray(scene.before), after});
   }
-  return sights;
+  return pairs;
 }
 
 TwoViewPrior prior_of(const Scene& scene) {
@@ -53,7 +53,7 @@ Eigen::Vector2d moved(const Scene& scene) {
 TEST(TwoViewMotion, ExactRaysGiveTheMotion) {
   const Scene scene;
   Random random(1);
-  const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior_of(scene));
+  const auto motion = solve_two_view_motion(pairs_of(scene, 60, random), prior_of(scene));
   ASSERT_TRUE(motion);
   EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 1e-3);
   EXPECT_NEAR(motion->turn_rad, radians(18), 1e-6);
@@ -70,7 +70,7 @@ TEST(TwoViewMotion, CorrectsHeadingAndHeight) {
   prior.heading_sigma_rad = 1;
   prior.log_height_sigma = 1;
   prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-8;
-  const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
+  const auto motion = solve_two_view_motion(pairs_of(scene, 60, random), prior);
   ASSERT_TRUE(motion);
   EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.01);
   EXPECT_NEAR(motion->turn_rad, radians(18), radians(0.02));
@@ -83,7 +83,7 @@ TEST(TwoViewMotion, ScalesWithTheHeight) {
   TwoViewPrior prior = prior_of(scene);
   prior.before.agl_m *= 1.1;
   prior.now.agl_m *= 1.1;
-  const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
+  const auto motion = solve_two_view_motion(pairs_of(scene, 60, random), prior);
   ASSERT_TRUE(motion);
   EXPECT_LT((motion->displacement_m - 1.1 * moved(scene)).norm(), 0.01);
 }
@@ -96,7 +96,7 @@ TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsReportedAsItIs) {
     TwoViewPrior prior = prior_of(scene);
     prior.now.attitude.heading_rad += radians(lie_deg);
     prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-8;
-    const auto motion = solve_two_view_motion(sights_of(scene, 60, random), prior);
+    const auto motion = solve_two_view_motion(pairs_of(scene, 60, random), prior);
     ASSERT_TRUE(motion) << lie_deg;
     EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.5) << lie_deg;
     EXPECT_NEAR(wrap_pi(motion->turn_rad - radians(18)), 0, radians(0.5)) << lie_deg;
@@ -108,25 +108,25 @@ TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsReportedAsItIs) {
 TEST(TwoViewMotion, WhatNoMotionExplainsIsRejected) {
   const Scene scene;
   Random random(7);
-  auto sights = sights_of(scene, 60, random);
-  for (RayPair& sight : sights) {
-    sight.ray_now.x() = random.uniform(-0.6, 0.6);
-    sight.ray_now.y() = random.uniform(-0.6, 0.6);
+  auto pairs = pairs_of(scene, 60, random);
+  for (RayPair& pair : pairs) {
+    pair.ray_now.x() = random.uniform(-0.6, 0.6);
+    pair.ray_now.y() = random.uniform(-0.6, 0.6);
   }
-  EXPECT_FALSE(solve_two_view_motion(sights, prior_of(scene)));
+  EXPECT_FALSE(solve_two_view_motion(pairs, prior_of(scene)));
 }
 
 TEST(TwoViewMotion, IgnoresOutliers) {
   const Scene scene;
   Random random(4);
-  auto sights = sights_of(scene, 100, random, 0.001);
-  for (std::size_t i = 0; i < sights.size(); i += 3) {
-    sights[i].ray_now.x() += random.uniform(0.1, 0.4) * (random.chance(0.5) ? 1 : -1);
-    sights[i].ray_now.y() += random.uniform(-0.4, 0.4);
+  auto pairs = pairs_of(scene, 100, random, 0.001);
+  for (std::size_t i = 0; i < pairs.size(); i += 3) {
+    pairs[i].ray_now.x() += random.uniform(0.1, 0.4) * (random.chance(0.5) ? 1 : -1);
+    pairs[i].ray_now.y() += random.uniform(-0.4, 0.4);
   }
   TwoViewPrior prior = prior_of(scene);
   prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-6;
-  const auto motion = solve_two_view_motion(sights, prior);
+  const auto motion = solve_two_view_motion(pairs, prior);
   ASSERT_TRUE(motion);
   EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 0.01 * moved(scene).norm());
   EXPECT_LE(motion->inliers, 70);
@@ -151,7 +151,7 @@ TEST(TwoViewMotion, CovarianceIsConsistent) {
     }
     scene.now.attitude.heading_rad += random.normal(0, heading_sigma);
     scene.now.agl_m *= std::exp(random.normal(0, height_sigma));
-    const auto motion = solve_two_view_motion(sights_of(scene, 80, random, 0.0015), prior);
+    const auto motion = solve_two_view_motion(pairs_of(scene, 80, random, 0.0015), prior);
     ASSERT_TRUE(motion);
     const Eigen::Vector2d off = motion->displacement_m - moved(scene);
     nees += off.dot(motion->covariance_m2.inverse() * off) / kTrials;
@@ -165,28 +165,28 @@ TEST(TwoViewMotion, KnowsTheSlopeOfTheGround) {
   Scene scene;
   scene.slope = {0.15, -0.1};
   Random random(7);
-  const auto sights = sights_of(scene, 80, random);
+  const auto pairs = pairs_of(scene, 80, random);
   TwoViewPrior prior = prior_of(scene);
   prior.ground_slope = scene.slope;
-  const auto motion = solve_two_view_motion(sights, prior);
+  const auto motion = solve_two_view_motion(pairs, prior);
   ASSERT_TRUE(motion);
   EXPECT_LT((motion->displacement_m - moved(scene)).norm(), 1e-3);
   prior.ground_slope.setZero();
-  const auto level = solve_two_view_motion(sights, prior);
+  const auto level = solve_two_view_motion(pairs, prior);
   ASSERT_TRUE(level);
   EXPECT_GT((level->displacement_m - moved(scene)).norm(), 0.5);
 }
 
-// With the priors taken away, however wrong they were, the sights say what they always said.
+// With the priors taken away, however wrong they were, the pairs say what they always said.
 TEST(TwoViewMotion, TheImagesInformationHoldsNoPriors) {
   const Scene scene;
   Random random(8);
-  const auto sights = sights_of(scene, 200, random, 0.0005);
+  const auto pairs = pairs_of(scene, 200, random, 0.0005);
   TwoViewPrior prior = prior_of(scene);
   prior.tilt_covariance_rad2 = Eigen::Matrix4d::Identity() * 1e-4;
   prior.now.attitude.heading_rad += radians(2);
   prior.before.attitude.pitch_rad += radians(1);
-  const auto motion = solve_two_view_motion(sights, prior);
+  const auto motion = solve_two_view_motion(pairs, prior);
   ASSERT_TRUE(motion);
   // Strong opinions of the truth, as the flight filter would have them, instead of the wrong priors.
   Eigen::Matrix<double, 8, 8> information = motion->measurement_information;
@@ -202,10 +202,10 @@ TEST(TwoViewMotion, NeedsEnough) {
   const Scene scene;
   Random random(6);
   EXPECT_FALSE(solve_two_view_motion({}, prior_of(scene)));
-  EXPECT_FALSE(solve_two_view_motion(sights_of(scene, 5, random), prior_of(scene)));
-  auto sights = sights_of(scene, 20, random);
-  sights[3].ray_now = {1, 0, 0};  // sees no ground
-  EXPECT_FALSE(solve_two_view_motion(sights, prior_of(scene)));
+  EXPECT_FALSE(solve_two_view_motion(pairs_of(scene, 5, random), prior_of(scene)));
+  auto pairs = pairs_of(scene, 20, random);
+  pairs[3].ray_now = {1, 0, 0};  // sees no ground
+  EXPECT_FALSE(solve_two_view_motion(pairs, prior_of(scene)));
 }
 
 }  // namespace

@@ -69,7 +69,7 @@ void Odometry::expect_step(const CameraPose& a, const CameraPose& b) {
   ASSERT_TRUE(step);
   const Eigen::Vector2d truth(b.position.east_m - a.position.east_m, b.position.north_m - a.position.north_m);
   EXPECT_LT((step->displacement_m - truth).norm(), 0.01 * truth.norm()) << step->displacement_m.transpose();
-  EXPECT_NEAR(step->measurement.value[3], 0, radians(0.3)) << "the heading's change was told as it was";
+  EXPECT_NEAR(step->measurement.value[3], 0, radians(0.3)) << "the heading's change was measured as it was";
   EXPECT_GE(step->inliers, 15);
   EXPECT_GT(step->covariance_m2.determinant(), 0);
 }

@@ -40,7 +40,7 @@ class AutopilotLinkTest : public ::testing::Test {
         clock_, watch_,
         AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
                                   const std::scoped_lock lock(mutex_);
-                                  told_.emplace_back(now_s, message);
+                                  received_.emplace_back(now_s, message);
                                 },
                                 [this](double metres) {
                                   const std::scoped_lock lock(mutex_);
@@ -102,7 +102,7 @@ class AutopilotLinkTest : public ::testing::Test {
   ThreadWatch watch_{clock_};
   test::LinkPeer peer_;
   std::mutex mutex_;
-  std::vector<std::pair<double, ReceivedMessage>> told_;
+  std::vector<std::pair<double, ReceivedMessage>> received_;
   std::vector<double> jumps_m_;
   std::unique_ptr<AutopilotLink> link_;
 };
@@ -137,10 +137,10 @@ TEST_F(AutopilotLinkTest, PassesMessagesOn) {
   peer_.send(message);
   second();
   const std::scoped_lock lock(mutex_);
-  ASSERT_EQ(told_.size(), 1U);
-  EXPECT_LE(told_.front().first, clock_.monotonic_s());
-  EXPECT_EQ(told_.front().second.source, (MavlinkAddress{7, 1}));
-  const auto* attitude = std::get_if<AircraftAttitude>(&told_.front().second.message);
+  ASSERT_EQ(received_.size(), 1U);
+  EXPECT_LE(received_.front().first, clock_.monotonic_s());
+  EXPECT_EQ(received_.front().second.source, (MavlinkAddress{7, 1}));
+  const auto* attitude = std::get_if<AircraftAttitude>(&received_.front().second.message);
   ASSERT_NE(attitude, nullptr);
   EXPECT_NEAR(attitude->yaw_rad, 0.3, 1e-6);
 }
@@ -206,7 +206,7 @@ TEST_F(AutopilotLinkTest, SigmaIsNeverBelowThatOfTheStatus) {
 }
 
 TEST_F(AutopilotLinkTest, AJumpIsReportedOnceAndOnlyForFixesThatAreSent) {
-  const LonLat far = LocalFrame(kPlace).lonlat_from_enu(200, 0);
+  const LonLat far = LocalFrame(kPlace).lonlat_from_plane({200, 0});
   const auto jumps = [&] {
     const std::scoped_lock lock(mutex_);
     return jumps_m_;

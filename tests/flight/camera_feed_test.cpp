@@ -45,7 +45,7 @@ CameraReading failure(const std::string& text) { return {CameraStatus::failure, 
 
 class CameraFeedTest : public ::testing::Test {
  protected:
-  // Feeds the script, until `told` has been called so many times.
+  // Feeds the script, until so many events were reported.
   void feed(std::deque<CameraReading> script, std::size_t calls) {
     CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0.25, clock_, frames_, watch_,
                     [this](const OnboardEvent& event) {

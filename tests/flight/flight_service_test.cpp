@@ -58,7 +58,7 @@ class RejectedFlight : public ::testing::Test {
     }
     return found;
   }
-  bool told(const std::string& text) const {
+  bool received_text(const std::string& text) const {
     const auto all = texts();
     return std::find(all.begin(), all.end(), text) != all.end();
   }
@@ -75,7 +75,7 @@ TEST_F(RejectedFlight, ALateAutopilotGetsTheTexts) {
   begin(std::nullopt);
   EXPECT_TRUE(texts().empty()) << "nobody was there to hear it";
   autopilot_beats();
-  peer_.listen_until([&] { return told("Nadir: map package rejected, no position"); });
+  peer_.listen_until([&] { return received_text("Nadir: map package rejected, no position"); });
   EXPECT_EQ(std::ranges::count(texts(), "Nadir: map package rejected, no position"), 1);
   EXPECT_TRUE(peer_.fixes().empty());
 }
@@ -84,7 +84,7 @@ TEST_F(RejectedFlight, AnUnsignedAutopilotGetsThatTextOnly) {
   write_file_atomic(folder_ / "link.key", std::string(64, 'a'), 0600);
   begin(folder_ / "link.key");
   autopilot_beats();
-  peer_.listen_until([&] { return told("Nadir: autopilot link not authenticated"); });
+  peer_.listen_until([&] { return received_text("Nadir: autopilot link not authenticated"); });
   autopilot_beats();
   const std::size_t before = heartbeats();
   peer_.listen_until([&] { return heartbeats() >= before + 2; });

@@ -20,10 +20,10 @@ TEST(TelemetryBuffer, AttitudeIsInterpolatedToTheFrame) {
   TelemetryBuffer buffer({});
   buffer.on_message(10.0, attitude(0, 4, 350));
   buffer.on_message(10.2, attitude(20, 0, 10));
-  const Telemetry told = buffer.at(10.05);
-  EXPECT_NEAR(degrees(*told.heading_rad), -5, 1e-9) << "the short way round";
-  EXPECT_NEAR(degrees(*told.roll_rad), 5, 1e-9);
-  EXPECT_NEAR(degrees(*told.pitch_rad), 3, 1e-9);
+  const Telemetry telemetry = buffer.at(10.05);
+  EXPECT_NEAR(degrees(*telemetry.heading_rad), -5, 1e-9) << "the short way round";
+  EXPECT_NEAR(degrees(*telemetry.roll_rad), 5, 1e-9);
+  EXPECT_NEAR(degrees(*telemetry.pitch_rad), 3, 1e-9);
   EXPECT_NEAR(degrees(*buffer.at(10.2).roll_rad), 20, 1e-9);
   EXPECT_FALSE(buffer.at(9.9).heading_rad) << "before all that is known";
 }
@@ -31,9 +31,9 @@ TEST(TelemetryBuffer, AttitudeIsInterpolatedToTheFrame) {
 TEST(TelemetryBuffer, TheMountRotatesTheCamera) {
   TelemetryBuffer buffer({radians(180), radians(0), 0});
   buffer.on_message(1, attitude(0, 10, 30));
-  const Telemetry told = buffer.at(1);
-  EXPECT_NEAR(degrees(wrap_pi(*told.heading_rad - radians(210))), 0, 1e-9);
-  EXPECT_NEAR(degrees(*told.pitch_rad), -10, 1e-9) << "image-up is the tail, which is down";
+  const Telemetry telemetry = buffer.at(1);
+  EXPECT_NEAR(degrees(wrap_pi(*telemetry.heading_rad - radians(210))), 0, 1e-9);
+  EXPECT_NEAR(degrees(*telemetry.pitch_rad), -10, 1e-9) << "image-up is the tail, which is down";
 }
 
 TEST(TelemetryBuffer, TheReceiverPositionIsPassedOnForTheRecord) {
@@ -49,10 +49,10 @@ TEST(TelemetryBuffer, TheReceiverPositionIsPassedOnForTheRecord) {
   EXPECT_FALSE(buffer.at(10.1).place) << "nothing is carried on";
   buffer.on_message(10.2, fix(8.1, 47.2));
   buffer.on_message(10.3, fix(50, 50, GpsFix::two_d));
-  const Telemetry told = buffer.at(10.05);
-  ASSERT_TRUE(told.place);
-  EXPECT_NEAR(told.place->lon_deg, 8.025, 1e-9);
-  EXPECT_NEAR(told.place->lat_deg, 47.05, 1e-9);
+  const Telemetry telemetry = buffer.at(10.05);
+  ASSERT_TRUE(telemetry.gps_position);
+  EXPECT_NEAR(telemetry.gps_position->lon_deg, 8.025, 1e-9);
+  EXPECT_NEAR(telemetry.gps_position->lat_deg, 47.05, 1e-9);
   EXPECT_EQ(buffer.at(10.2).place->lat_deg, 47.2);
   buffer.on_message(12, fix(8.1, 47.2));
   EXPECT_FALSE(buffer.at(11).place) << "what was in between nobody knows";
@@ -115,10 +115,10 @@ TEST(TelemetryBuffer, ALongPathIsSplitIntoIntervals) {
   }
   EXPECT_TRUE(buffer.at(0).intervals.empty()) << "the first";
   EXPECT_TRUE(buffer.at(0.9).intervals.empty()) << "a usual step";
-  const Telemetry told = buffer.at(9.9);
-  ASSERT_EQ(told.intervals.size(), 8);
+  const Telemetry telemetry = buffer.at(9.9);
+  ASSERT_EQ(telemetry.intervals.size(), 8);
   double end_s = 0.9;
-  for (const TelemetryInterval& stretch : told.intervals) {
+  for (const TelemetryInterval& stretch : telemetry.intervals) {
     EXPECT_NEAR(stretch.seconds, 1, 1e-9);
     end_s += stretch.seconds;
     ASSERT_TRUE(stretch.heading_rad && stretch.imu_dv_mps);
@@ -128,8 +128,8 @@ TEST(TelemetryBuffer, ALongPathIsSplitIntoIntervals) {
     EXPECT_NEAR(stretch.imu_dv_mps->x(), 3 * std::sin(middle_rad), 0.1);
     EXPECT_NEAR(stretch.imu_dv_mps->y(), 3 * std::cos(middle_rad), 0.1);
   }
-  ASSERT_TRUE(told.imu_dv_mps);
-  EXPECT_LT(told.imu_dv_mps->norm(), 3.1) << "of the last stretch alone";
+  ASSERT_TRUE(telemetry.imu_dv_mps);
+  EXPECT_LT(telemetry.imu_dv_mps->norm(), 3.1) << "of the last stretch alone";
 }
 
 TEST(TelemetryBuffer, OfTheTimeBeforeTheBufferOnlyItsLengthIsKnown) {
@@ -137,12 +137,12 @@ TEST(TelemetryBuffer, OfTheTimeBeforeTheBufferOnlyItsLengthIsKnown) {
   buffer.on_message(0, attitude(0, 0, 90));
   buffer.at(0);
   for (double t = 1; t <= 600; t += 0.1) buffer.on_message(t, attitude(0, 0, 90));
-  const Telemetry told = buffer.at(600);
-  ASSERT_EQ(told.intervals.size(), kTelemetryKept_s / kMaxTelemetryInterval_s);
-  EXPECT_NEAR(told.intervals.front().seconds, 600 - kTelemetryKept_s, 1e-6);
-  EXPECT_FALSE(told.intervals.front().imu_dv_mps);
+  const Telemetry telemetry = buffer.at(600);
+  ASSERT_EQ(telemetry.intervals.size(), kTelemetryKept_s / kMaxTelemetryInterval_s);
+  EXPECT_NEAR(telemetry.intervals.front().seconds, 600 - kTelemetryKept_s, 1e-6);
+  EXPECT_FALSE(telemetry.intervals.front().imu_dv_mps);
   double sum_s = 0;
-  for (const TelemetryInterval& stretch : told.intervals) sum_s += stretch.seconds;
+  for (const TelemetryInterval& stretch : telemetry.intervals) sum_s += stretch.seconds;
   EXPECT_LT(sum_s, 600);
   EXPECT_GT(sum_s, 600 - 1.001 * kMaxTelemetryInterval_s);
 }

@@ -1,4 +1,4 @@
-// Tiles in flight: made beside it, told of, and never in its way.
+// Tiles in flight: made beside it, reported, and never in its way.
 #include "flight/tile_making.hpp"
 
 #include <gtest/gtest.h>
@@ -70,12 +70,12 @@ class TilesInFlight : public ::testing::Test {
     return pose;
   }
   void see(TileMaking& tiles, std::uint64_t index, double east_m) const {
-    Telemetry told;
-    told.frame = "frame";
-    told.time_s = clock_.monotonic_s() - 2;
+    Telemetry telemetry;
+    telemetry.frame = "frame";
+    telemetry.time_s = clock_.monotonic_s() - 2;
     cv::Mat colour;
     cv::cvtColor(test::photograph(test::waves, camera_, pose(east_m).pose), colour, cv::COLOR_GRAY2BGR);
-    tiles.on_frame(index, told, encode_image(colour, ImageFormat::jpeg, 92));
+    tiles.on_frame(index, telemetry, encode_image(colour, ImageFormat::jpeg, 92));
   }
   std::size_t stored(bool clean = true) const {
     CandidateReader reader(folder_ / "candidates");
@@ -201,9 +201,9 @@ TEST_F(TilesInFlight, ConfigurationErrorsAreFoundBeforeTakeOff) {
 // Pictures that the map never spoke of do not pile up.
 TEST_F(TilesInFlight, KeepALimitedNumberOfFrames) {
   TileMaking tiles(setup(), clock_, listener());
-  Telemetry told;
+  Telemetry telemetry;
   const Bytes large(1 << 20);
-  for (std::uint64_t i = 0; i < 200; ++i) tiles.on_frame(i, told, large);
+  for (std::uint64_t i = 0; i < 200; ++i) tiles.on_frame(i, telemetry, large);
   tiles.on_anchor(3, pose(0));  // long gone
   tiles.on_anchor(199, pose(0));
 }

@@ -93,7 +93,7 @@ void api_request(std::string_view bytes) {
   check(service().api.handle(request));
   StreamCursor cursor = cursor_from(lines[2]);
   require(!service().api.next_of_stream(cursor).empty(), "a fresh reader hears nothing");
-  require(service().api.next_of_stream(cursor).empty(), "the same is told twice");
+  require(service().api.next_of_stream(cursor).empty(), "the same event comes twice");
 }
 
 // What anyone may send to the candidate service before its token is checked: path, method, headers.

@@ -61,7 +61,7 @@ void candidate_rows(std::string_view bytes) {
     }
     require(findings.has_errors() == !findings.items().empty(), "a damaged row that is no refusal");
     // A candidate comes once for each of its tiles: a table without a key may hold several.
-    require(read + findings.items().size() >= reader.rows(), "a row that is neither read nor told of");
+    require(read + findings.items().size() >= reader.rows(), "a row that is neither read nor reported");
   });
 }
 

@@ -39,7 +39,7 @@ TEST(LocalFrame, AgreesWithTheEllipsoidsEquations) {
     const double dx = p[0] - o[0], dy = p[1] - o[1], dz = p[2] - o[2];
     const double sl = std::sin(lon0 * kDeg), cl = std::cos(lon0 * kDeg), sp = std::sin(lat0 * kDeg),
                  cp = std::cos(lat0 * kDeg);
-    const Enu enu = frame.enu_from_lonlat({lon0 + dlon, lat0 + dlat});
+    const PlanePoint enu = frame.plane_from_lonlat({lon0 + dlon, lat0 + dlat});
     EXPECT_NEAR(enu.east_m, -sl * dx + cl * dy, 1e-6);
     EXPECT_NEAR(enu.north_m, -sp * cl * dx - sp * sl * dy + cp * dz, 1e-6);
   }
@@ -49,8 +49,8 @@ TEST(LocalFrame, RoundTrips) {
   const LocalFrame frame({-83.3, 41.03}, 200);
   for (const double east : {-12000.0, 0.0, 900.0}) {
     for (const double north : {-500.0, 0.0, 15000.0}) {
-      const LonLat place = frame.lonlat_from_enu(east, north);
-      const Enu back = frame.enu_from_lonlat(place);
+      const LonLat place = frame.lonlat_from_plane({east, north});
+      const PlanePoint back = frame.plane_from_lonlat(place);
       // A place carries no height: 15 km out, the ground has dropped 18 m below the plane.
       EXPECT_NEAR(back.east_m, east, 0.1);
       EXPECT_NEAR(back.north_m, north, 0.1);
@@ -63,7 +63,7 @@ TEST(LocalFrame, CopiesAreIndependent) {
   LocalFrame b({0, 0});
   b = a;
   EXPECT_EQ(b.origin(), a.origin());
-  EXPECT_EQ(b.enu_from_lonlat({10.01, 50}).east_m, a.enu_from_lonlat({10.01, 50}).east_m);
+  EXPECT_EQ(b.plane_from_lonlat({10.01, 50}).east_m, a.plane_from_lonlat({10.01, 50}).east_m);
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ double worst_displacement(const MapWindow& window, const LocalFrame& frame) {
       for (int row = top; row < top + 64; ++row) {
         for (int column = left; column < left + 64; ++column) {
           const PlanePoint point = window.plane_from_pixel(column + 0.5, row + 0.5);
-          const GlobalPixel place = pixel_from_lonlat(frame.lonlat_from_enu(point.east_m, point.north_m), kFinest);
+          const GlobalPixel place = pixel_from_lonlat(frame.lonlat_from_plane(point), kFinest);
           const double at[2] = {place.x, place.y};
           const cv::Vec3b& colour = window.image.at<cv::Vec3b>(row, column);
           for (int axis = 0; axis < 2; ++axis) {
@@ -55,7 +55,7 @@ TEST_P(MapWindowPlaces, AreAccurateToATwentiethOfAPixel) {
   // Away from the frame's origin the map is turned and scaled against it.
   const LocalFrame frame({kPlace.lon_deg + 0.03, kPlace.lat_deg - 0.04});
   const double gsd_m = GetParam().relative_gsd * ground_resolution_m(kFinest, kPlace.lat_deg);
-  const Enu centre = frame.enu_from_lonlat(kPlace);
+  const PlanePoint centre = frame.plane_from_lonlat(kPlace);
   const double half = 160.0 * gsd_m;
   const MapWindow window = read_map_window(
       tiles, frame, {centre.east_m - half, centre.north_m - half, centre.east_m + half, centre.north_m + half}, gsd_m,

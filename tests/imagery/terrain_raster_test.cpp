@@ -58,11 +58,11 @@ TEST_F(TerrainFile, ReturnsTheHeightsThatGdalReturns) {
   }
   const auto nearest =
       test::run_shell(fmt::format("printf '{}' | gdallocationinfo -valonly -geoloc '{}'", places, path.string()));
-  // Returns the pixel's own height: that of the nearest post.
-  std::istringstream told(nearest.out);
+  // It prints the pixel's own height: the nearest post's.
+  std::istringstream printed(nearest.out);
   for (const LonLat& place : asked) {
     double expected = 0;
-    told >> expected;
+    printed >> expected;
     const auto column = std::floor(kGrid.column_of(place.lon_deg) + 0.5),
                row = std::floor(kGrid.row_of(place.lat_deg) + 0.5);
     const auto ours = raster.height_m(kGrid.place(column, row));

@@ -19,12 +19,12 @@ class Prediction : public ::testing::Test {
   // 20 m/s eastwards from the origin at time 0, with an error to the north.
   VisionEstimate on_track(double time_s, double north_error_m = 0, double sigma_m = 3) const {
     return {.time_us = std::llround(time_s * 1e6),
-            .place = frame_.lonlat_from_enu(20 * time_s, north_error_m),
+            .place = frame_.lonlat_from_plane({20 * time_s, north_error_m}),
             .sigma_m = sigma_m,
             .east_mps = 20,
             .speed_sigma_mps = 0.5};
   }
-  Enu enu(const PredictedFix& predicted) const { return frame_.enu_from_lonlat(predicted.fix->place); }
+  PlanePoint place_of(const PredictedFix& predicted) const { return frame_.plane_from_lonlat(predicted.fix->place); }
   // Level flight straight on, or pushed to the left, until then.
   void feel(double until_s) {
     for (; felt_s_ < until_s; felt_s_ += 0.05) {
@@ -84,7 +84,7 @@ TEST_F(Prediction, ALaterEstimateOfTheSameFrameReplacesIt) {
   at(1.1);
   ASSERT_TRUE(predictor_.on_estimate(on_track(1, 8, 2), kSecond + 200'000)) << "the map has spoken about that picture";
   at(1.2);
-  EXPECT_NEAR(enu(at(4)).north_m, 8, 0.01);
+  EXPECT_NEAR(place_of(at(4)).north_m, 8, 0.01);
 }
 
 TEST_F(Prediction, PropagatesTheEstimateWithGrowingSigma) {
@@ -96,8 +96,8 @@ TEST_F(Prediction, PropagatesTheEstimateWithGrowingSigma) {
   for (double time_s = 1.1; time_s < 5; time_s += 0.1) {
     const PredictedFix predicted = at(time_s);
     ASSERT_TRUE(predicted.fix);
-    EXPECT_NEAR(enu(predicted).east_m, 20 * time_s, 1e-3);
-    EXPECT_NEAR(enu(predicted).north_m, 0, 1e-3);
+    EXPECT_NEAR(place_of(predicted).east_m, 20 * time_s, 1e-3);
+    EXPECT_NEAR(place_of(predicted).north_m, 0, 1e-3);
     EXPECT_NEAR(*predicted.fix->msl_m, 600 + 2 * (time_s - 1), 1e-9);
     EXPECT_EQ(predicted.fix->velocity->east_mps, 20);
     EXPECT_EQ(predicted.fix->velocity->down_mps, -2);
@@ -121,8 +121,8 @@ TEST_F(Prediction, InABlackoutTheFixTurnsWithTheAircraft) {
   left_m_s2_ = 3;
   const PredictedFix predicted = at(6);
   ASSERT_TRUE(predicted.fix);
-  EXPECT_NEAR(enu(predicted).north_m, 0.5 * 3 * 5 * 5, 1);
-  EXPECT_NEAR(enu(predicted).east_m, 20 * 6, 1);
+  EXPECT_NEAR(place_of(predicted).north_m, 0.5 * 3 * 5 * 5, 1);
+  EXPECT_NEAR(place_of(predicted).east_m, 20 * 6, 1);
   EXPECT_NEAR(predicted.fix->velocity->north_mps, 15, 0.2);
 }
 
@@ -138,14 +138,14 @@ TEST_F(Prediction, WithoutAccelerometersSigmaAllowsForATurn) {
 
 TEST_F(Prediction, CorrectionsRampAndSigmaCoversTheRest) {
   predictor_.on_estimate(on_track(1), kSecond);
-  Enu before = enu(at(1.1));
+  PlanePoint before = place_of(at(1.1));
   predictor_.on_estimate(on_track(1.15, 20), 1'150'000);
   double time_s = 1.2;
   for (int i = 0; i < 60; ++i, time_s += 0.1) {
     const PredictedFix predicted = at(time_s);
     ASSERT_TRUE(predicted.fix);
     EXPECT_FALSE(predicted.jumped_m);
-    const Enu now = enu(predicted);
+    const PlanePoint now = place_of(predicted);
     // Continuous: what the aircraft flies in 0.1 s and no more than 5 m/s beside it.
     EXPECT_NEAR(now.east_m - before.east_m, 2, 1e-3);
     EXPECT_LE(std::abs(now.north_m - before.north_m), 0.5 + 1e-3) << time_s;
@@ -163,7 +163,7 @@ TEST_F(Prediction, ANewCorrectionStartsFromTheLastFix) {
   double north_m = 0, time_s = 1.2;
   for (int i = 0; i < 40; ++i, time_s += 0.1) {  // estimates that scatter on both sides, faster than the ramps end
     predictor_.on_estimate(on_track(time_s - 0.04, i % 2 == 0 ? 15 : -15), std::llround(time_s * 1e6) - 10'000);
-    const Enu now = enu(at(time_s));
+    const PlanePoint now = place_of(at(time_s));
     EXPECT_LE(std::abs(now.north_m - north_m), 0.5 + 1e-3) << time_s;
     north_m = now.north_m;
   }
@@ -174,7 +174,7 @@ TEST_F(Prediction, LargeCorrectionsJumpOnceAndAreReported) {
   at(1.1);
   predictor_.on_estimate(on_track(1.15, 300), 1'150'000);
   const PredictedFix jumped = at(1.2);
-  EXPECT_NEAR(enu(jumped).north_m, 300, 1e-3);
+  EXPECT_NEAR(place_of(jumped).north_m, 300, 1e-3);
   EXPECT_NEAR(*jumped.jumped_m, 300, 0.1);
   EXPECT_EQ(jumped.ramp_left_m, 0);
   EXPECT_FALSE(at(1.3).jumped_m);
@@ -186,7 +186,7 @@ TEST_F(Prediction, NoFixAfterTheBlackoutLimitAndADirectStartAfterIt) {
   EXPECT_FALSE(at(31.2).fix);
   predictor_.on_estimate(on_track(31.25, 30), 31'250'000);
   const PredictedFix again = at(31.3);
-  EXPECT_NEAR(enu(again).north_m, 30, 1e-3) << "there is nothing to be continuous with";
+  EXPECT_NEAR(place_of(again).north_m, 30, 1e-3) << "there is nothing to be continuous with";
   EXPECT_FALSE(again.jumped_m);
 }
 
@@ -208,7 +208,7 @@ TEST_F(Prediction, DeadReckoningLessAccurateThanTheAccelerometersChangesNothing)
   estimate.visual = false;
   EXPECT_TRUE(predictor_.on_estimate(estimate, 5 * kSecond));
   const PredictedFix kept = at(5.1);
-  EXPECT_NEAR(enu(kept).north_m, 0, 0.5);
+  EXPECT_NEAR(place_of(kept).north_m, 0, 0.5);
   EXPECT_FALSE(kept.jumped_m);
   estimate.time_us += 100'000;
   estimate.sigma_m = 2;
@@ -237,7 +237,7 @@ TEST_F(Prediction, OldFutureOrInvalidEstimatesChangeNothing) {
     if (i == 5) estimate.place.lon_deg = 200;
     EXPECT_FALSE(predictor_.on_estimate(estimate, 3 * kSecond)) << i;
   }
-  EXPECT_NEAR(enu(at(2.2)).north_m, 0, 1e-3);
+  EXPECT_NEAR(place_of(at(2.2)).north_m, 0, 1e-3);
 }
 
 }  // namespace

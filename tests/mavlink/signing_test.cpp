@@ -205,7 +205,7 @@ TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
       last = taken;
     }
     EXPECT_LE(time.now(77), signing_time_of(unix_us) + 3 * kSigningTicksPerSecond);
-    // An autopilot half a minute behind is still believed.
+    // An autopilot half a minute behind is still accepted.
     const std::uint64_t theirs = signing_time_of(unix_us) - 30 * kSigningTicksPerSecond;
     FrameReader reader;
     reader.add(test::frames_by_pymavlink(kAttitude, "--key " + kSigningKeyHex + " --timestamp " + std::to_string(theirs))[0]);

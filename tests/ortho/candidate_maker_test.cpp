@@ -117,8 +117,8 @@ TEST_F(Making, MakesGeoreferencedTiles) {
     for (int r = 0; r < kTileSize; ++r) {
       for (int c = 0; c < kTileSize; ++c) {
         const LonLat place = lonlat_from_pixel({s.key.x * 256.0 + c + 0.5, s.key.y * 256.0 + r + 0.5}, s.key.z);
-        const Enu enu = flight().frame.enu_from_lonlat(place);
-        const double off = tile.at<std::uint8_t>(r, c) - test::waves({enu.east_m, enu.north_m});
+        const PlanePoint enu = flight().frame.plane_from_lonlat(place);
+        const double off = tile.at<std::uint8_t>(r, c) - test::waves(enu);
         squares += off * off;
       }
     }
@@ -230,13 +230,13 @@ class MakingOfSeveralFrames : public Making {
     frame.pose.sigma_m = sigma_m;
     return frame;
   }
-  // told_off_m: of the eastern frame's place, to the east.
-  FrameTiles fly(const CandidateFlight& flight, CandidateStore& store, double told_off_m = 0) const {
+  // position_error_m: of the eastern frame's place, to the east.
+  FrameTiles fly(const CandidateFlight& flight, CandidateStore& store, double position_error_m = 0) const {
     CandidateMaker maker(flight);
     const FrameTiles west = maker.make(at(-40), photograph(at(-40)), store);
-    PosedFrame told = at(40);
-    told.pose.pose.position.east_m += told_off_m;
-    FrameTiles east = maker.make(told, photograph(at(40)), store);
+    PosedFrame posed = at(40);
+    posed.pose.pose.position.east_m += position_error_m;
+    FrameTiles east = maker.make(posed, photograph(at(40)), store);
     EXPECT_FALSE(west.refusal || east.refusal);
     EXPECT_EQ(west.whole + east.whole, 0U);
     EXPECT_EQ(store.tiles(), tiles_before_) << "the next frame may show it better";
@@ -269,8 +269,8 @@ TEST_F(MakingOfSeveralFrames, MakesGeoreferencedMosaics) {
   for (int r = 0; r < kTileSize; ++r) {
     for (int c = 0; c < kTileSize; ++c) {
       const LonLat place = lonlat_from_pixel({s.key.x * 256.0 + c + 0.5, s.key.y * 256.0 + r + 0.5}, s.key.z);
-      const Enu enu = low_flight().frame.enu_from_lonlat(place);
-      squares += std::pow(tile.at<std::uint8_t>(r, c) - test::waves({enu.east_m, enu.north_m}), 2);
+      const PlanePoint enu = low_flight().frame.plane_from_lonlat(place);
+      squares += std::pow(tile.at<std::uint8_t>(r, c) - test::waves(enu), 2);
     }
   }
   EXPECT_LT(std::sqrt(squares / (kTileSize * kTileSize)), 3.5);

@@ -220,9 +220,9 @@ TEST_F(Candidates, SurviveTruncatedFiles) {
   }
 }
 
-// A child puts tiles and tells of each; it is killed after some. What it told of is there, whole.
-TEST_F(Candidates, SurviveAKilledWriter) {
-  for (const int told : {1, 4, 9}) {
+// A child puts tiles and announces each; it is killed after some. What it announced is there, whole.
+TEST_F(Candidates, SurviveTheirWritersKill) {
+  for (const int announced : {1, 4, 9}) {
     std::filesystem::remove_all(path());
     int ends[2];
     ASSERT_EQ(pipe(ends), 0);
@@ -236,14 +236,14 @@ TEST_F(Candidates, SurviveAKilledWriter) {
     }
     close(ends[1]);
     char mark = 0;
-    for (int i = 0; i < told; ++i) ASSERT_EQ(::read(ends[0], &mark, 1), 1);
+    for (int i = 0; i < announced; ++i) ASSERT_EQ(::read(ends[0], &mark, 1), 1);
     kill(child, SIGKILL);
     int status = 0;
     waitpid(child, &status, 0);
     close(ends[0]);
     ASSERT_TRUE(WIFSIGNALED(status));
     const auto all = read();
-    EXPECT_GE(all.size(), static_cast<std::size_t>(told));
+    EXPECT_GE(all.size(), static_cast<std::size_t>(announced));
     EXPECT_FALSE(CandidateReader(path()).clean_shutdown());
     CandidateStore again(path());
     EXPECT_EQ(again.tiles(), all.size());

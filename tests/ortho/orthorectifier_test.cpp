@@ -32,8 +32,7 @@ CameraModel bent_camera() {
 PlanePoint place_of(const TileKey& key, double column, double row) {
   const double across = std::ldexp(256.0, key.z);
   const double x = (key.x * 256.0 + column + 0.5) / across, y = (key.y * 256.0 + row + 0.5) / across;
-  const Enu enu = plane().enu_from_lonlat({x * 360 - 180, degrees(std::atan(std::sinh(kPi * (1 - 2 * y))))});
-  return {enu.east_m, enu.north_m};
+  return plane().plane_from_lonlat({x * 360 - 180, degrees(std::atan(std::sinh(kPi * (1 - 2 * y))))});
 }
 
 // A picture whose values are its own pixel coordinates: rectified, it tells where each pixel was taken from.
@@ -87,7 +86,7 @@ TEST(Orthorectifier, SamplesEachPixelWhereTheCameraSawIt) {
           const PlanePoint seen =
               seen_by_pixel(test.camera, test.pose, static_cast<double>(from[0]), static_cast<double>(from[1]));
           const PlanePoint expected = place_of(tile.key, c, r);
-          worst_m = std::max(worst_m, std::hypot(seen.east_m - expected.east_m, seen.north_m - expected.north_m));
+          worst_m = std::max(worst_m, distance_m(seen, expected));
         }
       }
     }
@@ -139,8 +138,7 @@ TEST(Orthorectifier, MakesAllCompleteTiles) {
       }
       return least;
     };
-    const Enu foot = {test.pose.position.east_m, test.pose.position.north_m, 0};
-    const TileKey middle = tile_at(plane().lonlat_from_enu(foot.east_m, foot.north_m), kFineZoom);
+    const TileKey middle = tile_at(plane().lonlat_from_plane(test.pose.position), kFineZoom);
     std::size_t expected = 0;
     for (std::uint32_t x = middle.x - 9; x <= middle.x + 9; ++x) {
       for (std::uint32_t y = middle.y - 9; y <= middle.y + 9; ++y) {

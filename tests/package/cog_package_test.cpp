@@ -1,4 +1,4 @@
-// The attacks of verify_artifacts_test.cpp on a package whose tiles lie in a COG, and flying with one.
+// The attacks of verify_test.cpp on a package whose tiles lie in a COG, and flying with one.
 #include <gtest/gtest.h>
 
 #include <algorithm>

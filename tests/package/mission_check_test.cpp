@@ -41,8 +41,8 @@ std::uint64_t needed_pixels_brute_force(const Mission& mission, const TileKey& k
   for (int row = 0; row < 256; ++row) {
     for (int column = 0; column < 256; ++column) {
       const LonLat place = lonlat_from_pixel({key.x * 256.0 + column + 0.5, key.y * 256.0 + row + 0.5}, key.z);
-      const Enu enu = frame.enu_from_lonlat(place);
-      count += region.contains({enu.east_m, enu.north_m}) ? 1U : 0U;
+      const PlanePoint enu = frame.plane_from_lonlat(place);
+      count += region.contains(enu) ? 1U : 0U;
     }
   }
   return count;

@@ -88,8 +88,8 @@ TEST(MatchabilitySurvey, TheGridIsAlignedToTheWorldsPixelsAndCoversTheRegion) {
       // Any of many places in the cell: an oracle denser than the code's own.
       bool inside = false, well_inside = false;
       for (int i = 0; i < 400; ++i) {
-        const Enu e =
-            world.frame.enu_from_lonlat(map.grid.lonlat_at(column + (i % 20 + 0.5) / 20, row + (i / 20 + 0.5) / 20));
+        const PlanePoint e =
+            world.frame.plane_from_lonlat(map.grid.lonlat_at(column + (i % 20 + 0.5) / 20, row + (i / 20 + 0.5) / 20));
         inside = inside || world.region.contains({e.east_m, e.north_m});
         well_inside = well_inside || (std::abs(e.east_m) < 380 && std::abs(e.north_m) < 80);
       }
@@ -108,7 +108,7 @@ TEST(MatchabilitySurvey, EveryCellOfANarrowCorridorIsProbed) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
   for (int east = -395; east <= 395; east += 5) {
-    EXPECT_NE(map.at(world.frame.lonlat_from_enu(east, 300)), nullptr) << east;
+    EXPECT_NE(map.at(world.frame.lonlat_from_plane({east, 300})), nullptr) << east;
   }
 }
 
@@ -117,24 +117,24 @@ TEST(MatchabilitySurvey, RoofsAreGoodWaterIsPoorForAnyNumberOfThreads) {
   const MatchabilityMap& map = made_map();
   EXPECT_EQ(map.cells, world.map(1).cells);
   for (int east = -300; east <= -100; east += 50) {
-    EXPECT_EQ(map.at(world.frame.lonlat_from_enu(east, 0))->cls, MatchClass::good) << east;
+    EXPECT_EQ(map.at(world.frame.lonlat_from_plane({east, 0}))->cls, MatchClass::good) << east;
   }
   for (int east = 100; east <= 300; east += 50) {
-    EXPECT_EQ(map.at(world.frame.lonlat_from_enu(east, 0))->cls, MatchClass::poor) << east;
+    EXPECT_EQ(map.at(world.frame.lonlat_from_plane({east, 0}))->cls, MatchClass::poor) << east;
   }
 }
 
 TEST(MatchabilitySurvey, SummarizesSectionsWithoutGoodMatches) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
-  const std::vector<LonLat> route{world.frame.lonlat_from_enu(-350, 0), world.frame.lonlat_from_enu(350, 0)};
+  const std::vector<LonLat> route{world.frame.lonlat_from_plane({-350, 0}), world.frame.lonlat_from_plane({350, 0})};
   const MatchabilitySummary summary = summarize_matchability(map, route, world.frame);
   EXPECT_NEAR(summary.route_length_m(), 700, 0.1);
   ASSERT_EQ(summary.without_good.size(), 1U);
   const RouteSection& stretch = summary.without_good.front();
   EXPECT_NEAR(stretch.begin_m + stretch.length_m, 700, 0.1) << "water to the end";
   EXPECT_NEAR(stretch.length_m, 350, 90) << "from the shore on, to a cell";
-  const Enu from = world.frame.enu_from_lonlat(stretch.from);
+  const PlanePoint from = world.frame.plane_from_lonlat(stretch.from);
   EXPECT_NEAR(from.east_m, stretch.begin_m - 350, 0.1);
   EXPECT_NEAR(summary.share(MatchClass::good) + summary.share(MatchClass::weak) + summary.share(MatchClass::poor), 1,
               1e-9);
@@ -176,7 +176,7 @@ TEST(MatchabilitySurvey, GdalReadsTheSameFromTheGeoTiff) {
   EXPECT_NE(document["coordinateSystem"]["wkt"].get<std::string>().find("3857"), std::string::npos);
   // Values at places, found by GDAL through its own projection.
   for (const auto& [east, expected] : {std::pair{-200, "1"}, std::pair{200, "3"}}) {
-    const LonLat place = world.frame.lonlat_from_enu(east, 0);
+    const LonLat place = world.frame.lonlat_from_plane({east, 0});
     const auto value = test::run_process({"gdallocationinfo", "-valonly", "-b", "4", "-b", "1", "-wgs84", path.string(),
                                           fmt::format("{:.9f}", place.lon_deg), fmt::format("{:.9f}", place.lat_deg)});
     ASSERT_EQ(value.code, 0) << value.err;
@@ -187,7 +187,7 @@ TEST(MatchabilitySurvey, GdalReadsTheSameFromTheGeoTiff) {
     EXPECT_EQ(cls, expected);
     EXPECT_NEAR(std::stod(ratio), map.at(place)->ratio, 1e-5);
   }
-  const LonLat between = world.frame.lonlat_from_enu(0, 200);
+  const LonLat between = world.frame.lonlat_from_plane({0, 200});
   const auto blank_image =
       test::run_process({"gdallocationinfo", "-valonly", "-b", "1", "-wgs84", path.string(),
                          fmt::format("{:.9f}", between.lon_deg), fmt::format("{:.9f}", between.lat_deg)});

@@ -41,37 +41,37 @@ std::vector<BoresightMeasurement> flown(const World& world, unsigned seed = 3) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   const auto err = [&](double sigma) { return world.noise * sigma * normal(random); };
-  std::vector<BoresightMeasurement> sights;
+  std::vector<BoresightMeasurement> measurements;
   Eigen::Vector2d at(0, 0);
   for (int i = 0; i < 240; ++i) {
     const int leg = i * world.legs / 240;
     const double heading = radians(60.0 * leg + 3 * std::sin(0.7 * i));
     const double speed = 20 * (1 + world.speed_change * (leg % 2 == 0 ? 1 : -1));
-    BoresightMeasurement sight;
-    sight.time_s = i * 2.5;
-    sight.velocity_mps = speed * Eigen::Vector2d(std::sin(heading), std::cos(heading));
-    at += 2.5 * sight.velocity_mps;
+    BoresightMeasurement measurement;
+    measurement.time_s = i * 2.5;
+    measurement.velocity_mps = speed * Eigen::Vector2d(std::sin(heading), std::cos(heading));
+    at += 2.5 * measurement.velocity_mps;
     const Attitude truth{heading, radians(2 * std::sin(0.4 * i)), radians(5 * std::sin(0.3 * i))};
     const Attitude rate{radians(2.1 * std::cos(0.7 * i) / 2.5), radians(0.8 * std::cos(0.4 * i) / 2.5),
                         radians(1.5 * std::cos(0.3 * i) / 2.5)};
-    sight.aircraft = {truth.heading_rad + err(0.01), truth.pitch_rad + err(0.004), truth.roll_rad + err(0.004)};
-    sight.rate_rad_s = rate;
-    sight.gps_m = at + Eigen::Vector2d(err(kGpsSigma_m), err(kGpsSigma_m));
-    // The exposure was earlier than told.
+    measurement.aircraft = {truth.heading_rad + err(0.01), truth.pitch_rad + err(0.004), truth.roll_rad + err(0.004)};
+    measurement.rate_rad_s = rate;
+    measurement.gps_position = PlanePoint(at + Eigen::Vector2d(err(kGpsSigma_m), err(kGpsSigma_m)));
+    // The exposure was earlier than stated.
     const double late = world.delay_s;
     const Attitude then{truth.heading_rad - late * rate.heading_rad, truth.pitch_rad - late * rate.pitch_rad,
                         truth.roll_rad - late * rate.roll_rad};
     const Attitude camera = composed(then, world.mount);
-    const Eigen::Vector2d where = at - late * sight.velocity_mps + world.offset_m;
-    sight.covariance.setZero();
-    sight.covariance.diagonal() << 0.3, 0.3, 1e-4, 1e-5, 1e-4, 1e-4;
+    const Eigen::Vector2d where = at - late * measurement.velocity_mps + world.offset_m;
+    measurement.covariance.setZero();
+    measurement.covariance.diagonal() << 0.3, 0.3, 1e-4, 1e-5, 1e-4, 1e-4;
     // Looking down, a tilt looks like a motion: what a picture of flat ground says is one of them given the other.
-    sight.covariance(0, 5) = sight.covariance(5, 0) = 0.004;
-    sight.seen << where.x() + err(0.5), where.y() + err(0.5), std::log(world.height_factor) + err(0.01),
+    measurement.covariance(0, 5) = measurement.covariance(5, 0) = 0.004;
+    measurement.seen << where.x() + err(0.5), where.y() + err(0.5), std::log(world.height_factor) + err(0.01),
         wrap_pi(camera.heading_rad + err(0.003)), camera.pitch_rad + err(0.01), camera.roll_rad + err(0.01);
-    sights.push_back(sight);
+    measurements.push_back(measurement);
   }
-  return sights;
+  return measurements;
 }
 
 BoresightSettings settings(const Attitude& begin = {radians(90), 0, 0}) {
@@ -118,10 +118,10 @@ TEST(Boresight, SigmasAreConsistentWithTheErrors) {
   }
 }
 
-TEST(Boresight, RejectsWrongAnchors) {
-  auto sights = flown({});
-  for (std::size_t i = 0; i < sights.size(); i += 6) sights[i].seen[0] += 40 + static_cast<double>(i % 7) * 5;
-  const auto found = solve_boresight(sights, settings());
+TEST(Boresight, WrongAnchorsAreSetAside) {
+  auto measurements = flown({});
+  for (std::size_t i = 0; i < measurements.size(); i += 6) measurements[i].seen[0] += 40 + static_cast<double>(i % 7) * 5;
+  const auto found = solve_boresight(measurements, settings());
   ASSERT_TRUE(found);
   EXPECT_EQ(found->outliers, 40U);
   expect_mount(*found, World().mount, 3);
@@ -142,7 +142,7 @@ TEST(Boresight, EstimatesTheDelayOnlyWhenSpeedsDiffer) {
 
   World steady;
   auto blind = flown(steady);
-  for (BoresightMeasurement& sight : blind) sight.rate_rad_s = {}, sight.velocity_mps.setZero();
+  for (BoresightMeasurement& measurement : blind) measurement.rate_rad_s = {}, measurement.velocity_mps.setZero();
   const auto unseen = solve_boresight(blind, settings());
   ASSERT_TRUE(unseen);
   EXPECT_FALSE(unseen->delay_observable);
@@ -150,18 +150,18 @@ TEST(Boresight, EstimatesTheDelayOnlyWhenSpeedsDiffer) {
 }
 
 // Of flat ground far below: a tilt and a step to the side look the same, and only GPS tells them apart.
-std::vector<BoresightMeasurement> flat(std::vector<BoresightMeasurement> sights) {
+std::vector<BoresightMeasurement> flat(std::vector<BoresightMeasurement> measurements) {
   constexpr double kHeight_m = 100, kTiltUnknown_rad2 = 0.25;
-  for (BoresightMeasurement& sight : sights) {
-    const double heading = sight.seen[3];
+  for (BoresightMeasurement& measurement : measurements) {
+    const double heading = measurement.seen[3];
     Eigen::Matrix<double, 6, 1> nodding, rolling;
     nodding << -kHeight_m * std::sin(heading), -kHeight_m * std::cos(heading), 0, 0, 1, 0;
     rolling << kHeight_m * std::cos(heading), -kHeight_m * std::sin(heading), 0, 0, 0, 1;
-    sight.covariance.setZero();
-    sight.covariance.diagonal() << 0.3, 0.3, 1e-4, 1e-5, 1e-7, 1e-7;
-    sight.covariance += kTiltUnknown_rad2 * (nodding * nodding.transpose() + rolling * rolling.transpose());
+    measurement.covariance.setZero();
+    measurement.covariance.diagonal() << 0.3, 0.3, 1e-4, 1e-5, 1e-7, 1e-7;
+    measurement.covariance += kTiltUnknown_rad2 * (nodding * nodding.transpose() + rolling * rolling.transpose());
   }
-  return sights;
+  return measurements;
 }
 
 TEST(Boresight, OneLegDoesNotSeparateTheMountFromAGpsOffset) {

@@ -48,12 +48,12 @@ TEST(RecordCodec, KeepsUnknownValuesAndSpecialNumbers) {
   input.telemetry.pitch_rad = std::numeric_limits<double>::infinity();
   const auto back = decode(Topic::input, encode(Record(input)));
   ASSERT_TRUE(back);
-  const Telemetry& told = std::get<InputRecord>(*back).telemetry;
-  EXPECT_TRUE(std::isnan(told.time_s));
-  EXPECT_TRUE(told.agl_m && *told.agl_m == 0 && std::signbit(*told.agl_m));
-  EXPECT_FALSE(told.heading_rad);
-  EXPECT_EQ(told.pitch_rad, std::numeric_limits<double>::infinity());
-  EXPECT_FALSE(told.place);
+  const Telemetry& telemetry = std::get<InputRecord>(*back).telemetry;
+  EXPECT_TRUE(std::isnan(telemetry.time_s));
+  EXPECT_TRUE(telemetry.agl_m && *telemetry.agl_m == 0 && std::signbit(*telemetry.agl_m));
+  EXPECT_FALSE(telemetry.heading_rad);
+  EXPECT_EQ(telemetry.pitch_rad, std::numeric_limits<double>::infinity());
+  EXPECT_FALSE(telemetry.gps_position);
 }
 
 TEST(RecordCodec, RandomBytesNeverCrash) {

@@ -153,9 +153,9 @@ TEST_F(RecorderThread, KeepsFrameImagesWhenConfigured) {
     kept.store.folder = other.path();
     kept.keep_pictures = keep;
     Recorder recorder(kept, test::sample_session(), clock());
-    Telemetry told;
-    told.frame = "a.jpg";
-    record_input(recorder, 0, told, as_bytes("picture bytes"));
+    Telemetry telemetry;
+    telemetry.frame = "a.jpg";
+    record_input(recorder, 0, telemetry, as_bytes("picture bytes"));
     recorder.close("");
     std::vector<Record> pictures, inputs;
     for (const Segment& segment : segments_in(other.path())) {
@@ -193,14 +193,14 @@ TEST_F(RecorderThread, AFullQueueDropsThumbnailsFirstAndReportsIt) {
   }
   EXPECT_EQ(all(Topic::estimate).size(), 292U);
   EXPECT_TRUE(all(Topic::thumbnail).empty());
-  std::map<std::string, std::uint64_t> told;
+  std::map<std::string, std::uint64_t> dropped_by_topic;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
     EXPECT_EQ(record.kind, RecorderEventKind::dropped_by_queue);
-    told[record.topic] += record.count;
+    dropped_by_topic[record.topic] += record.count;
   }
-  EXPECT_EQ(told["/thumbnail"], 3U);
-  EXPECT_EQ(told["/estimate"], 108U);
+  EXPECT_EQ(dropped_by_topic["/thumbnail"], 3U);
+  EXPECT_EQ(dropped_by_topic["/estimate"], 108U);
 }
 
 TEST_F(RecorderThread, AReplayWaitsInsteadOfLosing) {

@@ -4,22 +4,22 @@ namespace nadir::test {
 namespace {
 
 Telemetry telemetry(Random& random) {
-  Telemetry told;
-  told.frame = "frame \"é\" 1.jpg";
-  told.time_s = random.normal(1000, 100);
-  if (random.chance(0.7)) told.agl_m = random.normal(120, 3);
-  if (random.chance(0.7)) told.heading_rad = random.normal();
-  if (random.chance(0.7)) told.pitch_rad = random.normal();
-  if (random.chance(0.7)) told.roll_rad = random.normal();
-  if (random.chance(0.5)) told.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
+  Telemetry sample;
+  sample.frame = "frame \"é\" 1.jpg";
+  sample.time_s = random.normal(1000, 100);
+  if (random.chance(0.7)) sample.agl_m = random.normal(120, 3);
+  if (random.chance(0.7)) sample.heading_rad = random.normal();
+  if (random.chance(0.7)) sample.pitch_rad = random.normal();
+  if (random.chance(0.7)) sample.roll_rad = random.normal();
+  if (random.chance(0.5)) sample.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
   while (random.chance(0.5)) {
-    TelemetryInterval& stretch = told.intervals.emplace_back();
+    TelemetryInterval& stretch = sample.intervals.emplace_back();
     stretch.seconds = random.uniform(0, 1);
     if (random.chance(0.7)) stretch.heading_rad = random.normal();
     if (random.chance(0.7)) stretch.imu_dv_mps = Eigen::Vector2d(random.normal(), random.normal());
   }
-  if (random.chance(0.5)) told.place = LonLat{random.uniform(-180, 180), random.uniform(-90, 90)};
-  return told;
+  if (random.chance(0.5)) sample.gps_position = LonLat{random.uniform(-180, 180), random.uniform(-90, 90)};
+  return sample;
 }
 
 Estimate estimate(Random& random) {

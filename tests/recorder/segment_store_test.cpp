@@ -219,12 +219,12 @@ TEST_F(Store, WhatDoesNotFitInMemoryIsCountedAndTheCountRecorded) {
   }
   for (std::uint64_t i = 2000; i < 2010; ++i) store.put(test::sample_estimate(i), kStart + i * kOneSecond);
   store.close("", kStart + 2010 * kOneSecond);
-  std::uint64_t told = 0;
+  std::uint64_t dropped = 0;
   for (const Record& event : all(Topic::recorder)) {
     const auto& record = std::get<RecorderRecord>(event);
-    if (record.kind == RecorderEventKind::dropped_by_disk) told += record.count;
+    if (record.kind == RecorderEventKind::dropped_by_disk) dropped += record.count;
   }
-  EXPECT_EQ(told + all(Topic::estimate).size(), 2010U);
+  EXPECT_EQ(dropped + all(Topic::estimate).size(), 2010U);
 }
 
 TEST_F(Store, NoRoomForTheFirstSegmentIsSurvived) {

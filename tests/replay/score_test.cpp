@@ -16,7 +16,7 @@ const LocalFrame kFrame({8.5, 47.4});
 Estimate estimate_at(double east_m, double north_m, double sigma_m = 5) {
   Estimate estimate;
   estimate.frame = "f.jpg";
-  estimate.position = kFrame.lonlat_from_enu(east_m, north_m);
+  estimate.position = kFrame.lonlat_from_plane({east_m, north_m});
   estimate.sigma_m = sigma_m;
   estimate.covariance_m2 = Eigen::Matrix2d::Identity() * sigma_m * sigma_m;
   estimate.source = SourceLabel::satellite_anchored;

@@ -1,5 +1,5 @@
 // The camera's own rhythm and the state machine that goes by it: cameras of all speeds, uneven ones and bursts, each
-// flown for minutes with a clock that the test moves. The figures are the design's: a blackout is told after 400 ms or
+// flown for minutes with a clock that the test moves. The figures are the design's: a blackout is reported after 400 ms or
 // when one picture is missing.
 #include "service/service_machine.hpp"
 
@@ -76,8 +76,8 @@ class Rhythm {
     flight_.now_s = at_s;
     flight_.frame(vo_extrapolated);
   }
-  // How long after its last picture a camera that stops is told.
-  double told_after_s() {
+  // How long after its last picture a camera that stops is reported.
+  double reported_after_s() {
     const double from_s = flight_.now_s;
     while (flight_.state() == ServiceState::normal && flight_.now_s < from_s + 10) {
       flight_.now_s += 0.005;
@@ -95,7 +95,7 @@ class Rhythm {
 struct Camera {
   double interval_s;
   double jitter;  // of the interval, both ways
-  double told_s;  // a camera that stops is told by then: 400 ms, or one picture missing
+  double reported_by_s;  // a camera that stops is reported by then: 400 ms, or one picture missing
 };
 
 class UnevenCamera : public ::testing::TestWithParam<Camera> {};
@@ -111,7 +111,7 @@ TEST_P(UnevenCamera, IsCalledSilentOnlyWhenItIs) {
   for (double flown_s = 0; flown_s < 300; flown_s += camera.interval_s) flight.picture_after(interval_s());
   EXPECT_EQ(flight.state(), ServiceState::normal);
   EXPECT_LE(flight.silences() - before, 1) << "in five minutes";
-  EXPECT_LE(flight.told_after_s(), camera.told_s);
+  EXPECT_LE(flight.reported_after_s(), camera.reported_by_s);
 }
 
 INSTANTIATE_TEST_SUITE_P(Cameras, UnevenCamera,

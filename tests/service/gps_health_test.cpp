@@ -51,7 +51,7 @@ class Flight {
   GpsAssessment assessment;
 
  private:
-  LonLat at(double east_m, double north_m) const { return frame_.lonlat_from_enu(east_m, north_m); }
+  LonLat at(double east_m, double north_m) const { return frame_.lonlat_from_plane({east_m, north_m}); }
   LocalFrame frame_{kHome};
 };
 
@@ -319,7 +319,7 @@ TEST(GpsHealth, RepeatedAndLateMessagesChangeNothing) {
   EXPECT_EQ(health.assess(5).verdict, trusted);
 }
 
-LonLat east_by(double metres) { return LocalFrame({14.0, 48.8}).lonlat_from_enu(metres, 0); }
+LonLat east_by(double metres) { return LocalFrame({14.0, 48.8}).lonlat_from_plane({metres, 0}); }
 
 TEST(GpsHints, TheFirstPlaceIsAHintEvenWithAPosition) {
   GpsHints hints;
@@ -329,9 +329,9 @@ TEST(GpsHints, TheFirstPlaceIsAHintEvenWithAPosition) {
 
 TEST(GpsHints, WithoutAPositionHintsFollowTheAircraft) {
   GpsHints hints;
-  int told = 0;
-  for (double metres = 0; metres <= 960; metres += 40) told += hints.due(east_by(metres), false);
-  EXPECT_EQ(told, 13) << "every 80 m: 40 are too little";
+  int given = 0;
+  for (double metres = 0; metres <= 960; metres += 40) given += hints.due(east_by(metres), false);
+  EXPECT_EQ(given, 13) << "every 80 m: 40 are too little";
 }
 
 TEST(GpsHints, NoHintWithAPositionOrWithoutMotion) {

@@ -146,7 +146,7 @@ TEST(SavedFlight, GarbageIsRejected) {
   }
 }
 
-// Rightly sealed and still wrong: nobody but us writes such a file, but nothing of it may be believed.
+// Rightly sealed and still wrong: nobody but us writes such a file, but nothing of it may be used.
 TEST(SavedFlight, WrongValuesAreRejectedByName) {
   const std::string good = to_text(some_flight());
   const std::string line = good.substr(0, good.find('\n'));
@@ -224,7 +224,7 @@ TEST(Restart, ForSomeSecondsThePositionIsPropagated) {
   flight.estimate->velocity = SavedVelocity{15, -20};
   clock.advance(2);
   const Restart soon = after(flight, clock);
-  const Enu way = LocalFrame({8.5, 47.3}).enu_from_lonlat(soon.position->place);
+  const PlanePoint way = LocalFrame({8.5, 47.3}).plane_from_lonlat(soon.position->place);
   EXPECT_NEAR(way.east_m, 30, 1e-3);
   EXPECT_NEAR(way.north_m, -40, 1e-3);
   EXPECT_NEAR(soon.position->sigma_m, 10 + std::sqrt(5.0 * 5 + 2 * 2 + 12.5 * 12.5), 1e-6);

@@ -323,9 +323,9 @@ TEST(ServiceMachine, IsDeterministic) {
     flight.wait(50);
     flight.frame(satellite_anchored);
     flight.fly(5);
-    std::string told;
-    for (const StateTransition& event : flight.events) told += std::to_string(event.time_s) + event.text + "\n";
-    return told;
+    std::string lines;
+    for (const StateTransition& event : flight.events) lines += std::to_string(event.time_s) + event.text + "\n";
+    return lines;
   };
   EXPECT_EQ(fly(), fly());
 }

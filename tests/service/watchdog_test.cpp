@@ -87,7 +87,7 @@ TEST(Watchdog, NotifiesOnlyWhileAllThreadsRespond) {
   EXPECT_EQ(watchdog.tick(clock.monotonic_s()), "localizer silent for 2.5 s (at most 2 s)");
   EXPECT_EQ(systemd.received(), "STATUS=hangs: localizer silent for 2.5 s (at most 2 s)");
   clock.advance(5);
-  EXPECT_EQ(watchdog.tick(clock.monotonic_s()), std::nullopt) << "told once";
+  EXPECT_EQ(watchdog.tick(clock.monotonic_s()), std::nullopt) << "reported once";
   EXPECT_EQ(systemd.received(), std::nullopt) << "systemd will act";
 
   beat();

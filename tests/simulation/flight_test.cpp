@@ -86,7 +86,7 @@ TEST_F(Flight, TheAccelerometerIntegratesToTheRoute) {
   const auto east = telemetry.required_column("imu_dv_east_mps"), north = telemetry.required_column("imu_dv_north_mps");
   const LocalFrame frame(mission_.takeoff);
   const auto at = [&](std::size_t row) {
-    const Enu enu = frame.enu_from_lonlat(
+    const PlanePoint enu = frame.plane_from_lonlat(
         {*truth.number(row, truth.required_column("lon_deg")), *truth.number(row, truth.required_column("lat_deg"))});
     return Eigen::Vector2d(enu.east_m, enu.north_m);
   };
@@ -110,8 +110,8 @@ TEST_F(Flight, FollowsTheRouteAtItsSpeedAndSpacing) {
   const PlanePath route = to_plane(frame, mission_.route.points);
   EXPECT_NEAR(report.length_m, 25.0 * (report.frames - 1), 2.0 * report.frames);
   for (std::size_t i = 0; i < truth.rows(); ++i) {
-    const Enu enu = frame.enu_from_lonlat({*truth.number(i, lon), *truth.number(i, lat)});
-    EXPECT_LT(distance_to_path_m(route, {enu.east_m, enu.north_m}), 70);  // the corner is flown round
+    const PlanePoint enu = frame.plane_from_lonlat({*truth.number(i, lon), *truth.number(i, lat)});
+    EXPECT_LT(distance_to_path_m(route, enu), 70);  // the corner is flown round
   }
 }
 

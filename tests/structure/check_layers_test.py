@@ -25,7 +25,7 @@ class Rules(unittest.TestCase):
         self.assertEqual([], self.violations("libgeo/package/a.hpp", '#include "base/error.hpp"\n#include <vector>\n'))
 
     def test_a_library_includes_one_above_it(self):
-        self.assertEqual(1, len(self.violations("libgeo/base/a.cpp", '#include "vision/camera_model.hpp"\n')))
+        self.assertEqual(1, len(self.violations("libgeo/base/a.cpp", '#include "vision/camera.hpp"\n')))
 
     def test_a_library_includes_a_program(self):
         self.assertEqual(1, len(self.violations("libgeo/base/a.cpp", '#include "commands/commands.hpp"\n')))

@@ -52,7 +52,7 @@ std::vector<GroundCorrespondence> sights_from(const CameraPose& pose, double sig
 const CameraPose kTruth{{120, -340}, 110, {radians(160), radians(6), radians(-9)}};
 
 double off_m(const CameraPose& a, const CameraPose& b) {
-  return std::hypot(a.position.east_m - b.position.east_m, a.position.north_m - b.position.north_m);
+  return distance_m(a.position, b.position);
 }
 
 constexpr double kLevel = 1e-5;  // slope: known to be none

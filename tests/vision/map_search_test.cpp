@@ -44,8 +44,7 @@ struct Scene {
 };
 
 double off_m(const MatchHypothesis& place, const CameraPose& truth) {
-  return std::hypot(place.pose.position.east_m - truth.position.east_m,
-                    place.pose.position.north_m - truth.position.north_m);
+  return distance_m(place.pose.position, truth.position);
 }
 
 TEST(MapSearch, FindsThePositionToAPixel) {

@@ -78,17 +78,17 @@ TEST(PatchMatching, FindsTheCameraWithTheSolver) {
   pose.attitude.heading_rad += radians(1);
   std::optional<SolvedPose> solved;
   for (int round = 0; round < 2; ++round) {
-    std::vector<GroundCorrespondence> sights;
+    std::vector<GroundCorrespondence> correspondences;
     for (const PatchMatch& match : matches_at(picture, pose, map).found) {
       const Eigen::Vector3d point = camera_from_ground(pose, match.in_frame);
-      sights.push_back({point / point.z(), match.on_map, match.information_m2});
+      correspondences.push_back({point / point.z(), match.on_map, match.information_m2});
     }
     PosePrior prior;
     prior.pose = pose;
     prior.pose.attitude.pitch_rad = truth.attitude.pitch_rad;
     prior.pose.attitude.roll_rad = truth.attitude.roll_rad;
     prior.tilt_covariance_rad2 = Eigen::Matrix2d::Identity() * 1e-8;
-    solved = solve_camera_pose(sights, prior, {2.0, 0.1});
+    solved = solve_camera_pose(correspondences, prior, {2.0, 0.1});
     ASSERT_TRUE(solved);
     pose = solved->pose;
   }

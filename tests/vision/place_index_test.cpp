@@ -34,7 +34,7 @@ class Tiles final : public TileSource {
   Tiles() : frame_(kOrigin) {
     for (const double east_m : {-380.0, 380.0}) {
       for (const double north_m : {-380.0, 380.0}) {
-        const TileKey key = tile_at(frame_.lonlat_from_enu(east_m, north_m), kZoom);
+        const TileKey key = tile_at(frame_.lonlat_from_plane({east_m, north_m}), kZoom);
         first_ = keys.empty() ? key : TileKey{key.z, std::min(first_.x, key.x), std::min(first_.y, key.y)};
         last_ = {key.z, std::max(last_.x, key.x), std::max(last_.y, key.y)};
         keys.push_back(key);
@@ -63,9 +63,9 @@ class Tiles final : public TileSource {
     cv::Mat image(kTileSize, kTileSize, CV_8UC4);
     for (int row = 0; row < kTileSize; ++row) {
       for (int column = 0; column < kTileSize; ++column) {
-        const Enu at =
-            frame_.enu_from_lonlat(lonlat_from_pixel({key.x * 256.0 + column + 0.5, key.y * 256.0 + row + 0.5}, kZoom));
-        const double grey = at.east_m > 200 ? 60 : index_landscape().grey({at.east_m, at.north_m});
+        const PlanePoint at =
+            frame_.plane_from_lonlat(lonlat_from_pixel({key.x * 256.0 + column + 0.5, key.y * 256.0 + row + 0.5}, kZoom));
+        const double grey = at.east_m > 200 ? 60 : index_landscape().grey(at);
         const auto value = static_cast<std::uint8_t>(std::clamp(grey, 0.0, 255.0));
         const std::uint8_t alpha = at.north_m > 250 ? 0 : 255;
         image.at<cv::Vec4b>(row, column) = {value, value, value, alpha};
@@ -117,12 +117,12 @@ PlaceQuery picture_of(PlanePoint place, double error_rad, double gsd_m = 1.0) {
 void expect_found(const std::vector<PlaceCandidate>& found, PlanePoint place, double error_rad, double turn_slack_rad) {
   ASSERT_FALSE(found.empty());
   const PlaceCandidate& best = found.front();
-  const Enu centre = LocalFrame(kOrigin).enu_from_lonlat(best.centre);
+  const PlanePoint centre = LocalFrame(kOrigin).plane_from_lonlat(best.centre);
   EXPECT_LE(std::abs(centre.east_m - place.east_m), best.side_m / 2);
   EXPECT_LE(std::abs(centre.north_m - place.north_m), best.side_m / 2);
   EXPECT_LT(std::abs(wrap_pi(best.turn_rad + error_rad)), turn_slack_rad);
-  EXPECT_LT(std::abs(centre.east_m + best.east_m - place.east_m), best.side_m / 4);
-  EXPECT_LT(std::abs(centre.north_m + best.north_m - place.north_m), best.side_m / 4);
+  EXPECT_LT(std::abs(centre.east_m + best.offset_m.x() - place.east_m), best.side_m / 4);
+  EXPECT_LT(std::abs(centre.north_m + best.offset_m.y() - place.north_m), best.side_m / 4);
 }
 
 TEST(PlaceIndex, FindsAFrameInOtherLight) {
@@ -181,7 +181,7 @@ TEST(PlaceIndex, OmitsWaterAndMissingGround) {
   EXPECT_GT(table.layers[0].invalid, 0U);
   const LocalFrame frame(kOrigin);
   for (const PlaceChunk& chunk : table.chunks) {
-    const Enu at = frame.enu_from_lonlat(chunk.centre());
+    const PlanePoint at = frame.plane_from_lonlat(chunk.centre());
     EXPECT_LT(at.east_m, 300);
     EXPECT_LT(at.north_m, 255);
     EXPECT_EQ(chunk.tile, tile_at(chunk.centre(), kZoom));
@@ -220,7 +220,7 @@ TEST(PlaceIndex, RejectsWhatCannotBeIndexed) {
   EXPECT_THROW(build({20}), UsageError) << "too few pixels";
   NoProgress progress;
   const LocalFrame frame(kOrigin);
-  const TileKey lake = tile_at(frame.lonlat_from_enu(330, 0), kZoom);
+  const TileKey lake = tile_at(frame.lonlat_from_plane({330, 0}), kZoom);
   EXPECT_THROW(build_place_index({&tiles(), {lake}, {}, kOrigin},
                                  {.footprints_m = {60}, .gsd_m = std::nullopt, .overlap_percent = 50}, progress),
                UsageError);

@@ -36,12 +36,12 @@ std::optional<PlaneBox> box_of(const std::vector<Estimate>& estimates, const Tru
   std::optional<PlaneBox> box;
   const auto include = [&](const std::optional<LonLat>& place) {
     if (!place) return;
-    const Enu enu = frame.enu_from_lonlat(*place);
-    if (!box) box = PlaneBox{enu.east_m, enu.north_m, enu.east_m, enu.north_m};
-    box->west_m = std::min(box->west_m, enu.east_m);
-    box->east_m = std::max(box->east_m, enu.east_m);
-    box->south_m = std::min(box->south_m, enu.north_m);
-    box->north_m = std::max(box->north_m, enu.north_m);
+    const PlanePoint at = frame.plane_from_lonlat(*place);
+    if (!box) box = PlaneBox{at.east_m, at.north_m, at.east_m, at.north_m};
+    box->west_m = std::min(box->west_m, at.east_m);
+    box->east_m = std::max(box->east_m, at.east_m);
+    box->south_m = std::min(box->south_m, at.north_m);
+    box->north_m = std::max(box->north_m, at.north_m);
   };
   for (const Estimate& estimate : estimates) include(estimate.position);
   for (const auto& place : truth) include(place);

@@ -58,7 +58,7 @@ std::vector<LonLat> along_route(const RouteSection& stretch, const Mission& miss
   const PlaneRing path = to_plane(frame, mission.route.points);
   double at_m = 0;
   for (std::size_t i = 1; i < path.size(); ++i) {
-    at_m += std::hypot(path[i].east_m - path[i - 1].east_m, path[i].north_m - path[i - 1].north_m);
+    at_m += distance_m(path[i], path[i - 1]);
     if (at_m > stretch.begin_m && at_m < stretch.begin_m + stretch.length_m) points.push_back(mission.route.points[i]);
   }
   points.push_back(stretch.to);

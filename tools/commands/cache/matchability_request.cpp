@@ -46,7 +46,7 @@ MatchabilityOptions options_for(const Mission& mission, const MatchabilityReques
   if (!request.camera || request.footprint_m) {
     options.gsd_m = std::max(map_gsd_m, options.footprint_m / kPlainTemplate_px);
   }
-  options.distinct_m = std::max(25.0, 12 * options.gsd_m);  // both as in vision/anchor_matcher.cpp
+  options.distinct_m = std::max(25.0, 12 * options.gsd_m);  // both as in vision/matching_plan.cpp
   options.radius_m = std::max(options.radius_m, 2.2 * options.distinct_m);
   return options;
 }

@@ -48,7 +48,7 @@ class Scorer {
 
  private:
   bool inside(LonLat centre, double side_m, LonLat place) const {
-    const Enu a = frame_.enu_from_lonlat(centre), b = frame_.enu_from_lonlat(place);
+    const PlanePoint a = frame_.plane_from_lonlat(centre), b = frame_.plane_from_lonlat(place);
     return std::abs(a.east_m - b.east_m) <= side_m / 2 && std::abs(a.north_m - b.north_m) <= side_m / 2;
   }
   // 1 − the chance that five different chunks of the layer all miss.
@@ -182,9 +182,10 @@ PlaceEvaluation evaluate_views(const PlaceIndex& index, const TileSource& tiles,
     progress.advance();
     // Anywhere within the middle half of a chunk: where neighbours overlap by half, that is anywhere at all.
     const auto chunk = layer.first + static_cast<std::size_t>(random.uniform() * static_cast<double>(layer.count));
-    const Enu middle = frame.enu_from_lonlat(table.chunks[chunk].centre());
-    const LonLat place = frame.lonlat_from_enu(middle.east_m + random.uniform(-0.25, 0.25) * layer.side_m(),
-                                               middle.north_m + random.uniform(-0.25, 0.25) * layer.side_m());
+    const PlanePoint middle = frame.plane_from_lonlat(table.chunks[chunk].centre());
+    const double north_m = random.uniform(-0.25, 0.25) * layer.side_m();
+    const double east_m = random.uniform(-0.25, 0.25) * layer.side_m();
+    const LonLat place = frame.lonlat_from_plane({middle.east_m + east_m, middle.north_m + north_m});
     const PlaceChunk view{std::llround(place.lon_deg * 1e7), std::llround(place.lat_deg * 1e7), {}};
     const MapWindow window = reader.around(layer, view, 2.2);
     const cv::Mat grey = other_day(window.image, random);

@@ -58,8 +58,8 @@ PlaneBox ground_of(const MbtilesReader& tiles, const LocalFrame& frame) {
                                        static_cast<std::uint32_t>(range.integer(row))));
   };
   const LonLatBox south_west = bounds(0, 2), north_east = bounds(1, 3);
-  const Enu low = frame.enu_from_lonlat({south_west.west_deg, south_west.south_deg});
-  const Enu high = frame.enu_from_lonlat({north_east.east_deg, north_east.north_deg});
+  const PlanePoint low = frame.plane_from_lonlat({south_west.west_deg, south_west.south_deg});
+  const PlanePoint high = frame.plane_from_lonlat({north_east.east_deg, north_east.north_deg});
   return {low.east_m - kMargin_m, low.north_m - kMargin_m, high.east_m + kMargin_m, high.north_m + kMargin_m};
 }
 

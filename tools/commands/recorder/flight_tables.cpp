@@ -73,7 +73,7 @@ TableRow row_of(const EstimateRecord& record) {
 TableRow row_of(const AnchorRecord& record, const LocalFrame& frame) {
   const AnchorReport& a = record.anchor;
   std::optional<LonLat> place;
-  if (a.camera) place = frame.lonlat_from_enu(a.camera->east_m, a.camera->north_m);
+  if (a.camera) place = frame.lonlat_from_plane(*a.camera);
   return {place,
           {cell(record.index), cell(record.frame), record.time_s, cell(name_of(a.verdict)), a.score, a.ratio,
            cell(a.inliers), cell(a.patches), a.residual_px, a.chi2, a.matching_gsd_m, degrees(a.heading_rad),

@@ -72,7 +72,7 @@ std::optional<LivePose> PoseAssembler::pose_of(const AircraftAttitude& attitude,
   pose.unix_us = by_boot_ ? by_boot_->unix_us + (std::int64_t{attitude.boot_ms} * 1000 - by_boot_->from_us) : unix_us;
   pose.velocity_enu_mps = enu(position_->velocity);
   const Eigen::Vector3d moved = pose.velocity_enu_mps * gap_s;
-  pose.place = LocalFrame(position_->place).lonlat_from_enu(moved.x(), moved.y());
+  pose.place = LocalFrame(position_->place).lonlat_from_plane({moved.x(), moved.y()});
   pose.height_m = position_->msl_m + moved.z();
   pose.attitude = {attitude.yaw_rad, attitude.pitch_rad, attitude.roll_rad};
   return pose;

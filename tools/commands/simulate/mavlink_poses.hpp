@@ -7,7 +7,7 @@
 // A pose's time is the autopilot's UTC (SYSTEM_TIME) once it is known, else this machine's. SIM_STATE carries no time:
 // it is taken for the moment at which it arrives.
 //
-// Poses from a MAVLink stream: mavlink/endpoint.hpp says how its address is written. The link is unsigned, for
+// Poses from a MAVLink stream: mavlink/transport.hpp says how its address is written. The link is unsigned, for
 // simulators. An autopilot that is heard is asked for the messages that are needed, until they come.
 #pragma once
 
