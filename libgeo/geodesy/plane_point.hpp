@@ -1,9 +1,10 @@
 // A horizontal position in the local plane: metres east and north of the origin of a LocalFrame.
 //
-// The plane touches the ellipsoid at the origin; its axes point to true east and true north there. The position of a
-// point of the Earth is its foot in the plane, the east and north of its East-North-Up coordinates: LocalFrame's
-// plane_from_lonlat() and lonlat_from_plane(). At 10 km from the origin the plane lies 8 m above the ellipsoid, horizontal
-// distances in it are right to millimetres, and north is off by the convergence of the meridians, 0.1° at 48° N.
+// The plane touches the ellipsoid at the origin; its axes point to true east and true north there. A point of the Earth
+// lies where its foot in the plane is, at the east and north of its East-North-Up coordinates: plane_from_lonlat() for the
+// ground at the origin's height, and lonlat_from_plane() back. 10 km from the origin the plane is 8 m above the ellipsoid,
+// the distance from the origin 4 mm too short, north off by the convergence of the meridians (0.1° at 48° N), and there
+// and back again is 12 mm off, because lonlat_from_plane() means the point in the plane.
 //
 // Positions and displacements are different things, as points and vectors of an affine plane are: a position is a
 // PlanePoint, a displacement (offset, residual, correction, velocity) an Eigen::Vector2d of east and north.

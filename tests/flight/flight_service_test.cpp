@@ -91,8 +91,8 @@ TEST_F(RejectedFlight, AnUnsignedAutopilotGetsThatTextOnly) {
   EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not authenticated"}) << "once";
 }
 
-// What was measured of an attitude with GPS is not true of one that leans on our fix; what is claimed worse is
-// believed.
+// An attitude uncertainty that was measured with GPS does not hold when our fix aids the attitude; a larger one that is
+// configured stays.
 TEST_F(RejectedFlight, TheAttitudeUncertaintyIsAtLeastThatOfAFixAidedAttitude) {
   begin(std::nullopt);
   end();
