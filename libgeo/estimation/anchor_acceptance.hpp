@@ -1,8 +1,8 @@
 // Whether a match with the map becomes an anchor. A rejected match never touches the filter.
 //
 // Three parts, and AnchorAcceptance, which joins them:
-//   gates                evaluate_anchor(): one match against thresholds and the prediction; the first gate that rejects
-//                        names the verdict
+//   gates                evaluate_anchor(): one match against thresholds and the prediction; the first gate that
+//                        rejects names the verdict
 //   votes                AnchorVotes: matches that no healthy prediction supports support each other
 //   start contradictions StartContradictions: what the map has said against the start, while nothing is anchored
 //
@@ -74,7 +74,7 @@ class AnchorVotes {
   // offset_m: matched position minus the one that odometry propagated; at: the latter. True: the quorum
   // agrees with this one.
   bool vote(const Eigen::Vector2d& offset_m, PlanePoint at, const Quorum& quorum);
-  void abstain(PlanePoint at);  // an attempt without a plausible match
+  void abstain(PlanePoint at);                // an attempt without a plausible match
   void clear() { attempts_.clear(); }         // earlier votes are about another track
 
  private:

@@ -2,8 +2,8 @@
 // frame, and over the lasting errors of the telemetry.
 //
 // They belong together. One degree of tilt moves what the camera sees from 1500 m by 26 m, so that the error of an
-// absolute position fix is the tilt's error in disguise; odometry links the tilts, heights and headings of two frames to
-// the displacement between them. With all correlations kept, good odometry averages the tilts of many frames, and a
+// absolute position fix is the tilt's error in disguise; odometry links the tilts, heights and headings of two frames
+// to the displacement between them. With all correlations kept, good odometry averages the tilts of many frames, and a
 // boresight that is estimated late corrects the past.
 //
 // State (enum Index; metres, m/s, radians):
@@ -39,8 +39,8 @@
 //                     m  = p_now - p_before - (λ_before - λ⁰) m - (ψ_before - ψ⁰) (m_north, -m_east)
 //                     Δλ = (λ_now - λ_before) - (λ⁰_now - λ⁰_before), Δψ alike, τ less its linearization point
 //
-// Both are linear updates in Joseph's form. update_relative works on the joint density of two frames, so that the earlier
-// one is corrected as well; it stays joint until marginalize_previous().
+// Both are linear updates in Joseph's form. update_relative works on the joint density of two frames, so that the
+// earlier one is corrected as well; it stays joint until marginalize_previous().
 //
 // One frame: propagate() for each interval of a long way to it, predict(), then update_relative() if odometry tracked
 // it, then update_absolute() if a match with the map was accepted. smoothed() is Rauch-Tung-Striebel's smoother.
@@ -85,10 +85,9 @@ class FlightFilter {
   using Options = FlightFilterOptions;
 
   // tilt_logged: the telemetry carries pitch and roll; otherwise the aircraft's own tilt is in what changes as well.
-  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position,
-               double sigma_m, const Options& options);
-  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position,
-               double sigma_m)
+  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position, double sigma_m,
+               const Options& options);
+  FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position, double sigma_m)
       : FlightFilter(uncertainty, tilt_logged, position, sigma_m, Options{}) {}
 
   // Over an interval at whose end there is no frame; interval.seconds > 0.

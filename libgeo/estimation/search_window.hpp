@@ -51,8 +51,7 @@ class OperatorHint {
   double radius_m() const { return radius_m_; }
 
   // Where to search now; nothing when that lies wholly outside the area. sigma_m: of the position, one axis.
-  std::optional<PlaneBox> box(PlanePoint position, double sigma_m,
-                              const std::optional<PlaneBox>& area) const;
+  std::optional<PlaneBox> box(PlanePoint position, double sigma_m, const std::optional<PlaneBox>& area) const;
 
  private:
   PlanePoint at_;

@@ -1,7 +1,7 @@
 // East-north-up metres around an origin (usually the take-off point): GeographicLib's LocalCartesian.
 //
-// Computations in the plane (corridors, windows, the filter) use east and north alone: a PlanePoint. Enu is for what has a
-// height as well.
+// Computations in the plane (corridors, windows, the filter) use east and north alone: a PlanePoint. Enu is for what
+// has a height as well.
 #pragma once
 
 #include <memory>

@@ -1,10 +1,10 @@
 // A horizontal position in the local plane: metres east and north of the origin of a LocalFrame.
 //
 // The plane touches the ellipsoid at the origin; its axes point to true east and true north there. A point of the Earth
-// lies where its foot in the plane is, at the east and north of its East-North-Up coordinates: plane_from_lonlat() for the
-// ground at the origin's height, and lonlat_from_plane() back. 10 km from the origin the plane is 8 m above the ellipsoid,
-// the distance from the origin 4 mm too short, north off by the convergence of the meridians (0.1° at 48° N), and there
-// and back again is 12 mm off, because lonlat_from_plane() means the point in the plane.
+// lies where its foot in the plane is, at the east and north of its East-North-Up coordinates: plane_from_lonlat() for
+// the ground at the origin's height, and lonlat_from_plane() back. 10 km from the origin the plane is 8 m above the
+// ellipsoid, the distance from the origin 4 mm too short, north off by the convergence of the meridians (0.1° at
+// 48° N), and there and back again is 12 mm off, because lonlat_from_plane() means the point in the plane.
 //
 // Positions and displacements are different things, as points and vectors of an affine plane are: a position is a
 // PlanePoint, a displacement (offset, residual, correction, velocity) an Eigen::Vector2d of east and north.
@@ -12,8 +12,8 @@
 //   b - a     displacement from a to b
 //   a + d     position a, displaced by d
 //
-// The sum of two positions has no meaning and does not compile. vector() is the displacement from the origin, for linear
-// algebra. Two positions can be compared only when their frames have the same origin; nothing checks that.
+// The sum of two positions has no meaning and does not compile. vector() is the displacement from the origin, for
+// linear algebra. Two positions can be compared only when their frames have the same origin; nothing checks that.
 #pragma once
 
 #include <Eigen/Core>

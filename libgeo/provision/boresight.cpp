@@ -37,8 +37,8 @@ Measured predicted(const BoresightMeasurement& measurement, const Unknowns& x) {
   const Attitude camera = camera_attitude(aircraft, {x[yaw], x[pitch], x[roll]});
   Measured seen;
   seen << measurement.gps_position.east_m - measurement.velocity_mps.x() * x[delay] + x[east],
-      measurement.gps_position.north_m - measurement.velocity_mps.y() * x[delay] + x[north], x[log_height], camera.heading_rad,
-      camera.pitch_rad, camera.roll_rad;
+      measurement.gps_position.north_m - measurement.velocity_mps.y() * x[delay] + x[north], x[log_height],
+      camera.heading_rad, camera.pitch_rad, camera.roll_rad;
   return seen;
 }
 
@@ -190,7 +190,8 @@ constexpr double kLongestStep_s = 3;     // between frames, for rates
 constexpr double kHealthySigma_m = 20;   // of the prediction that the gates weigh: GPS
 
 bool complete(const Telemetry& telemetry) {
-  return telemetry.gps_position && telemetry.agl_m && telemetry.heading_rad && telemetry.pitch_rad && telemetry.roll_rad;
+  return telemetry.gps_position && telemetry.agl_m && telemetry.heading_rad && telemetry.pitch_rad &&
+         telemetry.roll_rad;
 }
 
 // Position, velocity, attitude and its rate at a frame, from its neighbours.

@@ -56,7 +56,8 @@ namespace {
 constexpr double kChi2Half = 1.3862943611198906;
 constexpr double kChi2NineteenOf20 = 5.991464547107979;
 
-std::optional<Eigen::Vector2d> offset_of(const Estimate& estimate, const std::optional<LonLat>& truth, const LocalFrame& frame) {
+std::optional<Eigen::Vector2d> offset_of(const Estimate& estimate, const std::optional<LonLat>& truth,
+                                         const LocalFrame& frame) {
   if (!estimate.position || !truth) return std::nullopt;
   return frame.plane_from_lonlat(*estimate.position) - frame.plane_from_lonlat(*truth);
 }

@@ -91,7 +91,9 @@ WorldExtent extent_of_world(const std::filesystem::path& path) {
   const double width = extent.size.width, height = extent.size.height;
   extent.centre = geo.lonlat_from_pixel(width / 2, height / 2);
   const LocalFrame frame(extent.centre);
-  const auto at = [&](double column, double row) { return frame.plane_from_lonlat(geo.lonlat_from_pixel(column, row)); };
+  const auto at = [&](double column, double row) {
+    return frame.plane_from_lonlat(geo.lonlat_from_pixel(column, row));
+  };
   const PlanePoint right = at(width / 2 + 1, height / 2), down = at(width / 2, height / 2 + 1);
   extent.gsd_m = std::sqrt(std::abs(right.east_m * down.north_m - right.north_m * down.east_m));
   extent.box = {1e12, 1e12, -1e12, -1e12};

@@ -61,8 +61,7 @@ class ChannelMatcher final : public MapMatcher {
     found.places.insert(found.places.end(), others.begin(), others.end());
     SearchResult all = best_of(found.places, plan->options);
     const PlanePoint best = all.places.front().pose.position;
-    if (distance_m(best, best_suggested) >=
-        plan->options.distinct_m) {
+    if (distance_m(best, best_suggested) >= plan->options.distinct_m) {
       return refine_best(query, *plan, std::move(found), prior);
     }
     match.search = std::move(all);

@@ -10,9 +10,7 @@
 namespace nadir {
 namespace {
 
-double distance_m(LonLat from, LonLat to) {
-  return distance_m(LocalFrame(from).plane_from_lonlat(to), {});
-}
+double distance_m(LonLat from, LonLat to) { return distance_m(LocalFrame(from).plane_from_lonlat(to), {}); }
 
 bool valid(LonLat place) {
   return std::abs(place.lat_deg) <= 90 && std::abs(place.lon_deg) <= 180;  // false for NaN

@@ -112,8 +112,9 @@ Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, 
 RestartPosition propagated(const SavedEstimate& estimate, const SavedVelocity& velocity, double age_s) {
   const double turn_m = 0.5 * kRestartTurn_mps2 * age_s * age_s;
   const double waiting_m = kFirstFrameAfterRestart_s * std::hypot(velocity.east_mps, velocity.north_mps);
-  return {.place = LocalFrame(estimate.place).lonlat_from_plane({velocity.east_mps * age_s, velocity.north_mps * age_s}),
-          .sigma_m = estimate.sigma_m + std::hypot(turn_m, kRestartVelocitySigma_mps * age_s, waiting_m)};
+  return {
+      .place = LocalFrame(estimate.place).lonlat_from_plane({velocity.east_mps * age_s, velocity.north_mps * age_s}),
+      .sigma_m = estimate.sigma_m + std::hypot(turn_m, kRestartVelocitySigma_mps * age_s, waiting_m)};
 }
 
 }  // namespace

@@ -74,8 +74,9 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   view.agl_m = 118 + 4 * std::sin(time_s / 7);
   if (phase.source != SourceLabel::no_fix) {
     const double sigma_m = phase.sigma_m;
-    view.position = PositionView{frame.lonlat_from_plane({radius_m_ * std::sin(turn_rad), radius_m_ * std::cos(turn_rad)}),
-                                 sigma_m, 1.6 * sigma_m * sigma_m, 0.6 * sigma_m * sigma_m, 0.3 * sigma_m * sigma_m};
+    view.position =
+        PositionView{frame.lonlat_from_plane({radius_m_ * std::sin(turn_rad), radius_m_ * std::cos(turn_rad)}), sigma_m,
+                     1.6 * sigma_m * sigma_m, 0.6 * sigma_m * sigma_m, 0.3 * sigma_m * sigma_m};
     view.anchor_age_s =
         phase.source == SourceLabel::satellite_anchored ? std::fmod(time_s, kLastAnchorStep_s) : 14 + time_s - since_s_;
     const bool fresh = phase.source == SourceLabel::satellite_anchored && std::fmod(time_s, 20) < 13;
@@ -91,7 +92,8 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   view.recorder = {RecorderState::recording, "", static_cast<std::uint64_t>(time_s * 41'000), 28'400'000'000, 0};
   view.package = {true, "", "valley", "valley", 7, UtcTime{1'733'000'000}, 14, 18, 5120, true, std::nullopt, {}};
   const double half_m = 2.5 * radius_m_;
-  const LonLat south_west = frame.lonlat_from_plane({-half_m, -half_m}), north_east = frame.lonlat_from_plane({half_m, half_m});
+  const LonLat south_west = frame.lonlat_from_plane({-half_m, -half_m}),
+               north_east = frame.lonlat_from_plane({half_m, half_m});
   view.package.bounds = LonLatBox{south_west.lon_deg, south_west.lat_deg, north_east.lon_deg, north_east.lat_deg};
   for (int corner = 0; corner <= 32; ++corner) {
     const double angle = corner * 2 * kPi / 32;

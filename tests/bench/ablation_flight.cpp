@@ -101,7 +101,8 @@ SearchFigures search(const RecordedFlight& recorded, const FlownMap& map, const 
     pose.position = {truth.x() + random.uniform(-0.8, 0.8) * radius_m,
                      truth.y() + random.uniform(-0.8, 0.8) * radius_m};
     pose.agl_m = telemetry.agl_m.value_or(map.config.assumed_agl_m);
-    pose.attitude = {telemetry.heading_rad.value_or(0), telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)};
+    pose.attitude = {telemetry.heading_rad.value_or(0), telemetry.pitch_rad.value_or(0),
+                     telemetry.roll_rad.value_or(0)};
     prior.search.radius_m = radius_m;
     prior.search.heading_range_rad = 3 * sigma.heading_rad;
     prior.search.scale_range = 2.5 * sigma.agl_relative;

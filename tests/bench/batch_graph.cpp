@@ -59,7 +59,8 @@ struct Carry {
     Eigen::Map<Eigen::Matrix<T, 4, 1>>(r, 4) = whiten.cast<T>() * off;
     r[4] = (b[kHeight] - T(height_keep) * a[kHeight]) / T(height_sigma);
     for (int i = 0; i < 2; ++i) r[5 + i] = (b[kTiltBias + i] - T(bias_keep) * a[kTiltBias + i]) / T(bias_sigma);
-    const Vec2<T> deviation = T(deviation_keep) * clockwise(T(measured_turn), Vec2<T>(a[kDeviation], a[kDeviation + 1]));
+    const Vec2<T> deviation =
+        T(deviation_keep) * clockwise(T(measured_turn), Vec2<T>(a[kDeviation], a[kDeviation + 1]));
     for (int i = 0; i < 2; ++i) r[7 + i] = (b[kDeviation + i] - deviation[i]) / T(deviation_sigma);
     return true;
   }
@@ -91,14 +92,18 @@ struct Moved {
   bool operator()(const T* a, const T* b, T* r) const {
     using std::exp;
     const Vec2<T> seen(T(measurement.value[0]), T(measurement.value[1]));
-    const Vec2<T> step =
-        exp(a[kHeight] - T(measurement.before.log_height)) * clockwise(a[kHeading] - T(measurement.before.heading_rad), seen);
+    const Vec2<T> step = exp(a[kHeight] - T(measurement.before.log_height)) *
+                         clockwise(a[kHeading] - T(measurement.before.heading_rad), seen);
     Eigen::Matrix<T, 8, 1> off;
     off << b[0] - a[0] - step.x(), b[1] - a[1] - step.y(),
-        (b[kHeight] - a[kHeight]) - T(measurement.now.log_height - measurement.before.log_height) - T(measurement.value[2]),
-        wrapped((b[kHeading] - a[kHeading]) - T(measurement.now.heading_rad - measurement.before.heading_rad) - T(measurement.value[3])),
-        a[kTilt] - T(measurement.before.pitch_rad + measurement.value[4]), a[kTilt + 1] - T(measurement.before.roll_rad + measurement.value[5]),
-        b[kTilt] - T(measurement.now.pitch_rad + measurement.value[6]), b[kTilt + 1] - T(measurement.now.roll_rad + measurement.value[7]);
+        (b[kHeight] - a[kHeight]) - T(measurement.now.log_height - measurement.before.log_height) -
+            T(measurement.value[2]),
+        wrapped((b[kHeading] - a[kHeading]) - T(measurement.now.heading_rad - measurement.before.heading_rad) -
+                T(measurement.value[3])),
+        a[kTilt] - T(measurement.before.pitch_rad + measurement.value[4]),
+        a[kTilt + 1] - T(measurement.before.roll_rad + measurement.value[5]),
+        b[kTilt] - T(measurement.now.pitch_rad + measurement.value[6]),
+        b[kTilt + 1] - T(measurement.now.roll_rad + measurement.value[7]);
     Eigen::Map<Eigen::Matrix<T, 8, 1>>(r, 8) = whiten.cast<T>() * off;
     return true;
   }
@@ -111,7 +116,8 @@ struct Anchored {
   bool operator()(const T* x, T* r) const {
     Eigen::Matrix<T, 6, 1> off;
     off << x[0] - T(measurement.value[0]), x[1] - T(measurement.value[1]), x[kHeight] - T(measurement.value[2]),
-        wrapped(x[kHeading] - T(measurement.value[3])), x[kTilt] - T(measurement.value[4]), x[kTilt + 1] - T(measurement.value[5]);
+        wrapped(x[kHeading] - T(measurement.value[3])), x[kTilt] - T(measurement.value[4]),
+        x[kTilt + 1] - T(measurement.value[5]);
     Eigen::Map<Eigen::Matrix<T, 6, 1>>(r, 6) = whiten.cast<T>() * off;
     return true;
   }

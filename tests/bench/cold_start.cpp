@@ -88,8 +88,9 @@ int run(const std::vector<std::string>& arguments) {
       const PlanePoint there = frame.plane_from_lonlat(*truth[i]);
       Localizer localizer(camera, frame, &package.imagery(), std::nullopt, config);
       if (way.hint_off_m > 0) {
-        localizer.hint(frame.lonlat_from_plane({there.east_m + 0.8 * way.hint_off_m, there.north_m - 0.6 * way.hint_off_m}),
-                       kHintRadius_m);
+        localizer.hint(
+            frame.lonlat_from_plane({there.east_m + 0.8 * way.hint_off_m, there.north_m - 0.6 * way.hint_off_m}),
+            kHintRadius_m);
       }
       const double before = cpu_ms();
       const FrameReport report = localizer.process(picture, telemetry);

@@ -39,9 +39,9 @@ std::string row(const LongRecord& s) {
       "| "
       "{:.1f} |\n",
       s.condition, s.index, percent(s.within_20, s.frames), percent(s.within_50, s.frames),
-      s.positioned == 0 ? 0 : s.error_sum_m / s.positioned, percent(s.accepted, s.attempts), s.wrong, s.misleading, s.overconfident,
-      percent(s.in_50, s.positioned), percent(s.in_95, s.positioned), s.recovered, s.losses, s.longest_recovery,
-      percent(s.refined_within_20, s.frames), percent(s.refined_within_50, s.frames),
+      s.positioned == 0 ? 0 : s.error_sum_m / s.positioned, percent(s.accepted, s.attempts), s.wrong, s.misleading,
+      s.overconfident, percent(s.in_50, s.positioned), percent(s.in_95, s.positioned), s.recovered, s.losses,
+      s.longest_recovery, percent(s.refined_within_20, s.frames), percent(s.refined_within_50, s.frames),
       percent(s.refined_in_95, s.frames));
 }
 

@@ -21,8 +21,8 @@ std::string share(int part, int whole) { return whole == 0 ? "-" : fmt::format("
 void add(Record& sum, const Record& r) {
   ++sum.index;  // of a sum: how many segments
   sum.frames += r.frames, sum.attempts += r.attempts, sum.accepted += r.accepted, sum.wrong += r.wrong;
-  sum.anchored += r.anchored, sum.misleading += r.misleading, sum.unknowable += r.unknowable, sum.positioned += r.positioned,
-      sum.overconfident += r.overconfident;
+  sum.anchored += r.anchored, sum.misleading += r.misleading, sum.unknowable += r.unknowable,
+      sum.positioned += r.positioned, sum.overconfident += r.overconfident;
   sum.in_50 += r.in_50, sum.in_95 += r.in_95, sum.nees += r.nees;
   sum.worst_sigmas = std::max(sum.worst_sigmas, r.worst_sigmas), sum.worst_m = std::max(sum.worst_m, r.worst_m);
 }
@@ -42,8 +42,8 @@ std::string header(std::uint64_t base_seed, int worlds) {
 
 std::string line(const Record& r) {
   return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.4f},{:.3f},{:.2f}\n", r.index, r.condition, r.frames,
-                     r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.positioned, r.overconfident,
-                     r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m);
+                     r.attempts, r.accepted, r.wrong, r.anchored, r.misleading, r.unknowable, r.positioned,
+                     r.overconfident, r.in_50, r.in_95, r.nees, r.worst_sigmas, r.worst_m);
 }
 
 Record record_of(const std::string& text) {
@@ -52,8 +52,8 @@ Record record_of(const std::string& text) {
   char comma = 0;
   in >> r.index >> comma;
   std::getline(in, r.condition, ',');
-  for (int* value : {&r.frames, &r.attempts, &r.accepted, &r.wrong, &r.anchored, &r.misleading, &r.unknowable, &r.positioned,
-                     &r.overconfident, &r.in_50, &r.in_95}) {
+  for (int* value : {&r.frames, &r.attempts, &r.accepted, &r.wrong, &r.anchored, &r.misleading, &r.unknowable,
+                     &r.positioned, &r.overconfident, &r.in_50, &r.in_95}) {
     in >> *value >> comma;
   }
   in >> r.nees >> comma >> r.worst_sigmas >> comma >> r.worst_m;

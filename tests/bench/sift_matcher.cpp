@@ -254,8 +254,7 @@ class SiftMatcher final : public MapMatcher {
       PatchMatch match;
       match.in_frame = plane_of(frame.grid, pairs.frame[i]);
       match.on_map = plane_of(map, pairs.map[i]);
-      const double off_m =
-          distance_m(match.on_map, match.in_frame);
+      const double off_m = distance_m(match.on_map, match.in_frame);
       if (off_m > kGuidedReach_px * map.gsd_m) continue;
       match.score = 1;
       match.information_m2 = Eigen::Matrix2d::Identity() / (sigma_m * sigma_m);

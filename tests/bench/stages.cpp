@@ -132,9 +132,10 @@ int run(const std::vector<std::string>& arguments) {
     if (report.anchor.verdict == AnchorVerdict::accepted) ++anchored;
     if (picture.empty() || !truth[i]) continue;
     const PlanePoint at = frame.plane_from_lonlat(*truth[i]);
-    const CameraPose pose{at,
-                          telemetry.agl_m.value_or(120),
-                          {telemetry.heading_rad.value_or(0), telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)}};
+    const CameraPose pose{
+        at,
+        telemetry.agl_m.value_or(120),
+        {telemetry.heading_rad.value_or(0), telemetry.pitch_rad.value_or(0), telemetry.roll_rad.value_or(0)}};
     follow(stages, *odometry, picture, camera.camera, pose);
     attempt(stages, picture, camera.camera, *matcher, reader, frame, pose);
   }

@@ -65,7 +65,8 @@ TEST(BacklogGuard, DetectsABacklogByItsShortIntervals) {
   }
 }
 
-// No more pictures can have been held back than were taken in the pause: a camera that comes back quicker counts as it is.
+// No more pictures can have been held back than were taken in the pause: a camera that comes back quicker counts as it
+// is.
 TEST(BacklogGuard, ABacklogIsNotLongerThanThePause) {
   Camera camera(0.5);
   EXPECT_EQ(camera.after(2.5), Verdict::hold);  // four intervals are missing

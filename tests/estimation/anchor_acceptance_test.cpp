@@ -358,7 +358,7 @@ TEST(AnchorGates, AVoteNeedsASecondFrame) {
 
 // ---- Votes
 
-const Eigen::Vector2d kHere = Eigen::Vector2d::Zero();
+constexpr PlanePoint kHere;
 
 bool vote(AnchorVotes& votes, double east_m, double north_m, const Quorum& quorum = {}) {
   return votes.vote({east_m, north_m}, kHere, quorum);

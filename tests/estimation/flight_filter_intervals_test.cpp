@@ -1,5 +1,5 @@
-// A long way without a frame, known from the telemetry alone: turns there and back, which the headings and the change of
-// velocity at both ends know nothing of.
+// A long way without a frame, known from the telemetry alone: turns there and back, which the headings and the change
+// of velocity at both ends know nothing of.
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>

@@ -52,8 +52,7 @@ TEST(FaultyMap, AnOutdatedMapAnchorsCorrectlyOrNotAtAll) {
     EXPECT_EQ(report.estimate.source == SourceLabel::satellite_anchored, accepted);
     if (!accepted) continue;
     const PlanePoint truth = moment.truth.position;
-    EXPECT_LT(distance_m(*report.anchor.camera, truth),
-              5);
+    EXPECT_LT(distance_m(*report.anchor.camera, truth), 5);
   }
 }
 

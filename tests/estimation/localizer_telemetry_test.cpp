@@ -37,7 +37,8 @@ INSTANTIATE_TEST_SUITE_P(
                     Broken{"NanPitch", [](Telemetry& telemetry) { telemetry.pitch_rad = kNaN; }},
                     Broken{"NanRoll", [](Telemetry& telemetry) { telemetry.roll_rad = kNaN; }},
                     Broken{"UpsideDown", [](Telemetry& telemetry) { telemetry.roll_rad = kPi; }},
-                    Broken{"NoTilt", [](Telemetry& telemetry) { telemetry.pitch_rad.reset(), telemetry.roll_rad.reset(); }},
+                    Broken{"NoTilt",
+                           [](Telemetry& telemetry) { telemetry.pitch_rad.reset(), telemetry.roll_rad.reset(); }},
                     Broken{"NanImu",
                            [](Telemetry& telemetry) {
                              telemetry.imu_dv_mps = {0, kNaN};
@@ -98,7 +99,8 @@ TEST(Localizer, BrokenTelemetryOverAMap) {
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
   const std::vector<std::function<void(Telemetry&)>> damages = {
       [](Telemetry& telemetry) { telemetry.agl_m = kNaN; }, [](Telemetry& telemetry) { telemetry.agl_m = 1e9; },
-      [](Telemetry& telemetry) { telemetry.heading_rad = kNaN; }, [](Telemetry& telemetry) { telemetry.roll_rad = kPi; }};
+      [](Telemetry& telemetry) { telemetry.heading_rad = kNaN; },
+      [](Telemetry& telemetry) { telemetry.roll_rad = kPi; }};
   for (const auto& damage : damages) {
     Telemetry telemetry = moments[0].telemetry;
     damage(telemetry);

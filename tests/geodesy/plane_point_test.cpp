@@ -12,7 +12,9 @@ namespace nadir {
 namespace {
 
 template <typename A, typename B>
-concept Addable = requires(A a, B b) { a + b; };
+concept Addable = requires(A a, B b) {
+  a + b;
+};
 
 TEST(PlanePoint, DifferencesAreDisplacements) {
   const PlanePoint a{3, -4}, b{10, 20};

@@ -144,9 +144,9 @@ TEST_F(PackageWithTerrain, GapsAgreeWithBruteForce) {
         const PlanePoint enu = frame.plane_from_lonlat(place);
         // A corner of a quad that the region barely touches may fall between the samples.
         gap =
-            gap || (!raster.height_m(place) && region.contains(enu) &&
-                    region.contains({enu.east_m + 6, enu.north_m}) && region.contains({enu.east_m - 6, enu.north_m}) &&
-                    region.contains({enu.east_m, enu.north_m + 6}) && region.contains({enu.east_m, enu.north_m - 6}));
+            gap || (!raster.height_m(place) && region.contains(enu) && region.contains({enu.east_m + 6, enu.north_m}) &&
+                    region.contains({enu.east_m - 6, enu.north_m}) && region.contains({enu.east_m, enu.north_m + 6}) &&
+                    region.contains({enu.east_m, enu.north_m - 6}));
       }
     }
     const bool reported = check_terrain(mission, raster).contains("dem.gap");

@@ -120,7 +120,8 @@ TEST(Boresight, SigmasAreConsistentWithTheErrors) {
 
 TEST(Boresight, WrongAnchorsAreSetAside) {
   auto measurements = flown({});
-  for (std::size_t i = 0; i < measurements.size(); i += 6) measurements[i].seen[0] += 40 + static_cast<double>(i % 7) * 5;
+  for (std::size_t i = 0; i < measurements.size(); i += 6)
+    measurements[i].seen[0] += 40 + static_cast<double>(i % 7) * 5;
   const auto found = solve_boresight(measurements, settings());
   ASSERT_TRUE(found);
   EXPECT_EQ(found->outliers, 40U);

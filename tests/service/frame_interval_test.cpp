@@ -1,6 +1,6 @@
 // The camera's own rhythm and the state machine that goes by it: cameras of all speeds, uneven ones and bursts, each
-// flown for minutes with a clock that the test moves. The figures are the design's: a blackout is reported after 400 ms or
-// when one picture is missing.
+// flown for minutes with a clock that the test moves. The figures are the design's: a blackout is reported after 400 ms
+// or when one picture is missing.
 #include "service/service_machine.hpp"
 
 #include <gtest/gtest.h>

@@ -51,9 +51,7 @@ std::vector<GroundCorrespondence> sights_from(const CameraPose& pose, double sig
 
 const CameraPose kTruth{{120, -340}, 110, {radians(160), radians(6), radians(-9)}};
 
-double off_m(const CameraPose& a, const CameraPose& b) {
-  return distance_m(a.position, b.position);
-}
+double off_m(const CameraPose& a, const CameraPose& b) { return distance_m(a.position, b.position); }
 
 constexpr double kLevel = 1e-5;  // slope: known to be none
 

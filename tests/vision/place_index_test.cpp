@@ -63,8 +63,8 @@ class Tiles final : public TileSource {
     cv::Mat image(kTileSize, kTileSize, CV_8UC4);
     for (int row = 0; row < kTileSize; ++row) {
       for (int column = 0; column < kTileSize; ++column) {
-        const PlanePoint at =
-            frame_.plane_from_lonlat(lonlat_from_pixel({key.x * 256.0 + column + 0.5, key.y * 256.0 + row + 0.5}, kZoom));
+        const PlanePoint at = frame_.plane_from_lonlat(
+            lonlat_from_pixel({key.x * 256.0 + column + 0.5, key.y * 256.0 + row + 0.5}, kZoom));
         const double grey = at.east_m > 200 ? 60 : index_landscape().grey(at);
         const auto value = static_cast<std::uint8_t>(std::clamp(grey, 0.0, 255.0));
         const std::uint8_t alpha = at.north_m > 250 ? 0 : 255;
