@@ -438,7 +438,7 @@ std::vector<FlightFilter::Smoothed> FlightFilter::smoothed() const {
   State mean = mean_;
   Covariance covariance = covariance_;
   for (std::size_t i = result.size(); i-- > 0;) {
-    result[i] = {mean.segment<2>(east), covariance.block<2, 2>(east, east), mean};
+    result[i] = {PlanePoint(mean.segment<2>(east)), covariance.block<2, 2>(east, east), mean};
     if (i == 0) break;
     const Link& link = links[i - 1];
     mean = (link.before + link.gain * (mean - link.now)).eval();

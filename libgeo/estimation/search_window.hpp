@@ -45,7 +45,7 @@ class OperatorHint {
 
   // From the first frame after the hint on the filter's position propagates the hint.
   void start_propagation(PlanePoint position, double sigma_m);
-  bool propagating() const { return from_m_.has_value(); }
+  bool propagating() const { return from_.has_value(); }
 
   PlanePoint at() const { return at_; }
   double radius_m() const { return radius_m_; }
