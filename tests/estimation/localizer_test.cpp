@@ -116,7 +116,7 @@ TEST(Localizer, BetweenAnchorsItIsPropagatedByOdometry) {
   EXPECT_LT(last_sigma, 20);
 }
 
-TEST(Localizer, TwiceTheSame) {
+TEST(Localizer, IsDeterministic) {
   std::vector<Estimate> online[2];
   for (auto& run : online) {
     Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());

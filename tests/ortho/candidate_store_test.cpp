@@ -221,7 +221,7 @@ TEST_F(Candidates, SurviveTruncatedFiles) {
 }
 
 // A child puts tiles and announces each; it is killed after some. What it announced is there, whole.
-TEST_F(Candidates, SurviveTheirWritersKill) {
+TEST_F(Candidates, SurviveAKilledWriter) {
   for (const int announced : {1, 4, 9}) {
     std::filesystem::remove_all(path());
     int ends[2];

@@ -118,7 +118,7 @@ TEST(Boresight, SigmasAreConsistentWithTheErrors) {
   }
 }
 
-TEST(Boresight, WrongAnchorsAreSetAside) {
+TEST(Boresight, RejectsWrongAnchors) {
   auto measurements = flown({});
   for (std::size_t i = 0; i < measurements.size(); i += 6)
     measurements[i].seen[0] += 40 + static_cast<double>(i % 7) * 5;
