@@ -1,4 +1,4 @@
-// How a matchability map is asked for on the command line, and made for a tile set (ground/matchability_survey.hpp).
+// How a matchability map is asked for on the command line, and made for a tile set (package_build/matchability_survey.hpp).
 #pragma once
 
 #include <filesystem>
@@ -33,7 +33,7 @@ struct MatchabilityResult {
   std::optional<double> cruise_mps;
 };
 
-// The limits are the flight's gates (estimation/anchor_gates.hpp).
+// The limits are the flight's gates (estimation/anchor_acceptance.hpp).
 MatchabilityResult make_matchability(const std::filesystem::path& tiles, const Mission& mission,
                                      const MatchabilityRequest& request, Progress& progress);
 
