@@ -4,14 +4,12 @@
 #include <unistd.h>
 
 #include <csignal>
-#include <sstream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "cli/program.hpp"
-#include "package/package_writer.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
+#include "package/package_writer.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -19,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class Amended : public ::testing::Test {
+class Amended : public test::CommandTest {
  protected:
   Amended() { write_file_atomic(key(), maker_.signer.pem(), 0600); }
   fs::path key() const { return folder_ / "p.key.pem"; }
@@ -29,10 +27,8 @@ class Amended : public ::testing::Test {
     ASSERT_EQ(index("indexed"), 0) << err_.str();
   }
   int index(const std::string& package) {
-    out_.str(""), err_.str("");
     const std::string path = (folder_ / package).string();
-    return run_program(nadir_text(), all_commands(), {"cache", "index", path, "--key", key(), "--overlap-percent", "10"},
-                       {out_, err_, clock_});
+    return run({"cache", "index", path, "--key", key(), "--overlap-percent", "10"});
   }
   test::ProcessResult amend(const std::string& package, int event) {
     return test::run_process(
@@ -58,11 +54,6 @@ class Amended : public ::testing::Test {
     return amend_package(package, load_package_manifest(package), read_mission(package / kMissionFile), note(),
                          &maker_.signer, progress);
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 // Between any two steps, also when the new package lies there whole and the names are not exchanged yet.

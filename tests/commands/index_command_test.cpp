@@ -6,13 +6,11 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
-#include <sstream>
 
 #include "base/csv.hpp"
 #include "base/files.hpp"
 #include "base/random.hpp"
-#include "cli/program.hpp"
-#include "commands/commands.hpp"
+#include "commands/command_fixture.hpp"
 #include "imagery/codecs.hpp"
 #include "package/package_maker.hpp"
 #include "package/package_roots.hpp"
@@ -27,15 +25,13 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-class CacheIndex : public ::testing::Test {
+class CacheIndex : public test::CommandTest {
  protected:
   CacheIndex() { write_file_atomic(key(), maker_.signer.pem(), 0600); }
   int index(std::vector<std::string> args) {
-    out_.str("");
-    err_.str("");
     args.insert(args.begin(), {"cache", "index"});
     args.insert(args.end(), {"--overlap-percent", "40"});  // few squares, so that the tests are quick
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
+    return run(std::move(args));
   }
   fs::path indexed(const std::string& name = "package") {
     const fs::path package = maker_.make(folder_, name);
@@ -66,11 +62,6 @@ class CacheIndex : public ::testing::Test {
     maker_.sign(package);
   }
   static void overwrite(const fs::path& file, std::string_view bytes) { write_file_atomic(file, bytes); }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 TEST_F(CacheIndex, TheIndexedPackageIsAcceptedAndReproducible) {
@@ -264,7 +255,7 @@ Bytes landscape_tile(const TileKey& key) {
   return encode_image(image, ImageFormat::jpeg, 80);
 }
 
-class IndexEvaluation : public ::testing::Test {
+class IndexEvaluation : public test::CommandTest {
  protected:
   // A package, its index, and a flight over its own pictures.
   void SetUp() override {
@@ -288,14 +279,6 @@ class IndexEvaluation : public ::testing::Test {
               0)
         << err_.str();
   }
-  int run(std::vector<std::string> args) {
-    for (std::string& arg : args) {
-      if (arg.starts_with('@')) arg = (folder_ / arg.substr(1)).string();
-    }
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
   json evaluate(std::initializer_list<std::string> more = {}) {
     std::vector<std::string> args{"cache", "index", "@package", "--evaluate", "@flight", "--json"};
     args.insert(args.end(), more);
@@ -309,11 +292,6 @@ class IndexEvaluation : public ::testing::Test {
     EXPECT_TRUE(out_.str().empty());
   }
   std::string text(const std::string& name) const { return read_text_file(folder_ / name); }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 TEST_F(IndexEvaluation, CountsFramesRecalledAtEachRank) {

@@ -6,6 +6,7 @@
 
 #include "base/files.hpp"
 #include "cli/program.hpp"
+#include "commands/command_fixture.hpp"
 #include "commands/commands.hpp"
 #include "package/package_maker.hpp"
 #include "support/process.hpp"
@@ -26,23 +27,13 @@ std::string collection(const std::vector<std::string>& features) {
   return text + "]}";
 }
 
-class MissionImport : public ::testing::Test {
+class MissionImport : public test::CommandTest {
  protected:
-  int run(std::vector<std::string> args) {
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
   int import(const std::string& file, const std::vector<std::string>& more = {}) {
     std::vector<std::string> args{"mission", "import", file, "--id", "harbour-a", "--out", path("m.yaml")};
     args.insert(args.end(), more.begin(), more.end());
     return run(args);
   }
-  std::string path(const char* name) const { return (folder_ / name).string(); }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
 };
 
 TEST_F(MissionImport, GeoJsonBecomesAValidMission) {
@@ -112,20 +103,14 @@ TEST_F(MissionImport, WritesNothingForAnInvalidMission) {
 
 using nlohmann::json;
 
-class MissionPlan : public ::testing::Test {
+class MissionPlan : public test::CommandTest {
  protected:
   int plan(const std::string& yaml, const std::vector<std::string>& more = {}) {
-    out_.str("");
-    err_.str("");
     std::vector<std::string> args{"mission", "plan", folder_.write("mission.yaml", yaml).string()};
     args.insert(args.end(), more.begin(), more.end());
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
+    return run(std::move(args));
   }
   json document() const { return json::parse(out_.str()); }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
 };
 
 TEST_F(MissionPlan, MeasuresTheGround) {

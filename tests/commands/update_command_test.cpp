@@ -2,11 +2,9 @@
 // cache diff counts what changed.
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
-#include "commands/commands.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
 #include "support/process.hpp"
 #include "vision/place_index_files.hpp"
@@ -17,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-class CacheUpdate : public ::testing::Test {
+class CacheUpdate : public test::CommandTest {
  protected:
   CacheUpdate() {
     maker_.make(folder_, "old");
@@ -25,22 +23,12 @@ class CacheUpdate : public ::testing::Test {
     write_file_atomic(folder_ / "p.key.pem", maker_.signer.pem(), 0600);
     folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}}));
   }
-  int run(std::vector<std::string> args) {
-    for (std::string& arg : args) {
-      if (arg.starts_with('@')) arg = path(arg.substr(1));  // in the test's folder
-    }
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
   int update(std::initializer_list<std::string> more) {
     std::vector<std::string> args{"cache",      "update", "@old",       "--trust", "@root.json", "--mission",
                                   "@next.yaml", "--key",  "@p.key.pem", "--out",   "@new"};
     args.insert(args.end(), more);
     return run(args);
   }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
-  json result() const { return json::parse(out_.str()); }
 
   // A window of the old map as a GeoTIFF, made brighter.
   void cut_imagery(const std::string& name, const std::string& window) {
@@ -58,11 +46,6 @@ class CacheUpdate : public ::testing::Test {
     folder_.write(name, sign_root(root, {&key}).json());
     return root;
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 TEST_F(CacheUpdate, ANewMissionAloneCopiesEveryTile) {
@@ -209,20 +192,12 @@ TEST_F(BuildWithRoots, RespectsARootThatRevokesTheSigner) {
 
 // nadir cache update and the place index: made anew, left behind, or missing.
 
-class UpdatedIndex : public ::testing::Test {
+class UpdatedIndex : public test::CommandTest {
  protected:
   UpdatedIndex() {
     folder_.write("root.json", sign_root(maker_.root, {&maker_.signer}).json());
     write_file_atomic(folder_ / "p.key.pem", maker_.signer.pem(), 0600);
     folder_.write("next.yaml", test::mission_yaml({{"sequence: 3", "sequence: 4"}}));
-  }
-  int run(std::vector<std::string> args) {
-    for (std::string& arg : args) {
-      if (arg.starts_with('@')) arg = (folder_ / arg.substr(1)).string();  // in the test's folder
-    }
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
   }
   int update(const std::string& old, const std::string& out, std::initializer_list<std::string> more) {
     std::vector<std::string> args{"cache",      "update", old,          "--trust", "@root.json", "--mission",
@@ -246,11 +221,6 @@ class UpdatedIndex : public ::testing::Test {
   bool differ(const std::string& a, const std::string& b, std::string_view file) {
     return read_file(folder_ / a / file) != read_file(folder_ / b / file);
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 // The index of the updated package is the one that `cache index` makes of it, by any number of threads.

@@ -70,23 +70,6 @@ std::vector<double> layers_between(double least_m, double most_m) {
   return result;
 }
 
-nlohmann::json json_from(const PlaceRecall& recall) {
-  return {{"queries", recall.queries},
-          {"recall_at_1", recall.share(recall.within_1)},
-          {"recall_at_5", recall.share(recall.within_5)},
-          {"recall_at_20", recall.share(recall.within_20)},
-          {"chance_at_5", recall.chance_5},
-          {"query_ms_p50", recall.query_ms_p50},
-          {"query_ms_max", recall.query_ms_max}};
-}
-
-std::string text_from(const PlaceRecall& recall) {
-  return fmt::format(
-      "recall@1 {:.1f} %, @5 {:.1f} % (chance {:.1f} %), @20 {:.1f} %; {:.0f} ms per query, at most {:.0f} ms",
-      100 * recall.share(recall.within_1), 100 * recall.share(recall.within_5), 100 * recall.chance_5,
-      100 * recall.share(recall.within_20), recall.query_ms_p50, recall.query_ms_max);
-}
-
 // --evaluate: how often does the place index name the right chunk among its first 1, 5 and 20? Asked with the frames of
 // a flight whose truth is known, or with views that are made of the map itself.
 
@@ -316,6 +299,23 @@ PlaceEvaluation evaluate_views(const PlaceIndex& index, const TileSource& tiles,
   known.finish();
   unknown.finish();
   return evaluation;
+}
+
+nlohmann::json json_from(const PlaceRecall& recall) {
+  return {{"queries", recall.queries},
+          {"recall_at_1", recall.share(recall.within_1)},
+          {"recall_at_5", recall.share(recall.within_5)},
+          {"recall_at_20", recall.share(recall.within_20)},
+          {"chance_at_5", recall.chance_5},
+          {"query_ms_p50", recall.query_ms_p50},
+          {"query_ms_max", recall.query_ms_max}};
+}
+
+std::string text_from(const PlaceRecall& recall) {
+  return fmt::format(
+      "recall@1 {:.1f} %, @5 {:.1f} % (chance {:.1f} %), @20 {:.1f} %; {:.0f} ms per query, at most {:.0f} ms",
+      100 * recall.share(recall.within_1), 100 * recall.share(recall.within_5), 100 * recall.chance_5,
+      100 * recall.share(recall.within_20), recall.query_ms_p50, recall.query_ms_max);
 }
 
 class CacheIndexCommand final : public Command {
