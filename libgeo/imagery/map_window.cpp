@@ -92,8 +92,8 @@ class BlockCutter {
  private:
   Nodes nodes_for(const cv::Rect& block, const cv::Size& size) const {
     Nodes nodes;
-    nodes.columns = nodes_along(size.width, kMapNodeStep_px);
-    nodes.rows = nodes_along(size.height, kMapNodeStep_px);
+    nodes.columns = map_nodes_along(size.width);
+    nodes.rows = map_nodes_along(size.height);
     const double shrink = level_.tile_shrink;
     const int tile = kTileSize / level_.tile_shrink;
     for (int row = 0; row < nodes.rows; ++row) {

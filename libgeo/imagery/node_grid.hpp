@@ -13,10 +13,10 @@
 
 namespace nadir {
 
-// How many nodes stand along so many pixels: the last one lies at the last pixel or beyond.
-constexpr int nodes_along(int pixels, int step) { return (pixels + step - 1) / step + 1; }
-
 inline constexpr int kMapNodeStep_px = 32;
+
+// How many nodes stand along so many pixels: the last one lies at the last pixel or beyond.
+constexpr int map_nodes_along(int pixels) { return (pixels + kMapNodeStep_px - 1) / kMapNodeStep_px + 1; }
 
 // The positions of a cell's pixels in one row: that of the first one, and what each adds.
 struct NodeSegment {
@@ -28,7 +28,7 @@ struct NodeSegment {
 template <typename Node, typename Segment>
 cv::Mat positions_between_nodes(const cv::Size& size, const Node& node, const Segment& segment) {
   constexpr int kStep = kMapNodeStep_px;
-  const int cells = nodes_along(size.width, kStep) - 1;
+  const int cells = map_nodes_along(size.width) - 1;
   cv::Mat positions(size, CV_32FC2);
   for (int row = 0; row < size.height; ++row) {
     const int above = row / kStep;

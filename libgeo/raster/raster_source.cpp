@@ -111,8 +111,8 @@ struct RasterSource::Impl {
 
   Nodes nodes_for(int zoom, const cv::Rect& block) const {
     Nodes nodes;
-    nodes.columns = nodes_along(block.width, kMapNodeStep_px);
-    nodes.rows = nodes_along(block.height, kMapNodeStep_px);
+    nodes.columns = map_nodes_along(block.width);
+    nodes.rows = map_nodes_along(block.height);
     const double pixel_m = mercator_pixel_m(zoom);
     for (int row = 0; row < nodes.rows; ++row) {
       for (int column = 0; column < nodes.columns; ++column) {

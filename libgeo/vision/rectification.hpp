@@ -9,7 +9,6 @@
 #include <opencv2/core/mat.hpp>
 
 #include "geodesy/region.hpp"
-#include "imagery/node_grid.hpp"
 #include "vision/camera.hpp"
 #include "vision/ground_surface.hpp"
 
@@ -71,9 +70,11 @@ std::optional<Eigen::Vector2d> sloping_ground_from_ray(const CameraPose& pose, c
                                                        const Eigen::Vector3d& ray, const Eigen::Vector2d& slope,
                                                        double height_m = 0);
 
-// Image coordinates that are computed exactly at the nodes of a coarse grid (imagery/node_grid.hpp) and interpolated
-// between them: for perspective and lens a small fraction of a pixel off, and ten times as fast.
+// Image coordinates that are computed exactly at the nodes of a coarse grid and interpolated between them: for
+// perspective and lens a small fraction of a pixel off, and ten times as fast.
 //
+// How many nodes stand along so many pixels: the last one lies at the last pixel or beyond.
+constexpr int nodes_along(int pixels, int step) { return (pixels + step - 1) / step + 1; }
 // nodes: CV_32FC2, node (c, r) being that of pixel (c · step, r · step). The result, CV_32FC2 of the given size, is
 // written to `pixels`, which may be a part of a larger image. Bilinear.
 void fill_between_nodes(const cv::Mat& nodes, int step, cv::Mat& pixels);

@@ -1,7 +1,6 @@
 // Adding to a package that is there: killed, interrupted, full, read-only; always the old or the new one.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <csignal>
 
@@ -11,6 +10,7 @@
 #include "package/package_maker.hpp"
 #include "package/package_writer.hpp"
 #include "support/process.hpp"
+#include "support/small_disk.hpp"
 
 namespace nadir {
 namespace {
@@ -127,15 +127,8 @@ TEST_F(Amended, AdditionsAreSignedAndReplaceEarlierOnes) {
 
 TEST_F(Amended, AFullDiskLosesNothing) {
   const fs::path small = folder_ / "small";
-  fs::create_directory(small);
-  if (::geteuid() != 0 ||
-      test::run_process({"mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", small.string()}).code != 0) {
-    GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
-  }
-  const struct Unmount {
-    ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
-    fs::path path;
-  } unmount{small};
+  test::SmallDisk disk(small, "size=4m");
+  if (!disk.mounted()) GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
   maker_.make(folder_, "plain");
   fs::copy(folder_ / "plain", small / "package", fs::copy_options::recursive);
   const Amendment large{{"note"}, [](const fs::path& folder) {

@@ -16,6 +16,7 @@
 #include "imagery/map_window.hpp"
 #include "imagery/mbtiles.hpp"
 #include "package_build/package_builder_fixture.hpp"
+#include "support/small_disk.hpp"
 
 namespace nadir {
 namespace {
@@ -386,15 +387,8 @@ TEST_F(ResumedBuild, WithoutResumeItStartsAgainAndSaysSo) {
 // A file system that is too small for the package; growing it lets the same build end.
 TEST_F(ResumedBuild, AFullDiskLosesNothing) {
   const fs::path small = folder_ / "map.small";
-  fs::create_directory(small);
-  if (::geteuid() != 0 ||
-      test::run_process({"mount", "-t", "tmpfs", "-o", "size=600k", "tmpfs", small.string()}).code != 0) {
-    GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
-  }
-  const struct Unmount {
-    ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
-    fs::path path;
-  } unmount{small};
+  test::SmallDisk disk(small, "size=600k");
+  if (!disk.mounted()) GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
   ASSERT_FALSE(build(request("whole")).findings.has_errors());
   PackageRequest wanted = resuming("map.small/package");
   try {
@@ -404,25 +398,21 @@ TEST_F(ResumedBuild, AFullDiskLosesNothing) {
     EXPECT_THAT(error.text().fix, testing::HasSubstr("--resume"));
   }
   EXPECT_FALSE(fs::exists(wanted.out));
-  ASSERT_EQ(test::run_process({"mount", "-o", "remount,size=64m", small.string()}).code, 0);
+  ASSERT_TRUE(disk.resize("64m"));
   EXPECT_GT(build(wanted).resumed, 0);
   expect_same_files(folder_ / "whole", wanted.out);
 }
 
 TEST_F(ResumedBuild, AReadOnlyMediumIsReported) {
   const fs::path fixed = folder_ / "map.fixed";
-  fs::create_directory(fixed);
-  if (::geteuid() != 0 ||
-      test::run_process({"mount", "-t", "tmpfs", "-o", "ro,size=64k", "tmpfs", fixed.string()}).code != 0) {
-    GTEST_SKIP() << "NOT TESTED: a read-only medium needs root and a tmpfs to mount";
-  }
+  test::SmallDisk disk(fixed, "ro,size=64k");
+  if (!disk.mounted()) GTEST_SKIP() << "NOT TESTED: a read-only medium needs root and a tmpfs to mount";
   try {
     build(request("map.fixed/package"));
     ADD_FAILURE() << "built on a read-only medium";
   } catch (const Error& error) {
     EXPECT_THAT(error.text().found + error.text().fix, testing::HasSubstr("read-only"));
   }
-  test::run_process({"umount", "-l", fixed.string()});
 }
 
 TEST_F(ResumedBuild, AFolderWithoutPermissionIsReported) {
