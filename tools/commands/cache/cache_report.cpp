@@ -29,8 +29,6 @@ using nlohmann::json;
 constexpr std::size_t kMaxBlocks = 8000;  // of the matchability layer: what a browser draws and moves without a jerk
 constexpr std::size_t kMaxStretches = 20;
 
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-
 bool worse(const PlaceMatchability& a, const PlaceMatchability& b) {
   return a.cls != b.cls ? a.cls > b.cls : a.ratio > b.ratio;
 }

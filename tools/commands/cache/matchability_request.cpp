@@ -52,8 +52,6 @@ MatchabilityOptions options_for(const Mission& mission, const MatchabilityReques
   return options;
 }
 
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-
 std::string percent(double share) { return fmt::format("{:.1f} %", 100 * share); }
 
 std::string metres(double length_m) {
