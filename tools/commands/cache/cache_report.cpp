@@ -17,8 +17,8 @@
 #include "cli/nadir_version.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/coverage_gaps.hpp"
-#include "package/mission_check.hpp"
 #include "package/coverage_requirement.hpp"
+#include "package/mission_check.hpp"
 #include "report/page_text.hpp"
 
 namespace nadir {

@@ -1,4 +1,5 @@
-// How a matchability map is asked for on the command line, and made for a tile set (package_build/matchability_survey.hpp).
+// How a matchability map is asked for on the command line, and made for a tile set
+// (package_build/matchability_survey.hpp).
 #pragma once
 
 #include <filesystem>
@@ -8,8 +9,8 @@
 #include "base/progress.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package_build/matchability_survey.hpp"
 #include "package/mission.hpp"
+#include "package_build/matchability_survey.hpp"
 
 namespace nadir {
 
