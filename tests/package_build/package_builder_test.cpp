@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <gdal_priv.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 #include <fstream>
