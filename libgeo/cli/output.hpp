@@ -1,9 +1,11 @@
 // How commands print: findings for people and for programs, figures, counts.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <iosfwd>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -36,5 +38,8 @@ void print_figures(std::ostream& out, const Figures& figures);
 
 // --at when given, else the present time.
 UtcTime evaluation_time(const std::optional<UtcTime>& at, const Clock& clock);
+
+// To a whole number of steps, as documents show a figure: rounded(x, 1000) has three decimals.
+inline double rounded(double value, double steps = 1000) { return std::round(value * steps) / steps; }
 
 }  // namespace nadir

@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "imagery/node_grid.hpp"
 #include "imagery/tile_cache.hpp"
 
 namespace nadir {
@@ -15,7 +16,6 @@ namespace {
 
 constexpr int kMaxWindowSide_px = 20'000;
 constexpr int kWarpBlock_px = 1024;  // output pixels that are processed at once: bounds memory
-constexpr int kNode = 32;     // output pixels between exact positions; linear in between
 
 struct WindowLevel {
   int zoom = 0;
@@ -37,7 +37,7 @@ WindowLevel level_for(const ZoomRange& zooms, double gsd_m, double lat_deg) {
   return level;
 }
 
-// Positions in pixels of the (averaged) tiles, relative to `origin`, at every kNode samples.
+// Positions in pixels of the (averaged) tiles, relative to `origin`, at every kMapNodeStep_px samples.
 struct Nodes {
   int columns = 0;
   int rows = 0;
@@ -51,7 +51,8 @@ struct Nodes {
 
 class BlockCutter {
  public:
-  BlockCutter(TileCache& cache, const LocalFrame& frame, const MapWindow& window, const WindowLevel& level, Colour colour)
+  BlockCutter(TileCache& cache, const LocalFrame& frame, const MapWindow& window, const WindowLevel& level,
+              Colour colour)
       : cache_(cache), frame_(frame), window_(window), level_(level), colour_(colour) {}
 
   void cut(const cv::Rect& block, cv::Mat image, cv::Mat mask) const {
@@ -91,14 +92,14 @@ class BlockCutter {
  private:
   Nodes nodes_for(const cv::Rect& block, const cv::Size& size) const {
     Nodes nodes;
-    nodes.columns = (size.width + kNode - 1) / kNode + 1;
-    nodes.rows = (size.height + kNode - 1) / kNode + 1;
+    nodes.columns = map_nodes_along(size.width);
+    nodes.rows = map_nodes_along(size.height);
     const double shrink = level_.tile_shrink;
     const int tile = kTileSize / level_.tile_shrink;
     for (int row = 0; row < nodes.rows; ++row) {
       for (int column = 0; column < nodes.columns; ++column) {
-        const PlanePoint point = window_.plane_from_pixel(block.x + (column * kNode + 0.5) / level_.samples,
-                                                          block.y + (row * kNode + 0.5) / level_.samples);
+        const PlanePoint point = window_.plane_from_pixel(block.x + (column * kMapNodeStep_px + 0.5) / level_.samples,
+                                                          block.y + (row * kMapNodeStep_px + 0.5) / level_.samples);
         const GlobalPixel pixel = pixel_from_lonlat(frame_.lonlat_from_plane(point), level_.zoom);
         const GlobalPixel small{pixel.x / shrink, pixel.y / shrink};
         if (nodes.places.empty()) nodes.origin = {std::floor(small.x / tile) * tile, std::floor(small.y / tile) * tile};
@@ -133,21 +134,11 @@ class BlockCutter {
   }
 
   static cv::Mat positions(const Nodes& nodes, const cv::Size& size, cv::Point2f mosaic_origin) {
-    cv::Mat map(size, CV_32FC2);
-    for (int row = 0; row < size.height; ++row) {
-      const int node_row = row / kNode;
-      const double down = static_cast<double>(row % kNode) / kNode;
-      auto* out = map.ptr<cv::Point2f>(row);
-      for (int node = 0; node + 1 < nodes.columns; ++node) {
-        const cv::Point2d begin = nodes.at(node_row, node) * (1 - down) + nodes.at(node_row + 1, node) * down;
-        const cv::Point2d end = nodes.at(node_row, node + 1) * (1 - down) + nodes.at(node_row + 1, node + 1) * down;
-        const cv::Point2f start = cv::Point2f(begin) - mosaic_origin;
-        const cv::Point2f step = cv::Point2f((end - begin) / kNode);
-        const int columns = std::min(kNode, size.width - node * kNode);
-        for (int i = 0; i < columns; ++i) out[node * kNode + i] = start + step * static_cast<float>(i);
-      }
-    }
-    return map;
+    return positions_between_nodes(
+        size, [&](int row, int column) -> const cv::Point2d& { return nodes.at(row, column); },
+        [&](const cv::Point2d& begin, const cv::Point2d& end) -> NodeSegment {
+          return {cv::Point2f(begin) - mosaic_origin, cv::Point2f((end - begin) / kMapNodeStep_px)};
+        });
   }
 
   TileCache& cache_;

@@ -10,16 +10,16 @@
 
 #include "base/error.hpp"
 #include "geodesy/angles.hpp"
+#include "imagery/node_grid.hpp"
 #include "raster/gdal_dataset.hpp"
 
 namespace nadir {
 namespace {
 
 constexpr int kBlock = 512;  // pixels warped at once: few enough to stay in the cache
-constexpr int kNode = 32;    // pixels between exactly transformed nodes; bilinear in between
 constexpr double kHalfWorld_m = kPi * kMercatorRadius_m;
 
-// Raster coordinates of a block's pixels, at every kNode pixels.
+// Raster coordinates of a block's pixels, at every kMapNodeStep_px pixels.
 struct Nodes {
   int columns = 0;
   int rows = 0;
@@ -33,8 +33,8 @@ struct Nodes {
 
   // Raster pixels per map pixel, the smaller of both directions.
   double shrink() const {
-    const double across = cv::norm(at(0, 1) - at(0, 0)) / kNode;
-    const double down = cv::norm(at(1, 0) - at(0, 0)) / kNode;
+    const double across = cv::norm(at(0, 1) - at(0, 0)) / kMapNodeStep_px;
+    const double down = cv::norm(at(1, 0) - at(0, 0)) / kMapNodeStep_px;
     return std::min(across, down);
   }
 };
@@ -111,13 +111,13 @@ struct RasterSource::Impl {
 
   Nodes nodes_for(int zoom, const cv::Rect& block) const {
     Nodes nodes;
-    nodes.columns = (block.width + kNode - 1) / kNode + 1;
-    nodes.rows = (block.height + kNode - 1) / kNode + 1;
+    nodes.columns = map_nodes_along(block.width);
+    nodes.rows = map_nodes_along(block.height);
     const double pixel_m = mercator_pixel_m(zoom);
     for (int row = 0; row < nodes.rows; ++row) {
       for (int column = 0; column < nodes.columns; ++column) {
-        nodes.x.push_back((block.x + column * kNode + 0.5) * pixel_m - kHalfWorld_m);
-        nodes.y.push_back(kHalfWorld_m - (block.y + row * kNode + 0.5) * pixel_m);
+        nodes.x.push_back((block.x + column * kMapNodeStep_px + 0.5) * pixel_m - kHalfWorld_m);
+        nodes.y.push_back(kHalfWorld_m - (block.y + row * kMapNodeStep_px + 0.5) * pixel_m);
       }
     }
     std::vector<double> z(nodes.x.size());
@@ -197,23 +197,15 @@ void RasterSource::Impl::read_block(int zoom, const cv::Rect& block, cv::Mat bgr
   if (!whole) fill_invalid(part->image);
   blur_for(nodes.shrink() / part->scale.x, part->image.bgr);
 
-  cv::Mat map(block.size(), CV_32FC2);
-  for (int row = 0; row < block.height; ++row) {
-    const int node_row = row / kNode;
-    const double below = static_cast<double>(row % kNode) / kNode;
-    auto* out = map.ptr<cv::Point2f>(row);
-    for (int node = 0; node + 1 < nodes.columns; ++node) {
-      const cv::Point2d begin = nodes.at(node_row, node) * (1 - below) + nodes.at(node_row + 1, node) * below;
-      const cv::Point2d end = nodes.at(node_row, node + 1) * (1 - below) + nodes.at(node_row + 1, node + 1) * below;
-      // cv::remap uses pixel centres as integers, GDAL pixel corners.
-      const cv::Point2f start(static_cast<float>((begin.x - part->origin.x) / part->scale.x - 0.5),
-                              static_cast<float>((begin.y - part->origin.y) / part->scale.y - 0.5));
-      const cv::Point2f step(static_cast<float>((end.x - begin.x) / kNode / part->scale.x),
-                             static_cast<float>((end.y - begin.y) / kNode / part->scale.y));
-      const int columns = std::min(kNode, block.width - node * kNode);
-      for (int i = 0; i < columns; ++i) out[node * kNode + i] = start + step * static_cast<float>(i);
-    }
-  }
+  // cv::remap uses pixel centres as integers, GDAL pixel corners.
+  const cv::Mat map = positions_between_nodes(
+      block.size(), [&](int row, int column) { return nodes.at(row, column); },
+      [&](const cv::Point2d& begin, const cv::Point2d& end) -> NodeSegment {
+        return {{static_cast<float>((begin.x - part->origin.x) / part->scale.x - 0.5),
+                 static_cast<float>((begin.y - part->origin.y) / part->scale.y - 0.5)},
+                {static_cast<float>((end.x - begin.x) / kMapNodeStep_px / part->scale.x),
+                 static_cast<float>((end.y - begin.y) / kMapNodeStep_px / part->scale.y)}};
+      });
   cv::remap(part->image.bgr, bgr, map, {}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   if (whole) {
     mask.setTo(255);

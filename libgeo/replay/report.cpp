@@ -7,8 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "cli/nadir_version.hpp"
 #include "base/bytes.hpp"
+#include "cli/nadir_version.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
 #include "replay/report_page.hpp"
@@ -18,8 +18,6 @@ namespace nadir {
 namespace {
 
 using nlohmann::json;
-
-double rounded(double value, double steps = 1000) { return std::round(value * steps) / steps; }
 
 json anchor_json(const AnchorReport& anchor) {
   return {{"verdict", name_of(anchor.verdict)},
@@ -151,8 +149,8 @@ constexpr int kFrameQuality = 78;
 void WorstFrames::offer(std::size_t index, double cost, const AnchorReport& anchor) {
   if (anchor.rectified.empty() || anchor.matched_map.empty()) return;
   if (kept_.size() == capacity_ && cost <= kept_.back().cost) return;
-  const auto place = std::find_if(kept_.begin(), kept_.end(),
-                                  [cost](const FrameImages& other) { return cost > other.cost; });
+  const auto place =
+      std::find_if(kept_.begin(), kept_.end(), [cost](const FrameImages& other) { return cost > other.cost; });
   kept_.insert(place, {index, cost, jpeg_data_uri(anchor.rectified, kFrameSide, kFrameQuality),
                        jpeg_data_uri(anchor.matched_map, kFrameSide, kFrameQuality)});
   if (kept_.size() > capacity_) kept_.pop_back();

@@ -12,9 +12,9 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "base/json.hpp"
-#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {
@@ -27,133 +27,52 @@ std::string packed(std::span<const float> numbers) {
   return to_base64({reinterpret_cast<const std::uint8_t*>(numbers.data()), numbers.size_bytes()});
 }
 
-// Turns a parsed document into a table or throws. Every number is checked before it is used for anything.
-class Reader {
- public:
-  Reader(const json& root, std::string_view name) : root_(root), name_(name) {}
+constexpr std::int64_t kLon_e7 = 1'800'000'000;
+constexpr std::int64_t kLat_e7 = 900'000'000;
 
-  PlaceTable read() const {
-    only(root_, "",
-         {"schema", "descriptor", "imagery_merkle_root", "origin_e7", "overlap_percent", "zoom", "layers", "chunks",
-          "mean", "basis", "kept_ppm"});
-    if (text(root_, "schema") != kPlaceTableSchema) reject("/schema", std::string(kPlaceTableSchema));
-    if (text(root_, "descriptor") != kPlaceDescriptorName) reject("/descriptor", std::string(kPlaceDescriptorName));
-    PlaceTable table;
-    const auto root = Sha256::from_hex(text(root_, "imagery_merkle_root"));
-    if (!root) reject("/imagery_merkle_root", "64 lower-case hexadecimal digits");
-    table.imagery_root = *root;
-    const json& origin = list(root_, "origin_e7", 2, 2);
-    table.origin_lon_e7 = whole(origin[0], "/origin_e7/0", -kLon_e7, kLon_e7);
-    table.origin_lat_e7 = whole(origin[1], "/origin_e7/1", -kLat_e7, kLat_e7);
-    table.overlap_percent = whole(member(root_, "overlap_percent"), "/overlap_percent", 0, 90);
-    table.zoom = whole(member(root_, "zoom"), "/zoom", 0, kMaxZoom);
-    table.projection.mean = numbers("mean", kRawPlaceSize);
-    table.projection.basis = numbers("basis", kRawPlaceSize * kPlaceSize);
-    table.projection.kept = static_cast<double>(whole(member(root_, "kept_ppm"), "/kept_ppm", 0, 1'000'000)) / 1e6;
-    read_chunks(table);
-    read_layers(table);
-    return table;
-  }
+std::vector<float> read_floats(const JsonReader& in, const char* name, std::size_t count) {
+  const auto bytes = from_base64(in.text(name));
+  if (!bytes || bytes->size() != count * sizeof(float)) in.refuse(name, fmt::format("{} float32 in base64", count));
+  std::vector<float> result(count);
+  std::copy(bytes->begin(), bytes->end(), reinterpret_cast<std::uint8_t*>(result.data()));
+  const bool sound =
+      std::all_of(result.begin(), result.end(), [](float v) { return std::abs(v) <= kMaxUnitComponent; });
+  if (!sound) in.refuse(name, "numbers between -1 and 1");
+  return result;
+}
 
- private:
-  static constexpr std::int64_t kLon_e7 = 1'800'000'000;
-  static constexpr std::int64_t kLat_e7 = 900'000'000;
+void read_chunks(const JsonReader& chunks, PlaceTable& table) {
+  const std::int64_t last_tile = (std::int64_t{1} << table.zoom) - 1;
+  table.chunks.reserve(chunks.size());
+  for (std::size_t i = 0; i < chunks.size(); ++i) {
+    const JsonReader row = chunks.array(i, {.least = 4, .most = 4});
+    PlaceChunk chunk;
+    chunk.lon_e7 = row.integer(0, -kLon_e7, kLon_e7);
+    chunk.lat_e7 = row.integer(1, -kLat_e7, kLat_e7);
+    chunk.tile = {static_cast<std::uint8_t>(table.zoom), static_cast<std::uint32_t>(row.integer(2, 0, last_tile)),
+                  static_cast<std::uint32_t>(row.integer(3, 0, last_tile))};
+    table.chunks.push_back(chunk);
+  }
+}
 
-  [[noreturn]] void reject(const std::string& where, std::string expected) const {
-    throw Error({.what = "not a table of places",
-                 .where = std::string(name_) + where,
-                 .expected = std::move(expected),
-                 .found = "something else",
-                 .fix = "rebuild it with `nadir cache index`"});
+void read_layers(const JsonReader& layers, PlaceTable& table) {
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < layers.size(); ++i) {
+    const JsonReader in = layers.object(i);
+    PlaceLayer layer;
+    layer.side_mm = in.integer("side_mm", 1000, 100'000'000);
+    layer.side_px = in.integer("side_px", 32, 256);
+    layer.first = next;
+    const std::size_t left = table.chunks.size() - next;
+    layer.count = in.integer<std::size_t>("count", 0, left);
+    layer.textureless = in.integer<std::size_t>("textureless", 0, std::size_t{1} << 40);
+    layer.invalid = in.integer<std::size_t>("invalid", 0, std::size_t{1} << 40);
+    in.finish();
+    next += layer.count;
+    table.layers.push_back(layer);
   }
-  void only(const json& object, const std::string& where, std::initializer_list<std::string_view> known) const {
-    if (!object.is_object()) reject(where, "an object");
-    for (const auto& [name, ignored] : object.items()) {
-      if (std::find(known.begin(), known.end(), name) == known.end()) reject(where, "known members only");
-    }
-  }
-  const json& member(const json& object, const char* name) const {
-    const auto found = object.find(name);
-    if (found == object.end()) reject("", fmt::format("a member \"{}\"", name));
-    return *found;
-  }
-  std::string text(const json& object, const char* name) const {
-    const auto* string = member(object, name).get_ptr<const std::string*>();
-    if (string == nullptr) reject(fmt::format("/{}", name), "text");
-    return *string;
-  }
-  const json& list(const json& object, const char* name, std::size_t least, std::size_t most) const {
-    const json& value = member(object, name);
-    if (!value.is_array() || value.size() < least || value.size() > most) {
-      reject(fmt::format("/{}", name), fmt::format("a list of {} to {}", least, most));
-    }
-    return value;
-  }
-  std::int64_t whole(const json& value, const std::string& where, std::int64_t low, std::int64_t high) const {
-    const bool fits = value.is_number_unsigned()
-                          ? value.get<std::uint64_t>() <= static_cast<std::uint64_t>(std::max<std::int64_t>(high, 0))
-                          : value.is_number_integer();
-    if (!fits || value.get<std::int64_t>() < low || value.get<std::int64_t>() > high) {
-      reject(where, fmt::format("a whole number from {} to {}", low, high));
-    }
-    return value.get<std::int64_t>();
-  }
-  std::vector<float> numbers(const char* name, std::size_t count) const {
-    const auto bytes = from_base64(text(root_, name));
-    if (!bytes || bytes->size() != count * sizeof(float)) {
-      reject(fmt::format("/{}", name), fmt::format("{} float32 in base64", count));
-    }
-    std::vector<float> result(count);
-    std::copy(bytes->begin(), bytes->end(), reinterpret_cast<std::uint8_t*>(result.data()));
-    const bool sound =
-        std::all_of(result.begin(), result.end(), [](float v) { return std::abs(v) <= kMaxUnitComponent; });
-    if (!sound) reject(fmt::format("/{}", name), "numbers between -1 and 1");
-    return result;
-  }
-  void read_chunks(PlaceTable& table) const {
-    const json& chunks = list(root_, "chunks", 0, kMaxPlaceChunks);
-    const std::int64_t last_tile = (std::int64_t{1} << table.zoom) - 1;
-    table.chunks.reserve(chunks.size());
-    for (std::size_t i = 0; i < chunks.size(); ++i) {
-      const json& row = chunks[i];
-      const std::string where = fmt::format("/chunks/{}", i);
-      if (!row.is_array() || row.size() != 4) reject(where, "lon_e7, lat_e7, tile x, tile y");
-      PlaceChunk chunk;
-      chunk.lon_e7 = whole(row[0], where + "/0", -kLon_e7, kLon_e7);
-      chunk.lat_e7 = whole(row[1], where + "/1", -kLat_e7, kLat_e7);
-      chunk.tile = {static_cast<std::uint8_t>(table.zoom),
-                    static_cast<std::uint32_t>(whole(row[2], where + "/2", 0, last_tile)),
-                    static_cast<std::uint32_t>(whole(row[3], where + "/3", 0, last_tile))};
-      table.chunks.push_back(chunk);
-    }
-  }
-  void read_layers(PlaceTable& table) const {
-    const json& layers = list(root_, "layers", 1, kMaxPlaceLayers);
-    std::size_t next = 0;
-    for (std::size_t i = 0; i < layers.size(); ++i) {
-      const json& object = layers[i];
-      const std::string where = fmt::format("/layers/{}", i);
-      only(object, where, {"side_mm", "side_px", "count", "textureless", "invalid"});
-      const auto number = [&](const char* name, std::int64_t low, std::int64_t high) {
-        return whole(member(object, name), where + "/" + name, low, high);
-      };
-      PlaceLayer layer;
-      layer.side_mm = number("side_mm", 1000, 100'000'000);
-      layer.side_px = number("side_px", 32, 256);
-      layer.first = next;
-      const std::size_t left = table.chunks.size() - next;
-      layer.count = static_cast<std::size_t>(number("count", 0, static_cast<std::int64_t>(left)));
-      layer.textureless = static_cast<std::size_t>(number("textureless", 0, std::int64_t{1} << 40));
-      layer.invalid = static_cast<std::size_t>(number("invalid", 0, std::int64_t{1} << 40));
-      next += layer.count;
-      table.layers.push_back(layer);
-    }
-    if (next != table.chunks.size()) reject("/layers", fmt::format("{} chunks in all", table.chunks.size()));
-  }
-
-  const json& root_;
-  std::string_view name_;
-};
+  if (next != table.chunks.size()) layers.refuse(fmt::format("{} chunks in all", table.chunks.size()));
+}
 
 // What FAISS 1.7 writes for a flat index: "IxFI", dimension, number of vectors, two unused numbers, whether it is
 // trained, metric; then the number of floats, and the floats.
@@ -232,7 +151,25 @@ PlaceTable parse_place_table(std::string_view text, std::string_view name) {
                  .found = fmt::format("{} bytes", text.size())});
   }
   const json document = parse_json(text, name, {.max_depth = 4, .allow_floats = false});
-  return Reader(document, name).read();
+  const JsonReader in(
+      document,
+      {.name = std::string(name), .what = "not a table of places", .fix = "rebuild it with `nadir cache index`"});
+  in.expect("schema", kPlaceTableSchema);
+  in.expect("descriptor", kPlaceDescriptorName);
+  PlaceTable table;
+  table.imagery_root = in.digest("imagery_merkle_root");
+  const JsonReader origin = in.array("origin_e7", {.least = 2, .most = 2});
+  table.origin_lon_e7 = origin.integer(0, -kLon_e7, kLon_e7);
+  table.origin_lat_e7 = origin.integer(1, -kLat_e7, kLat_e7);
+  table.overlap_percent = in.integer("overlap_percent", 0, 90);
+  table.zoom = in.integer("zoom", 0, kMaxZoom);
+  table.projection.mean = read_floats(in, "mean", kRawPlaceSize);
+  table.projection.basis = read_floats(in, "basis", kRawPlaceSize * kPlaceSize);
+  table.projection.kept = static_cast<double>(in.integer("kept_ppm", 0, 1'000'000)) / 1e6;
+  read_chunks(in.array("chunks", {.most = kMaxPlaceChunks}), table);
+  read_layers(in.array("layers", {.least = 1, .most = kMaxPlaceLayers}), table);
+  in.finish();
+  return table;
 }
 
 struct PlaceVectors::Impl {

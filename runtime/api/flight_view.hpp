@@ -5,7 +5,6 @@
 // radians, headings clockwise from true north, attitude as in vision/camera.hpp. What is not known is nullopt.
 #pragma once
 
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -21,6 +20,7 @@
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "service/mailbox.hpp"
 #include "service/service_state.hpp"
 
 namespace nadir {
@@ -158,29 +158,10 @@ class FlightTrail {
   std::vector<TrackPoint> points_;
 };
 
-// Hands the latest value from one thread to another; a value that was not taken is replaced. Neither side ever waits: a
-// value changes hands in one atomic exchange.
-template <typename Value>
-class LatestSlot {
- public:
-  LatestSlot() = default;
-  ~LatestSlot() { delete value_.load(); }
-  LatestSlot(const LatestSlot&) = delete;
-  LatestSlot& operator=(const LatestSlot&) = delete;
-
-  void put(Value value) { delete value_.exchange(new Value(std::move(value)), std::memory_order_acq_rel); }
-
-  // Null when nothing has come since the last time.
-  std::unique_ptr<Value> take() { return std::unique_ptr<Value>(value_.exchange(nullptr, std::memory_order_acq_rel)); }
-
- private:
-  std::atomic<Value*> value_{nullptr};
-};
-
 // Where the flight's thread publishes its latest FlightView and any number of readers look at it.
 //
-// publish() never waits for a reader: it is one atomic exchange. Readers
-// only wait for each other, for the moment that it takes to copy a pointer.
+// publish() never waits for a reader: it is one atomic exchange. Readers only wait for each other, for the moment that
+// it takes to copy a pointer.
 class FlightBoard {
  public:
   // From one thread. Numbers the view.

@@ -1,13 +1,20 @@
-// The queue between two threads of the runtime: bounded, the latest wins. put() never waits and never fails; when the
-// mailbox is full, the oldest item is dropped and counted. Frames go to the localizer through a mailbox of capacity
-// one.
+// How threads of the runtime hand things to each other: the latest wins, and put() never fails.
+//
+// LatestMailbox is a bounded queue whose reader can wait for an item. When it is full, the oldest item is dropped and
+// counted. Its lock is held for as long as it takes to move one item. Frames go to the localizer through a mailbox of
+// capacity one.
+//
+// LatestSlot is one value and no lock. It stands between the flight's threads and those of the API, which run at a
+// lower priority: one of them, preempted while it held a mailbox's lock, would hold up the flight.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <stop_token>
@@ -97,6 +104,24 @@ class LatestMailbox {
   std::deque<T> items_;
   MailboxCounts counts_;
   bool closed_ = false;
+};
+
+// A value that was not taken is replaced. Neither side ever waits: a value changes hands in one atomic exchange.
+template <typename Value>
+class LatestSlot {
+ public:
+  LatestSlot() = default;
+  ~LatestSlot() { delete value_.load(); }
+  LatestSlot(const LatestSlot&) = delete;
+  LatestSlot& operator=(const LatestSlot&) = delete;
+
+  void put(Value value) { delete value_.exchange(new Value(std::move(value)), std::memory_order_acq_rel); }
+
+  // Null when nothing has come since the last time.
+  std::unique_ptr<Value> take() { return std::unique_ptr<Value>(value_.exchange(nullptr, std::memory_order_acq_rel)); }
+
+ private:
+  std::atomic<Value*> value_{nullptr};
 };
 
 }  // namespace nadir

@@ -63,17 +63,6 @@ TEST(FlightBoard, ConcurrentReadersSeeConsistentViewsInOrder) {
   EXPECT_EQ(broken, 0);
 }
 
-TEST(LatestSlot, ReturnsTheLatestValueOnce) {
-  LatestSlot<int> box;
-  EXPECT_EQ(box.take(), nullptr);
-  box.put(1);
-  box.put(2);
-  const auto taken = box.take();
-  ASSERT_NE(taken, nullptr);
-  EXPECT_EQ(*taken, 2);
-  EXPECT_EQ(box.take(), nullptr);
-}
-
 TEST(EventRing, KeepsTheLatestEventsAndContinuesNumbering) {
   EventRing ring(3);
   for (int i = 1; i <= 5; ++i) ring.add(i, EventSeverity::info, "state", std::to_string(i));

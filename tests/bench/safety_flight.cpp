@@ -159,4 +159,13 @@ Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>
   return flight;
 }
 
+LocalizerConfig config_of(const Flight& flight, const World& world) {
+  LocalizerConfig config;
+  config.start_sigma_m = flight.start_sigma_m;
+  config.map_sigma_m = world.map_sigma_m;
+  config.surface = &world.terrain;
+  if (!flight.start) config.area = flight.area;
+  return config;
+}
+
 }  // namespace nadir::bench

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "estimation/localizer.hpp"
 #include "estimation/telemetry.hpp"
 #include "safety_camera.hpp"
 #include "safety_conditions.hpp"
@@ -32,5 +33,8 @@ struct Flight {
 
 Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>& worlds,
                    const Photographer& photographer);
+
+// How a localizer starts on it.
+LocalizerConfig config_of(const Flight& flight, const World& world);
 
 }  // namespace nadir::bench

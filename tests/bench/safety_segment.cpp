@@ -39,17 +39,12 @@ Record Segments::run(std::uint64_t base_seed, std::uint64_t index,
                      const std::function<void(const std::string&)>& talk) const {
   const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_.all, photographer_);
   const World& world = *worlds_.all[flight.world];
-  LocalizerConfig config;
-  config.start_sigma_m = flight.start_sigma_m;
-  config.map_sigma_m = world.map_sigma_m;
-  config.surface = &world.terrain;
-  if (!flight.start) config.area = flight.area;
   const TileSource& right = tiles_of(flight);
   const PictureTiles shifted(world.satellite, flight.shift);
   const JoinedTiles joined(right, shifted, flight.border.value_or(Border{}));
   const bool whole = flight.condition->fault == Fault::map_shift, part = flight.border.has_value();
   const TileSource* map = whole ? static_cast<const TileSource*>(&shifted) : part ? &joined : &right;
-  Localizer localizer(camera_file(), frame(), map, flight.start, config);
+  Localizer localizer(camera_file(), frame(), map, flight.start, config_of(flight, world));
 
   Record record;
   record.index = index;

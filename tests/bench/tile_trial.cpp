@@ -126,11 +126,6 @@ TileTrials::TileTrials(int worlds) : photographer_(camera_file().camera), worlds
 TileTrial TileTrials::fly(std::uint64_t base_seed, std::uint64_t index) const {
   const Flight flight = make_flight(hash_of(base_seed, static_cast<std::int64_t>(index)), worlds_.all, photographer_);
   const World& world = *worlds_.all[flight.world];
-  LocalizerConfig config;
-  config.start_sigma_m = flight.start_sigma_m;
-  config.map_sigma_m = world.map_sigma_m;
-  config.surface = &world.terrain;
-  if (!flight.start) config.area = flight.area;
   const Fault fault = flight.condition->fault;
   const PictureTiles shifted(world.satellite, flight.shift);
   const JoinedTiles joined(world.map, shifted, flight.border.value_or(Border{}));
@@ -140,7 +135,7 @@ TileTrial TileTrials::fly(std::uint64_t base_seed, std::uint64_t index) const {
   if (fault == Fault::other_region) map = &worlds_.neighbour(flight.world).map;
   if (fault == Fault::map_shift) map = &shifted;
   if (flight.border) map = &joined;
-  Localizer localizer(camera_file(), frame(), map, flight.start, config);
+  Localizer localizer(camera_file(), frame(), map, flight.start, config_of(flight, world));
   CandidateFlight made{.airframe = "bench",
                        .flight = "bench",
                        .base_package = {},

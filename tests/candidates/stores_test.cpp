@@ -1,12 +1,14 @@
 // What lies on the disk: packs on their way, packs that are kept, the trust root.
 #include <gtest/gtest.h>
-
+#include <cstdlib>
 #include <fstream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "candidates/candidate_catalogue.hpp"
 #include "candidates/flight_maker.hpp"
 #include "candidates/pack_store.hpp"
+#include "candidates/service_fixture.hpp"
 #include "candidates/trust_file.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -127,6 +129,229 @@ TEST_F(TrustFileTest, IgnoresAnInvalidSuccessor) {
   }
   write(3);
   EXPECT_EQ(trust.current()->version, 3) << "and a good one is followed afterwards";
+}
+
+// A pack is forgotten, and before its file goes, another upload brings the very same pack; or one of its tiles in
+// another pack, whose file is not needed. In a SpatiaLite file, or in the catalogue that NADIR_TEST_CATALOGUE names
+// (postgis_test.py).
+
+class AdoptedPack : public ::testing::Test {
+ protected:
+  CatalogueLocation location() const {
+    const char* given = std::getenv("NADIR_TEST_CATALOGUE");
+    return parse_catalogue_location(given != nullptr ? given : (folder_ / "catalogue.sqlite").string());
+  }
+  // Another one of the same tile each time.
+  std::int64_t open_upload(CandidateCatalogue& catalogue) { return open_upload(catalogue, {tile_}); }
+  std::int64_t open_upload(CandidateCatalogue& catalogue, const std::vector<Candidate>& tiles) {
+    const std::string name = sha256(as_bytes(this_test() + std::to_string(++uploads_))).hex();
+    const std::vector<std::optional<Refusal>> refusals(tiles.size());
+    UploadRow upload;
+    upload.name = name;
+    upload.batch_key = sha256(as_bytes(name));
+    return catalogue.open_upload(upload, flight_.batch(tiles, uploads_).batch, refusals, 1);
+  }
+  static std::string this_test() { return ::testing::UnitTest::GetInstance()->current_test_info()->name(); }
+  void bring(CandidateCatalogue& catalogue, std::int64_t upload) { bring(catalogue, upload, {tile_}); }
+  // Returns the pack's name.
+  Sha256 bring(CandidateCatalogue& catalogue, std::int64_t upload, const std::vector<Candidate>& tiles) {
+    const Bytes bytes = test::pack_of(tiles);
+    std::vector<CandidateCatalogue::PackedTile> packed;
+    std::uint64_t start = kPackHeadSize + tiles.size() * kPackEntrySize;
+    for (const Candidate& tile : tiles) {
+      packed.push_back({tile.sidecar.sha256, start, tile.tile.size()});
+      start += tile.tile.size();
+    }
+    catalogue.add_pack(upload, sha256(bytes), bytes.size(), packed, [&] {
+      write_file_atomic(folder_ / "come", ByteView(bytes));
+      store_.adopt(folder_ / "come", sha256(bytes));
+    });
+    return sha256(bytes);
+  }
+  void reject(CandidateCatalogue& catalogue, std::int64_t upload) {
+    TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
+                        .verdict = Verdict::rejected,
+                        .refusal = Refusal{.code = ReasonCode::blurred, .detail = "test"}};
+    catalogue.add_evaluated({{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid}}, 1,
+                            [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
+  }
+  Bytes read(CandidateCatalogue& catalogue, std::int64_t upload) {
+    const auto tiles = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts);
+    return store_.read(tiles.at(0).blob.value(), tile_.sidecar.sha256);
+  }
+
+  test::TemporaryFolder folder_;
+  PackStore store_{folder_ / "packs"};
+  // Ground of each test's own: the catalogue may be the same one.
+  test::FlightMaker flight_{{.ground = std::hash<std::string>()(this_test())}};
+  Candidate tile_ = flight_.candidate(test::keys_in_a_row(1).at(0));
+  Bytes bytes_ = test::pack_of({tile_});
+  Sha256 pack_ = sha256(bytes_);
+  std::uint64_t start_ = kPackHeadSize + kPackEntrySize;
+  int uploads_ = 0;
+  std::function<void(const Sha256&)> remove_ = [this](const Sha256& pack) { store_.remove(pack); };
+};
+
+TEST_F(AdoptedPack, SurvivesAConcurrentRemoval) {
+  CandidateCatalogue judging(location(), CandidateCatalogue::Access::write);
+  CandidateCatalogue taking_in(location(), CandidateCatalogue::Access::write);
+  const std::int64_t first = open_upload(judging);
+  bring(judging, first);
+  reject(judging, first);
+  const std::vector<Sha256> dead = judging.forget_dead_packs(first);
+  EXPECT_EQ(dead, std::vector<Sha256>{pack_});
+
+  const std::int64_t second = open_upload(taking_in);
+  bring(taking_in, second);
+
+  judging.remove_unused(dead, remove_);
+  EXPECT_EQ(read(taking_in, second), tile_.tile) << "the second upload's tile can be judged";
+  reject(judging, second);
+  judging.remove_unused(judging.forget_dead_packs(second), remove_);
+  EXPECT_TRUE(store_.packs().empty()) << "now it is not needed";
+}
+
+TEST_F(AdoptedPack, IsMovedIntoPlaceUnderTheLock) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t upload = open_upload(catalogue);
+  const CandidateCatalogue::PackedTile packed{tile_.sidecar.sha256, start_, tile_.tile.size()};
+  // Its file is put into place within the transaction: when that fails, there is no row either.
+  EXPECT_THROW(catalogue.add_pack(upload, pack_, bytes_.size(), {&packed, 1}, [] { throw Error({.what = "full"}); }),
+               Error);
+  EXPECT_FALSE(catalogue.pack_size(upload, pack_));
+  bring(catalogue, upload);
+  EXPECT_EQ(read(catalogue, upload), tile_.tile);
+}
+
+TEST_F(AdoptedPack, OfARemovedUploadIsNotStored) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t upload = open_upload(catalogue);
+  catalogue.remove_unused(catalogue.forget_upload(upload), remove_);
+  EXPECT_THROW(bring(catalogue, upload), Error);
+  EXPECT_TRUE(store_.packs().empty());
+}
+
+// Two uploads announce the same tiles before either has sent them, and pack them differently.
+TEST_F(AdoptedPack, WithoutNewTilesLeavesNoFile) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const Candidate other = flight_.candidate(test::keys_in_a_row(2).at(1)),
+                  third = flight_.candidate(test::keys_in_a_row(3).at(2));
+  const std::int64_t first = open_upload(catalogue, {tile_, other}), second = open_upload(catalogue, {tile_, third});
+  const Sha256 both = bring(catalogue, first, {tile_, other});
+  const Sha256 again = bring(catalogue, second, {tile_});
+  EXPECT_EQ(store_.packs(), std::vector<Sha256>{both});
+  EXPECT_TRUE(catalogue.pack_size(second, again)) << "it has come all the same";
+  EXPECT_EQ(read(catalogue, second), tile_.tile) << "from the other pack";
+  bring(catalogue, second, {tile_, third});
+  EXPECT_EQ(store_.packs().size(), 2U) << "one tile of it is new";
+  EXPECT_EQ(read(catalogue, second), tile_.tile);
+}
+
+TEST_F(AdoptedPack, ThatIsDamagedIsReplacedWhenSentAgain) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  bring(catalogue, open_upload(catalogue));
+  const std::string name = pack_.hex();
+  Bytes damaged = bytes_;
+  damaged.back() ^= 1;
+  write_file_atomic(folder_ / "packs" / name.substr(0, 2) / name, ByteView(damaged));
+  const std::int64_t second = open_upload(catalogue);
+  EXPECT_THROW(read(catalogue, second), PackDamaged);
+  bring(catalogue, second);
+  EXPECT_EQ(read(catalogue, second), tile_.tile);
+}
+
+TEST_F(AdoptedPack, IsRemovedWithTheLastPendingVerdict) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
+  bring(catalogue, first);
+  reject(catalogue, first);
+  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  EXPECT_EQ(read(catalogue, second), tile_.tile) << "the second upload brought nothing, and waits";
+  reject(catalogue, second);
+  catalogue.remove_unused(catalogue.forget_dead_packs(second), remove_);
+  EXPECT_TRUE(store_.packs().empty());
+}
+
+TEST_F(AdoptedPack, IsRemovedWithTheLastUploadThatNeedsIt) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t first = open_upload(catalogue), second = open_upload(catalogue);
+  bring(catalogue, first);
+  reject(catalogue, first);
+  catalogue.remove_unused(catalogue.forget_dead_packs(first), remove_);
+  EXPECT_EQ(store_.packs().size(), 1U);
+  catalogue.remove_unused(catalogue.forget_upload(second), remove_);
+  EXPECT_TRUE(store_.packs().empty());
+}
+
+// Whatever was damaged in it: nothing lies there any more.
+TEST_F(AdoptedPack, WithoutRemainingTilesIsRemovedWithItsUpload) {
+  CandidateCatalogue catalogue(location(), CandidateCatalogue::Access::write);
+  const std::int64_t upload = open_upload(catalogue);
+  bring(catalogue, upload);
+  TileVerdict verdict{.tile = catalogue.tiles_of(upload, CandidateCatalogue::Detail::verdicts).at(0).id,
+                      .verdict = Verdict::rejected,
+                      .refusal = Refusal{.code = ReasonCode::hash_mismatch, .detail = "test"}};
+  catalogue.add_evaluated(
+      {{.verdict = verdict, .sidecar = tile_.sidecar, .keyid = tile_.signature.keyid, .damaged = true}}, 1,
+      [](TileVerdict&, const CandidateSidecar&, const CandidateCatalogue::Competitors&) {});
+  catalogue.remove_unused(catalogue.forget_dead_packs(upload), remove_);
+  EXPECT_TRUE(store_.packs().empty());
+}
+
+class SparePack : public test::ServiceFixture {};
+
+// Both announce it before either has sent it: each is asked to send, and the bytes are stored once.
+TEST_F(SparePack, OfAnotherUploadLeavesNoFile) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const std::string one = announced(first_.batch(tiles, 1)).upload;
+  const Announcement other = announced(first_.batch({tiles[0]}, 2));
+  ASSERT_EQ(other.missing.size(), 1U);
+  const Bytes both = test::pack_of(tiles), alone = test::pack_of({tiles[0]});
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(one, both)));
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(other.upload, alone)));
+  const PackStore store(options_.data / "packs");
+  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(both)});
+  const auto offset = service().offset(client_, other.upload, sha256(alone));
+  EXPECT_EQ(std::get<PackOffset>(offset).offset, alone.size()) << "its sender has sent all of it";
+  restarted();
+  std::optional<std::int64_t> judge;
+  service().complete(client_, one, judge);
+  service().complete(client_, other.upload, judge);
+  judge_all();
+  EXPECT_EQ(verdicts(one)[0].verdict, Verdict::accepted);
+  EXPECT_EQ(verdicts(other.upload)[0].verdict, Verdict::duplicate);
+  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(both)});
+}
+
+// Killed when the last part had come, and before the pack was looked at.
+TEST_F(SparePack, ReceivedCompletelyBeforeAKillLeavesNoFile) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  const std::string one = announced(first_.batch(tiles, 1)).upload,
+                    other = announced(first_.batch({tiles[0]}, 2)).upload;
+  const Bytes both = test::pack_of(tiles), alone = test::pack_of({tiles[0]});
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(one, both)));
+  service_.reset();
+  IncomingPacks incoming(options_.data / "incoming");
+  IncomingPack pack = incoming.begin(other, sha256(alone), alone.size());
+  incoming.append(pack, alone, clock_.now());
+  restarted();
+  EXPECT_EQ(PackStore(options_.data / "packs").packs(), std::vector<Sha256>{sha256(both)});
+  EXPECT_FALSE(incoming.find(other, sha256(alone)));
+  std::optional<std::int64_t> judge;
+  EXPECT_TRUE(std::holds_alternative<Completion>(service().complete(client_, other, judge)));
+}
+
+// Killed when its file was in place, and before its rows were: put there by hand.
+TEST_F(SparePack, MovedIntoPlaceBeforeAKillIsRemovedAtStart) {
+  const auto tiles = candidates(first_, test::keys_in_a_row(2));
+  ASSERT_TRUE(std::holds_alternative<PackOffset>(send(announced(first_.batch(tiles, 1)).upload, test::pack_of(tiles))));
+  PackStore store(options_.data / "packs");
+  const Bytes alone = test::pack_of({tiles[0]});
+  write_file_atomic(folder_ / "come", ByteView(alone));
+  store.adopt(folder_ / "come", sha256(alone));
+  EXPECT_EQ(store.packs().size(), 2U);
+  restarted();
+  EXPECT_EQ(store.packs(), std::vector<Sha256>{sha256(test::pack_of(tiles))});
 }
 
 }  // namespace

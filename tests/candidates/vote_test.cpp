@@ -9,7 +9,7 @@
 namespace nadir {
 namespace {
 
-const TileKey kPlace = test::keys_in_a_row(1)[0];
+const TileKey kVotedPlace = test::keys_in_a_row(1)[0];
 
 class VoteTest : public ::testing::Test {
  protected:
@@ -39,9 +39,9 @@ class VoteTest : public ::testing::Test {
     return result.promotion ? result.promotion->tile : 0;
   }
 
-  CandidateSidecar template_ = test::FlightMaker().candidate(kPlace).sidecar;
+  CandidateSidecar template_ = test::FlightMaker().candidate(kVotedPlace).sidecar;
   CandidateRules rules_;
-  Ballot ballot_{.key = kPlace};
+  Ballot ballot_{.key = kVotedPlace};
   std::map<std::int64_t, int> ground_;
   int compared_ = 0;
 };

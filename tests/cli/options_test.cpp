@@ -1,5 +1,6 @@
 #include "cli/options.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <sstream>

@@ -1,6 +1,7 @@
 // The program around the commands: which command runs, what is printed where, which exit code comes out.
 #include "cli/program.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <functional>

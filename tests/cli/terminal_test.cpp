@@ -1,5 +1,6 @@
 #include "cli/terminal.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <sstream>

@@ -1,25 +1,23 @@
 // Adding to a package that is there: killed, interrupted, full, read-only; always the old or the new one.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <csignal>
-#include <sstream>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "cli/program.hpp"
-#include "package/package_writer.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
+#include "package/package_writer.hpp"
 #include "support/process.hpp"
+#include "support/small_disk.hpp"
 
 namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
 
-class Amended : public ::testing::Test {
+class Amended : public test::CommandTest {
  protected:
   Amended() { write_file_atomic(key(), maker_.signer.pem(), 0600); }
   fs::path key() const { return folder_ / "p.key.pem"; }
@@ -29,10 +27,8 @@ class Amended : public ::testing::Test {
     ASSERT_EQ(index("indexed"), 0) << err_.str();
   }
   int index(const std::string& package) {
-    out_.str(""), err_.str("");
     const std::string path = (folder_ / package).string();
-    return run_program(nadir_text(), all_commands(), {"cache", "index", path, "--key", key(), "--overlap-percent", "10"},
-                       {out_, err_, clock_});
+    return run({"cache", "index", path, "--key", key(), "--overlap-percent", "10"});
   }
   test::ProcessResult amend(const std::string& package, int event) {
     return test::run_process(
@@ -58,11 +54,6 @@ class Amended : public ::testing::Test {
     return amend_package(package, load_package_manifest(package), read_mission(package / kMissionFile), note(),
                          &maker_.signer, progress);
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 // Between any two steps, also when the new package lies there whole and the names are not exchanged yet.
@@ -136,15 +127,8 @@ TEST_F(Amended, AdditionsAreSignedAndReplaceEarlierOnes) {
 
 TEST_F(Amended, AFullDiskLosesNothing) {
   const fs::path small = folder_ / "small";
-  fs::create_directory(small);
-  if (::geteuid() != 0 ||
-      test::run_process({"mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", small.string()}).code != 0) {
-    GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
-  }
-  const struct Unmount {
-    ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
-    fs::path path;
-  } unmount{small};
+  test::SmallDisk disk(small, "size=4m");
+  if (!disk.mounted()) GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
   maker_.make(folder_, "plain");
   fs::copy(folder_ / "plain", small / "package", fs::copy_options::recursive);
   const Amendment large{{"note"}, [](const fs::path& folder) {

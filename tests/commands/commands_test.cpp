@@ -2,29 +2,15 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {
 
-class Commands : public ::testing::Test {
- protected:
-  int run(const std::vector<std::string>& args) {
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
-  std::string path(const char* name) const { return (folder_ / name).string(); }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-};
+class Commands : public test::CommandTest {};
 
 TEST_F(Commands, KeysAndRootsOverTwoGenerations) {
   for (const char* name : {"r", "r2", "p"}) ASSERT_EQ(run({"keys", "create", "--out", path(name)}), 0) << err_.str();

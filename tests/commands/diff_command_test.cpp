@@ -2,12 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -16,24 +14,17 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-class CacheDiff : public ::testing::Test {
+class CacheDiff : public test::CommandTest {
  protected:
   int diff(const fs::path& a, const fs::path& b, bool as_json = false) {
-    out_.str("");
-    err_.str("");
     std::vector<std::string> args{"cache", "diff", a.string(), b.string()};
     if (as_json) args.push_back("--json");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
+    return run(std::move(args));
   }
   json diff_json(const fs::path& a, const fs::path& b) {
     diff(a, b, true);
     return json::parse(out_.str());
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 TEST_F(CacheDiff, APackageEqualsItself) {

@@ -7,10 +7,9 @@
 #include <sstream>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
 #include "package/tile_image.hpp"
-#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -19,15 +18,12 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-class CacheGaps : public ::testing::Test {
+class CacheGaps : public test::CommandTest {
  protected:
   int gaps(std::vector<std::string> args) {
-    out_.str("");
-    err_.str("");
     args.insert(args.begin(), {"cache", "gaps"});
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
+    return run(std::move(args));
   }
-  std::string path(const char* name) const { return (folder_ / name).string(); }
 
   // What GDAL says about the file's geometries: how many, how many of them valid, and their area on the ellipsoid.
   std::vector<double> ogr(const fs::path& file) {
@@ -44,11 +40,6 @@ class CacheGaps : public ::testing::Test {
     numbers.resize(3);
     return numbers;
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 TEST_F(CacheGaps, ACompletePackageHasNone) {

@@ -2,14 +2,12 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
-#include "package_build/matchability_survey.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/open_package.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
+#include "package_build/matchability_survey.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -18,20 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-class CacheMatchability : public ::testing::Test {
- protected:
-  int run(const std::vector<std::string>& args) {
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
-  std::string path(const char* name) const { return (folder_ / name).string(); }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
-};
+class CacheMatchability : public test::CommandTest {};
 
 TEST_F(CacheMatchability, FiguresJsonAndGeoTiffAgree) {
   const std::string package = maker_.make(folder_).string();
@@ -114,7 +99,8 @@ TEST_F(MatchabilityInPackage, IsSignedVerifiedAndEqualToTheFileOfOut) {
   ASSERT_EQ(put({"--key", path("p.key.pem")}), 0) << err_.str();
   EXPECT_NE(out_.str().find("matchability/matchability.tif"), std::string::npos) << out_.str();
   EXPECT_EQ(read_file(package_ / kManifestFile), manifest);
-  ASSERT_EQ(run({"cache", "index", package_.string(), "--overlap-percent", "10", "--key", path("p.key.pem")}), 0) << err_.str();
+  ASSERT_EQ(run({"cache", "index", package_.string(), "--overlap-percent", "10", "--key", path("p.key.pem")}), 0)
+      << err_.str();
   EXPECT_TRUE(fs::exists(map()));
   EXPECT_TRUE(verify(VerifyDepth::full).empty());
 }

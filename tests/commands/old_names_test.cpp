@@ -1,4 +1,5 @@
 // Options that were renamed: for one release the old spelling means the same, and --help shows the new one alone.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -2,13 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "base/files.hpp"
 #include "commands/cache/cache_report.hpp"
-#include "cli/program.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -17,14 +15,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-class ReportFiles : public ::testing::Test {
+class ReportFiles : public test::CommandTest {
  protected:
-  int run(const std::vector<std::string>& args) {
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
-  std::string path(const char* name) const { return (folder_ / name).string(); }
   std::string read(const char* name) const { return read_text_file(folder_ / "report" / name); }
   json page_data() const {
     const std::string html = read("report.html"), open = "<script type=\"application/json\" id=\"data\">";
@@ -36,11 +28,6 @@ class ReportFiles : public ::testing::Test {
     for (const json& cell : data["map"]["cells"]) count += cell["state"] == state ? 1U : 0U;
     return count;
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
 };
 
 TEST_F(ReportFiles, AnAcceptedPackage) {

@@ -2,12 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -16,7 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-class Schemas : public ::testing::Test {
+class Schemas : public test::CommandTest {
  protected:
   void SetUp() override {
     if (test::run_shell("python3 -c 'import jsonschema; jsonschema.Draft202012Validator'").code != 0) {
@@ -36,12 +34,6 @@ class Schemas : public ::testing::Test {
     ASSERT_EQ(run({"cache", "sign", package_.string(), "--key", path("p.key.pem"), "--carry-root", path("2.json")}), 0)
         << err_.str();
   }
-  int run(const std::vector<std::string>& args) {
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
 
   // True when the schema takes the document.
   bool takes(const std::string& schema, const json& document) {
@@ -57,10 +49,6 @@ class Schemas : public ::testing::Test {
   }
   json read(const fs::path& file) const { return json::parse(read_text_file(file)); }
 
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
   fs::path package_;
 };
 

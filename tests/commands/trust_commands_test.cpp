@@ -3,34 +3,21 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
+#include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
-#include "commands/commands.hpp"
 
 namespace nadir {
 namespace {
 
 namespace fs = std::filesystem;
 
-class TrustCommands : public ::testing::Test {
+class TrustCommands : public test::CommandTest {
  protected:
-  int run(std::vector<std::string> args) {
-    // Names with '@' lie in the test's folder.
-    for (std::string& arg : args) {
-      if (arg.starts_with('@')) arg = path(arg.substr(1));
-    }
-    out_.str("");
-    err_.str("");
-    return run_program(nadir_text(), all_commands(), args, {out_, err_, clock_});
-  }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
   void keys(std::initializer_list<const char*> names) {
     for (const char* name : names) ASSERT_EQ(run({"keys", "create", "--out", path(name)}), 0) << err_.str();
   }
-  nlohmann::json result() const { return nlohmann::json::parse(out_.str()); }
   std::string first_code() const { return result()["findings"][0]["code"]; }
   void first_root() {
     keys({"r", "p"});
@@ -39,10 +26,6 @@ class TrustCommands : public ::testing::Test {
               0)
         << err_.str();
   }
-
-  test::TemporaryFolder folder_;
-  FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
 };
 
 TEST_F(TrustCommands, APublicKeyPassedAsPrivateKeyIsNamed) {

@@ -1,5 +1,6 @@
 #include "estimation/anchor_acceptance.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,8 +1,9 @@
 #include "estimation/localizer.hpp"
 
 #include <gtest/gtest.h>
-
+#include <bit>
 #include <cmath>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "estimation/localizer_fixture.hpp"
@@ -214,6 +215,138 @@ TEST(Localizer, ARepeatedFrameStaysPut) {
 TEST(Localizer, MapSigmaFollowsFromCe90) {
   // 90 % of a circular normal distribution lie within sqrt(2 ln 10) sigma.
   EXPECT_NEAR(map_sigma_from_ce90(std::sqrt(2 * std::log(10.0))), 1, 1e-3);
+}
+
+// The poses of frames that the map has confirmed: what tiles are made from.
+
+void expect_near(const FramePose& pose, const Moment& moment) {
+  const CameraPose& truth = moment.truth;
+  const double off_m = distance_m(pose.pose.position, truth.position);
+  EXPECT_LT(off_m, 3);
+  EXPECT_LT(off_m, 4 * pose.sigma_m);
+  EXPECT_NEAR(pose.pose.agl_m, truth.agl_m, 0.03 * truth.agl_m);
+  EXPECT_NEAR(wrap_pi(pose.pose.attitude.heading_rad - truth.attitude.heading_rad), 0, radians(1.5));
+  EXPECT_NEAR(pose.pose.attitude.pitch_rad, truth.attitude.pitch_rad, radians(1.5));
+  EXPECT_NEAR(pose.pose.attitude.roll_rad, truth.attitude.roll_rad, radians(1.5));
+  EXPECT_EQ(pose.source, SourceLabel::satellite_anchored);
+  EXPECT_NEAR(pose.sigma_m * pose.sigma_m, 0.5 * pose.covariance_m2.trace(), 1e-9);
+}
+
+bool clear(const AnchorReport& anchor) {
+  const GateLimits limits;
+  return anchor.ratio < limits.clear_ratio && anchor.inliers >= limits.sure_inlier_share * anchor.patches;
+}
+
+TEST(LocalizerPoses, AreThoseOfTheAnchoredFrames) {
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  for (std::size_t i = 0; i < short_flight().size(); ++i) {
+    const FrameReport report = localizer.process(short_flight()[i].image, short_flight()[i].telemetry);
+    ASSERT_EQ(report.anchor_pose.has_value(), report.anchor.verdict == AnchorVerdict::accepted);
+    ASSERT_TRUE(report.anchor_pose);
+    expect_near(*report.anchor_pose, short_flight()[i]);
+    EXPECT_EQ(report.anchor_pose->confirmed, i > 0 || clear(report.anchor)) << "the first one is on its own";
+    EXPECT_FALSE(report.anchor_pose->refined);
+    EXPECT_NEAR(report.anchor_pose->sigma_m, report.estimate.sigma_m, 1e-9);
+  }
+  const auto refined = localizer.refined_poses();
+  const auto estimates = localizer.refined();
+  ASSERT_EQ(refined.size(), short_flight().size());
+  for (std::size_t i = 0; i < refined.size(); ++i) {
+    ASSERT_TRUE(refined[i]);
+    expect_near(*refined[i], short_flight()[i]);
+    EXPECT_TRUE(refined[i]->confirmed);
+    EXPECT_TRUE(refined[i]->refined);
+    EXPECT_NEAR(refined[i]->sigma_m, estimates[i].sigma_m, 1e-9);
+    const PlanePoint at = LocalFrame(kOrigin).plane_from_lonlat(*estimates[i].position);
+    EXPECT_NEAR(refined[i]->pose.position.east_m, at.east_m, 1e-6);
+  }
+}
+
+TEST(LocalizerPoses, FramesWithoutAnAnchorHaveNone) {
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  bool last_is_clear = false;
+  for (std::size_t i = 0; i < short_flight().size(); ++i) {
+    const cv::Mat black(short_flight()[i].image.size(), CV_8UC1, cv::Scalar(0));
+    const FrameReport report = localizer.process(i == 2 ? black : short_flight()[i].image, short_flight()[i].telemetry);
+    EXPECT_EQ(report.anchor_pose.has_value(), i != 2);
+    last_is_clear = clear(report.anchor);
+  }
+  const auto refined = localizer.refined_poses();
+  EXPECT_FALSE(refined[2]);
+  ASSERT_TRUE(refined[3]);
+  EXPECT_EQ(refined[3]->confirmed, last_is_clear) << "nothing leads to another anchor without a break";
+  EXPECT_TRUE(refined[1]->confirmed);
+}
+
+TEST(LocalizerPoses, OfALateAnchorIsThatOfItsOwnFrame) {
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  localizer.process(short_flight()[0].image, short_flight()[0].telemetry);
+  auto followed = localizer.track(short_flight()[1].image, short_flight()[1].telemetry);
+  ASSERT_TRUE(followed.job);
+  EXPECT_FALSE(followed.report.anchor_pose);
+  followed.job->run();
+  localizer.track(short_flight()[2].image, short_flight()[2].telemetry);
+  const FrameReport report = localizer.finish(std::move(followed.job));
+  ASSERT_TRUE(report.anchor_pose);
+  expect_near(*report.anchor_pose, short_flight()[1]);
+}
+
+TEST(LocalizerPoses, WithoutAMapThereAreNone) {
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, start(), config());
+  EXPECT_TRUE(localizer.refined_poses().empty());
+  localizer.process(short_flight()[0].image, short_flight()[0].telemetry);
+  ASSERT_EQ(localizer.refined_poses().size(), 1U);
+  EXPECT_FALSE(localizer.refined_poses().front());
+}
+
+// The same flight gives the same bits, however many threads OpenCV may use.
+
+class Threads {
+ public:
+  explicit Threads(int count) : before_(cv::getNumThreads()) { cv::setNumThreads(count); }
+  ~Threads() { cv::setNumThreads(before_); }
+  Threads(const Threads&) = delete;
+  Threads& operator=(const Threads&) = delete;
+
+ private:
+  int before_;
+};
+
+// Every number that is published, as its bits.
+std::vector<std::uint64_t> bits_of(const std::vector<Estimate>& estimates) {
+  std::vector<std::uint64_t> bits;
+  const auto put = [&](double value) { bits.push_back(std::bit_cast<std::uint64_t>(value)); };
+  for (const Estimate& e : estimates) {
+    put(e.position ? e.position->lon_deg : 999);
+    put(e.position ? e.position->lat_deg : 999);
+    for (const double value : e.covariance_m2.reshaped()) put(value);
+    put(e.sigma_m), put(e.anchor_ratio), put(e.anchor_inliers);
+    bits.push_back(static_cast<std::uint64_t>(e.source));
+  }
+  return bits;
+}
+
+struct Flown {
+  std::vector<Estimate> online, refined;
+};
+
+Flown fly(int threads) {
+  const Threads set(threads);
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), config());
+  Flown flown;
+  for (const Moment& moment : short_flight()) {
+    flown.online.push_back(localizer.process(moment.image, moment.telemetry).estimate);
+  }
+  flown.refined = localizer.refined();
+  return flown;
+}
+
+TEST(LocalizerThreads, OneAndTwoGiveTheSameBits) {
+  const Flown one = fly(1), two = fly(2), again = fly(2);
+  ASSERT_EQ(one.online.back().source, SourceLabel::satellite_anchored) << "else nothing is compared";
+  EXPECT_EQ(bits_of(one.online), bits_of(two.online));
+  EXPECT_EQ(bits_of(one.refined), bits_of(two.refined));
+  EXPECT_EQ(bits_of(two.online), bits_of(again.online));
 }
 
 }  // namespace

@@ -9,7 +9,7 @@
 namespace nadir {
 namespace {
 
-const PlaneBox kArea{-1000, -500, 1000, 500};
+const PlaneBox kMissionArea{-1000, -500, 1000, 500};
 
 void expect_box(const std::optional<PlaneBox>& box, double west, double south, double east, double north) {
   ASSERT_TRUE(box);
@@ -20,14 +20,14 @@ void expect_box(const std::optional<PlaneBox>& box, double west, double south, d
 }
 
 TEST(SearchWindow, ThreeSigmasWithinLimits) {
-  const SearchWindow window(60, 600, kArea);
+  const SearchWindow window(60, 600, kMissionArea);
   EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
   EXPECT_DOUBLE_EQ(window.radius_m(50), 150);
   EXPECT_DOUBLE_EQ(window.radius_m(5000), 600);
 }
 
 TEST(SearchWindow, GrowsWithFramesThatMatchNowhere) {
-  SearchWindow window(60, 600, kArea);
+  SearchWindow window(60, 600, kMissionArea);
   double last = window.radius_m(5);
   for (int i = 0; i < 40; ++i) {
     window.record_attempt(i % 2 == 0 ? AnchorVerdict::few_inliers : AnchorVerdict::ambiguous);
@@ -42,13 +42,13 @@ TEST(SearchWindow, GrowsWithFramesThatMatchNowhere) {
 }
 
 TEST(SearchWindow, WithoutMapNothingContradictsThePrediction) {
-  SearchWindow window(60, 600, kArea);
+  SearchWindow window(60, 600, kMissionArea);
   for (int i = 0; i < 40; ++i) window.record_attempt(AnchorVerdict::no_map);
   EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
 }
 
 TEST(SearchWindow, LostWhenNoWindowSurelyHoldsThePlace) {
-  const SearchWindow window(60, 600, kArea);
+  const SearchWindow window(60, 600, kMissionArea);
   EXPECT_TRUE(window.lost(false, 1));
   EXPECT_FALSE(window.lost(true, 199));
   EXPECT_TRUE(window.lost(true, 201));
@@ -56,7 +56,7 @@ TEST(SearchWindow, LostWhenNoWindowSurelyHoldsThePlace) {
 }
 
 TEST(SearchWindow, ReachableArea) {
-  const SearchWindow window(60, 600, kArea);
+  const SearchWindow window(60, 600, kMissionArea);
   expect_box(window.reachable_area(false, {0, 0}, 1), -1000, -500, 1000, 500);
   expect_box(window.reachable_area(true, {900, 0}, 100), 600, -300, 1000, 300);
   expect_box(window.reachable_area(true, {9000, 0}, 100), -1000, -500, 1000, 500);
@@ -64,7 +64,7 @@ TEST(SearchWindow, ReachableArea) {
 
 // 2000 x 1000 m: two squares. 5000 x 1500: four.
 TEST(SearchWindow, SearchesLargeAreasInParts) {
-  SearchWindow window(60, 600, kArea);
+  SearchWindow window(60, 600, kMissionArea);
   const PlaneBox area{-1000, -500, 1000, 500};
   expect_box(window.next_part(area, {300, 0}), 0, -500, 1000, 500);
   expect_box(window.next_part(area, {300, 0}), -1000, -500, 0, 500);
@@ -72,7 +72,7 @@ TEST(SearchWindow, SearchesLargeAreasInParts) {
   window.record_attempt(AnchorVerdict::accepted);
   expect_box(window.next_part(area, {-300, 0}), -1000, -500, 0, 500);
 
-  SearchWindow other(60, 600, kArea);
+  SearchWindow other(60, 600, kMissionArea);
   double searched_m2 = 0;
   for (int i = 0; i < 4; ++i) {
     const PlaneBox part = other.next_part({0, 0, 5000, 1500}, {5000, 700});
@@ -103,9 +103,9 @@ TEST(OperatorHint, IsPropagatedByOdometryAndGrows) {
 }
 
 TEST(OperatorHint, EndsWhereTheAreaEnds) {
-  expect_box(OperatorHint({900, 450}, 200).box({0, 0}, 9, kArea), 700, 250, 1000, 500);
-  EXPECT_FALSE(OperatorHint({1300, 0}, 200).box({0, 0}, 9, kArea));
-  EXPECT_FALSE(OperatorHint({0, -1e7}, 200).box({0, 0}, 9, kArea));
+  expect_box(OperatorHint({900, 450}, 200).box({0, 0}, 9, kMissionArea), 700, 250, 1000, 500);
+  EXPECT_FALSE(OperatorHint({1300, 0}, 200).box({0, 0}, 9, kMissionArea));
+  EXPECT_FALSE(OperatorHint({0, -1e7}, 200).box({0, 0}, 9, kMissionArea));
 }
 
 }  // namespace

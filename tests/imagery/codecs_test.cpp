@@ -1,5 +1,6 @@
 #include "imagery/codecs.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <opencv2/imgproc.hpp>

@@ -12,6 +12,8 @@
 namespace nadir {
 namespace {
 
+using test::bent_camera;
+using test::coordinates;
 using test::seen_by_pixel;
 using test::small_camera;
 
@@ -22,28 +24,11 @@ const LocalFrame& plane() {
 
 constexpr int kFineZoom = 20;  // 0.1 m: 256 pixels are 26 m
 
-CameraModel bent_camera() {
-  CameraModel camera = small_camera();
-  camera.distortion = {-0.18, 0.04, 0.001, -0.0015, 0};
-  return camera;
-}
-
 // The place of a tile's pixel by the textbook's Mercator.
 PlanePoint place_of(const TileKey& key, double column, double row) {
   const double across = std::ldexp(256.0, key.z);
   const double x = (key.x * 256.0 + column + 0.5) / across, y = (key.y * 256.0 + row + 0.5) / across;
   return plane().plane_from_lonlat({x * 360 - 180, degrees(std::atan(std::sinh(kPi * (1 - 2 * y))))});
-}
-
-// A picture whose values are its own pixel coordinates: rectified, it tells where each pixel was taken from.
-cv::Mat coordinates(const CameraModel& camera) {
-  cv::Mat picture(camera.height, camera.width, CV_32FC2);
-  for (int r = 0; r < camera.height; ++r) {
-    for (int c = 0; c < camera.width; ++c) {
-      picture.at<cv::Vec2f>(r, c) = {static_cast<float>(c), static_cast<float>(r)};
-    }
-  }
-  return picture;
 }
 
 class Hills final : public GroundSurface {

@@ -1,5 +1,7 @@
 #include "package_build/package_updater.hpp"
 
+#include <gmock/gmock.h>
+
 #include <csignal>
 #include <fstream>
 #include <opencv2/core.hpp>

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <fstream>
@@ -17,6 +16,7 @@
 #include "package_build/package_builder.hpp"
 #include "raster/test_raster.hpp"
 #include "support/process.hpp"
+#include "support/small_disk.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -303,15 +303,8 @@ TEST_F(TerrainBuilder, AFullDiskAtTheTerrainLosesNothing) {
   });
   write_map();
   const fs::path small = folder_ / "small", filler = small / "filler";
-  fs::create_directory(small);
-  if (::geteuid() != 0 ||
-      test::run_process({"mount", "-t", "tmpfs", "-o", "size=16m", "tmpfs", small.string()}).code != 0) {
-    GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
-  }
-  const struct Unmount {
-    ~Unmount() { test::run_process({"umount", "-l", path.string()}); }
-    fs::path path;
-  } unmount{small};
+  test::SmallDisk disk(small, "size=16m");
+  if (!disk.mounted()) GTEST_SKIP() << "NOT TESTED: a full disk needs root and a tmpfs to mount";
   class FillDisk final : public Progress {
    public:
     explicit FillDisk(fs::path filler) : filler_(std::move(filler)) {}

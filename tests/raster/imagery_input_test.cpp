@@ -1,5 +1,6 @@
 #include "raster/imagery_input.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"

@@ -1,5 +1,6 @@
 #include "raster/raster_source.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,6 +1,7 @@
 // Inputs of a replay: what is read, and that everything wrong is refused with its place.
 #include "replay/flight_folder.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <opencv2/core.hpp>

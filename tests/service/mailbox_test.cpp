@@ -104,5 +104,16 @@ TEST(LatestMailbox, ManyWritersNeverWaitAndEveryItemIsCounted) {
   EXPECT_EQ(counts.taken + counts.dropped, counts.put);
 }
 
+TEST(LatestSlot, ReturnsTheLatestValueOnce) {
+  LatestSlot<int> box;
+  EXPECT_EQ(box.take(), nullptr);
+  box.put(1);
+  box.put(2);
+  const auto taken = box.take();
+  ASSERT_NE(taken, nullptr);
+  EXPECT_EQ(*taken, 2);
+  EXPECT_EQ(box.take(), nullptr);
+}
+
 }  // namespace
 }  // namespace nadir

@@ -34,7 +34,7 @@ ALLOWED = {
     "nadird_client": "base http cli",
     "provision": "base geodesy imagery trust package vision estimation mavlink replay cli",
     # the ground's own
-    "raster": "base geodesy package",
+    "raster": "base geodesy imagery package",
     "package_build": "base geodesy imagery trust package vision ortho raster",
     "catalogue": "base geodesy package raster",
     "upload": "base imagery trust ortho",

@@ -1,5 +1,6 @@
 #include "vision/camera.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>

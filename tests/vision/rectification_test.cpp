@@ -10,16 +10,12 @@
 namespace nadir {
 namespace {
 
+using test::bent_camera;
+using test::coordinates;
 using test::photograph;
 using test::seen_by_pixel;
 using test::small_camera;
 using test::waves;
-
-CameraModel bent_camera() {
-  CameraModel camera = small_camera();
-  camera.distortion = {-0.18, 0.04, 0.001, -0.0015, 0};
-  return camera;
-}
 
 GroundGrid grid_over(const CameraModel& camera, const CameraPose& pose, double gsd_m) {
   const auto box = footprint_of(camera, pose);
@@ -28,17 +24,6 @@ GroundGrid grid_over(const CameraModel& camera, const CameraPose& pose, double g
   grid.columns = static_cast<int>((box->east_m - box->west_m) / gsd_m);
   grid.rows = static_cast<int>((box->north_m - box->south_m) / gsd_m);
   return grid;
-}
-
-// A image whose values are its own pixel coordinates: rectified, it tells where each cell was taken from.
-cv::Mat coordinates(const CameraModel& camera) {
-  cv::Mat picture(camera.height, camera.width, CV_32FC2);
-  for (int r = 0; r < camera.height; ++r) {
-    for (int c = 0; c < camera.width; ++c) {
-      picture.at<cv::Vec2f>(r, c) = {static_cast<float>(c), static_cast<float>(r)};
-    }
-  }
-  return picture;
 }
 
 struct Case {

@@ -168,4 +168,20 @@ CameraModel small_camera() {
   return camera;
 }
 
+CameraModel bent_camera() {
+  CameraModel camera = small_camera();
+  camera.distortion = {-0.18, 0.04, 0.001, -0.0015, 0};
+  return camera;
+}
+
+cv::Mat coordinates(const CameraModel& camera) {
+  cv::Mat picture(camera.height, camera.width, CV_32FC2);
+  for (int r = 0; r < camera.height; ++r) {
+    for (int c = 0; c < camera.width; ++c) {
+      picture.at<cv::Vec2f>(r, c) = {static_cast<float>(c), static_cast<float>(r)};
+    }
+  }
+  return picture;
+}
+
 }  // namespace nadir::test

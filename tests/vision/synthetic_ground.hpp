@@ -45,5 +45,9 @@ cv::Mat photograph(const Ground& ground, const CameraModel& camera, const Camera
 
 // A camera of 320 x 240 pixels that sees 80 degrees across.
 CameraModel small_camera();
+CameraModel bent_camera();  // the same with a distorted lens
+
+// CV_32FC2: a picture whose values are its own pixel coordinates. Rectified, it tells where each pixel was taken from.
+cv::Mat coordinates(const CameraModel& camera);
 
 }  // namespace nadir::test

@@ -1,11 +1,307 @@
+// nadir-candidates: serve, status and export.
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include <cerrno>
+#include <chrono>
+#include <filesystem>
 #include <iostream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <thread>
+#include <vector>
 
-#include "nadir_candidates/commands.hpp"
-#include "cli/terminal.hpp"
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "candidates/candidate_catalogue.hpp"
+#include "candidates/candidate_service.hpp"
+#include "candidates/promoted_imagery.hpp"
+#include "cli/command.hpp"
+#include "cli/options.hpp"
+#include "cli/output.hpp"
 #include "cli/program.hpp"
+#include "cli/terminal.hpp"
+#include "nadir_candidates/upload_server.hpp"
+#include "nadir_candidates/work_queue.hpp"
+
+namespace nadir {
+namespace {
+
+constexpr std::size_t kQueuedPerClient = 16;  // requests
+constexpr auto kPollInterval = std::chrono::milliseconds(100);
+constexpr int kPollsBetweenRetries = 50;
+constexpr int kPollsBetweenCleanups = 36'000;  // an hour
+
+// Of --data and --catalogue. Throws UsageError when neither is given.
+CatalogueLocation catalogue_location(const std::string& catalogue, const std::optional<std::filesystem::path>& data) {
+  if (!catalogue.empty()) return parse_catalogue_location(catalogue);
+  if (data) return parse_catalogue_location((*data / "catalogue.sqlite").string());
+  throw UsageError({.what = "no catalogue given", .expected = "--data DIR or --catalogue CATALOGUE"});
+}
+
+// The folder of a service, held by one process at a time.
+class DataFolder {
+ public:
+  // Creates it where it is missing. Throws Error when another process holds it.
+  explicit DataFolder(const std::filesystem::path& path) {
+    std::error_code code;
+    std::filesystem::create_directories(path, code);
+    if (code) throw Error({.what = "cannot create the service's folder", .where = path, .found = code.message()});
+    lock_ = ::open((path / ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+    if (lock_ < 0) {
+      throw Error({.what = "cannot write to the service's folder", .where = path, .found = system_error_text(errno)});
+    }
+    if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
+      ::close(lock_);
+      throw Error(
+          {.what = "another service uses this folder", .where = path, .fix = "stop it first, or use another --data"});
+    }
+  }
+  ~DataFolder() { ::close(lock_); }
+  DataFolder(const DataFolder&) = delete;
+  DataFolder& operator=(const DataFolder&) = delete;
+
+ private:
+  int lock_ = -1;
+};
+
+// Runs the service.
+class ServeCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "serve"; }
+  std::string_view summary() const override { return "accept and evaluate candidate tiles, and let flights vote"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  void complete_rules();
+
+  CandidateServiceOptions service_;
+  std::filesystem::path data_;
+  std::string catalogue_;
+  std::string listen_ = "127.0.0.1:8760";
+  std::vector<std::string> token_files_;
+  std::optional<std::filesystem::path> port_file_;
+  int threads_ = 2;
+  int max_age_days_ = 90;
+  int quota_mb_ = 8192;
+  int keep_free_mb_ = 1024;
+  std::string independent_ = "days";
+};
+
+std::string_view ServeCommand::details() const {
+  return R"(Listens until it is interrupted. Whatever it has answered is on the disk: it may be killed at any moment and
+resumes where it was. It does not speak TLS: beyond this machine, run it behind a proxy that does. Tiles are
+evaluated when their upload is complete; one is promoted when --votes independent flights show the same
+ground at the same place. The trust root is read again whenever its file changes.)";
+}
+
+std::string_view ServeCommand::examples() const {
+  return R"(nadir-candidates serve --data /srv/candidates --trust root.json --token-file ground-1.token
+nadir-candidates serve --data /srv/candidates --trust root.json --token-file mini-07=field.token \
+    --package /srv/packages/valley-12 --catalogue "PG:dbname=fleet" --votes 3)";
+}
+
+void ServeCommand::setup(Options& options) {
+  options.value("--data", data_, "DIR", "folder for packs, uploads and the catalogue; created when missing").required();
+  options.value("--trust", service_.trust, "FILE", "the trust root, with the airframes' tile signers").required();
+  options
+      .values("--token-file", token_files_, "[AIRFRAME=]FILE",
+              "bearer token of a client; the file name is the client's name")
+      .required();
+  options.value("--listen", listen_, "IP:PORT", "address to listen on");
+  options.value("--catalogue", catalogue_, "CATALOGUE",
+                "a SpatiaLite file or \"PG:…\"; DATA/catalogue.sqlite without it");
+  options.values("--package", service_.packages, "PACKAGE",
+                 "base packages of the flights; tiles of other packages are rejected");
+  options.value("--votes", service_.rules.flights_to_promote, "N", "flights that must agree").between(2, 10);
+  options
+      .value("--independent", independent_, "WHAT",
+             "which flights count as independent: only those of other airframes, or also those of other days")
+      .one_of({"airframes", "days"});
+  options.value("--max-age-days", max_age_days_, "N", "older tiles are refused").between(1, 3650);
+  options.value("--quota-mb", quota_mb_, "N", "megabytes that an airframe may announce per day").between(1, 1'000'000);
+  options.value("--keep-free-mb", keep_free_mb_, "N", "free megabytes on the disk below which no upload is accepted")
+      .between(0, 1'000'000);
+  options.value("--threads", threads_, "N", "worker threads").between(1, 64);
+  options.value("--port-file", port_file_, "FILE", "write the port here once listening; for --listen IP:0");
+}
+
+void ServeCommand::complete_rules() {
+  service_.rules.airframes_differ = independent_ == "airframes";
+  service_.rules.max_age_ms = max_age_days_ * kDay_ms;
+  service_.rules.quota_bytes = std::int64_t{quota_mb_} * 1'000'000;
+  service_.keep_free_bytes = std::uint64_t{static_cast<unsigned>(keep_free_mb_)} * 1'000'000;
+}
+
+int ServeCommand::run(Context& context) {
+  const ListenAddress address = parse_listen_address(listen_);
+  const Clients clients(token_files_);
+  complete_rules();
+  const DataFolder folder(data_);
+  service_.data = data_;
+  service_.catalogue =
+      parse_catalogue_location(catalogue_.empty() ? (data_ / "catalogue.sqlite").string() : catalogue_);
+  CandidateService service(service_, context.clock);
+  service.recover();
+
+  FairQueue queue(static_cast<std::size_t>(threads_), kQueuedPerClient);
+  ServiceWork work(service, queue);
+  const UploadApi api(service, clients, address.loopback(),
+                      [&work](const UploadClient& client, std::int64_t upload) { work.evaluate(client.name, upload); });
+  const UploadServer server(api, queue, address);
+  for (const auto& [client, upload] : service.pending_evaluations()) work.evaluate(client, upload);
+  work.vote();
+  if (port_file_) write_file_atomic(*port_file_, fmt::format("{}\n", server.port()));
+  if (!context.quiet) context.err << fmt::format("listening on {}:{}\n", address.ip, server.port()) << std::flush;
+  std::string reported;
+  for (int polls = 1; !interrupt_requested(); ++polls) {
+    std::this_thread::sleep_for(kPollInterval);
+    if (polls % kPollsBetweenRetries == 0) {
+      std::string fault = work.fault();
+      if (fault.empty()) fault = service.root_fault();
+      if (fault != reported) {
+        reported = fault;
+        if (!fault.empty()) context.err << fault << '\n' << std::flush;
+      }
+      work.retry();
+      work.apply_revocations();
+    }
+    if (polls % kPollsBetweenCleanups == 0) work.forget_expired();
+  }
+  return kAccepted;
+}
+
+// What a service's catalogue holds.
+class StatusCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "status"; }
+  std::string_view summary() const override {
+    return "count what the service holds: uploads, verdicts, promoted tiles";
+  }
+  std::string_view examples() const override { return "nadir-candidates status --data /srv/candidates --json"; }
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::optional<std::filesystem::path> data_;
+  std::string catalogue_;
+};
+
+void StatusCommand::setup(Options& options) {
+  options.value("--data", data_, "DIR", "the service's folder");
+  options.value("--catalogue", catalogue_, "CATALOGUE", "if it is not DATA/catalogue.sqlite");
+}
+
+int StatusCommand::run(Context& context) {
+  CandidateCatalogue catalogue(catalogue_location(catalogue_, data_), CandidateCatalogue::Access::read);
+  const CatalogueCounts counts = catalogue.counts();
+  if (context.json) {
+    nlohmann::json rejected = nlohmann::json::object();
+    for (const auto& [code, tiles] : counts.rejected_by) rejected[code] = tiles;
+    print_json(context.out, {{"uploads", {{"all", counts.uploads}, {"open", counts.open}, {"judging", counts.judging}}},
+                             {"tiles",
+                              {{"announced", counts.tiles},
+                               {"accepted", counts.accepted},
+                               {"rejected", counts.rejected},
+                               {"duplicate", counts.duplicate},
+                               {"to_vote", counts.to_vote},
+                               {"promoted", counts.promoted}}},
+                             {"rejected", std::move(rejected)}});
+    return kAccepted;
+  }
+  Figures figures{{"uploads", std::to_string(counts.uploads)},        {"  open", std::to_string(counts.open)},
+                  {"  being judged", std::to_string(counts.judging)}, {"tiles announced", std::to_string(counts.tiles)},
+                  {"  accepted", std::to_string(counts.accepted)},    {"  duplicate", std::to_string(counts.duplicate)},
+                  {"  rejected", std::to_string(counts.rejected)}};
+  for (const auto& [code, tiles] : counts.rejected_by) figures.emplace_back("    " + code, std::to_string(tiles));
+  figures.emplace_back("waiting for a vote", std::to_string(counts.to_vote));
+  figures.emplace_back("promoted", std::to_string(counts.promoted));
+  print_figures(context.out, figures);
+  return kAccepted;
+}
+
+// Promoted tiles as imagery for the next map.
+class ExportCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "export"; }
+  std::string_view summary() const override { return "write the promoted tiles as imagery for `nadir cache build`"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path data_, out_;
+  std::string catalogue_;
+};
+
+std::string_view ExportCommand::details() const {
+  return R"(OUT appears complete or not at all: a Cloud Optimized GeoTIFF for each day and each block of 16 by 16 tiles,
+with a STAC Item beside it that holds its capture time, resolution and accuracy. It may run beside the service.
+Exit code 1: nothing is promoted, and nothing was written.)";
+}
+
+std::string_view ExportCommand::examples() const {
+  return R"(nadir-candidates export --data /srv/candidates --out promoted
+nadir cache build --mission next.yaml --imagery promoted/*.tif --imagery map.tif --out next)";
+}
+
+void ExportCommand::setup(Options& options) {
+  options.value("--data", data_, "DIR", "the service's folder").required();
+  options.value("--catalogue", catalogue_, "CATALOGUE", "if it is not DATA/catalogue.sqlite");
+  options.value("--out", out_, "OUT", "folder to create").required();
+}
+
+int ExportCommand::run(Context& context) {
+  CandidateCatalogue catalogue(catalogue_location(catalogue_, data_), CandidateCatalogue::Access::read);
+  const PackStore packs(data_ / "packs");
+  std::vector<PromotedTile> tiles;
+  catalogue.each_promoted([&tiles](const PromotedTile& tile) { tiles.push_back(tile); });
+  nlohmann::json list = nlohmann::json::array();
+  if (tiles.empty()) {
+    if (context.json) {
+      print_json(context.out, {{"images", list}});
+    } else {
+      context.out << "nothing is promoted\n";
+    }
+    return kRefused;
+  }
+  StagingDirectory staging(out_);
+  for (const ExportedImage& image : write_promoted(std::move(tiles), packs, staging.path(), context.progress)) {
+    const std::string file = (out_ / image.file.filename()).string();
+    list.push_back({{"file", file},
+                    {"tiles", image.tiles},
+                    {"captured_at", to_rfc3339(image.captured_at)},
+                    {"gsd_m", image.gsd_m},
+                    {"ce90_m", image.ce90_m}});
+    if (!context.json) {
+      context.out << fmt::format("{}  {}, {}, GSD {:.2f} m, CE90 {:.1f} m\n", file, count(image.tiles, "tile"),
+                                 to_rfc3339(image.captured_at).substr(0, 10), image.gsd_m, image.ce90_m);
+    }
+  }
+  staging.commit();
+  if (context.json) print_json(context.out, {{"images", std::move(list)}});
+  return kAccepted;
+}
+
+}  // namespace
+}  // namespace nadir
 
 int main(int argc, char** argv) {
   nadir::install_signal_handlers();

@@ -17,8 +17,8 @@
 #include "cli/nadir_version.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/coverage_gaps.hpp"
-#include "package/mission_check.hpp"
 #include "package/coverage_requirement.hpp"
+#include "package/mission_check.hpp"
 #include "report/page_text.hpp"
 
 namespace nadir {
@@ -28,8 +28,6 @@ using nlohmann::json;
 
 constexpr std::size_t kMaxBlocks = 8000;  // of the matchability layer: what a browser draws and moves without a jerk
 constexpr std::size_t kMaxStretches = 20;
-
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
 bool worse(const PlaceMatchability& a, const PlaceMatchability& b) {
   return a.cls != b.cls ? a.cls > b.cls : a.ratio > b.ratio;

@@ -9,9 +9,10 @@
 
 #include "estimation/anchor_acceptance.hpp"
 #include "package/tile_container.hpp"
-#include "vision/matching_plan.hpp"
-#include "vision/map_matcher.hpp"
 #include "vision/camera.hpp"
+#include "vision/localizer_parameters.hpp"
+#include "vision/map_matcher.hpp"
+#include "vision/matching_plan.hpp"
 
 namespace nadir {
 namespace {
@@ -26,7 +27,7 @@ MatchabilityLimits flight_limits() {
   return {.good_ratio = gates.alone_ratio,
           .weak_ratio = gates.vote_ratio,
           .min_score = gates.min_score,
-          .min_valid = 0.6};  // as a placement needs in flight (vision/correlation.hpp)
+          .min_valid = kMinValidShare};  // as a placement needs in flight
 }
 
 // The square of the frame's area, and the scale at which a flight with this camera searches.
@@ -46,12 +47,10 @@ MatchabilityOptions options_for(const Mission& mission, const MatchabilityReques
   if (!request.camera || request.footprint_m) {
     options.gsd_m = std::max(map_gsd_m, options.footprint_m / kPlainTemplate_px);
   }
-  options.distinct_m = std::max(25.0, 12 * options.gsd_m);  // both as in vision/matching_plan.cpp
-  options.radius_m = std::max(options.radius_m, 2.2 * options.distinct_m);
+  options.distinct_m = std::max(kDistinct_m, kDistinct_px * options.gsd_m);  // as in flight (vision/matching_plan.cpp)
+  options.radius_m = std::max(options.radius_m, kMinWindowDistinct * options.distinct_m);
   return options;
 }
-
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
 std::string percent(double share) { return fmt::format("{:.1f} %", 100 * share); }
 
@@ -107,9 +106,9 @@ Figures figures_of(const MatchabilityResult& result) {
     figures.emplace_back(name_of(cls), fmt::format("{} of the places, {} of the route", percent(summary.share(cls)),
                                                    percent(summary.route_share(cls))));
   }
-  figures.emplace_back("longest segment without a good place", summary.without_good.empty()
-                                                           ? std::string("none: the whole route is good")
-                                                           : describe(summary.without_good.front(), result.cruise_mps));
+  figures.emplace_back("longest segment without a good place",
+                       summary.without_good.empty() ? std::string("none: the whole route is good")
+                                                    : describe(summary.without_good.front(), result.cruise_mps));
   return figures;
 }
 

@@ -9,8 +9,8 @@
 #include "base/progress.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "package_build/matchability_survey.hpp"
 #include "package/mission.hpp"
+#include "package_build/matchability_survey.hpp"
 
 namespace nadir {
 

@@ -20,8 +20,6 @@ namespace {
 
 using nlohmann::json;
 
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-
 json geometry_json(const GeoArea& area) {
   json polygons = json::array();
   for (const GeoPolygon& polygon : area) {
@@ -68,9 +66,7 @@ class CatalogueGapsCommand final : public Command {
  public:
   std::string_view group() const override { return "catalogue"; }
   std::string_view name() const override { return "gaps"; }
-  std::string_view summary() const override {
-    return "outline where the catalogued imagery does not cover a mission";
-  }
+  std::string_view summary() const override { return "outline where the catalogued imagery does not cover a mission"; }
   std::string_view details() const override;
   std::string_view examples() const override;
 

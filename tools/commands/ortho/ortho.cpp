@@ -1,6 +1,10 @@
 // `nadir ortho`: what a flight saw, as signed candidate tiles and as a mosaic for people.
 #include <fmt/format.h>
 
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -10,14 +14,15 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/progress.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
 #include "commands/ortho/compare_page.hpp"
-#include "commands/ortho/flight_tiles.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/mbtiles.hpp"
+#include "ortho/candidate_maker.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package_build/candidate_mosaic.hpp"
 #include "replay/flight_request.hpp"
@@ -41,10 +46,9 @@ UtcMillis first_frame_time(const std::optional<std::string>& asked, const ReadyF
   }
   const double first_s = ready.flight.frames.front().time_s;
   if (first_s >= kUnixFrom_s) return {static_cast<std::int64_t>(first_s * 1000)};
-  throw UsageError(
-      {.what = "capture time unknown",
-       .expected = "--captured TIME of the first frame, a recording, or telemetry in seconds since 1970",
-       .fix = "give --captured 2026-05-01T12:00:00Z"});
+  throw UsageError({.what = "capture time unknown",
+                    .expected = "--captured TIME of the first frame, a recording, or telemetry in seconds since 1970",
+                    .fix = "give --captured 2026-05-01T12:00:00Z"});
 }
 
 // The ground of all tiles, which are of one zoom.
@@ -61,6 +65,131 @@ PlaneBox ground_of(const MbtilesReader& tiles, const LocalFrame& frame) {
   const PlanePoint low = frame.plane_from_lonlat({south_west.west_deg, south_west.south_deg});
   const PlanePoint high = frame.plane_from_lonlat({north_east.east_deg, north_east.north_deg});
   return {low.east_m - kMargin_m, low.north_m - kMargin_m, high.east_m + kMargin_m, high.north_m + kMargin_m};
+}
+
+struct TilesSummary {
+  std::uint64_t frames = 0, used = 0;  // used: frames that tiles were made of …
+  std::uint64_t narrow = 0;            // … and those of them that cover no tile completely
+  std::uint64_t pieced = 0;            // tiles from several frames that were stored
+  std::uint64_t unfinished = 0;        // tiles that all frames together do not cover, or not verifiably
+  std::array<std::uint64_t, kPartialTileOutcomes> pieces{};
+  std::array<std::uint64_t, kOrthoRefusals> frames_refused{}, tiles_refused{};
+  std::uint64_t added = 0, replaced = 0, worse = 0, no_room = 0;
+  std::uint64_t tiles = 0, bytes = 0;  // in the store at the end
+};
+
+Bytes picture_bytes(const std::filesystem::path& path) {
+  try {
+    return read_file(path);
+  } catch (const Error&) {
+    return {};  // an image that was lost in flight; the maker rejects the frame
+  }
+}
+
+void count_frame(const FrameTiles& made, TilesSummary& summary) {
+  if (made.refusal) {
+    ++summary.frames_refused[static_cast<std::size_t>(*made.refusal)];
+    return;
+  }
+  ++summary.used;
+  if (made.whole == 0) ++summary.narrow;
+}
+
+void count_tiles(const FrameTiles& made, TilesSummary& summary) {
+  summary.pieced += made.mosaics_stored;
+  for (std::size_t i = 0; i < made.partial_tiles.size(); ++i) {
+    summary.pieces[i] += static_cast<std::uint64_t>(made.partial_tiles[i]);
+  }
+  for (std::size_t i = 0; i < made.refused.size(); ++i) {
+    summary.tiles_refused[i] += static_cast<std::uint64_t>(made.refused[i]);
+  }
+  for (const auto& [key, fate] : made.stored) {
+    switch (fate) {
+      case CandidateOutcome::added: ++summary.added; break;
+      case CandidateOutcome::replaced: ++summary.replaced; break;
+      case CandidateOutcome::worse: ++summary.worse; break;
+      case CandidateOutcome::no_room: ++summary.no_room; break;
+    }
+  }
+}
+
+template <typename Kind, std::size_t N>
+std::string text_of(const std::array<std::uint64_t, N>& counted) {
+  std::string text;
+  for (std::size_t i = 0; i < N; ++i) {
+    if (counted[i] == 0) continue;
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", counted[i], name_of(static_cast<Kind>(i)));
+  }
+  return text.empty() ? "none" : text;
+}
+
+template <typename Kind, std::size_t N>
+nlohmann::json json_of(const std::array<std::uint64_t, N>& counted) {
+  nlohmann::json counts = nlohmann::json::object();
+  for (std::size_t i = 0; i < N; ++i) {
+    if (counted[i] != 0) counts[std::string(name_of(static_cast<Kind>(i)))] = counted[i];
+  }
+  return counts;
+}
+
+// Candidate tiles from all frames of a flight. first: capture time of the first frame. frame_ms: maximum time for the
+// tiles of one frame; 0: no limit.
+TilesSummary make_flight_tiles(CandidateMaker& maker, CandidateStore& store, const Flight& flight,
+                               const std::vector<std::optional<FramePose>>& poses, UtcMillis first, int frame_ms,
+                               Progress& progress) {
+  TilesSummary summary;
+  summary.frames = flight.frames.size();
+  progress.begin("tiles", flight.frames.size(), "frames");
+  for (std::size_t i = 0; i < flight.frames.size(); ++i) {
+    const Telemetry& telemetry = flight.frames[i];
+    const double since_s = telemetry.time_s - flight.frames.front().time_s;
+    PosedFrame seen{telemetry.frame, {first.unix_ms + std::llround(since_s * 1000)}, {}};
+    if (poses[i]) seen.pose = *poses[i];
+    const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(frame_ms);
+    DeadlinePassed out_of_time;
+    if (frame_ms > 0) out_of_time = [until] { return std::chrono::steady_clock::now() > until; };
+    const Bytes picture = poses[i] ? picture_bytes(flight.image_path(i)) : Bytes();
+    const FrameTiles made = maker.make(seen, picture, store, out_of_time);
+    count_frame(made, summary);
+    count_tiles(made, summary);
+    progress.advance(1);
+  }
+  count_tiles(maker.finish(store), summary);
+  progress.end();
+  summary.unfinished = maker.unfinished();
+  summary.tiles = store.tiles();
+  summary.bytes = store.bytes();
+  return summary;
+}
+
+nlohmann::json json_from(const TilesSummary& s) {
+  return {{"schema", "nadir.ortho-summary/1"},
+          {"frames", s.frames},
+          {"frames_used", s.used},
+          {"frames_without_whole_tile", s.narrow},
+          {"frames_refused", json_of<OrthoRefusal>(s.frames_refused)},
+          {"tiles", s.tiles},
+          {"tiles_refused", json_of<OrthoRefusal>(s.tiles_refused)},
+          {"tiles_pieced", s.pieced},
+          {"tiles_unfinished", s.unfinished},
+          {"pieces", json_of<PartialTileOutcome>(s.pieces)},
+          {"replaced", s.replaced},
+          {"worse", s.worse},
+          {"no_room", s.no_room},
+          {"bytes", s.bytes}};
+}
+
+Figures figures_from(const TilesSummary& s) {
+  return {{"frames", std::to_string(s.frames)},
+          {"frames used", std::to_string(s.used)},
+          {"frames rejected", text_of<OrthoRefusal>(s.frames_refused)},
+          {"frames without a complete tile", std::to_string(s.narrow)},
+          {"candidate tiles", fmt::format("{}, {:.1f} MB", s.tiles, static_cast<double>(s.bytes) / 1e6)},
+          {"from several frames", fmt::format("{} stored, {} incomplete", count(s.pieced, "tile"), s.unfinished)},
+          {"partial tiles", text_of<PartialTileOutcome>(s.pieces)},
+          {"tiles rejected", text_of<OrthoRefusal>(s.tiles_refused)},
+          {"duplicates", fmt::format("{} replaced, {} discarded", s.replaced, s.worse)},
+          {"beyond the budget", std::to_string(s.no_room)}};
 }
 
 class OrthoCommand final : public Command {

@@ -16,25 +16,19 @@
 namespace nadir {
 namespace {
 
-class SyncPruneCommand final : public Command {
+class SyncPruneCommand final : public SyncCommand {
  public:
-  explicit SyncPruneCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+  using SyncCommand::SyncCommand;
 
-  std::string_view group() const override { return "sync"; }
   std::string_view name() const override { return "prune"; }
-  std::string_view summary() const override {
-    return "delete the images of tiles whose verdict is old enough";
-  }
+  std::string_view summary() const override { return "delete the images of tiles whose verdict is old enough"; }
   std::string_view details() const override;
   std::string_view examples() const override;
-  bool offers_json() const override { return true; }
 
   void setup(Options& options) override;
   int run(Context& context) override;
 
  private:
-  SyncEnvironment environment_;
-  std::filesystem::path outbox_;
   std::int64_t keep_days_ = 30;
   bool dry_run_ = false;
 };
@@ -46,9 +40,7 @@ stays, so that no tile is staged twice.
 Exit codes: 0 success, 2 the job could not be done.)";
 }
 
-std::string_view SyncPruneCommand::examples() const {
-  return R"(nadir sync prune outbox --keep-days 14)";
-}
+std::string_view SyncPruneCommand::examples() const { return R"(nadir sync prune outbox --keep-days 14)"; }
 
 void SyncPruneCommand::setup(Options& options) {
   options.positional("OUTBOX", outbox_, "outbox folder").required();
@@ -64,7 +56,8 @@ int SyncPruneCommand::run(Context& context) {
     print_json(context.out, {{"tiles", sum.tiles}, {"bytes", sum.bytes}, {"dry_run", dry_run_}});
   } else {
     context.out << fmt::format("{} the images of {}, {:.1f} MB\n", dry_run_ ? "would delete" : "deleted",
-                               count(static_cast<std::uint64_t>(sum.tiles), "tile"), static_cast<double>(sum.bytes) / 1e6);
+                               count(static_cast<std::uint64_t>(sum.tiles), "tile"),
+                               static_cast<double>(sum.bytes) / 1e6);
   }
   return kAccepted;
 }

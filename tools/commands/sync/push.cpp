@@ -16,8 +16,8 @@
 #include "commands/commands.hpp"
 #include "commands/sync/sync_environment.hpp"
 #include "trust/bearer_token.hpp"
-#include "upload/transport.hpp"
 #include "upload/outbox_upkeep.hpp"
+#include "upload/transport.hpp"
 #include "upload/uploader.hpp"
 
 namespace nadir {
@@ -48,18 +48,16 @@ nlohmann::json json_from(const UploadOutcome& outcome) {
           {"body_bytes", outcome.body_bytes}};
 }
 
-class SyncPushCommand final : public Command {
+class SyncPushCommand final : public SyncCommand {
  public:
-  explicit SyncPushCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+  using SyncCommand::SyncCommand;
 
-  std::string_view group() const override { return "sync"; }
   std::string_view name() const override { return "push"; }
   std::string_view summary() const override {
     return "send the outbox to the candidate service and fetch the verdicts";
   }
   std::string_view details() const override;
   std::string_view examples() const override;
-  bool offers_json() const override { return true; }
 
   void setup(Options& options) override;
   int run(Context& context) override;
@@ -68,8 +66,6 @@ class SyncPushCommand final : public Command {
   std::string token() const;
   int dry_run(Context& context) const;
 
-  SyncEnvironment environment_;
-  std::filesystem::path outbox_;
   std::string to_;
   std::optional<std::filesystem::path> token_file_;
   std::optional<std::filesystem::path> authorities_;
@@ -127,10 +123,9 @@ int SyncPushCommand::dry_run(Context& context) const {
     print_json(context.out,
                {{"dry_run", true}, {"to_send", unsent.tiles}, {"bytes", unsent.bytes}, {"verdicts_awaited", awaited}});
   } else {
-    context.out << fmt::format("{} would be sent, at most {:.1f} MB; {} pending\n",
-                               count(static_cast<std::uint64_t>(unsent.tiles), "tile"),
-                               static_cast<double>(unsent.bytes) / 1e6,
-                               count(static_cast<std::uint64_t>(awaited), "verdict"));
+    context.out << fmt::format(
+        "{} would be sent, at most {:.1f} MB; {} pending\n", count(static_cast<std::uint64_t>(unsent.tiles), "tile"),
+        static_cast<double>(unsent.bytes) / 1e6, count(static_cast<std::uint64_t>(awaited), "verdict"));
   }
   return kAccepted;
 }

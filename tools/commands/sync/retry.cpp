@@ -21,25 +21,21 @@
 namespace nadir {
 namespace {
 
-class SyncRetryCommand final : public Command {
+class SyncRetryCommand final : public SyncCommand {
  public:
-  explicit SyncRetryCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+  using SyncCommand::SyncCommand;
 
-  std::string_view group() const override { return "sync"; }
   std::string_view name() const override { return "retry"; }
   std::string_view summary() const override {
     return "retry tiles that were parked, or rejected for a temporary reason";
   }
   std::string_view details() const override;
   std::string_view examples() const override;
-  bool offers_json() const override { return true; }
 
   void setup(Options& options) override;
   int run(Context& context) override;
 
  private:
-  SyncEnvironment environment_;
-  std::filesystem::path outbox_;
   std::vector<std::string> codes_;
   std::optional<std::filesystem::path> key_;
 };
@@ -61,17 +57,15 @@ nadir sync retry outbox --code quota --key mini-07.key.pem)";
 
 void SyncRetryCommand::setup(Options& options) {
   options.positional("OUTBOX", outbox_, "outbox folder").required();
-  options.values("--code", codes_, "REASON", "retry tiles that failed for this reason; may be repeated")
-      .needs("--key");
+  options.values("--code", codes_, "REASON", "retry tiles that failed for this reason; may be repeated").needs("--key");
   options.value("--key", key_, "KEY.pem", "private tile key of the airframe, which signs the new batches");
 }
 
 int SyncRetryCommand::run(Context& context) {
   for (const std::string& code : codes_) {
     if (parse_reason_code(code)) continue;
-    throw UsageError({.what = "unknown reason",
-                      .found = code,
-                      .fix = "nadir sync status lists the reasons in this outbox"});
+    throw UsageError(
+        {.what = "unknown reason", .found = code, .fix = "nadir sync status lists the reasons in this outbox"});
   }
   std::optional<PrivateKey> key;
   if (key_) key = PrivateKey::read(*key_);

@@ -24,16 +24,14 @@ namespace {
 
 constexpr std::size_t kTilesPerTransaction = 256;
 
-class SyncStageCommand final : public Command {
+class SyncStageCommand final : public SyncCommand {
  public:
-  explicit SyncStageCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+  using SyncCommand::SyncCommand;
 
-  std::string_view group() const override { return "sync"; }
   std::string_view name() const override { return "stage"; }
   std::string_view summary() const override { return "add a flight's candidate tiles to the outbox"; }
   std::string_view details() const override;
   std::string_view examples() const override;
-  bool offers_json() const override { return true; }
 
   void setup(Options& options) override;
   int run(Context& context) override;
@@ -46,9 +44,7 @@ class SyncStageCommand final : public Command {
   Sum take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root, const PublicKey& key, UtcTime at,
            Context& context, Findings& findings) const;
 
-  SyncEnvironment environment_;
   std::filesystem::path candidates_;
-  std::filesystem::path outbox_;
   std::filesystem::path key_;
   std::optional<std::filesystem::path> trust_;
   std::optional<std::filesystem::path> recorder_;

@@ -54,7 +54,8 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
   for (const auto& [state, sum] : report.states) {
     if (sum.tiles == 0) continue;
     figures.emplace_back(name_of(state),
-                         fmt::format("{}, {:.1f} MB", count(static_cast<std::uint64_t>(sum.tiles), "tile"), static_cast<double>(sum.bytes) / 1e6));
+                         fmt::format("{}, {:.1f} MB", count(static_cast<std::uint64_t>(sum.tiles), "tile"),
+                                     static_cast<double>(sum.bytes) / 1e6));
   }
   if (figures.empty()) out << "the outbox is empty\n";
   for (const auto& [code, tiles] : report.reasons)

@@ -4,12 +4,15 @@
 
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
+#include <string_view>
+#include <utility>
 
 #include "cli/command.hpp"
-#include "upload/transport.hpp"
 #include "upload/outbox.hpp"
+#include "upload/transport.hpp"
 #include "upload/uploader.hpp"
 
 namespace nadir {
@@ -23,6 +26,18 @@ struct SyncEnvironment {
       [](std::unique_ptr<HttpTransport> real) { return real; };
 
   static std::array<std::uint8_t, 16> system_random_bytes();  // from the operating system
+};
+
+// A command that changes an outbox.
+class SyncCommand : public Command {
+ public:
+  explicit SyncCommand(SyncEnvironment environment) : environment_(std::move(environment)) {}
+  std::string_view group() const override { return "sync"; }
+  bool offers_json() const override { return true; }
+
+ protected:
+  SyncEnvironment environment_;
+  std::filesystem::path outbox_;
 };
 
 std::unique_ptr<Command> make_sync_stage(SyncEnvironment environment);
