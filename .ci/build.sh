@@ -32,5 +32,9 @@ run_tests() {
   # ThreadSanitizer takes the pool of OpenMP, which was not built with it, for races.
   [[ $preset != tsan ]] || export OMP_NUM_THREADS=1
   # One more than cores: some tests wait for clocks, sockets and servers.
-  ctest --test-dir "$build_folder" --output-on-failure -j "$(($(nproc) + 1))" "$@" </dev/null
+  local status=0
+  ctest --test-dir "$build_folder" --output-on-failure -j "$(($(nproc) + 1))" "$@" </dev/null || status=$?
+  # ctest names what it skipped; this is why.
+  grep -hE '^(NOT TESTED|SKIPPED): ' "$build_folder/Testing/Temporary/LastTest.log" | sort -u >&2 || true
+  return "$status"
 }

@@ -17,14 +17,19 @@ function(nadir_library name)
 endfunction()
 
 # nadir_test(<name> [SOURCES …] LINK …): one GoogleTest program per folder of tests/, of its *_test.cpp and SOURCES; its
-# cases are known to ctest by name.
+# suites are known to ctest as <name>.<Suite>.
 function(nadir_test name)
   cmake_parse_arguments(TEST "" "" "SOURCES;LINK" ${ARGN})
   file(GLOB cases CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*_test.cpp")
   add_executable(test_${name} ${cases} ${TEST_SOURCES})
-  target_link_libraries(test_${name} PRIVATE ${TEST_LINK} nadir_test_support GTest::gmock GTest::gtest_main nadir_warnings)
+  target_link_libraries(test_${name} PRIVATE ${TEST_LINK} nadir_test_support nadir_test_main nadir_warnings)
   target_include_directories(test_${name} PRIVATE "${PROJECT_SOURCE_DIR}/tests")
   target_precompile_headers(test_${name} REUSE_FROM nadir_test_pch)
-  gtest_discover_tests(test_${name} TEST_PREFIX "${name}." DISCOVERY_MODE PRE_TEST
-    PROPERTIES LABELS ${name} TIMEOUT 300)
+  set(suites "${CMAKE_CURRENT_BINARY_DIR}/${name}_suites")
+  file(GENERATE OUTPUT "${suites}.cmake" CONTENT "set(SUITES_NAME ${name})
+set(SUITES_PROGRAM [[$<TARGET_FILE:test_${name}>]])
+set(SUITES_LIST [[${suites}_list.cmake]])
+include([[${PROJECT_SOURCE_DIR}/cmake/DiscoverSuites.cmake]])
+")
+  set_property(DIRECTORY APPEND PROPERTY TEST_INCLUDE_FILES "${suites}.cmake")
 endfunction()

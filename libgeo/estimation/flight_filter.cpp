@@ -23,6 +23,19 @@ namespace model = parameters::telemetry;
 using namespace parameters::flight_filter;
 using F = FlightFilter;
 
+// Products of views of any size, compiled once: Eigen's own of fixed sizes are instantiated for each pair of types, which
+// takes a compiler most of a minute. The order of the operations is the same.
+using View = Eigen::Ref<const Eigen::MatrixXd>;
+Eigen::MatrixXd product(const View& a, const View& b) {
+  Eigen::MatrixXd result(a.rows(), b.cols());
+  result.noalias() = a * b;
+  return result;
+}
+// a bᵀ, as (b aᵀ)ᵀ: the order in which Eigen adds up a product with a transposed matrix inside a sum.
+Eigen::MatrixXd product_transposed(const View& a, const View& b) { return product(b, a.transpose()).transpose(); }
+// A P Aᵀ
+Eigen::MatrixXd congruence(const View& a, const View& p) { return product_transposed(product(a, p), a); }
+
 // An aircraft cannot become arbitrarily fast, however long nothing was observed.
 double max_velocity_variance(const FlightFilter::Options& options) {
   return kMaxVelocityVarianceRatio * options.start_velocity_sigma_mps * options.start_velocity_sigma_mps;
@@ -140,7 +153,7 @@ void propagate_by_imu(FlightPrediction& prediction, const F::State& before, doub
 // Closing a loop undoes the effect of a wrong heading, and the algebra knows. But the loop is predicted, not observed:
 // flying alone must never make the position more certain in any direction.
 void forbid_blind_certainty(FlightPrediction& prediction, const F::Covariance& before) {
-  const F::Covariance after = prediction.transition * before * prediction.transition.transpose() + prediction.noise;
+  const F::Covariance after = congruence(prediction.transition, before) + prediction.noise;
   const Eigen::Matrix2d grown = (after - before).topLeftCorner<2, 2>();
   const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(grown).eigenvalues()[0];
   if (least < 0) prediction.noise.topLeftCorner<2, 2>() -= least * Eigen::Matrix2d::Identity();
@@ -193,8 +206,8 @@ void FlightFilter::propagate_joint(const TelemetryInterval& interval, bool tilt_
   const State last = before ? State(before->first.head<states>()) : mean_;
   const Covariance last_covariance = before ? Covariance(before->second.topLeftCorner<states, states>()) : covariance_;
   const Covariance cross =
-      transition * (before ? Covariance(before->second.bottomLeftCorner<states, states>()) : covariance_);
-  const Covariance next = transition * covariance_ * transition.transpose() + noise;
+      product(transition, before ? Covariance(before->second.bottomLeftCorner<states, states>()) : covariance_);
+  const Covariance next = congruence(transition, covariance_) + noise;
   JointCovariance joint;
   joint << last_covariance, cross.transpose(), cross, next;
   const double ceiling = max_velocity_variance(options_);
@@ -293,11 +306,12 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
                                 const Eigen::Matrix<double, Rows, 1>& innovation,
                                 const Eigen::Matrix<double, Rows, Rows>& noise) {
   auto& [both, joint] = *joint_;
-  const Eigen::Matrix<double, Rows, Rows> spread = row * joint * row.transpose() + noise;
-  const Eigen::Matrix<double, kJoint, Rows> gain = spread.ldlt().solve(row * joint).transpose();
+  const Eigen::Matrix<double, Rows, kJoint> observed = product(row, joint);
+  const Eigen::Matrix<double, Rows, Rows> spread = product_transposed(observed, row) + noise;
+  const Eigen::Matrix<double, kJoint, Rows> gain = spread.ldlt().solve(observed).transpose();
   both += gain * innovation;
-  const JointCovariance left = JointCovariance::Identity() - gain * row;
-  joint = (left * joint * left.transpose() + gain * noise * gain.transpose()).eval();
+  const JointCovariance left = JointCovariance::Identity() - product(gain, row);
+  joint = congruence(left, joint) + congruence(gain, noise);
   joint = (0.5 * (joint + joint.transpose())).eval();
   mean_ = both.template tail<states>();
   covariance_ = joint.template bottomRightCorner<states, states>();
@@ -402,12 +416,14 @@ void FlightFilter::update_absolute(const PoseMeasurement& measurement) {
   for (int i = 0; i < 6; ++i) row(i, order[i]) = 1;
   Eigen::Matrix<double, 6, 1> innovation = measurement.value - row * mean_;
   innovation[3] = wrap_pi(innovation[3]);
-  const Eigen::Matrix<double, 6, 6> spread = row * covariance_ * row.transpose() + measurement.covariance;
-  const Eigen::Matrix<double, states, 6> gain = spread.ldlt().solve(row * covariance_).transpose();
+  const Eigen::Matrix<double, 6, states> observed = product(row, covariance_);
+  const Eigen::Matrix<double, 6, 6> spread = product_transposed(observed, row) + measurement.covariance;
+  const Eigen::Matrix<double, states, 6> gain = spread.ldlt().solve(observed).transpose();
   const double heading_before_rad = mean_[heading];
   mean_ += gain * innovation;
-  const Covariance left = Covariance::Identity() - gain * row;
-  covariance_ = (left * covariance_ * left.transpose() + gain * measurement.covariance * gain.transpose()).eval();
+  const Covariance left = Covariance::Identity() - product(gain, row);
+  const Eigen::Matrix<double, states, 6> weighted = gain * measurement.covariance;
+  covariance_ = congruence(left, covariance_) + product_transposed(weighted, gain);
   covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
   // The velocity was estimated with the old heading; linearized there it says nothing about a far one.
   if (std::abs(wrap_pi(mean_[heading] - heading_before_rad)) > kNonlinearHeading_rad) reset_velocity();
@@ -442,8 +458,7 @@ std::vector<FlightFilter::Smoothed> FlightFilter::smoothed() const {
     if (i == 0) break;
     const Link& link = links[i - 1];
     mean = (link.before + link.gain * (mean - link.now)).eval();
-    covariance =
-        (link.before_covariance + link.gain * (covariance - link.now_covariance) * link.gain.transpose()).eval();
+    covariance = link.before_covariance + product(product(link.gain, covariance - link.now_covariance), link.gain.transpose());
   }
   return result;
 }

@@ -7,7 +7,7 @@ import sqlite3
 import subprocess
 import unittest
 
-from support import EndToEnd, main, run
+from support import EndToEnd, made_once, main, run
 
 PAYLOAD = b"application/vnd.nadir.candidate-tile.v1+json"
 
@@ -15,7 +15,11 @@ PAYLOAD = b"application/vnd.nadir.candidate-tile.v1+json"
 class Ortho(EndToEnd):
     def setUp(self):
         super().setUp()
-        f = self.folder
+        shutil.copytree(made_once("flown", self.make), self.folder, dirs_exist_ok=True)
+        first = (self.folder / "flight/truth.csv").read_text().splitlines()[1].split(",")
+        self.start = f"--start={first[2]},{first[1]}"
+
+    def make(self, f):
         self.good("simulate", "world", "--seed", 3, "--size-km", 1, "--gsd-m", 0.6, "--out", f / "world")
         for key in ("root", "signer", "tile", "other"):
             self.good("keys", "create", "--out", f / key)
@@ -25,8 +29,6 @@ class Ortho(EndToEnd):
                   f / "world/dem.tif", "--key", f / "signer.key.pem", "--out", f / "package")
         self.good("simulate", "flight", "--world", f / "world/ground.tif", "--dem", f / "world/dem.tif", "--mission",
                   f / "world/mission.yaml", "--camera", f / "world/camera.yaml", "--frames", 5, "--out", f / "flight")
-        first = (f / "flight/truth.csv").read_text().splitlines()[1].split(",")
-        self.start = f"--start={first[2]},{first[1]}"
 
     def ask(self, out, **changed):
         f = self.folder

@@ -1,4 +1,5 @@
 """What the end-to-end tests share: running the programs, small inputs, and checks that nothing was left behind."""
+import atexit
 import json
 import os
 import pathlib
@@ -53,6 +54,19 @@ def run(*args, program=None, timeout=300):
                           timeout=timeout)
 
 
+MADE = {}
+
+
+def made_once(name, make):
+    """A folder that make(folder) fills the first time that it is asked for. Tests copy from it and never write to it."""
+    if name not in MADE:
+        folder = pathlib.Path(tempfile.mkdtemp(prefix="nadir-e2e."))
+        atexit.register(shutil.rmtree, folder, True)
+        make(folder)
+        MADE[name] = folder
+    return MADE[name]
+
+
 def write_map(path, seed=1):
     """A georeferenced RGB raster with structure, made by GDAL's own tools from a PPM."""
     import random
@@ -79,8 +93,8 @@ def write_jpeg(path, width, height, seed=1):
     generator = random.Random(seed)
     ppm = path.with_suffix(".ppm")
     blocks = [[generator.randrange(256) for _ in range(width // 8 + 1)] for _ in range(height // 8 + 1)]
-    pixels = bytes(blocks[y // 8][x // 8] for y in range(height) for x in range(width) for _ in range(3))
-    ppm.write_bytes(b"P6 %d %d 255\n" % (width, height) + pixels)
+    rows = [b"".join(bytes([value]) * 24 for value in row)[: 3 * width] for row in blocks]
+    ppm.write_bytes(b"P6 %d %d 255\n" % (width, height) + b"".join(rows[y // 8] for y in range(height)))
     subprocess.run(["gdal_translate", "-q", "-of", "JPEG", str(ppm), str(path)], check=True)
     ppm.unlink()
     side = path.with_suffix(path.suffix + ".aux.xml")
@@ -117,10 +131,13 @@ class EndToEnd(unittest.TestCase):
         return result
 
     def keys(self):
+        shutil.copytree(made_once("keys", self.make_keys), self.folder, dirs_exist_ok=True)
+
+    def make_keys(self, folder):
         for name in ("root", "signer"):
-            self.good("keys", "create", "--out", self.folder / name)
-        self.good("keys", "root", "--root-key", self.folder / "root.key.pem", "--package-signer",
-                  self.folder / "signer.pub.pem", "--expires", "2035-01-01", "--out", self.folder / "root.json")
+            self.good("keys", "create", "--out", folder / name)
+        self.good("keys", "root", "--root-key", folder / "root.key.pem", "--package-signer", folder / "signer.pub.pem",
+                  "--expires", "2035-01-01", "--out", folder / "root.json")
 
     def mission(self, name="mission.yaml", sequence=1, change=lambda text: text):
         path = self.folder / name
@@ -128,14 +145,17 @@ class EndToEnd(unittest.TestCase):
         return path
 
     def map(self):
-        path = self.folder / "map.tif"
-        if not path.exists():
-            write_map(path)
-        return path
+        if not (self.folder / "map.tif").exists():
+            shutil.copytree(made_once("map", lambda folder: write_map(folder / "map.tif")), self.folder, dirs_exist_ok=True)
+        return self.folder / "map.tif"
 
-    def build(self, out="package", **kwargs):
-        self.good("cache", "build", "--mission", self.mission(**kwargs), "--imagery", self.map(), "--key",
-                  self.folder / "signer.key.pem", "--out", self.folder / out)
+    def build(self, out="package", name="mission.yaml", sequence=1, change=lambda text: text):
+        """The small package, signed by keys()."""
+        mission, picture = self.mission(name, sequence, change), self.map()
+        made = made_once(mission.read_text(), lambda folder: self.good(
+            "cache", "build", "--mission", mission, "--imagery", picture, "--key", self.folder / "signer.key.pem", "--out",
+            folder / "package"))
+        shutil.copytree(made / "package", self.folder / out)
         return self.folder / out
 
     def flight(self, frames=3, width=320, height=240):
@@ -143,7 +163,8 @@ class EndToEnd(unittest.TestCase):
         (folder / "frames").mkdir(parents=True)
         rows = ["frame,time_s,agl_m,heading_deg,pitch_deg,roll_deg"]
         for i in range(frames):
-            write_jpeg(folder / "frames" / f"{i}.jpg", width, height, seed=i)
+            made = made_once(f"picture {i} {width} {height}", lambda made: write_jpeg(made / "frame.jpg", width, height, seed=i))
+            shutil.copy(made / "frame.jpg", folder / "frames" / f"{i}.jpg")
             rows.append(f"{i}.jpg,{i}.0,100,90,0,0")
         (folder / "telemetry.csv").write_text("\n".join(rows) + "\n")
         (folder / "camera.yaml").write_text(CAMERA.format(width=width, height=height))

@@ -49,7 +49,7 @@ class UpdatedPackage : public PackageUpdate {
 };
 
 TEST_F(UpdatedPackage, ReencodesExactlyTheTilesThatNewImageryTouches) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   const UpdateReport report = update(request({"patch.tif"}));
   ASSERT_FALSE(report.package.findings.has_errors());
   const std::set<TileKey> touched = touched_by(kPatch);
@@ -68,7 +68,7 @@ TEST_F(UpdatedPackage, ReencodesExactlyTheTilesThatNewImageryTouches) {
 }
 
 TEST_F(UpdatedPackage, SidecarsEqualThoseOfABuildFromBoth) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   ASSERT_FALSE(update(request({"patch.tif"})).package.findings.has_errors());
   ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}).findings.has_errors());
   const std::vector<Sidecar> updated = sidecars("new"), built = sidecars("both");
@@ -86,7 +86,7 @@ TEST_F(UpdatedPackage, SidecarsEqualThoseOfABuildFromBoth) {
 }
 
 TEST_F(UpdatedPackage, PixelsEqualThoseOfABuildFromBothWithinJpegsError) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   ASSERT_FALSE(update(request({"patch.tif"})).package.findings.has_errors());
   ASSERT_FALSE(build("both", "new.yaml", {"old.tif", "patch.tif"}).findings.has_errors());
   const MbtilesReader old(folder_ / "old" / kImageryFile), updated(folder_ / "new" / kImageryFile),
@@ -115,7 +115,7 @@ TEST_F(UpdatedPackage, WithPngItEqualsTheBuildFromBothByteForByte) {
 
 TEST_F(UpdatedPackage, ImageryThatCoversEverythingGivesTheBytesOfABuild) {
   write_map("all.tif", {0, 0, 2560, 2560}, 2, "2024-09-01T00:00:00Z", "survey");
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   const UpdateReport report = update(request({"all.tif"}));
   EXPECT_EQ(report.counts.copied, 0U);
   ASSERT_FALSE(build("alone", "new.yaml", {"all.tif"}).findings.has_errors());
@@ -123,7 +123,7 @@ TEST_F(UpdatedPackage, ImageryThatCoversEverythingGivesTheBytesOfABuild) {
 }
 
 TEST_F(UpdatedPackage, SameBytesForAnyNumberOfThreadsHardAndFeathered) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   for (const double feather_m : {0.0, 6.0}) {
     for (const int threads : {1, 3}) {
       UpdateRequest wanted = request({"patch.tif"}, fmt::format("new{}.{}", feather_m, threads));
@@ -174,7 +174,7 @@ TEST_F(UpdatedPackage, AnUpdateCanBeUpdated) {
 }
 
 TEST_F(UpdatedPackage, ASmallerMissionDropsTilesAndNeedsNoImagery) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   write_mission("new.yaml", 2, 0, 1);
   const UpdateReport report = update(request({}));
   ASSERT_FALSE(report.package.findings.has_errors());
@@ -187,7 +187,7 @@ TEST_F(UpdatedPackage, ASmallerMissionDropsTilesAndNeedsNoImagery) {
 }
 
 TEST_F(UpdatedPackage, ALargerMissionNeedsImageryForTheAddedArea) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   write_mission("new.yaml", 2, 6, 11);
   expect_refused(request({}), "coverage.gap");
   write_map("east.tif", {2300, 0, 1024, 2560}, 1, "2024-09-01T00:00:00Z", "survey");
@@ -202,7 +202,7 @@ TEST_F(UpdatedPackage, ALargerMissionNeedsImageryForTheAddedArea) {
 }
 
 TEST_F(UpdatedPackage, SectorsAreThoseOfTheNewMission) {
-  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+  build_old();
   write_mission("new.yaml", 2, 3, 6, {{"id: middle", "id: centre"}});
   ASSERT_FALSE(update(request({})).package.findings.has_errors());
   std::set<std::string> sectors;
@@ -215,7 +215,6 @@ TEST_F(UpdatedPackage, SectorsAreThoseOfTheNewMission) {
 class UpdateErrors : public PackageUpdate {
  protected:
   UpdateErrors() { write_map("patch.tif", {700, 900, 900, 500}, 1, "2024-09-01T00:00:00Z", "survey"); }
-  void make_old() { ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors()); }
 
   void make_old_with_terrain() {
     const std::map<std::string, std::string> dem{{"mode: flat", "mode: dem"}};
@@ -251,7 +250,7 @@ class UpdateErrors : public PackageUpdate {
 
 TEST_F(UpdateErrors, SequenceSeriesAndZoom) {
   write_mission("old.yaml", 2);
-  make_old();
+  ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
   for (const int sequence : {1, 2}) {
     write_mission("new.yaml", sequence);
     expect_refused(request({"patch.tif"}), "package.rollback");
@@ -263,7 +262,7 @@ TEST_F(UpdateErrors, SequenceSeriesAndZoom) {
 }
 
 TEST_F(UpdateErrors, AnUntrustedOrUnsignedPackage) {
-  make_old();
+  build_old();
   const PrivateKey other = PrivateKey::generate();
   TrustRoot foreign;
   foreign.expires = root_.expires;
@@ -281,20 +280,20 @@ TEST_F(UpdateErrors, AnUntrustedOrUnsignedPackage) {
 
 // Quick verification does not find it; copying the tile or mosaicking over it does.
 TEST_F(UpdateErrors, ADamagedTileThatIsCopied) {
-  make_old();
+  build_old();
   spoil_tile(fmt::format("zoom_level = 19 AND tile_column = {} AND tile_row = {}", kColumn, (1 << 19) - 1 - kRow));
   expect_refused(request({"patch.tif"}), "artifact.hash");
 }
 
 TEST_F(UpdateErrors, ADamagedTileThatIsMosaicked) {
-  make_old();
+  build_old();
   spoil_tile(
       fmt::format("zoom_level = 19 AND tile_column = {} AND tile_row = {}", kColumn + 2, (1 << 19) - 1 - (kRow + 3)));
   expect_refused(request({"patch.tif"}), "artifact.hash");
 }
 
 TEST_F(UpdateErrors, ForgedSidecars) {
-  make_old();
+  build_old();
   ASSERT_EQ(test::run_process({"sqlite3", (folder_ / "old" / kImageryFile).string(),
                                "UPDATE nadir_sidecars SET captured_at = '2024-10-01T00:00:00Z'"})
                 .code,
@@ -303,7 +302,7 @@ TEST_F(UpdateErrors, ForgedSidecars) {
 }
 
 TEST_F(UpdateErrors, ErrorsOfABuild) {
-  make_old();
+  build_old();
   write_mission("new.yaml", 2, 3, 6, {{"active: 400", "active: 100"}});  // the old tiles are 243 days old
   expect_refused(request({"patch.tif"}), "freshness.stale");
   write_mission("new.yaml", 2, 3, 6, {{"min_resolution_m: 0.5", "min_resolution_m: 0.29"}});
@@ -320,14 +319,14 @@ TEST_F(UpdateErrors, ErrorsOfABuild) {
 
 // That the old one is stale and out of date is why it is updated.
 TEST_F(UpdateErrors, AnOldPackageThatMayNotFlyAnyMoreIsAccepted) {
-  make_old();
+  build_old();
   write_map("all.tif", {0, 0, 2560, 2560}, 2, "2026-09-01T00:00:00Z", "survey");
   write_mission("new.yaml", 2, 3, 6, {{"created: 2024", "created: 2026"}, {"expires: 2024", "expires: 2026"}});
   EXPECT_FALSE(update(request({"all.tif"})).package.findings.has_errors());
 }
 
 TEST_F(UpdateErrors, ErrorsLeaveNothing) {
-  make_old();
+  build_old();
   EXPECT_THROW(update(request({"missing.tif"})), Error);
   UpdateRequest wanted = request({"patch.tif"});
   wanted.old_package = folder_ / "nowhere";
@@ -339,7 +338,7 @@ TEST_F(UpdateErrors, ErrorsLeaveNothing) {
 }
 
 TEST_F(UpdateErrors, AKilledUpdateLeavesNothingAndTheNextOneWorks) {
-  make_old();
+  build_old();
   folder_.write("root.json", sign_root(root_, {&key_}).json());
   write_file_atomic(folder_ / "k.pem", key_.pem(), 0600);
   const auto run = [&](const std::string& out, int event) {
@@ -373,7 +372,7 @@ TEST_F(UpdateErrors, ADamagedTerrainIsNotCopied) {
 }
 
 TEST_F(UpdateErrors, RootsAreCarriedOnAndMustBeConsecutive) {
-  make_old();
+  build_old();
   const auto next = [&](const TrustRoot& before, const std::string& name, const PrivateKey& key) {
     TrustRoot root = before;
     ++root.version;
@@ -401,7 +400,7 @@ TEST_F(UpdateErrors, RootsAreCarriedOnAndMustBeConsecutive) {
 }
 
 TEST_F(UpdateErrors, WarnsWhenTheKeyMayNotSign) {
-  make_old();
+  build_old();
   const PrivateKey unknown_key = PrivateKey::generate();
   UpdateRequest wanted = request({"patch.tif"});
   wanted.key = &unknown_key;

@@ -27,7 +27,12 @@ class PackageUpdate : public ::testing::Test {
     root_.expires = parse_utc("2030-01-01").value();
     root_.add_key(key_.public_key());
     root_.root.key_ids = root_.package_signer.key_ids = {key_.public_key().id()};
-    write_map("old.tif", {0, 0, kTiles * kTileSize, kTiles * kTileSize}, 0, "2024-03-01T00:00:00Z", "archive");
+    // Drawing it takes as long as an update: once for the whole suite.
+    static const TemporaryFolder drawn;
+    if (!std::filesystem::exists(drawn / "old.tif")) {
+      write_map(drawn, "old.tif", {0, 0, kTiles * kTileSize, kTiles * kTileSize}, 0, "2024-03-01T00:00:00Z", "archive");
+    }
+    std::filesystem::copy(drawn.path(), folder_.path());
     write_mission("old.yaml", 1);
     write_mission("new.yaml", 2);
   }
@@ -35,6 +40,11 @@ class PackageUpdate : public ::testing::Test {
   // pixels: from the north-west corner on. kind: a different image each.
   void write_map(const std::string& name, const cv::Rect& pixels, int kind, const std::string& datetime,
                  const std::string& provider, std::optional<cv::Rect> hole = std::nullopt) {
+    write_map(folder_, name, pixels, kind, datetime, provider, hole);
+  }
+  static void write_map(const TemporaryFolder& folder, const std::string& name, const cv::Rect& pixels, int kind,
+                        const std::string& datetime, const std::string& provider,
+                        std::optional<cv::Rect> hole = std::nullopt) {
     const double pixel_m = mercator_pixel_m(kZoom), half_m = kPi * kMercatorRadius_m;
     RasterSpec spec;
     spec.epsg = 3857;
@@ -42,13 +52,13 @@ class PackageUpdate : public ::testing::Test {
     if (hole) spec.nodata = 0;
     spec.transform = {{static_cast<double>(kColumn * kTileSize + pixels.x) * pixel_m - half_m, pixel_m, 0,
                        half_m - static_cast<double>(kRow * kTileSize + pixels.y) * pixel_m, 0, -pixel_m}};
-    write_raster(folder_ / name, spec, [&](int column, int row) -> std::array<int, 4> {
+    write_raster(folder / name, spec, [&](int column, int row) -> std::array<int, 4> {
       const int x = column + pixels.x, y = row + pixels.y;
       if (hole && hole->contains({x, y})) return {0, 0, 0, 0};
       const int wave = (x * 7 + y * 3 + kind * 40) % 61, check = (x / 29 + y / 23 + kind) % 2 * 60;
       return {60 + wave + check, 90 + check + kind * 30, 40 + wave + kind * 50, 255};
     });
-    write_item(folder_ / name, datetime, 0.3, provider);
+    write_item(folder / name, datetime, 0.3, provider);
   }
 
   // first, last: columns of tiles that the only sector covers; rows 3 to 6.
@@ -111,6 +121,17 @@ route:
     return build_package(request, progress);
   }
 
+  // The package "old" of old.tif and old.yaml as they are at first; built once for the whole suite.
+  void build_old() {
+    static const TemporaryFolder built;
+    if (!std::filesystem::exists(built / "old")) {
+      ASSERT_FALSE(build("old", "old.yaml", {"old.tif"}).findings.has_errors());
+      std::filesystem::copy(folder_ / "old", built / "old", std::filesystem::copy_options::recursive);
+      return;
+    }
+    std::filesystem::copy(built / "old", folder_ / "old", std::filesystem::copy_options::recursive);
+  }
+
   UpdateRequest request(std::vector<std::string> maps, const std::string& out = "new") {
     UpdateRequest request;
     request.old_package = folder_ / "old";
@@ -162,7 +183,11 @@ route:
   }
 
   TemporaryFolder folder_;
-  PrivateKey key_ = PrivateKey::generate();
+  static const PrivateKey& suite_key() {
+    static const PrivateKey key = PrivateKey::generate();
+    return key;
+  }
+  const PrivateKey& key_ = suite_key();
   TrustRoot root_;
   std::vector<std::string> remarks_;
 };

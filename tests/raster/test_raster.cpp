@@ -4,6 +4,7 @@
 #include <gdal_priv.h>
 #include <proj.h>
 
+#include <algorithm>
 #include <fstream>
 #include <memory>
 #include <stdexcept>
@@ -63,13 +64,16 @@ void write_raster(const std::filesystem::path& path, const RasterSpec& spec, con
     need(dataset->GetRasterBand(1)->SetColorTable(&table) == CE_None);
   }
   std::vector<std::uint8_t> line(static_cast<std::size_t>(spec.width));
-  for (int band = 1; band <= bands; ++band) {
-    if (spec.nodata) need(dataset->GetRasterBand(band)->SetNoDataValue(*spec.nodata) == CE_None);
-    for (int row = 0; row < spec.height; ++row) {
-      for (int column = 0; column < spec.width; ++column) {
-        line[static_cast<std::size_t>(column)] =
-            static_cast<std::uint8_t>(colour(column, row)[static_cast<std::size_t>(band - 1)]);
-      }
+  for (int band = 1; spec.nodata && band <= bands; ++band) {
+    need(dataset->GetRasterBand(band)->SetNoDataValue(*spec.nodata) == CE_None);
+  }
+  std::vector<std::array<int, 4>> colours(line.size());
+  for (int row = 0; row < spec.height; ++row) {
+    for (int column = 0; column < spec.width; ++column) colours[static_cast<std::size_t>(column)] = colour(column, row);
+    for (int band = 1; band <= bands; ++band) {
+      std::ranges::transform(colours, line.begin(), [band](const auto& all) {
+        return static_cast<std::uint8_t>(all[static_cast<std::size_t>(band - 1)]);
+      });
       need(dataset->GetRasterBand(band)->RasterIO(GF_Write, 0, row, spec.width, 1, line.data(), spec.width, 1, GDT_Byte,
                                                   0, 0, nullptr) == CE_None);
     }
