@@ -44,22 +44,22 @@ TEST(TelemetryBuffer, TheReceiverPositionIsPassedOnForTheRecord) {
     raw.place = {lon_deg, lat_deg};
     return raw;
   };
-  EXPECT_FALSE(buffer.at(9).place);
+  EXPECT_FALSE(buffer.at(9).gps_position);
   buffer.on_message(10.0, fix(8.0, 47.0));
-  EXPECT_FALSE(buffer.at(10.1).place) << "nothing is carried on";
+  EXPECT_FALSE(buffer.at(10.1).gps_position) << "nothing is carried on";
   buffer.on_message(10.2, fix(8.1, 47.2));
   buffer.on_message(10.3, fix(50, 50, GpsFix::two_d));
   const Telemetry telemetry = buffer.at(10.05);
   ASSERT_TRUE(telemetry.gps_position);
   EXPECT_NEAR(telemetry.gps_position->lon_deg, 8.025, 1e-9);
   EXPECT_NEAR(telemetry.gps_position->lat_deg, 47.05, 1e-9);
-  EXPECT_EQ(buffer.at(10.2).place->lat_deg, 47.2);
+  EXPECT_EQ(buffer.at(10.2).gps_position->lat_deg, 47.2);
   buffer.on_message(12, fix(8.1, 47.2));
-  EXPECT_FALSE(buffer.at(11).place) << "what was in between nobody knows";
+  EXPECT_FALSE(buffer.at(11).gps_position) << "what was in between nobody knows";
   // Over the date line.
   buffer.on_message(13, fix(179.9, 0));
   buffer.on_message(13.5, fix(-179.9, 0));
-  EXPECT_NEAR(std::abs(buffer.at(13.25).place->lon_deg), 180, 1e-9);
+  EXPECT_NEAR(std::abs(buffer.at(13.25).gps_position->lon_deg), 180, 1e-9);
 }
 
 TEST(TelemetryBuffer, AnOldAttitudeIsNotUsed) {

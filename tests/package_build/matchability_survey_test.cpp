@@ -107,7 +107,7 @@ TEST(MatchabilitySurvey, TheGridIsAlignedToTheWorldsPixelsAndCoversTheRegion) {
 TEST(MatchabilitySurvey, EveryCellOfANarrowCorridorIsProbed) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
-  for (int east = -395; east <= 395; east += 5) {
+  for (double east = -395; east <= 395; east += 5) {
     EXPECT_NE(map.at(world.frame.lonlat_from_plane({east, 300})), nullptr) << east;
   }
 }
@@ -116,10 +116,10 @@ TEST(MatchabilitySurvey, RoofsAreGoodWaterIsPoorForAnyNumberOfThreads) {
   Surveyed world;
   const MatchabilityMap& map = made_map();
   EXPECT_EQ(map.cells, world.map(1).cells);
-  for (int east = -300; east <= -100; east += 50) {
+  for (double east = -300; east <= -100; east += 50) {
     EXPECT_EQ(map.at(world.frame.lonlat_from_plane({east, 0}))->cls, MatchClass::good) << east;
   }
-  for (int east = 100; east <= 300; east += 50) {
+  for (double east = 100; east <= 300; east += 50) {
     EXPECT_EQ(map.at(world.frame.lonlat_from_plane({east, 0}))->cls, MatchClass::poor) << east;
   }
 }
@@ -175,7 +175,7 @@ TEST(MatchabilitySurvey, GdalReadsTheSameFromTheGeoTiff) {
   }
   EXPECT_NE(document["coordinateSystem"]["wkt"].get<std::string>().find("3857"), std::string::npos);
   // Values at places, found by GDAL through its own projection.
-  for (const auto& [east, expected] : {std::pair{-200, "1"}, std::pair{200, "3"}}) {
+  for (const auto& [east, expected] : {std::pair{-200.0, "1"}, std::pair{200.0, "3"}}) {
     const LonLat place = world.frame.lonlat_from_plane({east, 0});
     const auto value = test::run_process({"gdallocationinfo", "-valonly", "-b", "4", "-b", "1", "-wgs84", path.string(),
                                           fmt::format("{:.9f}", place.lon_deg), fmt::format("{:.9f}", place.lat_deg)});

@@ -137,7 +137,7 @@ Flight ProvisionBoresightCommand::read_flight_segment(const std::filesystem::pat
   std::size_t with_gps = 0;
   for (std::size_t i = 0; i < flight.frames.size(); ++i) {
     if (flight.frames[i].time_s < from_s || flight.frames[i].time_s > to_s) continue;
-    with_gps += flight.frames[i].place.has_value();
+    with_gps += flight.frames[i].gps_position.has_value();
     segment.frames.push_back(flight.frames[i]);
     if (!flight.files.empty()) segment.files.push_back(flight.files[i]);
   }
