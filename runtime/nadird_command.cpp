@@ -8,14 +8,16 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "flight/flight_service.hpp"
-#include "cli/terminal.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "cli/terminal.hpp"
+#include "flight/flight_service.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package/open_package.hpp"
-#include "trust/signatures.hpp"
+#include "package/package_roots.hpp"
+#include "package_choice.hpp"
 #include "trust/bearer_token.hpp"
+#include "trust/signatures.hpp"
 #include "vision/camera.hpp"
 #include "vision/place_index.hpp"
 #include "nadird_client/watch.hpp"
@@ -23,8 +25,8 @@
 namespace nadir {
 namespace {
 
-// Not kFailed, after which systemd does not restart the service (nadird.service): the inputs were readable at the start.
-constexpr int kFailedInFlight = 70;
+// Not kFailed, after which systemd does not restart the service (nadird.service): that is for wrong usage alone.
+constexpr int kServiceFailed = 70;
 
 constexpr std::uint64_t kMostAirframeBytes = std::uint64_t{1} << 20;
 
@@ -61,8 +63,12 @@ the package is rejected, the service reports it and sends no position.
 --state is a folder for what must survive a restart; with --check it may be a file with only the
 record of accepted packages. A damaged record or permit rejects the package.
 
+A service that is started again in flight resumes the package that was accepted before take-off,
+without asking the clock or its dates again.
+
 Exit codes: 0 clean shutdown, or ready (--check), 1 the package was rejected (--check), or there is
-no position (--status), 2 the job could not be done, 70 failure in flight: restart the service.)";
+no position (--status), 2 wrong usage (with --check and --status also: the job could not be done), 70
+any other failure of the service: restart it.)";
 }
 
 std::string_view NadirdCommand::examples() const {
@@ -79,6 +85,10 @@ void NadirdCommand::setup(Options& options) {
   options.flag("--unsigned-airframe", unsigned_airframe_,
                "for bench tests: run although the airframe file is not signed");
   options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0 or rtsp://…");
+  options
+      .value("--camera-credentials", flight_.camera_credentials, "FILE",
+             "USER:PASSWORD of a network camera, mode 0600")
+      .needs("--camera");
   options.value("--autopilot", flight_.autopilot, "URL",
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
   options.value("--signing-key", flight_.link_key, "FILE", "signing key of the link: 64 hexadecimal digits");
@@ -130,15 +140,37 @@ int NadirdCommand::run(Context& context) {
 void NadirdCommand::complete_request() {
   if (request_.airframe() && std::filesystem::path(*request_.airframe()).extension() == ".json") {
     airframe_file_ = *request_.airframe();
-    airframe_text_ = read_text_file(airframe_file_, kMostAirframeBytes);
-    flight_.airframe = parse_airframe(airframe_text_, airframe_file_.string());
-    request_.set_airframe(flight_.airframe.id);
   }
   if (request_.state() && request_.state()->extension() != ".json") {
     flight_.state = *request_.state();
-    std::filesystem::create_directories(flight_.state);
+    std::error_code error;  // the service tries again, and --check fails when it writes
+    std::filesystem::create_directories(flight_.state, error);
     request_.set_state_file(flight_.state / "aircraft.json");
   }
+}
+
+// What was accepted with the package counts in flight, and where the file itself is damaged.
+void NadirdCommand::read_airframe(const AcceptanceReading& accepted, const std::string& boot_id) {
+  if (airframe_file_.empty()) return;
+  const bool holds = accepted.record && accepted.record->holds(boot_id);
+  const std::string kept = holds ? accepted.record->current.airframe_file : std::string();
+  airframe_notice_.clear();
+  std::string text;
+  try {
+    text = read_text_file(airframe_file_, kMostAirframeBytes);
+    if (holds && accepted.record->airborne && !kept.empty() && text != kept) {
+      throw Error({.what = "not the file that was accepted for this flight", .where = airframe_file_});
+    }
+    flight_.airframe = parse_airframe(text, airframe_file_.string());
+  } catch (const Error& error) {
+    if (kept.empty()) throw;
+    flight_.airframe = parse_airframe(kept, "the accepted airframe");
+    airframe_notice_ = fmt::format("the accepted airframe is used instead of {}: {}", airframe_file_.string(),
+                                   error.text().what);
+    text = kept;
+  }
+  airframe_text_ = std::move(text);
+  request_.set_airframe(flight_.airframe.id);
 }
 
 // By the newest root that package or state lead to: it may have revoked the signer.
@@ -152,40 +184,74 @@ Findings NadirdCommand::evaluate_airframe(const Opening& opening, UtcTime at) co
 
 // Tiles that the service would not accept are not made. Before take-off a wrong key is an error; a service that starts,
 // perhaps again in flight, runs without tiles: positions matter more.
-Findings NadirdCommand::evaluate_tile_key(const Opening& opening, UtcTime at) {
-  if (!flight_.tile_key || !opening.package) return {};
+Findings NadirdCommand::evaluate_tile_key(const TrustRoot& newest_root, UtcTime at) {
+  if (!flight_.tile_key) return {};
   if (!request_.airframe()) {
     throw UsageError({.what = "--tile-key requires --airframe", .expected = "the airframe whose tiles it signs"});
   }
   const PublicKey key = PrivateKey::read(*flight_.tile_key).public_key();
   const Findings findings =
-      check_tile_key(opening.newest_root, *request_.airframe(), key, at, flight_.tile_key->string());
+      check_tile_key(newest_root, *request_.airframe(), key, at, flight_.tile_key->string());
   Findings found;
   for (Finding finding : findings.items()) {
     if (!check_) finding.severity = Severity::warning;
     found.add(std::move(finding));
   }
-  if (!found.empty()) flight_.candidates.reset();
+  tile_key_refused_ = !found.empty();
   return found;
 }
 
-Opening NadirdCommand::open_verified(Context& context) {
+// Accepting: all rules.
+Opening NadirdCommand::open_verified(Context& context, const std::filesystem::path& package) {
   const VerifyOptions options = request_.open(context.clock);
-  Opening opening = open_package(package_, options, context.progress);
-  verify_place_index(package_, options.depth, context.progress, opening);
+  Opening opening = open_package(package, options, context.progress);
+  verify_place_index(package, options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
   opening.findings.add(evaluate_airframe(opening, options.at));
-  opening.findings.add(evaluate_tile_key(opening, options.at));
+  if (opening.package) opening.findings.add(evaluate_tile_key(opening.newest_root, options.at));
   if (opening.findings.has_errors()) opening.package.reset();
-  if (opening.package) request_.record_acceptance(opening.package->manifest(), opening.root_version, opening.newer_roots);
   return opening;
 }
 
+// Resuming: only whether it is the accepted one, and whole. Tiles need the root to say that their key is right; without
+// it there are no tiles.
+Opening NadirdCommand::resume(Context& context, const std::filesystem::path& package,
+                              const AcceptedPackage& accepted) {
+  Opening opening = open_accepted_package(package, accepted.manifest, accepted.accepted_at, context.progress);
+  verify_place_index(package, VerifyDepth::quick, context.progress, opening);
+  if (opening.findings.has_errors()) opening.package.reset();
+  if (!opening.package || !flight_.tile_key) return opening;
+  try {
+    const VerifyOptions options = request_.open(context.clock);
+    const RootSuccession roots = walk_package_roots(package, *options.root, options.state);
+    opening.findings.add(evaluate_tile_key(roots.root, accepted.accepted_at));
+  } catch (const Error& error) {
+    tile_key_refused_ = true;
+    opening.findings.add({.code = "key.unknown",
+                          .severity = Severity::warning,
+                          .where = flight_.tile_key->string(),
+                          .expected = "a tile key that the root of trust names",
+                          .found = error.text().what});
+  }
+  return opening;
+}
+
+PackageChoice NadirdCommand::choose(Context& context, const AcceptanceReading& accepted, const std::string& boot_id) {
+  tile_key_refused_ = false;
+  return choose_package(package_, accepted, boot_id,
+                        {[&](const auto& package) { return open_verified(context, package); },
+                         [&](const auto& package, const AcceptedPackage& earlier) {
+                           return resume(context, package, earlier);
+                         }});
+}
+
 // A large package takes a while to verify. Nothing: SIGTERM came first.
-std::optional<Opening> NadirdCommand::open_unless_stopped(Context& context, const std::stop_token& stop) {
+std::optional<PackageChoice> NadirdCommand::choose_unless_stopped(Context& context, const AcceptanceReading& accepted,
+                                                                  const std::string& boot_id,
+                                                                  const std::stop_token& stop) {
   const std::stop_callback on_stop(stop, [] { request_interrupt(true); });
   try {
-    return open_verified(context);
+    return choose(context, accepted, boot_id);
   } catch (const Interrupted&) {
     request_interrupt(false);
     if (!context.quiet) context.err << "stopped before the package was verified\n";
@@ -195,7 +261,9 @@ std::optional<Opening> NadirdCommand::open_unless_stopped(Context& context, cons
 
 int NadirdCommand::check(Context& context) {
   complete_request();
-  const Opening opening = open_verified(context);
+  read_airframe({}, {});
+  const Opening opening = open_verified(context, package_);
+  if (opening.package) request_.record_acceptance(opening.package->manifest(), opening);
   if (!opening.package) return report_findings(context.out, context.json, opening.findings);
   const Manifest& manifest = opening.package->manifest();
   if (context.json) {
@@ -212,8 +280,7 @@ int NadirdCommand::check(Context& context) {
   return kAccepted;
 }
 
-int NadirdCommand::serve(Context& context) {
-  complete_request();
+void NadirdCommand::require_service_options() const {
   const auto require = [](bool there, const char* option) {
     if (!there) throw UsageError({.what = std::string(option) + " is required", .fix = "`nadird --help` lists the options"});
   };
@@ -221,26 +288,90 @@ int NadirdCommand::serve(Context& context) {
   require(!flight_.state.empty(), "--state DIR");
   require(!flight_.camera.empty(), "--camera SOURCE");
   require(!flight_.autopilot.empty(), "--autopilot URL");
+}
+
+// What the service needs to know of the choice, and what it keeps. accepted: becomes what is accepted now.
+VerifiedPackage NadirdCommand::boarded(Context& context, PackageChoice choice, AcceptanceReading& accepted,
+                                       const std::string& boot_id) {
+  VerifiedPackage verified;
+  if (choice.opening.package && !choice.resumed && request_.remembers()) {
+    const bool airborne = accepted.record && accepted.record->airborne;
+    const Manifest& manifest = choice.opening.package->manifest();
+    accepted = {accepted_next(accepted.record,
+                              accepted_package(choice.folder, manifest, request_.evaluated_at(), airframe_text_), boot_id),
+                {}};
+    accepted.record->airborne = airborne;
+    request_.remember(manifest, choice.opening.root_version, choice.opening.newer_roots, choice.opening.time_reset);
+    verified.write_memory = [this] { request_.write_memory(); };
+    if (choice.opening.time_reset) {  // the link's time may be as wrong; peers give it the right one
+      std::error_code error;
+      std::filesystem::remove(flight_.state / "signing-time", error);
+    }
+  }
+  if (!airframe_notice_.empty()) choice.notice += (choice.notice.empty() ? "" : "; ") + airframe_notice_;
+  verified.findings = std::move(choice.opening.findings);
+  verified.folder = choice.folder;
+  verified.acceptance = accepted.record;
+  verified.resumed = choice.resumed;
+  verified.notice = std::move(choice.notice);
+  verified.notice_text = std::move(choice.notice_text);
+  verified.package = std::move(choice.opening.package);
+  if (verified.package) return verified;
+  verified.can_be_opened = [this, &context, accepted, boot_id] {
+    try {
+      return choose(context, accepted, boot_id).opening.package != nullptr;
+    } catch (const std::exception&) {
+      return false;
+    }
+  };
+  return verified;
+}
+
+// Wrong usage ends the service for good; nothing else does: whatever it is, systemd starts it again.
+int NadirdCommand::serve(Context& context) {
+  complete_request();
+  require_service_options();
+  try {
+    return fly(context);
+  } catch (const UsageError&) {
+    throw;
+  } catch (const std::exception& error) {
+    context.err << "nadird failed in flight: " << error.what() << '\n';
+    return kServiceFailed;
+  }
+}
+
+int NadirdCommand::fly(Context& context) {
+  const auto log = [&context](const std::string& line) {
+    if (!context.quiet) context.err << "nadird: " << line << std::endl;
+  };
   flight_.package = package_;
-  hold_memory(static_cast<std::size_t>(memory_mb_));
+  try {
+    hold_memory(static_cast<std::size_t>(memory_mb_));
+  } catch (const Error& error) {
+    log(std::string("flying without reserved memory: ") + error.what());
+  }
   // Before any other thread starts: threads inherit the blocked signals.
   StopSignals stop;
   cv::setNumThreads(1);  // we have our own threads: one for odometry, one for map matching
   const SystemFlightClock system_clock;
   const FlightClock& clock = clock_ != nullptr ? *clock_ : system_clock;
-  std::optional<Opening> opened = open_unless_stopped(context, stop.token());
-  if (!opened) return kAccepted;
-  Opening& opening = *opened;
-  if (!opening.findings.empty()) print_findings(context.err, opening.findings);
-  FlightService service(flight_, {std::move(opening.package), opening.findings}, clock, stop);
-  try {
-    service.run();
-  } catch (const std::exception& error) {
-    context.err << "nadird failed in flight: " << error.what() << '\n';
-    return kFailedInFlight;
+  AcceptanceReading accepted = StateDirectory(flight_.state).load_acceptance();
+  for (;;) {
+    read_airframe(accepted, clock.boot_id());
+    std::optional<PackageChoice> choice = choose_unless_stopped(context, accepted, clock.boot_id(), stop.token());
+    if (!choice) return kAccepted;
+    if (!choice->rejected.empty()) print_findings(context.err, choice->rejected);
+    if (!choice->opening.findings.empty()) print_findings(context.err, choice->opening.findings);
+    FlightOptions options = flight_;
+    if (tile_key_refused_) options.candidates.reset();
+    FlightService service(options, boarded(context, *std::move(choice), accepted, clock.boot_id()), clock, stop, log);
+    const FlightEnd end = service.run();
+    if (!context.quiet) context.err << service.summary() << '\n';
+    if (end == FlightEnd::stopped) return kAccepted;
+    accepted = {service.acceptance(), {}};
+    log("the package is judged again");
   }
-  if (!context.quiet) context.err << service.summary() << '\n';
-  return kAccepted;
 }
 
 }  // namespace nadir

@@ -7,8 +7,8 @@
 #include <stop_token>
 #include <string>
 
-#include "flight/flight_service.hpp"
 #include "cli/command.hpp"
+#include "flight/flight_service.hpp"
 #include "service/held_memory.hpp"
 #include "verify_request/verify_request.hpp"
 
@@ -16,7 +16,10 @@ namespace nadir {
 
 class Findings;
 class FlightClock;
+struct AcceptanceReading;
+struct AcceptedPackage;
 struct Opening;
+struct PackageChoice;
 
 class NadirdCommand final : public Command {
  public:
@@ -35,20 +38,28 @@ class NadirdCommand final : public Command {
 
  private:
   void complete_request();
+  void read_airframe(const AcceptanceReading& accepted, const std::string& boot_id);
+  void require_service_options() const;
   Findings evaluate_airframe(const Opening& opening, UtcTime at) const;
-  Findings evaluate_tile_key(const Opening& opening, UtcTime at);
-  Opening open_verified(Context& context);
-  std::optional<Opening> open_unless_stopped(Context& context, const std::stop_token& stop);
+  Findings evaluate_tile_key(const TrustRoot& newest_root, UtcTime at);
+  Opening open_verified(Context& context, const std::filesystem::path& package);
+  Opening resume(Context& context, const std::filesystem::path& package, const AcceptedPackage& accepted);
+  PackageChoice choose(Context& context, const AcceptanceReading& accepted, const std::string& boot_id);
+  std::optional<PackageChoice> choose_unless_stopped(Context& context, const AcceptanceReading& accepted,
+                                                     const std::string& boot_id, const std::stop_token& stop);
+  VerifiedPackage boarded(Context& context, PackageChoice choice, AcceptanceReading& accepted,
+                          const std::string& boot_id);
   int check(Context& context);
   int serve(Context& context);
+  int fly(Context& context);
 
   const FlightClock* clock_;
   FlightOptions flight_;
   std::filesystem::path package_, airframe_file_;  // the latter empty: only its id is known
-  std::string airframe_text_;
+  std::string airframe_text_, airframe_notice_;
   VerifyRequest request_;
   int memory_mb_ = kUsualMemory_mb;
-  bool check_ = false, status_ = false, unsigned_airframe_ = false;
+  bool check_ = false, status_ = false, unsigned_airframe_ = false, tile_key_refused_ = false;
 };
 
 }  // namespace nadir

@@ -19,9 +19,27 @@ constexpr std::uint64_t kMaxTimestamp = (std::uint64_t{1} << 48) - 1;
 // Timestamps reserved by each write of the file; a restart skips at most so many.
 constexpr std::uint64_t kReservation = kSigningTicksPerSecond / 10;
 
+// A frame of our time is at most so far behind it, and ahead: ArduPilot starts up to a minute ahead of its clock.
+constexpr std::uint64_t kMaxAge = 60 * kSigningTicksPerSecond;
+constexpr std::uint64_t kMaxAhead = 2 * kMaxAge;
+
 // take() writes the file itself when timestamps lag by so much: nobody calls save(). Receivers reject a lag of a
 // minute.
 constexpr std::uint64_t kMaxLag = 10 * kSigningTicksPerSecond;
+
+// A clock that is right shows no earlier time than this: 2026-01-01, the year of this program's release.
+constexpr std::uint64_t kReleased = std::uint64_t{4018} * 86'400 * kSigningTicksPerSecond;
+
+// How far beyond that a peer's time is followed, and how far beyond our own clock the file may be.
+constexpr std::uint64_t kMaxFollowed = std::uint64_t{5} * 365 * 86'400 * kSigningTicksPerSecond;
+constexpr std::uint64_t kMaxWrittenLead = std::uint64_t{86'400} * kSigningTicksPerSecond;
+
+// Another time than ours is followed after so many frames of one stream, over so long, while nothing else was accepted.
+constexpr int kFollowedFrames = 3;
+constexpr std::int64_t kFollowedSpan_us = 1'000'000;
+constexpr std::int64_t kSilence_us = 3'000'000;
+constexpr std::uint64_t kJitter = kSigningTicksPerSecond;  // of a frame's way
+constexpr std::size_t kMaxOtherTimes = 16;
 
 std::uint64_t read_reservation(const std::filesystem::path& path) {
   if (!std::filesystem::exists(path)) return 0;
@@ -33,14 +51,13 @@ std::uint64_t read_reservation(const std::filesystem::path& path) {
                  .where = path,
                  .expected = "one integer: units of 10 µs since 2015",
                  .found = std::to_string(text.size()) + " bytes of other content",
-                 .fix = "delete it if the system's clock is right; signatures could be replayed otherwise"});
+                 .fix = "none needed: it is written anew. Frames that were sent before could be replayed until then"});
   }
   return value;
 }
 
 constexpr std::size_t kTimestampSize = 6;
 constexpr std::size_t kTagSize = 6;
-constexpr std::uint64_t kMaxAge = 60 * kSigningTicksPerSecond;
 
 // Only holders of the key can open streams; a fleet on one network stays far below.
 constexpr std::size_t kMaxStreams = 1024;
@@ -102,13 +119,50 @@ std::uint64_t signing_time_of(std::int64_t unix_us) {
 }
 
 SigningTime::SigningTime(std::filesystem::path path, std::int64_t unix_us, std::int64_t monotonic_us)
-    : path_(std::move(path)), base_us_(monotonic_us), last_(read_reservation(path_)), allowed_(last_) {
-  base_ = std::max(signing_time_of(unix_us), last_);
+    : path_(std::move(path)), own_(signing_time_of(unix_us)), start_us_(monotonic_us), base_us_(monotonic_us) {
+  try {
+    held_ = read_reservation(path_);
+  } catch (const std::exception& error) {
+    failure_ = error.what();
+  }
+  last_ = allowed_ = held_;
+  base_ = std::max(own_, held_);
+}
+
+namespace {
+
+std::uint64_t ticks_between(std::int64_t from_us, std::int64_t to_us) {
+  return static_cast<std::uint64_t>(std::max<std::int64_t>(to_us - from_us, 0)) / 10;
+}
+
+}  // namespace
+
+std::uint64_t SigningTime::own(std::int64_t monotonic_us) const {
+  return std::min(own_ + ticks_between(start_us_, monotonic_us), kMaxTimestamp);
+}
+
+std::uint64_t SigningTime::agreed(std::int64_t monotonic_us) const {
+  return std::min(base_ + ticks_between(base_us_, monotonic_us), kMaxTimestamp);
 }
 
 std::uint64_t SigningTime::now_locked(std::int64_t monotonic_us) const {
-  const std::int64_t elapsed_us = std::max<std::int64_t>(monotonic_us - base_us_, 0);
-  return std::min(base_ + static_cast<std::uint64_t>(elapsed_us) / 10, kMaxTimestamp);
+  return std::min(agreed(monotonic_us) + lead_, kMaxTimestamp);
+}
+
+// Before a peer was heard our clock may be wrong: what the last run used is continued, and no peer's clock is moved.
+std::uint64_t SigningTime::outgoing(std::int64_t monotonic_us) const {
+  if (peer_heard_ || held_ == 0) return now_locked(monotonic_us);
+  return std::min(held_ + ticks_between(start_us_, monotonic_us), now_locked(monotonic_us));
+}
+
+std::uint64_t SigningTime::latest(std::int64_t monotonic_us) const {
+  const std::scoped_lock lock(mutex_);
+  return std::min(agreed(monotonic_us) + kMaxAhead, kMaxTimestamp);
+}
+
+std::string SigningTime::failure() const {
+  const std::scoped_lock lock(mutex_);
+  return failure_;
 }
 
 std::uint64_t SigningTime::now(std::int64_t monotonic_us) const {
@@ -119,7 +173,7 @@ std::uint64_t SigningTime::now(std::int64_t monotonic_us) const {
 std::uint64_t SigningTime::take(std::int64_t monotonic_us) {
   {
     const std::scoped_lock lock(mutex_);
-    if (last_ < allowed_ && now_locked(monotonic_us) < allowed_ + kMaxLag) return ++last_;
+    if (last_ < allowed_ && outgoing(monotonic_us) < allowed_ + kMaxLag) return ++last_;
   }
   if (const std::unique_lock writing(writing_, std::try_to_lock); writing) write(monotonic_us);
   const std::scoped_lock lock(mutex_);
@@ -130,9 +184,19 @@ std::uint64_t SigningTime::take(std::int64_t monotonic_us) {
 
 void SigningTime::adopt(std::uint64_t timestamp, std::int64_t monotonic_us) {
   const std::scoped_lock lock(mutex_);
+  peer_heard_ = true;
   if (timestamp <= now_locked(monotonic_us)) return;
+  lead_ = std::min(timestamp - agreed(monotonic_us), kMaxAge);
+}
+
+bool SigningTime::follow(std::uint64_t timestamp, std::int64_t monotonic_us) {
+  const std::scoped_lock lock(mutex_);
+  if (timestamp > std::max(own(monotonic_us), kReleased) + kMaxFollowed || timestamp + kMaxAge < held_) return false;
   base_ = timestamp;
   base_us_ = monotonic_us;
+  lead_ = 0;
+  peer_heard_ = true;
+  return true;
 }
 
 void SigningTime::save(std::int64_t monotonic_us) {
@@ -141,19 +205,23 @@ void SigningTime::save(std::int64_t monotonic_us) {
 }
 
 void SigningTime::write(std::int64_t monotonic_us) {
-  std::uint64_t from = 0;
+  std::uint64_t from = 0, bound = 0;
   {
     const std::scoped_lock lock(mutex_);
-    from = std::max(now_locked(monotonic_us), allowed_);
+    from = std::max(outgoing(monotonic_us), allowed_);
+    bound = std::max(own(monotonic_us) + kMaxWrittenLead, held_);
   }
   const std::uint64_t until = std::min(from + kReservation, kMaxTimestamp);
+  std::string failure;
   try {
-    write_file_atomic(path_, std::to_string(until) + "\n");
-  } catch (const Error&) {
+    write_file_atomic(path_, std::to_string(std::min(until, bound)) + "\n");
+  } catch (const std::exception& error) {
     ++failed_;
+    failure = error.what();
   }
   // Also after a failure: the next attempt comes when this reservation is used up or old, not with every frame.
   const std::scoped_lock lock(mutex_);
+  failure_ = std::move(failure);
   last_ = std::max(last_, from);
   allowed_ = until;
 }
@@ -185,11 +253,33 @@ SignatureVerdict Signing::verdict(const MavlinkFrame& frame, std::int64_t monoto
   const Stream stream{frame.source, block[0]};
   const auto known = streams_.find(stream);
   if (known != streams_.end() && timestamp <= known->second) return SignatureVerdict::replayed;
-  if (timestamp + kMaxAge < time_.now(monotonic_us)) return SignatureVerdict::too_old;
+  const bool too_old = timestamp + kMaxAge < time_.now(monotonic_us);
+  if ((too_old || timestamp > time_.latest(monotonic_us)) && !follows(stream, timestamp, monotonic_us)) {
+    return too_old ? SignatureVerdict::too_old : SignatureVerdict::too_new;
+  }
   if (known == streams_.end() && streams_.size() >= kMaxStreams) return SignatureVerdict::too_many_streams;
   streams_[stream] = timestamp;
   time_.adopt(timestamp, monotonic_us);
+  accepted_us_ = monotonic_us;
+  other_times_.clear();
   return SignatureVerdict::accepted;
+}
+
+// A frame that is not of our time: does ours follow it?
+bool Signing::follows(const Stream& stream, std::uint64_t timestamp, std::int64_t monotonic_us) {
+  if (accepted_us_ && monotonic_us - *accepted_us_ < kSilence_us) return false;
+  if (!other_times_.contains(stream) && other_times_.size() >= kMaxOtherTimes) other_times_.clear();
+  OtherTime& other = other_times_[stream];
+  const bool in_step = other.frames > 0 && timestamp > other.last &&
+                       timestamp - other.first <= ticks_between(other.first_us, monotonic_us) + kJitter;
+  if (!in_step) {
+    other = {timestamp, timestamp, monotonic_us, 1};
+    return false;
+  }
+  other.last = timestamp;
+  ++other.frames;
+  if (other.frames < kFollowedFrames || monotonic_us - other.first_us < kFollowedSpan_us) return false;
+  return time_.follow(timestamp, monotonic_us);
 }
 
 SignatureVerdict Signing::check(const MavlinkFrame& frame, std::int64_t monotonic_us) {
@@ -200,6 +290,7 @@ SignatureVerdict Signing::check(const MavlinkFrame& frame, std::int64_t monotoni
     case SignatureVerdict::wrong: ++counts_.wrong; break;
     case SignatureVerdict::replayed: ++counts_.replayed; break;
     case SignatureVerdict::too_old: ++counts_.too_old; break;
+    case SignatureVerdict::too_new: ++counts_.too_new; break;
     case SignatureVerdict::too_many_streams: ++counts_.too_many_streams; break;
   }
   return result;

@@ -9,6 +9,8 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
+#include <optional>
+#include <string>
 #include <tuple>
 
 #include "mavlink/frame.hpp"
@@ -45,19 +47,26 @@ std::uint64_t signing_time_of(std::int64_t unix_us);
 // The signing clock: strictly increasing timestamps that are never reused, not even by the next run.
 //
 // The system clock is read at the start only; from there the time advances with the monotonic clock, because a clock
-// that is set back in flight must not silence the link. It never falls behind an accepted timestamp of a peer, which is
-// how an aircraft without a battery-backed clock gets the time.
+// that is set back in flight must not silence the link. Neither the clock nor a peer is believed without bounds:
+//
+//   adopt()   an accepted frame is ahead: we follow by at most a minute, in which frames of the right time are still
+//             accepted. However many frames are ahead, that minute is all.
+//   follow()  a peer's frames show another time again and again (Signing): ours is taken from them, forth or back. This
+//             is how an aircraft without a battery-backed clock gets the time, and how one whose clock runs ahead is
+//             put right. Never more than kMaxFollowed beyond the later of our clock and this program's release, and
+//             never back behind what the file holds.
 //
 // now() is the time against which received frames are checked. take() returns timestamps at or slightly behind it: a
-// file holds the highest timestamp that may have been used, never more than now() plus a tenth of a second. A restart
-// continues from the file and does not run ahead of the peers' clocks, however often it happens.
+// file holds the highest timestamp that may have been used. A restart continues from the file, until a peer has been
+// heard: a clock that is wrong then moves no peer. What is written is at most a day ahead of our own clock, whatever
+// was followed: the next start must not inherit a time that nobody can vouch for.
 //
 // save() writes the file, once a second, from a thread that may wait for disks. take() writes it only when nobody has
 // called save() for ten seconds.
 class SigningTime {
  public:
-  // path: the file with the highest timestamp that may have been used; missing on a new aircraft. monotonic_us: of any
-  // steady clock. Throws Error when the file is damaged.
+  // path: the file with the highest timestamp that may have been used; missing on a new aircraft. A damaged file counts
+  // as missing, and failure() says so. monotonic_us: of any steady clock.
   SigningTime(std::filesystem::path path, std::int64_t unix_us, std::int64_t monotonic_us);
 
   // The time against which received frames are checked.
@@ -66,8 +75,14 @@ class SigningTime {
   // A timestamp for one signature. Never waits for a concurrent save().
   std::uint64_t take(std::int64_t monotonic_us);
 
-  // A holder of the key is ahead of us.
+  // The latest time that a single frame may show.
+  std::uint64_t latest(std::int64_t monotonic_us) const;
+
+  // A frame of this time was accepted.
   void adopt(std::uint64_t timestamp, std::int64_t monotonic_us);
+
+  // The time is this one. False: out of bounds, and nothing has changed.
+  bool follow(std::uint64_t timestamp, std::int64_t monotonic_us);
 
   // Reserves timestamps on disk. From any thread; as slow as the disk.
   void save(std::int64_t monotonic_us);
@@ -76,22 +91,34 @@ class SigningTime {
   // the system clock.
   std::uint64_t failed_reservations() const { return failed_; }
 
+  // Why the file does not hold what it should: it was damaged, or could not be written. Empty as soon as it does.
+  std::string failure() const;
+
  private:
   void write(std::int64_t monotonic_us);
+  std::uint64_t agreed(std::int64_t monotonic_us) const;
+  std::uint64_t own(std::int64_t monotonic_us) const;
   std::uint64_t now_locked(std::int64_t monotonic_us) const;
+  std::uint64_t outgoing(std::int64_t monotonic_us) const;
 
   const std::filesystem::path path_;
   std::atomic<std::uint64_t> failed_ = 0;
 
   std::mutex writing_;        // held while the file is written, so that an older value never replaces a newer one
   mutable std::mutex mutex_;  // guards all below
-  std::uint64_t base_ = 0;    // the time at base_us_
+  std::string failure_;
+  const std::uint64_t own_;  // by the system clock, at start_us_
+  const std::int64_t start_us_;
+  std::uint64_t held_ = 0;  // by the file at the start; 0: none
+  std::uint64_t base_ = 0;  // the time at base_us_
   std::int64_t base_us_ = 0;
+  std::uint64_t lead_ = 0;  // adopted beyond it
+  bool peer_heard_ = false;
   std::uint64_t last_ = 0;     // returned by take()
   std::uint64_t allowed_ = 0;  // reserved in the file
 };
 
-enum class SignatureVerdict { accepted, without, wrong, replayed, too_old, too_many_streams };
+enum class SignatureVerdict { accepted, without, wrong, replayed, too_old, too_new, too_many_streams };
 
 struct SignatureCounts {
   std::uint64_t accepted = 0;
@@ -99,12 +126,17 @@ struct SignatureCounts {
   std::uint64_t wrong = 0;
   std::uint64_t replayed = 0;
   std::uint64_t too_old = 0;
+  std::uint64_t too_new = 0;
   std::uint64_t too_many_streams = 0;
 };
 
 // Signs and verifies the frames of one link. Rejected are unsigned frames, wrong signatures, timestamps that their
-// stream (system, component, link) has already reached, and timestamps more than a minute behind ours. An accepted
-// timestamp advances our clock.
+// stream (system, component, link) has already reached, and timestamps more than a minute behind ours or two ahead.
+//
+// One of the two clocks may be wrong, and the autopilot's must count then: a companion computer without a battery that
+// reboots in the air. So when nobody has sent an acceptable frame for three seconds (or ever), and one stream shows three
+// frames over at least a second, none faster than time passes, our time follows it (SigningTime::follow()). A single
+// frame, ten years ahead, moves nothing.
 class Signing {
  public:
   // time must outlive this; the links of one aircraft share it.
@@ -119,12 +151,20 @@ class Signing {
 
  private:
   using Stream = std::tuple<MavlinkAddress, std::uint8_t>;
+  struct OtherTime {  // of a stream: a run of frames that are not of our time
+    std::uint64_t first = 0, last = 0;
+    std::int64_t first_us = 0;
+    int frames = 0;
+  };
   SignatureVerdict verdict(const MavlinkFrame& frame, std::int64_t monotonic_us);
+  bool follows(const Stream& stream, std::uint64_t timestamp, std::int64_t monotonic_us);
 
   SigningKey key_;
   SigningTime& time_;
   std::uint8_t link_id_;
   std::map<Stream, std::uint64_t> streams_;  // last timestamp of each
+  std::map<Stream, OtherTime> other_times_;
+  std::optional<std::int64_t> accepted_us_;  // when the last frame was
   SignatureCounts counts_;
 };
 

@@ -67,17 +67,29 @@ OpenPackage::OpenPackage(const std::filesystem::path& package, Verification acce
       imagery_(package / manifest_.artifact(kRoleImagery)->path, std::move(accepted.tiles)),
       terrain_(std::move(accepted.terrain)) {}
 
-Opening open_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress) {
-  Verification verification = verify_package(package, options, progress);
+namespace {
+
+Opening opened(const std::filesystem::path& package, Verification verification) {
   if (verification.accepted() && !verification.terrain) {
     TerrainReading reading = read_package_terrain(package, *verification.manifest, *verification.mission);
     verification.findings.add(reading.findings);
     verification.terrain = std::move(reading.terrain);
   }
-  Opening opening{verification.findings, verification.newest_root, verification.root_version, verification.newer_roots,
-                  nullptr};
+  Opening opening{verification.findings,    verification.newest_root, verification.root_version,
+                  verification.newer_roots, verification.time_reset,  nullptr};
   if (verification.accepted()) opening.package = std::make_unique<OpenPackage>(package, std::move(verification));
   return opening;
+}
+
+}  // namespace
+
+Opening open_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress) {
+  return opened(package, verify_package(package, options, progress));
+}
+
+Opening open_accepted_package(const std::filesystem::path& package, const Sha256& manifest, UtcTime accepted_at,
+                              Progress& progress) {
+  return opened(package, verify_accepted_package(package, manifest, accepted_at, progress));
 }
 
 }  // namespace nadir

@@ -63,8 +63,13 @@ struct Opening {
   TrustRoot newest_root;  // that could be reached from the one that is trusted
   std::int64_t root_version = 0;
   std::map<std::int64_t, std::string> newer_roots;  // for AircraftState::accept()
+  std::optional<UtcTime> time_reset;                // the time to remember instead of a wrong one
   std::unique_ptr<OpenPackage> package;
 };
 Opening open_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress);
+
+// Resumes a flight with what was accepted for it: verify_accepted_package(). Without a root.
+Opening open_accepted_package(const std::filesystem::path& package, const Sha256& manifest, UtcTime accepted_at,
+                              Progress& progress);
 
 }  // namespace nadir

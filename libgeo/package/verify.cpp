@@ -83,26 +83,62 @@ void verify_signature(const fs::path& package, const TrustRoot& root, const Veri
 // Clocks of two machines differ, and missions are written the day before; more than this is no such thing.
 constexpr std::int64_t kClockTolerance_s = 86'400;
 
-void check_clock(const Manifest& manifest, const VerifyOptions& options, Findings& findings) {
+// A clock that was corrected, or that drifted while the aircraft was off. Such a clock counts as the remembered time, so
+// that nothing which had expired by then is valid again.
+constexpr std::int64_t kClockSetback_s = 3600;
+
+std::optional<UtcTime> remembered(const VerifyOptions& options) {
+  return options.state != nullptr ? options.state->last_trusted_time : std::nullopt;
+}
+
+// The time by which the package is judged.
+UtcTime judged_at(const VerifyOptions& options) {
+  const std::optional<UtcTime> last = remembered(options);
+  const bool corrected = last && options.at < *last && last->unix_s - options.at.unix_s <= kClockSetback_s;
+  return corrected ? *last : options.at;
+}
+
+// The time that counts instead of the remembered one, when the permit allows it.
+std::optional<UtcTime> permitted_time(UtcTime last, const TrustRoot& root, const VerifyOptions& options,
+                                      Findings& findings) {
+  if (options.time_permit == nullptr) return std::nullopt;
+  const Findings objections = check_time_permit(*options.time_permit, root, {last, options.airframe, options.at});
+  findings.add(objections);
+  const UtcTime instead = options.time_permit->permit.instead;
+  if (objections.has_errors() || options.at < instead) return std::nullopt;
+  return instead;
+}
+
+// What a permit resets goes to time_reset.
+void check_clock(const Manifest& manifest, const TrustRoot& root, const VerifyOptions& options, Findings& findings,
+                 std::optional<UtcTime>& time_reset) {
   std::optional<UtcTime> earliest;
   std::string because;
   if (options.at.unix_s + kClockTolerance_s < manifest.created.unix_s) {
     earliest = manifest.created;
     because = "when the package was created";
   }
-  if (options.state != nullptr && options.state->last_trusted_time) {
-    const UtcTime last = *options.state->last_trusted_time;
-    if (options.at < last && (!earliest || *earliest < last)) {
-      earliest = last;
+  if (const std::optional<UtcTime> last = remembered(options); last && options.at < *last) {
+    time_reset = permitted_time(*last, root, options, findings);
+    if (!time_reset && (!earliest || *earliest < *last)) {
+      earliest = *last;
       because = "when this aircraft last accepted a package";
     }
+  }
+  if (time_reset) {
+    findings.add({.code = "time.untrusted",
+                  .severity = Severity::warning,
+                  .where = "the clock",
+                  .expected = fmt::format("not before {}, as remembered", to_rfc3339(*remembered(options))),
+                  .found = fmt::format("{}, as the permit allows", to_rfc3339(options.at))});
   }
   if (!earliest) return;
   findings.add({.code = "time.untrusted",
                 .where = "the clock",
                 .expected = fmt::format("not before {}, {}", to_rfc3339(*earliest), because),
                 .found = to_rfc3339(options.at),
-                .fix = "set the clock; expiry cannot be checked until then"});
+                .fix = "set the clock; expiry cannot be checked until then. If the remembered time is wrong: nadir keys "
+                       "permit-time"});
 }
 
 void check_root(const TrustRoot& root, const VerifyOptions& options, Findings& findings) {
@@ -153,9 +189,10 @@ void check_airframe(const Manifest& manifest, const VerifyOptions& options, Find
 }
 
 // Dates, clock, sequences and the permit to go back, airframe.
-Findings verify_policy(const Manifest& manifest, const TrustRoot& root, const VerifyOptions& options) {
+Findings verify_policy(const Manifest& manifest, const TrustRoot& root, const VerifyOptions& options,
+                       std::optional<UtcTime>& time_reset) {
   Findings findings;
-  check_clock(manifest, options, findings);
+  check_clock(manifest, root, options, findings, time_reset);
   check_root(root, options, findings);
   if (manifest.expires <= options.at) {
     findings.add({.code = "package.expired",
@@ -371,11 +408,55 @@ void verify_terrain(const fs::path& package, const VerifyOptions& options, const
 
 void remember(AircraftState& state, const Verification& accepted, UtcTime at) {
   const Manifest& manifest = accepted.manifest.value();
-  state.accept(manifest.series, manifest.sequence, accepted.root_version, at, accepted.newer_roots);
+  if (accepted.time_reset) state.last_trusted_time = accepted.time_reset;
+  state.accept(manifest.series, manifest.sequence, accepted.root_version, remembered_time(at, manifest.created),
+               accepted.newer_roots);
 }
 
-Verification verify_package(const fs::path& package, const VerifyOptions& options, Progress& progress) {
+namespace {
+
+// What the manifest names: files, mission, terrain, imagery.
+void verify_contents(const fs::path& package, const VerifyOptions& options, Progress& progress, Verification& result) {
+  for (const Artifact& artifact : result.manifest->artifacts) result.bytes += artifact.size;
+  const FileCheck files = verify_files(package, *result.manifest, options.depth, progress);
+  result.findings.add(files.findings);
+  const Artifact* mission = result.manifest->artifact(kRoleMission);
+  if (mission == nullptr || files.sound.contains(mission->path)) verify_mission(package, result);
+  verify_terrain(package, options, files, result);
+  verify_imagery(package, options, files, progress, result);
+}
+
+}  // namespace
+
+Verification verify_accepted_package(const fs::path& package, const Sha256& manifest, UtcTime accepted_at,
+                                     Progress& progress) {
   require_package(package);
+  Verification result;
+  const auto bytes =
+      read_bounded(package / kManifestFile, kMaxManifestSize, "artifact.missing", "manifest.schema", result.findings);
+  if (!bytes) return result;
+  if (const Sha256 found = sha256(*bytes); found != manifest) {
+    result.findings.add({.code = "artifact.hash",
+                         .where = std::string(kManifestFile),
+                         .expected = manifest.hex() + ", as accepted for this flight",
+                         .found = found.hex(),
+                         .fix = "put the accepted package back"});
+    return result;
+  }
+  ManifestReading reading = parse_manifest(*bytes);
+  result.findings.add(reading.findings);
+  result.manifest = std::move(reading.manifest);
+  if (!result.manifest) return result;
+  VerifyOptions options;
+  options.at = accepted_at;
+  verify_contents(package, options, progress, result);
+  return result;
+}
+
+Verification verify_package(const fs::path& package, const VerifyOptions& asked, Progress& progress) {
+  require_package(package);
+  VerifyOptions options = asked;
+  options.at = judged_at(asked);
   Verification result;
   RootSuccession walk = walk_package_roots(package, *options.root, options.state);
   result.findings.add(walk.findings);
@@ -384,14 +465,8 @@ Verification verify_package(const fs::path& package, const VerifyOptions& option
   result.newer_roots = std::move(walk.newer);
   verify_signature(package, walk.root, options, result);
   if (!result.manifest) return result;
-  for (const Artifact& artifact : result.manifest->artifacts) result.bytes += artifact.size;
-  result.findings.add(verify_policy(*result.manifest, walk.root, options));
-  const FileCheck files = verify_files(package, *result.manifest, options.depth, progress);
-  result.findings.add(files.findings);
-  const Artifact* mission = result.manifest->artifact(kRoleMission);
-  if (mission == nullptr || files.sound.contains(mission->path)) verify_mission(package, result);
-  verify_terrain(package, options, files, result);
-  verify_imagery(package, options, files, progress, result);
+  result.findings.add(verify_policy(*result.manifest, walk.root, options, result.time_reset));
+  verify_contents(package, options, progress, result);
   return result;
 }
 

@@ -21,6 +21,7 @@
 #include "package/tile_set_check.hpp"
 #include "trust/aircraft_state.hpp"
 #include "trust/rollback_permit.hpp"
+#include "trust/time_permit.hpp"
 #include "trust/root.hpp"
 
 namespace nadir {
@@ -32,6 +33,7 @@ struct VerifyOptions {
   std::optional<std::string> airframe;   // refuse packages that are not for it
   const AircraftState* state = nullptr;  // refuse what is older than what it has seen
   const SignedPermit* permit = nullptr;  // used when the package is older than what the state has seen
+  const SignedTimePermit* time_permit = nullptr;  // used when the clock is earlier than what the state has seen
 };
 
 struct Verification {
@@ -45,6 +47,7 @@ struct Verification {
   std::vector<Sidecar> tiles;            // in the order of TileKey
   std::optional<TerrainRaster> terrain;  // with terrain mode dem, at full depth
   std::uint64_t bytes = 0;               // of all artifacts, according to the manifest
+  std::optional<UtcTime> time_reset;     // the time to remember instead, as the permit allows
 
   bool accepted() const { return manifest.has_value() && !findings.has_errors(); }
 };
@@ -54,6 +57,12 @@ void remember(AircraftState& state, const Verification& accepted, UtcTime at);
 
 // Throws Error when the folder is no package at all or cannot be read.
 Verification verify_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress);
+
+// A package that was accepted before, by the digest of its manifest: is it still that one, and whole? Files, mission and
+// imagery are checked as at quick depth, as of the moment of the acceptance. Clock, signature, dates, root and state were
+// judged then and are not asked again: a restart in flight must not judge anew what the aircraft flies with.
+Verification verify_accepted_package(const std::filesystem::path& package, const Sha256& manifest, UtcTime accepted_at,
+                                     Progress& progress);
 
 // What a signer must know before signing: is every artifact of the manifest in the folder, byte for byte, and does the
 // mission match the manifest? Existing signatures are not checked. Throws Error when the folder is not a package.

@@ -60,6 +60,10 @@ void AircraftState::accept(const std::string& series, std::int64_t sequence, std
   roots.insert(newer_roots.begin(), newer_roots.end());
 }
 
+UtcTime remembered_time(UtcTime clock, UtcTime package_created) {
+  return std::min(clock, UtcTime{package_created.unix_s + kMaxTrustedLead_s});
+}
+
 StateReading parse_state(std::string_view text, std::string_view name) {
   StateReading reading;
   try {

@@ -34,22 +34,38 @@ class VerifyRequest {
   // nor overwritten.
   const Findings& findings() const { return findings_; }
 
-  // Records an accepted package in the state, if there is one.
-  void record_acceptance(const Manifest& manifest, std::int64_t root_version,
-                const std::map<std::int64_t, std::string>& newer_roots);
+  UtcTime evaluated_at() const { return evaluated_at_; }  // after open()
+
+  // Whether an acceptance is remembered: not without a state, and not as of another time than now (--at).
+  bool remembers() const { return state_.has_value() && !at_; }
+
+  // An accepted package, as verify_package() or open_package() returns it.
+  template <typename Accepted>
+  void record_acceptance(const Manifest& manifest, const Accepted& accepted) {
+    remember(manifest, accepted.root_version, accepted.newer_roots, accepted.time_reset);
+    write_memory();
+  }
+
+  // The two steps of it: in memory, and in the state's file (throws Error; does nothing when nothing is remembered).
+  void remember(const Manifest& manifest, std::int64_t root_version,
+                const std::map<std::int64_t, std::string>& newer_roots, const std::optional<UtcTime>& time_reset);
+  void write_memory() const;
 
  private:
   void read_permit(const std::filesystem::path& path);
+  void read_time_permit(const std::filesystem::path& path);
 
   std::filesystem::path trust_file_;
   std::optional<std::string> airframe_;
   std::optional<std::filesystem::path> state_file_;
   std::optional<std::filesystem::path> permit_file_;
+  std::optional<std::filesystem::path> time_permit_file_;
   std::optional<UtcTime> at_;
 
   TrustRoot root_;
   std::optional<AircraftState> state_;
   std::optional<SignedPermit> permit_;
+  std::optional<SignedTimePermit> time_permit_;
   UtcTime evaluated_at_;
   Findings findings_;
 };

@@ -65,6 +65,14 @@ std::vector<std::filesystem::path> plugin_folders();
 // Images that are in the folder when it is opened. In flight they are stale.
 enum class Backlog { skip, newest, all };
 
+// Without user and password: "rtsp://camera/1" for "rtsp://pilot:secret@camera/1". Every text about a source is so.
+std::string redacted(const std::string& source);
+
+// The source with user and password from a file: one line "USER:PASSWORD", mode 0600 or narrower. Throws UsageError for
+// a source that is no network address or that has some already, and for a file of another form; Error when it cannot be
+// read.
+std::string with_credentials(const std::string& source, const std::filesystem::path& file);
+
 // Throws UsageError for an unknown kind of source, Error when the plug-in is missing.
 std::unique_ptr<CameraSource> open_camera(const std::string& source, const FlightClock& clock,
                                           const std::vector<std::filesystem::path>& plugins = plugin_folders(),

@@ -77,7 +77,7 @@ PluginCamera::PluginCamera(const std::filesystem::path& library, std::string sou
 PluginCamera::~PluginCamera() { close(); }
 
 std::string PluginCamera::describe() const {
-  return fmt::format("{} (plug-in {})", source_, (*plugin_)->name == nullptr ? "unnamed" : (*plugin_)->name);
+  return fmt::format("{} (plug-in {})", redacted(source_), (*plugin_)->name == nullptr ? "unnamed" : (*plugin_)->name);
 }
 
 void PluginCamera::close() {
@@ -85,11 +85,21 @@ void PluginCamera::close() {
   media_start_s_.reset();
 }
 
+// What the plug-in says, without the address that it was given: it may hold a password.
+std::string PluginCamera::spoken(std::array<char, 256>& error) const {
+  std::string text = text_of(error);
+  for (std::size_t at = text.find(source_); at != std::string::npos; at = text.find(source_)) {
+    text.replace(at, source_.size(), redacted(source_));
+    if (redacted(source_) == source_) break;
+  }
+  return text;
+}
+
 std::optional<CameraReading> PluginCamera::open() {
   ErrorText256 error{};
   camera_ = (*plugin_)->open(source_.c_str(), error.data(), error.size());
   if (camera_ != nullptr) return std::nullopt;
-  return CameraReading{CameraStatus::failure, {}, fmt::format("cannot open {}: {}", source_, text_of(error))};
+  return CameraReading{CameraStatus::failure, {}, fmt::format("cannot open {}: {}", redacted(source_), spoken(error))};
 }
 
 CameraReading PluginCamera::read(std::chrono::milliseconds at_most) {
@@ -98,11 +108,11 @@ CameraReading PluginCamera::read(std::chrono::milliseconds at_most) {
   const auto timeout_ms = static_cast<std::int32_t>(std::clamp<std::int64_t>(at_most.count(), 0, 60'000));
   const std::int32_t status = (*plugin_)->read(camera_, timeout_ms, &seen, error.data(), error.size());
   if (status == NADIR_CAMERA_NOTHING) return {};
-  if (status == NADIR_CAMERA_ENDED) return {CameraStatus::ended, {}, "the end of " + source_};
+  if (status == NADIR_CAMERA_ENDED) return {CameraStatus::ended, {}, "the end of " + redacted(source_)};
   if (status != NADIR_CAMERA_FRAME || !plausible(seen)) {
     close();
     return {
-        CameraStatus::failure, {}, status == NADIR_CAMERA_FRAME ? "invalid frame from the plug-in" : text_of(error)};
+        CameraStatus::failure, {}, status == NADIR_CAMERA_FRAME ? "invalid frame from the plug-in" : spoken(error)};
   }
   CameraFrame frame{fmt::format("{:06}", frames_++), clock_.monotonic_s(), Bytes(seen.data, seen.data + seen.size), {}};
   if (seen.width != 0) frame.raw = RawPixels{seen.width, seen.height, seen.channels};

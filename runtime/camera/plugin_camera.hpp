@@ -2,6 +2,7 @@
 // (plugin_abi.h). Recordings are played at their own speed by the service's clock.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -29,6 +30,7 @@ class PluginCamera final : public CameraSource {
     double due_s = 0;
   };
 
+  std::string spoken(std::array<char, 256>& error) const;
   std::optional<CameraReading> open();
   CameraReading read(std::chrono::milliseconds at_most);
   CameraReading hold_until_due(double until_s, const std::stop_token& stop);

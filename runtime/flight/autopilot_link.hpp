@@ -116,6 +116,7 @@ class AutopilotLink {
   void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
   void save_signing_time();  // once a second, from a thread that may wait for disks
+  std::string signing_time_failure() const { return signing_time_ ? signing_time_->failure() : std::string(); }
 
   struct State {
     bool open = false;

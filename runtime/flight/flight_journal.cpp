@@ -13,6 +13,19 @@ EventSeverity severity_of(OperatorSeverity severity) {
 
 std::string text_of(const FixJumped& jumped) { return fmt::format("position jumps by {:.0f} m", jumped.distance_m); }
 
+std::string text_of(const PartReported& reported) {
+  if (reported.failure.empty()) return fmt::format("works again, after {:.0f} s", reported.off_s);
+  std::string text = "failed, and is tried again: ";
+  bool blank = false;  // an error's lines on one line
+  for (const char c : reported.failure) {
+    if (c == '\n') text += ';';
+    if ((c == ' ' || c == '\n') && blank) continue;
+    blank = c == ' ' || c == '\n';
+    text += blank ? ' ' : c;
+  }
+  return text;
+}
+
 void FlightJournal::on_event(double time_s, const OnboardEvent& event) {
   const auto enter = [&](const auto& known) {
     if constexpr (requires { on(time_s, known); }) on(time_s, known);
@@ -37,12 +50,9 @@ void FlightJournal::on(double time_s, const CameraFailed& failed) {
   note(time_s, EventSeverity::warning, "camera", failed.reason);
 }
 
-void FlightJournal::on(double time_s, const StateSaveFailed& failed) {
-  note(time_s, EventSeverity::warning, "state directory", failed.reason);
-}
-
-void FlightJournal::on(double time_s, const TilesFailed& failed) {
-  note(time_s, EventSeverity::warning, "candidate tiles", failed.reason);
+void FlightJournal::on(double time_s, const PartReported& reported) {
+  note(time_s, reported.failure.empty() ? EventSeverity::info : EventSeverity::warning, reported.part,
+       text_of(reported));
 }
 
 void FlightJournal::on(double time_s, const FixJumped& jumped) {

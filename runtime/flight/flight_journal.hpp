@@ -21,6 +21,8 @@ class FlightJournal {
   // recorder: may be null, must outlive this.
   explicit FlightJournal(Recorder* recorder) : recorder_(recorder) {}
 
+  void use(Recorder* recorder) { recorder_ = recorder; }  // one that could not be started before
+
   // Events that are frequent or that only cause others leave no entry.
   void on_event(double time_s, const OnboardEvent& event);
   void note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
@@ -30,8 +32,7 @@ class FlightJournal {
  private:
   void on(double time_s, const StateTransition& transition);
   void on(double time_s, const CameraFailed& failed);
-  void on(double time_s, const StateSaveFailed& failed);
-  void on(double time_s, const TilesFailed& failed);
+  void on(double time_s, const PartReported& reported);
   void on(double time_s, const FixJumped& jumped);
   void on(double time_s, const PositionHinted& hint);
 
@@ -40,6 +41,7 @@ class FlightJournal {
 };
 
 std::string text_of(const FixJumped& jumped);
+std::string text_of(const PartReported& reported);  // without the part's name
 
 // The operator's texts, until an autopilot is connected: before the first heartbeat and while the link is lost the
 // latest texts wait, oldest first, however long. For one thread.

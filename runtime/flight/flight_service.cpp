@@ -18,7 +18,7 @@ namespace nadir {
 namespace {
 
 constexpr double kTurn_s = 0.05, kViewPeriod_s = 0.2;
-constexpr std::chrono::milliseconds kStateThreadWait{500};
+constexpr std::chrono::milliseconds kUpkeepWait{500};
 
 std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
   if (!file) return std::nullopt;
@@ -62,6 +62,27 @@ void add_start(SessionRecord& session, const LocalizationSetup& setup, const Mis
   session.settings = {{"odometry", "features"}, {"matcher", "channels"}};  // the defaults of LocalizerConfig
 }
 
+// A camera that cannot be opened yet: a plug-in or a file is missing. CameraFeed reports it and asks again.
+class AwaitedCamera final : public CameraSource {
+ public:
+  using Open = std::function<std::unique_ptr<CameraSource>()>;
+  explicit AwaitedCamera(Open open) : open_(std::move(open)) {}
+
+  CameraReading next(std::chrono::milliseconds at_most, std::stop_token stop) override {
+    try {
+      if (!camera_) camera_ = open_();
+    } catch (const std::exception& error) {
+      return {CameraStatus::failure, {}, error.what()};
+    }
+    return camera_->next(at_most, std::move(stop));
+  }
+  std::string describe() const override { return camera_ ? camera_->describe() : "no camera yet"; }
+
+ private:
+  Open open_;
+  std::unique_ptr<CameraSource> camera_;
+};
+
 VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double> ground_msl_m) {
   const Estimate& estimate = frame.report.estimate;
   const StateEstimate& belief = frame.report.state;
@@ -85,33 +106,45 @@ VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double
 // Wrong names, keys and addresses are found before there are threads. The camera's thread comes last: before the first
 // frame nobody uses the link.
 FlightService::FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock,
-                             StopSignals& stop)
+                             StopSignals& stop, Log log)
     : options_(options),
       clock_(clock),
       stop_(stop),
       airframe_(fix_aided(options.airframe)),
       state_(options.state),
+      log_(std::move(log)),
+      notice_(std::move(verified.notice)),
+      notice_text_(std::move(verified.notice_text)),
+      resumed_(verified.resumed),
+      acceptance_(std::move(verified.acceptance)),
+      phase_(acceptance_ && acceptance_->airborne),
       machine_(clock.monotonic_s()),
       gps_(clock.monotonic_s()),
       views_(fmt::format("{:x}", clock.unix_us())),
       manager_(read_service_environment().notify_socket),
       watch_(clock) {
-  if (verified.package) map_ = std::make_unique<MissionMap>(std::move(verified.package), options.package);
-  restart_ = restart_from(state_.load(), clock);  // after the map: reading a large place index takes seconds of flight
+  write_memory_ = std::move(verified.write_memory);
+  if (!verified.package) can_be_opened_ = std::move(verified.can_be_opened);
+  const std::filesystem::path folder = verified.folder.empty() ? options.package : verified.folder;
+  if (verified.package) map_ = std::make_unique<MissionMap>(std::move(verified.package), folder);
+  restart_ = restart_from(state_.load(), clock, phase_.airborne());  // after the map: reading a large place index takes seconds of flight
   if (restart_.position) gps_.on_restart();
   const PackageView view = map_ ? package_view(map_->package()) : refused_package(verified.findings);
   views_.set_package(view);
   rejection_ = view.reason;
   warnings_ = std::move(verified.findings);
-  start_recorder();
-  journal_ = std::make_unique<FlightJournal>(recorder_.get());
-  start_api();
+  journal_ = std::make_unique<FlightJournal>(nullptr);
+  const ListenAddress address = parse_listen_address(options_.listen);
+  if (!options_.token) require_token_beyond_loopback(address, std::nullopt);
   std::unique_ptr<CameraSource> camera;
-  if (map_) camera = open_camera(options_.camera, clock_);
+  if (map_) camera = opened_camera();
+  unsaved_acceptance_ = acceptance_;
+  upkeep(clock_.monotonic_s());
+  journal_->use(recorder_);
   if (map_) start_localization();
   start_link();
   if (map_) start_camera(std::move(camera));
-  state_thread_ = std::jthread([this](const std::stop_token& token) { save_state_loop(token); });
+  upkeep_thread_ = std::jthread([this](const std::stop_token& token) { upkeep_loop(token); });
 }
 
 FlightService::~FlightService() {
@@ -119,11 +152,11 @@ FlightService::~FlightService() {
   camera_.reset();
   link_->stop();  // localizer and link use each other
   localization_.reset();
-  tiles_.reset();
-  state_thread_ = {};
+  upkeep_thread_ = {};
+  tiles_owner_.reset();
   link_.reset();
   server_.reset();
-  if (recorder_) recorder_->close("stopped");
+  if (recorder_owner_) recorder_owner_->close("stopped");
 }
 
 // What the localizer starts from, and what the recorder says that it started from.
@@ -139,20 +172,32 @@ LocalizationSetup FlightService::localization_setup() const {
   return setup;
 }
 
-// A recorder that fails costs the evidence, not the flight.
+// Wrong usage is found before the flight; a camera that is not there yet is waited for.
+std::unique_ptr<CameraSource> FlightService::opened_camera() const {
+  const auto open = [this] {
+    const auto& file = options_.camera_credentials;
+    return open_camera(file ? with_credentials(options_.camera, *file) : options_.camera, clock_);
+  };
+  try {
+    return open();
+  } catch (const UsageError&) {
+    throw;
+  } catch (const std::exception&) {
+    return std::make_unique<AwaitedCamera>(open);
+  }
+}
+
+// Throws; upkeep() reports it.
 void FlightService::start_recorder() {
-  if (!options_.record) return;
   RecorderOptions recorder;
   recorder.store.folder = *options_.record;
   recorder.keep_pictures = options_.keep_pictures;
-  try {
-    SessionRecord session = session_record(airframe_, clock_);
-    if (map_) add_start(session, localization_setup(), *map_);
-    recorder_ = std::make_unique<Recorder>(recorder, std::move(session),
-                                           [this] { return static_cast<std::uint64_t>(clock_.unix_us()) * 1000; });
-  } catch (const Error& error) {
-    recorder_error_ = error.what();
-  }
+  SessionRecord session = session_record(airframe_, clock_);
+  if (map_) add_start(session, localization_setup(), *map_);
+  recorder_owner_ = std::make_unique<Recorder>(recorder, std::move(session), [this] {
+    return static_cast<std::uint64_t>(clock_.unix_us()) * 1000;
+  });
+  recorder_ = recorder_owner_.get();
 }
 
 void FlightService::start_api() {
@@ -161,29 +206,29 @@ void FlightService::start_api() {
   api.now_s = [this] { return clock_.monotonic_s(); };
   api.token = token_digest(options_.token);
   api.loopback = address.loopback();
-  require_token_beyond_loopback(address, api.token);
-  api_ = std::make_unique<Api>(board_, api_hints_, api);
-  if (map_) api_->use_package(map_->for_api());
+  if (!api_) {
+    auto made = std::make_unique<Api>(board_, api_hints_, api);
+    if (map_) made->use_package(map_->for_api());
+    api_ = std::move(made);
+  }
   server_ = std::make_unique<HttpServer>(*api_, address);
 }
 
 void FlightService::start_localization() {
-  start_tiles();
   LocalizationThread::Listener listener;
   listener.on_frame = [this](std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
-    if (recorder_) record_input(*recorder_, index, telemetry, encoded);
-    if (tiles_) tiles_->on_frame(index, telemetry, encoded);
+    if (Recorder* recorder = recorder_) record_input(*recorder, index, telemetry, encoded);
+    if (TileMaking* tiles = tiles_) tiles->on_frame(index, telemetry, encoded);
   };
   listener.on_localized = [this](const LocalizedFrame& frame) { on_localized(frame); };
   listener.on_hint = [this](const HintRecord& hint) {
-    if (recorder_) recorder_->record(hint);
+    if (Recorder* recorder = recorder_) recorder->record(hint);
   };
   localization_ = std::make_unique<LocalizationThread>(localization_setup(), frames_, watch_, std::move(listener));
   if (restart_.hint) localization_->hint(restart_.hint->place, restart_.hint->radius_m, "restart");
 }
 
 void FlightService::start_tiles() {
-  if (!options_.candidates) return;
   const LocalizerConfig config = map_->config();
   TileMakingSetup setup{*options_.candidates,
                         options_.tile_key.value_or(""),
@@ -199,10 +244,16 @@ void FlightService::start_tiles() {
                         options_.candidates_frame_ms / 1000.0};
   TileMaking::Listener listener;
   listener.on_tile = [this](const TileKey& key, CandidateOutcome outcome) {
-    if (recorder_) recorder_->record(TileRecord{key, fmt::format("candidate.{}", name_of(outcome)), {}});
+    if (Recorder* recorder = recorder_) {
+      recorder->record(TileRecord{key, fmt::format("candidate.{}", name_of(outcome)), {}});
+    }
   };
-  listener.on_failure = [this](const std::string& reason) { publish(TilesFailed{reason}); };
-  tiles_ = std::make_unique<TileMaking>(setup, clock_, std::move(listener));
+  // On the makers' thread, which alone uses this part from now on.
+  listener.on_failure = [this](const std::string& reason) {
+    if (auto reported = making_part_.note(clock_.monotonic_s(), reason)) publish(*std::move(reported));
+  };
+  tiles_owner_ = std::make_unique<TileMaking>(setup, clock_, std::move(listener));
+  tiles_ = tiles_owner_.get();
 }
 
 void FlightService::start_link() {
@@ -241,9 +292,11 @@ void FlightService::on_localized(const LocalizedFrame& frame) {
                                              {*estimate.position, estimate.sigma_m, now_s, now_s - captured_s}));
     }
   }
-  if (recorder_ && frame.late) record_anchor(*recorder_, frame.anchor_index, frame.index, frame.report);
-  if (recorder_ && !frame.late) record_frame(*recorder_, frame.index, frame.report);
-  if (tiles_ && frame.report.anchor_pose) tiles_->on_anchor(frame.anchor_index, *frame.report.anchor_pose);
+  Recorder* recorder = recorder_;
+  TileMaking* tiles = tiles_;
+  if (recorder != nullptr && frame.late) record_anchor(*recorder, frame.anchor_index, frame.index, frame.report);
+  if (recorder != nullptr && !frame.late) record_frame(*recorder, frame.index, frame.report);
+  if (tiles != nullptr && frame.report.anchor_pose) tiles->on_anchor(frame.anchor_index, *frame.report.anchor_pose);
   LocalizedFrame event = frame;
   event.report.anchor.rectified.release();  // only the recorder needs the images
   event.report.anchor.matched_map.release();
@@ -287,26 +340,63 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   }
 }
 
-// Disks may be slow: apart from the recorder, only this thread uses them in flight.
-void FlightService::save_state_loop(const std::stop_token& stop) {
-  begin_thread("state", ThreadPriority::low);
-  std::string last_error;
+// Disks may be slow: apart from recorder and tiles, only this thread uses them in flight.
+void FlightService::upkeep_loop(const std::stop_token& stop) {
+  begin_thread("upkeep", ThreadPriority::low);
   Cadence signing_time(kSavePeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
+    // Before it is written anew: what was wrong with the file of the last run.
+    if (auto reported = signing_part_.note(clock_.monotonic_s(), link_->signing_time_failure())) {
+      publish(*std::move(reported));
+    }
     if (signing_time.due(clock_.monotonic_s())) link_->save_signing_time();
-    const auto flight = to_save_.take_within(kStateThreadWait, stop);
-    if (!flight) continue;
-    const std::string error = state_.save(*flight).value_or("");
-    if (error != last_error && !error.empty()) publish(StateSaveFailed{error});
-    last_error = error;
+    if (auto flight = to_save_.take_within(kUpkeepWait, stop)) unsaved_flight_ = *std::move(flight);
+    if (auto acceptance = acceptances_.try_take()) unsaved_acceptance_ = *std::move(acceptance);
+    if (stop.stop_requested()) break;
+    upkeep(clock_.monotonic_s());
   }
+}
+
+// Once from the start, then on the upkeep thread: each part that is due.
+void FlightService::upkeep(double now_s) {
+  const auto tend = [&](RetriedPart& part, const auto& work) {
+    if (auto reported = part.attempt(now_s, work)) publish(*std::move(reported));
+  };
+  if (options_.record && recorder_ == nullptr) tend(recorder_part_, [&] { start_recorder(); });
+  if (!server_) tend(api_part_, [&] { start_api(); });
+  if (options_.candidates && map_ && tiles_ == nullptr) tend(tiles_part_, [&] { start_tiles(); });
+  tend(state_part_, [&] { save_state(); });
+  if (write_memory_) {
+    tend(memory_part_, [&] {
+      write_memory_();
+      write_memory_ = nullptr;
+    });
+  }
+  if (!can_be_opened_ || now_s < next_open_s_) return;
+  if (next_open_s_ > 0 && can_be_opened_()) {
+    can_be_opened_ = nullptr;
+    publish(PackageRestored{});
+  }
+  next_open_s_ = now_s + open_pause_s_;
+  open_pause_s_ = std::min(2 * open_pause_s_, kLastRetry_s);
+}
+
+// All of it, or an exception: what was not written stays for the next time.
+void FlightService::save_state() {
+  if (!state_prepared_ || !state_part_.works()) state_.prepare();
+  state_prepared_ = true;
+  if (unsaved_acceptance_) state_.save(*unsaved_acceptance_);
+  unsaved_acceptance_.reset();
+  if (!unsaved_flight_) return;
+  if (auto failure = state_.save(*unsaved_flight_)) throw Error({.what = *std::move(failure)});
+  unsaved_flight_.reset();
 }
 
 // ---- the conductor
 
-void FlightService::run() {
+FlightEnd FlightService::run() {
   note_start();
-  on_event(clock_.monotonic_s(), PackageVerified{map_ != nullptr, rejection_});
+  on_event(clock_.monotonic_s(), PackageVerified{map_ != nullptr, map_ ? notice_ : rejection_});
   if (restart_.position && restart_.position->sigma_m <= kNoFixSigma_m) {
     on_event(clock_.monotonic_s(), EstimateRestored{restart_.position->sigma_m, restart_.position->speed_mps});
   }
@@ -314,7 +404,7 @@ void FlightService::run() {
   Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());
   Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s());
   double next_s = clock_.monotonic_s();
-  while (clock_.wait_until(next_s, stop_.token())) {
+  while (!judge_again_ && clock_.wait_until(next_s, stop_.token())) {
     const double now_s = clock_.monotonic_s();
     next_s = now_s + kTurn_s;
     while (const auto published = events_.try_take()) on_event(published->time_s, published->event);
@@ -328,8 +418,9 @@ void FlightService::run() {
                      late->empty() ? "all threads respond again" : *late);
     }
   }
-  manager_.stopping("stopping");
+  if (!judge_again_) manager_.stopping("stopping");
   note_end();
+  return judge_again_ && !stop_.token().stop_requested() ? FlightEnd::judge_again : FlightEnd::stopped;
 }
 
 // Each part takes the events that concern it.
@@ -345,6 +436,32 @@ void FlightService::on_event(double time_s, const OnboardEvent& event) {
 }
 
 void FlightService::react(double, const LocalizedFrame& frame) { last_frame_ = frame; }
+
+// Take-off and landing, as what was accepted needs to know them.
+void FlightService::react(double time_s, const AutopilotHeartbeat& heartbeat) {
+  if (!heartbeat.authentic || !acceptance_) return;
+  const FlightPhase::Change change = phase_.on_heartbeat(time_s, heartbeat.armed);
+  if (change == FlightPhase::Change::none) return;
+  acceptance_->airborne = phase_.airborne();
+  if (change == FlightPhase::Change::landed) acceptance_->boot_id.clear();
+  acceptances_.put(*acceptance_);
+  const bool landed = change == FlightPhase::Change::landed;
+  journal_->note(time_s, EventSeverity::info, "package",
+                 landed ? "landed: the next start judges the package anew" : "armed: accepted until the landing");
+  // Resumed without a clock, and the aircraft does not fly: a flight that ended while nobody was listening.
+  judge_again_ = judge_again_ || (landed && resumed_ && !phase_.armed_ever());
+}
+
+void FlightService::react(double, const PackageRestored&) { judge_again_ = true; }
+
+void FlightService::react(double, const PartReported& reported) {
+  const bool failed = !reported.failure.empty();
+  operator_texts_.add(failed ? TextSeverity::warning : TextSeverity::info,
+                      fmt::format("Nadir: {} {}", reported.part, failed ? "failed, trying again" : "works again"));
+  if (log_) log_(reported.part + ": " + text_of(reported));
+  if (reported.part == "recorder" && !failed) journal_->use(recorder_);
+  recorder_error_ = reported.part == "recorder" ? reported.failure : recorder_error_;
+}
 
 void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
 
@@ -393,7 +510,16 @@ void FlightService::update_view(double now_s) {
   views_.set_frames(frame_counts(), now_s);
   const AutopilotLink::State link = link_->state();
   views_.set_link(link, status.link_up, options_.link_key.has_value());
-  views_.set_recorder(recorder_.get(), recorder_error_);
+  Recorder* recorder = recorder_;
+  views_.set_recorder(recorder, recorder_error_);
+  if (recorder != nullptr) {
+    const StoreStatus status_of_disk = recorder->status();
+    std::string failure = status_of_disk.stopped ? status_of_disk.error : std::string();
+    if (status_of_disk.stopped && failure.empty()) failure = "nothing can be written";
+    if (auto reported = disk_part_.note(now_s, failure)) {
+      on_event(now_s, *reported);
+    }
+  }
   views_.restrict_to_fix(status, link.last_fix, now_s);
   board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events().events()));
 }
@@ -419,8 +545,11 @@ void FlightService::save(double now_s) {
 
 void FlightService::note_start() {
   journal_->note(clock_.monotonic_s(), EventSeverity::info, "state", restart_.reason);
-  if (!recorder_error_.empty()) {
-    journal_->note(clock_.monotonic_s(), EventSeverity::critical, "recorder", recorder_error_);
+  if (!notice_.empty()) {
+    const bool serious = !notice_text_.empty();
+    journal_->note(clock_.monotonic_s(), serious ? EventSeverity::critical : EventSeverity::info, "package", notice_);
+    operator_texts_.add(TextSeverity::critical, notice_text_);
+    if (log_) log_("package: " + notice_);
   }
   for (const Finding& finding : warnings_.items()) {
     if (finding.severity != Severity::warning) continue;

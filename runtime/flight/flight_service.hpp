@@ -8,14 +8,17 @@
 //                               │
 //                               ├──► journal: recorder, event list, operator
 //                               ├──► board: API, web page, watch
-//                               └──► state directory (a thread of its own: disks may be slow)
+//                               └──► upkeep (a thread of its own: disks may be slow): state directory, and what
+//                                    could not be started: API, recorder, candidate tiles
 //
 // The conductor is run(), twenty times a second on the caller's thread. It owns the state machine and the assessment of
 // GPS; all other threads publish OnboardEvents (service/onboard_event.hpp) and never wait for it.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -33,6 +36,7 @@
 #include "geodesy/lon_lat.hpp"
 #include "service/gps_health.hpp"
 #include "service/onboard_event.hpp"
+#include "service/retried_part.hpp"
 #include "service/saved_flight.hpp"
 #include "service/service_machine.hpp"
 #include "service/stop_signals.hpp"
@@ -47,6 +51,7 @@ struct FlightOptions {
   Airframe airframe;
   std::filesystem::path state;                      // folder
   std::string camera;                               // open_camera()
+  std::optional<std::filesystem::path> camera_credentials;  // with_credentials()
   std::string autopilot;                            // parse_endpoint()
   std::optional<std::filesystem::path> link_key;    // nullopt: the link is not signed
   std::optional<std::filesystem::path> record;      // folder; nullopt: no recording
@@ -67,23 +72,41 @@ struct FlightOptions {
 struct VerifiedPackage {
   std::unique_ptr<OpenPackage> package;  // null: rejected
   Findings findings;
+  std::filesystem::path folder{};                  // of the package; empty: that of the options
+  std::optional<AcceptanceRecord> acceptance{};    // kept in the state directory; nullopt: nothing is
+  bool resumed = false;                            // accepted earlier, and not judged anew
+  std::string notice{};                            // what the operator must know about the choice, in a sentence
+  std::string notice_text{};                       // and as a STATUSTEXT
+  std::function<void()> write_memory = nullptr;    // of accepted packages; throws, and is tried again
+  std::function<bool()> can_be_opened = nullptr;   // asked now and then when there is no package
+};
+
+enum class FlightEnd {
+  stopped,
+  judge_again,  // the aircraft stands on the ground, or a package can be opened now: choose the package anew
 };
 
 class FlightService {
  public:
-  // Throws Error for what must be right before take-off: unreadable files, an address in use.
-  FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock, StopSignals& stop);
+  using Log = std::function<void(const std::string& line)>;  // for the system's log; from the caller's thread
+
+  // Throws Error for what is needed to fly at all, UsageError for options that cannot be right. Everything else is
+  // tried again in flight (service/retried_part.hpp).
+  FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock, StopSignals& stop,
+                Log log = nullptr);
   ~FlightService();
 
-  // Until stop is requested.
-  void run();
+  // Until stop is requested, or the package must be judged again.
+  FlightEnd run();
   std::string summary() const;  // after run()
+  const std::optional<AcceptanceRecord>& acceptance() const { return acceptance_; }  // after run()
 
  private:
   // Start
   LocalizationSetup localization_setup() const;
   void start_recorder();
   void start_api();
+  std::unique_ptr<CameraSource> opened_camera() const;
   void start_localization();
   void start_tiles();
   void start_link();
@@ -93,7 +116,9 @@ class FlightService {
   void publish(OnboardEvent event);  // from any thread
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
-  void save_state_loop(const std::stop_token& stop);
+  void upkeep_loop(const std::stop_token& stop);
+  void upkeep(double now_s);
+  void save_state();
 
   // The conductor
   void note_start();
@@ -103,6 +128,9 @@ class FlightService {
   void react(double time_s, const PositionHinted& hint);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);
+  void react(double time_s, const AutopilotHeartbeat& heartbeat);
+  void react(double time_s, const PartReported& reported);
+  void react(double time_s, const PackageRestored& restored);
   void on_transitions(std::span<const StateTransition> transitions);
   void assess_gps(double now_s);
   void update_view(double now_s);
@@ -119,6 +147,11 @@ class FlightService {
   std::unique_ptr<MissionMap> map_;  // null: the package was rejected
   StateDirectory state_;
   Restart restart_;
+  Log log_;
+  std::string notice_, notice_text_;
+  bool resumed_ = false, judge_again_ = false;
+  std::optional<AcceptanceRecord> acceptance_;  // of the conductor
+  FlightPhase phase_;
 
   ServiceMachine machine_;
   GpsHealth gps_;
@@ -130,10 +163,24 @@ class FlightService {
   LatestMailbox<TimedEvent> events_{512};
   LatestMailbox<SavedFlight> to_save_;
   std::optional<LocalizedFrame> last_frame_;
-  std::string last_reason_;
+  std::string last_reason_, recorder_error_;
 
-  std::string recorder_error_;
-  std::unique_ptr<Recorder> recorder_;
+  // Parts that are tried again, on the upkeep thread. What others use of them is published as a pointer when it is
+  // there, and stays until the end.
+  RetriedPart state_part_{"state directory"}, memory_part_{"memory of packages"}, signing_part_{"signing time"},
+      api_part_{"API"}, recorder_part_{"recorder"}, tiles_part_{"candidate tiles"};
+  RetriedPart disk_part_{"recorder's disk"};   // of the conductor
+  RetriedPart making_part_{"candidate tiles"};  // of the tiles' thread
+  LatestMailbox<AcceptanceRecord> acceptances_;
+  std::optional<SavedFlight> unsaved_flight_;  // of the upkeep thread
+  std::optional<AcceptanceRecord> unsaved_acceptance_;
+  bool state_prepared_ = false;
+  std::function<void()> write_memory_;
+  std::function<bool()> can_be_opened_;
+  double next_open_s_ = 0, open_pause_s_ = kFirstRetry_s;
+
+  std::unique_ptr<Recorder> recorder_owner_;
+  std::atomic<Recorder*> recorder_{nullptr};
   std::unique_ptr<FlightJournal> journal_;
   ServiceManager manager_;
   ThreadWatch watch_;
@@ -141,10 +188,11 @@ class FlightService {
   std::unique_ptr<HttpServer> server_;
   LatestMailbox<CapturedFrame> frames_;
   std::unique_ptr<AutopilotLink> link_;
-  std::unique_ptr<TileMaking> tiles_;  // null: none are made
+  std::unique_ptr<TileMaking> tiles_owner_;
+  std::atomic<TileMaking*> tiles_{nullptr};  // null: none are made
   std::unique_ptr<LocalizationThread> localization_;
   std::unique_ptr<CameraFeed> camera_;
-  std::jthread state_thread_;  // last: it uses everything above
+  std::jthread upkeep_thread_;  // last: it uses everything above
 };
 
 }  // namespace nadir

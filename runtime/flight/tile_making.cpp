@@ -85,10 +85,9 @@ void TileMaking::make(const Work& work) {
     const FrameTiles made = maker_.make(work.frame, work.encoded, store_, out_of_time);
     for (const auto& [key, fate] : made.stored) listener_.on_tile(key, fate);
     if (listener_.on_frame) listener_.on_frame(made);
-    last_failure_.clear();
+    listener_.on_failure({});
   } catch (const std::exception& error) {
-    if (last_failure_ != error.what()) listener_.on_failure(error.what());
-    last_failure_ = error.what();
+    listener_.on_failure(error.what());
   }
 }
 

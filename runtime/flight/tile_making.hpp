@@ -2,7 +2,7 @@
 // times as long as it works (a share of 0.25). The caller never waits; a frame that arrives while another is processed
 // replaces the pending one.
 //
-// A failure here (a full disk above all) is reported once and costs tiles, never a position.
+// A failure here (a full disk above all) costs tiles, never a position.
 #pragma once
 
 #include <cstdint>
@@ -34,7 +34,7 @@ class TileMaking {
  public:
   struct Listener {  // on the maker's thread; at the end on that of the destructor
     std::function<void(const TileKey&, CandidateOutcome)> on_tile;
-    std::function<void(const std::string&)> on_failure;         // each one once
+    std::function<void(const std::string&)> on_failure;         // of each frame; empty: it went well
     std::function<void(const FrameTiles&)> on_frame = nullptr;  // after each frame
   };
 
@@ -70,8 +70,6 @@ class TileMaking {
   PrivateKey key_;
   CandidateMaker maker_;
   CandidateStore store_;
-  std::string last_failure_;
-
   std::deque<KeptFrame> frames_;  // of the tracker's thread
   std::size_t kept_bytes_ = 0;
   LatestMailbox<Work> work_;

@@ -81,7 +81,8 @@ void ViewBuilder::set_link(const AutopilotLink::State& state, bool connected, bo
                             {"unsigned", counts.signatures.without},
                             {"wrong_signature", counts.signatures.wrong},
                             {"replayed", counts.signatures.replayed},
-                            {"too_old", counts.signatures.too_old}};
+                            {"too_old", counts.signatures.too_old},
+                            {"too_new", counts.signatures.too_new}};
 }
 
 void ViewBuilder::set_recorder(const Recorder* recorder, const std::string& error) {

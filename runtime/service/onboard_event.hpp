@@ -23,6 +23,9 @@ struct PackageVerified {
   std::string reason{};  // of a rejection: the first finding
 };
 
+// There was no package, and one can be opened now.
+struct PackageRestored {};
+
 // After a restart in flight the saved position is usable (saved_flight.hpp). It is fixed while the aircraft flies on,
 // so σ grows by the speed until the first estimate.
 struct EstimateRestored {
@@ -30,8 +33,11 @@ struct EstimateRestored {
   double speed_mps = 0;
 };
 
-struct StateSaveFailed {
-  std::string reason;
+// A part that the flight can do without has failed, or works again (retried_part.hpp).
+struct PartReported {
+  std::string part;     // "API"
+  std::string failure;  // empty: it works again
+  double off_s = 0;     // then: for how long it did not
 };
 
 // ---- autopilot
@@ -88,10 +94,6 @@ struct LocalizedFrame {
   FrameReport report;
 };
 
-struct TilesFailed {
-  std::string reason;
-};
-
 // ---- conclusions of the service
 
 enum class GpsVerdict {
@@ -116,9 +118,9 @@ struct StateTransition {
   std::string text;  // for the recorder: the explanation, with figures
 };
 
-using OnboardEvent = std::variant<PackageVerified, EstimateRestored, StateSaveFailed, AutopilotHeartbeat, GpsFix3d,
+using OnboardEvent = std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, GpsFix3d,
                                   EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
-                                  TilesFailed, GpsAssessment, StateTransition>;
+                                  GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

@@ -14,6 +14,7 @@
 #include "base/json.hpp"
 #include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
+#include "service/sealed_text.hpp"
 #include "service/service_rules.hpp"
 
 namespace nadir {
@@ -94,16 +95,19 @@ json written(const SavedFlight& flight) {
 }
 
 constexpr std::uint64_t kMaxFileSize = 1 << 16;
+constexpr std::uint64_t kMaxAcceptanceSize = 1 << 22;
+constexpr const char* kAcceptanceFile = "acceptance.json";
 
 struct Age {
   double s = 0;
   bool same_boot = false;
 };
 
-Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, const FlightClock& clock) {
+Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, const FlightClock& clock, bool same_flight) {
   const double now_s = clock.monotonic_s();
   if (!flight.boot_id.empty() && flight.boot_id == clock.boot_id()) return {now_s - monotonic_s, true};
   const double by_utc_s = 1e-6 * static_cast<double>(clock.unix_us() - unix_us);
+  if (same_flight && (by_utc_s < 0 || by_utc_s > kMaxRestartAge_s)) return {now_s + kRebootAllowance_s, false};
   if (by_utc_s < 0) return {by_utc_s, false};
   return {std::max(by_utc_s, now_s) + kRebootAllowance_s, false};
 }
@@ -121,26 +125,25 @@ RestartPosition propagated(const SavedEstimate& estimate, const SavedVelocity& v
 
 std::string to_text(const SavedFlight& flight) {
   const std::string line = written(flight).dump(-1, ' ', false, json::error_handler_t::replace);
-  std::string text = line + "\n" + sha256(as_bytes(line)).hex() + "\n";
+  std::string text = sealed(line);
   const SavedFlightReading reading = parse_saved_flight(text);
   if (!reading.flight) throw Error({.what = "cannot save this state of the flight", .found = reading.rejection});
   return text;
 }
 
 SavedFlightReading parse_saved_flight(std::string_view text) {
-  const std::size_t end = text.find('\n');
-  if (end == std::string_view::npos) return {std::nullopt, "truncated"};
-  const std::string_view line = text.substr(0, end);
-  if (text.substr(end + 1) != sha256(as_bytes(line)).hex() + "\n") return {std::nullopt, "SHA-256 does not match"};
+  std::string rejection;
+  const auto line = unsealed(text, rejection);
+  if (!line) return {std::nullopt, rejection};
   try {
-    const json document = parse_json(line, "saved flight", {.max_depth = 4});
+    const json document = parse_json(*line, "saved flight", {.max_depth = 4});
     return {read_flight(document), {}};
   } catch (const Error& error) {
     return {std::nullopt, error.what()};
   }
 }
 
-StateDirectory::StateDirectory(fs::path folder) : folder_(std::move(folder)) {
+void StateDirectory::prepare() const {
   std::error_code error;
   fs::create_directories(folder_, error);
   if (error || !fs::is_directory(folder_)) {
@@ -151,7 +154,8 @@ StateDirectory::StateDirectory(fs::path folder) : folder_(std::move(folder)) {
                  .fix = "give --state a folder that only the service uses"});
   }
   for (const auto& entry : fs::directory_iterator(folder_)) {
-    if (entry.path().filename().string().starts_with("flight.json.tmp")) fs::remove(entry.path(), error);
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with("flight.json.tmp") || name.starts_with("acceptance.json.tmp")) fs::remove(entry.path(), error);
   }
   write_file_atomic(folder_ / ".writable", "");
   fs::remove(folder_ / ".writable", error);
@@ -176,11 +180,26 @@ SavedFlightReading StateDirectory::load() const {
   }
 }
 
-Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock) {
+void StateDirectory::save(const AcceptanceRecord& record) const {
+  write_file_atomic(folder_ / kAcceptanceFile, to_text(record));
+}
+
+AcceptanceReading StateDirectory::load_acceptance() const {
+  const fs::path path = folder_ / kAcceptanceFile;
+  std::error_code ignored;
+  if (!fs::exists(fs::symlink_status(path, ignored))) return {};
+  try {
+    return parse_acceptance(read_text_file(path, kMaxAcceptanceSize));
+  } catch (const std::exception& error) {
+    return {std::nullopt, error.what()};
+  }
+}
+
+Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock, bool same_flight) {
   if (!reading.flight) return {{}, {}, reading.rejection};
   const SavedFlight& flight = *reading.flight;
 
-  const Age saved = age_of(flight, flight.saved_monotonic_s, flight.saved_unix_us, clock);
+  const Age saved = age_of(flight, flight.saved_monotonic_s, flight.saved_unix_us, clock, same_flight);
   if (saved.s < 0) return {{}, {}, fmt::format("saved {:.0f} s in the future: cold start", -saved.s)};
   if (saved.s > kMaxRestartAge_s)
     return {{}, {}, fmt::format("saved {:.0f} s ago, by another flight: cold start", saved.s)};
@@ -191,7 +210,7 @@ Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock
     return restart;
   }
   const SavedEstimate& estimate = *flight.estimate;
-  const Age age = age_of(flight, estimate.monotonic_s, estimate.unix_us, clock);
+  const Age age = age_of(flight, estimate.monotonic_s, estimate.unix_us, clock, same_flight);
   if (age.s < saved.s) {
     restart.reason = "the saved position is newer than its file";
     return restart;

@@ -11,7 +11,8 @@
 //
 // Within one boot of the computer the age is exact, whatever was done to the system clock. After a reboot only UTC
 // counts, and a computer without a battery-backed clock starts with an old one: then the age is at least the time since
-// boot, plus a minute for the unobserved time.
+// boot, plus a minute for the unobserved time. Where the flight is known to be the same one (acceptance_record.hpp) and
+// UTC makes no sense, the age is just that.
 #pragma once
 
 #include <cstdint>
@@ -22,6 +23,7 @@
 
 #include "estimation/source_label.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "service/acceptance_record.hpp"
 #include "service/clock.hpp"
 #include "service/service_state.hpp"
 
@@ -73,9 +75,11 @@ SavedFlightReading parse_saved_flight(std::string_view text);
 // costs the restart its memory, not the flight.
 class StateDirectory {
  public:
-  // Creates the folder if it is missing and removes temporary files of a killed writer. Throws Error when that fails:
-  // before take-off rather than in flight.
-  explicit StateDirectory(std::filesystem::path folder);
+  explicit StateDirectory(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+  // Creates the folder if it is missing and removes temporary files of a killed writer. Throws Error when nothing can be
+  // written there; what is there can still be loaded.
+  void prepare() const;
 
   const std::filesystem::path& folder() const { return folder_; }
 
@@ -84,6 +88,10 @@ class StateDirectory {
 
   // A missing, damaged or unreadable file is rejected with the reason.
   SavedFlightReading load() const;
+
+  // The same for what was accepted. Throws Error when it cannot be written.
+  void save(const AcceptanceRecord& record) const;
+  AcceptanceReading load_acceptance() const;
 
  private:
   std::filesystem::path file() const { return folder_ / "flight.json"; }
@@ -105,6 +113,7 @@ struct Restart {
   std::string reason;             // for the recorder: what was restored, or why nothing
 };
 
-Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock);
+// same_flight: the aircraft has not landed since the flight was saved.
+Restart restart_from(const SavedFlightReading& reading, const FlightClock& clock, bool same_flight = false);
 
 }  // namespace nadir

@@ -25,7 +25,8 @@ void* open_camera(const char* source, char* error, size_t error_size) {
   }
   if (source == std::string_view("rtsp:late") && opened > 2)
     return new Camera{"rtsp:live", 0, std::vector<uint8_t>(18, 7)};
-  say("no such camera", error, error_size);
+  // As a library does that knows nothing of secrets.
+  say(std::string_view(source).find('@') == std::string_view::npos ? "no such camera" : source, error, error_size);
   return nullptr;
 }
 

@@ -124,5 +124,50 @@ TEST_F(PluginCameraTest, OpenCameraOpensTheNamedSource) {
   }
 }
 
+// ---- user and password of a network camera
+
+constexpr const char* kSecretSource = "rtsp://pilot:s3cret/@10.0.0.5:554/live?x=1";
+
+TEST(CameraSecrets, NoTextShowsThem) {
+  EXPECT_EQ(redacted(kSecretSource), "rtsp://10.0.0.5:554/live?x=1");
+  EXPECT_EQ(redacted("rtsp://10.0.0.5/live"), "rtsp://10.0.0.5/live");
+  EXPECT_EQ(redacted("folder:/data/a@b"), "folder:/data/a@b");
+  const ManualClock clock;
+  PluginCamera camera(FAKE_PLUGIN, kSecretSource, clock);
+  EXPECT_EQ(camera.describe().find("s3cret"), std::string::npos) << camera.describe();
+  const CameraReading reading = camera.next(std::chrono::milliseconds(0), {});
+  ASSERT_EQ(reading.status, CameraStatus::failure);
+  EXPECT_EQ(reading.detail.find("s3cret"), std::string::npos) << reading.detail;
+  EXPECT_NE(reading.detail.find("10.0.0.5"), std::string::npos) << "which camera: " << reading.detail;
+  try {
+    open_camera("pigeon://pilot:s3cret@loft", clock);
+    ADD_FAILURE() << "an unknown kind";
+  } catch (const UsageError& error) {
+    EXPECT_EQ(std::string(error.what()).find("s3cret"), std::string::npos) << error.what();
+  }
+}
+
+TEST(CameraSecrets, ComeFromAFileOfTheOwnersAlone) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.write("camera", "pilot:p@ss:w/rd\n");
+  std::filesystem::permissions(file, std::filesystem::perms(0600));
+  EXPECT_EQ(with_credentials("rtsp://10.0.0.5/live", file), "rtsp://pilot:p%40ss%3Aw%2Frd@10.0.0.5/live");
+  EXPECT_THROW(with_credentials("folder:/data", file), UsageError);
+  EXPECT_THROW(with_credentials("rtsp://a:b@10.0.0.5/live", file), UsageError) << "which ones count?";
+  EXPECT_THROW(with_credentials("rtsp://10.0.0.5/live", folder / "none"), Error);
+  std::filesystem::permissions(file, std::filesystem::perms(0640));
+  EXPECT_THROW(with_credentials("rtsp://10.0.0.5/live", file), UsageError);
+  for (const char* text : {"", "pilot", ":secret", "pilot:secret\nanother line"}) {
+    const auto other = folder.write("other", text);
+    std::filesystem::permissions(other, std::filesystem::perms(0600));
+    try {
+      with_credentials("rtsp://10.0.0.5/live", other);
+      ADD_FAILURE() << text;
+    } catch (const UsageError& error) {
+      EXPECT_EQ(std::string(error.what()).find("secret\n"), std::string::npos);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace nadir

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Faults injected into nadird in the closed loop: it is killed repeatedly; disk full, link cut, clocks
-set, tiles spoilt, camera stalled, ten times the frames. Prints a table of what was expected and what was found; the exit
+set, tiles spoilt, camera stalled, ten times the frames; it is restarted in flight on a
+full state disk, a taken port, a wrong clock, a torn file, a swapped package. Prints a table of what was expected and what was found; the exit
 code is 1 when something is wrong. docs/closed-loop.md.
 """
 import argparse
@@ -9,11 +10,11 @@ import pathlib
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-from loop import faults, harness, kills
+from loop import faults, harness, kills, restarts
 from loop.evidence import table
 from loop.inputs import Inputs
 
-PARTS = {"kill": kills.fly, "faults": faults.fly}
+PARTS = {"kill": kills.fly, "faults": faults.fly, "restarts": restarts.fly}
 
 
 def arguments():

@@ -2,7 +2,13 @@
 // and its peer on the other end of a socket.
 #include "flight/flight_service.hpp"
 
+#include <arpa/inet.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <atomic>
+#include <mutex>
 #include <thread>
 
 #include "base/files.hpp"
@@ -103,6 +109,153 @@ TEST_F(RejectedFlight, TheAttitudeUncertaintyIsAtLeastThatOfAFixAidedAttitude) {
   ASSERT_TRUE(flown);
   EXPECT_DOUBLE_EQ(flown->heading_rad, 0.2);
   EXPECT_DOUBLE_EQ(flown->tilt_rad, kFixAidedTilt_rad);
+}
+
+// What a disk or another process does to parts of the service: it starts, reports, and uses them later. The map is missing
+// as well, which is the worst of starts.
+class PartsInFlight : public ::testing::Test {
+ protected:
+  PartsInFlight() {
+    options_.airframe.system = 7;
+    options_.autopilot = peer_.endpoint();
+    options_.listen = "127.0.0.1:0";
+    options_.state = folder_ / "state";
+    verified_.findings.add({.code = "signature.invalid", .where = "manifest.sig"});
+  }
+  ~PartsInFlight() override {
+    stop_.request_stop();
+    running_ = {};
+  }
+  void begin() {
+    const auto log = [this](const std::string& line) {
+      const std::scoped_lock lock(mutex_);
+      log_.push_back(line);
+    };
+    service_ = std::make_unique<FlightService>(options_, std::move(verified_), clock_, stop_, log);
+    running_ = std::jthread([this] { end_ = service_->run(); });
+  }
+  void beats(bool armed) {
+    mavlink_message_t message;
+    mavlink_msg_heartbeat_pack(7, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA,
+                               armed ? MAV_MODE_FLAG_SAFETY_ARMED : 0, 0, MAV_STATE_ACTIVE);
+    peer_.send(message);
+  }
+  // Until the log holds it; the autopilot beats meanwhile, so that the operator hears as well.
+  void wait_for(const std::string& text) {
+    peer_.listen_until([&] {
+      if (!peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty()) beats(false);
+      return logged(text) > 0;
+    });
+  }
+  std::ptrdiff_t logged(const std::string& text) const {
+    const std::scoped_lock lock(mutex_);
+    return std::ranges::count_if(log_, [&](const std::string& line) { return line.find(text) != std::string::npos; });
+  }
+  bool told(const std::string& wanted) const {
+    return std::ranges::any_of(peer_.heard(MAVLINK_MSG_ID_STATUSTEXT), [&](const mavlink_message_t& message) {
+      char text[51] = {};
+      mavlink_msg_statustext_get_text(&message, text);
+      return wanted == text;
+    });
+  }
+  AcceptanceReading acceptance() const { return StateDirectory(options_.state).load_acceptance(); }
+
+  const test::TemporaryFolder folder_;
+  const SystemFlightClock clock_;
+  StopSignals stop_;
+  test::LinkPeer peer_;
+  FlightOptions options_;
+  VerifiedPackage verified_;
+  mutable std::mutex mutex_;
+  std::vector<std::string> log_;
+  std::unique_ptr<FlightService> service_;
+  FlightEnd end_ = FlightEnd::stopped;
+  std::jthread running_;
+};
+
+TEST_F(PartsInFlight, AStateDirectoryThatCannotBeMadeIsReportedAndUsedLater) {
+  folder_.write("state", "a file in its place");
+  begin();
+  wait_for("state directory: failed");
+  peer_.listen_until([&] { return told("Nadir: state directory failed, trying again"); });
+  std::filesystem::remove(folder_ / "state");
+  wait_for("state directory: works again");
+  peer_.listen_until([&] { return told("Nadir: state directory works again"); });
+  EXPECT_EQ(logged("state directory: failed"), 1) << "once";
+  EXPECT_TRUE(StateDirectory(options_.state).load().flight);
+}
+
+TEST_F(PartsInFlight, ATakenPortIsReportedAndUsedWhenItIsFree) {
+  const int other = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  ASSERT_EQ(::bind(other, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  ASSERT_EQ(::listen(other, 1), 0);
+  socklen_t size = sizeof address;
+  ::getsockname(other, reinterpret_cast<sockaddr*>(&address), &size);
+  options_.listen = "127.0.0.1:" + std::to_string(ntohs(address.sin_port));
+  begin();
+  wait_for("API: failed");
+  ::close(other);
+  wait_for("API: works again");
+  EXPECT_EQ(logged("API: failed"), 1);
+}
+
+TEST_F(PartsInFlight, ARecordingFolderThatCannotBeMadeIsReportedAndUsedLater) {
+  folder_.write("record", "a file in its place");
+  options_.record = folder_ / "record";
+  begin();
+  wait_for("recorder: failed");
+  std::filesystem::remove(folder_ / "record");
+  wait_for("recorder: works again");
+  stop_.request_stop();
+  running_ = {};
+  service_.reset();
+  std::size_t records = 0;
+  read_recording(folder_ / "record", [&](const Recorded&) { ++records; });
+  EXPECT_GT(records, 1U);
+}
+
+TEST_F(PartsInFlight, ATornSigningTimeIsReportedOnceAndWrittenAnew) {
+  std::filesystem::create_directories(options_.state);
+  folder_.write("state/signing-time", "123");
+  write_file_atomic(folder_ / "link.key", std::string(64, 'a'), 0600);
+  options_.link_key = folder_ / "link.key";
+  begin();
+  peer_.listen_until([&] { return logged("signing time: works again") > 0; });
+  EXPECT_EQ(logged("signing time: failed"), 1);
+}
+
+TEST_F(PartsInFlight, WrongUsageIsFoundAtTheStart) {
+  options_.listen = "0.0.0.0:0";  // without a token
+  EXPECT_THROW(FlightService(options_, std::move(verified_), clock_, stop_), UsageError);
+}
+
+// The acceptance lasts until the landing: the autopilot says when the flight begins.
+TEST_F(PartsInFlight, AnArmedAutopilotIsRememberedInTheAcceptance) {
+  AcceptedPackage package;
+  package.folder = "/data/a";
+  package.series = "a";
+  verified_.acceptance = accepted_next(std::nullopt, package, "boot");
+  begin();
+  peer_.listen_until([&] { return acceptance().record.has_value(); });
+  EXPECT_FALSE(acceptance().record->airborne);
+  peer_.listen_until([&] {
+    if (!peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty()) beats(true);
+    const AcceptanceReading reading = acceptance();
+    return reading.record && reading.record->airborne;
+  });
+}
+
+// A package that could not be read is asked for again, and the service ends so that it is judged.
+TEST_F(PartsInFlight, APackageThatCanBeOpenedAgainIsJudged) {
+  std::atomic<int> asked{0};
+  verified_.can_be_opened = [&asked] { return ++asked == 2; };
+  begin();
+  peer_.listen_until([&] { return asked == 2; });
+  running_ = {};  // by itself
+  EXPECT_EQ(end_, FlightEnd::judge_again);
 }
 
 }  // namespace

@@ -44,9 +44,9 @@ class TilesInFlight : public ::testing::Test {
               ++fates_[fate];
               changed_.notify_all();
             },
-            [this](const std::string&) {
+            [this](const std::string& failure) {
               const std::scoped_lock lock(mutex_);
-              ++troubles_;
+              troubles_ += failure.empty() ? 0 : 1;
               changed_.notify_all();
             },
             [this](const FrameTiles&) {

@@ -17,6 +17,7 @@
 #include "trust/signed_document.hpp"
 #include "trust/rollback_permit.hpp"
 #include "trust/root.hpp"
+#include "trust/time_permit.hpp"
 
 namespace nadir::fuzz {
 
@@ -67,6 +68,15 @@ void permit(std::string_view bytes) {
     const SignedPermit first = parse_permit(bytes, "fuzz");
     require(first.permit.to < first.permit.from, "a permit that is no step back");
     const SignedPermit again = parse_permit(first.document.json(), "again");
+    require(again.document.signed_bytes == first.document.signed_bytes, "a permit changes when it is written");
+  });
+}
+
+void time_permit(std::string_view bytes) {
+  refusing([&] {
+    const SignedTimePermit first = parse_time_permit(bytes, "fuzz");
+    require(first.permit.instead < first.permit.remembered, "a permit that leads forwards");
+    const SignedTimePermit again = parse_time_permit(first.document.json(), "again");
     require(again.document.signed_bytes == first.document.signed_bytes, "a permit changes when it is written");
   });
 }

@@ -28,6 +28,8 @@ const std::vector<Target>& targets() {
                                        {"mission", fuzz::mission},
                                        {"state", fuzz::state},
                                        {"permit", fuzz::permit},
+                                       {"time_permit", fuzz::time_permit},
+                                       {"acceptance", fuzz::acceptance},
                                        {"candidate", fuzz::candidate},
                                        {"candidate_rows", fuzz::candidate_rows},
                                        {"terrain", fuzz::terrain},

@@ -6,6 +6,8 @@
 #include "nadir_candidates/upload_api.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
+#include "service/acceptance_record.hpp"
+#include "service/sealed_text.hpp"
 
 namespace nadir::fuzz {
 
@@ -118,6 +120,13 @@ void upload_request(std::string_view bytes) {
     require(!part->length || *part->length > 48, "a pack that holds no tile");
   }
   media_type(line());
+}
+
+void acceptance(std::string_view bytes) {
+  const AcceptanceReading reading = parse_acceptance(sealed(std::string(bytes)));
+  require(reading.record.has_value() == reading.rejection.empty(), "a record and a reason against it, or neither");
+  if (!reading.record) return;
+  require(parse_acceptance(to_text(*reading.record)).record == reading.record, "a record changes when it is written");
 }
 
 }  // namespace nadir::fuzz

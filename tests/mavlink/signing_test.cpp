@@ -14,6 +14,7 @@ namespace nadir {
 namespace {
 
 constexpr MavlinkAddress kSigner{1, 191};
+constexpr std::uint64_t kTicks = kSigningTicksPerSecond;  // of a second
 constexpr std::int64_t kSigned_us = 1'730'291'696'000'000;  // 2024-10-30T12:34:56Z
 const std::string kSigningKeyHex = "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff";
 constexpr const char* kAttitude = R"({"message":"ATTITUDE","roll":0.25})";
@@ -117,12 +118,85 @@ TEST_F(SignedLink, OldTimestampsAreRejected) {
   EXPECT_EQ(signing_.counts().too_old, 2U);
 }
 
-TEST_F(SignedLink, TheAutopilotsTimeIsAdoptedWhenItIsAhead) {
-  const std::uint64_t ahead = now_ + 3600 * kSigningTicksPerSecond;
-  EXPECT_EQ(judged(theirs(ahead)), SignatureVerdict::accepted);
-  EXPECT_GE(time_.take(0), ahead);
-  EXPECT_GE(time_.now(1'000'000), ahead + kSigningTicksPerSecond) << "and goes on from there";
-  EXPECT_EQ(judged(theirs(now_, 1)), SignatureVerdict::too_old);
+// A clock that is ten minutes behind, or that was lost without a battery: the autopilot's time counts within a second.
+TEST_F(SignedLink, TheAutopilotsTimeIsFollowedWhenItStaysAhead) {
+  const std::uint64_t ahead = now_ + 3600 * kTicks;
+  EXPECT_EQ(judged(theirs(ahead)), SignatureVerdict::too_new);
+  EXPECT_EQ(judged(theirs(ahead + kTicks / 2), 500'000), SignatureVerdict::too_new);
+  EXPECT_EQ(time_.now(500'000), now_ + kTicks / 2) << "two frames move nothing";
+  EXPECT_EQ(judged(theirs(ahead + kTicks), 1'000'000), SignatureVerdict::accepted);
+  EXPECT_GE(time_.take(1'000'000), ahead);
+  EXPECT_GE(time_.now(2'000'000), ahead + 2 * kTicks) << "and goes on from there";
+  EXPECT_EQ(judged(theirs(now_, 1), 2'000'000), SignatureVerdict::too_old);
+}
+
+// Whoever holds the key can send one; nothing of it may last.
+TEST_F(SignedLink, OneFrameTenYearsAheadMovesNothing) {
+  const std::uint64_t decade = now_ + std::uint64_t{10} * 365 * 86'400 * kTicks;
+  EXPECT_EQ(judged(theirs(decade)), SignatureVerdict::too_new);
+  EXPECT_EQ(signing_.counts().too_new, 1U);
+  EXPECT_EQ(judged(theirs(now_ + kTicks), 1'000'000), SignatureVerdict::accepted) << "the same stream, at its right time";
+  time_.save(1'000'000);
+  EXPECT_LE(std::stoull(read_text_file(folder_ / "time")), now_ + 2 * kTicks);
+  for (int i = 0; i < 100; ++i) {  // however many, and however patiently
+    EXPECT_EQ(judged(theirs(decade + static_cast<std::uint64_t>(i) * kTicks, 5), 10'000'000 + i * 1'000'000),
+              SignatureVerdict::too_new);
+  }
+  EXPECT_LE(time_.now(110'000'000), now_ + 111 * kTicks);
+}
+
+// Frames that are ahead by less are ordinary, but never push our time beyond a minute, in which right ones still count.
+TEST_F(SignedLink, ManyFramesSomewhatAheadDoNotLockTheRightTimeOut) {
+  std::int64_t us = 0;
+  for (std::uint64_t i = 0; i < 200; ++i, us += 10'000) judged(theirs(now_ + (59 + i) * kTicks, 7), us);
+  EXPECT_LE(time_.now(us), now_ + 63 * kTicks);
+  EXPECT_EQ(judged(theirs(now_ + 3 * kTicks), us), SignatureVerdict::accepted);
+}
+
+TEST_F(SignedLink, WhileOthersAreAcceptedAnotherTimeIsNotFollowed) {
+  for (int i = 0; i < 20; ++i) {
+    const auto passed = static_cast<std::uint64_t>(i) * kTicks;
+    EXPECT_EQ(judged(theirs(now_ + passed), i * 1'000'000), SignatureVerdict::accepted);
+    EXPECT_EQ(judged(theirs(now_ + 86'400 * kTicks + passed, 9), i * 1'000'000), SignatureVerdict::too_new);
+  }
+}
+
+// Our clock runs two years ahead after a reboot in the air: the file of the last run says what was reached, and the
+// autopilot's frames, newer than that, are followed back.
+TEST(SigningAfterAReboot, AClockTwoYearsAheadFollowsTheAutopilotBack) {
+  const test::TemporaryFolder folder;
+  const std::uint64_t now = signing_time_of(kSigned_us);
+  folder.write("time", std::to_string(now) + "\n");
+  const std::int64_t wrong_us = kSigned_us + std::int64_t{2} * 365 * 86'400 * 1'000'000;
+  SigningTime time(folder / "time", wrong_us, 0);
+  Signing signing(key(), time, 3);
+  EXPECT_LE(time.take(0), now + kTicks) << "nobody was heard: what the last run used is continued";
+  const auto judged = [&](std::uint64_t timestamp, std::int64_t us) {
+    FrameReader reader;
+    reader.add(test::frames_by_pymavlink(
+        kAttitude, "--key " + kSigningKeyHex + " --timestamp " + std::to_string(timestamp))[0]);
+    return signing.check(*reader.next(), us);
+  };
+  EXPECT_EQ(judged(now - 120 * kTicks, 0), SignatureVerdict::too_old);
+  EXPECT_EQ(judged(now - 119 * kTicks, 600'000), SignatureVerdict::too_old);
+  EXPECT_EQ(judged(now - 118 * kTicks, 1'200'000), SignatureVerdict::too_old) << "recorded before the reboot";
+  EXPECT_EQ(judged(now + 5 * kTicks, 2'000'000), SignatureVerdict::too_old);
+  EXPECT_EQ(judged(now + 5 * kTicks + kTicks / 2, 2'500'000), SignatureVerdict::too_old);
+  EXPECT_EQ(judged(now + 6 * kTicks, 3'000'000), SignatureVerdict::accepted);
+  time.save(4'000'000);
+  EXPECT_LE(std::stoull(read_text_file(folder / "time")), now + 10 * kTicks) << "the next start is not two years ahead";
+}
+
+// What was followed beyond our own clock is not written beyond a day of it.
+TEST(SigningAfterAReboot, ATimeThatNobodyCanVouchForDoesNotOutliveTheRun) {
+  const test::TemporaryFolder folder;
+  SigningTime time(folder / "time", kSigned_us, 0);
+  const std::uint64_t year = signing_time_of(kSigned_us) + std::uint64_t{365} * 86'400 * kTicks;
+  ASSERT_TRUE(time.follow(year, 0));
+  EXPECT_GE(time.take(0), year);
+  time.save(1'000'000);
+  EXPECT_LE(std::stoull(read_text_file(folder / "time")), signing_time_of(kSigned_us) + 86'402 * kTicks);
+  EXPECT_FALSE(time.follow(signing_time_of(kSigned_us) + std::uint64_t{10} * 365 * 86'400 * kTicks, 0)) << "ten years";
 }
 
 TEST_F(SignedLink, AWrongSignatureDoesNotMoveTheClock) {
@@ -236,12 +310,22 @@ TEST(SigningTimestamp, AFullDiskIsCountedAndTheLinkContinues) {
   EXPECT_EQ(time.failed_reservations(), 1U) << "one try, not one for each frame";
 }
 
-TEST(SigningTimestamp, ADamagedFileIsNotAMissingOne) {
+// Torn by a power cut: told, and written anew. The link starts with our clock and the peers' frames.
+TEST(SigningTimestamp, ADamagedFileIsToldAndReplaced) {
   const test::TemporaryFolder folder;
-  for (const char* text : {"", "\n", "12", "12\n\n", "-1\n", "x\n", "99999999999999999\n", "1 2\n"}) {
+  const std::string whole = std::to_string(signing_time_of(kSigned_us)) + "\n";
+  std::vector<std::string> texts{"\n", "12\n\n", "-1\n", "x\n", "99999999999999999\n", "1 2\n"};
+  for (std::size_t size = 0; size < whole.size(); ++size) texts.push_back(whole.substr(0, size));
+  for (const std::string& text : texts) {
     const auto path = folder.write("time", text);
-    EXPECT_THROW(SigningTime(path, kSigned_us, 0), Error) << text;
+    SigningTime time(path, kSigned_us, 0);
+    EXPECT_NE(time.failure().find("damaged"), std::string::npos) << text;
+    EXPECT_GE(time.take(0), signing_time_of(kSigned_us));
+    time.save(1'000'000);
+    EXPECT_EQ(time.failure(), "") << text;
+    EXPECT_EQ(SigningTime(path, kSigned_us, 0).failure(), "") << text;
   }
+  EXPECT_EQ(SigningTime(folder / "none", kSigned_us, 0).failure(), "") << "a new aircraft";
 }
 
 class KeyFile : public ::testing::Test {

@@ -11,6 +11,7 @@
 #include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
 #include "service/service_machine.hpp"
+#include "service/service_rules.hpp"
 #include "support/manual_clock.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -68,6 +69,7 @@ TEST(StateDirectory, LoadsWhatWasSaved) {
   const TemporaryFolder folder;
   const StateDirectory state(folder / "state");
   EXPECT_EQ(state.load().rejection, "no saved state: cold start");
+  state.prepare();
   SavedFlight flight = some_flight();
   EXPECT_EQ(state.save(flight), std::nullopt);
   expect_same(*StateDirectory(folder / "state").load().flight, flight);
@@ -85,21 +87,32 @@ TEST(StateDirectory, RemovesTemporaryFilesOfAKilledWriter) {
   const TemporaryFolder folder;
   folder.write("flight.json.tmp4711", "half a fli");
   folder.write("signing.json", "not ours");
-  const StateDirectory state(folder.path());
+  StateDirectory(folder.path()).prepare();
   EXPECT_FALSE(std::filesystem::exists(folder / "flight.json.tmp4711"));
   EXPECT_TRUE(std::filesystem::exists(folder / "signing.json"));
 }
 
-TEST(StateDirectory, RejectsWhatIsNotAFolder) {
+// The service starts without it, and tries again.
+TEST(StateDirectory, WhatIsNotAFolderCannotBePreparedAndIsReadAsEmpty) {
   const TemporaryFolder folder;
   folder.write("file", "");
-  EXPECT_THROW(StateDirectory(folder / "file"), Error);
-  EXPECT_THROW(StateDirectory(folder / "file/under"), Error);
+  for (const char* name : {"file", "file/under"}) {
+    const StateDirectory state(folder / name);
+    EXPECT_THROW(state.prepare(), Error);
+    EXPECT_FALSE(state.load().flight);
+    EXPECT_FALSE(state.load_acceptance().record);
+    EXPECT_TRUE(state.save(some_flight()));
+  }
+  std::filesystem::remove(folder / "file");
+  const StateDirectory state(folder / "file");
+  state.prepare();
+  EXPECT_FALSE(state.save(some_flight())) << "now there is room for it";
 }
 
 TEST(StateDirectory, AFailedSaveKeepsTheLastFileAndSaysWhy) {
   const TemporaryFolder folder;
   const StateDirectory state(folder / "state");
+  state.prepare();
   ASSERT_EQ(state.save(some_flight()), std::nullopt);
   SavedFlight impossible = some_flight();
   impossible.estimate->sigma_m = std::nan("");
@@ -336,6 +349,23 @@ TEST(Restart, InFlightThereIsAPositionWithinFiveSeconds) {
   EXPECT_LE(clock.monotonic_s() - killed_s, 5);
   EXPECT_NEAR(machine.status().sigma_m, 10 + 4.5 * 25, 1e-6);
   EXPECT_EQ(machine.status().source, SourceLabel::dead_reckoned);
+}
+
+// A reboot in the air, and the clock is wrong afterwards: the flight is the same, the age is that since the boot.
+TEST(RestartOfTheSameFlight, AWrongClockAfterARebootCostsNoPosition) {
+  const SavedFlight flight = saved_at(ManualClock());
+  constexpr std::int64_t kSaved_us = 1'750'000'000'000'000;
+  for (const double wrong_s : {-1.7e9, -600.0, -10.0, 2 * 365 * 86'400.0}) {
+    const ManualClock rebooted(20, kSaved_us + static_cast<std::int64_t>(wrong_s * 1e6), "boot-2");
+    EXPECT_FALSE(restart_from({flight, {}}, rebooted, false).position) << wrong_s;
+    const Restart restart = restart_from({flight, {}}, rebooted, true);
+    ASSERT_TRUE(restart.position) << wrong_s << ": " << restart.reason;
+    EXPECT_NEAR(restart.position->age_s, 20 + kRebootAllowance_s, 1) << wrong_s;
+    EXPECT_GT(restart.position->sigma_m, 500) << "where the search begins, no fix";
+  }
+  const ManualClock right(20, kSaved_us + 90'000'000, "boot-2");
+  EXPECT_EQ(restart_from({flight, {}}, right, true).position->age_s, restart_from({flight, {}}, right, false).position->age_s)
+      << "a clock that makes sense is used";
 }
 
 }  // namespace

@@ -20,6 +20,7 @@ std::unique_ptr<Command> make_keys_root();
 std::unique_ptr<Command> make_keys_revoke();
 std::unique_ptr<Command> make_keys_sign();
 std::unique_ptr<Command> make_keys_permit_rollback();
+std::unique_ptr<Command> make_keys_permit_time();
 std::unique_ptr<Command> make_mission_check();
 std::unique_ptr<Command> make_mission_import();
 std::unique_ptr<Command> make_mission_plan();

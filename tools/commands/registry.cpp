@@ -11,7 +11,7 @@ ProgramText nadir_text() {
 std::vector<std::unique_ptr<Command>> all_commands() {
   std::vector<std::unique_ptr<Command>> commands;
   for (const auto make :
-       {make_keys_create, make_keys_root, make_keys_revoke, make_keys_sign, make_keys_permit_rollback,
+       {make_keys_create, make_keys_root, make_keys_revoke, make_keys_sign, make_keys_permit_rollback, make_keys_permit_time,
         make_mission_check, make_mission_import, make_mission_plan, make_cache_build, make_cache_update,
         make_cache_sign, make_cache_index, make_cache_verify, make_cache_inspect, make_cache_validate,
         make_cache_gaps, make_cache_matchability, make_cache_diff, make_catalogue_add, make_catalogue_list,

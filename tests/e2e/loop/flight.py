@@ -36,6 +36,7 @@ class Setup:
     record: pathlib.Path = None  # another folder than run/record
     speed: float = 1  # times real time; nadird must have a clock that goes as fast
     environment: dict = dataclasses.field(default_factory=dict)  # of nadird, besides ours
+    as_of_creation: bool = True  # nadird judges as of the package's creation; then it remembers nothing, and resumes nothing
 
     def rows(self):
         """The autopilot's log, ten rows a second."""
@@ -145,6 +146,6 @@ class Flight:
             return [sys.executable, "-B", HERE / "stand_in.py", self.link_port, self.other_port, "--offset-m",
                     setup.stand_in, *self._key("--key-file")]
         return [setup.nadird, "--package", setup.package or inputs.package, "--airframe", inputs.airframe, "--trust",
-                inputs.root, "--at", inputs.created, "--state", run / "state", "--camera", f"folder:{run / 'frames'}",
+                inputs.root, *(["--at", inputs.created] if setup.as_of_creation else []), "--state", run / "state", "--camera", f"folder:{run / 'frames'}",
                 "--autopilot", f"udpin:127.0.0.1:{self.link_port}", "--record", self.record, "--listen",
                 f"127.0.0.1:{self.api_port}", *self._key("--signing-key"), *setup.nadird_options]

@@ -87,7 +87,7 @@ int CacheVerifyCommand::run(Context& context) {
   verify_place_index(package_, options.depth, context.progress, verification);
   verification.findings.add(request_.findings());
   if (verification.accepted()) {
-    request_.record_acceptance(*verification.manifest, verification.root_version, verification.newer_roots);
+    request_.record_acceptance(*verification.manifest, verification);
   }
   return report(context, verification, options.at);
 }

@@ -1,4 +1,4 @@
-// nadir keys sign: one more signature for a root of trust or a rollback permit, so that several people can sign it.
+// nadir keys sign: one more signature for a root of trust or a permit, so that several people can sign it.
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -16,6 +16,7 @@
 #include "trust/rollback_permit.hpp"
 #include "trust/root.hpp"
 #include "trust/signatures.hpp"
+#include "trust/time_permit.hpp"
 
 namespace nadir {
 namespace {
@@ -33,7 +34,7 @@ class KeysSignCommand final : public Command {
   std::string_view group() const override { return "keys"; }
   std::string_view name() const override { return "sign"; }
   std::string_view summary() const override {
-    return "add a signature to a root of trust or a rollback permit";
+    return "add a signature to a root of trust or a permit";
   }
   std::string_view details() const override;
   std::string_view examples() const override;
@@ -44,8 +45,9 @@ class KeysSignCommand final : public Command {
 
  private:
   Findings sign_root_file(const std::string& text, const std::vector<PrivateKey>& keys, std::string& result) const;
-  Findings sign_permit_file(const std::string& text, const std::vector<PrivateKey>& keys, UtcTime at,
-                            std::string& result) const;
+  template <typename Permit>
+  Findings sign_permit_file(Permit permit, std::string_view payload_type, const std::vector<PrivateKey>& keys,
+                            UtcTime at, std::string& result) const;
 
   std::filesystem::path file_;
   std::vector<std::filesystem::path> keys_;
@@ -68,7 +70,7 @@ nadir keys sign permit.json --key ben.key.pem --trust root.json)";
 }
 
 void KeysSignCommand::setup(Options& options) {
-  options.positional("FILE.json", file_, "root of trust or rollback permit").required();
+  options.positional("FILE.json", file_, "root of trust or permit").required();
   options.values("--key", keys_, "KEY.pem", "private key that signs; may be repeated").required();
   options.value("--previous", previous_, "ROOT.json", "for a root: its predecessor");
   options.value("--trust", trust_, "ROOT.json", "for a permit: root that names the package signers");
@@ -98,17 +100,17 @@ Findings KeysSignCommand::sign_root_file(const std::string& text, const std::vec
   return findings;
 }
 
-Findings KeysSignCommand::sign_permit_file(const std::string& text, const std::vector<PrivateKey>& keys, UtcTime at,
-                                           std::string& result) const {
+template <typename Permit>
+Findings KeysSignCommand::sign_permit_file(Permit permit, std::string_view payload_type,
+                                           const std::vector<PrivateKey>& keys, UtcTime at, std::string& result) const {
   if (!trust_) throw UsageError({.what = "a permit must be signed by package signers", .expected = "--trust ROOT.json"});
   const TrustRoot root = read_trusted_root(*trust_);
-  SignedPermit permit = parse_permit(text, file_.string());
   for (const PrivateKey& key : keys) {
     require_key(root.package_signer.key_ids.contains(key.public_key().id()), key, "a package signer of the root");
-    permit.document.put(sign_payload(key, kPermitPayloadType, as_bytes(permit.document.signed_bytes)));
+    permit.document.put(sign_payload(key, payload_type, as_bytes(permit.document.signed_bytes)));
   }
   result = permit.document.json();
-  return check_signatures(root, root.package_signer, permit.document.signatures, kPermitPayloadType,
+  return check_signatures(root, root.package_signer, permit.document.signatures, payload_type,
                           as_bytes(permit.document.signed_bytes), at, file_.string())
       .findings;
 }
@@ -122,11 +124,14 @@ int KeysSignCommand::run(Context& context) {
   if (schema == kRootSchema) {
     missing = sign_root_file(text, keys, result);
   } else if (schema == kPermitSchema) {
-    missing = sign_permit_file(text, keys, context.clock.now(), result);
+    missing = sign_permit_file(parse_permit(text, file_.string()), kPermitPayloadType, keys, context.clock.now(), result);
+  } else if (schema == kTimePermitSchema) {
+    missing = sign_permit_file(parse_time_permit(text, file_.string()), kTimePermitPayloadType, keys,
+                               context.clock.now(), result);
   } else {
     throw UsageError({.what = "this file cannot be signed with this command",
                       .where = file_,
-                      .expected = "a root of trust or a rollback permit",
+                      .expected = "a root of trust or a permit",
                       .found = schema.empty() ? "another kind of document" : "schema " + schema.substr(0, 80),
                       .fix = "packages are signed with `nadir cache sign`"});
   }
