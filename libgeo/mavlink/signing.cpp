@@ -201,10 +201,13 @@ bool SigningTime::follow(std::uint64_t timestamp, std::int64_t monotonic_us) {
 
 void SigningTime::save(std::int64_t monotonic_us) {
   const std::scoped_lock writing(writing_);
-  write(monotonic_us);
+  std::string failure = write(monotonic_us);
+  const std::scoped_lock lock(mutex_);
+  failure_ = std::move(failure);
 }
 
-void SigningTime::write(std::int64_t monotonic_us) {
+// Why not; empty when it is written.
+std::string SigningTime::write(std::int64_t monotonic_us) {
   std::uint64_t from = 0, bound = 0;
   {
     const std::scoped_lock lock(mutex_);
@@ -221,9 +224,9 @@ void SigningTime::write(std::int64_t monotonic_us) {
   }
   // Also after a failure: the next attempt comes when this reservation is used up or old, not with every frame.
   const std::scoped_lock lock(mutex_);
-  failure_ = std::move(failure);
   last_ = std::max(last_, from);
   allowed_ = until;
+  return failure;
 }
 
 Signing::Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id)

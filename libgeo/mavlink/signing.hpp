@@ -91,11 +91,11 @@ class SigningTime {
   // the system clock.
   std::uint64_t failed_reservations() const { return failed_; }
 
-  // Why the file does not hold what it should: it was damaged, or could not be written. Empty as soon as it does.
+  // Why the file does not hold what it should: it was damaged, or could not be written. Empty after a save() that went well.
   std::string failure() const;
 
  private:
-  void write(std::int64_t monotonic_us);
+  std::string write(std::int64_t monotonic_us);
   std::uint64_t agreed(std::int64_t monotonic_us) const;
   std::uint64_t own(std::int64_t monotonic_us) const;
   std::uint64_t now_locked(std::int64_t monotonic_us) const;
