@@ -12,6 +12,7 @@
 #include "cli/output.hpp"
 #include "cli/terminal.hpp"
 #include "flight/flight_service.hpp"
+#include "nadird_client/watch.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "package/open_package.hpp"
 #include "package/package_roots.hpp"
@@ -20,7 +21,6 @@
 #include "trust/signatures.hpp"
 #include "vision/camera.hpp"
 #include "vision/place_index.hpp"
-#include "nadird_client/watch.hpp"
 
 namespace nadir {
 namespace {
@@ -86,8 +86,7 @@ void NadirdCommand::setup(Options& options) {
                "for bench tests: run although the airframe file is not signed");
   options.value("--camera", flight_.camera, "SOURCE", "folder:DIR, video:FILE, v4l2:/dev/video0 or rtsp://…");
   options
-      .value("--camera-credentials", flight_.camera_credentials, "FILE",
-             "USER:PASSWORD of a network camera, mode 0600")
+      .value("--camera-credentials", flight_.camera_credentials, "FILE", "USER:PASSWORD of a network camera, mode 0600")
       .needs("--camera");
   options.value("--autopilot", flight_.autopilot, "URL",
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
@@ -105,22 +104,20 @@ void NadirdCommand::setup(Options& options) {
       .between(1, 100)
       .needs("--candidates");
   options
-      .value("--candidates-frame-ms", flight_.candidates_frame_ms, "MS", "maximum time for the tiles of one frame; 0: no limit")
+      .value("--candidates-frame-ms", flight_.candidates_frame_ms, "MS",
+             "maximum time for the tiles of one frame; 0: no limit")
       .between(0, 60'000)
       .needs("--candidates");
   options.value("--listen", flight_.listen, "ADDRESS", "address of the API and the web page");
   options.value("--token-file", flight_.token, "FILE", "bearer token for clients; required to listen beyond loopback")
       .formerly("--token");
-  options.value("--start", flight_.start, "LON,LAT",
-                "start of the flight; default: search the mission's area");
+  options.value("--start", flight_.start, "LON,LAT", "start of the flight; default: search the mission's area");
   options
       .value("--anchor-every-m", flight_.anchor_every_m, "M",
              "match to the map after this distance while the position is certain; 0: every frame")
       .between(0, 10'000)
       .formerly("--anchor-every");
-  options
-      .value("--memory-mb", memory_mb_, "MB",
-             "memory to reserve at the start for the flight; 0: none")
+  options.value("--memory-mb", memory_mb_, "MB", "memory to reserve at the start for the flight; 0: none")
       .between(0, 4096);
   options.flag("--external-position", flight_.send_external_position,
                "also send MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor");
@@ -165,8 +162,8 @@ void NadirdCommand::read_airframe(const AcceptanceReading& accepted, const std::
   } catch (const Error& error) {
     if (kept.empty()) throw;
     flight_.airframe = parse_airframe(kept, "the accepted airframe");
-    airframe_notice_ = fmt::format("the accepted airframe is used instead of {}: {}", airframe_file_.string(),
-                                   error.text().what);
+    airframe_notice_ =
+        fmt::format("the accepted airframe is used instead of {}: {}", airframe_file_.string(), error.text().what);
     text = kept;
   }
   airframe_text_ = std::move(text);
@@ -190,8 +187,7 @@ Findings NadirdCommand::evaluate_tile_key(const TrustRoot& newest_root, UtcTime 
     throw UsageError({.what = "--tile-key requires --airframe", .expected = "the airframe whose tiles it signs"});
   }
   const PublicKey key = PrivateKey::read(*flight_.tile_key).public_key();
-  const Findings findings =
-      check_tile_key(newest_root, *request_.airframe(), key, at, flight_.tile_key->string());
+  const Findings findings = check_tile_key(newest_root, *request_.airframe(), key, at, flight_.tile_key->string());
   Findings found;
   for (Finding finding : findings.items()) {
     if (!check_) finding.severity = Severity::warning;
@@ -215,8 +211,7 @@ Opening NadirdCommand::open_verified(Context& context, const std::filesystem::pa
 
 // Resuming: only whether it is the accepted one, and whole. Tiles need the root to say that their key is right; without
 // it there are no tiles.
-Opening NadirdCommand::resume(Context& context, const std::filesystem::path& package,
-                              const AcceptedPackage& accepted) {
+Opening NadirdCommand::resume(Context& context, const std::filesystem::path& package, const AcceptedPackage& accepted) {
   Opening opening = open_accepted_package(package, accepted.manifest, accepted.accepted_at, context.progress);
   verify_place_index(package, VerifyDepth::quick, context.progress, opening);
   if (opening.findings.has_errors()) opening.package.reset();
@@ -238,11 +233,10 @@ Opening NadirdCommand::resume(Context& context, const std::filesystem::path& pac
 
 PackageChoice NadirdCommand::choose(Context& context, const AcceptanceReading& accepted, const std::string& boot_id) {
   tile_key_refused_ = false;
-  return choose_package(package_, accepted, boot_id,
-                        {[&](const auto& package) { return open_verified(context, package); },
-                         [&](const auto& package, const AcceptedPackage& earlier) {
-                           return resume(context, package, earlier);
-                         }});
+  return choose_package(
+      package_, accepted, boot_id,
+      {[&](const auto& package) { return open_verified(context, package); },
+       [&](const auto& package, const AcceptedPackage& earlier) { return resume(context, package, earlier); }});
 }
 
 // A large package takes a while to verify. Nothing: SIGTERM came first.
@@ -282,7 +276,8 @@ int NadirdCommand::check(Context& context) {
 
 void NadirdCommand::require_service_options() const {
   const auto require = [](bool there, const char* option) {
-    if (!there) throw UsageError({.what = std::string(option) + " is required", .fix = "`nadird --help` lists the options"});
+    if (!there)
+      throw UsageError({.what = std::string(option) + " is required", .fix = "`nadird --help` lists the options"});
   };
   require(!airframe_file_.empty(), "--airframe FILE.json");
   require(!flight_.state.empty(), "--state DIR");
@@ -291,15 +286,16 @@ void NadirdCommand::require_service_options() const {
 }
 
 // What the service needs to know of the choice, and what it keeps. accepted: becomes what is accepted now.
-VerifiedPackage NadirdCommand::boarded(Context& context, PackageChoice choice, AcceptanceReading& accepted,
-                                       const std::string& boot_id) {
+VerifiedPackage NadirdCommand::prepared(Context& context, PackageChoice choice, AcceptanceReading& accepted,
+                                        const std::string& boot_id, const std::stop_token& stop) {
   VerifiedPackage verified;
   if (choice.opening.package && !choice.resumed && request_.remembers()) {
     const bool airborne = accepted.record && accepted.record->airborne;
     const Manifest& manifest = choice.opening.package->manifest();
-    accepted = {accepted_next(accepted.record,
-                              accepted_package(choice.folder, manifest, request_.evaluated_at(), airframe_text_), boot_id),
-                {}};
+    accepted = {
+        accepted_next(accepted.record,
+                      accepted_package(choice.folder, manifest, request_.evaluated_at(), airframe_text_), boot_id),
+        {}};
     accepted.record->airborne = airborne;
     request_.remember(manifest, choice.opening.root_version, choice.opening.newer_roots, choice.opening.time_reset);
     verified.write_memory = [this] { request_.write_memory(); };
@@ -317,12 +313,15 @@ VerifiedPackage NadirdCommand::boarded(Context& context, PackageChoice choice, A
   verified.notice_text = std::move(choice.notice_text);
   verified.package = std::move(choice.opening.package);
   if (verified.package) return verified;
-  verified.can_be_opened = [this, &context, accepted, boot_id] {
+  verified.can_be_opened = [this, &context, accepted, boot_id, stop] {
+    const std::stop_callback on_stop(stop, [] { request_interrupt(true); });
     try {
       return choose(context, accepted, boot_id).opening.package != nullptr;
-    } catch (const std::exception&) {
-      return false;
+    } catch (const Interrupted&) {
+      request_interrupt(false);
+    } catch (const std::exception&) {  // as before: still none
     }
+    return false;
   };
   return verified;
 }
@@ -365,7 +364,8 @@ int NadirdCommand::fly(Context& context) {
     if (!choice->opening.findings.empty()) print_findings(context.err, choice->opening.findings);
     FlightOptions options = flight_;
     if (tile_key_refused_) options.candidates.reset();
-    FlightService service(options, boarded(context, *std::move(choice), accepted, clock.boot_id()), clock, stop, log);
+    FlightService service(options, prepared(context, *std::move(choice), accepted, clock.boot_id(), stop.token()),
+                          clock, stop, log);
     const FlightEnd end = service.run();
     if (!context.quiet) context.err << service.summary() << '\n';
     if (end == FlightEnd::stopped) return kAccepted;

@@ -47,8 +47,8 @@ class NadirdCommand final : public Command {
   PackageChoice choose(Context& context, const AcceptanceReading& accepted, const std::string& boot_id);
   std::optional<PackageChoice> choose_unless_stopped(Context& context, const AcceptanceReading& accepted,
                                                      const std::string& boot_id, const std::stop_token& stop);
-  VerifiedPackage boarded(Context& context, PackageChoice choice, AcceptanceReading& accepted,
-                          const std::string& boot_id);
+  VerifiedPackage prepared(Context& context, PackageChoice choice, AcceptanceReading& accepted,
+                           const std::string& boot_id, const std::stop_token& stop);
   int check(Context& context);
   int serve(Context& context);
   int fly(Context& context);

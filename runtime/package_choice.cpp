@@ -62,13 +62,14 @@ std::vector<fs::path> folders_of(const AcceptedPackage& accepted, const fs::path
 Opening unreadable(const fs::path& package, const std::exception& error) {
   const auto* known = dynamic_cast<const Error*>(&error);
   Opening opening;
-  opening.findings.add({.code = "package.unreadable",
-                        .where = known != nullptr && !known->text().where.empty() ? known->text().where : package.string(),
-                        .expected = known != nullptr ? known->text().expected : "",
-                        .found = known == nullptr             ? error.what()
-                                 : known->text().found.empty() ? known->text().what
-                                                               : known->text().what + ": " + known->text().found,
-                        .fix = "check the path and the medium; it is tried again"});
+  opening.findings.add(
+      {.code = "package.unreadable",
+       .where = known != nullptr && !known->text().where.empty() ? known->text().where : package.string(),
+       .expected = known != nullptr ? known->text().expected : "",
+       .found = known == nullptr              ? error.what()
+                : known->text().found.empty() ? known->text().what
+                                              : known->text().what + ": " + known->text().found,
+       .fix = "check the path and the medium; it is tried again"});
   return opening;
 }
 
@@ -94,11 +95,15 @@ class Chooser {
     const bool other = record_ != nullptr && manifest_digest(wanted_) != record_->current.manifest;
     if (airborne_ || (holds_ && !other)) {
       if (resume(record_->current)) {
-        if (!other) return note(fmt::format("resumed as accepted at {}; clock and dates are not asked",
-                                            to_rfc3339(record_->current.accepted_at)), "");
-        return note(fmt::format("{} does not hold the package that was accepted for this flight: it is not used. Flying "
-                                "with the accepted one in {}", wanted_.string(), choice_.folder.string()),
-                    "Nadir: package swapped, flying the accepted one");
+        if (!other)
+          return note(fmt::format("resumed as accepted at {}; clock and dates are not asked",
+                                  to_rfc3339(record_->current.accepted_at)),
+                      "");
+        return note(
+            fmt::format("{} does not hold the package that was accepted for this flight: it is not used. Flying "
+                        "with the accepted one in {}",
+                        wanted_.string(), choice_.folder.string()),
+            "Nadir: package swapped, flying the accepted one");
       }
     }
     const Findings resuming = std::exchange(choice_.rejected, {});
@@ -143,7 +148,8 @@ class Chooser {
 
   static std::string first(const Findings& findings) {
     for (const Finding& finding : findings.items()) {
-      if (finding.severity == Severity::error) return fmt::format(" ({}: {}: {})", finding.code, finding.where, finding.found);
+      if (finding.severity == Severity::error)
+        return fmt::format(" ({}: {}: {})", finding.code, finding.where, finding.found);
     }
     return "";
   }

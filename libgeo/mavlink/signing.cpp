@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <charconv>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 
 namespace nadir {
 namespace {

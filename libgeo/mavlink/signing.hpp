@@ -91,7 +91,8 @@ class SigningTime {
   // the system clock.
   std::uint64_t failed_reservations() const { return failed_; }
 
-  // Why the file does not hold what it should: it was damaged, or could not be written. Empty after a save() that went well.
+  // Why the file does not hold what it should: it was damaged, or could not be written. Empty after a save() that went
+  // well.
   std::string failure() const;
 
  private:
@@ -134,9 +135,9 @@ struct SignatureCounts {
 // stream (system, component, link) has already reached, and timestamps more than a minute behind ours or two ahead.
 //
 // One of the two clocks may be wrong, and the autopilot's must count then: a companion computer without a battery that
-// reboots in the air. So when nobody has sent an acceptable frame for three seconds (or ever), and one stream shows three
-// frames over at least a second, none faster than time passes, our time follows it (SigningTime::follow()). A single
-// frame, ten years ahead, moves nothing.
+// reboots in the air. So when nobody has sent an acceptable frame for three seconds (or ever), and one stream shows
+// three frames over at least a second, none faster than time passes, our time follows it (SigningTime::follow()). A
+// single frame, ten years ahead, moves nothing.
 class Signing {
  public:
   // time must outlive this; the links of one aircraft share it.

@@ -11,8 +11,8 @@
 #include "base/files.hpp"
 #include "package/mission_check.hpp"
 #include "package/package_roots.hpp"
-#include "trust/signed_document.hpp"
 #include "trust/signatures.hpp"
+#include "trust/signed_document.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -83,8 +83,8 @@ void verify_signature(const fs::path& package, const TrustRoot& root, const Veri
 // Clocks of two machines differ, and missions are written the day before; more than this is no such thing.
 constexpr std::int64_t kClockTolerance_s = 86'400;
 
-// A clock that was corrected, or that drifted while the aircraft was off. Such a clock counts as the remembered time, so
-// that nothing which had expired by then is valid again.
+// A clock that was corrected, or that drifted while the aircraft was off. Such a clock counts as the remembered time,
+// so that nothing which had expired by then is valid again.
 constexpr std::int64_t kClockSetback_s = 3600;
 
 std::optional<UtcTime> remembered(const VerifyOptions& options) {
@@ -137,8 +137,9 @@ void check_clock(const Manifest& manifest, const TrustRoot& root, const VerifyOp
                 .where = "the clock",
                 .expected = fmt::format("not before {}, {}", to_rfc3339(*earliest), because),
                 .found = to_rfc3339(options.at),
-                .fix = "set the clock; expiry cannot be checked until then. If the remembered time is wrong: nadir keys "
-                       "permit-time"});
+                .fix =
+                    "set the clock; expiry cannot be checked until then. If the remembered time is wrong: nadir keys "
+                    "permit-time"});
 }
 
 void check_root(const TrustRoot& root, const VerifyOptions& options, Findings& findings) {

@@ -21,8 +21,8 @@
 #include "package/tile_set_check.hpp"
 #include "trust/aircraft_state.hpp"
 #include "trust/rollback_permit.hpp"
-#include "trust/time_permit.hpp"
 #include "trust/root.hpp"
+#include "trust/time_permit.hpp"
 
 namespace nadir {
 
@@ -30,9 +30,9 @@ struct VerifyOptions {
   const TrustRoot* root = nullptr;  // required; the caller's trusted root. Newer roots may follow from it
   VerifyDepth depth = VerifyDepth::quick;
   UtcTime at;
-  std::optional<std::string> airframe;   // refuse packages that are not for it
-  const AircraftState* state = nullptr;  // refuse what is older than what it has seen
-  const SignedPermit* permit = nullptr;  // used when the package is older than what the state has seen
+  std::optional<std::string> airframe;            // refuse packages that are not for it
+  const AircraftState* state = nullptr;           // refuse what is older than what it has seen
+  const SignedPermit* permit = nullptr;           // used when the package is older than what the state has seen
   const SignedTimePermit* time_permit = nullptr;  // used when the clock is earlier than what the state has seen
 };
 
@@ -58,9 +58,9 @@ void remember(AircraftState& state, const Verification& accepted, UtcTime at);
 // Throws Error when the folder is no package at all or cannot be read.
 Verification verify_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress);
 
-// A package that was accepted before, by the digest of its manifest: is it still that one, and whole? Files, mission and
-// imagery are checked as at quick depth, as of the moment of the acceptance. Clock, signature, dates, root and state were
-// judged then and are not asked again: a restart in flight must not judge anew what the aircraft flies with.
+// A package that was accepted before, by the digest of its manifest: is it still that one, and whole? Files, mission
+// and imagery are checked as at quick depth, as of the moment of the acceptance. Clock, signature, dates, root and
+// state were judged then and are not asked again: a restart in flight must not judge anew what the aircraft flies with.
 Verification verify_accepted_package(const std::filesystem::path& package, const Sha256& manifest, UtcTime accepted_at,
                                      Progress& progress);
 

@@ -70,7 +70,8 @@ StateReading parse_state(std::string_view text, std::string_view name) {
     const json document = parse_json(text, name, {.max_depth = 12, .allow_floats = false});
     reading.state = read(JsonReader(document, {.name = std::string(name), .what = "the aircraft's state is corrupt"}));
   } catch (const Error& error) {
-    reading.findings.add(corrupt(error.text().where, error.text().expected.empty() ? "strict JSON" : error.text().expected,
+    reading.findings.add(corrupt(error.text().where,
+                                 error.text().expected.empty() ? "strict JSON" : error.text().expected,
                                  error.text().found.empty() ? error.text().what : error.text().found));
   }
   return reading;

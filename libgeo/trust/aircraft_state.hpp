@@ -1,5 +1,5 @@
-// What an aircraft remembers from one package to the next, so that it accepts neither an older package nor an older root
-// nor a clock that was set back. A small JSON file that is replaced in one step.
+// What an aircraft remembers from one package to the next, so that it accepts neither an older package nor an older
+// root nor a clock that was set back. A small JSON file that is replaced in one step.
 //
 // A clock may be wrong, and nothing that is remembered goes down by itself: one acceptance by a clock that runs years
 // ahead would refuse every right one for years. So the remembered time follows a clock only for a bounded way beyond a
@@ -20,8 +20,8 @@ namespace nadir {
 
 inline constexpr std::uint64_t kMaxStateSize = std::uint64_t{1} << 22;
 
-// The remembered time is at most so far beyond the day on which an accepted package was made. Chosen: packages are flown
-// in the weeks after they were made, and an aircraft whose clock ran ahead is grounded no longer than that.
+// The remembered time is at most so far beyond the day on which an accepted package was made. Chosen: packages are
+// flown in the weeks after they were made, and an aircraft whose clock ran ahead is grounded no longer than that.
 inline constexpr std::int64_t kMaxTrustedLead_s = 30 * 86'400;
 
 struct AircraftState {
@@ -41,7 +41,8 @@ struct AircraftState {
 // What to remember of an acceptance by that clock, of a package that was made then.
 UtcTime remembered_time(UtcTime clock, UtcTime package_created);
 
-// `state` is set exactly when there is no finding. Finding state.corrupt: a damaged state must not pass for an empty one.
+// `state` is set exactly when there is no finding. Finding state.corrupt: a damaged state must not pass for an empty
+// one.
 struct StateReading {
   std::optional<AircraftState> state;
   Findings findings;

@@ -1,6 +1,6 @@
-// A signed permit to forget a remembered time. An aircraft accepts no clock earlier than the time of its last acceptance
-// (aircraft_state.hpp); when that time was wrong, every right clock is refused. The permit names exactly the time that
-// the aircraft remembers and the one that takes its place, so that it works once and nowhere else:
+// A signed permit to forget a remembered time. An aircraft accepts no clock earlier than the time of its last
+// acceptance (aircraft_state.hpp); when that time was wrong, every right clock is refused. The permit names exactly the
+// time that the aircraft remembers and the one that takes its place, so that it works once and nowhere else:
 //   {"signed": {"schema": "nadir.time-permit/1", "remembered", "instead", "expires"[, "airframe"]},
 //    "signatures": […]}
 // It is signed by those who may sign packages, with the same threshold.

@@ -11,11 +11,13 @@ void VerifyRequest::setup(Options& options, Trust trust) {
   Option trust_option = options.value("--trust", trust_file_, "ROOT.json", "root of trust");
   if (trust == Trust::required) trust_option.required();
   options.value("--airframe", airframe_, "ID", "reject packages that are not for this airframe");
-  options.value("--state", state_file_, "STATE.json", "packages that this aircraft has accepted before; updated on acceptance");
+  options.value("--state", state_file_, "STATE.json",
+                "packages that this aircraft has accepted before; updated on acceptance");
   options.value("--permit", permit_file_, "PERMIT.json", "signed permit for a rollback to this package")
       .needs("--state");
   options
-      .value("--time-permit", time_permit_file_, "PERMIT.json", "signed permit to forget a remembered time that was wrong")
+      .value("--time-permit", time_permit_file_, "PERMIT.json",
+             "signed permit to forget a remembered time that was wrong")
       .needs("--state");
   options.value("--at", at_, "TIME", "evaluate validity as of this time; nothing is recorded");
 }

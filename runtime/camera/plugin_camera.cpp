@@ -111,8 +111,7 @@ CameraReading PluginCamera::read(std::chrono::milliseconds at_most) {
   if (status == NADIR_CAMERA_ENDED) return {CameraStatus::ended, {}, "the end of " + redacted(source_)};
   if (status != NADIR_CAMERA_FRAME || !plausible(seen)) {
     close();
-    return {
-        CameraStatus::failure, {}, status == NADIR_CAMERA_FRAME ? "invalid frame from the plug-in" : spoken(error)};
+    return {CameraStatus::failure, {}, status == NADIR_CAMERA_FRAME ? "invalid frame from the plug-in" : spoken(error)};
   }
   CameraFrame frame{fmt::format("{:06}", frames_++), clock_.monotonic_s(), Bytes(seen.data, seen.data + seen.size), {}};
   if (seen.width != 0) frame.raw = RawPixels{seen.width, seen.height, seen.channels};

@@ -127,7 +127,8 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
   if (!verified.package) can_be_opened_ = std::move(verified.can_be_opened);
   const std::filesystem::path folder = verified.folder.empty() ? options.package : verified.folder;
   if (verified.package) map_ = std::make_unique<MissionMap>(std::move(verified.package), folder);
-  restart_ = restart_from(state_.load(), clock, phase_.airborne());  // after the map: reading a large place index takes seconds of flight
+  restart_ = restart_from(state_.load(), clock,
+                          phase_.airborne());  // after the map: reading a large place index takes seconds of flight
   if (restart_.position) gps_.on_restart();
   const PackageView view = map_ ? package_view(map_->package()) : refused_package(verified.findings);
   views_.set_package(view);
@@ -194,9 +195,8 @@ void FlightService::start_recorder() {
   recorder.keep_pictures = options_.keep_pictures;
   SessionRecord session = session_record(airframe_, clock_);
   if (map_) add_start(session, localization_setup(), *map_);
-  recorder_owner_ = std::make_unique<Recorder>(recorder, std::move(session), [this] {
-    return static_cast<std::uint64_t>(clock_.unix_us()) * 1000;
-  });
+  recorder_owner_ = std::make_unique<Recorder>(recorder, std::move(session),
+                                               [this] { return static_cast<std::uint64_t>(clock_.unix_us()) * 1000; });
   recorder_ = recorder_owner_.get();
 }
 

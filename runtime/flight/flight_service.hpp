@@ -49,18 +49,18 @@ namespace nadir {
 struct FlightOptions {
   std::filesystem::path package;
   Airframe airframe;
-  std::filesystem::path state;                      // folder
-  std::string camera;                               // open_camera()
+  std::filesystem::path state;                              // folder
+  std::string camera;                                       // open_camera()
   std::optional<std::filesystem::path> camera_credentials;  // with_credentials()
-  std::string autopilot;                            // parse_endpoint()
-  std::optional<std::filesystem::path> link_key;    // nullopt: the link is not signed
-  std::optional<std::filesystem::path> record;      // folder; nullopt: no recording
-  bool keep_pictures = false;                       // in the recording
-  std::optional<std::filesystem::path> candidates;  // folder for candidate tiles; nullopt: none are made
-  std::optional<std::filesystem::path> tile_key;    // signs the tiles; without candidates: the key was not accepted
-  std::int64_t candidates_mb = 2000;                // disk budget of the tiles
-  int candidates_percent = 25;                      // of one core, for the tiles
-  int candidates_frame_ms = 0;                      // for the tiles of one frame; 0: no limit
+  std::string autopilot;                                    // parse_endpoint()
+  std::optional<std::filesystem::path> link_key;            // nullopt: the link is not signed
+  std::optional<std::filesystem::path> record;              // folder; nullopt: no recording
+  bool keep_pictures = false;                               // in the recording
+  std::optional<std::filesystem::path> candidates;          // folder for candidate tiles; nullopt: none are made
+  std::optional<std::filesystem::path> tile_key;  // signs the tiles; without candidates: the key was not accepted
+  std::int64_t candidates_mb = 2000;              // disk budget of the tiles
+  int candidates_percent = 25;                    // of one core, for the tiles
+  int candidates_frame_ms = 0;                    // for the tiles of one frame; 0: no limit
   std::string listen = "127.0.0.1:8750";
   std::optional<std::filesystem::path> token;  // file with the API's bearer token
   std::optional<LonLat> start;
@@ -72,13 +72,13 @@ struct FlightOptions {
 struct VerifiedPackage {
   std::unique_ptr<OpenPackage> package;  // null: rejected
   Findings findings;
-  std::filesystem::path folder{};                  // of the package; empty: that of the options
-  std::optional<AcceptanceRecord> acceptance{};    // kept in the state directory; nullopt: nothing is
-  bool resumed = false;                            // accepted earlier, and not judged anew
-  std::string notice{};                            // what the operator must know about the choice, in a sentence
-  std::string notice_text{};                       // and as a STATUSTEXT
-  std::function<void()> write_memory = nullptr;    // of accepted packages; throws, and is tried again
-  std::function<bool()> can_be_opened = nullptr;   // asked now and then when there is no package
+  std::filesystem::path folder{};                 // of the package; empty: that of the options
+  std::optional<AcceptanceRecord> acceptance{};   // kept in the state directory; nullopt: nothing is
+  bool resumed = false;                           // accepted earlier, and not judged anew
+  std::string notice{};                           // what the operator must know about the choice, in a sentence
+  std::string notice_text{};                      // and as a STATUSTEXT
+  std::function<void()> write_memory = nullptr;   // of accepted packages; throws, and is tried again
+  std::function<bool()> can_be_opened = nullptr;  // asked now and then when there is no package
 };
 
 enum class FlightEnd {
@@ -98,7 +98,7 @@ class FlightService {
 
   // Until stop is requested, or the package must be judged again.
   FlightEnd run();
-  std::string summary() const;  // after run()
+  std::string summary() const;                                                       // after run()
   const std::optional<AcceptanceRecord>& acceptance() const { return acceptance_; }  // after run()
 
  private:
@@ -169,7 +169,7 @@ class FlightService {
   // there, and stays until the end.
   RetriedPart state_part_{"state directory"}, memory_part_{"memory of packages"}, signing_part_{"signing time"},
       api_part_{"API"}, recorder_part_{"recorder"}, tiles_part_{"candidate tiles"};
-  RetriedPart disk_part_{"recorder's disk"};   // of the conductor
+  RetriedPart disk_part_{"recorder's disk"};    // of the conductor
   RetriedPart making_part_{"candidate tiles"};  // of the tiles' thread
   LatestMailbox<AcceptanceRecord> acceptances_;
   std::optional<SavedFlight> unsaved_flight_;  // of the upkeep thread

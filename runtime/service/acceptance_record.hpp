@@ -4,7 +4,8 @@
 // opens the accepted one by the digest of its manifest and asks only whether it is whole. An acceptance holds
 //
 //   - within one boot of the computer, until the aircraft has landed;
-//   - once the autopilot was armed, over reboots as well, until the aircraft has landed: the flag `airborne` is set with
+//   - once the autopilot was armed, over reboots as well, until the aircraft has landed: the flag `airborne` is set
+//   with
 //     the first authenticated heartbeat that says "armed" and cleared after kLanded_s of authenticated heartbeats that
 //     say "disarmed". An autopilot that is silent has not landed.
 //
@@ -47,7 +48,8 @@ struct AcceptanceRecord {
 };
 
 // Another package was accepted: the current one becomes the previous, unless it is the same.
-AcceptanceRecord accepted_next(const std::optional<AcceptanceRecord>& before, AcceptedPackage package, std::string boot);
+AcceptanceRecord accepted_next(const std::optional<AcceptanceRecord>& before, AcceptedPackage package,
+                               std::string boot);
 
 // Throws Error for what could not be read again.
 std::string to_text(const AcceptanceRecord& record);

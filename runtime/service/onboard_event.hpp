@@ -118,9 +118,9 @@ struct StateTransition {
   std::string text;  // for the recorder: the explanation, with figures
 };
 
-using OnboardEvent = std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, GpsFix3d,
-                                  EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
-                                  GpsAssessment, StateTransition>;
+using OnboardEvent = std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat,
+                                  GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed,
+                                  LocalizedFrame, GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

@@ -9,10 +9,10 @@
 #include <exception>
 #include <utility>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/json.hpp"
-#include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
 #include "service/sealed_text.hpp"
 #include "service/service_rules.hpp"
@@ -103,7 +103,8 @@ struct Age {
   bool same_boot = false;
 };
 
-Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, const FlightClock& clock, bool same_flight) {
+Age age_of(const SavedFlight& flight, double monotonic_s, std::int64_t unix_us, const FlightClock& clock,
+           bool same_flight) {
   const double now_s = clock.monotonic_s();
   if (!flight.boot_id.empty() && flight.boot_id == clock.boot_id()) return {now_s - monotonic_s, true};
   const double by_utc_s = 1e-6 * static_cast<double>(clock.unix_us() - unix_us);

@@ -77,8 +77,8 @@ class StateDirectory {
  public:
   explicit StateDirectory(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
-  // Creates the folder if it is missing and removes temporary files of a killed writer. Throws Error when nothing can be
-  // written there; what is there can still be loaded.
+  // Creates the folder if it is missing and removes temporary files of a killed writer. Throws Error when nothing can
+  // be written there; what is there can still be loaded.
   void prepare() const;
 
   const std::filesystem::path& folder() const { return folder_; }

@@ -63,9 +63,9 @@ inline constexpr double kRestartVelocitySigma_mps = 1;    // [design]
 inline constexpr double kFirstFrameAfterRestart_s = 0.5;  // between the restart and the first frame [design]
 
 // ---- acceptance of a package, and parts that are tried again [design]
-inline constexpr double kLanded_s = 10;      // of heartbeats that say "disarmed"
-inline constexpr double kFirstRetry_s = 1;   // after a part has failed; then twice as long each time
-inline constexpr double kLastRetry_s = 30;   // at most
+inline constexpr double kLanded_s = 10;     // of heartbeats that say "disarmed"
+inline constexpr double kFirstRetry_s = 1;  // after a part has failed; then twice as long each time
+inline constexpr double kLastRetry_s = 30;  // at most
 
 // ---- attitude of an autopilot that navigates by our fix, one sigma: the airframe file's figures were measured with
 // GPS, and are used only where they are larger [loop]

@@ -78,16 +78,16 @@ TEST_F(Schemas, RollbackPermit) {
 }
 
 TEST_F(Schemas, TimePermit) {
-  ASSERT_EQ(run({"keys", "permit-time", "--key", path("p.key.pem"), "--remembered", "2027-03-01", "--instead", "2024-05-01",
-                 "--airframe", "mini-07", "--expires", "2025-05-01", "--out", path("time.json")}),
+  ASSERT_EQ(run({"keys", "permit-time", "--key", path("p.key.pem"), "--remembered", "2027-03-01", "--instead",
+                 "2024-05-01", "--airframe", "mini-07", "--expires", "2025-05-01", "--out", path("time.json")}),
             0)
       << err_.str();
   json permit = read(folder_ / "time.json");
   EXPECT_TRUE(takes("time-permit", permit));
   permit["signed"].erase("instead");
   EXPECT_FALSE(takes("time-permit", permit));
-  EXPECT_EQ(run({"keys", "permit-time", "--key", path("p.key.pem"), "--remembered", "2024-03-01", "--instead", "2024-05-01",
-                 "--expires", "2025-05-01", "--out", path("forwards.json")}),
+  EXPECT_EQ(run({"keys", "permit-time", "--key", path("p.key.pem"), "--remembered", "2024-03-01", "--instead",
+                 "2024-05-01", "--expires", "2025-05-01", "--out", path("forwards.json")}),
             2);
 }
 

@@ -111,8 +111,8 @@ TEST_F(RejectedFlight, TheAttitudeUncertaintyIsAtLeastThatOfAFixAidedAttitude) {
   EXPECT_DOUBLE_EQ(flown->tilt_rad, kFixAidedTilt_rad);
 }
 
-// What a disk or another process does to parts of the service: it starts, reports, and uses them later. The map is missing
-// as well, which is the worst of starts.
+// What a disk or another process does to parts of the service: it starts, reports, and uses them later. The map is
+// missing as well, which is the worst of starts.
 class PartsInFlight : public ::testing::Test {
  protected:
   PartsInFlight() {

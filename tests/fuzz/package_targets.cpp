@@ -14,9 +14,9 @@
 #include "package/tile_set_check.hpp"
 #include "package/validate.hpp"
 #include "trust/aircraft_state.hpp"
-#include "trust/signed_document.hpp"
 #include "trust/rollback_permit.hpp"
 #include "trust/root.hpp"
+#include "trust/signed_document.hpp"
 #include "trust/time_permit.hpp"
 
 namespace nadir::fuzz {

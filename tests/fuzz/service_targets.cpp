@@ -3,9 +3,9 @@
 
 #include "api/api.hpp"
 #include "api/view_formats.hpp"
-#include "nadir_candidates/upload_api.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
+#include "nadir_candidates/upload_api.hpp"
 #include "service/acceptance_record.hpp"
 #include "service/sealed_text.hpp"
 

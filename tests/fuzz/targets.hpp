@@ -16,7 +16,7 @@ void mission(std::string_view bytes);
 void state(std::string_view bytes);
 void permit(std::string_view bytes);
 void time_permit(std::string_view bytes);
-void acceptance(std::string_view bytes);  // the line of acceptance.json, sealed by the target
+void acceptance(std::string_view bytes);      // the line of acceptance.json, sealed by the target
 void candidate(std::string_view bytes);       // a candidate tile's sidecar
 void candidate_rows(std::string_view bytes);  // rows of a store of candidates, in any types
 

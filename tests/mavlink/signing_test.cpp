@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 #include "mavlink/judge.hpp"
 #include "mavlink/messages.hpp"
 #include "support/temporary_folder.hpp"
@@ -14,7 +14,7 @@ namespace nadir {
 namespace {
 
 constexpr MavlinkAddress kSigner{1, 191};
-constexpr std::uint64_t kTicks = kSigningTicksPerSecond;  // of a second
+constexpr std::uint64_t kTicks = kSigningTicksPerSecond;    // of a second
 constexpr std::int64_t kSigned_us = 1'730'291'696'000'000;  // 2024-10-30T12:34:56Z
 const std::string kSigningKeyHex = "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff";
 constexpr const char* kAttitude = R"({"message":"ATTITUDE","roll":0.25})";
@@ -135,7 +135,8 @@ TEST_F(SignedLink, OneFrameTenYearsAheadMovesNothing) {
   const std::uint64_t decade = now_ + std::uint64_t{10} * 365 * 86'400 * kTicks;
   EXPECT_EQ(judged(theirs(decade)), SignatureVerdict::too_new);
   EXPECT_EQ(signing_.counts().too_new, 1U);
-  EXPECT_EQ(judged(theirs(now_ + kTicks), 1'000'000), SignatureVerdict::accepted) << "the same stream, at its right time";
+  EXPECT_EQ(judged(theirs(now_ + kTicks), 1'000'000), SignatureVerdict::accepted)
+      << "the same stream, at its right time";
   time_.save(1'000'000);
   EXPECT_LE(std::stoull(read_text_file(folder_ / "time")), now_ + 2 * kTicks);
   for (int i = 0; i < 100; ++i) {  // however many, and however patiently
@@ -173,8 +174,8 @@ TEST(SigningAfterAReboot, AClockTwoYearsAheadFollowsTheAutopilotBack) {
   EXPECT_LE(time.take(0), now + kTicks) << "nobody was heard: what the last run used is continued";
   const auto judged = [&](std::uint64_t timestamp, std::int64_t us) {
     FrameReader reader;
-    reader.add(test::frames_by_pymavlink(
-        kAttitude, "--key " + kSigningKeyHex + " --timestamp " + std::to_string(timestamp))[0]);
+    reader.add(test::frames_by_pymavlink(kAttitude,
+                                         "--key " + kSigningKeyHex + " --timestamp " + std::to_string(timestamp))[0]);
     return signing.check(*reader.next(), us);
   };
   EXPECT_EQ(judged(now - 120 * kTicks, 0), SignatureVerdict::too_old);
@@ -210,7 +211,8 @@ TEST(SigningTimestamp, CountsFrom2015) {
   EXPECT_EQ(signing_time_of(1'420'070'400'000'000), 0U);
   EXPECT_EQ(signing_time_of(1'420'070'400'000'010), 1U);
   EXPECT_EQ(signing_time_of(0), 0U);
-  EXPECT_EQ(signing_time_of(kSigned_us), 31'022'129'600'000U);  // date -d 2024-10-30T12:34:56Z +%s, less 2015's, by 10^5
+  EXPECT_EQ(signing_time_of(kSigned_us),
+            31'022'129'600'000U);  // date -d 2024-10-30T12:34:56Z +%s, less 2015's, by 10^5
 }
 
 TEST(SigningTimestamp, NoneIsEverReusedWhateverTheClocksDo) {
@@ -282,7 +284,8 @@ TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
     // An autopilot half a minute behind is still accepted.
     const std::uint64_t theirs = signing_time_of(unix_us) - 30 * kSigningTicksPerSecond;
     FrameReader reader;
-    reader.add(test::frames_by_pymavlink(kAttitude, "--key " + kSigningKeyHex + " --timestamp " + std::to_string(theirs))[0]);
+    reader.add(
+        test::frames_by_pymavlink(kAttitude, "--key " + kSigningKeyHex + " --timestamp " + std::to_string(theirs))[0]);
     EXPECT_EQ(signing.check(*reader.next(), 77), SignatureVerdict::accepted);
   }
 }

@@ -13,8 +13,8 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "cli/terminal.hpp"
 #include "cli/program.hpp"
+#include "cli/terminal.hpp"
 #include "package/package_maker.hpp"
 #include "support/manual_clock.hpp"
 #include "trust/signatures.hpp"

@@ -54,9 +54,11 @@ class Boarding : public ::testing::Test {
     want("a");
   }
   void write_airframe(const std::string& focal) {
-    folder_.write("airframe.json",
-                  R"({"format": "nadir.airframe/1", "airframe": "mini-07", "camera": {"model": "pinhole", "width": 640,)"
-                  R"( "height": 480, "fx": )" + focal + R"(, "fy": 500, "cx": 319.5, "cy": 239.5}})");
+    folder_.write(
+        "airframe.json",
+        R"({"format": "nadir.airframe/1", "airframe": "mini-07", "camera": {"model": "pinhole", "width": 640,)"
+        R"( "height": 480, "fx": )" +
+            focal + R"(, "fy": 500, "cx": 319.5, "cy": 239.5}})");
   }
   void make(const std::string& name, const std::string& sequence) {
     maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: " + sequence}});
@@ -71,9 +73,9 @@ class Boarding : public ::testing::Test {
   void start(std::int64_t offset_s, const std::string& boot, std::initializer_list<std::string> more = {}) {
     const FixedClock clock(UtcTime{test::kJudged.unix_s + offset_s});
     const BriefFlight flight(boot);
-    std::vector<std::string> args{"--package",   path("packages/current"), "--trust",  path("root.json"),
-                                  "--airframe",  path("airframe.json"),    "--state",  path("state"),
-                                  "--camera",    path("frames"),           "--listen", "127.0.0.1:0",
+    std::vector<std::string> args{"--package",   path("packages/current"), "--trust",     path("root.json"),
+                                  "--airframe",  path("airframe.json"),    "--state",     path("state"),
+                                  "--camera",    path("frames"),           "--listen",    "127.0.0.1:0",
                                   "--autopilot", "udpin:127.0.0.1:0",      "--memory-mb", "0"};
     args.insert(args.end(), more);
     out_.str("");
@@ -284,18 +286,19 @@ TEST_F(Boarding, TornFilesAtEveryLengthNeverEndTheChoice) {
   start(0, "boot-1");
   take_off();
   AcceptanceReading accepted{record(), {}};
-  const PackageJudges judges{
-      [&](const fs::path& package) {
-        NoProgress progress;
-        return open_package(package, maker_.options(), progress);
-      },
-      [](const fs::path& package, const AcceptedPackage& earlier) {
-        NoProgress progress;
-        return open_accepted_package(package, earlier.manifest, earlier.accepted_at, progress);
-      }};
+  const PackageJudges judges{[&](const fs::path& package) {
+                               NoProgress progress;
+                               return open_package(package, maker_.options(), progress);
+                             },
+                             [](const fs::path& package, const AcceptedPackage& earlier) {
+                               NoProgress progress;
+                               return open_accepted_package(package, earlier.manifest, earlier.accepted_at, progress);
+                             }};
   const fs::path wanted = folder_ / "packages/current";
-  for (const auto& [file, step] : {std::pair<std::string, std::size_t>{"manifest.json", 1}, {"manifest.sig", 1},
-                                   {"mission.yaml", 1}, {"base.mbtiles", 997}}) {
+  for (const auto& [file, step] : {std::pair<std::string, std::size_t>{"manifest.json", 1},
+                                   {"manifest.sig", 1},
+                                   {"mission.yaml", 1},
+                                   {"base.mbtiles", 997}}) {
     const Bytes whole = read_file(folder_ / "packages/a" / file);
     fs::rename(folder_ / "packages/b", folder_ / "b");
     for (std::size_t size = 0; size < whole.size(); size += step) {
@@ -334,8 +337,9 @@ TEST_F(Boarding, ATimePermitResetsAWrongTimeOnce) {
   write_state(folder_ / "state/aircraft.json", state);
   start(0, "boot-2");
   EXPECT_TRUE(said("time.untrusted") && !flew()) << err_.str();
-  const SignedTimePermit permit = sign_time_permit(
-      {wrong, UtcTime{test::kJudged.unix_s - 60}, "mini-07", UtcTime{test::kJudged.unix_s + kYear_s}}, {&maker_.signer});
+  const SignedTimePermit permit =
+      sign_time_permit({wrong, UtcTime{test::kJudged.unix_s - 60}, "mini-07", UtcTime{test::kJudged.unix_s + kYear_s}},
+                       {&maker_.signer});
   folder_.write("permit.json", permit.document.json());
   folder_.write("state/signing-time", "999999\n");
   start(0, "boot-2", {"--time-permit", path("permit.json")});

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <thread>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 #include "geodesy/local_frame.hpp"
 #include "service/service_machine.hpp"
 #include "service/service_rules.hpp"
@@ -364,7 +364,8 @@ TEST(RestartOfTheSameFlight, AWrongClockAfterARebootCostsNoPosition) {
     EXPECT_GT(restart.position->sigma_m, 500) << "where the search begins, no fix";
   }
   const ManualClock right(20, kSaved_us + 90'000'000, "boot-2");
-  EXPECT_EQ(restart_from({flight, {}}, right, true).position->age_s, restart_from({flight, {}}, right, false).position->age_s)
+  EXPECT_EQ(restart_from({flight, {}}, right, true).position->age_s,
+            restart_from({flight, {}}, right, false).position->age_s)
       << "a clock that makes sense is used";
 }
 

@@ -1,5 +1,5 @@
-// Every command of `nadir`: one file per command, tools/commands/<group>/<verb>.cpp, with the class in it and the factory
-// that is declared here. A command is added by its file, one line here and one in registry.cpp.
+// Every command of `nadir`: one file per command, tools/commands/<group>/<verb>.cpp, with the class in it and the
+// factory that is declared here. A command is added by its file, one line here and one in registry.cpp.
 #pragma once
 
 #include <memory>

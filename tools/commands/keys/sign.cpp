@@ -33,9 +33,7 @@ class KeysSignCommand final : public Command {
  public:
   std::string_view group() const override { return "keys"; }
   std::string_view name() const override { return "sign"; }
-  std::string_view summary() const override {
-    return "add a signature to a root of trust or a permit";
-  }
+  std::string_view summary() const override { return "add a signature to a root of trust or a permit"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -103,7 +101,8 @@ Findings KeysSignCommand::sign_root_file(const std::string& text, const std::vec
 template <typename Permit>
 Findings KeysSignCommand::sign_permit_file(Permit permit, std::string_view payload_type,
                                            const std::vector<PrivateKey>& keys, UtcTime at, std::string& result) const {
-  if (!trust_) throw UsageError({.what = "a permit must be signed by package signers", .expected = "--trust ROOT.json"});
+  if (!trust_)
+    throw UsageError({.what = "a permit must be signed by package signers", .expected = "--trust ROOT.json"});
   const TrustRoot root = read_trusted_root(*trust_);
   for (const PrivateKey& key : keys) {
     require_key(root.package_signer.key_ids.contains(key.public_key().id()), key, "a package signer of the root");
@@ -124,7 +123,8 @@ int KeysSignCommand::run(Context& context) {
   if (schema == kRootSchema) {
     missing = sign_root_file(text, keys, result);
   } else if (schema == kPermitSchema) {
-    missing = sign_permit_file(parse_permit(text, file_.string()), kPermitPayloadType, keys, context.clock.now(), result);
+    missing =
+        sign_permit_file(parse_permit(text, file_.string()), kPermitPayloadType, keys, context.clock.now(), result);
   } else if (schema == kTimePermitSchema) {
     missing = sign_permit_file(parse_time_permit(text, file_.string()), kTimePermitPayloadType, keys,
                                context.clock.now(), result);
