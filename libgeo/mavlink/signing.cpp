@@ -212,7 +212,8 @@ std::string SigningTime::write(std::int64_t monotonic_us) {
   {
     const std::scoped_lock lock(mutex_);
     from = std::max(outgoing(monotonic_us), allowed_);
-    bound = std::max(own(monotonic_us) + kMaxWrittenLead, held_);
+    const std::uint64_t since_held = held_ + ticks_between(start_us_, monotonic_us) + kSigningTicksPerSecond;
+    bound = std::max(own(monotonic_us) + kMaxWrittenLead, since_held);
   }
   const std::uint64_t until = std::min(from + kReservation, kMaxTimestamp);
   std::string failure;

@@ -58,8 +58,9 @@ std::uint64_t signing_time_of(std::int64_t unix_us);
 //
 // now() is the time against which received frames are checked. take() returns timestamps at or slightly behind it: a
 // file holds the highest timestamp that may have been used. A restart continues from the file, until a peer has been
-// heard: a clock that is wrong then moves no peer. What is written is at most a day ahead of our own clock, whatever
-// was followed: the next start must not inherit a time that nobody can vouch for.
+// heard: a clock that is wrong then moves no peer. What is written is at most a day ahead of our own clock, or
+// of the file by the time that has passed, whatever was followed: the next start must not inherit a time that nobody can
+// vouch for.
 //
 // save() writes the file, once a second, from a thread that may wait for disks. take() writes it only when nobody has
 // called save() for ten seconds.
