@@ -156,7 +156,7 @@ TEST_F(Boarding, OnTheGroundAfterARebootTheClockIsAsked) {
   start(2 * kYear_s, "boot-2");
   EXPECT_TRUE(said("package.expired")) << err_.str();
   for (const std::int64_t corrected_s : {-10L, -600L}) {
-    start(corrected_s, "boot-2");
+    start(corrected_s, "boot after " + std::to_string(corrected_s));
     EXPECT_TRUE(flew()) << "a clock that was corrected: " << err_.str();
     EXPECT_FALSE(resumed());
   }
@@ -207,7 +207,7 @@ TEST_F(Boarding, WhenTheNewPackageFailsTheLastAcceptedOneComesBack) {
   damage("packages/b/manifest.json");
   falls_back("damaged manifest");
   write_file_atomic(folder_ / "packages/b/manifest.json", manifest);
-  fs::resize_file(folder_ / "packages/b/base.mbtiles", 4096);
+  fs::resize_file(folder_ / "packages/b" / kImageryFile, 4096);
   falls_back("torn imagery");
   fs::remove(folder_ / "packages/b/manifest.sig");
   falls_back("no signature");
@@ -230,7 +230,7 @@ TEST_F(Boarding, WhenTheAcceptedPackageIsDamagedInFlightTheOneBeforeFlies) {
   want("b");
   start(0, "boot-1");
   take_off();
-  fs::resize_file(folder_ / "packages/b/base.mbtiles", 4096);
+  fs::resize_file(folder_ / "packages/b" / kImageryFile, 4096);
   start(-2 * kHour_s, "boot-2");
   EXPECT_TRUE(said("flying with the one before it")) << err_.str();
   EXPECT_EQ(record().current.sequence, 4) << "it is looked for again";
@@ -297,8 +297,8 @@ TEST_F(Boarding, TornFilesAtEveryLengthNeverEndTheChoice) {
   const fs::path wanted = folder_ / "packages/current";
   for (const auto& [file, step] : {std::pair<std::string, std::size_t>{"manifest.json", 1},
                                    {"manifest.sig", 1},
-                                   {"mission.yaml", 1},
-                                   {"base.mbtiles", 997}}) {
+                                   {std::string(kMissionFile), 1},
+                                   {std::string(kImageryFile), 997}}) {
     const Bytes whole = read_file(folder_ / "packages/a" / file);
     fs::rename(folder_ / "packages/b", folder_ / "b");
     for (std::size_t size = 0; size < whole.size(); size += step) {
