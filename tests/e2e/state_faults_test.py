@@ -87,7 +87,7 @@ class StateFaults(EndToEnd):
                                     "-ldl"], capture_output=True, check=False)
             if built.returncode != 0:
                 self.skipTest("no C compiler for the shims")
-        self.keys_with_tiles()
+        self.keys()
         self.package = self.build()
         (self.folder / "frames").mkdir()
         (self.folder / "link.key").write_text("5a" * 32 + "\n")
@@ -97,12 +97,12 @@ class StateFaults(EndToEnd):
             "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5}}))
         self.state = self.folder / "state"
 
-    def keys_with_tiles(self):
+    def make_keys(self, folder):
         for name in ("root", "signer", "tile"):
-            self.good("keys", "create", "--out", self.folder / name)
-        self.good("keys", "root", "--root-key", self.folder / "root.key.pem", "--package-signer",
-                  self.folder / "signer.pub.pem", "--tile-signer", f"mini-07={self.folder / 'tile.pub.pem'}", "--expires",
-                  "2035-01-01", "--out", self.folder / "root.json")
+            self.good("keys", "create", "--out", folder / name)
+        self.good("keys", "root", "--root-key", folder / "root.key.pem", "--package-signer", folder / "signer.pub.pem",
+                  "--tile-signer", f"mini-07={folder / 'tile.pub.pem'}", "--expires", "2035-01-01", "--out",
+                  folder / "root.json")
 
     def environment(self, clock_s=0, **more):
         """clock_s: how far the clock is off from a day on which the package is valid."""
