@@ -67,7 +67,7 @@ no position (--status), 2 the job could not be done, 70 failure in flight: resta
 
 std::string_view NadirdCommand::examples() const {
   return R"(nadird --package /data/valley --trust /etc/nadir/root.json --airframe mini-07 --state /var/lib/nadir/state.json --check
-nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state /var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key /etc/nadir/link.key --record /data/flights
+nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state /var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key /etc/nadir/link.key --ground-station udpout:192.168.4.2:14550 --record /data/flights
 nadird --status)";
 }
 
@@ -82,6 +82,11 @@ void NadirdCommand::setup(Options& options) {
   options.value("--autopilot", flight_.autopilot, "URL",
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
   options.value("--signing-key", flight_.link_key, "FILE", "signing key of the link: 64 hexadecimal digits");
+  options.flag("--unsigned-link", unsigned_link_,
+               "for simulators and the bench: believe everybody on the link, instead of --signing-key");
+  options.values("--ground-station", ground_stations_, "URL",
+                 "also serve a ground station: texts for it, commands from it");
+  options.values("--logger", loggers_, "URL", "also send everything that is sent to this address");
   options.value("--record", flight_.record, "DIR", "record the flight in this folder");
   options.flag("--keep-frames", flight_.keep_pictures, "record the frames' images as well").formerly("--keep-pictures");
   options
@@ -139,6 +144,24 @@ void NadirdCommand::complete_request() {
     std::filesystem::create_directories(flight_.state);
     request_.set_state_file(flight_.state / "aircraft.json");
   }
+}
+
+// An unsigned link is a decision, never an omission.
+void NadirdCommand::complete_link() {
+  if (flight_.link_key.has_value() == unsigned_link_) {
+    throw UsageError({.what = unsigned_link_ ? "--signing-key and --unsigned-link exclude each other"
+                                             : "the autopilot link would not be signed",
+                      .expected = "--signing-key FILE, or --unsigned-link for a simulator or the bench",
+                      .fix = "on an unsigned link anybody can pose as the autopilot; `nadir provision autopilot` installs a key"});
+  }
+  const auto add = [&](StationRole role, const std::vector<std::string>& urls) {
+    for (const std::string& url : urls) {
+      static_cast<void>(parse_endpoint(url));
+      flight_.stations.push_back({role, url});
+    }
+  };
+  add(StationRole::ground_station, ground_stations_);
+  add(StationRole::logger, loggers_);
 }
 
 // By the newest root that package or state lead to: it may have revoked the signer.
@@ -221,6 +244,7 @@ int NadirdCommand::serve(Context& context) {
   require(!flight_.state.empty(), "--state DIR");
   require(!flight_.camera.empty(), "--camera SOURCE");
   require(!flight_.autopilot.empty(), "--autopilot URL");
+  complete_link();
   flight_.package = package_;
   hold_memory(static_cast<std::size_t>(memory_mb_));
   // Before any other thread starts: threads inherit the blocked signals.

@@ -6,6 +6,7 @@
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 #include "flight/flight_service.hpp"
 #include "cli/command.hpp"
@@ -35,6 +36,7 @@ class NadirdCommand final : public Command {
 
  private:
   void complete_request();
+  void complete_link();
   Findings evaluate_airframe(const Opening& opening, UtcTime at) const;
   Findings evaluate_tile_key(const Opening& opening, UtcTime at);
   Opening open_verified(Context& context);
@@ -48,7 +50,8 @@ class NadirdCommand final : public Command {
   std::string airframe_text_;
   VerifyRequest request_;
   int memory_mb_ = kUsualMemory_mb;
-  bool check_ = false, status_ = false, unsigned_airframe_ = false;
+  bool check_ = false, status_ = false, unsigned_airframe_ = false, unsigned_link_ = false;
+  std::vector<std::string> ground_stations_, loggers_;
 };
 
 }  // namespace nadir

@@ -88,7 +88,16 @@ json state_json(const FlightView& view, double age_s) {
   document["link"] = {{"connected", view.link.connected},
                       {"signed", view.link.signed_frames},
                       {"fixes_sent", view.link.fixes_sent},
-                      {"rejected_by", counts(view.link.rejected_by)}};
+                      {"rivals", view.link.rivals},
+                      {"rejected_by", counts(view.link.rejected_by)},
+                      {"stations", json::array()}};
+  for (const LinkView::Station& station : view.link.stations) {
+    document["link"]["stations"].push_back({{"role", station.role},
+                                            {"endpoint", station.endpoint},
+                                            {"open", station.open},
+                                            {"sent", station.sent},
+                                            {"commands", station.commands}});
+  }
   document["gps"] = {{"judgement", name_of(view.gps.judgement)}, {"reason", printable(view.gps.reason)}};
   document["recorder"] = {{"state", name_of(view.recorder.state)},
                           {"reason", printable(view.recorder.reason)},

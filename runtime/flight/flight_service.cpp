@@ -206,15 +206,17 @@ void FlightService::start_tiles() {
 }
 
 void FlightService::start_link() {
-  AutopilotLinkSetup setup{airframe_, make_transport(parse_endpoint(options_.autopilot)), std::nullopt, std::nullopt};
-  if (options_.link_key) {
-    setup.key = SigningKey::read(*options_.link_key);
-    setup.signing_time = state_.folder() / "signing-time";
-  }
+  AutopilotLinkSetup setup{.airframe = airframe_,
+                           .transport = make_transport(parse_endpoint(options_.autopilot)),
+                           .key = std::nullopt,
+                           .state = state_.folder(),
+                           .stations = options_.stations};
+  if (options_.link_key) setup.key = SigningKey::read(*options_.link_key);
   AutopilotLink::Listener listener;
   listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
-  listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{.authentic = false, .armed = false}); };
+  listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
+  listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalHeard{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
 }
 
@@ -258,7 +260,8 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   };
   if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
     if (ours && heartbeat->is_autopilot) {
-      publish(AutopilotHeartbeat{received.is_signed || !options_.link_key, heartbeat->armed});
+      publish(AutopilotHeartbeat{
+          received.is_signed ? LinkAuthentication::signature : LinkAuthentication::not_required, heartbeat->armed});
     }
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
@@ -280,11 +283,20 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
   } else if (const auto* command = std::get_if<CommandInt>(&received.message)) {
-    if (const auto hint = position_hint(*command)) {
-      publish(PositionHinted{hint->place, hint->radius_m, "operator"});
-      link_->send(CommandAck{command->command, CommandResult::accepted, received.source});
-    }
+    on_command(received, *command);
   }
+}
+
+// On the link's thread.
+void FlightService::on_command(const ReceivedMessage& received, const CommandInt& command) {
+  if (!is_addressed_to(command, {airframe_.system, airframe_.component})) return;
+  const auto hint = position_hint(command);
+  if (hint) {
+    publish(PositionHinted{
+        hint->place, hint->radius_m,
+        fmt::format("operator {}/{}{}", received.source.system, received.source.component, received.is_signed ? "" : ", unsigned")});
+  }
+  link_->send(CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
 }
 
 // Disks may be slow: apart from the recorder, only this thread uses them in flight.
@@ -293,7 +305,7 @@ void FlightService::save_state_loop(const std::stop_token& stop) {
   std::string last_error;
   Cadence signing_time(kSavePeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
-    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_time();
+    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_state();
     const auto flight = to_save_.take_within(kStateThreadWait, stop);
     if (!flight) continue;
     const std::string error = state_.save(*flight).value_or("");
@@ -347,6 +359,10 @@ void FlightService::on_event(double time_s, const OnboardEvent& event) {
 void FlightService::react(double, const LocalizedFrame& frame) { last_frame_ = frame; }
 
 void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
+
+void FlightService::react(double, const LinkRivalHeard&) {
+  link_->send_text(TextSeverity::critical, "Nadir: another sender claims to be autopilot");
+}
 
 void FlightService::react(double, const PositionHinted& hint) {
   if (localization_) localization_->hint(hint.place, hint.radius_m, hint.source);
@@ -421,6 +437,13 @@ void FlightService::note_start() {
   journal_->note(clock_.monotonic_s(), EventSeverity::info, "state", restart_.reason);
   if (!recorder_error_.empty()) {
     journal_->note(clock_.monotonic_s(), EventSeverity::critical, "recorder", recorder_error_);
+  }
+  if (!options_.link_key) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "link",
+                   "not signed (--unsigned-link): anybody on it can pose as the autopilot or as an operator");
+  }
+  for (const std::string& fault : link_->faults()) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "link", fault);
   }
   for (const Finding& finding : warnings_.items()) {
     if (finding.severity != Severity::warning) continue;

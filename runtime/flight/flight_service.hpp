@@ -21,6 +21,7 @@
 #include <span>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "api/api.hpp"
 #include "flight/autopilot_link.hpp"
@@ -48,7 +49,8 @@ struct FlightOptions {
   std::filesystem::path state;                      // folder
   std::string camera;                               // open_camera()
   std::string autopilot;                            // parse_endpoint()
-  std::optional<std::filesystem::path> link_key;    // nullopt: the link is not signed
+  std::vector<StationSetup> stations;               // besides the autopilot
+  std::optional<std::filesystem::path> link_key;    // nullopt: the links are not signed
   std::optional<std::filesystem::path> record;      // folder; nullopt: no recording
   bool keep_pictures = false;                       // in the recording
   std::optional<std::filesystem::path> candidates;  // folder for candidate tiles; nullopt: none are made
@@ -93,6 +95,7 @@ class FlightService {
   void publish(OnboardEvent event);  // from any thread
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
+  void on_command(const ReceivedMessage& received, const CommandInt& command);
   void save_state_loop(const std::stop_token& stop);
 
   // The conductor
@@ -100,6 +103,7 @@ class FlightService {
   void note_end();
   void on_event(double time_s, const OnboardEvent& event);
   void react(double time_s, const FixJumped& jumped);
+  void react(double time_s, const LinkRivalHeard& rival);
   void react(double time_s, const PositionHinted& hint);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);

@@ -36,10 +36,21 @@ struct StateSaveFailed {
 
 // ---- autopilot
 
-// authentic: signed with our key, or received on a link that requires no signature.
+// How we know that a message is the autopilot's.
+enum class LinkAuthentication {
+  missing,       // the link is signed, the message is not: it counts for nothing
+  not_required,  // the link is not signed (--unsigned-link): anybody on it may have sent the message
+  signature,     // signed with our key
+};
+
 struct AutopilotHeartbeat {
-  bool authentic = false;
+  LinkAuthentication authentication = LinkAuthentication::missing;
   bool armed = false;
+};
+
+// Somebody at another address claims to be the autopilot while it is connected.
+struct LinkRivalHeard {
+  std::uint64_t frames = 0;  // of rivals since the start
 };
 
 // GPS_RAW_INT of a real receiver, never of the fixes that we send.
@@ -62,7 +73,7 @@ struct EkfReport {
 struct PositionHinted {
   LonLat place;
   double radius_m = 0;
-  std::string source;
+  std::string source;  // "API", "GPS", "restart", "operator 255/190" (system and component of the sender)
 };
 
 // The next fix lies so far from the last one: too far to be smoothed.
@@ -116,7 +127,7 @@ struct StateTransition {
   std::string text;  // for the recorder: the explanation, with figures
 };
 
-using OnboardEvent = std::variant<PackageVerified, EstimateRestored, StateSaveFailed, AutopilotHeartbeat, GpsFix3d,
+using OnboardEvent = std::variant<PackageVerified, EstimateRestored, StateSaveFailed, AutopilotHeartbeat, LinkRivalHeard, GpsFix3d,
                                   EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
                                   TilesFailed, GpsAssessment, StateTransition>;
 

@@ -107,7 +107,8 @@ class NadirdCheck : public ::testing::Test {
                                   "--camera",    path("none"),
                                   "--autopilot", "udpin:127.0.0.1:0",
                                   "--listen",    "127.0.0.1:0",
-                                  "--memory-mb", "0"};
+                                  "--memory-mb", "0",
+                                  "--unsigned-link"};
     args.insert(args.end(), more);
     NadirdCommand command(flight_clock);
     return run_single_command("nadird", command, args, {out_, err_, clock});
@@ -221,6 +222,18 @@ TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
   EXPECT_EQ(err_.str(), "stopped before the package was verified\n");
   EXPECT_FALSE(std::filesystem::exists(folder_ / "state" / "aircraft.json")) << "nothing was accepted";
   EXPECT_FALSE(interrupt_requested());
+}
+
+TEST_F(NadirdCheck, AnUnsignedLinkIsADecision) {
+  airframe("bare.json", nullptr);
+  const std::vector<std::string> bare{"--package",   newer_,          "--trust", path("root.json"), "--airframe", path("bare.json"),
+                                      "--state",     path("state"),   "--camera", path("none"),
+                                      "--autopilot", "udpin:127.0.0.1:0"};
+  NadirdCommand command(nullptr);
+  EXPECT_EQ(run_single_command("nadird", command, bare, {out_, err_, clock_}), 2);
+  EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
+  EXPECT_EQ(serve(clock_, nullptr, {"--signing-key", path("link.key")}), 2) << "both";
+  EXPECT_EQ(serve(clock_, nullptr, {"--ground-station", "udpout:example.org:1"}), 2) << err_.str();
 }
 
 TEST_F(NadirdCheck, AnUntrustedTileKeyIsRejectedBeforeTakeOff) {
