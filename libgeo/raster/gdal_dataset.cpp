@@ -102,14 +102,6 @@ namespace {
 
 constexpr int kMaxVrtDepth = 4;
 
-[[noreturn]] void reject_remote(const std::filesystem::path& path, const std::string& found) {
-  throw UsageError({.what = "remote imagery is not supported",
-                    .where = path.string(),
-                    .expected = "files on this machine",
-                    .found = found,
-                    .fix = "download it first, for example with gdal_translate, and pass the file"});
-}
-
 // Throws UsageError when one of them is remote.
 std::vector<std::filesystem::path> list_files(const std::filesystem::path& path, GDALDataset& dataset, int depth) {
   std::vector<std::filesystem::path> files;

@@ -10,6 +10,7 @@
 #include <array>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string_view>
 #include <vector>
 
@@ -64,14 +65,6 @@ std::string shown(const Formats& formats) {
   return fmt::format("{}", fmt::join(names, ", "));
 }
 
-[[noreturn]] void reject_remote(const fs::path& path, const std::string& found) {
-  throw UsageError({.what = "remote imagery is not supported",
-                    .where = path.string(),
-                    .expected = "files on this machine",
-                    .found = found,
-                    .fix = "download it first, for example with gdal_translate, and pass the file"});
-}
-
 bool begins_as_vrt(const fs::path& file) {
   std::array<std::uint8_t, 64> head{};
   std::error_code code;
@@ -89,6 +82,7 @@ class Description {
 
   void check(const fs::path& file, int nesting) {
     if (nesting > kMaxNesting) reject_remote(raster_, fmt::format("VRTs nested more than {} deep", kMaxNesting));
+    if (!seen_.insert(file.lexically_normal()).second) return;  // one that names itself would be read for ever
     const std::string text = read_text_file(file, kMaxDescription_bytes);
     const std::unique_ptr<CPLXMLNode, decltype(&CPLDestroyXMLNode)> tree(CPLParseXMLString(text.c_str()),
                                                                          &CPLDestroyXMLNode);
@@ -112,9 +106,18 @@ class Description {
   }
 
   const fs::path& raster_;
+  std::set<fs::path> seen_;
 };
 
 }  // namespace
+
+void reject_remote(const fs::path& path, const std::string& found) {
+  throw UsageError({.what = "remote imagery is not supported",
+                    .where = path.string(),
+                    .expected = "files on this machine",
+                    .found = found,
+                    .fix = "download it first, for example with gdal_translate, and pass the file"});
+}
 
 void register_gdal_drivers() {
   static std::once_flag once;

@@ -20,6 +20,9 @@ std::string readable_vector_formats();
 // is no file on this machine (a URL, a path of GDAL's virtual file systems), however deeply. Nothing is opened by GDAL.
 void refuse_remote_raster(const std::filesystem::path& path);
 
+// Throws the UsageError that this raster is remote. found: what it is, or names.
+[[noreturn]] void reject_remote(const std::filesystem::path& raster, const std::string& found);
+
 // Whether this is the name of something that is no file on this machine.
 bool is_remote_name(const std::string& name);
 

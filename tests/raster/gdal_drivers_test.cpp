@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <string>
+#include <vector>
 
 #include "base/error.hpp"
 #include "raster/gdal_dataset.hpp"
@@ -91,7 +92,7 @@ TEST_F(GdalDrivers, AVrtNamesFilesOnThisMachineOnly) {
   const std::filesystem::path service = folder_.write("innocent.tif", wmts);
   const std::string remote = listener_.url() + "/map.tif";
   folder_.write("hidden.dat", vrt("/vsicurl/" + remote));
-  for (const std::string& source :
+  for (const std::string& source : std::vector<std::string>
        {"/vsicurl/" + remote, "/vsicurl_streaming/" + remote, "/vsis3/bucket/map.tif", "GTIFF_DIR:1:/vsicurl/" + remote,
         std::string("/vsistdin/"), (folder_ / "hidden.dat").string(), std::string("hidden.dat")}) {
     const std::filesystem::path file = folder_.write("map.vrt", vrt(source));
