@@ -203,12 +203,12 @@ MapWindow MapWindowReader::read(const LocalFrame& frame, const PlaneBox& box, do
 }
 
 std::optional<double> MapWindowReader::ce90_m(const LocalFrame& frame, const PlaneBox& box, double gsd_m) const {
-  const LonLat centre = frame.lonlat_from_enu((box.west_m + box.east_m) / 2, (box.south_m + box.north_m) / 2);
+  const LonLat centre = frame.lonlat_from_plane(box.middle());
   const int zoom = level_for(zooms(), gsd_m, centre.lat_deg).zoom;
   double west = std::numeric_limits<double>::infinity(), east = -west, north = west, south = -west;
   for (const double east_m : {box.west_m, box.east_m}) {
     for (const double north_m : {box.south_m, box.north_m}) {
-      const GlobalPixel corner = pixel_from_lonlat(frame.lonlat_from_enu(east_m, north_m), zoom);
+      const GlobalPixel corner = pixel_from_lonlat(frame.lonlat_from_plane({east_m, north_m}), zoom);
       west = std::min(west, corner.x), east = std::max(east, corner.x);
       north = std::min(north, corner.y), south = std::max(south, corner.y);
     }

@@ -378,7 +378,7 @@ TEST(LocalizerMapError, IsThatOfTheTilesThatWereMatched) {
   PlacedTiles tiles;
   tiles.ce90 = [](const TileKey& key) -> std::optional<double> {
     const LonLatBox box = bounds_of(key);
-    const Enu at = LocalFrame(kOrigin).enu_from_lonlat(
+    const PlanePoint at = LocalFrame(kOrigin).plane_from_lonlat(
         {(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
     return std::hypot(at.east_m, at.north_m) < 600 ? 4.0 : 40.0;
   };
