@@ -17,6 +17,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/input_file.hpp"
+#include "raster/gdal_dataset.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -150,6 +151,7 @@ bool is_remote_name(const std::string& name) {
 }
 
 void refuse_remote_raster(const fs::path& path) {
+  const QuietGdal quiet;  // GDAL's parser of XML speaks on stderr
   if (is_remote_name(path.string())) reject_remote(path, path.string());
   if (begins_as_vrt(path)) Description(path).check(path, 0);
   fs::path beside = path;
