@@ -37,10 +37,8 @@ std::string advice_for(int error_number) {
 }
 
 [[noreturn]] void fail_to(const char* what, const fs::path& where, int error_number) {
-  throw Error({.what = what,
-               .where = where,
-               .found = system_error_text(error_number),
-               .fix = advice_for(error_number)});
+  throw Error(
+      {.what = what, .where = where, .found = system_error_text(error_number), .fix = advice_for(error_number)});
 }
 
 const char* kind_of(mode_t mode) {

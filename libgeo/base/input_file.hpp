@@ -4,14 +4,15 @@
 //
 //   1. Only regular files. They are opened without waiting and examined before a byte is read: a pipe or a device in
 //      place of a file is an Error, not a program that hangs.
-//   2. A name is resolved once. An InputFile is what was opened; what is hashed and what is parsed are read from the same
-//      descriptor, whatever the name means by then.
-//   3. What belongs to a folder lies beneath it. A Directory is the folder that its path named at one moment; names below
-//      it neither lead out of it nor pass a symbolic link (openat2(2) with RESOLVE_BENEATH and RESOLVE_NO_SYMLINKS, and
-//      where the kernel or a sandbox lacks it, one openat(O_NOFOLLOW) for each part of the name).
+//   2. A name is resolved once. An InputFile is what was opened; what is hashed and what is parsed are read from the
+//      same descriptor, whatever the name means by then.
+//   3. What belongs to a folder lies beneath it. A Directory is the folder that its path named at one moment; names
+//      below it neither lead out of it nor pass a symbolic link (openat2(2) with RESOLVE_BENEATH and
+//      RESOLVE_NO_SYMLINKS, and where the kernel or a sandbox lacks it, one openat(O_NOFOLLOW) for each part of the
+//      name).
 //
-// Bytes of an open file can still be overwritten in place by whoever may write to it. So what is verified stays in memory
-// (missions, terrain, the place index) or is hashed again whenever it is read (tiles).
+// Bytes of an open file can still be overwritten in place by whoever may write to it. So what is verified stays in
+// memory (missions, terrain, the place index) or is hashed again whenever it is read (tiles).
 #pragma once
 
 #include <cstdint>
@@ -46,8 +47,8 @@ class FileDescriptor {
 // An open regular file. Reading is positional and safe from several threads.
 class InputFile {
  public:
-  // Symbolic links are followed: this is for paths that the user gives. Throws Error when the file is missing, cannot be
-  // read or is no regular file.
+  // Symbolic links are followed: this is for paths that the user gives. Throws Error when the file is missing, cannot
+  // be read or is no regular file.
   explicit InputFile(const std::filesystem::path& path);
 
   const std::filesystem::path& path() const { return path_; }  // for messages
@@ -73,13 +74,14 @@ class InputFile {
 
 class Directory {
  public:
-  // Symbolic links on the way to the folder are followed, now and not again. Throws Error when it is missing or no folder.
+  // Symbolic links on the way to the folder are followed, now and not again. Throws Error when it is missing or no
+  // folder.
   explicit Directory(const std::filesystem::path& path);
 
   const std::filesystem::path& path() const { return path_; }  // for messages: by now it may name another folder
 
-  // A file beneath the folder: parts joined by '/', none of them "." or "..", none of them a symbolic link. find(): nothing
-  // when there is no such name. Throws Error for everything else that is not a readable regular file.
+  // A file beneath the folder: parts joined by '/', none of them "." or "..", none of them a symbolic link. find():
+  // nothing when there is no such name. Throws Error for everything else that is not a readable regular file.
   InputFile open(std::string_view name) const;
   std::optional<InputFile> find(std::string_view name) const;
 

@@ -42,8 +42,8 @@ constexpr std::uint64_t kMaxYamlSize = std::uint64_t{1} << 20;
 constexpr std::size_t kMaxValues = 200'000;  // scalars, lists and mappings: some 400 bytes of memory each
 constexpr std::size_t kMaxQuotedKey = 80;    // bytes of a key in a message
 
-// Rejects what can hide a value from a reader or blow up a small file: aliases, duplicate keys, deep nesting, myriads of
-// empty values.
+// Rejects what can hide a value from a reader or blow up a small file: aliases, duplicate keys, deep nesting, myriads
+// of empty values.
 class Guard final : public YAML::EventHandler {
  public:
   explicit Guard(std::string file) : file_(std::move(file)) {}

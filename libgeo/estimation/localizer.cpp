@@ -564,8 +564,7 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
 // What no number of anchors averages out: the map's own error, and what grows with height because no model has it.
 Eigen::Matrix2d Localizer::Impl::shared_error_m2(double map_sigma_m) const {
   if (tiles == nullptr) return Eigen::Matrix2d::Zero();
-  return Eigen::Matrix2d::Identity() *
-         (map_sigma_m * map_sigma_m + unmodelled_variance_m2(telemetry.reference.agl_m));
+  return Eigen::Matrix2d::Identity() * (map_sigma_m * map_sigma_m + unmodelled_variance_m2(telemetry.reference.agl_m));
 }
 
 // After the flight a frame lies between two anchors: the worse of their maps counts.
@@ -596,9 +595,10 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
   }
   if (!placed) return estimate;
   const bool tracked = tracking.tracked();
-  estimate.covariance_m2 = filter->position_covariance_m2() + published.withheld_m * published.withheld_m.transpose() +
-                           published.contradiction_m * published.contradiction_m.transpose() +
-                           (last_anchor ? shared_error_m2(published.map_sigma_m) : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
+  estimate.covariance_m2 =
+      filter->position_covariance_m2() + published.withheld_m * published.withheld_m.transpose() +
+      published.contradiction_m * published.contradiction_m.transpose() +
+      (last_anchor ? shared_error_m2(published.map_sigma_m) : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
   estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
   estimate.source = anchored                                               ? SourceLabel::satellite_anchored
                     : tracked && (tracking.unbroken() || tiles == nullptr) ? SourceLabel::vo_extrapolated

@@ -38,8 +38,8 @@ struct LocalizerConfig {
   double min_search_radius_m = parameters::search_window::kMinRadius_m;  // half side of the searched square
   double max_search_radius_m = parameters::search_window::kMaxRadius_m;
   double no_fix_sigma_m = parameters::localizer::kNoFixSigma_m;  // beyond this no position is published
-  // One axis of the map's own error, see map_sigma_from_ce90(). Nothing: what the tiles state that an anchor was matched
-  // with, and where they state nothing, parameters::localizer::kMapSigma_m.
+  // One axis of the map's own error, see map_sigma_from_ce90(). Nothing: what the tiles state that an anchor was
+  // matched with, and where they state nothing, parameters::localizer::kMapSigma_m.
   std::optional<double> map_sigma_m;
   double assumed_agl_m = parameters::localizer::kAssumedAgl_m;  // only until telemetry has a height
   // A healthy flight need not match every frame with the map: after so long a displacement, or when less certain than

@@ -95,9 +95,9 @@ void oversee(j_common_ptr info) {
   const Overseer& overseer = *reinterpret_cast<Overseer*>(info->progress);
   const DecodeBudget& budget = *overseer.budget;
   const int scans = reinterpret_cast<j_decompress_ptr>(info)->input_scan_number;
-  const char* fault = scans > budget.max_scans                                           ? "too many scans"
+  const char* fault = scans > budget.max_scans                                       ? "too many scans"
                       : budget.limit_ms > 0 && budget.clock() > overseer.deadline_ms ? "too much work for its size"
-                                                                                         : nullptr;
+                                                                                     : nullptr;
   if (fault == nullptr) return;
   ErrorManager& manager = manager_of(info);
   std::snprintf(manager.message.data(), manager.message.size(), "%s", fault);

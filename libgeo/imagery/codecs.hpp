@@ -2,8 +2,8 @@
 //
 // Bytes from outside are not trusted: the declared size is checked before anything is allocated, truncated or damaged
 // data is an Error, never a partial image, and what decoding may cost is bounded: a progressive JPEG of a few hundred
-// kilobytes can ask for its image to be refined 100 000 times. A camera's JPEG that is needed at a reduced size is decoded at that size
-// (scaled inverse DCT), at a fraction of the cost.
+// kilobytes can ask for its image to be refined 100 000 times. A camera's JPEG that is needed at a reduced size is
+// decoded at that size (scaled inverse DCT), at a fraction of the cost.
 #pragma once
 
 #include <cstdint>
@@ -46,8 +46,9 @@ struct DecodedImage {
 ImageInfo read_image_info(ByteView bytes, std::string_view name);
 
 struct DecodeBudget {
-  int max_scans = 100;       // of a progressive JPEG; encoders write 10
-  std::int64_t limit_ms = 0;  // 0: without limit. Checked while a JPEG is decoded; PNG and WebP are bounded by their size
+  int max_scans = 100;  // of a progressive JPEG; encoders write 10
+  std::int64_t limit_ms =
+      0;  // 0: without limit. Checked while a JPEG is decoded; PNG and WebP are bounded by their size
   MonotonicMs clock = steady_clock_ms;
 };
 

@@ -401,7 +401,8 @@ struct CogReader::Window {
 
 CogReader::CogReader(const std::filesystem::path& path) : CogReader(InputFile(path)) {}
 
-CogReader::CogReader(InputFile file, const CogLimits& limits) : name_(file.path().filename().string()), limits_(limits) {
+CogReader::CogReader(InputFile file, const CogLimits& limits)
+    : name_(file.path().filename().string()), limits_(limits) {
   bytes_ = std::make_unique<FileBytes>(std::move(file));
   levels_ = read_cog_levels(TiffFile(*bytes_, name_), limits_);
 }
@@ -572,10 +573,10 @@ std::vector<TileKey> CogReader::keys() const {
         if (!there) continue;
         if (keys.size() == limits_.tiles) {
           throw TiffError("tiff.layout", {.what = "this COG holds too many tiles",
-                                         .where = name_,
-                                         .expected = fmt::format("at most {} tiles", limits_.tiles),
-                                         .found = "more",
-                                         .fix = "get the file again from its origin"});
+                                          .where = name_,
+                                          .expected = fmt::format("at most {} tiles", limits_.tiles),
+                                          .found = "more",
+                                          .fix = "get the file again from its origin"});
         }
         keys.push_back(key);
       }

@@ -94,8 +94,8 @@ class CogReader final : public TileSource {
   const std::vector<std::string>& left_out() const { return levels_.left_out; }
   const CogLevel* level(int zoom) const;  // null when there is none
 
-  // Addresses that may hold a tile, in the order of TileKey: those with a block. Throws TiffError where there are more than
-  // the limit allows.
+  // Addresses that may hold a tile, in the order of TileKey: those with a block. Throws TiffError where there are more
+  // than the limit allows.
   std::vector<TileKey> keys() const;
   // Bytes of the tile's block; 0 when there is none, or when blocks are not tiles.
   std::uint64_t stored_size(const TileKey& key) const;

@@ -306,7 +306,8 @@ void SqliteDatabase::fail(const char* doing) const {
   if (input_ && input_->working_memory_spent()) {
     throw Error({.what = fmt::format("SQLite was stopped while {}", doing),
                  .where = path_.string(),
-                 .expected = fmt::format("at most {} MB put aside for sorting", working_bytes_for(input_->file().size()) / 1'000'000),
+                 .expected = fmt::format("at most {} MB put aside for sorting",
+                                         working_bytes_for(input_->file().size()) / 1'000'000),
                  .found = "a statement that needs more",
                  .fix = "the file is not what it claims to be: get it from its origin"});
   }

@@ -1,14 +1,14 @@
 // SQLite with values and exceptions.
 //
 // A file from outside can neither be changed nor change anything: it is read through one descriptor, immutable and
-// defensive, without functions from its schema and without any other file (sqlite_input.hpp). What a statement may cost is
-// bounded by the size of the file: work (virtual machine instructions), milliseconds, bytes put aside for sorting, and,
-// where the schema is plain, bytes of results, which then cannot be more than the file holds. Beyond any of these it is an
-// Error.
+// defensive, without functions from its schema and without any other file (sqlite_input.hpp). What a statement may cost
+// is bounded by the size of the file: work (virtual machine instructions), milliseconds, bytes put aside for sorting,
+// and, where the schema is plain, bytes of results, which then cannot be more than the file holds. Beyond any of these
+// it is an Error.
 //
-// SqliteSchema::plain is for files whose integrity is not known yet (packages before and while they are verified): a view,
-// a trigger, a virtual table or a generated column is code that runs when a table is read, and such a file is refused
-// before anything of it runs. Other programs' MBTiles may keep their tiles in a view.
+// SqliteSchema::plain is for files whose integrity is not known yet (packages before and while they are verified): a
+// view, a trigger, a virtual table or a generated column is code that runs when a table is read, and such a file is
+// refused before anything of it runs. Other programs' MBTiles may keep their tiles in a view.
 #pragma once
 
 #include <atomic>

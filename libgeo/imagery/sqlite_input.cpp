@@ -174,10 +174,10 @@ int no_control(sqlite3_file*, int, void*) { return SQLITE_NOTFOUND; }
 int sector_size(sqlite3_file*) { return 4096; }
 int characteristics(sqlite3_file* file) { return opened(file).working == nullptr ? SQLITE_IOCAP_IMMUTABLE : 0; }
 
-constexpr sqlite3_io_methods kMethods{1,         close_file,   read_file_at, write_file_at, truncate_file, sync_file,
-                                      size_of_file, lock_file, lock_file,    no_other_lock, no_control,    sector_size,
-                                      characteristics, nullptr, nullptr,     nullptr,       nullptr,       nullptr,
-                                      nullptr};
+constexpr sqlite3_io_methods kMethods{1,          close_file,   read_file_at,    write_file_at, truncate_file,
+                                      sync_file,  size_of_file, lock_file,       lock_file,     no_other_lock,
+                                      no_control, sector_size,  characteristics, nullptr,       nullptr,
+                                      nullptr,    nullptr,      nullptr,         nullptr};
 
 int open_file(sqlite3_vfs* vfs, const char*, sqlite3_file* file, int flags, int* opened_with) {
   auto* made = new (file) OpenFile{};  // pMethods null: nothing to close when this fails
@@ -233,8 +233,8 @@ SqliteInput::~SqliteInput() = default;
 int SqliteInput::open(sqlite3** handle) const {
   // The registry is asked for a VFS by its name once, when a connection is opened; the connection keeps the pointer.
   if (sqlite3_vfs_register(&impl_->vfs, 0) != SQLITE_OK) return SQLITE_NOMEM;
-  const int code =
-      sqlite3_open_v2("file:/input?mode=ro&immutable=1", handle, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI, impl_->name.c_str());
+  const int code = sqlite3_open_v2("file:/input?mode=ro&immutable=1", handle, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI,
+                                   impl_->name.c_str());
   sqlite3_vfs_unregister(&impl_->vfs);
   return code;
 }

@@ -1,7 +1,8 @@
 // The file of a database from outside, as SQLite sees it: one open file to read, working memory up to a limit, and
 // nothing else. It is a VFS (www.sqlite.org/vfs.html) of one connection.
 //
-//   - The database is read through the descriptor that was opened: the file that was hashed, whatever its name means now.
+//   - The database is read through the descriptor that was opened: the file that was hashed, whatever its name means
+//   now.
 //   - There is no other file: no journal, no write-ahead log, no temporary file. What SQLite would write to a temporary
 //     file stays in memory, and beyond the limit the statement fails.
 #pragma once

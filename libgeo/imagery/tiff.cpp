@@ -16,9 +16,9 @@ bool FileBytes::read(std::uint64_t at, std::span<std::uint8_t> target) const {
     return file_.read_at(at, target);
   } catch (const Error& error) {
     throw TiffError("tiff.corrupt", {.what = "cannot read the tile set",
-                                    .where = file_.path().string(),
-                                    .found = error.text().found,
-                                    .fix = "check the storage medium"});
+                                     .where = file_.path().string(),
+                                     .found = error.text().found,
+                                     .fix = "check the storage medium"});
   }
 }
 

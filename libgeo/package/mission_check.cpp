@@ -343,8 +343,7 @@ Findings check_terrain_presence(const Manifest& manifest, const Mission& mission
   return findings;
 }
 
-TerrainReading read_package_terrain(const Directory& package, const Manifest& manifest,
-                                    const Mission& mission) {
+TerrainReading read_package_terrain(const Directory& package, const Manifest& manifest, const Mission& mission) {
   TerrainReading reading;
   const Artifact* artifact = manifest.artifact(kRoleTerrain);
   if (mission.terrain.flat || artifact == nullptr) return reading;

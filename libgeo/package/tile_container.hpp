@@ -16,8 +16,8 @@
 #include "base/error.hpp"
 #include "base/input_file.hpp"
 #include "imagery/cog_reader.hpp"
-#include "imagery/tiff.hpp"
 #include "imagery/sqlite_database.hpp"
+#include "imagery/tiff.hpp"
 #include "imagery/tile_source.hpp"
 
 namespace nadir {

@@ -10,8 +10,8 @@
 #include "package/mission_check.hpp"
 #include "package/package_roots.hpp"
 #include "package/tile_container.hpp"
-#include "trust/signed_document.hpp"
 #include "trust/signatures.hpp"
+#include "trust/signed_document.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -206,8 +206,8 @@ constexpr std::uint64_t kMaxMission_bytes = std::uint64_t{1} << 20;
 // always. A file of another size than the signed one is not opened by anything that understands its content.
 struct FileCheck {
   Findings findings;
-  // Artifacts that are there with their size (and, where hashed, their digest), by path. The imagery stays when its digest
-  // is wrong: its tiles show what was changed.
+  // Artifacts that are there with their size (and, where hashed, their digest), by path. The imagery stays when its
+  // digest is wrong: its tiles show what was changed.
   std::map<std::string, InputFile> sound;
   std::optional<Bytes> mission;  // the bytes that were hashed
 };

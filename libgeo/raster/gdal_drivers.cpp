@@ -28,22 +28,32 @@ struct ReadableFormat {
   const char* shown;
 };
 
-constexpr std::array kRasterFormats{
-    ReadableFormat{"GTiff", "GeoTIFF"},   ReadableFormat{"VRT", "VRT"},
-    ReadableFormat{"JP2OpenJPEG", "JPEG 2000"}, ReadableFormat{"JPEG", "JPEG"},
-    ReadableFormat{"PNG", "PNG"},         ReadableFormat{"WEBP", "WebP"},
-    ReadableFormat{"BMP", "BMP"},         ReadableFormat{"HFA", "Erdas Imagine"},
-    ReadableFormat{"ENVI", "ENVI"},       ReadableFormat{"EHdr", "EHdr"},
-    ReadableFormat{"AAIGrid", "Arc/Info ASCII grid"}, ReadableFormat{"SRTMHGT", "SRTM HGT"},
-    ReadableFormat{"DTED", "DTED"},       ReadableFormat{"USGSDEM", "USGS DEM"},
-    ReadableFormat{"NITF", "NITF"},       ReadableFormat{"GPKG", "GeoPackage"},
-    ReadableFormat{"MBTiles", "MBTiles"}};
-constexpr std::array kVectorFormats{
-    ReadableFormat{"GeoJSON", "GeoJSON"}, ReadableFormat{"GeoJSONSeq", "GeoJSON lines"},
-    ReadableFormat{"LIBKML", "KML"},      ReadableFormat{"KML", "KML"},
-    ReadableFormat{"GPKG", "GeoPackage"}, ReadableFormat{"ESRI Shapefile", "Shapefile"},
-    ReadableFormat{"FlatGeobuf", "FlatGeobuf"}, ReadableFormat{"GPX", "GPX"},
-    ReadableFormat{"MapInfo File", "MapInfo"}};
+constexpr std::array kRasterFormats{ReadableFormat{"GTiff", "GeoTIFF"},
+                                    ReadableFormat{"VRT", "VRT"},
+                                    ReadableFormat{"JP2OpenJPEG", "JPEG 2000"},
+                                    ReadableFormat{"JPEG", "JPEG"},
+                                    ReadableFormat{"PNG", "PNG"},
+                                    ReadableFormat{"WEBP", "WebP"},
+                                    ReadableFormat{"BMP", "BMP"},
+                                    ReadableFormat{"HFA", "Erdas Imagine"},
+                                    ReadableFormat{"ENVI", "ENVI"},
+                                    ReadableFormat{"EHdr", "EHdr"},
+                                    ReadableFormat{"AAIGrid", "Arc/Info ASCII grid"},
+                                    ReadableFormat{"SRTMHGT", "SRTM HGT"},
+                                    ReadableFormat{"DTED", "DTED"},
+                                    ReadableFormat{"USGSDEM", "USGS DEM"},
+                                    ReadableFormat{"NITF", "NITF"},
+                                    ReadableFormat{"GPKG", "GeoPackage"},
+                                    ReadableFormat{"MBTiles", "MBTiles"}};
+constexpr std::array kVectorFormats{ReadableFormat{"GeoJSON", "GeoJSON"},
+                                    ReadableFormat{"GeoJSONSeq", "GeoJSON lines"},
+                                    ReadableFormat{"LIBKML", "KML"},
+                                    ReadableFormat{"KML", "KML"},
+                                    ReadableFormat{"GPKG", "GeoPackage"},
+                                    ReadableFormat{"ESRI Shapefile", "Shapefile"},
+                                    ReadableFormat{"FlatGeobuf", "FlatGeobuf"},
+                                    ReadableFormat{"GPX", "GPX"},
+                                    ReadableFormat{"MapInfo File", "MapInfo"}};
 // The catalogue's own, opened by name of the driver.
 constexpr std::array kCatalogueDrivers{"SQLite", "PostgreSQL"};
 

@@ -16,8 +16,9 @@ void register_gdal_drivers();
 std::string readable_raster_formats();
 std::string readable_vector_formats();
 
-// Throws UsageError when the raster is remote, or when a VRT or an .aux.xml file that belongs to it names something that
-// is no file on this machine (a URL, a path of GDAL's virtual file systems), however deeply. Nothing is opened by GDAL.
+// Throws UsageError when the raster is remote, or when a VRT or an .aux.xml file that belongs to it names something
+// that is no file on this machine (a URL, a path of GDAL's virtual file systems), however deeply. Nothing is opened by
+// GDAL.
 void refuse_remote_raster(const std::filesystem::path& path);
 
 // Throws the UsageError that this raster is remote. found: what it is, or names.

@@ -102,7 +102,8 @@ class ChannelMatcher final : public MapMatcher {
   // One coarse scene of a package says nothing of the others: only the tiles count that the frame shows.
   void state_map_error(AnchorMatch& match, const MatchingPlan& plan) const {
     if (!match.solved) return;
-    match.map_ce90_m = reader_.ce90_m(map_.frame, square_around(match.solved->pose.position, plan.reach_m), plan.scale.fine_gsd_m);
+    match.map_ce90_m =
+        reader_.ce90_m(map_.frame, square_around(match.solved->pose.position, plan.reach_m), plan.scale.fine_gsd_m);
   }
 
   // Patches, then the pose from them, then patches again with that pose.

@@ -274,13 +274,14 @@ void verify_place_index(VerifyDepth depth, Progress& progress, Verification& ver
   if (!verification.imagery || verification.tiles.empty()) return;
   const std::unique_ptr<TileSource> tiles =
       open_tile_source(verification.imagery->duplicate(), TileSetRules::of_package(verification.tiles.size()));
-  verification.findings.add(check_place_index(*verification.folder, manifest, *verification.mission, *tiles, depth, progress));
+  verification.findings.add(
+      check_place_index(*verification.folder, manifest, *verification.mission, *tiles, depth, progress));
 }
 
 void verify_place_index(VerifyDepth depth, Progress& progress, Opening& opening) {
   if (!opening.package) return;
-  opening.findings.add(check_place_index(opening.package->folder(), opening.package->manifest(), opening.package->mission(),
-                                         opening.package->imagery(), depth, progress));
+  opening.findings.add(check_place_index(opening.package->folder(), opening.package->manifest(),
+                                         opening.package->mission(), opening.package->imagery(), depth, progress));
   if (opening.findings.has_errors()) opening.package.reset();
 }
 

@@ -162,9 +162,8 @@ TEST(Program, OnlyWhatWritesSaysThatNothingWasLeftBehind) {
 
 // A path that is too long, or a folder that may not be read, is no defect of the program.
 TEST(Program, WhatIsWrongWithAPathIsSaidAsThat) {
-  const auto outcome = run(kGood, [](Context&) -> int {
-    return std::filesystem::exists(std::string(300, 'a')) ? 0 : 1;
-  });
+  const auto outcome =
+      run(kGood, [](Context&) -> int { return std::filesystem::exists(std::string(300, 'a')) ? 0 : 1; });
   EXPECT_EQ(outcome.code, 2);
   EXPECT_THAT(outcome.err, ::testing::HasSubstr("File name too long"));
   EXPECT_THAT(outcome.err, ::testing::HasSubstr("shorter path"));

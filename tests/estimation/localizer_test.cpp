@@ -378,8 +378,8 @@ TEST(LocalizerMapError, IsThatOfTheTilesThatWereMatched) {
   PlacedTiles tiles;
   tiles.ce90 = [](const TileKey& key) -> std::optional<double> {
     const LonLatBox box = bounds_of(key);
-    const PlanePoint at = LocalFrame(kOrigin).plane_from_lonlat(
-        {(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
+    const PlanePoint at =
+        LocalFrame(kOrigin).plane_from_lonlat({(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
     return std::hypot(at.east_m, at.north_m) < 600 ? 4.0 : 40.0;
   };
   const std::vector<double> found = sigmas_over(tiles, std::nullopt);
@@ -398,8 +398,8 @@ TEST(LocalizerMapError, WithoutAStatementTheDefaultHolds) {
             sigmas_over(landscape_tiles(), parameters::localizer::kMapSigma_m));
 }
 
-// From a coarse scene to a fine one and back: what is published follows the map under the aircraft, and the track that a
-// coarse map left behind does not outvote the fine one.
+// From a coarse scene to a fine one and back: what is published follows the map under the aircraft, and the track that
+// a coarse map left behind does not outvote the fine one.
 TEST(LocalizerMapError, FollowsFromSceneToScene) {
   const double coarse_m = map_sigma_from_ce90(20.0);
   PlacedTiles tiles;

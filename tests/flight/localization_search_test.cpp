@@ -141,7 +141,8 @@ TEST(LocalizationFrames, WhatCannotBeDecodedIsDroppedAndCounted) {
   std::mutex mutex;
   std::condition_variable changed;
   int processed = 0;
-  LocalizationThread localization({flight_camera(), {}, LocalFrame(kOrigin), nullptr, start(), config(), 0}, frames, watch,
+  LocalizationThread localization({flight_camera(), {}, LocalFrame(kOrigin), nullptr, start(), config(), 0}, frames,
+                                  watch,
                                   {[](std::uint64_t, const Telemetry&, ByteView) {},
                                    [&](const LocalizedFrame&) {
                                      const std::scoped_lock lock(mutex);

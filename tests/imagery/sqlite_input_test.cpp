@@ -76,9 +76,10 @@ TEST_F(SqliteInputs, CodeInTheSchemaIsRefusedBeforeItRuns) {
 
 // Where views are allowed, what they put aside is bounded and stays in memory.
 TEST_F(SqliteInputs, SortingPutsAsideNoMoreThanTheLimit) {
-  const fs::path file = make("view", std::string(kTwoRows) +
-                                         "CREATE VIEW big AS WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1 FROM n"
-                                         " LIMIT 70) SELECT zeroblob(30000000 + x) AS mask, x FROM n");
+  const fs::path file =
+      make("view", std::string(kTwoRows) +
+                       "CREATE VIEW big AS WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1 FROM n"
+                       " LIMIT 70) SELECT zeroblob(30000000 + x) AS mask, x FROM n");
   const SqliteDatabase database = SqliteDatabase::open_immutable(file);
   auto rows = database.prepare("SELECT mask FROM big ORDER BY mask, x DESC");
   const ErrorText refused = refusal_of([&] {
@@ -89,8 +90,9 @@ TEST_F(SqliteInputs, SortingPutsAsideNoMoreThanTheLimit) {
 }
 
 TEST_F(SqliteInputs, ASortThatFitsIsDoneInMemory) {
-  const fs::path file = make("sort", "CREATE TABLE t (a, b BLOB); WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1"
-                                     " FROM n LIMIT 20000) INSERT INTO t SELECT (x * 7919) % 20011, randomblob(900) FROM n");
+  const fs::path file = make("sort",
+                             "CREATE TABLE t (a, b BLOB); WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1"
+                             " FROM n LIMIT 20000) INSERT INTO t SELECT (x * 7919) % 20011, randomblob(900) FROM n");
   const SqliteDatabase database = plain(file);
   auto rows = database.prepare("SELECT a, b FROM t ORDER BY a");
   std::int64_t last = -1, count = 0;
@@ -127,16 +129,18 @@ TEST_F(SqliteInputs, AStepThatTakesTooLongIsStopped) {
   std::int64_t now_ms = 0;
   const SqliteDatabase database =
       SqliteDatabase::open_immutable(InputFile(file), SqliteSchema::plain, [&now_ms] { return now_ms += 1'000; });
-  auto rows = database.prepare("WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1 FROM n LIMIT 100000)"
-                               " SELECT count(*) FROM n");
+  auto rows = database.prepare(
+      "WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1 FROM n LIMIT 100000)"
+      " SELECT count(*) FROM n");
   const ErrorText refused = refusal_of([&] { rows.step(); });
   EXPECT_EQ(refused.expected, "an answer within 5004 ms");
 }
 
 // Pages of a forged file can belong to many rows at once; a join stands for it.
 TEST_F(SqliteInputs, RowsCannotBeMoreThanTheFile) {
-  const fs::path file = make("shared", "CREATE TABLE t (b BLOB); WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1"
-                                       " FROM n LIMIT 300) INSERT INTO t SELECT zeroblob(4000) FROM n");
+  const fs::path file = make("shared",
+                             "CREATE TABLE t (b BLOB); WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1"
+                             " FROM n LIMIT 300) INSERT INTO t SELECT zeroblob(4000) FROM n");
   const SqliteDatabase database = plain(file);
   auto once = database.prepare("SELECT b FROM t");
   int count = 0;
@@ -151,8 +155,9 @@ TEST_F(SqliteInputs, RowsCannotBeMoreThanTheFile) {
 }
 
 TEST_F(SqliteInputs, AFileThatIsCutWhileItIsReadIsAnError) {
-  const fs::path file = make("cut", "CREATE TABLE t (b BLOB); WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1"
-                                    " FROM n LIMIT 300) INSERT INTO t SELECT randomblob(4000) FROM n");
+  const fs::path file = make("cut",
+                             "CREATE TABLE t (b BLOB); WITH RECURSIVE n(x) AS (SELECT 0 UNION ALL SELECT x + 1"
+                             " FROM n LIMIT 300) INSERT INTO t SELECT randomblob(4000) FROM n");
   const SqliteDatabase database = plain(file);
   fs::resize_file(file, 8192);
   auto rows = database.prepare("SELECT b FROM t");

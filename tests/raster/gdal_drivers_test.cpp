@@ -79,7 +79,8 @@ TEST_F(GdalDrivers, DescriptionsOfServicesAreNoRasters) {
                           "<LowerRightY>-20037508.34</LowerRightY><TileLevel>4</TileLevel><TileCountX>1</TileCountX>"
                           "<TileCountY>1</TileCountY></DataWindow><Projection>EPSG:3857</Projection><BlockSizeX>256"
                           "</BlockSizeX><BlockSizeY>256</BlockSizeY><BandsCount>3</BandsCount></GDAL_WMS>";
-  const std::string wmts = "<GDAL_WMTS><GetCapabilitiesUrl>" + listener_.url() + "/wmts</GetCapabilitiesUrl></GDAL_WMTS>";
+  const std::string wmts =
+      "<GDAL_WMTS><GetCapabilitiesUrl>" + listener_.url() + "/wmts</GetCapabilitiesUrl></GDAL_WMTS>";
   const std::string wcs = "<WCS_GDAL><ServiceURL>" + listener_.url() +
                           "/?</ServiceURL><Version>1.0.0</Version><CoverageName>map</CoverageName></WCS_GDAL>";
   for (const char* name : {"map.tif", "map.xml", "map.vrt"}) {
@@ -88,13 +89,15 @@ TEST_F(GdalDrivers, DescriptionsOfServicesAreNoRasters) {
 }
 
 TEST_F(GdalDrivers, AVrtNamesFilesOnThisMachineOnly) {
-  const std::string wmts = "<GDAL_WMTS><GetCapabilitiesUrl>" + listener_.url() + "/wmts</GetCapabilitiesUrl></GDAL_WMTS>";
+  const std::string wmts =
+      "<GDAL_WMTS><GetCapabilitiesUrl>" + listener_.url() + "/wmts</GetCapabilitiesUrl></GDAL_WMTS>";
   const std::filesystem::path service = folder_.write("innocent.tif", wmts);
   const std::string remote = listener_.url() + "/map.tif";
   folder_.write("hidden.dat", vrt("/vsicurl/" + remote));
-  for (const std::string& source : std::vector<std::string>
-       {"/vsicurl/" + remote, "/vsicurl_streaming/" + remote, "/vsis3/bucket/map.tif", "GTIFF_DIR:1:/vsicurl/" + remote,
-        std::string("/vsistdin/"), (folder_ / "hidden.dat").string(), std::string("hidden.dat")}) {
+  for (const std::string& source :
+       std::vector<std::string>{"/vsicurl/" + remote, "/vsicurl_streaming/" + remote, "/vsis3/bucket/map.tif",
+                                "GTIFF_DIR:1:/vsicurl/" + remote, std::string("/vsistdin/"),
+                                (folder_ / "hidden.dat").string(), std::string("hidden.dat")}) {
     const std::filesystem::path file = folder_.write("map.vrt", vrt(source));
     expect_refused(file);
     std::filesystem::rename(file, folder_ / "map.tif");

@@ -119,9 +119,9 @@ TEST(CameraFrame, AFrameOfAnotherSizeIsNotDecoded) {
   const Bytes frame = encode_image(normal(), ImageFormat::jpeg);
   int looks = 0;
   const DecodeBudget counted{.limit_ms = 1'000, .clock = [&looks] {
-    ++looks;
-    return std::int64_t{0};
-  }};
+                               ++looks;
+                               return std::int64_t{0};
+                             }};
   EXPECT_TRUE(decode_camera_frame(frame, camera_of(640, 480), 1, counted).empty());
   EXPECT_TRUE(decode_camera_frame(frame, camera_of(320, 320), 2, counted).empty());
   EXPECT_EQ(looks, 0) << "the header says it";
