@@ -195,7 +195,7 @@ Findings NadirdCommand::evaluate_tile_key(const Opening& opening, UtcTime at) {
 Opening NadirdCommand::open_verified(Context& context) {
   const VerifyOptions options = request_.open(context.clock);
   Opening opening = open_package(package_, options, context.progress);
-  verify_place_index(package_, options.depth, context.progress, opening);
+  verify_place_index(options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
   opening.findings.add(evaluate_airframe(opening, options.at));
   opening.findings.add(evaluate_tile_key(opening, options.at));

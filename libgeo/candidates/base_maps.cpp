@@ -38,7 +38,7 @@ BaseMaps::BaseMaps(std::span<const fs::path> packages) {
     if (container->sidecars() == nullptr)
       throw UsageError({.what = "the package's tiles have no sidecars", .where = file});
     auto package = std::make_unique<Package>();
-    package->tiles = std::make_unique<CheckedTiles>(file, read_sidecars(*container->sidecars()).sidecars);
+    package->tiles = std::make_unique<CheckedTiles>(InputFile(file), read_sidecars(*container->sidecars()).sidecars);
     packages_[sha256(text)] = std::move(package);
   }
 }

@@ -52,7 +52,7 @@ struct VelocityView {
 };
 
 struct FramesView {
-  std::uint64_t received = 0, dropped = 0;  // dropped: superseded, or delivered late
+  std::uint64_t received = 0, dropped = 0;  // dropped: superseded, delivered late, or not decodable
   double per_s = 0;
 };
 

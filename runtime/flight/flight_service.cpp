@@ -474,12 +474,12 @@ void FlightService::note_end() {
                   1000 * link.latency.largest_s(), link.fixes_sent, 1000 * link.longest_gap_s));
 }
 
-// The stale frames that the camera's thread dropped never reached the mailbox.
+// The stale frames that the camera's thread dropped never reached the mailbox; those that could not be decoded did.
 MailboxCounts FlightService::frame_counts() const {
   MailboxCounts counts = frames_.counts();
   const std::uint64_t stale = camera_ ? camera_->stale() : 0;
   counts.put += stale;
-  counts.dropped += stale;
+  counts.dropped += stale + (localization_ ? localization_->undecodable() : 0);
   return counts;
 }
 

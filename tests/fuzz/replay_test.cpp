@@ -31,6 +31,7 @@ const std::vector<Target>& targets() {
                                        {"candidate", fuzz::candidate},
                                        {"candidate_rows", fuzz::candidate_rows},
                                        {"terrain", fuzz::terrain},
+                                       {"vrt", fuzz::vrt},
                                        {"stac_item", fuzz::stac_item},
                                        {"kml", fuzz::kml},
                                        {"geojson", fuzz::geojson},

@@ -25,6 +25,7 @@ void camera(std::string_view bytes);
 void telemetry(std::string_view bytes);
 void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
+void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
 void picture(std::string_view bytes);  // JPEG, PNG, WebP
 
 void mbtiles(std::string_view bytes);    // a file's bytes
