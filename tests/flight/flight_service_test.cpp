@@ -120,7 +120,9 @@ TEST_F(RejectedFlight, CommandsAreTakenWhenAddressedToUsAndLoggedWithTheirSender
   end();
   std::vector<std::string> notes;
   read_recording(folder_ / "record", [&](const Recorded& recorded) {
-    if (const auto* health = std::get_if<HealthRecord>(&recorded.record)) notes.insert(notes.end(), health->problems.begin(), health->problems.end());
+    if (const auto* health = std::get_if<HealthRecord>(&recorded.record)) {
+      notes.insert(notes.end(), health->notes.begin(), health->notes.end());
+    }
   });
   EXPECT_EQ(std::ranges::count_if(notes, [](const std::string& note) { return note.starts_with("hint: "); }), 1);
   EXPECT_TRUE(std::ranges::any_of(notes, [](const std::string& note) {
