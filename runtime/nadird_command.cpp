@@ -256,7 +256,7 @@ int NadirdCommand::serve(Context& context) {
   if (!opened) return kAccepted;
   Opening& opening = *opened;
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
-  FlightService service(flight_, {std::move(opening.package), opening.findings}, clock, stop);
+  FlightService service(flight_, {std::move(opening.package), opening.findings, opening.root_version}, clock, stop);
   try {
     service.run();
   } catch (const std::exception& error) {

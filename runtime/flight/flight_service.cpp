@@ -7,11 +7,13 @@
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "base/platform.hpp"
 #include "cli/nadir_version.hpp"
 #include "mavlink/commands.hpp"
 #include "service/service_rules.hpp"
 #include "trust/bearer_token.hpp"
+#include "trust/installed_report.hpp"
 #include "vision/camera_frame.hpp"
 
 namespace nadir {
@@ -78,6 +80,32 @@ VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double
   return vision;
 }
 
+// Each code once.
+std::vector<std::string> codes_in(const Findings& findings) {
+  std::vector<std::string> codes;
+  for (const Finding& finding : findings.items()) {
+    const bool known = std::find(codes.begin(), codes.end(), finding.code) != codes.end();
+    if (!known && codes.size() < kMaxInstalledFindings) codes.push_back(finding.code);
+  }
+  return codes;
+}
+
+// What this aircraft flies, signed, beside the tiles that go to the ground. The state folder keeps the last one: the next
+// one's number goes on from it.
+void write_installed_report(InstalledReport report, const PrivateKey& key, const std::filesystem::path& state,
+                            const std::filesystem::path& candidates) {
+  const std::filesystem::path kept = state / kInstalledFile;
+  std::optional<std::string> last;
+  try {
+    if (std::filesystem::exists(kept)) last = read_text_file(kept, kMaxInstalledSize);
+  } catch (const Error&) {  // damaged: as if it were lost
+  }
+  report.number = next_report_number(last, report.reported_at);
+  const std::string text = sign_installed_report(report, key).json();
+  write_file_atomic(kept, text);
+  write_file_atomic(candidates / kInstalledFile, text);
+}
+
 }  // namespace
 
 // ---- start and end
@@ -102,6 +130,7 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
   const PackageView view = map_ ? package_view(map_->package()) : refused_package(verified.findings);
   views_.set_package(view);
   rejection_ = view.reason;
+  root_version_ = verified.root_version;
   warnings_ = std::move(verified.findings);
   start_recorder();
   journal_ = std::make_unique<FlightJournal>(recorder_.get());
@@ -203,6 +232,20 @@ void FlightService::start_tiles() {
   };
   listener.on_failure = [this](const std::string& reason) { publish(TilesFailed{reason}); };
   tiles_ = std::make_unique<TileMaking>(setup, clock_, std::move(listener));
+  if (root_version_ == 0) return;
+  try {
+    write_installed_report({.airframe = airframe_.id,
+                            .reported_at = {clock_.unix_us() / 1'000'000},
+                            .package = setup.flight.base_package,
+                            .series = map_->package().manifest().series,
+                            .sequence = map_->package().manifest().sequence,
+                            .root_version = root_version_,
+                            .verified_at = {clock_.unix_us() / 1'000'000},
+                            .findings = codes_in(warnings_)},
+                           PrivateKey::read(setup.key), state_.folder(), setup.folder);
+  } catch (const Error& error) {  // it costs the ground a line in a list, and the flight nothing
+    publish(TilesFailed{error.what()});
+  }
 }
 
 void FlightService::start_link() {

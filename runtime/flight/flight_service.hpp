@@ -69,6 +69,7 @@ struct FlightOptions {
 struct VerifiedPackage {
   std::unique_ptr<OpenPackage> package;  // null: rejected
   Findings findings;
+  std::int64_t root_version = 0;  // of the root that it was verified by; 0: resumed, not verified now
 };
 
 class FlightService {
@@ -146,6 +147,7 @@ class FlightService {
   LatestMailbox<CapturedFrame> frames_;
   std::unique_ptr<AutopilotLink> link_;
   std::unique_ptr<TileMaking> tiles_;  // null: none are made
+  std::int64_t root_version_ = 0;      // of VerifiedPackage
   std::unique_ptr<LocalizationThread> localization_;
   std::unique_ptr<CameraFeed> camera_;
   std::jthread state_thread_;  // last: it uses everything above
