@@ -55,8 +55,8 @@ for airframe in mini-07 mini-08; do
 done
 
 say "8  After landing: the candidate service checks the tiles, the two flights vote, and what they agree on is promoted"
-(umask 077; openssl rand -hex 24 > $out/ground-1.token)
-$service serve --data $out/service --trust $out/root.json --token-file $out/ground-1.token \
+echo_and_run $service token create --tokens $out/tokens.json --id ground-1 --out $out/ground-1.token
+$service serve --data $out/service --trust $out/root.json --tokens $out/tokens.json \
   --package $out/package --listen 127.0.0.1:0 --port-file $out/port --max-age-days 3650 --quiet &
 service_id=$!
 trap 'kill $service_id 2>/dev/null || true' EXIT

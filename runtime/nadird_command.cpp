@@ -73,7 +73,7 @@ any other failure of the service: restart it.)";
 
 std::string_view NadirdCommand::examples() const {
   return R"(nadird --package /data/valley --trust /etc/nadir/root.json --airframe mini-07 --state /var/lib/nadir/state.json --check
-nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state /var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key /etc/nadir/link.key --record /data/flights
+nadird --package /data/valley --trust /etc/nadir/root.json --airframe /etc/nadir/airframe.json --state /var/lib/nadir --camera folder:/run/camera --autopilot serial:/dev/ttyAMA0:921600 --signing-key /etc/nadir/link.key --ground-station udpout:192.168.4.2:14550 --record /data/flights
 nadird --status)";
 }
 
@@ -91,6 +91,11 @@ void NadirdCommand::setup(Options& options) {
   options.value("--autopilot", flight_.autopilot, "URL",
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
   options.value("--signing-key", flight_.link_key, "FILE", "signing key of the link: 64 hexadecimal digits");
+  options.flag("--unsigned-link", unsigned_link_,
+               "for simulators and the bench: believe everybody on the link, instead of --signing-key");
+  options.values("--ground-station", ground_stations_, "URL",
+                 "also serve a ground station: texts for it, commands from it");
+  options.values("--logger", loggers_, "URL", "also send everything that is sent to this address");
   options.value("--record", flight_.record, "DIR", "record the flight in this folder");
   options.flag("--keep-frames", flight_.keep_pictures, "record the frames' images as well").formerly("--keep-pictures");
   options
@@ -170,6 +175,24 @@ void NadirdCommand::read_airframe(const AcceptanceReading& accepted, const std::
   request_.set_airframe(flight_.airframe.id);
 }
 
+// An unsigned link is a decision, never an omission.
+void NadirdCommand::complete_link() {
+  if (flight_.link_key.has_value() == unsigned_link_) {
+    throw UsageError({.what = unsigned_link_ ? "--signing-key and --unsigned-link exclude each other"
+                                             : "the autopilot link would not be signed",
+                      .expected = "--signing-key FILE, or --unsigned-link for a simulator or the bench",
+                      .fix = "on an unsigned link anybody can pose as the autopilot; `nadir provision autopilot` installs a key"});
+  }
+  const auto add = [&](StationRole role, const std::vector<std::string>& urls) {
+    for (const std::string& url : urls) {
+      static_cast<void>(parse_endpoint(url));
+      flight_.stations.push_back({role, url});
+    }
+  };
+  add(StationRole::ground_station, ground_stations_);
+  add(StationRole::logger, loggers_);
+}
+
 // By the newest root that package or state lead to: it may have revoked the signer.
 Findings NadirdCommand::evaluate_airframe(const Opening& opening, UtcTime at) const {
   if (airframe_file_.empty()) return {};
@@ -201,7 +224,7 @@ Findings NadirdCommand::evaluate_tile_key(const TrustRoot& newest_root, UtcTime 
 Opening NadirdCommand::open_verified(Context& context, const std::filesystem::path& package) {
   const VerifyOptions options = request_.open(context.clock);
   Opening opening = open_package(package, options, context.progress);
-  verify_place_index(package, options.depth, context.progress, opening);
+  verify_place_index(options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
   opening.findings.add(evaluate_airframe(opening, options.at));
   if (opening.package) opening.findings.add(evaluate_tile_key(opening.newest_root, options.at));
@@ -289,6 +312,7 @@ void NadirdCommand::require_service_options() const {
 VerifiedPackage NadirdCommand::prepared(Context& context, PackageChoice choice, AcceptanceReading& accepted,
                                         const std::string& boot_id, const std::stop_token& stop) {
   VerifiedPackage verified;
+  verified.root_version = choice.resumed ? 0 : choice.opening.root_version;
   if (choice.opening.package && !choice.resumed && request_.remembers()) {
     const bool airborne = accepted.record && accepted.record->airborne;
     const Manifest& manifest = choice.opening.package->manifest();
@@ -301,7 +325,9 @@ VerifiedPackage NadirdCommand::prepared(Context& context, PackageChoice choice, 
     verified.write_memory = [this] { request_.write_memory(); };
     if (choice.opening.time_reset) {  // the link's time may be as wrong; peers give it the right one
       std::error_code error;
-      std::filesystem::remove(flight_.state / "signing-time", error);
+      for (const auto& entry : std::filesystem::directory_iterator(flight_.state, error)) {
+        if (entry.path().filename().string().starts_with("signing-")) std::filesystem::remove(entry.path(), error);
+      }
     }
   }
   if (!airframe_notice_.empty()) choice.notice += (choice.notice.empty() ? "" : "; ") + airframe_notice_;
@@ -330,6 +356,7 @@ VerifiedPackage NadirdCommand::prepared(Context& context, PackageChoice choice, 
 int NadirdCommand::serve(Context& context) {
   complete_request();
   require_service_options();
+  complete_link();
   try {
     return fly(context);
   } catch (const UsageError&) {

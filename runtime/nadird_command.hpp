@@ -6,6 +6,7 @@
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 #include "cli/command.hpp"
 #include "flight/flight_service.hpp"
@@ -40,6 +41,7 @@ class NadirdCommand final : public Command {
   void complete_request();
   void read_airframe(const AcceptanceReading& accepted, const std::string& boot_id);
   void require_service_options() const;
+  void complete_link();
   Findings evaluate_airframe(const Opening& opening, UtcTime at) const;
   Findings evaluate_tile_key(const TrustRoot& newest_root, UtcTime at);
   Opening open_verified(Context& context, const std::filesystem::path& package);
@@ -59,7 +61,8 @@ class NadirdCommand final : public Command {
   std::string airframe_text_, airframe_notice_;
   VerifyRequest request_;
   int memory_mb_ = kUsualMemory_mb;
-  bool check_ = false, status_ = false, unsigned_airframe_ = false, tile_key_refused_ = false;
+  bool check_ = false, status_ = false, unsigned_airframe_ = false, unsigned_link_ = false, tile_key_refused_ = false;
+  std::vector<std::string> ground_stations_, loggers_;
 };
 
 }  // namespace nadir

@@ -4,11 +4,10 @@
 #include <openssl/evp.h>
 
 #include <array>
-#include <cerrno>
-#include <fstream>
 #include <memory>
 
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 
 namespace nadir {
 namespace {
@@ -61,19 +60,7 @@ Sha256 sha256(ByteView bytes) {
   return digest;
 }
 
-Sha256 sha256_file(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw Error({.what = "cannot open the file to compute its digest", .where = path, .found = system_error_text(errno)});
-  Sha256Stream stream;
-  Bytes block(1 << 20);
-  while (file) {
-    file.read(reinterpret_cast<char*>(block.data()), static_cast<std::streamsize>(block.size()));
-    stream.update(ByteView(block).first(static_cast<std::size_t>(file.gcount())));
-  }
-  if (file.bad())
-    throw Error({.what = "cannot read the file to its end", .where = path, .found = system_error_text(errno)});
-  return stream.finish();
-}
+Sha256 sha256_file(const std::filesystem::path& path) { return InputFile(path).sha256(); }
 
 std::string Sha256::hex() const {
   static constexpr char digits[] = "0123456789abcdef";

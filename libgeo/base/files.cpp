@@ -12,24 +12,11 @@
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
 namespace {
-
-class FileDescriptor {
- public:
-  explicit FileDescriptor(int fd) : fd_(fd) {}
-  ~FileDescriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  FileDescriptor(const FileDescriptor&) = delete;
-  FileDescriptor& operator=(const FileDescriptor&) = delete;
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 [[noreturn]] void fail(std::string what, const fs::path& where, int error_number) {
   std::string fix;
@@ -64,33 +51,7 @@ int rename_without_replacing(const fs::path& from, const fs::path& to) {
 
 }  // namespace
 
-Bytes read_file(const fs::path& path, std::uint64_t max_size) {
-  const FileDescriptor fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (fd.get() < 0) fail("cannot open", path, errno);
-  struct stat info {};
-  if (::fstat(fd.get(), &info) != 0) fail("cannot stat", path, errno);
-  if (!S_ISREG(info.st_mode)) {
-    throw Error({.what = "not a file", .where = path, .expected = "a regular file", .found = "a folder or device"});
-  }
-  const auto size = static_cast<std::uint64_t>(info.st_size);
-  if (size > max_size) {
-    throw Error({.what = "file is too large",
-                 .where = path,
-                 .expected = fmt::format("at most {} bytes", max_size),
-                 .found = fmt::format("{} bytes", size)});
-  }
-  Bytes bytes(size);
-  std::size_t have = 0;
-  while (have < bytes.size()) {
-    const ssize_t got = ::read(fd.get(), bytes.data() + have, bytes.size() - have);
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) fail("cannot read", path, errno);
-    if (got == 0) break;  // the file shrank meanwhile
-    have += static_cast<std::size_t>(got);
-  }
-  bytes.resize(have);
-  return bytes;
-}
+Bytes read_file(const fs::path& path, std::uint64_t max_size) { return InputFile(path).read(max_size); }
 
 std::string read_text_file(const fs::path& path, std::uint64_t max_size) {
   return std::string(as_text(read_file(path, max_size)));

@@ -11,7 +11,7 @@
 namespace nadir {
 
 // The whole file. Throws Error when it is missing, unreadable, not a regular file, or larger than max_size bytes
-// (sizes are checked before anything is read).
+// (sizes are checked before anything is read). See input_file.hpp for what somebody may change meanwhile.
 Bytes read_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 32);
 std::string read_text_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 26);
 

@@ -46,6 +46,16 @@ std::string bounds_text(std::string_view noun, JsonLength length, std::string_vi
 
 bool within(std::size_t size, JsonLength length) { return size >= length.least && size <= length.most; }
 
+// "[json.exception.parse_error.101] parse error at line 1, column 2: …" says in front what is none of the reader's
+// concern. What follows is plain English.
+std::string_view without_library_prefix(std::string_view text) {
+  constexpr std::string_view kParseError = "parse error at ";
+  const std::size_t end = text.starts_with('[') ? text.find("] ") : std::string_view::npos;
+  if (end != std::string_view::npos) text.remove_prefix(end + 2);
+  if (text.starts_with(kParseError)) text.remove_prefix(kParseError.size());
+  return text;
+}
+
 // Walks the document without building it and notes the first thing that we do not accept.
 class Guard final : public nlohmann::json_sax<nlohmann::json> {
  public:
@@ -80,7 +90,7 @@ class Guard final : public nlohmann::json_sax<nlohmann::json> {
     return true;
   }
   bool parse_error(std::size_t position, const std::string&, const nlohmann::detail::exception& error) override {
-    return note(fmt::format("at byte {}: {}", position, error.what()));
+    return note(fmt::format("at byte {}: {}", position, without_library_prefix(error.what())));
   }
 
  private:

@@ -9,6 +9,7 @@
 #include <charconv>
 #include <cmath>
 #include <sstream>
+#include <unordered_set>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -38,8 +39,11 @@ struct YamlNode::Place {
 namespace {
 
 constexpr std::uint64_t kMaxYamlSize = std::uint64_t{1} << 20;
+constexpr std::size_t kMaxValues = 200'000;  // scalars, lists and mappings: some 400 bytes of memory each
+constexpr std::size_t kMaxQuotedKey = 80;    // bytes of a key in a message
 
-// Rejects what can hide a value from a reader or blow up a small file: aliases, duplicate keys, deep nesting.
+// Rejects what can hide a value from a reader or blow up a small file: aliases, duplicate keys, deep nesting, myriads
+// of empty values.
 class Guard final : public YAML::EventHandler {
  public:
   explicit Guard(std::string file) : file_(std::move(file)) {}
@@ -48,16 +52,15 @@ class Guard final : public YAML::EventHandler {
     if (++documents_ > 1) fail(mark, "a second document (---)", "one document");
   }
   void OnDocumentEnd() override {}
-  void OnNull(const YAML::Mark&, YAML::anchor_t) override { value(); }
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t) override { count(mark), value(); }
   void OnAlias(const YAML::Mark& mark, YAML::anchor_t) override { fail(mark, "an alias (*name)", "plain values"); }
   void OnScalar(const YAML::Mark& mark, const std::string&, YAML::anchor_t, const std::string& scalar) override {
     if (!levels_.empty() && levels_.back().is_map && levels_.back().expects_key) {
-      auto& keys = levels_.back().keys;
-      if (std::find(keys.begin(), keys.end(), scalar) != keys.end()) {
-        fail(mark, "the key \"" + scalar + "\" a second time", "each key once");
+      if (!levels_.back().keys.insert(scalar).second) {
+        fail(mark, "the key \"" + scalar.substr(0, kMaxQuotedKey) + "\" a second time", "each key once");
       }
-      keys.push_back(scalar);
     }
+    count(mark);
     value();
   }
   void OnSequenceStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {
@@ -71,16 +74,21 @@ class Guard final : public YAML::EventHandler {
 
  private:
   int documents_ = 0;
+  std::size_t values_ = 0;
 
   struct Level {
     bool is_map;
     bool expects_key = true;
-    std::vector<std::string> keys{};
+    std::unordered_set<std::string> keys{};
   };
 
   void enter(const YAML::Mark& mark, bool is_map) {
     if (levels_.size() >= 32) fail(mark, "more than 32 levels of nesting", "a flat document");
+    count(mark);
     levels_.push_back({is_map});
+  }
+  void count(const YAML::Mark& mark) {
+    if (++values_ > kMaxValues) fail(mark, fmt::format("more than {} values", kMaxValues), "a smaller document");
   }
   void value() {
     if (!levels_.empty()) levels_.back().expects_key = !levels_.back().expects_key;

@@ -14,7 +14,8 @@ namespace nadir {
 
 class YamlNode {
  public:
-  // Throw UsageError for what is no YAML (with line and column), has duplicate keys, aliases or is larger than 1 MiB.
+  // Throw UsageError for what is no YAML (with line and column), has duplicate keys, aliases, more than 32 levels or
+  // 200000 values, or is larger than 1 MiB.
   static YamlNode read(const std::filesystem::path& path);
   static YamlNode parse(std::string_view text, std::string_view name);
 

@@ -1,20 +1,38 @@
 #include "candidates/base_maps.hpp"
 
+#include <algorithm>
+#include <array>
 #include <mutex>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/input_file.hpp"
+#include "base/progress.hpp"
 #include "imagery/codecs.hpp"
 #include "package/manifest.hpp"
 #include "package/open_package.hpp"
 #include "package/sidecar.hpp"
-#include "package/tile_container.hpp"
+#include "package/verify.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr std::uint64_t kLargestManifest = std::uint64_t{1} << 26;
+// Findings about a flight that is still to come, and about the clock by which it would be judged.
+constexpr std::array kOfFutureFlights{std::string_view("package.expired"), std::string_view("time.untrusted"),
+                                      std::string_view("coverage.gap"),    std::string_view("resolution.coarse"),
+                                      std::string_view("freshness.stale"), std::string_view("budget.exceeded"),
+                                      std::string_view("dem.gap")};
+
+// What keeps the package from being used; nullptr: nothing.
+const Finding* objection_in(const Findings& findings) {
+  for (const Finding& finding : findings.items()) {
+    const auto& ignored = kOfFutureFlights;
+    if (finding.severity != Severity::error) continue;
+    if (std::find(ignored.begin(), ignored.end(), finding.code) == ignored.end()) return &finding;
+  }
+  return nullptr;
+}
 
 }  // namespace
 
@@ -27,19 +45,29 @@ BaseMaps::BaseMaps() = default;
 BaseMaps::~BaseMaps() = default;
 BaseMaps::BaseMaps(BaseMaps&&) noexcept = default;
 
-BaseMaps::BaseMaps(std::span<const fs::path> packages) {
+BaseMaps::BaseMaps(std::span<const fs::path> packages, const TrustRoot& root, UtcTime at) {
+  NoProgress silent;
   for (const fs::path& folder : packages) {
-    const Bytes text = read_file(folder / kManifestFile, kLargestManifest);
-    const ManifestReading reading = parse_manifest(text);
-    const Artifact* imagery = reading.manifest ? reading.manifest->artifact(kRoleImagery) : nullptr;
-    if (imagery == nullptr) throw UsageError({.what = "the package has no imagery", .where = folder});
-    const fs::path file = folder / imagery->path;
-    const auto container = open_tile_container(file);
-    if (container->sidecars() == nullptr)
-      throw UsageError({.what = "the package's tiles have no sidecars", .where = file});
+    VerifyOptions options;
+    options.root = &root, options.at = at;  // quick: each tile is hashed when it is read
+    const Bytes manifest = read_file(folder / kManifestFile, kMaxManifestSize);
+    Verification verified = verify_package(folder, options, silent);
+    const Finding* const objection = objection_in(verified.findings);
+    if (objection != nullptr || !verified.manifest) {
+      const Finding finding = objection != nullptr ? *objection : Finding();
+      throw Error({.what = "this base package cannot be trusted: " + finding.code,
+                   .where = (folder / finding.where).string(),
+                   .expected = finding.expected,
+                   .found = finding.found,
+                   .fix = "give the package as it was signed, or leave it out of --package; nadir cache verify says more"});
+    }
+    const ManifestReading named = parse_manifest(manifest);  // by whose digest its flights call it
+    if (!named.manifest || manifest_json(*named.manifest) != manifest_json(*verified.manifest)) {
+      throw Error({.what = "this base package changes while it is read", .where = folder});
+    }
     auto package = std::make_unique<Package>();
-    package->tiles = std::make_unique<CheckedTiles>(file, read_sidecars(*container->sidecars()).sidecars);
-    packages_[sha256(text)] = std::move(package);
+    package->tiles = std::make_unique<CheckedTiles>(verified.imagery->duplicate(), std::move(verified.tiles));
+    packages_[sha256(manifest)] = std::move(package);
   }
 }
 

@@ -1,5 +1,6 @@
-// The packages that flights may have flown with, for comparing their tiles with: folders that the operator names. Tiles
-// are read with the digests of the package's own sidecars; the package's signature is the operator's to have verified.
+// The packages that flights may have flown with, for comparing their tiles with: folders that the operator names. Each is
+// verified against the trust root before it is used, and each tile is hashed again when it is read: a map that nobody
+// signed decides nothing.
 #pragma once
 
 #include <filesystem>
@@ -10,7 +11,9 @@
 #include <span>
 
 #include "base/digest.hpp"
+#include "base/time.hpp"
 #include "geodesy/web_mercator.hpp"
+#include "trust/root.hpp"
 
 namespace nadir {
 
@@ -23,8 +26,10 @@ class BaseMaps {
  public:
   BaseMaps();
   ~BaseMaps();
-  // Throws Error for a folder that is no package with imagery.
-  explicit BaseMaps(std::span<const std::filesystem::path> packages);
+  // Verifies signatures, files and sidecars. What only matters to a flight that is still to come (the package's expiry,
+  // its freshness and coverage) does not: its flights are over. Throws Error for a folder that is no package with
+  // imagery, or not one that the root's package signers have signed.
+  BaseMaps(std::span<const std::filesystem::path> packages, const TrustRoot& root, UtcTime at);
   BaseMaps(BaseMaps&&) noexcept;
 
   // Whether flights over this package may send candidates: any may where the operator names no packages.

@@ -34,7 +34,7 @@ struct CandidateRules {
   std::int64_t refused_batches = 500;    // as a whole, that a client may announce in quota_window_ms
 
   int flights_to_promote = 2;                             // that must agree
-  bool airframes_differ = false;                          // else: other airframes, or other days
+  bool airframes_differ = true;                           // else: other airframes, or other days: one key promotes
   std::int64_t apart_ms = std::int64_t{6} * 3600 * 1000;  // that flights of one airframe lie apart at least
 };
 

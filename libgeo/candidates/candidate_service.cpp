@@ -58,10 +58,12 @@ bool UploadClient::may(std::string_view airframe) const {
 CandidateService::CandidateService(CandidateServiceOptions options, const Clock& clock)
     : options_(std::move(options)),
       clock_(clock),
+      audit_(options_.data / "audit", clock),
+      installed_(options_.data / "installed"),
       packs_(options_.data / "packs"),
       incoming_(options_.data / "incoming"),
-      trust_(options_.trust),
-      maps_(options_.packages),
+      trust_(options_.trust, options_.data / kTrustMemoryFile),
+      maps_(options_.packages, *trust_.current(), clock_.now()),
       catalogue_(options_.catalogue, CandidateCatalogue::Access::write) {}
 
 ServiceFault CandidateService::fault() {
@@ -72,7 +74,29 @@ ServiceFault CandidateService::fault() {
   }
   if (trust_.current()->expires <= clock_.now()) return {.reason = "the trust root has expired", .fails = true};
   if (no_room(0)) return {.reason = "the disk is full", .fails = true};
-  return {.reason = trust_.fault()};
+  std::string reason = trust_.fault();
+  if (reason.empty()) reason = audit_.fault();
+  const std::lock_guard lock(mutex_);
+  return {.reason = reason.empty() ? unrecovered_ : reason};
+}
+
+void CandidateService::keep_audit() {
+  const auto root = trust_.current();
+  const std::string fault = trust_.fault();
+  const std::lock_guard lock(mutex_);
+  if (root->version != audited_root_) {
+    const bool first = audited_root_ == 0 && trust_.first_start();
+    audit_.record({.act = "root.trust",
+                   .result = first ? "as given" : audited_root_ == 0 ? "as remembered" : "succeeded",
+                   .subject = fmt::format("version {}", root->version),
+                   .detail = first ? "no earlier root is remembered" : ""});
+    audited_root_ = root->version;
+  }
+  if (fault != audited_root_fault_ && !fault.empty()) {
+    audit_.record({.act = "root.trust", .result = "rejected", .detail = fault});
+  }
+  audited_root_fault_ = fault;
+  audit_.flush();
 }
 
 CatalogueCounts CandidateService::counts() {
@@ -141,6 +165,20 @@ Announcement CandidateService::announcement_of(const UploadRow& upload, bool ope
 
 Answer<Announcement> CandidateService::announce(const UploadClient& client, const std::string& key,
                                                 const std::string& body) {
+  auto answer = announce_batch(client, key, body);
+  if (const auto* denial = std::get_if<Denial>(&answer)) {
+    audit_.record({.act = "batch.announce",
+                   .result = "refused",
+                   .token = client.token,
+                   .client = client.name,
+                   .subject = key,
+                   .detail = denial->detail});
+  }
+  return answer;
+}
+
+Answer<Announcement> CandidateService::announce_batch(const UploadClient& client, const std::string& key,
+                                                      const std::string& body) {
   if (!is_uuid(key)) return Denial{.kind = Kind::malformed, .detail = "Idempotency-Key: the batch's id, a UUID"};
   const UtcTime now = clock_.now();
   const std::int64_t now_ms = now.unix_s * 1000;
@@ -208,6 +246,14 @@ Answer<Announcement> CandidateService::announce(const UploadClient& client, cons
   const auto stored = catalogue_.call([&](CandidateCatalogue& catalogue) {
     return catalogue.upload(catalogue.open_upload(upload, batch->batch, refusals, now_ms));
   });
+  const bool refused = upload.tiles == 0;
+  audit_.record({.act = "batch.announce",
+                 .result = refused ? std::string(name_of(refusals.front()->code)) : "opened",
+                 .token = client.token,
+                 .client = client.name,
+                 .key = batch->document.signatures.front().keyid,
+                 .subject = fmt::format("{} {} {}", upload.airframe, upload.flight, key),
+                 .detail = fmt::format("tiles {} of {}", upload.tiles, refusals.size())});
   return announcement_of(*stored, stored->name == upload.name);
 }
 
@@ -307,6 +353,11 @@ std::optional<Denial> CandidateService::accept_pack(const UploadRow& upload, con
   try {
     packed = tiles_in(bytes, pack, announced);
   } catch (const Error& error) {
+    audit_.record({.act = "pack.take",
+                   .result = "refused",
+                   .client = upload.client,
+                   .subject = fmt::format("{} {} {}", upload.airframe, upload.flight, upload.batch),
+                   .detail = error.what()});
     incoming_.remove(pack);
     return Denial{.kind = Kind::pack_invalid, .detail = error.what()};
   }
@@ -405,9 +456,71 @@ Answer<PackOffset> CandidateService::append(const UploadClient& client, const st
   return PackOffset{.offset = pack->offset};
 }
 
+Answer<InstalledStore::Outcome> CandidateService::report_installed(const UploadClient& client,
+                                                                   const std::string& body) {
+  AuditEntry entry{.act = "installed.report", .result = "refused", .token = client.token, .client = client.name};
+  const auto denied = [&](Denial denial) {
+    entry.detail = denial.detail;
+    audit_.record(entry);
+    return denial;
+  };
+  std::optional<SignedInstalledReport> report;
+  try {
+    parse_json(body, "the body");
+  } catch (const Error& error) {
+    return denied({.kind = Kind::malformed, .detail = error.what()});
+  }
+  try {
+    report = parse_installed_report(body, "the report");
+  } catch (const Error& error) {
+    return denied({.kind = Kind::report_invalid, .detail = error.what()});
+  }
+  const InstalledReport& said = report->report;
+  entry.key = report->document.signatures.front().keyid;
+  entry.subject = fmt::format("{} number {}", said.airframe, said.number);
+  if (!client.may(said.airframe)) {
+    return denied({.kind = Kind::forbidden, .detail = "this token is not for airframe " + said.airframe});
+  }
+  const auto root = trust_.current();
+  const UtcTime now = clock_.now();
+  if (const SignatureCheck check = check_installed_signature(*root, *report, now); check.findings.has_errors()) {
+    return denied({.kind = Kind::report_invalid, .detail = refusal_from(check.findings).detail});
+  }
+  InstalledStore::Outcome outcome{};
+  try {
+    outcome = installed_.put(*report, *root, now);
+  } catch (const OutOfSpace&) {
+    return denied({.kind = Kind::storage_full, .detail = "the service's disk is full; its operator must make room"});
+  }
+  if (outcome == InstalledStore::Outcome::older) {
+    return denied({.kind = Kind::report_older, .detail = "a later report of this airframe is known"});
+  }
+  if (outcome == InstalledStore::Outcome::known) return outcome;
+  entry.result = "stored";
+  entry.detail = fmt::format("package {} ({} {}), root version {}", said.package.hex(), said.series, said.sequence,
+                             said.root_version);
+  audit_.record(entry);
+  return outcome;
+}
+
 void CandidateService::recover() {
-  forget_expired();
-  apply_revocations();
+  const auto attempt = [this](const char* what, const auto& work) {
+    try {
+      work();
+    } catch (const std::exception& error) {
+      const std::lock_guard lock(mutex_);
+      if (unrecovered_.empty()) {
+        unrecovered_ = fmt::format("{} at the start: {}; nothing was lost, the next start tries it again", what, error.what());
+      }
+    }
+  };
+  keep_audit();
+  attempt("expired uploads were not removed", [this] { forget_expired(); });
+  attempt("revocations were not applied", [this] { apply_revocations(); });
+  attempt("complete packs were not taken in", [this] { recover_packs(); });
+}
+
+void CandidateService::recover_packs() {
   const auto uploads = catalogue_.call([](CandidateCatalogue& catalogue) {
     std::vector<UploadRow> all = catalogue.uploads_in(UploadState::open);
     const std::vector<UploadRow> judging = catalogue.uploads_in(UploadState::judging);
@@ -482,6 +595,12 @@ Answer<Completion> CandidateService::complete(const UploadClient& client, const 
   }
   if (upload.state == UploadState::open) {
     catalogue_.call([&upload](CandidateCatalogue& catalogue) { catalogue.set_state(upload.id, UploadState::judging); });
+    audit_.record({.act = "upload.complete",
+                   .result = "taken",
+                   .token = client.token,
+                   .client = client.name,
+                   .subject = fmt::format("{} {} {}", upload.airframe, upload.flight, upload.batch),
+                   .detail = fmt::format("tiles {}", completion.pending)});
     incoming_.remove_all_of(name);
     evaluate = upload.id;
   }
@@ -619,6 +738,12 @@ std::int64_t CandidateService::apply_revocations() {
   }
   const std::int64_t withdrawn =
       catalogue_.call([&revoked](CandidateCatalogue& catalogue) { return catalogue.withdraw(revoked); });
+  if (withdrawn > 0) {
+    audit_.record({.act = "tiles.withdraw",
+                   .result = "withdrawn",
+                   .subject = fmt::format("tiles {}", withdrawn),
+                   .detail = fmt::format("signed by keys that root version {} revokes", trust_.current()->version)});
+  }
   const std::lock_guard lock(mutex_);
   applied_revocations_ = revoked;
   return withdrawn;
@@ -668,6 +793,15 @@ bool CandidateService::vote_some() {
     }
   }
   catalogue_.call([&](CandidateCatalogue& catalogue) { catalogue.close(decided, outcomes); });
+  const auto promoted = std::count_if(outcomes.begin(), outcomes.end(),
+                                      [](const Outcome& outcome) { return outcome.promotion.has_value(); });
+  if (promoted > 0) {
+    audit_.record({.act = "tiles.promote",
+                   .result = "promoted",
+                   .subject = fmt::format("tiles {}", promoted),
+                   .detail = fmt::format("{} flights, independent by {}", options_.rules.flights_to_promote,
+                                         options_.rules.airframes_differ ? "airframes" : "days")});
+  }
   return true;
 }
 

@@ -16,10 +16,12 @@
 
 #include "base/error.hpp"
 #include "base/time.hpp"
+#include "candidates/audit_log.hpp"
 #include "candidates/base_maps.hpp"
 #include "candidates/candidate_rules.hpp"
 #include "candidates/catalogue_rows.hpp"
 #include "candidates/catalogue_thread.hpp"
+#include "candidates/installed_store.hpp"
 #include "candidates/pack_store.hpp"
 #include "candidates/trust_file.hpp"
 
@@ -27,10 +29,11 @@ namespace nadir {
 
 // Results are values: the contract of schemas/candidates.openapi.yaml without HTTP.
 
-// Who uploads, by its token.
+// Who calls, by its token.
 struct UploadClient {
-  std::string name;
+  std::string name;                    // whose uploads they are; several tokens may share one
   std::vector<std::string> airframes;  // that it may upload for; empty: all
+  std::string token{};                 // its id, for the audit log
 
   bool may(std::string_view airframe) const;
 };
@@ -51,6 +54,8 @@ struct Denial {
     too_large,
     too_many,
     incomplete,
+    report_invalid,
+    report_older,
     storage_full,
     unavailable
   };
@@ -99,7 +104,7 @@ struct PartHeader {
 };
 
 struct CandidateServiceOptions {
-  std::filesystem::path data;  // packs/ and incoming/
+  std::filesystem::path data;  // packs/, incoming/, installed/, audit/ and the memory of the trust root
   CatalogueLocation catalogue;
   std::filesystem::path trust;
   std::vector<std::filesystem::path> packages;
@@ -119,7 +124,8 @@ class CandidateService {
   // clock: must outlive this. Throws Error.
   CandidateService(CandidateServiceOptions options, const Clock& clock);
 
-  // After a start, before anything else: complete packs are accepted, unreferenced files are removed.
+  // After a start, before anything else: complete packs are accepted, unreferenced files are removed. What the disk does
+  // not allow now is left as it is, and fault() reports it: a service that serves is worth more than one that is tidy.
   void recover();
 
   Answer<Announcement> announce(const UploadClient& client, const std::string& key, const std::string& body);
@@ -131,6 +137,10 @@ class CandidateService {
   Answer<Completion> complete(const UploadClient& client, const std::string& upload,
                               std::optional<std::int64_t>& evaluate);
   Answer<UploadStatus> status(const UploadClient& client, const std::string& upload);
+
+  // body: an aircraft's signed report of the package that it flies. known: this very report came before.
+  Answer<InstalledStore::Outcome> report_installed(const UploadClient& client, const std::string& body);
+  std::vector<InstalledStore::Entry> installed() const { return installed_.list(); }
 
   // Uploads that wait for verdicts, with their clients' names.
   std::vector<std::pair<std::string, std::int64_t>> pending_evaluations();
@@ -145,10 +155,16 @@ class CandidateService {
   // Tiles signed by keys that the trust root revokes by now are withdrawn, promoted or not. How many tiles; almost
   // no work while the root stays the same. recover() does it as well.
   std::int64_t apply_revocations();
+  // Now and then: writes to the audit log what has changed by itself, such as the trust root's version.
+  void keep_audit();
 
   CatalogueCounts counts();
   ServiceFault fault();
   std::string root_fault() { return trust_.fault(); }  // why the trust root's file is rejected; empty: it is not
+  std::int64_t root_version() { return trust_.current()->version; }
+  bool first_trust() const { return trust_.first_start(); }
+  AuditLog& audit() { return audit_; }
+  UtcTime now() const { return clock_.now(); }
   const CandidateServiceOptions& options() const { return options_; }
 
  private:
@@ -167,9 +183,13 @@ class CandidateService {
   void end_evaluation(std::int64_t upload);
   TileVerdict evaluate_tile(const TileRow& tile, const CandidateSidecar& sidecar);
   Vote compare(const Voter& one, const Voter& other);
+  Answer<Announcement> announce_batch(const UploadClient& client, const std::string& key, const std::string& body);
+  void recover_packs();
 
   CandidateServiceOptions options_;
   const Clock& clock_;
+  AuditLog audit_;
+  InstalledStore installed_;
   PackStore packs_;
   IncomingPacks incoming_;
   TrustFile trust_;
@@ -180,6 +200,9 @@ class CandidateService {
   std::set<TileKey> unread_;                       // addresses whose images could not be read, since the last throw
   std::optional<Error> why_unread_;                // the first of them
   std::set<std::string> applied_revocations_;      // keys whose tiles the catalogue has withdrawn
+  std::int64_t audited_root_ = 0;                  // version
+  std::string audited_root_fault_;
+  std::string unrecovered_;  // what recover() could not do
   CatalogueThread catalogue_;
 };
 

@@ -19,6 +19,7 @@
 #include "candidates/candidate_rules.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
 
 namespace nadir {
@@ -162,7 +163,7 @@ ExportedImage write_sheet(std::span<const PromotedTile* const> tiles, const Pack
 
 std::vector<ExportedImage> write_promoted(std::vector<PromotedTile> tiles, const PackStore& packs,
                                           const fs::path& folder, Progress& progress) {
-  GDALAllRegister();
+  register_gdal_drivers();
   const QuietGdal quiet;
   std::map<Sheet, std::vector<const PromotedTile*>> sheets;
   for (const PromotedTile& tile : tiles) sheets[sheet_of(tile)].push_back(&tile);

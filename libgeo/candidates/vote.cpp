@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <map>
 #include <nlohmann/json.hpp>
 
 namespace nadir {
@@ -10,6 +11,11 @@ namespace {
 
 std::int64_t day_of(const CandidateSidecar& sidecar) {
   return sidecar.captured_at.unix_ms / kDay_ms;
+}
+
+bool newer(const Voter* a, const Voter* b) {
+  if (a->sidecar.captured_at != b->sidecar.captured_at) return a->sidecar.captured_at > b->sidecar.captured_at;
+  return a->tile < b->tile;
 }
 
 // The best tile of each flight, newest first.
@@ -25,12 +31,28 @@ std::vector<const Voter*> best_of_each_flight(const Ballot& ballot) {
       *same = &voter;
     }
   }
-  std::sort(flights.begin(), flights.end(), [](const Voter* a, const Voter* b) {
-    if (a->sidecar.captured_at != b->sidecar.captured_at) return a->sidecar.captured_at > b->sidecar.captured_at;
-    return a->tile < b->tile;
-  });
-  if (flights.size() > kMaxIndependentFlights) flights.resize(kMaxIndependentFlights);
+  std::sort(flights.begin(), flights.end(), newer);
   return flights;
+}
+
+// The flights that have a voice, newest first. Seats are given in rounds: first to the newest flight of each airframe,
+// then to the second newest of each, until all are taken. So a key that signs any number of flights takes one seat
+// from the others, not all of them.
+std::vector<const Voter*> seated_flights(const Ballot& ballot) {
+  const std::vector<const Voter*> flights = best_of_each_flight(ballot);
+  struct Seat {
+    std::size_t round;
+    const Voter* flight;
+  };
+  std::map<std::string_view, std::size_t> of_airframe;
+  std::vector<Seat> seats;
+  for (const Voter* flight : flights) seats.push_back({of_airframe[flight->sidecar.airframe]++, flight});
+  std::stable_sort(seats.begin(), seats.end(), [](const Seat& a, const Seat& b) { return a.round < b.round; });
+  if (seats.size() > kMaxIndependentFlights) seats.resize(kMaxIndependentFlights);
+  std::vector<const Voter*> seated;
+  for (const Seat& seat : seats) seated.push_back(seat.flight);
+  std::sort(seated.begin(), seated.end(), newer);
+  return seated;
 }
 
 // Votes that were taken before, and those that are taken now.
@@ -57,18 +79,42 @@ class Votes {
   std::vector<Vote>& taken_;
 };
 
-// A flight that agrees with all others of the group, each independent of each; the first is the newest.
-std::vector<const Voter*> group_around(std::size_t first, std::span<const Voter* const> flights, Votes& votes,
-                                       const CandidateRules& rules) {
-  std::vector<const Voter*> group{flights[first]};
-  for (std::size_t i = first + 1; i < flights.size(); ++i) {
-    const bool fits = std::all_of(group.begin(), group.end(), [&](const Voter* member) {
-      return independent(member->sidecar, flights[i]->sidecar, rules) && votes.between(*member, *flights[i]).agrees;
-    });
-    if (fits) group.push_back(flights[i]);
+// The largest group of independent flights around one of them, each agreeing with each; that one is the newest. Not the
+// first group that comes up: a flight that agrees with one honest flight alone must not keep a larger group apart.
+class AgreeingGroup {
+ public:
+  AgreeingGroup(std::span<const Voter* const> flights, Votes& votes, const CandidateRules& rules)
+      : flights_(flights), votes_(votes), rules_(rules) {}
+
+  std::vector<const Voter*> around(std::size_t first) {
+    largest_.clear();
+    group_ = {flights_[first]};
+    extend(first + 1);
+    return largest_;
   }
-  return group;
-}
+
+ private:
+  void extend(std::size_t next) {
+    if (group_.size() > largest_.size()) largest_ = group_;
+    for (std::size_t i = next; i < flights_.size(); ++i) {
+      if (group_.size() + flights_.size() - i <= largest_.size()) return;  // too few are left
+      if (!fits(*flights_[i])) continue;
+      group_.push_back(flights_[i]);
+      extend(i + 1);
+      group_.pop_back();
+    }
+  }
+  bool fits(const Voter& flight) {
+    return std::all_of(group_.begin(), group_.end(), [&](const Voter* member) {
+      return independent(member->sidecar, flight.sidecar, rules_) && votes_.between(*member, flight).agrees;
+    });
+  }
+
+  std::span<const Voter* const> flights_;
+  Votes& votes_;
+  const CandidateRules& rules_;
+  std::vector<const Voter*> group_, largest_;
+};
 
 // The largest sigma among the needed number of most certain flights: a smaller one is claimed by its own flight alone.
 std::int64_t corroborated_sigma_mm(std::span<const Voter* const> group, const CandidateRules& rules) {
@@ -116,10 +162,11 @@ std::int64_t allowed_shift_mm(double sigma_one_mm, double sigma_other_mm, const 
 
 Outcome decide(const Ballot& ballot, const CompareImages& compare, std::int64_t now_ms, const CandidateRules& rules) {
   Outcome outcome;
-  const std::vector<const Voter*> flights = best_of_each_flight(ballot);
+  const std::vector<const Voter*> flights = seated_flights(ballot);
   Votes votes(ballot, compare, outcome.new_votes);
+  AgreeingGroup groups(flights, votes, rules);
   for (std::size_t first = 0; first < flights.size(); ++first) {
-    const std::vector<const Voter*> group = group_around(first, flights, votes, rules);
+    const std::vector<const Voter*> group = groups.around(first);
     if (std::ssize(group) < rules.flights_to_promote) continue;
     const Voter& best = **std::min_element(group.begin(), group.end(), [](const Voter* a, const Voter* b) {
       return cost_mm(a->sidecar) < cost_mm(b->sidecar);

@@ -261,11 +261,11 @@ void Catalogue::store_gaps(const std::string& mission, UtcTime evaluated_at, con
 
 namespace {
 
-void check_mission_file(const std::filesystem::path& package, const Manifest& manifest, CatalogueReading& reading,
+void check_mission_file(const Directory& package, const Manifest& manifest, CatalogueReading& reading,
                         std::optional<Mission>& mission) {
   const Artifact* artifact = manifest.artifact(kRoleMission);
-  const std::filesystem::path path = package / kMissionFile;
-  if (artifact == nullptr || artifact->path != kMissionFile || !std::filesystem::exists(path)) {
+  const std::optional<InputFile> file = package.find(kMissionFile);
+  if (artifact == nullptr || artifact->path != kMissionFile || !file) {
     reading.findings.add({.code = "artifact.missing",
                           .where = std::string(kMissionFile),
                           .expected = "the mission of the package",
@@ -273,7 +273,8 @@ void check_mission_file(const std::filesystem::path& package, const Manifest& ma
                           .fix = "build the package again"});
     return;
   }
-  if (sha256_file(path) != artifact->sha256) {
+  const Bytes text = file->read(std::uint64_t{1} << 20);
+  if (sha256(text) != artifact->sha256) {
     reading.findings.add({.code = "artifact.hash",
                           .where = std::string(kMissionFile),
                           .expected = "the digest in the manifest",
@@ -281,18 +282,19 @@ void check_mission_file(const std::filesystem::path& package, const Manifest& ma
                           .fix = "get the package again from its source"});
     return;
   }
-  MissionReading checked = check_mission(path);
+  MissionReading checked = parse_mission(as_text(text), kMissionFile);
   reading.findings.add(checked.findings);
   mission = std::move(checked.mission);
 }
 
 CatalogueReading read_unverified(const std::filesystem::path& package, Progress& progress) {
   CatalogueReading reading;
-  ManifestReading manifest = parse_manifest(read_file(package / kManifestFile, kMaxManifestSize));
+  const Directory folder(package);
+  ManifestReading manifest = parse_manifest(folder.open(kManifestFile).read(kMaxManifestSize));
   reading.findings.add(manifest.findings);
   if (!manifest.manifest) return reading;
   std::optional<Mission> mission;
-  check_mission_file(package, *manifest.manifest, reading, mission);
+  check_mission_file(folder, *manifest.manifest, reading, mission);
   const Artifact* imagery = manifest.manifest->artifact(kRoleImagery);
   if (imagery == nullptr || !imagery->tiles) {
     reading.findings.add({.code = "artifact.missing",
@@ -301,7 +303,11 @@ CatalogueReading read_unverified(const std::filesystem::path& package, Progress&
                           .found = "none"});
     return reading;
   }
-  TileSetCheck check = check_tile_set(package / imagery->path, *imagery->tiles, VerifyDepth::quick, progress);
+  TileSetFiles files{folder.open(imagery->path), std::nullopt};
+  if (const Artifact* sidecars = manifest.manifest->artifact(kRoleSidecars); sidecars != nullptr) {
+    files.sidecars = folder.find(sidecars->path);
+  }
+  TileSetCheck check = check_tile_set(std::move(files), *imagery->tiles, VerifyDepth::quick, progress);
   reading.findings.add(check.findings);
   if (reading.findings.has_errors() || !mission) return reading;
   reading.entry = CatalogueEntry{std::move(*manifest.manifest), {}, std::move(*mission), std::move(check.sidecars), {}};

@@ -16,6 +16,7 @@
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "catalogue/sql.hpp"
+#include "raster/gdal_drivers.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;
@@ -85,7 +86,7 @@ CatalogueLayout fleet_catalogue() {
 
 CatalogueDatabase::CatalogueDatabase(const CatalogueLocation& location, Access access, CatalogueLayout layout)
     : location_(location), layout_(std::move(layout)), errors_(std::make_unique<ErrorCollector>()) {
-  GDALAllRegister();
+  register_gdal_drivers();
   open(access);
   if (location_.kind == CatalogueLocation::Kind::postgres) {
     if (query_value("SELECT extname FROM pg_extension WHERE extname = 'postgis'") != "postgis") {

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
+#include <filesystem>
 #include <functional>
 #include <ostream>
 
@@ -112,8 +114,29 @@ int run_command(Command& command, const std::string& full_name, const std::vecto
   return command.run(context);
 }
 
+bool names_output(const std::vector<std::string>& args) {
+  return std::any_of(args.begin(), args.end(),
+                     [](const std::string& word) { return word == "--out" || word.starts_with("--out="); });
+}
+
+// std::filesystem reports by exceptions of its own what is wrong with a path of the user's.
+std::string text_of(const std::filesystem::filesystem_error& error) {
+  const std::error_code code = error.code();
+  std::string fix = "check the path";
+  if (code == std::errc::permission_denied) fix = "check the permissions of the file and of its folders";
+  if (code == std::errc::filename_too_long) {
+    fix = "move it to a shorter path: a name may have 255 bytes, a path 4095";
+  }
+  if (code == std::errc::no_space_on_device) fix = "free space on this disk, or write elsewhere";
+  std::string where = error.path1().string();
+  constexpr std::size_t kShown_bytes = 200;
+  if (where.size() > kShown_bytes) where = where.substr(0, kShown_bytes) + "...";
+  return Error({.what = "cannot use a file or folder", .where = where, .found = code.message(), .fix = fix}).what();
+}
+
 // The one ladder from exceptions to messages and exit codes.
-int guarded(const std::string& name, const Environment& environment, const std::function<int()>& work) {
+int guarded(const std::string& name, const Environment& environment, const std::vector<std::string>& args,
+            const std::function<int()>& work) {
   const auto say = [&](const std::string& message) {
     environment.err << name << ": " << message << '\n' << std::flush;
   };
@@ -122,10 +145,12 @@ int guarded(const std::string& name, const Environment& environment, const std::
     if (!environment.out.flush()) throw Error({.what = "cannot write the results to standard output"});
     return code;
   } catch (const Interrupted&) {
-    say("interrupted; no partial output was left behind");
+    say(names_output(args) ? "interrupted; no partial output was left behind" : "interrupted");
     return kInterrupted;
   } catch (const Error& error) {
     say(error.what());
+  } catch (const std::filesystem::filesystem_error& error) {
+    say(text_of(error));
   } catch (const std::bad_alloc&) {
     say("out of memory");
   } catch (const std::exception& error) {
@@ -139,7 +164,7 @@ int guarded(const std::string& name, const Environment& environment, const std::
 
 int run_program(const ProgramText& text, const CommandList& commands, const std::vector<std::string>& args,
                 const Environment& environment) {
-  return guarded(text.name, environment, [&] {
+  return guarded(text.name, environment, args, [&] {
     const Choice choice = choose(text, commands, args, environment.out);
     if (choice.command == nullptr) return kAccepted;
     const std::vector<std::string> rest(args.begin() + static_cast<std::ptrdiff_t>(choice.words), args.end());
@@ -149,7 +174,7 @@ int run_program(const ProgramText& text, const CommandList& commands, const std:
 
 int run_single_command(const std::string& name, Command& command, const std::vector<std::string>& args,
                        const Environment& environment) {
-  return guarded(name, environment, [&] {
+  return guarded(name, environment, args, [&] {
     if (args.size() == 1 && args[0] == "--version") {
       environment.out << name << ' ' << kVersion << '\n';
       return kAccepted;

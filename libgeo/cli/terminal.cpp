@@ -32,7 +32,8 @@ std::string clock_text(double seconds) {
 void install_signal_handlers() {
   struct sigaction action {};
   action.sa_handler = on_signal;
-  action.sa_flags = static_cast<int>(SA_RESETHAND | SA_RESTART);
+  // Without SA_RESTART: a read that waits (a medium that hangs, a pipe) ends, and the program with it.
+  action.sa_flags = static_cast<int>(SA_RESETHAND);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
   struct sigaction ignore {};

@@ -50,6 +50,7 @@ Eigen::Vector2d apply_step(FlightFilter& filter, const FlightStep& step, bool wi
   if (step.wrong_course_sigma_m) filter.inflate_position(*step.wrong_course_sigma_m);
   if (step.hint_sigma_m) filter.inflate_position(*step.hint_sigma_m);
   if (step.contradicted_anchor_sigma_m) filter.inflate_position(*step.contradicted_anchor_sigma_m);
+  if (step.finer_map_sigma_m) filter.inflate_position(*step.finer_map_sigma_m);
   if (step.anchor && with_anchor) filter.update_absolute(*step.anchor);
   return past_correction_m;
 }

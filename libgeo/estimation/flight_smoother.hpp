@@ -28,7 +28,11 @@ struct FlightStep {
   std::optional<double> wrong_course_sigma_m;         // inflates the position: the course may be another one
   std::optional<double> hint_sigma_m;                 // the same, before the frame was matched: an operator's hint
   std::optional<double> contradicted_anchor_sigma_m;  // the same, before the anchor: it contradicts the track
+  // The same, before the anchor: it was matched with a finer map than the anchors before it, so that what they said is
+  // off by the error of theirs.
+  std::optional<double> finer_map_sigma_m;
   std::optional<PoseMeasurement> anchor;
+  double map_sigma_m = 0;  // with an anchor: of the tiles that it was matched with, one axis; for what is published
   bool anchor_unambiguous = false;  // so clear that no wrong place ever was: needs no corroboration by another anchor
   TelemetryReference reference;     // for poses alone
 };

@@ -44,6 +44,7 @@ struct PublishedTrack {
   // has no jumps but those of anchors, and refined() has it all.
   Eigen::Vector2d withheld_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d contradiction_m = Eigen::Vector2d::Zero();  // AnchorDecision::contradiction_m, until an anchor
+  double map_sigma_m = 0;  // of the map that the track is anchored to: of the tiles of the last anchor
   std::vector<Estimate> estimates;
 };
 
@@ -155,9 +156,13 @@ struct Localizer::Impl {
   PoseMeasurement anchor_measurement(const AnchorJob& job, const AnchorReport& report) const;
   FramePose anchor_pose(const AnchorJob& job) const;  // with the filter at the job's frame
 
+  double map_sigma_of(const AnchorMatch& match) const;
+  void widen_for_another_map(AnchorContext& context, const AnchorMatch& match) const;
+
   double footprint_m() const { return footprint_side_m(camera, telemetry.reference.agl_m); }
   bool lost() const { return window.lost(placed, filter->position_sigma_m()); }
-  Eigen::Matrix2d shared_error_m2() const;
+  Eigen::Matrix2d shared_error_m2(double map_sigma_m) const;
+  std::vector<double> map_sigmas_m() const;  // of each frame
 
   // Fixed for the flight. A job that is out uses these and what it was given, nothing else.
   CameraModel camera;
@@ -239,6 +244,7 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   Impl& s = *impl_;
   FrameReport report;
   if (job->match) {
+    s.widen_for_another_map(job->context, *job->match);
     AnchorDecision decision = s.acceptance.decide(*job->match, job->context, s.last_anchor.has_value(),
                                                   job->segment == s.tracking.segment());
     report.anchor = std::move(decision.report);
@@ -497,15 +503,37 @@ PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const 
   return measurement;
 }
 
+// What the tiles state that the match was found on, unless somebody decided.
+double Localizer::Impl::map_sigma_of(const AnchorMatch& match) const {
+  if (config.map_sigma_m) return *config.map_sigma_m;
+  return match.map_ce90_m ? map_sigma_from_ce90(*match.map_ce90_m) : kMapSigma_m;
+}
+
+// The errors of one map are common to all of its anchors and cancel between them. Those of two maps do not.
+void Localizer::Impl::widen_for_another_map(AnchorContext& context, const AnchorMatch& match) const {
+  const double theirs_m = map_sigma_of(match), ours_m = published.map_sigma_m;
+  if (!last_anchor || theirs_m == ours_m) return;
+  const double between_m2 = theirs_m * theirs_m + ours_m * ours_m;
+  context.position_covariance_m2 += between_m2 * Eigen::Matrix2d::Identity();
+  context.prediction.sigma_m = std::sqrt(context.prediction.sigma_m * context.prediction.sigma_m + between_m2);
+}
+
 FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const AnchorReport& report) {
   const double heading_before_rad = filter->state()[FlightFilter::heading];
   const AnchorMatch& match = *job.match;
   FlightStep& step = steps[job.step];
   step.anchor = anchor_measurement(job, report);
+  step.map_sigma_m = map_sigma_of(match);
+  if (last_anchor && step.map_sigma_m < published.map_sigma_m) {
+    step.finer_map_sigma_m =
+        std::sqrt(published.map_sigma_m * published.map_sigma_m - step.map_sigma_m * step.map_sigma_m);
+  }
+  published.map_sigma_m = step.map_sigma_m;
   step.anchor_unambiguous = match.search.ratio < config.gates.clear_ratio &&
                             match.solved->inliers >= config.gates.sure_inlier_share * match.patches;
   filter = job.flight;
   if (step.contradicted_anchor_sigma_m) filter->inflate_position(*step.contradicted_anchor_sigma_m);
+  if (step.finer_map_sigma_m) filter->inflate_position(*step.finer_map_sigma_m);
   filter->update_absolute(*step.anchor);
   const FramePose pose = anchor_pose(job);
 
@@ -534,10 +562,25 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
 // ---- Publishing
 
 // What no number of anchors averages out: the map's own error, and what grows with height because no model has it.
-Eigen::Matrix2d Localizer::Impl::shared_error_m2() const {
+Eigen::Matrix2d Localizer::Impl::shared_error_m2(double map_sigma_m) const {
   if (tiles == nullptr) return Eigen::Matrix2d::Zero();
-  return Eigen::Matrix2d::Identity() *
-         (config.map_sigma_m * config.map_sigma_m + unmodelled_variance_m2(telemetry.reference.agl_m));
+  return Eigen::Matrix2d::Identity() * (map_sigma_m * map_sigma_m + unmodelled_variance_m2(telemetry.reference.agl_m));
+}
+
+// After the flight a frame lies between two anchors: the worse of their maps counts.
+std::vector<double> Localizer::Impl::map_sigmas_m() const {
+  std::vector<double> sigmas_m(steps.size(), 0);
+  double last_m = 0;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    if (steps[i].anchor) last_m = steps[i].map_sigma_m;
+    sigmas_m[i] = last_m;
+  }
+  last_m = 0;
+  for (std::size_t i = steps.size(); i-- > 0;) {
+    if (steps[i].anchor) last_m = steps[i].map_sigma_m;
+    sigmas_m[i] = std::max(sigmas_m[i], last_m);
+  }
+  return sigmas_m;
 }
 
 Estimate Localizer::Impl::estimate(bool anchored) const {
@@ -552,9 +595,10 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
   }
   if (!placed) return estimate;
   const bool tracked = tracking.tracked();
-  estimate.covariance_m2 = filter->position_covariance_m2() + published.withheld_m * published.withheld_m.transpose() +
-                           published.contradiction_m * published.contradiction_m.transpose() +
-                           (last_anchor ? shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
+  estimate.covariance_m2 =
+      filter->position_covariance_m2() + published.withheld_m * published.withheld_m.transpose() +
+      published.contradiction_m * published.contradiction_m.transpose() +
+      (last_anchor ? shared_error_m2(published.map_sigma_m) : Eigen::Matrix2d(Eigen::Matrix2d::Zero()));
   estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
   estimate.source = anchored                                               ? SourceLabel::satellite_anchored
                     : tracked && (tracking.unbroken() || tiles == nullptr) ? SourceLabel::vo_extrapolated
@@ -570,7 +614,7 @@ Estimate Localizer::Impl::estimate(bool anchored) const {
 FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
   FramePose result;
   result.pose = pose_of(filter->state(), job.reference);
-  result.covariance_m2 = filter->position_covariance_m2() + shared_error_m2();
+  result.covariance_m2 = filter->position_covariance_m2() + shared_error_m2(published.map_sigma_m);
   result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
   result.source = SourceLabel::satellite_anchored;
   const AnchorPrediction& prediction = job.context.prediction;
@@ -589,10 +633,11 @@ std::vector<Estimate> Localizer::refined() const {
   std::vector<Estimate> estimates = s.published.estimates;
   if (!s.placed || !s.filter) return estimates;
   const auto smoothed = smooth_flight(*s.initial, s.steps).frames;
-  const Eigen::Matrix2d map_error = s.last_anchor ? s.shared_error_m2() : Eigen::Matrix2d(Eigen::Matrix2d::Zero());
+  const std::vector<double> map_sigmas_m = s.map_sigmas_m();
   for (std::size_t i = 0; i < estimates.size(); ++i) {
     Estimate& estimate = estimates[i];
-    estimate.covariance_m2 = smoothed[i].covariance_m2 + map_error;
+    estimate.covariance_m2 = smoothed[i].covariance_m2;
+    if (s.last_anchor) estimate.covariance_m2 += s.shared_error_m2(map_sigmas_m[i]);
     estimate.sigma_m = std::sqrt(0.5 * estimate.covariance_m2.trace());
     const bool known = estimate.sigma_m <= s.config.no_fix_sigma_m;
     if (!known) estimate.source = SourceLabel::no_fix;
@@ -615,7 +660,7 @@ std::vector<std::optional<FramePose>> Localizer::refined_poses() const {
     if (!kept[i]) continue;
     FramePose& result = poses[i].emplace();
     result.pose = pose_of(smoothed.frames[i].state, s.steps[i].reference);
-    result.covariance_m2 = smoothed.frames[i].covariance_m2 + s.shared_error_m2();
+    result.covariance_m2 = smoothed.frames[i].covariance_m2 + s.shared_error_m2(s.steps[i].map_sigma_m);
     result.sigma_m = std::sqrt(0.5 * result.covariance_m2.trace());
     result.source = SourceLabel::satellite_anchored;
     result.confirmed = s.steps[i].anchor_unambiguous || corroborated_by_another(s.steps, kept, i);

@@ -38,7 +38,9 @@ struct LocalizerConfig {
   double min_search_radius_m = parameters::search_window::kMinRadius_m;  // half side of the searched square
   double max_search_radius_m = parameters::search_window::kMaxRadius_m;
   double no_fix_sigma_m = parameters::localizer::kNoFixSigma_m;  // beyond this no position is published
-  double map_sigma_m = parameters::localizer::kMapSigma_m;  // one axis of the map's own error, see map_sigma_from_ce90()
+  // One axis of the map's own error, see map_sigma_from_ce90(). Nothing: what the tiles state that an anchor was
+  // matched with, and where they state nothing, parameters::localizer::kMapSigma_m.
+  std::optional<double> map_sigma_m;
   double assumed_agl_m = parameters::localizer::kAssumedAgl_m;  // only until telemetry has a height
   // A healthy flight need not match every frame with the map: after so long a displacement, or when less certain than
   // this (one axis). 0 m: every frame.
@@ -55,7 +57,7 @@ struct LocalizerConfig {
 
 // 1-σ error per axis of a circular error given as CE90: CE90 / √(-2 ln(1 - 0.9)).
 double map_sigma_from_ce90(double ce90_m);
-// The same from the worst CE90 that a package's tiles state.
+// The same from the worst CE90 that a package's tiles state: for what is measured over all of the map at once.
 double map_sigma_m(const CheckedTiles& tiles);
 
 // One frame to be matched with the map: a snapshot of what was predicted for it, and the result.

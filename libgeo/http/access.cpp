@@ -21,6 +21,13 @@ std::optional<std::string> ip_of(std::string_view host) {
   return inet_pton(AF_INET, plain.c_str(), bytes) == 1 ? std::optional(plain) : std::nullopt;
 }
 
+bool is_port(std::string_view digits) {
+  std::uint16_t port = 0;
+  const char* const end = digits.data() + digits.size();
+  const auto [stopped, error] = std::from_chars(digits.data(), end, port);
+  return error == std::errc{} && stopped == end;
+}
+
 }  // namespace
 
 bool ListenAddress::loopback() const { return ip == "::1" || ip.starts_with("127."); }
@@ -51,8 +58,12 @@ void require_token_beyond_loopback(const ListenAddress& address, const std::opti
 }
 
 bool names_loopback(std::string_view host) {
-  const std::string name = lower_case(host.substr(0, host.starts_with('[') ? host.find(']') + 1 : host.find(':')));
-  return name == "localhost" || name == "127.0.0.1" || name == "[::1]";
+  for (const std::string_view name : {"localhost", "127.0.0.1", "[::1]"}) {
+    if (lower_case(host.substr(0, name.size())) != name) continue;
+    const std::string_view rest = host.substr(name.size());
+    return rest.empty() || (rest.starts_with(':') && is_port(rest.substr(1)));
+  }
+  return false;
 }
 
 std::optional<Sha256> bearer_digest(std::string_view authorization) {

@@ -27,8 +27,8 @@ ListenAddress parse_listen_address(std::string_view text);
 // Throws UsageError for an address beyond loopback without a token.
 void require_token_beyond_loopback(const ListenAddress& address, const std::optional<Sha256>& token);
 
-// Whether a Host header names this machine as itself ("LOCALHOST:8750", "[::1]:8750"). A page of another site that
-// reaches 127.0.0.1 under a name of its own (DNS rebinding) sends that name.
+// Whether a Host header is exactly a name of this machine for itself, with or without a port ("LOCALHOST:8750",
+// "[::1]:8750"). A page of another site that reaches 127.0.0.1 under a name of its own (DNS rebinding) sends that name.
 bool names_loopback(std::string_view host);
 
 // The digest of the token in "Bearer TOKEN"; nullopt for any other Authorization header. Comparing

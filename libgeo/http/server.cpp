@@ -107,7 +107,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  // Since when it waits for its client: for a request, or to take a response.
+  // Since when it waits for its client: for a request, or to take a response; counted in events, not in seconds.
   std::uint64_t idle_since() const { return idle_since_; }
   bool busy() const { return busy_; }
 
@@ -236,6 +236,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   void start_stream(const ApiResponse& from) {
     ++shared_.counts.streams_open;
+    busy_ = true;  // its reader is slow at its own risk (answer_time), and never evicted
     stream_text_ = from.stream;
     beast::error_code ignored;
     stream_.socket().set_option(asio::socket_base::send_buffer_size(limits_.stream_buffer_bytes), ignored);
@@ -387,9 +388,8 @@ struct HttpServer::Impl {
     connection->read_header();
   }
 
-  // Closes the connection that has been idle for longest; false: all are busy, or none may be closed.
+  // Closes the connection that has been idle for longest; false: all are busy.
   bool evict_idle() {
-    if (!shared.limits.evict_idle) return false;
     std::shared_ptr<Connection> idle;
     for (const auto& weak : connections) {
       auto connection = weak.lock();

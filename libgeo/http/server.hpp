@@ -3,7 +3,9 @@
 // A connection reads a header, asks the handler whether a body may follow, reads that body, has the request answered
 // and writes the response; then the next request, until one side closes. A response may go on as an event stream
 // (ApiResponse::stream): at most one piece of text is in flight, nothing is queued. A connection that exceeds a time
-// limit is closed. So a client that is slow, dead or hostile costs a bounded amount of memory and nothing else.
+// limit is closed, and when all places are taken, the connection that has waited longest for its client makes room: for
+// a request that does not come, or a response that is not taken. Streams and busy requests stay. So a client that is slow,
+// dead or hostile costs a bounded amount of memory and nothing else, and silent connections lock nobody out.
 #pragma once
 
 #include <chrono>
@@ -22,8 +24,7 @@ namespace nadir {
 struct HttpLimits {
   std::uint32_t header_bytes = 8 * 1024;
   std::uint64_t body_bytes = 16 * 1024;
-  std::size_t connections = 160;
-  bool evict_idle = false;  // at the limit the connection idle for longest is closed; else the new one is
+  std::size_t connections = 160;  // more than streams, so that there is always one to evict
 
   std::chrono::milliseconds request_time{15'000};        // for a whole request, the wait for it included
   std::optional<std::chrono::milliseconds> body_time{};  // set: request_time is for the header, this for the body,

@@ -84,9 +84,30 @@ void set_up(ErrorManager& manager) {
   manager.base.emit_message = on_message;
 }
 
+// What libjpeg is asked while it decodes, at least once for each row of blocks and for each scan.
+struct Overseer {
+  jpeg_progress_mgr base{};
+  const DecodeBudget* budget = nullptr;
+  std::int64_t deadline_ms = 0;
+};
+
+void oversee(j_common_ptr info) {
+  const Overseer& overseer = *reinterpret_cast<Overseer*>(info->progress);
+  const DecodeBudget& budget = *overseer.budget;
+  const int scans = reinterpret_cast<j_decompress_ptr>(info)->input_scan_number;
+  const char* fault = scans > budget.max_scans                                       ? "too many scans"
+                      : budget.limit_ms > 0 && budget.clock() > overseer.deadline_ms ? "too much work for its size"
+                                                                                     : nullptr;
+  if (fault == nullptr) return;
+  ErrorManager& manager = manager_of(info);
+  std::snprintf(manager.message.data(), manager.message.size(), "%s", fault);
+  std::longjmp(manager.back, 1);
+}
+
 struct Decoder {
   jpeg_decompress_struct info{};
   ErrorManager errors;
+  Overseer overseer;
 
   Decoder() { info.err = (set_up(errors), &errors.base); }
   ~Decoder() { jpeg_destroy_decompress(&info); }
@@ -128,6 +149,9 @@ void open(Decoder& decoder, ByteView bytes, std::string_view name) {
   check_size(decoder.info.image_width, decoder.info.image_height, name);
   if (decoder.info.jpeg_color_space == JCS_CMYK || decoder.info.jpeg_color_space == JCS_YCCK) {
     reject(name, "grey or colour JPEG", "CMYK");
+  }
+  if (decoder.info.num_components != 1 && decoder.info.num_components != 3) {
+    reject(name, "grey or colour JPEG", fmt::format("{} components", decoder.info.num_components));
   }
 }
 
@@ -176,9 +200,13 @@ ImageInfo info(ByteView bytes, std::string_view name) {
           decoder.info.num_components > 1, false};
 }
 
-DecodedImage decode(ByteView bytes, Colour colour, std::string_view name, int shrink) {
+DecodedImage decode(ByteView bytes, Colour colour, std::string_view name, int shrink, const DecodeBudget& budget) {
   Decoder decoder;
   open(decoder, bytes, name);
+  decoder.overseer.base.progress_monitor = oversee;
+  decoder.overseer.budget = &budget;
+  if (budget.limit_ms > 0) decoder.overseer.deadline_ms = budget.clock() + budget.limit_ms;
+  decoder.info.progress = &decoder.overseer.base;
   const bool grey = colour == Colour::grey;
   if (!start(decoder, grey ? JCS_GRAYSCALE : JCS_EXT_BGR, static_cast<unsigned>(shrink))) {
     reject(name, "JPEG", decoder.errors.message.data());
@@ -387,12 +415,13 @@ ImageInfo read_image_info(ByteView bytes, std::string_view name) {
   return {};
 }
 
-DecodedImage decode_image(ByteView bytes, Colour colour, std::string_view name, int shrink) {
+DecodedImage decode_image(ByteView bytes, Colour colour, std::string_view name, int shrink,
+                          const DecodeBudget& budget) {
   if (shrink != 1 && shrink != 2 && shrink != 4 && shrink != 8) {
     throw UsageError({.what = "images can be reduced by 1, 2, 4 or 8", .found = std::to_string(shrink)});
   }
   const ImageFormat format = format_of(bytes, name);
-  if (format == ImageFormat::jpeg) return jpeg::decode(bytes, colour, name, shrink);
+  if (format == ImageFormat::jpeg) return jpeg::decode(bytes, colour, name, shrink, budget);
   DecodedImage whole =
       format == ImageFormat::png ? png::decode(bytes, colour, name) : webp::decode(bytes, colour, name);
   return {shrunk(whole.image, shrink), shrunk(whole.alpha, shrink)};

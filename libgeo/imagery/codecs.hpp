@@ -1,8 +1,9 @@
 // Encoded images to pixels and back: JPEG, PNG and WebP through their own libraries.
 //
-// Bytes from outside are not trusted: the declared size is checked before anything is allocated, and truncated or damaged
-// data is an Error, never a partial image. A camera's JPEG that is needed at a reduced size is decoded at that size
-// (scaled inverse DCT), at a fraction of the cost.
+// Bytes from outside are not trusted: the declared size is checked before anything is allocated, truncated or damaged
+// data is an Error, never a partial image, and what decoding may cost is bounded: a progressive JPEG of a few hundred
+// kilobytes can ask for its image to be refined 100 000 times. A camera's JPEG that is needed at a reduced size is
+// decoded at that size (scaled inverse DCT), at a fraction of the cost.
 #pragma once
 
 #include <cstdint>
@@ -12,6 +13,7 @@
 #include <string_view>
 
 #include "base/bytes.hpp"
+#include "base/monotonic.hpp"
 
 namespace nadir {
 
@@ -43,8 +45,16 @@ struct DecodedImage {
 // Header only. All of these throw Error naming `name` (a file, a tile) for anything but a complete image.
 ImageInfo read_image_info(ByteView bytes, std::string_view name);
 
+struct DecodeBudget {
+  int max_scans = 100;  // of a progressive JPEG; encoders write 10
+  std::int64_t limit_ms =
+      0;  // 0: without limit. Checked while a JPEG is decoded; PNG and WebP are bounded by their size
+  MonotonicMs clock = steady_clock_ms;
+};
+
 // shrink: 1, 2, 4 or 8; the result has ceil(side / shrink) pixels.
-DecodedImage decode_image(ByteView bytes, Colour colour, std::string_view name, int shrink = 1);
+DecodedImage decode_image(ByteView bytes, Colour colour, std::string_view name, int shrink = 1,
+                          const DecodeBudget& budget = {});
 cv::Mat read_image_file(const std::filesystem::path& path, Colour colour, int shrink = 1);
 
 // image: CV_8UC1, CV_8UC3 (BGR) or, but for JPEG, CV_8UC4 (BGRA). quality: 1 to 100, for JPEG (4:2:0) and WebP; PNG is

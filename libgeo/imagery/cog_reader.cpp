@@ -113,22 +113,20 @@ Bytes whole_jpeg(const CogBlockLayout& form, ByteView block) {
 }
 
 DecodedImage decode_cog_block(const CogBlockLayout& form, ByteView block, std::string_view name) {
-  DecodedImage result;
-  if (form.compression == tiff::kJpeg) {
-    result = decode_image(whole_jpeg(form, block), form.samples == 1 ? Colour::grey : Colour::bgr, name);
-  } else if (form.compression == tiff::kWebp) {
-    result = decode_image(block, Colour::bgr, name);
-  } else {
+  if (form.compression != tiff::kJpeg && form.compression != tiff::kWebp) {
     Bytes pixels = decode_by_libtiff(form, block, name);
     return picture_of(form, pixels);
   }
-  if (result.image.cols != form.width || result.image.rows != form.height) {
+  const bool jpeg = form.compression == tiff::kJpeg;
+  const Bytes whole = jpeg ? whole_jpeg(form, block) : Bytes(block.begin(), block.end());
+  const ImageInfo info = read_image_info(whole, name);  // before pixels are allocated
+  if (info.width != form.width || info.height != form.height) {
     throw Error({.what = "a block has the wrong size",
                  .where = std::string(name),
                  .expected = fmt::format("{} x {} pixels", form.width, form.height),
-                 .found = fmt::format("{} x {}", result.image.cols, result.image.rows)});
+                 .found = fmt::format("{} x {}", info.width, info.height)});
   }
-  return result;
+  return decode_image(whole, jpeg && form.samples == 1 ? Colour::grey : Colour::bgr, name);
 }
 
 namespace {
@@ -137,12 +135,12 @@ constexpr std::uint64_t kMaxSide = std::uint64_t{1} << 31;
 constexpr std::uint64_t kMaxBlockSide = 4096;
 constexpr std::uint64_t kMaxBlockBytes = std::uint64_t{64} << 20;  // as a tile in an MBTiles file
 constexpr std::uint64_t kMaxBlocks = std::uint64_t{1} << 24;
-constexpr std::int64_t kMaxTiles = std::int64_t{1} << 26;  // that large blocks are cut into: a list of 800 MB
+constexpr std::int64_t kMaxPlaces = std::int64_t{1} << 26;  // of tiles in one image: keys() visits each
 constexpr double kPixelTolerance = 0.02;  // how far a pixel may lie from its place on the grid, in pixels
 
 class LevelReader {
  public:
-  explicit LevelReader(const TiffFile& file) : file_(file) {}
+  LevelReader(const TiffFile& file, const CogLimits& limits) : file_(file), limits_(limits) {}
 
   CogLevels read() {
     const Place place = read_place();
@@ -264,7 +262,7 @@ class LevelReader {
     return usable ? std::optional(static_cast<std::uint8_t>(value)) : std::nullopt;  // no 8 bit value has it
   }
 
-  CogBlocks read_blocks(std::size_t directory) const {
+  CogBlocks read_blocks(std::size_t directory) {
     CogBlocks blocks = read_table(directory);
     CogBlockLayout& form = blocks.form;
     const auto bits = file_.numbers(directory, tiff::kBitsPerSample);
@@ -288,7 +286,7 @@ class LevelReader {
     return blocks;
   }
 
-  std::optional<CogBlocks> read_mask(std::size_t directory) const {
+  std::optional<CogBlocks> read_mask(std::size_t directory) {
     CogBlocks blocks = read_table(directory);
     const std::uint64_t bits = file_.number(directory, tiff::kBitsPerSample, 1);
     const bool lossless = blocks.form.compression != tiff::kJpeg && blocks.form.compression != tiff::kWebp;
@@ -299,8 +297,8 @@ class LevelReader {
     return blocks;
   }
 
-  // What pictures and masks have in common.
-  CogBlocks read_table(std::size_t directory) const {
+  // What pictures and masks have in common. Everything is bounded before anything is allocated for it.
+  CogBlocks read_table(std::size_t directory) {
     CogBlocks blocks;
     blocks.width = side(directory, tiff::kWidth), blocks.height = side(directory, tiff::kHeight);
     if (!file_.has(directory, tiff::kTileWidth) || !file_.has(directory, tiff::kTileOffsets)) {
@@ -321,8 +319,12 @@ class LevelReader {
     blocks.down = (blocks.height + blocks.form.height - 1) / blocks.form.height;
     const auto count = static_cast<std::uint64_t>(blocks.across) * static_cast<std::uint64_t>(blocks.down);
     if (count > kMaxBlocks) refuse_layout(fmt::format("at most {} blocks", kMaxBlocks), std::to_string(count));
-    const std::int64_t tiles = (blocks.width / kTileSize + 1) * (blocks.height / kTileSize + 1);
-    if (tiles > kMaxTiles) refuse_layout(fmt::format("at most {} tiles", kMaxTiles), std::to_string(tiles));
+    const std::int64_t places = (blocks.width / kTileSize + 1) * (blocks.height / kTileSize + 1);
+    if (places > kMaxPlaces) refuse_layout(fmt::format("at most {} tiles", kMaxPlaces), std::to_string(places));
+    blocks_ += count;
+    if (blocks_ > limits_.blocks) {
+      refuse_layout(fmt::format("at most {} blocks in all images together", limits_.blocks), "more");
+    }
     blocks.places = file_.numbers(directory, tiff::kTileOffsets, count);
     blocks.sizes = file_.numbers(directory, tiff::kTileSizes, count);
     if (blocks.places.size() != count || blocks.sizes.size() != count) {
@@ -363,6 +365,8 @@ class LevelReader {
   }
 
   const TiffFile& file_;
+  CogLimits limits_;
+  std::uint64_t blocks_ = 0;  // of all directories so far
   CogLevels result_;
 };
 
@@ -375,8 +379,17 @@ bool CogLevel::native() const {
          north % kTileSize == 0;
 }
 
-CogLevels read_cog_levels(const TiffFile& file) {
-  CogLevels result = LevelReader(file).read();
+CogLimits CogLimits::for_tiles(std::uint64_t tiles) {
+  constexpr std::uint64_t kLeastBlocks = std::uint64_t{1} << 22;  // 64 MB of places and sizes
+  constexpr std::uint64_t kBlocksPerTile = 64;                    // of a corridor across its rectangle
+  CogLimits limits;
+  limits.blocks = std::min(limits.blocks, kLeastBlocks + kBlocksPerTile * std::min(tiles, limits.blocks));
+  limits.tiles = std::min(limits.tiles, tiles);
+  return limits;
+}
+
+CogLevels read_cog_levels(const TiffFile& file, const CogLimits& limits) {
+  CogLevels result = LevelReader(file, limits).read();
   std::sort(result.levels.begin(), result.levels.end(),
             [](const CogLevel& a, const CogLevel& b) { return a.zoom > b.zoom; });
   return result;
@@ -386,11 +399,19 @@ struct CogReader::Window {
   std::int64_t left = 0, top = 0;  // of the tile, in the level's pixels; may be negative
 };
 
-CogReader::CogReader(const std::filesystem::path& path)
-    : CogReader(std::make_unique<FileBytes>(path), path.filename().string()) {}
+CogReader::CogReader(const std::filesystem::path& path) : CogReader(InputFile(path)) {}
 
-CogReader::CogReader(std::unique_ptr<RandomBytes> bytes, std::string name)
-    : bytes_(std::move(bytes)), name_(std::move(name)), levels_(read_cog_levels(TiffFile(*bytes_, name_))) {}
+CogReader::CogReader(InputFile file, const CogLimits& limits)
+    : name_(file.path().filename().string()), limits_(limits) {
+  bytes_ = std::make_unique<FileBytes>(std::move(file));
+  levels_ = read_cog_levels(TiffFile(*bytes_, name_), limits_);
+}
+
+CogReader::CogReader(std::unique_ptr<RandomBytes> bytes, std::string name, const CogLimits& limits)
+    : bytes_(std::move(bytes)),
+      name_(std::move(name)),
+      limits_(limits),
+      levels_(read_cog_levels(TiffFile(*bytes_, name_), limits_)) {}
 
 ZoomRange CogReader::zooms() const { return {levels_.levels.back().zoom, levels_.levels.front().zoom}; }
 
@@ -549,7 +570,15 @@ std::vector<TileKey> CogReader::keys() const {
         const TileKey key{static_cast<std::uint8_t>(at->zoom), static_cast<std::uint32_t>(x),
                           static_cast<std::uint32_t>(y)};
         const bool there = key.valid() && (at->native() ? stored_size(key) != 0 : any_block(*at, key));
-        if (there) keys.push_back(key);
+        if (!there) continue;
+        if (keys.size() == limits_.tiles) {
+          throw TiffError("tiff.layout", {.what = "this COG holds too many tiles",
+                                          .where = name_,
+                                          .expected = fmt::format("at most {} tiles", limits_.tiles),
+                                          .found = "more",
+                                          .fix = "get the file again from its origin"});
+        }
+        keys.push_back(key);
       }
     }
   }

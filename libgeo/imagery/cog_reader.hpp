@@ -63,9 +63,18 @@ struct CogLevels {
   std::vector<std::string> left_out;   // overviews that do not lie on the grid's pixels, as text
 };
 
+// What a file may hold, where it is known before the file is read: a manifest states how many tiles were signed.
+struct CogLimits {
+  std::uint64_t tiles = std::uint64_t{1} << 24;  // that keys() lists: 200 MB
+  // Blocks of all images and masks together; an image is a rectangle, and most blocks of a corridor's are empty.
+  std::uint64_t blocks = std::uint64_t{1} << 25;
+
+  static CogLimits for_tiles(std::uint64_t tiles);
+};
+
 // Throws TiffError: tiff.corrupt, tiff.grid (another coordinate system, resolution or place than the web map's), and
 // tiff.layout (strips, planes, 16 bit, a compression that is not read).
-CogLevels read_cog_levels(const TiffFile& file);
+CogLevels read_cog_levels(const TiffFile& file, const CogLimits& limits = {});
 
 // Safe to use by several threads. Blocks are read on demand; tables of their offsets stay in memory (16 bytes per block).
 class CogReader final : public TileSource {
@@ -73,7 +82,8 @@ class CogReader final : public TileSource {
   // Throws TiffError when the file is not a GeoTIFF on the grid of web maps, Error when it cannot be
   // read at all.
   explicit CogReader(const std::filesystem::path& path);
-  CogReader(std::unique_ptr<RandomBytes> bytes, std::string name);
+  explicit CogReader(InputFile file, const CogLimits& limits = {});
+  CogReader(std::unique_ptr<RandomBytes> bytes, std::string name, const CogLimits& limits = {});
 
   ZoomRange zooms() const override;
   // Throws TiffError when the block lies outside of the file, Error when one that has to be decoded does not decode.
@@ -84,7 +94,8 @@ class CogReader final : public TileSource {
   const std::vector<std::string>& left_out() const { return levels_.left_out; }
   const CogLevel* level(int zoom) const;  // null when there is none
 
-  // Addresses that may hold a tile, in the order of TileKey: those with a block.
+  // Addresses that may hold a tile, in the order of TileKey: those with a block. Throws TiffError where there are more
+  // than the limit allows.
   std::vector<TileKey> keys() const;
   // Bytes of the tile's block; 0 when there is none, or when blocks are not tiles.
   std::uint64_t stored_size(const TileKey& key) const;
@@ -101,6 +112,7 @@ class CogReader final : public TileSource {
 
   std::unique_ptr<RandomBytes> bytes_;
   std::string name_;
+  CogLimits limits_;
   CogLevels levels_;
 };
 

@@ -164,7 +164,7 @@ void CogWriter::finish() {
   }
 
   AppendFile file(path_);
-  const FileBytes spool(spool_path_);
+  const FileBytes spool{InputFile(spool_path_)};
   Bytes block = directories_of(levels, shape_, format_, big);
   for (const SpooledTile& tile : tiles_) {
     append_u32(block, tile.size);

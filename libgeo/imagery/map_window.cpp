@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.hpp"
@@ -49,10 +50,13 @@ struct Nodes {
   }
 };
 
+void keep_worst(std::optional<double>& worst, std::optional<double> value) {
+  if (value && (!worst || *worst < *value)) worst = value;
+}
+
 class BlockCutter {
  public:
-  BlockCutter(TileCache& cache, const LocalFrame& frame, const MapWindow& window, const WindowLevel& level,
-              Colour colour)
+  BlockCutter(TileCache& cache, const LocalFrame& frame, MapWindow& window, const WindowLevel& level, Colour colour)
       : cache_(cache), frame_(frame), window_(window), level_(level), colour_(colour) {}
 
   void cut(const cv::Rect& block, cv::Mat image, cv::Mat mask) const {
@@ -122,6 +126,7 @@ class BlockCutter {
                           static_cast<std::uint32_t>(y)};
         const DecodedTile& decoded = cache_.get(key, colour_, level_.tile_shrink);
         if (decoded.image.empty()) continue;
+        keep_worst(window_.ce90_m, cache_.source().ce90_m(key));
         const cv::Rect place(column * tile, row * tile, tile, tile);
         decoded.image.copyTo(mosaic(place));
         if (decoded.mask.empty()) {
@@ -143,7 +148,7 @@ class BlockCutter {
 
   TileCache& cache_;
   const LocalFrame& frame_;
-  const MapWindow& window_;
+  MapWindow& window_;
   WindowLevel level_;
   Colour colour_;
 };
@@ -195,6 +200,31 @@ MapWindow MapWindowReader::read(const LocalFrame& frame, const PlaneBox& box, do
     }
   }
   return window;
+}
+
+std::optional<double> MapWindowReader::ce90_m(const LocalFrame& frame, const PlaneBox& box, double gsd_m) const {
+  const LonLat centre = frame.lonlat_from_plane(box.middle());
+  const int zoom = level_for(zooms(), gsd_m, centre.lat_deg).zoom;
+  double west = std::numeric_limits<double>::infinity(), east = -west, north = west, south = -west;
+  for (const double east_m : {box.west_m, box.east_m}) {
+    for (const double north_m : {box.south_m, box.north_m}) {
+      const GlobalPixel corner = pixel_from_lonlat(frame.lonlat_from_plane({east_m, north_m}), zoom);
+      west = std::min(west, corner.x), east = std::max(east, corner.x);
+      north = std::min(north, corner.y), south = std::max(south, corner.y);
+    }
+  }
+  const double across = std::exp2(zoom);
+  const auto tile_of = [across](double pixel) {
+    return static_cast<std::uint32_t>(std::clamp(std::floor(pixel / kTileSize), 0.0, across - 1));
+  };
+  std::optional<double> worst;
+  if (!(east - west < kMaxWindowSide_px * 8.0 && south - north < kMaxWindowSide_px * 8.0)) return worst;
+  for (std::uint32_t x = tile_of(west); x <= tile_of(east); ++x) {
+    for (std::uint32_t y = tile_of(north); y <= tile_of(south); ++y) {
+      keep_worst(worst, impl_->cache.source().ce90_m({static_cast<std::uint8_t>(zoom), x, y}));
+    }
+  }
+  return worst;
 }
 
 MapWindow read_map_window(const TileSource& tiles, const LocalFrame& frame, const PlaneBox& box, double gsd_m,

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <memory>
 #include <opencv2/core/mat.hpp>
+#include <optional>
 
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
@@ -23,6 +24,7 @@ struct MapWindow {
   double west_m = 0;
   double north_m = 0;
   double gsd_m = 1;
+  std::optional<double> ce90_m;  // the worst that a tile shown here states; nullopt where none states any
 
   PlanePoint plane_from_pixel(double column, double row) const {  // continuous: the centre of a pixel is at +0.5
     return {west_m + column * gsd_m, north_m - row * gsd_m};
@@ -45,6 +47,8 @@ class MapWindowReader {
   ZoomRange zooms() const;
   // As read_map_window().
   MapWindow read(const LocalFrame& frame, const PlaneBox& box, double gsd_m, Colour colour);
+  // The worst CE90 that the tiles beneath the box state, of the zoom that a window of this GSD is read from.
+  std::optional<double> ce90_m(const LocalFrame& frame, const PlaneBox& box, double gsd_m) const;
 
  private:
   struct Impl;

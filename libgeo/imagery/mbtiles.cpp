@@ -23,8 +23,11 @@ std::optional<int> zoom_from(const SqliteDatabase& database, const char* sql) {
 
 }  // namespace
 
-MbtilesReader::MbtilesReader(const std::filesystem::path& path)
-    : database_(std::make_unique<SqliteDatabase>(SqliteDatabase::open_immutable(path))) {
+MbtilesReader::MbtilesReader(const std::filesystem::path& path) : MbtilesReader(InputFile(path), SqliteSchema::any) {}
+
+MbtilesReader::MbtilesReader(InputFile file, SqliteSchema schema)
+    : database_(std::make_unique<SqliteDatabase>(SqliteDatabase::open_immutable(std::move(file), schema))) {
+  const std::filesystem::path& path = database_->path();
   for (const char* table : {"metadata", "tiles"}) {
     if (!database_->has_table(table)) {
       throw Error({.what = fmt::format("not an MBTiles file: table \"{}\" is missing", table),

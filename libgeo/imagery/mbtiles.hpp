@@ -20,6 +20,7 @@ class MbtilesReader final : public TileSource {
  public:
   // Throws Error when the file is missing, is no SQLite database, lacks the tables of the specification, or is empty.
   explicit MbtilesReader(const std::filesystem::path& path);
+  explicit MbtilesReader(InputFile file, SqliteSchema schema);
 
   ZoomRange zooms() const override { return zooms_; }  // of the existing tiles, not as the metadata claims
   std::optional<Bytes> read(const TileKey& key) const override;

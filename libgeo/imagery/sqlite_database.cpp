@@ -3,11 +3,15 @@
 #include <fmt/format.h>
 #include <sqlite3.h>
 
+#include <algorithm>
 #include <array>
-#include <fstream>
+#include <mutex>
 #include <utility>
+#include <vector>
 
 #include "base/error.hpp"
+#include "base/printable.hpp"
+#include "imagery/sqlite_input.hpp"
 
 namespace nadir {
 namespace {
@@ -25,38 +29,44 @@ std::string uri_of(const std::filesystem::path& path, std::string_view query) {
   return uri.append(query);
 }
 
-void check_magic(const std::filesystem::path& path) {
-  std::error_code code;
-  const auto status = std::filesystem::status(path, code);
-  if (!std::filesystem::exists(status)) {
-    throw Error({.what = "the tile set does not exist", .where = path.string(), .fix = "check the path"});
-  }
-  if (!std::filesystem::is_regular_file(status)) {
-    throw Error({.what = "the tile set is not a file", .where = path.string(), .expected = "an SQLite file"});
-  }
-  std::array<char, 16> head{};
-  std::ifstream file(path, std::ios::binary);
-  file.read(head.data(), head.size());
-  if (file.gcount() != 16 || std::string_view(head.data(), 16) != std::string_view("SQLite format 3\0", 16)) {
-    throw Error({.what = "not an SQLite database",
-                 .where = path.string(),
-                 .expected = "a file that begins with \"SQLite format 3\"",
-                 .found = file.gcount() == 0 ? "an unreadable or empty file" : "different bytes",
-                 .fix = "give an MBTiles file"});
-  }
+// What a database from outside may cost. Each is far above what a sound file of its size needs.
+constexpr int kMaxValue_bytes = 64 << 20;  // no tile is larger; bounds what a forged length allocates
+constexpr int kMaxColumns = 100;
+constexpr std::int64_t kHeapLimit_bytes = std::int64_t{1} << 30;  // of all of SQLite in this process
+constexpr std::uint64_t kLeastWorking_bytes = std::uint64_t{64} << 20, kMostWorking_bytes = std::uint64_t{1} << 30;
+constexpr std::uint64_t kLeastResults_bytes = 1 << 20;
+constexpr std::size_t kMaxQuoted_bytes = 80;  // of a name in a message
+constexpr std::int64_t kLeastStep_ms = 5'000;
+constexpr std::uint64_t kSlowestMedium_bytes_per_ms = 2'000;
+
+// Sorting whole rows takes a little more than they are long.
+std::uint64_t working_bytes_for(std::uint64_t size) {
+  return std::min(kLeastWorking_bytes + size + size / 4, kMostWorking_bytes);
+}
+
+constexpr std::string_view kMagic("SQLite format 3\0", 16);
+
+void check_magic(const InputFile& file) {
+  std::array<std::uint8_t, kMagic.size()> head{};
+  if (file.read_at(0, head) && as_text(head) == kMagic) return;
+  throw Error({.what = "not an SQLite database",
+               .where = file.path().string(),
+               .expected = "a file that begins with \"SQLite format 3\"",
+               .found = file.size() == 0 ? "an empty file" : "different bytes",
+               .fix = "give an MBTiles file"});
 }
 
 // A rollback journal may end with the name of another file, which SQLite deletes when it rolls back: meant for
 // transactions over several databases, which we never make. Whoever may write beside the database would choose the
 // file.
 void refuse_journal_that_names_a_file(const std::filesystem::path& path) {
-  constexpr std::string_view kMagic("\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", 8);
+  constexpr std::string_view kNamedFile("\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", 8);
   std::error_code code;
   const std::filesystem::path journal = std::filesystem::weakly_canonical(path, code).string() + "-journal";
-  std::ifstream file(journal, std::ios::binary);
-  std::array<char, kMagic.size()> end{};
-  file.seekg(-static_cast<std::streamoff>(end.size()), std::ios::end).read(end.data(), end.size());
-  if (!file || std::string_view(end.data(), end.size()) != kMagic) return;
+  if (!std::filesystem::exists(std::filesystem::symlink_status(journal, code))) return;
+  const InputFile file(journal);
+  std::array<std::uint8_t, kNamedFile.size()> end{};
+  if (file.size() < end.size() || !file.read_at(file.size() - end.size(), end) || as_text(end) != kNamedFile) return;
   throw Error({.what = "this database's journal names another file, which would be deleted",
                .where = journal.string(),
                .expected = "the files that a killed process leaves behind",
@@ -68,6 +78,9 @@ void refuse_journal_that_names_a_file(const std::filesystem::path& path) {
 
 void SqliteStatement::Finalize::operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
 void SqliteDatabase::Close::operator()(sqlite3* handle) const { sqlite3_close_v2(handle); }
+
+SqliteStatement::SqliteStatement(sqlite3_stmt* statement, const SqliteDatabase& database)
+    : input_(database.input_), statement_(statement), database_(&database) {}
 
 SqliteStatement& SqliteStatement::bind(int parameter, std::int64_t value) {
   if (sqlite3_bind_int64(statement_.get(), parameter, value) != SQLITE_OK) database_->fail("binding an integer");
@@ -95,8 +108,12 @@ SqliteStatement& SqliteStatement::bind_null(int parameter) {
 }
 
 bool SqliteStatement::step() {
+  database_->begin_step();
   const int code = sqlite3_step(statement_.get());
-  if (code == SQLITE_ROW) return true;
+  if (code == SQLITE_ROW) {
+    database_->count_row(statement_.get());
+    return true;
+  }
   if (code == SQLITE_DONE) return false;
   database_->fail("running a statement");
 }
@@ -131,20 +148,106 @@ SqliteDatabase::SqliteDatabase(std::filesystem::path path, int flags, const std:
   if (code != SQLITE_OK) fail("opening the database");
   sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
   sqlite3_db_config(handle, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
-  sqlite3_limit(handle, SQLITE_LIMIT_LENGTH, 64 << 20);  // no tile is larger; bounds what a forged length allocates
+  sqlite3_limit(handle, SQLITE_LIMIT_LENGTH, kMaxValue_bytes);
 }
 
-int SqliteDatabase::spend(void* work) { return --static_cast<Work*>(work)->left < 0 ? 1 : 0; }
+SqliteDatabase::SqliteDatabase(InputFile file, std::uint64_t working_bytes)
+    : path_(file.path()), input_(std::make_shared<const SqliteInput>(std::move(file), working_bytes)) {
+  static std::once_flag once;
+  std::call_once(once, [] { sqlite3_hard_heap_limit64(kHeapLimit_bytes); });
+  sqlite3* handle = nullptr;
+  const int code = input_->open(&handle);
+  handle_.reset(handle);
+  if (code != SQLITE_OK) fail("opening the database");
+  sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
+  sqlite3_db_config(handle, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
+  sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr);
+  sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_LOAD_EXTENSION, 0, nullptr);
+  sqlite3_limit(handle, SQLITE_LIMIT_LENGTH, kMaxValue_bytes);
+  sqlite3_limit(handle, SQLITE_LIMIT_COLUMN, kMaxColumns);
+  sqlite3_limit(handle, SQLITE_LIMIT_ATTACHED, 0);
+}
+
+int SqliteDatabase::spend(void* pointer) {
+  Work& work = *static_cast<Work*>(pointer);
+  if (work.limit_ms > 0 && work.clock() > work.deadline_ms) {
+    work.late = true;
+    return 1;
+  }
+  return --work.left < 0 ? 1 : 0;
+}
 
 void SqliteDatabase::begin_statement() const {
-  if (work_) work_->left = work_->limit;
+  if (!work_) return;
+  work_->left = work_->limit;
+  work_->bytes = 0;
+  begin_step();
 }
 
-SqliteDatabase SqliteDatabase::open_immutable(const std::filesystem::path& path) {
-  check_magic(path);
-  SqliteDatabase database(path, SQLITE_OPEN_READONLY, uri_of(path, "?mode=ro&immutable=1"));
-  database.limit_work(std::filesystem::file_size(path));
+void SqliteDatabase::begin_step() const {
+  if (work_ && work_->limit_ms > 0) work_->deadline_ms = work_->clock() + work_->limit_ms;
+}
+
+// Pages of a forged file may belong to any number of rows.
+void SqliteDatabase::count_row(sqlite3_stmt* row) const {
+  if (!work_ || work_->limit_bytes == 0) return;
+  for (int column = 0; column < sqlite3_column_count(row); ++column) {
+    const int type = sqlite3_column_type(row, column);
+    if (type == SQLITE_BLOB || type == SQLITE_TEXT) {
+      work_->bytes += static_cast<std::uint64_t>(sqlite3_column_bytes(row, column));
+    }
+  }
+  if (work_->bytes <= work_->limit_bytes) return;
+  throw Error({.what = "the database gives more bytes than it has",
+               .where = path_.string(),
+               .expected = fmt::format("rows of at most {} bytes together", work_->limit_bytes),
+               .found = "more: rows that share their bytes",
+               .fix = "the file is not what it claims to be: get it from its origin"});
+}
+
+SqliteDatabase SqliteDatabase::open_immutable(const std::filesystem::path& path, SqliteSchema schema) {
+  return open_immutable(InputFile(path), schema);
+}
+
+SqliteDatabase SqliteDatabase::open_immutable(InputFile file, SqliteSchema schema, MonotonicMs clock) {
+  check_magic(file);
+  const std::uint64_t size = file.size();
+  SqliteDatabase database(std::move(file), working_bytes_for(size));
+  database.limit_work(size);
+  database.work_->clock = std::move(clock);
+  database.work_->limit_ms = kLeastStep_ms + static_cast<std::int64_t>(size / kSlowestMedium_bytes_per_ms);
+  if (schema == SqliteSchema::plain) {
+    database.work_->limit_bytes = kLeastResults_bytes + size;
+    database.require_plain_schema();
+  }
   return database;
+}
+
+void SqliteDatabase::require_plain_schema() const {
+  sqlite3_db_config(handle_.get(), SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
+  const auto refuse = [this](std::string_view name, std::string found) {
+    throw Error({.what = "this database holds code that would run when it is read",
+                 .where = fmt::format("{}, {}", path_.string(), printable(name.substr(0, kMaxQuoted_bytes))),
+                 .expected = "tables and indexes only, with stored columns",
+                 .found = std::move(found),
+                 .fix = "the file is not what it claims to be: get it from its origin"});
+  };
+  std::vector<std::string> tables;
+  auto schema = prepare("SELECT type, name, rootpage FROM sqlite_schema");
+  while (schema.step()) {
+    const std::string_view type = schema.text(0), name = schema.text(1);
+    if (type == "index") continue;
+    if (type != "table") refuse(name, fmt::format("a {}", printable(type.substr(0, kMaxQuoted_bytes))));
+    if (schema.integer(2) == 0) refuse(name, "a virtual table");
+    tables.emplace_back(name);
+  }
+  for (const std::string& table : tables) {
+    auto columns = prepare("SELECT name, hidden FROM pragma_table_xinfo(?)");
+    columns.bind(1, std::string_view(table));
+    while (columns.step()) {
+      if (columns.integer(1) != 0) refuse(table, fmt::format("the generated column {}", printable(columns.text(0))));
+    }
+  }
 }
 
 void SqliteDatabase::limit_work(std::uint64_t bytes) {
@@ -166,7 +269,7 @@ SqliteDatabase SqliteDatabase::create(const std::filesystem::path& path) {
 
 SqliteDatabase SqliteDatabase::open_writable(const std::filesystem::path& path) {
   std::error_code code;
-  if (std::filesystem::exists(path, code) && std::filesystem::file_size(path, code) > 0) check_magic(path);
+  if (std::filesystem::exists(path, code) && std::filesystem::file_size(path, code) > 0) check_magic(InputFile(path));
   refuse_journal_that_names_a_file(path);
   return {path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, uri_of(path, "?mode=rwc")};
 }
@@ -200,6 +303,14 @@ void SqliteDatabase::close() {
 
 void SqliteDatabase::fail(const char* doing) const {
   const int code = handle_ ? sqlite3_errcode(handle_.get()) : SQLITE_NOMEM;
+  if (input_ && input_->working_memory_spent()) {
+    throw Error({.what = fmt::format("SQLite was stopped while {}", doing),
+                 .where = path_.string(),
+                 .expected = fmt::format("at most {} MB put aside for sorting",
+                                         working_bytes_for(input_->file().size()) / 1'000'000),
+                 .found = "a statement that needs more",
+                 .fix = "the file is not what it claims to be: get it from its origin"});
+  }
   if (code == SQLITE_FULL) {
     throw OutOfSpace({.what = fmt::format("SQLite failed while {}", doing),
                       .where = path_.string(),
@@ -209,8 +320,9 @@ void SqliteDatabase::fail(const char* doing) const {
   if (code == SQLITE_INTERRUPT) {
     throw Error({.what = fmt::format("SQLite was stopped while {}", doing),
                  .where = path_.string(),
-                 .expected = "no more work than a file of this size requires",
-                 .found = "a view or trigger that needs much more",
+                 .expected = work_ && work_->late ? fmt::format("an answer within {} ms", work_->limit_ms)
+                                                  : "no more work than a file of this size requires",
+                 .found = "a view or a table that needs much more",
                  .fix = "the file is not what it claims to be: get it from its origin"});
   }
   throw Error({.what = fmt::format("SQLite failed while {}", doing),

@@ -1,6 +1,14 @@
-// SQLite with values and exceptions. Files from outside are opened so that they can neither be changed nor change
-// anything (read-only, immutable, defensive, no functions from their schema), and so that no view in them can run
-// forever: the work of a statement is limited by the size of the file; beyond that it is an Error.
+// SQLite with values and exceptions.
+//
+// A file from outside can neither be changed nor change anything: it is read through one descriptor, immutable and
+// defensive, without functions from its schema and without any other file (sqlite_input.hpp). What a statement may cost
+// is bounded by the size of the file: work (virtual machine instructions), milliseconds, bytes put aside for sorting,
+// and, where the schema is plain, bytes of results, which then cannot be more than the file holds. Beyond any of these
+// it is an Error.
+//
+// SqliteSchema::plain is for files whose integrity is not known yet (packages before and while they are verified): a
+// view, a trigger, a virtual table or a generated column is code that runs when a table is read, and such a file is
+// refused before anything of it runs. Other programs' MBTiles may keep their tiles in a view.
 #pragma once
 
 #include <atomic>
@@ -12,6 +20,8 @@
 #include <string_view>
 
 #include "base/bytes.hpp"
+#include "base/input_file.hpp"
+#include "base/monotonic.hpp"
 
 struct sqlite3;
 struct sqlite3_stmt;
@@ -19,6 +29,12 @@ struct sqlite3_stmt;
 namespace nadir {
 
 class SqliteDatabase;
+class SqliteInput;
+
+enum class SqliteSchema {
+  plain,  // tables with stored columns, and indexes on them
+  any,
+};
 
 // A prepared statement. Parameters count from 1, columns from 0. Texts and blobs handed out live until the next step.
 class SqliteStatement {
@@ -45,17 +61,18 @@ class SqliteStatement {
   struct Finalize {
     void operator()(sqlite3_stmt* statement) const;
   };
-  SqliteStatement(sqlite3_stmt* statement, const SqliteDatabase& database)
-      : statement_(statement), database_(&database) {}
+  SqliteStatement(sqlite3_stmt* statement, const SqliteDatabase& database);
 
+  std::shared_ptr<const SqliteInput> input_;  // outlives the statement; null: not from outside
   std::unique_ptr<sqlite3_stmt, Finalize> statement_;
   const SqliteDatabase* database_;
 };
 
 class SqliteDatabase {
  public:
-  // Throws Error when the file is missing, or is no SQLite database.
-  static SqliteDatabase open_immutable(const std::filesystem::path& path);
+  // Throws Error when the file is missing, is no SQLite database, or its schema is not plain where it must be.
+  static SqliteDatabase open_immutable(const std::filesystem::path& path, SqliteSchema schema = SqliteSchema::any);
+  static SqliteDatabase open_immutable(InputFile file, SqliteSchema schema, MonotonicMs clock = steady_clock_ms);
   static SqliteDatabase create(const std::filesystem::path& path);  // Throws Error when the file exists.
   // A database that this program continues: created when it is missing; what a killed writer left unfinished is rolled
   // back. Throws Error when it is not an SQLite database, or its journal would do more than that.
@@ -78,16 +95,28 @@ class SqliteDatabase {
   struct Close {
     void operator()(sqlite3* handle) const;
   };
-  // In thousands of SQLite's virtual machine instructions, for one run of a statement.
+  // What one run of a statement may cost.
   struct Work {
-    std::int64_t limit = 0;
+    std::int64_t limit = 0;  // thousands of SQLite's virtual machine instructions
     std::atomic<std::int64_t> left = 0;
+    std::int64_t limit_ms = 0;  // of one step; 0: without limit
+    std::atomic<std::int64_t> deadline_ms = 0;
+    MonotonicMs clock;
+    std::uint64_t limit_bytes = 0;  // of results; 0: without limit
+    std::atomic<std::uint64_t> bytes = 0;
+    std::atomic<bool> late = false;
   };
   static int spend(void* work);
   void begin_statement() const;
+  void begin_step() const;
+  void count_row(sqlite3_stmt* row) const;
+  void require_plain_schema() const;
   SqliteDatabase(std::filesystem::path path, int flags, const std::string& uri);
 
+  SqliteDatabase(InputFile file, std::uint64_t working_bytes);
+
   std::filesystem::path path_;
+  std::shared_ptr<const SqliteInput> input_;  // outlives the handle; null: not from outside
   std::unique_ptr<Work> work_;  // outlives the handle, null: without limit
   std::unique_ptr<sqlite3, Close> handle_;
 };

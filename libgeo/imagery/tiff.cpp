@@ -1,54 +1,25 @@
 #include "imagery/tiff.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cerrno>
 #include <cstring>
 #include <set>
 
 namespace nadir {
 
-FileBytes::FileBytes(std::filesystem::path path) : path_(std::move(path)) {
-  // Without blocking: a pipe of this name must not make us wait for a writer.
-  fd_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (fd_ < 0) {
-    throw Error({.what = "cannot open the tile set",
-                 .where = path_.string(),
-                 .found = system_error_text(errno),
-                 .fix = "check the path and its permissions"});
-  }
-  struct stat info {};
-  const bool regular = ::fstat(fd_, &info) == 0 && S_ISREG(info.st_mode);
-  if (!regular) {
-    ::close(fd_);
-    throw Error({.what = "the tile set is not a file", .where = path_.string(), .expected = "a GeoTIFF"});
-  }
-  size_ = static_cast<std::uint64_t>(info.st_size);
-}
-
-FileBytes::~FileBytes() { ::close(fd_); }
-
 bool FileBytes::read(std::uint64_t at, std::span<std::uint8_t> target) const {
-  if (at > size_ || target.size() > size_ - at) return false;
-  for (std::size_t have = 0; have < target.size();) {
-    const ssize_t got = ::pread(fd_, target.data() + have, target.size() - have, static_cast<off_t>(at + have));
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) {
-      throw TiffError("tiff.corrupt", {.what = "cannot read the tile set",
-                                      .where = path_.string(),
-                                      .found = system_error_text(errno),
-                                      .fix = "check the storage medium"});
-    }
-    if (got == 0) return false;
-    have += static_cast<std::size_t>(got);
+  if (at > size() || target.size() > size() - at) return false;
+  try {
+    return file_.read_at(at, target);
+  } catch (const Error& error) {
+    throw TiffError("tiff.corrupt", {.what = "cannot read the tile set",
+                                     .where = file_.path().string(),
+                                     .found = error.text().found,
+                                     .fix = "check the storage medium"});
   }
-  return true;
 }
 
 bool MemoryBytes::read(std::uint64_t at, std::span<std::uint8_t> target) const {

@@ -7,16 +7,17 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <map>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/bytes.hpp"
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 
 namespace nadir {
 
@@ -43,18 +44,13 @@ class RandomBytes {
 
 class FileBytes final : public RandomBytes {
  public:
-  explicit FileBytes(std::filesystem::path path);  // throws Error when it is missing or no regular file
-  ~FileBytes() override;
-  FileBytes(const FileBytes&) = delete;
-  FileBytes& operator=(const FileBytes&) = delete;
+  explicit FileBytes(InputFile file) : file_(std::move(file)) {}
 
-  std::uint64_t size() const override { return size_; }  // when it was opened
+  std::uint64_t size() const override { return file_.size(); }  // when it was opened
   bool read(std::uint64_t at, std::span<std::uint8_t> target) const override;
 
  private:
-  std::filesystem::path path_;
-  std::uint64_t size_ = 0;
-  int fd_ = -1;
+  InputFile file_;
 };
 
 class MemoryBytes final : public RandomBytes {

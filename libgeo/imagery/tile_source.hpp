@@ -23,6 +23,8 @@ class TileSource {
   // Valid pixels of the tile: a PNG of one channel, 255 where the tile shows ground. nullopt when there is no mask; then
   // all pixels are valid unless the tile itself is transparent. (JPEG has no transparency; its edge tiles need this.)
   virtual std::optional<Bytes> read_mask(const TileKey& /*key*/) const { return std::nullopt; }
+  // The circular error of the tile's placement on the ground, 90 %; nullopt where it is not stated.
+  virtual std::optional<double> ce90_m(const TileKey& /*key*/) const { return std::nullopt; }
 };
 
 }  // namespace nadir

@@ -70,4 +70,9 @@ std::optional<PositionHint> position_hint(const CommandInt& command) {
   return PositionHint{place, radius_m};
 }
 
+bool is_addressed_to(const CommandInt& command, MavlinkAddress station) {
+  return command.target.system == station.system &&
+         (command.target.component == station.component || command.target.component == 0);
+}
+
 }  // namespace nadir

@@ -51,4 +51,7 @@ struct PositionHint {
 };
 std::optional<PositionHint> position_hint(const CommandInt& command);
 
+// MAVLink's rule: our system, and our component or 0, all components of the system.
+bool is_addressed_to(const CommandInt& command, MavlinkAddress station);
+
 }  // namespace nadir

@@ -4,8 +4,9 @@
 
 namespace nadir {
 
-MavlinkLink::MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing)
-    : transport_(std::move(transport)), own_(own), signing_(std::move(signing)) {}
+MavlinkLink::MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing,
+                         std::optional<MavlinkAddress> peer)
+    : transport_(std::move(transport)), own_(own), signing_(std::move(signing)), peer_(peer) {}
 
 void MavlinkLink::advance(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
                           const std::function<void(MavlinkAddress)>& rejected) {
@@ -24,7 +25,10 @@ void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(cons
       if (rejected) rejected(frame->source);
       continue;
     }
-    transport_->trust_sender();
+    if ((!peer_ || frame->source == *peer_) && !transport_->follow_sender(monotonic_us)) {
+      ++counts_.rivals;
+      if (peer_ && !signing_) continue;  // a signed frame is genuine, wherever it comes from
+    }
     auto message = decode(*frame);
     if (!message) {
       ++counts_.malformed;

@@ -23,6 +23,7 @@ struct LinkCounts {
   FrameCounts frames;
   SignatureCounts signatures;
   TransportCounts transport;
+  std::uint64_t rivals = 0;     // frames of the peer's name from another address while the peer is there
   std::uint64_t malformed = 0;  // valid frames with NaN or infinity where a number is required
   std::uint64_t messages = 0;   // passed to the handler
   std::uint64_t sent = 0;
@@ -30,8 +31,11 @@ struct LinkCounts {
 
 class MavlinkLink {
  public:
-  // Without `signing` nothing is signed and every frame is accepted: for simulators and the bench.
-  MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing);
+  // Without `signing` nothing is signed and every frame is accepted: for simulators and the bench. `peer`: the station
+  // that this link serves. Others are heard, but what we send never follows them (Transport::follow_sender); without
+  // signatures a rival of the peer is not even heard. nullopt: whoever speaks first.
+  MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing,
+              std::optional<MavlinkAddress> peer = std::nullopt);
 
   // For poll(), and whether the link is up.
   const Transport& transport() const { return *transport_; }
@@ -53,6 +57,7 @@ class MavlinkLink {
   std::unique_ptr<Transport> transport_;
   MavlinkAddress own_;
   std::optional<Signing> signing_;
+  std::optional<MavlinkAddress> peer_;
   FrameReader reader_;
   std::uint8_t sequence_ = 0;
   LinkCounts counts_;

@@ -5,6 +5,10 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdio>
+#include <sstream>
+#include <string>
+#include <string_view>
 
 #include "base/digest.hpp"
 #include "base/error.hpp"
@@ -61,6 +65,8 @@ constexpr std::size_t kTagSize = 6;
 
 // Only holders of the key can open streams; a fleet on one network stays far below.
 constexpr std::size_t kMaxStreams = 1024;
+constexpr std::uint64_t kMaxStreamsFile = 64 * kMaxStreams;
+constexpr std::string_view kStreamsHeader = "nadir.signing-streams/1";
 
 // signed_part: the frame up to and with the timestamp.
 Sha256 digest(const SigningKey& key, ByteView signed_part) {
@@ -230,8 +236,88 @@ std::string SigningTime::write(std::int64_t monotonic_us) {
   return failure;
 }
 
-Signing::Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id)
-    : key_(key), time_(time), link_id_(link_id) {}
+// ---- StreamTimestamps: "nadir.signing-streams/1", then a line "system component link timestamp" for each
+
+StreamTimestamps::StreamTimestamps(std::filesystem::path path) : path_(std::move(path)) {
+  try {
+    read();
+  } catch (const Error& error) {
+    streams_.clear();
+    fault_ = error.what();
+  }
+}
+
+void StreamTimestamps::read() {
+  if (!std::filesystem::exists(path_)) return;
+  const std::string text = read_text_file(path_, kMaxStreamsFile);
+  const auto damaged = [&](const std::string& found) {
+    return Error({.what = "the saved timestamps of signed streams are damaged",
+                  .where = path_,
+                  .expected = std::string(kStreamsHeader) + " and four integers in each line",
+                  .found = found,
+                  .fix = "the link goes on; for a minute recorded frames could be replayed"});
+  };
+  std::istringstream lines(text);
+  std::string line;
+  if (!text.ends_with('\n') || !std::getline(lines, line) || line != kStreamsHeader) throw damaged("another beginning or end");
+  while (std::getline(lines, line)) {
+    unsigned system = 0, component = 0, link = 0;
+    unsigned long long timestamp = 0;
+    int used = 0;
+    const int fields = std::sscanf(line.c_str(), "%3u %3u %3u %15llu%n", &system, &component, &link, &timestamp, &used);
+    if (fields != 4 || static_cast<std::size_t>(used) != line.size() || system > 255 || component > 255 || link > 255 ||
+        timestamp > kMaxTimestamp || streams_.size() >= kMaxStreams) {
+      throw damaged("line " + std::to_string(streams_.size() + 2));
+    }
+    const MavlinkAddress source{static_cast<std::uint8_t>(system), static_cast<std::uint8_t>(component)};
+    streams_[{source, static_cast<std::uint8_t>(link)}] = timestamp;
+  }
+}
+
+std::optional<std::uint64_t> StreamTimestamps::last(const MavlinkAddress& source, std::uint8_t link_id) const {
+  const std::scoped_lock lock(mutex_);
+  const auto known = streams_.find({source, link_id});
+  return known == streams_.end() ? std::nullopt : std::optional(known->second);
+}
+
+bool StreamTimestamps::set(const MavlinkAddress& source, std::uint8_t link_id, std::uint64_t timestamp) {
+  const std::scoped_lock lock(mutex_);
+  const Stream stream{source, link_id};
+  if (streams_.size() >= kMaxStreams && !streams_.contains(stream)) return false;
+  streams_[stream] = timestamp;
+  changed_ = true;
+  return true;
+}
+
+void StreamTimestamps::save() {
+  std::string text(kStreamsHeader);
+  text += '\n';
+  {
+    const std::scoped_lock lock(mutex_);
+    if (path_.empty() || !changed_) return;
+    for (const auto& [stream, timestamp] : streams_) {
+      const auto& [source, link_id] = stream;
+      const std::uint64_t reserved = std::min(timestamp + kStreamReserve_us / 10, kMaxTimestamp);
+      text += std::to_string(source.system) + ' ' + std::to_string(source.component) + ' ' + std::to_string(link_id) + ' ' +
+              std::to_string(reserved) + '\n';
+    }
+    changed_ = false;
+  }
+  try {
+    write_file_atomic(path_, text);
+  } catch (const Error&) {
+    ++failed_;
+    const std::scoped_lock lock(mutex_);
+    changed_ = true;
+  }
+}
+
+Signing::Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id, StreamTimestamps* streams)
+    : key_(key),
+      time_(time),
+      link_id_(link_id),
+      own_streams_(streams != nullptr ? nullptr : std::make_unique<StreamTimestamps>()),
+      streams_(streams != nullptr ? streams : own_streams_.get()) {}
 
 Bytes Signing::sign(Bytes frame, std::int64_t monotonic_us) {
   mark_signed(frame);
@@ -255,14 +341,13 @@ SignatureVerdict Signing::verdict(const MavlinkFrame& frame, std::int64_t monoto
   for (std::size_t i = kTimestampSize; i > 0; --i) timestamp = (timestamp << 8) | block[i];
 
   const Stream stream{frame.source, block[0]};
-  const auto known = streams_.find(stream);
-  if (known != streams_.end() && timestamp <= known->second) return SignatureVerdict::replayed;
+  const auto last = streams_->last(frame.source, block[0]);
+  if (last && timestamp <= *last) return SignatureVerdict::replayed;
   const bool too_old = timestamp + kMaxAge < time_.now(monotonic_us);
   if ((too_old || timestamp > time_.latest(monotonic_us)) && !follows(stream, timestamp, monotonic_us)) {
     return too_old ? SignatureVerdict::too_old : SignatureVerdict::too_new;
   }
-  if (known == streams_.end() && streams_.size() >= kMaxStreams) return SignatureVerdict::too_many_streams;
-  streams_[stream] = timestamp;
+  if (!streams_->set(frame.source, block[0], timestamp)) return SignatureVerdict::too_many_streams;
   time_.adopt(timestamp, monotonic_us);
   accepted_us_ = monotonic_us;
   other_times_.clear();

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -120,6 +121,40 @@ class SigningTime {
   std::uint64_t allowed_ = 0;  // reserved in the file
 };
 
+// The last timestamp of each stream (system, component, link id): a frame whose stream has reached its timestamp is a
+// replay. Kept in a file over restarts, or else everything that was recorded in the last minute could be replayed to a
+// service that has just started. For any thread.
+//
+// The file holds timestamps kStreamReserve_us later than the last ones: what arrives between the last save and a crash
+// counts as seen. Somebody who goes on speaking is refused for at most as long after a restart.
+class StreamTimestamps {
+ public:
+  StreamTimestamps() = default;  // in memory alone
+
+  // A missing file is a new aircraft. A damaged one is as good as none: fault() says so, and the link goes on.
+  explicit StreamTimestamps(std::filesystem::path path);
+
+  std::optional<std::uint64_t> last(const MavlinkAddress& source, std::uint8_t link_id) const;
+  bool set(const MavlinkAddress& source, std::uint8_t link_id, std::uint64_t timestamp);  // false: too many streams
+
+  void save();  // once a second, from a thread that may wait for disks; failures are counted
+  std::uint64_t failed_saves() const { return failed_; }
+  const std::string& fault() const { return fault_; }
+
+ private:
+  using Stream = std::tuple<MavlinkAddress, std::uint8_t>;
+  void read();
+
+  std::filesystem::path path_;
+  std::string fault_;
+  std::atomic<std::uint64_t> failed_ = 0;
+  mutable std::mutex mutex_;  // guards all below
+  std::map<Stream, std::uint64_t> streams_;
+  bool changed_ = false;
+};
+
+inline constexpr std::int64_t kStreamReserve_us = 1'500'000;
+
 enum class SignatureVerdict { accepted, without, wrong, replayed, too_old, too_new, too_many_streams };
 
 struct SignatureCounts {
@@ -141,8 +176,8 @@ struct SignatureCounts {
 // single frame, ten years ahead, moves nothing.
 class Signing {
  public:
-  // time must outlive this; the links of one aircraft share it.
-  Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id);
+  // time must outlive this; the links of one aircraft share it. streams: of this link, must outlive this; null: in memory.
+  Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id, StreamTimestamps* streams = nullptr);
 
   // Signs an encoded version 2 frame.
   Bytes sign(Bytes frame, std::int64_t monotonic_us);
@@ -164,7 +199,8 @@ class Signing {
   SigningKey key_;
   SigningTime& time_;
   std::uint8_t link_id_;
-  std::map<Stream, std::uint64_t> streams_;  // last timestamp of each
+  std::unique_ptr<StreamTimestamps> own_streams_;  // unless they are somebody else's
+  StreamTimestamps* streams_;
   std::map<Stream, OtherTime> other_times_;
   std::optional<std::int64_t> accepted_us_;  // when the last frame was
   SignatureCounts counts_;

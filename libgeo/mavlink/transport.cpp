@@ -75,6 +75,9 @@ struct SocketAddress {
 
   sockaddr* get() { return reinterpret_cast<sockaddr*>(&storage); }
   const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&storage); }
+  bool operator==(const SocketAddress& other) const {
+    return size == other.size && std::memcmp(&storage, &other.storage, size) == 0;
+  }
 };
 
 // host is a numeric address, as parse_endpoint() requires.
@@ -185,7 +188,7 @@ class UdpTransport final : public Transport {
 
   void advance(std::int64_t monotonic_us, const Sink& sink) override;
   bool send(ByteView frame) override;
-  void trust_sender() override;
+  bool follow_sender(std::int64_t monotonic_us) override;
   bool is_open() const override { return static_cast<bool>(socket_); }
   int descriptor() const override { return socket_.get(); }
   short events() const override;
@@ -199,6 +202,7 @@ class UdpTransport final : public Transport {
   std::int64_t retry_us_ = 0;
   SocketAddress sender_;
   std::optional<SocketAddress> peer_;
+  std::int64_t peer_heard_us_ = 0;
 };
 
 UdpTransport::UdpTransport(Endpoint endpoint) : endpoint_(std::move(endpoint)) {}
@@ -253,8 +257,12 @@ void UdpTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
   }
 }
 
-void UdpTransport::trust_sender() {
-  if (endpoint_.kind == Endpoint::Kind::udp_listen) peer_ = sender_;
+bool UdpTransport::follow_sender(std::int64_t monotonic_us) {
+  if (endpoint_.kind != Endpoint::Kind::udp_listen) return true;
+  if (peer_ && !(*peer_ == sender_) && monotonic_us - peer_heard_us_ < kPeerSilence_us) return false;
+  peer_ = sender_;
+  peer_heard_us_ = monotonic_us;
+  return true;
 }
 
 bool UdpTransport::send(ByteView frame) {

@@ -1,5 +1,5 @@
 // The byte transport of the autopilot link, named by an endpoint:
-//   udpin:HOST:PORT    listen, and answer whoever proves to be the autopilot
+//   udpin:HOST:PORT    listen, and answer the peer alone (follow_sender())
 //   udpout:HOST:PORT   send first
 //   tcp:HOST:PORT      connect
 //   serial:PATH:BAUD   a serial port: 8 data bits, no parity, no flow control
@@ -43,6 +43,9 @@ struct TransportCounts {
   std::uint64_t lost = 0;
 };
 
+// An autopilot that reboots or changes its address is back within this time; its heartbeat comes every second.
+inline constexpr std::int64_t kPeerSilence_us = 5'000'000;
+
 class Transport {
  public:
   // `whole`: a datagram, which holds complete frames. `lost`: the connection ended; bytes is empty.
@@ -61,9 +64,10 @@ class Transport {
   // False: dropped, and counted.
   virtual bool send(ByteView frame) = 0;
 
-  // The sender of the arrival that the sink is handling has proved to be the autopilot: send to it from now on. Only
-  // udpin depends on it.
-  virtual void trust_sender() {}
+  // The sender of the arrival that the sink is handling has proved to be the one that this link serves: send to it from
+  // now on. A peer that was heard within kPeerSilence_us keeps its place, whoever else claims it: frames can be forged on
+  // an unsigned link, and relayed from another address on a signed one. False: such a rival. Only udpin depends on it.
+  virtual bool follow_sender(std::int64_t /*monotonic_us*/) { return true; }
 
   virtual bool is_open() const = 0;
   virtual int descriptor() const = 0;  // -1: closed, call advance() again within a second

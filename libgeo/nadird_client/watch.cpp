@@ -44,7 +44,7 @@ std::string position_of(const WatchedStatus& status) {
 
 std::string link_of(const WatchedStatus& status) {
   return fmt::format("{}, {}, {} fixes sent, {} frames rejected", status.link_connected ? "connected" : "not connected",
-                     status.link_signed ? "signed" : "not signed", status.fixes_sent, status.link_rejected);
+                     status.link_signed ? "signed" : "NOT SIGNED", status.fixes_sent, status.link_rejected);
 }
 
 std::string row(const char* name, const std::string& value) { return fmt::format("{:<12}{}", name, value); }

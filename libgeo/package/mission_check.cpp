@@ -343,13 +343,12 @@ Findings check_terrain_presence(const Manifest& manifest, const Mission& mission
   return findings;
 }
 
-TerrainReading read_package_terrain(const std::filesystem::path& package, const Manifest& manifest,
-                                    const Mission& mission) {
+TerrainReading read_package_terrain(const Directory& package, const Manifest& manifest, const Mission& mission) {
   TerrainReading reading;
   const Artifact* artifact = manifest.artifact(kRoleTerrain);
   if (mission.terrain.flat || artifact == nullptr) return reading;
   try {
-    const Bytes bytes = read_file(package / artifact->path, std::min(artifact->size, kMaxTerrainFile));
+    const Bytes bytes = package.open(artifact->path).read(std::min(artifact->size, kMaxTerrainFile));
     if (const Sha256 digest = sha256(bytes); digest != artifact->sha256) {
       reading.findings.add({.code = "artifact.hash",
                             .where = artifact->path,

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 #include "base/time.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "package/coverage_requirement.hpp"
@@ -51,8 +52,7 @@ struct TerrainReading {
   Findings findings;
   std::optional<TerrainRaster> terrain;  // with mode dem, when nothing refuses
 };
-TerrainReading read_package_terrain(const std::filesystem::path& package, const Manifest& manifest,
-                                    const Mission& mission);
+TerrainReading read_package_terrain(const Directory& package, const Manifest& manifest, const Mission& mission);
 
 // What the manifest alone shows: "dem.gap" where mode dem has no terrain file, "mission.mismatch" where mode flat has
 // one.

@@ -13,8 +13,9 @@ constexpr std::size_t kMaxFindings = 1000;  // a flight is long and a damaged me
 
 }  // namespace
 
-CheckedTiles::CheckedTiles(const std::filesystem::path& tiles, std::vector<Sidecar> sidecars)
-    : reader_(open_tile_source(tiles)), sidecars_(std::move(sidecars)) {}
+CheckedTiles::CheckedTiles(InputFile tiles, std::vector<Sidecar> sidecars)
+    : reader_(open_tile_source(std::move(tiles), TileSetRules::of_package(sidecars.size()))),
+      sidecars_(std::move(sidecars)) {}
 
 ZoomRange CheckedTiles::zooms() const {
   return sidecars_.empty() ? ZoomRange{} : ZoomRange{sidecars_.front().key.z, sidecars_.back().key.z};
@@ -46,6 +47,12 @@ std::optional<Bytes> CheckedTiles::read_mask(const TileKey& key) const {
   return signed_tile->mask;
 }
 
+std::optional<double> CheckedTiles::ce90_m(const TileKey& key) const {
+  const Sidecar* signed_tile = sidecar(key);
+  if (signed_tile == nullptr) return std::nullopt;
+  return static_cast<double>(signed_tile->ce90_mm) / 1000;
+}
+
 Findings CheckedTiles::findings() const {
   const std::lock_guard lock(mutex_);
   return findings_;
@@ -61,35 +68,41 @@ void CheckedTiles::report(const char* code, const TileKey& key, std::string foun
                  .fix = "after the flight: verify the package at full depth and check the storage medium"});
 }
 
-OpenPackage::OpenPackage(const std::filesystem::path& package, Verification accepted)
-    : manifest_(std::move(accepted.manifest.value())),
+OpenPackage::OpenPackage(Verification accepted)
+    : folder_(std::move(accepted.folder)),
+      imagery_file_(std::move(accepted.imagery)),
+      manifest_(std::move(accepted.manifest.value())),
       mission_(std::move(accepted.mission.value())),
-      imagery_(package / manifest_.artifact(kRoleImagery)->path, std::move(accepted.tiles)),
+      imagery_(imagery_file_->duplicate(), std::move(accepted.tiles)),
       terrain_(std::move(accepted.terrain)) {}
+
+std::unique_ptr<CheckedTiles> OpenPackage::another_imagery_reader() const {
+  return std::make_unique<CheckedTiles>(imagery_file_->duplicate(), imagery_.sidecars());
+}
 
 namespace {
 
-Opening opened(const std::filesystem::path& package, Verification verification) {
+Opening opened(Verification verification) {
   if (verification.accepted() && !verification.terrain) {
-    TerrainReading reading = read_package_terrain(package, *verification.manifest, *verification.mission);
+    TerrainReading reading = read_package_terrain(*verification.folder, *verification.manifest, *verification.mission);
     verification.findings.add(reading.findings);
     verification.terrain = std::move(reading.terrain);
   }
   Opening opening{verification.findings,    verification.newest_root, verification.root_version,
                   verification.newer_roots, verification.time_reset,  nullptr};
-  if (verification.accepted()) opening.package = std::make_unique<OpenPackage>(package, std::move(verification));
+  if (verification.accepted()) opening.package = std::make_unique<OpenPackage>(std::move(verification));
   return opening;
 }
 
 }  // namespace
 
 Opening open_package(const std::filesystem::path& package, const VerifyOptions& options, Progress& progress) {
-  return opened(package, verify_package(package, options, progress));
+  return opened(verify_package(package, options, progress));
 }
 
 Opening open_accepted_package(const std::filesystem::path& package, const Sha256& manifest, UtcTime accepted_at,
                               Progress& progress) {
-  return opened(package, verify_accepted_package(package, manifest, accepted_at, progress));
+  return opened(verify_accepted_package(package, manifest, accepted_at, progress));
 }
 
 }  // namespace nadir

@@ -17,11 +17,12 @@ namespace nadir {
 class CheckedTiles final : public TileSource {
  public:
   // An MBTiles file or a COG. sidecars: verified, in the order of TileKey.
-  CheckedTiles(const std::filesystem::path& tiles, std::vector<Sidecar> sidecars);
+  CheckedTiles(InputFile tiles, std::vector<Sidecar> sidecars);
 
   ZoomRange zooms() const override;
   std::optional<Bytes> read(const TileKey& key) const override;
   std::optional<Bytes> read_mask(const TileKey& key) const override;
+  std::optional<double> ce90_m(const TileKey& key) const override;
 
   const Sidecar* sidecar(const TileKey& key) const;
   const std::vector<Sidecar>& sidecars() const { return sidecars_; }
@@ -42,14 +43,19 @@ class CheckedTiles final : public TileSource {
 
 class OpenPackage {
  public:
-  OpenPackage(const std::filesystem::path& package, Verification accepted);
+  explicit OpenPackage(Verification accepted);
 
   const Manifest& manifest() const { return manifest_; }
   const Mission& mission() const { return mission_; }
   const CheckedTiles& imagery() const { return imagery_; }
+  const Directory& folder() const { return *folder_; }  // that was verified, whatever its path names by now
+  // The same tiles for another reader, who needs findings of his own.
+  std::unique_ptr<CheckedTiles> another_imagery_reader() const;
   const TerrainRaster* terrain() const { return terrain_ ? &*terrain_ : nullptr; }  // null: flat ground
 
  private:
+  std::shared_ptr<const Directory> folder_;
+  std::shared_ptr<const InputFile> imagery_file_;
   Manifest manifest_;
   Mission mission_;
   CheckedTiles imagery_;

@@ -28,28 +28,27 @@ std::int64_t version_of(std::string_view file_name) {
   return std::stoll(std::string(digits));
 }
 
-std::optional<RootDocument> read_package_root(const fs::path& package, std::int64_t version) {
+std::optional<RootDocument> read_package_root(const Directory& package, std::int64_t version) {
   const std::string name = root_file_name(version);
-  // A linked folder would lead out of the package.
-  if (!fs::is_directory(fs::symlink_status(package / kRootFolder))) return std::nullopt;
-  const fs::file_status status = fs::symlink_status(package / name);
-  if (!fs::is_regular_file(status)) return std::nullopt;  // links are artifact.unexpected
-  // Anything larger is not read at all; the empty text is then refused as an invalid root.
-  if (fs::file_size(package / name) > kMaxRootSize) return RootDocument{{}, name};
-  return RootDocument{read_text_file(package / name, kMaxRootSize), name};
+  try {
+    const std::optional<InputFile> file = package.find(name);
+    if (!file) return std::nullopt;
+    // Anything larger is not read at all; the empty text is then refused as an invalid root.
+    if (file->size() > kMaxRootSize) return RootDocument{{}, name};
+    return RootDocument{std::string(as_text(file->read(kMaxRootSize))), name};
+  } catch (const Error&) {
+    return std::nullopt;  // links and pipes are artifact.unexpected
+  }
 }
 
 // By the files' names; their content is not read.
-std::set<std::int64_t> root_versions_in(const fs::path& package) {
+std::set<std::int64_t> root_versions_in(const Directory& package) {
   std::set<std::int64_t> versions;
-  if (!fs::is_directory(fs::symlink_status(package / kRootFolder))) return versions;
   std::size_t entries = 0;
-  for (const fs::directory_entry& entry : fs::directory_iterator(package / kRootFolder)) {
-    if (++entries > kMaxEntries) break;
-    if (const std::int64_t version = version_of(entry.path().filename().string()); version > 0) {
-      versions.insert(version);
-    }
-  }
+  package.walk([&](const Directory::Entry& entry) {
+    if (is_root_file_name(entry.name)) versions.insert(version_of(entry.name.substr(kRootFolder.size() + 1)));
+    return ++entries <= kMaxEntries;
+  });
   return versions;
 }
 
@@ -90,7 +89,7 @@ bool is_root_file_name(std::string_view path) {
          version_of(path.substr(kRootFolder.size() + 1)) > 0;
 }
 
-RootSuccession walk_package_roots(const fs::path& package, const TrustRoot& trusted, const AircraftState* state) {
+RootSuccession walk_package_roots(const Directory& package, const TrustRoot& trusted, const AircraftState* state) {
   // What the aircraft remembers takes precedence over another root of the same version.
   RootSuccession walk = follow_root_chain(trusted, [&](std::int64_t version) -> std::optional<RootDocument> {
     if (state != nullptr) {
@@ -129,7 +128,7 @@ RootChain read_root_chain(std::span<const fs::path> files, RootChain already, co
   return chain;
 }
 
-RootChain roots_in_package(const fs::path& package) {
+RootChain roots_in_package(const Directory& package) {
   RootChain chain;
   for (const std::int64_t version : root_versions_in(package)) {
     if (const auto document = read_package_root(package, version)) chain.emplace(version, document->text);

@@ -9,6 +9,7 @@
 #include <string>
 #include <string_view>
 
+#include "base/input_file.hpp"
 #include "trust/aircraft_state.hpp"
 #include "trust/root.hpp"
 
@@ -23,7 +24,7 @@ bool is_root_file_name(std::string_view relative_path);
 
 // Walks from the trusted root through the roots that the aircraft remembers and those of the package. Besides the
 // findings of follow_root_chain(): root.rollback for files beyond the newest root that can be reached.
-RootSuccession walk_package_roots(const std::filesystem::path& package, const TrustRoot& trusted, const AircraftState* state);
+RootSuccession walk_package_roots(const Directory& package, const TrustRoot& trusted, const AircraftState* state);
 
 // Documents of roots by version, each the successor of the one before.
 using RootChain = std::map<std::int64_t, std::string>;
@@ -35,7 +36,7 @@ RootChain read_root_chain(std::span<const std::filesystem::path> files, RootChai
                           const TrustRoot* installed = nullptr);
 
 // The roots in a package, unchecked.
-RootChain roots_in_package(const std::filesystem::path& package);
+RootChain roots_in_package(const Directory& package);
 
 // Adds the roots to the package; those that it has already stay.
 void add_package_roots(const std::filesystem::path& package, const RootChain& roots);

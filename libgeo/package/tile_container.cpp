@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <exception>
-#include <fstream>
+#include <utility>
 
 #include "imagery/cog_reader.hpp"
 #include "imagery/mbtiles.hpp"
@@ -81,7 +81,8 @@ class MbtilesRowidCursor final : public MbtilesCursor {
 
 class MbtilesContainer final : public TileContainer {
  public:
-  explicit MbtilesContainer(const std::filesystem::path& path) : database_(SqliteDatabase::open_immutable(path)) {}
+  MbtilesContainer(InputFile file, SqliteSchema schema)
+      : database_(SqliteDatabase::open_immutable(std::move(file), schema)) {}
 
   std::string_view kind() const override { return "mbtiles"; }
 
@@ -117,8 +118,9 @@ class MbtilesContainer final : public TileContainer {
   SqliteDatabase database_;
 };
 
-std::unique_ptr<TileContainer> open_mbtiles_container(const std::filesystem::path& path) {
-  auto container = std::make_unique<MbtilesContainer>(path);
+std::unique_ptr<TileContainer> open_mbtiles_container(InputFile file, SqliteSchema schema) {
+  const std::filesystem::path path = file.path();
+  auto container = std::make_unique<MbtilesContainer>(std::move(file), schema);
   bool missing = false;
   try {
     missing = !container->has_tiles();
@@ -174,9 +176,10 @@ class CogCursor final : public TileCursor {
 
 class CogContainer final : public TileContainer {
  public:
-  explicit CogContainer(const std::filesystem::path& path) : reader_(path), path_(path) {
-    const std::filesystem::path beside = path.parent_path() / std::filesystem::path(kSidecarFile).filename();
-    if (std::filesystem::exists(beside)) sidecars_.emplace(SqliteDatabase::open_immutable(beside));
+  CogContainer(TileSetFiles files, const TileSetRules& rules)
+      : path_(files.tiles.path()), reader_(std::move(files.tiles), rules.cog) {
+    if (!files.sidecars) return;
+    sidecars_.emplace(SqliteDatabase::open_immutable(std::move(*files.sidecars), rules.schema));
   }
 
   std::string_view kind() const override { return "cog"; }
@@ -221,32 +224,45 @@ class CogContainer final : public TileContainer {
   }
 
  private:
-  CogReader reader_;
   std::filesystem::path path_;
+  CogReader reader_;
   std::optional<SqliteDatabase> sidecars_;
 };
 
-bool begins_as_tiff(const std::filesystem::path& path) {
-  if (!std::filesystem::is_regular_file(path)) return false;
-  std::array<char, 4> head{};
-  std::ifstream file(path, std::ios::binary);
-  file.read(head.data(), head.size());
-  const std::string_view magic(head.data(), static_cast<std::size_t>(file.gcount()));
+bool begins_as_tiff(const InputFile& file) {
+  std::array<std::uint8_t, 4> head{};
+  const bool whole = file.read_at(0, head);
+  const std::string_view magic = whole ? as_text(head) : std::string_view();
   return magic == std::string_view("II*\0", 4) || magic == std::string_view("MM\0*", 4) ||
          magic == std::string_view("II+\0", 4) || magic == std::string_view("MM\0+", 4) ||
-         (path.extension() == ".tif" && !magic.starts_with("SQLi"));
+         (file.path().extension() == ".tif" && magic != "SQLi");
 }
 
 }  // namespace
 
+TileSetFiles open_tile_set_files(const std::filesystem::path& path) {
+  TileSetFiles files{InputFile(path), std::nullopt};
+  const std::filesystem::path beside = path.parent_path() / std::filesystem::path(kSidecarFile).filename();
+  if (begins_as_tiff(files.tiles) && std::filesystem::exists(beside)) files.sidecars.emplace(beside);
+  return files;
+}
+
+std::unique_ptr<TileContainer> open_tile_container(TileSetFiles files, const TileSetRules& rules) {
+  if (begins_as_tiff(files.tiles)) return std::make_unique<CogContainer>(std::move(files), rules);
+  return open_mbtiles_container(std::move(files.tiles), rules.schema);
+}
+
 std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& path) {
-  if (begins_as_tiff(path)) return std::make_unique<CogContainer>(path);
-  return open_mbtiles_container(path);
+  return open_tile_container(open_tile_set_files(path), {});
+}
+
+std::unique_ptr<TileSource> open_tile_source(InputFile tiles, const TileSetRules& rules) {
+  if (begins_as_tiff(tiles)) return std::make_unique<CogReader>(std::move(tiles), rules.cog);
+  return std::make_unique<MbtilesReader>(std::move(tiles), rules.schema);
 }
 
 std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path) {
-  if (begins_as_tiff(path)) return std::make_unique<CogReader>(path);
-  return std::make_unique<MbtilesReader>(path);
+  return open_tile_source(InputFile(path), {});
 }
 
 Finding tile_set_finding(const Error& error, std::string where) {

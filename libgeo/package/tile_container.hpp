@@ -14,8 +14,10 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "imagery/tiff.hpp"
+#include "base/input_file.hpp"
+#include "imagery/cog_reader.hpp"
 #include "imagery/sqlite_database.hpp"
+#include "imagery/tiff.hpp"
 #include "imagery/tile_source.hpp"
 
 namespace nadir {
@@ -49,12 +51,31 @@ class TileContainer {
   virtual Findings remarks() const { return {}; }                     // about parts of the file that are not used
 };
 
+// A tile set's files, opened: what is examined and what is read afterwards are the same bytes.
+struct TileSetFiles {
+  InputFile tiles;
+  std::optional<InputFile> sidecars;  // beside a COG
+};
+// Symbolic links are followed. Throws Error when there is no such file.
+TileSetFiles open_tile_set_files(const std::filesystem::path& tiles);
+
+// Where a tile set comes from, and so what it may be.
+struct TileSetRules {
+  SqliteSchema schema = SqliteSchema::any;  // other programs keep tiles in views
+  CogLimits cog{};
+
+  // A package's, whose manifest states so many tiles.
+  static TileSetRules of_package(std::uint64_t tiles) { return {SqliteSchema::plain, CogLimits::for_tiles(tiles)}; }
+};
+
 // By the file's first bytes. Throws TiffError for a TIFF that is no tile set, Error for a file that is neither, that is
 // no database, or that has no table "tiles". Damage further inside the database shows during iteration.
 std::unique_ptr<TileContainer> open_tile_container(const std::filesystem::path& path);
+std::unique_ptr<TileContainer> open_tile_container(TileSetFiles files, const TileSetRules& rules);
 
 // For reading single tiles; stricter: an MBTiles file must have what the specification requires.
 std::unique_ptr<TileSource> open_tile_source(const std::filesystem::path& path);
+std::unique_ptr<TileSource> open_tile_source(InputFile tiles, const TileSetRules& rules);
 
 // An error while reading a tile set as a finding: "sqlite.corrupt", "tiff.corrupt", "tiff.grid", "tiff.layout".
 Finding tile_set_finding(const Error& error, std::string where);

@@ -21,6 +21,7 @@ class LimitedFindings {
   void add(Finding finding) {
     if (++count_ <= kNamedTiles) findings_.add(std::move(finding));
   }
+  bool full() const { return count_ >= kNamedTiles; }
 
  private:
   Findings& findings_;
@@ -110,7 +111,8 @@ class TileWalk {
       return;
     }
     const Sidecar& sidecar = check_.sidecars[next_++];
-    if (depth_ == VerifyDepth::full) check_bytes(row, sidecar);
+    // Once as many are wrong as are named, another says nothing new: a forged set may have any number of large ones.
+    if (depth_ == VerifyDepth::full && !wrong_.full()) check_bytes(row, sidecar);
     progress_.advance();
   }
 
@@ -151,13 +153,14 @@ class TileWalk {
 
 }  // namespace
 
-TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFacts& facts, VerifyDepth depth,
-                            Progress& progress) {
+TileSetCheck check_tile_set(TileSetFiles files, const TileSetFacts& facts, VerifyDepth depth, Progress& progress) {
   TileSetCheck check;
-  const std::string name = "imagery/" + tiles.filename().string();
+  const std::string file_name = files.tiles.path().filename().string();
+  const std::string name = "imagery/" + file_name;
+  const TileSetRules rules = TileSetRules::of_package(facts.count);
   try {
-    const auto strict = open_tile_source(tiles);
-    const auto container = open_tile_container(tiles);
+    static_cast<void>(open_tile_source(files.tiles.duplicate(), rules));  // stricter: as the aircraft reads it
+    const auto container = open_tile_container(std::move(files), rules);
     if (container->sidecars() == nullptr) {
       check.findings.add({.code = "tiles.count",
                           .where = name,
@@ -174,7 +177,7 @@ TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFac
     TileWalk(check, name, depth, progress).run(*container);
     progress.end();
   } catch (const Error& error) {
-    Finding fault = tile_set_finding(error, tiles.filename().string());
+    Finding fault = tile_set_finding(error, file_name);
     fault.fix = "get the package again from its producer";
     check.findings.add(std::move(fault));
   }

@@ -9,6 +9,7 @@
 #include "base/progress.hpp"
 #include "package/manifest.hpp"
 #include "package/sidecar.hpp"
+#include "package/tile_container.hpp"
 
 namespace nadir {
 
@@ -22,8 +23,9 @@ struct TileSetCheck {
   Findings findings;
 };
 
-TileSetCheck check_tile_set(const std::filesystem::path& tiles, const TileSetFacts& facts, VerifyDepth depth,
-                            Progress& progress);
+// By the rules of packages (TileSetRules::of_package): a set that holds code or more tiles than were signed is refused
+// before it is read.
+TileSetCheck check_tile_set(TileSetFiles files, const TileSetFacts& facts, VerifyDepth depth, Progress& progress);
 
 // The facts for a manifest, from a finished tile set. Throws Error when it is not sound.
 TileSetFacts tile_set_facts(const std::filesystem::path& tiles);

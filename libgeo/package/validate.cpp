@@ -6,12 +6,12 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <fstream>
 #include <map>
 #include <optional>
 #include <set>
 
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 #include "base/printable.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
@@ -137,8 +137,8 @@ Findings check_journals(const std::filesystem::path& mbtiles) {
                            "journal_mode=DELETE'"});
     }
   }
-  std::array<char, kWalFlag_at + 1> head{};
-  std::ifstream(mbtiles, std::ios::binary).read(head.data(), head.size());
+  std::array<std::uint8_t, kWalFlag_at + 1> head{};
+  InputFile(mbtiles).read_at(0, head);
   if (head[kWalFlag_at] == 2) {
     findings.add({.code = "sqlite.journal",
                   .severity = Severity::warning,

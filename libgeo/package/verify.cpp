@@ -4,13 +4,12 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <fstream>
 #include <map>
 
 #include "base/error.hpp"
-#include "base/files.hpp"
 #include "package/mission_check.hpp"
 #include "package/package_roots.hpp"
+#include "package/tile_container.hpp"
 #include "trust/signatures.hpp"
 #include "trust/signed_document.hpp"
 
@@ -18,26 +17,23 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 // A regular file of bounded size, or nothing and a finding.
-std::optional<Bytes> read_bounded(const fs::path& file, std::uint64_t max_size, const char* missing_code,
-                                  const char* invalid_code, Findings& findings) {
-  const fs::file_status status = fs::symlink_status(file);
-  if (!fs::exists(status)) {
+std::optional<Bytes> read_bounded(const Directory& package, std::string_view name, std::uint64_t max_size,
+                                  const char* missing_code, const char* invalid_code, Findings& findings) {
+  try {
+    const std::optional<InputFile> file = package.find(name);
+    if (file) return file->read(max_size);
     findings.add({.code = missing_code,
-                  .where = file.filename().string(),
+                  .where = std::string(name),
                   .expected = "a file required in every package",
                   .found = "none",
                   .fix = "sign the package, or get a complete copy"});
-    return std::nullopt;
-  }
-  if (!fs::is_regular_file(status) || fs::file_size(file) > max_size) {
+  } catch (const Error& error) {
     findings.add({.code = invalid_code,
-                  .where = file.filename().string(),
-                  .expected = "a regular file of at most " + std::to_string(max_size) + " bytes",
-                  .found = fs::is_regular_file(status) ? std::to_string(fs::file_size(file)) + " bytes"
-                                                       : "a link, folder or device"});
-    return std::nullopt;
+                  .where = std::string(name),
+                  .expected = fmt::format("a regular file of at most {} bytes", max_size),
+                  .found = error.text().found});
   }
-  return read_file(file, max_size);
+  return std::nullopt;
 }
 
 std::optional<Envelope> read_envelope(ByteView bytes, Findings& findings) {
@@ -61,12 +57,12 @@ std::optional<Envelope> read_envelope(ByteView bytes, Findings& findings) {
 
 // Signature over the manifest's exact bytes, then the manifest. Fills signers and manifest; without a manifest
 // nothing else may be looked at.
-void verify_signature(const fs::path& package, const TrustRoot& root, const VerifyOptions& options,
+void verify_signature(const Directory& package, const TrustRoot& root, const VerifyOptions& options,
                       Verification& result) {
-  const auto signature = read_bounded(package / kSignatureFile, kMaxEnvelopeSize, "signature.missing",
+  const auto signature = read_bounded(package, kSignatureFile, kMaxEnvelopeSize, "signature.missing",
                                       "signature.invalid", result.findings);
   const auto manifest =
-      read_bounded(package / kManifestFile, kMaxManifestSize, "artifact.missing", "manifest.schema", result.findings);
+      read_bounded(package, kManifestFile, kMaxManifestSize, "artifact.missing", "manifest.schema", result.findings);
   if (!signature || !manifest) return;
   const auto envelope = read_envelope(*signature, result.findings);
   if (!envelope) return;
@@ -207,8 +203,8 @@ Findings verify_policy(const Manifest& manifest, const TrustRoot& root, const Ve
   return findings;
 }
 
-// mission.yaml against the manifest. Fills mission.
-void verify_mission(const std::filesystem::path& package, Verification& result) {
+// mission.yaml, as its bytes were hashed, against the manifest. Fills mission.
+void verify_mission(const std::optional<Bytes>& text, Verification& result) {
   const Manifest& manifest = *result.manifest;
   const auto mismatch = [&result](std::string where, std::string expected, std::string found) {
     result.findings.add({.code = "mission.mismatch",
@@ -219,8 +215,8 @@ void verify_mission(const std::filesystem::path& package, Verification& result) 
   };
   const Artifact* artifact = manifest.artifact(kRoleMission);
   if (artifact == nullptr) return mismatch("manifest.json", "an artifact of role \"mission\"", "none");
-  MissionReading reading =
-      parse_mission(read_text_file(package / artifact->path, std::uint64_t{1} << 20), artifact->path);
+  if (!text) return;  // missing or damaged: its own finding is there
+  MissionReading reading = parse_mission(as_text(*text), artifact->path);
   if (!reading.mission) {
     return mismatch(reading.findings.items().front().where, reading.findings.items().front().expected,
                     reading.findings.items().front().found);
@@ -240,26 +236,30 @@ void verify_mission(const std::filesystem::path& package, Verification& result) 
 }
 
 constexpr std::size_t kMaxUnexpected = 50;
-constexpr std::size_t kMaxEntries = 10'000;
-constexpr std::size_t kReadBlock_bytes = 1 << 20;
+constexpr std::size_t kMaxPackageFiles = 10'000;
+constexpr std::uint64_t kHashedBlock_bytes = std::uint64_t{1} << 20;
+constexpr std::uint64_t kMaxMission_bytes = std::uint64_t{1} << 20;
 
 // The files on disk against the artifacts. Imagery and terrain are hashed at full depth only, everything else
-// always.
+// always. A file of another size than the signed one is not opened by anything that understands its content.
 struct FileCheck {
   Findings findings;
-  std::set<std::string> sound;  // paths of artifacts that are there with their size (and, where hashed, their digest)
+  // Artifacts that are there with their size (and, where hashed, their digest), by path. The imagery stays when its
+  // digest is wrong: its tiles show what was changed.
+  std::map<std::string, InputFile> sound;
+  std::optional<Bytes> mission;  // the bytes that were hashed
 };
 
 class FileVerifier {
  public:
-  FileVerifier(const fs::path& package, const Manifest& manifest, VerifyDepth depth, Progress& progress)
+  FileVerifier(const Directory& package, const Manifest& manifest, VerifyDepth depth, Progress& progress)
       : package_(package), manifest_(manifest), depth_(depth), progress_(progress) {}
 
   FileCheck run() {
     walk();
     std::uint64_t to_hash = 0;
     for (const Artifact& artifact : manifest_.artifacts) to_hash += hashes(artifact) ? artifact.size : 0;
-    progress_.begin("hashing", to_hash / kReadBlock_bytes + 1, "MiB");
+    progress_.begin("hashing", to_hash / kHashedBlock_bytes + 1, "MiB");
     for (const Artifact& artifact : manifest_.artifacts) verify(artifact);
     progress_.end();
     return std::move(check_);
@@ -275,19 +275,18 @@ class FileVerifier {
     std::set<std::string> named{std::string(kManifestFile), std::string(kSignatureFile)};
     for (const Artifact& artifact : manifest_.artifacts) named.insert(artifact.path);
     std::size_t entries = 0;
-    for (fs::recursive_directory_iterator at(package_), end; at != end; ++at) {
-      const std::string path = at->path().lexically_relative(package_).generic_string();
-      const fs::file_status status = at->symlink_status();
-      if (fs::is_directory(status)) continue;
-      if (++entries > kMaxEntries) return unexpected(path, "more than 10000 files");
-      if (!fs::is_regular_file(status)) {
-        unexpected(path, fs::is_symlink(status) ? "a symbolic link" : "not a regular file");
-      } else if (named.contains(path)) {
-        present_.insert(path);
-      } else if (!is_root_file_name(path)) {  // checked by walk_package_roots()
-        unexpected(path, "a file");
+    package_.walk([&](const Directory::Entry& entry) {
+      if (++entries > kMaxPackageFiles) {
+        unexpected(entry.name, "more than 10000 files");
+        return false;
       }
-    }
+      if (entry.kind != Directory::Kind::file) {
+        unexpected(entry.name, entry.kind == Directory::Kind::link ? "a symbolic link" : "not a regular file");
+      } else if (!named.contains(entry.name) && !is_root_file_name(entry.name)) {  // those: walk_package_roots()
+        unexpected(entry.name, "a file");
+      }
+      return true;
+    });
   }
 
   void unexpected(const std::string& path, std::string found) {
@@ -307,71 +306,74 @@ class FileVerifier {
                            .found = std::move(found),
                            .fix = "get the package again from its producer"});
     };
-    if (!present_.contains(artifact.path)) return report("artifact.missing", "a regular file", "none");
-    const std::uint64_t size = fs::file_size(package_ / artifact.path);
-    if (size != artifact.size) {
-      report("artifact.size", fmt::format("{} bytes", artifact.size), fmt::format("{} bytes", size));
-      if (artifact.role != kRoleImagery) return;
+    std::optional<InputFile> file;
+    try {
+      file = package_.find(artifact.path);
+    } catch (const Error& error) {  // a link, a pipe, a folder, or no permission
+      return report("artifact.missing", "a regular file", error.text().found);
     }
-    if (hashes(artifact) && size == artifact.size) {
-      const Sha256 digest = hash(artifact);
+    if (!file) return report("artifact.missing", "a regular file", "none");
+    if (file->size() != artifact.size) {
+      return report("artifact.size", fmt::format("{} bytes", artifact.size), fmt::format("{} bytes", file->size()));
+    }
+    if (hashes(artifact)) {
+      const Sha256 digest = hash(artifact, *file);
       if (digest != artifact.sha256) {
         report("artifact.hash", artifact.sha256.hex(), digest.hex());
-        // The imagery is examined all the same: its tiles show what was changed.
         if (artifact.role != kRoleImagery) return;
       }
     }
-    check_.sound.insert(artifact.path);
+    check_.sound.emplace(artifact.path, std::move(*file));
   }
 
-  // Never more than the size that was signed.
-  Sha256 hash(const Artifact& artifact) {
-    std::ifstream file(package_ / artifact.path, std::ios::binary);
-    if (!file) throw Error({.what = "cannot open a package file", .where = package_ / artifact.path});
-    Sha256Stream stream;
-    Bytes block(kReadBlock_bytes);
-    for (std::uint64_t left = artifact.size; left > 0;) {
-      const std::size_t want = static_cast<std::size_t>(std::min<std::uint64_t>(left, block.size()));
-      file.read(reinterpret_cast<char*>(block.data()), static_cast<std::streamsize>(want));
-      const auto got = static_cast<std::size_t>(file.gcount());
-      if (file.bad()) throw Error({.what = "cannot read a package file", .where = package_ / artifact.path});
-      stream.update(ByteView(block).first(got));
-      if (got < want) break;
-      left -= got;
-      progress_.advance();
+  Sha256 hash(const Artifact& artifact, const InputFile& file) {
+    if (artifact.role != kRoleMission || artifact.size > kMaxMission_bytes) {
+      return file.sha256([this] { progress_.advance(); });
     }
-    return stream.finish();
+    Bytes text = file.read(kMaxMission_bytes);
+    const Sha256 digest = sha256(text);
+    if (digest == artifact.sha256 && manifest_.artifact(kRoleMission) == &artifact) check_.mission = std::move(text);
+    return digest;
   }
 
-  const fs::path& package_;
+  const Directory& package_;
   const Manifest& manifest_;
   VerifyDepth depth_;
   Progress& progress_;
   FileCheck check_;
-  std::set<std::string> present_;
   std::size_t unexpected_ = 0;
 };
 
-FileCheck verify_files(const fs::path& package, const Manifest& manifest, VerifyDepth depth, Progress& progress) {
+FileCheck verify_files(const Directory& package, const Manifest& manifest, VerifyDepth depth, Progress& progress) {
   return FileVerifier(package, manifest, depth, progress).run();
 }
 
-void require_package(const fs::path& package) {
-  const bool folder = fs::is_directory(package);
-  const bool anything = folder && (fs::exists(fs::symlink_status(package / kManifestFile)) ||
-                                   fs::exists(fs::symlink_status(package / kSignatureFile)));
-  if (anything) return;
-  throw Error({.what = "not a mission package",
-               .where = package,
-               .expected = "a folder with manifest.json and manifest.sig",
-               .found = folder                ? "a folder with neither"
-                        : fs::exists(package) ? "not a folder"
-                                              : "no such path",
-               .fix = "give the folder that `nadir cache build --out` created"});
+Directory open_folder(const fs::path& package) {
+  const auto refuse = [&package](std::string found) {
+    throw Error({.what = "not a mission package",
+                 .where = package,
+                 .expected = "a folder with manifest.json and manifest.sig",
+                 .found = std::move(found),
+                 .fix = "give the folder that `nadir cache build --out` created"});
+  };
+  std::error_code code;
+  const fs::file_status status = fs::status(package, code);
+  if (status.type() == fs::file_type::not_found) refuse("no such path");
+  if (!code && !fs::is_directory(status)) refuse("not a folder");
+  Directory folder(package);
+  bool anything = false;
+  for (const std::string_view name : {kManifestFile, kSignatureFile}) {
+    try {
+      anything = anything || folder.find(name).has_value();
+    } catch (const Error&) {
+      anything = true;  // something of this name
+    }
+  }
+  if (!anything) refuse("a folder with neither");
+  return folder;
 }
 
-void verify_imagery(const fs::path& package, const VerifyOptions& options, const FileCheck& files, Progress& progress,
-                    Verification& result) {
+void verify_imagery(const VerifyOptions& options, const FileCheck& files, Progress& progress, Verification& result) {
   const Artifact* imagery = result.manifest->artifact(kRoleImagery);
   if (imagery == nullptr || !imagery->tiles) {
     result.findings.add({.code = "manifest.schema",
@@ -380,11 +382,17 @@ void verify_imagery(const fs::path& package, const VerifyOptions& options, const
                          .found = "none"});
     return;
   }
-  if (!files.sound.contains(imagery->path)) return;  // its own finding is there
+  const auto tiles = files.sound.find(imagery->path);
+  if (tiles == files.sound.end()) return;  // its own finding is there
+  TileSetFiles opened{tiles->second.duplicate(), std::nullopt};
   // The sidecars of a COG are an artifact of their own.
-  const Artifact* sidecars = result.manifest->artifact(kRoleSidecars);
-  if (sidecars != nullptr && !files.sound.contains(sidecars->path)) return;
-  TileSetCheck check = check_tile_set(package / imagery->path, *imagery->tiles, options.depth, progress);
+  if (const Artifact* sidecars = result.manifest->artifact(kRoleSidecars); sidecars != nullptr) {
+    const auto beside = files.sound.find(sidecars->path);
+    if (beside == files.sound.end()) return;
+    opened.sidecars = beside->second.duplicate();
+  }
+  result.imagery = std::make_shared<const InputFile>(tiles->second.duplicate());
+  TileSetCheck check = check_tile_set(std::move(opened), *imagery->tiles, options.depth, progress);
   const bool readable = !check.findings.contains("sqlite.corrupt") && !check.findings.contains("tiff.corrupt");
   result.findings.add(check.findings);
   result.tiles = std::move(check.sidecars);
@@ -394,13 +402,12 @@ void verify_imagery(const fs::path& package, const VerifyOptions& options, const
 }
 
 // At quick depth open_package() reads the terrain.
-void verify_terrain(const fs::path& package, const VerifyOptions& options, const FileCheck& files,
-                    Verification& result) {
+void verify_terrain(const VerifyOptions& options, const FileCheck& files, Verification& result) {
   if (!result.mission) return;
   result.findings.add(check_terrain_presence(*result.manifest, *result.mission));
   const Artifact* terrain = result.manifest->artifact(kRoleTerrain);
   if (options.depth != VerifyDepth::full || terrain == nullptr || !files.sound.contains(terrain->path)) return;
-  TerrainReading reading = read_package_terrain(package, *result.manifest, *result.mission);
+  TerrainReading reading = read_package_terrain(*result.folder, *result.manifest, *result.mission);
   result.findings.add(reading.findings);
   result.terrain = std::move(reading.terrain);
 }
@@ -417,24 +424,23 @@ void remember(AircraftState& state, const Verification& accepted, UtcTime at) {
 namespace {
 
 // What the manifest names: files, mission, terrain, imagery.
-void verify_contents(const fs::path& package, const VerifyOptions& options, Progress& progress, Verification& result) {
+void verify_contents(const VerifyOptions& options, Progress& progress, Verification& result) {
   for (const Artifact& artifact : result.manifest->artifacts) result.bytes += artifact.size;
-  const FileCheck files = verify_files(package, *result.manifest, options.depth, progress);
+  const FileCheck files = verify_files(*result.folder, *result.manifest, options.depth, progress);
   result.findings.add(files.findings);
-  const Artifact* mission = result.manifest->artifact(kRoleMission);
-  if (mission == nullptr || files.sound.contains(mission->path)) verify_mission(package, result);
-  verify_terrain(package, options, files, result);
-  verify_imagery(package, options, files, progress, result);
+  verify_mission(files.mission, result);
+  verify_terrain(options, files, result);
+  verify_imagery(options, files, progress, result);
 }
 
 }  // namespace
 
 Verification verify_accepted_package(const fs::path& package, const Sha256& manifest, UtcTime accepted_at,
                                      Progress& progress) {
-  require_package(package);
   Verification result;
+  result.folder = std::make_shared<const Directory>(open_folder(package));
   const auto bytes =
-      read_bounded(package / kManifestFile, kMaxManifestSize, "artifact.missing", "manifest.schema", result.findings);
+      read_bounded(*result.folder, kManifestFile, kMaxManifestSize, "artifact.missing", "manifest.schema", result.findings);
   if (!bytes) return result;
   if (const Sha256 found = sha256(*bytes); found != manifest) {
     result.findings.add({.code = "artifact.hash",
@@ -450,36 +456,37 @@ Verification verify_accepted_package(const fs::path& package, const Sha256& mani
   if (!result.manifest) return result;
   VerifyOptions options;
   options.at = accepted_at;
-  verify_contents(package, options, progress, result);
+  verify_contents(options, progress, result);
   return result;
 }
 
 Verification verify_package(const fs::path& package, const VerifyOptions& asked, Progress& progress) {
-  require_package(package);
   VerifyOptions options = asked;
   options.at = judged_at(asked);
   Verification result;
-  RootSuccession walk = walk_package_roots(package, *options.root, options.state);
+  result.folder = std::make_shared<const Directory>(open_folder(package));
+  const Directory& folder = *result.folder;
+  RootSuccession walk = walk_package_roots(folder, *options.root, options.state);
   result.findings.add(walk.findings);
   result.newest_root = walk.root;
   result.root_version = walk.root.version;
   result.newer_roots = std::move(walk.newer);
-  verify_signature(package, walk.root, options, result);
+  verify_signature(folder, walk.root, options, result);
   if (!result.manifest) return result;
   result.findings.add(verify_policy(*result.manifest, walk.root, options, result.time_reset));
-  verify_contents(package, options, progress, result);
+  verify_contents(options, progress, result);
   return result;
 }
 
 Findings check_before_signing(const fs::path& package, Progress& progress) {
-  ManifestReading reading = parse_manifest(read_file(package / kManifestFile, kMaxManifestSize));
+  const Directory folder(package);
+  ManifestReading reading = parse_manifest(folder.open(kManifestFile).read(kMaxManifestSize));
   if (!reading.manifest) return reading.findings;
   Verification result;
   result.manifest = std::move(reading.manifest);
-  const FileCheck files = verify_files(package, *result.manifest, VerifyDepth::full, progress);
+  const FileCheck files = verify_files(folder, *result.manifest, VerifyDepth::full, progress);
   result.findings.add(files.findings);
-  const Artifact* mission = result.manifest->artifact(kRoleMission);
-  if (mission == nullptr || files.sound.contains(mission->path)) verify_mission(package, result);
+  verify_mission(files.mission, result);
   return result.findings;
 }
 

@@ -7,11 +7,13 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 #include "base/progress.hpp"
 #include "base/time.hpp"
 #include "imagery/terrain_raster.hpp"
@@ -48,6 +50,10 @@ struct Verification {
   std::optional<TerrainRaster> terrain;  // with terrain mode dem, at full depth
   std::uint64_t bytes = 0;               // of all artifacts, according to the manifest
   std::optional<UtcTime> time_reset;     // the time to remember instead, as the permit allows
+  // The folder that was verified, and its imagery. A path may name another package by now: what is opened after
+  // verification is opened beneath this handle.
+  std::shared_ptr<const Directory> folder;
+  std::shared_ptr<const InputFile> imagery;  // once its size (and, at full depth, its digest) was compared
 
   bool accepted() const { return manifest.has_value() && !findings.has_errors(); }
 };

@@ -16,6 +16,7 @@
 #include "imagery/codecs.hpp"
 #include "ortho/candidate_store.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/gdal_drivers.hpp"
 
 namespace nadir {
 namespace {
@@ -89,7 +90,7 @@ CandidateMosaic write_candidate_mosaic(const std::filesystem::path& folder, cons
   mask.setTo(0);
   paint(folder, box, halvings, image, mask, progress);
 
-  GDALAllRegister();
+  register_gdal_drivers();
   const QuietGdal quiet;
   const auto need = [&](bool ok) {
     if (ok) return;

@@ -19,6 +19,7 @@
 #include "base/ordered_work.hpp"
 #include "imagery/map_window.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/gdal_drivers.hpp"
 #include "raster/single_opencv_thread.hpp"
 
 namespace nadir {
@@ -298,7 +299,7 @@ class MemoryFile {
 }  // namespace
 
 void write_matchability_tiff(const MatchabilityMap& map, const std::filesystem::path& path) {
-  GDALAllRegister();
+  register_gdal_drivers();
   const QuietGdal quiet;
   const auto need = [&](bool ok) {
     if (!ok) {

@@ -55,8 +55,8 @@ OldPackage read_old_package(const fs::path& package, const TrustRoot& trusted, U
   }
   old.manifest = verification.manifest;
   old.tiles = verification.tiles;
-  old.newest_root = walk_package_roots(package, trusted, nullptr).root;
-  old.roots = roots_in_package(package);
+  old.newest_root = walk_package_roots(*verification.folder, trusted, nullptr).root;
+  old.roots = roots_in_package(*verification.folder);
   return old;
 }
 
@@ -104,7 +104,7 @@ std::optional<fs::path> old_terrain(const fs::path& package, const Manifest& man
 
 // How the old place index was made. Throws UsageError when there is none, Error when its bytes are not the signed ones.
 PlaceTable previous_place_table(const fs::path& package, const Manifest& manifest) {
-  if (const std::optional<PlaceIndex> index = PlaceIndex::open(package, manifest)) return index->table();
+  if (const std::optional<PlaceIndex> index = PlaceIndex::open(Directory(package), manifest)) return index->table();
   throw UsageError({.what = "the old package has no place index to rebuild",
                     .where = package,
                     .expected = std::string(kPlaceTableFile),

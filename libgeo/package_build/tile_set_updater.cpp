@@ -114,7 +114,7 @@ MaskedImage blank_image() {
 }
 
 OldTiles::OldTiles(const std::filesystem::path& tiles, std::vector<Sidecar> sidecars, const Mission& mission)
-    : tiles_(tiles, std::move(sidecars)), mission_(mission), frame_(mission_frame(mission)) {}
+    : tiles_(InputFile(tiles), std::move(sidecars)), mission_(mission), frame_(mission_frame(mission)) {}
 
 std::optional<EncodedTile> OldTiles::copy(const TileKey& key) const {
   const Sidecar* sidecar = tiles_.sidecar(key);

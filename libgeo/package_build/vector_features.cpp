@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/gdal_drivers.hpp"
 
 namespace nadir {
 namespace {
@@ -83,7 +84,7 @@ void append_layer(OGRLayer& layer, const std::string& where, VectorFeatures& fea
 
 VectorFeatures read_vector_features(const std::filesystem::path& path) {
   const QuietGdal quiet;
-  GDALAllRegister();
+  register_gdal_drivers();
   if (!std::filesystem::is_regular_file(path)) {
     throw UsageError({.what = "no such file", .where = path.string(), .fix = "check the path"});
   }
@@ -91,7 +92,7 @@ VectorFeatures read_vector_features(const std::filesystem::path& path) {
   if (!dataset) {
     throw Error({.what = "the file cannot be read",
                  .where = path.string(),
-                 .expected = "KML, GeoJSON or another vector file that GDAL reads",
+                 .expected = "a vector file: " + readable_vector_formats(),
                  .found = QuietGdal::last_error(),
                  .fix = "check the file with `ogrinfo`"});
   }

@@ -1,16 +1,14 @@
 #include "raster/gdal_dataset.hpp"
 
-#include <cpl_conv.h>
 #include <fmt/format.h>
 #include <gdal_priv.h>
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
 #include <opencv2/core.hpp>
-#include <set>
 
 #include "base/error.hpp"
+#include "raster/gdal_drivers.hpp"
 
 namespace nadir {
 namespace {
@@ -102,32 +100,7 @@ BandLayout find_band_layout(GDALDataset& dataset, const std::filesystem::path& p
 
 namespace {
 
-void register_drivers() {
-  static std::once_flag once;
-  std::call_once(once, [] {
-    GDALAllRegister();
-    // Pixels that libjpeg invents for a damaged JPEG must not become a map.
-    CPLSetConfigOption("GDAL_ERROR_ON_LIBJPEG_WARNING", "TRUE");
-    // The default is 5 % of the machine's memory; a build's memory use must not depend on the machine.
-    GDALSetCacheMax64(GIntBig{256} << 20);
-  });
-}
-
 constexpr int kMaxVrtDepth = 4;
-
-bool is_remote(const std::string& name) {
-  if (name.starts_with("/vsi")) return true;
-  const std::size_t colon = name.find("://");
-  return colon != std::string::npos && colon < 10;
-}
-
-[[noreturn]] void reject_remote(const std::filesystem::path& path, const std::string& found) {
-  throw UsageError({.what = "remote imagery is not supported",
-                    .where = path.string(),
-                    .expected = "files on this machine",
-                    .found = found,
-                    .fix = "download it first, for example with gdal_translate, and pass the file"});
-}
 
 // Throws UsageError when one of them is remote.
 std::vector<std::filesystem::path> list_files(const std::filesystem::path& path, GDALDataset& dataset, int depth) {
@@ -135,7 +108,7 @@ std::vector<std::filesystem::path> list_files(const std::filesystem::path& path,
   const std::unique_ptr<char*, decltype(&CSLDestroy)> list(dataset.GetFileList(), &CSLDestroy);
   for (int i = 0; i < CSLCount(list.get()); ++i) {
     const std::string name = list.get()[i];
-    if (is_remote(name)) reject_remote(path, name);
+    if (is_remote_name(name)) reject_remote(path, name);
     if (!std::filesystem::is_regular_file(name)) continue;
     files.emplace_back(name);
     if (depth == 0 || i == 0 || files.back().extension() != ".vrt") continue;
@@ -179,26 +152,21 @@ GdalDataset::~GdalDataset() = default;
 
 GdalHandle open_gdal_raster(const std::filesystem::path& path) {
   const QuietGdal quiet;
-  register_drivers();
-  if (is_remote(path.string())) reject_remote(path, path.string());
+  register_gdal_drivers();
+  if (is_remote_name(path.string())) reject_remote(path, path.string());
   if (!std::filesystem::is_regular_file(path)) {
     throw Error({.what = std::filesystem::exists(path) ? "the raster is not a file" : "the raster does not exist",
                  .where = path.string(),
                  .fix = "check the path"});
   }
+  refuse_remote_raster(path);
   GdalHandle dataset(GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
   if (!dataset) {
     throw Error({.what = "the raster cannot be opened",
                  .where = path.string(),
-                 .expected = "a complete raster file in a format that GDAL reads",
+                 .expected = "a complete raster file: " + readable_raster_formats(),
                  .found = QuietGdal::last_error(),
                  .fix = "check the file with `gdalinfo`; download it again if it is truncated"});
-  }
-  const std::string driver = dataset->GetDriverName();
-  if (const std::set<std::string> services = {"WMS", "WMTS", "WCS", "HTTP", "OGCAPI", "EEDAI", "PLMOSAIC", "DAAS",
-                                              "NGW"};
-      services.contains(driver)) {
-    reject_remote(path, "a service description (" + driver + ")");
   }
   list_files(path, *dataset, kMaxVrtDepth);
   return dataset;

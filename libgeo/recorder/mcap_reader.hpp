@@ -13,6 +13,7 @@
 
 #include "base/bytes.hpp"
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 #include "recorder/mcap_format.hpp"
 
 namespace nadir {
@@ -38,16 +39,12 @@ class MemorySource final : public ByteSource {
 // Not memory-mapped: a file that is truncated while it is read must not end the program.
 class FileSource final : public ByteSource {
  public:
-  explicit FileSource(const std::filesystem::path& path);  // throws Error when it cannot be opened or is no file
-  ~FileSource() override;
-  FileSource(const FileSource&) = delete;
-  FileSource& operator=(const FileSource&) = delete;
-  std::uint64_t size() const override { return size_; }
+  explicit FileSource(const std::filesystem::path& path) : file_(path) {}  // throws Error when it is no readable file
+  std::uint64_t size() const override { return file_.size(); }
   bool read(std::uint64_t offset, std::uint64_t count, Bytes& into) const override;
 
  private:
-  int fd_ = -1;
-  std::uint64_t size_ = 0;
+  InputFile file_;
 };
 
 // What is in a file apart from its messages.

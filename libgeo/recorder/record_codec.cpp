@@ -169,7 +169,7 @@ flatbuffers::Offset<fbs::Localizer> localizer(FlatBufferBuilder& builder, const 
   std::optional<fbs::Box> area;
   if (config.area) area.emplace(config.area->west_m, config.area->south_m, config.area->east_m, config.area->north_m);
   return fbs::CreateLocalizer(builder, gate_list, config.start_sigma_m, config.min_search_radius_m,
-                              config.max_search_radius_m, config.no_fix_sigma_m, config.map_sigma_m,
+                              config.max_search_radius_m, config.no_fix_sigma_m, config.map_sigma_m.value_or(0),
                               config.assumed_agl_m, area ? &*area : nullptr, session.terrain, config.anchor_every_m,
                               config.anchor_above_sigma_m, session.places, config.resumed);
 }
@@ -183,7 +183,7 @@ void localizer(const fbs::Localizer& table, SessionRecord& session) {
   config.min_search_radius_m = table.min_search_radius_m();
   config.max_search_radius_m = table.max_search_radius_m();
   config.no_fix_sigma_m = table.no_fix_sigma_m();
-  config.map_sigma_m = table.map_sigma_m();
+  config.map_sigma_m = table.map_sigma_m() != 0 ? std::optional(table.map_sigma_m()) : std::nullopt;
   config.assumed_agl_m = table.assumed_agl_m();
   if (const auto* area = table.area(); area != nullptr) {
     config.area = PlaneBox{area->west_m(), area->south_m(), area->east_m(), area->north_m()};

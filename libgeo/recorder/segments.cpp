@@ -16,13 +16,16 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
+// Far beyond what a recorder ever writes, and far from where the number would wrap.
+constexpr std::uint32_t kMaxNumber = 1'000'000'000;
+
 constexpr std::array kExpendable{Stream::thumbnails, Stream::pictures, Stream::flight};  // in this order
 
 std::optional<Segment> parse(const fs::path& path) {
   const std::string name = path.filename().string();
   Segment segment{.path = path};
   const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), segment.number);
-  if (error != std::errc() || segment.number == 0) return std::nullopt;
+  if (error != std::errc() || segment.number == 0 || segment.number > kMaxNumber) return std::nullopt;  // not ours
   const std::string_view rest(end, static_cast<std::size_t>(name.data() + name.size() - end));
   if (!rest.starts_with('.') || !rest.ends_with(".mcap") || rest.size() < 6) return std::nullopt;
   const auto stream = parse_stream(rest.substr(1, rest.size() - 6));

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
-#include <fstream>
 #include <optional>
 #include <set>
 #include <string>
@@ -14,6 +13,7 @@
 #include "base/csv.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/input_file.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
 #include "vision/camera_frame.hpp"
@@ -80,15 +80,14 @@ namespace {
 constexpr std::size_t kHeaderBytes = std::size_t{1} << 18;  // enough for the header of nearly every image
 
 ImageInfo read_info(const std::filesystem::path& path) {
-  Bytes head(kHeaderBytes);
-  std::ifstream file(path, std::ios::binary);
-  file.read(reinterpret_cast<char*>(head.data()), static_cast<std::streamsize>(head.size()));
-  head.resize(static_cast<std::size_t>(std::max<std::streamsize>(file.gcount(), 0)));
+  const InputFile file(path);
+  Bytes head(std::min<std::uint64_t>(kHeaderBytes, file.size()));
+  file.read_at(0, head);
   try {
     return read_image_info(head, path.string());
   } catch (const Error&) {
     if (head.size() < kHeaderBytes) throw;
-    return read_image_info(read_file(path), path.string());
+    return read_image_info(file.read(std::uint64_t{1} << 30), path.string());
   }
 }
 

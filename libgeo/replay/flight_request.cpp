@@ -43,7 +43,7 @@ Opening open_flight_map(const FlightMapPaths& paths, UtcTime now, Progress& prog
   options.at = now;
   options.airframe = paths.airframe;
   Opening opening = open_package(paths.package, options, progress);
-  verify_place_index(paths.package, options.depth, progress, opening);
+  verify_place_index(options.depth, progress, opening);
   return opening;
 }
 
@@ -144,7 +144,6 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
   }
   ReplaySetup setup{.frame = LocalFrame(ready->recorded ? ready->recorded->session.origin : start_.value_or(LonLat{})),
                     .tiles = nullptr,
-                    .map_sigma_m = std::nullopt,
                     .start = start_,
                     .area = std::nullopt,
                     .surface = nullptr,
@@ -165,9 +164,8 @@ std::unique_ptr<ReadyFlight> FlightRequest::open(Context& context, const std::fi
     setup.frame = mission_frame(package.mission());
     setup.area = required_region(package.mission(), setup.frame).bounds();
     setup.tiles = &package.imagery();
-    ready->places = PlaceIndex::open(*package_, package.manifest());
+    ready->places = PlaceIndex::open(package.folder(), package.manifest());
     if (ready->places) setup.places = &*ready->places;
-    setup.map_sigma_m = map_sigma_m(package.imagery());
     if (package.terrain() != nullptr) {
       setup.surface = &ready->surface.emplace(*package.terrain(), setup.frame, package.mission().terrain.height_m);
     }

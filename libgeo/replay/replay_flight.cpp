@@ -100,7 +100,6 @@ void RecordedOrder::finish(const LateAnchor& anchor, FrameReport& report, std::v
 
 LocalizerConfig localizer_config(const ReplaySetup& setup) {
   LocalizerConfig config;
-  if (setup.map_sigma_m) config.map_sigma_m = *setup.map_sigma_m;
   config.area = setup.area;
   if (setup.recorded != nullptr) config = setup.recorded->session.localizer;
   config.surface = setup.surface;

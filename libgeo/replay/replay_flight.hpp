@@ -32,7 +32,6 @@ struct ReplayedFlight {
 struct ReplaySetup {
   LocalFrame frame;                   // the plane of the estimates
   const TileSource* tiles = nullptr;  // null: odometry alone
-  std::optional<double> map_sigma_m;  // of the tiles' placement, one axis
   std::optional<LonLat> start;
   std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
   const GroundSurface* surface = nullptr;  // null: flat ground

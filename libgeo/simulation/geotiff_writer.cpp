@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/gdal_drivers.hpp"
 
 namespace nadir {
 namespace {
@@ -20,7 +21,7 @@ namespace {
 
 GdalHandle create(const std::filesystem::path& path, cv::Size size, int bands, GDALDataType type,
                   const RasterPlacement& placement) {
-  GDALAllRegister();
+  register_gdal_drivers();
   // The default grows with the machine's memory; every pixel is written only once.
   if (GDALGetCacheMax64() > (GIntBig{256} << 20)) GDALSetCacheMax64(GIntBig{256} << 20);
   CPLStringList options;

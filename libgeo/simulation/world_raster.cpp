@@ -10,6 +10,7 @@
 
 #include "base/error.hpp"
 #include "raster/gdal_dataset.hpp"
+#include "raster/gdal_drivers.hpp"
 
 namespace nadir {
 namespace {
@@ -138,8 +139,9 @@ cv::Rect window_of(const Georeference& geo, cv::Size size, const LocalFrame& fra
 }
 
 GdalHandle open_heights(const std::filesystem::path& path) {
-  GDALAllRegister();
+  register_gdal_drivers();
   const QuietGdal quiet;
+  refuse_remote_raster(path);
   GdalHandle dataset(GDALDataset::Open(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
   if (!dataset || dataset->GetRasterCount() < 1) {
     throw Error({.what = "the elevation model cannot be opened",

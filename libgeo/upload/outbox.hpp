@@ -44,12 +44,13 @@ std::string_view name_of(TileState state);  // "STAGED", as the outbox holds it
 std::optional<TileState> parse_tile_state(std::string_view name);
 constexpr bool is_final(TileState state) { return state >= TileState::accepted; }
 
-// The texts of outbox.sql and, since versions 2 and 3, outbox_strikes.sql and outbox_damaged.sql.
+// The texts of outbox.sql and, since versions 2, 3 and 4, outbox_strikes.sql, outbox_damaged.sql and
+// outbox_installed.sql.
 namespace outbox_sql {
-extern const std::string_view tables, strikes, damaged;
+extern const std::string_view tables, strikes, damaged, installed;
 }
 
-inline constexpr std::int64_t kOutboxVersion = 3;
+inline constexpr std::int64_t kOutboxVersion = 4;
 
 // The statements that make this version of the tables from the one before it; version 1 from an empty database.
 std::string_view outbox_statements(std::int64_t version);

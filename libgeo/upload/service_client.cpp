@@ -359,4 +359,16 @@ Answer<StatusAnswer> ServiceClient::status(const std::string& upload) {
   });
 }
 
+Answer<bool> ServiceClient::report_installed(std::string_view document) {
+  auto answer = expect(transport_.exchange({.method = "POST",
+                                            .path = "/v1/installed",
+                                            .headers = {{"Content-Type", "application/json"}},
+                                            .body = as_bytes(document)}),
+                       {200, 201});
+  const auto* error = std::get_if<TransferError>(&answer);
+  if (error == nullptr) return true;
+  if (error->kind == TransferError::Kind::conflict) return false;
+  return *error;
+}
+
 }  // namespace nadir

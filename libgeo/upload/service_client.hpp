@@ -102,6 +102,8 @@ class ServiceClient {
                                   std::uint64_t offset, ByteView part);
   Answer<Accepted> complete(const std::string& upload);
   Answer<StatusAnswer> status(const std::string& upload);
+  // An aircraft's signed report. True: the service has it now, or had it. False: it knows a later one.
+  Answer<bool> report_installed(std::string_view document);
 
  private:
   HttpTransport& transport_;

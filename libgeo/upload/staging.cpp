@@ -170,4 +170,17 @@ SealedSum seal_batches(OutboxDatabase& outbox, const PrivateKey& key, std::int64
   return sum;
 }
 
+bool stage_installed(OutboxDatabase& outbox, const SignedInstalledReport& report) {
+  bool taken = false;
+  outbox.transition("stage_installed", [&] {
+    auto insert = outbox.prepare(
+        "INSERT INTO installed (airframe, number, document, stage) VALUES (?, ?, ?, 'new') ON CONFLICT (airframe) DO"
+        " UPDATE SET number = excluded.number, document = excluded.document, stage = 'new', detail = ''"
+        " WHERE excluded.number > installed.number");
+    insert.bind(1, report.report.airframe).bind(2, report.report.number).bind(3, report.json()).run();
+    taken = outbox.changes() > 0;
+  });
+  return taken;
+}
+
 }  // namespace nadir

@@ -9,6 +9,7 @@
 
 #include "base/error.hpp"
 #include "ortho/candidate_store.hpp"
+#include "trust/installed_report.hpp"
 #include "trust/keys.hpp"
 #include "upload/batch.hpp"
 #include "upload/outbox.hpp"
@@ -18,6 +19,10 @@ namespace nadir {
 // Puts candidates in, all in one transaction; those that were staged before (the very same sidecar) are passed over,
 // but for those that were set aside as damaged: these take their place. How many are new or repaired.
 std::int64_t stage_candidates(OutboxDatabase& outbox, std::span<const Candidate> candidates, std::int64_t now_ms);
+
+// Puts in what an aircraft reported to have installed, in the place of an earlier report of it. False: this report, or a
+// later one, is there already.
+bool stage_installed(OutboxDatabase& outbox, const SignedInstalledReport& report);
 
 struct SealedSum {
   std::int64_t batches = 0;

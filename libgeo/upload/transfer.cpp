@@ -423,4 +423,26 @@ VerdictSum Transfer::verdicts(const OpenBatch& batch, const StatusReply& answer,
   return sum;
 }
 
+std::vector<Transfer::OpenReport> Transfer::open_reports() const {
+  std::vector<OpenReport> reports;
+  auto rows = outbox_.prepare("SELECT airframe, number, document FROM installed WHERE stage = 'new' ORDER BY airframe");
+  while (rows.step()) reports.push_back({std::string(rows.text(0)), rows.integer(1), std::string(rows.text(2))});
+  return reports;
+}
+
+void Transfer::report_sent(const OpenReport& report) { end_report(report, "sent", {}); }
+
+void Transfer::report_refused(const OpenReport& report, const std::string& why) { end_report(report, "refused", why); }
+
+void Transfer::end_report(const OpenReport& report, std::string_view stage, const std::string& why) {
+  outbox_.transition("report", [&] {
+    outbox_.prepare("UPDATE installed SET stage = ?, detail = ? WHERE airframe = ? AND number = ?")
+        .bind(1, stage)
+        .bind(2, why)
+        .bind(3, report.airframe)
+        .bind(4, report.number)
+        .run();
+  });
+}
+
 }  // namespace nadir

@@ -72,6 +72,16 @@ class Transfer {
   // lacks is not what was staged.
   void announced(const OpenBatch& batch, const AnnouncementReply& answer, std::int64_t now_ms);
 
+  // Aircraft's reports that the service has not answered about.
+  struct OpenReport {
+    std::string airframe;
+    std::int64_t number = 0;
+    std::string document;
+  };
+  std::vector<OpenReport> open_reports() const;
+  void report_sent(const OpenReport& report);
+  void report_refused(const OpenReport& report, const std::string& why);
+
   std::optional<OpenPack> next_pack(const OpenBatch& batch) const;
   Bytes pack_bytes(const OpenPack& pack) const;  // throws DamagedBatch
   void pack_begins(const OpenPack& pack, std::int64_t now_ms);
@@ -92,6 +102,7 @@ class Transfer {
   void reset_failures(const OpenBatch& batch, std::initializer_list<std::string_view> kinds);
 
  private:
+  void end_report(const OpenReport& report, std::string_view stage, const std::string& why);
   void interrupt(std::int64_t batch, std::int64_t now_ms);
   void set_stage(std::int64_t batch, const char* stage);
   void make_packs(std::int64_t batch, const std::vector<std::int64_t>& again);

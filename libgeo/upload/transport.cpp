@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <exception>
 
 #include "base/error.hpp"
@@ -31,6 +32,29 @@ struct FreeList {
   void operator()(curl_slist* list) const { curl_slist_free_all(list); }
 };
 
+// How fast the body goes out and then the reply comes in. libcurl's own limit knows a single rate, below which nothing
+// moves for a while: a reply of two bytes a second is above every rate that a slow line needs.
+class TransferRate {
+ public:
+  TransferRate(std::uint64_t body_bytes, std::uint64_t slowest_bytes_s, std::chrono::seconds allowance)
+      : body_bytes_(body_bytes), slowest_bytes_s_(slowest_bytes_s), allowance_(allowance) {}
+
+  // False once what has moved since the phase began is more than the allowance behind the slowest rate.
+  bool keeps_up(std::uint64_t sent, std::uint64_t received) {
+    const auto now = std::chrono::steady_clock::now();
+    if (sent == 0 && received == 0) began_ = now;  // not connected yet, or not asked: other limits hold
+    if (!replying_ && sent >= body_bytes_ && received > 0) replying_ = true, began_ = now;
+    const std::uint64_t moved = replying_ ? received : sent;
+    return now - began_ <= allowance_ + std::chrono::seconds(moved / slowest_bytes_s_);
+  }
+
+ private:
+  const std::uint64_t body_bytes_, slowest_bytes_s_;
+  const std::chrono::seconds allowance_;
+  bool replying_ = false;
+  std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+};
+
 // One request under way.
 struct Exchange {
   ByteView unsent;
@@ -40,6 +64,8 @@ struct Exchange {
   HttpReply reply;
   const std::function<void()>* check = nullptr;
   std::exception_ptr stopped;
+  TransferRate* rate = nullptr;
+  bool too_slow = false;
 };
 
 std::size_t send_body(char* target, std::size_t size, std::size_t count, void* user) {
@@ -81,11 +107,12 @@ std::size_t take_header(char* data, std::size_t size, std::size_t count, void* u
   return size * count;
 }
 
-int look_around(void* user, curl_off_t, curl_off_t, curl_off_t, curl_off_t) {
+int look_around(void* user, curl_off_t, curl_off_t received, curl_off_t, curl_off_t sent) {
   auto& exchange = *static_cast<Exchange*>(user);
   try {
     (*exchange.check)();
-    return 0;
+    exchange.too_slow = !exchange.rate->keeps_up(static_cast<std::uint64_t>(sent), static_cast<std::uint64_t>(received));
+    return exchange.too_slow ? 1 : 0;
   } catch (...) {
     exchange.stopped = std::current_exception();
     return 1;
@@ -149,6 +176,9 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   exchange.unsent = request.body;
   exchange.largest_reply = settings_.largest_reply;
   exchange.check = &check_;
+  TransferRate rate(request.body.size(), settings_.slowest_bytes_s,
+                    std::chrono::seconds(settings_.stall_timeout_s));
+  exchange.rate = &rate;
   set(easy, CURLOPT_URL, (settings_.address + request.path).c_str());
   set(easy, CURLOPT_PROTOCOLS_STR, "http,https");
   // Only to this machine itself: a proxy of the environment would get the token over a wire in the clear.
@@ -193,6 +223,9 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   const CURLcode code = curl_easy_perform(easy);
   if (exchange.stopped) std::rethrow_exception(exchange.stopped);
   if (exchange.too_large) return NoReply{fmt::format("an answer of more than {} bytes", settings_.largest_reply)};
+  if (exchange.too_slow) {
+    return NoReply{fmt::format("slower than {} bytes/s for {} s", settings_.slowest_bytes_s, settings_.stall_timeout_s)};
+  }
   if (code == CURLE_SEND_FAIL_REWIND) return NoReply{"the connection was lost"};
   if (code != CURLE_OK) return NoReply{curl_easy_strerror(code)};
   long status = 0;

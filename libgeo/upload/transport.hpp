@@ -61,7 +61,8 @@ struct CurlSettings {
   std::optional<std::filesystem::path> authorities;      // PEM file in the place of the system's
   std::uint64_t largest_reply = std::uint64_t{4} << 20;  // bytes; a longer answer is none
   int connect_timeout_s = 20;
-  int stall_timeout_s = 60;  // so long without a byte per second, either way
+  int stall_timeout_s = 60;  // so long without a byte per second, either way; and how far a transfer may fall behind:
+  std::uint64_t slowest_bytes_s = 512;  // body and reply, each from its beginning. A reply that dribbles is none
   int request_timeout_s = 900;
 };
 

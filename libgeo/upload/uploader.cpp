@@ -40,6 +40,7 @@ UploadOutcome Uploader::run() {
   transfer_.recover(env_.clock.now_ms());
   service_not_before_ms_ = transfer_.service_not_before_ms();
   last_progress_ms_ = env_.clock.now_ms();
+  send_reports();
   env_.progress.begin("sending", static_cast<std::uint64_t>(transfer_.unsent_tiles()), "tiles");
   while (auto batch = transfer_.next_batch(env_.clock.now_ms())) {
     check();
@@ -57,6 +58,24 @@ UploadOutcome Uploader::run() {
   }
   env_.progress.end();
   return outcome_;
+}
+
+void Uploader::send_reports() {
+  for (const Transfer::OpenReport& report : transfer_.open_reports()) {
+    const auto answer = service_.report_installed(report.document);
+    const auto* error = std::get_if<TransferError>(&answer);
+    if (error == nullptr) {
+      transfer_.report_sent(report);
+      ++outcome_.reports_sent;
+    } else if (error->kind == TransferError::Kind::refused) {
+      transfer_.report_refused(report, error->text);
+      ++outcome_.reports_refused;
+      env_.log(fmt::format("the report of airframe {} is refused: {}", report.airframe, error->text));
+    } else {  // a service without this call as well
+      ++outcome_.reports_waiting;
+      env_.log(fmt::format("the report of airframe {} goes with the next push: {}", report.airframe, error->text));
+    }
+  }
 }
 
 // A damaged batch does not hold up the others.

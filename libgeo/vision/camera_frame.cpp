@@ -42,11 +42,12 @@ int decode_reduction(int width, int height) {
   return reduction;
 }
 
-cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction) {
+cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction, const DecodeBudget& budget) {
+  const auto reduced = [reduction](int side) { return (side + reduction - 1) / reduction; };
   try {
-    cv::Mat frame = decode_image(encoded, Colour::grey, "frame", reduction).image;
-    if (frame.cols != camera.width || frame.rows != camera.height) return {};
-    return frame;
+    const ImageInfo info = read_image_info(encoded, "frame");
+    if (reduced(info.width) != camera.width || reduced(info.height) != camera.height) return {};
+    return decode_image(encoded, Colour::grey, "frame", reduction, budget).image;
   } catch (const Error&) {
     return {};
   }

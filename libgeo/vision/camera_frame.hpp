@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "base/bytes.hpp"
+#include "imagery/codecs.hpp"
 #include "vision/camera.hpp"
 
 namespace nadir {
@@ -15,9 +16,11 @@ namespace nadir {
 // pixels across: a large JPEG costs a fraction then. 1, 2, 4 or 8; 1 where halves would not be whole.
 int decode_reduction(int width, int height);
 
-// CV_8UC1 of the frame's size divided by `reduction`; empty when the frame is damaged or not of the camera's size: the
-// localizer then calls it unfit. camera: scaled by the reduction.
-cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction);
+// CV_8UC1 of the frame's size divided by `reduction`; empty when the frame is damaged, not of the camera's size, or
+// costs more than the budget: the localizer then calls it unfit. The size is compared before a pixel is decoded.
+// camera: scaled by the reduction.
+cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction,
+                            const DecodeBudget& budget = {});
 
 struct FrameQuality {
   double mean = 0;           // grey level, 0-255

@@ -478,7 +478,7 @@ namespace localizer {
 
 inline constexpr double kStartSigma_m = 50;      // start position, one axis; default, set by the caller
 inline constexpr double kNoFixSigma_m = 500;     // beyond this no position is published; chosen
-inline constexpr double kMapSigma_m = 2.8;       // CE90 of 6 m; default, set from the package
+inline constexpr double kMapSigma_m = 2.8;       // CE90 of 6 m; for maps whose tiles state none
 inline constexpr double kAssumedAgl_m = 120;     // height until telemetry has one; chosen
 inline constexpr double kMatchAboveSigma_m = 5;  // one axis: the map is searched again; chosen
 inline constexpr double kLeastLostSigma_m = 1000;  // no start and no area: chosen

@@ -31,6 +31,7 @@ class ChannelMatcher final : public MapMatcher {
 
     match.search = search_window(grey, map_.camera, cropped, wide.search, plan->options);
     if (!match.search.places.empty()) refine(match, grey, cropped, prior);
+    state_map_error(match, *plan);
     return match;
   }
 
@@ -94,7 +95,15 @@ class ChannelMatcher final : public MapMatcher {
         reader_.read(map_.frame, square_around(there.search.pose.position, kRefinementSlack_m + plan.reach_m),
                      plan.scale.fine_gsd_m, Colour::grey);
     refine(match, query.grey, window, there);
+    state_map_error(match, plan);
     return match;
+  }
+
+  // One coarse scene of a package says nothing of the others: only the tiles count that the frame shows.
+  void state_map_error(AnchorMatch& match, const MatchingPlan& plan) const {
+    if (!match.solved) return;
+    match.map_ce90_m =
+        reader_.ce90_m(map_.frame, square_around(match.solved->pose.position, plan.reach_m), plan.scale.fine_gsd_m);
   }
 
   // Patches, then the pose from them, then patches again with that pose.

@@ -37,6 +37,8 @@ struct AnchorMatch {
   double fine_gsd_m = 0;
   double coarse_gsd_m = 0;
   bool on_map = true;  // false: the window holds no map
+  // The worst CE90 that the tiles beneath the solved pose's footprint state; nothing where none states any.
+  std::optional<double> map_ce90_m;
   cv::Mat rectified;   // grey, as matched in the last round
   cv::Mat matched_map;
 };

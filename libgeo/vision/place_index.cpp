@@ -38,13 +38,12 @@ struct Variant {
   cv::Point2d shift;  // of the patch's middle from the frame's, in sides, along the chunk's east and south
 };
 
-Bytes read_checked(const std::filesystem::path& package, const Artifact& artifact, std::uint64_t max_size) {
-  const std::filesystem::path path = package / artifact.path;
-  Bytes bytes = read_file(path, std::min(artifact.size, max_size));
+Bytes read_checked(const Directory& package, const Artifact& artifact, std::uint64_t max_size) {
+  Bytes bytes = package.open(artifact.path).read(std::min(artifact.size, max_size));
   const Sha256 digest = sha256(bytes);
   if (digest != artifact.sha256) {
     throw Error({.what = "a file of the place index is not the signed one",
-                 .where = path,
+                 .where = artifact.path,
                  .expected = artifact.sha256.hex(),
                  .found = digest.hex()});
   }
@@ -140,7 +139,7 @@ PlaceIndex::PlaceIndex(PlaceTable table, PlaceVectors vectors)
   }
 }
 
-std::optional<PlaceIndex> PlaceIndex::open(const std::filesystem::path& package, const Manifest& manifest) {
+std::optional<PlaceIndex> PlaceIndex::open(const Directory& package, const Manifest& manifest) {
   const Artifact* vectors = manifest.artifact(kRolePlaceIndex);
   const Artifact* table = manifest.artifact(kRolePlaceTable);
   if (vectors == nullptr && table == nullptr) return std::nullopt;
@@ -242,7 +241,7 @@ PlacePatch ChunkReader::read(const PlaceLayer& layer, const PlaceChunk& chunk) {
   return {window.image, window.mask};
 }
 
-Findings check_place_index(const std::filesystem::path& package, const Manifest& manifest, const Mission& mission,
+Findings check_place_index(const Directory& package, const Manifest& manifest, const Mission& mission,
                            const TileSource& tiles, VerifyDepth depth, Progress& progress) {
   Findings findings;
   try {
@@ -265,23 +264,24 @@ Findings check_place_index(const std::filesystem::path& package, const Manifest&
   return findings;
 }
 
-void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress,
-                        Verification& verification) {
+void verify_place_index(VerifyDepth depth, Progress& progress, Verification& verification) {
   if (!verification.manifest || !verification.mission) return;
   const Manifest& manifest = *verification.manifest;
   const Artifact* imagery = manifest.artifact(kRoleImagery);
   for (const Artifact* artifact : {imagery, manifest.artifact(kRolePlaceIndex), manifest.artifact(kRolePlaceTable)}) {
     if (damaged(verification.findings, artifact)) return;  // its own finding is there
   }
-  if (imagery == nullptr || verification.tiles.empty()) return;
-  const std::unique_ptr<TileSource> tiles = open_tile_source(package / imagery->path);
-  verification.findings.add(check_place_index(package, manifest, *verification.mission, *tiles, depth, progress));
+  if (!verification.imagery || verification.tiles.empty()) return;
+  const std::unique_ptr<TileSource> tiles =
+      open_tile_source(verification.imagery->duplicate(), TileSetRules::of_package(verification.tiles.size()));
+  verification.findings.add(
+      check_place_index(*verification.folder, manifest, *verification.mission, *tiles, depth, progress));
 }
 
-void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress, Opening& opening) {
+void verify_place_index(VerifyDepth depth, Progress& progress, Opening& opening) {
   if (!opening.package) return;
-  opening.findings.add(check_place_index(package, opening.package->manifest(), opening.package->mission(),
-                                         opening.package->imagery(), depth, progress));
+  opening.findings.add(check_place_index(opening.package->folder(), opening.package->manifest(),
+                                         opening.package->mission(), opening.package->imagery(), depth, progress));
   if (opening.findings.has_errors()) opening.package.reset();
 }
 

@@ -7,11 +7,11 @@
 // Everything is deterministic. Memory: the file's 512 bytes per chunk, the table's 32, and per query some megabytes.
 #pragma once
 
-#include <filesystem>
 #include <optional>
 #include <vector>
 
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 #include "base/progress.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/map_window.hpp"
@@ -30,7 +30,7 @@ class PlaceIndex final : public PlaceRetrieval {
 
   // Nothing when the manifest names no index. Both files must have the digests of the manifest and belong to its
   // imagery; else throws Error, before FAISS sees a byte.
-  static std::optional<PlaceIndex> open(const std::filesystem::path& package, const Manifest& manifest);
+  static std::optional<PlaceIndex> open(const Directory& package, const Manifest& manifest);
 
   // The layer whose chunks are nearest in size to what the mask shows is searched.
   std::vector<PlaceCandidate> query(const PlaceQuery& query, std::size_t count) const override;
@@ -65,12 +65,11 @@ class ChunkReader {
 // "index.mismatch": the table cannot be read, is for other imagery or another plane, or does not fit the vectors; at
 // full depth also when a sample of the chunks (one in a hundred, 32 at least, drawn by the manifest's digest) is
 // described again from the tiles and differs. No findings for a package without an index.
-Findings check_place_index(const std::filesystem::path& package, const Manifest& manifest, const Mission& mission,
+Findings check_place_index(const Directory& package, const Manifest& manifest, const Mission& mission,
                            const TileSource& tiles, VerifyDepth depth, Progress& progress);
 
 // What every command adds to verify_package() and open_package().
-void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress,
-                        Verification& verification);
-void verify_place_index(const std::filesystem::path& package, VerifyDepth depth, Progress& progress, Opening& opening);
+void verify_place_index(VerifyDepth depth, Progress& progress, Verification& verification);
+void verify_place_index(VerifyDepth depth, Progress& progress, Opening& opening);
 
 }  // namespace nadir

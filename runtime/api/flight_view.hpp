@@ -52,7 +52,7 @@ struct VelocityView {
 };
 
 struct FramesView {
-  std::uint64_t received = 0, dropped = 0;  // dropped: superseded, or delivered late
+  std::uint64_t received = 0, dropped = 0;  // dropped: superseded, delivered late, or not decodable
   double per_s = 0;
 };
 
@@ -65,7 +65,15 @@ struct LinkView {
   bool connected = false;
   bool signed_frames = false;
   std::uint64_t fixes_sent = 0;
+  std::uint64_t rivals = 0;    // frames of others that claimed to be the autopilot
   CountsByReason rejected_by;  // received frames
+  struct Station {             // besides the autopilot
+    std::string role;          // "ground station", "logger"
+    std::string endpoint;
+    bool open = false;
+    std::uint64_t sent = 0, commands = 0;
+  };
+  std::vector<Station> stations;
 };
 
 struct GpsView {

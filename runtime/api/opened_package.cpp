@@ -49,10 +49,9 @@ PackageView refused_package(const Findings& findings) {
   return view;
 }
 
-ApiPackage package_for_api(const std::filesystem::path& folder, std::shared_ptr<const OpenPackage> package) {
-  const Artifact& imagery = *package->manifest().artifact(kRoleImagery);
+ApiPackage package_for_api(std::shared_ptr<const OpenPackage> package) {
   ApiPackage result;
-  result.tiles = std::make_shared<const CheckedTiles>(folder / imagery.path, package->imagery().sidecars());
+  result.tiles = package->another_imagery_reader();
   result.frame = std::make_shared<const LocalFrame>(mission_frame(package->mission()));
   if (package->terrain() != nullptr) result.surface = std::make_shared<const PackageGround>(package, *result.frame);
   return result;

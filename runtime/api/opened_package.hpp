@@ -15,6 +15,6 @@ PackageView refused_package(const Findings& findings);  // the first refusal is 
 
 // Tiles by a reader of their own, with the digests that were signed: pages never hold up the flight's reading.
 // folder: where the package lies.
-ApiPackage package_for_api(const std::filesystem::path& folder, std::shared_ptr<const OpenPackage> package);
+ApiPackage package_for_api(std::shared_ptr<const OpenPackage> package);
 
 }  // namespace nadir

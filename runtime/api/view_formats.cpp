@@ -88,7 +88,16 @@ json state_json(const FlightView& view, double age_s) {
   document["link"] = {{"connected", view.link.connected},
                       {"signed", view.link.signed_frames},
                       {"fixes_sent", view.link.fixes_sent},
-                      {"rejected_by", counts(view.link.rejected_by)}};
+                      {"rivals", view.link.rivals},
+                      {"rejected_by", counts(view.link.rejected_by)},
+                      {"stations", json::array()}};
+  for (const LinkView::Station& station : view.link.stations) {
+    document["link"]["stations"].push_back({{"role", station.role},
+                                            {"endpoint", station.endpoint},
+                                            {"open", station.open},
+                                            {"sent", station.sent},
+                                            {"commands", station.commands}});
+  }
   document["gps"] = {{"judgement", name_of(view.gps.judgement)}, {"reason", printable(view.gps.reason)}};
   document["recorder"] = {{"state", name_of(view.recorder.state)},
                           {"reason", printable(view.recorder.reason)},
@@ -269,7 +278,8 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.gauge("anchor_age_seconds", "Time since the last accepted anchor.", view.anchor_age_s);
   text.gauge("agl_meters", "Height above ground.", view.agl_m);
   text.counter("frames_received_total", "Frames from the camera.", view.frames.received);
-  text.counter("frames_dropped_total", "Frames not processed: superseded by a newer one, or delivered late.",
+  text.counter("frames_dropped_total",
+               "Frames not processed: superseded by a newer one, delivered late, or not decodable.",
                view.frames.dropped);
   text.gauge("frames_per_second", "Rate of frames.", view.frames.per_s);
   text.counter("anchors_accepted_total", "Accepted anchors.", view.anchors.accepted);

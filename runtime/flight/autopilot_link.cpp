@@ -9,7 +9,8 @@
 namespace nadir {
 namespace {
 
-constexpr double kHeartbeatPeriod_s = 1, kRequestPeriod_s = 10, kUnauthenticatedPeriod_s = 1, kThreadLimit_s = 2;
+constexpr double kHeartbeatPeriod_s = 1, kRequestPeriod_s = 10, kUnauthenticatedPeriod_s = 1, kRivalPeriod_s = 10,
+                 kThreadLimit_s = 2;
 constexpr int kMaxWait_ms = 20;
 
 // ArduPlane sends at most every 20 ms, and warns the operator about any request above 40 Hz.
@@ -21,14 +22,22 @@ constexpr std::pair<StreamedMessage, double> kStreams[] = {
 
 std::int64_t us(double seconds) { return std::llround(seconds * 1e6); }
 
-std::optional<Signing> signing_of(const AutopilotLinkSetup& setup, const std::unique_ptr<SigningTime>& time) {
+// number: 0 for the autopilot's link, then the stations. Each link signs with a link id of its own.
+std::optional<Signing> signing_of(const AutopilotLinkSetup& setup, const std::unique_ptr<SigningTime>& time,
+                                  const std::unique_ptr<StreamTimestamps>& streams, std::size_t number) {
   if (!setup.key || !time) return std::nullopt;
-  return Signing(*setup.key, *time, setup.airframe.link);
+  return Signing(*setup.key, *time, static_cast<std::uint8_t>(setup.airframe.link + number), streams.get());
 }
 
 std::unique_ptr<SigningTime> time_of(const AutopilotLinkSetup& setup, const FlightClock& clock) {
-  if (!setup.key || !setup.signing_time) return nullptr;
-  return std::make_unique<SigningTime>(*setup.signing_time, clock.unix_us(), us(clock.monotonic_s()));
+  if (!setup.key || !setup.state) return nullptr;
+  return std::make_unique<SigningTime>(*setup.state / "signing-time", clock.unix_us(), us(clock.monotonic_s()));
+}
+
+std::unique_ptr<StreamTimestamps> streams_of(const AutopilotLinkSetup& setup, std::size_t number) {
+  if (!setup.key || !setup.state) return nullptr;
+  const std::string name = "signing-streams";
+  return std::make_unique<StreamTimestamps>(*setup.state / (number == 0 ? name : name + "-" + std::to_string(number)));
 }
 
 SystemState system_state(ServiceState state) {
@@ -45,14 +54,30 @@ SystemState system_state(ServiceState state) {
 
 }  // namespace
 
+std::string_view name_of(StationRole role) {
+  return role == StationRole::ground_station ? "ground station" : "logger";
+}
+
 AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener)
     : airframe_(setup.airframe),
       clock_(clock),
       listener_(std::move(listener)),
       signing_time_(time_of(setup, clock)),
-      link_(std::move(setup.transport), {airframe_.system, airframe_.component}, signing_of(setup, signing_time_)),
+      streams_(streams_of(setup, 0)),
+      link_(std::move(setup.transport), {airframe_.system, airframe_.component},
+            signing_of(setup, signing_time_, streams_, 0), MavlinkAddress{airframe_.system, airframe_.autopilot}),
       beat_(watch.watch("link", kThreadLimit_s)),
-      thread_([this](const std::stop_token& stop) { run(stop); }) {}
+      thread_() {
+  for (const StationSetup& station : setup.stations) {
+    const std::size_t number = stations_.size() + 1;
+    auto streams = streams_of(setup, number);
+    auto signing = signing_of(setup, signing_time_, streams, number);
+    MavlinkLink link(make_transport(parse_endpoint(station.endpoint)), {airframe_.system, airframe_.component},
+                     std::move(signing));
+    stations_.push_back({station, std::move(streams), std::move(link), 0});
+  }
+  thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
+}
 
 AutopilotLink::~AutopilotLink() { stop(); }
 
@@ -79,8 +104,21 @@ void AutopilotLink::send(OutgoingMessage message) {
   wake_up_.call();
 }
 
-void AutopilotLink::save_signing_time() {
-  if (signing_time_) signing_time_->save(us(clock_.monotonic_s()));
+void AutopilotLink::save_signing_state() {
+  if (!signing_time_) return;
+  signing_time_->save(us(clock_.monotonic_s()));
+  streams_->save();
+  for (const Station& station : stations_) station.streams->save();
+}
+
+std::vector<std::string> AutopilotLink::faults() const {
+  std::vector<std::string> faults;
+  const auto add = [&](const std::unique_ptr<StreamTimestamps>& streams) {
+    if (streams && !streams->fault().empty()) faults.push_back(streams->fault());
+  };
+  add(streams_);
+  for (const Station& station : stations_) add(station.streams);
+  return faults;
 }
 
 AutopilotLink::State AutopilotLink::state() const {
@@ -100,19 +138,50 @@ void AutopilotLink::run(const std::stop_token& stop) {
       listener_.on_message(now_s, message);
     };
     link_.advance(us(now_s), handle, [&](MavlinkAddress claimed) { report_unauthenticated_peer(now_s, claimed); });
+    report_rivals(now_s);
+    advance_stations(now_s);
     while (const auto arrived = estimates_.try_take()) {
       const bool accepted = predictor_.on_estimate(arrived->estimate, us(now_s));
       if (accepted && arrived->arrived_s) unsent_since_s_ = arrived->arrived_s;
     }
     const ServiceStatus status = this->status();
     send_fix(now_s, status);
-    if (heartbeats.due(now_s)) link_.send(OwnHeartbeat{system_state(status.state)}, us(now_s));
-    while (const auto message = outgoing_.try_take()) link_.send(*message, us(now_s));
+    if (heartbeats.due(now_s)) send_everywhere(OwnHeartbeat{system_state(status.state)}, us(now_s));
+    while (const auto message = outgoing_.try_take()) send_everywhere(*message, us(now_s));
     publish();
     const double until_due_ms = static_cast<double>(predictor_.next_due_us() - us(clock_.monotonic_s())) / 1000;
     const int wait_ms = static_cast<int>(std::clamp(until_due_ms, 0.0, static_cast<double>(kMaxWait_ms)));
-    wake_up_.wait(link_.transport().descriptor(), link_.transport().events(), wait_ms);
+    wait_for_input(wait_ms);
   }
+}
+
+// Ground stations get what is meant for people, loggers all.
+void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t now_us) {
+  link_.send(message, now_us);
+  const bool for_people = std::holds_alternative<OwnHeartbeat>(message) || std::holds_alternative<StatusText>(message) ||
+                          std::holds_alternative<CommandAck>(message);
+  for (Station& station : stations_) {
+    if (for_people || station.setup.role == StationRole::logger) station.link.send(message, now_us);
+  }
+}
+
+// Telemetry counts only from the autopilot's own link.
+void AutopilotLink::advance_stations(double now_s) {
+  for (Station& station : stations_) {
+    station.link.advance(us(now_s), [&](const ReceivedMessage& message) {
+      if (station.setup.role != StationRole::ground_station || !std::holds_alternative<CommandInt>(message.message)) return;
+      ++station.commands;
+      listener_.on_message(now_s, message);
+    });
+  }
+}
+
+void AutopilotLink::wait_for_input(int at_most_ms) const {
+  std::vector<pollfd> waited{{link_.transport().descriptor(), link_.transport().events(), 0}};
+  for (const Station& station : stations_) {
+    waited.push_back({station.link.transport().descriptor(), station.link.transport().events(), 0});
+  }
+  wake_up_.wait(std::move(waited), at_most_ms);
 }
 
 ServiceStatus AutopilotLink::status() const {
@@ -131,6 +200,9 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
   }
   const GpsInput input =
       fix ? gps_input(*fix, airframe_.gps_id) : gps_input_without_fix(clock_.unix_us(), airframe_.gps_id);
+  for (Station& station : stations_) {
+    if (station.setup.role == StationRole::logger) station.link.send(input, us(now_s));
+  }
   if (!link_.send(input, us(now_s))) return;
   const std::scoped_lock lock(mutex_);
   ++state_.fixes_sent;
@@ -165,8 +237,23 @@ void AutopilotLink::report_unauthenticated_peer(double now_s, MavlinkAddress cla
   if (listener_.on_unauthenticated_peer) listener_.on_unauthenticated_peer();
 }
 
+void AutopilotLink::report_rivals(double now_s) {
+  const std::uint64_t rivals = link_.counts().rivals;
+  if (rivals == rivals_ || (rivals_s_ && now_s - *rivals_s_ < kRivalPeriod_s)) return;
+  rivals_ = rivals;
+  rivals_s_ = now_s;
+  if (listener_.on_rival) listener_.on_rival(rivals);
+}
+
 void AutopilotLink::publish() {
   const std::scoped_lock lock(mutex_);
+  state_.stations.clear();
+  for (const Station& station : stations_) {
+    const Transport& transport = station.link.transport();
+    state_.stations.push_back({station.setup.role, station.setup.endpoint, transport.is_open(),
+                               transport.is_open() ? std::string() : transport.last_error(), station.link.counts().sent,
+                               station.commands});
+  }
   state_.open = link_.transport().is_open();
   state_.error = state_.open ? std::string() : link_.transport().last_error();
   state_.counts = link_.counts();

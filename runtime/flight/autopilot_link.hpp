@@ -1,5 +1,13 @@
-// The thread of the autopilot link: receives telemetry, sends our fixes ten times a second and the operator's texts. It
-// waits for no frame, and no frame waits for it.
+// The thread of the links: receives the autopilot's telemetry, sends our fixes ten times a second and the operator's
+// texts. It waits for no frame, and no frame waits for it.
+//
+//   link            hears                                        gets
+//   autopilot       telemetry of the configured autopilot,       everything
+//                   commands that are addressed to us
+//   ground station  commands that are addressed to us            heartbeat, texts, answers to commands
+//   logger          nothing                                      everything
+//
+// Fixes go to the configured autopilot and to loggers, whoever else speaks on a link (mavlink/link.hpp).
 #pragma once
 
 #include <poll.h>
@@ -16,6 +24,7 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "base/error.hpp"
 #include "mavlink/fix_predictor.hpp"
@@ -43,10 +52,10 @@ class WakeUp {
     [[maybe_unused]] const auto written = ::write(fd_, &one, sizeof one);  // full: already woken
   }
 
-  // Until call(), one of these events of `descriptor` (-1: none), or the timeout.
-  void wait(int descriptor, short events, int at_most_ms) const {
-    pollfd waited[] = {{fd_, POLLIN, 0}, {descriptor, events, 0}};
-    ::poll(waited, 2, at_most_ms);
+  // Until call(), an event of one of these (descriptor -1: none), or the timeout.
+  void wait(std::vector<pollfd> waited, int at_most_ms) const {
+    waited.push_back({fd_, POLLIN, 0});
+    ::poll(waited.data(), waited.size(), at_most_ms);
     std::uint64_t calls = 0;
     [[maybe_unused]] const auto taken = ::read(fd_, &calls, sizeof calls);
   }
@@ -85,11 +94,24 @@ class LatencyHistogram {
   double largest_s_ = 0;
 };
 
+enum class StationRole { ground_station, logger };
+
+std::string_view name_of(StationRole role);
+
+// Another end that we serve besides the autopilot.
+struct StationSetup {
+  StationRole role = StationRole::ground_station;
+  std::string endpoint;  // parse_endpoint()
+};
+
 struct AutopilotLinkSetup {
   Airframe airframe;
   std::unique_ptr<Transport> transport;
-  std::optional<SigningKey> key;                      // none: simulators and the bench
-  std::optional<std::filesystem::path> signing_time;  // with a key: the timestamps that a restart must not reuse
+  std::optional<SigningKey> key;  // of all links; none: simulators and the bench
+  // With a key: the folder with what a restart must know, our own timestamps ("signing-time") and those of each link's
+  // peers ("signing-streams", "signing-streams-1", …).
+  std::optional<std::filesystem::path> state{};
+  std::vector<StationSetup> stations{};
 };
 
 class AutopilotLink {
@@ -100,6 +122,8 @@ class AutopilotLink {
     std::function<void(double distance_m)> on_jump;  // the next fix lies so far from the last one
     // A peer claims to be the autopilot without a valid signature; at most once a second.
     std::function<void()> on_unauthenticated_peer;
+    // Somebody at another address claims to be the autopilot; at most once in ten seconds.
+    std::function<void(std::uint64_t frames)> on_rival{};
   };
 
   AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener);
@@ -115,7 +139,8 @@ class AutopilotLink {
   void on_status(const ServiceStatus& status);  // whether fixes may be sent, and their accuracy
   void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
-  void save_signing_time();  // once a second, from a thread that may wait for disks
+  void save_signing_state();  // once a second, from a thread that may wait for disks
+  std::vector<std::string> faults() const;  // of the saved signing state, as it was read
   std::string signing_time_failure() const { return signing_time_ ? signing_time_->failure() : std::string(); }
 
   struct State {
@@ -126,6 +151,14 @@ class AutopilotLink {
     double longest_gap_s = 0;     // between two GPS_INPUT
     std::optional<Fix> last_fix;  // in the last of them; nullopt: "no fix"
     LatencyHistogram latency;     // from the arrival of a frame to the first fix that uses it
+    struct Station {
+      StationRole role = StationRole::ground_station;
+      std::string endpoint;
+      bool open = false;
+      std::string error;  // why it is closed
+      std::uint64_t sent = 0, commands = 0;
+    };
+    std::vector<Station> stations;
   };
   State state() const;
 
@@ -136,13 +169,26 @@ class AutopilotLink {
   void request_streams(double now_s, const ReceivedMessage& message);
   void predict_motion(double now_s, const ReceivedMessage& received);
   void report_unauthenticated_peer(double now_s, MavlinkAddress claimed);
+  void report_rivals(double now_s);
+  void send_everywhere(const OutgoingMessage& message, std::int64_t now_us);
+  void advance_stations(double now_s);
+  void wait_for_input(int at_most_ms) const;
   void publish();
 
   Airframe airframe_;
   const FlightClock& clock_;
   Listener listener_;
-  std::unique_ptr<SigningTime> signing_time_;  // null: the link is not signed
+  std::unique_ptr<SigningTime> signing_time_;  // null: the links are not signed
+  std::unique_ptr<StreamTimestamps> streams_;  // of the autopilot's link
   MavlinkLink link_;
+
+  struct Station {
+    StationSetup setup;
+    std::unique_ptr<StreamTimestamps> streams;
+    MavlinkLink link;
+    std::uint64_t commands = 0;
+  };
+  std::vector<Station> stations_;
   FixPredictor predictor_;
 
   struct ArrivedEstimate {
@@ -156,7 +202,8 @@ class AutopilotLink {
   ServiceStatus status_;
   State state_;
 
-  std::optional<double> last_fix_s_, requested_s_, unsent_since_s_, unauthenticated_s_;
+  std::optional<double> last_fix_s_, requested_s_, unsent_since_s_, unauthenticated_s_, rivals_s_;
+  std::uint64_t rivals_ = 0;  // reported
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above
 };

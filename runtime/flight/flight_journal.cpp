@@ -65,6 +65,12 @@ void FlightJournal::on(double time_s, const PositionHinted& hint) {
                    hint.place.lon_deg));
 }
 
+void FlightJournal::on(double time_s, const LinkRivalHeard& rival) {
+  note(time_s, EventSeverity::critical, "link",
+       fmt::format("another sender claims to be the autopilot: {} frames from another address; our fixes stay with the first",
+                   rival.frames));
+}
+
 void OperatorTexts::add(TextSeverity severity, std::string text) {
   if (text.empty()) return;
   texts_.push_back({severity, std::move(text)});

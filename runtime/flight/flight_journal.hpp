@@ -35,6 +35,7 @@ class FlightJournal {
   void on(double time_s, const PartReported& reported);
   void on(double time_s, const FixJumped& jumped);
   void on(double time_s, const PositionHinted& hint);
+  void on(double time_s, const LinkRivalHeard& rival);
 
   Recorder* recorder_;
   EventRing events_;

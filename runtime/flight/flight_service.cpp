@@ -7,11 +7,13 @@
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "base/platform.hpp"
 #include "cli/nadir_version.hpp"
 #include "mavlink/commands.hpp"
 #include "service/service_rules.hpp"
 #include "trust/bearer_token.hpp"
+#include "trust/installed_report.hpp"
 #include "vision/camera_frame.hpp"
 
 namespace nadir {
@@ -99,6 +101,32 @@ VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double
   return vision;
 }
 
+// Each code once.
+std::vector<std::string> codes_in(const Findings& findings) {
+  std::vector<std::string> codes;
+  for (const Finding& finding : findings.items()) {
+    const bool known = std::find(codes.begin(), codes.end(), finding.code) != codes.end();
+    if (!known && codes.size() < kMaxInstalledFindings) codes.push_back(finding.code);
+  }
+  return codes;
+}
+
+// What this aircraft flies, signed, beside the tiles that go to the ground. The state folder keeps the last one: the next
+// one's number goes on from it.
+void write_installed_report(InstalledReport report, const PrivateKey& key, const std::filesystem::path& state,
+                            const std::filesystem::path& candidates) {
+  const std::filesystem::path kept = state / kInstalledFile;
+  std::optional<std::string> last;
+  try {
+    if (std::filesystem::exists(kept)) last = read_text_file(kept, kMaxInstalledSize);
+  } catch (const Error&) {  // damaged: as if it were lost
+  }
+  report.number = next_report_number(last, report.reported_at);
+  const std::string text = sign_installed_report(report, key).json();
+  write_file_atomic(kept, text);
+  write_file_atomic(candidates / kInstalledFile, text);
+}
+
 }  // namespace
 
 // ---- start and end
@@ -133,6 +161,7 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
   const PackageView view = map_ ? package_view(map_->package()) : refused_package(verified.findings);
   views_.set_package(view);
   rejection_ = view.reason;
+  root_version_ = verified.root_version;
   warnings_ = std::move(verified.findings);
   journal_ = std::make_unique<FlightJournal>(nullptr);
   const ListenAddress address = parse_listen_address(options_.listen);
@@ -254,18 +283,34 @@ void FlightService::start_tiles() {
   };
   tiles_owner_ = std::make_unique<TileMaking>(setup, clock_, std::move(listener));
   tiles_ = tiles_owner_.get();
+  if (root_version_ == 0) return;
+  try {
+    write_installed_report({.airframe = airframe_.id,
+                            .reported_at = {clock_.unix_us() / 1'000'000},
+                            .package = setup.flight.base_package,
+                            .series = map_->package().manifest().series,
+                            .sequence = map_->package().manifest().sequence,
+                            .root_version = root_version_,
+                            .verified_at = {clock_.unix_us() / 1'000'000},
+                            .findings = codes_in(warnings_)},
+                           PrivateKey::read(setup.key), state_.folder(), setup.folder);
+  } catch (const Error& error) {  // it costs the ground a line in a list, and the flight nothing
+    publish(PartReported{"report of the flown package", error.what()});
+  }
 }
 
 void FlightService::start_link() {
-  AutopilotLinkSetup setup{airframe_, make_transport(parse_endpoint(options_.autopilot)), std::nullopt, std::nullopt};
-  if (options_.link_key) {
-    setup.key = SigningKey::read(*options_.link_key);
-    setup.signing_time = state_.folder() / "signing-time";
-  }
+  AutopilotLinkSetup setup{.airframe = airframe_,
+                           .transport = make_transport(parse_endpoint(options_.autopilot)),
+                           .key = std::nullopt,
+                           .state = state_.folder(),
+                           .stations = options_.stations};
+  if (options_.link_key) setup.key = SigningKey::read(*options_.link_key);
   AutopilotLink::Listener listener;
   listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
-  listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{.authentic = false, .armed = false}); };
+  listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
+  listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalHeard{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
 }
 
@@ -311,7 +356,8 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   };
   if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
     if (ours && heartbeat->is_autopilot) {
-      publish(AutopilotHeartbeat{received.is_signed || !options_.link_key, heartbeat->armed});
+      publish(AutopilotHeartbeat{
+          received.is_signed ? LinkAuthentication::signature : LinkAuthentication::not_required, heartbeat->armed});
     }
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
@@ -333,11 +379,20 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   } else if (const auto* ekf = std::get_if<EkfStatus>(&received.message)) {
     if (ours) publish(EkfReport{now_s, ekf->horizontal_position_absolute, ekf->gps_glitching});
   } else if (const auto* command = std::get_if<CommandInt>(&received.message)) {
-    if (const auto hint = position_hint(*command)) {
-      publish(PositionHinted{hint->place, hint->radius_m, "operator"});
-      link_->send(CommandAck{command->command, CommandResult::accepted, received.source});
-    }
+    on_command(received, *command);
   }
+}
+
+// On the link's thread.
+void FlightService::on_command(const ReceivedMessage& received, const CommandInt& command) {
+  if (!is_addressed_to(command, {airframe_.system, airframe_.component})) return;
+  const auto hint = position_hint(command);
+  if (hint) {
+    publish(PositionHinted{
+        hint->place, hint->radius_m,
+        fmt::format("operator {}/{}{}", received.source.system, received.source.component, received.is_signed ? "" : ", unsigned")});
+  }
+  link_->send(CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
 }
 
 // Disks may be slow: apart from recorder and tiles, only this thread uses them in flight.
@@ -349,7 +404,7 @@ void FlightService::upkeep_loop(const std::stop_token& stop) {
     if (auto reported = signing_part_.note(clock_.monotonic_s(), link_->signing_time_failure())) {
       publish(*std::move(reported));
     }
-    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_time();
+    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_state();
     if (auto flight = to_save_.take_within(kUpkeepWait, stop)) unsaved_flight_ = *std::move(flight);
     if (auto acceptance = acceptances_.try_take()) unsaved_acceptance_ = *std::move(acceptance);
     if (stop.stop_requested()) break;
@@ -439,7 +494,7 @@ void FlightService::react(double, const LocalizedFrame& frame) { last_frame_ = f
 
 // Take-off and landing, as what was accepted needs to know them.
 void FlightService::react(double time_s, const AutopilotHeartbeat& heartbeat) {
-  if (!heartbeat.authentic || !acceptance_) return;
+  if (heartbeat.authentication == LinkAuthentication::missing || !acceptance_) return;
   const FlightPhase::Change change = phase_.on_heartbeat(time_s, heartbeat.armed);
   if (change == FlightPhase::Change::none) return;
   acceptance_->airborne = phase_.airborne();
@@ -464,6 +519,10 @@ void FlightService::react(double, const PartReported& reported) {
 }
 
 void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
+
+void FlightService::react(double, const LinkRivalHeard&) {
+  link_->send_text(TextSeverity::critical, "Nadir: another sender claims to be autopilot");
+}
 
 void FlightService::react(double, const PositionHinted& hint) {
   if (localization_) localization_->hint(hint.place, hint.radius_m, hint.source);
@@ -551,6 +610,13 @@ void FlightService::note_start() {
     operator_texts_.add(TextSeverity::critical, notice_text_);
     if (log_) log_("package: " + notice_);
   }
+  if (!options_.link_key) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "link",
+                   "not signed (--unsigned-link): anybody on it can pose as the autopilot or as an operator");
+  }
+  for (const std::string& fault : link_->faults()) {
+    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "link", fault);
+  }
   for (const Finding& finding : warnings_.items()) {
     if (finding.severity != Severity::warning) continue;
     journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
@@ -580,12 +646,12 @@ void FlightService::note_end() {
                   1000 * link.latency.largest_s(), link.fixes_sent, 1000 * link.longest_gap_s));
 }
 
-// The stale frames that the camera's thread dropped never reached the mailbox.
+// The stale frames that the camera's thread dropped never reached the mailbox; those that could not be decoded did.
 MailboxCounts FlightService::frame_counts() const {
   MailboxCounts counts = frames_.counts();
   const std::uint64_t stale = camera_ ? camera_->stale() : 0;
   counts.put += stale;
-  counts.dropped += stale;
+  counts.dropped += stale + (localization_ ? localization_->undecodable() : 0);
   return counts;
 }
 

@@ -24,6 +24,7 @@
 #include <span>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "api/api.hpp"
 #include "flight/autopilot_link.hpp"
@@ -53,7 +54,8 @@ struct FlightOptions {
   std::string camera;                                       // open_camera()
   std::optional<std::filesystem::path> camera_credentials;  // with_credentials()
   std::string autopilot;                                    // parse_endpoint()
-  std::optional<std::filesystem::path> link_key;            // nullopt: the link is not signed
+  std::vector<StationSetup> stations;                       // besides the autopilot
+  std::optional<std::filesystem::path> link_key;            // nullopt: the links are not signed
   std::optional<std::filesystem::path> record;              // folder; nullopt: no recording
   bool keep_pictures = false;                               // in the recording
   std::optional<std::filesystem::path> candidates;          // folder for candidate tiles; nullopt: none are made
@@ -79,6 +81,7 @@ struct VerifiedPackage {
   std::string notice_text{};                      // and as a STATUSTEXT
   std::function<void()> write_memory = nullptr;   // of accepted packages; throws, and is tried again
   std::function<bool()> can_be_opened = nullptr;  // asked now and then when there is no package
+  std::int64_t root_version = 0;  // of the root that it was verified by; 0: resumed, not verified now
 };
 
 enum class FlightEnd {
@@ -119,12 +122,14 @@ class FlightService {
   void upkeep_loop(const std::stop_token& stop);
   void upkeep(double now_s);
   void save_state();
+  void on_command(const ReceivedMessage& received, const CommandInt& command);
 
   // The conductor
   void note_start();
   void note_end();
   void on_event(double time_s, const OnboardEvent& event);
   void react(double time_s, const FixJumped& jumped);
+  void react(double time_s, const LinkRivalHeard& rival);
   void react(double time_s, const PositionHinted& hint);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);
@@ -190,6 +195,7 @@ class FlightService {
   std::unique_ptr<AutopilotLink> link_;
   std::unique_ptr<TileMaking> tiles_owner_;
   std::atomic<TileMaking*> tiles_{nullptr};  // null: none are made
+  std::int64_t root_version_ = 0;            // of VerifiedPackage
   std::unique_ptr<LocalizationThread> localization_;
   std::unique_ptr<CameraFeed> camera_;
   std::jthread upkeep_thread_;  // last: it uses everything above

@@ -5,6 +5,7 @@
 #include "base/error.hpp"
 #include "base/platform.hpp"
 #include "estimation/localizer.hpp"
+#include "service/service_rules.hpp"
 #include "vision/camera_frame.hpp"
 
 namespace nadir {
@@ -12,6 +13,7 @@ namespace {
 
 constexpr std::chrono::milliseconds kPollFinished{20};  // the longest delay of a finished map match
 constexpr double kTrackerLimit_s = 3;
+constexpr auto kMaxFrameDecode_ms = static_cast<std::int64_t>(1000 * kMaxFrameDecode_s);
 // A search of the whole area on a slow, busy computer. Ended sooner, it would only start again.
 constexpr double kMatcherLimit_s = 120;
 constexpr double kMinHeight_m = 1;
@@ -82,7 +84,9 @@ void LocalizationThread::process(const CapturedFrame& frame) {
   const Telemetry telemetry = telemetry_at(frame);
   if (awaits_attitude(frame, telemetry)) return;
   listener_.on_frame(next_index_, telemetry, frame.encoded);
-  auto followed = localizer_.track(decode_camera_frame(frame.encoded, decoded_, shrink_), telemetry);
+  const cv::Mat image = decode_camera_frame(frame.encoded, decoded_, shrink_, {.limit_ms = kMaxFrameDecode_ms});
+  if (image.empty()) ++undecodable_;
+  auto followed = localizer_.track(image, telemetry);
   if (followed.job) {
     job_index_ = next_index_;
     searches_everywhere_ = followed.job->searches_everywhere;

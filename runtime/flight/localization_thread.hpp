@@ -70,6 +70,10 @@ class LocalizationThread {
   // cancelled: the next frame is searched for where the hint points.
   void hint(const LonLat& at, double radius_m, const std::string& source);
 
+  // Frames that were dropped because they could not be decoded: damaged, of another size than the camera's, or made so
+  // that decoding them takes too long. From any thread.
+  std::uint64_t undecodable() const { return undecodable_; }
+
   // Both threads end soon: a map match in progress is cancelled and not reported.
   void request_stop();
 
@@ -103,6 +107,7 @@ class LocalizationThread {
 
   bool searches_everywhere_ = false;  // the job in progress searches the whole area
 
+  std::atomic<std::uint64_t> undecodable_{0};
   std::atomic<bool> cancel_job_{false};
   LatestMailbox<HintRecord> hints_;
   LatestMailbox<std::unique_ptr<AnchorJob>> jobs_, finished_;  // at most one in progress: nothing is ever dropped

@@ -8,7 +8,7 @@ MissionMap::MissionMap(std::unique_ptr<OpenPackage> package, const std::filesyst
     : package_(std::move(package)),
       folder_(folder),
       frame_(std::make_shared<const LocalFrame>(mission_frame(package_->mission()))),
-      places_(PlaceIndex::open(folder, package_->manifest())) {
+      places_(PlaceIndex::open(package_->folder(), package_->manifest())) {
   if (package_->terrain() != nullptr) {
     surface_ = std::make_shared<const TerrainSurface>(*package_->terrain(), *frame_, plane_msl_m());
   }
@@ -23,7 +23,6 @@ std::optional<double> MissionMap::ground_msl_m(const LonLat& place) const {
 
 LocalizerConfig MissionMap::config() const {
   LocalizerConfig config;
-  config.map_sigma_m = map_sigma_m(package_->imagery());
   config.area = required_region(package_->mission(), *frame_).bounds();
   config.surface = surface_.get();
   config.places = places_ ? &*places_ : nullptr;

@@ -27,7 +27,7 @@ class MissionMap {
   double plane_msl_m() const;                                     // reference of the surface's heights
   std::optional<double> ground_msl_m(const LonLat& place) const;  // nullopt: flat ground
 
-  ApiPackage for_api() const { return package_for_api(folder_, package_); }
+  ApiPackage for_api() const { return package_for_api(package_); }
 
  private:
   std::shared_ptr<const OpenPackage> package_;

@@ -75,6 +75,12 @@ void ViewBuilder::set_link(const AutopilotLink::State& state, bool connected, bo
   view_.link.connected = connected;
   view_.link.signed_frames = is_signed;
   view_.link.fixes_sent = state.fixes_sent;
+  view_.link.rivals = counts.rivals;
+  view_.link.stations.clear();
+  for (const AutopilotLink::State::Station& station : state.stations) {
+    view_.link.stations.push_back(
+        {std::string(name_of(station.role)), station.endpoint, station.open, station.sent, station.commands});
+  }
   view_.link.rejected_by = {{"bad_crc", counts.frames.bad_crc},
                             {"unknown", counts.frames.unknown},
                             {"malformed", counts.malformed},

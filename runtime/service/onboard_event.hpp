@@ -42,10 +42,21 @@ struct PartReported {
 
 // ---- autopilot
 
-// authentic: signed with our key, or received on a link that requires no signature.
+// How we know that a message is the autopilot's.
+enum class LinkAuthentication {
+  missing,       // the link is signed, the message is not: it counts for nothing
+  not_required,  // the link is not signed (--unsigned-link): anybody on it may have sent the message
+  signature,     // signed with our key
+};
+
 struct AutopilotHeartbeat {
-  bool authentic = false;
+  LinkAuthentication authentication = LinkAuthentication::missing;
   bool armed = false;
+};
+
+// Somebody at another address claims to be the autopilot while it is connected.
+struct LinkRivalHeard {
+  std::uint64_t frames = 0;  // of rivals since the start
 };
 
 // GPS_RAW_INT of a real receiver, never of the fixes that we send.
@@ -68,7 +79,7 @@ struct EkfReport {
 struct PositionHinted {
   LonLat place;
   double radius_m = 0;
-  std::string source;
+  std::string source;  // "API", "GPS", "restart", "operator 255/190" (system and component of the sender)
 };
 
 // The next fix lies so far from the last one: too far to be smoothed.
@@ -119,8 +130,8 @@ struct StateTransition {
 };
 
 using OnboardEvent = std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat,
-                                  GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed,
-                                  LocalizedFrame, GpsAssessment, StateTransition>;
+                                  LinkRivalHeard, GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived,
+                                  CameraFailed, LocalizedFrame, GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

@@ -140,13 +140,14 @@ void ServiceMachine::choose_leader() {
 void ServiceMachine::on(const PackageVerified& package) { package_ = package; }
 
 void ServiceMachine::on(const AutopilotHeartbeat& heartbeat) {
-  if (!heartbeat.authentic) {
+  if (heartbeat.authentication == LinkAuthentication::missing) {
     if (!link_up_ && !unauthenticated_peer_noted_) note(ServiceReason::link_unsigned);
     unauthenticated_peer_noted_ = true;
     return;
   }
   if (!link_up_ && heartbeat_s_) note(ServiceReason::link_back, fmt::format("after {:.1f} s", now_s_ - *heartbeat_s_));
   link_up_ = true;
+  authentication_ = heartbeat.authentication;
   heartbeat_s_ = now_s_;
   unauthenticated_peer_noted_ = false;
   if (heartbeat.armed && !position_s_) position_s_ = now_s_;  // an armed aircraft needs a position
@@ -238,7 +239,10 @@ std::optional<ServiceMachine::Step> ServiceMachine::next_step() const {
       if (package_verified()) return Step{awaiting_autopilot, ServiceReason::package_verified, {}};
       return std::nullopt;
     case awaiting_autopilot:
-      if (link_up_) return Step{relocalizing, link_authentic, {}};
+      if (link_up_) {
+        const bool is_signed = authentication_ == LinkAuthentication::signature;
+        return Step{relocalizing, is_signed ? link_authentic : link_without_signing, {}};
+      }
       return std::nullopt;
     case relocalizing: return step_from_search();
     case normal:

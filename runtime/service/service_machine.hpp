@@ -123,6 +123,7 @@ class ServiceMachine {
 
   std::optional<double> heartbeat_s_;  // the last authentic one
   bool link_up_ = false;
+  LinkAuthentication authentication_ = LinkAuthentication::missing;  // of the link that is up
   bool unauthenticated_peer_noted_ = false;
 
   std::optional<double> frame_s_;         // the latest frame

@@ -11,6 +11,9 @@ inline constexpr double kBlackout_s = 0.4;       // without a new frame: the cam
 inline constexpr double kMissedFrames = 1.2;     // the same for slow cameras, in frame intervals: one frame is missing
 inline constexpr double kLatestInIntervals = 2;  // however irregular, in median intervals
 inline constexpr double kEstimateOverdue_s = 1.0;  // frames arrive, but no estimates
+// A camera's frame that takes longer to decode is dropped: it was made to. 100 megapixels take half of this (one core
+// of the build machine), the thread that decodes is late after 3 s.
+inline constexpr double kMaxFrameDecode_s = 1.0;
 inline constexpr double kBlindNoFix_s = 30;        // blind for longer: no fix
 inline constexpr double kBlindGrowth_mps = 5.0;    // of σ while blind, between estimates; the filter's own growth is
                                                    // smaller for the first 33 s (1.5 m/s per root second)

@@ -17,6 +17,8 @@ constexpr std::array kReasons{
                "Nadir: map package rejected, no position"},
     ReasonText{link_authentic, "link_authentic", "the autopilot is connected and authenticated", info,
                "Nadir: searching for the position"},
+    ReasonText{link_without_signing, "link_without_signing", "the autopilot is connected; the link is not signed", warning,
+               "Nadir: LINK NOT SIGNED, searching position"},
     ReasonText{first_anchor, "first_anchor", "first map match", notice, "Nadir: position found"},
     ReasonText{restored, "restored", "restarted in flight, the saved position is usable", warning,
                "Nadir: restarted, dead reckoning"},

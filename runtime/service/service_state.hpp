@@ -34,6 +34,7 @@ enum class ServiceReason {
   package_verified,
   package_refused,
   link_authentic,
+  link_without_signing,
   first_anchor,
   restored,
   frame_unfit,

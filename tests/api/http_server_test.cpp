@@ -104,23 +104,59 @@ TEST_F(HttpServerTest, TimesOutAnIncompleteRequest) {
   EXPECT_TRUE(eventually([](const ServerCounts& counts) { return counts.connections_open == 0; }));
 }
 
-TEST_F(HttpServerTest, ClosesConnectionsBeyondTheLimit) {
+// As many silent connections as there are places, and more: whoever asks is answered, and the one that was silent for
+// longest made room.
+TEST_F(HttpServerTest, SilentConnectionsDoNotLockOthersOut) {
+  HttpLimits limits;
+  limits.request_time = std::chrono::hours(1);  // no time limit frees a place
+  serve(limits);
+  std::vector<RawClient> silent;
+  for (std::size_t i = 0; i < limits.connections + 40; ++i) {
+    silent.push_back(connect());
+    silent.back().send(i % 2 == 0 ? "" : "GET /v1/health HTTP/1.1\r\n");
+  }
+  for (int i = 0; i < 3; ++i) {
+    RawClient asking = connect();
+    asking.send(kGetHealth);
+    EXPECT_THAT(asking.read_until("}"), StartsWith("HTTP/1.1 200 OK\r\n"));
+  }
+  EXPECT_EQ(silent.front().read_to_the_end(), "") << "the first one made room";
+  EXPECT_EQ(server->counts().connections_refused, 0U);
+  EXPECT_LE(server->counts().connections_open, limits.connections);
+}
+
+// Who asked once and then waits is as idle as who never asked; a stream is not.
+TEST_F(HttpServerTest, EvictsIdleConnectionsAndKeepsStreams) {
   HttpLimits limits;
   limits.connections = 3;
+  limits.stream_interval = std::chrono::milliseconds(1);
   serve(limits);
+  RawClient streaming = connect();
+  streaming.send(kGetEvents);
+  streaming.read_until("event: state");
   std::vector<RawClient> clients;
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 5; ++i) {
     clients.push_back(connect());
     clients.back().send(kGetHealth);
     EXPECT_THAT(clients.back().read_until("}"), HasSubstr("200 OK"));
   }
+  EXPECT_EQ(clients.front().read_to_the_end(), "");
+  publish(ServiceState::degraded);
+  EXPECT_THAT(streaming.read_until("\"degraded\""), HasSubstr("event: log")) << "the stream was not closed";
+}
+
+// Places that are all taken by streams cannot be freed: the next one is closed.
+TEST_F(HttpServerTest, ClosesConnectionsBeyondTheLimitWhenNoneIsIdle) {
+  HttpLimits limits;
+  limits.connections = 2;
+  serve(limits);
+  RawClient one = connect(), two = connect();
+  for (RawClient* client : {&one, &two}) {
+    client->send(kGetEvents);
+    client->read_until("event: state");
+  }
   EXPECT_EQ(connect().read_to_the_end(), "");
   EXPECT_EQ(server->counts().connections_refused, 1U);
-  clients.pop_back();
-  ASSERT_TRUE(eventually([](const ServerCounts& counts) { return counts.connections_open == 2; }));
-  RawClient next = connect();
-  next.send(kGetHealth);
-  EXPECT_THAT(next.read_until("}"), HasSubstr("200 OK"));
 }
 
 TEST_F(HttpServerTest, StreamsEvents) {

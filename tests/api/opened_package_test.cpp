@@ -34,7 +34,7 @@ TEST_F(OpenedForTheApi, ShowsItsMetadataAndServesItsTiles) {
   const LonLatBox tile = bounds_of(first);
   EXPECT_TRUE(view.bounds->west_deg < tile.east_deg && view.bounds->east_deg > tile.west_deg);
 
-  api.use_package(package_for_api(folder, package));
+  api.use_package(package_for_api(package));
   const ApiResponse served = api.handle(get("/v1/tiles/" + to_text(first)));
   EXPECT_EQ(served.status, 200);
   EXPECT_EQ(sha256(as_bytes(served.body)), package->imagery().sidecars().front().sha256);
@@ -47,7 +47,7 @@ TEST_F(OpenedForTheApi, DoesNotServeATamperedTile) {
   Opening opening = open(folder);
   ASSERT_TRUE(opening.package) << test::codes(opening.findings);
   const std::shared_ptr<const OpenPackage> package = std::move(opening.package);
-  api.use_package(package_for_api(folder, package));
+  api.use_package(package_for_api(package));
   int shown = 0;
   for (const Sidecar& sidecar : package->imagery().sidecars()) {
     if (api.handle(get("/v1/tiles/" + to_text(sidecar.key))).status == 200) ++shown;

@@ -88,7 +88,7 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   const auto frames = static_cast<std::uint64_t>(time_s * 3);
   view.frames = {frames, frames / 60, 3};
   view.anchors = {frames / 9, frames / 40, {{"ambiguous", frames / 60}, {"few_inliers", frames / 120}}};
-  view.link = {true, true, static_cast<std::uint64_t>(time_s * 10), {{"replay", 2}}};
+  view.link = {true, true, static_cast<std::uint64_t>(time_s * 10), 0, {{"replay", 2}}, {{"ground station", "udpout:192.168.4.2:14550", true, 12, 1}}};
   view.recorder = {RecorderState::recording, "", static_cast<std::uint64_t>(time_s * 41'000), 28'400'000'000, 0};
   view.package = {true, "", "valley", "valley", 7, UtcTime{1'733'000'000}, 14, 18, 5120, true, std::nullopt, {}};
   const double half_m = 2.5 * radius_m_;

@@ -180,5 +180,23 @@ TEST(JsonReader, QuotesHostileTextTruncatedAndEscaped) {
   }
 }
 
+// "[json.exception.parse_error.101]" is the library's own and helps nobody.
+TEST(Json, NamesNoExceptionsOfTheLibrary) {
+  for (const char* text : {"{\"a\": nul}", "", "{\"a\": 1e999}", "{\"a\": \"\xff\"}", "[1"}) {
+    try {
+      parse_json(text, "document");
+      ADD_FAILURE() << text;
+    } catch (const Error& error) {
+      EXPECT_EQ(std::string(error.what()).find("json.exception"), std::string::npos) << error.what();
+      EXPECT_FALSE(error.text().found.empty());
+    }
+  }
+  try {
+    parse_json("{\"a\": nul}", "document");
+  } catch (const Error& error) {
+    EXPECT_NE(error.text().found.find("line 1, column 10"), std::string::npos) << error.text().found;
+  }
+}
+
 }  // namespace
 }  // namespace nadir

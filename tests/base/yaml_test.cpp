@@ -58,5 +58,31 @@ TEST(Yaml, LimitsDepthAndSize) {
   EXPECT_NE(complaint([] { YamlNode::parse("a: " + std::string(2'000'000, 'x'), "m"); }), "");
 }
 
+// Each key was compared with all before it: a megabyte of keys took 27 s.
+TEST(Yaml, AMyriadOfKeysIsReadAndTheLastOneComparedWithAll) {
+  std::string text;
+  for (int i = 0; i < 60'000; ++i) text += "key" + std::to_string(i) + ": 1\n";
+  EXPECT_TRUE(YamlNode::parse(text, "wide").optional("key59999"));
+  try {
+    YamlNode::parse(text + "key31: 2\n", "wide");
+    ADD_FAILURE() << "accepted";
+  } catch (const UsageError& error) {
+    EXPECT_EQ(error.text().found, "the key \"key31\" a second time");
+    EXPECT_EQ(error.text().where, "wide:60001:1");
+  }
+}
+
+// A kilobyte of commas is a thousand values of some hundred bytes each.
+TEST(Yaml, TheNumberOfValuesIsBounded) {
+  std::string text = "a: [";
+  for (int i = 0; i < 250'000; ++i) text += "1,";
+  try {
+    YamlNode::parse(text + "1]", "many");
+    ADD_FAILURE() << "accepted";
+  } catch (const UsageError& error) {
+    EXPECT_EQ(error.text().found, "more than 200000 values");
+  }
+}
+
 }  // namespace
 }  // namespace nadir

@@ -61,7 +61,7 @@ int run(const std::vector<std::string>& arguments) {
   if (!opening.package) return std::fputs("cold_start: the package is rejected\n", stderr), 1;
   const OpenPackage& package = *opening.package;
   const LocalFrame frame = mission_frame(package.mission());
-  const auto index = PlaceIndex::open(arguments[0], package.manifest());
+  const auto index = PlaceIndex::open(package.folder(), package.manifest());
   std::optional<TerrainSurface> surface;
   LocalizerConfig config;
   config.area = required_region(package.mission(), frame).bounds();

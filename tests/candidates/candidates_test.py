@@ -134,6 +134,134 @@ class Candidates(unittest.TestCase):
         self.assertEqual(2, found["uploads"]["all"], found)
         self.assertEqual(2 * TILES, found["tiles"]["accepted"], found)
         self.assertEqual(TILES, found["tiles"]["promoted"], found)
+        # With their tiles came what the aircraft fly; the list says so, and that nothing is odd about it.
+        result = self.run_program("installed", "--data", self.data, "--json")
+        self.assertEqual(0, result.returncode, result.stdout + result.stderr)
+        aircraft = json.loads(result.stdout)["aircraft"]
+        self.assertEqual([("mini-01", "valley", 3), ("mini-02", "valley", 3)],
+                         [(one["airframe"], one["series"], one["sequence"]) for one in aircraft])
+        self.assertEqual(["installed.report"] * 2, [line["act"] for line in self.audit() if line["act"].startswith("installed")])
+
+    def run_program(self, *args):
+        return subprocess.run([PROGRAM, *args], env=self.env, capture_output=True, text=True)
+
+    def audit(self):
+        """The lines of the audit log, whose numbers have no holes."""
+        lines = [json.loads(line) for line in (self.data / "audit" / "audit.jsonl").read_text().splitlines()]
+        self.assertEqual(list(range(1, len(lines) + 1)), [line["n"] for line in lines])
+        return lines
+
+    def test_a_root_put_back_stays_refused_over_a_restart(self):
+        """Whoever can write the root's file undoes no revocation, neither in the running service nor by a restart."""
+        made = self.service.made = shutil.copytree(self.made, self.folder / "made")
+        root = made / "root.json"
+        first = root.read_bytes()
+        self.service.start()
+        self.station.judged(self.station.upload(flights_in(made)[0]))
+        lost = json.loads((flights_in(made)[0] / "batch-0.json").read_text())["signatures"][0]["keyid"]
+        subprocess.run([NADIR, "keys", "revoke", "--previous", root, "--revoke", lost, "--root-key", made / "root.key.pem",
+                        "--out", self.folder / "2.json"], check=True, capture_output=True)
+        self.service.kill()
+        (self.folder / "2.json").replace(root)
+        self.service.start()
+        self.assertEqual({"airframe_revoked": TILES}, self.settled()["rejected"])
+        self.service.kill()
+        root.write_bytes(first)
+        self.service.start()
+        health = json.loads(self.station.ask("GET", "/v1/health")[2])
+        self.assertEqual("warn", health["status"])
+        self.assertIn("version 2 stays in force", health["reason"])
+        other = json.loads((flights_in(made)[0] / "batch-0.json").read_text())
+        self.assertEqual({"airframe_revoked": TILES}, self.settled()["rejected"], other["signed"]["airframe"])
+        self.service.stop()
+        acts = [(line["act"], line["result"]) for line in self.audit()]
+        self.assertIn(("root.trust", "as given"), acts)
+        self.assertIn(("tiles.withdraw", "withdrawn"), acts)
+        self.assertIn(("root.trust", "rejected"), acts)
+
+    def test_tokens_end_and_are_taken_back(self):
+        """The programs' whole way: a token is created, uploads, is taken out of the file, and uploads no more."""
+        tokens, secret = self.folder / "tokens.json", self.folder / "station.token"
+        result = self.run_program("token", "create", "--tokens", tokens, "--id", "station", "--out", secret, "--days", "1")
+        self.assertEqual(0, result.returncode, result.stderr)
+        self.assertEqual(0o600, secret.stat().st_mode & 0o777)
+        self.assertNotIn(secret.read_text().strip(), tokens.read_text())
+        self.assertEqual(2, self.run_program("token", "create", "--tokens", tokens, "--id", "station", "--out",
+                                             self.folder / "again.token").returncode, "an id twice")
+        self.assertFalse((self.folder / "again.token").exists())
+        self.service.options = (*self.service.options, "--tokens", tokens)
+        self.service.start()
+        flight, outbox = flights_in(self.made)[0], self.folder / "outbox"
+        subprocess.run([NADIR, "sync", "stage", flight / "candidates", "--outbox", outbox, "--key", flight / "tile.key.pem"],
+                       check=True, capture_output=True)
+        push = [NADIR, "sync", "push", outbox, "--to", f"http://localhost:{self.service.port}", "--token-file", secret]
+        result = subprocess.run(push, capture_output=True, text=True)
+        self.assertEqual(0, result.returncode, result.stderr)
+        self.assertEqual("station", json.loads(self.run_program("token", "list", "--tokens", tokens, "--json").stdout)["tokens"][0]["id"])
+        self.assertEqual(0, self.run_program("token", "revoke", "--tokens", tokens, "--id", "station").returncode)
+        bearer = {"Authorization": f"Bearer {secret.read_text().strip()}"}
+        while self.station.ask("GET", "/v1/reason-codes", **bearer)[0] == 200:
+            time.sleep(0.05)
+        self.assertEqual(401, self.station.ask("GET", "/v1/reason-codes", **bearer)[0])
+        self.service.stop()
+        lines = self.audit()
+        self.assertIn("station", {line.get("token") for line in lines if line["act"] == "batch.announce"})
+        self.assertTrue([line for line in lines if line["act"] == "tokens.load"])
+
+    def test_what_is_risky_is_told_at_the_start(self):
+        """One airframe's key that promotes by itself is a choice: it is told, and stands in the audit log."""
+        self.service = Service(PROGRAM, self.made, self.data, *self.where, "--independent", "days", env=self.env)
+        self.service.start()
+        self.service.process.terminate()
+        told = self.service.process.stderr.read()
+        self.service.process.wait()
+        self.service.process.stderr.close()
+        for words in ("promotes tiles by itself", "no tile is compared with a map", "do not expire", "is trusted as it is"):
+            self.assertIn(words, told)
+            self.assertTrue([line for line in self.audit() if words in line.get("detail", "")], words)
+
+    def test_an_aircrafts_report_that_goes_back_shows(self):
+        self.service.start()
+        flight, outbox = flights_in(self.made)[0], self.folder / "outbox"
+        subprocess.run([NADIR, "sync", "stage", flight / "candidates", "--outbox", outbox, "--key", flight / "tile.key.pem"],
+                       check=True, capture_output=True)
+        subprocess.run([NADIR, "sync", "push", outbox, "--to", f"http://localhost:{self.service.port}", "--token-file",
+                        self.made / "ground-1.token"], check=True, capture_output=True)
+        record = self.data / "installed" / "mini-01.json"
+        document = json.loads(record.read_text())
+        document["highest_sequence"] = 9
+        record.write_text(json.dumps(document))
+        result = self.run_program("installed", "--data", self.data)
+        self.assertEqual(1, result.returncode, result.stderr)
+        self.assertIn("went back from sequence 9", result.stdout)
+        record.write_text("{")
+        result = self.run_program("installed", "--data", self.data)
+        self.assertEqual(1, result.returncode, result.stderr)
+        self.assertIn("damaged", result.stdout)
+        self.assertEqual(0, self.run_program("installed", "--data", self.data, "--forget", "mini-01").returncode)
+        self.assertEqual(2, self.run_program("installed", "--data", self.data, "--forget", "mini-01").returncode)
+
+    def test_a_start_on_a_bad_disk_serves_and_reports(self):
+        """What a pack needs is in the way: the service starts, takes other flights, says what is wrong, and loses nothing."""
+        self.service.start()
+        upload = self.station.announce(flights_in(self.made)[0] / "batch-0.json")["upload_id"]
+        pack = sorted(flights_in(self.made)[0].glob("0-*.pack"))[0]
+        self.service.kill()
+        digest = hashlib.sha256(pack.read_bytes()).hexdigest()
+        incoming = self.data / "incoming" / upload
+        incoming.mkdir(parents=True)
+        shutil.copy(pack, incoming / f"{digest}.{pack.stat().st_size}")
+        (self.data / "packs" / digest[:2]).write_text("in the way")
+        self.service.start()
+        health = json.loads(self.station.ask("GET", "/v1/health")[2])
+        self.assertEqual("warn", health["status"], health)
+        self.assertIn("complete packs were not taken in", health["reason"])
+        self.station.judged(self.station.upload(flights_in(self.made)[1]))
+        self.service.stop()
+        (self.data / "packs" / digest[:2]).unlink()
+        self.service.start()
+        self.assertEqual("pass", json.loads(self.station.ask("GET", "/v1/health")[2])["status"])
+        self.assertEqual(200, self.station.ask("HEAD", f"/v1/uploads/{upload}/packs/{digest}")[0])
 
     def test_revoking_an_airframe_revokes_its_promotions(self):
         """The aircraft was lost and its key with it: nadir keys revoke, and no map is made of what it vouched for."""

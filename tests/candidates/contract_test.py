@@ -79,6 +79,35 @@ class Contract(unittest.TestCase):
         self.assertEqual({"accepted"}, {tile["verdict"] for tile in judged["tiles"]})
         holds("ReasonCodes", json.loads(self.station.ask("GET", "/v1/reason-codes")[2]))
         holds("Health", json.loads(self.station.ask("GET", "/v1/health")[2]))
+        report = (flight / "candidates" / "installed.json").read_bytes()
+        holds("InstalledReport", json.loads(report))
+        for expected in (201, 200):
+            status, _, body = self.station.ask("POST", "/v1/installed", report, **{"Content-Type": "application/json"})
+            self.assertEqual(expected, status, body)
+            holds("InstalledResult", json.loads(body))
+        listed = json.loads(self.station.ask("GET", "/v1/installed")[2])
+        holds("InstalledList", listed)
+        self.assertEqual("mini-01", listed["aircraft"][0]["airframe"])
+
+    def test_files_are_what_their_schemas_say(self):
+        import jsonschema_rs
+
+        def takes(schema, document):
+            text = (pathlib.Path(ROOT) / "schemas" / f"{schema}.schema.json").read_text()
+            return jsonschema_rs.validator_for(json.loads(text)).is_valid(document)
+
+        report = json.loads((flights_in(self.made)[0] / "candidates" / "installed.json").read_text())
+        self.assertTrue(takes("installed", report))
+        report["signed"]["airframe"] = "../x"
+        self.assertFalse(takes("installed", report))
+        tokens = self.folder / "tokens.json"
+        for identity, more in (("a", ["--airframe", "mini-01"]), ("b", ["--scope", "both", "--client", "a"])):
+            subprocess.run([PROGRAM, "token", "create", "--tokens", tokens, "--id", identity, "--out", self.folder / identity, *more],
+                           check=True, capture_output=True)
+        document = json.loads(tokens.read_text())
+        self.assertTrue(takes("tokens", document))
+        document["tokens"][0]["scope"] = []
+        self.assertFalse(takes("tokens", document))
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@
 #include "base/files.hpp"
 #include "candidates/flight_maker.hpp"
 #include "imagery/codecs.hpp"
+#include "trust/installed_report.hpp"
 
 namespace nadir::test {
 namespace {
@@ -90,6 +91,15 @@ void write_store(const FlightMaker& flight, const TileStock& stock, const fs::pa
   CandidateStore store(folder / "candidates");
   store.put(candidates);
   store.close();
+  const InstalledReport report{.airframe = flight.options().airframe,
+                               .number = 1,
+                               .reported_at = flight.options().captured_at,
+                               .package = flight.options().base_package,
+                               .series = "valley",
+                               .sequence = 3,
+                               .root_version = 1,
+                               .verified_at = flight.options().captured_at};
+  write_file_atomic(folder / "candidates" / kInstalledFile, sign_installed_report(report, flight.key()).json());
   write_file_atomic(folder / "tile.key.pem", flight.key().pem(), 0600);
 }
 

@@ -358,6 +358,8 @@ class Misaligned : public test::ServiceFixture {
   void SetUp() override {
     ServiceFixture::SetUp();
     test::PackageMaker maker;
+    write_file_atomic(folder_ / "signer.key.pem", signer_.pem(), 0600);
+    maker.signer = PrivateKey::read(folder_ / "signer.key.pem");
     const test::FlightMaker satellite({.noise = 77});
     maker.edit_tile = [&](Sidecar& sidecar, Bytes& tile) {
       tile = encode_image(satellite.picture(sidecar.key), ImageFormat::jpeg, 75);
@@ -366,6 +368,7 @@ class Misaligned : public test::ServiceFixture {
     };
     const auto package = maker.make(folder_);
     options_.packages = {package};
+    package_ = package;
     manifest_ = sha256_file(package / kManifestFile);
     key_ = required_tiles(parse_mission(maker.mission, "mission").mission.value(), 18).front();
     const LonLatBox box = bounds_of(key_);
@@ -379,10 +382,44 @@ class Misaligned : public test::ServiceFixture {
     return upload(first_, {first_.candidate(key_)}).front();
   }
 
+  std::string refusal() {
+    try {
+      service();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return {};
+  }
+
+  std::filesystem::path package_;
   Sha256 manifest_;
   TileKey key_;
   double pixel_m_ = 0;
 };
+
+// A map that decides which tiles lie right must be one that the root's signers made. Its mission has expired long ago:
+// its flights are over.
+TEST_F(Misaligned, AnUnsignedBasePackageIsRejected) {
+  EXPECT_EQ(refusal(), "");
+  service_.reset();
+  const auto envelope = read_text_file(package_ / kSignatureFile);
+  std::filesystem::remove(package_ / kSignatureFile);
+  EXPECT_NE(refusal().find("cannot be trusted: signature.missing"), std::string::npos) << refusal();
+  test::PackageMaker stranger;
+  stranger.sign(package_);
+  EXPECT_NE(refusal().find("cannot be trusted: key.unknown"), std::string::npos) << refusal();
+  write_file_atomic(package_ / kSignatureFile, envelope);
+  EXPECT_EQ(refusal(), "");
+}
+
+TEST_F(Misaligned, AModifiedBasePackageIsRejected) {
+  std::filesystem::resize_file(package_ / kImageryFile, std::filesystem::file_size(package_ / kImageryFile) + 4096);
+  EXPECT_NE(refusal().find("cannot be trusted: artifact.size"), std::string::npos) << refusal();
+  folder_.write("package/manifest.json", "{}");
+  EXPECT_NE(refusal().find("cannot be trusted: signature.invalid"), std::string::npos) << refusal();
+  std::filesystem::remove_all(package_);
+  EXPECT_NE(refusal(), "");
+}
 
 // 3 sigma of both: 3 · hypot(1.5, 1.86) = 7.2 m.
 TEST_F(Misaligned, ATileDisplacedFromTheMapIsRejected) {

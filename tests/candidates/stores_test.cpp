@@ -96,14 +96,76 @@ class TrustFileTest : public ::testing::Test {
   void write(std::int64_t version, const std::set<std::string>& revoked = {}, const PrivateKey* signer = nullptr) {
     write_file_atomic(folder_ / "root.json", test::root_text({&flight_}, signer ? *signer : signer_, version, revoked));
   }
+  TrustFile trust() { return TrustFile(folder_ / "root.json", memory_); }
+
   test::TemporaryFolder folder_;
+  fs::path memory_ = folder_ / kTrustMemoryFile;
   PrivateKey signer_ = PrivateKey::generate();
   test::FlightMaker flight_;
 };
 
+// Whoever can write the file puts the root back under which a lost key was still good, and waits for a restart.
+TEST_F(TrustFileTest, ARollbackIsRejectedAfterARestart) {
+  write(1);
+  EXPECT_TRUE(trust().first_start());
+  write(2, {flight_.key().public_key().id()});
+  EXPECT_EQ(trust().current()->version, 2);
+  write(1);
+  TrustFile again = trust();
+  EXPECT_FALSE(again.first_start());
+  EXPECT_EQ(again.current()->version, 2);
+  EXPECT_EQ(again.current()->revoked.size(), 1U);
+  EXPECT_NE(again.fault().find("root.rollback: expected version 3, found version 1"), std::string::npos) << again.fault();
+  write(3, {flight_.key().public_key().id()});
+  EXPECT_EQ(again.current()->version, 3);
+  EXPECT_EQ(again.fault(), "");
+}
+
+// A service that was off while the root went on by several versions goes over those between.
+TEST_F(TrustFileTest, FollowsAChainOfSeveralVersions) {
+  write(1);
+  static_cast<void>(trust());
+  write(3);
+  TrustFile again = trust();
+  EXPECT_EQ(again.current()->version, 1);
+  EXPECT_NE(again.fault().find("put 2.root.json beside it"), std::string::npos) << again.fault();
+  write_file_atomic(folder_ / "2.root.json", test::root_text({&flight_}, PrivateKey::generate(), 2));
+  EXPECT_EQ(again.current()->version, 1) << "a stranger's root leads nowhere";
+  write_file_atomic(folder_ / "2.root.json", test::root_text({&flight_}, signer_, 2));
+  EXPECT_EQ(again.current()->version, 3);
+  EXPECT_EQ(again.fault(), "");
+}
+
+TEST_F(TrustFileTest, ADamagedMemoryIsAnError) {
+  write(2);
+  static_cast<void>(trust());
+  const std::string whole = read_text_file(memory_);
+  write(1);
+  for (const std::string& damaged : {std::string(), std::string("{}"), whole.substr(0, whole.size() / 2),
+                                     test::root_text({&flight_}, signer_, 1).replace(20, 4, "    ")}) {
+    write_file_atomic(memory_, damaged);
+    EXPECT_THROW(trust(), Error) << damaged.substr(0, 40);
+  }
+  fs::remove(memory_);  // the documented way back
+  EXPECT_EQ(trust().current()->version, 1);
+}
+
+// A disk that is full does not keep a revoked key alive; a restart would, and the operator hears of it.
+TEST_F(TrustFileTest, ARootThatCannotBeStoredIsInForceAndReported) {
+  write(1);
+  TrustFile trust(folder_ / "root.json", folder_ / "gone" / "memory.json");
+  EXPECT_EQ(trust.current()->version, 1);
+  EXPECT_NE(trust.fault().find("a restart would forget it"), std::string::npos) << trust.fault();
+  write(2, {flight_.key().public_key().id()});
+  EXPECT_EQ(trust.current()->revoked.size(), 1U);
+  fs::create_directories(folder_ / "gone");
+  EXPECT_EQ(trust.fault(), "") << "it is tried again";
+  EXPECT_EQ(parse_root(read_text_file(folder_ / "gone" / "memory.json"), "memory").root.version, 2);
+}
+
 TEST_F(TrustFileTest, AppliesASuccessorImmediately) {
   write(1);
-  TrustFile trust(folder_ / "root.json");
+  TrustFile trust(folder_ / "root.json", memory_);
   EXPECT_EQ(trust.current()->version, 1);
   write(2, {flight_.key().public_key().id()});
   EXPECT_EQ(trust.current()->version, 2);
@@ -113,7 +175,7 @@ TEST_F(TrustFileTest, AppliesASuccessorImmediately) {
 
 TEST_F(TrustFileTest, IgnoresAnInvalidSuccessor) {
   write(2);
-  TrustFile trust(folder_ / "root.json");
+  TrustFile trust(folder_ / "root.json", memory_);
   const PrivateKey stranger = PrivateKey::generate();
   for (const std::function<void()>& damage : std::vector<std::function<void()>>{
            [this] { write(1); },                                        // back in time

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "candidates/service_fixture.hpp"
 #include "nadir_candidates/upload_server.hpp"
@@ -17,15 +18,37 @@ inline constexpr const char* kToken = "0123456789abcdef0123";
 class UploadServerTest : public ServiceFixture {
  protected:
   void serve(const UploadServerLimits& limits = {}, std::size_t places = 16) {
+    if (!tokens_.empty()) write_file_atomic(tokens_file(), tokens_json(tokens_), 0600);
     const auto file = folder_.write("ground-1", std::string(kToken) + "\n");
     const auto other = folder_.write("ground-2", "another-token-0123456789\n");
     for (const auto& path : {file, other}) std::filesystem::permissions(path, std::filesystem::perms(0600));
-    clients_.emplace(std::vector<std::string>{file.string(), "mini-08=" + other.string()});
+    clients_.emplace(std::vector<std::string>{file.string(), "mini-08=" + other.string()},
+                     tokens_.empty() ? std::nullopt : std::optional(tokens_file()));
     queue_.emplace(2, places);
     api_.emplace(service(), *clients_, true, [](const UploadClient&, std::int64_t) {});
     server_.emplace(*api_, *queue_, ListenAddress{.port = 0}, limits);
   }
   void TearDown() override { server_.reset(); }
+  std::filesystem::path tokens_file() const { return folder_ / "tokens.json"; }
+  // A token of the file of tokens, which lives for an hour.
+  AccessToken token(const std::string& id, const std::string& secret, std::set<TokenScope> scopes,
+                    std::vector<std::string> airframes = {}) {
+    return {.id = id,
+            .client = id,
+            .scopes = std::move(scopes),
+            .airframes = std::move(airframes),
+            .expires = UtcTime{clock_.now().unix_s + 3600},
+            .sha256 = sha256(as_bytes(secret))};
+  }
+  // The lines of the audit log that have these words.
+  std::vector<std::string> audited(const std::string& words) {
+    std::vector<std::string> lines;
+    std::istringstream log(read_text_file(options_.data / "audit" / "audit.jsonl"));
+    for (std::string line; std::getline(log, line);) {
+      if (line.find(words) != std::string::npos) lines.push_back(line);
+    }
+    return lines;
+  }
 
   RawClient connect() { return RawClient(server_->port()); }
   static std::string request(const char* method, const std::string& path, const std::string& headers = {},
@@ -49,6 +72,7 @@ class UploadServerTest : public ServiceFixture {
         offset, length, to_base64(digest.bytes));
   }
 
+  std::vector<AccessToken> tokens_;  // none: there is no file of tokens
   std::optional<Clients> clients_;
   std::optional<FairQueue> queue_;
   std::optional<UploadApi> api_;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "candidates/flight_maker.hpp"
 
@@ -30,7 +31,8 @@ class VoteTest : public ::testing::Test {
         ballot_,
         [this](const Voter& one, const Voter& other) {
           ++compared_;
-          return Vote{.correlation_ppm = 700'000, .agrees = ground_.at(one.tile) == ground_.at(other.tile)};
+          const bool befriended = friends_.contains({one.tile, other.tile});
+          return Vote{.correlation_ppm = 700'000, .agrees = befriended || ground_.at(one.tile) == ground_.at(other.tile)};
         },
         0, rules_);
   }
@@ -43,6 +45,7 @@ class VoteTest : public ::testing::Test {
   CandidateRules rules_;
   Ballot ballot_{.key = kVotedPlace};
   std::map<std::int64_t, int> ground_;
+  std::set<std::pair<std::int64_t, std::int64_t>> friends_;  // agree whatever ground they show; the smaller id first
   int compared_ = 0;
 };
 
@@ -72,15 +75,42 @@ TEST_F(VoteTest, TwoIndependentFlightsThatAgreePromoteTheBest) {
   EXPECT_EQ(evidence["flights"][0]["airframe"], "a") << "the newest first, ties by their order";
 }
 
-TEST_F(VoteTest, AnotherDayIsIndependentUnlessAirframesAreRequired) {
-  add("a", "f1", 0);
-  add("a", "f2", 1);
+TEST_F(VoteTest, OneAirframePromotesNothingByDefault) {
+  for (int day = 0; day < 20; ++day) add("a", ("f" + std::to_string(day)).c_str(), day);
+  EXPECT_EQ(promoted(), 0) << "whoever holds one key would promote what he likes";
+  rules_.airframes_differ = false;
   EXPECT_NE(promoted(), 0);
-  rules_.airframes_differ = true;
-  EXPECT_EQ(promoted(), 0);
+}
+
+// One key signs any number of flights, each newer than what the others saw.
+TEST_F(VoteTest, ManyFlightsOfOneKeyDoNotCrowdOutOthers) {
+  add("a", "f1", 0);
+  add("b", "f2", 0);
+  for (int i = 0; i < 100; ++i) add("evil", ("e" + std::to_string(i)).c_str(), 1, 100 + i);
+  for (const bool airframes_differ : {true, false}) {
+    rules_.airframes_differ = airframes_differ;
+    const std::int64_t tile = promoted();
+    EXPECT_TRUE(tile == 1 || tile == 2) << tile;
+  }
+  EXPECT_LE(compared_, 2 * static_cast<int>(kMaxIndependentFlights * (kMaxIndependentFlights - 1) / 2));
+}
+
+// A stolen key's tile is made to agree with one honest flight and with no other.
+TEST_F(VoteTest, AnOutlierDoesNotSplitALargerGroup) {
+  rules_.flights_to_promote = 3;
+  add("a", "f1", 3);
+  add("evil", "e", 2, 2);
+  add("b", "f2", 1);
+  add("c", "f3", 0);
+  friends_.insert({1, 2});
+  const Outcome result = outcome();
+  ASSERT_TRUE(result.promotion);
+  EXPECT_EQ(result.promotion->flights, 3);
+  EXPECT_EQ(result.promotion->evidence.find("evil"), std::string::npos);
 }
 
 TEST_F(VoteTest, AFlightAcrossMidnightIsOneFlight) {
+  rules_.airframes_differ = false;
   add("a", "f1", 0);
   add("a", "f2", 0);  // restarted in the air
   const std::int64_t midnight_ms = (test::kNoon.unix_s / test::kDay_s + 1) * test::kDay_s * 1000;

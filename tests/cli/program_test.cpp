@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <functional>
 #include <sstream>
 
@@ -127,6 +128,47 @@ TEST(Program, CtrlCReachesWorkThroughProgress) {
   });
   request_interrupt(false);
   EXPECT_EQ(outcome.code, 130);
+}
+
+class Reader final : public Command {
+ public:
+  explicit Reader(std::function<int(Context&)> work) : work_(std::move(work)) {}
+  std::string_view group() const override { return "cache"; }
+  std::string_view name() const override { return "inspect"; }
+  std::string_view summary() const override { return "read a package"; }
+  std::string_view examples() const override { return "nadir cache inspect"; }
+  bool offers_json() const override { return false; }
+  void setup(Options&) override {}
+  int run(Context& context) override { return work_(context); }
+
+ private:
+  std::function<int(Context&)> work_;
+};
+
+std::string message_of_reader(std::function<int(Context&)> work) {
+  std::vector<std::unique_ptr<Command>> commands;
+  commands.push_back(std::make_unique<Reader>(std::move(work)));
+  std::ostringstream out, err;
+  const FixedClock clock({0});
+  run_program({"nadir", "a program", ""}, commands, {"cache", "inspect"}, {out, err, clock});
+  return err.str();
+}
+
+TEST(Program, OnlyWhatWritesSaysThatNothingWasLeftBehind) {
+  const auto interrupted = [](Context&) -> int { throw Interrupted(); };
+  EXPECT_EQ(run(kGood, interrupted).err, "nadir: interrupted; no partial output was left behind\n");
+  EXPECT_EQ(message_of_reader(interrupted), "nadir: interrupted\n");
+}
+
+// A path that is too long, or a folder that may not be read, is no defect of the program.
+TEST(Program, WhatIsWrongWithAPathIsSaidAsThat) {
+  const auto outcome =
+      run(kGood, [](Context&) -> int { return std::filesystem::exists(std::string(300, 'a')) ? 0 : 1; });
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_THAT(outcome.err, ::testing::HasSubstr("File name too long"));
+  EXPECT_THAT(outcome.err, ::testing::HasSubstr("shorter path"));
+  EXPECT_THAT(outcome.err, ::testing::Not(::testing::HasSubstr("defect")));
+  EXPECT_LT(outcome.err.size(), 600U);
 }
 
 }  // namespace

@@ -2,7 +2,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <cerrno>
+#include <csignal>
 #include <sstream>
 
 #include "base/error.hpp"
@@ -46,6 +50,33 @@ TEST(TerminalProgress, OtherThreadsOnlyCount) {
   EXPECT_FALSE(threw);
   EXPECT_THROW(progress.advance(1), Interrupted);
   request_interrupt(false);
+}
+
+// With SA_RESTART a read that waits for ever goes on waiting after SIGTERM, and only SIGKILL ends the program.
+TEST(Terminal, ASignalEndsAReadThatWaits) {
+  int ends[2];
+  ASSERT_EQ(::pipe(ends), 0);
+  const pid_t child = ::fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    install_signal_handlers();
+    const pid_t me = ::getpid();
+    // From another process, while this one waits: the kernel delivers it in the read.
+    if (::fork() == 0) {
+      ::usleep(200'000);
+      ::kill(me, SIGTERM);
+      ::_exit(0);
+    }
+    char byte = 0;
+    const ssize_t got = ::read(ends[0], &byte, 1);
+    ::_exit(got < 0 && errno == EINTR && interrupt_requested() ? 42 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 42);
+  ::close(ends[0]);
+  ::close(ends[1]);
 }
 
 }  // namespace

@@ -49,7 +49,7 @@ class CacheIndex : public test::CommandTest {
   Findings verify(const fs::path& package, VerifyDepth depth) {
     NoProgress progress;
     Verification verification = maker_.verify(package, depth);
-    verify_place_index(package, depth, progress, verification);
+    verify_place_index(depth, progress, verification);
     return verification.findings;
   }
   // As the signer would, had he been deceived: manifest and signature fit the files as they are.
@@ -77,7 +77,7 @@ TEST_F(CacheIndex, TheIndexedPackageIsAcceptedAndReproducible) {
   }
   NoProgress progress;
   Opening opening = open_package(package, maker_.options(), progress);
-  verify_place_index(package, VerifyDepth::quick, progress, opening);
+  verify_place_index(VerifyDepth::quick, progress, opening);
   EXPECT_NE(opening.package, nullptr);
 }
 

@@ -3,11 +3,13 @@
 #include <gtest/gtest.h>
 #include <bit>
 #include <cmath>
+#include <functional>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "estimation/localizer_fixture.hpp"
 #include "geodesy/angles.hpp"
+#include "geodesy/web_mercator.hpp"
 
 namespace nadir {
 namespace {
@@ -347,6 +349,82 @@ TEST(LocalizerThreads, OneAndTwoGiveTheSameBits) {
   EXPECT_EQ(bits_of(one.online), bits_of(two.online));
   EXPECT_EQ(bits_of(one.refined), bits_of(two.refined));
   EXPECT_EQ(bits_of(two.online), bits_of(again.online));
+}
+
+// The landscape's tiles, each with the placement error that the test gives it.
+class PlacedTiles final : public TileSource {
+ public:
+  ZoomRange zooms() const override { return landscape_tiles().zooms(); }
+  std::optional<Bytes> read(const TileKey& key) const override { return landscape_tiles().read(key); }
+  std::optional<double> ce90_m(const TileKey& key) const override { return ce90(key); }
+
+  std::function<std::optional<double>(const TileKey&)> ce90;
+};
+
+std::vector<double> sigmas_over(const TileSource& tiles, std::optional<double> map_sigma_m) {
+  LocalizerConfig given = config();
+  given.map_sigma_m = map_sigma_m;
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &tiles, start(), given);
+  std::vector<double> sigmas;
+  for (const Moment& moment : short_flight()) {
+    sigmas.push_back(localizer.process(moment.image, moment.telemetry).estimate.sigma_m);
+  }
+  for (const Estimate& estimate : localizer.refined()) sigmas.push_back(estimate.sigma_m);
+  return sigmas;
+}
+
+// One coarse scene somewhere in the package made every position vague.
+TEST(LocalizerMapError, IsThatOfTheTilesThatWereMatched) {
+  PlacedTiles tiles;
+  tiles.ce90 = [](const TileKey& key) -> std::optional<double> {
+    const LonLatBox box = bounds_of(key);
+    const PlanePoint at =
+        LocalFrame(kOrigin).plane_from_lonlat({(box.west_deg + box.east_deg) / 2, (box.south_deg + box.north_deg) / 2});
+    return std::hypot(at.east_m, at.north_m) < 600 ? 4.0 : 40.0;
+  };
+  const std::vector<double> found = sigmas_over(tiles, std::nullopt);
+  EXPECT_EQ(found, sigmas_over(tiles, map_sigma_from_ce90(4.0))) << "bit for bit";
+  EXPECT_NE(found, sigmas_over(tiles, map_sigma_from_ce90(40.0)));
+}
+
+TEST(LocalizerMapError, AnOverrideStaysOne) {
+  PlacedTiles tiles;
+  tiles.ce90 = [](const TileKey&) { return std::optional(40.0); };
+  EXPECT_EQ(sigmas_over(tiles, 1.0), sigmas_over(landscape_tiles(), 1.0));
+}
+
+TEST(LocalizerMapError, WithoutAStatementTheDefaultHolds) {
+  EXPECT_EQ(sigmas_over(landscape_tiles(), std::nullopt),
+            sigmas_over(landscape_tiles(), parameters::localizer::kMapSigma_m));
+}
+
+// From a coarse scene to a fine one and back: what is published follows the map under the aircraft, and the track that
+// a coarse map left behind does not outvote the fine one.
+TEST(LocalizerMapError, FollowsFromSceneToScene) {
+  const double coarse_m = map_sigma_from_ce90(20.0);
+  PlacedTiles tiles;
+  double now = 20.0;
+  tiles.ce90 = [&now](const TileKey&) { return std::optional(now); };
+  LocalizerConfig given = config();
+  given.map_sigma_m.reset();
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &tiles, start(), given);
+  const std::vector<Moment>& moments = short_flight();
+  const Estimate over_coarse = localizer.process(moments[0].image, moments[0].telemetry).estimate;
+  ASSERT_EQ(over_coarse.source, SourceLabel::satellite_anchored);
+  EXPECT_GT(over_coarse.sigma_m, coarse_m);
+  now = 4.0;
+  const Estimate over_fine = localizer.process(moments[1].image, moments[1].telemetry).estimate;
+  ASSERT_EQ(over_fine.source, SourceLabel::satellite_anchored);
+  EXPECT_LT(over_fine.sigma_m, 0.6 * coarse_m);
+  EXPECT_LT(off_m(over_fine, moments[1]), 3.0);
+  now = 20.0;
+  const Estimate coarse_again = localizer.process(moments[2].image, moments[2].telemetry).estimate;
+  ASSERT_EQ(coarse_again.source, SourceLabel::satellite_anchored);
+  EXPECT_GT(coarse_again.sigma_m, coarse_m);
+  const std::vector<Estimate> refined = localizer.refined();
+  ASSERT_EQ(refined.size(), 3U);
+  EXPECT_GT(refined[0].sigma_m, coarse_m);
+  EXPECT_GT(refined[2].sigma_m, coarse_m);
 }
 
 }  // namespace

@@ -4,9 +4,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <map>
 #include <mutex>
+#include <thread>
 
 #include "flight/link_peer.hpp"
 #include "geodesy/local_frame.hpp"
@@ -36,7 +39,7 @@ class AutopilotLinkTest : public ::testing::Test {
     airframe.system = 7;
     airframe.gps_id = 1;
     link_ = std::make_unique<AutopilotLink>(
-        AutopilotLinkSetup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt, std::nullopt},
+        AutopilotLinkSetup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt},
         clock_, watch_,
         AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
                                   const std::scoped_lock lock(mutex_);
@@ -253,6 +256,145 @@ TEST_F(AutopilotLinkTest, CountsWhatItSendsAndSendsNothingAfterStop) {
   link_->send_text(TextSeverity::info, "too late");
   link_->stop();  // twice is once
   EXPECT_TRUE(peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty());
+}
+
+// ---- who speaks and who is served, where we listen
+
+class ListeningLink : public ::testing::Test {
+ protected:
+  // A link at a port of its own, to which autopilot (7/1) and others can speak.
+  void begin(std::vector<StationSetup> stations = {}) {
+    auto transport = make_transport(parse_endpoint("udpin:127.0.0.1:0"));
+    transport->advance(0, [](const Transport::Arrival&) {});
+    endpoint_ = "udpout:127.0.0.1:" + std::to_string(transport->local_port());
+    Airframe airframe;
+    airframe.system = 7;
+    AutopilotLinkSetup setup{.airframe = airframe, .transport = std::move(transport), .key = std::nullopt};
+    setup.stations = std::move(stations);
+    link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
+                                            AutopilotLink::Listener{[this](double, const ReceivedMessage& message) {
+                                                                      const std::scoped_lock lock(mutex_);
+                                                                      received_.push_back(message);
+                                                                    },
+                                                                    [](double) {},
+                                                                    {},
+                                                                    [this](std::uint64_t frames) { rivals_ = frames; }});
+    ServiceStatus status;
+    status.state = ServiceState::normal;
+    status.serves_fixes = true;
+    link_->on_status(status);
+  }
+
+  static mavlink_message_t heartbeat(std::uint8_t system, std::uint8_t component = 1) {
+    mavlink_message_t message;
+    mavlink_msg_heartbeat_pack(system, component, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0,
+                               MAV_STATE_ACTIVE);
+    return message;
+  }
+
+  void wait_until(const std::function<bool()>& done) const {
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (!done()) {
+      ASSERT_LT(std::chrono::steady_clock::now(), deadline);
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+  }
+  std::size_t received(std::uint8_t system) {
+    const std::scoped_lock lock(mutex_);
+    return static_cast<std::size_t>(std::ranges::count(received_, system, [](const auto& one) { return one.source.system; }));
+  }
+
+  // The autopilot has our ear: fixes go to it.
+  void settle(test::LinkPeer& autopilot) {
+    autopilot.send(heartbeat(7));
+    wait_until([&] { return received(7) > 0; });
+    clock_.go_on(1);
+    autopilot.listen_until([&] { return !autopilot.fixes().empty(); });
+  }
+
+  HeldClock clock_;
+  ThreadWatch watch_{clock_};
+  std::string endpoint_;
+  std::mutex mutex_;
+  std::vector<ReceivedMessage> received_;
+  std::atomic<std::uint64_t> rivals_ = 0;
+  std::unique_ptr<AutopilotLink> link_;
+};
+
+TEST_F(ListeningLink, FixesGoToTheConfiguredAutopilotAlone) {
+  begin();
+  test::LinkPeer other(endpoint_);
+  other.send(heartbeat(42));
+  wait_until([&] { return received(42) == 1; });
+  clock_.go_on(1);
+  test::LinkPeer autopilot(endpoint_);
+  settle(autopilot);
+  other.send(heartbeat(42));
+  wait_until([&] { return received(42) == 2; });
+  const std::size_t before = autopilot.fixes().size();
+  clock_.go_on(1);
+  autopilot.listen_until([&] { return autopilot.fixes().size() > before; });
+  other.listen();
+  EXPECT_TRUE(other.fixes().empty()) << "an accepted frame of another system moves nothing";
+  EXPECT_EQ(rivals_, 0U);
+}
+
+TEST_F(ListeningLink, ASecondSenderThatClaimsToBeTheAutopilotIsIgnoredAndReported) {
+  begin();
+  test::LinkPeer autopilot(endpoint_);
+  settle(autopilot);
+  test::LinkPeer rival(endpoint_);
+  rival.send(heartbeat(7));
+  wait_until([&] { return rivals_ == 1; });
+  EXPECT_EQ(received(7), 1U) << "on an unsigned link it is not even heard";
+  const std::size_t before = autopilot.fixes().size();
+  clock_.go_on(1);
+  autopilot.listen_until([&] { return autopilot.fixes().size() > before; });
+  rival.listen();
+  EXPECT_TRUE(rival.fixes().empty());
+}
+
+TEST_F(ListeningLink, AnAutopilotThatReturnsAtAnotherAddressIsServedAfterTheSilence) {
+  begin();
+  test::LinkPeer autopilot(endpoint_);
+  settle(autopilot);
+  clock_.go_on(kPeerSilence_us / 1e6 + 0.1);
+  test::LinkPeer moved(endpoint_);
+  settle(moved);
+  EXPECT_EQ(rivals_, 0U);
+}
+
+TEST_F(ListeningLink, StationsGetTheirShareAndGiveCommandsAlone) {
+  test::LinkPeer ground, logger;
+  begin({{StationRole::ground_station, ground.endpoint()}, {StationRole::logger, logger.endpoint()}});
+  test::LinkPeer autopilot(endpoint_);
+  settle(autopilot);
+  link_->send_text(TextSeverity::info, "hello");
+  const auto has_text = [](const test::LinkPeer& peer) { return !peer.heard(MAVLINK_MSG_ID_STATUSTEXT).empty(); };
+  ground.listen_until([&] { return has_text(ground); });
+  logger.listen_until([&] { return has_text(logger) && !logger.fixes().empty(); });
+  EXPECT_TRUE(ground.fixes().empty());
+
+  mavlink_message_t attitude, command;
+  mavlink_msg_attitude_pack(7, 1, &attitude, 5, 0.1F, 0.2F, 0.3F, 0, 0, 0);
+  mavlink_msg_command_int_pack(255, 190, &command, 7, 197, MAV_FRAME_GLOBAL, MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 0,
+                               100, 0, 474'000'000, 85'000'000, 0);
+  const std::size_t before = received(7);
+  for (test::LinkPeer* peer : {&logger, &ground}) {
+    peer->send(attitude);
+    peer->send(command);
+  }
+  wait_until([&] { return received(255) == 1; });
+  clock_.go_on(1);
+  const std::size_t fixes = autopilot.fixes().size();
+  autopilot.listen_until([&] { return autopilot.fixes().size() > fixes; });
+  EXPECT_EQ(received(255), 1U) << "the logger is not heard";
+  EXPECT_EQ(received(7), before) << "telemetry counts only on the autopilot's link";
+  const AutopilotLink::State state = link_->state();
+  ASSERT_EQ(state.stations.size(), 2U);
+  EXPECT_TRUE(state.stations[0].open);
+  EXPECT_EQ(state.stations[0].commands, 1U);
+  EXPECT_GT(state.stations[1].sent, state.stations[0].sent);
 }
 
 TEST(LatencyHistogram, KnowsItsQuantiles) {

@@ -97,6 +97,46 @@ TEST_F(RejectedFlight, AnUnsignedAutopilotGetsThatTextOnly) {
   EXPECT_EQ(texts(), std::vector<std::string>{"Nadir: autopilot link not authenticated"}) << "once";
 }
 
+// A hint to somebody else is theirs; each command that we take is on record with its sender.
+TEST_F(RejectedFlight, CommandsAreTakenWhenAddressedToUsAndLoggedWithTheirSender) {
+  begin(std::nullopt);
+  autopilot_beats();
+  const auto hint = [&](std::uint8_t system, std::uint8_t component, std::uint16_t command) {
+    mavlink_message_t message;
+    mavlink_msg_command_int_pack(255, 190, &message, system, component, MAV_FRAME_GLOBAL, command, 0, 0, 0, 0, 100, 0,
+                                 474'000'000, 85'000'000, 0);
+    peer_.send(message);
+  };
+  hint(42, 42, MAV_CMD_EXTERNAL_POSITION_ESTIMATE);
+  hint(7, 1, MAV_CMD_EXTERNAL_POSITION_ESTIMATE);
+  hint(7, 197, MAV_CMD_NAV_LAND);
+  hint(7, 197, MAV_CMD_EXTERNAL_POSITION_ESTIMATE);
+  peer_.listen_until([&] { return peer_.heard(MAVLINK_MSG_ID_COMMAND_ACK).size() >= 2; });
+  std::vector<std::pair<int, int>> answers;
+  for (const mavlink_message_t& message : peer_.heard(MAVLINK_MSG_ID_COMMAND_ACK)) {
+    mavlink_command_ack_t answer;
+    mavlink_msg_command_ack_decode(&message, &answer);
+    EXPECT_EQ(answer.target_system, 255);
+    answers.emplace_back(answer.command, answer.result);
+  }
+  EXPECT_EQ(answers, (std::vector<std::pair<int, int>>{{MAV_CMD_NAV_LAND, MAV_RESULT_UNSUPPORTED},
+                                                       {MAV_CMD_EXTERNAL_POSITION_ESTIMATE, MAV_RESULT_ACCEPTED}}));
+  const std::size_t before = heartbeats();
+  peer_.listen_until([&] { return heartbeats() >= before + 2; });
+  end();
+  std::vector<std::string> notes;
+  read_recording(folder_ / "record", [&](const Recorded& recorded) {
+    if (const auto* health = std::get_if<HealthRecord>(&recorded.record)) {
+      notes.insert(notes.end(), health->notes.begin(), health->notes.end());
+    }
+  });
+  EXPECT_EQ(std::ranges::count_if(notes, [](const std::string& note) { return note.starts_with("hint: "); }), 1);
+  EXPECT_TRUE(std::ranges::any_of(notes, [](const std::string& note) {
+    return note.starts_with("hint: operator 255/190, unsigned: within 100 m of 47.4");
+  }));
+  EXPECT_TRUE(std::ranges::any_of(notes, [](const std::string& note) { return note.starts_with("link: not signed"); }));
+}
+
 // An attitude uncertainty that was measured with GPS does not hold when our fix aids the attitude; a larger one that is
 // configured stays.
 TEST_F(RejectedFlight, TheAttitudeUncertaintyIsAtLeastThatOfAFixAidedAttitude) {

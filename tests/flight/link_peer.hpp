@@ -17,12 +17,15 @@ namespace nadir::test {
 
 class LinkPeer {
  public:
-  LinkPeer() : transport_(make_transport(parse_endpoint("udpin:127.0.0.1:0"))) { read(0); }
+  explicit LinkPeer(const std::string& endpoint = "udpin:127.0.0.1:0")
+      : transport_(make_transport(parse_endpoint(endpoint))) {
+    read(0);
+  }
 
   // What the link under test connects to.
   std::string endpoint() const { return "udpout:127.0.0.1:" + std::to_string(transport_->local_port()); }
 
-  // Sends only when it has heard the other end.
+  // At udpin, sends only when it has heard the other end.
   void send(const mavlink_message_t& message) {
     std::uint8_t bytes[MAVLINK_MAX_PACKET_LEN];
     const std::size_t size = mavlink_msg_to_send_buffer(bytes, &message);
@@ -37,6 +40,9 @@ class LinkPeer {
       read(100);
     }
   }
+
+  // Whatever has come by now.
+  void listen() { read(0); }
 
   // Of one kind, in the order in which they came.
   std::vector<mavlink_message_t> heard(std::uint32_t id) const {
@@ -60,7 +66,7 @@ class LinkPeer {
     pollfd ready{transport_->descriptor(), POLLIN, 0};
     if (wait_ms > 0) ::poll(&ready, 1, wait_ms);
     transport_->advance(1'000'000, [&](const Transport::Arrival& arrival) {
-      transport_->trust_sender();
+      transport_->follow_sender(1'000'000);
       for (const std::uint8_t byte : arrival.bytes) {
         mavlink_message_t message;
         mavlink_status_t status;

@@ -143,7 +143,6 @@ class LocalizationReplay : public ::testing::Test {
   Reproduction replay(const RecordedFlight& flight) {
     ReplaySetup again{.frame = LocalFrame(flight.session.origin),
                       .tiles = &landscape_tiles(),
-                      .map_sigma_m = std::nullopt,
                       .start = flight.session.start,
                       .area = std::nullopt,
                       .recorded = &flight};

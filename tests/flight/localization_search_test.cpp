@@ -133,5 +133,45 @@ TEST_F(LongSearch, AHintCancelsIt) {
   EXPECT_EQ(looks_.front(), AnchorVerdict::not_tried) << "given up is not \"not found\"";
 }
 
+// A picture of another size, or damaged, costs the thread nothing but a look at its header; it counts as dropped.
+TEST(LocalizationFrames, WhatCannotBeDecodedIsDroppedAndCounted) {
+  const SystemFlightClock clock;
+  ThreadWatch watch(clock);
+  LatestMailbox<CapturedFrame> frames;
+  std::mutex mutex;
+  std::condition_variable changed;
+  int processed = 0;
+  LocalizationThread localization({flight_camera(), {}, LocalFrame(kOrigin), nullptr, start(), config(), 0}, frames,
+                                  watch,
+                                  {[](std::uint64_t, const Telemetry&, ByteView) {},
+                                   [&](const LocalizedFrame&) {
+                                     const std::scoped_lock lock(mutex);
+                                     ++processed;
+                                     changed.notify_all();
+                                   },
+                                   [](const HintRecord&) {}});
+  const Moment& moment = short_flight()[0];
+  const Telemetry& telemetry = moment.telemetry;
+  localization.on_message(telemetry.time_s,
+                          AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
+  localization.on_message(telemetry.time_s, GroundHeight{{}, 0, *telemetry.agl_m});
+  const auto give = [&](const Bytes& encoded, double after_s) {
+    std::unique_lock lock(mutex);
+    const int before = processed;
+    frames.put({"frame", encoded, telemetry.time_s + after_s});
+    return changed.wait_for(lock, kSearchLimit, [&] { return processed > before; });
+  };
+  const Bytes good = encode_image(moment.image, ImageFormat::png);
+  const cv::Mat small(moment.image.rows / 2, moment.image.cols / 2, CV_8UC1, cv::Scalar(90));
+  ASSERT_TRUE(give(good, 0));
+  EXPECT_EQ(localization.undecodable(), 0U);
+  ASSERT_TRUE(give(encode_image(small, ImageFormat::png), 0.3));
+  EXPECT_EQ(localization.undecodable(), 1U);
+  ASSERT_TRUE(give(Bytes(good.begin(), good.begin() + 100), 0.6));
+  EXPECT_EQ(localization.undecodable(), 2U);
+  ASSERT_TRUE(give(good, 0.9));
+  EXPECT_EQ(localization.undecodable(), 2U);
+}
+
 }  // namespace
 }  // namespace nadir

@@ -7,6 +7,7 @@
 #include "imagery/codecs.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "package_build/vector_features.hpp"
+#include "raster/gdal_drivers.hpp"
 #include "raster/imagery_input.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/poses_file.hpp"
@@ -31,6 +32,12 @@ void drawing(std::string_view name, std::string_view bytes) {
 }
 
 }  // namespace
+
+// Whatever a VRT names, also itself, and however deeply: it is read to its end or refused.
+void vrt(std::string_view bytes) {
+  const std::filesystem::path file = scratch_file("map.vrt", bytes);
+  refusing([&] { refuse_remote_raster(file); });
+}
 
 void kml(std::string_view bytes) { drawing("plan.kml", bytes); }
 void geojson(std::string_view bytes) { drawing("plan.geojson", bytes); }

@@ -2,7 +2,13 @@
 #include <nlohmann/json.hpp>
 
 #include "api/api.hpp"
+#include "base/files.hpp"
 #include "api/view_formats.hpp"
+#include "candidates/audit_log.hpp"
+#include "candidates/installed_store.hpp"
+#include "http/access.hpp"
+#include "nadir_candidates/access_tokens.hpp"
+#include "nadir_candidates/upload_api.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 #include "nadir_candidates/upload_api.hpp"
@@ -113,6 +119,9 @@ void upload_request(std::string_view bytes) {
   for (const char* name : {"upload-offset", "upload-length", "content-digest"}) request.headers[name] = line();
   const auto route = upload_route(request.target, request.method, 1 << 20);
   require(!route || request.target.starts_with("/v1/"), "a path outside of the API");
+  const bool here = names_loopback(request.target);
+  require(!here || request.target.find_first_not_of("0123456789.:[]localhostLOCALHOST") == std::string::npos,
+          "another host's name");
   require(!route || route->admission.upload.find('/') == std::string::npos, "an upload's name that is a path");
   if (route) route->allows(request.method);
   const auto header = part_header(request);
@@ -127,6 +136,52 @@ void acceptance(std::string_view bytes) {
   require(reading.record.has_value() == reading.rejection.empty(), "a record and a reason against it, or neither");
   if (!reading.record) return;
   require(parse_acceptance(to_text(*reading.record)).record == reading.record, "a record changes when it is written");
+}
+
+// What an aircraft that somebody may have had in his hands reports, and the service's own record on a damaged disk.
+void installed(std::string_view bytes) {
+  refusing([&] {
+    const SignedInstalledReport read = parse_installed_report(bytes, "fuzz");
+    require(parse_installed_report(read.json(), "fuzz").json() == read.json(), "a report changes when it is written");
+    require(read.report.airframe.find('/') == std::string::npos && !read.report.airframe.starts_with('.'),
+            "an airframe that is a path");
+    require(next_report_number(std::string(bytes), UtcTime()) > read.report.number ||
+                read.report.number == std::int64_t{1} << 53,
+            "a number that does not go on");
+  });
+  refusing([&] {
+    const InstalledRecord record = parse_installed_record(bytes, "fuzz");
+    require(record.highest_sequence >= 0, "a sequence below zero");
+  });
+}
+
+void tokens(std::string_view bytes) {
+  refusing([&] {
+    const std::vector<AccessToken> read = parse_tokens(bytes, "fuzz");
+    const std::string written = tokens_json(read);
+    require(tokens_json(parse_tokens(written, "fuzz")) == written, "tokens change when they are written");
+    for (const AccessToken& token : read) require(!token.scopes.empty() && token.expires, "a token without bounds");
+  });
+}
+
+void audit(std::string_view bytes) {
+  const std::filesystem::path folder = scratch_folder() / "audit";
+  std::filesystem::remove_all(folder);
+  const FixedClock clock(UtcTime{1'795'000'000});
+  const std::string text(bytes);
+  {
+    AuditLog log(folder, clock);
+    log.record({.act = text, .result = text, .token = text, .client = text, .key = text, .subject = text, .detail = text});
+  }
+  const std::string line = read_text_file(folder / "audit.jsonl");
+  require(line.find('\n') == line.size() - 1, "a caller's line");
+  require(nlohmann::json::parse(line).at("n") == 1, "a line that is no JSON");
+  scratch_file("audit/audit.jsonl", bytes);  // and a log that was damaged: it goes on
+  AuditLog(folder, clock).record({.act = "next", .result = "done"});
+  const std::string damaged = read_text_file(folder / "audit.jsonl");
+  const std::size_t end = damaged.rfind('\n', damaged.size() - 2);
+  const std::string last = damaged.substr(end == std::string::npos ? 0 : end + 1);
+  require(nlohmann::json::parse(last).at("act") == "next", "a damaged log swallows the next line");
 }
 
 }  // namespace nadir::fuzz

@@ -27,6 +27,7 @@ void camera(std::string_view bytes);
 void telemetry(std::string_view bytes);
 void poses(std::string_view bytes);
 void terrain(std::string_view bytes);
+void vrt(std::string_view bytes);      // and what it names, before GDAL sees it
 void picture(std::string_view bytes);  // JPEG, PNG, WebP
 
 void mbtiles(std::string_view bytes);    // a file's bytes
@@ -45,6 +46,9 @@ void pack(std::string_view bytes);
 
 void upload_request(std::string_view bytes);  // to the candidate service
 void reply(std::string_view bytes);           // of the candidate service
+void installed(std::string_view bytes);       // what an aircraft reports, and the service's record of it
+void tokens(std::string_view bytes);          // the service's file of tokens
+void audit(std::string_view bytes);           // what a caller sends, in the audit log
 void http_date(std::string_view bytes);
 void outbox(std::string_view bytes);       // a file's bytes
 void outbox_rows(std::string_view bytes);  // rows of an outbox that is otherwise sound, in any types

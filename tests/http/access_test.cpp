@@ -51,5 +51,14 @@ TEST(Access, ReadsTheTokenAfterBearer) {
   }
 }
 
+// What begins like loopback's name is another name.
+TEST(Access, ReadsTheWholeHost) {
+  for (const char* far : {"[::1]evil.com", "[::1].evil.com:80", "[::1]:80.evil.com", "[::1]:", "[::1]:65536", "[::1]:-1",
+                          "localhost:evil.com", "localhost:80evil", "localhost:", "127.0.0.1:80:80", "127.0.0.1 ",
+                          "localhost\r", "localhost@evil.com", "127.0.0.1/"}) {
+    EXPECT_FALSE(names_loopback(far)) << far;
+  }
+}
+
 }  // namespace
 }  // namespace nadir

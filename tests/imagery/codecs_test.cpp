@@ -3,7 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <cstdlib>
 #include <opencv2/imgproc.hpp>
+//
+#include <jpeglib.h>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -166,6 +172,64 @@ TEST(Codecs, GdalReadsTheSamePixels) {
     cv::cvtColor(rgb, rgb, cv::COLOR_RGB2BGR);
     EXPECT_EQ(cv::norm(decode_image(bytes, Colour::bgr, "a").image, rgb, cv::NORM_INF), 0.0) << name_of(format);
   }
+}
+
+// A colour JPEG whose channels come in scans of their own, the last of them again and again.
+Bytes jpeg_of_scans(int scans) {
+  jpeg_compress_struct info{};
+  jpeg_error_mgr errors{};
+  info.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&info);
+  unsigned char* data = nullptr;
+  unsigned long size = 0;
+  jpeg_mem_dest(&info, &data, &size);
+  info.image_width = info.image_height = 16;
+  info.input_components = 3;
+  info.in_color_space = JCS_RGB;
+  jpeg_set_defaults(&info);
+  const jpeg_scan_info script[] = {
+      {1, {0, 0, 0, 0}, 0, 63, 0, 0}, {1, {1, 0, 0, 0}, 0, 63, 0, 0}, {1, {2, 0, 0, 0}, 0, 63, 0, 0}};
+  info.scan_info = script;
+  info.num_scans = 3;
+  jpeg_start_compress(&info, TRUE);
+  std::array<JSAMPLE, 48> row{};
+  row.fill(90);
+  JSAMPROW rows[] = {row.data()};
+  while (info.next_scanline < info.image_height) jpeg_write_scanlines(&info, rows, 1);
+  jpeg_finish_compress(&info);
+  jpeg_destroy_compress(&info);
+  Bytes bytes(data, data + size);
+  std::free(data);
+  const std::uint8_t start_of_scan[] = {0xff, 0xda};
+  const auto last = std::find_end(bytes.begin(), bytes.end(), std::begin(start_of_scan), std::end(start_of_scan));
+  const Bytes again(last, bytes.end() - 2);
+  for (int scan = 3; scan < scans; ++scan) bytes.insert(bytes.end() - 2, again.begin(), again.end());
+  return bytes;
+}
+
+TEST(Codecs, AJpegMayNotAskForScansWithoutEnd) {
+  EXPECT_EQ(decode_image(jpeg_of_scans(3), Colour::bgr, "camera").image.cols, 16);
+  EXPECT_EQ(decode_image(jpeg_of_scans(100), Colour::bgr, "camera").image.cols, 16);
+  try {
+    decode_image(jpeg_of_scans(150'000), Colour::bgr, "camera");
+    ADD_FAILURE() << "decoded";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.text().found, "too many scans");
+  }
+}
+
+TEST(Codecs, ABudgetEndsAJpegThatTakesTooLong) {
+  std::int64_t now_ms = 0;
+  const DecodeBudget slow{.limit_ms = 50, .clock = [&now_ms] { return now_ms += 20; }};
+  const Bytes bytes = encode_image(picture(), ImageFormat::jpeg);
+  try {
+    decode_image(bytes, Colour::grey, "camera", 1, slow);
+    ADD_FAILURE() << "decoded";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.text().found, "too much work for its size");
+  }
+  const DecodeBudget enough{.limit_ms = 50, .clock = [] { return std::int64_t{7}; }};
+  EXPECT_FALSE(decode_image(bytes, Colour::grey, "camera", 1, enough).image.empty());
 }
 
 }  // namespace

@@ -263,5 +263,68 @@ TEST(LosslessWebp, PreservesEveryPixel) {
   EXPECT_THROW(encode_lossless_webp(cv::Mat::zeros(8, 8, CV_8UC1)), Error);
 }
 
+// A GeoTIFF of nearly the whole world at zoom 13 with blocks of 4096 pixels: two megabytes of places and sizes, and 67
+// million tiles that they are cut into. Every place leads to the same few bytes.
+Bytes vast_cog() {
+  constexpr std::uint32_t kBlock = 4096, kSide = (1U << 21) - kBlock;
+  constexpr std::size_t kBlocks = std::size_t{kSide / kBlock} * (kSide / kBlock);
+  const double pixel_m = mercator_pixel_m(13), half_m = pixel_m * (1U << 20);
+  TiffTags tags(false);
+  tags.long_(tiff::kWidth, kSide);
+  tags.long_(tiff::kHeight, kSide);
+  tags.shorts(tiff::kBitsPerSample, {8});
+  tags.shorts(tiff::kCompression, {tiff::kDeflate});
+  tags.shorts(tiff::kPhotometric, {tiff::kGrey});
+  tags.shorts(tiff::kSamplesPerPixel, {1});
+  tags.long_(tiff::kTileWidth, kBlock);
+  tags.long_(tiff::kTileHeight, kBlock);
+  const std::vector<std::uint32_t> ones(kBlocks, 8);
+  tags.longs(tiff::kTileOffsets, ones);
+  tags.longs(tiff::kTileSizes, ones);
+  tags.doubles(tiff::kPixelScale, {pixel_m, pixel_m, 0});
+  tags.doubles(tiff::kTiepoint, {0, 0, 0, -half_m, half_m, 0});
+  tags.shorts(tiff::kGeoKeys, {1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 3857});
+  Bytes file = tiff_header(false, 8);
+  const Bytes directory = tags.write(8, 0);
+  file.insert(file.end(), directory.begin(), directory.end());
+  return file;
+}
+
+TEST(CogLimits, AManifestsCountBoundsTheTiles) {
+  const Bytes vast = vast_cog();
+  EXPECT_LT(vast.size(), 2'200'000U);
+  const CogReader reader(in_memory(vast), "vast", CogLimits::for_tiles(1'000));
+  try {
+    reader.keys();
+    ADD_FAILURE() << "a list of 67 million tiles";
+  } catch (const TiffError& error) {
+    EXPECT_STREQ(error.code(), "tiff.layout");
+    EXPECT_EQ(error.text().expected, "at most 1000 tiles");
+  }
+  const CogReader foreign(in_memory(vast), "vast");
+  EXPECT_THROW(foreign.keys(), TiffError) << "without a manifest 16 million are the most";
+}
+
+TEST(CogLimits, BlocksAreBoundedBeforeTheyAreAllocated) {
+  CogLimits few;
+  few.blocks = 200'000;
+  try {
+    const CogReader reader(in_memory(vast_cog()), "vast", few);
+    ADD_FAILURE() << "261121 blocks accepted";
+  } catch (const TiffError& error) {
+    EXPECT_EQ(error.text().expected, "at most 200000 blocks in all images together");
+  }
+}
+
+TEST(CogLimits, ASoundSetIsReadUnderItsOwnCount) {
+  test::TemporaryFolder folder;
+  const auto tiles = tiles_of(kShape, ImageFormat::jpeg);
+  write_cog(folder / "set.tif", tiles, ImageFormat::jpeg);
+  const CogReader reader(InputFile(folder / "set.tif"), CogLimits::for_tiles(tiles.size()));
+  EXPECT_EQ(reader.keys().size(), tiles.size());
+  const CogReader less(InputFile(folder / "set.tif"), CogLimits::for_tiles(tiles.size() - 1));
+  EXPECT_THROW(less.keys(), TiffError);
+}
+
 }  // namespace
 }  // namespace nadir

@@ -146,5 +146,28 @@ TEST(MapWindow, RejectsImpossibleWindows) {
   EXPECT_THROW(read_map_window(tiles, frame, {0, 0, 1e6, 10}, 1, Colour::grey), Error);
 }
 
+// One coarse scene says nothing of the others.
+TEST(MapWindow, StatesTheWorstPlacementOfItsOwnTiles) {
+  test::WaveTiles tiles({17, 18}, kFinest);
+  const TileKey here = tile_at(kPlace, 18);
+  tiles.ce90 = [here](const TileKey& key) -> std::optional<double> {
+    const std::uint32_t column = key.z == 18 ? key.x : key.x * 2;
+    return column < here.x + 2 ? 4.0 : 20.0;
+  };
+  const LocalFrame frame(kPlace);
+  MapWindowReader reader(tiles);
+  const double tile_m = 256 * ground_resolution_m(18, kPlace.lat_deg), gsd_m = ground_resolution_m(18, kPlace.lat_deg);
+  const PlaneBox west{-tile_m / 4, -tile_m / 4, tile_m / 4, tile_m / 4};
+  EXPECT_EQ(reader.ce90_m(frame, west, gsd_m), 4.0);
+  EXPECT_EQ(reader.read(frame, west, gsd_m, Colour::grey).ce90_m, 4.0);
+  const PlaneBox both{-tile_m / 4, -tile_m / 4, 4 * tile_m, tile_m / 4};
+  EXPECT_EQ(reader.ce90_m(frame, both, gsd_m), 20.0);
+  EXPECT_EQ(reader.read(frame, both, gsd_m, Colour::grey).ce90_m, 20.0);
+  EXPECT_EQ(reader.read(frame, west, gsd_m, Colour::grey).ce90_m, 4.0) << "of this window, not of the last";
+  tiles.ce90 = nullptr;
+  EXPECT_FALSE(reader.ce90_m(frame, both, gsd_m));
+  EXPECT_FALSE(reader.read(frame, both, gsd_m, Colour::grey).ce90_m);
+}
+
 }  // namespace
 }  // namespace nadir

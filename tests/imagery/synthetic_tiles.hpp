@@ -41,9 +41,12 @@ class WaveTiles final : public TileSource {
   }
   std::optional<Bytes> read_mask(const TileKey& key) const override { return mask ? mask(key) : std::nullopt; }
 
+  std::optional<double> ce90_m(const TileKey& key) const override { return ce90 ? ce90(key) : std::nullopt; }
+
   mutable std::map<TileKey, int> reads;
   std::function<bool(const TileKey&)> missing = [](const TileKey&) { return false; };
   std::function<std::optional<Bytes>(const TileKey&)> mask;
+  std::function<std::optional<double>(const TileKey&)> ce90;
 
  private:
   ZoomRange zooms_;

@@ -110,6 +110,54 @@ TEST_F(SignedLink, ReplaysAreRejectedPerStream) {
   EXPECT_EQ(signing_.counts().replayed, 2U);
 }
 
+// A frame that was recorded before a restart must not be the first contact after it.
+TEST_F(SignedLink, AReplayAfterARestartIsRejected) {
+  const std::filesystem::path file = folder_ / "streams";
+  const Bytes recorded = theirs(now_);
+  const Bytes later = theirs(now_ + kStreamReserve_us / 10);  // came after the last save, before the crash
+  const Bytes live = theirs(now_ + kStreamReserve_us / 10 + 1);
+  const auto judged_by = [&](StreamTimestamps& streams, const Bytes& bytes) {
+    Signing signing(key(), time_, 3, &streams);
+    FrameReader reader;
+    reader.add(bytes);
+    return signing.check(*reader.next(), 0);
+  };
+  {
+    StreamTimestamps streams(file);
+    EXPECT_EQ(judged_by(streams, recorded), SignatureVerdict::accepted);
+    streams.save();
+  }
+  StreamTimestamps streams(file);
+  EXPECT_EQ(streams.fault(), "");
+  EXPECT_EQ(judged_by(streams, recorded), SignatureVerdict::replayed);
+  EXPECT_EQ(judged_by(streams, later), SignatureVerdict::replayed);
+  EXPECT_EQ(judged_by(streams, live), SignatureVerdict::accepted);
+  EXPECT_EQ(judged_by(streams, theirs(now_, 0, 9)), SignatureVerdict::accepted) << "another system has its own";
+}
+
+TEST_F(SignedLink, DamagedTimestampsOfStreamsAreReportedAndTheLinkContinues) {
+  const std::string whole = "nadir.signing-streams/1\n1 1 0 123\n255 190 7 281474976710655\n";
+  folder_.write("streams", whole);
+  EXPECT_EQ(StreamTimestamps(folder_ / "streams").last({255, 190}, 7), (std::uint64_t{1} << 48) - 1);
+  for (std::size_t size = 0; size < whole.size(); ++size) {  // torn after every byte; whole lines are whole files
+    folder_.write("streams", whole.substr(0, size));
+    const StreamTimestamps streams(folder_ / "streams");
+    const bool whole_lines = size > 0 && whole[size - 1] == '\n';
+    EXPECT_EQ(streams.fault().empty(), whole_lines) << size;
+    if (!whole_lines) {
+      EXPECT_FALSE(streams.last({1, 1}, 0)) << size;
+    }
+  }
+  for (const std::string line : {"256 1 0 1", "1 1 0 -1", "1 1 0", "1 1 0 1 1", " 1 1 0 x", "1 1 0 999999999999999"}) {
+    folder_.write("streams", "nadir.signing-streams/1\n" + line + "\n");
+    EXPECT_NE(StreamTimestamps(folder_ / "streams").fault(), "") << line;
+  }
+  StreamTimestamps nowhere(folder_ / "no-folder" / "streams");
+  EXPECT_TRUE(nowhere.set({1, 1}, 0, 5));
+  nowhere.save();
+  EXPECT_EQ(nowhere.failed_saves(), 1U);
+}
+
 TEST_F(SignedLink, OldTimestampsAreRejected) {
   const std::uint64_t minute = 60 * kSigningTicksPerSecond;
   EXPECT_EQ(judged(theirs(now_ - minute - 1)), SignatureVerdict::too_old);

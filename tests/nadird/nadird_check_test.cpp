@@ -5,6 +5,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <map>
 #include <mutex>
 #include <new>
@@ -17,6 +18,7 @@
 #include "cli/terminal.hpp"
 #include "package/package_maker.hpp"
 #include "support/manual_clock.hpp"
+#include "trust/installed_report.hpp"
 #include "trust/signatures.hpp"
 
 namespace nadir {
@@ -107,7 +109,8 @@ class NadirdCheck : public ::testing::Test {
                                   "--camera",    path("none"),
                                   "--autopilot", "udpin:127.0.0.1:0",
                                   "--listen",    "127.0.0.1:0",
-                                  "--memory-mb", "0"};
+                                  "--memory-mb", "0",
+                                  "--unsigned-link"};
     args.insert(args.end(), more);
     NadirdCommand command(flight_clock);
     return run_single_command("nadird", command, args, {out_, err_, clock});
@@ -223,6 +226,18 @@ TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
   EXPECT_FALSE(interrupt_requested());
 }
 
+TEST_F(NadirdCheck, AnUnsignedLinkIsADecision) {
+  airframe("bare.json", nullptr);
+  const std::vector<std::string> bare{"--package",   newer_,          "--trust", path("root.json"), "--airframe", path("bare.json"),
+                                      "--state",     path("state"),   "--camera", path("none"),
+                                      "--autopilot", "udpin:127.0.0.1:0"};
+  NadirdCommand command(nullptr);
+  EXPECT_EQ(run_single_command("nadird", command, bare, {out_, err_, clock_}), 2);
+  EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
+  EXPECT_EQ(serve(clock_, nullptr, {"--signing-key", path("link.key")}), 2) << "both";
+  EXPECT_EQ(serve(clock_, nullptr, {"--ground-station", "udpout:example.org:1"}), 2) << err_.str();
+}
+
 TEST_F(NadirdCheck, AnUntrustedTileKeyIsRejectedBeforeTakeOff) {
   const PrivateKey ours = PrivateKey::generate(), other = PrivateKey::generate(), stranger = PrivateKey::generate();
   name_tile_signers({{"mini-07", &ours}, {"mini-08", &other}}, std::nullopt, nullptr);
@@ -260,6 +275,33 @@ TEST_F(NadirdCheck, InFlightAnUntrustedTileKeyDisablesOnlyTheTiles) {
     EXPECT_NE(err_.str().find("0 frames"), std::string::npos) << "it flew: " << err_.str();
     EXPECT_EQ(err_.str().find("key.revoked") != std::string::npos, revoked != nullptr) << err_.str();
     EXPECT_EQ(std::filesystem::exists(folder_ / "tiles"), revoked == nullptr);
+  }
+}
+
+// The ground learns what it flies: signed by the tile key, and each time with a higher number.
+TEST_F(NadirdCheck, WritesASignedReportOfItsPackage) {
+  const PrivateKey ours = PrivateKey::generate();
+  write_file_atomic(folder_ / "tile.pem", ours.pem(), 0600);
+  name_tile_signers({{"mini-07", &ours}}, std::nullopt, nullptr);
+  std::int64_t last = 0;
+  for (const char* run : {"first", "second", "after its memory was damaged"}) {
+    const ShortFlight flight;
+    EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem")}), 0) << err_.str();
+    const auto report = parse_installed_report(read_text_file(folder_ / "tiles" / kInstalledFile), run);
+    EXPECT_EQ(report.report.airframe, "mini-07");
+    EXPECT_EQ(report.report.package, sha256_file(std::filesystem::path(newer_) / kManifestFile));
+    EXPECT_EQ(report.report.root_version, 1);
+    EXPECT_TRUE(report.report.accepted);
+    EXPECT_TRUE(std::find(report.report.findings.begin(), report.report.findings.end(), "airframe.unsigned") !=
+                report.report.findings.end());
+    const TrustRoot root = read_trusted_root(path("root.json"));
+    EXPECT_FALSE(check_installed_signature(root, report, std::nullopt).findings.has_errors());
+    const std::string_view which = run;
+    if (which == "second") {
+      EXPECT_EQ(report.report.number, last + 1);
+      folder_.write("state/installed.json", std::string(100'000, 'x'));
+    }
+    last = report.report.number;
   }
 }
 

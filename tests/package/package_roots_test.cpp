@@ -30,7 +30,7 @@ class CarriedRoots : public Verify {
   void carry(const fs::path& package, const TrustRoot& root, const std::vector<const PrivateKey*>& keys) {
     const fs::path file = folder_ / "carried.json";
     write_file_atomic(file, sign_root(root, keys).json());
-    add_package_roots(package, read_root_chain(std::vector{file}, roots_in_package(package)));
+    add_package_roots(package, read_root_chain(std::vector{file}, roots_in_package(Directory(package))));
   }
   fs::path rotated(const std::string& name = "rotated") {
     const fs::path package = maker_.make(folder_, name);

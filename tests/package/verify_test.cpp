@@ -275,6 +275,11 @@ TEST_F(Verify, TilesRootForSwappedTilesWithRecomputedDigests) {
                " AND s.tile_column = b.tile_column AND s.tile_row = b.tile_row)"
                " WHERE zoom_level = 18 AND EXISTS (SELECT 1 FROM t WHERE t.tile_column = n.tile_column"
                " AND t.tile_row = n.tile_row);");
+  // Tiles of other lengths may have made the file longer, and that alone would refuse it.
+  Manifest manifest = *parse_manifest(read_file(package / kManifestFile)).manifest;
+  for (Artifact& artifact : manifest.artifacts) artifact.size = fs::file_size(package / artifact.path);
+  write_file_atomic(package / kManifestFile, manifest_json(manifest));
+  maker_.sign(package);
   expect("tiles.root", maker_.verify(package));
 }
 
@@ -521,8 +526,7 @@ TEST_F(CogPackage, TruncatedIsRejected) {
     overwrite(package / kCogFile, {good.begin(), good.begin() + static_cast<std::ptrdiff_t>(size)});
     expect("artifact.size", maker_.verify(package));
     const Verification full = maker_.verify(package, VerifyDepth::full);
-    expect("artifact.size", full);
-    if (size < good.size() - 10) expect("tiff.corrupt", full);
+    expect_only("artifact.size", full);  // and nothing reads it
   }
 }
 

@@ -396,7 +396,7 @@ TEST_F(UpdateErrors, RootsAreCarriedOnAndMustBeConsecutive) {
   later.old_package = folder_ / "new";
   later.mission = folder_ / "third.yaml";
   ASSERT_FALSE(update(later).package.findings.has_errors());
-  EXPECT_EQ(roots_in_package(folder_ / "third").size(), 2U);
+  EXPECT_EQ(roots_in_package(Directory(folder_ / "third")).size(), 2U);
 }
 
 TEST_F(UpdateErrors, WarnsWhenTheKeyMayNotSign) {

@@ -260,7 +260,7 @@ TEST_F(TerrainBuilder, ThePackageHoldsItAndIsReproducible) {
   ASSERT_TRUE(manifest);
   ASSERT_NE(manifest->artifact(kRoleTerrain), nullptr);
   EXPECT_EQ(manifest->artifact(kRoleTerrain)->path, kTerrainFile);
-  const TerrainReading reading = read_package_terrain(folder_ / "one", *manifest, mission());
+  const TerrainReading reading = read_package_terrain(Directory(folder_ / "one"), *manifest, mission());
   ASSERT_TRUE(reading.terrain);
   expect_hills(*reading.terrain, 0.01);
   PackageRequest again = request("two");

@@ -256,5 +256,16 @@ TEST_F(Store, OtherFilesAreLeftAlone) {
   EXPECT_TRUE(segments_in(folder / "recording").empty());
 }
 
+// A file that somebody put there: its number plus one is none, and the next segment would have been number 0, then 1.
+TEST_F(Store, AFileOfTheLargestNumberDoesNotWrapTheCounter) {
+  std::filesystem::create_directories(folder / "recording");
+  folder.write("recording/4294967295.flight.mcap", "");
+  folder.write("recording/1000000001.flight.mcap", "");
+  folder.write("recording/000041.flight.mcap", "");
+  const auto segments = segments_in(folder / "recording");
+  ASSERT_EQ(segments.size(), 1U);
+  EXPECT_EQ(segments.front().number, 41U);
+}
+
 }  // namespace
 }  // namespace nadir

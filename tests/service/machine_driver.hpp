@@ -57,14 +57,14 @@ class MachineDriver {
 
   void boot_to_search() {
     on(PackageVerified{true});
-    on(AutopilotHeartbeat{true, false});
+    on(AutopilotHeartbeat{LinkAuthentication::signature, false});
   }
   void boot_to_normal() {
     boot_to_search();
     frame(SourceLabel::satellite_anchored);
   }
   // Heartbeats during fly() and wait() come only where a test sends them.
-  void heartbeat() { on(AutopilotHeartbeat{true, true}); }
+  void heartbeat() { on(AutopilotHeartbeat{LinkAuthentication::signature, true}); }
 
   ServiceState state() const { return machine_.status().state; }
   ServiceStatus status() const { return machine_.status(); }

@@ -344,7 +344,7 @@ TEST(Restart, InFlightThereIsAPositionWithinFiveSeconds) {
   clock.advance(1.5);
   machine.on_event(clock.monotonic_s(), PackageVerified{true});
   clock.advance(1);
-  machine.on_event(clock.monotonic_s(), AutopilotHeartbeat{true, true});
+  machine.on_event(clock.monotonic_s(), AutopilotHeartbeat{LinkAuthentication::signature, true});
   EXPECT_TRUE(machine.status().fix);
   EXPECT_LE(clock.monotonic_s() - killed_s, 5);
   EXPECT_NEAR(machine.status().sigma_m, 10 + 4.5 * 25, 1e-6);

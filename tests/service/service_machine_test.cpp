@@ -24,7 +24,7 @@ TEST(ServiceMachine, StartsUpStepByStep) {
   EXPECT_FALSE(flight.status().serves_fixes);
   flight.on(PackageVerified{true});
   EXPECT_EQ(flight.state(), awaiting_autopilot);
-  flight.on(AutopilotHeartbeat{true, false});
+  flight.on(AutopilotHeartbeat{LinkAuthentication::signature, false});
   EXPECT_EQ(flight.state(), relocalizing);
   EXPECT_TRUE(flight.status().serves_fixes);
   EXPECT_FALSE(flight.status().fix);
@@ -43,7 +43,7 @@ TEST(ServiceMachine, StartsUpStepByStep) {
 TEST(ServiceMachine, OrderOfTheBootDoesNotMatter) {
   MachineDriver flight;
   flight.frame(satellite_anchored);
-  flight.on(AutopilotHeartbeat{true, false});
+  flight.on(AutopilotHeartbeat{LinkAuthentication::signature, false});
   EXPECT_EQ(flight.state(), boot);
   flight.on(PackageVerified{true});
   EXPECT_EQ(flight.state(), relocalizing);
@@ -66,11 +66,11 @@ TEST(ServiceMachine, ARejectedPackageProvidesNoPosition) {
 TEST(ServiceMachine, AnUnauthenticatedLinkIsNoLink) {
   MachineDriver flight;
   flight.on(PackageVerified{true});
-  for (int i = 0; i < 20; ++i) flight.on(AutopilotHeartbeat{false, true});
+  for (int i = 0; i < 20; ++i) flight.on(AutopilotHeartbeat{LinkAuthentication::missing, true});
   flight.frame(satellite_anchored);
   EXPECT_EQ(flight.state(), awaiting_autopilot);
   EXPECT_EQ(flight.count(Why::link_unsigned), 1);
-  flight.on(AutopilotHeartbeat{true, true});
+  flight.on(AutopilotHeartbeat{LinkAuthentication::signature, true});
   EXPECT_EQ(flight.state(), relocalizing);
 }
 
@@ -451,7 +451,7 @@ TEST(FailsafeAndLead, ReportsALostLinkAfterFiveSecondsAndContinues) {
   EXPECT_FALSE(flight.status().link_up);
   EXPECT_EQ(flight.state(), normal);
   EXPECT_EQ(flight.count(Why::link_lost), 1);
-  flight.on(AutopilotHeartbeat{false, true});
+  flight.on(AutopilotHeartbeat{LinkAuthentication::missing, true});
   EXPECT_FALSE(flight.status().link_up) << "a stranger is no autopilot";
   flight.heartbeat();
   EXPECT_TRUE(flight.status().link_up);

@@ -238,6 +238,35 @@ TEST_F(Outbox, DamagedBytesAreNotSent) {
   EXPECT_THROW(transfer_.pack_bytes(pack), Error);
 }
 
+// The latest report of each airframe, and none twice.
+TEST_F(Outbox, KeepsTheLatestReportOfAnInstalledPackage) {
+  const auto report = [this](const char* airframe, std::int64_t number) {
+    return sign_installed_report({.airframe = airframe,
+                                  .number = number,
+                                  .reported_at = {1'795'000'000},
+                                  .package = Sha256(),
+                                  .series = "valley",
+                                  .sequence = 1,
+                                  .root_version = 1,
+                                  .verified_at = {1'795'000'000}},
+                                 key_);
+  };
+  EXPECT_TRUE(stage_installed(*outbox_, report("mini-07", 5)));
+  EXPECT_FALSE(stage_installed(*outbox_, report("mini-07", 5)));
+  EXPECT_FALSE(stage_installed(*outbox_, report("mini-07", 4)));
+  EXPECT_TRUE(stage_installed(*outbox_, report("mini-08", 4)));
+  ASSERT_EQ(transfer_.open_reports().size(), 2U);
+  transfer_.report_sent(transfer_.open_reports()[0]);
+  transfer_.report_refused(transfer_.open_reports()[0], "key.revoked");
+  EXPECT_TRUE(transfer_.open_reports().empty());
+  EXPECT_FALSE(stage_installed(*outbox_, report("mini-07", 5))) << "it was sent";
+  EXPECT_TRUE(stage_installed(*outbox_, report("mini-08", 6))) << "a later one gets another chance";
+  const Transfer::OpenReport old{.airframe = "mini-08", .number = 4, .document = {}};
+  transfer_.report_sent(old);
+  ASSERT_EQ(transfer_.open_reports().size(), 1U) << "an answer about the one before is not about this one";
+  EXPECT_EQ(transfer_.open_reports()[0].number, 6);
+}
+
 TEST_F(Outbox, AllowsOneWriterAndManyReaders) {
   EXPECT_THROW(OutboxDatabase(folder_ / "outbox", OutboxDatabase::Access::write), Error);
   const OutboxDatabase reader(folder_ / "outbox", OutboxDatabase::Access::read);
@@ -249,7 +278,7 @@ TEST(OldOutbox, IsReadUnchangedAndMigratedByTheFirstWriter) {
   const test::TemporaryFolder folder;
   {
     const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::make);
-    for (const char* back_to_version_1 : {"DROP TABLE strike", "DELETE FROM step WHERE 'DAMAGED' IN (before, after)",
+    for (const char* back_to_version_1 : {"DROP TABLE strike", "DROP TABLE installed", "DELETE FROM step WHERE 'DAMAGED' IN (before, after)",
                                           "DELETE FROM step WHERE before = 'PARKED' AND after = 'STAGED'",
                                           "DELETE FROM state WHERE name = 'DAMAGED'", "PRAGMA user_version = 1"}) {
       outbox.prepare(back_to_version_1).run();
@@ -260,6 +289,7 @@ TEST(OldOutbox, IsReadUnchangedAndMigratedByTheFirstWriter) {
   const auto version = [&] {
     const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::write);
     outbox.prepare("SELECT count(*) FROM strike").step();
+    outbox.prepare("SELECT count(*) FROM installed").step();
     auto pragma = outbox.prepare("PRAGMA user_version");
     pragma.step();
     return pragma.integer(0);
@@ -268,7 +298,7 @@ TEST(OldOutbox, IsReadUnchangedAndMigratedByTheFirstWriter) {
   EXPECT_EQ(version(), kOutboxVersion) << "once";
   {
     const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::write);
-    outbox.prepare("PRAGMA user_version = 4").run();
+    outbox.prepare("PRAGMA user_version = 5").run();
   }
   EXPECT_THROW(OutboxDatabase(folder / "outbox", OutboxDatabase::Access::write), UsageError);
 }

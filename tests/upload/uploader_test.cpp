@@ -149,6 +149,44 @@ TEST_F(Upload, GoesFromAnnouncementToVerdict) {
   EXPECT_EQ(run().verdicts.accepted, 0) << "nothing is left to do";
 }
 
+// Whatever the service says to an aircraft's report: no tile waits for it.
+TEST_F(Upload, SendsReportsFirstAndOnce) {
+  const auto report = [this](std::int64_t number) {
+    stage_installed(*outbox_, sign_installed_report({.airframe = "mini-07",
+                                                     .number = number,
+                                                     .reported_at = {1'795'000'000},
+                                                     .package = Sha256(),
+                                                     .series = "valley",
+                                                     .sequence = 1,
+                                                     .root_version = 1,
+                                                     .verified_at = {1'795'000'000}},
+                                                    key_));
+  };
+  stage(1);
+  seal();
+  report(1);
+  for (HttpResult not_now : {HttpResult(problem(503)), HttpResult(problem(404)), HttpResult(NoReply{"cut off"})}) {
+    service_.first = {std::move(not_now)};
+    const UploadOutcome outcome = run();
+    EXPECT_EQ(outcome.reports_waiting, 1);
+    EXPECT_TRUE(outcome.finished);
+    EXPECT_TRUE(clock_.waits_ms.empty());
+  }
+  EXPECT_EQ(tiles_in(TileState::accepted), 1);
+  EXPECT_EQ(service_.calls.front(), "POST installe");
+  service_.first = {HttpReply{201, {}, "{}"}};
+  EXPECT_EQ(run().reports_sent, 1);
+  report(2);
+  service_.first = {problem(409)};
+  EXPECT_EQ(run().reports_sent, 1) << "the service knows a later one";
+  report(3);
+  service_.first = {problem(422)};
+  EXPECT_EQ(run().reports_refused, 1);
+  service_.calls.clear();
+  run();
+  EXPECT_TRUE(service_.calls.empty()) << "each is sent until there is an answer, and no longer";
+}
+
 TEST_F(Upload, PartsAreNeverLargerThanTheServiceAccepts) {
   stage(3);
   seal();

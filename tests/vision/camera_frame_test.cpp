@@ -107,5 +107,35 @@ TEST(FrozenFrameDetector, EmptyFramesNeverRepeat) {
   EXPECT_FALSE(frozen.repeats(cv::Mat()));
 }
 
+CameraModel camera_of(int width, int height) {
+  CameraModel camera;
+  camera.width = width;
+  camera.height = height;
+  return camera;
+}
+
+// A picture of another size was decoded first and compared afterwards.
+TEST(CameraFrame, AFrameOfAnotherSizeIsNotDecoded) {
+  const Bytes frame = encode_image(normal(), ImageFormat::jpeg);
+  int looks = 0;
+  const DecodeBudget counted{.limit_ms = 1'000, .clock = [&looks] {
+                               ++looks;
+                               return std::int64_t{0};
+                             }};
+  EXPECT_TRUE(decode_camera_frame(frame, camera_of(640, 480), 1, counted).empty());
+  EXPECT_TRUE(decode_camera_frame(frame, camera_of(320, 320), 2, counted).empty());
+  EXPECT_EQ(looks, 0) << "the header says it";
+  EXPECT_EQ(decode_camera_frame(frame, camera_of(320, 320), 1, counted).size(), cv::Size(320, 320));
+  EXPECT_EQ(decode_camera_frame(frame, camera_of(160, 160), 2, counted).size(), cv::Size(160, 160));
+  EXPECT_GT(looks, 0);
+}
+
+TEST(CameraFrame, AFrameThatTakesTooLongIsDropped) {
+  const Bytes frame = encode_image(normal(), ImageFormat::jpeg);
+  std::int64_t now_ms = 0;
+  const DecodeBudget slow{.limit_ms = 1'000, .clock = [&now_ms] { return now_ms += 600; }};
+  EXPECT_TRUE(decode_camera_frame(frame, camera_of(320, 320), 1, slow).empty());
+}
+
 }  // namespace
 }  // namespace nadir

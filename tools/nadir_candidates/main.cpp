@@ -1,6 +1,7 @@
-// nadir-candidates: serve, status and export.
+// nadir-candidates: serve, status, export and installed; what concerns tokens: token_commands.cpp.
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
@@ -18,6 +19,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/printable.hpp"
 #include "candidates/candidate_catalogue.hpp"
 #include "candidates/candidate_service.hpp"
 #include "candidates/promoted_imagery.hpp"
@@ -26,6 +28,7 @@
 #include "cli/output.hpp"
 #include "cli/program.hpp"
 #include "cli/terminal.hpp"
+#include "nadir_candidates/token_commands.hpp"
 #include "nadir_candidates/upload_server.hpp"
 #include "nadir_candidates/work_queue.hpp"
 
@@ -34,6 +37,7 @@ namespace {
 
 constexpr std::size_t kQueuedPerClient = 16;  // requests
 constexpr auto kPollInterval = std::chrono::milliseconds(100);
+constexpr int kPollsBetweenTokens = 5;
 constexpr int kPollsBetweenRetries = 50;
 constexpr int kPollsBetweenCleanups = 36'000;  // an hour
 
@@ -90,23 +94,25 @@ class ServeCommand final : public Command {
   std::string catalogue_;
   std::string listen_ = "127.0.0.1:8760";
   std::vector<std::string> token_files_;
+  std::optional<std::filesystem::path> tokens_;
   std::optional<std::filesystem::path> port_file_;
   int threads_ = 2;
   int max_age_days_ = 90;
   int quota_mb_ = 8192;
   int keep_free_mb_ = 1024;
-  std::string independent_ = "days";
+  std::string independent_ = "airframes";
 };
 
 std::string_view ServeCommand::details() const {
   return R"(Listens until it is interrupted. Whatever it has answered is on the disk: it may be killed at any moment and
 resumes where it was. It does not speak TLS: beyond this machine, run it behind a proxy that does. Tiles are
 evaluated when their upload is complete; one is promoted when --votes independent flights show the same
-ground at the same place. The trust root is read again whenever its file changes.)";
+ground at the same place. The trust root is read again whenever its file changes, and its newest version is
+remembered over restarts. So are the tokens. Who did what stands in DIR/audit/audit.jsonl.)";
 }
 
 std::string_view ServeCommand::examples() const {
-  return R"(nadir-candidates serve --data /srv/candidates --trust root.json --token-file ground-1.token
+  return R"(nadir-candidates serve --data /srv/candidates --trust root.json --tokens tokens.json
 nadir-candidates serve --data /srv/candidates --trust root.json --token-file mini-07=field.token \
     --package /srv/packages/valley-12 --catalogue "PG:dbname=fleet" --votes 3)";
 }
@@ -114,19 +120,20 @@ nadir-candidates serve --data /srv/candidates --trust root.json --token-file min
 void ServeCommand::setup(Options& options) {
   options.value("--data", data_, "DIR", "folder for packs, uploads and the catalogue; created when missing").required();
   options.value("--trust", service_.trust, "FILE", "the trust root, with the airframes' tile signers").required();
-  options
-      .values("--token-file", token_files_, "[AIRFRAME=]FILE",
-              "bearer token of a client; the file name is the client's name")
-      .required();
+  options.value("--tokens", tokens_, "FILE",
+                "the clients' tokens, with scope and expiry: `nadir-candidates token create` makes it");
+  options.values("--token-file", token_files_, "[AIRFRAME=]FILE",
+                 "bearer token of a client, without expiry; the file name is the client's name");
   options.value("--listen", listen_, "IP:PORT", "address to listen on");
   options.value("--catalogue", catalogue_, "CATALOGUE",
                 "a SpatiaLite file or \"PG:…\"; DATA/catalogue.sqlite without it");
   options.values("--package", service_.packages, "PACKAGE",
-                 "base packages of the flights; tiles of other packages are rejected");
+                 "base packages of the flights, verified against --trust; tiles of other packages are rejected");
   options.value("--votes", service_.rules.flights_to_promote, "N", "flights that must agree").between(2, 10);
   options
       .value("--independent", independent_, "WHAT",
-             "which flights count as independent: only those of other airframes, or also those of other days")
+             "which flights count as independent: only those of other airframes, or also those of other days: "
+             "then one stolen key promotes tiles by itself")
       .one_of({"airframes", "days"});
   options.value("--max-age-days", max_age_days_, "N", "older tiles are refused").between(1, 3650);
   options.value("--quota-mb", quota_mb_, "N", "megabytes that an airframe may announce per day").between(1, 1'000'000);
@@ -145,7 +152,12 @@ void ServeCommand::complete_rules() {
 
 int ServeCommand::run(Context& context) {
   const ListenAddress address = parse_listen_address(listen_);
-  const Clients clients(token_files_);
+  if (token_files_.empty() && !tokens_) {
+    throw UsageError({.what = "nobody could call this service",
+                      .expected = "--tokens FILE or --token-file FILE",
+                      .fix = "nadir-candidates token create --tokens FILE --id NAME --out NAME.token"});
+  }
+  Clients clients(token_files_, tokens_);
   complete_rules();
   const DataFolder folder(data_);
   service_.data = data_;
@@ -153,6 +165,28 @@ int ServeCommand::run(Context& context) {
       parse_catalogue_location(catalogue_.empty() ? (data_ / "catalogue.sqlite").string() : catalogue_);
   CandidateService service(service_, context.clock);
   service.recover();
+  const auto warn = [&context, &service](const char* act, const std::string& text) {
+    context.err << "warning: " << text << '\n' << std::flush;
+    service.audit().record({.act = act, .result = "warning", .detail = text});
+  };
+  service.audit().record({.act = "service.start",
+                          .result = "started",
+                          .detail = fmt::format("{} flights, independent by {}; base packages {}; tokens {}",
+                                                service_.rules.flights_to_promote, independent_,
+                                                service_.packages.size(), clients.all().size())});
+  if (service.first_trust()) {
+    warn("root.trust", fmt::format("no earlier trust root is remembered: version {} of {} is trusted as it is",
+                                   service.root_version(), service_.trust.string()));
+  }
+  if (!service_.rules.airframes_differ) {
+    warn("rules", "--independent days: one airframe's key, lost or stolen, promotes tiles by itself");
+  }
+  if (service_.packages.empty()) {
+    warn("rules", "without --package no tile is compared with a map, and tiles over any package are taken");
+  }
+  if (!token_files_.empty()) {
+    warn("rules", "tokens of --token-file do not expire; nadir-candidates token create makes such that do");
+  }
 
   FairQueue queue(static_cast<std::size_t>(threads_), kQueuedPerClient);
   ServiceWork work(service, queue);
@@ -168,16 +202,27 @@ int ServeCommand::run(Context& context) {
     std::this_thread::sleep_for(kPollInterval);
     if (polls % kPollsBetweenRetries == 0) {
       std::string fault = work.fault();
-      if (fault.empty()) fault = service.root_fault();
+      if (fault.empty()) fault = clients.fault();
+      if (fault.empty()) fault = service.fault().reason;
       if (fault != reported) {
         reported = fault;
-        if (!fault.empty()) context.err << fault << '\n' << std::flush;
+        context.err << (fault.empty() ? "works again without a fault" : printable(fault)) << '\n' << std::flush;
+        service.audit().record(
+            {.act = "service.fault", .result = fault.empty() ? "gone" : "reported", .detail = fault});
       }
       work.retry();
       work.apply_revocations();
+      service.keep_audit();
+    }
+    if (polls % kPollsBetweenTokens == 0 && clients.reload()) {
+      service.audit().record({.act = "tokens.load",
+                              .result = "loaded",
+                              .subject = tokens_->string(),
+                              .detail = fmt::format("tokens {}", clients.all().size())});
     }
     if (polls % kPollsBetweenCleanups == 0) work.forget_expired();
   }
+  service.audit().record({.act = "service.stop", .result = "stopped"});
   return kAccepted;
 }
 
@@ -300,6 +345,99 @@ int ExportCommand::run(Context& context) {
   return kAccepted;
 }
 
+// What package each aircraft flies, by its own report.
+class InstalledCommand final : public Command {
+ public:
+  std::string_view group() const override { return {}; }
+  std::string_view name() const override { return "installed"; }
+  std::string_view summary() const override { return "list the packages that aircraft report to have installed"; }
+  std::string_view details() const override;
+  std::string_view examples() const override;
+  bool offers_json() const override { return true; }
+
+  void setup(Options& options) override;
+  int run(Context& context) override;
+
+ private:
+  std::filesystem::path data_;
+  std::optional<std::string> forget_;
+};
+
+std::string_view InstalledCommand::details() const {
+  return R"(Each aircraft signs what it flies, and `nadir sync push` brings that here with its tiles. A report is
+listed as it was signed; the notes say what the service finds odd about it. It may run beside the service.
+Exit code 1: an aircraft flies a package that it refused, went back to an older one, reports by a root older
+than the service's, or its report is damaged.)";
+}
+
+std::string_view InstalledCommand::examples() const {
+  return R"(nadir-candidates installed --data /srv/candidates
+nadir-candidates installed --data /srv/candidates --forget mini-07)";
+}
+
+void InstalledCommand::setup(Options& options) {
+  options.value("--data", data_, "DIR", "the service's folder").required();
+  options.value("--forget", forget_, "AIRFRAME", "forget its report: the next one is taken whatever its number");
+}
+
+// What is odd about a report; the newest root that the service has trusted.
+std::vector<std::string> notes_on(const InstalledStore::Entry& entry, const std::optional<TrustRoot>& root) {
+  std::vector<std::string> notes;
+  if (!entry.record) return {"damaged: " + entry.damage};
+  const InstalledReport& report = entry.record->report.report;
+  if (!report.accepted) notes.emplace_back("refused this package");
+  if (entry.record->went_back()) {
+    notes.push_back(fmt::format("went back from sequence {}", entry.record->highest_sequence));
+  }
+  if (!root) return notes;
+  if (report.root_version < root->version) notes.push_back(fmt::format("the service has root {}", root->version));
+  const SignatureCheck check = check_installed_signature(*root, entry.record->report, std::nullopt);
+  for (const Finding& finding : check.findings.items()) notes.push_back(finding.code);
+  return notes;
+}
+
+int InstalledCommand::run(Context& context) {
+  if (!std::filesystem::is_directory(data_)) {
+    throw UsageError({.what = "no folder of a service", .where = data_, .expected = "what was given to serve --data"});
+  }
+  InstalledStore store(data_ / "installed");
+  if (forget_) {
+    if (!store.forget(*forget_)) {
+      throw UsageError({.what = "no report of this airframe", .where = data_ / "installed", .found = *forget_});
+    }
+    AuditLog(data_ / "audit", context.clock)
+        .record({.act = "installed.report", .result = "forgotten", .subject = *forget_});
+    context.out << fmt::format("forgotten: {}\n", printable(*forget_));
+    return kAccepted;
+  }
+  std::optional<TrustRoot> root;
+  if (std::filesystem::exists(data_ / kTrustMemoryFile)) root = read_trusted_root(data_ / kTrustMemoryFile);
+  nlohmann::json list = nlohmann::json::array();
+  bool odd = false;
+  for (const InstalledStore::Entry& entry : store.list()) {
+    const std::vector<std::string> notes = notes_on(entry, root);
+    odd = odd || !notes.empty();
+    if (context.json) {
+      list.push_back(installed_json(entry));
+      list.back()["notes"] = notes;
+      continue;
+    }
+    const std::string said = notes.empty() ? std::string() : fmt::format("  [{}]", fmt::join(notes, "; "));
+    if (!entry.record) {
+      context.out << printable(entry.airframe + said) << '\n';
+      continue;
+    }
+    const InstalledReport& report = entry.record->report.report;
+    context.out << printable(fmt::format("{}  {} {}  package {}  root {}  verified {}  received {}{}", entry.airframe,
+                                         report.series, report.sequence, report.package.hex().substr(0, 12),
+                                         report.root_version, to_rfc3339(report.verified_at),
+                                         to_rfc3339(entry.record->received_at), said))
+                << '\n';
+  }
+  if (context.json) print_json(context.out, {{"aircraft", std::move(list)}});
+  return odd ? kRefused : kAccepted;
+}
+
 }  // namespace
 }  // namespace nadir
 
@@ -310,6 +448,14 @@ int main(int argc, char** argv) {
   commands.push_back(std::make_unique<nadir::ServeCommand>());
   commands.push_back(std::make_unique<nadir::StatusCommand>());
   commands.push_back(std::make_unique<nadir::ExportCommand>());
+  commands.push_back(std::make_unique<nadir::InstalledCommand>());
+  commands.push_back(nadir::make_token_create());
+  commands.push_back(nadir::make_token_list());
+  commands.push_back(nadir::make_token_revoke());
+  commands.push_back(std::make_unique<nadir::InstalledCommand>());
+  commands.push_back(nadir::make_token_create());
+  commands.push_back(nadir::make_token_list());
+  commands.push_back(nadir::make_token_revoke());
   const nadir::ProgramText text{
       .name = "nadir-candidates",
       .summary = "stores tiles from flights and promotes those that independent flights agree on",

@@ -4,51 +4,16 @@
 
 #include <algorithm>
 #include <charconv>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "http/access.hpp"
 #include "base/bytes.hpp"
-#include "trust/bearer_token.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
 
 namespace nadir {
-namespace fs = std::filesystem;
-
-Clients::Clients(const std::vector<std::string>& token_files) {
-  std::map<fs::path, std::vector<std::string>> airframes;  // of each file; empty: all
-  for (const std::string& text : token_files) {
-    const std::size_t equals = text.find('=');
-    const bool named = equals != std::string::npos && !fs::exists(text);
-    std::vector<std::string>& of_file = airframes[named ? text.substr(equals + 1) : text];
-    if (named) of_file.push_back(text.substr(0, equals));
-  }
-  for (auto& [file, names] : airframes) {
-    UploadClient client{.name = file.stem().string(), .airframes = std::move(names)};
-    const bool taken = std::any_of(clients_.begin(), clients_.end(),
-                                   [&client](const auto& known) { return known.second.name == client.name; });
-    if (taken) {
-      throw UsageError({.what = "two token files have the same name",
-                        .where = file,
-                        .expected = "distinct names: they identify the clients",
-                        .fix = "rename one of them"});
-    }
-    if (!clients_.emplace(sha256(as_bytes(read_bearer_token(file))), std::move(client)).second) {
-      throw UsageError({.what = "two clients have the same token",
-                        .where = file,
-                        .fix = "(umask 077; openssl rand -hex 24 > " + file.string() + ")"});
-    }
-  }
-}
-
-const UploadClient* Clients::find(std::string_view authorization) const {
-  const auto digest = bearer_digest(authorization);
-  const auto found = digest ? clients_.find(*digest) : clients_.end();
-  return found == clients_.end() ? nullptr : &found->second;
-}
 
 namespace {
 
@@ -89,13 +54,23 @@ std::optional<UploadRoute> upload_route(std::string_view path, std::string_view 
     return UploadRoute{.admission = {.path = UploadPath::uploads},
                        .methods = "POST",
                        .body_max = kMaxBatchSize,
-                       .media = "application/json"};
+                       .media = "application/json",
+                       .scope = TokenScope::upload};
+  }
+  if (path == "/v1/installed") {
+    UploadRoute route{
+        .admission = {.path = UploadPath::installed}, .methods = "GET, HEAD, POST", .scope = TokenScope::read};
+    if (method == "POST") {
+      route.body_max = kMaxInstalledSize, route.media = "application/json", route.scope = TokenScope::upload;
+    }
+    return route;
   }
   if (!path.starts_with(kUploads) || path[kUploads.size()] != '/') return std::nullopt;
   path.remove_prefix(kUploads.size() + 1);
   const std::size_t end = std::min(path.find('/'), path.size());
   UploadRoute route{.admission = {.path = UploadPath::upload, .upload = std::string(path.substr(0, end))},
-                    .methods = "GET, HEAD"};
+                    .methods = "GET, HEAD",
+                    .scope = TokenScope::upload};
   path.remove_prefix(end);
   if (path.empty()) return route;
   if (path == "/complete") {
@@ -198,11 +173,36 @@ StatusAndType status_of(Kind kind) {
     case Kind::too_large: return {413, "too-large"};
     case Kind::too_many: return {429, "too-many-requests"};
     case Kind::incomplete: return {409, "incomplete"};
+    case Kind::report_invalid: return {422, "report-invalid"};
+    case Kind::report_older: return {409, "report-older"};
     case Kind::storage_full: return {507, "storage-full"};
     case Kind::unavailable: break;
   }
   return {503, "busy"};
 }
+
+}  // namespace
+
+json installed_json(const InstalledStore::Entry& entry) {
+  json aircraft{{"airframe", printable(entry.airframe)}, {"damaged", short_detail(entry.damage)}};
+  if (!entry.record) return aircraft;
+  const InstalledReport& report = entry.record->report.report;
+  aircraft["number"] = report.number;
+  aircraft["received_at"] = to_rfc3339(entry.record->received_at);
+  aircraft["reported_at"] = to_rfc3339(report.reported_at);
+  aircraft["package"] = report.package.hex();
+  aircraft["series"] = printable(report.series);
+  aircraft["sequence"] = report.sequence;
+  aircraft["highest_sequence"] = entry.record->highest_sequence;
+  aircraft["root_version"] = report.root_version;
+  aircraft["verified_at"] = to_rfc3339(report.verified_at);
+  aircraft["result"] = report.accepted ? "accepted" : "refused";
+  aircraft["findings"] = report.findings;
+  aircraft["key"] = entry.record->report.document.signatures.front().keyid;
+  return aircraft;
+}
+
+namespace {
 
 ApiResponse announcement_answer(const Announcement& announcement, std::uint64_t part_max) {
   json refused = json::array();
@@ -299,20 +299,20 @@ std::variant<Admission, ApiResponse> UploadApi::admit(const ApiRequest& header) 
     return problem(421, "host", "this service is called by localhost, 127.0.0.1 or [::1]");
   }
   const std::string_view path = header.path();
-  const UploadClient* client = clients_.find(header.authorization);
-  if (path != "/v1/health" && client == nullptr) {
-    ApiResponse refusal = problem(401, "unauthorized", "send Authorization: Bearer TOKEN");
-    refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
-    return refusal;
-  }
+  const auto caller = clients_.find(header.authorization);
   auto route = upload_route(path, header.method, service_.options().part_max);
+  if (path != "/v1/health") {
+    const bool expired = caller && caller->token.expires && *caller->token.expires <= service_.now();
+    const bool in_scope = caller && (!route || !route->scope || caller->token.scopes.contains(*route->scope));
+    if (!caller || expired || !in_scope) return not_admitted(caller.get(), route ? &*route : nullptr, header);
+  }
   if (!route) return problem(404, "not-found", "there is no such path; see schemas/candidates.openapi.yaml");
   if (!route->allows(header.method)) {
     ApiResponse refusal = problem(405, "method", fmt::format("this path takes {}", route->methods));
     refusal.headers.emplace_back("Allow", route->methods);
     return refusal;
   }
-  route->admission.client = route->admission.path == UploadPath::health ? nullptr : client;
+  if (route->admission.path != UploadPath::health) route->admission.caller = caller;
   if (route->media.empty()) {
     if (header.content_length.value_or(0) > 0 || header.other_encoding) {
       return problem(413, "too-large", "this call has no body");
@@ -330,6 +330,32 @@ std::variant<Admission, ApiResponse> UploadApi::admit(const ApiRequest& header) 
   }
   route->admission.body_bytes = *header.content_length;
   return route->admission;
+}
+
+// Without a known token, with one that has expired, or with one for something else.
+ApiResponse UploadApi::not_admitted(const Clients::Client* caller, const UploadRoute* route,
+                                    const ApiRequest& header) const {
+  AuditEntry entry{.act = "call", .result = {}, .subject = header.method + " " + header.target};
+  ApiResponse refusal;
+  if (caller == nullptr) {
+    entry.result = "no known token";
+    refusal = problem(401, "unauthorized", "send Authorization: Bearer TOKEN");
+  } else {
+    entry.token = caller->token.id, entry.client = caller->client.name;
+    if (caller->token.expires && *caller->token.expires <= service_.now()) {
+      entry.result = "token expired";
+      refusal = problem(401, "token-expired",
+                        fmt::format("token {} expired {}; ask the service's operator for a new one", caller->token.id,
+                                    to_rfc3339(*caller->token.expires)));
+    } else {
+      entry.result = "token of another scope";
+      service_.audit().record(entry);
+      return problem(403, "scope", fmt::format("this call needs a token of scope {}", name_of(route->scope.value())));
+    }
+  }
+  service_.audit().record(entry);
+  refusal.headers.emplace_back("WWW-Authenticate", "Bearer");
+  return refusal;
 }
 
 ApiResponse UploadApi::answer(const Admission& admission, const ApiRequest& request) const {
@@ -350,9 +376,11 @@ ApiResponse UploadApi::route(const Admission& admission, const ApiRequest& reque
   switch (admission.path) {
     case UploadPath::health: return health();
     case UploadPath::reason_codes: return reason_codes_answer();
-    case UploadPath::uploads: return announce(*admission.client, request);
-    case UploadPath::upload: return status(*admission.client, admission.upload);
-    case UploadPath::complete: return complete(*admission.client, admission.upload);
+    case UploadPath::uploads: return announce(admission.client(), request);
+    case UploadPath::upload: return status(admission.client(), admission.upload);
+    case UploadPath::complete: return complete(admission.client(), admission.upload);
+    case UploadPath::installed:
+      return request.method == "POST" ? report_installed(admission.client(), request) : installed();
     case UploadPath::pack: break;
   }
   return pack(admission, request);
@@ -385,9 +413,24 @@ ApiResponse UploadApi::complete(const UploadClient& client, const std::string& u
   return completion_answer(std::get<Completion>(result));
 }
 
+ApiResponse UploadApi::report_installed(const UploadClient& client, const ApiRequest& request) const {
+  const auto result = service_.report_installed(client, request.body);
+  if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
+  const bool stored = std::get<InstalledStore::Outcome>(result) == InstalledStore::Outcome::stored;
+  return json_answer(stored ? 201 : 200, {{"result", stored ? "stored" : "known"}});
+}
+
+ApiResponse UploadApi::installed() const {
+  json aircraft = json::array();
+  for (const InstalledStore::Entry& entry : service_.installed()) aircraft.push_back(installed_json(entry));
+  ApiResponse response = json_answer(200, {{"aircraft", std::move(aircraft)}});
+  response.headers.emplace_back("Cache-Control", "no-store");
+  return response;
+}
+
 ApiResponse UploadApi::pack(const Admission& admission, const ApiRequest& request) const {
   if (request.method == "HEAD") {
-    const auto result = service_.offset(*admission.client, admission.upload, *admission.pack);
+    const auto result = service_.offset(admission.client(), admission.upload, *admission.pack);
     if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
     const auto& offset = std::get<PackOffset>(result);
     ApiResponse response{.content_type = "application/octet-stream",
@@ -397,7 +440,7 @@ ApiResponse UploadApi::pack(const Admission& admission, const ApiRequest& reques
   }
   const auto header = part_header(request);
   if (const auto* fault = std::get_if<std::string>(&header)) return problem(400, "malformed", *fault);
-  const auto result = service_.append(*admission.client, admission.upload, *admission.pack,
+  const auto result = service_.append(admission.client(), admission.upload, *admission.pack,
                                       std::get<PartHeader>(header), as_bytes(request.body));
   if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
   return {.status = 204,

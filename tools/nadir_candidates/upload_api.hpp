@@ -6,7 +6,8 @@
 
 #include <cstdint>
 #include <functional>
-#include <map>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -16,17 +17,20 @@
 #include "base/digest.hpp"
 #include "candidates/candidate_service.hpp"
 #include "http/message.hpp"
+#include "nadir_candidates/access_tokens.hpp"
 
 namespace nadir {
 
-enum class UploadPath { health, reason_codes, uploads, upload, pack, complete };
+enum class UploadPath { health, reason_codes, uploads, upload, pack, complete, installed };
 
 struct Admission {
   UploadPath path = UploadPath::health;
   std::string upload{};                  // of the last three
   std::optional<Sha256> pack{};          // of `pack`
-  const UploadClient* client = nullptr;  // null: health, which needs no token
-  std::uint64_t body_bytes = 0;          // that the request announces and may have
+  std::shared_ptr<const Clients::Client> caller{};  // null: health, which needs no token
+  std::uint64_t body_bytes = 0;                     // that the request announces and may have
+
+  const UploadClient& client() const { return caller->client; }
 };
 
 // Where a path leads, which methods it has, and what its body may be.
@@ -35,6 +39,7 @@ struct UploadRoute {
   std::string_view methods;  // "GET, HEAD"
   std::uint64_t body_max = 0;
   std::string_view media{};  // of the body; empty: there is none
+  std::optional<TokenScope> scope{};  // that a token needs; none: any known token will do
 
   bool allows(std::string_view method) const;
 };
@@ -46,21 +51,10 @@ std::optional<UploadRoute> upload_route(std::string_view path, std::string_view 
 // What PATCH says about its part; or what is wrong with it.
 std::variant<PartHeader, std::string> part_header(const ApiRequest& request);
 
+// An aircraft's last report, as GET /v1/installed and `nadir-candidates installed --json` list it.
+nlohmann::json installed_json(const InstalledStore::Entry& entry);
+
 ApiResponse later(int status, std::string type, std::string detail);  // with Retry-After
-
-// Who may call: each token is in a file of its own, whose name is the client's.
-class Clients {
- public:
-  // Each "FILE", for every airframe, or "AIRFRAME=FILE"; the same file may be given for several. Throws Error, and
-  // UsageError where two clients would share a name or a token.
-  explicit Clients(const std::vector<std::string>& token_files);
-
-  const UploadClient* find(std::string_view authorization) const;  // null: unknown
-  std::size_t count() const { return clients_.size(); }
-
- private:
-  std::map<Sha256, UploadClient> clients_;  // by the token's digest
-};
 
 class UploadApi {
  public:
@@ -81,6 +75,9 @@ class UploadApi {
   ApiResponse status(const UploadClient& client, const std::string& upload) const;
   ApiResponse pack(const Admission& admission, const ApiRequest& request) const;
   ApiResponse complete(const UploadClient& client, const std::string& upload) const;
+  ApiResponse report_installed(const UploadClient& client, const ApiRequest& request) const;
+  ApiResponse installed() const;
+  ApiResponse not_admitted(const Clients::Client* caller, const UploadRoute* route, const ApiRequest& header) const;
 
   CandidateService& service_;
   const Clients& clients_;

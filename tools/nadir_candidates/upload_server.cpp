@@ -50,16 +50,16 @@ class ClientShares {
 // Holds its client's share until the response is written.
 struct UploadAdmission final : HttpAdmission {
   UploadAdmission(Admission from, ClientShares& client_shares) : admission(std::move(from)), shares(client_shares) {
-    busy = admission.client != nullptr;
+    busy = admission.caller != nullptr;
     body_bytes = admission.body_bytes;
   }
   ~UploadAdmission() override {
-    if (has_share) shares.give_back(admission.client->name, admission.body_bytes);
+    if (has_share) shares.give_back(admission.client().name, admission.body_bytes);
   }
   UploadAdmission(const UploadAdmission&) = delete;
   UploadAdmission& operator=(const UploadAdmission&) = delete;
 
-  bool take_share() { return has_share = shares.take(admission.client->name, admission.body_bytes); }
+  bool take_share() { return has_share = shares.take(admission.client().name, admission.body_bytes); }
 
   const Admission admission;
   ClientShares& shares;
@@ -83,7 +83,7 @@ class UploadHandler final : public HttpHandler {
 
   void serve(ApiRequest request, const HttpAdmission& admitted, const ServerCounts&, Respond respond) const override {
     const Admission& admission = static_cast<const UploadAdmission&>(admitted).admission;
-    const std::string lane = admission.client == nullptr ? "anybody" : "client " + admission.client->name;
+    const std::string lane = admission.caller == nullptr ? "anybody" : "client " + admission.client().name;
     const auto shared = std::make_shared<ApiRequest>(std::move(request));
     const bool taken = queue_.put(lane, [this, shared, respond, &admission]() mutable {
       ApiResponse response = api_.answer(admission, *shared);
@@ -104,7 +104,6 @@ HttpLimits http_limits(const UploadServerLimits& limits) {
   return {.header_bytes = limits.header_bytes,
           .body_bytes = std::numeric_limits<std::uint64_t>::max(),  // admit() decides, before a byte is read
           .connections = limits.connections,
-          .evict_idle = true,
           .request_time = limits.header_time,
           .body_time = limits.body_time,
           .slowest_bytes_s = limits.slowest_bytes_s,

@@ -47,8 +47,8 @@ const showState = (state) => {
   const gate = worst(anchors.rejected_by);
   part("anchors", `${anchors.accepted} accepted, ${anchors.rejected} rejected` + (gate ? (gate[1] < anchors.rejected ? ", mostly " : ": ") + words(gate[0]) : ""), anchors.accepted === 0 ? "warn" : "good");
   const rejects = Object.values(link.rejected_by).reduce((sum, count) => sum + count, 0);
-  part("link", (link.connected ? "connected" : "not connected") + (link.signed ? ", signed" : ", not signed") + (rejects ? `, ${rejects} frames rejected` : ""),
-       !link.connected ? "bad" : link.signed && !rejects ? "good" : "warn");
+  part("link", (link.connected ? "connected" : "not connected") + (link.signed ? ", signed" : ", NOT SIGNED: anybody can pose as the autopilot") + (link.rivals ? `, ${link.rivals} frames of a second sender` : "") + (rejects ? `, ${rejects} frames rejected` : ""),
+       !link.connected || link.rivals ? "bad" : link.signed && !rejects ? "good" : "warn");
   part("gps", gps.judgement + (gps.reason ? ": " + gps.reason : ""), { good: "good", denied: "warn", spoofed: "bad", unknown: "" }[gps.judgement]);
   part("recorder", recorder.state + (recorder.state === "recording" ? `, ${bytes(recorder.written_bytes)}` : "") + (recorder.reason ? ": " + recorder.reason : ""),
        { recording: "good", limited: "warn", failed: "bad", off: "" }[recorder.state]);

@@ -140,6 +140,9 @@ class Flight:
     def _key(self, option):
         return [option, self.inputs.key] if self.setup.signed else []
 
+    def _link_key(self):
+        return self._key("--signing-key") or ["--unsigned-link"]
+
     def _service_command(self):
         setup, inputs, run = self.setup, self.inputs, self.run
         if setup.stand_in is not None:
@@ -148,4 +151,4 @@ class Flight:
         return [setup.nadird, "--package", setup.package or inputs.package, "--airframe", inputs.airframe, "--trust",
                 inputs.root, *(["--at", inputs.created] if setup.as_of_creation else []), "--state", run / "state", "--camera", f"folder:{run / 'frames'}",
                 "--autopilot", f"udpin:127.0.0.1:{self.link_port}", "--record", self.record, "--listen",
-                f"127.0.0.1:{self.api_port}", *self._key("--signing-key"), *setup.nadird_options]
+                f"127.0.0.1:{self.api_port}", *self._link_key(), *setup.nadird_options]

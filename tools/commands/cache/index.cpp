@@ -475,7 +475,7 @@ int CacheIndexCommand::make(Context& context, const Manifest& manifest, const Mi
 }
 
 int CacheIndexCommand::evaluate(Context& context, const Manifest& manifest, const Mission& mission) const {
-  const std::optional<PlaceIndex> index = PlaceIndex::open(package_, manifest);
+  const std::optional<PlaceIndex> index = PlaceIndex::open(Directory(package_), manifest);
   if (!index) {
     throw UsageError({.what = "this package has no place index",
                       .where = package_,

@@ -84,7 +84,7 @@ int CacheVerifyCommand::run(Context& context) {
   VerifyOptions options = request_.open(context.clock);
   options.depth = depth_ == "full" ? VerifyDepth::full : VerifyDepth::quick;
   Verification verification = verify_package(package_, options, context.progress);
-  verify_place_index(package_, options.depth, context.progress, verification);
+  verify_place_index(options.depth, context.progress, verification);
   verification.findings.add(request_.findings());
   if (verification.accepted()) {
     request_.record_acceptance(*verification.manifest, verification);

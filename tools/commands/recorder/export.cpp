@@ -23,6 +23,7 @@
 #include "geodesy/angles.hpp"
 #include "geodesy/local_frame.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "raster/gdal_drivers.hpp"
 #include "recorder/recording.hpp"
 #include "recorder/records.hpp"
 #include "replay/recorded_flight.hpp"
@@ -262,7 +263,7 @@ OGRFieldType field_type(CellType type) {
 class Exporter {
  public:
   Exporter(const std::string& driver_name, const std::filesystem::path& path) : path_(path) {
-    GDALAllRegister();
+    register_gdal_drivers();
     GDALDriver* driver = GetGDALDriverManager()->GetDriverByName(driver_name.c_str());
     if (driver == nullptr) {
       throw Error(

@@ -1,6 +1,7 @@
 // nadir sync push: brings the outbox to the candidate service.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
@@ -24,6 +25,7 @@ namespace nadir {
 namespace {
 
 constexpr const char* kTokenVariable = "NADIR_SYNC_TOKEN";
+constexpr std::int64_t kShortestStall_s = 5;  // that ends a request, however short --timeout-s is
 
 std::uint64_t seed_from(const std::array<std::uint8_t, 16>& bytes) {
   std::uint64_t seed = 0;
@@ -33,7 +35,9 @@ std::uint64_t seed_from(const std::array<std::uint8_t, 16>& bytes) {
 
 int exit_code(const UploadOutcome& outcome) {
   if (!outcome.finished) return kFailed;
-  return outcome.verdicts.rejected + outcome.refused + outcome.parked > 0 ? kRefused : kAccepted;
+  const std::int64_t not_taken =
+      outcome.verdicts.rejected + outcome.refused + outcome.parked + outcome.reports_refused;
+  return not_taken > 0 ? kRefused : kAccepted;
 }
 
 nlohmann::json json_from(const UploadOutcome& outcome) {
@@ -44,6 +48,10 @@ nlohmann::json json_from(const UploadOutcome& outcome) {
           {"parked", outcome.parked},
           {"finished", outcome.finished},
           {"waits_for", outcome.waits_for},
+          {"reports",
+           {{"sent", outcome.reports_sent},
+            {"refused", outcome.reports_refused},
+            {"waiting", outcome.reports_waiting}}},
           {"retries", outcome.retries},
           {"body_bytes", outcome.body_bytes}};
 }
@@ -76,11 +84,13 @@ class SyncPushCommand final : public SyncCommand {
 std::string_view SyncPushCommand::details() const {
   return R"(May be interrupted, killed and restarted at any time: it resumes at any byte, and no tile is lost or
 counted twice. If the service fails, it waits with increasing delays (or as long as the service
-requests) and gives up for now if there is no progress for --timeout-s. The service's certificate is
-verified. The token comes from --token-file or from the environment variable NADIR_SYNC_TOKEN.
+requests) and gives up for now if there is no progress for --timeout-s. An answer slower than 512
+bytes/s for that time, 60 s at most, counts as none. The service's certificate is verified. The token
+comes from --token-file or from the environment variable NADIR_SYNC_TOKEN. The aircraft's report of
+what it has installed goes first.
 
 Exit codes: 0 every tile is accepted, 1 some were rejected, refused or parked (nadir sync status
-states why), 2 not complete: run it again, 130 interrupted.)";
+states why), or a report was refused, 2 not complete: run it again, 130 interrupted.)";
 }
 
 std::string_view SyncPushCommand::examples() const {
@@ -136,7 +146,11 @@ int SyncPushCommand::run(Context& context) {
   const std::string bearer = token();
   OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
   const auto transport = environment_.transport(
-      std::make_unique<CurlTransport>(CurlSettings{.address = address, .token = bearer, .authorities = authorities_},
+      std::make_unique<CurlTransport>(CurlSettings{.address = address,
+                                                   .token = bearer,
+                                                   .authorities = authorities_,
+                                                   .stall_timeout_s = static_cast<int>(std::clamp<std::int64_t>(
+                                                       patience_s_, kShortestStall_s, CurlSettings{}.stall_timeout_s))},
                                       [&context] { context.progress.advance(0); }));
   ServiceClient service(*transport);
   const auto pace = environment_.pace();

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "base/error.hpp"
+#include "base/files.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
@@ -16,6 +17,7 @@
 #include "ortho/candidate_store.hpp"
 #include "ortho/tile_key_check.hpp"
 #include "recorder/recording.hpp"
+#include "trust/installed_report.hpp"
 #include "upload/outbox_upkeep.hpp"
 #include "upload/staging.hpp"
 
@@ -41,6 +43,7 @@ class SyncStageCommand final : public SyncCommand {
     std::int64_t seen = 0, staged = 0, known = 0;
   };
   bool flight_ended(const CandidateReader& reader, Findings& findings) const;
+  std::optional<SignedInstalledReport> installed_report(const TrustRoot* root, UtcTime at, Findings& findings) const;
   Sum take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root, const PublicKey& key, UtcTime at,
            Context& context, Findings& findings) const;
 
@@ -105,6 +108,29 @@ bool SyncStageCommand::flight_ended(const CandidateReader& reader, Findings& fin
   return !findings.has_errors();
 }
 
+// What the aircraft reported beside its tiles. One that is damaged or not the airframe's is a warning: it costs no tile.
+std::optional<SignedInstalledReport> SyncStageCommand::installed_report(const TrustRoot* root, UtcTime at,
+                                                                        Findings& findings) const {
+  const std::filesystem::path file = candidates_ / kInstalledFile;
+  if (!std::filesystem::exists(std::filesystem::symlink_status(file))) return std::nullopt;
+  Finding invalid{.code = "installed.invalid",
+                  .severity = Severity::warning,
+                  .where = file.string(),
+                  .expected = "the airframe's signed report of its package",
+                  .fix = "the tiles are staged without it; inspect the aircraft's storage"};
+  try {
+    auto report = parse_installed_report(read_text_file(file, kMaxInstalledSize), file.string());
+    if (root == nullptr) return report;
+    const SignatureCheck check = check_installed_signature(*root, report, at);
+    if (!check.findings.has_errors()) return report;
+    invalid.found = check.findings.items().front().code + ": " + check.findings.items().front().found;
+  } catch (const Error& error) {
+    invalid.found = error.text().found.empty() ? error.text().what : error.text().found;
+  }
+  findings.add(std::move(invalid));
+  return std::nullopt;
+}
+
 SyncStageCommand::Sum SyncStageCommand::take(CandidateReader& reader, OutboxDatabase* outbox, const TrustRoot* root,
                                              const PublicKey& key, UtcTime at, Context& context,
                                              Findings& findings) const {
@@ -149,9 +175,12 @@ int SyncStageCommand::run(Context& context) {
   Findings findings;
   Sum sum;
   SealedSum sealed;
+  const auto report = installed_report(root ? &*root : nullptr, at, findings);
+  bool report_staged = false;
   if (flight_ended(reader, findings)) {
     std::optional<OutboxDatabase> outbox;
     if (!dry_run_) outbox.emplace(outbox_, OutboxDatabase::Access::make, environment_.hook);
+    if (outbox && report) report_staged = stage_installed(*outbox, *report);
     sum = take(reader, outbox ? &*outbox : nullptr, root ? &*root : nullptr, key.public_key(), at, context, findings);
     if (outbox) {
       sealed = seal_batches(*outbox, key, environment_.pace()->now_ms(), environment_.random_bytes);
@@ -165,6 +194,7 @@ int SyncStageCommand::run(Context& context) {
                             {"known", sum.known},
                             {"batches", sealed.batches},
                             {"sealed", sealed.tiles},
+                            {"report", report_staged},
                             {"dry_run", dry_run_}});
   }
   if (!findings.empty()) print_findings(context.out, findings);
