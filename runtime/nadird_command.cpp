@@ -236,12 +236,12 @@ Opening NadirdCommand::open_verified(Context& context, const std::filesystem::pa
 // it there are no tiles.
 Opening NadirdCommand::resume(Context& context, const std::filesystem::path& package, const AcceptedPackage& accepted) {
   Opening opening = open_accepted_package(package, accepted.manifest, accepted.accepted_at, context.progress);
-  verify_place_index(package, VerifyDepth::quick, context.progress, opening);
+  verify_place_index(VerifyDepth::quick, context.progress, opening);
   if (opening.findings.has_errors()) opening.package.reset();
   if (!opening.package || !flight_.tile_key) return opening;
   try {
     const VerifyOptions options = request_.open(context.clock);
-    const RootSuccession roots = walk_package_roots(package, *options.root, options.state);
+    const RootSuccession roots = walk_package_roots(opening.package->folder(), *options.root, options.state);
     opening.findings.add(evaluate_tile_key(roots.root, accepted.accepted_at));
   } catch (const Error& error) {
     tile_key_refused_ = true;
