@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/printable.hpp"
 #include "flight/flight_service.hpp"
 #include "cli/terminal.hpp"
 #include "cli/options.hpp"
@@ -260,10 +261,10 @@ int NadirdCommand::serve(Context& context) {
   try {
     service.run();
   } catch (const std::exception& error) {
-    context.err << "nadird failed in flight: " << error.what() << '\n';
+    context.err << "nadird failed in flight: " << printable_lines(error.what()) << '\n';
     return kFailedInFlight;
   }
-  if (!context.quiet) context.err << service.summary() << '\n';
+  if (!context.quiet) context.err << printable(service.summary()) << '\n';
   return kAccepted;
 }
 

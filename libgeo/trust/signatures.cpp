@@ -34,7 +34,7 @@ std::optional<Finding> rejection_of(const TrustRoot& root, const Role& role, con
     return Finding{.code = "key.expired",
                    .expected = "a key that is valid at " + to_rfc3339(*at),
                    .found = fmt::format("key {}, expired {}", signature.keyid, to_rfc3339(*known->second.expires)),
-                   .fix = "sign again with a key that has not expired"};
+                   .fix = "if the clock is right, sign again with a key that has not expired"};
   }
   return std::nullopt;
 }

@@ -7,6 +7,7 @@
 #include <ostream>
 
 #include "base/error.hpp"
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
@@ -138,7 +139,7 @@ int ProvisionAutopilotCommand::run(Context& context) {
     write_airframe(*out_, *wanted, *signer);
   };
   const auto tell = [&](std::string_view line) {
-    if (!context.quiet) context.err << line << '\n';
+    if (!context.quiet) context.err << printable(line) << '\n';
   };
   const Provisioned done =
       provision(session, autopilot, link, parameters, {.receiver = receiver_, .key = key, .signing_time = signing_time},
