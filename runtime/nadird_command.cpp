@@ -166,12 +166,24 @@ void NadirdCommand::complete_link() {
 }
 
 // By the newest root that package or state lead to: it may have revoked the signer.
-Findings NadirdCommand::evaluate_airframe(const Opening& opening, UtcTime at) const {
+Findings NadirdCommand::evaluate_airframe(const Opening& opening, const VerifyOptions& options) {
   if (airframe_file_.empty()) return {};
-  return check_airframe(
-      opening.newest_root, as_bytes(airframe_text_), envelope_beside(airframe_file_), at,
+  const std::optional<Bytes> envelope = envelope_beside(airframe_file_);
+  Findings findings = check_airframe(
+      opening.newest_root, as_bytes(airframe_text_), envelope, options.at,
       unsigned_airframe_ ? UnsignedAirframe::allowed : UnsignedAirframe::refused_when_signers_are_known,
       airframe_file_.string() + ".sig");
+  const bool is_signed = envelope && !findings.has_errors();
+  const Airframe& airframe = flight_.airframe;
+  request_.set_airframe_sequence(is_signed ? airframe.sequence : std::nullopt);
+  const Findings age =
+      check_airframe_age({airframe.id, airframe.sequence, airframe.expires}, options.state, options.at, airframe_file_.string());
+  for (const Finding& finding : age.items()) {
+    // That it is unsigned has been said; on the bench its age does not matter either.
+    if (!envelope && (unsigned_airframe_ || finding.code == "airframe.undated")) continue;
+    findings.add(finding);
+  }
+  return findings;
 }
 
 // Tiles that the service would not accept are not made. Before take-off a wrong key is an error; a service that starts,
@@ -198,7 +210,7 @@ Opening NadirdCommand::open_verified(Context& context) {
   Opening opening = open_package(package_, options, context.progress);
   verify_place_index(options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
-  opening.findings.add(evaluate_airframe(opening, options.at));
+  opening.findings.add(evaluate_airframe(opening, options));
   opening.findings.add(evaluate_tile_key(opening, options.at));
   if (opening.findings.has_errors()) opening.package.reset();
   if (opening.package) request_.record_acceptance(opening.package->manifest(), opening.root_version, opening.newer_roots);

@@ -37,7 +37,7 @@ class NadirdCommand final : public Command {
  private:
   void complete_request();
   void complete_link();
-  Findings evaluate_airframe(const Opening& opening, UtcTime at) const;
+  Findings evaluate_airframe(const Opening& opening, const VerifyOptions& options);
   Findings evaluate_tile_key(const Opening& opening, UtcTime at);
   Opening open_verified(Context& context);
   std::optional<Opening> open_unless_stopped(Context& context, const std::stop_token& stop);

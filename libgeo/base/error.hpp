@@ -2,8 +2,6 @@
 // its subject is not an exception but a Finding (exit code 1): checks collect everything that is wrong and let the
 // caller decide.
 //
-// The parts are quoted on one line each, whatever they contain (printable.hpp).
-//
 // Both tell a tired operator five things: what is wrong, where, what was expected, what was found instead, and what to
 // do about it. Leave a field empty only where it would repeat another one.
 //

@@ -61,6 +61,14 @@ std::string printable(std::string_view text, bool keep_line_feeds) {
 
 std::string printable(std::string_view text) { return printable(text, false); }
 
+std::string printable_url(std::string_view url) {
+  // A password may hold a slash that nobody has escaped: everything up to the last '@' is secret.
+  const std::size_t scheme = url.find("://"), at = url.rfind('@');
+  if (at == std::string_view::npos) return printable(url);
+  const std::size_t begin = scheme == std::string_view::npos || scheme > at ? 0 : scheme + 3;
+  return printable(url.substr(0, begin)) + "***" + printable(url.substr(at));
+}
+
 std::string printable_lines(std::string_view text) { return printable(text, true); }
 
 }  // namespace nadir

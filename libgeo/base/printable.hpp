@@ -14,4 +14,7 @@ std::string printable(std::string_view text);
 // The same, but keeps line feeds: for text whose lines the program itself has made of printable() parts.
 std::string printable_lines(std::string_view text);
 
+// The same of a URL, without what stands before the '@' of its address: user and password do not belong into messages.
+std::string printable_url(std::string_view url);
+
 }  // namespace nadir

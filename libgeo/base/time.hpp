@@ -35,10 +35,6 @@ std::string to_rfc3339(UtcMillis time);
 // Exactly the form above, years 1970 to 9999; everything else is nullopt.
 std::optional<UtcMillis> parse_utc_millis(std::string_view text);
 
-// A clock that shows less is wrong: no program of this kind existed before. Machines without a battery-backed clock
-// start in 1970.
-inline constexpr UtcTime kEarliestNow{1'704'067'200};  // 2024-01-01
-
 class Clock {
  public:
   virtual ~Clock() = default;

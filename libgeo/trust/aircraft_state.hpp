@@ -18,6 +18,7 @@ inline constexpr std::uint64_t kMaxStateSize = std::uint64_t{1} << 22;
 
 struct AircraftState {
   std::map<std::string, std::int64_t> highest_sequence;  // accepted, by series
+  std::map<std::string, std::int64_t> airframe_sequence;  // highest accepted of airframe.json, by airframe
   std::int64_t root_version = 0;                         // 0: none seen
   std::optional<UtcTime> last_trusted_time;
   // Documents of the roots that came with packages, by version, with their signatures: each is verified again from the
@@ -27,6 +28,8 @@ struct AircraftState {
   // Remembers an accepted package. Nothing ever goes down.
   void accept(const std::string& series, std::int64_t sequence, std::int64_t root, UtcTime at,
               const std::map<std::int64_t, std::string>& newer_roots = {});
+  // The same of an airframe file whose signature is good: an unsigned one could claim any number.
+  void accept_airframe(const std::string& airframe, std::int64_t sequence);
 };
 
 // `state` is set exactly when there is no finding. Finding state.corrupt: a damaged state must not pass for an empty one.

@@ -53,6 +53,7 @@ void VerifyRequest::record_acceptance(const Manifest& manifest, std::int64_t roo
                              const std::map<std::int64_t, std::string>& newer_roots) {
   if (!state_) return;
   state_->accept(manifest.series, manifest.sequence, root_version, evaluated_at_, newer_roots);
+  if (airframe_ && airframe_sequence_) state_->accept_airframe(*airframe_, *airframe_sequence_);
   write_state(*state_file_, *state_);
 }
 

@@ -2,6 +2,7 @@
 // with them.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -24,6 +25,8 @@ class VerifyRequest {
   const std::optional<std::filesystem::path>& state() const { return state_file_; }
   // What nadird reads from its files instead.
   void set_airframe(const std::string& id) { airframe_ = id; }
+  // nullopt: nothing to remember of the airframe file, because it is not signed or has none.
+  void set_airframe_sequence(std::optional<std::int64_t> sequence) { airframe_sequence_ = sequence; }
   void set_state_file(const std::filesystem::path& file) { state_file_ = file; }
 
   // Reads root, state and permit; the result points into this. Throws Error when the root cannot be trusted or a file
@@ -34,7 +37,7 @@ class VerifyRequest {
   // nor overwritten.
   const Findings& findings() const { return findings_; }
 
-  // Records an accepted package in the state, if there is one.
+  // Records an accepted package in the state, if there is one, and the airframe's sequence.
   void record_acceptance(const Manifest& manifest, std::int64_t root_version,
                 const std::map<std::int64_t, std::string>& newer_roots);
 
@@ -43,6 +46,7 @@ class VerifyRequest {
 
   std::filesystem::path trust_file_;
   std::optional<std::string> airframe_;
+  std::optional<std::int64_t> airframe_sequence_;
   std::optional<std::filesystem::path> state_file_;
   std::optional<std::filesystem::path> permit_file_;
   std::optional<UtcTime> at_;

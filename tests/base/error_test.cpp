@@ -58,6 +58,12 @@ TEST(Printable, LinesOfTheProgramStay) {
   EXPECT_EQ(printable_lines("two\nlines\x1b[2J\xE2\x80\xA8"), "two\nlines?[2J⏎");
 }
 
+TEST(Printable, AUrlIsShownWithoutItsCredentials) {
+  EXPECT_EQ(printable_url("https://map.example.org/x"), "https://map.example.org/x");
+  EXPECT_EQ(printable_url("https://me:sec/r@et@map.example.org:8/x\n"), "https://***@map.example.org:8/x⏎");
+  EXPECT_EQ(printable_url("me:secret@host"), "***@host");
+}
+
 // "exe.gpj" would be shown where "jpg.exe" is written.
 TEST(Printable, KeepsTheDirectionOfText) {
   for (const char* control : {"\xE2\x80\xAA", "\xE2\x80\xAE", "\xE2\x81\xA6", "\xE2\x81\xA9"}) {
