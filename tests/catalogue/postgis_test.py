@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 import unittest
+from unittest import mock
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "e2e"), str(HERE.parent / "support")]
@@ -171,7 +172,7 @@ class PostGis(EndToEnd):
 
     def test_wrong_password(self):
         there = f"{self.there} user=guest"
-        with mock.patch.dict(os.environ, PGPASSWORD="falsch"):
+        with mock.patch.dict(self.server.env, PGPASSWORD="falsch"):
             for command in (["list", there], ["add", self.first, "--to", there]):
                 talk = self.nadir(*command, code=2, says=["PGPASSWORD"]).stderr
                 self.assertNotIn("falsch", talk)
@@ -181,7 +182,7 @@ class PostGis(EndToEnd):
     def test_no_rights(self):
         self.nadir("add", self.first, "--to", self.there)
         there = f"{self.there} user=guest"
-        guest = mock.patch.dict(os.environ, PGPASSWORD="right")
+        guest = mock.patch.dict(self.server.env, PGPASSWORD="right")
         with guest:
             self.nadir("add", self.second, "--to", there, code=2, says=["to do:"])
             self.nadir("list", there, code=2)
