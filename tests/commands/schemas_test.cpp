@@ -79,8 +79,11 @@ TEST_F(Schemas, RollbackPermit) {
 }
 
 TEST_F(Schemas, Airframe) {
-  Airframe airframe{.id = "falcon-7", .sequence = 3, .expires = UtcTime{1'893'456'000}};
-  airframe.camera.camera = {.width = 640, .height = 480, .fx = 500, .fy = 500, .cx = 319.5, .cy = 239.5};
+  Airframe airframe;
+  airframe.id = "falcon-7";
+  airframe.camera.camera = {.width = 640, .height = 480, .fx = 500, .fy = 500, .cx = 319.5, .cy = 239.5, .distortion = {}};
+  airframe.sequence = 3;
+  airframe.expires = UtcTime{1'893'456'000};
   json document = json::parse(airframe_json(airframe));
   EXPECT_TRUE(takes("airframe", document)) << document;
   EXPECT_EQ(document["expires"], "2030-01-01T00:00:00Z");
