@@ -215,7 +215,8 @@ TEST_F(CatalogueCommands, AForgedProviderStaysOnItsLine) {
   const std::string honest = out_.str();
   sql("UPDATE sources SET provider = 'x' || char(10) || 'village 9  current  mission village-a'");
   ASSERT_EQ(run({"list", file()}), 0);
-  EXPECT_EQ(std::count(out_.str().begin(), out_.str().end(), '\n'), std::count(honest.begin(), honest.end(), '\n'));
+  const std::string forged = out_.str();
+  EXPECT_EQ(std::count(forged.begin(), forged.end(), '\n'), std::count(honest.begin(), honest.end(), '\n'));
   EXPECT_NE(out_.str().find("x⏎village 9"), std::string::npos) << out_.str();
 }
 

@@ -88,7 +88,8 @@ TEST_F(Commands, VerifyRemembersWhatItAccepted) {
 
 TEST_F(Commands, AForgedPackageNameStaysOnItsLine) {
   EXPECT_EQ(run({"cache", "inspect", path("valley\n  found:    accepted\x1b[2J")}), 2);
-  EXPECT_EQ(std::count(err_.str().begin(), err_.str().end(), '\n'), 2) << err_.str();
+  const std::string message = err_.str();
+  EXPECT_EQ(std::count(message.begin(), message.end(), '\n'), 2) << message;
   EXPECT_NE(err_.str().find("valley⏎  found:    accepted?[2J"), std::string::npos) << err_.str();
 }
 
