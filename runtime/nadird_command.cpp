@@ -8,6 +8,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/printable.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "cli/terminal.hpp"
@@ -194,12 +195,24 @@ void NadirdCommand::complete_link() {
 }
 
 // By the newest root that package or state lead to: it may have revoked the signer.
-Findings NadirdCommand::evaluate_airframe(const Opening& opening, UtcTime at) const {
+Findings NadirdCommand::evaluate_airframe(const Opening& opening, const VerifyOptions& options) {
   if (airframe_file_.empty()) return {};
-  return check_airframe(
-      opening.newest_root, as_bytes(airframe_text_), envelope_beside(airframe_file_), at,
+  const std::optional<Bytes> envelope = envelope_beside(airframe_file_);
+  Findings findings = check_airframe(
+      opening.newest_root, as_bytes(airframe_text_), envelope, options.at,
       unsigned_airframe_ ? UnsignedAirframe::allowed : UnsignedAirframe::refused_when_signers_are_known,
       airframe_file_.string() + ".sig");
+  const bool is_signed = envelope && !findings.has_errors();
+  const Airframe& airframe = flight_.airframe;
+  request_.set_airframe_sequence(is_signed ? airframe.sequence : std::nullopt);
+  const Findings age =
+      check_airframe_age({airframe.id, airframe.sequence, airframe.expires}, options.state, options.at, airframe_file_.string());
+  for (const Finding& finding : age.items()) {
+    // That it is unsigned has been said; on the bench its age does not matter either.
+    if (!envelope && (unsigned_airframe_ || finding.code == "airframe.undated")) continue;
+    findings.add(finding);
+  }
+  return findings;
 }
 
 // Tiles that the service would not accept are not made. Before take-off a wrong key is an error; a service that starts,
@@ -226,7 +239,7 @@ Opening NadirdCommand::open_verified(Context& context, const std::filesystem::pa
   Opening opening = open_package(package, options, context.progress);
   verify_place_index(options.depth, context.progress, opening);
   opening.findings.add(request_.findings());
-  opening.findings.add(evaluate_airframe(opening, options.at));
+  opening.findings.add(evaluate_airframe(opening, options));
   if (opening.package) opening.findings.add(evaluate_tile_key(opening.newest_root, options.at));
   if (opening.findings.has_errors()) opening.package.reset();
   return opening;
@@ -241,7 +254,7 @@ Opening NadirdCommand::resume(Context& context, const std::filesystem::path& pac
   if (!opening.package || !flight_.tile_key) return opening;
   try {
     const VerifyOptions options = request_.open(context.clock);
-    const RootSuccession roots = walk_package_roots(opening.package->folder(), *options.root, options.state);
+    const RootSuccession roots = walk_package_roots(opening.package->folder(), *options.root, options.state, accepted.accepted_at);
     opening.findings.add(evaluate_tile_key(roots.root, accepted.accepted_at));
   } catch (const Error& error) {
     tile_key_refused_ = true;
@@ -362,7 +375,7 @@ int NadirdCommand::serve(Context& context) {
   } catch (const UsageError&) {
     throw;
   } catch (const std::exception& error) {
-    context.err << "nadird failed in flight: " << error.what() << '\n';
+    context.err << "nadird failed in flight: " << printable_lines(error.what()) << '\n';
     return kServiceFailed;
   }
 }
@@ -394,7 +407,7 @@ int NadirdCommand::fly(Context& context) {
     FlightService service(options, prepared(context, *std::move(choice), accepted, clock.boot_id(), stop.token()),
                           clock, stop, log);
     const FlightEnd end = service.run();
-    if (!context.quiet) context.err << service.summary() << '\n';
+    if (!context.quiet) context.err << printable(service.summary()) << '\n';
     if (end == FlightEnd::stopped) return kAccepted;
     accepted = {service.acceptance(), {}};
     log("the package is judged again");

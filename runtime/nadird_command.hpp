@@ -42,7 +42,7 @@ class NadirdCommand final : public Command {
   void read_airframe(const AcceptanceReading& accepted, const std::string& boot_id);
   void require_service_options() const;
   void complete_link();
-  Findings evaluate_airframe(const Opening& opening, UtcTime at) const;
+  Findings evaluate_airframe(const Opening& opening, const VerifyOptions& options);
   Findings evaluate_tile_key(const TrustRoot& newest_root, UtcTime at);
   Opening open_verified(Context& context, const std::filesystem::path& package);
   Opening resume(Context& context, const std::filesystem::path& package, const AcceptedPackage& accepted);

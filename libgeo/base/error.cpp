@@ -55,7 +55,7 @@ bool Findings::contains(std::string_view code) const {
 
 std::string to_text(const Finding& finding) {
   const std::string_view severity = finding.severity == Severity::error ? "error" : name_of(finding.severity);
-  return with_lines(fmt::format("{} ({})", finding.code, severity), finding);
+  return with_lines(fmt::format("{} ({})", printable(finding.code), severity), finding);
 }
 
 }  // namespace nadir

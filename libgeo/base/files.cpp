@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/file.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -57,30 +58,99 @@ std::string read_text_file(const fs::path& path, std::uint64_t max_size) {
   return std::string(as_text(read_file(path, max_size)));
 }
 
-void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) {
-  fs::path temporary = path;
-  temporary += fmt::format(".tmp{}", ::getpid());
-  {
-    const FileDescriptor fd(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, mode));
-    if (fd.get() < 0) fail("cannot create", path, errno);
-    try {
-      write_all(fd.get(), bytes, path);
-      if (::fchmod(fd.get(), mode) != 0 || ::fsync(fd.get()) != 0) fail("cannot sync to disk", path, errno);
-    } catch (...) {
-      ::unlink(temporary.c_str());
-      throw;
+PendingFile::PendingFile(fs::path path, ByteView bytes, unsigned mode, Until until)
+    : path_(std::move(path)), name_(path_.filename()) {
+  folder_ = ::open(parent_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (folder_ < 0) fail("cannot create", path_, errno);
+  try {
+    // An unnamed file gets its name through /proc.
+    if (until == Until::unnamed && ::access("/proc/self/fd", X_OK) == 0) {
+      file_ = ::openat(folder_, ".", O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
     }
+    if (file_ < 0) take_hidden_name(true);
+    if (::fchmod(file_, mode) != 0) fail("cannot set the mode", path_, errno);
+    write_all(file_, bytes, path_);
+    if (::fsync(file_) != 0) fail("cannot sync to disk", path_, errno);
+  } catch (...) {
+    discard();
+    throw;
   }
-  if (::rename(temporary.c_str(), path.c_str()) != 0) {
-    const int error_number = errno;
-    ::unlink(temporary.c_str());
-    fail("cannot rename to", path, error_number);
-  }
-  sync_path(parent_of(path), O_RDONLY | O_DIRECTORY);
 }
+
+PendingFile::~PendingFile() { discard(); }
+
+void PendingFile::discard() {
+  if (!hidden_.empty()) ::unlinkat(folder_, hidden_.c_str(), 0);
+  hidden_.clear();
+  for (int* fd : {&file_, &folder_}) {
+    if (*fd >= 0) ::close(std::exchange(*fd, -1));
+  }
+}
+
+// create: makes the file there, else gives the unnamed one this name.
+void PendingFile::take_hidden_name(bool create) {
+  for (int tries_left = 16;; --tries_left) {
+    std::uint64_t random = 0;
+    if (::getrandom(&random, sizeof random, 0) != sizeof random) fail("cannot create", path_, errno);
+    const std::string name = fmt::format(".{:.200}.{:016x}.tmp", name_, random);
+    if (create) {
+      file_ = ::openat(folder_, name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+    }
+    if (create ? file_ >= 0 : link_to(name)) {
+      hidden_ = name;
+      return;
+    }
+    if (errno != EEXIST || tries_left == 0) fail("cannot create", path_, errno);
+  }
+}
+
+bool PendingFile::link_to(const std::string& name) const {
+  const std::string unnamed = fmt::format("/proc/self/fd/{}", file_);
+  return ::linkat(AT_FDCWD, unnamed.c_str(), folder_, name.c_str(), AT_SYMLINK_FOLLOW) == 0;
+}
+
+bool PendingFile::create() {
+  if (hidden_.empty()) {
+    if (!link_to(name_)) {
+      if (errno == EEXIST) return false;
+      fail("cannot create", path_, errno);
+    }
+  } else if (::renameat2(folder_, hidden_.c_str(), folder_, name_.c_str(), RENAME_NOREPLACE) == 0) {
+    hidden_.clear();
+  } else if (errno == EEXIST) {
+    return false;
+  } else if (errno != EINVAL ||  // a file system without this flag
+             ::linkat(folder_, hidden_.c_str(), folder_, name_.c_str(), 0) != 0) {
+    if (errno == EEXIST) return false;
+    fail("cannot create", path_, errno);
+  }
+  sync_folder();
+  return true;
+}
+
+void PendingFile::replace() {
+  if (hidden_.empty()) take_hidden_name(false);
+  if (::renameat(folder_, hidden_.c_str(), folder_, name_.c_str()) != 0) fail("cannot rename to", path_, errno);
+  hidden_.clear();
+  sync_folder();
+}
+
+void PendingFile::sync_folder() const {
+  if (::fsync(folder_) != 0) fail("cannot sync to disk", path_, errno);
+}
+
+void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) { PendingFile(path, bytes, mode).replace(); }
 
 void write_file_atomic(const fs::path& path, std::string_view text, unsigned mode) {
   write_file_atomic(path, as_bytes(text), mode);
+}
+
+void write_new_file(const fs::path& path, std::string_view text, unsigned mode) {
+  if (PendingFile(path, as_bytes(text), mode).create()) return;
+  throw UsageError({.what = "the output exists already",
+                    .where = path,
+                    .expected = "a path that does not exist: this file is never overwritten",
+                    .fix = "choose another path, or move the existing file away"});
 }
 
 void require_private_mode(const fs::path& path) {
@@ -116,7 +186,7 @@ StagingDirectory::StagingDirectory(fs::path final_path, Leftovers leftovers) : f
   if (!fs::is_directory(parent)) {
     throw Error({.what = "the parent folder of the output does not exist", .where = parent, .fix = "create it first"});
   }
-  lock_ = ::open(lock_path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  lock_ = ::open(lock_path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
   if (lock_ < 0) fail("cannot create the output", final_path_, errno);
   if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
     ::close(std::exchange(lock_, -1));

@@ -15,9 +15,45 @@ namespace nadir {
 Bytes read_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 32);
 std::string read_text_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 26);
 
-// Writes beside the target, syncs, renames, syncs the folder. mode: permission bits, 0600 for private keys.
+// A file that has no name until its bytes are complete and on the disk (O_TMPFILE): nobody can open it early, guess what
+// it will be called, or have planted a link there; and a process that dies leaves nothing. Its mode is set before the
+// first byte is written. Where the file system has no unnamed files (FAT, some network ones), the file has a random
+// hidden name that is created anew (O_EXCL) until then.
+//
+// What has the final name already is never written to. A symbolic link is replaced itself; its target is not touched.
+class PendingFile {
+ public:
+  enum class Until { unnamed, hidden_name };  // hidden_name: as where unnamed files do not exist
+
+  // mode: permission bits, 0600 for private keys. Throws Error, OutOfSpace.
+  PendingFile(std::filesystem::path path, ByteView bytes, unsigned mode = 0644, Until until = Until::unnamed);
+  ~PendingFile();
+  PendingFile(const PendingFile&) = delete;
+  PendingFile& operator=(const PendingFile&) = delete;
+
+  // Both sync the folder. create(): false when something has the name already, be it a dangling link; of several
+  // processes one succeeds.
+  bool create();
+  void replace();
+
+ private:
+  void take_hidden_name(bool create);
+  bool link_to(const std::string& name) const;
+  void sync_folder() const;
+  void discard();
+
+  std::filesystem::path path_;
+  std::string name_, hidden_;  // in the folder; the second is empty while the file is unnamed or once it has its name
+  int folder_ = -1;
+  int file_ = -1;
+};
+
+// One PendingFile that replaces what is there.
 void write_file_atomic(const std::filesystem::path& path, ByteView bytes, unsigned mode = 0644);
 void write_file_atomic(const std::filesystem::path& path, std::string_view text, unsigned mode = 0644);
+
+// One that does not: throws UsageError when the path exists, be it since a moment ago.
+void write_new_file(const std::filesystem::path& path, std::string_view text, unsigned mode = 0644);
 
 // Throws UsageError when others than the owner may access the file (mode wider than 0600), Error when it is absent. A
 // secret that others can read is an error, not a warning.

@@ -62,7 +62,7 @@ CandidateService::CandidateService(CandidateServiceOptions options, const Clock&
       installed_(options_.data / "installed"),
       packs_(options_.data / "packs"),
       incoming_(options_.data / "incoming"),
-      trust_(options_.trust, options_.data / kTrustMemoryFile),
+      trust_(options_.trust, options_.data / kTrustMemoryFile, clock_),
       maps_(options_.packages, *trust_.current(), clock_.now()),
       catalogue_(options_.catalogue, CandidateCatalogue::Access::write) {}
 

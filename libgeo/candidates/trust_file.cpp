@@ -33,7 +33,8 @@ SignedRoot read_memory(const fs::path& path) {
 
 }  // namespace
 
-TrustFile::TrustFile(fs::path path, fs::path memory) : path_(std::move(path)), memory_(std::move(memory)) {
+TrustFile::TrustFile(fs::path path, fs::path memory, const Clock& clock)
+    : path_(std::move(path)), memory_(std::move(memory)), clock_(clock) {
   static_cast<void>(read_trusted_root(path_));  // what is no root at all is an error before anything is served
   first_start_ = !fs::exists(fs::symlink_status(memory_));
   if (first_start_) {
@@ -87,7 +88,7 @@ std::string TrustFile::why_rejected(const SignedRoot& next) const {
     if (version > next.root.version || !fs::is_regular_file(file, none)) return std::nullopt;
     return RootDocument{read_text_file(file, kMaxRootSize), file.string()};
   };
-  const RootSuccession chain = follow_root_chain(trusted_.root, beside);
+  const RootSuccession chain = follow_root_chain(trusted_.root, beside, clock_.now());
   for (const Finding& finding : chain.findings.items()) {
     if (finding.severity == Severity::error) {
       return fmt::format("{}: expected {}, found {}", finding.code, finding.expected, finding.found);

@@ -23,7 +23,8 @@ inline constexpr std::string_view kTrustMemoryFile = "trusted-root.json";  // in
 class TrustFile {
  public:
   // Throws Error when there is no root to begin with: the file cannot be read, or the memory is damaged.
-  TrustFile(std::filesystem::path path, std::filesystem::path memory);
+  // clock: must outlive this; a root key with a date of its own appoints until then, by this clock.
+  TrustFile(std::filesystem::path path, std::filesystem::path memory, const Clock& clock);
 
   std::shared_ptr<const TrustRoot> current();
   std::string fault();  // empty: none
@@ -38,6 +39,7 @@ class TrustFile {
   std::string why_rejected(const SignedRoot& next) const;
 
   const std::filesystem::path path_, memory_;
+  const Clock& clock_;
   bool first_start_ = false;
   std::mutex mutex_;
   std::shared_ptr<const TrustRoot> root_;

@@ -64,8 +64,16 @@ CatalogueLocation parse_catalogue_location(const std::string& text) {
   CatalogueLocation location{.kind = CatalogueLocation::Kind::file, .name = text, .shown = text};
   if (start.starts_with("pg:") || start.starts_with("postgresql://") || start.starts_with("postgres://")) {
     location.kind = CatalogueLocation::Kind::postgres;
-    hide_password_in_uri(location.shown);
-    hide_password_setting(location.shown);
+    std::string shown = text;
+    hide_password_in_uri(shown);
+    hide_password_setting(shown);
+    if (shown != text) {
+      throw UsageError({.what = "a password must not be on the command line, where every user of this machine reads it",
+                        .where = printable(shown),
+                        .expected = "a location without a password",
+                        .fix = "keep it in ~/.pgpass (mode 0600), or in the file that PGPASSFILE names, and change the one "
+                               "that was shown"});
+    }
   } else if (text.empty() || start.starts_with("/vsi")) {
     throw UsageError({.what = "invalid catalogue location",
                       .where = printable(text),

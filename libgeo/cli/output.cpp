@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 
 namespace nadir {
@@ -60,8 +61,11 @@ int report_findings(std::ostream& out, bool as_json, const Findings& findings) {
 
 void print_figures(std::ostream& out, const Figures& figures) {
   std::size_t width = 0;
-  for (const auto& [name, value] : figures) width = std::max(width, name.size());
-  for (const auto& [name, value] : figures) out << name << std::string(width - name.size() + 2, ' ') << value << '\n';
+  for (const auto& [name, value] : figures) width = std::max(width, printable(name).size());
+  for (const auto& [name, value] : figures) {
+    const std::string left = printable(name);
+    out << left << std::string(width - left.size() + 2, ' ') << printable(value) << '\n';
+  }
 }
 
 UtcTime evaluation_time(const std::optional<UtcTime>& at, const Clock& clock) { return at ? *at : clock.now(); }

@@ -32,7 +32,7 @@ void print_json(std::ostream& out, const nlohmann::json& document);
 int report_findings(std::ostream& out, bool as_json, const Findings& findings, const nlohmann::json& more);
 int report_findings(std::ostream& out, bool as_json, const Findings& findings);
 
-// Two columns: the left one padded to its longest entry.
+// Two columns: the left one padded to its longest entry. Each figure on one line, whatever it contains.
 using Figures = std::vector<std::pair<std::string, std::string>>;
 void print_figures(std::ostream& out, const Figures& figures);
 

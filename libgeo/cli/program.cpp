@@ -9,6 +9,7 @@
 #include <ostream>
 
 #include "base/error.hpp"
+#include "base/printable.hpp"
 #include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
 #include "cli/terminal.hpp"
@@ -138,7 +139,7 @@ std::string text_of(const std::filesystem::filesystem_error& error) {
 int guarded(const std::string& name, const Environment& environment, const std::vector<std::string>& args,
             const std::function<int()>& work) {
   const auto say = [&](const std::string& message) {
-    environment.err << name << ": " << message << '\n' << std::flush;
+    environment.err << name << ": " << printable_lines(message) << '\n' << std::flush;
   };
   try {
     const int code = work();

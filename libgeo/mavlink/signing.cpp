@@ -108,15 +108,14 @@ SigningKey SigningKey::generate() {
 }
 
 void SigningKey::write(const std::filesystem::path& path) const {
-  if (std::filesystem::exists(path)) {
-    throw UsageError({.what = "a signing key already exists",
-                      .where = path,
-                      .expected = "a path that does not exist",
-                      .fix = "move it away; an autopilot may still use it"});
-  }
   std::string text = Sha256{bytes_}.hex() + "\n";
-  write_file_atomic(path, text, 0600);
+  const bool created = PendingFile(path, as_bytes(text), 0600).create();
   OPENSSL_cleanse(text.data(), text.size());
+  if (created) return;
+  throw UsageError({.what = "a signing key already exists",
+                    .where = path,
+                    .expected = "a path that does not exist",
+                    .fix = "move it away; an autopilot may still use it"});
 }
 
 std::uint64_t signing_time_of(std::int64_t unix_us) {

@@ -37,7 +37,7 @@ NadirdClient::NadirdClient(std::string_view url, std::string token, std::chrono:
       !all_of(port_, "0123456789")) {
     throw UsageError({.what = "not the URL of a service",
                       .expected = fmt::format("http://HOST:PORT, as in {}", kDefaultServiceUrl),
-                      .found = printable(url)});
+                      .found = printable_url(url)});
   }
 }
 

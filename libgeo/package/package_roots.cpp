@@ -61,7 +61,7 @@ std::set<std::int64_t> root_versions_in(const Directory& package) {
                            "root keys of its predecessor"});
 }
 
-void check_chain(const RootChain& chain, const TrustRoot* installed) {
+void check_chain(const RootChain& chain, const std::set<std::int64_t>& added, UtcTime at, const TrustRoot* installed) {
   std::optional<TrustRoot> before;
   if (installed != nullptr) before = *installed;
   for (const auto& [version, text] : chain) {
@@ -71,7 +71,8 @@ void check_chain(const RootChain& chain, const TrustRoot* installed) {
       refuse_chain(version, fmt::format("version {}", version), fmt::format("version {}", next.root.version));
     }
     if (before) {
-      const Findings findings = check_succession(*before, next);
+      const Findings findings =
+          check_succession(*before, next, added.contains(version) ? std::optional(at) : std::nullopt);
       if (findings.has_errors()) {
         refuse_chain(version, findings.items().front().expected, findings.items().front().found);
       }
@@ -89,17 +90,18 @@ bool is_root_file_name(std::string_view path) {
          version_of(path.substr(kRootFolder.size() + 1)) > 0;
 }
 
-RootSuccession walk_package_roots(const Directory& package, const TrustRoot& trusted, const AircraftState* state) {
+RootSuccession walk_package_roots(const Directory& package, const TrustRoot& trusted, const AircraftState* state,
+                                 UtcTime at) {
   // What the aircraft remembers takes precedence over another root of the same version.
   RootSuccession walk = follow_root_chain(trusted, [&](std::int64_t version) -> std::optional<RootDocument> {
     if (state != nullptr) {
       const auto remembered = state->roots.find(version);
       if (remembered != state->roots.end()) {
-        return RootDocument{remembered->second, fmt::format("the aircraft's state, root version {}", version)};
+        return RootDocument{remembered->second, fmt::format("the aircraft's state, root version {}", version), true};
       }
     }
     return read_package_root(package, version);
-  });
+  }, at);
   const std::set<std::int64_t> versions = root_versions_in(package);
   const std::int64_t highest = versions.empty() ? 0 : *versions.rbegin();
   if (!walk.findings.has_errors() && highest > walk.root.version) {
@@ -112,19 +114,24 @@ RootSuccession walk_package_roots(const Directory& package, const TrustRoot& tru
   return walk;
 }
 
-RootChain read_root_chain(std::span<const fs::path> files, RootChain already, const TrustRoot* installed) {
+RootChain read_root_chain(std::span<const fs::path> files, UtcTime at, RootChain already, const TrustRoot* installed) {
   RootChain chain = std::move(already);
+  std::set<std::int64_t> added;
   for (const fs::path& file : files) {
     const std::string text = read_text_file(file, kMaxRootSize);
     const std::int64_t version = read_trusted_root(file).version;
-    if (chain.emplace(version, text).second || chain.at(version) == text) continue;
+    if (chain.emplace(version, text).second) {
+      added.insert(version);
+      continue;
+    }
+    if (chain.at(version) == text) continue;
     throw UsageError({.what = "two different roots have the same version",
                       .where = file,
                       .expected = fmt::format("one root of version {}", version),
                       .found = "a second one with different bytes",
                       .fix = "find out which of the two is in use"});
   }
-  check_chain(chain, installed);
+  check_chain(chain, added, at, installed);
   return chain;
 }
 

@@ -466,7 +466,7 @@ Verification verify_package(const fs::path& package, const VerifyOptions& asked,
   Verification result;
   result.folder = std::make_shared<const Directory>(open_folder(package));
   const Directory& folder = *result.folder;
-  RootSuccession walk = walk_package_roots(folder, *options.root, options.state);
+  RootSuccession walk = walk_package_roots(folder, *options.root, options.state, options.at);
   result.findings.add(walk.findings);
   result.newest_root = walk.root;
   result.root_version = walk.root.version;

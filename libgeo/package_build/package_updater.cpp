@@ -55,7 +55,7 @@ OldPackage read_old_package(const fs::path& package, const TrustRoot& trusted, U
   }
   old.manifest = verification.manifest;
   old.tiles = verification.tiles;
-  old.newest_root = walk_package_roots(*verification.folder, trusted, nullptr).root;
+  old.newest_root = walk_package_roots(*verification.folder, trusted, nullptr, at).root;
   old.roots = roots_in_package(*verification.folder);
   return old;
 }
@@ -230,7 +230,7 @@ UpdateReport update_package(const UpdateRequest& request, Progress& progress) {
   std::optional<PlaceTable> old_index;
   if (request.index) old_index = previous_place_table(request.old_package, *old.manifest);
   const std::vector<ImageryInput> rasters = open_imagery(request.imagery, request.overrides, request.stretches);
-  const RootChain roots = read_root_chain(request.roots, old.roots, request.trust);
+  const RootChain roots = read_root_chain(request.roots, at, old.roots, request.trust);
   const std::optional<TerrainRaster> terrain = prepare_terrain(mission, request.mission, dem, findings);
   if (findings.has_errors()) return report;
   report_dropped_artifacts(request, old, newest_of(roots, old.newest_root));

@@ -12,9 +12,10 @@ namespace nadir {
 std::string airframe_json(const Airframe& airframe) {
   const CameraModel& camera = airframe.camera.camera;
   const TelemetryUncertainty& uncertainty = airframe.camera.uncertainty;
-  const nlohmann::ordered_json document{{"format", "nadir.airframe/1"},
-                                        {"airframe", airframe.id},
-                                        {"camera",
+  nlohmann::ordered_json document{{"format", "nadir.airframe/1"}, {"airframe", airframe.id}};
+  if (airframe.sequence) document["sequence"] = *airframe.sequence;
+  if (airframe.expires) document["expires"] = to_rfc3339(*airframe.expires);
+  document.update(nlohmann::ordered_json{{"camera",
                                          {{"model", "pinhole"},
                                           {"width", camera.width},
                                           {"height", camera.height},
@@ -38,7 +39,7 @@ std::string airframe_json(const Airframe& airframe) {
                                           {"autopilot", airframe.autopilot},
                                           {"component", airframe.component},
                                           {"link", airframe.link},
-                                          {"gps_id", airframe.gps_id}}}};
+                                          {"gps_id", airframe.gps_id}}}});
   return document.dump(1) + "\n";
 }
 

@@ -37,6 +37,11 @@ AircraftState read(const JsonReader& in) {
   state.root_version = in.integer("root_version", 0, kMaxSequence);
   if (!in.is_null("last_trusted_time")) state.last_trusted_time = in.time("last_trusted_time");
   if (const auto roots = in.optional_object("roots")) state.roots = read_roots(*roots);
+  if (const auto airframes = in.optional_object("airframes")) {
+    for (const std::string& id : airframes->keys()) {
+      state.airframe_sequence[id] = airframes->integer(id, 0, kMaxSequence);
+    }
+  }
   in.finish();
   return state;
 }
@@ -62,6 +67,11 @@ void AircraftState::accept(const std::string& series, std::int64_t sequence, std
 
 UtcTime remembered_time(UtcTime clock, UtcTime package_created) {
   return std::min(clock, UtcTime{package_created.unix_s + kMaxTrustedLead_s});
+}
+
+void AircraftState::accept_airframe(const std::string& airframe, std::int64_t sequence) {
+  std::int64_t& highest = airframe_sequence[airframe];
+  highest = std::max(highest, sequence);
 }
 
 StateReading parse_state(std::string_view text, std::string_view name) {
@@ -106,6 +116,7 @@ void write_state(const std::filesystem::path& path, const AircraftState& state) 
                 {"root_version", state.root_version},
                 {"last_trusted_time", state.last_trusted_time ? json(to_rfc3339(*state.last_trusted_time)) : json()}};
   for (const auto& [version, text] : state.roots) document["roots"][std::to_string(version)] = json::parse(text);
+  if (!state.airframe_sequence.empty()) document["airframes"] = state.airframe_sequence;
   write_file_atomic(path, document.dump(1) + "\n");
 }
 

@@ -26,6 +26,7 @@ inline constexpr std::int64_t kMaxTrustedLead_s = 30 * 86'400;
 
 struct AircraftState {
   std::map<std::string, std::int64_t> highest_sequence;  // accepted, by series
+  std::map<std::string, std::int64_t> airframe_sequence;  // highest accepted of airframe.json, by airframe
   std::int64_t root_version = 0;                         // 0: none seen
   std::optional<UtcTime> last_trusted_time;
   // Documents of the roots that came with packages, by version, with their signatures: each is verified again from the
@@ -36,6 +37,8 @@ struct AircraftState {
   // at: no later than remembered_time() says.
   void accept(const std::string& series, std::int64_t sequence, std::int64_t root, UtcTime at,
               const std::map<std::int64_t, std::string>& newer_roots = {});
+  // The same of an airframe file whose signature is good: an unsigned one could claim any number.
+  void accept_airframe(const std::string& airframe, std::int64_t sequence);
 };
 
 // What to remember of an acceptance by that clock, of a package that was made then.

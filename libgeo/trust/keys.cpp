@@ -1,5 +1,6 @@
 #include "trust/keys.hpp"
 
+#include <openssl/crypto.h>
 #include <openssl/err.h>
 #include <openssl/evp.h>
 #include <openssl/pem.h>
@@ -73,6 +74,20 @@ Key public_from_raw(const std::array<std::uint8_t, 32>& raw) {
   Key key(EVP_PKEY_new_raw_public_key(EVP_PKEY_ED25519, nullptr, raw.data(), raw.size()));
   if (!key) openssl_failed("cannot make a public key");
   return key;
+}
+
+UsageError key_exists(const KeyFiles& files, const fs::path& path) {
+  std::error_code ignored;
+  const bool alone = path == files.private_key && !fs::exists(fs::symlink_status(files.public_key, ignored));
+  return UsageError(
+      {.what = "a key of this name exists",
+       .where = path,
+       .expected = "neither " + files.private_key.filename().string() + " nor " + files.public_key.filename().string() +
+                   ": keys are never overwritten",
+       .found = alone ? "a private key without its public key" : "a file, perhaps created by another process just now",
+       .fix = alone ? "choose another --out; or derive the public key: openssl pkey -in " + path.string() +
+                          " -pubout -out " + files.public_key.string()
+                    : "choose another --out"});
 }
 
 }  // namespace
@@ -189,16 +204,23 @@ KeyFiles create_key_files(const fs::path& name) {
   KeyFiles files{name, name};
   files.private_key += ".key.pem";
   files.public_key += ".pub.pem";
-  for (const fs::path& path : {files.private_key, files.public_key}) {
-    if (fs::exists(fs::symlink_status(path))) {
-      throw UsageError({.what = "a key of this name exists",
-                        .where = path,
-                        .fix = "choose another --out; keys are never overwritten"});
-    }
-  }
   const PrivateKey key = PrivateKey::generate();
-  write_file_atomic(files.private_key, key.pem(), 0600);
-  write_file_atomic(files.public_key, key.public_key().pem(), 0644);
+  std::string pem = key.pem();
+  // Both are whole and on the disk before either has its name. The private key's name decides which process wins; a
+  // process that dies after it leaves a key from which the public one follows.
+  PendingFile private_key(files.private_key, as_bytes(pem), 0600);
+  OPENSSL_cleanse(pem.data(), pem.size());
+  const std::string public_pem = key.public_key().pem();
+  PendingFile public_key(files.public_key, as_bytes(public_pem));
+  if (fs::exists(fs::symlink_status(files.public_key))) throw key_exists(files, files.public_key);
+  if (!private_key.create()) throw key_exists(files, files.private_key);
+  try {
+    if (!public_key.create()) throw key_exists(files, files.public_key);
+  } catch (...) {
+    std::error_code ignored;
+    fs::remove(files.private_key, ignored);  // ours, of a moment ago
+    throw;
+  }
   return files;
 }
 

@@ -55,7 +55,8 @@ class PrivateKey {
   std::unique_ptr<Impl> impl_;
 };
 
-// NAME.key.pem (mode 0600) and NAME.pub.pem. Throws UsageError when one of them exists.
+// NAME.key.pem (mode 0600) and NAME.pub.pem: both or none. Throws UsageError when one of them exists; of several
+// processes that create the same name at once, one succeeds.
 struct KeyFiles {
   std::filesystem::path private_key;
   std::filesystem::path public_key;

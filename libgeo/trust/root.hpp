@@ -75,12 +75,17 @@ TrustRoot read_trusted_root(const std::filesystem::path& path);
 Findings check_self(const SignedRoot& root);
 
 // Is `next` a valid successor of the trusted root? Findings root.rollback (its version is not exactly one more),
-// signature.invalid, signature.missing.
-Findings check_succession(const TrustRoot& trusted, const SignedRoot& next);
+// signature.invalid, signature.missing, key.expired.
+//
+// at: when it is accepted. A root says nothing reliable about when it was signed, so a key with a date of its own appoints
+// only until then: whoever finds an expired key could date a root back. nullopt: a root that was accepted earlier, by
+// the clock of then.
+Findings check_succession(const TrustRoot& trusted, const SignedRoot& next, std::optional<UtcTime> at);
 
 struct RootDocument {
   std::string text;
-  std::string where;  // for findings
+  std::string where;             // for findings
+  bool accepted_earlier = false;  // its signers' dates were judged then
 };
 
 // The root of this version, or nullopt when there is none.
@@ -95,6 +100,7 @@ struct RootSuccession {
 // From the root that an aircraft has to the newest that it can reach: N → N+1 → N+2, each step signed by the thresholds
 // of both sides. This is how an aircraft learns of new and of revoked keys without a network. Findings: root.invalid
 // (malformed), and those of check_succession(). Documents behind a bad root are ignored.
-RootSuccession follow_root_chain(TrustRoot trusted, const RootLookup& find);
+// at: when roots that were not accepted earlier are accepted.
+RootSuccession follow_root_chain(TrustRoot trusted, const RootLookup& find, UtcTime at);
 
 }  // namespace nadir

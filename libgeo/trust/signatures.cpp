@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "base/error.hpp"
+#include "trust/aircraft_state.hpp"
 #include "trust/signed_document.hpp"
 
 namespace nadir {
@@ -34,7 +35,7 @@ std::optional<Finding> rejection_of(const TrustRoot& root, const Role& role, con
     return Finding{.code = "key.expired",
                    .expected = "a key that is valid at " + to_rfc3339(*at),
                    .found = fmt::format("key {}, expired {}", signature.keyid, to_rfc3339(*known->second.expires)),
-                   .fix = "sign again with a key that has not expired"};
+                   .fix = "if the clock is right, sign again with a key that has not expired"};
   }
   return std::nullopt;
 }
@@ -137,6 +138,39 @@ Findings check_airframe(const TrustRoot& root, ByteView airframe, const std::opt
   } catch (const Error& error) {
     invalid(error.text().expected.empty() ? "a signature envelope" : error.text().expected,
             error.text().found.empty() ? error.text().what : error.text().found);
+  }
+  return findings;
+}
+
+Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* state, UtcTime at, std::string_view where) {
+  Findings findings;
+  std::int64_t accepted = 0;
+  if (state != nullptr) {
+    const auto remembered = state->airframe_sequence.find(file.airframe);
+    if (remembered != state->airframe_sequence.end()) accepted = remembered->second;
+  }
+  if (file.sequence.value_or(0) < accepted) {
+    findings.add({.code = "airframe.rollback",
+                  .where = std::string(where),
+                  .expected = fmt::format("sequence {} or higher, because this aircraft has accepted {}", accepted, accepted),
+                  .found = file.sequence ? fmt::format("sequence {}", *file.sequence) : "no sequence",
+                  .fix = fmt::format("put the newest file back, or provision the aircraft again with --sequence {}",
+                                     accepted + 1)});
+  }
+  if (file.expires && *file.expires <= at) {
+    findings.add({.code = "airframe.expired",
+                  .where = std::string(where),
+                  .expected = "an airframe file that is valid at " + to_rfc3339(at),
+                  .found = "expired " + to_rfc3339(*file.expires),
+                  .fix = "if the clock is right, provision the aircraft again with a later --expires"});
+  }
+  if (!file.sequence || !file.expires) {
+    findings.add({.code = "airframe.undated",
+                  .severity = Severity::warning,
+                  .where = std::string(where),
+                  .expected = "a sequence and an end of validity",
+                  .found = file.sequence ? "no end of validity" : file.expires ? "no sequence" : "neither",
+                  .fix = "provision the aircraft again with --sequence and --expires; the next release rejects such files"});
   }
   return findings;
 }

@@ -13,6 +13,8 @@
 
 namespace nadir {
 
+struct AircraftState;
+
 struct SignatureCheck {
   Findings findings;                 // of severity refuse when there are fewer valid signatures than the role's threshold
   std::vector<std::string> signers;  // key ids
@@ -45,5 +47,18 @@ enum class UnsignedAirframe {
 // key.revoked and key.expired as of check_signatures(), in either case.
 Findings check_airframe(const TrustRoot& root, ByteView airframe, const std::optional<Bytes>& envelope, UtcTime at,
                         UnsignedAirframe without, std::string_view where);
+
+// What airframe.json says about itself. Files of before these existed have neither.
+struct AirframeFileAge {
+  std::string airframe;
+  std::optional<std::int64_t> sequence{};
+  std::optional<UtcTime> expires{};
+};
+
+// A signature stays valid for ever; sequence and end of validity keep somebody from putting an aircraft's earlier file
+// back, with the camera or the addresses of then. Findings: airframe.expired; airframe.rollback when this aircraft has
+// accepted a higher sequence; airframe.undated, a warning in this release, where one of the two is missing.
+// state: nullptr without memory.
+Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* state, UtcTime at, std::string_view where);
 
 }  // namespace nadir

@@ -115,7 +115,7 @@ constexpr std::int64_t kApplication = 0x4E444F42;  // "NDOB"
 constexpr std::int64_t kOldestVersion = 1;
 
 int take_lock(const fs::path& path) {
-  const int lock = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  const int lock = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
   if (lock < 0) {
     throw Error({.what = "cannot use the outbox", .where = path.string(), .found = system_error_text(errno)});
   }

@@ -156,7 +156,7 @@ std::string checked_service_address(std::string_view text) {
   if (!parses || !plain || !(scheme == "https" || (scheme == "http" && here))) {
     throw UsageError({.what = "cannot use this address of a candidate service",
                       .expected = "https://HOST[:PORT][/PATH]; http:// only to localhost",
-                      .found = printable(text),
+                      .found = printable_url(text),
                       .fix = "the token must not go over a wire in the clear; keep it in a file, not in the address"});
   }
   return address;

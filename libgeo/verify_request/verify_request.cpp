@@ -81,6 +81,7 @@ void VerifyRequest::remember(const Manifest& manifest, std::int64_t root_version
   if (time_reset) state_->last_trusted_time = time_reset;
   state_->accept(manifest.series, manifest.sequence, root_version, remembered_time(evaluated_at_, manifest.created),
                  newer_roots);
+  if (airframe_ && airframe_sequence_) state_->accept_airframe(*airframe_, *airframe_sequence_);
 }
 
 void VerifyRequest::write_memory() const {

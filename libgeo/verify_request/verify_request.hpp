@@ -2,6 +2,7 @@
 // with them.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -24,6 +25,8 @@ class VerifyRequest {
   const std::optional<std::filesystem::path>& state() const { return state_file_; }
   // What nadird reads from its files instead.
   void set_airframe(const std::string& id) { airframe_ = id; }
+  // nullopt: nothing to remember of the airframe file, because it is not signed or has none.
+  void set_airframe_sequence(std::optional<std::int64_t> sequence) { airframe_sequence_ = sequence; }
   void set_state_file(const std::filesystem::path& file) { state_file_ = file; }
 
   // Reads root, state and permit; the result points into this. Throws Error when the root cannot be trusted or a file
@@ -57,6 +60,7 @@ class VerifyRequest {
 
   std::filesystem::path trust_file_;
   std::optional<std::string> airframe_;
+  std::optional<std::int64_t> airframe_sequence_;
   std::optional<std::filesystem::path> state_file_;
   std::optional<std::filesystem::path> permit_file_;
   std::optional<std::filesystem::path> time_permit_file_;

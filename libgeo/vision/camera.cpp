@@ -104,6 +104,7 @@ TelemetryUncertainty read_uncertainty(const YamlNode& node) {
 constexpr std::string_view kFormat = "nadir.airframe/1";
 constexpr double kLongestDelay_s = 5;
 constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 20;
+constexpr std::int64_t kMaxAirframeSequence = 1'000'000'000;
 
 std::uint8_t number_of(const YamlNode& node, std::int64_t least) {
   const auto value = node.integer();
@@ -222,10 +223,20 @@ Airframe read_airframe(const std::filesystem::path& path) {
 
 Airframe parse_airframe(std::string_view text, std::string_view name) {
   const YamlNode root = YamlNode::parse(text, name);  // JSON is YAML
-  root.allow_only({"format", "airframe", "camera", "mount", "capture_delay_s", "mavlink"});
+  root.allow_only({"format", "airframe", "sequence", "expires", "camera", "mount", "capture_delay_s", "mavlink"});
   if (root.required("format").text() != kFormat) root.required("format").reject("\"nadir.airframe/1\"");
   Airframe airframe;
   airframe.id = read_id(root.required("airframe"));
+  if (const auto sequence = root.optional("sequence")) {
+    airframe.sequence = sequence->integer();
+    if (*airframe.sequence < 1 || *airframe.sequence > kMaxAirframeSequence) {
+      sequence->reject("a whole number from 1 to " + std::to_string(kMaxAirframeSequence));
+    }
+  }
+  if (const auto expires = root.optional("expires")) {
+    airframe.expires = parse_utc(expires->text());
+    if (!airframe.expires) expires->reject("a time as 2030-01-01T00:00:00Z");
+  }
   airframe.camera = read_camera(root.required("camera"));
   if (const auto mount = root.optional("mount")) {
     mount->allow_only({"yaw_deg", "pitch_deg", "roll_deg"});

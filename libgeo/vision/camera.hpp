@@ -17,6 +17,7 @@
 #include <string>
 #include <string_view>
 
+#include "base/time.hpp"
 #include "vision/localizer_parameters.hpp"
 
 namespace nadir {
@@ -88,6 +89,9 @@ struct Airframe {
   std::uint8_t component = 197;  // ours; MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
   std::uint8_t link = 1;         // our link id in signatures
   std::uint8_t gps_id = 0;       // of GPS_INPUT
+  // Of the file: counts the aircraft's files up, so that it accepts no earlier one. Files of before this exists have neither.
+  std::optional<std::int64_t> sequence{};
+  std::optional<UtcTime> expires{};
 };
 
 // Throw UsageError with file, line and column.

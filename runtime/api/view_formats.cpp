@@ -198,14 +198,10 @@ std::string stream_text(const FlightView& view, double age_s, StreamCursor& curs
 
 namespace {
 
-// The label's value may hold anything: backslash, quote and line end are escaped.
+// The label's value may hold anything: backslash and quote are escaped.
 std::string escaped(std::string_view value) {
   std::string text;
   for (const char c : printable(value)) {
-    if (c == '\n') {
-      text += "\\n";
-      continue;
-    }
     if (c == '\\' || c == '"') text += '\\';
     text += c;
   }

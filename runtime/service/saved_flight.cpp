@@ -155,8 +155,8 @@ void StateDirectory::prepare() const {
                  .fix = "give --state a folder that only the service uses"});
   }
   for (const auto& entry : fs::directory_iterator(folder_)) {
-    const std::string name = entry.path().filename().string();
-    if (name.starts_with("flight.json.tmp") || name.starts_with("acceptance.json.tmp")) fs::remove(entry.path(), error);
+    const std::string name = entry.path().filename();  // of a process that died, see PendingFile
+    if (name.starts_with(".") && name.ends_with(".tmp")) fs::remove(entry.path(), error);
   }
   write_file_atomic(folder_ / ".writable", "");
   fs::remove(folder_ / ".writable", error);

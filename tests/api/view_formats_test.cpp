@@ -124,12 +124,33 @@ TEST(Metrics, OmitUnknownValues) {
   EXPECT_THAT(text, Not(HasSubstr("nadir_anchor_age_seconds")));
 }
 
+// Texts of the autopilot, of the package and of files end up in views; none may look like a line of the service.
+TEST(Views, ForgedLinesStayOnTheirLine) {
+  const std::string forged = "gone\n12:00:00 state normal\xE2\x80\xA8";
+  const std::string shown = "gone⏎12:00:00 state normal⏎";
+  FlightView view;
+  view.state.reason = view.gps.reason = view.recorder.reason = forged;
+  view.link.rejected_by[forged] = 1;
+  const auto state = state_json(view, 0);
+  EXPECT_EQ(state["reason"], shown);
+  EXPECT_EQ(state["gps"]["reason"], shown);
+  EXPECT_EQ(state["recorder"]["reason"], shown);
+  EXPECT_EQ(state["link"]["rejected_by"].begin().key(), shown);
+  EventRing ring(1);
+  ring.add(1, EventSeverity::info, "autopilot", forged);
+  view.events = ring.events();
+  EXPECT_EQ(event_json(view.events.events().back(), view)["text"], shown);
+  PackageView package;
+  package.reason = package.mission = package.series = forged;
+  for (const char* key : {"reason", "mission", "series"}) EXPECT_EQ(package_json(package)[key], shown) << key;
+}
+
 TEST(Metrics, LabelsAreEscaped) {
   FlightView view;
   view.link.rejected_by["a\"b\\c\nd"] = 3;
   view.agl_m = std::numeric_limits<double>::quiet_NaN();
   const std::string text = metrics_text(view, 0, {});
-  EXPECT_THAT(text, HasSubstr("nadir_link_frames_rejected_total{reason=\"a\\\"b\\\\c\\nd\"} 3\n"));
+  EXPECT_THAT(text, HasSubstr("nadir_link_frames_rejected_total{reason=\"a\\\"b\\\\c⏎d\"} 3\n"));
   EXPECT_THAT(text, HasSubstr("nadir_agl_meters NaN\n"));
 }
 

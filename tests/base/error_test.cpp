@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "base/printable.hpp"
 
 namespace nadir {
@@ -32,7 +34,7 @@ TEST(Error, PrintsItsParts) {
 }
 
 TEST(Printable, KeepsPlainText) {
-  for (const char* text : {"", "plain", "zwölf m² → \xF0\x9F\x9B\xA9", "two\nlines"}) EXPECT_EQ(printable(text), text);
+  for (const char* text : {"", "plain", "zwölf m² → \xF0\x9F\x9B\xA9", "⏎"}) EXPECT_EQ(printable(text), text);
 }
 
 TEST(Printable, ReplacesEscapeSequences) {
@@ -40,6 +42,34 @@ TEST(Printable, ReplacesEscapeSequences) {
   EXPECT_EQ(printable("\xC2\x9B"
                       "31m"),
             "?31m");  // the one-character form of ESC [
+}
+
+constexpr const char* kForged = "valley\ncache.accepted (note)\xE2\x80\xA8nadir: all is well";
+
+TEST(Printable, StaysOnOneLine) {
+  EXPECT_EQ(printable("two\nlines"), "two⏎lines");
+  EXPECT_EQ(printable("two\r\nlines"), "two?⏎lines");
+  EXPECT_EQ(printable(kForged), "valley⏎cache.accepted (note)⏎nadir: all is well");
+  EXPECT_EQ(printable("\xE2\x80\xA9"), "⏎");
+  EXPECT_EQ(printable(printable(kForged)), printable(kForged));
+}
+
+TEST(Printable, LinesOfTheProgramStay) {
+  EXPECT_EQ(printable_lines("two\nlines\x1b[2J\xE2\x80\xA8"), "two\nlines?[2J⏎");
+}
+
+TEST(Printable, AUrlIsShownWithoutItsCredentials) {
+  EXPECT_EQ(printable_url("https://map.example.org/x"), "https://map.example.org/x");
+  EXPECT_EQ(printable_url("https://me:sec/r@et@map.example.org:8/x\n"), "https://***@map.example.org:8/x⏎");
+  EXPECT_EQ(printable_url("me:secret@host"), "***@host");
+}
+
+// "exe.gpj" would be shown where "jpg.exe" is written.
+TEST(Printable, KeepsTheDirectionOfText) {
+  for (const char* control : {"\xE2\x80\xAA", "\xE2\x80\xAE", "\xE2\x81\xA6", "\xE2\x81\xA9"}) {
+    EXPECT_EQ(printable(std::string("a") + control + "b"), "a?b");
+  }
+  EXPECT_EQ(printable("→ \xE2\x80\x94 \xE2\x81\xA5"), "→ \xE2\x80\x94 \xE2\x81\xA5") << "their neighbours stay";
 }
 
 TEST(Printable, ReturnsValidUtf8) {
@@ -53,6 +83,17 @@ TEST(Printable, ReturnsValidUtf8) {
 TEST(Printable, IsAppliedToMessages) {
   EXPECT_EQ(std::string(Error({.what = "w", .found = "\x1b[0m"}).what()).find('\x1b'), std::string::npos);
   EXPECT_EQ(to_text({.code = "c", .found = "\x1b[0m"}).find('\x1b'), std::string::npos);
+}
+
+// A finding or an error has the lines that the program gives it, whatever it quotes.
+TEST(Printable, ForgedLinesReachNoMessage) {
+  const std::string finding =
+      to_text({.code = kForged, .where = kForged, .expected = kForged, .found = kForged, .fix = kForged});
+  EXPECT_EQ(std::count(finding.begin(), finding.end(), '\n'), 4);
+  const std::string error =
+      Error({.what = kForged, .where = kForged, .expected = kForged, .found = kForged, .fix = kForged}).what();
+  EXPECT_EQ(std::count(error.begin(), error.end(), '\n'), 4);
+  EXPECT_EQ(error.find("\ncache.accepted"), std::string::npos);
 }
 
 }  // namespace

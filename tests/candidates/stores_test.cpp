@@ -96,7 +96,8 @@ class TrustFileTest : public ::testing::Test {
   void write(std::int64_t version, const std::set<std::string>& revoked = {}, const PrivateKey* signer = nullptr) {
     write_file_atomic(folder_ / "root.json", test::root_text({&flight_}, signer ? *signer : signer_, version, revoked));
   }
-  TrustFile trust() { return TrustFile(folder_ / "root.json", memory_); }
+  FixedClock clock_{{1'800'000'000}};
+  TrustFile trust() { return TrustFile(folder_ / "root.json", memory_, clock_); }
 
   test::TemporaryFolder folder_;
   fs::path memory_ = folder_ / kTrustMemoryFile;
@@ -153,7 +154,7 @@ TEST_F(TrustFileTest, ADamagedMemoryIsAnError) {
 // A disk that is full does not keep a revoked key alive; a restart would, and the operator hears of it.
 TEST_F(TrustFileTest, ARootThatCannotBeStoredIsInForceAndReported) {
   write(1);
-  TrustFile trust(folder_ / "root.json", folder_ / "gone" / "memory.json");
+  TrustFile trust(folder_ / "root.json", folder_ / "gone" / "memory.json", clock_);
   EXPECT_EQ(trust.current()->version, 1);
   EXPECT_NE(trust.fault().find("a restart would forget it"), std::string::npos) << trust.fault();
   write(2, {flight_.key().public_key().id()});
@@ -165,7 +166,7 @@ TEST_F(TrustFileTest, ARootThatCannotBeStoredIsInForceAndReported) {
 
 TEST_F(TrustFileTest, AppliesASuccessorImmediately) {
   write(1);
-  TrustFile trust(folder_ / "root.json", memory_);
+  TrustFile trust(folder_ / "root.json", memory_, clock_);
   EXPECT_EQ(trust.current()->version, 1);
   write(2, {flight_.key().public_key().id()});
   EXPECT_EQ(trust.current()->version, 2);
@@ -175,7 +176,7 @@ TEST_F(TrustFileTest, AppliesASuccessorImmediately) {
 
 TEST_F(TrustFileTest, IgnoresAnInvalidSuccessor) {
   write(2);
-  TrustFile trust(folder_ / "root.json", memory_);
+  TrustFile trust(folder_ / "root.json", memory_, clock_);
   const PrivateKey stranger = PrivateKey::generate();
   for (const std::function<void()>& damage : std::vector<std::function<void()>>{
            [this] { write(1); },                                        // back in time
@@ -191,6 +192,17 @@ TEST_F(TrustFileTest, IgnoresAnInvalidSuccessor) {
   }
   write(3);
   EXPECT_EQ(trust.current()->version, 3) << "and a good one is followed afterwards";
+}
+
+TEST_F(TrustFileTest, AnExpiredRootKeyCannotAppoint) {
+  TrustRoot first = parse_root(test::root_text({&flight_}, signer_, 1, {}), "test").root;
+  first.keys.at(signer_.public_key().id()).expires = UtcTime{clock_.now().unix_s + 60};
+  write_file_atomic(folder_ / "root.json", sign_root(first, {&signer_}).json());
+  TrustFile trust(folder_ / "root.json", memory_, clock_);
+  clock_ = FixedClock({clock_.now().unix_s + 61});
+  write(2);
+  EXPECT_EQ(trust.current()->version, 1);
+  EXPECT_NE(trust.fault().find("key.expired"), std::string::npos) << trust.fault();
 }
 
 // A pack is forgotten, and before its file goes, another upload brings the very same pack; or one of its tiles in

@@ -1,6 +1,7 @@
 // nadir catalogue with a SpatiaLite file. Judges: ogrinfo (GDAL), and sqlite3 with mod_spatialite.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -205,6 +206,18 @@ TEST_F(CatalogueCommands, GapsAreTheAreaWithoutFreshImagery) {
   EXPECT_EQ(spatial("SELECT count(*) FROM gaps WHERE NOT ST_IsValid(geom)"), "0");
   gaps({"--store"});
   EXPECT_EQ(sql("SELECT count(*) FROM gaps"), stored) << "stored gaps replace those before";
+}
+
+// The database is a file that others may have written.
+TEST_F(CatalogueCommands, AForgedProviderStaysOnItsLine) {
+  ASSERT_EQ(add(make(3, "package")), 0) << err_.str();
+  ASSERT_EQ(run({"list", file()}), 0);
+  const std::string honest = out_.str();
+  sql("UPDATE sources SET provider = 'x' || char(10) || 'village 9  current  mission village-a'");
+  ASSERT_EQ(run({"list", file()}), 0);
+  const std::string forged = out_.str();
+  EXPECT_EQ(std::count(forged.begin(), forged.end(), '\n'), std::count(honest.begin(), honest.end(), '\n'));
+  EXPECT_NE(out_.str().find("x⏎village 9"), std::string::npos) << out_.str();
 }
 
 TEST_F(CatalogueCommands, ContentIsNeverExecuted) {

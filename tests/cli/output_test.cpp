@@ -63,5 +63,20 @@ TEST(Output, FiguresStandInColumns) {
   EXPECT_EQ(out.str(), "a     1\nlong  2\n");
 }
 
+// An airframe's id from a recording, a package's name: what is quoted cannot add a line of its own.
+TEST(Output, ForgedLinesAreNoFigures) {
+  std::ostringstream out;
+  print_figures(out, {{"airframe", "falcon\nsigned    yes\x1b[2J"}, {"lo\nng", "2"}});
+  EXPECT_EQ(out.str(), "airframe  falcon⏎signed    yes?[2J\nlo⏎ng   2\n");
+}
+
+TEST(Output, ForgedLinesAreNoFindings) {
+  std::ostringstream out;
+  Findings findings;
+  findings.add({.code = "tile.size", .where = "a\naccepted\n"});
+  report_findings(out, false, findings);
+  EXPECT_EQ(out.str(), "tile.size (error)\n  where:    a⏎accepted⏎\nREJECTED: 1 error\n");
+}
+
 }  // namespace
 }  // namespace nadir

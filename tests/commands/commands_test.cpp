@@ -1,6 +1,7 @@
 // keys, mission and cache commands as a user calls them: exit codes, and where results and talk go.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "base/files.hpp"
@@ -83,6 +84,29 @@ TEST_F(Commands, VerifyRemembersWhatItAccepted) {
   EXPECT_EQ(nlohmann::json::parse(out_.str())["findings"][0]["code"], "package.rollback");
   EXPECT_EQ(verify(newer), 0) << "a refused package changes nothing";
   EXPECT_EQ(verify(path("none")), 2);
+}
+
+TEST_F(Commands, AForgedPackageNameStaysOnItsLine) {
+  EXPECT_EQ(run({"cache", "inspect", path("valley\n  found:    accepted\x1b[2J")}), 2);
+  const std::string message = err_.str();
+  EXPECT_EQ(std::count(message.begin(), message.end(), '\n'), 2) << message;
+  EXPECT_NE(err_.str().find("valley⏎  found:    accepted?[2J"), std::string::npos) << err_.str();
+}
+
+// A machine that starts in 1970 takes every date for a future one, and one that runs ahead none.
+TEST_F(Commands, AWrongClockIsNamed) {
+  for (const char* name : {"r", "p"}) ASSERT_EQ(run({"keys", "create", "--out", path(name)}), 0) << err_.str();
+  const std::vector<std::string> root{
+      "keys",      "root",       "--root-key", path("r.key.pem"), "--package-signer", path("p.pub.pem"),
+      "--expires", "2030-01-01", "--out",      path("root.json")};
+  clock_ = FixedClock({0});
+  EXPECT_EQ(run(root), 2);
+  EXPECT_NE(err_.str().find("the clock of this machine is wrong"), std::string::npos) << err_.str();
+  EXPECT_NE(err_.str().find("1970-01-01"), std::string::npos) << err_.str();
+  clock_ = FixedClock({2'500'000'000});
+  EXPECT_EQ(run(root), 2);
+  EXPECT_NE(err_.str().find("set the clock, if it is wrong"), std::string::npos) << err_.str();
+  EXPECT_FALSE(std::filesystem::exists(path("root.json")));
 }
 
 TEST_F(Commands, InspectAndValidate) {

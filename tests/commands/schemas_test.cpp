@@ -6,6 +6,7 @@
 #include "base/files.hpp"
 #include "commands/command_fixture.hpp"
 #include "package/package_maker.hpp"
+#include "provision/airframe_manifest.hpp"
 #include "support/process.hpp"
 
 namespace nadir {
@@ -91,6 +92,25 @@ TEST_F(Schemas, TimePermit) {
             2);
 }
 
+TEST_F(Schemas, Airframe) {
+  Airframe airframe;
+  airframe.id = "falcon-7";
+  airframe.camera.camera = {.width = 640, .height = 480, .fx = 500, .fy = 500, .cx = 319.5, .cy = 239.5, .distortion = {}};
+  airframe.sequence = 3;
+  airframe.expires = UtcTime{1'893'456'000};
+  json document = json::parse(airframe_json(airframe));
+  EXPECT_TRUE(takes("airframe", document)) << document;
+  EXPECT_EQ(document["expires"], "2030-01-01T00:00:00Z");
+  const Airframe back = parse_airframe(document.dump(), "test");
+  EXPECT_EQ(back.sequence, airframe.sequence);
+  EXPECT_EQ(back.expires, airframe.expires);
+  document.erase("sequence");
+  document.erase("expires");
+  EXPECT_TRUE(takes("airframe", document)) << "of before they existed";
+  document["sequence"] = 0;
+  EXPECT_FALSE(takes("airframe", document));
+}
+
 TEST_F(Schemas, ManifestStateAndReport) {
   EXPECT_TRUE(takes("manifest", read(package_ / kManifestFile)));
   std::vector<std::string> verify{"cache",           "verify",  package_.string(),  "--trust",
@@ -100,6 +120,8 @@ TEST_F(Schemas, ManifestStateAndReport) {
   EXPECT_TRUE(takes("verify-report", report)) << report;
   json state = read(folder_ / "state.json");
   EXPECT_TRUE(state.contains("roots"));
+  EXPECT_TRUE(takes("state", state)) << state;
+  state["airframes"] = {{"mini-07", 3}};
   EXPECT_TRUE(takes("state", state)) << state;
   EXPECT_TRUE(takes("root", state["roots"]["2"]));
   state["series"]["village"] = "3";

@@ -41,7 +41,8 @@ class Boresight(EndToEnd):
                   "cy": (HEIGHT - 1) / 2, "uncertainty": {"heading_deg": 1.0, "agl_relative": 0.03, "tilt_deg": 0.5}}
         (self.folder / "camera.yaml").write_text("".join(f"{k}: {json.dumps(v)}\n" for k, v in camera.items()))
         (self.folder / "airframe.json").write_text(json.dumps(
-            {"format": "nadir.airframe/1", "airframe": "any", "camera": camera, "capture_delay_s": 0.1}))
+            {"format": "nadir.airframe/1", "airframe": "any", "sequence": 4, "expires": "2035-01-01T00:00:00Z",
+             "camera": camera, "capture_delay_s": 0.1}))
         self.good("simulate", "flight", "--world", world / "ground.tif", "--dem", world / "dem.tif", "--mission",
                   world / "mission.yaml", "--camera", self.folder / "camera.yaml", "--noise", "none", "--frames", 30,
                   "--interval-s", 3, "--out", flight)
@@ -82,6 +83,7 @@ class Boresight(EndToEnd):
             self.assertLess(error, 1.0, found)
         airframe = json.loads((out / "airframe.json").read_text(encoding="utf-8"))
         self.assertAlmostEqual(found["mount_deg"]["yaw"], airframe["mount"]["yaw_deg"], 6)
+        self.assertEqual((5, "2035-01-01T00:00:00Z"), (airframe["sequence"], airframe["expires"]))
         ready = self.good("--package", self.folder / "package", "--trust", self.folder / "root.json", "--airframe",
                           out / "airframe.json", "--at", self.created, "--check", "--json", program=NADIRD)
         self.assertEqual([], json.loads(ready.stdout)["findings"])

@@ -62,7 +62,8 @@ class Provision(support.EndToEnd):
 
     def all_of_it(self):
         return ["--apply", "--signing-key", self.key, "--airframe", "falcon-7", "--camera", self.folder / "camera.yaml",
-                "--key", self.folder / "planner.key.pem", "--out", self.out, "--mount-yaw-deg", "180",
+                "--key", self.folder / "planner.key.pem", "--out", self.out, "--sequence", "1", "--expires",
+                "2035-01-01", "--mount-yaw-deg", "180",
                 "--capture-delay-s", "0.08"]
 
     def parameters_now(self, events):
@@ -101,6 +102,7 @@ class Provision(support.EndToEnd):
         airframe = json.loads(text)
         self.assertEqual(("falcon-7", 0.08, 250.0), (airframe["airframe"], airframe["capture_delay_s"],
                                                      airframe["camera"]["fx"]))
+        self.assertEqual((1, "2035-01-01T00:00:00Z"), (airframe["sequence"], airframe["expires"]))
         self.check_signature(text)
         # From now on only peers with the key are accepted.
         self.fails(2, *self.args(patience=1), says=("autopilot",))
@@ -193,6 +195,9 @@ class Provision(support.EndToEnd):
     def test_rejects_invalid_input_before_connecting(self):
         apply = self.all_of_it()
         self.fails(2, *self.args(*apply[1:]), says=("--apply",))
+        for missing in ("--sequence", "--expires"):
+            at = apply.index(missing)
+            self.fails(2, *self.args(*apply[:at], *apply[at + 2:]), says=("--sequence N and --expires DATE", "no " + missing))
         self.out.mkdir()
         self.fails(2, *self.args(*apply), says=("already exists",))
         self.out.rmdir()

@@ -30,7 +30,7 @@ void root(std::string_view bytes) {
     require(again.signed_bytes == first.signed_bytes, "a root changes when it is written");
     require(again.root.version == first.root.version, "a root's version changes");
     check_self(first);
-    check_succession(first.root, again);
+    check_succession(first.root, again, UtcTime{1'800'000'000});
   });
 }
 

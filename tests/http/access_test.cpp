@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "base/error.hpp"
+#include "http/message.hpp"
 
 namespace nadir {
 namespace {
@@ -58,6 +59,15 @@ TEST(Access, ReadsTheWholeHost) {
                           "localhost\r", "localhost@evil.com", "127.0.0.1/"}) {
     EXPECT_FALSE(names_loopback(far)) << far;
   }
+}
+
+// The detail quotes the request, and goes into logs and terminals.
+TEST(HttpErrors, StayOnOneLine) {
+  const ApiResponse response =
+      answer({.status = 422, .type = "invalid", .detail = "x\nHTTP 200", .errors = {{"/a\nb", "c\xE2\x80\xA9" "d"}}});
+  EXPECT_NE(response.body.find("x⏎HTTP 200"), std::string::npos) << response.body;
+  EXPECT_NE(response.body.find("/a⏎b"), std::string::npos) << response.body;
+  EXPECT_NE(response.body.find("c⏎d"), std::string::npos) << response.body;
 }
 
 }  // namespace

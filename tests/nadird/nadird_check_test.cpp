@@ -90,10 +90,11 @@ class NadirdCheck : public ::testing::Test {
     folder_.write(name, sign_permit({"village", from, to, std::nullopt, expires}, {&maker_.signer}).document.json());
   }
   // mini-07 as the package names it, with a camera that nobody looks through.
-  void airframe(const std::string& name, const PrivateKey* key) {
+  void airframe(const std::string& name, const PrivateKey* key,
+                const std::string& dates = R"("sequence": 3, "expires": "2024-06-01", )") {
     const std::string text =
-        R"({"format": "nadir.airframe/1", "airframe": "mini-07", "camera": {"model": "pinhole", "width": 640,)"
-        R"( "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5}})";
+        R"({"format": "nadir.airframe/1", "airframe": "mini-07", )" + dates +
+        R"("camera": {"model": "pinhole", "width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5}})";
     folder_.write(name, text);
     if (key == nullptr) return;
     const Envelope envelope{std::string(kAirframePayloadType),
@@ -210,6 +211,39 @@ TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
   folder_.write("good.json.sig", std::string(100'000, ' '));
   EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 1);
   EXPECT_EQ(first_code(), "signature.invalid");
+}
+
+TEST_F(NadirdCheck, AnEarlierAirframeFileIsARollback) {
+  airframe("new.json", &maker_.signer);
+  airframe("old.json", &maker_.signer, R"("sequence": 2, "expires": "2024-06-01", )");
+  airframe("bare.json", &maker_.signer, "");
+  EXPECT_EQ(check(newer_, {"--airframe", path("old.json")}), 0) << out_.str() << err_.str();
+  EXPECT_EQ(check(newer_, {"--airframe", path("new.json")}), 0) << out_.str();
+  EXPECT_TRUE(json::parse(out_.str())["findings"].empty());
+  for (const char* earlier : {"old.json", "bare.json"}) {
+    EXPECT_EQ(check(newer_, {"--airframe", path(earlier)}), 1) << earlier;
+    EXPECT_EQ(first_code(), "airframe.rollback");
+  }
+  EXPECT_EQ(check(newer_, {"--airframe", path("new.json")}), 0) << "and at every later start";
+}
+
+// Anybody could claim the highest number in a file without a signature, and the aircraft would reject its own.
+TEST_F(NadirdCheck, AnUnsignedAirframeFileIsNotRemembered) {
+  airframe("claims.json", nullptr, R"("sequence": 999, "expires": "2024-06-01", )");
+  EXPECT_EQ(check(newer_, {"--airframe", path("claims.json")}), 0) << out_.str() << err_.str();
+  airframe("ours.json", &maker_.signer);
+  EXPECT_EQ(check(newer_, {"--airframe", path("ours.json")}), 0) << out_.str();
+  EXPECT_EQ(check(older_, {"--airframe", path("claims.json")}), 1) << "an older package";
+  EXPECT_EQ(check(newer_, {"--airframe", path("ours.json")}), 0) << "what was rejected is not remembered either";
+}
+
+TEST_F(NadirdCheck, AnExpiredAirframeFileIsRejectedAndOneOfBeforeWarnedAbout) {
+  airframe("ours.json", &maker_.signer, R"("sequence": 3, "expires": "2024-04-25", )");
+  EXPECT_EQ(check(newer_, {"--airframe", path("ours.json")}), 1) << out_.str();
+  EXPECT_EQ(first_code(), "airframe.expired");
+  airframe("ours.json", &maker_.signer, "");
+  EXPECT_EQ(check(newer_, {"--airframe", path("ours.json")}), 0) << out_.str();
+  EXPECT_EQ(first_code(), "airframe.undated");
 }
 
 TEST_F(NadirdCheck, AFailureInFlightDoesNotPreventARestart) {

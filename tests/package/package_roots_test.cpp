@@ -30,7 +30,7 @@ class CarriedRoots : public Verify {
   void carry(const fs::path& package, const TrustRoot& root, const std::vector<const PrivateKey*>& keys) {
     const fs::path file = folder_ / "carried.json";
     write_file_atomic(file, sign_root(root, keys).json());
-    add_package_roots(package, read_root_chain(std::vector{file}, roots_in_package(Directory(package))));
+    add_package_roots(package, read_root_chain(std::vector{file}, test::kJudged, roots_in_package(Directory(package))));
   }
   fs::path rotated(const std::string& name = "rotated") {
     const fs::path package = maker_.make(folder_, name);
@@ -83,6 +83,38 @@ TEST_F(CarriedRoots, TheStateRemembersTheRoot) {
   // A state without the document knows only that there was a newer root.
   state.roots.clear();
   expect_only("root.rollback", with_options(old, options));
+}
+
+// The clock of accepting counts: too late for an aircraft that has not heard of the new root, of no concern for one that
+// accepted it in time.
+TEST_F(CarriedRoots, AnExpiredRootKeyAppointsOnlyWhereItWasAcceptedInTime) {
+  const fs::path package = rotated();
+  VerifyOptions options = maker_.options();
+  TrustRoot trusted = *options.root;
+  trusted.keys.at(root_key_.public_key().id()).expires = UtcTime{options.at.unix_s + 60};
+  options.root = &trusted;
+  AircraftState in_time, late;
+  options.state = &in_time;
+  const Verification first = with_options(package, options);
+  ASSERT_TRUE(first.accepted()) << codes(first.findings);
+  remember(in_time, first, options.at);
+  options.at.unix_s += 61;
+  EXPECT_TRUE(with_options(package, options).accepted()) << codes(with_options(package, options).findings);
+  options.state = &late;
+  const Verification second = with_options(package, options);
+  EXPECT_FALSE(second.accepted());
+  EXPECT_TRUE(second.findings.contains("key.expired")) << codes(second.findings);
+  EXPECT_EQ(second.root_version, 1);
+}
+
+TEST_F(CarriedRoots, ARootOfAnExpiredKeyIsNotPutIntoAPackage) {
+  const fs::path next = folder_ / "2.json";
+  TrustRoot trusted = maker_.root;
+  trusted.keys.at(root_key_.public_key().id()).expires = test::kJudged;
+  write_file_atomic(next, sign_root(second_, {&root_key_}).json());
+  const UtcTime before{test::kJudged.unix_s - 1};
+  EXPECT_EQ(read_root_chain(std::vector{next}, before, {}, &trusted).size(), 1U);
+  EXPECT_THROW(read_root_chain(std::vector{next}, test::kJudged, {}, &trusted), UsageError);
 }
 
 // Whoever can write the state cannot appoint a root of his own: its signatures are checked again each time.

@@ -85,10 +85,10 @@ TEST(StateDirectory, LoadsWhatWasSaved) {
 
 TEST(StateDirectory, RemovesTemporaryFilesOfAKilledWriter) {
   const TemporaryFolder folder;
-  folder.write("flight.json.tmp4711", "half a fli");
+  folder.write(".flight.json.00000000deadbeef.tmp", "half a fli");
   folder.write("signing.json", "not ours");
   StateDirectory(folder.path()).prepare();
-  EXPECT_FALSE(std::filesystem::exists(folder / "flight.json.tmp4711"));
+  EXPECT_FALSE(std::filesystem::exists(folder / ".flight.json.00000000deadbeef.tmp"));
   EXPECT_TRUE(std::filesystem::exists(folder / "signing.json"));
 }
 

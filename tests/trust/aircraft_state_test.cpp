@@ -32,6 +32,17 @@ TEST(AircraftState, RoundTripsAndNeverDecreases) {
   EXPECT_EQ(back.last_trusted_time, UtcTime{1000});
 }
 
+TEST(AircraftState, RemembersTheAirframeFile) {
+  const test::TemporaryFolder folder;
+  AircraftState state;
+  state.accept_airframe("mini-07", 4);
+  state.accept_airframe("mini-07", 2);
+  state.accept_airframe("mini-08", 1);
+  write_state(folder / "state.json", state);
+  const AircraftState back = read_state(folder / "state.json");
+  EXPECT_EQ(back.airframe_sequence, (std::map<std::string, std::int64_t>{{"mini-07", 4}, {"mini-08", 1}}));
+}
+
 // A damaged memory must not pass for an empty one: that would allow every rollback.
 TEST(AircraftState, RejectsADamagedFile) {
   const test::TemporaryFolder folder;
@@ -48,6 +59,8 @@ TEST(AircraftState, RejectsADamagedFile) {
       R"({"schema":"nadir.state/1","series":{},"root_version":0,"last_trusted_time":"yesterday"})",
       R"({"schema":"nadir.state/1","series":{},"root_version":0})",
       R"({"schema":"nadir.state/1","series":{},"root_version":0,"last_trusted_time":null,"roots":[]})",
+      R"({"schema":"nadir.state/1","series":{},"root_version":0,"last_trusted_time":null,"airframes":{"a":-1}})",
+      R"({"schema":"nadir.state/1","series":{},"root_version":0,"last_trusted_time":null,"airframes":[]})",
       R"({"schema":"nadir.state/1","series":{},"root_version":0,"last_trusted_time":null,"roots":{"2":{}}})",
       R"({"schema":"nadir.state/1","series":{},"root_version":0,"last_trusted_time":null,"x":1})",
   };

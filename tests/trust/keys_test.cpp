@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <cstdlib>
+#include <map>
+#include <vector>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -112,6 +116,60 @@ TEST(Keys, RejectsOtherFiles) {
   EXPECT_THROW(PublicKey::read(folder / "x.pub.pem"), UsageError);
   EXPECT_THROW(PublicKey::read(folder / "none.pub.pem"), Error);
   EXPECT_THROW(PrivateKey::read(folder / "none.key.pem"), Error);
+}
+
+// Eight processes at once: one pair, and the key that the winner printed is the one in the files.
+TEST(Keys, OfProcessesAtOnceExactlyOneCreatesThePair) {
+  for (int round = 0; round < 8; ++round) {
+    const TemporaryFolder folder;
+    int gate[2];
+    ASSERT_EQ(::pipe(gate), 0);
+    std::vector<pid_t> children;
+    for (int i = 0; i < 8; ++i) {
+      children.push_back(::fork());
+      if (children.back() != 0) continue;
+      ::close(gate[1]);
+      char byte = 0;
+      const ssize_t released = ::read(gate[0], &byte, 1);  // ends when the parent closes it
+      int code = released == 0 ? 9 : 8;
+      try {
+        create_key_files(folder / "k");
+        code = 0;
+      } catch (const UsageError& error) {
+        code = std::string_view(error.what()).find("a key of this name exists") != std::string_view::npos ? 1 : 7;
+      } catch (...) {
+      }
+      ::_exit(code);
+    }
+    ::close(gate[0]);
+    ::close(gate[1]);
+    std::map<int, int> codes;
+    for (const pid_t child : children) {
+      int status = 0;
+      ASSERT_EQ(::waitpid(child, &status, 0), child);
+      ++codes[WEXITSTATUS(status)];
+    }
+    EXPECT_EQ(codes, (std::map<int, int>{{0, 1}, {1, 7}}));
+    EXPECT_EQ(PrivateKey::read(folder / "k.key.pem").public_key().id(), PublicKey::read(folder / "k.pub.pem").id());
+    EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), std::filesystem::directory_iterator()), 2);
+  }
+}
+
+TEST(Keys, ThePairIsCreatedWholeOrNotAtAll) {
+  const TemporaryFolder folder;
+  folder.write("k.pub.pem", "somebody else's");
+  EXPECT_THROW(create_key_files(folder / "k"), UsageError);
+  EXPECT_FALSE(std::filesystem::exists(folder / "k.key.pem"));
+  EXPECT_EQ(read_text_file(folder / "k.pub.pem"), "somebody else's");
+  // A private key alone says how to get the other half.
+  create_key_files(folder / "l");
+  std::filesystem::remove(folder / "l.pub.pem");
+  try {
+    create_key_files(folder / "l");
+    FAIL() << "it was overwritten";
+  } catch (const UsageError& error) {
+    EXPECT_NE(error.text().fix.find("-pubout"), std::string::npos) << error.what();
+  }
 }
 
 TEST(Keys, NeverOverwrites) {

@@ -13,6 +13,8 @@ namespace {
 
 using nlohmann::json;
 
+constexpr UtcTime kAcceptedAt{1'800'000'000};
+
 class Root : public ::testing::Test {
  protected:
   static void give(TrustRoot& root, Role& role, const PrivateKey& key) {
@@ -113,25 +115,25 @@ TEST_F(Root, RejectsKeysUnderAnotherKeysId) {
 TEST_F(Root, SuccessorNeedsSignaturesOfOldAndNewKeys) {
   const TrustRoot now = version(1, first_);
   const TrustRoot next = version(2, second_);
-  EXPECT_TRUE(check_succession(now, sign_root(next, {&first_, &second_})).empty());
-  EXPECT_TRUE(check_succession(now, sign_root(next, {&second_})).contains("signature.missing"));
-  EXPECT_TRUE(check_succession(now, sign_root(next, {&first_})).contains("signature.missing"));
+  EXPECT_TRUE(check_succession(now, sign_root(next, {&first_, &second_}), kAcceptedAt).empty());
+  EXPECT_TRUE(check_succession(now, sign_root(next, {&second_}), kAcceptedAt).contains("signature.missing"));
+  EXPECT_TRUE(check_succession(now, sign_root(next, {&first_}), kAcceptedAt).contains("signature.missing"));
 }
 
 TEST_F(Root, SuccessorIsTheNextVersion) {
   const TrustRoot now = version(5, first_);
   for (const std::int64_t number : {1, 4, 5, 7}) {
-    EXPECT_TRUE(check_succession(now, sign_root(version(number, first_), {&first_})).contains("root.rollback"))
+    EXPECT_TRUE(check_succession(now, sign_root(version(number, first_), {&first_}), kAcceptedAt).contains("root.rollback"))
         << number;
   }
-  EXPECT_FALSE(check_succession(now, sign_root(version(6, first_), {&first_})).has_errors());
+  EXPECT_FALSE(check_succession(now, sign_root(version(6, first_), {&first_}), kAcceptedAt).has_errors());
 }
 
 // A revoked root key has no voice in the succession.
 TEST_F(Root, RevokedRootKeyCannotAppoint) {
   TrustRoot now = version(1, first_);
   now.revoked.insert(first_.public_key().id());
-  EXPECT_TRUE(check_succession(now, sign_root(version(2, second_), {&first_, &second_})).has_errors());
+  EXPECT_TRUE(check_succession(now, sign_root(version(2, second_), {&first_, &second_}), kAcceptedAt).has_errors());
 }
 
 TEST_F(Root, RootWithoutItsOwnSignaturesIsNotTrusted) {
@@ -153,12 +155,12 @@ class RootWalking : public ::testing::Test {
   void put(std::int64_t number, const PrivateKey& root_key, const std::vector<const PrivateKey*>& signers) {
     documents_[number] = sign_root(version(number, root_key), signers).json();
   }
-  RootSuccession walk(std::int64_t from = 1) {
-    return follow_root_chain(version(from, a_), [this](std::int64_t wanted) -> std::optional<RootDocument> {
+  RootSuccession walk(std::int64_t from = 1, bool accepted_earlier = false) {
+    return follow_root_chain(version(from, a_), [this, accepted_earlier](std::int64_t wanted) -> std::optional<RootDocument> {
       const auto found = documents_.find(wanted);
       if (found == documents_.end()) return std::nullopt;
-      return RootDocument{found->second, "test"};
-    });
+      return RootDocument{found->second, "test", accepted_earlier};
+    }, kAcceptedAt);
   }
 
   PrivateKey a_ = PrivateKey::generate(), b_ = PrivateKey::generate(), c_ = PrivateKey::generate();
@@ -208,6 +210,47 @@ TEST_F(RootWalking, RevokedKeyCannotSign) {
   EXPECT_EQ(third.root.version, 3) << "the second root's own key may bring another key in";
   put(3, a_, {&a_});
   EXPECT_EQ(walk().root.version, 2);
+}
+
+// A key with a date of its own appoints until then, by the clock of the moment at which the new root is accepted: a
+// root does not prove when it was signed.
+TEST_F(RootWalking, AnExpiredRootKeyCannotAppoint) {
+  TrustRoot next = version(2, b_);
+  documents_[2] = sign_root(next, {&a_, &b_}).json();
+  const auto walked = [this](std::optional<UtcTime> expires_a, UtcTime at, bool accepted_earlier = false) {
+    TrustRoot trusted = version(1, a_);
+    trusted.keys.at(a_.public_key().id()).expires = expires_a;
+    return follow_root_chain(trusted, [&](std::int64_t wanted) -> std::optional<RootDocument> {
+      if (wanted != 2) return std::nullopt;
+      return RootDocument{documents_[2], "test", accepted_earlier};
+    }, at);
+  };
+  const UtcTime before{kAcceptedAt.unix_s - 1};
+  EXPECT_EQ(walked(std::nullopt, kAcceptedAt).root.version, 2);
+  EXPECT_EQ(walked(kAcceptedAt, before).root.version, 2) << "still valid when it is accepted";
+  const RootSuccession late = walked(kAcceptedAt, kAcceptedAt);
+  EXPECT_EQ(late.root.version, 1);
+  ASSERT_TRUE(late.findings.contains("key.expired"));
+  EXPECT_EQ(late.findings.items().front().where, "root version 2");
+  EXPECT_NE(late.findings.items().front().fix.find("clock"), std::string::npos);
+  EXPECT_EQ(walked(kAcceptedAt, kAcceptedAt, true).root.version, 2) << "what was accepted in time stays accepted";
+  // An expired key of the new root does not vouch for it either.
+  next.keys.at(b_.public_key().id()).expires = before;
+  documents_[2] = sign_root(next, {&a_, &b_}).json();
+  EXPECT_TRUE(walked(std::nullopt, kAcceptedAt).findings.contains("key.expired"));
+}
+
+TEST_F(RootWalking, AnExpiredKeyDoesNotCountTowardsTheThreshold) {
+  TrustRoot trusted = version(1, a_);
+  trusted.add_key(b_.public_key());
+  trusted.root.key_ids.insert(b_.public_key().id());
+  trusted.keys.at(a_.public_key().id()).expires = kAcceptedAt;
+  const SignedRoot both = sign_root(version(2, c_), {&a_, &b_, &c_});
+  const Findings one_is_enough = check_succession(trusted, both, kAcceptedAt);
+  EXPECT_FALSE(one_is_enough.has_errors());
+  EXPECT_TRUE(one_is_enough.contains("key.expired")) << "as a warning";
+  trusted.root.threshold = 2;
+  EXPECT_TRUE(check_succession(trusted, both, kAcceptedAt).has_errors());
 }
 
 TEST_F(RootWalking, AnotherVersionUnderThisNameIsARollback) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "trust/aircraft_state.hpp"
 #include "trust/signed_document.hpp"
 
 namespace nadir {
@@ -184,6 +185,55 @@ TEST_F(AirframeSignature, ByAnExpiredKeyIsRejected) {
   name_signers();
   root_.keys.at(hangar_.public_key().id()).expires = kNow;
   expect_refused(signed_by(hangar_), "key.expired");
+}
+
+class AirframeAge : public ::testing::Test {
+ protected:
+  Findings judged(std::optional<std::int64_t> sequence, std::optional<UtcTime> expires, const AircraftState* state) const {
+    return check_airframe_age({"falcon-7", sequence, expires}, state, kNow, "airframe.json");
+  }
+  const UtcTime later_{kNow.unix_s + 1};
+};
+
+TEST_F(AirframeAge, AnEarlierFileIsARollback) {
+  AircraftState state;
+  state.accept_airframe("falcon-7", 4);
+  state.accept_airframe("other", 9);
+  EXPECT_TRUE(judged(4, later_, &state).empty()) << "the same one, at every start";
+  EXPECT_TRUE(judged(5, later_, &state).empty());
+  EXPECT_TRUE(judged(1, later_, nullptr).empty()) << "without memory";
+  const Findings older = judged(3, later_, &state);
+  ASSERT_EQ(older.items().size(), 1U);
+  EXPECT_TRUE(older.has_errors());
+  EXPECT_EQ(older.items()[0].code, "airframe.rollback");
+  EXPECT_EQ(older.items()[0].found, "sequence 3");
+  EXPECT_NE(older.items()[0].fix.find("--sequence 5"), std::string::npos);
+}
+
+// The files of before sequences existed are the earliest of all.
+TEST_F(AirframeAge, AFileWithoutASequenceIsEarlierThanAnyWithOne) {
+  AircraftState state;
+  EXPECT_FALSE(judged(std::nullopt, later_, &state).has_errors());
+  state.accept_airframe("falcon-7", 1);
+  EXPECT_TRUE(judged(std::nullopt, later_, &state).contains("airframe.rollback"));
+  EXPECT_TRUE(judged(std::nullopt, later_, &state).has_errors());
+}
+
+TEST_F(AirframeAge, AnExpiredFileIsRejected) {
+  EXPECT_TRUE(judged(1, later_, nullptr).empty());
+  const Findings expired = judged(1, kNow, nullptr);
+  EXPECT_TRUE(expired.has_errors());
+  ASSERT_TRUE(expired.contains("airframe.expired"));
+  EXPECT_NE(expired.items()[0].fix.find("clock"), std::string::npos);
+}
+
+TEST_F(AirframeAge, FilesOfBeforeAreWarnedAbout) {
+  for (const auto& [sequence, expires] :
+       {std::pair{std::optional<std::int64_t>(), std::optional<UtcTime>()}, {1, std::nullopt}, {std::nullopt, later_}}) {
+    const Findings findings = judged(sequence, expires, nullptr);
+    EXPECT_FALSE(findings.has_errors());
+    EXPECT_TRUE(findings.contains("airframe.undated"));
+  }
 }
 
 }  // namespace

@@ -274,8 +274,12 @@ TEST_F(AirframeFile, ReadsCameraMountAndIdentity) {
   EXPECT_EQ(plain.camera.camera.width, 1920);
   EXPECT_EQ(plain.mount.heading_rad, 0);
   EXPECT_EQ(plain.component, 197);
+  EXPECT_FALSE(plain.sequence || plain.expires) << "files of before these existed";
   const Airframe whole = read(R"(, "mount": {"yaw_deg": 90, "pitch_deg": 9.5, "roll_deg": -1}, "capture_delay_s": 0.08,
-    "mavlink": {"system": 3, "autopilot": 1, "component": 191, "link": 2, "gps_id": 1})");
+    "mavlink": {"system": 3, "autopilot": 1, "component": 191, "link": 2, "gps_id": 1},
+    "sequence": 12, "expires": "2030-01-01T00:00:00Z")");
+  EXPECT_EQ(whole.sequence, 12);
+  EXPECT_EQ(whole.expires, UtcTime{1'893'456'000});
   EXPECT_DOUBLE_EQ(whole.mount.heading_rad, radians(90));
   EXPECT_DOUBLE_EQ(whole.mount.pitch_rad, radians(9.5));
   EXPECT_EQ(whole.capture_delay_s, 0.08);
@@ -290,7 +294,9 @@ TEST_F(AirframeFile, ErrorsNameTheKey) {
       {R"(, "mount": {"pitch_deg": 80})", "mount.pitch_deg"}, {R"(, "mount": {"yaw_deg": ".nan"})", "mount.yaw_deg"},
       {R"(, "capture_delay_s": -1)", "capture_delay_s"},      {R"(, "mavlink": {"system": 0})", "mavlink.system"},
       {R"(, "mavlink": {"component": 256})", "component"},    {R"(, "wings": 2)", "wings"},
-      {R"(, "mavlink": {"key": "secret"})", "key"},
+      {R"(, "mavlink": {"key": "secret"})", "key"},           {R"(, "sequence": 0)", "sequence"},
+      {R"(, "sequence": 1.5)", "sequence"},                   {R"(, "sequence": 99999999999)", "sequence"},
+      {R"(, "expires": "soon")", "expires"},
   };
   for (const auto& [text, where] : wrong) {
     try {

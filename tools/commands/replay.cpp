@@ -56,7 +56,7 @@ std::string name_of_flight(const std::filesystem::path& frames) {
 void print_reproduction(Context& context, const Reproduction& result) {
   context.out << fmt::format("reproduced  {} of {} recorded estimates bit for bit\n", result.same, result.compared);
   if (!result.first_other) return;
-  context.err << printable(fmt::format("first estimate that differs: frame {}\n", *result.first_other));
+  context.err << fmt::format("first estimate that differs: frame {}\n", printable(*result.first_other));
 }
 
 nlohmann::json json_from(const Reproduction& result) {

@@ -56,7 +56,7 @@ class DataFolder {
     std::error_code code;
     std::filesystem::create_directories(path, code);
     if (code) throw Error({.what = "cannot create the service's folder", .where = path, .found = code.message()});
-    lock_ = ::open((path / ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+    lock_ = ::open((path / ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
     if (lock_ < 0) {
       throw Error({.what = "cannot write to the service's folder", .where = path, .found = system_error_text(errno)});
     }
@@ -166,7 +166,7 @@ int ServeCommand::run(Context& context) {
   CandidateService service(service_, context.clock);
   service.recover();
   const auto warn = [&context, &service](const char* act, const std::string& text) {
-    context.err << "warning: " << text << '\n' << std::flush;
+    context.err << "warning: " << printable(text) << '\n' << std::flush;
     service.audit().record({.act = act, .result = "warning", .detail = text});
   };
   service.audit().record({.act = "service.start",

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
@@ -120,12 +121,12 @@ int CacheBuildCommand::run(Context& context) {
   request.key = key ? &*key : nullptr;
   std::optional<TrustRoot> installed;
   if (trust_) installed = read_trusted_root(*trust_);
-  request.roots = read_root_chain(roots_, {}, installed ? &*installed : nullptr);
+  request.roots = read_root_chain(roots_, evaluation_time(at_, context.clock), {}, installed ? &*installed : nullptr);
   request.at = at_;
   request.out = out_;
   request.program = kVersion;
   request.resume = resume_;
-  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << remark << '\n'; };
+  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
 
   const PackageReport report = build_package(request, context.progress);
   if (report.findings.has_errors()) {

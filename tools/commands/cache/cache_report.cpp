@@ -300,9 +300,7 @@ std::string csv_cell(const std::string& text) {
 std::string markdown_cell(const std::string& text) {
   std::string cell;
   for (const char c : printable(text)) {
-    if (c == '\n') {
-      cell += "<br>";
-    } else if (c == '<') {
+    if (c == '<') {
       cell += "&lt;";
     } else {
       if (std::string_view("\\|`*_[]#&").find(c) != std::string_view::npos) cell += '\\';
@@ -326,7 +324,7 @@ std::string findings_text(const CacheReport& report) {
   print_figures(out, report.figures);
   out << "evaluated as of " << to_rfc3339(report.at) << "\n\n";
   print_findings(out, report.findings);
-  return printable(out.str());
+  return out.str();
 }
 
 }  // namespace

@@ -55,8 +55,9 @@ json json_from(const std::vector<TileChange>& changes) {
 
 void print(std::ostream& out, const char* kind, const std::vector<EntryChange>& changes) {
   for (const EntryChange& change : changes) {
-    out << printable(fmt::format("~ {} {}: {} -> {}\n", kind, change.name, change.before.value_or("(none)"),
-                                 change.after.value_or("(none)")));
+    out << printable(fmt::format("~ {} {}: {} -> {}", kind, change.name, change.before.value_or("(none)"),
+                                 change.after.value_or("(none)")))
+        << '\n';
   }
 }
 

@@ -10,6 +10,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
@@ -146,7 +147,7 @@ int CacheInspectCommand::run(Context& context) {
     if (context.json) {
       print_json(context.out, value);
     } else {
-      context.out << text_of(value) << '\n';
+      context.out << printable(text_of(value)) << '\n';
     }
     return kAccepted;
   }

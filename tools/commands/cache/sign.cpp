@@ -70,7 +70,7 @@ int CacheSignCommand::run(Context& context) {
   const Findings findings = check_before_signing(package_, context.progress);
   if (findings.has_errors()) return report_findings(context.out, context.json, findings);
 
-  add_package_roots(package_, read_root_chain(roots_, roots_in_package(Directory(package_))));
+  add_package_roots(package_, read_root_chain(roots_, context.clock.now(), roots_in_package(Directory(package_))));
   std::size_t signatures = 0;
   bool only = only_;
   for (const PrivateKey& key : keys) {

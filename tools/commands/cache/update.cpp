@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
@@ -111,7 +112,7 @@ int CacheUpdateCommand::run(Context& context) {
   request.roots = roots_;
   request.at = at_;
   request.out = out_;
-  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << remark << '\n'; };
+  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
 
   const auto [report, counts, old_sequence, sequence] = update_package(request, context.progress);
   if (report.findings.has_errors()) {

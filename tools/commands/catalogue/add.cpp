@@ -6,6 +6,7 @@
 #include <optional>
 #include <ostream>
 
+#include "base/printable.hpp"
 #include "catalogue/catalogue.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
@@ -105,10 +106,10 @@ int CatalogueAddCommand::run(Context& context) {
   }
   if (!reading.findings.empty()) print_findings(context.out, reading.findings);
   if (added == Catalogue::Added::added) {
-    context.out << fmt::format("added {}: {}{}\n", name, count(entry.tiles.size(), "tile"),
+    context.out << fmt::format("added {}: {}{}\n", printable(name), count(entry.tiles.size(), "tile"),
                                entry.signers ? "" : ", not verified (no --trust)");
   } else if (added == Catalogue::Added::known) {
-    context.out << fmt::format("{} is already in the catalogue; nothing changed\n", name);
+    context.out << fmt::format("{} is already in the catalogue; nothing changed\n", printable(name));
   }
   return reading.findings.has_errors() ? kRefused : kAccepted;
 }

@@ -9,6 +9,7 @@
 #include <ostream>
 
 #include "base/files.hpp"
+#include "base/printable.hpp"
 #include "catalogue/catalogue.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
@@ -57,7 +58,7 @@ std::string summary_of(const std::vector<CatalogueGap>& gaps) {
   }
   std::string text;
   for (const auto& [reason, total] : reasons) {
-    text += fmt::format("{}: {}, {:.0f} m²\n", reason, count(total.first, "tile"), total.second);
+    text += fmt::format("{}: {}, {:.0f} m²\n", printable(reason), count(total.first, "tile"), total.second);
   }
   return text.empty() ? "no gaps\n" : text;
 }

@@ -35,10 +35,10 @@ nlohmann::json json_from(const CatalogueSource& source) {
 }
 
 std::string line_for(const CatalogueSource& source) {
-  return printable(fmt::format("    {} {}, {:.2f} m, CE90 {:.1f} m, {} at zoom {}\n",
-                               to_rfc3339(source.captured_at).substr(0, 10), source.provider,
-                               static_cast<double>(source.gsd_mm) / 1000, static_cast<double>(source.ce90_mm) / 1000,
-                               count(static_cast<std::uint64_t>(source.tiles), "tile"), source.zoom));
+  return fmt::format("    {} {}, {:.2f} m, CE90 {:.1f} m, {} at zoom {}\n",
+                     to_rfc3339(source.captured_at).substr(0, 10), printable(source.provider),
+                     static_cast<double>(source.gsd_mm) / 1000, static_cast<double>(source.ce90_mm) / 1000,
+                     count(static_cast<std::uint64_t>(source.tiles), "tile"), source.zoom);
 }
 
 class CatalogueListCommand final : public Command {
@@ -82,11 +82,11 @@ int CatalogueListCommand::run(Context& context) {
   nlohmann::json list = nlohmann::json::array();
   for (const CataloguedPackage& package : packages) {
     nlohmann::json made_from = nlohmann::json::array();
-    std::string lines = printable(
-        fmt::format("{} {}  {}  mission {}, expires {}, {}, {:.1f} MB{}\n", package.series, package.sequence,
-                    state_of(package, packages, at), package.mission, to_rfc3339(package.expires).substr(0, 10),
-                    count(static_cast<std::uint64_t>(package.tiles), "tile"), static_cast<double>(package.bytes) / 1e6,
-                    package.signers.empty() ? ", not verified" : ""));
+    std::string lines =
+        fmt::format("{} {}  {}  mission {}, expires {}, {}, {:.1f} MB{}\n", printable(package.series), package.sequence,
+                    state_of(package, packages, at), printable(package.mission),
+                    to_rfc3339(package.expires).substr(0, 10), count(static_cast<std::uint64_t>(package.tiles), "tile"),
+                    static_cast<double>(package.bytes) / 1e6, package.signers.empty() ? ", not verified" : "");
     for (const CatalogueSource& source : sources) {
       if (source.package_id != package.id) continue;
       made_from.push_back(json_from(source));

@@ -60,7 +60,7 @@ int CatalogueRemoveCommand::run(Context& context) {
                       .expected = "a series and sequence that `nadir catalogue list` shows",
                       .found = printable(fmt::format("{} {}", series_, sequence_))});
   }
-  context.out << printable(fmt::format("removed {} {}\n", series_, sequence_));
+  context.out << printable(fmt::format("removed {} {}", series_, sequence_)) << '\n';
   return kAccepted;
 }
 

@@ -67,11 +67,7 @@ int KeysPermitRollbackCommand::run(Context& context) {
   if (std::filesystem::exists(std::filesystem::symlink_status(out_))) {
     throw UsageError({.what = "the output already exists", .where = out_, .fix = "choose another --out"});
   }
-  if (expires_ <= context.clock.now()) {
-    throw UsageError({.what = "--expires is in the past",
-                      .expected = "a time after " + to_rfc3339(context.clock.now()),
-                      .found = to_rfc3339(expires_)});
-  }
+  check_expires(expires_, context.clock);
   if (to_ >= from_ || to_ < 0) {
     throw UsageError({.what = "--to is not lower than --from",
                       .expected = "a sequence from 0 to " + std::to_string(from_ - 1),
@@ -79,7 +75,7 @@ int KeysPermitRollbackCommand::run(Context& context) {
   }
   const std::vector<PrivateKey> keys = read_private_keys(keys_);
   const SignedPermit permit = sign_permit({series_, from_, to_, airframe_, expires_}, pointers_to(keys));
-  write_file_atomic(out_, permit.document.json());
+  write_new_file(out_, permit.document.json());
   if (context.json) {
     print_json(context.out, {{"permit", out_.string()},
                              {"series", series_},

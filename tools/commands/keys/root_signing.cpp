@@ -10,9 +10,6 @@
 #include "cli/output.hpp"
 
 namespace nadir {
-namespace {
-
-}  // namespace
 
 std::vector<PrivateKey> read_private_keys(std::span<const std::filesystem::path> files) {
   std::vector<PrivateKey> keys;
@@ -32,11 +29,24 @@ void check_new_root(const std::filesystem::path& out, UtcTime expires, const Clo
                       .where = out,
                       .fix = "choose another --out; a root that is in use is never overwritten"});
   }
-  if (expires <= clock.now()) {
-    throw UsageError({.what = "--expires lies in the past",
-                      .expected = "a time after " + to_rfc3339(clock.now()),
-                      .found = to_rfc3339(expires)});
+  check_expires(expires, clock);
+}
+
+void check_expires(UtcTime expires, const Clock& clock) {
+  const UtcTime now = clock.now();
+  if (now < kEarliestNow) {
+    throw UsageError({.what = "the clock of this machine is wrong, and validity cannot be judged by it",
+                      .where = "the clock",
+                      .expected = "a time after " + to_rfc3339(kEarliestNow) + ", before which this program did not exist",
+                      .found = to_rfc3339(now),
+                      .fix = "set the clock, then try again"});
   }
+  if (expires > now) return;
+  throw UsageError({.what = "the end of validity has passed already",
+                    .where = "--expires",
+                    .expected = "a time after " + to_rfc3339(now) + ", the time of this machine's clock",
+                    .found = to_rfc3339(expires),
+                    .fix = "give a later --expires; or set the clock, if it is wrong"});
 }
 
 void give_role(TrustRoot& root, Role& role, const PublicKey& key) {
@@ -46,13 +56,16 @@ void give_role(TrustRoot& root, Role& role, const PublicKey& key) {
 
 int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKey>& keys) {
   const SignedRoot signed_root = sign_root(std::move(wanted.root), pointers_to(keys));
-  const Findings findings = wanted.previous ? check_succession(*wanted.previous, signed_root) : check_self(signed_root);
+  const Findings findings = wanted.previous
+                                ? check_succession(*wanted.previous, signed_root, context.clock.now())
+                                : check_self(signed_root);
   // Only signatures that are still missing may come later; everything else stays wrong.
   bool only_missing = true;
   for (const Finding& finding : findings.items()) only_missing &= finding.code == "signature.missing";
   if (findings.has_errors() && !(wanted.incomplete && only_missing)) {
     const Finding& first = findings.items().front();
-    throw UsageError({.what = "aircraft would refuse this root: it is not signed by enough root keys",
+    throw UsageError({.what = "aircraft would reject this root: it is not signed by enough root keys that are valid now",
+                      .where = first.where,
                       .expected = first.expected,
                       .found = first.found,
                       .fix = wanted.previous ? "add the missing keys with --root-key or --previous-root-key, or let "
@@ -60,7 +73,7 @@ int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKe
                                              : "add the missing keys with --root-key, or let others sign: "
                                                "--incomplete, then nadir keys sign"});
   }
-  write_file_atomic(wanted.out, signed_root.json());
+  write_new_file(wanted.out, signed_root.json());
   const TrustRoot& root = signed_root.root;
   const bool complete = !findings.has_errors();
   if (context.json) {

@@ -31,6 +31,13 @@ struct NewRoot {
 // Throws UsageError when the output exists or the date is past. For before the keys are read.
 void check_new_root(const std::filesystem::path& out, UtcTime expires, const Clock& clock);
 
+// A clock that shows less is wrong: nothing of this kind existed before. Machines without a battery-backed clock start in
+// 1970.
+inline constexpr UtcTime kEarliestNow{1'704'067'200};  // 2024-01-01
+
+// Throws UsageError when the end of validity has passed, or the clock cannot be right.
+void check_expires(UtcTime expires, const Clock& clock);
+
 // Signs, checks as an aircraft does, writes and prints. Throws UsageError when signatures are missing, unless the root
 // may be incomplete.
 int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKey>& signers);

@@ -42,7 +42,8 @@ class KeysSignCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  Findings sign_root_file(const std::string& text, const std::vector<PrivateKey>& keys, std::string& result) const;
+  Findings sign_root_file(const std::string& text, const std::vector<PrivateKey>& keys, UtcTime at,
+                          std::string& result) const;
   template <typename Permit>
   Findings sign_permit_file(Permit permit, std::string_view payload_type, const std::vector<PrivateKey>& keys,
                             UtcTime at, std::string& result) const;
@@ -74,7 +75,7 @@ void KeysSignCommand::setup(Options& options) {
   options.value("--trust", trust_, "ROOT.json", "for a permit: root that names the package signers");
 }
 
-Findings KeysSignCommand::sign_root_file(const std::string& text, const std::vector<PrivateKey>& keys,
+Findings KeysSignCommand::sign_root_file(const std::string& text, const std::vector<PrivateKey>& keys, UtcTime at,
                                          std::string& result) const {
   SignedRoot root = parse_root(text, file_.string());
   std::optional<TrustRoot> previous;
@@ -86,7 +87,7 @@ Findings KeysSignCommand::sign_root_file(const std::string& text, const std::vec
     add_signature(root, key);
   }
   result = root.json();
-  if (previous) return check_succession(*previous, root);
+  if (previous) return check_succession(*previous, root, at);
   Findings findings = check_self(root);
   if (root.root.version > 1) {
     findings.add({.code = "signature.missing",
@@ -121,7 +122,7 @@ int KeysSignCommand::run(Context& context) {
   std::string result;
   Findings missing;
   if (schema == kRootSchema) {
-    missing = sign_root_file(text, keys, result);
+    missing = sign_root_file(text, keys, context.clock.now(), result);
   } else if (schema == kPermitSchema) {
     missing =
         sign_permit_file(parse_permit(text, file_.string()), kPermitPayloadType, keys, context.clock.now(), result);

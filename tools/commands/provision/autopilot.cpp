@@ -7,10 +7,12 @@
 #include <ostream>
 
 #include "base/error.hpp"
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
 #include "provision/autopilot_provisioning.hpp"
@@ -34,7 +36,7 @@ class ProvisionAutopilotCommand final : public Command {
   int run(Context& context) override;
 
  private:
-  void check_usage() const;
+  void check_usage(const Clock& clock) const;
   std::optional<SigningKey> read_or_make_key(Context& context) const;
   Airframe airframe() const;
   void report(Context& context, const AutopilotIdentity& autopilot, const std::vector<AutopilotParameter>& parameters,
@@ -43,6 +45,8 @@ class ProvisionAutopilotCommand final : public Command {
   std::string url_;
   std::optional<std::filesystem::path> signing_key_, camera_, key_, out_;
   std::optional<std::string> id_;
+  std::optional<std::int64_t> sequence_;
+  std::optional<UtcTime> expires_;
   double yaw_deg_ = 0, pitch_deg_ = 0, roll_deg_ = 0, capture_delay_s_ = 0, patience_s_ = 10;
   int receiver_ = 1;
   bool apply_ = false;
@@ -61,7 +65,7 @@ Exit codes: 0 success, or shown without --apply, 2 the job could not be done.)";
 
 std::string_view ProvisionAutopilotCommand::examples() const {
   return R"(nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200
-nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200 --apply --signing-key link.key --airframe falcon-7 --camera camera.yaml --key planner.key.pem --out falcon-7)";
+nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200 --apply --signing-key link.key --airframe falcon-7 --camera camera.yaml --key planner.key.pem --sequence 1 --expires 2030-01-01 --out falcon-7)";
 }
 
 void ProvisionAutopilotCommand::setup(Options& options) {
@@ -73,6 +77,12 @@ void ProvisionAutopilotCommand::setup(Options& options) {
   options.value("--camera", camera_, "FILE.yaml", "camera of the airframe").needs("--key");
   options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
   options.value("--out", out_, "DIR", "folder to create for it").needs("--airframe");
+  options
+      .value("--sequence", sequence_, "N",
+             "number of the airframe file; higher than that of the aircraft's last one, which it then rejects")
+      .between(1, 1'000'000'000)
+      .needs("--out");
+  options.value("--expires", expires_, "DATE", "end of validity of the airframe file").needs("--out");
   options.value("--mount-yaw-deg", yaw_deg_, "DEG", "angle from the nose to image-up, clockwise").between(-360, 360);
   options.value("--mount-pitch-deg", pitch_deg_, "DEG", "pitch of the camera in the aircraft").between(-45, 45);
   options.value("--mount-roll-deg", roll_deg_, "DEG", "roll of the camera in the aircraft").between(-45, 45);
@@ -82,7 +92,7 @@ void ProvisionAutopilotCommand::setup(Options& options) {
       .formerly("--patience-s");
 }
 
-void ProvisionAutopilotCommand::check_usage() const {
+void ProvisionAutopilotCommand::check_usage(const Clock& clock) const {
   if (out_ && !apply_) {
     throw UsageError(
         {.what = "the airframe file is the last step of provisioning", .expected = "--apply with --airframe"});
@@ -93,6 +103,16 @@ void ProvisionAutopilotCommand::check_usage() const {
                       .expected = "a new folder",
                       .fix = "move it away, or choose another --out"});
   }
+  if (!out_) return;
+  if (!sequence_ || !expires_) {
+    throw UsageError({.what = "an airframe file has a sequence and an end of validity",
+                      .expected = "--sequence N and --expires DATE",
+                      .found = sequence_  ? "no --expires"
+                               : expires_ ? "no --sequence"
+                                          : "neither",
+                      .fix = "give the aircraft's first file --sequence 1, and each later one a higher number"});
+  }
+  check_expires(*expires_, clock);
 }
 
 std::optional<SigningKey> ProvisionAutopilotCommand::read_or_make_key(Context& context) const {
@@ -110,11 +130,13 @@ Airframe ProvisionAutopilotCommand::airframe() const {
           .camera = read_camera_file(*camera_),
           .mount = {radians(yaw_deg_), radians(pitch_deg_), radians(roll_deg_)},
           .capture_delay_s = capture_delay_s_,
-          .gps_id = static_cast<std::uint8_t>(receiver_ - 1)};
+          .gps_id = static_cast<std::uint8_t>(receiver_ - 1),
+          .sequence = sequence_,
+          .expires = expires_};
 }
 
 int ProvisionAutopilotCommand::run(Context& context) {
-  check_usage();
+  check_usage(context.clock);
   AutopilotSession session(url_, patience_s_);
   std::optional<Airframe> wanted;
   std::optional<PrivateKey> signer;
@@ -138,7 +160,7 @@ int ProvisionAutopilotCommand::run(Context& context) {
     write_airframe(*out_, *wanted, *signer);
   };
   const auto tell = [&](std::string_view line) {
-    if (!context.quiet) context.err << line << '\n';
+    if (!context.quiet) context.err << printable(line) << '\n';
   };
   const Provisioned done =
       provision(session, autopilot, link, parameters, {.receiver = receiver_, .key = key, .signing_time = signing_time},

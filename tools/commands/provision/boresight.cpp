@@ -14,6 +14,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
+#include "commands/keys/root_signing.hpp"
 #include "estimation/localizer.hpp"
 #include "geodesy/angles.hpp"
 #include "provision/airframe_manifest.hpp"
@@ -66,6 +67,7 @@ class ProvisionBoresightCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  void date_file(Airframe& airframe, const Clock& clock) const;
   Flight read_flight_segment(const std::filesystem::path& unpacked) const;
   int report(Context& context, const Findings& findings, const std::optional<Boresight>& boresight,
              std::size_t looked_at, double delay_s) const;
@@ -74,7 +76,8 @@ class ProvisionBoresightCommand final : public Command {
   std::optional<std::filesystem::path> frames_, telemetry_, recorder_, key_, out_;
   std::optional<std::string> session_;
   std::optional<double> from_s_, to_s_;
-  std::optional<UtcTime> at_;
+  std::optional<UtcTime> at_, expires_;
+  std::optional<std::int64_t> sequence_;
   double gps_sigma_m_ = 1.5;
   int most_frames_ = 150;
   BoresightLimits limits_;
@@ -116,6 +119,12 @@ void ProvisionBoresightCommand::setup(Options& options) {
   options.value("--gps-sigma-m", gps_sigma_m_, "M", "1-σ error of GPS per axis").between(0.01, 50);
   options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
   options.value("--out", out_, "DIR", "folder to create for the airframe file and its signature").needs("--key");
+  options
+      .value("--sequence", sequence_, "N", "number of the new airframe file; default: one more than that of --airframe")
+      .between(1, 1'000'000'000)
+      .needs("--out");
+  options.value("--expires", expires_, "DATE", "end of validity of the new airframe file; default: as of --airframe")
+      .needs("--out");
   options.value("--at", at_, "TIME", "evaluate validity as of this time");
 }
 
@@ -151,6 +160,25 @@ Flight ProvisionBoresightCommand::read_flight_segment(const std::filesystem::pat
   return segment;
 }
 
+// Sequence and end of validity of the file that is written.
+void ProvisionBoresightCommand::date_file(Airframe& airframe, const Clock& clock) const {
+  if (!expires_ && !airframe.expires) {
+    throw UsageError({.what = "an airframe file has an end of validity",
+                      .where = airframe_,
+                      .expected = "--expires DATE, because this file has none to keep"});
+  }
+  if (sequence_ && *sequence_ <= airframe.sequence.value_or(0)) {
+    throw UsageError({.what = "aircraft would reject the new airframe file as a rollback",
+                      .where = "--sequence",
+                      .expected = "more than " + std::to_string(*airframe.sequence) + ", which " + airframe_.string() + " has",
+                      .found = std::to_string(*sequence_),
+                      .fix = "omit --sequence, or give a higher one"});
+  }
+  airframe.sequence = sequence_.value_or(airframe.sequence.value_or(0) + 1);
+  if (expires_) airframe.expires = expires_;
+  check_expires(*airframe.expires, clock);
+}
+
 int ProvisionBoresightCommand::run(Context& context) {
   Airframe airframe = read_airframe(airframe_);
   std::optional<PrivateKey> key;
@@ -161,6 +189,7 @@ int ProvisionBoresightCommand::run(Context& context) {
                       .expected = "a new folder",
                       .fix = "move it away, or choose another --out"});
   }
+  if (out_) date_file(airframe, context.clock);
   const ScratchFolder scratch;
   const Flight flight = read_flight_segment(scratch.path());
   Opening opening =

@@ -85,7 +85,6 @@ void print(std::ostream& out, const SessionSum& sum) {
                   {"files", fmt::format("{}, {:.2f} MB", sum.segments, static_cast<double>(sum.bytes) / 1e6)},
                   {"end", clean(sum) ? "clean: " + sum.end->reason : "truncated"}};
   for (const auto& [topic, count] : sum.records) figures.emplace_back(name_of(topic), std::to_string(count));
-  for (auto& [name, value] : figures) value = printable(value);
   print_figures(out, figures);
 }
 
@@ -139,10 +138,10 @@ int RecorderInfoCommand::run(Context& context) {
                      {"chunks", mcap.chunks},
                      {"finished", mcap.finished}});
     if (segment.session || context.json) continue;
-    context.out << printable(fmt::format("{}  not a Nadir recording: {} in {}, profile \"{}\"\n",
+    context.out << printable(fmt::format("{}  not a Nadir recording: {} in {}, profile \"{}\"",
                                          segment.segment.path.filename().string(), count(mcap.messages, "message"),
-                                         count(mcap.channels.size(), "topic"),
-                                         mcap.profile));
+                                         count(mcap.channels.size(), "topic"), mcap.profile))
+                << '\n';
   }
   if (context.json) print_json(context.out, {{"sessions", std::move(list)}, {"files", std::move(files)}});
   return kAccepted;

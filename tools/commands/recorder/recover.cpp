@@ -7,6 +7,7 @@
 
 #include "base/error.hpp"
 #include "base/files.hpp"
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
@@ -76,7 +77,7 @@ int RecorderRecoverCommand::run(Context& context) {
     damaged = damaged || contents.findings.has_errors();
     files.push_back(json_from(source, contents));
     if (context.json) return;
-    context.out << fmt::format("{}  {}, {} left out, {} of {} bytes readable\n", source.filename().string(),
+    context.out << fmt::format("{}  {}, {} left out, {} of {} bytes readable\n", printable(source.filename().string()),
                                count(contents.messages, "message"), count(contents.damaged_chunks, "chunk"),
                                contents.whole_size, contents.size);
   };

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "base/error.hpp"
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
@@ -155,7 +156,7 @@ int SyncPushCommand::run(Context& context) {
   ServiceClient service(*transport);
   const auto pace = environment_.pace();
   const UploadLog tell = [&context](const std::string& line) {
-    if (!context.quiet) context.err << line << std::endl;
+    if (!context.quiet) context.err << printable(line) << std::endl;
   };
   Uploader uploader(outbox, service,
                     {.clock = *pace,
@@ -172,7 +173,7 @@ int SyncPushCommand::run(Context& context) {
                              outcome.verdicts.accepted, outcome.verdicts.duplicate, outcome.verdicts.rejected,
                              outcome.refused, outcome.parked);
   if (!outcome.finished) {
-    context.out << fmt::format("not complete: {}; run this command again to resume\n", outcome.waits_for);
+    context.out << fmt::format("not complete: {}; run this command again to resume\n", printable(outcome.waits_for));
   }
   return exit_code(outcome);
 }

@@ -59,7 +59,7 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
   }
   if (figures.empty()) out << "the outbox is empty\n";
   for (const auto& [code, tiles] : report.reasons)
-    figures.emplace_back("  " + printable(code), fmt::format("{}", tiles));
+    figures.emplace_back("  " + code, fmt::format("{}", tiles));
   figures.emplace_back("images kept", fmt::format("{:.1f} MB", static_cast<double>(report.kept_bytes) / 1e6));
   print_figures(out, figures);
   for (const BatchReport& batch : report.batches) {
@@ -70,7 +70,7 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
     out << '\n';
   }
   for (const FailedTile& tile : failed) {
-    out << printable(fmt::format("{} {} {} {}\n", tile.sha256, tile.state, tile.code, tile.detail));
+    out << printable(fmt::format("{} {} {} {}", tile.sha256, tile.state, tile.code, tile.detail)) << '\n';
   }
 }
 
