@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utility.hpp>
 #include <ostream>
@@ -26,6 +27,9 @@ namespace {
 // Not kFailed, after which systemd does not restart the service (nadird.service): the inputs were readable at the start.
 constexpr int kFailedInFlight = 70;
 
+// For a camera and an autopilot to be heard before take-off.
+constexpr double kCameraCheck_s = 10, kAutopilotCheck_s = 5;
+
 constexpr std::uint64_t kMostAirframeBytes = std::uint64_t{1} << 20;
 
 // An unreadable file counts as an invalid signature, not as a missing one.
@@ -47,8 +51,7 @@ Figures readiness(const OpenPackage& package) {
       {"mission", fmt::format("{} (series {}, sequence {})", manifest.mission_id, manifest.series, manifest.sequence)},
       {"valid until", to_rfc3339(manifest.expires)},
       {"map tiles", fmt::format("{}, zoom {} to {}", package.imagery().sidecars().size(), zooms.min, zooms.max)},
-      {"terrain", package.terrain() != nullptr ? "elevation model" : "flat ground"},
-      {"camera and autopilot", "not checked"}};
+      {"terrain", package.terrain() != nullptr ? "elevation model" : "flat ground"}};
 }
 
 }  // namespace
@@ -58,11 +61,15 @@ std::string_view NadirdCommand::details() const {
 flies with it until SIGTERM: camera frames and telemetry from the autopilot become GPS_INPUT. If
 the package is rejected, the service reports it and sends no position.
 
+--check verifies the package and exits. With --camera it also waits for a frame of the airframe's
+size, with --autopilot for a heartbeat of the configured autopilot, and says what it found.
+
 --state is a folder for what must survive a restart; with --check it may be a file with only the
 record of accepted packages. A damaged record or permit rejects the package.
 
-Exit codes: 0 clean shutdown, or ready (--check), 1 the package was rejected (--check), or there is
-no position (--status), 2 the job could not be done, 70 failure in flight: restart the service.)";
+Exit codes: 0 clean shutdown, or ready (--check), 1 the package was rejected, camera or autopilot is
+missing (--check), or there is no position (--status), 2 the job could not be done, 70 failure in
+flight: restart the service.)";
 }
 
 std::string_view NadirdCommand::examples() const {
@@ -74,7 +81,7 @@ nadird --status)";
 void NadirdCommand::setup(Options& options) {
   options.value("--package", package_, "PACKAGE", "mission package");
   request_.setup(options, VerifyRequest::Trust::optional);
-  options.flag("--check", check_, "check the package and exit");
+  options.flag("--check", check_, "check package, camera and autopilot, and exit");
   options.flag("--status", status_, "show the status of the running service and exit");
   options.flag("--unsigned-airframe", unsigned_airframe_,
                "for bench tests: run although the airframe file is not signed");
@@ -216,10 +223,43 @@ std::optional<Opening> NadirdCommand::open_unless_stopped(Context& context, cons
   }
 }
 
+PartCheck NadirdCommand::check_camera_source() const {
+  std::optional<CameraModel> camera;
+  if (!airframe_file_.empty()) camera = flight_.airframe.camera.camera;
+  const auto source = open_camera(flight_.camera, flight_clock());
+  return check_camera(*source, camera, flight_clock(), kCameraCheck_s);
+}
+
+// Timestamps of signatures are never used twice: with a state folder they go on from its file.
+PartCheck NadirdCommand::check_autopilot_link() const {
+  const FlightClock& clock = flight_clock();
+  std::optional<StagingDirectory> scratch;
+  std::unique_ptr<SigningTime> time;
+  std::optional<Signing> signing;
+  if (flight_.link_key) {
+    if (flight_.state.empty()) scratch.emplace(std::filesystem::temp_directory_path() / "nadird-check");
+    const std::filesystem::path folder = scratch ? scratch->path() : flight_.state;
+    time = std::make_unique<SigningTime>(folder / "signing-time", clock.unix_us(), std::llround(clock.monotonic_s() * 1e6));
+    signing.emplace(SigningKey::read(*flight_.link_key), *time, flight_.airframe.link);
+  }
+  return check_autopilot(make_transport(parse_endpoint(flight_.autopilot)), flight_.airframe, std::move(signing), clock,
+                         kAutopilotCheck_s);
+}
+
 int NadirdCommand::check(Context& context) {
   complete_request();
-  const Opening opening = open_verified(context);
-  if (!opening.package) return report_findings(context.out, context.json, opening.findings);
+  if (!flight_.autopilot.empty()) complete_link();
+  Opening opening = open_verified(context);
+  std::string camera = "not checked: no --camera", autopilot = "not checked: no --autopilot";
+  const auto note = [&](PartCheck part, std::string& found) {
+    found = part.found;
+    opening.findings.add(part.findings);
+  };
+  if (!flight_.camera.empty()) note(check_camera_source(), camera);
+  if (!flight_.autopilot.empty()) note(check_autopilot_link(), autopilot);
+  if (!opening.package || opening.findings.has_errors()) {
+    return report_findings(context.out, context.json, opening.findings);
+  }
   const Manifest& manifest = opening.package->manifest();
   if (context.json) {
     return report_findings(context.out, true, opening.findings,
@@ -228,10 +268,14 @@ int NadirdCommand::check(Context& context) {
                             {"series", manifest.series},
                             {"sequence", manifest.sequence},
                             {"expires", to_rfc3339(manifest.expires)},
-                            {"tiles", opening.package->imagery().sidecars().size()}});
+                            {"tiles", opening.package->imagery().sidecars().size()},
+                            {"camera", camera},
+                            {"autopilot", autopilot}});
   }
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
-  print_figures(context.out, readiness(*opening.package));
+  Figures figures = readiness(*opening.package);
+  figures.insert(figures.end(), {{"camera", camera}, {"autopilot", autopilot}});
+  print_figures(context.out, figures);
   return kAccepted;
 }
 
@@ -250,13 +294,15 @@ int NadirdCommand::serve(Context& context) {
   // Before any other thread starts: threads inherit the blocked signals.
   StopSignals stop;
   cv::setNumThreads(1);  // we have our own threads: one for odometry, one for map matching
-  const SystemFlightClock system_clock;
-  const FlightClock& clock = clock_ != nullptr ? *clock_ : system_clock;
+  const FlightClock& clock = flight_clock();
   std::optional<Opening> opened = open_unless_stopped(context, stop.token());
   if (!opened) return kAccepted;
   Opening& opening = *opened;
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
-  FlightService service(flight_, {std::move(opening.package), opening.findings, opening.root_version}, clock, stop);
+  const auto log = [&context](const std::string& line) {
+    if (!context.quiet) context.err << "nadird: " << line << std::endl;
+  };
+  FlightService service(flight_, {std::move(opening.package), opening.findings, opening.root_version}, clock, stop, log);
   try {
     service.run();
   } catch (const std::exception& error) {

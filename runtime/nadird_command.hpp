@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "flight/flight_service.hpp"
+#include "flight/preflight.hpp"
 #include "cli/command.hpp"
 #include "service/held_memory.hpp"
 #include "verify_request/verify_request.hpp"
@@ -42,9 +43,14 @@ class NadirdCommand final : public Command {
   Opening open_verified(Context& context);
   std::optional<Opening> open_unless_stopped(Context& context, const std::stop_token& stop);
   int check(Context& context);
+  PartCheck check_camera_source() const;
+  PartCheck check_autopilot_link() const;
   int serve(Context& context);
 
+  const FlightClock& flight_clock() const { return clock_ != nullptr ? *clock_ : system_clock_; }
+
   const FlightClock* clock_;
+  SystemFlightClock system_clock_;
   FlightOptions flight_;
   std::filesystem::path package_, airframe_file_;  // the latter empty: only its id is known
   std::string airframe_text_;

@@ -22,6 +22,18 @@ namespace {
 constexpr double kTurn_s = 0.05, kViewPeriod_s = 0.2;
 constexpr std::chrono::milliseconds kStateThreadWait{500};
 
+constexpr const char* kHintToken = "api-token";  // in the state folder
+
+// Without a readable token nobody may hint: the digest is that of nothing that anybody could send.
+Sha256 hint_token_digest(const std::filesystem::path& file, std::string& failure) {
+  try {
+    return sha256(as_bytes(read_or_create_bearer_token(file)));
+  } catch (const Error& error) {
+    failure = error.what();
+    return sha256(as_bytes("no token has spaces"));
+  }
+}
+
 std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
   if (!file) return std::nullopt;
   return sha256(as_bytes(read_bearer_token(*file)));
@@ -113,10 +125,11 @@ void write_installed_report(InstalledReport report, const PrivateKey& key, const
 // Wrong names, keys and addresses are found before there are threads. The camera's thread comes last: before the first
 // frame nobody uses the link.
 FlightService::FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock,
-                             StopSignals& stop)
+                             StopSignals& stop, Log log)
     : options_(options),
       clock_(clock),
       stop_(stop),
+      log_(std::move(log)),
       airframe_(fix_aided(options.airframe)),
       state_(options.state),
       machine_(clock.monotonic_s()),
@@ -191,6 +204,13 @@ void FlightService::start_api() {
   api.token = token_digest(options_.token);
   api.loopback = address.loopback();
   require_token_beyond_loopback(address, api.token);
+  if (!api.token) {
+    std::string failure;
+    api.hint_token = hint_token_digest(state_.folder() / kHintToken, failure);
+    if (!failure.empty()) {
+      journal_->note(clock_.monotonic_s(), EventSeverity::warning, "API", "hints are not accepted: " + failure);
+    }
+  }
   api_ = std::make_unique<Api>(board_, api_hints_, api);
   if (map_) api_->use_package(map_->for_api());
   server_ = std::make_unique<HttpServer>(*api_, address);
@@ -207,6 +227,7 @@ void FlightService::start_localization() {
   listener.on_hint = [this](const HintRecord& hint) {
     if (recorder_) recorder_->record(hint);
   };
+  listener.on_match_failed = [this](const std::string& reason) { publish(MatchFailed{reason}); };
   localization_ = std::make_unique<LocalizationThread>(localization_setup(), frames_, watch_, std::move(listener));
   if (restart_.hint) localization_->hint(restart_.hint->place, restart_.hint->radius_m, "restart");
 }
@@ -259,6 +280,7 @@ void FlightService::start_link() {
   listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
+  listener.on_fix = [this](double now_s, const GpsInput& sent, SourceLabel source) { record_fix(now_s, sent, source); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalHeard{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
 }
@@ -320,6 +342,7 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     // Our own GPS_INPUT comes back as the receiver of that number.
     if (ours && gps->receiver != airframe_.gps_id + 1) {
       telemetry(*gps);
+      receiver_ = TimedReceiver{now_s, *gps};
       publish(
           GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_mps, gps->horizontal_accuracy_m});
     }
@@ -342,12 +365,43 @@ void FlightService::on_command(const ReceivedMessage& received, const CommandInt
   link_->send(CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
 }
 
+// On the link's thread. The recorder queues the record and never waits.
+void FlightService::record_fix(double now_s, const GpsInput& sent, SourceLabel source) {
+  if (!recorder_) return;
+  FixRecord record;
+  record.time_s = now_s;
+  record.unix_us = sent.unix_us;
+  record.fix_type = static_cast<int>(sent.fix);
+  record.accuracy_m = sent.horizontal_accuracy_m;
+  if (sent.fix >= GpsFix::two_d) {
+    record.source = source;
+    record.place = sent.place;
+    record.msl_m = sent.msl_m;
+    record.vertical_accuracy_m = sent.vertical_accuracy_m;
+    record.speed_accuracy_mps = sent.speed_accuracy_mps;
+    if (sent.velocity) {
+      record.north_mps = sent.velocity->north_mps;
+      record.east_mps = sent.velocity->east_mps;
+      record.down_mps = sent.velocity->down_mps;
+    }
+  }
+  if (receiver_) {
+    const GpsRaw& gps = receiver_->gps;
+    record.gps = FixRecord::Receiver{now_s - receiver_->time_s, static_cast<int>(gps.fix), gps.place, gps.msl_m,
+                                     gps.horizontal_accuracy_m};
+  }
+  recorder_->record(std::move(record));
+}
+
 // Disks may be slow: apart from the recorder, only this thread uses them in flight.
 void FlightService::save_state_loop(const std::stop_token& stop) {
   begin_thread("state", ThreadPriority::low);
   std::string last_error;
-  Cadence signing_time(kSavePeriod_s, clock_.monotonic_s());
+  Cadence signing_time(kSavePeriod_s, clock_.monotonic_s()), health(kHealthPeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
+    if (recorder_ && health.due(clock_.monotonic_s())) {
+      recorder_->record(HealthRecord{true, health_.measure(clock_.monotonic_s()), {}});
+    }
     if (signing_time.due(clock_.monotonic_s())) link_->save_signing_state();
     const auto flight = to_save_.take_within(kStateThreadWait, stop);
     if (!flight) continue;
@@ -368,6 +422,7 @@ void FlightService::run() {
   manager_.ready(map_ ? "flying" : "map package rejected: " + rejection_);
   Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());
   Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s());
+  AwaitedParts awaited = awaited_parts();
   double next_s = clock_.monotonic_s();
   while (clock_.wait_until(next_s, stop_.token())) {
     const double now_s = clock_.monotonic_s();
@@ -377,7 +432,13 @@ void FlightService::run() {
     assess_gps(now_s);
     on_transitions(machine_.update(now_s));
     if (views.due(now_s)) update_view(now_s);
-    if (saves.due(now_s)) save(now_s);
+    if (saves.due(now_s)) {
+      save(now_s);
+      report_corrupt_tiles();
+    }
+    for (const std::string& line : awaited.update(now_s)) {
+      if (log_) log_(line);
+    }
     if (const auto late = watchdog.tick(now_s)) {
       journal_->note(now_s, late->empty() ? EventSeverity::info : EventSeverity::critical, "thread",
                      late->empty() ? "all threads respond again" : *late);
@@ -400,6 +461,12 @@ void FlightService::on_event(double time_s, const OnboardEvent& event) {
 }
 
 void FlightService::react(double, const LocalizedFrame& frame) { last_frame_ = frame; }
+
+void FlightService::react(double, const CameraFailed& failed) { camera_failure_ = failed.reason; }
+
+void FlightService::react(double, const TileCorrupt&) {
+  if (corrupt_tiles_++ == 0) operator_texts_.add(TextSeverity::critical, "Nadir: CORRUPT MAP TILES, check storage");
+}
 
 void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
 
@@ -430,7 +497,6 @@ void FlightService::assess_gps(double now_s) {
 void FlightService::on_transitions(std::span<const StateTransition> transitions) {
   for (const StateTransition& transition : transitions) {
     journal_->on_event(transition.time_s, transition);
-    if (transition.from != transition.to) last_reason_ = transition.text;
     const ReasonText& text = text_of(transition.reason);
     const auto severity = static_cast<TextSeverity>(text.severity);  // both have MAVLink's values
     if (transition.reason == ServiceReason::link_unsigned) {
@@ -448,13 +514,13 @@ void FlightService::on_transitions(std::span<const StateTransition> transitions)
 
 void FlightService::update_view(double now_s) {
   const ServiceStatus status = machine_.status();
-  views_.set_status(status, last_reason_);
+  views_.set_status(status, machine_.reason_text());
   views_.set_frames(frame_counts(), now_s);
   const AutopilotLink::State link = link_->state();
   views_.set_link(link, status.link_up, options_.link_key.has_value());
   views_.set_recorder(recorder_.get(), recorder_error_);
   views_.restrict_to_fix(status, link.last_fix, now_s);
-  board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events().events()));
+  board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events(), journal_->alarms()));
 }
 
 void FlightService::save(double now_s) {
@@ -474,6 +540,41 @@ void FlightService::save(double now_s) {
   }
   if (options_.start) flight.hint = SavedHint{*options_.start, kGpsHintRadius_m};
   to_save_.put(std::move(flight));
+}
+
+// Reading tiles is the matcher's; what it found is looked at here.
+void FlightService::report_corrupt_tiles() {
+  if (!map_) return;
+  const Findings findings = map_->package().imagery().findings();
+  constexpr std::string_view kTile = "tile ";
+  for (std::size_t i = corrupt_tiles_; i < findings.items().size(); ++i) {
+    const Finding& finding = findings.items()[i];
+    const auto key = parse_tile_key(std::string_view(finding.where).substr(std::min(kTile.size(), finding.where.size())));
+    on_event(clock_.monotonic_s(), TileCorrupt{key.value_or(TileKey{}), finding.code, finding.found});
+  }
+}
+
+AwaitedParts FlightService::awaited_parts() const {
+  const auto camera_here = [this](double now_s) {
+    const std::optional<double> frame_s = machine_.status().frame_s;
+    return frame_s && now_s - *frame_s < kAwaitedAfter_s;
+  };
+  const auto camera = [this] {
+    return fmt::format("the camera {}: {}", options_.camera, camera_failure_.empty() ? "no frame" : camera_failure_);
+  };
+  const auto autopilot = [this] {
+    const std::string error = link_->state().error;
+    return fmt::format("the autopilot {}/{} at {}: {}", airframe_.system, airframe_.autopilot, options_.autopilot,
+                       !error.empty()      ? error
+                       : options_.link_key ? "no heartbeat with a valid signature"
+                                           : "no heartbeat");
+  };
+  std::vector<AwaitedParts::Part> parts;
+  parts.push_back({"package", [this](double) { return map_ != nullptr; },
+                   [this] { return fmt::format("a package that is accepted, at {}: {}", options_.package.string(), rejection_); }});
+  if (map_) parts.push_back({"camera", camera_here, camera});
+  parts.push_back({"autopilot", [this](double) { return machine_.status().link_up; }, autopilot});
+  return AwaitedParts(std::move(parts));
 }
 
 void FlightService::note_start() {

@@ -16,6 +16,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -32,7 +33,9 @@
 #include "flight/tile_making.hpp"
 #include "flight/view_builder.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "service/awaited_parts.hpp"
 #include "service/gps_health.hpp"
+#include "service/machine_health.hpp"
 #include "service/onboard_event.hpp"
 #include "service/saved_flight.hpp"
 #include "service/service_machine.hpp"
@@ -59,7 +62,9 @@ struct FlightOptions {
   int candidates_percent = 25;                      // of one core, for the tiles
   int candidates_frame_ms = 0;                      // for the tiles of one frame; 0: no limit
   std::string listen = "127.0.0.1:8750";
-  std::optional<std::filesystem::path> token;  // file with the API's bearer token
+  // File with the API's bearer token. nullopt: on loopback everybody may read, and hints need a token that is made in
+  // the state folder.
+  std::optional<std::filesystem::path> token;
   std::optional<LonLat> start;
   double anchor_every_m = 0;
   bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
@@ -75,7 +80,9 @@ struct VerifiedPackage {
 class FlightService {
  public:
   // Throws Error for what must be right before take-off: unreadable files, an address in use.
-  FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock, StopSignals& stop);
+  using Log = std::function<void(const std::string& line)>;  // for the system's log; on the caller's thread
+  FlightService(const FlightOptions& options, VerifiedPackage verified, const FlightClock& clock, StopSignals& stop,
+                Log log = {});
   ~FlightService();
 
   // Until stop is requested.
@@ -83,6 +90,11 @@ class FlightService {
   std::string summary() const;  // after run()
 
  private:
+  struct TimedReceiver {
+    double time_s = 0;
+    GpsRaw gps;
+  };
+
   // Start
   LocalizationSetup localization_setup() const;
   void start_recorder();
@@ -97,6 +109,7 @@ class FlightService {
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
   void on_command(const ReceivedMessage& received, const CommandInt& command);
+  void record_fix(double now_s, const GpsInput& sent, SourceLabel source);
   void save_state_loop(const std::stop_token& stop);
 
   // The conductor
@@ -108,15 +121,20 @@ class FlightService {
   void react(double time_s, const PositionHinted& hint);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);
+  void react(double time_s, const CameraFailed& failed);
+  void react(double time_s, const TileCorrupt& tile);
   void on_transitions(std::span<const StateTransition> transitions);
   void assess_gps(double now_s);
   void update_view(double now_s);
   void save(double now_s);
+  void report_corrupt_tiles();
+  AwaitedParts awaited_parts() const;
   MailboxCounts frame_counts() const;
 
   FlightOptions options_;
   const FlightClock& clock_;
   StopSignals& stop_;
+  Log log_;
   Airframe airframe_;
   std::string rejection_;
   Findings warnings_;  // of the verification
@@ -135,7 +153,10 @@ class FlightService {
   LatestMailbox<TimedEvent> events_{512};
   LatestMailbox<SavedFlight> to_save_;
   std::optional<LocalizedFrame> last_frame_;
-  std::string last_reason_;
+  std::string camera_failure_;     // the last one
+  std::size_t corrupt_tiles_ = 0;  // reported
+  std::optional<TimedReceiver> receiver_;  // the link's thread
+  MachineHealth health_;                   // the thread of the state directory
 
   std::string recorder_error_;
   std::unique_ptr<Recorder> recorder_;
