@@ -212,13 +212,13 @@ TableRow row_of(const FixRecord& r) {
     return {r.place, std::move(cells)};
   }
   const bool has_place = r.gps->fix_type >= 2;
-  const auto distance_m = [&]() -> Cell {
+  const auto from_our_fix = [&]() -> Cell {
     if (!has_place || !r.place) return {};
     return distance_m(PlanePoint(), LocalFrame(*r.place).plane_from_lonlat(r.gps->place));
   };
   cells.insert(cells.end(), {cell(r.gps->fix_type), r.gps->age_s, has_place ? Cell(r.gps->place.lat_deg) : Cell(),
                              has_place ? Cell(r.gps->place.lon_deg) : Cell(), has_place ? Cell(r.gps->msl_m) : Cell(),
-                             cell(r.gps->accuracy_m), distance_m()});
+                             cell(r.gps->accuracy_m), from_our_fix()});
   return {r.place, std::move(cells)};
 }
 
