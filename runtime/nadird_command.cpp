@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utility.hpp>
 #include <ostream>
@@ -29,6 +30,9 @@ namespace {
 // Not kFailed, after which systemd does not restart the service (nadird.service): that is for wrong usage alone.
 constexpr int kServiceFailed = 70;
 
+// For a camera and an autopilot to be heard before take-off.
+constexpr double kCameraCheck_s = 10, kAutopilotCheck_s = 5;
+
 constexpr std::uint64_t kMostAirframeBytes = std::uint64_t{1} << 20;
 
 // An unreadable file counts as an invalid signature, not as a missing one.
@@ -50,8 +54,7 @@ Figures readiness(const OpenPackage& package) {
       {"mission", fmt::format("{} (series {}, sequence {})", manifest.mission_id, manifest.series, manifest.sequence)},
       {"valid until", to_rfc3339(manifest.expires)},
       {"map tiles", fmt::format("{}, zoom {} to {}", package.imagery().sidecars().size(), zooms.min, zooms.max)},
-      {"terrain", package.terrain() != nullptr ? "elevation model" : "flat ground"},
-      {"camera and autopilot", "not checked"}};
+      {"terrain", package.terrain() != nullptr ? "elevation model" : "flat ground"}};
 }
 
 }  // namespace
@@ -61,15 +64,18 @@ std::string_view NadirdCommand::details() const {
 flies with it until SIGTERM: camera frames and telemetry from the autopilot become GPS_INPUT. If
 the package is rejected, the service reports it and sends no position.
 
+--check verifies the package and exits. With --camera it also waits for a frame of the airframe's
+size, with --autopilot for a heartbeat of the configured autopilot, and says what it found.
+
 --state is a folder for what must survive a restart; with --check it may be a file with only the
 record of accepted packages. A damaged record or permit rejects the package.
 
 A service that is started again in flight resumes the package that was accepted before take-off,
 without asking the clock or its dates again.
 
-Exit codes: 0 clean shutdown, or ready (--check), 1 the package was rejected (--check), or there is
-no position (--status), 2 wrong usage (with --check and --status also: the job could not be done), 70
-any other failure of the service: restart it.)";
+Exit codes: 0 clean shutdown, or ready (--check), 1 the package was rejected, camera or autopilot is
+missing (--check), or there is no position (--status), 2 wrong usage (with --check and --status also:
+the job could not be done), 70 any other failure of the service: restart it.)";
 }
 
 std::string_view NadirdCommand::examples() const {
@@ -81,7 +87,7 @@ nadird --status)";
 void NadirdCommand::setup(Options& options) {
   options.value("--package", package_, "PACKAGE", "mission package");
   request_.setup(options, VerifyRequest::Trust::optional);
-  options.flag("--check", check_, "check the package and exit");
+  options.flag("--check", check_, "check package, camera and autopilot, and exit");
   options.flag("--status", status_, "show the status of the running service and exit");
   options.flag("--unsigned-airframe", unsigned_airframe_,
                "for bench tests: run although the airframe file is not signed");
@@ -289,12 +295,45 @@ std::optional<PackageChoice> NadirdCommand::choose_unless_stopped(Context& conte
   }
 }
 
+PartCheck NadirdCommand::check_camera_source() const {
+  std::optional<CameraModel> camera;
+  if (!airframe_file_.empty()) camera = flight_.airframe.camera.camera;
+  const auto source = open_camera(flight_.camera, flight_clock());
+  return check_camera(*source, camera, flight_clock(), kCameraCheck_s);
+}
+
+// Timestamps of signatures are never used twice: with a state folder they go on from its file.
+PartCheck NadirdCommand::check_autopilot_link() const {
+  const FlightClock& clock = flight_clock();
+  std::optional<StagingDirectory> scratch;
+  std::unique_ptr<SigningTime> time;
+  std::optional<Signing> signing;
+  if (flight_.link_key) {
+    if (flight_.state.empty()) scratch.emplace(std::filesystem::temp_directory_path() / "nadird-check");
+    const std::filesystem::path folder = scratch ? scratch->path() : flight_.state;
+    time = std::make_unique<SigningTime>(folder / "signing-time", clock.unix_us(), std::llround(clock.monotonic_s() * 1e6));
+    signing.emplace(SigningKey::read(*flight_.link_key), *time, flight_.airframe.link);
+  }
+  return check_autopilot(make_transport(parse_endpoint(flight_.autopilot)), flight_.airframe, std::move(signing), clock,
+                         kAutopilotCheck_s);
+}
+
 int NadirdCommand::check(Context& context) {
   complete_request();
   read_airframe({}, {});
-  const Opening opening = open_verified(context, package_);
+  if (!flight_.autopilot.empty()) complete_link();
+  Opening opening = open_verified(context, package_);
   if (opening.package) request_.record_acceptance(opening.package->manifest(), opening);
-  if (!opening.package) return report_findings(context.out, context.json, opening.findings);
+  std::string camera = "not checked: no --camera", autopilot = "not checked: no --autopilot";
+  const auto note = [&](PartCheck part, std::string& found) {
+    found = part.found;
+    opening.findings.add(part.findings);
+  };
+  if (!flight_.camera.empty()) note(check_camera_source(), camera);
+  if (!flight_.autopilot.empty()) note(check_autopilot_link(), autopilot);
+  if (!opening.package || opening.findings.has_errors()) {
+    return report_findings(context.out, context.json, opening.findings);
+  }
   const Manifest& manifest = opening.package->manifest();
   if (context.json) {
     return report_findings(context.out, true, opening.findings,
@@ -303,10 +342,14 @@ int NadirdCommand::check(Context& context) {
                             {"series", manifest.series},
                             {"sequence", manifest.sequence},
                             {"expires", to_rfc3339(manifest.expires)},
-                            {"tiles", opening.package->imagery().sidecars().size()}});
+                            {"tiles", opening.package->imagery().sidecars().size()},
+                            {"camera", camera},
+                            {"autopilot", autopilot}});
   }
   if (!opening.findings.empty()) print_findings(context.err, opening.findings);
-  print_figures(context.out, readiness(*opening.package));
+  Figures figures = readiness(*opening.package);
+  figures.insert(figures.end(), {{"camera", camera}, {"autopilot", autopilot}});
+  print_figures(context.out, figures);
   return kAccepted;
 }
 
@@ -393,8 +436,7 @@ int NadirdCommand::fly(Context& context) {
   // Before any other thread starts: threads inherit the blocked signals.
   StopSignals stop;
   cv::setNumThreads(1);  // we have our own threads: one for odometry, one for map matching
-  const SystemFlightClock system_clock;
-  const FlightClock& clock = clock_ != nullptr ? *clock_ : system_clock;
+  const FlightClock& clock = flight_clock();
   AcceptanceReading accepted = StateDirectory(flight_.state).load_acceptance();
   for (;;) {
     read_airframe(accepted, clock.boot_id());

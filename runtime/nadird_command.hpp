@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "flight/preflight.hpp"
 #include "cli/command.hpp"
 #include "flight/flight_service.hpp"
 #include "service/held_memory.hpp"
@@ -52,10 +53,15 @@ class NadirdCommand final : public Command {
   VerifiedPackage prepared(Context& context, PackageChoice choice, AcceptanceReading& accepted,
                            const std::string& boot_id, const std::stop_token& stop);
   int check(Context& context);
+  PartCheck check_camera_source() const;
+  PartCheck check_autopilot_link() const;
   int serve(Context& context);
   int fly(Context& context);
 
+  const FlightClock& flight_clock() const { return clock_ != nullptr ? *clock_ : system_clock_; }
+
   const FlightClock* clock_;
+  SystemFlightClock system_clock_;
   FlightOptions flight_;
   std::filesystem::path package_, airframe_file_;  // the latter empty: only its id is known
   std::string airframe_text_, airframe_notice_;

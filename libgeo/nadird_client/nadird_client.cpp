@@ -74,6 +74,20 @@ std::uint64_t count(const JsonReader& in, const std::string& key) {
   return static_cast<std::uint64_t>(in.integer(key, 0, std::int64_t{1} << 62));
 }
 
+std::vector<WatchedEvent> event_list(const JsonReader& in, const char* key) {
+  std::vector<WatchedEvent> list;
+  const JsonReader events = in.array(key);
+  for (std::size_t i = 0; i < events.size(); ++i) {
+    const JsonReader event = events.object(i);
+    list.push_back({.id = count(event, "id"),
+                    .count = count(event, "count"),
+                    .age_s = number_or_zero(event, "age_s"),
+                    .severity = text(event, "severity"),
+                    .text = text(event, "text")});
+  }
+  return list;
+}
+
 }  // namespace
 
 // A newer service may send members that this program does not know.
@@ -108,22 +122,33 @@ WatchedStatus parse_watched_status(std::string_view json_text) {
   status.frames_dropped = count(frames, "dropped");
   status.anchors_accepted = count(anchors, "accepted");
   status.anchors_rejected = count(anchors, "rejected");
+  status.anchors_failed = count(anchors, "failed");
+  status.corrupt_tiles = count(in.object("map"), "corrupt_tiles");
+  status.frame_age_s = number(frames, "age_s");
+  status.link_age_s = number(link, "age_s");
   status.link_connected = link.boolean("connected");
   status.link_signed = link.boolean("signed");
   status.fixes_sent = count(link, "fixes_sent");
   const JsonReader rejected_by = link.object("rejected_by");
   for (const std::string& reason : rejected_by.keys()) status.link_rejected += count(rejected_by, reason);
-  const JsonReader gps = in.object("gps"), recorder = in.object("recorder"), events = in.array("events");
+  const JsonReader gps = in.object("gps"), recorder = in.object("recorder");
   status.gps = text(gps, "judgement");
   status.gps_reason = text(gps, "reason");
   status.recorder = text(recorder, "state");
   status.recorder_reason = text(recorder, "reason");
-  for (std::size_t i = 0; i < events.size(); ++i) {
-    const JsonReader event = events.object(i);
-    status.events.push_back({.id = count(event, "id"),
-                             .age_s = number_or_zero(event, "age_s"),
-                             .severity = text(event, "severity"),
-                             .text = text(event, "text")});
+  status.events = event_list(in, "events");
+  status.alarms = event_list(in, "alarms");
+  return status;
+}
+
+WatchedStatus aged(WatchedStatus status, double seconds) {
+  status.age_s += seconds;
+  status.state_for_s += seconds;
+  for (std::optional<double>* age_s : {&status.anchor_age_s, &status.frame_age_s, &status.link_age_s}) {
+    if (*age_s) **age_s += seconds;
+  }
+  for (std::vector<WatchedEvent>* list : {&status.events, &status.alarms}) {
+    for (WatchedEvent& event : *list) event.age_s += seconds;
   }
   return status;
 }

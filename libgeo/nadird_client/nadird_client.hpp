@@ -32,7 +32,7 @@ class NadirdClient {
 };
 
 struct WatchedEvent {
-  std::uint64_t id = 0;
+  std::uint64_t id = 0, count = 1;
   double age_s = 0;
   std::string severity;
   std::string text;
@@ -42,16 +42,20 @@ struct WatchedEvent {
 struct WatchedStatus {
   std::string boot, state, reason, source;
   double age_s = 0, state_for_s = 0;
-  std::optional<double> lon_deg, lat_deg, sigma_m, anchor_age_s, heading_deg, agl_m, speed_mps;
+  std::optional<double> lon_deg, lat_deg, sigma_m, anchor_age_s, heading_deg, agl_m, speed_mps, frame_age_s, link_age_s;
   double frames_per_s = 0;
-  std::uint64_t frames_received = 0, frames_dropped = 0, anchors_accepted = 0, anchors_rejected = 0;
+  std::uint64_t frames_received = 0, frames_dropped = 0, anchors_accepted = 0, anchors_rejected = 0, anchors_failed = 0;
+  std::uint64_t corrupt_tiles = 0;
   bool link_connected = false, link_signed = false;
   std::uint64_t fixes_sent = 0, link_rejected = 0;
   std::string gps, gps_reason, recorder, recorder_reason;
-  std::vector<WatchedEvent> events;  // oldest first
+  std::vector<WatchedEvent> events, alarms;  // oldest first
 
   bool stalled() const { return age_s > 2; }  // the flight thread is silent: nothing here is current
 };
+
+// The same, seconds later: every age and duration has grown.
+WatchedStatus aged(WatchedStatus status, double seconds);
 
 // Throws Error when the text is not a state document.
 WatchedStatus parse_watched_status(std::string_view json);

@@ -18,6 +18,8 @@
 namespace nadir {
 namespace {
 
+constexpr double kSilent_s = 2;  // a camera or an autopilot: then its silence is shown
+constexpr std::size_t kShownAlarms = 6, kShownEvents = 12;
 constexpr const char* kNormal = "\x1b[0m";
 
 // Background and foreground: distinguishable in sunlight.
@@ -42,24 +44,38 @@ std::string position_of(const WatchedStatus& status) {
   return fmt::format("{:.6f}, {:.6f} ({})", *status.lat_deg, *status.lon_deg, status.source);
 }
 
-std::string link_of(const WatchedStatus& status) {
-  return fmt::format("{}, {}, {} fixes sent, {} frames rejected", status.link_connected ? "connected" : "not connected",
-                     status.link_signed ? "signed" : "NOT SIGNED", status.fixes_sent, status.link_rejected);
-}
-
-std::string row(const char* name, const std::string& value) { return fmt::format("{:<12}{}", name, value); }
-
 std::string short_duration(double seconds) {
   if (seconds < 100) return fmt::format("{:.0f} s", seconds);
   if (seconds < 6000) return fmt::format("{:.0f} min", seconds / 60);
   return fmt::format("{:.1f} h", seconds / 3600);
 }
 
-std::string event_line(const WatchedEvent& event) {
-  return fmt::format("{:>7}  {:<8}  {}", short_duration(event.age_s), event.severity, event.text);
+std::string frames_of(const WatchedStatus& status) {
+  std::string rate = fmt::format("{:.1f} per s", status.frames_per_s);
+  if (status.frame_age_s && *status.frame_age_s > kSilent_s) rate = "NONE for " + short_duration(*status.frame_age_s);
+  return fmt::format("{}, {} of {} dropped", rate, status.frames_dropped, status.frames_received);
 }
 
-std::vector<std::string> status_screen(const WatchedStatus& status, bool colour, std::size_t most_events = 12) {
+std::string anchors_of(const WatchedStatus& status) {
+  const std::string failed = status.anchors_failed > 0 ? fmt::format(", {} FAILED", status.anchors_failed) : "";
+  return fmt::format("{} accepted, {} rejected{}", status.anchors_accepted, status.anchors_rejected, failed);
+}
+
+std::string link_of(const WatchedStatus& status) {
+  const bool silent = status.link_age_s && *status.link_age_s > kSilent_s;
+  return fmt::format("{}, {}, {} fixes sent, {} frames rejected{}", status.link_connected ? "connected" : "not connected",
+                     status.link_signed ? "signed" : "NOT SIGNED: anybody can pose as the autopilot", status.fixes_sent,
+                     status.link_rejected, silent ? ", silent for " + short_duration(*status.link_age_s) : "");
+}
+
+std::string row(const char* name, const std::string& value) { return fmt::format("{:<12}{}", name, value); }
+
+std::string event_line(const WatchedEvent& event) {
+  const std::string repeats = event.count > 1 ? fmt::format(" (x {})", event.count) : "";
+  return fmt::format("{:>7}  {:<8}  {}{}", short_duration(event.age_s), event.severity, event.text, repeats);
+}
+
+std::vector<std::string> status_screen(const WatchedStatus& status, bool colour) {
   std::string name = status.state;
   std::transform(name.begin(), name.end(), name.begin(), [](char c) {
     return c == '_' ? ' ' : c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c;
@@ -76,16 +92,19 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour,
        row("anchor age", known(status.anchor_age_s, "{:.1f} s", "none yet")),
        row("speed", known(status.speed_mps, "{:.1f} m/s")), row("heading", known(status.heading_deg, "{:03.0f}°")),
        row("height", known(status.agl_m, "{:.0f} m above ground")), "",
-       row("frames", fmt::format("{:.1f} per s, {} of {} dropped", status.frames_per_s, status.frames_dropped,
-                                 status.frames_received)),
-       row("anchors", fmt::format("{} accepted, {} rejected", status.anchors_accepted, status.anchors_rejected)),
+       row("frames", frames_of(status)), row("anchors", anchors_of(status)),
        row("autopilot", link_of(status)), row("GPS", with_reason(status.gps, status.gps_reason)),
        row("recorder", with_reason(status.recorder, status.recorder_reason))});
-  if (status.events.empty() || most_events == 0) return lines;
-  lines.insert(lines.end(), {"", "events"});
-  const std::size_t shown = std::min(most_events, status.events.size());
-  std::for_each(status.events.rbegin(), status.events.rbegin() + static_cast<std::ptrdiff_t>(shown),
-                [&](const WatchedEvent& event) { lines.push_back(event_line(event)); });
+  if (status.corrupt_tiles > 0) lines.push_back(row("map", fmt::format("{} CORRUPT {}", status.corrupt_tiles, status.corrupt_tiles == 1 ? "TILE" : "TILES")));
+  const auto list = [&](const char* title, const std::vector<WatchedEvent>& events, std::size_t most) {
+    if (events.empty()) return;
+    lines.insert(lines.end(), {"", title});
+    const auto shown = static_cast<std::ptrdiff_t>(std::min(most, events.size()));
+    std::for_each(events.rbegin(), events.rbegin() + shown,
+                  [&](const WatchedEvent& event) { lines.push_back(event_line(event)); });
+  };
+  list("alarms", status.alarms, kShownAlarms);
+  list("events", status.events, kShownEvents);
   return lines;
 }
 
@@ -139,7 +158,7 @@ class Shower {
 
   void show_silence(double seconds, const std::string& why) {
     const std::string notice = fmt::format("NO CONTACT for {}: {}", short_duration(seconds), why);
-    if (form_ == WatchForm::screen && last_) draw(*last_, notice);
+    if (form_ == WatchForm::screen && last_) draw(aged(*last_, seconds), notice);
     if (form_ == WatchForm::lines) out_ << notice << '\n';
     if (form_ == WatchForm::json) out_ << nlohmann::json{{"contact", false}, {"silent_s", seconds}}.dump() << '\n';
     out_ << std::flush;

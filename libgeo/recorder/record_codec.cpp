@@ -15,6 +15,7 @@
 #include "fbs/common_generated.h"
 #include "fbs/end_generated.h"
 #include "fbs/estimate_generated.h"
+#include "fbs/fix_generated.h"
 #include "fbs/health_generated.h"
 #include "fbs/hint_generated.h"
 #include "fbs/input_generated.h"
@@ -518,6 +519,46 @@ bool decode(ByteView bytes, HintRecord& record) {
   const auto* table = verified<fbs::Hint>(bytes);
   if (table == nullptr || table->place() == nullptr) return false;
   record = {table->before(), *place(table->place()), table->radius_m(), text(table->by())};
+  return true;
+}
+
+Bytes encode(const FixRecord& record) {
+  FlatBufferBuilder builder;
+  const fbs::LonLat at = place(record.place.value_or(LonLat{}));
+  flatbuffers::Offset<fbs::Receiver> gps;
+  if (record.gps) {
+    const fbs::LonLat gps_at = place(record.gps->place);
+    gps = fbs::CreateReceiver(builder, record.gps->age_s, static_cast<std::uint8_t>(record.gps->fix_type), &gps_at,
+                              record.gps->msl_m, optional(record.gps->accuracy_m));
+  }
+  return finish(
+      builder,
+      fbs::CreateFix(builder, record.time_s, record.unix_us, static_cast<std::uint8_t>(record.fix_type),
+                     static_cast<fbs::FixSource>(static_cast<std::uint8_t>(record.source)), record.place ? &at : nullptr,
+                     optional(record.msl_m), optional(record.accuracy_m), optional(record.vertical_accuracy_m),
+                     optional(record.north_mps), optional(record.east_mps), optional(record.down_mps),
+                     optional(record.speed_accuracy_mps), gps));
+}
+
+bool decode(ByteView bytes, FixRecord& record) {
+  const auto* table = verified<fbs::Fix>(bytes);
+  if (table == nullptr || table->source() > fbs::FixSource::MAX) return false;
+  record.time_s = table->time_s();
+  record.unix_us = table->unix_us();
+  record.fix_type = table->fix_type();
+  record.source = static_cast<SourceLabel>(static_cast<std::uint8_t>(table->source()));
+  record.place = place(table->position());
+  record.msl_m = optional(table->msl_m());
+  record.accuracy_m = optional(table->accuracy_m());
+  record.vertical_accuracy_m = optional(table->vertical_accuracy_m());
+  record.north_mps = optional(table->north_mps());
+  record.east_mps = optional(table->east_mps());
+  record.down_mps = optional(table->down_mps());
+  record.speed_accuracy_mps = optional(table->speed_accuracy_mps());
+  if (const auto* gps = table->gps(); gps != nullptr) {
+    record.gps = FixRecord::Receiver{gps->age_s(), gps->fix_type(), place(gps->position()).value_or(LonLat{}),
+                                     gps->msl_m(), optional(gps->accuracy_m())};
+  }
   return true;
 }
 

@@ -3,6 +3,7 @@
 #include "fbs/anchor_bfbs_generated.h"
 #include "fbs/end_bfbs_generated.h"
 #include "fbs/estimate_bfbs_generated.h"
+#include "fbs/fix_bfbs_generated.h"
 #include "fbs/health_bfbs_generated.h"
 #include "fbs/hint_bfbs_generated.h"
 #include "fbs/input_bfbs_generated.h"
@@ -43,6 +44,7 @@ const TopicFacts& facts_of(Topic topic) {
       {"/recorder", "nadir.recorder.RecorderEvent", Stream::flight, schema_bytes<fbs::RecorderEventBinarySchema>()},
       {"/end", "nadir.recorder.End", Stream::flight, schema_bytes<fbs::EndBinarySchema>()},
       {"/hint", "nadir.recorder.Hint", Stream::flight, schema_bytes<fbs::HintBinarySchema>()},
+      {"/fix", "nadir.recorder.Fix", Stream::flight, schema_bytes<fbs::FixBinarySchema>()},
   }};
   return all.at(static_cast<std::size_t>(topic));
 }

@@ -121,13 +121,33 @@ struct EndRecord {
   std::string reason;
 };
 
+// GPS_INPUT as it was sent to the autopilot, and what its real GPS receiver said last.
+struct FixRecord {
+  double time_s = 0;         // monotonic, when it was sent
+  std::int64_t unix_us = 0;  // the time that it is valid at
+  int fix_type = 0;          // GPS_FIX_TYPE: 0 is "no fix"
+  SourceLabel source = SourceLabel::no_fix;
+  std::optional<LonLat> place;
+  std::optional<double> msl_m, accuracy_m, vertical_accuracy_m;
+  std::optional<double> north_mps, east_mps, down_mps, speed_accuracy_mps;
+
+  struct Receiver {
+    double age_s = 0;  // of the message when the fix was sent
+    int fix_type = 0;
+    LonLat place;
+    double msl_m = 0;
+    std::optional<double> accuracy_m;
+  };
+  std::optional<Receiver> gps;
+};
+
 // In the order of Topic.
 using Record = std::variant<SessionRecord, InputRecord, FrameRecord, EstimateRecord, AnchorRecord, StateRecord,
-                            TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord>;
+                            TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord, FixRecord>;
 
 // In the order of Record's alternatives.
-enum class Topic { session, input, picture, estimate, anchor, state, tile, health, thumbnail, recorder, end, hint };
-inline constexpr std::size_t kTopics = 12;
+enum class Topic { session, input, picture, estimate, anchor, state, tile, health, thumbnail, recorder, end, hint, fix };
+inline constexpr std::size_t kTopics = 13;
 
 inline Topic topic_of(const Record& record) { return static_cast<Topic>(record.index()); }
 

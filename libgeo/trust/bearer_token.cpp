@@ -1,8 +1,11 @@
 #include "trust/bearer_token.hpp"
 
 #include <fmt/format.h>
+#include <sys/random.h>
 
 #include <algorithm>
+#include <array>
+#include <cstdint>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
@@ -27,6 +30,19 @@ std::string read_bearer_token(const fs::path& path) {
                  .fix = fmt::format("chmod 600 {}", path.string())});
   }
   return checked_bearer_token(std::move(token), path.string());
+}
+
+std::string read_or_create_bearer_token(const fs::path& path) {
+  if (!fs::exists(fs::symlink_status(path))) {
+    std::array<std::uint8_t, 24> bytes{};
+    if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
+      throw Error({.what = "no randomness for a token", .where = path.string()});
+    }
+    std::string token;
+    for (const std::uint8_t byte : bytes) token += fmt::format("{:02x}", byte);
+    write_file_atomic(path, token + "\n", 0600);
+  }
+  return read_bearer_token(path);
 }
 
 std::string checked_bearer_token(std::string token, std::string_view where) {

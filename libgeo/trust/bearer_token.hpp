@@ -11,6 +11,9 @@ namespace nadir {
 // Error otherwise.
 std::string read_bearer_token(const std::filesystem::path& path);
 
+// The same; a file that is missing is made, with a random token and mode 0600.
+std::string read_or_create_bearer_token(const std::filesystem::path& path);
+
 // The same for a token that comes from elsewhere; `where` is for messages, which never contain the token.
 std::string checked_bearer_token(std::string token, std::string_view where);
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <exception>
 #include <nlohmann/json.hpp>
 
@@ -91,8 +92,15 @@ std::optional<Problem> Api::access(const ApiRequest& request, std::string_view p
     }
   }
   // The page itself holds no secret, and asks for the token.
-  if (!options_.token || !path.starts_with("/v1/")) return std::nullopt;
-  if (bearer_digest(request.authorization) == options_.token) return std::nullopt;
+  const bool hints = path == "/v1/hint" && request.method == "POST";
+  const std::optional<Sha256>& wanted = options_.token || !hints ? options_.token : options_.hint_token;
+  if (!wanted || !path.starts_with("/v1/")) return std::nullopt;
+  if (bearer_digest(request.authorization) == wanted) return std::nullopt;
+  if (!options_.token) {
+    return Problem{.status = 401,
+                   .type = "token",
+                   .detail = "a hint needs Authorization: Bearer TOKEN, with the token of the file api-token in the service's state folder"};
+  }
   return Problem{.status = 401, .type = "token", .detail = "send Authorization: Bearer TOKEN"};
 }
 
@@ -161,8 +169,13 @@ ApiResponse Api::health() const {
 ApiResponse Api::state() const {
   const auto view = board_.snapshot();
   nlohmann::json document = state_json(*view, age_s(*view));
-  document["events"] = nlohmann::json::array();
-  for (const FlightEvent& event : view->events) document["events"].push_back(event_json(event, *view));
+  const auto list = [&](const std::vector<FlightEvent>& events) {
+    nlohmann::json items = nlohmann::json::array();
+    for (const FlightEvent& event : events) items.push_back(event_json(event, *view, age_s(*view)));
+    return items;
+  };
+  document["events"] = list(view->events);
+  document["alarms"] = list(view->alarms);
   document["track"] = track_json(*view);
   ApiResponse response = json_answer(200, document);
   response.headers.emplace_back("Cache-Control", "no-store");
@@ -186,8 +199,26 @@ ApiResponse Api::tile(std::string_view address) const {
 ApiResponse Api::take_hint(const ApiRequest& request) const {
   const auto parsed = parse_hint(request);
   if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
+  if (!hint_is_due()) {
+    ApiResponse refusal = answer({.status = 429,
+                                  .type = "too-many-hints",
+                                  .detail = fmt::format("hints are taken every {} s; the last one still applies", kHintPeriod_s)});
+    refusal.headers.emplace_back("Retry-After", fmt::format("{:.0f}", std::ceil(kHintPeriod_s)));
+    return refusal;
+  }
   hints_.put(std::get<Hint>(parsed));
   return json_answer(202, {{"accepted", true}});
+}
+
+// Each hint may cancel a search: a caller in a loop must not keep the localizer from ever finishing one.
+bool Api::hint_is_due() const {
+  const std::lock_guard lock(hint_mutex_);
+  const double now_s = options_.now_s();
+  hint_credit_ = std::min<double>(kHintBurst, hint_credit_ + std::max(0.0, now_s - hint_credit_s_) / kHintPeriod_s);
+  hint_credit_s_ = now_s;
+  if (hint_credit_ < 1) return false;
+  hint_credit_ -= 1;
+  return true;
 }
 
 ApiResponse Api::object_location(const ApiRequest& request) const {

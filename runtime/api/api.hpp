@@ -14,6 +14,7 @@
 #include "geodesy/local_frame.hpp"
 #include "http/server.hpp"
 #include "imagery/tile_source.hpp"
+#include "service/service_rules.hpp"
 #include "vision/ground_surface.hpp"
 
 namespace nadir {
@@ -28,6 +29,8 @@ struct ApiPackage {
 struct ApiOptions {
   std::function<double()> now_s;  // the clock of FlightView::time_s
   std::optional<Sha256> token;    // digest of the bearer token that every call under /v1/ must bring
+  // Digest of the one that a hint must bring where the others need none. nullopt: none.
+  std::optional<Sha256> hint_token{};
   bool loopback = true;           // then the Host must be a loopback name, against DNS rebinding
   double stalled_after_s = 2;     // the flight's thread is silent for so long: /v1/health says so
 };
@@ -60,11 +63,14 @@ class Api final : public HttpHandler {
   ApiResponse state() const;
   ApiResponse tile(std::string_view address) const;
   ApiResponse take_hint(const ApiRequest& request) const;
+  bool hint_is_due() const;
   ApiResponse object_location(const ApiRequest& request) const;
 
   const FlightBoard& board_;
   LatestSlot<Hint>& hints_;
   ApiOptions options_;
+  mutable std::mutex hint_mutex_;
+  mutable double hint_credit_ = kHintBurst, hint_credit_s_ = 0;  // hints that may come now, as of that time
   mutable std::mutex package_mutex_;
   std::shared_ptr<const ApiPackage> package_ = std::make_shared<const ApiPackage>();
 };

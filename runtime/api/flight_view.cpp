@@ -34,9 +34,35 @@ std::string_view name_of(EventSeverity severity) {
   return "critical";
 }
 
+namespace {
+
+// The text without its figures.
+std::string wording(std::string_view text) {
+  std::string words;
+  for (const char c : text) {
+    const bool figure = (c >= '0' && c <= '9') || c == '.';
+    if (!figure) words += c;
+  }
+  return words;
+}
+
+}  // namespace
+
 void EventRing::add(double time_s, EventSeverity severity, std::string kind, std::string text) {
-  if (events_.size() >= capacity_) events_.erase(events_.begin());
-  events_.push_back({++last_id_, time_s, severity, std::move(kind), std::move(text)});
+  FlightEvent event{++last_id_, 0, 1, time_s, severity, std::move(kind), std::move(text)};
+  const auto repeated = std::find_if(events_.begin(), events_.end(), [&](const FlightEvent& earlier) {
+    return earlier.severity == event.severity && earlier.kind == event.kind &&
+           time_s - earlier.time_s < repeat_window_s_ && wording(earlier.text) == wording(event.text);
+  });
+  if (repeated != events_.end()) {
+    event.replaces = repeated->id;
+    event.count = repeated->count + 1;
+    events_.erase(repeated);
+  } else if (events_.size() >= capacity_) {
+    gone_ = std::max(gone_, events_.front().id);
+    events_.erase(events_.begin());
+  }
+  events_.push_back(std::move(event));
 }
 
 void FlightTrail::add(const TrackPoint& point) {

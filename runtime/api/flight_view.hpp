@@ -54,16 +54,19 @@ struct VelocityView {
 struct FramesView {
   std::uint64_t received = 0, dropped = 0;  // dropped: superseded, delivered late, or not decodable
   double per_s = 0;
+  std::optional<double> last_s;  // arrival of the latest
 };
 
 struct AnchorsView {
   std::uint64_t accepted = 0, rejected = 0;
+  std::uint64_t failed = 0;  // ended with an exception
   CountsByReason rejected_by;
 };
 
 struct LinkView {
   bool connected = false;
   bool signed_frames = false;
+  std::optional<double> heard_s;  // arrival of the autopilot's latest message
   std::uint64_t fixes_sent = 0;
   std::uint64_t rivals = 0;    // frames of others that claimed to be the autopilot
   CountsByReason rejected_by;  // received frames
@@ -95,14 +98,17 @@ struct PackageView {
   std::optional<UtcTime> expires;
   int min_zoom = 0, max_zoom = 0;
   std::uint64_t tiles = 0;
+  std::uint64_t corrupt_tiles = 0;  // found while reading
   bool terrain = false;  // an elevation model; else flat ground
   std::optional<LonLatBox> bounds;
   std::vector<LonLat> route;
 };
 
 struct FlightEvent {
-  std::uint64_t id = 0;  // 1, 2, 3… since the service started
-  double time_s = 0;
+  std::uint64_t id = 0;        // 1, 2, 3… since the service started
+  std::uint64_t replaces = 0;  // the id of the same event's last occurrence, whose place this takes; 0: none
+  std::uint64_t count = 1;     // occurrences
+  double time_s = 0;           // of the latest
   EventSeverity severity = EventSeverity::info;
   std::string kind;  // "state", "gps", "link", "anchor", "recorder", "tile", "hint"
   std::string text;
@@ -123,7 +129,7 @@ struct FlightView {
   StateView state;
   std::optional<PositionView> position;
   SourceLabel source = SourceLabel::no_fix;
-  std::optional<double> anchor_age_s;
+  std::optional<double> anchored_s;  // capture of the frame that was matched last
   std::optional<double> heading_rad, pitch_rad, roll_rad;
   std::optional<VelocityView> velocity;
   std::optional<double> agl_m;
@@ -134,21 +140,29 @@ struct FlightView {
   RecorderView recorder;
   PackageView package;
   std::vector<FlightEvent> events;  // the last ones, oldest first (EventRing)
+  std::uint64_t events_gone = 0;    // the highest id that left the list to make room
+  std::vector<FlightEvent> alarms;  // the last critical ones, oldest first; other events do not displace them
   std::vector<TrackPoint> track;    // the last minutes, oldest first (FlightTrail)
 };
 
 // The history that readers see: the last events and the track of the last minutes. Bounded, so that a long flight
 // costs no more than a short one.
+//
+// An event that repeats within the window (same severity, kind and wording, whatever the figures in it) takes the place
+// of its last occurrence and counts: an intermittent camera is one line, "x 5", and displaces nothing.
 class EventRing {
  public:
-  explicit EventRing(std::size_t capacity = 100) : capacity_(capacity) {}
+  explicit EventRing(std::size_t capacity = 100, double repeat_window_s = 0)
+      : capacity_(capacity), repeat_window_s_(repeat_window_s) {}
 
   void add(double time_s, EventSeverity severity, std::string kind, std::string text);
   const std::vector<FlightEvent>& events() const { return events_; }  // oldest first
+  std::uint64_t gone() const { return gone_; }                        // the highest id that left to make room
 
  private:
   std::size_t capacity_;
-  std::uint64_t last_id_ = 0;
+  double repeat_window_s_;
+  std::uint64_t last_id_ = 0, gone_ = 0;
   std::vector<FlightEvent> events_;
 };
 

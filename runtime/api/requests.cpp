@@ -10,6 +10,7 @@
 #include "base/error.hpp"
 #include "base/json.hpp"
 #include "geodesy/angles.hpp"
+#include "service/onboard_event.hpp"
 
 namespace nadir {
 namespace {
@@ -226,7 +227,7 @@ std::variant<AircraftPose, Problem> own_pose(const FlightView& view) {
                    .type = "pose-missing",
                    .detail = std::string("the service itself has no ") + what + " now; send \"pose\", or ask again"};
   };
-  if (!view.position || view.source == SourceLabel::no_fix) return missing("position");
+  if (!view.position || !is_visual(view.source)) return missing("visual position");
   if (!view.agl_m || !(*view.agl_m > 0)) return missing("height above ground");
   if (!view.heading_rad || !view.pitch_rad || !view.roll_rad) return missing("attitude");
   return AircraftPose{.place = view.position->place,

@@ -60,6 +60,10 @@ json position_json(const std::optional<PositionView>& position) {
 }  // namespace
 
 json state_json(const FlightView& view, double age_s) {
+  const double now_s = view.time_s + age_s;
+  const auto age_of = [&](const std::optional<double>& time_s) {
+    return time_s ? number(std::max(0.0, now_s - *time_s)) : json();
+  };
   json document{{"boot", printable(view.boot_id)},
                 {"version", view.version},
                 {"time_s", number(view.time_s)},
@@ -67,10 +71,10 @@ json state_json(const FlightView& view, double age_s) {
                 {"age_s", number(age_s)},
                 {"state", name_of(view.state.state)},
                 {"reason", printable(view.state.reason)},
-                {"state_for_s", number(view.time_s - view.state.since_s)},
+                {"state_for_s", number(now_s - view.state.since_s)},
                 {"position", position_json(view.position)},
                 {"source", name_of(view.source)},
-                {"anchor_age_s", number(view.anchor_age_s)},
+                {"anchor_age_s", age_of(view.anchored_s)},
                 {"heading_deg", heading_deg(view.heading_rad)},
                 {"pitch_deg", angle_deg(view.pitch_rad)},
                 {"roll_deg", angle_deg(view.roll_rad)},
@@ -81,12 +85,15 @@ json state_json(const FlightView& view, double age_s) {
                             {"north_m_s", number(view.velocity->north_mps)}};
   }
   document["frames"] = {
-      {"received", view.frames.received}, {"dropped", view.frames.dropped}, {"per_s", number(view.frames.per_s)}};
+      {"received", view.frames.received}, {"dropped", view.frames.dropped}, {"per_s", number(view.frames.per_s)},
+      {"age_s", age_of(view.frames.last_s)}};
   document["anchors"] = {{"accepted", view.anchors.accepted},
+                         {"failed", view.anchors.failed},
                          {"rejected", view.anchors.rejected},
                          {"rejected_by", counts(view.anchors.rejected_by)}};
   document["link"] = {{"connected", view.link.connected},
                       {"signed", view.link.signed_frames},
+                      {"age_s", age_of(view.link.heard_s)},
                       {"fixes_sent", view.link.fixes_sent},
                       {"rivals", view.link.rivals},
                       {"rejected_by", counts(view.link.rejected_by)},
@@ -104,13 +111,16 @@ json state_json(const FlightView& view, double age_s) {
                           {"written_bytes", view.recorder.written_bytes},
                           {"free_bytes", view.recorder.free_bytes},
                           {"lost_records", view.recorder.lost_records}};
+  document["map"] = {{"corrupt_tiles", view.package.corrupt_tiles}};
   return document;
 }
 
-json event_json(const FlightEvent& event, const FlightView& view) {
+json event_json(const FlightEvent& event, const FlightView& view, double age_s) {
   return {{"id", event.id},
           {"time_s", number(event.time_s)},
-          {"age_s", number(view.time_s - event.time_s)},
+          {"age_s", number(std::max(0.0, view.time_s + age_s - event.time_s))},
+          {"count", event.count},
+          {"replaces", event.replaces != 0 ? json(event.replaces) : json()},
           {"severity", name_of(event.severity)},
           {"kind", printable(event.kind)},
           {"text", printable(event.text)}};
@@ -181,12 +191,12 @@ std::string stream_text(const FlightView& view, double age_s, StreamCursor& curs
 
   std::string text;
   const auto out = std::back_inserter(text);
-  if (!view.events.empty() && cursor.last_event != 0 && view.events.front().id > cursor.last_event + 1) {
-    fmt::format_to(out, "event: missed\ndata: {{\"count\":{}}}\n\n", view.events.front().id - cursor.last_event - 1);
+  if (cursor.last_event != 0 && view.events_gone > cursor.last_event) {
+    fmt::format_to(out, "event: missed\ndata: {{\"count\":{}}}\n\n", view.events_gone - cursor.last_event);
   }
   for (const FlightEvent& event : view.events) {
     if (event.id <= cursor.last_event) continue;
-    fmt::format_to(out, "id: {}-{}\nevent: log\ndata: {}\n\n", boot, event.id, event_json(event, view).dump());
+    fmt::format_to(out, "id: {}-{}\nevent: log\ndata: {}\n\n", boot, event.id, event_json(event, view, age_s).dump());
     cursor.last_event = event.id;
   }
   if (cursor.version != view.version) {
@@ -271,7 +281,12 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.one_of("source", "Source of the position.", name_of(view.source),
               {"satellite_anchored", "vo_extrapolated", "dead_reckoned", "no_fix"}, "source");
   text.gauge("position_sigma_meters", "1-sigma position error per axis.", sigma_of(view));
-  text.gauge("anchor_age_seconds", "Time since the last accepted anchor.", view.anchor_age_s);
+  const auto age_of = [&](const std::optional<double>& time_s) {
+    return time_s ? std::optional(std::max(0.0, view.time_s + age_s - *time_s)) : std::nullopt;
+  };
+  text.gauge("anchor_age_seconds", "Time since the last accepted anchor.", age_of(view.anchored_s));
+  text.gauge("frame_age_seconds", "Time since the last frame arrived.", age_of(view.frames.last_s));
+  text.gauge("link_age_seconds", "Time since the autopilot's last message.", age_of(view.link.heard_s));
   text.gauge("agl_meters", "Height above ground.", view.agl_m);
   text.counter("frames_received_total", "Frames from the camera.", view.frames.received);
   text.counter("frames_dropped_total",
@@ -280,6 +295,7 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   text.gauge("frames_per_second", "Rate of frames.", view.frames.per_s);
   text.counter("anchors_accepted_total", "Accepted anchors.", view.anchors.accepted);
   text.counter("anchors_rejected_total", "Rejected anchors.", view.anchors.rejected);
+  text.counter("anchors_failed_total", "Map matches that ended with an exception.", view.anchors.failed);
   text.counters("anchors_rejected_by_total", "Rejected anchors by gate.", view.anchors.rejected_by);
   text.gauge("link_connected", "Whether the autopilot is connected.", view.link.connected ? 1.0 : 0.0);
   text.gauge("link_signed", "Whether its frames are signed.", view.link.signed_frames ? 1.0 : 0.0);
@@ -291,6 +307,8 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
               {"off", "recording", "limited", "failed"}, "state");
   text.counter("recorder_written_bytes_total", "Written by the recorder.", view.recorder.written_bytes);
   text.counter("recorder_lost_records_total", "Records that the recorder lost.", view.recorder.lost_records);
+  text.counter("corrupt_tiles_total", "Tiles that are not the signed ones, found while reading.",
+               view.package.corrupt_tiles);
   text.gauge("package_accepted", "Whether the map package was verified.", view.package.accepted ? 1.0 : 0.0);
   text.gauge("api_connections", "Open connections.", static_cast<double>(server.connections_open));
   text.counter("api_connections_total", "Accepted connections.", server.connections_total);

@@ -13,10 +13,11 @@
 
 namespace nadir {
 
-// Schema State without track and events: what changes all the time. age_s: how old the view is.
+// Schema State without track, events and alarms: what changes all the time. age_s: how old the view is; all ages and
+// durations in it are as of now, so that nothing stands still when the flight's thread does.
 nlohmann::json state_json(const FlightView& view, double age_s);
 
-nlohmann::json event_json(const FlightEvent& event, const FlightView& view);
+nlohmann::json event_json(const FlightEvent& event, const FlightView& view, double age_s);
 nlohmann::json track_json(const FlightView& view);  // oldest first
 nlohmann::json package_json(const PackageView& package);
 

@@ -134,6 +134,7 @@ void AutopilotLink::run(const std::stop_token& stop) {
     const double now_s = clock_.monotonic_s();
     const auto handle = [&](const ReceivedMessage& message) {
       request_streams(now_s, message);
+      note_heard(now_s, message);
       predict_motion(now_s, message);
       listener_.on_message(now_s, message);
     };
@@ -204,6 +205,7 @@ void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
     if (station.setup.role == StationRole::logger) station.link.send(input, us(now_s));
   }
   if (!link_.send(input, us(now_s))) return;
+  if (listener_.on_fix) listener_.on_fix(now_s, input, fix ? status.source : SourceLabel::no_fix);
   const std::scoped_lock lock(mutex_);
   ++state_.fixes_sent;
   state_.last_fix = fix;
@@ -220,6 +222,16 @@ void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message
     return;
   requested_s_ = now_s;
   for (const auto& [stream, rate_hz] : kStreams) outgoing_.put(set_message_interval(message.source, stream, rate_hz));
+}
+
+void AutopilotLink::note_heard(double now_s, const ReceivedMessage& received) {
+  if (received.source != MavlinkAddress{airframe_.system, airframe_.autopilot}) return;
+  const std::scoped_lock lock(mutex_);
+  state_.heard_s = now_s;
+  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
+    state_.attitude = *attitude;
+    state_.attitude_s = now_s;
+  }
 }
 
 // Between frames, and above all without them, the fix follows the aircraft's motion.

@@ -124,6 +124,8 @@ class AutopilotLink {
     std::function<void()> on_unauthenticated_peer;
     // Somebody at another address claims to be the autopilot; at most once in ten seconds.
     std::function<void(std::uint64_t frames)> on_rival{};
+    // GPS_INPUT has been sent, with a fix or as "no fix".
+    std::function<void(double now_s, const GpsInput& sent, SourceLabel source)> on_fix{};
   };
 
   AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener);
@@ -150,6 +152,9 @@ class AutopilotLink {
     std::uint64_t fixes_sent = 0;
     double longest_gap_s = 0;     // between two GPS_INPUT
     std::optional<Fix> last_fix;  // in the last of them; nullopt: "no fix"
+    std::optional<double> heard_s;  // when the autopilot's last message arrived
+    std::optional<AircraftAttitude> attitude;  // its last one
+    std::optional<double> attitude_s;          // when that arrived
     LatencyHistogram latency;     // from the arrival of a frame to the first fix that uses it
     struct Station {
       StationRole role = StationRole::ground_station;
@@ -167,6 +172,7 @@ class AutopilotLink {
   ServiceStatus status() const;
   void send_fix(double now_s, const ServiceStatus& status);
   void request_streams(double now_s, const ReceivedMessage& message);
+  void note_heard(double now_s, const ReceivedMessage& received);
   void predict_motion(double now_s, const ReceivedMessage& received);
   void report_unauthenticated_peer(double now_s, MavlinkAddress claimed);
   void report_rivals(double now_s);

@@ -34,13 +34,18 @@ void FlightJournal::on_event(double time_s, const OnboardEvent& event) {
 }
 
 void FlightJournal::note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text) {
-  events_.add(time_s, severity, kind, text);
+  add(time_s, severity, kind, text);
   if (recorder_ != nullptr) recorder_->record(HealthRecord{severity == EventSeverity::info, {}, {kind + ": " + text}});
+}
+
+void FlightJournal::add(double time_s, EventSeverity severity, const std::string& kind, const std::string& text) {
+  events_.add(time_s, severity, kind, text);
+  if (severity == EventSeverity::critical) alarms_.add(time_s, severity, kind, text);
 }
 
 void FlightJournal::on(double, const StateTransition& transition) {
   const ReasonText& reason = text_of(transition.reason);
-  events_.add(transition.time_s, severity_of(reason.severity), "state", transition.text);
+  add(transition.time_s, severity_of(reason.severity), "state", transition.text);
   if (recorder_ == nullptr) return;
   recorder_->record(StateRecord{std::string(name_of(transition.from)), std::string(name_of(transition.to)),
                                 std::string(reason.name) + ": " + transition.text});
@@ -53,6 +58,24 @@ void FlightJournal::on(double time_s, const CameraFailed& failed) {
 void FlightJournal::on(double time_s, const PartReported& reported) {
   note(time_s, reported.failure.empty() ? EventSeverity::info : EventSeverity::warning, reported.part,
        text_of(reported));
+}
+
+void FlightJournal::on(double time_s, const TileCorrupt& tile) {
+  add(time_s, EventSeverity::critical, "tile",
+      fmt::format("{}: tile {}: {}; the map has a hole there", tile.code, to_text(tile.tile), tile.reason));
+  if (recorder_ != nullptr) recorder_->record(TileRecord{tile.tile, tile.code, tile.reason});
+}
+
+// The first of a row; the view counts all of them.
+void FlightJournal::on(double time_s, const MatchFailed& failed) {
+  if (!match_failed_) note(time_s, EventSeverity::warning, "match", "matching to the map failed: " + failed.reason);
+  match_failed_ = true;
+}
+
+void FlightJournal::on(double time_s, const LocalizedFrame& frame) {
+  if (!match_failed_ || !frame.late || frame.report.anchor.verdict == AnchorVerdict::not_tried) return;
+  match_failed_ = false;
+  note(time_s, EventSeverity::info, "match", "matching to the map works again");
 }
 
 void FlightJournal::on(double time_s, const FixJumped& jumped) {

@@ -11,6 +11,7 @@
 #include "mavlink/messages.hpp"
 #include "recorder/recorder.hpp"
 #include "service/onboard_event.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
 
@@ -28,17 +29,24 @@ class FlightJournal {
   void note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
 
   const EventRing& events() const { return events_; }
+  const EventRing& alarms() const { return alarms_; }  // the critical ones, which no other event displaces
 
  private:
   void on(double time_s, const StateTransition& transition);
   void on(double time_s, const CameraFailed& failed);
   void on(double time_s, const PartReported& reported);
+  void on(double time_s, const TileCorrupt& tile);
+  void on(double time_s, const MatchFailed& failed);
+  void on(double time_s, const LocalizedFrame& frame);
   void on(double time_s, const FixJumped& jumped);
   void on(double time_s, const PositionHinted& hint);
   void on(double time_s, const LinkRivalHeard& rival);
 
+  void add(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
+
   Recorder* recorder_;
-  EventRing events_;
+  EventRing events_{100, kRepeatWindow_s}, alarms_{50, kRepeatWindow_s};
+  bool match_failed_ = false;  // and none has succeeded since
 };
 
 std::string text_of(const FixJumped& jumped);

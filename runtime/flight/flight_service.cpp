@@ -22,6 +22,18 @@ namespace {
 constexpr double kTurn_s = 0.05, kViewPeriod_s = 0.2;
 constexpr std::chrono::milliseconds kUpkeepWait{500};
 
+constexpr const char* kHintToken = "api-token";  // in the state folder
+
+// Without a readable token nobody may hint: the digest is that of nothing that anybody could send.
+Sha256 hint_token_digest(const std::filesystem::path& file, std::string& failure) {
+  try {
+    return sha256(as_bytes(read_or_create_bearer_token(file)));
+  } catch (const Error& error) {
+    failure = error.what();
+    return sha256(as_bytes("no token has spaces"));
+  }
+}
+
 std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
   if (!file) return std::nullopt;
   return sha256(as_bytes(read_bearer_token(*file)));
@@ -235,6 +247,11 @@ void FlightService::start_api() {
   api.now_s = [this] { return clock_.monotonic_s(); };
   api.token = token_digest(options_.token);
   api.loopback = address.loopback();
+  if (!api.token) {
+    std::string failure;
+    api.hint_token = hint_token_digest(state_.folder() / kHintToken, failure);
+    if (!failure.empty()) publish(PartReported{"hints of the API", failure});
+  }
   if (!api_) {
     auto made = std::make_unique<Api>(board_, api_hints_, api);
     if (map_) made->use_package(map_->for_api());
@@ -253,6 +270,7 @@ void FlightService::start_localization() {
   listener.on_hint = [this](const HintRecord& hint) {
     if (Recorder* recorder = recorder_) recorder->record(hint);
   };
+  listener.on_match_failed = [this](const std::string& reason) { publish(MatchFailed{reason}); };
   localization_ = std::make_unique<LocalizationThread>(localization_setup(), frames_, watch_, std::move(listener));
   if (restart_.hint) localization_->hint(restart_.hint->place, restart_.hint->radius_m, "restart");
 }
@@ -310,6 +328,7 @@ void FlightService::start_link() {
   listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
+  listener.on_fix = [this](double now_s, const GpsInput& sent, SourceLabel source) { record_fix(now_s, sent, source); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalHeard{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
 }
@@ -373,6 +392,7 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
     // Our own GPS_INPUT comes back as the receiver of that number.
     if (ours && gps->receiver != airframe_.gps_id + 1) {
       telemetry(*gps);
+      receiver_ = TimedReceiver{now_s, *gps};
       publish(
           GpsFix3d{now_s, gps->fix >= GpsFix::three_d, gps->place, gps->ground_speed_mps, gps->horizontal_accuracy_m});
     }
@@ -395,11 +415,43 @@ void FlightService::on_command(const ReceivedMessage& received, const CommandInt
   link_->send(CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
 }
 
+// On the link's thread. The recorder queues the record and never waits.
+void FlightService::record_fix(double now_s, const GpsInput& sent, SourceLabel source) {
+  Recorder* recorder = recorder_;
+  if (recorder == nullptr) return;
+  FixRecord record;
+  record.time_s = now_s;
+  record.unix_us = sent.unix_us;
+  record.fix_type = static_cast<int>(sent.fix);
+  record.accuracy_m = sent.horizontal_accuracy_m;
+  if (sent.fix >= GpsFix::two_d) {
+    record.source = source;
+    record.place = sent.place;
+    record.msl_m = sent.msl_m;
+    record.vertical_accuracy_m = sent.vertical_accuracy_m;
+    record.speed_accuracy_mps = sent.speed_accuracy_mps;
+    if (sent.velocity) {
+      record.north_mps = sent.velocity->north_mps;
+      record.east_mps = sent.velocity->east_mps;
+      record.down_mps = sent.velocity->down_mps;
+    }
+  }
+  if (receiver_) {
+    const GpsRaw& gps = receiver_->gps;
+    record.gps = FixRecord::Receiver{now_s - receiver_->time_s, static_cast<int>(gps.fix), gps.place, gps.msl_m,
+                                     gps.horizontal_accuracy_m};
+  }
+  recorder->record(std::move(record));
+}
+
 // Disks may be slow: apart from recorder and tiles, only this thread uses them in flight.
 void FlightService::upkeep_loop(const std::stop_token& stop) {
   begin_thread("upkeep", ThreadPriority::low);
-  Cadence signing_time(kSavePeriod_s, clock_.monotonic_s());
+  Cadence signing_time(kSavePeriod_s, clock_.monotonic_s()), health(kHealthPeriod_s, clock_.monotonic_s());
   while (!stop.stop_requested()) {
+    if (Recorder* recorder = recorder_; recorder != nullptr && health.due(clock_.monotonic_s())) {
+      recorder->record(HealthRecord{true, health_.measure(clock_.monotonic_s()), {}});
+    }
     // Before it is written anew: what was wrong with the file of the last run.
     if (auto reported = signing_part_.note(clock_.monotonic_s(), link_->signing_time_failure())) {
       publish(*std::move(reported));
@@ -458,6 +510,7 @@ FlightEnd FlightService::run() {
   manager_.ready(map_ ? "flying" : "map package rejected: " + rejection_);
   Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());
   Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s());
+  AwaitedParts awaited = awaited_parts();
   double next_s = clock_.monotonic_s();
   while (!judge_again_ && clock_.wait_until(next_s, stop_.token())) {
     const double now_s = clock_.monotonic_s();
@@ -467,7 +520,13 @@ FlightEnd FlightService::run() {
     assess_gps(now_s);
     on_transitions(machine_.update(now_s));
     if (views.due(now_s)) update_view(now_s);
-    if (saves.due(now_s)) save(now_s);
+    if (saves.due(now_s)) {
+      save(now_s);
+      report_corrupt_tiles();
+    }
+    for (const std::string& line : awaited.update(now_s)) {
+      if (log_) log_(line);
+    }
     if (const auto late = watchdog.tick(now_s)) {
       journal_->note(now_s, late->empty() ? EventSeverity::info : EventSeverity::critical, "thread",
                      late->empty() ? "all threads respond again" : *late);
@@ -518,6 +577,12 @@ void FlightService::react(double, const PartReported& reported) {
   recorder_error_ = reported.part == "recorder" ? reported.failure : recorder_error_;
 }
 
+void FlightService::react(double, const CameraFailed& failed) { camera_failure_ = failed.reason; }
+
+void FlightService::react(double, const TileCorrupt&) {
+  if (corrupt_tiles_++ == 0) operator_texts_.add(TextSeverity::critical, "Nadir: CORRUPT MAP TILES, check storage");
+}
+
 void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
 
 void FlightService::react(double, const LinkRivalHeard&) {
@@ -547,7 +612,6 @@ void FlightService::assess_gps(double now_s) {
 void FlightService::on_transitions(std::span<const StateTransition> transitions) {
   for (const StateTransition& transition : transitions) {
     journal_->on_event(transition.time_s, transition);
-    if (transition.from != transition.to) last_reason_ = transition.text;
     const ReasonText& text = text_of(transition.reason);
     const auto severity = static_cast<TextSeverity>(text.severity);  // both have MAVLink's values
     if (transition.reason == ServiceReason::link_unsigned) {
@@ -565,7 +629,7 @@ void FlightService::on_transitions(std::span<const StateTransition> transitions)
 
 void FlightService::update_view(double now_s) {
   const ServiceStatus status = machine_.status();
-  views_.set_status(status, last_reason_);
+  views_.set_status(status, machine_.reason_text());
   views_.set_frames(frame_counts(), now_s);
   const AutopilotLink::State link = link_->state();
   views_.set_link(link, status.link_up, options_.link_key.has_value());
@@ -580,7 +644,7 @@ void FlightService::update_view(double now_s) {
     }
   }
   views_.restrict_to_fix(status, link.last_fix, now_s);
-  board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events().events()));
+  board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events(), journal_->alarms()));
 }
 
 void FlightService::save(double now_s) {
@@ -600,6 +664,41 @@ void FlightService::save(double now_s) {
   }
   if (options_.start) flight.hint = SavedHint{*options_.start, kGpsHintRadius_m};
   to_save_.put(std::move(flight));
+}
+
+// Reading tiles is the matcher's; what it found is looked at here.
+void FlightService::report_corrupt_tiles() {
+  if (!map_) return;
+  const Findings findings = map_->package().imagery().findings();
+  constexpr std::string_view kTile = "tile ";
+  for (std::size_t i = corrupt_tiles_; i < findings.items().size(); ++i) {
+    const Finding& finding = findings.items()[i];
+    const auto key = parse_tile_key(std::string_view(finding.where).substr(std::min(kTile.size(), finding.where.size())));
+    on_event(clock_.monotonic_s(), TileCorrupt{key.value_or(TileKey{}), finding.code, finding.found});
+  }
+}
+
+AwaitedParts FlightService::awaited_parts() const {
+  const auto camera_here = [this](double now_s) {
+    const std::optional<double> frame_s = machine_.status().frame_s;
+    return frame_s && now_s - *frame_s < kAwaitedAfter_s;
+  };
+  const auto camera = [this] {
+    return fmt::format("the camera {}: {}", options_.camera, camera_failure_.empty() ? "no frame" : camera_failure_);
+  };
+  const auto autopilot = [this] {
+    const std::string error = link_->state().error;
+    return fmt::format("the autopilot {}/{} at {}: {}", airframe_.system, airframe_.autopilot, options_.autopilot,
+                       !error.empty()      ? error
+                       : options_.link_key ? "no heartbeat with a valid signature"
+                                           : "no heartbeat");
+  };
+  std::vector<AwaitedParts::Part> parts;
+  parts.push_back({"package", [this](double) { return map_ != nullptr; },
+                   [this] { return fmt::format("a package that is accepted, at {}: {}", options_.package.string(), rejection_); }});
+  if (map_) parts.push_back({"camera", camera_here, camera});
+  parts.push_back({"autopilot", [this](double) { return machine_.status().link_up; }, autopilot});
+  return AwaitedParts(std::move(parts));
 }
 
 void FlightService::note_start() {

@@ -35,7 +35,9 @@
 #include "flight/tile_making.hpp"
 #include "flight/view_builder.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "service/awaited_parts.hpp"
 #include "service/gps_health.hpp"
+#include "service/machine_health.hpp"
 #include "service/onboard_event.hpp"
 #include "service/retried_part.hpp"
 #include "service/saved_flight.hpp"
@@ -64,7 +66,9 @@ struct FlightOptions {
   int candidates_percent = 25;                    // of one core, for the tiles
   int candidates_frame_ms = 0;                    // for the tiles of one frame; 0: no limit
   std::string listen = "127.0.0.1:8750";
-  std::optional<std::filesystem::path> token;  // file with the API's bearer token
+  // File with the API's bearer token. nullopt: on loopback everybody may read, and hints need a token that is made in
+  // the state folder.
+  std::optional<std::filesystem::path> token;
   std::optional<LonLat> start;
   double anchor_every_m = 0;
   bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
@@ -105,6 +109,11 @@ class FlightService {
   const std::optional<AcceptanceRecord>& acceptance() const { return acceptance_; }  // after run()
 
  private:
+  struct TimedReceiver {
+    double time_s = 0;
+    GpsRaw gps;
+  };
+
   // Start
   LocalizationSetup localization_setup() const;
   void start_recorder();
@@ -123,6 +132,7 @@ class FlightService {
   void upkeep(double now_s);
   void save_state();
   void on_command(const ReceivedMessage& received, const CommandInt& command);
+  void record_fix(double now_s, const GpsInput& sent, SourceLabel source);
 
   // The conductor
   void note_start();
@@ -136,15 +146,20 @@ class FlightService {
   void react(double time_s, const AutopilotHeartbeat& heartbeat);
   void react(double time_s, const PartReported& reported);
   void react(double time_s, const PackageRestored& restored);
+  void react(double time_s, const CameraFailed& failed);
+  void react(double time_s, const TileCorrupt& tile);
   void on_transitions(std::span<const StateTransition> transitions);
   void assess_gps(double now_s);
   void update_view(double now_s);
   void save(double now_s);
+  void report_corrupt_tiles();
+  AwaitedParts awaited_parts() const;
   MailboxCounts frame_counts() const;
 
   FlightOptions options_;
   const FlightClock& clock_;
   StopSignals& stop_;
+  Log log_;
   Airframe airframe_;
   std::string rejection_;
   Findings warnings_;  // of the verification
@@ -169,6 +184,10 @@ class FlightService {
   LatestMailbox<SavedFlight> to_save_;
   std::optional<LocalizedFrame> last_frame_;
   std::string last_reason_, recorder_error_;
+  std::string camera_failure_;     // the last one
+  std::size_t corrupt_tiles_ = 0;  // reported
+  std::optional<TimedReceiver> receiver_;  // the link's thread
+  MachineHealth health_;                   // the thread of the state directory
 
   // Parts that are tried again, on the upkeep thread. What others use of them is published as a pointer when it is
   // there, and stays until the end.

@@ -71,9 +71,11 @@ void LocalizationThread::match_to_map(const std::stop_token& stop) {
     if (!job) continue;
     try {
       (*job)->run(cancel);
-    } catch (const std::exception&) {
-      // A match that was cancelled or failed (an unreadable tile, an error in OpenCV) has no result: the job goes back
-      // as one that never ran.
+    } catch (const std::exception& error) {
+      // A match that was cancelled or failed (an error in OpenCV, no memory) has no result: the job goes back as one
+      // that never ran.
+      const bool cancelled = stop.stop_requested() || cancel_job_;
+      if (!cancelled && listener_.on_match_failed) listener_.on_match_failed(error.what());
     }
     if (stop.stop_requested()) return;
     finished_.put(std::move(*job));

@@ -49,6 +49,8 @@ class LocalizationThread {
     std::function<void(std::uint64_t index, const Telemetry&, ByteView encoded)> on_frame;  // before it is processed
     std::function<void(const LocalizedFrame&)> on_localized;
     std::function<void(const HintRecord&)> on_hint;  // once the localizer has it
+    // On the matcher's thread: a match ended with an exception. One that was cancelled did not fail.
+    std::function<void(const std::string& reason)> on_match_failed{};
   };
 
   // Everything that setup points at, the watch and the frames must outlive this.

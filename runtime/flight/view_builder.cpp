@@ -1,5 +1,7 @@
 #include "flight/view_builder.hpp"
 
+#include "service/service_rules.hpp"
+
 namespace nadir {
 namespace {
 
@@ -28,7 +30,8 @@ void ViewBuilder::on_event(const LocalizedFrame& frame) {
     trail_.add({frame.telemetry.time_s, *estimate.position, estimate.sigma_m, estimate.source});
   }
   view_.source = estimate.source;
-  view_.anchor_age_s = estimate.anchor_age_s;
+  // Kept when tracking is lost: the time since the last match goes on.
+  if (estimate.anchor_age_s) view_.anchored_s = frame.telemetry.time_s - *estimate.anchor_age_s;
   view_.heading_rad = state.heading_rad;
   view_.pitch_rad = frame.telemetry.pitch_rad;
   view_.roll_rad = frame.telemetry.roll_rad;
@@ -45,13 +48,19 @@ void ViewBuilder::on_event(const GpsAssessment& gps) { view_.gps = {shown(gps.ve
 
 void ViewBuilder::set_status(const ServiceStatus& status, const std::string& reason) {
   view_.state = {status.state, reason, status.since_s};
+  view_.frames.last_s = status.frame_s;
 }
 
 void ViewBuilder::restrict_to_fix(const ServiceStatus& status, const std::optional<Fix>& last_fix, double now_s) {
   if (status.state == ServiceState::normal) return;
   view_.position.reset();
   view_.velocity.reset();
-  view_.heading_rad = view_.pitch_rad = view_.roll_rad = std::nullopt;  // of the last frame
+  view_.heading_rad = view_.pitch_rad = view_.roll_rad = view_.agl_m = std::nullopt;  // of the last frame
+  if (attitude_ && now_s - *attitude_s_ < kLinkLost_s) {
+    view_.heading_rad = attitude_->yaw_rad;
+    view_.pitch_rad = attitude_->pitch_rad;
+    view_.roll_rad = attitude_->roll_rad;
+  }
   view_.source = SourceLabel::no_fix;
   if (status.state != ServiceState::degraded || !last_fix) return;
   const double variance_m2 = last_fix->sigma_m * last_fix->sigma_m;
@@ -73,6 +82,9 @@ void ViewBuilder::set_frames(const MailboxCounts& counts, double now_s) {
 void ViewBuilder::set_link(const AutopilotLink::State& state, bool connected, bool is_signed) {
   const LinkCounts& counts = state.counts;
   view_.link.connected = connected;
+  view_.link.heard_s = state.heard_s;
+  attitude_ = state.attitude;
+  attitude_s_ = state.attitude_s;
   view_.link.signed_frames = is_signed;
   view_.link.fixes_sent = state.fixes_sent;
   view_.link.rivals = counts.rivals;
@@ -106,11 +118,14 @@ void ViewBuilder::set_recorder(const Recorder* recorder, const std::string& erro
   for (const auto& [topic, count] : status.dropped) view_.recorder.lost_records += count;
 }
 
-FlightView ViewBuilder::view(double now_s, std::int64_t unix_us, const std::vector<FlightEvent>& events) const {
+FlightView ViewBuilder::view(double now_s, std::int64_t unix_us, const EventRing& events,
+                             const EventRing& alarms) const {
   FlightView view = view_;
   view.time_s = now_s;
   view.utc = UtcTime{unix_us / 1'000'000};
-  view.events = events;
+  view.events = events.events();
+  view.events_gone = events.gone();
+  view.alarms = alarms.events();
   view.track = trail_.points();
   return view;
 }

@@ -12,6 +12,7 @@
 #include "estimation/estimate.hpp"
 #include "estimation/telemetry.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "geodesy/web_mercator.hpp"
 #include "service/service_state.hpp"
 
 namespace nadir {
@@ -105,6 +106,18 @@ struct LocalizedFrame {
   FrameReport report;
 };
 
+// A match of a frame to the map ended with an exception: it says nothing about the place, and nothing was measured.
+struct MatchFailed {
+  std::string reason;
+};
+
+// A tile that is read in flight is not the signed one, or cannot be read. The map has a hole there.
+struct TileCorrupt {
+  TileKey tile;
+  std::string code;  // of the finding: artifact.hash, sqlite.corrupt, tiff.corrupt
+  std::string reason;
+};
+
 // ---- conclusions of the service
 
 enum class GpsVerdict {
@@ -131,7 +144,7 @@ struct StateTransition {
 
 using OnboardEvent = std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat,
                                   LinkRivalHeard, GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived,
-                                  CameraFailed, LocalizedFrame, GpsAssessment, StateTransition>;
+                                  CameraFailed, LocalizedFrame, MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

@@ -99,6 +99,7 @@ void ServiceMachine::enter(const Step& step) {
   transitions_.push_back({now_s_, state_, step.to, step.reason, std::move(text)});
   state_ = step.to;
   reason_ = step.reason;
+  detail_ = step.detail;
   since_s_ = now_s_;
   if (state_ == ServiceState::normal) {
     ever_anchored_ = true;
@@ -108,6 +109,14 @@ void ServiceMachine::enter(const Step& step) {
   steady_since_s_.reset();
   sent_sigma_m_ = sigma_m_;
   if (state_ == ServiceState::no_fix) anchored_ = restored_ = false;
+}
+
+std::string ServiceMachine::reason_text() const {
+  std::string detail = detail_;
+  if (const auto blind = blindness(); state_ == degraded && blind && blind->reason == reason_) detail = blind->detail;
+  if (reason_ == no_position && position_s_) detail = fmt::format("for {:.1f} s", now_s_ - *position_s_);
+  const std::string text(text_of(reason_).explanation);
+  return detail.empty() ? text : text + ": " + detail;
 }
 
 void ServiceMachine::note(ServiceReason reason, const std::string& detail) {
@@ -170,6 +179,9 @@ void ServiceMachine::on(const LocalizedFrame& frame) {
   growth_mps_ = kBlindGrowth_mps;
 
   if (!has_position_) anchored_ = false;
+  const bool accepted = frame.report.anchor.verdict == AnchorVerdict::accepted;
+  const AnchorVerdict verdict = frame.report.anchor.verdict;
+  if (verdict != AnchorVerdict::not_tried && verdict != AnchorVerdict::frame_unfit) match_failures_ = 0;
   const bool visual = has_position_ && is_visual(source_);
   if (visual) visual_s_ = now_s_;
   if (!visual || sigma_m_ > kReturnSigma_m) {
@@ -177,8 +189,11 @@ void ServiceMachine::on(const LocalizedFrame& frame) {
     return;
   }
   if (!steady_since_s_) steady_since_s_ = now_s_;
-  const bool accepted = frame.report.anchor.verdict == AnchorVerdict::accepted;
   if (source_ == SourceLabel::satellite_anchored || accepted) anchored_ = true;
+}
+
+void ServiceMachine::on(const MatchFailed&) {
+  if (++match_failures_ == kMatchFailures && state_ != ServiceState::normal) note(matcher_failing);
 }
 
 void ServiceMachine::on(const EstimateRestored& restored) {
@@ -212,7 +227,8 @@ ServiceStatus ServiceMachine::status() const {
                        .sigma_m = kNoFixAccuracy_m,
                        .leader = leader_,
                        .gps = gps_,
-                       .link_up = link_up_};
+                       .link_up = link_up_,
+                       .frame_s = frame_s_};
   if (state_ == ServiceState::normal) {
     status.source = source_;
     status.sigma_m = sigma_m_;
@@ -290,6 +306,9 @@ std::optional<ServiceMachine::Step> ServiceMachine::blindness() const {
   }
   if (unanswered_s_ && now_s_ - *unanswered_s_ > kEstimateOverdue_s) {
     return Step{degraded, localizer_late, fmt::format("no estimate for {:.2f} s", now_s_ - *unanswered_s_)};
+  }
+  if (match_failures_ >= kMatchFailures) {
+    return Step{degraded, matcher_failing, fmt::format("{} in a row", match_failures_)};
   }
   if (source_ == SourceLabel::dead_reckoned) return Step{degraded, frame_unfit, {}};
   return std::nullopt;

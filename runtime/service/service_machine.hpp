@@ -62,6 +62,7 @@ struct ServiceStatus {
   PositionLeader leader = PositionLeader::gps;
   GpsVerdict gps = GpsVerdict::unknown;
   bool link_up = false;  // authentic messages from the autopilot lately
+  std::optional<double> frame_s{};  // when the latest frame arrived
 };
 
 class ServiceMachine {
@@ -75,6 +76,9 @@ class ServiceMachine {
 
   ServiceStatus status() const;  // as of the last update
 
+  // Why the state is as it is, for people, with durations as of the last update: they grow while it lasts.
+  std::string reason_text() const;
+
  private:
   struct Step {
     ServiceState to;
@@ -86,6 +90,7 @@ class ServiceMachine {
   void on(const AutopilotHeartbeat& heartbeat);
   void on(const FrameReceived&);
   void on(const LocalizedFrame& frame);
+  void on(const MatchFailed&);
   void on(const EstimateRestored& restored);
   void on(const GpsAssessment& gps);
 
@@ -117,6 +122,7 @@ class ServiceMachine {
 
   ServiceState state_ = ServiceState::boot;
   ServiceReason reason_ = ServiceReason::started;
+  std::string detail_;  // of the reason, as of since_s_
   double since_s_;
 
   std::optional<PackageVerified> package_;
@@ -131,6 +137,7 @@ class ServiceMachine {
   std::optional<double> estimate_s_;      // the latest estimate, or the restored one
   std::optional<double> visual_s_;        // the latest visual estimate
   std::optional<double> steady_since_s_;  // since when every estimate is good
+  int match_failures_ = 0;                // in a row
   SourceLabel source_ = SourceLabel::no_fix;
   bool has_position_ = false;
   bool restored_ = false;       // a saved position is in use

@@ -18,6 +18,9 @@ inline constexpr double kBlindNoFix_s = 30;        // blind for longer: no fix
 inline constexpr double kBlindGrowth_mps = 5.0;    // of σ while blind, between estimates; the filter's own growth is
                                                    // smaller for the first 33 s (1.5 m/s per root second)
 
+// ---- failures of map matching [design]
+inline constexpr int kMatchFailures = 5;  // matches in a row that end with an exception: blind, although frames come
+
 // ---- required accuracy, one axis [design]
 inline constexpr double kNoFixSigma_m = 500;
 inline constexpr double kReturnSigma_m = 400;    // to provide fixes again: hysteresis
@@ -34,6 +37,14 @@ inline constexpr double kReturnFromFailsafe_s = 2;
 // ---- periods and timeouts [design]
 inline constexpr double kLinkLost_s = 5;    // no message from the autopilot
 inline constexpr double kSavePeriod_s = 1;  // of the state directory
+inline constexpr double kHealthPeriod_s = 5;  // of the measures of the machine, in the recorder
+inline constexpr double kAwaitedAfter_s = 5;   // without a frame or the autopilot: it is waited for
+inline constexpr double kAwaitedAgain_s = 60;  // between two lines of the log about what is waited for
+
+// ---- lists of events, and hints through the API [design]
+inline constexpr double kRepeatWindow_s = 300;  // an event of the same wording is one line, with a count
+inline constexpr double kHintPeriod_s = 2;      // hints through the API on average
+inline constexpr int kHintBurst = 3;            // at once, after a pause
 
 // ---- GPS: denied or spoofed (gps_health.hpp)
 inline constexpr double kGpsSilent_s = 1.5;          // no message [design]

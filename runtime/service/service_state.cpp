@@ -28,6 +28,8 @@ constexpr std::array kReasons{
                "Nadir: no camera frames, dead reckoning"},
     ReasonText{localizer_late, "localizer_late", "frames arrive, but no estimates", warning,
                "Nadir: estimates late, dead reckoning"},
+    ReasonText{matcher_failing, "matcher_failing", "matching to the map fails again and again", error,
+               "Nadir: MAP MATCHING FAILS, dead reckoning"},
     ReasonText{vision_back, "vision_back", "visual position restored", notice, "Nadir: visual position restored"},
     ReasonText{blind_too_long, "blind_too_long", "blind for too long", critical, "Nadir: NO FIX, blind for too long"},
     ReasonText{sigma_too_large, "sigma_too_large", "the position is too uncertain", critical,

@@ -40,6 +40,7 @@ enum class ServiceReason {
   frame_unfit,
   camera_silent,
   localizer_late,
+  matcher_failing,
   vision_back,
   blind_too_long,
   sigma_too_large,

@@ -53,7 +53,7 @@ TEST_F(ApiTest, ReportsTheCovarianceAsAnEllipse) {
 TEST_F(ApiTest, HostileNumbersAndTextAreEscaped) {
   FlightView view = flight.at(now_s, ServiceState::normal);
   view.position->sigma_m = std::numeric_limits<double>::quiet_NaN();
-  view.anchor_age_s = std::numeric_limits<double>::infinity();
+  view.anchored_s = -std::numeric_limits<double>::infinity();
   view.state.reason = "\x1b[2J\xff\xfe\"quoted\"";
   view.events.back().text = std::string("\x00\x01", 2);
   board.publish(view);
@@ -204,6 +204,52 @@ TEST_F(ApiTest, ThePageLoadsNoExternalResources) {
     for (std::size_t at; (at = text.find("http://www.w3.org/")) != std::string::npos;) text.erase(at, 18);
     EXPECT_EQ(text.find("://"), std::string::npos) << path;
   }
+}
+
+// Everybody on the computer may read; a hint changes the flight.
+TEST_F(ApiTest, OnLoopbackHintsNeedTheirTokenAndReadingNone) {
+  ApiOptions guarded = options();
+  guarded.hint_token = sha256(as_bytes("a-secret-of-the-crew"));
+  const Api served(board, hints, guarded);
+  EXPECT_EQ(served.handle(get("/v1/state")).status, 200);
+  EXPECT_EQ(served.handle(get("/v1/package")).status, 200);
+  ApiRequest hint = post("/v1/hint", R"({"lat": 47.5, "lon": 8.6, "radius_m": 800})");
+  expect_problem(served.handle(hint), 401, "token");
+  hint.authorization = "Bearer guessed-it-perhaps";
+  expect_problem(served.handle(hint), 401, "token");
+  EXPECT_EQ(hints.take(), nullptr);
+  hint.authorization = "Bearer a-secret-of-the-crew";
+  EXPECT_EQ(served.handle(hint).status, 202);
+  EXPECT_NE(hints.take(), nullptr);
+}
+
+TEST_F(ApiTest, HintsAreTakenAtALimitedRate) {
+  const ApiRequest hint = post("/v1/hint", R"({"lat": 47.5, "lon": 8.6, "radius_m": 800})");
+  for (int i = 0; i < kHintBurst; ++i) EXPECT_EQ(api.handle(hint).status, 202) << i;
+  for (int i = 0; i < 100; ++i) {
+    const ApiResponse refused = api.handle(hint);
+    expect_problem(refused, 429, "too-many-hints");
+    EXPECT_TRUE(std::ranges::any_of(refused.headers, [](const auto& header) { return header.first == "Retry-After"; }));
+  }
+  expect_problem(api.handle(post("/v1/hint", "{}")), 400, "invalid");
+  now_s += kHintPeriod_s;
+  EXPECT_EQ(api.handle(hint).status, 202);
+  EXPECT_EQ(api.handle(hint).status, 429);
+  now_s += 3600;
+  for (int i = 0; i < kHintBurst; ++i) EXPECT_EQ(api.handle(hint).status, 202) << "an hour buys no more than the burst";
+  EXPECT_EQ(api.handle(hint).status, 429);
+}
+
+TEST_F(ApiTest, AlarmsHaveAListOfTheirOwn) {
+  for (int i = 0; i < 200; ++i) {
+    flight.note(now_s, EventSeverity::info, "hint", std::string(static_cast<std::size_t>(i + 1), 'x'));
+  }
+  publish(ServiceState::normal);
+  const nlohmann::json state = json(api.handle(get("/v1/state")));
+  EXPECT_EQ(state["events"].size(), 100U);
+  ASSERT_EQ(state["alarms"].size(), 1U);
+  EXPECT_EQ(state["alarms"][0]["kind"], "gps");
+  EXPECT_EQ(state["alarms"][0]["severity"], "critical");
 }
 
 }  // namespace

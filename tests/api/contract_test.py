@@ -18,17 +18,23 @@ sys.path.insert(0, str(pathlib.Path(__file__).parent))
 from scripted_service import ScriptedService  # noqa: E402
 
 SERVER, ROOT = sys.argv[1], pathlib.Path(sys.argv[2])
+TOKEN = "a-secret-of-the-crew"
 CONTRACT = ROOT / "schemas" / "nadird.openapi.yaml"
 # 422 is an answer to a right question: its reason stands in the contract.
 SETTINGS = """
 [checks.positive_data_acceptance]
-expected-statuses = ["2xx", "401", "403", "404", "409", "422"]
+expected-statuses = ["2xx", "401", "403", "404", "409", "422", "429"]
 """
 
 
 class Contract(unittest.TestCase):
     def setUp(self):
-        self.service = ScriptedService(SERVER)
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        token = pathlib.Path(folder.name) / "token"
+        token.touch(0o600)
+        token.write_text(TOKEN + "\n")
+        self.service = ScriptedService(SERVER, "--hint-token-file", token)
         self.addCleanup(self.service.stop)
 
     def test_no_violation(self):
@@ -38,7 +44,7 @@ class Contract(unittest.TestCase):
             # An event stream never ends: event streams have tests of their own.
             result = subprocess.run(
                 [sys.executable, "-m", "schemathesis.cli", "--config-file", settings, "run", CONTRACT, "--url", self.service.url,
-                 "--exclude-path", "/v1/events", "--max-examples", "60", "--seed", "1", "--generation-database", "none",
+                 "--header", f"Authorization: Bearer {TOKEN}", "--exclude-path", "/v1/events", "--max-examples", "60", "--seed", "1", "--generation-database", "none",
                  "--phases", "examples,coverage,fuzzing", "--no-color"],
                 cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL)
         self.assertEqual(0, result.returncode, result.stdout + result.stderr)

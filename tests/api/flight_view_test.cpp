@@ -72,6 +72,35 @@ TEST(EventRing, KeepsTheLatestEventsAndContinuesNumbering) {
   EXPECT_EQ(ring.events().back().text, "5");
 }
 
+// Short gaps of the camera, five times: two lines, not ten, and nothing else displaced.
+TEST(EventRing, RepeatsTakeThePlaceOfTheirLastOccurrenceAndCount) {
+  EventRing ring(3, 300);
+  ring.add(1, EventSeverity::critical, "gps", "GPS is spoofed");
+  for (int i = 0; i < 5; ++i) {
+    ring.add(10 + i, EventSeverity::warning, "state", "no frame for 0." + std::to_string(41 + i) + " s");
+    ring.add(10.5 + i, EventSeverity::info, "state", "visual position restored");
+  }
+  ASSERT_EQ(ring.events().size(), 3U);
+  EXPECT_EQ(ring.events()[0].text, "GPS is spoofed");
+  EXPECT_EQ(ring.events()[0].count, 1U);
+  EXPECT_EQ(ring.events()[1].text, "no frame for 0.45 s") << "the latest";
+  EXPECT_EQ(ring.events()[1].count, 5U);
+  EXPECT_EQ(ring.events()[1].id, 10U);
+  EXPECT_EQ(ring.events()[1].replaces, 8U);
+  EXPECT_EQ(ring.gone(), 0U) << "nothing was displaced";
+  ring.add(1000, EventSeverity::warning, "state", "no frame for 0.5 s");
+  EXPECT_EQ(ring.events().back().count, 1U) << "another story by now";
+  EXPECT_EQ(ring.gone(), 1U);
+}
+
+TEST(EventRing, AnotherSeverityOrKindIsNoRepeat) {
+  EventRing ring(10, 300);
+  ring.add(1, EventSeverity::warning, "state", "x");
+  ring.add(2, EventSeverity::critical, "state", "x");
+  ring.add(3, EventSeverity::warning, "link", "x");
+  EXPECT_EQ(ring.events().size(), 3U);
+}
+
 TEST(FlightTrail, ThinsAndDropsOldPoints) {
   FlightTrail trail(10, 1);
   for (int i = 0; i <= 240; ++i) {

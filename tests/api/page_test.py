@@ -89,6 +89,43 @@ class Page(unittest.TestCase):
         service.stop()
         browser.wait_for(TEXT.format("lost") + ".startsWith('No contact')")
 
+    def test_ages_count_up_and_the_heading_stays_while_blind(self):
+        service = self.serve()
+        browser = self.browse(service.url)
+        browser.wait_for(IS.format("state", "normal"))
+        service.say("degraded")
+        browser.wait_for(IS.format("state", "degraded"))
+        browser.wait_for("Number.parseFloat(document.getElementById('anchor-age').textContent) > 16")
+        browser.wait_for(TEXT.format("frames") + ".includes('NONE for 3 s')")
+        self.assertRegex(browser.evaluate(TEXT.format("heading")), r"^\d\d\d°$")
+        self.keep(browser, "blind")
+        service.say("stall")  # no view comes any more: the ages go on
+        browser.wait_for("document.body.classList.contains('stale')")
+        before = float(browser.evaluate("Number.parseFloat(document.getElementById('anchor-age').textContent)"))
+        browser.wait_for(f"Number.parseFloat(document.getElementById('anchor-age').textContent) > {before + 1}")
+
+    def test_repeats_are_one_line_and_alarms_stay(self):
+        service = self.serve()
+        browser = self.browse(service.url)
+        browser.wait_for("document.querySelectorAll('#alarms li').length === 1")
+        service.say("corrupt")
+        browser.wait_for("document.querySelectorAll('#alarms li').length === 2")
+        browser.wait_for(TEXT.format("package") + ".includes('1 CORRUPT TILE')")
+        service.say("flap")
+        browser.wait_for(TEXT.format("events") + ".includes('× 5')")
+        lines = browser.evaluate("[...document.querySelectorAll('#events li')].map((line) => line.textContent)")
+        self.assertEqual(1, sum("no frames from the camera" in line for line in lines), lines)
+        service.say("unsigned")
+        browser.wait_for(TEXT.format("link") + ".includes('NOT SIGNED')")
+        self.keep(browser, "alarms")
+        service.say("chatter")
+        browser.wait_for("document.querySelectorAll('#events li').length === 40")
+        self.assertNotIn("CORRUPT", browser.evaluate(TEXT.format("events")).upper().replace("NOTE", ""))
+        self.assertIn("artifact.hash", browser.evaluate(TEXT.format("alarms")))
+        later = self.browse(service.url)  # somebody who opens the page now
+        later.wait_for("document.querySelectorAll('#alarms li').length === 2")
+        self.assertEqual([], browser.complaints())
+
     def test_fits_its_window(self):
         service = self.serve()
         for size, (width, _, _) in self.sizes.items():

@@ -44,11 +44,21 @@ Phase phase_of(ServiceState state) {
 
 }  // namespace
 
+void ScriptedFlight::note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text) {
+  events_.add(time_s, severity, kind, text);
+  if (severity == EventSeverity::critical) alarms_.add(time_s, severity, kind, text);
+}
+
+void ScriptedFlight::corrupt_tile(double time_s) {
+  ++corrupt_tiles_;
+  note(time_s, EventSeverity::critical, "tile", "artifact.hash: tile 17/70000/45000: bytes that differ from the signed ones");
+}
+
 void ScriptedFlight::note_change(double time_s, ServiceState state) {
   const Phase phase = phase_of(state);
-  events_.add(time_s, phase.severity, "state", std::string(name_of(state)) + ": " + phase.reason);
+  note(time_s, phase.severity, "state", std::string(name_of(state)) + ": " + phase.reason);
   if (phase.gps == GpsJudgement::spoofed) {
-    events_.add(time_s, EventSeverity::critical, "gps", "GPS judged spoofed: 312 m from vision; our position promoted");
+    note(time_s, EventSeverity::critical, "gps", "GPS judged spoofed: 312 m from vision; our position promoted");
   }
   state_ = state;
   since_s_ = time_s;
@@ -77,8 +87,8 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
     view.position =
         PositionView{frame.lonlat_from_plane({radius_m_ * std::sin(turn_rad), radius_m_ * std::cos(turn_rad)}), sigma_m,
                      1.6 * sigma_m * sigma_m, 0.6 * sigma_m * sigma_m, 0.3 * sigma_m * sigma_m};
-    view.anchor_age_s =
-        phase.source == SourceLabel::satellite_anchored ? std::fmod(time_s, kLastAnchorStep_s) : 14 + time_s - since_s_;
+    view.anchored_s = phase.source == SourceLabel::satellite_anchored ? time_s - std::fmod(time_s, kLastAnchorStep_s)
+                                                                      : since_s_ - 14;
     const bool fresh = phase.source == SourceLabel::satellite_anchored && std::fmod(time_s, 20) < 13;
     const SourceLabel carried =
         phase.source == SourceLabel::satellite_anchored && !fresh ? SourceLabel::vo_extrapolated : phase.source;
@@ -86,11 +96,16 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
     trail_.add({time_s, view.position->place, sigma_m, carried});
   }
   const auto frames = static_cast<std::uint64_t>(time_s * 3);
-  view.frames = {frames, frames / 60, 3};
-  view.anchors = {frames / 9, frames / 40, {{"ambiguous", frames / 60}, {"few_inliers", frames / 120}}};
-  view.link = {true, true, static_cast<std::uint64_t>(time_s * 10), 0, {{"replay", 2}}, {{"ground station", "udpout:192.168.4.2:14550", true, 12, 1}}};
+  view.frames = {frames, frames / 60, 3, state == ServiceState::degraded ? since_s_ : time_s};
+  view.anchors = {frames / 9, frames / 40, 0, {{"ambiguous", frames / 60}, {"few_inliers", frames / 120}}};
+  view.link.connected = true;
+  view.link.signed_frames = link_signed_;
+  view.link.heard_s = time_s;
+  view.link.fixes_sent = static_cast<std::uint64_t>(time_s * 10);
+  view.link.rejected_by = {{"replay", 2}};
+  view.link.stations = {{"ground station", "udpout:192.168.4.2:14550", true, 12, 1}};
   view.recorder = {RecorderState::recording, "", static_cast<std::uint64_t>(time_s * 41'000), 28'400'000'000, 0};
-  view.package = {true, "", "valley", "valley", 7, UtcTime{1'733'000'000}, 14, 18, 5120, true, std::nullopt, {}};
+  view.package = {true, "", "valley", "valley", 7, UtcTime{1'733'000'000}, 14, 18, 5120, corrupt_tiles_, true, std::nullopt, {}};
   const double half_m = 2.5 * radius_m_;
   const LonLat south_west = frame.lonlat_from_plane({-half_m, -half_m}),
                north_east = frame.lonlat_from_plane({half_m, half_m});
@@ -101,6 +116,8 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
         frame.lonlat_from_plane({1.04 * radius_m_ * std::sin(angle), 1.04 * radius_m_ * std::cos(angle)}));
   }
   view.events = events_.events();
+  view.events_gone = events_.gone();
+  view.alarms = alarms_.events();
   view.track = trail_.points();
   return view;
 }

@@ -13,6 +13,10 @@ class ScriptedFlight {
   // Seconds of the script's clock, not decreasing.
   FlightView at(double time_s, ServiceState state);
 
+  void note(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
+  void corrupt_tile(double time_s);
+  void sign_link(bool is_signed) { link_signed_ = is_signed; }
+
  private:
   void note_change(double time_s, ServiceState state);
 
@@ -20,7 +24,9 @@ class ScriptedFlight {
   double radius_m_;
   ServiceState state_ = ServiceState::boot;
   double since_s_ = 0;
-  EventRing events_;
+  EventRing events_{100, 300}, alarms_{50, 300};
+  std::uint64_t corrupt_tiles_ = 0;
+  bool link_signed_ = true;
   FlightTrail trail_;
 };
 

@@ -1,8 +1,9 @@
 // The API around a scripted flight, for tests from outside (page_test.py, contract_test.py): no autopilot, no camera.
 //
-// usage: test_api_server [--listen IP:PORT] [--token-file FILE] [--tiles FILE] [--centre LON,LAT] [--radius M]
+// usage: test_api_server [--listen IP:PORT] [--token-file FILE] [--hint-token-file FILE] [--tiles FILE] [--centre LON,LAT] [--radius M]
 // Prints "listening on PORT". Lines on standard input: a state's name (flies in it from now on), "stall" (the flight's
-// thread falls silent), "go" (speaks again). Ends with standard input.
+// thread falls silent), "go" (speaks again), "flap" (the camera is silent for a moment, five times), "chatter" (200 ordinary
+// events), "corrupt" (a tile), "unsigned" (the link). Ends with standard input.
 #include <poll.h>
 #include <unistd.h>
 
@@ -45,6 +46,8 @@ int serve(std::map<std::string, std::string> options) {
   std::optional<Sha256> token;
   if (options.contains("--token-file")) token = sha256(as_bytes(read_bearer_token(options["--token-file"])));
   require_token_beyond_loopback(address, token);
+  std::optional<Sha256> hint_token;
+  if (options.contains("--hint-token-file")) hint_token = sha256(as_bytes(read_bearer_token(options["--hint-token-file"])));
 
   LonLat centre{8.5, 47.4};
   if (options.contains("--centre"))
@@ -60,7 +63,7 @@ int serve(std::map<std::string, std::string> options) {
   FlightBoard board;
   board.publish(flight.at(now_s(), state));
   LatestSlot<Hint> hints;
-  Api api(board, hints, {.now_s = now_s, .token = token, .loopback = address.loopback()});
+  Api api(board, hints, {.now_s = now_s, .token = token, .hint_token = hint_token, .loopback = address.loopback()});
   std::shared_ptr<const TileSource> tiles = std::make_shared<test::PaintedTiles>();
   if (options.contains("--tiles")) tiles = open_tile_source(options["--tiles"]);
   api.use_package({.tiles = tiles, .frame = nullptr, .surface = nullptr});
@@ -80,6 +83,16 @@ int serve(std::map<std::string, std::string> options) {
         const std::string line = typed.substr(0, end);
         typed.erase(0, end + 1);
         if (line == "stall" || line == "go") silent = line == "stall";
+        if (line == "corrupt") flight.corrupt_tile(now_s());
+        if (line == "unsigned") flight.sign_link(false);
+        for (int i = 0; line == "flap" && i < 5; ++i) {
+          flight.note(now_s(), EventSeverity::warning, "state",
+                      "no frames from the camera: no frame for 0." + std::to_string(41 + i) + " s");
+          flight.note(now_s(), EventSeverity::info, "state", "visual position restored");
+        }
+        for (int i = 0; line == "chatter" && i < 200; ++i) {
+          flight.note(now_s(), EventSeverity::info, "hint", "note " + std::string(static_cast<std::size_t>(i), 'x'));
+        }
         if (const auto wanted = state_named(line)) state = *wanted;
       }
     }

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
 #include <sstream>
@@ -24,6 +25,7 @@ class EventStream : public ::testing::Test {
     result.boot_id = "b1";
     result.version = ++version_;
     result.events = ring_.events();
+    result.events_gone = ring_.gone();
     return result;
   }
   void happen(const std::string& text) { ring_.add(1, EventSeverity::info, "state", text); }
@@ -67,6 +69,42 @@ TEST_F(EventStream, ReportsTheNumberOfMissedEvents) {
   const std::string text = stream_text(view(), 0, cursor);
   EXPECT_THAT(text, HasSubstr("event: missed\ndata: {\"count\":11}\n\n"));
   EXPECT_EQ(count(text, "event: log\n"), 5);
+}
+
+// A repeat takes a number, but nobody misses the one that it replaced.
+TEST_F(EventStream, ARepeatedEventIsSentAgainAndCountsAsNotMissed) {
+  ring_ = EventRing(5, 300);
+  happen("camera silent");
+  happen("camera back");
+  StreamCursor cursor;
+  stream_text(view(), 0, cursor);
+  for (int i = 0; i < 3; ++i) {
+    happen("camera silent");
+    happen("camera back");
+  }
+  const std::string text = stream_text(view(), 0, cursor);
+  EXPECT_THAT(text, Not(HasSubstr("event: missed")));
+  EXPECT_EQ(count(text, "event: log\n"), 2);
+  EXPECT_THAT(text, HasSubstr("\"count\":4"));
+}
+
+// The flight's thread may be silent; time is not.
+TEST(StateJson, AgesAreAsOfNowNotOfTheView) {
+  FlightView flight;
+  flight.time_s = 100;
+  flight.anchored_s = 97;
+  flight.frames.last_s = 99.5;
+  flight.link.heard_s = 100;
+  flight.state.since_s = 60;
+  const FlightEvent event{.id = 1, .time_s = 90, .kind = "state", .text = "x"};
+  const auto state = state_json(flight, 7);
+  EXPECT_EQ(state["age_s"], 7);
+  EXPECT_EQ(state["anchor_age_s"], 10);
+  EXPECT_EQ(state["frames"]["age_s"], 7.5);
+  EXPECT_EQ(state["link"]["age_s"], 7);
+  EXPECT_EQ(state["state_for_s"], 47);
+  EXPECT_EQ(event_json(event, flight, 7)["age_s"], 17);
+  EXPECT_TRUE(state_json({}, 7)["anchor_age_s"].is_null());
 }
 
 TEST_F(EventStream, StartsOverAfterAServiceRestart) {

@@ -7,6 +7,7 @@ import json
 import os
 import pathlib
 import pty
+import re
 import select
 import signal
 import socket
@@ -106,6 +107,50 @@ class Watch(unittest.TestCase):
         self.assertTrue(shown.startswith(b"\x1b[?1049h"))
         self.assertTrue(shown.endswith(b"\x1b[?25h\x1b[?1049l"))
         self.assertIn(b"NORMAL", shown)
+        os.close(ours)
+
+    def test_ages_alarms_and_repeats(self):
+        service = self.serve()
+        service.say("corrupt")
+        service.say("flap")
+        service.say("unsigned")
+        service.say("degraded")
+        while "DEGRADED" not in (shown := self.watch(service.url, "--once").stdout):
+            pass
+        self.assertRegex(shown, r"alarms\n +\d+ s +critical +artifact.hash: tile 17/70000/45000")
+        self.assertIn("no frame for 0.45 s (x 5)", shown)
+        self.assertIn("1 CORRUPT TILE", shown)
+        self.assertIn("NOT SIGNED", shown)
+        age = lambda text: float(re.search(r"anchor age +([0-9.]+) s", text)[1])
+        service.say("stall")
+        first = self.watch(service.url, "--once").stdout
+        while "STALE" not in (later := self.watch(service.url, "--once").stdout):
+            pass
+        self.assertGreater(age(later), age(first))
+        self.assertRegex(later, r"frames +NONE for [0-9]+ s")
+        self.assertRegex(later, r"heading +[0-9]{3}°")
+
+    def test_without_contact_ages_go_on(self):
+        service = self.serve()
+        ours, theirs = pty.openpty()
+        process = self.watching(service.url, "--interval-s", "0.1", stdout=theirs)
+        os.close(theirs)
+        shown, stopped = b"", False
+        ages = lambda: [float(age) for age in re.findall(rb"anchor age +([0-9.]+) s", shown.split(b"NO CONTACT", 1)[-1])]
+        while not (b"NO CONTACT" in shown and len(ages()) > 3 and ages()[-1] > ages()[0] + .5):
+            if not select.select([ours], [], [], 60)[0]:
+                self.fail(f"nothing comes: {shown!r}")
+            shown += os.read(ours, 65536)
+            if b"anchor age" in shown and not stopped:
+                stopped = True
+                service.stop()
+        process.send_signal(signal.SIGINT)
+        while True:
+            try:
+                os.read(ours, 65536)
+            except OSError:
+                break
+        self.assertEqual(0, process.wait(timeout=60))
         os.close(ours)
 
     def test_tokens(self):

@@ -107,6 +107,57 @@ TEST_F(TrustCommands, AnAirframeSignerIsRevokedOnlyWithAReplacement) {
   EXPECT_EQ(root.airframe_signer->key_ids.size(), 1U);
 }
 
+// The old planner must not vanish because nobody thought of him.
+TEST_F(TrustCommands, SignersThatTheNextRootLeavesOutAreListedOrKept) {
+  keys({"r", "old", "new", "hangar", "tiles"});
+  ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@old.pub.pem", "--airframe-signer",
+                 "@hangar.pub.pem", "--tile-signer", "mini-07=" + (folder_ / "tiles.pub.pem").string(), "--expires",
+                 "2030-01-01", "--out", "@root.json"}),
+            0)
+      << err_.str();
+  const std::vector<std::string> next{"keys",         "root",      "--root-key", "@r.key.pem", "--package-signer",
+                                      "@new.pub.pem", "--expires", "2032-01-01", "--previous", "@root.json", "--json"};
+  std::vector<std::string> only_new = next;
+  only_new.insert(only_new.end(), {"--out", "@only-new.json"});
+  ASSERT_EQ(run(only_new), 0) << err_.str();
+  const std::string old_id = PublicKey::read(folder_ / "old.pub.pem").id();
+  EXPECT_EQ(result()["removed"]["package signer"], nlohmann::json::array({old_id}));
+  EXPECT_EQ(result()["removed"].size(), 3U) << result()["removed"];
+  EXPECT_NE(err_.str().find("warning: package signer " + old_id), std::string::npos) << err_.str();
+  EXPECT_NE(err_.str().find("tile signer of mini-07"), std::string::npos) << err_.str();
+  EXPECT_NE(err_.str().find("--keep-signers"), std::string::npos);
+
+  std::vector<std::string> kept = next;
+  kept.insert(kept.end(), {"--keep-signers", "--out", "@kept.json"});
+  ASSERT_EQ(run(kept), 0) << err_.str();
+  EXPECT_TRUE(result()["removed"].empty());
+  EXPECT_EQ(err_.str().find("warning"), std::string::npos) << err_.str();
+  const TrustRoot root = read_trusted_root(folder_ / "kept.json");
+  EXPECT_EQ(root.package_signer.key_ids.size(), 2U);
+  EXPECT_TRUE(root.package_signer.key_ids.contains(old_id));
+  EXPECT_EQ(root.airframe_signer->key_ids.size(), 1U);
+  EXPECT_EQ(root.tile_signers.at("mini-07").key_ids.size(), 1U);
+}
+
+// A revoked key is gone on purpose, and comes back by no convenience.
+TEST_F(TrustCommands, KeepingSignersKeepsNoRevokedOne) {
+  keys({"r", "lost", "new"});
+  ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@lost.pub.pem", "--expires",
+                 "2030-01-01", "--out", "@root.json"}),
+            0);
+  ASSERT_EQ(run({"keys", "revoke", "--previous", "@root.json", "--revoke", "@lost.pub.pem", "--new-package-signer",
+                 "@new.pub.pem", "--root-key", "@r.key.pem", "--out", "@2.json"}),
+            0)
+      << err_.str();
+  EXPECT_EQ(err_.str().find("warning: package signer"), std::string::npos) << err_.str();
+  ASSERT_EQ(run({"keys", "root", "--root-key", "@r.key.pem", "--package-signer", "@new.pub.pem", "--expires",
+                 "2032-01-01", "--previous", "@2.json", "--keep-signers", "--out", "@3.json"}),
+            0)
+      << err_.str();
+  EXPECT_FALSE(read_trusted_root(folder_ / "3.json")
+                   .package_signer.key_ids.contains(PublicKey::read(folder_ / "lost.pub.pem").id()));
+}
+
 TEST_F(TrustCommands, SeveralPeopleSignOneRoot) {
   keys({"anna", "ben", "p", "stranger"});
   const std::vector<std::string> root{

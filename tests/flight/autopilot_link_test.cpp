@@ -49,7 +49,12 @@ class AutopilotLinkTest : public ::testing::Test {
                                   const std::scoped_lock lock(mutex_);
                                   jumps_m_.push_back(metres);
                                 },
-                                {}});
+                                {},
+                                {},
+                                [this](double now_s, const GpsInput& sent, SourceLabel source) {
+                                  const std::scoped_lock lock(mutex_);
+                                  sent_.push_back({now_s, sent, source});
+                                }});
     peer_.listen_until([&] { return heartbeats() == 1; });
   }
 
@@ -78,6 +83,7 @@ class AutopilotLinkTest : public ::testing::Test {
     status.serves_fixes = serves;
     status.fix = fix;
     status.sigma_m = sigma_m;
+    status.source = SourceLabel::vo_extrapolated;
     link_->on_status(status);
   }
 
@@ -107,6 +113,12 @@ class AutopilotLinkTest : public ::testing::Test {
   std::mutex mutex_;
   std::vector<std::pair<double, ReceivedMessage>> received_;
   std::vector<double> jumps_m_;
+  struct Sent {
+    double time_s;
+    GpsInput fix;
+    SourceLabel source;
+  };
+  std::vector<Sent> sent_;
   std::unique_ptr<AutopilotLink> link_;
 };
 
@@ -189,6 +201,43 @@ TEST_F(AutopilotLinkTest, SendsFixesWhenTheStatusAllows) {
   second();
   ASSERT_EQ(peer_.fixes().size(), 2U);
   EXPECT_EQ(peer_.fixes().back().fix_type, 0) << "it was taken back";
+}
+
+// What is handed out for the record is what went over the wire, and "no fix" is as well.
+TEST_F(AutopilotLinkTest, EveryFixThatIsSentIsReported) {
+  permit(true, true, 5);
+  see(kPlace, 5);
+  second();
+  permit(true, false, 5);
+  second();
+  const auto heard = peer_.fixes();
+  const std::scoped_lock lock(mutex_);
+  ASSERT_EQ(sent_.size(), heard.size());
+  ASSERT_EQ(sent_.size(), 2U);
+  EXPECT_NEAR(sent_[0].fix.place.lat_deg * 1e7, heard[0].lat, 1);
+  EXPECT_EQ(sent_[0].source, SourceLabel::vo_extrapolated);
+  EXPECT_NEAR(*sent_[0].fix.horizontal_accuracy_m, static_cast<double>(heard[0].horiz_accuracy), 1e-3);
+  EXPECT_EQ(sent_[1].fix.fix, GpsFix::no_gps);
+  EXPECT_EQ(sent_[1].source, SourceLabel::no_fix);
+  EXPECT_EQ(*sent_[1].fix.horizontal_accuracy_m, 999);
+}
+
+// Age and attitude for the screens, from the autopilot alone.
+TEST_F(AutopilotLinkTest, KnowsWhenTheAutopilotWasHeardAndItsAttitude) {
+  EXPECT_FALSE(link_->state().heard_s);
+  autopilot_beats(MAV_AUTOPILOT_ARDUPILOTMEGA);
+  mavlink_message_t message;
+  mavlink_msg_attitude_pack(7, 1, &message, 1000, 0.1F, -0.2F, 1.5F, 0, 0, 0);
+  peer_.send(message);
+  second();
+  const AutopilotLink::State state = link_->state();
+  ASSERT_TRUE(state.heard_s && state.attitude && state.attitude_s);
+  EXPECT_GE(*state.heard_s, 100);
+  EXPECT_NEAR(state.attitude->yaw_rad, 1.5, 1e-6);
+  mavlink_msg_attitude_pack(7, 42, &message, 1000, 0, 0, 3, 0, 0, 0);
+  peer_.send(message);
+  second();
+  EXPECT_NEAR(link_->state().attitude->yaw_rad, 1.5, 1e-6) << "another component's is not the aircraft's";
 }
 
 TEST_F(AutopilotLinkTest, WithoutAnEstimateThereIsNoFix) {

@@ -20,6 +20,39 @@ struct Operator {
   }
 };
 
+// Whoever may hint may fill the list of events, and hide no alarm with it.
+TEST(FlightJournal, OrdinaryEventsDisplaceNoAlarm) {
+  FlightJournal journal(nullptr);
+  journal.on_event(1, TileCorrupt{{17, 70000, 45000}, "artifact.hash", "bytes that differ from the signed ones"});
+  for (int i = 0; i < 500; ++i) {
+    journal.note(2 + i, EventSeverity::info, "hint", "hint " + std::string(static_cast<std::size_t>(i), 'x'));
+  }
+  EXPECT_EQ(journal.events().events().size(), 100);
+  EXPECT_EQ(journal.events().events().front().kind, "hint");
+  ASSERT_EQ(journal.alarms().events().size(), 1);
+  EXPECT_EQ(journal.alarms().events().front().text,
+            "artifact.hash: tile 17/70000/45000: bytes that differ from the signed ones; the map has a hole there");
+}
+
+TEST(FlightJournal, ReportsTheFirstFailedMatchOfARowAndItsEnd) {
+  FlightJournal journal(nullptr);
+  const auto texts = [&] {
+    std::vector<std::string> all;
+    for (const FlightEvent& event : journal.events().events()) all.push_back(event.text);
+    return all;
+  };
+  for (int i = 0; i < 3; ++i) journal.on_event(i, MatchFailed{"insufficient memory"});
+  EXPECT_THAT(texts(), ElementsAre("matching to the map failed: insufficient memory"));
+  LocalizedFrame match;
+  match.late = true;
+  journal.on_event(4, match);
+  EXPECT_EQ(texts().size(), 1) << "it came back without a result: it was the failed one";
+  match.report.anchor.verdict = AnchorVerdict::ambiguous;
+  journal.on_event(5, match);
+  journal.on_event(6, match);
+  EXPECT_THAT(texts(), ElementsAre(testing::_, "matching to the map works again"));
+}
+
 TEST(OperatorTexts, WaitInOrderAndAreDeliveredOnce) {
   OperatorTexts texts;
   texts.add(TextSeverity::critical, "lost");

@@ -1,11 +1,13 @@
 // A stop, or a hint, in the middle of a search over all of a wide area: counted is what is still looked at, not how
 // long it takes.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
+#include <stdexcept>
 #include <vector>
 
 #include "estimation/localizer_fixture.hpp"
@@ -171,6 +173,51 @@ TEST(LocalizationFrames, WhatCannotBeDecodedIsDroppedAndCounted) {
   EXPECT_EQ(localization.undecodable(), 2U);
   ASSERT_TRUE(give(good, 0.9));
   EXPECT_EQ(localization.undecodable(), 2U);
+}
+
+// Tiles whose reading throws, for whatever reason: no memory, an error in OpenCV.
+class ThrowingTiles final : public TileSource {
+ public:
+  ZoomRange zooms() const override { return landscape_tiles().zooms(); }
+  std::optional<Bytes> read(const TileKey&) const override { throw std::runtime_error("insufficient memory"); }
+};
+
+TEST_F(LongSearch, AMatchThatThrowsIsReportedEachTimeAndComesBackWithoutAResult) {
+  const ThrowingTiles tiles;
+  std::vector<std::string> failures;
+  LocalizationThread::Listener listening = listener();
+  listening.on_match_failed = [&](const std::string& reason) {
+    const std::scoped_lock lock(mutex_);
+    failures.push_back(reason);
+  };
+  {
+    LocalizationThread localization(setup(tiles), frames_, watch_, std::move(listening));
+    const Moment& moment = short_flight()[0];
+    const Telemetry& telemetry = moment.telemetry;
+    localization.on_message(telemetry.time_s,
+                            AircraftAttitude{0, *telemetry.roll_rad, *telemetry.pitch_rad, *telemetry.heading_rad, {}});
+    localization.on_message(telemetry.time_s, GroundHeight{{}, 0, *telemetry.agl_m});
+    frames_.put({telemetry.frame, encode_image(moment.image, ImageFormat::png), telemetry.time_s});
+    await([&] { return looks_.size() == 1; });
+  }
+  ASSERT_EQ(failures.size(), 1U);
+  EXPECT_THAT(failures.front(), testing::HasSubstr("insufficient memory"));
+  EXPECT_EQ(looks_.front(), AnchorVerdict::not_tried);
+}
+
+TEST_F(LongSearch, ACancelledSearchDidNotFail) {
+  int failures = 0;
+  LocalizationThread::Listener listening = listener();
+  listening.on_match_failed = [&](const std::string&) { ++failures; };
+  {
+    LocalizationThread localization(setup(tiles_), frames_, watch_, std::move(listening));
+    search(localization);
+    localization.hint(kOrigin, 100, "operator");
+    await([&] { return hints_ == 1; });
+    tiles_.open();
+    await([&] { return looks_.size() == 1; });
+  }
+  EXPECT_EQ(failures, 0);
 }
 
 }  // namespace

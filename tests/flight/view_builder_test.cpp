@@ -21,7 +21,7 @@ LocalizedFrame localized(double captured_s, AnchorVerdict verdict) {
   return frame;
 }
 
-FlightView view_of(const ViewBuilder& views) { return views.view(20, 1'760'000'000'500'000, {}); }
+FlightView view_of(const ViewBuilder& views) { return views.view(20, 1'760'000'000'500'000, EventRing()); }
 
 TEST(ViewBuilder, IsEmptyAtTheStart) {
   const FlightView view = view_of(ViewBuilder("b00"));
@@ -71,7 +71,8 @@ TEST(ViewBuilder, WhileBlindShowsTheFixThatIsSentOrNothing) {
   EXPECT_EQ(view.position->east_var_m2, 900);
   EXPECT_EQ(view.velocity->east_mps, 2);
   EXPECT_EQ(view.source, SourceLabel::dead_reckoned);
-  EXPECT_FALSE(view.heading_rad) << "the last picture's is old";
+  EXPECT_FALSE(view.heading_rad) << "the last frame's is old, and the autopilot has not sent one";
+  EXPECT_FALSE(view.agl_m) << "so is its height";
   EXPECT_EQ(view.track.size(), 2U);
   for (const ServiceState state : {ServiceState::no_fix, ServiceState::failsafe, ServiceState::relocalizing}) {
     status.state = state;
@@ -80,6 +81,46 @@ TEST(ViewBuilder, WhileBlindShowsTheFixThatIsSentOrNothing) {
     EXPECT_FALSE(view_of(views).position);
     EXPECT_EQ(view_of(views).source, SourceLabel::no_fix);
   }
+}
+
+// Blind for ten seconds: nothing on the screen may stand still as if it were of now.
+TEST(ViewBuilder, WhileBlindAgesCountFromTheClockAndTheHeadingIsTheAutopilots) {
+  ViewBuilder views("b");
+  views.on_event(localized(10, AnchorVerdict::accepted));  // matched 0.5 s before its capture
+  EXPECT_EQ(view_of(views).anchored_s, 9.5) << "10.5 s ago, not 0.5";
+  ServiceStatus status;
+  status.state = ServiceState::degraded;
+  status.frame_s = 10.1;
+  AutopilotLink::State link;
+  link.heard_s = 19.9;
+  link.attitude = AircraftAttitude{.roll_rad = 0.1, .pitch_rad = 0.2, .yaw_rad = 1.2};
+  link.attitude_s = 19.9;
+  views.set_status(status, "no frames from the camera: no frame for 9.90 s");
+  views.set_link(link, true, true);
+  views.restrict_to_fix(status, Fix{.unix_us = 0, .place = {8.6, 47.5}, .sigma_m = 30}, 20);
+  FlightView view = view_of(views);
+  EXPECT_EQ(view.anchored_s, 9.5);
+  EXPECT_EQ(view.frames.last_s, 10.1);
+  EXPECT_EQ(view.link.heard_s, 19.9);
+  EXPECT_EQ(view.heading_rad, 1.2);
+  EXPECT_EQ(view.pitch_rad, 0.2);
+  EXPECT_EQ(view.roll_rad, 0.1);
+  views.restrict_to_fix(status, Fix{}, 25);
+  EXPECT_FALSE(view_of(views).heading_rad) << "an autopilot that is silent for 5 s has no heading of now";
+  LocalizedFrame lost = localized(30, AnchorVerdict::not_tried);
+  lost.report.estimate.anchor_age_s.reset();
+  views.on_event(lost);
+  EXPECT_EQ(view_of(views).anchored_s, 9.5) << "the time since the last match goes on when tracking is lost";
+}
+
+TEST(ViewBuilder, CountsFailedMatchesAndCorruptTiles) {
+  ViewBuilder views("b");
+  views.on_event(MatchFailed{"out of memory"});
+  views.on_event(MatchFailed{"out of memory"});
+  views.on_event(TileCorrupt{{17, 1, 2}, "artifact.hash", "other bytes"});
+  EXPECT_EQ(view_of(views).anchors.failed, 2U);
+  EXPECT_EQ(view_of(views).anchors.rejected, 0U);
+  EXPECT_EQ(view_of(views).package.corrupt_tiles, 1U);
 }
 
 TEST(ViewBuilder, CountsAnchorsByVerdict) {

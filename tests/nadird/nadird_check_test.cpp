@@ -1,11 +1,13 @@
 // nadird --check as it is called before take-off: what the aircraft remembers, permits to go back, damage.
 #include "nadird_command.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <map>
 #include <mutex>
 #include <new>
@@ -14,6 +16,7 @@
 #include <thread>
 
 #include "base/files.hpp"
+#include "imagery/codecs.hpp"
 #include "cli/program.hpp"
 #include "cli/terminal.hpp"
 #include "package/package_maker.hpp"
@@ -140,6 +143,10 @@ class NadirdCheck : public ::testing::Test {
     folder_.write("root.json", sign_root(root, {&maker_.signer}).json());
   }
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  bool has_code(const std::string& code) const {
+    const json findings = json::parse(out_.str())["findings"];
+    return std::any_of(findings.begin(), findings.end(), [&](const json& finding) { return finding["code"] == code; });
+  }
   std::string first_code() const { return json::parse(out_.str())["findings"][0]["code"]; }
 
   test::TemporaryFolder folder_;
@@ -148,6 +155,35 @@ class NadirdCheck : public ::testing::Test {
   test::PackageMaker maker_;
   std::string older_, newer_;
 };
+
+// Before take-off a missing camera and a silent autopilot are errors, not "not checked".
+TEST_F(NadirdCheck, LooksAtTheCamera) {
+  airframe("bare.json", nullptr);
+  std::filesystem::create_directories(folder_ / "frames");
+  const auto frame = [&](int width, int height) {
+    folder_.write("frames/.frame.png", as_text(encode_image(cv::Mat(height, width, CV_8UC1, cv::Scalar(90)), ImageFormat::png)));
+    std::filesystem::rename(folder_ / "frames/.frame.png", folder_ / "frames/frame.png");
+  };
+  const auto check_with = [&](int width, int height) {
+    const std::jthread camera([&](const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
+        frame(width, height);
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      }
+    });
+    return check(newer_, {"--airframe", path("bare.json"), "--camera", "folder:" + path("frames")});
+  };
+  EXPECT_EQ(check_with(640, 480), 0) << out_.str() << err_.str();
+  EXPECT_THAT(std::string(json::parse(out_.str())["camera"]), testing::HasSubstr("frame.png, 640 x 480"));
+  EXPECT_EQ(json::parse(out_.str())["autopilot"], "not checked: no --autopilot");
+  EXPECT_EQ(check_with(320, 240), 1);
+  EXPECT_TRUE(has_code("camera.size")) << out_.str();
+}
+
+TEST_F(NadirdCheck, AnUnsignedLinkIsADecisionForTheCheckToo) {
+  EXPECT_EQ(check(newer_, {"--airframe", "mini-07", "--autopilot", "udpin:127.0.0.1:0"}), 2);
+  EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
+}
 
 TEST_F(NadirdCheck, RejectsAnOlderPackage) {
   EXPECT_EQ(check(older_), 0) << out_.str() << err_.str();

@@ -5,6 +5,7 @@ usage: independent_test.py NADIR RECORD_SAMPLE FLATC SCHEMAS
 """
 import collections
 import csv
+import datetime
 import importlib
 import json
 import pathlib
@@ -61,7 +62,7 @@ class Independent(unittest.TestCase):
             for schema, channel, message in self.messages(file):
                 self.assertEqual(("flatbuffer", "flatbuffer"), (schema.encoding, channel.message_encoding))
                 seen[channel.topic] = (schema, message.data)
-        self.assertEqual(12, len(seen))
+        self.assertEqual(13, len(seen))
         documents = {}
         for topic, (schema, data) in seen.items():
             name = topic[1:]
@@ -104,6 +105,58 @@ class Independent(unittest.TestCase):
             if one.Position() is not None:
                 self.assertAlmostEqual(float(row["lat_deg"]), one.Position().LatDeg(), delta=1e-8)
                 self.assertEqual(float(row["sigma_m"]), one.SigmaM())
+
+    def export(self, recording, name):
+        run(NADIR, "recorder", "export", recording, "--format", "csv", "--out", self.folder / name)
+        tables = {}
+        for table in ("estimates", "anchors", "fixes", "events"):
+            with open(self.folder / name / f"{table}.csv", encoding="utf-8", newline="") as file:
+                tables[table] = list(csv.DictReader(file))
+        return tables
+
+    def test_fixes_are_exported_with_utc_and_the_gps_beside_them(self):
+        run(RECORD_SAMPLE, self.folder / "r")
+        fixes = self.export(self.folder / "r", "csv")["fixes"]
+        self.assertEqual(5, len(fixes))
+        run(FLATC, "--python", "-o", self.folder / "generated", SCHEMAS + "/common.fbs", SCHEMAS + "/fix.fbs")
+        sys.path.insert(0, str(self.folder / "generated"))
+        self.addCleanup(sys.path.pop, 0)
+        fix = importlib.import_module("nadir.recorder.Fix").Fix
+        read = [fix.GetRootAs(message.data, 0) for file in sorted((self.folder / "r").glob("*.flight.mcap"))
+                for _, channel, message in self.messages(file) if channel.topic == "/fix"]
+        for row, one in zip(fixes, read, strict=True):
+            self.assertEqual(float(row["time_s"]), one.TimeS())
+            sent = datetime.datetime.fromisoformat(row["utc"])
+            self.assertAlmostEqual(sent.timestamp(), one.UnixUs() / 1e6, delta=6e-4)
+            self.assertEqual(int(row["fix_type"]), one.FixType())
+            self.assertEqual(row["lat_deg"] == "", one.Position() is None)
+            self.assertEqual(row["source"] == "no_fix", one.Position() is None)
+            self.assertEqual(float(row["accuracy_m"]), one.AccuracyM())
+            self.assertEqual(row["gps_age_s"] == "", one.Gps() is None)
+            if one.Gps() is not None and one.Gps().FixType() >= 2:
+                self.assertAlmostEqual(float(row["gps_lat_deg"]), one.Gps().Position().LatDeg(), delta=1e-9)
+                self.assertEqual(row["gps_distance_m"] == "", one.Position() is None)
+
+    def test_estimates_say_when_in_utc_and_which_of_two_they_are(self):
+        run(RECORD_SAMPLE, self.folder / "r")
+        tables = self.export(self.folder / "r", "csv")
+        seen = set()
+        for row in tables["estimates"]:
+            self.assertEqual("map_match" if row["index"] in seen else "frame", row["stage"])
+            seen.add(row["index"])
+            self.assertRegex(row["utc"], r"^2025-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z$")
+        self.assertEqual({"frame", "map_match"}, {row["stage"] for row in tables["estimates"]})
+        self.assertIn("120.5", {row["agl_m"] for row in tables["estimates"]})
+        for row in tables["events"]:
+            self.assertAlmostEqual(datetime.datetime.fromisoformat(row["utc"]).timestamp(), float(row["time_unix_s"]), delta=6e-4)
+
+    def test_a_recording_from_before_fixes_were_recorded_is_read(self):
+        run(RECORD_SAMPLE, self.folder / "r", "old")
+        tables = self.export(self.folder / "r", "csv")
+        self.assertEqual([], tables["fixes"])
+        self.assertEqual(105, len(tables["estimates"]))
+        self.assertTrue(all(row["utc"].startswith("2025-") for row in tables["estimates"]))
+        self.assertTrue(json.loads(run(NADIR, "recorder", "verify", self.folder / "r", "--json"))["accepted"])
 
     def test_a_killed_recorder_loses_its_last_chunk_at_most(self):
         choice = random.Random(4)

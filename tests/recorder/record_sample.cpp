@@ -1,5 +1,6 @@
 // A recorder for tests from outside.
 //   record_sample DIR          one recording with every kind of record, ended cleanly
+//   record_sample DIR old      the same without fixes, which earlier versions did not record
 //   record_sample DIR forever  estimates without end; says "on disk N" when N of them have been handed to the disk
 #include <cstdio>
 #include <string_view>
@@ -13,7 +14,7 @@ using namespace nadir;
 
 constexpr std::uint64_t kStart_ns = 1'760'000'000'000'000'000, kFrame_ns = 333'000'000;
 
-void record_all(const std::filesystem::path& folder) {
+void record_all(const std::filesystem::path& folder, bool fixes) {
   std::uint64_t now_ns = kStart_ns;
   RecorderOptions options;
   options.store.folder = folder;
@@ -29,7 +30,7 @@ void record_all(const std::filesystem::path& folder) {
     recorder.record(test::sample_estimate(i));
     if (i % 20 != 0) continue;
     for (Record& record : test::sample_records(random)) {
-      if (topic_of(record) != Topic::session && topic_of(record) != Topic::end) recorder.record(std::move(record));
+      if (topic_of(record) != Topic::session && topic_of(record) != Topic::end && (fixes || topic_of(record) != Topic::fix)) recorder.record(std::move(record));
     }
   }
   recorder.flush();
@@ -58,7 +59,7 @@ int main(int argc, char** argv) {
   if (argc > 2 && std::string_view(argv[2]) == "forever") {
     record_forever(argv[1]);
   } else {
-    record_all(argv[1]);
+    record_all(argv[1], argc == 2);
   }
   return 0;
 }

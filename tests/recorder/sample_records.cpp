@@ -54,6 +54,30 @@ AnchorReport anchor(Random& random) {
   return a;
 }
 
+FixRecord fix(Random& random) {
+  FixRecord fix;
+  fix.time_s = random.normal(1000, 100);
+  fix.unix_us = 1'760'000'000'100'000 + random.integer(0, 1'000'000);
+  fix.accuracy_m = 999;
+  if (random.chance(0.7)) {
+    fix.fix_type = 3;
+    fix.source = static_cast<SourceLabel>(random.integer(0, 2));
+    fix.place = LonLat{random.uniform(-180, 180), random.uniform(-90, 90)};
+    fix.accuracy_m = random.uniform(1, 500);
+    fix.msl_m = random.normal(500, 100);
+    fix.vertical_accuracy_m = random.uniform(1, 20);
+    fix.north_mps = random.normal();
+    fix.east_mps = random.normal();
+    fix.down_mps = random.normal();
+    fix.speed_accuracy_mps = random.uniform(1, 3);
+  }
+  if (random.chance(0.7)) {
+    fix.gps = FixRecord::Receiver{random.uniform(0, 1), random.integer(0, 6), {random.normal(), random.normal()}, 480.5, {}};
+    if (random.chance(0.5)) fix.gps->accuracy_m = random.uniform(1, 5);
+  }
+  return fix;
+}
+
 Bytes noise(Random& random, int size) {
   Bytes bytes(static_cast<std::size_t>(size));
   for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(random.integer(0, 255));
@@ -113,7 +137,8 @@ std::vector<Record> sample_records(Random& random) {
           ThumbnailRecord{1, "frame.jpg", AnchorVerdict::ambiguous, noise(random, 300), {}},
           RecorderRecord{RecorderEventKind::dropped_by_disk, "/thumbnail", 17, "no room"},
           EndRecord{true, 100, 3, "landed"},
-          HintRecord{7, {random.uniform(-180, 180), random.uniform(-90, 90)}, random.uniform(1, 900), "operator"}};
+          HintRecord{7, {random.uniform(-180, 180), random.uniform(-90, 90)}, random.uniform(1, 900), "operator"},
+          fix(random)};
 }
 
 bool same(const Record& a, const Record& b) { return a.index() == b.index() && encode(a) == encode(b); }

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "service/machine_driver.hpp"
+#include "service/service_rules.hpp"
 
 namespace nadir {
 namespace {
@@ -483,6 +484,53 @@ TEST(FailsafeAndLead, AnInaccurateSavedPositionIsNoFix) {
   broken.on(EstimateRestored{.sigma_m = std::nan(""), .speed_mps = 30});
   broken.boot_to_search();
   EXPECT_EQ(broken.state(), relocalizing);
+}
+
+// Frames come, odometry carries the position, and every look at the map throws: that is not "nothing was due".
+TEST(ServiceMachine, AMatcherThatKeepsFailingDegradesUntilOneMatchEndsInOrder) {
+  test::MachineDriver flight;
+  flight.boot_to_normal();
+  flight.fly(2);
+  for (int i = 1; i < kMatchFailures; ++i) flight.on(MatchFailed{"out of memory"});
+  EXPECT_EQ(flight.state(), ServiceState::normal) << "a few may fail";
+  flight.on(MatchFailed{"out of memory"});
+  EXPECT_EQ(flight.state(), ServiceState::degraded);
+  EXPECT_EQ(flight.status().reason, ServiceReason::matcher_failing);
+  flight.fly(5);
+  EXPECT_EQ(flight.state(), ServiceState::degraded) << "odometry alone does not end it";
+  EXPECT_EQ(flight.count(ServiceReason::matcher_failing), 1);
+  LocalizedFrame match = test::estimate(SourceLabel::vo_extrapolated, 5);
+  match.late = true;
+  match.report.anchor.verdict = AnchorVerdict::ambiguous;
+  flight.on(match);
+  flight.fly(2);
+  EXPECT_EQ(flight.state(), ServiceState::normal);
+}
+
+TEST(ServiceMachine, AMatcherThatKeepsFailingIsReportedInASearchToo) {
+  test::MachineDriver flight;
+  flight.boot_to_search();
+  for (int i = 0; i < 3 * kMatchFailures; ++i) flight.on(MatchFailed{"out of memory"});
+  EXPECT_EQ(flight.state(), ServiceState::relocalizing);
+  EXPECT_EQ(flight.count(ServiceReason::matcher_failing), 1);
+}
+
+TEST(ServiceMachine, DurationsInTheReasonGrowWhileItLasts) {
+  ServiceMachine machine(1000);
+  double now_s = 1000;
+  machine.on_event(now_s, PackageVerified{true});
+  machine.on_event(now_s, AutopilotHeartbeat{LinkAuthentication::signature, true});
+  machine.on_event(now_s, FrameReceived{});
+  machine.on_event(now_s, test::estimate(SourceLabel::satellite_anchored, 5));
+  machine.update(now_s + 0.5);
+  EXPECT_EQ(machine.reason_text(), "no frames from the camera: no frame for 0.50 s");
+  machine.update(now_s + 12.25);
+  EXPECT_EQ(machine.reason_text(), "no frames from the camera: no frame for 12.25 s");
+  EXPECT_EQ(machine.status().frame_s, now_s);
+  machine.update(now_s + 40);
+  EXPECT_EQ(machine.status().state, ServiceState::failsafe);
+  machine.update(now_s + 50);
+  EXPECT_NE(machine.reason_text().find("for 37."), std::string::npos) << machine.reason_text();
 }
 
 }  // namespace

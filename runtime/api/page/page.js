@@ -7,9 +7,11 @@ const viewLimit = 2.5;   // s, age of the latest view of the flight
 const map = makeMap();
 let last = null, heard = 0, sign = 0, boot = null;
 
+// Ages go on from the arrival of the latest state, whether or not another one comes.
 const showContact = () => {
   if (!last) return;
-  const silence = (performance.now() - sign) / 1000, age = last.age_s + (performance.now() - heard) / 1000;
+  const since = (performance.now() - heard) / 1000, silence = (performance.now() - sign) / 1000, age = last.age_s + since;
+  showAges(last, since);
   const old = age > viewLimit;
   document.body.classList.toggle("stale", old);
   byId("lost").hidden = !old;
@@ -25,21 +27,22 @@ const refresh = async () => {
   showPackage(pack);
   map.setPackage(pack);
   map.setTrack(state.track);
-  if (boot !== null && boot !== state.boot) byId("events").replaceChildren();  // the service was restarted
+  if (boot !== null && boot !== state.boot) clearEvents();  // the service was restarted
   boot = state.boot;
+  showAlarms(state.alarms);
 };
 
 const onMessage = (kind, data) => {
   if (kind === "log") {
-    showEvent(data, last?.time_s);
+    showEvent(data);
     if (data.kind === "package") refresh().catch(() => {});
     return;
   }
+  if (kind === "missed") refresh().catch(() => {});  // an alarm may be among what was missed
   if (kind !== "state") return;
   last = data;
   heard = performance.now();
   showState(data);
-  showAges(data.time_s);
   map.setState(data);
   showContact();
 };

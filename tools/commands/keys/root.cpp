@@ -32,6 +32,7 @@ class KeysRootCommand final : public Command {
   int run(Context& context) override;
 
  private:
+  static void keep_signers(const TrustRoot& previous, TrustRoot& root);
   TrustRoot describe(const std::vector<PrivateKey>& root_keys, const std::optional<TrustRoot>& previous) const;
 
   std::vector<std::filesystem::path> root_keys_;
@@ -43,7 +44,7 @@ class KeysRootCommand final : public Command {
   int threshold_ = 1;
   int root_threshold_ = 1;
   UtcTime expires_;
-  bool incomplete_ = false;
+  bool incomplete_ = false, keep_signers_ = false;
   std::optional<std::filesystem::path> previous_;
   std::filesystem::path out_;
 };
@@ -51,7 +52,8 @@ class KeysRootCommand final : public Command {
 std::string_view KeysRootCommand::details() const {
   return R"(Without --previous this is version 1, which is installed on the aircraft by hand. With --previous it
 is the next version, and must be signed by enough root keys of the previous one too: name those that
-stay with --root-key and those that leave with --previous-root-key. Revocations carry over.
+stay with --root-key and those that leave with --previous-root-key. Revocations carry over;
+signers do not, unless --keep-signers is given: those that are left out are listed as warnings.
 
 If the root keys are held by several people, name the keys of the others with --root-public-key and
 write the root with --incomplete; each of them then runs `nadir keys sign`. No aircraft accepts it
@@ -81,6 +83,9 @@ void KeysRootCommand::setup(Options& options) {
       .values("--previous-root-key", previous_root_keys_, "KEY.pem",
               "private key of the previous root that is not a key of the new one")
       .needs("--previous");
+  options.flag("--keep-signers", keep_signers_,
+               "keep all signers of the previous root that are not revoked, beside those named here")
+      .needs("--previous");
   options.flag("--incomplete", incomplete_, "write the root although more root keys must sign it");
   options.value("--out", out_, "ROOT.json", "root file to create").required();
 }
@@ -91,6 +96,7 @@ TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
   if (previous) {
     root.version = previous->version + 1;
     root.revoked = previous->revoked;
+    if (keep_signers_) keep_signers(*previous, root);
   }
   root.expires = expires_;
   const auto check_threshold = [](const Role& role, const char* option, const char* keys) {
@@ -106,7 +112,7 @@ TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
   for (const auto& path : package_signers_) give_role(root, root.package_signer, PublicKey::read(path));
   root.package_signer.threshold = static_cast<std::uint32_t>(threshold_);
   check_threshold(root.package_signer, "--threshold", "--package-signer");
-  if (!airframe_signers_.empty()) root.airframe_signer.emplace();
+  if (!airframe_signers_.empty() && !root.airframe_signer) root.airframe_signer.emplace();
   for (const auto& path : airframe_signers_) give_role(root, *root.airframe_signer, PublicKey::read(path));
   for (const std::string& signer : tile_signers_) {
     const std::size_t equals = signer.find('=');
@@ -116,6 +122,23 @@ TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
     give_role(root, root.tile_signers[signer.substr(0, equals)], PublicKey::read(signer.substr(equals + 1)));
   }
   return root;
+}
+
+void KeysRootCommand::keep_signers(const TrustRoot& previous, TrustRoot& root) {
+  const auto kept = [&](const Role& before) {
+    Role now;
+    for (const std::string& id : before.key_ids) {
+      if (root.revoked.contains(id)) continue;
+      root.keys.emplace(id, previous.keys.at(id));  // with the expiry of the key itself
+      now.key_ids.insert(id);
+    }
+    return now;
+  };
+  root.package_signer = kept(previous.package_signer);
+  if (previous.airframe_signer) root.airframe_signer = kept(*previous.airframe_signer);
+  for (const auto& [airframe, role] : previous.tile_signers) {
+    if (Role tiles = kept(role); !tiles.key_ids.empty()) root.tile_signers[airframe] = std::move(tiles);
+  }
 }
 
 int KeysRootCommand::run(Context& context) {

@@ -2,14 +2,43 @@
 
 #include <fmt/format.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>
+#include <set>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "cli/output.hpp"
 
 namespace nadir {
+namespace {
+
+// Keys of a role before that are not in it now. Revoked ones were meant to go.
+std::set<std::string> removed_from(const Role& before, const Role& now, const TrustRoot& root) {
+  std::set<std::string> removed;
+  for (const std::string& id : before.key_ids) {
+    if (!now.key_ids.contains(id) && !root.revoked.contains(id)) removed.insert(id);
+  }
+  return removed;
+}
+
+// By role: "package signer", "airframe signer", "tile signer of mini-07".
+std::map<std::string, std::set<std::string>> removed_signers(const TrustRoot& previous, const TrustRoot& root) {
+  std::map<std::string, std::set<std::string>> removed;
+  const auto add = [&](const std::string& role, std::set<std::string> ids) {
+    if (!ids.empty()) removed[role] = std::move(ids);
+  };
+  add("package signer", removed_from(previous.package_signer, root.package_signer, root));
+  add("airframe signer", removed_from(previous.airframe_signer.value_or(Role{}), root.airframe_signer.value_or(Role{}), root));
+  for (const auto& [airframe, role] : previous.tile_signers) {
+    const auto now = root.tile_signers.find(airframe);
+    add("tile signer of " + airframe, removed_from(role, now == root.tile_signers.end() ? Role{} : now->second, root));
+  }
+  return removed;
+}
+
+}  // namespace
 
 std::vector<PrivateKey> read_private_keys(std::span<const std::filesystem::path> files) {
   std::vector<PrivateKey> keys;
@@ -76,6 +105,14 @@ int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKe
   write_new_file(wanted.out, signed_root.json());
   const TrustRoot& root = signed_root.root;
   const bool complete = !findings.has_errors();
+  const auto removed = wanted.previous ? removed_signers(*wanted.previous, root) : std::map<std::string, std::set<std::string>>();
+  for (const auto& [role, ids] : removed) {
+    for (const std::string& id : ids) {
+      context.err << fmt::format("warning: {} {} of version {} is removed: what it signs is rejected from this version on; "
+                                 "--keep-signers keeps it\n",
+                                 role, id, wanted.previous->version);
+    }
+  }
   if (context.json) {
     print_json(context.out, {{"root", wanted.out.string()},
                              {"version", root.version},
@@ -85,9 +122,12 @@ int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKe
                              {"package_signers", root.package_signer.key_ids},
                              {"threshold", root.package_signer.threshold},
                              {"revoked", root.revoked},
+                             {"removed", removed},
                              {"complete", complete}});
     return kAccepted;
   }
+  std::size_t signers = 0;
+  for (const auto& [role, ids] : removed) signers += ids.size();
   print_figures(
       context.out,
       {{"root", wanted.out.string()},
@@ -97,6 +137,7 @@ int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKe
         fmt::format("{} of {} must sign", root.package_signer.threshold, root.package_signer.key_ids.size())},
        {"root keys", fmt::format("{} of {} must sign the next root", root.root.threshold, root.root.key_ids.size())},
        {"revoked keys", std::to_string(root.revoked.size())},
+       {"removed signers", std::to_string(signers)},
        {"complete", complete ? "yes" : "no: more root keys must sign (nadir keys sign)"}});
   return kAccepted;
 }

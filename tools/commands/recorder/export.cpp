@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -17,6 +18,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/printable.hpp"
+#include "base/time.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
@@ -56,7 +58,7 @@ struct Table {
 
 struct FlightTables {
   std::string session;
-  Table estimates, anchors, events;
+  Table estimates, anchors, fixes, events;
 };
 
 Cell cell(const std::optional<double>& value) { return value ? Cell(*value) : Cell(); }
@@ -71,6 +73,9 @@ Table estimates_table() {
           .columns = {{"index", integer},
                       {"frame", text},
                       {"time_s", real},
+                      {"utc", text},
+                      {"stage", text},
+                      {"agl_m", real},
                       {"sigma_m", real},
                       {"source", text},
                       {"segment", integer},
@@ -89,6 +94,7 @@ Table anchors_table() {
           .columns = {{"index", integer},
                       {"frame", text},
                       {"time_s", real},
+                      {"utc", text},
                       {"verdict", text},
                       {"score", real},
                       {"ratio", real},
@@ -102,18 +108,80 @@ Table anchors_table() {
           .rows = {}};
 }
 
+Table fixes_table() {
+  using enum CellType;
+  return {.name = "fixes",
+          .places = true,
+          .columns = {{"time_s", real},
+                      {"utc", text},
+                      {"fix_type", integer},
+                      {"source", text},
+                      {"msl_m", real},
+                      {"accuracy_m", real},
+                      {"vertical_accuracy_m", real},
+                      {"north_mps", real},
+                      {"east_mps", real},
+                      {"down_mps", real},
+                      {"speed_accuracy_mps", real},
+                      {"gps_fix_type", integer},
+                      {"gps_age_s", real},
+                      {"gps_lat_deg", real},
+                      {"gps_lon_deg", real},
+                      {"gps_msl_m", real},
+                      {"gps_accuracy_m", real},
+                      {"gps_distance_m", real}},
+          .rows = {}};
+}
+
+// UTC of monotonic times. Every recorded fix has both; where there is none, in older recordings, an input record has the
+// time of its frame and the UTC at which it was recorded, some milliseconds later.
+class UtcOfMonotonic {
+ public:
+  void pair(double time_s, double unix_s, bool exact) {
+    if (unix_s < kEarliest_s) return;  // the recording of a replay has no UTC
+    if (exact && !exact_) offsets_.clear();
+    if (exact || !exact_) offsets_[time_s] = unix_s - time_s;
+    exact_ = exact_ || exact;
+  }
+
+  // By the pair before, so that a clock that was set in between counts from then on; empty when there is none at all.
+  Cell utc(double time_s) const {
+    if (offsets_.empty() || !std::isfinite(time_s)) return {};
+    auto next = offsets_.upper_bound(time_s);
+    if (next != offsets_.begin()) --next;
+    return utc_text(time_s + next->second);
+  }
+
+  static Cell utc_text(double unix_s) {
+    if (!(unix_s >= kEarliest_s && unix_s < 1e11)) return {};
+    const auto ms = static_cast<std::int64_t>(std::llround(unix_s * 1e3));
+    std::string text = to_rfc3339(UtcTime{ms / 1000});
+    text.insert(text.size() - 1, fmt::format(".{:03}", ms % 1000));  // before the Z
+    return text;
+  }
+
+ private:
+  static constexpr double kEarliest_s = 946'684'800;  // 2000-01-01
+  bool exact_ = false;
+  std::map<double, double> offsets_;
+};
+
 Table events_table() {
   using enum CellType;
   return {.name = "events",
           .places = false,
-          .columns = {{"time_unix_s", real}, {"topic", text}, {"what", text}, {"detail", text}},
+          .columns = {{"time_unix_s", real}, {"utc", text}, {"topic", text}, {"what", text}, {"detail", text}},
           .rows = {}};
 }
 
-TableRow row_of(const EstimateRecord& record) {
+constexpr std::size_t kTimeColumn = 2, kUtcColumn = 3;  // of estimates and anchors
+
+// stage: "frame" when it was made for the frame, "map_match" when a match that took longer corrected it.
+TableRow row_of(const EstimateRecord& record, std::string_view stage) {
   const Estimate& e = record.estimate;
   return {e.position,
-          {cell(record.index), cell(e.frame), e.time_s, e.position ? Cell(e.sigma_m) : Cell(), cell(name_of(e.source)),
+          {cell(record.index), cell(e.frame), e.time_s, Cell(), cell(stage),
+           record.state.agl_m > 0 ? Cell(record.state.agl_m) : Cell(), e.position ? Cell(e.sigma_m) : Cell(), cell(name_of(e.source)),
            cell(e.segment), cell(e.anchor_age_s), cell(e.anchor_inliers), e.anchor_ratio, e.latency_ms,
            cell(record.odometry.tracked ? 1 : 0)}};
 }
@@ -123,9 +191,36 @@ TableRow row_of(const AnchorRecord& record, const LocalFrame& frame) {
   std::optional<LonLat> place;
   if (a.camera) place = frame.lonlat_from_plane(*a.camera);
   return {place,
-          {cell(record.index), cell(record.frame), record.time_s, cell(name_of(a.verdict)), a.score, a.ratio,
+          {cell(record.index), cell(record.frame), record.time_s, Cell(), cell(name_of(a.verdict)), a.score, a.ratio,
            cell(a.inliers), cell(a.patches), a.residual_px, a.chi2, a.matching_gsd_m, degrees(a.heading_rad),
            a.window_radius_m}};
+}
+
+TableRow row_of(const FixRecord& r) {
+  std::vector<Cell> cells{r.time_s,
+                          UtcOfMonotonic::utc_text(static_cast<double>(r.unix_us) / 1e6),
+                          cell(r.fix_type),
+                          cell(name_of(r.source)),
+                          cell(r.msl_m),
+                          cell(r.accuracy_m),
+                          cell(r.vertical_accuracy_m),
+                          cell(r.north_mps),
+                          cell(r.east_mps),
+                          cell(r.down_mps),
+                          cell(r.speed_accuracy_mps)};
+  if (!r.gps) {
+    cells.resize(fixes_table().columns.size());
+    return {r.place, std::move(cells)};
+  }
+  const bool has_place = r.gps->fix_type >= 2;
+  const auto from_our_fix = [&]() -> Cell {
+    if (!has_place || !r.place) return {};
+    return distance_m(PlanePoint(), LocalFrame(*r.place).plane_from_lonlat(r.gps->place));
+  };
+  cells.insert(cells.end(), {cell(r.gps->fix_type), r.gps->age_s, has_place ? Cell(r.gps->place.lat_deg) : Cell(),
+                             has_place ? Cell(r.gps->place.lon_deg) : Cell(), has_place ? Cell(r.gps->msl_m) : Cell(),
+                             cell(r.gps->accuracy_m), from_our_fix()});
+  return {r.place, std::move(cells)};
 }
 
 // What and detail of everything that is neither frame nor picture.
@@ -160,21 +255,32 @@ std::optional<EventText> event_text(const Record& record) {
 // A recorded session as tables. Throws as read_recording() does, and UsageError when it is not clear which session is
 // meant.
 FlightTables read_flight_tables(const std::filesystem::path& recording, const std::optional<std::string>& session) {
-  FlightTables tables{chosen_session(recording, session), estimates_table(), anchors_table(), events_table()};
+  FlightTables tables{chosen_session(recording, session), estimates_table(), anchors_table(), fixes_table(), events_table()};
+  UtcOfMonotonic clock;
+  std::uint64_t next_index = 0;
   std::optional<LocalFrame> frame;
   read_recording(recording, [&](const Recorded& one) {
     if (!one.segment.session || one.segment.session->id != tables.session) return;
     if (!frame) frame.emplace(one.segment.session->origin);
     if (const auto* estimate = std::get_if<EstimateRecord>(&one.record)) {
-      tables.estimates.rows.push_back(row_of(*estimate));
+      tables.estimates.rows.push_back(row_of(*estimate, estimate->index < next_index ? "map_match" : "frame"));
+      next_index = std::max(next_index, estimate->index + 1);
     } else if (const auto* anchor = std::get_if<AnchorRecord>(&one.record)) {
       tables.anchors.rows.push_back(row_of(*anchor, *frame));
+    } else if (const auto* fix = std::get_if<FixRecord>(&one.record)) {
+      clock.pair(fix->time_s, static_cast<double>(fix->unix_us) / 1e6, true);
+      tables.fixes.rows.push_back(row_of(*fix));
+    } else if (const auto* input = std::get_if<InputRecord>(&one.record)) {
+      clock.pair(input->telemetry.time_s, static_cast<double>(one.at_ns) / 1e9, false);
     } else if (const auto event = event_text(one.record)) {
       tables.events.rows.push_back(
           {std::nullopt,
-           {static_cast<double>(one.at_ns) / 1e9, cell(name_of(topic_of(one.record))), event->what, event->detail}});
+           {static_cast<double>(one.at_ns) / 1e9, UtcOfMonotonic::utc_text(static_cast<double>(one.at_ns) / 1e9), cell(name_of(topic_of(one.record))), event->what, event->detail}});
     }
   });
+  for (Table* table : {&tables.estimates, &tables.anchors}) {
+    for (TableRow& row : table->rows) row.cells[kUtcColumn] = clock.utc(std::get<double>(row.cells[kTimeColumn]));
+  }
   return tables;
 }
 
@@ -227,9 +333,9 @@ void add_points(json& features, const Table& table, const char* kind) {
   }
 }
 
-// estimates.csv, anchors.csv and events.csv (RFC 4180) in a folder; positions as lat_deg and lon_deg.
+// estimates.csv, anchors.csv, fixes.csv and events.csv (RFC 4180) in a folder; positions as lat_deg and lon_deg.
 void export_csv(const FlightTables& tables, const std::filesystem::path& folder) {
-  for (const Table* table : {&tables.estimates, &tables.anchors, &tables.events}) {
+  for (const Table* table : {&tables.estimates, &tables.anchors, &tables.fixes, &tables.events}) {
     write_file_atomic(folder / (table->name + ".csv"), csv_of(*table));
   }
 }
@@ -248,6 +354,7 @@ std::string geojson_of(const FlightTables& tables) {
   }
   add_points(features, tables.estimates, "estimate");
   add_points(features, tables.anchors, "anchor");
+  add_points(features, tables.fixes, "fix");
   const json document{{"type", "FeatureCollection"}, {"features", std::move(features)}};
   return document.dump(1, ' ', false, json::error_handler_t::replace) + "\n";
 }
@@ -356,6 +463,7 @@ void export_gdal(const FlightTables& tables, const std::string& driver, const st
   exporter.table(tables.estimates);
   if (!exporter.one_layer()) {
     exporter.table(tables.anchors);
+    exporter.table(tables.fixes);
     if (driver != "KML") exporter.table(tables.events);
     exporter.track(tables.estimates);
   }
@@ -396,8 +504,9 @@ class RecorderExportCommand final : public Command {
 };
 
 std::string_view RecorderExportCommand::details() const {
-  return R"(csv: OUT is a folder with estimates.csv, anchors.csv and events.csv. geojson: one file with the
-track, the estimates and the anchors, accepted and rejected. kml and gpkg: one file with a layer for
+  return R"(csv: OUT is a folder with estimates.csv, anchors.csv, fixes.csv (what was sent to the autopilot) and
+events.csv. geojson: one file with the track, the estimates, the anchors, accepted and rejected, and
+the fixes. kml and gpkg: one file with a layer for
 each. parquet: one file with the estimates; needs a GDAL built with Apache Arrow, which Debian 12
 does not provide.
 
@@ -433,8 +542,10 @@ int RecorderExportCommand::run(Context& context) {
     export_file(tables, format_, out_);
   }
   if (!context.quiet) {
-    context.err << fmt::format("{}, {}, {}\n", count(tables.estimates.rows.size(), "estimate"),
-                               count(tables.anchors.rows.size(), "anchor"), count(tables.events.rows.size(), "event"));
+    context.err << fmt::format("{}, {}, {}, {}\n", count(tables.estimates.rows.size(), "estimate"),
+                               count(tables.anchors.rows.size(), "anchor"),
+                               count(tables.fixes.rows.size(), "fix", "fixes"),
+                               count(tables.events.rows.size(), "event"));
   }
   return kAccepted;
 }

@@ -1,0 +1,108 @@
+// Camera and autopilot before take-off: a real folder, and a real socket with a peer that speaks the official headers.
+#include "flight/preflight.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <thread>
+
+#include "base/files.hpp"
+#include "camera/folder_camera.hpp"
+#include "flight/link_peer.hpp"
+#include "imagery/codecs.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace nadir {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr double kSoon_s = 0.3, kLong_s = 60;
+
+class Preflight : public ::testing::Test {
+ protected:
+  std::string only_code(const PartCheck& check) const {
+    EXPECT_EQ(check.findings.items().size(), 1U);
+    return check.findings.items().empty() ? "" : check.findings.items().front().code;
+  }
+  PartCheck check_folder(const std::filesystem::path& folder, double limit_s) {
+    FolderCamera camera(folder, clock_, Backlog::all);
+    CameraModel model;
+    model.width = 64;
+    model.height = 48;
+    return check_camera(camera, model, clock_, limit_s);
+  }
+  void put(const std::string& name, int width, int height) {
+    write_file_atomic(folder_ / name, encode_image(cv::Mat(height, width, CV_8UC1, cv::Scalar(80)), ImageFormat::png));
+  }
+
+  // A heartbeat of this system each time the other end says something.
+  PartCheck check_link(std::uint8_t system, double limit_s) {
+    test::LinkPeer peer;
+    Airframe airframe;
+    airframe.system = 7;
+    auto transport = make_transport(parse_endpoint(peer.endpoint()));
+    const std::jthread autopilot([&](const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
+        peer.listen();
+        if (peer.heard(MAVLINK_MSG_ID_HEARTBEAT).empty()) continue;
+        mavlink_message_t message;
+        mavlink_msg_heartbeat_pack(system, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0);
+        peer.send(message);
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      }
+    });
+    return check_autopilot(std::move(transport), airframe, std::move(signing_), clock_, limit_s);
+  }
+
+  const test::TemporaryFolder folder_;
+  const SystemFlightClock clock_;
+  std::optional<Signing> signing_;
+};
+
+TEST_F(Preflight, AFrameOfTheRightSizeIsReady) {
+  put("a.png", 64, 48);
+  const PartCheck check = check_folder(folder_.path(), kLong_s);
+  EXPECT_TRUE(check.findings.empty());
+  EXPECT_THAT(check.found, HasSubstr("frame a.png, 64 x 48"));
+}
+
+TEST_F(Preflight, AFrameOfAnotherSizeIsNot) {
+  put("a.png", 640, 480);
+  const PartCheck check = check_folder(folder_.path(), kLong_s);
+  EXPECT_EQ(only_code(check), "camera.size");
+  EXPECT_EQ(check.findings.items().front().found, "640 x 480");
+  EXPECT_THAT(check.findings.items().front().expected, HasSubstr("64 x 48"));
+}
+
+TEST_F(Preflight, AnEmptyFolderAndAMissingOneAreNoCamera) {
+  const PartCheck empty = check_folder(folder_.path(), kSoon_s);
+  EXPECT_EQ(only_code(empty), "camera.no_frame");
+  EXPECT_EQ(empty.found, "no frame");
+  const PartCheck missing = check_folder(folder_ / "none", kSoon_s);
+  EXPECT_EQ(only_code(missing), "camera.no_frame");
+  EXPECT_THAT(missing.found, HasSubstr("none"));
+}
+
+TEST_F(Preflight, TheConfiguredAutopilotIsReady) {
+  const PartCheck check = check_link(7, kLong_s);
+  EXPECT_TRUE(check.findings.empty());
+  EXPECT_THAT(check.found, HasSubstr("7/1, NOT SIGNED"));
+}
+
+TEST_F(Preflight, AnotherAutopilotIsNotOurs) {
+  const PartCheck check = check_link(9, 2);
+  EXPECT_EQ(only_code(check), "autopilot.silent");
+  EXPECT_EQ(check.found, "only frames of 9/1");
+}
+
+TEST_F(Preflight, AnAutopilotWithoutOurKeyIsNotReady) {
+  SigningTime time(folder_ / "signing-time", clock_.unix_us(), 0);
+  signing_.emplace(SigningKey::generate(), time, std::uint8_t{1});
+  const PartCheck check = check_link(7, 2);
+  EXPECT_EQ(only_code(check), "autopilot.silent");
+  EXPECT_THAT(check.found, HasSubstr("frames without a signature"));
+}
+
+}  // namespace
+}  // namespace nadir
