@@ -159,7 +159,6 @@ class FlightService {
   FlightOptions options_;
   const FlightClock& clock_;
   StopSignals& stop_;
-  Log log_;
   Airframe airframe_;
   std::string rejection_;
   Findings warnings_;  // of the verification

@@ -76,7 +76,7 @@ class Boarding : public ::testing::Test {
     std::vector<std::string> args{"--package",   path("packages/current"), "--trust",     path("root.json"),
                                   "--airframe",  path("airframe.json"),    "--state",     path("state"),
                                   "--camera",    path("frames"),           "--listen",    "127.0.0.1:0",
-                                  "--autopilot", "udpin:127.0.0.1:0",      "--memory-mb", "0"};
+                                  "--autopilot", "udpin:127.0.0.1:0",      "--memory-mb", "0", "--unsigned-link"};
     args.insert(args.end(), more);
     out_.str("");
     err_.str("");

@@ -52,7 +52,7 @@ int open(const char* path, int flags, ...) {
   REAL("open", int, const char*, int, ...);
   va_list more;
   va_start(more, flags);
-  mode_t mode = (flags & O_CREAT) ? va_arg(more, mode_t) : 0;
+  mode_t mode = ((flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE) ? va_arg(more, mode_t) : 0;
   va_end(more);
   return opened(real, path, flags, mode);
 }
@@ -61,7 +61,7 @@ int open64(const char* path, int flags, ...) {
   REAL("open64", int, const char*, int, ...);
   va_list more;
   va_start(more, flags);
-  mode_t mode = (flags & O_CREAT) ? va_arg(more, mode_t) : 0;
+  mode_t mode = ((flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE) ? va_arg(more, mode_t) : 0;
   va_end(more);
   return opened(real, path, flags, mode);
 }
@@ -79,6 +79,44 @@ int fsync(int fd) {
   REAL("fsync", int, int);
   if (inside_fd(fd) && dies_now()) die();
   return real(fd);
+}
+
+static int inside_at(int folder, const char* path) {
+  return path[0] == '/' || folder == AT_FDCWD ? inside(path) : inside_fd(folder);
+}
+
+int openat(int folder, const char* path, int flags, ...) {
+  REAL("openat", int, int, const char*, int, ...);
+  va_list more;
+  va_start(more, flags);
+  mode_t mode = ((flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE) ? va_arg(more, mode_t) : 0;
+  va_end(more);
+  if ((flags & O_CREAT) && inside_at(folder, path) && dies_now()) die();
+  return real(folder, path, flags, mode);
+}
+
+int linkat(int from_folder, const char* from, int folder, const char* to, int flags) {
+  REAL("linkat", int, int, const char*, int, const char*, int);
+  if (inside_at(folder, to) && dies_now()) die();
+  return real(from_folder, from, folder, to, flags);
+}
+
+int renameat(int from_folder, const char* from, int folder, const char* to) {
+  REAL("renameat", int, int, const char*, int, const char*);
+  if (inside_at(folder, to) && dies_now()) die();
+  return real(from_folder, from, folder, to);
+}
+
+int renameat2(int from_folder, const char* from, int folder, const char* to, unsigned flags) {
+  REAL("renameat2", int, int, const char*, int, const char*, unsigned);
+  if (inside_at(folder, to) && dies_now()) die();
+  return real(from_folder, from, folder, to, flags);
+}
+
+int unlinkat(int folder, const char* path, int flags) {
+  REAL("unlinkat", int, int, const char*, int);
+  if (inside_at(folder, path) && dies_now()) die();
+  return real(folder, path, flags);
 }
 
 int rename(const char* from, const char* to) {
