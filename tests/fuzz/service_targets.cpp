@@ -30,7 +30,7 @@ struct Service {
     view.position = PositionView{{8.5, 47.4}, 3, 9, 9, 0};
     view.heading_rad = view.pitch_rad = view.roll_rad = 0.02;
     view.agl_m = 100;
-    view.events.push_back({1, 0, EventSeverity::info, "state", "normal"});
+    view.events.push_back({.id = 1, .time_s = 0, .severity = EventSeverity::info, .kind = "state", .text = "normal"});
     board.publish(view);
   }
   FlightBoard board;
