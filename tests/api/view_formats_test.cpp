@@ -177,7 +177,7 @@ TEST(Views, ForgedLinesStayOnTheirLine) {
   EventRing ring(1);
   ring.add(1, EventSeverity::info, "autopilot", forged);
   view.events = ring.events();
-  EXPECT_EQ(event_json(view.events.back(), view)["text"], shown);
+  EXPECT_EQ(event_json(view.events.back(), view, 0)["text"], shown);
   PackageView package;
   package.reason = package.mission = package.series = forged;
   for (const char* key : {"reason", "mission", "series"}) EXPECT_EQ(package_json(package)[key], shown) << key;
