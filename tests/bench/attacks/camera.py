@@ -166,13 +166,13 @@ def picture_that_links_to_a_secret(scene):
 
 
 @attack(seconds=60)
-def flood_of_twenty_thousand_pictures(scene):
-    """20 000 empty and half pictures at once."""
+def flood_of_pictures(scene):
+    """3000 empty and half pictures at once."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
         data, since = honest(scene).read_bytes(), time.monotonic()
-        for number in range(20_000):
-            (aircraft.frames / f"a{number:05}.jpg").write_bytes(data[:number % 700])
+        for number in range(3_000):
+            (aircraft.frames / f"a{number:04}.jpg").write_bytes(data[:number % 700])
         return goes_on(scene, aircraft, since, True, "flies on", patience_s=20)
 
 
