@@ -511,8 +511,8 @@ def own_root_in_the_package(scene):
     root = json.loads(scene.shared.root.read_text())
     root["signed"]["version"] = 2
     root["signed"]["roles"]["package-signer"]["keyids"] = [json.loads((package / "manifest.sig").read_text())["signatures"][0]["keyid"]]
-    (package / "roots").mkdir()
-    (package / "roots" / "2.root.json").write_text(json.dumps(root))
+    (package / "root").mkdir()
+    (package / "root" / "2.root.json").write_text(json.dumps(root))
     ran = check(scene, package)
     return scene.rejected(ran, "root.invalid", "signature", "key.unknown")
 

@@ -4,6 +4,7 @@ import hashlib
 import http.client
 import http.server
 import json
+import re
 import shutil
 import socket
 import ssl
@@ -291,7 +292,9 @@ def tile_that_is_a_bomb(scene):
         judged = service.upload(Flight(service.made, tiles=6).change("bomb", bomb))
         counts = service.settled()["tiles"]
         scene.holds(counts["accepted"] == 0, f"{counts}")
-        return f"rejected: {', '.join(counts.get('rejected', {}))}" if isinstance(counts.get("rejected"), dict) else f"{str(judged)[:90]}"
+        codes = dict.fromkeys(re.findall(r"'code': '([a-z_]+)'", str(judged)))
+        scene.attacked(codes, f"no verdict: {str(judged)[:150]}")
+        return ", ".join(codes)
 
 
 @attack()
@@ -358,6 +361,7 @@ def expired_token_and_another_scope(scene):
 def forged_lines_in_the_audit_log(scene):
     """A client tries to write lines of its own into the audit log, by paths, tokens, names and ids."""
     with Candidates(scene) as service:
+        before = sum(line["act"] == "root.trust" for line in service.audit())
         forged = '"}\n{"n":1,"at":"2026-01-01T00:00:00Z","act":"root.trust","result":"as given"}\n'
         quoted = forged.replace("\n", "%0a").replace(" ", "%20")
         service.ask("GET", f"/v1/uploads/{quoted}", token=service.station.token)
@@ -370,7 +374,7 @@ def forged_lines_in_the_audit_log(scene):
         lines = service.audit()
         scene.attacked(any(line["act"] == "call" for line in lines), f"nothing was logged: {lines}")
         scene.holds([line["n"] for line in lines] == list(range(1, len(lines) + 1)), "lines are missing or forged")
-        scene.holds(sum(line["act"] == "root.trust" for line in lines) == 1, "a line was forged")
+        scene.holds(sum(line["act"] == "root.trust" for line in lines) == before, "a line was forged")
         scene.holds((service.data / "audit" / "audit.jsonl").stat().st_mode & 0o077 == 0, "others may read it")
         return f"{len(lines)} lines, numbered without holes, none forged"
 
