@@ -1,6 +1,7 @@
 """What befalls the map in flight: one flight in the closed loop, judged by several rows. Tiles are corrupted, then the file is
 cut off; then it is whole again."""
 import json
+import sqlite3
 import subprocess
 import threading
 import time
@@ -10,9 +11,30 @@ from .registry import attack
 from loop.evidence import fresh_fixes, wrong_and_sure  # noqa: E402  (shared.py has put its folder on the path)
 from loop.flight import Flight, Setup  # noqa: E402
 from loop.hands import spoil_tiles  # noqa: E402
-from loop.inputs import Inputs  # noqa: E402
+from loop.inputs import Inputs, must  # noqa: E402
 
+COARSE_CE90_M = 60
 DENIED, SPOILT, MENDED, CUT, WHOLE, MINUTES = 12, 20, 32, 38, 50, 1.0
+
+
+class PatchedMap(Inputs):
+    """The inputs of a closed loop whose package has one coarse scene, in a corner that the circuit does not cross."""
+
+    def _make_package(self):
+        whole, coarse = self.world / "map.tif", self.folder / "coarse.tif"
+        info = json.loads(must("gdalinfo", "-json", whole))
+        side = info["size"][0] // 8
+        must("gdal_translate", "-q", "-srcwin", 0, 0, side, side, whole, coarse)
+        item = json.loads((self.world / "map.json").read_text())
+        item["properties"]["nadir:ce90_m"] = COARSE_CE90_M
+        (self.folder / "coarse.json").write_text(json.dumps(item))
+        for name in ("root", "signer", "hangar"):
+            must(self.nadir, "keys", "create", "--out", self.folder / name)
+        must(self.nadir, "keys", "root", "--root-key", self.folder / "root.key.pem", "--package-signer", self.folder / "signer.pub.pem",
+             "--airframe-signer", self.folder / "hangar.pub.pem", "--expires", "2035-01-01", "--out", self.root)
+        must(self.nadir, "cache", "build", "--mission", self.world / "mission.yaml", "--imagery", coarse, whole, "--dem",
+             self.world / "dem.tif", "--key", self.folder / "signer.key.pem", "--out", self.package)
+        must(self.nadir, "cache", "index", self.package, "--key", self.folder / "signer.key.pem")
 
 
 class Flown:
@@ -34,7 +56,10 @@ class Flown:
 
     def _fly_through(self):
         programs = self.shared.programs
-        inputs = Inputs(self.folder / "inputs", programs / "nadir", size_km=1.2, width=960)
+        inputs = PatchedMap(self.folder / "inputs", programs / "nadir", size_km=1.2, width=960)
+        self.created = inputs.created
+        with sqlite3.connect(f"file:{inputs.package / 'imagery' / 'base.mbtiles'}?mode=ro", uri=True) as database:
+            (self.coarse_tiles,) = database.execute("SELECT count(*) FROM nadir_sidecars WHERE ce90_mm >= ?", (1000 * COARSE_CE90_M,)).fetchone()
         run = self.folder / "run"
         run.mkdir()
         package = run / "package"
@@ -164,3 +189,16 @@ def matcher_that_throws(scene):
     scene.holds("failed" in anchors, "failed matches are not counted")
     scene.holds(said, "there is no event")
     return f"{anchors.get('failed')} failed, {len(said)} events: {said[-1]['text'][:60]}"
+
+
+@attack("FS", seconds=240, memory_mb=600)
+def coarse_scene_elsewhere(scene):
+    """One scene of the package, which the aircraft never crosses, is known to 60 m alone: it must not make every position vague."""
+    done = flown(scene).wait(scene)
+    inspected = scene.run("nadir", "cache", "verify", done.folder / "inputs" / "package", "--trust", done.folder / "inputs" / "root.json", "--at",
+                          done.created)
+    scene.attacked(inspected.code == 0 and done.coarse_tiles > 0, f"no coarse tile is in the package: {inspected.said[:150]}")
+    sigmas = [float(row["given_accuracy_m"]) for row in done.fixes(0, SPOILT)]
+    scene.attacked(sigmas, "there is no fix before the tiles are corrupted")
+    scene.holds(min(sigmas) < COARSE_CE90_M / 2.146 / 1.5, f"the best sigma is {min(sigmas):.1f} m")
+    return f"{done.coarse_tiles} coarse tiles elsewhere; sigma {min(sigmas):.1f} m"
