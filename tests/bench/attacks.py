@@ -3,6 +3,7 @@
 an answer, exit code, peak memory and time. A row that falls is exit code 1. docs/attacks.md says what each attacker gains.
 """
 import argparse
+import concurrent.futures
 import importlib
 import json
 import pathlib
@@ -25,6 +26,7 @@ def arguments():
     parser.add_argument("--only", action="append", metavar="NAME", help="an attack, or an attacker; repeatable")
     parser.add_argument("--list", action="store_true", help="name every attack, and end")
     parser.add_argument("--json", metavar="FILE", help="the rows as JSON, too")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="attacks at once (2)")
     parser.add_argument("--programs", type=pathlib.Path, default=HERE.parents[1] / "build" / "bin", metavar="DIR")
     return parser.parse_args()
 
@@ -72,9 +74,11 @@ def main():
         shared = Shared(args.programs.resolve(), folder / "shared")
         print(head(width), flush=True)
         begin_flight(rows, shared, folder)
-        for row in rows:
-            results.append(run_attack(row, args.programs.resolve(), shared, folder))
-            print(line(results[-1], width), flush=True)
+        with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
+            begun_rows = [pool.submit(run_attack, row, args.programs.resolve(), shared, folder) for row in rows]
+            for row in begun_rows:
+                results.append(row.result())
+                print(line(results[-1], width), flush=True)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     if args.json:

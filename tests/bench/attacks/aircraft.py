@@ -88,7 +88,7 @@ class Aircraft:
             if kind is None:
                 self.scene.end(self.service)
             else:
-                self.service.process.kill()
+                self.service.running() and self.service.process.kill()
 
     def _hear_watchdog(self):
         self.hearing = threading.Event()

@@ -53,7 +53,7 @@ def view_is_in(path):
         return database.execute("SELECT type FROM sqlite_schema WHERE name = 'nadir_sidecars'").fetchone() == ("view",)
 
 
-@attack("H6", memory_mb=300, seconds=20)
+@attack("H6", memory_mb=300)
 def view_of_huge_blobs(scene):
     """The tile table's sidecars are a view over 100 000 blobs of 30 MB each; the file has another size than was signed."""
     package = scene.shared.package(scene.folder)
@@ -62,7 +62,7 @@ def view_of_huge_blobs(scene):
     return scene.rejected(check(scene, package), "artifact.size")
 
 
-@attack("H6", memory_mb=300, seconds=20)
+@attack("H6", memory_mb=300)
 def view_in_a_file_of_the_signed_size(scene):
     """The same view, and the file is padded to exactly the size that was signed."""
     package = scene.shared.package(scene.folder)
@@ -77,7 +77,7 @@ def view_in_a_file_of_the_signed_size(scene):
     return ran.line("view") or ran.line("code that")
 
 
-@attack("H6", memory_mb=300, seconds=20)
+@attack("H6", memory_mb=300)
 def query_without_end(scene):
     """A view whose query never ends, in a tile set that somebody else made."""
     path = scene.folder / "other.mbtiles"
@@ -94,7 +94,7 @@ def query_without_end(scene):
     return ran.line("sqlite") or ran.said
 
 
-@attack(memory_mb=300, seconds=20)
+@attack(memory_mb=300)
 def text_of_a_gigabyte_in_metadata(scene):
     """A tile set's metadata has a view that gives one text of 900 MB."""
     path = scene.folder / "other.mbtiles"
@@ -156,7 +156,7 @@ def huge_cog(like, path, tiles_across, masks, size=None):
     path.write_bytes(body)
 
 
-@attack("H6", memory_mb=300, seconds=20)
+@attack("H6", memory_mb=300)
 def cog_of_a_million_blocks(scene):
     """A COG of 2 MB whose images each name a million blocks by one table that they share."""
     path = scene.folder / "map.tif"
@@ -166,7 +166,7 @@ def cog_of_a_million_blocks(scene):
     return ran.said[:110]
 
 
-@attack("H6", memory_mb=300, seconds=20)
+@attack("H6", memory_mb=300)
 def cog_of_the_signed_size_with_more_tiles(scene):
     """The COG of a signed package is replaced by one of the same size that names 400 times the tiles."""
     package = scene.shared.package(scene.folder, container="cog")
@@ -234,34 +234,34 @@ def pipe_instead(scene, where, code, *words):
     scene.attacked(path.is_fifo(), "there is no pipe")
     ran = check(scene, package)
     scene.rejected(ran, *words, code=code)
-    scene.holds(ran.seconds < 5, f"it took {ran.seconds:.0f} s")
+    scene.holds(ran.seconds < 10, f"it took {ran.seconds:.0f} s")
     return code_of(ran)
 
 
-@attack("M11", seconds=15)
+@attack("M11", seconds=30)
 def pipe_instead_of_the_manifest(scene):
     """manifest.json is a pipe that nobody writes to."""
     return pipe_instead(scene, "manifest.json", 1)
 
 
-@attack("M11", seconds=15)
+@attack("M11", seconds=30)
 def pipe_instead_of_the_mission(scene):
     """mission.yaml is a pipe that nobody writes to."""
     return pipe_instead(scene, "mission/mission.yaml", 1)
 
 
-@attack("M11", seconds=15)
+@attack("M11", seconds=30)
 def pipe_instead_of_the_imagery(scene):
     """The tile set is a pipe that nobody writes to."""
     return pipe_instead(scene, "imagery/base.mbtiles", 1)
 
 
-@attack("M11", seconds=15)
+@attack("M11", seconds=30)
 def pipe_instead_of_the_root(scene):
     """The root of trust is a pipe that nobody writes to; SIGTERM must end the program all the same."""
     os.mkfifo(scene.folder / "root.json")
     started = scene.start("nadird", "--package", scene.shared.built(), "--trust", scene.folder / "root.json", "--airframe", "mini-07", "--check")
-    scene.wait_for(lambda: not started.running(), 3)
+    scene.wait_for(lambda: not started.running(), 6)
     hung = started.running()
     ran = scene.end(started, patience_s=5)
     scene.attacked(hung or ran.said, "nothing was said")
@@ -269,7 +269,7 @@ def pipe_instead_of_the_root(scene):
     return scene.rejected(ran, "root.json", code=2)
 
 
-@attack("L7", memory_mb=200, seconds=10)
+@attack("L7", memory_mb=200, seconds=30)
 def mission_of_a_hundred_thousand_keys(scene):
     """A mission file of 1 MiB that is nothing but keys."""
     path = scene.folder / "mission.yaml"
@@ -277,12 +277,12 @@ def mission_of_a_hundred_thousand_keys(scene):
     scene.attacked(path.stat().st_size > 1_000_000, "the file is small")
     ran = scene.run("nadir", "mission", "check", path)
     scene.holds(ran.code in (1, 2), f"exit code {ran.code}")
-    scene.holds(ran.seconds < 5, f"it took {ran.seconds:.0f} s")
+    scene.holds(ran.cpu_s < 4, f"it took {ran.cpu_s:.0f} s of a core")
     scene.holds(len(ran.said) < 20_000, f"{len(ran.said)} bytes of messages")
     return ran.said[:110]
 
 
-@attack(memory_mb=200, seconds=10)
+@attack(memory_mb=200)
 def yaml_of_aliases(scene):
     """A mission file in which each of thirty lists holds the one before nine times (the billion laughs)."""
     lines = ["a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol]"]
@@ -293,7 +293,7 @@ def yaml_of_aliases(scene):
     return scene.rejected(scene.run("nadir", "mission", "check", path), "mission.schema")
 
 
-@attack(memory_mb=300, seconds=10)
+@attack(memory_mb=300)
 def yaml_of_brackets(scene):
     """A mission file of 500 000 opening brackets."""
     path = scene.folder / "mission.yaml"
@@ -559,7 +559,7 @@ def manifest_of_brackets(scene):
     return scene.rejected(check(scene, package), "manifest.schema")
 
 
-@attack(memory_mb=200, seconds=15)
+@attack(memory_mb=200)
 def endless_manifest(scene):
     """A manifest of 4 GB that needs no room on the card (a sparse file)."""
     package = scene.shared.package(scene.folder)

@@ -71,6 +71,7 @@ class Ran:
     out: str
     err: str
     seconds: float
+    cpu_s: float  # user and system: independent of the machine's load
     peak_mb: float
 
     @property
@@ -85,22 +86,21 @@ class Ran:
 class Measured:
     """A started program: its output in files, its peak memory sampled while it runs."""
 
-    def __init__(self, command, folder, environment=None, umask=-1, stdin=subprocess.DEVNULL, limits=()):
+    def __init__(self, command, folder, environment=None, umask=-1):
         self.command = [str(word) for word in command]
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="run.", dir=folder))
         self.out, self.err = self.folder / "out", self.folder / "err"
 
-        def limit():
-            resource.setrlimit(resource.RLIMIT_AS, (MAX_ADDRESS_SPACE, MAX_ADDRESS_SPACE))
-            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            for what, value in limits:
-                resource.setrlimit(what, (value, value))
-
         self.begun = time.monotonic()
         with open(self.out, "wb") as out, open(self.err, "wb") as err:
-            self.process = subprocess.Popen(self.command, stdin=stdin, stdout=out, stderr=err, preexec_fn=limit, umask=umask,
+            self.process = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, umask=umask,
                                             env={**os.environ, **(environment or {})})
-        self.pid, self.peak_mb, self.seconds = self.process.pid, 0.0, None
+        for what, most in ((resource.RLIMIT_AS, MAX_ADDRESS_SPACE), (resource.RLIMIT_CORE, 0)):
+            try:
+                resource.prlimit(self.process.pid, what, (most, most))
+            except ProcessLookupError:  # it has ended already
+                pass
+        self.pid, self.peak_mb, self.seconds, self.cpu_s = self.process.pid, 0.0, None, 0.0
         self.sampler = threading.Thread(target=self._sample, daemon=True)
         self.sampler.start()
 
@@ -121,26 +121,33 @@ class Measured:
         return False
 
     def running(self):
-        return self.process.poll() is None
+        """False once it has ended; then cpu_s is what it used."""
+        if self.process.returncode is None:
+            pid, status, usage = os.wait4(self.pid, os.WNOHANG)
+            if pid == 0:
+                return True
+            self.cpu_s = usage.ru_utime + usage.ru_stime
+            self.process.returncode = os.waitstatus_to_exitcode(status)
+        return False
 
     def text(self):
         return "".join(path.read_text(encoding="utf-8", errors="replace") for path in (self.out, self.err))
 
     def finish(self, limit_s):
         """Ran; None, and killed, when it takes longer."""
-        try:
-            code = self.process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            self.look()
-            self.process.kill()
-            self.process.wait()
-            code = None
+        until, late = time.monotonic() + limit_s, False
+        while self.running():
+            if time.monotonic() > until and not late:
+                late = True
+                self.look()
+                self.process.kill()
+            time.sleep(SAMPLED_S)
         self.seconds = time.monotonic() - self.begun
         self.sampler.join()
-        if code is None:
+        if late:
             return None
         read = lambda path: path.read_text(encoding="utf-8", errors="replace")
-        return Ran(code, read(self.out), read(self.err), self.seconds, self.peak_mb)
+        return Ran(self.process.returncode, read(self.out), read(self.err), self.seconds, self.cpu_s, self.peak_mb)
 
 
 class Scene:
@@ -155,9 +162,9 @@ class Scene:
     def program(self, name):
         return self.programs / name
 
-    def run(self, name, *args, environment=None, umask=-1, limits=(), limit_s=None):
+    def run(self, name, *args, environment=None, umask=-1, limit_s=None):
         """A program of ours, to its end. It falls when it hangs, is ended by a signal, or shows its insides."""
-        started = Measured([self.program(name), *args], self.folder, environment, umask, limits=limits)
+        started = Measured([self.program(name), *args], self.folder, environment, umask)
         ran = started.finish(limit_s or self.row.seconds)
         self.peak_mb = max(self.peak_mb, started.peak_mb)
         if ran is None:
@@ -193,7 +200,8 @@ class Scene:
         for closer in reversed(self.closers):
             closer()
         for _, started in self.started:
-            started.process.kill()
+            if started.running():
+                started.process.kill()
             started.finish(10)
             self.peak_mb = max(self.peak_mb, started.peak_mb)
 

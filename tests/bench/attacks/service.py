@@ -53,7 +53,7 @@ class Candidates:
         if kind is None:
             self.scene.end(self.service)
         else:
-            self.service.process.kill()
+            self.service.running() and self.service.process.kill()
 
     def counts(self):
         ran = subprocess.run([self.scene.program("nadir-candidates"), "status", "--data", self.data, "--json"], capture_output=True,

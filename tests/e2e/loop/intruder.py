@@ -5,7 +5,7 @@ import time
 
 from .evidence import Finding, States, judged_right, longest_pause_s, within
 from .flight import Flight, Setup
-from .speaker import Speaker, heartbeat, telemetry
+from .speaker import Speaker, heartbeat, signing_time, telemetry
 
 DENIED_S, MINUTES = 15, 1.5
 RATE_HZ = 20
@@ -28,6 +28,7 @@ class Intruder(threading.Thread):
         while self.flight.elapsed_s() < self.window[0]:
             time.sleep(0.02)
         self.before, begun = dict(self.flight.watch.state), time.monotonic()
+        self.speaker.mav.signing.timestamp = signing_time()  # a holder of the key dates his frames as they are sent
         while self.flight.elapsed_s() < self.window[1]:
             self.speaker.send(heartbeat(), *telemetry(begun, lat=47.4 + FAR, yaw=-1.0))
             time.sleep(1 / RATE_HZ)
