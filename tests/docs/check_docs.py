@@ -155,6 +155,10 @@ def check_bench_attacks(root, _):
     for suite, name in sorted(set(re.findall(r"`([A-Z]\w+)\.([A-Z]\w+)`", text))):
         if not re.search(rf"TEST(_F|_P)?\({suite}, {name}\)", sources):
             yield f"docs/attacks.md: no such test: {suite}.{name}"
+    scripts = "\n".join(source.read_text() for source in (root / "tests").rglob("*_test.py"))
+    for name in sorted(set(re.findall(r"`(test_\w+)`", text))):
+        if f"def {name}(" not in scripts:
+            yield f"docs/attacks.md: no such test: {name}"
 
 
 def main():

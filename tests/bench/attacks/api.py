@@ -265,13 +265,13 @@ def beyond_loopback_without_a_token(scene):
 
 @attack()
 def guessed_tokens(scene):
-    """3000 guesses at a bearer token, with its beginning right, too long, in other places."""
+    """1000 guesses at a bearer token, with its beginning right, too long, in other places."""
     with Aircraft(scene, "--token-file", scene.shared.keys / "api.token") as aircraft:
         scene.wait_for(lambda: ask_quietly(aircraft), 10, "it does not answer")
         guesses = [TOKEN[:-1], TOKEN + "0", TOKEN.upper() + "x", "", " ", TOKEN[::-1], "a" * 5000]
         connection = http.client.HTTPConnection("127.0.0.1", aircraft.api_port, timeout=10)
         served, tried = [], 0
-        for number in range(3000):
+        for number in range(1000):
             guess = guesses[number % len(guesses)]
             try:
                 connection.request("GET", "/v1/state", headers={"Authorization": f"Bearer {guess}"})

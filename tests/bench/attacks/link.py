@@ -245,8 +245,7 @@ def bits_flipped_in_signed_frames(scene):
                 relay.send_bytes(bytes(data))
                 sent += 1
         source.close()
-        wrong = scene.wait_for(lambda: aircraft.link().get("rejected_by", {}).get("signature_wrong")
-                               or aircraft.link().get("rejected_by", {}).get("wrong"), 5)
+        wrong = scene.wait_for(lambda: aircraft.link().get("rejected_by", {}).get("wrong_signature"), 5)
         scene.attacked(aircraft.rejected() >= sent // 2, f"they did not arrive: {aircraft.link()}")
         scene.holds(relay.count("GPS_INPUT") == 0, "the relay is sent the fixes")
         return f"{aircraft.rejected()} of {sent} refused ({wrong} with a wrong signature)"
