@@ -2,16 +2,12 @@
 import http.client
 import http.server
 import json
-import os
-import shutil
 import socket
-import subprocess
 import threading
 import time
 
-from .aircraft import LAT, LON, Aircraft, hint, plain_request, sse_reader
-from .aircraft import KEY
-from .registry import Fell, attack
+from .aircraft import LAT, LON, Aircraft, heartbeat, hint, plain_request, sse_reader
+from .registry import attack
 from .shared import TOKEN, free_port
 from .watching import Listener
 
@@ -78,23 +74,26 @@ def thousand_hints(scene):
 @attack("M9")
 def alarm_scrolled_out(scene):
     """A critical alarm is buried under some thousand ordinary events."""
-    with Aircraft(scene, autopilot=True, armed=True) as aircraft:
+    with Aircraft(scene, signed=False, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        alarmed = scene.wait_for(lambda: [event for event in (aircraft.get() or {}).get("events", []) if event["severity"] == "critical"], 20)
-        scene.attacked(alarmed, f"there is no alarm to bury: {aircraft.texts()[-3:]}")
-        station = aircraft.speaker(system=255, component=190, key=KEY)
+        rival = aircraft.speaker()
+        critical = lambda events: [event for event in events if event["severity"] == "critical" and "another sender" in event["text"]]
+
+        def raised():
+            rival.send(heartbeat())
+            return critical((aircraft.get() or {}).get("events", []))
+        scene.attacked(scene.wait_for(raised, 15), f"there is no alarm to bury: {aircraft.texts()[-3:]}")
+        station, before = aircraft.speaker(system=255, component=190), len(aircraft.texts())
         for number in range(600):
             station.mav.srcComponent = 1 + number % 200
             station.send(hint(lat=LAT + number * 1e-5, radius_m=50.0 + number))
             if number % 20 == 0:
-                post_hint(aircraft, (aircraft.state_folder / "api-token").read_text().strip()
-                          if (aircraft.state_folder / "api-token").exists() else None)
                 time.sleep(0.05)
-        time.sleep(0.5)
+        scene.attacked(scene.wait_for(lambda: len(aircraft.texts()) > before, 5), "no event came after it")
         state = aircraft.get()
-        scene.holds("alarms" in state, "there is no list of alarms")
-        scene.holds(any(event["text"] == alarmed[0]["text"] for event in state["alarms"]), "the alarm is gone")
-        return f"still there: {alarmed[0]['text'][:70]}"
+        scene.holds("alarms" in state, f"there is no list of alarms; it is {'still' if critical(state['events']) else 'not'} among the events")
+        scene.holds(critical(state["alarms"]), "the alarm is gone")
+        return f"still there: {critical(state['alarms'])[0]['text'][:70]}"
 
 
 @attack("M8")
@@ -260,7 +259,7 @@ def beyond_loopback_without_a_token(scene):
     ran = scene.run("nadird", "--package", shared.built(), "--trust", shared.root, "--airframe", shared.airframe(scene.folder),
                     "--state", scene.folder / "state", "--camera", f"folder:{scene.folder}", "--autopilot",
                     f"udpin:127.0.0.1:{free_port(socket.SOCK_DGRAM)}", "--signing-key", shared.keys / "link.key", "--listen", "0.0.0.0:0", limit_s=8)
-    return scene.rejected(ran, "--token-file", code=2)
+    return scene.rejected(ran, "requires a token", code=2)
 
 
 @attack()
