@@ -6,7 +6,7 @@ import sqlite3
 import struct
 import time
 
-from .registry import attack
+from .registry import Measured, attack
 from .shared import day, sign
 from .watching import Listener, Opened
 
@@ -376,13 +376,12 @@ def path_beyond_the_systems_limit(scene):
 def folder_without_permission(scene):
     """A folder of the package that the service's user may not read."""
     package = scene.shared.package(scene.folder)
-    other = scene.shared.folder.parent
-    scene.shared.folder.chmod(0o755), scene.folder.parent.chmod(0o755), scene.folder.chmod(0o755), other.chmod(other.stat().st_mode | 0o1)
+    for folder in (scene.shared.folder, scene.folder.parent, scene.folder):
+        folder.chmod(0o755)
     (package / "mission").chmod(0)
     if os.getuid() != 0:
         ran = check(scene, package)
     else:  # root may read everything: without that capability it is a user like others
-        from .registry import Measured
         started = Measured(["setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all", "--reuid=nobody", "--regid=nogroup",
                             "--clear-groups", scene.program("nadird"), "--package", package, "--trust", scene.shared.root,
                             "--airframe", "mini-07", "--check"], scene.folder)

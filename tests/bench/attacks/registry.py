@@ -98,7 +98,7 @@ class Measured:
         for what, most in ((resource.RLIMIT_AS, MAX_ADDRESS_SPACE), (resource.RLIMIT_CORE, 0)):
             try:
                 resource.prlimit(self.process.pid, what, (most, most))
-            except ProcessLookupError:  # it has ended already
+            except (ProcessLookupError, PermissionError):  # it has ended already, or is another user's by now
                 pass
         self.pid, self.peak_mb, self.seconds, self.cpu_s = self.process.pid, 0.0, None, 0.0
         self.sampler = threading.Thread(target=self._sample, daemon=True)
