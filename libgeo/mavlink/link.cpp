@@ -27,7 +27,7 @@ void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(cons
     }
     if ((!peer_ || frame->source == *peer_) && !transport_->follow_sender(monotonic_us)) {
       ++counts_.rivals;
-      if (peer_ && !signing_) continue;  // a signed frame is genuine, wherever it comes from
+      if (peer_) continue;  // with signatures too: a key may be stolen
     }
     auto message = decode(*frame);
     if (!message) {

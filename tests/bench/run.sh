@@ -29,7 +29,9 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt; then restarts on a
-                full state disk, a taken port, a wrong clock, a torn file, a swapped package (18 minutes; --only PART)
+                full state disk, a taken port, a wrong clock, a torn file, a swapped package a second speaker
+                on the link, torn tiles (25 minutes; --only PART)
+  attacks       attacks on the built programs, by attacker: what each gets for an answer (five minutes; --list, --only NAME, --json FILE)
   rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
   sitl          ArduPlane itself, in its own simulator, by nadird's fixes (--arduplane PATH; NOT RUN without; 6 minutes)
   soak          two hours of simulated flight at eight times real time: memory, file handles, threads
@@ -93,6 +95,7 @@ part() {
     contract)     one_program test_make_candidates && one_program nadir && python3 -B "$here/contract_client.py" "$@" ;;
     tiles)        one_program bench_tiles && build/bin/bench_tiles "$@" ;;
     ortho)        one_program bench_ortho_frame && ortho "$@" ;;
+    attacks)      one_program make_flights && build-venv/bin/python -B "$here/attacks.py" "$@" ;;
     rules)        build-venv/bin/python -B "$here/../e2e/rule_flights.py" "$@" ;;
     chaos)        build-venv/bin/python -B "$here/../e2e/chaos.py" "$@" ;;
     sitl)         build-venv/bin/python -B "$here/../e2e/sitl.py" "$@" ;;
@@ -107,8 +110,8 @@ case ${1:-all} in
     part validators
     part kill --times 5
     part localization
-    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
-  build | package | validators | kill | area | large | candidates | localization | closed-loop | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
+    echo "NOT RUN unless asked for: build, area, large, candidates, closed-loop, attacks, rules, chaos, sitl, soak, latency, ablations, safety, flights, turns, consistency, smoothing, tiles, ortho, sync, contract, roc; kill with 50 moments (./run bench kill)" ;;
+  build | package | validators | kill | area | large | candidates | localization | closed-loop | attacks | rules | chaos | sitl | soak | latency | ablations | safety | flights | turns | consistency | smoothing | tiles | ortho | sync | contract | roc) part "$@" ;;
   -h | --help) usage ;;
   *) usage >&2; exit 2 ;;
 esac

@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 """Tries what the documentation says.
 
-usage: check_docs.py links|commands|examples|tests PROJECT_ROOT FOLDER_OF_PROGRAMS
+usage: check_docs.py links|commands|examples|tests|attacks PROJECT_ROOT FOLDER_OF_PROGRAMS
 
 links     every relative link leads to a file
 commands  every command has a page, and the page names every option that --help lists
 examples  code blocks that begin with ```sh test run with exit code 0, those of one page one after the other
 tests     every test that docs/trust.md and docs/sync.md name is there, and so is every code that an attack gets
+attacks   docs/attacks.md names exactly the attacks of ./run bench attacks, and tests that are there; every finding of the
+          review has an attack
 """
+import ast
 import os
 import pathlib
 import re
@@ -117,8 +120,50 @@ def check_attacks(page, head, expected, sources):
             yield f"{page.name}: no such test: {suite}.{name}"
 
 
+# The findings of the review of 2026, each of which an attack replays.
+REVIEW = [*(f"H{i}" for i in range(1, 7)), *(f"M{i}" for i in range(1, 13)), *(f"L{i}" for i in range(1, 12)), "FS"]
+
+
+def registered_attacks(folder):
+    """{name: its finding of the review, or ""}: the functions under @attack, read without importing them."""
+    found = {}
+    for module in sorted(folder.glob("*.py")):
+        for function in ast.parse(module.read_text()).body:
+            for mark in getattr(function, "decorator_list", []):
+                if isinstance(mark, ast.Call) and getattr(mark.func, "id", "") == "attack":
+                    found[f"{module.stem}.{function.name}"] = mark.args[0].value if mark.args else ""
+    return found
+
+
+def check_bench_attacks(root, _):
+    registry = registered_attacks(root / "tests" / "bench" / "attacks")
+    if not registry:
+        yield "tests/bench/attacks registers no attack"
+    text = (root / "docs/attacks.md").read_text()
+    attackers = "|".join(sorted({name.split(".")[0] for name in registry}))
+    named = re.findall(rf"`((?:{attackers})\.[a-z0-9_]+)`", text)
+    for name in sorted(set(registry) - set(named)):
+        yield f"docs/attacks.md does not name the attack {name}"
+    for name in sorted(set(named) - set(registry)):
+        yield f"docs/attacks.md names an attack that is not there: {name}"
+    for name in sorted({name for name in named if named.count(name) > 1}):
+        yield f"docs/attacks.md names {name} twice"
+    for finding in REVIEW:
+        if finding not in registry.values():
+            yield f"no attack replays {finding} of the review"
+    sources = "\n".join(source.read_text() for source in (root / "tests").rglob("*_test.cpp"))
+    for suite, name in sorted(set(re.findall(r"`([A-Z]\w+)\.([A-Z]\w+)`", text))):
+        if not re.search(rf"TEST(_F|_P)?\({suite}, {name}\)", sources):
+            yield f"docs/attacks.md: no such test: {suite}.{name}"
+    scripts = "\n".join(source.read_text() for source in (root / "tests").rglob("*_test.py"))
+    for name in sorted(set(re.findall(r"`(test_\w+)`", text))):
+        if f"def {name}(" not in scripts:
+            yield f"docs/attacks.md: no such test: {name}"
+
+
 def main():
-    checks = {"links": check_links, "commands": check_commands, "examples": check_examples, "tests": check_tests}
+    checks = {"links": check_links, "commands": check_commands, "examples": check_examples, "tests": check_tests,
+              "attacks": check_bench_attacks}
     if len(sys.argv) != 4 or sys.argv[1] not in checks:
         print(__doc__, file=sys.stderr)
         return 2

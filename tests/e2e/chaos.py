@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Faults injected into nadird in the closed loop: it is killed repeatedly; disk full, link cut, clocks
-set, tiles spoilt, camera stalled, ten times the frames; it is restarted in flight on a
-full state disk, a taken port, a wrong clock, a torn file, a swapped package. Prints a table of what was expected and what was found; the exit
+set, tiles spoilt, camera stalled, ten times the frames; it is restarted in flight on a full state disk, a taken port, a
+wrong clock, a torn file, a swapped package; a second speaker on the link; tiles corrupted and cut off. Prints a table of
+what was expected and what was found; the exit
 code is 1 when something is wrong. docs/closed-loop.md.
 """
 import argparse
@@ -10,11 +11,11 @@ import pathlib
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-from loop import faults, harness, kills, restarts
+from loop import faults, harness, intruder, kills, restarts, torn_tiles
 from loop.evidence import table
 from loop.inputs import Inputs
 
-PARTS = {"kill": kills.fly, "faults": faults.fly, "restarts": restarts.fly}
+PARTS = {"kill": kills.fly, "faults": faults.fly, "restarts": restarts.fly, "intruder": intruder.fly, "tiles": torn_tiles.fly}
 
 
 def arguments():

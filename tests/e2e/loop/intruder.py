@@ -1,0 +1,96 @@
+"""A second speaker on the link: from another address and with the autopilot's ids it sends heartbeats, attitudes and positions of
+its own, without the key, with another one, with the right one, and on a link that nobody signs."""
+import threading
+import time
+
+from .evidence import Finding, States, judged_right, longest_pause_s, within
+from .flight import Flight, Setup
+from .speaker import Speaker, heartbeat, signing_time, telemetry
+
+DENIED_S, MINUTES = 15, 1.5
+RATE_HZ = 20
+FAR = 1.3  # degrees north of the aircraft
+STRANGER, OTHER_KEY, STOLEN_KEY = (28, 40), (45, 57), (62, 74)
+UNSIGNED = (28, 44)
+
+
+class Intruder(threading.Thread):
+    """Speaks from `window`[0] to [1] seconds of the flight, and counts what it is sent."""
+
+    def __init__(self, flight, window, **how):
+        super().__init__(daemon=True)
+        self.flight, self.window = flight, window
+        self.speaker = Speaker(flight.link_port, **how)
+        self.before, self.after = {}, {}
+        self.start()
+
+    def run(self):
+        while self.flight.elapsed_s() < self.window[0]:
+            time.sleep(0.02)
+        self.before, begun = dict(self.flight.watch.state), time.monotonic()
+        self.speaker.mav.signing.timestamp = signing_time()  # a holder of the key dates his frames as they are sent
+        while self.flight.elapsed_s() < self.window[1]:
+            self.speaker.send(heartbeat(), *telemetry(begun, lat=47.4 + FAR, yaw=-1.0))
+            time.sleep(1 / RATE_HZ)
+        time.sleep(0.5)
+        self.after = dict(self.flight.watch.state)
+
+    def fixes(self):
+        return self.speaker.count("GPS_INPUT")
+
+
+def fly(args, inputs, run):
+    """The findings."""
+    (run / "signed").mkdir()
+    (run / "unsigned").mkdir()
+    key = bytes.fromhex(inputs.key.read_text().strip())
+    signed = [("without the key", STRANGER, {}), ("with another key", OTHER_KEY, {"key": bytes(range(32))}),
+              ("with the stolen key", STOLEN_KEY, {"key": key, "link_id": 9})]
+    return (_flight(args, inputs, run / "signed", True, signed)
+            + _flight(args, inputs, run / "unsigned", False, [("link not signed", UNSIGNED, {})]))
+
+
+def _flight(args, inputs, run, is_signed, intruders):
+    minutes = MINUTES if is_signed else MINUTES - 0.5
+    setup = Setup(inputs, run, args.nadir, args.nadird, [f"{DENIED_S}:gps-denied"], minutes, signed=is_signed)
+    with Flight(setup) as flight:
+        flight.start()
+        at_work = [(name, Intruder(flight, window, **how)) for name, window, how in intruders]
+        flight.wait()
+        for _, intruder in at_work:
+            intruder.join()
+        summary, _ = flight.finish()
+        states = States(flight.watch.changes, flight.begun_flying)
+        events = [event for _, event in sorted(flight.watch.events.items())]
+        begun = flight.begun_flying
+    rows, findings = setup.rows(), []
+    for name, intruder in at_work:
+        findings += judge(f"second speaker, {name}", intruder, rows, states, events, begun)
+    told = next((event["text"] for event in summary["events"] if event["kind"] == "statustext" and "NOT SIGNED" in event["text"]), None)
+    if not is_signed:
+        findings.append(Finding("second speaker, link not signed", "operator: the link is not signed", told or "not told", told is not None))
+    for _, intruder in at_work:
+        intruder.speaker.close()
+    return findings + [judged_right("second speaker, " + ("signed" if is_signed else "not signed"), rows)]
+
+
+def judge(fault, intruder, rows, states, events, begun):
+    window = intruder.window
+    link, before = intruder.after.get("link", {}), intruder.before.get("link", {})
+    count = lambda state: sum(state.get("rejected_by", {}).values()) + state.get("rivals", 0)
+    noticed = count(link) - count(before)
+    pause = longest_pause_s(within(rows, *window))
+    judgements = set(states.during(window[0] + 1, window[1], "gps"))
+    modes = states.during(*window)
+    anchors = intruder.after.get("anchors", {}).get("accepted", 0) - intruder.before.get("anchors", {}).get("accepted", 0)
+    findings = [
+        Finding(fault, "its frames are counted", f"{noticed} of {len(intruder.speaker.sent)}", noticed > len(intruder.speaker.sent) / 2),
+        Finding(fault, "it is sent no fix", f"{intruder.fixes()} GPS_INPUT", intruder.fixes() == 0),
+        Finding(fault, "the autopilot's fixes go on", f"longest pause {pause:.2f} s", pause <= 0.3),
+        Finding(fault, "its GPS counts for nothing: denied as before", ", ".join(map(str, judgements)), judgements == {"denied"}),
+        Finding(fault, "its attitudes count for nothing: matched to the map as before", f"{anchors} anchors; {' → '.join(dict.fromkeys(map(str, modes)))}",
+                anchors > 0 and set(modes) == {"normal"})]
+    if link.get("rivals", 0) > before.get("rivals", 0):
+        said = next((event for event in events if event.get("kind") == "link" and begun + window[0] - 1 <= event["at"] <= begun + window[1] + 12), None)
+        findings.append(Finding(fault, "an event tells of it", "none" if said is None else said["text"][:80], said is not None))
+    return findings
