@@ -195,12 +195,14 @@ std::optional<CameraReading> FolderCamera::take(const std::string& name, double 
   try {
     CameraFrame frame{name, time_s, read_file(file, kMaxImageSize), std::nullopt};
     if (version_of(file) != before) return std::nullopt;  // being rewritten: its writer will close it
-    if (!is_complete_image(frame.bytes)) return failure(name + " is truncated or not an image");
+    if (!is_complete_image(frame.bytes)) {
+      return CameraReading{CameraStatus::bad_frame, {}, name + " is truncated or not an image"};
+    }
     last_ = *before;
     return CameraReading{CameraStatus::frame, std::move(frame), {}};
   } catch (const Error& error) {
     if (!fs::exists(file)) return std::nullopt;
-    return failure(error.what());
+    return CameraReading{CameraStatus::bad_frame, {}, error.what()};
   }
 }
 

@@ -10,7 +10,7 @@ namespace nadir {
 namespace {
 
 constexpr std::chrono::milliseconds kMaxWait{200};
-constexpr double kRetry_s = 0.2, kCameraThreadLimit_s = 5;
+constexpr double kRetry_s = 0.2, kBadFramePeriod_s = 1, kCameraThreadLimit_s = 5;
 
 // Recorder and localizer take encoded images. Lossless, because a replay must have the same pixels.
 Bytes encoded(CameraFrame& frame) {
@@ -43,6 +43,10 @@ void CameraFeed::run(const std::stop_token& stop) {
     if (reading.status == CameraStatus::timeout) continue;
     if (frame) {
       on_frame(std::move(reading.frame));
+      continue;
+    }
+    if (reading.status == CameraStatus::bad_frame) {
+      on_bad_frame(reading.detail);
       continue;
     }
     on_failure(reading.detail);
@@ -85,6 +89,14 @@ void CameraFeed::drop_with_held() {
   stale_ += held_ ? 2 : 1;
   held_.reset();
   on_failure("the camera delivers stale frames from its buffer; they are dropped");
+}
+
+// Whoever may write into the camera's folder can fill it with broken files: they cost neither time nor events.
+void CameraFeed::on_bad_frame(const std::string& reason) {
+  const double now_s = clock_.monotonic_s();
+  if (bad_frame_s_ && now_s - *bad_frame_s_ < kBadFramePeriod_s) return;
+  bad_frame_s_ = now_s;
+  on_failure(reason);
 }
 
 void CameraFeed::on_failure(const std::string& reason) {

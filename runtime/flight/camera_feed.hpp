@@ -33,6 +33,7 @@ class CameraFeed {
   void deliver(CameraFrame& frame);
   void deliver_settled(double now_s);
   void drop_with_held();
+  void on_bad_frame(const std::string& reason);
   void on_failure(const std::string& reason);
 
   std::unique_ptr<CameraSource> source_;
@@ -44,6 +45,7 @@ class CameraFeed {
   std::optional<CameraFrame> held_;  // until it is known to be fresh
   std::atomic<std::uint64_t> stale_{0};
   std::string last_failure_;
+  std::optional<double> bad_frame_s_;  // when one was reported
   ThreadWatch::Beat beat_;
   std::jthread thread_;  // last: it uses everything above
 };

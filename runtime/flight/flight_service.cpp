@@ -250,7 +250,7 @@ void FlightService::start_api() {
   if (!api.token) {
     std::string failure;
     api.hint_token = hint_token_digest(state_.folder() / kHintToken, failure);
-    if (!failure.empty()) publish(PartReported{"hints of the API", failure});
+    if (!failure.empty()) publish(PartReported{"token of the hints", failure});
   }
   if (!api_) {
     auto made = std::make_unique<Api>(board_, api_hints_, api);
@@ -469,10 +469,10 @@ void FlightService::upkeep(double now_s) {
   const auto tend = [&](RetriedPart& part, const auto& work) {
     if (auto reported = part.attempt(now_s, work)) publish(*std::move(reported));
   };
+  tend(state_part_, [&] { save_state(); });  // first: it makes the folder
   if (options_.record && recorder_ == nullptr) tend(recorder_part_, [&] { start_recorder(); });
   if (!server_) tend(api_part_, [&] { start_api(); });
   if (options_.candidates && map_ && tiles_ == nullptr) tend(tiles_part_, [&] { start_tiles(); });
-  tend(state_part_, [&] { save_state(); });
   if (write_memory_) {
     tend(memory_part_, [&] {
       write_memory_();

@@ -29,7 +29,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   smoothing     a flight log smoothed by the filter, and by a batch in Ceres (needs libceres-dev)
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same, with nadird killed every 30 s; then disk full, link cut, clocks set, tiles spoilt; then restarts on a
-                full state disk, a taken port, a wrong clock, a torn file, a swapped package a second speaker
+                full state disk, a taken port, a wrong clock, a torn file, a swapped package; a second speaker
                 on the link, torn tiles (25 minutes; --only PART)
   attacks       attacks on the built programs, by attacker: what each gets for an answer (five minutes; --list, --only NAME, --json FILE)
   rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)

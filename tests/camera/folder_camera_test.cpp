@@ -87,7 +87,7 @@ TEST_F(FolderCameraTest, NeverDeliversAPartialImage) {
   EXPECT_EQ(name(camera), "a.jpg");
 }
 
-TEST_F(FolderCameraTest, ATruncatedImageIsAFailureUntilItIsComplete) {
+TEST_F(FolderCameraTest, ATruncatedImageIsABadFrameUntilItIsComplete) {
   FolderCamera camera(folder_.path(), clock_);
   next(camera);
   for (const ImageFormat format : {ImageFormat::jpeg, ImageFormat::png, ImageFormat::webp}) {
@@ -97,7 +97,7 @@ TEST_F(FolderCameraTest, ATruncatedImageIsAFailureUntilItIsComplete) {
       const std::string file = fmt::format("{}.{}", size, name_of(format));
       ::close(begin(file, bytes, size));
       const CameraReading reading = next(camera);
-      EXPECT_EQ(reading.status, CameraStatus::failure) << file;
+      EXPECT_EQ(reading.status, CameraStatus::bad_frame) << file;
       EXPECT_NE(reading.detail.find(file), std::string::npos) << reading.detail;
       EXPECT_EQ(name(camera), "nothing") << "reported once";
       const int fd = ::open((folder_ / file).c_str(), O_WRONLY | O_APPEND);

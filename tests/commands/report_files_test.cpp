@@ -107,7 +107,7 @@ TEST(CacheReport, TextFromFilesIsEscaped) {
   const std::string csv = findings_csv(report.findings);
   EXPECT_EQ(csv.find('\x1b'), std::string::npos);
   EXPECT_NE(csv.find("\"'=HYPERLINK"), std::string::npos) << "a formula for the spreadsheet";
-  EXPECT_NE(csv.find("\"a \"\"quoted\"\", | piped\nline\""), std::string::npos) << csv;
+  EXPECT_NE(csv.find("\"a \"\"quoted\"\", | piped⏎line\""), std::string::npos) << csv;
   const std::string markdown = findings_markdown(report);
   EXPECT_EQ(markdown.find("<img"), std::string::npos);
   EXPECT_NE(markdown.find("\\| piped⏎line"), std::string::npos) << markdown;

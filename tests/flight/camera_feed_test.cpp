@@ -70,6 +70,16 @@ class CameraFeedTest : public ::testing::Test {
   std::uint64_t stale_ = 0;
 };
 
+// Somebody fills the camera's folder with broken files: they are one event, and the next frame waits for none of them.
+TEST_F(CameraFeedTest, AFloodOfBadFramesDelaysNothing) {
+  std::deque<CameraReading> script;
+  for (int i = 0; i < 300; ++i) script.push_back({CameraStatus::bad_frame, {}, std::to_string(i) + ".jpg is truncated"});
+  script.push_back(image("good.jpg", 12, {1}));
+  feed(std::move(script), 2);
+  EXPECT_EQ(reported_, (std::vector<std::string>{"0.jpg is truncated", ""}));
+  EXPECT_EQ(frames_.try_take()->name, "good.jpg");
+}
+
 TEST_F(CameraFeedTest, CaptureTimeAllowsForTheDelayAndBytesAreUnchanged) {
   feed({image("1.jpg", 12, {1, 2, 3}), image("2.jpg", 13, {4}), failure("the end")}, 3);
   const auto first = frames_.try_take(), second = frames_.try_take();

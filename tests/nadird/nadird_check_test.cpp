@@ -356,7 +356,11 @@ TEST_F(NadirdCheck, WritesASignedReportOfItsPackage) {
   std::int64_t last = 0;
   for (const char* run : {"first", "second", "after its memory was damaged"}) {
     const ShortFlight flight;
-    EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem")}), 0) << err_.str();
+    // --at: judged each time, and not resumed.
+    EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem"), "--at",
+                                      to_rfc3339(clock_.now())}),
+              0)
+        << err_.str();
     const auto report = parse_installed_report(read_text_file(folder_ / "tiles" / kInstalledFile), run);
     EXPECT_EQ(report.report.airframe, "mini-07");
     EXPECT_EQ(report.report.package, sha256_file(std::filesystem::path(newer_) / kManifestFile));

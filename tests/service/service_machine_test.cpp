@@ -41,6 +41,15 @@ TEST(ServiceMachine, StartsUpStepByStep) {
   EXPECT_EQ(flight.events[2].reason, Why::first_anchor);
 }
 
+TEST(ServiceMachine, AnUnsignedLinkIsNamedAsSuch) {
+  MachineDriver flight;
+  flight.on(PackageVerified{true});
+  flight.on(AutopilotHeartbeat{LinkAuthentication::not_required, false});
+  EXPECT_EQ(flight.state(), relocalizing);
+  ASSERT_EQ(flight.events.size(), 2);
+  EXPECT_EQ(flight.events[1].reason, Why::link_without_signing);
+}
+
 TEST(ServiceMachine, OrderOfTheBootDoesNotMatter) {
   MachineDriver flight;
   flight.frame(satellite_anchored);

@@ -141,6 +141,8 @@ class Flight:
         return [option, self.inputs.key] if self.setup.signed else []
 
     def _link_key(self):
+        if "--signing-key" in self.setup.nadird_options:
+            return []
         return self._key("--signing-key") or ["--unsigned-link"]
 
     def _service_command(self):
