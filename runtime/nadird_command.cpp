@@ -323,7 +323,7 @@ int NadirdCommand::check(Context& context) {
   read_airframe({}, {});
   if (!flight_.autopilot.empty()) complete_link();
   Opening opening = open_verified(context, package_);
-  if (opening.package) request_.record_acceptance(opening.package->manifest(), opening);
+  if (opening.package && request_.remembers()) request_.record_acceptance(opening.package->manifest(), opening);
   std::string camera = "not checked: no --camera", autopilot = "not checked: no --autopilot";
   const auto note = [&](PartCheck part, std::string& found) {
     found = part.found;

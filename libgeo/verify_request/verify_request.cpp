@@ -77,15 +77,17 @@ void VerifyRequest::read_time_permit(const std::filesystem::path& path) {
 void VerifyRequest::remember(const Manifest& manifest, std::int64_t root_version,
                              const std::map<std::int64_t, std::string>& newer_roots,
                              const std::optional<UtcTime>& time_reset) {
-  if (!remembers()) return;
+  if (!state_) return;
+  const std::optional<UtcTime> known_time = state_->last_trusted_time;
   if (time_reset) state_->last_trusted_time = time_reset;
   state_->accept(manifest.series, manifest.sequence, root_version, remembered_time(evaluated_at_, manifest.created),
                  newer_roots);
+  if (at_) state_->last_trusted_time = known_time;
   if (airframe_ && airframe_sequence_) state_->accept_airframe(*airframe_, *airframe_sequence_);
 }
 
 void VerifyRequest::write_memory() const {
-  if (remembers()) write_state(*state_file_, *state_);
+  if (state_) write_state(*state_file_, *state_);
 }
 
 }  // namespace nadir

@@ -219,6 +219,23 @@ TEST_F(TrustCommands, ADamagedPackageIsNotSigned) {
   EXPECT_EQ(run({"cache", "sign", "@none", "--key", "@p.key.pem"}), 2);
 }
 
+// As of another time, the desk remembers which package it accepted, but never that time.
+TEST_F(TrustCommands, AnEvaluationAsOfAnotherTimeRemembersNoTime) {
+  test::PackageMaker maker;
+  write_file_atomic(folder_ / "root.json", sign_root(maker.root, {&maker.signer}).json());
+  const std::string older = maker.make(folder_, "older").string();
+  maker.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
+  const std::string newer = maker.make(folder_, "newer").string();
+  const auto verify = [&](const std::string& package, const std::string& at) {
+    return run({"cache", "verify", package, "--trust", "@root.json", "--state", "@s.json", "--at", at, "--json"});
+  };
+  const std::string now = to_rfc3339(test::kJudged), later = to_rfc3339(UtcTime{test::kJudged.unix_s + 86'400});
+  ASSERT_EQ(verify(newer, later), 0) << out_.str();
+  EXPECT_EQ(verify(newer, now), 0) << "the later time was not remembered: " << out_.str();
+  EXPECT_EQ(verify(older, now), 1);
+  EXPECT_NE(out_.str().find("package.rollback"), std::string::npos) << out_.str();
+}
+
 TEST_F(TrustCommands, APermitAllowsOneStepBack) {
   test::PackageMaker maker;
   write_file_atomic(folder_ / "root.json", sign_root(maker.root, {&maker.signer}).json());
