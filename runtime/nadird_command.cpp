@@ -298,7 +298,8 @@ std::optional<PackageChoice> NadirdCommand::choose_unless_stopped(Context& conte
 PartCheck NadirdCommand::check_camera_source() const {
   std::optional<CameraModel> camera;
   if (!airframe_file_.empty()) camera = flight_.airframe.camera.camera;
-  const auto source = open_camera(flight_.camera, flight_clock());
+  const auto& secret = flight_.camera_credentials;
+  const auto source = open_camera(secret ? with_credentials(flight_.camera, *secret) : flight_.camera, flight_clock());
   return check_camera(*source, camera, flight_clock(), kCameraCheck_s);
 }
 

@@ -684,7 +684,7 @@ AwaitedParts FlightService::awaited_parts() const {
     return frame_s && now_s - *frame_s < kAwaitedAfter_s;
   };
   const auto camera = [this] {
-    return fmt::format("the camera {}: {}", options_.camera, camera_failure_.empty() ? "no frame" : camera_failure_);
+    return fmt::format("the camera {}: {}", redacted(options_.camera), camera_failure_.empty() ? "no frame" : camera_failure_);
   };
   const auto autopilot = [this] {
     const std::string error = link_->state().error;
