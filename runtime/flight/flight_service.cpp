@@ -24,13 +24,13 @@ constexpr std::chrono::milliseconds kUpkeepWait{500};
 
 constexpr const char* kHintToken = "api-token";  // in the state folder
 
-// Without a readable token nobody may hint: the digest is that of nothing that anybody could send.
+// Without a readable token nobody may hint: no text is known whose digest is zero.
 Sha256 hint_token_digest(const std::filesystem::path& file, std::string& failure) {
   try {
     return sha256(as_bytes(read_or_create_bearer_token(file)));
   } catch (const Error& error) {
     failure = error.what();
-    return sha256(as_bytes("no token has spaces"));
+    return Sha256{};
   }
 }
 
@@ -99,16 +99,16 @@ class AwaitedCamera final : public CameraSource {
 
 VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double> ground_msl_m) {
   const Estimate& estimate = frame.report.estimate;
-  const StateEstimate& belief = frame.report.state;
+  const StateEstimate& state = frame.report.state;
   VisionEstimate vision;
   vision.time_us = std::llround(frame.telemetry.time_s * 1e6);
   vision.place = *estimate.position;
   vision.sigma_m = estimate.sigma_m;
-  vision.east_mps = belief.velocity_mps.x();
-  vision.north_mps = belief.velocity_mps.y();
-  vision.speed_sigma_mps = belief.velocity_sigma_mps;
-  if (ground_msl_m) vision.msl_m = *ground_msl_m + belief.agl_m;
-  if (ground_msl_m) vision.vertical_sigma_m = belief.agl_sigma_m;
+  vision.east_mps = state.velocity_mps.x();
+  vision.north_mps = state.velocity_mps.y();
+  vision.speed_sigma_mps = state.velocity_sigma_mps;
+  if (ground_msl_m) vision.msl_m = *ground_msl_m + state.agl_m;
+  if (ground_msl_m) vision.vertical_sigma_m = state.agl_sigma_m;
   vision.visual = is_visual(estimate.source);
   return vision;
 }
