@@ -48,7 +48,7 @@ std::uint64_t signing_time_of(std::int64_t unix_us);
 // The signing clock: strictly increasing timestamps that are never reused, not even by the next run.
 //
 // The system clock is read at the start only; from there the time advances with the monotonic clock, because a clock
-// that is set back in flight must not silence the link. Neither the clock nor a peer is believed without bounds:
+// that is set back in flight must not silence the link. Neither the clock nor a peer is trusted without bounds:
 //
 //   adopt()   an accepted frame is ahead: we follow by at most a minute, in which frames of the right time are still
 //             accepted. However many frames are ahead, that minute is all.

@@ -76,7 +76,7 @@ class Link : public ::testing::Test {
       ::poll(&ready, 1, 10);
     }
   }
-  // One of each kind goes out until each was heard; then the other end is told to stop.
+  // One of each kind goes out until each was received; then the other end is asked to stop.
   static void converse(MavlinkLink& link, Peer& peer) {
     const std::vector<OutgoingMessage> messages{OwnHeartbeat{SystemState::active}, GpsInput{.fix = GpsFix::three_d},
                                                 CommandAck{512, CommandResult::accepted, {1, 1}},

@@ -361,7 +361,7 @@ TEST(SigningTimestamp, AFullDiskIsCountedAndTheLinkContinues) {
   EXPECT_EQ(time.failed_reservations(), 1U) << "one try, not one for each frame";
 }
 
-// Torn by a power cut: told, and written anew. The link starts with our clock and the peers' frames.
+// Torn by a power cut: reported, and rewritten. The link starts with our clock and the peers' frames.
 TEST(SigningTimestamp, ADamagedFileIsToldAndReplaced) {
   const test::TemporaryFolder folder;
   const std::string whole = std::to_string(signing_time_of(kSigned_us)) + "\n";

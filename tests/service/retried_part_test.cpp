@@ -16,7 +16,7 @@ TEST(RetriedPart, ReportsAFailureOnceAndItsRecoveryOnce) {
   ASSERT_TRUE(failed);
   EXPECT_EQ(failed->part, "API");
   EXPECT_EQ(failed->failure, "the port is taken");
-  EXPECT_FALSE(part.attempt(100, fail)) << "told already";
+  EXPECT_FALSE(part.attempt(100, fail)) << "reported already";
   const auto back = part.attempt(200, [] {});
   ASSERT_TRUE(back);
   EXPECT_EQ(back->failure, "");

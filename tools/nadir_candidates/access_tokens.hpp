@@ -57,7 +57,7 @@ class Clients {
   explicit Clients(const std::vector<std::string>& token_files,
                    std::optional<std::filesystem::path> tokens = std::nullopt);
 
-  // Null: unknown. Expired ones are found: the caller is told so.
+  // Null: unknown. Expired ones are found, so that the caller learns why.
   std::shared_ptr<const Client> find(std::string_view authorization) const;
 
   // Reads the file of tokens again; true when other tokens hold now. One that is missing or malformed changes nothing,

@@ -288,7 +288,7 @@ def new_package_damaged(scene):
     with Aircraft(scene, package=current, state=state, autopilot=True) as aircraft:
         aircraft.has_package()
         scene.wait_for(lambda: any("last" in getattr(message, "text", "") for _, message in aircraft.autopilot.received), 8,
-                       f"the operator is not told: {[m.text for _, m in aircraft.autopilot.received if m.get_type() == 'STATUSTEXT']}")
+                       f"nothing is reported to the operator: {[m.text for _, m in aircraft.autopilot.received if m.get_type() == 'STATUSTEXT']}")
         text = next(message.text for _, message in aircraft.autopilot.received if "last" in getattr(message, "text", ""))
         return text
 

@@ -133,7 +133,7 @@ def tiles_corrupted_in_flight(scene):
     scene.holds(corrupt > 0, "nothing counts the corrupt tiles")
     scene.holds(any(event.get("kind") == "tile" and event.get("severity") == "critical" for event in done.events), "there is no event")
     text = done.told("CORRUPT MAP TILES")
-    scene.holds(text, "the operator is not told")
+    scene.holds(text, "nothing is reported to the operator")
     return f"{corrupt} counted; event; operator: {text}"
 
 

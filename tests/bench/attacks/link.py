@@ -36,7 +36,7 @@ def last_sender_takes_the_fixes(scene):
         rival = aircraft.speaker()
         answer = steal(scene, aircraft, rival, lambda: aircraft.link().get("rivals", 0) > 0)
         scene.wait_for(lambda: any("second" in text.lower() or "rival" in text.lower() or "another" in text.lower() for text in aircraft.texts()), 12,
-                       "the operator is not told of the second speaker")
+                       "the second speaker is not reported to the operator")
         return f"{answer}; {aircraft.link()['rivals']} frames counted as rival's"
 
 
@@ -80,7 +80,7 @@ def unsigned_link_says_nothing(scene):
         scene.wait_for(lambda: any("not signed" in text for text in aircraft.texts()), 5, f"no event says it: {aircraft.texts()}")
         scene.holds(not any("authenticated" in text for text in aircraft.texts()), "an event says that the autopilot is authenticated")
         scene.wait_for(lambda: any("NOT SIGNED" in getattr(message, "text", "") for _, message in aircraft.autopilot.received), 5,
-                       "the operator is not told")
+                       "nothing is reported to the operator")
         return next(text for text in aircraft.texts() if "not signed" in text)
 
 
@@ -227,7 +227,7 @@ def new_key_over_the_air(scene):
 
 @attack()
 def bits_flipped_in_signed_frames(scene):
-    """Somebody in the middle flips one bit of each signed frame, and mends the checksum."""
+    """Somebody in the middle flips one bit of each signed frame, and corrects the checksum."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
         relay, chance = aircraft.speaker(), random.Random(2)
