@@ -195,6 +195,7 @@ FlightService::~FlightService() {
   link_->stop();  // localizer and link use each other
   localization_.reset();
   upkeep_thread_ = {};
+  link_->save_signing_state();  // the next start continues from here, whenever the last save was
   tiles_owner_.reset();
   link_.reset();
   server_.reset();
