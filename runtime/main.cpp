@@ -1,7 +1,7 @@
 #include <iostream>
 
-#include "cli/terminal.hpp"
 #include "cli/program.hpp"
+#include "cli/terminal.hpp"
 #include "nadird_command.hpp"
 
 int main(int argc, char** argv) {

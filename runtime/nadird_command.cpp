@@ -185,10 +185,11 @@ void NadirdCommand::read_airframe(const AcceptanceReading& accepted, const std::
 // An unsigned link is a decision, never an omission.
 void NadirdCommand::complete_link() {
   if (flight_.link_key.has_value() == unsigned_link_) {
-    throw UsageError({.what = unsigned_link_ ? "--signing-key and --unsigned-link exclude each other"
-                                             : "the autopilot link would not be signed",
-                      .expected = "--signing-key FILE, or --unsigned-link for a simulator or the bench",
-                      .fix = "on an unsigned link anybody can pose as the autopilot; `nadir provision autopilot` installs a key"});
+    throw UsageError(
+        {.what = unsigned_link_ ? "--signing-key and --unsigned-link exclude each other"
+                                : "the autopilot link would not be signed",
+         .expected = "--signing-key FILE, or --unsigned-link for a simulator or the bench",
+         .fix = "on an unsigned link anybody can pose as the autopilot; `nadir provision autopilot` installs a key"});
   }
   const auto add = [&](StationRole role, const std::vector<std::string>& urls) {
     for (const std::string& url : urls) {
@@ -204,15 +205,15 @@ void NadirdCommand::complete_link() {
 Findings NadirdCommand::evaluate_airframe(const Opening& opening, const VerifyOptions& options) {
   if (airframe_file_.empty()) return {};
   const std::optional<Bytes> envelope = envelope_beside(airframe_file_);
-  Findings findings = check_airframe(
-      opening.newest_root, as_bytes(airframe_text_), envelope, options.at,
-      unsigned_airframe_ ? UnsignedAirframe::allowed : UnsignedAirframe::refused_when_signers_are_known,
-      airframe_file_.string() + ".sig");
+  Findings findings =
+      check_airframe(opening.newest_root, as_bytes(airframe_text_), envelope, options.at,
+                     unsigned_airframe_ ? UnsignedAirframe::allowed : UnsignedAirframe::refused_when_signers_are_known,
+                     airframe_file_.string() + ".sig");
   const bool is_signed = envelope && !findings.has_errors();
   const Airframe& airframe = flight_.airframe;
   request_.set_airframe_sequence(is_signed ? airframe.sequence : std::nullopt);
-  const Findings age =
-      check_airframe_age({airframe.id, airframe.sequence, airframe.expires}, options.state, options.at, airframe_file_.string());
+  const Findings age = check_airframe_age({airframe.id, airframe.sequence, airframe.expires}, options.state, options.at,
+                                          airframe_file_.string());
   for (const Finding& finding : age.items()) {
     // That it is unsigned has been said; on the bench its age does not matter either.
     if (!envelope && (unsigned_airframe_ || finding.code == "airframe.undated")) continue;
@@ -260,7 +261,8 @@ Opening NadirdCommand::resume(Context& context, const std::filesystem::path& pac
   if (!opening.package || !flight_.tile_key) return opening;
   try {
     const VerifyOptions options = request_.open(context.clock);
-    const RootSuccession roots = walk_package_roots(opening.package->folder(), *options.root, options.state, accepted.accepted_at);
+    const RootSuccession roots =
+        walk_package_roots(opening.package->folder(), *options.root, options.state, accepted.accepted_at);
     opening.findings.add(evaluate_tile_key(roots.root, accepted.accepted_at));
   } catch (const Error& error) {
     tile_key_refused_ = true;
@@ -312,7 +314,8 @@ PartCheck NadirdCommand::check_autopilot_link() const {
   if (flight_.link_key) {
     if (flight_.state.empty()) scratch.emplace(std::filesystem::temp_directory_path() / "nadird-check");
     const std::filesystem::path folder = scratch ? scratch->path() : flight_.state;
-    time = std::make_unique<SigningTime>(folder / "signing-time", clock.unix_us(), std::llround(clock.monotonic_s() * 1e6));
+    time = std::make_unique<SigningTime>(folder / "signing-time", clock.unix_us(),
+                                         std::llround(clock.monotonic_s() * 1e6));
     signing.emplace(SigningKey::read(*flight_.link_key), *time, flight_.airframe.link);
   }
   return check_autopilot(make_transport(parse_endpoint(flight_.autopilot)), flight_.airframe, std::move(signing), clock,

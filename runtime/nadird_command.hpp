@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "flight/preflight.hpp"
 #include "cli/command.hpp"
 #include "flight/flight_service.hpp"
+#include "flight/preflight.hpp"
 #include "service/held_memory.hpp"
 #include "verify_request/verify_request.hpp"
 

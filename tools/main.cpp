@@ -3,8 +3,8 @@
 
 #include <iostream>
 
-#include "cli/terminal.hpp"
 #include "cli/program.hpp"
+#include "cli/terminal.hpp"
 #include "commands/commands.hpp"
 
 int main(int argc, char** argv) {

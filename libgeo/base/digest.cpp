@@ -100,7 +100,9 @@ Md5Stream::~Md5Stream() = default;
 Md5Stream::Md5Stream(Md5Stream&&) noexcept = default;
 Md5Stream& Md5Stream::operator=(Md5Stream&&) noexcept = default;
 
-void Md5Stream::update(ByteView bytes) { require_md5(EVP_DigestUpdate(context_->evp.get(), bytes.data(), bytes.size())); }
+void Md5Stream::update(ByteView bytes) {
+  require_md5(EVP_DigestUpdate(context_->evp.get(), bytes.data(), bytes.size()));
+}
 
 std::string Md5Stream::finish() {
   std::array<std::uint8_t, 16> digest{};

@@ -1,5 +1,5 @@
-// Digests of bytes through OpenSSL's EVP interface. SHA-256 (FIPS 180-4; 1.4 GB/s on one core here) is what Nadir relies
-// on. MD5 finds accidents and stops nobody: other programs write it into their files and check it.
+// Digests of bytes through OpenSSL's EVP interface. SHA-256 (FIPS 180-4; 1.4 GB/s on one core here) is what Nadir
+// relies on. MD5 finds accidents and stops nobody: other programs write it into their files and check it.
 #pragma once
 
 #include <array>

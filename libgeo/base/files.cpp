@@ -139,7 +139,9 @@ void PendingFile::sync_folder() const {
   if (::fsync(folder_) != 0) fail("cannot sync to disk", path_, errno);
 }
 
-void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) { PendingFile(path, bytes, mode).replace(); }
+void write_file_atomic(const fs::path& path, ByteView bytes, unsigned mode) {
+  PendingFile(path, bytes, mode).replace();
+}
 
 void write_file_atomic(const fs::path& path, std::string_view text, unsigned mode) {
   write_file_atomic(path, as_bytes(text), mode);

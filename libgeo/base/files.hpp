@@ -15,9 +15,9 @@ namespace nadir {
 Bytes read_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 32);
 std::string read_text_file(const std::filesystem::path& path, std::uint64_t max_size = std::uint64_t{1} << 26);
 
-// A file that has no name until its bytes are complete and on the disk (O_TMPFILE): nobody can open it early, guess what
-// it will be called, or have planted a link there; and a process that dies leaves nothing. Its mode is set before the
-// first byte is written. Where the file system has no unnamed files (FAT, some network ones), the file has a random
+// A file that has no name until its bytes are complete and on the disk (O_TMPFILE): nobody can open it early, guess
+// what it will be called, or have planted a link there; and a process that dies leaves nothing. Its mode is set before
+// the first byte is written. Where the file system has no unnamed files (FAT, some network ones), the file has a random
 // hidden name that is created anew (O_EXCL) until then.
 //
 // What has the final name already is never written to. A symbolic link is replaced itself; its target is not touched.

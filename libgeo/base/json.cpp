@@ -167,8 +167,9 @@ const nlohmann::json* JsonReader::find(JsonKey key) const {
 const nlohmann::json& JsonReader::value(JsonKey key) const {
   const nlohmann::json* found = find(key);
   if (found == nullptr) {
-    refuse_at(pointer_, key.index() ? fmt::format("an element {}", *key.index())
-                                    : fmt::format("a member \"{}\"", pointer_token(key.name())),
+    refuse_at(pointer_,
+              key.index() ? fmt::format("an element {}", *key.index())
+                          : fmt::format("a member \"{}\"", pointer_token(key.name())),
               "none");
   }
   return *found;

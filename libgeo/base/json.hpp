@@ -26,8 +26,8 @@
 #include <type_traits>
 #include <vector>
 
-#include "base/error.hpp"
 #include "base/digest.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 
 namespace nadir {
@@ -104,7 +104,8 @@ class JsonReader {
                 double most = std::numeric_limits<double>::max()) const;
   template <std::integral Integer = std::int64_t>
   Integer integer(JsonKey key, std::type_identity_t<Integer> least, std::type_identity_t<Integer> most) const {
-    return static_cast<Integer>(checked_integer(key, static_cast<std::int64_t>(least), static_cast<std::int64_t>(most)));
+    return static_cast<Integer>(
+        checked_integer(key, static_cast<std::int64_t>(least), static_cast<std::int64_t>(most)));
   }
   bool boolean(JsonKey key) const;
   Sha256 digest(JsonKey key) const;  // 64 lower-case hexadecimal digits

@@ -1,5 +1,6 @@
-// A parallel loop with ordered results: several threads work on numbered items, and the calling thread takes the results
-// in the items' order. The outcome does not depend on the number of threads, and only a few results wait at a time.
+// A parallel loop with ordered results: several threads work on numbered items, and the calling thread takes the
+// results in the items' order. The outcome does not depend on the number of threads, and only a few results wait at a
+// time.
 #pragma once
 
 #include <algorithm>

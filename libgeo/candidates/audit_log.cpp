@@ -141,7 +141,8 @@ void AuditLog::rotate() {
   open();
 }
 
-// Another process may write as well (`nadir-candidates installed --forget`): each line under a lock, after what is there.
+// Another process may write as well (`nadir-candidates installed --forget`): each line under a lock, after what is
+// there.
 void AuditLog::write(const AuditEntry& entry, std::int64_t more) {
   try {
     if (fd_ < 0) open();

@@ -1,9 +1,10 @@
-// Who did what to the service, for whoever looks into it afterwards: one JSON object a line, appended and never changed.
+// Who did what to the service, for whoever looks into it afterwards: one JSON object a line, appended and never
+// changed.
 //   {"n": 17, "at": "…", "act": "batch.announce", "result": "opened", "token": "ground-1", "client": "…", "key": "…",
 //    "subject": "…", "detail": "…"}
 // Everything beyond ASCII and every control character is escaped, so that what a caller sends can begin no line of its
-// own. n counts without gaps over files and restarts: a line that was taken out leaves a hole. A line is one write, so a
-// killed process leaves whole lines and at most one torn one, which the next start closes.
+// own. n counts without gaps over files and restarts: a line that was taken out leaves a hole. A line is one write, so
+// a killed process leaves whole lines and at most one torn one, which the next start closes.
 //
 // Bounded: a file of this size is set aside as audit.1.jsonl (the older ones move on), and the oldest goes. So that a
 // caller cannot drive out what it did before, equal acts of one caller are written so many times a minute; a line then

@@ -55,11 +55,12 @@ BaseMaps::BaseMaps(std::span<const fs::path> packages, const TrustRoot& root, Ut
     const Finding* const objection = objection_in(verified.findings);
     if (objection != nullptr || !verified.manifest) {
       const Finding finding = objection != nullptr ? *objection : Finding();
-      throw Error({.what = "this base package cannot be trusted: " + finding.code,
-                   .where = (folder / finding.where).string(),
-                   .expected = finding.expected,
-                   .found = finding.found,
-                   .fix = "give the package as it was signed, or leave it out of --package; nadir cache verify says more"});
+      throw Error(
+          {.what = "this base package cannot be trusted: " + finding.code,
+           .where = (folder / finding.where).string(),
+           .expected = finding.expected,
+           .found = finding.found,
+           .fix = "give the package as it was signed, or leave it out of --package; nadir cache verify says more"});
     }
     const ManifestReading named = parse_manifest(manifest);  // by whose digest its flights call it
     if (!named.manifest || manifest_json(*named.manifest) != manifest_json(*verified.manifest)) {

@@ -1,6 +1,6 @@
-// The packages that flights may have flown with, for comparing their tiles with: folders that the operator names. Each is
-// verified against the trust root before it is used, and each tile is hashed again when it is read: a map that nobody
-// signed decides nothing.
+// The packages that flights may have flown with, for comparing their tiles with: folders that the operator names. Each
+// is verified against the trust root before it is used, and each tile is hashed again when it is read: a map that
+// nobody signed decides nothing.
 #pragma once
 
 #include <filesystem>

@@ -7,9 +7,9 @@
 #include <map>
 #include <tuple>
 
+#include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "catalogue/geometry.hpp"
-#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

@@ -87,7 +87,9 @@ void CandidateService::keep_audit() {
   if (root->version != audited_root_) {
     const bool first = audited_root_ == 0 && trust_.first_start();
     audit_.record({.act = "root.trust",
-                   .result = first ? "as given" : audited_root_ == 0 ? "as remembered" : "succeeded",
+                   .result = first                ? "as given"
+                             : audited_root_ == 0 ? "as remembered"
+                                                  : "succeeded",
                    .subject = fmt::format("version {}", root->version),
                    .detail = first ? "no earlier root is remembered" : ""});
     audited_root_ = root->version;
@@ -510,7 +512,8 @@ void CandidateService::recover() {
     } catch (const std::exception& error) {
       const std::lock_guard lock(mutex_);
       if (unrecovered_.empty()) {
-        unrecovered_ = fmt::format("{} at the start: {}; nothing was lost, the next start tries it again", what, error.what());
+        unrecovered_ =
+            fmt::format("{} at the start: {}; nothing was lost, the next start tries it again", what, error.what());
       }
     }
   };

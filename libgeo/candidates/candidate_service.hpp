@@ -124,8 +124,9 @@ class CandidateService {
   // clock: must outlive this. Throws Error.
   CandidateService(CandidateServiceOptions options, const Clock& clock);
 
-  // After a start, before anything else: complete packs are accepted, unreferenced files are removed. What the disk does
-  // not allow now is left as it is, and fault() reports it: a service that serves is worth more than one that is tidy.
+  // After a start, before anything else: complete packs are accepted, unreferenced files are removed. What the disk
+  // does not allow now is left as it is, and fault() reports it: a service that serves is worth more than one that is
+  // tidy.
   void recover();
 
   Answer<Announcement> announce(const UploadClient& client, const std::string& key, const std::string& body);

@@ -26,7 +26,6 @@ namespace nadir {
 namespace fs = std::filesystem;
 namespace {
 
-
 // Zoom, day, block's column and row: what lies in one file.
 using Sheet = std::tuple<int, std::int64_t, std::uint32_t, std::uint32_t>;
 

@@ -16,8 +16,9 @@ SignedRoot read_memory(const fs::path& path) {
                   .where = path,
                   .expected = std::move(expected),
                   .found = std::move(found),
-                  .fix = "restore it from a copy; or check that --trust is the newest root, remove this file, and start "
-                         "the service again"});
+                  .fix =
+                      "restore it from a copy; or check that --trust is the newest root, remove this file, and start "
+                      "the service again"});
   };
   std::optional<SignedRoot> root;
   try {
@@ -74,7 +75,8 @@ void TrustFile::reload() {
     text_.clear();
   }
   if (!rejected_.empty()) {
-    rejected_ = fmt::format("the trust root's file is rejected, version {} stays in force: {}", root_->version, rejected_);
+    rejected_ =
+        fmt::format("the trust root's file is rejected, version {} stays in force: {}", root_->version, rejected_);
   }
 }
 
@@ -95,11 +97,10 @@ std::string TrustFile::why_rejected(const SignedRoot& next) const {
     }
   }
   if (chain.root.version == next.root.version && next.root.version > trusted_.root.version) return {};
-  return fmt::format("root.rollback: expected version {}, found version {}{}", trusted_.root.version + 1,
-                     next.root.version,
-                     next.root.version > trusted_.root.version
-                         ? fmt::format("; put {}.root.json beside it", chain.root.version + 1)
-                         : std::string());
+  return fmt::format(
+      "root.rollback: expected version {}, found version {}{}", trusted_.root.version + 1, next.root.version,
+      next.root.version > trusted_.root.version ? fmt::format("; put {}.root.json beside it", chain.root.version + 1)
+                                                : std::string());
 }
 
 void TrustFile::trust(SignedRoot root, const std::string& text) {
@@ -117,7 +118,8 @@ void TrustFile::remember() {
     unwritten_.clear();
     unremembered_.clear();
   } catch (const Error& error) {
-    unremembered_ = fmt::format("root version {} is in force, but a restart would forget it: {}", root_->version, error.what());
+    unremembered_ =
+        fmt::format("root version {} is in force, but a restart would forget it: {}", root_->version, error.what());
   }
 }
 

@@ -1,9 +1,9 @@
 // The trust root of a running service: read again when the file changes, so that a revoked key is refused at once, and
 // remembered over restarts, so that nobody undoes a revocation by putting the older file back.
 //
-// The newest root that was trusted is kept in the service's folder (the memory). A file that is malformed, older, or not
-// signed by those before it changes nothing: the newest trusted root stays in force, and fault() says why. A file that
-// is several versions ahead is reached over the roots between, which lie beside it as N.root.json.
+// The newest root that was trusted is kept in the service's folder (the memory). A file that is malformed, older, or
+// not signed by those before it changes nothing: the newest trusted root stays in force, and fault() says why. A file
+// that is several versions ahead is reached over the roots between, which lie beside it as N.root.json.
 //
 // The way back, when the memory itself is wrong: remove it while no service runs. The next start trusts its file as the
 // first start did, and says so. For any thread.

@@ -9,9 +9,7 @@
 namespace nadir {
 namespace {
 
-std::int64_t day_of(const CandidateSidecar& sidecar) {
-  return sidecar.captured_at.unix_ms / kDay_ms;
-}
+std::int64_t day_of(const CandidateSidecar& sidecar) { return sidecar.captured_at.unix_ms / kDay_ms; }
 
 bool newer(const Voter* a, const Voter* b) {
   if (a->sidecar.captured_at != b->sidecar.captured_at) return a->sidecar.captured_at > b->sidecar.captured_at;

@@ -2,10 +2,10 @@
 //
 // A tile is promoted when enough independent flights show the same ground at the same place. Independent are flights of
 // different airframes; where the rules allow it, also those of one airframe on different days and hours apart. One
-// flight counts once, with its best tile, and airframes take turns for the seats of a vote: however many flights one key
-// signs, the newest flight of every other airframe is heard. The newest tile that finds enough others that agree decides
-// which ground is the true one: so a change on the ground wins as soon as enough flights have seen it. Of those that
-// agree the best is promoted (cost_mm).
+// flight counts once, with its best tile, and airframes take turns for the seats of a vote: however many flights one
+// key signs, the newest flight of every other airframe is heard. The newest tile that finds enough others that agree
+// decides which ground is the true one: so a change on the ground wins as soon as enough flights have seen it. Of those
+// that agree the best is promoted (cost_mm).
 #pragma once
 
 #include <functional>

@@ -8,9 +8,9 @@
 #include "catalogue/geometry.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "package/coverage_gaps.hpp"
+#include "package/coverage_requirement.hpp"
 #include "package/mission_check.hpp"
 #include "package/tile_image.hpp"
-#include "package/coverage_requirement.hpp"
 
 namespace nadir {
 namespace {

@@ -68,11 +68,12 @@ CatalogueLocation parse_catalogue_location(const std::string& text) {
     hide_password_in_uri(shown);
     hide_password_setting(shown);
     if (shown != text) {
-      throw UsageError({.what = "a password must not be on the command line, where every user of this machine reads it",
-                        .where = printable(shown),
-                        .expected = "a location without a password",
-                        .fix = "keep it in ~/.pgpass (mode 0600), or in the file that PGPASSFILE names, and change the one "
-                               "that was shown"});
+      throw UsageError(
+          {.what = "a password must not be on the command line, where every user of this machine reads it",
+           .where = printable(shown),
+           .expected = "a location without a password",
+           .fix = "keep it in ~/.pgpass (mode 0600), or in the file that PGPASSFILE names, and change the one "
+                  "that was shown"});
     }
   } else if (text.empty() || start.starts_with("/vsi")) {
     throw UsageError({.what = "invalid catalogue location",

@@ -14,8 +14,8 @@ struct CatalogueLocation {
 };
 
 // "PG:dbname=fleet host=…" (libpq's connection string) or "postgresql://…" is a database, anything else a file path.
-// Throws UsageError for an empty text, for GDAL's virtual file systems, and for a password, which it does not show: other
-// users read command lines.
+// Throws UsageError for an empty text, for GDAL's virtual file systems, and for a password, which it does not show:
+// other users read command lines.
 CatalogueLocation parse_catalogue_location(const std::string& text);
 
 }  // namespace nadir

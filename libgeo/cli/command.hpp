@@ -1,7 +1,8 @@
 // One command of a program: its name, its options and its work.
 //
 // A command is set up (its options declared, nothing opened), parsed, and then run once. run() returns kAccepted or
-// kRefused; whatever else happens is an exception (base/error.hpp) that program.cpp turns into a message and an exit code.
+// kRefused; whatever else happens is an exception (base/error.hpp) that program.cpp turns into a message and an exit
+// code.
 #pragma once
 
 #include <iosfwd>

@@ -113,7 +113,6 @@ void print_examples(std::ostream& out, std::string_view examples) {
   }
 }
 
-
 }  // namespace
 
 struct Option::State {
@@ -124,8 +123,8 @@ struct Option::State {
 struct Options::Impl {
   CLI::App app;
   std::string command;
-  std::list<Option::State> states;                              // a list, because Option keeps a pointer
-  std::vector<std::pair<CLI::Option*, std::string>> needs;      // the other one may be declared later
+  std::list<Option::State> states;                             // a list, because Option keeps a pointer
+  std::vector<std::pair<CLI::Option*, std::string>> needs;     // the other one may be declared later
   std::vector<std::pair<std::string, std::string>> old_names;  // with what they are called now
 
   std::string hint() const { return fmt::format("`{} --help` lists the options", command); }
@@ -186,8 +185,8 @@ Options::Options(std::string command) : impl_(std::make_unique<Impl>()) {
 Options::~Options() = default;
 
 Option Options::flag(std::string_view name, bool& target, std::string_view help) {
-  CLI::Option* option =
-      impl_->app.add_flag_callback(std::string(name), [&target] { target = true; }, std::string(help));
+  CLI::Option* option = impl_->app.add_flag_callback(
+      std::string(name), [&target] { target = true; }, std::string(help));
   return Option(impl_->states.emplace_back(Option::State{option, impl_.get()}));
 }
 
@@ -211,8 +210,8 @@ std::vector<std::string> Options::Impl::with_present_names(const std::vector<std
   std::vector<std::string> result;
   for (const std::string& arg : args) {
     const std::string typed = arg.substr(0, arg.find('='));
-    const auto old = std::find_if(old_names.begin(), old_names.end(),
-                                  [&](const auto& names) { return names.first == typed; });
+    const auto old =
+        std::find_if(old_names.begin(), old_names.end(), [&](const auto& names) { return names.first == typed; });
     result.push_back(old == old_names.end() ? arg : old->second + arg.substr(typed.size()));
   }
   return result;

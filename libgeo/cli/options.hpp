@@ -14,8 +14,8 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
-#include <iosfwd>
 #include <initializer_list>
+#include <iosfwd>
 #include <memory>
 #include <optional>
 #include <string>
@@ -93,7 +93,10 @@ class Options {
 
   template <typename T>
   Option value(std::string_view name, T& target, std::string_view placeholder, std::string_view help) {
-    return add({.name = name, .placeholder = placeholder, .help = help, .shown_default = option_text::show(target),
+    return add({.name = name,
+                .placeholder = placeholder,
+                .help = help,
+                .shown_default = option_text::show(target),
                 .form = option_text::form(target)},
                [&target](const std::string& text) { return option_text::read(text, target); });
   }
@@ -101,21 +104,21 @@ class Options {
   Option value(std::string_view name, std::optional<T>& target, std::string_view placeholder, std::string_view help) {
     return add({.name = name, .placeholder = placeholder, .help = help, .form = option_text::form(T{})},
                [&target](const std::string& text) {
-      T value{};
-      if (!option_text::read(text, value)) return false;
-      target = std::move(value);
-      return true;
-    });
+                 T value{};
+                 if (!option_text::read(text, value)) return false;
+                 target = std::move(value);
+                 return true;
+               });
   }
   template <typename T>
   Option values(std::string_view name, std::vector<T>& target, std::string_view placeholder, std::string_view help) {
     return add({.name = name, .placeholder = placeholder, .help = help, .form = option_text::form(T{}), .many = true},
                [&target](const std::string& text) {
-      T value{};
-      if (!option_text::read(text, value)) return false;
-      target.push_back(std::move(value));
-      return true;
-    });
+                 T value{};
+                 if (!option_text::read(text, value)) return false;
+                 target.push_back(std::move(value));
+                 return true;
+               });
   }
   Option flag(std::string_view name, bool& target, std::string_view help);
 

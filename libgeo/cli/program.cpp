@@ -155,7 +155,9 @@ int guarded(const std::string& name, const Environment& environment, const std::
   } catch (const std::bad_alloc&) {
     say("out of memory");
   } catch (const std::exception& error) {
-    say(fmt::format("unexpected error: {}\n  to do:    this is a defect in the program; please report it together with the command line",
+    say(
+        fmt::format("unexpected error: {}\n  to do:    this is a defect in the program; please report it together with "
+                    "the command line",
                     error.what()));
   }
   return kFailed;

@@ -180,9 +180,8 @@ AnchorDecision AnchorAcceptance::decide(const AnchorMatch& match, const AnchorCo
     report.inliers = solved.inliers;
     report.residual_px = solved.rms_m / match.fine_gsd_m;
     offset_m = solved.pose.position - context.position;
-    Eigen::Matrix2d spread =
-        anchor_model_error_factor(context.tilt_missing) * solved.covariance.topLeftCorner<2, 2>() +
-        context.position_covariance_m2;
+    Eigen::Matrix2d spread = anchor_model_error_factor(context.tilt_missing) * solved.covariance.topLeftCorner<2, 2>() +
+                             context.position_covariance_m2;
     // What no model has differs over other ground and in a turn: the anchors that made the track erred by one value of
     // it, this one errs by another.
     if (anchored_before) spread += unmodelled_variance_m2(context.measured_agl_m) * Eigen::Matrix2d::Identity();
@@ -211,8 +210,8 @@ AnchorDecision AnchorAcceptance::decide(const AnchorMatch& match, const AnchorCo
   return decision;
 }
 
-// Frames that no prediction supports support each other. Against an earlier anchor, several that contradict it alike are
-// right in the end; against the start they are not: the map may be wrong, and then nothing is certain.
+// Frames that no prediction supports support each other. Against an earlier anchor, several that contradict it alike
+// are right in the end; against the start they are not: the map may be wrong, and then nothing is certain.
 void AnchorAcceptance::count_votes(AnchorDecision& decision, const Eigen::Vector2d& offset_m,
                                    const AnchorContext& context, bool anchored_before) {
   const bool contradicts = decision.report.verdict == AnchorVerdict::off_prediction;

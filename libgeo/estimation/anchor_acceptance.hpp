@@ -52,10 +52,10 @@ double unmodelled_variance_m2(double agl_m);
 // ---- Votes
 
 // Where several frames, each for itself, would put the track at the same place, they are accepted: wrong places scatter
-// over the whole window. Against a track that an anchor supports without a break more are needed: odometry does not leap,
-// so that either the anchor was wrong or the map is, here or there.
+// over the whole window. Against a track that an anchor supports without a break more are needed: odometry does not
+// leap, so that either the anchor was wrong or the map is, here or there.
 struct Quorum {
-  int required_votes = parameters::anchor_votes::kVotes;             // of the attempts polled: two more than that
+  int required_votes = parameters::anchor_votes::kVotes;               // of the attempts polled: two more than that
   double agreement_radius_m = parameters::anchor_votes::kAgreement_m;  // between their offsets
   // Least distance between the first and the last of them: frames over the same ground err alike, and however many are
   // taken in a second, they are one vote.
@@ -74,8 +74,8 @@ class AnchorVotes {
   // offset_m: matched position minus the one that odometry propagated; at: the latter. True: the quorum
   // agrees with this one.
   bool vote(const Eigen::Vector2d& offset_m, PlanePoint at, const Quorum& quorum);
-  void abstain(PlanePoint at);                // an attempt without a plausible match
-  void clear() { attempts_.clear(); }         // earlier votes are about another track
+  void abstain(PlanePoint at);         // an attempt without a plausible match
+  void clear() { attempts_.clear(); }  // earlier votes are about another track
 
  private:
   struct Attempt {
@@ -131,8 +131,8 @@ struct AnchorContext {
 
 struct AnchorDecision {
   AnchorReport report;
-  // The match contradicts the prediction by this much (matched minus predicted): until that is resolved, the published σ
-  // must cover both places.
+  // The match contradicts the prediction by this much (matched minus predicted): until that is resolved, the published
+  // σ must cover both places.
   std::optional<Eigen::Vector2d> contradiction_m;
   // Accepted by votes against the prediction: the position's σ is to be inflated by this before the update.
   std::optional<double> inflate_position_m;

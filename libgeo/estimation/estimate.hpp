@@ -85,8 +85,8 @@ struct FramePose {
   double sigma_m = 0;                                       // one axis of the equivalent circular error
   SourceLabel source = SourceLabel::no_fix;
   double anchor_age_s = 0;
-  // Another anchor supports this one: the prediction from it agrees, or (refined) odometry links both without a break. Or
-  // this one is so clear in ratio and agreement at once that no wrong place ever came near (docs/safety.md).
+  // Another anchor supports this one: the prediction from it agrees, or (refined) odometry links both without a break.
+  // Or this one is so clear in ratio and agreement at once that no wrong place ever came near (docs/safety.md).
   bool confirmed = false;
   bool refined = false;  // smoothed with all later measurements
 };

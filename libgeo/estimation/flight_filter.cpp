@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "vision/localizer_parameters.hpp"
 #include "geodesy/angles.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
@@ -23,8 +23,8 @@ namespace model = parameters::telemetry;
 using namespace parameters::flight_filter;
 using F = FlightFilter;
 
-// Products of views of any size, compiled once: Eigen's own of fixed sizes are instantiated for each pair of types, which
-// takes a compiler most of a minute. The order of the operations is the same.
+// Products of views of any size, compiled once: Eigen's own of fixed sizes are instantiated for each pair of types,
+// which takes a compiler most of a minute. The order of the operations is the same.
 using View = Eigen::Ref<const Eigen::MatrixXd>;
 Eigen::MatrixXd product(const View& a, const View& b) {
   Eigen::MatrixXd result(a.rows(), b.cols());
@@ -74,8 +74,8 @@ void add_white_acceleration(F::Covariance& noise, double sigma_mps, double dt) {
 // Errors of the accelerometer's change of velocity.
 struct InertialNoise {
   double white_mps = 0;  // per root second
-  // A constant error of attitude tilts gravity into the plane: an acceleration that stays, for blind_s already since the
-  // velocity was last measured.
+  // A constant error of attitude tilts gravity into the plane: an acceleration that stays, for blind_s already since
+  // the velocity was last measured.
   double leak_mps2 = 0;
   double blind_s = 0;
 };
@@ -96,7 +96,7 @@ double turn_spread_rad2(double turned, double turn) {
 
 // The velocity turns with the aircraft, except for the wind; the position moves by the mean of both velocities.
 void propagate_by_velocity(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
-                       double blind_turn_rad, const F::Options& options) {
+                           double blind_turn_rad, const F::Options& options) {
   auto& [now, transition, noise] = prediction;
   const double turn = turn_between(prediction, before, turn_known);
   const Eigen::Matrix2d turned = clockwise(turn);
@@ -130,7 +130,7 @@ void propagate_by_velocity(FlightPrediction& prediction, const F::State& before,
 
 // The change of velocity was rotated by the telemetry's heading, with its lasting errors.
 void propagate_by_imu(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
-                  const Eigen::Vector2d& dv_mps, const InertialNoise& imu) {
+                      const Eigen::Vector2d& dv_mps, const InertialNoise& imu) {
   auto& [now, transition, noise] = prediction;
   const double turn = turn_between(prediction, before, turn_known);
   const Eigen::Vector2d dv = clockwise(before[F::heading_bias] + before[F::deviation]) * dv_mps;
@@ -171,8 +171,8 @@ FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_lo
   mean_.segment<2>(east) = position.vector();
   const auto squared = [](double x) { return x * x; };
   covariance_.diagonal() << squared(sigma_m), squared(sigma_m), squared(options.start_velocity_sigma_mps),
-      squared(options.start_velocity_sigma_mps), squared(uncertainty.agl_relative), model::kUnknownHeadingVariance_rad2, 0,
-      0, squared(model::kHeadingBiasShare * uncertainty.heading_rad), squared(uncertainty.tilt_rad),
+      squared(options.start_velocity_sigma_mps), squared(uncertainty.agl_relative), model::kUnknownHeadingVariance_rad2,
+      0, 0, squared(model::kHeadingBiasShare * uncertainty.heading_rad), squared(uncertainty.tilt_rad),
       squared(uncertainty.tilt_rad), squared(model::kDeviationShare * uncertainty.heading_rad),
       squared(model::kDeviationShare * uncertainty.heading_rad);
 }
@@ -234,7 +234,8 @@ FlightPrediction FlightFilter::process_model(const TelemetryInterval& interval) 
   auto& [now, transition, noise] = prediction;
 
   const double agl_variance = uncertainty_.agl_relative * uncertainty_.agl_relative;
-  const GaussMarkov height = gauss_markov(agl_variance, first_ ? 1 : std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare));
+  const GaussMarkov height = gauss_markov(
+      agl_variance, first_ ? 1 : std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare));
   transition(log_height, log_height) = height.keep;
   noise(log_height, log_height) = height.variance;
 
@@ -276,8 +277,8 @@ FlightPrediction FlightFilter::process_model(const TelemetryInterval& interval) 
 }
 
 // The deviation depends on the course: the error on this course and on the one 90 degrees to the right predict it.
-void FlightFilter::process_model_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad,
-                                    double dt) const {
+void FlightFilter::process_model_heading(FlightPrediction& prediction,
+                                         const std::optional<double>& measured_heading_rad, double dt) const {
   auto& [now, transition, noise] = prediction;
   if (!measured_heading_rad) {
     noise(heading, heading) = first_ ? 0 : model::kUnknownHeadingVariance_rad2;
@@ -285,7 +286,8 @@ void FlightFilter::process_model_heading(FlightPrediction& prediction, const std
   }
   const double turn = last_measured_heading_rad_ ? *measured_heading_rad - *last_measured_heading_rad_ : 0;
   const double deviation_rad = model::kDeviationShare * uncertainty_.heading_rad;
-  const GaussMarkov deviation_process = gauss_markov(deviation_rad * deviation_rad, std::exp(-dt / model::kDeviationTime_s));
+  const GaussMarkov deviation_process =
+      gauss_markov(deviation_rad * deviation_rad, std::exp(-dt / model::kDeviationTime_s));
   const double c = deviation_process.keep * std::cos(turn), s = deviation_process.keep * std::sin(turn);
   transition(deviation, deviation) = transition(deviation_quadrature, deviation_quadrature) = c;
   transition(deviation, deviation_quadrature) = s;
@@ -317,9 +319,9 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
   covariance_ = joint.template bottomRightCorner<states, states>();
 }
 
-// Iterated once (one step of an iterated EKF). The measured displacement alone is metres off, as far as tilt is unknown,
-// and is correlated with the very tilt that it measures: a Jacobian taken from it would be overconfident after a minute
-// of odometry. So m of the header's equations is the displacement after a first update.
+// Iterated once (one step of an iterated EKF). The measured displacement alone is metres off, as far as tilt is
+// unknown, and is correlated with the very tilt that it measures: a Jacobian taken from it would be overconfident after
+// a minute of odometry. So m of the header's equations is the displacement after a first update.
 Eigen::Vector2d FlightFilter::update_relative(const RelativeMotionMeasurement& measurement) {
   if (!joint_) return Eigen::Vector2d::Zero();
   blind_turn_rad_ = blind_s_ = 0;
@@ -352,7 +354,8 @@ void FlightFilter::apply_relative_motion(const RelativeMotionMeasurement& measur
   offset[2] = -(measurement.now.log_height - measurement.before.log_height);
   offset[3] = -(measurement.now.heading_rad - measurement.before.heading_rad);
   row(4, b + pitch) = row(5, b + roll) = row(6, n + pitch) = row(7, n + roll) = 1;
-  offset.tail<4>() << -measurement.before.pitch_rad, -measurement.before.roll_rad, -measurement.now.pitch_rad, -measurement.now.roll_rad;
+  offset.tail<4>() << -measurement.before.pitch_rad, -measurement.before.roll_rad, -measurement.now.pitch_rad,
+      -measurement.now.roll_rad;
   Eigen::Matrix<double, 8, 1> innovation = measurement.value - row * joint_->first - offset;
   innovation[3] = wrap_pi(innovation[3]);
   update_joint<8>(row, innovation, measurement.covariance);
@@ -395,8 +398,8 @@ void FlightFilter::inflate_position(double sigma_m) {
 // The scatter of the tilts measured on the map, beyond the known covariances, is the white part's variance.
 void FlightFilter::estimate_tilt_scatter(const PoseMeasurement& measurement) {
   const Eigen::Vector2d innovation = measurement.value.segment<2>(4) - mean_.segment<2>(pitch_bias);
-  const double known =
-      0.5 * (covariance_.block<2, 2>(pitch_bias, pitch_bias).trace() + measurement.covariance.block<2, 2>(4, 4).trace());
+  const double known = 0.5 * (covariance_.block<2, 2>(pitch_bias, pitch_bias).trace() +
+                              measurement.covariance.block<2, 2>(4, 4).trace());
   const double white = white_tilt_sigma_rad() * white_tilt_sigma_rad();
   // Much vaguer measurements carry no information, and would only erode the sum.
   if (known < kVaguestTiltVarianceRatio * white) {
@@ -458,7 +461,8 @@ std::vector<FlightFilter::Smoothed> FlightFilter::smoothed() const {
     if (i == 0) break;
     const Link& link = links[i - 1];
     mean = (link.before + link.gain * (mean - link.now)).eval();
-    covariance = link.before_covariance + product(product(link.gain, covariance - link.now_covariance), link.gain.transpose());
+    covariance =
+        link.before_covariance + product(product(link.gain, covariance - link.now_covariance), link.gain.transpose());
   }
   return result;
 }

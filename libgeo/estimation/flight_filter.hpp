@@ -14,7 +14,8 @@
 //   ψ                      heading of image-up, clockwise from north
 //   τ = (θ, φ)             pitch and roll beyond the telemetry's
 //   b_ψ, b_τ               lasting error of the telemetry's heading; boresight (lasting error of pitch and roll)
-//   d, d⊥                  compass deviation on this course and on the one 90° to the right (coefficients B and C of the
+//   d, d⊥                  compass deviation on this course and on the one 90° to the right (coefficients B and C of
+//   the
 //                          Admiralty Manual for the Deviations of the Compass)
 //
 // Process model over Δt, with ψ_m the measured heading, Δψ its change, R(α) a clockwise rotation; w are white, and the
@@ -51,10 +52,10 @@
 #include <optional>
 #include <vector>
 
-#include "vision/localizer_parameters.hpp"
 #include "estimation/pose_measurements.hpp"
 #include "estimation/telemetry.hpp"
 #include "vision/camera.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 
@@ -92,9 +93,9 @@ class FlightFilter {
 
   // Over an interval at whose end there is no frame; interval.seconds > 0.
   void propagate(const TelemetryInterval& interval);
-  // To a new frame, so many seconds after the last one or after what was propagated. When the clock stands still or runs
-  // backwards, the time is unknown: about the usual interval, or none. tilt_measured: the telemetry has pitch and roll
-  // for this frame. imu_dv_mps: Telemetry's; with it the velocity's only noise is what the camera file states.
+  // To a new frame, so many seconds after the last one or after what was propagated. When the clock stands still or
+  // runs backwards, the time is unknown: about the usual interval, or none. tilt_measured: the telemetry has pitch and
+  // roll for this frame. imu_dv_mps: Telemetry's; with it the velocity's only noise is what the camera file states.
   void predict(double seconds, std::optional<double> measured_heading_rad, bool tilt_measured = true,
                const std::optional<Eigen::Vector2d>& imu_dv_mps = std::nullopt);
   // After predict(): this frame's measured height has another source than the last one's (or is assumed), so that
@@ -104,8 +105,8 @@ class FlightFilter {
   void inflate_heading(double sigma_rad);
   // The position may be farther off (one axis): a measurement contradicts it.
   void inflate_position(double sigma_m);
-  // Returns the correction of the previous frame's position (east, north; m): a displacement also measures heading, tilt
-  // and height, and so the displacements before it.
+  // Returns the correction of the previous frame's position (east, north; m): a displacement also measures heading,
+  // tilt and height, and so the displacements before it.
   Eigen::Vector2d update_relative(const RelativeMotionMeasurement& measurement);
   void update_absolute(const PoseMeasurement& measurement);
 
@@ -139,7 +140,8 @@ class FlightFilter {
   struct Link;
   void propagate_joint(const TelemetryInterval& interval, bool tilt_measured);
   FlightPrediction process_model(const TelemetryInterval& interval);
-  void process_model_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad, double dt) const;
+  void process_model_heading(FlightPrediction& prediction, const std::optional<double>& measured_heading_rad,
+                             double dt) const;
   void marginalize_previous();
   void reset_velocity();
   Link link() const;

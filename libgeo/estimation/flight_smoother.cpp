@@ -19,13 +19,14 @@ std::vector<FlightFilter::Smoothed> smooth_without(const FlightFilter& initial, 
   return filter.smoothed();
 }
 
-// χ² of an anchor against the track that it is part of. Its own share makes both the distance and its covariance smaller:
-// covariance of the anchor minus that of the track.
+// χ² of an anchor against the track that it is part of. Its own share makes both the distance and its covariance
+// smaller: covariance of the anchor minus that of the track.
 double contradiction_chi2(const PoseMeasurement& anchor, const FlightFilter::Smoothed& frame) {
   const Eigen::Vector2d off = anchor.value.head<2>() - frame.position.vector();
   const Eigen::Matrix2d own = anchor.covariance.topLeftCorner<2, 2>();
   // A single anchor in a wide gap makes the track: nothing is left to contradict it.
-  const Eigen::Matrix2d spread = own - frame.covariance_m2 + kSoleAnchorShare * own.trace() * Eigen::Matrix2d::Identity();
+  const Eigen::Matrix2d spread =
+      own - frame.covariance_m2 + kSoleAnchorShare * own.trace() * Eigen::Matrix2d::Identity();
   if (!(spread.determinant() > 0) || !(spread(0, 0) > 0)) return 0;
   return off.dot(spread.inverse() * off);
 }

@@ -40,8 +40,8 @@ struct LastAnchor {
 
 // What is published beside the filter's own state.
 struct PublishedTrack {
-  // Corrections of the past that odometry has made since the last anchor. They are withheld: a track that odometry carries
-  // has no jumps but those of anchors, and refined() has it all.
+  // Corrections of the past that odometry has made since the last anchor. They are withheld: a track that odometry
+  // carries has no jumps but those of anchors, and refined() has it all.
   Eigen::Vector2d withheld_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d contradiction_m = Eigen::Vector2d::Zero();  // AnchorDecision::contradiction_m, until an anchor
   double map_sigma_m = 0;  // of the map that the track is anchored to: of the tiles of the last anchor
@@ -245,8 +245,8 @@ FrameReport Localizer::finish(std::unique_ptr<AnchorJob> job) {
   FrameReport report;
   if (job->match) {
     s.widen_for_another_map(job->context, *job->match);
-    AnchorDecision decision = s.acceptance.decide(*job->match, job->context, s.last_anchor.has_value(),
-                                                  job->segment == s.tracking.segment());
+    AnchorDecision decision =
+        s.acceptance.decide(*job->match, job->context, s.last_anchor.has_value(), job->segment == s.tracking.segment());
     report.anchor = std::move(decision.report);
     s.window.record_attempt(report.anchor.verdict);
     s.matching.last_failed = report.anchor.verdict != AnchorVerdict::accepted;
@@ -482,8 +482,8 @@ void Localizer::Impl::apply_hint() {
 // ---- Update with an accepted anchor
 
 // The covariance is larger than the solver's: by what the solver does not model; by what anchors over the same ground
-// share (its slope and roofs, the map's own warps: those within a stretch count as one, however many frames there were);
-// and, where most patches matched something else, by the chance that those which agree are the wrong ones.
+// share (its slope and roofs, the map's own warps: those within a stretch count as one, however many frames there
+// were); and, where most patches matched something else, by the chance that those which agree are the wrong ones.
 PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const AnchorReport& report) const {
   const SolvedPose& solved = *job.match->solved;
   double shared = 1;
@@ -619,9 +619,9 @@ FramePose Localizer::Impl::anchor_pose(const AnchorJob& job) const {
   result.source = SourceLabel::satellite_anchored;
   const AnchorPrediction& prediction = job.context.prediction;
   const Eigen::Vector2d correction_m = filter->position() - job.flight.position();
-  const bool predicted =
-      prediction.healthy && prediction.sigma_m <= kSharpPrediction_m && job.segment == tracking.segment() &&
-      correction_m.squaredNorm() <= config.gates.chi2_999 * prediction.sigma_m * prediction.sigma_m;
+  const bool predicted = prediction.healthy && prediction.sigma_m <= kSharpPrediction_m &&
+                         job.segment == tracking.segment() &&
+                         correction_m.squaredNorm() <= config.gates.chi2_999 * prediction.sigma_m * prediction.sigma_m;
   result.confirmed = predicted || steps[job.step].anchor_unambiguous;
   return result;
 }

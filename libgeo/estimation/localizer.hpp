@@ -15,7 +15,6 @@
 
 #include "estimation/anchor_acceptance.hpp"
 #include "estimation/estimate.hpp"
-#include "vision/localizer_parameters.hpp"
 #include "estimation/flight_filter.hpp"
 #include "estimation/telemetry.hpp"
 #include "estimation/visual_odometry.hpp"
@@ -23,6 +22,7 @@
 #include "imagery/tile_source.hpp"
 #include "vision/camera.hpp"
 #include "vision/ground_surface.hpp"
+#include "vision/localizer_parameters.hpp"
 #include "vision/map_matcher.hpp"
 
 namespace nadir {

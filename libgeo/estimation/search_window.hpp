@@ -24,7 +24,8 @@ class SearchWindow {
   double radius_m(double position_sigma_m) const;
   // No window of a search with a prediction surely holds the place. placed: a position is known at all.
   bool lost(bool placed, double position_sigma_m) const;
-  // The parts of an area that is too large to be searched for every frame, one each time, nearest to the position first.
+  // The parts of an area that is too large to be searched for every frame, one each time, nearest to the position
+  // first.
   PlaneBox next_part(const PlaneBox& area, PlanePoint position);
   // The part of the area that the aircraft can be in. The area must be known.
   PlaneBox reachable_area(bool placed, PlanePoint position, double position_sigma_m) const;

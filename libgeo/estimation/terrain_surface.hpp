@@ -9,10 +9,10 @@
 #include <span>
 #include <vector>
 
-#include "vision/localizer_parameters.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/terrain_raster.hpp"
 #include "vision/ground_surface.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir {
 

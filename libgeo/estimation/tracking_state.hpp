@@ -1,5 +1,5 @@
-// Continuity of the track from frame to frame: whether odometry has tracked every frame since the last anchor, whether a
-// frame contradicts the one before it, and what a contradicted turn means for the position.
+// Continuity of the track from frame to frame: whether odometry has tracked every frame since the last anchor, whether
+// a frame contradicts the one before it, and what a contradicted turn means for the position.
 //
 //   unbroken      odometry has tracked every frame since the last anchor or the start
 //   segment       grows each time tracking is lost
@@ -48,12 +48,12 @@ class TrackingState {
   int segment_ = 0;
 };
 
-// No turn and no gust moves an aircraft so far in this time: the images overlap, but one of them was not taken there and
-// then. A clock that stands still says nothing of speed.
+// No turn and no gust moves an aircraft so far in this time: the images overlap, but one of them was not taken there
+// and then. A clock that stands still says nothing of speed.
 bool exceeds_reach(const FlightFilter& flight, double step_m, double seconds, double footprint_m);
 
-// The images turned and the telemetry did not, or the other way round: a compass that jumped, or a camera that rotates its
-// images. turn_rad: of the images beyond the telemetry.
+// The images turned and the telemetry did not, or the other way round: a compass that jumped, or a camera that rotates
+// its images. turn_rad: of the images beyond the telemetry.
 bool contradicts_turn(double turn_rad, double heading_sigma_rad);
 
 // After a contradicted turn the aircraft may fly another course than estimated, until the heading is known again: with

@@ -7,9 +7,9 @@
 //
 // For the pairs (r_before, r_now) the residual is g_now(r_now) - g_before(r_before), two metres each. Unknowns: the
 // displacement (east, north), the log of the height ratio, the change of heading, and both pitches and rolls. All but
-// the displacement have priors: at the edge of an image one degree of tilt moves the ground as much as metres of flight,
-// and telemetry is rarely better than that. Solved by robust Gauss-Newton (vision/robust_gauss_newton.hpp); σ of the
-// residuals comes from themselves, but is not below a pixel or what the relief explains by parallax.
+// the displacement have priors: at the edge of an image one degree of tilt moves the ground as much as metres of
+// flight, and telemetry is rarely better than that. Solved by robust Gauss-Newton (vision/robust_gauss_newton.hpp); σ
+// of the residuals comes from themselves, but is not below a pixel or what the relief explains by parallax.
 #pragma once
 
 #include <Eigen/Core>
@@ -44,8 +44,8 @@ struct TwoViewMotion {
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
   double turn_rad = 0;
   int inliers = 0;
-  // All unknowns, in the order of RelativeMotionMeasurement (pose_measurements.hpp). Then what the images alone say, with
-  // the priors taken away: information Λ_images = Λ - Λ_prior, and where it pulls, Λ_prior · solved.
+  // All unknowns, in the order of RelativeMotionMeasurement (pose_measurements.hpp). Then what the images alone say,
+  // with the priors taken away: information Λ_images = Λ - Λ_prior, and where it pulls, Λ_prior · solved.
   Eigen::Matrix<double, 8, 1> solved = Eigen::Matrix<double, 8, 1>::Zero();
   Eigen::Matrix<double, 8, 8> measurement_information = Eigen::Matrix<double, 8, 8>::Zero();
   Eigen::Matrix<double, 8, 1> measurement_gradient = Eigen::Matrix<double, 8, 1>::Zero();

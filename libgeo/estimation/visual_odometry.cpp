@@ -19,9 +19,8 @@ std::vector<RayPair> ray_pairs_of(const OdometryFrame& before, const OdometryFra
   std::vector<RayPair> rays;
   if (pairs.before.size() < kMinInliers) return rays;
   std::vector<std::uint8_t> inlier;
-  const cv::Mat homography =
-      cv::findHomography(pairs.before, pairs.now, cv::USAC_MAGSAC, kHomographyThreshold_px, inlier,
-                         kHomographyIterations, kHomographyConfidence);
+  const cv::Mat homography = cv::findHomography(pairs.before, pairs.now, cv::USAC_MAGSAC, kHomographyThreshold_px,
+                                                inlier, kHomographyIterations, kHomographyConfidence);
   if (homography.empty()) return rays;
   const auto ray = [](const CameraModel& camera, const cv::Point2f& pixel) {
     return camera.ray_from_pixel({static_cast<double>(pixel.x), static_cast<double>(pixel.y)});

@@ -14,9 +14,9 @@
 #include <optional>
 #include <vector>
 
-#include "vision/localizer_parameters.hpp"
 #include "estimation/pose_measurements.hpp"
 #include "estimation/two_view_motion.hpp"
+#include "vision/localizer_parameters.hpp"
 #include "vision/rectification.hpp"
 
 namespace nadir {
@@ -31,8 +31,8 @@ struct OdometryFrame {
   double heading_sigma_rad = parameters::visual_odometry::kDefaultHeadingSigma_rad;
   // Of the tilt that changes from frame to frame.
   double tilt_sigma_rad = parameters::visual_odometry::kDefaultTiltSigma_rad;
-  Eigen::Matrix2d boresight_covariance_rad2 = Eigen::Matrix2d::Zero();  // of the tilt that all frames share
-  Eigen::Vector2d ground_slope = Eigen::Vector2d::Zero();               // rise over run to the east and north
+  Eigen::Matrix2d boresight_covariance_rad2 = Eigen::Matrix2d::Zero();         // of the tilt that all frames share
+  Eigen::Vector2d ground_slope = Eigen::Vector2d::Zero();                      // rise over run to the east and north
   double relief_sigma_m = parameters::visual_odometry::kDefaultReliefSigma_m;  // of the ground beyond a plane
   // Of this frame's height against the last frame's.
   double relative_height_sigma = parameters::visual_odometry::kDefaultRelativeHeightSigma;

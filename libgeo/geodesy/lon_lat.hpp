@@ -1,5 +1,5 @@
-// A position on the WGS84 ellipsoid. In degrees, as in maps, files and GeographicLib; every other angle in this code is in
-// radians.
+// A position on the WGS84 ellipsoid. In degrees, as in maps, files and GeographicLib; every other angle in this code is
+// in radians.
 #pragma once
 
 namespace nadir {

@@ -4,11 +4,11 @@
 //   x = R lon,  y = R asinh(tan lat),  R = 6378137 m
 //
 // Global pixels: at zoom z the world is 256·2^z pixels wide; (0, 0) is the north-west corner, y grows south. A pixel's
-// centre is at +0.5. On the ground a pixel is smaller by cos(latitude) than on the map (and by up to 0.7 % more, because
-// the projection takes the ellipsoid for a sphere): measure in a LocalFrame, not in Mercator metres.
+// centre is at +0.5. On the ground a pixel is smaller by cos(latitude) than on the map (and by up to 0.7 % more,
+// because the projection takes the ellipsoid for a sphere): measure in a LocalFrame, not in Mercator metres.
 //
-// A TileKey is the address of a tile of 256 x 256 pixels: always XYZ (row 0 in the north) inside this code. MBTiles rows
-// (TMS, row 0 in the south) exist only at the database, through tms_row().
+// A TileKey is the address of a tile of 256 x 256 pixels: always XYZ (row 0 in the north) inside this code. MBTiles
+// rows (TMS, row 0 in the south) exist only at the database, through tms_row().
 #pragma once
 
 #include <compare>

@@ -4,8 +4,8 @@
 // and writes the response; then the next request, until one side closes. A response may go on as an event stream
 // (ApiResponse::stream): at most one piece of text is in flight, nothing is queued. A connection that exceeds a time
 // limit is closed, and when all places are taken, the connection that has waited longest for its client makes room: for
-// a request that does not come, or a response that is not taken. Streams and busy requests stay. So a client that is slow,
-// dead or hostile costs a bounded amount of memory and nothing else, and silent connections lock nobody out.
+// a request that does not come, or a response that is not taken. Streams and busy requests stay. So a client that is
+// slow, dead or hostile costs a bounded amount of memory and nothing else, and silent connections lock nobody out.
 #pragma once
 
 #include <chrono>

@@ -192,7 +192,6 @@ bool compress(Encoder& encoder, const cv::Mat& image, int quality) {
   return true;
 }
 
-
 ImageInfo info(ByteView bytes, std::string_view name) {
   Decoder decoder;
   open(decoder, bytes, name);
@@ -259,7 +258,6 @@ void open(Png& png, ByteView bytes, std::string_view name) {
   if (!is_whole(bytes)) reject(name, "PNG", "a truncated file");
 }
 
-
 ImageInfo info(ByteView bytes, std::string_view name) {
   Png png;
   open(png, bytes, name);
@@ -322,7 +320,6 @@ WebPBitstreamFeatures features_of(ByteView bytes, std::string_view name) {
   return features;
 }
 
-
 ImageInfo info(ByteView bytes, std::string_view name) {
   const WebPBitstreamFeatures features = features_of(bytes, name);
   return {ImageFormat::webp, features.width, features.height, true, features.has_alpha != 0};
@@ -353,8 +350,8 @@ Bytes encode(const cv::Mat& image, int quality) {
   }
   std::uint8_t* data = nullptr;
   const auto compress = colour.channels() == 4 ? WebPEncodeBGRA : WebPEncodeBGR;
-  const std::size_t size =
-      compress(colour.data, colour.cols, colour.rows, static_cast<int>(colour.step), static_cast<float>(quality), &data);
+  const std::size_t size = compress(colour.data, colour.cols, colour.rows, static_cast<int>(colour.step),
+                                    static_cast<float>(quality), &data);
   if (size == 0) throw Error({.what = "the WebP encoder failed"});
   Bytes bytes(data, data + size);
   WebPFree(data);

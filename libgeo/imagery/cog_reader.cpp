@@ -174,19 +174,19 @@ class LevelReader {
 
   [[noreturn]] void off_grid(std::string expected, std::string found) const {
     throw TiffError("tiff.grid",
-                   {.what = "this GeoTIFF is not on the grid of web maps",
-                    .where = file_.name(),
-                    .expected = std::move(expected),
-                    .found = std::move(found),
-                    .fix = "gdal_translate -of COG -co TILING_SCHEME=GoogleMapsCompatible IN.tif OUT.tif"});
+                    {.what = "this GeoTIFF is not on the grid of web maps",
+                     .where = file_.name(),
+                     .expected = std::move(expected),
+                     .found = std::move(found),
+                     .fix = "gdal_translate -of COG -co TILING_SCHEME=GoogleMapsCompatible IN.tif OUT.tif"});
   }
 
   [[noreturn]] void refuse_layout(std::string expected, std::string found) const {
     throw TiffError("tiff.layout", {.what = "this layout of GeoTIFF is not supported as a tile set",
-                                   .where = file_.name(),
-                                   .expected = std::move(expected),
-                                   .found = std::move(found),
-                                   .fix = "make a COG of 8 bit with `gdal_translate -of COG`"});
+                                    .where = file_.name(),
+                                    .expected = std::move(expected),
+                                    .found = std::move(found),
+                                    .fix = "make a COG of 8 bit with `gdal_translate -of COG`"});
   }
 
   std::int64_t side(std::size_t directory, std::uint16_t tag) const {

@@ -1,6 +1,6 @@
 // Reads a tile set in a Cloud Optimized GeoTIFF, without GDAL: Nadir's own, and others' on the same grid. The images of
-// the file (full resolution, overviews, their masks) become levels, one per zoom of the web map; each consists of blocks
-// row by row.
+// the file (full resolution, overviews, their masks) become levels, one per zoom of the web map; each consists of
+// blocks row by row.
 //
 // Where blocks are tiles of JPEG or WebP, a tile is the block's bytes (with the JPEG tables that blocks share put back
 // in). Elsewhere (deflate, LZW, blocks of 512 pixels, images that begin inside a tile) it is cut out of the decoded
@@ -76,7 +76,8 @@ struct CogLimits {
 // tiff.layout (strips, planes, 16 bit, a compression that is not read).
 CogLevels read_cog_levels(const TiffFile& file, const CogLimits& limits = {});
 
-// Safe to use by several threads. Blocks are read on demand; tables of their offsets stay in memory (16 bytes per block).
+// Safe to use by several threads. Blocks are read on demand; tables of their offsets stay in memory (16 bytes per
+// block).
 class CogReader final : public TileSource {
  public:
   // Throws TiffError when the file is not a GeoTIFF on the grid of web maps, Error when it cannot be

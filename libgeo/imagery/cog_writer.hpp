@@ -1,9 +1,10 @@
 // Writes a tile set as a Cloud Optimized GeoTIFF on the grid of web maps (EPSG:3857, 256 x 256 pixels, GDAL's
-// GoogleMapsCompatible): one image per zoom, each a whole number of tiles, so that the blocks of the image ARE the tiles.
+// GoogleMapsCompatible): one image per zoom, each a whole number of tiles, so that the blocks of the image ARE the
+// tiles.
 //
 // A block holds the encoded tile byte for byte: a complete JPEG stream (TIFF compression 7 without shared tables) or a
-// WebP file (compression 50001). So an MBTiles and a COG of one build hold the same tiles with the same digests. Missing
-// tiles have offset and size 0. Layout: header, GDAL's note on the structure, the directories from the finest
+// WebP file (compression 50001). So an MBTiles and a COG of one build hold the same tiles with the same digests.
+// Missing tiles have offset and size 0. Layout: header, GDAL's note on the structure, the directories from the finest
 // zoom to the coarsest, then the tiles from the coarsest zoom to the finest, row by row, each with its size before it
 // and its last four bytes repeated behind it, as that note says. From 4 GB on it is a BigTIFF.
 //

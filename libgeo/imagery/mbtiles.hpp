@@ -1,6 +1,6 @@
-// Tile sets in MBTiles files (github.com/mapbox/mbtiles-spec, 1.3): SQLite databases whose tile rows count from the south
-// (TMS). Readers open the file read-only and immutable: nobody writes to what an aircraft flies with, and SQLite looks for
-// no journal beside it.
+// Tile sets in MBTiles files (github.com/mapbox/mbtiles-spec, 1.3): SQLite databases whose tile rows count from the
+// south (TMS). Readers open the file read-only and immutable: nobody writes to what an aircraft flies with, and SQLite
+// looks for no journal beside it.
 #pragma once
 
 #include <filesystem>

@@ -117,7 +117,7 @@ class SqliteDatabase {
 
   std::filesystem::path path_;
   std::shared_ptr<const SqliteInput> input_;  // outlives the handle; null: not from outside
-  std::unique_ptr<Work> work_;  // outlives the handle, null: without limit
+  std::unique_ptr<Work> work_;                // outlives the handle, null: without limit
   std::unique_ptr<sqlite3, Close> handle_;
 };
 

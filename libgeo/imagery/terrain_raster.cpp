@@ -192,8 +192,7 @@ class TerrainTiff {
 
 void check_grid(const TerrainGrid& grid, std::size_t heights) {
   const auto refuse = [](std::string expected, std::string found) {
-    throw Error(
-        {.what = "the height grid is invalid", .expected = std::move(expected), .found = std::move(found)});
+    throw Error({.what = "the height grid is invalid", .expected = std::move(expected), .found = std::move(found)});
   };
   if (grid.columns < 1 || grid.rows < 1 || grid.columns > kMaxTerrainSide || grid.rows > kMaxTerrainSide ||
       grid.posts() > kMaxTerrainPosts) {

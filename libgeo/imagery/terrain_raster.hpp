@@ -1,8 +1,8 @@
 // Heights of the ground on a grid of longitude and latitude: a package's terrain/dem.tif, read without GDAL.
 //
 // The file is a GeoTIFF of float32 metres in EPSG:4326, tiled, plain or deflated, with one nodata
-// value (docs/formats.md). Anything else is an Error: files may come from anywhere, so sizes are bounded before memory is
-// allocated, and only finite values are accepted.
+// value (docs/formats.md). Anything else is an Error: files may come from anywhere, so sizes are bounded before memory
+// is allocated, and only finite values are accepted.
 #pragma once
 
 #include <cstddef>

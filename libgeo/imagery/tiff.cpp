@@ -50,10 +50,10 @@ TiffFile::TiffFile(const RandomBytes& bytes, std::string name) : bytes_(bytes), 
 
 void TiffFile::corrupt(std::string expected, std::string found) const {
   throw TiffError("tiff.corrupt", {.what = "the GeoTIFF is damaged",
-                                  .where = name_,
-                                  .expected = std::move(expected),
-                                  .found = std::move(found),
-                                  .fix = "create the file again; copies of a damaged file are damaged as well"});
+                                   .where = name_,
+                                   .expected = std::move(expected),
+                                   .found = std::move(found),
+                                   .fix = "create the file again; copies of a damaged file are damaged as well"});
 }
 
 std::uint64_t TiffFile::integer(const std::uint8_t* from, int size) const {

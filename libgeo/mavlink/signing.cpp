@@ -258,7 +258,8 @@ void StreamTimestamps::read() {
   };
   std::istringstream lines(text);
   std::string line;
-  if (!text.ends_with('\n') || !std::getline(lines, line) || line != kStreamsHeader) throw damaged("another beginning or end");
+  if (!text.ends_with('\n') || !std::getline(lines, line) || line != kStreamsHeader)
+    throw damaged("another beginning or end");
   while (std::getline(lines, line)) {
     unsigned system = 0, component = 0, link = 0;
     unsigned long long timestamp = 0;
@@ -297,8 +298,8 @@ void StreamTimestamps::save() {
     for (const auto& [stream, timestamp] : streams_) {
       const auto& [source, link_id] = stream;
       const std::uint64_t reserved = std::min(timestamp + kStreamReserve_us / 10, kMaxTimestamp);
-      text += std::to_string(source.system) + ' ' + std::to_string(source.component) + ' ' + std::to_string(link_id) + ' ' +
-              std::to_string(reserved) + '\n';
+      text += std::to_string(source.system) + ' ' + std::to_string(source.component) + ' ' + std::to_string(link_id) +
+              ' ' + std::to_string(reserved) + '\n';
     }
     changed_ = false;
   }

@@ -60,8 +60,8 @@ std::uint64_t signing_time_of(std::int64_t unix_us);
 // now() is the time against which received frames are checked. take() returns timestamps at or slightly behind it: a
 // file holds the highest timestamp that may have been used. A restart continues from the file, until a peer has been
 // heard: a clock that is wrong then moves no peer. What is written is at most a day ahead of our own clock, or
-// of the file by the time that has passed, whatever was followed: the next start must not inherit a time that nobody can
-// vouch for.
+// of the file by the time that has passed, whatever was followed: the next start must not inherit a time that nobody
+// can vouch for.
 //
 // save() writes the file, once a second, from a thread that may wait for disks. take() writes it only when nobody has
 // called save() for ten seconds.
@@ -176,7 +176,8 @@ struct SignatureCounts {
 // single frame, ten years ahead, moves nothing.
 class Signing {
  public:
-  // time must outlive this; the links of one aircraft share it. streams: of this link, must outlive this; null: in memory.
+  // time must outlive this; the links of one aircraft share it. streams: of this link, must outlive this; null: in
+  // memory.
   Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id, StreamTimestamps* streams = nullptr);
 
   // Signs an encoded version 2 frame.

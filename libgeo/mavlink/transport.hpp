@@ -65,8 +65,9 @@ class Transport {
   virtual bool send(ByteView frame) = 0;
 
   // The sender of the arrival that the sink is handling has proved to be the one that this link serves: send to it from
-  // now on. A peer that was heard within kPeerSilence_us keeps its place, whoever else claims it: frames can be forged on
-  // an unsigned link, and relayed from another address on a signed one. False: such a rival. Only udpin depends on it.
+  // now on. A peer that was heard within kPeerSilence_us keeps its place, whoever else claims it: frames can be forged
+  // on an unsigned link, and relayed from another address on a signed one. False: such a rival. Only udpin depends on
+  // it.
   virtual bool follow_sender(std::int64_t /*monotonic_us*/) { return true; }
 
   virtual bool is_open() const = 0;

@@ -12,8 +12,8 @@
 #include "base/error.hpp"
 #include "base/json.hpp"
 #include "cli/command.hpp"
-#include "cli/terminal.hpp"
 #include "cli/output.hpp"
+#include "cli/terminal.hpp"
 
 namespace nadir {
 namespace {
@@ -63,7 +63,8 @@ std::string anchors_of(const WatchedStatus& status) {
 
 std::string link_of(const WatchedStatus& status) {
   const bool silent = status.link_age_s && *status.link_age_s > kSilent_s;
-  return fmt::format("{}, {}, {} fixes sent, {} frames rejected{}", status.link_connected ? "connected" : "not connected",
+  return fmt::format("{}, {}, {} fixes sent, {} frames rejected{}",
+                     status.link_connected ? "connected" : "not connected",
                      status.link_signed ? "signed" : "NOT SIGNED: anybody can pose as the autopilot", status.fixes_sent,
                      status.link_rejected, silent ? ", silent for " + short_duration(*status.link_age_s) : "");
 }
@@ -86,16 +87,17 @@ std::vector<std::string> status_screen(const WatchedStatus& status, bool colour)
   if (status.stalled()) {
     lines.push_back(fmt::format("STALE: the flight thread has been silent for {}", short_duration(status.age_s)));
   }
-  lines.insert(
-      lines.end(),
-      {"", row("position", position_of(status)), row("sigma", known(status.sigma_m, "{:.1f} m")),
-       row("anchor age", known(status.anchor_age_s, "{:.1f} s", "none yet")),
-       row("speed", known(status.speed_mps, "{:.1f} m/s")), row("heading", known(status.heading_deg, "{:03.0f}°")),
-       row("height", known(status.agl_m, "{:.0f} m above ground")), "",
-       row("frames", frames_of(status)), row("anchors", anchors_of(status)),
-       row("autopilot", link_of(status)), row("GPS", with_reason(status.gps, status.gps_reason)),
-       row("recorder", with_reason(status.recorder, status.recorder_reason))});
-  if (status.corrupt_tiles > 0) lines.push_back(row("map", fmt::format("{} CORRUPT {}", status.corrupt_tiles, status.corrupt_tiles == 1 ? "TILE" : "TILES")));
+  lines.insert(lines.end(), {"", row("position", position_of(status)), row("sigma", known(status.sigma_m, "{:.1f} m")),
+                             row("anchor age", known(status.anchor_age_s, "{:.1f} s", "none yet")),
+                             row("speed", known(status.speed_mps, "{:.1f} m/s")),
+                             row("heading", known(status.heading_deg, "{:03.0f}°")),
+                             row("height", known(status.agl_m, "{:.0f} m above ground")), "",
+                             row("frames", frames_of(status)), row("anchors", anchors_of(status)),
+                             row("autopilot", link_of(status)), row("GPS", with_reason(status.gps, status.gps_reason)),
+                             row("recorder", with_reason(status.recorder, status.recorder_reason))});
+  if (status.corrupt_tiles > 0)
+    lines.push_back(
+        row("map", fmt::format("{} CORRUPT {}", status.corrupt_tiles, status.corrupt_tiles == 1 ? "TILE" : "TILES")));
   const auto list = [&](const char* title, const std::vector<WatchedEvent>& events, std::size_t most) {
     if (events.empty()) return;
     lines.insert(lines.end(), {"", title});

@@ -11,10 +11,10 @@
 namespace nadir {
 namespace {
 
-constexpr int kCell_px = 4;          // granularity of the square
-constexpr int kMinTemplate_px = 24;  // smaller ones are not distinctive
-constexpr double kMinSeamContrast = 3;   // grey levels: below that it is sensor noise
-constexpr int kMaxSquare_px = 160;   // larger ones add no information
+constexpr int kCell_px = 4;             // granularity of the square
+constexpr int kMinTemplate_px = 24;     // smaller ones are not distinctive
+constexpr double kMinSeamContrast = 3;  // grey levels: below that it is sensor noise
+constexpr int kMaxSquare_px = 160;      // larger ones add no information
 
 // The largest square of cells that are all common, in pixels; of several the first.
 cv::Rect largest_square(const cv::Mat& common) {

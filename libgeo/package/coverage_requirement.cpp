@@ -6,9 +6,7 @@
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {
-namespace {
-
-}  // namespace
+namespace {}  // namespace
 
 TileFootprint::TileFootprint(const LocalFrame& frame, const TileKey& key) {
   const LonLatBox box = bounds_of(key);

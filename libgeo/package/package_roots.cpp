@@ -91,17 +91,21 @@ bool is_root_file_name(std::string_view path) {
 }
 
 RootSuccession walk_package_roots(const Directory& package, const TrustRoot& trusted, const AircraftState* state,
-                                 UtcTime at) {
+                                  UtcTime at) {
   // What the aircraft remembers takes precedence over another root of the same version.
-  RootSuccession walk = follow_root_chain(trusted, [&](std::int64_t version) -> std::optional<RootDocument> {
-    if (state != nullptr) {
-      const auto remembered = state->roots.find(version);
-      if (remembered != state->roots.end()) {
-        return RootDocument{remembered->second, fmt::format("the aircraft's state, root version {}", version), true};
-      }
-    }
-    return read_package_root(package, version);
-  }, at);
+  RootSuccession walk = follow_root_chain(
+      trusted,
+      [&](std::int64_t version) -> std::optional<RootDocument> {
+        if (state != nullptr) {
+          const auto remembered = state->roots.find(version);
+          if (remembered != state->roots.end()) {
+            return RootDocument{remembered->second, fmt::format("the aircraft's state, root version {}", version),
+                                true};
+          }
+        }
+        return read_package_root(package, version);
+      },
+      at);
   const std::set<std::int64_t> versions = root_versions_in(package);
   const std::int64_t highest = versions.empty() ? 0 : *versions.rbegin();
   if (!walk.findings.has_errors() && highest > walk.root.version) {

@@ -25,15 +25,16 @@ bool is_root_file_name(std::string_view relative_path);
 // Walks from the trusted root through the roots that the aircraft remembers and those of the package. Besides the
 // findings of follow_root_chain(): root.rollback for files beyond the newest root that can be reached.
 // at: when the package's roots are accepted; those that the aircraft remembers were accepted earlier.
-RootSuccession walk_package_roots(const Directory& package, const TrustRoot& trusted, const AircraftState* state, UtcTime at);
+RootSuccession walk_package_roots(const Directory& package, const TrustRoot& trusted, const AircraftState* state,
+                                  UtcTime at);
 
 // Documents of roots by version, each the successor of the one before.
 using RootChain = std::map<std::int64_t, std::string>;
 
 // The roots of these files, added to those that are there already. Throws UsageError for a file that is no root signed
-// by its own threshold, for two of one version, and where a root is missing or is not signed by the one before it, be it
-// because a key has expired by `at`; those that are there already may have been accepted by every aircraft before that.
-// installed: the root that aircraft have, when it is known; then the chain must lead on from it.
+// by its own threshold, for two of one version, and where a root is missing or is not signed by the one before it, be
+// it because a key has expired by `at`; those that are there already may have been accepted by every aircraft before
+// that. installed: the root that aircraft have, when it is known; then the chain must lead on from it.
 RootChain read_root_chain(std::span<const std::filesystem::path> files, UtcTime at, RootChain already = {},
                           const TrustRoot* installed = nullptr);
 

@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/error.hpp"
 #include "base/digest.hpp"
+#include "base/error.hpp"
 #include "base/time.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/sqlite_database.hpp"

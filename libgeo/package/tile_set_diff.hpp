@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "base/progress.hpp"
 #include "base/digest.hpp"
+#include "base/progress.hpp"
 #include "geodesy/web_mercator.hpp"
 
 namespace nadir {

@@ -439,8 +439,8 @@ Verification verify_accepted_package(const fs::path& package, const Sha256& mani
                                      Progress& progress) {
   Verification result;
   result.folder = std::make_shared<const Directory>(open_folder(package));
-  const auto bytes =
-      read_bounded(*result.folder, kManifestFile, kMaxManifestSize, "artifact.missing", "manifest.schema", result.findings);
+  const auto bytes = read_bounded(*result.folder, kManifestFile, kMaxManifestSize, "artifact.missing",
+                                  "manifest.schema", result.findings);
   if (!bytes) return result;
   if (const Sha256 found = sha256(*bytes); found != manifest) {
     result.findings.add({.code = "artifact.hash",

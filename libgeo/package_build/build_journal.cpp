@@ -4,8 +4,8 @@
 #include <array>
 #include <vector>
 
-#include "base/error.hpp"
 #include "base/digest.hpp"
+#include "base/error.hpp"
 
 namespace nadir {
 namespace {

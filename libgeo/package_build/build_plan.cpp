@@ -8,8 +8,8 @@
 
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
-#include "package/mission_check.hpp"
 #include "package/coverage_requirement.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {

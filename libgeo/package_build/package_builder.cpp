@@ -2,9 +2,9 @@
 
 #include <fmt/format.h>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 #include "package/mission_check.hpp"
 #include "package/package_writer.hpp"
 #include "package_build/build_journal.hpp"

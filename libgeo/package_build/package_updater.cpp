@@ -6,9 +6,9 @@
 #include <array>
 #include <cmath>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 #include "geodesy/angles.hpp"
 #include "imagery/codecs.hpp"
 #include "package/mission_check.hpp"

@@ -72,11 +72,12 @@ AutopilotIdentity identify(AutopilotSession& session) {
         return true;
       });
   if (!known || identity.uid.empty()) {
-    throw Error({.what = "the autopilot does not identify itself",
-                 .where = session.url(),
-                 .expected = "AUTOPILOT_VERSION with the processor's identity",
-                 .found = known ? "an identity of zeros" : fmt::format("no answer in {} s", session.timeout_s()),
-                 .fix = "give its --signing-key if it has one, else update it: ArduPilot identifies itself since version 4.0"});
+    throw Error(
+        {.what = "the autopilot does not identify itself",
+         .where = session.url(),
+         .expected = "AUTOPILOT_VERSION with the processor's identity",
+         .found = known ? "an identity of zeros" : fmt::format("no answer in {} s", session.timeout_s()),
+         .fix = "give its --signing-key if it has one, else update it: ArduPilot identifies itself since version 4.0"});
   }
   return identity;
 }
@@ -168,9 +169,9 @@ namespace {
 
 constexpr int kImuSamples = 50;
 constexpr std::uint64_t kMaxMeasurement_us = 3'000'000;  // by the autopilot's clock
-constexpr double kSettling_s = 10;                           // ArduPlane 4.7 accepts no rate for 14 s after its start
-constexpr LonLat kNowhere{-11.2345678, 2.3456789};           // the Gulf of Guinea
-constexpr double kNowhereSigma_m = 100;                      // arming and the filter require 5
+constexpr double kSettling_s = 10;                       // ArduPlane 4.7 accepts no rate for 14 s after its start
+constexpr LonLat kNowhere{-11.2345678, 2.3456789};       // the Gulf of Guinea
+constexpr double kNowhereSigma_m = 100;                  // arming and the filter require 5
 constexpr double kSamePlace_deg = 1e-6;
 
 // By the autopilot's clock; 0 when none came.

@@ -1,7 +1,7 @@
-// Prepares an ArduPilot autopilot for flying with us: identify it, set the parameters that it needs (docs/autopilot.md),
-// install the key that its link is signed with, and test what only a try shows: that it sends its accelerometer often
-// enough and receives our GPS_INPUT. A step that fails stops with its reason and all changes are reverted: an aircraft is
-// provisioned or as it was before.
+// Prepares an ArduPilot autopilot for flying with us: identify it, set the parameters that it needs
+// (docs/autopilot.md), install the key that its link is signed with, and test what only a try shows: that it sends its
+// accelerometer often enough and receives our GPS_INPUT. A step that fails stops with its reason and all changes are
+// reverted: an aircraft is provisioned or as it was before.
 #pragma once
 
 #include <functional>

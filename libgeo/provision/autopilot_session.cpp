@@ -110,7 +110,7 @@ std::string frames_received(const AutopilotSession& session) {
 }  // namespace
 
 LinkState open_detected(AutopilotSession& session, const std::optional<SigningKey>& key,
-                            const std::filesystem::path& time_file) {
+                        const std::filesystem::path& time_file) {
   if (!key) {
     session.open();
     return LinkState::unsigned_link;
@@ -122,12 +122,11 @@ LinkState open_detected(AutopilotSession& session, const std::optional<SigningKe
   };
   if (session.request({}, is_heartbeat, not_signed_by_us)) return LinkState::signed_with_key;
   if (session.counts().signatures.wrong > 0) {
-    throw Error(
-        {.what = "the autopilot signs with another key",
-         .where = session.url(),
-         .expected = "no key yet, or the one of --signing-key",
-         .found = frames_received(session),
-         .fix = "give the key that it has, or remove that key first (over USB, with the ground station)"});
+    throw Error({.what = "the autopilot signs with another key",
+                 .where = session.url(),
+                 .expected = "no key yet, or the one of --signing-key",
+                 .found = frames_received(session),
+                 .fix = "give the key that it has, or remove that key first (over USB, with the ground station)"});
   }
   session.open();
   return LinkState::unsigned_link;

@@ -1,5 +1,5 @@
-// A blocking request/response session with an autopilot over its MAVLink link, for provisioning on the bench: each request
-// is repeated until it is answered or times out. The service in flight never waits like this.
+// A blocking request/response session with an autopilot over its MAVLink link, for provisioning on the bench: each
+// request is repeated until it is answered or times out. The service in flight never waits like this.
 //
 // The session also knows the key that the autopilot signs its link with: installed over an unsigned link, and verified
 // by what the autopilot signs afterwards.
@@ -28,8 +28,8 @@ class AutopilotSession {
   void open();
   void open_signed(const SigningKey& key, const std::filesystem::path& time_file);
 
-  // Sends the request, if any, every half second until `on_message` accepts an answer. False: timed out, or `ended` says
-  // that there is no point in waiting. Throws Interrupted after Ctrl-C, unless ignored.
+  // Sends the request, if any, every half second until `on_message` accepts an answer. False: timed out, or `ended`
+  // says that there is no point in waiting. Throws Interrupted after Ctrl-C, unless ignored.
   bool request(
       const std::optional<OutgoingMessage>& message, const OnMessage& on_message,
       const std::function<bool()>& ended = [] { return false; });
@@ -59,7 +59,7 @@ enum class LinkState { unsigned_link, signed_with_key };
 
 // Opens the session, signed if the autopilot signs with this key. Throws Error when it signs with another key.
 LinkState open_detected(AutopilotSession& session, const std::optional<SigningKey>& key,
-                            const std::filesystem::path& time_file);
+                        const std::filesystem::path& time_file);
 
 // Sends the key and reopens the session signed. Throws Error when the autopilot does not sign with it.
 void install_key(AutopilotSession& session, MavlinkAddress autopilot, const SigningKey& key,

@@ -23,7 +23,7 @@ using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 using Measured = Eigen::Matrix<double, 6, 1>;
 
 constexpr double kTelemetryMinute_s = 60;  // its errors are correlated for so long: the frames of a minute count as one
-constexpr double kMaxChi2 = 25;  // squared sigmas, six degrees of freedom: an outlier
+constexpr double kMaxChi2 = 25;            // squared sigmas, six degrees of freedom: an outlier
 constexpr double kDelayPrior_s = 0.5, kObservableDelay_s = 0.05, kFixedDelay_s = 0.005;
 constexpr double kFree_rad = 1;  // no prior on the mount
 constexpr int kRounds = 15;
@@ -100,7 +100,9 @@ class Solver {
         const Measured difference = residual(measurements_[i], solution.x);
         const double squared = difference.dot(single_[i] * difference);
         // The first rounds use all measurements with Cauchy weights, the others those inside the gate.
-        const double weight_of_frame = round < kRounds / 3 ? 1 / (1 + squared / kMaxChi2) : squared < kMaxChi2 ? 1.0 : 0.0;
+        const double weight_of_frame = round < kRounds / 3  ? 1 / (1 + squared / kMaxChi2)
+                                       : squared < kMaxChi2 ? 1.0
+                                                            : 0.0;
         if (weight_of_frame == 0) continue;
         ++solution.used;
         squares += squared;
@@ -124,7 +126,8 @@ class Solver {
 
 }  // namespace
 
-std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>& measurements, const BoresightSettings& settings) {
+std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>& measurements,
+                                         const BoresightSettings& settings) {
   if (measurements.size() < 3) return std::nullopt;
   const Solver solver(measurements, settings);
   Solution solution = solver.solve(kDelayPrior_s);
@@ -196,7 +199,7 @@ bool complete(const Telemetry& telemetry) {
 
 // Position, velocity, attitude and its rate at a frame, from its neighbours.
 BoresightMeasurement measurement_at(const std::vector<Telemetry>& frames, std::size_t at, const LocalFrame& frame,
-                        const Attitude& assumed_mount) {
+                                    const Attitude& assumed_mount) {
   const auto aircraft = [&](const Telemetry& telemetry) {
     return aircraft_attitude({*telemetry.heading_rad, *telemetry.pitch_rad, *telemetry.roll_rad}, assumed_mount);
   };
@@ -212,7 +215,8 @@ BoresightMeasurement measurement_at(const std::vector<Telemetry>& frames, std::s
   const Attitude first = aircraft(before), last = aircraft(after);
   measurement.velocity_mps = (place(after) - place(before)) / step_s;
   measurement.rate_rad_s = {wrap_pi(last.heading_rad - first.heading_rad) / step_s,
-                      (last.pitch_rad - first.pitch_rad) / step_s, wrap_pi(last.roll_rad - first.roll_rad) / step_s};
+                            (last.pitch_rad - first.pitch_rad) / step_s,
+                            wrap_pi(last.roll_rad - first.roll_rad) / step_s};
   return measurement;
 }
 

@@ -1,9 +1,11 @@
-// Boresight: how the camera is mounted in the aircraft, from a flight with good GPS. Each frame is matched with the map by
-// itself, beginning at GPS's position; GPS gives the aircraft's position, the autopilot its attitude. What remains between
-// them in all frames alike is the mount. No filter is in between, which would carry one frame's error into the next.
+// Boresight: how the camera is mounted in the aircraft, from a flight with good GPS. Each frame is matched with the map
+// by itself, beginning at GPS's position; GPS gives the aircraft's position, the autopilot its attitude. What remains
+// between them in all frames alike is the mount. No filter is in between, which would carry one frame's error into the
+// next.
 //
-// Robust least squares over seven unknowns: yaw, pitch and roll of the mount, the missing part of the capture delay d, the
-// common offset (e, n) between GPS and map, and the logarithm h of a factor on the height. The prediction of one frame is
+// Robust least squares over seven unknowns: yaw, pitch and roll of the mount, the missing part of the capture delay d,
+// the common offset (e, n) between GPS and map, and the logarithm h of a factor on the height. The prediction of one
+// frame is
 //   position = gps - velocity d + (e, n)
 //   log(true / stated height) = h
 //   attitude = mount composed with (aircraft attitude - rate d)
@@ -52,11 +54,12 @@ struct Boresight {
   Eigen::Vector2d offset_m = Eigen::Vector2d::Zero();
   double height_factor = 1;
   std::size_t used = 0, outliers = 0;  // frames
-  double misfit = 0;                    // mean squared residual in sigmas; about 1 or less when the assumptions hold
+  double misfit = 0;                   // mean squared residual in sigmas; about 1 or less when the assumptions hold
 };
 
 // measurements: in the order of time. nullopt for fewer than three.
-std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>& measurements, const BoresightSettings& settings);
+std::optional<Boresight> solve_boresight(const std::vector<BoresightMeasurement>& measurements,
+                                         const BoresightSettings& settings);
 
 struct BoresightLimits {
   std::size_t min_frames = 20;

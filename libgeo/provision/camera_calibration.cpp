@@ -193,8 +193,8 @@ Calibration calibrate(const BoardImages& images, const Board& board) {
   std::vector<cv::Mat> rotations, translations;
   Calibration result;
   try {
-    result.residual_px = cv::calibrateCamera(objects, corners, images.size, matrix, distortion, rotations,
-                                             translations, sigmas, cv::noArray(), view_residuals);
+    result.residual_px = cv::calibrateCamera(objects, corners, images.size, matrix, distortion, rotations, translations,
+                                             sigmas, cv::noArray(), view_residuals);
   } catch (const cv::Exception& error) {
     throw Error({.what = "the fit of the camera failed", .found = error.err, .fix = "take other images"});
   }
@@ -226,11 +226,10 @@ Findings check_views(const BoardImages& images, const CalibrationLimits& limits)
                   .found = one.reason});
   }
   if (std::cmp_less(images.views.size(), limits.min_views)) {
-    findings.add(
-        {.code = "provision.few_pictures",
-         .expected = fmt::format("at least {} images in which the board is found", limits.min_views),
-         .found = fmt::format("{} of {}", images.views.size(), images.views.size() + images.rejected.size()),
-         .fix = "take more, sharp and with the whole board, and check --board: it counts inner corners"});
+    findings.add({.code = "provision.few_pictures",
+                  .expected = fmt::format("at least {} images in which the board is found", limits.min_views),
+                  .found = fmt::format("{} of {}", images.views.size(), images.views.size() + images.rejected.size()),
+                  .fix = "take more, sharp and with the whole board, and check --board: it counts inner corners"});
   }
   const auto [across, down] = coverage(images);
   if (!images.views.empty() && !(std::min(across, down) >= limits.min_coverage)) {

@@ -1,6 +1,6 @@
-// Camera calibration: focal lengths, principal point and distortion from images of a checkerboard (Zhang 2000, as OpenCV's
-// calibrateCamera does it), and whether the views are sufficient: a fit with a small residual can still be wrong when the
-// board was always in the middle, or never tilted.
+// Camera calibration: focal lengths, principal point and distortion from images of a checkerboard (Zhang 2000, as
+// OpenCV's calibrateCamera does it), and whether the views are sufficient: a fit with a small residual can still be
+// wrong when the board was always in the middle, or never tilted.
 //
 // An unusable image is rejected with its reason: board incomplete, damaged, blurred. An image of another size than the
 // first is an Error, because it is from another camera or mode.

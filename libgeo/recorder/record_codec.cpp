@@ -534,10 +534,10 @@ Bytes encode(const FixRecord& record) {
   return finish(
       builder,
       fbs::CreateFix(builder, record.time_s, record.unix_us, static_cast<std::uint8_t>(record.fix_type),
-                     static_cast<fbs::FixSource>(static_cast<std::uint8_t>(record.source)), record.place ? &at : nullptr,
-                     optional(record.msl_m), optional(record.accuracy_m), optional(record.vertical_accuracy_m),
-                     optional(record.north_mps), optional(record.east_mps), optional(record.down_mps),
-                     optional(record.speed_accuracy_mps), gps));
+                     static_cast<fbs::FixSource>(static_cast<std::uint8_t>(record.source)),
+                     record.place ? &at : nullptr, optional(record.msl_m), optional(record.accuracy_m),
+                     optional(record.vertical_accuracy_m), optional(record.north_mps), optional(record.east_mps),
+                     optional(record.down_mps), optional(record.speed_accuracy_mps), gps));
 }
 
 bool decode(ByteView bytes, FixRecord& record) {

@@ -142,11 +142,26 @@ struct FixRecord {
 };
 
 // In the order of Topic.
-using Record = std::variant<SessionRecord, InputRecord, FrameRecord, EstimateRecord, AnchorRecord, StateRecord,
-                            TileRecord, HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord, FixRecord>;
+using Record =
+    std::variant<SessionRecord, InputRecord, FrameRecord, EstimateRecord, AnchorRecord, StateRecord, TileRecord,
+                 HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord, FixRecord>;
 
 // In the order of Record's alternatives.
-enum class Topic { session, input, picture, estimate, anchor, state, tile, health, thumbnail, recorder, end, hint, fix };
+enum class Topic {
+  session,
+  input,
+  picture,
+  estimate,
+  anchor,
+  state,
+  tile,
+  health,
+  thumbnail,
+  recorder,
+  end,
+  hint,
+  fix
+};
 inline constexpr std::size_t kTopics = 13;
 
 inline Topic topic_of(const Record& record) { return static_cast<Topic>(record.index()); }

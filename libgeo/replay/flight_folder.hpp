@@ -17,9 +17,9 @@ namespace nadir {
 struct Flight {
   CameraFile camera;
   std::filesystem::path frames_folder;
-  std::vector<Telemetry> frames;         // in order of time
+  std::vector<Telemetry> frames;       // in order of time
   std::size_t images_without_row = 0;  // ignored: they have no telemetry
-  std::vector<std::string> files;        // names of the images, where they differ from those of the frames
+  std::vector<std::string> files;      // names of the images, where they differ from those of the frames
 
   std::filesystem::path image_path(std::size_t frame) const {
     return frames_folder / (files.empty() ? frames[frame].frame : files[frame]);
@@ -32,8 +32,8 @@ struct FlightPaths {
   std::filesystem::path camera;
 };
 
-// Rejects: an empty table or folder, rows out of time order, a frame named twice or missing, NaN, angles and heights out
-// of range, images of another size than the camera's.
+// Rejects: an empty table or folder, rows out of time order, a frame named twice or missing, NaN, angles and heights
+// out of range, images of another size than the camera's.
 Flight read_flight(const FlightPaths& paths);
 
 // The table alone (frames' names are checked for form, not for existence).
@@ -53,8 +53,8 @@ ImageSize read_image_size(const std::filesystem::path& path);
 // rejects the frame.
 cv::Mat read_grey_image(const std::filesystem::path& path, int shrink = 1);
 
-// Decoded as in flight (decode_camera_frame()); `camera` is that of the decoded image. Empty also when the size does not
-// match.
+// Decoded as in flight (decode_camera_frame()); `camera` is that of the decoded image. Empty also when the size does
+// not match.
 cv::Mat read_flight_image(const std::filesystem::path& path, const CameraModel& camera, int shrink);
 
 }  // namespace nadir

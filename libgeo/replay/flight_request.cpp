@@ -5,13 +5,13 @@
 #include <ostream>
 #include <string>
 
-#include "base/error.hpp"
 #include "base/digest.hpp"
+#include "base/error.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "estimation/localizer.hpp"
 #include "ortho/candidate_sidecar.hpp"
 #include "recorder/record_codec.hpp"
-#include "estimation/localizer.hpp"
 #include "trust/root.hpp"
 #include "vision/place_index.hpp"
 
@@ -28,10 +28,8 @@ OdometryFactory odometry_named(std::string_view name) {
 
 MapMatcherFactory matcher_named(std::string_view name) {
   if (name == "channels") return make_channel_matcher;
-  throw UsageError({.what = "unknown map matcher",
-                    .where = "--matcher",
-                    .expected = "channels",
-                    .found = std::string(name)});
+  throw UsageError(
+      {.what = "unknown map matcher", .where = "--matcher", .expected = "channels", .found = std::string(name)});
 }
 
 }  // namespace
@@ -70,12 +68,8 @@ void FlightRequest::declare(Options& options, Map map) {
   options.value("--at", at_, "TIME", "evaluate validity as of this time; the present by default");
   options.value("--start", start_, "LON,LAT",
                 "position of the first frame; without it the whole mission area is searched");
-  options
-      .value("--odometry", odometry_, "NAME",
-             "visual odometry: features (SIFT)").one_of({"features"});
-  options
-      .value("--matcher", matcher_, "NAME",
-             "map matching: channels (oriented gradients)")
+  options.value("--odometry", odometry_, "NAME", "visual odometry: features (SIFT)").one_of({"features"});
+  options.value("--matcher", matcher_, "NAME", "map matching: channels (oriented gradients)")
       .one_of({"channels"})
       .needs("--package");
   options.value("--recorder", recorder_, "DIR",

@@ -1,5 +1,5 @@
-// Which flight is replayed, and over which map: the options that `nadir replay` and `nadir ortho` share, and what both do
-// with them.
+// Which flight is replayed, and over which map: the options that `nadir replay` and `nadir ortho` share, and what both
+// do with them.
 #pragma once
 
 #include <filesystem>
@@ -15,8 +15,8 @@
 #include "geodesy/lon_lat.hpp"
 #include "package/open_package.hpp"
 #include "replay/flight_folder.hpp"
-#include "replay/recorded_flight.hpp"
 #include "replay/poses_file.hpp"
+#include "replay/recorded_flight.hpp"
 #include "replay/replay_flight.hpp"
 #include "vision/place_index.hpp"
 
@@ -28,8 +28,8 @@ struct FlightMapPaths {
   std::optional<std::string> airframe;
 };
 
-// The map of a replay: a package that is verified as the aircraft would verify it. No package when there are findings of
-// severity refuse.
+// The map of a replay: a package that is verified as the aircraft would verify it. No package when there are findings
+// of severity refuse.
 Opening open_flight_map(const FlightMapPaths& paths, UtcTime now, Progress& progress);
 
 // All that a replay needs, each part at a stable address.

@@ -90,8 +90,9 @@ void check_pictures(const RecordedFlight& recorded, const std::vector<InputRecor
   for (std::size_t i = 0; i < inputs.size(); ++i) {
     const fs::path path = recorded.flight.image_path(i);
     if (inputs[i].picture_bytes == 0) continue;  // it was missing then as well
-    const bool there = plain_name(recorded.flight.files.empty() ? inputs[i].telemetry.frame : recorded.flight.files[i]) &&
-                       fs::is_regular_file(path);
+    const bool there =
+        plain_name(recorded.flight.files.empty() ? inputs[i].telemetry.frame : recorded.flight.files[i]) &&
+        fs::is_regular_file(path);
     if (there && sha256_file(path) == inputs[i].picture) continue;
     throw UsageError(
         {.what = there ? "this is not the image of the flight" : "an image of the flight is missing",

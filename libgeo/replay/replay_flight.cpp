@@ -73,7 +73,8 @@ void RecordedOrder::add(const FrameReport& report, std::vector<EstimateRecord>& 
   estimates.push_back({index_, report.estimate, report.odometry, report.state});
 }
 
-void RecordedOrder::replay_events_until(std::uint64_t before, FrameReport& report, std::vector<EstimateRecord>& estimates) {
+void RecordedOrder::replay_events_until(std::uint64_t before, FrameReport& report,
+                                        std::vector<EstimateRecord>& estimates) {
   if (recorded_ == nullptr) return;
   const auto& between = recorded_->between;
   for (; next_ < between.size() && frame_after(between[next_]) <= before; ++next_) {

@@ -10,18 +10,18 @@
 #include "geodesy/local_frame.hpp"
 #include "geodesy/region.hpp"
 #include "imagery/tile_source.hpp"
-#include "replay/track_files.hpp"
 #include "replay/flight_folder.hpp"
 #include "replay/recorded_flight.hpp"
-#include "replay/score.hpp"
 #include "replay/report.hpp"
+#include "replay/score.hpp"
+#include "replay/track_files.hpp"
 #include "vision/ground_surface.hpp"
 #include "vision/map_matcher.hpp"
 
 namespace nadir {
 
 struct ReplayedFlight {
-  std::vector<FrameReport> frames;   // without their images
+  std::vector<FrameReport> frames;        // without their images
   std::vector<EstimateRecord> published;  // every estimate, also those of late anchors
   std::vector<Estimate> refined;
   std::vector<std::optional<FramePose>> poses;  // Localizer::refined_poses()
@@ -35,7 +35,7 @@ struct ReplaySetup {
   std::optional<LonLat> start;
   std::optional<PlaneBox> area;            // where the flight can be, when its start is not known
   const GroundSurface* surface = nullptr;  // null: flat ground
-  const PlaceRetrieval* places = nullptr;     // null: when lost, all of the area is searched
+  const PlaceRetrieval* places = nullptr;  // null: when lost, all of the area is searched
   OdometryFactory odometry = make_feature_odometry;
   MapMatcherFactory matcher = make_channel_matcher;
   ReplayRecording* recording = nullptr;      // where it is recorded, if anywhere

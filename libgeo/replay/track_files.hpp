@@ -1,5 +1,5 @@
-// The track of a replay as files: estimates.csv and refined.csv (one row per frame, on disk as soon as it is computed) and
-// track.geojson (RFC 7946: the track and the truth as lines, every estimate as a point with its figures).
+// The track of a replay as files: estimates.csv and refined.csv (one row per frame, on disk as soon as it is computed)
+// and track.geojson (RFC 7946: the track and the truth as lines, every estimate as a point with its figures).
 #pragma once
 
 #include <filesystem>

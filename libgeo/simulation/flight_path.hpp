@@ -15,8 +15,8 @@ struct FlightPose {
   double time_s = 0;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // of the camera, in the flight's frame
   Attitude attitude;
-  double agl_m = 0;                                    // above the ground straight below
-  double pressure_agl_m = 0;                           // above a smoothed terrain, as a barometer measures it
+  double agl_m = 0;                                        // above the ground straight below
+  double pressure_agl_m = 0;                               // above a smoothed terrain, as a barometer measures it
   Eigen::Vector2d velocity_mps = Eigen::Vector2d::Zero();  // over ground
 };
 

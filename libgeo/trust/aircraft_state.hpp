@@ -25,9 +25,9 @@ inline constexpr std::uint64_t kMaxStateSize = std::uint64_t{1} << 22;
 inline constexpr std::int64_t kMaxTrustedLead_s = 30 * 86'400;
 
 struct AircraftState {
-  std::map<std::string, std::int64_t> highest_sequence;  // accepted, by series
+  std::map<std::string, std::int64_t> highest_sequence;   // accepted, by series
   std::map<std::string, std::int64_t> airframe_sequence;  // highest accepted of airframe.json, by airframe
-  std::int64_t root_version = 0;                         // 0: none seen
+  std::int64_t root_version = 0;                          // 0: none seen
   std::optional<UtcTime> last_trusted_time;
   // Documents of the roots that came with packages, by version, with their signatures: each is verified again from the
   // installed root on, so that the state alone cannot appoint a signer.

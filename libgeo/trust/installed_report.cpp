@@ -18,7 +18,8 @@ constexpr std::int64_t kMaxReportNumber = std::int64_t{1} << 53;
 
 bool plain_name(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' ||
+           c == '-';
   });
 }
 
@@ -85,14 +86,16 @@ SignedInstalledReport parse_installed_report(std::string_view text, std::string_
   }
   const json document = parse_json(text, name, {.max_depth = 4, .allow_floats = false});
   SignedDocument parts = split_signed_document(document, name);
-  const JsonReader in(document, {.name = std::string(name), .what = "cannot accept this report of an installed package"});
+  const JsonReader in(document,
+                      {.name = std::string(name), .what = "cannot accept this report of an installed package"});
   return {read_report(in.object("signed")), std::move(parts)};
 }
 
 SignatureCheck check_installed_signature(const TrustRoot& root, const SignedInstalledReport& report,
                                          std::optional<UtcTime> at) {
   return check_tile_signatures(root, report.report.airframe, report.document.signatures, kInstalledPayloadType,
-                               as_bytes(report.document.signed_bytes), at, "report of airframe " + report.report.airframe);
+                               as_bytes(report.document.signed_bytes), at,
+                               "report of airframe " + report.report.airframe);
 }
 
 std::int64_t next_report_number(const std::optional<std::string>& last, UtcTime now) {

@@ -8,9 +8,9 @@
 
 #include <algorithm>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 
 namespace nadir {
 namespace fs = std::filesystem;

@@ -36,8 +36,8 @@ class PublicKey {
 
 class PrivateKey {
  public:
-  // Throws UsageError for everything that is not an unencrypted Ed25519 private key, and for a file that other users may
-  // access (mode wider than 0600).
+  // Throws UsageError for everything that is not an unencrypted Ed25519 private key, and for a file that other users
+  // may access (mode wider than 0600).
   static PrivateKey read(const std::filesystem::path& pem_file);
   static PrivateKey generate();  // from the operating system's randomness
 

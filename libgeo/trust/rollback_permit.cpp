@@ -68,13 +68,14 @@ Findings check_permit(const SignedPermit& permit, const TrustRoot& root, const R
   const RollbackPermit& granted = permit.permit;
   require(granted.series == request.series, "a permit for series " + request.series, "for series " + granted.series);
   require(granted.from == request.from && granted.to == request.to,
-         fmt::format("a permit from sequence {} to {}", request.from, request.to),
-         fmt::format("from {} to {}", granted.from, granted.to));
+          fmt::format("a permit from sequence {} to {}", request.from, request.to),
+          fmt::format("from {} to {}", granted.from, granted.to));
   require(!granted.airframe || granted.airframe == request.airframe,
-         request.airframe ? "a permit for airframe " + *request.airframe : "a permit for every airframe, because none was given",
-         "for airframe " + granted.airframe.value_or(""));
+          request.airframe ? "a permit for airframe " + *request.airframe
+                           : "a permit for every airframe, because none was given",
+          "for airframe " + granted.airframe.value_or(""));
   require(request.at < granted.expires, "a permit that is valid at " + to_rfc3339(request.at),
-         "expired " + to_rfc3339(granted.expires));
+          "expired " + to_rfc3339(granted.expires));
   return findings;
 }
 

@@ -20,7 +20,8 @@ constexpr std::uint32_t kMaxThreshold = 32;
 constexpr std::int64_t kMaxVersion = std::int64_t{1} << 31;
 constexpr int kMaxChain = 256;  // more roots than an aircraft sees in its life
 constexpr const char* kExpiredRootKey =
-    "if the clock is right, let root keys sign that have not expired; where too few are left, install the newest root by "
+    "if the clock is right, let root keys sign that have not expired; where too few are left, install the newest root "
+    "by "
     "hand";
 
 std::set<std::string> read_key_ids(const JsonReader& in, const char* name) {
@@ -182,10 +183,10 @@ RootSuccession follow_root_chain(TrustRoot trusted, const RootLookup& find, UtcT
       chain.newer.emplace(chain.root.version, document->text);
     } catch (const Error& error) {
       chain.findings.add({.code = "root.invalid",
-                         .where = document->where,
-                         .expected = error.text().expected.empty() ? "a root of trust" : error.text().expected,
-                         .found = error.text().found.empty() ? error.text().what : error.text().found,
-                         .fix = "get the package again from its makers"});
+                          .where = document->where,
+                          .expected = error.text().expected.empty() ? "a root of trust" : error.text().expected,
+                          .found = error.text().found.empty() ? error.text().what : error.text().found,
+                          .fix = "get the package again from its makers"});
       break;
     }
   }

@@ -20,8 +20,8 @@
 
 #include "base/error.hpp"
 #include "base/time.hpp"
-#include "trust/signed_document.hpp"
 #include "trust/keys.hpp"
+#include "trust/signed_document.hpp"
 
 namespace nadir {
 
@@ -77,14 +77,14 @@ Findings check_self(const SignedRoot& root);
 // Is `next` a valid successor of the trusted root? Findings root.rollback (its version is not exactly one more),
 // signature.invalid, signature.missing, key.expired.
 //
-// at: when it is accepted. A root says nothing reliable about when it was signed, so a key with a date of its own appoints
-// only until then: whoever finds an expired key could date a root back. nullopt: a root that was accepted earlier, by
-// the clock of then.
+// at: when it is accepted. A root says nothing reliable about when it was signed, so a key with a date of its own
+// appoints only until then: whoever finds an expired key could date a root back. nullopt: a root that was accepted
+// earlier, by the clock of then.
 Findings check_succession(const TrustRoot& trusted, const SignedRoot& next, std::optional<UtcTime> at);
 
 struct RootDocument {
   std::string text;
-  std::string where;             // for findings
+  std::string where;              // for findings
   bool accepted_earlier = false;  // its signers' dates were judged then
 };
 

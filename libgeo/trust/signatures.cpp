@@ -11,7 +11,7 @@ namespace {
 
 // Why a signature does not count; nullopt when it does.
 std::optional<Finding> rejection_of(const TrustRoot& root, const Role& role, const EnvelopeSignature& signature,
-                                 ByteView signed_bytes, std::optional<UtcTime> at) {
+                                    ByteView signed_bytes, std::optional<UtcTime> at) {
   const auto known = root.keys.find(signature.keyid);
   if (root.revoked.contains(signature.keyid)) {
     return Finding{.code = "key.revoked",
@@ -142,7 +142,8 @@ Findings check_airframe(const TrustRoot& root, ByteView airframe, const std::opt
   return findings;
 }
 
-Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* state, UtcTime at, std::string_view where) {
+Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* state, UtcTime at,
+                            std::string_view where) {
   Findings findings;
   std::int64_t accepted = 0;
   if (state != nullptr) {
@@ -150,12 +151,13 @@ Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* st
     if (remembered != state->airframe_sequence.end()) accepted = remembered->second;
   }
   if (file.sequence.value_or(0) < accepted) {
-    findings.add({.code = "airframe.rollback",
-                  .where = std::string(where),
-                  .expected = fmt::format("sequence {} or higher, because this aircraft has accepted {}", accepted, accepted),
-                  .found = file.sequence ? fmt::format("sequence {}", *file.sequence) : "no sequence",
-                  .fix = fmt::format("put the newest file back, or provision the aircraft again with --sequence {}",
-                                     accepted + 1)});
+    findings.add(
+        {.code = "airframe.rollback",
+         .where = std::string(where),
+         .expected = fmt::format("sequence {} or higher, because this aircraft has accepted {}", accepted, accepted),
+         .found = file.sequence ? fmt::format("sequence {}", *file.sequence) : "no sequence",
+         .fix = fmt::format("put the newest file back, or provision the aircraft again with --sequence {}",
+                            accepted + 1)});
   }
   if (file.expires && *file.expires <= at) {
     findings.add({.code = "airframe.expired",
@@ -165,12 +167,15 @@ Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* st
                   .fix = "if the clock is right, provision the aircraft again with a later --expires"});
   }
   if (!file.sequence || !file.expires) {
-    findings.add({.code = "airframe.undated",
-                  .severity = Severity::warning,
-                  .where = std::string(where),
-                  .expected = "a sequence and an end of validity",
-                  .found = file.sequence ? "no end of validity" : file.expires ? "no sequence" : "neither",
-                  .fix = "provision the aircraft again with --sequence and --expires; the next release rejects such files"});
+    findings.add(
+        {.code = "airframe.undated",
+         .severity = Severity::warning,
+         .where = std::string(where),
+         .expected = "a sequence and an end of validity",
+         .found = file.sequence  ? "no end of validity"
+                  : file.expires ? "no sequence"
+                                 : "neither",
+         .fix = "provision the aircraft again with --sequence and --expires; the next release rejects such files"});
   }
   return findings;
 }

@@ -16,7 +16,7 @@ namespace nadir {
 struct AircraftState;
 
 struct SignatureCheck {
-  Findings findings;                 // of severity refuse when there are fewer valid signatures than the role's threshold
+  Findings findings;  // of severity refuse when there are fewer valid signatures than the role's threshold
   std::vector<std::string> signers;  // key ids
 };
 
@@ -59,6 +59,7 @@ struct AirframeFileAge {
 // back, with the camera or the addresses of then. Findings: airframe.expired; airframe.rollback when this aircraft has
 // accepted a higher sequence; airframe.undated, a warning in this release, where one of the two is missing.
 // state: nullptr without memory.
-Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* state, UtcTime at, std::string_view where);
+Findings check_airframe_age(const AirframeFileAge& file, const AircraftState* state, UtcTime at,
+                            std::string_view where);
 
 }  // namespace nadir

@@ -1,5 +1,5 @@
-// Signatures over documents, by DSSE (Dead Simple Signing Envelope, v1; github.com/secure-systems-lab/dsse, protocol.md).
-// Signed is the pre-authentication encoding
+// Signatures over documents, by DSSE (Dead Simple Signing Envelope, v1; github.com/secure-systems-lab/dsse,
+// protocol.md). Signed is the pre-authentication encoding
 //   "DSSEv1" SP length(type) SP type SP length(body) SP body
 // so that neither type nor body can be taken for something else. There are two forms:
 //

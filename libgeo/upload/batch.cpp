@@ -5,10 +5,10 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "base/json.hpp"
 #include "ortho/candidate_sidecar.hpp"
-#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

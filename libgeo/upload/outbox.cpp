@@ -43,7 +43,7 @@ std::optional<TileState> parse_tile_state(std::string_view name) {
 
 std::string_view outbox_statements(std::int64_t version) {
   const std::array<std::string_view, kOutboxVersion> all{outbox_sql::tables, outbox_sql::strikes, outbox_sql::damaged,
-                                                           outbox_sql::installed};
+                                                         outbox_sql::installed};
   return all.at(static_cast<std::size_t>(version - 1));
 }
 

@@ -44,7 +44,8 @@ OutboxReport report_outbox(const OutboxDatabase& outbox) {
       " FROM batch WHERE stage <> 'done' ORDER BY id");
   while (batches.step()) {
     const std::int64_t not_before_ms = batches.integer(5);
-    if (not_before_ms < 0 || not_before_ms > kLatest_ms) refuse_setting("a time before the year 10000", batches.text(5));
+    if (not_before_ms < 0 || not_before_ms > kLatest_ms)
+      refuse_setting("a time before the year 10000", batches.text(5));
     report.batches.push_back({std::string(batches.text(0)), std::string(batches.text(1)), std::string(batches.text(2)),
                               std::string(batches.text(3)), batches.integer(7), batches.integer(8),
                               static_cast<int>(batches.integer(4)), not_before_ms, std::string(batches.text(6))});

@@ -76,7 +76,7 @@ PackReader::PackReader(std::uint64_t length, Announced announced, Take take)
     : length_(length), announced_(std::move(announced)), take_(std::move(take)) {
   if (length_ > kMaxPackSize || length_ <= kPackHeadSize + kPackEntrySize) {
     refuse_pack(fmt::format("a pack of {} to {} bytes", kPackHeadSize + kPackEntrySize + 1, kMaxPackSize),
-           fmt::format("{} bytes", length_));
+                fmt::format("{} bytes", length_));
   }
 }
 
@@ -133,12 +133,12 @@ void PackReader::read_entries() {
     entry.size = u32_at(bytes, entry.sha256.bytes.size());
     if (entry.size == 0 || entry.size > kMaxPackTileSize) {
       refuse_pack(fmt::format("tiles of 1 to {} bytes", kMaxPackTileSize),
-             fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
+                  fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
     }
     if (!seen.insert(entry.sha256).second) refuse_pack("each tile once", entry.sha256.hex() + " twice");
     if (!announced_(entry)) {
       refuse_pack("only tiles that were announced, with the size announced",
-             fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
+                  fmt::format("{} of {} bytes", entry.sha256.hex(), entry.size));
     }
     size += entry.size;
   }

@@ -8,10 +8,10 @@
 #include <nlohmann/json.hpp>
 #include <span>
 
+#include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "base/json.hpp"
 #include "base/printable.hpp"
-#include "base/bytes.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
 #include "upload/reason_code.hpp"

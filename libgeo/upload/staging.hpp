@@ -20,8 +20,8 @@ namespace nadir {
 // but for those that were set aside as damaged: these take their place. How many are new or repaired.
 std::int64_t stage_candidates(OutboxDatabase& outbox, std::span<const Candidate> candidates, std::int64_t now_ms);
 
-// Puts in what an aircraft reported to have installed, in the place of an earlier report of it. False: this report, or a
-// later one, is there already.
+// Puts in what an aircraft reported to have installed, in the place of an earlier report of it. False: this report, or
+// a later one, is there already.
 bool stage_installed(OutboxDatabase& outbox, const SignedInstalledReport& report);
 
 struct SealedSum {

@@ -395,7 +395,8 @@ Bytes Transfer::pack_bytes(const OpenPack& pack) const {
 }
 
 VerdictSum Transfer::verdicts(const OpenBatch& batch, const StatusReply& answer, std::int64_t now_ms) {
-  if (answer.upload != batch.upload || answer.batch != batch.uuid) refuse_reply("upload " + batch.upload, answer.upload);
+  if (answer.upload != batch.upload || answer.batch != batch.uuid)
+    refuse_reply("upload " + batch.upload, answer.upload);
   const auto tiles = tiles_of(outbox_, batch.id);
   Partition partition(tiles, TileState::sent);
   VerdictSum sum;

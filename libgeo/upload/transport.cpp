@@ -111,7 +111,8 @@ int look_around(void* user, curl_off_t, curl_off_t received, curl_off_t, curl_of
   auto& exchange = *static_cast<Exchange*>(user);
   try {
     (*exchange.check)();
-    exchange.too_slow = !exchange.rate->keeps_up(static_cast<std::uint64_t>(sent), static_cast<std::uint64_t>(received));
+    exchange.too_slow =
+        !exchange.rate->keeps_up(static_cast<std::uint64_t>(sent), static_cast<std::uint64_t>(received));
     return exchange.too_slow ? 1 : 0;
   } catch (...) {
     exchange.stopped = std::current_exception();
@@ -176,8 +177,7 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   exchange.unsent = request.body;
   exchange.largest_reply = settings_.largest_reply;
   exchange.check = &check_;
-  TransferRate rate(request.body.size(), settings_.slowest_bytes_s,
-                    std::chrono::seconds(settings_.stall_timeout_s));
+  TransferRate rate(request.body.size(), settings_.slowest_bytes_s, std::chrono::seconds(settings_.stall_timeout_s));
   exchange.rate = &rate;
   set(easy, CURLOPT_URL, (settings_.address + request.path).c_str());
   set(easy, CURLOPT_PROTOCOLS_STR, "http,https");
@@ -224,7 +224,8 @@ HttpResult CurlTransport::exchange(const HttpRequest& request) {
   if (exchange.stopped) std::rethrow_exception(exchange.stopped);
   if (exchange.too_large) return NoReply{fmt::format("an answer of more than {} bytes", settings_.largest_reply)};
   if (exchange.too_slow) {
-    return NoReply{fmt::format("slower than {} bytes/s for {} s", settings_.slowest_bytes_s, settings_.stall_timeout_s)};
+    return NoReply{
+        fmt::format("slower than {} bytes/s for {} s", settings_.slowest_bytes_s, settings_.stall_timeout_s)};
   }
   if (code == CURLE_SEND_FAIL_REWIND) return NoReply{"the connection was lost"};
   if (code != CURLE_OK) return NoReply{curl_easy_strerror(code)};

@@ -53,10 +53,10 @@ struct UploadOutcome {
   std::int64_t refused = 0;  // at the announcement
   std::int64_t parked = 0;
   std::int64_t reports_sent = 0, reports_refused = 0, reports_waiting = 0;  // of installed packages
-  std::int64_t retries = 0;      // failed calls
-  std::uint64_t body_bytes = 0;  // of pack parts, failed ones included
-  bool finished = true;          // no tile waits for anything
-  std::string waits_for{};       // why not
+  std::int64_t retries = 0;                                                 // failed calls
+  std::uint64_t body_bytes = 0;                                             // of pack parts, failed ones included
+  bool finished = true;                                                     // no tile waits for anything
+  std::string waits_for{};                                                  // why not
 };
 
 // Receives lines for people: what delays the uploader.
@@ -78,10 +78,10 @@ class Uploader {
         options_(options),
         part_bytes_(options.part_bytes) {}
 
-  // First each aircraft's report of what it has installed, once: no tile waits for it, and one that the service does not
-  // take now goes with the next run. Then tiles, until every one has its verdict or is parked, or patience ends. Throws
-  // Error when the token is not accepted or the
-  // address is not the service's, Interrupted when the user interrupts.
+  // First each aircraft's report of what it has installed, once: no tile waits for it, and one that the service does
+  // not take now goes with the next run. Then tiles, until every one has its verdict or is parked, or patience ends.
+  // Throws Error when the token is not accepted or the address is not the service's, Interrupted when the user
+  // interrupts.
   UploadOutcome run();
 
  private:

@@ -39,11 +39,12 @@ class VerifyRequest {
 
   UtcTime evaluated_at() const { return evaluated_at_; }  // after open()
 
-  // Whether the aircraft's own acceptance is remembered: not without a state, and not as of another time than now (--at).
+  // Whether the aircraft's own acceptance is remembered: not without a state, and not as of another time than now
+  // (--at).
   bool remembers() const { return state_.has_value() && !at_; }
 
-  // An accepted package, as verify_package() or open_package() returns it. As of another time (--at), sequence and roots are
-  // remembered, the time never is: a trial may not make the clock of now look wrong.
+  // An accepted package, as verify_package() or open_package() returns it. As of another time (--at), sequence and
+  // roots are remembered, the time never is: a trial may not make the clock of now look wrong.
   template <typename Accepted>
   void record_acceptance(const Manifest& manifest, const Accepted& accepted) {
     remember(manifest, accepted.root_version, accepted.newer_roots, accepted.time_reset);

@@ -89,7 +89,8 @@ struct Airframe {
   std::uint8_t component = 197;  // ours; MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
   std::uint8_t link = 1;         // our link id in signatures
   std::uint8_t gps_id = 0;       // of GPS_INPUT
-  // Of the file: counts the aircraft's files up, so that it accepts no earlier one. Files of before this exists have neither.
+  // Of the file: counts the aircraft's files up, so that it accepts no earlier one. Files of before this exists have
+  // neither.
   std::optional<std::int64_t> sequence{};
   std::optional<UtcTime> expires{};
 };

@@ -39,7 +39,7 @@ struct AnchorMatch {
   bool on_map = true;  // false: the window holds no map
   // The worst CE90 that the tiles beneath the solved pose's footprint state; nothing where none states any.
   std::optional<double> map_ce90_m;
-  cv::Mat rectified;   // grey, as matched in the last round
+  cv::Mat rectified;  // grey, as matched in the last round
   cv::Mat matched_map;
 };
 

@@ -89,11 +89,11 @@ struct PlaceQuery {
 };
 
 struct PlaceCandidate {
-  std::size_t chunk = 0;  // of the map, by the retrieval's numbers
-  LonLat centre;          // of the chunk
-  double side_m = 0;      // of the chunk, whose sides run north and east
-  double score = -1;      // cosine, at most 1
-  double turn_rad = 0;    // to be added to the assumed heading
+  std::size_t chunk = 0;                               // of the map, by the retrieval's numbers
+  LonLat centre;                                       // of the chunk
+  double side_m = 0;                                   // of the chunk, whose sides run north and east
+  double score = -1;                                   // cosine, at most 1
+  double turn_rad = 0;                                 // to be added to the assumed heading
   Eigen::Vector2d offset_m = Eigen::Vector2d::Zero();  // of the query's middle from the centre; good to side / 6
 };
 

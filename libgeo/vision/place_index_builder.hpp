@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "base/progress.hpp"
 #include "base/digest.hpp"
+#include "base/progress.hpp"
 #include "vision/place_index.hpp"
 
 namespace nadir {

@@ -16,8 +16,8 @@
 #include <vector>
 
 #include "base/bytes.hpp"
-#include "base/progress.hpp"
 #include "base/digest.hpp"
+#include "base/progress.hpp"
 #include "geodesy/lon_lat.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "vision/place_descriptor.hpp"

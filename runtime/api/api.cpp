@@ -99,7 +99,9 @@ std::optional<Problem> Api::access(const ApiRequest& request, std::string_view p
   if (!options_.token) {
     return Problem{.status = 401,
                    .type = "token",
-                   .detail = "a hint needs Authorization: Bearer TOKEN, with the token of the file api-token in the service's state folder"};
+                   .detail =
+                       "a hint needs Authorization: Bearer TOKEN, with the token of the file api-token in the "
+                       "service's state folder"};
   }
   return Problem{.status = 401, .type = "token", .detail = "send Authorization: Bearer TOKEN"};
 }
@@ -200,9 +202,10 @@ ApiResponse Api::take_hint(const ApiRequest& request) const {
   const auto parsed = parse_hint(request);
   if (const auto* problem = std::get_if<Problem>(&parsed)) return answer(*problem);
   if (!hint_is_due()) {
-    ApiResponse refusal = answer({.status = 429,
-                                  .type = "too-many-hints",
-                                  .detail = fmt::format("hints are taken every {} s; the last one still applies", kHintPeriod_s)});
+    ApiResponse refusal =
+        answer({.status = 429,
+                .type = "too-many-hints",
+                .detail = fmt::format("hints are taken every {} s; the last one still applies", kHintPeriod_s)});
     refusal.headers.emplace_back("Retry-After", fmt::format("{:.0f}", std::ceil(kHintPeriod_s)));
     return refusal;
   }

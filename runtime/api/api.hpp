@@ -31,8 +31,8 @@ struct ApiOptions {
   std::optional<Sha256> token;    // digest of the bearer token that every call under /v1/ must bring
   // Digest of the one that a hint must bring where the others need none. nullopt: none.
   std::optional<Sha256> hint_token{};
-  bool loopback = true;           // then the Host must be a loopback name, against DNS rebinding
-  double stalled_after_s = 2;     // the flight's thread is silent for so long: /v1/health says so
+  bool loopback = true;        // then the Host must be a loopback name, against DNS rebinding
+  double stalled_after_s = 2;  // the flight's thread is silent for so long: /v1/health says so
 };
 
 class Api final : public HttpHandler {

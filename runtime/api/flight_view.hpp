@@ -99,7 +99,7 @@ struct PackageView {
   int min_zoom = 0, max_zoom = 0;
   std::uint64_t tiles = 0;
   std::uint64_t corrupt_tiles = 0;  // found while reading
-  bool terrain = false;  // an elevation model; else flat ground
+  bool terrain = false;             // an elevation model; else flat ground
   std::optional<LonLatBox> bounds;
   std::vector<LonLat> route;
 };

@@ -84,19 +84,17 @@ json state_json(const FlightView& view, double age_s) {
     document["velocity"] = {{"east_m_s", number(view.velocity->east_mps)},
                             {"north_m_s", number(view.velocity->north_mps)}};
   }
-  document["frames"] = {
-      {"received", view.frames.received}, {"dropped", view.frames.dropped}, {"per_s", number(view.frames.per_s)},
-      {"age_s", age_of(view.frames.last_s)}};
+  document["frames"] = {{"received", view.frames.received},
+                        {"dropped", view.frames.dropped},
+                        {"per_s", number(view.frames.per_s)},
+                        {"age_s", age_of(view.frames.last_s)}};
   document["anchors"] = {{"accepted", view.anchors.accepted},
                          {"failed", view.anchors.failed},
                          {"rejected", view.anchors.rejected},
                          {"rejected_by", counts(view.anchors.rejected_by)}};
-  document["link"] = {{"connected", view.link.connected},
-                      {"signed", view.link.signed_frames},
-                      {"age_s", age_of(view.link.heard_s)},
-                      {"fixes_sent", view.link.fixes_sent},
-                      {"rivals", view.link.rivals},
-                      {"rejected_by", counts(view.link.rejected_by)},
+  document["link"] = {{"connected", view.link.connected},   {"signed", view.link.signed_frames},
+                      {"age_s", age_of(view.link.heard_s)}, {"fixes_sent", view.link.fixes_sent},
+                      {"rivals", view.link.rivals},         {"rejected_by", counts(view.link.rejected_by)},
                       {"stations", json::array()}};
   for (const LinkView::Station& station : view.link.stations) {
     document["link"]["stations"].push_back({{"role", station.role},

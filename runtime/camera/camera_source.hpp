@@ -38,10 +38,10 @@ struct CameraFrame {
 
 enum class CameraStatus {
   frame,
-  timeout,  // no frame within the time, or stop was requested
+  timeout,    // no frame within the time, or stop was requested
   bad_frame,  // one image is unusable; the next one may be there already
   failure,    // the camera is gone or delivers invalid images; it may recover: try again
-  ended,    // no more frames: the end of a video
+  ended,      // no more frames: the end of a video
 };
 
 struct CameraReading {

@@ -54,9 +54,7 @@ SystemState system_state(ServiceState state) {
 
 }  // namespace
 
-std::string_view name_of(StationRole role) {
-  return role == StationRole::ground_station ? "ground station" : "logger";
-}
+std::string_view name_of(StationRole role) { return role == StationRole::ground_station ? "ground station" : "logger"; }
 
 AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener)
     : airframe_(setup.airframe),
@@ -159,8 +157,8 @@ void AutopilotLink::run(const std::stop_token& stop) {
 // Ground stations get what is meant for people, loggers all.
 void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t now_us) {
   link_.send(message, now_us);
-  const bool for_people = std::holds_alternative<OwnHeartbeat>(message) || std::holds_alternative<StatusText>(message) ||
-                          std::holds_alternative<CommandAck>(message);
+  const bool for_people = std::holds_alternative<OwnHeartbeat>(message) ||
+                          std::holds_alternative<StatusText>(message) || std::holds_alternative<CommandAck>(message);
   for (Station& station : stations_) {
     if (for_people || station.setup.role == StationRole::logger) station.link.send(message, now_us);
   }
@@ -170,7 +168,8 @@ void AutopilotLink::send_everywhere(const OutgoingMessage& message, std::int64_t
 void AutopilotLink::advance_stations(double now_s) {
   for (Station& station : stations_) {
     station.link.advance(us(now_s), [&](const ReceivedMessage& message) {
-      if (station.setup.role != StationRole::ground_station || !std::holds_alternative<CommandInt>(message.message)) return;
+      if (station.setup.role != StationRole::ground_station || !std::holds_alternative<CommandInt>(message.message))
+        return;
       ++station.commands;
       listener_.on_message(now_s, message);
     });

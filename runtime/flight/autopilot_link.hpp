@@ -141,7 +141,7 @@ class AutopilotLink {
   void on_status(const ServiceStatus& status);  // whether fixes may be sent, and their accuracy
   void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
-  void save_signing_state();  // once a second, from a thread that may wait for disks
+  void save_signing_state();                // once a second, from a thread that may wait for disks
   std::vector<std::string> faults() const;  // of the saved signing state, as it was read
   std::string signing_time_failure() const { return signing_time_ ? signing_time_->failure() : std::string(); }
 
@@ -150,12 +150,12 @@ class AutopilotLink {
     std::string error;  // why it is closed
     LinkCounts counts;
     std::uint64_t fixes_sent = 0;
-    double longest_gap_s = 0;     // between two GPS_INPUT
-    std::optional<Fix> last_fix;  // in the last of them; nullopt: "no fix"
-    std::optional<double> heard_s;  // when the autopilot's last message arrived
+    double longest_gap_s = 0;                  // between two GPS_INPUT
+    std::optional<Fix> last_fix;               // in the last of them; nullopt: "no fix"
+    std::optional<double> heard_s;             // when the autopilot's last message arrived
     std::optional<AircraftAttitude> attitude;  // its last one
     std::optional<double> attitude_s;          // when that arrived
-    LatencyHistogram latency;     // from the arrival of a frame to the first fix that uses it
+    LatencyHistogram latency;                  // from the arrival of a frame to the first fix that uses it
     struct Station {
       StationRole role = StationRole::ground_station;
       std::string endpoint;

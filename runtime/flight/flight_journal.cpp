@@ -90,8 +90,9 @@ void FlightJournal::on(double time_s, const PositionHinted& hint) {
 
 void FlightJournal::on(double time_s, const LinkRivalHeard& rival) {
   note(time_s, EventSeverity::critical, "link",
-       fmt::format("another sender claims to be the autopilot: {} frames from another address; our fixes stay with the first",
-                   rival.frames));
+       fmt::format(
+           "another sender claims to be the autopilot: {} frames from another address; our fixes stay with the first",
+           rival.frames));
 }
 
 void OperatorTexts::add(TextSeverity severity, std::string text) {

@@ -123,8 +123,8 @@ std::vector<std::string> codes_in(const Findings& findings) {
   return codes;
 }
 
-// What this aircraft flies, signed, beside the tiles that go to the ground. The state folder keeps the last one: the next
-// one's number goes on from it.
+// What this aircraft flies, signed, beside the tiles that go to the ground. The state folder keeps the last one: the
+// next one's number goes on from it.
 void write_installed_report(InstalledReport report, const PrivateKey& key, const std::filesystem::path& state,
                             const std::filesystem::path& candidates) {
   const std::filesystem::path kept = state / kInstalledFile;
@@ -376,8 +376,8 @@ void FlightService::on_message(double now_s, const ReceivedMessage& received) {
   };
   if (const auto* heartbeat = std::get_if<Heartbeat>(&received.message)) {
     if (ours && heartbeat->is_autopilot) {
-      publish(AutopilotHeartbeat{
-          received.is_signed ? LinkAuthentication::signature : LinkAuthentication::not_required, heartbeat->armed});
+      publish(AutopilotHeartbeat{received.is_signed ? LinkAuthentication::signature : LinkAuthentication::not_required,
+                                 heartbeat->armed});
     }
   } else if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     telemetry(*attitude);
@@ -409,11 +409,12 @@ void FlightService::on_command(const ReceivedMessage& received, const CommandInt
   if (!is_addressed_to(command, {airframe_.system, airframe_.component})) return;
   const auto hint = position_hint(command);
   if (hint) {
-    publish(PositionHinted{
-        hint->place, hint->radius_m,
-        fmt::format("operator {}/{}{}", received.source.system, received.source.component, received.is_signed ? "" : ", unsigned")});
+    publish(PositionHinted{hint->place, hint->radius_m,
+                           fmt::format("operator {}/{}{}", received.source.system, received.source.component,
+                                       received.is_signed ? "" : ", unsigned")});
   }
-  link_->send(CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
+  link_->send(
+      CommandAck{command.command, hint ? CommandResult::accepted : CommandResult::unsupported, received.source});
 }
 
 // On the link's thread. The recorder queues the record and never waits.
@@ -674,7 +675,8 @@ void FlightService::report_corrupt_tiles() {
   constexpr std::string_view kTile = "tile ";
   for (std::size_t i = corrupt_tiles_; i < findings.items().size(); ++i) {
     const Finding& finding = findings.items()[i];
-    const auto key = parse_tile_key(std::string_view(finding.where).substr(std::min(kTile.size(), finding.where.size())));
+    const auto key =
+        parse_tile_key(std::string_view(finding.where).substr(std::min(kTile.size(), finding.where.size())));
     on_event(clock_.monotonic_s(), TileCorrupt{key.value_or(TileKey{}), finding.code, finding.found});
   }
 }
@@ -685,7 +687,8 @@ AwaitedParts FlightService::awaited_parts() const {
     return frame_s && now_s - *frame_s < kAwaitedAfter_s;
   };
   const auto camera = [this] {
-    return fmt::format("the camera {}: {}", redacted(options_.camera), camera_failure_.empty() ? "no frame" : camera_failure_);
+    return fmt::format("the camera {}: {}", redacted(options_.camera),
+                       camera_failure_.empty() ? "no frame" : camera_failure_);
   };
   const auto autopilot = [this] {
     const std::string error = link_->state().error;
@@ -695,8 +698,9 @@ AwaitedParts FlightService::awaited_parts() const {
                                            : "no heartbeat");
   };
   std::vector<AwaitedParts::Part> parts;
-  parts.push_back({"package", [this](double) { return map_ != nullptr; },
-                   [this] { return fmt::format("a package that is accepted, at {}: {}", options_.package.string(), rejection_); }});
+  parts.push_back(
+      {"package", [this](double) { return map_ != nullptr; },
+       [this] { return fmt::format("a package that is accepted, at {}: {}", options_.package.string(), rejection_); }});
   if (map_) parts.push_back({"camera", camera_here, camera});
   parts.push_back({"autopilot", [this](double) { return machine_.status().link_up; }, autopilot});
   return AwaitedParts(std::move(parts));

@@ -85,7 +85,7 @@ struct VerifiedPackage {
   std::string notice_text{};                      // and as a STATUSTEXT
   std::function<void()> write_memory = nullptr;   // of accepted packages; throws, and is tried again
   std::function<bool()> can_be_opened = nullptr;  // asked now and then when there is no package
-  std::int64_t root_version = 0;  // of the root that it was verified by; 0: resumed, not verified now
+  std::int64_t root_version = 0;                  // of the root that it was verified by; 0: resumed, not verified now
 };
 
 enum class FlightEnd {
@@ -183,8 +183,8 @@ class FlightService {
   LatestMailbox<SavedFlight> to_save_;
   std::optional<LocalizedFrame> last_frame_;
   std::string last_reason_, recorder_error_;
-  std::string camera_failure_;     // the last one
-  std::size_t corrupt_tiles_ = 0;  // reported
+  std::string camera_failure_;             // the last one
+  std::size_t corrupt_tiles_ = 0;          // reported
   std::optional<TimedReceiver> receiver_;  // the link's thread
   MachineHealth health_;                   // the thread of the state directory
 

@@ -33,7 +33,8 @@ std::string silence(const LinkCounts& counts, const std::set<MavlinkAddress>& ot
   if (!transport.is_open()) return transport.last_error().empty() ? "the link is closed" : transport.last_error();
   const std::uint64_t unsigned_frames = counts.signatures.without;
   const std::uint64_t invalid = counts.signatures.wrong + counts.signatures.replayed + counts.signatures.too_old;
-  if (is_signed && invalid > 0) return fmt::format("{} frames whose signature is not valid: another key or time", invalid);
+  if (is_signed && invalid > 0)
+    return fmt::format("{} frames whose signature is not valid: another key or time", invalid);
   if (is_signed && unsigned_frames > 0) return fmt::format("{} frames without a signature", unsigned_frames);
   if (others.empty()) return "nothing";
   std::string names;
@@ -61,11 +62,12 @@ PartCheck check_camera(CameraSource& source, const std::optional<CameraModel>& c
     const std::string text = size ? fmt::format("{} x {}", size->first, size->second) : "no image";
     check.found = fmt::format("frame {}, {}, after {:.1f} s", reading.frame.name, text, clock.monotonic_s() - start_s);
     if (camera && size != std::pair(camera->width, camera->height)) {
-      check.findings.add({.code = "camera.size",
-                          .where = source.describe(),
-                          .expected = fmt::format("frames of {} x {}, as the airframe file says", camera->width, camera->height),
-                          .found = text,
-                          .fix = "set the camera to that size, or calibrate it at this one"});
+      check.findings.add(
+          {.code = "camera.size",
+           .where = source.describe(),
+           .expected = fmt::format("frames of {} x {}, as the airframe file says", camera->width, camera->height),
+           .found = text,
+           .fix = "set the camera to that size, or calibrate it at this one"});
     }
     return check;
   }
@@ -78,8 +80,8 @@ PartCheck check_camera(CameraSource& source, const std::optional<CameraModel>& c
   return check;
 }
 
-PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& airframe, std::optional<Signing> signing,
-                          const FlightClock& clock, double limit_s) {
+PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& airframe,
+                          std::optional<Signing> signing, const FlightClock& clock, double limit_s) {
   const MavlinkAddress own{airframe.system, airframe.component}, autopilot{airframe.system, airframe.autopilot};
   const bool is_signed = signing.has_value();
   MavlinkLink link(std::move(transport), own, std::move(signing), autopilot);
@@ -88,7 +90,8 @@ PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& 
   Cadence hello(kHelloPeriod_s, start_s);
   std::set<MavlinkAddress> others;
   bool heard = false;
-  for (double now_s = start_s; now_s - start_s < limit_s && !heard && !interrupt_requested(); now_s = clock.monotonic_s()) {
+  for (double now_s = start_s; now_s - start_s < limit_s && !heard && !interrupt_requested();
+       now_s = clock.monotonic_s()) {
     link.advance(us(now_s), [&](const ReceivedMessage& received) {
       if (received.source != autopilot) others.insert(received.source);
       const auto* heartbeat = std::get_if<Heartbeat>(&received.message);
@@ -106,8 +109,8 @@ PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& 
   PartCheck check{silence(link.counts(), others, link.transport(), is_signed), {}};
   check.findings.add({.code = "autopilot.silent",
                       .where = "--autopilot",
-                      .expected = fmt::format("a heartbeat of {}/{}{} within {:.0f} s", autopilot.system, autopilot.component,
-                                              is_signed ? ", signed with our key," : "", limit_s),
+                      .expected = fmt::format("a heartbeat of {}/{}{} within {:.0f} s", autopilot.system,
+                                              autopilot.component, is_signed ? ", signed with our key," : "", limit_s),
                       .found = check.found,
                       .fix = "check the address, the wiring, the system id in the airframe file, and the key "
                              "(nadir provision autopilot)"});

@@ -25,7 +25,8 @@ class ViewBuilder {
   // own then, as long as it sends one. Call it last.
   void restrict_to_fix(const ServiceStatus& status, const std::optional<Fix>& last_fix, double now_s);
 
-  FlightView view(double now_s, std::int64_t unix_us, const EventRing& events, const EventRing& alarms = EventRing()) const;
+  FlightView view(double now_s, std::int64_t unix_us, const EventRing& events,
+                  const EventRing& alarms = EventRing()) const;
 
  private:
   FlightView view_;

@@ -1,5 +1,5 @@
-// What a service that seems to do nothing waits for, as lines for the system's log: one when the waiting begins, one each
-// minute while it lasts, and one when the part is there.
+// What a service that seems to do nothing waits for, as lines for the system's log: one when the waiting begins, one
+// each minute while it lasts, and one when the part is there.
 #pragma once
 
 #include <functional>
@@ -12,9 +12,9 @@ namespace nadir {
 class AwaitedParts {
  public:
   struct Part {
-    std::string name;                       // "camera"
+    std::string name;  // "camera"
     std::function<bool(double now_s)> here;
-    std::function<std::string()> wait;      // what is waited for, and why it may not come
+    std::function<std::string()> wait;  // what is waited for, and why it may not come
   };
 
   explicit AwaitedParts(std::vector<Part> parts);

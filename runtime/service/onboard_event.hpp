@@ -142,9 +142,10 @@ struct StateTransition {
   std::string text;  // for the recorder: the explanation, with figures
 };
 
-using OnboardEvent = std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat,
-                                  LinkRivalHeard, GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived,
-                                  CameraFailed, LocalizedFrame, MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
+using OnboardEvent =
+    std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, LinkRivalHeard,
+                 GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
+                 MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
 
 struct TimedEvent {
   double time_s = 0;  // monotonic, when it was published

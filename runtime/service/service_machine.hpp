@@ -61,7 +61,7 @@ struct ServiceStatus {
   double sigma_m = 0;                        // one axis, kNoFixAccuracy_m without a fix; while blind it only grows
   PositionLeader leader = PositionLeader::gps;
   GpsVerdict gps = GpsVerdict::unknown;
-  bool link_up = false;  // authentic messages from the autopilot lately
+  bool link_up = false;             // authentic messages from the autopilot lately
   std::optional<double> frame_s{};  // when the latest frame arrived
 };
 

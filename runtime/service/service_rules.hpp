@@ -14,9 +14,9 @@ inline constexpr double kEstimateOverdue_s = 1.0;  // frames arrive, but no esti
 // A camera's frame that takes longer to decode is dropped: it was made to. 100 megapixels take half of this (one core
 // of the build machine), the thread that decodes is late after 3 s.
 inline constexpr double kMaxFrameDecode_s = 1.0;
-inline constexpr double kBlindNoFix_s = 30;        // blind for longer: no fix
-inline constexpr double kBlindGrowth_mps = 5.0;    // of σ while blind, between estimates; the filter's own growth is
-                                                   // smaller for the first 33 s (1.5 m/s per root second)
+inline constexpr double kBlindNoFix_s = 30;      // blind for longer: no fix
+inline constexpr double kBlindGrowth_mps = 5.0;  // of σ while blind, between estimates; the filter's own growth is
+                                                 // smaller for the first 33 s (1.5 m/s per root second)
 
 // ---- failures of map matching [design]
 inline constexpr int kMatchFailures = 5;  // matches in a row that end with an exception: blind, although frames come
@@ -35,9 +35,9 @@ inline constexpr double kReturnFromNoFix_s = 1;
 inline constexpr double kReturnFromFailsafe_s = 2;
 
 // ---- periods and timeouts [design]
-inline constexpr double kLinkLost_s = 5;    // no message from the autopilot
-inline constexpr double kSavePeriod_s = 1;  // of the state directory
-inline constexpr double kHealthPeriod_s = 5;  // of the measures of the machine, in the recorder
+inline constexpr double kLinkLost_s = 5;       // no message from the autopilot
+inline constexpr double kSavePeriod_s = 1;     // of the state directory
+inline constexpr double kHealthPeriod_s = 5;   // of the measures of the machine, in the recorder
 inline constexpr double kAwaitedAfter_s = 5;   // without a frame or the autopilot: it is waited for
 inline constexpr double kAwaitedAgain_s = 60;  // between two lines of the log about what is waited for
 

@@ -51,7 +51,8 @@ void ScriptedFlight::note(double time_s, EventSeverity severity, const std::stri
 
 void ScriptedFlight::corrupt_tile(double time_s) {
   ++corrupt_tiles_;
-  note(time_s, EventSeverity::critical, "tile", "artifact.hash: tile 17/70000/45000: bytes that differ from the signed ones");
+  note(time_s, EventSeverity::critical, "tile",
+       "artifact.hash: tile 17/70000/45000: bytes that differ from the signed ones");
 }
 
 void ScriptedFlight::note_change(double time_s, ServiceState state) {
@@ -87,8 +88,8 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
     view.position =
         PositionView{frame.lonlat_from_plane({radius_m_ * std::sin(turn_rad), radius_m_ * std::cos(turn_rad)}), sigma_m,
                      1.6 * sigma_m * sigma_m, 0.6 * sigma_m * sigma_m, 0.3 * sigma_m * sigma_m};
-    view.anchored_s = phase.source == SourceLabel::satellite_anchored ? time_s - std::fmod(time_s, kLastAnchorStep_s)
-                                                                      : since_s_ - 14;
+    view.anchored_s =
+        phase.source == SourceLabel::satellite_anchored ? time_s - std::fmod(time_s, kLastAnchorStep_s) : since_s_ - 14;
     const bool fresh = phase.source == SourceLabel::satellite_anchored && std::fmod(time_s, 20) < 13;
     const SourceLabel carried =
         phase.source == SourceLabel::satellite_anchored && !fresh ? SourceLabel::vo_extrapolated : phase.source;
@@ -105,7 +106,8 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   view.link.rejected_by = {{"replay", 2}};
   view.link.stations = {{"ground station", "udpout:192.168.4.2:14550", true, 12, 1}};
   view.recorder = {RecorderState::recording, "", static_cast<std::uint64_t>(time_s * 41'000), 28'400'000'000, 0};
-  view.package = {true, "", "valley", "valley", 7, UtcTime{1'733'000'000}, 14, 18, 5120, corrupt_tiles_, true, std::nullopt, {}};
+  view.package = {true,           "",   "valley",     "valley", 7, UtcTime{1'733'000'000}, 14, 18, 5120,
+                  corrupt_tiles_, true, std::nullopt, {}};
   const double half_m = 2.5 * radius_m_;
   const LonLat south_west = frame.lonlat_from_plane({-half_m, -half_m}),
                north_east = frame.lonlat_from_plane({half_m, half_m});

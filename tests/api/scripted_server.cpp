@@ -1,9 +1,9 @@
 // The API around a scripted flight, for tests from outside (page_test.py, contract_test.py): no autopilot, no camera.
 //
-// usage: test_api_server [--listen IP:PORT] [--token-file FILE] [--hint-token-file FILE] [--tiles FILE] [--centre LON,LAT] [--radius M]
-// Prints "listening on PORT". Lines on standard input: a state's name (flies in it from now on), "stall" (the flight's
-// thread falls silent), "go" (speaks again), "flap" (the camera is silent for a moment, five times), "chatter" (200 ordinary
-// events), "corrupt" (a tile), "unsigned" (the link). Ends with standard input.
+// usage: test_api_server [--listen IP:PORT] [--token-file FILE] [--hint-token-file FILE] [--tiles FILE] [--centre
+// LON,LAT] [--radius M] Prints "listening on PORT". Lines on standard input: a state's name (flies in it from now on),
+// "stall" (the flight's thread falls silent), "go" (speaks again), "flap" (the camera is silent for a moment, five
+// times), "chatter" (200 ordinary events), "corrupt" (a tile), "unsigned" (the link). Ends with standard input.
 #include <poll.h>
 #include <unistd.h>
 
@@ -47,7 +47,8 @@ int serve(std::map<std::string, std::string> options) {
   if (options.contains("--token-file")) token = sha256(as_bytes(read_bearer_token(options["--token-file"])));
   require_token_beyond_loopback(address, token);
   std::optional<Sha256> hint_token;
-  if (options.contains("--hint-token-file")) hint_token = sha256(as_bytes(read_bearer_token(options["--hint-token-file"])));
+  if (options.contains("--hint-token-file"))
+    hint_token = sha256(as_bytes(read_bearer_token(options["--hint-token-file"])));
 
   LonLat centre{8.5, 47.4};
   if (options.contains("--centre"))

@@ -70,8 +70,14 @@ enum class Colour { red, green };
 const char* name_of(Colour colour) { return colour == Colour::red ? "red" : "green"; }
 
 TEST(JsonReader, ReadsMembersOfEachType) {
-  const json whole{{"t", "words"}, {"n", 1.5}, {"w", -3}, {"y", true}, {"d", std::string(64, 'a')}, {"o", {{"i", 7}}},
-                   {"c", "green"}, {"u", "2030-01-01T00:00:00Z"}};
+  const json whole{{"t", "words"},
+                   {"n", 1.5},
+                   {"w", -3},
+                   {"y", true},
+                   {"d", std::string(64, 'a')},
+                   {"o", {{"i", 7}}},
+                   {"c", "green"},
+                   {"u", "2030-01-01T00:00:00Z"}};
   const JsonReader in(whole, kSubject);
   EXPECT_EQ(in.text("t"), "words");
   EXPECT_EQ(in.number("n", 1, 2), 1.5);
@@ -170,8 +176,8 @@ TEST(JsonReader, QuotesHostileTextTruncatedAndEscaped) {
   const std::string hostile = "\xff\x1b" + std::string(1000, 'x');
   const json object{{"a", hostile}, {hostile, 1}};
   const JsonReader in(object, kSubject);
-  for (const ErrorText& text : {refused([&] { in.integer("a", 0, 1); }), refused([&] { in.finish(); }),
-                                refused([&] { in.text(hostile); })}) {
+  for (const ErrorText& text :
+       {refused([&] { in.integer("a", 0, 1); }), refused([&] { in.finish(); }), refused([&] { in.text(hostile); })}) {
     for (const std::string& part : {text.where, text.found}) {
       EXPECT_LE(part.size(), 120U);
       EXPECT_EQ(part.find('\x1b'), std::string::npos);

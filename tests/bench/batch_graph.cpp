@@ -6,8 +6,8 @@
 #include <cmath>
 #include <ctime>
 
-#include "vision/localizer_parameters.hpp"
 #include "geodesy/angles.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir::bench {
 namespace {
@@ -201,13 +201,15 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
       problem.AddResidualBlock(
           cost_of<Carry, 9, kStates, kStates>(
               {step.seconds, std::sqrt(1 - model::kHeightInnovationShare * model::kHeightInnovationShare),
-               model::kHeightInnovationShare * uncertainty.agl_relative, keep, uncertainty.tilt_rad * std::sqrt(1 - keep * keep),
-               turn, kept, deviation_rad * std::sqrt(1 - kept * kept), whitening<4>(carry_noise(step.seconds, turn))}),
+               model::kHeightInnovationShare * uncertainty.agl_relative, keep,
+               uncertainty.tilt_rad * std::sqrt(1 - keep * keep), turn, kept,
+               deviation_rad * std::sqrt(1 - kept * kept), whitening<4>(carry_noise(step.seconds, turn))}),
           nullptr, x[i - 1].data(), x[i].data());
     }
     if (step.relative_motion) {
-      problem.AddResidualBlock(cost_of<Moved, 8, kStates, kStates>({*step.relative_motion, whitening<8>(step.relative_motion->covariance)}),
-                               nullptr, x[i - 1].data(), x[i].data());
+      problem.AddResidualBlock(
+          cost_of<Moved, 8, kStates, kStates>({*step.relative_motion, whitening<8>(step.relative_motion->covariance)}),
+          nullptr, x[i - 1].data(), x[i].data());
     }
     if (step.anchor) {
       problem.AddResidualBlock(cost_of<Anchored, 6, kStates>({*step.anchor, whitening<6>(step.anchor->covariance)}),

@@ -5,8 +5,8 @@
 #include <iostream>
 
 #include "base/error.hpp"
-#include "cli/terminal.hpp"
 #include "cli/program.hpp"
+#include "cli/terminal.hpp"
 #include "nadird_command.hpp"
 #include "service/clock.hpp"
 

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kCoarseFootprint_px = 110;  // longer side of the image for the first, coarse alignment
 constexpr double kLeastOverlap = 0.25;       // of the image: less says nothing
-constexpr double kMinScore = 0.18;      // of the coarse alignment, at most 1; images without overlap reach 0.15
+constexpr double kMinScore = 0.18;           // of the coarse alignment, at most 1; images without overlap reach 0.15
 constexpr double kHeadingStep_rad = 0.06;
 constexpr double kMostTurn_rad = 0.5;     // beyond what the telemetry's heading says
 constexpr double kLeastPatchScore = 0.4;  // the same light, the same season: stricter than against a map
@@ -82,7 +82,7 @@ std::optional<CameraPose> coarse_alignment(const OdometryFrame& before, const Od
 
 // Patches of the image now, aligned for near where both poses say that they lie in the image before.
 PixelPairs flow(const OdometryFrame& before, const CameraPose& pose_before, const OdometryFrame& now,
-                  const CameraPose& pose_now, double search_px) {
+                const CameraPose& pose_now, double search_px) {
   PixelPairs pairs;
   const double gsd_m = gsd_at(now.camera, now.agl_m);
   const auto seen_before = seen_from(before, pose_before, gsd_m), seen_now = seen_from(now, pose_now, gsd_m);

@@ -8,8 +8,8 @@
 #include <cstdio>
 #include <exception>
 
-#include "package/mission_check.hpp"
 #include "package/manifest.hpp"
+#include "package/mission_check.hpp"
 #include "package/sidecar.hpp"
 #include "package/tile_container.hpp"
 

@@ -13,8 +13,8 @@
 #include "imagery/codecs.hpp"
 #include "imagery/mbtiles.hpp"
 #include "package/mission_check.hpp"
-#include "package/sidecar.hpp"
 #include "package/package_writer.hpp"
+#include "package/sidecar.hpp"
 #include "package/tile_set_check.hpp"
 
 namespace nadir {

@@ -8,8 +8,8 @@
 #include "estimation/localizer.hpp"
 #include "geodesy/web_mercator.hpp"
 #include "imagery/codecs.hpp"
-#include "simulation/world.hpp"
 #include "simulation/landscape_rendering.hpp"
+#include "simulation/world.hpp"
 
 namespace nadir::bench {
 namespace {

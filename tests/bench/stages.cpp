@@ -21,8 +21,8 @@
 #include "replay/flight_folder.hpp"
 #include "replay/flight_request.hpp"
 #include "replay/score.hpp"
-#include "vision/map_matcher.hpp"
 #include "vision/camera_frame.hpp"
+#include "vision/map_matcher.hpp"
 #include "vision/matching_plan.hpp"
 #include "vision/oriented_channels.hpp"
 #include "vision/patch_matching.hpp"
@@ -63,7 +63,9 @@ void attempt(Stages& stages, const cv::Mat& grey, const CameraModel& camera, Map
   const AnchorMatch match = stages.run("one attempt", [&] { return matcher.match(grey, prior); });
   if (match.fine_gsd_m <= 0 || match.search.places.empty()) return;
   const auto plan = matching_plan(camera, reader.zooms(), frame, prior.search);
-  const auto read = [&] { return reader.read(frame, searched_ground(camera, prior, *plan), match.fine_gsd_m, Colour::grey); };
+  const auto read = [&] {
+    return reader.read(frame, searched_ground(camera, prior, *plan), match.fine_gsd_m, Colour::grey);
+  };
   read();  // the tiles are decoded then, as they are for all but the first attempt
   const MapWindow map = stages.run("map window", read);
   SearchOptions options = plan->options;

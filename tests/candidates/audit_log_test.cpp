@@ -64,7 +64,8 @@ TEST_F(AuditLogTest, RecordsWhoDidWhatWhenAndTheResult) {
 // Line feeds, separators of other alphabets, bytes that are no text: nothing begins a line of its own.
 TEST_F(AuditLogTest, CallersCannotForgeLines) {
   const std::string evil = "x\n{\"n\":99,\"act\":\"forged\"}\r\n\xe2\x80\xa8\xc2\x85\x1b[31m\xff\xfe\0y";
-  log().record({.act = evil, .result = evil, .token = evil, .client = evil, .key = evil, .subject = evil, .detail = evil});
+  log().record(
+      {.act = evil, .result = evil, .token = evil, .client = evil, .key = evil, .subject = evil, .detail = evil});
   const std::string text = read_text_file(folder_ / "audit" / "audit.jsonl");
   EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1);
   for (const char c : text) EXPECT_TRUE((c >= ' ' && c < 0x7f) || c == '\n') << static_cast<int>(c);

@@ -12,8 +12,8 @@ using ::testing::StartsWith;
 
 class Installed : public test::UploadServerTest {
  protected:
-  SignedInstalledReport report(std::int64_t number, std::int64_t sequence = 3, const test::FlightMaker* signer = nullptr,
-                               const std::string& airframe = "mini-07") {
+  SignedInstalledReport report(std::int64_t number, std::int64_t sequence = 3,
+                               const test::FlightMaker* signer = nullptr, const std::string& airframe = "mini-07") {
     return sign_installed_report({.airframe = airframe,
                                   .number = number,
                                   .reported_at = clock_.now(),
@@ -102,8 +102,8 @@ TEST_F(Installed, ARevokedKeysNumbersDoNotBlockTheNextKey) {
   EXPECT_THAT(bring(report(last).json()), StartsWith("HTTP/1.1 201 "));
   EXPECT_THAT(bring(report(6).json()), StartsWith("HTTP/1.1 409 "));
   const test::FlightMaker renewed({.airframe = "mini-07"});
-  write_file_atomic(options_.trust, test::root_text({&first_, &renewed, &second_}, signer_, 2,
-                                                    {first_.key().public_key().id()}));
+  write_file_atomic(options_.trust,
+                    test::root_text({&first_, &renewed, &second_}, signer_, 2, {first_.key().public_key().id()}));
   EXPECT_THAT(bring(report(7).json()), HasSubstr("key.revoked"));
   EXPECT_THAT(bring(report(7, 3, &renewed).json()), StartsWith("HTTP/1.1 201 "));
   EXPECT_EQ(listed()[0]["number"], 7);

@@ -116,7 +116,8 @@ TEST_F(TrustFileTest, ARollbackIsRejectedAfterARestart) {
   EXPECT_FALSE(again.first_start());
   EXPECT_EQ(again.current()->version, 2);
   EXPECT_EQ(again.current()->revoked.size(), 1U);
-  EXPECT_NE(again.fault().find("root.rollback: expected version 3, found version 1"), std::string::npos) << again.fault();
+  EXPECT_NE(again.fault().find("root.rollback: expected version 3, found version 1"), std::string::npos)
+      << again.fault();
   write(3, {flight_.key().public_key().id()});
   EXPECT_EQ(again.current()->version, 3);
   EXPECT_EQ(again.fault(), "");

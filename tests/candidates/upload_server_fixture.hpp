@@ -6,10 +6,10 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "candidates/service_fixture.hpp"
-#include "nadir_candidates/upload_server.hpp"
-#include "http/raw_client.hpp"
 #include "base/bytes.hpp"
+#include "candidates/service_fixture.hpp"
+#include "http/raw_client.hpp"
+#include "nadir_candidates/upload_server.hpp"
 
 namespace nadir::test {
 

@@ -32,7 +32,8 @@ class VoteTest : public ::testing::Test {
         [this](const Voter& one, const Voter& other) {
           ++compared_;
           const bool befriended = friends_.contains({one.tile, other.tile});
-          return Vote{.correlation_ppm = 700'000, .agrees = befriended || ground_.at(one.tile) == ground_.at(other.tile)};
+          return Vote{.correlation_ppm = 700'000,
+                      .agrees = befriended || ground_.at(one.tile) == ground_.at(other.tile)};
         },
         0, rules_);
   }

@@ -9,8 +9,8 @@
 #include <sstream>
 
 #include "base/error.hpp"
-#include "cli/terminal.hpp"
 #include "cli/options.hpp"
+#include "cli/terminal.hpp"
 
 namespace nadir {
 namespace {

@@ -10,8 +10,8 @@
 #include <string>
 
 #include "base/error.hpp"
-#include "package_build/die_at.hpp"
 #include "package/package_writer.hpp"
+#include "package_build/die_at.hpp"
 #include "vision/place_index_files.hpp"
 
 namespace {

@@ -95,7 +95,8 @@ TEST_F(Schemas, TimePermit) {
 TEST_F(Schemas, Airframe) {
   Airframe airframe;
   airframe.id = "falcon-7";
-  airframe.camera.camera = {.width = 640, .height = 480, .fx = 500, .fy = 500, .cx = 319.5, .cy = 239.5, .distortion = {}};
+  airframe.camera.camera = {
+      .width = 640, .height = 480, .fx = 500, .fy = 500, .cx = 319.5, .cy = 239.5, .distortion = {}};
   airframe.sequence = 3;
   airframe.expires = UtcTime{1'893'456'000};
   json document = json::parse(airframe_json(airframe));

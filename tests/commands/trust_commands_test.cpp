@@ -116,7 +116,8 @@ TEST_F(TrustCommands, SignersThatTheNextRootLeavesOutAreListedOrKept) {
             0)
       << err_.str();
   const std::vector<std::string> next{"keys",         "root",      "--root-key", "@r.key.pem", "--package-signer",
-                                      "@new.pub.pem", "--expires", "2032-01-01", "--previous", "@root.json", "--json"};
+                                      "@new.pub.pem", "--expires", "2032-01-01", "--previous", "@root.json",
+                                      "--json"};
   std::vector<std::string> only_new = next;
   only_new.insert(only_new.end(), {"--out", "@only-new.json"});
   ASSERT_EQ(run(only_new), 0) << err_.str();

@@ -412,7 +412,8 @@ TEST(AnchorVotes, FramesOverTheSameGroundAreOneVote) {
   EXPECT_TRUE(votes.vote({40, 0}, {180, 0}, quorum));
 }
 
-// Three pictures a second, 7 m apart, of which each shows 500 m: eight attempts in a row are two seconds, and one voice.
+// Three pictures a second, 7 m apart, of which each shows 500 m: eight attempts in a row are two seconds, and one
+// voice.
 TEST(AnchorVotes, DistanceCountsNotTheFrameRate) {
   for (const int voices : {AnchorVotes::kVotes, AnchorVotes::kVotesAgainstAnchors}) {
     const Quorum quorum{.required_votes = voices, .min_separation_m = 400};

@@ -3,8 +3,8 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "vision/localizer_parameters.hpp"
 #include "geodesy/angles.hpp"
+#include "vision/localizer_parameters.hpp"
 
 namespace nadir::test {
 namespace {
@@ -73,7 +73,8 @@ LinearizationPoint linearized_at(const F& filter) {
 }
 
 // Tilt is seen vaguely, and the motion is as far off as that: together they are known well.
-RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& before, const LinearizationPoint& now, const Truth& was, const Truth& is) {
+RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& before, const LinearizationPoint& now,
+                                     const Truth& was, const Truth& is) {
   Eigen::Matrix<double, 8, 8> spread = Eigen::Matrix<double, 8, 8>::Zero();
   spread.diagonal() << 0.4, 0.4, 0.004, 0.004, 0.026, 0.026, 0.026, 0.026;
   spread.block<2, 2>(0, 4) = -0.026 * kAgl_m * Matrix2d::Identity();
@@ -84,7 +85,7 @@ RelativeMotionMeasurement see_motion(Random& random, const LinearizationPoint& b
   measurement.covariance = spread * spread.transpose();
   // In the scale and directions of what was estimated of the frame before.
   measurement.value.head<2>() = std::exp(before.log_height - was.log_height) *
-                         (clockwise(before.heading_rad - was.heading) * (is.place - was.place));
+                                (clockwise(before.heading_rad - was.heading) * (is.place - was.place));
   measurement.value[2] = (is.log_height - was.log_height) - (now.log_height - before.log_height);
   measurement.value[3] = wrap_pi((is.heading - was.heading) - (now.heading_rad - before.heading_rad));
   measurement.value.tail<4>() << was.tilt - Vector2d(before.pitch_rad, before.roll_rad),

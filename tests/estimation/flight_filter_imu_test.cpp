@@ -159,8 +159,8 @@ TEST(FlightFilterImu, AStoppedClockInflatesThePositionButNotTheVelocity) {
   EXPECT_GT(filter.position_sigma_m(), 15);
 }
 
-// A long way without a frame, known from the telemetry alone: turns there and back, which the headings and the change of
-// velocity at both ends know nothing of.
+// A long way without a frame, known from the telemetry alone: turns there and back, which the headings and the change
+// of velocity at both ends know nothing of.
 
 constexpr double kGravity_mps2 = 9.80665, kGroundSpeed_mps = 22, kTurnRate_rps = 0.17, kTick_s = 0.02;
 constexpr int kSeen_s = 12, kGap_s = 33;  // anchors each second; then nothing, but for the frame at the end

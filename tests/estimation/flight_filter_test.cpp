@@ -54,8 +54,8 @@ LinearizationPoint estimated(const F& filter) {
 }
 
 // Odometry that says this motion, and of attitude and height only that they stayed as they are estimated.
-RelativeMotionMeasurement step_of(const F& filter, const LinearizationPoint& before, const Vector2d& moved, double sigma_m,
-                    double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
+RelativeMotionMeasurement step_of(const F& filter, const LinearizationPoint& before, const Vector2d& moved,
+                                  double sigma_m, double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
   RelativeMotionMeasurement measurement;
   measurement.before = before;
   measurement.now = estimated(filter);
@@ -258,9 +258,10 @@ TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
     const double was_rad = truth_rad;
     truth_rad += radians(10);
     filter.predict(1, wrap_pi(compass.measured_rad(truth_rad) + random.normal(0, radians(0.5))));
-    RelativeMotionMeasurement measurement = step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
-    measurement.value[3] =
-        wrap_pi((truth_rad - was_rad) - (measurement.now.heading_rad - before.heading_rad)) + random.normal(0, radians(0.3));
+    RelativeMotionMeasurement measurement =
+        step_of(filter, before, 20 * Vector2d(std::sin(was_rad), std::cos(was_rad)), 0.2, radians(0.3));
+    measurement.value[3] = wrap_pi((truth_rad - was_rad) - (measurement.now.heading_rad - before.heading_rad)) +
+                           random.normal(0, radians(0.3));
     filter.update_relative(measurement);
   }
   const double off = off_deg(filter.state()[F::heading], truth_rad);

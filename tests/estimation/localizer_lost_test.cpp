@@ -1,5 +1,5 @@
-// A lost aircraft: it may be given suggestions of where to search, by an operator or by the place index, none of which is
-// a position fix; without them it searches the area.
+// A lost aircraft: it may be given suggestions of where to search, by an operator or by the place index, none of which
+// is a position fix; without them it searches the area.
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,8 +1,8 @@
 // What every matcher must do: a known place is found with a covariance that owns up to the error, and where the place
 // is not, nothing is confident.
+#include "vision/map_matcher.hpp"
 #include "bench/flow_odometry.hpp"
 #include "bench/sift_matcher.hpp"
-#include "vision/map_matcher.hpp"
 
 #include <gtest/gtest.h>
 

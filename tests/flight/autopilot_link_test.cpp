@@ -39,8 +39,7 @@ class AutopilotLinkTest : public ::testing::Test {
     airframe.system = 7;
     airframe.gps_id = 1;
     link_ = std::make_unique<AutopilotLink>(
-        AutopilotLinkSetup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt},
-        clock_, watch_,
+        AutopilotLinkSetup{airframe, make_transport(parse_endpoint(peer_.endpoint())), std::nullopt}, clock_, watch_,
         AutopilotLink::Listener{[this](double now_s, const ReceivedMessage& message) {
                                   const std::scoped_lock lock(mutex_);
                                   received_.emplace_back(now_s, message);
@@ -320,14 +319,15 @@ class ListeningLink : public ::testing::Test {
     airframe.system = 7;
     AutopilotLinkSetup setup{.airframe = airframe, .transport = std::move(transport), .key = std::nullopt};
     setup.stations = std::move(stations);
-    link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
-                                            AutopilotLink::Listener{[this](double, const ReceivedMessage& message) {
-                                                                      const std::scoped_lock lock(mutex_);
-                                                                      received_.push_back(message);
-                                                                    },
-                                                                    [](double) {},
-                                                                    {},
-                                                                    [this](std::uint64_t frames) { rivals_ = frames; }});
+    link_ =
+        std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_,
+                                        AutopilotLink::Listener{[this](double, const ReceivedMessage& message) {
+                                                                  const std::scoped_lock lock(mutex_);
+                                                                  received_.push_back(message);
+                                                                },
+                                                                [](double) {},
+                                                                {},
+                                                                [this](std::uint64_t frames) { rivals_ = frames; }});
     ServiceStatus status;
     status.state = ServiceState::normal;
     status.serves_fixes = true;
@@ -350,7 +350,8 @@ class ListeningLink : public ::testing::Test {
   }
   std::size_t received(std::uint8_t system) {
     const std::scoped_lock lock(mutex_);
-    return static_cast<std::size_t>(std::ranges::count(received_, system, [](const auto& one) { return one.source.system; }));
+    return static_cast<std::size_t>(
+        std::ranges::count(received_, system, [](const auto& one) { return one.source.system; }));
   }
 
   // The autopilot has our ear: fixes go to it.
@@ -426,8 +427,8 @@ TEST_F(ListeningLink, StationsGetTheirShareAndGiveCommandsAlone) {
 
   mavlink_message_t attitude, command;
   mavlink_msg_attitude_pack(7, 1, &attitude, 5, 0.1F, 0.2F, 0.3F, 0, 0, 0);
-  mavlink_msg_command_int_pack(255, 190, &command, 7, 197, MAV_FRAME_GLOBAL, MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0, 0, 0,
-                               100, 0, 474'000'000, 85'000'000, 0);
+  mavlink_msg_command_int_pack(255, 190, &command, 7, 197, MAV_FRAME_GLOBAL, MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0, 0,
+                               0, 0, 100, 0, 474'000'000, 85'000'000, 0);
   const std::size_t before = received(7);
   for (test::LinkPeer* peer : {&logger, &ground}) {
     peer->send(attitude);

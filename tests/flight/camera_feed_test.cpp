@@ -73,7 +73,8 @@ class CameraFeedTest : public ::testing::Test {
 // Somebody fills the camera's folder with broken files: they are one event, and the next frame waits for none of them.
 TEST_F(CameraFeedTest, AFloodOfBadFramesDelaysNothing) {
   std::deque<CameraReading> script;
-  for (int i = 0; i < 300; ++i) script.push_back({CameraStatus::bad_frame, {}, std::to_string(i) + ".jpg is truncated"});
+  for (int i = 0; i < 300; ++i)
+    script.push_back({CameraStatus::bad_frame, {}, std::to_string(i) + ".jpg is truncated"});
   script.push_back(image("good.jpg", 12, {1}));
   feed(std::move(script), 2);
   EXPECT_EQ(reported_, (std::vector<std::string>{"0.jpg is truncated", ""}));

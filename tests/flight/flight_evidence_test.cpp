@@ -1,5 +1,5 @@
-// What a whole service tells the operator and leaves on record: the fixes that it sent, the machine's health, tiles that
-// spoil in flight, a matcher that throws, and what it waits for.
+// What a whole service tells the operator and leaves on record: the fixes that it sent, the machine's health, tiles
+// that spoil in flight, a matcher that throws, and what it waits for.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -42,8 +42,9 @@ class FlightEvidence : public ::testing::Test {
     ASSERT_TRUE(opening.package) << test::codes(opening.findings);
     tiles_ = &opening.package->imagery();
     options_.start = opening.package->mission().route.points.front();
-    service_ = std::make_unique<FlightService>(options_, VerifiedPackage{std::move(opening.package), opening.findings},
-                                               clock_, stop_, [this](const std::string& line) { log_.push_back(line); });
+    service_ =
+        std::make_unique<FlightService>(options_, VerifiedPackage{std::move(opening.package), opening.findings}, clock_,
+                                        stop_, [this](const std::string& line) { log_.push_back(line); });
     running_ = std::jthread([this] { service_->run(); });
     peer_.listen_until([&] { return !peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty(); });
     mavlink_message_t message;
@@ -80,7 +81,7 @@ class FlightEvidence : public ::testing::Test {
   test::PackageMaker maker_;
   FlightOptions options_;
   const CheckedTiles* tiles_ = nullptr;  // as the matcher reads them
-  std::vector<std::string> log_;  // of the conductor's thread; read after end()
+  std::vector<std::string> log_;         // of the conductor's thread; read after end()
   std::unique_ptr<FlightService> service_;
   std::jthread running_;
 };
@@ -158,7 +159,8 @@ TEST_F(FlightEvidence, MakesATokenForHintsThatOnlyItsUserCanRead) {
   end();
   const std::filesystem::path token = folder_ / "state" / "api-token";
   ASSERT_TRUE(std::filesystem::exists(token));
-  EXPECT_EQ(std::filesystem::status(token).permissions(), std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  EXPECT_EQ(std::filesystem::status(token).permissions(),
+            std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
   EXPECT_EQ(read_text_file(token).size(), 49U) << "48 hexadecimal digits and a line end";
 }
 

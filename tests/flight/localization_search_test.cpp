@@ -21,7 +21,7 @@ namespace {
 using namespace test;
 
 constexpr PlaneBox kWide{-3200, -3200, 3200, 3200};  // sixteen windows
-constexpr std::chrono::seconds kSearchLimit{120};     // only so that what hangs fails
+constexpr std::chrono::seconds kSearchLimit{120};    // only so that what hangs fails
 
 // A map without an end, every tile of it the same. Whoever reads waits until the gate is open.
 class EndlessTiles final : public TileSource {

@@ -2,15 +2,14 @@
 #include <nlohmann/json.hpp>
 
 #include "api/api.hpp"
-#include "base/files.hpp"
 #include "api/view_formats.hpp"
+#include "base/files.hpp"
 #include "candidates/audit_log.hpp"
 #include "candidates/installed_store.hpp"
-#include "http/access.hpp"
-#include "nadir_candidates/access_tokens.hpp"
-#include "nadir_candidates/upload_api.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
+#include "http/access.hpp"
+#include "nadir_candidates/access_tokens.hpp"
 #include "nadir_candidates/upload_api.hpp"
 #include "service/acceptance_record.hpp"
 #include "service/sealed_text.hpp"
@@ -171,7 +170,8 @@ void audit(std::string_view bytes) {
   const std::string text(bytes);
   {
     AuditLog log(folder, clock);
-    log.record({.act = text, .result = text, .token = text, .client = text, .key = text, .subject = text, .detail = text});
+    log.record(
+        {.act = text, .result = text, .token = text, .client = text, .key = text, .subject = text, .detail = text});
   }
   const std::string line = read_text_file(folder / "audit.jsonl");
   require(line.find('\n') == line.size() - 1, "a caller's line");

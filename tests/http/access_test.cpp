@@ -54,17 +54,21 @@ TEST(Access, ReadsTheTokenAfterBearer) {
 
 // What begins like loopback's name is another name.
 TEST(Access, ReadsTheWholeHost) {
-  for (const char* far : {"[::1]evil.com", "[::1].evil.com:80", "[::1]:80.evil.com", "[::1]:", "[::1]:65536", "[::1]:-1",
-                          "localhost:evil.com", "localhost:80evil", "localhost:", "127.0.0.1:80:80", "127.0.0.1 ",
-                          "localhost\r", "localhost@evil.com", "127.0.0.1/"}) {
+  for (const char* far : {"[::1]evil.com", "[::1].evil.com:80", "[::1]:80.evil.com", "[::1]:", "[::1]:65536",
+                          "[::1]:-1", "localhost:evil.com", "localhost:80evil", "localhost:", "127.0.0.1:80:80",
+                          "127.0.0.1 ", "localhost\r", "localhost@evil.com", "127.0.0.1/"}) {
     EXPECT_FALSE(names_loopback(far)) << far;
   }
 }
 
 // The detail quotes the request, and goes into logs and terminals.
 TEST(HttpErrors, StayOnOneLine) {
-  const ApiResponse response =
-      answer({.status = 422, .type = "invalid", .detail = "x\nHTTP 200", .errors = {{"/a\nb", "c\xE2\x80\xA9" "d"}}});
+  const ApiResponse response = answer({.status = 422,
+                                       .type = "invalid",
+                                       .detail = "x\nHTTP 200",
+                                       .errors = {{"/a\nb",
+                                                   "c\xE2\x80\xA9"
+                                                   "d"}}});
   EXPECT_NE(response.body.find("x⏎HTTP 200"), std::string::npos) << response.body;
   EXPECT_NE(response.body.find("/a⏎b"), std::string::npos) << response.body;
   EXPECT_NE(response.body.find("c⏎d"), std::string::npos) << response.body;

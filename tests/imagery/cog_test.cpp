@@ -7,10 +7,10 @@
 #include "base/files.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/web_mercator.hpp"
-#include "imagery/cog_reader.hpp"
-#include "imagery/tiff.hpp"
-#include "imagery/cog_tiles.hpp"
 #include "imagery/codecs.hpp"
+#include "imagery/cog_reader.hpp"
+#include "imagery/cog_tiles.hpp"
+#include "imagery/tiff.hpp"
 #include "support/process.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -16,9 +16,9 @@
 #include <thread>
 
 #include "base/files.hpp"
-#include "imagery/codecs.hpp"
 #include "cli/program.hpp"
 #include "cli/terminal.hpp"
+#include "imagery/codecs.hpp"
 #include "package/package_maker.hpp"
 #include "support/manual_clock.hpp"
 #include "trust/installed_report.hpp"
@@ -106,14 +106,14 @@ class NadirdCheck : public ::testing::Test {
   }
   int serve(const Clock& clock, const FlightClock* flight_clock, std::initializer_list<std::string> more = {}) {
     airframe("bare.json", nullptr);
-    std::vector<std::string> args{"--package",   newer_,
-                                  "--trust",     path("root.json"),
-                                  "--airframe",  path("bare.json"),
-                                  "--state",     path("state"),
-                                  "--camera",    path("none"),
-                                  "--autopilot", "udpin:127.0.0.1:0",
-                                  "--listen",    "127.0.0.1:0",
-                                  "--memory-mb", "0",
+    std::vector<std::string> args{"--package",      newer_,
+                                  "--trust",        path("root.json"),
+                                  "--airframe",     path("bare.json"),
+                                  "--state",        path("state"),
+                                  "--camera",       path("none"),
+                                  "--autopilot",    "udpin:127.0.0.1:0",
+                                  "--listen",       "127.0.0.1:0",
+                                  "--memory-mb",    "0",
                                   "--unsigned-link"};
     args.insert(args.end(), more);
     NadirdCommand command(flight_clock);
@@ -161,7 +161,8 @@ TEST_F(NadirdCheck, LooksAtTheCamera) {
   airframe("bare.json", nullptr);
   std::filesystem::create_directories(folder_ / "frames");
   const auto frame = [&](int width, int height) {
-    folder_.write("frames/.frame.png", as_text(encode_image(cv::Mat(height, width, CV_8UC1, cv::Scalar(90)), ImageFormat::png)));
+    folder_.write("frames/.frame.png",
+                  as_text(encode_image(cv::Mat(height, width, CV_8UC1, cv::Scalar(90)), ImageFormat::png)));
     std::filesystem::rename(folder_ / "frames/.frame.png", folder_ / "frames/frame.png");
   };
   const auto check_with = [&](int width, int height) {
@@ -298,9 +299,9 @@ TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
 
 TEST_F(NadirdCheck, AnUnsignedLinkIsADecision) {
   airframe("bare.json", nullptr);
-  const std::vector<std::string> bare{"--package",   newer_,          "--trust", path("root.json"), "--airframe", path("bare.json"),
-                                      "--state",     path("state"),   "--camera", path("none"),
-                                      "--autopilot", "udpin:127.0.0.1:0"};
+  const std::vector<std::string> bare{
+      "--package", newer_,        "--trust",  path("root.json"), "--airframe",  path("bare.json"),
+      "--state",   path("state"), "--camera", path("none"),      "--autopilot", "udpin:127.0.0.1:0"};
   NadirdCommand command(nullptr);
   EXPECT_EQ(run_single_command("nadird", command, bare, {out_, err_, clock_}), 2);
   EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
@@ -357,8 +358,8 @@ TEST_F(NadirdCheck, WritesASignedReportOfItsPackage) {
   for (const char* run : {"first", "second", "after its memory was damaged"}) {
     const ShortFlight flight;
     // --at: judged each time, and not resumed.
-    EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem"), "--at",
-                                      to_rfc3339(clock_.now())}),
+    EXPECT_EQ(serve(clock_, &flight,
+                    {"--candidates", path("tiles"), "--tile-key", path("tile.pem"), "--at", to_rfc3339(clock_.now())}),
               0)
         << err_.str();
     const auto report = parse_installed_report(read_text_file(folder_ / "tiles" / kInstalledFile), run);

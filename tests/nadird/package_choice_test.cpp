@@ -73,10 +73,11 @@ class Boarding : public ::testing::Test {
   void start(std::int64_t offset_s, const std::string& boot, std::initializer_list<std::string> more = {}) {
     const FixedClock clock(UtcTime{test::kJudged.unix_s + offset_s});
     const BriefFlight flight(boot);
-    std::vector<std::string> args{"--package",   path("packages/current"), "--trust",     path("root.json"),
-                                  "--airframe",  path("airframe.json"),    "--state",     path("state"),
-                                  "--camera",    path("frames"),           "--listen",    "127.0.0.1:0",
-                                  "--autopilot", "udpin:127.0.0.1:0",      "--memory-mb", "0", "--unsigned-link"};
+    std::vector<std::string> args{"--package",      path("packages/current"), "--trust",     path("root.json"),
+                                  "--airframe",     path("airframe.json"),    "--state",     path("state"),
+                                  "--camera",       path("frames"),           "--listen",    "127.0.0.1:0",
+                                  "--autopilot",    "udpin:127.0.0.1:0",      "--memory-mb", "0",
+                                  "--unsigned-link"};
     args.insert(args.end(), more);
     out_.str("");
     err_.str("");

@@ -85,8 +85,8 @@ TEST_F(CarriedRoots, TheStateRemembersTheRoot) {
   expect_only("root.rollback", with_options(old, options));
 }
 
-// The clock of accepting counts: too late for an aircraft that has not heard of the new root, of no concern for one that
-// accepted it in time.
+// The clock of accepting counts: too late for an aircraft that has not heard of the new root, of no concern for one
+// that accepted it in time.
 TEST_F(CarriedRoots, AnExpiredRootKeyAppointsOnlyWhereItWasAcceptedInTime) {
   const fs::path package = rotated();
   VerifyOptions options = maker_.options();

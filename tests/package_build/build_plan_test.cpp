@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "base/files.hpp"
-#include "package/mission_check.hpp"
 #include "package/coverage_requirement.hpp"
+#include "package/mission_check.hpp"
 #include "package_build/package_builder_fixture.hpp"
 
 namespace nadir {

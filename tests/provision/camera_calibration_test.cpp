@@ -92,7 +92,6 @@ TEST(BoardImages, RequireAFolderWithImages) {
 
 using test::BoardPose;
 
-
 // What a perfect finder would see, but for a twentieth of a pixel.
 BoardImages seen(const std::vector<BoardPose>& poses) {
   BoardImages pictures{.size = {640, 480}};

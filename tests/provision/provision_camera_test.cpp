@@ -13,8 +13,8 @@ namespace {
 using testing::HasSubstr;
 
 test::ProcessResult provision(const std::filesystem::path& pictures, const std::filesystem::path& out) {
-  return test::run_process({NADIR_PROGRAM, "provision", "camera", "--images", pictures, "--board", "9x6",
-                            "--square-m", "0.025", "--out", out});
+  return test::run_process({NADIR_PROGRAM, "provision", "camera", "--images", pictures, "--board", "9x6", "--square-m",
+                            "0.025", "--out", out});
 }
 
 TEST(ProvisionCamera, WritesACameraFileOnceAndNeverReplacesIt) {

@@ -20,8 +20,8 @@ void write_band(GDALRasterBand& band, const ValueRaster& raster, const std::func
     for (int column = 0; column < raster.size.width; ++column) {
       line[static_cast<std::size_t>(column)] = value(column, row);
     }
-    need_written(band.RasterIO(GF_Write, 0, stored, raster.size.width, 1, line.data(), raster.size.width, 1, GDT_Float64, 0, 0,
-                       nullptr) == CE_None);
+    need_written(band.RasterIO(GF_Write, 0, stored, raster.size.width, 1, line.data(), raster.size.width, 1,
+                               GDT_Float64, 0, 0, nullptr) == CE_None);
   }
 }
 

@@ -30,7 +30,9 @@ void record_all(const std::filesystem::path& folder, bool fixes) {
     recorder.record(test::sample_estimate(i));
     if (i % 20 != 0) continue;
     for (Record& record : test::sample_records(random)) {
-      if (topic_of(record) != Topic::session && topic_of(record) != Topic::end && (fixes || topic_of(record) != Topic::fix)) recorder.record(std::move(record));
+      if (topic_of(record) != Topic::session && topic_of(record) != Topic::end &&
+          (fixes || topic_of(record) != Topic::fix))
+        recorder.record(std::move(record));
     }
   }
   recorder.flush();

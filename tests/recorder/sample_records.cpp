@@ -72,7 +72,8 @@ FixRecord fix(Random& random) {
     fix.speed_accuracy_mps = random.uniform(1, 3);
   }
   if (random.chance(0.7)) {
-    fix.gps = FixRecord::Receiver{random.uniform(0, 1), random.integer(0, 6), {random.normal(), random.normal()}, 480.5, {}};
+    fix.gps =
+        FixRecord::Receiver{random.uniform(0, 1), random.integer(0, 6), {random.normal(), random.normal()}, 480.5, {}};
     if (random.chance(0.5)) fix.gps->accuracy_m = random.uniform(1, 5);
   }
   return fix;

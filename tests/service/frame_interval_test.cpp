@@ -94,7 +94,7 @@ class Rhythm {
 
 struct Camera {
   double interval_s;
-  double jitter;  // of the interval, both ways
+  double jitter;         // of the interval, both ways
   double reported_by_s;  // a camera that stops is reported by then: 400 ms, or one picture missing
 };
 

@@ -17,7 +17,8 @@ std::map<std::string, double> by_name(const NamedValues& values) { return {value
 class FakeMachine : public ::testing::Test {
  protected:
   FakeMachine() {
-    for (const char* folder : {"proc/self", "thermal/thermal_zone0", "thermal/thermal_zone1", "thermal/cooling_device0"}) {
+    for (const char* folder :
+         {"proc/self", "thermal/thermal_zone0", "thermal/thermal_zone1", "thermal/cooling_device0"}) {
       std::filesystem::create_directories(folder_ / folder);
     }
     write("proc/self/status", "Name:\tnadird\nVmPeak:\t  900000 kB\nVmRSS:\t  312500 kB\n");

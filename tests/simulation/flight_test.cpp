@@ -7,9 +7,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/csv.hpp"
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 #include "geodesy/angles.hpp"
 #include "geodesy/local_frame.hpp"
 #include "imagery/codecs.hpp"

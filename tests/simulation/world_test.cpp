@@ -7,8 +7,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "base/files.hpp"
 #include "base/digest.hpp"
+#include "base/files.hpp"
 #include "package/mission.hpp"
 #include "raster/gdal_dataset.hpp"
 #include "raster/imagery_input.hpp"

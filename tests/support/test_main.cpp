@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 
-// GoogleTest's own, and exit code 77 where nothing failed but a case was skipped: ctest then shows the suite as skipped.
+// GoogleTest's own, and exit code 77 where nothing failed but a case was skipped: ctest then shows the suite as
+// skipped.
 int main(int argc, char** argv) {
   testing::InitGoogleMock(&argc, argv);
   const int code = RUN_ALL_TESTS();

@@ -77,7 +77,8 @@ TEST_F(InstalledReportTest, RejectsInvalidDocuments) {
     EXPECT_THROW(parse_installed_report(bad.dump(), "report"), Error) << pointer << " " << value;
   };
   refused("/signed/schema", "nadir.installed/2");
-  for (const char* name : {"", "../../etc/passwd", ".", "..", ".hidden", "a b", "a\n", "a/b"}) refused("/signed/airframe", name);
+  for (const char* name : {"", "../../etc/passwd", ".", "..", ".hidden", "a b", "a\n", "a/b"})
+    refused("/signed/airframe", name);
   refused("/signed/airframe", std::string(65, 'a'));
   for (const std::int64_t number : {std::int64_t{0}, std::int64_t{-1}, std::int64_t{1} << 54}) {
     refused("/signed/number", number);

@@ -9,9 +9,9 @@
 #include <map>
 #include <vector>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
-#include "base/digest.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace nadir {
@@ -151,7 +151,8 @@ TEST(Keys, OfProcessesAtOnceExactlyOneCreatesThePair) {
     }
     EXPECT_EQ(codes, (std::map<int, int>{{0, 1}, {1, 7}}));
     EXPECT_EQ(PrivateKey::read(folder / "k.key.pem").public_key().id(), PublicKey::read(folder / "k.pub.pem").id());
-    EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), std::filesystem::directory_iterator()), 2);
+    EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), std::filesystem::directory_iterator()),
+              2);
   }
 }
 

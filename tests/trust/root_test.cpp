@@ -123,7 +123,8 @@ TEST_F(Root, SuccessorNeedsSignaturesOfOldAndNewKeys) {
 TEST_F(Root, SuccessorIsTheNextVersion) {
   const TrustRoot now = version(5, first_);
   for (const std::int64_t number : {1, 4, 5, 7}) {
-    EXPECT_TRUE(check_succession(now, sign_root(version(number, first_), {&first_}), kAcceptedAt).contains("root.rollback"))
+    EXPECT_TRUE(
+        check_succession(now, sign_root(version(number, first_), {&first_}), kAcceptedAt).contains("root.rollback"))
         << number;
   }
   EXPECT_FALSE(check_succession(now, sign_root(version(6, first_), {&first_}), kAcceptedAt).has_errors());
@@ -156,11 +157,14 @@ class RootWalking : public ::testing::Test {
     documents_[number] = sign_root(version(number, root_key), signers).json();
   }
   RootSuccession walk(std::int64_t from = 1, bool accepted_earlier = false) {
-    return follow_root_chain(version(from, a_), [this, accepted_earlier](std::int64_t wanted) -> std::optional<RootDocument> {
-      const auto found = documents_.find(wanted);
-      if (found == documents_.end()) return std::nullopt;
-      return RootDocument{found->second, "test", accepted_earlier};
-    }, kAcceptedAt);
+    return follow_root_chain(
+        version(from, a_),
+        [this, accepted_earlier](std::int64_t wanted) -> std::optional<RootDocument> {
+          const auto found = documents_.find(wanted);
+          if (found == documents_.end()) return std::nullopt;
+          return RootDocument{found->second, "test", accepted_earlier};
+        },
+        kAcceptedAt);
   }
 
   PrivateKey a_ = PrivateKey::generate(), b_ = PrivateKey::generate(), c_ = PrivateKey::generate();
@@ -220,10 +224,13 @@ TEST_F(RootWalking, AnExpiredRootKeyCannotAppoint) {
   const auto walked = [this](std::optional<UtcTime> expires_a, UtcTime at, bool accepted_earlier = false) {
     TrustRoot trusted = version(1, a_);
     trusted.keys.at(a_.public_key().id()).expires = expires_a;
-    return follow_root_chain(trusted, [&](std::int64_t wanted) -> std::optional<RootDocument> {
-      if (wanted != 2) return std::nullopt;
-      return RootDocument{documents_[2], "test", accepted_earlier};
-    }, at);
+    return follow_root_chain(
+        trusted,
+        [&](std::int64_t wanted) -> std::optional<RootDocument> {
+          if (wanted != 2) return std::nullopt;
+          return RootDocument{documents_[2], "test", accepted_earlier};
+        },
+        at);
   };
   const UtcTime before{kAcceptedAt.unix_s - 1};
   EXPECT_EQ(walked(std::nullopt, kAcceptedAt).root.version, 2);

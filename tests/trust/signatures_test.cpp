@@ -189,7 +189,8 @@ TEST_F(AirframeSignature, ByAnExpiredKeyIsRejected) {
 
 class AirframeAge : public ::testing::Test {
  protected:
-  Findings judged(std::optional<std::int64_t> sequence, std::optional<UtcTime> expires, const AircraftState* state) const {
+  Findings judged(std::optional<std::int64_t> sequence, std::optional<UtcTime> expires,
+                  const AircraftState* state) const {
     return check_airframe_age({"falcon-7", sequence, expires}, state, kNow, "airframe.json");
   }
   const UtcTime later_{kNow.unix_s + 1};
@@ -228,8 +229,9 @@ TEST_F(AirframeAge, AnExpiredFileIsRejected) {
 }
 
 TEST_F(AirframeAge, FilesOfBeforeAreWarnedAbout) {
-  for (const auto& [sequence, expires] :
-       {std::pair{std::optional<std::int64_t>(), std::optional<UtcTime>()}, {1, std::nullopt}, {std::nullopt, later_}}) {
+  for (const auto& [sequence, expires] : {std::pair{std::optional<std::int64_t>(), std::optional<UtcTime>()},
+                                          {1, std::nullopt},
+                                          {std::nullopt, later_}}) {
     const Findings findings = judged(sequence, expires, nullptr);
     EXPECT_FALSE(findings.has_errors());
     EXPECT_TRUE(findings.contains("airframe.undated"));

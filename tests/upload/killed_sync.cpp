@@ -9,8 +9,8 @@
 #include <iostream>
 #include <random>
 
-#include "cli/terminal.hpp"
 #include "cli/program.hpp"
+#include "cli/terminal.hpp"
 #include "commands/commands.hpp"
 #include "commands/sync/sync_environment.hpp"
 

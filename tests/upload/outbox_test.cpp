@@ -278,9 +278,10 @@ TEST(OldOutbox, IsReadUnchangedAndMigratedByTheFirstWriter) {
   const test::TemporaryFolder folder;
   {
     const OutboxDatabase outbox(folder / "outbox", OutboxDatabase::Access::make);
-    for (const char* back_to_version_1 : {"DROP TABLE strike", "DROP TABLE installed", "DELETE FROM step WHERE 'DAMAGED' IN (before, after)",
-                                          "DELETE FROM step WHERE before = 'PARKED' AND after = 'STAGED'",
-                                          "DELETE FROM state WHERE name = 'DAMAGED'", "PRAGMA user_version = 1"}) {
+    for (const char* back_to_version_1 :
+         {"DROP TABLE strike", "DROP TABLE installed", "DELETE FROM step WHERE 'DAMAGED' IN (before, after)",
+          "DELETE FROM step WHERE before = 'PARKED' AND after = 'STAGED'", "DELETE FROM state WHERE name = 'DAMAGED'",
+          "PRAGMA user_version = 1"}) {
       outbox.prepare(back_to_version_1).run();
     }
   }

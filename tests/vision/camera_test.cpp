@@ -291,11 +291,16 @@ TEST_F(AirframeFile, ReadsCameraMountAndIdentity) {
 
 TEST_F(AirframeFile, ErrorsNameTheKey) {
   const std::pair<const char*, const char*> wrong[] = {
-      {R"(, "mount": {"pitch_deg": 80})", "mount.pitch_deg"}, {R"(, "mount": {"yaw_deg": ".nan"})", "mount.yaw_deg"},
-      {R"(, "capture_delay_s": -1)", "capture_delay_s"},      {R"(, "mavlink": {"system": 0})", "mavlink.system"},
-      {R"(, "mavlink": {"component": 256})", "component"},    {R"(, "wings": 2)", "wings"},
-      {R"(, "mavlink": {"key": "secret"})", "key"},           {R"(, "sequence": 0)", "sequence"},
-      {R"(, "sequence": 1.5)", "sequence"},                   {R"(, "sequence": 99999999999)", "sequence"},
+      {R"(, "mount": {"pitch_deg": 80})", "mount.pitch_deg"},
+      {R"(, "mount": {"yaw_deg": ".nan"})", "mount.yaw_deg"},
+      {R"(, "capture_delay_s": -1)", "capture_delay_s"},
+      {R"(, "mavlink": {"system": 0})", "mavlink.system"},
+      {R"(, "mavlink": {"component": 256})", "component"},
+      {R"(, "wings": 2)", "wings"},
+      {R"(, "mavlink": {"key": "secret"})", "key"},
+      {R"(, "sequence": 0)", "sequence"},
+      {R"(, "sequence": 1.5)", "sequence"},
+      {R"(, "sequence": 99999999999)", "sequence"},
       {R"(, "expires": "soon")", "expires"},
   };
   for (const auto& [text, where] : wrong) {

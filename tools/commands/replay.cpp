@@ -7,11 +7,11 @@
 #include <optional>
 #include <ostream>
 
+#include "base/digest.hpp"
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/platform.hpp"
 #include "base/printable.hpp"
-#include "base/digest.hpp"
 #include "cli/command.hpp"
 #include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
@@ -74,9 +74,7 @@ class ReplayCommand final : public Command {
  public:
   std::string_view group() const override { return {}; }
   std::string_view name() const override { return "replay"; }
-  std::string_view summary() const override {
-    return "replay recorded frames and telemetry through the localizer";
-  }
+  std::string_view summary() const override { return "replay recorded frames and telemetry through the localizer"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }

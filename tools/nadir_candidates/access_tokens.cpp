@@ -25,7 +25,8 @@ constexpr std::array kTokenScopes{TokenScope::upload, TokenScope::read};
 std::string read_name(const JsonReader& in, JsonKey key) {
   const std::string& name = in.text(key, {.least = 1, .most = kLongestTokenName});
   const bool plain = std::all_of(name.begin(), name.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' || c == '_' ||
+           c == '-';
   });
   if (!plain) in.refuse(key, "letters, digits, '.', '_' and '-'");
   return name;
@@ -85,7 +86,8 @@ std::string tokens_json(const std::vector<AccessToken>& tokens) {
   return nlohmann::json{{"schema", kTokensSchema}, {"tokens", std::move(list)}}.dump(1) + "\n";
 }
 
-Clients::Clients(const std::vector<std::string>& token_files, std::optional<fs::path> tokens) : file_(std::move(tokens)) {
+Clients::Clients(const std::vector<std::string>& token_files, std::optional<fs::path> tokens)
+    : file_(std::move(tokens)) {
   std::map<fs::path, std::vector<std::string>> airframes;  // of each file; empty: all
   for (const std::string& text : token_files) {
     const std::size_t equals = text.find('=');
@@ -104,14 +106,14 @@ Clients::Clients(const std::vector<std::string>& token_files, std::optional<fs::
                         .fix = "rename one of them"});
     }
     const Sha256 digest = sha256(as_bytes(read_bearer_token(file)));
-    const auto client = std::make_shared<const Client>(
-        Client{.client = {.name = name, .airframes = names, .token = name},
-               .token = {.id = name,
-                         .client = name,
-                         .scopes = {kTokenScopes.begin(), kTokenScopes.end()},
-                         .airframes = std::move(names),
-                         .expires = std::nullopt,
-                         .sha256 = digest}});
+    const auto client =
+        std::make_shared<const Client>(Client{.client = {.name = name, .airframes = names, .token = name},
+                                              .token = {.id = name,
+                                                        .client = name,
+                                                        .scopes = {kTokenScopes.begin(), kTokenScopes.end()},
+                                                        .airframes = std::move(names),
+                                                        .expires = std::nullopt,
+                                                        .sha256 = digest}});
     if (!fixed_.emplace(digest, client).second) {
       throw UsageError({.what = "two clients have the same token",
                         .where = file,

@@ -1,8 +1,9 @@
-// Who may call the service, and for what: bearer tokens, each with an id, a scope, an expiry and the airframes that it may
-// upload for. On disk stands a token's SHA-256 alone: whoever reads the file can call nobody.
+// Who may call the service, and for what: bearer tokens, each with an id, a scope, an expiry and the airframes that it
+// may upload for. On disk stands a token's SHA-256 alone: whoever reads the file can call nobody.
 //   {"schema": "nadir.tokens/1", "tokens": [{"id", "client", "scope": ["upload", "read"], "airframes": […],
 //    "expires", "sha256"}]}
-// docs/formats/tokens.md. The file is made by `nadir-candidates token`; a running service reads it again when it changes.
+// docs/formats/tokens.md. The file is made by `nadir-candidates token`; a running service reads it again when it
+// changes.
 #pragma once
 
 #include <filesystem>
@@ -51,9 +52,9 @@ class Clients {
     AccessToken token;
   };
 
-  // token_files: each "FILE", for every airframe, or "AIRFRAME=FILE", with one token that does not expire; the same file
-  // may be given for several airframes, and its name is the client's. tokens: a file of parse_tokens(). Throws Error, and
-  // UsageError where two would share an id or a token.
+  // token_files: each "FILE", for every airframe, or "AIRFRAME=FILE", with one token that does not expire; the same
+  // file may be given for several airframes, and its name is the client's. tokens: a file of parse_tokens(). Throws
+  // Error, and UsageError where two would share an id or a token.
   explicit Clients(const std::vector<std::string>& token_files,
                    std::optional<std::filesystem::path> tokens = std::nullopt);
 

@@ -175,10 +175,10 @@ class TokenListCommand final : public Command {
                         {"expired", expired}});
         continue;
       }
-      context.out << fmt::format("{}  client {}  {}  {} {}{}\n", token.id, token.client, scopes_text(token),
-                                 expired ? "expired" : "until", to_rfc3339(*token.expires),
-                                 token.airframes.empty() ? std::string()
-                                                         : fmt::format("  for {}", fmt::join(token.airframes, ", ")));
+      context.out << fmt::format(
+          "{}  client {}  {}  {} {}{}\n", token.id, token.client, scopes_text(token), expired ? "expired" : "until",
+          to_rfc3339(*token.expires),
+          token.airframes.empty() ? std::string() : fmt::format("  for {}", fmt::join(token.airframes, ", ")));
     }
     if (context.json) print_json(context.out, {{"tokens", std::move(list)}});
     return kAccepted;

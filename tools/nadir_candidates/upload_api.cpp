@@ -6,10 +6,10 @@
 #include <charconv>
 #include <nlohmann/json.hpp>
 
+#include "base/bytes.hpp"
 #include "base/error.hpp"
 #include "base/printable.hpp"
 #include "http/access.hpp"
-#include "base/bytes.hpp"
 #include "upload/batch.hpp"
 #include "upload/pack.hpp"
 

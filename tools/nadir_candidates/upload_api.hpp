@@ -25,8 +25,8 @@ enum class UploadPath { health, reason_codes, uploads, upload, pack, complete, i
 
 struct Admission {
   UploadPath path = UploadPath::health;
-  std::string upload{};                  // of the last three
-  std::optional<Sha256> pack{};          // of `pack`
+  std::string upload{};                             // of the last three
+  std::optional<Sha256> pack{};                     // of `pack`
   std::shared_ptr<const Clients::Client> caller{};  // null: health, which needs no token
   std::uint64_t body_bytes = 0;                     // that the request announces and may have
 
@@ -38,7 +38,7 @@ struct UploadRoute {
   Admission admission;
   std::string_view methods;  // "GET, HEAD"
   std::uint64_t body_max = 0;
-  std::string_view media{};  // of the body; empty: there is none
+  std::string_view media{};           // of the body; empty: there is none
   std::optional<TokenScope> scope{};  // that a token needs; none: any known token will do
 
   bool allows(std::string_view method) const;

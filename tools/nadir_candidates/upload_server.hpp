@@ -11,9 +11,9 @@
 #include <cstdint>
 #include <memory>
 
+#include "http/access.hpp"
 #include "nadir_candidates/upload_api.hpp"
 #include "nadir_candidates/work_queue.hpp"
-#include "http/access.hpp"
 
 namespace nadir {
 

@@ -13,8 +13,8 @@
 #include "cli/nadir_version.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/commands.hpp"
 #include "commands/cache/imagery_options.hpp"
+#include "commands/commands.hpp"
 #include "package_build/package_builder.hpp"
 
 namespace nadir {
@@ -126,7 +126,8 @@ int CacheBuildCommand::run(Context& context) {
   request.out = out_;
   request.program = kVersion;
   request.resume = resume_;
-  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
+  if (!context.quiet)
+    request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
 
   const PackageReport report = build_package(request, context.progress);
   if (report.findings.has_errors()) {

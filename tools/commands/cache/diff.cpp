@@ -78,9 +78,7 @@ class CacheDiffCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "diff"; }
-  std::string_view summary() const override {
-    return "list what differs between two packages or tile sets";
-  }
+  std::string_view summary() const override { return "list what differs between two packages or tile sets"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -133,8 +131,8 @@ int CacheDiffCommand::run(Context& context) {
     print(context.out, "metadata", diff.metadata);
     print(context.out, diff);
     context.out << fmt::format("{}: {} added, {} removed, {} changed, {} with a new sidecar only, {} unchanged\n",
-                               same ? "identical" : "different", count(diff.added.size(), "tile"),
-                               diff.removed.size(), diff.changed.size(), diff.redescribed.size(), diff.same);
+                               same ? "identical" : "different", count(diff.added.size(), "tile"), diff.removed.size(),
+                               diff.changed.size(), diff.redescribed.size(), diff.same);
   }
   return same ? kAccepted : kRefused;
 }

@@ -72,9 +72,7 @@ class CacheGapsCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "gaps"; }
-  std::string_view summary() const override {
-    return "outline a mission's coverage gaps in a tile set, as GeoJSON";
-  }
+  std::string_view summary() const override { return "outline a mission's coverage gaps in a tile set, as GeoJSON"; }
   std::string_view details() const override;
   std::string_view examples() const override;
 
@@ -106,8 +104,7 @@ nadir cache gaps others.mbtiles --mission mission.yaml --zoom 17 | jq .features[
 void CacheGapsCommand::setup(Options& options) {
   options.positional("PACKAGE|FILE", subject_, "tile set: a package, MBTiles file or COG").required();
   options.value("--mission", mission_, "MISSION.yaml", "mission to check against; a package contains its own");
-  options.value("--zoom", zoom_, "N", "zoom to check; default: the mission's finest")
-      .between(0, kMaxZoom);
+  options.value("--zoom", zoom_, "N", "zoom to check; default: the mission's finest").between(0, kMaxZoom);
   options.value("--out", out_, "FILE.geojson", "where the outlines go; default: standard output");
 }
 
@@ -134,7 +131,8 @@ int CacheGapsCommand::run(Context& context) {
     write_file_atomic(*out_, document.dump(1) + "\n");
     double area_m2 = 0;
     for (const Gap& gap : gaps) area_m2 += gap.area_m2;
-    context.out << fmt::format("zoom {}: {} with gaps, {:.0f} m² in total\n", zoom, count(gaps.size(), "tile"), area_m2);
+    context.out << fmt::format("zoom {}: {} with gaps, {:.0f} m² in total\n", zoom, count(gaps.size(), "tile"),
+                               area_m2);
   } else {
     print_json(context.out, document);
   }

@@ -109,9 +109,7 @@ class CacheInspectCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "inspect"; }
-  std::string_view summary() const override {
-    return "show the contents of a package, an MBTiles file or a COG";
-  }
+  std::string_view summary() const override { return "show the contents of a package, an MBTiles file or a COG"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }

@@ -23,9 +23,7 @@ class CacheMatchabilityCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "matchability"; }
-  std::string_view summary() const override {
-    return "map where frames can be matched to the map, and where not";
-  }
+  std::string_view summary() const override { return "map where frames can be matched to the map, and where not"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -71,7 +69,8 @@ void CacheMatchabilityCommand::setup(Options& options) {
   options.value("--mission", mission_, "MISSION.yaml", "mission whose area is surveyed; a package contains its own");
   options.value("--out", out_, "FILE.tif", "write the map as a GeoTIFF");
   options.flag("--into-package", into_package_, "add the map to the package");
-  options.value("--key", key_, "KEY.pem", "with --into-package: private key of a package signer; required if the package is signed");
+  options.value("--key", key_, "KEY.pem",
+                "with --into-package: private key of a package signer; required if the package is signed");
   request_.declare(options);
 }
 

@@ -12,8 +12,8 @@
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
-#include "commands/commands.hpp"
 #include "commands/cache/imagery_options.hpp"
+#include "commands/commands.hpp"
 #include "package_build/package_updater.hpp"
 
 namespace nadir {
@@ -23,9 +23,7 @@ class CacheUpdateCommand final : public Command {
  public:
   std::string_view group() const override { return "cache"; }
   std::string_view name() const override { return "update"; }
-  std::string_view summary() const override {
-    return "build the next package from an existing one and newer imagery";
-  }
+  std::string_view summary() const override { return "build the next package from an existing one and newer imagery"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -112,7 +110,8 @@ int CacheUpdateCommand::run(Context& context) {
   request.roots = roots_;
   request.at = at_;
   request.out = out_;
-  if (!context.quiet) request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
+  if (!context.quiet)
+    request.on_remark = [&context](std::string_view remark) { context.err << printable(remark) << '\n'; };
 
   const auto [report, counts, old_sequence, sequence] = update_package(request, context.progress);
   if (report.findings.has_errors()) {

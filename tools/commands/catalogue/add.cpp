@@ -87,13 +87,13 @@ int CatalogueAddCommand::run(Context& context) {
   const Catalogue::Added added = catalogue.add(entry, context.progress);
   const std::string name = fmt::format("{} {}", entry.manifest.series, entry.manifest.sequence);
   if (added == Catalogue::Added::conflict) {
-    reading.findings.add({.code = "catalogue.conflict",
-                          .where = location.shown,
-                          .expected = fmt::format("one package named {}", name),
-                          .found = "another one of this series and sequence, with different content",
-                          .fix =
-                              "give the changed package a higher sequence; to replace the other one, remove it first: nadir "
-                              "catalogue remove"});
+    reading.findings.add(
+        {.code = "catalogue.conflict",
+         .where = location.shown,
+         .expected = fmt::format("one package named {}", name),
+         .found = "another one of this series and sequence, with different content",
+         .fix = "give the changed package a higher sequence; to replace the other one, remove it first: nadir "
+                "catalogue remove"});
   }
   if (context.json) {
     return report_findings(context.out, true, reading.findings,

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "base/error.hpp"
 #include "base/digest.hpp"
+#include "base/error.hpp"
 #include "cli/command.hpp"
 #include "cli/options.hpp"
 #include "commands/commands.hpp"
@@ -127,7 +127,8 @@ int KeysRevokeCommand::run(Context& context) {
     require_threshold(*root.airframe_signer, "airframe-signer", "add a replacement with --new-airframe-signer");
   }
   for (const auto& [airframe, role] : root.tile_signers) {
-    require_threshold(role, "tile-signer of " + airframe, "create the next root from scratch: nadir keys root --previous");
+    require_threshold(role, "tile-signer of " + airframe,
+                      "create the next root from scratch: nadir keys root --previous");
   }
   for (const auto& path : root_keys_) {
     keys.push_back(PrivateKey::read(path));

@@ -21,9 +21,7 @@ class KeysRootCommand final : public Command {
  public:
   std::string_view group() const override { return "keys"; }
   std::string_view name() const override { return "root"; }
-  std::string_view summary() const override {
-    return "create the root of trust: who may sign packages, until when";
-  }
+  std::string_view summary() const override { return "create the root of trust: who may sign packages, until when"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -76,15 +74,17 @@ void KeysRootCommand::setup(Options& options) {
   options.values("--airframe-signer", airframe_signers_, "PUB.pem",
                  "public key that may sign airframe files; with one, aircraft reject unsigned airframe files");
   options.value("--threshold", threshold_, "N", "number of package signers that must sign a package").between(1, 32);
-  options.value("--root-threshold", root_threshold_, "N", "number of root keys that must sign the next root").between(1, 32);
+  options.value("--root-threshold", root_threshold_, "N", "number of root keys that must sign the next root")
+      .between(1, 32);
   options.value("--expires", expires_, "DATE", "end of validity").required();
   options.value("--previous", previous_, "ROOT.json", "root that this one succeeds");
   options
       .values("--previous-root-key", previous_root_keys_, "KEY.pem",
               "private key of the previous root that is not a key of the new one")
       .needs("--previous");
-  options.flag("--keep-signers", keep_signers_,
-               "keep all signers of the previous root that are not revoked, beside those named here")
+  options
+      .flag("--keep-signers", keep_signers_,
+            "keep all signers of the previous root that are not revoked, beside those named here")
       .needs("--previous");
   options.flag("--incomplete", incomplete_, "write the root although more root keys must sign it");
   options.value("--out", out_, "ROOT.json", "root file to create").required();

@@ -30,7 +30,8 @@ std::map<std::string, std::set<std::string>> removed_signers(const TrustRoot& pr
     if (!ids.empty()) removed[role] = std::move(ids);
   };
   add("package signer", removed_from(previous.package_signer, root.package_signer, root));
-  add("airframe signer", removed_from(previous.airframe_signer.value_or(Role{}), root.airframe_signer.value_or(Role{}), root));
+  add("airframe signer",
+      removed_from(previous.airframe_signer.value_or(Role{}), root.airframe_signer.value_or(Role{}), root));
   for (const auto& [airframe, role] : previous.tile_signers) {
     const auto now = root.tile_signers.find(airframe);
     add("tile signer of " + airframe, removed_from(role, now == root.tile_signers.end() ? Role{} : now->second, root));
@@ -64,11 +65,12 @@ void check_new_root(const std::filesystem::path& out, UtcTime expires, const Clo
 void check_expires(UtcTime expires, const Clock& clock) {
   const UtcTime now = clock.now();
   if (now < kEarliestNow) {
-    throw UsageError({.what = "the clock of this machine is wrong, and validity cannot be judged by it",
-                      .where = "the clock",
-                      .expected = "a time after " + to_rfc3339(kEarliestNow) + ", before which this program did not exist",
-                      .found = to_rfc3339(now),
-                      .fix = "set the clock, then try again"});
+    throw UsageError(
+        {.what = "the clock of this machine is wrong, and validity cannot be judged by it",
+         .where = "the clock",
+         .expected = "a time after " + to_rfc3339(kEarliestNow) + ", before which this program did not exist",
+         .found = to_rfc3339(now),
+         .fix = "set the clock, then try again"});
   }
   if (expires > now) return;
   throw UsageError({.what = "the end of validity has passed already",
@@ -85,32 +87,34 @@ void give_role(TrustRoot& root, Role& role, const PublicKey& key) {
 
 int write_new_root(Context& context, NewRoot wanted, const std::vector<PrivateKey>& keys) {
   const SignedRoot signed_root = sign_root(std::move(wanted.root), pointers_to(keys));
-  const Findings findings = wanted.previous
-                                ? check_succession(*wanted.previous, signed_root, context.clock.now())
-                                : check_self(signed_root);
+  const Findings findings =
+      wanted.previous ? check_succession(*wanted.previous, signed_root, context.clock.now()) : check_self(signed_root);
   // Only signatures that are still missing may come later; everything else stays wrong.
   bool only_missing = true;
   for (const Finding& finding : findings.items()) only_missing &= finding.code == "signature.missing";
   if (findings.has_errors() && !(wanted.incomplete && only_missing)) {
     const Finding& first = findings.items().front();
-    throw UsageError({.what = "aircraft would reject this root: it is not signed by enough root keys that are valid now",
-                      .where = first.where,
-                      .expected = first.expected,
-                      .found = first.found,
-                      .fix = wanted.previous ? "add the missing keys with --root-key or --previous-root-key, or let "
-                                               "others sign: --incomplete, then nadir keys sign"
-                                             : "add the missing keys with --root-key, or let others sign: "
-                                               "--incomplete, then nadir keys sign"});
+    throw UsageError(
+        {.what = "aircraft would reject this root: it is not signed by enough root keys that are valid now",
+         .where = first.where,
+         .expected = first.expected,
+         .found = first.found,
+         .fix = wanted.previous ? "add the missing keys with --root-key or --previous-root-key, or let "
+                                  "others sign: --incomplete, then nadir keys sign"
+                                : "add the missing keys with --root-key, or let others sign: "
+                                  "--incomplete, then nadir keys sign"});
   }
   write_new_file(wanted.out, signed_root.json());
   const TrustRoot& root = signed_root.root;
   const bool complete = !findings.has_errors();
-  const auto removed = wanted.previous ? removed_signers(*wanted.previous, root) : std::map<std::string, std::set<std::string>>();
+  const auto removed =
+      wanted.previous ? removed_signers(*wanted.previous, root) : std::map<std::string, std::set<std::string>>();
   for (const auto& [role, ids] : removed) {
     for (const std::string& id : ids) {
-      context.err << fmt::format("warning: {} {} of version {} is removed: what it signs is rejected from this version on; "
-                                 "--keep-signers keeps it\n",
-                                 role, id, wanted.previous->version);
+      context.err << fmt::format(
+          "warning: {} {} of version {} is removed: what it signs is rejected from this version on; "
+          "--keep-signers keeps it\n",
+          role, id, wanted.previous->version);
     }
   }
   if (context.json) {

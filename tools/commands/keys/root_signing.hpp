@@ -31,8 +31,8 @@ struct NewRoot {
 // Throws UsageError when the output exists or the date is past. For before the keys are read.
 void check_new_root(const std::filesystem::path& out, UtcTime expires, const Clock& clock);
 
-// A clock that shows less is wrong: nothing of this kind existed before. Machines without a battery-backed clock start in
-// 1970.
+// A clock that shows less is wrong: nothing of this kind existed before. Machines without a battery-backed clock start
+// in 1970.
 inline constexpr UtcTime kEarliestNow{1'704'067'200};  // 2024-01-01
 
 // Throws UsageError when the end of validity has passed, or the clock cannot be right.

@@ -11,8 +11,8 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
-#include "package/mission_check.hpp"
 #include "package/mission.hpp"
+#include "package/mission_check.hpp"
 
 namespace nadir {
 namespace {
@@ -56,9 +56,7 @@ std::string_view MissionCheckCommand::details() const {
 Exit codes: 0 the mission is valid, 1 it is not, 2 the file cannot be read.)";
 }
 
-std::string_view MissionCheckCommand::examples() const {
-  return R"(nadir mission check missions/example.yaml)";
-}
+std::string_view MissionCheckCommand::examples() const { return R"(nadir mission check missions/example.yaml)"; }
 
 void MissionCheckCommand::setup(Options& options) {
   options.positional("MISSION.yaml", mission_, "mission file").required();
@@ -75,14 +73,14 @@ int MissionCheckCommand::run(Context& context) {
                               {"route_km", demand.route_km},  {"required_tiles", demand.tiles}};
     return report_findings(context.out, true, reading.findings, more);
   }
-  print_figures(context.out,
-                {{"mission", fmt::format("{} (series {}, sequence {})", mission.id, mission.series, mission.sequence)},
-                 {"valid", to_rfc3339(mission.created) + " to " + to_rfc3339(mission.expires)},
-                 {"airframes", fmt::format("{}", fmt::join(mission.airframes, ", "))},
-                 {"sectors", fmt::format("{}, {:.2f} km²", mission.sectors.size(), demand.sectors_km2)},
-                 {"route", fmt::format("{:.2f} km, {:.0f} m to each side", demand.route_km,
-                                       mission.route.corridor_half_width_m)},
-                 {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)}});
+  print_figures(
+      context.out,
+      {{"mission", fmt::format("{} (series {}, sequence {})", mission.id, mission.series, mission.sequence)},
+       {"valid", to_rfc3339(mission.created) + " to " + to_rfc3339(mission.expires)},
+       {"airframes", fmt::format("{}", fmt::join(mission.airframes, ", "))},
+       {"sectors", fmt::format("{}, {:.2f} km²", mission.sectors.size(), demand.sectors_km2)},
+       {"route", fmt::format("{:.2f} km, {:.0f} m to each side", demand.route_km, mission.route.corridor_half_width_m)},
+       {"tiles", fmt::format("{} at zooms {} to {}", demand.tiles, mission.zoom.min, mission.zoom.max)}});
   return report_findings(context.out, false, reading.findings);
 }
 

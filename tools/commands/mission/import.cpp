@@ -24,7 +24,7 @@ namespace {
 constexpr std::int64_t kSecondsPerDay = 86'400;
 
 const VectorFeature& choose_route(const VectorFeatures& plan, const std::optional<std::string>& name,
-                               const std::string& where) {
+                                  const std::string& where) {
   const VectorFeature* chosen = nullptr;
   std::size_t matching = 0;
   std::string names;
@@ -35,11 +35,12 @@ const VectorFeature& choose_route(const VectorFeatures& plan, const std::optiona
     ++matching;
   }
   if (matching == 1) return *chosen;
-  throw UsageError({.what = "it is unclear which line is the route",
-                    .where = where,
-                    .expected = name ? "one line named \"" + *name + "\"" : "one line",
-                    .found = plan.lines.empty() ? "no lines" : fmt::format("{}: {}", count(plan.lines.size(), "line"), names),
-                    .fix = plan.lines.empty() ? "draw the route as a line" : "select one: --route NAME"});
+  throw UsageError(
+      {.what = "it is unclear which line is the route",
+       .where = where,
+       .expected = name ? "one line named \"" + *name + "\"" : "one line",
+       .found = plan.lines.empty() ? "no lines" : fmt::format("{}: {}", count(plan.lines.size(), "line"), names),
+       .fix = plan.lines.empty() ? "draw the route as a line" : "select one: --route NAME"});
 }
 
 // Ids take letters, digits, '-', '_' and '.'.
@@ -155,8 +156,8 @@ int MissionImportCommand::run(Context& context) {
   }
   write_file_atomic(out_, yaml);
   if (!context.quiet) {
-    context.err << fmt::format("{}: a route of {} and {}; review the lines that end with \"# check\"\n",
-                               out_.string(), count(reading.mission->route.points.size(), "point"),
+    context.err << fmt::format("{}: a route of {} and {}; review the lines that end with \"# check\"\n", out_.string(),
+                               count(reading.mission->route.points.size(), "point"),
                                count(reading.mission->sectors.size(), "sector"));
   }
   return kAccepted;

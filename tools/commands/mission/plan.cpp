@@ -18,9 +18,9 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
-#include "package/mission_check.hpp"
-#include "package/mission.hpp"
 #include "package/coverage_requirement.hpp"
+#include "package/mission.hpp"
+#include "package/mission_check.hpp"
 #include "package_build/build_plan.hpp"
 
 namespace nadir {
@@ -178,10 +178,10 @@ void print(std::ostream& out, const Mission& mission, const PlanEstimate& plan, 
                        fmt::format("{}, {:.1f} MB; {} required (bounding box: {})", count(level.tiles, "tile"),
                                    level.bytes / 1e6, level.required, level.box_tiles));
   }
-  lines.emplace_back("package", fmt::format("{}, about {:.1f} MB of {} MB allowed", count(plan.tiles, "tile"), plan.bytes / 1e6,
-                                            mission.budget_mb));
-  lines.emplace_back("building",
-                     fmt::format("about {} with {}", minutes_text(seconds), count(static_cast<std::uint64_t>(threads), "thread")));
+  lines.emplace_back("package", fmt::format("{}, about {:.1f} MB of {} MB allowed", count(plan.tiles, "tile"),
+                                            plan.bytes / 1e6, mission.budget_mb));
+  lines.emplace_back("building", fmt::format("about {} with {}", minutes_text(seconds),
+                                             count(static_cast<std::uint64_t>(threads), "thread")));
   lines.emplace_back("figures", fmt::format("{}: {:.1f} kB and {:.0f} ms per tile, measured", figures.format,
                                             figures.bytes_per_tile / 1e3, figures.cpu_ms_per_tile));
   print_figures(out, lines);
@@ -191,9 +191,7 @@ class MissionPlanCommand final : public Command {
  public:
   std::string_view group() const override { return "mission"; }
   std::string_view name() const override { return "plan"; }
-  std::string_view summary() const override {
-    return "estimate tiles, megabytes and minutes before building";
-  }
+  std::string_view summary() const override { return "estimate tiles, megabytes and minutes before building"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }

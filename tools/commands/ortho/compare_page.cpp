@@ -4,11 +4,11 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "base/bytes.hpp"
+#include "cli/nadir_version.hpp"
 #include "imagery/codecs.hpp"
 #include "imagery/map_window.hpp"
-#include "cli/nadir_version.hpp"
 #include "report/page_text.hpp"
-#include "base/bytes.hpp"
 
 namespace nadir {
 namespace {

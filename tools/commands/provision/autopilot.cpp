@@ -25,9 +25,7 @@ class ProvisionAutopilotCommand final : public Command {
  public:
   std::string_view group() const override { return "provision"; }
   std::string_view name() const override { return "autopilot"; }
-  std::string_view summary() const override {
-    return "configure an autopilot and write its signed airframe file";
-  }
+  std::string_view summary() const override { return "configure an autopilot and write its signed airframe file"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }
@@ -69,7 +67,8 @@ nadir provision autopilot --autopilot serial:/dev/ttyACM0:115200 --apply --signi
 }
 
 void ProvisionAutopilotCommand::setup(Options& options) {
-  options.value("--autopilot", url_, "URL", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD").required();
+  options.value("--autopilot", url_, "URL", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD")
+      .required();
   options.flag("--apply", apply_, "change the autopilot; without it, only show");
   options.value("--receiver", receiver_, "N", "GPS receiver that GPS_INPUT takes the place of").between(1, 2);
   options.value("--signing-key", signing_key_, "FILE", "signing key of the link; created with --apply if missing");

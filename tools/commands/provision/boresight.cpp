@@ -115,7 +115,8 @@ void ProvisionBoresightCommand::setup(Options& options) {
   options.value("--max-frames", most_frames_, "N", "maximum number of frames, evenly chosen")
       .between(3, 100'000)
       .formerly("--most-frames");
-  options.value("--min-frames", limits_.min_frames, "N", "minimum number of frames matched to the map").between(3, 100'000);
+  options.value("--min-frames", limits_.min_frames, "N", "minimum number of frames matched to the map")
+      .between(3, 100'000);
   options.value("--gps-sigma-m", gps_sigma_m_, "M", "1-σ error of GPS per axis").between(0.01, 50);
   options.value("--key", key_, "KEY.pem", "private key that signs the airframe file").needs("--out");
   options.value("--out", out_, "DIR", "folder to create for the airframe file and its signature").needs("--key");
@@ -130,8 +131,7 @@ void ProvisionBoresightCommand::setup(Options& options) {
 
 Flight ProvisionBoresightCommand::read_flight_segment(const std::filesystem::path& unpacked) const {
   if (recorder_.has_value() == telemetry_.has_value()) {
-    throw UsageError(
-        {.what = "exactly one flight is required", .expected = "--recorder, or --frames and --telemetry"});
+    throw UsageError({.what = "exactly one flight is required", .expected = "--recorder, or --frames and --telemetry"});
   }
   Flight flight;
   if (recorder_) {
@@ -168,11 +168,12 @@ void ProvisionBoresightCommand::date_file(Airframe& airframe, const Clock& clock
                       .expected = "--expires DATE, because this file has none to keep"});
   }
   if (sequence_ && *sequence_ <= airframe.sequence.value_or(0)) {
-    throw UsageError({.what = "aircraft would reject the new airframe file as a rollback",
-                      .where = "--sequence",
-                      .expected = "more than " + std::to_string(*airframe.sequence) + ", which " + airframe_.string() + " has",
-                      .found = std::to_string(*sequence_),
-                      .fix = "omit --sequence, or give a higher one"});
+    throw UsageError(
+        {.what = "aircraft would reject the new airframe file as a rollback",
+         .where = "--sequence",
+         .expected = "more than " + std::to_string(*airframe.sequence) + ", which " + airframe_.string() + " has",
+         .found = std::to_string(*sequence_),
+         .fix = "omit --sequence, or give a higher one"});
   }
   airframe.sequence = sequence_.value_or(airframe.sequence.value_or(0) + 1);
   if (expires_) airframe.expires = expires_;
@@ -197,7 +198,8 @@ int ProvisionBoresightCommand::run(Context& context) {
   if (!opening.package) return report_findings(context.out, context.json, opening.findings);
 
   const BoresightFlight from{flight, recorder_ ? airframe.mount : Attitude{}, static_cast<std::size_t>(most_frames_)};
-  const BoresightMeasurements seen = measure_boresight(from, airframe.camera, airframe.mount, *opening.package, context.progress);
+  const BoresightMeasurements seen =
+      measure_boresight(from, airframe.camera, airframe.mount, *opening.package, context.progress);
   BoresightSettings settings{airframe.mount, airframe.camera.uncertainty};
   settings.gps_sigma_m = gps_sigma_m_;
   settings.offset_sigma_m = std::hypot(settings.offset_sigma_m, map_sigma_m(opening.package->imagery()));

@@ -53,7 +53,9 @@ std::string_view ProvisionCameraCommand::examples() const {
 }
 
 void ProvisionCameraCommand::setup(Options& options) {
-  options.value("--images", pictures_, "DIR", "folder with JPEG or PNG images of the board").required().formerly("--pictures");
+  options.value("--images", pictures_, "DIR", "folder with JPEG or PNG images of the board")
+      .required()
+      .formerly("--pictures");
   options.value("--board", board_, "CxR", "inner corners across and down").required();
   options.value("--square-m", square_m_, "M", "side of a square").required().between(0.001, 10);
   options.value("--out", out_, "FILE.yaml", "camera file to create").required();

@@ -133,8 +133,8 @@ Table fixes_table() {
           .rows = {}};
 }
 
-// UTC of monotonic times. Every recorded fix has both; where there is none, in older recordings, an input record has the
-// time of its frame and the UTC at which it was recorded, some milliseconds later.
+// UTC of monotonic times. Every recorded fix has both; where there is none, in older recordings, an input record has
+// the time of its frame and the UTC at which it was recorded, some milliseconds later.
 class UtcOfMonotonic {
  public:
   void pair(double time_s, double unix_s, bool exact) {
@@ -181,9 +181,9 @@ TableRow row_of(const EstimateRecord& record, std::string_view stage) {
   const Estimate& e = record.estimate;
   return {e.position,
           {cell(record.index), cell(e.frame), e.time_s, Cell(), cell(stage),
-           record.state.agl_m > 0 ? Cell(record.state.agl_m) : Cell(), e.position ? Cell(e.sigma_m) : Cell(), cell(name_of(e.source)),
-           cell(e.segment), cell(e.anchor_age_s), cell(e.anchor_inliers), e.anchor_ratio, e.latency_ms,
-           cell(record.odometry.tracked ? 1 : 0)}};
+           record.state.agl_m > 0 ? Cell(record.state.agl_m) : Cell(), e.position ? Cell(e.sigma_m) : Cell(),
+           cell(name_of(e.source)), cell(e.segment), cell(e.anchor_age_s), cell(e.anchor_inliers), e.anchor_ratio,
+           e.latency_ms, cell(record.odometry.tracked ? 1 : 0)}};
 }
 
 TableRow row_of(const AnchorRecord& record, const LocalFrame& frame) {
@@ -255,7 +255,8 @@ std::optional<EventText> event_text(const Record& record) {
 // A recorded session as tables. Throws as read_recording() does, and UsageError when it is not clear which session is
 // meant.
 FlightTables read_flight_tables(const std::filesystem::path& recording, const std::optional<std::string>& session) {
-  FlightTables tables{chosen_session(recording, session), estimates_table(), anchors_table(), fixes_table(), events_table()};
+  FlightTables tables{chosen_session(recording, session), estimates_table(), anchors_table(), fixes_table(),
+                      events_table()};
   UtcOfMonotonic clock;
   std::uint64_t next_index = 0;
   std::optional<LocalFrame> frame;
@@ -275,7 +276,8 @@ FlightTables read_flight_tables(const std::filesystem::path& recording, const st
     } else if (const auto event = event_text(one.record)) {
       tables.events.rows.push_back(
           {std::nullopt,
-           {static_cast<double>(one.at_ns) / 1e9, UtcOfMonotonic::utc_text(static_cast<double>(one.at_ns) / 1e9), cell(name_of(topic_of(one.record))), event->what, event->detail}});
+           {static_cast<double>(one.at_ns) / 1e9, UtcOfMonotonic::utc_text(static_cast<double>(one.at_ns) / 1e9),
+            cell(name_of(topic_of(one.record))), event->what, event->detail}});
     }
   });
   for (Table* table : {&tables.estimates, &tables.anchors}) {

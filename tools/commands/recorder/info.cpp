@@ -44,7 +44,9 @@ SessionSum sum_of(const std::vector<SegmentContents>& segments, const std::strin
 
 bool clean(const SessionSum& sum) { return sum.end != nullptr && sum.end->clean_shutdown; }
 
-std::string time_text(std::uint64_t at_ns) { return to_rfc3339(UtcTime{static_cast<std::int64_t>(at_ns / 1'000'000'000)}); }
+std::string time_text(std::uint64_t at_ns) {
+  return to_rfc3339(UtcTime{static_cast<std::int64_t>(at_ns / 1'000'000'000)});
+}
 
 double seconds(const SessionSum& sum) {
   if (!sum.first_ns || !sum.last_ns) return 0;

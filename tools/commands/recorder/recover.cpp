@@ -36,9 +36,7 @@ class RecorderRecoverCommand final : public Command {
  public:
   std::string_view group() const override { return "recorder"; }
   std::string_view name() const override { return "recover"; }
-  std::string_view summary() const override {
-    return "recover the readable part of a damaged or truncated recording";
-  }
+  std::string_view summary() const override { return "recover the readable part of a damaged or truncated recording"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }

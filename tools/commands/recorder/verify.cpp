@@ -36,9 +36,7 @@ recording is rejected.
 Exit codes: 0 intact, 1 damaged (the findings state where), 2 the recording cannot be read.)";
 }
 
-std::string_view RecorderVerifyCommand::examples() const {
-  return R"(nadir recorder verify recording)";
-}
+std::string_view RecorderVerifyCommand::examples() const { return R"(nadir recorder verify recording)"; }
 
 void RecorderVerifyCommand::setup(Options& options) {
   options.positional("RECORDING", recording_, "folder of segments, or an MCAP file").required();

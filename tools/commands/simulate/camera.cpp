@@ -8,9 +8,9 @@
 
 #include "base/error.hpp"
 #include "cli/command.hpp"
-#include "cli/terminal.hpp"
 #include "cli/options.hpp"
 #include "cli/output.hpp"
+#include "cli/terminal.hpp"
 #include "commands/commands.hpp"
 #include "commands/simulate/mavlink_poses.hpp"
 #include "simulation/camera_simulation.hpp"
@@ -23,9 +23,7 @@ class SimulateCameraCommand final : public Command {
  public:
   std::string_view group() const override { return "simulate"; }
   std::string_view name() const override { return "camera"; }
-  std::string_view summary() const override {
-    return "render the view of a simulated aircraft's camera in real time";
-  }
+  std::string_view summary() const override { return "render the view of a simulated aircraft's camera in real time"; }
   std::string_view details() const override;
   std::string_view examples() const override;
   bool offers_json() const override { return true; }

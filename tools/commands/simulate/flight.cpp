@@ -58,7 +58,8 @@ void SimulateFlightCommand::setup(Options& options) {
   options.value("--max-frames", options_.max_frames, "N", "maximum number of frames; default: 400")
       .between(1, 100000)
       .formerly("--frames");
-  options.value("--interval-s", options_.interval_s, "S", "time between frames; default: 70 % overlap").between(0.01, 3600);
+  options.value("--interval-s", options_.interval_s, "S", "time between frames; default: 70 % overlap")
+      .between(0.01, 3600);
   options.value("--speed-mps", options_.speed_mps, "V", "ground speed").between(1, 300);
 }
 
@@ -72,8 +73,9 @@ int SimulateFlightCommand::run(Context& context) {
     context.err << "the mission has terrain, but this flight is over flat ground: give --dem\n";
   }
   if (report.frames_beyond_world > 0 && !context.quiet) {
-    context.err << fmt::format("{} beyond the edge of the world; the missing part is grey\n",
-                               count(static_cast<std::uint64_t>(report.frames_beyond_world), "frame looks", "frames look"));
+    context.err << fmt::format(
+        "{} beyond the edge of the world; the missing part is grey\n",
+        count(static_cast<std::uint64_t>(report.frames_beyond_world), "frame looks", "frames look"));
   }
   if (context.json) {
     print_json(context.out, {{"folder", out_.string()},

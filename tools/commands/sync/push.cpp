@@ -36,25 +36,23 @@ std::uint64_t seed_from(const std::array<std::uint8_t, 16>& bytes) {
 
 int exit_code(const UploadOutcome& outcome) {
   if (!outcome.finished) return kFailed;
-  const std::int64_t not_taken =
-      outcome.verdicts.rejected + outcome.refused + outcome.parked + outcome.reports_refused;
+  const std::int64_t not_taken = outcome.verdicts.rejected + outcome.refused + outcome.parked + outcome.reports_refused;
   return not_taken > 0 ? kRefused : kAccepted;
 }
 
 nlohmann::json json_from(const UploadOutcome& outcome) {
-  return {{"accepted", outcome.verdicts.accepted},
-          {"duplicate", outcome.verdicts.duplicate},
-          {"rejected", outcome.verdicts.rejected},
-          {"refused", outcome.refused},
-          {"parked", outcome.parked},
-          {"finished", outcome.finished},
-          {"waits_for", outcome.waits_for},
-          {"reports",
-           {{"sent", outcome.reports_sent},
-            {"refused", outcome.reports_refused},
-            {"waiting", outcome.reports_waiting}}},
-          {"retries", outcome.retries},
-          {"body_bytes", outcome.body_bytes}};
+  return {
+      {"accepted", outcome.verdicts.accepted},
+      {"duplicate", outcome.verdicts.duplicate},
+      {"rejected", outcome.verdicts.rejected},
+      {"refused", outcome.refused},
+      {"parked", outcome.parked},
+      {"finished", outcome.finished},
+      {"waits_for", outcome.waits_for},
+      {"reports",
+       {{"sent", outcome.reports_sent}, {"refused", outcome.reports_refused}, {"waiting", outcome.reports_waiting}}},
+      {"retries", outcome.retries},
+      {"body_bytes", outcome.body_bytes}};
 }
 
 class SyncPushCommand final : public SyncCommand {

@@ -108,7 +108,8 @@ bool SyncStageCommand::flight_ended(const CandidateReader& reader, Findings& fin
   return !findings.has_errors();
 }
 
-// What the aircraft reported beside its tiles. One that is damaged or not the airframe's is a warning: it costs no tile.
+// What the aircraft reported beside its tiles. One that is damaged or not the airframe's is a warning: it costs no
+// tile.
 std::optional<SignedInstalledReport> SyncStageCommand::installed_report(const TrustRoot* root, UtcTime at,
                                                                         Findings& findings) const {
   const std::filesystem::path file = candidates_ / kInstalledFile;

@@ -58,8 +58,7 @@ void print(std::ostream& out, const OutboxReport& report, const std::vector<Fail
                                      static_cast<double>(sum.bytes) / 1e6));
   }
   if (figures.empty()) out << "the outbox is empty\n";
-  for (const auto& [code, tiles] : report.reasons)
-    figures.emplace_back("  " + code, fmt::format("{}", tiles));
+  for (const auto& [code, tiles] : report.reasons) figures.emplace_back("  " + code, fmt::format("{}", tiles));
   figures.emplace_back("images kept", fmt::format("{:.1f} MB", static_cast<double>(report.kept_bytes) / 1e6));
   print_figures(out, figures);
   for (const BatchReport& batch : report.batches) {
