@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """pymavlink as the independent judge of single frames, for the tests in C++.
 
-usage: judge.py write [--version 1|2] [--key HEX] [--timestamp N] [--link N] [--system N] < messages
-           lines of JSON {"message": NAME, FIELD: VALUE…}; prints each as a frame in hexadecimal
+usage: judge.py write [--version 1|2] [--key HEX] [--timestamp N] [--step N] [--link N] [--system N] < messages
+           lines of JSON {"message": NAME, FIELD: VALUE…}; prints each as a frame in hexadecimal, signed --step ticks
+           after the one before
        judge.py read [--key HEX] < frames
            frames in hexadecimal, a line each; prints a line of JSON with what each says, or {"refused": reason}
 """
@@ -27,7 +28,8 @@ def connection(args):
 
 def write(args):
     mav = connection(args)
-    for line in sys.stdin:
+    for number, line in enumerate(sys.stdin):
+        mav.signing.timestamp = args.timestamp + number * args.step
         fields = json.loads(line)
         kind = getattr(dialect, "MAVLink_" + fields.pop("message").lower() + "_message")
         types = dict(zip(kind.fieldnames, kind.fieldtypes))
@@ -75,6 +77,7 @@ def main():
     parser.add_argument("--version", type=int, default=2)
     parser.add_argument("--key")
     parser.add_argument("--timestamp", type=int, default=1)
+    parser.add_argument("--step", type=int, default=1)
     parser.add_argument("--link", type=int, default=0)
     parser.add_argument("--system", type=int, default=1)
     args = parser.parse_args()

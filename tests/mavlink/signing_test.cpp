@@ -31,6 +31,12 @@ class SignedLink : public ::testing::Test {
   static Bytes theirs(std::uint64_t timestamp, int link = 0, int system = 1) {
     return test::frames_by_pymavlink(kAttitude, options(timestamp, link, system)).at(0);
   }
+  // Frames signed one second after the other.
+  static std::vector<Bytes> a_second_apart(int count, std::uint64_t first, int link) {
+    std::string messages;
+    for (int i = 0; i < count; ++i) messages += std::string(kAttitude) + "\n";
+    return test::frames_by_pymavlink(messages, options(first, link) + " --step " + std::to_string(kTicks));
+  }
   SignatureVerdict judged(const Bytes& bytes, std::int64_t monotonic_us = 0) {
     FrameReader reader;
     reader.add(bytes);
@@ -187,9 +193,10 @@ TEST_F(SignedLink, OneFrameTenYearsAheadMovesNothing) {
       << "the same stream, at its right time";
   time_.save(1'000'000);
   EXPECT_LE(std::stoull(read_text_file(folder_ / "time")), now_ + 2 * kTicks);
-  for (int i = 0; i < 100; ++i) {  // however many, and however patiently
-    EXPECT_EQ(judged(theirs(decade + static_cast<std::uint64_t>(i) * kTicks, 5), 10'000'000 + i * 1'000'000),
-              SignatureVerdict::too_new);
+  std::int64_t us = 10'000'000;
+  for (const Bytes& frame : a_second_apart(100, decade, 5)) {  // however many, and however patiently
+    EXPECT_EQ(judged(frame, us), SignatureVerdict::too_new);
+    us += 1'000'000;
   }
   EXPECT_LE(time_.now(110'000'000), now_ + 111 * kTicks);
 }
@@ -197,16 +204,20 @@ TEST_F(SignedLink, OneFrameTenYearsAheadMovesNothing) {
 // Frames that are ahead by less are ordinary, but never push our time beyond a minute, in which right ones still count.
 TEST_F(SignedLink, ManyFramesSomewhatAheadDoNotLockTheRightTimeOut) {
   std::int64_t us = 0;
-  for (std::uint64_t i = 0; i < 200; ++i, us += 10'000) judged(theirs(now_ + (59 + i) * kTicks, 7), us);
+  for (const Bytes& frame : a_second_apart(200, now_ + 59 * kTicks, 7)) {
+    judged(frame, us);
+    us += 10'000;
+  }
   EXPECT_LE(time_.now(us), now_ + 63 * kTicks);
   EXPECT_EQ(judged(theirs(now_ + 3 * kTicks), us), SignatureVerdict::accepted);
 }
 
 TEST_F(SignedLink, WhileOthersAreAcceptedAnotherTimeIsNotFollowed) {
-  for (int i = 0; i < 20; ++i) {
-    const auto passed = static_cast<std::uint64_t>(i) * kTicks;
-    EXPECT_EQ(judged(theirs(now_ + passed), i * 1'000'000), SignatureVerdict::accepted);
-    EXPECT_EQ(judged(theirs(now_ + 86'400 * kTicks + passed, 9), i * 1'000'000), SignatureVerdict::too_new);
+  const std::vector<Bytes> right = a_second_apart(20, now_, 0), ahead = a_second_apart(20, now_ + 86'400 * kTicks, 9);
+  for (std::size_t i = 0; i < right.size(); ++i) {
+    const auto us = static_cast<std::int64_t>(i) * 1'000'000;
+    EXPECT_EQ(judged(right[i], us), SignatureVerdict::accepted);
+    EXPECT_EQ(judged(ahead[i], us), SignatureVerdict::too_new);
   }
 }
 
