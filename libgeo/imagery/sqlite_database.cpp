@@ -276,7 +276,7 @@ SqliteDatabase SqliteDatabase::open_writable(const std::filesystem::path& path) 
 
 SqliteDatabase SqliteDatabase::in_memory() { return {":memory:", SQLITE_OPEN_READWRITE, "file::memory:"}; }
 
-SqliteStatement SqliteDatabase::prepare(std::string_view sql) const {
+SqliteStatement SqliteDatabase::prepare(std::string_view sql) const& {
   begin_statement();
   sqlite3_stmt* statement = nullptr;
   if (sqlite3_prepare_v3(handle_.get(), sql.data(), static_cast<int>(sql.size()), SQLITE_PREPARE_PERSISTENT, &statement,

@@ -82,7 +82,8 @@ class SqliteDatabase {
   // Limits the work of each statement to what rows of this many bytes can need; beyond that it is an Error.
   void limit_work(std::uint64_t bytes);
 
-  SqliteStatement prepare(std::string_view sql) const;
+  SqliteStatement prepare(std::string_view sql) const&;
+  SqliteStatement prepare(std::string_view sql) const&& = delete;  // a statement uses its database
   void execute(const std::string& sql) const;
   bool has_table(std::string_view name) const;  // or a view
   void close();                                 // throws where the destructor would swallow the error

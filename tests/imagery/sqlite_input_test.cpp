@@ -119,7 +119,8 @@ TEST_F(SqliteInputs, AJournalBesideTheFileIsNotLookedFor) {
   const fs::path file = make("tiles", kTwoRows);
   folder_.write("tiles-journal", "not a journal");
   folder_.write("tiles-wal", "not a log");
-  auto rows = plain(file).prepare("SELECT count(*) FROM tiles");
+  const SqliteDatabase database = plain(file);
+  auto rows = database.prepare("SELECT count(*) FROM tiles");
   ASSERT_TRUE(rows.step());
   EXPECT_EQ(rows.integer(0), 2);
 }
