@@ -216,6 +216,8 @@ class StateFaults(EndToEnd):
             store.write_bytes(whole[:size] + b"\x7f" * 50)
             service = self.start("--candidates", self.folder / "tiles", "--tile-key", self.folder / "tile.key.pem")
             self.assertTrue(service.has_package(), f"{size}: {service.read()}")
+            if size < len(whole) - 1:  # the last byte of an empty page means nothing
+                self.assertTrue(service.says("candidate tiles: failed"), f"{size}: {service.log}")
             self.assertEqual(0, service.end(), service.log)
 
     def test_port_taken(self):
