@@ -103,25 +103,29 @@ void NadirdCommand::setup(Options& options) {
   options.values("--ground-station", ground_stations_, "URL",
                  "also serve a ground station: texts for it, commands from it");
   options.values("--logger", loggers_, "URL", "also send everything that is sent to this address");
-  options.value("--record", flight_.record, "DIR", "record the flight in this folder");
-  options.flag("--keep-frames", flight_.keep_pictures, "record the frames' images as well").formerly("--keep-pictures");
+  options.value("--record", flight_.recording.folder, "DIR", "record the flight in this folder");
+  options.flag("--keep-frames", flight_.recording.keep_pictures, "record the frames' images as well")
+      .formerly("--keep-pictures");
   options
-      .value("--candidates", flight_.candidates, "DIR", "make signed candidate tiles from the flight, in this folder")
+      .value("--candidates", flight_.candidates.folder, "DIR",
+             "make signed candidate tiles from the flight, in this folder")
       .needs("--tile-key");
-  options.value("--tile-key", flight_.tile_key, "KEY.pem", "private tile key of the airframe").needs("--candidates");
-  options.value("--candidates-mb", flight_.candidates_mb, "MB", "maximum size of all tiles")
+  options.value("--tile-key", flight_.candidates.tile_key, "KEY.pem", "private tile key of the airframe")
+      .needs("--candidates");
+  options.value("--candidates-mb", flight_.candidates.budget_mb, "MB", "maximum size of all tiles")
       .between(1, 1'000'000)
       .needs("--candidates");
-  options.value("--candidates-percent", flight_.candidates_percent, "N", "share of one core for making them")
+  options.value("--candidates-percent", flight_.candidates.percent, "N", "share of one core for making them")
       .between(1, 100)
       .needs("--candidates");
   options
-      .value("--candidates-frame-ms", flight_.candidates_frame_ms, "MS",
+      .value("--candidates-frame-ms", flight_.candidates.frame_ms, "MS",
              "maximum time for the tiles of one frame; 0: no limit")
       .between(0, 60'000)
       .needs("--candidates");
-  options.value("--listen", flight_.listen, "ADDRESS", "address of the API and the web page");
-  options.value("--token-file", flight_.token, "FILE", "bearer token for clients; required to listen beyond loopback")
+  options.value("--listen", flight_.api.address, "ADDRESS", "address of the API and the web page");
+  options
+      .value("--token-file", flight_.api.token, "FILE", "bearer token for clients; required to listen beyond loopback")
       .formerly("--token");
   options.value("--start", flight_.start, "LON,LAT", "start of the flight; default: search the mission's area");
   options
@@ -137,8 +141,8 @@ void NadirdCommand::setup(Options& options) {
 
 int NadirdCommand::run(Context& context) {
   if (status_) {
-    const NadirdClient service("http://" + flight_.listen,
-                               flight_.token ? read_bearer_token(*flight_.token) : std::string());
+    const NadirdClient service("http://" + flight_.api.address,
+                               flight_.api.token ? read_bearer_token(*flight_.api.token) : std::string());
     return show_once(service, context.out, context.json);
   }
   if (package_.empty()) throw UsageError({.what = "--package PACKAGE is required"});
@@ -225,12 +229,13 @@ Findings NadirdCommand::evaluate_airframe(const Opening& opening, const VerifyOp
 // Tiles that the service would not accept are not made. Before take-off a wrong key is an error; a service that starts,
 // perhaps again in flight, runs without tiles: positions matter more.
 Findings NadirdCommand::evaluate_tile_key(const TrustRoot& newest_root, UtcTime at) {
-  if (!flight_.tile_key) return {};
+  if (!flight_.candidates.tile_key) return {};
   if (!request_.airframe()) {
     throw UsageError({.what = "--tile-key requires --airframe", .expected = "the airframe whose tiles it signs"});
   }
-  const PublicKey key = PrivateKey::read(*flight_.tile_key).public_key();
-  const Findings findings = check_tile_key(newest_root, *request_.airframe(), key, at, flight_.tile_key->string());
+  const PublicKey key = PrivateKey::read(*flight_.candidates.tile_key).public_key();
+  const Findings findings =
+      check_tile_key(newest_root, *request_.airframe(), key, at, flight_.candidates.tile_key->string());
   Findings found;
   for (Finding finding : findings.items()) {
     if (!check_) finding.severity = Severity::warning;
@@ -258,7 +263,7 @@ Opening NadirdCommand::resume(Context& context, const std::filesystem::path& pac
   Opening opening = open_accepted_package(package, accepted.manifest, accepted.accepted_at, context.progress);
   verify_place_index(VerifyDepth::quick, context.progress, opening);
   if (opening.findings.has_errors()) opening.package.reset();
-  if (!opening.package || !flight_.tile_key) return opening;
+  if (!opening.package || !flight_.candidates.tile_key) return opening;
   try {
     const VerifyOptions options = request_.open(context.clock);
     const RootSuccession roots =
@@ -268,7 +273,7 @@ Opening NadirdCommand::resume(Context& context, const std::filesystem::path& pac
     tile_key_refused_ = true;
     opening.findings.add({.code = "key.unknown",
                           .severity = Severity::warning,
-                          .where = flight_.tile_key->string(),
+                          .where = flight_.candidates.tile_key->string(),
                           .expected = "a tile key that the root of trust names",
                           .found = error.text().what});
   }
@@ -449,7 +454,7 @@ int NadirdCommand::fly(Context& context) {
     if (!choice->rejected.empty()) print_findings(context.err, choice->rejected);
     if (!choice->opening.findings.empty()) print_findings(context.err, choice->opening.findings);
     FlightOptions options = flight_;
-    if (tile_key_refused_) options.candidates.reset();
+    if (tile_key_refused_) options.candidates.folder.reset();
     FlightService service(options, prepared(context, *std::move(choice), accepted, clock.boot_id(), stop.token()),
                           clock, stop, log);
     const FlightEnd end = service.run();

@@ -15,9 +15,13 @@ std::string text_of(const FixJumped& jumped) { return fmt::format("position jump
 
 std::string text_of(const PartReported& reported) {
   if (reported.failure.empty()) return fmt::format("works again, after {:.0f} s", reported.off_s);
-  std::string text = "failed, and is tried again: ";
-  bool blank = false;  // an error's lines on one line
-  for (const char c : reported.failure) {
+  return "failed, and is tried again: " + on_one_line(reported.failure);
+}
+
+std::string on_one_line(const std::string& failure) {
+  std::string text;
+  bool blank = false;
+  for (const char c : failure) {
     if (c == '\n') text += ';';
     if ((c == ' ' || c == '\n') && blank) continue;
     blank = c == ' ' || c == '\n';

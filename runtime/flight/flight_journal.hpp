@@ -50,7 +50,8 @@ class FlightJournal {
 };
 
 std::string text_of(const FixJumped& jumped);
-std::string text_of(const PartReported& reported);  // without the part's name
+std::string text_of(const PartReported& reported);    // without the part's name
+std::string on_one_line(const std::string& failure);  // the text of an Error
 
 // The operator's texts, until an autopilot is connected: before the first heartbeat and while the link is lost the
 // latest texts wait, oldest first, however long. For one thread.

@@ -7,37 +7,13 @@
 #include <utility>
 
 #include "base/error.hpp"
-#include "base/files.hpp"
-#include "base/platform.hpp"
-#include "cli/nadir_version.hpp"
 #include "mavlink/commands.hpp"
 #include "service/service_rules.hpp"
-#include "trust/bearer_token.hpp"
-#include "trust/installed_report.hpp"
-#include "vision/camera_frame.hpp"
 
 namespace nadir {
 namespace {
 
 constexpr double kTurn_s = 0.05, kViewPeriod_s = 0.2;
-constexpr std::chrono::milliseconds kUpkeepWait{500};
-
-constexpr const char* kHintToken = "api-token";  // in the state folder
-
-// Without a readable token nobody may hint: no text is known whose digest is zero.
-Sha256 hint_token_digest(const std::filesystem::path& file, std::string& failure) {
-  try {
-    return sha256(as_bytes(read_or_create_bearer_token(file)));
-  } catch (const Error& error) {
-    failure = error.what();
-    return Sha256{};
-  }
-}
-
-std::optional<Sha256> token_digest(const std::optional<std::filesystem::path>& file) {
-  if (!file) return std::nullopt;
-  return sha256(as_bytes(read_bearer_token(*file)));
-}
 
 // The autopilot navigates by our fix: its attitude depends on our fix, and our fix on its attitude. The uncertainty in
 // the airframe file was measured with GPS; with fixes of a localizer that trusted it, ArduPlane's attitude drifted by
@@ -47,33 +23,6 @@ Airframe fix_aided(Airframe airframe) {
   attitude.heading_rad = std::max(attitude.heading_rad, kFixAidedHeading_rad);
   attitude.tilt_rad = std::max(attitude.tilt_rad, kFixAidedTilt_rad);
   return airframe;
-}
-
-// What the recorder writes first: the flight, and with add_start() everything that the localizer starts from, so that
-// `nadir replay --recorder` starts from the same.
-SessionRecord session_record(const Airframe& airframe, const FlightClock& clock) {
-  const std::int64_t unix_us = clock.unix_us();
-  SessionRecord session;
-  session.program = "nadird";
-  session.version = kVersion;
-  session.airframe = airframe.id;
-  session.started_ns = static_cast<std::uint64_t>(unix_us) * 1000;
-  session.id = fmt::format("{}-{:x}", airframe.id, unix_us);
-  session.camera = airframe.camera;
-  session.picture_shrink = decode_reduction(airframe.camera.camera.width, airframe.camera.camera.height);
-  session.looked_up_later = true;
-  return session;
-}
-
-void add_start(SessionRecord& session, const LocalizationSetup& setup, const MissionMap& map) {
-  session.package = sha256_file(map.folder() / kManifestFile);
-  session.mission = map.package().manifest().mission_id;
-  session.origin = setup.frame.origin();
-  session.start = setup.start;
-  session.localizer = setup.config;
-  session.terrain = setup.config.surface != nullptr;
-  session.places = setup.config.places != nullptr;
-  session.settings = {{"odometry", "features"}, {"matcher", "channels"}};  // the defaults of LocalizerConfig
 }
 
 // A camera that cannot be opened yet: a plug-in or a file is missing. CameraFeed reports it and asks again.
@@ -113,32 +62,6 @@ VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double
   return vision;
 }
 
-// Each code once.
-std::vector<std::string> codes_in(const Findings& findings) {
-  std::vector<std::string> codes;
-  for (const Finding& finding : findings.items()) {
-    const bool known = std::find(codes.begin(), codes.end(), finding.code) != codes.end();
-    if (!known && codes.size() < kMaxInstalledFindings) codes.push_back(finding.code);
-  }
-  return codes;
-}
-
-// What this aircraft flies, signed, beside the tiles that go to the ground. The state folder keeps the last one: the
-// next one's number goes on from it.
-void write_installed_report(InstalledReport report, const PrivateKey& key, const std::filesystem::path& state,
-                            const std::filesystem::path& candidates) {
-  const std::filesystem::path kept = state / kInstalledFile;
-  std::optional<std::string> last;
-  try {
-    if (std::filesystem::exists(kept)) last = read_text_file(kept, kMaxInstalledSize);
-  } catch (const Error&) {  // damaged: as if it were lost
-  }
-  report.number = next_report_number(last, report.reported_at);
-  const std::string text = sign_installed_report(report, key).json();
-  write_file_atomic(kept, text);
-  write_file_atomic(candidates / kInstalledFile, text);
-}
-
 }  // namespace
 
 // ---- start and end
@@ -150,43 +73,37 @@ FlightService::FlightService(const FlightOptions& options, VerifiedPackage verif
     : options_(options),
       clock_(clock),
       stop_(stop),
-      airframe_(fix_aided(options.airframe)),
-      state_(options.state),
       log_(std::move(log)),
-      notice_(std::move(verified.notice)),
-      notice_text_(std::move(verified.notice_text)),
-      resumed_(verified.resumed),
-      acceptance_(std::move(verified.acceptance)),
-      phase_(acceptance_ && acceptance_->airborne),
+      airframe_(fix_aided(options.airframe)),
+      package_{.findings = std::move(verified.findings),
+               .rejection = {},
+               .notice = std::move(verified.notice),
+               .notice_text = std::move(verified.notice_text),
+               .resumed = verified.resumed},
+      acceptance_{.phase = FlightPhase(verified.acceptance && verified.acceptance->airborne),
+                  .record = std::move(verified.acceptance)},
       machine_(clock.monotonic_s()),
-      gps_(clock.monotonic_s()),
+      gps_{.health = GpsHealth(clock.monotonic_s())},
       views_(fmt::format("{:x}", clock.unix_us())),
       manager_(read_service_environment().notify_socket),
       watch_(clock) {
-  write_memory_ = std::move(verified.write_memory);
-  if (!verified.package) can_be_opened_ = std::move(verified.can_be_opened);
   const std::filesystem::path folder = verified.folder.empty() ? options.package : verified.folder;
   if (verified.package) map_ = std::make_unique<MissionMap>(std::move(verified.package), folder);
-  restart_ = restart_from(state_.load(), clock,
-                          phase_.airborne());  // after the map: reading a large place index takes seconds of flight
-  if (restart_.position) gps_.on_restart();
-  const PackageView view = map_ ? package_view(map_->package()) : refused_package(verified.findings);
+  // After the map: reading a large place index takes seconds of flight.
+  restart_ = restart_from(StateDirectory(options_.state).load(), clock, acceptance_.phase.airborne());
+  if (restart_.position) gps_.health.on_restart();
+  const PackageView view = map_ ? package_view(map_->package()) : refused_package(package_.findings);
   views_.set_package(view);
-  rejection_ = view.reason;
-  root_version_ = verified.root_version;
-  warnings_ = std::move(verified.findings);
-  journal_ = std::make_unique<FlightJournal>(nullptr);
-  const ListenAddress address = parse_listen_address(options_.listen);
-  if (!options_.token) require_token_beyond_loopback(address, std::nullopt);
+  package_.rejection = view.reason;
+  make_parts(std::move(verified));
   std::unique_ptr<CameraSource> camera;
   if (map_) camera = opened_camera();
-  unsaved_acceptance_ = acceptance_;
-  upkeep(clock_.monotonic_s());
-  journal_->use(recorder_);
+  upkeep_->tend();  // what works is there before the first frame
+  journal_.use(parts_->recorder());
   if (map_) start_localization();
   start_link();
   if (map_) start_camera(std::move(camera));
-  upkeep_thread_ = std::jthread([this](const std::stop_token& token) { upkeep_loop(token); });
+  upkeep_->start(*link_);
 }
 
 FlightService::~FlightService() {
@@ -194,12 +111,10 @@ FlightService::~FlightService() {
   camera_.reset();
   link_->stop();  // localizer and link use each other
   localization_.reset();
-  upkeep_thread_ = {};
-  link_->save_signing_state();  // the next start continues from here, whenever the last save was
-  tiles_owner_.reset();
-  link_.reset();
-  server_.reset();
-  if (recorder_owner_) recorder_owner_->close("stopped");
+  if (const std::string failure = upkeep_->finish(); log_ && !failure.empty()) {
+    log_("the end of the flight could not be saved: " + on_one_line(failure));
+  }
+  parts_->close();
 }
 
 // What the localizer starts from, and what the recorder says that it started from.
@@ -213,6 +128,25 @@ LocalizationSetup FlightService::localization_setup() const {
     setup.config.resumed = true;
   }
   return setup;
+}
+
+void FlightService::make_parts(VerifiedPackage verified) {
+  const auto publisher = [this](OnboardEvent event) { publish(std::move(event)); };
+  OptionalPartsSetup parts{.recording = options_.recording,
+                           .api = options_.api,
+                           .candidates = options_.candidates,
+                           .state = options_.state,
+                           .airframe = airframe_,
+                           .map = map_.get(),
+                           .localization = std::nullopt,
+                           .findings = package_.findings,
+                           .root_version = verified.root_version};
+  if (map_) parts.localization = localization_setup();
+  parts_ = std::make_unique<OptionalParts>(std::move(parts), clock_, publisher);
+  UpkeepSetup upkeep{
+      .state = options_.state, .acceptance = acceptance_.record, .write_memory = std::move(verified.write_memory)};
+  if (!map_) upkeep.can_be_opened = std::move(verified.can_be_opened);
+  upkeep_ = std::make_unique<Upkeep>(std::move(upkeep), *parts_, clock_, publisher);
 }
 
 // Wrong usage is found before the flight; a camera that is not there yet is waited for.
@@ -230,99 +164,26 @@ std::unique_ptr<CameraSource> FlightService::opened_camera() const {
   }
 }
 
-// Throws; upkeep() reports it.
-void FlightService::start_recorder() {
-  RecorderOptions recorder;
-  recorder.store.folder = *options_.record;
-  recorder.keep_pictures = options_.keep_pictures;
-  SessionRecord session = session_record(airframe_, clock_);
-  if (map_) add_start(session, localization_setup(), *map_);
-  recorder_owner_ = std::make_unique<Recorder>(recorder, std::move(session),
-                                               [this] { return static_cast<std::uint64_t>(clock_.unix_us()) * 1000; });
-  recorder_ = recorder_owner_.get();
-}
-
-void FlightService::start_api() {
-  const ListenAddress address = parse_listen_address(options_.listen);
-  ApiOptions api;
-  api.now_s = [this] { return clock_.monotonic_s(); };
-  api.token = token_digest(options_.token);
-  api.loopback = address.loopback();
-  if (!api.token) {
-    std::string failure;
-    api.hint_token = hint_token_digest(state_.folder() / kHintToken, failure);
-    if (!failure.empty()) publish(PartReported{"token of the hints", failure});
-  }
-  if (!api_) {
-    auto made = std::make_unique<Api>(board_, api_hints_, api);
-    if (map_) made->use_package(map_->for_api());
-    api_ = std::move(made);
-  }
-  server_ = std::make_unique<HttpServer>(*api_, address);
-}
-
 void FlightService::start_localization() {
   LocalizationThread::Listener listener;
   listener.on_frame = [this](std::uint64_t index, const Telemetry& telemetry, ByteView encoded) {
-    if (Recorder* recorder = recorder_) record_input(*recorder, index, telemetry, encoded);
-    if (TileMaking* tiles = tiles_) tiles->on_frame(index, telemetry, encoded);
+    if (Recorder* recorder = parts_->recorder()) record_input(*recorder, index, telemetry, encoded);
+    if (TileMaking* tiles = parts_->tiles()) tiles->on_frame(index, telemetry, encoded);
   };
   listener.on_localized = [this](const LocalizedFrame& frame) { on_localized(frame); };
   listener.on_hint = [this](const HintRecord& hint) {
-    if (Recorder* recorder = recorder_) recorder->record(hint);
+    if (Recorder* recorder = parts_->recorder()) recorder->record(hint);
   };
   listener.on_match_failed = [this](const std::string& reason) { publish(MatchFailed{reason}); };
   localization_ = std::make_unique<LocalizationThread>(localization_setup(), frames_, watch_, std::move(listener));
   if (restart_.hint) localization_->hint(restart_.hint->place, restart_.hint->radius_m, "restart");
 }
 
-void FlightService::start_tiles() {
-  const LocalizerConfig config = map_->config();
-  TileMakingSetup setup{*options_.candidates,
-                        options_.tile_key.value_or(""),
-                        CandidateFlight{.airframe = airframe_.id,
-                                        .flight = fmt::format("{:x}", clock_.unix_us()),
-                                        .base_package = sha256_file(map_->folder() / kManifestFile),
-                                        .camera = airframe_.camera.camera,
-                                        .frame = map_->frame(),
-                                        .surface = config.surface,
-                                        .zoom = map_->package().mission().zoom.max},
-                        static_cast<std::uint64_t>(options_.candidates_mb) * 1'000'000,
-                        options_.candidates_percent / 100.0,
-                        options_.candidates_frame_ms / 1000.0};
-  TileMaking::Listener listener;
-  listener.on_tile = [this](const TileKey& key, CandidateOutcome outcome) {
-    if (Recorder* recorder = recorder_) {
-      recorder->record(TileRecord{key, fmt::format("candidate.{}", name_of(outcome)), {}});
-    }
-  };
-  // On the makers' thread, which alone uses this part from now on.
-  listener.on_failure = [this](const std::string& reason) {
-    if (auto reported = making_part_.note(clock_.monotonic_s(), reason)) publish(*std::move(reported));
-  };
-  tiles_owner_ = std::make_unique<TileMaking>(setup, clock_, std::move(listener));
-  tiles_ = tiles_owner_.get();
-  if (root_version_ == 0) return;
-  try {
-    write_installed_report({.airframe = airframe_.id,
-                            .reported_at = {clock_.unix_us() / 1'000'000},
-                            .package = setup.flight.base_package,
-                            .series = map_->package().manifest().series,
-                            .sequence = map_->package().manifest().sequence,
-                            .root_version = root_version_,
-                            .verified_at = {clock_.unix_us() / 1'000'000},
-                            .findings = codes_in(warnings_)},
-                           PrivateKey::read(setup.key), state_.folder(), setup.folder);
-  } catch (const Error& error) {  // it costs the ground a line in a list, and the flight nothing
-    publish(PartReported{"report of the flown package", error.what()});
-  }
-}
-
 void FlightService::start_link() {
   AutopilotLinkSetup setup{.airframe = airframe_,
                            .transport = make_transport(parse_endpoint(options_.autopilot)),
                            .key = std::nullopt,
-                           .state = state_.folder(),
+                           .state = options_.state,
                            .stations = options_.stations};
   if (options_.link_key) setup.key = SigningKey::read(*options_.link_key);
   AutopilotLink::Listener listener;
@@ -357,8 +218,8 @@ void FlightService::on_localized(const LocalizedFrame& frame) {
                                              {*estimate.position, estimate.sigma_m, now_s, now_s - captured_s}));
     }
   }
-  Recorder* recorder = recorder_;
-  TileMaking* tiles = tiles_;
+  Recorder* recorder = parts_->recorder();
+  TileMaking* tiles = parts_->tiles();
   if (recorder != nullptr && frame.late) record_anchor(*recorder, frame.anchor_index, frame.index, frame.report);
   if (recorder != nullptr && !frame.late) record_frame(*recorder, frame.index, frame.report);
   if (tiles != nullptr && frame.report.anchor_pose) tiles->on_anchor(frame.anchor_index, *frame.report.anchor_pose);
@@ -419,7 +280,7 @@ void FlightService::on_command(const ReceivedMessage& received, const CommandInt
 
 // On the link's thread. The recorder queues the record and never waits.
 void FlightService::record_fix(double now_s, const GpsInput& sent, SourceLabel source) {
-  Recorder* recorder = recorder_;
+  Recorder* recorder = parts_->recorder();
   if (recorder == nullptr) return;
   FixRecord record;
   record.time_s = now_s;
@@ -446,79 +307,24 @@ void FlightService::record_fix(double now_s, const GpsInput& sent, SourceLabel s
   recorder->record(std::move(record));
 }
 
-// Disks may be slow: apart from recorder and tiles, only this thread uses them in flight.
-void FlightService::upkeep_loop(const std::stop_token& stop) {
-  begin_thread("upkeep", ThreadPriority::low);
-  Cadence signing_time(kSavePeriod_s, clock_.monotonic_s()), health(kHealthPeriod_s, clock_.monotonic_s());
-  while (!stop.stop_requested()) {
-    if (Recorder* recorder = recorder_; recorder != nullptr && health.due(clock_.monotonic_s())) {
-      recorder->record(HealthRecord{true, health_.measure(clock_.monotonic_s()), {}});
-    }
-    // Before it is written anew: what was wrong with the file of the last run.
-    if (auto reported = signing_part_.note(clock_.monotonic_s(), link_->signing_time_failure())) {
-      publish(*std::move(reported));
-    }
-    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_state();
-    if (auto flight = to_save_.take_within(kUpkeepWait, stop)) unsaved_flight_ = *std::move(flight);
-    if (auto acceptance = acceptances_.try_take()) unsaved_acceptance_ = *std::move(acceptance);
-    if (stop.stop_requested()) break;
-    upkeep(clock_.monotonic_s());
-  }
-}
-
-// Once from the start, then on the upkeep thread: each part that is due.
-void FlightService::upkeep(double now_s) {
-  const auto tend = [&](RetriedPart& part, const auto& work) {
-    if (auto reported = part.attempt(now_s, work)) publish(*std::move(reported));
-  };
-  tend(state_part_, [&] { save_state(); });  // first: it makes the folder
-  if (options_.record && recorder_ == nullptr) tend(recorder_part_, [&] { start_recorder(); });
-  if (!server_) tend(api_part_, [&] { start_api(); });
-  if (options_.candidates && map_ && tiles_ == nullptr) tend(tiles_part_, [&] { start_tiles(); });
-  if (write_memory_) {
-    tend(memory_part_, [&] {
-      write_memory_();
-      write_memory_ = nullptr;
-    });
-  }
-  if (!can_be_opened_ || now_s < next_open_s_) return;
-  if (next_open_s_ > 0 && can_be_opened_()) {
-    can_be_opened_ = nullptr;
-    publish(PackageRestored{});
-  }
-  next_open_s_ = now_s + open_pause_s_;
-  open_pause_s_ = std::min(2 * open_pause_s_, kLastRetry_s);
-}
-
-// All of it, or an exception: what was not written stays for the next time.
-void FlightService::save_state() {
-  if (!state_prepared_ || !state_part_.works()) state_.prepare();
-  state_prepared_ = true;
-  if (unsaved_acceptance_) state_.save(*unsaved_acceptance_);
-  unsaved_acceptance_.reset();
-  if (!unsaved_flight_) return;
-  if (auto failure = state_.save(*unsaved_flight_)) throw Error({.what = *std::move(failure)});
-  unsaved_flight_.reset();
-}
-
 // ---- the conductor
 
 FlightEnd FlightService::run() {
   note_start();
-  on_event(clock_.monotonic_s(), PackageVerified{map_ != nullptr, map_ ? notice_ : rejection_});
+  on_event(clock_.monotonic_s(), PackageVerified{map_ != nullptr, map_ ? package_.notice : package_.rejection});
   if (restart_.position && restart_.position->sigma_m <= kNoFixSigma_m) {
     on_event(clock_.monotonic_s(), EstimateRestored{restart_.position->sigma_m, restart_.position->speed_mps});
   }
-  manager_.ready(map_ ? "flying" : "map package rejected: " + rejection_);
+  manager_.ready(map_ ? "flying" : "map package rejected: " + package_.rejection);
   Watchdog watchdog(watch_, manager_, read_service_environment().watchdog_interval_s, clock_.monotonic_s());
   Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s());
   AwaitedParts awaited = awaited_parts();
   double next_s = clock_.monotonic_s();
-  while (!judge_again_ && clock_.wait_until(next_s, stop_.token())) {
+  while (!acceptance_.judge_again && clock_.wait_until(next_s, stop_.token())) {
     const double now_s = clock_.monotonic_s();
     next_s = now_s + kTurn_s;
     while (const auto published = events_.try_take()) on_event(published->time_s, published->event);
-    if (const auto hint = api_hints_.take()) on_event(now_s, PositionHinted{hint->place, hint->radius_m, "API"});
+    if (const auto hint = parts_->take_hint()) on_event(now_s, PositionHinted{hint->place, hint->radius_m, "API"});
     assess_gps(now_s);
     on_transitions(machine_.update(now_s));
     if (views.due(now_s)) update_view(now_s);
@@ -530,59 +336,61 @@ FlightEnd FlightService::run() {
       if (log_) log_(line);
     }
     if (const auto late = watchdog.tick(now_s)) {
-      journal_->note(now_s, late->empty() ? EventSeverity::info : EventSeverity::critical, "thread",
-                     late->empty() ? "all threads respond again" : *late);
+      journal_.note(now_s, late->empty() ? EventSeverity::info : EventSeverity::critical, "thread",
+                    late->empty() ? "all threads respond again" : *late);
     }
   }
-  if (!judge_again_) manager_.stopping("stopping");
+  if (!acceptance_.judge_again) manager_.stopping("stopping");
+  save(clock_.monotonic_s());
   note_end();
-  return judge_again_ && !stop_.token().stop_requested() ? FlightEnd::judge_again : FlightEnd::stopped;
+  return acceptance_.judge_again && !stop_.token().stop_requested() ? FlightEnd::judge_again : FlightEnd::stopped;
 }
 
 // Each part takes the events that concern it.
 void FlightService::on_event(double time_s, const OnboardEvent& event) {
   const auto dispatch = [&](const auto& known) {
-    if constexpr (requires { gps_.on_event(known); }) gps_.on_event(known);
+    if constexpr (requires { gps_.health.on_event(known); }) gps_.health.on_event(known);
     if constexpr (requires { views_.on_event(known); }) views_.on_event(known);
     if constexpr (requires { react(time_s, known); }) react(time_s, known);
   };
   std::visit(dispatch, event);
-  journal_->on_event(time_s, event);
+  journal_.on_event(time_s, event);
   on_transitions(machine_.on_event(time_s, event));
 }
 
-void FlightService::react(double, const LocalizedFrame& frame) { last_frame_ = frame; }
+void FlightService::react(double, const LocalizedFrame& frame) { last_.frame = frame; }
 
 // Take-off and landing, as what was accepted needs to know them.
 void FlightService::react(double time_s, const AutopilotHeartbeat& heartbeat) {
-  if (heartbeat.authentication == LinkAuthentication::missing || !acceptance_) return;
-  const FlightPhase::Change change = phase_.on_heartbeat(time_s, heartbeat.armed);
+  if (heartbeat.authentication == LinkAuthentication::missing || !acceptance_.record) return;
+  const FlightPhase::Change change = acceptance_.phase.on_heartbeat(time_s, heartbeat.armed);
   if (change == FlightPhase::Change::none) return;
-  acceptance_->airborne = phase_.airborne();
-  if (change == FlightPhase::Change::landed) acceptance_->boot_id.clear();
-  acceptances_.put(*acceptance_);
+  acceptance_.record->airborne = acceptance_.phase.airborne();
+  if (change == FlightPhase::Change::landed) acceptance_.record->boot_id.clear();
+  upkeep_->save(*acceptance_.record);
   const bool landed = change == FlightPhase::Change::landed;
-  journal_->note(time_s, EventSeverity::info, "package",
-                 landed ? "landed: the next start judges the package anew" : "armed: accepted until the landing");
+  journal_.note(time_s, EventSeverity::info, "package",
+                landed ? "landed: the next start judges the package anew" : "armed: accepted until the landing");
   // Resumed without a clock, and the aircraft does not fly: a flight that ended while nobody was listening.
-  judge_again_ = judge_again_ || (landed && resumed_ && !phase_.armed_ever());
+  acceptance_.judge_again = acceptance_.judge_again || (landed && package_.resumed && !acceptance_.phase.armed_ever());
 }
 
-void FlightService::react(double, const PackageRestored&) { judge_again_ = true; }
+void FlightService::react(double, const PackageRestored&) { acceptance_.judge_again = true; }
 
 void FlightService::react(double, const PartReported& reported) {
   const bool failed = !reported.failure.empty();
   operator_texts_.add(failed ? TextSeverity::warning : TextSeverity::info,
                       fmt::format("Nadir: {} {}", reported.part, failed ? "failed, trying again" : "works again"));
   if (log_) log_(reported.part + ": " + text_of(reported));
-  if (reported.part == "recorder" && !failed) journal_->use(recorder_);
-  recorder_error_ = reported.part == "recorder" ? reported.failure : recorder_error_;
+  if (reported.part == "recorder" && !failed) journal_.use(parts_->recorder());
+  if (reported.part == "recorder") last_.recorder_failure = reported.failure;
 }
 
-void FlightService::react(double, const CameraFailed& failed) { camera_failure_ = failed.reason; }
+void FlightService::react(double, const CameraFailed& failed) { last_.camera_failure = failed.reason; }
 
 void FlightService::react(double, const TileCorrupt&) {
-  if (corrupt_tiles_++ == 0) operator_texts_.add(TextSeverity::critical, "Nadir: CORRUPT MAP TILES, check storage");
+  if (last_.corrupt_tiles++ == 0)
+    operator_texts_.add(TextSeverity::critical, "Nadir: CORRUPT MAP TILES, check storage");
 }
 
 void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
@@ -597,23 +405,23 @@ void FlightService::react(double, const PositionHinted& hint) {
 
 // A trusted GPS says where to search first; never where we are.
 void FlightService::react(double time_s, const GpsFix3d& fix) {
-  if (gps_verdict_ != GpsVerdict::trusted || !fix.has_fix) return;
-  const bool position_known = last_frame_ && last_frame_->report.estimate.position;
-  if (gps_hints_.due(fix.place, position_known)) on_event(time_s, PositionHinted{fix.place, kGpsHintRadius_m, "GPS"});
+  if (gps_.verdict != GpsVerdict::trusted || !fix.has_fix) return;
+  const bool position_known = last_.frame && last_.frame->report.estimate.position;
+  if (gps_.hints.due(fix.place, position_known)) on_event(time_s, PositionHinted{fix.place, kGpsHintRadius_m, "GPS"});
 }
 
 void FlightService::assess_gps(double now_s) {
   const ServiceStatus status = machine_.status();
-  if (status.fix) gps_.our_fix_in_use(now_s);
-  const GpsAssessment assessment = gps_.assess(now_s, status.link_up);
-  if (assessment.verdict == gps_verdict_) return;
-  gps_verdict_ = assessment.verdict;
+  if (status.fix) gps_.health.our_fix_in_use(now_s);
+  const GpsAssessment assessment = gps_.health.assess(now_s, status.link_up);
+  if (assessment.verdict == gps_.verdict) return;
+  gps_.verdict = assessment.verdict;
   on_event(now_s, assessment);
 }
 
 void FlightService::on_transitions(std::span<const StateTransition> transitions) {
   for (const StateTransition& transition : transitions) {
-    journal_->on_event(transition.time_s, transition);
+    journal_.on_event(transition.time_s, transition);
     const ReasonText& text = text_of(transition.reason);
     const auto severity = static_cast<TextSeverity>(text.severity);  // both have MAVLink's values
     if (transition.reason == ServiceReason::link_unsigned) {
@@ -635,8 +443,8 @@ void FlightService::update_view(double now_s) {
   views_.set_frames(frame_counts(), now_s);
   const AutopilotLink::State link = link_->state();
   views_.set_link(link, status.link_up, options_.link_key.has_value());
-  Recorder* recorder = recorder_;
-  views_.set_recorder(recorder, recorder_error_);
+  Recorder* recorder = parts_->recorder();
+  views_.set_recorder(recorder, last_.recorder_failure);
   if (recorder != nullptr) {
     const StoreStatus status_of_disk = recorder->status();
     std::string failure = status_of_disk.stopped ? status_of_disk.error : std::string();
@@ -646,7 +454,7 @@ void FlightService::update_view(double now_s) {
     }
   }
   views_.restrict_to_fix(status, link.last_fix, now_s);
-  board_.publish(views_.view(now_s, clock_.unix_us(), journal_->events(), journal_->alarms()));
+  parts_->show(views_.view(now_s, clock_.unix_us(), journal_.events(), journal_.alarms()));
 }
 
 void FlightService::save(double now_s) {
@@ -655,17 +463,17 @@ void FlightService::save(double now_s) {
   flight.saved_monotonic_s = now_s;
   flight.saved_unix_us = clock_.unix_us();
   flight.state = machine_.status().state;
-  if (last_frame_ && last_frame_->report.estimate.position) {
-    const Estimate& estimate = last_frame_->report.estimate;
-    const Eigen::Vector2d& velocity_mps = last_frame_->report.state.velocity_mps;
-    const double captured_s = last_frame_->telemetry.time_s;
+  if (last_.frame && last_.frame->report.estimate.position) {
+    const Estimate& estimate = last_.frame->report.estimate;
+    const Eigen::Vector2d& velocity_mps = last_.frame->report.state.velocity_mps;
+    const double captured_s = last_.frame->telemetry.time_s;
     flight.estimate = SavedEstimate{captured_s,          clock_.unix_us() - std::llround((now_s - captured_s) * 1e6),
                                     *estimate.position,  estimate.sigma_m,
                                     velocity_mps.norm(), estimate.source,
                                     estimate.segment,    SavedVelocity{velocity_mps.x(), velocity_mps.y()}};
   }
   if (options_.start) flight.hint = SavedHint{*options_.start, kGpsHintRadius_m};
-  to_save_.put(std::move(flight));
+  upkeep_->save(std::move(flight));
 }
 
 // Reading tiles is the matcher's; what it found is looked at here.
@@ -673,7 +481,7 @@ void FlightService::report_corrupt_tiles() {
   if (!map_) return;
   const Findings findings = map_->package().imagery().findings();
   constexpr std::string_view kTile = "tile ";
-  for (std::size_t i = corrupt_tiles_; i < findings.items().size(); ++i) {
+  for (std::size_t i = last_.corrupt_tiles; i < findings.items().size(); ++i) {
     const Finding& finding = findings.items()[i];
     const auto key =
         parse_tile_key(std::string_view(finding.where).substr(std::min(kTile.size(), finding.where.size())));
@@ -688,7 +496,7 @@ AwaitedParts FlightService::awaited_parts() const {
   };
   const auto camera = [this] {
     return fmt::format("the camera {}: {}", redacted(options_.camera),
-                       camera_failure_.empty() ? "no frame" : camera_failure_);
+                       last_.camera_failure.empty() ? "no frame" : last_.camera_failure);
   };
   const auto autopilot = [this] {
     const std::string error = link_->state().error;
@@ -698,51 +506,54 @@ AwaitedParts FlightService::awaited_parts() const {
                                            : "no heartbeat");
   };
   std::vector<AwaitedParts::Part> parts;
-  parts.push_back(
-      {"package", [this](double) { return map_ != nullptr; },
-       [this] { return fmt::format("a package that is accepted, at {}: {}", options_.package.string(), rejection_); }});
+  parts.push_back({"package", [this](double) { return map_ != nullptr; },
+                   [this] {
+                     return fmt::format("a package that is accepted, at {}: {}", options_.package.string(),
+                                        package_.rejection);
+                   }});
   if (map_) parts.push_back({"camera", camera_here, camera});
   parts.push_back({"autopilot", [this](double) { return machine_.status().link_up; }, autopilot});
   return AwaitedParts(std::move(parts));
 }
 
 void FlightService::note_start() {
-  journal_->note(clock_.monotonic_s(), EventSeverity::info, "state", restart_.reason);
-  if (!notice_.empty()) {
-    const bool serious = !notice_text_.empty();
-    journal_->note(clock_.monotonic_s(), serious ? EventSeverity::critical : EventSeverity::info, "package", notice_);
-    operator_texts_.add(TextSeverity::critical, notice_text_);
-    if (log_) log_("package: " + notice_);
+  journal_.note(clock_.monotonic_s(), EventSeverity::info, "state", restart_.reason);
+  if (!package_.notice.empty()) {
+    const bool serious = !package_.notice_text.empty();
+    journal_.note(clock_.monotonic_s(), serious ? EventSeverity::critical : EventSeverity::info, "package",
+                  package_.notice);
+    operator_texts_.add(TextSeverity::critical, package_.notice_text);
+    if (log_) log_("package: " + package_.notice);
   }
   if (!options_.link_key) {
-    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "link",
-                   "not signed (--unsigned-link): anybody on it can pose as the autopilot or as an operator");
+    journal_.note(clock_.monotonic_s(), EventSeverity::warning, "link",
+                  "not signed (--unsigned-link): anybody on it can pose as the autopilot or as an operator");
   }
   for (const std::string& fault : link_->faults()) {
-    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "link", fault);
+    journal_.note(clock_.monotonic_s(), EventSeverity::warning, "link", fault);
   }
-  for (const Finding& finding : warnings_.items()) {
+  for (const Finding& finding : package_.findings.items()) {
     if (finding.severity != Severity::warning) continue;
-    journal_->note(clock_.monotonic_s(), EventSeverity::warning, "finding",
-                   finding.code + ": " + finding.where + ": " + finding.found);
+    journal_.note(clock_.monotonic_s(), EventSeverity::warning, "finding",
+                  finding.code + ": " + finding.where + ": " + finding.found);
   }
-  if (warnings_.contains("airframe.unsigned")) {
+  if (package_.findings.contains("airframe.unsigned")) {
     operator_texts_.add(TextSeverity::warning, "Nadir: airframe file is not signed");
   }
-  if (options_.tile_key && !options_.candidates) {
+  if (options_.candidates.tile_key && !options_.candidates.folder) {
     operator_texts_.add(TextSeverity::warning, "Nadir: tile key not accepted, no tiles");
   }
 }
 
 void FlightService::note_end() {
   if (const std::size_t undelivered = operator_texts_.pending() + operator_texts_.dropped(); undelivered > 0) {
-    journal_->note(clock_.monotonic_s(), EventSeverity::info, "operator",
-                   fmt::format("{} {} never delivered: no autopilot connected", undelivered,
-                               undelivered == 1 ? "text was" : "texts were"));
+    journal_.note(clock_.monotonic_s(), EventSeverity::info, "operator",
+                  fmt::format("{} {} never delivered: no autopilot connected", undelivered,
+                              undelivered == 1 ? "text was" : "texts were"));
   }
   const AutopilotLink::State link = link_->state();
   const MailboxCounts frames = frame_counts();
-  journal_->note(
+  journal_.note(
       clock_.monotonic_s(), EventSeverity::info, "summary",
       fmt::format("{} frames, {} dropped; frame to fix p50 {:.0f}, p95 {:.0f}, max {:.0f} ms; {} fixes, "
                   "longest gap {:.0f} ms",
@@ -759,6 +570,6 @@ MailboxCounts FlightService::frame_counts() const {
   return counts;
 }
 
-std::string FlightService::summary() const { return journal_->events().events().back().text; }
+std::string FlightService::summary() const { return journal_.events().events().back().text; }
 
 }  // namespace nadir

@@ -7,15 +7,15 @@
 //                            conductor ────────────┘ status: fix or no fix, accuracy
 //                               │
 //                               ├──► journal: recorder, event list, operator
-//                               ├──► board: API, web page, watch
-//                               └──► upkeep (a thread of its own: disks may be slow): state directory, and what
-//                                    could not be started: API, recorder, candidate tiles
+//                               ├──► optional parts: recorder, API with page and watch, candidate tiles
+//                               └──► upkeep (a thread of its own: disks may be slow): state directory, and parts that
+//                                    could not be started
 //
 // The conductor is run(), twenty times a second on the caller's thread. It owns the state machine and the assessment of
 // GPS; all other threads publish OnboardEvents (service/onboard_event.hpp) and never wait for it.
 #pragma once
 
-#include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -23,21 +23,21 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <thread>
 #include <vector>
 
-#include "api/api.hpp"
 #include "flight/autopilot_link.hpp"
 #include "flight/camera_feed.hpp"
 #include "flight/flight_journal.hpp"
 #include "flight/localization_thread.hpp"
 #include "flight/mission_map.hpp"
-#include "flight/tile_making.hpp"
+#include "flight/optional_parts.hpp"
+#include "flight/upkeep.hpp"
 #include "flight/view_builder.hpp"
 #include "geodesy/lon_lat.hpp"
+#include "service/acceptance_record.hpp"
 #include "service/awaited_parts.hpp"
 #include "service/gps_health.hpp"
-#include "service/machine_health.hpp"
+#include "service/mailbox.hpp"
 #include "service/onboard_event.hpp"
 #include "service/retried_part.hpp"
 #include "service/saved_flight.hpp"
@@ -58,17 +58,9 @@ struct FlightOptions {
   std::string autopilot;                                    // parse_endpoint()
   std::vector<StationSetup> stations;                       // besides the autopilot
   std::optional<std::filesystem::path> link_key;            // nullopt: the links are not signed
-  std::optional<std::filesystem::path> record;              // folder; nullopt: no recording
-  bool keep_pictures = false;                               // in the recording
-  std::optional<std::filesystem::path> candidates;          // folder for candidate tiles; nullopt: none are made
-  std::optional<std::filesystem::path> tile_key;  // signs the tiles; without candidates: the key was not accepted
-  std::int64_t candidates_mb = 2000;              // disk budget of the tiles
-  int candidates_percent = 25;                    // of one core, for the tiles
-  int candidates_frame_ms = 0;                    // for the tiles of one frame; 0: no limit
-  std::string listen = "127.0.0.1:8750";
-  // File with the API's bearer token. nullopt: on loopback everybody may read, and hints need a token that is made in
-  // the state folder.
-  std::optional<std::filesystem::path> token;
+  RecordingOptions recording;
+  CandidateOptions candidates;
+  ApiEndpoint api;
   std::optional<LonLat> start;
   double anchor_every_m = 0;
   bool send_external_position = false;  // MAV_CMD_EXTERNAL_POSITION_ESTIMATE for each anchor, besides GPS_INPUT
@@ -105,10 +97,34 @@ class FlightService {
 
   // Until stop is requested, or the package must be judged again.
   FlightEnd run();
-  std::string summary() const;                                                       // after run()
-  const std::optional<AcceptanceRecord>& acceptance() const { return acceptance_; }  // after run()
+  std::string summary() const;                                                              // after run()
+  const std::optional<AcceptanceRecord>& acceptance() const { return acceptance_.record; }  // after run()
 
  private:
+  // What was decided about the package before the start.
+  struct PackageDecision {
+    Findings findings;                // of the verification
+    std::string rejection;            // empty: accepted
+    std::string notice, notice_text;  // for the operator: a sentence, and as a STATUSTEXT
+    bool resumed = false;
+  };
+  // What was accepted, and whether that still holds.
+  struct Acceptance {
+    FlightPhase phase;
+    std::optional<AcceptanceRecord> record;  // nullopt: nothing is kept
+    bool judge_again = false;
+  };
+  struct GpsAssessing {
+    GpsHealth health;
+    GpsVerdict verdict = GpsVerdict::unknown;  // the last one
+    GpsHints hints{};
+  };
+  // What the parts said last.
+  struct LastReports {
+    std::optional<LocalizedFrame> frame;
+    std::string camera_failure, recorder_failure;
+    std::size_t corrupt_tiles = 0;  // so many were reported
+  };
   struct TimedReceiver {
     double time_s = 0;
     GpsRaw gps;
@@ -116,11 +132,9 @@ class FlightService {
 
   // Start
   LocalizationSetup localization_setup() const;
-  void start_recorder();
-  void start_api();
+  void make_parts(VerifiedPackage verified);
   std::unique_ptr<CameraSource> opened_camera() const;
   void start_localization();
-  void start_tiles();
   void start_link();
   void start_camera(std::unique_ptr<CameraSource> source);
 
@@ -128,9 +142,6 @@ class FlightService {
   void publish(OnboardEvent event);  // from any thread
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
-  void upkeep_loop(const std::stop_token& stop);
-  void upkeep(double now_s);
-  void save_state();
   void on_command(const ReceivedMessage& received, const CommandInt& command);
   void record_fix(double now_s, const GpsInput& sent, SourceLabel source);
 
@@ -159,64 +170,34 @@ class FlightService {
   FlightOptions options_;
   const FlightClock& clock_;
   StopSignals& stop_;
-  Airframe airframe_;
-  std::string rejection_;
-  Findings warnings_;  // of the verification
-  OperatorTexts operator_texts_;
-  std::unique_ptr<MissionMap> map_;  // null: the package was rejected
-  StateDirectory state_;
-  Restart restart_;
   Log log_;
-  std::string notice_, notice_text_;
-  bool resumed_ = false, judge_again_ = false;
-  std::optional<AcceptanceRecord> acceptance_;  // of the conductor
-  FlightPhase phase_;
+  Airframe airframe_;  // with the attitude's uncertainty as it is flown
+  PackageDecision package_;
+  std::unique_ptr<MissionMap> map_;  // null: the package was rejected
+  Restart restart_;
 
+  // Of the conductor.
+  Acceptance acceptance_;
   ServiceMachine machine_;
-  GpsHealth gps_;
-  GpsVerdict gps_verdict_ = GpsVerdict::unknown;
-  GpsHints gps_hints_;
+  GpsAssessing gps_;
   ViewBuilder views_;
-  FlightBoard board_;
-  LatestSlot<Hint> api_hints_;
-  LatestMailbox<TimedEvent> events_{512};
-  LatestMailbox<SavedFlight> to_save_;
-  std::optional<LocalizedFrame> last_frame_;
-  std::string last_reason_, recorder_error_;
-  std::string camera_failure_;             // the last one
-  std::size_t corrupt_tiles_ = 0;          // reported
-  std::optional<TimedReceiver> receiver_;  // the link's thread
-  MachineHealth health_;                   // the thread of the state directory
-
-  // Parts that are tried again, on the upkeep thread. What others use of them is published as a pointer when it is
-  // there, and stays until the end.
-  RetriedPart state_part_{"state directory"}, memory_part_{"memory of packages"}, signing_part_{"signing time"},
-      api_part_{"API"}, recorder_part_{"recorder"}, tiles_part_{"candidate tiles"};
-  RetriedPart disk_part_{"recorder's disk"};    // of the conductor
-  RetriedPart making_part_{"candidate tiles"};  // of the tiles' thread
-  LatestMailbox<AcceptanceRecord> acceptances_;
-  std::optional<SavedFlight> unsaved_flight_;  // of the upkeep thread
-  std::optional<AcceptanceRecord> unsaved_acceptance_;
-  bool state_prepared_ = false;
-  std::function<void()> write_memory_;
-  std::function<bool()> can_be_opened_;
-  double next_open_s_ = 0, open_pause_s_ = kFirstRetry_s;
-
-  std::unique_ptr<Recorder> recorder_owner_;
-  std::atomic<Recorder*> recorder_{nullptr};
-  std::unique_ptr<FlightJournal> journal_;
+  FlightJournal journal_{nullptr};
+  OperatorTexts operator_texts_;
+  RetriedPart disk_part_{"recorder's disk"};
+  LastReports last_;
   ServiceManager manager_;
+
+  LatestMailbox<TimedEvent> events_{512};  // from all threads
+  std::optional<TimedReceiver> receiver_;  // of the link's thread
   ThreadWatch watch_;
-  std::unique_ptr<Api> api_;
-  std::unique_ptr<HttpServer> server_;
   LatestMailbox<CapturedFrame> frames_;
+
+  // A thread uses the parts above its own: they are destroyed from the last one.
+  std::unique_ptr<OptionalParts> parts_;
   std::unique_ptr<AutopilotLink> link_;
-  std::unique_ptr<TileMaking> tiles_owner_;
-  std::atomic<TileMaking*> tiles_{nullptr};  // null: none are made
-  std::int64_t root_version_ = 0;            // of VerifiedPackage
-  std::unique_ptr<LocalizationThread> localization_;
+  std::unique_ptr<LocalizationThread> localization_;  // null without a map, as the camera
   std::unique_ptr<CameraFeed> camera_;
-  std::jthread upkeep_thread_;  // last: it uses everything above
+  std::unique_ptr<Upkeep> upkeep_;
 };
 
 }  // namespace nadir

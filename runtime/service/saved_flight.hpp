@@ -71,7 +71,7 @@ SavedFlightReading parse_saved_flight(std::string_view text);
 // The folder that carries a flight over a restart: flight.json, replaced atomically about once a second. Other parts
 // keep their own files beside it (the signing time of the link, the aircraft's memory of packages).
 //
-// Writing syncs to disk and may be slow: it belongs to the state thread, never to the path of a frame. A full disk
+// Writing syncs to disk and may be slow: it belongs to the upkeep thread, never to the path of a frame. A full disk
 // costs the restart its memory, not the flight.
 class StateDirectory {
  public:

@@ -356,8 +356,9 @@ class ListeningLink : public ::testing::Test {
 
   // The autopilot has our ear: fixes go to it.
   void settle(test::LinkPeer& autopilot) {
+    const std::size_t before = received(7);
     autopilot.send(heartbeat(7));
-    wait_until([&] { return received(7) > 0; });
+    wait_until([&] { return received(7) > before; });
     clock_.go_on(1);
     autopilot.listen_until([&] { return !autopilot.fixes().empty(); });
   }

@@ -46,8 +46,9 @@ CameraReading failure(const std::string& text) { return {CameraStatus::failure, 
 class CameraFeedTest : public ::testing::Test {
  protected:
   // Feeds the script, until so many events were reported.
-  void feed(std::deque<CameraReading> script, std::size_t calls) {
-    CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0.25, clock_, frames_, watch_,
+  void feed(std::deque<CameraReading> script, std::size_t calls) { feed(std::move(script), calls, clock_); }
+  void feed(std::deque<CameraReading> script, std::size_t calls, const FlightClock& clock) {
+    CameraFeed feed(std::make_unique<ScriptedCamera>(std::move(script)), 0.25, clock, frames_, watch_,
                     [this](const OnboardEvent& event) {
                       const auto* failed = std::get_if<CameraFailed>(&event);
                       ASSERT_TRUE(failed != nullptr || std::holds_alternative<FrameReceived>(event));
@@ -76,7 +77,7 @@ TEST_F(CameraFeedTest, AFloodOfBadFramesDelaysNothing) {
   for (int i = 0; i < 300; ++i)
     script.push_back({CameraStatus::bad_frame, {}, std::to_string(i) + ".jpg is truncated"});
   script.push_back(image("good.jpg", 12, {1}));
-  feed(std::move(script), 2);
+  feed(std::move(script), 2, ManualClock());  // all within one second
   EXPECT_EQ(reported_, (std::vector<std::string>{"0.jpg is truncated", ""}));
   EXPECT_EQ(frames_.try_take()->name, "good.jpg");
 }

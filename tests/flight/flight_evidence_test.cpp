@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <atomic>
+#include <mutex>
 #include <thread>
 
 #include "base/files.hpp"
@@ -29,8 +29,8 @@ class FlightEvidence : public ::testing::Test {
     options_.state = folder_ / "state";
     std::filesystem::create_directories(options_.state);
     options_.autopilot = peer_.endpoint();
-    options_.listen = "127.0.0.1:0";
-    options_.record = folder_ / "record";
+    options_.api.address = "127.0.0.1:0";
+    options_.recording.folder = folder_ / "record";
     options_.camera = "folder:" + (folder_ / "frames").string();
     options_.package = maker_.make(folder_);
   }
@@ -42,11 +42,14 @@ class FlightEvidence : public ::testing::Test {
     ASSERT_TRUE(opening.package) << test::codes(opening.findings);
     tiles_ = &opening.package->imagery();
     options_.start = opening.package->mission().route.points.front();
-    service_ =
-        std::make_unique<FlightService>(options_, VerifiedPackage{std::move(opening.package), opening.findings}, clock_,
-                                        stop_, [this](const std::string& line) { log_.push_back(line); });
+    service_ = std::make_unique<FlightService>(options_, VerifiedPackage{std::move(opening.package), opening.findings},
+                                               clock_, stop_, [this](const std::string& line) {
+                                                 const std::scoped_lock lock(mutex_);
+                                                 log_.push_back(line);
+                                               });
     running_ = std::jthread([this] { service_->run(); });
-    peer_.listen_until([&] { return !peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty(); });
+    peer_.listen_until(
+        [&] { return !peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty() && logged("waiting for the auto"); });
     mavlink_message_t message;
     mavlink_msg_heartbeat_pack(7, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0);
     peer_.send(message);
@@ -55,6 +58,19 @@ class FlightEvidence : public ::testing::Test {
     stop_.request_stop();
     running_ = {};
     service_.reset();
+  }
+  bool logged(const std::string& beginning) const {
+    const std::scoped_lock lock(mutex_);
+    return std::ranges::any_of(log_, [&](const std::string& line) { return line.starts_with(beginning); });
+  }
+  // Until the state is saved with a time after this call. The conductor first notes what was published before, the
+  // upkeep thread first measures the machine; in the same turn the conductor reports corrupt tiles.
+  void wait_for_save() {
+    const double now_s = clock_.monotonic_s();
+    peer_.listen_until([&] {
+      const SavedFlightReading saved = StateDirectory(options_.state).load();
+      return saved.flight && saved.flight->saved_monotonic_s > now_s;
+    });
   }
   std::vector<std::string> texts() const {
     std::vector<std::string> found;
@@ -81,7 +97,8 @@ class FlightEvidence : public ::testing::Test {
   test::PackageMaker maker_;
   FlightOptions options_;
   const CheckedTiles* tiles_ = nullptr;  // as the matcher reads them
-  std::vector<std::string> log_;         // of the conductor's thread; read after end()
+  mutable std::mutex mutex_;
+  std::vector<std::string> log_;
   std::unique_ptr<FlightService> service_;
   std::jthread running_;
 };
@@ -97,6 +114,7 @@ TEST_F(FlightEvidence, EveryFixThatWasSentIsOnRecordWithTheReceiversBesideIt) {
   gps.h_acc = 1500;
   mavlink_msg_gps_raw_int_encode(7, 1, &message, &gps);
   peer_.send(message);
+  peer_.listen();  // what was sent before
   const std::size_t before = peer_.fixes().size();
   peer_.listen_until([&] { return peer_.fixes().size() >= before + 5; });
   end();
@@ -119,7 +137,7 @@ TEST_F(FlightEvidence, EveryFixThatWasSentIsOnRecordWithTheReceiversBesideIt) {
 
 TEST_F(FlightEvidence, TheMachinesHealthIsOnRecord) {
   begin();
-  peer_.listen_until([&] { return !peer_.fixes().empty(); });
+  wait_for_save();
   end();
   std::vector<std::string> names;
   for (const HealthRecord& health : recorded<HealthRecord>()) {
@@ -135,6 +153,7 @@ TEST_F(FlightEvidence, ATileThatSpoilsInFlightIsToldRecordedAndOnce) {
   test::sqlite(options_.package / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data))");
   const std::string text = "Nadir: CORRUPT MAP TILES, check storage";
   for (std::size_t i = 0; i < 3; ++i) EXPECT_FALSE(tiles_->read(tiles_->sidecars()[i].key));
+  wait_for_save();
   peer_.listen_until([&] { return std::ranges::count(texts(), text) > 0; });
   end();
   peer_.listen();
@@ -146,12 +165,11 @@ TEST_F(FlightEvidence, ATileThatSpoilsInFlightIsToldRecordedAndOnce) {
 
 TEST_F(FlightEvidence, SaysAtTheStartWhatItWaitsFor) {
   begin();
-  peer_.listen_until([&] { return !peer_.fixes().empty(); });
+  peer_.listen_until([&] { return logged("autopilot: here after"); });
   end();
   EXPECT_THAT(log_, Contains("package: here"));
   EXPECT_THAT(log_, Contains(HasSubstr("waiting for the camera folder:" + (folder_ / "frames").string())));
   EXPECT_THAT(log_, Contains(HasSubstr("waiting for the autopilot 7/1 at " + options_.autopilot + ": no heartbeat")));
-  EXPECT_THAT(log_, Contains(testing::StartsWith("autopilot: here after")));
 }
 
 TEST_F(FlightEvidence, MakesATokenForHintsThatOnlyItsUserCanRead) {

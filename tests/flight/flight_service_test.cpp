@@ -28,9 +28,9 @@ class RejectedFlight : public ::testing::Test {
     options.state = folder_ / "state";
     std::filesystem::create_directories(options.state);
     options.autopilot = peer_.endpoint();
-    options.listen = "127.0.0.1:0";
+    options.api.address = "127.0.0.1:0";
     options.link_key = std::move(link_key);
-    options.record = folder_ / "record";
+    options.recording.folder = folder_ / "record";
     options.airframe.camera.uncertainty.heading_rad = 0.2;
     options.airframe.camera.uncertainty.tilt_rad = 0.01;
     Findings findings;
@@ -121,8 +121,12 @@ TEST_F(RejectedFlight, CommandsAreTakenWhenAddressedToUsAndLoggedWithTheirSender
   }
   EXPECT_EQ(answers, (std::vector<std::pair<int, int>>{{MAV_CMD_NAV_LAND, MAV_RESULT_UNSUPPORTED},
                                                        {MAV_CMD_EXTERNAL_POSITION_ESTIMATE, MAV_RESULT_ACCEPTED}}));
-  const std::size_t before = heartbeats();
-  peer_.listen_until([&] { return heartbeats() >= before + 2; });
+  // A hint that was answered has been published; the conductor saves after it has noted what was published before.
+  const double answered_s = clock_.monotonic_s();
+  peer_.listen_until([&] {
+    const SavedFlightReading saved = StateDirectory(folder_ / "state").load();
+    return saved.flight && saved.flight->saved_monotonic_s > answered_s;
+  });
   end();
   std::vector<std::string> notes;
   read_recording(folder_ / "record", [&](const Recorded& recorded) {
@@ -158,7 +162,7 @@ class PartsInFlight : public ::testing::Test {
   PartsInFlight() {
     options_.airframe.system = 7;
     options_.autopilot = peer_.endpoint();
-    options_.listen = "127.0.0.1:0";
+    options_.api.address = "127.0.0.1:0";
     options_.state = folder_ / "state";
     verified_.findings.add({.code = "signature.invalid", .where = "manifest.sig"});
   }
@@ -179,6 +183,11 @@ class PartsInFlight : public ::testing::Test {
     mavlink_msg_heartbeat_pack(7, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA,
                                armed ? MAV_MODE_FLAG_SAFETY_ARMED : 0, 0, MAV_STATE_ACTIVE);
     peer_.send(message);
+  }
+  void end() {
+    stop_.request_stop();
+    running_ = {};
+    service_.reset();
   }
   // Until the log holds it; the autopilot beats meanwhile, so that the operator hears as well.
   void wait_for(const std::string& text) {
@@ -222,7 +231,27 @@ TEST_F(PartsInFlight, AStateDirectoryThatCannotBeMadeIsReportedAndUsedLater) {
   wait_for("state directory: works again");
   peer_.listen_until([&] { return told("Nadir: state directory works again"); });
   EXPECT_EQ(logged("state directory: failed"), 1) << "once";
-  EXPECT_TRUE(StateDirectory(options_.state).load().flight);
+  peer_.listen_until([&] { return StateDirectory(options_.state).load().flight.has_value(); });
+}
+
+// A restart then knows as much as the flight did, whenever the last save was due.
+TEST_F(PartsInFlight, ACleanEndSavesTheStateOfTheEnd) {
+  begin();
+  peer_.listen_until([&] { return StateDirectory(options_.state).load().flight.has_value(); });
+  const double before_s = clock_.monotonic_s();
+  end();
+  const SavedFlightReading saved = StateDirectory(options_.state).load();
+  ASSERT_TRUE(saved.flight) << saved.rejection;
+  EXPECT_GE(saved.flight->saved_monotonic_s, before_s);
+  EXPECT_EQ(saved.flight->state, ServiceState::no_package);
+}
+
+TEST_F(PartsInFlight, AnEndThatCannotBeSavedIsInTheLog) {
+  folder_.write("state", "a file in its place");
+  begin();
+  wait_for("state directory: failed");
+  end();
+  EXPECT_EQ(logged("the end of the flight could not be saved: cannot use the state directory"), 1);
 }
 
 TEST_F(PartsInFlight, ATakenPortIsReportedAndUsedWhenItIsFree) {
@@ -234,7 +263,7 @@ TEST_F(PartsInFlight, ATakenPortIsReportedAndUsedWhenItIsFree) {
   ASSERT_EQ(::listen(other, 1), 0);
   socklen_t size = sizeof address;
   ::getsockname(other, reinterpret_cast<sockaddr*>(&address), &size);
-  options_.listen = "127.0.0.1:" + std::to_string(ntohs(address.sin_port));
+  options_.api.address = "127.0.0.1:" + std::to_string(ntohs(address.sin_port));
   begin();
   wait_for("API: failed");
   ::close(other);
@@ -244,14 +273,12 @@ TEST_F(PartsInFlight, ATakenPortIsReportedAndUsedWhenItIsFree) {
 
 TEST_F(PartsInFlight, ARecordingFolderThatCannotBeMadeIsReportedAndUsedLater) {
   folder_.write("record", "a file in its place");
-  options_.record = folder_ / "record";
+  options_.recording.folder = folder_ / "record";
   begin();
   wait_for("recorder: failed");
   std::filesystem::remove(folder_ / "record");
   wait_for("recorder: works again");
-  stop_.request_stop();
-  running_ = {};
-  service_.reset();
+  end();
   std::size_t records = 0;
   read_recording(folder_ / "record", [&](const Recorded&) { ++records; });
   EXPECT_GT(records, 1U);
@@ -268,7 +295,7 @@ TEST_F(PartsInFlight, ATornSigningTimeIsReportedOnceAndWrittenAnew) {
 }
 
 TEST_F(PartsInFlight, WrongUsageIsFoundAtTheStart) {
-  options_.listen = "0.0.0.0:0";  // without a token
+  options_.api.address = "0.0.0.0:0";  // without a token
   EXPECT_THROW(FlightService(options_, std::move(verified_), clock_, stop_), UsageError);
 }
 
