@@ -121,7 +121,7 @@ class Flown:
         self.package.with_name("aside").rename(self.package)
 
     def wait(self, scene):
-        self.thread.join(240)
+        self.thread.join(330)
         scene.attacked(not self.thread.is_alive() and self.error is None, f"the flight did not end in order: {self.error}")
         scene.peak_mb, scene.code = self.memory_mb, 0
         return self
@@ -152,7 +152,7 @@ def flown(scene):
     return FLOWN[0]
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def tiles_corrupted_in_flight(scene):
     """Every second kilobyte of the tile set is inverted while the aircraft flies over it."""
     done = flown(scene).wait(scene)
@@ -168,7 +168,7 @@ def tiles_corrupted_in_flight(scene):
     return f"{corrupt} counted; event; operator: {text}; {done.anchors('after corrupt')} anchors after it"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def tile_file_cut_off_in_flight(scene):
     """The tile set is cut off to a fifth in flight, until the service has read where nothing is left; then it is whole again."""
     done = flown(scene).wait(scene)
@@ -183,7 +183,7 @@ def tile_file_cut_off_in_flight(scene):
     return f"{holes} tiles not read, {len(fixes)} fixes meanwhile, 0 wrong and sure; {done.anchors('after cut')} anchors after it"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def package_swapped_in_flight(scene):
     """Another package, with an empty tile file, takes the folder's place while the aircraft flies by the first."""
     done = flown(scene).wait(scene)
@@ -194,7 +194,7 @@ def package_swapped_in_flight(scene):
     return f"{done.anchors('swapped')} anchors meanwhile, from the file that was verified; 0 corrupt tiles"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def corrupt_tiles_leave_no_record(scene):
     """After the flight the recording is asked what happened to the map."""
     done = flown(scene).wait(scene)
@@ -207,7 +207,7 @@ def corrupt_tiles_leave_no_record(scene):
     return "artifact.hash in the recording's events"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def health_that_is_never_measured(scene):
     """The recording's health records are asked for what their format promises: memory, CPU, temperature."""
     from mcap.reader import NonSeekingReader
@@ -224,7 +224,7 @@ def health_that_is_never_measured(scene):
     return ", ".join(sorted(name.decode() for name in found))
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def matcher_that_throws(scene):
     """While every read of the map fails, the service must say so and not look like "nothing was due"."""
     done = flown(scene).wait(scene)
@@ -236,7 +236,7 @@ def matcher_that_throws(scene):
     return f"{anchors.get('failed')} failed, {len(said)} events: {said[-1]['text'][:60]}"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def coarse_scene_elsewhere(scene):
     """One scene of the package, which the aircraft never crosses, is known to 60 m alone: it must not make every position vague."""
     done = flown(scene).wait(scene)
