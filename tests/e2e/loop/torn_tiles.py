@@ -61,9 +61,9 @@ def fly(args, inputs, run):
         def state():
             return dict(flight.watch.state)
         fly_on(flight, DENIED_S + 13)
-        for name, strike in (("tiles corrupted in flight", tiles.corrupt), ("tile file cut off in flight", tiles.cut)):
+        for name, begin in (("tiles corrupted in flight", tiles.corrupt), ("tile file cut off in flight", tiles.cut)):
             before, begun_s = state(), flight.elapsed_s()
-            strike()
+            begin()
             fly_on(flight, EACH_S, lambda: corrupt_tiles(state()) > corrupt_tiles(before), PATIENCE_S)
             meanwhile, end_s = state(), flight.elapsed_s()
             tiles.restore()
