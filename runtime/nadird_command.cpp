@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utility.hpp>
 #include <ostream>
@@ -145,7 +146,8 @@ int NadirdCommand::run(Context& context) {
                                flight_.api.token ? read_bearer_token(*flight_.api.token) : std::string());
     return show_once(service, context.out, context.json);
   }
-  if (package_.empty()) throw UsageError({.what = "--package PACKAGE is required"});
+  if (package_.empty())
+    throw UsageError({.what = "--package PACKAGE is required", .fix = "`nadird --help` lists the options"});
   return check_ ? check(context) : serve(context);
 }
 
@@ -231,7 +233,9 @@ Findings NadirdCommand::evaluate_airframe(const Opening& opening, const VerifyOp
 Findings NadirdCommand::evaluate_tile_key(const TrustRoot& newest_root, UtcTime at) {
   if (!flight_.candidates.tile_key) return {};
   if (!request_.airframe()) {
-    throw UsageError({.what = "--tile-key requires --airframe", .expected = "the airframe whose tiles it signs"});
+    throw UsageError({.what = "--tile-key requires --airframe",
+                      .expected = "the airframe whose tiles it signs",
+                      .fix = "add --airframe FILE.json"});
   }
   const PublicKey key = PrivateKey::read(*flight_.candidates.tile_key).public_key();
   const Findings findings =
@@ -426,8 +430,11 @@ int NadirdCommand::serve(Context& context) {
     return fly(context);
   } catch (const UsageError&) {
     throw;
+  } catch (const std::bad_alloc&) {
+    context.err << "nadird failed: out of memory\n";
+    return kServiceFailed;
   } catch (const std::exception& error) {
-    context.err << "nadird failed in flight: " << printable_lines(error.what()) << '\n';
+    context.err << "nadird failed: " << printable_lines(error.what()) << '\n';
     return kServiceFailed;
   }
 }

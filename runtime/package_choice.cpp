@@ -69,7 +69,7 @@ Opening unreadable(const fs::path& package, const std::exception& error) {
        .found = known == nullptr              ? error.what()
                 : known->text().found.empty() ? known->text().what
                                               : known->text().what + ": " + known->text().found,
-       .fix = "check the path and the medium; it is tried again"});
+       .fix = "check the path and the storage medium; it is tried again"});
   return opening;
 }
 
@@ -81,7 +81,7 @@ class Chooser {
     holds_ = record_ != nullptr && record_->holds(boot_id);
     airborne_ = holds_ && record_->airborne;
     if (!accepted.rejection.empty()) {
-      choice_.notice = "what was accepted before cannot be resumed: acceptance.json is " + accepted.rejection;
+      choice_.notice = "what was accepted before cannot be resumed, acceptance.json: " + accepted.rejection;
     }
   }
 

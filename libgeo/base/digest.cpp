@@ -13,7 +13,9 @@ namespace nadir {
 namespace {
 
 void require(int openssl_result) {
-  if (openssl_result != 1) throw Error({.what = "OpenSSL cannot compute a SHA-256 digest"});
+  if (openssl_result == 1) return;
+  throw Error({.what = "OpenSSL cannot compute a SHA-256 digest",
+               .fix = "check its installation and configuration: the default provider must be active"});
 }
 
 void require_md5(int openssl_result) {

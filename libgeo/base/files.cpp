@@ -27,6 +27,9 @@ namespace {
   }
   if (error_number == EACCES || error_number == EPERM) fix = "check the permissions of the file and of its folder";
   if (error_number == EROFS) fix = "this medium is read-only: write elsewhere";
+  if (error_number == ENOENT || error_number == ENOTDIR) fix = "create the folder first, or correct the path";
+  if (error_number == ENAMETOOLONG) fix = "choose a shorter path: a name may have 255 bytes, a path 4095";
+  if (error_number == EIO) fix = "check the storage medium";
   throw Error({.what = std::move(what), .where = where, .found = system_error_text(error_number), .fix = fix});
 }
 
@@ -158,12 +161,15 @@ void write_new_file(const fs::path& path, std::string_view text, unsigned mode) 
 void require_private_mode(const fs::path& path) {
   struct stat info {};
   if (::stat(path.c_str(), &info) != 0) {
-    throw Error({.what = "cannot open a key", .where = path, .found = system_error_text(errno)});
+    throw Error({.what = "cannot open the key file",
+                 .where = path,
+                 .found = system_error_text(errno),
+                 .fix = "check the path and the permissions of its folders"});
   }
   if ((info.st_mode & 07177) != 0) {
     char mode[8];
     std::snprintf(mode, sizeof mode, "%04o", static_cast<unsigned>(info.st_mode & 07777));
-    throw UsageError({.what = "private key file is accessible to other users",
+    throw UsageError({.what = "the key file is accessible to other users",
                       .where = path,
                       .expected = "mode 0600 or stricter",
                       .found = std::string("mode ") + mode,
@@ -238,7 +244,7 @@ AppendFile::~AppendFile() { ::close(fd_); }
 
 std::uint64_t AppendFile::size() const {
   struct stat info {};
-  if (::fstat(fd_, &info) != 0) fail("cannot stat", path_, errno);
+  if (::fstat(fd_, &info) != 0) fail("cannot read the size", path_, errno);
   return static_cast<std::uint64_t>(info.st_size);
 }
 

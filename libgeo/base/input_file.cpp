@@ -27,11 +27,15 @@ constexpr int kOpenInput = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY;
 
 std::string advice_for(int error_number) {
   switch (error_number) {
-    case ENOENT: return "check the path";
+    case ENOENT:
+    case ENOTDIR: return "check the path";
     case EACCES:
     case EPERM: return "check the permissions of the file and of its folders";
     case ENAMETOOLONG: return "move it to a shorter path: a name may have 255 bytes, a path 4095";
     case ELOOP: return "symbolic links are not followed here: put the file itself in its place";
+    case EIO: return "check the storage medium";
+    case EMFILE:
+    case ENFILE: return "raise the limit of open files";
     default: return {};
   }
 }
@@ -104,7 +108,7 @@ InputFile::InputFile(FileDescriptor descriptor, fs::path path)
     : descriptor_(std::move(descriptor)), path_(std::move(path)) {
   if (!descriptor_) fail_to("cannot open", path_, errno);
   struct stat info {};
-  if (::fstat(descriptor_.get(), &info) != 0) fail_to("cannot stat", path_, errno);
+  if (::fstat(descriptor_.get(), &info) != 0) fail_to("cannot read the size", path_, errno);
   if (!S_ISREG(info.st_mode)) {
     throw Error({.what = "not a file", .where = path_, .expected = "a regular file", .found = kind_of(info.st_mode)});
   }
@@ -125,10 +129,11 @@ bool InputFile::read_at(std::uint64_t at, std::span<std::uint8_t> target) const 
 
 Bytes InputFile::read(std::uint64_t max_size) const {
   if (size_ > max_size) {
-    throw Error({.what = "file is too large",
+    throw Error({.what = "the file is too large",
                  .where = path_,
                  .expected = fmt::format("at most {} bytes", max_size),
-                 .found = fmt::format("{} bytes", size_)});
+                 .found = fmt::format("{} bytes", size_),
+                 .fix = "check that this is the right file"});
   }
   Bytes bytes(size_);
   std::size_t have = 0;

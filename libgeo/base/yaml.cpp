@@ -156,7 +156,7 @@ void YamlNode::allow_only(std::initializer_list<std::string_view> keys) const {
     const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "?";
     if (std::find(keys.begin(), keys.end(), key) != keys.end()) continue;
     throw UsageError(
-        {.what = "an unknown key",
+        {.what = "unknown key",
          .where = fmt::format("{}:{}:{}", place_->file, entry.first.Mark().line + 1, entry.first.Mark().column + 1),
          .expected = fmt::format("one of: {}", fmt::join(keys, ", ")),
          .found = fmt::format("\"{}\"", key)});

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <ostream>
+#include <system_error>
 
 #include "base/error.hpp"
 #include "base/printable.hpp"
@@ -143,7 +144,12 @@ int guarded(const std::string& name, const Environment& environment, const std::
   };
   try {
     const int code = work();
-    if (!environment.out.flush()) throw Error({.what = "cannot write the results to standard output"});
+    if (!environment.out.flush()) {
+      throw Error({.what = "cannot write the results",
+                   .where = "standard output",
+                   .found = "a full disk, or a pipe that nobody reads",
+                   .fix = "free space where it leads to, and run the command again"});
+    }
     return code;
   } catch (const Interrupted&) {
     say(names_output(args) ? "interrupted; no partial output was left behind" : "interrupted");
@@ -152,8 +158,13 @@ int guarded(const std::string& name, const Environment& environment, const std::
     say(error.what());
   } catch (const std::filesystem::filesystem_error& error) {
     say(text_of(error));
+  } catch (const std::system_error& error) {  // of a thread that cannot be started, above all
+    say(Error({.what = "the system refuses what the program needs",
+               .found = error.code().message(),
+               .fix = "stop other programs, or raise the limits of processes and open files"})
+            .what());
   } catch (const std::bad_alloc&) {
-    say("out of memory");
+    say("out of memory\n  to do:    stop other programs, or give less to do at once");
   } catch (const std::exception& error) {
     say(
         fmt::format("unexpected error: {}\n  to do:    this is a defect in the program; please report it together with "

@@ -330,7 +330,11 @@ DecodedImage decode(ByteView bytes, Colour colour, std::string_view name) {
   const bool alpha = features.has_alpha != 0;
   cv::Mat pixels(features.height, features.width, alpha ? CV_8UC4 : CV_8UC3);
   WebPDecoderConfig config;
-  if (WebPInitDecoderConfig(&config) == 0) throw Error({.what = "libwebp has another version than its header"});
+  if (WebPInitDecoderConfig(&config) == 0) {
+    throw Error({.what = "libwebp has another version than the one this program was built with",
+                 .where = std::string(name),
+                 .fix = "install libwebp of the version that the package depends on, or build Nadir again"});
+  }
   config.output.colorspace = alpha ? MODE_BGRA : MODE_BGR;
   config.output.is_external_memory = 1;
   config.output.u.RGBA.rgba = pixels.data;

@@ -171,7 +171,10 @@ void CogWriter::finish() {
     const std::size_t begin = block.size();
     block.resize(begin + tile.size);
     if (!spool.read(tile.at, std::span(block).subspan(begin))) {
-      throw Error({.what = "the temporary file with the tiles is incomplete", .where = spool_path_.string()});
+      throw Error({.what = "the temporary file with the tiles is incomplete",
+                   .where = spool_path_.string(),
+                   .found = "it ends early: something else has changed it",
+                   .fix = "build again, and leave the output's folder to this process meanwhile"});
     }
     for (std::size_t back = 4; back > 0; --back) {
       block.push_back(tile.size >= back ? block[begin + tile.size - back] : std::uint8_t{0});

@@ -10,6 +10,8 @@
 namespace nadir {
 namespace {
 
+constexpr int kHoleRequests = 8;  // a hole is read again at every so many requests
+
 void check_tile_size(const cv::Mat& image, const std::string& name) {
   if (image.cols == kTileSize && image.rows == kTileSize) return;
   throw Error({.what = "a map tile has the wrong size",
@@ -24,7 +26,12 @@ const DecodedTile& TileCache::get(const TileKey& key, Colour colour, int shrink)
   const Key wanted{key, colour, shrink};
   if (const auto found = places_.find(wanted); found != places_.end()) {
     recent_.splice(recent_.begin(), recent_, found->second);
-    return found->second->tile;
+    Entry& entry = recent_.front();
+    if (entry.tile.image.empty() && ++entry.requests >= kHoleRequests) {
+      entry.requests = 0;
+      entry.tile = decode(wanted);
+    }
+    return entry.tile;
   }
   recent_.push_front({wanted, decode(wanted)});
   places_[wanted] = recent_.begin();

@@ -1,4 +1,7 @@
-// A cache of decoded tiles (least recently used out first): overlapping windows decode their common tiles once.
+// A cache of decoded tiles (least recently used out first): overlapping windows decode their common tiles once. A tile
+// that could not be read is a hole at first, and is read again at every eighth request: what fails once in flight, a
+// bad contact of the storage medium, is not missing for the rest of it, and a medium that is broken is not asked each
+// time.
 #pragma once
 
 #include <compare>
@@ -13,7 +16,7 @@
 namespace nadir {
 
 struct DecodedTile {
-  cv::Mat image;  // empty when the set does not hold the tile
+  cv::Mat image;  // empty when the set does not hold the tile, or it could not be read
   cv::Mat mask;   // CV_8UC1, 255 = ground; empty when every pixel is
 };
 
@@ -37,6 +40,7 @@ class TileCache {
   struct Entry {
     Key key;
     DecodedTile tile;
+    int requests = 0;  // for a hole, since it was last read
   };
   DecodedTile decode(const Key& key) const;
 

@@ -55,7 +55,7 @@ std::uint64_t read_reservation(const std::filesystem::path& path) {
                  .where = path,
                  .expected = "one integer: units of 10 µs since 2015",
                  .found = std::to_string(text.size()) + " bytes of other content",
-                 .fix = "none needed: it is written anew. Frames that were sent before could be replayed until then"});
+                 .fix = "nothing: it is written anew; until then, frames recorded earlier can be replayed"});
   }
   return value;
 }
@@ -88,11 +88,12 @@ SigningKey SigningKey::read(const std::filesystem::path& path) {
   auto bytes = Sha256::from_hex(digits);  // 32 bytes as well
   OPENSSL_cleanse(text.data(), text.size());
   if (!bytes) {
-    throw UsageError({.what = "the file contains no signing key",
-                      .where = path,
-                      .expected = "64 lower-case hexadecimal digits and nothing else",
-                      .found = "different content (not shown: it may be a secret)",
-                      .fix = "create a key with `openssl rand -hex 32` and install it on the autopilot too"});
+    throw UsageError(
+        {.what = "the file contains no signing key",
+         .where = path,
+         .expected = "64 lower-case hexadecimal digits and nothing else",
+         .found = "different content (not shown: it may be a secret)",
+         .fix = "create a key with `openssl rand -hex 32` and install it with `nadir provision autopilot`"});
   }
   SigningKey key(bytes->bytes);
   OPENSSL_cleanse(bytes->bytes.data(), bytes->bytes.size());
@@ -102,7 +103,9 @@ SigningKey SigningKey::read(const std::filesystem::path& path) {
 SigningKey SigningKey::generate() {
   std::array<std::uint8_t, 32> bytes{};
   if (RAND_priv_bytes(bytes.data(), static_cast<int>(bytes.size())) != 1) {
-    throw Error({.what = "the operating system provides no randomness for a signing key"});
+    throw Error({.what = "cannot create a signing key",
+                 .found = "the operating system provides no random numbers",
+                 .fix = "try again; right after the start of a computer they may not be ready yet"});
   }
   return SigningKey(bytes);
 }
@@ -254,7 +257,7 @@ void StreamTimestamps::read() {
                   .where = path_,
                   .expected = std::string(kStreamsHeader) + " and four integers in each line",
                   .found = found,
-                  .fix = "the link goes on; for a minute recorded frames could be replayed"});
+                  .fix = "nothing: they are collected anew; for a minute, recorded frames can be replayed"});
   };
   std::istringstream lines(text);
   std::string line;

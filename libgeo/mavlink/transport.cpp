@@ -2,6 +2,7 @@
 
 #include <arpa/inet.h>
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
@@ -104,7 +105,7 @@ SocketAddress socket_address(const std::string& host, std::uint16_t port) {
   throw UsageError({.what = std::move(what),
                     .where = std::string(text),
                     .expected = std::move(expected),
-                    .fix = "write for example udpin:0.0.0.0:14550 or serial:/dev/ttyAMA0:921600"});
+                    .fix = "write, for example, udpin:0.0.0.0:14550 or serial:/dev/ttyAMA0:921600"});
 }
 
 std::optional<int> whole_number(std::string_view text) {
@@ -135,7 +136,8 @@ Endpoint parse_endpoint(std::string_view text) {
   if (kind == "serial") {
     endpoint.kind = Endpoint::Kind::serial;
     if (!where.starts_with('/')) refuse(text, "the serial port is not an absolute path", "a path such as /dev/ttyAMA0");
-    if (!number || !serial_speed(*number)) refuse(text, "unsupported baud rate", "57600, 115200, 921600, …");
+    if (!number || !serial_speed(*number))
+      refuse(text, "unsupported baud rate", "a standard rate: 57600, 115200, 921600, …");
     endpoint.device = std::move(where);
     endpoint.baud = *number;
     return endpoint;
@@ -158,7 +160,7 @@ Endpoint parse_endpoint(std::string_view text) {
   if (!is_address(where))
     refuse(text, "the host is not a numeric address", "an address such as 192.168.4.1; host names are not resolved");
   const int lowest = endpoint.kind == Endpoint::Kind::udp_listen ? 0 : 1;
-  if (!number || *number < lowest || *number > 65535) refuse(text, "invalid port", "1 to 65535");
+  if (!number || *number < lowest || *number > 65535) refuse(text, "invalid port", fmt::format("{} to 65535", lowest));
   endpoint.host = std::move(where);
   endpoint.port = static_cast<std::uint16_t>(*number);
   return endpoint;

@@ -104,7 +104,8 @@ Findings check_paths(const Manifest& manifest) {
     findings.add({.code = "manifest.path",
                   .where = fmt::format("manifest.json /artifacts/{}/path \"{}\"", i, path),
                   .expected = "a relative name inside the package that no other artifact has",
-                  .found = std::move(found)});
+                  .found = std::move(found),
+                  .fix = "get the package again from its producer"});
   };
   std::map<std::string, std::string> seen{{std::string(kManifestFile), std::string(kManifestFile)},
                                           {std::string(kSignatureFile), std::string(kSignatureFile)}};
@@ -228,7 +229,11 @@ Artifact describe_file(const std::filesystem::path& package, std::string_view re
   artifact.sha256 = sha256_file(file);
   std::error_code error;
   artifact.size = std::filesystem::file_size(file, error);
-  if (error) throw Error({.what = "cannot read the size of a package file", .where = file, .found = error.message()});
+  if (error)
+    throw Error({.what = "cannot read the size of a package file",
+                 .where = file,
+                 .found = error.message(),
+                 .fix = "check the permissions of the package and the storage medium"});
   return artifact;
 }
 

@@ -22,7 +22,8 @@ void write_manifest(const std::filesystem::path& package, const Manifest& manife
     throw Error({.what = "every reader would reject this manifest",
                  .where = first.where,
                  .expected = first.expected,
-                 .found = first.found});
+                 .found = first.found,
+                 .fix = "correct the mission file, and build the package again"});
   }
   write_file_atomic(package / kManifestFile, bytes);
 }

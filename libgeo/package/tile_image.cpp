@@ -139,7 +139,8 @@ std::optional<Finding> tile_header_problem(ByteView tile, const TileKey& key) {
     return Finding{.code = "tile.size",
                    .where = where,
                    .expected = fmt::format("{0} x {0} pixels", kTileSize),
-                   .found = fmt::format("{} x {}", info.width, info.height)};
+                   .found = fmt::format("{} x {}", info.width, info.height),
+                   .fix = "create the tile set with tiles of this size"};
   } catch (const Error& error) {
     return Finding{.code = "tile.undecodable",
                    .where = where,

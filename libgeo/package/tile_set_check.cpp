@@ -84,12 +84,14 @@ class TileWalk {
       if (!key) {
         wrong_.add({.code = "tile.misaddressed",
                     .where = "tiles, " + rows->address(),
-                    .expected = "an address inside the grid"});
+                    .expected = "an address inside the grid of its zoom",
+                    .fix = "get the package again from its producer"});
       } else if (last_ && !(*last_ < *key)) {
         wrong_.add({.code = "tile.misaddressed",
                     .where = "tile " + to_text(*key),
                     .expected = "each tile once",
-                    .found = "a second tile of this address"});
+                    .found = "a second tile of this address",
+                    .fix = "get the package again from its producer"});
       } else {
         last_ = key;
         visit(*key, *rows);
@@ -107,7 +109,8 @@ class TileWalk {
       lone_.add({.code = "tiles.count",
                  .where = "tile " + to_text(key),
                  .expected = "a sidecar for each tile",
-                 .found = "an unsigned tile"});
+                 .found = "an unsigned tile",
+                 .fix = "get the package again from its producer"});
       return;
     }
     const Sidecar& sidecar = check_.sidecars[next_++];
@@ -139,7 +142,8 @@ class TileWalk {
     lone_.add({.code = "tiles.count",
                .where = "tile " + to_text(key),
                .expected = "a tile for each sidecar",
-               .found = "no tile"});
+               .found = "no tile",
+               .fix = "get the package again from its producer"});
   }
 
   TileSetCheck& check_;
@@ -189,12 +193,18 @@ TileSetFacts tile_set_facts(const std::filesystem::path& tiles) {
   const auto container = open_tile_container(tiles);
   const SidecarRows rows = container->sidecars() == nullptr ? SidecarRows{} : read_sidecars(*container->sidecars());
   if (!rows.findings.empty() || rows.sidecars.empty()) {
-    throw Error({.what = "cannot sign this tile set: its sidecars are invalid", .where = tiles});
+    throw Error({.what = "cannot sign this tile set: its sidecars are invalid",
+                 .where = tiles,
+                 .fix = "`nadir cache validate` reports everything that is wrong with the file"});
   }
   TileSetFacts facts = facts_from(rows.sidecars);
   const auto tile = reader->read(rows.sidecars.front().key);
   const auto format = tile ? sniff_image_format(*tile) : std::nullopt;
-  if (!format) throw Error({.what = "cannot sign this tile set: a tile is missing", .where = tiles});
+  if (!format) {
+    throw Error({.what = "cannot sign this tile set: a tile is missing or no image",
+                 .where = fmt::format("{}, tile {}", tiles.string(), to_text(rows.sidecars.front().key)),
+                 .fix = "`nadir cache validate` reports everything that is wrong with the file"});
+  }
   facts.format = name_of(*format);
   return facts;
 }

@@ -273,12 +273,14 @@ class Validator {
       if (!key) {
         add({.code = "tile.misaddressed",
              .where = rows->address(),
-             .expected = "an address inside the grid of its zoom"});
+             .expected = "an address inside the grid of its zoom",
+             .fix = "create the file again; copying a damaged file does not repair it"});
       } else if (!tiles_.empty() && !(tiles_.back().key < *key)) {
         add({.code = "tile.misaddressed",
              .where = "tile " + to_text(*key),
              .expected = "each tile once",
-             .found = "a second tile of this address"});
+             .found = "a second tile of this address",
+             .fix = "create the file again; copying a damaged file does not repair it"});
       } else {
         inspect(*key, *rows);
       }
@@ -318,7 +320,8 @@ class Validator {
         add({.code = "artifact.hash",
              .where = "tile " + to_text(key),
              .expected = "the digest in its sidecar",
-             .found = "different bytes"});
+             .found = "different bytes",
+             .fix = "create the file again; copying a damaged file does not repair it"});
       }
     } else {
       tile.key = key;

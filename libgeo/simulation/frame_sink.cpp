@@ -1,27 +1,41 @@
 #include "simulation/frame_sink.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
-#include <cstdio>
-#include <fstream>
+#include <cerrno>
+#include <cstdlib>
 #include <ostream>
 #include <utility>
 
 #include "base/error.hpp"
+#include "base/input_file.hpp"
 
 namespace nadir {
 namespace {
 
-[[noreturn]] void fail(const std::filesystem::path& path, const std::error_code& error) {
+constexpr unsigned kFrameMode = 0644;  // the camera's folder is often another user's
+
+[[noreturn]] void fail(const std::filesystem::path& path, int error_number) {
   throw Error({.what = "the frame cannot be written",
                .where = path.string(),
                .expected = "a writable folder with free space",
-               .found = error.message(),
+               .found = system_error_text(error_number),
                .fix = "free space, or choose another --out; --keep N limits the size of the folder"});
 }
 
-std::error_code last_error() { return {errno, std::generic_category()}; }
+// 0, or the error of the first call that fails.
+int write_all(int file, ByteView bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::write(file, bytes.data(), bytes.size());
+    if (written < 0 && errno != EINTR) return errno;
+    if (written > 0) bytes = bytes.subspan(static_cast<std::size_t>(written));
+  }
+  return ::fchmod(file, kFrameMode) == 0 ? 0 : errno;
+}
 
 }  // namespace
 
@@ -38,25 +52,19 @@ FrameFolder::FrameFolder(std::filesystem::path folder, std::optional<int> keep)
 }
 
 void FrameFolder::put(ByteView jpeg, std::int64_t unix_us) {
-  const std::string name = fmt::format("frame_{:016}.jpg", std::max<std::int64_t>(0, unix_us));
-  const std::filesystem::path path = folder_ / name, temporary = folder_ / ("." + name + ".tmp");
-  // Not synced to disk, unlike results: a frame is needed for seconds, and waiting for the disk would cost frames.
-  std::ofstream file(temporary, std::ios::binary | std::ios::trunc);
-  file.write(reinterpret_cast<const char*>(jpeg.data()), static_cast<std::streamsize>(jpeg.size()));
-  file.close();
-  std::error_code ignored;
-  if (!file) {
-    const std::error_code error = last_error();
-    std::filesystem::remove(temporary, ignored);
-    fail(path, error);
-  }
-  std::error_code error;
-  std::filesystem::rename(temporary, path, error);
-  if (error) {
-    std::filesystem::remove(temporary, ignored);
-    fail(path, error);
+  const std::filesystem::path path = folder_ / fmt::format("frame_{:016}.jpg", std::max<std::int64_t>(0, unix_us));
+  // Not a PendingFile: that waits for the disk, twice, which would cost frames, and a frame is needed for seconds.
+  std::string hidden = folder_ / ".frame.XXXXXX";
+  const FileDescriptor file(::mkostemp(hidden.data(), O_CLOEXEC));
+  if (!file) fail(path, errno);
+  int error_number = write_all(file.get(), jpeg);
+  if (error_number == 0 && ::rename(hidden.c_str(), path.c_str()) != 0) error_number = errno;
+  if (error_number != 0) {
+    ::unlink(hidden.c_str());
+    fail(path, error_number);
   }
   if (!keep_) return;
+  std::error_code ignored;
   // A clock that was set back may give a name twice: it counts once, as the newest.
   std::erase(written_, path);
   written_.push_back(path);

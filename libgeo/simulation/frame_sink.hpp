@@ -25,7 +25,8 @@ class FrameSink {
 };
 
 // Frames into a folder that another program watches: each appears atomically, under a name that holds its time and
-// sorts by it, frame_<microseconds since 1970, UTC, 16 digits>.jpg.
+// sorts by it, frame_<microseconds since 1970, UTC, 16 digits>.jpg. Until it is whole it has a hidden name that nobody
+// can guess and that no link can have been planted under.
 class FrameFolder final : public FrameSink {
  public:
   // Creates the folder when it is missing; existing files stay. keep: the maximum number of its own frames, the oldest

@@ -127,9 +127,7 @@ std::variant<Value, Problem> read_body(const ApiRequest& request, const Read& re
     document = parse_json(request.body, "body", {.max_depth = kMaxDepth, .allow_floats = true});
   } catch (const Error& error) {
     return Problem{
-        .status = 400,
-        .type = "malformed",
-        .detail = fmt::format("the body is not acceptable JSON: {} {}", error.text().what, error.text().found)};
+        .status = 400, .type = "malformed", .detail = "the body is not acceptable JSON: " + error.text().found};
   }
   FieldErrors errors;
   Value value;

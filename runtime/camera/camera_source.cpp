@@ -75,7 +75,7 @@ std::string redacted(const std::string& source) {
 std::string with_credentials(const std::string& source, const fs::path& file) {
   const auto authority = authority_of(source);
   if (!authority || authority->at != std::string::npos) {
-    throw UsageError({.what = "no place for the camera's credentials",
+    throw UsageError({.what = "the camera's credentials cannot be added to this source",
                       .where = "--camera",
                       .expected = "a network address without user and password, rtsp://HOST/…",
                       .found = redacted(source)});

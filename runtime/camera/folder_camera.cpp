@@ -55,13 +55,21 @@ namespace {
 
 constexpr std::uint32_t kGone = IN_DELETE_SELF | IN_MOVE_SELF | IN_UNMOUNT | IN_IGNORED;
 
+const char* advice_for(int error_number) {
+  switch (error_number) {
+    case ENOSPC: return "raise fs.inotify.max_user_watches";
+    case EMFILE: return "raise fs.inotify.max_user_instances, or the limit of open files";
+    case EACCES: return "let the service's user read the folder";
+    default: return "create the folder, or correct --camera";
+  }
+}
+
 [[noreturn]] void fail(const std::filesystem::path& folder) {
   const int error_number = errno;
   throw Error({.what = "cannot watch the camera's folder",
                .where = folder,
                .found = system_error_text(error_number),
-               .fix = error_number == ENOSPC || error_number == EMFILE ? "raise fs.inotify.max_user_watches"
-                                                                       : "create the folder, or correct --camera"});
+               .fix = advice_for(error_number)});
 }
 
 void add(FolderChanges& changes, const inotify_event& event) {

@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -41,7 +42,10 @@ namespace nadir {
 class WakeUp {
  public:
   WakeUp() : fd_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
-    if (fd_ < 0) throw Error({.what = "cannot create an event descriptor", .fix = "raise the limit of open files"});
+    if (fd_ >= 0) return;
+    throw Error({.what = "cannot create an event descriptor",
+                 .found = system_error_text(errno),
+                 .fix = "raise the limit of open files"});
   }
   ~WakeUp() { ::close(fd_); }
   WakeUp(const WakeUp&) = delete;

@@ -31,6 +31,7 @@ void hold_memory([[maybe_unused]] std::size_t megabytes) {
   for (void* piece : pieces) std::free(piece);
   if (enough) return;
   throw Error({.what = "not enough memory for a flight",
+               .where = "--memory-mb",
                .expected = fmt::format("{} MB", megabytes),
                .found = "the system cannot provide that much",
                .fix = "stop other programs, or lower --memory-mb"});

@@ -174,11 +174,14 @@ std::optional<std::string> StateDirectory::save(const SavedFlight& flight) const
 SavedFlightReading StateDirectory::load() const {
   std::error_code ignored;
   if (!fs::exists(fs::symlink_status(file(), ignored))) return {std::nullopt, "no saved state: cold start"};
+  SavedFlightReading reading;
   try {
-    return parse_saved_flight(read_text_file(file(), kMaxFileSize));
+    reading = parse_saved_flight(read_text_file(file(), kMaxFileSize));
   } catch (const Error& error) {
-    return {std::nullopt, error.what()};
+    reading.rejection = error.what();
   }
+  if (!reading.flight) reading.rejection = "cold start, the saved flight cannot be used: " + reading.rejection;
+  return reading;
 }
 
 void StateDirectory::save(const AcceptanceRecord& record) const {

@@ -16,12 +16,12 @@ inline std::string sealed(const std::string& line) { return line + "\n" + sha256
 inline std::optional<std::string_view> unsealed(std::string_view text, std::string& rejection) {
   const std::size_t end = text.find('\n');
   if (end == std::string_view::npos) {
-    rejection = "truncated";
+    rejection = "cut short";
     return std::nullopt;
   }
   const std::string_view line = text.substr(0, end);
   if (text.substr(end + 1) == sha256(as_bytes(line)).hex() + "\n") return line;
-  rejection = "SHA-256 does not match";
+  rejection = "damaged: its SHA-256 does not match";
   return std::nullopt;
 }
 

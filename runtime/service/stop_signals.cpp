@@ -17,7 +17,11 @@ StopSignals::StopSignals() {
   sigaddset(&signals_, SIGINT);
   sigaddset(&signals_, SIGTERM);
   end_ = ::eventfd(0, EFD_CLOEXEC);
-  if (end_ < 0) throw Error({.what = "cannot listen for signals", .found = system_error_text(errno)});
+  if (end_ < 0) {
+    throw Error({.what = "cannot listen for signals",
+                 .found = system_error_text(errno),
+                 .fix = "raise the limit of open files"});
+  }
   ::pthread_sigmask(SIG_BLOCK, &signals_, &before_);
   listener_ = std::thread([this] { listen(); });
 }

@@ -75,7 +75,12 @@ ServiceManager::ServiceManager(std::optional<std::string> socket) {
   }
   if (address_.front() == '@') address_.front() = '\0';
   fd_ = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  if (fd_ < 0) throw Error({.what = "cannot create a socket", .found = system_error_text(errno)});
+  if (fd_ < 0) {
+    throw Error({.what = "cannot create a socket for the service manager",
+                 .where = "NOTIFY_SOCKET",
+                 .found = system_error_text(errno),
+                 .fix = "raise the limit of open files, and allow AF_UNIX in the unit"});
+  }
 }
 
 ServiceManager::~ServiceManager() {

@@ -6,7 +6,9 @@
 
 #include <filesystem>
 #include <functional>
+#include <new>
 #include <sstream>
+#include <system_error>
 
 #include "base/error.hpp"
 #include "cli/options.hpp"
@@ -169,6 +171,18 @@ TEST(Program, WhatIsWrongWithAPathIsSaidAsThat) {
   EXPECT_THAT(outcome.err, ::testing::HasSubstr("shorter path"));
   EXPECT_THAT(outcome.err, ::testing::Not(::testing::HasSubstr("defect")));
   EXPECT_LT(outcome.err.size(), 600U);
+}
+
+// No thread to be had, no memory: the machine's fault.
+TEST(Program, WhatTheSystemRefusesIsNoDefect) {
+  const auto thread =
+      run(kGood, [](Context&) -> int { throw std::system_error(EAGAIN, std::generic_category(), "thread"); });
+  EXPECT_EQ(thread.code, 2);
+  EXPECT_THAT(thread.err, ::testing::HasSubstr("Resource temporarily unavailable"));
+  EXPECT_THAT(thread.err, ::testing::HasSubstr("raise the limits"));
+  const auto memory = run(kGood, [](Context&) -> int { throw std::bad_alloc(); });
+  EXPECT_EQ(memory.code, 2);
+  for (const auto& outcome : {thread, memory}) EXPECT_THAT(outcome.err, ::testing::Not(::testing::HasSubstr("defect")));
 }
 
 }  // namespace

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
-"""Faults injected into nadird in the closed loop: it is killed repeatedly; disk full, link cut, clocks
-set, tiles spoilt, camera stalled, ten times the frames; it is restarted in flight on a full state disk, a taken port, a
-wrong clock, a torn file, a swapped package; a second speaker on the link; tiles corrupted and cut off. Prints a table of
-what was expected and what was found; the exit
-code is 1 when something is wrong. docs/closed-loop.md.
+"""Faults injected into nadird in the closed loop, in five parts:
+  kill       it is killed every 30 s
+  faults     disk full, link cut, clocks set, tiles spoilt, camera stalled, ten times the frames
+  restarts   killed and started again on a full state disk, a taken port, a wrong clock, a torn file, a swapped package
+  intruder   a second speaker on the link
+  tiles      the tile file corrupted and cut off
+Prints a table of what was expected and what was found; the exit code is 1 when something is wrong. docs/closed-loop.md.
 """
 import argparse
 import os
@@ -20,7 +22,7 @@ PARTS = {"kill": kills.fly, "faults": faults.fly, "restarts": restarts.fly, "int
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=PARTS)
+    parser.add_argument("--only", choices=PARTS, help="this part alone")
     parser.add_argument("--kill-minutes", type=float, default=10, help="killed every 30 s for so long")
     harness.add_words(parser, width=1280)
     return parser.parse_args()

@@ -18,6 +18,23 @@ class OneTile final : public TileSource {
   Bytes bytes_;
 };
 
+// One tile that cannot be read until `works`.
+class FailingTiles final : public TileSource {
+ public:
+  explicit FailingTiles(Bytes bytes) : bytes_(std::move(bytes)) {}
+  ZoomRange zooms() const override { return {0, 0}; }
+  std::optional<Bytes> read(const TileKey&) const override {
+    ++reads;
+    return works ? std::optional(bytes_) : std::nullopt;
+  }
+
+  mutable bool works = false;
+  mutable int reads = 0;
+
+ private:
+  Bytes bytes_;
+};
+
 TEST(TileCache, EvictsTheLeastRecentlyUsed) {
   const test::WaveTiles tiles({10, 10}, 10);
   TileCache cache(tiles, 2);
@@ -26,6 +43,23 @@ TEST(TileCache, EvictsTheLeastRecentlyUsed) {
   EXPECT_EQ(tiles.reads.at(a), 1);  // used again before c came
   EXPECT_EQ(tiles.reads.at(b), 2);
   EXPECT_EQ(tiles.reads.at(c), 1);
+}
+
+// A medium that fails once must not cost the tile for the rest of the flight; one that is broken is not asked each
+// time.
+TEST(TileCache, ReadsAHoleAgainAfterAWhile) {
+  const FailingTiles tiles(encode_image(cv::Mat(kTileSize, kTileSize, CV_8UC3, cv::Scalar::all(9)), ImageFormat::png));
+  TileCache cache(tiles, 4);
+  const TileKey key{0, 0, 0};
+  for (int i = 0; i < 16; ++i) EXPECT_TRUE(cache.get(key, Colour::grey, 1).image.empty());
+  EXPECT_EQ(tiles.reads, 2);
+  tiles.works = true;
+  int requests = 1;
+  while (requests < 100 && cache.get(key, Colour::grey, 1).image.empty()) ++requests;
+  EXPECT_LE(requests, 8);
+  EXPECT_EQ(tiles.reads, 3);
+  for (int i = 0; i < 16; ++i) EXPECT_FALSE(cache.get(key, Colour::grey, 1).image.empty());
+  EXPECT_EQ(tiles.reads, 3);  // kept as any other
 }
 
 TEST(TileCache, ReducesImageAndMaskConsistently) {

@@ -286,7 +286,7 @@ TEST_F(NadirdCheck, AnExpiredAirframeFileIsRejectedAndOneOfBeforeWarnedAbout) {
 TEST_F(NadirdCheck, AFailureInFlightDoesNotPreventARestart) {
   const NoMemoryInFlight clock;
   EXPECT_EQ(serve(clock_, &clock), 70);
-  EXPECT_NE(err_.str().find("failed in flight"), std::string::npos) << err_.str();
+  EXPECT_NE(err_.str().find("nadird failed: out of memory"), std::string::npos) << err_.str();
 }
 
 TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {

@@ -65,6 +65,20 @@ void expect_same(const SavedFlight& a, const SavedFlight& b) {
 
 std::string sealed(const std::string& line) { return line + "\n" + sha256(as_bytes(line)).hex() + "\n"; }
 
+// The first event of a start: it must be clear to somebody who never saw the file.
+TEST(StateDirectory, SaysWhatATornFlightMeans) {
+  const TemporaryFolder folder;
+  const StateDirectory state(folder / "state");
+  state.prepare();
+  ASSERT_EQ(state.save(some_flight()), std::nullopt);
+  const std::filesystem::path file = folder / "state/flight.json";
+  std::filesystem::resize_file(file, 20);
+  EXPECT_EQ(state.load().rejection, "cold start, the saved flight cannot be used: cut short");
+  std::filesystem::remove(file);
+  std::filesystem::create_directory(file);
+  EXPECT_EQ(state.load().rejection.rfind("cold start, the saved flight cannot be used: not a file", 0), 0U);
+}
+
 TEST(StateDirectory, LoadsWhatWasSaved) {
   const TemporaryFolder folder;
   const StateDirectory state(folder / "state");

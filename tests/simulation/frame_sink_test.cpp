@@ -1,11 +1,15 @@
 #include "simulation/frame_sink.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
+#include <atomic>
+#include <csignal>
 #include <fstream>
 #include <set>
 #include <sstream>
 #include <stdexcept>
+#include <thread>
 #include <vector>
 
 #include "base/error.hpp"
@@ -109,13 +113,62 @@ TEST(FrameFolder, ReportsAnUnusableFolder) {
   EXPECT_THROW(frames.put(jpeg, 1), Error);
 }
 
+// The system takes no more than 50 kB, as a disk that is full.
 TEST(FrameFolder, AFullDiskLeavesNoPartialFrame) {
   const test::TemporaryFolder folder;
   FrameFolder frames(folder.path());
-  std::filesystem::create_symlink("/dev/full", folder.path() / ".frame_0000000000000007.jpg.tmp");
   const Bytes jpeg(100'000, 1);
+  rlimit before{};
+  ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto on_signal = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{50'000, before.rlim_max};
+  ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
   EXPECT_THROW(frames.put(jpeg, 7), Error);
+  ::setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, on_signal);
   EXPECT_TRUE(names_in(folder.path()).empty());
+}
+
+// The hidden name was the frame's own with ".tmp": whoever may write into the folder could have a link there.
+TEST(FrameFolder, FollowsNoLinkThatWasPlanted) {
+  const test::TemporaryFolder folder, elsewhere;
+  write_file_atomic(elsewhere / "precious", std::string_view("unharmed"));
+  for (const char* name : {".frame_0000000000000007.jpg.tmp", "frame_0000000000000007.jpg"}) {
+    std::filesystem::create_symlink(elsewhere / "precious", folder / name);
+  }
+  FrameFolder frames(folder.path());
+  const Bytes jpeg = {1, 2, 3};
+  frames.put(jpeg, 7);
+  EXPECT_EQ(read_text_file(elsewhere / "precious"), "unharmed");
+  EXPECT_FALSE(std::filesystem::is_symlink(folder / "frame_0000000000000007.jpg"));
+  EXPECT_EQ(read_file(folder / "frame_0000000000000007.jpg"), jpeg);
+}
+
+// Whoever opens a frame's file as soon as its name is there reads all of it, and may read it as another user.
+TEST(FrameFolder, AFrameIsWholeAndReadableOnceItHasItsName) {
+  const test::TemporaryFolder folder;
+  FrameFolder frames(folder.path());
+  const Bytes jpeg(1'000'000, 7);
+  std::atomic<bool> done = false;
+  int seen = 0, short_ones = 0;
+  std::thread reader([&] {
+    while (!done || seen == 0) {
+      for (const std::string& name : names_in(folder.path())) {
+        if (name.starts_with('.')) continue;
+        std::error_code gone;
+        const auto size = std::filesystem::file_size(folder / name, gone);
+        if (gone) continue;
+        ++seen;
+        short_ones += size == jpeg.size() ? 0 : 1;
+      }
+    }
+  });
+  for (int i = 0; i < 50; ++i) frames.put(jpeg, i);
+  done = true;
+  reader.join();
+  EXPECT_EQ(short_ones, 0);
+  const auto mode = std::filesystem::status(folder / "frame_0000000000000049.jpg").permissions();
+  EXPECT_EQ(static_cast<unsigned>(mode), 0644U);
 }
 
 TEST(FrameStream, IsParsedByItsHeaders) {

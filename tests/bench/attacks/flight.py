@@ -1,20 +1,20 @@
-"""What befalls the map in flight: one flight in the closed loop, judged by several rows. Tiles are corrupted, then the file is
-cut off; then it is whole again."""
+"""What befalls the map in flight: one flight in the closed loop, judged by several rows. The package's folder is exchanged; the tile
+file is cut off, and corrupted; each until the service has met it, however slow the machine is, and then undone."""
 import json
+import shutil
 import sqlite3
-import subprocess
 import threading
-import time
 
 from .registry import attack
 
-from loop.evidence import fresh_fixes, wrong_and_sure  # noqa: E402  (shared.py has put its folder on the path)
+from loop.evidence import fresh_fixes, within, wrong_and_sure  # noqa: E402  (shared.py has put its folder on the path)
 from loop.flight import Flight, Setup  # noqa: E402
-from loop.hands import spoil_tiles  # noqa: E402
+from loop.torn_tiles import BACK_WITHIN_S, TileFile, corrupt_tiles, fly_on  # noqa: E402
 from loop.inputs import Inputs, must  # noqa: E402
 
 COARSE_CE90_M = 60
-DENIED, SPOILT, MENDED, CUT, WHOLE, MINUTES = 12, 20, 32, 38, 50, 1.0
+DENIED_S, SETTLED_S, EACH_S, PATIENCE_S = 12, 5, 8, 25  # EACH_S: of a fault, at least; PATIENCE_S: for its effect, and again for its end
+MINUTES = 4  # at most: it ends when all has been seen; the aircraft then has not been anywhere twice
 
 
 class PatchedMap(Inputs):
@@ -62,55 +62,84 @@ class Flown:
             (self.coarse_tiles,) = database.execute("SELECT count(*) FROM nadir_sidecars WHERE ce90_mm >= ?", (1000 * COARSE_CE90_M,)).fetchone()
         run = self.folder / "run"
         run.mkdir()
-        package = run / "package"
-        subprocess.run(["cp", "-r", inputs.package, package], check=True)
-        setup = Setup(inputs, run, programs / "nadir", programs / "nadird", [f"{DENIED}:gps-denied"], MINUTES, signed=True, package=package)
-        plan = [(SPOILT, self.note("before")), (SPOILT, lambda: spoil_tiles(package)), (MENDED - 1, self.note("spoilt")),
-                (MENDED, lambda: spoil_tiles(package)), (CUT - 1, self.note("mended")), (CUT, lambda: self.cut(package)),
-                (WHOLE - 1, self.note("cut")), (WHOLE, self.restore), (MINUTES * 60 - 2, self.note("end"))]
-        self.notes = {}
+        self.package = run / "package"
+        shutil.copytree(inputs.package, self.package)
+        setup = Setup(inputs, run, programs / "nadir", programs / "nadird", [f"{DENIED_S}:gps-denied"], MINUTES, signed=True,
+                      package=self.package)
+        self.states, self.windows = {}, {}  # by name: before and after a fault, its begin and end in seconds of flight
         with Flight(setup) as flight:
             self.flight = flight
             flight.start()
-            for at, act in plan:
-                while flight.elapsed_s() < at and flight.autopilot.running():
-                    flight.must_be_running()
-                    self.memory_mb = max(self.memory_mb, flight.service.memory_mb() or 0)
-                    time.sleep(0.02)
-                act()
-            flight.wait()
+            fly_on(flight, DENIED_S + SETTLED_S, self.grown("anchors"), PATIENCE_S)
+            self.befall("swapped", self.swap, self.swap_back, self.grown("anchors"))
+            tiles = TileFile(self.package)
+            self.befall("cut", tiles.cut, tiles.restore, self.grown("corrupt tiles"))
+            self.befall("corrupt", tiles.corrupt, tiles.restore, self.grown("corrupt tiles"))
+            flight.autopilot.end()
             self.summary, _ = flight.finish()
-            self.changes = list(flight.watch.changes)
+            self.begun_flying = flight.begun_flying
+            self.memory_mb = max((mb for _, mb in flight.watch.memory), default=0.0)
             self.events = [event for _, event in sorted(flight.watch.events.items())]
         self.rows, self.record = setup.rows(), flight.record
 
-    def note(self, name):
-        def act():
-            self.notes[name] = dict(self.flight.watch.state)
-        return act
+    def count(self, what):
+        state = self.flight.watch.state
+        return corrupt_tiles(state) if what == "corrupt tiles" else state.get("anchors", {}).get("accepted", 0)
 
-    def cut(self, package):
-        self.path = max((path for path in package.rglob("*") if path.suffix in (".mbtiles", ".tif")), key=lambda path: path.stat().st_size)
-        self.data = self.path.read_bytes()
-        with open(self.path, "r+b") as file:
-            file.truncate(len(self.data) // 5)
+    def grown(self, what):
+        """Whether there are more of them since the first call."""
+        before = []
 
-    def restore(self):
-        with open(self.path, "r+b") as file:
-            file.write(self.data)
+        def condition():
+            before.append(self.count(what))
+            return before[-1] > before[0]
+        return condition
+
+    def befall(self, name, begin, undo, noticed):
+        """A fault: it lasts until it is noticed; afterwards, until the map is matched again."""
+        before, begun_s = dict(self.flight.watch.state), self.flight.elapsed_s()
+        begin()
+        fly_on(self.flight, EACH_S, noticed, PATIENCE_S)
+        self.states[name] = (before, dict(self.flight.watch.state))
+        undo()
+        self.windows[name] = (begun_s, self.flight.elapsed_s())
+        self.states["after " + name] = self.states[name][1], None
+        fly_on(self.flight, SETTLED_S, self.grown("anchors"), PATIENCE_S)
+        self.states["after " + name] = self.states[name][1], dict(self.flight.watch.state)
+
+    def swap(self):
+        """Another package takes the folder's place, whose tile file is empty."""
+        aside = self.package.with_name("aside")
+        self.package.rename(aside)
+        shutil.copytree(aside, self.package)
+        other = TileFile(self.package).path
+        other.write_bytes(b"")
+        self.swapped = other.stat()
+
+    def swap_back(self):
+        shutil.rmtree(self.package)
+        self.package.with_name("aside").rename(self.package)
 
     def wait(self, scene):
-        self.thread.join(240)
+        self.thread.join(330)
         scene.attacked(not self.thread.is_alive() and self.error is None, f"the flight did not end in order: {self.error}")
         scene.peak_mb, scene.code = self.memory_mb, 0
         return self
 
-    def told(self, words, from_s=0.0):
-        return next((event["text"] for event in self.summary["events"] if event["kind"] == "statustext" and words in event["text"]
-                     and event["time_s"] >= from_s), None)
+    def told(self, words):
+        return next((event["text"] for event in self.summary["events"] if event["kind"] == "statustext" and words in event["text"]), None)
 
-    def fixes(self, from_s, to_s):
-        return fresh_fixes([row for row in self.rows if from_s <= float(row["time_s"]) <= to_s])
+    def anchors(self, name):
+        """How many matches were accepted meanwhile."""
+        before, after = self.states[name]
+        return after["anchors"]["accepted"] - before["anchors"]["accepted"]
+
+    def corrupt(self, name):
+        before, after = self.states[name]
+        return corrupt_tiles(after) - corrupt_tiles(before)
+
+    def fixes(self, name):
+        return fresh_fixes(within(self.rows, *self.windows[name]))
 
 
 FLOWN = []
@@ -123,35 +152,49 @@ def flown(scene):
     return FLOWN[0]
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def tiles_corrupted_in_flight(scene):
     """Every second kilobyte of the tile set is inverted while the aircraft flies over it."""
     done = flown(scene).wait(scene)
-    before, spoilt = done.notes["before"], done.notes["spoilt"]
-    scene.attacked(before["anchors"]["accepted"] > 0, f"it never anchored before: {before['anchors']}")
-    corrupt = spoilt.get("map", {}).get("corrupt_tiles", 0)
+    scene.attacked(done.anchors("after cut") > 0, "it was not matched to the map before")
+    corrupt = done.corrupt("corrupt")
     scene.holds(corrupt > 0, "nothing counts the corrupt tiles")
     scene.holds(any(event.get("kind") == "tile" and event.get("severity") == "critical" for event in done.events), "there is no event")
     text = done.told("CORRUPT MAP TILES")
     scene.holds(text, "nothing is reported to the operator")
-    return f"{corrupt} counted; event; operator: {text}"
+    wrong = wrong_and_sure(done.rows)
+    scene.holds(not wrong, f"{len(wrong)} fixes are wrong and sure")
+    scene.holds(done.anchors("after corrupt") > 0, "it does not match the map again once the tiles are whole")
+    return f"{corrupt} counted; event; operator: {text}; {done.anchors('after corrupt')} anchors after it"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def tile_file_cut_off_in_flight(scene):
-    """The tile set is cut off to a fifth in flight, so that every read fails; then it is whole again."""
+    """The tile set is cut off to a fifth in flight, until the service has read where nothing is left; then it is whole again."""
     done = flown(scene).wait(scene)
-    fixes = done.fixes(CUT + 1, WHOLE)
+    holes = done.corrupt("cut")
+    scene.attacked(holes > 0, f"no tile was read from what is cut off: {done.states['cut'][1]['anchors']}")
+    fixes, end_s = done.fixes("cut"), done.windows["cut"][1]
     scene.holds(fixes, "there is no fix while the file is cut off")
     wrong = wrong_and_sure(done.rows)
     scene.holds(not wrong, f"{len(wrong)} fixes are wrong and sure")
-    cut, end = done.notes["cut"]["anchors"], done.notes["end"]["anchors"]
-    scene.attacked(cut["accepted"] - done.notes["mended"]["anchors"]["accepted"] <= 12, "the cut had no effect")
-    scene.holds(end["accepted"] > cut["accepted"], "it does not match the map again once the file is whole")
-    return f"{len(fixes)} fixes meanwhile, 0 wrong and sure; {end['accepted'] - cut['accepted']} anchors after it"
+    scene.holds(fresh_fixes(within(done.rows, end_s, end_s + BACK_WITHIN_S)), f"no position {BACK_WITHIN_S} s after the file is whole again")
+    scene.holds(done.anchors("after cut") > 0, "it does not match the map again once the file is whole")
+    return f"{holes} tiles not read, {len(fixes)} fixes meanwhile, 0 wrong and sure; {done.anchors('after cut')} anchors after it"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
+def package_swapped_in_flight(scene):
+    """Another package, with an empty tile file, takes the folder's place while the aircraft flies by the first."""
+    done = flown(scene).wait(scene)
+    scene.attacked(done.swapped.st_size == 0, "the path does not lead to the empty file")
+    scene.holds(done.corrupt("swapped") == 0, f"{done.corrupt('swapped')} tiles are read from the other package")
+    scene.holds(done.anchors("swapped") > 0, "the map is not matched any more")
+    scene.holds(done.fixes("swapped"), "there is no fix meanwhile")
+    return f"{done.anchors('swapped')} anchors meanwhile, from the file that was verified; 0 corrupt tiles"
+
+
+@attack("FS", seconds=360, memory_mb=600)
 def corrupt_tiles_leave_no_record(scene):
     """After the flight the recording is asked what happened to the map."""
     done = flown(scene).wait(scene)
@@ -164,7 +207,7 @@ def corrupt_tiles_leave_no_record(scene):
     return "artifact.hash in the recording's events"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def health_that_is_never_measured(scene):
     """The recording's health records are asked for what their format promises: memory, CPU, temperature."""
     from mcap.reader import NonSeekingReader
@@ -181,25 +224,26 @@ def health_that_is_never_measured(scene):
     return ", ".join(sorted(name.decode() for name in found))
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def matcher_that_throws(scene):
     """While every read of the map fails, the service must say so and not look like "nothing was due"."""
     done = flown(scene).wait(scene)
-    anchors = done.notes["cut"]["anchors"]
-    said = [event for event in done.events if "match" in event.get("text", "").lower() or event.get("kind") == "tile"]
+    anchors = done.states["cut"][1]["anchors"]
+    begun_s, end_s = (done.begun_flying + at_s for at_s in done.windows["cut"])
+    said = [event for event in done.events if event.get("kind") in ("match", "tile") and begun_s <= event["at"] <= end_s]
     scene.holds("failed" in anchors, "failed matches are not counted")
     scene.holds(said, "there is no event")
     return f"{anchors.get('failed')} failed, {len(said)} events: {said[-1]['text'][:60]}"
 
 
-@attack("FS", seconds=240, memory_mb=600)
+@attack("FS", seconds=360, memory_mb=600)
 def coarse_scene_elsewhere(scene):
     """One scene of the package, which the aircraft never crosses, is known to 60 m alone: it must not make every position vague."""
     done = flown(scene).wait(scene)
     inspected = scene.run("nadir", "cache", "verify", done.folder / "inputs" / "package", "--trust", done.folder / "inputs" / "root.json", "--at",
                           done.created)
     scene.attacked(inspected.code == 0 and done.coarse_tiles > 0, f"no coarse tile is in the package: {inspected.said[:150]}")
-    sigmas = [float(row["given_accuracy_m"]) for row in done.fixes(0, SPOILT)]
-    scene.attacked(sigmas, "there is no fix before the tiles are corrupted")
+    sigmas = [float(row["given_accuracy_m"]) for row in fresh_fixes(within(done.rows, 0, done.windows["cut"][0]))]
+    scene.attacked(sigmas, "there is no fix before the tile file is cut off")
     scene.holds(min(sigmas) < COARSE_CE90_M / 2.146 / 1.5, f"the best sigma is {min(sigmas):.1f} m")
     return f"{done.coarse_tiles} coarse tiles elsewhere; sigma {min(sigmas):.1f} m"

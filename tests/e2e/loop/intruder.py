@@ -1,5 +1,6 @@
 """A second speaker on the link: from another address and with the autopilot's ids it sends heartbeats, attitudes and positions of
-its own, without the key, with another one, with the right one, and on a link that nobody signs."""
+its own, without the key, with another one, with the right one, and on a link that nobody signs. Nothing of it may count, whatever
+it is signed with: the fixes stay with the autopilot, GPS stays denied, the map goes on to be matched."""
 import threading
 import time
 
@@ -17,9 +18,10 @@ UNSIGNED = (28, 44)
 class Intruder(threading.Thread):
     """Speaks from `window`[0] to [1] seconds of the flight, and counts what it is sent."""
 
-    def __init__(self, flight, window, **how):
+    def __init__(self, flight, window, is_rival, **how):
+        """is_rival: its frames pass the signing rules, so that only its address gives it away."""
         super().__init__(daemon=True)
-        self.flight, self.window = flight, window
+        self.flight, self.window, self.is_rival = flight, window, is_rival
         self.speaker = Speaker(flight.link_port, **how)
         self.before, self.after = {}, {}
         self.start()
@@ -44,10 +46,10 @@ def fly(args, inputs, run):
     (run / "signed").mkdir()
     (run / "unsigned").mkdir()
     key = bytes.fromhex(inputs.key.read_text().strip())
-    signed = [("without the key", STRANGER, {}), ("with another key", OTHER_KEY, {"key": bytes(range(32))}),
-              ("with the stolen key", STOLEN_KEY, {"key": key, "link_id": 9})]
+    signed = [("without the key", STRANGER, False, {}), ("with another key", OTHER_KEY, False, {"key": bytes(range(32))}),
+              ("with the stolen key", STOLEN_KEY, True, {"key": key, "link_id": 9})]
     return (_flight(args, inputs, run / "signed", True, signed)
-            + _flight(args, inputs, run / "unsigned", False, [("link not signed", UNSIGNED, {})]))
+            + _flight(args, inputs, run / "unsigned", False, [("link not signed", UNSIGNED, True, {})]))
 
 
 def _flight(args, inputs, run, is_signed, intruders):
@@ -55,7 +57,7 @@ def _flight(args, inputs, run, is_signed, intruders):
     setup = Setup(inputs, run, args.nadir, args.nadird, [f"{DENIED_S}:gps-denied"], minutes, signed=is_signed)
     with Flight(setup) as flight:
         flight.start()
-        at_work = [(name, Intruder(flight, window, **how)) for name, window, how in intruders]
+        at_work = [(name, Intruder(flight, window, is_rival, **how)) for name, window, is_rival, how in intruders]
         flight.wait()
         for _, intruder in at_work:
             intruder.join()
@@ -65,7 +67,9 @@ def _flight(args, inputs, run, is_signed, intruders):
         begun = flight.begun_flying
     rows, findings = setup.rows(), []
     for name, intruder in at_work:
-        findings += judge(f"second speaker, {name}", intruder, rows, states, events, begun)
+        findings += judge(f"second speaker, {name}", intruder, rows, states)
+        if intruder.is_rival:
+            findings += judge_report(f"second speaker, {name}", intruder.window, summary, events, begun)
     told = next((event["text"] for event in summary["events"] if event["kind"] == "statustext" and "NOT SIGNED" in event["text"]), None)
     if not is_signed:
         findings.append(Finding("second speaker, link not signed", "operator: the link is not signed", told or "not told", told is not None))
@@ -74,23 +78,32 @@ def _flight(args, inputs, run, is_signed, intruders):
     return findings + [judged_right("second speaker, " + ("signed" if is_signed else "not signed"), rows)]
 
 
-def judge(fault, intruder, rows, states, events, begun):
+def judge(fault, intruder, rows, states):
     window = intruder.window
-    link, before = intruder.after.get("link", {}), intruder.before.get("link", {})
-    count = lambda state: sum(state.get("rejected_by", {}).values()) + state.get("rivals", 0)
-    noticed = count(link) - count(before)
+
+    def count(state):
+        link = state.get("link", {})
+        return link.get("rivals", 0) if intruder.is_rival else sum(link.get("rejected_by", {}).values())
+    noticed = count(intruder.after) - count(intruder.before)
     pause = longest_pause_s(within(rows, *window))
     judgements = set(states.during(window[0] + 1, window[1], "gps"))
     modes = states.during(*window)
     anchors = intruder.after.get("anchors", {}).get("accepted", 0) - intruder.before.get("anchors", {}).get("accepted", 0)
-    findings = [
-        Finding(fault, "its frames are counted", f"{noticed} of {len(intruder.speaker.sent)}", noticed > len(intruder.speaker.sent) / 2),
+    return [
+        Finding(fault, "its frames are dropped and counted", f"{noticed} of {len(intruder.speaker.sent)}", noticed > len(intruder.speaker.sent) / 2),
         Finding(fault, "it is sent no fix", f"{intruder.fixes()} GPS_INPUT", intruder.fixes() == 0),
         Finding(fault, "the autopilot's fixes go on", f"longest pause {pause:.2f} s", pause <= 0.3),
         Finding(fault, "its GPS counts for nothing: denied as before", ", ".join(map(str, judgements)), judgements == {"denied"}),
         Finding(fault, "its attitudes count for nothing: matched to the map as before", f"{anchors} anchors; {' → '.join(dict.fromkeys(map(str, modes)))}",
                 anchors > 0 and set(modes) == {"normal"})]
-    if link.get("rivals", 0) > before.get("rivals", 0):
-        said = next((event for event in events if event.get("kind") == "link" and begun + window[0] - 1 <= event["at"] <= begun + window[1] + 12), None)
-        findings.append(Finding(fault, "an event tells of it", "none" if said is None else said["text"][:80], said is not None))
-    return findings
+
+
+def judge_report(fault, window, summary, events, begun):
+    """A frame with a wrong signature is counted alone; a speaker that only its address gives away is an alarm."""
+    event = next((event for event in events if event.get("kind") == "link" and "another sender" in event["text"]
+                  and begun + window[0] - 1 <= event["at"] <= begun + window[1] + 2), None)
+    told = next((item for item in summary["events"] if item["kind"] == "statustext" and "another sender" in item["text"]
+                 and window[0] - 1 <= item["time_s"] <= window[1] + 2), None)
+    return [Finding(fault, "a critical event", "none" if event is None else event["text"][:80], event is not None and event.get("severity") == "critical"),
+            Finding(fault, "operator: another sender claims to be autopilot", "not told" if told is None else
+                    f"told {told['time_s'] - window[0]:.1f} s after", told is not None)]
