@@ -44,8 +44,7 @@ class KeysSignCommand final : public Command {
  private:
   Findings sign_root_file(const std::string& text, const std::vector<PrivateKey>& keys, UtcTime at,
                           std::string& result) const;
-  template <typename Permit>
-  Findings sign_permit_file(Permit permit, std::string_view payload_type, const std::vector<PrivateKey>& keys,
+  Findings sign_permit_file(SignedDocument permit, std::string_view payload_type, const std::vector<PrivateKey>& keys,
                             UtcTime at, std::string& result) const;
 
   std::filesystem::path file_;
@@ -99,19 +98,18 @@ Findings KeysSignCommand::sign_root_file(const std::string& text, const std::vec
   return findings;
 }
 
-template <typename Permit>
-Findings KeysSignCommand::sign_permit_file(Permit permit, std::string_view payload_type,
+Findings KeysSignCommand::sign_permit_file(SignedDocument permit, std::string_view payload_type,
                                            const std::vector<PrivateKey>& keys, UtcTime at, std::string& result) const {
   if (!trust_)
     throw UsageError({.what = "a permit must be signed by package signers", .expected = "--trust ROOT.json"});
   const TrustRoot root = read_trusted_root(*trust_);
   for (const PrivateKey& key : keys) {
     require_key(root.package_signer.key_ids.contains(key.public_key().id()), key, "a package signer of the root");
-    permit.document.put(sign_payload(key, payload_type, as_bytes(permit.document.signed_bytes)));
+    permit.put(sign_payload(key, payload_type, as_bytes(permit.signed_bytes)));
   }
-  result = permit.document.json();
-  return check_signatures(root, root.package_signer, permit.document.signatures, payload_type,
-                          as_bytes(permit.document.signed_bytes), at, file_.string())
+  result = permit.json();
+  return check_signatures(root, root.package_signer, permit.signatures, payload_type, as_bytes(permit.signed_bytes), at,
+                          file_.string())
       .findings;
 }
 
@@ -119,16 +117,16 @@ int KeysSignCommand::run(Context& context) {
   const std::string text = read_text_file(file_, kMaxRootSize);
   const std::vector<PrivateKey> keys = read_private_keys(keys_);
   const std::string schema = claimed_schema(text, file_.string());
+  const UtcTime now = context.clock.now();
   std::string result;
   Findings missing;
   if (schema == kRootSchema) {
-    missing = sign_root_file(text, keys, context.clock.now(), result);
+    missing = sign_root_file(text, keys, now, result);
   } else if (schema == kPermitSchema) {
-    missing =
-        sign_permit_file(parse_permit(text, file_.string()), kPermitPayloadType, keys, context.clock.now(), result);
+    missing = sign_permit_file(parse_permit(text, file_.string()).document, kPermitPayloadType, keys, now, result);
   } else if (schema == kTimePermitSchema) {
-    missing = sign_permit_file(parse_time_permit(text, file_.string()), kTimePermitPayloadType, keys,
-                               context.clock.now(), result);
+    missing =
+        sign_permit_file(parse_time_permit(text, file_.string()).document, kTimePermitPayloadType, keys, now, result);
   } else {
     throw UsageError({.what = "this file cannot be signed with this command",
                       .where = file_,
