@@ -91,6 +91,7 @@ AuditLog::AuditLog(fs::path folder, const Clock& clock, AuditLimits limits)
 AuditLog::~AuditLog() {
   const std::lock_guard lock(mutex_);
   write_suppressed(std::numeric_limits<std::int64_t>::max());
+  close_gap();
   if (fd_ >= 0) ::close(fd_);
 }
 
@@ -108,7 +109,7 @@ void AuditLog::open() {
                  .where = path,
                  .expected = "a file that this service may append to",
                  .found = system_error_text(error),
-                 .fix = "make room or set its owner; the service keeps no record without it"});
+                 .fix = "make room, or give the service's user the right to write it; without it nothing is recorded"});
   }
   read_end();
   const fs::path before = audit_file(folder_, 1);
@@ -141,9 +142,25 @@ void AuditLog::rotate() {
   open();
 }
 
+void AuditLog::write(const AuditEntry& entry, std::int64_t more) {
+  if (!close_gap() || !append(entry, more)) ++unwritten_;
+}
+
+// Once the log can be written again, it says itself how many lines are missing from it. False: it cannot yet.
+bool AuditLog::close_gap() {
+  if (unwritten_ == 0) return true;
+  const AuditEntry gap{.act = "audit.gap",
+                       .result = "lines missing",
+                       .subject = fmt::format("lines {}", unwritten_),
+                       .detail = why_unwritten_};
+  if (!append(gap, 0)) return false;
+  unwritten_ = 0;
+  return true;
+}
+
 // Another process may write as well (`nadir-candidates installed --forget`): each line under a lock, after what is
 // there.
-void AuditLog::write(const AuditEntry& entry, std::int64_t more) {
+bool AuditLog::append(const AuditEntry& entry, std::int64_t more) {
   try {
     if (fd_ < 0) open();
     const FileLock lock(fd_);
@@ -154,14 +171,18 @@ void AuditLog::write(const AuditEntry& entry, std::int64_t more) {
     if (written != static_cast<ssize_t>(line.size())) {
       const int error = written < 0 ? errno : ENOSPC;
       if (written > 0 && ::ftruncate(fd_, static_cast<off_t>(size_)) != 0) size_ += static_cast<std::uint64_t>(written);
-      throw Error({.what = "cannot write the audit log", .where = folder_, .found = system_error_text(error)});
+      throw Error({.what = "cannot write the audit log",
+                   .where = audit_file(folder_, 0),
+                   .found = system_error_text(error),
+                   .fix = error == ENOSPC ? "make room on this disk" : "check the disk"});
     }
     size_ += line.size();
     ++next_;
     why_unwritten_.clear();
+    return true;
   } catch (const std::exception& error) {
-    ++unwritten_;
     why_unwritten_ = error.what();
+    return false;
   }
 }
 
@@ -179,6 +200,7 @@ void AuditLog::record(const AuditEntry& entry) {
 void AuditLog::flush() {
   const std::lock_guard lock(mutex_);
   write_suppressed(clock_.now().unix_s / 60);
+  close_gap();
 }
 
 // Of minutes other than this one.
@@ -196,8 +218,7 @@ void AuditLog::write_suppressed(std::int64_t minute) {
 
 std::string AuditLog::fault() {
   const std::lock_guard lock(mutex_);
-  if (why_unwritten_.empty()) return {};
-  return fmt::format("lines missing from the audit log: {}; {}", unwritten_, why_unwritten_);
+  return why_unwritten_.empty() ? std::string() : "lines are missing from the audit log: " + why_unwritten_;
 }
 
 }  // namespace nadir

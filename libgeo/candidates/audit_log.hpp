@@ -10,7 +10,8 @@
 // caller cannot drive out what it did before, equal acts of one caller are written so many times a minute; a line then
 // says how many more there were.
 //
-// A disk that is full costs lines, never the service: fault() says so, and how many. For any thread.
+// A disk that is full costs lines, never the service: fault() says so, and once there is room an entry "audit.gap" says
+// how many are missing. For any thread.
 #pragma once
 
 #include <cstdint>
@@ -48,8 +49,8 @@ class AuditLog {
   AuditLog& operator=(const AuditLog&) = delete;
 
   void record(const AuditEntry& entry);  // never throws
-  void flush();                          // writes the counts of the minutes that are over
-  std::string fault();                   // empty: every line was written
+  void flush();                          // writes the counts of the minutes that are over, and what a gap lacks
+  std::string fault();                   // why lines cannot be written; empty: they can
 
  private:
   struct Minute {
@@ -61,6 +62,8 @@ class AuditLog {
   void read_end();
   void rotate();
   void write(const AuditEntry& entry, std::int64_t more);
+  bool close_gap();
+  bool append(const AuditEntry& entry, std::int64_t more);
   void write_suppressed(std::int64_t minute);
 
   const std::filesystem::path folder_;

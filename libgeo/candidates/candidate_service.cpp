@@ -4,18 +4,16 @@
 #include <sys/random.h>
 
 #include <algorithm>
-#include <cmath>
-#include <map>
+#include <array>
 #include <nlohmann/json.hpp>
+#include <set>
+#include <type_traits>
 #include <utility>
 
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/json.hpp"
 #include "candidates/tile_check.hpp"
-#include "candidates/vote.hpp"
-#include "geodesy/web_mercator.hpp"
-#include "upload/pack.hpp"
 
 namespace nadir {
 namespace {
@@ -49,11 +47,16 @@ Refusal refusal_from(const Findings& findings) {
   return {.code = revoked ? ReasonCode::airframe_revoked : ReasonCode::batch_signature, .detail = std::move(detail)};
 }
 
-}  // namespace
-
-bool UploadClient::may(std::string_view airframe) const {
-  return airframes.empty() || std::find(airframes.begin(), airframes.end(), airframe) != airframes.end();
+template <typename Call>
+std::invoke_result_t<Call> while_there_is_room(Call call) {
+  try {
+    return call();
+  } catch (const OutOfSpace&) {
+    return disk_full();
+  }
 }
+
+}  // namespace
 
 CandidateService::CandidateService(CandidateServiceOptions options, const Clock& clock)
     : options_(std::move(options)),
@@ -61,10 +64,11 @@ CandidateService::CandidateService(CandidateServiceOptions options, const Clock&
       audit_(options_.data / "audit", clock),
       installed_(options_.data / "installed"),
       packs_(options_.data / "packs"),
-      incoming_(options_.data / "incoming"),
       trust_(options_.trust, options_.data / kTrustMemoryFile, clock_),
       maps_(options_.packages, *trust_.current(), clock_.now()),
-      catalogue_(options_.catalogue, CandidateCatalogue::Access::write) {}
+      catalogue_(options_.catalogue, CandidateCatalogue::Access::write),
+      intake_(options_.data / "incoming", packs_, catalogue_, audit_, clock_, options_.packs),
+      evaluation_(catalogue_, packs_, maps_, trust_, audit_, clock_, options_.rules) {}
 
 ServiceFault CandidateService::fault() {
   try {
@@ -73,7 +77,7 @@ ServiceFault CandidateService::fault() {
     return {.reason = "the catalogue does not respond: " + error.text().what, .fails = true};
   }
   if (trust_.current()->expires <= clock_.now()) return {.reason = "the trust root has expired", .fails = true};
-  if (no_room(0)) return {.reason = "the disk is full", .fails = true};
+  if (intake_.no_room(0)) return {.reason = "the disk is full: make room", .fails = true};
   std::string reason = trust_.fault();
   if (reason.empty()) reason = audit_.fault();
   const std::lock_guard lock(mutex_);
@@ -103,11 +107,6 @@ void CandidateService::keep_audit() {
 
 CatalogueCounts CandidateService::counts() {
   return catalogue_.call([](CandidateCatalogue& catalogue) { return catalogue.counts(); });
-}
-
-std::optional<Denial> CandidateService::no_room(std::uint64_t bytes) const {
-  if (packs_.free_bytes() >= options_.keep_free_bytes + bytes) return std::nullopt;
-  return Denial{.kind = Kind::storage_full, .detail = "the service's disk is full; its operator must make room"};
 }
 
 std::vector<std::optional<Refusal>> CandidateService::check_batch(const SignedBatch& signed_batch, UtcTime now) {
@@ -167,7 +166,7 @@ Announcement CandidateService::announcement_of(const UploadRow& upload, bool ope
 
 Answer<Announcement> CandidateService::announce(const UploadClient& client, const std::string& key,
                                                 const std::string& body) {
-  auto answer = announce_batch(client, key, body);
+  auto answer = while_there_is_room([&] { return announce_batch(client, key, body); });
   if (const auto* denial = std::get_if<Denial>(&answer)) {
     audit_.record({.act = "batch.announce",
                    .result = "refused",
@@ -212,7 +211,7 @@ Answer<Announcement> CandidateService::announce_batch(const UploadClient& client
   if (!client.may(batch->batch.airframe)) {
     return Denial{.kind = Kind::forbidden, .detail = "this token is not for airframe " + batch->batch.airframe};
   }
-  if (auto full = no_room(0)) return *full;
+  if (auto full = intake_.no_room(0)) return *full;
   if (trust_.current()->expires <= now) {
     return Denial{.kind = Kind::unavailable,
                   .detail = "the trust root has expired; the service's operator must renew it"};
@@ -285,177 +284,60 @@ Answer<UploadStatus> CandidateService::status(const UploadClient& client, const 
   return UploadStatus{.upload = std::move(upload), .tiles = std::move(tiles)};
 }
 
-// The candidate service's packs: parts come in, whole packs are checked and kept.
-
-// Claims a pack for one call; false for the others.
-class PackClaim {
- public:
-  PackClaim(CandidateService& service, const std::string& upload, const Sha256& pack)
-      : service_(service), key_(upload, pack) {
-    const std::lock_guard lock(service_.mutex_);
-    got_ = service_.busy_.insert(key_).second;
-  }
-  ~PackClaim() {
-    if (!got_) return;
-    const std::lock_guard lock(service_.mutex_);
-    service_.busy_.erase(key_);
-  }
-  PackClaim(const PackClaim&) = delete;
-  PackClaim& operator=(const PackClaim&) = delete;
-
-  explicit operator bool() const { return got_; }
-
- private:
-  CandidateService& service_;
-  std::pair<std::string, Sha256> key_;
-  bool got_ = false;
-};
-
-namespace {
-
-using SizeByDigest = std::map<Sha256, std::uint64_t>;
-
-// Throws Error for anything but a pack of announced tiles.
-std::vector<CandidateCatalogue::PackedTile> tiles_in(ByteView bytes, const IncomingPack& pack,
-                                                     const SizeByDigest& announced) {
-  if (sha256(bytes) != pack.sha256) {
-    throw Error({.what = "cannot accept this pack", .expected = pack.sha256.hex(), .found = sha256(bytes).hex()});
-  }
-  PackReader reader(
-      pack.length,
-      [&announced](const PackEntry& entry) {
-        const auto found = announced.find(entry.sha256);
-        return found != announced.end() && found->second == entry.size;
-      },
-      [](const PackEntry&, ByteView) {});
-  reader.feed(bytes);
-  reader.finish();
-  std::vector<CandidateCatalogue::PackedTile> packed;
-  std::uint64_t start = kPackHeadSize + reader.entries().size() * kPackEntrySize;
-  for (const PackEntry& entry : reader.entries()) {
-    packed.push_back({.sha256 = entry.sha256, .start = start, .bytes = entry.size});
-    start += entry.size;
-  }
-  return packed;
+Answer<PackOffset> CandidateService::offset(const UploadClient& client, const std::string& name, const Sha256& pack) {
+  return while_there_is_room([&]() -> Answer<PackOffset> {
+    const auto upload = find(client, name);
+    if (const auto* denial = std::get_if<Denial>(&upload)) return *denial;
+    return intake_.offset(std::get<UploadRow>(upload), pack);
+  });
 }
 
-}  // namespace
+Answer<PackOffset> CandidateService::append(const UploadClient& client, const std::string& name, const Sha256& pack,
+                                            const PartHeader& header, ByteView part) {
+  return while_there_is_room([&]() -> Answer<PackOffset> {
+    const auto upload = find(client, name);
+    if (const auto* denial = std::get_if<Denial>(&upload)) return *denial;
+    return intake_.append(std::get<UploadRow>(upload), pack, header, part);
+  });
+}
 
-// Checks a whole pack and keeps it; or says why it is invalid and removes it.
-std::optional<Denial> CandidateService::accept_pack(const UploadRow& upload, const IncomingPack& pack) {
+Answer<Completion> CandidateService::complete(const UploadClient& client, const std::string& name,
+                                              std::optional<std::int64_t>& evaluate) {
+  return while_there_is_room([&] { return take_complete(client, name, evaluate); });
+}
+
+Answer<Completion> CandidateService::take_complete(const UploadClient& client, const std::string& name,
+                                                   std::optional<std::int64_t>& evaluate) {
+  auto found = find(client, name);
+  if (auto* denial = std::get_if<Denial>(&found)) return *denial;
+  const auto& upload = std::get<UploadRow>(found);
+  intake_.accept_whole(upload);
   const std::vector<TileRow> tiles = catalogue_.call([&upload](CandidateCatalogue& catalogue) {
     return catalogue.tiles_of(upload.id, CandidateCatalogue::Detail::verdicts);
   });
-  SizeByDigest announced;  // size by digest, of those that were not refused
+  Completion completion{.upload = name};
+  Denial missing{.kind = Kind::incomplete, .detail = {}};
   for (const TileRow& tile : tiles) {
-    if (tile.verdict != Verdict::rejected) announced[tile.sha256] = tile.size;
+    if (tile.verdict) continue;
+    ++completion.pending;
+    if (!tile.blob) missing.missing.push_back(tile.sha256);
   }
-  std::vector<CandidateCatalogue::PackedTile> packed;
-  const Bytes bytes = read_file(pack.path, kMaxPackSize);
-  try {
-    packed = tiles_in(bytes, pack, announced);
-  } catch (const Error& error) {
-    audit_.record({.act = "pack.take",
-                   .result = "refused",
-                   .client = upload.client,
+  if (!missing.missing.empty()) {
+    missing.detail = fmt::format("tiles are missing: {}", missing.missing.size());
+    return missing;
+  }
+  if (upload.state == UploadState::open) {
+    catalogue_.call([&upload](CandidateCatalogue& catalogue) { catalogue.set_state(upload.id, UploadState::judging); });
+    audit_.record({.act = "upload.complete",
+                   .result = "taken",
+                   .token = client.token,
+                   .client = client.name,
                    .subject = fmt::format("{} {} {}", upload.airframe, upload.flight, upload.batch),
-                   .detail = error.what()});
-    incoming_.remove(pack);
-    return Denial{.kind = Kind::pack_invalid, .detail = error.what()};
+                   .detail = fmt::format("tiles {}", completion.pending)});
+    intake_.forget(name);
+    evaluate = upload.id;
   }
-  catalogue_.call([&](CandidateCatalogue& catalogue) {
-    catalogue.add_pack(upload.id, pack.sha256, pack.length, packed, [&] { packs_.adopt(pack.path, pack.sha256); });
-  });
-  incoming_.remove(pack);
-  return std::nullopt;
-}
-
-Answer<PackOffset> CandidateService::offset(const UploadClient& client, const std::string& name, const Sha256& sha256) {
-  const auto found = find(client, name);
-  if (const auto* denial = std::get_if<Denial>(&found)) return *denial;
-  const auto& upload = std::get<UploadRow>(found);
-  const auto size =
-      catalogue_.call([&](CandidateCatalogue& catalogue) { return catalogue.pack_size(upload.id, sha256); });
-  if (size) return PackOffset{.offset = *size, .length = *size};
-  const PackClaim busy(*this, name, sha256);
-  const auto pack = incoming_.find(name, sha256);
-  if (pack && !pack->whole()) return PackOffset{.offset = pack->offset};
-  if (pack && busy) {  // whole, but its last call was cut off before it was taken in
-    if (auto denial = accept_pack(upload, *pack)) return *denial;
-    return PackOffset{.offset = pack->length, .length = pack->length};
-  }
-  if (pack) return PackOffset{.offset = pack->offset};
-  return Denial{.kind = Kind::pack_unknown, .detail = "no part of this pack has been received"};
-}
-
-// Removes the pack that has rested for longest; its sender would begin again. True: there is room.
-bool CandidateService::evict_abandoned_pack(const std::string& upload) {
-  std::optional<IncomingPack> oldest;
-  for (IncomingPack& pack : incoming_.of(upload)) {
-    if (!pack.whole() && (!oldest || pack.grown_s < oldest->grown_s)) oldest = std::move(pack);
-  }
-  if (!oldest || clock_.now().unix_s - oldest->grown_s < options_.pack_rest_s) return false;
-  const PackClaim busy(*this, upload, oldest->sha256);
-  if (busy) incoming_.remove(*oldest);
-  return static_cast<bool>(busy);
-}
-
-Answer<PackOffset> CandidateService::append(const UploadClient& client, const std::string& name, const Sha256& sha256,
-                                            const PartHeader& header, ByteView part) {
-  const auto found = find(client, name);
-  if (const auto* denial = std::get_if<Denial>(&found)) return *denial;
-  const auto& upload = std::get<UploadRow>(found);
-  if (nadir::sha256(part) != header.digest) {
-    return Denial{.kind = Kind::digest_mismatch, .detail = "the part's SHA-256 does not match; the part was discarded"};
-  }
-  if (part.empty()) return Denial{.kind = Kind::malformed, .detail = "a part has at least one byte"};
-  const auto size =
-      catalogue_.call([&](CandidateCatalogue& catalogue) { return catalogue.pack_size(upload.id, sha256); });
-  const auto elsewhere = [](std::uint64_t offset) {
-    return Denial{.kind = Kind::offset_mismatch,
-                  .detail = fmt::format("the pack continues at byte {}", offset),
-                  .offset = offset};
-  };
-  if (size) return elsewhere(*size);
-  const PackClaim busy(*this, name, sha256);
-  auto pack = incoming_.find(name, sha256);
-  if (!busy) {
-    return Denial{
-        .kind = Kind::pack_busy, .detail = "another call writes this pack", .offset = pack ? pack->offset : 0};
-  }
-  if (!pack) {
-    if (header.offset != 0) return elsewhere(0);
-    if (!header.length) return Denial{.kind = Kind::malformed, .detail = "Upload-Length: with a pack's first part"};
-    if (*header.length > kMaxPackSize) {
-      return Denial{.kind = Kind::too_large, .detail = fmt::format("packs have at most {} bytes", kMaxPackSize)};
-    }
-    if (upload.state != UploadState::open) {
-      return Denial{.kind = Kind::pack_invalid, .detail = "the upload is complete; nothing is missing"};
-    }
-    if (incoming_.of(name).size() >= options_.packs_at_once && !evict_abandoned_pack(name)) {
-      return Denial{.kind = Kind::too_many,
-                    .detail = fmt::format("send at most {} packs at a time", options_.packs_at_once)};
-    }
-    pack = incoming_.begin(name, sha256, *header.length);
-  }
-  if (header.length && *header.length != pack->length) {
-    return Denial{.kind = Kind::pack_invalid, .detail = fmt::format("Upload-Length was {} bytes before", pack->length)};
-  }
-  if (header.offset != pack->offset) return elsewhere(pack->offset);
-  if (part.size() > pack->length - pack->offset) {
-    return Denial{.kind = Kind::too_large, .detail = "the part goes beyond the pack's end"};
-  }
-  if (auto full = no_room(pack->length)) return *full;
-  try {
-    incoming_.append(*pack, part, clock_.now());
-  } catch (const OutOfSpace&) {
-    return Denial{.kind = Kind::storage_full, .detail = "the service's disk is full; its operator must make room"};
-  }
-  if (pack->whole()) {
-    if (auto denial = accept_pack(upload, *pack)) return *denial;
-    return PackOffset{.offset = pack->length, .length = pack->length};
-  }
-  return PackOffset{.offset = pack->offset};
+  return completion;
 }
 
 Answer<InstalledStore::Outcome> CandidateService::report_installed(const UploadClient& client,
@@ -492,7 +374,7 @@ Answer<InstalledStore::Outcome> CandidateService::report_installed(const UploadC
   try {
     outcome = installed_.put(*report, *root, now);
   } catch (const OutOfSpace&) {
-    return denied({.kind = Kind::storage_full, .detail = "the service's disk is full; its operator must make room"});
+    return denied(disk_full());
   }
   if (outcome == InstalledStore::Outcome::older) {
     return denied({.kind = Kind::report_older, .detail = "a later report of this airframe is known"});
@@ -520,30 +402,16 @@ void CandidateService::recover() {
   keep_audit();
   attempt("expired uploads were not removed", [this] { forget_expired(); });
   attempt("revocations were not applied", [this] { apply_revocations(); });
-  attempt("complete packs were not taken in", [this] { recover_packs(); });
+  attempt("complete packs were not taken in", [this] { intake_.recover(unfinished_uploads()); });
 }
 
-void CandidateService::recover_packs() {
-  const auto uploads = catalogue_.call([](CandidateCatalogue& catalogue) {
-    std::vector<UploadRow> all = catalogue.uploads_in(UploadState::open);
+std::vector<UploadRow> CandidateService::unfinished_uploads() {
+  return catalogue_.call([](CandidateCatalogue& catalogue) {
+    std::vector<UploadRow> uploads = catalogue.uploads_in(UploadState::open);
     const std::vector<UploadRow> judging = catalogue.uploads_in(UploadState::judging);
-    all.insert(all.end(), judging.begin(), judging.end());
-    return all;
+    uploads.insert(uploads.end(), judging.begin(), judging.end());
+    return uploads;
   });
-  std::set<std::string> names;
-  for (const UploadRow& upload : uploads) {
-    names.insert(upload.name);
-    for (const IncomingPack& pack : incoming_.of(upload.name)) {
-      if (pack.whole()) accept_pack(upload, pack);
-    }
-  }
-  for (const std::string& name : incoming_.uploads()) {
-    if (!names.contains(name)) incoming_.remove_all_of(name);
-  }
-  const std::set<Sha256> known = catalogue_.call([](CandidateCatalogue& catalogue) { return catalogue.packs(); });
-  for (const Sha256& pack : packs_.packs()) {
-    if (!known.contains(pack)) packs_.remove(pack);
-  }
 }
 
 void CandidateService::forget_expired() {
@@ -557,255 +425,7 @@ void CandidateService::forget_expired() {
     }
     return forgotten;
   });
-  for (const std::string& name : gone) incoming_.remove_all_of(name);
-}
-
-// The candidate service's judgement: verdicts on tiles, votes between flights.
-
-namespace {
-
-constexpr std::size_t kTilesAtOnce = 128;  // other callers come in between
-constexpr const char* kDamagedHere = "the service's copy of this tile is damaged; send it again";
-
-double pixel_mm(const TileKey& key) {
-  const LonLatBox box = bounds_of(key);
-  return ground_resolution_m(key.z, (box.south_deg + box.north_deg) / 2) * 1000;
-}
-
-}  // namespace
-
-Answer<Completion> CandidateService::complete(const UploadClient& client, const std::string& name,
-                                              std::optional<std::int64_t>& evaluate) {
-  auto found = find(client, name);
-  if (auto* denial = std::get_if<Denial>(&found)) return *denial;
-  const auto& upload = std::get<UploadRow>(found);
-  for (const IncomingPack& pack : incoming_.of(name)) {
-    if (pack.whole()) offset(client, name, pack.sha256);  // takes it in
-  }
-  const std::vector<TileRow> tiles = catalogue_.call([&upload](CandidateCatalogue& catalogue) {
-    return catalogue.tiles_of(upload.id, CandidateCatalogue::Detail::verdicts);
-  });
-  Completion completion{.upload = name};
-  Denial missing{.kind = Denial::Kind::incomplete, .detail = {}};
-  for (const TileRow& tile : tiles) {
-    if (tile.verdict) continue;
-    ++completion.pending;
-    if (!tile.blob) missing.missing.push_back(tile.sha256);
-  }
-  if (!missing.missing.empty()) {
-    missing.detail = fmt::format("tiles are missing: {}", missing.missing.size());
-    return missing;
-  }
-  if (upload.state == UploadState::open) {
-    catalogue_.call([&upload](CandidateCatalogue& catalogue) { catalogue.set_state(upload.id, UploadState::judging); });
-    audit_.record({.act = "upload.complete",
-                   .result = "taken",
-                   .token = client.token,
-                   .client = client.name,
-                   .subject = fmt::format("{} {} {}", upload.airframe, upload.flight, upload.batch),
-                   .detail = fmt::format("tiles {}", completion.pending)});
-    incoming_.remove_all_of(name);
-    evaluate = upload.id;
-  }
-  return completion;
-}
-
-// By the tile alone: its bytes, its image, and the map that its flight was matched with.
-TileVerdict CandidateService::evaluate_tile(const TileRow& tile, const CandidateSidecar& sidecar) {
-  TileVerdict verdict{.tile = tile.id};
-  const auto rejected = [&verdict](Refusal refusal) {
-    verdict.verdict = Verdict::rejected;
-    verdict.refusal = std::move(refusal);
-    return verdict;
-  };
-  if (tile.blob->bytes != sidecar.size) {
-    return rejected({.code = ReasonCode::hash_mismatch, .detail = "the existing bytes have a different size"});
-  }
-  const auto read = read_candidate_image(packs_.read(*tile.blob, sidecar.sha256), sidecar);
-  if (const auto* refusal = std::get_if<Refusal>(&read)) return rejected(*refusal);
-  const auto& image = std::get<cv::Mat>(read);
-  const ImageMetrics metrics = image_metrics(image);
-  verdict.measures = OwnMeasures{.contrast_ppm = metrics.contrast_ppm, .sharpness_ppm = metrics.sharpness_ppm};
-  if (const auto refusal = check_image_metrics(metrics, options_.rules)) return rejected(*refusal);
-
-  const auto base = maps_.tile(sidecar.base_package, sidecar.key);
-  if (!base) return verdict;
-  const Agreement agreement = compare_images(image, base->grey);
-  const auto shift_mm = std::llround(agreement.shift_px * pixel_mm(sidecar.key));
-  verdict.measures->base_shift_mm = shift_mm;
-  verdict.measures->correlation_ppm = std::llround(agreement.correlation * 1e6);
-  if (*verdict.measures->correlation_ppm < options_.rules.min_correlation_ppm)
-    return verdict;  // the ground may have changed
-  const std::int64_t allowed_mm = allowed_shift_mm(static_cast<double>(sidecar.pose.sigma_mm),
-                                                   static_cast<double>(base->ce90_mm) / kCe90OverSigma, options_.rules);
-  if (shift_mm > allowed_mm) {
-    return rejected({.code = ReasonCode::misaligned,
-                     .detail = fmt::format("{} mm off the base package's map; at most {}", shift_mm, allowed_mm)});
-  }
-  return verdict;
-}
-
-std::vector<std::pair<std::string, std::int64_t>> CandidateService::pending_evaluations() {
-  std::vector<std::pair<std::string, std::int64_t>> list;
-  for (const UploadRow& upload :
-       catalogue_.call([](CandidateCatalogue& catalogue) { return catalogue.uploads_in(UploadState::judging); })) {
-    list.emplace_back(upload.client, upload.id);
-  }
-  return list;
-}
-
-// Nothing: it cannot be read now. The other tiles get their verdicts.
-std::optional<CandidateCatalogue::Question> CandidateService::evaluate(const TileRow& tile, std::int64_t upload) {
-  CandidateCatalogue::Question question{.verdict = {.tile = tile.id},
-                                        .sidecar = parse_candidate(tile.sidecar, "the catalogue's sidecar"),
-                                        .keyid = tile.keyid};
-  const auto note = [this, upload](const Error& error) -> Unread& {
-    Unread& unread = unevaluated_[upload];
-    if (!unread.why) unread.why = error;
-    return unread;
-  };
-  try {
-    question.verdict = evaluate_tile(tile, question.sidecar);
-  } catch (const PackDamaged& error) {
-    const std::lock_guard lock(mutex_);
-    note(error);
-    question.damaged = true;
-    question.verdict.verdict = Verdict::rejected;
-    question.verdict.refusal = Refusal{.code = ReasonCode::hash_mismatch, .detail = kDamagedHere};
-  } catch (const Error& error) {
-    const std::lock_guard lock(mutex_);
-    note(error).tiles.insert(tile.id);
-    return std::nullopt;
-  }
-  return question;
-}
-
-// Throws what kept tiles from being read.
-void CandidateService::end_evaluation(std::int64_t upload) {
-  const std::lock_guard lock(mutex_);
-  const auto unread = unevaluated_.extract(upload);
-  if (unread && unread.mapped().why) throw Error(*unread.mapped().why);
-}
-
-bool CandidateService::evaluate_some(std::int64_t id) {
-  const auto unread = [this, id] {
-    const std::lock_guard lock(mutex_);
-    const auto found = unevaluated_.find(id);
-    return found == unevaluated_.end() ? std::set<std::int64_t>() : found->second.tiles;
-  };
-  const std::set<std::int64_t> waiting = unread();
-  const std::vector<TileRow> tiles = catalogue_.call(
-      [&](CandidateCatalogue& catalogue) { return catalogue.tiles_to_judge(id, kTilesAtOnce, waiting); });
-  std::vector<CandidateCatalogue::Question> questions;
-  for (const TileRow& tile : tiles) {
-    if (auto question = evaluate(tile, id)) questions.push_back(std::move(*question));
-  }
-  const bool last = tiles.size() < kTilesAtOnce;
-  const bool done = last && unread().empty();
-  const std::int64_t now_ms = clock_.now().unix_s * 1000;
-  catalogue_.call([&](CandidateCatalogue& catalogue) {
-    // In this thread, in turn with apply_revocations(): a key that is revoked meanwhile is seen by one of the two.
-    const auto root = trust_.current();
-    for (CandidateCatalogue::Question& question : questions) {
-      if (!root->revoked.contains(question.keyid)) continue;
-      question.verdict = {.tile = question.verdict.tile,
-                          .verdict = Verdict::rejected,
-                          .refusal = Refusal{.code = ReasonCode::airframe_revoked, .detail = kRevokedLater}};
-    }
-    catalogue.add_evaluated(
-        std::move(questions), now_ms,
-        [](TileVerdict& verdict, const CandidateSidecar& sidecar, const CandidateCatalogue::Competitors& rivals) {
-          if (verdict.verdict != Verdict::accepted) return;
-          if (rivals.same_bytes) {
-            verdict.verdict = Verdict::duplicate;
-            verdict.detail = "this tile was already accepted";
-          } else if (rivals.of_flight_mm && static_cast<double>(*rivals.of_flight_mm) <= cost_mm(sidecar)) {
-            verdict.verdict = Verdict::rejected;
-            verdict.refusal = Refusal{.code = ReasonCode::better_tile_exists,
-                                      .detail = "this flight has sent a better tile of this address"};
-          }
-        });
-    if (!done) return;
-    catalogue.set_state(id, UploadState::judged);
-    catalogue.remove_unused(catalogue.forget_dead_packs(id), [this](const Sha256& pack) { packs_.remove(pack); });
-  });
-  if (last) end_evaluation(id);
-  return !last;
-}
-
-std::int64_t CandidateService::apply_revocations() {
-  const std::set<std::string> revoked = trust_.current()->revoked;
-  {
-    const std::lock_guard lock(mutex_);
-    if (revoked == applied_revocations_) return 0;
-  }
-  const std::int64_t withdrawn =
-      catalogue_.call([&revoked](CandidateCatalogue& catalogue) { return catalogue.withdraw(revoked); });
-  if (withdrawn > 0) {
-    audit_.record({.act = "tiles.withdraw",
-                   .result = "withdrawn",
-                   .subject = fmt::format("tiles {}", withdrawn),
-                   .detail = fmt::format("signed by keys that root version {} revokes", trust_.current()->version)});
-  }
-  const std::lock_guard lock(mutex_);
-  applied_revocations_ = revoked;
-  return withdrawn;
-}
-
-Vote CandidateService::compare(const Voter& one, const Voter& other) {
-  const auto image = [this](const Voter& voter) {
-    return read_candidate_image(packs_.read(voter.blob, voter.sidecar.sha256), voter.sidecar);
-  };
-  Vote vote{.allowed_mm = allowed_shift_mm(static_cast<double>(one.sidecar.pose.sigma_mm),
-                                           static_cast<double>(other.sidecar.pose.sigma_mm), options_.rules)};
-  const auto first = image(one), second = image(other);
-  if (!std::holds_alternative<cv::Mat>(first) || !std::holds_alternative<cv::Mat>(second)) return vote;
-  const Agreement agreement = compare_images(std::get<cv::Mat>(first), std::get<cv::Mat>(second));
-  vote.shift_mm = std::llround(agreement.shift_px * pixel_mm(one.sidecar.key));
-  vote.correlation_ppm = std::llround(agreement.correlation * 1e6);
-  vote.agrees = vote.correlation_ppm >= options_.rules.min_correlation_ppm && vote.shift_mm <= vote.allowed_mm;
-  return vote;
-}
-
-bool CandidateService::vote_some() {
-  const std::set<TileKey> unread = [this] {
-    const std::lock_guard lock(mutex_);
-    return unread_;
-  }();
-  const std::vector<Ballot> ballots =
-      catalogue_.call([&unread](CandidateCatalogue& catalogue) { return catalogue.ballots(kTilesAtOnce, unread); });
-  if (ballots.empty()) {
-    const std::lock_guard lock(mutex_);
-    unread_.clear();
-    if (const auto why = std::exchange(why_unread_, std::nullopt)) throw Error(*why);
-    return false;
-  }
-  const std::int64_t now_ms = clock_.now().unix_s * 1000;
-  std::vector<Ballot> decided;
-  std::vector<Outcome> outcomes;
-  for (const Ballot& ballot : ballots) {
-    try {
-      outcomes.push_back(decide(
-          ballot, [this](const Voter& one, const Voter& other) { return compare(one, other); }, now_ms,
-          options_.rules));
-      decided.push_back(ballot);
-    } catch (const Error& error) {  // a pack is damaged: that keeps no other address from its vote
-      const std::lock_guard lock(mutex_);
-      unread_.insert(ballot.key);
-      if (!why_unread_) why_unread_ = error;
-    }
-  }
-  catalogue_.call([&](CandidateCatalogue& catalogue) { catalogue.close(decided, outcomes); });
-  const auto promoted = std::count_if(outcomes.begin(), outcomes.end(),
-                                      [](const Outcome& outcome) { return outcome.promotion.has_value(); });
-  if (promoted > 0) {
-    audit_.record({.act = "tiles.promote",
-                   .result = "promoted",
-                   .subject = fmt::format("tiles {}", promoted),
-                   .detail = fmt::format("{} flights, independent by {}", options_.rules.flights_to_promote,
-                                         options_.rules.airframes_differ ? "airframes" : "days")});
-  }
-  return true;
+  for (const std::string& name : gone) intake_.forget(name);
 }
 
 }  // namespace nadir

@@ -1,106 +1,37 @@
-// The candidate service without its HTTP: takes batches and packs, evaluates tiles, lets flights vote, and stores all
-// of it. For any number of threads.
+// The candidate service without its HTTP: announcements of batches, and who may do what. It hands packs to their intake
+// (pack_intake.hpp) and complete uploads to their evaluation (tile_evaluation.hpp). For any number of threads.
 //
 // What a caller was answered is on the disk. A killed process resumes where it was: recover() completes what was begun,
-// and every call may be repeated.
+// and every call may be repeated. A disk that is full is an answer (storage_full), and nothing acknowledged is lost.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
-#include <map>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
-#include "base/error.hpp"
 #include "base/time.hpp"
 #include "candidates/audit_log.hpp"
 #include "candidates/base_maps.hpp"
 #include "candidates/candidate_rules.hpp"
-#include "candidates/catalogue_rows.hpp"
 #include "candidates/catalogue_thread.hpp"
 #include "candidates/installed_store.hpp"
+#include "candidates/pack_intake.hpp"
 #include "candidates/pack_store.hpp"
+#include "candidates/tile_evaluation.hpp"
 #include "candidates/trust_file.hpp"
+#include "candidates/upload_contract.hpp"
 
 namespace nadir {
-
-// Results are values: the contract of schemas/candidates.openapi.yaml without HTTP.
-
-// Who calls, by its token.
-struct UploadClient {
-  std::string name;                    // whose uploads they are; several tokens may share one
-  std::vector<std::string> airframes;  // that it may upload for; empty: all
-  std::string token{};                 // its id, for the audit log
-
-  bool may(std::string_view airframe) const;
-};
-
-// Why the service refuses a call.
-struct Denial {
-  enum class Kind {
-    malformed,
-    forbidden,
-    not_found,
-    key_reused,
-    batch_invalid,
-    pack_unknown,
-    pack_invalid,
-    pack_busy,
-    offset_mismatch,
-    digest_mismatch,
-    too_large,
-    too_many,
-    incomplete,
-    report_invalid,
-    report_older,
-    storage_full,
-    unavailable
-  };
-  Kind kind = Kind::malformed;
-  std::string detail;
-  std::optional<std::uint64_t> offset{};  // with offset_mismatch and pack_busy: where the pack goes on
-  std::vector<Sha256> missing{};          // with incomplete
-};
 
 // What impairs the service; an empty reason: nothing. fails: it takes no uploads.
 struct ServiceFault {
   std::string reason;
   bool fails = false;
-};
-
-template <typename Result>
-using Answer = std::variant<Result, Denial>;
-
-struct Announcement {
-  bool opened = false;  // just now
-  std::string upload;
-  std::vector<Sha256> missing{}, known{};
-  std::vector<std::pair<Sha256, Refusal>> refused{};
-  std::int64_t expires_ms = 0;
-};
-
-struct PackOffset {
-  std::uint64_t offset = 0;
-  std::optional<std::uint64_t> length{};  // of a pack that is whole
-};
-
-struct Completion {
-  std::string upload;
-  std::int64_t pending = 0;
-};
-
-struct UploadStatus {
-  UploadRow upload;
-  std::vector<TileRow> tiles;
-};
-
-struct PartHeader {
-  std::uint64_t offset = 0;
-  std::optional<std::uint64_t> length{};
-  Sha256 digest;  // of the part
 };
 
 struct CandidateServiceOptions {
@@ -110,11 +41,7 @@ struct CandidateServiceOptions {
   std::vector<std::filesystem::path> packages;
   CandidateRules rules{};
   std::uint64_t part_max = std::uint64_t{1} << 20;
-  std::uint64_t keep_free_bytes = std::uint64_t{1} << 30;  // of the disk; below it nothing is taken
-  std::size_t packs_at_once = 4;                           // unfinished ones of an upload
-  // One that has not grown for so long makes room for another: a sender that rebuilds its packs never finishes the old
-  // ones. Longer than a part may take on the slowest line that is waited for.
-  std::int64_t pack_rest_s = 300;
+  PackLimits packs{};
   std::int64_t upload_life_ms =
       std::int64_t{7} * 24 * 3600 * 1000;  // until an upload that is not complete is forgotten
 };
@@ -143,19 +70,13 @@ class CandidateService {
   Answer<InstalledStore::Outcome> report_installed(const UploadClient& client, const std::string& body);
   std::vector<InstalledStore::Entry> installed() const { return installed_.list(); }
 
-  // Uploads that wait for verdicts, with their clients' names.
-  std::vector<std::pair<std::string, std::int64_t>> pending_evaluations();
+  // Pieces of work (tile_evaluation.hpp).
+  std::vector<std::pair<std::string, std::int64_t>> pending_evaluations() { return evaluation_.pending(); }
+  bool evaluate_some(std::int64_t upload) { return evaluation_.evaluate_some(upload); }
+  bool vote_some() { return evaluation_.vote_some(); }
+  std::int64_t apply_revocations() { return evaluation_.apply_revocations(); }
 
-  // A bounded piece of work each; true: there is more. Both throw Error at the end, once everything else has been done,
-  // when images of some tiles cannot be read: those are tried again by the next call. A tile whose bytes are damaged
-  // before its verdict is rejected (hash_mismatch) and forgotten, so that it can be sent again; an Error reports it
-  // too.
-  bool evaluate_some(std::int64_t upload);
-  bool vote_some();
   void forget_expired();
-  // Tiles signed by keys that the trust root revokes by now are withdrawn, promoted or not. How many tiles; almost
-  // no work while the root stays the same. recover() does it as well.
-  std::int64_t apply_revocations();
   // Now and then: writes to the audit log what has changed by itself, such as the trust root's version.
   void keep_audit();
 
@@ -169,42 +90,28 @@ class CandidateService {
   const CandidateServiceOptions& options() const { return options_; }
 
  private:
-  friend class PackClaim;
-  struct Unread {
-    std::set<std::int64_t> tiles;  // that wait, because they cannot be read now
-    std::optional<Error> why;      // the first reason, damaged ones' as well
-  };
   std::variant<UploadRow, Denial> find(const UploadClient& client, const std::string& upload);
+  Answer<Announcement> announce_batch(const UploadClient& client, const std::string& key, const std::string& body);
   Announcement announcement_of(const UploadRow& upload, bool opened);
   std::vector<std::optional<Refusal>> check_batch(const SignedBatch& batch, UtcTime now);
-  std::optional<Denial> accept_pack(const UploadRow& upload, const IncomingPack& pack);
-  std::optional<Denial> no_room(std::uint64_t bytes) const;
-  bool evict_abandoned_pack(const std::string& upload);
-  std::optional<CandidateCatalogue::Question> evaluate(const TileRow& tile, std::int64_t upload);
-  void end_evaluation(std::int64_t upload);
-  TileVerdict evaluate_tile(const TileRow& tile, const CandidateSidecar& sidecar);
-  Vote compare(const Voter& one, const Voter& other);
-  Answer<Announcement> announce_batch(const UploadClient& client, const std::string& key, const std::string& body);
-  void recover_packs();
+  Answer<Completion> take_complete(const UploadClient& client, const std::string& upload,
+                                   std::optional<std::int64_t>& evaluate);
+  std::vector<UploadRow> unfinished_uploads();
 
   CandidateServiceOptions options_;
   const Clock& clock_;
   AuditLog audit_;
   InstalledStore installed_;
   PackStore packs_;
-  IncomingPacks incoming_;
   TrustFile trust_;
   BaseMaps maps_;
+  CatalogueThread catalogue_;
+  PackIntake intake_;
+  TileEvaluation evaluation_;
   std::mutex mutex_;
-  std::set<std::pair<std::string, Sha256>> busy_;  // packs that a call writes now
-  std::map<std::int64_t, Unread> unevaluated_;     // by upload, while it is evaluated
-  std::set<TileKey> unread_;                       // addresses whose images could not be read, since the last throw
-  std::optional<Error> why_unread_;                // the first of them
-  std::set<std::string> applied_revocations_;      // keys whose tiles the catalogue has withdrawn
-  std::int64_t audited_root_ = 0;                  // version
+  std::int64_t audited_root_ = 0;  // version
   std::string audited_root_fault_;
   std::string unrecovered_;  // what recover() could not do
-  CatalogueThread catalogue_;
 };
 
 }  // namespace nadir

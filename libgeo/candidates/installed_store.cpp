@@ -6,6 +6,7 @@
 #include "base/error.hpp"
 #include "base/files.hpp"
 #include "base/json.hpp"
+#include "candidates/pack_store.hpp"
 
 namespace nadir {
 
@@ -66,7 +67,7 @@ InstalledStore::Outcome InstalledStore::put(const SignedInstalledReport& report,
       record.highest_sequence = std::max(record.highest_sequence, last->highest_sequence);
     }
   }
-  fs::create_directories(folder_);
+  make_folder(folder_);
   write_file_atomic(path_of(report.report.airframe), record_json(record));
   return Outcome::stored;
 }

@@ -16,8 +16,29 @@ namespace nadir {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+[[noreturn]] void disk_failed(const char* what, const fs::path& where, std::error_code code) {
+  const bool full = code == std::errc::no_space_on_device || code.value() == EDQUOT;
+  ErrorText text{.what = what,
+                 .where = where,
+                 .found = code.message(),
+                 .fix = full ? "make room on this disk" : "check the disk, and the owner of this folder"};
+  if (full) throw OutOfSpace(std::move(text));
+  throw Error(std::move(text));
+}
+
+}  // namespace
+
+bool make_folder(const fs::path& folder) {
+  std::error_code code;
+  const bool made = fs::create_directories(folder, code);
+  if (code) disk_failed("cannot create a folder of the service", folder, code);
+  return made;
+}
+
 PackStore::PackStore(fs::path folder) : folder_(std::move(folder)) {
-  fs::create_directories(folder_);
+  make_folder(folder_);
   sync_to_disk(folder_.parent_path());
 }
 
@@ -28,7 +49,7 @@ fs::path PackStore::path_of(const Sha256& pack) const {
 
 void PackStore::adopt(const fs::path& file, const Sha256& pack) {
   const fs::path target = path_of(pack);
-  if (fs::create_directory(target.parent_path())) sync_to_disk(folder_);
+  if (make_folder(target.parent_path())) sync_to_disk(folder_);
   std::error_code code;
   fs::create_hard_link(file, target, code);
   if (code == std::errc::file_exists && sha256_file(target) != pack) {
@@ -38,9 +59,7 @@ void PackStore::adopt(const fs::path& file, const Sha256& pack) {
     fs::create_hard_link(file, beside, code);
     if (!code) fs::rename(beside, target, code);
   }
-  if (code && !fs::exists(target)) {
-    throw Error({.what = "cannot move a pack into place", .where = target, .found = code.message()});
-  }
+  if (code && !fs::exists(target)) disk_failed("cannot move a pack into place", target, code);
   sync_to_disk(target);  // a part that a killed process wrote may not be there yet
   sync_to_disk(target.parent_path());
 }
@@ -95,7 +114,12 @@ std::vector<Sha256> PackStore::packs() const {
   return packs;
 }
 
-std::uint64_t PackStore::free_bytes() const { return fs::space(folder_).available; }
+std::uint64_t PackStore::free_bytes() const {
+  std::error_code code;
+  const fs::space_info space = fs::space(folder_, code);
+  if (code) disk_failed("cannot tell how much room the disk has", folder_, code);
+  return space.available;
+}
 
 namespace {
 
@@ -127,7 +151,7 @@ void require_plain_name(const std::string& upload) {
 
 }  // namespace
 
-IncomingPacks::IncomingPacks(fs::path folder) : folder_(std::move(folder)) { fs::create_directories(folder_); }
+IncomingPacks::IncomingPacks(fs::path folder) : folder_(std::move(folder)) { make_folder(folder_); }
 
 std::vector<IncomingPack> IncomingPacks::of(const std::string& upload) const {
   require_plain_name(upload);
@@ -156,7 +180,7 @@ std::vector<std::string> IncomingPacks::uploads() const {
 
 IncomingPack IncomingPacks::begin(const std::string& upload, const Sha256& sha256, std::uint64_t length) {
   require_plain_name(upload);
-  if (fs::create_directory(folder_ / upload)) sync_to_disk(folder_);
+  if (make_folder(folder_ / upload)) sync_to_disk(folder_);
   return {.sha256 = sha256, .length = length, .path = folder_ / upload / fmt::format("{}.{}", sha256.hex(), length)};
 }
 

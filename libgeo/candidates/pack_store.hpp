@@ -18,6 +18,9 @@
 
 namespace nadir {
 
+// Makes the folder, with those above it, where it is missing; true: it was. Throws OutOfSpace, Error.
+bool make_folder(const std::filesystem::path& folder);
+
 // What lies there is not what was kept: it does not get better, but the tile can be sent again.
 class PackDamaged : public Error {
  public:

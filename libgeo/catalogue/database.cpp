@@ -34,6 +34,12 @@ class ScopedGdalOption {
   const char* name_;
 };
 
+// As SQLite (SQLITE_FULL) and PostgreSQL (disk_full, 53100) say it; GDAL passes on nothing but their texts.
+bool says_disk_full(std::string_view message) {
+  return message.find("database or disk is full") != std::string_view::npos ||
+         message.find("No space left on device") != std::string_view::npos;
+}
+
 // Lines that begin with -- are comments; a statement ends with a semicolon at the end of a line.
 std::vector<std::string> statements_of(std::string_view sql) {
   std::vector<std::string> statements(1);
@@ -140,10 +146,13 @@ void CatalogueDatabase::open(Access access) {
 
 void CatalogueDatabase::fail(std::string what) const {
   const std::string& message = errors_->first();
-  throw Error({.what = std::move(what),
-               .where = location_.shown,
-               .found = message.empty() ? "no message from the database" : printable(message),
-               .fix = advice_for_database_message(message)});
+  const bool full = says_disk_full(message);
+  ErrorText text{.what = std::move(what),
+                 .where = location_.shown,
+                 .found = message.empty() ? "no message from the database" : printable(message),
+                 .fix = full ? "make room on the catalogue's disk" : advice_for_database_message(message)};
+  if (full) throw OutOfSpace(std::move(text));
+  throw Error(std::move(text));
 }
 
 bool CatalogueDatabase::has_catalogue() {

@@ -243,7 +243,7 @@ TEST_F(Attack, HoardingUnfinishedPacksIsBounded) {
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   const std::string name = announced(first_.batch(tiles)).upload;
   const Bytes part(10, 1);
-  for (std::uint8_t i = 0; i < options_.packs_at_once; ++i) {
+  for (std::uint8_t i = 0; i < options_.packs.packs_at_once; ++i) {
     const auto sent = service().append(client_, name, sha256(Bytes{i}),
                                        {.offset = 0, .length = kMaxPackSize, .digest = sha256(part)}, part);
     EXPECT_TRUE(std::holds_alternative<PackOffset>(sent));

@@ -18,7 +18,7 @@ class ServiceFixture : public ::testing::Test {
     std::filesystem::create_directories(options_.data);
     options_.catalogue = parse_catalogue_location((options_.data / "catalogue.sqlite").string());
     options_.trust = folder_ / "root.json";
-    options_.keep_free_bytes = 0;
+    options_.packs.keep_free_bytes = 0;
   }
 
   CandidateService& service() {

@@ -291,7 +291,7 @@ TEST_F(DamagedPack, IsKeptWhileAnotherUploadNeedsTheTile) {
 }
 
 TEST_F(Service, AbandonedPacksMakeRoomForOthers) {
-  options_.packs_at_once = 2;
+  options_.packs.packs_at_once = 2;
   const auto tiles = candidates(first_, test::keys_in_a_row(4));
   const std::string name = announced(first_.batch(tiles)).upload;
   const auto begin = [&](std::size_t tile) { return send(name, test::pack_of({tiles[tile]}), 0, 100); };
@@ -325,7 +325,7 @@ TEST_F(Service, AnUploadThatIsNotCompleteExpires) {
 }
 
 TEST_F(Service, AFullDiskAcceptsNothing) {
-  options_.keep_free_bytes = ~std::uint64_t{0} / 2;
+  options_.packs.keep_free_bytes = ~std::uint64_t{0} / 2;
   const auto answer = announce(first_.batch(candidates(first_, test::keys_in_a_row(1))));
   ASSERT_TRUE(std::holds_alternative<Denial>(answer));
   EXPECT_EQ(std::get<Denial>(answer).kind, Denial::Kind::storage_full);

@@ -1,26 +1,17 @@
 // nadird --check as it is called before take-off: what the aircraft remembers, permits to go back, damage.
-#include "nadird_command.hpp"
-
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
-#include <signal.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <map>
-#include <mutex>
 #include <new>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <thread>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
 #include "cli/terminal.hpp"
 #include "imagery/codecs.hpp"
-#include "package/package_maker.hpp"
-#include "support/manual_clock.hpp"
+#include "nadird_fixture.hpp"
 #include "trust/installed_report.hpp"
 #include "trust/signatures.hpp"
 
@@ -39,22 +30,6 @@ class LastMoment final : public Clock {
   }
 };
 
-// The flight ends as soon as one of its threads waits for something.
-class ShortFlight final : public FlightClock {
- public:
-  double monotonic_s() const override { return still_.monotonic_s(); }
-  std::int64_t unix_us() const override { return still_.unix_us(); }
-  const std::string& boot_id() const override { return still_.boot_id(); }
-  bool wait_until(double until_s, std::stop_token stop) const override {
-    std::call_once(ended_, [] { ::kill(::getpid(), SIGTERM); });
-    return still_.wait_until(until_s, std::move(stop));
-  }
-
- private:
-  ManualClock still_;
-  mutable std::once_flag ended_;
-};
-
 // The thread that made it has no memory left as soon as it waits for something.
 class NoMemoryInFlight final : public FlightClock {
  public:
@@ -71,33 +46,22 @@ class NoMemoryInFlight final : public FlightClock {
   std::thread::id maker_ = std::this_thread::get_id();
 };
 
-class NadirdCheck : public ::testing::Test {
+class NadirdCheck : public test::NadirdFixture {
  protected:
-  NadirdCheck() {
-    folder_.write("root.json", sign_root(maker_.root, {&maker_.signer}).json());
-    older_ = maker_.make(folder_, "older").string();
-    maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: 4"}});
-    newer_ = maker_.make(folder_, "newer").string();
-  }
+  NadirdCheck() : older_(make_package("older", 3)), newer_(make_package("newer", 4)) {}
   int check(const std::string& package, std::initializer_list<std::string> more = {}) {
     std::vector<std::string> args{"--package",        package,   "--trust", path("root.json"), "--state",
                                   path("state.json"), "--check", "--json"};
     args.insert(args.end(), more);
-    out_.str("");
-    err_.str("");
-    NadirdCommand command;
-    return run_single_command("nadird", command, args, {out_, err_, clock_});
+    return run(args, clock_);
   }
   void permit(const std::string& name, std::int64_t from, std::int64_t to) {
     const UtcTime expires{test::kJudged.unix_s + 86'400};
     folder_.write(name, sign_permit({"village", from, to, std::nullopt, expires}, {&maker_.signer}).document.json());
   }
-  // mini-07 as the package names it, with a camera that nobody looks through.
   void airframe(const std::string& name, const PrivateKey* key,
                 const std::string& dates = R"("sequence": 3, "expires": "2024-06-01", )") {
-    const std::string text =
-        R"({"format": "nadir.airframe/1", "airframe": "mini-07", )" + dates +
-        R"("camera": {"model": "pinhole", "width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5}})";
+    const std::string text = airframe_json(dates);
     folder_.write(name, text);
     if (key == nullptr) return;
     const Envelope envelope{std::string(kAirframePayloadType),
@@ -106,18 +70,7 @@ class NadirdCheck : public ::testing::Test {
   }
   int serve(const Clock& clock, const FlightClock* flight_clock, std::initializer_list<std::string> more = {}) {
     airframe("bare.json", nullptr);
-    std::vector<std::string> args{"--package",      newer_,
-                                  "--trust",        path("root.json"),
-                                  "--airframe",     path("bare.json"),
-                                  "--state",        path("state"),
-                                  "--camera",       path("none"),
-                                  "--autopilot",    "udpin:127.0.0.1:0",
-                                  "--listen",       "127.0.0.1:0",
-                                  "--memory-mb",    "0",
-                                  "--unsigned-link"};
-    args.insert(args.end(), more);
-    NadirdCommand command(flight_clock);
-    return run_single_command("nadird", command, args, {out_, err_, clock});
+    return run_service(service_options(newer_, "bare.json", "none"), more, clock, flight_clock);
   }
   // A root that gives tile keys to airframes, and takes some back.
   void name_tile_signers(const std::map<std::string, const PrivateKey*>& keys, std::optional<UtcTime> expires,
@@ -142,17 +95,13 @@ class NadirdCheck : public ::testing::Test {
     root.airframe_signer = Role{{key.public_key().id()}, 1};
     folder_.write("root.json", sign_root(root, {&maker_.signer}).json());
   }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
   bool has_code(const std::string& code) const {
     const json findings = json::parse(out_.str())["findings"];
     return std::any_of(findings.begin(), findings.end(), [&](const json& finding) { return finding["code"] == code; });
   }
   std::string first_code() const { return json::parse(out_.str())["findings"][0]["code"]; }
 
-  test::TemporaryFolder folder_;
   FixedClock clock_{test::kJudged};
-  std::ostringstream out_, err_;
-  test::PackageMaker maker_;
   std::string older_, newer_;
 };
 
@@ -299,11 +248,7 @@ TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
 
 TEST_F(NadirdCheck, AnUnsignedLinkIsADecision) {
   airframe("bare.json", nullptr);
-  const std::vector<std::string> bare{
-      "--package", newer_,        "--trust",  path("root.json"), "--airframe",  path("bare.json"),
-      "--state",   path("state"), "--camera", path("none"),      "--autopilot", "udpin:127.0.0.1:0"};
-  NadirdCommand command(nullptr);
-  EXPECT_EQ(run_single_command("nadird", command, bare, {out_, err_, clock_}), 2);
+  EXPECT_EQ(run(service_options(newer_, "bare.json", "none"), clock_), 2);
   EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
   EXPECT_EQ(serve(clock_, nullptr, {"--signing-key", path("link.key")}), 2) << "both";
   EXPECT_EQ(serve(clock_, nullptr, {"--ground-station", "udpout:example.org:1"}), 2) << err_.str();
@@ -340,8 +285,7 @@ TEST_F(NadirdCheck, InFlightAnUntrustedTileKeyDisablesOnlyTheTiles) {
   write_file_atomic(folder_ / "tile.pem", ours.pem(), 0600);
   for (const PrivateKey* revoked : {&ours, static_cast<const PrivateKey*>(nullptr)}) {
     name_tile_signers({{"mini-07", &ours}}, std::nullopt, revoked);
-    const ShortFlight flight;
-    err_.str("");
+    const test::BriefFlight flight;
     EXPECT_EQ(serve(clock_, &flight, {"--candidates", path("tiles"), "--tile-key", path("tile.pem")}), 0) << err_.str();
     EXPECT_NE(err_.str().find("0 frames"), std::string::npos) << "it flew: " << err_.str();
     EXPECT_EQ(err_.str().find("key.revoked") != std::string::npos, revoked != nullptr) << err_.str();
@@ -356,7 +300,7 @@ TEST_F(NadirdCheck, WritesASignedReportOfItsPackage) {
   name_tile_signers({{"mini-07", &ours}}, std::nullopt, nullptr);
   std::int64_t last = 0;
   for (const char* run : {"first", "second", "after its memory was damaged"}) {
-    const ShortFlight flight;
+    const test::BriefFlight flight;
     // --at: judged each time, and not resumed.
     EXPECT_EQ(serve(clock_, &flight,
                     {"--candidates", path("tiles"), "--tile-key", path("tile.pem"), "--at", to_rfc3339(clock_.now())}),

@@ -3,19 +3,13 @@
 #include "package_choice.hpp"
 
 #include <gtest/gtest.h>
-#include <signal.h>
-#include <unistd.h>
 
 #include <fstream>
-#include <mutex>
-#include <sstream>
+#include <functional>
 
 #include "base/files.hpp"
-#include "cli/program.hpp"
-#include "nadird_command.hpp"
-#include "package/package_maker.hpp"
+#include "nadird_fixture.hpp"
 #include "service/saved_flight.hpp"
-#include "support/manual_clock.hpp"
 #include "trust/signatures.hpp"
 
 namespace nadir {
@@ -25,44 +19,15 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kHour_s = 3600, kYear_s = 365 * 86'400;
 
-// A run of the service in that boot of the computer: it ends as soon as one of its threads waits.
-class BriefFlight final : public FlightClock {
- public:
-  explicit BriefFlight(std::string boot) : still_(1000, 1'750'000'000'000'000, std::move(boot)) {}
-  double monotonic_s() const override { return still_.monotonic_s(); }
-  std::int64_t unix_us() const override { return still_.unix_us(); }
-  const std::string& boot_id() const override { return still_.boot_id(); }
-  bool wait_until(double until_s, std::stop_token stop) const override {
-    std::call_once(ended_, [] { ::kill(::getpid(), SIGTERM); });
-    return still_.wait_until(until_s, std::move(stop));
-  }
-
- private:
-  ManualClock still_;
-  mutable std::once_flag ended_;
-};
-
-class Boarding : public ::testing::Test {
+class Boarding : public test::NadirdFixture {
  protected:
   Boarding() {
-    folder_.write("root.json", sign_root(maker_.root, {&maker_.signer}).json());
     fs::create_directory(folder_ / "frames");
     fs::create_directory(folder_ / "packages");
-    write_airframe("500");
-    make("a", "3");
-    make("b", "4");
+    folder_.write("airframe.json", airframe_json());
+    make_package("packages/a", 3);
+    make_package("packages/b", 4);
     want("a");
-  }
-  void write_airframe(const std::string& focal) {
-    folder_.write(
-        "airframe.json",
-        R"({"format": "nadir.airframe/1", "airframe": "mini-07", "camera": {"model": "pinhole", "width": 640,)"
-        R"( "height": 480, "fx": )" +
-            focal + R"(, "fy": 500, "cx": 319.5, "cy": 239.5}})");
-  }
-  void make(const std::string& name, const std::string& sequence) {
-    maker_.mission = test::mission_yaml({{"sequence: 3", "sequence: " + sequence}});
-    maker_.make(folder_, "packages/" + name);
   }
   // The link `current` points to that package.
   void want(const std::string& name) {
@@ -72,17 +37,9 @@ class Boarding : public ::testing::Test {
   // Starts the service, which ends at once. offset_s: of the clock.
   void start(std::int64_t offset_s, const std::string& boot, std::initializer_list<std::string> more = {}) {
     const FixedClock clock(UtcTime{test::kJudged.unix_s + offset_s});
-    const BriefFlight flight(boot);
-    std::vector<std::string> args{"--package",      path("packages/current"), "--trust",     path("root.json"),
-                                  "--airframe",     path("airframe.json"),    "--state",     path("state"),
-                                  "--camera",       path("frames"),           "--listen",    "127.0.0.1:0",
-                                  "--autopilot",    "udpin:127.0.0.1:0",      "--memory-mb", "0",
-                                  "--unsigned-link"};
-    args.insert(args.end(), more);
-    out_.str("");
-    err_.str("");
-    NadirdCommand command(&flight);
-    EXPECT_EQ(run_single_command("nadird", command, args, {out_, err_, clock}), 0) << err_.str();
+    const test::BriefFlight flight(boot);
+    const auto options = service_options(path("packages/current"), "airframe.json", "frames");
+    EXPECT_EQ(run_service(options, more, clock, &flight), 0) << err_.str();
   }
   bool said(const std::string& text) const { return err_.str().find(text) != std::string::npos; }
   bool flew() const { return !said("REJECTED"); }
@@ -112,11 +69,6 @@ class Boarding : public ::testing::Test {
     stream.seekp(static_cast<std::streamoff>(fs::file_size(folder_ / file) / 2));
     stream.put('\x7f');
   }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
-
-  test::TemporaryFolder folder_;
-  test::PackageMaker maker_;
-  std::ostringstream out_, err_;
 };
 
 TEST_F(Boarding, AWrongClockAfterARebootInFlightDoesNotCostThePackage) {

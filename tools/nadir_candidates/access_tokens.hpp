@@ -67,6 +67,7 @@ class Clients {
   std::string fault() const;  // empty: none
 
   std::vector<AccessToken> all() const;
+  std::filesystem::path file() const { return file_.value_or(std::filesystem::path()); }  // of parse_tokens()
 
  private:
   using ByDigest = std::map<Sha256, std::shared_ptr<const Client>>;

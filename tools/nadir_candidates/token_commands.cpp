@@ -1,5 +1,4 @@
-#include "nadir_candidates/token_commands.hpp"
-
+// nadir-candidates token create, list and revoke.
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -18,6 +17,7 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "nadir_candidates/access_tokens.hpp"
+#include "nadir_candidates/commands.hpp"
 
 namespace nadir {
 namespace {

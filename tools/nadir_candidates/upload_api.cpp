@@ -258,9 +258,10 @@ ApiResponse reason_codes_answer() {
   return json_answer(200, {{"version", kReasonCodesVersion}, {"codes", std::move(codes)}});
 }
 
-ApiResponse health_answer(const std::string& fault, bool fails) {
-  const char* status = fault.empty() ? "pass" : fails ? "fail" : "warn";
-  ApiResponse response = json_answer(fails ? 503 : 200, {{"status", status}, {"reason", short_detail(fault)}});
+ApiResponse health_answer(const ServiceFault& fault, const std::vector<std::string>& notes) {
+  const char* status = fault.reason.empty() ? "pass" : fault.fails ? "fail" : "warn";
+  ApiResponse response = json_answer(fault.fails ? 503 : 200,
+                                     {{"status", status}, {"reason", short_detail(fault.reason)}, {"notes", notes}});
   response.headers.emplace_back("Cache-Control", "no-store");
   return response;
 }
@@ -386,10 +387,7 @@ ApiResponse UploadApi::route(const Admission& admission, const ApiRequest& reque
   return pack(admission, request);
 }
 
-ApiResponse UploadApi::health() const {
-  const ServiceFault fault = service_.fault();
-  return health_answer(fault.reason, fault.fails);
-}
+ApiResponse UploadApi::health() const { return health_answer(service_.fault(), notes_); }
 
 ApiResponse UploadApi::announce(const UploadClient& client, const ApiRequest& request) const {
   const std::string* const key = request.header("idempotency-key");

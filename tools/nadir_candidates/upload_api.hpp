@@ -60,10 +60,15 @@ class UploadApi {
  public:
   using Evaluate = std::function<void(const UploadClient& client, std::int64_t upload)>;
 
-  // All must outlive this. evaluate: is called for each upload that is complete. loopback: only loopback names are
-  // accepted as Host.
-  UploadApi(CandidateService& service, const Clients& clients, bool loopback, Evaluate evaluate)
-      : service_(service), clients_(clients), loopback_(loopback), evaluate_(std::move(evaluate)) {}
+  // The first two must outlive this. evaluate: is called for each upload that is complete. loopback: only loopback
+  // names are accepted as Host. notes: on how the service was started, for its health.
+  UploadApi(CandidateService& service, const Clients& clients, bool loopback, Evaluate evaluate,
+            std::vector<std::string> notes = {})
+      : service_(service),
+        clients_(clients),
+        loopback_(loopback),
+        evaluate_(std::move(evaluate)),
+        notes_(std::move(notes)) {}
 
   std::variant<Admission, ApiResponse> admit(const ApiRequest& header) const;       // quick: never asks the service
   ApiResponse answer(const Admission& admission, const ApiRequest& request) const;  // any thread; never throws
@@ -83,6 +88,7 @@ class UploadApi {
   const Clients& clients_;
   bool loopback_;
   Evaluate evaluate_;
+  std::vector<std::string> notes_;
 };
 
 }  // namespace nadir

@@ -1,4 +1,4 @@
-// nadir-candidates token create, list, revoke: the file of tokens that `serve --tokens` reads.
+// Every command of nadir-candidates.
 #pragma once
 
 #include <memory>
@@ -7,6 +7,10 @@
 
 namespace nadir {
 
+std::unique_ptr<Command> make_serve();
+std::unique_ptr<Command> make_status();
+std::unique_ptr<Command> make_export();
+std::unique_ptr<Command> make_installed();
 std::unique_ptr<Command> make_token_create();
 std::unique_ptr<Command> make_token_list();
 std::unique_ptr<Command> make_token_revoke();

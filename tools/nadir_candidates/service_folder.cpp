@@ -1,0 +1,116 @@
+#include "nadir_candidates/service_folder.hpp"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <nlohmann/json.hpp>
+
+#include "base/error.hpp"
+#include "base/files.hpp"
+#include "base/json.hpp"
+#include "cli/options.hpp"
+
+namespace nadir {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kStartFile = "started.json";
+constexpr const char* kStartSchema = "nadir.candidate-start/1";
+constexpr std::uint64_t kMaxStartSize = std::uint64_t{1} << 14;  // bytes
+constexpr std::int64_t kMostCounted = std::int64_t{1} << 31;
+
+}  // namespace
+
+ServiceLock::ServiceLock(const fs::path& folder) {
+  std::error_code code;
+  fs::create_directories(folder, code);
+  if (code) {
+    throw Error({.what = "cannot create the service's folder",
+                 .where = folder,
+                 .found = code.message(),
+                 .fix = "create it for the service's user, or choose another --data"});
+  }
+  lock_ = ::open((folder / ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
+  if (lock_ < 0) {
+    throw Error({.what = "cannot write to the service's folder",
+                 .where = folder,
+                 .found = system_error_text(errno),
+                 .fix = "check the owner of the folder and its disk, or choose another --data"});
+  }
+  if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
+    ::close(lock_);
+    throw Error({.what = "another service uses this folder",
+                 .where = folder,
+                 .fix = "stop that service first, or choose another --data"});
+  }
+}
+
+ServiceLock::~ServiceLock() { ::close(lock_); }
+
+void ServicePlace::declare(Options& options, Data need) {
+  Option folder = options.value("--data", data, "DIR", "the service's folder");
+  if (need == Data::required) folder.required();
+  options.value("--catalogue", catalogue, "CATALOGUE", "if it is not DATA/catalogue.sqlite");
+}
+
+CatalogueLocation ServicePlace::location() const {
+  if (!catalogue.empty()) return parse_catalogue_location(catalogue);
+  if (data) return parse_catalogue_location((*data / "catalogue.sqlite").string());
+  throw UsageError({.what = "no catalogue given", .expected = "--data DIR or --catalogue CATALOGUE"});
+}
+
+std::vector<std::string> ServiceStart::warnings() const {
+  std::vector<std::string> list;
+  if (!airframes_differ) {
+    list.emplace_back("--independent days: one airframe's key, lost or stolen, promotes tiles by itself");
+  }
+  if (base_packages == 0) {
+    list.emplace_back("without --package no tile is compared with a map, and tiles over any package are taken");
+  }
+  if (tokens_without_expiry > 0) {
+    list.emplace_back("tokens of --token-file do not expire; nadir-candidates token create makes such that do");
+  }
+  return list;
+}
+
+ServiceStart parse_service_start(std::string_view text, std::string_view name) {
+  const nlohmann::json document = parse_json(text, name, {.max_depth = 2, .allow_floats = false});
+  const JsonReader in(document, {.name = std::string(name),
+                                 .what = "cannot read what the service was started with",
+                                 .fix = "the service's next start writes the file anew"});
+  in.expect("schema", kStartSchema);
+  ServiceStart start{.started_at = in.time("started_at"),
+                     .votes = in.integer("votes", 2, kMostCounted),
+                     .airframes_differ = in.choice("independent", {"airframes", "days"}) == "airframes",
+                     .base_packages = in.integer("base_packages", 0, kMostCounted),
+                     .tokens_without_expiry = in.integer("tokens_without_expiry", 0, kMostCounted)};
+  in.finish();
+  return start;
+}
+
+std::string service_start_json(const ServiceStart& start) {
+  return nlohmann::json{{"schema", kStartSchema},
+                        {"started_at", to_rfc3339(start.started_at)},
+                        {"votes", start.votes},
+                        {"independent", start.independent()},
+                        {"base_packages", start.base_packages},
+                        {"tokens_without_expiry", start.tokens_without_expiry}}
+             .dump(1) +
+         "\n";
+}
+
+std::optional<ServiceStart> read_service_start(const fs::path& data) {
+  const fs::path path = data / kStartFile;
+  if (!fs::exists(fs::symlink_status(path))) return std::nullopt;
+  return parse_service_start(read_text_file(path, kMaxStartSize), path.string());
+}
+
+void write_service_start(const fs::path& data, const ServiceStart& start) {
+  write_file_atomic(data / kStartFile, service_start_json(start));
+}
+
+}  // namespace nadir
