@@ -64,7 +64,11 @@ BaseMaps::BaseMaps(std::span<const fs::path> packages, const TrustRoot& root, Ut
     }
     const ManifestReading named = parse_manifest(manifest);  // by whose digest its flights call it
     if (!named.manifest || manifest_json(*named.manifest) != manifest_json(*verified.manifest)) {
-      throw Error({.what = "this base package changes while it is read", .where = folder});
+      throw Error({.what = "this base package is being changed",
+                   .where = folder,
+                   .expected = "the manifest that was verified",
+                   .found = "another one",
+                   .fix = "start the service again once nothing writes to the package"});
     }
     auto package = std::make_unique<Package>();
     package->tiles = std::make_unique<CheckedTiles>(verified.imagery->duplicate(), std::move(verified.tiles));

@@ -9,6 +9,7 @@
 
 #include "base/bytes.hpp"
 #include "base/error.hpp"
+#include "base/printable.hpp"
 #include "catalogue/geometry.hpp"
 
 namespace nadir {
@@ -49,6 +50,8 @@ Sha256 digest_from(const CatalogueRow& row, const char* column) {
   if (parsed) return *parsed;
   throw Error({.what = "the catalogue holds a malformed digest",
                .where = column,
+               .expected = "64 hexadecimal digits",
+               .found = printable(row.text(column)),
                .fix = "the tables were changed; restore the database from a copy"});
 }
 
@@ -390,7 +393,10 @@ CatalogueCounts CandidateCatalogue::counts() {
 void CandidateCatalogue::add_pack(std::int64_t upload, const Sha256& pack, std::uint64_t bytes,
                                   std::span<const PackedTile> tiles, const std::function<void()>& keep) {
   CatalogueTransaction transaction(database_);
-  if (!this->upload(upload)) throw Error({.what = "the upload of this pack has been removed", .where = pack.hex()});
+  if (!this->upload(upload))
+    throw Error({.what = "the upload of this pack has expired and was removed",
+                 .where = "pack " + pack.hex(),
+                 .fix = "announce the batch again"});
   std::vector<Sha256> names;
   for (const PackedTile& tile : tiles) names.push_back(tile.sha256);
   std::map<std::string, std::string> there;  // the packs of tiles that another upload has brought

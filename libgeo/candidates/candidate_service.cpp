@@ -24,7 +24,7 @@ using Kind = Denial::Kind;
 std::string random_name() {
   std::array<std::uint8_t, 16> bytes{};
   if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
-    throw Error({.what = "the operating system provides no randomness"});
+    throw Error({.what = "the operating system provides no randomness for the name of an upload"});
   }
   std::string name;
   for (const std::uint8_t byte : bytes) name += fmt::format("{:02x}", byte);
@@ -76,7 +76,8 @@ ServiceFault CandidateService::fault() {
   } catch (const Error& error) {
     return {.reason = "the catalogue does not respond: " + error.text().what, .fails = true};
   }
-  if (trust_.current()->expires <= clock_.now()) return {.reason = "the trust root has expired", .fails = true};
+  if (trust_.current()->expires <= clock_.now())
+    return {.reason = "the trust root has expired: put its next version in its place", .fails = true};
   if (intake_.no_room(0)) return {.reason = "the disk is full: make room", .fails = true};
   std::string reason = trust_.fault();
   if (reason.empty()) reason = audit_.fault();
@@ -121,10 +122,13 @@ std::vector<std::optional<Refusal>> CandidateService::check_batch(const SignedBa
     return all(refusal_from(check.findings));
   }
   if (batch.created_at.unix_s * 1000 > now.unix_s * 1000 + options_.rules.max_clock_error_ms) {
-    return all({.code = ReasonCode::captured_in_future, .detail = "the batch's time is ahead of this clock"});
+    return all({.code = ReasonCode::captured_in_future,
+                .detail = fmt::format("the batch was created {} s ahead of the service's clock; at most {}",
+                                      batch.created_at.unix_s - now.unix_s, options_.rules.max_clock_error_ms / 1000)});
   }
   if (!maps_.takes(batch.base_package)) {
-    return all({.code = ReasonCode::base_package_unknown, .detail = "this package was not given to the service"});
+    return all({.code = ReasonCode::base_package_unknown,
+                .detail = fmt::format("package {} is none of the service's base packages", batch.base_package.hex())});
   }
   std::int64_t bytes = std::ssize(batch.tiles) * options_.rules.catalogue_bytes;
   for (const BatchTile& tile : batch.tiles) bytes += static_cast<std::int64_t>(tile.sidecar.size);
@@ -133,9 +137,9 @@ std::vector<std::optional<Refusal>> CandidateService::check_batch(const SignedBa
   });
   const std::int64_t used = usage.bytes + usage.tiles * options_.rules.catalogue_bytes;
   if (used + bytes > options_.rules.quota_bytes) {
-    return all(
-        {.code = ReasonCode::quota,
-         .detail = fmt::format("{} bytes recently, and {} more; at most {}", used, bytes, options_.rules.quota_bytes)});
+    return all({.code = ReasonCode::quota,
+                .detail = fmt::format("{} bytes announced in the last 24 hours, and {} now; at most {}", used, bytes,
+                                      options_.rules.quota_bytes)});
   }
   for (std::size_t i = 0; i < refusals.size(); ++i) {
     const BatchTile& tile = batch.tiles[i];
@@ -180,7 +184,7 @@ Answer<Announcement> CandidateService::announce(const UploadClient& client, cons
 
 Answer<Announcement> CandidateService::announce_batch(const UploadClient& client, const std::string& key,
                                                       const std::string& body) {
-  if (!is_uuid(key)) return Denial{.kind = Kind::malformed, .detail = "Idempotency-Key: the batch's id, a UUID"};
+  if (!is_uuid(key)) return Denial{.kind = Kind::malformed, .detail = "send Idempotency-Key: the batch's id, a UUID"};
   const UtcTime now = clock_.now();
   const std::int64_t now_ms = now.unix_s * 1000;
   const Sha256 known_as = batch_key(client, key), body_sha256 = sha256(as_bytes(body));
@@ -206,7 +210,8 @@ Answer<Announcement> CandidateService::announce_batch(const UploadClient& client
     return Denial{.kind = Kind::batch_invalid, .detail = error.what()};
   }
   if (batch->batch.id != key) {
-    return Denial{.kind = Kind::batch_invalid, .detail = "the Idempotency-Key is not the batch's id"};
+    return Denial{.kind = Kind::batch_invalid,
+                  .detail = "the Idempotency-Key must be the batch's id, " + batch->batch.id};
   }
   if (!client.may(batch->batch.airframe)) {
     return Denial{.kind = Kind::forbidden, .detail = "this token is not for airframe " + batch->batch.airframe};
@@ -266,7 +271,7 @@ std::variant<UploadRow, Denial> CandidateService::find(const UploadClient& clien
   }
   if (!upload) return Denial{.kind = Kind::not_found, .detail = "no such upload; announce the batch again"};
   if (upload->client != client.name) {
-    return Denial{.kind = Kind::forbidden, .detail = "another token has opened this upload"};
+    return Denial{.kind = Kind::forbidden, .detail = "another client has opened this upload"};
   }
   if (upload->state == UploadState::open && upload->expires_ms <= clock_.now().unix_s * 1000) {
     return Denial{.kind = Kind::not_found, .detail = "the upload has expired; announce the batch again"};
@@ -323,7 +328,7 @@ Answer<Completion> CandidateService::take_complete(const UploadClient& client, c
     if (!tile.blob) missing.missing.push_back(tile.sha256);
   }
   if (!missing.missing.empty()) {
-    missing.detail = fmt::format("tiles are missing: {}", missing.missing.size());
+    missing.detail = fmt::format("tiles that have not arrived: {}; send them first", missing.missing.size());
     return missing;
   }
   if (upload.state == UploadState::open) {
@@ -395,7 +400,7 @@ void CandidateService::recover() {
       const std::lock_guard lock(mutex_);
       if (unrecovered_.empty()) {
         unrecovered_ =
-            fmt::format("{} at the start: {}; nothing was lost, the next start tries it again", what, error.what());
+            fmt::format("{} at the start: {}; nothing was lost, and the next start tries again", what, error.what());
       }
     }
   };

@@ -18,7 +18,9 @@ using SizeByDigest = std::map<Sha256, std::uint64_t>;
 std::vector<CandidateCatalogue::PackedTile> tiles_in(ByteView bytes, const IncomingPack& pack,
                                                      const SizeByDigest& announced) {
   if (sha256(bytes) != pack.sha256) {
-    throw Error({.what = "cannot accept this pack", .expected = pack.sha256.hex(), .found = sha256(bytes).hex()});
+    throw Error({.what = "cannot accept this pack",
+                 .expected = "SHA-256 " + pack.sha256.hex(),
+                 .found = "SHA-256 " + sha256(bytes).hex()});
   }
   PackReader reader(
       pack.length,
@@ -132,10 +134,11 @@ bool PackIntake::evict_abandoned(const std::string& upload) {
 Answer<PackOffset> PackIntake::append(const UploadRow& upload, const Sha256& sha256, const PartHeader& header,
                                       ByteView part) {
   if (nadir::sha256(part) != header.digest) {
-    return Denial{.kind = Denial::Kind::digest_mismatch,
-                  .detail = "the part's SHA-256 does not match; the part was discarded"};
+    return Denial{
+        .kind = Denial::Kind::digest_mismatch,
+        .detail = "the part's SHA-256 is not that of its Content-Digest; the part was discarded, send it again"};
   }
-  if (part.empty()) return Denial{.kind = Denial::Kind::malformed, .detail = "a part has at least one byte"};
+  if (part.empty()) return Denial{.kind = Denial::Kind::malformed, .detail = "a part must have at least one byte"};
   const auto size =
       catalogue_.call([&](CandidateCatalogue& catalogue) { return catalogue.pack_size(upload.id, sha256); });
   const auto elsewhere = [](std::uint64_t offset) {
@@ -147,16 +150,17 @@ Answer<PackOffset> PackIntake::append(const UploadRow& upload, const Sha256& sha
   const Claim busy(*this, upload.name, sha256);
   auto pack = incoming_.find(upload.name, sha256);
   if (!busy) {
-    return Denial{
-        .kind = Denial::Kind::pack_busy, .detail = "another call writes this pack", .offset = pack ? pack->offset : 0};
+    return Denial{.kind = Denial::Kind::pack_busy,
+                  .detail = "another call is writing this pack; ask again later",
+                  .offset = pack ? pack->offset : 0};
   }
   if (!pack) {
     if (header.offset != 0) return elsewhere(0);
     if (!header.length)
-      return Denial{.kind = Denial::Kind::malformed, .detail = "Upload-Length: with a pack's first part"};
+      return Denial{.kind = Denial::Kind::malformed, .detail = "send Upload-Length with a pack's first part"};
     if (*header.length > kMaxPackSize) {
       return Denial{.kind = Denial::Kind::too_large,
-                    .detail = fmt::format("packs have at most {} bytes", kMaxPackSize)};
+                    .detail = fmt::format("a pack may have at most {} bytes", kMaxPackSize)};
     }
     if (upload.state != UploadState::open) {
       return Denial{.kind = Denial::Kind::pack_invalid, .detail = "the upload is complete; nothing is missing"};
@@ -169,11 +173,11 @@ Answer<PackOffset> PackIntake::append(const UploadRow& upload, const Sha256& sha
   }
   if (header.length && *header.length != pack->length) {
     return Denial{.kind = Denial::Kind::pack_invalid,
-                  .detail = fmt::format("Upload-Length was {} bytes before", pack->length)};
+                  .detail = fmt::format("the pack was begun with Upload-Length {}", pack->length)};
   }
   if (header.offset != pack->offset) return elsewhere(pack->offset);
   if (part.size() > pack->length - pack->offset) {
-    return Denial{.kind = Denial::Kind::too_large, .detail = "the part goes beyond the pack's end"};
+    return Denial{.kind = Denial::Kind::too_large, .detail = "the part ends beyond the pack's end"};
   }
   if (auto full = no_room(pack->length)) return *full;
   incoming_.append(*pack, part, clock_.now());

@@ -94,6 +94,7 @@ Bytes PackStore::read(const BlobPlace& place, const Sha256& sha256) const {
     throw PackDamaged({.what = "a pack is damaged",
                        .where = path,
                        .expected = "a tile with SHA-256 " + sha256.hex(),
+                       .found = have == bytes.size() ? "other bytes" : "the end of the file",
                        .fix = "check the disk; restore the folder from a copy"});
   }
   return bytes;
@@ -146,7 +147,10 @@ void require_plain_name(const std::string& upload) {
   const bool plain = !upload.empty() && upload.size() <= 64 && std::all_of(upload.begin(), upload.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
   });
-  if (!plain) throw Error({.what = "no name of an upload", .found = fmt::format("{} characters", upload.size())});
+  if (!plain)
+    throw Error({.what = "this is not the name of an upload",
+                 .expected = "1 to 64 letters, digits, '_' and '-'",
+                 .found = fmt::format("{} characters", upload.size())});
 }
 
 }  // namespace

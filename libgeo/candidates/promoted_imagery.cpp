@@ -60,7 +60,8 @@ void check(bool ok, const fs::path& file) {
 
 GDALDriver& driver(const char* name) {
   GDALDriver* found = GetGDALDriverManager()->GetDriverByName(name);
-  if (found == nullptr) throw Error({.what = "GDAL lacks a driver", .expected = name});
+  if (found == nullptr)
+    throw Error({.what = "GDAL lacks a driver", .expected = name, .fix = "install a GDAL that has it"});
   return *found;
 }
 
@@ -128,7 +129,7 @@ nlohmann::json stac_item(const ExportedImage& image, const Extent& extent, const
 std::int64_t corroborated_sigma_mm(const Promotion& promotion) {
   const nlohmann::json evidence = parse_json(promotion.evidence, "the catalogue's evidence");
   const JsonReader in(evidence, {.name = to_text(promotion.key),
-                                 .what = "a promotion without its accuracy",
+                                 .what = "this promotion does not state its accuracy",
                                  .fix = "it was made by an older service: have its address voted on again"});
   return in.integer("sigma_mm", 0, std::int64_t{1} << 62);
 }

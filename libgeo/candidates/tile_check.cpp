@@ -33,7 +33,8 @@ std::optional<Refusal> check_time(UtcMillis captured_at, UtcTime announced_at, U
   const std::int64_t captured_ms = captured_at.unix_ms, now_ms = now.unix_s * 1000;
   if (captured_ms > now_ms + rules.max_clock_error_ms) {
     return refusal(ReasonCode::captured_in_future,
-                   fmt::format("captured {} s ahead of this clock", (captured_ms - now_ms) / 1000));
+                   fmt::format("captured {} s ahead of the service's clock; at most {}", (captured_ms - now_ms) / 1000,
+                               rules.max_clock_error_ms / 1000));
   }
   if (captured_ms > announced_at.unix_s * 1000 + rules.max_clock_error_ms) {
     return refusal(ReasonCode::captured_in_future, "captured after its batch was created");
@@ -59,13 +60,15 @@ std::optional<Refusal> check_place(const CandidateSidecar& sidecar, const Candid
                    fmt::format("sigma {} mm; at most {}", sidecar.pose.sigma_mm, rules.max_sigma_mm));
   }
   if (sidecar.anchor_age_ms > rules.max_anchor_age_ms) {
-    return refusal(ReasonCode::anchor_too_old,
-                   fmt::format("anchored {} ms before; at most {}", sidecar.anchor_age_ms, rules.max_anchor_age_ms));
+    return refusal(ReasonCode::anchor_too_old, fmt::format("anchored {} ms before the capture; at most {}",
+                                                           sidecar.anchor_age_ms, rules.max_anchor_age_ms));
   }
   if (const double angle = view_angle_rad(sidecar, rules.sigmas); !(angle <= rules.max_view_angle_rad)) {
-    return refusal(ReasonCode::outside_footprint,
-                   fmt::format("seen from {:.0f} m above its worst corner lies {:.0f} degrees off the vertical",
-                               static_cast<double>(sidecar.pose.agl_mm) / 1000, angle * 180 / M_PI));
+    return refusal(
+        ReasonCode::outside_footprint,
+        fmt::format("from {:.0f} m above ground, its worst corner lies {:.0f} degrees off the vertical; at most {:.0f}",
+                    static_cast<double>(sidecar.pose.agl_mm) / 1000, angle * 180 / M_PI,
+                    rules.max_view_angle_rad * 180 / M_PI));
   }
   return std::nullopt;
 }
@@ -76,7 +79,10 @@ std::optional<Refusal> check_quality(const CandidateQuality& quality, const Cand
     return refusal(ReasonCode::policy, "the frame shows only part of the tile; only complete tiles are accepted");
   }
   if (quality.contrast_ppm < rules.min_contrast_ppm || quality.clipped_ppm > rules.max_clipped_ppm) {
-    return refusal(ReasonCode::low_texture, "according to its own sidecar");
+    return refusal(
+        ReasonCode::low_texture,
+        fmt::format("by its own sidecar: contrast {} ppm, at least {}; {} ppm black or blown out, at most {}",
+                    quality.contrast_ppm, rules.min_contrast_ppm, quality.clipped_ppm, rules.max_clipped_ppm));
   }
   return std::nullopt;
 }
@@ -146,7 +152,8 @@ std::variant<cv::Mat, Refusal> read_candidate_image(ByteView bytes, const Candid
   try {
     const ImageInfo info = read_image_info(bytes, "tile");
     if (info.format != sidecar.format) {
-      return unsupported(fmt::format("a {} that says it is {}", name_of(info.format), name_of(sidecar.format)));
+      return unsupported(
+          fmt::format("the image is {}, its sidecar says {}", name_of(info.format), name_of(sidecar.format)));
     }
     if (info.width != kTileSize || info.height != kTileSize) {
       return unsupported(

@@ -36,7 +36,7 @@ std::string read_or_create_bearer_token(const fs::path& path) {
   if (!fs::exists(fs::symlink_status(path))) {
     std::array<std::uint8_t, 24> bytes{};
     if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
-      throw Error({.what = "no randomness for a token", .where = path.string()});
+      throw Error({.what = "the operating system provides no randomness for a token", .where = path.string()});
     }
     std::string token;
     for (const std::uint8_t byte : bytes) token += fmt::format("{:02x}", byte);
@@ -49,7 +49,7 @@ std::string checked_bearer_token(std::string token, std::string_view where) {
   while (!token.empty() && (token.back() == '\n' || token.back() == '\r')) token.pop_back();
   const bool printable = std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < 0x7f; });
   if (token.size() < kMinToken || !printable) {
-    throw Error({.what = "not a valid token",
+    throw Error({.what = "this is not a valid token",
                  .where = std::string(where),
                  .expected = fmt::format("one line of at least {} printable characters without spaces", kMinToken),
                  .fix = "(umask 077; openssl rand -hex 24 > FILE)"});

@@ -82,7 +82,7 @@ SignedInstalledReport parse_installed_report(std::string_view text, std::string_
     throw Error({.what = "cannot accept this report of an installed package",
                  .where = std::string(name),
                  .expected = fmt::format("at most {} bytes", kMaxInstalledSize),
-                 .found = fmt::format("{}", text.size())});
+                 .found = fmt::format("{} bytes", text.size())});
   }
   const json document = parse_json(text, name, {.max_depth = 4, .allow_floats = false});
   SignedDocument parts = split_signed_document(document, name);

@@ -36,7 +36,7 @@ using DigestContext = std::unique_ptr<EVP_MD_CTX, Free>;
 
 Bio memory_bio(std::string_view text) {
   Bio bio(BIO_new_mem_buf(text.data(), static_cast<int>(text.size())));
-  if (!bio) openssl_failed("out of memory for a key");
+  if (!bio) openssl_failed("no memory to read a key");
   return bio;
 }
 
@@ -53,7 +53,7 @@ Key require_ed25519(Key key, std::string_view name, const char* kind) {
   ERR_clear_error();
   const std::string expected = std::string("an Ed25519 ") + kind + " key in PEM";
   if (!key) {
-    throw UsageError({.what = "cannot read a key",
+    throw UsageError({.what = "cannot read this key",
                       .where = std::string(name),
                       .expected = expected,
                       .found = "something else (or an encrypted key)",
@@ -61,7 +61,7 @@ Key require_ed25519(Key key, std::string_view name, const char* kind) {
   }
   if (EVP_PKEY_get_id(key.get()) != EVP_PKEY_ED25519) {
     const char* type = EVP_PKEY_get0_type_name(key.get());
-    throw UsageError({.what = "this key has another algorithm",
+    throw UsageError({.what = "this key is for another algorithm",
                       .where = std::string(name),
                       .expected = expected,
                       .found = type != nullptr ? type : "an unknown algorithm",
@@ -106,7 +106,10 @@ PublicKey PublicKey::from_pem(std::string_view pem, std::string_view name) {
 }
 
 PublicKey PublicKey::from_raw(ByteView raw) {
-  if (raw.size() != 32) throw UsageError({.what = "an Ed25519 public key has 32 bytes"});
+  if (raw.size() != 32)
+    throw UsageError({.what = "this is not an Ed25519 public key",
+                      .expected = "32 bytes",
+                      .found = std::to_string(raw.size()) + " bytes"});
   PublicKey result;
   std::copy(raw.begin(), raw.end(), result.raw_.begin());
   const Key key = public_from_raw(result.raw_);
@@ -153,7 +156,8 @@ PrivateKey PrivateKey::read(const fs::path& pem_file) {
     throw UsageError({.what = "this is a public key",
                       .where = pem_file.string(),
                       .expected = "the private key, NAME.key.pem",
-                      .found = "BEGIN PUBLIC KEY"});
+                      .found = "BEGIN PUBLIC KEY",
+                      .fix = "give the file that `nadir keys create` wrote beside this one"});
   }
   require_private_mode(pem_file);
   const Bio bio = memory_bio(pem);

@@ -129,7 +129,7 @@ TrustRoot read_trusted_root(const std::filesystem::path& path) {
                  .where = path,
                  .expected = first.expected,
                  .found = first.found,
-                 .fix = "get the root again from where it was made; do not edit it"});
+                 .fix = "get the root again from those who made it; an edited root loses its signatures"});
   }
   return std::move(file.root);
 }
@@ -186,7 +186,7 @@ RootSuccession follow_root_chain(TrustRoot trusted, const RootLookup& find, UtcT
                           .where = document->where,
                           .expected = error.text().expected.empty() ? "a root of trust" : error.text().expected,
                           .found = error.text().found.empty() ? error.text().what : error.text().found,
-                          .fix = "get the package again from its makers"});
+                          .fix = "get this root again from those who sign roots"});
       break;
     }
   }

@@ -23,13 +23,13 @@ std::optional<Finding> rejection_of(const TrustRoot& root, const Role& role, con
     return Finding{.code = "key.unknown",
                    .expected = "a key to which the trust root gives this role",
                    .found = "key " + signature.keyid,
-                   .fix = "check the origin, or use the trust root of its makers"};
+                   .fix = "check where this comes from; if its makers have a newer trust root, use that"};
   }
   if (!known->second.key.verifies(signed_bytes, signature.signature)) {
     return Finding{.code = "signature.invalid",
                    .expected = "the bytes that key " + signature.keyid + " signed",
                    .found = "different bytes, or a damaged signature",
-                   .fix = "get the package again from its makers"};
+                   .fix = "get it again from its makers"};
   }
   if (at && known->second.expires && *known->second.expires <= *at) {
     return Finding{.code = "key.expired",
@@ -66,8 +66,8 @@ SignatureCheck check_signatures(const TrustRoot& root, const Role& role,
     check.findings.add({.code = "signature.missing",
                         .where = std::string(where),
                         .expected = fmt::format("signatures by {} trusted keys", role.threshold),
-                        .found = fmt::format("{}", good.size()),
-                        .fix = "collect more signatures"});
+                        .found = fmt::format("signatures by {}", good.size()),
+                        .fix = "let more of the keys that have this role sign"});
   }
   check.signers.assign(good.begin(), good.end());
   return check;

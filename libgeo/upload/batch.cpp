@@ -74,7 +74,7 @@ SignedBatch parse_batch(std::string_view text, std::string_view name) {
     throw Error({.what = "cannot accept this batch",
                  .where = std::string(name),
                  .expected = fmt::format("at most {} bytes", kMaxBatchSize),
-                 .found = fmt::format("{}", text.size())});
+                 .found = fmt::format("{} bytes", text.size())});
   }
   return read_batch(parse_json(text, name, {.max_depth = 8, .allow_floats = false}), name);
 }

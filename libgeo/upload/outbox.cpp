@@ -66,7 +66,7 @@ std::string plain(std::string_view sql) {
 
 [[noreturn]] void refuse(const SqliteDatabase& database, std::string expected, std::string found) {
   throw UsageError(
-      {.what = "not an outbox created by nadir sync stage",
+      {.what = "this is not an outbox as nadir sync stage creates it",
        .where = database.path().string(),
        .expected = std::move(expected),
        .found = std::move(found),
@@ -117,11 +117,14 @@ constexpr std::int64_t kOldestVersion = 1;
 int take_lock(const fs::path& path) {
   const int lock = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
   if (lock < 0) {
-    throw Error({.what = "cannot use the outbox", .where = path.string(), .found = system_error_text(errno)});
+    throw Error({.what = "cannot write to the outbox",
+                 .where = path.string(),
+                 .found = system_error_text(errno),
+                 .fix = "check the owner of the folder, and its disk"});
   }
   if (::flock(lock, LOCK_EX | LOCK_NB) == 0) return lock;
   ::close(lock);
-  throw Error({.what = "another program works on this outbox",
+  throw Error({.what = "another process is using this outbox",
                .where = path.parent_path().string(),
                .fix = "wait for the other nadir sync, or end it: what it has done is kept"});
 }
@@ -149,12 +152,17 @@ OutboxDatabase::OutboxDatabase(const fs::path& folder, Access access, Transition
   std::error_code code;
   if (access == Access::make) {
     fs::create_directories(folder, code);
-    if (code) throw Error({.what = "cannot make the outbox", .where = folder.string(), .found = code.message()});
+    if (code) {
+      throw Error({.what = "cannot create the outbox",
+                   .where = folder.string(),
+                   .found = code.message(),
+                   .fix = "check the owner of the folder above it, and its disk"});
+    }
   } else if (!fs::exists(file, code)) {
     throw UsageError({.what = "there is no outbox",
                       .where = folder.string(),
                       .expected = fmt::format("a folder with {}", kOutboxFile),
-                      .fix = "nadir sync stage makes one"});
+                      .fix = "create one: nadir sync stage"});
   }
   if (access != Access::read) lock_ = take_lock(folder / "lock");
   try {
@@ -178,10 +186,11 @@ void OutboxDatabase::open(const fs::path& file, Access access) {
   const std::int64_t version = pragma(*database_, "user_version");
   const bool known = version >= kOldestVersion && version <= kOutboxVersion;
   if (pragma(*database_, "application_id") != kApplication || !known) {
-    throw UsageError({.what = "not an outbox of this version",
+    throw UsageError({.what = "this is not an outbox of this version",
                       .where = file.string(),
                       .expected = fmt::format("an outbox of version {}", kOutboxVersion),
-                      .found = version > kOutboxVersion ? fmt::format("version {}", version) : "another database"});
+                      .found = version > kOutboxVersion ? fmt::format("version {}", version) : "another database",
+                      .fix = "use the nadir that created it, or stage the flight into a new outbox"});
   }
   check_outbox_tables(*database_, version);
   database_->execute("PRAGMA foreign_keys = ON");

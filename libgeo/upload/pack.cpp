@@ -32,7 +32,7 @@ std::uint32_t u32_at(ByteView bytes, std::size_t at) {
 
 std::uint64_t pack_size(std::span<const PackEntry> entries) {
   if (entries.empty() || entries.size() > kMaxPackTiles) {
-    refuse_tiles(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{}", entries.size()));
+    refuse_tiles(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{} tiles", entries.size()));
   }
   std::set<Sha256> seen;
   std::uint64_t size = kPackHeadSize + entries.size() * kPackEntrySize;
@@ -44,7 +44,7 @@ std::uint64_t pack_size(std::span<const PackEntry> entries) {
     if (!seen.insert(entry.sha256).second) refuse_tiles("each tile once", entry.sha256.hex() + " twice");
     size += entry.size;
   }
-  if (size > kMaxPackSize) refuse_tiles(fmt::format("at most {} bytes", kMaxPackSize), fmt::format("{}", size));
+  if (size > kMaxPackSize) refuse_tiles(fmt::format("at most {} bytes", kMaxPackSize), fmt::format("{} bytes", size));
   return size;
 }
 
@@ -101,7 +101,7 @@ void PackReader::feed(ByteView bytes) {
       case Part::tiles:
         if (gather(bytes, entries_[next_tile_].size)) read_tile();
         break;
-      case Part::done: refuse_pack(fmt::format("{} bytes", length_), "more");
+      case Part::done: refuse_pack(fmt::format("{} bytes", length_), "more bytes");
     }
   }
 }
@@ -112,11 +112,11 @@ void PackReader::read_head() {
   }
   count_ = u32_at(gathered_, kPackMagic.size());
   if (count_ == 0 || count_ > kMaxPackTiles) {
-    refuse_pack(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{}", count_));
+    refuse_pack(fmt::format("1 to {} tiles", kMaxPackTiles), fmt::format("{} tiles", count_));
   }
   // Each tile takes its entry and at least one byte.
   if (kPackHeadSize + count_ * (kPackEntrySize + 1) > length_) {
-    refuse_pack(fmt::format("as many tiles as {} bytes can hold", length_), fmt::format("{}", count_));
+    refuse_pack(fmt::format("as many tiles as {} bytes can hold", length_), fmt::format("{} tiles", count_));
   }
   gathered_.clear();
   part_ = Part::entries;
@@ -159,7 +159,7 @@ void PackReader::read_tile() {
 }
 
 void PackReader::finish() const {
-  if (part_ != Part::done) refuse_pack(fmt::format("{} bytes", length_), fmt::format("{}", bytes_read_));
+  if (part_ != Part::done) refuse_pack(fmt::format("{} bytes", length_), fmt::format("{} bytes", bytes_read_));
 }
 
 }  // namespace nadir

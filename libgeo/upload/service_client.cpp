@@ -290,14 +290,21 @@ Answer<Value> read_reply(Answer<HttpReply> answer, const Read& read) {
   try {
     return read(std::get<HttpReply>(answer));
   } catch (const Error& error) {
-    return TransferError{TransferError::Kind::invalid, fmt::format("an invalid answer: {}", error.text().where)};
+    return TransferError{TransferError::Kind::invalid,
+                         fmt::format("an invalid answer: {}: expected {}, found {}", error.text().where,
+                                     error.text().expected, error.text().found)};
   }
 }
 
 Answer<std::uint64_t> read_offset(Answer<HttpReply> answer, std::uint64_t most) {
   return read_reply<std::uint64_t>(std::move(answer), [&](const HttpReply& reply) {
     const auto offset = number_header(reply, "upload-offset");
-    if (!offset || *offset > most) throw Error({.what = "no offset", .where = "Upload-Offset"});
+    if (!offset || *offset > most) {
+      throw Error({.what = "the service's answer violates the contract",
+                   .where = "Upload-Offset",
+                   .expected = fmt::format("a whole number up to {}", most),
+                   .found = offset ? fmt::format("{}", *offset) : "no whole number"});
+    }
     return *offset;
   });
 }

@@ -222,7 +222,7 @@ struct TileRow {
   throw DamagedBatch({.what = "the outbox is damaged",
                       .where = fmt::format("{} {}", what, digest.hex()),
                       .expected = "the bytes that were staged",
-                      .found = "others, or none",
+                      .found = "other bytes, or none",
                       .fix = "check the disk; nadir sync retry --key puts the intact tiles into a new batch"});
 }
 

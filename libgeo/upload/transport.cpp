@@ -123,9 +123,10 @@ int look_around(void* user, curl_off_t, curl_off_t received, curl_off_t, curl_of
 template <typename Value>
 void set(CURL* easy, CURLoption option, Value value) {
   if (const CURLcode code = curl_easy_setopt(easy, option, value); code != CURLE_OK) {
-    throw Error({.what = "libcurl does not take a setting",
+    throw Error({.what = "libcurl rejects a setting",
                  .where = fmt::format("option {}", static_cast<int>(option)),
-                 .found = curl_easy_strerror(code)});
+                 .found = curl_easy_strerror(code),
+                 .fix = "install libcurl 7.88 or later, with TLS"});
   }
 }
 
@@ -165,7 +166,8 @@ std::string checked_service_address(std::string_view text) {
 
 CurlTransport::CurlTransport(CurlSettings settings, std::function<void()> check)
     : settings_(std::move(settings)), check_(std::move(check)), handle_(std::make_unique<CurlHandle>()) {
-  if (handle_->easy == nullptr) throw Error({.what = "libcurl cannot be started"});
+  if (handle_->easy == nullptr)
+    throw Error({.what = "libcurl cannot be initialized", .fix = "check the memory that is left"});
 }
 
 CurlTransport::~CurlTransport() = default;

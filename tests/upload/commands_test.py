@@ -215,7 +215,7 @@ class Commands(unittest.TestCase):
         import fcntl
         with open(self.outbox / "lock", "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            self.ends(2, self.push(), "another program works on this outbox")
+            self.ends(2, self.push(), "another process is using this outbox")
             self.ends(1, sync(NADIR, "status", self.outbox), "SEALED")
 
     def test_a_folder_that_is_not_an_outbox(self):

@@ -54,8 +54,8 @@ std::string_view name_of(TokenScope scope) { return scope == TokenScope::upload 
 std::vector<AccessToken> parse_tokens(std::string_view text, std::string_view name) {
   const nlohmann::json document = parse_json(text, name, {.max_depth = 5, .allow_floats = false});
   const JsonReader in(document, {.name = std::string(name),
-                                 .what = "cannot read this file of tokens",
-                                 .fix = "nadir-candidates token create makes it"});
+                                 .what = "cannot read this token file",
+                                 .fix = "create it with nadir-candidates token create"});
   in.expect("schema", kTokensSchema);
   const JsonReader list = in.array("tokens", {.most = kMaxTokens});
   in.finish();
@@ -103,6 +103,7 @@ Clients::Clients(const std::vector<std::string>& token_files, std::optional<fs::
       throw UsageError({.what = "two token files have the same name",
                         .where = file,
                         .expected = "distinct names: they identify the clients",
+                        .found = name + " twice",
                         .fix = "rename one of them"});
     }
     const Sha256 digest = sha256(as_bytes(read_bearer_token(file)));
@@ -117,7 +118,8 @@ Clients::Clients(const std::vector<std::string>& token_files, std::optional<fs::
     if (!fixed_.emplace(digest, client).second) {
       throw UsageError({.what = "two clients have the same token",
                         .where = file,
-                        .fix = "(umask 077; openssl rand -hex 24 > " + file.string() + ")"});
+                        .expected = "a token of its own for each client",
+                        .fix = "make a new one: (umask 077; openssl rand -hex 24 > " + file.string() + ")"});
     }
   }
   clients_ = fixed_;
@@ -135,8 +137,9 @@ Clients::ByDigest Clients::read_tokens(const std::string& text) const {
     if (taken || !clients.emplace(token.sha256, std::make_shared<const Client>(Client{client, token})).second) {
       throw UsageError({.what = "a token of --tokens is also one of --token-file",
                         .where = file_->string(),
+                        .expected = "each id and each token in one of the two",
                         .found = token.id,
-                        .fix = "give it in one of the two"});
+                        .fix = "leave out the --token-file, or revoke it: nadir-candidates token revoke"});
     }
   }
   return clients;
@@ -153,7 +156,7 @@ bool Clients::reload() {
     fault_.clear();
     return true;
   } catch (const Error& error) {
-    fault_ = std::string("the file of tokens is rejected, the tokens before it hold: ") + error.what();
+    fault_ = std::string("the token file is rejected, and the tokens before it stay valid: ") + error.what();
     text_.clear();
   }
   return false;

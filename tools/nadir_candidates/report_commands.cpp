@@ -220,12 +220,18 @@ std::vector<std::string> notes_on(const InstalledStore::Entry& entry, const std:
 
 int InstalledCommand::run(Context& context) {
   if (!std::filesystem::is_directory(data_)) {
-    throw UsageError({.what = "no folder of a service", .where = data_, .expected = "what was given to serve --data"});
+    throw UsageError({.what = "there is no folder of a service",
+                      .where = data_,
+                      .expected = "the folder that serve was given",
+                      .fix = "check --data"});
   }
   InstalledStore store(data_ / "installed");
   if (forget_) {
     if (!store.forget(*forget_)) {
-      throw UsageError({.what = "no report of this airframe", .where = data_ / "installed", .found = *forget_});
+      throw UsageError({.what = "this airframe has not reported",
+                        .where = data_ / "installed",
+                        .found = *forget_,
+                        .fix = "without --forget, the command lists those that have"});
     }
     AuditLog(data_ / "audit", context.clock)
         .record({.act = "installed.report", .result = "forgotten", .subject = *forget_});

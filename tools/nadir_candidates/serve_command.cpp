@@ -117,7 +117,7 @@ ServiceStart ServeCommand::prepare(Context& context) {
 int ServeCommand::run(Context& context) {
   const ListenAddress address = parse_listen_address(listen_);
   if (token_files_.empty() && !tokens_) {
-    throw UsageError({.what = "nobody could call this service",
+    throw UsageError({.what = "without tokens nobody could call this service",
                       .expected = "--tokens FILE or --token-file FILE",
                       .fix = "nadir-candidates token create --tokens FILE --id NAME --out NAME.token"});
   }

@@ -38,7 +38,10 @@ class TokenFile {
     if (lock_ < 0 || ::flock(lock_, LOCK_EX) != 0) {
       const int error = errno;
       if (lock_ >= 0) ::close(lock_);
-      throw Error({.what = "cannot use the folder of the tokens", .where = folder, .found = system_error_text(error)});
+      throw Error({.what = "cannot use the folder of the token file",
+                   .where = folder,
+                   .found = system_error_text(error),
+                   .fix = "create the folder, or check its owner"});
     }
     if (missing == Missing::empty && !fs::exists(fs::symlink_status(path_))) return;
     try {
@@ -69,7 +72,7 @@ class TokenFile {
 std::string new_secret() {
   std::array<std::uint8_t, 24> bytes{};
   if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
-    throw Error({.what = "the operating system provides no randomness"});
+    throw Error({.what = "the operating system provides no randomness for a token"});
   }
   std::string secret;
   for (const std::uint8_t byte : bytes) secret += fmt::format("{:02x}", byte);
@@ -110,16 +113,16 @@ nadir-candidates token create --tokens tokens.json --id dashboard --scope read -
   }
   int run(Context& context) override {
     if (fs::exists(fs::symlink_status(out_))) {
-      throw UsageError({.what = "the file is there already", .where = out_, .fix = "give another --out"});
+      throw UsageError({.what = "the output already exists", .where = out_, .fix = "choose another --out"});
     }
     TokenFile file(tokens_, TokenFile::Missing::empty);
     const bool taken = std::any_of(file.tokens.begin(), file.tokens.end(),
                                    [this](const AccessToken& token) { return token.id == id_; });
     if (taken) {
-      throw UsageError({.what = "a token has this id already",
+      throw UsageError({.what = "another token already has this id",
                         .where = tokens_,
                         .found = printable(id_),
-                        .fix = "give another --id; with the same --client it continues the uploads of this one"});
+                        .fix = "choose another --id; with the same --client it continues the uploads of this one"});
     }
     const std::string secret = new_secret();
     AccessToken token{.id = id_,
@@ -207,7 +210,10 @@ tiles are trusted for their airframe's key, never for the token.)";
   int run(Context& context) override {
     TokenFile file(tokens_, TokenFile::Missing::refused);
     if (std::erase_if(file.tokens, [this](const AccessToken& token) { return token.id == id_; }) == 0) {
-      throw UsageError({.what = "no token has this id", .where = tokens_, .found = printable(id_)});
+      throw UsageError({.what = "no token has this id",
+                        .where = tokens_,
+                        .found = printable(id_),
+                        .fix = "nadir-candidates token list shows the ids"});
     }
     file.write();
     context.out << fmt::format("revoked: {}\n", printable(id_));

@@ -99,12 +99,12 @@ std::variant<PartHeader, std::string> part_header(const ApiRequest& request) {
   const std::string* const length_text = request.header("upload-length");
   const std::string* const digest_text = request.header("content-digest");
   const auto offset = offset_text ? whole_number(*offset_text) : std::nullopt;
-  if (!offset) return "Upload-Offset: where in the pack the part begins, an integer";
+  if (!offset) return "send Upload-Offset: the byte of the pack at which the part begins, a whole number";
   const auto digest = digest_text ? part_digest(*digest_text) : std::nullopt;
-  if (!digest) return "Content-Digest: sha-256=:BASE64: of the part";
+  if (!digest) return "send Content-Digest: sha-256=:BASE64: of the part";
   const auto length = length_text ? whole_number(*length_text) : std::nullopt;
-  if (length_text && !length) return "Upload-Length: an integer";
-  if (length && *length <= kPackHeadSize + kPackEntrySize) return "Upload-Length: shorter than any pack";
+  if (length_text && !length) return "Upload-Length must be a whole number";
+  if (length && *length <= kPackHeadSize + kPackEntrySize) return "Upload-Length is less than any pack has";
   return PartHeader{.offset = *offset, .length = length, .digest = *digest};
 }
 
@@ -297,7 +297,7 @@ ApiResponse later(int status, std::string type, std::string detail) {
 
 std::variant<Admission, ApiResponse> UploadApi::admit(const ApiRequest& header) const {
   if (loopback_ && !names_loopback(header.host)) {
-    return problem(421, "host", "this service is called by localhost, 127.0.0.1 or [::1]");
+    return problem(421, "host", "this service listens on a loopback address: call it as localhost, 127.0.0.1 or [::1]");
   }
   const std::string_view path = header.path();
   const auto caller = clients_.find(header.authorization);
@@ -307,24 +307,27 @@ std::variant<Admission, ApiResponse> UploadApi::admit(const ApiRequest& header) 
     const bool in_scope = caller && (!route || !route->scope || caller->token.scopes.contains(*route->scope));
     if (!caller || expired || !in_scope) return not_admitted(caller.get(), route ? &*route : nullptr, header);
   }
-  if (!route) return problem(404, "not-found", "there is no such path; see schemas/candidates.openapi.yaml");
+  if (!route) return problem(404, "not-found", "there is no such path; schemas/candidates.openapi.yaml lists them");
   if (!route->allows(header.method)) {
-    ApiResponse refusal = problem(405, "method", fmt::format("this path takes {}", route->methods));
+    ApiResponse refusal =
+        problem(405, "method", fmt::format("this path accepts {}, not {}", route->methods, header.method));
     refusal.headers.emplace_back("Allow", route->methods);
     return refusal;
   }
   if (route->admission.path != UploadPath::health) route->admission.caller = caller;
   if (route->media.empty()) {
     if (header.content_length.value_or(0) > 0 || header.other_encoding) {
-      return problem(413, "too-large", "this call has no body");
+      return problem(413, "too-large", "send this call without a body");
     }
     return route->admission;
   }
   if (!header.content_length || header.other_encoding) {
-    return problem(411, "length-required", "send the body as it is, with Content-Length");
+    return problem(411, "length-required", "send the body unencoded, with Content-Length");
   }
   if (*header.content_length > route->body_max) {
-    return problem(413, "too-large", fmt::format("at most {} bytes are taken here", route->body_max));
+    return problem(413, "too-large",
+                   fmt::format("a body of {} bytes was announced; at most {} are accepted here", *header.content_length,
+                               route->body_max));
   }
   if (media_type(header.content_type) != route->media) {
     return problem(415, "media-type", fmt::format("send Content-Type: {}", route->media));
@@ -391,7 +394,7 @@ ApiResponse UploadApi::health() const { return health_answer(service_.fault(), n
 
 ApiResponse UploadApi::announce(const UploadClient& client, const ApiRequest& request) const {
   const std::string* const key = request.header("idempotency-key");
-  if (key == nullptr) return problem(400, "malformed", "Idempotency-Key: the batch's id");
+  if (key == nullptr) return problem(400, "malformed", "send Idempotency-Key: the batch's id");
   const auto result = service_.announce(client, *key, request.body);
   if (const auto* denial = std::get_if<Denial>(&result)) return denial_answer(*denial);
   return announcement_answer(std::get<Announcement>(result), service_.options().part_max);

@@ -23,15 +23,20 @@ std::string key_id(const std::string& id_or_file) {
 
 void require_threshold(const Role& role, const std::string& name, const char* fix) {
   if (role.threshold <= role.key_ids.size()) return;
-  throw UsageError({.what = fmt::format("without this key role {} has too few keys", name),
+  throw UsageError({.what = fmt::format("without the revoked keys, role {} has too few keys", name),
                     .expected = fmt::format("at least {} keys", role.threshold),
-                    .found = std::to_string(role.key_ids.size()),
+                    .found = fmt::format("{} keys", role.key_ids.size()),
                     .fix = fix});
 }
 
 // Takes the key out of every role. An airframe that had no other key has no tile signer any more.
 void revoke(TrustRoot& root, const std::string& id) {
-  if (root.revoked.contains(id)) throw UsageError({.what = "this key is already revoked", .found = "key " + id});
+  if (root.revoked.contains(id))
+    throw UsageError({.what = "this key is already revoked",
+                      .where = "--revoke",
+                      .expected = "a key that the previous root still trusts",
+                      .found = "key " + id,
+                      .fix = "leave it out of --revoke"});
   if (root.keys.erase(id) == 0) {
     throw UsageError({.what = "the root does not contain this key",
                       .expected = "a key with a role in the root",
@@ -119,7 +124,9 @@ int KeysRevokeCommand::run(Context& context) {
   }
   for (const auto& [id, key] : root.keys) {
     if (!root.revoked.contains(id)) continue;
-    throw UsageError({.what = "a revoked key cannot be added again", .found = "key " + id, .fix = "create a new key"});
+    throw UsageError({.what = "a revoked key cannot be added again",
+                      .found = "key " + id,
+                      .fix = "create a new key: nadir keys create"});
   }
   require_threshold(root.root, "root", "add a replacement with --new-root-key");
   require_threshold(root.package_signer, "package-signer", "add a replacement with --new-package-signer");
@@ -134,7 +141,11 @@ int KeysRevokeCommand::run(Context& context) {
     keys.push_back(PrivateKey::read(path));
     const std::string id = keys.back().public_key().id();
     if (previous.root.key_ids.contains(id) || root.root.key_ids.contains(id)) continue;
-    throw UsageError({.what = "this is not a root key", .where = path, .found = "key " + id});
+    throw UsageError({.what = "a signature by this key would have no effect",
+                      .where = path,
+                      .expected = "a root key of the previous or of the new root",
+                      .found = "key " + id,
+                      .fix = "check --root-key; a new root key is added with --new-root-key"});
   }
   return write_new_root(context, {std::move(root), previous, out_, incomplete_}, keys);
 }

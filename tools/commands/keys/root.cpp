@@ -117,7 +117,9 @@ TrustRoot KeysRootCommand::describe(const std::vector<PrivateKey>& root_keys,
   for (const std::string& signer : tile_signers_) {
     const std::size_t equals = signer.find('=');
     if (equals == std::string::npos || equals == 0 || equals + 1 == signer.size()) {
-      throw UsageError({.what = "--tile-signer has the wrong form", .expected = "AIRFRAME=PUB.pem", .found = signer});
+      throw UsageError({.what = "--tile-signer names no airframe and key",
+                        .expected = "AIRFRAME=PUB.pem, such as mini-07=tiles.pub.pem",
+                        .found = signer});
     }
     give_role(root, root.tile_signers[signer.substr(0, equals)], PublicKey::read(signer.substr(equals + 1)));
   }

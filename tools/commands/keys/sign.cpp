@@ -101,7 +101,10 @@ Findings KeysSignCommand::sign_root_file(const std::string& text, const std::vec
 Findings KeysSignCommand::sign_permit_file(SignedDocument permit, std::string_view payload_type,
                                            const std::vector<PrivateKey>& keys, UtcTime at, std::string& result) const {
   if (!trust_)
-    throw UsageError({.what = "a permit must be signed by package signers", .expected = "--trust ROOT.json"});
+    throw UsageError({.what = "without a root it is unknown who may sign a permit",
+                      .expected = "the root that names the package signers",
+                      .found = "no --trust",
+                      .fix = "name it with --trust ROOT.json"});
   const TrustRoot root = read_trusted_root(*trust_);
   for (const PrivateKey& key : keys) {
     require_key(root.package_signer.key_ids.contains(key.public_key().id()), key, "a package signer of the root");
