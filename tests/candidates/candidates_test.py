@@ -220,6 +220,40 @@ class Candidates(unittest.TestCase):
             self.assertIn(words, told)
             self.assertTrue([line for line in self.audit() if words in line.get("detail", "")], words)
 
+    def test_what_is_risky_is_shown_for_as_long_as_it_holds(self):
+        """By the service's health and by status, also while nobody has seen the start; and no longer once it is over."""
+        risky = "promotes tiles by itself"
+
+        def shown():
+            health = json.loads(self.station.ask("GET", "/v1/health")[2])
+            self.assertEqual("pass", health["status"], "a choice is no fault")
+            status = json.loads(self.run_program("status", "--data", self.data, "--json", *self.where).stdout)
+            text = self.run_program("status", "--data", self.data, *self.where).stdout
+            found = [any(risky in note for note in notes) for notes in (health["notes"], status["warnings"], [text])]
+            self.assertEqual(1, len(set(found)), f"{health} {status} {text}")
+            self.assertIn(f"2 flights, independent by {status['rules']['independent']}", text)
+            return found[0], status["rules"]["independent"]
+
+        plain = self.service.options
+        self.service.options = (*plain, "--independent", "days")
+        self.service.start()
+        self.assertEqual((True, "days"), shown())
+        self.service.kill()
+        self.service.options = plain
+        self.service.start()
+        self.assertEqual((False, "airframes"), shown())
+        (self.data / "started.json").write_text('{"schema": "nadir.candidate-start/1", "votes": 1')
+        status = self.run_program("status", "--data", self.data, "--json", *self.where)
+        self.assertEqual(0, status.returncode, status.stderr)
+        self.assertIsNone(json.loads(status.stdout)["rules"])
+        self.assertIn("started.json", json.loads(status.stdout)["warnings"][0])
+
+    def test_help_lists_each_command_once(self):
+        text = self.run_program("--help").stdout
+        for command in ("serve", "status", "export", "installed", "token create", "token list", "token revoke"):
+            lines = [line for line in text.splitlines() if line.strip().startswith(command + " ")]
+            self.assertEqual(1, len(lines), text)
+
     def test_an_aircrafts_report_that_goes_back_shows(self):
         self.service.start()
         flight, outbox = flights_in(self.made)[0], self.folder / "outbox"
