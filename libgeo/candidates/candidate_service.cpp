@@ -78,7 +78,11 @@ ServiceFault CandidateService::fault() {
   }
   if (trust_.current()->expires <= clock_.now())
     return {.reason = "the trust root has expired: put its next version in its place", .fails = true};
-  if (intake_.no_room(0)) return {.reason = "the disk is full: make room", .fails = true};
+  try {
+    if (intake_.no_room(0)) return {.reason = "the disk is full: make room", .fails = true};
+  } catch (const Error& error) {
+    return {.reason = error.what(), .fails = true};
+  }
   std::string reason = trust_.fault();
   if (reason.empty()) reason = audit_.fault();
   const std::lock_guard lock(mutex_);
@@ -399,8 +403,7 @@ void CandidateService::recover() {
     } catch (const std::exception& error) {
       const std::lock_guard lock(mutex_);
       if (unrecovered_.empty()) {
-        unrecovered_ =
-            fmt::format("{} at the start: {}; nothing was lost, and the next start tries again", what, error.what());
+        unrecovered_ = fmt::format("{} at the start: {}; nothing was lost, and it is tried again", what, error.what());
       }
     }
   };
@@ -408,6 +411,22 @@ void CandidateService::recover() {
   attempt("expired uploads were not removed", [this] { forget_expired(); });
   attempt("revocations were not applied", [this] { apply_revocations(); });
   attempt("complete packs were not taken in", [this] { intake_.recover(unfinished_uploads()); });
+}
+
+// But for what only a start may remove: now calls put files where it looks.
+void CandidateService::retry_recovery() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (unrecovered_.empty()) return;
+  }
+  try {
+    forget_expired();
+    apply_revocations();
+    for (const UploadRow& upload : unfinished_uploads()) intake_.accept_whole(upload);
+    const std::lock_guard lock(mutex_);
+    unrecovered_.clear();
+  } catch (const std::exception&) {  // still; fault() says what
+  }
 }
 
 std::vector<UploadRow> CandidateService::unfinished_uploads() {

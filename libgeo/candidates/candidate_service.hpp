@@ -55,6 +55,8 @@ class CandidateService {
   // does not allow now is left as it is, and fault() reports it: a service that serves is worth more than one that is
   // tidy.
   void recover();
+  // Now and then: what recover() could not do.
+  void retry_recovery();
 
   Answer<Announcement> announce(const UploadClient& client, const std::string& key, const std::string& body);
   Answer<PackOffset> offset(const UploadClient& client, const std::string& upload, const Sha256& pack);

@@ -180,6 +180,7 @@ void ServeCommand::supervise(Context& context, CandidateService& service, Client
       report();
       work.retry();
       work.apply_revocations();
+      service.retry_recovery();
       service.keep_audit();
     }
     if (polls % kPollsBetweenTokens == 0 && clients.reload()) {
