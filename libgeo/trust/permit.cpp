@@ -24,7 +24,7 @@ SignedDocument sign_permit_document(const PermitKind& kind, nlohmann::json step,
 PermitDocument parse_permit_document(const PermitKind& kind, std::string_view text, std::string_view name,
                                      const std::function<void(const JsonReader&)>& read_step) {
   const nlohmann::json document = parse_json(text, name, {.max_depth = 4, .allow_floats = false});
-  PermitDocument permit{.document = split_signed_document(document, name)};
+  PermitDocument permit{.scope = {}, .document = split_signed_document(document, name)};
   const JsonReader parts(document,
                          {.name = std::string(name), .what = fmt::format("cannot accept this {}", kind.name)});
   const JsonReader in = parts.object("signed");

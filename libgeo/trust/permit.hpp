@@ -50,7 +50,7 @@ SignedDocument sign_permit_document(const PermitKind& kind, nlohmann::json step,
                                     const std::vector<const PrivateKey*>& keys);
 
 struct PermitDocument {
-  PermitScope scope;
+  PermitScope scope{};
   SignedDocument document;
 };
 
