@@ -110,7 +110,7 @@ TEST_F(AccessTokens, ReloadsTheFile) {
   EXPECT_THAT(announce_with("another-upload-token-01", first_, 1), StartsWith("HTTP/1.1 201 "));
   write_file_atomic(tokens_file(), std::string("{"), 0600);
   EXPECT_FALSE(clients_->reload());
-  EXPECT_THAT(clients_->fault(), HasSubstr("the tokens before it hold"));
+  EXPECT_THAT(clients_->fault(), HasSubstr("the tokens before it stay valid"));
   EXPECT_THAT(announce_with("another-upload-token-01", first_, 1), StartsWith("HTTP/1.1 200 "));
   std::filesystem::remove(tokens_file());
   EXPECT_FALSE(clients_->reload());
