@@ -183,7 +183,7 @@ class CandidateService {
   std::optional<CandidateCatalogue::Question> evaluate(const TileRow& tile, std::int64_t upload);
   void end_evaluation(std::int64_t upload);
   TileVerdict evaluate_tile(const TileRow& tile, const CandidateSidecar& sidecar);
-  Vote compare(const Voter& one, const Voter& other);
+  Vote compare(const AcceptedCandidate& one, const AcceptedCandidate& other);
   Answer<Announcement> announce_batch(const UploadClient& client, const std::string& key, const std::string& body);
   void recover_packs();
 
