@@ -126,7 +126,7 @@ class Flown:
         scene.peak_mb, scene.code = self.memory_mb, 0
         return self
 
-    def told(self, words):
+    def reported(self, words):
         return next((event["text"] for event in self.summary["events"] if event["kind"] == "statustext" and words in event["text"]), None)
 
     def anchors(self, name):

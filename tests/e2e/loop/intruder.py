@@ -99,7 +99,7 @@ def judge(fault, intruder, rows, states):
 
 
 def judge_report(fault, window, summary, events, begun):
-    """A frame with a wrong signature is counted alone; a speaker that only its address gives away is an alarm."""
+    """A frame with a wrong signature is counted alone; a sender that only its address gives away is an alarm."""
     event = next((event for event in events if event.get("kind") == "link" and "another sender" in event["text"]
                   and begun + window[0] - 1 <= event["at"] <= begun + window[1] + 2), None)
     reported = next((item for item in summary["events"] if item["kind"] == "statustext" and "another sender" in item["text"]
