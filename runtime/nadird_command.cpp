@@ -28,10 +28,10 @@
 namespace nadir {
 namespace {
 
-// Not kFailed, after which systemd does not restart the service (nadird.service): that is for wrong usage alone.
+// Not kFailed, after which systemd does not restart the service (nadird.service): that is for wrong usage only.
 constexpr int kServiceFailed = 70;
 
-// For a camera and an autopilot to be heard before take-off.
+// How long --check waits for a camera frame and for the autopilot's heartbeat.
 constexpr double kCameraCheck_s = 10, kAutopilotCheck_s = 5;
 
 constexpr std::uint64_t kMostAirframeBytes = std::uint64_t{1} << 20;
@@ -100,7 +100,7 @@ void NadirdCommand::setup(Options& options) {
                 "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD");
   options.value("--signing-key", flight_.link_key, "FILE", "signing key of the link: 64 hexadecimal digits");
   options.flag("--unsigned-link", unsigned_link_,
-               "for simulators and the bench: believe everybody on the link, instead of --signing-key");
+               "for simulators and the bench: accept every sender on the links, instead of --signing-key");
   options.values("--ground-station", ground_stations_, "URL",
                  "also serve a ground station: texts for it, commands from it");
   options.values("--logger", loggers_, "URL", "also send everything that is sent to this address");
@@ -188,7 +188,7 @@ void NadirdCommand::read_airframe(const AcceptanceReading& accepted, const std::
   request_.set_airframe(flight_.airframe.id);
 }
 
-// An unsigned link is a decision, never an omission.
+// An unsigned link must be chosen explicitly.
 void NadirdCommand::complete_link() {
   if (flight_.link_key.has_value() == unsigned_link_) {
     throw UsageError(
@@ -221,7 +221,7 @@ Findings NadirdCommand::evaluate_airframe(const Opening& opening, const VerifyOp
   const Findings age = check_airframe_age({airframe.id, airframe.sequence, airframe.expires}, options.state, options.at,
                                           airframe_file_.string());
   for (const Finding& finding : age.items()) {
-    // That it is unsigned has been said; on the bench its age does not matter either.
+    // That it is unsigned has been reported; on the bench its age does not matter either.
     if (!envelope && (unsigned_airframe_ || finding.code == "airframe.undated")) continue;
     findings.add(finding);
   }
@@ -261,7 +261,7 @@ Opening NadirdCommand::open_verified(Context& context, const std::filesystem::pa
   return opening;
 }
 
-// Resuming: only whether it is the accepted one, and whole. Tiles need the root to say that their key is right; without
+// Resuming: only whether it is the accepted one, and whole. Tiles need the root to confirm their key; without
 // it there are no tiles.
 Opening NadirdCommand::resume(Context& context, const std::filesystem::path& package, const AcceptedPackage& accepted) {
   Opening opening = open_accepted_package(package, accepted.manifest, accepted.accepted_at, context.progress);
@@ -392,7 +392,7 @@ VerifiedPackage NadirdCommand::prepared(Context& context, PackageChoice choice, 
     accepted.record->airborne = airborne;
     request_.remember(manifest, choice.opening.root_version, choice.opening.newer_roots, choice.opening.time_reset);
     verified.write_memory = [this] { request_.write_memory(); };
-    if (choice.opening.time_reset) {  // the link's time may be as wrong; peers give it the right one
+    if (choice.opening.time_reset) {  // the link's time may be as wrong; it gets the right one from the peers
       std::error_code error;
       for (const auto& entry : std::filesystem::directory_iterator(flight_.state, error)) {
         if (entry.path().filename().string().starts_with("signing-")) std::filesystem::remove(entry.path(), error);
@@ -421,7 +421,7 @@ VerifiedPackage NadirdCommand::prepared(Context& context, PackageChoice choice, 
   return verified;
 }
 
-// Wrong usage ends the service for good; nothing else does: whatever it is, systemd starts it again.
+// Only wrong usage ends the service for good: after any other error systemd starts it again.
 int NadirdCommand::serve(Context& context) {
   complete_request();
   require_service_options();

@@ -1,5 +1,5 @@
-// Which package the service flies with: the wanted one, judged by all rules; or, in flight, the one that was accepted
-// for this flight, which is not judged again (service/acceptance_record.hpp).
+// Which package the service flies with: the wanted one, checked by all rules; or, in flight, the one that was accepted
+// for this flight, which is not checked again (service/acceptance_record.hpp).
 //
 //                      was a package accepted, and does that hold?
 //        no, or the flight has ended │                     │ armed and not landed, or accepted in this boot
@@ -13,7 +13,7 @@
 //        ▼                                        ▼ airborne: after the wanted one was rejected too
 //   no package; tried again              resume the one before it; else no package; tried again
 //
-// Findings of what was passed over are kept: the operator learns of every choice but the plain one.
+// Findings of rejected packages are kept: the operator is informed of every choice except the usual one.
 #pragma once
 
 #include <filesystem>
@@ -26,14 +26,14 @@
 
 namespace nadir {
 
-// How a package is judged; both may throw.
+// How a package is checked; both may throw.
 struct PackageJudges {
   std::function<Opening(const std::filesystem::path& package)> accept;
   std::function<Opening(const std::filesystem::path& package, const AcceptedPackage& accepted)> resume;
 };
 
 struct PackageChoice {
-  Opening opening;  // without a package: none could be used, and its findings say why
+  Opening opening;  // without a package: none could be used, and its findings state why
   std::filesystem::path folder;
   bool resumed = false;
   std::string notice{};       // in a sentence; empty: the wanted package was accepted, as usual

@@ -20,8 +20,9 @@ void require(int openssl_result) {
 
 void require_md5(int openssl_result) {
   if (openssl_result == 1) return;
-  throw Error({.what = "OpenSSL cannot compute an MD5 digest",
-               .fix = "allow MD5 in its configuration (default provider): MBTiles files carry an MD5 of their tiles"});
+  throw Error(
+      {.what = "OpenSSL cannot compute an MD5 digest",
+       .fix = "allow MD5 in its configuration (default provider): MBTiles files contain an MD5 of their tiles"});
 }
 
 // Fetched once: OpenSSL would search for EVP_sha256(), under locks, for every digest, and a tile set takes millions.
@@ -89,7 +90,7 @@ std::optional<Sha256> Sha256::from_hex(std::string_view hex) {
 }
 
 struct Md5Stream::Context {
-  // "-fips": explicitly not for security, or a machine in FIPS mode refuses it.
+  // "-fips": explicitly not for security, otherwise a computer in FIPS mode rejects it.
   std::unique_ptr<EVP_MD, decltype(&EVP_MD_free)> md5{EVP_MD_fetch(nullptr, "MD5", "-fips"), &EVP_MD_free};
   std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> evp{EVP_MD_CTX_new(), &EVP_MD_CTX_free};
 };

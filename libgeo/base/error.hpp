@@ -2,8 +2,8 @@
 // its subject is not an exception but a Finding (exit code 1): checks collect everything that is wrong and let the
 // caller decide.
 //
-// Both tell a tired operator five things: what is wrong, where, what was expected, what was found instead, and what to
-// do about it. Leave a field empty only where it would repeat another one.
+// Both answer five questions of an operator: what is wrong, where, what was expected, what was found instead, and what
+// to do about it. Leave a field empty only where it would repeat another one.
 //
 // Codes of findings are stable and documented in docs/findings.md ("tiles.root", "coverage.gap"); scripts may rely on
 // them.

@@ -46,8 +46,8 @@ std::string bounds_text(std::string_view noun, JsonLength length, std::string_vi
 
 bool within(std::size_t size, JsonLength length) { return size >= length.least && size <= length.most; }
 
-// "[json.exception.parse_error.101] parse error at line 1, column 2: …" says in front what is none of the reader's
-// concern. What follows is plain English.
+// "[json.exception.parse_error.101] parse error at line 1, column 2: …" begins with a prefix that means nothing to
+// the user. The rest is plain English.
 std::string_view without_library_prefix(std::string_view text) {
   constexpr std::string_view kParseError = "parse error at ";
   const std::size_t end = text.starts_with('[') ? text.find("] ") : std::string_view::npos;

@@ -1,9 +1,9 @@
 // Strict JSON (RFC 8259) for documents that are signed or come from outside: a parser and a reader.
 //
-// nlohmann/json accepts more than we want to trust. parse_json() refuses duplicate keys, deep nesting and (for signed
+// nlohmann/json accepts more than we want to accept. parse_json() refuses duplicate keys, deep nesting and (for signed
 // documents) floating-point numbers before a document is built. JsonReader then takes the members of an object or the
 // elements of an array one by one and checks type, range and length of each. Whatever does not fit is a JsonError that
-// says where (the document's name and a JSON pointer, RFC 6901), what was expected and what was found.
+// states where (the document's name and a JSON pointer, RFC 6901), what was expected and what was found.
 //
 //   const nlohmann::json document = parse_json(text, name, {.max_depth = 4, .allow_floats = false});
 //   const JsonReader in(document, {.name = name, .what = "cannot accept these poses"});
@@ -75,7 +75,7 @@ struct JsonLength {
 
 class JsonReader {
  public:
-  // What each error of a document says.
+  // What each error of a document states.
   struct Subject {
     std::string name;  // the document: a path, "the service's answer"
     std::string what;  // "cannot accept these poses"
@@ -125,7 +125,7 @@ class JsonReader {
     refuse_choice(key, names);
   }
 
-  // Nothing when the member is absent; null is a value of another type.
+  // nullopt when the member is absent; null is a value of another type.
   bool has(JsonKey key) const;
   bool is_null(JsonKey key) const;  // the member must be there
   std::optional<JsonReader> optional_object(JsonKey key) const;
@@ -145,10 +145,10 @@ class JsonReader {
   std::size_t size() const;
   std::vector<std::string> keys() const;
 
-  // Refuses members that nobody has read by now, but for those whose names begin with the prefix (unless empty).
+  // Rejects members that have not been read, except those whose names begin with the prefix (unless it is empty).
   void finish(std::string_view ignored_prefix = {}) const;
 
-  // For checks of the caller's own. What was found is the member itself, the whole value or what the caller says.
+  // For the caller's own checks. "Found" is the member itself, the whole value, or the given text.
   [[noreturn]] void refuse(JsonKey key, std::string expected) const;
   [[noreturn]] void refuse(JsonKey key, std::string expected, const nlohmann::json& found) const;
   [[noreturn]] void refuse(std::string expected) const;

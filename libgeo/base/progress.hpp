@@ -1,5 +1,5 @@
-// Long work: progress and cancellation. Algorithms report their progress; only tools/ draws bars, and on a terminal
-// alone.
+// Long work: progress and cancellation. Algorithms report their progress; only tools/ draws bars, and only on
+// a terminal.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,5 @@
-// Points in time (UTC, to the second and to the millisecond) and clocks. Time always comes in from outside, so that
-// every program can be run as of another time (--at) and tests can stop the clock.
+// Points in time (UTC, to the second and to the millisecond) and clocks. Time is always passed in, so that every
+// program can be run as of another time (--at) and tests control the clock.
 #pragma once
 
 #include <compare>

@@ -74,24 +74,26 @@ TileKey key_from(const CatalogueRow& row) {
 }
 
 // Every tile of these addresses, which the caller has sorted.
-std::string at_any(const char* table, std::span<const Ballot> ballots) {
+std::string at_any(const char* table, std::span<const AddressCandidates> addresses) {
   std::string text;
-  for (const Ballot& ballot : ballots) {
-    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, ballot.key.z,
-                        ballot.key.x, ballot.key.y);
+  for (const AddressCandidates& address : addresses) {
+    text += fmt::format("{0}({1}.z={2} AND {1}.x={3} AND {1}.y={4})", text.empty() ? "" : " OR ", table, address.key.z,
+                        address.key.x, address.key.y);
   }
   return text;
 }
 
-Ballot& of(std::vector<Ballot>& ballots, const TileKey& key) {
-  return *std::lower_bound(ballots.begin(), ballots.end(), key,
-                           [](const Ballot& ballot, const TileKey& wanted) { return ballot.key < wanted; });
+AddressCandidates& of(std::vector<AddressCandidates>& addresses, const TileKey& key) {
+  return *std::lower_bound(
+      addresses.begin(), addresses.end(), key,
+      [](const AddressCandidates& address, const TileKey& wanted) { return address.key < wanted; });
 }
 
-// The voters' ids as SQL lists them, to go on with after others.
-std::string ids_of(const Ballot& ballot, bool first) {
+// The ids of the candidates as an SQL list, to be appended to another.
+std::string ids_of(const AddressCandidates& address, bool first) {
   std::string text;
-  for (const Voter& voter : ballot.voters) text += fmt::format("{}{}", first && text.empty() ? "" : ",", voter.tile);
+  for (const AcceptedCandidate& candidate : address.candidates)
+    text += fmt::format("{}{}", first && text.empty() ? "" : ",", candidate.tile);
   return text;
 }
 
@@ -192,7 +194,7 @@ std::int64_t CandidateCatalogue::open_upload(const UploadRow& upload, const Batc
         .set("captured_at", UtcTime{sidecar.captured_at.unix_ms / 1000})
         .set("gsd_mm", sidecar.gsd_mm)
         .set("sigma_mm", sidecar.pose.sigma_mm)
-        .set("badness_mm", static_cast<std::int64_t>(std::lround(cost_mm(sidecar))))
+        .set("cost_mm", static_cast<std::int64_t>(std::lround(cost_mm(sidecar))))
         .set("trust", name_of(sidecar.trust))
         .set("keyid", announced.signature.keyid)
         .set("signature", to_base64(announced.signature.signature))
@@ -285,11 +287,11 @@ void CandidateCatalogue::add_evaluated(std::vector<Question> questions, std::int
   if (questions.empty()) return;
   CatalogueTransaction transaction(database_);
   std::set<Sha256> accepted;
-  using Seat = std::tuple<std::string, std::string, TileKey>;  // airframe, flight, address
-  std::map<Seat, std::int64_t> best_mm;
-  const auto take = [&](const Seat& seat, std::int64_t badness) {
-    const auto [at, added] = best_mm.emplace(seat, badness);
-    if (!added) at->second = std::min(at->second, badness);
+  using FlightTile = std::tuple<std::string, std::string, TileKey>;  // airframe, flight, address
+  std::map<FlightTile, std::int64_t> best_mm;
+  const auto take = [&](const FlightTile& tile, std::int64_t cost) {
+    const auto [at, added] = best_mm.emplace(tile, cost);
+    if (!added) at->second = std::min(at->second, cost);
   };
   std::string digests, addresses, ids;
   for (const Question& question : questions) {
@@ -303,15 +305,15 @@ void CandidateCatalogue::add_evaluated(std::vector<Question> questions, std::int
                   database_.of("tiles"), database_.of("verdicts"), database_.of("uploads"));
   database_.select(fmt::format("SELECT t.sha256 AS sha256 {} AND t.sha256 IN ({})", from, digests),
                    [&](const CatalogueRow& row) { accepted.insert(digest_from(row, "sha256")); });
-  database_.select(
-      fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, t.badness_mm AS badness_mm, u.airframe AS airframe, "
-                  "u.flight AS flight {} AND ({})",
-                  from, addresses),
-      [&](const CatalogueRow& row) {
-        const TileKey key{static_cast<std::uint8_t>(row.integer("z")), static_cast<std::uint32_t>(row.integer("x")),
-                          static_cast<std::uint32_t>(row.integer("y"))};
-        take({row.text("airframe"), row.text("flight"), key}, row.integer("badness_mm"));
-      });
+  database_.select(fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, t.cost_mm AS cost_mm, u.airframe AS airframe, "
+                               "u.flight AS flight {} AND ({})",
+                               from, addresses),
+                   [&](const CatalogueRow& row) {
+                     const TileKey key{static_cast<std::uint8_t>(row.integer("z")),
+                                       static_cast<std::uint32_t>(row.integer("x")),
+                                       static_cast<std::uint32_t>(row.integer("y"))};
+                     take({row.text("airframe"), row.text("flight"), key}, row.integer("cost_mm"));
+                   });
   std::set<std::int64_t> decided;  // by another call in the meantime
   database_.select(fmt::format("SELECT tile FROM {} WHERE tile IN ({})", database_.of("verdicts"), ids),
                    [&](const CatalogueRow& row) { decided.insert(row.integer("tile")); });
@@ -321,13 +323,13 @@ void CandidateCatalogue::add_evaluated(std::vector<Question> questions, std::int
     if (question.damaged) damaged.push_back(question.sidecar.sha256);
     if (decided.contains(question.verdict.tile)) continue;
     const CandidateSidecar& sidecar = question.sidecar;
-    const Seat seat{sidecar.airframe, sidecar.flight, sidecar.key};
+    const FlightTile flight_tile{sidecar.airframe, sidecar.flight, sidecar.key};
     Competitors rivals{.same_bytes = accepted.contains(sidecar.sha256)};
-    if (const auto best = best_mm.find(seat); best != best_mm.end()) rivals.of_flight_mm = best->second;
+    if (const auto best = best_mm.find(flight_tile); best != best_mm.end()) rivals.of_flight_mm = best->second;
     decide(question.verdict, sidecar, rivals);
     if (question.verdict.verdict == Verdict::accepted) {
       accepted.insert(sidecar.sha256);
-      take(seat, std::lround(cost_mm(sidecar)));
+      take(flight_tile, std::lround(cost_mm(sidecar)));
     }
     verdicts.push_back(std::move(question.verdict));
   }
@@ -501,8 +503,8 @@ std::set<Sha256> CandidateCatalogue::packs() {
 }
 
 // The catalogue's votes and promotions.
-std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit, const std::set<TileKey>& but) {
-  std::vector<Ballot> ballots;
+std::vector<AddressCandidates> CandidateCatalogue::open_addresses(std::size_t limit, const std::set<TileKey>& but) {
+  std::vector<AddressCandidates> addresses;
   std::string others;
   for (const TileKey& key : but) {
     others +=
@@ -512,27 +514,28 @@ std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit, const std::se
   database_.select(fmt::format("SELECT DISTINCT t.z AS z, t.x AS x, t.y AS y FROM {} v JOIN {} t ON t.id = v.tile "
                                "WHERE v.to_vote = 1{} LIMIT {}",
                                database_.of("verdicts"), database_.of("tiles"), others, limit),
-                   [&ballots](const CatalogueRow& row) { ballots.push_back({.key = key_from(row)}); });
-  if (ballots.empty()) return ballots;
-  std::sort(ballots.begin(), ballots.end(), [](const Ballot& a, const Ballot& b) { return a.key < b.key; });
+                   [&addresses](const CatalogueRow& row) { addresses.push_back({.key = key_from(row)}); });
+  if (addresses.empty()) return addresses;
+  std::sort(addresses.begin(), addresses.end(),
+            [](const AddressCandidates& a, const AddressCandidates& b) { return a.key < b.key; });
   database_.select(
       fmt::format("SELECT t.id AS id, t.z AS z, t.x AS x, t.y AS y, t.sidecar AS sidecar, b.pack AS pack, "
                   "b.start AS start, b.bytes AS bytes FROM {} t JOIN {} v ON v.tile = t.id JOIN {} b ON "
                   "b.sha256 = t.sha256 WHERE v.verdict = 0 AND ({}) ORDER BY t.id",
-                  database_.of("tiles"), database_.of("verdicts"), database_.of("blobs"), at_any("t", ballots)),
-      [&ballots](const CatalogueRow& row) {
-        of(ballots, key_from(row))
-            .voters.push_back({.tile = row.integer("id"),
-                               .sidecar = parse_candidate(row.text("sidecar"), "the catalogue's sidecar"),
-                               .blob = blob_from(row)});
+                  database_.of("tiles"), database_.of("verdicts"), database_.of("blobs"), at_any("t", addresses)),
+      [&addresses](const CatalogueRow& row) {
+        of(addresses, key_from(row))
+            .candidates.push_back({.tile = row.integer("id"),
+                                   .sidecar = parse_candidate(row.text("sidecar"), "the catalogue's sidecar"),
+                                   .blob = blob_from(row)});
       });
   database_.select(
       fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, w.tile AS tile, w.other AS other, w.shift_mm AS "
                   "shift_mm, w.allowed_mm AS allowed_mm, w.correlation_ppm AS correlation_ppm, w.agrees AS "
                   "agrees FROM {} w JOIN {} t ON t.id = w.tile WHERE {} ORDER BY w.id",
-                  database_.of("votes"), database_.of("tiles"), at_any("t", ballots)),
-      [&ballots](const CatalogueRow& row) {
-        of(ballots, key_from(row))
+                  database_.of("votes"), database_.of("tiles"), at_any("t", addresses)),
+      [&addresses](const CatalogueRow& row) {
+        of(addresses, key_from(row))
             .votes.push_back({.tile = row.integer("tile"),
                               .other = row.integer("other"),
                               .shift_mm = row.integer("shift_mm"),
@@ -542,27 +545,27 @@ std::vector<Ballot> CandidateCatalogue::ballots(std::size_t limit, const std::se
       });
   database_.select(
       fmt::format("SELECT p.z AS z, p.x AS x, p.y AS y, p.tile AS tile FROM {} p WHERE p.current = 1 AND ({})",
-                  database_.of("promotions"), at_any("p", ballots)),
-      [&ballots](const CatalogueRow& row) { of(ballots, key_from(row)).promoted = row.integer("tile"); });
-  return ballots;
+                  database_.of("promotions"), at_any("p", addresses)),
+      [&addresses](const CatalogueRow& row) { of(addresses, key_from(row)).promoted = row.integer("tile"); });
+  return addresses;
 }
 
-void CandidateCatalogue::close(std::span<const Ballot> ballots, std::span<const Outcome> outcomes) {
+void CandidateCatalogue::close(std::span<const AddressCandidates> addresses, std::span<const Outcome> outcomes) {
   CatalogueTransaction transaction(database_);
-  std::string voters;
-  for (const Ballot& ballot : ballots) voters += ids_of(ballot, voters.empty());
-  if (voters.empty()) return;
+  std::string candidates;
+  for (const AddressCandidates& address : addresses) candidates += ids_of(address, candidates.empty());
+  if (candidates.empty()) return;
   std::set<std::int64_t> gone;  // withdrawn while they were voted on
   database_.select(
-      fmt::format("SELECT tile FROM {} WHERE verdict <> 0 AND tile IN ({})", database_.of("verdicts"), voters),
+      fmt::format("SELECT tile FROM {} WHERE verdict <> 0 AND tile IN ({})", database_.of("verdicts"), candidates),
       [&gone](const CatalogueRow& row) { gone.insert(row.integer("tile")); });
-  const auto stands = [&gone](const Ballot& ballot) {
-    return std::none_of(ballot.voters.begin(), ballot.voters.end(),
-                        [&gone](const Voter& voter) { return gone.contains(voter.tile); });
+  const auto stands = [&gone](const AddressCandidates& address) {
+    return std::none_of(address.candidates.begin(), address.candidates.end(),
+                        [&gone](const AcceptedCandidate& candidate) { return gone.contains(candidate.tile); });
   };
   std::string closed;
   bool voted = false;
-  for (std::size_t i = 0; i < ballots.size(); ++i) {
+  for (std::size_t i = 0; i < addresses.size(); ++i) {
     for (const Vote& vote : outcomes[i].new_votes) {
       CatalogueRow row = database_.new_row("votes");
       row.set("tile", vote.tile)
@@ -574,7 +577,7 @@ void CandidateCatalogue::close(std::span<const Ballot> ballots, std::span<const 
       database_.insert("votes", row, Insert::bulk);
       voted = true;
     }
-    if (stands(ballots[i])) closed += ids_of(ballots[i], closed.empty());
+    if (stands(addresses[i])) closed += ids_of(addresses[i], closed.empty());
   }
   if (voted) database_.finish_bulk("votes");
   if (!closed.empty()) {
@@ -582,8 +585,8 @@ void CandidateCatalogue::close(std::span<const Ballot> ballots, std::span<const 
         fmt::format("UPDATE {} SET to_vote = 0 WHERE to_vote = 1 AND tile IN ({})", database_.of("verdicts"), closed),
         "closing a vote");
   }
-  for (std::size_t i = 0; i < ballots.size(); ++i) {
-    if (outcomes[i].promotion && stands(ballots[i])) promote(*outcomes[i].promotion);
+  for (std::size_t i = 0; i < addresses.size(); ++i) {
+    if (outcomes[i].promotion && stands(addresses[i])) promote(*outcomes[i].promotion);
   }
   transaction.commit();
 }

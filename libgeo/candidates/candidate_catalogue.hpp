@@ -75,7 +75,7 @@ class CandidateCatalogue {
   };
   struct Competitors {
     bool same_bytes = false;                     // this very digest was accepted
-    std::optional<std::int64_t> of_flight_mm{};  // badness of the flight's best tile at this address
+    std::optional<std::int64_t> of_flight_mm{};  // cost_mm of the flight's best tile at this address
   };
   using Decide = std::function<void(TileVerdict& verdict, const CandidateSidecar& sidecar, const Competitors& rivals)>;
   void add_evaluated(std::vector<Question> questions, std::int64_t now_ms, const Decide& decide);
@@ -83,11 +83,10 @@ class CandidateCatalogue {
   Usage usage_of(const std::string& airframe, std::int64_t since_ms);
   std::int64_t refused_batches_of(const std::string& client, std::int64_t since_ms);  // every tile of them
 
-  // Addresses with accepted tiles that have not been voted on, but for some; what is needed to vote, and what came of
-  // it.
-  std::vector<Ballot> ballots(std::size_t limit, const std::set<TileKey>& but = {});
-  // A ballot with a tile that was withdrawn meanwhile stays open.
-  void close(std::span<const Ballot> ballots, std::span<const Outcome> outcomes);
+  // Up to `limit` addresses with accepted tiles that have not been voted on, except those in `but`.
+  std::vector<AddressCandidates> open_addresses(std::size_t limit, const std::set<TileKey>& but = {});
+  // Stores the outcomes. An address with a tile that was withdrawn meanwhile stays open.
+  void close(std::span<const AddressCandidates> addresses, std::span<const Outcome> outcomes);
   // Accepted tiles that these keys have signed become rejected; what was promoted at their addresses is so no more, and
   // the others are voted on again. Returns how many tiles.
   std::int64_t withdraw(const std::set<std::string>& keys);

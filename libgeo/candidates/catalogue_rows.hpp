@@ -77,8 +77,8 @@ struct TileRow {
   std::string detail{};
 };
 
-// A tile that was accepted, as votes look at it.
-struct Voter {
+// An accepted tile, with what a vote compares.
+struct AcceptedCandidate {
   std::int64_t tile = 0;
   CandidateSidecar sidecar;
   BlobPlace blob;
@@ -100,10 +100,10 @@ struct Promotion {
   std::string evidence;  // JSON: which tiles of which flights agreed, and how well
 };
 
-// The accepted tiles of one address, how those compared that were compared before, and which is promoted.
-struct Ballot {
+// The accepted tiles of one tile address, the votes on pairs of them so far, and which of them is promoted.
+struct AddressCandidates {
   TileKey key;
-  std::vector<Voter> voters{};
+  std::vector<AcceptedCandidate> candidates{};
   std::vector<Vote> votes{};
   std::optional<std::int64_t> promoted{};
 };

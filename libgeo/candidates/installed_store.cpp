@@ -57,7 +57,7 @@ InstalledStore::Outcome InstalledStore::put(const SignedInstalledReport& report,
   std::optional<InstalledRecord> last;
   try {
     last = last_of(report.report.airframe);
-  } catch (const Error&) {  // torn, or changed by hand: a report that is signed is better than none
+  } catch (const Error&) {  // truncated, or edited by hand: any signed report is better than none
   }
   if (last) {
     if (last->report.document.signed_bytes == report.document.signed_bytes) return Outcome::known;

@@ -50,9 +50,9 @@ class PackStore {
   std::filesystem::path folder_;
 };
 
-// Packs on their way: DIR/UPLOAD/SHA256.LENGTH, as long as what has come of them. Every part is on the disk before its
-// sender hears so. Such a file is always a prefix of what was sent: parts are whole and checked
-// before the first of their bytes is written, so that a killed process leaves fewer of them and never other ones.
+// Packs being received: DIR/UPLOAD/SHA256.LENGTH, as long as what has arrived of them. Every part is on the disk before
+// it is acknowledged. Such a file is always a prefix of what was sent: parts are whole and checked before the first of
+// their bytes is written, so that a killed process leaves a shorter prefix and never wrong bytes.
 //
 // The names are made of an upload's name and a digest, both checked by their forms: no caller's text becomes a path.
 struct IncomingPack {

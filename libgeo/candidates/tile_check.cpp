@@ -89,8 +89,8 @@ std::optional<Refusal> check_quality(const CandidateQuality& quality, const Cand
 
 }  // namespace
 
-// Of the tile's worst corner, each seen from the camera that had it most under itself: which part of a tile a frame
-// made is not said, but the corners are somebody's.
+// Of the tile's worst corner, each seen from the camera closest to its vertical: the sidecar does not state which frame
+// shows which part of a tile, but every corner is shown by one of them.
 double view_angle_rad(const CandidateSidecar& sidecar, double sigmas) {
   const LonLatBox box = bounds_of(sidecar.key);
   double worst_rad = 0;
@@ -220,7 +220,7 @@ double coefficient(const cv::Mat& one, const cv::Mat& other) {
   return (one.dot(other) / static_cast<double>(one.total()) - mean_one[0] * mean_other[0]) / product;
 }
 
-// `other` moved by the shift, and of both what then lies upon each other.
+// Moves `other` by the shift; the overlap of the two.
 double coefficient_at(const cv::Mat& one, const cv::Mat& other, const cv::Point2d& shift) {
   const cv::Mat move = (cv::Mat_<double>(2, 3) << 1, 0, -shift.x, 0, 1, -shift.y);
   cv::Mat moved;
@@ -229,7 +229,7 @@ double coefficient_at(const cv::Mat& one, const cv::Mat& other, const cv::Point2
             top = std::max(0, static_cast<int>(std::ceil(-shift.y)));
   const int right = one.cols - std::max(0, static_cast<int>(std::ceil(shift.x)));
   const int bottom = one.rows - std::max(0, static_cast<int>(std::ceil(shift.y)));
-  // Less than a quarter of the tile says nothing.
+  // An overlap of less than a quarter of the tile is not evaluated.
   if (right - left < one.cols / 2 || bottom - top < one.rows / 2) return 0;
   const cv::Rect common(left, top, right - left, bottom - top);
   return coefficient(one(common).clone(), moved(common).clone());
@@ -243,7 +243,7 @@ Agreement compare_images(const cv::Mat& one, const cv::Mat& other) {
   cv::createHanningWindow(window, one.size(), CV_32F);
   const cv::Point2d shift = cv::phaseCorrelate(fine_one, fine_other, window);
   if (!std::isfinite(shift.x) || !std::isfinite(shift.y)) return {};
-  // Where they lie already may be better than a false peak.
+  // No shift may be better than a false peak.
   const double there = coefficient_at(fine_one, fine_other, shift), here = coefficient_at(fine_one, fine_other, {});
   if (here >= there) return {.shift_px = 0, .correlation = here};
   return {.shift_px = std::hypot(shift.x, shift.y), .correlation = there};

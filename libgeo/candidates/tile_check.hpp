@@ -1,4 +1,4 @@
-// Checks of a candidate tile: its sidecar before any byte of its image has come, the image itself, and whether two
+// Checks of a candidate tile: its sidecar before any byte of its image is received, the image itself, and whether two
 // images of one tile show the same ground at the same place.
 //
 // Signatures are checked first, by the caller: an unsigned sidecar proves nothing.
@@ -13,22 +13,22 @@
 
 namespace nadir {
 
-// The first reason for refusing it, the most useful to an operator first.
-// announced_at: when its batch says that it was made.
+// The first reason to reject it, the most useful to an operator first.
+// announced_at: the time of creation that its batch states.
 std::optional<Refusal> check_announced(const CandidateSidecar& sidecar, UtcTime announced_at, UtcTime now,
                                        const CandidateRules& rules);
 
-// How far a tile's worst corner lies off the vertical below the camera; the uncertainty of the pose is on the tile's
-// side. Flat ground.
+// How far a tile's worst corner lies off the vertical below the camera; uncertainty of the pose counts in the
+// tile's favour. Flat ground.
 double view_angle_rad(const CandidateSidecar& sidecar, double sigmas);
 
-// The image's grey levels: CV_8UC1, kTileSize square. The header is checked first: nothing is decoded that has other
-// dimensions or another format than the sidecar names.
+// The image's grey levels: CV_8UC1, kTileSize square. The header is checked first: an image whose dimensions
+// or format differ from the sidecar's is not decoded.
 std::variant<cv::Mat, Refusal> read_candidate_image(ByteView bytes, const CandidateSidecar& sidecar);
 
-// Measured by the service itself: the figures in the sidecar are its maker's. Sharpness is what a slight blur takes
-// away of the gradients: much of a sharp image's, hardly any of a blurred one's (Crete et al. 2007, "The blur effect").
-// The gradients alone depend on the ground.
+// Measured by the service itself: the figures in the sidecar are the aircraft's. Sharpness is the share of the
+// gradients that a slight blur removes: most of them in a sharp image, hardly any in a blurred one (Crete et al. 2007,
+// "The blur effect"). The gradients alone depend on the ground.
 struct ImageMetrics {
   std::int64_t contrast_ppm = 0;   // standard deviation of the grey levels, of 255
   std::int64_t sharpness_ppm = 0;  // share of the mean gradient that is lost by averaging over 5 × 5 pixels
@@ -48,7 +48,7 @@ struct Agreement {
   double correlation = 0;
 };
 
-// Both CV_8UC1 and of one size. Symmetric but for rounding.
+// Both CV_8UC1 and of the same size. Symmetric except for rounding.
 Agreement compare_images(const cv::Mat& one, const cv::Mat& other);
 
 }  // namespace nadir

@@ -164,9 +164,9 @@ std::int64_t TileEvaluation::apply_revocations() {
   return withdrawn;
 }
 
-Vote TileEvaluation::compare(const Voter& one, const Voter& other) {
-  const auto image = [this](const Voter& voter) {
-    return read_candidate_image(packs_.read(voter.blob, voter.sidecar.sha256), voter.sidecar);
+Vote TileEvaluation::compare(const AcceptedCandidate& one, const AcceptedCandidate& other) {
+  const auto image = [this](const AcceptedCandidate& candidate) {
+    return read_candidate_image(packs_.read(candidate.blob, candidate.sidecar.sha256), candidate.sidecar);
   };
   Vote vote{.allowed_mm = allowed_shift_mm(static_cast<double>(one.sidecar.pose.sigma_mm),
                                            static_cast<double>(other.sidecar.pose.sigma_mm), rules_)};
@@ -184,25 +184,26 @@ bool TileEvaluation::vote_some() {
     const std::lock_guard lock(mutex_);
     return unread_;
   }();
-  const std::vector<Ballot> ballots =
-      catalogue_.call([&unread](CandidateCatalogue& catalogue) { return catalogue.ballots(kTilesAtOnce, unread); });
-  if (ballots.empty()) {
+  const std::vector<AddressCandidates> addresses = catalogue_.call(
+      [&unread](CandidateCatalogue& catalogue) { return catalogue.open_addresses(kTilesAtOnce, unread); });
+  if (addresses.empty()) {
     const std::lock_guard lock(mutex_);
     unread_.clear();
     if (const auto why = std::exchange(why_unread_, std::nullopt)) throw Error(*why);
     return false;
   }
   const std::int64_t now_ms = clock_.now().unix_s * 1000;
-  std::vector<Ballot> decided;
+  std::vector<AddressCandidates> decided;
   std::vector<Outcome> outcomes;
-  for (const Ballot& ballot : ballots) {
+  for (const AddressCandidates& address : addresses) {
     try {
       outcomes.push_back(decide(
-          ballot, [this](const Voter& one, const Voter& other) { return compare(one, other); }, now_ms, rules_));
-      decided.push_back(ballot);
+          address, [this](const AcceptedCandidate& one, const AcceptedCandidate& other) { return compare(one, other); },
+          now_ms, rules_));
+      decided.push_back(address);
     } catch (const Error& error) {  // a pack is damaged: that keeps no other address from its vote
       const std::lock_guard lock(mutex_);
-      unread_.insert(ballot.key);
+      unread_.insert(address.key);
       if (!why_unread_) why_unread_ = error;
     }
   }

@@ -54,7 +54,7 @@ class TileEvaluation {
   std::optional<CandidateCatalogue::Question> evaluate(const TileRow& tile, std::int64_t upload);
   TileVerdict evaluate_tile(const TileRow& tile, const CandidateSidecar& sidecar);
   void end_evaluation(std::int64_t upload);
-  Vote compare(const Voter& one, const Voter& other);
+  Vote compare(const AcceptedCandidate& one, const AcceptedCandidate& other);
 
   CatalogueThread& catalogue_;
   PackStore& packs_;

@@ -44,8 +44,8 @@ struct CatalogueSource {
 std::vector<CatalogueSource> sources_of(std::span<const Sidecar> tiles);
 
 // Where no source covers the mission at its finest zoom: fine enough for min_resolution_m, and at `at` not older than
-// the tile's sector allows (the same rules as judge.hpp). The reason is "no imagery", "coarse imagery", or "stale
-// imagery" where there is some that is fine enough.
+// the tile's sector allows (the same rules as package/mission_check.hpp). The reason is "no imagery", "coarse imagery",
+// or "stale imagery" where there is some that is fine enough.
 std::vector<CatalogueGap> gaps_of_imagery(const Mission& mission, std::span<const CatalogueSource> sources, UtcTime at);
 
 // Rasterizes areas to the pixels of map tiles: scanline conversion by the even-odd rule at pixel centres.

@@ -37,7 +37,7 @@ bool distinctive(const AnchorMatch& match, const AnchorPrior& prior, const GateL
   return match.search.ratio <= limits.clear_ratio && prior.search.radius_m >= limits.telling_window_m;
 }
 
-// Few patches; or not many, which fit badly, lie away from the prediction or leave the camera's tilt open.
+// Few patches; or not many, which fit badly, are away from the prediction or leave the camera's tilt open.
 bool chance_consensus(const AnchorMatch& match, const AnchorPrior& prior, double share,
                       const AnchorPrediction& prediction, const GateLimits& limits) {
   if (share < limits.sure_inlier_share) return true;
@@ -153,7 +153,7 @@ double StartContradictions::effective_chi2(const Eigen::Vector2d& offset_m, doub
 void StartContradictions::record(const Eigen::Vector2d& offset_m, double chi2, double sigma_m) {
   const Place now{offset_m, effective_chi2(offset_m, chi2, sigma_m), sigma_m};
   std::erase_if(places_, [&](const Place& place) { return place.same(offset_m, sigma_m); });
-  // The least recently confirmed one makes room.
+  // The least recently confirmed one is dropped.
   if (places_.size() == parameters::start_contradictions::kMaxPlaces) places_.erase(places_.begin());
   places_.push_back(now);
 }
@@ -182,8 +182,8 @@ AnchorDecision AnchorAcceptance::decide(const AnchorMatch& match, const AnchorCo
     offset_m = solved.pose.position - context.position;
     Eigen::Matrix2d spread = anchor_model_error_factor(context.tilt_missing) * solved.covariance.topLeftCorner<2, 2>() +
                              context.position_covariance_m2;
-    // What no model has differs over other ground and in a turn: the anchors that made the track erred by one value of
-    // it, this one errs by another.
+    // Unmodelled errors differ over other ground and in a turn: the anchors behind the track had one value of them,
+    // this one has another.
     if (anchored_before) spread += unmodelled_variance_m2(context.measured_agl_m) * Eigen::Matrix2d::Identity();
     prediction.chi2 = offset_m->dot(spread.inverse() * *offset_m);
     if (!anchored_before && !start_may_be_overruled_) {
@@ -210,8 +210,8 @@ AnchorDecision AnchorAcceptance::decide(const AnchorMatch& match, const AnchorCo
   return decision;
 }
 
-// Frames that no prediction supports support each other. Against an earlier anchor, several that contradict it alike
-// are right in the end; against the start they are not: the map may be wrong, and then nothing is certain.
+// Frames without support by a prediction support each other. Against an earlier anchor, several that contradict it
+// alike are right in the end; against the start they are not: the map may be wrong, and then nothing is certain.
 void AnchorAcceptance::count_votes(AnchorDecision& decision, const Eigen::Vector2d& offset_m,
                                    const AnchorContext& context, bool anchored_before) {
   const bool contradicts = decision.report.verdict == AnchorVerdict::off_prediction;

@@ -4,7 +4,7 @@
 //   gates                evaluate_anchor(): one match against thresholds and the prediction; the first gate that
 //                        rejects names the verdict
 //   votes                AnchorVotes: matches that no healthy prediction supports support each other
-//   start contradictions StartContradictions: what the map has said against the start, while nothing is anchored
+//   start contradictions StartContradictions: matches that contradict the start, while nothing is anchored
 //
 // All thresholds: GateLimits and the namespaces anchor_votes, start_contradictions and anchor_measurement of
 // localizer_parameters.hpp. Their evidence: docs/safety.md.
@@ -51,14 +51,14 @@ double unmodelled_variance_m2(double agl_m);
 
 // ---- Votes
 
-// Where several frames, each for itself, would put the track at the same place, they are accepted: wrong places scatter
-// over the whole window. Against a track that an anchor supports without a break more are needed: odometry does not
-// leap, so that either the anchor was wrong or the map is, here or there.
+// Several frames that independently put the track at the same place are accepted: wrong matches scatter over the whole
+// window. More are needed against a track that odometry has propagated from an anchor without a break:
+// odometry does not jump, so either that anchor was wrong, or the map is wrong at one of the two places.
 struct Quorum {
   int required_votes = parameters::anchor_votes::kVotes;               // of the attempts polled: two more than that
   double agreement_radius_m = parameters::anchor_votes::kAgreement_m;  // between their offsets
-  // Least distance between the first and the last of them: frames over the same ground err alike, and however many are
-  // taken in a second, they are one vote.
+  // Least distance between the first and the last of them: frames over the same ground have correlated errors, and
+  // however many are taken in a second, they are one vote.
   double min_separation_m = 0;
 };
 
@@ -91,14 +91,15 @@ class AnchorVotes {
 // ---- Start contradictions
 
 // A start that is known to 8 m and a map that puts the first frame 50 m away contradict each other, and one of them is
-// wrong. Flying on does not resolve it: the prediction grows vaguer, so that the same contradiction, propagated by
-// odometry, would look smaller from frame to frame until it passed the gate. It keeps the χ² of its worst moment.
+// wrong. Flying on does not resolve it: the prediction becomes more uncertain, so that the same contradiction,
+// propagated by odometry, would look smaller from frame to frame until it passed the gate. A contradiction keeps its
+// largest χ².
 class StartContradictions {
  public:
   static constexpr double kSamePlace_m = parameters::start_contradictions::kSamePlace_m;
   static constexpr double kDriftSigmas = parameters::start_contradictions::kDriftSigmas;
 
-  // The χ² that a match must answer for: its own, or the largest of recorded ones at the same place.
+  // The χ² that a match is tested with: its own, or the largest one recorded at the same place.
   // offset_m: matched minus predicted position (east, north). sigma_m: of the prediction, one axis.
   double effective_chi2(const Eigen::Vector2d& offset_m, double chi2, double sigma_m) const;
 
@@ -113,7 +114,7 @@ class StartContradictions {
     double chi2, sigma_m;
     bool same(const Eigen::Vector2d& other_m, double now_sigma_m) const;
   };
-  std::vector<Place> places_;  // a few: chance matches lie elsewhere each time
+  std::vector<Place> places_;  // a few: chance matches are elsewhere each time
 };
 
 // ---- All of it

@@ -21,7 +21,7 @@ enum class AnchorVerdict {
   not_tried,  // not triggered for this frame
   accepted,
   frame_unfit,     // black, blown out, blurred, undecodable
-  no_map,          // the window lies off the map
+  no_map,          // the window is off the map
   ambiguous,       // another place fits nearly as well (ratio)
   few_inliers,     // the patches do not agree on one pose
   bad_geometry,    // residual, tilt, height or coverage of the frame beyond what is credible
@@ -45,7 +45,7 @@ struct AnchorReport {
   double heading_rad = 0;            // matched heading of image-up
   double window_radius_m = 0;        // half the side of the searched window
   cv::Mat rectified;                 // BGR or grey: the frame as it was matched, north-up (for reports; may be empty)
-  cv::Mat matched_map;               // the same piece of the map
+  cv::Mat matched_map;               // the same part of the map
 };
 
 struct OdometryReport {

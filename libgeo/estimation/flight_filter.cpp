@@ -128,7 +128,7 @@ void propagate_by_velocity(FlightPrediction& prediction, const F::State& before,
   }
 }
 
-// The change of velocity was rotated by the telemetry's heading, with its lasting errors.
+// The change of velocity was rotated by the telemetry's heading, with its persistent errors.
 void propagate_by_imu(FlightPrediction& prediction, const F::State& before, double dt, bool turn_known,
                       const Eigen::Vector2d& dv_mps, const InertialNoise& imu) {
   auto& [now, transition, noise] = prediction;
@@ -144,14 +144,14 @@ void propagate_by_imu(FlightPrediction& prediction, const F::State& before, doub
   transition.block<2, 2>(F::east, F::velocity_east) += dt * Eigen::Matrix2d::Identity();
   if (dt <= 0) return;
   add_white_acceleration(noise, white_sigma_mps(imu, dt), dt);
-  // An arc is longer than the mean of two velocities says: by a twelfth of the turn's square.
+  // An arc is longer than the mean of its two end velocities times the time: by a twelfth of the turn's square.
   const double arc_m = dt * now.segment<2>(F::velocity_east).norm() * turn * turn / 12;
   const double moment_m = std::max(kUnknownMomentShare * dv_mps.norm() * dt, arc_m);
   for (const int p : {F::east, F::north}) noise(p, p) += moment_m * moment_m;
 }
 
-// Closing a loop undoes the effect of a wrong heading, and the algebra knows. But the loop is predicted, not observed:
-// flying alone must never make the position more certain in any direction.
+// Closing a loop cancels the effect of a wrong heading, and so does the algebra. But the loop is predicted, not
+// observed: flying alone must never make the position more certain in any direction.
 void forbid_blind_certainty(FlightPrediction& prediction, const F::Covariance& before) {
   const F::Covariance after = congruence(prediction.transition, before) + prediction.noise;
   const Eigen::Matrix2d grown = (after - before).topLeftCorner<2, 2>();
@@ -179,7 +179,8 @@ FlightFilter::FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_lo
 
 double FlightFilter::sigma(Index index) const { return std::sqrt(covariance_(index, index)); }
 double FlightFilter::position_sigma_m() const { return std::sqrt(0.5 * position_covariance_m2().trace()); }
-// A logged tilt scatters as the camera file says, or more; for an unlogged one only the frames can tell.
+// A logged tilt scatters as the camera file states, or more; the scatter of an unlogged one is known from the frames
+// only.
 double FlightFilter::white_tilt_sigma_rad() const {
   const double least = tilt_logged_ ? model::kWhiteTiltShareLogged * uncertainty_.tilt_rad : kLeastWhiteTilt_rad;
   const double missing = tilt_missing_ ? kMissingTilt_rad : 0;
@@ -319,7 +320,7 @@ void FlightFilter::update_joint(const Eigen::Matrix<double, Rows, kJoint>& row,
   covariance_ = joint.template bottomRightCorner<states, states>();
 }
 
-// Iterated once (one step of an iterated EKF). The measured displacement alone is metres off, as far as tilt is
+// Iterated once (one step of an iterated EKF). The measured displacement alone is metres off where tilt is
 // unknown, and is correlated with the very tilt that it measures: a Jacobian taken from it would be overconfident after
 // a minute of odometry. So m of the header's equations is the displacement after a first update.
 Eigen::Vector2d FlightFilter::update_relative(const RelativeMotionMeasurement& measurement) {
@@ -401,7 +402,7 @@ void FlightFilter::estimate_tilt_scatter(const PoseMeasurement& measurement) {
   const double known = 0.5 * (covariance_.block<2, 2>(pitch_bias, pitch_bias).trace() +
                               measurement.covariance.block<2, 2>(4, 4).trace());
   const double white = white_tilt_sigma_rad() * white_tilt_sigma_rad();
-  // Much vaguer measurements carry no information, and would only erode the sum.
+  // Much more uncertain measurements have no information, and would only erode the sum.
   if (known < kVaguestTiltVarianceRatio * white) {
     const double weight = white / (white + known);
     tilt_scatter_sum_ += weight * (0.5 * innovation.squaredNorm() - known);
@@ -428,7 +429,7 @@ void FlightFilter::update_absolute(const PoseMeasurement& measurement) {
   const Eigen::Matrix<double, states, 6> weighted = gain * measurement.covariance;
   covariance_ = congruence(left, covariance_) + product_transposed(weighted, gain);
   covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
-  // The velocity was estimated with the old heading; linearized there it says nothing about a far one.
+  // The velocity was estimated with the old heading; linearized there it does not apply to a far one.
   if (std::abs(wrap_pi(mean_[heading] - heading_before_rad)) > kNonlinearHeading_rad) reset_velocity();
 }
 

@@ -1,10 +1,10 @@
 // Extended Kalman filter of the flight: one Gaussian over position, velocity, height, heading and tilt of the current
-// frame, and over the lasting errors of the telemetry.
+// frame, and over the persistent errors of the telemetry.
 //
-// They belong together. One degree of tilt moves what the camera sees from 1500 m by 26 m, so that the error of an
-// absolute position fix is the tilt's error in disguise; odometry links the tilts, heights and headings of two frames
+// These quantities are coupled. One degree of tilt moves the image centre by 26 m from 1500 m, so that the error of an
+// absolute position fix is largely that of the tilt; odometry links the tilts, heights and headings of two frames
 // to the displacement between them. With all correlations kept, good odometry averages the tilts of many frames, and a
-// boresight that is estimated late corrects the past.
+// boresight that is estimated late also corrects earlier frames.
 //
 // State (enum Index; metres, m/s, radians):
 //
@@ -13,7 +13,7 @@
 //   λ = ln(h / h_m)        true over measured height above ground
 //   ψ                      heading of image-up, clockwise from north
 //   τ = (θ, φ)             pitch and roll beyond the telemetry's
-//   b_ψ, b_τ               lasting error of the telemetry's heading; boresight (lasting error of pitch and roll)
+//   b_ψ, b_τ               persistent error of the telemetry's heading; boresight (persistent error of pitch and roll)
 //   d, d⊥                  compass deviation on this course and on the one 90° to the right (coefficients B and C of
 //   the
 //                          Admiralty Manual for the Deviations of the Compass)
@@ -33,7 +33,7 @@
 // σ_wind² (Δψ)², summed coherently over a blind turn. With an accelerometer's change of velocity u, in axes rotated by
 // the measured heading, v' = v + R(b_ψ + d) u + w, and w also holds gravity that leaks in through an attitude error.
 //
-// Measurements, both free of any prior (what the image alone says), so that nothing is counted twice:
+// Measurements, both of the image alone, without any prior, so that nothing is counted twice:
 //
 //   update_absolute   z = (p, λ, ψ, τ) + r                      an accepted match with the map
 //   update_relative   z = (m, Δλ, Δψ, τ_before, τ_now) + r      odometry, about linearization points ⁰ of both frames:
@@ -85,7 +85,7 @@ class FlightFilter {
 
   using Options = FlightFilterOptions;
 
-  // tilt_logged: the telemetry carries pitch and roll; otherwise the aircraft's own tilt is in what changes as well.
+  // tilt_logged: the telemetry contains pitch and roll; otherwise the aircraft's own tilt is part of what changes.
   FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position, double sigma_m,
                const Options& options);
   FlightFilter(const TelemetryUncertainty& uncertainty, bool tilt_logged, PlanePoint position, double sigma_m)

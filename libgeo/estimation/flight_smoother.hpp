@@ -1,7 +1,7 @@
 // The log of a flight and its fixed-interval smoother.
 //
-// FlightStep holds all that the flight filter was given for one frame; apply_step() gives it the same again, in the
-// same order. So a late anchor can be inserted where it belongs, and the whole flight can be smoothed afterwards.
+// FlightStep holds all inputs of the flight filter for one frame; apply_step() applies them again in the same order. So
+// a late anchor can be inserted at its own frame, and the whole flight can be smoothed afterwards.
 //
 // Online, an anchor that passed the gates is accepted. Afterwards all anchors are tested against each other: with z, R
 // an anchor's position and covariance, and x, P those of the smoothed track that it is part of, z - x has the
@@ -29,12 +29,12 @@ struct FlightStep {
   std::optional<double> wrong_course_sigma_m;         // inflates the position: the course may be another one
   std::optional<double> hint_sigma_m;                 // the same, before the frame was matched: an operator's hint
   std::optional<double> contradicted_anchor_sigma_m;  // the same, before the anchor: it contradicts the track
-  // The same, before the anchor: it was matched with a finer map than the anchors before it, so that what they said is
-  // off by the error of theirs.
+  // The same, before the anchor: it was matched with a finer map than the anchors before it, so that their
+  // positions have the error of a coarser map.
   std::optional<double> finer_map_sigma_m;
   std::optional<PoseMeasurement> anchor;
   double map_sigma_m = 0;  // with an anchor: of the tiles that it was matched with, one axis; for what is published
-  bool anchor_unambiguous = false;  // so clear that no wrong place ever was: needs no corroboration by another anchor
+  bool anchor_unambiguous = false;  // clearer than any wrong place ever was: needs no corroboration by another anchor
   TelemetryReference reference;     // for poses alone
 };
 

@@ -41,7 +41,7 @@ struct LastAnchor {
 // What is published beside the filter's own state.
 struct PublishedTrack {
   // Corrections of the past that odometry has made since the last anchor. They are withheld: a track that odometry
-  // carries has no jumps but those of anchors, and refined() has it all.
+  // propagates jumps only at anchors, and refined() applies them.
   Eigen::Vector2d withheld_m = Eigen::Vector2d::Zero();
   Eigen::Vector2d contradiction_m = Eigen::Vector2d::Zero();  // AnchorDecision::contradiction_m, until an anchor
   double map_sigma_m = 0;  // of the map that the track is anchored to: of the tiles of the last anchor
@@ -218,7 +218,7 @@ Localizer::TrackedFrame Localizer::track(const cv::Mat& image, const Telemetry& 
   s.telemetry.tilt_logged = s.telemetry.tilt_logged || measured.pitch_rad.has_value();  // NaN too: other frames have it
 
   const double seconds = s.predict(plausible_telemetry(measured, s.telemetry.last_time_s.value_or(0)));
-  // Two images say little of a motion when one may be tilted by 20 degrees.
+  // Two images hardly determine a motion when one may be tilted by 20 degrees.
   FrameLink link{.first = s.steps.size() == 1, .comparable = usable && !s.filter->tilt_missing()};
   link.expected_overlap = s.tracking.expects_overlap(*s.filter, seconds, s.footprint_m());
   if (link.comparable) {
@@ -466,7 +466,7 @@ void Localizer::hint(const LonLat& at, double radius_m) {
   impl_->operator_hint.emplace(impl_->frame.plane_from_lonlat(at), radius_m);
 }
 
-// A start that was given once is worth no more than a hint that is given now.
+// A start that was given before has no more weight than a hint that is given now.
 void Localizer::Impl::apply_hint() {
   if (!operator_hint || operator_hint->propagating()) return;
   acceptance.on_hint();
@@ -503,7 +503,7 @@ PoseMeasurement Localizer::Impl::anchor_measurement(const AnchorJob& job, const 
   return measurement;
 }
 
-// What the tiles state that the match was found on, unless somebody decided.
+// What the tiles state that the match was found on, unless the configuration sets it.
 double Localizer::Impl::map_sigma_of(const AnchorMatch& match) const {
   if (config.map_sigma_m) return *config.map_sigma_m;
   return match.map_ce90_m ? map_sigma_from_ce90(*match.map_ce90_m) : kMapSigma_m;
@@ -561,13 +561,13 @@ FramePose Localizer::Impl::update_with_anchor(const AnchorJob& job, const Anchor
 
 // ---- Publishing
 
-// What no number of anchors averages out: the map's own error, and what grows with height because no model has it.
+// What no number of anchors averages out: the map's own error, and the unmodelled errors that grow with height.
 Eigen::Matrix2d Localizer::Impl::shared_error_m2(double map_sigma_m) const {
   if (tiles == nullptr) return Eigen::Matrix2d::Zero();
   return Eigen::Matrix2d::Identity() * (map_sigma_m * map_sigma_m + unmodelled_variance_m2(telemetry.reference.agl_m));
 }
 
-// After the flight a frame lies between two anchors: the worse of their maps counts.
+// After the flight a frame is between two anchors: the worse of their maps counts.
 std::vector<double> Localizer::Impl::map_sigmas_m() const {
   std::vector<double> sigmas_m(steps.size(), 0);
   double last_m = 0;

@@ -1,7 +1,7 @@
-// The localizer: frames and telemetry in, estimates out. The same object flies in nadird, replays flights and stands
-// behind the API; it reads no clock and no files but the map's tiles.
+// The localizer: frames and telemetry in, estimates out. The same object is used in nadird and for replays; it reads no
+// clock and no files but the map's tiles.
 //
-// Localizer::process() is the path of one frame, as docs/localization.md walks it. Matching with the map takes longer
+// Localizer::process() is the path of one frame, as in docs/localization.md. Matching with the map takes longer
 // than a frame may wait in flight: track() and finish() are the same path in two parts, and the AnchorJob between them
 // may run elsewhere while other frames are tracked. An anchor counts for the frame that it was taken from: the filter
 // returns to that moment, is updated, and applies the later steps again.
@@ -32,8 +32,9 @@ class CheckedTiles;
 struct LocalizerConfig {
   GateLimits gates;
   double start_sigma_m = parameters::localizer::kStartSigma_m;  // of the start position, one axis
-  // The start is what this flight knew before its program was restarted. The map has agreed with the flight before, so
-  // that frames which agree with each other overrule such a start. Any other start they do not: the map may be wrong.
+  // The start is what this flight knew before its program was restarted. The map has matched the flight before, so
+  // that frames which agree with each other overrule such a start. They do not overrule any other start: the map may be
+  // wrong.
   bool resumed = false;
   double min_search_radius_m = parameters::search_window::kMinRadius_m;  // half side of the searched square
   double max_search_radius_m = parameters::search_window::kMaxRadius_m;
@@ -48,7 +49,7 @@ struct LocalizerConfig {
   double anchor_above_sigma_m = parameters::localizer::kMatchAboveSigma_m;
   std::optional<PlaneBox> area;            // where the flight can be at all: searched when the start is not known
   const GroundSurface* surface = nullptr;  // terrain; null: flat ground. Must outlive the localizer.
-  // A package's place index: names places that look alike, so that a lost aircraft need not search all of the area at
+  // A package's place index: retrieves similar places, so that a lost aircraft need not search all of the area at
   // once; null: it does. Must outlive the localizer.
   const PlaceRetrieval* places = nullptr;
   OdometryFactory odometry = make_feature_odometry;
@@ -64,7 +65,7 @@ double map_sigma_m(const CheckedTiles& tiles);
 class AnchorJob {
  public:
   // The heavy part, 0.1 s to some seconds. On any thread; the localizer hands out one job at a time.
-  // When cancelled, or when matching fails, it throws, and the job is one that never ran.
+  // When cancelled, or when matching fails, it throws, and the job counts as one that never ran.
   void run(const Cancel& cancel = {}) { match = match_frame(cancel); }
 
   // The rest is the localizer's own.

@@ -1,6 +1,6 @@
-// What images alone say of camera poses: linear measurements with Gaussian noise and without any prior in them, for the
-// flight filter. Both solvers return the information of the image with their priors taken away; where it is singular (a
-// direction that the image says nothing of) the covariance here is as good as infinite.
+// Measurements of camera poses by images alone: linear, with Gaussian noise and without any prior, for the flight
+// filter. Both solvers return the information of the image without their priors; where it is singular (a direction that
+// the image does not constrain) the covariance here is practically infinite.
 #pragma once
 
 #include <Eigen/Core>
@@ -41,7 +41,7 @@ struct RelativeMotionMeasurement {
   LinearizationPoint before, now;
 };
 
-// Ground that is not a level plane feigns a tilt, the same one in both images, turned with the aircraft: makes the
+// Ground that is not a level plane looks like a tilt, the same one in both images, turned with the aircraft: makes the
 // measurement as uncertain of tilt as the slope is unknown (slope_sigma: rise over run).
 void inflate_unknown_slope(RelativeMotionMeasurement& measurement, double slope_sigma);
 

@@ -22,7 +22,7 @@ class SearchWindow {
 
   // Half the side. position_sigma_m: one axis.
   double radius_m(double position_sigma_m) const;
-  // No window of a search with a prediction surely holds the place. placed: a position is known at all.
+  // No window around the prediction is certain to contain the place. placed: a position is known at all.
   bool lost(bool placed, double position_sigma_m) const;
   // The parts of an area that is too large to be searched for every frame, one each time, nearest to the position
   // first.

@@ -24,11 +24,11 @@ struct Telemetry {
   std::optional<double> heading_rad;  // of image-up, clockwise from true north
   std::optional<double> pitch_rad;    // see vision/camera.hpp for the signs
   std::optional<double> roll_rad;
-  // What was measured between the last telemetry and this one, in order, where that is long: two opposite turns leave
-  // no trace in what is true at both ends. The intervals end before time_s.
+  // What was measured between the last telemetry and this one, in order, where that is long: two opposite turns cannot
+  // be seen from the values at both ends. The intervals end before time_s.
   std::vector<TelemetryInterval> intervals;
   // Change of velocity since the last telemetry, or since the last interval, east and north (m/s): the accelerometer's,
-  // gravity removed, rotated by the autopilot's attitude. Whoever leaves frames out adds theirs up.
+  // gravity removed, rotated by the autopilot's attitude. A caller that skips frames must sum theirs up.
   std::optional<Eigen::Vector2d> imu_dv_mps;
   std::optional<LonLat> gps_position;  // if any; the localizer never uses it
 };

@@ -49,7 +49,7 @@ class TrackingState {
 };
 
 // No turn and no gust moves an aircraft so far in this time: the images overlap, but one of them was not taken there
-// and then. A clock that stands still says nothing of speed.
+// and then. With a stopped clock the speed is unknown.
 bool exceeds_reach(const FlightFilter& flight, double step_m, double seconds, double footprint_m);
 
 // The images turned and the telemetry did not, or the other way round: a compass that jumped, or a camera that rotates

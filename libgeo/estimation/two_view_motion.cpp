@@ -99,7 +99,7 @@ class Neighbours {
   std::vector<Views> views_;
 };
 
-// How much farther clockwise the current image is turned than the prior says.
+// How much farther clockwise the current image is turned than in the prior.
 double turn_beyond(const TwoViewPrior& prior, const std::vector<RayPair>& pairs) {
   const Views views(prior, Unknowns::Zero());
   std::vector<Views::GroundPoints> points;
@@ -150,7 +150,7 @@ Information prior_information(const TwoViewPrior& prior) {
 
 // The robust Gauss-Newton problem. The scale of the kernel is graduated: it begins where the cost is nearly convex and
 // ends at what the residuals show. Then, once, the number of independent ray pairs is estimated from the residuals
-// (neighbouring features err alike: relief, rolling shutter), and the iteration settles again.
+// (neighbouring features share errors: relief, rolling shutter), and the iteration settles again.
 class TwoViewProblem {
  public:
   TwoViewProblem(const std::vector<RayPair>& pairs, const TwoViewPrior& prior)

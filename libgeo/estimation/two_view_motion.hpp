@@ -44,8 +44,8 @@ struct TwoViewMotion {
   Eigen::Matrix2d covariance_m2 = Eigen::Matrix2d::Zero();
   double turn_rad = 0;
   int inliers = 0;
-  // All unknowns, in the order of RelativeMotionMeasurement (pose_measurements.hpp). Then what the images alone say,
-  // with the priors taken away: information Λ_images = Λ - Λ_prior, and where it pulls, Λ_prior · solved.
+  // All unknowns, in the order of RelativeMotionMeasurement (pose_measurements.hpp). Then that of the images alone,
+  // with the priors taken away: information Λ_images = Λ - Λ_prior, and its gradient at the solution, Λ_prior · solved.
   Eigen::Matrix<double, 8, 1> solved = Eigen::Matrix<double, 8, 1>::Zero();
   Eigen::Matrix<double, 8, 8> measurement_information = Eigen::Matrix<double, 8, 8>::Zero();
   Eigen::Matrix<double, 8, 1> measurement_gradient = Eigen::Matrix<double, 8, 1>::Zero();

@@ -46,7 +46,7 @@ TwoViewPrior prior_of(const OdometryFrame& before, const OdometryFrame& now) {
   return prior;
 }
 
-// Directions of which the images say nothing get a variance that is as good as infinite.
+// Directions that the images do not constrain get a practically infinite variance.
 RelativeMotionMeasurement measurement_of(const TwoViewMotion& motion, const OdometryFrame& frame_before,
                                          const OdometryFrame& frame_now) {
   const LinearizationPoint &before = frame_before.linearization_point, &now = frame_now.linearization_point;

@@ -18,14 +18,14 @@ namespace {
 
 constexpr std::size_t kPiece_bytes = 1 << 16;
 
-// What the connection may put aside.
+// Limits of what the connection may spill into temporary files.
 struct WorkingMemory {
   std::uint64_t limit = 0;
   std::atomic<std::uint64_t> used = 0;
   std::atomic<bool> spent = false;
 };
 
-// A temporary file in pieces of memory.
+// A temporary file in memory, in blocks.
 class WorkingFile {
  public:
   explicit WorkingFile(WorkingMemory& memory) : memory_(memory) {}
@@ -35,7 +35,7 @@ class WorkingFile {
 
   std::uint64_t size() const { return size_; }
 
-  // How many bytes there were.
+  // Returns the number of bytes read.
   std::size_t read(std::uint64_t at, std::uint8_t* target, std::size_t wanted) const {
     if (at >= size_) return 0;
     const auto there = static_cast<std::size_t>(std::min<std::uint64_t>(wanted, size_ - at));
@@ -103,7 +103,7 @@ struct SqliteInput::Impl {
 
 namespace {
 
-// SQLite allocates these by szOsFile and knows their beginning only.
+// SQLite allocates these by szOsFile and accesses only their first member.
 struct OpenFile {
   sqlite3_file base{};
   const InputFile* input = nullptr;  // the database, or:
@@ -129,7 +129,7 @@ int read_file_at(sqlite3_file* file, void* target, int size, sqlite3_int64 at) {
     const std::uint64_t end = from.input->size(), begin = std::min(static_cast<std::uint64_t>(at), end);
     there = static_cast<std::size_t>(std::min<std::uint64_t>(wanted, end - begin));
     try {
-      if (!from.input->read_at(begin, {bytes, there})) return SQLITE_IOERR_READ;  // it has been cut meanwhile
+      if (!from.input->read_at(begin, {bytes, there})) return SQLITE_IOERR_READ;  // truncated meanwhile
     } catch (const Error&) {
       return SQLITE_IOERR_READ;
     }

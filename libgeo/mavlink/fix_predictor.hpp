@@ -49,7 +49,7 @@ struct PredictorOptions {
 struct PredictedFix {
   std::optional<Fix> fix{};  // nullopt: send "no fix"
   double ramp_left_m = 0;
-  std::optional<double> jumped_m{};  // distance from the last fix: tell the operator
+  std::optional<double> jumped_m{};  // distance from the last fix: notify the operator
 };
 
 class FixPredictor {

@@ -32,9 +32,9 @@ struct LinkCounts {
 class MavlinkLink {
  public:
   // Without `signing` nothing is signed and every frame is accepted: for simulators and the bench. `peer`: the station
-  // that this link serves. Others are heard, but what we send never follows them (Transport::follow_sender); a rival of
-  // the peer, at another address, is not even heard: signatures do not help against a stolen key. nullopt: whoever
-  // speaks first.
+  // that this link serves. Messages of others are received, but what we send never follows them
+  // (Transport::follow_sender); a rival with the peer's ids at another address is dropped: signatures do not help
+  // against a stolen key. nullopt: the sender of the first accepted frame.
   MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing,
               std::optional<MavlinkAddress> peer = std::nullopt);
 

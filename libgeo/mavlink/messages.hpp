@@ -245,7 +245,7 @@ struct ParameterSet {
   std::uint8_t type = 9;  // that of the ParameterValue; ArduPilot takes any
 };
 
-// Carries the secret key: send it over a private link only, and never log it.
+// Contains the secret key: send it over a private link only, and never log it.
 struct SigningSetup {
   MavlinkAddress target{};
   std::array<std::uint8_t, 32> key{};

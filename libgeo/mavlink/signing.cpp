@@ -157,9 +157,10 @@ std::uint64_t SigningTime::now_locked(std::int64_t monotonic_us) const {
   return std::min(agreed(monotonic_us) + lead_, kMaxTimestamp);
 }
 
-// Before a peer was heard our clock may be wrong: what the last run used is continued, and no peer's clock is moved.
+// Until a frame of a peer has been accepted our clock may be wrong: timestamps continue from the last run's, and no
+// peer's clock is moved.
 std::uint64_t SigningTime::outgoing(std::int64_t monotonic_us) const {
-  if (peer_heard_ || held_ == 0) return now_locked(monotonic_us);
+  if (peer_seen_ || held_ == 0) return now_locked(monotonic_us);
   return std::min(held_ + ticks_between(start_us_, monotonic_us), now_locked(monotonic_us));
 }
 
@@ -192,7 +193,7 @@ std::uint64_t SigningTime::take(std::int64_t monotonic_us) {
 
 void SigningTime::adopt(std::uint64_t timestamp, std::int64_t monotonic_us) {
   const std::scoped_lock lock(mutex_);
-  peer_heard_ = true;
+  peer_seen_ = true;
   if (timestamp <= now_locked(monotonic_us)) return;
   lead_ = std::min(timestamp - agreed(monotonic_us), kMaxAge);
 }
@@ -203,7 +204,7 @@ bool SigningTime::follow(std::uint64_t timestamp, std::int64_t monotonic_us) {
   base_ = timestamp;
   base_us_ = monotonic_us;
   lead_ = 0;
-  peer_heard_ = true;
+  peer_seen_ = true;
   return true;
 }
 

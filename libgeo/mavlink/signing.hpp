@@ -51,24 +51,24 @@ std::uint64_t signing_time_of(std::int64_t unix_us);
 // that is set back in flight must not silence the link. Neither the clock nor a peer is trusted without bounds:
 //
 //   adopt()   an accepted frame is ahead: we follow by at most a minute, in which frames of the right time are still
-//             accepted. However many frames are ahead, that minute is all.
-//   follow()  a peer's frames show another time again and again (Signing): ours is taken from them, forth or back. This
-//             is how an aircraft without a battery-backed clock gets the time, and how one whose clock runs ahead is
-//             put right. Never more than kMaxFollowed beyond the later of our clock and this program's release, and
+//             accepted. However many frames are ahead, the total is that minute.
+//   follow()  a peer's frames show another time again and again (Signing): ours is set to it, forward or back. This
+//             is how an aircraft without a battery-backed clock gets the time, and how a clock that runs ahead is
+//             corrected. Never more than kMaxFollowed beyond the later of our clock and this program's release, and
 //             never back behind what the file holds.
 //
 // now() is the time against which received frames are checked. take() returns timestamps at or slightly behind it: a
-// file holds the highest timestamp that may have been used. A restart continues from the file, until a peer has been
-// heard: a clock that is wrong then moves no peer. What is written is at most a day ahead of our own clock, or
-// of the file by the time that has passed, whatever was followed: the next start must not inherit a time that nobody
-// can vouch for.
+// file holds the highest timestamp that may have been used. A restart continues from the file until a frame
+// of a peer is accepted: a clock that is wrong then moves no peer. What is written is at most a day ahead of our own
+// clock, or of the file by the time that has passed, whatever was followed: the next start must not inherit a time that
+// nothing confirms.
 //
 // save() writes the file, once a second, from a thread that may wait for disks. take() writes it only when nobody has
 // called save() for ten seconds.
 class SigningTime {
  public:
   // path: the file with the highest timestamp that may have been used; missing on a new aircraft. A damaged file counts
-  // as missing, and failure() says so. monotonic_us: of any steady clock.
+  // as missing, and failure() reports it. monotonic_us: of any steady clock.
   SigningTime(std::filesystem::path path, std::int64_t unix_us, std::int64_t monotonic_us);
 
   // The time against which received frames are checked.
@@ -89,12 +89,11 @@ class SigningTime {
   // Reserves timestamps on disk. From any thread; as slow as the disk.
   void save(std::int64_t monotonic_us);
 
-  // Failed writes (a full disk). The link goes on: losing it in flight is worse than a next start that has to rely on
+  // Failed writes (a full disk). The link continues: losing it in flight is worse than a next start that has to rely on
   // the system clock.
   std::uint64_t failed_reservations() const { return failed_; }
 
-  // Why the file does not hold what it should: it was damaged, or could not be written. Empty after a save() that went
-  // well.
+  // Why the file is not up to date: it was damaged, or could not be written. Empty after a successful save().
   std::string failure() const;
 
  private:
@@ -116,7 +115,7 @@ class SigningTime {
   std::uint64_t base_ = 0;  // the time at base_us_
   std::int64_t base_us_ = 0;
   std::uint64_t lead_ = 0;  // adopted beyond it
-  bool peer_heard_ = false;
+  bool peer_seen_ = false;
   std::uint64_t last_ = 0;     // returned by take()
   std::uint64_t allowed_ = 0;  // reserved in the file
 };
@@ -126,12 +125,12 @@ class SigningTime {
 // service that has just started. For any thread.
 //
 // The file holds timestamps kStreamReserve_us later than the last ones: what arrives between the last save and a crash
-// counts as seen. Somebody who goes on speaking is refused for at most as long after a restart.
+// counts as seen. A sender that continues to send is rejected for at most that long after a restart.
 class StreamTimestamps {
  public:
   StreamTimestamps() = default;  // in memory alone
 
-  // A missing file is a new aircraft. A damaged one is as good as none: fault() says so, and the link goes on.
+  // A missing file is a new aircraft. A damaged one counts as missing: fault() reports it, and the link continues.
   explicit StreamTimestamps(std::filesystem::path path);
 
   std::optional<std::uint64_t> last(const MavlinkAddress& source, std::uint8_t link_id) const;
@@ -173,7 +172,7 @@ struct SignatureCounts {
 // One of the two clocks may be wrong, and the autopilot's must count then: a companion computer without a battery that
 // reboots in the air. So when nobody has sent an acceptable frame for three seconds (or ever), and one stream shows
 // three frames over at least a second, none faster than time passes, our time follows it (SigningTime::follow()). A
-// single frame, ten years ahead, moves nothing.
+// single frame, ten years ahead, changes nothing.
 class Signing {
  public:
   // time must outlive this; the links of one aircraft share it. streams: of this link, must outlive this; null: in

@@ -204,7 +204,7 @@ class UdpTransport final : public Transport {
   std::int64_t retry_us_ = 0;
   SocketAddress sender_;
   std::optional<SocketAddress> peer_;
-  std::int64_t peer_heard_us_ = 0;
+  std::int64_t peer_seen_us_ = 0;
 };
 
 UdpTransport::UdpTransport(Endpoint endpoint) : endpoint_(std::move(endpoint)) {}
@@ -261,9 +261,9 @@ void UdpTransport::advance(std::int64_t monotonic_us, const Sink& sink) {
 
 bool UdpTransport::follow_sender(std::int64_t monotonic_us) {
   if (endpoint_.kind != Endpoint::Kind::udp_listen) return true;
-  if (peer_ && !(*peer_ == sender_) && monotonic_us - peer_heard_us_ < kPeerSilence_us) return false;
+  if (peer_ && !(*peer_ == sender_) && monotonic_us - peer_seen_us_ < kPeerSilence_us) return false;
   peer_ = sender_;
-  peer_heard_us_ = monotonic_us;
+  peer_seen_us_ = monotonic_us;
   return true;
 }
 

@@ -64,8 +64,8 @@ class Transport {
   // False: dropped, and counted.
   virtual bool send(ByteView frame) = 0;
 
-  // The sender of the arrival that the sink is handling has proved to be the one that this link serves: send to it from
-  // now on. A peer that was heard within kPeerSilence_us keeps its place, whoever else claims it: frames can be forged
+  // The sender of the arrival that the sink is handling is the peer that this link serves: send to it from now on. A
+  // peer whose last frame is younger than kPeerSilence_us keeps its place, whoever else claims it: frames can be forged
   // on an unsigned link, and relayed from another address on a signed one. False: such a rival. Only udpin depends on
   // it.
   virtual bool follow_sender(std::int64_t /*monotonic_us*/) { return true; }

@@ -1,5 +1,5 @@
-// What is known about a candidate tile: a tile that a flight made of the ground it saw. Whether maps are made of it is
-// decided on the ground; all that is needed for that stands here and is signed by the airframe's tile key.
+// Metadata of a candidate tile, which a flight made from its frames. Whether it becomes part of a map is decided after
+// the flight; all that is needed for that is here, signed by the airframe's tile key.
 //
 // The signed bytes are canonical JSON (sorted keys, no blanks, integers and texts only): a sidecar has exactly one
 // spelling, and parse_candidate() takes no other. Units stand in the names. docs/formats/candidates.md.

@@ -6,7 +6,7 @@
 // every tile that it put, each with its sidecar, and no partial one. Failures throw and change nothing; the store stays
 // usable.
 //
-// CandidateReader reads such a folder, whoever made it, and trusts nothing in it.
+// CandidateReader reads such a folder from any source, and trusts nothing in it.
 #pragma once
 
 #include <cstdint>
@@ -67,7 +67,7 @@ class CandidateStore {
   std::uint64_t tiles() const { return tiles_; }
   std::uint64_t bytes() const { return bytes_; }
 
-  // The orderly end: metadata gets the tiles' bounds and nadir_clean_shutdown. Without it the mark is missing.
+  // Closes the store: the metadata gets the tiles' bounds and nadir_clean_shutdown. Without it the mark is missing.
   void close();
 
  private:
@@ -98,7 +98,7 @@ class CandidateReader {
   std::optional<Candidate> next(Findings& findings);
 
   std::uint64_t rows() const;
-  bool clean_shutdown() const;  // whether its writer came to an orderly end
+  bool clean_shutdown() const;  // whether its writer closed it properly
   const std::filesystem::path& path() const { return database_->path(); }
 
  private:

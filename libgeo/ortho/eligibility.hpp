@@ -1,5 +1,5 @@
-// Which frames, and which of their tiles, may become candidates. One tile in the wrong place poisons a map; a tile that
-// is not made costs nothing: whatever is doubtful is left out.
+// Which frames, and which of their tiles, may become candidates. One tile in the wrong place corrupts a map; a tile
+// that is not made costs nothing: uncertain ones are left out.
 #pragma once
 
 #include <optional>

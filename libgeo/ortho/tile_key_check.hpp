@@ -1,4 +1,4 @@
-// Before the first tile is made: would the ground accept what this key signs?
+// Before the first tile is made: whether the candidate service would accept the signatures of this key.
 #pragma once
 
 #include <filesystem>

@@ -161,7 +161,7 @@ bool is_remote_name(const std::string& name) {
 }
 
 void refuse_remote_raster(const fs::path& path) {
-  const QuietGdal quiet;  // GDAL's parser of XML speaks on stderr
+  const QuietGdal quiet;  // GDAL's XML parser writes to stderr
   if (is_remote_name(path.string())) reject_remote(path, path.string());
   if (begins_as_vrt(path)) Description(path).check(path, 0);
   fs::path beside = path;

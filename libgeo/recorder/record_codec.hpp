@@ -11,7 +11,7 @@ namespace nadir {
 
 Bytes encode(const Record& record);
 
-// Nothing for bytes that are no record of this topic: they are verified before they are read.
+// nullopt for bytes that are not a valid record of this topic: they are verified before they are read.
 std::optional<Record> decode(Topic topic, ByteView bytes);
 
 // Keys never enter a recording, whatever the settings contain: the value, or "[withheld]" for one whose name contains

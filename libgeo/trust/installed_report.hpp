@@ -1,6 +1,6 @@
-// What package an aircraft flies, said by the aircraft itself: the ground otherwise knows only what it sent out. A
-// small document that nadird signs with the airframe's tile key once it has accepted a package (Uptane's version
-// report):
+// The package that an aircraft has installed, reported by the aircraft itself: otherwise only what was sent out is
+// known. A small document that nadird signs with the airframe's tile key once it has accepted a package (Uptane's
+// version report):
 //   {"signed": {"schema": "nadir.installed/1", "airframe", "number", "reported_at", "package", "series", "sequence",
 //    "root_version", "verified_at", "result", "findings"}, "signatures": [{"keyid", "sig"}]}
 // Reports of one airframe are numbered upwards, so that an old one cannot be passed off as new: the aircraft's clock

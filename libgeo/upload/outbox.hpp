@@ -2,9 +2,9 @@
 // (docs/formats/outbox.md). What a transaction has committed survives a kill and a loss of power (synchronous=FULL);
 // one program at a time changes it.
 //
-// The promises of an outbox (no step but those allowed, no image gone before its verdict) are kept by triggers and two
-// tables inside the file, which may come from a damaged disk or an untrusted source: opening it checks that they are
-// exactly those of its version.
+// The guarantees of an outbox (only allowed transitions, no image deleted before its verdict) are enforced by triggers
+// and two tables inside the file, which may come from a damaged disk or an untrusted source: opening it checks that
+// they are exactly those of its version.
 #pragma once
 
 #include <array>
@@ -19,7 +19,7 @@
 
 namespace nadir {
 
-// Where a candidate tile stands on its way from the outbox to a verdict (docs/sync.md has the diagram).
+// State of a candidate tile on its way from the outbox to a verdict (docs/sync.md has the diagram).
 enum class TileState : std::uint8_t {
   staged,     // in the outbox
   sealed,     // in a signed batch
@@ -27,11 +27,11 @@ enum class TileState : std::uint8_t {
   sending,    // its pack is on the wire
   waiting,    // its pack was interrupted, the next attempt will come
   sent,       // the service has its bytes; the verdict is awaited
-  parked,     // no further attempt until the operator says so
+  parked,     // no further attempt until the operator retries it
   accepted,   // final
   rejected,   // final, with a code
   duplicate,  // final: this very candidate was accepted before
-  refused,    // final, with a code: the service did not even want it
+  refused,    // final, with a code: the service declined it when it was announced
   damaged     // final: what the outbox holds of it is not what was staged
 };
 

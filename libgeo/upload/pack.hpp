@@ -43,9 +43,9 @@ std::size_t entries_of_next_pack(std::span<const PackEntry> entries);
 // Magic, count and entries: what stands before the tiles. Throws as pack_size().
 Bytes pack_head(std::span<const PackEntry> entries);
 
-// Reads a pack as it arrives, in pieces of any size, and trusts none of it: nothing is allocated because the pack says
-// so beyond its own limits, and a tile is handed out only when its bytes have the digest that stands before it. The
-// memory is that of the list of tiles and of one tile.
+// Reads a pack as it arrives, in chunks of any size, and trusts none of it: no size in the pack makes it allocate
+// beyond its own limits, and a tile is passed on only when its bytes have the digest in the header. It needs memory for
+// the list of tiles and for one tile.
 class PackReader {
  public:
   // Is this tile announced, with this size? Asked for every entry before any tile is read.
@@ -53,10 +53,10 @@ class PackReader {
   // Called with each tile, in the pack's order; the bytes live for the call alone.
   using Take = std::function<void(const PackEntry& entry, ByteView bytes)>;
 
-  // length: of the whole pack, as its sender says.
+  // length: of the whole pack, as stated by its sender.
   PackReader(std::uint64_t length, Announced announced, Take take);
 
-  // Throws Error as soon as the bytes can be no such pack; what take() was given before was right all the same.
+  // Throws Error as soon as the bytes can be no such pack; the tiles passed on before are valid all the same.
   void feed(ByteView bytes);
 
   // Throws Error when something is missing.

@@ -1,6 +1,6 @@
 // Why a candidate tile is refused or rejected: a closed list, the same on both sides of the upload
-// (schemas/candidates.openapi.yaml). A code keeps its meaning for ever; a new one needs a new version of the list, so
-// that no reader meets an unknown word.
+// (schemas/candidates.openapi.yaml). A code never changes its meaning; a new one needs a new version of the list, so
+// that no reader meets an unknown code.
 #pragma once
 
 #include <cstdint>
@@ -39,7 +39,7 @@ std::string_view name_of(ReasonCode code);     // "hash_mismatch"
 std::string_view meaning_of(ReasonCode code);  // one line for people, lower case, no full stop
 std::optional<ReasonCode> parse_reason_code(std::string_view name);
 
-// May the very same tile be accepted later, without anything about it having changed?
+// Whether the same tile may be accepted later unchanged.
 bool retryable(ReasonCode code);
 
 }  // namespace nadir

@@ -1,4 +1,4 @@
-// The calls of the contract (schemas/candidates.openapi.yaml), each sent once; the result is a value. Retrying is up to
+// The calls of the API (schemas/candidates.openapi.yaml), each sent once; the result is a value. Retrying is up to
 // the caller.
 #pragma once
 

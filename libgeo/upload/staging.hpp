@@ -16,8 +16,8 @@
 
 namespace nadir {
 
-// Puts candidates in, all in one transaction; those that were staged before (the very same sidecar) are passed over,
-// but for those that were set aside as damaged: these take their place. How many are new or repaired.
+// Puts candidates in, all in one transaction; those that were staged before (the very same sidecar) are skipped,
+// except for those that were set aside as damaged, which they replace. How many are new or repaired.
 std::int64_t stage_candidates(OutboxDatabase& outbox, std::span<const Candidate> candidates, std::int64_t now_ms);
 
 // Puts in what an aircraft reported to have installed, in the place of an earlier report of it. False: this report, or

@@ -12,7 +12,7 @@
 namespace nadir {
 namespace {
 
-constexpr std::int64_t kLongestDelay_ms = 86'400'000;                      // as long as a service may ask us to wait
+constexpr std::int64_t kLongestDelay_ms = 86'400'000;  // the longest that a service may ask us to wait
 constexpr std::string_view kVerdictsAwaited = "the verdicts are awaited";  // not an error
 
 BatchStage stage_of(std::string_view name) {
@@ -57,7 +57,7 @@ void Transfer::recover(std::int64_t now_ms) {
   });
 }
 
-// A batch that waits after an error waits for the service, and so did all others.
+// A batch that waits after an error waits for the service; all other batches have to wait for it as well.
 std::int64_t Transfer::service_not_before_ms() const {
   auto row = outbox_.prepare(
       "SELECT coalesce(max(not_before_ms), 0) FROM batch WHERE stage IN ('sealed', 'announced', 'complete')"
@@ -188,7 +188,7 @@ int Transfer::count_failure(const OpenBatch& batch, std::string_view kind) {
 }
 
 void Transfer::reset_failures(const OpenBatch& batch, std::initializer_list<std::string_view> kinds) {
-  std::vector<std::string> there;  // hardly ever any, and then nothing is written
+  std::vector<std::string> there;  // usually none; then nothing is written
   auto rows = outbox_.prepare("SELECT kind FROM strike WHERE batch = ?");
   rows.bind(1, batch.id);
   while (rows.step()) {
@@ -202,7 +202,7 @@ void Transfer::reset_failures(const OpenBatch& batch, std::initializer_list<std:
   });
 }
 
-// The transitions that follow from what the service says about each tile, and the packs made of what it lacks.
+// The transitions that follow from the service's reply about each tile, and the packs of the tiles that it lacks.
 
 namespace {
 
@@ -226,7 +226,7 @@ struct TileRow {
                       .fix = "check the disk; nadir sync retry --key puts the intact tiles into a new batch"});
 }
 
-// Rows that make no pack are no rows of ours.
+// Rows that form no valid pack were not written by us.
 Bytes head_of(std::span<const PackEntry> entries) {
   try {
     return pack_head(entries);
@@ -263,7 +263,7 @@ class TileMover {
   std::int64_t now_ms_;
 };
 
-// Each tile of the answer is one of the batch, none comes twice, and none that waits for an answer is left out.
+// Each tile of the reply belongs to the batch, none occurs twice, and none that awaits a reply is missing.
 class Partition {
  public:
   Partition(const std::map<Sha256, TileRow>& tiles, TileState awaited) : tiles_(tiles), awaited_(awaited) {}
@@ -300,8 +300,8 @@ void Transfer::announced(const OpenBatch& batch, const AnnouncementReply& answer
   Partition partition(tiles, TileState::sealed);
   outbox_.transition("announce", [&] {
     TileMover mover(outbox_, now_ms);
-    // After the service forgot an upload, tiles that have their verdict stay what they are. But where it lost them as
-    // well, it evaluates none of the batch until it has all: what is still stored of them is sent along.
+    // After the service has deleted an upload, tiles with a verdict keep it. If it has lost those as well, it evaluates
+    // none of the batch until it has all: those of them that are still stored here are sent again.
     std::vector<std::int64_t> again;
     const auto move = [&](const Sha256& digest, TileState after, std::string_view code, std::string_view detail) {
       const TileRow& row = partition.take(digest);
@@ -418,7 +418,7 @@ VerdictSum Transfer::verdicts(const OpenBatch& batch, const StatusReply& answer,
     if (sum.pending == 0) {
       set_stage(batch.id, "done");
     } else if (!answer.complete) {
-      set_stage(batch.id, "announced");  // the service did not keep that all is there: say it again
+      set_stage(batch.id, "announced");  // the service lost the completion: announce it again
     }
   });
   return sum;

@@ -1,4 +1,4 @@
-// HTTP as the uploader needs it: one request, one bounded answer, or why there was none. An interface, so that the
+// HTTP for the uploader: one request, one bounded reply, or why there was none. An interface, so that the
 // uploader is tested without a network, and its implementation with libcurl.
 #pragma once
 
@@ -62,7 +62,8 @@ struct CurlSettings {
   std::uint64_t largest_reply = std::uint64_t{4} << 20;  // bytes; a longer answer is none
   int connect_timeout_s = 20;
   int stall_timeout_s = 60;  // so long without a byte per second, either way; and how far a transfer may fall behind:
-  std::uint64_t slowest_bytes_s = 512;  // body and reply, each from its beginning. A reply that dribbles is none
+  std::uint64_t slowest_bytes_s =
+      512;  // body and reply, each from its beginning. A reply that is slower counts as none
   int request_timeout_s = 900;
 };
 

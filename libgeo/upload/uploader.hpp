@@ -1,6 +1,6 @@
 // Sends sealed batches to the candidate service and fetches their verdicts, however often it fails: it may be killed at
 // any moment, the line may break at any byte, the service may fail, forget or repeat. Nothing is lost, and nothing
-// counts twice, because every call may be repeated and every step is written down before the next one.
+// counts twice, because every call may be repeated and every step is stored before the next one.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@
 
 namespace nadir {
 
-// The current time to the millisecond, and waiting: both come from outside, so that tests wait for nothing.
+// The current time to the millisecond, and waiting: both are passed in, so that tests do not wait.
 class UploadClock {
  public:
   virtual ~UploadClock() = default;
@@ -31,7 +31,7 @@ class SystemUploadClock final : public UploadClock {
 };
 
 // How long to wait before trying again: a random time up to a limit that doubles with each failure, so that many
-// senders that failed together do not come back together. The service's own Retry-After takes precedence.
+// senders that failed together do not retry together. The service's own Retry-After takes precedence.
 inline constexpr std::int64_t kFirstBackOff_ms = 2'000;
 inline constexpr std::int64_t kLongestBackOff_ms = 15 * 60 * 1'000;
 

@@ -1,4 +1,4 @@
-// The camera: its lens, its telemetry's uncertainty, its attitude, and the aircraft that carries it.
+// The camera: its lens, its telemetry's uncertainty, its attitude, and the aircraft that it is mounted on.
 //
 // Lens: pinhole with Brown-Conrady distortion, OpenCV's order of coefficients (k1 k2 p1 p2 k3). With x, y the point's
 // coordinates at z = 1 and r² = x² + y²:
@@ -89,7 +89,7 @@ struct Airframe {
   std::uint8_t component = 197;  // ours; MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
   std::uint8_t link = 1;         // our link id in signatures
   std::uint8_t gps_id = 0;       // of GPS_INPUT
-  // Of the file: counts the aircraft's files up, so that it accepts no earlier one. Files of before this exists have
+  // Sequence number of the aircraft's files, so that it accepts no earlier one. Files of an older format have
   // neither.
   std::optional<std::int64_t> sequence{};
   std::optional<UtcTime> expires{};

@@ -11,7 +11,7 @@
 namespace nadir {
 namespace {
 
-// FNV-1a over words of eight bytes: quick, and a collision of two noisy frames is not to be expected in any flight.
+// FNV-1a over words of eight bytes: quick, and a collision of two noisy frames is practically impossible.
 std::uint64_t fingerprint(const cv::Mat& frame) {
   constexpr std::uint64_t kPrime = 0x100000001b3;
   std::uint64_t hash = 0xcbf29ce484222325 ^ static_cast<std::uint64_t>(frame.cols);

@@ -17,7 +17,7 @@ namespace nadir {
 int decode_reduction(int width, int height);
 
 // CV_8UC1 of the frame's size divided by `reduction`; empty when the frame is damaged, not of the camera's size, or
-// costs more than the budget: the localizer then calls it unfit. The size is compared before a pixel is decoded.
+// costs more than the budget: the localizer then reports it as unfit. The size is compared before a pixel is decoded.
 // camera: scaled by the reduction.
 cv::Mat decode_camera_frame(ByteView encoded, const CameraModel& camera, int reduction,
                             const DecodeBudget& budget = {});
@@ -39,7 +39,7 @@ struct QualityLimits {
 FrameQuality measure_frame_quality(const cv::Mat& grey, const QualityLimits& limits = {});
 
 // A camera that hangs delivers its last frame again and again, bit for bit. No sensor measures the same noise twice, so
-// such a frame says nothing of where the aircraft is now.
+// such a frame has no information about the current position.
 class FrozenFrameDetector {
  public:
   // Whether this frame (8 bit, any channels) equals the one before, bit for bit. Empty frames never do.

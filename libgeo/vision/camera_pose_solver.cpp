@@ -149,7 +149,7 @@ class PoseProblem {
   }
 
  private:
-  // What the correspondences say once the priors on the pose are taken away; the one on the slope stays. Where the
+  // The information of the correspondences without the priors on the pose; the one on the slope stays. Where the
   // whole has converged, the measurements' gradient balances the priors'.
   void separate_measurements() {
     const Normal from_prior = prior_terms(scene_, prior_);

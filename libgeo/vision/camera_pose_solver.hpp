@@ -39,8 +39,9 @@ struct SolvedPose {
   CameraPose pose;
   // Of (east m, north m, log height, heading, pitch, roll), in this order.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
-  // What the correspondences alone say, without the priors on height, heading and tilt, in the same order: their
-  // information (singular where they say nothing), and information times the step from `pose` to their own optimum.
+  // The correspondences alone, without the priors on height, heading and tilt, in the same order: their
+  // information (singular in unconstrained directions), and information times the step from `pose` to their own
+  // optimum.
   Eigen::Matrix<double, 6, 6> measurement_information = Eigen::Matrix<double, 6, 6>::Zero();
   Eigen::Matrix<double, 6, 1> measurement_gradient = Eigen::Matrix<double, 6, 1>::Zero();
   std::vector<bool> inlier;                 // per correspondence

@@ -1,4 +1,4 @@
-// The ground that the camera sees: a plane unless a terrain model says otherwise.
+// The ground that the camera sees: a plane, or a terrain model.
 #pragma once
 
 #include "geodesy/region.hpp"
@@ -14,7 +14,8 @@ class GroundSurface {
   virtual double height_m(PlanePoint point) const = 0;
 
   // 1-sigma of the heights that height_m() does not model, over a frame's footprint. Across a footprint they add up to
-  // a slope, and a slope looks like a tilt of the camera: this uncertainty limits what an image can say about tilt.
+  // a slope, and a slope looks like a tilt of the camera: this uncertainty limits how well an image determines the
+  // tilt.
   virtual double relief_sigma_m() const = 0;
 };
 

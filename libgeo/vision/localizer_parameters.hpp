@@ -123,12 +123,12 @@ inline constexpr int kChannelReach_px = 8;             // of the channels' smoot
 
 // ---- robust Gauss-Newton
 
-inline constexpr double kJacobianStep = 1e-5;        // of central differences: truncation and rounding below 1e-9
-inline constexpr double kDivergedStep = 1.0;         // rad or log: a larger step is not a refinement
-inline constexpr double kConvergedStep_m = 1e-4;     // of the position; numerical
-inline constexpr double kConvergedStep = 1e-6;       // of the other unknowns; numerical
-inline constexpr std::size_t kCorrelationRings = 8;  // of distance, in which residuals are correlated; chosen
-inline constexpr double kCorrelationReach = 0.4;     // of the extent: farther apart nothing is learnt about correlation
+inline constexpr double kJacobianStep = 1e-5;            // of central differences: truncation and rounding below 1e-9
+inline constexpr double kDivergedStep = 1.0;             // rad or log: a larger step is not a refinement
+inline constexpr double kConvergedStep_m = 1e-4;         // of the position; numerical
+inline constexpr double kConvergedStep = 1e-6;           // of the other unknowns; numerical
+inline constexpr std::size_t kCorrelationRings = 8;      // of distance, in which residuals are correlated; chosen
+inline constexpr double kCorrelationReach = 0.4;         // of the extent: pairs farther apart are not used
 inline constexpr std::size_t kCorrelationSamples = 300;  // measurements used; more add no information
 
 // ---- camera pose
@@ -186,7 +186,7 @@ inline constexpr double kQueryTurn_rad = std::numbers::pi / 18;  // 10 degrees, 
 inline constexpr int kQueryTurns = 24;                           // where nothing is known of the heading; chosen
 inline constexpr double kFineTurnRange = 12;      // times kQueryTurn_rad: a wider range is stepped as an unknown one
 inline constexpr double kQueryShift = 1.0 / 6;    // of a side: what the descriptor tolerates
-inline constexpr std::size_t kHitsPerQuery = 64;  // chunks that each variant of the frame may name; chosen
+inline constexpr std::size_t kHitsPerQuery = 64;  // chunks that each variant of the frame may retrieve; chosen
 
 // ---- place index: builder and check
 
@@ -235,8 +235,8 @@ inline constexpr double kMatchabilityFootprint_m = 120, kMatchabilityRadius_m = 
 // that do not hold the place, where every acceptance is false by definition.
 struct GateLimits {
   // A frame must satisfy two independent criteria: no other place fits as well (ratio), and the patches agree on one
-  // pose (inlier share). The weaker the one, the more the other must carry. [roc]: without a prediction 2 of 1194 wrong
-  // places still pass alone.
+  // pose (inlier share). The weaker the one, the stronger the other must be. [roc]: without a prediction 2 of 1194
+  // wrong places still pass alone.
   double clear_ratio = 0.45;  // below: hardly any other place is possible; [roc] 0.3 % of wrong places below 0.40
   double clear_inlier_share = 0.10;  // of the patches tried; [roc]
   double alone_ratio = 0.80;         // below: the frame may anchor on its own …; [roc]
@@ -245,8 +245,8 @@ struct GateLimits {
   double vote_inlier_share = 0.30;   // [roc] 0.3 % of wrong places reach it
   // Patches that agree by chance are few: then one frame is not enough, unless a sharp prediction corroborates it (its
   // 95 %), or the ratio is clear in a window where many places compete. Patches of a chance consensus also scatter
-  // evenly within the solver's bound, as they do about a pose to which half of a changed map pulls; they lie anywhere
-  // in the window; and where the tilt is unknown they have two more degrees of freedom. In each of these cases most
+  // evenly within the solver's bound, as they do about a pose that half of a changed map supports; they are anywhere in
+  // the window; and where the tilt is unknown they have two more degrees of freedom. In each of these cases most
   // must agree.
   double sure_inlier_share = 0.40;      // [safety mirrored 286, heading 460]: fewer await votes
   double most_inlier_share = 0.50;      // [safety old map 2220, 2547]
@@ -264,8 +264,8 @@ struct GateLimits {
   double chi2_999 = 13.816;             // 99.9 % of χ² with two degrees of freedom
   double chi2_99 = 9.210;               // 99 %; against a start, for frames that odometry is linked to; [safety 3574]
   double healthy_sigma_m = 60;          // a prediction worse than this supports nothing; chosen; not measured
-  // Lost, thousands of places compete and nothing else supports the best one: it must stand out further, or be
-  // confirmed by votes.
+  // Lost, thousands of places compete and nothing else supports the best one: its ratio must be clearer, or votes
+  // must confirm it.
   double lost_ratio = 0.70;         // chosen with the cold starts of docs/benchmarks.md
   double lost_inlier_share = 0.20;  // as alone_inlier_share
 };
@@ -281,21 +281,21 @@ struct FlightFilterOptions {
 
 namespace parameters {
 
-// How telemetry errs, as shares of the sigma that the camera file states. Shared with the batch solution that the
-// smoother is compared with (tests/bench/batch_graph.cpp).
+// Error model of the telemetry, in shares of the sigma that the camera file states. Shared with the batch solution that
+// the smoother is compared with (tests/bench/batch_graph.cpp).
 namespace telemetry {
 
 inline constexpr double kUnknownHeadingVariance_rad2 = 4.0;  // about 115 degrees: any heading
 
-// Heading: 0.8² + 0.6² = 1 of the stated variance lasts; 0.5 of σ is drawn anew for each frame. 22 Nov 2026, from
-// simulated flights whose compass error turns with the course ([safety] "compass deviates").
+// Heading: 0.8² + 0.6² = 1 of the stated variance is correlated in time; 0.5 of σ is white, per frame. 22 Nov 2026,
+// from simulated flights whose compass error turns with the course ([safety] "compass deviates").
 inline constexpr double kHeadingBiasShare = 0.8;
 inline constexpr double kDeviationShare = 0.6;  // coefficients B and C of a compass' deviation
 inline constexpr double kWhiteHeadingShare = 0.5;
 // Correlation time of the deviation: an autopilot's filter uses more than a compass. Chosen; not measured.
 inline constexpr double kDeviationTime_s = 90;
 
-// Innovation share of relative height per frame: barometer noise, relief that passes by. Chosen; not measured.
+// Innovation share of relative height per frame: barometer noise, changing relief. Chosen; not measured.
 inline constexpr double kHeightInnovationShare = 0.25;
 
 // Tilt: the part that changes from frame to frame, by whether the telemetry logs attitude. Chosen; the unlogged part is
@@ -304,7 +304,7 @@ inline constexpr double kWhiteTiltShareLogged = 0.7;
 inline constexpr double kWhiteTiltShareUnlogged = 0.3;
 inline constexpr double kTiltTimeLogged_s = 240;      // correlation time: an AHRS …; chosen; not measured
 inline constexpr double kTiltTimeUnlogged_s = 12000;  // … or a mount or gimbal; chosen; not measured
-// Share of the tilt's σ that tilts the accelerometer as well: neither the mount's nor of the moment. [flights] with IMU
+// Share of the tilt's σ that tilts the accelerometer as well: neither a mounting error nor white. [flights] with IMU
 // and the 33 s blackout of closed-loop, 22 Nov 2026.
 inline constexpr double kLevelShare = 0.3;
 
@@ -314,11 +314,11 @@ namespace flight_filter {
 
 inline constexpr double kGravity_mps2 = 9.80665;      // standard gravity (CGPM 1901)
 inline constexpr double kTiltScatterPriorFrames = 3;  // weight of the prior of the tilt's scatter; chosen
-// Measurements whose variance is beyond this many times the white tilt's teach nothing of it; chosen; not measured.
+// Measurements whose variance is beyond this many times the white tilt's are not used for it; chosen; not measured.
 inline constexpr double kVaguestTiltVarianceRatio = 16;
 inline constexpr double kMissingTilt_rad = 0.35;      // tilt not measured: 20°, a banked turn; [safety NaN attitude]
 inline constexpr double kNonlinearHeading_rad = 0.5;  // an update beyond it makes the velocity's linearization void
-inline constexpr double kLeastWhiteTilt_rad = 0.004;  // a quarter of a degree: no mount is stiffer; chosen
+inline constexpr double kLeastWhiteTilt_rad = 0.004;  // a quarter of a degree; no mount is stiffer; chosen
 // Ceiling of the velocity's variance over that of the start: however long blind, no aircraft becomes arbitrarily fast.
 inline constexpr double kMaxVelocityVarianceRatio = 4;
 inline constexpr double kStoppedClockSpeed_mps =
@@ -332,8 +332,8 @@ inline constexpr double kUnknownMomentShare = 0.08;
 
 namespace pose_measurement {
 
-// A direction that the image says nothing of gets this σ: as good as infinite, yet invertible.
-inline constexpr double kVaguePositionHeights = 10;  // of an absolute position, in heights above ground; numerics
+// σ of a direction that the image does not constrain: practically infinite, yet invertible.
+inline constexpr double kVaguePositionHeights = 10;  // of an absolute position, in heights above ground; numerical
 inline constexpr double kVagueMotionLengths = 100;   // of a relative motion, in (1 m + its length); numerics
 
 }  // namespace pose_measurement
@@ -353,10 +353,10 @@ inline constexpr double kMinDownComponent = 0.2;  // of a unit ray: flatter ones
 inline constexpr std::size_t kMinRayPairs = 6;    // eight unknowns, six of them with priors; geometry
 // Ray pairs that count as independent at most, whatever their residuals say; [consistency] of simulated odometry.
 inline constexpr double kMaxIndependentPairs = 100;
-// Residuals beyond so many times what pixels and relief explain show no single motion: refused. Found by a turn that
-// was half a circle off, 22 Nov 2026.
+// Residuals larger than pixel noise and relief explain by this factor fit no single motion: rejected. Found by a turn
+// that was 180° off, 22 Nov 2026.
 inline constexpr double kMaxResidualRatio = 5;
-// Images turned so much farther than predicted are not pulled back: they show that the telemetry contradicts them.
+// Beyond this difference from the predicted turn the heading prior is opened: the telemetry contradicts the images.
 inline constexpr double kFarTurn_rad = 0.4;  // chosen; below tracking::kContradictedTurn_rad
 inline constexpr double kFarTurnSigmas = 4;
 inline constexpr double kPixelHeightShare = 0.0015;  // a pixel of the working size on the ground, over the height
@@ -404,7 +404,8 @@ inline constexpr double kOverlapReachShare = 0.5;  // of a footprint's longer si
 inline constexpr double kOverlapSpeedSigmas = 2;   // of the speed, for the same; chosen
 inline constexpr double kLeapSpeedSigmas = 4.5;    // a step beyond is no motion of the aircraft; [safety outlier 3754]
 inline constexpr double kGusts_mps = 5;            // least σ of the speed for the same; chosen
-inline constexpr double kLeapSlackShare = 0.1;     // of a footprint's longer side: what a tilt feigns; chosen
+inline constexpr double kLeapSlackShare =
+    0.1;  // of a footprint's longer side: what an unmodelled tilt looks like; chosen
 inline constexpr double kContradictedTurn_rad = 0.5;  // image and telemetry disagree on a turn: 29°; chosen
 inline constexpr double kContradictedTurnSigmas = 5;  // … by more than this beyond what is uncertain; chosen
 inline constexpr double kResolvedHeading_rad = 0.5;   // below: the heading is known again; chosen
@@ -437,7 +438,7 @@ namespace start_contradictions {
 
 inline constexpr double kSamePlace_m = 25;    // matches this near contradict the start alike; chosen
 inline constexpr double kDriftSigmas = 3;     // … and by so much of what the position's σ has grown since
-inline constexpr std::size_t kMaxPlaces = 8;  // chance matches lie elsewhere each time; chosen
+inline constexpr std::size_t kMaxPlaces = 8;  // chance matches are elsewhere each time; chosen
 
 }  // namespace start_contradictions
 
@@ -452,7 +453,7 @@ inline constexpr double kWrongConsensusSigma_px = 10;
 inline constexpr double kSharedErrorFootprints = 1.5;  // anchors within it count as one; [safety heading 73]
 inline constexpr double kMinHeightSigma = 0.012;       // log height: roofs, trees, rolling ground; chosen
 inline constexpr double kMinTiltVariance_rad2 = 1e-6;  // keeps the prior invertible; numerics
-// What roofs and rolling ground within a footprint feign, however well tilt and height are known; chosen.
+// Apparent tilt and height error from roofs and rolling ground within a footprint, however well both are known; chosen.
 inline constexpr double kTiltModelError_rad = 0.015;
 inline constexpr double kHeightModelError = 0.015;
 // What no model has (lens, relief, the moment of the telemetry) and no number of anchors averages out, over the height;
@@ -505,11 +506,11 @@ inline constexpr double kMaxCells = 1000;  // a side; bounds the memory
 // Beyond these telemetry is garbage and becomes unknown.
 namespace plausible {
 
-inline constexpr double kMinAgl_m = 1;                 // nothing that flies looks at the map from lower; chosen
-inline constexpr double kMaxAgl_m = 30'000;            // above what carries a camera in air; physics
-inline constexpr double kMaxAngle_rad = 100;           // some turns, for sources that do not wrap; chosen
+inline constexpr double kMinAgl_m = 1;                 // no aircraft matches the map from lower; chosen
+inline constexpr double kMaxAgl_m = 30'000;            // above the ceiling of aircraft; physics
+inline constexpr double kMaxAngle_rad = 100;           // several turns, for sources that do not wrap; chosen
 inline constexpr double kMaxVelocityChange_mps = 200;  // from flying one way to flying the other
-inline constexpr double kMaxAcceleration_mps2 = 60;    // 6 g: what carries a camera does not survive it
+inline constexpr double kMaxAcceleration_mps2 = 60;    // 6 g: beyond the load limit of such aircraft
 
 }  // namespace plausible
 

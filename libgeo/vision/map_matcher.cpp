@@ -56,7 +56,7 @@ class ChannelMatcher final : public MapMatcher {
     }
     AnchorMatch match = refine_best(query, *plan, found, prior);
     if (!match.solved || match.search.ratio > kHopelessRatio) return match;
-    // It may only be accepted if nothing else in all of the area looks like it.
+    // It may only be accepted if nothing else in the area looks like it.
     const std::vector<MatchHypothesis> others = rivals(query, area, match.search.places.front());
     const PlanePoint best_suggested = match.search.places.front().pose.position;
     found.places.insert(found.places.end(), others.begin(), others.end());
@@ -82,7 +82,7 @@ class ChannelMatcher final : public MapMatcher {
     return {grey, map_.camera, reader_, map_.frame, prior.search, plan.options, plan.reach_m};
   }
 
-  // The best of the hypotheses, and what the patches say of it.
+  // The best of the hypotheses, and the evaluation of its patches.
   AnchorMatch refine_best(const AreaQuery& query, const MatchingPlan& plan, AreaHypotheses found,
                           const AnchorPrior& prior) {
     AnchorMatch match = begin_match(plan);
@@ -99,7 +99,7 @@ class ChannelMatcher final : public MapMatcher {
     return match;
   }
 
-  // One coarse scene of a package says nothing of the others: only the tiles count that the frame shows.
+  // One coarse scene of a package does not affect the others: only the tiles that the frame shows count.
   void state_map_error(AnchorMatch& match, const MatchingPlan& plan) const {
     if (!match.solved) return;
     match.map_ce90_m =

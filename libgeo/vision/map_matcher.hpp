@@ -1,10 +1,10 @@
 // Where on the map was this frame taken? Backend-neutral: a matcher receives a frame with what is known of its pose and
 // returns the hypothesis that fits best, how distinctive it is, and the camera's pose with its covariance. Whether that
-// is accepted is decided by estimation, whatever matched. A learned matcher can stand behind the same interface.
+// is accepted is decided by estimation, for any matcher. A learned matcher can implement the same interface.
 //
 // What the acceptance expects of a matcher, whatever it compares:
 //   score  1 for a perfect match, near 0 for none, seldom above 0.2 at a wrong place
-//   ratio  the best score anywhere else over the best one: near 1 where the window does not hold the place
+//   ratio  the best score anywhere else over the best one: near 1 where the window does not contain the place
 //   patches, inliers  what was searched on the map, and how much of it agrees with the solved pose
 #pragma once
 
@@ -43,10 +43,10 @@ struct AnchorMatch {
   cv::Mat matched_map;
 };
 
-// Where to look first; what is found there must stand out in the whole area all the same.
+// Where to look first; what is found there must be distinctive in the whole area all the same.
 struct SearchSuggestions {
   std::optional<PlaneBox> hint;               // camera positions that an operator names
-  const PlaceRetrieval* retrieval = nullptr;  // names places that look similar
+  const PlaceRetrieval* retrieval = nullptr;  // retrieves places that look similar
 };
 
 // What a matcher is made for. All of it must outlive the matcher.
@@ -80,7 +80,7 @@ using MapMatcherFactory = std::function<std::unique_ptr<MapMatcher>(const Matche
 // Oriented-gradient channels, correlated over the whole window, and patches for the pose. Keeps the tiles that it
 // decoded, so that attempts over the same ground are cheap; that changes no result.
 std::unique_ptr<MapMatcher> make_channel_matcher(const MatcherMap& map);
-// The same comparing something else, to show what the channels are worth (./run bench ablations).
+// The same with other features, to measure the value of the channels (./run bench ablations).
 std::unique_ptr<MapMatcher> make_channel_matcher_with(const MatcherMap& map, const MatchFeatures& features);
 
 }  // namespace nadir

@@ -4,8 +4,8 @@
 // confirm them. The ratio of the best score elsewhere (over all headings and scales) to the best score is the main
 // input of the acceptance: on real frames right answers have 0.3-0.88 and wrong ones 0.86-1.00.
 //
-// In an area: correlating all of it over all headings and heights costs much; searching only where something suggests
-// it, and then all of the area for rivals of what was found there, costs little.
+// In an area: correlating all of it over all headings and heights is expensive; searching only the suggested places,
+// and then the whole area for rivals of the result, is cheap.
 #pragma once
 
 #include <cstddef>
@@ -76,7 +76,7 @@ struct AreaHypotheses {
 
 AreaHypotheses search_windows(const AreaQuery& query, const std::vector<SearchPrior>& windows);
 
-// Place retrieval: names places of a map that may look like a frame. What it names is a suggestion; correlation and
+// Place retrieval: finds places of a map that may look like a frame. Its results are suggestions; correlation and
 // acceptance decide. The place index of a package is one (place_index.hpp).
 struct PlaceQuery {
   // A frame as rectify() makes it, north-up under an assumed heading.

@@ -17,7 +17,7 @@ namespace nadir {
 enum class MatchClass : std::uint8_t {
   outside = 0,  // not evaluated
   good = 1,     // a frame may anchor on its own
-  weak = 2,     // only where a healthy prediction says the same
+  weak = 2,     // only where a healthy prediction agrees
   poor = 3,     // no anchor is to be expected
 };
 const char* name_of(MatchClass cls);
@@ -63,7 +63,7 @@ class MatchabilityProbe {
   // Of a part of the map, without correlating; for typical_texture.
   static double texture_of(const cv::Mat& grey, const cv::Mat& mask);
 
-  // window: grey, of options.gsd_m, as large as reach_m() says around the place, which is its middle. number: of the
+  // window: grey, of options.gsd_m, reach_m() to each side of the place, which is its middle. number: of the
   // place, so that each has noise of its own. The same input gives the same result; safe from several threads.
   PlaceMatchability probe(const MapWindow& window, std::uint64_t number) const;
 

@@ -28,15 +28,15 @@ struct MatchingPlan {
 std::optional<MatchingPlan> matching_plan(const CameraModel& camera, const ZoomRange& zooms, const LocalFrame& frame,
                                           const SearchPrior& prior);
 
-// A match that knows its scales and has found nothing yet.
+// An empty match with its scales set.
 AnchorMatch begin_match(const MatchingPlan& plan);
 
-// The ground that a frame taken in the searched square may show, with the attitude as uncertain as the prior says.
+// The ground that a frame taken in the searched square may show, with the attitude uncertainty of the prior.
 PlaneBox searched_ground(const CameraModel& camera, const AnchorPrior& prior, const MatchingPlan& plan);
 
 PlaneBox square_around(PlanePoint middle, double half_side_m);
 
-// Without what no placement needs: the window beyond the map, but for a margin that a template may overhang.
+// The window without the parts beyond the map, except for a margin that a template may overhang.
 MapWindow cropped_to_map(const MapWindow& map, double margin_m);
 
 // Squares that cover the area, each small enough to be searched at once.

@@ -1,4 +1,4 @@
-// Oriented-gradient channels (OGC): what of an image survives another season, sensor, sun and contrast.
+// Oriented-gradient channels (OGC): an image representation that is robust to season, sensor, lighting and contrast.
 //
 // The gradient's strength is distributed over orientations modulo 180 degrees, so that a bright-to-dark edge and its
 // reversal are the same; smoothed in space and over orientation; divided by the local strength plus a floor, so that a

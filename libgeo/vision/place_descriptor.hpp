@@ -1,7 +1,7 @@
-// What a piece of ground looks like, as 384 numbers: the six oriented-gradient channels (oriented_channels.hpp) of a
+// Descriptor of a piece of ground, 384 numbers: the six oriented-gradient channels (oriented_channels.hpp) of a
 // square patch, pooled with Gaussian weights into 8 x 8 cells; and as 128 numbers, by principal components.
 //
-// Made to survive another season and sensor: the channels do not distinguish bright-to-dark from dark-to-bright and are
+// Robust to season and sensor: the channels do not distinguish bright-to-dark from dark-to-bright and are
 // normalised; each channel's mean over the cells with ground is removed (without that the density of edges decides, and
 // half of the right places are lost); the signed root of each value keeps one bright roof from outweighing a hundred
 // hedges. Cells that the patch does not show are 0, which is the mean after its removal.

@@ -59,8 +59,8 @@ class ChunkReader {
   MapWindowReader windows_;
 };
 
-// Does the index of a package belong to its imagery? package/verify.hpp has checked the files' bytes; their meaning can
-// only be checked here, with the descriptor at hand.
+// Whether the index of a package belongs to its imagery. package/verify.hpp has checked the files' bytes; their meaning
+// can only be checked here, with the descriptor at hand.
 //
 // "index.mismatch": the table cannot be read, is for other imagery or another plane, or does not fit the vectors; at
 // full depth also when a sample of the chunks (one in a hundred, 32 at least, drawn by the manifest's digest) is
@@ -68,7 +68,7 @@ class ChunkReader {
 Findings check_place_index(const Directory& package, const Manifest& manifest, const Mission& mission,
                            const TileSource& tiles, VerifyDepth depth, Progress& progress);
 
-// What every command adds to verify_package() and open_package().
+// What every command runs in addition to verify_package() and open_package().
 void verify_place_index(VerifyDepth depth, Progress& progress, Verification& verification);
 void verify_place_index(VerifyDepth depth, Progress& progress, Opening& opening);
 

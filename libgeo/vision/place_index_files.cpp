@@ -195,7 +195,7 @@ PlaceVectors::PlaceVectors(ByteView file, std::size_t count, std::string_view na
   const std::span<const float> all(impl_->index.get_xb(), count * kPlaceSize);
   const bool sound =
       std::all_of(all.begin(), all.end(), [](float v) { return v >= -kMaxUnitComponent && v <= kMaxUnitComponent; });
-  if (!sound) {  // NaN is not sound either
+  if (!sound) {  // NaN is invalid, too
     throw Error({.what = "place index holds impossible numbers",
                  .where = std::string(name),
                  .expected = "vectors of length 1",

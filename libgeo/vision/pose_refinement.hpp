@@ -1,5 +1,5 @@
-// The camera's pose from what of a rectified frame was found on the map, whatever matched it. Solving, and rectifying
-// again with the solved pose, take turns.
+// The camera's pose from the parts of a rectified frame that were found on the map, by any matcher. Solving alternates
+// with rectifying again with the solved pose.
 #pragma once
 
 #include <optional>

@@ -63,7 +63,7 @@ std::optional<Eigen::Matrix<double, 2, kUnknowns>> numeric_jacobian(const Ahead&
 // Problem:
 //   std::optional<NormalEquations<N>> linearize()  at its present state, priors included; nothing where it is undefined
 //   void apply(const Vector& step)
-//   bool finished(bool converged)                  after each step: narrows the scale, or says that this was the last
+//   bool finished(bool converged)                  after each step: narrows the scale; true: this was the last
 // False when the problem is undefined somewhere on the way, or diverges.
 template <typename Problem>
 bool robust_gauss_newton(Problem& problem, int max_iterations) {
@@ -84,7 +84,7 @@ bool robust_gauss_newton(Problem& problem, int max_iterations) {
 // How many independent measurements a set of correlated ones is worth.
 //
 // Patches overlap, a roof displaces all features on it, a rolling shutter bends whole rows: residuals of neighbours are
-// alike, and counting each as independent support makes a solution look better than it is. Their correlation over
+// alike, and counting each as independent makes a solution look more certain than it is. Their correlation over
 // distance is estimated from the residuals themselves: N / (1 + mean over the measurements of the sum of the others'
 // correlations).
 //

@@ -213,7 +213,7 @@ ApiResponse Api::take_hint(const ApiRequest& request) const {
   return json_answer(202, {{"accepted", true}});
 }
 
-// Each hint may cancel a search: a caller in a loop must not keep the localizer from ever finishing one.
+// Each hint may cancel a search: a caller in a loop must not prevent the localizer from finishing one.
 bool Api::hint_is_due() const {
   const std::lock_guard lock(hint_mutex_);
   const double now_s = options_.now_s();

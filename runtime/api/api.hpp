@@ -32,7 +32,7 @@ struct ApiOptions {
   // Digest of the one that a hint must bring where the others need none. nullopt: none.
   std::optional<Sha256> hint_token{};
   bool loopback = true;        // then the Host must be a loopback name, against DNS rebinding
-  double stalled_after_s = 2;  // the flight's thread is silent for so long: /v1/health says so
+  double stalled_after_s = 2;  // without a new view for so long /v1/health reports a stall
 };
 
 class Api final : public HttpHandler {
@@ -40,7 +40,7 @@ class Api final : public HttpHandler {
   // board, hints: must outlive this.
   Api(const FlightBoard& board, LatestSlot<Hint>& hints, ApiOptions options);
 
-  // Once it is open, from any thread; before, paths that need it say so.
+  // Once it is open, from any thread; until then, paths that need it answer that there is none.
   void use_package(ApiPackage package);
 
   // From any thread. Never throws.

@@ -37,7 +37,7 @@ using CountsByReason = std::map<std::string, std::uint64_t>;
 
 struct StateView {
   ServiceState state = ServiceState::boot;
-  std::string reason;  // why it is so, for people
+  std::string reason;  // the reason, as text
   double since_s = 0;
 };
 
@@ -66,7 +66,7 @@ struct AnchorsView {
 struct LinkView {
   bool connected = false;
   bool signed_frames = false;
-  std::optional<double> heard_s;  // arrival of the autopilot's latest message
+  std::optional<double> last_message_s;  // arrival of the autopilot's latest message
   std::uint64_t fixes_sent = 0;
   std::uint64_t rivals = 0;    // frames of others that claimed to be the autopilot
   CountsByReason rejected_by;  // received frames

@@ -1,11 +1,12 @@
 // Where on the ground is what a camera shows at a pixel, and how far off can that be?
 //
 // The ray through the pixel is turned by the gimbal and by the aircraft's attitude, and followed until it meets the
-// ground. The bound is the radius that holds the object with 95 %: the errors of attitude, gimbal, height and ground,
-// carried to the ground by the ray's own derivatives, and the aircraft's position error, along the worst direction.
+// ground. The bound is the radius that contains the object with 95 % probability: the errors of attitude, gimbal,
+// height and ground, propagated to the ground with the ray's derivatives, and the aircraft's position error, along the
+// worst direction.
 //
-// An attitude belongs to a picture only as well as the two are synchronised. Level, that costs nothing; in a bank or
-// climb of 5° or more the aircraft turns about its axes, and 50 ms at 20 °/s are another degree.
+// The attitude fits the image only as well as the two are synchronised. In level flight that does not matter; in a bank
+// or climb of 5° or more the aircraft turns about its axes, and 50 ms at 20 °/s are another degree.
 #pragma once
 
 #include <optional>

@@ -1,4 +1,4 @@
-// What the API shows and uses of a package that the service has opened, or of one that it has refused.
+// What the API shows and uses of a package that the service has opened, or of one that it has rejected.
 #pragma once
 
 #include <filesystem>
@@ -13,8 +13,8 @@ namespace nadir {
 PackageView package_view(const OpenPackage& package);
 PackageView refused_package(const Findings& findings);  // the first refusal is the reason
 
-// Tiles by a reader of their own, with the digests that were signed: pages never hold up the flight's reading.
-// folder: where the package lies.
+// Tiles by a reader of their own, with the digests that were signed: pages never delay the flight's reads.
+// folder: of the package.
 ApiPackage package_for_api(std::shared_ptr<const OpenPackage> package);
 
 }  // namespace nadir

@@ -24,8 +24,8 @@ struct NumberRange {
   bool above_low = false;  // low itself is out
 };
 
-// A JsonReader that notes what is wrong with an object's members instead of throwing, so that a caller learns all of it
-// from one answer. What is missing or wrong reads as 0; then the result means nothing.
+// A JsonReader that notes what is wrong with an object's members instead of throwing, so that a caller gets all errors
+// in one answer. What is missing or wrong reads as 0; the result is then meaningless.
 class BodyFields {
  public:
   BodyFields(JsonReader in, FieldErrors& errors) : in_(std::move(in)), errors_(&errors) {}
@@ -72,7 +72,7 @@ class BodyFields {
     return fields;
   }
 
-  // Members that nobody asked for by now are errors: a misspelt name must not be silently left out.
+  // Members that have not been read are errors: a misspelt name must not be silently ignored.
   void finish() const {
     for (const std::string& name : in_.keys()) {
       if (std::find(known_.begin(), known_.end(), name) == known_.end()) note(name, "is unknown");
@@ -116,7 +116,7 @@ class BodyFields {
   std::vector<std::string> known_;
 };
 
-// Reads the body with read(fields, errors), or says everything that is wrong with it.
+// Reads the body with read(fields, errors), or returns all of its errors.
 template <typename Value, typename Read>
 std::variant<Value, Problem> read_body(const ApiRequest& request, const Read& read) {
   if (media_type(request.content_type) != "application/json") {

@@ -92,9 +92,12 @@ json state_json(const FlightView& view, double age_s) {
                          {"failed", view.anchors.failed},
                          {"rejected", view.anchors.rejected},
                          {"rejected_by", counts(view.anchors.rejected_by)}};
-  document["link"] = {{"connected", view.link.connected},   {"signed", view.link.signed_frames},
-                      {"age_s", age_of(view.link.heard_s)}, {"fixes_sent", view.link.fixes_sent},
-                      {"rivals", view.link.rivals},         {"rejected_by", counts(view.link.rejected_by)},
+  document["link"] = {{"connected", view.link.connected},
+                      {"signed", view.link.signed_frames},
+                      {"age_s", age_of(view.link.last_message_s)},
+                      {"fixes_sent", view.link.fixes_sent},
+                      {"rivals", view.link.rivals},
+                      {"rejected_by", counts(view.link.rejected_by)},
                       {"stations", json::array()}};
   for (const LinkView::Station& station : view.link.stations) {
     document["link"]["stations"].push_back({{"role", station.role},
@@ -159,7 +162,7 @@ json package_json(const PackageView& package) {
 
 namespace {
 
-// Ids go into a line of their own: letters and digits alone.
+// Ids are on their own line: letters and digits only.
 std::string plain(std::string_view text) {
   std::string kept;
   for (const char c : text) {
@@ -184,7 +187,7 @@ StreamCursor cursor_from(std::string_view last_event_id) {
 std::string stream_text(const FlightView& view, double age_s, StreamCursor& cursor) {
   const std::string boot = plain(view.boot_id);
   if (cursor.boot_id != boot) cursor = {.boot_id = boot};
-  // A cursor ahead of every event is none of ours.
+  // A cursor ahead of every event is not from this run.
   if (!view.events.empty() && cursor.last_event > view.events.back().id) cursor.last_event = 0;
 
   std::string text;
@@ -284,7 +287,7 @@ std::string metrics_text(const FlightView& view, double age_s, const ServerCount
   };
   text.gauge("anchor_age_seconds", "Time since the last accepted anchor.", age_of(view.anchored_s));
   text.gauge("frame_age_seconds", "Time since the last frame arrived.", age_of(view.frames.last_s));
-  text.gauge("link_age_seconds", "Time since the autopilot's last message.", age_of(view.link.heard_s));
+  text.gauge("link_age_seconds", "Time since the autopilot's last message.", age_of(view.link.last_message_s));
   text.gauge("agl_meters", "Height above ground.", view.agl_m);
   text.counter("frames_received_total", "Frames from the camera.", view.frames.received);
   text.counter("frames_dropped_total",

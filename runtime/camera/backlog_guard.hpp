@@ -1,5 +1,5 @@
 // Detects stale frames. A camera, network or disk that stalls may deliver its buffer afterwards, and each of those
-// frames is as old as the stall was long. Nothing in a frame says so; only the frame interval shows it: after a pause,
+// frames is as old as the stall was long. A frame does not show this; only the frame interval does: after a pause,
 // frames that arrive faster than the camera captures them were captured before.
 //
 //   after a pause                  the first frame is held until the next one would be due: if another arrives earlier,

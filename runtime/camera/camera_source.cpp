@@ -39,7 +39,7 @@ std::optional<Authority> authority_of(const std::string& source) {
   if (scheme == std::string::npos) return std::nullopt;
   Authority found{.begin = scheme + 3};
   found.end = std::min(source.find_first_of("/?#", found.begin), source.size());
-  // A password may hold a slash that nobody has escaped: everything up to the last '@' is secret.
+  // A password may contain an unescaped slash: everything up to the last '@' is secret.
   const std::size_t at = source.rfind('@');
   if (at != std::string::npos && at >= found.begin) found.at = at;
   return found;

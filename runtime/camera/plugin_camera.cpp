@@ -85,7 +85,7 @@ void PluginCamera::close() {
   media_start_s_.reset();
 }
 
-// What the plug-in says, without the address that it was given: it may hold a password.
+// The plug-in's message without the address that it was given, which may contain a password.
 std::string PluginCamera::spoken(std::array<char, 256>& error) const {
   std::string text = text_of(error);
   for (std::size_t at = text.find(source_); at != std::string::npos; at = text.find(source_)) {

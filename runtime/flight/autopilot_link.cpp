@@ -132,7 +132,7 @@ void AutopilotLink::run(const std::stop_token& stop) {
     const double now_s = clock_.monotonic_s();
     const auto handle = [&](const ReceivedMessage& message) {
       request_streams(now_s, message);
-      note_heard(now_s, message);
+      note_message(now_s, message);
       predict_motion(now_s, message);
       listener_.on_message(now_s, message);
     };
@@ -223,10 +223,10 @@ void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message
   for (const auto& [stream, rate_hz] : kStreams) outgoing_.put(set_message_interval(message.source, stream, rate_hz));
 }
 
-void AutopilotLink::note_heard(double now_s, const ReceivedMessage& received) {
+void AutopilotLink::note_message(double now_s, const ReceivedMessage& received) {
   if (received.source != MavlinkAddress{airframe_.system, airframe_.autopilot}) return;
   const std::scoped_lock lock(mutex_);
-  state_.heard_s = now_s;
+  state_.last_message_s = now_s;
   if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
     state_.attitude = *attitude;
     state_.attitude_s = now_s;

@@ -1,13 +1,13 @@
 // The thread of the links: receives the autopilot's telemetry, sends our fixes ten times a second and the operator's
-// texts. It waits for no frame, and no frame waits for it.
+// texts. It never waits for a camera frame, and no frame waits for it.
 //
-//   link            hears                                        gets
+//   link            receives                                     sends
 //   autopilot       telemetry of the configured autopilot,       everything
 //                   commands that are addressed to us
 //   ground station  commands that are addressed to us            heartbeat, texts, answers to commands
 //   logger          nothing                                      everything
 //
-// Fixes go to the configured autopilot and to loggers, whoever else speaks on a link (mavlink/link.hpp).
+// Fixes go to the configured autopilot and to loggers, whoever else sends on a link (mavlink/link.hpp).
 #pragma once
 
 #include <poll.h>
@@ -156,7 +156,7 @@ class AutopilotLink {
     std::uint64_t fixes_sent = 0;
     double longest_gap_s = 0;                  // between two GPS_INPUT
     std::optional<Fix> last_fix;               // in the last of them; nullopt: "no fix"
-    std::optional<double> heard_s;             // when the autopilot's last message arrived
+    std::optional<double> last_message_s;      // when the autopilot's last message arrived
     std::optional<AircraftAttitude> attitude;  // its last one
     std::optional<double> attitude_s;          // when that arrived
     LatencyHistogram latency;                  // from the arrival of a frame to the first fix that uses it
@@ -176,7 +176,7 @@ class AutopilotLink {
   ServiceStatus status() const;
   void send_fix(double now_s, const ServiceStatus& status);
   void request_streams(double now_s, const ReceivedMessage& message);
-  void note_heard(double now_s, const ReceivedMessage& received);
+  void note_message(double now_s, const ReceivedMessage& received);
   void predict_motion(double now_s, const ReceivedMessage& received);
   void report_unauthenticated_peer(double now_s, MavlinkAddress claimed);
   void report_rivals(double now_s);

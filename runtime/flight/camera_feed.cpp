@@ -91,7 +91,7 @@ void CameraFeed::drop_with_held() {
   on_failure("the camera delivers stale frames from its buffer; they are dropped");
 }
 
-// Whoever may write into the camera's folder can fill it with broken files: they cost neither time nor events.
+// Anybody who can write to the camera's folder can fill it with broken files: they cost neither time nor events.
 void CameraFeed::on_bad_frame(const std::string& reason) {
   const double now_s = clock_.monotonic_s();
   if (bad_frame_s_ && now_s - *bad_frame_s_ < kBadFramePeriod_s) return;

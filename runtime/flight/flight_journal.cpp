@@ -92,7 +92,7 @@ void FlightJournal::on(double time_s, const PositionHinted& hint) {
                    hint.place.lon_deg));
 }
 
-void FlightJournal::on(double time_s, const LinkRivalHeard& rival) {
+void FlightJournal::on(double time_s, const LinkRivalSeen& rival) {
   note(time_s, EventSeverity::critical, "link",
        fmt::format(
            "another sender claims to be the autopilot: {} frames from another address; our fixes stay with the first",

@@ -40,7 +40,7 @@ class FlightJournal {
   void on(double time_s, const LocalizedFrame& frame);
   void on(double time_s, const FixJumped& jumped);
   void on(double time_s, const PositionHinted& hint);
-  void on(double time_s, const LinkRivalHeard& rival);
+  void on(double time_s, const LinkRivalSeen& rival);
 
   void add(double time_s, EventSeverity severity, const std::string& kind, const std::string& text);
 

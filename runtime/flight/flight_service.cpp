@@ -191,7 +191,7 @@ void FlightService::start_link() {
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
   listener.on_fix = [this](double now_s, const GpsInput& sent, SourceLabel source) { record_fix(now_s, sent, source); };
-  listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalHeard{frames}); };
+  listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalSeen{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
 }
 
@@ -320,7 +320,7 @@ FlightEnd FlightService::run() {
   Cadence views(kViewPeriod_s, clock_.monotonic_s()), saves(kSavePeriod_s, clock_.monotonic_s());
   AwaitedParts awaited = awaited_parts();
   double next_s = clock_.monotonic_s();
-  while (!acceptance_.judge_again && clock_.wait_until(next_s, stop_.token())) {
+  while (!acceptance_.reselect_package && clock_.wait_until(next_s, stop_.token())) {
     const double now_s = clock_.monotonic_s();
     next_s = now_s + kTurn_s;
     while (const auto published = events_.try_take()) on_event(published->time_s, published->event);
@@ -340,10 +340,11 @@ FlightEnd FlightService::run() {
                     late->empty() ? "all threads respond again" : *late);
     }
   }
-  if (!acceptance_.judge_again) manager_.stopping("stopping");
+  if (!acceptance_.reselect_package) manager_.stopping("stopping");
   save(clock_.monotonic_s());
   note_end();
-  return acceptance_.judge_again && !stop_.token().stop_requested() ? FlightEnd::judge_again : FlightEnd::stopped;
+  return acceptance_.reselect_package && !stop_.token().stop_requested() ? FlightEnd::reselect_package
+                                                                         : FlightEnd::stopped;
 }
 
 // Each part takes the events that concern it.
@@ -372,10 +373,11 @@ void FlightService::react(double time_s, const AutopilotHeartbeat& heartbeat) {
   journal_.note(time_s, EventSeverity::info, "package",
                 landed ? "landed: the next start judges the package anew" : "armed: accepted until the landing");
   // Resumed without a clock, and the aircraft does not fly: a flight that ended while nobody was listening.
-  acceptance_.judge_again = acceptance_.judge_again || (landed && package_.resumed && !acceptance_.phase.armed_ever());
+  acceptance_.reselect_package =
+      acceptance_.reselect_package || (landed && package_.resumed && !acceptance_.phase.armed_ever());
 }
 
-void FlightService::react(double, const PackageRestored&) { acceptance_.judge_again = true; }
+void FlightService::react(double, const PackageRestored&) { acceptance_.reselect_package = true; }
 
 void FlightService::react(double, const PartReported& reported) {
   const bool failed = !reported.failure.empty();
@@ -395,7 +397,7 @@ void FlightService::react(double, const TileCorrupt&) {
 
 void FlightService::react(double, const FixJumped& jumped) { link_->send_text(TextSeverity::warning, text_of(jumped)); }
 
-void FlightService::react(double, const LinkRivalHeard&) {
+void FlightService::react(double, const LinkRivalSeen&) {
   link_->send_text(TextSeverity::critical, "Nadir: another sender claims to be autopilot");
 }
 

@@ -82,7 +82,7 @@ struct VerifiedPackage {
 
 enum class FlightEnd {
   stopped,
-  judge_again,  // the aircraft stands on the ground, or a package can be opened now: choose the package anew
+  reselect_package,  // the aircraft stands on the ground, or a package can be opened now: choose the package anew
 };
 
 class FlightService {
@@ -112,7 +112,7 @@ class FlightService {
   struct Acceptance {
     FlightPhase phase;
     std::optional<AcceptanceRecord> record;  // nullopt: nothing is kept
-    bool judge_again = false;
+    bool reselect_package = false;
   };
   struct GpsAssessing {
     GpsHealth health;
@@ -150,7 +150,7 @@ class FlightService {
   void note_end();
   void on_event(double time_s, const OnboardEvent& event);
   void react(double time_s, const FixJumped& jumped);
-  void react(double time_s, const LinkRivalHeard& rival);
+  void react(double time_s, const LinkRivalSeen& rival);
   void react(double time_s, const PositionHinted& hint);
   void react(double time_s, const GpsFix3d& fix);
   void react(double time_s, const LocalizedFrame& frame);

@@ -89,19 +89,19 @@ PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& 
   const auto us = [](double seconds) { return std::llround(seconds * 1e6); };
   Cadence hello(kHelloPeriod_s, start_s);
   std::set<MavlinkAddress> others;
-  bool heard = false;
-  for (double now_s = start_s; now_s - start_s < limit_s && !heard && !interrupt_requested();
+  bool found = false;
+  for (double now_s = start_s; now_s - start_s < limit_s && !found && !interrupt_requested();
        now_s = clock.monotonic_s()) {
     link.advance(us(now_s), [&](const ReceivedMessage& received) {
       if (received.source != autopilot) others.insert(received.source);
       const auto* heartbeat = std::get_if<Heartbeat>(&received.message);
-      heard = heard || (received.source == autopilot && heartbeat != nullptr && heartbeat->is_autopilot);
+      found = found || (received.source == autopilot && heartbeat != nullptr && heartbeat->is_autopilot);
     });
     if (hello.due(now_s)) link.send(OwnHeartbeat{SystemState::standby}, us(now_s));
     pollfd waited{link.transport().descriptor(), link.transport().events(), 0};
     ::poll(&waited, 1, static_cast<int>(kLook.count()));
   }
-  if (heard) {
+  if (found) {
     return {fmt::format("{}/{}, {}, after {:.1f} s", autopilot.system, autopilot.component,
                         is_signed ? "signed" : "NOT SIGNED", clock.monotonic_s() - start_s),
             {}};

@@ -24,8 +24,8 @@ struct PartCheck {
 PartCheck check_camera(CameraSource& source, const std::optional<CameraModel>& camera, const FlightClock& clock,
                        double limit_s);
 
-// Waits at most limit_s for a heartbeat of the airframe's autopilot; says hello each second, because a peer of udpout
-// does not know us before. signing: nullopt: the link is not signed. Findings: autopilot.silent.
+// Waits at most limit_s for a heartbeat of the airframe's autopilot; sends a heartbeat each second, because a peer of
+// udpout does not know our address before. signing: nullopt: the link is not signed. Findings: autopilot.silent.
 PartCheck check_autopilot(std::unique_ptr<Transport> transport, const Airframe& airframe,
                           std::optional<Signing> signing, const FlightClock& clock, double limit_s);
 

@@ -1,4 +1,4 @@
-// Candidate tiles in flight: anchored frames become tiles on a thread of their own, of low priority, which rests three
+// Candidate tiles in flight: anchored frames become tiles on their own low-priority thread, which rests three
 // times as long as it works (a share of 0.25). The caller never waits; a frame that arrives while another is processed
 // replaces the pending one.
 //

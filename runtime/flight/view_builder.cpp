@@ -82,7 +82,7 @@ void ViewBuilder::set_frames(const MailboxCounts& counts, double now_s) {
 void ViewBuilder::set_link(const AutopilotLink::State& state, bool connected, bool is_signed) {
   const LinkCounts& counts = state.counts;
   view_.link.connected = connected;
-  view_.link.heard_s = state.heard_s;
+  view_.link.last_message_s = state.last_message_s;
   attitude_ = state.attitude;
   attitude_s_ = state.attitude_s;
   view_.link.signed_frames = is_signed;

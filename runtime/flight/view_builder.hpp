@@ -31,7 +31,7 @@ class ViewBuilder {
  private:
   FlightView view_;
   FlightTrail trail_;
-  std::optional<AircraftAttitude> attitude_;  // of the autopilot, at view_.link.heard_s or before
+  std::optional<AircraftAttitude> attitude_;  // of the autopilot, at view_.link.last_message_s or before
   std::optional<double> attitude_s_;
   double rate_since_s_ = 0;
   std::uint64_t rate_from_ = 0;

@@ -1,7 +1,7 @@
-// What was accepted for this flight, so that a restart in flight resumes it and judges nothing anew.
+// What was accepted for this flight, so that a restart in flight resumes it without repeating the checks.
 //
-// Accepting a package asks everything: signature, root, clock, expiry, freshness, what was accepted before. Resuming
-// opens the accepted one by the digest of its manifest and asks only whether it is whole. An acceptance holds
+// Accepting a package checks everything: signature, root, clock, expiry, freshness, what was accepted before. Resuming
+// opens the accepted one by the digest of its manifest and checks only that it is complete. An acceptance holds
 //
 //   - within one boot of the computer, until the aircraft has landed;
 //   - once the autopilot was armed, over reboots as well, until the aircraft has landed: the flag `airborne` is set

@@ -1,4 +1,4 @@
-// What a service that seems to do nothing waits for, as lines for the system's log: one when the waiting begins, one
+// What the service is waiting for, as lines for the system's log: one when the waiting begins, one
 // each minute while it lasts, and one when the part is there.
 #pragma once
 

@@ -116,7 +116,7 @@ bool GpsHealth::vision_available(double time_s) const {
   return vision_ && std::abs(time_s - vision_->time_s) <= kMaxVisionAge_s;
 }
 
-// While and soon after the autopilot's filter uses a fix of ours, its alarms say nothing about the receiver.
+// While and soon after the autopilot's filter uses a fix of ours, its alarms are not about the receiver.
 bool GpsHealth::filter_uses_receiver(double now_s) const { return !our_fix_s_ || now_s - *our_fix_s_ > kOurFixInUse_s; }
 
 std::optional<GpsAssessment> GpsHealth::find_fault(double now_s) const {

@@ -5,7 +5,7 @@
 // Never pass it the fixes that we send (GPS_INPUT comes back as a receiver) nor the autopilot's fused position.
 //
 // Spoofed: a step or a speed beyond what the aircraft can fly, the filter's glitch alarm, or a disagreement with vision
-// beyond both uncertainties, which is how a slow drag-off ends. Suspicion is quick, trust is slow: after denial or
+// beyond both uncertainties, which is how a slow drag-off ends. Distrust is quick, trust is slow: after denial or
 // spoofing, GPS must be undisturbed for a stable interval and agree with vision for as long. If it was merely denied,
 // never spoofed, and there is no visual position, a much longer stable interval is enough. A receiver that has been
 // searching for its first fix since the service started on the ground was not denied: seconds are enough.

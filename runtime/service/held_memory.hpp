@@ -1,5 +1,5 @@
 // Memory that is reserved before the flight and kept: what a flight needs occasionally (wider searches, relocalization)
-// must not be missing in the air, and leaks show in a process of constant size.
+// must be available in the air, and a leak shows in a process of constant size.
 //
 // glibc's allocator serves all threads from one heap, returns nothing to the system, and serves large buffers from that
 // heap too; then the heap is grown once, and every page of it is written. Measured in the closed loop at 3 FullHD

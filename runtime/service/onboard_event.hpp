@@ -45,7 +45,7 @@ struct PartReported {
 
 // How we know that a message is the autopilot's.
 enum class LinkAuthentication {
-  missing,       // the link is signed, the message is not: it counts for nothing
+  missing,       // the link is signed, the message is not: it is ignored
   not_required,  // the link is not signed (--unsigned-link): anybody on it may have sent the message
   signature,     // signed with our key
 };
@@ -56,7 +56,7 @@ struct AutopilotHeartbeat {
 };
 
 // Somebody at another address claims to be the autopilot while it is connected.
-struct LinkRivalHeard {
+struct LinkRivalSeen {
   std::uint64_t frames = 0;  // of rivals since the start
 };
 
@@ -106,7 +106,7 @@ struct LocalizedFrame {
   FrameReport report;
 };
 
-// A match of a frame to the map ended with an exception: it says nothing about the place, and nothing was measured.
+// A match of a frame to the map ended with an exception: nothing was measured.
 struct MatchFailed {
   std::string reason;
 };
@@ -143,7 +143,7 @@ struct StateTransition {
 };
 
 using OnboardEvent =
-    std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, LinkRivalHeard,
+    std::variant<PackageVerified, PackageRestored, EstimateRestored, PartReported, AutopilotHeartbeat, LinkRivalSeen,
                  GpsFix3d, EkfReport, PositionHinted, FixJumped, FrameReceived, CameraFailed, LocalizedFrame,
                  MatchFailed, TileCorrupt, GpsAssessment, StateTransition>;
 

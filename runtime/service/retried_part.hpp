@@ -1,5 +1,5 @@
-// A part that the flight can do without: state directory, API, recorder, candidate tiles. Nothing that happens to it
-// ends the service. Its failure is reported once, it is tried again after one second, two, four, at most every half
+// A part that the flight can do without: state directory, API, recorder, candidate tiles. Its failure never ends the
+// service. Its failure is reported once, it is tried again after one second, two, four, at most every half
 // minute, and its recovery is reported.
 //
 //   RetriedPart api("API");

@@ -1,5 +1,5 @@
-// What survives a restart in flight: the saved flight, the state directory that holds it, and what a restart makes of
-// it.
+// What survives a restart in flight: the saved flight, the state directory that contains it, and the prior that a
+// restart derives from it.
 //
 // flight.json is one line of JSON ("nadir.flight/1") and, in a second line, its SHA-256. A file that is not exactly
 // that is rejected with a reason: a position from a damaged file would be wrong.
@@ -68,7 +68,7 @@ struct SavedFlightReading {
 };
 SavedFlightReading parse_saved_flight(std::string_view text);
 
-// The folder that carries a flight over a restart: flight.json, replaced atomically about once a second. Other parts
+// The folder from which a restart continues a flight: flight.json, replaced atomically about once a second. Other parts
 // keep their own files beside it (the signing time of the link, the aircraft's memory of packages).
 //
 // Writing syncs to disk and may be slow: it belongs to the upkeep thread, never to the path of a frame. A full disk

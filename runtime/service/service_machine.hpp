@@ -2,8 +2,8 @@
 // notifies nobody; the same events at the same times give the same transitions.
 //
 // The conductor passes it every event as it comes, calls update() at least ten times a second without one, records the
-// transitions, sends the operator's texts, and gives the autopilot what status() says: fix or no fix, its accuracy, and
-// which source should lead.
+// transitions, sends the operator's texts, and passes status() to the autopilot's link: fix or no fix, its accuracy,
+// and which source should lead.
 #pragma once
 
 #include <array>

@@ -11,7 +11,7 @@ inline constexpr double kBlackout_s = 0.4;       // without a new frame: the cam
 inline constexpr double kMissedFrames = 1.2;     // the same for slow cameras, in frame intervals: one frame is missing
 inline constexpr double kLatestInIntervals = 2;  // however irregular, in median intervals
 inline constexpr double kEstimateOverdue_s = 1.0;  // frames arrive, but no estimates
-// A camera's frame that takes longer to decode is dropped: it was made to. 100 megapixels take half of this (one core
+// A frame that takes longer to decode is dropped: it must have been crafted. 100 megapixels take half of this (one core
 // of the build machine), the thread that decodes is late after 3 s.
 inline constexpr double kMaxFrameDecode_s = 1.0;
 inline constexpr double kBlindNoFix_s = 30;      // blind for longer: no fix

@@ -18,7 +18,7 @@ namespace nadir {
 
 enum class ServiceState {
   boot,                // the package is being verified
-  no_package,          // rejected: the service runs and says why, without a position
+  no_package,          // rejected: the service runs and reports why, without a position
   awaiting_autopilot,  // the package is accepted; no authenticated autopilot yet
   relocalizing,        // searches for the first map match
   normal,              // satellite_anchored or vo_extrapolated

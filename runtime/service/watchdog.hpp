@@ -1,6 +1,6 @@
 // Supervision of the service: each thread beats, the watchdog names threads that are late, and systemd learns that the
 // service is alive only while all of them are. If one hangs, systemd kills the service and restarts it; the state
-// directory carries the flight over (saved_flight.hpp).
+// directory lets the flight continue (saved_flight.hpp).
 #pragma once
 
 #include <atomic>
@@ -25,7 +25,7 @@ struct LateThread {
   std::string text() const;  // "localizer silent for 3.2 s (at most 2 s)"
 };
 
-// A beat is one store to an atomic; it never waits. A thread whose Beat is destroyed has ended in order and is no
+// A beat is one store to an atomic; it never waits. A thread whose Beat is destroyed has ended normally and is no
 // longer watched; a thread that ends by an exception must end the service.
 class ThreadWatch {
   struct Watched {

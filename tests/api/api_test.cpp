@@ -133,7 +133,7 @@ TEST_F(ApiTest, RejectsAnInvalidHintWithAllErrors) {
   EXPECT_EQ(hints.take(), nullptr);
 }
 
-// What another site's page can make a browser send is no JSON by its media type.
+// A request that another site's page can make a browser send does not have JSON's media type.
 TEST_F(ApiTest, AcceptsOnlyJson) {
   ApiRequest request = post("/v1/hint", R"({"lat": 1, "lon": 1, "radius_m": 5})");
   for (const char* type : {"", "text/plain", "application/x-www-form-urlencoded", "application/jsonp"}) {
@@ -236,7 +236,8 @@ TEST_F(ApiTest, HintsAreTakenAtALimitedRate) {
   EXPECT_EQ(api.handle(hint).status, 202);
   EXPECT_EQ(api.handle(hint).status, 429);
   now_s += 3600;
-  for (int i = 0; i < kHintBurst; ++i) EXPECT_EQ(api.handle(hint).status, 202) << "an hour buys no more than the burst";
+  for (int i = 0; i < kHintBurst; ++i)
+    EXPECT_EQ(api.handle(hint).status, 202) << "after an hour, no more than the burst";
   EXPECT_EQ(api.handle(hint).status, 429);
 }
 

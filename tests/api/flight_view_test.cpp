@@ -40,7 +40,7 @@ TEST(FlightBoard, AViewInUseIsNeverModified) {
   EXPECT_EQ(board.snapshot()->time_s, 2);
 }
 
-// Readers that look without pause see whole views in their order, and the last one is seen by all.
+// Readers that poll without pause see complete views in order, and all of them see the last one.
 TEST(FlightBoard, ConcurrentReadersSeeConsistentViewsInOrder) {
   constexpr int kViews = 2000, kReaders = 4;
   FlightBoard board;
@@ -89,7 +89,7 @@ TEST(EventRing, RepeatsTakeThePlaceOfTheirLastOccurrenceAndCount) {
   EXPECT_EQ(ring.events()[1].replaces, 8U);
   EXPECT_EQ(ring.gone(), 0U) << "nothing was displaced";
   ring.add(1000, EventSeverity::warning, "state", "no frame for 0.5 s");
-  EXPECT_EQ(ring.events().back().count, 1U) << "another story by now";
+  EXPECT_EQ(ring.events().back().count, 1U) << "a different event by now";
   EXPECT_EQ(ring.gone(), 1U);
 }
 

@@ -32,7 +32,7 @@ class HttpServerTest : public test::ApiFixture {
     server.emplace(api, any, limits);
   }
   RawClient connect(int receive_buffer_bytes = 0) { return RawClient(server->port(), receive_buffer_bytes); }
-  // Waits for the server's counts, which its own thread moves.
+  // Waits for the server's counters, which its own thread updates.
   template <typename Condition>
   bool eventually(Condition condition) {
     for (int i = 0; i < 6000; ++i) {
@@ -92,7 +92,7 @@ TEST_F(HttpServerTest, RejectsOversizedRequests) {
   EXPECT_THAT(chunks.read_to_the_end(), HasSubstr("HTTP/1.1 4"));
 }
 
-// A client that dribbles its request, or sends none, does not keep its connection.
+// A client that sends its request byte by byte, or none, does not keep its connection.
 TEST_F(HttpServerTest, TimesOutAnIncompleteRequest) {
   HttpLimits limits;
   limits.request_time = std::chrono::milliseconds(50);
@@ -104,8 +104,8 @@ TEST_F(HttpServerTest, TimesOutAnIncompleteRequest) {
   EXPECT_TRUE(eventually([](const ServerCounts& counts) { return counts.connections_open == 0; }));
 }
 
-// As many silent connections as there are places, and more: whoever asks is answered, and the one that was silent for
-// longest made room.
+// More silent connections than the limit: a client that sends a request is answered, and the connection that has been
+// silent longest is closed.
 TEST_F(HttpServerTest, SilentConnectionsDoNotLockOthersOut) {
   HttpLimits limits;
   limits.request_time = std::chrono::hours(1);  // no time limit frees a place
@@ -120,12 +120,12 @@ TEST_F(HttpServerTest, SilentConnectionsDoNotLockOthersOut) {
     asking.send(kGetHealth);
     EXPECT_THAT(asking.read_until("}"), StartsWith("HTTP/1.1 200 OK\r\n"));
   }
-  EXPECT_EQ(silent.front().read_to_the_end(), "") << "the first one made room";
+  EXPECT_EQ(silent.front().read_to_the_end(), "") << "the first one was closed";
   EXPECT_EQ(server->counts().connections_refused, 0U);
   EXPECT_LE(server->counts().connections_open, limits.connections);
 }
 
-// Who asked once and then waits is as idle as who never asked; a stream is not.
+// A client that waits after a request is as idle as one that never sent any; a stream is not idle.
 TEST_F(HttpServerTest, EvictsIdleConnectionsAndKeepsStreams) {
   HttpLimits limits;
   limits.connections = 3;
@@ -145,7 +145,7 @@ TEST_F(HttpServerTest, EvictsIdleConnectionsAndKeepsStreams) {
   EXPECT_THAT(streaming.read_until("\"degraded\""), HasSubstr("event: log")) << "the stream was not closed";
 }
 
-// Places that are all taken by streams cannot be freed: the next one is closed.
+// When all connections are streams, none can be evicted: the next connection is closed.
 TEST_F(HttpServerTest, ClosesConnectionsBeyondTheLimitWhenNoneIsIdle) {
   HttpLimits limits;
   limits.connections = 2;
@@ -206,8 +206,8 @@ TEST_F(HttpServerTest, ReleasesADisconnectedReader) {
       eventually([](const ServerCounts& counts) { return counts.streams_open == 0 && counts.connections_open == 0; }));
 }
 
-// 50 readers that never read and 20 connections that never ask: the flight publishes all that it has, and somebody who
-// asks gets the latest. Nothing is queued for the dead: once one of them reads, it finds fewer states than its share.
+// 50 readers that never read and 20 connections that never send: the flight publishes everything, and a new client gets
+// the latest state. Nothing is queued for stalled readers: one that reads again finds fewer states than were published.
 TEST_F(HttpServerTest, DeadClientsDoNotDelayTheFlight) {
   HttpLimits limits;
   limits.stream_interval = std::chrono::milliseconds(1);
@@ -235,7 +235,7 @@ TEST_F(HttpServerTest, DeadClientsDoNotDelayTheFlight) {
   for (std::size_t at = backlog.find("event: state"); at != std::string::npos;
        at = backlog.find("event: state", at + 1))
     ++states;
-  EXPECT_LT(states, 1000U) << "states pile up for a reader that does not read";
+  EXPECT_LT(states, 1000U) << "states are queued for a reader that does not read";
 }
 
 TEST_F(HttpServerTest, DropsAStalledReader) {

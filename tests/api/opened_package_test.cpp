@@ -40,7 +40,7 @@ TEST_F(OpenedForTheApi, ShowsItsMetadataAndServesItsTiles) {
   EXPECT_EQ(sha256(as_bytes(served.body)), package->imagery().sidecars().front().sha256);
 }
 
-// What is shown to people has the digest that was signed, or is not shown.
+// Only tiles with the signed digest are shown.
 TEST_F(OpenedForTheApi, DoesNotServeATamperedTile) {
   const auto folder = maker_.make(folder_);
   test::sqlite(folder / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data)) WHERE rowid = 1");

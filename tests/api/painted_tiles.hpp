@@ -1,4 +1,4 @@
-// Map tiles for tests of pages: patches of colour that go on across tiles' edges. Made when they are asked for.
+// Map tiles for tests of pages: patches of colour that continue across tile edges. Generated on request.
 #pragma once
 
 #include "imagery/tile_source.hpp"

@@ -101,7 +101,7 @@ FlightView ScriptedFlight::at(double time_s, ServiceState state) {
   view.anchors = {frames / 9, frames / 40, 0, {{"ambiguous", frames / 60}, {"few_inliers", frames / 120}}};
   view.link.connected = true;
   view.link.signed_frames = link_signed_;
-  view.link.heard_s = time_s;
+  view.link.last_message_s = time_s;
   view.link.fixes_sent = static_cast<std::uint64_t>(time_s * 10);
   view.link.rejected_by = {{"replay", 2}};
   view.link.stations = {{"ground station", "udpout:192.168.4.2:14550", true, 12, 1}};

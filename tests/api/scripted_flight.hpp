@@ -1,5 +1,5 @@
-// A flight that was never flown: circles around a place, in whatever state the test wants. What the service would
-// publish, for the tests of those who read it.
+// A synthetic flight: circles around a place, in any state that the test needs. It publishes what the service would,
+// for tests of the readers.
 #pragma once
 
 #include "api/flight_view.hpp"

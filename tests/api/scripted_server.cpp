@@ -2,7 +2,7 @@
 //
 // usage: test_api_server [--listen IP:PORT] [--token-file FILE] [--hint-token-file FILE] [--tiles FILE] [--centre
 // LON,LAT] [--radius M] Prints "listening on PORT". Lines on standard input: a state's name (flies in it from now on),
-// "stall" (the flight's thread falls silent), "go" (speaks again), "flap" (the camera is silent for a moment, five
+// "stall" (the flight thread stops publishing), "go" (it goes on), "flap" (the camera is silent for a moment, five
 // times), "chatter" (200 ordinary events), "corrupt" (a tile), "unsigned" (the link). Ends with standard input.
 #include <poll.h>
 #include <unistd.h>

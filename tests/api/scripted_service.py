@@ -10,7 +10,7 @@ class ScriptedService:
         self.port = int(line.split()[-1])
         self.url = f"http://127.0.0.1:{self.port}"
 
-    def say(self, line):
+    def command(self, line):
         """A state's name, "stall" or "go"."""
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()

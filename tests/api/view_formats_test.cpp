@@ -71,7 +71,7 @@ TEST_F(EventStream, ReportsTheNumberOfMissedEvents) {
   EXPECT_EQ(count(text, "event: log\n"), 5);
 }
 
-// A repeat takes a number, but nobody misses the one that it replaced.
+// A repeat takes a new number, but the one that it replaced does not count as missed.
 TEST_F(EventStream, ARepeatedEventIsSentAgainAndCountsAsNotMissed) {
   ring_ = EventRing(5, 300);
   happen("camera silent");
@@ -88,13 +88,13 @@ TEST_F(EventStream, ARepeatedEventIsSentAgainAndCountsAsNotMissed) {
   EXPECT_THAT(text, HasSubstr("\"count\":4"));
 }
 
-// The flight's thread may be silent; time is not.
+// Ages keep growing when the flight's thread is silent.
 TEST(StateJson, AgesAreAsOfNowNotOfTheView) {
   FlightView flight;
   flight.time_s = 100;
   flight.anchored_s = 97;
   flight.frames.last_s = 99.5;
-  flight.link.heard_s = 100;
+  flight.link.last_message_s = 100;
   flight.state.since_s = 60;
   const FlightEvent event{.id = 1, .time_s = 90, .kind = "state", .text = "x"};
   const auto state = state_json(flight, 7);
@@ -116,7 +116,7 @@ TEST_F(EventStream, StartsOverAfterAServiceRestart) {
   }
 }
 
-// Text of an event cannot end its line and begin a message of its own.
+// The text of an event cannot end its line and start another message.
 TEST_F(EventStream, KeepsTextOnOneLine) {
   happen("harmless\n\nevent: state\ndata: {\"state\":\"normal\"}\r\n\r\n");
   FlightView hostile = view();

@@ -51,7 +51,7 @@ class Watch(unittest.TestCase):
 
     def test_no_position_is_1(self):
         service = self.serve()
-        service.say("no_fix")
+        service.command("no_fix")
         while self.watch(service.url, "--once").returncode == 0:
             pass
         result = self.watch(service.url, "--once")
@@ -63,7 +63,7 @@ class Watch(unittest.TestCase):
         process = self.watching(service.url, "--interval-s", "0.1", stdout=subprocess.PIPE, text=True)
         first = process.stdout.readline()
         self.assertTrue(first.startswith("event  "), first)
-        service.say("degraded")
+        service.command("degraded")
         before = first
         for line in process.stdout:
             if line.startswith("degraded, dead_reckoned, sigma 38.0 m"):
@@ -111,10 +111,10 @@ class Watch(unittest.TestCase):
 
     def test_ages_alarms_and_repeats(self):
         service = self.serve()
-        service.say("corrupt")
-        service.say("flap")
-        service.say("unsigned")
-        service.say("degraded")
+        service.command("corrupt")
+        service.command("flap")
+        service.command("unsigned")
+        service.command("degraded")
         while "DEGRADED" not in (shown := self.watch(service.url, "--once").stdout):
             pass
         self.assertRegex(shown, r"alarms\n +\d+ s +critical +artifact.hash: tile 17/70000/45000")
@@ -122,7 +122,7 @@ class Watch(unittest.TestCase):
         self.assertIn("1 CORRUPT TILE", shown)
         self.assertIn("NOT SIGNED", shown)
         age = lambda text: float(re.search(r"anchor age +([0-9.]+) s", text)[1])
-        service.say("stall")
+        service.command("stall")
         first = self.watch(service.url, "--once").stdout
         while "STALE" not in (later := self.watch(service.url, "--once").stdout):
             pass

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""The attitude that is told errs as real ones do: by the course, and with the fix that it leans on."""
+"""The estimated attitude has the errors of a real one: they depend on the course, and on the fix that aids the filter."""
 import math
 import random
 import unittest
 
 import support
-from simulated_autopilot.attitude import ToldAttitude
+from simulated_autopilot.attitude import AttitudeEstimate
 from simulated_autopilot.geo import wrap
 from simulated_autopilot.plane import Plane
 
@@ -14,7 +14,7 @@ TURN = math.radians(6)  # to the right, every second
 
 
 def yaw_error(attitude, plane):
-    return math.degrees(wrap(attitude.told(plane)[2] - plane.yaw))
+    return math.degrees(wrap(attitude.estimate(plane)[2] - plane.yaw))
 
 
 def turned(velocity, angle):
@@ -26,15 +26,15 @@ def turned(velocity, angle):
 class Attitude(unittest.TestCase):
     def setUp(self):
         self.plane = Plane(random.Random(1), 0, 0, 300, 0)
-        self.attitude = ToldAttitude(random.Random(2))
-        self.usual = self.attitude.told(self.plane)
+        self.attitude = AttitudeEstimate(random.Random(2))
+        self.usual = self.attitude.estimate(self.plane)
 
-    def fly(self, seconds, believed):
-        """In a steady turn; believed(velocity, time since the beginning): what the position filter takes it for."""
+    def fly(self, seconds, estimated):
+        """In a steady turn; estimated(velocity, time since the beginning): what the position filter takes it for."""
         acceleration = self.plane.airspeed * TURN
         for i in range(round(seconds / STEP_S)):
             self.plane.step(STEP_S, acceleration, 300)
-            self.attitude.step(STEP_S, self.plane, believed(self.plane.velocity, i * STEP_S))
+            self.attitude.step(STEP_S, self.plane, estimated(self.plane.velocity, i * STEP_S))
 
     def test_the_compass_error_depends_on_the_course(self):
         self.attitude.deviate(math.radians(9), math.radians(90))
@@ -63,7 +63,7 @@ class Attitude(unittest.TestCase):
             self.plane.step(STEP_S, 0, 300)
             seconds = self.plane.north / self.plane.airspeed
             self.attitude.step(STEP_S, self.plane, (self.plane.velocity[0] + 0.5 * seconds, self.plane.velocity[1]))
-        roll, pitch, _ = self.attitude.told(self.plane)
+        roll, pitch, _ = self.attitude.estimate(self.plane)
         self.assertAlmostEqual(-math.degrees(0.5 / 9.8), math.degrees(pitch - self.plane.pitch), delta=1.5)
         self.assertLess(abs(math.degrees(roll - self.plane.roll)), 1.5)
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The aircraft flies its plan by the position that it is given, and the scenarios do what they say."""
+"""The aircraft flies its plan by the position that it is given, and the scenarios have their described effects."""
 import math
 import random
 import unittest

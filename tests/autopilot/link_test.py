@@ -21,12 +21,12 @@ class LinkTest(unittest.TestCase):
         support.fly(aircraft, 1)
         companion.read()
         support.fly(aircraft, 10)
-        heard = kinds(companion.read())
+        received = kinds(companion.read())
         for name, count in (("HEARTBEAT", 10), ("ATTITUDE", 250), ("RAW_IMU", 500), ("GPS_RAW_INT", 50),
                             ("EKF_STATUS_REPORT", 50)):
-            self.assertAlmostEqual(count, heard[name], delta=1, msg=name)
-        self.assertNotIn("BAD_DATA", heard)
-        self.assertNotIn("SIM_STATE", heard)
+            self.assertAlmostEqual(count, received[name], delta=1, msg=name)
+        self.assertNotIn("BAD_DATA", received)
+        self.assertNotIn("SIM_STATE", received)
 
     def test_the_receivers_stand_where_the_parameters_say(self):
         for instance in (0, 1):
@@ -55,12 +55,12 @@ class LinkTest(unittest.TestCase):
         for sender in (foreign, unsigned):
             sender.send(support.gps_input())
         support.fly(aircraft, 0.1)
-        self.assertEqual({}, aircraft.protocol.heard)
+        self.assertEqual({}, aircraft.protocol.received)
         self.assertEqual(2, aircraft.link.refused)
         companion.mav.signing.timestamp = aircraft.link.mav.signing.timestamp + 10
         companion.send(support.gps_input())
         support.fly(aircraft, 0.1)
-        self.assertEqual({"GPS_INPUT": 1}, aircraft.protocol.heard)
+        self.assertEqual({"GPS_INPUT": 1}, aircraft.protocol.received)
         self.assertNotIn("BAD_DATA", kinds(companion.read()))
 
     def test_a_key_is_installed_and_then_asked_for(self):
@@ -74,7 +74,7 @@ class LinkTest(unittest.TestCase):
         self.assertTrue(aircraft.link.signed)
         companion.send(support.gps_input())
         support.fly(aircraft, 0.1)
-        self.assertNotIn("GPS_INPUT", aircraft.protocol.heard)
+        self.assertNotIn("GPS_INPUT", aircraft.protocol.received)
         self.assertNotIn(KEY.hex(), repr(aircraft.log.events))
 
     def test_a_cut_link_passes_nothing(self):
@@ -84,11 +84,11 @@ class LinkTest(unittest.TestCase):
         companion.send(support.gps_input())
         support.fly(aircraft, 1.9)
         self.assertEqual([], companion.read())
-        self.assertEqual({}, aircraft.protocol.heard)
+        self.assertEqual({}, aircraft.protocol.received)
         support.fly(aircraft, 0.2)
         companion.send(support.gps_input())
         support.fly(aircraft, 1)
-        self.assertEqual({"GPS_INPUT": 1}, aircraft.protocol.heard)
+        self.assertEqual({"GPS_INPUT": 1}, aircraft.protocol.received)
         self.assertGreater(len(companion.read()), 50)
 
     def test_parameters_are_listed_read_and_set(self):
@@ -150,7 +150,7 @@ class LinkTest(unittest.TestCase):
         support.fly(aircraft, 0.1)
         companion.send(support.gps_input())
         support.fly(aircraft, 0.1)
-        self.assertEqual(1, aircraft.protocol.heard.get("GPS_INPUT"))
+        self.assertEqual(1, aircraft.protocol.received.get("GPS_INPUT"))
 
 
 if __name__ == "__main__":

@@ -65,10 +65,10 @@ class Program(unittest.TestCase):
             try:
                 mav = support.dialect.MAVLink(None)
                 mav.robust_parsing = True
-                heard = set()
-                while "HEARTBEAT" not in heard:
+                received = set()
+                while "HEARTBEAT" not in received:
                     self.assertTrue(select.select([ours], [], [], 60)[0], "nothing came")
-                    heard |= {m.get_type() for m in mav.parse_buffer(os.read(ours, 4096)) or []}
+                    received |= {m.get_type() for m in mav.parse_buffer(os.read(ours, 4096)) or []}
             finally:
                 process.terminate()
                 self.assertEqual(0, process.wait(60))

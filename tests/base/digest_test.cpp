@@ -35,7 +35,7 @@ TEST(Sha256, IsIndependentOfChunking) {
   stream.update({});
   stream.update(as_bytes("bc"));
   EXPECT_EQ(stream.finish(), sha256(as_bytes("abc")));
-  EXPECT_EQ(stream.finish(), sha256({}));  // starts afresh
+  EXPECT_EQ(stream.finish(), sha256({}));  // starts again
 }
 
 TEST(Sha256, AcceptsOneSpellingOfHex) {

@@ -85,7 +85,7 @@ TEST(Printable, IsAppliedToMessages) {
   EXPECT_EQ(to_text({.code = "c", .found = "\x1b[0m"}).find('\x1b'), std::string::npos);
 }
 
-// A finding or an error has the lines that the program gives it, whatever it quotes.
+// Quoted text cannot add lines to a finding or an error.
 TEST(Printable, ForgedLinesReachNoMessage) {
   const std::string finding =
       to_text({.code = kForged, .where = kForged, .expected = kForged, .found = kForged, .fix = kForged});

@@ -45,7 +45,7 @@ TEST(Files, LeavesNoTemporaryFiles) {
   EXPECT_THROW(write_file_atomic(folder / "no" / "f", std::string_view("x")), Error);
 }
 
-// The name ".tmpPID" could be guessed: a link that was planted there led the write elsewhere.
+// A name like ".tmpPID" is predictable: a link planted there would redirect the write.
 TEST(Files, FollowNoLinkThatWasPlanted) {
   const test::TemporaryFolder folder;
   folder.write("victim", "precious");
@@ -57,8 +57,9 @@ TEST(Files, FollowNoLinkThatWasPlanted) {
   EXPECT_EQ(read_text_file(folder / "f"), "new");
 }
 
-// Somebody who had created the file under its guessed name, with his own mode, read the key before the mode was set.
-TEST(Files, NobodyHoldsASecretOpenBeforeItIsThere) {
+// With a predictable name, an attacker who creates the file first, with a mode of his own, reads the key before the
+// mode is set.
+TEST(Files, ASecretCannotBeOpenedBeforeItIsComplete) {
   const test::TemporaryFolder folder;
   const fs::path guessed = folder / ("key.tmp" + std::to_string(::getpid()));
   const int fd = ::open(guessed.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);

@@ -68,7 +68,7 @@ TEST_F(InputFiles, ReadsAreWholeOrRefused) {
   EXPECT_EQ(refused.found, "10 bytes");
 }
 
-TEST_F(InputFiles, WhatIsWrongWithAPathIsSaid) {
+TEST_F(InputFiles, ErrorsNameWhatIsWrongWithAPath) {
   const ErrorText missing = refusal_of([&] { InputFile{folder_ / "none"}; });
   EXPECT_EQ(missing.found, "No such file or directory");
   const ErrorText too_long = refusal_of([&] { InputFile{folder_ / std::string(5000, 'a')}; });
@@ -129,7 +129,7 @@ TEST_F(InputFiles, AWalkNamesEverythingButFolders) {
   EXPECT_EQ(visited, 2);
 }
 
-TEST_F(InputFiles, AWalkDoesNotDescendForEver) {
+TEST_F(InputFiles, AWalkHasALimitedDepth) {
   fs::path deep = folder_ / "package";
   for (int i = 0; i < 40; ++i) deep /= "d";
   fs::create_directories(deep);

@@ -186,7 +186,7 @@ TEST(JsonReader, QuotesHostileTextTruncatedAndEscaped) {
   }
 }
 
-// "[json.exception.parse_error.101]" is the library's own and helps nobody.
+// "[json.exception.parse_error.101]" means nothing to a user.
 TEST(Json, NamesNoExceptionsOfTheLibrary) {
   for (const char* text : {"{\"a\": nul}", "", "{\"a\": 1e999}", "{\"a\": \"\xff\"}", "[1"}) {
     try {

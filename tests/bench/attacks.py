@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Attacks on the built programs (nadir, nadird, nadir-candidates), on loopback and real files: a table of what each got for
-an answer, exit code, peak memory and time. A row that falls is exit code 1. docs/attacks.md says what each attacker gains.
+an answer, exit code, peak memory and time. A row that fails is exit code 1. docs/attacks.md lists what each attacker gains.
 """
 import argparse
 import concurrent.futures

@@ -34,7 +34,7 @@ Vec2<T> clockwise(const T& angle, const Vec2<T>& v) {
 }
 
 // What each frame's telemetry says: heading, tilt.
-struct Told {
+struct HeadingResidual {
   double heading, heading_sigma, changing_tilt;
   template <typename T>
   bool operator()(const T* x, const T* heading_bias, T* r) const {
@@ -191,9 +191,10 @@ BatchGraph solve_batch(const test::DrawnFlight& flight, const TelemetryUncertain
   for (std::size_t i = 0; i < n; ++i) {
     const FlightStep& step = flight.steps[i];
     const double heading = *step.measured_heading_rad;
-    problem.AddResidualBlock(cost_of<Told, 3, kStates, 1>({heading, model::kWhiteHeadingShare * uncertainty.heading_rad,
-                                                           model::kWhiteTiltShareLogged * uncertainty.tilt_rad}),
-                             nullptr, x[i].data(), &heading_bias);
+    problem.AddResidualBlock(
+        cost_of<HeadingResidual, 3, kStates, 1>({heading, model::kWhiteHeadingShare * uncertainty.heading_rad,
+                                                 model::kWhiteTiltShareLogged * uncertainty.tilt_rad}),
+        nullptr, x[i].data(), &heading_bias);
     if (i > 0) {
       const double keep = std::exp(-step.seconds / model::kTiltTimeLogged_s),
                    kept = std::exp(-step.seconds / model::kDeviationTime_s),

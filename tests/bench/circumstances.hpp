@@ -12,7 +12,7 @@
 
 namespace nadir {
 
-// "load 4.1, peak memory 123 MB": beside the figures, because CPU time grows with what shares the caches.
+// "load 4.1, peak memory 123 MB": printed beside the figures, because CPU time grows with other load on the caches.
 inline std::string circumstances() {
   std::array<double, 1> load{};
   rusage usage{};

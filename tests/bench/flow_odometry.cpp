@@ -11,7 +11,7 @@ namespace nadir {
 namespace {
 
 constexpr double kCoarseFootprint_px = 110;  // longer side of the image for the first, coarse alignment
-constexpr double kLeastOverlap = 0.25;       // of the image: less says nothing
+constexpr double kLeastOverlap = 0.25;       // of the image: less is not evaluated
 constexpr double kMinScore = 0.18;           // of the coarse alignment, at most 1; images without overlap reach 0.15
 constexpr double kHeadingStep_rad = 0.06;
 constexpr double kMostTurn_rad = 0.5;     // beyond what the telemetry's heading says

@@ -80,20 +80,20 @@ def flight(folder, frames):
         yield out / "frames" / row["frame"], row, truth[row["frame"]]
 
 
-def ours(folder, camera, frame, told, truth, zoom):
+def ours(folder, camera, frame, telemetry, truth, zoom):
     out = folder / "ours"
     out.mkdir(exist_ok=True)
     for old in out.glob("*.png"):
         old.unlink()
     answer = subprocess.run(
         [BIN / "bench_ortho_frame", "--camera", camera, "--frame", frame, "--out", out, "--lon=" + truth["lon_deg"],
-         "--lat=" + truth["lat_deg"], "--agl-m", told["agl_m"], "--heading-deg=" + told["heading_deg"],
-         "--pitch-deg=" + told["pitch_deg"], "--roll-deg=" + told["roll_deg"], "--zoom", str(zoom)],
+         "--lat=" + truth["lat_deg"], "--agl-m", telemetry["agl_m"], "--heading-deg=" + telemetry["heading_deg"],
+         "--pitch-deg=" + telemetry["pitch_deg"], "--roll-deg=" + telemetry["roll_deg"], "--zoom", str(zoom)],
         check=True, capture_output=True, text=True).stdout
     return out, json.loads(answer)
 
 
-def theirs(folder, model, frame, told, truth, gsd):
+def theirs(folder, model, frame, telemetry, truth, gsd):
     crs = f"+proj=tmerc +lat_0={truth['lat_deg']} +lon_0={truth['lon_deg']} +k=1 +ellps=WGS84 +units=m +no_defs"
     dem = folder / "dem.tif"
     with rasterio.open(dem, "w", driver="GTiff", width=200, height=200, count=1, dtype="float32", crs=crs,
@@ -101,10 +101,10 @@ def theirs(folder, model, frame, told, truth, gsd):
         target.write(np.zeros((200, 200), "float32"), 1)
     w, h = int(model["width"]), int(model["height"])
     k1, k2, p1, p2, k3 = model["distortion"]
-    angles = [math.radians(float(told[k])) for k in ("heading_deg", "pitch_deg", "roll_deg")]
+    angles = [math.radians(float(telemetry[k])) for k in ("heading_deg", "pitch_deg", "roll_deg")]
     camera = create_camera("opencv", (w, h), (model["fx"], model["fy"]), sensor_size=(w, h),
                            cx=(model["cx"] - (w - 1) / 2) / max(w, h), cy=(model["cy"] - (h - 1) / 2) / max(w, h),
-                           k1=k1, k2=k2, p1=p1, p2=p2, k3=k3, xyz=(0, 0, float(told["agl_m"])),
+                           k1=k1, k2=k2, p1=p1, p2=p2, k3=k3, xyz=(0, 0, float(telemetry["agl_m"])),
                            opk=omega_phi_kappa(rotation(*angles)))
     out, least = folder / "ortho.tif", 1e9
     for _ in range(3):
@@ -202,12 +202,12 @@ def main():
     moved, alike, our_ms, decode_ms, their_ms, tiles = [], [], [], [], [], 0
     with tempfile.TemporaryDirectory(prefix="nadir-ortho.") as name:
         folder = pathlib.Path(name)
-        for frame, told, truth in flight(folder, asked.frames):
+        for frame, telemetry, truth in flight(folder, asked.frames):
             camera = folder / "world/camera.yaml"
             gsd = CIRCUMFERENCE / 2**asked.zoom / 256 * math.cos(math.radians(float(truth["lat_deg"])))
-            out, answer = ours(folder, camera, frame, told, truth, asked.zoom)
-            ortho, spent = theirs(folder, camera_of(camera), frame, told, truth, gsd / 2)
-            _, whole = theirs(folder, camera_of(camera), frame, told, truth, gsd)
+            out, answer = ours(folder, camera, frame, telemetry, truth, asked.zoom)
+            ortho, spent = theirs(folder, camera_of(camera), frame, telemetry, truth, gsd / 2)
+            _, whole = theirs(folder, camera_of(camera), frame, telemetry, truth, gsd)
             our_ms.append(answer["ortho_ms"] + answer["decode_ms"]), decode_ms.append(answer["decode_ms"])
             their_ms.append(whole)
             for tile in answer["tiles"]:

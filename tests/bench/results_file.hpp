@@ -10,7 +10,7 @@ namespace nadir::bench {
 
 class ResultsFile {
  public:
-  // header: the file's first lines, which say what run it belongs to. An empty path keeps nothing. Throws UsageError
+  // header: the file's first lines, which identify the run. An empty path keeps nothing. Throws UsageError
   // when the file belongs to another run.
   ResultsFile(const std::filesystem::path& path, const std::string& header);
 

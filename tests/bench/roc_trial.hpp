@@ -1,4 +1,4 @@
-// One attempt to match a frame in a window that holds its place, or in one that cannot: the knock-out test.
+// One attempt to match a frame in a window that contains its place, or in one that does not: the knock-out test.
 #pragma once
 
 #include <cstdint>

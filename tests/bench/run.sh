@@ -30,7 +30,7 @@ usage: ./run bench [PART [OPTIONS]]     OPTIONS: ./run bench PART --help
   closed-loop   an autopilot that flies by nadird's fixes over a simulated world, in real time (11 minutes; --scenario NAME)
   chaos         the same under faults, in five parts (25 minutes; --only PART). kill: nadird killed every 30 s; faults: disk full, link
                 cut, clocks set, tiles spoilt; restarts: on a full state disk, a taken port, a wrong clock, a torn file, a swapped
-                package; intruder: a second speaker on the link; tiles: the tile file corrupted and cut off
+                package; intruder: a second sender on the link; tiles: the tile file corrupted and cut off
   attacks       attacks on the built programs, by attacker: what each gets for an answer (five minutes; --list, --only NAME, --json FILE)
   rules         every rule of docs/onboard.md in real time: eight short flights, what was seen and when (9 minutes; --only NAME)
   sitl          ArduPlane itself, in its own simulator, by nadird's fixes (--arduplane PATH; NOT RUN without; 6 minutes)

@@ -1,4 +1,4 @@
-// One simulated piece of flight: where the aircraft really was, what its sensors measured, what its camera saw.
+// One simulated flight segment: the true poses, what the sensors measured, what the camera saw.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ struct Shot {
   CameraPose truth;
   Telemetry telemetry;
   cv::Mat picture;       // BGR; empty: could not be decoded
-  bool shifted = false;  // some of the map under it is out of place
+  bool shifted = false;  // part of the map beneath it is shifted
 };
 
 struct Flight {
@@ -34,7 +34,7 @@ struct Flight {
 Flight make_flight(std::uint64_t seed, const std::vector<std::unique_ptr<World>>& worlds,
                    const Photographer& photographer);
 
-// How a localizer starts on it.
+// A localizer's start on it.
 LocalizerConfig config_of(const Flight& flight, const World& world);
 
 }  // namespace nadir::bench

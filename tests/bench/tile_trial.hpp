@@ -11,11 +11,11 @@
 namespace nadir::bench {
 
 struct TileOff {
-  bool refined = false;     // made of the smoothed flight; else as in flight
-  double geometric_m = 0;   // its pixels against where the true camera saw them
+  bool refined = false;     // made with the smoothed poses; otherwise with those of the flight
+  double geometric_m = 0;   // of its pixels, against the true pose
   double raster_m = 0;      // against the world's raster, by correlation; -1: not recognised
   double pose_error_m = 0;  // of its frame
-  double sigma_m = 0;       // claimed
+  double sigma_m = 0;       // stated
 };
 
 struct TileTrial {

@@ -19,7 +19,7 @@ from tile_sets import TileSets  # noqa: E402
 
 NADIR = sys.argv[1] if len(sys.argv) > 1 else str(HERE.parent.parent / "build/bin/nadir")
 DEBIAN_PYTHON = "/usr/bin/python3"
-SILENT, NOT_RUN = "says nothing", "not run"
+SILENT, NOT_RUN = "no message", "not run"
 
 
 def run(*command):

@@ -1,4 +1,4 @@
-// Pauses, and what cameras hand out after them.
+// Pauses, and the backlog that cameras deliver after them.
 #include "camera/backlog_guard.hpp"
 
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@ namespace {
 
 using Verdict = BacklogGuard::Verdict;
 
-// What becomes of each picture: f(resh), s(tale), w(ait).
+// The verdict on each frame: f(resh), s(tale), w(ait).
 class Camera {
  public:
   explicit Camera(double interval_s) : interval_s_(interval_s) { pictures(8); }
@@ -50,11 +50,11 @@ TEST(BacklogGuard, HoldsAfterAPauseUntilTheNextFrameWouldBeDue) {
   EXPECT_EQ(camera.after(6), Verdict::hold);
   ASSERT_TRUE(camera.guard.settled_s());
   EXPECT_NEAR(*camera.guard.settled_s(), camera.now_s + 0.3, 1e-9);
-  EXPECT_EQ(camera.pictures(5), "fffff") << "the camera was silent, and held nothing back";
+  EXPECT_EQ(camera.pictures(5), "fffff") << "the camera was silent and had no backlog";
   EXPECT_FALSE(camera.guard.settled_s());
 }
 
-// Six seconds of pictures at once: old, but for the first that comes in its time.
+// Six seconds of frames at once: all are old, except the first one at the regular interval.
 TEST(BacklogGuard, DetectsABacklogByItsShortIntervals) {
   for (const double quick_s : {0.0, 0.01, 0.2}) {
     Camera camera(0.4);
@@ -65,8 +65,8 @@ TEST(BacklogGuard, DetectsABacklogByItsShortIntervals) {
   }
 }
 
-// No more pictures can have been held back than were taken in the pause: a camera that comes back quicker counts as it
-// is.
+// A backlog cannot hold more frames than were taken in the pause: after that, a camera that is faster than before is
+// accepted as such.
 TEST(BacklogGuard, ABacklogIsNotLongerThanThePause) {
   Camera camera(0.5);
   EXPECT_EQ(camera.after(2.5), Verdict::hold);  // four intervals are missing
@@ -96,12 +96,12 @@ TEST(BacklogGuard, ShortGapsAndUnmeasuredCamerasAreNotPauses) {
   Camera fast(0.03);
   EXPECT_EQ(fast.after(0.45), Verdict::fresh);
   Camera slow(1);
-  EXPECT_EQ(slow.after(2.4), Verdict::fresh) << "one picture is missing";
+  EXPECT_EQ(slow.after(2.4), Verdict::fresh) << "one frame is missing";
   BacklogGuard unknown;
   for (const double at_s : {1.0, 2.0, 60.0, 60.0, 60.1}) EXPECT_EQ(unknown.classify(at_s), Verdict::fresh) << at_s;
 }
 
-// Pictures that always come in bunches tell nothing by their haste.
+// With a camera that always delivers in bursts, short intervals are no sign of a backlog.
 TEST(BacklogGuard, AlwaysBurstyFramesAreFresh) {
   BacklogGuard guard;
   for (int bunch = 0; bunch < 30; ++bunch) {

@@ -1,5 +1,5 @@
-// Real files in a real folder. Events of one machine are there when the call that made them returns, so that nothing
-// here waits for time to pass.
+// Real files in a real folder. inotify events are queued when the call that caused them returns, so no test waits for
+// time to pass.
 #include "camera/folder_camera.hpp"
 
 #include <fcntl.h>
@@ -32,7 +32,7 @@ class FolderCameraTest : public testing::Test {
  protected:
   void write(const std::string& name, const Bytes& bytes) { write_file_atomic(folder_ / name, ByteView(bytes)); }
 
-  // As a slow camera does: the name is there before the picture is.
+  // Like a slow camera: the name exists before the image is complete.
   int begin(const std::string& name, const Bytes& bytes, std::size_t count) {
     const int fd = ::open((folder_ / name).c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
     append(fd, bytes, 0, count);
@@ -43,11 +43,11 @@ class FolderCameraTest : public testing::Test {
   }
 
   CameraReading next(CameraSource& camera) { return camera.next(0ms, {}); }
-  // The name of the next picture, or what there is instead.
+  // The name of the next image, or the reading's kind instead.
   std::string name(CameraSource& camera) {
     const CameraReading reading = next(camera);
     if (reading.status == CameraStatus::frame) return reading.frame.name;
-    return reading.status == CameraStatus::timeout ? "nothing" : "trouble";
+    return reading.status == CameraStatus::timeout ? "nothing" : "failure";
   }
 
   test::TemporaryFolder folder_;
@@ -82,7 +82,7 @@ TEST_F(FolderCameraTest, NeverDeliversAPartialImage) {
   append(fd, bytes, 100, bytes.size() - 1);
   EXPECT_EQ(name(camera), "nothing");
   append(fd, bytes, bytes.size() - 1, bytes.size());
-  EXPECT_EQ(name(camera), "nothing") << "whole, but its writer may go on";
+  EXPECT_EQ(name(camera), "nothing") << "complete, but its writer may continue";
   ::close(fd);
   EXPECT_EQ(name(camera), "a.jpg");
 }
@@ -139,7 +139,7 @@ TEST_F(FolderCameraTest, ABurstIsDeliveredInTheOrderOfNames) {
   for (int i = 29; i >= 0; --i) write(fmt::format("frame_{:04}.jpg", i), picture(i));
   for (int i = 0; i < 30; ++i) EXPECT_EQ(name(camera), fmt::format("frame_{:04}.jpg", i));
   EXPECT_EQ(name(camera), "nothing");
-  write("frame_0000.jpg", picture(200));  // the camera's counter began anew
+  write("frame_0000.jpg", picture(200));  // the camera's counter restarted
   EXPECT_EQ(name(camera), "frame_0000.jpg");
 }
 
@@ -170,9 +170,9 @@ TEST_F(FolderCameraTest, ExistingImagesAreStaleUnlessRequested) {
   FolderCamera skips(folder_.path(), clock_), newest(folder_.path(), clock_, Backlog::newest),
       all(folder_.path(), clock_, Backlog::all);
   EXPECT_EQ(name(skips), "nothing");
-  EXPECT_EQ(name(newest), "trouble") << "d.jpg, not whole yet";
+  EXPECT_EQ(name(newest), "failure") << "d.jpg, not complete yet";
   for (const char* file : {"a.jpg", "b.jpg", "c.jpg"}) EXPECT_EQ(name(all), file);
-  EXPECT_EQ(name(all), "trouble");
+  EXPECT_EQ(name(all), "failure");
   append(fd, bytes, 50, bytes.size());
   ::close(fd);
   EXPECT_EQ(name(skips), "d.jpg");
@@ -193,7 +193,7 @@ TEST_F(FolderCameraTest, OtherFilesAreIgnored) {
   std::filesystem::rename(folder_ / "folder.jpg", folder_ / "moved.jpg");
   EXPECT_EQ(name(camera), "nothing");
   write("text.jpg", {'n', 'o', ' ', 'p', 'i', 'c', 't', 'u', 'r', 'e', ' ', 'a', 't', ' ', 'a', 'l', 'l'});
-  EXPECT_EQ(name(camera), "trouble");
+  EXPECT_EQ(name(camera), "failure");
   write("UPPER.JPG", picture(10));
   EXPECT_EQ(name(camera), "UPPER.JPG");
 }
@@ -210,23 +210,23 @@ TEST_F(FolderCameraTest, ARemovedImageIsIgnored) {
 TEST_F(FolderCameraTest, AMissingFolderIsAFailureUntilItIsBack) {
   const auto path = folder_ / "frames";
   FolderCamera camera(path, clock_);
-  EXPECT_EQ(name(camera), "trouble");
+  EXPECT_EQ(name(camera), "failure");
   std::filesystem::create_directory(path);
   EXPECT_EQ(name(camera), "nothing");
   write("frames/a.jpg", picture(10));
   EXPECT_EQ(name(camera), "a.jpg");
 
   std::filesystem::remove_all(path);
-  EXPECT_EQ(name(camera), "trouble");
-  EXPECT_EQ(name(camera), "trouble");
+  EXPECT_EQ(name(camera), "failure");
+  EXPECT_EQ(name(camera), "failure");
   std::filesystem::create_directory(path);
   EXPECT_EQ(name(camera), "nothing");
   write("frames/b.jpg", picture(10));
   EXPECT_EQ(name(camera), "b.jpg");
 
   std::filesystem::rename(path, folder_ / "moved");
-  EXPECT_EQ(name(camera), "trouble");
-  EXPECT_EQ(name(camera), "trouble");
+  EXPECT_EQ(name(camera), "failure");
+  EXPECT_EQ(name(camera), "failure");
 }
 
 TEST_F(FolderCameraTest, StopAndAnImageEndTheWait) {

@@ -42,7 +42,7 @@ TEST_F(PluginCameraTest, PlaysARecordingAtItsSpeed) {
   PluginCamera video = camera("video:recording");
   const double start_s = clock_.monotonic_s();
   EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::frame);
-  EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::timeout) << "its time has not come";
+  EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::timeout) << "the frame is not due yet";
   clock_.advance(0.49);
   EXPECT_EQ(video.next(0ms, {}).status, CameraStatus::timeout);
   clock_.advance(0.02);
@@ -85,9 +85,9 @@ TEST_F(PluginCameraTest, ACameraThatCannotBeOpenedIsAFailure) {
 }
 
 TEST_F(PluginCameraTest, InvalidFramesAreNotRead) {
-  for (const char* source : {"rtsp:lies", "rtsp:huge"}) {
-    PluginCamera camera_of_lies = camera(source);
-    EXPECT_EQ(camera_of_lies.next(0ms, {}).status, CameraStatus::failure) << source;
+  for (const char* source : {"rtsp:false-size", "rtsp:huge"}) {
+    PluginCamera invalid = camera(source);
+    EXPECT_EQ(invalid.next(0ms, {}).status, CameraStatus::failure) << source;
   }
   EXPECT_EQ(camera("rtsp:none").next(0ms, {}).status, CameraStatus::timeout);
 }
@@ -117,7 +117,7 @@ TEST_F(PluginCameraTest, OpenCameraOpensTheNamedSource) {
   EXPECT_THROW(open_camera("gopher://camera", clock_), UsageError);
   try {
     open_camera("video:flight.mp4", clock_, {"/nowhere"});
-    ADD_FAILURE() << "found a plug-in nowhere";
+    ADD_FAILURE() << "found a plug-in that does not exist";
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), HasSubstr("/nowhere"));
     EXPECT_THAT(error.what(), HasSubstr("libopencv-videoio-dev"));
@@ -147,13 +147,13 @@ TEST(CameraSecrets, NoTextShowsThem) {
   }
 }
 
-TEST(CameraSecrets, ComeFromAFileOfTheOwnersAlone) {
+TEST(CameraSecrets, AreReadFromAnOwnerOnlyFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.write("camera", "pilot:p@ss:w/rd\n");
   std::filesystem::permissions(file, std::filesystem::perms(0600));
   EXPECT_EQ(with_credentials("rtsp://10.0.0.5/live", file), "rtsp://pilot:p%40ss%3Aw%2Frd@10.0.0.5/live");
   EXPECT_THROW(with_credentials("folder:/data", file), UsageError);
-  EXPECT_THROW(with_credentials("rtsp://a:b@10.0.0.5/live", file), UsageError) << "which ones count?";
+  EXPECT_THROW(with_credentials("rtsp://a:b@10.0.0.5/live", file), UsageError) << "ambiguous credentials";
   EXPECT_THROW(with_credentials("rtsp://10.0.0.5/live", folder / "none"), Error);
   std::filesystem::permissions(file, std::filesystem::perms(0640));
   EXPECT_THROW(with_credentials("rtsp://10.0.0.5/live", file), UsageError);

@@ -24,7 +24,7 @@ constexpr int kWidth = 64, kHeight = 48, kPictures = 4;
 
 int grey(int picture) { return 40 + 50 * picture; }
 
-// At five pictures a second.
+// At five frames a second.
 std::string recording(const test::TemporaryFolder& folder) {
   std::string file = (folder / "flight.avi").string();
   cv::VideoWriter writer(file, cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 5, {kWidth, kHeight});
@@ -33,7 +33,7 @@ std::string recording(const test::TemporaryFolder& folder) {
   return file;
 }
 
-// Of a frame of that recording: which picture it is, if any.
+// The number of a frame in that recording, if any.
 int picture_of(const CameraFrame& frame) {
   const auto middle = static_cast<std::size_t>(kWidth * kHeight / 2 * 3);
   EXPECT_TRUE(frame.raw && frame.raw->width == kWidth && frame.raw->height == kHeight);
@@ -73,7 +73,7 @@ TEST(VideoPlugin, AnInvalidVideoIsAFailure) {
   }
 }
 
-// network_camera.py in its own process, five pictures a second.
+// network_camera.py in its own process, five frames a second.
 class NetworkCamera {
  public:
   explicit NetworkCamera(const std::string& recording, int port = 0) {
@@ -107,14 +107,14 @@ class NetworkCamera {
   int port_ = 0;
 };
 
-// The next news that is any, however long it takes: the test's own time limit ends what hangs.
+// The next reading other than a timeout, however long it takes: the test's time limit ends a hang.
 CameraReading news_of(CameraSource& camera) {
   CameraReading reading;
   while (reading.status == CameraStatus::timeout) reading = camera.next(100ms, {});
   return reading;
 }
 
-// A busy computer may take a camera for dead that is not.
+// On a busy computer a working camera may appear dead.
 void expect_pictures(CameraSource& camera, double& last_s) {
   for (int seen = 0; seen < 4;) {
     const CameraReading reading = news_of(camera);
@@ -137,7 +137,7 @@ TEST(VideoPlugin, ReconnectsToANetworkCamera) {
   expect_pictures(*camera, last_s);
   server.reset();
   while (news_of(*camera).status == CameraStatus::frame) {
-  }  // what was under way; then it is trouble
+  }  // frames in transit; then a failure
   server = std::make_unique<NetworkCamera>(file, port);
   expect_pictures(*camera, last_s);
 }

@@ -1,4 +1,4 @@
-// Tokens with scope and expiry: their file, what each may do over HTTP, and what the audit log says of it.
+// Tokens with scope and expiry: their file, what each may do over HTTP, and what the audit log records.
 #include "nadir_candidates/access_tokens.hpp"
 
 #include <gmock/gmock.h>
@@ -98,7 +98,7 @@ TEST_F(AccessTokens, AnExpiredTokenIsRejectedWithTheReason) {
   EXPECT_EQ(audited("\"result\":\"token expired\",\"token\":\"station\"").size(), 1U);
 }
 
-// In the running service: a token that is taken out of the file is refused, a new one is taken.
+// In the running service: a token that is removed from the file is rejected, a new one is accepted.
 TEST_F(AccessTokens, ReloadsTheFile) {
   serve();
   EXPECT_FALSE(clients_->reload()) << "nothing has changed";
@@ -117,7 +117,7 @@ TEST_F(AccessTokens, ReloadsTheFile) {
   EXPECT_NE(clients_->fault(), "");
 }
 
-// Two tokens of one client, one after the other: what the first one opened goes on with the second.
+// Two tokens of one client, one after the other: uploads that the first one began continue with the second.
 TEST_F(AccessTokens, ASuccessorTokenContinuesTheUploads) {
   tokens_.push_back(token("station-next", "next-upload-token-01234", {TokenScope::upload}));
   tokens_.back().client = "station";
@@ -140,7 +140,7 @@ TEST_F(AccessTokens, DuplicateTokensAreRejected) {
   EXPECT_THROW(Clients({same.string()}, tokens_file()), UsageError) << "the same token";
 }
 
-// Whoever guesses tokens fills no disk and drives no other line out of the log.
+// Guessed tokens neither fill the disk nor displace other lines of the log.
 TEST_F(AccessTokens, GuessedTokensAreLimitedInTheAuditLog) {
   serve();
   for (int i = 0; i < 200; ++i) {

@@ -1,4 +1,4 @@
-// What a hostile sender may try, by name, and what it gets.
+// Attacks of a hostile sender, by name, and their results.
 #include <nlohmann/json.hpp>
 
 #include "candidates/service_fixture.hpp"
@@ -34,7 +34,7 @@ TEST_F(Attack, ReplayedBatchGainsNothing) {
   EXPECT_EQ(service().counts().uploads, 1);
   // The same tiles in a new batch of the same airframe.
   for (const TileRow& tile : upload(first_, tiles, 2)) EXPECT_EQ(tile.verdict, Verdict::duplicate);
-  // By another client, who has seen it on its way: an upload of its own, and again no second voice.
+  // By another client, which has intercepted it: a separate upload, and again no second vote.
   client_.name = "eavesdropper";
   const Announcement theirs = announced(first_.batch(tiles, 1));
   EXPECT_EQ(theirs.known.size(), 2U);
@@ -64,8 +64,8 @@ TEST_F(Attack, UnannouncedTileIsRejectedWithItsPack) {
 }
 
 TEST_F(Attack, ForgedAirframeIsRejected) {
-  test::FlightMaker stranger{{.airframe = "mini-07"}};  // our name, another key
-  all_refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 1), "batch_signature");
+  test::FlightMaker untrusted{{.airframe = "mini-07"}};  // our name, another key
+  all_refused(untrusted.batch(candidates(untrusted, test::keys_in_a_row(2)), 1), "batch_signature");
   test::FlightMaker unknown{{.airframe = "mini-99"}};
   all_refused(unknown.batch(candidates(unknown, test::keys_in_a_row(2)), 2), "batch_signature");
   // A key that is ours, but another airframe's.
@@ -77,10 +77,10 @@ TEST_F(Attack, ForgedAirframeIsRejected) {
 }
 
 TEST_F(Attack, TilesOfAnotherAirframeAreRejected) {
-  // mini-08 sends tiles in mini-07's name, signed by itself.
-  test::FlightMaker liar{{.airframe = "mini-07"}, PrivateKey::generate()};
+  // mini-08 sends tiles in mini-07's name, with its own signature.
+  test::FlightMaker impostor{{.airframe = "mini-07"}, PrivateKey::generate()};
   write_file_atomic(folder_ / "root.json", test::root_text({&first_, &second_}, signer_));
-  all_refused(liar.batch(candidates(liar, test::keys_in_a_row(1))), "batch_signature");
+  all_refused(impostor.batch(candidates(impostor, test::keys_in_a_row(1))), "batch_signature");
 }
 
 TEST_F(Attack, RevokedKeyIsRejectedImmediately) {
@@ -122,7 +122,7 @@ TEST_F(Attack, RevokedKeyInvalidatesItsVotes) {
 
   root(2, {first_.key().public_key().id()});
   EXPECT_EQ(service().apply_revocations(), 3);
-  EXPECT_EQ(service().counts().promoted, 0) << "its own, and those that it had a voice in";
+  EXPECT_EQ(service().counts().promoted, 0) << "its own, and those that it had voted on";
   judge_all();
   EXPECT_EQ(service().counts().promoted, 1) << "two others agree about one place";
   EXPECT_EQ(service().counts().rejected_by,
@@ -144,16 +144,16 @@ TEST_F(Attack, RevokedKeyDuringAVotePromotesNothing) {
   accepted(second_, candidates(second_, keys), 2);
   service_.reset();
   CandidateCatalogue catalogue(options_.catalogue, CandidateCatalogue::Access::write);
-  const std::vector<Ballot> ballots = catalogue.ballots(10);
-  ASSERT_EQ(ballots.size(), 1U);
-  ASSERT_EQ(ballots[0].voters.size(), 2U);
+  const std::vector<AddressCandidates> addresses = catalogue.open_addresses(10);
+  ASSERT_EQ(addresses.size(), 1U);
+  ASSERT_EQ(addresses[0].candidates.size(), 2U);
   ASSERT_EQ(catalogue.withdraw({first_.key().public_key().id()}), 1);
   const Outcome both{
       .new_votes = {},
-      .promotion = Promotion{.tile = ballots[0].voters[0].tile, .key = keys[0], .flights = 2, .evidence = "{}"}};
-  catalogue.close(ballots, std::vector{both});
+      .promotion = Promotion{.tile = addresses[0].candidates[0].tile, .key = keys[0], .flights = 2, .evidence = "{}"}};
+  catalogue.close(addresses, std::vector{both});
   EXPECT_EQ(catalogue.counts().promoted, 0);
-  EXPECT_EQ(catalogue.counts().to_vote, 1) << "the other one is asked again, alone";
+  EXPECT_EQ(catalogue.counts().to_vote, 1) << "the other one is voted on again, alone";
 }
 
 TEST_F(Attack, WrongTokenCannotUploadForAnAirframe) {
@@ -184,7 +184,7 @@ TEST_F(Attack, PathTricksInNamesAreNotFound) {
 }
 
 TEST_F(Attack, NamesWithQuotesStayText) {
-  // Where a text may hold anything it goes to the database as a value: nothing of it is a statement.
+  // Free text goes to the database as a bound value, never as part of a statement.
   client_.name = "ground'); DROP TABLE tiles; --";
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   EXPECT_EQ(upload(first_, tiles)[0].verdict, Verdict::accepted);
@@ -202,7 +202,7 @@ TEST_F(Attack, OversizedPackIsRejectedBeforeTransfer) {
 }
 
 TEST_F(Attack, PackWithAFalseTileCountIsRejected) {
-  // As a bomb would: a short pack whose list says that gigabytes follow.
+  // A bomb: a short pack whose list announces gigabytes.
   const auto tiles = candidates(first_, test::keys_in_a_row(1));
   const std::string name = announced(first_.batch(tiles)).upload;
   Bytes bomb = test::pack_of(tiles);
@@ -215,13 +215,13 @@ TEST_F(Attack, PackWithAFalseTileCountIsRejected) {
 }
 
 TEST_F(Attack, FalseSizesAreRejected) {
-  // The sidecar says another size than the tile has.
-  const Candidate lying =
+  // The sidecar states another size than the tile has.
+  const Candidate oversized =
       first_.candidate(test::keys_in_a_row(1)[0], [](CandidateSidecar& sidecar) { sidecar.size += 1; });
-  const std::string name = announced(first_.batch({lying})).upload;
-  denied(send(name, test::pack_of({lying})), Kind::pack_invalid);
-  // And the pack says another length than it has: its end never comes, or is not its end.
-  const Bytes pack = test::pack_of({lying});
+  const std::string name = announced(first_.batch({oversized})).upload;
+  denied(send(name, test::pack_of({oversized})), Kind::pack_invalid);
+  // The pack states another length than it has: its end never comes, or more follows.
+  const Bytes pack = test::pack_of({oversized});
   const auto sent = service().append(client_, name, sha256(pack),
                                      {.offset = 0, .length = pack.size() + 10, .digest = sha256(pack)}, pack);
   ASSERT_TRUE(std::holds_alternative<PackOffset>(sent));
@@ -270,17 +270,17 @@ TEST_F(Attack, QuotaLimitsAnAirframe) {
       << "others may";
 }
 
-// Rows need space as well: those of tiles with false small sizes, and of rejected batches.
+// Rows take space as well: those of tiles with false small sizes, and of rejected batches.
 TEST_F(Attack, RejectedBatchesDoNotFillTheDisk) {
   options_.rules.refused_batches = 2;
-  const test::FlightMaker stranger{{.airframe = "mini-07", .flight = "flight-9"}};  // another key
+  const test::FlightMaker untrusted{{.airframe = "mini-07", .flight = "flight-9"}};  // another key
   for (const int number : {1, 2, 2, 1})
-    all_refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), number), "batch_signature");
-  denied(announce(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 3)), Kind::too_many);
+    all_refused(untrusted.batch(candidates(untrusted, test::keys_in_a_row(2)), number), "batch_signature");
+  denied(announce(untrusted.batch(candidates(untrusted, test::keys_in_a_row(2)), 3)), Kind::too_many);
   EXPECT_EQ(service().counts().tiles, 4);
   EXPECT_EQ(upload(first_, candidates(first_, test::keys_in_a_row(1)), 4)[0].verdict, Verdict::accepted);
   client_.name = "ground-2";
-  all_refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 5), "batch_signature");
+  all_refused(untrusted.batch(candidates(untrusted, test::keys_in_a_row(2)), 5), "batch_signature");
 }
 
 TEST_F(Attack, OneAirframeAloneCannotPromoteOnOneDay) {

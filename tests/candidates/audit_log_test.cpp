@@ -80,7 +80,7 @@ TEST_F(AuditLogTest, ContinuesItsCountAfterARestart) {
   }
 }
 
-// Two processes, each with the log open: their lines come one after the other, each with a number of its own.
+// Two processes with the log open: their lines do not interleave, and each has its own number.
 TEST_F(AuditLogTest, TwoWritersShareOneCount) {
   AuditLog one = log(), two = log();
   for (int i = 0; i < 3; ++i) {
@@ -91,7 +91,7 @@ TEST_F(AuditLogTest, TwoWritersShareOneCount) {
   for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(lines()[i]["n"], i + 1);
 }
 
-// A process that was killed, or a disk that filled up, while it wrote: the torn line stays, and swallows no other one.
+// A process was killed, or the disk filled up, during a write: the incomplete line stays, and no other line is lost.
 TEST_F(AuditLogTest, ATornLineIsTerminated) {
   log().record({.act = "one", .result = "done"});
   std::string text = read_text_file(folder_ / "audit" / "audit.jsonl");

@@ -134,7 +134,7 @@ class Candidates(unittest.TestCase):
         self.assertEqual(2, found["uploads"]["all"], found)
         self.assertEqual(2 * TILES, found["tiles"]["accepted"], found)
         self.assertEqual(TILES, found["tiles"]["promoted"], found)
-        # With their tiles came what the aircraft fly; the list says so, and that nothing is odd about it.
+        # The aircraft's reports came with their tiles; the list shows them, without a note.
         result = self.run_program("installed", "--data", self.data, "--json")
         self.assertEqual(0, result.returncode, result.stdout + result.stderr)
         aircraft = json.loads(result.stdout)["aircraft"]
@@ -208,16 +208,16 @@ class Candidates(unittest.TestCase):
         self.assertIn("station", {line.get("token") for line in lines if line["act"] == "batch.announce"})
         self.assertTrue([line for line in lines if line["act"] == "tokens.load"])
 
-    def test_what_is_risky_is_told_at_the_start(self):
-        """One airframe's key that promotes by itself is a choice: it is told, and stands in the audit log."""
+    def test_risky_options_are_reported_at_the_start(self):
+        """One airframe's key that promotes by itself is the operator's choice: it is reported, and recorded in the audit log."""
         self.service = Service(PROGRAM, self.made, self.data, *self.where, "--independent", "days", env=self.env)
         self.service.start()
         self.service.process.terminate()
-        told = self.service.process.stderr.read()
+        log = self.service.process.stderr.read()
         self.service.process.wait()
         self.service.process.stderr.close()
         for words in ("promotes tiles by itself", "no tile is compared with a map", "do not expire", "is trusted as it is"):
-            self.assertIn(words, told)
+            self.assertIn(words, log)
             self.assertTrue([line for line in self.audit() if words in line.get("detail", "")], words)
 
     def test_what_is_risky_is_shown_for_as_long_as_it_holds(self):
@@ -276,7 +276,7 @@ class Candidates(unittest.TestCase):
         self.assertEqual(2, self.run_program("installed", "--data", self.data, "--forget", "mini-01").returncode)
 
     def test_a_start_on_a_bad_disk_serves_and_reports(self):
-        """What a pack needs is in the way: the service starts, takes other flights, says what is wrong, and loses nothing."""
+        """A pack's path is blocked: the service starts, accepts other flights, reports the error, and loses nothing."""
         self.service.start()
         upload = self.station.announce(flights_in(self.made)[0] / "batch-0.json")["upload_id"]
         pack = sorted(flights_in(self.made)[0].glob("0-*.pack"))[0]

@@ -1,4 +1,4 @@
-// What aircraft report to have installed, as the service takes it: over HTTP, signed, and never backwards.
+// Aircraft's reports of installed packages: over HTTP, signed, and never older than the last one.
 #include <gmock/gmock.h>
 
 #include "base/error.hpp"
@@ -38,7 +38,7 @@ TEST_F(Installed, AReportIsStoredOnceAndListed) {
   serve();
   const std::string text = report(5).json();
   EXPECT_THAT(bring(text), StartsWith("HTTP/1.1 201 "));
-  EXPECT_THAT(bring(text), StartsWith("HTTP/1.1 200 ")) << "an answer may have got lost";
+  EXPECT_THAT(bring(text), StartsWith("HTTP/1.1 200 ")) << "the reply may have been lost";
   const nlohmann::json list = listed();
   ASSERT_EQ(list.size(), 1U);
   EXPECT_EQ(list[0]["airframe"], "mini-07");
@@ -67,7 +67,7 @@ TEST_F(Installed, OtherKeysAndTokensAreRejected) {
   serve();
   EXPECT_THAT(bring(report(5, 3, &second_).json()), StartsWith("HTTP/1.1 422 ")) << "mini-08's key for mini-07";
   EXPECT_THAT(bring(report(5).json(), "another-token-0123456789"), StartsWith("HTTP/1.1 403 ")) << "mini-08's token";
-  EXPECT_THAT(bring(report(5, 3, nullptr, "stranger").json()), StartsWith("HTTP/1.1 422 "));
+  EXPECT_THAT(bring(report(5, 3, nullptr, "untrusted").json()), StartsWith("HTTP/1.1 422 "));
   EXPECT_THAT(bring(report(5).json(), nullptr), StartsWith("HTTP/1.1 401 "));
   std::string changed = report(5).json();
   changed.replace(changed.find("valley"), 6, "valleY");
@@ -86,7 +86,7 @@ TEST_F(Installed, RejectsInvalidDocuments) {
   EXPECT_THAT(ask(request("DELETE", "/v1/installed")), StartsWith("HTTP/1.1 405 "));
 }
 
-// An aircraft that flies an older package than it said before: permitted perhaps, and the operator's to see.
+// An aircraft with an older package than it reported before: it may be permitted, and the operator must see it.
 TEST_F(Installed, AnOlderPackageIsStoredAndListedAsSuch) {
   serve();
   bring(report(5, 8).json());
@@ -95,7 +95,8 @@ TEST_F(Installed, AnOlderPackageIsStoredAndListedAsSuch) {
   EXPECT_EQ(listed()[0]["highest_sequence"], 8);
 }
 
-// Whoever stole the key counted as far as numbers go. Once the key is revoked, the aircraft's new one begins anew.
+// A stolen key was used up to the highest number. Once it is revoked, the numbers of the aircraft's new key start
+// again.
 TEST_F(Installed, ARevokedKeysNumbersDoNotBlockTheNextKey) {
   serve();
   const std::int64_t last = std::int64_t{1} << 53;

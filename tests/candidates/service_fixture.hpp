@@ -25,7 +25,7 @@ class ServiceFixture : public ::testing::Test {
     if (!service_) service_.emplace(options_, clock_);
     return *service_;
   }
-  // As after a kill: nothing but what is on the disk.
+  // As after a kill: only what is on the disk.
   CandidateService& restarted() {
     service_.reset();
     service().recover();

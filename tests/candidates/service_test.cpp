@@ -106,7 +106,7 @@ TEST_F(Service, APackResumesAtAnyByteAfterARestart) {
   }
   EXPECT_EQ(at, pack.size());
   const auto again = send(name, pack, 0, 10);
-  ASSERT_TRUE(std::holds_alternative<Denial>(again)) << "it is there already";
+  ASSERT_TRUE(std::holds_alternative<Denial>(again)) << "it is already stored";
   EXPECT_EQ(std::get<Denial>(again).kind, Denial::Kind::offset_mismatch);
   EXPECT_EQ(std::get<Denial>(again).offset, pack.size());
 }
@@ -115,7 +115,7 @@ TEST_F(Service, APackReceivedCompletelyBeforeAKillIsStored) {
   const auto tiles = candidates(first_, test::keys_in_a_row(2));
   const Bytes pack = test::pack_of(tiles);
   const std::string name = announced(first_.batch(tiles)).upload;
-  // As if the process had died between the last byte and the catalogue.
+  // As if the process had been killed between the last byte and the catalogue.
   fs::create_directories(options_.data / "incoming" / name);
   write_file_atomic(options_.data / "incoming" / name / (sha256(pack).hex() + "." + std::to_string(pack.size())),
                     ByteView(pack));
@@ -187,7 +187,7 @@ TEST_F(Service, ADamagedPackDoesNotBlockOtherVotes) {
   const fs::path pack = options_.data / "packs" / name.substr(0, 2) / name, aside = folder_ / "aside";
   fs::rename(pack, aside);
   EXPECT_TRUE(service().vote_some());
-  EXPECT_THROW(service().vote_some(), Error) << "the operator must hear of it";
+  EXPECT_THROW(service().vote_some(), Error) << "it must be reported to the operator";
   EXPECT_EQ(service().counts().promoted, 2);
   EXPECT_EQ(service().counts().to_vote, 2);
   fs::rename(aside, pack);
@@ -202,7 +202,7 @@ class DamagedPack : public Service {
     const std::string name = sha256(pack).hex();
     return options_.data / "packs" / name.substr(0, 2) / name;
   }
-  // Each group of tiles in a pack of its own, complete and not judged. Returns the upload's name.
+  // Each group of tiles in a pack of its own, complete and not evaluated. Returns the upload's name.
   std::string sent(const std::vector<std::vector<Candidate>>& groups, std::int64_t& id) {
     std::vector<Candidate> all;
     for (const auto& group : groups) all.insert(all.end(), group.begin(), group.end());
@@ -228,12 +228,12 @@ TEST_F(DamagedPack, IsRejectedAndCanBeSentAgain) {
   std::int64_t id = 0;
   const std::string name = sent({one, {tiles[1], tiles[2]}}, id);
   damage(stored(test::pack_of(one)), kPackHeadSize + kPackEntrySize);
-  EXPECT_THROW(service().evaluate_some(id), Error) << "the operator must hear of it";
+  EXPECT_THROW(service().evaluate_some(id), Error) << "it must be reported to the operator";
   const auto rows = verdicts(name);
   EXPECT_EQ(test::code_of(rows[0]), "hash_mismatch");
   EXPECT_EQ(rows[1].verdict, Verdict::accepted);
   EXPECT_EQ(rows[2].verdict, Verdict::accepted);
-  EXPECT_TRUE(service().pending_evaluations().empty()) << "it is judged";
+  EXPECT_TRUE(service().pending_evaluations().empty()) << "it is evaluated";
   const auto again = upload(first_, one, 2);  // the very pack that is damaged
   EXPECT_EQ(again[0].verdict, Verdict::accepted) << again[0].detail;
 }
@@ -303,7 +303,7 @@ TEST_F(Service, AbandonedPacksMakeRoomForOthers) {
   ASSERT_TRUE(std::holds_alternative<Denial>(begin(2))) << "both have grown lately";
   EXPECT_EQ(std::get<Denial>(begin(2)).kind, Denial::Kind::too_many);
   advance(1);
-  EXPECT_TRUE(std::holds_alternative<PackOffset>(begin(2))) << "the first has rested for 300 s";
+  EXPECT_TRUE(std::holds_alternative<PackOffset>(begin(2))) << "the first has been idle for 300 s";
   const auto first = service().offset(client_, name, sha256(test::pack_of({tiles[0]})));
   ASSERT_TRUE(std::holds_alternative<Denial>(first));
   EXPECT_EQ(std::get<Denial>(first).kind, Denial::Kind::pack_unknown);
@@ -348,8 +348,9 @@ TEST_F(Service, ReportsALostCatalogueAndReconnects) {
   EXPECT_FALSE(service().fault().fails);
 }
 
-// Tiles that lie elsewhere than they say, as the base package's map shows it and as other flights do; and those that
-// are nearly as far off and pass. The map's ground is that of the flights, seen by another sensor on another day.
+// Tiles that are displaced from their stated position, by comparison with the base package's map and with other
+// flights; and tiles nearly as far off, which pass. The map's ground is that of the flights, seen by another sensor on
+// another day.
 
 constexpr std::int64_t kMapCe90_mm = 4'000;  // a sigma of 1.86 m
 
@@ -397,16 +398,16 @@ class Misaligned : public test::ServiceFixture {
   double pixel_m_ = 0;
 };
 
-// A map that decides which tiles lie right must be one that the root's signers made. Its mission has expired long ago:
-// its flights are over.
+// A map that decides which tiles are in the right place must be signed by the root's signers. Its mission has expired
+// long ago: its flights are over.
 TEST_F(Misaligned, AnUnsignedBasePackageIsRejected) {
   EXPECT_EQ(refusal(), "");
   service_.reset();
   const auto envelope = read_text_file(package_ / kSignatureFile);
   std::filesystem::remove(package_ / kSignatureFile);
   EXPECT_NE(refusal().find("cannot be trusted: signature.missing"), std::string::npos) << refusal();
-  test::PackageMaker stranger;
-  stranger.sign(package_);
+  test::PackageMaker untrusted;
+  untrusted.sign(package_);
   EXPECT_NE(refusal().find("cannot be trusted: key.unknown"), std::string::npos) << refusal();
   write_file_atomic(package_ / kSignatureFile, envelope);
   EXPECT_EQ(refusal(), "");
@@ -433,10 +434,11 @@ TEST_F(Misaligned, ADisplacementJustBelowTheLimitIsAccepted) {
   EXPECT_EQ(tile.verdict, Verdict::accepted) << test::code_of(tile) << " " << tile.detail;
 }
 
-// 3 · hypot(0.3, 1.86) = 5.7 m: who says that he is sure is held to it.
+// 3 · hypot(0.3, 1.86) = 5.7 m: a smaller stated sigma means a stricter limit.
 TEST_F(Misaligned, AMoreCertainTileHasAStricterLimit) { EXPECT_EQ(test::code_of(judged(6.4, 300)), "misaligned"); }
 
-// Other ground does not correlate: it has changed, or it is another place; the map cannot tell, other flights will.
+// Other ground does not correlate: it has changed, or it is another place; the map does not show which; other flights
+// do.
 TEST_F(Misaligned, ChangedGroundIsNotMisaligned) { EXPECT_EQ(judged(8, 1'500, 5).verdict, Verdict::accepted); }
 
 TEST_F(Misaligned, WithoutAMapTileAlignmentIsUnknown) {

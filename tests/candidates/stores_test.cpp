@@ -132,7 +132,7 @@ TEST_F(TrustFileTest, FollowsAChainOfSeveralVersions) {
   EXPECT_EQ(again.current()->version, 1);
   EXPECT_NE(again.fault().find("put 2.root.json beside it"), std::string::npos) << again.fault();
   write_file_atomic(folder_ / "2.root.json", test::root_text({&flight_}, PrivateKey::generate(), 2));
-  EXPECT_EQ(again.current()->version, 1) << "a stranger's root leads nowhere";
+  EXPECT_EQ(again.current()->version, 1) << "an untrusted's root leads nowhere";
   write_file_atomic(folder_ / "2.root.json", test::root_text({&flight_}, signer_, 2));
   EXPECT_EQ(again.current()->version, 3);
   EXPECT_EQ(again.fault(), "");
@@ -152,7 +152,7 @@ TEST_F(TrustFileTest, ADamagedMemoryIsAnError) {
   EXPECT_EQ(trust().current()->version, 1);
 }
 
-// A disk that is full does not keep a revoked key alive; a restart would, and the operator hears of it.
+// A disk that is full does not keep a revoked key alive; a restart would, and the operator is informed.
 TEST_F(TrustFileTest, ARootThatCannotBeStoredIsInForceAndReported) {
   write(1);
   TrustFile trust(folder_ / "root.json", folder_ / "gone" / "memory.json", clock_);
@@ -178,11 +178,11 @@ TEST_F(TrustFileTest, AppliesASuccessorImmediately) {
 TEST_F(TrustFileTest, IgnoresAnInvalidSuccessor) {
   write(2);
   TrustFile trust(folder_ / "root.json", memory_, clock_);
-  const PrivateKey stranger = PrivateKey::generate();
+  const PrivateKey untrusted = PrivateKey::generate();
   for (const std::function<void()>& damage : std::vector<std::function<void()>>{
            [this] { write(1); },                                        // back in time
-           [&] { write(3, {}, &stranger); },                            // by another root key
-           [&] { write(2, {}, &stranger); },                            // the same number
+           [&] { write(3, {}, &untrusted); },                           // by another root key
+           [&] { write(2, {}, &untrusted); },                           // the same number
            [this] { write_file_atomic(folder_ / "root.json", "{}"); },  // no root
            [this] { fs::remove(folder_ / "root.json"); },
        }) {

@@ -13,7 +13,7 @@ constexpr std::int64_t kDay_ms = test::kDay_s * 1000;
 
 class AnnouncedTile : public ::testing::Test {
  protected:
-  // The code for a tile that is good but for one change.
+  // The code for a valid tile with one change.
   std::string code(const std::function<void(CandidateSidecar&)>& change) const {
     CandidateSidecar sidecar = good_;
     change(sidecar);
@@ -70,7 +70,7 @@ TEST_F(AnnouncedTile, AMosaicIsCheckedByEachOfItsFrames) {
     });
   };
   EXPECT_EQ(pieced([](CandidateSidecar&) {}), "");
-  EXPECT_EQ(pieced([](CandidateSidecar& s) { s.parts.clear(); }), "outside_footprint") << "one frame cannot have";
+  EXPECT_EQ(pieced([](CandidateSidecar& s) { s.parts.clear(); }), "outside_footprint") << "impossible for one frame";
   EXPECT_EQ(pieced([](CandidateSidecar& s) { s.parts[1].pose.lon_e7 += 20'000; }), "outside_footprint");
   EXPECT_EQ(pieced([this](CandidateSidecar& s) { s.parts[1].captured_at.unix_ms = now_.unix_s * 1000 + 6 * 60'000; }),
             "captured_in_future");

@@ -130,10 +130,10 @@ TEST_F(UploadServerTest, ManyIdleConnectionsDoNotBlockOthers) {
     silent.back().send("GET /v1/health HTTP/1.1\r\n");
   }
   EXPECT_THAT(ask(request("GET", "/v1/reason-codes")), StartsWith("HTTP/1.1 200 "));
-  EXPECT_EQ(silent.front().read_to_the_end(), "") << "the first one made room";
+  EXPECT_EQ(silent.front().read_to_the_end(), "") << "the first one was closed";
 }
 
-// Who asks and asks and takes no answer makes room as well, and holds his share for as long.
+// A client that sends requests and reads no responses is closed as well, and keeps its share until then.
 TEST_F(UploadServerTest, UnreadResponsesDoNotBlockOthers) {
   serve({.connections = 4, .answer_time = std::chrono::hours(1)});
   std::string many;
@@ -143,7 +143,7 @@ TEST_F(UploadServerTest, UnreadResponsesDoNotBlockOthers) {
     deaf.emplace_back(server_->port(), 4096);
     deaf.back().send(many);
   }
-  // They are at work for a while before their answers pile up.
+  // They work for a while before their responses fill the buffers.
   std::string answer;
   for (int i = 0; i < 50'000 && answer.empty(); ++i) {
     answer = ask(request("GET", "/v1/reason-codes", {}, {}, "another-token-0123456789"));
@@ -200,7 +200,7 @@ TEST_F(UploadServerTest, TokensIdentifyClients) {
   EXPECT_EQ(clients.find("Bearer x"), nullptr);
 }
 
-// The attacks of attack_test.cpp as they come over the wire: what the real service answers, status and code.
+// The attacks of attack_test.cpp over HTTP: status and code of the real service's responses.
 
 using nlohmann::json;
 using ::testing::AllOf;
@@ -220,7 +220,7 @@ class HttpAttack : public test::UploadServerTest {
   std::string open(const SignedBatch& batch) {
     return "/v1/uploads/" + body_of(post(batch))["upload_id"].get<std::string>();
   }
-  // Every tile is refused with this code, no byte of them is asked for.
+  // Every tile is refused with this code, and none of their bytes is requested.
   void refused(const SignedBatch& batch, const char* code) {
     const std::string answer = post(batch);
     ASSERT_THAT(answer, StartsWith("HTTP/1.1 201 "));
@@ -247,7 +247,8 @@ TEST_F(HttpAttack, ReplayedBatchIsTheSameUpload) {
   EXPECT_THAT(first, StartsWith("HTTP/1.1 201 "));
   EXPECT_THAT(again, StartsWith("HTTP/1.1 200 "));
   EXPECT_EQ(body_of(first)["upload_id"], body_of(again)["upload_id"]);
-  EXPECT_THAT(post(batch, "another-token-0123456789"), is("403", "forbidden")) << "who has seen it on its way";
+  EXPECT_THAT(post(batch, "another-token-0123456789"), is("403", "forbidden"))
+      << "another client, which intercepted it";
   const std::string other = first_.batch(tiles(1), 2).json();
   const std::string headers = "Idempotency-Key: " + batch.batch.id + "\r\nContent-Type: application/json\r\n";
   EXPECT_THAT(ask(request("POST", "/v1/uploads", headers, other)), is("422", "key-reused"));
@@ -263,8 +264,8 @@ TEST_F(HttpAttack, SwappedTileIsRejectedWithItsPack) {
 }
 
 TEST_F(HttpAttack, ForgedAirframeIsRejected) {
-  const test::FlightMaker stranger{{.airframe = "mini-07"}}, unknown{{.airframe = "mini-99"}};
-  refused(stranger.batch(candidates(stranger, test::keys_in_a_row(2)), 1), "batch_signature");
+  const test::FlightMaker untrusted{{.airframe = "mini-07"}}, unknown{{.airframe = "mini-99"}};
+  refused(untrusted.batch(candidates(untrusted, test::keys_in_a_row(2)), 1), "batch_signature");
   refused(unknown.batch(candidates(unknown, test::keys_in_a_row(2)), 2), "batch_signature");
 }
 
@@ -285,23 +286,23 @@ TEST_F(HttpAttack, PathTricksInNamesAreNotFound) {
     const std::string answer = ask(request("PATCH", upload + "/packs/" + pack, patch_headers(0, 1, "x"), "x"));
     EXPECT_THAT(answer, StartsWith("HTTP/1.1 40")) << pack;
   }
-  EXPECT_TRUE(IncomingPacks(options_.data / "incoming").uploads().empty()) << "no file came of it";
+  EXPECT_TRUE(IncomingPacks(options_.data / "incoming").uploads().empty()) << "no file was made";
 }
 
 TEST_F(HttpAttack, OversizedPackIsRejectedBeforeTransfer) {
   const std::string upload = open(first_.batch(tiles(1)));
   const std::string pack = upload + "/packs/" + std::string(64, 'a');
   EXPECT_THAT(ask(request("PATCH", pack, patch_headers(0, kMaxPackSize + 1, "x"), "x")), is("413", "too-large"));
-  // A body larger than any part: it is not awaited.
+  // A body larger than any part: the service does not wait for it.
   const std::string type = "Content-Type: application/octet-stream\r\nContent-Length: 1000000000\r\n";
   EXPECT_THAT(ask(request("PATCH", pack, type)), StartsWith("HTTP/1.1 413 "));
 }
 
 TEST_F(HttpAttack, ZipBombsAreNotDecompressed) {
-  // No encoding that unfolds is taken.
+  // No compressed encoding is accepted.
   const std::string upload = open(first_.batch(tiles(1)));
   EXPECT_THAT(patch(upload, test::pack_of(tiles(1)), "Content-Encoding: gzip\r\n"), StartsWith("HTTP/1.1 411 "));
-  // A pack that says that gigabytes follow.
+  // A pack that announces gigabytes.
   Bytes bomb = test::pack_of(tiles(1));
   std::fill_n(bomb.begin() + 8, 4, std::uint8_t{0xff});
   EXPECT_THAT(patch(upload, bomb), is("422", "pack-invalid"));
@@ -318,10 +319,10 @@ TEST_F(HttpAttack, ZipBombsAreNotDecompressed) {
 }
 
 TEST_F(HttpAttack, FalseSizesAreRejected) {
-  const Candidate lying =
+  const Candidate false_size =
       first_.candidate(test::keys_in_a_row(1)[0], [](CandidateSidecar& sidecar) { sidecar.size += 1; });
-  const std::string upload = open(first_.batch({lying}));
-  const Bytes pack = test::pack_of({lying});
+  const std::string upload = open(first_.batch({false_size}));
+  const Bytes pack = test::pack_of({false_size});
   EXPECT_THAT(patch(upload, pack), is("422", "pack-invalid"));
   const std::string text(as_text(pack)), path = upload + "/packs/" + sha256(pack).hex();
   EXPECT_THAT(ask(request("PATCH", path, patch_headers(0, 1'000, text), text)), is("413", "too-large"));

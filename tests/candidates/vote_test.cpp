@@ -16,24 +16,23 @@ class VoteTest : public ::testing::Test {
  protected:
   // day: of the capture; ground: which images agree.
   void add(const char* airframe, const char* flight, int day, int ground = 1, std::int64_t sigma_mm = 1'500) {
-    Voter voter;
-    voter.tile = static_cast<std::int64_t>(ballot_.voters.size()) + 1;
-    voter.sidecar = template_;
-    voter.sidecar.airframe = airframe;
-    voter.sidecar.flight = flight;
-    voter.sidecar.captured_at = {(test::kNoon.unix_s + day * test::kDay_s) * 1000};
-    voter.sidecar.pose.sigma_mm = sigma_mm;
-    ballot_.voters.push_back(voter);
-    ground_[voter.tile] = ground;
+    AcceptedCandidate candidate;
+    candidate.tile = static_cast<std::int64_t>(address_.candidates.size()) + 1;
+    candidate.sidecar = template_;
+    candidate.sidecar.airframe = airframe;
+    candidate.sidecar.flight = flight;
+    candidate.sidecar.captured_at = {(test::kNoon.unix_s + day * test::kDay_s) * 1000};
+    candidate.sidecar.pose.sigma_mm = sigma_mm;
+    address_.candidates.push_back(candidate);
+    ground_[candidate.tile] = ground;
   }
   Outcome outcome() {
     return decide(
-        ballot_,
-        [this](const Voter& one, const Voter& other) {
+        address_,
+        [this](const AcceptedCandidate& one, const AcceptedCandidate& other) {
           ++compared_;
-          const bool befriended = friends_.contains({one.tile, other.tile});
-          return Vote{.correlation_ppm = 700'000,
-                      .agrees = befriended || ground_.at(one.tile) == ground_.at(other.tile)};
+          const bool forced = forced_agreements_.contains({one.tile, other.tile});
+          return Vote{.correlation_ppm = 700'000, .agrees = forced || ground_.at(one.tile) == ground_.at(other.tile)};
         },
         0, rules_);
   }
@@ -44,9 +43,10 @@ class VoteTest : public ::testing::Test {
 
   CandidateSidecar template_ = test::FlightMaker().candidate(kVotedPlace).sidecar;
   CandidateRules rules_;
-  Ballot ballot_{.key = kVotedPlace};
+  AddressCandidates address_{.key = kVotedPlace};
   std::map<std::int64_t, int> ground_;
-  std::set<std::pair<std::int64_t, std::int64_t>> friends_;  // agree whatever ground they show; the smaller id first
+  std::set<std::pair<std::int64_t, std::int64_t>>
+      forced_agreements_;  // agree whatever ground they show; the smaller id first
   int compared_ = 0;
 };
 
@@ -56,7 +56,7 @@ TEST_F(VoteTest, OneFlightPromotesNothing) {
   EXPECT_EQ(promoted(), 0);
   add("a", "f1", 0);
   add("a", "f1", 1);
-  EXPECT_EQ(promoted(), 0) << "one voice, however many tiles";
+  EXPECT_EQ(promoted(), 0) << "one flight counts once, however many tiles it has";
   add("a", "f2", 0);
   EXPECT_EQ(promoted(), 0) << "the same airframe on the same day";
 }
@@ -78,13 +78,13 @@ TEST_F(VoteTest, TwoIndependentFlightsThatAgreePromoteTheBest) {
 
 TEST_F(VoteTest, OneAirframePromotesNothingByDefault) {
   for (int day = 0; day < 20; ++day) add("a", ("f" + std::to_string(day)).c_str(), day);
-  EXPECT_EQ(promoted(), 0) << "whoever holds one key would promote what he likes";
+  EXPECT_EQ(promoted(), 0) << "the holder of one key could promote anything";
   rules_.airframes_differ = false;
   EXPECT_NE(promoted(), 0);
 }
 
 // One key signs any number of flights, each newer than what the others saw.
-TEST_F(VoteTest, ManyFlightsOfOneKeyDoNotCrowdOutOthers) {
+TEST_F(VoteTest, ManyFlightsOfOneKeyDoNotDisplaceOthers) {
   add("a", "f1", 0);
   add("b", "f2", 0);
   for (int i = 0; i < 100; ++i) add("evil", ("e" + std::to_string(i)).c_str(), 1, 100 + i);
@@ -96,14 +96,14 @@ TEST_F(VoteTest, ManyFlightsOfOneKeyDoNotCrowdOutOthers) {
   EXPECT_LE(compared_, 2 * static_cast<int>(kMaxIndependentFlights * (kMaxIndependentFlights - 1) / 2));
 }
 
-// A stolen key's tile is made to agree with one honest flight and with no other.
+// A stolen key's tile is made to agree with one genuine flight and with no other.
 TEST_F(VoteTest, AnOutlierDoesNotSplitALargerGroup) {
   rules_.flights_to_promote = 3;
   add("a", "f1", 3);
   add("evil", "e", 2, 2);
   add("b", "f2", 1);
   add("c", "f3", 0);
-  friends_.insert({1, 2});
+  forced_agreements_.insert({1, 2});
   const Outcome result = outcome();
   ASSERT_TRUE(result.promotion);
   EXPECT_EQ(result.promotion->flights, 3);
@@ -116,11 +116,11 @@ TEST_F(VoteTest, AFlightAcrossMidnightIsOneFlight) {
   add("a", "f2", 0);  // restarted in the air
   const std::int64_t midnight_ms = (test::kNoon.unix_s / test::kDay_s + 1) * test::kDay_s * 1000;
   for (const std::int64_t apart_ms : {std::int64_t{1'000}, std::int64_t{5} * 3600 * 1000}) {
-    ballot_.voters[0].sidecar.captured_at = {midnight_ms - apart_ms / 2};
-    ballot_.voters[1].sidecar.captured_at = {midnight_ms + apart_ms / 2};
+    address_.candidates[0].sidecar.captured_at = {midnight_ms - apart_ms / 2};
+    address_.candidates[1].sidecar.captured_at = {midnight_ms + apart_ms / 2};
     EXPECT_EQ(promoted(), 0) << apart_ms;
   }
-  ballot_.voters[1].sidecar.captured_at = {midnight_ms + 7 * 3'600'000};
+  address_.candidates[1].sidecar.captured_at = {midnight_ms + 7 * 3'600'000};
   EXPECT_NE(promoted(), 0);
 }
 
@@ -145,7 +145,7 @@ TEST_F(VoteTest, ChangedGroundWinsOnceEnoughFlightsShowIt) {
   add("a", "f1", 0, 1, 500);
   add("b", "f2", 0, 1, 500);
   add("a", "f3", 5, 2);
-  EXPECT_LE(promoted(), 2) << "one flight that saw something new does not overrule";
+  EXPECT_LE(promoted(), 2) << "a single flight with new ground does not overrule the others";
   add("b", "f4", 6, 2);
   EXPECT_GE(promoted(), 3);
 }
@@ -153,15 +153,15 @@ TEST_F(VoteTest, ChangedGroundWinsOnceEnoughFlightsShowIt) {
 TEST_F(VoteTest, APromotedTileStaysPromoted) {
   add("a", "f1", 0, 1, 900);
   add("b", "f2", 0, 1);
-  ballot_.promoted = 1;
+  address_.promoted = 1;
   EXPECT_FALSE(outcome().promotion);
 }
 
 TEST_F(VoteTest, KnownComparisonsAreNotRepeatedAndTheWorkIsBounded) {
   add("a", "f1", 0);
   add("b", "f2", 0);
-  ballot_.votes = outcome().new_votes;
-  ASSERT_EQ(ballot_.votes.size(), 1U);
+  address_.votes = outcome().new_votes;
+  ASSERT_EQ(address_.votes.size(), 1U);
   compared_ = 0;
   EXPECT_TRUE(outcome().promotion);
   EXPECT_EQ(compared_, 0);

@@ -1,4 +1,4 @@
-// nadir catalogue with a SpatiaLite file. Judges: ogrinfo (GDAL), and sqlite3 with mod_spatialite.
+// nadir catalogue with a SpatiaLite file. Oracles: ogrinfo (GDAL), and sqlite3 with mod_spatialite.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -30,7 +30,7 @@ class CatalogueCommands : public ::testing::Test {
   std::string path(const char* name) const { return (folder_ / name).string(); }
   std::string file() const { return path("fleet.sqlite"); }
 
-  // What sqlite3 answers, without the line end.
+  // The output of sqlite3, without the line end.
   std::string sql(const std::string& statement) const {
     auto result = test::run_process({"sqlite3", file(), statement});
     EXPECT_EQ(result.code, 0) << result.err;
@@ -212,11 +212,11 @@ TEST_F(CatalogueCommands, GapsAreTheAreaWithoutFreshImagery) {
 TEST_F(CatalogueCommands, AForgedProviderStaysOnItsLine) {
   ASSERT_EQ(add(make(3, "package")), 0) << err_.str();
   ASSERT_EQ(run({"list", file()}), 0);
-  const std::string honest = out_.str();
+  const std::string unforged = out_.str();
   sql("UPDATE sources SET provider = 'x' || char(10) || 'village 9  current  mission village-a'");
   ASSERT_EQ(run({"list", file()}), 0);
   const std::string forged = out_.str();
-  EXPECT_EQ(std::count(forged.begin(), forged.end(), '\n'), std::count(honest.begin(), honest.end(), '\n'));
+  EXPECT_EQ(std::count(forged.begin(), forged.end(), '\n'), std::count(unforged.begin(), unforged.end(), '\n'));
   EXPECT_NE(out_.str().find("x⏎village 9"), std::string::npos) << out_.str();
 }
 

@@ -20,7 +20,7 @@ TEST(CatalogueLocation, FilesAndDatabases) {
   }
 }
 
-// Every user of the machine reads command lines; and the message must not repeat the password.
+// Every user of the computer can read command lines; and the message must not repeat the password.
 TEST(CatalogueLocation, APasswordIsRejectedAndNotShown) {
   const auto shown = [](const char* text) {
     try {

@@ -51,11 +51,11 @@ class PostGis(EndToEnd):
     def psql(self, sql):
         return self.psql_in(self.database, sql)
 
-    def nadir(self, *args, code=0, says=()):
+    def nadir(self, *args, code=0, mentions=()):
         result = subprocess.run([NADIR, "catalogue", *map(str, args)], env=self.server.env, text=True,
                                 stdin=subprocess.DEVNULL, capture_output=True, timeout=200)
         self.assertEqual(code, result.returncode, f"{args}\n{result.stdout}\n{result.stderr}")
-        for word in says:
+        for word in mentions:
             self.assertIn(word, result.stderr if code == 2 else result.stdout)
         return result
 
@@ -83,7 +83,7 @@ class PostGis(EndToEnd):
         return session
 
     def test_layers(self):
-        self.nadir("add", self.first, "--to", self.there, "--trust", self.made / "root.json", "--at", AT, says=["added small 1"])
+        self.nadir("add", self.first, "--to", self.there, "--trust", self.made / "root.json", "--at", AT, mentions=["added small 1"])
         listed = subprocess.run(["ogrinfo", "-so", "-al", "-ro", f"{self.there} schemas=nadir"], env=self.server.env,
                                 capture_output=True, text=True, check=True).stdout
         parts = {part.split("\n", 1)[0]: part for part in listed.split("Layer name: ")[1:]}
@@ -122,7 +122,7 @@ class PostGis(EndToEnd):
 
     def test_added_twice_and_removed(self):
         self.nadir("add", self.first, "--to", self.there)
-        self.nadir("add", self.first, "--to", self.there, says=["already"])
+        self.nadir("add", self.first, "--to", self.there, mentions=["already"])
         self.assertEqual("1", self.psql("SELECT count(*) FROM nadir.packages"))
         self.nadir("remove", "small", "1", "--from", self.there)
         for layer in LAYERS:
@@ -156,7 +156,7 @@ class PostGis(EndToEnd):
         self.assertEqual("1", self.psql("SELECT count(*) FROM nadir.packages"))
         self.assertEqual("0", self.psql("SELECT count(*) FROM nadir.sectors WHERE package_id <> "
                                         "(SELECT id FROM nadir.packages)"))
-        self.nadir("add", self.second, "--to", self.there, says=["added"])
+        self.nadir("add", self.second, "--to", self.there, mentions=["added"])
 
     def test_a_terminated_session(self):
         self.nadir("add", self.first, "--to", self.there)
@@ -174,9 +174,9 @@ class PostGis(EndToEnd):
         there = f"{self.there} user=guest"
         with mock.patch.dict(self.server.env, PGPASSWORD="falsch"):
             for command in (["list", there], ["add", self.first, "--to", there]):
-                talk = self.nadir(*command, code=2, says=["PGPASSWORD"]).stderr
+                talk = self.nadir(*command, code=2, mentions=["PGPASSWORD"]).stderr
                 self.assertNotIn("falsch", talk)
-        talk = self.nadir("list", f"{there} password=falsch", code=2, says=["command line", "password=***", ".pgpass"]).stderr
+        talk = self.nadir("list", f"{there} password=falsch", code=2, mentions=["command line", "password=***", ".pgpass"]).stderr
         self.assertNotIn("falsch", talk)
 
     def test_no_rights(self):
@@ -184,33 +184,33 @@ class PostGis(EndToEnd):
         there = f"{self.there} user=guest"
         guest = mock.patch.dict(self.server.env, PGPASSWORD="right")
         with guest:
-            self.nadir("add", self.second, "--to", there, code=2, says=["to do:"])
+            self.nadir("add", self.second, "--to", there, code=2, mentions=["to do:"])
             self.nadir("list", there, code=2)
         self.psql("GRANT USAGE ON SCHEMA nadir TO guest; GRANT SELECT ON ALL TABLES IN SCHEMA nadir TO guest")
         with guest:
-            self.nadir("list", there, says=["small 1"])
-            self.nadir("add", self.second, "--to", there, code=2, says=["permission denied", "INSERT"])
+            self.nadir("list", there, mentions=["small 1"])
+            self.nadir("add", self.second, "--to", there, code=2, mentions=["permission denied", "INSERT"])
         self.assertEqual("1", self.psql("SELECT count(*) FROM nadir.packages"))
 
     def test_no_postgis(self):
         self.psql_in("postgres", "CREATE DATABASE bare TEMPLATE template0")
         for command in (["add", self.first, "--to", "PG:dbname=bare"], ["list", "PG:dbname=bare"]):
-            self.nadir(*command, code=2, says=["CREATE EXTENSION postgis"])
+            self.nadir(*command, code=2, mentions=["CREATE EXTENSION postgis"])
         self.assertEqual("0", self.psql_in("bare", "SELECT count(*) FROM pg_namespace WHERE nspname = 'nadir'"))
 
     def test_read_only(self):
         self.nadir("add", self.first, "--to", self.there)
         self.psql(f"ALTER DATABASE {self.database} SET default_transaction_read_only = on")
-        self.nadir("add", self.second, "--to", self.there, code=2, says=["read-only"])
-        self.nadir("remove", "small", "1", "--from", self.there, code=2, says=["read-only"])
-        self.nadir("list", self.there, says=["small 1"])
+        self.nadir("add", self.second, "--to", self.there, code=2, mentions=["read-only"])
+        self.nadir("remove", "small", "1", "--from", self.there, code=2, mentions=["read-only"])
+        self.nadir("list", self.there, mentions=["small 1"])
 
     def test_nothing_there(self):
-        self.nadir("list", self.there, code=2, says=["no catalogue"])
+        self.nadir("list", self.there, code=2, mentions=["no catalogue"])
         self.nadir("gaps", self.there, "--mission", self.made / "mission.yaml", code=2)
         self.assertEqual("0", self.psql("SELECT count(*) FROM pg_namespace WHERE nspname = 'nadir'"))
-        self.nadir("list", "PG:dbname=nowhere", code=2, says=["nowhere", "createdb"])
-        self.nadir("list", f"PG:dbname=fleet host={self.folder}", code=2, says=["start the server"])
+        self.nadir("list", "PG:dbname=nowhere", code=2, mentions=["nowhere", "createdb"])
+        self.nadir("list", f"PG:dbname=fleet host={self.folder}", code=2, mentions=["start the server"])
         # Somebody else's schema of the same name is left alone.
         self.psql("CREATE SCHEMA nadir; CREATE TABLE nadir.tiles (mine text)")
         self.nadir("add", self.first, "--to", self.there, code=2)

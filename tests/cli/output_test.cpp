@@ -57,13 +57,13 @@ TEST(Output, CountsInSingularAndPlural) {
   EXPECT_EQ(count(2, "batch", "batches"), "2 batches");
 }
 
-TEST(Output, FiguresStandInColumns) {
+TEST(Output, FiguresAreAlignedInColumns) {
   std::ostringstream out;
   print_figures(out, {{"a", "1"}, {"long", "2"}});
   EXPECT_EQ(out.str(), "a     1\nlong  2\n");
 }
 
-// An airframe's id from a recording, a package's name: what is quoted cannot add a line of its own.
+// An airframe's id from a recording, a package's name: quoted text cannot add a line.
 TEST(Output, ForgedLinesAreNoFigures) {
   std::ostringstream out;
   print_figures(out, {{"airframe", "falcon\nsigned    yes\x1b[2J"}, {"lo\nng", "2"}});

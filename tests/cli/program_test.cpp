@@ -1,4 +1,4 @@
-// The program around the commands: which command runs, what is printed where, which exit code comes out.
+// The program around the commands: which command runs, what is printed where, and the exit codes.
 #include "cli/program.hpp"
 
 #include <gmock/gmock.h>
@@ -86,7 +86,7 @@ TEST(Program, SuggestsWhatWasMeant) {
   EXPECT_THAT(run({"cache", "build", "--zzzzzzz"}).err, ::testing::Not(::testing::HasSubstr("did you mean")));
 }
 
-TEST(Program, SaysWhatIsMissing) {
+TEST(Program, NamesWhatIsMissing) {
   EXPECT_EQ(run({}).code, 2);
   EXPECT_EQ(run({"cache"}).code, 2);
   EXPECT_THAT(run({"cache"}).err, ::testing::HasSubstr("build"));
@@ -156,14 +156,14 @@ std::string message_of_reader(std::function<int(Context&)> work) {
   return err.str();
 }
 
-TEST(Program, OnlyWhatWritesSaysThatNothingWasLeftBehind) {
+TEST(Program, OnlyWritersReportThatNothingWasLeftBehind) {
   const auto interrupted = [](Context&) -> int { throw Interrupted(); };
   EXPECT_EQ(run(kGood, interrupted).err, "nadir: interrupted; no partial output was left behind\n");
   EXPECT_EQ(message_of_reader(interrupted), "nadir: interrupted\n");
 }
 
-// A path that is too long, or a folder that may not be read, is no defect of the program.
-TEST(Program, WhatIsWrongWithAPathIsSaidAsThat) {
+// A path that is too long, or a folder that may not be read, is not a defect of the program.
+TEST(Program, ErrorsNameWhatIsWrongWithAPath) {
   const auto outcome =
       run(kGood, [](Context&) -> int { return std::filesystem::exists(std::string(300, 'a')) ? 0 : 1; });
   EXPECT_EQ(outcome.code, 2);

@@ -52,7 +52,7 @@ TEST(TerminalProgress, OtherThreadsOnlyCount) {
   request_interrupt(false);
 }
 
-// With SA_RESTART a read that waits for ever goes on waiting after SIGTERM, and only SIGKILL ends the program.
+// With SA_RESTART a blocked read continues to wait after SIGTERM, and only SIGKILL ends the program.
 TEST(Terminal, ASignalEndsAReadThatWaits) {
   int ends[2];
   ASSERT_EQ(::pipe(ends), 0);

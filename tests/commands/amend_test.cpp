@@ -56,7 +56,7 @@ class Amended : public test::CommandTest {
   }
 };
 
-// Between any two steps, also when the new package lies there whole and the names are not exchanged yet.
+// Between any two steps, also when the new package is complete and the names have not been exchanged yet.
 TEST_F(Amended, AfterAKillThePackageIsOldOrNewAndTheNextRunWorks) {
   make_both();
   fs::copy(folder_ / "plain", folder_ / "package", fs::copy_options::recursive);
@@ -74,7 +74,7 @@ TEST_F(Amended, AfterAKillThePackageIsOldOrNewAndTheNextRunWorks) {
   EXPECT_TRUE(fs::exists(folder_ / ".package.amended")) << "the last moment is the one right before the exchange";
   ASSERT_EQ(index("package"), 0) << err_.str();
   EXPECT_TRUE(same("package", "indexed"));
-  // Right after the exchange: the old one still lies beside it.
+  // Right after the exchange: the old one is still beside it.
   fs::copy(folder_ / "plain", folder_ / ".package.amended", fs::copy_options::recursive);
   ASSERT_EQ(index("package"), 0) << err_.str();
   EXPECT_TRUE(same("package", "indexed"));

@@ -1,4 +1,4 @@
-// keys, mission and cache commands as a user calls them: exit codes, and where results and talk go.
+// keys, mission and cache commands as a user calls them: exit codes, and what goes to stdout and stderr.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -93,7 +93,7 @@ TEST_F(Commands, AForgedPackageNameStaysOnItsLine) {
   EXPECT_NE(err_.str().find("valley⏎  found:    accepted?[2J"), std::string::npos) << err_.str();
 }
 
-// A machine that starts in 1970 takes every date for a future one, and one that runs ahead none.
+// For a clock that starts in 1970 every date is in the future, and for one that runs ahead none is.
 TEST_F(Commands, AWrongClockIsNamed) {
   for (const char* name : {"r", "p"}) ASSERT_EQ(run({"keys", "create", "--out", path(name)}), 0) << err_.str();
   const std::vector<std::string> root{

@@ -25,7 +25,7 @@ class CacheGaps : public test::CommandTest {
     return run(std::move(args));
   }
 
-  // What GDAL says about the file's geometries: how many, how many of them valid, and their area on the ellipsoid.
+  // GDAL's view of the file's geometries: how many, how many of them valid, and their area on the ellipsoid.
   std::vector<double> ogr(const fs::path& file) {
     const auto result = test::run_shell(
         "ogrinfo -q -dialect SQLite -sql \"SELECT count(*) AS n, sum(ST_IsValid(geometry)) AS valid, "
@@ -68,7 +68,7 @@ TEST_F(CacheGaps, WithoutAnyTileTheGapsAreTheMissionsArea) {
   const double corridor = (303.5 - 75.1) * 80 + M_PI * 40 * 40 / 2;
   EXPECT_NEAR(area_m2, sector + corridor, 0.01 * (sector + corridor));
   EXPECT_NE(out_.str().find("zoom 18: "), std::string::npos);
-  // what the properties say agrees with GDAL's measure
+  // the properties agree with GDAL's measurement
   std::ifstream file(path("gaps.geojson"));
   double said_m2 = 0;
   const json document = json::parse(file);

@@ -1,4 +1,4 @@
-// nadir cache index as a user calls it, and what verification says about indexes that are not what they should be.
+// nadir cache index as a user calls it, and the findings of verification on invalid indexes.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <cmath>
@@ -52,7 +52,7 @@ class CacheIndex : public test::CommandTest {
     verify_place_index(depth, progress, verification);
     return verification.findings;
   }
-  // As the signer would, had he been deceived: manifest and signature fit the files as they are.
+  // As a deceived signer would: manifest and signature match the files as they are.
   void sign_as_it_is(const fs::path& package, bool with_vectors = true) {
     Manifest manifest = *parse_manifest(read_file(package / kManifestFile)).manifest;
     std::erase_if(manifest.artifacts, [](const Artifact& artifact) { return artifact.path.starts_with("index/"); });
@@ -165,7 +165,7 @@ TEST_F(CacheIndex, DetectsAnIndexOfOtherImagery) {
   sign_as_it_is(package);
   EXPECT_EQ(test::codes(verify(package, VerifyDepth::quick)), "index.mismatch");
 
-  // With the root of this imagery written into its table, only a new look at the tiles shows it.
+  // With the root of this imagery written into its table, only a comparison with the tiles shows it.
   const Manifest manifest = *parse_manifest(read_file(package / kManifestFile)).manifest;
   json table = json::parse(read_text_file(package / kPlaceTableFile));
   table["imagery_merkle_root"] = manifest.artifact(kRoleImagery)->tiles->merkle_root.hex();
@@ -257,7 +257,7 @@ Bytes landscape_tile(const TileKey& key) {
 
 class IndexEvaluation : public test::CommandTest {
  protected:
-  // A package, its index, and a flight over its own pictures.
+  // A package, its index, and a flight over its own imagery.
   void SetUp() override {
     if (test::run_shell("command -v gdal_translate").code != 0) GTEST_SKIP() << "NOT TESTED: no gdal_translate";
     maker_.edit_tile = [](Sidecar& sidecar, Bytes& tile) {
@@ -317,13 +317,13 @@ TEST_F(IndexEvaluation, CountsFramesRecalledAtEachRank) {
   EXPECT_EQ(report["heading_range_deg"], 15);
   EXPECT_EQ(report["against"], (folder_ / "flight").string());
   EXPECT_EQ(sha256_file(folder_ / "package/manifest.json"), before);
-  // The same seed asks the same, and the text says the same.
+  // The same seed gives the same queries and the same text.
   ASSERT_EQ(run({"cache", "index", "@package", "--evaluate", "@flight"}), 0);
   const auto text = fmt::format("recall@1 {:.1f} %", 100 * report["heading_known"]["recall_at_1"].get<double>());
   EXPECT_NE(out_.str().find(text), std::string::npos) << out_.str();
 }
 
-// With a truth somewhere else no answer is right, and chance knows it as well.
+// With a false truth no answer is right, and the figure for chance shows it as well.
 TEST_F(IndexEvaluation, SkipsFramesWithoutTruthOrImage) {
   const CsvTable truth = CsvTable::read(folder_ / "flight/truth.csv");
   std::string elsewhere = "frame,lat_deg,lon_deg\n";
@@ -331,7 +331,7 @@ TEST_F(IndexEvaluation, SkipsFramesWithoutTruthOrImage) {
     elsewhere += truth.cell(row, truth.required_column("frame")) + ",48.1,11.2\n";
   }
   folder_.write("flight/truth.csv", elsewhere);
-  // A damaged picture is no hindrance either; what is left of it may still be a picture.
+  // A damaged image does no harm either; the rest of it may still decode.
   const fs::path picture = folder_ / "flight/frames/frame_0003.jpg";
   fs::resize_file(picture, fs::file_size(picture) / 3);
   const json report = evaluate();

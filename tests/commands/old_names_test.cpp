@@ -1,4 +1,4 @@
-// Options that were renamed: for one release the old spelling means the same, and --help shows the new one alone.
+// Options that were renamed: for one release the old spelling means the same, and --help shows only the new one.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -53,7 +53,7 @@ std::unique_ptr<Command> command_named(const std::string& words) {
   return nullptr;
 }
 
-// What parsing says: nothing, or which option is missing; an unknown option is said before everything else.
+// The parser's error: none, or which option is missing; an unknown option is reported before anything else.
 std::string parsed(const Renamed& renamed, std::vector<std::string> args) {
   const auto command = command_named(renamed.command);
   Options options(renamed.command);

@@ -1,4 +1,5 @@
-// --report of cache verify and cache validate: every file says what the findings say, and none can be broken out of.
+// --report of cache verify and cache validate: every file contains the findings, and no finding's text can escape its
+// cell or element.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>

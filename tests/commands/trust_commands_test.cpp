@@ -74,16 +74,16 @@ TEST_F(TrustCommands, ARevokedKeyIsRejectedByTheFleet) {
 
 TEST_F(TrustCommands, RevokingNeedsTheRootKeysOfBothSides) {
   first_root();
-  keys({"r2", "stranger"});
+  keys({"r2", "untrusted"});
   const auto revoke = [&](std::initializer_list<std::string> more) {
     std::vector<std::string> args{"keys", "revoke", "--previous", "@root.json", "--out", "@2.json"};
     args.insert(args.end(), more);
     return run(args);
   };
   EXPECT_EQ(revoke({"--revoke", "@r.pub.pem", "--root-key", "@r.key.pem"}), 2) << "no root key would be left";
-  EXPECT_EQ(revoke({"--revoke", "@stranger.pub.pem", "--root-key", "@r.key.pem"}), 2) << "unknown key";
+  EXPECT_EQ(revoke({"--revoke", "@untrusted.pub.pem", "--root-key", "@r.key.pem"}), 2) << "unknown key";
   EXPECT_EQ(
-      revoke({"--revoke", "@p.pub.pem", "--new-package-signer", "@r2.pub.pem", "--root-key", "@stranger.key.pem"}), 2)
+      revoke({"--revoke", "@p.pub.pem", "--new-package-signer", "@r2.pub.pem", "--root-key", "@untrusted.key.pem"}), 2)
       << "no root key";
   EXPECT_EQ(revoke({"--revoke", "@r.pub.pem", "--new-root-key", "@r2.key.pem", "--root-key", "@r.key.pem"}), 0)
       << err_.str();
@@ -160,7 +160,7 @@ TEST_F(TrustCommands, KeepingSignersKeepsNoRevokedOne) {
 }
 
 TEST_F(TrustCommands, SeveralPeopleSignOneRoot) {
-  keys({"anna", "ben", "p", "stranger"});
+  keys({"anna", "ben", "p", "untrusted"});
   const std::vector<std::string> root{
       "keys",         "root",      "--root-key", "@anna.key.pem",    "--out", "@root.json",       "--root-public-key",
       "@ben.pub.pem", "--expires", "2030-01-01", "--root-threshold", "2",     "--package-signer", "@p.pub.pem"};
@@ -173,7 +173,7 @@ TEST_F(TrustCommands, SeveralPeopleSignOneRoot) {
   ASSERT_EQ(run({"cache", "sign", package, "--key", "@p.key.pem", "--only"}), 0) << err_.str();
   EXPECT_EQ(run({"cache", "verify", package, "--trust", "@root.json"}), 2) << "a half-signed root is trusted by nobody";
 
-  EXPECT_EQ(run({"keys", "sign", "@root.json", "--key", "@stranger.key.pem"}), 2);
+  EXPECT_EQ(run({"keys", "sign", "@root.json", "--key", "@untrusted.key.pem"}), 2);
   ASSERT_EQ(run({"keys", "sign", "@root.json", "--key", "@anna.key.pem", "--json"}), 0);
   EXPECT_FALSE(result()["complete"]) << "the same key twice is one signature";
   ASSERT_EQ(run({"keys", "sign", "@root.json", "--key", "@ben.key.pem", "--json"}), 0) << err_.str();

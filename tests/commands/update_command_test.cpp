@@ -148,7 +148,7 @@ TEST_F(BuildWithRoots, AnOfflineAircraftFollowsThem) {
   EXPECT_EQ(result()["root_version"], 2);
 }
 
-// TIFF knows no PNG, and re-encoding is not what --format promises.
+// TIFF has no PNG compression, and --format must not re-encode.
 TEST_F(BuildWithRoots, PngTilesAreNotPutIntoACog) {
   folder_.write("next.yaml", test::mission_yaml());
   ASSERT_EQ(build({"--tile-format", "png"}), 0) << out_.str() << err_.str();
@@ -163,11 +163,11 @@ TEST_F(BuildWithRoots, PngTilesAreNotPutIntoACog) {
 
 TEST_F(BuildWithRoots, RejectsRootsThatAircraftCannotFollow) {
   root_after(second_, "3.json", maker_.signer);
-  const PrivateKey thief = PrivateKey::generate();
+  const PrivateKey attacker = PrivateKey::generate();
   TrustRoot stolen = maker_.root;
-  stolen.add_key(thief.public_key());
-  stolen.root.key_ids = {thief.public_key().id()};
-  root_after(stolen, "stolen.json", thief);  // signed by its own root keys, not by those before
+  stolen.add_key(attacker.public_key());
+  stolen.root.key_ids = {attacker.public_key().id()};
+  root_after(stolen, "stolen.json", attacker);  // signed by its own root keys, not by those before
   folder_.write("damaged.json", read_text_file(folder_ / "2.json").substr(0, 300));
   EXPECT_EQ(build({"--carry-root", "@3.json", "--trust", "@root.json"}), 2) << "skips the second";
   EXPECT_EQ(build({"--carry-root", "@stolen.json", "--trust", "@root.json"}), 2);

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tries what the documentation says.
+"""Checks the documentation against the programs.
 
 usage: check_docs.py links|commands|examples|tests|attacks PROJECT_ROOT FOLDER_OF_PROGRAMS
 
@@ -28,7 +28,7 @@ ATTACKS = ["tampered file", "tiles swapped digests", "another mission airframe",
 
 # Attacks on the candidate service, likewise in docs/sync.md.
 SERVICE_ATTACKS = ["replayed batch", "swapped tile", "forged airframe", "revoked key", "path tricks names", "oversized pack",
-                   "zip-bomb", "lying sizes", "slow-loris", "clock tricks"]
+                   "zip-bomb", "false sizes", "slow-loris", "clock tricks"]
 
 
 def pages(root):

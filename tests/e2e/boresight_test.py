@@ -59,8 +59,8 @@ class Boresight(EndToEnd):
         with open(flight / "telemetry.csv", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         for row in rows:
-            told = aircraft_under([float(row[f"{angle}_deg"]) for angle in ("heading", "pitch", "roll")], MOUNT_DEG)
-            row["heading_deg"], row["pitch_deg"], row["roll_deg"] = (f"{angle:.6f}" for angle in told)
+            measured = aircraft_under([float(row[f"{angle}_deg"]) for angle in ("heading", "pitch", "roll")], MOUNT_DEG)
+            row["heading_deg"], row["pitch_deg"], row["roll_deg"] = (f"{angle:.6f}" for angle in measured)
             row["lat_deg"], row["lon_deg"] = (truth[row["frame"]][name] for name in ("lat_deg", "lon_deg"))
         with open(flight / "gps.csv", "w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, rows[0].keys())
@@ -88,13 +88,13 @@ class Boresight(EndToEnd):
                           out / "airframe.json", "--at", self.created, "--check", "--json", program=NADIRD)
         self.assertEqual([], json.loads(ready.stdout)["findings"])
 
-        self.fails(2, *self.command(flight, "--key", self.folder / "signer.key.pem", "--out", out), says=["already exists"])
+        self.fails(2, *self.command(flight, "--key", self.folder / "signer.key.pem", "--out", out), mentions=["already exists"])
         nothing = self.folder / "nothing"
         self.fails(1, *self.command(flight, "--to-s", "12", "--key", self.folder / "signer.key.pem", "--out", nothing),
-                   says=["provision.few_anchors"], leaves_nothing=nothing)
+                   mentions=["provision.few_anchors"], leaves_nothing=nothing)
         (flight / "gps.csv").write_text((flight / "telemetry.csv").read_text(encoding="utf-8"), encoding="utf-8")
-        self.fails(2, *self.command(flight), says=["no frame of this flight has a GPS position"])
-        self.fails(2, *self.command(flight, "--recorder", flight), says=["exactly one flight"])
+        self.fails(2, *self.command(flight), mentions=["no frame of this flight has a GPS position"])
+        self.fails(2, *self.command(flight, "--recorder", flight), mentions=["exactly one flight"])
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
   kill       it is killed every 30 s
   faults     disk full, link cut, clocks set, tiles spoilt, camera stalled, ten times the frames
   restarts   killed and started again on a full state disk, a taken port, a wrong clock, a torn file, a swapped package
-  intruder   a second speaker on the link
+  intruder   a second sender on the link
   tiles      the tile file corrupted and cut off
 Prints a table of what was expected and what was found; the exit code is 1 when something is wrong. docs/closed-loop.md.
 """

@@ -73,15 +73,15 @@ class Rules(unittest.TestCase):
 
     SERVICE = {"frames": 100, "dropped": 2}
 
-    def flight(self, told=(), rows=None, error=4.0, **summary):
+    def flight(self, reported=(), rows=None, error=4.0, **summary):
         events = [(60, "scenario", "gps-step=300@70"), (80, "scenario", "camera-cut"), (92, "scenario", "camera-restore"),
-                  (100, "scenario", "gps-recover"), *((at, "statustext", text) for at, text in told)]
+                  (100, "scenario", "gps-recover"), *((at, "statustext", text) for at, text in reported)]
         words = {"scenario": "what", "statustext": "text"}
         return {"events": [{"time_s": at, "kind": kind, words[kind]: text} for at, kind, text in sorted(events)],
                 "duration_s": 130, "fix_error_m": {"max": error}, "gps_input": {"accepted": 900},
-                "gps_input_spacing_max_s": 0.1, "heard": {"HEARTBEAT": 130}, **summary}
+                "gps_input_spacing_max_s": 0.1, "received": {"HEARTBEAT": 130}, **summary}
 
-    TOLD = ((60.5, rules.SPOOFED), (60.6, rules.MAP_LEADS), (80.7, rules.NO_PICTURES), (93.5, rules.SEES_AGAIN),
+    REPORTED = ((60.5, rules.SPOOFED), (60.6, rules.MAP_LEADS), (80.7, rules.NO_PICTURES), (93.5, rules.SEES_AGAIN),
             (112, rules.TRUSTED), (112.1, rules.GPS_LEADS))
     CHANGES = ((1.0, "state", "normal", "degraded", "no camera frames: no frame for 0.42 s"),)
 
@@ -90,7 +90,7 @@ class Rules(unittest.TestCase):
                  "source": source} for t in range(131)]
 
     def missed(self, summary=None, rows=None, service=None, changes=CHANGES):
-        judged = rules.judge(summary or self.flight(self.TOLD), rows or self.rows(), service or self.SERVICE, changes)
+        judged = rules.judge(summary or self.flight(self.REPORTED), rows or self.rows(), service or self.SERVICE, changes)
         self.assertEqual(len(judged) + 1, len(rules.lines_of(judged)))
         return [rule.name for rule in judged if not rule.met]
 
@@ -98,7 +98,7 @@ class Rules(unittest.TestCase):
         self.assertEqual([], self.missed())
 
     def test_each_is_missed_by_a_flight_that_breaks_it(self):
-        without = lambda *texts: self.flight([pair for pair in self.TOLD if pair[1] not in texts])
+        without = lambda *texts: self.flight([pair for pair in self.REPORTED if pair[1] not in texts])
         for name, broken in (
                 ("cold start to the first fix", {"rows": self.rows(first=40)}),
                 ("GPS spoofed to navigating by our fix", {"summary": without(rules.MAP_LEADS)}),
@@ -106,10 +106,10 @@ class Rules(unittest.TestCase):
                 ("camera loss to dead reckoning", {"changes": [(*self.CHANGES[0][:4], "no frame for 0.91 s")]}),
                 ("σ while blind", {"rows": self.rows(sigma=lambda t: 9.0 if t < 85 else 8.0)}),
                 ("visual position restored", {"summary": without(rules.SEES_AGAIN)}),
-                ("GPS recovery to trusted", {"summary": self.flight([*self.TOLD[:4], (104, rules.TRUSTED)])}),
-                ("no fix follows spoofed GPS", {"summary": self.flight(self.TOLD, error=280.0)}),
-                ("our GPS as the autopilot sees it", {"summary": self.flight(self.TOLD, gps_input={"unhealthy": 3})}),
-                ("status to the ground station", {"summary": self.flight(self.TOLD, heard={})}),
+                ("GPS recovery to trusted", {"summary": self.flight([*self.REPORTED[:4], (104, rules.TRUSTED)])}),
+                ("no fix follows spoofed GPS", {"summary": self.flight(self.REPORTED, error=280.0)}),
+                ("our GPS as the autopilot sees it", {"summary": self.flight(self.REPORTED, gps_input={"unhealthy": 3})}),
+                ("status to the ground station", {"summary": self.flight(self.REPORTED, received={})}),
                 ("frames dropped", {"service": {"frames": 100, "dropped": 11}})):
             self.assertIn(name, self.missed(**broken), broken)
 
@@ -124,11 +124,11 @@ class Proofs(unittest.TestCase):
         rows = [line.split("|")[1].strip() for line in section.splitlines() if line.startswith("| ")][1:]
         return [row.strip("`") if row.startswith("`") else row for row in rows]
 
-    def seen(self, told=(), events=(), done=(), rows=()):
+    def seen(self, reported=(), events=(), done=(), rows=()):
         """A flight with these texts to the operator and every action at 10 s."""
         actions = {event.partition(":")[2].partition("=")[0] for scene in scenes.SCENES.values() for event in scene.events}
         happened = [{"time_s": 10.0 + again, "kind": "scenario", "what": action} for action in actions for again in (0, 1)]
-        happened += [{"time_s": at, "kind": "statustext", "text": text} for at, text in told]
+        happened += [{"time_s": at, "kind": "statustext", "text": text} for at, text in reported]
         return proofs.Seen(rules.Happened({"events": sorted(happened, key=lambda event: event["time_s"])},
                                           list(rows) or [{"time_s": "0", "given_fix_type": "0", "given_error_m": "",
                                                           "given_accuracy_m": ""}]), list(events), dict(done))
@@ -150,17 +150,17 @@ class Proofs(unittest.TestCase):
     def test_late_and_early_notifications_are_detected(self):
         look = {(proof.row, proof.scene): proof.look for proof in proofs.PROOFS}
         again = look["back from `no_fix`", "camera"]
-        self.assertAlmostEqual(2.0, again(self.seen(told=[(13.0, "Nadir: position found again")])))
-        self.assertIsNone(again(self.seen(told=[(11.5, "Nadir: position found again")])), "steady for 1 s")
-        leads = look["gps_leads", "lies"]
-        told = [(1.0, "Nadir: GPS trusted"), (21.0, "Nadir: GPS trusted"), (21.1, "Nadir: autopilot navigating by GPS")]
-        self.assertAlmostEqual(0.1, leads(self.seen(told=told)), msg="not from when it was trusted first")
+        self.assertAlmostEqual(2.0, again(self.seen(reported=[(13.0, "Nadir: position found again")])))
+        self.assertIsNone(again(self.seen(reported=[(11.5, "Nadir: position found again")])), "steady for 1 s")
+        leads = look["gps_leads", "spoofing"]
+        reported = [(1.0, "Nadir: GPS trusted"), (21.0, "Nadir: GPS trusted"), (21.1, "Nadir: autopilot navigating by GPS")]
+        self.assertAlmostEqual(0.1, leads(self.seen(reported=reported)), msg="not from when it was trusted first")
         denied = look["denied", "failsafe"]
-        self.assertAlmostEqual(0.7, denied(self.seen(told=[(5.0, "Nadir: GPS denied"), (10.7, "Nadir: GPS denied")])))
+        self.assertAlmostEqual(0.7, denied(self.seen(reported=[(5.0, "Nadir: GPS denied"), (10.7, "Nadir: GPS denied")])))
         never = look["spoofed", "camera"]
         dark = (40.0, "Nadir: NO FIX, blind for too long")
-        self.assertIsNotNone(never(self.seen(told=[dark])))
-        self.assertIsNone(never(self.seen(told=[dark, (41.0, "Nadir: GPS SPOOFED")])))
+        self.assertIsNotNone(never(self.seen(reported=[dark])))
+        self.assertIsNone(never(self.seen(reported=[dark, (41.0, "Nadir: GPS SPOOFED")])))
         lost = look["link_lost", "failsafe"]
         self.assertAlmostEqual(5.1, lost(self.seen(events=[(15.1, "state", "no messages from the autopilot: 5.0 s")])))
         self.assertIsNone(lost(self.seen(events=[(13.0, "state", "no messages from the autopilot: 3.0 s")])))

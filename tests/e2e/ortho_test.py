@@ -93,31 +93,31 @@ class Ortho(EndToEnd):
 
         # Poses of another flight, map or camera, and damaged ones.
         document = json.loads(poses.read_text())
-        for says, change in ((["flight", "expected"], {"flight": "0" * 12}), (["map"], {"base_package": "0" * 64}),
+        for mentions, change in ((["flight", "expected"], {"flight": "0" * 12}), (["map"], {"base_package": "0" * 64}),
                              (["camera"], {"camera": "0" * 64}), (["plane"], {"origin": {"lon_deg": 8.0, "lat_deg": 47.0}}),
                              (["number of frames"], {"frames": 6}), (["schema", "nadir.poses/1"], {"schema": "nadir.poses/2"}),
                              (["/poses/0/agl_m"], {"poses": [document["poses"][0] | {"agl_m": None}]}),
                              (["name of a frame"], {"poses": [document["poses"][0] | {"frame": "other.jpg"}]})):
             (f / "changed.json").write_text(json.dumps(document | change))
-            self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), says=says + ["changed.json"],
+            self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), mentions=mentions + ["changed.json"],
                        leaves_nothing=f / "out")
         (f / "changed.json").write_text(poses.read_text()[:-9])
-        self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), says=["changed.json"], leaves_nothing=f / "out")
-        self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), says=["none.json"], leaves_nothing=f / "out")
-        self.fails(2, *self.ask(f / "out", estimates=poses, odometry="flow"), says=["--odometry"], leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", estimates=f / "changed.json"), mentions=["changed.json"], leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", estimates=f / "none.json"), mentions=["none.json"], leaves_nothing=f / "out")
+        self.fails(2, *self.ask(f / "out", estimates=poses, odometry="flow"), mentions=["--odometry"], leaves_nothing=f / "out")
 
     def test_it_explains_why_there_are_no_tiles(self):
         f = self.folder
-        for says, changed in ((["tile key", "tile-signer"], {"key": f / "other.key.pem"}),
+        for mentions, changed in ((["tile key", "tile-signer"], {"key": f / "other.key.pem"}),
                               (["--airframe"], {"airframe": None}),
                               (["--captured"], {"captured": None}),
                               (["--captured"], {"captured": "yesterday"}),
                               (["names"], {"flight": "a/b"}),
                               (["none.csv"], {"telemetry": f / "none.csv"})):
-            self.fails(2, *self.ask(f / "out", **changed), says=says, leaves_nothing=f / "out")
+            self.fails(2, *self.ask(f / "out", **changed), mentions=mentions, leaves_nothing=f / "out")
         self.fails(2, *self.ask(f / "out", mosaic=f / "no-such-folder/m.tif"), leaves_nothing=f / "out")
         (f / "there").mkdir()
-        self.fails(2, *self.ask(f / "there"), says=["there"])
+        self.fails(2, *self.ask(f / "there"), mentions=["there"])
         shutil.copytree(f / "package", f / "tampered")
         manifest = f / "tampered/manifest.json"
         manifest.write_bytes(manifest.read_bytes().replace(b"1", b"2", 1))

@@ -85,11 +85,11 @@ class Pipeline(EndToEnd):
         flight = self.flight()
         out = self.folder / "out"
         trust = ["--package", package, "--trust", self.folder / "root.json"]
-        self.fails(1, *self.replay_args(flight, out), *trust, "--at", "2025-06-01", says=["package.expired"], leaves_nothing=out)
-        self.fails(1, *self.replay_args(flight, out), *trust, "--at", AT, "--airframe", "other", says=["airframe.mismatch"],
+        self.fails(1, *self.replay_args(flight, out), *trust, "--at", "2025-06-01", mentions=["package.expired"], leaves_nothing=out)
+        self.fails(1, *self.replay_args(flight, out), *trust, "--at", AT, "--airframe", "other", mentions=["airframe.mismatch"],
                    leaves_nothing=out)
         self.fails(1, "--package", package, "--trust", self.folder / "root.json", "--at", AT, "--airframe", "other", "--check",
-                   program=NADIRD, says=["airframe.mismatch"])
+                   program=NADIRD, mentions=["airframe.mismatch"])
 
     def test_altered_tiles_are_reported_missing(self):
         self.keys()
@@ -125,7 +125,7 @@ class Pipeline(EndToEnd):
         nadird = [f"{name}={value}" for name, value in clock.environment().items()] + [NADIRD]
         self.good(*nadird, "--package", old, *check, program="env")
         self.good(*nadird, "--package", new, *check, program="env")
-        self.fails(1, *nadird, "--package", old, *check, program="env", says=["package.rollback"])
+        self.fails(1, *nadird, "--package", old, *check, program="env", mentions=["package.rollback"])
 
 
 class FirstImpressions(EndToEnd):

@@ -83,11 +83,11 @@ class Provision(support.EndToEnd):
 
     def test_shows_and_changes_nothing_without_apply(self):
         self.start()
-        told = json.loads(self.good(*self.args("--signing-key", self.key, "--json")).stdout)
-        self.assertFalse(told["applied"])
-        self.assertEqual("4.6.1", told["version"])
-        self.assertRegex(told["uid"], "^[0-9a-f]{36}$")
-        found = {one["name"]: (one["found"], one["wanted"]) for one in told["parameters"]}
+        report = json.loads(self.good(*self.args("--signing-key", self.key, "--json")).stdout)
+        self.assertFalse(report["applied"])
+        self.assertEqual("4.6.1", report["version"])
+        self.assertRegex(report["uid"], "^[0-9a-f]{36}$")
+        found = {one["name"]: (one["found"], one["wanted"]) for one in report["parameters"]}
         self.assertEqual({"GPS1_TYPE": (1, 14), "GPS1_DELAY_MS": (0, 10), "EK3_SRC1_POSXY": (0, 3), "EK3_SRC1_VELXY": (3, 3),
                           "EK3_SRC1_POSZ": (1, 1), "EK3_SRC1_YAW": (8, 1)}, found)
         self.assertFalse(self.key.exists())
@@ -105,10 +105,10 @@ class Provision(support.EndToEnd):
         self.assertEqual((1, "2035-01-01T00:00:00Z"), (airframe["sequence"], airframe["expires"]))
         self.check_signature(text)
         # From now on only peers with the key are accepted.
-        self.fails(2, *self.args(patience=1), says=("autopilot",))
-        told = json.loads(self.good(*self.args("--apply", "--signing-key", self.key, "--json")).stdout)
-        self.assertFalse(told["key_installed"])
-        self.assertGreaterEqual(told["imu_rate_hz"], 30)
+        self.fails(2, *self.args(patience=1), mentions=("autopilot",))
+        report = json.loads(self.good(*self.args("--apply", "--signing-key", self.key, "--json")).stdout)
+        self.assertFalse(report["key_installed"])
+        self.assertGreaterEqual(report["imu_rate_hz"], 30)
         events = self.events()
         self.assertEqual({"GPS1_TYPE": 14, "GPS1_DELAY_MS": 10, "EK3_SRC1_POSXY": 3, "EK3_SRC1_YAW": 1},
                          self.parameters_now(events))
@@ -135,11 +135,11 @@ class Provision(support.EndToEnd):
         self.addCleanup(relay.kill)
         self.start(link="file:" + os.ttyname(their_end))
         self.url = f"serial:{os.ttyname(our_end)}:115200"
-        told = json.loads(self.good(*self.args("--json")).stdout)
-        self.assertEqual(1, told["system"])
+        report = json.loads(self.good(*self.args("--json")).stdout)
+        self.assertEqual(1, report["system"])
 
     def test_no_autopilot_responds(self):
-        self.fails(2, *self.args(*self.all_of_it(), patience=0.3), says=("no autopilot", self.url), leaves_nothing=self.out)
+        self.fails(2, *self.args(*self.all_of_it(), patience=0.3), mentions=("no autopilot", self.url), leaves_nothing=self.out)
 
     def test_a_failed_step_is_explained_and_reverted(self):
         """In parallel: each mostly waits for its timeout."""
@@ -152,7 +152,7 @@ class Provision(support.EndToEnd):
             self.addCleanup(case.doCleanups)
             case.setUp()
             case.start("--fault", fault)
-            result = case.fails(2, *case.args(*case.all_of_it(), patience=8), says=(faults[fault], "expected", "found"))
+            result = case.fails(2, *case.args(*case.all_of_it(), patience=8), mentions=(faults[fault], "expected", "found"))
             self.assertNotIn("not reverted", result.stderr)
             case.assert_untouched()
 
@@ -161,14 +161,14 @@ class Provision(support.EndToEnd):
 
     def test_an_armed_aircraft_is_left_alone(self):
         self.start(disarmed=False)
-        self.fails(2, *self.args(*self.all_of_it()), says=("armed",))
+        self.fails(2, *self.args(*self.all_of_it()), mentions=("armed",))
         self.assert_untouched()
 
     def test_an_unwritable_file_reverts_all_changes(self):
         self.start()
         args = self.all_of_it()
         args[args.index(self.out)] = self.folder / "missing" / "falcon-7"
-        self.fails(2, *self.args(*args), says=("missing", "were reverted"))
+        self.fails(2, *self.args(*args), mentions=("missing", "were reverted"))
         self.assert_untouched()
 
     def test_an_interrupt_reverts_all_changes(self):
@@ -189,25 +189,25 @@ class Provision(support.EndToEnd):
         other = self.folder / "other.key"
         other.write_text("ab" * 32 + "\n")
         self.start("--key-file", other)
-        self.fails(2, *self.args(*self.all_of_it()), says=("another key",))
+        self.fails(2, *self.args(*self.all_of_it()), mentions=("another key",))
         self.assert_untouched()
 
     def test_rejects_invalid_input_before_connecting(self):
         apply = self.all_of_it()
-        self.fails(2, *self.args(*apply[1:]), says=("--apply",))
+        self.fails(2, *self.args(*apply[1:]), mentions=("--apply",))
         for missing in ("--sequence", "--expires"):
             at = apply.index(missing)
-            self.fails(2, *self.args(*apply[:at], *apply[at + 2:]), says=("--sequence N and --expires DATE", "no " + missing))
+            self.fails(2, *self.args(*apply[:at], *apply[at + 2:]), mentions=("--sequence N and --expires DATE", "no " + missing))
         self.out.mkdir()
-        self.fails(2, *self.args(*apply), says=("already exists",))
+        self.fails(2, *self.args(*apply), mentions=("already exists",))
         self.out.rmdir()
         self.key.write_text("not a key\n")
         self.key.chmod(0o600)
-        self.fails(2, *self.args(*apply), says=("no signing key",), leaves_nothing=self.out)
+        self.fails(2, *self.args(*apply), mentions=("no signing key",), leaves_nothing=self.out)
         self.key.chmod(0o644)
-        self.fails(2, *self.args(*apply), says=("link.key",), leaves_nothing=self.out)
+        self.fails(2, *self.args(*apply), mentions=("link.key",), leaves_nothing=self.out)
         (self.folder / "camera.yaml").write_text("model: fisheye\n")
-        self.fails(2, *self.args(*apply), says=("camera.yaml",), leaves_nothing=self.out)
+        self.fails(2, *self.args(*apply), mentions=("camera.yaml",), leaves_nothing=self.out)
 
 
 # Between two terminals, as a cable.

@@ -45,8 +45,8 @@ class SimulateCamera(support.EndToEnd):
         self.fly()
         out = self.folder / "frames"
         result = self.good(*self.args, "--out", out, "--max-frames", 6, "--keep", 4, "--fps", 10, "--json")
-        told = json.loads(result.stdout)
-        self.assertEqual((6, 0), (told["frames"], told["frames_beyond_world"]))
+        report = json.loads(result.stdout)
+        self.assertEqual((6, 0), (report["frames"], report["frames_beyond_world"]))
         names = sorted(os.listdir(out))
         self.assertEqual(4, len(names))
         times = [int(re.fullmatch(r"frame_(\d{16})\.jpg", name).group(1)) for name in names]
@@ -85,20 +85,20 @@ class SimulateCamera(support.EndToEnd):
         self.assertFalse([name for name in os.listdir(self.folder / "frames") if not name.endswith(".jpg")])
 
     def test_reports_that_no_poses_arrive(self):
-        self.fails(2, *self.args, "--out", self.folder / "frames", "--timeout-s", "0.3", says=("no pose received", str(self.port)))
+        self.fails(2, *self.args, "--out", self.folder / "frames", "--timeout-s", "0.3", mentions=("no pose received", str(self.port)))
 
     def test_rejects_unsupported_requests(self):
         out = ["--out", self.folder / "frames"]
-        self.fails(2, *self.args[:-1], "carrier:pigeon", *out, says=("pigeon",))
-        self.fails(2, *self.args, "--out", "-", "--json", says=("standard output",))
-        self.fails(2, *self.args, *out, "--fps", "0", says=("--fps",))
-        self.fails(2, *self.args, *out, "--dem", self.folder / "none.tif", says=("none.tif",))
+        self.fails(2, *self.args[:-1], "carrier:pigeon", *out, mentions=("pigeon",))
+        self.fails(2, *self.args, "--out", "-", "--json", mentions=("standard output",))
+        self.fails(2, *self.args, *out, "--fps", "0", mentions=("--fps",))
+        self.fails(2, *self.args, *out, "--dem", self.folder / "none.tif", mentions=("none.tif",))
         taken = self.folder / "taken"
         taken.write_text("")
-        self.fails(2, *self.args, "--out", taken, says=("taken",))
+        self.fails(2, *self.args, "--out", taken, mentions=("taken",))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
             end.bind(("127.0.0.1", self.port))
-            self.fails(2, *self.args, *out, says=(str(self.port),))
+            self.fails(2, *self.args, *out, mentions=(str(self.port),))
 
 
 if __name__ == "__main__":

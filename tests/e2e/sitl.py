@@ -38,7 +38,7 @@ def arguments():
 
 
 def write_rows(path, track):
-    rows = {name: getattr(track, name) for name in ("truth", "believed", "given", "own", "filter", "attitude")}
+    rows = {name: getattr(track, name) for name in ("truth", "estimated", "given", "own", "filter", "attitude")}
     pathlib.Path(path).write_text(json.dumps(rows), encoding="utf-8")
 
 

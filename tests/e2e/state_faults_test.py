@@ -69,7 +69,7 @@ class Service:
         self.read()
         return None
 
-    def says(self, text):
+    def log_contains(self, text):
         return self.wait_for(lambda: text in self.log)
 
     def get(self, path):
@@ -150,9 +150,9 @@ class StateFaults(EndToEnd):
                 except OSError:
                     pass
 
-    def told_once(self, service, part):
+    def reported_once(self, service, part):
         """Failure, then recovery, in the system log and in the events of the page."""
-        self.assertTrue(service.says(f"{part}: works again"), service.read())
+        self.assertTrue(service.log_contains(f"{part}: works again"), service.read())
         self.assertEqual(1, service.log.count(f"{part}: failed"), service.log)
         self.assertEqual(1, service.log.count(f"{part}: works again"), service.log)
         events = service.wait_for(lambda: len(found := self.events(service, part)) >= 2 and found)
@@ -171,10 +171,10 @@ class StateFaults(EndToEnd):
         self.fill(disk)
         service = self.start()
         self.assertTrue(service.has_package(), service.read())
-        self.assertTrue(service.says("state directory: failed"), service.log)
-        self.assertTrue(service.says("No space left on device"), service.log)
+        self.assertTrue(service.log_contains("state directory: failed"), service.log)
+        self.assertTrue(service.log_contains("No space left on device"), service.log)
         (disk / "ballast").unlink()
-        self.told_once(service, "state directory")
+        self.reported_once(service, "state directory")
         self.assertEqual(0, service.end(), service.log)
         for file in ("acceptance.json", "aircraft.json", "flight.json", "signing-time"):
             self.assertTrue((self.state / file).exists(), file)
@@ -188,9 +188,9 @@ class StateFaults(EndToEnd):
         subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
         service = self.start(clock_s=-YEAR_S)  # the same boot: resumed
         self.assertTrue(service.has_package(), service.read())
-        self.assertTrue(service.says("state directory: failed"), service.log)
+        self.assertTrue(service.log_contains("state directory: failed"), service.log)
         subprocess.run(["mount", "-o", "remount,rw", disk], check=True)
-        self.told_once(service, "state directory")
+        self.reported_once(service, "state directory")
         self.assertEqual(0, service.end(), service.log)
 
     def test_recorder_and_candidates_disk_full(self):
@@ -200,10 +200,10 @@ class StateFaults(EndToEnd):
                              self.folder / "tile.key.pem")
         self.assertTrue(service.has_package(), service.read())
         for part in ("recorder's disk", "candidate tiles"):
-            self.assertTrue(service.says(f"{part}: failed"), service.log)
+            self.assertTrue(service.log_contains(f"{part}: failed"), service.log)
         (disk / "ballast").unlink()
         for part in ("recorder's disk", "candidate tiles"):
-            self.told_once(service, part)
+            self.reported_once(service, part)
         self.assertTrue(service.wait_for(lambda: service.get("/v1/state")["recorder"]["state"] == "recording"))
         self.assertEqual(0, service.end(), service.log)
 
@@ -217,7 +217,7 @@ class StateFaults(EndToEnd):
             service = self.start("--candidates", self.folder / "tiles", "--tile-key", self.folder / "tile.key.pem")
             self.assertTrue(service.has_package(), f"{size}: {service.read()}")
             if size < len(whole) - 1:  # the last byte of an empty page means nothing
-                self.assertTrue(service.says("candidate tiles: failed"), f"{size}: {service.log}")
+                self.assertTrue(service.log_contains("candidate tiles: failed"), f"{size}: {service.log}")
             self.assertEqual(0, service.end(), service.log)
 
     def test_port_taken(self):
@@ -225,10 +225,10 @@ class StateFaults(EndToEnd):
             other.bind(("127.0.0.1", 0))
             other.listen()
             service = self.start(port=other.getsockname()[1])
-            self.assertTrue(service.says("API: failed"), service.read())
-            self.assertTrue(service.says("Address already in use"), service.log)
+            self.assertTrue(service.log_contains("API: failed"), service.read())
+            self.assertTrue(service.log_contains("Address already in use"), service.log)
         self.assertTrue(service.has_package(), service.read())
-        self.told_once(service, "API")
+        self.reported_once(service, "API")
         self.assertEqual(0, service.end(), service.log)
 
     def test_signing_time_torn(self):
@@ -236,7 +236,7 @@ class StateFaults(EndToEnd):
         (self.state / "signing-time").write_text("12345")
         service = self.start()
         self.assertTrue(service.has_package(), service.read())
-        self.told_once(service, "signing time")
+        self.reported_once(service, "signing time")
         self.assertEqual(0, service.end(), service.log)
         self.assertTrue(re.fullmatch(r"\d+\n", (self.state / "signing-time").read_text()))
 
@@ -251,7 +251,7 @@ class StateFaults(EndToEnd):
         for clock_s in (-10, -600, -YEAR_S, 2 * YEAR_S):
             service = self.start(clock_s=clock_s)
             self.assertTrue(service.has_package(), f"{clock_s}: {service.read()}")
-            self.assertTrue(service.says("resumed as accepted"), service.log)
+            self.assertTrue(service.log_contains("resumed as accepted"), service.log)
             self.assertEqual(0, service.end())
 
     def test_killed_at_every_write(self):

@@ -114,13 +114,13 @@ class EndToEnd(unittest.TestCase):
         self.assertEqual(0, result.returncode, f"{args}\n{result.stdout}\n{result.stderr}")
         return result
 
-    def fails(self, code, *args, says=(), leaves_nothing=None, **kwargs):
+    def fails(self, code, *args, mentions=(), leaves_nothing=None, **kwargs):
         """The command exits with this code and a useful message, and its output does not exist."""
         result = run(*args, **kwargs)
         self.assertEqual(code, result.returncode, f"{args}\n{result.stdout}\n{result.stderr}")
         talk = result.stderr if code == 2 else result.stdout + result.stderr
         self.assertTrue(talk.strip(), f"{args}: no message")
-        for word in says:
+        for word in mentions:
             self.assertIn(word, talk, f"{args}\n{talk}")
         for word in ("terminate called", "what():", "core dumped", "unexpected error:"):
             self.assertNotIn(word, talk)

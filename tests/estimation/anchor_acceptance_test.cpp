@@ -10,7 +10,7 @@
 namespace nadir {
 namespace {
 
-// An anchor that passes every gate with room to spare; each test takes one thing away.
+// An anchor that passes every gate with margin; each test changes one property.
 struct Attempt {
   AnchorMatch match;
   AnchorPrior prior;
@@ -47,7 +47,7 @@ TEST(AnchorGates, NoMap) {
 TEST(AnchorGates, AmbiguousBeyondTheVoteRatio) {
   Attempt attempt;
   attempt.match.search.ratio = attempt.limits.vote_ratio;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a healthy prediction is the second voice";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a healthy prediction is the second vote";
   attempt.match.search.ratio = attempt.limits.vote_ratio + 1e-6;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous);
 }
@@ -94,13 +94,13 @@ TEST(AnchorGates, ASharpPredictionAndACloseFitNeedFewer) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
   const Attempt corroborated = attempt;
   attempt.match.solved->rms_m *= 1.01;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "they fit as chance does";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "residuals as of a chance consensus";
   attempt = corroborated;
   attempt.prediction.sigma_m = limits.sharp_sigma_m + 1;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "a vague prediction is no second voice";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "an uncertain prediction is no second vote";
   attempt = corroborated;
   attempt.prediction.chi2 = limits.chi2_999 + 1;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "it says something else";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::few_inliers) << "it disagrees";
 }
 
 TEST(AnchorGates, LowScore) {
@@ -111,7 +111,7 @@ TEST(AnchorGates, LowScore) {
     score = sharp ? attempt.limits.min_sharp_score : attempt.limits.min_score;
     EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
     score -= 1e-6;
-    EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous) << "nothing here looks like the frame";
+    EXPECT_EQ(attempt.verdict(), AnchorVerdict::ambiguous) << "no place here looks like the frame";
   }
 }
 
@@ -137,8 +137,8 @@ TEST(AnchorGates, LargeResidual) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::bad_geometry);
 }
 
-// Beside the belief's own sigma, roofs and rolling ground feign 0.015 rad and 1.5 %.
-TEST(AnchorGates, IncredibleTilt) {
+// Beside the estimate's own sigma, roofs and rolling ground look like 0.015 rad and 1.5 %.
+TEST(AnchorGates, ImplausibleTilt) {
   // Two axes: their root mean square counts, so that one axis alone may be off by √2 times the limit.
   const double bound = std::sqrt(2.0) * GateLimits().max_tilt_sigmas * std::hypot(0.02, 0.015);
   for (const double sign : {-1.0, 1.0}) {
@@ -150,7 +150,7 @@ TEST(AnchorGates, IncredibleTilt) {
   }
 }
 
-TEST(AnchorGates, IncredibleHeight) {
+TEST(AnchorGates, ImplausibleHeight) {
   for (const double sign : {-1.0, 1.0}) {
     Attempt attempt;
     attempt.match.solved->pose.agl_m *= std::exp(sign * 3.99 * std::hypot(0.05, 0.015));
@@ -170,7 +170,7 @@ TEST(AnchorGates, SurpriseIsTheWorstOfTiltAndHeight) {
   EXPECT_NEAR(attitude_deviation_sigmas(*attempt.match.solved, attempt.prior), 3, 1e-9);
 }
 
-TEST(AnchorGates, LostItMustStandOutFurther) {
+TEST(AnchorGates, WithoutAPositionItMustBeMoreDistinctive) {
   Attempt attempt;
   attempt.prediction = {0, 1000, false, true};
   attempt.match.search.ratio = attempt.limits.lost_ratio;
@@ -193,8 +193,8 @@ TEST(AnchorGates, OffAHealthyPrediction) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::off_prediction);
 }
 
-// The filter owns up to a broken track with a larger sigma: what lies beyond that is off, too. Lost, there is nothing
-// to be off.
+// The filter states a larger sigma after a broken track: what lies beyond that is off, too. Without a position
+// there is no prediction to be off from.
 TEST(AnchorGates, OffABrokenPrediction) {
   Attempt attempt;
   attempt.prediction = {1000, 200, false};
@@ -216,9 +216,9 @@ TEST(Names, EveryLabelAndVerdictHasItsOwn) {
                                              "few_inliers", "bad_geometry", "off_prediction", "awaiting_votes"));
 }
 
-// ---- What passes every bound and is not enough by itself: it awaits votes
+// ---- Matches that pass every threshold but await votes
 
-// Patches that scatter over all of the solver's bound agree by chance, or a map that has changed in part pulls at them.
+// Patches that scatter over all of the solver's bound agree by chance, or support a wrong pose on a partly changed map.
 TEST(AnchorGates, ALooseFitAwaitsVotes) {
   Attempt attempt;
   const GateLimits& limits = attempt.limits;
@@ -230,7 +230,7 @@ TEST(AnchorGates, ALooseFitAwaitsVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   const Attempt loose = attempt;
   attempt.prediction.sigma_m = limits.sharp_sigma_m;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction says the same";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction agrees";
   attempt = loose;
   attempt.match.solved->inliers = 50;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "most agree";
@@ -242,7 +242,7 @@ TEST(AnchorGates, ALooseFitAwaitsVotes) {
   attempt.prior.search.radius_m = limits.telling_window_m - 1;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "in a small window few places compete";
   attempt.prior.search.radius_m = limits.telling_window_m;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "of many places none came near";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "clear in a window where many places compete";
 }
 
 TEST(AnchorGates, FewPatchesAwaitVotes) {
@@ -259,15 +259,16 @@ TEST(AnchorGates, FewPatchesAwaitVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "enough agree";
   attempt = few;
   attempt.prediction.sigma_m = limits.sharp_sigma_m;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction says the same";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "a sharp prediction agrees";
   attempt.prediction.chi2 = limits.expected_chi2 + 0.01;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "a sharp prediction says something else";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "a sharp prediction disagrees";
   attempt = few;
   attempt.prior.search.radius_m = limits.telling_window_m;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "of many places none came near";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "clear in a window where many places compete";
   attempt = few;
   attempt.prediction = {1000, 1000, false, true};
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes) << "lost, nothing speaks for them either";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes)
+      << "without a position no prediction supports them either";
 }
 
 TEST(AnchorGates, NotManyAwayFromThePredictionAwaitVotes) {
@@ -286,7 +287,7 @@ TEST(AnchorGates, NotManyAwayFromThePredictionAwaitVotes) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "most agree";
   attempt = unexpected;
   attempt.prediction = {1000, 1000, false, true};
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "lost, nothing was expected";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "without a position nothing was expected";
 }
 
 TEST(AnchorGates, OneFrameIsNotEnoughAgainstAStart) {
@@ -299,11 +300,11 @@ TEST(AnchorGates, OneFrameIsNotEnoughAgainstAStart) {
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted);
   attempt.prediction.odometry_linked = true;
   attempt.prediction.chi2 = attempt.limits.chi2_99;
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "odometry led here: it is no picture of another place";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "odometry links it: it is no image of another place";
   attempt.prediction.chi2 = attempt.limits.chi2_99 + 0.01;
   EXPECT_EQ(attempt.verdict(), AnchorVerdict::awaiting_votes);
   attempt.prediction = {1000, 1000, false, true, true};
-  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "without a start there is nothing to be against";
+  EXPECT_EQ(attempt.verdict(), AnchorVerdict::accepted) << "without a start there is nothing to contradict";
 }
 
 TEST(AnchorGates, WithAnOpenTiltMostMustAgree) {
@@ -340,10 +341,10 @@ TEST(AnchorGates, CorroboratedBySharpPredictionsThatAgree) {
   EXPECT_FALSE(corroborated(other)) << "the track has been broken";
   other = sharp;
   other.sigma_m += 1e-6;
-  EXPECT_FALSE(corroborated(other)) << "vague";
+  EXPECT_FALSE(corroborated(other)) << "an uncertain prediction";
   other = sharp;
   other.chi2 += 1e-6;
-  EXPECT_FALSE(corroborated(other)) << "it says something else";
+  EXPECT_FALSE(corroborated(other)) << "it disagrees";
 }
 
 TEST(AnchorGates, AVoteNeedsASecondFrame) {
@@ -372,7 +373,7 @@ TEST(AnchorVotes, ThreeThatAgreeAreEnough) {
   EXPECT_TRUE(vote(votes, 95, 45));
 }
 
-TEST(AnchorVotes, OthersInBetweenDoNotMatterButTime) {
+TEST(AnchorVotes, OtherAttemptsInBetweenDoNotMatterButAgeDoes) {
   AnchorVotes votes;
   EXPECT_FALSE(vote(votes, 100, 50));
   EXPECT_FALSE(vote(votes, -700, 3));
@@ -412,19 +413,19 @@ TEST(AnchorVotes, FramesOverTheSameGroundAreOneVote) {
   EXPECT_TRUE(votes.vote({40, 0}, {180, 0}, quorum));
 }
 
-// Three pictures a second, 7 m apart, of which each shows 500 m: eight attempts in a row are two seconds, and one
-// voice.
+// Three images a second, 7 m apart, each of which shows 500 m: eight attempts in a row take two seconds and count as
+// one vote.
 TEST(AnchorVotes, DistanceCountsNotTheFrameRate) {
-  for (const int voices : {AnchorVotes::kVotes, AnchorVotes::kVotesAgainstAnchors}) {
-    const Quorum quorum{.required_votes = voices, .min_separation_m = 400};
+  for (const int required : {AnchorVotes::kVotes, AnchorVotes::kVotesAgainstAnchors}) {
+    const Quorum quorum{.required_votes = required, .min_separation_m = 400};
     AnchorVotes votes;
     double way_m = 0;
     for (int i = 0; !votes.vote({40, 0}, {way_m, 0}, quorum); ++i) {
-      ASSERT_LT(way_m, 600) << voices;
+      ASSERT_LT(way_m, 600) << required;
       way_m += 7;
       if (i % 4 == 3) votes.abstain({way_m, 0});
     }
-    EXPECT_GE(way_m, 400) << voices;
+    EXPECT_GE(way_m, 400) << required;
   }
 }
 
@@ -463,37 +464,37 @@ TEST(StartContradictions, WithoutAnyAMatchHasItsOwnChi2) {
   EXPECT_EQ(StartContradictions().effective_chi2({50, 0}, 3, 8), 3);
 }
 
-// 50 m at a sigma of 8 m, while odometry makes the prediction vaguer.
+// 50 m at a sigma of 8 m, while odometry makes the prediction more uncertain.
 TEST(StartContradictions, APropagatedContradictionKeepsItsLargestChi2) {
-  StartContradictions said;
-  said.record({10, 49}, 27, 9.5);
-  said.record({9, 48}, 18, 11);
-  EXPECT_EQ(said.effective_chi2({9, 48}, 12.9, 13), 27);
-  EXPECT_EQ(said.effective_chi2({9, 48}, 30, 13), 30) << "its own when that is worse";
-  EXPECT_EQ(said.effective_chi2({-30, 5}, 4, 13), 4) << "another place";
+  StartContradictions contradictions;
+  contradictions.record({10, 49}, 27, 9.5);
+  contradictions.record({9, 48}, 18, 11);
+  EXPECT_EQ(contradictions.effective_chi2({9, 48}, 12.9, 13), 27);
+  EXPECT_EQ(contradictions.effective_chi2({9, 48}, 30, 13), 30) << "its own when that is worse";
+  EXPECT_EQ(contradictions.effective_chi2({-30, 5}, 4, 13), 4) << "another place";
 }
 
-TEST(StartContradictions, DriftMovesThePlaceByWhatTheTrackHasBecomeVaguer) {
-  StartContradictions said;
-  said.record({0, 60}, 30, 10);
-  EXPECT_EQ(said.effective_chi2({0, 100}, 5, 10), 5);
-  EXPECT_EQ(said.effective_chi2({0, 100}, 5, 16), 30);
+TEST(StartContradictions, DriftWidensThePlaceByTheGrowthOfSigma) {
+  StartContradictions contradictions;
+  contradictions.record({0, 60}, 30, 10);
+  EXPECT_EQ(contradictions.effective_chi2({0, 100}, 5, 10), 5);
+  EXPECT_EQ(contradictions.effective_chi2({0, 100}, 5, 16), 30);
 }
 
 TEST(StartContradictions, ChanceMatchesElsewhereDoNotDisplaceItSoon) {
-  StartContradictions said;
-  said.record({0, 60}, 30, 10);
-  for (int i = 0; i < 7; ++i) said.record({100.0 + 60 * i, -200}, 20, 10);
-  EXPECT_EQ(said.effective_chi2({0, 60}, 5, 10), 30);
-  said.record({-300, 0}, 20, 10);
-  EXPECT_EQ(said.effective_chi2({0, 60}, 5, 10), 5) << "memory is bounded";
+  StartContradictions contradictions;
+  contradictions.record({0, 60}, 30, 10);
+  for (int i = 0; i < 7; ++i) contradictions.record({100.0 + 60 * i, -200}, 20, 10);
+  EXPECT_EQ(contradictions.effective_chi2({0, 60}, 5, 10), 30);
+  contradictions.record({-300, 0}, 20, 10);
+  EXPECT_EQ(contradictions.effective_chi2({0, 60}, 5, 10), 5) << "memory is bounded";
 }
 
 TEST(StartContradictions, IsClearedWhenResolved) {
-  StartContradictions said;
-  said.record({0, 60}, 30, 10);
-  said.clear();
-  EXPECT_EQ(said.effective_chi2({0, 60}, 5, 10), 5);
+  StartContradictions contradictions;
+  contradictions.record({0, 60}, 30, 10);
+  contradictions.clear();
+  EXPECT_EQ(contradictions.effective_chi2({0, 60}, 5, 10), 5);
 }
 
 }  // namespace

@@ -36,7 +36,7 @@ TEST(Consistency, AMinuteOfOdometryAlone) {
   EXPECT_NEAR(flown.online.share_95(), 0.95, 0.03);
 }
 
-TEST(Consistency, BlindStretchesAreCovered) {
+TEST(Consistency, StretchesWithoutImagesAreCovered) {
   for (const bool imu : {false, true}) {
     DrawnOptions options;
     options.frames = 100;

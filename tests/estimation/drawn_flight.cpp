@@ -30,7 +30,7 @@ Matrix2d clockwise(double angle) {
   return turned;
 }
 
-// What the filter believes sensors do, done: constant and changing errors.
+// Simulates the filter's own sensor model: constant and changing errors.
 struct Truth {
   Truth(Random& random, const TelemetryUncertainty& sigma)
       : heading_bias(random.normal(0, model::kHeadingBiasShare * sigma.heading_rad)),

@@ -104,7 +104,7 @@ TEST(FlightFilterImu, PropagatesThroughABlackoutWithATurn) {
   }
   EXPECT_LT(imu_error, 0.6 * velocity_error);
   EXPECT_GE(imu_inside, 0.9 * kFlights) << "truth within the 95 % ellipse, mean NEES " << imu_nees;
-  EXPECT_GE(velocity_inside, 0.93 * kFlights) << "constant velocity, honestly, mean NEES " << velocity_nees;
+  EXPECT_GE(velocity_inside, 0.93 * kFlights) << "constant velocity, consistent, mean NEES " << velocity_nees;
   EXPECT_NEAR(imu_nees, 2, 0.8);
   RecordProperty("imu_error_m", std::to_string(imu_error));
   RecordProperty("velocity_error_m", std::to_string(velocity_error));

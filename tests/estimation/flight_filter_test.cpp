@@ -53,7 +53,7 @@ LinearizationPoint estimated(const F& filter) {
   return {x[F::log_height], x[F::heading], x[F::pitch], x[F::roll]};
 }
 
-// Odometry that says this motion, and of attitude and height only that they stayed as they are estimated.
+// Odometry that measures this motion, and no change of attitude and height from their estimates.
 RelativeMotionMeasurement step_of(const F& filter, const LinearizationPoint& before, const Vector2d& moved,
                                   double sigma_m, double turn_sigma_rad = 0.001, double height_sigma = 0.001) {
   RelativeMotionMeasurement measurement;
@@ -95,7 +95,7 @@ TEST(FlightFilter, WithoutMeasurementsUncertaintyOnlyGrows) {
   EXPECT_LT(filter.sigma(F::velocity_east), 40) << "no aircraft becomes arbitrarily fast";
 }
 
-// Frames with the same time were not taken at the same time: somebody's clock stands.
+// Frames with the same time stamp were not taken at the same time: the clock has stopped.
 TEST(FlightFilter, AStoppedClockMovesNothingButInflatesThePosition) {
   F filter(filter_sensors(), true, {3, 4}, 10);
   filter.predict(0, radians(20));
@@ -135,7 +135,7 @@ TEST(FlightFilter, PropagatesWithItsVelocityWhichTurnsWithTheAircraft) {
 }
 
 // What all steps share grows with the distance.
-TEST(FlightFilter, HeadingErrsAcrossAndHeightAlong) {
+TEST(FlightFilter, HeadingErrorsActAcrossAndHeightErrorsAlong) {
   const auto after = [](int frames, double heading_deg, double agl_relative) {
     TelemetryUncertainty uncertainty = filter_sensors();
     uncertainty.heading_rad = radians(heading_deg);
@@ -177,7 +177,7 @@ TEST(FlightFilter, UnknownHeadingIsUncertainUntilAnAnchorMeasuresIt) {
   EXPECT_LT(filter.sigma(F::heading), radians(1.1));
 }
 
-// Doubted, the heading makes each step uncertain across, until an anchor tells it again.
+// An inflated heading makes each step uncertain across the track, until an anchor measures the heading again.
 TEST(FlightFilter, AnInflatedHeadingMakesTheCourseUncertain) {
   F filter(filter_sensors(), true, {0, 0}, 5);
   fly(filter, 5, {0, 20}, 0.2);
@@ -186,7 +186,7 @@ TEST(FlightFilter, AnInflatedHeadingMakesTheCourseUncertain) {
   EXPECT_GT(filter.sigma(F::heading), radians(100));
   fly(filter, 5, {0, 20}, 0.2);
   EXPECT_GT(std::sqrt(filter.position_covariance_m2()(0, 0)), 100) << "100 m flown in an unknown direction";
-  EXPECT_LT(std::sqrt(filter.position_covariance_m2()(1, 1)), 2 * before_m) << "linear: along, it knows";
+  EXPECT_LT(std::sqrt(filter.position_covariance_m2()(1, 1)), 2 * before_m) << "linear: small along the track";
   EXPECT_GT(filter.sigma(F::heading), radians(60)) << "the telemetry's next headings are no better";
   filter.update_absolute(anchor({0, 0}, radians(100), {0, 0}, vague_but(3, radians(1))));
   filter.predict(1, 0);
@@ -203,7 +203,7 @@ struct Compass {
   }
 };
 
-// So many frames, a second apart, turning by so much in each; an anchor tells the heading in every third.
+// So many frames, a second apart, turning by so much in each; an anchor measures the heading in every third.
 void fly_anchored(F& filter, Random& random, const Compass& compass, double& truth_rad, int frames, double turn_rad) {
   for (int i = 0; i < frames; ++i) {
     truth_rad += turn_rad;
@@ -228,8 +228,8 @@ TEST(FlightFilter, ACircleRevealsTheDeviationOnEveryCourse) {
   }
 }
 
-// Learnt on a long leg, it says little of the course after a turn: an autopilot's heading may come off by degrees
-// there.
+// An estimate from a long leg determines little on the course after a turn, where an autopilot's heading may be off by
+// degrees.
 TEST(FlightFilter, AfterATurnTheCompassIsUncertain) {
   Random random(2);
   F filter(filter_sensors(), true, {0, 0}, 5);
@@ -241,12 +241,12 @@ TEST(FlightFilter, AfterATurnTheCompassIsUncertain) {
   straight.predict(1, compass.measured_rad(0));
   EXPECT_LT(off_deg(straight.state()[F::heading], 0), 1);
   turned.predict(1, compass.measured_rad(kPi));
-  EXPECT_GT(off_deg(turned.state()[F::heading], kPi), 2) << "nobody can know";
+  EXPECT_GT(off_deg(turned.state()[F::heading], kPi), 2) << "it is unobservable";
   EXPECT_LT(off_deg(turned.state()[F::heading], kPi), 3 * degrees(turned.sigma(F::heading)));
   EXPECT_GT(turned.sigma(F::heading), 1.5 * straight.sigma(F::heading));
 }
 
-// Pictures show a turn to a tenth of a degree. What the compass says otherwise is its own error.
+// Images measure a turn to a tenth of a degree. Any difference of the compass is its own error.
 TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
   Random random(3);
   F filter(filter_sensors(), true, {0, 0}, 5);
@@ -265,7 +265,7 @@ TEST(FlightFilter, InATurnImagesOutweighTheCompass) {
     filter.update_relative(measurement);
   }
   const double off = off_deg(filter.state()[F::heading], truth_rad);
-  EXPECT_LT(off, 3) << "the compass says 10 degrees less than it has turned";
+  EXPECT_LT(off, 3) << "the compass shows a turn that is 10 degrees too small";
   EXPECT_LT(off, 3 * degrees(filter.sigma(F::heading)));
 }
 
@@ -299,7 +299,8 @@ TEST(FlightFilter, EstimatesTheBoresight) {
   EXPECT_LT(filter.sigma(F::pitch_bias), radians(1));
 }
 
-// A bare airframe without logged attitude tilts anew in every frame; a gimbal does not. The frames tell which it is.
+// A bare airframe without logged attitude has a new tilt in every frame; a gimbal does not. The frames show which it
+// is.
 TEST(FlightFilter, EstimatesTheTiltScatterWhenTiltIsNotLogged) {
   const auto learnt_deg = [](double wobble_rad) {
     Random random(3);

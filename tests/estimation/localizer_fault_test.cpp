@@ -1,4 +1,4 @@
-// Frames and clocks that lie: no wrong anchor, the right verdict, and a sigma that says how little is known.
+// Faulty frames and clocks: no wrong anchor, the right verdict, and a consistent sigma.
 #include <gtest/gtest.h>
 #include <cmath>
 #include <limits>
@@ -168,7 +168,7 @@ TEST(FaultyFrames, AFrozenImageAnchorsNothing) {
   }
 }
 
-// Pictures that go on straight while the telemetry turns about: one of them lies, and no track goes on over that.
+// The images continue straight while the telemetry turns around: one of them is wrong, and the track is broken.
 TEST(FaultyFrames, ATurnThatTheImagesDoNotShowIsUncertain) {
   const std::vector<Moment>& moments = short_flight();
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), nullptr, start(), config());

@@ -1,5 +1,5 @@
-// In flight a frame is matched with the map while others are followed: what comes late must count as if it had come at
-// once.
+// In flight a frame is matched with the map while later frames are tracked: a late anchor must have the same effect as
+// an immediate one.
 #include <gtest/gtest.h>
 
 #include <thread>
@@ -20,11 +20,11 @@ TEST(LateAnchor, CountsForTheFrameThatItWasTakenFrom) {
   std::unique_ptr<AnchorJob> job;
   FrameReport last;
   for (const Moment& moment : short_flight()) {
-    auto followed = late.track(moment.image, moment.telemetry);
-    EXPECT_EQ(followed.report.anchor.verdict, AnchorVerdict::not_tried);
-    EXPECT_EQ(followed.job == nullptr, job != nullptr) << "one at a time";
-    if (!job) job = std::move(followed.job);
-    last = followed.report;
+    auto tracked = late.track(moment.image, moment.telemetry);
+    EXPECT_EQ(tracked.report.anchor.verdict, AnchorVerdict::not_tried);
+    EXPECT_EQ(tracked.job == nullptr, job != nullptr) << "one at a time";
+    if (!job) job = std::move(tracked.job);
+    last = tracked.report;
   }
   ASSERT_TRUE(job);
   const Moment& now = short_flight().back();
@@ -49,10 +49,10 @@ TEST(LateAnchor, RunImmediatelyItEqualsProcess) {
   Localizer whole = fresh(), parts = fresh();
   for (const Moment& moment : short_flight()) {
     const FrameReport expected = whole.process(moment.image, moment.telemetry);
-    auto followed = parts.track(moment.image, moment.telemetry);
-    ASSERT_TRUE(followed.job);
-    std::thread([&] { followed.job->run(); }).join();
-    const FrameReport found = parts.finish(std::move(followed.job));
+    auto tracked = parts.track(moment.image, moment.telemetry);
+    ASSERT_TRUE(tracked.job);
+    std::thread([&] { tracked.job->run(); }).join();
+    const FrameReport found = parts.finish(std::move(tracked.job));
     EXPECT_EQ(found.anchor.verdict, expected.anchor.verdict);
     EXPECT_EQ(found.estimate.position->lon_deg, expected.estimate.position->lon_deg) << "bit for bit";
     EXPECT_EQ(found.estimate.position->lat_deg, expected.estimate.position->lat_deg);
@@ -65,15 +65,15 @@ TEST(LateAnchor, FramesAreTrackedWhileItRuns) {
   Localizer localizer = fresh();
   auto first = localizer.track(short_flight()[0].image, short_flight()[0].telemetry);
   ASSERT_TRUE(first.job);
-  std::thread looking([&] { first.job->run(); });
+  std::thread matching([&] { first.job->run(); });
   for (std::size_t i = 1; i < short_flight().size(); ++i) {
     EXPECT_TRUE(localizer.track(short_flight()[i].image, short_flight()[i].telemetry).report.odometry.tracked);
   }
-  looking.join();
+  matching.join();
   EXPECT_EQ(localizer.finish(std::move(first.job)).anchor.verdict, AnchorVerdict::accepted);
 }
 
-TEST(LateAnchor, ATrackThatBrokeMeanwhileIsStillPlacedButNotWhole) {
+TEST(LateAnchor, ATrackThatBrokeMeanwhileIsAnchoredButDeadReckoned) {
   Localizer localizer = fresh();
   auto first = localizer.track(short_flight()[0].image, short_flight()[0].telemetry);
   first.job->run();
@@ -120,7 +120,7 @@ TEST(LateAnchor, AJobThatNeverRanHasNoEffect) {
   EXPECT_TRUE(localizer.track(short_flight()[1].image, short_flight()[1].telemetry).job) << "the next one may";
 }
 
-// Given up is not "not found": no verdict, no failed look that would widen the search.
+// A cancelled match is not "not found": no verdict, no failed attempt that would widen the search.
 TEST(LateAnchor, ACancelledJobIsOneThatNeverRan) {
   LocalizerConfig anywhere = config();
   anywhere.area = PlaneBox{-200, -200, 200, 200};

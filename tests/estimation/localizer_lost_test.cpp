@@ -1,5 +1,5 @@
-// A lost aircraft: it may be given suggestions of where to search, by an operator or by the place index, none of which
-// is a position fix; without them it searches the area.
+// Relocalization: without a position the localizer searches the whole area. An operator's hint or the place index
+// (retrieval) say where to search first; neither is a position measurement.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -18,33 +18,34 @@ using namespace test;
 
 constexpr PlaneBox kArea{-200, -200, 200, 200};
 
-LocalizerConfig anywhere() {
+// No position at the start, only the area.
+LocalizerConfig area_only() {
   LocalizerConfig c = config();
   c.area = kArea;
   return c;
 }
 
-// Names the given places, whatever it is asked.
-class Parrot final : public PlaceRetrieval {
+// Retrieves the same candidates for every query.
+class FixedRetrieval final : public PlaceRetrieval {
  public:
-  explicit Parrot(std::vector<PlanePoint> places, double turn_rad = 0)
+  explicit FixedRetrieval(std::vector<PlanePoint> places, double turn_rad = 0)
       : places_(std::move(places)), turn_rad_(turn_rad) {}
   std::vector<PlaceCandidate> query(const PlaceQuery& query, std::size_t count) const override {
-    ++asked;
+    ++queries;
     any_heading = !query.heading_range_rad;
     EXPECT_EQ(query.grey.size(), query.mask.size());
     EXPECT_EQ(query.grey.type(), CV_8UC1);
-    std::vector<PlaceCandidate> named;
+    std::vector<PlaceCandidate> candidates;
     for (const PlanePoint& place : places_) {
-      PlaceCandidate& candidate = named.emplace_back();
+      PlaceCandidate& candidate = candidates.emplace_back();
       candidate.centre = place_of(place);
       candidate.side_m = 110;
       candidate.turn_rad = turn_rad_;
     }
-    named.resize(std::min(named.size(), count));
-    return named;
+    candidates.resize(std::min(candidates.size(), count));
+    return candidates;
   }
-  mutable int asked = 0;
+  mutable int queries = 0;
   mutable bool any_heading = false;
 
  private:
@@ -52,7 +53,7 @@ class Parrot final : public PlaceRetrieval {
   double turn_rad_;
 };
 
-Localizer lost_with(const LocalizerConfig& config) {
+Localizer without_start(const LocalizerConfig& config) {
   return {flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, config};
 }
 
@@ -60,55 +61,57 @@ FrameReport fly(Localizer& localizer, const Moment& moment) {
   return localizer.process(moment.image, moment.telemetry);
 }
 
-void expect_placed(const FrameReport& report, const Moment& moment) {
+void expect_localized(const FrameReport& report, const Moment& moment) {
   EXPECT_EQ(report.anchor.verdict, AnchorVerdict::accepted)
       << name_of(report.anchor.verdict) << " " << report.anchor.ratio << " " << report.anchor.inliers;
   EXPECT_LT(off_m(report.estimate, moment), 3.0);
 }
 
-TEST(LostLocalizer, SearchesWhereThePlaceIndexPoints) {
+TEST(LostLocalizer, SearchesTheRetrievedPlaces) {
   const Moment& first = short_flight()[0];
-  const Parrot memory({{150, 150}, first.truth.position, {-150, 150}});
-  LocalizerConfig c = anywhere();
-  c.places = &memory;
-  Localizer localizer = lost_with(c);
-  expect_placed(fly(localizer, first), first);
-  EXPECT_EQ(memory.asked, 1);
-  expect_placed(fly(localizer, short_flight()[1]), short_flight()[1]);
-  EXPECT_EQ(memory.asked, 1) << "it is not lost any more";
+  const FixedRetrieval retrieval({{150, 150}, first.truth.position, {-150, 150}});
+  LocalizerConfig c = area_only();
+  c.places = &retrieval;
+  Localizer localizer = without_start(c);
+  expect_localized(fly(localizer, first), first);
+  EXPECT_EQ(retrieval.queries, 1);
+  expect_localized(fly(localizer, short_flight()[1]), short_flight()[1]);
+  EXPECT_EQ(retrieval.queries, 1) << "with a position the place index is not queried";
 }
 
-TEST(LostLocalizer, RecoversWhereThePlaceIndexIsWrongOrEmpty) {
+TEST(LostLocalizer, SearchesTheAreaWhenRetrievalIsWrongOrEmpty) {
   for (const std::vector<PlanePoint>& places : {std::vector<PlanePoint>{{150, 150}, {150, -150}}, {}, {{9e4, 0}}}) {
-    const Parrot memory(places);
-    LocalizerConfig c = anywhere();
-    c.places = &memory;
-    Localizer localizer = lost_with(c);
-    expect_placed(fly(localizer, short_flight()[0]), short_flight()[0]);
-    EXPECT_EQ(memory.asked, 1);
+    const FixedRetrieval retrieval(places);
+    LocalizerConfig c = area_only();
+    c.places = &retrieval;
+    Localizer localizer = without_start(c);
+    expect_localized(fly(localizer, short_flight()[0]), short_flight()[0]);
+    EXPECT_EQ(retrieval.queries, 1);
   }
 }
 
-// The heading is not measured. The camera's foot point lies off the picture's middle, on a side that turns with it.
-TEST(LostLocalizer, UsesTheHeadingThatThePlaceIndexNames) {
+// No heading measurement. The camera's ground point is off the image centre, in a direction that turns with the
+// heading.
+TEST(LostLocalizer, UsesTheRetrievedHeading) {
   Moment first = short_flight()[0];
   first.telemetry.heading_rad = std::nullopt;
-  const Parrot memory({first.truth.position}, first.truth.attitude.heading_rad + radians(4));  // assumed: north
-  LocalizerConfig c = anywhere();
-  c.places = &memory;
-  Localizer localizer = lost_with(c);
+  const FixedRetrieval retrieval({first.truth.position},
+                                 first.truth.attitude.heading_rad + radians(4));  // from the assumed heading, north
+  LocalizerConfig c = area_only();
+  c.places = &retrieval;
+  Localizer localizer = without_start(c);
   const FrameReport report = fly(localizer, first);
-  EXPECT_TRUE(memory.any_heading);
-  expect_placed(report, first);
+  EXPECT_TRUE(retrieval.any_heading);
+  expect_localized(report, first);
 }
 
-// The ratio compares with all of the area: a memory that names one place only cannot make it look unique.
-TEST(LostLocalizer, OverAnotherLandscapeNeitherPlaceIndexNorHintMakesAnAnchor) {
+// The ratio test compares with the whole area: a single retrieved place does not become distinctive by being alone.
+TEST(LostLocalizer, OverAnotherLandscapeNeitherRetrievalNorHintGivesAnAnchor) {
   const test::Landscape other(78, 160);
-  const Parrot memory({short_flight()[0].truth.position});
-  LocalizerConfig c = anywhere();
-  c.places = &memory;
-  Localizer localizer = lost_with(c);
+  const FixedRetrieval retrieval({short_flight()[0].truth.position});
+  LocalizerConfig c = area_only();
+  c.places = &retrieval;
+  Localizer localizer = without_start(c);
   for (std::size_t i = 0; i < 3; ++i) {
     const Moment& moment = short_flight()[i];
     localizer.hint(place_of(moment.truth.position), 60);
@@ -119,8 +122,8 @@ TEST(LostLocalizer, OverAnotherLandscapeNeitherPlaceIndexNorHintMakesAnAnchor) {
   }
 }
 
-TEST(Hint, IsNoPosition) {
-  Localizer localizer = lost_with(anywhere());
+TEST(Hint, IsNotAPositionMeasurement) {
+  Localizer localizer = without_start(area_only());
   localizer.hint(place_of({10, 20}), 50);
   const cv::Mat black(240, 320, CV_8UC1, cv::Scalar(0));
   const FrameReport report = localizer.process(black, short_flight()[0].telemetry);
@@ -128,34 +131,35 @@ TEST(Hint, IsNoPosition) {
   EXPECT_FALSE(report.estimate.position);
 }
 
-TEST(Hint, RightOrWrongTheFrameIsPlacedWhereItIs) {
+TEST(Hint, RightOrWrongTheFrameIsLocalizedWhereItWasTaken) {
   const Moment& first = short_flight()[0];
   const PlanePoint truth = first.truth.position;
-  for (const PlanePoint said : {PlanePoint{truth.east_m + 40, truth.north_m - 30}, {140, 140}, {5000, 5000}}) {
-    Localizer localizer = lost_with(anywhere());
-    localizer.hint(place_of(said), 80);
-    expect_placed(fly(localizer, first), first);
-    expect_placed(fly(localizer, short_flight()[1]), short_flight()[1]);
+  for (const PlanePoint hinted : {PlanePoint{truth.east_m + 40, truth.north_m - 30}, {140, 140}, {5000, 5000}}) {
+    Localizer localizer = without_start(area_only());
+    localizer.hint(place_of(hinted), 80);
+    expect_localized(fly(localizer, first), first);
+    expect_localized(fly(localizer, short_flight()[1]), short_flight()[1]);
   }
 }
 
-// The start claims 5 m and is 190 m off, so that no window around it holds the place. A hint makes it doubted.
+// The start states 5 m, 1 sigma, and is 190 m off, so that no search window around it contains the true place. A hint
+// that contradicts it inflates its covariance.
 TEST(Hint, InflatesAStartThatNoAnchorConfirmed) {
-  LocalizerConfig sure = anywhere();
-  sure.start_sigma_m = 5;
+  LocalizerConfig confident = area_only();
+  confident.start_sigma_m = 5;
   const auto start = place_of({70, 90});
   const Moment& first = short_flight()[0];
-  Localizer stubborn(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
-  EXPECT_NE(fly(stubborn, first).anchor.verdict, AnchorVerdict::accepted);
+  Localizer unhinted(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, confident);
+  EXPECT_NE(fly(unhinted, first).anchor.verdict, AnchorVerdict::accepted);
 
-  Localizer hinted(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, sure);
+  Localizer hinted(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start, confident);
   hinted.hint(place_of({first.truth.position.east_m + 30, first.truth.position.north_m}), 60);
-  expect_placed(fly(hinted, first), first);
+  expect_localized(fly(hinted, first), first);
 }
 
 TEST(Hint, DoesNotChangeWhatAnchorsConfirm) {
-  Localizer one(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
-  Localizer other(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), anywhere());
+  Localizer one(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), area_only());
+  Localizer other(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), start(), area_only());
   fly(one, short_flight()[0]);
   ASSERT_EQ(fly(other, short_flight()[0]).anchor.verdict, AnchorVerdict::accepted);
   other.hint(place_of({190, -190}), 50);
@@ -166,23 +170,21 @@ TEST(Hint, DoesNotChangeWhatAnchorsConfirm) {
 }
 
 TEST(Hint, RejectsInvalidPositions) {
-  Localizer localizer = lost_with(anywhere());
+  Localizer localizer = without_start(area_only());
   const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
-  using Said = std::array<double, 3>;
+  using Hint = std::array<double, 3>;
   for (const auto& [lon, lat, radius_m] :
-       {Said{nan, 48, 50}, Said{11, nan, 50}, Said{11, 48, nan}, Said{11, 48, 0}, Said{11, 48, -5},
-        Said{11, 48, infinity}, Said{181, 48, 50}, Said{11, 90.5, 50}}) {
+       {Hint{nan, 48, 50}, Hint{11, nan, 50}, Hint{11, 48, nan}, Hint{11, 48, 0}, Hint{11, 48, -5},
+        Hint{11, 48, infinity}, Hint{181, 48, 50}, Hint{11, 90.5, 50}}) {
     EXPECT_THROW(localizer.hint({lon, lat}, radius_m), UsageError) << lon << " " << lat << " " << radius_m;
   }
 }
 
-// ---- Without a position at the start, and after it was lost
+// ---- cold start, wrong start, and relocalization after the position was lost
 
-// Nothing is known but the area: nothing is published before the first anchor, and then the truth.
-TEST(Localizer, ColdStartFindsItselfInTheArea) {
-  LocalizerConfig anywhere = config();
-  anywhere.area = PlaneBox{-200, -200, 200, 200};
-  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
+// Only the area is known: no position is published before the first anchor, and the right one from then on.
+TEST(Localizer, ColdStartLocalizesInTheArea) {
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, area_only());
   const cv::Mat black(240, 320, CV_8UC1, cv::Scalar(0));
   Telemetry before = short_flight()[0].telemetry;
   before.time_s -= 2;
@@ -198,11 +200,9 @@ TEST(Localizer, ColdStartFindsItselfInTheArea) {
   }
 }
 
-// A few pixels of the map are everywhere.
-TEST(Localizer, OnTheGroundItIsNotMatched) {
-  LocalizerConfig anywhere = config();
-  anywhere.area = PlaneBox{-200, -200, 200, 200};
-  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
+// On the ground a frame shows so few pixels of the map that they fit anywhere.
+TEST(Localizer, FramesTakenOnTheGroundAreNotMatched) {
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, area_only());
   Telemetry standing = short_flight()[0].telemetry;
   standing.time_s -= 1;
   standing.agl_m = 2;
@@ -218,9 +218,7 @@ TEST(Localizer, OnTheGroundItIsNotMatched) {
 
 TEST(Localizer, ColdStartOverAnotherLandscapePublishesNothing) {
   const test::Landscape other(78, 160);
-  LocalizerConfig anywhere = config();
-  anywhere.area = PlaneBox{-200, -200, 200, 200};
-  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, anywhere);
+  Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(), std::nullopt, area_only());
   for (std::size_t i = 0; i < 2; ++i) {
     const cv::Mat image = test::photograph(other.ground(), flight_camera().camera, short_flight()[i].truth);
     const FrameReport report = localizer.process(image, short_flight()[i].telemetry);
@@ -229,13 +227,14 @@ TEST(Localizer, ColdStartOverAnotherLandscapePublishesNothing) {
   }
 }
 
-// The start is 45 m off and claims 5. Is it wrong, or the map? Nothing is anchored, but sigma owns up to both.
-TEST(Localizer, AStartThatFramesContradictIsUncertain) {
-  LocalizerConfig sure = config();
-  sure.start_sigma_m = 5;
+// The start is 45 m off and states 5 m. Either it or the map is wrong: no frame is anchored, and sigma grows to cover
+// both.
+TEST(Localizer, ContradictedStartInflatesSigma) {
+  LocalizerConfig confident = config();
+  confident.start_sigma_m = 5;
   const PlanePoint truth = short_flight()[0].truth.position;
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(),
-                      place_of({truth.east_m + 30, truth.north_m + 33}), sure);
+                      place_of({truth.east_m + 30, truth.north_m + 33}), confident);
   for (std::size_t i = 0; i < 4; ++i) {
     const FrameReport report = localizer.process(short_flight()[i].image, short_flight()[i].telemetry);
     EXPECT_EQ(report.anchor.verdict, AnchorVerdict::off_prediction) << i << " " << name_of(report.anchor.verdict);
@@ -245,13 +244,13 @@ TEST(Localizer, AStartThatFramesContradictIsUncertain) {
   }
 }
 
-// The same after a restart in flight: the map has agreed with this flight before, so that several frames overrule what
-// was saved.
-TEST(Localizer, APositionFromBeforeARestartIsOverruled) {
+// The same after a restart in flight: the map has matched this flight before, so that several frames that agree
+// overrule the saved position.
+TEST(Localizer, FramesOverruleAWrongPositionFromBeforeARestart) {
   LocalizerConfig resumed = config();
   resumed.start_sigma_m = 5;
   resumed.resumed = true;
-  const std::vector<Moment> moments = flight(11);  // every second: voices must come from different ground
+  const std::vector<Moment> moments = flight(11);  // every second one: votes must come from different ground
   const PlanePoint truth = moments[0].truth.position;
   Localizer localizer(flight_camera(), LocalFrame(kOrigin), &landscape_tiles(),
                       place_of({truth.east_m + 30, truth.north_m + 33}), resumed);
@@ -264,12 +263,12 @@ TEST(Localizer, APositionFromBeforeARestartIsOverruled) {
       EXPECT_LT(off_m(report.estimate, moment), 5.0);
     }
   }
-  EXPECT_EQ(verdicts[0], AnchorVerdict::off_prediction) << "one frame alone overrules nothing";
+  EXPECT_EQ(verdicts[0], AnchorVerdict::off_prediction) << "a single frame does not overrule the saved position";
   EXPECT_NE(std::find(verdicts.begin(), verdicts.end(), AnchorVerdict::accepted), verdicts.end());
 }
 
-// A start that is wrong by more than its sigma admits, and then a long time blind: the whole area is searched again.
-TEST(Localizer, LostItSearchesTheArea) {
+// With a sigma so large that its search window would exceed the maximum, the whole area is searched.
+TEST(Localizer, SearchesTheAreaWhenTheWindowIsTooLarge) {
   LocalizerConfig vague = config();
   vague.start_sigma_m = 450;
   vague.max_search_radius_m = 300;

@@ -1,4 +1,4 @@
-// What every matcher must do: a known place is found with a covariance that owns up to the error, and where the place
+// What every matcher must do: a known place is found with a covariance consistent with the error, and where the place
 // is not, nothing is confident.
 #include "vision/map_matcher.hpp"
 #include "bench/flow_odometry.hpp"

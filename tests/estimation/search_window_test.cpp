@@ -47,7 +47,7 @@ TEST(SearchWindow, WithoutMapNothingContradictsThePrediction) {
   EXPECT_DOUBLE_EQ(window.radius_m(5), 60);
 }
 
-TEST(SearchWindow, LostWhenNoWindowSurelyHoldsThePlace) {
+TEST(SearchWindow, LostWhenNoWindowIsCertainToContainThePlace) {
   const SearchWindow window(60, 600, kMissionArea);
   EXPECT_TRUE(window.lost(false, 1));
   EXPECT_FALSE(window.lost(true, 199));

@@ -104,8 +104,8 @@ TEST(TwoViewMotion, ATurnThatTheTelemetryContradictsIsReportedAsItIs) {
   }
 }
 
-// Every point moved another way: there is a solution of least squares, and it is none.
-TEST(TwoViewMotion, WhatNoMotionExplainsIsRejected) {
+// Every point moved in another direction: least squares has a solution, but it describes no motion.
+TEST(TwoViewMotion, PairsThatFitNoMotionAreRejected) {
   const Scene scene;
   Random random(7);
   auto pairs = pairs_of(scene, 60, random);
@@ -161,7 +161,7 @@ TEST(TwoViewMotion, CovarianceIsConsistent) {
 }
 
 // A hillside is no tilt, when it is known to be one.
-TEST(TwoViewMotion, KnowsTheSlopeOfTheGround) {
+TEST(TwoViewMotion, EstimatesTheSlopeOfTheGround) {
   Scene scene;
   scene.slope = {0.15, -0.1};
   Random random(7);

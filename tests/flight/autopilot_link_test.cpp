@@ -57,9 +57,9 @@ class AutopilotLinkTest : public ::testing::Test {
     peer_.listen_until([&] { return heartbeats() == 1; });
   }
 
-  std::size_t heartbeats() const { return peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).size(); }
+  std::size_t heartbeats() const { return peer_.received(MAVLINK_MSG_ID_HEARTBEAT).size(); }
 
-  // A second goes by, and everything that was due in it has been heard: one fix, if fixes are sent at all.
+  // A second passes, and everything that was due in it has arrived: one fix, if fixes are sent at all.
   void second() {
     const std::size_t before = heartbeats();
     clock_.go_on(1);
@@ -95,7 +95,7 @@ class AutopilotLinkTest : public ::testing::Test {
   // Message ids and intervals that were asked for.
   std::multimap<int, float> asked() const {
     std::multimap<int, float> streams;
-    for (const mavlink_message_t& message : peer_.heard(MAVLINK_MSG_ID_COMMAND_LONG)) {
+    for (const mavlink_message_t& message : peer_.received(MAVLINK_MSG_ID_COMMAND_LONG)) {
       mavlink_command_long_t command;
       mavlink_msg_command_long_decode(&message, &command);
       EXPECT_EQ(command.command, MAV_CMD_SET_MESSAGE_INTERVAL);
@@ -209,29 +209,29 @@ TEST_F(AutopilotLinkTest, EveryFixThatIsSentIsReported) {
   second();
   permit(true, false, 5);
   second();
-  const auto heard = peer_.fixes();
+  const auto arrived = peer_.fixes();
   const std::scoped_lock lock(mutex_);
-  ASSERT_EQ(sent_.size(), heard.size());
+  ASSERT_EQ(sent_.size(), arrived.size());
   ASSERT_EQ(sent_.size(), 2U);
-  EXPECT_NEAR(sent_[0].fix.place.lat_deg * 1e7, heard[0].lat, 1);
+  EXPECT_NEAR(sent_[0].fix.place.lat_deg * 1e7, arrived[0].lat, 1);
   EXPECT_EQ(sent_[0].source, SourceLabel::vo_extrapolated);
-  EXPECT_NEAR(*sent_[0].fix.horizontal_accuracy_m, static_cast<double>(heard[0].horiz_accuracy), 1e-3);
+  EXPECT_NEAR(*sent_[0].fix.horizontal_accuracy_m, static_cast<double>(arrived[0].horiz_accuracy), 1e-3);
   EXPECT_EQ(sent_[1].fix.fix, GpsFix::no_gps);
   EXPECT_EQ(sent_[1].source, SourceLabel::no_fix);
   EXPECT_EQ(*sent_[1].fix.horizontal_accuracy_m, 999);
 }
 
 // Age and attitude for the screens, from the autopilot alone.
-TEST_F(AutopilotLinkTest, KnowsWhenTheAutopilotWasHeardAndItsAttitude) {
-  EXPECT_FALSE(link_->state().heard_s);
+TEST_F(AutopilotLinkTest, RecordsTheAutopilotsLastMessageAndAttitude) {
+  EXPECT_FALSE(link_->state().last_message_s);
   autopilot_beats(MAV_AUTOPILOT_ARDUPILOTMEGA);
   mavlink_message_t message;
   mavlink_msg_attitude_pack(7, 1, &message, 1000, 0.1F, -0.2F, 1.5F, 0, 0, 0);
   peer_.send(message);
   second();
   const AutopilotLink::State state = link_->state();
-  ASSERT_TRUE(state.heard_s && state.attitude && state.attitude_s);
-  EXPECT_GE(*state.heard_s, 100);
+  ASSERT_TRUE(state.last_message_s && state.attitude && state.attitude_s);
+  EXPECT_GE(*state.last_message_s, 100);
   EXPECT_NEAR(state.attitude->yaw_rad, 1.5, 1e-6);
   mavlink_msg_attitude_pack(7, 42, &message, 1000, 0, 0, 3, 0, 0, 0);
   peer_.send(message);
@@ -279,9 +279,9 @@ TEST_F(AutopilotLinkTest, AJumpIsReportedOnceAndOnlyForFixesThatAreSent) {
 
 TEST_F(AutopilotLinkTest, TextsReachTheOperatorWithTheirSeverity) {
   link_->send_text(TextSeverity::warning, "position jumps by 200 m");
-  peer_.listen_until([&] { return !peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty(); });
+  peer_.listen_until([&] { return !peer_.received(MAVLINK_MSG_ID_STATUSTEXT).empty(); });
   mavlink_statustext_t text;
-  const mavlink_message_t message = peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).front();
+  const mavlink_message_t message = peer_.received(MAVLINK_MSG_ID_STATUSTEXT).front();
   mavlink_msg_statustext_decode(&message, &text);
   EXPECT_EQ(text.severity, MAV_SEVERITY_WARNING);
   EXPECT_EQ(std::string(text.text, ::strnlen(text.text, sizeof text.text)), "position jumps by 200 m");
@@ -303,14 +303,14 @@ TEST_F(AutopilotLinkTest, CountsWhatItSendsAndSendsNothingAfterStop) {
   EXPECT_EQ(state.latency.largest_s(), 1);
   link_->send_text(TextSeverity::info, "too late");
   link_->stop();  // twice is once
-  EXPECT_TRUE(peer_.heard(MAVLINK_MSG_ID_STATUSTEXT).empty());
+  EXPECT_TRUE(peer_.received(MAVLINK_MSG_ID_STATUSTEXT).empty());
 }
 
-// ---- who speaks and who is served, where we listen
+// ---- senders and the peer that is served, where we listen
 
 class ListeningLink : public ::testing::Test {
  protected:
-  // A link at a port of its own, to which autopilot (7/1) and others can speak.
+  // A link at a port of its own, to which the autopilot (7/1) and others can send.
   void begin(std::vector<StationSetup> stations = {}) {
     auto transport = make_transport(parse_endpoint("udpin:127.0.0.1:0"));
     transport->advance(0, [](const Transport::Arrival&) {});
@@ -397,7 +397,7 @@ TEST_F(ListeningLink, ASecondSenderThatClaimsToBeTheAutopilotIsIgnoredAndReporte
   test::LinkPeer rival(endpoint_);
   rival.send(heartbeat(7));
   wait_until([&] { return rivals_ == 1; });
-  EXPECT_EQ(received(7), 1U) << "on an unsigned link it is not even heard";
+  EXPECT_EQ(received(7), 1U) << "on an unsigned link its messages are dropped";
   const std::size_t before = autopilot.fixes().size();
   clock_.go_on(1);
   autopilot.listen_until([&] { return autopilot.fixes().size() > before; });
@@ -421,7 +421,7 @@ TEST_F(ListeningLink, StationsGetTheirShareAndGiveCommandsAlone) {
   test::LinkPeer autopilot(endpoint_);
   settle(autopilot);
   link_->send_text(TextSeverity::info, "hello");
-  const auto has_text = [](const test::LinkPeer& peer) { return !peer.heard(MAVLINK_MSG_ID_STATUSTEXT).empty(); };
+  const auto has_text = [](const test::LinkPeer& peer) { return !peer.received(MAVLINK_MSG_ID_STATUSTEXT).empty(); };
   ground.listen_until([&] { return has_text(ground); });
   logger.listen_until([&] { return has_text(logger) && !logger.fixes().empty(); });
   EXPECT_TRUE(ground.fixes().empty());
@@ -439,7 +439,7 @@ TEST_F(ListeningLink, StationsGetTheirShareAndGiveCommandsAlone) {
   clock_.go_on(1);
   const std::size_t fixes = autopilot.fixes().size();
   autopilot.listen_until([&] { return autopilot.fixes().size() > fixes; });
-  EXPECT_EQ(received(255), 1U) << "the logger is not heard";
+  EXPECT_EQ(received(255), 1U) << "the logger's messages are ignored";
   EXPECT_EQ(received(7), before) << "telemetry counts only on the autopilot's link";
   const AutopilotLink::State state = link_->state();
   ASSERT_EQ(state.stations.size(), 2U);
@@ -448,7 +448,7 @@ TEST_F(ListeningLink, StationsGetTheirShareAndGiveCommandsAlone) {
   EXPECT_GT(state.stations[1].sent, state.stations[0].sent);
 }
 
-TEST(LatencyHistogram, KnowsItsQuantiles) {
+TEST(LatencyHistogram, ReturnsItsQuantiles) {
   LatencyHistogram histogram;
   EXPECT_EQ(histogram.quantile_s(0.5), 0);
   for (int i = 0; i < 100; ++i) histogram.add((i + 0.5) / 1000);

@@ -49,7 +49,7 @@ class FlightEvidence : public ::testing::Test {
                                                });
     running_ = std::jthread([this] { service_->run(); });
     peer_.listen_until(
-        [&] { return !peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty() && logged("waiting for the auto"); });
+        [&] { return !peer_.received(MAVLINK_MSG_ID_HEARTBEAT).empty() && logged("waiting for the auto"); });
     mavlink_message_t message;
     mavlink_msg_heartbeat_pack(7, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0);
     peer_.send(message);
@@ -74,7 +74,7 @@ class FlightEvidence : public ::testing::Test {
   }
   std::vector<std::string> texts() const {
     std::vector<std::string> found;
-    for (const mavlink_message_t& message : peer_.heard(MAVLINK_MSG_ID_STATUSTEXT)) {
+    for (const mavlink_message_t& message : peer_.received(MAVLINK_MSG_ID_STATUSTEXT)) {
       char text[51] = {};
       mavlink_msg_statustext_get_text(&message, text);
       found.emplace_back(text);
@@ -120,13 +120,13 @@ TEST_F(FlightEvidence, EveryFixThatWasSentIsOnRecordWithTheReceiversBesideIt) {
   end();
   peer_.listen();
   const auto fixes = recorded<FixRecord>();
-  const auto heard = peer_.fixes();
-  ASSERT_EQ(fixes.size(), heard.size());
+  const auto arrived = peer_.fixes();
+  ASSERT_EQ(fixes.size(), arrived.size());
   for (std::size_t i = 0; i < fixes.size(); ++i) {
-    EXPECT_EQ(fixes[i].fix_type, heard[i].fix_type) << "\"no fix\" is on record too";
+    EXPECT_EQ(fixes[i].fix_type, arrived[i].fix_type) << "\"no fix\" is on record too";
     EXPECT_FALSE(fixes[i].place);
     EXPECT_EQ(fixes[i].accuracy_m, 999);
-    EXPECT_EQ(fixes[i].unix_us, static_cast<std::int64_t>(heard[i].time_usec));
+    EXPECT_EQ(fixes[i].unix_us, static_cast<std::int64_t>(arrived[i].time_usec));
   }
   ASSERT_TRUE(fixes.back().gps);
   EXPECT_EQ(fixes.back().gps->fix_type, 3);
@@ -148,7 +148,7 @@ TEST_F(FlightEvidence, TheMachinesHealthIsOnRecord) {
 }
 
 // The storage medium goes bad after take-off: quick verification has long passed.
-TEST_F(FlightEvidence, ATileThatSpoilsInFlightIsToldRecordedAndOnce) {
+TEST_F(FlightEvidence, ATileDamagedInFlightIsReportedAndRecordedOnce) {
   begin();
   test::sqlite(options_.package / kImageryFile, "UPDATE tiles SET tile_data = zeroblob(length(tile_data))");
   const std::string text = "Nadir: CORRUPT MAP TILES, check storage";
@@ -163,7 +163,7 @@ TEST_F(FlightEvidence, ATileThatSpoilsInFlightIsToldRecordedAndOnce) {
   EXPECT_EQ(codes, std::vector<std::string>(3, "artifact.hash")) << "each tile";
 }
 
-TEST_F(FlightEvidence, SaysAtTheStartWhatItWaitsFor) {
+TEST_F(FlightEvidence, ReportsAtTheStartWhatItWaitsFor) {
   begin();
   peer_.listen_until([&] { return logged("autopilot: here after"); });
   end();

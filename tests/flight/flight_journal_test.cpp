@@ -14,13 +14,13 @@ using testing::IsEmpty;
 using testing::Pair;
 
 struct Operator {
-  std::vector<std::pair<TextSeverity, std::string>> heard;
-  void hears(OperatorTexts& texts) {
-    texts.deliver([this](TextSeverity severity, const std::string& text) { heard.emplace_back(severity, text); });
+  std::vector<std::pair<TextSeverity, std::string>> delivered;
+  void collect(OperatorTexts& texts) {
+    texts.deliver([this](TextSeverity severity, const std::string& text) { delivered.emplace_back(severity, text); });
   }
 };
 
-// Whoever may hint may fill the list of events, and hide no alarm with it.
+// A client that sends hints can fill the list of events, but cannot hide an alarm.
 TEST(FlightJournal, OrdinaryEventsDisplaceNoAlarm) {
   FlightJournal journal(nullptr);
   journal.on_event(1, TileCorrupt{{17, 70000, 45000}, "artifact.hash", "bytes that differ from the signed ones"});
@@ -59,16 +59,16 @@ TEST(OperatorTexts, WaitInOrderAndAreDeliveredOnce) {
   texts.add(TextSeverity::notice, "found");
   EXPECT_EQ(texts.pending(), 2);
   Operator first;
-  first.hears(texts);
-  EXPECT_THAT(first.heard, ElementsAre(Pair(TextSeverity::critical, "lost"), Pair(TextSeverity::notice, "found")));
+  first.collect(texts);
+  EXPECT_THAT(first.delivered, ElementsAre(Pair(TextSeverity::critical, "lost"), Pair(TextSeverity::notice, "found")));
   EXPECT_EQ(texts.pending(), 0);
   EXPECT_EQ(texts.dropped(), 0);
   Operator later;
-  later.hears(texts);
-  EXPECT_THAT(later.heard, IsEmpty());
+  later.collect(texts);
+  EXPECT_THAT(later.delivered, IsEmpty());
   texts.add(TextSeverity::info, "link is back");
-  later.hears(texts);
-  EXPECT_THAT(later.heard, ElementsAre(Pair(TextSeverity::info, "link is back")));
+  later.collect(texts);
+  EXPECT_THAT(later.delivered, ElementsAre(Pair(TextSeverity::info, "link is back")));
 }
 
 TEST(OperatorTexts, TheOldestAreDroppedAndCounted) {
@@ -77,8 +77,8 @@ TEST(OperatorTexts, TheOldestAreDroppedAndCounted) {
   EXPECT_EQ(texts.pending(), 3);
   EXPECT_EQ(texts.dropped(), 2);
   Operator late;
-  late.hears(texts);
-  EXPECT_THAT(late.heard, ElementsAre(Pair(testing::_, "3"), Pair(testing::_, "4"), Pair(testing::_, "5")));
+  late.collect(texts);
+  EXPECT_THAT(late.delivered, ElementsAre(Pair(testing::_, "3"), Pair(testing::_, "4"), Pair(testing::_, "5")));
   texts.add(TextSeverity::info, "6");
   EXPECT_EQ(texts.pending(), 1) << "there is room again";
   EXPECT_EQ(texts.dropped(), 2);
@@ -87,7 +87,7 @@ TEST(OperatorTexts, TheOldestAreDroppedAndCounted) {
 TEST(OperatorTexts, AMillionUndeliveredTextsCostNoMoreThanTwelve) {
   OperatorTexts texts;
   for (int i = 0; i < 1'000'000; ++i) texts.add(TextSeverity::warning, "dead reckoning");
-  EXPECT_EQ(texts.pending(), 12) << "as docs/onboard.md says";
+  EXPECT_EQ(texts.pending(), 12) << "as in docs/onboard.md";
   EXPECT_EQ(texts.dropped(), 999'988);
 }
 
@@ -101,15 +101,15 @@ TEST(OperatorTexts, EmptyTextsAreIgnored) {
 TEST(OperatorTexts, TextsAddedDuringDeliveryWaitForTheNext) {
   OperatorTexts texts(1);
   texts.add(TextSeverity::info, "first");
-  std::vector<std::string> heard;
-  const auto hear = [&](TextSeverity severity, const std::string& text) {
-    heard.push_back(text);
+  std::vector<std::string> delivered;
+  const auto collect = [&](TextSeverity severity, const std::string& text) {
+    delivered.push_back(text);
     if (text == "first") texts.add(severity, "second");
   };
-  texts.deliver(hear);
-  EXPECT_THAT(heard, ElementsAre("first"));
-  texts.deliver(hear);
-  EXPECT_THAT(heard, ElementsAre("first", "second"));
+  texts.deliver(collect);
+  EXPECT_THAT(delivered, ElementsAre("first"));
+  texts.deliver(collect);
+  EXPECT_THAT(delivered, ElementsAre("first", "second"));
 }
 
 }  // namespace

@@ -46,7 +46,7 @@ class RejectedFlight : public ::testing::Test {
     service_.reset();
   }
 
-  std::size_t heartbeats() const { return peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).size(); }
+  std::size_t heartbeats() const { return peer_.received(MAVLINK_MSG_ID_HEARTBEAT).size(); }
 
   void autopilot_beats() {
     mavlink_message_t message;
@@ -57,7 +57,7 @@ class RejectedFlight : public ::testing::Test {
 
   std::vector<std::string> texts() const {
     std::vector<std::string> found;
-    for (const mavlink_message_t& message : peer_.heard(MAVLINK_MSG_ID_STATUSTEXT)) {
+    for (const mavlink_message_t& message : peer_.received(MAVLINK_MSG_ID_STATUSTEXT)) {
       char text[51] = {};
       mavlink_msg_statustext_get_text(&message, text);
       found.emplace_back(text);
@@ -79,7 +79,7 @@ class RejectedFlight : public ::testing::Test {
 
 TEST_F(RejectedFlight, ALateAutopilotGetsTheTexts) {
   begin(std::nullopt);
-  EXPECT_TRUE(texts().empty()) << "nobody was there to hear it";
+  EXPECT_TRUE(texts().empty()) << "no receiver was connected yet";
   autopilot_beats();
   peer_.listen_until([&] { return received_text("Nadir: map package rejected, no position"); });
   EXPECT_EQ(std::ranges::count(texts(), "Nadir: map package rejected, no position"), 1);
@@ -111,9 +111,9 @@ TEST_F(RejectedFlight, CommandsAreTakenWhenAddressedToUsAndLoggedWithTheirSender
   hint(7, 1, MAV_CMD_EXTERNAL_POSITION_ESTIMATE);
   hint(7, 197, MAV_CMD_NAV_LAND);
   hint(7, 197, MAV_CMD_EXTERNAL_POSITION_ESTIMATE);
-  peer_.listen_until([&] { return peer_.heard(MAVLINK_MSG_ID_COMMAND_ACK).size() >= 2; });
+  peer_.listen_until([&] { return peer_.received(MAVLINK_MSG_ID_COMMAND_ACK).size() >= 2; });
   std::vector<std::pair<int, int>> answers;
-  for (const mavlink_message_t& message : peer_.heard(MAVLINK_MSG_ID_COMMAND_ACK)) {
+  for (const mavlink_message_t& message : peer_.received(MAVLINK_MSG_ID_COMMAND_ACK)) {
     mavlink_command_ack_t answer;
     mavlink_msg_command_ack_decode(&message, &answer);
     EXPECT_EQ(answer.target_system, 255);
@@ -192,7 +192,7 @@ class PartsInFlight : public ::testing::Test {
   // Until the log holds it; the autopilot beats meanwhile, so that the operator hears as well.
   void wait_for(const std::string& text) {
     peer_.listen_until([&] {
-      if (!peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty()) beats(false);
+      if (!peer_.received(MAVLINK_MSG_ID_HEARTBEAT).empty()) beats(false);
       return logged(text) > 0;
     });
   }
@@ -200,8 +200,8 @@ class PartsInFlight : public ::testing::Test {
     const std::scoped_lock lock(mutex_);
     return std::ranges::count_if(log_, [&](const std::string& line) { return line.find(text) != std::string::npos; });
   }
-  bool told(const std::string& wanted) const {
-    return std::ranges::any_of(peer_.heard(MAVLINK_MSG_ID_STATUSTEXT), [&](const mavlink_message_t& message) {
+  bool reported(const std::string& wanted) const {
+    return std::ranges::any_of(peer_.received(MAVLINK_MSG_ID_STATUSTEXT), [&](const mavlink_message_t& message) {
       char text[51] = {};
       mavlink_msg_statustext_get_text(&message, text);
       return wanted == text;
@@ -226,10 +226,10 @@ TEST_F(PartsInFlight, AStateDirectoryThatCannotBeMadeIsReportedAndUsedLater) {
   folder_.write("state", "a file in its place");
   begin();
   wait_for("state directory: failed");
-  peer_.listen_until([&] { return told("Nadir: state directory failed, trying again"); });
+  peer_.listen_until([&] { return reported("Nadir: state directory failed, trying again"); });
   std::filesystem::remove(folder_ / "state");
   wait_for("state directory: works again");
-  peer_.listen_until([&] { return told("Nadir: state directory works again"); });
+  peer_.listen_until([&] { return reported("Nadir: state directory works again"); });
   EXPECT_EQ(logged("state directory: failed"), 1) << "once";
   peer_.listen_until([&] { return StateDirectory(options_.state).load().flight.has_value(); });
 }
@@ -309,20 +309,20 @@ TEST_F(PartsInFlight, AnArmedAutopilotIsRememberedInTheAcceptance) {
   peer_.listen_until([&] { return acceptance().record.has_value(); });
   EXPECT_FALSE(acceptance().record->airborne);
   peer_.listen_until([&] {
-    if (!peer_.heard(MAVLINK_MSG_ID_HEARTBEAT).empty()) beats(true);
+    if (!peer_.received(MAVLINK_MSG_ID_HEARTBEAT).empty()) beats(true);
     const AcceptanceReading reading = acceptance();
     return reading.record && reading.record->airborne;
   });
 }
 
 // A package that could not be read is asked for again, and the service ends so that it is judged.
-TEST_F(PartsInFlight, APackageThatCanBeOpenedAgainIsJudged) {
+TEST_F(PartsInFlight, APackageThatCanBeOpenedAgainIsChecked) {
   std::atomic<int> asked{0};
   verified_.can_be_opened = [&asked] { return ++asked == 2; };
   begin();
   peer_.listen_until([&] { return asked == 2; });
   running_ = {};  // by itself
-  EXPECT_EQ(end_, FlightEnd::judge_again);
+  EXPECT_EQ(end_, FlightEnd::reselect_package);
 }
 
 }  // namespace

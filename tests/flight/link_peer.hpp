@@ -25,14 +25,14 @@ class LinkPeer {
   // What the link under test connects to.
   std::string endpoint() const { return "udpout:127.0.0.1:" + std::to_string(transport_->local_port()); }
 
-  // At udpin, sends only when it has heard the other end.
+  // At udpin, sends only after it has received from the other end.
   void send(const mavlink_message_t& message) {
     std::uint8_t bytes[MAVLINK_MAX_PACKET_LEN];
     const std::size_t size = mavlink_msg_to_send_buffer(bytes, &message);
     EXPECT_TRUE(transport_->send({bytes, size}));
   }
 
-  // Until `done` of what was heard; the deadline is there only so that a dead link fails instead of hanging.
+  // Until `done` holds for what was received; the deadline is there only so that a dead link fails instead of hanging.
   void listen_until(const std::function<bool()>& done) {
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
     while (!done()) {
@@ -45,7 +45,7 @@ class LinkPeer {
   void listen() { read(0); }
 
   // Of one kind, in the order in which they came.
-  std::vector<mavlink_message_t> heard(std::uint32_t id) const {
+  std::vector<mavlink_message_t> received(std::uint32_t id) const {
     std::vector<mavlink_message_t> found;
     for (const mavlink_message_t& message : messages_) {
       if (message.msgid == id) found.push_back(message);
@@ -55,7 +55,7 @@ class LinkPeer {
 
   std::vector<mavlink_gps_input_t> fixes() const {
     std::vector<mavlink_gps_input_t> found;
-    for (const mavlink_message_t& message : heard(MAVLINK_MSG_ID_GPS_INPUT)) {
+    for (const mavlink_message_t& message : received(MAVLINK_MSG_ID_GPS_INPUT)) {
       mavlink_msg_gps_input_decode(&message, &found.emplace_back());
     }
     return found;

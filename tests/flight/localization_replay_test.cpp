@@ -55,7 +55,7 @@ class GatedTiles final : public TileSource {
 // Counts what the localizer's thread says, so that the test can wait for the next of it.
 class Progress {
  public:
-  void say(int& counted) {
+  void notify(int& counted) {
     const std::scoped_lock lock(mutex_);
     ++counted;
     changed_.notify_all();
@@ -116,11 +116,11 @@ class LocalizationReplay : public ::testing::Test {
               } else {
                 record_frame(recorder_, frame.index, frame.report);
               }
-              progress_.say(frame.late ? progress_.looks : progress_.frames);
+              progress_.notify(frame.late ? progress_.looks : progress_.frames);
             },
             [this](const HintRecord& hint) {
               recorder_.record(hint);
-              progress_.say(progress_.hints);
+              progress_.notify(progress_.hints);
             }};
   }
 
@@ -266,7 +266,7 @@ TEST_F(LocalizationReplay, WithAHintAndNoHeightTheAircraftIsOnTheGround) {
   EXPECT_FALSE(frames[2].agl_m) << "far under the ground stands nobody";
 }
 
-// After a start in flight, before the autopilot is heard: with every heading possible the first look would last.
+// After a start in flight, before any telemetry: with every heading possible the first search would take long.
 TEST_F(LocalizationReplay, AFrameBeforeTheFirstAttitudeIsSkipped) {
   std::vector<Moment> moments = flight(4);
   {
@@ -287,7 +287,7 @@ TEST_F(LocalizationReplay, AFrameBeforeTheFirstAttitudeIsSkipped) {
   EXPECT_EQ(replay(flight).same, 2U);
 }
 
-// An autopilot that never speaks is no reason to see nothing.
+// Frames are matched even if the autopilot never sends anything.
 TEST_F(LocalizationReplay, WithoutAnyAttitudeFramesAreProcessedAfterAWhile) {
   std::vector<Moment> moments = flight(2);
   GatedTiles tiles;

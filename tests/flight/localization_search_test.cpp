@@ -118,7 +118,7 @@ TEST_F(LongSearch, AStopCancelsItWithinTheWindowAndReportsNothing) {
     tiles_.open();
   }
   expect_one_window();
-  EXPECT_TRUE(looks_.empty()) << "a look that was given up says nothing, not even that nothing was found";
+  EXPECT_TRUE(looks_.empty()) << "a cancelled search reports no result";
 }
 
 // Somebody says where to look, in the middle of a search that began when nobody did.

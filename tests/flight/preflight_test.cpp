@@ -1,4 +1,5 @@
-// Camera and autopilot before take-off: a real folder, and a real socket with a peer that speaks the official headers.
+// Camera and autopilot before take-off: a real folder, and a real socket with a peer that uses the official MAVLink
+// headers.
 #include "flight/preflight.hpp"
 
 #include <gmock/gmock.h>
@@ -64,7 +65,7 @@ class Preflight : public ::testing::Test {
       while (!stop.stop_requested()) {
         std::this_thread::sleep_for(std::chrono::milliseconds(5));
         peer.listen();
-        if (peer.heard(MAVLINK_MSG_ID_HEARTBEAT).empty()) continue;
+        if (peer.received(MAVLINK_MSG_ID_HEARTBEAT).empty()) continue;
         mavlink_message_t message;
         mavlink_msg_heartbeat_pack(system, 1, &message, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0);
         peer.send(message);

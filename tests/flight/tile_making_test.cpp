@@ -156,9 +156,9 @@ TEST_F(TilesInFlight, AreNotMadeFromUncertainFrames) {
   {
     TileMaking tiles(setup(), clock_, listener());
     see(tiles, 0, 0);
-    FramePose doubtful = pose(0);
-    doubtful.confirmed = false;
-    tiles.on_anchor(0, doubtful);
+    FramePose unconfirmed = pose(0);
+    unconfirmed.confirmed = false;
+    tiles.on_anchor(0, unconfirmed);
   }
   EXPECT_EQ(stored(), 0U);
 }

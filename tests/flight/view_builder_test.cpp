@@ -92,7 +92,7 @@ TEST(ViewBuilder, WhileBlindAgesCountFromTheClockAndTheHeadingIsTheAutopilots) {
   status.state = ServiceState::degraded;
   status.frame_s = 10.1;
   AutopilotLink::State link;
-  link.heard_s = 19.9;
+  link.last_message_s = 19.9;
   link.attitude = AircraftAttitude{.roll_rad = 0.1, .pitch_rad = 0.2, .yaw_rad = 1.2};
   link.attitude_s = 19.9;
   views.set_status(status, "no frames from the camera: no frame for 9.90 s");
@@ -101,7 +101,7 @@ TEST(ViewBuilder, WhileBlindAgesCountFromTheClockAndTheHeadingIsTheAutopilots) {
   FlightView view = view_of(views);
   EXPECT_EQ(view.anchored_s, 9.5);
   EXPECT_EQ(view.frames.last_s, 10.1);
-  EXPECT_EQ(view.link.heard_s, 19.9);
+  EXPECT_EQ(view.link.last_message_s, 19.9);
   EXPECT_EQ(view.heading_rad, 1.2);
   EXPECT_EQ(view.pitch_rad, 0.2);
   EXPECT_EQ(view.roll_rad, 0.1);

@@ -99,7 +99,7 @@ void api_request(std::string_view bytes) {
   request.host = lines[1];
   check(service().api.handle(request));
   StreamCursor cursor = cursor_from(lines[2]);
-  require(!service().api.next_of_stream(cursor).empty(), "a fresh reader hears nothing");
+  require(!service().api.next_of_stream(cursor).empty(), "a new reader receives nothing");
   require(service().api.next_of_stream(cursor).empty(), "the same event comes twice");
 }
 

@@ -23,7 +23,7 @@ void candidate(std::string_view bytes) {
     const CandidateSidecar sidecar = parse_candidate(bytes, "fuzz");
     require(candidate_json(sidecar) == bytes, "two spellings of one sidecar");
     require(sidecar.key.valid(), "an address outside of the grid");
-    require(cost_mm(sidecar) >= 0, "a badness that is none");
+    require(cost_mm(sidecar) >= 0, "a cost below zero");
   });
 }
 

@@ -45,7 +45,7 @@ TEST(PlanePoint, NotANumberIsNotEqualToItself) {
 }
 
 // What the header says of the plane, 10 km east of its origin at 48° N.
-TEST(PlanePoint, ThePlaneIsAsGoodAsItSays) {
+TEST(PlanePoint, ThePlaneHasItsStatedAccuracy) {
   const LocalFrame frame({11, 48});
   EXPECT_LT(distance_m(frame.plane_from_lonlat({11, 48}), {}), 1e-9);
   const LonLat far = frame.lonlat_from_plane({10'000, 0});

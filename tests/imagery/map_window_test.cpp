@@ -146,7 +146,7 @@ TEST(MapWindow, RejectsImpossibleWindows) {
   EXPECT_THROW(read_map_window(tiles, frame, {0, 0, 1e6, 10}, 1, Colour::grey), Error);
 }
 
-// One coarse scene says nothing of the others.
+// One coarse scene does not affect the others.
 TEST(MapWindow, StatesTheWorstPlacementOfItsOwnTiles) {
   test::WaveTiles tiles({17, 18}, kFinest);
   const TileKey here = tile_at(kPlace, 18);

@@ -40,7 +40,7 @@ TEST(GpsTime, ChangesWeeksEighteenSecondsBeforeSundayMidnight) {
   EXPECT_EQ(gps_time(sunday_unix_us - 18'001'000).week_ms, 604'799'999U);
 }
 
-TEST(GpsTime, KnowsTheSystemsLeapSeconds) {
+TEST(GpsTime, UsesTheSystemsLeapSeconds) {
   std::ifstream list("/usr/share/zoneinfo/leap-seconds.list");
   if (!list) GTEST_SKIP() << "this system has no list (package tzdata)";
   constexpr std::int64_t kNtpEpochUnixS = -2'208'988'800;

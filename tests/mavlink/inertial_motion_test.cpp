@@ -66,7 +66,7 @@ TEST_F(Turn, IsFollowedThroughABlackout) {
   EXPECT_NEAR(gain.unknown_s, 0, 1e-9);
 }
 
-TEST_F(Turn, ASilenceIsCountedAndGoneStraightThrough) {
+TEST_F(Turn, AGapIsCountedAndBridgedStraight) {
   fly(0, 2);
   const auto from = motion_.moment(2);
   EXPECT_NEAR(motion_.gain(from, 2.1).unknown_s, 0, 1e-9) << "a sample stands for a moment longer";
@@ -85,7 +85,7 @@ TEST_F(Turn, BeforeTheFirstSampleEverythingIsUnknown) {
   EXPECT_NEAR(motion_.gain(motion_.moment(1), 5).unknown_s, 3, 1e-9);
 }
 
-TEST_F(Turn, NonsenseIsPassedOver) {
+TEST_F(Turn, ImplausibleSamplesAreIgnored) {
   fly(0, 1);
   const auto from = motion_.moment(0);
   const InertialMotion::Gain before = motion_.gain(from, 1);

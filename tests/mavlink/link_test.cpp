@@ -90,7 +90,7 @@ class Link : public ::testing::Test {
     };
     go_on(
         link, [&] { return answers.size() == messages.size(); }, handle);
-    EXPECT_TRUE(answers.contains("heard GPS_INPUT"));
+    EXPECT_TRUE(answers.contains("received GPS_INPUT"));
     const StatusText bye{TextSeverity::info, "bye", 0, 0};
     go_on(
         link,
@@ -101,7 +101,7 @@ class Link : public ::testing::Test {
         [](const ReceivedMessage&) {});
     const nlohmann::json report = peer.report();
     EXPECT_EQ(report["refused"], 0) << report;
-    EXPECT_GE(report["heard"]["GPS_INPUT"], 1);
+    EXPECT_GE(report["received"]["GPS_INPUT"], 1);
     EXPECT_EQ(link.counts().frames.bad_crc, 0U);
     EXPECT_EQ(link.counts().signatures.wrong + link.counts().signatures.without, 0U);
   }
@@ -159,18 +159,18 @@ TEST_F(Link, UnauthenticatedPeersAreIgnored) {
   MavlinkLink foreign(make_transport(parse_endpoint("udpout:127.0.0.1:" + port)), {1, 1},
                       Signing(SigningKey(Sha256::from_hex(std::string(64, '6'))->bytes), time_, 1));
   MavlinkLink unsigned_one(make_transport(parse_endpoint("udpout:127.0.0.1:" + port)), {1, 1}, std::nullopt);
-  int strangers = 0;
+  int others = 0;
   for (MavlinkLink* other : {&foreign, &unsigned_one}) {
     other->advance(steady_us(), [](const ReceivedMessage&) {});
-    other->send(StatusText{TextSeverity::info, "stranger", 0, 0}, steady_us());
+    other->send(StatusText{TextSeverity::info, "unknown", 0, 0}, steady_us());
   }
   go_on(
       link, [&] { return link.counts().signatures.wrong == 1 && link.counts().signatures.without == 1; },
       [&](const ReceivedMessage& received) {
         const auto* text = std::get_if<StatusText>(&received.message);
-        strangers += text != nullptr && text->text == "stranger" ? 1 : 0;
+        others += text != nullptr && text->text == "unknown" ? 1 : 0;
       });
-  EXPECT_EQ(strangers, 0);
+  EXPECT_EQ(others, 0);
   int answered = 0;
   link.send(OwnHeartbeat{}, steady_us());
   for (MavlinkLink* other : {&foreign, &unsigned_one}) {

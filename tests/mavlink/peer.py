@@ -3,7 +3,7 @@
 
 usage: peer.py udp PORT | udpbind | tcp | pty  KEY
 Prints where it is ("port N", "path P"), then greets until somebody answers, answers every message with a STATUSTEXT
-"heard NAME", and ends at the STATUSTEXT "bye" with a line of JSON: how often each message came, and what was refused.
+"received NAME", and ends at the STATUSTEXT "bye" with a line of JSON: how often each message came, and what was refused.
 """
 import collections
 import json
@@ -65,7 +65,7 @@ def main():
     mav.signing.secret_key = bytes.fromhex(key)
     mav.signing.sign_outgoing = True
     mav.signing.timestamp = int((time.time() - 1420070400) * 1e5)
-    heard, refused = collections.Counter(), 0
+    received, refused = collections.Counter(), 0
     while True:
         if not select.select([wire.fd], [], [], 0.05)[0]:
             mav.heartbeat_send(1, 3, 0, 0, 4)
@@ -78,11 +78,11 @@ def main():
             if name == "BAD_DATA" or not message.get_signed():
                 refused += 1
                 continue
-            heard[name] += 1
+            received[name] += 1
             if name == "STATUSTEXT" and message.text == "bye":
-                print(json.dumps({"heard": heard, "refused": refused}), flush=True)
+                print(json.dumps({"received": received, "refused": refused}), flush=True)
                 return
-            mav.statustext_send(6, f"heard {name}".encode())
+            mav.statustext_send(6, f"received {name}".encode())
 
 
 main()

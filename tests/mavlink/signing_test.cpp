@@ -230,7 +230,7 @@ TEST(SigningAfterAReboot, AClockTwoYearsAheadFollowsTheAutopilotBack) {
   const std::int64_t wrong_us = kSigned_us + std::int64_t{2} * 365 * 86'400 * 1'000'000;
   SigningTime time(folder / "time", wrong_us, 0);
   Signing signing(key(), time, 3);
-  EXPECT_LE(time.take(0), now + kTicks) << "nobody was heard: what the last run used is continued";
+  EXPECT_LE(time.take(0), now + kTicks) << "no peer yet: timestamps continue from the last run's";
   const auto judged = [&](std::uint64_t timestamp, std::int64_t us) {
     FrameReader reader;
     reader.add(test::frames_by_pymavlink(kAttitude,
@@ -248,7 +248,7 @@ TEST(SigningAfterAReboot, AClockTwoYearsAheadFollowsTheAutopilotBack) {
 }
 
 // What was followed beyond our own clock is not written beyond a day of it.
-TEST(SigningAfterAReboot, ATimeThatNobodyCanVouchForDoesNotOutliveTheRun) {
+TEST(SigningAfterAReboot, AnUnconfirmedTimeDoesNotOutliveTheRun) {
   const test::TemporaryFolder folder;
   SigningTime time(folder / "time", kSigned_us, 0);
   const std::uint64_t year = signing_time_of(kSigned_us) + std::uint64_t{365} * 86'400 * kTicks;
@@ -326,7 +326,7 @@ TEST(SigningTimestamp, MoreFramesThanReservedCauseANewReservation) {
   EXPECT_GE(std::stoull(read_text_file(folder / "time")), last);
 }
 
-// A service that crashes again and again must still believe an autopilot whose clock is right.
+// A service that crashes again and again must still accept an autopilot whose clock is right.
 TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
   const test::TemporaryFolder folder;
   std::uint64_t last = 0;
@@ -349,7 +349,7 @@ TEST(SigningTimestamp, ManyQuickRestartsDoNotRunAhead) {
   }
 }
 
-// The same when the autopilot takes over whatever time it hears from us, and we take it back from there.
+// The same when the autopilot adopts any time that it receives from us, and we adopt its time in turn.
 TEST(SigningTimestamp, AnAutopilotThatAdoptsOurTimeCausesNoDrift) {
   const test::TemporaryFolder folder;
   std::uint64_t theirs = 0;
@@ -373,7 +373,7 @@ TEST(SigningTimestamp, AFullDiskIsCountedAndTheLinkContinues) {
 }
 
 // Torn by a power cut: reported, and rewritten. The link starts with our clock and the peers' frames.
-TEST(SigningTimestamp, ADamagedFileIsToldAndReplaced) {
+TEST(SigningTimestamp, ADamagedFileIsReportedAndReplaced) {
   const test::TemporaryFolder folder;
   const std::string whole = std::to_string(signing_time_of(kSigned_us)) + "\n";
   std::vector<std::string> texts{"\n", "12\n\n", "-1\n", "x\n", "99999999999999999\n", "1 2\n"};

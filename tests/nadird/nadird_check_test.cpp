@@ -130,7 +130,7 @@ TEST_F(NadirdCheck, LooksAtTheCamera) {
   EXPECT_TRUE(has_code("camera.size")) << out_.str();
 }
 
-TEST_F(NadirdCheck, AnUnsignedLinkIsADecisionForTheCheckToo) {
+TEST_F(NadirdCheck, AnUnsignedLinkMustBeChosenForTheCheckToo) {
   EXPECT_EQ(check(newer_, {"--airframe", "mini-07", "--autopilot", "udpin:127.0.0.1:0"}), 2);
   EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
 }
@@ -177,17 +177,17 @@ TEST_F(NadirdCheck, AnUnsignedAirframeIsReportedAndRejectedOnceTheRootNamesSigne
   EXPECT_EQ(check(newer_, {"--airframe", path("bare.json")}), 1) << out_.str();
   EXPECT_EQ(first_code(), "airframe.unsigned");
   EXPECT_EQ(check(newer_, {"--airframe", path("bare.json"), "--unsigned-airframe"}), 0) << out_.str();
-  EXPECT_EQ(first_code(), "airframe.unsigned") << "the bench hears of it";
+  EXPECT_EQ(first_code(), "airframe.unsigned") << "--check reports it";
   EXPECT_EQ(check(newer_, {"--airframe", "mini-07"}), 0) << "the id alone is no file";
 }
 
 TEST_F(NadirdCheck, AnAirframesSignatureIsVerified) {
-  const PrivateKey hangar = PrivateKey::generate(), stranger = PrivateKey::generate();
+  const PrivateKey hangar = PrivateKey::generate(), untrusted = PrivateKey::generate();
   name_airframe_signer(hangar);
   airframe("good.json", &hangar);
   EXPECT_EQ(check(newer_, {"--airframe", path("good.json")}), 0) << out_.str() << err_.str();
   EXPECT_TRUE(json::parse(out_.str())["findings"].empty());
-  airframe("foreign.json", &stranger);
+  airframe("foreign.json", &untrusted);
   EXPECT_EQ(check(newer_, {"--airframe", path("foreign.json"), "--unsigned-airframe"}), 1);
   EXPECT_EQ(first_code(), "key.unknown");
   folder_.write("good.json", read_text_file(folder_ / "good.json") + " ");
@@ -223,7 +223,7 @@ TEST_F(NadirdCheck, AnUnsignedAirframeFileIsNotRemembered) {
   EXPECT_EQ(check(newer_, {"--airframe", path("ours.json")}), 0) << "what was rejected is not remembered either";
 }
 
-TEST_F(NadirdCheck, AnExpiredAirframeFileIsRejectedAndOneOfBeforeWarnedAbout) {
+TEST_F(NadirdCheck, AnExpiredAirframeFileIsRejectedAndAnOlderFormGivesAWarning) {
   airframe("ours.json", &maker_.signer, R"("sequence": 3, "expires": "2024-04-25", )");
   EXPECT_EQ(check(newer_, {"--airframe", path("ours.json")}), 1) << out_.str();
   EXPECT_EQ(first_code(), "airframe.expired");
@@ -246,7 +246,7 @@ TEST_F(NadirdCheck, SigtermEndsTheServiceWhileThePackageIsVerified) {
   EXPECT_FALSE(interrupt_requested());
 }
 
-TEST_F(NadirdCheck, AnUnsignedLinkIsADecision) {
+TEST_F(NadirdCheck, AnUnsignedLinkMustBeChosen) {
   airframe("bare.json", nullptr);
   EXPECT_EQ(run(service_options(newer_, "bare.json", "none"), clock_), 2);
   EXPECT_NE(err_.str().find("--unsigned-link"), std::string::npos) << err_.str();
@@ -255,10 +255,10 @@ TEST_F(NadirdCheck, AnUnsignedLinkIsADecision) {
 }
 
 TEST_F(NadirdCheck, AnUntrustedTileKeyIsRejectedBeforeTakeOff) {
-  const PrivateKey ours = PrivateKey::generate(), other = PrivateKey::generate(), stranger = PrivateKey::generate();
+  const PrivateKey ours = PrivateKey::generate(), other = PrivateKey::generate(), untrusted = PrivateKey::generate();
   name_tile_signers({{"mini-07", &ours}, {"mini-08", &other}}, std::nullopt, nullptr);
   EXPECT_EQ(check_tiles(ours), 0) << out_.str() << err_.str();
-  for (const auto& [key, found] : {std::pair{&stranger, "not in the trust root"},
+  for (const auto& [key, found] : {std::pair{&untrusted, "not in the trust root"},
                                    {&other, "the tile key of airframe mini-08"},
                                    {&maker_.signer, "a package signer's"}}) {
     EXPECT_EQ(check_tiles(*key), 1) << found;

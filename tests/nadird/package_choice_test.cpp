@@ -101,7 +101,7 @@ TEST_F(Boarding, WithinABootARestartOnTheGroundResumes) {
   EXPECT_TRUE(resumed()) << err_.str();
 }
 
-TEST_F(Boarding, OnTheGroundAfterARebootTheClockIsAsked) {
+TEST_F(Boarding, OnTheGroundAfterARebootTheClockIsChecked) {
   start(0, "boot-1");
   start(-2 * kHour_s, "boot-2");
   EXPECT_FALSE(flew());
@@ -169,7 +169,7 @@ TEST_F(Boarding, WhenTheNewPackageFailsTheLastAcceptedOneComesBack) {
 }
 
 // The one that comes back was judged by the clock too: an expired one stays on the ground.
-TEST_F(Boarding, AfterARebootOnTheGroundTheLastOneIsJudgedAsWell) {
+TEST_F(Boarding, AfterARebootOnTheGroundTheLastOneIsCheckedAsWell) {
   start(0, "boot-1");
   want("b");
   fs::remove(folder_ / "packages/b/manifest.sig");
@@ -189,7 +189,7 @@ TEST_F(Boarding, WhenTheAcceptedPackageIsDamagedInFlightTheOneBeforeFlies) {
   EXPECT_EQ(record().current.sequence, 4) << "it is looked for again";
 }
 
-TEST_F(Boarding, WithoutAnyPackageTheServiceRunsAndSaysWhy) {
+TEST_F(Boarding, WithoutAnyPackageTheServiceRunsAndReportsWhy) {
   start(0, "boot-1");
   take_off();
   fs::remove_all(folder_ / "packages/a");
@@ -222,7 +222,7 @@ TEST_F(Boarding, InFlightNeitherRootNorMemoryIsNeeded) {
   EXPECT_EQ(read_text_file(folder_ / "state/aircraft.json"), "{");
 }
 
-TEST_F(Boarding, ATornRecordIsToldAndThePackageJudgedAnew) {
+TEST_F(Boarding, ATornRecordIsReportedAndThePackageCheckedAgain) {
   start(0, "boot-1");
   take_off();
   const std::string whole = read_text_file(folder_ / "state/acceptance.json");

@@ -173,7 +173,7 @@ TEST_F(Making, MakesNoTilesFromUncertainFrames) {
   EXPECT_EQ(refusal(seen(), encode_image(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(9)), ImageFormat::jpeg)),
             OrthoRefusal::frame_unfit);
   EXPECT_EQ(store.tiles(), 0U);
-  EXPECT_FALSE(refusal(seen(), picture)) << "the same without any doubt";
+  EXPECT_FALSE(refusal(seen(), picture)) << "the same when certain";
 }
 
 TEST_F(Making, CountsRejectedTiles) {

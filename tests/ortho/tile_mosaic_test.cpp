@@ -172,7 +172,7 @@ TEST(TileMosaic, MisalignedOrUnverifiedPartsStayOut) {
   EXPECT_EQ(mosaic.add(water, frame(4)), PartialTileOutcome::unverified);
   EXPECT_EQ(mosaic.add(piece(0, 150), frame(5)), PartialTileOutcome::redundant) << "nothing better";
   EXPECT_FALSE(mosaic.whole());
-  EXPECT_EQ(mosaic.add(piece(60, 256), frame(6)), PartialTileOutcome::merged) << "the same without any doubt";
+  EXPECT_EQ(mosaic.add(piece(60, 256), frame(6)), PartialTileOutcome::merged) << "the same when certain";
   EXPECT_TRUE(mosaic.whole());
 }
 

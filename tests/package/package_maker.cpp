@@ -129,7 +129,7 @@ std::filesystem::path PackageMaker::make(const TemporaryFolder& folder, const st
   if (cog) manifest.artifacts.push_back(describe_file(package, kSidecarFile, kRoleSidecars));
   try {
     manifest.artifacts[0].tiles = tile_set_facts(package / imagery_file());
-  } catch (const Error&) {  // the test spoilt the tiles so that honest facts cannot be had
+  } catch (const Error&) {  // the test damaged the tiles: no facts can be read from them
     TileSetFacts facts;
     facts.zoom = parsed.zoom;
     facts.format = "jpeg";

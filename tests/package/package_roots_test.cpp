@@ -85,7 +85,7 @@ TEST_F(CarriedRoots, TheStateRemembersTheRoot) {
   expect_only("root.rollback", with_options(old, options));
 }
 
-// The clock of accepting counts: too late for an aircraft that has not heard of the new root, of no concern for one
+// The clock of accepting counts: too late for an aircraft that does not have the new root, of no concern for one
 // that accepted it in time.
 TEST_F(CarriedRoots, AnExpiredRootKeyAppointsOnlyWhereItWasAcceptedInTime) {
   const fs::path package = rotated();
@@ -119,21 +119,21 @@ TEST_F(CarriedRoots, ARootOfAnExpiredKeyIsNotPutIntoAPackage) {
 
 // Whoever can write the state cannot appoint a root of his own: its signatures are checked again each time.
 TEST_F(CarriedRoots, TheStateCannotAppointSigners) {
-  const PrivateKey thief = PrivateKey::generate();
+  const PrivateKey attacker = PrivateKey::generate();
   AircraftState state;
-  state.roots[2] = sign_root(second_, {&thief}).json();
+  state.roots[2] = sign_root(second_, {&attacker}).json();
   VerifyOptions options = maker_.options();
   options.state = &state;
   EXPECT_FALSE(with_options(maker_.make(folder_), options).accepted());
 }
 
 TEST_F(CarriedRoots, InvalidRootsRejectThePackage) {
-  const PrivateKey thief = PrivateKey::generate();
+  const PrivateKey attacker = PrivateKey::generate();
   TrustRoot false_root = second_;
-  false_root.add_key(thief.public_key());
-  false_root.root.key_ids = {thief.public_key().id()};
+  false_root.add_key(attacker.public_key());
+  false_root.root.key_ids = {attacker.public_key().id()};
   const fs::path package = maker_.make(folder_);
-  carry(package, false_root, {&thief});
+  carry(package, false_root, {&attacker});
   expect("signature.missing", maker_.verify(package));
 }
 

@@ -127,7 +127,7 @@ TEST_F(UntrustedFiles, APackageStaysTheOneThatWasVerified) {
   EXPECT_EQ(opening.package->folder().open(kMissionFile).sha256(), sha256_file(good / kMissionFile));
 }
 
-TEST_F(UntrustedFiles, AFileInPlaceOfAFolderOrTooLongAPathIsSaid) {
+TEST_F(UntrustedFiles, AFileInPlaceOfAFolderOrTooLongAPathIsReported) {
   NoProgress progress;
   try {
     verify_package(folder_ / std::string(5000, 'p'), maker_.options(), progress);

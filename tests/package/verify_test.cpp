@@ -74,8 +74,8 @@ TEST_F(Verify, SignatureMissingWhenTheThresholdIsNotMet) {
 }
 
 TEST_F(Verify, KeyUnknown) {
-  const PackageMaker stranger;
-  expect_only("key.unknown", maker_.verify(stranger.make(folder_)));
+  const PackageMaker untrusted;
+  expect_only("key.unknown", maker_.verify(untrusted.make(folder_)));
 }
 
 TEST_F(Verify, KeyRevoked) {
@@ -513,7 +513,7 @@ TEST_F(CogPackage, RequiresSignedSidecars) {
   expect("tiles.count", maker_.verify(bare));
 }
 
-// Each file is whole and honest by itself, but they do not belong together.
+// Each file is valid by itself, but they do not belong together.
 TEST_F(CogPackage, TilesRootForSidecarsOfAnotherSet) {
   maker_.edit_manifest = [](Manifest& manifest) { manifest.artifacts[0].tiles->merkle_root.bytes[0] ^= 1; };
   expect_only("tiles.root", maker_.verify(maker_.make(folder_)));

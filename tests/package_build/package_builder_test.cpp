@@ -374,7 +374,7 @@ TEST_F(ResumedBuild, OtherInputsOrOptionsAreRejectedAndNothingIsLost) {
   EXPECT_GT(build(resuming("package")).resumed, 0);
 }
 
-TEST_F(ResumedBuild, WithoutResumeItStartsAgainAndSaysSo) {
+TEST_F(ResumedBuild, WithoutResumeItStartsAgainAndReportsIt) {
   build_and_kill(request("package"), kFirstTiles);
   PackageRequest restart = resuming("package");
   restart.resume = false;

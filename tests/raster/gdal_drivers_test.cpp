@@ -72,7 +72,7 @@ class GdalDrivers : public ::testing::Test {
   Listener listener_;
 };
 
-TEST_F(GdalDrivers, DescriptionsOfServicesAreNoRasters) {
+TEST_F(GdalDrivers, DescriptionsOfServicesAreRejected) {
   const std::string wms = "<GDAL_WMS><Service name=\"TMS\"><ServerUrl>" + listener_.url() +
                           "/${z}/${x}/${y}.png</ServerUrl></Service><DataWindow><UpperLeftX>-20037508.34</UpperLeftX>"
                           "<UpperLeftY>20037508.34</UpperLeftY><LowerRightX>20037508.34</LowerRightX>"
@@ -107,7 +107,7 @@ TEST_F(GdalDrivers, AVrtNamesFilesOnThisMachineOnly) {
   expect_no_pixels(folder_.write("behind.vrt", vrt(service.string())));
 }
 
-TEST_F(GdalDrivers, MemoryOfTheProgramIsNoRaster) {
+TEST_F(GdalDrivers, MemoryOfTheProgramIsRejected) {
   expect_no_pixels(folder_.write("memory.vrt", vrt("MEM:::DATAPOINTER=4096,PIXELS=16,LINES=16")));
 }
 

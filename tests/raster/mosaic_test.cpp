@@ -95,7 +95,7 @@ TEST_F(Mosaic, NothingFadesAtTheOuterEdge) {
   EXPECT_EQ(result.image.mask.at<std::uint8_t>(1000, 1502), 0);
 }
 
-// What lies in another chunk or metatile fades all the same.
+// Fading continues into other chunks and metatiles.
 TEST_F(Mosaic, PartsEqualTheWhole) {
   const fs::path upper = write("upper.tif", 0, 1040, {200, 100, 40, 255});  // ends just beyond a chunk of 1024
   const fs::path lower = write("lower.tif", 0, kSide, {100, 200, 240, 255});

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What the MCAP project's own `mcap doctor` says of the recorder's files: no error in those that ended cleanly, nor in what
+"""The result of the MCAP project's own `mcap doctor` for the recorder's files: no error in those that ended cleanly, nor in what
 `nadir recorder recover` makes of the others, and no warning but those that we mean. 77, "skipped", where no `mcap` command with a doctor is in PATH.
 
 usage: doctor_test.py NADIR RECORD_SAMPLE
@@ -77,12 +77,12 @@ class Doctor(unittest.TestCase):
             self.healthy(recovered)
 
     def test_counts_the_same_number_of_records(self):
-        told = json.loads(run(NADIR, "recorder", "info", self.record(), "--json").stdout)["sessions"][0]["records"]
+        info = json.loads(run(NADIR, "recorder", "info", self.record(), "--json").stdout)["sessions"][0]["records"]
         counted = 0
         for file in (self.folder / "r").glob("*.mcap"):
             line = next(line for line in run("mcap", "info", file).stdout.splitlines() if line.startswith("messages:"))
             counted += int(line.split()[-1])
-        self.assertEqual(sum(told.values()), counted)
+        self.assertEqual(sum(info.values()), counted)
 
 
 if __name__ == "__main__":

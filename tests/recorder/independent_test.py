@@ -46,7 +46,7 @@ class Independent(unittest.TestCase):
 
     def test_mcap_reads_what_was_recorded(self):
         run(RECORD_SAMPLE, self.folder / "r")
-        told = json.loads(run(NADIR, "recorder", "info", self.folder / "r", "--json"))["sessions"][0]
+        info = json.loads(run(NADIR, "recorder", "info", self.folder / "r", "--json"))["sessions"][0]
         counts = collections.Counter()
         for file in sorted((self.folder / "r").glob("*.mcap")):
             indexed, streamed = self.messages(file), self.messages(file, NonSeekingReader)
@@ -56,7 +56,7 @@ class Independent(unittest.TestCase):
             self.assertEqual(len(indexed), summary.statistics.message_count)
             self.assertEqual("/session", indexed[0][1].topic)
             counts.update(channel.topic for _, channel, _ in indexed)
-        self.assertEqual(told["records"], dict(counts))
+        self.assertEqual(info["records"], dict(counts))
         self.assertEqual(100, counts["/estimate"] - 5)
         last = sorted((self.folder / "r").glob("*.flight.mcap"))[-1]
         self.assertEqual("/end", self.messages(last)[-1][1].topic)

@@ -14,7 +14,7 @@ MAX_EXPOSURE = "17"  # of `systemd-analyze security`, in tenths: at most 1.7 of 
 
 
 def complaints(text, folder):
-    """What systemd says about our unit; what it says about this machine's other units is not our matter."""
+    """systemd's findings on our unit; those on other units of this computer are ignored."""
     unit = pathlib.Path(folder) / "nadird.service"
     unit.write_text(text)
     result = subprocess.run(["systemd-analyze", "verify", "--man=no", str(unit)], capture_output=True, text=True)

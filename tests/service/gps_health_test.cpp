@@ -296,7 +296,7 @@ TEST(GpsHealth, JammingThenSpoofingIsDetectedByVision) {
   flight.fly(20, {});
   flight.fly(20, {.gps_fix = false});
   EXPECT_EQ(flight.fly(120, {.gps_off_m = 300}), spoofed);
-  EXPECT_EQ(flight.fly(20, {.gps_speaks = false}), spoofed) << "a liar that falls silent";
+  EXPECT_EQ(flight.fly(20, {.gps_speaks = false}), spoofed) << "a spoofed receiver that falls silent";
 }
 
 TEST(GpsHealth, NonFiniteNumbersAreNoFix) {

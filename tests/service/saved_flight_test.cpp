@@ -123,7 +123,7 @@ TEST(StateDirectory, WhatIsNotAFolderCannotBePreparedAndIsReadAsEmpty) {
   EXPECT_FALSE(state.save(some_flight())) << "now there is room for it";
 }
 
-TEST(StateDirectory, AFailedSaveKeepsTheLastFileAndSaysWhy) {
+TEST(StateDirectory, AFailedSaveKeepsTheLastFileAndReportsWhy) {
   const TemporaryFolder folder;
   const StateDirectory state(folder / "state");
   state.prepare();
@@ -342,7 +342,7 @@ TEST(Restart, WithoutASavedFlightThereIsNoRestart) {
   EXPECT_EQ(restart.reason, "truncated");
 }
 
-// Killed in flight, started again two seconds later: a position within five seconds, honest about its age.
+// Killed in flight, started again two seconds later: a position within five seconds, with its true age.
 TEST(Restart, InFlightThereIsAPositionWithinFiveSeconds) {
   const test::TemporaryFolder folder;
   ManualClock clock;

@@ -462,7 +462,7 @@ TEST(FailsafeAndLead, ReportsALostLinkAfterFiveSecondsAndContinues) {
   EXPECT_EQ(flight.state(), normal);
   EXPECT_EQ(flight.count(Why::link_lost), 1);
   flight.on(AutopilotHeartbeat{LinkAuthentication::missing, true});
-  EXPECT_FALSE(flight.status().link_up) << "a stranger is no autopilot";
+  EXPECT_FALSE(flight.status().link_up) << "an unknown sender is not the autopilot";
   flight.heartbeat();
   EXPECT_TRUE(flight.status().link_up);
   EXPECT_EQ(flight.count(Why::link_back), 1);
@@ -496,7 +496,7 @@ TEST(FailsafeAndLead, AnInaccurateSavedPositionIsNoFix) {
 }
 
 // Frames come, odometry carries the position, and every look at the map throws: that is not "nothing was due".
-TEST(ServiceMachine, AMatcherThatKeepsFailingDegradesUntilOneMatchEndsInOrder) {
+TEST(ServiceMachine, AMatcherThatKeepsFailingDegradesUntilAMatchCompletes) {
   test::MachineDriver flight;
   flight.boot_to_normal();
   flight.fly(2);

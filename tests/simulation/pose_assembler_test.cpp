@@ -10,8 +10,8 @@ constexpr std::int64_t kAutopilot_us = 1'750'000'000'000'000;  // the autopilot'
 
 class PoseAssemblerTest : public ::testing::Test {
  protected:
-  std::optional<LivePose> hear(const IncomingMessage& message, std::int64_t at_us) {
-    return assembler_.hear(message, at_us, kMachine_us + at_us);
+  std::optional<LivePose> on_message(const IncomingMessage& message, std::int64_t at_us) {
+    return assembler_.on_message(message, at_us, kMachine_us + at_us);
   }
   static GlobalPosition position(std::uint32_t boot_ms) {
     return {.boot_ms = boot_ms, .place = {14, 48}, .msl_m = 600, .velocity = {.north_mps = 20, .down_mps = -2}};
@@ -32,7 +32,7 @@ class PoseAssemblerTest : public ::testing::Test {
 };
 
 TEST_F(PoseAssemblerTest, UsesTheSimulatorsTruthUnchanged) {
-  const auto pose = hear(truth(), 5'000'000);
+  const auto pose = on_message(truth(), 5'000'000);
   ASSERT_TRUE(pose);
   EXPECT_EQ(pose->place.lon_deg, 14.5);
   EXPECT_EQ(pose->place.lat_deg, 48.5);
@@ -45,17 +45,17 @@ TEST_F(PoseAssemblerTest, UsesTheSimulatorsTruthUnchanged) {
 }
 
 TEST_F(PoseAssemblerTest, UsesTheAutopilotsTimeOnceItIsKnown) {
-  EXPECT_FALSE(hear(SystemTime{.unix_us = kAutopilot_us + 7'000'000, .boot_ms = 7000}, 1'000'000));
-  EXPECT_EQ(hear(truth(), 1'030'000)->unix_us, kAutopilot_us + 7'030'000);
-  EXPECT_FALSE(hear(SystemTime{.unix_us = {}, .boot_ms = 9000}, 3'000'000));  // unknown: the old tie holds
-  EXPECT_EQ(hear(truth(), 3'000'000)->unix_us, kAutopilot_us + 9'000'000);
+  EXPECT_FALSE(on_message(SystemTime{.unix_us = kAutopilot_us + 7'000'000, .boot_ms = 7000}, 1'000'000));
+  EXPECT_EQ(on_message(truth(), 1'030'000)->unix_us, kAutopilot_us + 7'030'000);
+  EXPECT_FALSE(on_message(SystemTime{.unix_us = {}, .boot_ms = 9000}, 3'000'000));  // unknown: the old tie holds
+  EXPECT_EQ(on_message(truth(), 3'000'000)->unix_us, kAutopilot_us + 9'000'000);
 }
 
 TEST_F(PoseAssemblerTest, PropagatesThePositionToTheTimeOfTheAttitude) {
-  hear(SystemTime{.unix_us = kAutopilot_us + 7'000'000, .boot_ms = 7000}, 0);
-  EXPECT_FALSE(hear(attitude(9000), 0));  // no position yet
-  EXPECT_FALSE(hear(position(9000), 0));
-  const auto pose = hear(attitude(9500), 0);
+  on_message(SystemTime{.unix_us = kAutopilot_us + 7'000'000, .boot_ms = 7000}, 0);
+  EXPECT_FALSE(on_message(attitude(9000), 0));  // no position yet
+  EXPECT_FALSE(on_message(position(9000), 0));
+  const auto pose = on_message(attitude(9500), 0);
   ASSERT_TRUE(pose);
   // Half a second at 20 m/s north and 2 m/s up; a degree of the meridian at 48° is 111 200 m.
   EXPECT_NEAR((pose->place.lat_deg - 48) * 111'200, 10, 0.02);
@@ -66,18 +66,18 @@ TEST_F(PoseAssemblerTest, PropagatesThePositionToTheTimeOfTheAttitude) {
 }
 
 TEST_F(PoseAssemblerTest, AnOldPositionIsIgnored) {
-  hear(position(9000), 0);
-  EXPECT_TRUE(hear(attitude(10'000), 0));
-  EXPECT_FALSE(hear(attitude(10'001), 0));
-  EXPECT_FALSE(hear(attitude(7'900), 0));  // the autopilot has booted again
+  on_message(position(9000), 0);
+  EXPECT_TRUE(on_message(attitude(10'000), 0));
+  EXPECT_FALSE(on_message(attitude(10'001), 0));
+  EXPECT_FALSE(on_message(attitude(7'900), 0));  // the autopilot has booted again
 }
 
 TEST_F(PoseAssemblerTest, EstimatesAreUsedOnlyWithoutTruth) {
-  hear(truth(), 0);
-  hear(position(9000), 100'000);
-  EXPECT_FALSE(hear(attitude(9000), 1'900'000));
-  EXPECT_TRUE(hear(attitude(9000), 2'100'000));
-  EXPECT_FALSE(hear(Heartbeat{}, 2'100'000));
+  on_message(truth(), 0);
+  on_message(position(9000), 100'000);
+  EXPECT_FALSE(on_message(attitude(9000), 1'900'000));
+  EXPECT_TRUE(on_message(attitude(9000), 2'100'000));
+  EXPECT_FALSE(on_message(Heartbeat{}, 2'100'000));
 }
 
 }  // namespace

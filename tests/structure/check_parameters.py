@@ -4,7 +4,7 @@
 usage: check_parameters.py PROJECT_ROOT [--write]
 
 Fails when a file of these folders other than localizer_parameters.hpp holds a fractional literal that is not mathematics,
-when a number of the table says nothing about where it comes from, and when docs/parameters.md is not what the table says.
+when a number of the table has no origin, and when docs/parameters.md does not match the table.
 --write writes the page anew.
 """
 import pathlib
@@ -118,17 +118,17 @@ def main():
     for folder in FOLDERS:
         for path in sorted((root / folder).glob("*.[ch]pp")):
             if path != root / TABLE:
-                found += [f"{path.relative_to(root)}:{number}: {literal} is a number that decides: it belongs into {TABLE}"
+                found += [f"{path.relative_to(root)}:{number}: {literal} is a tuned number: it belongs in {TABLE}"
                           for number, literal in stray_literals(path)]
     sections = read_table((root / TABLE).read_text(encoding="utf-8"))
     if not sections:
         found.append(f"{TABLE} holds no numbers")
-    found += [f"{TABLE}: {name} says nothing about where it comes from" for _, rows in sections for name, _, origin in rows if not origin]
+    found += [f"{TABLE}: {name} has no origin" for _, rows in sections for name, _, origin in rows if not origin]
     expected = page(sections)
     if "--write" in sys.argv:
         (root / PAGE).write_text(expected, encoding="utf-8")
     elif not (root / PAGE).exists() or (root / PAGE).read_text(encoding="utf-8") != expected:
-        found.append(f"{PAGE} is not what {TABLE} says; to do: tests/structure/check_parameters.py . --write")
+        found.append(f"{PAGE} does not match {TABLE}; to do: tests/structure/check_parameters.py . --write")
     count = sum(len(rows) for _, rows in sections)
     print("\n".join(found) if found else f"parameters: {count} numbers, all of them in the table and on the page")
     return 1 if found else 0

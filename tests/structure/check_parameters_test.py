@@ -73,12 +73,12 @@ class Parameters(unittest.TestCase):
         for line, count in (("const double x = 0.37;", 1), ("y = z * 1.2e-4F;", 1), ("a = 0.5 * b + 2.0;  // 0.37", 0), ('f("0.37");', 0),
                             ("v2.size()", 0)):
             _, _, output, _ = self.run_on({check_parameters.TABLE: TABLE, "libgeo/estimation/a.cpp": line + "\n"}, "--write")
-            self.assertEqual(count, output.splitlines()[0].count("decides"), line)
+            self.assertEqual(count, output.splitlines()[0].count("tuned"), line)
 
     def test_a_number_without_origin_is_caught(self):
         first, _, output, _ = self.run_on({check_parameters.TABLE: "inline constexpr double kNew = 7;\n"}, "--write")
         self.assertEqual(1, first)
-        self.assertIn("kNew says nothing", output)
+        self.assertIn("kNew has no origin", output)
 
 
 if __name__ == "__main__":

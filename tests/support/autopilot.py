@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """An autopilot that flies a circuit by the position that it is given, for tests and for the closed loop.
 
-It tells its telemetry on --link, hears GPS_INPUT there, and tells the truth (SIM_STATE) on --truth. Prints its events,
+It sends its telemetry on --link, receives GPS_INPUT there, and sends the truth (SIM_STATE) on --truth. Prints its events,
 and at the end its figures; --log keeps track.csv and summary.json. docs/closed-loop.md.
 """
 import argparse

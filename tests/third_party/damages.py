@@ -103,15 +103,15 @@ def cog(*options, scheme=True, **how):
     return lambda sets, path: sets.cog_of(sets.raster(path.stem + ".src.tif", **how), path.name, *options, scheme=scheme)
 
 
-GAP, LIES, CORRUPT, ADDRESS = "coverage.gap", "metadata.mismatch", "sqlite.corrupt", "tile.misaddressed"
+GAP, METADATA, CORRUPT, ADDRESS = "coverage.gap", "metadata.mismatch", "sqlite.corrupt", "tile.misaddressed"
 DAMAGES = [
-    ("builder killed at 73 %", "mbtiles", killed, {GAP, LIES}),
+    ("builder killed at 73 %", "mbtiles", killed, {GAP, METADATA}),
     ("a tile is missing", "mbtiles", sql(f"DELETE FROM tiles {AT_MIDDLE}"), {GAP}),
     ("the overviews are missing", "mbtiles", sql("DELETE FROM tiles WHERE zoom_level < 17"), {GAP}),
     ("rows counted from the north", "mbtiles",
-     sql("UPDATE tiles SET tile_row = (1 << zoom_level) - 1 - tile_row"), {GAP, LIES, ADDRESS}),
+     sql("UPDATE tiles SET tile_row = (1 << zoom_level) - 1 - tile_row"), {GAP, METADATA, ADDRESS}),
     ("columns and rows exchanged", "mbtiles",
-     sql("UPDATE tiles SET tile_column = tile_row, tile_row = tile_column"), {GAP, LIES}),
+     sql("UPDATE tiles SET tile_column = tile_row, tile_row = tile_column"), {GAP, METADATA}),
     ("every zoom one too low", "mbtiles", sql("UPDATE tiles SET zoom_level = zoom_level - 1"), {GAP, ADDRESS}),
     ("cut to half", "mbtiles", bytes_of(lambda d: d[:len(d) // 2]), {GAP, CORRUPT}),
     ("a page of zeros among the tiles", "mbtiles", bytes_of(lambda d: zero(d, 0.5)), {"tile.undecodable"}),
@@ -125,10 +125,10 @@ DAMAGES = [
      {GAP, "tile.undecodable", "tiles.unindexed"}),
     ("a tile that is a text", "mbtiles", one_tile("404 Not Found"), {GAP, "tile.undecodable"}),
     ("PNG tiles said to be JPEG", "mbtiles",
-     sql("UPDATE metadata SET value = 'jpg' WHERE name = 'format'", of="png"), {LIES}),
-    ("false bounds", "mbtiles", sql("UPDATE metadata SET value = '-10,-10,10,10' WHERE name = 'bounds'"), {LIES}),
-    ("false zooms", "mbtiles", sql("UPDATE metadata SET value = '19' WHERE name = 'maxzoom'"), {LIES}),
-    ("no metadata", "mbtiles", sql("DROP TABLE metadata"), {LIES}),
+     sql("UPDATE metadata SET value = 'jpg' WHERE name = 'format'", of="png"), {METADATA}),
+    ("false bounds", "mbtiles", sql("UPDATE metadata SET value = '-10,-10,10,10' WHERE name = 'bounds'"), {METADATA}),
+    ("false zooms", "mbtiles", sql("UPDATE metadata SET value = '19' WHERE name = 'maxzoom'"), {METADATA}),
+    ("no metadata", "mbtiles", sql("DROP TABLE metadata"), {METADATA}),
     ("no index", "mbtiles", without_index(), {"tiles.unindexed"}),
     ("a tile twice", "mbtiles", without_index(f"INSERT INTO tiles SELECT * FROM tiles {AT_MIDDLE}"),
      {ADDRESS, "tiles.unindexed"}),

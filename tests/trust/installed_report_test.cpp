@@ -60,7 +60,7 @@ TEST_F(InstalledReportTest, RequiresTheAirframesOwnKey) {
   EXPECT_EQ(code(revoking), "key.revoked");
 }
 
-// A signature for something else, over the very same bytes, says nothing.
+// A signature with another payload type over the same bytes is not valid.
 TEST_F(InstalledReportTest, RejectsASignatureOfAnotherPayloadType) {
   SignedInstalledReport report = sign_installed_report(sample_report(), key_);
   report.document.put(

@@ -7,7 +7,7 @@
 namespace nadir {
 namespace {
 
-// RFC 6962, 2.1, written down as it stands there: split at the largest power of two below n.
+// RFC 6962, 2.1, implemented literally: split at the largest power of two below n.
 Sha256 brute_force(const std::vector<Sha256>& leaves, std::size_t begin, std::size_t end) {
   const std::size_t n = end - begin;
   if (n == 0) return sha256({});
@@ -52,10 +52,10 @@ TEST(Merkle, LeafHasItsDocumentedBytes) {
 
 TEST(Merkle, DetectsSwappedTiles) {
   const Sha256 a = sha256(as_bytes("a")), b = sha256(as_bytes("b"));
-  MerkleTree honest, swapped;
-  honest.add({1, 0, 0}, a), honest.add({1, 0, 1}, b);
+  MerkleTree original, swapped;
+  original.add({1, 0, 0}, a), original.add({1, 0, 1}, b);
   swapped.add({1, 0, 0}, b), swapped.add({1, 0, 1}, a);
-  EXPECT_NE(honest.root(), swapped.root());
+  EXPECT_NE(original.root(), swapped.root());
 }
 
 }  // namespace

@@ -67,8 +67,8 @@ TEST_F(Permit, IsRejectedWhenEditedOrOfAnotherAuthority) {
   RollbackRequest wish = wish_;
   wish.to = 6;
   EXPECT_TRUE(check_permit(parse_permit(edited.dump(), "test"), root_, wish).contains("signature.invalid"));
-  const PrivateKey stranger = PrivateKey::generate();
-  EXPECT_TRUE(check_permit(sign_permit({"valley", 8, 7, std::nullopt, {2000}}, {&stranger}), root_, wish_)
+  const PrivateKey untrusted = PrivateKey::generate();
+  EXPECT_TRUE(check_permit(sign_permit({"valley", 8, 7, std::nullopt, {2000}}, {&untrusted}), root_, wish_)
                   .contains("key.unknown"));
   // A signature over the same bytes as another kind of document.
   SignedPermit confused = make();

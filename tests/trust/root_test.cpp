@@ -61,9 +61,9 @@ TEST_F(Root, RejectsUnsignedContent) {
   json edited = document();
   edited["signed"]["expires"] = "2099-01-01T00:00:00Z";
   EXPECT_THROW(read_trusted_root(folder.write("edited.json", edited.dump())), Error);
-  json stranger = document();
-  stranger["signatures"] = json::parse(sign_root(version(1, second_), {&second_}).json())["signatures"];
-  EXPECT_THROW(read_trusted_root(folder.write("stranger.json", stranger.dump())), Error);
+  json untrusted = document();
+  untrusted["signatures"] = json::parse(sign_root(version(1, second_), {&second_}).json())["signatures"];
+  EXPECT_THROW(read_trusted_root(folder.write("untrusted.json", untrusted.dump())), Error);
 }
 
 // Layout of the file does not matter, its content does.
@@ -130,7 +130,7 @@ TEST_F(Root, SuccessorIsTheNextVersion) {
   EXPECT_FALSE(check_succession(now, sign_root(version(6, first_), {&first_}), kAcceptedAt).has_errors());
 }
 
-// A revoked root key has no voice in the succession.
+// A revoked root key does not count in the succession.
 TEST_F(Root, RevokedRootKeyCannotAppoint) {
   TrustRoot now = version(1, first_);
   now.revoked.insert(first_.public_key().id());

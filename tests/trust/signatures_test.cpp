@@ -228,7 +228,7 @@ TEST_F(AirframeAge, AnExpiredFileIsRejected) {
   EXPECT_NE(expired.items()[0].fix.find("clock"), std::string::npos);
 }
 
-TEST_F(AirframeAge, FilesOfBeforeAreWarnedAbout) {
+TEST_F(AirframeAge, OlderFilesGiveAWarning) {
   for (const auto& [sequence, expires] : {std::pair{std::optional<std::int64_t>(), std::optional<UtcTime>()},
                                           {1, std::nullopt},
                                           {std::nullopt, later_}}) {

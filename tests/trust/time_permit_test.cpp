@@ -38,14 +38,14 @@ TEST_F(TimePermits, AllowExactlyWhatTheyName) {
   EXPECT_FALSE(allows(permit(), kWrong, UtcTime{kAt.unix_s + 1000})) << "expired";
 }
 
-TEST_F(TimePermits, AreWorthNothingWhenEditedOrForeign) {
+TEST_F(TimePermits, AreInvalidWhenEditedOrForeign) {
   std::string text = permit().document.json();
   const std::size_t year = text.find("2027");
   ASSERT_NE(year, std::string::npos);
   text[year + 3] = '8';
   EXPECT_FALSE(allows(parse_time_permit(text, "permit"), UtcTime{kWrong.unix_s + 366 * 86'400}));
-  const PrivateKey stranger = PrivateKey::generate();
-  EXPECT_FALSE(allows(sign_time_permit({kWrong, kAt, std::nullopt, UtcTime{kAt.unix_s + 1000}}, {&stranger})));
+  const PrivateKey untrusted = PrivateKey::generate();
+  EXPECT_FALSE(allows(sign_time_permit({kWrong, kAt, std::nullopt, UtcTime{kAt.unix_s + 1000}}, {&untrusted})));
 }
 
 TEST_F(TimePermits, OfAnotherFormAreErrors) {

@@ -101,7 +101,7 @@ TEST_F(BatchDocument, RejectsInvalidForms) {
     damage(document);
     EXPECT_THROW(parse_batch(document.dump(), "test"), Error) << what;
   }
-  EXPECT_NO_THROW(parse_batch(json::parse(good).dump(2), "test")) << "blanks change nothing";
+  EXPECT_NO_THROW(parse_batch(json::parse(good).dump(2), "test")) << "whitespace changes nothing";
 }
 
 TEST_F(BatchDocument, RejectsTruncationAndDuplicateMembers) {

@@ -132,11 +132,11 @@ class Commands(unittest.TestCase):
         self.ends(2, result, "not complete", "connect")
 
     def test_the_token_never_reaches_a_proxy_unencrypted(self):
-        heard = []
+        received = []
 
         class Proxy(http.server.BaseHTTPRequestHandler):
             def do_POST(self):
-                heard.append(self.headers["Authorization"])
+                received.append(self.headers["Authorization"])
                 self.send_error(502)
 
             def log_message(self, *args):
@@ -148,7 +148,7 @@ class Commands(unittest.TestCase):
         there = {name: f"http://127.0.0.1:{proxy.server_address[1]}" for name in ("http_proxy", "all_proxy", "ALL_PROXY")}
         self.ends(0, self.stage())
         self.ends(0, self.push("--timeout-s", 0, variables=there | {"no_proxy": "", "NO_PROXY": ""}), f"accepted {COUNT}")
-        self.assertEqual([], heard)
+        self.assertEqual([], received)
 
     def test_a_key_that_the_service_rejects(self):
         def key(name):
@@ -164,7 +164,7 @@ class Commands(unittest.TestCase):
         subprocess.run([NADIR, "keys", "root", "--root-key", own, "--package-signer", public(own), "--tile-signer",
                         f"mini-07={public(self.flight.key)}", "--expires", "2099-01-01", "--out", root], check=True,
                        capture_output=True)
-        tile_key, self.flight.key = self.flight.key, key("stranger")
+        tile_key, self.flight.key = self.flight.key, key("untrusted")
         self.ends(2, self.stage("--trust", root), "does not give this tile key")
         self.assertEqual({}, tiles(self.outbox))
         self.flight.key = tile_key

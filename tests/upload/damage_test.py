@@ -85,8 +85,8 @@ class Damage(unittest.TestCase):
         self.stage(-9, kill_at="seal:before")
         self.damage(*self.STAGED_DAMAGES)
         bad = len(self.STAGED_DAMAGES)
-        told = self.stage(1)
-        self.assertEqual(bad, told.count("outbox.damaged"), told)
+        output = self.stage(1)
+        self.assertEqual(bad, output.count("outbox.damaged"), output)
         self.assertEqual({"SEALED": COUNT - bad, "DAMAGED": bad}, self.states())
         self.assertEqual(COUNT - bad, self.push(0)["accepted"])
         status = self.call(0, "status", self.outbox, "--failed", 100)
@@ -115,9 +115,9 @@ class Damage(unittest.TestCase):
         self.assertIn("the outbox is damaged: the image of tile", self.call(1, "status", self.outbox))
         self.assertIn("1 batch can", self.call(0, "retry", self.outbox))
         self.assertEqual(COUNT, self.push(1)["parked"])
-        told = self.retry(1)
-        self.assertEqual(1, told.count("outbox.damaged"), told)
-        self.assertIn(f"{COUNT - 1} tiles put into 1 new batch\n", told)
+        output = self.retry(1)
+        self.assertEqual(1, output.count("outbox.damaged"), output)
+        self.assertIn(f"{COUNT - 1} tiles put into 1 new batch\n", output)
         self.assertEqual(COUNT - 1, self.push(0)["accepted"])
         self.assertEqual({"ACCEPTED": 2 * COUNT - 1, "DAMAGED": 1}, self.states())
         self.assertIn("staged 1 tile,", self.stage(0))
@@ -193,8 +193,8 @@ class Damage(unittest.TestCase):
         with sqlite3.connect(self.flight.candidates / "tiles.mbtiles") as database:
             database.execute("UPDATE nadir_candidates SET sidecar = replace(sidecar, 'mini-07', 'mini-99') WHERE tile_column ="
                              " (SELECT min(tile_column) FROM nadir_candidates)")
-        told = self.stage(1, "--trust", root)
-        self.assertIn(f"staged {COUNT - 1} tiles", told)
+        output = self.stage(1, "--trust", root)
+        self.assertIn(f"staged {COUNT - 1} tiles", output)
         self.assertEqual(COUNT - 1, self.push(0)["accepted"])
 
 

@@ -101,7 +101,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
             if fault == "error_500":
                 return self.answer(500, {"Content-Type": "text/plain"}, b"out of order")
             if fault == "busy_429":
-                return self.say(Problem(429, "too-many-requests", "later", {"Retry-After": str(faults.retry_after)}))
+                return self.reply_problem(Problem(429, "too-many-requests", "later", {"Retry-After": str(faults.retry_after)}))
             if fault == "forget" and (match := re.match(r"/v1/uploads/([^/]+)", self.path)):
                 with service.lock:
                     service.forget(match[1])
@@ -190,7 +190,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
                     "detail": problem.detail, **problem.more}
         return problem.status, {"Content-Type": "application/problem+json", **problem.headers}, json.dumps(document).encode()
 
-    def say(self, problem):
+    def reply_problem(self, problem):
         self.answer(*self.problem(problem))
 
     def answer(self, status, headers, reply):

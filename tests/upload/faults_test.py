@@ -100,7 +100,7 @@ class Faulty(unittest.TestCase):
         return server
 
     def until_done(self, outbox, server, dice, kills):
-        """Calls push again and again, killed at random points, until it says that all is done."""
+        """Calls push again and again, killed at random points, until it reports that all is done."""
         counts = {KILL: 0}
         for call in range(400):
             kill = dice.randrange(1, 40) if counts[KILL] < kills else None

@@ -103,7 +103,7 @@ TEST_F(Outbox, VerdictsAreFinal) {
   VerdictSum sum = transfer_.verdicts(batch, status, 6);
   EXPECT_EQ(sum.pending, 1);
   EXPECT_EQ(tiles_in(TileState::accepted), 1);
-  // A service that changes its mind is not believed; what was pending gets its verdict.
+  // A verdict is final, whatever the service says later; what was pending gets its verdict.
   status = verdicts(batch, {VerdictReply::Kind::rejected, VerdictReply::Kind::accepted, VerdictReply::Kind::accepted,
                             VerdictReply::Kind::accepted});
   sum = transfer_.verdicts(batch, status, 7);

@@ -103,14 +103,14 @@ TEST(PackReader, RejectsFalseSizes) {
   EXPECT_THROW(read(pack, 64, 0x7FFFFFFFFFFFFFFF), Error);
   EXPECT_THROW(read(pack, 64, 12), Error);
   for (const std::uint32_t count : {0U, 1U, 2U, 4U, 2001U, 0x80000000U, 0xFFFFFFFFU}) {
-    std::string lie = pack;
-    lie.replace(8, 4, big_endian(count));
-    EXPECT_THROW(read(lie, 64), Error) << count;
+    std::string forged = pack;
+    forged.replace(8, 4, big_endian(count));
+    EXPECT_THROW(read(forged, 64), Error) << count;
   }
   for (const std::uint32_t size : {0U, 9U, 11U, 0x100001U, 0xFFFFFFFFU}) {
-    std::string lie = pack;
-    lie.replace(12 + 32, 4, big_endian(size));
-    EXPECT_THROW(read(lie, 64), Error) << size;
+    std::string forged = pack;
+    forged.replace(12 + 32, 4, big_endian(size));
+    EXPECT_THROW(read(forged, 64), Error) << size;
   }
 }
 

@@ -196,7 +196,7 @@ TEST_F(Upload, PartsAreNeverLargerThanTheServiceAccepts) {
   EXPECT_EQ(static_cast<std::uint64_t>(parts), (outcome.body_bytes + 4095) / 4096);
 }
 
-TEST_F(Upload, WaitsAsLongAsTheServiceSays) {
+TEST_F(Upload, WaitsAsLongAsTheServiceRequests) {
   stage(1);
   seal();
   service_.first = {problem(429, {{"retry-after", "7"}}), problem(503, {{"retry-after", "120"}})};

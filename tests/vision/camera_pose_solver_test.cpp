@@ -155,7 +155,7 @@ TEST(CameraPoseSolver, CovarianceIsConsistent) {
     all += error.dot(solved->covariance.inverse() * error) / kTrials;
     const Eigen::Vector2d at = error.head<2>();
     position += at.dot(solved->covariance.topLeftCorner<2, 2>().inverse() * at) / kTrials;
-    // What the correspondences alone say must be honest as well.
+    // The information of the correspondences alone must be consistent as well.
     const Vector6 alone = error + solved->measurement_information.inverse() * solved->measurement_gradient;
     sighted += alone.dot(solved->measurement_information * alone) / kTrials;
   }

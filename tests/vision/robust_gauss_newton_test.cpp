@@ -24,11 +24,11 @@ TEST(EffectiveSampleSize, IndependentMeasurementsCountFully) {
     for (int i = 0; i < 200; ++i) residuals.emplace_back(random.normal(), random.normal());
     mean += effective_sample_size(places, residuals) / 20;
   }
-  EXPECT_GT(mean, 120) << "noise in the correlation takes some away, on the careful side";
+  EXPECT_GT(mean, 120) << "noise in the estimated correlation lowers it, which is conservative";
   EXPECT_LE(mean, 200);
 }
 
-// Twenty-five cells of twelve that share their error are about twenty-five witnesses, not three hundred.
+// Twenty-five cells of twelve that share their error are about twenty-five independent measurements, not three hundred.
 TEST(EffectiveSampleSize, MeasurementsThatShareAnErrorCountAsOne) {
   Random random(2);
   double mean = 0;

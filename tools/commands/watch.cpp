@@ -1,4 +1,4 @@
-// nadir watch: what a running nadird says, on a terminal: live, once, or as lines for a log.
+// nadir watch: the state of a running nadird on a terminal: live, once, or as lines for a log.
 #include <unistd.h>
 
 #include <filesystem>

@@ -5,12 +5,12 @@ const contactLimit = 6;  // s without contact to the service
 const viewLimit = 2.5;   // s, age of the latest view of the flight
 
 const map = makeMap();
-let last = null, heard = 0, sign = 0, boot = null;
+let last = null, lastStateAt = 0, lastContactAt = 0, boot = null;
 
 // Ages go on from the arrival of the latest state, whether or not another one comes.
 const showContact = () => {
   if (!last) return;
-  const since = (performance.now() - heard) / 1000, silence = (performance.now() - sign) / 1000, age = last.age_s + since;
+  const since = (performance.now() - lastStateAt) / 1000, silence = (performance.now() - lastContactAt) / 1000, age = last.age_s + since;
   showAges(last, since);
   const old = age > viewLimit;
   document.body.classList.toggle("stale", old);
@@ -41,11 +41,11 @@ const onMessage = (kind, data) => {
   if (kind === "missed") refresh().catch(() => {});  // an alarm may be among what was missed
   if (kind !== "state") return;
   last = data;
-  heard = performance.now();
+  lastStateAt = performance.now();
   showState(data);
   map.setState(data);
   showContact();
 };
 
 setInterval(showContact, 500);
-followEvents(refresh, onMessage, () => { sign = performance.now(); });
+followEvents(refresh, onMessage, () => { lastContactAt = performance.now(); });

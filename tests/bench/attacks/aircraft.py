@@ -9,13 +9,13 @@ import time
 import urllib.error
 import urllib.request
 
-from loop.speaker import KEY, LAT, LON, YEAR, Speaker, gps2, heartbeat, hint, signing_time, telemetry  # noqa: F401
+from loop.link_endpoint import KEY, LAT, LON, YEAR, LinkEndpoint, gps2, heartbeat, hint, signing_time, telemetry  # noqa: F401
 
 from .shared import free_port
 
 
-class Autopilot(Speaker):
-    """Sends its telemetry ten times a second from a thread, and hears what nadird sends."""
+class Autopilot(LinkEndpoint):
+    """Sends its telemetry ten times a second from a thread, and records what nadird sends."""
 
     def __init__(self, port, key=None, armed=False):
         super().__init__(port, key=key)
@@ -51,7 +51,7 @@ class Autopilot(Speaker):
 
 
 class Aircraft:
-    """A context: nadird with a signed package, a folder as camera and a link; a systemd that hears its watchdog."""
+    """A context: nadird with a signed package, a folder as camera and a link; a systemd that receives its watchdog messages."""
 
     def __init__(self, scene, *more, signed=True, package=None, airframe=None, state=None, camera=None, autopilot=False,
                  environment=None, listen=True, link_port=None, armed=False, link=None):
@@ -62,7 +62,7 @@ class Aircraft:
         self.frames.mkdir(exist_ok=True)
         self.link_port, self.api_port = link_port or free_port(socket.SOCK_DGRAM), free_port()
         self.url = f"http://127.0.0.1:{self.api_port}"
-        self.with_autopilot, self.autopilot, self.speakers = autopilot, None, []
+        self.with_autopilot, self.autopilot, self.endpoints = autopilot, None, []
         self.environment = dict(environment or {})
         self.command = ["--package", package or shared.built(), "--trust", shared.root, "--airframe",
                         airframe or shared.airframe(scene.folder), "--state", self.state_folder, "--camera",
@@ -73,40 +73,40 @@ class Aircraft:
         self.service = None
 
     def __enter__(self):
-        self._hear_watchdog()
+        self._watch_systemd()
         self.service = self.scene.start("nadird", *self.command, environment=self.environment)
         if self.with_autopilot:
             self.autopilot = Autopilot(self.link_port, KEY if self.signed else None, self.armed)
-            self.speakers.append(self.autopilot)
+            self.endpoints.append(self.autopilot)
         return self
 
     def __exit__(self, kind, *_):
-        for speaker in self.speakers:
-            speaker.close()
-        self.hearing.set()
+        for endpoint in self.endpoints:
+            endpoint.close()
+        self.watching.set()
         if any(other is self.service for _, other in self.scene.started):
             if kind is None:
                 self.scene.end(self.service)
             else:
                 self.service.running() and self.service.process.kill()
 
-    def _hear_watchdog(self):
-        self.hearing = threading.Event()
+    def _watch_systemd(self):
+        self.watching = threading.Event()
         name = f"\0nadir-attacks.{os.getpid()}.{id(self)}"
         notify = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         notify.bind(name)
         notify.settimeout(0.1)
         self.environment |= {"NOTIFY_SOCKET": "@" + name[1:], "WATCHDOG_USEC": "6000000"}
 
-        def hear():
-            while not self.hearing.is_set():
+        def watch():
+            while not self.watching.is_set():
                 try:
                     if b"WATCHDOG=1" in notify.recv(4096):
                         self.alive.append(time.monotonic())
                 except TimeoutError:
                     pass
             notify.close()
-        threading.Thread(target=hear, daemon=True).start()
+        threading.Thread(target=watch, daemon=True).start()
 
     def longest_silence_s(self, since):
         """Of the watchdog; systemd kills after 6 s."""
@@ -144,9 +144,9 @@ class Aircraft:
         """Of the events, with their kinds."""
         return [f"{event.get('kind')}: {event.get('text')}" for event in (self.get() or {}).get("events", [])]
 
-    def speaker(self, **how):
-        self.speakers.append(Speaker(self.link_port, **how))
-        return self.speakers[-1]
+    def endpoint(self, **how):
+        self.endpoints.append(LinkEndpoint(self.link_port, **how))
+        return self.endpoints[-1]
 
     def flies_on(self, since, what="it"):
         """It answers, sends fixes (or says that it has none) to the autopilot, and feeds its watchdog."""

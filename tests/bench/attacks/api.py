@@ -76,14 +76,14 @@ def alarm_scrolled_out(scene):
     """A critical alarm is buried under some thousand ordinary events."""
     with Aircraft(scene, signed=False, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        rival = aircraft.speaker()
+        rival = aircraft.endpoint()
         critical = lambda events: [event for event in events if event["severity"] == "critical" and "another sender" in event["text"]]
 
         def raised():
             rival.send(heartbeat())
             return critical((aircraft.get() or {}).get("events", []))
         scene.attacked(scene.wait_for(raised, 15), f"there is no alarm to bury: {aircraft.texts()[-3:]}")
-        station, before = aircraft.speaker(system=255, component=190), len(aircraft.texts())
+        station, before = aircraft.endpoint(system=255, component=190), len(aircraft.texts())
         for number in range(600):
             station.mav.srcComponent = 1 + number % 200
             station.send(hint(lat=LAT + number * 1e-5, radius_m=50.0 + number))
@@ -304,13 +304,13 @@ def password_of_the_camera(scene):
         with Aircraft(scene, "--record", record, camera=f"rtsp://pilot:Pa55word@127.0.0.1:{listener.port}/stream", autopilot=True) as aircraft:
             aircraft.has_package()
             time.sleep(2.5)
-            told = json.dumps([aircraft.get(path) for path in ("/v1/state", "/v1/health", "/v1/package")])
-            told += ask(aircraft, "GET", "/v1/metrics")[1].decode() + aircraft.service.text()
+            output = json.dumps([aircraft.get(path) for path in ("/v1/state", "/v1/health", "/v1/package")])
+            output += ask(aircraft, "GET", "/v1/metrics")[1].decode() + aircraft.service.text()
             scene.end(aircraft.service)
     where = [str(path.relative_to(scene.folder)) for folder in (record, scene.folder / "state") for path in folder.rglob("*")
              if path.is_file() and b"Pa55word" in path.read_bytes()]
-    scene.attacked(b"rtsp" in told.encode().lower() or listener.calls or "camera" in told, "the camera was never opened")
-    scene.holds("Pa55word" not in told, "it is in the API or the log")
+    scene.attacked(b"rtsp" in output.encode().lower() or listener.calls or "camera" in output, "the camera was never opened")
+    scene.holds("Pa55word" not in output, "it is in the API or the log")
     scene.holds(not where, f"it is in {', '.join(where)}")
     return "in none of them"
 
@@ -378,7 +378,7 @@ def status_of_a_false_service(scene):
         scene.holds("\x1b" not in ran.said, "an escape sequence reaches the terminal")
         scene.holds("position good" not in [line.strip() for line in ran.said.splitlines()], "a line is forged")
         answers.append(ran.code)
-    scene.attacked(genuine.said.strip(), "the genuine service says nothing")
+    scene.attacked(genuine.said.strip(), "the genuine service prints nothing")
     return f"exit codes {answers}, no line or sequence of theirs"
 
 

@@ -458,9 +458,9 @@ def manifest_edited(scene):
 
 
 @attack()
-def signed_by_a_stranger(scene):
+def signed_by_an_unknown_key(scene):
     """A whole package, signed with a key of the attacker's own."""
-    package = scene.shared.package(scene.folder, key=scene.shared.keys / "stranger.key.pem")
+    package = scene.shared.package(scene.folder, key=scene.shared.keys / "untrusted.key.pem")
     return scene.rejected(check(scene, package), "key.unknown", "signature.missing")
 
 
@@ -489,7 +489,7 @@ def signature_twice_for_a_threshold(scene):
     """The root asks for two signers; one of them signs twice, the second time under the other's key id."""
     keys, folder = scene.shared.keys, scene.folder
     scene.run("nadir", "keys", "root", "--root-key", keys / "root.key.pem", "--package-signer", keys / "signer.pub.pem",
-              "--package-signer", keys / "stranger.pub.pem", "--threshold", "2", "--expires", day(900)[:10], "--out", folder / "two.json")
+              "--package-signer", keys / "untrusted.pub.pem", "--threshold", "2", "--expires", day(900)[:10], "--out", folder / "two.json")
     package = scene.shared.package(folder)
     path = package / "manifest.sig"
     envelope = json.loads(path.read_text())
@@ -506,7 +506,7 @@ def signature_twice_for_a_threshold(scene):
 def own_root_in_the_package(scene):
     """The package brings a next root of trust that appoints the attacker, signed by the attacker."""
     keys = scene.shared.keys
-    package = scene.shared.package(scene.folder, key=keys / "stranger.key.pem")
+    package = scene.shared.package(scene.folder, key=keys / "untrusted.key.pem")
     root = json.loads(scene.shared.root.read_text())
     root["signed"]["version"] = 2
     root["signed"]["roles"]["package-signer"]["keyids"] = [json.loads((package / "manifest.sig").read_text())["signatures"][0]["keyid"]]

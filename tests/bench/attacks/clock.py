@@ -45,18 +45,18 @@ def fill(folder):
     return ballast
 
 
-def flies_without(scene, aircraft, part, mend):
-    """nadird has its package although a part fails (its name may go on: "recorder's disk"); says it once; and says that it
-    works again after mend()."""
-    says = lambda words: re.findall(rf"{part}[^:\n]*: {words}", aircraft.service.text())
+def flies_without(scene, aircraft, part, repair):
+    """nadird has its package although a part fails (its name may go on: "recorder's disk"); logs it once; and logs that it
+    works again after repair()."""
+    logged = lambda words: re.findall(rf"{part}[^:\n]*: {words}", aircraft.service.text())
     aircraft.has_package()
     aircraft.connected()
-    scene.wait_for(lambda: says("failed"), 10, f"the log does not say that the {part} failed: {aircraft.service.text()[-300:]}")
-    mend()
-    scene.wait_for(lambda: says("works again"), 40, f"the {part} does not come back: {aircraft.service.text()[-200:]}")
-    scene.holds(len(says("failed")) == 1, f"said {len(says('failed'))} times")
+    scene.wait_for(lambda: logged("failed"), 10, f"the log does not say that the {part} failed: {aircraft.service.text()[-300:]}")
+    repair()
+    scene.wait_for(lambda: logged("works again"), 40, f"the {part} does not come back: {aircraft.service.text()[-200:]}")
+    scene.holds(len(logged("failed")) == 1, f"logged {len(logged('failed'))} times")
     aircraft.flies_on(time.monotonic() - 1)
-    return f"flies without, said once; {says('works again')[0]}"
+    return f"flies without, logged once; {logged('works again')[0]}"
 
 
 @attack("H1", seconds=60)
@@ -235,7 +235,7 @@ def future_date_by_hand(scene):
 
 @attack("H3")
 def clock_once_two_years_ahead(scene):
-    """The clock once stood two years ahead when a package was accepted; today it is right again, and only a signed permit may mend it."""
+    """The clock once stood two years ahead when a package was accepted; today it is right again, and only a signed permit may correct it."""
     host, state, keys = clock(scene), scene.folder / "state.json", scene.shared.keys
     check = lambda *more: scene.run("nadird", "--package", package, "--trust", scene.shared.root, "--airframe", "mini-07", "--state", state, "--check", *more,
                                     environment=host.environment())
@@ -249,14 +249,14 @@ def clock_once_two_years_ahead(scene):
     behind = check()
     scene.rejected(behind, "time.untrusted")
     permit, forged = scene.folder / "permit.json", scene.folder / "forged.json"
-    for path, key in ((forged, "stranger"), (permit, "signer")):
+    for path, key in ((forged, "untrusted"), (permit, "signer")):
         made = scene.run("nadir", "keys", "permit-time", "--key", keys / f"{key}.key.pem", "--remembered", remembered, "--instead", day(0), "--expires",
                          day(30)[:10], "--out", path)
         scene.attacked(made.code == 0, made.said[:150])
     scene.rejected(check("--time-permit", forged), "permit", "key.unknown", "time.untrusted")
-    mended = check("--time-permit", permit)
-    scene.holds(mended.code == 0, f"the permit does not help: {mended.said[:150]}")
-    return f"remembered {remembered[:10]} at most; mended by a signed permit alone"
+    permitted = check("--time-permit", permit)
+    scene.holds(permitted.code == 0, f"the permit does not help: {permitted.said[:150]}")
+    return f"remembered {remembered[:10]} at most; corrected by a signed permit alone"
 
 
 def strings(document):

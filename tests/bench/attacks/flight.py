@@ -126,7 +126,7 @@ class Flown:
         scene.peak_mb, scene.code = self.memory_mb, 0
         return self
 
-    def told(self, words):
+    def reported(self, words):
         return next((event["text"] for event in self.summary["events"] if event["kind"] == "statustext" and words in event["text"]), None)
 
     def anchors(self, name):
@@ -160,7 +160,7 @@ def tiles_corrupted_in_flight(scene):
     corrupt = done.corrupt("corrupt")
     scene.holds(corrupt > 0, "nothing counts the corrupt tiles")
     scene.holds(any(event.get("kind") == "tile" and event.get("severity") == "critical" for event in done.events), "there is no event")
-    text = done.told("CORRUPT MAP TILES")
+    text = done.reported("CORRUPT MAP TILES")
     scene.holds(text, "nothing is reported to the operator")
     wrong = wrong_and_sure(done.rows)
     scene.holds(not wrong, f"{len(wrong)} fixes are wrong and sure")

@@ -128,11 +128,11 @@ def expired_airframe_file(scene):
 
 
 @attack()
-def airframe_file_of_a_stranger(scene):
-    """airframe.json edited, signed by a stranger, signed by the package signer, and without a signature."""
+def airframe_file_of_an_unknown_signer(scene):
+    """airframe.json edited, signed by an unknown key, signed by the package signer, and without a signature."""
     answers = []
-    for number, key in enumerate(("stranger", "signer", None, "edited")):
-        path = numbered(scene, f"a{number}", 1, key=scene.shared.keys / f"{key if key in ('stranger', 'signer') else 'hangar'}.key.pem")
+    for number, key in enumerate(("untrusted", "signer", None, "edited")):
+        path = numbered(scene, f"a{number}", 1, key=scene.shared.keys / f"{key if key in ('untrusted', 'signer') else 'hangar'}.key.pem")
         if key is None:
             path.with_name("airframe.json.sig").unlink()
         elif key == "edited":
@@ -158,7 +158,7 @@ def expired_root_key_appoints(scene):
     package = scene.shared.package(scene.folder)
     trusted = scene.run("nadir", "cache", "verify", package, "--trust", installed)
     scene.attacked(trusted.code == 0, f"the installed root is not accepted: {trusted.said[:150]}")
-    thief, public = keys / "stranger.key.pem", keys / "stranger.pub.pem"
+    thief, public = keys / "untrusted.key.pem", keys / "untrusted.pub.pem"
     der = subprocess.run(["openssl", "pkey", "-in", thief, "-pubout", "-outform", "DER"], capture_output=True, check=True).stdout
     second = json.loads(json.dumps(root))
     second["version"] = 2
@@ -179,7 +179,7 @@ def revoked_key_signs_on(scene):
     keys = scene.shared.keys
     package = scene.shared.package(scene.folder)
     made = scene.run("nadir", "keys", "root", "--root-key", keys / "root.key.pem", "--package-signer", keys / "signer.pub.pem", "--package-signer",
-                     keys / "stranger.pub.pem", "--expires", day(900)[:10], "--out", scene.folder / "1.json")
+                     keys / "untrusted.pub.pem", "--expires", day(900)[:10], "--out", scene.folder / "1.json")
     scene.attacked(made.code == 0, made.said[:200])
     made = scene.run("nadir", "keys", "revoke", "--previous", scene.folder / "1.json", "--revoke", key_id(keys / "signer.key.pem"), "--root-key",
                      keys / "root.key.pem", "--out", scene.folder / "2.json")
@@ -223,13 +223,13 @@ def state_torn_and_edited(scene):
 
 @attack()
 def permit_edited_and_foreign(scene):
-    """A permit to go back is edited for another aircraft, and one is signed by a stranger."""
+    """A permit to go back is edited for another aircraft, and one is signed by an unknown key."""
     keys, state, answers = scene.shared.keys, scene.folder / "state.json", []
     check = lambda package, *more: scene.run("nadird", "--package", package, "--trust", scene.shared.root, "--airframe", "mini-07", "--state", state,
                                              "--check", *more)
     older = scene.shared.built()
     scene.attacked(check(scene.shared.built(sequence=2)).code == 0, "the newer one is not accepted")
-    for number, (key, airframe) in enumerate((("signer", "mini-08"), ("stranger", "mini-07"), ("signer", "mini-07"))):
+    for number, (key, airframe) in enumerate((("signer", "mini-08"), ("untrusted", "mini-07"), ("signer", "mini-07"))):
         permit = scene.folder / f"permit{number}.json"
         made = scene.run("nadir", "keys", "permit-rollback", "--key", keys / f"{key}.key.pem", "--series", "small", "--from", "2", "--to", "1",
                          "--airframe", airframe, "--expires", day(30)[:10], "--out", permit)

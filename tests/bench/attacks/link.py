@@ -7,7 +7,7 @@ import time
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from .aircraft import KEY, YEAR, Aircraft, Speaker, gps2, heartbeat, hint, signing_time, telemetry
+from .aircraft import KEY, YEAR, Aircraft, LinkEndpoint, gps2, heartbeat, hint, signing_time, telemetry
 from .registry import attack
 from .shared import free_port
 
@@ -33,10 +33,10 @@ def last_sender_takes_the_fixes(scene):
     """On an unsigned link somebody with the autopilot's ids speaks from another address, to be sent the fixes."""
     with Aircraft(scene, signed=False, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        rival = aircraft.speaker()
+        rival = aircraft.endpoint()
         answer = steal(scene, aircraft, rival, lambda: aircraft.link().get("rivals", 0) > 0)
         scene.wait_for(lambda: any("second" in text.lower() or "rival" in text.lower() or "another" in text.lower() for text in aircraft.texts()), 12,
-                       "the second speaker is not reported to the operator")
+                       "the second sender is not reported to the operator")
         return f"{answer}; {aircraft.link()['rivals']} frames counted as rival's"
 
 
@@ -45,9 +45,9 @@ def rival_without_the_key(scene):
     """The same on a signed link, without the key, and then with another key."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        steal(scene, aircraft, aircraft.speaker(), lambda: aircraft.rejected() > 10)
+        steal(scene, aircraft, aircraft.endpoint(), lambda: aircraft.rejected() > 10)
         before = aircraft.rejected()
-        answer = steal(scene, aircraft, aircraft.speaker(key=bytes(range(32))), lambda: aircraft.rejected() > before + 10)
+        answer = steal(scene, aircraft, aircraft.endpoint(key=bytes(range(32))), lambda: aircraft.rejected() > before + 10)
         return f"{answer}; {aircraft.rejected()} frames refused"
 
 
@@ -56,7 +56,7 @@ def rival_with_the_key(scene):
     """The same by somebody who has stolen the link's key: even so the fixes stay with the configured autopilot."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        rival = aircraft.speaker(key=KEY, link_id=9)
+        rival = aircraft.endpoint(key=KEY, link_id=9)
         return steal(scene, aircraft, rival, lambda: aircraft.link().get("rivals", 0) > 0)
 
 
@@ -94,7 +94,7 @@ def injected_gps(scene):
     with Aircraft(scene, signed=False, autopilot=True) as aircraft:
         aircraft.has_package().connected()
         before = judgement(aircraft)
-        injector, same_ids = aircraft.speaker(system=2, component=1), aircraft.speaker()
+        injector, same_ids = aircraft.endpoint(system=2, component=1), aircraft.endpoint()
         until = time.monotonic() + 4
         while time.monotonic() < until:
             injector.send(gps2(lat=FAR))
@@ -107,25 +107,25 @@ def injected_gps(scene):
 
 @attack("H5")
 def hint_for_another_system(scene):
-    """A position hint (COMMAND_INT) addressed to system 42, component 42 is overheard."""
+    """A position hint (COMMAND_INT) addressed to system 42, component 42 is accepted."""
     with Aircraft(scene, signed=False, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        station = aircraft.speaker(system=255, component=190)
+        station = aircraft.endpoint(system=255, component=190)
         for _ in range(5):
             station.send(hint(42, 42))
         time.sleep(1.5)
-        overheard = [text for text in aircraft.texts() if "255/190" in text]
+        accepted = [text for text in aircraft.texts() if "255/190" in text]
         # The same, addressed to us, is taken: so the frame was sound.
         station.send(hint())
         scene.attacked(scene.wait_for(lambda: any("255/190" in text for text in aircraft.texts()), 5),
                        f"the frame is not sound: {aircraft.texts()}")
-        scene.holds(not overheard, f"it was taken: {overheard}")
+        scene.holds(not accepted, f"it was taken: {accepted}")
         return "not taken; our own is, with its sender: " + next(text for text in aircraft.texts() if "255/190" in text)[:60]
 
 
 @attack("L1")
 def replay_after_a_restart(scene):
-    """All frames of the autopilot are recorded; nadird is killed and started again, and hears the recording first."""
+    """All frames of the autopilot are recorded; nadird is killed and started again, and receives the recording first."""
     state, port = scene.folder / "state", free_port(socket.SOCK_DGRAM)
     with Aircraft(scene, state=state, autopilot=True, link_port=port) as aircraft:
         aircraft.has_package().connected()
@@ -136,7 +136,7 @@ def replay_after_a_restart(scene):
         scene.end(aircraft.service, number=9)
     with Aircraft(scene, state=state, link_port=port) as aircraft:
         aircraft.has_package()
-        rival = aircraft.speaker()
+        rival = aircraft.endpoint()
         for data in recorded:
             rival.send_bytes(data)
             time.sleep(0.005)
@@ -152,17 +152,17 @@ def frame_ten_years_ahead(scene):
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
         for ahead_s in (10 * YEAR, 10 * YEAR, -2 * YEAR):
-            rival = aircraft.speaker(component=50, key=KEY, ahead_s=ahead_s, link_id=7)
+            rival = aircraft.endpoint(component=50, key=KEY, ahead_s=ahead_s, link_id=7)
             rival.send(heartbeat())
         scene.attacked(scene.wait_for(lambda: aircraft.rejected() >= 2, 5), f"nothing was refused: {aircraft.link()}")
         since = time.monotonic()
         time.sleep(2.2)
         aircraft.flies_on(since)
-        scene.holds(aircraft.link()["connected"], "the autopilot is not heard any more")
+        scene.holds(aircraft.link()["connected"], "the autopilot is not received any more")
         kept = int((aircraft.state_folder / "signing-time").read_text().split()[0])
         scene.holds(kept < signing_time(2 * 86400), "the time on the disk is years ahead")
         reasons = ", ".join(f"{count} {reason}" for reason, count in aircraft.link()["rejected_by"].items() if count)
-        return f"refused ({reasons}); the autopilot is heard"
+        return f"refused ({reasons}); the autopilot is received"
 
 
 @attack(memory_mb=300)
@@ -170,7 +170,7 @@ def flood_of_garbage(scene):
     """60 000 datagrams of noise, half frames and broken checksums, as fast as they go."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        chance, rival = random.Random(1), aircraft.speaker()
+        chance, rival = random.Random(1), aircraft.endpoint()
         whole, since = rival.datagram(heartbeat()), time.monotonic()
         for number in range(60_000):
             data = chance.randbytes(chance.randrange(1, 300)) if number % 3 else b"\xfd\xff" + whole[2:] + chance.randbytes(9)
@@ -187,24 +187,24 @@ def five_thousand_signed_streams(scene):
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
         since = time.monotonic()
-        first = aircraft.speaker(system=255, component=190, key=KEY)
+        first = aircraft.endpoint(system=255, component=190, key=KEY)
         first.send(hint())
         scene.attacked(scene.wait_for(lambda: any("255/190" in text for text in aircraft.texts()), 5), "its key is not the link's")
-        rival = aircraft.speaker(key=KEY)
+        rival = aircraft.endpoint(key=KEY)
         for number in range(5000):
             rival.mav.srcSystem, rival.mav.srcComponent = 2 + number % 250, 1 + number // 250
             rival.mav.signing.link_id = number % 7
             rival.send(heartbeat())
             if number % 50 == 0:
                 time.sleep(0.01)
-        late = aircraft.speaker(system=254, component=254, key=KEY, link_id=8)
+        late = aircraft.endpoint(system=254, component=254, key=KEY, link_id=8)
         late.send(hint())
         time.sleep(1)
         aircraft.flies_on(since)
-        scene.holds(aircraft.link()["connected"], "the autopilot is not heard any more")
+        scene.holds(aircraft.link()["connected"], "the autopilot is not received any more")
         taken = any("254/254" in text for text in aircraft.texts())
-        scene.holds(not taken, "the 5001st stream is heard as well: the table has no end")
-        return "no stream beyond the table's end is heard; the autopilot is"
+        scene.holds(not taken, "the 5001st stream is received as well: the table has no end")
+        return "no stream beyond the table's end is received; the autopilot is"
 
 
 @attack()
@@ -212,11 +212,11 @@ def new_key_over_the_air(scene):
     """SETUP_SIGNING with a key of the attacker's own, unsigned, and then frames that are signed with it."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        rival, own = aircraft.speaker(), bytes(range(32))
+        rival, own = aircraft.endpoint(), bytes(range(32))
         rival.send(dialect.MAVLink_setup_signing_message(1, 197, own, signing_time()))
         time.sleep(0.3)
         before = aircraft.rejected()
-        signer = aircraft.speaker(system=255, component=190, key=own)
+        signer = aircraft.endpoint(system=255, component=190, key=own)
         for _ in range(20):
             signer.send(heartbeat(), hint())
         scene.attacked(scene.wait_for(lambda: aircraft.rejected() >= before + 20, 5), f"nothing arrived: {aircraft.link()}")
@@ -230,8 +230,8 @@ def bits_flipped_in_signed_frames(scene):
     """Somebody in the middle flips one bit of each signed frame, and corrects the checksum."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        relay, chance = aircraft.speaker(), random.Random(2)
-        source = Speaker(aircraft.link_port, key=KEY)
+        relay, chance = aircraft.endpoint(), random.Random(2)
+        source = LinkEndpoint(aircraft.link_port, key=KEY)
         begun, sent = time.monotonic(), 0
         aircraft.autopilot.mute = True
         for _ in range(100):
@@ -257,7 +257,7 @@ def telemetry_that_is_no_number(scene):
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
         since, nan, inf = time.monotonic(), float("nan"), float("inf")
-        rival = aircraft.speaker(key=KEY, link_id=3)
+        rival = aircraft.endpoint(key=KEY, link_id=3)
         for number in range(300):
             value = (nan, inf, -inf, 1e38)[number % 4]
             rival.send(dialect.MAVLink_attitude_message(number, value, value, value, value, value, value),
@@ -281,7 +281,7 @@ def hints_that_are_nowhere(scene):
     """Position hints at NaN, at latitude 214°, with a radius below zero and of a million kilometres."""
     with Aircraft(scene, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        station = aircraft.speaker(system=255, component=190, key=KEY)
+        station = aircraft.endpoint(system=255, component=190, key=KEY)
         for how in ({"lat": 214.0}, {"lon": -214.0}, {"radius_m": -5.0}, {"radius_m": float("nan")}, {"radius_m": float("inf")},
                     {"radius_m": 1e12}):
             station.send(hint(**how))
@@ -301,18 +301,18 @@ def autopilot_on_the_ground_stations_link(scene):
     port = free_port(socket.SOCK_DGRAM)
     with Aircraft(scene, "--ground-station", f"udpin:127.0.0.1:{port}", signed=False) as aircraft:
         aircraft.has_package()
-        rival = Speaker(port)
+        rival = LinkEndpoint(port)
         begun = time.monotonic()
         while time.monotonic() - begun < 2.5:
             rival.send(heartbeat(armed=True), *telemetry(begun, lat=FAR))
             time.sleep(0.05)
-        heard = rival.count("HEARTBEAT")
+        received = rival.count("HEARTBEAT")
         fixes = rival.count("GPS_INPUT")
         rival.close()
-        scene.attacked(heard > 0, "the ground station's link gives nothing back")
+        scene.attacked(received > 0, "the ground station's link gives nothing back")
         scene.holds(not aircraft.link()["connected"], "it counts as the autopilot")
         scene.holds(fixes == 0, f"it is given {fixes} fixes")
-        return f"not connected; it hears {heard} heartbeats and no fix"
+        return f"not connected; it receives {received} heartbeats and no fix"
 
 
 @attack()
@@ -321,7 +321,7 @@ def commands_to_a_logger(scene):
     port = free_port(socket.SOCK_DGRAM)
     with Aircraft(scene, "--logger", f"udpin:127.0.0.1:{port}", signed=False, autopilot=True) as aircraft:
         aircraft.has_package().connected()
-        logger = Speaker(port, system=255, component=190)
+        logger = LinkEndpoint(port, system=255, component=190)
         for _ in range(30):
             logger.send(heartbeat(), hint())
             time.sleep(0.03)

@@ -163,13 +163,13 @@ def stolen_key_promotes_alone(scene):
         scene.holds(counts["promoted"] == 0, f"{counts['promoted']} tiles are promoted by one key")
         other = service.upload(Flight(service.made, number=2, tiles=8).seal())
         promoted = service.settled()["tiles"]["promoted"]
-        scene.attacked(promoted == 8, f"an honest second airframe promotes {promoted}: {str(other)[:100]}")
+        scene.attacked(promoted == 8, f"a genuine second airframe promotes {promoted}: {str(other)[:100]}")
         return "24 accepted, 0 promoted; 8 once another airframe agrees"
 
 
 @attack("M3", seconds=60)
 def stolen_key_crowds_out_others(scene):
-    """One stolen key signs fourteen of the newest flights over false ground; two honest airframes agree on the true one."""
+    """One stolen key signs fourteen of the newest flights over false ground; two genuine airframes agree on the true one."""
     with Candidates(scene) as service:
         for number in range(14):
             flight = Flight(service.made, tiles=6)
@@ -180,8 +180,8 @@ def stolen_key_crowds_out_others(scene):
             service.upload(Flight(service.made, number=number, tiles=6).seal())
         counts = service.settled()["tiles"]
         scene.attacked(counts["accepted"] == 14 * 6 + 12, f"not all are accepted: {counts}")
-        scene.holds(counts["promoted"] == 6, f"only {counts['promoted']} of 6 honest places are promoted")
-        return f"{14 * 6} forged voices, 6 of 6 honest places promoted"
+        scene.holds(counts["promoted"] == 6, f"only {counts['promoted']} of 6 genuine places are promoted")
+        return f"{14 * 6} forged votes, 6 of 6 genuine places promoted"
 
 
 @attack("M2")
@@ -212,14 +212,14 @@ def older_root_over_a_restart(scene):
 
 @attack("M5")
 def base_package_that_nobody_signed(scene):
-    """The map to compare with is replaced by one that a stranger signed; then by a signed one with another tile."""
+    """The map to compare with is replaced by one that an unknown key signed; then by a signed one with another tile."""
     made = scene.folder / "made"
     shutil.copytree(scene.shared.flights, made)
     foreign = scene.shared.built()
     ran = scene.run("nadir-candidates", "serve", "--data", scene.folder / "d", "--trust", made / "root.json", "--token-file", made / "ground-1.token",
                     "--listen", "127.0.0.1:0", "--package", foreign, "--quiet", limit_s=10)
     scene.rejected(ran, code=2)
-    scene.attacked(ran.said.strip(), "it says nothing")
+    scene.attacked(ran.said.strip(), "it prints nothing")
     own = scene.shared.package(scene.folder, "own", key=made / "root.key.pem")  # make_flights' root is the signer, too
     (own / "imagery" / "base.mbtiles").write_bytes((own / "imagery" / "base.mbtiles").read_bytes()[:-4096] + bytes(4096))
     with open(own / "mission" / "mission.yaml", "a") as file:
@@ -261,7 +261,7 @@ def recorded_batch_again(scene):
 
 @attack()
 def copied_pictures_of_another_flight(scene):
-    """The pictures of mini-01's flight are signed by mini-02's stolen key, byte by byte, as a second voice."""
+    """The pictures of mini-01's flight are signed by mini-02's stolen key, byte by byte, as a second vote."""
     with Candidates(scene) as service:
         service.upload(Flight(service.made, tiles=6).seal())
         copy, first = Flight(service.made, number=2, tiles=6), Flight(service.made, tiles=6)
@@ -392,7 +392,7 @@ def report_of_another_aircraft(scene):
     with Candidates(scene) as service:
         newer, older = post(service, number=9), post(service, number=8)
         other, wrong = post(service, number=10, airframe="mini-02"), post(service, scene.shared.flights / "flight-2" / "tile.key.pem", number=11)
-        scene.attacked(newer < 300, f"an honest report gets {newer}")
+        scene.attacked(newer < 300, f"a genuine report gets {newer}")
         scene.holds(older == 409 and other >= 400 and wrong >= 400, f"answers {older}, {other}, {wrong}")
         return f"{older} older, {other} for another airframe, {wrong} by another key"
 

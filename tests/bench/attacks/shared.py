@@ -85,9 +85,9 @@ class Shared:
 
     @property
     def keys(self):
-        """root, signer, hangar (signs airframes), tile (of mini-07), stranger; root.json names the first four."""
+        """root, signer, hangar (signs airframes), tile (of mini-07), untrusted; root.json names the first four."""
         def make(folder):
-            for name in ("root", "signer", "hangar", "tile", "stranger"):
+            for name in ("root", "signer", "hangar", "tile", "untrusted"):
                 self.must("keys", "create", "--out", folder / name)
             self.must("keys", "root", "--root-key", folder / "root.key.pem", "--package-signer", folder / "signer.pub.pem",
                       "--airframe-signer", folder / "hangar.pub.pem", "--tile-signer", f"mini-07={folder / 'tile.pub.pem'}",

@@ -44,7 +44,7 @@ class Hands:
         self.plan = [
             (HOST_FORTH, lambda: clock.set(7200)), (HOST_BACK, lambda: clock.set(-86400)), (BURST, self.burst),
             (TILES[0], lambda: spoil_tiles(package)), (TILES[1] - 1, self.note("spoilt")),
-            (TILES[1], lambda: spoil_tiles(package)), (DARK[0] - 1, self.note("mended"))]
+            (TILES[1], lambda: spoil_tiles(package)), (DARK[0] - 1, self.note("repaired"))]
 
     def work(self):
         for at, act in sorted(self.plan, key=lambda step: step[0]):
@@ -92,20 +92,20 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
         pause = longest_pause_s(within(rows, *window))
         return Finding(fault, "fixes go on", f"longest pause {pause:.2f} s", pause <= pause_s)
 
-    def told(fault, text, window):
+    def reported(fault, text, window):
         at = next((event["time_s"] for event in summary["events"] if event["kind"] == "statustext" and event["text"] == text
                    and window[0] <= event["time_s"] <= window[1]), None)
-        return Finding(fault, f"operator: {text.removeprefix('Nadir: ')}", "not told" if at is None else
+        return Finding(fault, f"operator: {text.removeprefix('Nadir: ')}", "not reported" if at is None else
                        f"notified {at - window[0]:.1f} s after", at is not None)
 
     steady = ["normal"]
     findings = [
-        told("camera stalls for 6 s", "Nadir: no camera frames, dead reckoning", STALL),
+        reported("camera stalls for 6 s", "Nadir: no camera frames, dead reckoning", STALL),
         state("camera stalls for 6 s", "dead reckoning, then normal", (STALL[0], STALL[1] + 5), ["normal", "degraded"], "normal"),
         flies_on("camera stalls for 6 s", (STALL[0], STALL[1] + 5)),
         state("link cut for 8 s", "frames without attitudes: degraded; then normal", (LINK[0], AUTOPILOT_CLOCK),
               ["normal", "degraded"], "normal"),
-        told("link restored", "Nadir: autopilot link restored", (LINK[1], LINK[1] + 5)),
+        reported("link restored", "Nadir: autopilot link restored", (LINK[1], LINK[1] + 5)),
         flies_on("link restored", (LINK[1] + 1, LINK[1] + 10)),
         state("autopilot's clock steps", "no rule notices", (AUTOPILOT_CLOCK, HOST_FORTH - 1), steady, "normal"),
         flies_on("autopilot's clock steps", (AUTOPILOT_CLOCK, HOST_FORTH - 1))]
@@ -123,14 +123,14 @@ def judge(summary, rows, states, seen, nadir, record, clock, disk):
                 came > 5 * 3 * BURST_S and grown < 25),
         state("tiles spoilt", "the flight continues; anchored again afterwards", (TILES[0], DARK[0]), ["normal", "degraded"], "normal"),
         flies_on("tiles spoilt", (TILES[0], DARK[0])),
-        Finding("tiles whole again", "anchors again", f"{seen['mended']['anchors']['accepted'] - seen['spoilt']['anchors']['accepted']}"
-                " anchors", seen["mended"]["anchors"]["accepted"] > seen["spoilt"]["anchors"]["accepted"]),
-        told("no frames for 37 s", "Nadir: NO FIX, blind for too long", (DARK[0] + 30, DARK[0] + 33)),
-        told("no frames for 37 s", "Nadir: FAILSAFE, no position", (DARK[0] + 33, DARK[0] + 36)),
+        Finding("tiles whole again", "anchors again", f"{seen['repaired']['anchors']['accepted'] - seen['spoilt']['anchors']['accepted']}"
+                " anchors", seen["repaired"]["anchors"]["accepted"] > seen["spoilt"]["anchors"]["accepted"]),
+        reported("no frames for 37 s", "Nadir: NO FIX, blind for too long", (DARK[0] + 30, DARK[0] + 33)),
+        reported("no frames for 37 s", "Nadir: FAILSAFE, no position", (DARK[0] + 33, DARK[0] + 36)),
         state("no frames for 37 s", "degraded, no fix, failsafe, then recovered", (DARK[0], MINUTES * 60),
               ["normal", "degraded", "no_fix", "failsafe"], "normal")]
     if disk.folder:
-        recorder = seen["mended"]["recorder"]
+        recorder = seen["repaired"]["recorder"]
         findings.append(Finding(f"disk of {DISK_MB} MB full", "the recorder reports it, the flight continues",
                                 f"{100 * seen['used']:.0f} % full; recorder {recorder['state']}, {recorder['lost_records']} "
                                 "records lost", seen["used"] > 0.8 and (recorder["lost_records"] > 0

@@ -25,7 +25,7 @@ class GroundStation:
     def close(self):
         self.link.close()
 
-    def hear(self, patience_s=0.02):
+    def receive(self, patience_s=0.02):
         """The next message, given to all listeners; None when none came."""
         message = self.link.recv_match(blocking=True, timeout=patience_s)
         if message is None or message.get_type() == "BAD_DATA":
@@ -43,7 +43,7 @@ class GroundStation:
             if say is not None and time.monotonic() >= next_say:
                 next_say = time.monotonic() + 1
                 say()
-            message = self.hear()
+            message = self.receive()
             if message is not None and wanted(message):
                 return message
         last = "; ".join(text for _, _, text in self.texts[-5:])
@@ -66,17 +66,17 @@ class GroundStation:
         self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, getattr(dialect, f"MAVLINK_MSG_ID_{name}"), round(1e6 / rate_hz))
 
     def set(self, name, value):
-        def say():
+        def send():
             self.link.mav.param_set_send(*self._target(), name.encode(), value, dialect.MAV_PARAM_TYPE_REAL32)
         self.wait_for(f"answer about {name}", lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == name
-                      and abs(m.param_value - value) <= 1e-6 + 1e-6 * abs(value), say)
+                      and abs(m.param_value - value) <= 1e-6 + 1e-6 * abs(value), send)
 
     def command(self, number, *values):
         """Until it is taken; SystemExit when it is not."""
-        def say():
+        def send():
             self.link.mav.command_long_send(*self._target(), number, 0, *values, *[0] * (7 - len(values)))
         self.wait_for(f"taking of command {number}", lambda m: m.get_type() == "COMMAND_ACK" and m.command == number
-                      and m.result == dialect.MAV_RESULT_ACCEPTED, say)
+                      and m.result == dialect.MAV_RESULT_ACCEPTED, send)
 
     def upload(self, items):
         """items: (command, frame, param1, lat_deg, lon_deg, altitude_m), the first being home."""

@@ -1,4 +1,4 @@
-"""A second speaker on the link: from another address and with the autopilot's ids it sends heartbeats, attitudes and positions of
+"""A second sender on the link: from another address and with the autopilot's ids it sends heartbeats, attitudes and positions of
 its own, without the key, with another one, with the right one, and on a link that nobody signs. Nothing of it may count, whatever
 it is signed with: the fixes stay with the autopilot, GPS stays denied, the map goes on to be matched."""
 import threading
@@ -6,12 +6,12 @@ import time
 
 from .evidence import Finding, States, judged_right, longest_pause_s, within
 from .flight import Flight, Setup
-from .speaker import Speaker, heartbeat, signing_time, telemetry
+from .link_endpoint import LinkEndpoint, heartbeat, signing_time, telemetry
 
 DENIED_S, MINUTES = 15, 1.5
 RATE_HZ = 20
 FAR = 1.3  # degrees north of the aircraft
-STRANGER, OTHER_KEY, STOLEN_KEY = (28, 40), (45, 57), (62, 74)
+NO_KEY, OTHER_KEY, STOLEN_KEY = (28, 40), (45, 57), (62, 74)
 UNSIGNED = (28, 44)
 
 
@@ -22,7 +22,7 @@ class Intruder(threading.Thread):
         """is_rival: its frames pass the signing rules, so that only its address gives it away."""
         super().__init__(daemon=True)
         self.flight, self.window, self.is_rival = flight, window, is_rival
-        self.speaker = Speaker(flight.link_port, **how)
+        self.endpoint = LinkEndpoint(flight.link_port, **how)
         self.before, self.after = {}, {}
         self.start()
 
@@ -30,15 +30,15 @@ class Intruder(threading.Thread):
         while self.flight.elapsed_s() < self.window[0]:
             time.sleep(0.02)
         self.before, begun = dict(self.flight.watch.state), time.monotonic()
-        self.speaker.mav.signing.timestamp = signing_time()  # a holder of the key dates his frames as they are sent
+        self.endpoint.mav.signing.timestamp = signing_time()  # a holder of the key dates his frames as they are sent
         while self.flight.elapsed_s() < self.window[1]:
-            self.speaker.send(heartbeat(), *telemetry(begun, lat=47.4 + FAR, yaw=-1.0))
+            self.endpoint.send(heartbeat(), *telemetry(begun, lat=47.4 + FAR, yaw=-1.0))
             time.sleep(1 / RATE_HZ)
         time.sleep(0.5)
         self.after = dict(self.flight.watch.state)
 
     def fixes(self):
-        return self.speaker.count("GPS_INPUT")
+        return self.endpoint.count("GPS_INPUT")
 
 
 def fly(args, inputs, run):
@@ -46,7 +46,7 @@ def fly(args, inputs, run):
     (run / "signed").mkdir()
     (run / "unsigned").mkdir()
     key = bytes.fromhex(inputs.key.read_text().strip())
-    signed = [("without the key", STRANGER, False, {}), ("with another key", OTHER_KEY, False, {"key": bytes(range(32))}),
+    signed = [("without the key", NO_KEY, False, {}), ("with another key", OTHER_KEY, False, {"key": bytes(range(32))}),
               ("with the stolen key", STOLEN_KEY, True, {"key": key, "link_id": 9})]
     return (_flight(args, inputs, run / "signed", True, signed)
             + _flight(args, inputs, run / "unsigned", False, [("link not signed", UNSIGNED, True, {})]))
@@ -67,15 +67,15 @@ def _flight(args, inputs, run, is_signed, intruders):
         begun = flight.begun_flying
     rows, findings = setup.rows(), []
     for name, intruder in at_work:
-        findings += judge(f"second speaker, {name}", intruder, rows, states)
+        findings += judge(f"second sender, {name}", intruder, rows, states)
         if intruder.is_rival:
-            findings += judge_report(f"second speaker, {name}", intruder.window, summary, events, begun)
-    told = next((event["text"] for event in summary["events"] if event["kind"] == "statustext" and "NOT SIGNED" in event["text"]), None)
+            findings += judge_report(f"second sender, {name}", intruder.window, summary, events, begun)
+    reported = next((event["text"] for event in summary["events"] if event["kind"] == "statustext" and "NOT SIGNED" in event["text"]), None)
     if not is_signed:
-        findings.append(Finding("second speaker, link not signed", "operator: the link is not signed", told or "not told", told is not None))
+        findings.append(Finding("second sender, link not signed", "operator: the link is not signed", reported or "not reported", reported is not None))
     for _, intruder in at_work:
-        intruder.speaker.close()
-    return findings + [judged_right("second speaker, " + ("signed" if is_signed else "not signed"), rows)]
+        intruder.endpoint.close()
+    return findings + [judged_right("second sender, " + ("signed" if is_signed else "not signed"), rows)]
 
 
 def judge(fault, intruder, rows, states):
@@ -90,7 +90,7 @@ def judge(fault, intruder, rows, states):
     modes = states.during(*window)
     anchors = intruder.after.get("anchors", {}).get("accepted", 0) - intruder.before.get("anchors", {}).get("accepted", 0)
     return [
-        Finding(fault, "its frames are dropped and counted", f"{noticed} of {len(intruder.speaker.sent)}", noticed > len(intruder.speaker.sent) / 2),
+        Finding(fault, "its frames are dropped and counted", f"{noticed} of {len(intruder.endpoint.sent)}", noticed > len(intruder.endpoint.sent) / 2),
         Finding(fault, "it is sent no fix", f"{intruder.fixes()} GPS_INPUT", intruder.fixes() == 0),
         Finding(fault, "the autopilot's fixes go on", f"longest pause {pause:.2f} s", pause <= 0.3),
         Finding(fault, "its GPS counts for nothing: denied as before", ", ".join(map(str, judgements)), judgements == {"denied"}),
@@ -99,11 +99,11 @@ def judge(fault, intruder, rows, states):
 
 
 def judge_report(fault, window, summary, events, begun):
-    """A frame with a wrong signature is counted alone; a speaker that only its address gives away is an alarm."""
+    """A frame with a wrong signature is counted alone; a sender that only its address gives away is an alarm."""
     event = next((event for event in events if event.get("kind") == "link" and "another sender" in event["text"]
                   and begun + window[0] - 1 <= event["at"] <= begun + window[1] + 2), None)
-    told = next((item for item in summary["events"] if item["kind"] == "statustext" and "another sender" in item["text"]
+    reported = next((item for item in summary["events"] if item["kind"] == "statustext" and "another sender" in item["text"]
                  and window[0] - 1 <= item["time_s"] <= window[1] + 2), None)
     return [Finding(fault, "a critical event", "none" if event is None else event["text"][:80], event is not None and event.get("severity") == "critical"),
-            Finding(fault, "operator: another sender claims to be autopilot", "not told" if told is None else
-                    f"told {told['time_s'] - window[0]:.1f} s after", told is not None)]
+            Finding(fault, "operator: another sender claims to be autopilot", "not reported" if reported is None else
+                    f"reported {reported['time_s'] - window[0]:.1f} s after", reported is not None)]

@@ -29,8 +29,8 @@ def picture(raster, folder):
                     str(warped)], **quiet)
     subprocess.run(["gdal_translate", "-q", "-of", "JPEG", "-co", "QUALITY=72", "-b", "1", "-b", "2", "-b", "3", str(warped),
                     str(small)], **quiet)
-    told = json.loads(subprocess.run(["gdalinfo", "-json", str(warped)], check=True, capture_output=True, text=True).stdout)
-    (west, north), (east, south) = told["cornerCoordinates"]["upperLeft"], told["cornerCoordinates"]["lowerRight"]
+    info = json.loads(subprocess.run(["gdalinfo", "-json", str(warped)], check=True, capture_output=True, text=True).stdout)
+    (west, north), (east, south) = info["cornerCoordinates"]["upperLeft"], info["cornerCoordinates"]["lowerRight"]
     return small.read_bytes(), (west, south, east, north)
 
 

@@ -4,7 +4,7 @@ import dataclasses
 
 from .rules import Happened
 
-SETTLES_S = 0.5  # a look every 0.05 s, a STATUSTEXT on its way, an autopilot that hears it fifty times a second
+SETTLES_S = 0.5  # a look every 0.05 s, a STATUSTEXT on its way, an autopilot that reads it fifty times a second
 FIRST_FIX_S, FAILSAFE_S, BLIND_S, LINK_LOST_S = 30, 3, 30, 5
 
 # Rows that no flight here triggers.
@@ -38,7 +38,7 @@ class Seen:
 
     def after(self, start, text):
         """From `start` until the operator was notified; None when never, or when nothing started it."""
-        at = None if start is None else self.happened.told(text, start - 0.05)
+        at = None if start is None else self.happened.reported(text, start - 0.05)
         return None if at is None else max(0.0, at - start)
 
     def act(self, action, number=0):
@@ -57,7 +57,7 @@ def _between(action, first, second):
     """From one text to another, both after what was done."""
     def look(seen):
         since = seen.act(action)
-        return None if since is None else seen.after(seen.happened.told(first, since), second)
+        return None if since is None else seen.after(seen.happened.reported(first, since), second)
     return look
 
 
@@ -71,14 +71,14 @@ def _after_hand(name, text):
 
 def _grows(seen):
     """σ while blind, from the first such row to the last; the result is the seconds examined."""
-    begin = seen.happened.told("Nadir: no camera frames, dead reckoning", seen.act("camera-cut", 1) or 0)
-    end = None if begin is None else seen.happened.told("Nadir: NO FIX, blind for too long", begin)
+    begin = seen.happened.reported("Nadir: no camera frames, dead reckoning", seen.act("camera-cut", 1) or 0)
+    end = None if begin is None else seen.happened.reported("Nadir: NO FIX, blind for too long", begin)
     if end is None:
         return None
-    told = [(float(row["time_s"]), float(row["given_accuracy_m"])) for row in seen.happened.between(begin + 0.5, end - 0.5)
+    reported = [(float(row["time_s"]), float(row["given_accuracy_m"])) for row in seen.happened.between(begin + 0.5, end - 0.5)
             if row["given_accuracy_m"]]
-    never_shrinks = all(later[1] >= one[1] - 0.011 for one, later in zip(told, told[1:]))
-    grown = told and told[-1][1] - told[0][1] >= 0.95 * 5 * (told[-1][0] - told[0][0])
+    never_shrinks = all(later[1] >= one[1] - 0.011 for one, later in zip(reported, reported[1:]))
+    grown = reported and reported[-1][1] - reported[0][1] >= 0.95 * 5 * (reported[-1][0] - reported[0][0])
     return end - begin if never_shrinks and grown else None
 
 
@@ -103,19 +103,19 @@ def _left_out(seen):
 
 def _never_accused(seen):
     """Not even while the filter reports a glitch after half a minute of our dead reckoning."""
-    given_up = seen.happened.told("Nadir: NO FIX, blind for too long", seen.act("camera-cut", 1) or 0)
-    accused = seen.happened.told("Nadir: GPS SPOOFED")
+    given_up = seen.happened.reported("Nadir: NO FIX, blind for too long", seen.act("camera-cut", 1) or 0)
+    accused = seen.happened.reported("Nadir: GPS SPOOFED")
     return seen.happened.end_s() - given_up if given_up is not None and accused is None else None
 
 
-def _told_nothing(seen):
-    told = seen.happened.told("Nadir: map package rejected, no position")
-    return told if told is not None and seen.happened.first_fix() is None else None
+def _reported_no_position(seen):
+    reported = seen.happened.reported("Nadir: map package rejected, no position")
+    return reported if reported is not None and seen.happened.first_fix() is None else None
 
 
 def _first_waits_for_nothing(seen):
     """From failsafe to normal with the first anchor: the event that ends failsafe is that of the anchor itself."""
-    lost = seen.happened.told("Nadir: FAILSAFE, no position")
+    lost = seen.happened.reported("Nadir: FAILSAFE, no position")
     return None if lost is None else seen.after(seen.act("camera-restore"), "Nadir: position found")
 
 
@@ -130,7 +130,7 @@ def _steady_first(least_s, start, text):
 BACK_S = 8  # matched and stable: matching takes its time
 LONG_DARK_S = 25  # blind for half a minute, the match contradicts the prediction: votes from different ground must agree
 PROOFS = [
-    Proof("a frame that shows nothing", "camera", "notified after a black frame", SETTLES_S + 0.3,
+    Proof("an unusable frame", "camera", "notified after a black frame", SETTLES_S + 0.3,
           _after_hand("black", "Nadir: camera blind, dead reckoning")),
     Proof("frame_unfit", "camera", "notified after a repeated frame", SETTLES_S + 0.3,
           _after_hand("again", "Nadir: camera blind, dead reckoning")),
@@ -155,7 +155,7 @@ PROOFS = [
     Proof("back from `no_fix`", "camera", "an anchor, then 1 s", LONG_DARK_S,
           _steady_first(1, lambda seen: seen.act("camera-restore", 1), "Nadir: position found again")),
     Proof("first_anchor", "camera", "cold start", FIRST_FIX_S, lambda seen: seen.happened.first_fix()),
-    Proof("link_authentic", "camera", "notified", FIRST_FIX_S, lambda seen: seen.happened.told("Nadir: searching for the position")),
+    Proof("link_authentic", "camera", "notified", FIRST_FIX_S, lambda seen: seen.happened.reported("Nadir: searching for the position")),
     Proof("denied", "failsafe", "notified after GPS was lost", 1.5 + SETTLES_S, _after("gps-denied", "Nadir: GPS denied")),
     Proof("gps_denied", "failsafe", "the same, in the events", 1.5 + SETTLES_S,
           lambda seen: seen.event(seen.act("gps-denied"), "GPS is denied")),
@@ -165,7 +165,7 @@ PROOFS = [
     Proof("no position for longer than 3 s", "failsafe", "notified after our fix was lost", FAILSAFE_S + SETTLES_S,
           _between("camera-cut", "Nadir: NO FIX, blind for too long", "Nadir: FAILSAFE, no position")),
     Proof("no_position", "failsafe", "not before 3 s", FAILSAFE_S + SETTLES_S, _steady_first(
-        FAILSAFE_S - 0.2, lambda seen: seen.happened.told("Nadir: NO FIX, blind for too long"),
+        FAILSAFE_S - 0.2, lambda seen: seen.happened.reported("Nadir: NO FIX, blind for too long"),
         "Nadir: FAILSAFE, no position")),
     Proof("back from `failsafe`", "failsafe", "an anchor, then 2 s", LONG_DARK_S,
           _steady_first(2, lambda seen: seen.act("camera-restore"), "Nadir: position found again")),
@@ -177,13 +177,13 @@ PROOFS = [
         (after for after in [seen.event(seen.act("link-cut"), "no messages from the autopilot")]
          if after is not None and after >= LINK_LOST_S - 1.2), None)),
     Proof("link_back", "failsafe", "notified", 1 + SETTLES_S + 0.5, _after("link-restore", "Nadir: autopilot link restored")),
-    Proof("spoofed", "lies", "notified after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
+    Proof("spoofed", "spoofing", "notified after a step of 300 m", 3, _after("gps-step", "Nadir: GPS SPOOFED")),
     Proof("spoofed", "camera", "never while GPS is good", None,
           _never_accused),
-    Proof("gps_spoofed", "lies", "dragged off by 4 m/s", 25, _after("gps-drag", "Nadir: GPS SPOOFED")),
-    Proof("trusted again", "lies", "10 s undisturbed and in agreement", 16,
+    Proof("gps_spoofed", "spoofing", "dragged off by 4 m/s", 25, _after("gps-drag", "Nadir: GPS SPOOFED")),
+    Proof("trusted again", "spoofing", "10 s undisturbed and in agreement", 16,
           _steady_first(9.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
-    Proof("gps_leads", "lies", "then", SETTLES_S,
+    Proof("gps_leads", "spoofing", "then", SETTLES_S,
           _between("gps-recover", "Nadir: GPS trusted", "Nadir: autopilot navigating by GPS")),
     Proof("gps_trusted", "silence", "denied only, without frames: 60 s", 63,
           _steady_first(59.8, lambda seen: seen.act("gps-recover"), "Nadir: GPS trusted")),
@@ -193,8 +193,8 @@ PROOFS = [
     Proof("package_verified", "restart", "verified again, in the events", 5,
           lambda seen: seen.event(seen.done.get("killed"), "the package is signed and complete")),
     Proof("back from `failsafe`", "first", "the first position is used immediately", BACK_S, _first_waits_for_nothing),
-    Proof("package_refused", "refused", "notified, and never a fix", 10, _told_nothing),
-    Proof("link_unsigned", "stranger", "in the events", 10,
+    Proof("package_refused", "refused", "notified, and never a fix", 10, _reported_no_position),
+    Proof("link_unsigned", "unsigned_autopilot", "in the events", 10,
           lambda seen: seen.event(0.0, "without a valid signature")),
 ]
 

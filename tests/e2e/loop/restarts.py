@@ -114,7 +114,7 @@ def fly(args, inputs, run):
 
 
 def judge(summary, rows, killed, state, clock):
-    def told_after_s(text, from_s):
+    def reported_after_s(text, from_s):
         return next((event["time_s"] - from_s for event in summary["events"] if event["kind"] == "statustext"
                      and event["text"] == text and from_s <= event["time_s"] <= from_s + EVERY_S), None)
 
@@ -126,14 +126,14 @@ def judge(summary, rows, killed, state, clock):
         findings.append(Finding(fault, f"a position again within {BACK_WITHIN_S:.0f} s", found,
                                 after_s is not None and after_s <= BACK_WITHIN_S))
         if text is not None:
-            told_s = told_after_s(text, at_s - 1)
+            reported_s = reported_after_s(text, at_s - 1)
             findings.append(Finding(fault, f"operator: {text.removeprefix('Nadir: ')}",
-                                    "not told" if told_s is None else f"told {told_s - 1:.1f} s after", told_s is not None))
+                                    "not reported" if reported_s is None else f"reported {reported_s - 1:.1f} s after", reported_s is not None))
         if text is not None and text.endswith("trying again"):
             part = text.removeprefix("Nadir: ").removesuffix(" failed, trying again")
-            told_s = told_after_s(f"Nadir: {part} works again", at_s - 1)
-            findings.append(Finding(fault, f"operator: {part} works again", "not told" if told_s is None else
-                                    f"told {told_s - 1:.1f} s after", told_s is not None))
+            reported_s = reported_after_s(f"Nadir: {part} works again", at_s - 1)
+            findings.append(Finding(fault, f"operator: {part} works again", "not reported" if reported_s is None else
+                                    f"reported {reported_s - 1:.1f} s after", reported_s is not None))
     for missing, there in (("a small disk for the state", state.folder), ("another clock", clock.works)):
         if not there:
             findings.append(Finding("restarts", missing, "NOT RUN: not allowed here", True))

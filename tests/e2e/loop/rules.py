@@ -34,7 +34,7 @@ class Happened:
         return [event["time_s"] for event in self.summary["events"]
                 if event["kind"] == "scenario" and event["what"].partition("=")[0] in actions]
 
-    def told(self, text, after_s=0.0):
+    def reported(self, text, after_s=0.0):
         """When the operator first received this text after that time; None when never."""
         return next((event["time_s"] for event in self.summary["events"]
                      if event["kind"] == "statustext" and event["text"] == text and event["time_s"] >= after_s), None)
@@ -77,9 +77,9 @@ def _cold_start(flight):
 
 def _promoted(flight, action, text, at):
     """A drag is slow: it counts from when the operator is notified."""
-    told = flight.told(text, at)
-    since = told if action == "gps-drag" else at
-    lead = None if since is None else flight.told(MAP_LEADS, at)
+    reported = flight.reported(text, at)
+    since = reported if action == "gps-drag" else at
+    lead = None if since is None else flight.reported(MAP_LEADS, at)
     after = None if lead is None else max(0.0, lead - since)
     flown = since is not None and all(row["source"] == "gps_input"
                                       for row in flight.between(since + PROMOTED_S, since + PROMOTED_S + 3))
@@ -95,12 +95,12 @@ def _blackouts(flight):
 
 
 def _blackout(flight, cut, restored):
-    told = flight.told(NO_PICTURES, cut)
+    reported = flight.reported(NO_PICTURES, cut)
     blind = flight.reason(r"no frame for ([\d.]+) s")
     rules = [Rule("camera loss to dead reckoning", f"{BLACKOUT_S} s after the last one",
-                  _seconds(blind if told is not None else None),
-                  told is not None and blind is not None and blind <= BLACKOUT_S + LOOKS_S)]
-    sigmas = [float(row["given_accuracy_m"]) for row in flight.between(told or cut, restored) if row["given_accuracy_m"]]
+                  _seconds(blind if reported is not None else None),
+                  reported is not None and blind is not None and blind <= BLACKOUT_S + LOOKS_S)]
+    sigmas = [float(row["given_accuracy_m"]) for row in flight.between(reported or cut, restored) if row["given_accuracy_m"]]
     shrinks = max((a - b for a, b in zip(sigmas, sigmas[1:])), default=0.0)
     grown = f"{sigmas[0]:.1f} m to {sigmas[-1]:.1f} m" if sigmas else "none reported"
     rules.append(Rule("σ while blind", "never shrinks", grown + (f", shrinks by {shrinks:.2f} m" if shrinks > 0.011 else ""),
@@ -111,14 +111,14 @@ def _blackout(flight, cut, restored):
                           silent is not None and silent - cut <= BLIND_S + 1.5))
     if restored < flight.end_s() - 5:
         again = next((at for text in (SEES_AGAIN, "Nadir: position found again")
-                      if (at := flight.told(text, restored)) is not None), None)
+                      if (at := flight.reported(text, restored)) is not None), None)
         rules.append(Rule("visual position restored", "seen", _seconds(None if again is None else again - restored),
                           again is not None))
     return rules
 
 
 def _recovered(flight, at):
-    trusted, leads = flight.told(TRUSTED, at), flight.told(GPS_LEADS, at)
+    trusted, leads = flight.reported(TRUSTED, at), flight.reported(GPS_LEADS, at)
     after = None if trusted is None else trusted - at
     yield Rule("GPS recovery to trusted", f"not before {UNDISTURBED_S} s, and in agreement with frames", _seconds(after),
                (after is not None and after >= UNDISTURBED_S - LOOKS_S)
@@ -141,7 +141,7 @@ def _healthy(flight):
 
 
 def _heartbeats(flight):
-    rate = flight.summary["heard"].get("HEARTBEAT", 0) / max(flight.summary["duration_s"], 1e-9)
+    rate = flight.summary["received"].get("HEARTBEAT", 0) / max(flight.summary["duration_s"], 1e-9)
     return Rule("status to the ground station", "1 to 2 a second", f"{rate:.2f} a second", 0.9 <= rate <= 2)
 
 

@@ -65,14 +65,14 @@ SCENES = {
         (20, Stage.black_picture), (28, Stage.same_picture), (36, Stage.hold_localizer), (54, Stage.backlog)]),
     "failsafe": Scene("no GPS, no frames, no link", 104, [
         "15:gps-denied", "20:camera-cut", "57:camera-restore", "88:link-cut", "96:link-restore"]),
-    "lies": Scene("a GPS that jumps, recovers, and is dragged off", 78, [
+    "spoofing": Scene("a GPS that jumps, recovers, and is dragged off", 78, [
         "20:gps-step=300@70", "32:gps-recover", "52:gps-drag=4@70"]),
     "silence": Scene("GPS is denied and comes back while there are no frames", 104, [
         "18:camera-cut", "20:gps-denied", "32:gps-recover"]),
     "restart": Scene("killed in flight", 45, ["15:gps-denied"], [(25, Stage.kill)]),
     "first": Scene("in flight without any position", 32, ["0:gps-denied", "0:camera-cut", "10:camera-restore"]),
     "refused": Scene("a package that does not verify", 14, [], spoilt_package=True),
-    "stranger": Scene("an autopilot that does not sign", 14, [], autopilot_signs=False),
+    "unsigned_autopilot": Scene("an autopilot that does not sign", 14, [], autopilot_signs=False),
 }
 
 

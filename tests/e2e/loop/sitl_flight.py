@@ -88,14 +88,14 @@ class SitlFlight(Flight):
         self.on_circuit_s = self.track.now_s
         waiting = sorted(self.setup.events, key=lambda event: event[0])
         while self.track.now_s < self.on_circuit_s + seconds:
-            self.hear()
+            self.receive()
             if waiting and self.track.now_s >= self.on_circuit_s + waiting[0][0]:
                 for name, value in waiting.pop(0)[1].items():
                     self.station.set(name, value)
                     self.done.append((self.track.now_s, f"{name} {value:g}"))
 
-    def hear(self):
-        self.station.hear()
+    def receive(self):
+        self.station.receive()
         for program in (self.service, self.camera, self.autopilot):
             if not program.running():
                 raise SystemExit(f"{program.name} ended with {program.process.returncode}:\n{program.tail()}")
@@ -115,7 +115,7 @@ class SitlFlight(Flight):
             self.setup.nadir, "provision", "autopilot", "--autopilot", f"udpin:127.0.0.1:{self.link_port}", "--apply",
             "--signing-key", self.inputs.key])
         while command.running():
-            self.station.hear()
+            self.station.receive()
         if command.end() != 0:
             raise SystemExit(f"provisioning failed:\n{command.tail()}")
         self.station.sign(bytes.fromhex(self.inputs.key.read_text(encoding="ascii").strip()))
@@ -134,7 +134,7 @@ class SitlFlight(Flight):
 
     def _climb(self):
         until = time.monotonic() + CLIMB_S
-        while not self.track.believed or abs(self.track.believed[-1][3] - self.inputs.altitude_m) > AT_HEIGHT_M:
-            self.hear()
+        while not self.track.estimated or abs(self.track.estimated[-1][3] - self.inputs.altitude_m) > AT_HEIGHT_M:
+            self.receive()
             if time.monotonic() > until:
                 raise SystemExit(f"ArduPlane did not climb in {CLIMB_S} s: {self.station.texts[-4:]}")

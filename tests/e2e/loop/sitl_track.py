@@ -27,7 +27,7 @@ class Track:
 
     def _begin(self):
         self.truth = []  # (time, north, east, altitude, vn, ve)
-        self.believed = []  # (time, north, east, altitude, vn, ve)
+        self.estimated = []  # (time, north, east, altitude, vn, ve)
         self.given, self.own = [], []  # (time, fix type, north, east, claimed accuracies of place and speed)
         self.attitude = []  # (time, by how many degrees roll, pitch and heading are off)
         self.filter = []  # (time, flags, position variance)
@@ -52,8 +52,8 @@ class Track:
         self.now_s = message.time_boot_ms / 1000
         if self._true_attitude is not None:
             then_s, angles, rates = self._true_attitude
-            told = (message.roll, message.pitch, message.yaw)
-            off = [wrap(a - b - rate * (self.now_s - then_s)) for a, b, rate in zip(told, angles, rates)]
+            measured = (message.roll, message.pitch, message.yaw)
+            off = [wrap(a - b - rate * (self.now_s - then_s)) for a, b, rate in zip(measured, angles, rates)]
             self.attitude.append((self.now_s, *map(math.degrees, off)))
 
     def _sim_state(self, message, now):
@@ -64,7 +64,7 @@ class Track:
                                message.alt, message.vn, message.ve))
 
     def _global_position_int(self, message, _now):
-        self.believed.append((message.time_boot_ms / 1000, *self.local.to_plane(message.lat * 1e-7, message.lon * 1e-7),
+        self.estimated.append((message.time_boot_ms / 1000, *self.local.to_plane(message.lat * 1e-7, message.lon * 1e-7),
                               message.alt / 1000, message.vx / 100, message.vy / 100))
 
     def _gps_raw_int(self, message, _now):
@@ -117,7 +117,7 @@ class Track:
     def resets(self, from_s, to_s):
         """[(time, metres)]: the autopilot's position was reset."""
         found = []
-        for a, b in zip(self.believed, self.believed[1:]):
+        for a, b in zip(self.estimated, self.estimated[1:]):
             dt = b[0] - a[0]
             step = math.hypot(b[1] - a[1] - (a[4] + b[4]) / 2 * dt, b[2] - a[2] - (a[5] + b[5]) / 2 * dt)
             if from_s <= b[0] <= to_s and dt < 0.5 and step > RESET_M:

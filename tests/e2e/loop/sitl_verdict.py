@@ -31,7 +31,7 @@ class SitlVerdict:
             track = self.track
             yield f"{name} the trouble", f"{to_s - from_s:.0f} s"
             yield "  true track from legs", spread(track.deviations(from_s, to_s))
-            yield "  filter from truth", spread(track.errors(track.believed, from_s, to_s))
+            yield "  filter from truth", spread(track.errors(track.estimated, from_s, to_s))
             yield "  given fix from truth", spread(track.fix_errors(track.given, from_s, to_s))
             yield "  wrong and sure", "{} of {} fixes beyond {} m and {} of their sigmas".format(
                 *track.wrong_and_sure(from_s, to_s), WRONG_M, WRONG_SIGMAS)
@@ -52,7 +52,7 @@ class SitlVerdict:
         from_s, to_s = self.parts["after" if self.flight.done else "before"]
         track, found = self.track, []
         for what, pairs, allowed in (
-                ("the autopilot's position was off by", track.errors(track.believed, from_s, to_s), MAX_FILTER_ERROR_M),
+                ("the autopilot's position was off by", track.errors(track.estimated, from_s, to_s), MAX_FILTER_ERROR_M),
                 ("a given fix was off by", track.fix_errors(track.given, from_s, to_s), MAX_FIX_ERROR_M),
                 ("the true track left the legs by", track.deviations(from_s, to_s), MAX_DEVIATION_M)):
             if not pairs:

@@ -1,4 +1,4 @@
-"""The package's tile file corrupted and truncated in flight: what is told, and how the position goes on."""
+"""The package's tile file corrupted and truncated in flight: what is reported, and how the position goes on."""
 import dataclasses
 import shutil
 import time
@@ -103,9 +103,9 @@ def judge(summary, rows, events, faults):
             Finding(fault.name, "whole again: matched to the map again", f"{anchors[2] - anchors[1]} anchors", anchors[2] > anchors[1]),
             Finding(fault.name, f"whole again: a position again within {BACK_WITHIN_S} s", back(rows, end_s),
                     bool(fresh_fixes(within(rows, end_s, end_s + BACK_WITHIN_S))))]
-    told = next((item for item in summary["events"] if item["kind"] == "statustext" and "CORRUPT MAP TILES" in item["text"]), None)
-    findings.append(Finding(faults[0].name, "operator: corrupt map tiles", "not told" if told is None else
-                            f"told {told['time_s'] - faults[0].window[0]:.1f} s after", told is not None))
+    reported = next((item for item in summary["events"] if item["kind"] == "statustext" and "CORRUPT MAP TILES" in item["text"]), None)
+    findings.append(Finding(faults[0].name, "operator: corrupt map tiles", "not reported" if reported is None else
+                            f"reported {reported['time_s'] - faults[0].window[0]:.1f} s after", reported is not None))
     return findings + [judged_right("tiles corrupted and cut off", rows)]
 
 

@@ -1,4 +1,4 @@
-"""ArduPilot's complaint about the speed accuracy of the receiver in use: EKF_STATUS_REPORT says that GPS is glitching.
+"""ArduPilot's alarm about the speed accuracy of the receiver in use: EKF_STATUS_REPORT flags a GPS glitch.
 
 From AP_NavEKF3_VehicleStatus.cpp, calcGpsGoodForFlight: low-passed, its peak held with 10 s; on above 1.5 m/s, off below 1.
 """
@@ -10,7 +10,7 @@ class AccuracyAlarm:
         self.on = False
         self._smooth, self._peak, self._last_s = 0.0, 0.0, None
 
-    def hear(self, now_s, speed_accuracy):
+    def update(self, now_s, speed_accuracy):
         """speed_accuracy: m/s, None when the receiver reports none."""
         dt = 0.0 if self._last_s is None else now_s - self._last_s
         self._last_s = now_s

@@ -13,11 +13,11 @@ from .gauss_markov import GaussMarkov
 
 GRAVITY = 9.80665
 TILT_TIME_S, HEADING_TIME_S = 10.0, 10.0  # in which the filter takes an attitude's error in, and forgets it
-LEAST_ACCELERATION = 1.0  # m/s²: below it GPS says nothing of the heading
+LEAST_ACCELERATION = 1.0  # m/s²: below it GPS does not observe the heading
 USUAL_DEVIATION = math.radians(2)  # on the course where it is largest
 
 
-class ToldAttitude:
+class AttitudeEstimate:
     def __init__(self, random):
         self._drift = [GaussMarkov(random, math.radians(degrees), 60) for degrees in (0.35, 0.35)]
         self._constant = random.gauss(0, math.radians(1.2))
@@ -30,11 +30,11 @@ class ToldAttitude:
         """The compass' deviation, radians, and the course on which it is that much."""
         self._deviation, self._most_on = most, course
 
-    def step(self, dt, plane, believed_velocity):
-        """believed_velocity: north, east, the position filter's."""
+    def step(self, dt, plane, estimated_velocity):
+        """estimated_velocity: north, east, the position filter's."""
         for process in self._drift:
             process.step(dt)
-        error = [believed - true for believed, true in zip(believed_velocity, plane.velocity)]
+        error = [estimated - true for estimated, true in zip(estimated_velocity, plane.velocity)]
         before, self._velocity_error = self._velocity_error or error, error
         feigned = [(now - then) / dt for now, then in zip(error, before)]  # m/s² of apparent acceleration
         for axis in (0, 1):
@@ -46,7 +46,7 @@ class ToldAttitude:
             turn = (felt[0] * feigned[1] - felt[1] * feigned[0]) / square
         self._turned += (dt * turn - dt * self._turned) / HEADING_TIME_S
 
-    def told(self, plane):
+    def estimate(self, plane):
         """Roll, pitch, yaw."""
         c, s = math.cos(plane.yaw), math.sin(plane.yaw)
         ahead, right = c * self._leant[0] + s * self._leant[1], c * self._leant[1] - s * self._leant[0]

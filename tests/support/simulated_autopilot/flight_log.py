@@ -3,7 +3,7 @@ import csv
 import json
 import os
 
-FIELDS = ["time_s", "unix_us", "lat_deg", "lon_deg", "altitude_m", "believed_lat_deg", "believed_lon_deg", "deviation_m",
+FIELDS = ["time_s", "unix_us", "lat_deg", "lon_deg", "altitude_m", "estimated_lat_deg", "estimated_lon_deg", "deviation_m",
           "filter_error_m", "filter_sigma_m", "source", "given_fix_type", "given_error_m", "given_accuracy_m", "given_age_s", "given_lat_deg", "given_lon_deg",
           "own_lat_deg", "own_lon_deg"]
 

@@ -1,6 +1,6 @@
 """The receiver that GPS_INPUT plays, as ArduPilot's AP_GPS and AP_GPS_MAV treat it.
 
-From the sources of ArduPilot (libraries/AP_GPS/AP_GPS.cpp, AP_GPS_MAV.cpp): a message for another instance is not heard;
+From the sources of ArduPilot (libraries/AP_GPS/AP_GPS.cpp, AP_GPS_MAV.cpp): a message for another instance is ignored;
 the fix type is taken as it is; a receiver is healthy while its messages come less than 215 ms apart on average and no two
 in a row come more than 245 ms after the one before; after four seconds of silence it is gone. A position counts as
 GPSn_DELAY_MS old, and as 200 ms old when that is 0 (GPS_Backend.h).
@@ -50,7 +50,7 @@ class GpsInputReceiver:
         self.status = 0
         self.sample = None
 
-    def hear(self, message, now_s):
+    def receive(self, message, now_s):
         """The GpsSample of a message that is used, or None; `refused` counts the reasons."""
         if message.gps_id != self.instance:
             return self._refuse("gps_id")

@@ -48,16 +48,16 @@ class Navigation:
         if self.source != "none" and now_s - (self.filter.last_fusion_s or 0) > 1.0:
             self.source = "none"
 
-    def hear_gps_input(self, now_s, message, lag_s=0.0):
+    def receive_gps_input(self, now_s, message, lag_s=0.0):
         """A word for the log: "accepted", or why not. lag_s: how old the autopilot takes the position to be."""
         before = dict(self.given.refused)
-        sample = self.given.hear(message, now_s)
+        sample = self.given.receive(message, now_s)
         if sample is None:
             return next(reason for reason, n in self.given.refused.items() if n != before.get(reason, 0))
         last = self.filter.last_fusion_s
         if last is not None and now_s - last > UNAIDED_S and alignment_refusals(sample):
             return self._count("alignment")
-        if not self._fuse(now_s, self._carried(sample, lag_s), "gps_input"):
+        if not self._fuse(now_s, self._propagated(sample, lag_s), "gps_input"):
             return "innovation"
         self.given_fused += 1
         return "accepted"
@@ -68,19 +68,19 @@ class Navigation:
     def altitude(self):
         return self.aircraft.altitude + self.height_error.value
 
-    def _carried(self, sample, lag_s):
+    def _propagated(self, sample, lag_s):
         """Where the receiver must be now if it was there so long ago."""
-        carried = copy.copy(sample)
-        carried.north += self.filter.velocity[0] * lag_s
-        carried.east += self.filter.velocity[1] * lag_s
-        return carried
+        propagated = copy.copy(sample)
+        propagated.north += self.filter.velocity[0] * lag_s
+        propagated.east += self.filter.velocity[1] * lag_s
+        return propagated
 
     def _count(self, reason):
         self.given.refused[reason] = self.given.refused.get(reason, 0) + 1
         return reason
 
     def _fuse(self, now_s, sample, source):
-        self.accuracy_alarm.hear(now_s, sample.s_acc)
+        self.accuracy_alarm.update(now_s, sample.s_acc)
         if not self.filter.fuse(now_s, sample, source):
             return False
         self.source = source

@@ -17,11 +17,11 @@ class Protocol:
         "no-version", "imu-slow" (5 Hz whatever is asked), "gps-input-deaf", "signing-deaf"."""
         self.vehicle, self.link, self.faults = vehicle, link, set(faults)
         self.parameters = dict(PARAMETERS)
-        self.heard = {}
+        self.received = {}
 
     def handle(self, message):
         kind = message.get_type()
-        self.heard[kind] = self.heard.get(kind, 0) + 1
+        self.received[kind] = self.received.get(kind, 0) + 1
         target = getattr(message, "target_system", 0)
         if target not in (0, self.link.mav.srcSystem):
             return
@@ -31,7 +31,7 @@ class Protocol:
 
     def _gps_input(self, message):
         if "gps-input-deaf" not in self.faults:
-            self.vehicle.hear_gps_input(message)
+            self.vehicle.receive_gps_input(message)
 
     def _statustext(self, message):
         self.vehicle.log.event(self.vehicle.now_s, "statustext", text=message.text.rstrip("\0"),

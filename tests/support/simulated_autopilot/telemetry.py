@@ -66,7 +66,7 @@ class Telemetry:
         return dialect.MAVLink_system_time_message(self.vehicle.unix_us(), self.vehicle.boot_ms())
 
     def attitude(self):
-        roll, pitch, yaw = self.vehicle.told_attitude()
+        roll, pitch, yaw = self.vehicle.estimated_attitude()
         return dialect.MAVLink_attitude_message(self.vehicle.boot_ms(), roll, pitch, yaw, *self.vehicle.plane.rates)
 
     def global_position_int(self):
@@ -78,7 +78,7 @@ class Telemetry:
         return dialect.MAVLink_global_position_int_message(
             v.boot_ms(), e7(lat), e7(lon), round(altitude * 1000), round((altitude - v.home_altitude) * 1000),
             within(vn * 100, -32768, 32767), within(ve * 100, -32768, 32767),
-            within(v.plane.velocity[2] * 100, -32768, 32767), cdeg(v.told_attitude()[2]))
+            within(v.plane.velocity[2] * 100, -32768, 32767), cdeg(v.estimated_attitude()[2]))
 
     def gps_raw_int(self):
         return self._gps(0)
@@ -125,7 +125,7 @@ class Telemetry:
     def vfr_hud(self):
         v = self.vehicle
         ground = math.hypot(*v.navigation.filter.velocity)
-        heading = round(math.degrees(v.told_attitude()[2])) % 360
+        heading = round(math.degrees(v.estimated_attitude()[2])) % 360
         return dialect.MAVLink_vfr_hud_message(v.plane.airspeed, ground, heading, 55, v.navigation.altitude(),
                                                v.plane.climb)
 

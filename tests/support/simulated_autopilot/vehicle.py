@@ -4,7 +4,7 @@ import dataclasses
 import math
 import random
 
-from .attitude import ToldAttitude
+from .attitude import AttitudeEstimate
 from .flight_log import FlightLog
 from .geo import LocalPlane
 from .guidance import Guidance
@@ -61,7 +61,7 @@ class Vehicle:
         self.armed = True
         self.uid = self._random("uid").randbytes(12)
         attitude = self._random("attitude")
-        self._attitude = ToldAttitude(attitude)
+        self._attitude = AttitudeEstimate(attitude)
         self._imu_bias = tuple(attitude.gauss(0, 0.03) for _ in range(3))
         self.now_s, self.steps = 0.0, 0
         self.clock_offset_s, self.booted_s = 0.0, -BOOTED_BEFORE_S
@@ -98,8 +98,8 @@ class Vehicle:
     def boot_ms(self):
         return round((self.now_s - self.booted_s) * 1000)
 
-    def told_attitude(self):
-        return self._attitude.told(self.plane)
+    def estimated_attitude(self):
+        return self._attitude.estimate(self.plane)
 
     def imu_bias(self):
         return self._imu_bias
@@ -107,9 +107,9 @@ class Vehicle:
     def height_above_ground(self):
         return self.plane.altitude - self.terrain.height(*self.local.to_degrees(self.plane.north, self.plane.east))
 
-    def hear_gps_input(self, message):
+    def receive_gps_input(self, message):
         lag_s = self.navigation.given.lag_s(self.protocol.parameters)
-        word = self.navigation.hear_gps_input(self.now_s, message, lag_s)
+        word = self.navigation.receive_gps_input(self.now_s, message, lag_s)
         self.log.verdict(word)
         if message.fix_type >= 3 and word != "gps_id":
             sample = self.navigation.given.sample
@@ -126,7 +126,7 @@ class Vehicle:
                 "resets_by_gps_input": sum(source == "gps_input" and reason != ANOTHER
                                            for _, source, reason, _ in self.navigation.filter.resets),
                 "link": {"received": self.link.received, "refused": self.link.refused, "sent": self.link.sent},
-                "heard": self.protocol.heard}
+                "received": self.protocol.received}
 
     def _random(self, name):
         return random.Random(f"{self.options.seed}/{name}")
@@ -176,12 +176,12 @@ class Vehicle:
         self.deviations.append(deviation)
         self.filter_errors.append(error)
         lat, lon = self.local.to_degrees(p.north, p.east)
-        believed_lat, believed_lon = self.local.to_degrees(*nav.filter.position)
+        estimated_lat, estimated_lon = self.local.to_degrees(*nav.filter.position)
         sample = nav.given.sample if nav.given.status >= 3 else None
         own = nav.own_sample if nav.own_sample is not None and nav.own_sample.fix_type >= 3 else None
         self.log.row({
             "time_s": self.now_s, "unix_us": self.unix_us(), "lat_deg": lat, "lon_deg": lon, "altitude_m": p.altitude,
-            "believed_lat_deg": believed_lat, "believed_lon_deg": believed_lon, "deviation_m": deviation,
+            "estimated_lat_deg": estimated_lat, "estimated_lon_deg": estimated_lon, "deviation_m": deviation,
             "filter_error_m": error, "filter_sigma_m": nav.filter.sigma(), "source": nav.source,
             "given_fix_type": nav.given.status,
             "given_error_m": "" if sample is None else math.dist((sample.north, sample.east), (p.north, p.east)),

@@ -14,8 +14,9 @@
 namespace nadir {
 namespace {
 
-constexpr std::int64_t kTruthHolds_us = 2'000'000;  // for so long the autopilot's belief is not asked for
-constexpr double kMaxGap_s = 1;                     // between position and attitude
+constexpr std::int64_t kTruthHolds_us =
+    2'000'000;                   // after SIM_STATE, for so long the autopilot's own estimate is ignored
+constexpr double kMaxGap_s = 1;  // between position and attitude
 
 Eigen::Vector3d enu(const NedVelocity& v) { return {v.east_mps, v.north_mps, -v.down_mps}; }
 
@@ -36,8 +37,8 @@ std::int64_t utc_us() {
 
 }  // namespace
 
-std::optional<LivePose> PoseAssembler::hear(const IncomingMessage& message, std::int64_t monotonic_us,
-                                            std::int64_t unix_us) {
+std::optional<LivePose> PoseAssembler::on_message(const IncomingMessage& message, std::int64_t monotonic_us,
+                                                  std::int64_t unix_us) {
   if (const auto* time = std::get_if<SystemTime>(&message); time != nullptr && time->unix_us) {
     by_arrival_ = Tie{monotonic_us, *time->unix_us};
     by_boot_ = Tie{std::int64_t{time->boot_ms} * 1000, *time->unix_us};
@@ -109,7 +110,7 @@ void MavlinkPoseSource::take_what_came() {
   link_.advance(now_us, [&](const ReceivedMessage& received) {
     const auto* heartbeat = std::get_if<Heartbeat>(&received.message);
     if (heartbeat != nullptr && heartbeat->is_autopilot) autopilot_ = received.source;
-    if (auto pose = assembler_.hear(received.message, received.monotonic_us, utc_us())) {
+    if (auto pose = assembler_.on_message(received.message, received.monotonic_us, utc_us())) {
       newest_ = pose;
       last_pose_us_ = now_us;
     }

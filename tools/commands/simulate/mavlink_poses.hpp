@@ -1,14 +1,14 @@
-// Poses of a camera that looks straight down from an aircraft, from what an autopilot or its simulator tells.
+// Poses of a camera that looks straight down from an aircraft, from the messages of an autopilot or its simulator.
 //
 // SIM_STATE is a simulator's truth and is taken as it is. While none comes, the autopilot's own position
-// (GLOBAL_POSITION_INT) is carried by its velocity to the time of each ATTITUDE. Both count heights above the sea, as
-// the elevation model must.
+// (GLOBAL_POSITION_INT) is propagated with its velocity to the time of each ATTITUDE. Both count heights above the sea,
+// as the elevation model must.
 //
-// A pose's time is the autopilot's UTC (SYSTEM_TIME) once it is known, else this machine's. SIM_STATE carries no time:
-// it is taken for the moment at which it arrives.
+// A pose's time is the autopilot's UTC (SYSTEM_TIME) once it is known, else this machine's. SIM_STATE has no time
+// stamp: its time of arrival is used.
 //
 // Poses from a MAVLink stream: mavlink/transport.hpp says how its address is written. The link is unsigned, for
-// simulators. An autopilot that is heard is asked for the messages that are needed, until they come.
+// simulators. Once its heartbeat arrives, the autopilot is asked for the messages that are needed, until they come.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ namespace nadir {
 class PoseAssembler {
  public:
   // monotonic_us: of a steady clock; unix_us: this machine's UTC; both at the message's arrival.
-  std::optional<LivePose> hear(const IncomingMessage& message, std::int64_t monotonic_us, std::int64_t unix_us);
+  std::optional<LivePose> on_message(const IncomingMessage& message, std::int64_t monotonic_us, std::int64_t unix_us);
 
  private:
   // A pair of times that mean the same moment.

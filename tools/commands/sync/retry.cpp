@@ -1,4 +1,4 @@
-// nadir sync retry: tries again what was given up.
+// nadir sync retry: retries uploads that were given up.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -71,7 +71,7 @@ int SyncRetryCommand::run(Context& context) {
   if (key_) key = PrivateKey::read(*key_);
   OutboxDatabase outbox(outbox_, OutboxDatabase::Access::write, environment_.hook);
   const std::int64_t now_ms = environment_.pace()->now_ms();
-  // First what retry_parked() would announce again as it is.
+  // Before retry_parked(), which announces these tiles again unchanged.
   RepairSum repaired;
   if (key) repaired = repair_damaged_batches(outbox, key->public_key(), now_ms);
   const std::int64_t batches = retry_parked(outbox, now_ms);

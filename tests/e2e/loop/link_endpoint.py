@@ -14,7 +14,7 @@ def signing_time(ahead_s=0):
     return int((time.time() - SIGNING_EPOCH + ahead_s) * 1e5)
 
 
-class Speaker:
+class LinkEndpoint:
     """One end of a UDP link to nadird, with a codec of its own."""
 
     def __init__(self, port, system=1, component=1, key=None, ahead_s=0, link_id=0):
