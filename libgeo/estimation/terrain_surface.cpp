@@ -74,7 +74,8 @@ Cell cell_of(double at, int nodes) {
 
 TerrainSurface::TerrainSurface(const TerrainRaster& raster, const LocalFrame& frame, double plane_height_m,
                                double relief_sigma_m)
-    : grid_(raster.grid()),
+    : frame_(frame),
+      grid_(raster.grid()),
       heights_m_(raster.heights_m()),
       plane_height_m_(plane_height_m),
       relief_sigma_m_(relief_sigma_m),
@@ -120,6 +121,10 @@ double TerrainSurface::raster_height_m(Post post) const {
 }
 
 double TerrainSurface::height_m(PlanePoint point) const { return raster_height_m(post_at(point)) - plane_height_m_; }
+
+double TerrainSurface::msl_m(const LonLat& place) const {
+  return plane_height_m_ + height_m(frame_.plane_from_lonlat(place));
+}
 
 Eigen::Vector2d ground_slope(const GroundSurface& surface, PlanePoint at, double baseline_m) {
   const auto rise = [&](double east, double north) {

@@ -26,6 +26,7 @@ class TerrainSurface final : public GroundSurface {
 
   double height_m(PlanePoint point) const override;
   double relief_sigma_m() const override { return relief_sigma_m_; }
+  double msl_m(const LonLat& place) const;  // in the raster's own heights
 
  private:
   struct Post {
@@ -34,6 +35,7 @@ class TerrainSurface final : public GroundSurface {
   Post post_at(PlanePoint point) const;
   double raster_height_m(Post post) const;
 
+  LocalFrame frame_;
   TerrainGrid grid_;
   std::vector<float> filled_;         // only where the raster has holes
   std::span<const float> heights_m_;  // the raster's, or filled_

@@ -16,6 +16,7 @@
 #include "fbs/end_generated.h"
 #include "fbs/estimate_generated.h"
 #include "fbs/fix_generated.h"
+#include "fbs/fix_input_generated.h"
 #include "fbs/health_generated.h"
 #include "fbs/hint_generated.h"
 #include "fbs/input_generated.h"
@@ -560,6 +561,84 @@ bool decode(ByteView bytes, FixRecord& record) {
                                      gps->msl_m(), optional(gps->accuracy_m())};
   }
   return true;
+}
+
+// The inputs go into one vector for each kind, which needs no table for each of them; `order` is their sequence.
+Bytes encode(const FixInputRecord& record) {
+  FlatBufferBuilder builder;
+  std::vector<fbs::FixInputKind> order;
+  std::vector<fbs::AttitudeInput> attitudes;
+  std::vector<fbs::AccelerationInput> accelerations;
+  std::vector<fbs::EstimateInput> estimates;
+  for (const FixInputRecord::Input& input : record.inputs) {
+    const auto before_us = static_cast<std::uint32_t>(record.time_us - input.time_us);
+    if (const auto* attitude = std::get_if<FixInputRecord::Attitude>(&input.what)) {
+      order.push_back(fbs::FixInputKind::attitude);
+      attitudes.emplace_back(before_us, attitude->roll_rad, attitude->pitch_rad, attitude->yaw_rad);
+    } else if (const auto* force = std::get_if<FixInputRecord::Acceleration>(&input.what)) {
+      order.push_back(fbs::FixInputKind::acceleration);
+      accelerations.emplace_back(before_us, force->forward_mps2, force->right_mps2, force->down_mps2);
+    } else {
+      const auto& estimate = std::get<FixInputRecord::ArrivedEstimate>(input.what);
+      order.push_back(fbs::FixInputKind::estimate);
+      estimates.emplace_back(estimate.index, before_us, estimate.late);
+    }
+  }
+  const auto kinds = builder.CreateVector(order);
+  const auto attitude_list = builder.CreateVectorOfStructs(attitudes);
+  const auto acceleration_list = builder.CreateVectorOfStructs(accelerations);
+  const auto estimate_list = builder.CreateVectorOfStructs(estimates);
+  const FixStatus& status = record.status;
+  return finish(builder, fbs::CreateFixInput(
+                             builder, record.number, record.time_us, record.unix_us, status.served, status.permitted,
+                             static_cast<fbs::FixSource>(static_cast<std::uint8_t>(status.source)), status.sigma_m,
+                             record.sent, record.missing, kinds, attitude_list, acceleration_list, estimate_list));
+}
+
+constexpr std::int64_t kMaxTime_us = 1'000'000'000'000'000'000;  // no difference of two times overflows
+
+bool decode(ByteView bytes, FixInputRecord& record) {
+  const auto* table = verified<fbs::FixInput>(bytes);
+  if (table == nullptr || table->source() > fbs::FixSource::MAX) return false;
+  const auto plausible = [](std::int64_t time_us) { return time_us >= 0 && time_us <= kMaxTime_us; };
+  if (!plausible(table->time_us()) || !plausible(table->unix_us())) return false;
+  record.number = table->number();
+  record.time_us = table->time_us();
+  record.unix_us = table->unix_us();
+  record.status = {table->served(), table->permitted(),
+                   static_cast<SourceLabel>(static_cast<std::uint8_t>(table->source())), table->sigma_m()};
+  record.sent = table->sent();
+  record.missing = table->missing();
+  unsigned attitudes = 0, accelerations = 0, estimates = 0;
+  const auto size_of = [](const auto* list) { return list == nullptr ? 0U : list->size(); };
+  for (unsigned i = 0; i < size_of(table->order()); ++i) {
+    switch (table->order()->Get(i)) {
+      case fbs::FixInputKind::attitude: {
+        if (attitudes >= size_of(table->attitudes())) return false;
+        const auto& one = *table->attitudes()->Get(attitudes++);
+        record.inputs.push_back({record.time_us - one.before_us(),
+                                 FixInputRecord::Attitude{one.roll_rad(), one.pitch_rad(), one.yaw_rad()}});
+        break;
+      }
+      case fbs::FixInputKind::acceleration: {
+        if (accelerations >= size_of(table->accelerations())) return false;
+        const auto& one = *table->accelerations()->Get(accelerations++);
+        record.inputs.push_back({record.time_us - one.before_us(),
+                                 FixInputRecord::Acceleration{one.forward_mps2(), one.right_mps2(), one.down_mps2()}});
+        break;
+      }
+      case fbs::FixInputKind::estimate: {
+        if (estimates >= size_of(table->estimates())) return false;
+        const auto& one = *table->estimates()->Get(estimates++);
+        record.inputs.push_back(
+            {record.time_us - one.before_us(), FixInputRecord::ArrivedEstimate{one.index(), one.late()}});
+        break;
+      }
+      default: return false;
+    }
+  }
+  return attitudes == size_of(table->attitudes()) && accelerations == size_of(table->accelerations()) &&
+         estimates == size_of(table->estimates());
 }
 
 }  // namespace codec

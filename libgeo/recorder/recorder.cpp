@@ -50,7 +50,9 @@ std::size_t bytes_of(const cv::Mat& picture) { return picture.total() * picture.
 
 std::size_t bytes_of(const Record& record) {
   const auto* picture = std::get_if<FrameRecord>(&record);
-  return kMinItem + (picture == nullptr ? 0 : picture->encoded.size());
+  const auto* fix_input = std::get_if<FixInputRecord>(&record);
+  return kMinItem + (picture == nullptr ? 0 : picture->encoded.size()) +
+         (fix_input == nullptr ? 0 : fix_input->inputs.size() * sizeof(FixInputRecord::Input));
 }
 
 }  // namespace

@@ -86,21 +86,21 @@ std::vector<std::string> sessions_of(const std::vector<SegmentContents>& segment
   return ids;
 }
 
-namespace {
-
-// Records of one topic through the segments of a session: what is missing between two of them.
-std::uint64_t missing_records(const std::vector<const SegmentContents*>& session, Topic topic) {
+std::uint64_t missing_records(const std::vector<SegmentContents>& segments, std::string_view session, Topic topic) {
   std::uint64_t missing = 0;
   std::optional<std::uint32_t> next;
-  for (const SegmentContents* segment : session) {
-    const auto range = segment->sequences.find(topic);
-    if (range == segment->sequences.end()) continue;
+  for (const SegmentContents& segment : segments) {
+    if (!segment.session || segment.session->id != session) continue;
+    const auto range = segment.sequences.find(topic);
+    if (range == segment.sequences.end()) continue;
     missing += range->second.missing;
     if (next && range->second.first > *next) missing += range->second.first - *next;
     next = range->second.last + 1;
   }
   return missing;
 }
+
+namespace {
 
 void check_segment(const SegmentContents& segment, Findings& findings) {
   const std::string where = segment.segment.path.string();
@@ -114,11 +114,12 @@ void check_segment(const SegmentContents& segment, Findings& findings) {
   }
 }
 
-void check_session(const std::string& id, const std::vector<const SegmentContents*>& segments, Findings& findings) {
+void check_session(const std::string& id, const std::vector<SegmentContents>& segments, Findings& findings) {
   const std::string where = "session " + id;
   const SegmentContents* last = nullptr;
-  for (const SegmentContents* segment : segments) {
-    if (segment->segment.stream == Stream::flight) last = segment;
+  for (const SegmentContents& segment : segments) {
+    const bool ours = segment.session && segment.session->id == id;
+    if (ours && segment.segment.stream == Stream::flight) last = &segment;
   }
   if (last == nullptr || !last->end || !last->end->clean_shutdown) {
     findings.add({"recorder.unclean", Severity::warning, where, "a last record with clean_shutdown",
@@ -131,7 +132,7 @@ void check_session(const std::string& id, const std::vector<const SegmentContent
   for (std::size_t i = 0; i < kTopics; ++i) {
     const auto topic = static_cast<Topic>(i);
     if (topic == Topic::session || stream_of(topic) != Stream::flight) continue;
-    const std::uint64_t missing = missing_records(segments, topic);
+    const std::uint64_t missing = missing_records(segments, id, topic);
     if (missing == 0) continue;
     findings.add({"recorder.missing", Severity::warning, where, fmt::format("every record of {}", name_of(topic)),
                   fmt::format("{} missing between others", missing)});
@@ -147,13 +148,7 @@ Findings check_recording(const std::vector<SegmentContents>& segments) {
     findings.add({"recorder.session", Severity::error, segments.front().segment.path.string(), "a session record",
                   "none: nothing was recorded"});
   }
-  for (const std::string& id : sessions_of(segments)) {
-    std::vector<const SegmentContents*> session;
-    for (const SegmentContents& segment : segments) {
-      if (segment.session && segment.session->id == id) session.push_back(&segment);
-    }
-    check_session(id, session, findings);
-  }
+  for (const std::string& id : sessions_of(segments)) check_session(id, segments, findings);
   return findings;
 }
 

@@ -8,6 +8,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "recorder/mcap_reader.hpp"
@@ -45,6 +46,9 @@ std::vector<SegmentContents> read_recording(const std::filesystem::path& path, c
 
 // The sessions' ids in the order of their first segments.
 std::vector<std::string> sessions_of(const std::vector<SegmentContents>& segments);
+
+// How many records of a topic a session lost between the others: gaps in their sequence numbers.
+std::uint64_t missing_records(const std::vector<SegmentContents>& segments, std::string_view session, Topic topic);
 
 // Findings about a recording as a whole: damage, missing parts, recorded losses, no clean end.
 Findings check_recording(const std::vector<SegmentContents>& segments);

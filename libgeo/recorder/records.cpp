@@ -4,6 +4,7 @@
 #include "fbs/end_bfbs_generated.h"
 #include "fbs/estimate_bfbs_generated.h"
 #include "fbs/fix_bfbs_generated.h"
+#include "fbs/fix_input_bfbs_generated.h"
 #include "fbs/health_bfbs_generated.h"
 #include "fbs/hint_bfbs_generated.h"
 #include "fbs/input_bfbs_generated.h"
@@ -45,6 +46,7 @@ const TopicFacts& facts_of(Topic topic) {
       {"/end", "nadir.recorder.End", Stream::flight, schema_bytes<fbs::EndBinarySchema>()},
       {"/hint", "nadir.recorder.Hint", Stream::flight, schema_bytes<fbs::HintBinarySchema>()},
       {"/fix", "nadir.recorder.Fix", Stream::flight, schema_bytes<fbs::FixBinarySchema>()},
+      {"/fix_input", "nadir.recorder.FixInput", Stream::flight, schema_bytes<fbs::FixInputBinarySchema>()},
   }};
   return all.at(static_cast<std::size_t>(topic));
 }

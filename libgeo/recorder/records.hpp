@@ -141,10 +141,44 @@ struct FixRecord {
   std::optional<Receiver> gps;
 };
 
+// What the service says about the position when a fix is due.
+struct FixStatus {
+  bool served = false;     // GPS_INPUT is sent at all: with the position, or as "no fix"
+  bool permitted = false;  // the position may be sent
+  SourceLabel source = SourceLabel::no_fix;
+  double sigma_m = 0;  // the accuracy that is sent is at least this
+};
+
+// What entered the fix stream (fixes/fix_stream.hpp) since the last fix was due, and the turn at which this one was.
+struct FixInputRecord {
+  struct Attitude {
+    float roll_rad = 0, pitch_rad = 0, yaw_rad = 0;
+  };
+  struct Acceleration {  // specific force of the first IMU
+    float forward_mps2 = 0, right_mps2 = 0, down_mps2 = 0;
+  };
+  struct ArrivedEstimate {
+    std::uint64_t index = 0;  // of its EstimateRecord
+    bool late = false;        // the second one of that index, after a map match
+  };
+  struct Input {
+    std::int64_t time_us = 0;  // when it arrived, at most 2^32 us before the turn
+    std::variant<Attitude, Acceleration, ArrivedEstimate> what;
+  };
+
+  std::uint64_t number = 0;  // of the turn, from 0 without gaps
+  std::int64_t time_us = 0;  // monotonic
+  std::int64_t unix_us = 0;  // UTC of the same moment
+  FixStatus status;
+  bool sent = false;          // the link took it: there is a FixRecord of this time
+  std::uint32_t missing = 0;  // inputs that entered but are not in the list
+  std::vector<Input> inputs;  // as they arrived
+};
+
 // In the order of Topic.
 using Record =
     std::variant<SessionRecord, InputRecord, FrameRecord, EstimateRecord, AnchorRecord, StateRecord, TileRecord,
-                 HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord, FixRecord>;
+                 HealthRecord, ThumbnailRecord, RecorderRecord, EndRecord, HintRecord, FixRecord, FixInputRecord>;
 
 // In the order of Record's alternatives.
 enum class Topic {
@@ -160,9 +194,10 @@ enum class Topic {
   recorder,
   end,
   hint,
-  fix
+  fix,
+  fix_input
 };
-inline constexpr std::size_t kTopics = 13;
+inline constexpr std::size_t kTopics = 14;
 
 inline Topic topic_of(const Record& record) { return static_cast<Topic>(record.index()); }
 

@@ -120,7 +120,7 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
   RecordedFlight recorded;
   std::map<std::uint64_t, InputRecord> inputs;
   std::map<std::uint64_t, std::string> pictures;
-  read_recording(source.recording, [&](const Recorded& one) {
+  const auto segments = read_recording(source.recording, [&](const Recorded& one) {
     if (!one.segment.session || one.segment.session->id != id) return;
     if (const auto* session = std::get_if<SessionRecord>(&one.record)) recorded.session = *session;
     if (const auto* input = std::get_if<InputRecord>(&one.record)) {
@@ -133,12 +133,15 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
           LateAnchor{anchor->index, anchor->taken_after, anchor->anchor.verdict != AnchorVerdict::not_tried});
     }
     if (const auto* hint = std::get_if<HintRecord>(&one.record)) recorded.between.emplace_back(*hint);
+    if (const auto* fix = std::get_if<FixRecord>(&one.record)) recorded.fixes.push_back(*fix);
+    if (const auto* inputs = std::get_if<FixInputRecord>(&one.record)) recorded.fix_inputs.push_back(*inputs);
     const auto* picture = std::get_if<FrameRecord>(&one.record);
     if (picture == nullptr || source.frames) return;
     std::string name = fmt::format("{:08}", picture->index);
     write_file_atomic(source.unpacked / name, ByteView(picture->encoded));
     pictures.emplace(picture->index, std::move(name));
   });
+  recorded.missing_between = missing_records(segments, id, Topic::anchor) + missing_records(segments, id, Topic::hint);
   std::vector<InputRecord> flown;
   for (auto& [index, input] : inputs) {
     if (index != flown.size()) break;

@@ -46,8 +46,11 @@ struct RecordedFlight {
   SessionRecord session;
   std::vector<EstimateRecord> estimates;
   std::vector<BetweenFrames> between;  // in the order of arrival
-  std::size_t unusable_inputs = 0;     // those after a missing one
-  std::uint64_t first_input_ns = 0;    // since 1970, UTC: when its first frame was recorded
+  std::uint64_t missing_between = 0;   // anchors and hints that the recording lost
+  std::vector<FixRecord> fixes;
+  std::vector<FixInputRecord> fix_inputs;
+  std::size_t unusable_inputs = 0;   // those after a missing one
+  std::uint64_t first_input_ns = 0;  // since 1970, UTC: when its first frame was recorded
 };
 
 struct RecordedFlightSource {

@@ -64,6 +64,7 @@ AutopilotLink::AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock,
       streams_(streams_of(setup, 0)),
       link_(std::move(setup.transport), {airframe_.system, airframe_.component},
             signing_of(setup, signing_time_, streams_, 0), MavlinkAddress{airframe_.system, airframe_.autopilot}),
+      fixes_(airframe_.gps_id),
       beat_(watch.watch("link", kThreadLimit_s)),
       thread_() {
   for (const StationSetup& station : setup.stations) {
@@ -85,8 +86,9 @@ void AutopilotLink::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-void AutopilotLink::on_estimate(const VisionEstimate& estimate, std::optional<double> arrived_s) {
-  estimates_.put({estimate, arrived_s});
+void AutopilotLink::on_estimate(const FixInputRecord::ArrivedEstimate& which, const VisionEstimate& estimate,
+                                std::optional<double> arrived_s) {
+  estimates_.put({which, estimate, arrived_s});
   wake_up_.call();
 }
 
@@ -140,7 +142,7 @@ void AutopilotLink::run(const std::stop_token& stop) {
     report_rivals(now_s);
     advance_stations(now_s);
     while (const auto arrived = estimates_.try_take()) {
-      const bool accepted = predictor_.on_estimate(arrived->estimate, us(now_s));
+      const bool accepted = fixes_.on_input(us(now_s), arrived->which, arrived->estimate);
       if (accepted && arrived->arrived_s) unsent_since_s_ = arrived->arrived_s;
     }
     const ServiceStatus status = this->status();
@@ -148,7 +150,7 @@ void AutopilotLink::run(const std::stop_token& stop) {
     if (heartbeats.due(now_s)) send_everywhere(OwnHeartbeat{system_state(status.state)}, us(now_s));
     while (const auto message = outgoing_.try_take()) send_everywhere(*message, us(now_s));
     publish();
-    const double until_due_ms = static_cast<double>(predictor_.next_due_us() - us(clock_.monotonic_s())) / 1000;
+    const double until_due_ms = static_cast<double>(fixes_.next_due_us() - us(clock_.monotonic_s())) / 1000;
     const int wait_ms = static_cast<int>(std::clamp(until_due_ms, 0.0, static_cast<double>(kMaxWait_ms)));
     wait_for_input(wait_ms);
   }
@@ -190,21 +192,21 @@ ServiceStatus AutopilotLink::status() const {
 }
 
 void AutopilotLink::send_fix(double now_s, const ServiceStatus& status) {
-  const auto predicted = predictor_.poll(us(now_s), clock_.unix_us());
-  if (!predicted || !status.serves_fixes) return;
-  if (predicted->jumped_m && status.fix) listener_.on_jump(*predicted->jumped_m);
-  std::optional<Fix> fix;
-  if (status.fix && predicted->fix) {
-    fix = predicted->fix;
-    fix->sigma_m = std::max(fix->sigma_m, status.sigma_m);  // never shrinks while blind
+  const FixStatus permission{
+      .served = status.serves_fixes, .permitted = status.fix, .source = status.source, .sigma_m = status.sigma_m};
+  auto due = fixes_.turn(us(now_s), clock_.unix_us(), permission);
+  if (!due) return;
+  if (due->jumped_m) listener_.on_jump(*due->jumped_m);
+  if (status.serves_fixes) {
+    for (Station& station : stations_) {
+      if (station.setup.role == StationRole::logger) station.link.send(due->message, us(now_s));
+    }
+    due->inputs.sent = link_.send(due->message, us(now_s));
   }
-  const GpsInput input =
-      fix ? gps_input(*fix, airframe_.gps_id) : gps_input_without_fix(clock_.unix_us(), airframe_.gps_id);
-  for (Station& station : stations_) {
-    if (station.setup.role == StationRole::logger) station.link.send(input, us(now_s));
-  }
-  if (!link_.send(input, us(now_s))) return;
-  if (listener_.on_fix) listener_.on_fix(now_s, input, fix ? status.source : SourceLabel::no_fix);
+  const bool sent = due->inputs.sent;
+  const std::optional<Fix> fix = due->fix;
+  if (listener_.on_fix) listener_.on_fix(*std::move(due));
+  if (!sent) return;
   const std::scoped_lock lock(mutex_);
   ++state_.fixes_sent;
   state_.last_fix = fix;
@@ -236,9 +238,14 @@ void AutopilotLink::note_message(double now_s, const ReceivedMessage& received) 
 // Between frames, and above all without them, the fix follows the aircraft's motion.
 void AutopilotLink::predict_motion(double now_s, const ReceivedMessage& received) {
   if (received.source.system != airframe_.system || received.source.component != airframe_.autopilot) return;
-  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message))
-    predictor_.on_message(us(now_s), *attitude);
-  if (const auto* imu = std::get_if<ImuSample>(&received.message)) predictor_.on_message(us(now_s), *imu);
+  const auto single = [](double value) { return static_cast<float>(value); };
+  if (const auto* attitude = std::get_if<AircraftAttitude>(&received.message)) {
+    fixes_.on_input(us(now_s), FixInputRecord::Attitude{single(attitude->roll_rad), single(attitude->pitch_rad),
+                                                        single(attitude->yaw_rad)});
+  } else if (const auto* imu = std::get_if<ImuSample>(&received.message); imu != nullptr && imu->instance == 1) {
+    const Vector3& force = imu->acceleration_mps2;
+    fixes_.on_input(us(now_s), FixInputRecord::Acceleration{single(force.x), single(force.y), single(force.z)});
+  }
 }
 
 void AutopilotLink::report_unauthenticated_peer(double now_s, MavlinkAddress claimed) {

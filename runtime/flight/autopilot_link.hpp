@@ -28,7 +28,7 @@
 #include <vector>
 
 #include "base/error.hpp"
-#include "mavlink/fix_predictor.hpp"
+#include "fixes/fix_stream.hpp"
 #include "mavlink/link.hpp"
 #include "service/clock.hpp"
 #include "service/mailbox.hpp"
@@ -128,8 +128,8 @@ class AutopilotLink {
     std::function<void()> on_unauthenticated_peer;
     // Somebody at another address claims to be the autopilot; at most once in ten seconds.
     std::function<void(std::uint64_t frames)> on_rival{};
-    // GPS_INPUT has been sent, with a fix or as "no fix".
-    std::function<void(double now_s, const GpsInput& sent, SourceLabel source)> on_fix{};
+    // A fix was due: inputs.sent says whether GPS_INPUT went out, with a position or as "no fix".
+    std::function<void(DueFix due)> on_fix{};
   };
 
   AutopilotLink(AutopilotLinkSetup setup, const FlightClock& clock, ThreadWatch& watch, Listener listener);
@@ -140,8 +140,10 @@ class AutopilotLink {
   void stop();  // joins the thread; later messages are lost
 
   // From any thread.
-  // arrived_s: when its frame arrived, to measure the latency of fixes.
-  void on_estimate(const VisionEstimate& estimate, std::optional<double> arrived_s);
+  // which: of the localizer's estimates, for the record. arrived_s: when its frame arrived, to measure the latency of
+  // fixes.
+  void on_estimate(const FixInputRecord::ArrivedEstimate& which, const VisionEstimate& estimate,
+                   std::optional<double> arrived_s);
   void on_status(const ServiceStatus& status);  // whether fixes may be sent, and their accuracy
   void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
@@ -199,9 +201,10 @@ class AutopilotLink {
     std::uint64_t commands = 0;
   };
   std::vector<Station> stations_;
-  FixPredictor predictor_;
+  FixStream fixes_;
 
   struct ArrivedEstimate {
+    FixInputRecord::ArrivedEstimate which;
     VisionEstimate estimate;
     std::optional<double> arrived_s;
   };

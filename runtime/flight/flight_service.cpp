@@ -46,22 +46,6 @@ class AwaitedCamera final : public CameraSource {
   std::unique_ptr<CameraSource> camera_;
 };
 
-VisionEstimate vision_estimate(const LocalizedFrame& frame, std::optional<double> ground_msl_m) {
-  const Estimate& estimate = frame.report.estimate;
-  const StateEstimate& state = frame.report.state;
-  VisionEstimate vision;
-  vision.time_us = std::llround(frame.telemetry.time_s * 1e6);
-  vision.place = *estimate.position;
-  vision.sigma_m = estimate.sigma_m;
-  vision.east_mps = state.velocity_mps.x();
-  vision.north_mps = state.velocity_mps.y();
-  vision.speed_sigma_mps = state.velocity_sigma_mps;
-  if (ground_msl_m) vision.msl_m = *ground_msl_m + state.agl_m;
-  if (ground_msl_m) vision.vertical_sigma_m = state.agl_sigma_m;
-  vision.visual = is_visual(estimate.source);
-  return vision;
-}
-
 }  // namespace
 
 // ---- start and end
@@ -190,7 +174,7 @@ void FlightService::start_link() {
   listener.on_message = [this](double now_s, const ReceivedMessage& message) { on_message(now_s, message); };
   listener.on_jump = [this](double distance_m) { publish(FixJumped{distance_m}); };
   listener.on_unauthenticated_peer = [this] { publish(AutopilotHeartbeat{LinkAuthentication::missing, false}); };
-  listener.on_fix = [this](double now_s, const GpsInput& sent, SourceLabel source) { record_fix(now_s, sent, source); };
+  listener.on_fix = [this](DueFix due) { record_fix(std::move(due)); };
   listener.on_rival = [this](std::uint64_t frames) { publish(LinkRivalSeen{frames}); };
   link_ = std::make_unique<AutopilotLink>(std::move(setup), clock_, watch_, std::move(listener));
 }
@@ -211,7 +195,9 @@ void FlightService::on_localized(const LocalizedFrame& frame) {
   if (estimate.position) {
     const std::optional<double> arrived_s =
         frame.late ? std::nullopt : std::optional(captured_s + airframe_.capture_delay_s);
-    link_->on_estimate(vision_estimate(frame, map_->ground_msl_m(*estimate.position)), arrived_s);
+    const auto vision =
+        vision_estimate(estimate, frame.report.state, captured_s, map_->ground_msl_m(*estimate.position));
+    if (vision) link_->on_estimate({frame.index, frame.late}, *vision, arrived_s);
     if (options_.send_external_position && frame.report.anchor.verdict == AnchorVerdict::accepted) {
       const double now_s = clock_.monotonic_s();
       link_->send(external_position_estimate({airframe_.system, airframe_.autopilot},
@@ -279,32 +265,18 @@ void FlightService::on_command(const ReceivedMessage& received, const CommandInt
 }
 
 // On the link's thread. The recorder queues the record and never waits.
-void FlightService::record_fix(double now_s, const GpsInput& sent, SourceLabel source) {
+void FlightService::record_fix(DueFix due) {
   Recorder* recorder = parts_->recorder();
   if (recorder == nullptr) return;
-  FixRecord record;
-  record.time_s = now_s;
-  record.unix_us = sent.unix_us;
-  record.fix_type = static_cast<int>(sent.fix);
-  record.accuracy_m = sent.horizontal_accuracy_m;
-  if (sent.fix >= GpsFix::two_d) {
-    record.source = source;
-    record.place = sent.place;
-    record.msl_m = sent.msl_m;
-    record.vertical_accuracy_m = sent.vertical_accuracy_m;
-    record.speed_accuracy_mps = sent.speed_accuracy_mps;
-    if (sent.velocity) {
-      record.north_mps = sent.velocity->north_mps;
-      record.east_mps = sent.velocity->east_mps;
-      record.down_mps = sent.velocity->down_mps;
-    }
-  }
-  if (receiver_) {
+  std::optional<FixRecord> sent;
+  if (due.inputs.sent) sent = fix_record(due);
+  if (sent && receiver_) {
     const GpsRaw& gps = receiver_->gps;
-    record.gps = FixRecord::Receiver{now_s - receiver_->time_s, static_cast<int>(gps.fix), gps.place, gps.msl_m,
-                                     gps.horizontal_accuracy_m};
+    sent->gps = FixRecord::Receiver{std::max(0.0, sent->time_s - receiver_->time_s), static_cast<int>(gps.fix),
+                                    gps.place, gps.msl_m, gps.horizontal_accuracy_m};
   }
-  recorder->record(std::move(record));
+  recorder->record(std::move(due.inputs));
+  if (sent) recorder->record(*std::move(sent));
 }
 
 // ---- the conductor

@@ -143,7 +143,7 @@ class FlightService {
   void on_localized(const LocalizedFrame& frame);
   void on_message(double now_s, const ReceivedMessage& message);
   void on_command(const ReceivedMessage& received, const CommandInt& command);
-  void record_fix(double now_s, const GpsInput& sent, SourceLabel source);
+  void record_fix(DueFix due);
 
   // The conductor
   void note_start();

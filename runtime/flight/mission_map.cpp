@@ -18,7 +18,7 @@ double MissionMap::plane_msl_m() const { return package_->mission().terrain.heig
 
 std::optional<double> MissionMap::ground_msl_m(const LonLat& place) const {
   if (!surface_) return std::nullopt;
-  return plane_msl_m() + surface_->height_m(frame_->plane_from_lonlat(place));
+  return surface_->msl_m(place);
 }
 
 LocalizerConfig MissionMap::config() const {

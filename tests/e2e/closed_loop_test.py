@@ -3,6 +3,7 @@
 import csv
 import json
 import pathlib
+import shutil
 import subprocess
 import sys
 import unittest
@@ -58,14 +59,41 @@ class Flight(support.EndToEnd):
         self.assertEqual(0, recorded.returncode, recorded.stdout + recorded.stderr)
         self.flies_again(out)
 
-    def flies_again(self, out):
-        """A recording of the flight replays bit for bit."""
+    def replay(self, out, recording, name):
         created = Inputs(out / "inputs", support.NADIR, width=640).created
-        again = self.good("replay", "--recorder", out / "run/record", "--package", out / "inputs/package", "--trust",
-                          out / "inputs/root.json", "--at", created, "--out", out / "again", "--json", "--quiet")
+        return support.run("replay", "--recorder", recording, "--package", out / "inputs/package", "--trust",
+                           out / "inputs/root.json", "--at", created, "--out", out / name, "--json", "--quiet")
+
+    def flies_again(self, out):
+        """A recording of the flight replays bit for bit: estimates, and the fixes that were sent."""
+        again = self.replay(out, out / "run/record", "again")
+        self.assertEqual(0, again.returncode, again.stderr)
         reproduced = json.loads(again.stdout)["reproduced"]
         self.assertGreater(reproduced["compared"], 60)
         self.assertEqual(reproduced["compared"], reproduced["same"], reproduced)
+        fixes = json.loads(again.stdout)["fixes"]
+        self.assertGreater(fixes["compared"], 300)
+        self.assertEqual({"compared": fixes["compared"], "identical": fixes["compared"], "not_compared": []}, fixes)
+        self.good("recorder", "export", out / "run/record", "--format", "csv", "--out", out / "tables")
+        exported = (out / "tables/fixes.csv").read_bytes()
+        self.assertEqual(fixes["compared"], exported.count(b"\n") - 1)
+        self.assertIn(b",3,vo_extrapolated,", exported)
+        self.assertEqual(exported, (out / "again/fixes.csv").read_bytes())
+        self.flies_again_until_the_cut(out)
+
+    def flies_again_until_the_cut(self, out):
+        """What is left of a recording replays as well, and what cannot be compared is named."""
+        cut = out / "cut"
+        shutil.copytree(out / "run/record", cut)
+        decisions = max(cut.glob("*.flight.mcap"), key=lambda file: file.stat().st_size)
+        whole = decisions.read_bytes()
+        decisions.write_bytes(whole[: len(whole) // 3])
+        again = self.replay(out, cut, "cut_again")
+        self.assertIn(again.returncode, (0, 1), again.stderr)
+        fixes = json.loads(again.stdout)["fixes"]
+        self.assertGreater(fixes["compared"], 30)
+        self.assertEqual(fixes["compared"], fixes["identical"], fixes)
+        self.assertLess(sum(interval["fixes"] for interval in fixes["not_compared"]), 30, fixes)
 
 
 class Rules(unittest.TestCase):

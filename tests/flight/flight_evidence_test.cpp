@@ -128,6 +128,16 @@ TEST_F(FlightEvidence, EveryFixThatWasSentIsOnRecordWithTheReceiversBesideIt) {
     EXPECT_EQ(fixes[i].accuracy_m, 999);
     EXPECT_EQ(fixes[i].unix_us, static_cast<std::int64_t>(arrived[i].time_usec));
   }
+  // And so is what each was made of.
+  std::vector<std::int64_t> sent_us;
+  const auto inputs = recorded<FixInputRecord>();
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    EXPECT_EQ(inputs[i].number, i);
+    EXPECT_EQ(inputs[i].missing, 0U);
+    if (inputs[i].sent) sent_us.push_back(inputs[i].unix_us);
+  }
+  ASSERT_EQ(sent_us.size(), fixes.size());
+  for (std::size_t i = 0; i < fixes.size(); ++i) EXPECT_EQ(sent_us[i], fixes[i].unix_us);
   ASSERT_TRUE(fixes.back().gps);
   EXPECT_EQ(fixes.back().gps->fix_type, 3);
   EXPECT_NEAR(fixes.back().gps->place.lat_deg, 47.4, 1e-6);

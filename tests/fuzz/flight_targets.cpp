@@ -1,9 +1,11 @@
 // What a flight reads: the autopilot's stream, recordings, the table of a place index.
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <vector>
 
 #include "base/json.hpp"
+#include "fixes/fix_stream.hpp"
 #include "fuzz/scratch.hpp"
 #include "fuzz/targets.hpp"
 #include "mavlink/messages.hpp"
@@ -50,10 +52,33 @@ void mavlink(std::string_view bytes) {
   require(frames_of(joined, joined.size() + 1) == frames, "sound frames are not found again");
 }
 
-// MCAP files and the flight recorder's payloads in them.
+// MCAP files and the flight recorder's payloads in them; and the fixes that follow from what is in there.
+
+namespace {
+
+void make_fix(FixStream& stream, const FixInputRecord& inputs) {
+  for (const FixInputRecord::Input& input : inputs.inputs) {
+    if (const auto* attitude = std::get_if<FixInputRecord::Attitude>(&input.what)) {
+      stream.on_input(input.time_us, *attitude);
+    } else if (const auto* force = std::get_if<FixInputRecord::Acceleration>(&input.what)) {
+      stream.on_input(input.time_us, *force);
+    } else {
+      const VisionEstimate estimate{.time_us = input.time_us - 100'000,
+                                    .place = {8.5, 47.4},
+                                    .sigma_m = std::abs(inputs.status.sigma_m),
+                                    .east_mps = 20};
+      stream.on_input(input.time_us, std::get<FixInputRecord::ArrivedEstimate>(input.what), estimate);
+    }
+  }
+  const auto due = stream.turn(inputs.time_us, inputs.unix_us, inputs.status);
+  if (due) require(decode(Topic::fix, encode(Record(fix_record(*due)))).has_value(), "a fix that cannot be recorded");
+}
+
+}  // namespace
 
 void mcap(std::string_view bytes) {
   std::uint64_t messages = 0;
+  FixStream stream;
   const auto take = [&](const McapContents& contents, const McapMessage& message) {
     ++messages;
     const auto topic = parse_topic(contents.channels.at(message.channel_id).topic);
@@ -63,6 +88,7 @@ void mcap(std::string_view bytes) {
     const Bytes written = encode(*record);
     const auto again = decode(*topic, written);
     require(again && encode(*again) == written, "a record changes when it is written");
+    if (const auto* inputs = std::get_if<FixInputRecord>(&*record)) make_fix(stream, *inputs);
   };
   const McapContents contents = read_mcap(MemorySource(as_bytes(bytes)), "fuzz", take);
   require(contents.messages == messages, "messages are not counted");

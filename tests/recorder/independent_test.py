@@ -69,7 +69,7 @@ class Independent(unittest.TestCase):
             for schema, channel, message in self.messages(file):
                 self.assertEqual(("flatbuffer", "flatbuffer"), (schema.encoding, channel.message_encoding))
                 seen[channel.topic] = (schema, message.data)
-        self.assertEqual(13, len(seen))
+        self.assertEqual(14, len(seen))
         documents = {}
         for topic, (schema, data) in seen.items():
             name = topic[1:]
@@ -89,6 +89,11 @@ class Independent(unittest.TestCase):
         self.assertTrue(documents["/end"]["clean_shutdown"])
         self.assertEqual("dropped_by_disk", documents["/recorder"]["kind"])
         self.assertEqual("ambiguous", documents["/thumbnail"]["verdict"])
+        inputs = documents["/fix_input"]
+        kinds = {"attitudes": "attitude", "accelerations": "acceleration", "estimates": "estimate"}
+        self.assertGreater(len(inputs["order"]), 0)
+        for name, kind in kinds.items():
+            self.assertEqual(inputs["order"].count(kind), len(inputs.get(name, [])))
 
     def test_pythons_flatbuffers_reads_the_estimates_that_are_exported(self):
         run(RECORD_SAMPLE, self.folder / "r")

@@ -1,6 +1,8 @@
 // Records to FlatBuffers and back; that others read the same values is tests/recorder/independent_test.py.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <limits>
 
 #include "recorder/record_codec.hpp"
@@ -54,6 +56,38 @@ TEST(RecordCodec, KeepsUnknownValuesAndSpecialNumbers) {
   EXPECT_FALSE(telemetry.heading_rad);
   EXPECT_EQ(telemetry.pitch_rad, std::numeric_limits<double>::infinity());
   EXPECT_FALSE(telemetry.gps_position);
+}
+
+// Times that the fix stream cannot compute with, and lists that contradict their order.
+TEST(RecordCodec, InputsOfFixesThatCannotBeAreRejected) {
+  FixInputRecord good;
+  good.time_us = 100'000'000;
+  good.inputs = {{99'000'000, FixInputRecord::Attitude{1, 2, 3}},
+                 {99'000'001, FixInputRecord::Acceleration{4, 5, 6}},
+                 {99'000'002, FixInputRecord::ArrivedEstimate{7, true}}};
+  const Bytes bytes = encode(Record(good));
+  const auto back = decode(Topic::fix_input, bytes);
+  ASSERT_TRUE(back);
+  const auto& read = std::get<FixInputRecord>(*back);
+  ASSERT_EQ(read.inputs.size(), 3U);
+  EXPECT_EQ(read.inputs[2].time_us, 99'000'002);
+  EXPECT_EQ(std::get<FixInputRecord::ArrivedEstimate>(read.inputs[2].what).index, 7U);
+
+  for (const std::int64_t time_us :
+       {std::int64_t{-1}, std::numeric_limits<std::int64_t>::min(), std::numeric_limits<std::int64_t>::max()}) {
+    FixInputRecord bad;
+    bad.time_us = time_us;
+    EXPECT_FALSE(decode(Topic::fix_input, encode(Record(bad)))) << time_us;
+    std::swap(bad.time_us, bad.unix_us);
+    EXPECT_FALSE(decode(Topic::fix_input, encode(Record(bad)))) << time_us;
+  }
+  const std::array<std::uint8_t, 7> order{3, 0, 0, 0, 0, 1, 2};
+  const auto at = std::ranges::search(bytes, order).begin() - bytes.begin() + 4;
+  for (const std::uint8_t kind : {1, 3, 255}) {
+    Bytes bad = bytes;
+    bad.at(static_cast<std::size_t>(at)) = kind;
+    EXPECT_FALSE(decode(Topic::fix_input, bad)) << int{kind};
+  }
 }
 
 TEST(RecordCodec, RandomBytesNeverCrash) {

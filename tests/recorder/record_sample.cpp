@@ -31,7 +31,7 @@ void record_all(const std::filesystem::path& folder, bool fixes) {
     if (i % 20 != 0) continue;
     for (Record& record : test::sample_records(random)) {
       if (topic_of(record) != Topic::session && topic_of(record) != Topic::end &&
-          (fixes || topic_of(record) != Topic::fix))
+          (fixes || (topic_of(record) != Topic::fix && topic_of(record) != Topic::fix_input)))
         recorder.record(std::move(record));
     }
   }

@@ -54,6 +54,30 @@ AnchorReport anchor(Random& random) {
   return a;
 }
 
+FixInputRecord fix_input(Random& random) {
+  FixInputRecord record;
+  record.number = static_cast<std::uint64_t>(random.integer(0, 1'000'000));
+  record.time_us = 1'000'000'000'000 + random.integer(0, 1'000'000);
+  record.unix_us = 1'760'000'000'100'000 + random.integer(0, 1'000'000);
+  record.status = {random.chance(0.7), random.chance(0.7), static_cast<SourceLabel>(random.integer(0, 3)),
+                   random.uniform(0, 90)};
+  record.sent = random.chance(0.7);
+  record.missing = static_cast<std::uint32_t>(random.integer(0, 9));
+  const auto real = [&] { return static_cast<float>(random.normal()); };
+  while (random.chance(0.9)) {
+    FixInputRecord::Input& input = record.inputs.emplace_back();
+    input.time_us = record.time_us - random.integer(0, 2'000'000'000);
+    switch (random.integer(0, 2)) {
+      case 0: input.what = FixInputRecord::Attitude{real(), real(), real()}; break;
+      case 1: input.what = FixInputRecord::Acceleration{real(), real(), real()}; break;
+      default:
+        input.what =
+            FixInputRecord::ArrivedEstimate{static_cast<std::uint64_t>(random.integer(0, 99)), random.chance(0.5)};
+    }
+  }
+  return record;
+}
+
 FixRecord fix(Random& random) {
   FixRecord fix;
   fix.time_s = random.normal(1000, 100);
@@ -139,7 +163,8 @@ std::vector<Record> sample_records(Random& random) {
           RecorderRecord{RecorderEventKind::dropped_by_disk, "/thumbnail", 17, "no room"},
           EndRecord{true, 100, 3, "landed"},
           HintRecord{7, {random.uniform(-180, 180), random.uniform(-90, 90)}, random.uniform(1, 900), "operator"},
-          fix(random)};
+          fix(random),
+          fix_input(random)};
 }
 
 bool same(const Record& a, const Record& b) { return a.index() == b.index() && encode(a) == encode(b); }

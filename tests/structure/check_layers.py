@@ -24,9 +24,10 @@ ALLOWED = {
     "estimation": "base geodesy imagery package vision",
     "ortho": "base geodesy imagery trust vision estimation",
     "recorder": "base geodesy imagery vision estimation",
-    "replay": "base geodesy imagery trust package vision estimation ortho recorder cli report",
+    "replay": "base geodesy imagery trust package vision estimation ortho recorder fixes cli report",
     # to other machines and to people
     "mavlink": "base geodesy",
+    "fixes": "geodesy estimation recorder mavlink",
     "http": "base",
     "cli": "base geodesy",
     "report": "",
@@ -44,7 +45,7 @@ ALLOWED = {
     "service": "base geodesy estimation",
     "camera": "base service",
     "api": "base geodesy imagery package vision estimation http service",
-    "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink cli api camera service",
+    "flight": "base geodesy imagery trust package vision estimation ortho recorder mavlink fixes cli api camera service",
     "runtime": "base trust package vision ortho cli verify_request nadird_client service flight",
     # the ground's programs
     "commands": "base geodesy imagery trust package vision estimation ortho recorder replay mavlink upload raster package_build catalogue "

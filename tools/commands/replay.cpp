@@ -17,8 +17,10 @@
 #include "cli/options.hpp"
 #include "cli/output.hpp"
 #include "commands/commands.hpp"
+#include "commands/recorder/flight_tables.hpp"
 #include "replay/flight_request.hpp"
 #include "replay/replay_flight.hpp"
+#include "replay/replayed_fixes.hpp"
 #include "replay/report.hpp"
 #include "replay/score.hpp"
 #include "replay/track_files.hpp"
@@ -57,6 +59,52 @@ void print_reproduction(Context& context, const Reproduction& result) {
   context.out << fmt::format("reproduced  {} of {} recorded estimates bit for bit\n", result.same, result.compared);
   if (!result.first_other) return;
   context.err << fmt::format("first estimate that differs: frame {}\n", printable(*result.first_other));
+}
+
+constexpr std::size_t kShownIntervals = 5;
+
+// Nothing for a recording without fixes: that of a replay.
+std::optional<ReplayedFixes> replayed_fixes(const std::optional<RecordedFlight>& recorded, const ReplayedFlight& flown,
+                                            const std::optional<TerrainSurface>& terrain) {
+  if (!recorded || (recorded->fixes.empty() && recorded->fix_inputs.empty())) return std::nullopt;
+  return replay_fixes(*recorded, flown.published, terrain ? &*terrain : nullptr);
+}
+
+std::size_t not_compared(const FixComparison& result) {
+  std::size_t fixes = 0;
+  for (const FixComparison::Interval& interval : result.not_compared) fixes += interval.fixes;
+  return fixes;
+}
+
+void print_fixes(Context& context, const FixComparison& result) {
+  context.out << fmt::format("fixes       {} of {} identical", result.identical, result.compared);
+  const std::size_t left_out = not_compared(result);
+  if (left_out != 0) context.out << fmt::format(", {} not compared", left_out);
+  context.out << '\n';
+  if (result.first) context.err << text_of(*result.first) << '\n';
+  const auto& intervals = result.not_compared;
+  for (std::size_t i = 0; i < std::min(intervals.size(), kShownIntervals); ++i) {
+    context.err << text_of(intervals[i]) << '\n';
+  }
+  if (intervals.size() > kShownIntervals) {
+    context.err << fmt::format("and {} more such intervals: see --json\n", intervals.size() - kShownIntervals);
+  }
+}
+
+nlohmann::json json_from(const FixComparison& result) {
+  nlohmann::json document{
+      {"compared", result.compared}, {"identical", result.identical}, {"not_compared", nlohmann::json::array()}};
+  if (const auto& first = result.first) {
+    document["first_difference"] = {{"time_s", first->time_s},
+                                    {"field", first->field},
+                                    {"recorded", first->recorded},
+                                    {"replayed", first->replayed}};
+  }
+  for (const FixComparison::Interval& interval : result.not_compared) {
+    document["not_compared"].push_back(
+        {{"from_s", interval.from_s}, {"to_s", interval.to_s}, {"fixes", interval.fixes}, {"reason", interval.reason}});
+  }
+  return document;
 }
 
 nlohmann::json json_from(const Reproduction& result) {
@@ -100,10 +148,11 @@ package poses.json, from which nadir ortho --estimates makes tiles. All appear w
 complete; until then the rows can be followed in the hidden folder .OUT.staging beside it.
 
 With --record the replay is recorded as the aircraft records a flight. With --recorder a recorded
-flight is replayed with its recorded inputs and settings, and every estimate is compared.
+flight is replayed with its recorded inputs and settings, and every estimate is compared; so is every
+fix that was sent to the autopilot, and OUT receives fixes.csv.
 
-Exit codes: 0 replayed, 1 the package was rejected or an estimate differs from the recorded one, 2
-an input is missing or invalid.)";
+Exit codes: 0 replayed, 1 the package was rejected, or an estimate or a fix differs from the recorded
+one, 2 an input is missing or invalid.)";
 }
 
 std::string_view ReplayCommand::examples() const {
@@ -172,6 +221,9 @@ int ReplayCommand::run(Context& context) {
                       poses_json(poses_document(request_.poses_subject(*ready), flight.frames, flown.poses)));
   }
 
+  const std::optional<ReplayedFixes> fixes = replayed_fixes(recorded, flown, ready->surface);
+  if (fixes) write_file_atomic(staging.path() / "fixes.csv", csv_of(fixes_table(fixes->fixes)));
+
   const std::vector<Estimate> estimates = estimates_of(flown.frames);
   const Summary summary{score(estimates, truth, frame), score(flown.refined, truth, frame), peak_memory_mb()};
   nlohmann::json document = json_from(summary);
@@ -199,19 +251,22 @@ int ReplayCommand::run(Context& context) {
   std::optional<Reproduction> reproduction;
   if (recorded) reproduction = compare_estimates(recorded->estimates, flown.published);
   if (reproduction) document["reproduced"] = json_from(*reproduction);
+  if (fixes) document["fixes"] = json_from(fixes->comparison);
   if (context.json) {
     print_json(context.out, document);
   } else {
     print_figures(context.out, report.figures);
     context.out << "report  " << (out_ / "report.html").string() << '\n';
     if (reproduction) print_reproduction(context, *reproduction);
+    if (fixes) print_fixes(context, fixes->comparison);
   }
   // Tiles that failed their digest in flight were treated as missing; whoever flies this package must know.
   if (package != nullptr && !package->imagery().findings().empty()) {
     print_findings(context.err, package->imagery().findings());
     return kRefused;
   }
-  return reproduction && reproduction->same != reproduction->compared ? kRefused : kAccepted;
+  const bool other_estimates = reproduction && reproduction->same != reproduction->compared;
+  return other_estimates || (fixes && fixes->comparison.first) ? kRefused : kAccepted;
 }
 
 }  // namespace

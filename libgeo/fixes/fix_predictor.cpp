@@ -1,4 +1,4 @@
-#include "mavlink/fix_predictor.hpp"
+#include "fixes/fix_predictor.hpp"
 
 #include <algorithm>
 #include <cmath>

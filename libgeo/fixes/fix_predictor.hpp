@@ -16,8 +16,8 @@
 #include <cstdint>
 #include <optional>
 
+#include "fixes/inertial_motion.hpp"
 #include "mavlink/gps_input.hpp"
-#include "mavlink/inertial_motion.hpp"
 
 namespace nadir {
 

@@ -1,4 +1,4 @@
-#include "mavlink/inertial_motion.hpp"
+#include "fixes/inertial_motion.hpp"
 
 #include <algorithm>
 #include <cmath>
