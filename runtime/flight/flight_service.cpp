@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/error.hpp"
+#include "fixes/fix_stream.hpp"
 #include "mavlink/commands.hpp"
 #include "service/service_rules.hpp"
 

@@ -16,14 +16,14 @@
 namespace nadir {
 namespace {
 
-constexpr LonLat kOrigin{8.5, 47.25};
-constexpr std::int64_t kSecond = 1'000'000;
+constexpr LonLat kTakeOff{8.5, 47.25};
+constexpr std::int64_t kOneSecond = 1'000'000;
 constexpr std::int64_t kUnixStart_us = 1'760'000'000'000'000;
 constexpr FixStatus kServed{.served = true, .permitted = true, .source = SourceLabel::vo_extrapolated, .sigma_m = 2};
 
 VisionEstimate estimate_at(std::int64_t captured_us, PlanePoint at) {
   return {.time_us = captured_us,
-          .place = LocalFrame(kOrigin).lonlat_from_plane(at),
+          .place = LocalFrame(kTakeOff).lonlat_from_plane(at),
           .sigma_m = 3,
           .north_mps = 1.5,
           .east_mps = 20,
@@ -37,13 +37,13 @@ VisionEstimate estimate_at(std::int64_t captured_us, PlanePoint at) {
 class Flight {
  public:
   explicit Flight(std::uint64_t seed) : random_(seed) {
-    for (std::int64_t now_us = 100 * kSecond; now_us < 160 * kSecond; now_us += random_.integer(500, 20'000)) {
+    for (std::int64_t now_us = 100 * kOneSecond; now_us < 160 * kOneSecond; now_us += random_.integer(500, 20'000)) {
       hear(now_us);
       see(now_us);
       FixStatus status = kServed;
-      status.served = now_us > 101 * kSecond;
-      status.permitted = now_us < 130 * kSecond || now_us > 132 * kSecond;
-      status.sigma_m = now_us > 135 * kSecond ? 8 : 2;
+      status.served = now_us > 101 * kOneSecond;
+      status.permitted = now_us < 130 * kOneSecond || now_us > 132 * kOneSecond;
+      status.sigma_m = now_us > 135 * kOneSecond ? 8 : 2;
       if (auto due = stream_.turn(now_us, kUnixStart_us + now_us, status)) {
         due->inputs.sent = status.served;
         fixes_.push_back(*std::move(due));
@@ -61,21 +61,21 @@ class Flight {
     const auto turned = static_cast<float>(static_cast<double>(now_us) * 2e-7);
     if (now_us >= attitude_due_us_) {
       stream_.on_input(now_us, FixInputRecord::Attitude{0.1F * turned, 0.05F, turned});
-      attitude_due_us_ = now_us + kSecond / 25;
+      attitude_due_us_ = now_us + kOneSecond / 25;
     }
     if (now_us >= force_due_us_) {
       const auto noise = [&] { return static_cast<float>(random_.normal()); };
       stream_.on_input(now_us, FixInputRecord::Acceleration{noise(), 2 + noise(), -9.8F + noise()});
-      force_due_us_ = now_us + kSecond / 40;
+      force_due_us_ = now_us + kOneSecond / 40;
     }
   }
 
   void see(std::int64_t now_us) {
-    const bool blind = now_us > 110 * kSecond && now_us < 125 * kSecond;
+    const bool blind = now_us > 110 * kOneSecond && now_us < 125 * kOneSecond;
     if (now_us < frame_due_us_ || blind) return;
-    frame_due_us_ = now_us + 2 * kSecond / 3;
-    const double east_m = 20e-6 * static_cast<double>(now_us - 100 * kSecond);
-    const double off_m = now_us > 140 * kSecond ? 90 : 0;  // once, and for good
+    frame_due_us_ = now_us + 2 * kOneSecond / 3;
+    const double east_m = 20e-6 * static_cast<double>(now_us - 100 * kOneSecond);
+    const double off_m = now_us > 140 * kOneSecond ? 90 : 0;  // once, and for good
     const std::uint64_t index = estimates_.size() / 2;
     for (const bool late : {false, true}) {
       const VisionEstimate& estimate = estimates_.emplace_back(
@@ -127,7 +127,7 @@ TEST(FixStream, TheRecordsOfAFlightMakeTheSameFixes) {
       ASSERT_EQ(bits(*made), bits(flown)) << i;
       EXPECT_EQ(made->jumped_m, flown.jumped_m);
       ++(flown.fix ? positions : none);
-      jumps += flown.jumped_m ? 1 : 0;
+      jumps += flown.jumped_m ? 1U : 0U;
     }
   }
   EXPECT_GT(positions, 2000U);
@@ -149,7 +149,7 @@ TEST(FixStream, EachKindOfInputCounts) {
         input = left_out ? inputs.inputs.erase(input) : input + 1;
       }
       const auto made = again(stream, inputs, flight);
-      other += made && bits(*made) == bits(flown) ? 0 : 1;
+      other += made && bits(*made) == bits(flown) ? 0U : 1U;
     }
     EXPECT_TRUE(left_out);
     EXPECT_GT(other, 0U) << "without one input of kind " << kind;
@@ -158,10 +158,10 @@ TEST(FixStream, EachKindOfInputCounts) {
 
 TEST(FixStream, WithoutPermissionThereIsNoFixOfThatMoment) {
   FixStream stream(3);
-  stream.on_input(100 * kSecond, {0, false}, estimate_at(100 * kSecond, {}));
+  stream.on_input(100 * kOneSecond, {0, false}, estimate_at(100 * kOneSecond, {}));
   FixStatus status = kServed;
   status.permitted = false;
-  const auto due = stream.turn(100 * kSecond, kUnixStart_us, status);
+  const auto due = stream.turn(100 * kOneSecond, kUnixStart_us, status);
   ASSERT_TRUE(due);
   EXPECT_FALSE(due->fix);
   EXPECT_EQ(due->message.fix, GpsFix::no_gps);
@@ -176,10 +176,10 @@ TEST(FixStream, WithoutPermissionThereIsNoFixOfThatMoment) {
 
 TEST(FixStream, TheAccuracyIsNeverBelowThatOfTheStatus) {
   FixStream stream;
-  stream.on_input(100 * kSecond, {0, false}, estimate_at(100 * kSecond, {}));
+  stream.on_input(100 * kOneSecond, {0, false}, estimate_at(100 * kOneSecond, {}));
   FixStatus status = kServed;
   status.sigma_m = 40;
-  const auto due = stream.turn(100 * kSecond, kUnixStart_us, status);
+  const auto due = stream.turn(100 * kOneSecond, kUnixStart_us, status);
   ASSERT_TRUE(due && due->fix);
   EXPECT_EQ(due->message.horizontal_accuracy_m, 40);
   EXPECT_EQ(due->source, SourceLabel::vo_extrapolated);
@@ -189,11 +189,11 @@ TEST(FixStream, AJumpThatNobodySeesIsNone) {
   for (const bool served : {false, true}) {
     FixStream stream;
     FixStatus status = kServed;
-    stream.on_input(100 * kSecond, {0, false}, estimate_at(100 * kSecond, {}));
-    ASSERT_TRUE(stream.turn(100 * kSecond, kUnixStart_us, status));
-    stream.on_input(101 * kSecond, {1, false}, estimate_at(101 * kSecond, {500, 500}));
+    stream.on_input(100 * kOneSecond, {0, false}, estimate_at(100 * kOneSecond, {}));
+    ASSERT_TRUE(stream.turn(100 * kOneSecond, kUnixStart_us, status));
+    stream.on_input(101 * kOneSecond, {1, false}, estimate_at(101 * kOneSecond, {500, 500}));
     status.served = served;
-    const auto due = stream.turn(101 * kSecond, kUnixStart_us, status);
+    const auto due = stream.turn(101 * kOneSecond, kUnixStart_us, status);
     ASSERT_TRUE(due);
     EXPECT_EQ(due->jumped_m.has_value(), served);
   }
@@ -203,13 +203,13 @@ TEST(FixStream, AJumpThatNobodySeesIsNone) {
 TEST(FixStream, AFloodIsCountedNotRecorded) {
   FixStream stream;
   for (std::size_t i = 0; i < 3 * FixStream::kMaxInputs; ++i) {
-    stream.on_input(100 * kSecond, FixInputRecord::Attitude{0, 0, static_cast<float>(i)});
+    stream.on_input(100 * kOneSecond, FixInputRecord::Attitude{0, 0, static_cast<float>(i)});
   }
-  const auto due = stream.turn(100 * kSecond, kUnixStart_us, kServed);
+  const auto due = stream.turn(100 * kOneSecond, kUnixStart_us, kServed);
   ASSERT_TRUE(due);
   EXPECT_EQ(due->inputs.inputs.size(), FixStream::kMaxInputs);
   EXPECT_EQ(due->inputs.missing, 2 * FixStream::kMaxInputs);
-  const auto next = stream.turn(101 * kSecond, kUnixStart_us, kServed);
+  const auto next = stream.turn(101 * kOneSecond, kUnixStart_us, kServed);
   ASSERT_TRUE(next);
   EXPECT_EQ(next->inputs.number, 1U);
   EXPECT_EQ(next->inputs.missing, 0U);
@@ -218,27 +218,27 @@ TEST(FixStream, AFloodIsCountedNotRecorded) {
 
 TEST(FixStream, InputsThatAClockPutsAfterTheTurnOrHoursBeforeItCountAsMissing) {
   FixStream stream;
-  stream.on_input(90'000 * kSecond, FixInputRecord::Attitude{});
-  stream.on_input(100'000 * kSecond, FixInputRecord::Attitude{});
-  stream.on_input(100'002 * kSecond, FixInputRecord::Attitude{});
-  const auto due = stream.turn(100'001 * kSecond, kUnixStart_us, kServed);
+  stream.on_input(90'000 * kOneSecond, FixInputRecord::Attitude{});
+  stream.on_input(100'000 * kOneSecond, FixInputRecord::Attitude{});
+  stream.on_input(100'002 * kOneSecond, FixInputRecord::Attitude{});
+  const auto due = stream.turn(100'001 * kOneSecond, kUnixStart_us, kServed);
   ASSERT_TRUE(due);
   ASSERT_EQ(due->inputs.inputs.size(), 1U);
-  EXPECT_EQ(due->inputs.inputs.front().time_us, 100'000 * kSecond);
+  EXPECT_EQ(due->inputs.inputs.front().time_us, 100'000 * kOneSecond);
   EXPECT_EQ(due->inputs.missing, 2U);
 }
 
 TEST(FixStream, NumbersThatAreNoneMakeNoFixAndNoRecordThatCannotBeRead) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinity = std::numeric_limits<float>::infinity();
   FixStream stream;
-  VisionEstimate estimate = estimate_at(100 * kSecond, {});
+  VisionEstimate estimate = estimate_at(100 * kOneSecond, {});
   estimate.sigma_m = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_FALSE(stream.on_input(100 * kSecond, {0, false}, estimate));
-  stream.on_input(100 * kSecond, FixInputRecord::Attitude{kNan, kInfinity, 0});
-  stream.on_input(100 * kSecond, FixInputRecord::Acceleration{kNan, -kInfinity, kNan});
+  EXPECT_FALSE(stream.on_input(100 * kOneSecond, {0, false}, estimate));
+  stream.on_input(100 * kOneSecond, FixInputRecord::Attitude{kNan, kInfinity, 0});
+  stream.on_input(100 * kOneSecond, FixInputRecord::Acceleration{kNan, -kInfinity, kNan});
   FixStatus status = kServed;
   status.sigma_m = std::numeric_limits<double>::quiet_NaN();
-  const auto due = stream.turn(100 * kSecond, kUnixStart_us, status);
+  const auto due = stream.turn(100 * kOneSecond, kUnixStart_us, status);
   ASSERT_TRUE(due);
   EXPECT_FALSE(due->fix);
   EXPECT_EQ(encode(Record(read_back(due->inputs))), encode(Record(due->inputs)));
@@ -248,7 +248,7 @@ TEST(VisionEstimates, NeedAPositionAndATime) {
   Estimate estimate;
   StateEstimate state;
   EXPECT_FALSE(vision_estimate(estimate, state, 100, {}));
-  estimate.position = kOrigin;
+  estimate.position = kTakeOff;
   estimate.source = SourceLabel::dead_reckoned;
   for (const double time_s : {std::nan(""), 1e300, -1e300, double{INFINITY}}) {
     EXPECT_FALSE(vision_estimate(estimate, state, time_s, {})) << time_s;

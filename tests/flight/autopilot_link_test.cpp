@@ -229,7 +229,7 @@ TEST_F(AutopilotLinkTest, WhatIsReportedMakesTheSameFixes) {
     mavlink_raw_imu_t imu{};
     imu.xacc = 300;
     imu.zacc = -1000;
-    for (const std::uint8_t instance : {0, 1}) {
+    for (const std::uint8_t instance : {std::uint8_t{0}, std::uint8_t{1}}) {
       imu.id = instance;
       mavlink_msg_raw_imu_encode(7, component, &message, &imu);
       peer_.send(message);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <utility>
 
 #include "recorder/record_codec.hpp"
 #include "recorder/sample_records.hpp"
@@ -83,7 +84,7 @@ TEST(RecordCodec, InputsOfFixesThatCannotBeAreRejected) {
   }
   const std::array<std::uint8_t, 7> order{3, 0, 0, 0, 0, 1, 2};
   const auto at = std::ranges::search(bytes, order).begin() - bytes.begin() + 4;
-  for (const std::uint8_t kind : {1, 3, 255}) {
+  for (const std::uint8_t kind : {std::uint8_t{1}, std::uint8_t{3}, std::uint8_t{255}}) {
     Bytes bad = bytes;
     bad.at(static_cast<std::size_t>(at)) = kind;
     EXPECT_FALSE(decode(Topic::fix_input, bad)) << int{kind};

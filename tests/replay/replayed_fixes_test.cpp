@@ -238,7 +238,8 @@ TEST_F(FixesAgain, TimesThatAreNoneAreNotCompared) {
 TEST_F(FixesAgain, ArbitraryRecordsAreCountedOnceAndNeverCrash) {
   Random random(17);
   const RecordedFlight whole = flight_;
-  constexpr double kOdd[] = {0, -1, 1e18, 1e300, NAN, INFINITY};
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInfinity = std::numeric_limits<double>::infinity();
+  constexpr double kOdd[] = {0, -1, 1e18, 1e300, kNan, kInfinity};
   constexpr std::int64_t kTimes[] = {0, 1, 99 * kSecond, 200 * kSecond, 1'000'000'000'000'000'000};
   const auto pick = [&](const auto& list) { return list[random.integer(0, static_cast<int>(std::size(list)) - 1)]; };
   for (int round = 0; round < 300; ++round) {
