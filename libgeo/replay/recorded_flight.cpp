@@ -134,7 +134,7 @@ RecordedFlight read_recorded_flight(const RecordedFlightSource& source) {
     }
     if (const auto* hint = std::get_if<HintRecord>(&one.record)) recorded.between.emplace_back(*hint);
     if (const auto* fix = std::get_if<FixRecord>(&one.record)) recorded.fixes.push_back(*fix);
-    if (const auto* inputs = std::get_if<FixInputRecord>(&one.record)) recorded.fix_inputs.push_back(*inputs);
+    if (const auto* made_of = std::get_if<FixInputRecord>(&one.record)) recorded.fix_inputs.push_back(*made_of);
     const auto* picture = std::get_if<FrameRecord>(&one.record);
     if (picture == nullptr || source.frames) return;
     std::string name = fmt::format("{:08}", picture->index);
