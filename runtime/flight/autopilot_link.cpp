@@ -14,7 +14,7 @@ constexpr double kHeartbeatPeriod_s = 1, kRequestPeriod_s = 10, kUnauthenticated
 constexpr int kMaxWait_ms = 20;
 
 // ArduPlane sends at most every 20 ms, and warns the operator about any request above 40 Hz.
-constexpr std::pair<StreamedMessage, double> kStreams[] = {
+constexpr std::pair<StreamedMessage, double> kRequestedStreams[] = {
     {StreamedMessage::attitude, 25},      {StreamedMessage::global_position, 5}, {StreamedMessage::gps_raw, 5},
     {StreamedMessage::gps2_raw, 5},       {StreamedMessage::raw_imu, 40},        {StreamedMessage::ekf_status, 4},
     {StreamedMessage::terrain_report, 2}, {StreamedMessage::distance_sensor, 5}, {StreamedMessage::system_time, 1},
@@ -222,7 +222,8 @@ void AutopilotLink::request_streams(double now_s, const ReceivedMessage& message
   if (heartbeat == nullptr || !heartbeat->is_autopilot || (requested_s_ && now_s - *requested_s_ < kRequestPeriod_s))
     return;
   requested_s_ = now_s;
-  for (const auto& [stream, rate_hz] : kStreams) outgoing_.put(set_message_interval(message.source, stream, rate_hz));
+  for (const auto& [stream, rate_hz] : kRequestedStreams)
+    outgoing_.put(set_message_interval(message.source, stream, rate_hz));
 }
 
 void AutopilotLink::note_message(double now_s, const ReceivedMessage& received) {
