@@ -64,17 +64,13 @@ FixInputRecord fix_input(Random& random) {
   record.sent = random.chance(0.7);
   record.missing = static_cast<std::uint32_t>(random.integer(0, 9));
   const auto real = [&] { return static_cast<float>(random.normal()); };
-  while (random.chance(0.9)) {
-    FixInputRecord::Input& input = record.inputs.emplace_back();
-    input.time_us = record.time_us - random.integer(0, 2'000'000'000);
-    switch (random.integer(0, 2)) {
-      case 0: input.what = FixInputRecord::Attitude{real(), real(), real()}; break;
-      case 1: input.what = FixInputRecord::Acceleration{real(), real(), real()}; break;
-      default:
-        input.what =
-            FixInputRecord::ArrivedEstimate{static_cast<std::uint64_t>(random.integer(0, 99)), random.chance(0.5)};
-    }
-  }
+  const auto what = [&]() -> decltype(FixInputRecord::Input::what) {
+    const int kind = random.integer(0, 2);
+    if (kind == 0) return FixInputRecord::Attitude{real(), real(), real()};
+    if (kind == 1) return FixInputRecord::Acceleration{real(), real(), real()};
+    return FixInputRecord::ArrivedEstimate{static_cast<std::uint64_t>(random.integer(0, 99)), random.chance(0.5)};
+  };
+  while (random.chance(0.9)) record.inputs.push_back({record.time_us - random.integer(0, 2'000'000'000), what()});
   return record;
 }
 
