@@ -194,7 +194,7 @@ std::int64_t CandidateCatalogue::open_upload(const UploadRow& upload, const Batc
         .set("captured_at", UtcTime{sidecar.captured_at.unix_ms / 1000})
         .set("gsd_mm", sidecar.gsd_mm)
         .set("sigma_mm", sidecar.pose.sigma_mm)
-        .set("cost_mm", static_cast<std::int64_t>(std::lround(cost_mm(sidecar))))
+        .set("badness_mm", static_cast<std::int64_t>(std::lround(cost_mm(sidecar))))
         .set("trust", name_of(sidecar.trust))
         .set("keyid", announced.signature.keyid)
         .set("signature", to_base64(announced.signature.signature))
@@ -305,14 +305,14 @@ void CandidateCatalogue::add_evaluated(std::vector<Question> questions, std::int
                   database_.of("tiles"), database_.of("verdicts"), database_.of("uploads"));
   database_.select(fmt::format("SELECT t.sha256 AS sha256 {} AND t.sha256 IN ({})", from, digests),
                    [&](const CatalogueRow& row) { accepted.insert(digest_from(row, "sha256")); });
-  database_.select(fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, t.cost_mm AS cost_mm, u.airframe AS airframe, "
+  database_.select(fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, t.badness_mm AS badness_mm, u.airframe AS airframe, "
                                "u.flight AS flight {} AND ({})",
                                from, addresses),
                    [&](const CatalogueRow& row) {
                      const TileKey key{static_cast<std::uint8_t>(row.integer("z")),
                                        static_cast<std::uint32_t>(row.integer("x")),
                                        static_cast<std::uint32_t>(row.integer("y"))};
-                     take({row.text("airframe"), row.text("flight"), key}, row.integer("cost_mm"));
+                     take({row.text("airframe"), row.text("flight"), key}, row.integer("badness_mm"));
                    });
   std::set<std::int64_t> decided;  // by another call in the meantime
   database_.select(fmt::format("SELECT tile FROM {} WHERE tile IN ({})", database_.of("verdicts"), ids),
