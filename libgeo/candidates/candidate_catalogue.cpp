@@ -305,15 +305,15 @@ void CandidateCatalogue::add_evaluated(std::vector<Question> questions, std::int
                   database_.of("tiles"), database_.of("verdicts"), database_.of("uploads"));
   database_.select(fmt::format("SELECT t.sha256 AS sha256 {} AND t.sha256 IN ({})", from, digests),
                    [&](const CatalogueRow& row) { accepted.insert(digest_from(row, "sha256")); });
-  database_.select(fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, t.badness_mm AS badness_mm, u.airframe AS airframe, "
-                               "u.flight AS flight {} AND ({})",
-                               from, addresses),
-                   [&](const CatalogueRow& row) {
-                     const TileKey key{static_cast<std::uint8_t>(row.integer("z")),
-                                       static_cast<std::uint32_t>(row.integer("x")),
-                                       static_cast<std::uint32_t>(row.integer("y"))};
-                     take({row.text("airframe"), row.text("flight"), key}, row.integer("badness_mm"));
-                   });
+  database_.select(
+      fmt::format("SELECT t.z AS z, t.x AS x, t.y AS y, t.badness_mm AS badness_mm, u.airframe AS airframe, "
+                  "u.flight AS flight {} AND ({})",
+                  from, addresses),
+      [&](const CatalogueRow& row) {
+        const TileKey key{static_cast<std::uint8_t>(row.integer("z")), static_cast<std::uint32_t>(row.integer("x")),
+                          static_cast<std::uint32_t>(row.integer("y"))};
+        take({row.text("airframe"), row.text("flight"), key}, row.integer("badness_mm"));
+      });
   std::set<std::int64_t> decided;  // by another call in the meantime
   database_.select(fmt::format("SELECT tile FROM {} WHERE tile IN ({})", database_.of("verdicts"), ids),
                    [&](const CatalogueRow& row) { decided.insert(row.integer("tile")); });
