@@ -39,14 +39,14 @@ class TilesInFlight : public ::testing::Test {
     return setup;
   }
   TileMaking::Listener listener() {
-    return {[this](const TileKey&, CandidateOutcome fate) {
+    return {[this](const TileKey&, CandidateOutcome outcome) {
               const std::scoped_lock lock(mutex_);
-              ++fates_[fate];
+              ++outcomes_[outcome];
               changed_.notify_all();
             },
             [this](const std::string& failure) {
               const std::scoped_lock lock(mutex_);
-              troubles_ += failure.empty() ? 0 : 1;
+              failures_ += failure.empty() ? 0 : 1;
               changed_.notify_all();
             },
             [this](const FrameTiles&) {
@@ -96,8 +96,8 @@ class TilesInFlight : public ::testing::Test {
   ManualClock clock_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::map<CandidateOutcome, std::size_t> fates_;
-  int troubles_ = 0;
+  std::map<CandidateOutcome, std::size_t> outcomes_;
+  int failures_ = 0;
   std::uint64_t frames_ = 0;
 };
 
@@ -106,12 +106,12 @@ TEST_F(TilesInFlight, AreMadeFromAnchoredFrames) {
     TileMaking tiles(setup(), clock_, listener());
     for (std::uint64_t i = 0; i < 4; ++i) see(tiles, i, 10.0 * static_cast<double>(i));
     tiles.on_anchor(1, pose(10));
-    wait_until([&] { return fates_[CandidateOutcome::added] >= 6; });
+    wait_until([&] { return outcomes_[CandidateOutcome::added] >= 6; });
     tiles.on_anchor(1, pose(10));   // it is gone by now
     tiles.on_anchor(77, pose(10));  // never seen
-    EXPECT_EQ(troubles_, 0);
   }
-  EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
+  EXPECT_EQ(failures_, 0);
+  EXPECT_EQ(stored(), outcomes_[CandidateOutcome::added]);
 }
 
 TEST_F(TilesInFlight, StayWithinTheirBudget) {
@@ -121,11 +121,11 @@ TEST_F(TilesInFlight, StayWithinTheirBudget) {
     TileMaking tiles(tight, clock_, listener());
     see(tiles, 1, 10);
     tiles.on_anchor(1, pose(10));
-    wait_until([&] { return fates_[CandidateOutcome::no_room] > 0; });
+    wait_until([&] { return outcomes_[CandidateOutcome::no_room] > 0; });
   }
   const std::scoped_lock lock(mutex_);
-  EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
-  EXPECT_EQ(troubles_, 0);
+  EXPECT_EQ(stored(), outcomes_[CandidateOutcome::added]);
+  EXPECT_EQ(failures_, 0);
 }
 
 // A zoom coarser no frame shows a tile wholly: what is whole is made at the latest when the flight ends.
@@ -144,7 +144,7 @@ TEST_F(TilesInFlight, AreAlsoMadeFromSeveralFrames) {
       clock_.advance(1);
     }
   }
-  EXPECT_EQ(fates_[CandidateOutcome::added], 1U);
+  EXPECT_EQ(outcomes_[CandidateOutcome::added], 1U);
   CandidateReader reader(folder_ / "candidates");
   Findings findings;
   const auto made = reader.next(findings);
@@ -175,15 +175,18 @@ TEST_F(TilesInFlight, AFullDiskIsReportedOnceAndAffectsTilesOnly) {
     const rlimit limit{1000, old.rlim_max};
     setrlimit(RLIMIT_FSIZE, &limit);
     tiles.on_anchor(0, pose(0));
-    wait_until([&] { return troubles_ == 1; });
-    EXPECT_EQ(fates_[CandidateOutcome::added], 0U);
+    wait_until([&] { return failures_ == 1; });
+    {
+      const std::scoped_lock lock(mutex_);
+      EXPECT_EQ(outcomes_[CandidateOutcome::added], 0U);
+    }
     setrlimit(RLIMIT_FSIZE, &old);
     std::signal(SIGXFSZ, old_handler);
     tiles.on_anchor(1, pose(0));
-    wait_until([&] { return fates_[CandidateOutcome::added] >= 6; });
-    EXPECT_EQ(troubles_, 1);
+    wait_until([&] { return outcomes_[CandidateOutcome::added] >= 6; });
   }
-  EXPECT_EQ(stored(), fates_[CandidateOutcome::added]);
+  EXPECT_EQ(failures_, 1);
+  EXPECT_EQ(stored(), outcomes_[CandidateOutcome::added]);
 }
 
 TEST_F(TilesInFlight, ConfigurationErrorsAreFoundBeforeTakeOff) {
