@@ -3,6 +3,12 @@
 #include <utility>
 
 namespace nadir {
+namespace {
+
+// So often that a flood of recorded frames does not keep the peer's own from being answered.
+constexpr std::int64_t kChallenge_us = 50'000;
+
+}  // namespace
 
 MavlinkLink::MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing,
                          std::optional<MavlinkAddress> peer)
@@ -21,14 +27,18 @@ void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(cons
                         const std::function<void(MavlinkAddress)>& rejected) {
   while (const auto frame = reader_.next()) {
     if (frame->source == own_) continue;
-    if (signing_ && signing_->check(*frame, monotonic_us) != SignatureVerdict::accepted) {
+    const bool is_peer = !peer_ || frame->source == *peer_;
+    const auto verdict = signing_ ? signing_->check(*frame, monotonic_us) : SignatureVerdict::accepted;
+    if (verdict != SignatureVerdict::accepted) {
+      if (is_peer && verdict == SignatureVerdict::replayed) challenge(monotonic_us);
       if (rejected) rejected(frame->source);
       continue;
     }
-    if ((!peer_ || frame->source == *peer_) && !transport_->follow_sender(monotonic_us)) {
+    if (is_peer && !transport_->follow_sender(monotonic_us)) {
       ++counts_.rivals;
       if (peer_) continue;  // with signatures too: a key may be stolen
     }
+    if (is_peer) accepted_us_ = monotonic_us;
     auto message = decode(*frame);
     if (!message) {
       ++counts_.malformed;
@@ -37,6 +47,14 @@ void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(cons
     ++counts_.messages;
     handle({frame->source, signing_.has_value(), monotonic_us, std::move(*message)});
   }
+}
+
+void MavlinkLink::challenge(std::int64_t monotonic_us) {
+  if (accepted_us_ && monotonic_us - *accepted_us_ < kPeerSilence_us) return;
+  if (monotonic_us < next_challenge_us_) return;
+  next_challenge_us_ = monotonic_us + kChallenge_us;
+  const Bytes frame = encode(OwnHeartbeat{SystemState::boot}, own_, sequence_++);
+  if (transport_->answer_sender(signing_->sign(frame, monotonic_us))) ++counts_.sent;
 }
 
 bool MavlinkLink::send(const OutgoingMessage& message, std::int64_t monotonic_us) {

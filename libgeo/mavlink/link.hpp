@@ -38,6 +38,12 @@ class MavlinkLink {
   MavlinkLink(std::unique_ptr<Transport> transport, MavlinkAddress own, std::optional<Signing> signing,
               std::optional<MavlinkAddress> peer = std::nullopt);
 
+  // A challenge: while the peer is not there, frames with its name and a valid signature, but a timestamp that counts
+  // as seen, are answered by a heartbeat. They are a recording, or the peer itself after a restart of ours: its
+  // timestamps pass with the frames that it sends (ten microseconds each) and not with time, so that on its own it
+  // would be behind those that we saved ahead (StreamTimestamps) for an hour. It takes over the time of our heartbeat,
+  // as every MAVLink implementation does, and its next frame is newer than whatever was recorded.
+
   // For poll(), and whether the link is up.
   const Transport& transport() const { return *transport_; }
 
@@ -54,6 +60,7 @@ class MavlinkLink {
  private:
   void drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
              const std::function<void(MavlinkAddress)>& rejected);
+  void challenge(std::int64_t monotonic_us);
 
   std::unique_ptr<Transport> transport_;
   MavlinkAddress own_;
@@ -61,6 +68,8 @@ class MavlinkLink {
   std::optional<MavlinkAddress> peer_;
   FrameReader reader_;
   std::uint8_t sequence_ = 0;
+  std::optional<std::int64_t> accepted_us_;  // the last frame from the peer
+  std::int64_t next_challenge_us_ = 0;
   LinkCounts counts_;
 };
 

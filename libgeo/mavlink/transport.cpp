@@ -191,6 +191,7 @@ class UdpTransport final : public Transport {
   void advance(std::int64_t monotonic_us, const Sink& sink) override;
   bool send(ByteView frame) override;
   bool follow_sender(std::int64_t monotonic_us) override;
+  bool answer_sender(ByteView frame) override;
   bool is_open() const override { return static_cast<bool>(socket_); }
   int descriptor() const override { return socket_.get(); }
   short events() const override;
@@ -198,6 +199,7 @@ class UdpTransport final : public Transport {
 
  private:
   void open();
+  bool send_to(const std::optional<SocketAddress>& address, ByteView frame);
 
   Endpoint endpoint_;
   Descriptor socket_;
@@ -267,10 +269,16 @@ bool UdpTransport::follow_sender(std::int64_t monotonic_us) {
   return true;
 }
 
-bool UdpTransport::send(ByteView frame) {
-  if (socket_ && peer_) {
+bool UdpTransport::send(ByteView frame) { return send_to(peer_, frame); }
+
+bool UdpTransport::answer_sender(ByteView frame) {
+  return send_to(endpoint_.kind == Endpoint::Kind::udp_listen ? sender_ : peer_, frame);
+}
+
+bool UdpTransport::send_to(const std::optional<SocketAddress>& address, ByteView frame) {
+  if (socket_ && address) {
     const bool listens = endpoint_.kind == Endpoint::Kind::udp_listen;
-    const ssize_t sent = listens ? ::sendto(socket_.get(), frame.data(), frame.size(), 0, peer_->get(), peer_->size)
+    const ssize_t sent = listens ? ::sendto(socket_.get(), frame.data(), frame.size(), 0, address->get(), address->size)
                                  : ::send(socket_.get(), frame.data(), frame.size(), 0);
     if (sent == static_cast<ssize_t>(frame.size())) {
       counts_.bytes_out += frame.size();

@@ -70,6 +70,9 @@ class Transport {
   // it.
   virtual bool follow_sender(std::int64_t /*monotonic_us*/) { return true; }
 
+  // To the sender of the arrival that the sink is handling, who does not become the peer by it.
+  virtual bool answer_sender(ByteView frame) { return send(frame); }
+
   virtual bool is_open() const = 0;
   virtual int descriptor() const = 0;  // -1: closed, call advance() again within a second
   virtual short events() const = 0;    // for poll()

@@ -186,6 +186,83 @@ TEST_F(Link, UnauthenticatedPeersAreIgnored) {
       [](const ReceivedMessage&) {});
 }
 
+// nadird restarts in flight; the timestamps of its peer pass with its frames and not with time.
+TEST_F(Link, APeerWhoseTimestampsStandStillIsReceivedAgainAfterARestart) {
+  const auto link_at = [&](const std::string& port, SigningTime& time, StreamTimestamps& streams) {
+    MavlinkLink link(make_transport(parse_endpoint("udpin:127.0.0.1:" + port)), kUs,
+                     Signing(SigningKey(Sha256::from_hex(kKeyHex)->bytes), time, 1, &streams), MavlinkAddress{1, 1});
+    link.advance(steady_us(), [](const ReceivedMessage&) {});
+    return link;
+  };
+  const auto until_received = [](MavlinkLink& link, SigningTime& time, int count) {
+    int received = 0;
+    std::int64_t saved_us = steady_us();
+    go_on(
+        link,
+        [&] {
+          if (steady_us() - saved_us > 1'000'000) time.save(saved_us = steady_us());  // as in flight
+          return received >= count;
+        },
+        [&](const ReceivedMessage& message) {
+          ++received;
+          link.send(OwnHeartbeat{SystemState::active}, message.monotonic_us);
+        });
+  };
+  std::optional<Peer> peer;
+  std::string port;
+  {
+    StreamTimestamps streams(folder_ / "streams");
+    MavlinkLink link = link_at("0", time_, streams);
+    port = std::to_string(link.transport().local_port());
+    peer.emplace("udp " + port);
+    until_received(link, time_, 5);
+    streams.save();
+    time_.save(steady_us());
+  }
+  SigningTime time(folder_ / "time", system_us(), steady_us());
+  StreamTimestamps streams(folder_ / "streams");
+  MavlinkLink link = link_at(port, time, streams);
+  until_received(link, time, 5);
+  EXPECT_GT(link.counts().signatures.replayed, 0U) << "what was saved ahead counts as seen";
+  const StatusText bye{TextSeverity::info, "bye", 0, 0};
+  go_on(
+      link,
+      [&] {
+        link.send(bye, steady_us());
+        return peer->has_ended();
+      },
+      [](const ReceivedMessage&) {});
+}
+
+// The answer to a recording is a heartbeat: nothing follows it, and whoever played it is not the peer.
+TEST_F(Link, ARecordingIsChallengedAndNotFollowed) {
+  StreamTimestamps streams;
+  MavlinkLink link(make_transport(parse_endpoint("udpin:127.0.0.1:0")), kUs,
+                   Signing(SigningKey(Sha256::from_hex(kKeyHex)->bytes), time_, 1, &streams), MavlinkAddress{1, 1});
+  link.advance(steady_us(), [](const ReceivedMessage&) {});
+  const std::string endpoint = "udpout:127.0.0.1:" + std::to_string(link.transport().local_port());
+  EXPECT_TRUE(streams.set({1, 1}, 7, signing_time_of(system_us()) + 60 * kSigningTicksPerSecond));
+  SigningTime recorded(folder_ / "recorded", system_us(), steady_us());
+  MavlinkLink player(make_transport(parse_endpoint(endpoint)), {1, 1},
+                     Signing(SigningKey(Sha256::from_hex(kKeyHex)->bytes), recorded, 7));
+  player.advance(steady_us(), [](const ReceivedMessage&) {});
+  int heartbeats = 0, others = 0;
+  go_on(
+      link,
+      [&] {
+        player.send(OwnHeartbeat{}, steady_us());
+        link.send(GpsInput{.fix = GpsFix::three_d}, steady_us());
+        player.advance(steady_us(), [&](const ReceivedMessage& message) {
+          ++(std::holds_alternative<Heartbeat>(message.message) ? heartbeats : others);
+        });
+        return heartbeats >= 3;
+      },
+      [](const ReceivedMessage&) { ADD_FAILURE() << "a recording was accepted"; });
+  EXPECT_EQ(others, 0);
+  EXPECT_EQ(link.counts().messages, 0U);
+  EXPECT_EQ(link.counts().sent, static_cast<std::uint64_t>(heartbeats));
+}
+
 TEST_F(Link, AMissingPeerIsRetriedEverySecondWithoutBlocking) {
   MavlinkLink link = link_to("serial:/dev/no-such-port:57600");
   const auto nothing = [](const ReceivedMessage&) {};
