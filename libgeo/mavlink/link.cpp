@@ -30,7 +30,7 @@ void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(cons
     const bool is_peer = !peer_ || frame->source == *peer_;
     const auto verdict = signing_ ? signing_->check(*frame, monotonic_us) : SignatureVerdict::accepted;
     if (verdict != SignatureVerdict::accepted) {
-      if (is_peer && verdict == SignatureVerdict::replayed) challenge(monotonic_us);
+      if (is_peer && verdict == SignatureVerdict::replayed) challenge(*frame, monotonic_us);
       if (rejected) rejected(frame->source);
       continue;
     }
@@ -49,12 +49,12 @@ void MavlinkLink::drain(std::int64_t monotonic_us, const std::function<void(cons
   }
 }
 
-void MavlinkLink::challenge(std::int64_t monotonic_us) {
+void MavlinkLink::challenge(const MavlinkFrame& replayed, std::int64_t monotonic_us) {
   if (accepted_us_ && monotonic_us - *accepted_us_ < kPeerSilence_us) return;
   if (monotonic_us < next_challenge_us_) return;
   next_challenge_us_ = monotonic_us + kChallenge_us;
-  const Bytes frame = encode(OwnHeartbeat{SystemState::boot}, own_, sequence_++);
-  if (transport_->answer_sender(signing_->sign(frame, monotonic_us))) ++counts_.sent;
+  const Bytes heartbeat = encode(OwnHeartbeat{SystemState::boot}, own_, sequence_++);
+  if (transport_->answer_sender(signing_->sign_answer(heartbeat, replayed, monotonic_us))) ++counts_.sent;
 }
 
 bool MavlinkLink::send(const OutgoingMessage& message, std::int64_t monotonic_us) {

@@ -60,7 +60,7 @@ class MavlinkLink {
  private:
   void drain(std::int64_t monotonic_us, const std::function<void(const ReceivedMessage&)>& handle,
              const std::function<void(MavlinkAddress)>& rejected);
-  void challenge(std::int64_t monotonic_us);
+  void challenge(const MavlinkFrame& replayed, std::int64_t monotonic_us);
 
   std::unique_ptr<Transport> transport_;
   MavlinkAddress own_;

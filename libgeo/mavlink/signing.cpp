@@ -195,7 +195,10 @@ void SigningTime::adopt(std::uint64_t timestamp, std::int64_t monotonic_us) {
   const std::scoped_lock lock(mutex_);
   peer_seen_ = true;
   if (timestamp <= now_locked(monotonic_us)) return;
-  lead_ = std::min(timestamp - agreed(monotonic_us), kMaxAge);
+  const std::uint64_t lead = std::min(timestamp - agreed(monotonic_us), kMaxAge);
+  if (lead > lead_ + kReservation)
+    allowed_ = last_;  // the next frame that we sign is there, and not within ten seconds
+  lead_ = lead;
 }
 
 bool SigningTime::follow(std::uint64_t timestamp, std::int64_t monotonic_us) {
@@ -324,9 +327,20 @@ Signing::Signing(const SigningKey& key, SigningTime& time, std::uint8_t link_id,
       streams_(streams != nullptr ? streams : own_streams_.get()) {}
 
 Bytes Signing::sign(Bytes frame, std::int64_t monotonic_us) {
+  return sign_at(std::move(frame), time_.take(monotonic_us));
+}
+
+Bytes Signing::sign_answer(Bytes frame, const MavlinkFrame& replayed, std::int64_t monotonic_us) {
+  if (!answered_us_) answered_us_ = monotonic_us;
+  const std::uint8_t stream = replayed.bytes[replayed.bytes.size() - kSignatureSize];
+  const std::uint64_t reached = streams_->last(replayed.source, stream).value_or(0);
+  const std::uint64_t later = reached + 1 + ticks_between(*answered_us_, monotonic_us);
+  return sign_at(std::move(frame), std::max(time_.take(monotonic_us), std::min(later, kMaxTimestamp)));
+}
+
+Bytes Signing::sign_at(Bytes frame, std::uint64_t timestamp) const {
   mark_signed(frame);
   frame.push_back(link_id_);
-  const std::uint64_t timestamp = time_.take(monotonic_us);
   for (std::size_t i = 0; i < kTimestampSize; ++i) frame.push_back(static_cast<std::uint8_t>(timestamp >> (8 * i)));
   const Sha256 tag = digest(key_, frame);
   frame.insert(frame.end(), tag.bytes.begin(), tag.bytes.begin() + kTagSize);
@@ -354,6 +368,7 @@ SignatureVerdict Signing::verdict(const MavlinkFrame& frame, std::int64_t monoto
   if (!streams_->set(frame.source, block[0], timestamp)) return SignatureVerdict::too_many_streams;
   time_.adopt(timestamp, monotonic_us);
   accepted_us_ = monotonic_us;
+  answered_us_.reset();
   other_times_.clear();
   return SignatureVerdict::accepted;
 }

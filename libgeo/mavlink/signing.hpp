@@ -182,6 +182,10 @@ class Signing {
   // Signs an encoded version 2 frame.
   Bytes sign(Bytes frame, std::int64_t monotonic_us);
 
+  // Signs the answer to a frame that was rejected as replayed, later than what its stream has reached: whoever sent it
+  // and is alive takes over this time, and its next frame is not rejected. Our own time may be another one until then.
+  Bytes sign_answer(Bytes frame, const MavlinkFrame& replayed, std::int64_t monotonic_us);
+
   SignatureVerdict check(const MavlinkFrame& frame, std::int64_t monotonic_us);
 
   const SignatureCounts& counts() const { return counts_; }
@@ -193,6 +197,7 @@ class Signing {
     std::int64_t first_us = 0;
     int frames = 0;
   };
+  Bytes sign_at(Bytes frame, std::uint64_t timestamp) const;
   SignatureVerdict verdict(const MavlinkFrame& frame, std::int64_t monotonic_us);
   bool follows(const Stream& stream, std::uint64_t timestamp, std::int64_t monotonic_us);
 
@@ -203,6 +208,7 @@ class Signing {
   StreamTimestamps* streams_;
   std::map<Stream, OtherTime> other_times_;
   std::optional<std::int64_t> accepted_us_;  // when the last frame was
+  std::optional<std::int64_t> answered_us_;  // when the first frame after that was answered
   SignatureCounts counts_;
 };
 
