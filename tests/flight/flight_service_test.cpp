@@ -189,12 +189,15 @@ class PartsInFlight : public ::testing::Test {
     running_ = {};
     service_.reset();
   }
-  // Until the log holds it; the autopilot beats meanwhile, so that the operator hears as well.
-  void wait_for(const std::string& text) {
+  // The autopilot beats meanwhile: without a link nothing is sent to the operator.
+  void wait_until(const std::function<bool()>& done) {
     peer_.listen_until([&] {
       if (!peer_.received(MAVLINK_MSG_ID_HEARTBEAT).empty()) beats(false);
-      return logged(text) > 0;
+      return done();
     });
+  }
+  void wait_for(const std::string& text) {
+    wait_until([&] { return logged(text) > 0; });
   }
   std::ptrdiff_t logged(const std::string& text) const {
     const std::scoped_lock lock(mutex_);
@@ -226,10 +229,10 @@ TEST_F(PartsInFlight, AStateDirectoryThatCannotBeMadeIsReportedAndUsedLater) {
   folder_.write("state", "a file in its place");
   begin();
   wait_for("state directory: failed");
-  peer_.listen_until([&] { return reported("Nadir: state directory failed, trying again"); });
+  wait_until([&] { return reported("Nadir: state directory failed, trying again"); });
   std::filesystem::remove(folder_ / "state");
   wait_for("state directory: works again");
-  peer_.listen_until([&] { return reported("Nadir: state directory works again"); });
+  wait_until([&] { return reported("Nadir: state directory works again"); });
   EXPECT_EQ(logged("state directory: failed"), 1) << "once";
   peer_.listen_until([&] { return StateDirectory(options_.state).load().flight.has_value(); });
 }
