@@ -111,6 +111,13 @@ void AutopilotLink::save_signing_state() {
   for (const Station& station : stations_) station.streams->save();
 }
 
+void AutopilotLink::save_signing_state_at_end() {
+  if (!signing_time_) return;
+  signing_time_->save(us(clock_.monotonic_s()));
+  streams_->save_at_end();
+  for (const Station& station : stations_) station.streams->save_at_end();
+}
+
 std::vector<std::string> AutopilotLink::faults() const {
   std::vector<std::string> faults;
   const auto add = [&](const std::unique_ptr<StreamTimestamps>& streams) {

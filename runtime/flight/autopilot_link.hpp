@@ -148,6 +148,7 @@ class AutopilotLink {
   void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
   void save_signing_state();                // once a second, from a thread that may wait for disks
+  void save_signing_state_at_end();         // after stop(): the peers' next frames are accepted at once
   std::vector<std::string> faults() const;  // of the saved signing state, as it was read
   std::string signing_time_failure() const { return signing_time_ ? signing_time_->failure() : std::string(); }
 

@@ -97,7 +97,7 @@ std::string Upkeep::finish() {
   } catch (const std::exception& error) {
     failure = error.what();
   }
-  if (link_ != nullptr) link_->save_signing_state();
+  if (link_ != nullptr) link_->save_signing_state_at_end();
   return failure;
 }
 

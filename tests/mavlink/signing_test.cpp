@@ -141,6 +141,22 @@ TEST_F(SignedLink, AReplayAfterARestartIsRejected) {
   EXPECT_EQ(judged_by(streams, theirs(now_, 0, 9)), SignatureVerdict::accepted) << "another system has its own";
 }
 
+// After a clean end nothing is saved ahead: the next start accepts the frame that follows.
+TEST_F(SignedLink, AfterACleanEndTheNextFrameIsAccepted) {
+  const std::filesystem::path file = folder_ / "streams";
+  {
+    StreamTimestamps streams(file);
+    EXPECT_TRUE(streams.set({1, 1}, 0, now_));
+    streams.save();
+    EXPECT_GT(StreamTimestamps(file).last({1, 1}, 0), now_);
+    streams.save_at_end();
+  }
+  EXPECT_EQ(StreamTimestamps(file).last({1, 1}, 0), now_);
+  StreamTimestamps empty(folder_ / "none");
+  empty.save_at_end();
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "none"));
+}
+
 TEST_F(SignedLink, DamagedTimestampsOfStreamsAreReportedAndTheLinkContinues) {
   const std::string whole = "nadir.signing-streams/1\n1 1 0 123\n255 190 7 281474976710655\n";
   folder_.write("streams", whole);
