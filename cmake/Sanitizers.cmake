@@ -1,7 +1,7 @@
 # NADIR_SANITIZE=address,undefined or thread; the presets asan and tsan set it.
 set(NADIR_SANITIZE "" CACHE STRING "Sanitizers for everything that is built here, comma separated")
 if(NADIR_SANITIZE)
-  # -O1 -g1: half of the time to compile, and reports still name the line.
+  # -O1 -g1: quicker to compile than -O2 -g, and reports still name the line.
   add_compile_options(-O1 -g1 -fsanitize=${NADIR_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${NADIR_SANITIZE})
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")

@@ -296,25 +296,17 @@ bool StreamTimestamps::set(const MavlinkAddress& source, std::uint8_t link_id, s
   return true;
 }
 
-void StreamTimestamps::save() { save(kStreamReserve_us); }
-
-void StreamTimestamps::save_at_end() {
-  {
-    const std::scoped_lock lock(mutex_);
-    changed_ = !streams_.empty();  // the file holds later ones
-  }
-  save(0);
-}
-
-void StreamTimestamps::save(std::int64_t reserve_us) {
+void StreamTimestamps::save(When when) {
+  const std::uint64_t reserve = when == When::in_flight ? kStreamReserve_us / 10 : 0;
   std::string text(kStreamsHeader);
   text += '\n';
   {
     const std::scoped_lock lock(mutex_);
-    if (path_.empty() || !changed_) return;
+    // What was saved in flight is later than the last ones.
+    if (path_.empty() || streams_.empty() || (when == When::in_flight && !changed_)) return;
     for (const auto& [stream, timestamp] : streams_) {
       const auto& [source, link_id] = stream;
-      const std::uint64_t reserved = std::min(timestamp + static_cast<std::uint64_t>(reserve_us / 10), kMaxTimestamp);
+      const std::uint64_t reserved = std::min(timestamp + reserve, kMaxTimestamp);
       text += std::to_string(source.system) + ' ' + std::to_string(source.component) + ' ' + std::to_string(link_id) +
               ' ' + std::to_string(reserved) + '\n';
     }

@@ -136,15 +136,16 @@ class StreamTimestamps {
   std::optional<std::uint64_t> last(const MavlinkAddress& source, std::uint8_t link_id) const;
   bool set(const MavlinkAddress& source, std::uint8_t link_id, std::uint64_t timestamp);  // false: too many streams
 
-  void save();         // once a second, from a thread that may wait for disks; failures are counted
-  void save_at_end();  // when nothing more is received: exactly the last ones
+  // From a thread that may wait for disks; failures are counted. In flight once a second; at a clean end, when nothing
+  // more is received, exactly the last ones.
+  enum class When { in_flight, clean_end };
+  void save(When when = When::in_flight);
   std::uint64_t failed_saves() const { return failed_; }
   const std::string& fault() const { return fault_; }
 
  private:
   using Stream = std::tuple<MavlinkAddress, std::uint8_t>;
   void read();
-  void save(std::int64_t reserve_us);
 
   std::filesystem::path path_;
   std::string fault_;

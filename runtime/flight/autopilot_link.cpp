@@ -104,18 +104,11 @@ void AutopilotLink::send(OutgoingMessage message) {
   wake_up_.call();
 }
 
-void AutopilotLink::save_signing_state() {
+void AutopilotLink::save_signing_state(StreamTimestamps::When when) {
   if (!signing_time_) return;
   signing_time_->save(us(clock_.monotonic_s()));
-  streams_->save();
-  for (const Station& station : stations_) station.streams->save();
-}
-
-void AutopilotLink::save_signing_state_at_end() {
-  if (!signing_time_) return;
-  signing_time_->save(us(clock_.monotonic_s()));
-  streams_->save_at_end();
-  for (const Station& station : stations_) station.streams->save_at_end();
+  streams_->save(when);
+  for (const Station& station : stations_) station.streams->save(when);
 }
 
 std::vector<std::string> AutopilotLink::faults() const {

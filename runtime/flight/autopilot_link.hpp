@@ -147,8 +147,8 @@ class AutopilotLink {
   void on_status(const ServiceStatus& status);  // whether fixes may be sent, and their accuracy
   void send_text(TextSeverity severity, std::string text);
   void send(OutgoingMessage message);
-  void save_signing_state();                // once a second, from a thread that may wait for disks
-  void save_signing_state_at_end();         // after stop(): the peers' next frames are accepted at once
+  // In flight once a second, from a thread that may wait for disks; at a clean end after stop().
+  void save_signing_state(StreamTimestamps::When when);
   std::vector<std::string> faults() const;  // of the saved signing state, as it was read
   std::string signing_time_failure() const { return signing_time_ ? signing_time_->failure() : std::string(); }
 

@@ -40,7 +40,7 @@ void Upkeep::run(const std::stop_token& stop) {
     if (auto reported = retries_.signing.note(clock_.monotonic_s(), link_->signing_time_failure())) {
       publish_(*std::move(reported));
     }
-    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_state();
+    if (signing_time.due(clock_.monotonic_s())) link_->save_signing_state(StreamTimestamps::When::in_flight);
     if (auto flight = flights_.take_within(kUpkeepWait, stop)) unsaved_.flight = *std::move(flight);
     if (auto acceptance = acceptances_.try_take()) unsaved_.acceptance = *std::move(acceptance);
     if (!stop.stop_requested()) tend();
@@ -97,7 +97,7 @@ std::string Upkeep::finish() {
   } catch (const std::exception& error) {
     failure = error.what();
   }
-  if (link_ != nullptr) link_->save_signing_state_at_end();
+  if (link_ != nullptr) link_->save_signing_state(StreamTimestamps::When::clean_end);
   return failure;
 }
 

@@ -243,10 +243,10 @@ class FullDisk(unittest.TestCase):
         """However long the disk stays full: one line when it comes, one when it goes."""
         self.service.start()
         self.fill()
-        self.wait_for(lambda: "the disk is full" in self.service.log(), "no fault is told")
+        self.wait_for(lambda: "the disk is full" in self.service.log(), "no fault is reported")
         time.sleep(11)  # two more rounds of the service's own looks
         self.make_room()
-        self.wait_for(lambda: "works again without a fault" in self.service.log(), "no recovery is told")
+        self.wait_for(lambda: "works again without a fault" in self.service.log(), "no recovery is reported")
         lines = [line for line in self.service.log().splitlines() if not line.startswith("warning:")]
         self.assertEqual(2, len(lines), lines)
         gone = [line for line in self.well() if (line["act"], line["result"]) == ("service.fault", "gone")]

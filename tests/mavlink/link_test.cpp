@@ -232,6 +232,7 @@ TEST_P(RestartedLink, ReceivesAPeerWhoseTimestampsStandStill) {
   go_on(
       link,
       [&] {
+        time.save(steady_us());
         link.send(bye, steady_us());
         return peer->has_ended();
       },

@@ -149,11 +149,11 @@ TEST_F(SignedLink, AfterACleanEndTheNextFrameIsAccepted) {
     EXPECT_TRUE(streams.set({1, 1}, 0, now_));
     streams.save();
     EXPECT_GT(StreamTimestamps(file).last({1, 1}, 0), now_);
-    streams.save_at_end();
+    streams.save(StreamTimestamps::When::clean_end);
   }
   EXPECT_EQ(StreamTimestamps(file).last({1, 1}, 0), now_);
   StreamTimestamps empty(folder_ / "none");
-  empty.save_at_end();
+  empty.save(StreamTimestamps::When::clean_end);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "none"));
 }
 
